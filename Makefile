@@ -1,0 +1,41 @@
+# `make demo` and `make test` work on a fresh machine with Python >= 3.11 and make, and nothing else.
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+STAMP := $(VENV)/.installed
+# torch's and Numba's thread pools spin against each other otherwise (3-10x slower when anything else runs).
+export OMP_WAIT_POLICY := PASSIVE
+
+.PHONY: help install demo test check bench clean
+
+help:
+	@echo "make demo   simulate an exposure of a real scene and reconstruct it (about three minutes)"
+	@echo "make test   the tests"
+	@echo "make check  ruff, mypy, import-linter"
+	@echo "make bench  the measured figures: rasteriser against torch, bundle adjustments against each other"
+	@echo "make clean  remove .venv, caches and runs"
+
+install: $(STAMP)
+
+$(STAMP): pyproject.toml constraints.txt
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev]'
+	@touch $@
+
+demo: install
+	$(BIN)/gs2ci demo -o runs/demo
+
+test: install
+	$(BIN)/pytest -n 2 --dist loadfile
+
+check: install
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+
+bench: install
+	$(BIN)/python -m tests.benchmarks
+
+clean:
+	rm -rf $(VENV) runs build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache

@@ -1,0 +1,1 @@
+"""Device drivers and the acquisition that ties them. Knows neither torch nor that simulated twins exist."""

@@ -1,0 +1,183 @@
+"""The data that stages hand to each other, as plain numpy records. Anyone may import this file.
+
+Here: `Shot`, one coded measurement with all that is known about it, and its checks. Not here: files
+(`gs2ci.core.storage`), torch.
+"""
+
+from dataclasses import dataclass, field, replace
+from typing import Any, Final, Literal, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gs2ci.core.errors import InputError
+
+F32 = NDArray[np.float32]
+F64 = NDArray[np.float64]
+
+CfaPattern = Literal["RGGB", "BGGR", "GRBG", "GBRG"]
+CFA_PATTERNS: Final = get_args(CfaPattern)
+
+
+@dataclass(frozen=True)
+class Truth:
+    """What is known beforehand about a shot, in simulation or from a reference; any part may be missing.
+
+    Args:
+        views: True views, [N, H, W, C] float32, full scale 1.
+        world_to_camera: True poses, [N, 4, 4], OpenCV axes.
+    """
+
+    views: F32 | None = None
+    world_to_camera: F64 | None = None
+
+
+@dataclass(frozen=True)
+class Shot:
+    """One coded measurement with its calibrated masks: Y = Σᵢ wᵢ Mᵢ ⊙ Xᵢ + Z (paper, eq. 1).
+
+    Args:
+        measurement: Y, [H, W, C] float32 with C = 3 (RGB) or 1 (mono or colour mosaic). The unit is the full
+            scale of one view: a white scene under m open masks measures m.
+        masks: M, [N, H, W] float32 in [0, 1], in the order of exposure.
+        weights: w, [N] float32: the share of its nominal interval during which each mask was exposed.
+        cfa: Colour filter array of a single-channel measurement; None for RGB and mono.
+        intrinsics: Camera matrix in pixels, [3, 3], or None when it is not known. Pixel centres lie at +0.5.
+        truth: What is known beforehand, for scoring only; no solver reads it.
+        telemetry_world_to_camera: Poses as the stage reported them, [N, 4, 4], or None.
+        saturated: Pixels whose reading is clipped and says only «at least», [H, W] bool, or None.
+        name: For reports.
+        provenance: Where it came from and what was guessed, for reports.
+    """
+
+    measurement: F32
+    masks: F32
+    weights: F32
+    cfa: CfaPattern | None = None
+    intrinsics: F64 | None = None
+    truth: Truth = field(default_factory=Truth)
+    telemetry_world_to_camera: F64 | None = None
+    saturated: NDArray[np.bool_] | None = None
+    name: str = "shot"
+    provenance: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def views(self) -> int:
+        """Get the number of views, N."""
+        return int(self.masks.shape[0])
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Get height and width in pixels."""
+        return int(self.masks.shape[1]), int(self.masks.shape[2])
+
+    @property
+    def channels(self) -> int:
+        """Get how many colour channels a recovered view has: 3, or 1 for a mono measurement."""
+        return 3 if self.cfa else int(self.measurement.shape[2])
+
+    def with_truth(self, truth: Truth) -> "Shot":
+        """Return the same shot with other truth."""
+        return replace(self, truth=truth)
+
+    def check(self) -> "Shot":
+        """Return self if all parts fit together.
+
+        Raises:
+            InputError: Shapes disagree, a value is not finite, masks are negative, above one or all zero, or the
+                colour filter array does not fit the channels.
+        """
+        _check_measurement(self)
+        _check_masks(self)
+        _check_optional_parts(self)
+        return self
+
+
+def _finite(what: str, array: NDArray[Any]) -> None:
+    bad = int(array.size - np.isfinite(array).sum())
+    if bad:
+        raise InputError(
+            f"{what} holds {bad} values that are NaN or infinite",
+            allowed="finite numbers",
+            remedy="mend these pixels before import, or import with --bad-pixels median",
+        )
+
+
+def _shape(what: str, got: tuple[int, ...], wanted: tuple[int, ...]) -> None:
+    if got != wanted:
+        raise InputError(
+            f"{what} has shape {list(got)}", allowed=str(list(wanted)), remedy="check the order of the axes"
+        )
+
+
+def _check_measurement(shot: Shot) -> None:
+    y = shot.measurement
+    if y.ndim != 3 or y.shape[2] not in (1, 3):
+        raise InputError(
+            f"measurement has shape {list(y.shape)}",
+            allowed="[H, W, 3] for RGB, [H, W, 1] for mono or a colour mosaic",
+            remedy="give one image; a stack of images is several shots",
+        )
+    _finite("measurement", y)
+    if shot.cfa is not None and (shot.cfa not in CFA_PATTERNS or y.shape[2] != 1):
+        raise InputError(
+            f"colour filter array {shot.cfa!r} on a measurement with {y.shape[2]} channels",
+            allowed=f"one of {', '.join(CFA_PATTERNS)} on a single-channel measurement",
+            remedy="drop the pattern for RGB or mono measurements",
+        )
+
+
+def _check_masks(shot: Shot) -> None:
+    masks, y = shot.masks, shot.measurement
+    if masks.ndim != 3 or masks.shape[0] < 1:
+        raise InputError(f"masks have shape {list(masks.shape)}", allowed="[N, H, W] with N >= 1")
+    _shape("masks", masks.shape, (masks.shape[0], *y.shape[:2]))
+    _finite("masks", masks)
+    if masks.min() < 0 or masks.max() > 1:
+        raise InputError(
+            f"masks reach from {masks.min():.4g} to {masks.max():.4g}",
+            allowed="transmissions in [0, 1]",
+            remedy="import with --mask-scale set to the reading of a fully open mask",
+        )
+    if not masks.any():
+        raise InputError("all masks are zero", remedy="check that the masks were exposed and saved")
+    _shape("weights", shot.weights.shape, (masks.shape[0],))
+    _finite("weights", shot.weights)
+    if shot.weights.min() < 0 or not shot.weights.any():
+        raise InputError(
+            f"mask weights {shot.weights.tolist()}", allowed="numbers >= 0, not all zero", remedy="see the timing"
+        )
+
+
+def _check_optional_parts(shot: Shot) -> None:
+    n, (height, width) = shot.views, shot.size
+    if shot.intrinsics is not None:
+        check_intrinsics(shot.intrinsics)
+    for what, poses in (
+        ("true poses", shot.truth.world_to_camera),
+        ("telemetry poses", shot.telemetry_world_to_camera),
+    ):
+        if poses is not None:
+            _shape(what, poses.shape, (n, 4, 4))
+            _finite(what, poses)
+    if shot.truth.views is not None:
+        _shape("true views", shot.truth.views.shape, (n, height, width, shot.channels))
+        _finite("true views", shot.truth.views)
+    if shot.saturated is not None:
+        _shape("saturated", shot.saturated.shape, (height, width))
+
+
+def check_intrinsics(matrix: F64) -> None:
+    """Accept a pinhole camera matrix in pixels.
+
+    Raises:
+        InputError: Not [3, 3], not finite, focal lengths not positive, or a last row other than 0 0 1.
+    """
+    _shape("intrinsics", matrix.shape, (3, 3))
+    _finite("intrinsics", matrix)
+    if matrix[0, 0] <= 0 or matrix[1, 1] <= 0 or not np.allclose(matrix[2], (0, 0, 1)):
+        raise InputError(
+            f"intrinsics {matrix.tolist()}",
+            allowed="[[fx, 0, cx], [0, fy, cy], [0, 0, 1]] with fx, fy > 0, in pixels",
+            remedy="leave them out to have the focal length estimated",
+        )

@@ -1,0 +1,1 @@
+"""Decoders: from the coded measurement to approximate views, pixel by pixel and without geometry."""

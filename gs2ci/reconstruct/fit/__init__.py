@@ -1,0 +1,1 @@
+"""Fitting Gaussians and poses to the measurement."""

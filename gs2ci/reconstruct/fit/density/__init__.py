@@ -1,0 +1,1 @@
+"""Density rules: where Gaussians are added and removed. One rule per file."""

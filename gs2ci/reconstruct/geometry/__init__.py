@@ -1,0 +1,1 @@
+"""Camera path and depth from decoded views."""

@@ -1,0 +1,1 @@
+"""The fast CPU rasteriser: Numba kernels over an explicit 16-lane vector type."""
