@@ -145,7 +145,9 @@ def _check_masks(shot: Shot) -> None:
     _finite("weights", shot.weights)
     if shot.weights.min() < 0 or not shot.weights.any():
         raise InputError(
-            f"mask weights {shot.weights.tolist()}", allowed="numbers >= 0, not all zero", remedy="see the timing"
+            f"mask weights {shot.weights.tolist()}",
+            allowed="numbers >= 0, not all zero",
+            remedy="see the timing",
         )
 
 

@@ -1,1 +1,1 @@
-"""Simulated exposures. Shares no forward model with the solver: light is integrated here, not summed from masks."""
+"""Simulated exposures: light is integrated over time here, never summed from masks as the solver does."""
