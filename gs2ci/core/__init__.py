@@ -1,1 +1,1 @@
-"""What every other part stands on: errors, records, storage, progress, clock. No torch, imports nothing of ours."""
+"""What every other part stands on: errors, records, storage, progress, clock. No torch, nothing else of ours."""

@@ -1,6 +1,6 @@
 """What a long computation tells whoever waits for it.
 
-Here: the interface through which stages report, and the listener that says nothing. Not here: any drawing (the
+Here: the interface through which stages report, and the listener that says nothing. Not here: drawing (the
 live display is `gs2ci.commands.display`). Anyone may import this file.
 """
 

@@ -4,7 +4,7 @@ Here: `Shot`, one coded measurement with all that is known about it, and its che
 (`gs2ci.core.storage`), torch.
 """
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any, Final, Literal, get_args
 
 import numpy as np
@@ -75,10 +75,6 @@ class Shot:
     def channels(self) -> int:
         """Get how many colour channels a recovered view has: 3, or 1 for a mono measurement."""
         return 3 if self.cfa else int(self.measurement.shape[2])
-
-    def with_truth(self, truth: Truth) -> "Shot":
-        """Return the same shot with other truth."""
-        return replace(self, truth=truth)
 
     def check(self) -> "Shot":
         """Return self if all parts fit together.

@@ -1,1 +1,1 @@
-"""From one coded measurement to views, camera path and Gaussian scene. Never imports drivers or simulators."""
+"""From one coded measurement to views, camera path and Gaussian scene. Imports neither drivers nor simulators."""
