@@ -6,7 +6,7 @@ RPE. Not here: files, drawing. The commands and the rest of `gs2ci.evaluate` may
 A straight stage move is the usual case of this instrument, and it leaves the rotation about its own line to
 chance: on the published straight paths (cozy2room, vender, factory) the textbook alignment returns mean rotation
 errors of 121 to 168 degrees, all of it roll fitted to noise, where the cameras agree to 0.05, 0.09 and 2.3. So the
-alignment states how far the positions determine it, and takes what they leave free from the cameras' orientations.
+alignment asks how far the positions determine it, and takes what they leave free from the cameras' orientations.
 """
 
 from dataclasses import dataclass
@@ -26,9 +26,9 @@ STATIC_SHARE: Final = 1e-7
 # whose residual is zero, do not pass off rounding as a bend: float64 rounds the cross-covariance at 1e-16 of its
 # largest entry, which looks like a bend of 1e-8.
 POSITION_FLOOR: Final = 1e-6
-# Beyond this standard deviation the positions do not tell the rotation about a straight path. The published paths
-# lie on two sides of it: 1.6 and 4.3 degrees for the bent ones, 89 and more for the straight ones.
-ROLL_UNCERTAINTY_DEG: Final = 10.0
+# Where position errors leave the roll about a straight path this uncertain (one standard deviation), they and not the
+# cameras' orientations would decide the rotation error; good reconstructions are right to a few tenths of a degree.
+ROLL_UNCERTAINTY_DEG: Final = 1.0
 
 
 @dataclass(frozen=True)
