@@ -26,8 +26,8 @@ STATIC_SHARE: Final = 1e-7
 # whose residual is zero, do not pass off rounding as a bend: float64 rounds the cross-covariance at 1e-16 of its
 # largest entry, which looks like a bend of 1e-8.
 POSITION_FLOOR: Final = 1e-6
-# Where position errors leave the roll about a straight path this uncertain (one standard deviation), they and not the
-# cameras' orientations would decide the rotation error; good reconstructions are right to a few tenths of a degree.
+# Where position errors leave the roll about a straight path this uncertain (one standard deviation), they and not
+# the cameras' orientations would decide the rotation error; good reconstructions are right to tenths of a degree.
 ROLL_UNCERTAINTY_DEG: Final = 1.0
 
 
