@@ -16,7 +16,7 @@ F64 = NDArray[np.float64]
 class FullWell:
     """Clip each pixel's charge at its capacity; what is beyond is lost (no blooming).
 
-    The saturation capacity µ_e.sat of EMVA Standard 1288, Release 4.0 Linear, section 6.7.
+    The saturation capacity µ_e.sat of EMVA Standard 1288, Release 3.1, section 2.4.
 
     Args:
         capacity_e: Electrons, more than 0.

@@ -16,8 +16,8 @@ F64 = NDArray[np.float64]
 class Quantisation:
     """Round readings to whole DN and clip them to the converter's range.
 
-    Adds a variance of 1/12 DN² where the signal varies by more than a step (EMVA Standard 1288, Release 4.0
-    Linear, section 2.4).
+    Adds a variance of 1/12 DN² where the signal varies by more than a step (EMVA Standard 1288, Release 3.1,
+    section 2.2).
 
     Args:
         bits: The converter's, 1 to 32.

@@ -14,7 +14,7 @@ F64 = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class ReadNoise:
-    """Add normal noise, in electrons at the input: σ_d of EMVA Standard 1288, Release 4.0 Linear, section 2.4.
+    """Add normal noise, in electrons at the input: σ_d of EMVA Standard 1288, Release 3.1, section 2.2.
 
     Args:
         sigma_e: Standard deviation in electrons, at least 0.

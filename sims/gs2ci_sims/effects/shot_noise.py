@@ -20,7 +20,7 @@ class ShotNoise:
     """Draw each pixel's electrons from the Poisson law of its mean.
 
     Absorbed photons are a thinned Poisson process, hence Poisson themselves: variance = mean (EMVA Standard 1288,
-    Release 4.0 Linear, eq. 1 and section 2.2). Saturation comes later along the path.
+    Release 3.1, section 2.2). Saturation comes later along the path.
     """
 
     name: ClassVar[str] = "shot_noise"

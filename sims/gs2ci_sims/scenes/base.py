@@ -4,7 +4,7 @@ Here: the record and the step from surfels to the renderer's Gaussians. Not here
 neighbours), poses over time (`gs2ci_sims.path`), rendering (`gs2ci_sims.radiance`).
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 import torch
@@ -24,12 +24,11 @@ class Scene:
 
     Args:
         name: For reports.
-        gaussians: The scene; colours are linear radiance, 1 is white. The world's axes are those of the suggested
-            camera: x right, y down, z forward.
+        gaussians: The scene; colours are linear radiance, 1 is white.
         intrinsics: Suggested camera in pixels, [3, 3]; pixel centres at +0.5.
         size: Height and width of its image, in pixels.
         depth: True depth (z) from the suggested camera, [H, W], scene units; NaN where nothing is.
-        unit: What one scene unit is, for reports.
+        world_to_camera: Pose of the suggested camera, [4, 4], OpenCV axes.
     """
 
     name: str
@@ -37,7 +36,7 @@ class Scene:
     intrinsics: F64
     size: tuple[int, int]
     depth: F64
-    unit: str = "m"
+    world_to_camera: F64 = field(default_factory=lambda: np.eye(4))
 
     def __post_init__(self) -> None:
         check_intrinsics(self.intrinsics)
@@ -45,6 +44,11 @@ class Scene:
             raise InputError(
                 f"scene {self.name!r}: image size {self.size} with a depth map of shape {self.depth.shape}",
                 allowed="a positive height and width, and one depth per pixel",
+            )
+        if self.world_to_camera.shape != (4, 4) or not np.isfinite(self.world_to_camera).all():
+            raise InputError(
+                f"scene {self.name!r}: camera pose {self.world_to_camera.tolist()}",
+                allowed="a rigid world-to-camera matrix, [4, 4], of finite numbers",
             )
         if not (self.depth[np.isfinite(self.depth)] > 0).any():
             raise InputError(
