@@ -24,6 +24,7 @@ from gs2ci.reconstruct.fit.losses import DataTerm, LossWeights, opacity_term
 from gs2ci.reconstruct.fit.optimiser import GaussianOptimiser, StepSizes
 from gs2ci.reconstruct.fit.poses import PoseCorrections, PoseSettings
 from gs2ci.reconstruct.fit.stopping import HeldOutWatch, HoldOut
+from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.render.backend import Backend
 from gs2ci.render.gaussians import Gaussians
 
@@ -92,25 +93,24 @@ class _Fit:
         shot: Shot,
         heldout: NDArray[np.bool_],
         start: Gaussians,
-        world_to_camera: F64,
-        intrinsics: F64,
+        geometry: Geometry,
         backend: Backend,
         settings: CoarseSettings,
         seed: int,
     ) -> None:
         self.settings = settings
         self._backend = backend
-        self._channels = coding.cfa_channels(shot.cfa, shot.size)
+        self._channels = coding.cfa_channels(shot.cfa, shot.size) if shot.cfa else None
         self._mono = shot.channels == 1
         self.size = shot.size
-        self._intrinsics = torch.from_numpy(intrinsics).float()
+        self._intrinsics = torch.from_numpy(geometry.intrinsics).float()
         masks = torch.from_numpy(shot.masks * shot.weights[:, None, None])
         self._coding = backend.code(masks)
-        self.extent = _extent(world_to_camera)
-        self._depth_axis = torch.from_numpy(world_to_camera[len(world_to_camera) // 2]).float()[2]
+        self.extent = _extent(geometry.world_to_camera)
+        self._depth_axis = torch.from_numpy(geometry.world_to_camera[geometry.reference]).float()[2]
         self.cap = max(len(start), int(settings.gaussians_per_pixel * shot.size[0] * shot.size[1]))
         self.optimiser = GaussianOptimiser(start, settings.steps, self.extent)
-        self.poses = PoseCorrections(world_to_camera, settings.poses)
+        self.poses = PoseCorrections(geometry.world_to_camera, settings.poses)
         self.data_term = DataTerm(shot.measurement, ~heldout, shot.saturated, settings.loss.similarity)
         self._heldout_index = torch.from_numpy(np.flatnonzero(heldout))
         self._heldout_values = torch.from_numpy(shot.measurement[heldout])
@@ -208,8 +208,7 @@ def fit_coarse(
     shot: Shot,
     heldout: NDArray[np.bool_],
     start: Gaussians,
-    world_to_camera: F64,
-    intrinsics: F64,
+    geometry: Geometry,
     backend: Backend,
     settings: CoarseSettings,
     seed: int,
@@ -223,8 +222,7 @@ def fit_coarse(
         shot: The measurement; its truth is not read.
         heldout: Pixels that the loss may not see, [H, W] bool.
         start: Initial Gaussians.
-        world_to_camera: Initial poses, [N, 4, 4].
-        intrinsics: [3, 3], pixels.
+        geometry: Initial poses, and the camera matrix.
         backend: The renderer.
         settings: The schedule.
         seed: For the density rule's draws.
@@ -239,7 +237,7 @@ def fit_coarse(
         NumericsError: The very first iteration is not finite.
     """
     origin_s = time.monotonic() if since_s is None else since_s
-    fit = _Fit(shot, heldout, start, world_to_camera, intrinsics, backend, settings, seed)
+    fit = _Fit(shot, heldout, start, geometry, backend, settings, seed)
     loop = _Loop(fit, progress, score, origin_s)
     stopped_because = loop.run()
     fit.restore(loop.best)
