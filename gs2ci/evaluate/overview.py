@@ -36,7 +36,7 @@ NOTE_LINE: Final = 0.2
 STAT_GAP: Final = 0.5
 CHART_INSET: Final = 0.45
 # Panels have the image's shape as far as these allow; slimmer images stand at the top of theirs.
-PANEL_WIDTHS: Final = (3.2, 4.0)
+PANEL_WIDTHS: Final = (3.4, 4.0)
 PANEL_HEIGHTS: Final = (0.7, 4.6)
 CHART_HEIGHT: Final = 2.2
 MAX_NOTE_LINES: Final = 4
@@ -134,11 +134,13 @@ class _Page:
 
     def shorten(self, text: Text, room: float) -> None:
         """Cut a text with an ellipsis until it is no wider than `room` inches."""
-        whole = text.get_text()
-        for length in range(len(whole) - 1, 0, -1):
-            if self.width_of(text) <= room:
-                return
+        whole, width = text.get_text(), self.width_of(text)
+        # The share that fits is a good first guess; narrow letters at the front may let a few more in.
+        length = len(whole) if width <= room else int(1.2 * len(whole) * room / width)
+        while width > room and length > 0:
+            length -= 1
             text.set_text(whole[:length].rstrip() + "…")
+            width = self.width_of(text)
 
 
 def _header(page: _Page, report: dict[str, Any]) -> None:
