@@ -28,8 +28,8 @@ _DECODE_SENTENCE: Final = (
     "decode's, what the scene shows is in scene_views.npy."
 )
 _FREE_SENTENCES: Final = {
-    "roll": "The camera path is too straight for its positions to tell the rotation about it; rotation_deg takes "
-    "that roll from the cameras' own orientations.",
+    "roll": "The camera path is too straight for its positions to tell the rotation about it to a degree; "
+    "rotation_deg takes that roll from the cameras' own orientations.",
     "rotation": "A camera that stands still leaves the alignment without scale and rotation; rotation_deg takes "
     "the rotation from the cameras' own orientations, and ate is at the estimate's own scale.",
 }
