@@ -37,3 +37,8 @@ def test_a_camera_that_drives_through_the_scene_gets_a_finite_answer(small_scene
     motion = image_motion_px(small_scene, StageMove((0.0, 0.0, 100.0)), INTERVALS)
     assert np.isfinite(motion).all()
     assert motion_samples(small_scene, StageMove((0.0, 0.0, 100.0)), INTERVALS) == pytest.approx(MAX_SAMPLES)
+
+
+def test_a_camera_that_swings_back_within_an_interval_has_moved_all_the_same(small_scene):
+    swing = StageMove((0.0, 0.0, 0.0), wobble_deg=0.5, wobble_hz=10.0)
+    assert image_motion_px(small_scene, swing, np.array([[0.0, 0.1]])).min() > 1.0

@@ -101,7 +101,7 @@ def test_holes_beside_the_block_are_filled_with_the_background():
     front = scene()
     holed = front.disparity.copy()
     holed[:, 14:21] = np.nan  # what the second camera does not see, left of the block
-    filled = fill_holes(holed, front.colour)
+    filled = fill_holes(holed, front.colour, 1.0)
     assert np.abs(filled - FLOOR)[:, 14:21].max() < 1.5
     assert np.array_equal(filled[:, 21:], front.disparity[:, 21:])
 
@@ -110,22 +110,22 @@ def test_a_hole_in_the_rim_of_the_block_is_filled_with_the_block_that_it_looks_l
     front = scene()
     holed = front.disparity.copy()
     holed[20:40, 58:60] = np.nan
-    assert (fill_holes(holed, front.colour)[20:40, 58:60] == 40).all()
+    assert (fill_holes(holed, front.colour, 1.0)[20:40, 58:60] == 40).all()
 
 
 def test_a_cross_of_holes_through_the_whole_map_is_filled():
     holed = FLOOR.copy()
     holed[28:33], holed[:, 38:43] = np.nan, np.inf
-    filled = fill_holes(holed, scene().colour)
+    filled = fill_holes(holed, scene().colour, 1.0)
     assert np.abs(filled - FLOOR).max() < 1.5
 
 
 def test_a_single_measured_pixel_fills_the_map():
     holed = np.full(SHAPE, np.nan)
     holed[7, 9] = 3.0
-    assert (fill_holes(holed, scene().colour) == 3.0).all()
+    assert (fill_holes(holed, scene().colour, 1.0) == 3.0).all()
 
 
 def test_a_map_without_measurements_is_refused():
     with pytest.raises(InputError, match="no finite value"):
-        fill_holes(np.full(SHAPE, np.inf), scene().colour)
+        fill_holes(np.full(SHAPE, np.inf), scene().colour, 1.0)
