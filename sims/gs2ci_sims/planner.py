@@ -11,7 +11,7 @@ from gs2ci_sims.scenes.base import Scene
 F64 = NDArray[np.float64]
 
 # Moments δ px apart pass a pattern of frequency f (cycles/px) by x / sin x more than the continuous sweep does,
-# with x = π f δ: at half a pixel by 11 % at Nyquist (f = 1/2), where a sweep passes little, and by 2.6 % at f = 1/4.
+# with x = π f δ: at half a pixel by 11 % at Nyquist (f = 1/2), where a sweep passes little; by 2.6 % at f = 1/4.
 STEP_PX: Final = 0.5
 MAX_SAMPLES: Final = 64
 

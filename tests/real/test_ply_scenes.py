@@ -1,4 +1,4 @@
-"""A scene fitted from real photographs, seen by the simulator as it was seen when the shared views were rendered."""
+"""A scene fitted from real photographs, seen as it was when the shared views were rendered from it."""
 
 import numpy as np
 
