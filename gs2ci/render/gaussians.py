@@ -93,8 +93,8 @@ def transmittance_preserving_opacity(opacity_logits: Tensor) -> Tensor:
 
     The opacity for both halves of a split or duplicated Gaussian (revised densification; paper, section III-E).
     In logit space: with r = sqrt(1 - alpha), alpha' / (1 - alpha') = (1 - r) / r, where
-    ln r = ln(sigmoid(-x)) / 2. Then logit' = ln(1 - r) - ln r with 1 - r = -expm1(ln r): nothing cancels, and logits
-    of +-20, where 1 - alpha or alpha is below float32's resolution of 1, keep all their digits.
+    ln r = ln(sigmoid(-x)) / 2. Then logit' = ln(1 - r) - ln r with 1 - r = -expm1(ln r): nothing cancels, and
+    logits of +-20, where 1 - alpha or alpha is below float32's resolution of 1, keep all their digits.
 
     Args:
         opacity_logits: x with alpha = sigmoid(x), any shape.

@@ -12,7 +12,7 @@ BACKENDS = ["cpu", "reference"]
 
 
 def test_unknown_backend_is_refused_with_the_names_that_exist():
-    with pytest.raises(InputError, match="no rendering backend 'cuda'.*cpu, reference"):
+    with pytest.raises(InputError, match=r"no rendering backend 'cuda'.*cpu, reference"):
         load_backend("cuda")
 
 

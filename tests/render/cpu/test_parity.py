@@ -124,7 +124,7 @@ def layers_on_one_pixel(case):
     steps = torch.linspace(0, 1, many)
     return {
         "means": torch.stack([0.02 * steps, -0.01 * steps, 2 + steps], dim=1),
-        "log_scales": torch.full((many, 3), -3.0),
+        "log_scales": torch.tensor([-3.0, -2.5, -3.5]).repeat(many, 1),
         "quaternions": scene.quaternions,
         "opacity_logits": torch.full((many,), -5.0) + steps,
         "colours": torch.stack([steps, 1 - steps, 0.5 + 0 * steps], dim=1),
