@@ -20,7 +20,8 @@ FASTMATH: Final = frozenset({"contract"})
 reordered, so that results do not depend on how a compiler feels."""
 
 
-def _sources_digest() -> str:
+def sources_digest() -> str:
+    """Digest everything that compiled kernels depend on."""
     folder = Path(__file__).parent
     digest = hashlib.sha256()
     for path in [*sorted(folder.glob("*.py")), folder.parent / "conventions.py"]:
@@ -30,7 +31,7 @@ def _sources_digest() -> str:
 
 def _cache_folder() -> str:
     base = Path(config.CACHE_DIR) if config.CACHE_DIR else Path(__file__).parent / "__pycache__"
-    return str(base / f"kernels-{_sources_digest()}")
+    return str(base / f"kernels-{sources_digest()}")
 
 
 _CACHE_FOLDER: Final = _cache_folder()
