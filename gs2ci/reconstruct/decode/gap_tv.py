@@ -69,6 +69,15 @@ def gap_tv(shot: Shot, settings: GapTvSettings | None = None, progress: Progress
     measured, and demosaicked before each denoising: on synthetic mosaics of two scenes this gave 22.1 and 20.1 dB,
     against 20.8 and 19.3 for decoding the four colour planes apart and joining them afterwards.
     """
+    decoded: F32 = np.clip(decode_signed(shot, settings, progress), 0, 1)
+    return decoded
+
+
+def decode_signed(shot: Shot, settings: GapTvSettings | None = None, progress: Progress | None = None) -> F32:
+    """Decode without the knowledge that light is positive and at most at full scale, as a residual needs it.
+
+    Arguments, errors and shape as for `gap_tv`; the values are not clipped.
+    """
     settings = (settings or GapTvSettings()).check()
     progress = progress or Silent()
     masks = np.ascontiguousarray(shot.masks * shot.weights[:, None, None], np.float32)
@@ -84,7 +93,7 @@ def gap_tv(shot: Shot, settings: GapTvSettings | None = None, progress: Progress
         row_energy = project_onto_measurement(views, masks, inverse_energy, measured, target)
         views, colour = denoise(views)
         progress.step(iteration + 1, residual=float(np.sqrt(row_energy.sum() / scale)))
-    decoded: F32 = np.ascontiguousarray(np.clip(colour, 0, 1).transpose(0, 2, 3, 1))
+    decoded: F32 = np.ascontiguousarray(colour.transpose(0, 2, 3, 1))
     return decoded
 
 
