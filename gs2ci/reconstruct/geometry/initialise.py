@@ -160,15 +160,15 @@ def _flat(
 def _moved(geometry: Geometry, candidates: int, tracks: Tracks, motion: Motion, settings: GeometrySettings) -> Geometry:
     """Enter what the motion shows: the whole of it, its rotations, or nothing but the reason why not."""
     rotations = fit_rotations(tracks, geometry.intrinsics, settings.motion)
-    judgement = judge(candidates, tracks, motion, rotations, settings.criteria)
-    notes = (*geometry.notes, *judgement.notes, *(() if judgement.verdict == "full" else (_FLAT,)))
+    verdict, reasons = judge(candidates, tracks, motion, rotations, settings.criteria)
+    notes = (*geometry.notes, *reasons, *(() if verdict == "full" else (_FLAT,)))
     poses = geometry.world_to_camera.copy()
-    if judgement.verdict == "full":
+    if verdict == "full":
         poses = motion.world_to_camera
-    elif judgement.verdict == "rotation_only":
+    elif verdict == "rotation_only":
         poses[:, :3, :3] = rotations.rotations
     missing = np.flatnonzero(~tracks.seen.any(0))
-    if len(missing) and judgement.verdict in ("full", "rotation_only"):
+    if len(missing) and verdict in ("full", "rotation_only"):
         poses = _with_missing_poses(poses, missing)
         notes = (
             *notes,
@@ -179,8 +179,8 @@ def _moved(geometry: Geometry, candidates: int, tracks: Tracks, motion: Motion, 
         world_to_camera=poses,
         tracks=len(tracks),
         reprojection_rms_px=motion.rms_px,
-        parallax_px=judgement.parallax_px,
-        verdict=judgement.verdict,
+        parallax_px=rotations.rms_px,
+        verdict=verdict,
         notes=notes,
     )
 

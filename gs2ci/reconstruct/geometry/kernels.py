@@ -14,19 +14,21 @@ F64 = NDArray[np.float64]
 
 # Features of a pixel are padded with zeros to eight, which fill one vector register.
 FEATURES = 8
-HALF_WINDOW = 3
+HALF_WINDOW = 4
 # Sum of absolute differences at which two pixels count as different, and the cost of a pixel that a view cannot see.
 TRUNCATED_AT = 0.6
 UNSEEN_COST = 0.3
 # Semi-global penalties, in the unit of the cost: for one step in inverse depth, and for any jump.
-SMALL_JUMP = 0.01
-LARGE_JUMP = 0.08
+SMALL_JUMP = 0.02
+LARGE_JUMP = 0.3
 
 _STRIP_ROWS = 32
 _STRIP_COLUMNS = 32
 _ZERO, _ONE = np.float32(0.0), np.float32(1.0)
 _LEAST_DEPTH = np.float32(1e-3)
 _FAR = np.float32(1e9)
+# Below the rounding of path costs of order 1: it decides nothing but a division by 0.
+_LEAST_BEND = np.float32(1e-9)
 
 
 @numba.njit(cache=True, fastmath={"contract", "nsz"})
@@ -90,7 +92,7 @@ def _add(values: F32, out: F32) -> None:
 
 @numba.njit(cache=True)
 def _box_row(values: F32, out: F32) -> None:
-    """Sum over 7 neighbours in a row, the window cut off at the ends."""
+    """Sum over 9 neighbours in a row, the window cut off at the ends."""
     width = values.shape[0]
     out[:] = values
     for shift in range(1, min(HALF_WINDOW, width - 1) + 1):
@@ -161,7 +163,7 @@ def matching_cost(reference: F32, views: F32, homographies: F64, best: int) -> F
         best: So many views with the smallest cost count; the others may be occluded.
 
     Returns:
-        Mean truncated absolute difference in a 7x7 window, [H, W, D].
+        Mean truncated absolute difference in a 9x9 window, [H, W, D].
     """
     height, width = reference.shape[:2]
     planes, count = homographies.shape[:2]
@@ -235,11 +237,10 @@ def _lowest(total: F32) -> float:
             k = d
     k = min(max(k, 1), planes - 2)
     before, here, after = total[k - 1], total[k], total[k + 1]
-    bend = before - 2 * here + after
-    if bend <= 0:
-        # The least cost lies at the end of the range, and the three costs are no valley.
-        return k + (-0.5 if before < after else 0.5 if after < before else 0.0)
-    return k + min(max((before - after) / (2 * bend), np.float32(-0.5)), np.float32(0.5))
+    # At the end of the range, or on a flat bottom, the three costs are no valley: then the half step is the limit.
+    bend = max(before - 2 * here + after, _LEAST_BEND)
+    offset: float = min(max((before - after) / (2 * bend), np.float32(-0.5)), np.float32(0.5))
+    return k + offset
 
 
 @numba.njit(cache=True, parallel=True)

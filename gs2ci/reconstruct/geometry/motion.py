@@ -100,11 +100,21 @@ class Rotations:
 
     Args:
         rotations: Reference to view, [N, 3, 3].
-        rms_px: Root mean square residual in px: the parallax, where there is any.
+        residuals_px: Prediction minus track, [N, P, 2]; NaN where a view does not see the point, 0 in the reference.
+        displacement_px: By how much they move the points: the median over points, in the view where it is largest.
     """
 
     rotations: F64
-    rms_px: float
+    residuals_px: F64
+    displacement_px: float
+
+    @property
+    def rms_px(self) -> float:
+        """Get the root mean square residual, in px: the parallax, where there is any."""
+        moving = [i for i in range(len(self.rotations)) if self.residuals_px[i].any()]
+        distance = np.linalg.norm(self.residuals_px[moving], axis=-1)
+        seen = ~np.isnan(distance)
+        return float(np.sqrt(np.mean(distance[seen] ** 2))) if seen.any() else 0.0
 
 
 @dataclass(frozen=True)
@@ -143,7 +153,7 @@ def start_motion(sightings: Sightings, seed: int = 0) -> Motion:
     return Motion(
         rotations=np.tile(np.eye(3), (views, 1, 1)),
         translations=np.zeros((views, 3)),
-        inverse_depth=1 + _START_SPREAD * spread,
+        inverse_depth=np.asarray(1 + _START_SPREAD * spread),
         residuals_px=np.full((points, views), np.nan),
         least_depth=np.ones(points),
         cost=np.inf,
@@ -175,17 +185,19 @@ def jacobians(motion: Motion, sightings: Sightings, points: F64) -> tuple[F64, F
     """
     fx, fy = sightings.focal_px
     inverse_z = 1 / np.maximum(points[..., 2], _LEAST_RELATIVE_DEPTH)
-    by_point = np.zeros((*points.shape[:2], 2, 3))
-    by_point[..., 0, 0] = fx * inverse_z
-    by_point[..., 1, 1] = fy * inverse_z
-    by_point[..., 0, 2] = -fx * points[..., 0] * inverse_z**2
-    by_point[..., 1, 2] = -fy * points[..., 1] * inverse_z**2
     turned = points - motion.translations[:, None] * motion.inverse_depth[None, :, None]
-    by_pose = np.empty((*points.shape[:2], 2, 6))
+    x, y, z = np.moveaxis(turned, -1, 0)
+    # The rows of d r / d X are (ux, 0, uz) and (0, vy, vz).
+    ux, uz = fx * inverse_z, -fx * points[..., 0] * inverse_z**2
+    vy, vz = fy * inverse_z, -fy * points[..., 1] * inverse_z**2
+    by_pose, rho = np.zeros((*points.shape[:2], 2, 6)), motion.inverse_depth
     # d(exp(ω) v)/dω = −[v]×, and row · −[v]× = v × row.
-    by_pose[..., :3] = np.cross(turned[:, :, None], by_point)
-    by_pose[..., 3:] = by_point * motion.inverse_depth[None, :, None, None]
-    by_depth = np.einsum("npij,nj->npi", by_point, motion.translations)
+    by_pose[..., 0, 0], by_pose[..., 0, 1], by_pose[..., 0, 2] = y * uz, z * ux - x * uz, -y * ux
+    by_pose[..., 1, 0], by_pose[..., 1, 1], by_pose[..., 1, 2] = y * vz - z * vy, -x * vz, x * vy
+    by_pose[..., 0, 3], by_pose[..., 0, 5] = ux * rho, uz * rho
+    by_pose[..., 1, 4], by_pose[..., 1, 5] = vy * rho, vz * rho
+    tx, ty, tz = (motion.translations[:, k, None] for k in range(3))
+    by_depth = np.stack([ux * tx + uz * tz, vy * ty + vz * tz], axis=-1)
     return by_pose, by_depth
 
 
@@ -228,8 +240,35 @@ def adjust(
     return _with_residuals(motion, sightings)
 
 
+def reversed_depth(motion: Motion) -> Motion:
+    """Turn the scene inside out: near for far, and the motion that a distant camera could not tell from the true one.
+
+    Inverse depths ρ become c − ρ with c twice their median, translations t become −t, and rotations make up for the
+    difference: f (ω + t ρ) = f (ω + c t − t (c − ρ)) to first order (the Necker reversal).
+    """
+    c = 2 * float(np.median(motion.inverse_depth))
+    tx, ty = motion.translations[:, 0], motion.translations[:, 1]
+    turn = Rotation.from_rotvec(c * np.stack([-ty, tx, np.zeros_like(tx)], axis=1))
+    return replace(
+        motion,
+        rotations=turn.as_matrix() @ motion.rotations,
+        translations=-motion.translations,
+        inverse_depth=np.clip(c - motion.inverse_depth, *INVERSE_DEPTH_RANGE),
+    )
+
+
+def adjust_both_ways(tracks: Tracks, intrinsics: F64, settings: MotionSettings | None = None) -> Motion:
+    """Adjust from a still camera, then from the depth-reversed result, and keep the better.
+
+    The cost has a minimum near either; a flat start may lead into the wrong one.
+    """
+    here = adjust(tracks, intrinsics, settings)
+    there = adjust(tracks, intrinsics, settings, start=reversed_depth(here))
+    return min(here, there, key=lambda motion: motion.cost)
+
+
 def estimate_motion(tracks: Tracks, intrinsics: F64, settings: MotionSettings | None = None) -> tuple[Motion, Tracks]:
-    """Adjust, drop the tracks that the motion does not explain, and adjust the rest from the start.
+    """Adjust, drop the tracks that the motion does not explain, and adjust the rest anew.
 
     Args:
         tracks: At least one point.
@@ -240,12 +279,12 @@ def estimate_motion(tracks: Tracks, intrinsics: F64, settings: MotionSettings | 
         The motion and the tracks that it explains, with inverse depths of median 1.
     """
     settings = settings or MotionSettings()
-    first = adjust(tracks, intrinsics, settings)
+    first = adjust_both_ways(tracks, intrinsics, settings)
     explained = np.nanmax(first.residuals_px, axis=1, initial=0) < settings.outlier_px
     if not explained.any():
         return first, tracks
     kept = tracks.keep(explained)
-    motion = adjust(kept, intrinsics, settings)
+    motion = adjust_both_ways(kept, intrinsics, settings)
     scale = float(np.median(motion.inverse_depth))
     scaled = replace(motion, translations=motion.translations * scale, inverse_depth=motion.inverse_depth / scale)
     return scaled, kept
@@ -267,7 +306,15 @@ def fit_rotations(tracks: Tracks, intrinsics: F64, settings: MotionSettings | No
         normal = np.einsum("npai,npaj->nij", weighted, jacobian) + _REGULAR * np.eye(3)
         turn = -np.linalg.solve(normal, np.einsum("npai,npa->ni", weighted, error)[..., None])[..., 0]
         motion = replace(motion, rotations=Rotation.from_rotvec(turn).as_matrix() @ motion.rotations)
-    return Rotations(motion.rotations, _with_residuals(motion, sightings).rms_px)
+    error, points = residuals(motion, sightings)
+    moved = (points[..., :2] / points[..., 2:] - sightings.rays[:, :2]) * sightings.focal_px
+    shown = sightings.seen.copy()
+    shown[sightings.reference] = True
+    return Rotations(
+        rotations=motion.rotations,
+        residuals_px=np.where(shown[..., None], error, np.nan),
+        displacement_px=float(np.median(np.linalg.norm(moved, axis=-1), axis=1).max()),
+    )
 
 
 def _with_residuals(motion: Motion, sightings: Sightings) -> Motion:
@@ -295,7 +342,7 @@ class _NormalEquations:
     C: F64  # [P]
     d: F64  # [P]
     E: F64  # [P, 6 N]
-    moving: F64  # indices of the unknowns of all views but the reference
+    moving: NDArray[np.int64]  # indices of the unknowns of all views but the reference
 
     @classmethod
     def at(cls, motion: Motion, sightings: Sightings, error: F64, points: F64, huber_px: float) -> "_NormalEquations":
@@ -328,10 +375,10 @@ class _NormalEquations:
         pose_step = np.zeros(6 * views)
         pose_step[self.moving] = np.linalg.solve(system[np.ix_(self.moving, self.moving)], right[self.moving])
         depth_step = (self.d - self.E @ pose_step) / C
-        pose_step = pose_step.reshape(views, 6)
+        turn, shift = np.split(pose_step.reshape(views, 6), 2, axis=1)
         return replace(
             motion,
-            rotations=Rotation.from_rotvec(pose_step[:, :3]).as_matrix() @ motion.rotations,
-            translations=motion.translations + pose_step[:, 3:],
+            rotations=Rotation.from_rotvec(turn).as_matrix() @ motion.rotations,
+            translations=motion.translations + shift,
             inverse_depth=np.clip(motion.inverse_depth + depth_step, *INVERSE_DEPTH_RANGE),
         )

@@ -18,6 +18,8 @@ F64 = NDArray[np.float64]
 _BLUR_PX = 0.8
 _GRADIENT_WEIGHT = 4.0
 _LEAST_VIEWS_KEPT = 3
+# Takes single wrong pixels out and leaves edges where they are.
+_MEDIAN_PX = 5
 # At least this many pixels along each side, so that a window and a gradient have room.
 _LEAST_SIDE = 4
 
@@ -77,7 +79,7 @@ def sweep(
     cost = matching_cost(features[reference], np.ascontiguousarray(features[others]), homographies, best)
     index = best_plane(cost, sum_along_rows(cost))
     step = (span[1] - span[0]) / (settings.planes - 1)
-    inverse_depth = (span[0] + step * index).astype(np.float32)
+    inverse_depth: F32 = (span[0] + step * cv2.medianBlur(index, _MEDIAN_PX)).astype(np.float32)
     if small.shape != views.shape:
         inverse_depth = cv2.resize(inverse_depth, (width, height), interpolation=cv2.INTER_LINEAR)
     return inverse_depth
@@ -109,12 +111,11 @@ def _features(view: F32) -> F32:
 
 def _homographies(world_to_camera: F64, intrinsics: F64, inverse_depths: F64) -> F64:
     """Map array coordinates of the reference view to those of each view through each plane, [D, V, 3, 3]."""
-    centre = np.array([[1, 0, 0.5], [0, 1, 0.5], [0, 0, 1]])
     rotation, translation = world_to_camera[:, :3, :3], world_to_camera[:, :3, 3]
     # X = R ray + t ρ, and the third component of a ray is 1: so ρ t is added to the third column of R.
     through = np.repeat(rotation[None], len(inverse_depths), axis=0)
     through[..., 2] += inverse_depths[:, None, None] * translation
-    pixel_from_array = intrinsics @ np.eye(3)
-    ray_from_array = np.linalg.inv(intrinsics) @ centre
-    homographies: F64 = np.linalg.inv(centre) @ pixel_from_array @ through @ ray_from_array
+    pixel_from_array = np.array([[1, 0, 0.5], [0, 1, 0.5], [0, 0, 1]])
+    ray_from_array = np.linalg.inv(intrinsics) @ pixel_from_array
+    homographies: F64 = np.linalg.inv(pixel_from_array) @ intrinsics @ through @ ray_from_array
     return np.ascontiguousarray(homographies)
