@@ -279,7 +279,8 @@ def _find(path: Path, masks_path: Path | None, options: ImportOptions, guesses: 
     container = open_foreign(path)
     holder = container if masks_path is None else open_foreign(masks_path)
     meas_key = roles.require_key(container, "measurement", options.meas_key, guesses)
-    mask_key = roles.require_key(holder, "masks", options.mask_key, guesses)
+    taken = meas_key if holder is container else None
+    mask_key = roles.require_key(holder, "masks", options.mask_key, guesses, taken=taken)
     truth_key = None if options.truth is not None else roles.key_of(container, "truth", options.truth_key, guesses)
     keys = {"measurement": meas_key, "masks": mask_key, "truth": truth_key}
     if meas_key:
