@@ -13,9 +13,7 @@ from gs2ci.core.records import Shot, Truth
 def make_shot() -> Callable[..., Shot]:
     """A small shot that obeys Y = Σ w M X; keyword arguments replace its fields."""
 
-    def make(
-        n: int = 4, height: int = 12, width: int = 16, channels: int = 3, seed: int = 0, **fields: object
-    ) -> Shot:
+    def make(n: int = 4, height: int = 12, width: int = 16, channels: int = 3, seed: int = 0, **fields: object) -> Shot:
         rng = np.random.default_rng(seed)
         masks = (rng.random((n, height, width)) < 0.5).astype(np.float32)
         views = np.rint(rng.random((n, height, width, channels)) * 255).astype(np.float32) / np.float32(255)

@@ -1,4 +1,4 @@
-"""Where the shared measurements lie: GS2CI_SHARED_DATA, or ../shared/data beside the checkout."""
+"""Where the shared measurements lie; tests that use them skip, with the reason, where they are absent."""
 
 import os
 from pathlib import Path
@@ -8,9 +8,9 @@ import pytest
 
 @pytest.fixture(scope="session")
 def shared_data() -> Path:
-    """Get the folder of shared measurements, or skip where there is none."""
-    given = os.environ.get("GS2CI_SHARED_DATA")
-    folder = Path(given) if given else Path(__file__).resolve().parents[3] / "shared" / "data"
+    """Find the shared data: `GS2CI_SHARED_DATA`, or `../shared/data` beside the checkout."""
+    beside = Path(__file__).resolve().parents[2].parent / "shared" / "data"
+    folder = Path(os.environ.get("GS2CI_SHARED_DATA", beside))
     if not folder.is_dir():
-        pytest.skip(f"no shared measurements at {folder}; set GS2CI_SHARED_DATA to their folder")
+        pytest.skip(f"no shared data: set GS2CI_SHARED_DATA, or put it at {beside}")
     return folder

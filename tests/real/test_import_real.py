@@ -22,9 +22,7 @@ def test_the_colour_measurements_need_no_flags(shared_data, tmp_path, name, view
     assert np.array_equal(shot.truth.world_to_camera, stored["world_to_camera"])
     assert np.array_equal(np.rint(shot.truth.views * 255), stored["truth"])
     assert (shot.views, shot.channels, shot.cfa, shot.saturated) == (views, 3, None, None)
-    scale, residual = fit(
-        shot.measurement.astype(float), Coding(shot.masks, shot.weights).forward(shot.truth.views)
-    )
+    scale, residual = fit(shot.measurement.astype(float), Coding(shot.masks, shot.weights).forward(shot.truth.views))
     assert scale == pytest.approx(1, abs=1e-6)
     assert residual < 1e-6
 

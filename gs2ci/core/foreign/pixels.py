@@ -42,8 +42,7 @@ def mend(measurement: Array, readings: F64, multiplicity: F64, how: BadPixels, g
         row, column = np.argwhere(bad.any(axis=(0, 3)))[0].tolist()
         refused = how == "refuse"
         raise InputError(
-            f"{measurement.where}: {count} pixels are NaN, infinite or absurd, "
-            f"the first at row {row}, column {column}",
+            f"{measurement.where}: {count} pixels are NaN, infinite or absurd, the first at row {row}, column {column}",
             allowed=f"finite readings, or with --bad-pixels median up to {MOST_BAD:.0%} bad ones",
             remedy="say --bad-pixels median to replace them" if refused else "mend the measurement before saving",
         )

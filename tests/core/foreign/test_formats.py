@@ -240,9 +240,7 @@ def test_a_wrong_checksum_in_a_zip_is_found(tmp_path):
 
 
 @settings(max_examples=150, deadline=None)
-@given(
-    st.binary(max_size=400), st.sampled_from([b"", b"\x93NUMPY\x01\x00", b"PK\x03\x04", b"MATLAB 5.0".ljust(126)])
-)
+@given(st.binary(max_size=400), st.sampled_from([b"", b"\x93NUMPY\x01\x00", b"PK\x03\x04", b"MATLAB 5.0".ljust(126)]))
 def test_any_bytes_give_an_input_error(tmp_path_factory, content, start):
     path = tmp_path_factory.mktemp("any") / "file.mat"
     path.write_bytes(start + content)

@@ -36,9 +36,7 @@ def test_names_do_not_depend_on_case_and_a_lone_array_needs_none(scene, take, sa
 
 def test_keys_that_are_not_there_are_refused_with_those_that_are(scene, take):
     made = scene()
-    with pytest.raises(
-        InputError, match=r"no key for the measurement; the file holds mask \[4, 24, 32\].*--meas-key"
-    ):
+    with pytest.raises(InputError, match=r"no key for the measurement; the file holds mask \[4, 24, 32\].*--meas-key"):
         take(mask=made.masks, a=np.ones((2, 2)), b=np.ones((2, 2)))
     with pytest.raises(InputError, match="no key 'nope'; allowed: the file holds"):
         take(ImportOptions(mask_key="nope"), meas=made.meas, mask=made.masks)
