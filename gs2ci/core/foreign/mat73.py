@@ -35,7 +35,7 @@ def read_mat73(path: Path) -> Container:
         if "schema" in file.attrs:
             raise InputError(f"{path}: is no .mat file but a capture file", remedy="reconstruct from it as it is")
         if len(file) > ENTRY_LIMIT:
-            raise InputError(f"{path}: {len(file)} variables", allowed=f"up to {ENTRY_LIMIT}")
+            raise InputError(f"{path}: {len(file)} variables", allowed=f"up to {ENTRY_LIMIT}", remedy="save fewer")
         entries = {key: _entry73(path, file, key) for key in file if not key.startswith("#")}
     return Container(path, entries, lambda key: _load73(path, key))
 

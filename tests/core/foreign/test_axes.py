@@ -80,6 +80,11 @@ def test_masks_that_differ_between_colours_are_refused(scene, take):
         take(meas=made.meas, mask=masks)
 
 
+def test_masks_of_four_true_axes_fit_nothing(scene, take):
+    with pytest.raises(InputError, match="no order of axes"):
+        take(meas=scene().meas, mask=np.ones((2, 4, 24, 32)))
+
+
 def test_as_many_masks_as_rows_and_columns_need_a_word(scene, take):
     made = scene(n=8, height=8, width=8)
     with pytest.raises(InputError, match="--mask-axis first or --mask-axis last"):

@@ -14,6 +14,7 @@ from hypothesis.extra import numpy as npst
 from scipy import io as scipy_io
 
 from gs2ci.core.errors import Gs2ciError, InputError
+from gs2ci.core.foreign import mat73
 from gs2ci.core.foreign.assemble import ImportOptions, import_shots
 from gs2ci.core.foreign.mat5 import read_mat5
 from gs2ci.core.foreign.opening import open_foreign
@@ -86,6 +87,27 @@ def test_version_5_big_endian_and_shortened_numbers_are_understood(tmp_path):
     path = tmp_path / "big.mat"
     path.write_bytes(data)
     assert open_foreign(path).load("y").values.tolist() == [[1.0, 3.0], [2.0, 4.0]]
+
+
+def test_objects_and_notes_of_matlab_itself_are_passed_over(tmp_path):
+    def element(code, data):
+        return struct.pack("<II", code, len(data)) + data + bytes(-len(data) % 8)
+
+    opaque = element(6, struct.pack("<II", 17, 0)) + element(1, b"table") + element(1, b"MCOS")
+    note = element(6, struct.pack("<II", 9, 0)) + element(5, struct.pack("<ii", 1, 1)) + element(1, b"")
+    data = b"MATLAB 5.0".ljust(124) + b"\x00\x01IM" + element(14, opaque) + element(14, note + element(2, b"\1"))
+    (tmp_path / "a.mat").write_bytes(data)
+    container = open_foreign(tmp_path / "a.mat")
+    assert list(container.entries) == ["table"]
+    with pytest.raises(InputError, match="a MATLAB object"):
+        container.load("table")
+
+
+def test_too_many_variables_are_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr(mat73, "ENTRY_LIMIT", 1)
+    save_mat73(tmp_path / "a.mat", x=np.ones((2, 2)), y=np.ones((2, 2)))
+    with pytest.raises(InputError, match="2 variables; allowed: up to 1"):
+        open_foreign(tmp_path / "a.mat")
 
 
 def test_texts_are_read_from_every_format(tmp_path):

@@ -8,7 +8,15 @@ import numpy as np
 import pytest
 
 from gs2ci.core.errors import StorageError
-from gs2ci.core.storage import check_manifest, count_shots, read_calibration, read_shot, recover, write_shots
+from gs2ci.core.storage import (
+    ShotWriter,
+    check_manifest,
+    count_shots,
+    read_calibration,
+    read_shot,
+    recover,
+    write_shots,
+)
 
 
 @pytest.fixture
@@ -89,6 +97,9 @@ BROKEN = {
     "no weights": ("calib/weights", lambda f: f.__delitem__("calib/weights")),
     "negative scale": ("scale_dn", lambda f: f["meas"].attrs.__setitem__("scale_dn", -1.0)),
     "cfa is a number": ("camera/cfa", lambda f: f.create_dataset("camera/cfa", data=3)),
+    "cfa is empty": ("camera/cfa", lambda f: f.create_dataset("camera/cfa", data=h5py.Empty(h5py.string_dtype()))),
+    "cfa is a book": ("a text of", lambda f: f.create_dataset("camera/cfa", (), "S20000000")),
+    "weights are empty": ("damaged", lambda f: replace(f, "calib/weights", h5py.Empty("f8"))),
     "unknown cfa": ("XYZW", lambda f: f.create_dataset("camera/cfa", data="XYZW")),
     "intrinsics zero": ("intrinsics", lambda f: replace(f, "camera/intrinsics", np.zeros((3, 3)))),
     "provenance no json": ("truncated", lambda f: replace(f, "provenance", ["{"], dtype=h5py.string_dtype())),
@@ -240,3 +251,13 @@ def test_recovery_refuses_what_it_cannot_save(path, tmp_path):
         file["meas_valid"][0] = 0
     with pytest.raises(StorageError, match="no shot 0; allowed: none"):
         read_shot(path)
+
+
+def test_a_recovery_that_fails_leaves_nothing_behind(path, tmp_path, monkeypatch):
+    def refuse(self: ShotWriter) -> None:
+        raise StorageError("disk full")
+
+    monkeypatch.setattr(ShotWriter, "finish", refuse)
+    with pytest.raises(StorageError, match="disk full"):
+        recover(path, tmp_path / "saved.h5")
+    assert not list(tmp_path.glob("saved*"))

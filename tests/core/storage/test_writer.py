@@ -18,6 +18,7 @@ from gs2ci.core.storage import (
     ShotWriter,
     check_manifest,
     count_shots,
+    layout,
     read_calibration,
     read_shot,
     recover,
@@ -253,6 +254,44 @@ def test_a_disk_that_refuses_the_rename_is_a_storage_error(tmp_path, header, mon
         with pytest.raises(StorageError, match="cannot be finished"):
             writer.finish()
     assert (tmp_path / "shot.h5.partial").exists()
+
+
+def test_a_file_that_cannot_be_created_or_laid_out_is_a_storage_error(tmp_path, header, monkeypatch):
+    tmp_path.joinpath("locked").mkdir()
+
+    def refuse(*_: object, **__: object) -> None:
+        raise OSError(13, "Permission denied")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(h5py, "File", refuse)
+        with pytest.raises(StorageError, match=r"cannot be created: .*Permission denied"):
+            ShotWriter(tmp_path / "locked" / "shot.h5", header)
+    with monkeypatch.context() as patch:
+        patch.setattr(layout, "create", refuse)
+        with pytest.raises(StorageError, match="cannot be laid out"):
+            ShotWriter(tmp_path / "locked" / "shot.h5", header)
+    assert list((tmp_path / "locked").iterdir()) == []
+
+
+def test_a_disk_that_refuses_the_end_is_a_storage_error(tmp_path, header, monkeypatch):
+    def full() -> None:
+        raise OSError(28, "No space left on device")
+
+    for method, message in (("flush", "cannot be finished"), ("close", "cannot be closed")):
+        writer = ShotWriter(tmp_path / f"{method}.h5", header)
+        writer.append(np.zeros((6, 8), np.uint16))
+        file = writer._file
+        with monkeypatch.context() as patch:
+            patch.setattr(file, method, full, raising=False)
+            with pytest.raises(StorageError, match=message):
+                writer.finish()
+        file.close()
+
+
+def test_an_unreadable_file_in_the_manifests_place_is_not_overwritten(tmp_path, make_shot):
+    (tmp_path / "shot.json").write_bytes(b"\xff\xfe\xff")
+    with pytest.raises(StorageError, match="manifest belongs there"):
+        write_shots(tmp_path / "shot.h5", [make_shot()])
 
 
 WRITER = """
