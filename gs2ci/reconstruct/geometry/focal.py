@@ -107,7 +107,7 @@ def estimate_focal(tracks: Tracks, size: tuple[int, int], settings: FocalSetting
     weight = settings.independent * freedom / 2 / max(float(costs.min()), np.finfo(np.float32).tiny)
 
     def surprise(log_focal: float, known_cost: float) -> float:
-        return weight * known_cost + 0.5 * ((log_focal - middle) / settings.prior_spread) ** 2
+        return float(weight * known_cost + 0.5 * ((log_focal - middle) / settings.prior_spread) ** 2)
 
     surprises = np.array([surprise(value, known) for value, known in zip(grid, costs, strict=True)])
     best = int(surprises.argmin())

@@ -239,8 +239,7 @@ def _lowest(total: F32) -> float:
     before, here, after = total[k - 1], total[k], total[k + 1]
     # At the end of the range, or on a flat bottom, the three costs are no valley: then the half step is the limit.
     bend = max(before - 2 * here + after, _LEAST_BEND)
-    offset: float = min(max((before - after) / (2 * bend), np.float32(-0.5)), np.float32(0.5))
-    return k + offset
+    return float(k + min(max((before - after) / (2 * bend), np.float32(-0.5)), np.float32(0.5)))
 
 
 @numba.njit(cache=True, parallel=True)

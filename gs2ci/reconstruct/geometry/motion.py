@@ -61,7 +61,8 @@ class Motion:
         rotations: Reference to view, [N, 3, 3]; the identity for the reference view.
         translations: [N, 3]; zero for the reference view. The unit is that of 1 / inverse depth.
         inverse_depth: Of each track on its reference ray, [P].
-        residuals_px: Distance between prediction and track, [P, N]; NaN where a view does not see the point.
+        errors_px: Prediction minus track, [P, N, 2]; NaN in the reference view and where a view does not see the
+            point.
         least_depth: Smallest depth of each point over the views that see it, relative to its depth in the reference
             view, [P].
         cost: Sum of Huber costs in px².
@@ -70,7 +71,7 @@ class Motion:
     rotations: F64
     translations: F64
     inverse_depth: F64
-    residuals_px: F64
+    errors_px: F64
     least_depth: F64
     cost: float
 
@@ -83,6 +84,12 @@ class Motion:
         return poses
 
     @property
+    def residuals_px(self) -> F64:
+        """Get the distance between prediction and track, [P, N]; NaN as in `errors_px`."""
+        distance: F64 = np.linalg.norm(self.errors_px, axis=-1)
+        return distance
+
+    @property
     def behind_share(self) -> float:
         """Get the share of tracks that some view has at or behind its camera."""
         return float(np.mean(self.least_depth <= _LEAST_RELATIVE_DEPTH)) if len(self.least_depth) else 0.0
@@ -90,8 +97,7 @@ class Motion:
     @property
     def rms_px(self) -> float:
         """Get the root mean square residual over all sightings but those of the reference view, in px."""
-        seen = ~np.isnan(self.residuals_px)
-        return float(np.sqrt(np.mean(self.residuals_px[seen] ** 2))) if seen.any() else 0.0
+        return _rms_px(self.errors_px)
 
 
 @dataclass(frozen=True)
@@ -100,21 +106,63 @@ class Rotations:
 
     Args:
         rotations: Reference to view, [N, 3, 3].
-        residuals_px: Prediction minus track, [N, P, 2]; NaN where a view does not see the point, 0 in the reference.
+        errors_px: Prediction minus track, [P, N, 2]; NaN in the reference view and where a view does not see the
+            point.
         displacement_px: By how much they move the points: the median over points, in the view where it is largest.
     """
 
     rotations: F64
-    residuals_px: F64
+    errors_px: F64
     displacement_px: float
 
     @property
     def rms_px(self) -> float:
-        """Get the root mean square residual, in px: the parallax, where there is any."""
-        moving = [i for i in range(len(self.rotations)) if self.residuals_px[i].any()]
-        distance = np.linalg.norm(self.residuals_px[moving], axis=-1)
-        seen = ~np.isnan(distance)
-        return float(np.sqrt(np.mean(distance[seen] ** 2))) if seen.any() else 0.0
+        """Get the root mean square residual, in px."""
+        return _rms_px(self.errors_px)
+
+
+def _rms_px(errors_px: F64) -> float:
+    squares = (errors_px**2).sum(axis=-1)
+    seen = ~np.isnan(squares)
+    return float(np.sqrt(squares[seen].mean())) if seen.any() else 0.0
+
+
+def predict_positions(positions_px: F64, inverse_depth: F64, world_to_camera: F64, intrinsics: F64) -> F64:
+    """Predict where every view sees points of the reference view.
+
+    Args:
+        positions_px: Their pixels in the reference view, [P, 2].
+        inverse_depth: [P].
+        world_to_camera: [N, 4, 4], the identity for the reference view.
+        intrinsics: Camera matrix in px, [3, 3].
+
+    Returns:
+        [P, N, 2] px.
+    """
+    rays = np.concatenate([positions_px, np.ones((len(positions_px), 1))], axis=1) @ np.linalg.inv(intrinsics).T
+    turned = rays @ world_to_camera[:, :3, :3].transpose(0, 2, 1)
+    points = (turned + world_to_camera[:, None, :3, 3] * inverse_depth[None, :, None]) @ intrinsics.T
+    pixels: F64 = points[..., :2] / np.maximum(points[..., 2:], _LEAST_RELATIVE_DEPTH)
+    return pixels.transpose(1, 0, 2)
+
+
+def wander_px(errors_px: F64) -> float:
+    """Get by how much errors vary along each track, per degree of freedom, root mean square.
+
+    A corner that is misplaced in the reference view shifts its errors in all other views alike. Such a shift says
+    nothing about the motion, and a translation explains one component of it for nothing: so it is taken out.
+
+    Args:
+        errors_px: [P, N, 2]; NaN where a view does not see the point. Tracks of one sighting say nothing here.
+    """
+    seen = ~np.isnan(errors_px[..., 0])
+    spare = int(seen.sum()) - int(seen.any(axis=1).sum())
+    if spare < 1:
+        return 0.0
+    errors = np.where(seen[..., None], errors_px, 0.0)
+    mean = errors.sum(axis=1) / np.maximum(seen.sum(axis=1), 1)[:, None]
+    variation = (errors - mean[:, None]) * seen[..., None]
+    return float(np.sqrt((variation**2).sum() / spare))
 
 
 @dataclass(frozen=True)
@@ -154,7 +202,7 @@ def start_motion(sightings: Sightings, seed: int = 0) -> Motion:
         rotations=np.tile(np.eye(3), (views, 1, 1)),
         translations=np.zeros((views, 3)),
         inverse_depth=np.asarray(1 + _START_SPREAD * spread),
-        residuals_px=np.full((points, views), np.nan),
+        errors_px=np.full((points, views, 2), np.nan),
         least_depth=np.ones(points),
         cost=np.inf,
     )
@@ -237,7 +285,7 @@ def adjust(
             damping *= 4
         if before - motion.cost <= settings.tolerance * before:
             break
-    return _with_residuals(motion, sightings)
+    return _with_errors(motion, sightings)
 
 
 def reversed_depth(motion: Motion) -> Motion:
@@ -306,23 +354,20 @@ def fit_rotations(tracks: Tracks, intrinsics: F64, settings: MotionSettings | No
         normal = np.einsum("npai,npaj->nij", weighted, jacobian) + _REGULAR * np.eye(3)
         turn = -np.linalg.solve(normal, np.einsum("npai,npa->ni", weighted, error)[..., None])[..., 0]
         motion = replace(motion, rotations=Rotation.from_rotvec(turn).as_matrix() @ motion.rotations)
-    error, points = residuals(motion, sightings)
+    _, points = residuals(motion, sightings)
     moved = (points[..., :2] / points[..., 2:] - sightings.rays[:, :2]) * sightings.focal_px
-    shown = sightings.seen.copy()
-    shown[sightings.reference] = True
     return Rotations(
         rotations=motion.rotations,
-        residuals_px=np.where(shown[..., None], error, np.nan),
+        errors_px=_with_errors(motion, sightings).errors_px,
         displacement_px=float(np.median(np.linalg.norm(moved, axis=-1), axis=1).max()),
     )
 
 
-def _with_residuals(motion: Motion, sightings: Sightings) -> Motion:
+def _with_errors(motion: Motion, sightings: Sightings) -> Motion:
     error, points = residuals(motion, sightings)
-    distance = np.linalg.norm(error, axis=-1)
     return replace(
         motion,
-        residuals_px=np.where(sightings.seen, distance, np.nan).T,
+        errors_px=np.where(sightings.seen[..., None], error, np.nan).transpose(1, 0, 2),
         least_depth=np.where(sightings.seen, points[..., 2], 1.0).min(0),
     )
 

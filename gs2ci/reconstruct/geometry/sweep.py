@@ -20,6 +20,8 @@ _GRADIENT_WEIGHT = 4.0
 _LEAST_VIEWS_KEPT = 3
 # Takes single wrong pixels out and leaves edges where they are.
 _MEDIAN_PX = 5
+# A parabola needs three.
+LEAST_PLANES = 3
 # At least this many pixels along each side, so that a window and a gradient have room.
 _LEAST_SIDE = 4
 

@@ -10,15 +10,13 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from gs2ci.reconstruct.geometry.motion import Motion, Rotations
+from gs2ci.reconstruct.geometry.motion import Motion, Rotations, wander_px
 from gs2ci.reconstruct.geometry.tracks import Tracks
 
 F64 = NDArray[np.float64]
 Bool = NDArray[np.bool_]
 
 Verdict = Literal["full", "rotation_only", "static", "unsupported"]
-
-_FEWEST_VIEWS_FOR_COHERENCE = 3
 
 
 @dataclass(frozen=True)
@@ -31,13 +29,12 @@ class Criteria:
         coverage: Least share of the cells of an 8x8 grid over the reference view that hold a track.
         inliers: Least share of the tracks that the motion explains.
         rms_px: Largest reprojection error of the explained tracks.
-        parallax_px: Least strength of the strongest pattern in what the best rotations leave (`parallax_spectrum`).
-        parallax_to_noise: Least ratio of the error of pure rotations to that of the full motion, both per degree of
-            freedom. An error of a corner in the reference view is common to all views, and a translation explains
-            one of its two components: so noise alone reaches √2. It suffices alone, as does the next.
-        coherence: Least ratio of the strongest pattern to the weaker half of them. A translation moves all views in
-            one pattern, noise moves them in all patterns alike: 1.5 to 2.6 on views decoded from a camera that only
-            turned, 4.6 and more where there was parallax, be it half as large as the noise.
+        unexplained: Least ratio of the errors that rotations leave along the tracks to those of the full motion. On
+            views decoded from a camera that did not move or only turned it was 1.00 to 1.08, with a parallax about as
+            large as the noise 1.2 to 1.5, with more of it 2 and above.
+        unexplained_by_two: The same where no track has a second sighting to tell by: errors per degree of freedom.
+            A translation explains one of their two components; decoded views of turned cameras gave 1.0 to 1.3.
+        parallax_px: Least parallax: what translation explains beyond the best rotations.
         displacement_px: Median displacement by the best rotations below which the camera counts as still.
         behind: Largest share of tracks that may lie behind a camera.
     """
@@ -47,9 +44,9 @@ class Criteria:
     coverage: float = 0.1
     inliers: float = 0.25
     rms_px: float = 2.0
-    parallax_px: float = 0.5
-    parallax_to_noise: float = 1.6
-    coherence: float = 3.5
+    unexplained: float = 1.15
+    unexplained_by_two: float = 1.6
+    parallax_px: float = 0.25
     displacement_px: float = 0.5
     behind: float = 0.05
 
@@ -84,45 +81,23 @@ def doubts_about_tracks(tracks: Tracks, size: tuple[int, int], criteria: Criteri
     return tuple(doubts)
 
 
-def parallax_spectrum(tracks: Tracks, rotations: Rotations) -> F64:
-    """Split what rotations leave unexplained into patterns over the views, by strength.
-
-    Args:
-        tracks: At least one point.
-        rotations: Pure rotations fitted to them.
-
-    Returns:
-        Root mean square over the points of each pattern's amplitude over all views, in px, strongest first, [2N - 2].
-
-    These are the singular values of the residual displacements, [P, 2N], less each point's own mean, per root P.
-    Points that some view does not see count in those pairs of views that see them.
-    """
-    seen = tracks.seen.T.astype(np.float64)
-    views, points = seen.shape
-    left = np.nan_to_num(rotations.residuals_px).transpose(0, 2, 1).reshape(2 * views, points)
-    pairs = np.repeat(np.repeat(seen @ seen.T, 2, axis=0), 2, axis=1)
-    covariance = left @ left.T / np.maximum(pairs, 1)
-    centring = np.kron(np.eye(views) - 1 / views, np.eye(2))
-    variances = np.linalg.eigvalsh(centring @ covariance @ centring)[::-1][: 2 * views - 2]
-    strengths: F64 = np.sqrt(np.maximum(variances, 0))
-    return strengths
+def parallax_px(motion: Motion, rotations: Rotations) -> float:
+    """Get what translation explains of the tracks beyond the best rotations, root mean square."""
+    return float(np.sqrt(max(rotations.rms_px**2 - motion.rms_px**2, 0.0)))
 
 
-def has_parallax(tracks: Tracks, motion: Motion, rotations: Rotations, criteria: Criteria) -> bool:
+def has_parallax(motion: Motion, rotations: Rotations, criteria: Criteria) -> bool:
     """Decide whether the tracks need a translation of the camera, and not just rotations and noise."""
-    seen = tracks.seen.copy()
-    seen[:, tracks.reference] = False
-    sightings, moving = int(seen.sum()), int(seen.any(0).sum())
-    spectrum = parallax_spectrum(tracks, rotations)
-    if spectrum[0] < criteria.parallax_px:
+    if parallax_px(motion, rotations) < criteria.parallax_px:
         return False
-    noise_full = motion.rms_px * np.sqrt(sightings / max(2 * sightings - 6 * moving - len(tracks), 1))
-    noise_rotation = rotations.rms_px * np.sqrt(sightings / max(2 * sightings - 3 * moving, 1))
-    if noise_rotation > criteria.parallax_to_noise * noise_full:
-        return True
-    # With two or three views there are too few patterns to tell noise by.
-    weaker_half = spectrum[len(spectrum) // 2 :]
-    return moving >= _FEWEST_VIEWS_FOR_COHERENCE and bool(spectrum[0] > criteria.coherence * np.median(weaker_half))
+    moving = wander_px(motion.errors_px)
+    if moving > 0:
+        return wander_px(rotations.errors_px) > criteria.unexplained * moving
+    # Each track has 2 errors; the full motion has 1 unknown for each and 6 for the view, rotations only 3.
+    sightings = int((~np.isnan(motion.errors_px[..., 0])).sum())
+    noise_full = motion.rms_px / np.sqrt(max(sightings - 6, 1))
+    noise_rotation = rotations.rms_px / np.sqrt(max(2 * sightings - 3, 1))
+    return bool(noise_rotation > criteria.unexplained_by_two * noise_full)
 
 
 def judge(
@@ -137,7 +112,7 @@ def judge(
         rotations: Pure rotations fitted to them.
         criteria: What must be shown.
     """
-    if not has_parallax(tracks, motion, rotations, criteria):
+    if not has_parallax(motion, rotations, criteria):
         if rotations.displacement_px < criteria.displacement_px:
             moved = f"The views differ by {rotations.displacement_px:.2f} px"
             return "static", (f"{moved}: the camera did not move, so depth cannot be found.",)
