@@ -19,16 +19,9 @@ _CENTRE_OFFSET = 0.5
 # Decoded views carry pixel-sized residue of the masks; this much blur removes it and leaves corners standing.
 _BLUR_PX = 0.8
 _DRIFT_LIMIT_PX = 3.0
+_WINDOW = (21, 21)
+_PYRAMID_LEVELS = 4
 _STOP = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 40, 0.005)
-
-
-@dataclass(frozen=True)
-class _Search:
-    window_px: int
-    pyramid_levels: int
-
-
-_WIDE, _CLOSE = _Search(21, 4), _Search(15, 0)
 
 
 @dataclass(frozen=True)
@@ -94,7 +87,8 @@ def find_corners(views: F32, reference: int, settings: TrackSettings | None = No
     corners = cv2.goodFeaturesToTrack(image, settings.corners, settings.quality, settings.spacing_px)
     if corners is None:  # a view without any texture
         return np.empty((0, 2))
-    return corners.reshape(-1, 2).astype(np.float64) + _CENTRE_OFFSET
+    detected: F64 = corners.reshape(-1, 2).astype(np.float64) + _CENTRE_OFFSET
+    return detected
 
 
 def find_tracks(views: F32, reference: int, corners: F64, settings: TrackSettings | None = None) -> Tracks:
@@ -133,8 +127,8 @@ def refine_tracks(views: F32, reference: int, predicted: F64, settings: TrackSet
         settings: What counts as found.
 
     Returns:
-        P tracks. So good a start needs neither a pyramid nor a window as wide, which mixes near and far; and a point
-        that one view has lost may be seen by the next.
+        P tracks. So good a start needs no pyramid, whose coarse levels mix near and far; and a point that one view
+        has lost may be found in the next.
     """
     settings = settings or TrackSettings()
     positions = np.full(predicted.shape, np.nan)
@@ -145,8 +139,8 @@ def refine_tracks(views: F32, reference: int, predicted: F64, settings: TrackSet
         if i == reference or not len(start):
             continue
         guess = (predicted[:, i] - _CENTRE_OFFSET).astype(np.float32)
-        found, ok = _flow(images[reference], images[i], start, guess, _CLOSE)
-        back, ok_back = _flow(images[i], images[reference], found, start + (found - guess), _CLOSE)
+        found, ok = _flow(images[reference], images[i], start, guess, pyramid_levels=0)
+        back, ok_back = _flow(images[i], images[reference], found, start + (found - guess), pyramid_levels=0)
         ok &= ok_back & (np.linalg.norm(back - start, axis=1) < settings.forward_backward_px)
         ok &= (np.linalg.norm(found - guess, axis=1) < _DRIFT_LIMIT_PX) & _inside(found, images[i])
         positions[ok, i] = found[ok] + _CENTRE_OFFSET
@@ -174,8 +168,8 @@ def _follow(
 
 def _inside(points: F32, image: NDArray[np.uint8]) -> Bool:
     height, width = image.shape
-    inside: Bool = ((points >= 0) & (points <= (width - 1, height - 1))).all(axis=1)
-    return inside
+    inside = (points >= 0) & (points <= (width - 1, height - 1))
+    return inside[:, 0] & inside[:, 1]
 
 
 def _flow(
@@ -183,15 +177,15 @@ def _flow(
     target: NDArray[np.uint8],
     points: F32,
     guess: F32 | None = None,
-    search: _Search = _WIDE,
+    pyramid_levels: int = _PYRAMID_LEVELS,
 ) -> tuple[F32, Bool]:
     moved, status, _ = cv2.calcOpticalFlowPyrLK(
         source,
         target,
         points,
         None if guess is None else guess.copy(),
-        winSize=(search.window_px, search.window_px),
-        maxLevel=search.pyramid_levels,
+        winSize=_WINDOW,
+        maxLevel=pyramid_levels,
         criteria=_STOP,
         flags=0 if guess is None else cv2.OPTFLOW_USE_INITIAL_FLOW,
     )
