@@ -10,7 +10,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from gs2ci.reconstruct.geometry.motion import Motion, Rotations, wander_px
+from gs2ci.reconstruct.geometry.motion import Motion, wander_px
+from gs2ci.reconstruct.geometry.rotations import Rotations
 from gs2ci.reconstruct.geometry.tracks import Tracks
 
 F64 = NDArray[np.float64]
@@ -93,7 +94,7 @@ def has_parallax(motion: Motion, rotations: Rotations, criteria: Criteria) -> bo
     moving = wander_px(motion.errors_px)
     if moving > 0:
         return wander_px(rotations.errors_px) > criteria.unexplained * moving
-    # Each track has 2 errors; the full motion has 1 unknown for each and 6 for the view, rotations only 3.
+    # Two views: each track has 2 errors; the full motion has 1 unknown for each and 6 for the view, rotations only 3.
     sightings = int((~np.isnan(motion.errors_px[..., 0])).sum())
     noise_full = motion.rms_px / np.sqrt(max(sightings - 6, 1))
     noise_rotation = rotations.rms_px / np.sqrt(max(2 * sightings - 3, 1))
