@@ -135,23 +135,29 @@ def rays(positions_px: F64, intrinsics: F64) -> F64:
     return directions
 
 
-def wander_px(errors_px: F64) -> float:
-    """Get by how much errors vary along each track, per degree of freedom, root mean square.
+def wander_px(errors_px: F64, unknowns: int = 0) -> float:
+    """Get by how much errors vary along each track, per degree of freedom, root mean square length.
 
     A corner that is misplaced in the reference view shifts its errors in all other views alike. Such a shift says
     nothing about the motion, and a translation explains one component of it for nothing: so it is taken out.
 
     Args:
         errors_px: [P, N, 2]; NaN where a view does not see the point. Tracks of one sighting say nothing here.
+        unknowns: How many were fitted to each track.
+
+    Returns:
+        0 where nothing is left to vary.
     """
     seen = ~np.isnan(errors_px[..., 0])
-    spare = int(seen.sum()) - int(seen.any(axis=1).sum())
-    if spare < 1:
+    sightings = seen.sum(axis=1)
+    # Two coordinates for each sighting but the one that the mean takes.
+    freedom = int((2 * (sightings - 1) - unknowns)[sightings > 1].sum())
+    if freedom < 1:
         return 0.0
     errors = np.where(seen[..., None], errors_px, 0.0)
-    mean = errors.sum(axis=1) / np.maximum(seen.sum(axis=1), 1)[:, None]
+    mean = errors.sum(axis=1) / np.maximum(sightings, 1)[:, None]
     variation = (errors - mean[:, None]) * seen[..., None]
-    return float(np.sqrt((variation**2).sum() / spare))
+    return float(np.sqrt(2 * (variation**2).sum() / freedom))
 
 
 @dataclass(frozen=True)
