@@ -285,7 +285,7 @@ def adjust(
             damping *= 4
         if before - motion.cost <= settings.tolerance * before:
             break
-    return _with_errors(motion, sightings)
+    return with_errors(motion, sightings)
 
 
 def reversed_depth(motion: Motion) -> Motion:
@@ -358,12 +358,13 @@ def fit_rotations(tracks: Tracks, intrinsics: F64, settings: MotionSettings | No
     moved = (points[..., :2] / points[..., 2:] - sightings.rays[:, :2]) * sightings.focal_px
     return Rotations(
         rotations=motion.rotations,
-        errors_px=_with_errors(motion, sightings).errors_px,
+        errors_px=with_errors(motion, sightings).errors_px,
         displacement_px=float(np.median(np.linalg.norm(moved, axis=-1), axis=1).max()),
     )
 
 
-def _with_errors(motion: Motion, sightings: Sightings) -> Motion:
+def with_errors(motion: Motion, sightings: Sightings) -> Motion:
+    """Return the motion with the errors and depths that it has on these tracks."""
     error, points = residuals(motion, sightings)
     return replace(
         motion,
