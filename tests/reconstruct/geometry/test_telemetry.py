@@ -50,7 +50,8 @@ def test_noise_and_outliers_leave_the_depths_within_their_error():
     assert 150 < len(kept) <= 180
     depth = 1 / (motion.inverse_depth * np.median(1 / depth_mm))
     honest = np.isin(tracks.positions[:, 0, 0], kept.positions[:, 0, 0])
-    assert np.median(np.abs(depth / depth_mm[honest] - 1)) < 0.02
+    # 12 mm to either side at 650 mm move a point by 5.5 px; 0.3 px in the reference view alone are 5 % of that.
+    assert np.median(np.abs(depth / depth_mm[honest] - 1)) < 0.03
 
 
 def test_points_that_few_views_see_are_placed_by_those():
