@@ -11,7 +11,7 @@ from typing import Final
 
 from gs2ci.core.errors import InputError
 from gs2ci_drivers.dlpc900.packets import REPORT_BYTES
-from gs2ci_drivers.dlpc900.payloads import CHUNK_BYTES
+from gs2ci_drivers.dlpc900.payloads import CHUNK_BYTES, MAX_IMAGES
 
 # Full speed USB polls an interrupt endpoint once per 1 ms frame: one report each, 64 kB/s at best.
 REPORT_PERIOD_S: Final = 1e-3
@@ -97,8 +97,9 @@ def _block_exposure_us(model: DmdModel, depth_bits: int, blocks: int) -> int:
 
 
 def max_patterns(model: DmdModel, depth_bits: int) -> int:
-    """Return how many masks of this depth one sequence can hold: memory and entries, whichever is less."""
-    return min(model.one_bit_capacity // depth_bits, model.max_entries)
+    """Return how many masks of this depth one sequence can hold: memory, entries or images, whichever is least."""
+    images = MAX_IMAGES * patterns_per_image(depth_bits)
+    return min(model.one_bit_capacity // depth_bits, model.max_entries, images)
 
 
 def patterns_per_image(depth_bits: int) -> int:
