@@ -135,6 +135,8 @@ class Stage(ABC):
         self.clock = clock
         self._info: StageInfo | None = None
         self._closed = False
+        self.incidents: list[str] = []
+        """What was ridden out without an error (a lost reply asked for again, ...), for the shot's log."""
 
     @property
     def info(self) -> StageInfo:
