@@ -1,15 +1,16 @@
 """`SysPort` over the running Linux kernel: open, ioctl, mmap, poll and small files, with no knowledge of V4L2.
 
-Here: system calls. Not here: what is asked by them (`gs2ci_drivers.v4l2`). `gs2ci.rig` builds one; tests under a real
-kernel do too.
+Here: system calls. Not here: what is asked by them (`gs2ci_drivers.v4l2`). `gs2ci.rig` builds one; tests under a
+real kernel do too.
 """
 
 import fcntl
 import glob
-import mmap
 import os
 import select
 import time
+from mmap import MAP_SHARED, PROT_READ, PROT_WRITE
+from mmap import mmap as Mapping  # noqa: N813 - the port's method is called mmap too
 from pathlib import Path
 
 
@@ -46,15 +47,15 @@ class KernelSysPort:
             except InterruptedError:  # a signal; Python retries poll and read by itself, but not ioctl
                 continue
 
-    def mmap(self, fd: int, length: int, offset: int) -> mmap.mmap:
+    def mmap(self, fd: int, length: int, offset: int) -> Mapping:
         """Map `length` bytes of a buffer, shared, readable and writable; unmapped by its own `close()`.
 
         Raises:
             OSError: With the kernel's errno.
         """
-        return mmap.mmap(fd, length, mmap.MAP_SHARED, mmap.PROT_READ | mmap.PROT_WRITE, offset=offset)
+        return Mapping(fd, length, MAP_SHARED, PROT_READ | PROT_WRITE, offset=offset)
 
-    def copy_out(self, mapping: mmap.mmap, length: int) -> bytes:
+    def copy_out(self, mapping: Mapping, length: int) -> bytes:
         """Copy the first `length` bytes of a mapped buffer."""
         return mapping[:length]
 

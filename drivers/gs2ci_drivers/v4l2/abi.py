@@ -1,8 +1,8 @@
 """The V4L2 ABI of 64-bit Linux: structures, ioctl numbers, control ids and flags, exactly those the driver uses.
 
 Here: layouts and numbers (linux/videodev2.h, linux/v4l2-controls.h, linux/v4l2-subdev.h), no behaviour. Not here:
-pixel layouts (`formats`), calls (`device`). The driver package and its tests import this file; the simulated kernel
-builds the same bytes on its own, so that an error here cannot cancel itself.
+pixel layouts (`formats`), calls (`node`). The driver package and its tests import this file; the simulated
+kernel builds the same bytes on its own, so that an error here cannot cancel itself.
 """
 
 import ctypes
@@ -311,6 +311,7 @@ class Ioctl(enum.IntEnum):
     STREAMON = _ioc(_WRITE, 18, ctypes.c_int)
     STREAMOFF = _ioc(_WRITE, 19, ctypes.c_int)
     QUERYMENU = _ioc(_READ | _WRITE, 37, QueryMenu)
+    TRY_FMT = _ioc(_READ | _WRITE, 64, Format)
     G_EXT_CTRLS = _ioc(_READ | _WRITE, 71, ExtControls)
     S_EXT_CTRLS = _ioc(_READ | _WRITE, 72, ExtControls)
     DQEVENT = _ioc(_READ, 89, Event)

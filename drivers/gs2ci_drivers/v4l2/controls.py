@@ -337,7 +337,7 @@ class ExposureControl:
 
 
 def line_time_s(table: ControlTable, width: int) -> float | None:
-    """Compute the duration of a line, (width + HBLANK) / PIXEL_RATE, in seconds; None where the driver is silent."""
+    """Compute a line's duration, (width + HBLANK) / PIXEL_RATE, in seconds; None where the driver is silent."""
     hblank, rate = table.find(abi.Cid.HBLANK), table.find(abi.Cid.PIXEL_RATE)
     if hblank is None or rate is None:
         return None

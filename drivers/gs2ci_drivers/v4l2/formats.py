@@ -1,10 +1,10 @@
 """Pixel layouts of mono and Bayer sensors, and their unpacking to u16; pure numpy.
 
-Here: what a four-character code means (bits, packing, mosaic), the geometry of a frame as the kernel stated it, and
-`unpack`. Not here: ioctls. The driver and tests import this file.
+Here: what a four-character code means (bits, packing, mosaic), the geometry of a frame as the kernel stated it,
+and `unpack`. Not here: ioctls. The driver and tests import this file.
 
-Layouts (linux/Documentation/userspace-api/media/v4l/pixfmt-*): 8-bit containers; 16-bit little-endian containers, the
-value in the low bits unless told otherwise; MIPI CSI-2 packing, 4 pixels in 5 bytes (10 bit) or 2 in 3 (12 bit).
+Layouts (linux/Documentation/userspace-api/media/v4l/pixfmt-*): 8-bit containers; 16-bit little-endian containers,
+the value in the low bits unless told otherwise; MIPI CSI-2 packing, 4 pixels in 5 bytes (10 bit) or 2 in 3 (12 bit).
 """
 
 import enum
@@ -57,7 +57,9 @@ class PixelFormat:
         return math.ceil(width / pixels) * size
 
 
-def _bayer(bits: int, packing: Packing, codes: dict[CfaPattern, str], bus: dict[CfaPattern, int]) -> list[PixelFormat]:
+def _bayer(
+    bits: int, packing: Packing, codes: dict[CfaPattern, str], bus: dict[CfaPattern, int]
+) -> list[PixelFormat]:
     return [PixelFormat(code, bits, packing, cfa, bus.get(cfa)) for cfa, code in codes.items()]
 
 
@@ -110,8 +112,8 @@ class FrameGeometry:
         width: Columns.
         height: Rows.
         stride: Bytes from one row to the next, at least the packed row.
-        significant_bits: Bits that carry the value; fewer than the format's where a driver puts, say, 12-bit samples
-            into `Y16`.
+        significant_bits: Bits that carry the value; fewer than the format's where a driver puts, say, 12-bit
+            samples into `Y16`.
         alignment: Where the value sits in a 16-bit container: `low` (value = word) or `high` (left-aligned).
 
     Raises:
@@ -136,7 +138,8 @@ class FrameGeometry:
             )
         if not 1 <= self.significant_bits <= self.pixel.bits:
             raise InputError(
-                f"{self.significant_bits} significant bits in {self.pixel.code!r}", allowed=f"1 to {self.pixel.bits}"
+                f"{self.significant_bits} significant bits in {self.pixel.code!r}",
+                allowed=f"1 to {self.pixel.bits}",
             )
         if self.alignment == "high" and self.pixel.packing is not Packing.WORDS:
             raise InputError(
@@ -209,11 +212,11 @@ def _aligned(words: U16, geometry: FrameGeometry) -> U16:
         _check_range(words, geometry)
         return words
     spare = 16 - geometry.significant_bits
-    # Left-aligned values are filled up with zeros; anything else there means that they are right-aligned after all,
-    # and shifting would throw the low bits of the picture away.
+    # Left-aligned values are filled up with zeros; anything else there means that they are right-aligned after
+    # all, and shifting would throw the low bits of the picture away.
     if spare and int(np.bitwise_or.reduce(words, axis=None)) & ((1 << spare) - 1):
         raise PixelRangeError(
-            f"a {geometry.pixel.code!r} pixel has bits set below its {geometry.significant_bits} left-aligned bits",
+            f"a {geometry.pixel.code!r} pixel has bits set below its {geometry.significant_bits} upper bits",
             allowed="zeros there",
             remedy="set alignment = 'low' (or significant_bits = 16) for this camera",
         )

@@ -1,7 +1,7 @@
 """One V4L2 device node: each request as a method, each errno as a typed error.
 
-Here: filling in structures, calling, reading them out; nothing is remembered but the descriptor. Not here: the order
-of calls (`driver`), buffers (`streaming`), controls (`controls`). Imported by the rest of this package.
+Here: filling in structures, calling, reading them out; nothing is remembered but the descriptor. Not here: the
+order of calls (`driver`), buffers (`streaming`), controls (`controls`). Imported by the rest of this package.
 """
 
 import ctypes
@@ -240,13 +240,20 @@ class VideoNode:
 
     def set_format(self, code: str, width: int, height: int) -> NodeFormat:
         """Ask for a format; return what the driver made of it, which may differ in every member."""
+        return self._negotiate(abi.Ioctl.S_FMT, code, width, height)
+
+    def try_format(self, code: str, width: int, height: int) -> NodeFormat:
+        """Return what the driver would make of a format; nothing is changed."""
+        return self._negotiate(abi.Ioctl.TRY_FMT, code, width, height)
+
+    def _negotiate(self, request: abi.Ioctl, code: str, width: int, height: int) -> NodeFormat:
         fmt, raw = allocate(abi.Format)
         fmt.type = self.buffer_type
         pix = fmt.fmt.pix_mp if self._mplane else fmt.fmt.pix
         pix.width, pix.height, pix.pixelformat, pix.field = width, height, abi.fourcc(code), abi.FIELD_NONE
         if self._mplane:
             pix.num_planes = 1
-        self.call(abi.Ioctl.S_FMT, raw, f"VIDIOC_S_FMT {code.strip()} {width}x{height}")
+        self.call(request, raw, f"VIDIOC_{request.name} {code.strip()} {width}x{height}")
         return self._read_format(fmt)
 
     @property

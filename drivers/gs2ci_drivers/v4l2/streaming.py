@@ -16,6 +16,7 @@ from gs2ci_drivers.v4l2.node import Dequeued, VideoNode, errno_errors
 MAX_IDLE_WAKES: Final = 64
 """How often poll may promise a frame that is not there before the driver is called broken; keeps read finite."""
 
+_BAD: Final = select.POLLERR | select.POLLHUP | select.POLLNVAL
 _EVENTS: Final = {
     abi.EventType.SOURCE_CHANGE: "SOURCE_CHANGE: the picture's size or format changed under way",
     abi.EventType.EOS: "EOS: the device ended the stream",
@@ -65,11 +66,10 @@ class BufferQueue:
         self._node.stream_on()
         self._streaming = True
 
-    def restart(self) -> None:
-        """Stop and start again: frames of before are dropped, frame numbers restart at 0."""
+    def pause(self) -> None:
+        """Stop streaming: all frames are dropped, the next start counts from 0."""
         self._streaming = False
         self._node.stream_off()
-        self.start()
 
     def take(self, timeout_s: float) -> tuple[Dequeued, bytes] | None:
         """Wait for a filled buffer; copy it out and queue it again. Return None when none came in time.
@@ -81,27 +81,24 @@ class BufferQueue:
         deadline_s = self._clock.now_s() + timeout_s
         for _ in range(MAX_IDLE_WAKES):
             came = self._node.wait(max(0.0, deadline_s - self._clock.now_s()))
-            if came & (select.POLLERR | select.POLLHUP | select.POLLNVAL):
-                self._raise_reason(came)
-            if came & select.POLLPRI:
+            if came & select.POLLPRI and not came & _BAD:
                 self._check_event()
-            buffer = self._node.dequeue_buffer() if came & select.POLLIN else None
+            # Where poll reports an error, DQBUF is asked for the reason: it raises it.
+            buffer = self._node.dequeue_buffer() if came & (select.POLLIN | _BAD) else None
             if buffer is not None:
                 return buffer, self._copy_and_requeue(buffer)
+            if came & _BAD:
+                raise self._unexplained(came)
             if not came and self._clock.now_s() >= deadline_s:
                 return None
         raise DeviceFaultError(
             self._node.device, "poll", [f"{MAX_IDLE_WAKES} wake-ups without a frame: the camera driver is broken"]
         )
 
-    def _raise_reason(self, came: int) -> None:
-        """Ask DQBUF why poll says that something is wrong; a frame that is there after all is not lost."""
-        if came & select.POLLIN:
-            return
-        if self._node.dequeue_buffer() is None or came & select.POLLHUP:
-            if came & select.POLLHUP:
-                raise DisconnectedError(self._node.device, "poll", "POLLHUP")
-            raise DeviceFaultError(self._node.device, "poll", ["POLLERR: the stream broke down"])
+    def _unexplained(self, came: int) -> DriverError:
+        if came & select.POLLHUP:
+            return DisconnectedError(self._node.device, "poll", "POLLHUP")
+        return DeviceFaultError(self._node.device, "poll", ["POLLERR: the stream broke down"])
 
     def _check_event(self) -> None:
         kind = self._node.dequeue_event()

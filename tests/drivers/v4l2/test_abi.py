@@ -3,6 +3,7 @@
 import ctypes
 
 import pytest
+
 from gs2ci_drivers.v4l2 import abi
 
 SIZES = {
@@ -52,6 +53,7 @@ REQUESTS = {
     "ENUM_FMT": 0xC0405602,
     "G_FMT": 0xC0D05604,
     "S_FMT": 0xC0D05605,
+    "TRY_FMT": 0xC0D05640,
     "REQBUFS": 0xC0145608,
     "QUERYBUF": 0xC0585609,
     "QBUF": 0xC058560F,
@@ -72,7 +74,9 @@ def test_structures_are_as_large_as_the_kernels(layout: type[ctypes.Structure], 
     assert ctypes.sizeof(layout) == size
 
 
-@pytest.mark.parametrize(("where", "offset"), OFFSETS.items(), ids=lambda v: v[1] if isinstance(v, tuple) else None)
+@pytest.mark.parametrize(
+    ("where", "offset"), OFFSETS.items(), ids=lambda v: v[1] if isinstance(v, tuple) else None
+)
 def test_members_lie_where_the_kernel_has_them(where: tuple[type[ctypes.Structure], str], offset: int) -> None:
     layout, member = where
     assert getattr(layout, member).offset == offset

@@ -2,6 +2,10 @@
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from gs2ci.core.errors import InputError
 from gs2ci_drivers.v4l2.formats import (
     PIXEL_FORMATS,
     Alignment,
@@ -11,10 +15,6 @@ from gs2ci_drivers.v4l2.formats import (
     pixel_format,
     unpack,
 )
-from hypothesis import given, settings
-from hypothesis import strategies as st
-
-from gs2ci.core.errors import InputError
 
 
 def pack_slowly(pixels: np.ndarray, geometry: FrameGeometry, padding: int) -> bytes:
