@@ -1,0 +1,131 @@
+"""From `.partial` to the final name: fsync, rename, fsync of the folder, and the manifest beside the file.
+
+Here: paths, the rename that makes a capture count as finished, and the manifest `name.json` with its sha256. Not
+here: what is inside the file. Only the storage package imports this file; `check_manifest` is re-exported.
+"""
+
+import hashlib
+import json
+import os
+from pathlib import Path
+from typing import Final
+
+from gs2ci.core.errors import StorageError
+
+MANIFEST_SCHEMA: Final = "gs2ci.manifest/1"
+PARTIAL: Final = ".partial"
+
+
+def partial_of(path: Path) -> Path:
+    """Get the name a file has while it is being written."""
+    return path.with_name(path.name + PARTIAL)
+
+
+def manifest_of(path: Path) -> Path:
+    """Get the name of the manifest beside a capture file."""
+    return path.with_suffix(".json")
+
+
+def check_target(path: Path, *, replace: bool) -> None:
+    """Accept a path that a capture may be written to, before any work is done.
+
+    Raises:
+        StorageError: The folder is missing, the name is taken, or an unfinished capture of that name lies there.
+    """
+    if not path.parent.is_dir():
+        raise StorageError(f"{path}: the folder {path.parent} does not exist", remedy="create it first")
+    if path.suffix in ("", ".json", PARTIAL):
+        raise StorageError(f"{path}: not a name for a capture file", allowed="a name that ends in .h5")
+    if path.is_dir() or (path.exists() and not replace):
+        raise StorageError(f"{path}: already exists", remedy="choose another name or move it away")
+    partial = partial_of(path)
+    if partial.exists():
+        raise StorageError(
+            f"{partial}: an unfinished capture of that name lies there",
+            remedy=f"save its rows with `gs2ci import {partial} -o NEW.h5`, or delete it",
+        )
+    manifest = manifest_of(path)
+    if manifest.exists() and not _is_manifest(manifest):
+        raise StorageError(
+            f"{manifest}: the manifest belongs there, but the file there is not one",
+            remedy="choose another name or move it away",
+        )
+
+
+def seal(partial: Path, path: Path) -> None:
+    """Make a closed `.partial` the finished file `path`, durably, with its manifest.
+
+    After a power loss at any moment the folder holds the old state or the new one, never half a file under the
+    final name.
+
+    Raises:
+        StorageError: The disk refused.
+    """
+    try:
+        digest, size = _fsync_and_hash(partial)
+        manifest = manifest_of(path)
+        manifest.unlink(missing_ok=True)  # an old manifest must never vouch for the new file
+        os.replace(partial, path)
+        _fsync_folder(path.parent)
+        record = {"schema": MANIFEST_SCHEMA, "file": path.name, "bytes": size, "sha256": digest}
+        draft = partial_of(manifest)
+        with draft.open("w", encoding="utf-8") as out:
+            out.write(json.dumps(record, indent=2) + "\n")
+            out.flush()
+            os.fsync(out.fileno())
+        os.replace(draft, manifest)
+        _fsync_folder(path.parent)
+    except OSError as error:
+        raise StorageError(
+            f"{path}: cannot be finished: {error}", remedy=f"free the disk; the rows are in {partial} or {path}"
+        ) from error
+
+
+def check_manifest(path: Path) -> None:
+    """Return if the file is byte for byte the one its manifest describes.
+
+    Raises:
+        StorageError: File or manifest is missing or unreadable, or size or sha256 differ.
+    """
+    manifest = manifest_of(path)
+    try:
+        record = json.loads(manifest.read_text(encoding="utf-8"))
+        digest, size = _hash(path)
+    except (OSError, ValueError) as error:
+        raise StorageError(
+            f"{manifest}: cannot be checked: {error}", remedy="copy file and manifest again"
+        ) from error
+    if not isinstance(record, dict) or record.get("schema") != MANIFEST_SCHEMA:
+        raise StorageError(f"{manifest}: not a manifest of a capture", allowed=f"schema {MANIFEST_SCHEMA}")
+    if (record.get("bytes"), record.get("sha256")) != (size, digest):
+        raise StorageError(
+            f"{path}: {size} bytes with sha256 {digest[:12]}…, but {manifest.name} was written for "
+            f"{record.get('bytes')} bytes with {str(record.get('sha256'))[:12]}…",
+            remedy="the file was changed or damaged since it was written: copy it again from its source",
+        )
+
+
+def _is_manifest(path: Path) -> bool:
+    try:
+        return path.stat().st_size < 10_000 and MANIFEST_SCHEMA in path.read_text(encoding="utf-8")
+    except (OSError, ValueError):
+        return False
+
+
+def _hash(path: Path) -> tuple[str, int]:
+    with path.open("rb") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest(), stream.tell()
+
+
+def _fsync_and_hash(path: Path) -> tuple[str, int]:
+    with path.open("rb+") as stream:
+        os.fsync(stream.fileno())
+    return _hash(path)
+
+
+def _fsync_folder(folder: Path) -> None:
+    handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)

@@ -1,0 +1,325 @@
+"""Writing capture files: row by row while a rig is running, or finished measurements at once.
+
+Here: `ShotWriter`, whose finished rows survive the death of the process at any moment, and `write_shots`. Not
+here: what stands where (`layout.py`), the rename at the end (`sealing.py`). Anyone may use both through
+`gs2ci.core.storage`.
+
+The order of a row is what makes it crash-tolerant: data, then everything said about it, then `/meas_valid[i]` = 1,
+then File.flush(). With HDF5's default library version a killed writer then leaves a file that opens plainly.
+"""
+
+from collections.abc import Sequence
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from gs2ci.core.errors import StorageError
+from gs2ci.core.records import F64, Shot, Truth
+from gs2ci.core.storage import layout
+from gs2ci.core.storage.layout import FRAME_COLUMNS, CaptureHeader, FrameRow
+from gs2ci.core.storage.sealing import check_target, partial_of, seal
+
+
+class ShotWriter:
+    """Write a capture row by row; what is not finished stays beside the final name as `.partial`.
+
+    Use as a context manager; leaving it without `finish()`, by an error or otherwise, keeps the `.partial` with
+    all rows appended so far.
+
+    Args:
+        path: Final name, ends in .h5.
+        header: Everything known before the first row.
+        replace: Whether a finished file of that name may be replaced.
+
+    Raises:
+        InputError: The header could belong to no shot.
+        StorageError: The file cannot be created there.
+    """
+
+    def __init__(self, path: Path, header: CaptureHeader, *, replace: bool = False) -> None:
+        header.check()
+        check_target(path, replace=replace)
+        self.path = path
+        self.partial = partial_of(path)
+        self.rows_written = 0
+        self._header = header
+        try:
+            # Mode x: two writers of the same name cannot both believe that the file is theirs.
+            self._file: h5py.File | None = h5py.File(self.partial, "x")
+        except OSError as error:
+            raise StorageError(f"{self.partial}: cannot be created: {error}", remedy="check the folder") from error
+        try:
+            layout.create(self._file, header)
+            self._file.flush()
+        except BaseException:
+            # Nothing is in it yet that could be lost.
+            self.close()
+            self.partial.unlink(missing_ok=True)
+            raise
+
+    def append(
+        self,
+        reading: NDArray[Any],
+        *,
+        frame: FrameRow | None = None,
+        telemetry_world_to_camera: F64 | None = None,
+        truth: Truth | None = None,
+        saturated: NDArray[np.bool_] | None = None,
+        name: str = "",
+        provenance: dict[str, Any] | None = None,
+    ) -> int:
+        """Store one exposure; when this returns, it survives the death of the process.
+
+        Args:
+            reading: Counts or values, [H, W] or [H, W, 1] or [H, W, 3], dtype as the header says.
+            frame: What sensor and stage reported.
+            telemetry_world_to_camera: Poses as the stage reported them, [N, 4, 4].
+            truth: What is known beforehand, in simulation.
+            saturated: Clipped pixels, [H, W].
+            name: For reports; empty: the header's name.
+            provenance: Where this row came from.
+
+        Returns:
+            Row index.
+
+        Raises:
+            InputError: The provenance is not JSON.
+            StorageError: The file is full or closed, a part has the wrong shape or dtype or is not finite, the
+                header did not announce it, or the disk refused. The row then does not count.
+        """
+        file, row = self._open_file(), self.rows_written
+        if row >= self._header.rows:
+            raise StorageError(
+                f"{self.partial}: row {row} in a file laid out for {self._header.rows}",
+                remedy="announce more rows in the header",
+            )
+        parts: dict[str, Any] = {"meas": self._reading(reading)}
+        parts |= self._optional_parts(telemetry_world_to_camera, truth or Truth(), saturated)
+        parts |= self._frame_columns(frame or FrameRow())
+        origin = {"name": name or self._header.name, "provenance": provenance or {}}
+        parts["provenance"] = layout.to_json(origin, "provenance")
+        try:
+            for key, value in parts.items():
+                file[key][row] = value
+            file["meas_valid"][row] = 1
+            file.flush()
+        except (OSError, RuntimeError, ValueError) as error:
+            raise StorageError(
+                f"{self.partial}: row {row} cannot be written: {error}",
+                remedy="free the disk; the rows before it are safe",
+            ) from error
+        self.rows_written = row + 1
+        return row
+
+    def event(self, kind: str, **facts: object) -> None:
+        """Log one event (a state change, a fault, a retry) as a JSON line, durably.
+
+        Raises:
+            InputError: A fact is not JSON.
+            StorageError: The file is closed or the disk refused.
+        """
+        file = self._open_file()
+        line = layout.to_json({"kind": kind, "row": self.rows_written, **facts}, f"event {kind!r}")
+        try:
+            events = file["events"]
+            events.resize((len(events) + 1,))
+            events[-1] = line
+            file.flush()
+        except (OSError, RuntimeError, ValueError) as error:
+            raise StorageError(f"{self.partial}: event {kind!r} cannot be written: {error}") from error
+
+    def finish(self) -> Path:
+        """Declare the capture complete and give it its final name, with its manifest.
+
+        Returns:
+            The final path.
+
+        Raises:
+            StorageError: No row was written, the file is closed, or the disk refused.
+        """
+        file = self._open_file()
+        if not self.rows_written:
+            raise StorageError(f"{self.partial}: no row was written", remedy="delete it and capture again")
+        try:
+            file.flush()  # everything else is on its way before the mark that says so
+            file["complete"][()] = 1
+        except (OSError, RuntimeError, ValueError) as error:
+            raise StorageError(f"{self.partial}: cannot be finished: {error}", remedy="free the disk") from error
+        self.close()
+        seal(self.partial, self.path)
+        return self.path
+
+    def close(self) -> None:
+        """Close the file as it is; without `finish()` it stays a `.partial`. May be called twice."""
+        if self._file is not None:
+            file, self._file = self._file, None
+            try:
+                file.close()
+            except (OSError, RuntimeError) as error:
+                raise StorageError(f"{self.partial}: cannot be closed: {error}", remedy="free the disk") from error
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def _open_file(self) -> h5py.File:
+        if self._file is None:
+            raise StorageError(f"{self.path}: the writer is closed", remedy="open a new one")
+        return self._file
+
+    def _reading(self, reading: NDArray[Any]) -> NDArray[Any]:
+        header, shape = self._header, self._header.row_shape
+        if reading.shape == (*shape, 1) and header.channels == 1:
+            reading = reading[..., 0]
+        if reading.dtype != np.dtype(header.reading):
+            self._refuse("reading", f"dtype {reading.dtype}", f"{np.dtype(header.reading)}")
+        self._fits("reading", reading, shape)
+        return reading
+
+    def _fits(self, what: str, array: NDArray[Any], shape: tuple[int, ...]) -> None:
+        if array.shape != shape:
+            self._refuse(what, f"shape {list(array.shape)}", str(list(shape)))
+        if array.dtype.kind == "f" and not np.isfinite(array).all():
+            self._refuse(what, "values that are NaN or infinite", "finite numbers")
+
+    def _refuse(self, what: str, problem: str, allowed: str) -> None:
+        raise StorageError(f"{self.partial}: row {self.rows_written}, {what}: {problem}", allowed=allowed)
+
+    def _optional_parts(
+        self, telemetry: F64 | None, truth: Truth, saturated: NDArray[np.bool_] | None
+    ) -> dict[str, Any]:
+        header, (views, height, width) = self._header, self._header.masks.shape
+        channels = 3 if header.cfa else header.channels
+        wanted: list[tuple[str, bool, NDArray[Any] | None, tuple[int, ...]]] = [
+            ("telemetry/world_to_camera", header.telemetry, telemetry, (views, 4, 4)),
+            ("truth/world_to_camera", header.truth_poses, truth.world_to_camera, (views, 4, 4)),
+            ("truth/views", bool(header.truth_views), truth.views, (views, height, width, channels)),
+            ("saturated", header.saturated_map, saturated, (height, width)),
+        ]
+        parts: dict[str, Any] = {}
+        for key, announced, array, shape in wanted:
+            if array is None:
+                continue
+            if not announced:
+                self._refuse(key, "given, but not announced", "what the header announces")
+            self._fits(key, array, shape)
+            parts[key] = array
+        if "truth/views" in parts:
+            parts["truth/views"] = self._packed_views(parts["truth/views"])
+            parts["truth/views_valid"] = 1
+        return parts
+
+    def _packed_views(self, views: NDArray[Any]) -> NDArray[Any]:
+        if self._header.truth_views == "f4":
+            return views
+        if not layout.fits_bytes(views):
+            self._refuse("truth/views", "values between the steps of 1/255", 'truth_views = "f4" in the header')
+        return np.rint(views * np.float32(255)).astype(np.uint8)
+
+    def _frame_columns(self, frame: FrameRow) -> dict[str, Any]:
+        parts: dict[str, Any] = {f"frames/{column}": getattr(frame, column) for column in FRAME_COLUMNS}
+        views, axes = self._header.masks.shape[0], self._header.stage_axes
+        for key, position_mm in (("stage_pos", frame.stage_pos_mm), ("stage_target", frame.stage_target_mm)):
+            if position_mm is None:
+                continue
+            if position_mm.shape not in ((axes,), (views, axes)) or not axes:
+                self._refuse(key, f"shape {list(position_mm.shape)}", f"[{axes}] or [{views}, {axes}]")
+            parts[f"frames/{key}"] = position_mm
+        return parts
+
+
+def write_shots(path: Path, shots: Sequence[Shot], *, config: str = "") -> Path:
+    """Write finished measurements that share masks, weights, filter array and camera into one capture file.
+
+    A finished file of that name is replaced, at once and whole. Reading a shot back gives the same numbers, bit
+    for bit.
+
+    Args:
+        path: Final name, ends in .h5.
+        shots: One or several measurements.
+        config: Text of the settings they were made with.
+
+    Returns:
+        The path.
+
+    Raises:
+        InputError: A shot contradicts itself.
+        StorageError: The shots do not share what one file holds once, or the file cannot be written. Nothing
+            half-written is left behind.
+    """
+    if not shots:
+        raise StorageError(f"{path}: no shots to write", allowed="at least one")
+    for shot in shots:
+        shot.check()
+    _check_alike(path, shots)
+    writer = ShotWriter(path, _header_of(shots, config), replace=True)
+    try:
+        for shot in shots:
+            writer.append(
+                shot.measurement,
+                telemetry_world_to_camera=shot.telemetry_world_to_camera,
+                truth=shot.truth,
+                saturated=shot.saturated,
+                name=shot.name,
+                provenance=shot.provenance,
+            )
+        return writer.finish()
+    except BaseException:
+        writer.close()
+        writer.partial.unlink(missing_ok=True)
+        raise
+    finally:
+        writer.close()
+
+
+def _header_of(shots: Sequence[Shot], config: str) -> CaptureHeader:
+    first = shots[0]
+    views = [shot.truth.views for shot in shots if shot.truth.views is not None]
+    in_bytes = all(layout.fits_bytes(v) for v in views)
+    return CaptureHeader(
+        rows=len(shots),
+        channels=3 if first.measurement.shape[2] == 3 else 1,
+        masks=first.masks,
+        weights=first.weights,
+        reading="f4",
+        cfa=first.cfa,
+        intrinsics=first.intrinsics,
+        telemetry=any(shot.telemetry_world_to_camera is not None for shot in shots),
+        truth_views=("u1" if in_bytes else "f4") if views else "",
+        truth_poses=any(shot.truth.world_to_camera is not None for shot in shots),
+        saturated_map=any(shot.saturated is not None for shot in shots),
+        name=first.name,
+        config=config,
+    )
+
+
+def _check_alike(path: Path, shots: Sequence[Shot]) -> None:
+    first = shots[0]
+    for index, shot in enumerate(shots[1:], 1):
+        same = {
+            "masks": np.array_equal(first.masks, shot.masks),
+            "weights": np.array_equal(first.weights, shot.weights),
+            "channels": first.measurement.shape == shot.measurement.shape and first.cfa == shot.cfa,
+            "intrinsics": _same(first.intrinsics, shot.intrinsics),
+        }
+        different = [what for what, equal in same.items() if not equal]
+        if different:
+            raise StorageError(
+                f"{path}: shot {index} differs from shot 0 in {', '.join(different)}",
+                allowed="shots of one camera under one set of masks",
+                remedy="write one file for each",
+            )
+
+
+def _same(a: F64 | None, b: F64 | None) -> bool:
+    if a is None or b is None:
+        return a is b
+    return np.array_equal(a, b)
