@@ -6,12 +6,13 @@ real kernel do too.
 
 import fcntl
 import glob
+import mmap
 import os
 import select
 import time
-from mmap import MAP_SHARED, PROT_READ, PROT_WRITE
-from mmap import mmap as Mapping  # noqa: N813 - the port's method is called mmap too
 from pathlib import Path
+
+from gs2ci_drivers.ports import MappedMemory
 
 
 class KernelSysPort:
@@ -47,15 +48,15 @@ class KernelSysPort:
             except InterruptedError:  # a signal; Python retries poll and read by itself, but not ioctl
                 continue
 
-    def mmap(self, fd: int, length: int, offset: int) -> Mapping:
+    def mmap(self, fd: int, length: int, offset: int) -> MappedMemory:
         """Map `length` bytes of a buffer, shared, readable and writable; unmapped by its own `close()`.
 
         Raises:
             OSError: With the kernel's errno.
         """
-        return Mapping(fd, length, MAP_SHARED, PROT_READ | PROT_WRITE, offset=offset)
+        return mmap.mmap(fd, length, mmap.MAP_SHARED, mmap.PROT_READ | mmap.PROT_WRITE, offset=offset)
 
-    def copy_out(self, mapping: Mapping, length: int) -> bytes:
+    def copy_out(self, mapping: MappedMemory, length: int) -> bytes:
         """Copy the first `length` bytes of a mapped buffer."""
         return mapping[:length]
 

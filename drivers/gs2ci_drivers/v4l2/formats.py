@@ -4,7 +4,8 @@ Here: what a four-character code means (bits, packing, mosaic), the geometry of 
 and `unpack`. Not here: ioctls. The driver and tests import this file.
 
 Layouts (linux/Documentation/userspace-api/media/v4l/pixfmt-*): 8-bit containers; 16-bit little-endian containers,
-the value in the low bits unless told otherwise; MIPI CSI-2 packing, 4 pixels in 5 bytes (10 bit) or 2 in 3 (12 bit).
+the value in the low bits unless told otherwise; MIPI CSI-2 packing, 4 pixels in 5 bytes (10 bit) or 2 in
+3 (12 bit).
 """
 
 import enum

@@ -3,13 +3,13 @@
 Here: `BufferQueue`. Not here: what a frame means (`driver`). Imported by `driver` only.
 """
 
-import mmap
 import select
 from collections.abc import Callable
 from typing import Final
 
 from gs2ci.core.clock import Clock
 from gs2ci_drivers.failures import DeviceFaultError, DisconnectedError, DriverError
+from gs2ci_drivers.ports import MappedMemory
 from gs2ci_drivers.v4l2 import abi
 from gs2ci_drivers.v4l2.node import Dequeued, VideoNode, errno_errors
 
@@ -38,7 +38,7 @@ class BufferQueue:
     def __init__(self, node: VideoNode, clock: Clock, count: int) -> None:
         self._node = node
         self._clock = clock
-        self._maps: list[mmap.mmap] = []
+        self._maps: list[MappedMemory] = []
         self._streaming = False
         try:
             given = node.request_buffers(count)

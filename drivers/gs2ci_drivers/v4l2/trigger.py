@@ -4,8 +4,8 @@
     ControlTrigger   a private control found by its name               VC-MIPI drivers and their like
     NoTrigger        free run only
 
-Here: switching modes and putting back what was found. Not here: what a mode means (`sensor.TriggerMode`). Imported by
-`setup`.
+Here: switching modes and putting back what was found. Not here: what a mode means (`sensor.TriggerMode`).
+Imported by `setup`.
 """
 
 import errno
