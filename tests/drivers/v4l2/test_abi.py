@@ -74,12 +74,8 @@ def test_structures_are_as_large_as_the_kernels(layout: type[ctypes.Structure], 
     assert ctypes.sizeof(layout) == size
 
 
-@pytest.mark.parametrize(
-    ("where", "offset"), OFFSETS.items(), ids=lambda v: v[1] if isinstance(v, tuple) else None
-)
-def test_members_lie_where_the_kernel_has_them(where: tuple[type[ctypes.Structure], str], offset: int) -> None:
-    layout, member = where
-    assert getattr(layout, member).offset == offset
+def test_members_lie_where_the_kernel_has_them() -> None:
+    assert {where: getattr(where[0], where[1]).offset for where in OFFSETS} == OFFSETS
 
 
 def test_requests_have_the_kernels_numbers() -> None:

@@ -22,14 +22,13 @@ def pack_slowly(pixels: np.ndarray, geometry: FrameGeometry, padding: int) -> by
     out = bytearray()
     for row in pixels:
         line = bytearray(geometry.pixel.row_bytes(geometry.width))
-        for x, value in enumerate(int(v) for v in row):
-            if geometry.alignment == "high":
-                value <<= 16 - geometry.significant_bits
+        shift = 16 - geometry.significant_bits if geometry.alignment == "high" else 0
+        for x, value in enumerate(int(v) << shift for v in row):
             for bit in range(16):
                 if not value >> bit & 1:
                     continue
-                place, shift = _bit_place(geometry.pixel.packing, x, bit)
-                line[place] |= 1 << shift
+                place, to_bit = _bit_place(geometry.pixel.packing, x, bit)
+                line[place] |= 1 << to_bit
         out += line + bytes([padding]) * (geometry.stride - len(line))
     return bytes(out)
 
@@ -135,19 +134,18 @@ def test_rubbish_above_ten_bits_is_refused() -> None:
 
 
 @pytest.mark.parametrize(
-    ("code", "width", "height", "stride", "bits", "alignment", "message"),
+    ("geometry", "message"),
     [
-        ("GREY", 0, 4, 8, 8, "low", "0x4 pixels"),
-        ("GREY", 4, 0, 8, 8, "low", "4x0 pixels"),
-        ("Y10P", 5, 4, 9, 10, "low", "at least 10"),
-        ("Y10 ", 4, 4, 8, 11, "low", "1 to 10"),
-        ("GREY", 4, 4, 4, 0, "low", "1 to 8"),
-        ("Y12P", 4, 4, 6, 12, "high", "16-bit containers"),
+        (("GREY", 0, 4, 8, 8, "low"), "0x4 pixels"),
+        (("GREY", 4, 0, 8, 8, "low"), "4x0 pixels"),
+        (("Y10P", 5, 4, 9, 10, "low"), "at least 10"),
+        (("Y10 ", 4, 4, 8, 11, "low"), "1 to 10"),
+        (("GREY", 4, 4, 4, 0, "low"), "1 to 8"),
+        (("Y12P", 4, 4, 6, 12, "high"), "16-bit containers"),
     ],
 )
-def test_impossible_geometry_is_refused(
-    code: str, width: int, height: int, stride: int, bits: int, alignment: Alignment, message: str
-) -> None:
+def test_impossible_geometry_is_refused(geometry: tuple[str, int, int, int, int, Alignment], message: str) -> None:
+    code, width, height, stride, bits, alignment = geometry
     with pytest.raises(InputError, match=message):
         FrameGeometry(pixel_format(code), width, height, stride, bits, alignment)
 
