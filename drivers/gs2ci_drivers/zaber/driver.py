@@ -105,7 +105,8 @@ class ZaberStage(Stage):
             self._link.command(0, "warnings clear")  # an old interruption must not be taken for a new one
         self._targets = {axis: self._units[axis].steps(target) for axis, target in targets_mm.items()}
         for axis in targets_mm:
-            self._set_speed(axis, self._units[axis].speed_data(speed_mm_s))
+            # Always, not only on a change: a power cycle in between would have put the device's own speed back.
+            self._send_speed(axis, self._units[axis].speed_data(speed_mm_s))
         for axis, steps in self._targets.items():
             self._link.command(self._numbers[axis], f"move abs {steps}")
 
@@ -184,14 +185,14 @@ class ZaberStage(Stage):
                 self.name, asked, lost, remedy="the stage lost power: home it with `gs2ci devices --home`"
             )
 
-    def _set_speed(self, axis: str, data: int) -> None:
-        if self._speed[axis] != data:
-            self._link.query(self._numbers[axis], f"set maxspeed {data}")
-            self._speed[axis] = data
+    def _send_speed(self, axis: str, data: int) -> None:
+        self._link.query(self._numbers[axis], f"set maxspeed {data}")
+        self._speed[axis] = data
 
     def _restore_speeds(self) -> None:
         for axis, data in self._own_speed.items():
-            self._set_speed(axis, data)
+            if self._speed[axis] != data:
+                self._send_speed(axis, data)
 
     def _get(self, axis: int, setting: str) -> str:
         return self._link.query(axis, f"get {setting}").data
