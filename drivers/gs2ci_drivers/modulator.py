@@ -191,6 +191,8 @@ class Modulator(ABC):
         self._loaded: PatternSequence | None = None
         self._armed = False
         self._closed = False
+        self.incidents: list[str] = []
+        """What was ridden out without an error (a lost reply asked for again, ...), for the shot's log."""
 
     @property
     def info(self) -> ModulatorInfo:

@@ -210,6 +210,8 @@ class Sensor(ABC):
         self._settings: SensorSettings | None = None
         self._streaming = False
         self._closed = False
+        self.incidents: list[str] = []
+        """What was ridden out without an error (a lost reply asked for again, ...), for the shot's log."""
 
     @property
     def info(self) -> SensorInfo:

@@ -135,6 +135,8 @@ class Stage(ABC):
         self.clock = clock
         self._info: StageInfo | None = None
         self._closed = False
+        self.incidents: list[str] = []
+        """What was ridden out without an error (a lost reply asked for again, ...), for the shot's log."""
 
     @property
     def info(self) -> StageInfo:
@@ -180,6 +182,7 @@ class Stage(ABC):
 
         Raises:
             OutOfRangeError: No such axis, beyond the limits, or too fast; nothing moved.
+            WrongStateError: It moves already.
             ReferenceLostError: The stage does not know where it is; home it first.
             RefusedError, LinkError: The device did not take it.
         """
@@ -188,6 +191,10 @@ class Stage(ABC):
             return {}
         speed = self._check_speed(tuple(quantised), speed_mm_s)
         status = self._do_status()
+        if status.moving:
+            raise WrongStateError(
+                self.name, "moving", asked=f"move to {quantised}", remedy="call wait_idle() or stop() first"
+            )
         if not status.referenced:
             raise ReferenceLostError(
                 self.name,

@@ -46,13 +46,13 @@ class SerialTwin(ABC):
         self.faults = faults or FaultSet()
         self.plugged = True
         self._byte_s = 10.0 / baud
-        self._session: _Session | None = None
+        self._session: SerialSession | None = None
         self._incoming = b""
         self._outgoing = b""
         self._held = b""
         self._line_free_s = 0.0
 
-    def open(self) -> "_Session":
+    def open(self) -> "SerialSession":
         """Open the port, as the operating system would.
 
         Raises:
@@ -62,7 +62,7 @@ class SerialTwin(ABC):
             raise OSError(ENODEV, "No such device")
         if self._session is not None:
             raise OSError(EBUSY, "Device or resource busy")
-        self._session = _Session(self)
+        self._session = SerialSession(self)
         self._outgoing = self._stale() if self.faults.take(STALE) else b""
         return self._session
 
@@ -149,7 +149,7 @@ class SerialTwin(ABC):
                 self._line(line)
 
 
-class _Session:
+class SerialSession:
     """One opening of a twin's port: a `BytePort`."""
 
     def __init__(self, twin: SerialTwin) -> None:

@@ -1,0 +1,74 @@
+"""`gs2ci demo`: a simulated exposure of a real scene, and what can be recovered from it.
+
+Here: which scene, camera move, masks and light the demonstration takes. Not here: the simulation (`gs2ci_sims`),
+the reconstruction (`gs2ci.commands.reconstruct`). Only `gs2ci.cli` imports this file.
+"""
+
+from pathlib import Path
+from typing import Final
+
+from gs2ci.commands.display import open_display
+from gs2ci.core.progress import Progress
+from gs2ci.core.records import Shot
+from gs2ci.core.storage import write_shots
+from gs2ci_sims.effects.motion_blur import MotionBlur
+from gs2ci_sims.exposure import Timing, expose
+from gs2ci_sims.light_path import generator
+from gs2ci_sims.masks import random_masks
+from gs2ci_sims.path import stage_move_for_parallax
+from gs2ci_sims.planner import motion_samples
+from gs2ci_sims.scenes.rgbd import motorcycle
+from gs2ci_sims.sensor import Sensor
+
+# About two masks of eight are open at a pixel, so four times full scale still fits the sensor's well.
+OPEN_SHARE: Final = 0.25
+FULL_WELLS_PER_VIEW: Final = 0.25
+
+
+def run(
+    output: Path = Path("runs/demo"),
+    *,
+    views: int = 8,
+    height: int = 272,
+    width: int = 400,
+    parallax_px: float = 12.0,
+    seed: int = 0,
+) -> Path:
+    """Expose a simulated sensor once to a motorcycle behind changing masks.
+
+    Args:
+        output: The run folder.
+        views: Masks during the exposure.
+        height: Of the measurement, in pixels.
+        width: Of the measurement, in pixels.
+        parallax_px: How far near and far shift against each other during the exposure.
+        seed: Of masks and noise.
+
+    Returns:
+        The shot file in the run folder.
+    """
+    output.mkdir(parents=True, exist_ok=True)
+    with open_display() as display:
+        shot = simulate(views=views, size=(height, width), parallax_px=parallax_px, seed=seed, progress=display)
+    return write_shots(output / "shot.h5", [shot])
+
+
+def simulate(*, views: int, size: tuple[int, int], parallax_px: float, seed: int, progress: Progress) -> Shot:
+    """Expose an IMX255-class sensor to the motorcycle during one small stage move."""
+    progress.stage("scene")
+    scene = motorcycle(size)
+    progress.step(1, gaussians=len(scene.gaussians))
+    timing, sensor = Timing(), Sensor()
+    path = stage_move_for_parallax(scene, parallax_px, timing.duration_s(views))
+    blur = MotionBlur(motion_samples(scene, path, timing.intervals_s(views)))
+    return expose(
+        scene,
+        path,
+        random_masks(views, size, OPEN_SHARE, generator(seed, "masks")),
+        sensor,
+        full_scale_photons=FULL_WELLS_PER_VIEW * sensor.full_well_e / sensor.quantum_efficiency,
+        effects=(blur, *sensor.effects()),
+        seed=seed,
+        timing=timing,
+        progress=progress,
+    )

@@ -1,0 +1,294 @@
+"""What a person at a terminal sees of a long computation: the live display, and the closing table of a run.
+
+Here: the two listeners that implement `gs2ci.core.progress.Progress`, one drawing on a terminal, one writing plain
+lines where output goes to a file or a pipe, and `print_summary`. Not here: any figure's computation. Only
+`gs2ci.commands` imports this file.
+"""
+
+from collections.abc import Iterable
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Final, Protocol, Self
+
+from rich.console import Console, RenderableType
+from rich.padding import Padding
+from rich.progress import BarColumn, Progress, ProgressColumn, Task, TaskID, TextColumn
+from rich.table import Table
+from rich.text import Text
+
+from gs2ci.core import progress
+from gs2ci.core.clock import Clock, WallClock
+from gs2ci.evaluate.report import read_report
+
+# Redrawing costs the fit about a thousandth at this rate; an eye needs no more.
+REDRAWS_PER_SECOND: Final = 4
+STAGE_WIDTH: Final = 12
+
+_VERDICTS: Final = {
+    "scene": "The scene explains the held-out pixels better than its decode does.",
+    "decode": "The decode explains the held-out pixels better than the scene does, so views.npy and the figures are the "
+    "decode's; what the scene shows is in scene_views.npy.",
+}
+_LABELS: Final = {"heldout": "held-out", "psnr_db": "PSNR"}
+
+
+class Display(progress.Progress, Protocol):
+    """A progress listener that is opened, and closed when the work ends or fails."""
+
+    def __enter__(self) -> Self: ...
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None: ...
+
+
+def open_display(console: Console | None = None) -> Display:
+    """Choose the display for where standard output goes: live on a terminal, plain lines elsewhere.
+
+    Args:
+        console: Where to show; standard output if None.
+    """
+    console = console or Console(highlight=False)
+    return LiveDisplay(console) if console.is_terminal else PlainDisplay(console)
+
+
+class PlainDisplay:
+    """One line at the end of each stage and one per sentence, without control characters."""
+
+    def __init__(self, console: Console, clock: Clock | None = None) -> None:
+        self._console = console
+        self._clock = clock or WallClock()
+        self._name = ""
+        self._total: int | None = None
+        self._done = 0
+        self._figures = ""
+        self._began_s = 0.0
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._end_stage()
+
+    def stage(self, name: str, total: int | None = None) -> None:
+        """Write the last stage's line; begin another."""
+        self._end_stage()
+        self._name, self._total, self._done, self._figures = name, total, 0, ""
+        self._began_s = self._clock.now_s()
+
+    def step(self, done: int, **figures: float | int | str) -> None:
+        """Remember the latest figures."""
+        self._done = done
+        self._figures = describe_figures(figures) or self._figures
+
+    def say(self, text: str) -> None:
+        """Write the sentence at once."""
+        self._line(text)
+
+    def _end_stage(self) -> None:
+        if not self._name:
+            return
+        steps = f"{self._done} of {self._total}" if self._total and self._done != self._total else f"{self._done}"
+        parts = [f"{self._clock.now_s() - self._began_s:.1f} s"]
+        parts += [f"{steps} step{'s' * (self._done > 1)}"] if self._done else []
+        parts += [self._figures] if self._figures else []
+        self._line(f"{self._name}: {', '.join(parts)}")
+        self._name = ""
+
+    def _line(self, text: str) -> None:
+        self._console.print(text, markup=False, highlight=False, soft_wrap=True)
+
+
+class LiveDisplay:
+    """A line with a bar per stage, the running stage's figures below, sentences above."""
+
+    def __init__(self, console: Console) -> None:
+        self._bars = _Bars(
+            TextColumn(f"{{task.description:<{STAGE_WIDTH}}}", markup=False),
+            BarColumn(bar_width=24, complete_style="cyan", finished_style="green", pulse_style="cyan"),
+            _StepsColumn(),
+            _TimeColumn(),
+            console=console,
+            refresh_per_second=REDRAWS_PER_SECOND,
+        )
+        self._task: TaskID | None = None
+
+    def __enter__(self) -> Self:
+        self._bars.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if kind is None:
+            self._end_stage()
+        self._bars.stop()
+
+    def stage(self, name: str, total: int | None = None) -> None:
+        """Finish the last stage's bar; begin another."""
+        self._end_stage()
+        self._bars.figures = ""
+        self._task = self._bars.add_task(name, total=total)
+
+    def step(self, done: int, **figures: float | int | str) -> None:
+        """Move the bar and show the figures."""
+        if self._task is not None:
+            self._bars.figures = describe_figures(figures) or self._bars.figures
+            self._bars.update(self._task, completed=done)
+
+    def say(self, text: str) -> None:
+        """Print the sentence above the bars."""
+        self._bars.console.print(text, markup=False, highlight=False)
+
+    def _end_stage(self) -> None:
+        if self._task is None:
+            return
+        # A stage may end early, having converged: its bar is full all the same, at the steps it took.
+        done = int(self._bars.done_of(self._task)) or 1
+        self._bars.update(self._task, total=done, completed=done)
+        self._task = None
+
+
+class _Bars(Progress):
+    """Rich's bars with one line of figures under the last."""
+
+    figures = ""
+
+    def get_renderables(self) -> Iterable[RenderableType]:
+        yield self.make_tasks_table(self.tasks)
+        if self.figures:
+            yield Padding(
+                Text(self.figures, style="dim", no_wrap=True, overflow="ellipsis"), (0, 0, 0, STAGE_WIDTH + 1)
+            )
+
+    def done_of(self, task_id: TaskID) -> float:
+        return next(task.completed for task in self.tasks if task.id == task_id)
+
+
+class _StepsColumn(ProgressColumn):
+    """Steps done, of how many where that is known."""
+
+    def render(self, task: Task) -> Text:
+        if task.finished or task.total is None:
+            return Text(f"{task.completed:.0f}" if task.completed > 1 else "", justify="right")
+        total = f"{task.total:.0f}"
+        return Text(f"{task.completed:>{len(total)}.0f}/{total}", justify="right")
+
+
+class _TimeColumn(ProgressColumn):
+    """Time taken; of a running stage, time left as well."""
+
+    def render(self, task: Task) -> Text:
+        taken = f"{task.finished_time if task.finished and task.finished_time else task.elapsed or 0:.1f} s"
+        if task.finished or task.time_remaining is None:
+            return Text(taken, justify="right")
+        return Text(f"{taken}, {describe_seconds(task.time_remaining)} left", style="cyan", justify="right")
+
+
+def describe_figures(figures: dict[str, Any]) -> str:
+    """Put figures in a row: `loss 0.0123 · held-out 0.0210 · 13 000 Gaussians`."""
+    return " · ".join(_describe_figure(name, value) for name, value in figures.items())
+
+
+def describe_seconds(seconds: float) -> str:
+    """Write a duration as a person says it: 48 s, 3 min 05 s, 2 h 10 min."""
+    whole = round(seconds)
+    if whole < 60:
+        return f"{whole} s"
+    if whole < 3600:
+        return f"{whole // 60} min {whole % 60:02d} s"
+    return f"{whole // 3600} h {whole % 3600 // 60:02d} min"
+
+
+def print_summary(folder: Path, console: Console | None = None) -> None:
+    """Print the closing table of a run: how good, how long, where the pictures are.
+
+    Args:
+        folder: A run folder.
+        console: Where to print; standard output if None.
+
+    Raises:
+        StorageError: The folder holds no readable report.
+    """
+    report = read_report(folder)
+    console = console or Console(highlight=False)
+    table = Table(
+        title=Text(f"{report['name']}: {report['views']} views from one exposure", style="bold"),
+        title_justify="left",
+        show_header=False,
+        box=None,
+        padding=(0, 3, 0, 0),
+    )
+    table.add_column(style="dim", no_wrap=True)
+    table.add_column(no_wrap=True)
+    table.add_column(style="dim")
+    for row in _summary_rows(report):
+        table.add_row(*(Text(cell) for cell in row))
+    console.print()
+    console.print(table)
+    console.print()
+    stopped = f"The fit stopped because: {report['stopped_because']}."
+    for note in (stopped, _VERDICTS[report["verdict"]], *report["notes"]):
+        console.print(note, markup=False, highlight=False)
+    for name, what in (
+        ("overview.png", "look here first"),
+        ("scene.ply", "for any 3DGS viewer"),
+        ("report.json", ""),
+    ):
+        line = Text(f"{Path(folder) / name}")
+        console.print(line.append(f"  {what}" if what else "", style="dim"), soft_wrap=True)
+
+
+def _summary_rows(report: dict[str, Any]) -> list[tuple[str, str, str]]:
+    """Collect name, value and remark of every figure that is known."""
+    rows = []
+    for key, name, form, unit in (("psnr_db", "PSNR", "{:.2f}", " dB"), ("ssim", "SSIM", "{:.4f}", "")):
+        if report[key] is not None:
+            low, mean, high, decode = (
+                form.format(value)
+                for value in (
+                    min(report[key]["per_view"]),
+                    report[key]["mean"],
+                    max(report[key]["per_view"]),
+                    report["decode"][key]["mean"],
+                )
+            )
+            rows.append((name, mean + unit, f"decode {decode}; views {low} to {high}"))
+    rows += _trajectory_rows(report["trajectory"])
+    residual = report["residual"]
+    rows.append(("residual", f"{residual['rms']:.4f} rms", f"{residual['mean_abs']:.4f} mean absolute"))
+    scene, decode = residual["heldout_rms_scene"], residual["heldout_rms_decode"]
+    if scene is not None and decode is not None:
+        rows.append(("held-out", f"{scene:.4f} rms", f"decode {decode:.4f} rms"))
+    seconds = report["seconds"]
+    stages = ", ".join(f"{stage} {seconds[stage]:.1f} s" for stage in ("decode", "geometry", "fit"))
+    rows.append(("time", describe_seconds(seconds["total"]), stages))
+    rows.append(("Gaussians", f"{report['gaussians']}", f"peak memory {report['peak_mib']:.0f} MiB"))
+    return rows
+
+
+def _trajectory_rows(errors: dict[str, Any] | None) -> list[tuple[str, str, str]]:
+    if errors is None:
+        return []
+    rows = []
+    if errors["nate"] is not None:
+        rows.append(("nATE", f"{errors['nate']:.4f}", f"ATE {errors['ate']:.4g}"))
+    remark = "" if errors["rpe_r_deg"] is None else f"RPE {errors['rpe_t']:.4g}, {errors['rpe_r_deg']:.3f}°"
+    rows.append(("rotation", f"{errors['rotation_deg']:.3f}°", remark))
+    return rows
+
+
+def _describe_figure(name: str, value: float | str) -> str:
+    label = _LABELS.get(name, name.replace("_", " "))
+    if isinstance(value, str):
+        return f"{label} {value}"
+    if name == "gaussians":
+        return f"{value:,} Gaussians".replace(",", " ")
+    if name == "psnr_db":
+        return f"{label} {value:.2f} dB"
+    if isinstance(value, int):
+        return f"{label} {value}"
+    # Fixed decimals keep a running figure from jumping about.
+    return f"{label} {value:.4f}" if 1e-3 <= abs(value) < 100 else f"{label} {value:.3g}"

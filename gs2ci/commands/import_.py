@@ -1,0 +1,144 @@
+"""`gs2ci import`: a foreign file, or an interrupted capture, becomes a shot file.
+
+Here: the command's arguments and what it prints. Not here: any guess (`gs2ci.core.foreign`) or file layout
+(`gs2ci.core.storage`). Only `gs2ci.cli` imports this file.
+"""
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+import numpy as np
+import tyro
+from rich.console import Console
+from rich.markup import escape
+
+from gs2ci.core.errors import InputError
+from gs2ci.core.foreign.assemble import Imported, ImportOptions, import_shots, load_single
+from gs2ci.core.foreign.container import Array
+from gs2ci.core.records import CfaPattern, Shot
+from gs2ci.core.storage import count_shots, recover, write_shots
+
+
+def run(
+    file: tyro.conf.Positional[Path],
+    masks_file: tyro.conf.Positional[Path | None] = None,
+    *,
+    out: Annotated[Path, tyro.conf.arg(aliases=["-o"])],
+    masks: Path | None = None,
+    truth: Path | None = None,
+    poses: Path | None = None,
+    intrinsics: tuple[str, ...] = (),
+    focal_px: float | None = None,
+    meas_key: str | None = None,
+    mask_key: str | None = None,
+    truth_key: str | None = None,
+    mask_axis: Literal["auto", "first", "last"] = "auto",
+    meas_layout: Literal["auto", "rgb", "stack"] = "auto",
+    views: int | None = None,
+    reverse_masks: bool = False,
+    mask_scale: float | None = None,
+    scale: float | None = None,
+    offset: float | None = None,
+    saturation: float | None = None,
+    cfa: CfaPattern | None = None,
+    bad_pixels: Literal["refuse", "median"] = "refuse",
+    index: int | None = None,
+) -> Path:
+    """Turn a coded measurement and its masks (.npz, .npy, .mat) into a shot file.
+
+    What is not said is guessed from the numbers, and every guess is printed. An interrupted capture
+    (NAME.h5.partial) is recovered: its finished rows are copied into the new file.
+
+    Args:
+        file: Measurement, with or without masks: .npz, .npy, .mat (v5, v7.3), or a .partial.
+        masks_file: Masks, if they lie in a file of their own.
+        out: Shot file to write, ends in .h5.
+        masks: Same as the second file.
+        truth: File with the true views, for scoring only.
+        poses: File with the true poses, world-to-camera [N, 4, 4], OpenCV axes, for scoring only.
+        intrinsics: Camera matrix as a file with [3, 3], or fx fy cx cy in pixels (pixel centres at +0.5).
+        focal_px: Focal length in pixels, with the principal point at the centre.
+        meas_key: Key of the measurement in its file.
+        mask_key: Key of the masks in their file.
+        truth_key: Key of the true views; none leaves them out.
+        mask_axis: Whether the masks are counted along the first or the last axis.
+        meas_layout: Whether three images are one RGB measurement or a stack of three measurements.
+        views: Use only the first so many masks.
+        reverse_masks: The masks were exposed in the opposite order.
+        mask_scale: Reading of a fully open mask.
+        scale: Reading of a white scene under one open mask, above the offset.
+        offset: Reading without light.
+        saturation: Readings at or above it count as clipped; 0 says that none is.
+        cfa: Colour filter array of a Bayer measurement.
+        bad_pixels: Refuse NaN in the measurement, or replace them from their neighbours.
+        index: Keep only this one of several measurements, counted from 0.
+
+    Returns:
+        The shot file.
+    """
+    console = Console()
+    if file.name.endswith(".partial"):
+        recover(file, out)
+        console.print(
+            f"{count_shots(out)} finished rows of {escape(file.name)} saved in [bold]{escape(str(out))}[/]"
+        )
+        return out
+    if masks is not None and masks_file is not None:
+        raise InputError(f"masks given twice: {masks_file} and --masks {masks}", remedy="give one of them")
+    options = ImportOptions(
+        meas_key=meas_key,
+        mask_key=mask_key,
+        truth_key=truth_key,
+        mask_axis=mask_axis,
+        meas_layout=meas_layout,
+        views=views,
+        reverse_masks=reverse_masks,
+        mask_scale=mask_scale,
+        scale=scale,
+        offset=offset,
+        saturation=saturation,
+        cfa=cfa,
+        intrinsics=_camera(intrinsics),
+        focal_px=focal_px,
+        world_to_camera=None if poses is None else load_single(poses),
+        truth=None if truth is None else load_single(truth),
+        bad_pixels=bad_pixels,
+    )
+    imported = import_shots(file, masks or masks_file, options)
+    write_shots(out, _picked(imported, index, file))
+    _print(console, file, out, imported, index)
+    return out
+
+
+def _camera(words: tuple[str, ...]) -> Array | None:
+    if not words:
+        return None
+    if len(words) == 1:
+        return load_single(Path(words[0]))
+    try:
+        values = np.array([float(word) for word in words])
+    except ValueError:
+        values = np.zeros(0)
+    if len(values) != 4:
+        raise InputError(
+            f"--intrinsics {' '.join(words)}", allowed="a file, or the four numbers fx fy cx cy in pixels"
+        )
+    return Array("--intrinsics", values)
+
+
+def _picked(imported: Imported, index: int | None, file: Path) -> list[Shot]:
+    shots = imported.shots
+    if index is None:
+        return shots
+    if not 0 <= index < len(shots):
+        raise InputError(f"{file}: no measurement {index}", allowed=f"0 to {len(shots) - 1}")
+    return [shots[index]]
+
+
+def _print(console: Console, file: Path, out: Path, imported: Imported, index: int | None) -> None:
+    console.print(f"[bold]{escape(file.name)}[/]")
+    for guess in imported.guesses:
+        style = "yellow" if guess.startswith("WARNING") else ""
+        console.print(f"  • {escape(guess)}", style=style, highlight=False, soft_wrap=True)
+    count = len(imported.shots) if index is None else 1
+    console.print(f"{count} shot{'s' if count > 1 else ''} in [bold]{escape(str(out))}[/]", soft_wrap=True)

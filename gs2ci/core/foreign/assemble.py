@@ -1,0 +1,317 @@
+"""A foreign file in, shots and the list of guesses out.
+
+Here: what the user may fix beforehand (`ImportOptions`) and the order in which everything else is found out. Not
+here: the single guesses (the files beside this one), writing (`gs2ci.core.storage`). Anyone may import this file.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gs2ci.core.errors import InputError
+from gs2ci.core.foreign import agreement, axes, camera, pixels, roles, scale
+from gs2ci.core.foreign.agreement import Coding
+from gs2ci.core.foreign.container import Array, Container
+from gs2ci.core.foreign.opening import open_foreign
+from gs2ci.core.records import CFA_PATTERNS, F32, F64, CfaPattern, Shot, Truth
+
+
+@dataclass(frozen=True)
+class ImportOptions:
+    """What the user knows; None, "auto" and "" mean: find out.
+
+    Args:
+        meas_key: Key of the measurement.
+        mask_key: Key of the masks.
+        truth_key: Key of the true views; "none": leave them out.
+        mask_axis: Whether masks are counted along the first or the last axis.
+        meas_layout: Whether three images are one RGB measurement or a stack of three.
+        views: Use only the first so many masks (for files that hold more than were exposed).
+        reverse_masks: Whether the masks were exposed in the opposite order.
+        mask_scale: Reading of a fully open mask.
+        scale: Reading of a white scene under one open mask, above the offset.
+        offset: Reading without light.
+        saturation: Readings at or above it are clipped; 0: none is.
+        cfa: Colour filter array of a single-channel measurement.
+        intrinsics: Camera matrix, [3, 3], or fx fy cx cy, in pixels.
+        focal_px: Focal length in pixels, principal point at the centre.
+        world_to_camera: True poses, [N, 4, 4], for scoring only.
+        truth: True views, for scoring only.
+        bad_pixels: What to do with NaN in the measurement.
+    """
+
+    meas_key: str | None = None
+    mask_key: str | None = None
+    truth_key: str | None = None
+    mask_axis: axes.MaskAxis = "auto"
+    meas_layout: axes.Layout = "auto"
+    views: int | None = None
+    reverse_masks: bool = False
+    mask_scale: float | None = None
+    scale: float | None = None
+    offset: float | None = None
+    saturation: float | None = None
+    cfa: CfaPattern | None = None
+    intrinsics: Array | None = None
+    focal_px: float | None = None
+    world_to_camera: Array | None = None
+    truth: Array | None = None
+    bad_pixels: pixels.BadPixels = "refuse"
+
+
+@dataclass(frozen=True)
+class Imported:
+    """Shots from one file, and every guess made on the way, one sentence each."""
+
+    shots: list[Shot]
+    guesses: list[str]
+
+
+@dataclass(frozen=True)
+class _Found:
+    """Arrays of the file by role, still in its units and orders."""
+
+    measurement: Array
+    masks: Array
+    truth: Array | None
+    container: Container
+
+
+def load_single(path: Path) -> Array:
+    """Load the only array of a file (true views, poses, a camera matrix).
+
+    Raises:
+        InputError: No array of numbers there, or several.
+    """
+    container = open_foreign(path)
+    keys = [key for key, entry in container.entries.items() if entry.kind == "number"]
+    if len(keys) != 1:
+        raise InputError(f"{path}: {container.listing()}", allowed="a file with a single array of numbers")
+    return container.load(keys[0])
+
+
+def import_shots(path: Path, masks_path: Path | None, options: ImportOptions) -> Imported:
+    """Turn a foreign file into shots.
+
+    Args:
+        path: .npz, .npy or .mat with the measurement and, unless given apart, its masks.
+        masks_path: File with the masks.
+        options: What the user knows.
+
+    Raises:
+        InputError: The file cannot be understood or contradicts itself; names file, key and remedy.
+    """
+    guesses: list[str] = []
+    found = _find(path, masks_path, options, guesses)
+    order = axes.arrange(found.measurement, found.masks, found.truth, options, guesses)
+    stack = _chosen_masks(order.masks, found, options)
+    masks = scale.scale_masks(found.masks, stack, options.mask_scale, guesses)
+    coding = Coding(masks, _weights(found.container, len(masks), guesses))
+    stored = order.measurements.astype(np.float64)
+    stored = pixels.mend(found.measurement, stored, coding.multiplicity, options.bad_pixels, guesses)
+    work = _Import(found, options, coding, stored - (options.offset or 0.0), guesses)
+    work.check_agreement()
+    views = work.true_views()
+    cfa = work.colour_filter_array(views)
+    full = work.full_scale(views, cfa)
+    saturated = pixels.clipped(stored, options.saturation, guesses)
+    matrix = work.intrinsics()
+    true_poses, telemetry = work.true_poses(), work.poses("telemetry")
+    shots = [
+        Shot(
+            measurement=(reading / full).astype(np.float32),
+            masks=coding.masks,
+            weights=coding.weights,
+            cfa=cfa,
+            intrinsics=matrix,
+            truth=Truth(_part(views, k), _part(true_poses, k)),
+            telemetry_world_to_camera=_part(telemetry, k),
+            saturated=_part(saturated, k),
+            name=path.stem if len(stored) == 1 else f"{path.stem}-{k}",
+            provenance=work.provenance(k, full),
+        ).check()
+        for k, reading in enumerate(work.readings)
+    ]
+    return Imported(shots, guesses)
+
+
+def _part(stack: NDArray[Any] | None, index: int) -> Any:
+    return None if stack is None else stack[index]
+
+
+@dataclass(frozen=True)
+class _Import:
+    """One import under way.
+
+    Args:
+        found: Arrays by role.
+        options: What the user knows.
+        coding: Masks and weights.
+        readings: Readings above the offset, [K, H, W, C].
+        guesses: Sentences so far.
+    """
+
+    found: _Found
+    options: ImportOptions
+    coding: Coding
+    readings: F64
+    guesses: list[str]
+
+    def check_agreement(self) -> None:
+        """Return if measurement and masks look like each other's."""
+        image, multiplicity = self.readings[0].mean(axis=2), self.coding.multiplicity
+        agreement.check_pattern(self.found.measurement, self.found.masks, image, multiplicity, self.guesses)
+        if self.options.offset is None:
+            agreement.check_closed_pixels(image, multiplicity, self.guesses)
+
+    def true_views(self) -> F32 | None:
+        """Get the true views, [K, N, H, W, C], full scale 1."""
+        truth = self.found.truth
+        if truth is None:
+            return None
+        height, width = self.readings.shape[1:3]
+        arranged = axes.arrange_truth(truth, len(self.readings), len(self.coding.masks), (height, width))
+        return scale.scale_views(truth, arranged, self.guesses)
+
+    def colour_filter_array(self, views: F32 | None) -> CfaPattern | None:
+        """Get the filter array: said, written in the file, or found through the truth."""
+        container, channels = self.found.container, self.readings.shape[3]
+        said: str | None = self.options.cfa
+        where, key = "--cfa", None
+        if said is None:
+            key = roles.key_of(container, "cfa", None, self.guesses)
+        if key is not None:
+            where, said = container.where(key), container.text(key).upper()
+        cfa = next((pattern for pattern in CFA_PATTERNS if pattern == said), None)
+        if said is not None and (cfa is None or channels != 1):
+            raise InputError(
+                f"{where}: colour filter array {said!r} for a measurement with {channels} channel(s)",
+                allowed=f"one of {', '.join(CFA_PATTERNS)}, for a single-channel measurement",
+                remedy="leave it out for RGB and mono measurements",
+            )
+        if cfa is None and channels == 1 and views is not None and views.shape[4] == 3:
+            cfa = agreement.guess_cfa(self.readings[0], self.coding, views[0], self.guesses)
+        if cfa is None and channels == 1:
+            agreement.doubt_mono(self.readings[0, :, :, 0], self.guesses)
+        self._check_truth_channels(views, 3 if cfa else channels)
+        return cfa
+
+    def _check_truth_channels(self, views: F32 | None, channels: int) -> None:
+        if views is None or self.found.truth is None or views.shape[4] == channels:
+            return
+        raise InputError(
+            f"{self.found.truth.where}: true views with {views.shape[4]} channel(s), "
+            f"but the measurement gives views with {channels}",
+            allowed=f"views with {channels} channel(s)",
+            remedy="name the filter array of a mosaic with --cfa, or leave the truth out with --truth-key none",
+        )
+
+    def full_scale(self, views: F32 | None, cfa: CfaPattern | None) -> float:
+        """Get the reading of a white scene under one open mask: said, from the truth, or guessed."""
+        said, truth, proven = self.options.scale, self.found.truth, None
+        if views is not None and truth is not None:
+            proven = agreement.check_truth(
+                truth, self.readings[0], self.coding, views[0], cfa, guesses=self.guesses
+            )
+        if said is None:
+            chosen = proven or scale.guess_scale(
+                self.found.measurement, self.readings, self.coding.multiplicity, len(self.coding.masks)
+            )
+            self.guesses.append(f"measurement: full scale of one view = {chosen.value:.6g} ({chosen.reason})")
+            return chosen.value
+        if not (np.isfinite(said) and said > 0):
+            raise InputError(
+                f"--scale {said}", allowed="a number > 0, the reading of a white scene under one open mask"
+            )
+        if proven is not None and abs(proven.value / said - 1) > agreement.SNAP:
+            self.guesses.append(f"WARNING: the truth asks for --scale {proven.value:.6g}, not {said:.6g}")
+        return said
+
+    def intrinsics(self) -> F64 | None:
+        """Get the camera matrix: said, or from the file."""
+        given, options = self.options.intrinsics, self.options
+        if options.focal_px is not None:
+            if given is not None:
+                raise InputError("--focal-px and --intrinsics are both given", remedy="give one of them")
+            given = Array("--focal-px", np.asarray(options.focal_px))
+        given = given or self._load("intrinsics") or self._load("focal")
+        if given is None:
+            self.guesses.append("camera: no intrinsics given; the focal length will have to be estimated")
+            return None
+        return camera.intrinsics_from(given, self.readings.shape[1:3], self.guesses)
+
+    def true_poses(self) -> F64 | None:
+        """Get the true poses, [K, N, 4, 4], from the user or from the file."""
+        if self.options.world_to_camera is not None:
+            return self._stack_of_poses(self.options.world_to_camera)
+        poses = self.poses("world_to_camera")
+        return self.poses("camera_to_world") if poses is None else poses
+
+    def poses(self, role: roles.Role) -> F64 | None:
+        """Get the poses under a role of the file, [K, N, 4, 4]."""
+        given = self._load(role)
+        return None if given is None else self._stack_of_poses(given, camera_to_world=role == "camera_to_world")
+
+    def provenance(self, index: int, full_scale: float) -> dict[str, Any]:
+        """Say where a shot came from and what was guessed."""
+        return {
+            "source": self.found.container.path.name,
+            "measurement": index,
+            "full_scale": full_scale,
+            "offset": self.options.offset or 0.0,
+            "guesses": list(self.guesses),
+        }
+
+    def _load(self, role: roles.Role) -> Array | None:
+        key = roles.key_of(self.found.container, role, None, self.guesses)
+        return None if key is None else self.found.container.load(key)
+
+    def _stack_of_poses(self, given: Array, *, camera_to_world: bool = False) -> F64:
+        shots, views = len(self.readings), len(self.coding.masks)
+        poses = camera.poses_from(given, shots * views, camera_to_world=camera_to_world, guesses=self.guesses)
+        return poses.reshape(shots, views, 4, 4)
+
+
+def _find(path: Path, masks_path: Path | None, options: ImportOptions, guesses: list[str]) -> _Found:
+    container = open_foreign(path)
+    measurement = container.load(roles.require_key(container, "measurement", options.meas_key, guesses))
+    holder = container if masks_path is None else open_foreign(masks_path)
+    masks = holder.load(roles.require_key(holder, "masks", options.mask_key, guesses))
+    truth = options.truth
+    if truth is None:
+        key = roles.key_of(container, "truth", options.truth_key, guesses)
+        truth = None if key is None else container.load(key)
+    for array in (measurement, masks):
+        if array.values.size == 0:
+            raise InputError(f"{array.where}: empty, shape {list(array.values.shape)}", remedy="save it again")
+    roles_found = {"measurement": measurement, "masks": masks, "truth": truth}
+    guesses.append(", ".join(f"{role}: {array.where}" for role, array in roles_found.items() if array is not None))
+    return _Found(measurement, masks, truth, container)
+
+
+def _chosen_masks(stack: NDArray[Any], found: _Found, options: ImportOptions) -> NDArray[Any]:
+    if options.views is not None:
+        if not 1 <= options.views <= len(stack):
+            raise InputError(
+                f"{found.masks.where}: --views {options.views} of {len(stack)} masks", allowed=f"1 to {len(stack)}"
+            )
+        stack = stack[: options.views]
+    return stack[::-1] if options.reverse_masks else stack
+
+
+def _weights(container: Container, count: int, guesses: list[str]) -> F32:
+    key = roles.key_of(container, "weights", None, guesses)
+    if key is None:
+        return np.ones(count, np.float32)
+    given = container.load(key)
+    values = given.values.astype(np.float32).reshape(-1)
+    if len(values) != count or not np.isfinite(values).all() or values.min() < 0 or not values.any():
+        raise InputError(
+            f"{given.where}: weights {values[:8].tolist()} for {count} masks",
+            allowed=f"{count} numbers >= 0, the share of its interval during which each mask was exposed",
+            remedy="correct them or take them out of the file",
+        )
+    return values

@@ -1,0 +1,208 @@
+"""Which axis is which: measurement, masks and true views brought into the order of the house.
+
+Every order of axes that is in use is a candidate; those in which heights and widths agree are possible; of these
+the one with the most pixels wins (a mask stack has more pixels than masks), and what still differs is an error or,
+where a default exists, a printed guess. Only `gs2ci.core.foreign` imports this file.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any, Final, Literal, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gs2ci.core.errors import InputError
+from gs2ci.core.foreign.container import Array
+
+MaskAxis = Literal["auto", "first", "last"]
+Layout = Literal["auto", "rgb", "stack"]
+
+# H, W: pixels; C: 1 or 3 colours; K: measurements; N: masks; T: true frames (K times N).
+_MEASUREMENT_ORDERS: Final = ("HW", "HWC", "CHW", "HWK", "KHW", "KHWC", "HWCK", "KCHW")
+_MASK_ORDERS: Final = ("HW", "NHW", "HWN")
+_TRUTH_ORDERS: Final = ("THW", "HWT", "THWC", "HWCT", "TCHW", "HWC", "HW", "KNHW", "HWNK", "KNHWC")
+
+
+@dataclass(frozen=True)
+class Arranged:
+    """Arrays in the order of the house, still in the units of the file.
+
+    Args:
+        measurements: [K, H, W, C].
+        masks: [N, H, W].
+    """
+
+    measurements: NDArray[Any]
+    masks: NDArray[Any]
+
+
+@dataclass(frozen=True)
+class _Reading:
+    order: str
+    extents: dict[str, int]
+
+    @property
+    def size(self) -> tuple[int, int]:
+        return self.extents["H"], self.extents["W"]
+
+    def of(self, axis: str) -> int:
+        return self.extents.get(axis, 1)
+
+
+class AxisOptions(Protocol):
+    """What the user may fix about axes."""
+
+    @property
+    def mask_axis(self) -> MaskAxis:
+        """Get where the masks are counted."""
+        ...
+
+    @property
+    def meas_layout(self) -> Layout:
+        """Get whether a third axis of three is colour or a stack."""
+        ...
+
+
+def arrange(
+    measurement: Array, masks: Array, truth: Array | None, options: AxisOptions, guesses: list[str]
+) -> Arranged:
+    """Find heights, widths, measurements and masks among the axes.
+
+    Args:
+        measurement: As loaded.
+        masks: As loaded.
+        truth: As loaded; its shape tells RGB from a stack of three.
+        options: What the user fixed.
+        guesses: Sentences are added here.
+
+    Raises:
+        InputError: No order of axes fits, or several do.
+    """
+    stack = _without_colour(masks)
+    pairs = [
+        (m, k)
+        for m in _readings(measurement.values.shape, _MEASUREMENT_ORDERS)
+        for k in _readings(stack.shape, _MASK_ORDERS)
+        if m.size == k.size and _allowed(m, k, options.mask_axis, options.meas_layout)
+    ]
+    if not pairs:
+        raise _no_fit(measurement, masks, options.mask_axis)
+    most = max(m.size[0] * m.size[1] for m, _ in pairs)
+    pairs = [(m, k) for m, k in pairs if m.size[0] * m.size[1] == most]
+    if truth is not None:
+        counted = [(m, k) for m, k in pairs if _truth_reading(truth.values.shape, m.size, m.of("K"), k.of("N"))]
+        pairs = counted or pairs
+    if len({k.order for _, k in pairs}) > 1:
+        raise InputError(
+            f"{masks.where}: shape {list(masks.values.shape)} can be read with the masks first or last",
+            remedy="say --mask-axis first or --mask-axis last",
+        )
+    if len({m.order for m, _ in pairs}) > 1 and pairs[0][0].of("K") == 1:
+        guesses.append(
+            f"{measurement.where}: {list(measurement.values.shape)} taken as one colour measurement; "
+            "if the three are separate measurements, say --meas-layout stack"
+        )
+    (m, k) = pairs[0]
+    guesses.append(_summary(m, k))
+    return Arranged(_in_order(measurement.values, m, "KHWC"), _in_order(stack, k, "NHW"))
+
+
+def arrange_truth(truth: Array, measurements: int, views: int, size: tuple[int, int]) -> NDArray[Any]:
+    """Bring true views into the order [K, N, H, W, C].
+
+    Raises:
+        InputError: Their number or size contradicts masks and measurements.
+    """
+    shape = truth.values.shape
+    reading = _truth_reading(shape, size, measurements, views)
+    if reading is None:
+        wanted = measurements * views
+        raise InputError(
+            f"{truth.where}: shape {list(shape)} does not hold the true views of {measurements} measurement(s) "
+            f"under {views} masks of {size[0]} x {size[1]} pixels",
+            allowed=f"{wanted} views: [{wanted}, {size[0]}, {size[1]}] or [{wanted}, {size[0]}, {size[1]}, 3]",
+            remedy="check the number of masks, or leave the truth out with --truth-key none",
+        )
+    flat = _in_order(truth.values, reading, "KNHWC" if "K" in reading.order else "THWC")
+    return flat.reshape(measurements, views, *size, reading.of("C"))
+
+
+def _readings(shape: tuple[int, ...], orders: tuple[str, ...]) -> Iterator[_Reading]:
+    for order in orders:
+        if len(order) == len(shape):
+            extents = dict(zip(order, shape, strict=True))
+            if extents.get("C", 1) in (1, 3) and min(shape) > 0:
+                yield _Reading(order, extents)
+
+
+def _allowed(m: _Reading, k: _Reading, mask_axis: MaskAxis, layout: Layout) -> bool:
+    if mask_axis != "auto" and "N" in k.order and k.order != ("NHW" if mask_axis == "first" else "HWN"):
+        return False
+    return layout == "auto" or ("C" in m.order if layout == "rgb" else "C" not in m.order or "K" in m.order)
+
+
+def _truth_reading(shape: tuple[int, ...], size: tuple[int, int], k: int, n: int) -> _Reading | None:
+    for reading in _readings(shape, _TRUTH_ORDERS):
+        counts = (reading.of("K"), reading.of("N")) == (k, n) if "K" in reading.order else reading.of("T") == k * n
+        if reading.size == size and counts:
+            return reading
+    return None
+
+
+def _without_colour(masks: Array) -> NDArray[Any]:
+    """Drop an axis along which masks only repeat themselves: one mask acts on all colours."""
+    values = masks.values
+    if values.ndim != 4:
+        return values
+    for axis in (3, 2, 1, 0):
+        if values.shape[axis] == 1:
+            return values.squeeze(axis)
+    for axis in (3, 2, 1):
+        if values.shape[axis] == 3:
+            first = values.take([0], axis)
+            if np.array_equal(np.broadcast_to(first, values.shape), values):
+                return first.squeeze(axis)
+            raise InputError(
+                f"{masks.where}: masks that differ from colour to colour",
+                allowed="one transmission per pixel: [N, H, W]",
+                remedy="for a Bayer sensor give the mosaic of the masks, [N, H, W]",
+            )
+    return values
+
+
+def _in_order(values: NDArray[Any], reading: _Reading, wanted: str) -> NDArray[Any]:
+    present = [axis for axis in wanted if axis in reading.order]
+    moved = values.transpose([reading.order.index(axis) for axis in present])
+    for index, axis in enumerate(wanted):
+        if axis not in reading.order:
+            moved = np.expand_dims(moved, index)
+    return moved
+
+
+def _summary(m: _Reading, k: _Reading) -> str:
+    height, width = m.size
+    count = f"{m.of('K')} measurements" if m.of("K") > 1 else "one measurement"
+    colour = "RGB" if m.of("C") == 3 else "single-channel"
+    where = {"NHW": "counted along the first axis", "HWN": "counted along the last axis", "HW": "a single one"}
+    return f"{count}, {colour}, {height} x {width} pixels; {k.of('N')} masks, {where[k.order]}"
+
+
+def _no_fit(measurement: Array, masks: Array, mask_axis: MaskAxis) -> InputError:
+    shape, mask_shape = measurement.values.shape, masks.values.shape
+    swapped = any(
+        m.size == k.size[::-1]
+        for m in _readings(shape, _MEASUREMENT_ORDERS)
+        for k in _readings(mask_shape, _MASK_ORDERS)
+    )
+    remedy = "check that masks and measurement belong together and have the same height and width"
+    if swapped:
+        remedy = "height and width of the masks are exchanged: transpose the masks before saving"
+    if mask_axis != "auto":
+        remedy += f", or leave out --mask-axis {mask_axis}"
+    return InputError(
+        f"{masks.where}: shape {list(mask_shape)} fits the measurement's {list(shape)} ({measurement.where}) "
+        "in no order of axes",
+        allowed="masks [N, H, W] or [H, W, N] for a measurement [H, W], [H, W, 3], [H, W, K] or [K, H, W]",
+        remedy=remedy,
+    )

@@ -1,0 +1,109 @@
+"""Intrinsics and poses as users have them, in the conventions of the house.
+
+Accepted: [3, 3] (or transposed), four numbers fx fy cx cy, or a focal length with a centred principal point; poses
+[N, 4, 4], [N, 3, 4] or with the counting axis last, world-to-camera or camera-to-world, OpenCV axes. Pixel centres
+lie at +0.5, so a centred principal point is (W/2, H/2). Only `gs2ci.core.foreign` imports this file.
+"""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gs2ci.core.errors import InputError
+from gs2ci.core.foreign.container import Array
+from gs2ci.core.records import F64, check_intrinsics
+
+
+def intrinsics_from(given: Array, size: tuple[int, ...], guesses: list[str]) -> F64:
+    """Make a camera matrix from what a file or the user gives.
+
+    Args:
+        given: [3, 3], [N, 3, 3] all equal, four numbers fx fy cx cy, or one focal length.
+        size: Height and width in pixels.
+        guesses: Sentences are added here.
+
+    Raises:
+        InputError: It is no camera matrix.
+    """
+    values = np.asarray(given.values, np.float64).squeeze()
+    if values.ndim == 3 and values.shape[1:] == (3, 3):
+        if not np.allclose(values, values[0]):
+            raise InputError(f"{given.where}: intrinsics change from view to view", allowed="one camera: [3, 3]")
+        values = values[0]
+    if values.ndim == 0:
+        values = centred(float(values), size)
+    elif values.shape == (4,):
+        fx, fy, cx, cy = values
+        values = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1.0]])
+    if values.shape == (3, 3) and not np.allclose(values[2], (0, 0, 1)) and np.allclose(values[:, 2], (0, 0, 1)):
+        values = values.T
+        guesses.append(f"{given.where}: camera matrix was transposed")
+    try:
+        check_intrinsics(values)
+    except InputError as error:
+        raise InputError(f"{given.where}: {error.problem}", allowed=error.allowed, remedy=error.remedy) from error
+    guesses.append(
+        f"camera: fx {values[0, 0]:.5g}, fy {values[1, 1]:.5g}, cx {values[0, 2]:.5g}, cy {values[1, 2]:.5g} px"
+    )
+    _doubt(values, size, guesses)
+    return values
+
+
+def centred(focal_px: float, size: tuple[int, ...]) -> F64:
+    """Make the camera matrix of square pixels and a centred principal point."""
+    height, width = size
+    return np.array([[focal_px, 0, width / 2], [0, focal_px, height / 2], [0, 0, 1.0]])
+
+
+def _doubt(matrix: F64, size: tuple[int, ...], guesses: list[str]) -> None:
+    height, width = size
+    if not (0 < matrix[0, 2] < width and 0 < matrix[1, 2] < height):
+        guesses.append(
+            f"WARNING: the principal point ({matrix[0, 2]:.1f}, {matrix[1, 2]:.1f}) lies outside the image of "
+            f"{width} x {height}: are the intrinsics those of this resolution?"
+        )
+    if not 0.2 * width < matrix[0, 0] < 50 * width:
+        guesses.append(f"WARNING: a focal length of {matrix[0, 0]:.4g} px for {width} px of width is unusual")
+
+
+def poses_from(given: Array, count: int, *, camera_to_world: bool, guesses: list[str]) -> F64:
+    """Make world-to-camera poses [count, 4, 4].
+
+    Raises:
+        InputError: Wrong number or shape, not finite, or no rigid motions.
+    """
+    values = _count_first(np.asarray(given.values, np.float64), count, given)
+    if values.shape[1:] == (3, 4):
+        last = np.broadcast_to(np.array([0, 0, 0, 1.0]), (count, 1, 4))
+        values = np.concatenate([values, last], axis=1)
+    if not np.isfinite(values).all():
+        raise InputError(f"{given.where}: poses hold NaN or infinity", remedy="mend them, or leave the poses out")
+    if np.allclose(values[:, :3, 3], 0) and not np.allclose(values[:, 3, :3], 0):
+        values = values.transpose(0, 2, 1)
+        guesses.append(f"{given.where}: pose matrices were transposed")
+    rotations = values[:, :3, :3]
+    rigid = np.allclose(rotations @ rotations.transpose(0, 2, 1), np.eye(3), atol=1e-3)
+    if not rigid or (np.linalg.det(rotations) < 0).any() or not np.allclose(values[:, 3], (0, 0, 0, 1)):
+        raise InputError(
+            f"{given.where}: poses are no rigid motions",
+            allowed="[R t; 0 0 0 1] with R a rotation, OpenCV axes (x right, y down, z forward)",
+            remedy="take out scales and axis flips, or leave the poses out",
+        )
+    if camera_to_world:
+        guesses.append(f"{given.where}: camera-to-world, inverted")
+        values = np.asarray(np.linalg.inv(values), np.float64)
+    return np.ascontiguousarray(values)
+
+
+def _count_first(values: NDArray[Any], count: int, given: Array) -> F64:
+    for candidate in (values, np.moveaxis(values, -1, 0) if values.ndim == 3 else values):
+        if candidate.shape in ((count, 4, 4), (count, 3, 4)):
+            return candidate
+    if count == 1 and values.shape in ((4, 4), (3, 4)):
+        return values[None]
+    raise InputError(
+        f"{given.where}: poses of shape {list(values.shape)} for {count} views",
+        allowed=f"[{count}, 4, 4]",
+        remedy="give one pose for each mask, in the order of exposure, or leave the poses out",
+    )

@@ -1,0 +1,39 @@
+"""Which format a file is, from its first bytes, not its name. Only `gs2ci.core.foreign` imports this file."""
+
+from pathlib import Path
+
+import h5py
+
+from gs2ci.core.errors import InputError
+from gs2ci.core.foreign.container import Container, damage_as_input_error
+from gs2ci.core.foreign.mat import read_mat5, read_mat73
+from gs2ci.core.foreign.npy import read_npy
+from gs2ci.core.foreign.npz import read_npz
+
+
+def open_foreign(path: Path) -> Container:
+    """Open a foreign file.
+
+    Raises:
+        InputError: Missing, empty, of no known format, or damaged.
+    """
+    if not path.is_file():
+        raise InputError(f"{path}: no such file", remedy="check the name")
+    with damage_as_input_error(str(path)):
+        with path.open("rb") as stream:
+            start = stream.read(128)
+        hdf5 = bool(h5py.is_hdf5(path))
+    if start.startswith(b"\x93NUMPY"):
+        return read_npy(path)
+    if start.startswith(b"PK"):
+        return read_npz(path)
+    if hdf5:
+        return read_mat73(path)
+    # Version 5 files begin with a text; version 4 files have no mark at all, so only the name tells.
+    if start.startswith(b"MATLAB") or (start and path.suffix.lower() == ".mat"):
+        return read_mat5(path)
+    raise InputError(
+        f"{path}: {'empty' if not start else 'of no known format'}",
+        allowed=".npz, .npy, .mat (v4, v5, v7.3)",
+        remedy="save the measurement and its masks in one of these",
+    )

@@ -1,0 +1,92 @@
+"""Single pixels that need care: unreadable ones and clipped ones. Only `gs2ci.core.foreign` imports this file."""
+
+from typing import Final, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gs2ci.core.errors import InputError
+from gs2ci.core.foreign.container import Array
+from gs2ci.core.records import F64
+
+BadPixels = Literal["refuse", "median"]
+
+# More than this share of mended pixels is no longer a measurement with a few dead ones.
+MOST_BAD: Final = 0.1
+# Highest code of the usual converters, and the share of readings there that only clipping explains.
+TOP_CODES: Final = (255, 1023, 4095, 16383, 65535)
+PILE_UP: Final = 5e-4
+
+
+def mend(measurement: Array, readings: F64, multiplicity: F64, how: BadPixels, guesses: list[str]) -> F64:
+    """Replace NaN and infinity in a measurement.
+
+    Args:
+        measurement: For messages.
+        readings: [K, H, W, C].
+        multiplicity: a(p) = Σ wᵢ Mᵢ(p), [H, W].
+        how: "refuse", or "median": the neighbours' median reading per open mask, times the masks open there.
+        guesses: Sentences are added here.
+
+    Raises:
+        InputError: There are any and they are refused, or too many to be mended.
+    """
+    bad = ~np.isfinite(readings)
+    count = int(bad.any(axis=3).sum())
+    if not count:
+        return readings
+    if how == "refuse" or count > MOST_BAD * bad[..., 0].size:
+        row, column = np.argwhere(bad.any(axis=(0, 3)))[0].tolist()
+        refused = how == "refuse"
+        raise InputError(
+            f"{measurement.where}: {count} pixels are NaN or infinite, the first at row {row}, column {column}",
+            allowed=f"finite readings, or with --bad-pixels median up to {MOST_BAD:.0%} bad ones",
+            remedy="say --bad-pixels median to replace them" if refused else "mend the measurement before saving",
+        )
+    guesses.append(f"{count} bad pixels replaced: median of their neighbours per open mask")
+    mended = readings.copy()
+    for k in range(readings.shape[0]):
+        for channel in range(readings.shape[3]):
+            _mend_plane(mended[k, :, :, channel], multiplicity)
+    return mended
+
+
+def _mend_plane(plane: F64, multiplicity: F64) -> None:
+    """Fill NaN in place; neighbours lie an even number of pixels away, so in a mosaic they share the colour."""
+    with np.errstate(invalid="ignore", divide="ignore"):
+        per_mask = np.where(multiplicity > 0, plane / multiplicity, np.nan)
+    for row, column in np.argwhere(~np.isfinite(plane)):
+        for reach in range(2, 2 * max(plane.shape), 2):
+            top, left = (p - reach if p >= reach else p % 2 for p in (row, column))
+            window = per_mask[top : row + reach + 1 : 2, left : column + reach + 1 : 2]
+            good = window[np.isfinite(window)]
+            if good.size:
+                plane[row, column] = float(np.median(good)) * multiplicity[row, column]
+                break
+        else:
+            plane[row, column] = 0.0
+
+
+def clipped(readings: F64, said: float | None, guesses: list[str]) -> NDArray[np.bool_] | None:
+    """Find readings that say only «at least».
+
+    Args:
+        readings: As stored, before any offset, [K, H, W, C].
+        said: Level from which readings are clipped; 0: none is; None: guess from a pile-up at a top code.
+        guesses: Sentences are added here.
+
+    Returns:
+        [K, H, W], or None where no pixel is clipped.
+    """
+    level = said
+    if level is None:
+        high = float(readings.max())
+        piled = int((readings == high).sum())
+        if high not in TOP_CODES or piled < max(2.0, PILE_UP * readings.size):
+            return None
+        level = high
+    if level == 0:
+        return None
+    found: NDArray[np.bool_] = np.any(readings >= level, axis=3)
+    guesses.append(f"{int(found.sum())} pixels at {level:g} or above count as clipped")
+    return found if found.any() else None

@@ -1,0 +1,91 @@
+"""Which key of a file is the measurement, which the masks, the truth, the camera.
+
+Here: the names in use (SCINeRF, PnP-SCI, EfficientSCI, cacti and our own) and the choice between them. Only
+`gs2ci.core.foreign` imports this file.
+"""
+
+from typing import Final, Literal
+
+from gs2ci.core.errors import InputError
+from gs2ci.core.foreign.container import Container
+
+Role = Literal[
+    "measurement",
+    "masks",
+    "truth",
+    "intrinsics",
+    "focal",
+    "world_to_camera",
+    "camera_to_world",
+    "telemetry",
+    "weights",
+    "cfa",
+]
+
+# In order of preference; compared without regard to case.
+ALIASES: Final[dict[Role, tuple[str, ...]]] = {
+    "measurement": ("meas", "measurement", "measurements", "meas_bayer", "snapshot", "coded", "y"),
+    "masks": ("masks", "mask", "mask_bayer", "phi", "patterns", "codes"),
+    "truth": ("truth", "orig", "ground_truth", "groundtruth", "gt", "views", "orig_bayer"),
+    "intrinsics": ("k", "intrinsics", "intrinsic", "camera_matrix"),
+    "focal": ("focal_px", "focal"),
+    "world_to_camera": ("world_to_camera", "w2c", "extrinsics"),
+    "camera_to_world": ("camera_to_world", "c2w"),
+    "telemetry": ("telemetry_world_to_camera",),
+    "weights": ("weights",),
+    "cfa": ("cfa", "bayer", "bayer_pattern"),
+}
+_FLAGS: Final[dict[Role, str]] = {"measurement": "--meas-key", "masks": "--mask-key", "truth": "--truth-key"}
+
+
+def key_of(container: Container, role: Role, said: str | None, guesses: list[str]) -> str | None:
+    """Choose the key that plays a role, or None where none does.
+
+    Args:
+        container: The file.
+        role: What is looked for.
+        said: The key the user named, "none" for «leave it out», None for «guess».
+        guesses: Sentences are added here.
+
+    Raises:
+        InputError: The user named a key that is not there.
+    """
+    if said == "none":
+        return None
+    if said is not None:
+        if said not in container.entries:
+            raise InputError(f"{container.path}: no key {said!r}", allowed=container.listing())
+        return said
+    by_name = {key.lower(): key for key in container.entries}
+    found = [by_name[alias] for alias in ALIASES[role] if alias in by_name]
+    if len(found) > 1:
+        flag = f"; choose with {_FLAGS[role]}" if role in _FLAGS else ""
+        guesses.append(f"{role}: key {found[0]!r}, not {', '.join(map(repr, found[1:]))}{flag}")
+    return found[0] if found else None
+
+
+def require_key(container: Container, role: Role, said: str | None, guesses: list[str]) -> str:
+    """Choose the key that plays a role that must be filled; a file's only image or stack needs no name.
+
+    Raises:
+        InputError: No key fits.
+    """
+    key = key_of(container, role, said, guesses)
+    if key is not None:
+        return key
+    taken = {alias for aliases in ALIASES.values() for alias in aliases}
+    free = [
+        key
+        for key, entry in container.entries.items()
+        if len(entry.shape) >= 2 and entry.kind == "number" and key.lower() not in taken
+    ]
+    if len(free) == 1 and said is None:
+        if free[0]:
+            guesses.append(f"{role}: key {free[0]!r}, the only array without a known name")
+        return free[0]
+    raise InputError(
+        f"{container.path}: no key for the {role}; {container.listing()}",
+        allowed=f"one of {', '.join(ALIASES[role])}",
+        remedy=f"name the key with {_FLAGS[role]}"
+        + (", or give the masks as a second file" if role == "masks" else ""),
+    )

@@ -1,0 +1,202 @@
+"""What reading stands for full scale: of the masks, of the true views, of the measurement.
+
+Masks come as {0, 1}, {0, 255}, grey bytes or calibrated floats; measurements in units of one view's full scale, in
+camera counts, or squeezed into the range of a camera that exposed all masks at once. Under masks of multiplicity
+a(p) = Σ wᵢ Mᵢ(p) (what a white scene would measure) a pixel reads at most a(p) times the full scale S of one view,
+and the brightest parts of a scene read a good share of that: so the ratio reading / a(p) tells S among the usual
+ones. Not here: the test against a known truth (`agreement.py`). Only `gs2ci.core.foreign` imports this file.
+"""
+
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gs2ci.core.errors import InputError
+from gs2ci.core.foreign.container import Array
+from gs2ci.core.records import F32, F64
+
+FULL_SCALES: Final[dict[str, float]] = {
+    "unit": 1.0,
+    "8-bit": 255.0,
+    "10-bit": 1023.0,
+    "12-bit": 4095.0,
+    "14-bit": 16383.0,
+    "16-bit": 65535.0,
+}
+# The brightest thousandth of a scene lies between these shares of full scale: noise may carry it a little over,
+# and a scene darker than a twentieth is one that nobody exposes for.
+OVER: Final = 1.1
+WELL_EXPOSED: Final = 0.3
+DARK: Final = 0.05
+# Calibrated masks may overshoot 1 by noise; beyond this they are in another unit.
+MASK_OVERSHOOT: Final = 1.05
+
+
+@dataclass(frozen=True)
+class Scale:
+    """The full scale of one view in the file's unit, and how it was found."""
+
+    value: float
+    reason: str
+
+
+def scale_masks(masks: Array, stack: NDArray[Any], said: float | None, guesses: list[str]) -> F32:
+    """Turn masks into transmissions.
+
+    Args:
+        masks: For messages.
+        stack: The values, [N, H, W].
+        said: The reading of a fully open mask, if the user gave it.
+        guesses: Sentences are added here.
+
+    Raises:
+        InputError: NaN, negative or zero everywhere, or above the reading that the user gave.
+    """
+    values = stack.astype(np.float64)
+    bad = int(values.size - np.isfinite(values).sum())
+    if bad:
+        raise InputError(
+            f"{masks.where}: {bad} values are NaN or infinite",
+            allowed="transmissions, >= 0",
+            remedy="set dead mask pixels to 0 (never open) and mend the same pixels of the measurement",
+        )
+    low, high = float(values.min()), float(values.max())
+    if low < 0:
+        raise InputError(
+            f"{masks.where}: masks are negative at {int((values < 0).sum())} places, down to {low:.4g}",
+            allowed="transmissions, >= 0",
+            remedy="save the masks themselves, not codes of -1 and 1 or differences; clip calibration noise at 0",
+        )
+    if high == 0:
+        raise InputError(
+            f"{masks.where}: all masks are zero", remedy="check that the masks were shown, exposed and saved"
+        )
+    if said is not None and not (np.isfinite(said) and said > 0 and high <= said * MASK_OVERSHOOT):
+        raise InputError(
+            f"{masks.where}: masks read up to {high:.6g} with --mask-scale {said:.6g}",
+            allowed=f"a scale of at least {high:.6g}, the reading of a fully open mask",
+            remedy="give that reading, or leave --mask-scale out",
+        )
+    full = said if said is not None else (1.0 if high <= MASK_OVERSHOOT else high)
+    guesses.extend(_mask_sentences(values, full, said is None))
+    return np.minimum(values / full, 1.0).astype(np.float32)
+
+
+def _mask_sentences(values: F64, full: float, guessed: bool) -> list[str]:
+    levels = np.unique(values[:, ::7, ::7])  # a sample finds grey wherever there is any to speak of
+    binary = len(levels) <= 2 and bool(np.isin(values, (0.0, full)).all())
+    sentences = [
+        f"masks: {'binary' if binary else 'grey'}, "
+        f"{float(values.mean()) / full:.1%} open, fully open = {full:.6g}" + (" (guessed)" if guessed else "")
+    ]
+    over = int((values > full).sum())
+    if over:
+        sentences.append(f"masks: {over} values a little above fully open were set to 1")
+    dark = [i for i, mask in enumerate(values) if not mask.any()]
+    if dark:
+        sentences.append(f"masks: mask(s) {dark} never open: their views cannot be recovered")
+    seen: dict[bytes, int] = {}
+    for i, mask in enumerate(values):
+        other = seen.setdefault(mask.tobytes(), i)
+        if other != i:
+            sentences.append(f"masks: {other} and {i} are identical: their views cannot be told apart")
+    return sentences
+
+
+def scale_views(truth: Array, views: NDArray[Any], guesses: list[str]) -> F32:
+    """Turn true views into float32 with full scale 1.
+
+    Raises:
+        InputError: NaN, or negative beyond noise.
+    """
+    if not np.isfinite(views).all():
+        raise InputError(
+            f"{truth.where}: true views hold NaN or infinity", remedy="mend them, or say --truth-key none"
+        )
+    low, high = float(views.min()), float(views.max())
+    full = smallest_full_scale(high)
+    if low < -DARK * full or full == 0:
+        raise InputError(
+            f"{truth.where}: true views reach from {low:.4g} to {high:.4g}",
+            allowed="light, >= 0, in units of 1, 255, 1023, 4095, 16383 or 65535",
+            remedy="convert them, or say --truth-key none",
+        )
+    if views.dtype == np.uint8 and high > 1:
+        full = 255.0
+    guesses.append(f"truth: full scale {full:.6g}")
+    return views.astype(np.float32) / np.float32(full)
+
+
+def smallest_full_scale(high: float) -> float:
+    """Find the smallest usual full scale that a reading does not exceed (by more than noise); 0: none."""
+    return min((full for full in FULL_SCALES.values() if high <= full * OVER), default=0.0)
+
+
+def guess_scale(measurement: Array, values: F64, multiplicity: F64, views: int) -> Scale:
+    """Guess the full scale of one view from readings alone.
+
+    Args:
+        measurement: For messages.
+        values: Readings above the offset, [K, H, W, C].
+        multiplicity: a(p), [H, W].
+        views: How many masks there are, N.
+
+    Raises:
+        InputError: Readings are negative beyond noise, or no usual scale explains them.
+    """
+    high = float(values.max())
+    if high <= 0 and not values.any():
+        return Scale(1.0, "the measurement is zero everywhere: any scale fits")
+    ratio = brightest_ratio(values, multiplicity)
+    low = float(np.quantile(values, 0.001))
+    if low < -DARK * np.quantile(values, 0.999):
+        raise InputError(
+            f"{measurement.where}: readings go down to {float(values.min()):.4g} (up to {high:.4g}), "
+            "which no light gives",
+            allowed="readings >= 0 apart from noise",
+            remedy="give the reading without light as --offset",
+        )
+    found = _plain(ratio, WELL_EXPOSED) or _per_exposure(ratio, high, multiplicity, views) or _plain(ratio, DARK)
+    if found is not None:
+        return found
+    bound = float(multiplicity.max())
+    raise InputError(
+        f"{measurement.where}: readings up to {high:.4g} where {bound:.3g} masks are open at most, "
+        f"{ratio:.4g} per open mask: no usual scale explains that",
+        allowed=f"a full scale of {', '.join(f'{full:g}' for full in FULL_SCALES.values())}, per view or exposure",
+        remedy="check that these are the masks of this measurement, or give the full scale of one view as --scale",
+    )
+
+
+def _plain(ratio: float, least: float) -> Scale | None:
+    for name, full in FULL_SCALES.items():
+        if least * full <= ratio <= OVER * full:
+            dark = ", a dark scene" if least < WELL_EXPOSED else ""
+            return Scale(full, (f"{name} counts per view" if full > 1 else "full scales of one view") + dark)
+    return None
+
+
+def _per_exposure(ratio: float, high: float, multiplicity: F64, views: int) -> Scale | None:
+    """Explain readings that fill a camera's range with the sum over all masks."""
+    for name, full in FULL_SCALES.items():
+        if not WELL_EXPOSED * full <= high <= OVER * full:
+            continue
+        mean = full / views
+        if 2 * WELL_EXPOSED * mean <= ratio <= OVER * mean:
+            return Scale(mean, f"normalised per exposure: the mean over {views} masks, {name}")
+        if high == full:
+            return Scale(ratio, f"normalised to its own maximum, {name}; its brightest part taken for white")
+        # A camera that was exposed so that the scene fills its range; the peers' convention for real data.
+        filled = full / float(multiplicity.mean())
+        if WELL_EXPOSED * filled <= ratio <= 2 * filled:
+            return Scale(filled, f"normalised per exposure: {name} range over the masks' mean multiplicity")
+    return None
+
+
+def brightest_ratio(values: F64, multiplicity: F64) -> float:
+    """Get the reading per open mask that all but a thousandth of the well covered pixels stay below."""
+    covered = multiplicity >= 0.5 * np.median(multiplicity[multiplicity > 0])
+    per_mask = values[:, covered, :] / multiplicity[covered][:, None]
+    return float(np.quantile(per_mask, 0.999))

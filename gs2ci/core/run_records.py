@@ -1,0 +1,133 @@
+"""What a finished reconstruction hands over, as plain numpy records. Anyone may import this file.
+
+Here: `RunResult` with its curve, and the checks that keep half-made results out of run folders. Not here: the
+run folder itself (`gs2ci.evaluate.run_folder`), the Gaussians (`gs2ci.render`), the measurement
+(`gs2ci.core.records`).
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Final, Literal, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gs2ci.core.errors import InputError, NumericsError
+from gs2ci.core.records import F32, F64, check_intrinsics
+
+Verdict = Literal["scene", "decode"]
+VERDICTS: Final = get_args(Verdict)
+SECONDS_KEYS: Final = ("total", "decode", "geometry", "fit")
+
+
+@dataclass(frozen=True)
+class CurvePoint:
+    """One look at a running fit: what had been reached after how long.
+
+    Args:
+        seconds: Time since the reconstruction began, decode and geometry included.
+        iteration: Iterations of the fit done so far.
+        loss: The fit's loss on the pixels that it sees.
+        heldout: Root-mean-square residual on the held-out pixels, in the measurement's unit.
+        psnr_db: Mean PSNR over the views, or None where the truth is not known.
+        gaussians: Size of the population.
+    """
+
+    seconds: float
+    iteration: int
+    loss: float
+    heldout: float
+    psnr_db: float | None
+    gaussians: int
+
+
+@dataclass(frozen=True)
+class RunResult:
+    """Everything a reconstruction found, beside the Gaussians themselves.
+
+    Args:
+        views: The scene seen from the N recovered cameras, [N, H, W, C] float32, full scale 1.
+        depth: Distance along the optical axis, [N, H, W] float32 in scene units, 0 where nothing is seen; None
+            where no depth was found.
+        world_to_camera: Recovered poses, [N, 4, 4] float64, OpenCV axes.
+        intrinsics: Camera matrix in pixels, [3, 3] float64, given or estimated.
+        decode: The views as decoded without a scene, [N, H, W, C] float32.
+        predicted_measurement: What the verdict's views would have measured, [H, W, Cm] float32.
+        curve: The fit's course, earliest first; empty where nothing was fitted.
+        stopped_because: One phrase.
+        seconds: Wall-clock time of `total`, `decode`, `geometry` and `fit`.
+        gaussians: Size of the final population.
+        notes: Sentences that a user should read: guesses, fallbacks, doubts.
+        settings: The settings used, as plain values.
+        seed: Seed of every random draw.
+        verdict: Which of the two, scene or decode, explains the held-out pixels better.
+        heldout_rms_scene: The scene's residual on the held-out pixels, in the measurement's unit; None if none
+            were held out.
+        heldout_rms_decode: The decode's.
+        geometry: Summary of the geometry stage: method, tracks, reprojection error, focal length and its origin.
+    """
+
+    views: F32
+    depth: F32 | None
+    world_to_camera: F64
+    intrinsics: F64
+    decode: F32
+    predicted_measurement: F32
+    curve: Sequence[CurvePoint]
+    stopped_because: str
+    seconds: Mapping[str, float]
+    gaussians: int
+    notes: Sequence[str]
+    settings: Mapping[str, Any]
+    seed: int
+    verdict: Verdict
+    heldout_rms_scene: float | None
+    heldout_rms_decode: float | None
+    geometry: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def recovered(self) -> F32:
+        """Get the views that the verdict names, [N, H, W, C]: a result is never worse than its own decode."""
+        return self.views if self.verdict == "scene" else self.decode
+
+    def check(self) -> "RunResult":
+        """Return self if all parts fit together and hold only finite numbers.
+
+        Raises:
+            InputError: Shapes disagree, a time is missing, or the verdict is unknown.
+            NumericsError: An array holds NaN or infinity.
+        """
+        if self.views.ndim != 4 or self.views.shape[3] not in (1, 3):
+            raise InputError(f"views have shape {list(self.views.shape)}", allowed="[N, H, W, C] with C = 1 or 3")
+        n, height, width, _ = self.views.shape
+        wanted: dict[str, tuple[NDArray[Any] | None, tuple[int, ...]]] = {
+            "views": (self.views, self.views.shape),
+            "depth": (self.depth, (n, height, width)),
+            "world_to_camera": (self.world_to_camera, (n, 4, 4)),
+            "decode": (self.decode, self.views.shape),
+            "predicted_measurement": (
+                self.predicted_measurement,
+                (height, width, *self.predicted_measurement.shape[2:]),
+            ),
+        }
+        for name, (array, shape) in wanted.items():
+            if array is not None:
+                _check_array(name, array, shape)
+        check_intrinsics(self.intrinsics)
+        missing = [key for key in SECONDS_KEYS if key not in self.seconds]
+        if missing:
+            raise InputError(f"the times of {', '.join(missing)} are missing", allowed=", ".join(SECONDS_KEYS))
+        if self.verdict not in VERDICTS:
+            raise InputError(f"verdict {self.verdict!r}", allowed=" or ".join(VERDICTS))
+        return self
+
+
+def _check_array(name: str, array: NDArray[Any], shape: tuple[int, ...]) -> None:
+    if array.shape != shape:
+        raise InputError(f"{name} of the result has shape {list(array.shape)}", allowed=str(list(shape)))
+    if not np.isfinite(array).all():
+        raise NumericsError(
+            f"{name} of the result holds NaN or infinity",
+            allowed="finite numbers",
+            remedy="report this run with its shot file: a fit must roll back before it gets here",
+        )

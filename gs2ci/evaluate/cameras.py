@@ -1,0 +1,89 @@
+"""Cameras as other programs read them: nerfstudio's transforms.json and a COLMAP model.
+
+Both name the pictures in the run folder's `views/`. Not here: images, Gaussians. Only `gs2ci.evaluate` imports
+this file.
+"""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import pycolmap
+
+from gs2ci.core.records import F32, F64
+
+# nerfstudio and OpenGL look along −z with y up; OpenCV and COLMAP look along +z with y down.
+OPENCV_FROM_OPENGL: Final = np.diag([1.0, -1.0, -1.0, 1.0])
+CAMERA_ID: Final = 1
+
+
+def view_names(count: int) -> list[str]:
+    """Get the file names of the views, in order of exposure."""
+    return [f"view_{index:03d}.png" for index in range(count)]
+
+
+def nerfstudio_transforms(world_to_camera: F64, intrinsics: F64, size: tuple[int, int]) -> dict[str, Any]:
+    """Describe cameras as nerfstudio's `transforms.json` does: OpenGL camera-to-world, pixel centres at +0.5.
+
+    Args:
+        world_to_camera: [N, 4, 4], OpenCV axes.
+        intrinsics: [3, 3], pixels; a pinhole without skew or distortion.
+        size: Height and width.
+    """
+    camera_to_world = np.linalg.inv(world_to_camera) @ OPENCV_FROM_OPENGL
+    return {
+        "camera_model": "OPENCV",
+        "fl_x": float(intrinsics[0, 0]),
+        "fl_y": float(intrinsics[1, 1]),
+        "cx": float(intrinsics[0, 2]),
+        "cy": float(intrinsics[1, 2]),
+        "w": size[1],
+        "h": size[0],
+        "k1": 0.0,
+        "k2": 0.0,
+        "p1": 0.0,
+        "p2": 0.0,
+        "frames": [
+            {"file_path": f"views/{name}", "transform_matrix": pose.tolist()}
+            for name, pose in zip(view_names(len(camera_to_world)), camera_to_world, strict=True)
+        ],
+    }
+
+
+def write_colmap_model(
+    folder: Path, world_to_camera: F64, intrinsics: F64, size: tuple[int, int], *, points: F32, colors: F32
+) -> None:
+    """Write a sparse COLMAP model (binary) of one pinhole camera, N images and a cloud without observations.
+
+    Args:
+        folder: An existing folder; usually `colmap/sparse/0`.
+        world_to_camera: [N, 4, 4], OpenCV axes (COLMAP's own).
+        intrinsics: [3, 3], pixels.
+        size: Height and width.
+        points: [P, 3], scene units.
+        colors: [P, 3], clamped to [0, 1].
+    """
+    model = pycolmap.Reconstruction()
+    model.add_camera_with_trivial_rig(
+        pycolmap.Camera(
+            camera_id=CAMERA_ID,
+            model="PINHOLE",
+            width=size[1],
+            height=size[0],
+            params=[intrinsics[0, 0], intrinsics[1, 1], intrinsics[0, 2], intrinsics[1, 2]],
+        )
+    )
+    for image_id, (name, pose) in enumerate(
+        zip(view_names(len(world_to_camera)), world_to_camera, strict=True), start=1
+    ):
+        model.add_image_with_trivial_frame(
+            pycolmap.Image(name=name, camera_id=CAMERA_ID, image_id=image_id), pycolmap.Rigid3d(pose[:3])
+        )
+    _add_points(model, points.astype(np.float64), np.round(255 * np.clip(colors, 0, 1)).astype(np.uint8))
+    model.write_binary(folder)
+
+
+def _add_points(model: Any, points: F64, colors: Sequence[Any] | Any) -> None:
+    for point, color in zip(points, colors, strict=True):
+        model.add_point3D(point, pycolmap.Track(), color)

@@ -1,0 +1,64 @@
+"""What a run was made with: versions, machine, peak memory; so that its figures can be judged years later.
+
+Nothing here identifies a person: no host name, no user, no path. The rest of `gs2ci.evaluate` and the commands may
+import this file.
+"""
+
+import os
+import platform
+import resource
+import sys
+from importlib import metadata
+from pathlib import Path
+from typing import Final
+
+import psutil
+
+REPORTED_PACKAGES: Final = (
+    "gs2ci",
+    "numpy",
+    "torch",
+    "numba",
+    "scipy",
+    "scikit-image",
+    "opencv-contrib-python-headless",
+    "pycolmap",
+)
+
+
+def versions() -> dict[str, str]:
+    """Get the versions of Python and of the packages that decide the figures."""
+    found = {"python": platform.python_version()}
+    for package in REPORTED_PACKAGES:
+        try:
+            found[package] = metadata.version(package)
+        except metadata.PackageNotFoundError:
+            found[package] = "not installed"
+    return found
+
+
+def machine() -> dict[str, str | int]:
+    """Get what decides the seconds: processor, cores that this process may use, memory in MiB, system."""
+    return {
+        "processor": _processor_name(),
+        "architecture": platform.machine(),
+        "usable_cores": len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1,
+        "memory_mib": int(psutil.virtual_memory().total // 2**20),
+        "system": f"{platform.system()} {platform.release()}",
+    }
+
+
+def peak_mib() -> float:
+    """Measure the largest memory this process has held so far, in MiB."""
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    # getrusage counts in bytes on macOS, in kibibytes elsewhere (getrusage(2)).
+    return peak / 2**20 if sys.platform == "darwin" else peak / 2**10
+
+
+def _processor_name() -> str:
+    listing = Path("/proc/cpuinfo")
+    if listing.is_file():
+        for line in listing.read_text(errors="replace").splitlines():
+            if line.startswith("model name"):
+                return line.partition(":")[2].strip()
+    return platform.processor() or platform.machine()

@@ -1,0 +1,120 @@
+"""How close images are to the truth, and a prediction to its measurement.
+
+Here: PSNR and SSIM per view, and the measurement residual. Not here: camera paths (`gs2ci.evaluate.trajectory`),
+depth, files. The commands and the rest of `gs2ci.evaluate` may import this file.
+"""
+
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+from skimage.metrics import structural_similarity
+
+from gs2ci.core.errors import InputError
+from gs2ci.core.records import F32
+
+# Identical images have no finite PSNR, and JSON has no infinity: what is closer than this mean squared error
+# counts as this close, so that no figure exceeds 100 dB. Sixteen-bit quantisation alone is at 107 dB.
+MSE_FLOOR: Final = 1e-10
+SSIM_SIGMA_PX: Final = 1.5
+# scikit-image cuts the Gaussian at 3.5 sigma: a radius of 5 pixels.
+SSIM_WINDOW_PX: Final = 11
+
+
+@dataclass(frozen=True)
+class Residual:
+    """What a prediction leaves of a measurement unexplained, in its own unit (full scale of one view).
+
+    Args:
+        rms: Root mean square over all samples.
+        mean_abs: Mean absolute value over all samples.
+    """
+
+    rms: float
+    mean_abs: float
+
+
+def psnr_per_view(estimate: F32, truth: F32) -> list[float]:
+    """Measure the peak signal-to-noise ratio of each view, in dB.
+
+    Both stacks are clamped to [0, 1] first and the peak is 1; the squared error is averaged over the pixels and
+    channels of a view. Averages over views are taken of these decibels. At most 100 dB (`MSE_FLOOR`).
+
+    Args:
+        estimate: [N, H, W, C], full scale 1.
+        truth: The same shape.
+
+    Raises:
+        InputError: The shapes differ, or hold no view.
+    """
+    a, b = _clamped(estimate, truth)
+    mse = np.mean((a - b) ** 2, axis=(1, 2, 3))
+    return [float(-10 * np.log10(max(value, MSE_FLOOR))) for value in mse]
+
+
+def ssim_per_view(estimate: F32, truth: F32) -> list[float]:
+    """Measure the structural similarity of each view (Wang et al. 2004), at most 1.
+
+    scikit-image's `structural_similarity` with Wang's settings: Gaussian weights of sigma 1.5 (an 11 × 11 window),
+    no sample covariance, data range 1; per channel, then averaged; both stacks clamped to [0, 1] first. An image
+    with fewer than 11 pixels along a side is mirrored outwards to 11 first.
+
+    Args:
+        estimate: [N, H, W, C], full scale 1.
+        truth: The same shape.
+
+    Raises:
+        InputError: The shapes differ, or hold no view.
+    """
+    a, b = _clamped(estimate, truth)
+    short = [max(0, SSIM_WINDOW_PX - side) for side in a.shape[1:3]]
+    margins = [(0, 0), *((gap // 2, gap - gap // 2) for gap in short), (0, 0)]
+    if any(short):
+        a, b = np.pad(a, margins, mode="symmetric"), np.pad(b, margins, mode="symmetric")
+    return [
+        float(
+            structural_similarity(
+                one,
+                other,
+                gaussian_weights=True,
+                sigma=SSIM_SIGMA_PX,
+                use_sample_covariance=False,
+                data_range=1.0,
+                channel_axis=-1,
+            )
+        )
+        for one, other in zip(a, b, strict=True)
+    ]
+
+
+def measurement_residual(predicted: F32, measurement: F32, saturated: NDArray[np.bool_] | None = None) -> Residual:
+    """Measure what a prediction leaves of a measurement unexplained.
+
+    A saturated pixel says only «at least»: predictions above its reading count as exact there.
+
+    Args:
+        predicted: [H, W, C].
+        measurement: The same shape.
+        saturated: [H, W], or None.
+
+    Raises:
+        InputError: The shapes differ.
+    """
+    if predicted.shape != measurement.shape:
+        raise InputError(
+            f"the predicted measurement has shape {list(predicted.shape)}", allowed=str(list(measurement.shape))
+        )
+    error = predicted.astype(np.float64) - measurement
+    if saturated is not None:
+        error = np.where(saturated[..., None], np.minimum(error, 0.0), error)
+    return Residual(rms=float(np.sqrt(np.mean(error**2))), mean_abs=float(np.mean(np.abs(error))))
+
+
+def _clamped(estimate: F32, truth: F32) -> tuple[NDArray[Any], NDArray[Any]]:
+    if estimate.shape != truth.shape or estimate.ndim != 4 or 0 in estimate.shape:
+        raise InputError(
+            f"views {list(estimate.shape)} cannot be compared with true views {list(truth.shape)}",
+            allowed="two stacks [N, H, W, C] of one shape",
+        )
+    return np.clip(estimate.astype(np.float64), 0, 1), np.clip(truth.astype(np.float64), 0, 1)

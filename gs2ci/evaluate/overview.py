@@ -1,0 +1,263 @@
+"""The picture a person looks at first: one run on one page.
+
+    name, size                             the figures that matter
+    measurement   decode        result     (truth)
+    (error)       depth         path       accuracy against time
+    notes
+
+Here: which panels there are, and where they stand. Not here: how a panel is drawn (`gs2ci.evaluate.panels`). No
+global plotting state is touched. The commands and the rest of `gs2ci.evaluate` may import this file.
+"""
+
+import textwrap
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.text import Text
+
+from gs2ci.core.records import F32, F64, Shot
+from gs2ci.core.run_records import RunResult
+from gs2ci.evaluate import panels
+from gs2ci.evaluate.trajectory import align
+
+DPI: Final = 120
+# All lengths in inches.
+MARGIN: Final = 0.55
+GAP_ACROSS: Final = 0.62
+GAP_DOWN: Final = 0.66
+HEADER: Final = 1.62
+BELOW_CHARTS: Final = 0.62
+FOOT: Final = 0.3
+NOTE_LINE: Final = 0.2
+STAT_GAP: Final = 0.5
+CHART_INSET: Final = 0.45
+# Panels have the image's shape as far as these allow; slimmer images stand at the top of theirs.
+PANEL_WIDTHS: Final = (2.8, 4.0)
+PANEL_HEIGHTS: Final = (0.7, 4.6)
+CHART_HEIGHT: Final = 2.2
+MAX_NOTE_LINES: Final = 4
+
+
+def write_overview(path: Path, shot: Shot, result: RunResult, report: dict[str, Any]) -> None:
+    """Draw a run's overview and write it as PNG.
+
+    Args:
+        path: Where.
+        shot: The measurement, with its truth if there is one.
+        result: What was recovered from it.
+        report: The run's report (`gs2ci.evaluate.report`).
+    """
+    draw_overview(shot, result, report).savefig(path, dpi=DPI)
+
+
+def draw_overview(shot: Shot, result: RunResult, report: dict[str, Any]) -> Figure:
+    """Draw a run's overview.
+
+    Args:
+        shot: The measurement, with its truth if there is one.
+        result: What was recovered from it.
+        report: The run's report.
+    """
+    columns = 3 if shot.truth.views is None else 4
+    height, width = shot.size
+    panel_width = float(np.clip(PANEL_HEIGHTS[1] * width / height, *PANEL_WIDTHS))
+    panel_height = float(np.clip(panel_width * height / width, *PANEL_HEIGHTS))
+    notes = _note_lines(report["notes"], columns * panel_width)
+    page = _Page(columns, (panel_width, panel_height), len(notes))
+    _header(page, report)
+    panel = page.panels()
+    view = result.views.shape[0] // 2
+    _image_panels(panel, shot, result, report, view=view)
+    _depth_panel(panel["depth"], result, view)
+    _path_panel(panel["path"], shot, result, report)
+    _curve_panel(panel["curve"], report)
+    for row, line in enumerate(notes):
+        bottom = FOOT + NOTE_LINE * (len(notes) - 1 - row)
+        page.text(MARGIN, bottom, line, fontsize=panels.TICK_PT, color=panels.MUTED)
+    return page.figure
+
+
+class _Page:
+    """A figure addressed in inches from its lower left corner.
+
+    Args:
+        columns: 3, or 4 where the truth is known.
+        panel: Width and height of a panel, inches.
+        note_lines: Lines of text at the foot.
+    """
+
+    def __init__(self, columns: int, panel: tuple[float, float], note_lines: int) -> None:
+        self.columns = columns
+        self.panel_width = panel[0]
+        # Lower row first; it holds charts, which need some height.
+        self.row_heights = (max(panel[1], CHART_HEIGHT), panel[1])
+        self.foot = BELOW_CHARTS + FOOT + NOTE_LINE * note_lines
+        self.width = 2 * MARGIN + columns * self.panel_width + (columns - 1) * GAP_ACROSS
+        self.height = HEADER + sum(self.row_heights) + GAP_DOWN + self.foot
+        self.figure = Figure(figsize=(self.width, self.height), facecolor="white")
+        self.canvas = FigureCanvasAgg(self.figure)
+
+    def text(self, left: float, bottom: float, text: str, **style: Any) -> Text:
+        """Add a line of text at a place given in inches; dollar signs mean dollars."""
+        return self.figure.text(left / self.width, bottom / self.height, text, parse_math=False, **style)
+
+    def panels(self) -> dict[str, Axes]:
+        """Add the panels, two rows of them."""
+        upper = ["measurement", "decode", "result", "truth"][: self.columns]
+        lower = ["error", "depth", "path", "curve"][4 - self.columns :]
+        found = {}
+        for row, names in enumerate((lower, upper)):
+            for column, name in enumerate(names):
+                # Charts carry the labels of their values inside their panel's width.
+                inset = CHART_INSET if name in {"path", "curve"} else 0.0
+                left = MARGIN + column * (self.panel_width + GAP_ACROSS) + inset
+                bottom = self.foot + row * (self.row_heights[0] + GAP_DOWN)
+                width = self.panel_width - inset
+                found[name] = self.figure.add_axes(
+                    (
+                        left / self.width,
+                        bottom / self.height,
+                        width / self.width,
+                        self.row_heights[row] / self.height,
+                    )
+                )
+        return found
+
+    def width_of(self, text: Text) -> float:
+        """Measure a text, in inches."""
+        renderer = self.canvas.get_renderer()  # type: ignore[no-untyped-call]
+        return float(text.get_window_extent(renderer).width / self.figure.dpi)
+
+    def shorten(self, text: Text, room: float) -> None:
+        """Cut a text with an ellipsis until it is no wider than `room` inches."""
+        whole = text.get_text()
+        for length in range(len(whole) - 1, 0, -1):
+            if self.width_of(text) <= room:
+                return
+            text.set_text(whole[:length].rstrip() + "…")
+
+
+def _header(page: _Page, report: dict[str, Any]) -> None:
+    top, right = page.height - 0.62, page.width - MARGIN
+    for value, label in reversed(_headline(report)):
+        number = page.text(right, top, value, fontsize=17, fontweight="bold", color=panels.INK, ha="right")
+        below = page.text(right, top - 0.27, label, fontsize=panels.LABEL_PT, color=panels.MUTED, ha="right")
+        right -= max(page.width_of(number), page.width_of(below)) + STAT_GAP
+    room = right - MARGIN
+    name = " ".join(str(report["name"]).split())
+    page.shorten(page.text(MARGIN, top, name, fontsize=20, fontweight="bold", color=panels.INK), room)
+    height, width = report["size"]
+    colors = report["cfa"] or ("RGB" if report["channels"] == 3 else "mono")
+    count = f"{report['gaussians']:,}".replace(",", "\u2009")
+    facts = [f"{report['views']} views from one exposure", f"{width} × {height}", colors, f"{count} Gaussians"]
+    style = {"fontsize": panels.LABEL_PT, "color": panels.MUTED}
+    page.shorten(page.text(MARGIN, top - 0.27, "  ·  ".join(facts), **style), room)
+    stopped = page.text(MARGIN, top - 0.5, f"stopped: {report['stopped_because']}", **style)
+    page.shorten(stopped, page.width - 2 * MARGIN)
+
+
+def _headline(report: dict[str, Any]) -> list[tuple[str, str]]:
+    """Choose the figures that matter most: value and label."""
+    stats = []
+    if report["psnr_db"] is not None:
+        stats += [(f"{report['psnr_db']['mean']:.2f} dB", "PSNR"), (f"{report['ssim']['mean']:.3f}", "SSIM")]
+    if report["trajectory"] is not None and report["trajectory"]["nate"] is not None:
+        stats += [(f"{report['trajectory']['nate']:.4f}", "nATE")]
+    if report["psnr_db"] is None:
+        stats += [(f"{report['residual']['rms']:.4f}", "residual rms")]
+        heldout = report["residual"]["heldout_rms_" + report["verdict"]]
+        stats += [] if heldout is None else [(f"{heldout:.4f}", "held-out rms")]
+    return [*stats, (f"{report['seconds']['total']:.0f} s", "in all")]
+
+
+def _image_panels(
+    panel: dict[str, Axes], shot: Shot, result: RunResult, report: dict[str, Any], *, view: int
+) -> None:
+    of_all = f"view {view + 1} of {result.views.shape[0]}"
+    bright = max(float(np.percentile(shot.measurement, 99.5)), 1e-6)
+    kind = f"{shot.cfa} mosaic" if shot.cfa else "RGB" if shot.channels == 3 else "mono"
+    panels.image(panel["measurement"], shot.measurement / np.float32(bright))
+    panels.title(panel["measurement"], "Measurement", f"{kind}, white at {bright:.2f}")
+    panels.image(panel["decode"], result.decode[view])
+    panels.title(panel["decode"], f"Decode, {of_all}", _decibels(report["decode"], view))
+    panels.image(panel["result"], result.recovered[view])
+    name = "Result" if result.verdict == "scene" else "Result = decode"
+    panels.title(panel["result"], f"{name}, {of_all}", _decibels(report, view))
+    if shot.truth.views is not None:
+        panels.image(panel["truth"], shot.truth.views[view])
+        panels.title(panel["truth"], f"Truth, {of_all}")
+        _error_panel(panel["error"], result.recovered[view], shot.truth.views[view])
+
+
+def _error_panel(axes: Axes, recovered: F32, truth: F32) -> None:
+    error = np.abs(np.clip(recovered, 0, 1) - np.clip(truth, 0, 1)).mean(-1)
+    # A ceiling of at least 2 %: below it an almost perfect result would look as bad as any other.
+    ceiling = max(float(np.percentile(error, 99.5)), 0.02)
+    panels.scaled_map(axes, error, (0, ceiling), colormap="inferno")
+    panels.title(axes, "Error", "mean |result − truth|")
+
+
+def _depth_panel(axes: Axes, result: RunResult, view: int) -> None:
+    depth = None if result.depth is None else result.depth[view]
+    if depth is None or not (depth > 0).any():
+        panels.title(axes, "Depth")
+        panels.message(axes, "no depth was found")
+        return
+    # Inverse depth is what the images determine evenly: parallax is proportional to it.
+    inverse = 1 / np.ma.masked_less_equal(depth.astype(np.float64), 0)
+    low, high = (float(value) for value in np.percentile(inverse.compressed(), (1, 99)))
+    if high - low < 1e-3 * high:
+        low, high = 0.9 * low, 1.1 * high
+    panels.scaled_map(axes, inverse, (low, high), colormap="viridis", reading=lambda value: 1 / value)
+    panels.title(axes, "Depth", f"view {view + 1}, scene units")
+
+
+def _path_panel(axes: Axes, shot: Shot, result: RunResult, report: dict[str, Any]) -> None:
+    truth, recovered = shot.truth.world_to_camera, result.world_to_camera
+    if truth is None:
+        panels.title(axes, "Camera path", "from above")
+        panels.camera_path(axes, _inverse(recovered), None)
+        return
+    errors = report["trajectory"]
+    nate = "" if errors["nate"] is None else f"nATE {errors['nate']:.4f}  ·  "
+    panels.title(axes, "Camera path", f"{nate}{errors['rotation_deg']:.2f}°")
+    panels.camera_path(axes, _inverse(align(recovered, truth).apply(recovered)), _inverse(truth))
+
+
+def _curve_panel(axes: Axes, report: dict[str, Any]) -> None:
+    if report["psnr_db"] is not None:
+        name, key, label = "Accuracy against time", "psnr_db", "PSNR, dB"
+        decode = report["decode"]["psnr_db"]["mean"]
+    else:
+        name, key, label = "Held-out residual against time", "heldout", "held-out residual, rms"
+        decode = report["residual"]["heldout_rms_decode"]
+    panels.title(axes, name)
+    rows = [row for row in report["curve"] if row[key] is not None and row["seconds"] > 0]
+    if not rows:
+        panels.message(axes, "nothing was fitted")
+        return
+    course = panels.Series([row["seconds"] for row in rows], [row[key] for row in rows])
+    level = None if decode is None else ("decode", decode)
+    positive = min([*course.values, *([] if decode is None else [decode])]) > 0
+    panels.time_curve(axes, course, label=label, level=level, log_values=key == "heldout" and positive)
+
+
+def _inverse(poses: F64) -> F64:
+    return np.asarray(np.linalg.inv(poses), dtype=np.float64)
+
+
+def _decibels(scores: dict[str, Any], view: int) -> str:
+    return "" if scores["psnr_db"] is None else f"{scores['psnr_db']['per_view'][view]:.2f} dB"
+
+
+def _note_lines(notes: list[str], room: float) -> list[str]:
+    """Break the notes into lines of `room` inches; what does not fit is left to the report, and said so."""
+    # 9 pt DejaVu Sans sets 14 characters to the inch.
+    lines = [line for note in notes for line in textwrap.wrap(note, width=int(room * 14))]
+    if len(lines) > MAX_NOTE_LINES:
+        lines = [*lines[: MAX_NOTE_LINES - 1], "More notes are in report.json."]
+    return lines

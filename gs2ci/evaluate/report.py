@@ -1,0 +1,132 @@
+"""What `report.json` says: the figures of one run, as plain JSON values. Schema `gs2ci.report/1`.
+
+Here: the report's content and its reading. Not here: the run folder's other files (`gs2ci.evaluate.run_folder`),
+the picture (`gs2ci.evaluate.overview`). The commands and the rest of `gs2ci.evaluate` may import this file.
+"""
+
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import asdict, is_dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from gs2ci.core.errors import StorageError
+from gs2ci.core.records import F32, Shot
+from gs2ci.core.run_records import RunResult
+from gs2ci.evaluate import environment
+from gs2ci.evaluate.metrics import measurement_residual, psnr_per_view, ssim_per_view
+from gs2ci.evaluate.trajectory import trajectory_errors
+
+SCHEMA: Final = "gs2ci.report/1"
+REPORT_NAME: Final = "report.json"
+
+_FREE_SENTENCES: Final = {
+    "roll": "The camera path is too straight for its positions to tell the rotation about it; rotation_deg takes "
+    "that roll from the cameras' own orientations.",
+    "rotation": "A camera that stands still leaves the alignment without scale and rotation; rotation_deg takes "
+    "the rotation from the cameras' own orientations, and ate is at the estimate's own scale.",
+}
+
+
+def build_report(shot: Shot, result: RunResult) -> dict[str, Any]:
+    """Collect the figures of one run; what needs an unknown truth is None.
+
+    `psnr_db`, `ssim` and `residual` speak of the views that the verdict names; `scene` and `decode` of each.
+
+    Args:
+        shot: The measurement, with its truth if there is one.
+        result: What was recovered from it.
+    """
+    n, height, width, channels = result.views.shape
+    scene, decode = (_image_scores(views, shot.truth.views) for views in (result.views, result.decode))
+    recovered = scene if result.verdict == "scene" else decode
+    trajectory, sentences = _trajectory(shot, result)
+    residual = measurement_residual(result.predicted_measurement, shot.measurement, shot.saturated)
+    report = {
+        "schema": SCHEMA,
+        "name": shot.name,
+        "views": n,
+        "size": [height, width],
+        "channels": channels,
+        "cfa": shot.cfa,
+        "verdict": result.verdict,
+        "notes": [*result.notes, *sentences],
+        **recovered,
+        "scene": scene,
+        "decode": decode,
+        "trajectory": trajectory,
+        "residual": {
+            **asdict(residual),
+            "heldout_rms_scene": result.heldout_rms_scene,
+            "heldout_rms_decode": result.heldout_rms_decode,
+        },
+        "seconds": dict(result.seconds),
+        "curve": [asdict(point) for point in result.curve],
+        "gaussians": result.gaussians,
+        "stopped_because": result.stopped_because,
+        "geometry": dict(result.geometry),
+        "peak_mib": round(environment.peak_mib(), 1),
+        "settings": dict(result.settings),
+        "seed": result.seed,
+        "versions": environment.versions(),
+        "machine": environment.machine(),
+        "provenance": shot.provenance,
+    }
+    plain: dict[str, Any] = plain_json(report)
+    return plain
+
+
+def plain_json(value: Any) -> Any:
+    """Reduce a value to what JSON can hold; a number that is not finite becomes None, the unknown its text."""
+    match value:
+        case None | bool() | int() | str():
+            return value
+        case float():
+            return value if math.isfinite(value) else None
+        case np.generic() | np.ndarray():
+            return plain_json(value.tolist())
+        case Mapping():
+            return {str(key): plain_json(item) for key, item in value.items()}
+        case list() | tuple():
+            return [plain_json(item) for item in value]
+        case _ if is_dataclass(value) and not isinstance(value, type):
+            return plain_json(asdict(value))
+        case _:
+            return str(value)
+
+
+def read_report(folder: Path) -> dict[str, Any]:
+    """Read the report of a run folder.
+
+    Raises:
+        StorageError: There is none, it is cut short, or its schema is another.
+    """
+    path = Path(folder) / REPORT_NAME
+    remedy = "give the folder that `gs2ci reconstruct -o` wrote"
+    try:
+        report = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise StorageError(f"{path} cannot be read: {error}", remedy=remedy) from error
+    if not isinstance(report, dict) or report.get("schema") != SCHEMA:
+        found = report.get("schema") if isinstance(report, dict) else type(report).__name__
+        raise StorageError(f"{path} has schema {found!r}", allowed=SCHEMA, remedy=remedy)
+    return report
+
+
+def _image_scores(views: F32, truth: F32 | None) -> dict[str, Any]:
+    if truth is None:
+        return {"psnr_db": None, "ssim": None}
+    scores = {"psnr_db": psnr_per_view(views, truth), "ssim": ssim_per_view(views, truth)}
+    return {key: {"mean": float(np.mean(each)), "per_view": each} for key, each in scores.items()}
+
+
+def _trajectory(shot: Shot, result: RunResult) -> tuple[dict[str, float | None] | None, list[str]]:
+    truth = shot.truth.world_to_camera
+    if truth is None:
+        return None, []
+    errors = asdict(trajectory_errors(result.world_to_camera, truth))
+    free = errors.pop("free")
+    return errors, [_FREE_SENTENCES[free]] if free in _FREE_SENTENCES else []

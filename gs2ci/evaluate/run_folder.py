@@ -1,0 +1,162 @@
+"""The run folder: everything one reconstruction leaves behind, written whole or not at all.
+
+    run/
+      report.json    the figures, schema gs2ci.report/1 (gs2ci.evaluate.report)
+      overview.png   the picture to look at first
+      views.npy      the recovered views, [N, H, W, 3] float32, full scale 1, not clamped; mono repeated thrice
+      views/         the same as 8-bit pictures, clamped to [0, 1]; mono stays grey
+      decode.npy     what the decode alone gave, as views.npy
+      scene_views.npy  what the scene shows, where the verdict prefers the decode
+      depth.npy      [N, H, W] float32, scene units, 0 where nothing is seen; absent where no depth was found
+      scene.ply      the Gaussians, 3DGS convention
+      cameras.json   nerfstudio transforms
+      colmap/sparse/0  the same cameras, and a thinned cloud of the Gaussians' centres
+
+Not here: the figures, the picture. The commands may import this file.
+"""
+
+import json
+import os
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, Final
+
+import cv2
+import numpy as np
+
+from gs2ci.core.errors import StorageError
+from gs2ci.core.records import F32, Shot
+from gs2ci.core.run_records import RunResult
+from gs2ci.evaluate.cameras import nerfstudio_transforms, view_names, write_colmap_model
+from gs2ci.evaluate.report import REPORT_NAME, build_report, read_report
+
+# Enough for a viewer to recognise the scene, few enough for text tools to stay usable.
+COLMAP_POINTS: Final = 10_000
+
+
+def write_run(folder: Path, shot: Shot, result: RunResult, scene: Any, *, overwrite: bool = False) -> Path:
+    """Write a finished run; the folder appears complete or not at all.
+
+    Args:
+        folder: Where; parents are made.
+        shot: The measurement that was reconstructed.
+        result: What was recovered.
+        scene: The Gaussians.
+        overwrite: Replace an earlier run at this place.
+
+    Returns:
+        The folder.
+
+    Raises:
+        StorageError: Something else lies there, or the disk refuses.
+        InputError: Parts of the result do not fit together.
+        NumericsError: The result holds numbers that are not finite.
+    """
+    folder = Path(folder)
+    result.check()
+    with whole_folder(folder, overwrite=overwrite) as partial:
+        report = build_report(shot, result)
+        _write_images(partial, result)
+        _write_scene(partial, result, scene)
+        (partial / REPORT_NAME).write_text(json.dumps(report, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+    return folder
+
+
+def check_destination(folder: Path, *, overwrite: bool = False) -> None:
+    """Refuse a place where no run may be written; to be asked before the work, not after it.
+
+    Raises:
+        StorageError: The place holds a file, an earlier run that may not be replaced, or a folder that is no run.
+    """
+    if not folder.exists() and not folder.is_symlink():
+        return
+    if not folder.is_dir():
+        raise StorageError(f"{folder} is not a folder", remedy="choose another place with -o")
+    if not any(folder.iterdir()):
+        return
+    if not overwrite:
+        raise StorageError(
+            f"{folder} exists and is not empty",
+            allowed="a new or an empty folder",
+            remedy="choose another place with -o, or add --overwrite to replace an earlier run",
+        )
+    try:
+        read_report(folder)
+    except StorageError as error:
+        raise StorageError(
+            f"{folder} holds something other than a run, which is not replaced",
+            allowed="a folder with a report.json of ours",
+            remedy="choose another place with -o",
+        ) from error
+
+
+@contextmanager
+def whole_folder(folder: Path, *, overwrite: bool = False) -> Iterator[Path]:
+    """Give a hidden sibling folder to fill; rename it into place at the end, remove it if anything goes wrong.
+
+    Raises:
+        StorageError: See `check_destination`; or the disk refuses.
+    """
+    check_destination(folder, overwrite=overwrite)
+    partial = folder.parent / f".{folder.name}.{os.getpid()}.partial"
+    try:
+        partial.mkdir(parents=True)
+        yield partial
+        _swap_in(partial, folder)
+    except OSError as error:
+        raise StorageError(
+            f"{folder} cannot be written: {error}",
+            remedy="check the free space and the permissions, or choose another",
+        ) from error
+    finally:
+        shutil.rmtree(partial, ignore_errors=True)
+
+
+def _swap_in(partial: Path, folder: Path) -> None:
+    old = folder.parent / f".{folder.name}.{os.getpid()}.old"
+    replacing = folder.exists()
+    if replacing:
+        folder.rename(old)
+    try:
+        partial.rename(folder)
+    except OSError:
+        if replacing:
+            old.rename(folder)
+        raise
+    shutil.rmtree(old, ignore_errors=True)
+
+
+def _write_images(folder: Path, result: RunResult) -> None:
+    np.save(folder / "views.npy", _three_channels(result.recovered))
+    np.save(folder / "decode.npy", _three_channels(result.decode))
+    if result.verdict == "decode":
+        np.save(folder / "scene_views.npy", _three_channels(result.views))
+    if result.depth is not None:
+        np.save(folder / "depth.npy", result.depth.astype(np.float32))
+    pictures = folder / "views"
+    pictures.mkdir()
+    for name, view in zip(view_names(len(result.recovered)), result.recovered, strict=True):
+        eight_bit = np.round(255 * np.clip(view, 0, 1)).astype(np.uint8)
+        if not cv2.imwrite(str(pictures / name), eight_bit[..., ::-1]):
+            raise StorageError(f"{name} cannot be written", remedy="check the free space and the permissions")
+
+
+def _write_scene(folder: Path, result: RunResult, scene: Any) -> None:
+    from gs2ci.render.ply import write_ply  # noqa: PLC0415
+
+    size = (int(result.views.shape[1]), int(result.views.shape[2]))
+    write_ply(folder / "scene.ply", scene)
+    transforms = nerfstudio_transforms(result.world_to_camera, result.intrinsics, size)
+    (folder / "cameras.json").write_text(
+        json.dumps(transforms, indent=1, allow_nan=False) + "\n", encoding="utf-8"
+    )
+    model = folder / "colmap" / "sparse" / "0"
+    model.mkdir(parents=True)
+    points = np.zeros((0, 3), np.float32)
+    write_colmap_model(model, result.world_to_camera, result.intrinsics, size, points=points, colors=points)
+
+
+def _three_channels(views: F32) -> F32:
+    return np.ascontiguousarray(np.broadcast_to(views, (*views.shape[:3], 3)), dtype=np.float32)

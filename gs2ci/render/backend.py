@@ -1,0 +1,123 @@
+"""The interface behind which renderers are exchangeable, and the registry of those there are.
+
+A backend renders whole views, and the coded sum of views without making images of them. `reference` is the
+float64 definition, for tests and small scenes; `cpu` is what reconstructions run on. A further one (CUDA) is one
+class and one entry in `_BACKENDS`. Anyone above `gs2ci.render` may import this file.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Final, Protocol
+
+from torch import Tensor
+
+from gs2ci.core.errors import InputError
+from gs2ci.render.gaussians import Gaussians
+
+
+@dataclass(frozen=True)
+class Coding:
+    """A mask set as a backend prepared it; what else is in it is the backend's own business.
+
+    Args:
+        views: N.
+        size: Height and width, px.
+    """
+
+    views: int
+    size: tuple[int, int]
+
+
+class Backend(Protocol):
+    """A differentiable renderer of Gaussian scenes over a black background.
+
+    World-to-camera matrices have OpenCV axes (x right, y down, z forward); pixel centres lie at +0.5. Gradients
+    reach all fields of the scene, per-view colours and the upper three rows of the poses; as a pose's gradient is
+    that of its twelve numbers, compose it with `se3.exp` to stay among rigid motions. The intrinsics get no
+    gradient.
+    """
+
+    @property
+    def name(self) -> str:
+        """Get the name under which `load_backend` knows it."""
+        ...
+
+    def code(self, masks: Tensor) -> Coding:
+        """Prepare a mask set, once.
+
+        Args:
+            masks: Mask value times slot weight, [N, H, W] float32, not negative; pixels at 0 are never rendered.
+
+        Raises:
+            InputError: Not [N, H, W], negative or not finite.
+        """
+        ...
+
+    def coded(self, scene: Gaussians, world_to_camera: Tensor, intrinsics: Tensor, coding: Coding) -> Tensor:
+        """Render the coded measurement Y = sum_i M_i * X_i (paper, eq. 1, without noise).
+
+        Args:
+            scene: The Gaussians.
+            world_to_camera: The pose under each mask, [N, 4, 4].
+            intrinsics: Camera matrix in pixels, [3, 3].
+            coding: From `code`.
+
+        Returns:
+            Y, [H, W, 3] float32, in the unit of the colours.
+
+        Raises:
+            InputError: Shapes disagree, a number is not finite, or the coding is another backend's.
+        """
+        ...
+
+    def views(
+        self,
+        scene: Gaussians,
+        world_to_camera: Tensor,
+        intrinsics: Tensor,
+        size: tuple[int, int],
+        colours: Tensor | None = None,
+    ) -> tuple[Tensor, Tensor]:
+        """Render whole views.
+
+        Args:
+            scene: The Gaussians.
+            world_to_camera: Poses, [V, 4, 4].
+            intrinsics: Camera matrix in pixels, [3, 3].
+            size: Height and width, px.
+            colours: Colours that differ from view to view, [V, G, 3]; None takes the scene's.
+
+        Returns:
+            Images [V, H, W, 3] and alphas [V, H, W] (1 where no light passes), float32.
+
+        Raises:
+            InputError: Shapes disagree or a number is not finite.
+        """
+        ...
+
+
+def _load_cpu() -> Backend:
+    # Importing Numba takes a second; only who renders on the CPU pays it.
+    from gs2ci.render.cpu.backend import CpuBackend  # noqa: PLC0415
+
+    return CpuBackend()
+
+
+def _load_reference() -> Backend:
+    from gs2ci.render.reference import ReferenceBackend  # noqa: PLC0415
+
+    return ReferenceBackend()
+
+
+_BACKENDS: Final[dict[str, Callable[[], Backend]]] = {"cpu": _load_cpu, "reference": _load_reference}
+
+
+def load_backend(name: str = "cpu") -> Backend:
+    """Return a new backend by name.
+
+    Raises:
+        InputError: There is none of that name.
+    """
+    if name not in _BACKENDS:
+        raise InputError(f"no rendering backend {name!r}", allowed=", ".join(sorted(_BACKENDS)))
+    return _BACKENDS[name]()

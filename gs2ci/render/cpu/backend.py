@@ -1,0 +1,102 @@
+"""The CPU rasteriser behind the `Backend` interface. Users get it from `gs2ci.render.backend.load_backend`."""
+
+from collections import OrderedDict
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from gs2ci.core.errors import InputError
+from gs2ci.render.backend import Coding
+from gs2ci.render.conventions import TERMINATION_TRANSMITTANCE
+from gs2ci.render.cpu.function import CodedSum, Job, Rasterise, Target, ViewImages
+from gs2ci.render.cpu.layout import Layout, lay_out
+from gs2ci.render.cpu.passes import camera_fields
+from gs2ci.render.cpu.workspace import Pool
+from gs2ci.render.gaussians import Gaussians
+from gs2ci.render.inputs import check_masks, check_rendering, check_size
+
+_FULL_LAYOUTS_KEPT: Final = 4
+
+
+@dataclass(frozen=True)
+class CpuCoding(Coding):
+    """A mask set compacted into cells."""
+
+    layout: Layout
+
+
+class CpuBackend:
+    """Numba kernels on all cores; the same result on any number of them.
+
+    Args:
+        termination_transmittance: Stop blending 16 pixels once all let less light through than this; 0 never.
+    """
+
+    name = "cpu"
+
+    def __init__(self, termination_transmittance: float = TERMINATION_TRANSMITTANCE) -> None:
+        self._termination = termination_transmittance
+        self._pool = Pool()
+        self._full_layouts: OrderedDict[tuple[int, int, int], Layout] = OrderedDict()
+
+    def code(self, masks: Tensor) -> CpuCoding:
+        """Compact the open pixels of a mask set; see `Backend.code`."""
+        check_masks(masks)
+        values = np.ascontiguousarray(masks.detach().numpy(), dtype=np.float32)
+        views, height, width = values.shape
+        return CpuCoding(views, (height, width), lay_out(values))
+
+    def coded(self, scene: Gaussians, world_to_camera: Tensor, intrinsics: Tensor, coding: Coding) -> Tensor:
+        """Render the coded sum; see `Backend.coded`."""
+        if not isinstance(coding, CpuCoding):
+            raise InputError(
+                f"a coding of type {type(coding).__name__} given to the cpu backend",
+                allowed="what this backend's code(masks) returned",
+            )
+        check_rendering(scene, world_to_camera, intrinsics, views=coding.views)
+        target = CodedSum(coding.layout)
+        return self._run(target, scene, scene.colours, world_to_camera, intrinsics)[0]
+
+    def views(
+        self,
+        scene: Gaussians,
+        world_to_camera: Tensor,
+        intrinsics: Tensor,
+        size: tuple[int, int],
+        colours: Tensor | None = None,
+    ) -> tuple[Tensor, Tensor]:
+        """Render whole views; see `Backend.views`."""
+        check_size(size)
+        check_rendering(scene, world_to_camera, intrinsics, colours=colours)
+        target = ViewImages(self._full_layout((int(world_to_camera.shape[0]), *size)))
+        used = scene.colours if colours is None else colours
+        images, alphas = self._run(target, scene, used, world_to_camera, intrinsics)
+        return images, alphas
+
+    def _run(
+        self, target: Target, scene: Gaussians, colours: Tensor, world_to_camera: Tensor, intrinsics: Tensor
+    ) -> tuple[Tensor, ...]:
+        layout = target.layout
+        camera = camera_fields(
+            intrinsics.detach().to(torch.float64).numpy(), height=layout.height, width=layout.width
+        )
+        parameters = (
+            *(scene.means, scene.log_scales, scene.quaternions),
+            *(scene.opacity_logits, colours, world_to_camera),
+        )
+        job = Job(target, camera, self._termination, self._pool)
+        # Converted outside the function, so that float64 poses get float64 gradients.
+        outputs: tuple[Tensor, ...] = Rasterise.apply(job, *(p.to(torch.float32) for p in parameters))
+        return outputs
+
+    def _full_layout(self, shape: tuple[int, int, int]) -> Layout:
+        layout = self._full_layouts.pop(shape, None)
+        if layout is None:
+            layout = lay_out(np.ones(shape, np.float32))
+        self._full_layouts[shape] = layout
+        if len(self._full_layouts) > _FULL_LAYOUTS_KEPT:
+            self._full_layouts.popitem(last=False)
+        return layout

@@ -1,0 +1,97 @@
+"""exp, log and the blending exponential on 16-lane vectors, accurate to float32 rounding or stated otherwise.
+
+All polynomials are derived here from series or interpolation; none is a table of numbers to be believed. Only
+`gs2ci.render.cpu` imports this file.
+"""
+
+import math
+from typing import Any, Final
+
+import numpy as np
+from llvmlite import ir
+
+from gs2ci.render.cpu.vector import (
+    FLAGS,
+    VECTOR,
+    VECTOR_I32,
+    call_llvm,
+    constant,
+    constant_i32,
+    elementwise,
+)
+
+LOG2E: Final = 1.0 / math.log(2.0)
+LN2: Final = math.log(2.0)
+
+_MANTISSA_BITS: Final = 23
+_LARGEST_EXPONENT: Final = 126.0
+_EXP2_TAYLOR: Final = tuple(LN2**k / math.factorial(k) for k in range(8))
+"""2^f = sum (f ln 2)^k / k!; the first term left out is below 6e-9 for |f| <= 1/2."""
+_ATANH_SERIES: Final = tuple(2.0 / (2 * k + 1) for k in range(5))
+"""log m = 2 atanh r = sum 2 r^(2k+1) / (2k+1), r = (m - 1)/(m + 1); left out: below 5e-9 of the value."""
+
+EXP2_LOWEST: Final = -8.0
+"""`exp2_blend` answers 2^-8 for anything lower. It is just below the smallest alpha that is blended (2^-7.994)."""
+_ROOT_SQUARINGS: Final = 4
+_EXP2_ROOT: Final = tuple(
+    np.polynomial.Chebyshev.interpolate(np.exp2, 4, domain=[EXP2_LOWEST / 2**_ROOT_SQUARINGS, 0.0])
+    .convert(kind=np.polynomial.Polynomial)
+    .coef.tolist()
+)
+"""2^f on [-1/2, 0] to 1e-7, the degree at which four squarings of it stay within 2e-6."""
+
+
+def _polynomial(builder: ir.IRBuilder, x: Any, coefficients: tuple[float, ...]) -> Any:
+    """Evaluate sum coefficients[k] x^k by Horner's rule."""
+    value = constant(coefficients[-1])
+    for coefficient in coefficients[-2::-1]:
+        value = builder.fadd(builder.fmul(value, x, flags=FLAGS), constant(coefficient), flags=FLAGS)
+    return value
+
+
+def _clamp(builder: ir.IRBuilder, x: Any, low: float, high: float) -> Any:
+    x = builder.select(builder.fcmp_ordered(">", x, constant(low)), x, constant(low))
+    return builder.select(builder.fcmp_ordered("<", x, constant(high)), x, constant(high))
+
+
+def _emit_exponential(builder: ir.IRBuilder, x: Any) -> Any:
+    power = builder.fmul(x, constant(LOG2E), flags=FLAGS)
+    power = _clamp(builder, power, -_LARGEST_EXPONENT, _LARGEST_EXPONENT)
+    whole = call_llvm(builder, "llvm.rint.v16f32", power)
+    fraction = _polynomial(builder, builder.fsub(power, whole, flags=FLAGS), _EXP2_TAYLOR)
+    # Adding to the exponent bits multiplies by a power of two.
+    exponent = builder.shl(builder.fptosi(whole, VECTOR_I32), constant_i32(_MANTISSA_BITS))
+    return builder.bitcast(builder.add(builder.bitcast(fraction, VECTOR_I32), exponent), VECTOR)
+
+
+def _emit_logarithm(builder: ir.IRBuilder, x: Any) -> Any:
+    # x = m 2^e with m in [sqrt(1/2), sqrt(2)): rounding the exponent at the bits of sqrt(1/2).
+    bits = builder.bitcast(x, VECTOR_I32)
+    root_half = constant_i32(int(np.float32(math.sqrt(0.5)).view(np.int32)))
+    exponent = builder.ashr(builder.sub(bits, root_half), constant_i32(_MANTISSA_BITS))
+    mantissa = builder.bitcast(builder.sub(bits, builder.shl(exponent, constant_i32(_MANTISSA_BITS))), VECTOR)
+    below, above = (
+        builder.fsub(mantissa, constant(1.0), flags=FLAGS),
+        builder.fadd(mantissa, constant(1.0), flags=FLAGS),
+    )
+    r = builder.fdiv(below, above, flags=FLAGS)
+    series = _polynomial(builder, builder.fmul(r, r, flags=FLAGS), _ATANH_SERIES)
+    whole = builder.fmul(builder.sitofp(exponent, VECTOR), constant(LN2), flags=FLAGS)
+    return builder.fadd(builder.fmul(r, series, flags=FLAGS), whole, flags=FLAGS)
+
+
+def _emit_exp2_blend(builder: ir.IRBuilder, x: Any) -> Any:
+    lowest = constant(EXP2_LOWEST)
+    x = builder.select(builder.fcmp_ordered(">", x, lowest), x, lowest)
+    value = _polynomial(builder, builder.fmul(x, constant(0.5**_ROOT_SQUARINGS), flags=FLAGS), _EXP2_ROOT)
+    for _ in range(_ROOT_SQUARINGS):
+        value = builder.fmul(value, value, flags=FLAGS)
+    return value
+
+
+exponential: Final = elementwise(_emit_exponential)
+"""exponential(x): e^x; x beyond +-87 is cut there, so the result is always finite and positive."""
+logarithm: Final = elementwise(_emit_logarithm)
+"""logarithm(x): ln x for positive normal x."""
+exp2_blend: Final = elementwise(_emit_exp2_blend)
+"""exp2_blend(x): 2^x for x in [EXP2_LOWEST, 0], to 2e-6 of the value, in ten instructions."""

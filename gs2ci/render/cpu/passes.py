@@ -1,0 +1,230 @@
+"""The two passes over the kernels, on numpy arrays: parameters to cells, and gradients of cells to gradients.
+
+Here buffers are sized and kernels called in order. What the cells mean (views or a coded sum) is decided by the
+caller. Only `gs2ci.render.cpu` imports this file.
+"""
+
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gs2ci.render.conventions import FRUSTUM_MARGIN
+from gs2ci.render.cpu.bins import OVERFLOW, count_entries, fill_entries
+from gs2ci.render.cpu.blend import CELL, blend, differentiate_blend
+from gs2ci.render.cpu.layout import Layout
+from gs2ci.render.cpu.project import project
+from gs2ci.render.cpu.project_backward import POSE_ENTRIES, differentiate_project, tasks_for
+from gs2ci.render.cpu.record import CAMERA_FIELDS, FIELDS
+from gs2ci.render.cpu.vector import LANES
+from gs2ci.render.cpu.workspace import Workspace
+
+F32 = NDArray[np.float32]
+
+BACKWARD_TASKS_MIN: Final = 8
+"""A few views are cut into bands until there are this many tasks. A constant, not the number of threads: bands
+decide the order of sums, and results must not depend on threads. Each band costs one more gradient record."""
+_SPANS_PER_GAUSSIAN: Final = 4
+"""First guess of the span buffer's size; it doubles until it suffices."""
+
+
+@dataclass(frozen=True)
+class Inputs:
+    """Parameters of one rendering as C-contiguous float32.
+
+    Args:
+        means: [G, 3].
+        log_scales: [G, 3].
+        quaternions: [G, 4].
+        logits: [G].
+        colours: [G, 3], or [V, G, 3] where views have their own.
+        poses: world_to_camera, [V, 4, 4].
+        camera: The fields of `record.py`.
+    """
+
+    means: F32
+    log_scales: F32
+    quaternions: F32
+    logits: F32
+    colours: F32
+    poses: F32
+    camera: F32
+
+    @property
+    def count(self) -> int:
+        """Get the number of Gaussians, G."""
+        return int(self.logits.shape[0])
+
+    @property
+    def blocks(self) -> int:
+        """Get the number of blocks of 16 Gaussians."""
+        return -(-self.count // LANES)
+
+    def flat(self) -> tuple[Any, ...]:
+        """Return the parameters as the projection kernels take them."""
+        return (
+            self.means.reshape(-1),
+            self.log_scales.reshape(-1),
+            self.quaternions.reshape(-1),
+            self.logits,
+            self.colours.reshape(-1),
+            self.colours.ndim == 3,
+            self.poses.reshape(-1, 16),
+            self.camera,
+        )
+
+
+@dataclass(frozen=True)
+class Rendered:
+    """What the forward pass leaves for the backward pass; all arrays belong to the workspace.
+
+    Args:
+        records: Projected Gaussians, [V, blocks * 256].
+        entry_start: Where each cell's list begins within its view's, [cells].
+        kept: Its length, [cells].
+        list_start: Where each view's lists begin, [V + 1].
+        lists: Gaussians of each cell, front to back.
+        cells: Red, green, blue and transmittance of each cell's pixels, [cells * 64].
+    """
+
+    records: F32
+    entry_start: NDArray[np.int32]
+    kept: NDArray[np.int32]
+    list_start: NDArray[np.int64]
+    lists: NDArray[np.int32]
+    cells: F32
+
+
+def camera_fields(intrinsics: NDArray[np.float64], height: int, width: int) -> F32:
+    """Pack the intrinsics [3, 3], the image size and the bounds of the linearisation for the kernels."""
+    fx, fy, cx, cy = intrinsics[0, 0], intrinsics[1, 1], intrinsics[0, 2], intrinsics[1, 2]
+    margin_u, margin_v = FRUSTUM_MARGIN * width / fx, FRUSTUM_MARGIN * height / fy
+    fields = (
+        *(fx, fy, cx, cy, width, height),
+        *(-cx / fx - margin_u, (width - cx) / fx + margin_u),
+        *(-cy / fy - margin_v, (height - cy) / fy + margin_v),
+    )
+    assert len(fields) == CAMERA_FIELDS
+    return np.array(fields, np.float32)
+
+
+def render_cells(inputs: Inputs, layout: Layout, termination: float, workspace: Workspace) -> Rendered:
+    """Render the open pixels of all views."""
+    records = workspace.get("records", (layout.views, inputs.blocks * LANES * FIELDS))
+    project(*inputs.flat(), records.reshape(-1))
+    entries, entry_start, list_start, lists = _list_entries(inputs, layout, records, workspace)
+    kept = workspace.get("kept", (layout.cells,), np.int32)
+    cells = workspace.get("cells", (layout.cells * CELL,))
+    blend(
+        records.reshape(-1),
+        layout.cell_view,
+        layout.x,
+        layout.y,
+        entry_start,
+        entries,
+        list_start,
+        lists,
+        np.float32(termination),
+        kept,
+        cells,
+    )
+    return Rendered(records, entry_start, kept, list_start, lists, cells)
+
+
+def _list_entries(
+    inputs: Inputs, layout: Layout, records: F32, workspace: Workspace
+) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.int64], NDArray[np.int32]]:
+    """List each cell's Gaussians front to back; returns lengths, starts, the views' starts and the lists."""
+    views, count = layout.views, inputs.count
+    span_start = workspace.get("span_start", (views, count + 1), np.int32)
+    work = workspace.get("work", (views, 3, count), np.uint32)
+    order = workspace.get("order", (views, count), np.int32)
+    entries = workspace.get("entries", (layout.cells,), np.int32)
+    entry_start = workspace.get("entry_start", (layout.cells,), np.int32)
+    listed, totals = np.zeros(views, np.int64), np.zeros(views, np.int64)
+    smallest = _SPANS_PER_GAUSSIAN * count + LANES * layout.strips
+    capacity = max(smallest, workspace.capacity("spans") // max(2 * views, 1))
+    while True:
+        spans = workspace.get("spans", (views, 2 * capacity), np.int32)
+        count_entries(
+            records,
+            records.view(np.uint32),
+            (layout.height, layout.width),
+            layout.strip_rows,
+            layout.first.reshape(views, -1),
+            layout.last.reshape(views, -1),
+            layout.cell_start,
+            spans,
+            span_start,
+            work,
+            order,
+            listed,
+            entries,
+            entry_start,
+            totals,
+        )
+        if not (totals == OVERFLOW).any():
+            break
+        capacity *= 2
+    list_start = np.concatenate([np.zeros(1, np.int64), np.cumsum(totals)])
+    lists = workspace.get("lists", (int(list_start[-1]),), np.int32)
+    fill_entries(layout.cell_start, spans, span_start, order, listed, entry_start, list_start, lists)
+    return entries, entry_start, list_start, lists
+
+
+@dataclass(frozen=True)
+class Gradients:
+    """dL/d of each parameter, shaped like it; `poses` is [V, 4, 4] with a zero last row."""
+
+    means: F32
+    log_scales: F32
+    quaternions: F32
+    logits: F32
+    colours: F32
+    poses: F32
+
+
+def differentiate_cells(
+    inputs: Inputs, layout: Layout, rendered: Rendered, cell_gradients: F32, workspace: Workspace
+) -> Gradients:
+    """Turn dL/d(cells) into the gradients of all parameters and poses."""
+    views = layout.views
+    bands = -(-BACKWARD_TASKS_MIN // max(views, 1))
+    sums = workspace.get("sums", (bands * rendered.records.size,))
+    differentiate_blend(
+        rendered.records.reshape(-1),
+        layout.cell_start,
+        layout.x,
+        layout.y,
+        rendered.entry_start,
+        rendered.kept,
+        rendered.list_start,
+        rendered.lists,
+        rendered.cells,
+        cell_gradients,
+        bands,
+        sums,
+    )
+    gradients = Gradients(
+        np.empty_like(inputs.means),
+        np.empty_like(inputs.log_scales),
+        np.empty_like(inputs.quaternions),
+        np.empty_like(inputs.logits),
+        np.empty_like(inputs.colours),
+        np.zeros((views, 4, 4), np.float32),
+    )
+    pose_parts = np.empty((tasks_for(inputs.blocks), views * POSE_ENTRIES), np.float64)
+    differentiate_project(
+        *inputs.flat(),
+        rendered.records.reshape(-1),
+        sums.reshape(bands, -1),
+        gradients.means.reshape(-1),
+        gradients.log_scales.reshape(-1),
+        gradients.quaternions.reshape(-1),
+        gradients.logits,
+        gradients.colours.reshape(-1),
+        pose_parts,
+    )
+    gradients.poses[:, :3] = pose_parts.sum(axis=0).reshape(views, 3, 4)
+    return gradients

@@ -1,0 +1,124 @@
+"""Projection, forward: Gaussians and poses in, one record per Gaussian and view out.
+
+Sixteen Gaussians at a time, all views in the inner loop, so that parameters are read once. The geometry is in
+`projection.py`, the record in `record.py`. Only `gs2ci.render.cpu` imports this file.
+"""
+
+import numpy as np
+from numba import prange
+
+from gs2ci.render.conventions import ALPHA_MIN, NEAR, SCREEN_SIGMA_MAX_PX
+from gs2ci.render.cpu.compile import kernel
+from gs2ci.render.cpu.elementary import LN2, LOG2E, exponential, logarithm
+from gs2ci.render.cpu.lanes import store_rows, transpose
+from gs2ci.render.cpu.projection import (
+    SCRATCH,
+    load_rotation,
+    load_scales,
+    load_singles,
+    load_triples,
+    screen_position,
+    shape_factor,
+    view_centre,
+    view_footprint,
+)
+from gs2ci.render.cpu.record import FIELDS, HEIGHT, VISIBLE, WIDTH
+from gs2ci.render.cpu.vector import LANES, broadcast, maximum, square_root, where_ge
+
+BLOCKS_PER_TASK = 32
+
+_ZERO = np.float32(0)
+_ONE = np.float32(1)
+_NEAR = np.float32(NEAR)
+_ALPHA_MIN = np.float32(ALPHA_MIN)
+_LOG_ALPHA_MIN = np.float32(np.log(ALPHA_MIN))
+_HALF_LOG2E = np.float32(0.5 * LOG2E)
+_LOG2E = np.float32(LOG2E)
+_TWO_LN2 = np.float32(2.0 * LN2)
+_VARIANCE_MAX = np.float32(SCREEN_SIGMA_MAX_PX**2)
+
+
+@kernel()
+def _visible(camera, centre, footprint, opacity, position, extent):
+    """Return 1 in the lanes whose Gaussian can touch a pixel, else 0; NaN counts as invisible."""
+    x, y = position
+    extent_x, extent_y = extent
+    zero = broadcast(_ZERO)
+    seen = where_ge(_NEAR, centre.z, zero, broadcast(_ONE))
+    seen = where_ge(opacity, _ALPHA_MIN, seen, zero)
+    seen = where_ge(_VARIANCE_MAX, footprint.cov_xx, seen, zero)
+    seen = where_ge(_VARIANCE_MAX, footprint.cov_yy, seen, zero)
+    seen = where_ge(x + extent_x, _ZERO, seen, zero)
+    seen = where_ge(y + extent_y, _ZERO, seen, zero)
+    seen = where_ge(camera[WIDTH], x - extent_x, seen, zero)
+    return where_ge(camera[HEIGHT], y - extent_y, seen, zero)
+
+
+@kernel()
+def _footprint_record(camera, centre, footprint, opacity, log_opacity, colour):
+    """Form the sixteen record fields, in the order of `record.py`."""
+    position = screen_position(camera, centre)
+    # alpha >= ALPHA_MIN inside the ellipse of squared Mahalanobis radius 2 ln(opacity / ALPHA_MIN).
+    log_range = maximum(log_opacity - _LOG_ALPHA_MIN, _ZERO)
+    extent_x = square_root(2.0 * log_range * footprint.cov_xx)
+    extent_y = square_root(2.0 * log_range * footprint.cov_yy)
+    visible = _visible(camera, centre, footprint, opacity, position, (extent_x, extent_y))
+    return (
+        position[0],
+        position[1],
+        _HALF_LOG2E / footprint.variance_x_given_y,
+        -(footprint.cov_xy * footprint.inverse_yy),
+        _HALF_LOG2E * footprint.inverse_yy,
+        _LOG2E * log_opacity,
+        colour[0],
+        colour[1],
+        colour[2],
+        _LOG2E * log_range,
+        extent_x,
+        extent_y,
+        centre.z,
+        visible,
+        extent_x * footprint.cov_xy / footprint.cov_xx,
+        _TWO_LN2 * footprint.variance_x_given_y,
+    )
+
+
+@kernel(parallel=True)
+def project(means, log_scales, quaternions, logits, colours, colours_differ, poses, camera, records):
+    """Project G Gaussians into V views.
+
+    Args:
+        means: [G * 3] float32.
+        log_scales: [G * 3].
+        quaternions: [G * 4].
+        logits: [G].
+        colours: [G * 3], or [V * G * 3] if `colours_differ` between the views.
+        colours_differ: See `colours`.
+        poses: world_to_camera, [V, 16].
+        camera: The fields of `record.py`.
+        records: Written: [V * blocks * 256].
+    """
+    count = logits.shape[0]
+    blocks = (count + LANES - 1) // LANES
+    for task in prange((blocks + BLOCKS_PER_TASK - 1) // BLOCKS_PER_TASK):
+        scratch = np.empty(SCRATCH, np.float32)
+        for block in range(task * BLOCKS_PER_TASK, min(blocks, (task + 1) * BLOCKS_PER_TASK)):
+            first = block * LANES
+            present = min(LANES, count - first)
+            rotation = load_rotation(quaternions, first, present, scratch)
+            factor = shape_factor(rotation.matrix, load_scales(log_scales, first, present, scratch))
+            mean = load_triples(means, first, present, scratch)
+            inverse_opacity = 1.0 + exponential(-load_singles(logits, first, present, scratch))
+            colour = load_triples(colours, first, present, scratch)
+            for view in range(poses.shape[0]):
+                if colours_differ:
+                    colour = load_triples(colours, view * count + first, present, scratch)
+                centre = view_centre(poses[view], camera, mean)
+                footprint = view_footprint(poses[view], camera, centre, factor)
+                fields = _footprint_record(
+                    camera, centre, footprint, 1.0 / inverse_opacity, -logarithm(inverse_opacity), colour
+                )
+                offset = (view * blocks + block) * LANES * FIELDS
+                store_rows(records, offset, transpose(fields))
+                for lane in range(present, LANES):
+                    records[offset + lane * FIELDS + VISIBLE] = _ZERO

@@ -1,0 +1,123 @@
+"""A scene of 3D Gaussians as optimisable parameters, and the sound arithmetic of opacities and rotations.
+
+Here: the parameters, their checks and conversions. Not here: files (`ply.py`), rendering, densification rules
+(`gs2ci.reconstruct.fit.density`). Anyone above `gs2ci.render` may import this file.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, fields
+
+import torch
+from torch import Tensor
+
+from gs2ci.core.errors import InputError
+from gs2ci.render.conventions import QUATERNION_NORM_MIN
+
+_FIELD_COLUMNS = {"means": 3, "log_scales": 3, "quaternions": 4, "opacity_logits": None, "colours": 3}
+
+
+@dataclass
+class Gaussians:
+    """G Gaussians, unconstrained so that any step of an optimiser stays valid.
+
+    Args:
+        means: Centres in scene units, [G, 3].
+        log_scales: Natural logs of the standard deviations along the own axes, [G, 3].
+        quaternions: Rotations own axes -> world, (w, x, y, z), of any norm, [G, 4]; zero means no rotation.
+        opacity_logits: Opacity = sigmoid, [G].
+        colours: Linear, in the unit of a view's full scale, not clamped, [G, 3].
+    """
+
+    means: Tensor
+    log_scales: Tensor
+    quaternions: Tensor
+    opacity_logits: Tensor
+    colours: Tensor
+
+    def __len__(self) -> int:
+        return int(self.means.shape[0])
+
+    def parameters(self) -> dict[str, Tensor]:
+        """Return the tensors by field name."""
+        return {f.name: getattr(self, f.name) for f in fields(self)}
+
+    def map(self, function: Callable[[Tensor], Tensor]) -> "Gaussians":
+        """Return Gaussians with `function` applied to every field, for selecting, copying and casting."""
+        return Gaussians(**{name: function(tensor) for name, tensor in self.parameters().items()})
+
+    def detach(self) -> "Gaussians":
+        """Return the same numbers cut off from any graph."""
+        return self.map(torch.Tensor.detach)
+
+    def check(self) -> "Gaussians":
+        """Return self if the fields fit together and hold finite numbers.
+
+        Raises:
+            InputError: A shape, dtype or device does not fit, or a value is NaN or infinite.
+        """
+        count = self.means.shape[0] if self.means.ndim else 0
+        for name, tensor in self.parameters().items():
+            columns = _FIELD_COLUMNS[name]
+            wanted = (count,) if columns is None else (count, columns)
+            check_tensor(f"{name} of the Gaussians", tensor, wanted)
+        return self
+
+
+def check_tensor(what: str, tensor: Tensor, wanted: tuple[int, ...]) -> None:
+    """Accept a CPU tensor of finite floating-point numbers and a given shape.
+
+    Raises:
+        InputError: It is not one.
+    """
+    if tuple(tensor.shape) != wanted or not tensor.is_floating_point() or tensor.device.type != "cpu":
+        raise InputError(
+            f"{what}: {str(tensor.dtype).removeprefix('torch.')} {list(tensor.shape)} on {tensor.device}",
+            allowed=f"float32 or float64 {list(wanted)} on cpu",
+        )
+    if not bool(torch.isfinite(tensor.detach()).all()):
+        bad = int((~torch.isfinite(tensor.detach())).sum())
+        raise InputError(
+            f"{what}: {bad} of {tensor.numel()} values are NaN or infinite",
+            allowed="finite numbers",
+            remedy="go back to the last finite parameters and lower the learning rate",
+        )
+
+
+def logit(probability: Tensor) -> Tensor:
+    """Return ln(p / (1 - p)) without losing p near 0 or 1 - p near 1, for p in [0, 1]; infinite at the ends."""
+    return torch.log(probability) - torch.log1p(-probability)
+
+
+def transmittance_preserving_opacity(opacity_logits: Tensor) -> Tensor:
+    """Return the logits of alpha' = 1 - sqrt(1 - alpha): two such layers let through what one did.
+
+    The opacity for both halves of a split or duplicated Gaussian (revised densification; paper, section III-E).
+    In logit space: with r = sqrt(1 - alpha), alpha' / (1 - alpha') = (1 - r) / r, where
+    ln r = -softplus(x) / 2. Then logit' = ln(1 - r) - ln r with 1 - r = -expm1(ln r): nothing cancels, and logits
+    of +-20, where 1 - alpha or alpha is below float32's resolution of 1, keep all their digits.
+
+    Args:
+        opacity_logits: x with alpha = sigmoid(x), any shape.
+    """
+    log_root = -0.5 * torch.nn.functional.softplus(opacity_logits, threshold=float("inf"))
+    # Beyond softplus' underflow (x < -87 in float32) ln r is 0 and its log infinite: bound it once, here.
+    smallest = torch.finfo(log_root.dtype).tiny
+    return torch.log((-torch.expm1(log_root)).clamp(min=smallest)) - log_root
+
+
+def rotation_matrices(quaternions: Tensor) -> Tensor:
+    """Turn quaternions (w, x, y, z) of any norm into rotation matrices, [..., 4] -> [..., 3, 3].
+
+    A quaternion shorter than `QUATERNION_NORM_MIN` gives the identity, with zero gradient.
+    """
+    norm2 = (quaternions * quaternions).sum(dim=-1, keepdim=True)
+    present = norm2 >= QUATERNION_NORM_MIN**2
+    safe_norm = torch.where(present, norm2, torch.ones_like(norm2)).sqrt()
+    # With w = x = y = z = 0 the formula below gives the identity.
+    w, x, y, z = torch.where(present, quaternions / safe_norm, torch.zeros_like(quaternions)).unbind(-1)
+    rows = (
+        *(1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
+        *(2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)),
+        *(2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)),
+    )
+    return torch.stack(rows, dim=-1).reshape(*quaternions.shape[:-1], 3, 3)

@@ -1,0 +1,60 @@
+"""Checks of what a renderer is given, shared by all backends. Only `gs2ci.render` imports this file."""
+
+import torch
+from torch import Tensor
+
+from gs2ci.core.errors import InputError
+from gs2ci.core.records import check_intrinsics
+from gs2ci.render.gaussians import Gaussians, check_tensor
+
+
+def check_masks(masks: Tensor) -> None:
+    """Accept mask values [N, H, W].
+
+    Raises:
+        InputError: Another shape, an empty image, or a value that is negative or not finite.
+    """
+    if masks.ndim != 3 or min(masks.shape) < 1:
+        raise InputError(f"masks have shape {list(masks.shape)}", allowed="[N, H, W] with N, H, W >= 1")
+    check_tensor("masks", masks, tuple(masks.shape))
+    if bool((masks < 0).any()):
+        raise InputError(f"masks reach down to {float(masks.min()):.4g}", allowed="values >= 0")
+
+
+def check_size(size: tuple[int, int]) -> None:
+    """Accept an image size.
+
+    Raises:
+        InputError: Height or width below one pixel.
+    """
+    if min(size) < 1:
+        raise InputError(f"image size {tuple(size)}", allowed="(height, width) of at least one pixel")
+
+
+def check_rendering(
+    scene: Gaussians,
+    world_to_camera: Tensor,
+    intrinsics: Tensor,
+    *,
+    views: int | None = None,
+    colours: Tensor | None = None,
+) -> None:
+    """Accept a scene, poses and intrinsics.
+
+    Args:
+        scene: The Gaussians.
+        world_to_camera: Poses, [V, 4, 4].
+        intrinsics: Camera matrix, [3, 3].
+        views: How many poses there must be; None accepts any number.
+        colours: Colours per view, [V, G, 3], or None.
+
+    Raises:
+        InputError: Shapes disagree, or a number is not finite.
+    """
+    scene.check()
+    count = int(world_to_camera.shape[0]) if views is None and world_to_camera.ndim else (views or 0)
+    check_tensor("world_to_camera", world_to_camera, (count, 4, 4))
+    check_tensor("intrinsics", intrinsics, (3, 3))
+    check_intrinsics(intrinsics.detach().to(torch.float64).numpy())
+    if colours is not None:
+        check_tensor("colours per view", colours, (count, len(scene), 3))

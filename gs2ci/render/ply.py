@@ -1,0 +1,279 @@
+"""Gaussian scenes as PLY files, in the convention of 3D Gaussian splatting that viewers open.
+
+One element `vertex` with x y z, nx ny nz (zero, some readers insist on them), f_dc_0..2, opacity, scale_0..2,
+rot_0..3: opacity is a logit, scales are natural logs, rotations are (w, x, y, z), and the colour is
+0.5 + SH_DC f_dc, SH_DC being the constant spherical harmonic. Higher harmonics (f_rest_*) are read over: our
+colours do not depend on direction. Format: Greg Turk, "The PLY polygon file format" (1994). Anyone above
+`gs2ci.render` may import this file.
+"""
+
+import math
+import os
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO, Any, Final
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from gs2ci.core.errors import InputError, StorageError
+from gs2ci.render.gaussians import Gaussians
+
+SH_DC: Final = 1.0 / (2.0 * math.sqrt(math.pi))
+"""Y_00 = 0.28209479."""
+
+_POSITION: Final = ("x", "y", "z")
+_NORMAL: Final = ("nx", "ny", "nz")
+_COLOUR: Final = ("f_dc_0", "f_dc_1", "f_dc_2")
+_OPACITY: Final = ("opacity",)
+_SCALE: Final = ("scale_0", "scale_1", "scale_2")
+_ROTATION: Final = ("rot_0", "rot_1", "rot_2", "rot_3")
+_REQUIRED: Final = (*_POSITION, *_COLOUR, *_OPACITY, *_SCALE, *_ROTATION)
+_WRITTEN: Final = (*_POSITION, *_NORMAL, *_COLOUR, *_OPACITY, *_SCALE, *_ROTATION)
+
+_TYPES: Final = {
+    "char": "i1",
+    "uchar": "u1",
+    "short": "i2",
+    "ushort": "u2",
+    "int": "i4",
+    "uint": "u4",
+    "float": "f4",
+    "double": "f8",
+    "int8": "i1",
+    "uint8": "u1",
+    "int16": "i2",
+    "uint16": "u2",
+    "int32": "i4",
+    "uint32": "u4",
+    "float32": "f4",
+    "float64": "f8",
+}
+_FORMATS: Final = ("ascii", "binary_little_endian")
+_HEADER_BYTES_MAX: Final = 1 << 20
+
+
+@dataclass(frozen=True)
+class PlyScene:
+    """A scene as read from a file, and what of the file it leaves out.
+
+    Args:
+        gaussians: float32.
+        view_dependence_dropped: The file held colours that change with direction (f_rest_* not all zero).
+        ignored: Names of further properties that were read over.
+    """
+
+    gaussians: Gaussians
+    view_dependence_dropped: bool
+    ignored: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class _Header:
+    text: bool
+    count: int
+    properties: tuple[tuple[str, str], ...]  # (name, numpy type)
+
+
+def read_ply(path: str | Path) -> Gaussians:
+    """Read a scene; what `read_ply_scene` tells beside it is dropped.
+
+    Raises:
+        InputError: See `read_ply_scene`.
+    """
+    return read_ply_scene(path).gaussians
+
+
+def read_ply_scene(path: str | Path) -> PlyScene:
+    """Read a scene written by gs2ci, gsplat, the original 3DGS code or anything that keeps its convention.
+
+    Raises:
+        InputError: No such file, not a PLY file of an accepted format, a required property is missing, or the
+            data is short, malformed, NaN or infinite.
+    """
+    path = Path(path)
+    try:
+        with path.open("rb") as file:
+            header = _read_header(path, file)
+            table = _read_text(path, file, header) if header.text else _read_binary(path, file, header)
+    except OSError as error:
+        raise InputError(f"{path}: {error.strerror or error}", remedy="check the path") from error
+    rest = [name for name, _ in header.properties if name.startswith("f_rest_")]
+    known = {*_REQUIRED, *_NORMAL, *rest}
+    gaussians = Gaussians(
+        means=_columns(table, _POSITION),
+        log_scales=_columns(table, _SCALE),
+        quaternions=_columns(table, _ROTATION),
+        opacity_logits=_columns(table, _OPACITY).squeeze(1),
+        colours=0.5 + SH_DC * _columns(table, _COLOUR),
+    )
+    try:
+        gaussians.check()
+    except InputError as error:
+        raise InputError(f"{path}: {error.problem}", allowed="finite numbers") from error
+    return PlyScene(
+        gaussians,
+        view_dependence_dropped=any(bool(table[name].any()) for name in rest),
+        ignored=tuple(name for name, _ in header.properties if name not in known),
+    )
+
+
+def _columns(table: NDArray[Any], names: tuple[str, ...]) -> torch.Tensor:
+    # An empty stack of columns has no dtype of its own to keep.
+    with np.errstate(over="ignore"):
+        return torch.from_numpy(np.stack([table[name].astype(np.float32) for name in names], axis=1))
+
+
+def _read_header(path: Path, file: IO[bytes]) -> _Header:
+    lines = _header_lines(path, file)
+    if lines[0] != ["ply"]:
+        raise InputError(f"{path} is not a PLY file", allowed="a file beginning with the line 'ply'")
+    layout, elements = _parse_elements(path, lines[1:])
+    if layout not in _FORMATS:
+        raise InputError(f"{path}: PLY format {layout!r}", allowed=", ".join(_FORMATS))
+    if not elements or elements[0][0] != "vertex":
+        first = elements[0][0] if elements else "none"
+        raise InputError(f"{path}: the first element is {first!r}", allowed="'vertex', one per Gaussian")
+    _, count, properties = elements[0]
+    names = [name for name, _ in properties]
+    missing = [name for name in _REQUIRED if name not in names]
+    if missing:
+        raise InputError(
+            f"{path} lacks the properties {', '.join(missing)}",
+            allowed=f"at least {', '.join(_REQUIRED)}",
+            remedy="export the scene in the 3DGS convention; a plain point cloud holds no Gaussians",
+        )
+    if len(set(names)) != len(names):
+        raise InputError(f"{path} names a property twice", allowed="distinct names")
+    return _Header(layout == "ascii", count, tuple(properties))
+
+
+def _header_lines(path: Path, file: IO[bytes]) -> list[list[str]]:
+    lines: list[list[str]] = []
+    size = 0
+    while True:
+        raw = file.readline(_HEADER_BYTES_MAX)
+        size += len(raw)
+        if not raw.endswith(b"\n") or size > _HEADER_BYTES_MAX:
+            if not lines:
+                raise InputError(f"{path} is not a PLY file", allowed="a file beginning with the line 'ply'")
+            raise InputError(f"{path}: the PLY header has no end", allowed="a line 'end_header'")
+        words = raw.decode("latin-1").split()
+        if words == ["end_header"]:
+            return lines or [[]]
+        lines.append(words)
+        if lines[0] != ["ply"]:
+            return lines
+
+
+def _parse_elements(
+    path: Path, lines: list[list[str]]
+) -> tuple[str, list[tuple[str, int, list[tuple[str, str]]]]]:
+    layout = ""
+    elements: list[tuple[str, int, list[tuple[str, str]]]] = []
+    for words in lines:
+        match words:
+            case [] | ["comment", *_] | ["obj_info", *_]:
+                pass
+            case ["format", name, "1.0"]:
+                layout = name
+            case ["element", name, count] if count.isdecimal():
+                elements.append((name, int(count), []))
+            case ["property", type_, name] if elements and type_ in _TYPES:
+                elements[-1][2].append((name, _TYPES[type_]))
+            case ["property", "list", *_] if elements and elements[-1][0] != "vertex":
+                pass  # faces and the like may follow the Gaussians
+            case _:
+                raise InputError(
+                    f"{path}: PLY header line {' '.join(words)!r} makes no sense",
+                    allowed="format, element and property lines; vertex properties of plain number types",
+                )
+    return layout, elements
+
+
+def _read_binary(path: Path, file: IO[bytes], header: _Header) -> NDArray[Any]:
+    dtype = np.dtype([(name, f"<{type_}") for name, type_ in header.properties])
+    wanted = dtype.itemsize * header.count
+    data = file.read(wanted)
+    if len(data) < wanted:
+        raise InputError(
+            f"{path} ends after {len(data) // dtype.itemsize} of {header.count} Gaussians",
+            remedy="copy or export the file again",
+        )
+    return np.frombuffer(data, dtype)
+
+
+def _read_text(path: Path, file: IO[bytes], header: _Header) -> NDArray[Any]:
+    dtype = np.dtype([(name, "f8") for name, _ in header.properties])
+    table = np.empty(header.count, dtype)
+    for row in range(header.count):
+        words = file.readline().split()
+        try:
+            # A tuple fills one row of the table; the wrong number of words or a word that is no number raises.
+            table[row] = tuple(float(word) for word in words)
+        except ValueError as error:
+            raise InputError(
+                f"{path}: Gaussian {row} of {header.count} reads {b' '.join(words)[:80]!r}",
+                allowed=f"{len(header.properties)} numbers in a line",
+                remedy="copy or export the file again",
+            ) from error
+    return table
+
+
+def write_ply(path: str | Path, gaussians: Gaussians) -> Path:
+    """Write a scene as binary little-endian PLY; the file appears whole or not at all.
+
+    Returns:
+        The path written.
+
+    Raises:
+        InputError: The Gaussians do not fit together or hold NaN.
+        StorageError: The file cannot be written.
+    """
+    path = Path(path)
+    g = gaussians.check().detach().map(torch.Tensor.float)
+    columns = torch.cat(
+        [
+            *(g.means, torch.zeros_like(g.means), (g.colours - 0.5) / SH_DC),
+            *(g.opacity_logits[:, None], g.log_scales, g.quaternions),
+        ],
+        dim=1,
+    )
+    header = "\n".join(
+        [
+            *("ply", "format binary_little_endian 1.0", f"element vertex {len(g)}"),
+            *(f"property float {name}" for name in _WRITTEN),
+            "end_header\n",
+        ]
+    )
+    try:
+        _replace(path, header.encode("ascii") + columns.numpy().astype("<f4").tobytes())
+    except OSError as error:
+        raise StorageError(
+            f"cannot write {path}: {error.strerror or error}", remedy="check the folder and its free space"
+        ) from error
+    return path
+
+
+def _replace(path: Path, content: bytes) -> None:
+    """Write beside the target and rename, so that no reader ever sees half a file."""
+    handle, name = tempfile.mkstemp(prefix=f".{path.name}.", suffix=".partial", dir=path.parent)
+    try:
+        with os.fdopen(handle, "wb") as file:
+            file.write(content)
+            file.flush()
+            os.fsync(file.fileno())
+        Path(name).chmod(0o666 & ~_umask())
+        Path(name).replace(path)
+    except BaseException:
+        Path(name).unlink(missing_ok=True)
+        raise
+
+
+def _umask() -> int:
+    # The only way to read it is to set it.
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask

@@ -1,0 +1,202 @@
+"""The definition of the image model: every pixel against every Gaussian, in torch float64.
+
+It is written to be read and to be differentiated by autograd, and holds the fast paths to account. It never
+stops early and skips nothing, so it is for tests and small scenes. Anyone above `gs2ci.render` may import this
+file, and gets it from `load_backend("reference")`.
+"""
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from gs2ci.core.errors import InputError
+from gs2ci.render.backend import Coding
+from gs2ci.render.conventions import (
+    ALPHA_MAX,
+    ALPHA_MIN,
+    DILATION_PX2,
+    FRUSTUM_MARGIN,
+    LOG_SCALE_MAX,
+    NEAR,
+    SCREEN_SIGMA_MAX_PX,
+)
+from gs2ci.render.gaussians import Gaussians, rotation_matrices
+from gs2ci.render.inputs import check_masks, check_rendering, check_size
+
+
+@dataclass(frozen=True)
+class Splats:
+    """Gaussians as one camera sees them, nearest first; those that are not drawn are left out.
+
+    Args:
+        means: Centres in pixels, [S, 2].
+        covariances: 2D covariances with dilation, px^2, [S, 2, 2].
+        opacities: [S].
+        colours: [S, 3].
+    """
+
+    means: Tensor
+    covariances: Tensor
+    opacities: Tensor
+    colours: Tensor
+
+
+def project(
+    scene: Gaussians, world_to_camera: Tensor, intrinsics: Tensor, size: tuple[int, int], colours: Tensor
+) -> Splats:
+    """Project a scene into one camera by the affine approximation at each centre (EWA, Zwicker et al. 2001).
+
+    Args:
+        scene: The Gaussians, float64.
+        world_to_camera: [4, 4].
+        intrinsics: [3, 3].
+        size: Height and width, px.
+        colours: [G, 3].
+    """
+    rotation, translation = world_to_camera[:3, :3], world_to_camera[:3, 3]
+    points = scene.means @ rotation.T + translation
+    order = torch.argsort(points[:, 2], stable=True)
+    order = order[points[order, 2] > NEAR]
+    points = points[order]
+    scales = scene.log_scales[order].clamp(max=LOG_SCALE_MAX).exp()
+    factor = rotation_matrices(scene.quaternions[order]) * scales[:, None, :]
+    screen_factor = _camera_jacobian(points, intrinsics, size) @ rotation @ factor
+    dilation = DILATION_PX2 * torch.eye(2, dtype=points.dtype)
+    covariances = screen_factor @ screen_factor.transpose(1, 2) + dilation
+    slopes = points[:, :2] / points[:, 2:]
+    means = slopes * intrinsics.diagonal()[:2] + intrinsics[:2, 2]
+    variances = covariances.diagonal(dim1=1, dim2=2)
+    drawn = (variances.detach() <= SCREEN_SIGMA_MAX_PX**2).all(dim=1)
+    opacities = torch.sigmoid(scene.opacity_logits[order])
+    return Splats(means[drawn], covariances[drawn], opacities[drawn], colours[order][drawn])
+
+
+def _camera_jacobian(points: Tensor, intrinsics: Tensor, size: tuple[int, int]) -> Tensor:
+    """Differentiate the pinhole camera at points [S, 3] -> [S, 2, 3], slopes clamped to the widened frame."""
+    extent = torch.tensor([size[1], size[0]], dtype=points.dtype)
+    focal, centre = intrinsics.diagonal()[:2], intrinsics[:2, 2]
+    margin = FRUSTUM_MARGIN * extent / focal
+    depth = points[:, 2:]
+    slopes = (points[:, :2] / depth).clamp(min=-centre / focal - margin, max=(extent - centre) / focal + margin)
+    return torch.cat([torch.diag_embed(focal / depth), (-focal * slopes / depth)[:, :, None]], dim=2)
+
+
+def alphas_at(splats: Splats, pixels: Tensor) -> Tensor:
+    """Evaluate each splat at each pixel before thresholds, [S, P].
+
+    The quadratic form is taken as the Gaussian of y times that of x given y, whose two terms are positive: even
+    in float64 the inverse of a needle's covariance would cancel.
+
+    Args:
+        splats: S splats.
+        pixels: Pixel centres, [P, 2].
+    """
+    offset = pixels[None] - splats.means[:, None]
+    dx, dy = offset.unbind(-1)
+    var_x, cov, var_y = splats.covariances[:, 0, 0], splats.covariances[:, 0, 1], splats.covariances[:, 1, 1]
+    slope = cov / var_y
+    var_x_given_y = var_x - slope * cov
+    t = dx - slope[:, None] * dy
+    mahalanobis2 = t * t / var_x_given_y[:, None] + dy * dy / var_y[:, None]
+    return splats.opacities[:, None] * torch.exp(-0.5 * mahalanobis2)
+
+
+def composite(splats: Splats, pixels: Tensor) -> tuple[Tensor, Tensor, float]:
+    """Blend splats front to back over black.
+
+    Args:
+        splats: S splats, nearest first.
+        pixels: Pixel centres, [P, 2].
+
+    Returns:
+        Colours [P, 3], alphas [P], and the margin: how near any alpha comes to the thresholds `ALPHA_MIN` and
+        `ALPHA_MAX`, relative to them. At a threshold the image jumps, so two correct renderers may differ there.
+    """
+    raw = alphas_at(splats, pixels)
+    margin = min(_distance(raw, ALPHA_MIN), _distance(raw, ALPHA_MAX))
+    alphas = torch.where(raw >= ALPHA_MIN, raw.clamp(max=ALPHA_MAX), torch.zeros_like(raw))
+    through = torch.cumprod(1 - alphas, dim=0)
+    arriving = torch.cat([torch.ones_like(through[:1]), through])
+    colours = (alphas * arriving[:-1]).T @ splats.colours
+    return colours, 1 - arriving[-1], margin
+
+
+def _distance(alphas: Tensor, threshold: float) -> float:
+    return float((alphas.detach() / threshold - 1).abs().min()) if alphas.numel() else float("inf")
+
+
+def pixel_centres(size: tuple[int, int]) -> Tensor:
+    """Return the pixel centres of an image row by row, [H * W, 2] float64."""
+    rows, columns = (torch.arange(n, dtype=torch.float64) + 0.5 for n in size)
+    y, x = torch.meshgrid(rows, columns, indexing="ij")
+    return torch.stack([x, y], dim=-1).reshape(-1, 2)
+
+
+@dataclass(frozen=True)
+class ReferenceCoding(Coding):
+    """The masks, [N, H, W] float64."""
+
+    masks: Tensor
+
+
+class ReferenceBackend:
+    """The definition behind the `Backend` interface; answers are float64.
+
+    Attributes:
+        margin: Of the last rendering, see `composite`; for coded sums over the open pixels only.
+    """
+
+    name = "reference"
+
+    def __init__(self) -> None:
+        self.margin = float("inf")
+
+    def code(self, masks: Tensor) -> ReferenceCoding:
+        """Keep the masks; see `Backend.code`."""
+        check_masks(masks)
+        views, height, width = masks.shape
+        return ReferenceCoding(views, (height, width), masks.detach().to(torch.float64))
+
+    def coded(self, scene: Gaussians, world_to_camera: Tensor, intrinsics: Tensor, coding: Coding) -> Tensor:
+        """Render the coded sum; see `Backend.coded`."""
+        if not isinstance(coding, ReferenceCoding):
+            raise InputError(
+                f"a coding of type {type(coding).__name__} given to the reference backend",
+                allowed="what this backend's code(masks) returned",
+            )
+        check_rendering(scene, world_to_camera, intrinsics, views=coding.views)
+        scene = scene.map(torch.Tensor.double)
+        pixels = pixel_centres(coding.size)
+        total = torch.zeros(len(pixels), 3, dtype=torch.float64)
+        self.margin = float("inf")
+        for pose, mask in zip(world_to_camera.double(), coding.masks, strict=True):
+            opened = mask.reshape(-1).nonzero().squeeze(1)
+            splats = project(scene, pose, intrinsics.double(), coding.size, scene.colours)
+            colours, _, margin = composite(splats, pixels[opened])
+            total = total.index_add(0, opened, mask.reshape(-1)[opened, None] * colours)
+            self.margin = min(self.margin, margin)
+        return total.reshape(*coding.size, 3)
+
+    def views(
+        self,
+        scene: Gaussians,
+        world_to_camera: Tensor,
+        intrinsics: Tensor,
+        size: tuple[int, int],
+        colours: Tensor | None = None,
+    ) -> tuple[Tensor, Tensor]:
+        """Render whole views; see `Backend.views`."""
+        check_size(size)
+        check_rendering(scene, world_to_camera, intrinsics, colours=colours)
+        scene = scene.map(torch.Tensor.double)
+        per_view = [scene.colours] * len(world_to_camera) if colours is None else list(colours.double())
+        pixels = pixel_centres(size)
+        images, alphas = [torch.zeros(0, 3, dtype=torch.float64)], [torch.zeros(0, dtype=torch.float64)]
+        self.margin = float("inf")
+        for pose, view_colours in zip(world_to_camera.double(), per_view, strict=True):
+            image, alpha, margin = composite(project(scene, pose, intrinsics.double(), size, view_colours), pixels)
+            images.append(image)
+            alphas.append(alpha)
+            self.margin = min(self.margin, margin)
+        return torch.cat(images).reshape(-1, *size, 3), torch.cat(alphas).reshape(-1, *size)

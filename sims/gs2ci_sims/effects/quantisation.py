@@ -1,0 +1,42 @@
+"""Quantisation: the converter knows whole numbers of its range only."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gs2ci.core.errors import InputError
+from gs2ci_sims.effects.base import Stage
+
+F64 = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Quantisation:
+    """Round readings to whole DN and clip them to the converter's range.
+
+    Adds a variance of 1/12 DN² where the signal varies by more than a step (EMVA Standard 1288, Release 3.1,
+    section 2.2).
+
+    Args:
+        bits: The converter's, 1 to 32.
+    """
+
+    name: ClassVar[str] = "quantisation"
+    stage: ClassVar[Stage] = Stage.READOUT
+
+    bits: int
+
+    def __post_init__(self) -> None:
+        if not 1 <= self.bits <= 32:
+            raise InputError(f"a converter of {self.bits} bits", allowed="1 to 32")
+
+    @property
+    def max_dn(self) -> int:
+        """Get the highest reading."""
+        return int(2**self.bits - 1)
+
+    def apply(self, signal: F64, rng: np.random.Generator) -> F64:
+        """Round and clip readings [H, W, C]."""
+        return np.clip(np.rint(signal), 0, self.max_dn)

@@ -1,0 +1,34 @@
+"""Read noise: the amplifier's own contribution to every reading."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gs2ci.core.errors import InputError
+from gs2ci_sims.effects.base import Stage
+
+F64 = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class ReadNoise:
+    """Add normal noise, in electrons at the input: σ_d of EMVA Standard 1288, Release 3.1, section 2.2.
+
+    Args:
+        sigma_e: Standard deviation in electrons, at least 0.
+    """
+
+    name: ClassVar[str] = "read_noise"
+    stage: ClassVar[Stage] = Stage.CHARGE
+
+    sigma_e: float
+
+    def __post_init__(self) -> None:
+        if not (self.sigma_e >= 0 and np.isfinite(self.sigma_e)):
+            raise InputError(f"read noise of {self.sigma_e} electrons", allowed="finite, 0 or more")
+
+    def apply(self, signal: F64, rng: np.random.Generator) -> F64:
+        """Add noise to electrons [H, W, C]; the sum may be negative, as a reading below black is."""
+        return signal + self.sigma_e * rng.standard_normal(signal.shape)

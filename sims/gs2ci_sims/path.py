@@ -1,0 +1,103 @@
+"""Where the camera is at any moment: poses over continuous time. For exposures, twins and tests.
+
+Here: the interface and the constant-velocity stage move. Not here: who samples it (`exposure`, `planner`).
+"""
+
+from dataclasses import dataclass, field
+from typing import Final, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from gs2ci.core.errors import InputError
+from gs2ci_sims.scenes.base import Scene
+
+F64 = NDArray[np.float64]
+
+# The three axes wobble in the same rhythm, a third of a turn apart: never all at rest.
+WOBBLE_PHASES: Final = np.array([0.0, 2.0, 4.0]) * np.pi / 3
+
+
+class CameraPath(Protocol):
+    """A camera in motion."""
+
+    def world_to_camera(self, time_s: F64) -> F64:
+        """Get the poses at the given times, [T, 4, 4] for [T], OpenCV axes."""
+        ...
+
+
+@dataclass(frozen=True)
+class StageMove:
+    """A linear stage at constant velocity, passing the reference pose at time 0, with a tiny angular wobble.
+
+    Args:
+        velocity: Along the reference camera's axes (x right, y down, z forward), scene units per second, [3].
+        wobble_deg: Amplitude of the wobble about each axis, in degrees (a stage's pitch, yaw and roll errors).
+        wobble_hz: Its frequency.
+        reference_world_to_camera: Pose at time 0 without wobble, [4, 4].
+    """
+
+    velocity: tuple[float, float, float]
+    wobble_deg: float = 0.0
+    wobble_hz: float = 0.0
+    reference_world_to_camera: F64 = field(default_factory=lambda: np.eye(4), repr=False)
+
+    def __post_init__(self) -> None:
+        numbers = (*self.velocity, self.wobble_deg, self.wobble_hz)
+        if not np.isfinite(numbers).all() or self.wobble_hz < 0:
+            raise InputError(
+                f"stage move with velocity {self.velocity}, wobble {self.wobble_deg} deg at {self.wobble_hz} Hz",
+                allowed="finite numbers, frequency >= 0",
+            )
+
+    def world_to_camera(self, time_s: F64) -> F64:
+        """Get the poses at the given times, [T, 4, 4]: move along the rail, then turn on the spot."""
+        time = np.asarray(time_s, dtype=np.float64)
+        angles = np.sin(2 * np.pi * self.wobble_hz * time[:, None] + WOBBLE_PHASES)
+        moved = np.tile(np.eye(4), (len(time), 1, 1))
+        moved[:, :3, 3] = -time[:, None] * np.array(self.velocity)
+        turned = np.tile(np.eye(4), (len(time), 1, 1))
+        turned[:, :3, :3] = Rotation.from_rotvec(np.deg2rad(self.wobble_deg) * angles).as_matrix()
+        return np.asarray(turned @ moved @ self.reference_world_to_camera)
+
+
+def stage_move_for_parallax(
+    scene: Scene,
+    parallax_px: float,
+    duration_s: float,
+    *,
+    direction: tuple[float, float, float] = (1.0, 0.3, 0.1),
+    wobble_deg: float = 0.05,
+) -> StageMove:
+    """Choose the stage's velocity so that near and far of a scene shift against each other by `parallax_px`.
+
+    Args:
+        scene: Near and far are the depths that hold 98 % of its pixels.
+        parallax_px: Over `duration_s`, in pixels of the scene's camera: f b (1/near - 1/far) with the move b
+        across
+            the line of sight.
+        duration_s: The exposure's duration.
+        direction: Of the move; only its direction counts.
+        wobble_deg: Amplitude of the wobble; it turns one and a third times during the exposure.
+
+    Raises:
+        InputError: The duration or the direction across the line of sight is zero, or the scene has no depth.
+    """
+    near, far = scene.depth_range()
+    across = float(np.hypot(direction[0], direction[1]))
+    if duration_s <= 0 or across == 0 or parallax_px < 0:
+        raise InputError(
+            f"a move along {direction} for a parallax of {parallax_px} px in {duration_s} s",
+            allowed="a positive duration, parallax >= 0, and a direction across the line of sight",
+        )
+    if 1 / near - 1 / far < 1e-6 / near:
+        raise InputError(
+            f"scene {scene.name!r} lies at one depth ({near:.4g}): no move gives it parallax",
+            remedy="give the stage's velocity instead",
+        )
+    length = parallax_px / (scene.intrinsics[0, 0] * (1 / near - 1 / far))
+    velocity = np.array(direction) / across * length / duration_s
+    return StageMove(
+        (float(velocity[0]), float(velocity[1]), float(velocity[2])), wobble_deg, wobble_hz=4 / (3 * duration_s)
+    )

@@ -1,0 +1,67 @@
+"""What light a scene sends to the camera: linear radiance images, integrated over each pixel's area.
+
+Here: the renderer with supersampling. Not here: time, masks, electrons (`exposure`). For this package.
+"""
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+import torch
+from gs2ci.render.backend import load_backend
+from numpy.typing import NDArray
+
+from gs2ci.core.errors import InputError
+from gs2ci_sims.scenes.base import Scene
+
+F32 = NDArray[np.float32]
+F64 = NDArray[np.float64]
+
+# Poses per call of the rasteriser: bounds the memory of supersampled views.
+VIEWS_AT_ONCE: Final = 8
+
+
+@dataclass(frozen=True)
+class Renderer:
+    """Renders scenes as a sensor with square, fully sensitive pixels sees them.
+
+    Args:
+        supersampling: Samples per pixel side. Each image is drawn that much larger and averaged over the pixels'
+            areas; the splats' own pixel filter then shrinks with the sample and hardly blurs.
+        backend: Which rasteriser of `gs2ci.render.backend`.
+    """
+
+    supersampling: int = 2
+    backend: str = "cpu"
+
+    def __post_init__(self) -> None:
+        if self.supersampling < 1:
+            raise InputError(f"{self.supersampling} samples per pixel side", allowed="1 or more")
+
+    def views(self, scene: Scene, world_to_camera: F64) -> tuple[F32, F32]:
+        """Render the scene from each pose, [V, 4, 4].
+
+        Returns:
+            Radiance [V, H, W, 3] (>= 0; 1 is white) and coverage [V, H, W] (0 where a ray meets nothing).
+        """
+        factor = self.supersampling
+        backend = load_backend(self.backend)
+        gaussians = scene.gaussians.detach()
+        intrinsics = torch.tensor(scene.intrinsics * np.array([[factor], [factor], [1.0]]), dtype=torch.float32)
+        large = (scene.size[0] * factor, scene.size[1] * factor)
+        radiance, coverage = [], []
+        for first in range(0, len(world_to_camera), VIEWS_AT_ONCE):
+            poses = torch.tensor(world_to_camera[first : first + VIEWS_AT_ONCE], dtype=torch.float32)
+            with torch.no_grad():
+                images, alphas = backend.views(gaussians, poses, intrinsics, large)
+            radiance.append(_binned(images, factor))
+            coverage.append(_binned(alphas[..., None], factor)[..., 0])
+        # Spherical harmonics of a fitted scene may dip below zero; light does not.
+        return np.maximum(np.concatenate(radiance), 0), np.concatenate(coverage)
+
+
+def _binned(images: torch.Tensor, factor: int) -> F32:
+    """Average [V, H f, W f, C] over blocks of f x f, to [V, H, W, C]."""
+    views, rows, columns, channels = images.shape
+    blocks = images.reshape(views, rows // factor, factor, columns // factor, factor, channels)
+    return np.asarray(blocks.mean(dim=(2, 4)).numpy())

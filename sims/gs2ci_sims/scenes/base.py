@@ -1,0 +1,97 @@
+"""What a scene is: Gaussians, the camera that suits them, and the true depth. For this package and its users.
+
+Here: the record and the step from surfels to the renderer's Gaussians. Not here: any particular scene (its
+neighbours), poses over time (`gs2ci_sims.path`), rendering (`gs2ci_sims.radiance`).
+"""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import torch
+from gs2ci.render.gaussians import Gaussians
+from numpy.typing import NDArray
+
+from gs2ci.core.errors import InputError
+from gs2ci.core.records import check_intrinsics
+from gs2ci_sims.scenes.surfels import Surfels
+
+F64 = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Scene:
+    """Something to look at, and from where.
+
+    Args:
+        name: For reports.
+        gaussians: The scene; colours are linear radiance, 1 is white.
+        intrinsics: Suggested camera in pixels, [3, 3]; pixel centres at +0.5.
+        size: Height and width of its image, in pixels.
+        depth: True depth (z) from the suggested camera, [H, W], scene units; NaN where nothing is.
+        world_to_camera: Pose of the suggested camera, [4, 4], OpenCV axes.
+    """
+
+    name: str
+    gaussians: Gaussians
+    intrinsics: F64
+    size: tuple[int, int]
+    depth: F64
+    world_to_camera: F64 = field(default_factory=lambda: np.eye(4))
+
+    def __post_init__(self) -> None:
+        check_intrinsics(self.intrinsics)
+        if min(self.size) < 1 or self.depth.shape != self.size:
+            raise InputError(
+                f"scene {self.name!r}: image size {self.size} with a depth map of shape {self.depth.shape}",
+                allowed="a positive height and width, and one depth per pixel",
+            )
+        if self.world_to_camera.shape != (4, 4) or not np.isfinite(self.world_to_camera).all():
+            raise InputError(
+                f"scene {self.name!r}: camera pose {self.world_to_camera.tolist()}",
+                allowed="a rigid world-to-camera matrix, [4, 4], of finite numbers",
+            )
+        if not (self.depth[np.isfinite(self.depth)] > 0).any():
+            raise InputError(
+                f"scene {self.name!r} has nothing in front of its camera",
+                remedy="turn the camera, or move the scene to positive depth (z)",
+            )
+
+    @property
+    def median_depth(self) -> float:
+        """Get the median true depth in scene units (above 0)."""
+        return float(np.nanmedian(self.depth))
+
+    def depth_range(self, share: float = 0.98) -> tuple[float, float]:
+        """Get the nearest and farthest depth of the middle `share` of the pixels, in scene units."""
+        low, high = np.nanquantile(self.depth, [(1 - share) / 2, (1 + share) / 2])
+        return float(low), float(high)
+
+
+def gaussians_from_surfels(surfels: Surfels) -> Gaussians:
+    """Turn surfels into the renderer's parameters: log scales, opacity logits."""
+    opacity_logits = np.log(surfels.opacities) - np.log1p(-surfels.opacities)
+    return Gaussians(
+        *(
+            torch.tensor(column, dtype=torch.float32)
+            for column in (
+                surfels.means,
+                np.log(surfels.scales),
+                surfels.quaternions,
+                opacity_logits,
+                surfels.radiances,
+            )
+        )
+    )
+
+
+def camera_looking_ahead(size: tuple[int, int], field_of_view_deg: float) -> F64:
+    """Build the intrinsics of a centred camera from its horizontal field of view, [3, 3].
+
+    Raises:
+        InputError: The field of view is not between 0 and 180 degrees.
+    """
+    if not 0 < field_of_view_deg < 180:
+        raise InputError(f"field of view of {field_of_view_deg} degrees", allowed="more than 0, less than 180")
+    height, width = size
+    focal = 0.5 * width / np.tan(0.5 * np.deg2rad(field_of_view_deg))
+    return np.array([[focal, 0, 0.5 * width], [0, focal, 0.5 * height], [0, 0, 1]])

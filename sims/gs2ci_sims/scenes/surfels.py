@@ -1,0 +1,143 @@
+"""Surfaces as Gaussians: flat discs that tile a surface without cracks, from its points and tangents.
+
+Here: pure numpy geometry, from a depth map or from two tangent vectors per point to Gaussian parameters. Not here:
+where depth comes from (`rgbd`, `planes`), rendering. For the scenes of this package.
+"""
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from gs2ci.core.errors import InputError
+
+F64 = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+# Standard deviation of a disc in units of the sample spacing: at 0.6 the sum of a unit grid of Gaussians is even
+# to 0.2 % (Poisson summation: 4 exp(-2 π² 0.6²)), and a larger one would blur the texture for nothing.
+SPREAD: Final = 0.6
+# Discs are this much thinner than they are wide: a surface, yet a covariance that inverts well in float32.
+THINNESS: Final = 0.05
+# A surface seen at a grazing angle is stretched at most this many times along the line of sight.
+MAX_STRETCH: Final = 8.0
+OPACITY: Final = 0.99
+
+
+@dataclass(frozen=True)
+class Surfels:
+    """Flat Gaussians in scene units.
+
+    Args:
+        means: Centres, [n, 3].
+        scales: Standard deviations along the principal axes, [n, 3]; the last is the thickness.
+        quaternions: Principal axes as w, x, y, z, [n, 4].
+        opacities: Peak opacities, [n], in (0, 1).
+        radiances: Linear radiance, [n, 3]; 1 is white.
+    """
+
+    means: F64
+    scales: F64
+    quaternions: F64
+    opacities: F64
+    radiances: F64
+
+    def __len__(self) -> int:
+        return len(self.means)
+
+
+def join(parts: list[Surfels]) -> Surfels:
+    """Put several sets of surfels together."""
+    columns = ("means", "scales", "quaternions", "opacities", "radiances")
+    return Surfels(*(np.concatenate([getattr(part, name) for part in parts]) for name in columns))
+
+
+def from_tangents(points: F64, along_u: F64, along_v: F64, radiances: F64) -> Surfels:
+    """Lay one disc on each point, spanning its two tangents.
+
+    Args:
+        points: [n, 3].
+        along_u: The step to the next sample along u, [n, 3].
+        along_v: The same along v, not parallel to `along_u`.
+        radiances: [n, 3].
+
+    The covariance is SPREAD² (u uᵀ + v vᵀ): on the sample grid it is round, whatever the surface's tilt. Its axes
+    come in closed form from the 2 × 2 Gram matrix of u and v (a Jacobi rotation).
+
+    Raises:
+        InputError: Two tangents of a point are parallel or vanish.
+    """
+    uu, vv = np.sum(along_u**2, 1), np.sum(along_v**2, 1)
+    angle = 0.5 * np.arctan2(2 * np.sum(along_u * along_v, 1), uu - vv)
+    cos, sin = np.cos(angle)[:, None], np.sin(angle)[:, None]
+    first, second = cos * along_u + sin * along_v, cos * along_v - sin * along_u
+    lengths = np.stack([np.linalg.norm(first, axis=1), np.linalg.norm(second, axis=1)], 1)
+    if len(lengths) and lengths.min() <= 1e-9 * lengths.max():
+        raise InputError(
+            "two tangents of a surface point are parallel or zero",
+            allowed="tangents that span a plane",
+            remedy="give the patch two different, non-zero edges",
+        )
+    first, second = first / lengths[:, :1], second / lengths[:, 1:]
+    axes = np.stack([first, second, np.cross(first, second)], axis=2)
+    xyzw = Rotation.from_matrix(axes).as_quat() if len(points) else np.zeros((0, 4))
+    thickness = THINNESS * lengths.min(1, keepdims=True)
+    return Surfels(
+        means=points,
+        scales=SPREAD * np.concatenate([lengths, thickness], 1),
+        quaternions=np.roll(xyzw, 1, axis=1),
+        opacities=np.full(len(points), OPACITY),
+        radiances=radiances,
+    )
+
+
+def from_inverse_depth(inverse_depth: F64, radiance: F64, present: Mask, intrinsics: F64, jump: float) -> Surfels:
+    """Lay one disc on each pixel of an inverse-depth map.
+
+    Args:
+        inverse_depth: [H, W], 1 / scene units, positive where `present`.
+        radiance: [H, W, 3].
+        present: Which pixels are part of this surface, [H, W].
+        intrinsics: Camera of the map, [3, 3]; pixel centres at +0.5.
+        jump: Neighbours whose inverse depths differ by more are different surfaces.
+    """
+    rows, columns = np.nonzero(present)
+    rays = _rays(intrinsics, present.shape)[rows, columns]
+    depth = 1.0 / inverse_depth[rows, columns]
+    tangents = []
+    for axis, focal in ((1, intrinsics[0, 0]), (0, intrinsics[1, 1])):
+        slope = surface_slope(inverse_depth, present, axis, jump)[rows, columns]
+        step = depth / focal  # one pixel across the line of sight
+        depth_step = np.clip(-(depth**2) * slope, -MAX_STRETCH * step, MAX_STRETCH * step)
+        tangent = depth_step[:, None] * rays
+        tangent[:, 1 - axis] += step
+        tangents.append(tangent)
+    return from_tangents(depth[:, None] * rays, tangents[0], tangents[1], radiance[rows, columns])
+
+
+def surface_slope(values: F64, present: Mask, axis: int, jump: float) -> F64:
+    """Differentiate along `axis` without stepping over an edge of the surface, [H, W] per pixel.
+
+    The mean of the one-sided differences that stay on the surface (both pixels present, no jump); 0 where none
+    does.
+    """
+    ahead = np.diff(values, axis=axis)
+    cut = [slice(None), slice(None)]
+    cut[axis] = slice(1, None)
+    other = [slice(None), slice(None)]
+    other[axis] = slice(None, -1)
+    same = present[tuple(cut)] & present[tuple(other)] & (np.abs(ahead) <= jump)
+    total, count = np.zeros(values.shape), np.zeros(values.shape)
+    for part in (tuple(cut), tuple(other)):
+        total[part] += np.where(same, ahead, 0.0)
+        count[part] += same
+    return np.asarray(total / np.maximum(count, 1))
+
+
+def _rays(intrinsics: F64, shape: tuple[int, ...]) -> F64:
+    y, x = np.mgrid[: shape[0], : shape[1]] + 0.5
+    return np.stack(
+        [(x - intrinsics[0, 2]) / intrinsics[0, 0], (y - intrinsics[1, 2]) / intrinsics[1, 1], np.ones(shape)], -1
+    )
