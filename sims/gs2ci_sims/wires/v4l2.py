@@ -1,7 +1,7 @@
 """A V4L2 camera and the kernel above it: the twin of `gs2ci_drivers.v4l2`, below `SysPort`.
 
-It answers system calls as Linux does. Time is the world's: a trigger edge on the world's bus exposes, and the world's
-light falls on the sensor between the begin and the end of that exposure.
+It answers system calls as Linux does. Time is the world's: a trigger edge on the world's bus exposes, and the
+world's light falls on the sensor between the begin and the end of that exposure.
 
 Here: `V4l2Twin`: nodes, descriptors, poll, the module's parameter, the plug. Not here: what a request does
 (`v4l2_device`). `gs2ci.rig` and tests import this file; drivers never do.
