@@ -8,10 +8,10 @@ from typing import Final
 
 import numpy as np
 import torch
-from gs2ci.render.backend import load_backend
 from numpy.typing import NDArray
 
 from gs2ci.core.errors import InputError
+from gs2ci.render.backend import load_backend
 from gs2ci_sims.scenes.base import Scene
 
 F32 = NDArray[np.float32]

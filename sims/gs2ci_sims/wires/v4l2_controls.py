@@ -1,9 +1,10 @@
 """The controls of the V4L2 twin, as the kernel's control framework keeps them.
 
-Integers are rounded into their range, menu entries that are not there are refused (ERANGE beyond the menu, EINVAL in a
-hole), read-only and grabbed controls say EACCES and EBUSY. All structures are read and written as plain bytes.
+Integers are rounded into their range, menu entries that are not there are refused (ERANGE beyond the menu, EINVAL
+in a hole), read-only and grabbed controls say EACCES and EBUSY. Structures are read and written as plain bytes.
 
-Here: `TwinControl`, `ControlBank`. Not here: what a control does to the camera (`v4l2`). Only twins import this file.
+Here: `TwinControl`, `ControlBank`. Not here: what a control does to the camera (`v4l2_device`). Only twins import
+this file.
 """
 
 import struct
@@ -77,10 +78,9 @@ class TwinControl:
             return value
         if self.kind == BOOLEAN:
             return int(bool(value))
-        steps = (min(max(value, self.low), self.high) - self.low + self.step // 2) // max(1, self.step)
-        return min(
-            self.low + steps * self.step, self.low + (self.high - self.low) // max(1, self.step) * self.step
-        )
+        step = max(1, self.step)
+        steps = (min(max(value, self.low), self.high) - self.low + step // 2) // step
+        return self.low + min(steps, (self.high - self.low) // step) * step
 
 
 class ControlBank:

@@ -1,7 +1,7 @@
 """The kernel driver of the V4L2 twin's camera: what each request does, and how a frame gets into a buffer.
 
-Requests come as bytes and are answered as bytes, at the offsets of linux/videodev2.h written out here a second time:
-nothing is shared with the driver package, so an error in a layout cannot cancel itself.
+Requests come as bytes and are answered as bytes, at the offsets of linux/videodev2.h, written out here a second
+time: nothing is shared with the driver package, so an error in a layout cannot cancel itself.
 
 Here: `CaptureDevice`. Not here: descriptors, files and poll (`v4l2`), exposures (`v4l2_camera`), controls
 (`v4l2_controls`), buffers (`v4l2_queue`). Only `v4l2` imports this file.
@@ -104,11 +104,12 @@ class CaptureDevice:
         self._latched = b"0"
         self._powered_until_s = float("-inf")
         self._number = 0
+        self._runs = 0
         self._files: list[OpenFile] = []
-        self._shutter = Shutter(world, model, faults, rng, self._exposure_s, self._on_frame)
+        self._shutter = Shutter(world, model, faults, rng=rng, exposure_s=self._exposure_s, deliver=self._on_frame)
         self.power_up()
         self.requests = self._table()
-        self.sensor_requests = {0xC0585605: ("SUBDEV_S_FMT", self._subdev_s_fmt)}
+        self.sensor_requests: dict[int, tuple[str, Handler]] = {0xC0585605: ("SUBDEV_S_FMT", self._subdev_s_fmt)}
         if model.on_subdevice:
             for number in (0xC0E85667, 0xC02C5625, 0xC0205647, 0xC0205648):
                 self.sensor_requests[number] = self.requests.pop(number)
@@ -126,6 +127,7 @@ class CaptureDevice:
 
     def power_down(self) -> None:
         """Stop at once, as an unplug does."""
+        self._runs += 1
         self._shutter.stop()
         self.ring.free()
         self._owner = None
@@ -292,6 +294,7 @@ class CaptureDevice:
     def _halt(self) -> None:
         if self.ring.streaming:
             self._powered_until_s = self._world.clock.now_s() + self._model.power_down_s
+        self._runs += 1
         self._shutter.stop()
         self.ring.stop()
 
@@ -329,13 +332,13 @@ class CaptureDevice:
             return
         late = self._faults.take(FRAME_LATE)
         if late is None:
-            self._hand_over(exposed, number)
+            self._hand_over(exposed, number, self._runs)
         else:
-            ring = self.ring
-            self._world.clock.after(late.value, lambda: self._hand_over(exposed, number, ring))
+            run = self._runs
+            self._world.clock.after(late.value, lambda: self._hand_over(exposed, number, run))
 
-    def _hand_over(self, exposed: Exposed, number: int, ring: BufferRing | None = None) -> None:
-        if (ring is not None and ring is not self.ring) or not self.ring.queued:
+    def _hand_over(self, exposed: Exposed, number: int, run: int) -> None:
+        if run != self._runs or not self.ring.queued:
             return  # the light of a frame that nobody takes is not worth computing
         data = self._picture(exposed)
         filled = Filled(self.ring.header_bytes + data.size, self._flags(), self._stamp_ns(exposed), number)

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
+
 from gs2ci_drivers.sensor import SensorConfig, TriggerMode
 from gs2ci_drivers.v4l2.driver import V4l2Sensor
 from gs2ci_drivers.v4l2.options import V4l2Options
@@ -77,7 +78,9 @@ def bench() -> Callable[..., Bench]:
         world = World(Ramp())
         twin = V4l2Twin(world, CameraModel(**{"trigger_line": LINE, **model}))
         if options is None:
-            options = V4l2Options(trigger_adapter="control", subdevice="/dev/v4l-subdev0" if twin.model.on_subdevice else "")
+            options = V4l2Options(
+                trigger_adapter="control", subdevice="/dev/v4l-subdev0" if twin.model.on_subdevice else ""
+            )
         return Bench(world, twin, V4l2Sensor("cam0", twin, world.clock, options), SensorConfig(exposure_s=2e-3))
 
     return build
