@@ -15,6 +15,9 @@ from gs2ci_drivers.plan import F64, CaptureSettings, Figure, Mode, Plan
 from gs2ci_drivers.sensor import SensorInfo, SensorSettings, TriggerMode
 from gs2ci_drivers.stage import StageInfo, Sweep, plan_sweep
 
+BRIGHT_SHARE = 0.99
+"""Share of the open pixels that must stay below the full well when the scene is white."""
+
 
 def sensor_exposure_s(settings: CaptureSettings) -> float:
     """Return the exposure to ask the sensor for, before the devices have rounded anything."""
@@ -207,14 +210,16 @@ def _light_figures(
     if settings.mode is Mode.PER_MASK:
         open_s = sequence.exposure_s * float(weights.max())
     else:
-        # The brightest pixel: white scene behind the mask pixel that is open longest.
-        shares = np.tensordot(weights, settings.masks.astype(np.float64) / top, axes=1)
-        open_s = sequence.exposure_s * float(shares.max())
+        # A white scene behind the mask pixels that are open longest; the last percent may clip and be marked.
+        shares = np.tensordot(weights, settings.masks.astype(np.float32) / top, axes=1)
+        open_s = (
+            sequence.exposure_s * float(np.quantile(shares[shares > 0], BRIGHT_SHARE)) if shares.any() else 0.0
+        )
     charge = rate * open_s
     well = setup.full_well_e
     return [
         Figure(
-            "brightest pixel",
+            "bright pixels of a white scene",
             f"{charge:.0f} e-",
             f"at most the full well of {well:.0f} e-" if well else "",
             broken=well is not None and charge > well,
