@@ -92,7 +92,7 @@ def _erle_head_kernel(coded: U8, i: int) -> tuple[int, int, int]:
     return kind, low - 0x80 + int(coded[i + 1]) * 128, i + 2
 
 
-def _fill_kernel(coded: U8, i: int, words: U32, cursor: int, count: int, step: int) -> None:  # noqa: PLR0917
+def _fill_kernel(coded: U8, i: int, words: U32, cursor: int, count: int, step: int) -> None:
     """Write `count` pixels from byte `i` on, `step` bytes apart (0 repeats one pixel)."""
     for k in range(count):
         at = i + k * step
