@@ -265,8 +265,10 @@ class Dlpc900(Modulator):
 
     def _do_start(self, sequence: PatternSequence) -> None:
         self._started_s = self.clock.now_s()
+        # A device that does not start may have lost its images: until it has, do not count on them.
+        images, self._on_device = self._on_device, b""
         self._channel.write(Command.PATTERN_CONTROL, bytes([PatternControl.START]), "start the sequence")
-        self._running = sequence
+        self._on_device, self._running = images, sequence
         if sequence.duration_s > _SEEN_RUNNING_FROM_S and not self._is_running("start the sequence"):
             self._raise_stopped("start the sequence")
 
