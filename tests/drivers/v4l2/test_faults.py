@@ -220,9 +220,7 @@ ANSWERS = {
     ("VIDIOC_ENUM_FMT", errno.EINVAL): UnsupportedError,
     ("VIDIOC_QUERY_EXT_CTRL", errno.EINVAL): UnsupportedError,
     ("VIDIOC_QUERY_EXT_CTRL", errno.ENOTTY): UnsupportedError,
-    ("VIDIOC_QUERY_EXT_CTRL", errno.EFAULT): UnsupportedError,
     ("VIDIOC_QUERYMENU", errno.EINVAL): None,
-    ("VIDIOC_QUERYMENU", errno.EFAULT): None,
     ("VIDIOC_S_EXT_CTRLS", errno.EINVAL): OutOfRangeError,
     ("VIDIOC_SUBSCRIBE_EVENT", errno.EINVAL): None,
     ("VIDIOC_SUBSCRIBE_EVENT", errno.ENOTTY): None,
@@ -352,7 +350,8 @@ def test_any_few_failing_calls_end_in_typed_errors_only(bench: Build, seed: int)
     rng = np.random.default_rng(seed)
     b = bench()
     for _ in range(rng.integers(1, 5)):
-        number = int(rng.choice(sorted(ERRNOS)))
+        # EINVAL is a legal answer to a query (no such entry), after which the camera has one ability less.
+        number = int(rng.choice(sorted(ERRNOS.keys() - {errno.EINVAL})))
         b.faults.inject("v4l2.call_fails", value=number, skip=int(rng.integers(0, 90)))
     for _ in range(4):
         with contextlib.suppress(DriverError):
