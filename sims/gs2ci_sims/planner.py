@@ -29,6 +29,7 @@ def image_motion_px(scene: Scene, path: CameraPath, intervals_s: F64) -> F64:
     slopes = (pixels - scene.intrinsics[:2, 2]) / focal
     rays = np.concatenate([slopes, np.ones((len(slopes), 1))], axis=1)
     points = np.concatenate([depth * rays for depth in scene.depth_range()])
+    points = (points - scene.world_to_camera[:3, 3]) @ scene.world_to_camera[:3, :3]
     ends = []
     for times in (intervals_s[:, 0], intervals_s[:, 1]):
         poses = path.world_to_camera(times)

@@ -39,23 +39,34 @@ class Channel:
         device: Name of the device, for messages.
         port: Where reports go.
         clock: On which deadlines are kept.
+        incidents: Where to note what was ridden out.
         reply_timeout_s: How long an answer may take; TI's own library waits 10 s.
         write_timeout_s: How long the device may take to accept one report.
     """
 
     def __init__(
-        self, device: str, port: HidPort, clock: Clock, *, reply_timeout_s: float, write_timeout_s: float = 1.0
+        self,
+        device: str,
+        port: HidPort,
+        clock: Clock,
+        *,
+        incidents: list[str],
+        reply_timeout_s: float,
+        write_timeout_s: float = 1.0,
     ) -> None:
         self.device = device
         self._port = port
         self._clock = clock
+        self._incidents = incidents
         self._reply_timeout_s = reply_timeout_s
         self._write_timeout_s = write_timeout_s
         self._sequence = 0
         self._unsent_reports = 0
 
     def read(self, command: Command, asked: str, *, length: int = 1) -> bytes:
-        """Read a register of at least `length` bytes.
+        """Read a register of at least `length` bytes; a lost or spoilt answer is asked for again once.
+
+        Only for registers that reading does not change: not for the error register.
 
         Raises:
             NoAnswerError: No answer of ours within the deadline.
@@ -63,7 +74,11 @@ class Channel:
             RefusedError: The device said no.
             DisconnectedError: The device is gone.
         """
-        reply = self._exchange(read_request(command, self._next_sequence()), asked)
+        try:
+            reply = self._exchange(read_request(command, self._next_sequence()), asked)
+        except (NoAnswerError, BadReplyError) as error:
+            self._incidents.append(f"{error}; asked again")
+            reply = self._exchange(read_request(command, self._next_sequence()), asked)
         if reply.refused:
             self._raise_refusal(asked)
         if len(reply.data) < length:

@@ -81,7 +81,9 @@ class Dlpc900(Modulator):
         self.settings = settings or Dlpc900Settings()
         self._profile = firmware.profile(self.settings.firmware)
         self._port = port
-        self._channel = Channel(name, port, clock, reply_timeout_s=self.settings.reply_timeout_s)
+        self._channel = Channel(
+            name, port, clock, incidents=self.incidents, reply_timeout_s=self.settings.reply_timeout_s
+        )
         self._dual = False
         self._images: ImageSet | None = None
         self._on_device = b""

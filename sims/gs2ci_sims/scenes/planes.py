@@ -64,12 +64,7 @@ def planes(
         rectangles += _box(rng, half, float(rng.uniform(0.4, 0.7)) * backdrop)
     surfels = [_surfels(rng, rectangle, intrinsics[0, 0]) for rectangle in rectangles]
     return Scene(
-        "planes",
-        gaussians_from_surfels(join(surfels)),
-        intrinsics,
-        size,
-        _depth(rectangles, intrinsics, size),
-        "unit",
+        "planes", gaussians_from_surfels(join(surfels)), intrinsics, size, _depth(rectangles, intrinsics, size)
     )
 
 
