@@ -107,6 +107,7 @@ class V4l2Twin:
         """
         table = self._device.requests | self._device.sensor_requests
         name, handler = table.get(request, (hex(request), None))
+        name = f"VIDIOC_{name}"
         self.calls.append(name)
         file = self._alive(fd, name)
         mine = self._device.sensor_requests if file.subdevice else self._device.requests
@@ -141,11 +142,9 @@ class V4l2Twin:
         file = self._files.get(fd)
         if file is None:
             return select.POLLNVAL
-        try:
-            self._strike("poll")
-        except OSError as error:
-            if error.errno != ENODEV:
-                raise
+        if self.faults.take(UNPLUGGED, "poll"):
+            self.unplug()
+        self._fail("poll")
         if self.faults.take(WAKE_EMPTY):
             return select.POLLIN
         self._clock.wait_until(lambda: self._ready(file) != 0, timeout_s)
@@ -208,6 +207,9 @@ class V4l2Twin:
         if self.faults.take(UNPLUGGED, name):
             self.unplug()
             raise OSError(ENODEV, "No such device")
+        self._fail(name)
+
+    def _fail(self, name: str) -> None:
         failing = self.faults.take(CALL_FAILS, name)
         if failing is not None:
             raise OSError(int(failing.value), name)

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
-from gs2ci_drivers.sensor import SensorConfig, TriggerMode
+from gs2ci_drivers.sensor import SensorConfig
 from gs2ci_drivers.v4l2.driver import V4l2Sensor
 from gs2ci_drivers.v4l2.options import V4l2Options
 from gs2ci_sims.faults import FaultSet
@@ -65,7 +65,7 @@ class Bench:
             assert frame.sequence == index
             height, width = frame.pixels.shape
             bits = self.sensor.settings.format.bits
-            at = self.world.exposures[-2 + index].index
+            at = self.world.exposures[-1].index
             np.testing.assert_array_equal(frame.pixels, picture(at, height, width, bits))
         self.sensor.stop()
 
@@ -78,14 +78,7 @@ def bench() -> Callable[..., Bench]:
         world = World(Ramp())
         twin = V4l2Twin(world, CameraModel(**{"trigger_line": LINE, **model}))
         if options is None:
-            options = V4l2Options(
-                trigger_adapter="control", subdevice="/dev/v4l-subdev0" if twin.model.on_subdevice else ""
-            )
+            options = V4l2Options(trigger_adapter="control")
         return Bench(world, twin, V4l2Sensor("cam0", twin, world.clock, options), SensorConfig(exposure_s=2e-3))
 
     return build
-
-
-@pytest.fixture
-def edge() -> TriggerMode:
-    return TriggerMode.EDGE
