@@ -23,9 +23,13 @@ from gs2ci.evaluate.trajectory import trajectory_errors
 SCHEMA: Final = "gs2ci.report/1"
 REPORT_NAME: Final = "report.json"
 
+_DECODE_SENTENCE: Final = (
+    "The scene does not explain the measurement better than the decode does: views.npy and the figures are the "
+    "decode's, what the scene shows is in scene_views.npy."
+)
 _FREE_SENTENCES: Final = {
-    "roll": "The camera path is too straight for its positions to tell the rotation about it; rotation_deg takes "
-    "that roll from the cameras' own orientations.",
+    "roll": "The camera path is too straight for its positions to tell the rotation about it to a degree; "
+    "rotation_deg takes that roll from the cameras' own orientations.",
     "rotation": "A camera that stands still leaves the alignment without scale and rotation; rotation_deg takes "
     "the rotation from the cameras' own orientations, and ate is at the estimate's own scale.",
 }
@@ -53,7 +57,7 @@ def build_report(shot: Shot, result: RunResult) -> dict[str, Any]:
         "channels": channels,
         "cfa": shot.cfa,
         "verdict": result.verdict,
-        "notes": [*result.notes, *sentences],
+        "notes": [*([_DECODE_SENTENCE] if result.verdict == "decode" else []), *result.notes, *sentences],
         **recovered,
         "scene": scene,
         "decode": decode,

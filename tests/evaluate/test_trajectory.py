@@ -101,6 +101,16 @@ def straight_centers(count):
     return np.linspace(-1, 1, count)[:, None] * [1.0, 0.0, 0.0]
 
 
+def test_a_path_without_any_correlation_is_as_bad_as_no_motion():
+    estimate = poses(np.array([1.0, -1.0, 1.0, -1.0])[:, None] * [1.0, 0.0, 0.0])
+    truth = poses(np.array([1.0, 1.0, -1.0, -1.0])[:, None] * [1.0, 0.0, 0.0])
+    assert align(estimate, truth).scale > 0
+    errors = trajectory_errors(estimate, truth)
+    assert errors.ate == pytest.approx(1.0)
+    assert errors.nate == pytest.approx(0.5)
+    assert errors.rotation_deg == pytest.approx(0, abs=1e-9)
+
+
 def test_a_single_view_has_no_path():
     errors = trajectory_errors(bent_path(1), bent_path(1, seed=4))
     assert (errors.ate, errors.nate, errors.rpe_t, errors.rpe_r_deg) == (
