@@ -35,6 +35,8 @@ STALE_MARGIN_NS = 1_000_000
 """A frame stamped up to 1 ms before the host's time of firing counts as after it: two readings of one clock."""
 SHORTEST_COMPARED_S = 0.05
 """Sweeps shorter than this are over before a position could be asked for."""
+LONGEST_LEARNT_S = 1.0
+"""A modulator seems to start later than this only when the time stamps are wrong."""
 PERIOD_TOLERANCE = 0.25
 """Share of the period by which a frame's time stamp may be off before a trigger counts as missed or doubled."""
 
@@ -48,18 +50,22 @@ class Devices:
         sensor: Takes the frames.
         stage: Moves the camera, or None.
         clock: On which all of them wait.
+        also_close: Called after them: wire traces.
     """
 
     modulator: Modulator
     sensor: Sensor
     stage: Stage | None
     clock: Clock
+    also_close: tuple[Callable[[], None], ...] = ()
 
     def close(self) -> None:
-        """Let go of all devices; never raises."""
+        """Let go of all devices; never raises, may be called twice."""
         for device in (self.stage, self.sensor, self.modulator):
             if device is not None:
                 device.close()
+        for close in self.also_close:
+            close()
 
     def incidents(self) -> list[str]:
         """Return and forget what the drivers rode out since the last call."""
@@ -168,6 +174,7 @@ class _Capture:
         self._progress = progress
         self._trigger = 0  # the next trigger to be served
         self._taken = 0
+        self._start_s = devices.modulator.info.expected_start_s
 
     def run(self) -> int:
         try:
@@ -248,7 +255,9 @@ class _Capture:
         if stage is not None and sweep is not None:
             stage.begin_sweep(sweep)
             fire.crossed_s = clock.now_s() + sweep.lead_s
-            clock.sleep_s(sweep.lead_s)
+            # The sweep's constant part begins one longest start before the travel does; start as late as is due.
+            longest_s = self._devices.modulator.info.start_latency_s or 0.0
+            clock.sleep_s(sweep.lead_s + max(longest_s - self._start_s, 0.0))
 
     def _compare_position(self, fire: _Fire) -> None:
         """Ask the stage once where it is, to know how late it set out."""
@@ -345,6 +354,8 @@ class _Capture:
             column = axes.index(sweep.axis)
             way = sweep.speed_mm_s * (1.0 if sweep.to_mm > sweep.from_mm else -1.0)
             begin_s = self._first_mask_s(fire, shot, frames[0])
+            if shot == 0:
+                self._start_s = min(max(begin_s - fire.fired_ns * 1e-9, 0.0), LONGEST_LEARNT_S)
             since_s = begin_s - fire.crossed_s + centres_s
             measured[:, column] = sweep.from_mm + way * since_s + fire.position_error_mm
             target[:, column] = travel.from_mm + way * (shot * plan.sequence.period_s + centres_s)

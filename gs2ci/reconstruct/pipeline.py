@@ -98,7 +98,9 @@ def reconstruct(
     clock.lap("geometry")
 
     backend = load_backend(settings.backend)
-    fit = fit_coarse(shot, heldout, start, geometry, backend, settings.fit, settings.seed, progress, score, clock.began_s)
+    fit = fit_coarse(
+        shot, heldout, start, geometry, backend, settings.fit, settings.seed, progress, score, clock.began_s
+    )
     scene_views, depth = _look(fit, geometry.intrinsics, shot, backend)
     refined = refine_views(seen, scene_views, settings.residual)
     candidates: dict[Verdict, F32] = {"refined": refined, "scene": scene_views, "decode": decoded}
@@ -150,9 +152,7 @@ def _without(shot: Shot, heldout: NDArray[np.bool_]) -> Shot:
     """Close every mask over the held-out pixels, so that no stage can see them."""
     if not heldout.any():
         return shot
-    return replace(
-        shot, masks=shot.masks * ~heldout, measurement=shot.measurement * ~heldout[..., None]
-    )
+    return replace(shot, masks=shot.masks * ~heldout, measurement=shot.measurement * ~heldout[..., None])
 
 
 def _look(fit: CoarseFit, intrinsics: F64, shot: Shot, backend: Backend) -> tuple[F32, F32]:

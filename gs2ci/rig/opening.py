@@ -70,13 +70,15 @@ class Rig:
         """
         clock = self.clock
         with ExitStack() as opened:
-            modulator = opened.enter_context(closing(self._modulator(clock, trace_stem)))
-            sensor = opened.enter_context(closing(self._sensor(clock, trace_stem)))
-            stage = self._stage(clock, trace_stem)
+            traces = _Traces(trace_stem, clock)
+            opened.callback(traces.close)
+            modulator = opened.enter_context(closing(self._modulator(clock, traces)))
+            sensor = opened.enter_context(closing(self._sensor(clock, traces)))
+            stage = self._stage(clock, traces)
             opened.pop_all()
-        return Devices(modulator, sensor, stage, clock)
+        return Devices(modulator, sensor, stage, clock, (traces.close,))
 
-    def _modulator(self, clock: Clock, trace_stem: Path | None) -> Modulator:
+    def _modulator(self, clock: Clock, traces: "_Traces") -> Modulator:
         table = self.table.modulator
         if isinstance(table, Dlpc900Table):
             settings = Dlpc900Settings(
@@ -86,11 +88,8 @@ class Rig:
                 reply_timeout_s=table.reply_timeout_s,
                 firmware=table.firmware or DEFAULT_PROFILE,
             )
-            hid: HidPort = self._hid(table)
-            if trace_stem is not None:
-                hid = TracedHid(hid, _trace(trace_stem, "modulator", "hid", clock))
-            return Dlpc900("modulator", hid, clock, settings)
-        line = self._line("modulator", table.port, table.baud, clock, trace_stem)
+            return Dlpc900("modulator", traces.hid("modulator", self._hid(table)), clock, settings)
+        line = self._line("modulator", table.port, table.baud, traces)
         return ScpiModulator("modulator", line, clock, ScpiSettings(timeout_s=table.timeout_s))
 
     def _hid(self, table: Dlpc900Table) -> HidPort:
@@ -99,17 +98,16 @@ class Rig:
         bus_port = table.port.removeprefix("usb").removeprefix(":")
         return UsbHid("modulator", DLPC900_VENDOR, DLPC900_PRODUCT, bus_port=bus_port)
 
-    def _sensor(self, clock: Clock, trace_stem: Path | None) -> Sensor:
+    def _sensor(self, clock: Clock, traces: "_Traces") -> Sensor:
         port: SysPort = self.bench.sys_port() if self.bench else KernelSysPort()
-        if trace_stem is not None:
-            port = TracedSys(port, _trace(trace_stem, "sensor", "sys", clock))
-        return V4l2Sensor("sensor", port, clock, _options(self.table.sensor, simulated=self.bench is not None))
+        options = _options(self.table.sensor, simulated=self.bench is not None)
+        return V4l2Sensor("sensor", traces.sys("sensor", port), clock, options)
 
-    def _stage(self, clock: Clock, trace_stem: Path | None) -> Stage | None:
+    def _stage(self, clock: Clock, traces: "_Traces") -> Stage | None:
         table = self.table.stage
         if table is None:
             return None
-        line = self._line("stage", table.port, table.baud, clock, trace_stem)
+        line = self._line("stage", table.port, table.baud, traces)
         if isinstance(table, ZaberTable):
             return ZaberStage(
                 "stage",
@@ -122,14 +120,14 @@ class Rig:
             )
         return GrblStage("stage", line, clock, axes=table.axes)
 
-    def _line(self, device: str, path: str, baud: int, clock: Clock, trace_stem: Path | None) -> BytePort:
+    def _line(self, device: str, path: str, baud: int, traces: "_Traces") -> BytePort:
         if self.bench is not None:
             twin = self.bench.stage if device == "stage" else self.bench.modulator
             assert twin is not None  # a table without a twin cannot be: both are made from it
             line: BytePort = _opened(device, twin.open)  # type: ignore[assignment]
         else:
             line = SerialLine(device, path, baud)
-        return line if trace_stem is None else TracedBytes(line, _trace(trace_stem, device, "bytes", clock))
+        return traces.bytes(device, line)
 
 
 def load_rig(path: Path) -> Rig:
@@ -163,5 +161,28 @@ def _options(table: V4l2Table, *, simulated: bool) -> V4l2Options:
     ).check()
 
 
-def _trace(stem: Path, device: str, port: str, clock: Clock) -> Trace:
-    return Trace(stem.with_name(f"{stem.name}.{device}.wire"), device, port, clock)
+class _Traces:
+    """Wire traces round ports, where they are wanted."""
+
+    def __init__(self, stem: Path | None, clock: Clock) -> None:
+        self._stem = stem
+        self._clock = clock
+        self._traces: list[Trace] = []
+
+    def hid(self, device: str, port: HidPort) -> HidPort:
+        return port if self._stem is None else TracedHid(port, self._new(self._stem, device, "hid"))
+
+    def bytes(self, device: str, port: BytePort) -> BytePort:
+        return port if self._stem is None else TracedBytes(port, self._new(self._stem, device, "bytes"))
+
+    def sys(self, device: str, port: SysPort) -> SysPort:
+        return port if self._stem is None else TracedSys(port, self._new(self._stem, device, "sys"))
+
+    def close(self) -> None:
+        for trace in self._traces:
+            trace.close()
+
+    def _new(self, stem: Path, device: str, port: str) -> Trace:
+        trace = Trace(stem.with_name(f"{stem.name}.{device}.wire"), device, port, self._clock)
+        self._traces.append(trace)
+        return trace

@@ -172,6 +172,7 @@ def _camera(rig: RigTable, table: WorldTable) -> CameraModel:
         trigger_line=line,
         latency_s=table.trigger_latency_s,
         jitter_s=table.trigger_jitter_s,
+        readout_s=table.height * CameraModel.line_s,
         stamps_start=True,
     )
 

@@ -39,7 +39,9 @@ def _filter_row(source: F32, y: int, taps: F32, channels: int, scratch: F32, out
     reach = len(taps) // 2
     pad = reach * channels
     scratch[:] = 0.0
-    inside = scratch[pad : pad + width]  # slices, because computed indices could be negative and stop vectorisation
+    inside = scratch[
+        pad : pad + width
+    ]  # slices, because computed indices could be negative and stop vectorisation
     for k in range(max(0, reach - y), min(len(taps), height + reach - y)):
         tap = taps[k]
         row = source[y + k - reach]
@@ -62,7 +64,14 @@ def _filter_image(source: F32, taps: F32, channels: int, out: F32) -> None:
 
 @njit(parallel=True, **_JIT)
 def _similarity(
-    a: F32, b: F32, mean_b: F32, mean_bb: F32, taps: F32, channels: int, partial: F32, row_sums: NDArray[np.float64]
+    a: F32,
+    b: F32,
+    mean_b: F32,
+    mean_bb: F32,
+    taps: F32,
+    channels: int,
+    partial: F32,
+    row_sums: NDArray[np.float64],
 ) -> None:
     """Sum the similarity per row, and store its derivatives by the filtered a, a² and ab in partial [3, H, W * C]."""
     height, width = a.shape
