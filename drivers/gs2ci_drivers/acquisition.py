@@ -174,7 +174,8 @@ class _Capture:
         self._progress = progress
         self._trigger = 0  # the next trigger to be served
         self._taken = 0
-        self._start_s = devices.modulator.info.expected_start_s
+        # How long before the travel's begin to start the modulator; each fire corrects it for the next one.
+        self._lead_s = devices.modulator.info.expected_start_s
 
     def run(self) -> int:
         try:
@@ -257,7 +258,7 @@ class _Capture:
             fire.crossed_s = clock.now_s() + sweep.lead_s
             # The sweep's constant part begins one longest start before the travel does; start as late as is due.
             longest_s = self._devices.modulator.info.start_latency_s or 0.0
-            clock.sleep_s(sweep.lead_s + max(longest_s - self._start_s, 0.0))
+            clock.sleep_s(sweep.lead_s + max(longest_s - self._lead_s, 0.0))
 
     def _compare_position(self, fire: _Fire) -> None:
         """Ask the stage once where it is, to know how late it set out."""
@@ -354,11 +355,12 @@ class _Capture:
             column = axes.index(sweep.axis)
             way = sweep.speed_mm_s * (1.0 if sweep.to_mm > sweep.from_mm else -1.0)
             begin_s = self._first_mask_s(fire, shot, frames[0])
-            if shot == 0:
-                self._start_s = min(max(begin_s - fire.fired_ns * 1e-9, 0.0), LONGEST_LEARNT_S)
             since_s = begin_s - fire.crossed_s + centres_s
             measured[:, column] = sweep.from_mm + way * since_s + fire.position_error_mm
             target[:, column] = travel.from_mm + way * (shot * plan.sequence.period_s + centres_s)
+            if shot == 0:
+                late_s = float(measured[0, column] - target[0, column]) / way
+                self._lead_s = min(max(self._lead_s + late_s, 0.0), LONGEST_LEARNT_S)
         return measured, target
 
     def _first_mask_s(self, fire: _Fire, shot: int, frame: Frame) -> float:
