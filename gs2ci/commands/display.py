@@ -254,9 +254,10 @@ def _summary_rows(report: dict[str, Any]) -> list[tuple[str, str, str]]:
     rows += _trajectory_rows(report["trajectory"])
     residual = report["residual"]
     rows.append(("residual", f"{residual['rms']:.4f} rms", f"{residual['mean_abs']:.4f} mean absolute"))
-    scene, decode = residual["heldout_rms_scene"], residual["heldout_rms_decode"]
-    if scene is not None and decode is not None:
-        rows.append(("held-out", f"{scene:.4f} rms", f"decode {decode:.4f} rms"))
+    heldout = residual["heldout_rms"]
+    if heldout[report["verdict"]] is not None:
+        others = ", ".join(f"{name} {rms:.4f}" for name, rms in heldout.items() if name != report["verdict"])
+        rows.append(("held-out", f"{heldout[report['verdict']]:.4f} rms", others))
     seconds = report["seconds"]
     stages = ", ".join(f"{stage} {seconds[stage]:.1f} s" for stage in ("decode", "geometry", "fit"))
     rows.append(("time", describe_seconds(seconds["total"]), stages))

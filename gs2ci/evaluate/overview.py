@@ -171,14 +171,12 @@ def _headline(report: dict[str, Any]) -> list[tuple[str, str]]:
         stats += [(f"{report['trajectory']['nate']:.4f}", "nATE")]
     if report["psnr_db"] is None:
         stats += [(f"{report['residual']['rms']:.4f}", "residual rms")]
-        heldout = report["residual"]["heldout_rms_" + report["verdict"]]
+        heldout = report["residual"]["heldout_rms"][report["verdict"]]
         stats += [] if heldout is None else [(f"{heldout:.4f}", "held-out rms")]
     return [*stats, (f"{report['seconds']['total']:.0f} s", "in all")]
 
 
-def _image_panels(
-    panel: dict[str, Axes], shot: Shot, result: RunResult, report: dict[str, Any], *, view: int
-) -> None:
+def _image_panels(panel: dict[str, Axes], shot: Shot, result: RunResult, report: dict[str, Any], *, view: int) -> None:
     of_all = f"view {view + 1} of {result.views.shape[0]}"
     bright = max(float(np.percentile(shot.measurement, 99.5)), 1e-6)
     kind = f"{shot.cfa} mosaic" if shot.cfa else "RGB" if shot.channels == 3 else "mono"
@@ -186,13 +184,13 @@ def _image_panels(
     panels.title(panel["measurement"], "Measurement", f"{kind}, white at {bright:.2f}")
     panels.image(panel["decode"], result.decode[view])
     panels.title(panel["decode"], "Decode", of_all + _decibels(report["decode"], view))
-    panels.image(panel["result"], result.recovered[view])
-    name = "Result" if result.verdict == "scene" else "Result = decode"
+    panels.image(panel["result"], result.views[view])
+    name = "Result = decode" if result.verdict == "decode" else "Result"
     panels.title(panel["result"], name, of_all + _decibels(report, view))
     if shot.truth.views is not None:
         panels.image(panel["truth"], shot.truth.views[view])
         panels.title(panel["truth"], "Truth", of_all)
-        _error_panel(panel["error"], result.recovered[view], shot.truth.views[view])
+        _error_panel(panel["error"], result.views[view], shot.truth.views[view])
 
 
 def _error_panel(axes: Axes, recovered: F32, truth: F32) -> None:
@@ -236,7 +234,7 @@ def _curve_panel(axes: Axes, report: dict[str, Any]) -> None:
         decode = report["decode"]["psnr_db"]["mean"]
     else:
         name, key, label = "Held-out residual", "heldout", "held-out residual, rms"
-        decode = report["residual"]["heldout_rms_decode"]
+        decode = report["residual"]["heldout_rms"]["decode"]
     panels.title(axes, name)
     rows = [row for row in report["curve"] if row[key] is not None and row["seconds"] > 0]
     if not rows:

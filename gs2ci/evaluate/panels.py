@@ -94,9 +94,7 @@ def scaled_map(
 def message(axes: Axes, text: str) -> None:
     """Say in the middle of a panel why it is empty."""
     axes.set_facecolor(PAPER)
-    axes.annotate(
-        text, (0.5, 0.5), xycoords="axes fraction", ha="center", va="center", fontsize=LABEL_PT, color=MUTED
-    )
+    axes.annotate(text, (0.5, 0.5), xycoords="axes fraction", ha="center", va="center", fontsize=LABEL_PT, color=MUTED)
     _without_ticks(axes)
 
 
@@ -132,9 +130,7 @@ def camera_path(axes: Axes, recovered: F64, truth: F64 | None) -> None:
     axes.legend(loc="lower left", ncols=2, fontsize=TICK_PT, frameon=False, labelcolor=INK, handlelength=1.4)
 
 
-def time_curve(
-    axes: Axes, course: Series, *, label: str, level: tuple[str, float] | None, log_values: bool
-) -> None:
+def time_curve(axes: Axes, course: Series, *, label: str, level: tuple[str, float] | None, log_values: bool) -> None:
     """Draw what was reached against seconds on a logarithmic axis, the last point marked.
 
     Args:

@@ -38,15 +38,16 @@ _FREE_SENTENCES: Final = {
 def build_report(shot: Shot, result: RunResult) -> dict[str, Any]:
     """Collect the figures of one run; what needs an unknown truth is None.
 
-    `psnr_db`, `ssim` and `residual` speak of the views that the verdict names; `scene` and `decode` of each.
+    `psnr_db`, `ssim` and `residual` speak of the recovered views; `scene` and `decode` of what these two alone give.
 
     Args:
         shot: The measurement, with its truth if there is one.
         result: What was recovered from it.
     """
     n, height, width, channels = result.views.shape
-    scene, decode = (_image_scores(views, shot.truth.views) for views in (result.views, result.decode))
-    recovered = scene if result.verdict == "scene" else decode
+    recovered, scene, decode = (
+        _image_scores(views, shot.truth.views) for views in (result.views, result.scene_views, result.decode)
+    )
     trajectory, sentences = _trajectory(shot, result)
     residual = measurement_residual(result.predicted_measurement, shot.measurement, shot.saturated)
     report = {
@@ -64,8 +65,7 @@ def build_report(shot: Shot, result: RunResult) -> dict[str, Any]:
         "trajectory": trajectory,
         "residual": {
             **asdict(residual),
-            "heldout_rms_scene": result.heldout_rms_scene,
-            "heldout_rms_decode": result.heldout_rms_decode,
+            "heldout_rms": dict(result.heldout_rms),
         },
         "seconds": dict(result.seconds),
         "curve": [asdict(point) for point in result.curve],

@@ -6,7 +6,7 @@
       views.npy      the recovered views, [N, H, W, 3] float32, full scale 1, not clamped; mono repeated thrice
       views/         the same as 8-bit pictures, clamped to [0, 1]; mono stays grey
       decode.npy     what the decode alone gave, as views.npy
-      scene_views.npy  what the scene shows, where the verdict prefers the decode
+      scene_views.npy  what the Gaussians alone show, as views.npy
       depth.npy      [N, H, W] float32, scene units, 0 where nothing is seen; absent where no depth was found
       scene.ply      the Gaussians, 3DGS convention
       cameras.json   nerfstudio transforms
@@ -137,15 +137,14 @@ def _swap_in(partial: Path, folder: Path) -> None:
 
 
 def _write_images(folder: Path, result: RunResult) -> None:
-    np.save(folder / "views.npy", _three_channels(result.recovered))
+    np.save(folder / "views.npy", _three_channels(result.views))
     np.save(folder / "decode.npy", _three_channels(result.decode))
-    if result.verdict == "decode":
-        np.save(folder / "scene_views.npy", _three_channels(result.views))
+    np.save(folder / "scene_views.npy", _three_channels(result.scene_views))
     if result.depth is not None:
         np.save(folder / "depth.npy", result.depth.astype(np.float32))
     pictures = folder / "views"
     pictures.mkdir()
-    for name, view in zip(view_names(len(result.recovered)), result.recovered, strict=True):
+    for name, view in zip(view_names(len(result.views)), result.views, strict=True):
         eight_bit = np.round(255 * np.clip(view, 0, 1)).astype(np.uint8)
         if not cv2.imwrite(str(pictures / name), eight_bit[..., ::-1]):
             raise StorageError(f"{name} cannot be written", remedy="check the free space and the permissions")
@@ -155,9 +154,7 @@ def _write_scene(folder: Path, result: RunResult, scene: Gaussians) -> None:
     size = (int(result.views.shape[1]), int(result.views.shape[2]))
     write_ply(folder / "scene.ply", scene)
     transforms = nerfstudio_transforms(result.world_to_camera, result.intrinsics, size)
-    (folder / "cameras.json").write_text(
-        json.dumps(transforms, indent=1, allow_nan=False) + "\n", encoding="utf-8"
-    )
+    (folder / "cameras.json").write_text(json.dumps(transforms, indent=1, allow_nan=False) + "\n", encoding="utf-8")
     model = folder / "colmap" / "sparse" / "0"
     model.mkdir(parents=True)
     # The most opaque Gaussians show where the surfaces are; a stable order keeps equal ones reproducible.

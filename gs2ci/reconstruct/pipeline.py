@@ -8,11 +8,9 @@ The commands import this file.
 
 import time
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field
 
-import numpy as np
 import torch
-from numpy.typing import NDArray
 
 from gs2ci.core.progress import Progress, Silent
 from gs2ci.core.records import F32, F64, Shot
@@ -22,7 +20,7 @@ from gs2ci.reconstruct.decode.gap_tv import GapTvSettings, gap_tv
 from gs2ci.reconstruct.decode.residual import ResidualSettings, refine_views
 from gs2ci.reconstruct.fit.coarse import CoarseFit, CoarseSettings, fit_coarse
 from gs2ci.reconstruct.fit.start import first_gaussians
-from gs2ci.reconstruct.fit.stopping import choose_heldout
+from gs2ci.reconstruct.fit.stopping import Jury, choose_heldout
 from gs2ci.reconstruct.geometry.initialise import Geometry, GeometrySettings, initialise
 from gs2ci.reconstruct.geometry.points import seed_points
 from gs2ci.render.backend import Backend, load_backend
@@ -87,8 +85,8 @@ def reconstruct(
     settings, progress = settings or Settings(), progress or Silent()
     shot.check()
     clock = _Stopwatch()
-    heldout = choose_heldout(shot.masks, shot.saturated, settings.fit.hold_out.share, settings.seed)
-    seen = _without(shot, heldout)
+    jury = Jury(shot, choose_heldout(shot.masks, shot.saturated, settings.fit.hold_out.share, settings.seed))
+    seen = jury.seen
 
     decoded = gap_tv(seen, settings.decode, progress)
     clock.lap("decode")
@@ -99,25 +97,38 @@ def reconstruct(
 
     backend = load_backend(settings.backend)
     fit = fit_coarse(
-        shot, heldout, start, geometry, backend, settings.fit, settings.seed, progress, score, clock.began_s
+        jury=jury,
+        start=start,
+        geometry=geometry,
+        backend=backend,
+        settings=settings.fit,
+        seed=settings.seed,
+        refine=lambda views: refine_views(seen, views, settings.residual),
+        progress=progress,
+        score=score,
+        since_s=clock.began_s,
     )
-    scene_views, depth = _look(fit, geometry.intrinsics, shot, backend)
-    refined = refine_views(seen, scene_views, settings.residual)
-    candidates: dict[Verdict, F32] = {"refined": refined, "scene": scene_views, "decode": decoded}
-    rms = {name: _heldout_rms(shot, heldout, views) for name, views in candidates.items()}
-    verdict = _judge(rms)
+    refined = refine_views(seen, fit.views, settings.residual)
+    heldout_rms: dict[Verdict, float | None] = {
+        "refined": jury.residual_rms(refined),
+        "scene": jury.residual_rms(fit.views),
+        "decode": jury.residual_rms(decoded),
+    }
+    verdict = _judge(heldout_rms)
     if verdict == "refined":  # the pixels that judged may now help as well
-        candidates["refined"] = refine_views(shot, scene_views, settings.residual)
+        refined = refine_views(shot, fit.views, settings.residual)
+    recovered = {"refined": refined, "scene": fit.views, "decode": decoded}[verdict]
+    depth = _depth(fit, geometry.intrinsics, shot.size, backend)
     clock.lap("fit")
 
     result = RunResult(
-        views=candidates["scene"],
-        refined=candidates["refined"],
+        views=recovered,
+        scene_views=fit.views,
         decode=decoded,
         depth=depth,
         world_to_camera=fit.world_to_camera,
         intrinsics=geometry.intrinsics,
-        predicted_measurement=Coding.of(shot).forward(torch.from_numpy(candidates[verdict])).numpy(),
+        predicted_measurement=Coding.of(shot).forward(torch.from_numpy(recovered)).numpy(),
         curve=fit.curve,
         stopped_because=fit.stopped_because,
         seconds=clock.seconds(),
@@ -126,7 +137,7 @@ def reconstruct(
         settings=asdict(settings),
         seed=settings.seed,
         verdict=verdict,
-        heldout_rms=rms,
+        heldout_rms=heldout_rms,
         geometry=_summary(geometry),
     )
     return Reconstruction(result.check(), fit.scene)
@@ -148,33 +159,15 @@ class _Stopwatch:
         return {**self._stages, "total": self._lap_s - self.began_s}
 
 
-def _without(shot: Shot, heldout: NDArray[np.bool_]) -> Shot:
-    """Close every mask over the held-out pixels, so that no stage can see them."""
-    if not heldout.any():
-        return shot
-    return replace(shot, masks=shot.masks * ~heldout, measurement=shot.measurement * ~heldout[..., None])
-
-
-def _look(fit: CoarseFit, intrinsics: F64, shot: Shot, backend: Backend) -> tuple[F32, F32]:
-    """Render the scene's views, [N, H, W, C], and their depth, [N, H, W], zero where less than half is covered."""
+def _depth(fit: CoarseFit, intrinsics: F64, size: tuple[int, int], backend: Backend) -> F32:
+    """Render the mean depth along the optical axis, [N, H, W]; zero where less than half of the light is stopped."""
     poses = torch.from_numpy(fit.world_to_camera).float()
+    along_axis = fit.scene.means @ poses[:, 2, :3].T + poses[:, 2, 3]
+    as_colour = along_axis.T[..., None].expand(-1, -1, 3).contiguous()
     camera = torch.from_numpy(intrinsics).float()
     with torch.no_grad():
-        images, _ = backend.views(fit.scene, poses, camera, shot.size)
-        along_axis = fit.scene.means @ poses[:, 2, :3].T + poses[:, 2, 3]
-        as_colour = along_axis.T[..., None].expand(-1, -1, 3).contiguous()
-        depths, alphas = backend.views(fit.scene, poses, camera, shot.size, colours=as_colour)
-    covered = alphas >= 0.5
-    depth = torch.where(covered, depths[..., 0] / alphas.clamp(min=0.5), 0.0)
-    views = images if shot.channels == 3 else images.mean(dim=3, keepdim=True)
-    return views.numpy(), depth.numpy()
-
-
-def _heldout_rms(shot: Shot, heldout: NDArray[np.bool_], views: F32) -> float | None:
-    if not heldout.any():
-        return None
-    predicted = Coding.of(shot).forward(torch.from_numpy(views)).numpy()
-    return float(np.sqrt(np.mean((predicted - shot.measurement)[heldout] ** 2, dtype=np.float64)))
+        depths, alphas = backend.views(fit.scene, poses, camera, size, colours=as_colour)
+    return torch.where(alphas >= 0.5, depths[..., 0] / alphas.clamp(min=0.5), 0.0).numpy()
 
 
 def _judge(heldout_rms: dict[Verdict, float | None]) -> Verdict:

@@ -126,9 +126,7 @@ def test_the_live_display_fits_eighty_columns():
     with open_display(console) as display:
         run_through(display)
         display._bars.refresh()
-    assert (
-        max(len(line.split("\r")[-1]) for line in console.file.getvalue().splitlines()) <= 80 + len("\x1b[2K") * 4
-    )
+    assert max(len(line.split("\r")[-1]) for line in console.file.getvalue().splitlines()) <= 80 + len("\x1b[2K") * 4
 
 
 def test_a_stage_that_ends_early_is_finished_at_the_steps_it_took():
@@ -196,7 +194,7 @@ REPORT = {
         "ssim": {"mean": 0.71, "per_view": [0.7, 0.72]},
     },
     "trajectory": {"ate": 0.004, "nate": 0.001, "rotation_deg": 0.1, "rpe_t": 0.003, "rpe_r_deg": 0.02},
-    "residual": {"rms": 0.03, "mean_abs": 0.02, "heldout_rms_scene": 0.031, "heldout_rms_decode": 0.052},
+    "residual": {"rms": 0.03, "mean_abs": 0.02, "heldout_rms": {"refined": 0.03, "scene": 0.031, "decode": 0.052}},
     "seconds": {"total": 86.2, "decode": 4.0, "geometry": 4.2, "fit": 78.0},
     "gaussians": 13000,
     "peak_mib": 812.3,

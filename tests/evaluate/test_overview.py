@@ -32,9 +32,7 @@ def assert_nothing_overlaps_or_leaves_the_page(figure):
         texts = [t for t in texts if t not in axes.get_yticklabels() or low <= t.get_position()[1] <= high]
         low, high = sorted(axes.get_xlim())
         texts = [t for t in texts if t not in axes.get_xticklabels() or low <= t.get_position()[0] <= high]
-    boxes = [
-        (t.get_text(), t.get_window_extent(renderer)) for t in texts if t.get_text().strip() and t.get_visible()
-    ]
+    boxes = [(t.get_text(), t.get_window_extent(renderer)) for t in texts if t.get_text().strip() and t.get_visible()]
     for name, box in boxes:
         assert box.x0 >= 0, name
         assert box.y0 >= 0, name
@@ -137,7 +135,9 @@ def test_moves_ahead_and_upwards_are_drawn(make_run, direction):
 def test_a_curve_of_one_point_is_drawn(make_run, heldout):
     shot, result = make_run(truth=False)
     only = [replace(result.curve[3], heldout=heldout)]
-    _, figure, _ = drawn(shot, replace(result, curve=only, heldout_rms_decode=None, heldout_rms_scene=None))
+    _, figure, _ = drawn(
+        shot, replace(result, curve=only, heldout_rms={"refined": None, "scene": None, "decode": None})
+    )
     assert_nothing_overlaps_or_leaves_the_page(figure)
 
 

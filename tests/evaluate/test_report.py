@@ -32,13 +32,13 @@ def test_means_are_those_of_the_views(make_run):
     report = build_report(shot, result)
     assert len(report["psnr_db"]["per_view"]) == 8
     assert report["psnr_db"]["mean"] == pytest.approx(np.mean(report["psnr_db"]["per_view"]))
-    assert report["psnr_db"] == report["scene"]["psnr_db"]
+    assert report["psnr_db"]["mean"] > report["scene"]["psnr_db"]["mean"]
     assert report["psnr_db"]["mean"] > report["decode"]["psnr_db"]["mean"] + 5
 
 
 def test_where_the_decode_is_better_the_report_gives_its_figures_and_says_so(make_run):
     shot, result = make_run()
-    report = build_report(shot, replace(result, verdict="decode"))
+    report = build_report(shot, replace(result, verdict="decode", views=result.decode))
     assert report["psnr_db"] == report["decode"]["psnr_db"] != report["scene"]["psnr_db"]
     assert "does not explain the measurement better" in report["notes"][0]
 

@@ -87,9 +87,11 @@ def test_mono_views_are_stored_thrice_and_pictured_grey(tmp_path, make_run, scen
 
 def test_where_the_decode_is_better_both_are_kept(tmp_path, make_run, scene):
     shot, result = make_run()
-    folder = write_run(tmp_path / "run", shot, replace(result, verdict="decode", depth=None), scene)
+    folder = write_run(
+        tmp_path / "run", shot, replace(result, verdict="decode", views=result.decode, depth=None), scene
+    )
     np.testing.assert_array_equal(np.load(folder / "views.npy"), result.decode)
-    np.testing.assert_array_equal(np.load(folder / "scene_views.npy"), result.views)
+    np.testing.assert_array_equal(np.load(folder / "scene_views.npy"), result.scene_views)
     assert "depth.npy" not in names(folder)
 
 

@@ -45,9 +45,7 @@ SHIFT = np.array([3.0, -2.0, 0.5])
 def test_a_path_in_another_world_has_no_error(seed, scale, count):
     rng = np.random.default_rng(seed)
     path = bent_path(count, seed)
-    errors = trajectory_errors(
-        in_another_world(path, scale, Rotation.random(rng=rng), rng.standard_normal(3)), path
-    )
+    errors = trajectory_errors(in_another_world(path, scale, Rotation.random(rng=rng), rng.standard_normal(3)), path)
     assert errors.ate == pytest.approx(0, abs=1e-9)
     assert errors.rotation_deg == pytest.approx(0, abs=1e-6)
     assert errors.rpe_t == pytest.approx(0, abs=1e-9)

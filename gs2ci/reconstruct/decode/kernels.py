@@ -80,9 +80,7 @@ def _ascend_row(dual_y: F32, dual_x: F32, step: float, r: int, row: F32, below: 
 
 
 @numba.njit(cache=True)
-def _denoise_plane(
-    image: F32, dual_y: F32, dual_x: F32, rows: F32, weight: float, step: float, inner: int
-) -> None:
+def _denoise_plane(image: F32, dual_y: F32, dual_x: F32, rows: F32, weight: float, step: float, inner: int) -> None:
     height = image.shape[0]
     dual_y[:] = 0
     dual_x[:] = 0

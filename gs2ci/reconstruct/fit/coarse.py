@@ -10,12 +10,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor
 
 from gs2ci.core.errors import NumericsError
 from gs2ci.core.progress import Progress
-from gs2ci.core.records import F32, F64, Shot
+from gs2ci.core.records import F32, F64
 from gs2ci.core.run_records import CurvePoint
 from gs2ci.reconstruct import coding
 from gs2ci.reconstruct.fit.density.base import DensityRule, Evidence
@@ -23,12 +22,13 @@ from gs2ci.reconstruct.fit.density.osgr import Osgr
 from gs2ci.reconstruct.fit.losses import DataTerm, LossWeights, opacity_term
 from gs2ci.reconstruct.fit.optimiser import GaussianOptimiser, StepSizes
 from gs2ci.reconstruct.fit.poses import PoseCorrections, PoseSettings
-from gs2ci.reconstruct.fit.stopping import HeldOutWatch, HoldOut
+from gs2ci.reconstruct.fit.stopping import HoldOut, Jury, Watch
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.render.backend import Backend
 from gs2ci.render.gaussians import Gaussians
 
 Score = Callable[[F32], float]
+Refine = Callable[[F32], F32]
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,6 @@ class CoarseSettings:
         densify_from: Share of the schedule before its first turn.
         densify_until: Share of the schedule after its last turn.
         gaussians_per_pixel: Population cap, as a share of the pixels of one view.
-        score_every: Iterations between points of the curve.
     """
 
     iterations: int = 1000
@@ -49,7 +48,6 @@ class CoarseSettings:
     densify_from: float = 0.025
     densify_until: float = 0.75
     gaussians_per_pixel: float = 0.4
-    score_every: int = 50
     loss: LossWeights = field(default_factory=LossWeights)
     steps: StepSizes = field(default_factory=StepSizes)
     poses: PoseSettings = field(default_factory=PoseSettings)
@@ -64,14 +62,14 @@ class CoarseFit:
     Args:
         scene: The Gaussians.
         world_to_camera: Refined poses, [N, 4, 4].
-        heldout_rms: Residual on the held-out pixels, in the measurement's unit.
+        views: The scene seen from there, [N, H, W, C] float32, not clamped.
         curve: How it came about.
         stopped_because: One sentence.
     """
 
     scene: Gaussians
     world_to_camera: F64
-    heldout_rms: float
+    views: F32
     curve: tuple[CurvePoint, ...]
     stopped_because: str
 
@@ -90,14 +88,14 @@ class _Fit:
 
     def __init__(
         self,
-        shot: Shot,
-        heldout: NDArray[np.bool_],
+        jury: Jury,
         start: Gaussians,
         geometry: Geometry,
         backend: Backend,
         settings: CoarseSettings,
         seed: int,
     ) -> None:
+        shot = jury.shot
         self.settings = settings
         self._backend = backend
         self._channels = coding.cfa_channels(shot.cfa, shot.size) if shot.cfa else None
@@ -111,46 +109,33 @@ class _Fit:
         self.cap = max(len(start), int(settings.gaussians_per_pixel * shot.size[0] * shot.size[1]))
         self.optimiser = GaussianOptimiser(start, settings.steps, self.extent)
         self.poses = PoseCorrections(geometry.world_to_camera, settings.poses)
-        self.data_term = DataTerm(shot.measurement, ~heldout, shot.saturated, settings.loss.similarity)
-        self._heldout_index = torch.from_numpy(np.flatnonzero(heldout))
-        self._heldout_values = torch.from_numpy(shot.measurement[heldout])
+        self.data_term = DataTerm(shot.measurement, ~jury.heldout, shot.saturated, settings.loss.similarity)
         self.generator = torch.Generator().manual_seed(seed)
         self._gradient_sum = torch.zeros(len(start))
         self._gradient_count = 0
 
     def predict(self) -> Tensor:
         """Render the measurement that the present scene and poses would give, [H, W, C]."""
-        image = self._backend.coded(
-            self.optimiser.scene, self.poses.world_to_camera(), self._intrinsics, self._coding
-        )
+        image = self._backend.coded(self.optimiser.scene, self.poses.world_to_camera(), self._intrinsics, self._coding)
         if self._channels is not None:
             return coding.select(image, self._channels)
         return image.mean(dim=2, keepdim=True) if self._mono else image
 
     def views(self) -> F32:
-        """Render the views, [N, H, W, 3] float32, clamped to [0, 1]."""
+        """Render the views, [N, H, W, C] float32, not clamped."""
         with torch.no_grad():
             images, _ = self._backend.views(
                 self.optimiser.scene, self.poses.world_to_camera(), self._intrinsics, self.size
             )
-        return images.clamp(0, 1).numpy()
+        return (images.mean(dim=3, keepdim=True) if self._mono else images).numpy()
 
-    def heldout_rms(self, predicted: Tensor) -> float:
-        """Return the residual of a prediction on the held-out pixels; NaN-safe: infinite if not finite."""
-        if len(self._heldout_index) == 0:
-            return float("inf")
-        values = predicted.detach().reshape(-1, predicted.shape[2])[self._heldout_index]
-        rms = float((values - self._heldout_values).square().mean().sqrt())
-        return rms if np.isfinite(rms) else float("inf")
-
-    def backward(self) -> tuple[float, float]:
-        """Accumulate gradients of the objective; return the loss and the held-out residual."""
-        predicted = self.predict()
-        data = self.data_term(predicted)
+    def backward(self) -> float:
+        """Accumulate gradients of the objective; return the loss."""
+        data = self.data_term(self.predict())
         opacity = opacity_term(self.optimiser.scene.opacity_logits)
         loss = data + self.settings.loss.opacity * opacity
         loss.backward()  # type: ignore[no-untyped-call]
-        return float(loss.detach()), self.heldout_rms(predicted)
+        return float(loss.detach())
 
     def is_finite(self, loss: float) -> bool:
         """Tell whether this iteration may be taken into the parameters."""
@@ -205,13 +190,13 @@ MAX_ROLLBACKS = 3
 
 
 def fit_coarse(
-    shot: Shot,
-    heldout: NDArray[np.bool_],
+    jury: Jury,
     start: Gaussians,
     geometry: Geometry,
     backend: Backend,
     settings: CoarseSettings,
     seed: int,
+    refine: Refine,
     progress: Progress,
     score: Score | None = None,
     since_s: float | None = None,
@@ -219,95 +204,113 @@ def fit_coarse(
     """Fit Gaussians and poses to the measurement.
 
     Args:
-        shot: The measurement; its truth is not read.
-        heldout: Pixels that the loss may not see, [H, W] bool.
+        jury: The measurement, its truth unread, and the pixels of it that the loss may not see.
         start: Initial Gaussians.
         geometry: Initial poses, and the camera matrix.
         backend: The renderer.
         settings: The schedule.
         seed: For the density rule's draws.
+        refine: What will be done to the scene's views, [N, H, W, C], before they are handed over.
         progress: Told every iteration.
-        score: Called with the views [N, H, W, 3] at each point of the curve; its value is reported as `psnr_db`.
+        score: Called with the refined views at each look; its value is reported as `psnr_db`.
         since_s: `time.monotonic()` when the whole reconstruction began; the curve's seconds count from there.
 
     Returns:
         The state with the best held-out residual.
 
     Raises:
+        InputError: The hold-out settings make no sense.
         NumericsError: The very first iteration is not finite.
     """
+    settings.hold_out.check()
     origin_s = time.monotonic() if since_s is None else since_s
-    fit = _Fit(shot, heldout, start, geometry, backend, settings, seed)
-    loop = _Loop(fit, progress, score, origin_s)
+    fit = _Fit(jury, start, geometry, backend, settings, seed)
+    loop = _Loop(fit, jury, refine, progress, score, origin_s)
     stopped_because = loop.run()
     fit.restore(loop.best)
-    with torch.no_grad():
-        predicted = fit.predict()
-        poses = fit.poses.world_to_camera().double().numpy()
     return CoarseFit(
         scene=loop.best.scene,
-        world_to_camera=poses,
-        heldout_rms=fit.heldout_rms(predicted),
+        world_to_camera=fit.poses.world_to_camera().detach().double().numpy(),
+        views=fit.views(),
         curve=tuple(loop.curve),
         stopped_because=stopped_because,
     )
 
 
 class _Loop:
-    """The iterations: step, densify, watch, anneal, stop; and back to the last good state when numbers run away."""
+    """The iterations: step, densify, look, stop; and back to the last good state when numbers run away."""
 
-    def __init__(self, fit: _Fit, progress: Progress, score: Score | None, origin_s: float) -> None:
+    def __init__(
+        self, fit: _Fit, jury: Jury, refine: Refine, progress: Progress, score: Score | None, origin_s: float
+    ) -> None:
         self.fit = fit
         self.settings = fit.settings
         self.best = fit.snapshot(0)
         self.curve: list[CurvePoint] = []
+        self._jury = jury
+        self._refine = refine
         self._progress = progress
         self._score = score
         self._origin_s = origin_s
-        self._watch = HeldOutWatch(fit.settings.hold_out)
-        self._horizon = fit.settings.iterations
-        self._annealing_from = int(fit.settings.steps.constant_share * self._horizon)
+        self._watch = Watch(fit.settings.hold_out)
         self._damping = 1.0
         self._rollbacks = 0
 
     def run(self) -> str:
         """Iterate until something says stop; return what."""
-        self._progress.stage("fit", self._horizon)
+        total = self.settings.iterations
+        self._progress.stage("fit", total)
         iteration = 0
-        while iteration < self._horizon:
-            loss, heldout = self.fit.backward()
+        while iteration < total:
+            loss = self.fit.backward()
             if not self.fit.is_finite(loss):
                 if not self._roll_back(iteration):
                     return f"numbers ran away {MAX_ROLLBACKS} times; kept the state of iteration {self.best.iteration}"
                 continue
             self._step(iteration)
             iteration += 1
-            if self._watch.note(heldout, iteration):
-                self.best = self.fit.snapshot(iteration)
-            self._report(iteration, loss, heldout)
-            if self._watch.stalled(iteration) and not self._begin_annealing(iteration):
-                best = self._watch.best_iteration
-                return f"held-out pixels stopped improving at iteration {best}"
-        return f"all {self._horizon} iterations done, held-out pixels best at {self._watch.best_iteration}"
+            if iteration % self.settings.hold_out.look_every == 0 or iteration == total:
+                self._look(iteration, loss)
+                if self._watch.stalled(iteration):
+                    return f"held-out pixels stopped improving at iteration {self._watch.best_iteration}"
+            self._progress.step(iteration, loss=loss, **self._figures())
+        return f"all {total} iterations done, held-out pixels best at iteration {self._watch.best_iteration}"
 
     def _step(self, iteration: int) -> None:
-        share = iteration / self._horizon
+        share = iteration / self.settings.iterations
         self.fit.note_gradient()
         self.fit.optimiser.step(share, self._damping)
         self.fit.poses.step(share)
-        turn = self.settings
-        densifying = turn.densify_from * self._horizon <= iteration < turn.densify_until * self._horizon
-        if densifying and iteration % turn.densify_every == 0 and self._watch.may_grow(iteration):
+        begin, end = self.settings.densify_from, self.settings.densify_until
+        turn = begin <= share < end and iteration % self.settings.densify_every == 0
+        if turn and self._watch.may_grow(iteration):
             self.fit.densify()
 
-    def _begin_annealing(self, iteration: int) -> bool:
-        """Shorten the schedule so that the small steps come now; False if they have come already."""
-        if iteration >= self._annealing_from:
-            return False
-        self._horizon = min(self._horizon, max(int(iteration / self.settings.steps.constant_share), iteration + 1))
-        self._annealing_from = iteration
-        self._watch.restart_patience(iteration)
-        return True
+    def _look(self, iteration: int, loss: float) -> None:
+        """Judge the views as they would be handed over now, and remember the state if it is the best."""
+        views = self._refine(self.fit.views())
+        heldout = self._jury.residual_rms(views)
+        if self._watch.note(heldout, iteration):
+            self.best = self.fit.snapshot(iteration)
+        self.curve.append(
+            CurvePoint(
+                seconds=time.monotonic() - self._origin_s,
+                iteration=iteration,
+                loss=loss,
+                heldout=heldout,
+                psnr_db=None if self._score is None else self._score(views),
+                gaussians=len(self.fit.optimiser.scene),
+            )
+        )
+
+    def _figures(self) -> dict[str, float | int]:
+        """Return what the last look found, for the display."""
+        figures: dict[str, float | int] = {}
+        if self.curve and self.curve[-1].heldout is not None:
+            figures["heldout"] = self.curve[-1].heldout
+        if self.curve and self.curve[-1].psnr_db is not None:
+            figures["psnr_db"] = self.curve[-1].psnr_db
+        return {**figures, "gaussians": len(self.fit.optimiser.scene)}
 
     def _roll_back(self, iteration: int) -> bool:
         if iteration == 0:
@@ -325,20 +328,3 @@ class _Loop:
             f"Iteration {iteration} was not finite: back to iteration {self.best.iteration} with half the step."
         )
         return True
-
-    def _report(self, iteration: int, loss: float, heldout: float) -> None:
-        count = len(self.fit.optimiser.scene)
-        self._progress.step(iteration, loss=loss, heldout=heldout, gaussians=count)
-        if iteration % self.settings.score_every and iteration != self._horizon:
-            return
-        psnr_db = None if self._score is None else self._score(self.fit.views())
-        self.curve.append(
-            CurvePoint(
-                seconds=time.monotonic() - self._origin_s,
-                iteration=iteration,
-                loss=loss,
-                heldout=heldout,
-                psnr_db=psnr_db,
-                gaussians=count,
-            )
-        )

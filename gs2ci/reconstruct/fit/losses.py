@@ -80,7 +80,7 @@ class _DataTermFunction(torch.autograd.Function):
         return predicted.new_tensor(value)
 
     @staticmethod
-    def backward(ctx: Any, upstream: Tensor) -> tuple[Tensor, None]:  # type: ignore[override]
+    def backward(ctx: Any, upstream: Tensor) -> tuple[Tensor, None]:
         return ctx.gradient * upstream, None
 
 

@@ -20,9 +20,6 @@ class StepSizes:
         means: In units of the scene's extent, at the start. Twenty times the original's 1.6e-4: the schedule is
             twenty times shorter.
         means_final_share: The share of it left at the end; exponential in between.
-        final_share: The share of every other step size left at the end. The original keeps them; on a schedule this
-            short the last, small steps average out the noise of the first.
-        constant_share: The share of the schedule before that decay begins.
     """
 
     means: float = 3.2e-3
@@ -31,8 +28,6 @@ class StepSizes:
     opacity_logits: float = 5e-2
     colours: float = 2.5e-3
     means_final_share: float = 0.01
-    final_share: float = 0.1
-    constant_share: float = 0.5
 
 
 class GaussianOptimiser:
@@ -62,12 +57,6 @@ class GaussianOptimiser:
         rate = float(getattr(self._sizes, name))
         return rate * self._extent if name == "means" else rate
 
-    def _share(self, name: str, progress: float) -> float:
-        if name == "means":
-            return float(self._sizes.means_final_share**progress)
-        late = max(0.0, progress - self._sizes.constant_share) / (1 - self._sizes.constant_share)
-        return float(self._sizes.final_share**late)
-
     def step(self, progress: float, damping: float = 1.0) -> None:
         """Step along the gradients and clear them.
 
@@ -76,7 +65,8 @@ class GaussianOptimiser:
             damping: Further factor on every step size.
         """
         for group in self._adam.param_groups:
-            group["lr"] = self._initial_rate(group["name"]) * self._share(group["name"], progress) * damping
+            decay = self._sizes.means_final_share**progress if group["name"] == "means" else 1.0
+            group["lr"] = self._initial_rate(group["name"]) * decay * damping
         self._adam.step()
         self.forget_gradient()
 
@@ -111,13 +101,6 @@ class GaussianOptimiser:
             if state:
                 self._adam.state[new] = state
         self.scene = fresh
-
-    def forget_moments(self, name: str) -> None:
-        """Set Adam's moments of one parameter to zero, as after an opacity reset."""
-        state = self._adam.state.get(self.scene.parameters()[name], {})
-        for moment in ("exp_avg", "exp_avg_sq"):
-            if moment in state:
-                state[moment].zero_()
 
     def restore(self, scene: Gaussians) -> None:
         """Go back to a snapshot; Adam forgets its moments, which led away from it."""

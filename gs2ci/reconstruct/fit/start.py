@@ -47,6 +47,6 @@ def _neighbour_distance(positions: F32) -> F32:
     neighbours = min(_NEIGHBOURS, len(positions) - 1)
     if neighbours < 1:
         return np.zeros(len(positions), np.float32)
-    distances, _ = cKDTree(positions).query(positions, k=neighbours + 1)
+    distances = np.asarray(cKDTree(positions).query(positions, k=neighbours + 1)[0])
     mean: F32 = distances[:, 1:].mean(axis=1).astype(np.float32)
     return mean

@@ -71,9 +71,7 @@ def default_focal(size: tuple[int, int], why: str, settings: FocalSettings) -> F
     return Focal(pinhole(focal_px, size), "default", note)
 
 
-def estimate_focal(
-    tracks: Tracks, size: tuple[int, int], settings: FocalSettings, motion: MotionSettings
-) -> Focal:
+def estimate_focal(tracks: Tracks, size: tuple[int, int], settings: FocalSettings, motion: MotionSettings) -> Focal:
     """Find the focal length at which the tracks fit a rigid scene best.
 
     Args:

@@ -157,9 +157,7 @@ def _flat(
     )
 
 
-def _moved(
-    geometry: Geometry, candidates: int, tracks: Tracks, motion: Motion, settings: GeometrySettings
-) -> Geometry:
+def _moved(geometry: Geometry, candidates: int, tracks: Tracks, motion: Motion, settings: GeometrySettings) -> Geometry:
     """Enter what the motion shows: the whole of it, its rotations, or nothing but the reason why not."""
     rotations = fit_rotations(tracks, geometry.intrinsics, settings.motion)
     judgement = judge(candidates, tracks, motion, rotations, settings.criteria)

@@ -228,9 +228,7 @@ def adjust(
     return _with_residuals(motion, sightings)
 
 
-def estimate_motion(
-    tracks: Tracks, intrinsics: F64, settings: MotionSettings | None = None
-) -> tuple[Motion, Tracks]:
+def estimate_motion(tracks: Tracks, intrinsics: F64, settings: MotionSettings | None = None) -> tuple[Motion, Tracks]:
     """Adjust, drop the tracks that the motion does not explain, and adjust the rest from the start.
 
     Args:
@@ -300,14 +298,10 @@ class _NormalEquations:
     moving: F64  # indices of the unknowns of all views but the reference
 
     @classmethod
-    def at(
-        cls, motion: Motion, sightings: Sightings, error: F64, points: F64, huber_px: float
-    ) -> "_NormalEquations":
+    def at(cls, motion: Motion, sightings: Sightings, error: F64, points: F64, huber_px: float) -> "_NormalEquations":
         by_pose, by_depth = jacobians(motion, sightings, points)
         distance = np.linalg.norm(error, axis=-1)
-        root = np.sqrt(
-            np.where(distance < huber_px, 1.0, huber_px / np.maximum(distance, huber_px)) * sightings.seen
-        )
+        root = np.sqrt(np.where(distance < huber_px, 1.0, huber_px / np.maximum(distance, huber_px)) * sightings.seen)
         views, count = root.shape
         Jp = (by_pose * root[..., None, None]).reshape(views, 2 * count, 6)
         Jd, r = by_depth * root[..., None], error * root[..., None]

@@ -110,9 +110,7 @@ def _rim(geometry: Geometry, smooth: F32, rays: F64, view: int) -> tuple[F64, F6
     for _ in range(_RIM_STEPS):
         points = (rays / inverse_depth[:, None] - pose[:3, 3]) @ pose[:3, :3]
         pixels, _ = _project(geometry, points, geometry.reference)
-        nearest = (
-            np.nan_to_num(pixels, nan=0.0, posinf=0.0, neginf=0.0).clip(0, (width - 1, height - 1)).astype(int)
-        )
+        nearest = np.nan_to_num(pixels, nan=0.0, posinf=0.0, neginf=0.0).clip(0, (width - 1, height - 1)).astype(int)
         inverse_depth = smooth[nearest[:, 1], nearest[:, 0]].astype(np.float64)
     points = (rays / inverse_depth[:, None] - pose[:3, 3]) @ pose[:3, :3]
     return inverse_depth, points

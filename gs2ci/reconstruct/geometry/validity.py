@@ -118,9 +118,7 @@ def judge(candidates: int, tracks: Tracks, motion: Motion, rotations: Rotations,
     if len(tracks) < criteria.inliers * candidates:
         doubts.append(f"The motion explains only {len(tracks)} of {candidates} tracks.")
     if motion.rms_px > criteria.rms_px:
-        doubts.append(
-            f"The motion explains the tracks to {motion.rms_px:.2f} px only; {criteria.rms_px} is needed."
-        )
+        doubts.append(f"The motion explains the tracks to {motion.rms_px:.2f} px only; {criteria.rms_px} is needed.")
     behind = motion.behind_share
     if behind > criteria.behind:
         doubts.append(f"The motion puts {behind:.0%} of the points behind a camera.")

@@ -203,6 +203,4 @@ def _relax(disparity: F64, colour: F64, at: Index, source: Index, jump: float) -
     for _ in range(MEMBRANE_ROUNDS):
         d[at] = np.where(alone, d[at], np.sum(weights * d[neighbours], axis=1))
     for _ in range(COLOUR_ROUNDS):
-        c[at] = 0.5 * c[at] + 0.5 * np.where(
-            alone[:, None], c[at], np.einsum("nk,nkc->nc", weights, c[neighbours])
-        )
+        c[at] = 0.5 * c[at] + 0.5 * np.where(alone[:, None], c[at], np.einsum("nk,nkc->nc", weights, c[neighbours]))

@@ -114,9 +114,7 @@ def scene_from_photo(photo: DisparityPhoto, size: tuple[int, int], encoding: Enc
     hidden = hidden_layer(front, JUMP_PX, REACH)
     jump = JUMP_PX / (photo.baseline_m * photo.intrinsics[0, 0])
     surfels = [
-        from_inverse_depth(
-            photo.inverse_depth(layer.disparity), layer.colour, layer.present, photo.intrinsics, tear
-        )
+        from_inverse_depth(photo.inverse_depth(layer.disparity), layer.colour, layer.present, photo.intrinsics, tear)
         for layer, tear in ((front, jump), (hidden, np.inf))
     ]
     intrinsics = _framed(photo.intrinsics, (disparity.shape[0], disparity.shape[1]), size)

@@ -43,7 +43,10 @@ class Change:
 class DensityRule(Protocol):
     """Decides where Gaussians are added and removed."""
 
-    name: str
+    @property
+    def name(self) -> str:
+        """Get the name under which settings and reports know it."""
+        ...
 
     def change(self, scene: Gaussians, evidence: Evidence, generator: torch.Generator) -> Change:
         """Return the population that the fit goes on with."""

@@ -6,6 +6,7 @@ Here: the rule. Its mean-opacity term is in the loss (`fit/losses.py`), its tran
 
 from dataclasses import dataclass
 
+import numpy as np
 import torch
 from scipy.spatial import cKDTree
 from torch import Tensor
@@ -57,7 +58,7 @@ class Osgr:
         if budget == 0 or count <= self.neighbours:
             return peaks
         means = scene.means.detach().numpy()
-        _, nearest = cKDTree(means).query(means, k=self.neighbours + 1)
+        nearest = np.asarray(cKDTree(means).query(means, k=self.neighbours + 1)[1])
         others = opacity[torch.from_numpy(nearest[:, 1:])].sum(dim=1)
         excess = opacity - (others + opacity) / (self.neighbours + 1)
         excess[exclude] = 0.0
