@@ -79,6 +79,7 @@ class ModulatorInfo:
         trigger_outs: What the trigger output can do.
         trigger_delay_s: From a mask's appearance to the trigger's edge (negative: the edge comes first).
         start_latency_s: Longest time from `start` to the first mask; None where the host times each mask.
+        typical_start_s: Usual time from `start` to the first mask; None takes half of the longest.
         hardware_timed: Whether masks follow each other by the device's own clock. When false the host steps
             them, and only `TriggerOut.NONE` and `PER_MASK` can be asked for.
         experimental: Whether the protocol is unconfirmed on real hardware.
@@ -98,8 +99,16 @@ class ModulatorInfo:
     trigger_outs: frozenset[TriggerOut]
     trigger_delay_s: float = 0.0
     start_latency_s: float | None = 0.05
+    typical_start_s: float | None = None
     hardware_timed: bool = True
     experimental: bool = False
+
+    @property
+    def expected_start_s(self) -> float:
+        """Get the time from `start` to the first mask that is best reckoned with."""
+        if self.typical_start_s is not None:
+            return self.typical_start_s
+        return (self.start_latency_s or 0.0) / 2
 
 
 @dataclass(frozen=True)

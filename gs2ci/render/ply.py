@@ -168,9 +168,7 @@ def _header_lines(path: Path, file: IO[bytes]) -> list[list[str]]:
             return lines
 
 
-def _parse_elements(
-    path: Path, lines: list[list[str]]
-) -> tuple[str, list[tuple[str, int, list[tuple[str, str]]]]]:
+def _parse_elements(path: Path, lines: list[list[str]]) -> tuple[str, list[tuple[str, int, list[tuple[str, str]]]]]:
     layout = ""
     elements: list[tuple[str, int, list[tuple[str, str]]]] = []
     for words in lines:

@@ -99,5 +99,8 @@ def stage_move_for_parallax(
     length = parallax_px / (scene.intrinsics[0, 0] * (1 / near - 1 / far))
     velocity = np.array(direction) / across * length / duration_s
     return StageMove(
-        (float(velocity[0]), float(velocity[1]), float(velocity[2])), wobble_deg, wobble_hz=4 / (3 * duration_s)
+        (float(velocity[0]), float(velocity[1]), float(velocity[2])),
+        wobble_deg,
+        wobble_hz=4 / (3 * duration_s),
+        reference_world_to_camera=scene.world_to_camera,
     )

@@ -1,6 +1,7 @@
 """What light a scene sends to the camera: linear radiance images, integrated over each pixel's area.
 
-Here: the renderer with supersampling. Not here: time, masks, electrons (`exposure`). For this package.
+Here: the renderer with supersampling, and depth maps. Not here: time, masks, electrons (`exposure`). For this
+package.
 """
 
 from dataclasses import dataclass
@@ -8,10 +9,11 @@ from typing import Final
 
 import numpy as np
 import torch
-from gs2ci.render.backend import load_backend
 from numpy.typing import NDArray
 
 from gs2ci.core.errors import InputError
+from gs2ci.render.backend import load_backend
+from gs2ci.render.gaussians import Gaussians
 from gs2ci_sims.scenes.base import Scene
 
 F32 = NDArray[np.float32]
@@ -58,6 +60,23 @@ class Renderer:
             coverage.append(_binned(alphas[..., None], factor)[..., 0])
         # Spherical harmonics of a fitted scene may dip below zero; light does not.
         return np.maximum(np.concatenate(radiance), 0), np.concatenate(coverage)
+
+
+def rendered_depth(gaussians: Gaussians, world_to_camera: F64, intrinsics: F64, size: tuple[int, int]) -> F64:
+    """Render the depth (z) that the blending weights expect, [H, W]; NaN where less than half is covered."""
+    points = gaussians.means.detach().to(torch.float64)
+    pose = torch.tensor(world_to_camera, dtype=torch.float64)
+    depth = (points @ pose[2, :3] + pose[2, 3]).to(torch.float32)
+    with torch.no_grad():
+        blended, alphas = load_backend("cpu").views(
+            gaussians.detach(),
+            pose[None].to(torch.float32),
+            torch.tensor(intrinsics, dtype=torch.float32),
+            size,
+            depth[None, :, None].expand(1, -1, 3).contiguous(),
+        )
+    weight = alphas[0].to(torch.float64).numpy()
+    return np.where(weight >= 0.5, blended[0, ..., 0].to(torch.float64).numpy() / np.maximum(weight, 0.5), np.nan)
 
 
 def _binned(images: torch.Tensor, factor: int) -> F32:

@@ -61,6 +61,8 @@ _EXCHANGE_JITTER_S: Final = 5e-3
 # Settings and their answers beside the image data: two 1 ms frames each, per entry and some twenty once.
 _EXCHANGE_S: Final = 2e-3
 _FIXED_EXCHANGES: Final = 20
+# The start command on the wire and its answer; captures learn the real figure from their first frame.
+_TYPICAL_START_S: Final = 5e-3
 
 
 class Dlpc900(Modulator):
@@ -166,6 +168,7 @@ class Dlpc900(Modulator):
             capacity={bits: timing.max_patterns(model, bits) for bits in shortest},
             trigger_outs=frozenset(TriggerOut),
             trigger_delay_s=self.settings.trigger_out_2.rise_us * _US,
+            typical_start_s=_TYPICAL_START_S,
         )
 
     def _do_upload_eta_s(self, sequence: PatternSequence) -> float:

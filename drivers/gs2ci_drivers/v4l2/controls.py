@@ -28,6 +28,7 @@ _NUMBERS: Final = (
     abi.ControlType.BITMASK,
     *_MENUS,
 )
+_EINVAL: Final = errno.errorcode[errno.EINVAL]
 _MAX_CONTROLS: Final = 4096
 _FROZEN: Final = abi.ControlFlag.DISABLED | abi.ControlFlag.READ_ONLY
 
@@ -114,10 +115,19 @@ class ControlTable:
 
     def __init__(self, node: VideoNode) -> None:
         self._node = node
-        self._controls = {control.cid: control for control in self._enumerate()}
+        self._controls: dict[int, Control] = {}
+        self.refresh()
 
     def __iter__(self) -> Iterator[Control]:
         return iter(self._controls.values())
+
+    def refresh(self) -> None:
+        """List the controls anew: names and ranges may change with the format, and a list may have been cut short.
+
+        Raises:
+            DriverError: The node does not answer.
+        """
+        self._controls = {control.cid: control for control in self._enumerate()}
 
     def _enumerate(self) -> Iterator[Control]:
         cid = 0
@@ -135,8 +145,12 @@ class ControlTable:
         query.id = cid
         try:
             self._node.call(abi.Ioctl.QUERY_EXT_CTRL, raw, "VIDIOC_QUERY_EXT_CTRL")
-        except (RefusedError, UnsupportedError):  # EINVAL: no more; ENOTTY: no controls at all
+        except UnsupportedError:  # ENOTTY: no controls at all
             return None
+        except RefusedError as error:
+            if error.code == _EINVAL:  # no such control, or no further one
+                return None
+            raise
         return query
 
     def _describe(self, query: abi.QueryExtCtrl) -> Control | None:
@@ -158,8 +172,10 @@ class ControlTable:
             item.id, item.index = query.id, index
             try:
                 self._node.call(abi.Ioctl.QUERYMENU, raw, "VIDIOC_QUERYMENU")
-            except RefusedError:  # a hole in the menu
-                continue
+            except RefusedError as error:
+                if error.code == _EINVAL:  # a hole in the menu
+                    continue
+                raise
             text = item.u.name.decode("utf-8", "replace")
             entries[index] = str(item.u.value) if query.type == abi.ControlType.INTEGER_MENU else text
         return entries
@@ -236,7 +252,7 @@ class ControlTable:
         try:
             self._node.call(abi.Ioctl.S_EXT_CTRLS, raw, asked, payload)
         except (OutOfRangeError, RefusedError) as error:
-            if isinstance(error, RefusedError) and error.code != errno.errorcode[errno.EINVAL]:
+            if isinstance(error, RefusedError) and error.code != _EINVAL:
                 raise
             raise OutOfRangeError(
                 self._node.device, "the driver refuses the value", asked=asked, allowed=control.range_text

@@ -41,8 +41,8 @@ MAX_DISCARD: Final = 256
 class V4l2Sensor(Sensor):
     """A camera behind a V4L2 capture node, single-plane or multi-plane.
 
-    When the device goes away the node is closed at once, so that the kernel can forget it; `configure` or `start`
-    opens it again and, after a replug, the same object captures on.
+    When the device goes away, or will not stop, the node is closed at once, so that the kernel frees everything;
+    `configure` or `start` opens it again and, after a replug, the same object captures on.
 
     Args:
         name: Name of the device in the rig file, for messages.
@@ -161,7 +161,15 @@ class V4l2Sensor(Sensor):
         queue, self._queue = self._queue, None
         with self._noticing_loss():
             if queue is not None:
-                queue.release()
+                self._release(queue)
+
+    def _release(self, queue: BufferQueue) -> None:
+        """Give the buffers back; where that fails, close the node, which makes the kernel do it."""
+        try:
+            queue.release()
+        except DriverError:
+            self._shut()
+            raise
 
     def _do_status(self) -> SensorStatus:
         with self._noticing_loss():
@@ -191,7 +199,7 @@ class V4l2Sensor(Sensor):
         queue, self._queue = self._queue, None
         if queue is not None:
             with contextlib.suppress(DriverError):
-                queue.release()
+                self._release(queue)
 
     def _shut(self) -> None:
         camera, self._camera = self._camera, None

@@ -139,6 +139,7 @@ class OpenCamera:
         """
         fmt = self._set_format(config)
         geometry = self._geometry(fmt)
+        self.controls.refresh()
         applied = self._set_controls(config)
         self.adapter.set_mode(config.trigger)
         offset_s = self._options.exposure_offset_s

@@ -68,8 +68,8 @@ class BufferQueue:
 
     def pause(self) -> None:
         """Stop streaming: all frames are dropped, the next start counts from 0."""
-        self._streaming = False
         self._node.stream_off()
+        self._streaming = False
 
     def take(self, timeout_s: float) -> tuple[Dequeued, bytes] | None:
         """Wait for a filled buffer; copy it out and queue it again. Return None when none came in time.

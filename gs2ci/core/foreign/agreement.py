@@ -116,8 +116,7 @@ def check_pattern(measurement: Array, masks: Array, image: F64, multiplicity: F6
                 remedy="turn the masks back and save them again",
             )
     guesses.append(
-        f"WARNING: the measurement shows no trace of these masks (correlation {upright:.2f}): "
-        "do they belong together?"
+        f"WARNING: the measurement shows no trace of these masks (correlation {upright:.2f}): do they belong together?"
     )
 
 
@@ -145,9 +144,7 @@ def doubt_mono(image: F64, guesses: list[str]) -> None:
     # In every Bayer pattern the two greens stand on a diagonal and agree, the other two differ from them.
     for a, b, pair in ((means[0, 0], means[1, 1], "GRBG or GBRG"), (means[0, 1], means[1, 0], "RGGB or BGGR")):
         if abs(a - b) < 0.2 * spread and spread > max(0.1 * means.mean(), 8 * noise):
-            guesses.append(
-                f"WARNING: looks like a colour mosaic ({pair}), taken as mono; if it is one, give --cfa"
-            )
+            guesses.append(f"WARNING: looks like a colour mosaic ({pair}), taken as mono; if it is one, give --cfa")
             return
 
 

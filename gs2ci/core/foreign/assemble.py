@@ -213,9 +213,7 @@ class _Import:
         """Get the reading of a white scene under one open mask: said, from the truth, or guessed."""
         said, truth, proven = self.options.scale, self.found.truth, None
         if views is not None and truth is not None:
-            proven = agreement.check_truth(
-                truth, self.readings[0], self.coding, views[0], cfa, guesses=self.guesses
-            )
+            proven = agreement.check_truth(truth, self.readings[0], self.coding, views[0], cfa, guesses=self.guesses)
         if said is None:
             chosen = proven or scale.guess_scale(
                 self.found.measurement, self.readings, self.coding.multiplicity, len(self.coding.masks)

@@ -112,9 +112,7 @@ def scale_views(truth: Array, views: NDArray[Any], guesses: list[str]) -> F32:
         InputError: NaN, or negative beyond noise.
     """
     if not np.isfinite(views).all():
-        raise InputError(
-            f"{truth.where}: true views hold NaN or infinity", remedy="mend them, or say --truth-key none"
-        )
+        raise InputError(f"{truth.where}: true views hold NaN or infinity", remedy="mend them, or say --truth-key none")
     low, high = float(views.min()), float(views.max())
     full = smallest_full_scale(high)
     if low < -DARK * full or full == 0:

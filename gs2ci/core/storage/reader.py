@@ -129,9 +129,7 @@ class CaptureFile:
         if schema != SCHEMA:
             known = isinstance(schema, str) and schema.startswith("gs2ci.capture/")
             raise StorageError(
-                f"{self.path}: schema {schema!r}"
-                if schema is not None
-                else f"{self.path}: not a gs2ci capture file",
+                f"{self.path}: schema {schema!r}" if schema is not None else f"{self.path}: not a gs2ci capture file",
                 allowed=f"schema {SCHEMA}",
                 remedy="read it with the newer gs2ci that wrote it" if known else "import it with `gs2ci import`",
             )
@@ -146,9 +144,7 @@ class CaptureFile:
         """Get the indices of the rows whose last write happened."""
         valid = self.require("meas_valid", axes=1)
         if len(valid) != self._dataset("meas").shape[0]:
-            raise self.wrong(
-                "meas_valid", f"{len(valid)} flags for {self._dataset('meas').shape[0]} rows of /meas"
-            )
+            raise self.wrong("meas_valid", f"{len(valid)} flags for {self._dataset('meas').shape[0]} rows of /meas")
         return np.flatnonzero(valid == 1)
 
     def shot(self, row: int) -> Shot:

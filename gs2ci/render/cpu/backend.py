@@ -80,9 +80,7 @@ class CpuBackend:
         self, target: Target, scene: Gaussians, colours: Tensor, world_to_camera: Tensor, intrinsics: Tensor
     ) -> tuple[Tensor, ...]:
         layout = target.layout
-        camera = camera_fields(
-            intrinsics.detach().to(torch.float64).numpy(), height=layout.height, width=layout.width
-        )
+        camera = camera_fields(intrinsics.detach().to(torch.float64).numpy(), height=layout.height, width=layout.width)
         parameters = (
             *(scene.means, scene.log_scales, scene.quaternions),
             *(scene.opacity_logits, colours, world_to_camera),

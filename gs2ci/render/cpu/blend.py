@@ -272,9 +272,7 @@ def _differentiate_cell(records, base, lists, begin, count, x, y, out, gradients
 
 
 @kernel(parallel=True)
-def differentiate_blend(
-    records, cell_start, x, y, entry_start, kept, list_start, lists, out, gradients, bands, sums
-):
+def differentiate_blend(records, cell_start, x, y, entry_start, kept, list_start, lists, out, gradients, bands, sums):
     """Sum the gradients of all cells into one record per Gaussian, view and band.
 
     Each view's cells are cut into `bands` consecutive parts, and each (view, band) is one task with a record array

@@ -50,9 +50,9 @@ def kernel(*, parallel: bool = False) -> Callable[[Callable[..., Any]], Any]:
         # Numba reads the setting while decorating and at no other time.
         config.CACHE_DIR = _CACHE_FOLDER if os.access(_writable_parent(_CACHE_FOLDER), os.W_OK) else user_choice
         try:
-            return numba.njit(
-                cache=True, parallel=parallel, error_model="numpy", fastmath=set(FASTMATH), nogil=True
-            )(function)
+            return numba.njit(cache=True, parallel=parallel, error_model="numpy", fastmath=set(FASTMATH), nogil=True)(
+                function
+            )
         finally:
             config.CACHE_DIR = user_choice
 

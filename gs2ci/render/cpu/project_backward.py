@@ -396,6 +396,4 @@ def differentiate_project(
 @kernel()
 def _rotate_back(pose, point):
     """Return W^T point."""
-    return row_times_matrix(
-        point, (pose[0], pose[1], pose[2], pose[4], pose[5], pose[6], pose[8], pose[9], pose[10])
-    )
+    return row_times_matrix(point, (pose[0], pose[1], pose[2], pose[4], pose[5], pose[6], pose[8], pose[9], pose[10]))

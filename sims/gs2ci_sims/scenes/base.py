@@ -8,11 +8,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import torch
-from gs2ci.render.gaussians import Gaussians
 from numpy.typing import NDArray
 
 from gs2ci.core.errors import InputError
 from gs2ci.core.records import check_intrinsics
+from gs2ci.render.gaussians import Gaussians
 from gs2ci_sims.scenes.surfels import Surfels
 
 F64 = NDArray[np.float64]

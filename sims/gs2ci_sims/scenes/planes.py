@@ -19,7 +19,7 @@ FIELD_OF_VIEW_DEG: Final = 50.0
 # The backdrop extends this much past the frame, for the camera to move and turn into.
 BACKDROP_OVERSIZE: Final = 1.5
 # Distance between samples in pixels of the suggested camera: finer than a pixel, so that textures reach its limit.
-SPACING_PX: Final = 0.8
+SPACING_PX: Final = 0.6
 
 
 @dataclass(frozen=True)
@@ -64,12 +64,7 @@ def planes(
         rectangles += _box(rng, half, float(rng.uniform(0.4, 0.7)) * backdrop)
     surfels = [_surfels(rng, rectangle, intrinsics[0, 0]) for rectangle in rectangles]
     return Scene(
-        "planes",
-        gaussians_from_surfels(join(surfels)),
-        intrinsics,
-        size,
-        _depth(rectangles, intrinsics, size),
-        "unit",
+        "planes", gaussians_from_surfels(join(surfels)), intrinsics, size, _depth(rectangles, intrinsics, size)
     )
 
 
