@@ -138,7 +138,7 @@ class Channel:
         """
         code, text = self.take_error()
         if code:
-            self._raise_code(asked, code, text)
+            self._raise_code(asked, code, text, remedy="upload again: what arrived is not what was sent")
 
     def drain(self, asked: str) -> None:
         """Throw away what an interrupted exchange left in the device, in both directions.
@@ -166,7 +166,12 @@ class Channel:
         reports = split_reports(message)
         self._unsent_reports = len(reports)
         for report in reports:
-            self._port.write(report, self._write_timeout_s)
+            try:
+                self._port.write(report, self._write_timeout_s)
+            except OSError:
+                if self._unsent_reports == len(reports):
+                    self._unsent_reports = 0  # the device has seen none of it
+                raise
             self._unsent_reports -= 1
 
     def _exchange(self, message: bytes, asked: str) -> Reply:
@@ -208,7 +213,7 @@ class Channel:
         code, text = self.take_error()
         self._raise_code(asked, code, text)
 
-    def _raise_code(self, asked: str, code: int, text: str) -> None:
+    def _raise_code(self, asked: str, code: int, text: str, remedy: str = "") -> None:
         known = describe_error(code)
         meaning = f"{known.meaning}: {text}" if text and text.lower() != known.meaning else known.meaning
-        raise RefusedError(self.device, asked, code, meaning, remedy=known.remedy)
+        raise RefusedError(self.device, asked, code, meaning, remedy=remedy or known.remedy)

@@ -200,9 +200,10 @@ class Dlpc900(Modulator):
         return 0 if keep else images.total_bytes
 
     def _wake(self) -> None:
-        """Leave standby and mirror idling: an upload is a request to use the device."""
+        """Leave standby, parking and mirror idling: an upload is a request to use the device."""
         channel = self._channel
-        if channel.read(Command.POWER_MODE, "read the power mode")[0] == PowerMode.STANDBY:
+        standby = channel.read(Command.POWER_MODE, "read the power mode")[0] == PowerMode.STANDBY
+        if standby or MainStatus.decode(channel.read(Command.MAIN_STATUS, "read the status")).parked:
             channel.write(Command.POWER_MODE, bytes([PowerMode.NORMAL]), "leave standby")
             self.clock.sleep_s(self.settings.wake_s)
         if channel.read(Command.IDLE_MODE, "read the idle mode")[0]:
@@ -263,7 +264,7 @@ class Dlpc900(Modulator):
                 self.name,
                 asked,
                 ["mirrors are parked"],
-                remedy="wake the controller (power mode normal), check its supply, then upload again",
+                remedy="check the controller's supply, then upload again: that wakes it",
             )
 
     def _do_start(self, sequence: PatternSequence) -> None:
@@ -315,13 +316,19 @@ class Dlpc900(Modulator):
         self._stop()
 
     def _stop(self) -> None:
-        """Stop the sequence and see it stopped; a device without a pattern mode has nothing to stop."""
+        """Stop the sequence and see it stopped; a device that is in no pattern mode has nothing to stop."""
         asked = "stop the sequence"
-        try:
-            self._channel.write(Command.PATTERN_CONTROL, bytes([PatternControl.STOP]), asked)
-        except RefusedError as error:
-            if error.code != _NOT_ALLOWED:
-                raise
+        for last in (False, True):
+            try:
+                self._channel.write(Command.PATTERN_CONTROL, bytes([PatternControl.STOP]), asked)
+                break
+            except RefusedError as error:
+                if error.code == _NOT_ALLOWED:
+                    break
+                if last:
+                    raise
+                # What was refused may be an image load that broke off before; that is over now.
+                self.incidents.append(f"{error}; asked again")
         deadline_s = self.clock.now_s() + _STOP_TIMEOUT_S
         while self._is_running(asked):
             if self.clock.now_s() >= deadline_s:

@@ -45,8 +45,8 @@ _STATES: Final = {
     "FAULT": ModulatorState.FAULT,
 }
 # A command and its reply on the line, and the device's own time for it.
-_EXCHANGE_BYTES: Final = 60
-_EXCHANGE_S: Final = 5e-3
+_EXCHANGE_BYTES: Final = 40
+_EXCHANGE_S: Final = 2e-3
 
 
 @dataclass(frozen=True)
