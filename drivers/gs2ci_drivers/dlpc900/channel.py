@@ -82,9 +82,7 @@ class Channel:
         if reply.refused:
             self._raise_refusal(asked)
         if len(reply.data) < length:
-            raise BadReplyError(
-                self.device, asked, reply.data, f"{len(reply.data)} bytes", allowed=f"{length} bytes"
-            )
+            raise BadReplyError(self.device, asked, reply.data, f"{len(reply.data)} bytes", allowed=f"{length} bytes")
         return reply.data
 
     def write(self, command: Command, data: bytes, asked: str) -> None:
@@ -96,9 +94,7 @@ class Channel:
         if self._exchange(write_request(command, data, self._next_sequence()), asked).refused:
             self._raise_refusal(asked)
 
-    def stream(
-        self, command: Command, payloads: Sequence[bytes], asked: str, on_sent: Callable[[int], None]
-    ) -> None:
+    def stream(self, command: Command, payloads: Sequence[bytes], asked: str, on_sent: Callable[[int], None]) -> None:
         """Send many payloads of a command that is never acknowledged; `on_sent(n)` after each, n bytes in all.
 
         Raises:

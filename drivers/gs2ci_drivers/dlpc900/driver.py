@@ -228,9 +228,7 @@ class Dlpc900(Modulator):
 
     def _send_count(self, sequence: PatternSequence) -> None:
         count = self._profile.count(sequence.count, sequence.repeats)
-        self._channel.write(
-            Command.LUT_CONFIG, encode_lut_config(sequence.count, count), "set the number of masks"
-        )
+        self._channel.write(Command.LUT_CONFIG, encode_lut_config(sequence.count, count), "set the number of masks")
 
     def _send_images(self, images: ImageSet, progress: UploadProgress) -> None:
         done = 0
