@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from gs2ci.core.clock import Clock, WallClock
+from gs2ci.core.errors import InputError
 from gs2ci.rig.config import Dlpc900Table, RigTable, V4l2Table, ZaberTable, read_rig
 from gs2ci.rig.simulated import NODE, SimulatedBench, build_bench
 from gs2ci_drivers.acquisition import Devices
@@ -58,6 +59,17 @@ class Rig:
     def clock(self) -> Clock:
         """Get the clock on which this rig's devices wait."""
         return self.bench.world.clock if self.bench else WallClock()
+
+    def set_shots(self, shots: int) -> None:
+        """Take another number of shots than the file says.
+
+        Raises:
+            InputError: Not 1 or more.
+        """
+        if shots < 1:
+            raise InputError(f"--shots {shots}", allowed="1 or more")
+        capture = self.table.capture.model_copy(update={"shots": shots})
+        self.table = self.table.model_copy(update={"capture": capture})
 
     def open(self, trace_stem: Path | None = None) -> Devices:
         """Open all devices; nothing is sent to them yet.
