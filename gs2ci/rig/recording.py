@@ -73,7 +73,7 @@ def prepare(rig: Rig, devices: Devices) -> Prepared:
         warm_up_frames=table.sensor.warm_up_frames,
         controls=table.sensor.controls,
     )
-    plan = plan_capture(devices, _settings(table, masks), config)
+    plan = plan_capture(devices, _settings(rig, masks), config)
     got = devices.sensor.settings.format
     if (got.height, got.width) != size:
         raise UnsupportedError(
@@ -118,8 +118,21 @@ def record(rig: Rig, devices: Devices, prepared: Prepared, out: Path, *, replace
         return writer.finish()
 
 
-def _settings(table: RigTable, masks: NDArray[Any]) -> CaptureSettings:
-    capture, optics = table.capture, table.optics
+def _optics(rig: Rig) -> Optics:
+    """Return what is known of lens and scene; of a rendered scene it is known without being told."""
+    optics = rig.table.optics
+    known = Optics(optics.full_scale_e_per_s, optics.focal_px, optics.nearest_mm, optics.farthest_mm)
+    light = rig.bench.world.light if rig.bench else None
+    if not isinstance(light, BenchLight) or rig.table.world is None or known.focal_px or known.nearest_mm:
+        return known
+    nearest, farthest = light.scene.depth_range()
+    unit = rig.table.world.scene_units_per_mm
+    focal_px = float(light.scene.intrinsics[0, 0])
+    return Optics(known.full_scale_e_per_s, focal_px, nearest / unit, farthest / unit)
+
+
+def _settings(rig: Rig, masks: NDArray[Any]) -> CaptureSettings:
+    capture = rig.table.capture
     travel = Travel(capture.axis, capture.from_mm, capture.to_mm) if capture.axis else None
     return CaptureSettings(
         masks=masks,
@@ -133,7 +146,7 @@ def _settings(table: RigTable, masks: NDArray[Any]) -> CaptureSettings:
         margin_s=capture.margin_s,
         jitter_s=capture.jitter_s,
         retries=capture.retries,
-        optics=Optics(optics.full_scale_e_per_s, optics.focal_px, optics.nearest_mm, optics.farthest_mm),
+        optics=_optics(rig),
     )
 
 

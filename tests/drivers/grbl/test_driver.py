@@ -149,7 +149,7 @@ def test_a_refused_jog_names_the_error_and_what_to_do():
     _, twin, stage = make()
     stage.connect()
     twin.faults.inject("grbl.error", value=15)
-    with pytest.raises(RefusedError, match="beyond the machine's travel.*run-up") as caught:
+    with pytest.raises(RefusedError, match=r"beyond the machine's travel.*run-up") as caught:
         stage.move_to({"x": -20.0})
     assert caught.value.code == "error:15"
 

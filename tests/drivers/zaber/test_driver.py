@@ -80,7 +80,7 @@ def test_an_axis_that_the_device_lacks_is_refused():
     clock = VirtualClock()
     twin = ZaberTwin(clock, {"x": ZaberAxis()})
     stage = ZaberStage("stage0", twin.open(), clock, axes={"y": 2}, microstep_mm={"y": STEP})
-    with pytest.raises(UnsupportedError, match="axis 'y' is number 2.*allowed: 1 to 1"):
+    with pytest.raises(UnsupportedError, match=r"axis 'y' is number 2.*allowed: 1 to 1"):
         stage.connect()
 
 
@@ -136,7 +136,7 @@ def test_homing_against_an_obstacle_fails_with_its_flag():
     _, twin, stage = make()
     stage.connect()
     twin.faults.inject("zaber.stall", about="home")
-    with pytest.raises(MoveFailedError, match="home.*FS"):
+    with pytest.raises(MoveFailedError, match=r"home.*FS"):
         stage.home()
 
 
