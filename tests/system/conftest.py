@@ -84,9 +84,9 @@ def small_table(**changes: dict[str, object]) -> RigTable:
         "world": {"height": HEIGHT, "width": WIDTH, "scene_units_per_mm": 1.0},
     }
     for name, change in changes.items():
-        tables[name] = {**tables.get(name, {}), **change}
+        same = "kind" not in change or change["kind"] == tables.get(name, {}).get("kind")
+        tables[name] = {**tables.get(name, {}), **change} if same else change
     if tables["stage"].get("kind") == "grbl" and tables["capture"]["from_mm"] == 74.0:
-        tables["stage"].pop("microstep_mm", None)
         tables["capture"] |= {"from_mm": -60.0, "to_mm": -59.0}
     return RigTable.model_validate(tables)
 
@@ -95,7 +95,8 @@ def small_table(**changes: dict[str, object]) -> RigTable:
 def make_small(tmp_path: Path) -> Callable[..., Small]:
     def make(**changes: dict[str, object]) -> Small:
         table = small_table(**changes)
-        bench = build_bench(table, StripedLight((1080 - HEIGHT) // 2, (1920 - WIDTH) // 2))
+        rows, columns = (1080, 1920) if table.modulator.kind == "dlpc900" else (300, 400)
+        bench = build_bench(table, StripedLight((rows - HEIGHT) // 2, (columns - WIDTH) // 2))
         return Small(Rig(table, "small", tmp_path, bench), bench, tmp_path / "shot.h5")
 
     return make
