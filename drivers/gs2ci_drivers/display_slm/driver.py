@@ -75,9 +75,7 @@ class DisplaySlm(Modulator):
         settings: From the rig file.
     """
 
-    def __init__(
-        self, name: str, port: BytePort, clock: Clock, settings: DisplaySlmSettings | None = None
-    ) -> None:
+    def __init__(self, name: str, port: BytePort, clock: Clock, settings: DisplaySlmSettings | None = None) -> None:
         super().__init__(name, clock)
         self.settings = settings or DisplaySlmSettings()
         self._link = SlmLink(name, port, clock)
