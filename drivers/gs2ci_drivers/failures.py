@@ -277,9 +277,7 @@ class TriggerTimeoutError(FrameError):
         waited_s: How long was waited on the sensor's clock.
     """
 
-    def __init__(
-        self, device: str, frame_index: int, waited_s: float, *, trigger_index: int | None = None
-    ) -> None:
+    def __init__(self, device: str, frame_index: int, waited_s: float, *, trigger_index: int | None = None) -> None:
         super().__init__(
             device,
             f"no frame {frame_index} after {waited_s:.3g} s",

@@ -179,8 +179,7 @@ def _sensor_figures(
             f"{exposure_s * 1e3:.3f} ms",
             f"at most the {shown_s * 1e3:.3f} ms of its masks" if per_mask or settings.burst > 1 else "",
             # An exposure that outlasts its masks is harmless where nothing follows them.
-            broken=(per_mask or settings.burst > 1)
-            and exposure_s > shown_s + sequence.pause_s + settings.jitter_s,
+            broken=(per_mask or settings.burst > 1) and exposure_s > shown_s + sequence.pause_s + settings.jitter_s,
             remedy="raise `margin_s` or `mask_s`",
         ),
         Figure(
@@ -212,9 +211,7 @@ def _light_figures(
     else:
         # A white scene behind the mask pixels that are open longest; the last percent may clip and be marked.
         shares = np.tensordot(weights, settings.masks.astype(np.float32) / top, axes=1)
-        open_s = (
-            sequence.exposure_s * float(np.quantile(shares[shares > 0], BRIGHT_SHARE)) if shares.any() else 0.0
-        )
+        open_s = sequence.exposure_s * float(np.quantile(shares[shares > 0], BRIGHT_SHARE)) if shares.any() else 0.0
     charge = rate * open_s
     well = setup.full_well_e
     return [

@@ -13,7 +13,6 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from gs2ci.core.errors import InputError
 from gs2ci.core.progress import Progress
 from gs2ci.core.records import Truth
 from gs2ci.core.storage import CaptureHeader, FrameRow, ShotWriter
@@ -22,6 +21,7 @@ from gs2ci.rig.opening import Rig
 from gs2ci.rig.patterns import draw_codes, on_modulator
 from gs2ci.rig.simulated import SimulatedBench
 from gs2ci_drivers.acquisition import Devices, Taken, capture, plan_capture
+from gs2ci_drivers.failures import UnsupportedError
 from gs2ci_drivers.plan import CaptureSettings, Mode, Optics, Plan, Travel
 from gs2ci_drivers.sensor import Frame, SensorConfig
 from gs2ci_sims.bench_light import BenchLight
@@ -55,7 +55,8 @@ def prepare(rig: Rig, devices: Devices) -> Prepared:
 
     Raises:
         DriverError: A device does not answer or refuses its set-up.
-        InputError: The masks do not fit, or the sensor took another size than they have.
+        UnsupportedError: The sensor takes another size than was asked for.
+        InputError: The masks do not fit on the modulator.
     """
     table = rig.table
     modulator, sensor = devices.modulator.connect(), devices.sensor.connect()
@@ -75,17 +76,17 @@ def prepare(rig: Rig, devices: Devices) -> Prepared:
     plan = plan_capture(devices, _settings(table, masks), config)
     got = devices.sensor.settings.format
     if (got.height, got.width) != size:
-        raise InputError(
-            f"the sensor takes {got.height} x {got.width} instead of {size[0]} x {size[1]}",
+        raise UnsupportedError(
+            devices.sensor.name,
+            f"it takes {got.height} x {got.width} instead of {size[0]} x {size[1]}",
+            asked="configure",
             allowed="a size that the sensor offers; `gs2ci devices` lists them",
             remedy="set height and width in [sensor]",
         )
     return Prepared(plan, codes)
 
 
-def record(
-    rig: Rig, devices: Devices, prepared: Prepared, out: Path, *, replace: bool, progress: Progress
-) -> Path:
+def record(rig: Rig, devices: Devices, prepared: Prepared, out: Path, *, replace: bool, progress: Progress) -> Path:
     """Run a prepared capture into a shot file.
 
     Args:
@@ -154,9 +155,7 @@ def _header(rig: Rig, devices: Devices, prepared: Prepared) -> CaptureHeader:
         scale_dn=_scale_dn(table, plan, picture.top)[0],
         saturation_dn=float(_saturation_dn(table, picture.top)),
         cfa=cfa,
-        intrinsics=light.scene.intrinsics
-        if isinstance(light, BenchLight)
-        else _intrinsics(table, masks.shape[1:]),
+        intrinsics=light.scene.intrinsics if isinstance(light, BenchLight) else _intrinsics(table, masks.shape[1:]),
         stage_axes=len(stage.info.axes) if stage is not None else 0,
         telemetry=_mount(table) is not None and plan.sweep is not None,
         truth_views="f4" if truth else "",

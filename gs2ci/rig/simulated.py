@@ -148,9 +148,7 @@ def _stage_twin(rig: RigTable, world: World, faults: FaultSet) -> ZaberTwin | Gr
         axes = {}
         for axis, microstep_mm in rig.stage.microstep_mm.items():
             built = ZaberAxis(microstep_mm=microstep_mm)
-            axes[axis] = ZaberAxis(
-                microstep_mm=microstep_mm, start_mm=built.start_mm if start_mm is None else start_mm
-            )
+            axes[axis] = ZaberAxis(microstep_mm=microstep_mm, start_mm=built.start_mm if start_mm is None else start_mm)
         return ZaberTwin(world.clock, axes, faults, address=rig.stage.address)
     if isinstance(rig.stage, GrblTable):
         machine = GrblMachine() if start_mm is None else GrblMachine(start_mm=(start_mm, start_mm, -10.0))
@@ -180,7 +178,5 @@ def _camera(rig: RigTable, table: WorldTable) -> CameraModel:
 def _inject(bench: SimulatedBench, text: str) -> None:
     device, _, fault = (part.strip() for part in text.partition(":"))
     if device not in bench.faults:
-        raise InputError(
-            f"fault {text!r} in [world]", allowed='"device: fault" with device modulator, sensor or stage'
-        )
+        raise InputError(f"fault {text!r} in [world]", allowed='"device: fault" with device modulator, sensor or stage')
     bench.faults[device].inject(fault)

@@ -124,9 +124,7 @@ class BenchLight:
                 remedy="set the same height and width in [sensor] and [world]",
             )
         sensor = self._sensor_of(exposure.bits)
-        chain = self._chains.setdefault(
-            exposure.bits, EffectChain((*self._blur, *self._effects(sensor)), self._seed)
-        )
+        chain = self._chains.setdefault(exposure.bits, EffectChain((*self._blur, *self._effects(sensor)), self._seed))
         charge = self._mosaic(self._photons(exposure, chain))
         reading = read_out(charge[..., None], sensor, chain)[..., 0]
         return np.clip(np.rint(reading), 0, 2**exposure.bits - 1).astype(np.uint16)
@@ -142,9 +140,7 @@ class BenchLight:
         """Integrate over all masks on show, [H, W, 3]."""
         if not exposure.masks:
             return np.zeros((exposure.height, exposure.width, 3))
-        masks = np.stack(
-            [self._registration.on_sensor(m, exposure.height, exposure.width) for m in exposure.masks]
-        )
+        masks = np.stack([self._registration.on_sensor(m, exposure.height, exposure.width) for m in exposure.masks])
         intervals = np.array([[[m.start_s, m.end_s]] for m in exposure.masks])
         return collect_photons(
             self.scene,

@@ -196,9 +196,7 @@ class ScpiModulator(Modulator):
     def _state(self) -> tuple[ModulatorState, str]:
         word, _, fault = self._link.ask("MOD:STATE?").partition(",")
         if word not in _STATES:
-            raise BadReplyError(
-                self.name, "MOD:STATE?", word.encode(), "no such state", allowed=", ".join(_STATES)
-            )
+            raise BadReplyError(self.name, "MOD:STATE?", word.encode(), "no such state", allowed=", ".join(_STATES))
         return _STATES[word], fault.strip('"') or "a fault without a name"
 
     def _choice(self, asked: str, allowed: tuple[str, ...]) -> str:
@@ -211,9 +209,7 @@ class ScpiModulator(Modulator):
         body = self._link.ask(asked)
         fields = [field.strip() for field in body.split(",")]
         if count not in (None, len(fields)):
-            raise BadReplyError(
-                self.name, asked, body.encode(), f"{len(fields)} fields", allowed=f"{count} fields"
-            )
+            raise BadReplyError(self.name, asked, body.encode(), f"{len(fields)} fields", allowed=f"{count} fields")
         return fields
 
     def _integers(self, asked: str, count: int | None = None) -> tuple[int, ...]:

@@ -105,9 +105,7 @@ class ScpiLink:
             try:
                 entry = parse_error(body)
             except MalformedReplyError as error:
-                raise BadReplyError(
-                    self._name, asked, body.encode(), error.problem, allowed=error.allowed
-                ) from error
+                raise BadReplyError(self._name, asked, body.encode(), error.problem, allowed=error.allowed) from error
             if entry[0] == 0:
                 break
             first = first if first[0] else entry

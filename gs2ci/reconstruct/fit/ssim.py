@@ -39,9 +39,7 @@ def _filter_row(source: F32, y: int, taps: F32, channels: int, scratch: F32, out
     reach = len(taps) // 2
     pad = reach * channels
     scratch[:] = 0.0
-    inside = scratch[
-        pad : pad + width
-    ]  # slices, because computed indices could be negative and stop vectorisation
+    inside = scratch[pad : pad + width]  # slices, because computed indices could be negative and stop vectorisation
     for k in range(max(0, reach - y), min(len(taps), height + reach - y)):
         tap = taps[k]
         row = source[y + k - reach]

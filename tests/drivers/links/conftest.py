@@ -47,9 +47,7 @@ class FakeUsb:
 
     def read(self, endpoint: int, size: int, timeout: int) -> Any:
         self._call(f"read {timeout}")
-        reply = (
-            self.replies.popleft() if self.replies else usb.core.USBTimeoutError("timed out", -7, errno.ETIMEDOUT)
-        )
+        reply = self.replies.popleft() if self.replies else usb.core.USBTimeoutError("timed out", -7, errno.ETIMEDOUT)
         if isinstance(reply, Exception):
             raise reply
         return memoryview(reply)

@@ -247,9 +247,7 @@ CASES = [
 
 
 @pytest.mark.parametrize("case", CASES, ids=str)
-def test_a_fault_is_ridden_out_or_a_typed_error_in_time_and_the_next_upload_works(
-    bench: Bench, case: Case
-) -> None:
+def test_a_fault_is_ridden_out_or_a_typed_error_in_time_and_the_next_upload_works(bench: Bench, case: Case) -> None:
     bench.twin.faults.inject(case.fault, about=case.about, value=case.value, times=case.times, skip=case.skip)
     begin_s = bench.world.clock.now_s()
     if case.error is None:

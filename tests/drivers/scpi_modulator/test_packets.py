@@ -98,9 +98,7 @@ def test_any_text_is_a_value_or_a_typed_error(body: str) -> None:
 
 
 @pytest.mark.parametrize(("bits", "expected"), [(1, "A0 80 50 00"), (8, "01 00 01 00 00 00 00 00 01"), (10, None)])
-def test_masks_are_packed_rows_first_and_the_leftmost_pixel_in_the_highest_bit(
-    bits: int, expected: str | None
-) -> None:
+def test_masks_are_packed_rows_first_and_the_leftmost_pixel_in_the_highest_bit(bits: int, expected: str | None) -> None:
     levels = np.array([[1, 0, 1, 0, 0, 0, 0, 0, 1], [0, 1, 0, 1, 0, 0, 0, 0, 0]], np.uint16)
     packed = pack_mask(levels, bits)
     assert len(packed) == mask_bytes(2, 9, bits)
