@@ -163,6 +163,16 @@ def test_dark_times_lie_between_masks(bench: Bench) -> None:
     np.testing.assert_allclose(gaps, sequence.dark_s, atol=5e-3)
 
 
+def test_a_sequence_without_any_dark_time_comes_to_its_end(bench: Bench) -> None:
+    step_s = bench.modulator.info.exposure_step_s
+    for steps in (1, 3, 7):
+        sequence = bench.sequence(3)
+        exposure_s = sequence.exposure_s + steps * step_s
+        sequence = replace(sequence, exposure_s=exposure_s, pause_s=0.0, repeats=3)
+        assert_shows(bench.play(sequence), sequence)
+        assert bench.dark_for(0.1)
+
+
 def test_the_first_mask_comes_within_the_promised_latency(bench: Bench) -> None:
     latency_s = bench.modulator.info.start_latency_s
     if latency_s is None:
@@ -281,6 +291,19 @@ def test_disarming_is_allowed_in_every_state_and_leaves_it_dark(bench: Bench) ->
     assert modulator.loaded is not None
 
 
+def test_masks_are_shown_in_time_while_somebody_else_is_served(bench: Bench) -> None:
+    sequence = bench.sequence()
+    bench.modulator.upload(sequence)
+    bench.modulator.arm()
+    begin_s = bench.world.clock.now_s()
+    bench.modulator.start()
+    for i in range(sequence.count + 1):
+        bench.modulator.keep_time(begin_s + 5e-3 + (i + 1) * sequence.exposure_s)
+    assert bench.world.clock.now_s() >= begin_s + sequence.count * sequence.exposure_s
+    assert_shows(list(bench.world.masks_between(begin_s, bench.world.clock.now_s())), sequence)
+    bench.modulator.wait_done(sequence.duration_s)
+
+
 def test_waiting_has_a_deadline(bench: Bench) -> None:
     bench.modulator.upload(bench.sequence(repeats=0))
     bench.modulator.arm()
@@ -322,7 +345,13 @@ def test_close_may_be_called_twice_and_calls_after_it_are_refused(bench: Bench) 
     modulator = bench.modulator
     modulator.close()
     modulator.close()
-    for call in (modulator.connect, modulator.status, modulator.disarm, lambda: modulator.wait_done(1.0)):
+    for call in (
+        modulator.connect,
+        modulator.status,
+        modulator.disarm,
+        lambda: modulator.wait_done(1.0),
+        lambda: modulator.keep_time(1.0),
+    ):
         with pytest.raises(WrongStateError, match="closed"):
             call()
 
