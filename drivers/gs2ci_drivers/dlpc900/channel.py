@@ -211,5 +211,8 @@ class Channel:
 
     def _raise_code(self, asked: str, code: int, text: str, remedy: str = "") -> None:
         known = describe_error(code)
-        meaning = f"{known.meaning}: {text}" if text and text.lower() != known.meaning else known.meaning
+        # Some refusals leave the register empty, and the device's words often repeat the manual's.
+        meaning = known.meaning if code else "no reason given"
+        if text and text.lower() != meaning:
+            meaning += f": {text}"
         raise RefusedError(self.device, asked, code, meaning, remedy=remedy or known.remedy)

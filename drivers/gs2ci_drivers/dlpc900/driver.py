@@ -36,6 +36,7 @@ from gs2ci_drivers.failures import (
     RefusedError,
     SequenceError,
     UnsupportedError,
+    WrongStateError,
 )
 from gs2ci_drivers.modulator import (
     Modulator,
@@ -105,6 +106,20 @@ class Dlpc900(Modulator):
         if self.settings.blocks is not None:
             self._check_blocks(quantised, *self.settings.blocks)
         return quantised
+
+    def explain_pulses(self, counted: int) -> str:
+        """Say what a wrong number of pulses on TRIG_OUT_2 during one run means; empty when it is right.
+
+        Firmware revisions disagree on what the number of masks in a run counts; only counting shows which one
+        this board has.
+
+        Raises:
+            WrongStateError: No sequence is loaded.
+        """
+        if self.loaded is None:
+            raise WrongStateError(self.name, "no sequence is loaded", asked="explain pulses")
+        fires = sum(entry.trigger_out_2 for entry in lut_entries(self.loaded))
+        return self._profile.explain_pulses(self.loaded.count, self.loaded.repeats, fires, counted)
 
     def _check_gate(self, sequence: PatternSequence) -> None:
         if sequence.dark_s > 0 or (sequence.repeats != 1 and sequence.pause_s == 0):

@@ -22,6 +22,7 @@ from gs2ci_drivers.failures import (
     RefusedError,
     SequenceError,
     UnsupportedError,
+    WrongStateError,
 )
 from gs2ci_drivers.modulator import ModulatorState, PatternSequence, TriggerOut
 from gs2ci_sims.wires.dlpc900 import Dlpc900Twin
@@ -180,6 +181,24 @@ def test_the_firmware_profile_settles_how_often_a_sequence_is_shown(counts_repea
         with pytest.raises(SequenceError, match=r"stopped by itself.*firmware"):
             bench.run(replace(SEQUENCE, repeats=3, exposure_s=50e-3))
         assert len(bench.world.masks_between(begin_s, bench.world.clock.now_s())) == 3
+
+
+def test_counting_pulses_finds_the_wrong_firmware_profile() -> None:
+    bench = make_bench(settings=Dlpc900Settings(firmware="rev-j"), counts_repeats=True)
+    with pytest.raises(WrongStateError, match="no sequence"):
+        bench.dmd.explain_pulses(1)
+    bench.run(replace(SEQUENCE, repeats=3))
+    counted = len(bench.world.bus.rising("dmd0.out2"))
+    assert counted == 18
+    assert "set firmware = 'rev-f'" in bench.dmd.explain_pulses(counted)
+    assert bench.dmd.explain_pulses(3) == ""
+
+
+def test_a_refusal_without_a_reason_says_so(bench: Bench) -> None:
+    bench.twin.faults.inject("dlpc900.nack", about="display mode", value=5)
+    bench.twin.firmware.note_error = lambda code: None  # type: ignore[method-assign]
+    with pytest.raises(RefusedError, match="no reason given"):
+        bench.dmd.upload(SEQUENCE)
 
 
 def test_a_sequence_without_end_runs_until_disarmed(bench: Bench) -> None:
