@@ -15,6 +15,8 @@ from gs2ci_drivers.plan import F64, CaptureSettings, Figure, Mode, Plan
 from gs2ci_drivers.sensor import SensorInfo, SensorSettings, TriggerMode
 from gs2ci_drivers.stage import StageInfo, Sweep, plan_sweep
 
+EXPOSURE_TOLERANCE = 0.1
+"""By how much less than asked for a sensor may expose: the weights of the masks tell the solver the rest."""
 BRIGHT_SHARE = 0.99
 """Share of the open pixels that must stay below the full well when the scene is white."""
 
@@ -173,14 +175,17 @@ def _sensor_figures(
     alone = not per_mask and settings.burst == 1
     shown_s = sequence.exposure_s if per_mask else float(sequence.windows_s()[-1, 1])
     triggers = ", ".join(sorted(mode.value for mode in info.triggers))
+    needed_s = (1 - EXPOSURE_TOLERANCE) * sensor_exposure_s(settings) - info.exposure_step_s
+    longest_s = shown_s + sequence.pause_s + settings.jitter_s
     return [
         Figure(
             "exposure",
             f"{exposure_s * 1e3:.3f} ms",
-            f"at most the {shown_s * 1e3:.3f} ms of its masks" if per_mask or settings.burst > 1 else "",
-            # An exposure that outlasts its masks is harmless where nothing follows them.
-            broken=(per_mask or settings.burst > 1) and exposure_s > shown_s + sequence.pause_s + settings.jitter_s,
-            remedy="raise `margin_s` or `mask_s`",
+            f"{needed_s * 1e3:.3f} ms, which its masks need, or more"
+            if alone
+            else f"{needed_s * 1e3:.3f} to {longest_s * 1e3:.3f} ms, after which others follow",
+            broken=exposure_s < needed_s or (not alone and exposure_s > longest_s),
+            remedy="change `mask_s` or `margin_s`; the sensor may have no longer exposures or ignore the control",
         ),
         Figure(
             "exposure + readout",

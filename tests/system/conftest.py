@@ -20,6 +20,8 @@ HEIGHT, WIDTH = 48, 64
 class StripedLight:
     """Light of a sinusoidal wall: what a pixel collects has a closed form in the camera's position."""
 
+    DN_PER_S = 4e4
+
     def __init__(self, row: int, column: int) -> None:
         self.row, self.column = row, column
 
@@ -35,7 +37,7 @@ class StripedLight:
             middle = exposure.world_to_camera_at((mask.start_s + mask.end_s) / 2)
             share = seen / mask.top * (mask.end_s - mask.start_s)
             light += share * self.radiance(middle, exposure.height, exposure.width)
-        return np.minimum(np.rint(16.0 + light * 4e4), 2**exposure.bits - 1).astype(np.uint16)
+        return np.minimum(np.rint(16.0 + light * self.DN_PER_S), 2**exposure.bits - 1).astype(np.uint16)
 
 
 @dataclass
@@ -46,6 +48,17 @@ class Small:
     bench: SimulatedBench
     out: Path
     said: Silent = field(default_factory=Silent)
+
+    def expected_dn(self, index: int, masks: np.ndarray) -> np.ndarray:
+        """What the light's formula says of an exposure, from masks at the sensor and the world's own motion."""
+        exposure, light = self.bench.world.exposures[index], self.bench.world.light
+        total = np.zeros(masks.shape[1:])
+        # A mask that began as the exposure ended is no part of it.
+        intervals = [mask for mask in exposure.masks if mask.end_s - mask.start_s > 1e-4]
+        for mask, interval in zip(masks, intervals, strict=True):
+            pose = exposure.world_to_camera_at((interval.start_s + interval.end_s) / 2)
+            total += mask * (interval.end_s - interval.start_s) * light.radiance(pose, *total.shape)
+        return np.minimum(16.0 + total * light.DN_PER_S, 4095.0)
 
     def capture(self, out: Path | None = None) -> Path:
         """Open the rig, capture into a file, close the rig whatever happens."""
