@@ -296,6 +296,19 @@ class Modulator(ABC):
         self._armed = False
         self._do_start(self._loaded)
 
+    def keep_time(self, until_s: float) -> None:
+        """Let time pass until `until_s` on the driver's clock, showing what is due meanwhile.
+
+        For whoever serves a sensor while a sequence runs on a device that the host steps (`hardware_timed` is
+        false). A device with a clock of its own needs none of this: for it, this only waits.
+
+        Raises:
+            SequenceError: The host was too late for a mask.
+            LinkError, RefusedError: The device could not be told.
+        """
+        self._require_open("keep_time")
+        self._do_keep_time(until_s)
+
     def wait_done(self, timeout_s: float) -> None:
         """Wait until the running sequence has ended by itself.
 
@@ -358,6 +371,10 @@ class Modulator(ABC):
     @abstractmethod
     def _do_start(self, sequence: PatternSequence) -> None:
         """Start and confirm that it started."""
+
+    def _do_keep_time(self, until_s: float) -> None:
+        """Show what is due until a time; overridden where the host steps the masks."""
+        self.clock.sleep_s(until_s - self.clock.now_s())
 
     @abstractmethod
     def _do_wait_done(self, timeout_s: float) -> None:

@@ -102,7 +102,7 @@ class Rig:
             )
             return Dlpc900("modulator", traces.hid("modulator", self._hid(table)), clock, settings)
         line = self._line("modulator", table.port, table.baud, traces)
-        return ScpiModulator("modulator", line, clock, ScpiSettings(timeout_s=table.timeout_s))
+        return ScpiModulator("modulator", line, clock, ScpiSettings(baud=table.baud, timeout_s=table.timeout_s))
 
     def _hid(self, table: Dlpc900Table) -> HidPort:
         if self.bench is not None:

@@ -103,7 +103,7 @@ class Channel:
         """
         assert command in NEVER_ACKNOWLEDGED, command
         sent = 0
-        with port_errors(self.device, asked):
+        with port_errors(self.device, asked, timeout_s=self._write_timeout_s):
             for payload in payloads:
                 self._send(write_request(command, payload, self._next_sequence(), acknowledge=False))
                 sent += len(payload)
@@ -143,7 +143,7 @@ class Channel:
             BadReplyError: The device does not stop sending.
             NoAnswerError, DisconnectedError: As `stream`.
         """
-        with port_errors(self.device, asked):
+        with port_errors(self.device, asked, timeout_s=self._write_timeout_s):
             while self._unsent_reports:
                 # The device still waits for the rest of a message that we gave up: end it.
                 self._port.write(bytes(HID_REPORT_BYTES), self._write_timeout_s)
@@ -172,7 +172,7 @@ class Channel:
 
     def _exchange(self, message: bytes, asked: str) -> Reply:
         self.drain(asked)
-        with port_errors(self.device, asked):
+        with port_errors(self.device, asked, timeout_s=self._write_timeout_s):
             self._send(message)
             return self._await_reply(message, asked)
 
@@ -211,5 +211,8 @@ class Channel:
 
     def _raise_code(self, asked: str, code: int, text: str, remedy: str = "") -> None:
         known = describe_error(code)
-        meaning = f"{known.meaning}: {text}" if text and text.lower() != known.meaning else known.meaning
+        # Some refusals leave the register empty, and the device's words often repeat the manual's.
+        meaning = known.meaning if code else "no reason given"
+        if text and text.lower() != meaning:
+            meaning += f": {text}"
         raise RefusedError(self.device, asked, code, meaning, remedy=remedy or known.remedy)
