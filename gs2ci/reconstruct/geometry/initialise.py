@@ -17,6 +17,7 @@ from gs2ci.reconstruct.geometry.focal import FocalSettings, default_focal, estim
 from gs2ci.reconstruct.geometry.motion import Motion, MotionSettings, estimate_motion, predict_positions
 from gs2ci.reconstruct.geometry.rotations import fit_rotations
 from gs2ci.reconstruct.geometry.sweep import LEAST_PLANES, SweepSettings, inverse_depth_range, sweep
+from gs2ci.reconstruct.geometry.telemetry import place_points
 from gs2ci.reconstruct.geometry.tracks import Tracks, TrackSettings, find_corners, find_tracks, refine_tracks
 from gs2ci.reconstruct.geometry.validity import (
     Criteria,
@@ -76,7 +77,11 @@ class Geometry:
 
 
 def initialise(
-    views: F32, intrinsics: F64 | None, settings: GeometrySettings | None = None, progress: Progress | None = None
+    views: F32,
+    intrinsics: F64 | None,
+    settings: GeometrySettings | None = None,
+    progress: Progress | None = None,
+    known_poses: F64 | None = None,
 ) -> Geometry:
     """Find camera poses and the depth of the middle view from decoded views.
 
@@ -85,12 +90,14 @@ def initialise(
         intrinsics: Camera matrix in px, [3, 3], or None to have the focal length estimated.
         settings: Settings of every step.
         progress: Hears of each step, and of every fallback in a sentence.
+        known_poses: World-to-camera poses, [N, 4, 4], to take instead of estimated ones, in any frame and unit.
 
     Returns:
         A geometry, always finite: where depth cannot be found, a plane at inverse depth 1, and `notes` say why.
 
     Raises:
         InputError: The views are not a stack of finite images.
+        GeometryError: The known poses contradict the tracks.
     """
     _check(views, intrinsics)
     settings, progress = settings or GeometrySettings(), progress or Silent()
@@ -102,11 +109,11 @@ def initialise(
     doubts = doubts_about_tracks(tracks, size, settings.criteria)
     flat = geometry = _flat(len(views), size, _focal(intrinsics, tracks, size, bool(doubts), settings), doubts)
     if not doubts:
-        motion, explained = estimate_motion(tracks, flat.intrinsics, settings.motion)
+        motion, explained = _motion(tracks, flat.intrinsics, known_poses, settings)
         geometry = _moved(flat, len(tracks), explained, motion, settings)
         if geometry.verdict == "full":
             tracks = _second_look(geometry, motion, tracks, views, corners, settings)
-            again, explained = estimate_motion(tracks, flat.intrinsics, settings.motion)
+            again, explained = _motion(tracks, flat.intrinsics, known_poses, settings)
             second = _moved(flat, len(tracks), explained, again, settings)
             if second.verdict == "full":
                 geometry, motion = second, again
@@ -117,6 +124,14 @@ def initialise(
     for note in geometry.notes:
         progress.say(note)
     return geometry
+
+
+def _motion(
+    tracks: Tracks, intrinsics: F64, known_poses: F64 | None, settings: GeometrySettings
+) -> tuple[Motion, Tracks]:
+    if known_poses is None:
+        return estimate_motion(tracks, intrinsics, settings.motion)
+    return place_points(tracks, known_poses, intrinsics, settings.motion.huber_px, settings.motion.outlier_px)
 
 
 def _second_look(

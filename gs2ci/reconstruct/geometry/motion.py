@@ -1,7 +1,8 @@
 """Small-motion bundle adjustment: camera poses and one inverse depth per track, from nothing but the tracks.
 
-Here: the model, its analytic Jacobian, and the robust Levenberg-Marquardt loop (float64). Not here: what the result is
-worth (`validity`), the focal length (`focal`). Only `gs2ci.reconstruct.geometry` imports this file.
+Here: the model, its Jacobian, and the robust Levenberg-Marquardt loop (float64). Not here: its sums
+(`adjustment_kernels`), what the result is worth (`validity`), the focal length (`focal`), a camera that only turned
+(`rotations`), known poses (`telemetry`). Only `gs2ci.reconstruct.geometry` imports this file.
 
 The camera moves little during one exposure. So every pose may start at the identity and every inverse depth at one,
 and no pair of views has to be found to begin with (Yu and Gallup 2014). Each point lies on the ray of its corner in
@@ -283,7 +284,7 @@ def adjust(
             damping *= 4
         if before - motion.cost <= settings.tolerance * before:
             break
-    return _with_errors(motion, sightings)
+    return with_errors(motion, sightings)
 
 
 def reversed_depth(motion: Motion) -> Motion:
@@ -336,7 +337,8 @@ def estimate_motion(tracks: Tracks, intrinsics: F64, settings: MotionSettings | 
     return scaled, kept
 
 
-def _with_errors(motion: Motion, sightings: Sightings) -> Motion:
+def with_errors(motion: Motion, sightings: Sightings) -> Motion:
+    """Return the motion with the errors and depths that it has on these tracks."""
     error, points = residuals(motion, sightings)
     return replace(
         motion,
