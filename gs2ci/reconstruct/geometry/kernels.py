@@ -14,13 +14,15 @@ F64 = NDArray[np.float64]
 
 # Features of a pixel are padded with zeros to eight, which fill one vector register.
 FEATURES = 8
-HALF_WINDOW = 4
+HALF_WINDOW = 3
 # Sum of absolute differences at which two pixels count as different, and the cost of a pixel that a view cannot see.
 TRUNCATED_AT = 0.6
 UNSEEN_COST = 0.3
-# Semi-global penalties, in the unit of the cost: for one step in inverse depth, and for any jump.
-SMALL_JUMP = 0.02
-LARGE_JUMP = 0.3
+# Semi-global penalties, in the unit of the cost: for one step in inverse depth, and for any jump. Smoother maps (9x9
+# windows, penalties of 0.02 and 0.3, a median filter) have a smaller median error, 5.2 against 6.0 % on fourteen
+# scenes, but lose thin things that the fit does not find again: 30.5 against 31.3 dB on a plant.
+SMALL_JUMP = 0.01
+LARGE_JUMP = 0.08
 
 _STRIP_ROWS = 32
 _STRIP_COLUMNS = 32
@@ -92,7 +94,7 @@ def _add(values: F32, out: F32) -> None:
 
 @numba.njit(cache=True)
 def _box_row(values: F32, out: F32) -> None:
-    """Sum over 9 neighbours in a row, the window cut off at the ends."""
+    """Sum over 7 neighbours in a row, the window cut off at the ends."""
     width = values.shape[0]
     out[:] = values
     for shift in range(1, min(HALF_WINDOW, width - 1) + 1):
@@ -163,7 +165,7 @@ def matching_cost(reference: F32, views: F32, homographies: F64, best: int) -> F
         best: So many views with the smallest cost count; the others may be occluded.
 
     Returns:
-        Mean truncated absolute difference in a 9x9 window, [H, W, D].
+        Mean truncated absolute difference in a 7x7 window, [H, W, D].
     """
     height, width = reference.shape[:2]
     planes, count = homographies.shape[:2]

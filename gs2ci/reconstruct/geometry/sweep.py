@@ -18,8 +18,6 @@ F64 = NDArray[np.float64]
 _BLUR_PX = 0.8
 _GRADIENT_WEIGHT = 4.0
 _LEAST_VIEWS_KEPT = 3
-# Takes single wrong pixels out and leaves edges where they are.
-_MEDIAN_PX = 5
 # A parabola needs three.
 LEAST_PLANES = 3
 # At least this many pixels along each side, so that a window and a gradient have room.
@@ -81,7 +79,7 @@ def sweep(
     cost = matching_cost(features[reference], np.ascontiguousarray(features[others]), homographies, best)
     index = best_plane(cost, sum_along_rows(cost))
     step = (span[1] - span[0]) / (settings.planes - 1)
-    inverse_depth: F32 = (span[0] + step * cv2.medianBlur(index, _MEDIAN_PX)).astype(np.float32)
+    inverse_depth: F32 = (span[0] + step * index).astype(np.float32)
     if small.shape != views.shape:
         inverse_depth = cv2.resize(inverse_depth, (width, height), interpolation=cv2.INTER_LINEAR)
     return inverse_depth
