@@ -9,15 +9,18 @@ The commands import this file.
 import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
+from typing import Final
 
 import torch
 
+from gs2ci.core.errors import InputError
 from gs2ci.core.progress import Progress, Silent
 from gs2ci.core.records import F32, F64, Shot
 from gs2ci.core.run_records import RunResult, Verdict
 from gs2ci.reconstruct.coding import Coding
 from gs2ci.reconstruct.decode.gap_tv import GapTvSettings, gap_tv
 from gs2ci.reconstruct.decode.residual import ResidualSettings, refine_views
+from gs2ci.reconstruct.doubts import doubts_about
 from gs2ci.reconstruct.fit.coarse import CoarseFit, CoarseSettings, fit_coarse
 from gs2ci.reconstruct.fit.start import first_gaussians
 from gs2ci.reconstruct.fit.stopping import Jury, choose_heldout
@@ -27,6 +30,8 @@ from gs2ci.render.backend import Backend, load_backend
 from gs2ci.render.gaussians import Gaussians
 
 Score = Callable[[F32], float]
+
+_UNJUDGED: Final = "No pixel was held out, so nothing tells whether the scene is better than the decode; both are kept."
 
 
 @dataclass(frozen=True)
@@ -50,6 +55,21 @@ class Settings:
     stride_px: int = 3
     backend: str = "cpu"
     seed: int = 42
+
+    def check(self) -> "Settings":
+        """Return self if the numbers make sense.
+
+        Raises:
+            InputError: A stage's settings, the stride or the seed are out of range.
+        """
+        if self.stride_px < 1 or not 0 <= self.seed < 2**63:
+            raise InputError(
+                f"stride {self.stride_px} px, seed {self.seed}", allowed="a stride >= 1 px and a seed in [0, 2^63)"
+            )
+        self.decode.check()
+        self.fit.check()
+        self.residual.steps()
+        return self
 
 
 @dataclass(frozen=True)
@@ -79,13 +99,18 @@ def reconstruct(
         the decode; and the other two.
 
     Raises:
-        InputError: The shot's parts do not fit together.
+        InputError: The shot's parts do not fit together, or the settings make no sense.
         NumericsError: The fit is not finite from its first iteration on.
     """
     settings, progress = settings or Settings(), progress or Silent()
+    settings.check()
     shot.check()
+    backend = load_backend(settings.backend)
     clock = _Stopwatch()
-    jury = Jury(shot, choose_heldout(shot.masks, shot.saturated, settings.fit.hold_out.share, settings.seed))
+    doubts = doubts_about(shot)
+    for doubt in doubts:
+        progress.say(doubt)
+    jury = Jury(shot, choose_heldout(shot, settings.fit.hold_out.share, settings.seed))
     seen = jury.seen
 
     decoded = gap_tv(seen, settings.decode, progress)
@@ -95,7 +120,6 @@ def reconstruct(
     start = first_gaussians(seed_points(geometry, decoded, settings.stride_px))
     clock.lap("geometry")
 
-    backend = load_backend(settings.backend)
     fit = fit_coarse(
         jury=jury,
         start=start,
@@ -133,7 +157,7 @@ def reconstruct(
         stopped_because=fit.stopped_because,
         seconds=clock.seconds(),
         gaussians=len(fit.scene),
-        notes=geometry.notes,
+        notes=(*doubts, *geometry.notes, *fit.notes, *(() if jury.heldout.any() else (_UNJUDGED,))),
         settings=asdict(settings),
         seed=settings.seed,
         verdict=verdict,

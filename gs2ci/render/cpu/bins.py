@@ -164,9 +164,7 @@ def _find_spans(records, by_depth, listed, size, strip_rows, first, last, change
         fields = gather_transposed(records, by_depth, group)
         for lane in range(LANES):
             prefetch(records, np.int64(get(by_depth, min(group + LANES + lane, listed))) * FIELDS)
-        _measure_spans(
-            fields, strip_rows, np.float32(height), np.float32(width), first_strip, strip_count, columns
-        )
+        _measure_spans(fields, strip_rows, np.float32(height), np.float32(width), first_strip, strip_count, columns)
         for lane in range(min(LANES, listed - group)):
             gaussian = get(by_depth, group + lane)
             table = np.int64(get(first_strip, lane)) * width
