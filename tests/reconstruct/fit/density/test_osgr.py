@@ -131,26 +131,24 @@ def test_removals_make_room():
     assert len(result.scene) == 40
 
 
-def test_points_in_one_place_are_compared_with_each_other_and_not_with_themselves():
-    """Six in one place, one of them far more opaque: whichever of them a search tree lists first."""
-    opacity = torch.full((60,), 0.1)
-    scene = line(60, opacity)
-    scene.means[10:16] = scene.means[10]
-    for outstanding in range(10, 16):
-        scene.opacity_logits[:] = torch.logit(torch.tensor(0.1))
-        scene.opacity_logits[outstanding] = torch.logit(torch.tensor(0.9))
-        assert split_ones(change(scene, evidence(60)), 60) == [outstanding]
-
-
-def test_the_excess_of_duplicate_points_is_the_papers():
-    """Eq. 13: α − mean of α and its three neighbours'; of four in one place all see the same mean."""
-    scene = line(60, 0.5)
+@pytest.mark.parametrize("outstanding", [20, 21, 22, 23])
+def test_points_in_one_place_are_compared_with_each_other_and_not_with_themselves(outstanding):
+    """Eq. 13, α less the mean of α and its three neighbours', whichever of the pile a search tree lists first."""
+    scene = line(60)
     scene.means[20:24] = scene.means[20]
-    opacity = torch.tensor([0.62, 0.5, 0.5, 0.5])
-    scene.opacity_logits[20:24] = torch.logit(opacity)
+    scene.opacity_logits[outstanding] = torch.logit(torch.tensor(0.62))
     scene.opacity_logits[40] = torch.logit(torch.tensor(0.61))
-    # Both stand out, the one in the pile by 0.09, the lone one by 0.0825: a budget of one takes the former.
-    assert split_ones(change(scene, evidence(60), extra_splits=1.5 / 60), 60) == [20]
+    # The one in the pile stands out by 0.09, the lone one by 0.0825: a budget of one takes the former.
+    assert split_ones(change(scene, evidence(60), extra_splits=1.5 / 60), 60) == [outstanding]
+
+
+@pytest.mark.parametrize("outstanding", range(20, 30, 3))
+def test_in_a_pile_larger_than_the_neighbourhood_the_same_holds(outstanding):
+    scene = line(60)
+    scene.means[20:30] = scene.means[20]
+    scene.opacity_logits[outstanding] = torch.logit(torch.tensor(0.62))
+    scene.opacity_logits[40] = torch.logit(torch.tensor(0.61))
+    assert split_ones(change(scene, evidence(60), extra_splits=1.5 / 60), 60) == [outstanding]
 
 
 def test_fewer_points_than_neighbours_are_not_compared():
