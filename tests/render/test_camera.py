@@ -10,9 +10,7 @@ POSE = se3.exp(torch.tensor([0.2, -0.1, 0.4, 0.05, -0.3, 0.1], dtype=torch.float
 def test_ray_of_the_first_pixel_goes_through_its_centre():
     rays = pixel_rays(INTRINSICS, (8, 13))
     assert rays.shape == (8, 13, 3)
-    torch.testing.assert_close(
-        rays[0, 0], torch.tensor([(0.5 - 7.3) / 30, (0.5 - 4.9) / 28, 1], dtype=torch.float64)
-    )
+    torch.testing.assert_close(rays[0, 0], torch.tensor([(0.5 - 7.3) / 30, (0.5 - 4.9) / 28, 1], dtype=torch.float64))
 
 
 def test_projection_undoes_unprojection():

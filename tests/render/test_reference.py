@@ -47,9 +47,7 @@ def test_nearer_gaussian_covers_the_farther_one_whatever_their_order():
     other, _ = backend.views(both(far, near), POSE, INTRINSICS, SIZE)
     a, b = 1 / (1 + math.exp(-0.5)), 1 / (1 + math.exp(-2))
     torch.testing.assert_close(one, other)
-    torch.testing.assert_close(
-        one[0, 4, 5], torch.tensor([a, (1 - a) * b, 0], dtype=torch.float64), rtol=1e-6, atol=0
-    )
+    torch.testing.assert_close(one[0, 4, 5], torch.tensor([a, (1 - a) * b, 0], dtype=torch.float64), rtol=1e-6, atol=0)
 
 
 @pytest.mark.parametrize(("depth", "seen"), [(-1.0, False), (0.0, False), (NEAR, False), (NEAR * 1.01, True)])

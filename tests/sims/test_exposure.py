@@ -183,6 +183,4 @@ def test_a_scene_seen_from_another_reference_pose_gives_the_same_shot(small_scen
     gaussians = small_scene.gaussians
     view = StageMove((0.0, 0.0, 0.0), reference_world_to_camera=turned)
     elsewhere = dataclasses.replace(small_scene, gaussians=gaussians, world_to_camera=turned)
-    assert not np.array_equal(
-        shoot(elsewhere, view, masks).measurement, shoot(small_scene, STILL, masks).measurement
-    )
+    assert not np.array_equal(shoot(elsewhere, view, masks).measurement, shoot(small_scene, STILL, masks).measurement)

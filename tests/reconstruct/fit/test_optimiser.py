@@ -65,9 +65,7 @@ def test_gaussians_keep_their_moments_when_others_come_and_go(scattered):
     stay = torch.tensor([4, 1, 5])
     continued = changed.scene.map(lambda tensor: tensor.detach()[stay])
     newcomers = scattered(2, seed=1)
-    joined = type(scene)(
-        **{name: torch.cat([getattr(continued, name), getattr(newcomers, name)]) for name in NAMES}
-    )
+    joined = type(scene)(**{name: torch.cat([getattr(continued, name), getattr(newcomers, name)]) for name in NAMES})
     changed.replace(joined, torch.tensor([4, 1, 5, -1, -1]))
     assert len(changed.scene) == 5
 

@@ -17,9 +17,7 @@ def shot():
     rng = np.random.default_rng(0)
     masks = (rng.random((4, 30, 40)) < 0.3).astype(np.float32)
     views = rng.random((4, 30, 40, 3)).astype(np.float32)
-    return Shot(
-        measurement=(masks[..., None] * views).sum(axis=0), masks=masks, weights=np.ones(4, np.float32)
-    ).check()
+    return Shot(measurement=(masks[..., None] * views).sum(axis=0), masks=masks, weights=np.ones(4, np.float32)).check()
 
 
 @pytest.mark.parametrize("settings", [{"share": -0.01}, {"share": 0.51}, {"share": float("nan")}])

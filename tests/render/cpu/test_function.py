@@ -110,9 +110,7 @@ def test_parameters_overwritten_before_backward_are_noticed(make):
 def test_loss_may_use_images_or_alphas_alone(used, make):
     backend, case = CpuBackend(), make()
     scene = case.scene.map(lambda t: t.requires_grad_())
-    outputs = dict(
-        zip(("images", "alphas"), backend.views(scene, case.poses, case.intrinsics, case.size), strict=True)
-    )
+    outputs = dict(zip(("images", "alphas"), backend.views(scene, case.poses, case.intrinsics, case.size), strict=True))
     outputs[used].sum().backward()
     assert scene.means.grad.abs().sum() > 0
     assert scene.colours.grad.any() == (used == "images")

@@ -39,9 +39,7 @@ def test_colours_per_view_agree_with_the_definition(make):
     colours = torch.rand(2, 40, 3, generator=torch.Generator().manual_seed(0), dtype=torch.float64)
     answers = []
     for backend in (CpuBackend(0.0), ReferenceBackend()):
-        own = colours.to(
-            torch.float64 if backend.name == "reference" else torch.float32, copy=True
-        ).requires_grad_()
+        own = colours.to(torch.float64 if backend.name == "reference" else torch.float32, copy=True).requires_grad_()
         images, _ = backend.views(case.scene, case.poses, case.intrinsics, case.size, colours=own)
         (
             images.double() * torch.linspace(0, 1, images.numel(), dtype=torch.float64).reshape(images.shape)
@@ -98,9 +96,7 @@ def needles_and_plates(case):
 
 def scales_of_all_sizes(case):
     exponents = torch.linspace(-6, 3, 40)
-    log_scales = torch.stack([exponents, exponents.roll(7), exponents.roll(23)], dim=1) * torch.log(
-        torch.tensor(10.0)
-    )
+    log_scales = torch.stack([exponents, exponents.roll(7), exponents.roll(23)], dim=1) * torch.log(torch.tensor(10.0))
     return {"log_scales": log_scales, "opacity_logits": case.scene.opacity_logits - 2}
 
 
