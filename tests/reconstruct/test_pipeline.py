@@ -138,6 +138,25 @@ def test_the_same_seed_gives_the_same_bits_on_one_thread_and_on_two(shot, found_
         torch.set_num_threads(before[1])
 
 
+def test_torch_is_kept_on_one_thread_and_given_its_threads_back(shot):
+    """More threads change the last bits of its sums, for scenes larger than these tests can afford."""
+
+    class Listener(Silent):
+        def step(self, done, **figures):
+            assert torch.get_num_threads() == 1
+
+    before = torch.get_num_threads()
+    try:
+        torch.set_num_threads(2)
+        reconstruct(shot, replace(QUICK, fit=replace(QUICK.fit, iterations=1)), Listener())
+        assert torch.get_num_threads() == 2
+        with pytest.raises(InputError):
+            reconstruct(shot, Settings(seed=-1))
+        assert torch.get_num_threads() == 2
+    finally:
+        torch.set_num_threads(before)
+
+
 def test_another_seed_holds_other_pixels_out(shot, found):
     other = reconstruct(shot, replace(QUICK, seed=2, fit=replace(QUICK.fit, iterations=20)))
     assert other.result.heldout_rms["decode"] != found.result.heldout_rms["decode"]
