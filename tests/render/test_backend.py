@@ -113,3 +113,11 @@ def test_scene_without_gaussians_renders_black(name, make, run):
         outcome = run(load_backend(name), empty, whole_views=whole_views)
         assert all(not value.any() for value in outcome.values.values())
         assert outcome.values["d means"].shape == (0, 3)
+
+
+@pytest.mark.parametrize("name", BACKENDS)
+def test_no_poses_give_no_views(name, make):
+    case, backend = make(), load_backend(name)
+    images, alphas = backend.views(case.scene, case.poses[:0], case.intrinsics, (4, 5))
+    assert images.shape == (0, 4, 5, 3)
+    assert alphas.shape == (0, 4, 5)

@@ -140,6 +140,7 @@ def _list_entries(
     work = workspace.get("work", (views, 4, count + LANES), np.uint32)
     entries = workspace.get("entries", (layout.cells,), np.int32)
     entry_start = workspace.get("entry_start", (layout.cells,), np.int32)
+    tables = (views, layout.strips * layout.width)
     found, totals = np.zeros(views, np.int64), np.zeros(views, np.int64)
     smallest = _SPANS_PER_GAUSSIAN * count + LANES * layout.strips
     capacity = max(smallest, workspace.capacity("spans") // max(SPAN * views, 1))
@@ -151,8 +152,8 @@ def _list_entries(
             count,
             (layout.height, layout.width),
             layout.strip_rows,
-            layout.first.reshape(views, -1),
-            layout.last.reshape(views, -1),
+            layout.first.reshape(tables),
+            layout.last.reshape(tables),
             layout.cell_start,
             work,
             spans,
