@@ -14,6 +14,7 @@ from gs2ci.commands.display import open_display
 from gs2ci.core.progress import Progress
 from gs2ci.core.records import Shot
 from gs2ci.core.storage import write_shots
+from gs2ci.evaluate.run_folder import check_destination
 from gs2ci_sims.effects.motion_blur import MotionBlur
 from gs2ci_sims.exposure import Timing, expose
 from gs2ci_sims.light_path import generator
@@ -50,6 +51,7 @@ def run(
     Returns:
         The run folder.
     """
+    check_destination(output / "run", overwrite=True)
     with open_display() as display:
         shot = simulate(views=views, size=(height, width), parallax_px=parallax_px, seed=seed, progress=display)
     output.mkdir(parents=True, exist_ok=True)

@@ -10,13 +10,13 @@ from contextlib import contextmanager
 
 import numpy as np
 import pytest
+
+from gs2ci.core.clock import WallClock
 from gs2ci_drivers.failures import FrameLostError, TriggerTimeoutError
 from gs2ci_drivers.links.v4l2_sys import KernelSysPort
 from gs2ci_drivers.sensor import SensorConfig, TriggerMode
 from gs2ci_drivers.v4l2.driver import V4l2Sensor
 from gs2ci_drivers.v4l2.options import V4l2Options
-
-from gs2ci.core.clock import WallClock
 
 NODE = "/dev/video50"
 S_FMT, OUTPUT, FIELD_NONE = 0xC0D05605, 2, 1
