@@ -183,7 +183,7 @@ class WorldTable(Settings):
     trigger_latency_s: NotNegative = 0.0
     trigger_jitter_s: NotNegative = 0.0
     faults: tuple[str, ...] = ()
-    """Names of faults to inject once each, "device: fault"."""
+    """Faults to inject once each, "device: fault" or "device: fault after N" opportunities; see docs/faults.md."""
 
 
 class RigTable(Settings):

@@ -4,6 +4,7 @@ Here: building them from the rig file. Not here: deciding whether to (`gs2ci.rig
 tests import this one.
 """
 
+import re
 from dataclasses import dataclass
 
 import numpy as np
@@ -35,6 +36,7 @@ MODULATOR_SIZES = {
 }
 DEFAULT_FULL_SCALE_E_PER_S = 100_000.0
 NODE = "/dev/video0"
+FAULT = re.compile(r"(?P<device>modulator|sensor|stage): *(?P<fault>[\w.]+)(?: after (?P<skip>\d+))?")
 
 ModulatorTwin = Dlpc900Twin | ScpiModulatorTwin | DisplaySlmTwin
 
@@ -181,7 +183,10 @@ def _camera(rig: RigTable, table: WorldTable) -> CameraModel:
 
 
 def _inject(bench: SimulatedBench, text: str) -> None:
-    device, _, fault = (part.strip() for part in text.partition(":"))
-    if device not in bench.faults:
-        raise InputError(f"fault {text!r} in [world]", allowed='"device: fault" with device modulator, sensor or stage')
-    bench.faults[device].inject(fault)
+    match = FAULT.fullmatch(text.strip())
+    if match is None:
+        raise InputError(
+            f"fault {text!r} in [world]",
+            allowed='"device: fault" or "device: fault after N", device one of modulator, sensor, stage',
+        )
+    bench.faults[match["device"]].inject(match["fault"], skip=int(match["skip"] or 0))
