@@ -41,6 +41,8 @@ def in_guest(rig_script: Path) -> Callable[..., None]:
         done = subprocess.run(command, capture_output=True, text=True, timeout=TIMEOUT_S + 300, check=False)
         print(done.stdout)
         if done.returncode != 0:
-            pytest.fail(f"{check} in the guest: status {done.returncode}\n{done.stdout}\n{done.stderr}", pytrace=False)
+            pytest.fail(
+                f"{check} in the guest: status {done.returncode}\n{done.stdout}\n{done.stderr}", pytrace=False
+            )
 
     return run

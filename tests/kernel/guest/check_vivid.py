@@ -6,6 +6,8 @@ from collections.abc import Iterator
 
 import numpy as np
 import pytest
+
+from gs2ci.core.clock import WallClock
 from gs2ci_drivers.failures import (
     AccessError,
     DeviceFaultError,
@@ -22,8 +24,6 @@ from gs2ci_drivers.v4l2.controls import ControlTable
 from gs2ci_drivers.v4l2.driver import V4l2Sensor, list_cameras
 from gs2ci_drivers.v4l2.node import VideoNode
 from gs2ci_drivers.v4l2.options import V4l2Options
-
-from gs2ci.core.clock import WallClock
 
 PORT = KernelSysPort()
 NODES = ("/dev/video0", "/dev/video1")
