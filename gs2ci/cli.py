@@ -1,19 +1,91 @@
 """The command line: which subcommands there are, and what their errors look like. Parsing only.
 
-Each subcommand is one file in `gs2ci.commands`. Not here: any work. Only the console script imports this file.
+Each subcommand is one file in `gs2ci.commands` with one `run`, whose signature is its command line (tyro reads it:
+argument names are parameter names, the help is the docstring). Not here: any work. Only the console script imports
+this file.
 """
 
+import importlib
 import os
 import sys
+from collections.abc import Callable
+from typing import Any, Final
 
 # torch's and Numba's thread pools otherwise spin against each other (3-10x slower when anything else runs);
 # OpenMP reads this when it is first loaded, hence before any other import.
 os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 
+from rich.console import Console
+
+from gs2ci import __version__
+from gs2ci.core.errors import Gs2ciError
+
+# Name on the command line -> module, and the line that `gs2ci --help` shows. Modules are imported when they are run.
+COMMANDS: Final[dict[str, tuple[str, str]]] = {
+    "import": ("gs2ci.commands.import_", "turn .npz, .npy or .mat measurements into a shot file"),
+    "reconstruct": ("gs2ci.commands.reconstruct", "recover views, camera path and scene from a shot file"),
+    "capture": ("gs2ci.commands.capture", "take coded exposures on a bench, real or simulated"),
+    "recover": ("gs2ci.commands.recover", "save the finished rows of an interrupted capture"),
+    "devices": ("gs2ci.commands.devices", "say what is connected and what it can do"),
+    "doctor": ("gs2ci.commands.doctor", "examine a bench: permissions, firmware, clocks, trigger line"),
+    "demo": ("gs2ci.commands.demo", "simulate an exposure of a real scene and reconstruct it"),
+}
+EXIT_USER_ERROR: Final = 2
+EXIT_INTERRUPTED: Final = 130
+
 
 def main() -> int:
-    """Run the command line; return the exit status (2 for a typed error of ours)."""
+    """Run the command line; return the exit status: 0, 2 for an error of ours, 130 when interrupted."""
+    arguments = sys.argv[1:]
+    if not arguments or arguments[0] in ("-h", "--help"):
+        sys.stdout.write(_usage())
+        return 0
+    if arguments[0] == "--version":
+        sys.stdout.write(f"gs2ci {__version__}\n")
+        return 0
+    if arguments[0] not in COMMANDS:
+        sys.stderr.write(f"gs2ci: unknown command {arguments[0]!r}; allowed: {', '.join(COMMANDS)}\n")
+        return EXIT_USER_ERROR
+    return _run(arguments[0], arguments[1:])
+
+
+def _run(command: str, arguments: list[str]) -> int:
+    import tyro  # noqa: PLC0415
+
+    run: Callable[..., Any] = importlib.import_module(COMMANDS[command][0]).run
+    try:
+        tyro.cli(run, prog=f"gs2ci {command}", args=arguments)
+    except Gs2ciError as error:
+        _print_error(error)
+        return EXIT_USER_ERROR
+    except KeyboardInterrupt:
+        sys.stderr.write("interrupted; nothing half-written is left behind\n")
+        return EXIT_INTERRUPTED
     return 0
+
+
+def _print_error(error: Gs2ciError) -> None:
+    """Print what was wrong, what is allowed and what to do, a line each."""
+    console = Console(stderr=True, highlight=False)
+    console.print(f"error: {error.problem}", style="bold red", markup=False, soft_wrap=True)
+    for label, text in (("allowed", error.allowed), ("what to do", error.remedy)):
+        if text:
+            console.print(f"{label}: {text}", markup=False, soft_wrap=True)
+
+
+def _usage() -> str:
+    width = max(len(name) for name in COMMANDS)
+    lines = [f"  gs2ci {name:<{width}}  {what}" for name, (_, what) in COMMANDS.items()]
+    return "\n".join(
+        [
+            f"gs2ci {__version__}: snapshot compressive imaging, from one coded measurement to a 3D scene",
+            "",
+            *lines,
+            "",
+            "gs2ci COMMAND --help explains a command. Exit status: 0 done, 2 refused with a reason, 130 interrupted.",
+            "",
+        ]
+    )
 
 
 if __name__ == "__main__":

@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 
 from gs2ci.core.clock import Clock
 from gs2ci.core.progress import Progress, Silent
-from gs2ci_drivers.failures import DriverError, ExtraFrameError, FrameError, TriggerTimeoutError
+from gs2ci_drivers.failures import DriverError, ExtraFrameError, FrameError, SequenceError, TriggerTimeoutError
 from gs2ci_drivers.modulator import Modulator
-from gs2ci_drivers.plan import CaptureSettings, Plan, with_upload
+from gs2ci_drivers.plan import CaptureSettings, Mode, Plan, with_upload
 from gs2ci_drivers.planning import lay_out, sensor_exposure_s
 from gs2ci_drivers.sensor import Frame, FrameFlag, Sensor, SensorConfig
 from gs2ci_drivers.stage import Stage
@@ -35,6 +35,11 @@ STALE_MARGIN_NS = 1_000_000
 """A frame stamped up to 1 ms before the host's time of firing counts as after it: two readings of one clock."""
 SHORTEST_COMPARED_S = 0.05
 """Sweeps shorter than this are over before a position could be asked for."""
+END_TOLERANCE_S = 2e-3
+CLOCK_TOLERANCE = 1e-3
+"""By how much the modulator's and the computer's seconds may differ, with the jitter of one exchange."""
+LONGEST_LEARNT_S = 1.0
+"""A modulator seems to start later than this only when the time stamps are wrong."""
 PERIOD_TOLERANCE = 0.25
 """Share of the period by which a frame's time stamp may be off before a trigger counts as missed or doubled."""
 
@@ -48,18 +53,22 @@ class Devices:
         sensor: Takes the frames.
         stage: Moves the camera, or None.
         clock: On which all of them wait.
+        also_close: Called after them: wire traces.
     """
 
     modulator: Modulator
     sensor: Sensor
     stage: Stage | None
     clock: Clock
+    also_close: tuple[Callable[[], None], ...] = ()
 
     def close(self) -> None:
-        """Let go of all devices; never raises."""
+        """Let go of all devices; never raises, may be called twice."""
         for device in (self.stage, self.sensor, self.modulator):
             if device is not None:
                 device.close()
+        for close in self.also_close:
+            close()
 
     def incidents(self) -> list[str]:
         """Return and forget what the drivers rode out since the last call."""
@@ -155,6 +164,7 @@ class _Fire:
     crossed_s: float = 0.0
     position_error_mm: float = 0.0
     first_stamp_ns: int = 0
+    done_s: float = 0.0
     frames: int = 0
 
 
@@ -166,8 +176,11 @@ class _Capture:
         self._plan = plan
         self._sink = sink
         self._progress = progress
-        self._trigger = 0  # the next trigger to be served
+        self._trigger = 0  # the trigger being served
+        self._next_trigger = 0
         self._taken = 0
+        # How long before the travel's begin to start the modulator; each fire corrects it for the next one.
+        self._lead_s = devices.modulator.info.expected_start_s
 
     def run(self) -> int:
         try:
@@ -197,7 +210,7 @@ class _Capture:
 
     def _fire_with_retries(self) -> None:
         """Serve one start of the modulator, again if frames went astray and the user allows it."""
-        attempt, trigger, taken = 1, self._trigger, self._taken
+        attempt, trigger, taken = 1, self._next_trigger, self._taken
         while True:
             try:
                 self._fire(attempt)
@@ -208,7 +221,7 @@ class _Capture:
                 if attempt > self._plan.settings.retries or self._taken != taken:
                     raise
                 self._devices.sensor.incidents.append(f"{error}; tried again")
-                attempt, self._trigger = attempt + 1, trigger
+                attempt, self._next_trigger = attempt + 1, trigger
                 self._calm()
 
     def _calm(self) -> None:
@@ -225,15 +238,16 @@ class _Capture:
     def _fire(self, attempt: int) -> None:
         devices, burst = self._devices, self._plan.settings.burst
         fire = _Fire()
+        self._trigger = self._next_trigger
         self._start_motion_after_arming(fire)
         fire.fired_ns = round(devices.clock.now_s() * 1e9)
         devices.modulator.start()
         self._compare_position(fire)
         for shot in range(burst):
-            first_trigger = self._trigger
-            frames = tuple(self._collect(fire, attempt))
+            first_trigger = self._next_trigger
+            frames = tuple(self._collect(fire, attempt, last=shot == burst - 1))
             if shot == burst - 1:
-                self._settle(fire)
+                self._settle(fire, frames[-1])
             self._hand_on(fire, shot, first_trigger, frames, attempt)
 
     def _start_motion_after_arming(self, fire: _Fire) -> None:
@@ -248,7 +262,9 @@ class _Capture:
         if stage is not None and sweep is not None:
             stage.begin_sweep(sweep)
             fire.crossed_s = clock.now_s() + sweep.lead_s
-            clock.sleep_s(sweep.lead_s)
+            # The sweep's constant part begins one longest start before the travel does; start as late as is due.
+            longest_s = self._devices.modulator.info.start_latency_s or 0.0
+            clock.sleep_s(sweep.lead_s + max(longest_s - self._lead_s, 0.0))
 
     def _compare_position(self, fire: _Fire) -> None:
         """Ask the stage once where it is, to know how late it set out."""
@@ -260,19 +276,23 @@ class _Capture:
         middle_s = (before_s + clock.now_s()) / 2
         fire.position_error_mm = measured_mm - sweep.position_mm(middle_s - fire.crossed_s)
 
-    def _collect(self, fire: _Fire, attempt: int) -> Iterator[Frame]:
-        """Read the frames of one shot and hold each against its trigger."""
+    def _collect(self, fire: _Fire, attempt: int, *, last: bool) -> Iterator[Frame]:
+        """Read the frames of one shot and hold each against its trigger.
+
+        The modulator is watched to its end before the last frame of a fire is read: a sequence that stops early
+        is seen by nobody afterwards, and the frame waits in its buffer.
+        """
         plan, sensor = self._plan, self._devices.sensor
         latency_s = self._devices.modulator.info.start_latency_s or 0.0
-        timeout_s = (
-            latency_s + plan.frame_period_s + plan.exposure_s + sensor.settings.readout_s + FRAME_PATIENCE_S
-        )
-        for _ in range(plan.frames_per_shot):
-            frame = sensor.read(
-                timeout_s, not_before_ns=fire.fired_ns - STALE_MARGIN_NS, trigger_index=self._trigger
-            )
+        timeout_s = latency_s + plan.frame_period_s + plan.exposure_s + sensor.settings.readout_s + FRAME_PATIENCE_S
+        for i in range(plan.frames_per_shot):
+            self._trigger = self._next_trigger
+            if last and i == plan.frames_per_shot - 1:
+                self._devices.modulator.wait_done(plan.sequence.duration_s + PATIENCE_S)
+                fire.done_s = self._devices.clock.now_s()
+            frame = sensor.read(timeout_s, not_before_ns=fire.fired_ns - STALE_MARGIN_NS, trigger_index=self._trigger)
             self._hold_against_trigger(fire, frame)
-            self._trigger += 1
+            self._next_trigger += 1
             yield replace(frame, flags=frame.flags | FrameFlag.RETRIED) if attempt > 1 else frame
 
     def _hold_against_trigger(self, fire: _Fire, frame: Frame) -> None:
@@ -294,16 +314,37 @@ class _Capture:
                 remedy="look for reflections on the trigger line or a second source of triggers",
             )
 
-    def _settle(self, fire: _Fire) -> None:
-        """Wait until all has come to its end, and see that no frame is left over."""
+    def _hold_against_end(self, fire: _Fire, last: Frame) -> None:
+        """Check that the last exposure had begun early enough for all of its masks.
+
+        A trigger that came with a later mask than it should (a modulator whose polarity of the trigger setting
+        is not what we believe) gives a frame like any other, except that the modulator ends before it should.
+        """
+        plan = self._plan
+        if not last.flags & FrameFlag.STAMPED_MONOTONIC or not last.flags & FrameFlag.STAMPED_AT_START:
+            return  # the time of exposure is known only to a readout and a transfer: too coarse for this
+        one_mask = plan.settings.mode is Mode.PER_MASK
+        shown_s = plan.sequence.exposure_s if one_mask else float(plan.sequence.windows_s()[-1, 1])
+        short_s = last.t_kernel_ns * 1e-9 + shown_s - fire.done_s
+        if short_s > END_TOLERANCE_S + CLOCK_TOLERANCE * plan.sequence.duration_s:
+            raise SequenceError(
+                self._devices.modulator.name,
+                "fire",
+                [f"the sequence ended {short_s:.3g} s before the masks of its last trigger could have been shown"],
+                remedy="the trigger came with a later mask: check the firmware profile and the trigger's polarity",
+            )
+
+    def _settle(self, fire: _Fire, last: Frame) -> None:
+        """Wait until all has come to its end, and see that the last frame was in time and that none is left over."""
         devices, plan = self._devices, self._plan
-        devices.modulator.wait_done(plan.sequence.duration_s + PATIENCE_S)
+        arrived_s = devices.clock.now_s()
+        self._hold_against_end(fire, last)
         if devices.stage is not None and plan.sweep is not None:
             sweep = plan.sweep
             devices.stage.wait_idle(2 * sweep.lead_s + sweep.cruise_s + PATIENCE_S)
-        else:
-            # A doubled trigger's frame is there one exposure and one readout after its twin.
-            devices.clock.sleep_s(plan.exposure_s + devices.sensor.settings.readout_s)
+        # The frame of a doubled trigger comes one exposure and one readout after its twin.
+        waited_s = devices.clock.now_s() - arrived_s
+        devices.clock.sleep_s(1.1 * (plan.exposure_s + devices.sensor.settings.readout_s) - waited_s)
         extra = devices.sensor.discard()
         if extra:
             raise ExtraFrameError(
@@ -312,9 +353,7 @@ class _Capture:
                 remedy="look for reflections on the trigger line or a second source of triggers",
             )
 
-    def _hand_on(
-        self, fire: _Fire, shot: int, first_trigger: int, frames: tuple[Frame, ...], attempt: int
-    ) -> None:
+    def _hand_on(self, fire: _Fire, shot: int, first_trigger: int, frames: tuple[Frame, ...], attempt: int) -> None:
         stage_mm, target_mm = self._stage_at_masks(fire, shot, frames)
         self._sink(
             Taken(
@@ -348,15 +387,16 @@ class _Capture:
             since_s = begin_s - fire.crossed_s + centres_s
             measured[:, column] = sweep.from_mm + way * since_s + fire.position_error_mm
             target[:, column] = travel.from_mm + way * (shot * plan.sequence.period_s + centres_s)
+            if shot == 0:
+                late_s = float(measured[0, column] - target[0, column]) / way
+                self._lead_s = min(max(self._lead_s + late_s, 0.0), LONGEST_LEARNT_S)
         return measured, target
 
     def _first_mask_s(self, fire: _Fire, shot: int, frame: Frame) -> float:
         """Return when a shot's first mask appeared, on the devices' clock."""
         modulator, settings = self._devices.modulator.info, self._devices.sensor.settings
         if not frame.flags & FrameFlag.STAMPED_MONOTONIC:
-            return (
-                fire.fired_ns * 1e-9 + (modulator.start_latency_s or 0.0) / 2 + shot * self._plan.sequence.period_s
-            )
+            return fire.fired_ns * 1e-9 + (modulator.start_latency_s or 0.0) / 2 + shot * self._plan.sequence.period_s
         stamp_s = frame.t_kernel_ns * 1e-9
         if not frame.flags & FrameFlag.STAMPED_AT_START:
             stamp_s -= self._plan.exposure_s + settings.readout_s

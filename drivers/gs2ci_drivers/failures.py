@@ -59,19 +59,22 @@ class DriverError(DeviceError):
         self.device = device
         self.asked = asked
         self.trigger_index = trigger_index
+        self._happened = f"{asked}: {problem}" if asked else problem
+        self.problem = self._described()
 
     def at_trigger(self, trigger_index: int) -> Self:
         """Note which trigger was being served, unless that is known already; return self to be raised."""
         if self.trigger_index is None:
             self.trigger_index = trigger_index
+            self.problem = self._described()
         return self
 
+    def _described(self) -> str:
+        served = "" if self.trigger_index is None else f", trigger {self.trigger_index}"
+        return f"{self.device}{served}: {self._happened}"
+
     def __str__(self) -> str:
-        head = self.device
-        if self.trigger_index is not None:
-            head += f", trigger {self.trigger_index}"
-        problem = f"{self.asked}: {self.problem}" if self.asked else self.problem
-        parts = [f"{head}: {problem}"]
+        parts = [self.problem]
         if self.allowed:
             parts.append(f"allowed: {self.allowed}")
         if self.remedy:
@@ -274,9 +277,7 @@ class TriggerTimeoutError(FrameError):
         waited_s: How long was waited on the sensor's clock.
     """
 
-    def __init__(
-        self, device: str, frame_index: int, waited_s: float, *, trigger_index: int | None = None
-    ) -> None:
+    def __init__(self, device: str, frame_index: int, waited_s: float, *, trigger_index: int | None = None) -> None:
         super().__init__(
             device,
             f"no frame {frame_index} after {waited_s:.3g} s",

@@ -79,6 +79,7 @@ class ModulatorInfo:
         trigger_outs: What the trigger output can do.
         trigger_delay_s: From a mask's appearance to the trigger's edge (negative: the edge comes first).
         start_latency_s: Longest time from `start` to the first mask; None where the host times each mask.
+        typical_start_s: Usual time from `start` to the first mask; None takes half of the longest.
         hardware_timed: Whether masks follow each other by the device's own clock. When false the host steps
             them, and only `TriggerOut.NONE` and `PER_MASK` can be asked for.
         experimental: Whether the protocol is unconfirmed on real hardware.
@@ -98,8 +99,16 @@ class ModulatorInfo:
     trigger_outs: frozenset[TriggerOut]
     trigger_delay_s: float = 0.0
     start_latency_s: float | None = 0.05
+    typical_start_s: float | None = None
     hardware_timed: bool = True
     experimental: bool = False
+
+    @property
+    def expected_start_s(self) -> float:
+        """Get the time from `start` to the first mask that is best reckoned with."""
+        if self.typical_start_s is not None:
+            return self.typical_start_s
+        return (self.start_latency_s or 0.0) / 2
 
 
 @dataclass(frozen=True)
@@ -287,6 +296,19 @@ class Modulator(ABC):
         self._armed = False
         self._do_start(self._loaded)
 
+    def keep_time(self, until_s: float) -> None:
+        """Let time pass until `until_s` on the driver's clock, showing what is due meanwhile.
+
+        For whoever serves a sensor while a sequence runs on a device that the host steps (`hardware_timed` is
+        false). A device with a clock of its own needs none of this: for it, this only waits.
+
+        Raises:
+            SequenceError: The host was too late for a mask.
+            LinkError, RefusedError: The device could not be told.
+        """
+        self._require_open("keep_time")
+        self._do_keep_time(until_s)
+
     def wait_done(self, timeout_s: float) -> None:
         """Wait until the running sequence has ended by itself.
 
@@ -349,6 +371,10 @@ class Modulator(ABC):
     @abstractmethod
     def _do_start(self, sequence: PatternSequence) -> None:
         """Start and confirm that it started."""
+
+    def _do_keep_time(self, until_s: float) -> None:
+        """Show what is due until a time; overridden where the host steps the masks."""
+        self.clock.sleep_s(until_s - self.clock.now_s())
 
     @abstractmethod
     def _do_wait_done(self, timeout_s: float) -> None:

@@ -15,6 +15,11 @@ from gs2ci_drivers.plan import F64, CaptureSettings, Figure, Mode, Plan
 from gs2ci_drivers.sensor import SensorInfo, SensorSettings, TriggerMode
 from gs2ci_drivers.stage import StageInfo, Sweep, plan_sweep
 
+EXPOSURE_TOLERANCE = 0.1
+"""By how much less than asked for a sensor may expose: the weights of the masks tell the solver the rest."""
+BRIGHT_SHARE = 0.99
+"""Share of the open pixels that must stay below the full well when the scene is white."""
+
 
 def sensor_exposure_s(settings: CaptureSettings) -> float:
     """Return the exposure to ask the sensor for, before the devices have rounded anything."""
@@ -170,15 +175,17 @@ def _sensor_figures(
     alone = not per_mask and settings.burst == 1
     shown_s = sequence.exposure_s if per_mask else float(sequence.windows_s()[-1, 1])
     triggers = ", ".join(sorted(mode.value for mode in info.triggers))
+    needed_s = (1 - EXPOSURE_TOLERANCE) * sensor_exposure_s(settings) - info.exposure_step_s
+    longest_s = shown_s + sequence.pause_s + settings.jitter_s
     return [
         Figure(
             "exposure",
             f"{exposure_s * 1e3:.3f} ms",
-            f"at most the {shown_s * 1e3:.3f} ms of its masks" if per_mask or settings.burst > 1 else "",
-            # An exposure that outlasts its masks is harmless where nothing follows them.
-            broken=(per_mask or settings.burst > 1)
-            and exposure_s > shown_s + sequence.pause_s + settings.jitter_s,
-            remedy="raise `margin_s` or `mask_s`",
+            f"{needed_s * 1e3:.3f} ms, which its masks need, or more"
+            if alone
+            else f"{needed_s * 1e3:.3f} to {longest_s * 1e3:.3f} ms, after which others follow",
+            broken=exposure_s < needed_s or (not alone and exposure_s > longest_s),
+            remedy="change `mask_s` or `margin_s`; the sensor may have no longer exposures or ignore the control",
         ),
         Figure(
             "exposure + readout",
@@ -207,14 +214,14 @@ def _light_figures(
     if settings.mode is Mode.PER_MASK:
         open_s = sequence.exposure_s * float(weights.max())
     else:
-        # The brightest pixel: white scene behind the mask pixel that is open longest.
-        shares = np.tensordot(weights, settings.masks.astype(np.float64) / top, axes=1)
-        open_s = sequence.exposure_s * float(shares.max())
+        # A white scene behind the mask pixels that are open longest; the last percent may clip and be marked.
+        shares = np.tensordot(weights, settings.masks.astype(np.float32) / top, axes=1)
+        open_s = sequence.exposure_s * float(np.quantile(shares[shares > 0], BRIGHT_SHARE)) if shares.any() else 0.0
     charge = rate * open_s
     well = setup.full_well_e
     return [
         Figure(
-            "brightest pixel",
+            "bright pixels of a white scene",
             f"{charge:.0f} e-",
             f"at most the full well of {well:.0f} e-" if well else "",
             broken=well is not None and charge > well,

@@ -143,9 +143,7 @@ class SysPort(Protocol):
 
 
 @contextmanager
-def port_errors(
-    device: str, asked: str, *, timeout_s: float = 0.0, trigger_index: int | None = None
-) -> Iterator[None]:
+def port_errors(device: str, asked: str, *, timeout_s: float = 0.0, trigger_index: int | None = None) -> Iterator[None]:
     """Turn what a port raises into the typed errors of drivers.
 
     Args:

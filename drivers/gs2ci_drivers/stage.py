@@ -405,9 +405,7 @@ def plan_sweep(device: str, axis: AxisInfo, from_mm: float, to_mm: float, speed_
     if start == stop:
         raise OutOfRangeError(device, "no distance", asked=asked, allowed=f"at least {axis.step_mm:g} mm")
     if not 0 < speed_mm_s <= axis.max_speed_mm_s:
-        raise OutOfRangeError(
-            device, "no such speed", asked=asked, allowed=f"above 0 to {axis.max_speed_mm_s:g} mm/s"
-        )
+        raise OutOfRangeError(device, "no such speed", asked=asked, allowed=f"above 0 to {axis.max_speed_mm_s:g} mm/s")
     speed = axis.quantise_speed_mm_s(speed_mm_s)
     ramp = speed**2 / (2 * axis.acceleration_mm_s2)
     run_up = max(ramp * RAMP_MARGIN, ramp + axis.step_mm)

@@ -137,9 +137,7 @@ class TracedHid:
 
     def write(self, report: bytes, timeout_s: float) -> None:
         """Send one report and note it."""
-        self._trace.note(
-            Call("write", sent=[report]), lambda: self._port.write(report, timeout_s), lambda none: None
-        )
+        self._trace.note(Call("write", sent=[report]), lambda: self._port.write(report, timeout_s), lambda none: None)
 
     def read(self, timeout_s: float) -> bytes:
         """Receive one report and note it."""

@@ -5,8 +5,11 @@ the reconstruction (`gs2ci.commands.reconstruct`). Only `gs2ci.cli` imports this
 """
 
 from pathlib import Path
-from typing import Final
+from typing import Annotated, Final
 
+import tyro
+
+from gs2ci.commands import reconstruct
 from gs2ci.commands.display import open_display
 from gs2ci.core.progress import Progress
 from gs2ci.core.records import Shot
@@ -26,7 +29,7 @@ FULL_WELLS_PER_VIEW: Final = 0.25
 
 
 def run(
-    output: Path = Path("runs/demo"),
+    output: Annotated[Path, tyro.conf.arg(aliases=["-o"])] = Path("runs/demo"),
     *,
     views: int = 8,
     height: int = 272,
@@ -34,10 +37,10 @@ def run(
     parallax_px: float = 12.0,
     seed: int = 0,
 ) -> Path:
-    """Expose a simulated sensor once to a motorcycle behind changing masks.
+    """Expose a simulated sensor once to a motorcycle behind changing masks, and recover what it saw.
 
     Args:
-        output: The run folder.
+        output: The folder for the shot file and the run folder; an earlier demonstration there is replaced.
         views: Masks during the exposure.
         height: Of the measurement, in pixels.
         width: Of the measurement, in pixels.
@@ -45,12 +48,13 @@ def run(
         seed: Of masks and noise.
 
     Returns:
-        The shot file in the run folder.
+        The run folder.
     """
-    output.mkdir(parents=True, exist_ok=True)
     with open_display() as display:
         shot = simulate(views=views, size=(height, width), parallax_px=parallax_px, seed=seed, progress=display)
-    return write_shots(output / "shot.h5", [shot])
+    output.mkdir(parents=True, exist_ok=True)
+    measured = write_shots(output / "shot.h5", [shot])
+    return reconstruct.run(measured, output / "run", overwrite=True)
 
 
 def simulate(*, views: int, size: tuple[int, int], parallax_px: float, seed: int, progress: Progress) -> Shot:

@@ -24,11 +24,6 @@ from gs2ci.evaluate.report import read_report
 REDRAWS_PER_SECOND: Final = 4
 STAGE_WIDTH: Final = 12
 
-_VERDICTS: Final = {
-    "scene": "The scene explains the held-out pixels better than its decode does.",
-    "decode": "The decode explains the held-out pixels better than the scene does, so views.npy and the figures are the "
-    "decode's; what the scene shows is in scene_views.npy.",
-}
 _LABELS: Final = {"heldout": "held-out", "psnr_db": "PSNR"}
 
 
@@ -92,7 +87,7 @@ class PlainDisplay:
             return
         steps = f"{self._done} of {self._total}" if self._total and self._done != self._total else f"{self._done}"
         parts = [f"{self._clock.now_s() - self._began_s:.1f} s"]
-        parts += [f"{steps} step{'s' * (self._done > 1)}"] if self._done else []
+        parts += [f"{steps} step{'' if steps == '1' else 's'}"] if self._done else []
         parts += [self._figures] if self._figures else []
         self._line(f"{self._name}: {', '.join(parts)}")
         self._name = ""
@@ -230,7 +225,7 @@ def print_summary(folder: Path, console: Console | None = None) -> None:
     console.print(table)
     console.print()
     stopped = f"The fit stopped because: {report['stopped_because']}."
-    for note in (stopped, _VERDICTS[report["verdict"]], *report["notes"]):
+    for note in (stopped, *report["notes"]):
         console.print(note, markup=False, highlight=False)
     for name, what in (
         ("overview.png", "look here first"),
@@ -259,9 +254,10 @@ def _summary_rows(report: dict[str, Any]) -> list[tuple[str, str, str]]:
     rows += _trajectory_rows(report["trajectory"])
     residual = report["residual"]
     rows.append(("residual", f"{residual['rms']:.4f} rms", f"{residual['mean_abs']:.4f} mean absolute"))
-    scene, decode = residual["heldout_rms_scene"], residual["heldout_rms_decode"]
-    if scene is not None and decode is not None:
-        rows.append(("held-out", f"{scene:.4f} rms", f"decode {decode:.4f} rms"))
+    heldout = residual["heldout_rms"]
+    if heldout[report["verdict"]] is not None:
+        others = ", ".join(f"{name} {rms:.4f}" for name, rms in heldout.items() if name != report["verdict"])
+        rows.append(("held-out", f"{heldout[report['verdict']]:.4f} rms", others))
     seconds = report["seconds"]
     stages = ", ".join(f"{stage} {seconds[stage]:.1f} s" for stage in ("decode", "geometry", "fit"))
     rows.append(("time", describe_seconds(seconds["total"]), stages))

@@ -79,9 +79,7 @@ def run(
     console = Console()
     if file.name.endswith(".partial"):
         recover(file, out)
-        console.print(
-            f"{count_shots(out)} finished rows of {escape(file.name)} saved in [bold]{escape(str(out))}[/]"
-        )
+        console.print(f"{count_shots(out)} finished rows of {escape(file.name)} saved in [bold]{escape(str(out))}[/]")
         return out
     if masks is not None and masks_file is not None:
         raise InputError(f"masks given twice: {masks_file} and --masks {masks}", remedy="give one of them")
@@ -120,9 +118,7 @@ def _camera(words: tuple[str, ...]) -> Array | None:
     except ValueError:
         values = np.zeros(0)
     if len(values) != 4:
-        raise InputError(
-            f"--intrinsics {' '.join(words)}", allowed="a file, or the four numbers fx fy cx cy in pixels"
-        )
+        raise InputError(f"--intrinsics {' '.join(words)}", allowed="a file, or the four numbers fx fy cx cy in pixels")
     return Array("--intrinsics", values)
 
 

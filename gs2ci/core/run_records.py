@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from gs2ci.core.errors import InputError, NumericsError
 from gs2ci.core.records import F32, F64, check_intrinsics
 
-Verdict = Literal["scene", "decode"]
+Verdict = Literal["refined", "scene", "decode"]
 VERDICTS: Final = get_args(Verdict)
 SECONDS_KEYS: Final = ("total", "decode", "geometry", "fit")
 
@@ -28,7 +28,7 @@ class CurvePoint:
         seconds: Time since the reconstruction began, decode and geometry included.
         iteration: Iterations of the fit done so far.
         loss: The fit's loss on the pixels that it sees.
-        heldout: Root-mean-square residual on the held-out pixels, in the measurement's unit.
+        heldout: Root-mean-square residual on the held-out pixels, in the measurement's unit; None without any.
         psnr_db: Mean PSNR over the views, or None where the truth is not known.
         gaussians: Size of the population.
     """
@@ -36,7 +36,7 @@ class CurvePoint:
     seconds: float
     iteration: int
     loss: float
-    heldout: float
+    heldout: float | None
     psnr_db: float | None
     gaussians: int
 
@@ -46,7 +46,9 @@ class RunResult:
     """Everything a reconstruction found, beside the Gaussians themselves.
 
     Args:
-        views: The scene seen from the N recovered cameras, [N, H, W, C] float32, full scale 1.
+        views: The recovered views: the best of the three that `verdict` may name, [N, H, W, C] float32, full
+            scale 1, not clamped.
+        scene_views: The scene seen from the N recovered cameras, [N, H, W, C] float32.
         depth: Distance along the optical axis, [N, H, W] float32 in scene units, 0 where nothing is seen; None
             where no depth was found.
         world_to_camera: Recovered poses, [N, 4, 4] float64, OpenCV axes.
@@ -68,6 +70,7 @@ class RunResult:
     """
 
     views: F32
+    scene_views: F32
     depth: F32 | None
     world_to_camera: F64
     intrinsics: F64
@@ -81,14 +84,8 @@ class RunResult:
     settings: Mapping[str, Any]
     seed: int
     verdict: Verdict
-    heldout_rms_scene: float | None
-    heldout_rms_decode: float | None
+    heldout_rms: Mapping[Verdict, float | None]
     geometry: Mapping[str, Any] = field(default_factory=dict)
-
-    @property
-    def recovered(self) -> F32:
-        """Get the views that the verdict names, [N, H, W, C]: a result is never worse than its own decode."""
-        return self.views if self.verdict == "scene" else self.decode
 
     def check(self) -> "RunResult":
         """Return self if all parts fit together and hold only finite numbers.
@@ -102,6 +99,7 @@ class RunResult:
         n, height, width, _ = self.views.shape
         wanted: dict[str, tuple[NDArray[Any] | None, tuple[int, ...]]] = {
             "views": (self.views, self.views.shape),
+            "scene_views": (self.scene_views, self.views.shape),
             "depth": (self.depth, (n, height, width)),
             "world_to_camera": (self.world_to_camera, (n, 4, 4)),
             "decode": (self.decode, self.views.shape),

@@ -14,6 +14,7 @@ from typing import Final
 
 import psutil
 
+CPU_LISTING: Final = Path("/proc/cpuinfo")
 REPORTED_PACKAGES: Final = (
     "gs2ci",
     "numpy",
@@ -56,9 +57,8 @@ def peak_mib() -> float:
 
 
 def _processor_name() -> str:
-    listing = Path("/proc/cpuinfo")
-    if listing.is_file():
-        for line in listing.read_text(errors="replace").splitlines():
+    if CPU_LISTING.is_file():
+        for line in CPU_LISTING.read_text(errors="replace").splitlines():
             if line.startswith("model name"):
                 return line.partition(":")[2].strip()
     return platform.processor() or platform.machine()

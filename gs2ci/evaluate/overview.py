@@ -36,7 +36,7 @@ NOTE_LINE: Final = 0.2
 STAT_GAP: Final = 0.5
 CHART_INSET: Final = 0.45
 # Panels have the image's shape as far as these allow; slimmer images stand at the top of theirs.
-PANEL_WIDTHS: Final = (2.8, 4.0)
+PANEL_WIDTHS: Final = (3.4, 4.0)
 PANEL_HEIGHTS: Final = (0.7, 4.6)
 CHART_HEIGHT: Final = 2.2
 MAX_NOTE_LINES: Final = 4
@@ -134,11 +134,13 @@ class _Page:
 
     def shorten(self, text: Text, room: float) -> None:
         """Cut a text with an ellipsis until it is no wider than `room` inches."""
-        whole = text.get_text()
-        for length in range(len(whole) - 1, 0, -1):
-            if self.width_of(text) <= room:
-                return
+        whole, width = text.get_text(), self.width_of(text)
+        # The share that fits is a good first guess; narrow letters at the front may let a few more in.
+        length = len(whole) if width <= room else int(1.2 * len(whole) * room / width)
+        while width > room and length > 0:
+            length -= 1
             text.set_text(whole[:length].rstrip() + "…")
+            width = self.width_of(text)
 
 
 def _header(page: _Page, report: dict[str, Any]) -> None:
@@ -169,28 +171,26 @@ def _headline(report: dict[str, Any]) -> list[tuple[str, str]]:
         stats += [(f"{report['trajectory']['nate']:.4f}", "nATE")]
     if report["psnr_db"] is None:
         stats += [(f"{report['residual']['rms']:.4f}", "residual rms")]
-        heldout = report["residual"]["heldout_rms_" + report["verdict"]]
+        heldout = report["residual"]["heldout_rms"][report["verdict"]]
         stats += [] if heldout is None else [(f"{heldout:.4f}", "held-out rms")]
     return [*stats, (f"{report['seconds']['total']:.0f} s", "in all")]
 
 
-def _image_panels(
-    panel: dict[str, Axes], shot: Shot, result: RunResult, report: dict[str, Any], *, view: int
-) -> None:
+def _image_panels(panel: dict[str, Axes], shot: Shot, result: RunResult, report: dict[str, Any], *, view: int) -> None:
     of_all = f"view {view + 1} of {result.views.shape[0]}"
     bright = max(float(np.percentile(shot.measurement, 99.5)), 1e-6)
     kind = f"{shot.cfa} mosaic" if shot.cfa else "RGB" if shot.channels == 3 else "mono"
     panels.image(panel["measurement"], shot.measurement / np.float32(bright))
     panels.title(panel["measurement"], "Measurement", f"{kind}, white at {bright:.2f}")
     panels.image(panel["decode"], result.decode[view])
-    panels.title(panel["decode"], f"Decode, {of_all}", _decibels(report["decode"], view))
-    panels.image(panel["result"], result.recovered[view])
-    name = "Result" if result.verdict == "scene" else "Result = decode"
-    panels.title(panel["result"], f"{name}, {of_all}", _decibels(report, view))
+    panels.title(panel["decode"], "Decode", of_all + _decibels(report["decode"], view))
+    panels.image(panel["result"], result.views[view])
+    name = "Result = decode" if result.verdict == "decode" else "Result"
+    panels.title(panel["result"], name, of_all + _decibels(report, view))
     if shot.truth.views is not None:
         panels.image(panel["truth"], shot.truth.views[view])
-        panels.title(panel["truth"], f"Truth, {of_all}")
-        _error_panel(panel["error"], result.recovered[view], shot.truth.views[view])
+        panels.title(panel["truth"], "Truth", of_all)
+        _error_panel(panel["error"], result.views[view], shot.truth.views[view])
 
 
 def _error_panel(axes: Axes, recovered: F32, truth: F32) -> None:
@@ -233,8 +233,8 @@ def _curve_panel(axes: Axes, report: dict[str, Any]) -> None:
         name, key, label = "Accuracy against time", "psnr_db", "PSNR, dB"
         decode = report["decode"]["psnr_db"]["mean"]
     else:
-        name, key, label = "Held-out residual against time", "heldout", "held-out residual, rms"
-        decode = report["residual"]["heldout_rms_decode"]
+        name, key, label = "Held-out residual", "heldout", "held-out residual, rms"
+        decode = report["residual"]["heldout_rms"]["decode"]
     panels.title(axes, name)
     rows = [row for row in report["curve"] if row[key] is not None and row["seconds"] > 0]
     if not rows:
@@ -251,7 +251,7 @@ def _inverse(poses: F64) -> F64:
 
 
 def _decibels(scores: dict[str, Any], view: int) -> str:
-    return "" if scores["psnr_db"] is None else f"{scores['psnr_db']['per_view'][view]:.2f} dB"
+    return "" if scores["psnr_db"] is None else f"  ·  {scores['psnr_db']['per_view'][view]:.2f} dB"
 
 
 def _note_lines(notes: list[str], room: float) -> list[str]:

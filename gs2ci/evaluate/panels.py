@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
+from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullLocator
 from numpy.typing import NDArray
@@ -52,8 +53,8 @@ def title(axes: Axes, text: str, figure_of_merit: str = "") -> None:
 def image(axes: Axes, picture: F32) -> None:
     """Show one image [H, W, C], clamped to [0, 1]; one channel is shown grey."""
     shown = np.clip(picture, 0, 1)
-    axes.set_anchor("N")
     axes.imshow(shown[..., 0] if shown.shape[2] == 1 else shown, cmap="gray", vmin=0, vmax=1)
+    _stand_at_top(axes, shown.shape)
     _without_ticks(axes)
 
 
@@ -74,12 +75,11 @@ def scaled_map(
         colormap: Its name in matplotlib.
         reading: What the scale says for a value of the map.
     """
-    axes.set_anchor("N")
-    axes.set_facecolor(HAIRLINE)
-    shown = axes.imshow(values, cmap=colormap, vmin=limits[0], vmax=limits[1])
+    shades = colormaps[colormap].with_extremes(bad=HAIRLINE)
+    shown = axes.imshow(values, cmap=shades, vmin=limits[0], vmax=limits[1])
+    _stand_at_top(axes, values.shape)
     _without_ticks(axes)
-    axes.apply_aspect()
-    height_in = _size_inches(axes)[1]
+    height_in = _size_inches(axes, given=False)[1]
     below = axes.inset_axes((0, -0.2 / height_in, 1, 0.09 / height_in))
     ticks = np.linspace(*limits, 5).tolist()
     bar = axes.figure.colorbar(shown, cax=below, orientation="horizontal", ticks=ticks)
@@ -94,9 +94,7 @@ def scaled_map(
 def message(axes: Axes, text: str) -> None:
     """Say in the middle of a panel why it is empty."""
     axes.set_facecolor(PAPER)
-    axes.annotate(
-        text, (0.5, 0.5), xycoords="axes fraction", ha="center", va="center", fontsize=LABEL_PT, color=MUTED
-    )
+    axes.annotate(text, (0.5, 0.5), xycoords="axes fraction", ha="center", va="center", fontsize=LABEL_PT, color=MUTED)
     _without_ticks(axes)
 
 
@@ -132,9 +130,7 @@ def camera_path(axes: Axes, recovered: F64, truth: F64 | None) -> None:
     axes.legend(loc="lower left", ncols=2, fontsize=TICK_PT, frameon=False, labelcolor=INK, handlelength=1.4)
 
 
-def time_curve(
-    axes: Axes, course: Series, *, label: str, level: tuple[str, float] | None, log_values: bool
-) -> None:
+def time_curve(axes: Axes, course: Series, *, label: str, level: tuple[str, float] | None, log_values: bool) -> None:
     """Draw what was reached against seconds on a logarithmic axis, the last point marked.
 
     Args:
@@ -249,10 +245,19 @@ def _frame_path(axes: Axes, points: F64, size: float) -> None:
     _chart_frame(axes)
 
 
-def _size_inches(axes: Axes) -> tuple[float, float]:
+def _stand_at_top(axes: Axes, shape: tuple[int, ...]) -> None:
+    """Give an image that is slimmer than its panel white margins left and right; let a flatter one end early."""
+    width_in, height_in = _size_inches(axes)
+    margin = max(0.0, (shape[0] * width_in / height_in - shape[1]) / 2)
+    axes.set_xlim(-0.5 - margin, shape[1] - 0.5 + margin)
+    axes.set_anchor("N")
+
+
+def _size_inches(axes: Axes, *, given: bool = True) -> tuple[float, float]:
+    """Measure the place that axes were given, or the part of it that an image in them takes."""
     figure = axes.get_figure(root=True)
     assert figure is not None
-    box, (width, height) = axes.get_position(), figure.get_size_inches()
+    box, (width, height) = axes.get_position(original=given), figure.get_size_inches()
     return float(box.width * width), float(box.height * height)
 
 

@@ -23,9 +23,13 @@ from gs2ci.evaluate.trajectory import trajectory_errors
 SCHEMA: Final = "gs2ci.report/1"
 REPORT_NAME: Final = "report.json"
 
+_DECODE_SENTENCE: Final = (
+    "The scene does not explain the measurement better than the decode does: views.npy and the figures are the "
+    "decode's, what the scene shows is in scene_views.npy."
+)
 _FREE_SENTENCES: Final = {
-    "roll": "The camera path is too straight for its positions to tell the rotation about it; rotation_deg takes "
-    "that roll from the cameras' own orientations.",
+    "roll": "The camera path is too straight for its positions to tell the rotation about it to a degree; "
+    "rotation_deg takes that roll from the cameras' own orientations.",
     "rotation": "A camera that stands still leaves the alignment without scale and rotation; rotation_deg takes "
     "the rotation from the cameras' own orientations, and ate is at the estimate's own scale.",
 }
@@ -34,15 +38,16 @@ _FREE_SENTENCES: Final = {
 def build_report(shot: Shot, result: RunResult) -> dict[str, Any]:
     """Collect the figures of one run; what needs an unknown truth is None.
 
-    `psnr_db`, `ssim` and `residual` speak of the views that the verdict names; `scene` and `decode` of each.
+    `psnr_db`, `ssim` and `residual` speak of the recovered views; `scene` and `decode` of what these two alone give.
 
     Args:
         shot: The measurement, with its truth if there is one.
         result: What was recovered from it.
     """
     n, height, width, channels = result.views.shape
-    scene, decode = (_image_scores(views, shot.truth.views) for views in (result.views, result.decode))
-    recovered = scene if result.verdict == "scene" else decode
+    recovered, scene, decode = (
+        _image_scores(views, shot.truth.views) for views in (result.views, result.scene_views, result.decode)
+    )
     trajectory, sentences = _trajectory(shot, result)
     residual = measurement_residual(result.predicted_measurement, shot.measurement, shot.saturated)
     report = {
@@ -53,15 +58,14 @@ def build_report(shot: Shot, result: RunResult) -> dict[str, Any]:
         "channels": channels,
         "cfa": shot.cfa,
         "verdict": result.verdict,
-        "notes": [*result.notes, *sentences],
+        "notes": [*([_DECODE_SENTENCE] if result.verdict == "decode" else []), *result.notes, *sentences],
         **recovered,
         "scene": scene,
         "decode": decode,
         "trajectory": trajectory,
         "residual": {
             **asdict(residual),
-            "heldout_rms_scene": result.heldout_rms_scene,
-            "heldout_rms_decode": result.heldout_rms_decode,
+            "heldout_rms": dict(result.heldout_rms),
         },
         "seconds": dict(result.seconds),
         "curve": [asdict(point) for point in result.curve],

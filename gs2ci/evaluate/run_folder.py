@@ -6,7 +6,7 @@
       views.npy      the recovered views, [N, H, W, 3] float32, full scale 1, not clamped; mono repeated thrice
       views/         the same as 8-bit pictures, clamped to [0, 1]; mono stays grey
       decode.npy     what the decode alone gave, as views.npy
-      scene_views.npy  what the scene shows, where the verdict prefers the decode
+      scene_views.npy  what the Gaussians alone show, as views.npy
       depth.npy      [N, H, W] float32, scene units, 0 where nothing is seen; absent where no depth was found
       scene.ply      the Gaussians, 3DGS convention
       cameras.json   nerfstudio transforms
@@ -21,29 +21,33 @@ import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import cv2
 import numpy as np
+import torch
 
 from gs2ci.core.errors import StorageError
 from gs2ci.core.records import F32, Shot
 from gs2ci.core.run_records import RunResult
 from gs2ci.evaluate.cameras import nerfstudio_transforms, view_names, write_colmap_model
+from gs2ci.evaluate.overview import write_overview
 from gs2ci.evaluate.report import REPORT_NAME, build_report, read_report
+from gs2ci.render.gaussians import Gaussians
+from gs2ci.render.ply import write_ply
 
 # Enough for a viewer to recognise the scene, few enough for text tools to stay usable.
 COLMAP_POINTS: Final = 10_000
 
 
-def write_run(folder: Path, shot: Shot, result: RunResult, scene: Any, *, overwrite: bool = False) -> Path:
+def write_run(folder: Path, shot: Shot, result: RunResult, scene: Gaussians, *, overwrite: bool = False) -> Path:
     """Write a finished run; the folder appears complete or not at all.
 
     Args:
         folder: Where; parents are made.
         shot: The measurement that was reconstructed.
         result: What was recovered.
-        scene: The Gaussians.
+        scene: The Gaussians, on the CPU.
         overwrite: Replace an earlier run at this place.
 
     Returns:
@@ -54,12 +58,13 @@ def write_run(folder: Path, shot: Shot, result: RunResult, scene: Any, *, overwr
         InputError: Parts of the result do not fit together.
         NumericsError: The result holds numbers that are not finite.
     """
-    folder = Path(folder)
     result.check()
+    folder = Path(folder)
     with whole_folder(folder, overwrite=overwrite) as partial:
         report = build_report(shot, result)
         _write_images(partial, result)
         _write_scene(partial, result, scene)
+        write_overview(partial / "overview.png", shot, result, report)
         (partial / REPORT_NAME).write_text(json.dumps(report, indent=1, allow_nan=False) + "\n", encoding="utf-8")
     return folder
 
@@ -70,7 +75,7 @@ def check_destination(folder: Path, *, overwrite: bool = False) -> None:
     Raises:
         StorageError: The place holds a file, an earlier run that may not be replaced, or a folder that is no run.
     """
-    if not folder.exists() and not folder.is_symlink():
+    if not folder.exists():
         return
     if not folder.is_dir():
         raise StorageError(f"{folder} is not a folder", remedy="choose another place with -o")
@@ -100,8 +105,11 @@ def whole_folder(folder: Path, *, overwrite: bool = False) -> Iterator[Path]:
         StorageError: See `check_destination`; or the disk refuses.
     """
     check_destination(folder, overwrite=overwrite)
+    folder = folder.resolve()
     partial = folder.parent / f".{folder.name}.{os.getpid()}.partial"
     try:
+        # One of this name can only be the rest of a killed process whose number came round again.
+        shutil.rmtree(partial, ignore_errors=True)
         partial.mkdir(parents=True)
         yield partial
         _swap_in(partial, folder)
@@ -129,33 +137,30 @@ def _swap_in(partial: Path, folder: Path) -> None:
 
 
 def _write_images(folder: Path, result: RunResult) -> None:
-    np.save(folder / "views.npy", _three_channels(result.recovered))
+    np.save(folder / "views.npy", _three_channels(result.views))
     np.save(folder / "decode.npy", _three_channels(result.decode))
-    if result.verdict == "decode":
-        np.save(folder / "scene_views.npy", _three_channels(result.views))
+    np.save(folder / "scene_views.npy", _three_channels(result.scene_views))
     if result.depth is not None:
         np.save(folder / "depth.npy", result.depth.astype(np.float32))
     pictures = folder / "views"
     pictures.mkdir()
-    for name, view in zip(view_names(len(result.recovered)), result.recovered, strict=True):
+    for name, view in zip(view_names(len(result.views)), result.views, strict=True):
         eight_bit = np.round(255 * np.clip(view, 0, 1)).astype(np.uint8)
         if not cv2.imwrite(str(pictures / name), eight_bit[..., ::-1]):
             raise StorageError(f"{name} cannot be written", remedy="check the free space and the permissions")
 
 
-def _write_scene(folder: Path, result: RunResult, scene: Any) -> None:
-    from gs2ci.render.ply import write_ply  # noqa: PLC0415
-
+def _write_scene(folder: Path, result: RunResult, scene: Gaussians) -> None:
     size = (int(result.views.shape[1]), int(result.views.shape[2]))
     write_ply(folder / "scene.ply", scene)
     transforms = nerfstudio_transforms(result.world_to_camera, result.intrinsics, size)
-    (folder / "cameras.json").write_text(
-        json.dumps(transforms, indent=1, allow_nan=False) + "\n", encoding="utf-8"
-    )
+    (folder / "cameras.json").write_text(json.dumps(transforms, indent=1, allow_nan=False) + "\n", encoding="utf-8")
     model = folder / "colmap" / "sparse" / "0"
     model.mkdir(parents=True)
-    points = np.zeros((0, 3), np.float32)
-    write_colmap_model(model, result.world_to_camera, result.intrinsics, size, points=points, colors=points)
+    # The most opaque Gaussians show where the surfaces are; a stable order keeps equal ones reproducible.
+    keep = torch.argsort(scene.opacity_logits.detach(), descending=True, stable=True)[:COLMAP_POINTS]
+    points, colors = (tensor.detach()[keep].float().numpy() for tensor in (scene.means, scene.colours))
+    write_colmap_model(model, result.world_to_camera, result.intrinsics, size, points=points, colors=colors)
 
 
 def _three_channels(views: F32) -> F32:

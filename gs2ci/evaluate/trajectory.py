@@ -187,10 +187,8 @@ def _fit_positions(source: F64, target: F64) -> _PositionFit | None:
     handed_u, handed_v = np.sign(np.linalg.det(u)), np.sign(np.linalg.det(vt))
     target_axes, source_axes = u * (1, 1, handed_u), vt.T * (1, 1, handed_v)
     spread = spread * (1, 1, handed_u * handed_v)
-    scale = float(spread.sum() / np.mean(np.sum(a**2, axis=1)))
-    if scale <= 0:
-        # Only a path uncorrelated with the true one gets here: no similarity explains any of it.
-        return None
+    # A path without any correlation with the true one is best shrunk to a point, but a scale stays above 0.
+    scale = max(float(spread.sum() / np.mean(np.sum(a**2, axis=1))), float(np.finfo(np.float64).tiny))
     rms = _rms_length(scale * a @ (target_axes @ source_axes.T).T - b)
     # The squared error grows as 2 N s (S₁ + S₂)(1 − cos roll): with rms²/3 per axis this is the roll's variance.
     grip = scale * len(a) * max(float(spread[1] + spread[2]), 0.0)

@@ -168,9 +168,7 @@ def _header_lines(path: Path, file: IO[bytes]) -> list[list[str]]:
             return lines
 
 
-def _parse_elements(
-    path: Path, lines: list[list[str]]
-) -> tuple[str, list[tuple[str, int, list[tuple[str, str]]]]]:
+def _parse_elements(path: Path, lines: list[list[str]]) -> tuple[str, list[tuple[str, int, list[tuple[str, str]]]]]:
     layout = ""
     elements: list[tuple[str, int, list[tuple[str, str]]]] = []
     for words in lines:
@@ -215,7 +213,7 @@ def _read_text(path: Path, file: IO[bytes], header: _Header) -> NDArray[Any]:
             table[row] = tuple(float(word) for word in words)
         except ValueError as error:
             raise InputError(
-                f"{path}: Gaussian {row} of {header.count} reads {b' '.join(words)[:80]!r}",
+                f"{path}: Gaussian {row} of {header.count} reads {b' '.join(words)[:80].decode('latin-1')!r}",
                 allowed=f"{len(header.properties)} numbers in a line",
                 remedy="copy or export the file again",
             ) from error

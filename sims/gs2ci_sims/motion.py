@@ -103,9 +103,7 @@ class AxisMotion:
     def stop(self, now_s: float) -> float:
         """Brake to rest; return when it rests."""
         speed = self.speed_at(now_s)
-        return self._run(
-            [(-copysign(self.acceleration_mm_s2, speed), abs(speed) / self.acceleration_mm_s2)], now_s
-        )
+        return self._run([(-copysign(self.acceleration_mm_s2, speed), abs(speed) / self.acceleration_mm_s2)], now_s)
 
     def halt(self, now_s: float) -> None:
         """Stand still at once: a stall, an end stop, a power cut."""

@@ -248,9 +248,7 @@ def test_impossible_numbers_of_buffers_and_frames_are_refused(bench: Bench, conf
     info = bench.sensor.connect()
     mode = next(iter(info.triggers))
     with pytest.raises(OutOfRangeError, match="buffers >= 1"):
-        bench.sensor.configure(
-            SensorConfig(buffers=config.buffers, warm_up_frames=config.warm_up_frames, trigger=mode)
-        )
+        bench.sensor.configure(SensorConfig(buffers=config.buffers, warm_up_frames=config.warm_up_frames, trigger=mode))
 
 
 def test_a_format_that_is_not_there_is_refused_with_those_that_are(bench: Bench) -> None:

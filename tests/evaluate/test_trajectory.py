@@ -45,9 +45,7 @@ SHIFT = np.array([3.0, -2.0, 0.5])
 def test_a_path_in_another_world_has_no_error(seed, scale, count):
     rng = np.random.default_rng(seed)
     path = bent_path(count, seed)
-    errors = trajectory_errors(
-        in_another_world(path, scale, Rotation.random(rng=rng), rng.standard_normal(3)), path
-    )
+    errors = trajectory_errors(in_another_world(path, scale, Rotation.random(rng=rng), rng.standard_normal(3)), path)
     assert errors.ate == pytest.approx(0, abs=1e-9)
     assert errors.rotation_deg == pytest.approx(0, abs=1e-6)
     assert errors.rpe_t == pytest.approx(0, abs=1e-9)
@@ -99,6 +97,16 @@ def test_a_camera_that_stands_still_is_aligned_by_its_orientations(moving):
 
 def straight_centers(count):
     return np.linspace(-1, 1, count)[:, None] * [1.0, 0.0, 0.0]
+
+
+def test_a_path_without_any_correlation_is_as_bad_as_no_motion():
+    estimate = poses(np.array([1.0, -1.0, 1.0, -1.0])[:, None] * [1.0, 0.0, 0.0])
+    truth = poses(np.array([1.0, 1.0, -1.0, -1.0])[:, None] * [1.0, 0.0, 0.0])
+    assert align(estimate, truth).scale > 0
+    errors = trajectory_errors(estimate, truth)
+    assert errors.ate == pytest.approx(1.0)
+    assert errors.nate == pytest.approx(0.5)
+    assert errors.rotation_deg == pytest.approx(0, abs=1e-9)
 
 
 def test_a_single_view_has_no_path():

@@ -3,8 +3,8 @@
 Here: slots, grey levels, the host's timetable. Not here: the exchange (`link`), the bytes (`packets`).
 `gs2ci.rig`, the contract suite and tests import this file.
 
-Masks lie in the panel's memory slots; the host shows them one by one (`wait_done` keeps the timetable), and the
-panel pulses its trigger output at each change. Between masks and after disarming it shows its dark level.
+Masks lie in the panel's memory slots; the host shows them one by one (`keep_time`, `wait_done`), and the panel
+pulses its trigger output at each change. Between masks and after disarming it shows its dark level.
 """
 
 from dataclasses import dataclass
@@ -32,6 +32,8 @@ from gs2ci_drivers.ports import BytePort
 _IMAGE_S: Final = 0.15
 _COMMAND_S: Final = 0.02
 _STEP_S: Final = 1e-3
+# Sums of the same times in another order differ by rounding; the host keeps no microseconds.
+_SAME_TIME_S: Final = 1e-6
 _MAX_EXPOSURE_S: Final = 60.0
 _DEPTHS: Final = (1, 8, 10)
 _PITCH_M: Final = 8e-6
@@ -75,9 +77,7 @@ class DisplaySlm(Modulator):
         settings: From the rig file.
     """
 
-    def __init__(
-        self, name: str, port: BytePort, clock: Clock, settings: DisplaySlmSettings | None = None
-    ) -> None:
+    def __init__(self, name: str, port: BytePort, clock: Clock, settings: DisplaySlmSettings | None = None) -> None:
         super().__init__(name, clock)
         self.settings = settings or DisplaySlmSettings()
         self._link = SlmLink(name, port, clock)
@@ -163,21 +163,29 @@ class DisplaySlm(Modulator):
     def _is_last(self, sequence: PatternSequence, change: int) -> bool:
         return sequence.repeats > 0 and change + 1 >= 2 * sequence.count * sequence.repeats
 
+    def _do_keep_time(self, until_s: float) -> None:
+        sequence = self._running
+        while sequence is not None and self._is_unfinished(sequence):
+            due_s = self._change_s(sequence, self._next_change)
+            if due_s > until_s + _SAME_TIME_S:
+                break
+            self.clock.sleep_s(due_s - self.clock.now_s())
+            self._step(sequence)
+        self.clock.sleep_s(until_s - self.clock.now_s())
+
+    def _is_unfinished(self, sequence: PatternSequence) -> bool:
+        return sequence.repeats == 0 or self._next_change < 2 * sequence.count * sequence.repeats
+
     def _do_wait_done(self, timeout_s: float) -> None:
         sequence = self._running
         if sequence is None:
             return
         deadline_s = self.clock.now_s() + timeout_s
-        while sequence.repeats == 0 or self._next_change < 2 * sequence.count * sequence.repeats:
-            due_s = self._change_s(sequence, self._next_change)
-            if due_s > deadline_s:
-                self.clock.sleep_s(deadline_s - self.clock.now_s())
-                raise NoAnswerError(
-                    self.name, "wait for the end of the sequence", timeout_s, remedy="wait longer or disarm"
-                )
-            self.clock.sleep_s(due_s - self.clock.now_s())
-            self._step(sequence)
-        self.clock.sleep_s(self._began_s + sequence.duration_s - self.clock.now_s())
+        self._do_keep_time(min(self._began_s + sequence.duration_s, deadline_s))
+        if self._is_unfinished(sequence):
+            raise NoAnswerError(
+                self.name, "wait for the end of the sequence", timeout_s, remedy="wait longer or disarm"
+            )
         self._running = None
 
     def _do_disarm(self) -> None:

@@ -52,7 +52,7 @@ class SlmLink:
         """Send frames of any kind and wait for the panel's word; raises as `ask`."""
         self._drain(asked)
         self._unsure = True  # until its word is here, a late one could be taken for the next command's
-        with port_errors(self._name, asked):
+        with port_errors(self._name, asked, timeout_s=WRITE_TIMEOUT_S):
             self._port.write(frames, WRITE_TIMEOUT_S)
         begin_s = self._clock.now_s()
         limit_s = COMMAND_TIMEOUT_S
@@ -75,7 +75,7 @@ class SlmLink:
     def _status(self, asked: str) -> str:
         buffer = b""
         deadline_s = self._clock.now_s() + STATUS_TIMEOUT_S
-        with port_errors(self._name, asked):
+        with port_errors(self._name, asked, timeout_s=WRITE_TIMEOUT_S):
             self._port.write(status_request(), WRITE_TIMEOUT_S)
             while True:
                 left_s = deadline_s - self._clock.now_s()
@@ -93,7 +93,7 @@ class SlmLink:
     def _drain(self, asked: str) -> None:
         if self._unsure:
             self._clock.sleep_s(STATUS_TIMEOUT_S)  # let what is late arrive, to be thrown away
-        with port_errors(self._name, asked):
+        with port_errors(self._name, asked, timeout_s=WRITE_TIMEOUT_S):
             for _ in range(_MAX_STALE_BLOCKS):
                 if not self._port.read(_BLOCK_BYTES, 0.0):
                     return

@@ -82,9 +82,7 @@ class Channel:
         if reply.refused:
             self._raise_refusal(asked)
         if len(reply.data) < length:
-            raise BadReplyError(
-                self.device, asked, reply.data, f"{len(reply.data)} bytes", allowed=f"{length} bytes"
-            )
+            raise BadReplyError(self.device, asked, reply.data, f"{len(reply.data)} bytes", allowed=f"{length} bytes")
         return reply.data
 
     def write(self, command: Command, data: bytes, asked: str) -> None:
@@ -96,9 +94,7 @@ class Channel:
         if self._exchange(write_request(command, data, self._next_sequence()), asked).refused:
             self._raise_refusal(asked)
 
-    def stream(
-        self, command: Command, payloads: Sequence[bytes], asked: str, on_sent: Callable[[int], None]
-    ) -> None:
+    def stream(self, command: Command, payloads: Sequence[bytes], asked: str, on_sent: Callable[[int], None]) -> None:
         """Send many payloads of a command that is never acknowledged; `on_sent(n)` after each, n bytes in all.
 
         Raises:
@@ -107,7 +103,7 @@ class Channel:
         """
         assert command in NEVER_ACKNOWLEDGED, command
         sent = 0
-        with port_errors(self.device, asked):
+        with port_errors(self.device, asked, timeout_s=self._write_timeout_s):
             for payload in payloads:
                 self._send(write_request(command, payload, self._next_sequence(), acknowledge=False))
                 sent += len(payload)
@@ -138,7 +134,7 @@ class Channel:
         """
         code, text = self.take_error()
         if code:
-            self._raise_code(asked, code, text)
+            self._raise_code(asked, code, text, remedy="upload again: what arrived is not what was sent")
 
     def drain(self, asked: str) -> None:
         """Throw away what an interrupted exchange left in the device, in both directions.
@@ -147,7 +143,7 @@ class Channel:
             BadReplyError: The device does not stop sending.
             NoAnswerError, DisconnectedError: As `stream`.
         """
-        with port_errors(self.device, asked):
+        with port_errors(self.device, asked, timeout_s=self._write_timeout_s):
             while self._unsent_reports:
                 # The device still waits for the rest of a message that we gave up: end it.
                 self._port.write(bytes(HID_REPORT_BYTES), self._write_timeout_s)
@@ -166,12 +162,17 @@ class Channel:
         reports = split_reports(message)
         self._unsent_reports = len(reports)
         for report in reports:
-            self._port.write(report, self._write_timeout_s)
+            try:
+                self._port.write(report, self._write_timeout_s)
+            except OSError:
+                if self._unsent_reports == len(reports):
+                    self._unsent_reports = 0  # the device has seen none of it
+                raise
             self._unsent_reports -= 1
 
     def _exchange(self, message: bytes, asked: str) -> Reply:
         self.drain(asked)
-        with port_errors(self.device, asked):
+        with port_errors(self.device, asked, timeout_s=self._write_timeout_s):
             self._send(message)
             return self._await_reply(message, asked)
 
@@ -208,7 +209,10 @@ class Channel:
         code, text = self.take_error()
         self._raise_code(asked, code, text)
 
-    def _raise_code(self, asked: str, code: int, text: str) -> None:
+    def _raise_code(self, asked: str, code: int, text: str, remedy: str = "") -> None:
         known = describe_error(code)
-        meaning = f"{known.meaning}: {text}" if text and text.lower() != known.meaning else known.meaning
-        raise RefusedError(self.device, asked, code, meaning, remedy=known.remedy)
+        # Some refusals leave the register empty, and the device's words often repeat the manual's.
+        meaning = known.meaning if code else "no reason given"
+        if text and text.lower() != meaning:
+            meaning += f": {text}"
+        raise RefusedError(self.device, asked, code, meaning, remedy=remedy or known.remedy)

@@ -8,7 +8,6 @@ the last to the first, entry count again. TRIG_OUT_2 carries the pulses (one per
 TRIG_OUT_1 the gate. Connecting only reads.
 """
 
-from functools import partial
 from typing import Final
 
 from gs2ci.core.clock import Clock
@@ -37,6 +36,7 @@ from gs2ci_drivers.failures import (
     RefusedError,
     SequenceError,
     UnsupportedError,
+    WrongStateError,
 )
 from gs2ci_drivers.modulator import (
     Modulator,
@@ -61,6 +61,8 @@ _EXCHANGE_JITTER_S: Final = 5e-3
 # Settings and their answers beside the image data: two 1 ms frames each, per entry and some twenty once.
 _EXCHANGE_S: Final = 2e-3
 _FIXED_EXCHANGES: Final = 20
+# The start command on the wire and its answer; captures learn the real figure from their first frame.
+_TYPICAL_START_S: Final = 5e-3
 
 
 class Dlpc900(Modulator):
@@ -85,6 +87,7 @@ class Dlpc900(Modulator):
             name, port, clock, incidents=self.incidents, reply_timeout_s=self.settings.reply_timeout_s
         )
         self._dual = False
+        self._model = timing.MODELS[timing.DmdType.DLP6500]  # until connect has asked
         self._images: ImageSet | None = None
         self._on_device = b""
         self._started_s = 0.0
@@ -104,6 +107,20 @@ class Dlpc900(Modulator):
             self._check_blocks(quantised, *self.settings.blocks)
         return quantised
 
+    def explain_pulses(self, counted: int) -> str:
+        """Say what a wrong number of pulses on TRIG_OUT_2 during one run means; empty when it is right.
+
+        Firmware revisions disagree on what the number of masks in a run counts; only counting shows which one
+        this board has.
+
+        Raises:
+            WrongStateError: No sequence is loaded.
+        """
+        if self.loaded is None:
+            raise WrongStateError(self.name, "no sequence is loaded", asked="explain pulses")
+        fires = sum(entry.trigger_out_2 for entry in lut_entries(self.loaded))
+        return self._profile.explain_pulses(self.loaded.count, self.loaded.repeats, fires, counted)
+
     def _check_gate(self, sequence: PatternSequence) -> None:
         if sequence.dark_s > 0 or (sequence.repeats != 1 and sequence.pause_s == 0):
             raise OutOfRangeError(
@@ -115,8 +132,7 @@ class Dlpc900(Modulator):
             )
 
     def _check_blocks(self, sequence: PatternSequence, first: int, last: int) -> None:
-        info = self.info
-        rows = info.height // timing.MODELS[self._dmd_type].blocks
+        rows = self._model.height // self._model.blocks
         outside = sequence.masks[:, : first * rows].any() or sequence.masks[:, (last + 1) * rows :].any()
         if outside:
             raise OutOfRangeError(
@@ -142,11 +158,11 @@ class Dlpc900(Modulator):
             )
         versions = Versions.decode(channel.read(Command.VERSIONS, "read the firmware version", length=16))
         self._dual = HardwareStatus.decode(channel.read(Command.HARDWARE_STATUS, "read status")).dual_controller
-        self._dmd_type = timing.DmdType(type_number)
+        self._model = timing.MODELS[timing.DmdType(type_number)]
         return self._describe(f"{versions.application} {tag}".strip())
 
     def _describe(self, version: str) -> ModulatorInfo:
-        model = timing.MODELS[self._dmd_type]
+        model = self._model
         if self.settings.blocks is None:
             shortest = {bits: timing.min_exposure_us(model, bits) for bits in range(1, 9)}
         else:
@@ -166,6 +182,7 @@ class Dlpc900(Modulator):
             capacity={bits: timing.max_patterns(model, bits) for bits in shortest},
             trigger_outs=frozenset(TriggerOut),
             trigger_delay_s=self.settings.trigger_out_2.rise_us * _US,
+            typical_start_s=_TYPICAL_START_S,
         )
 
     def _do_upload_eta_s(self, sequence: PatternSequence) -> float:
@@ -197,9 +214,10 @@ class Dlpc900(Modulator):
         return 0 if keep else images.total_bytes
 
     def _wake(self) -> None:
-        """Leave standby and mirror idling: an upload is a request to use the device."""
+        """Leave standby, parking and mirror idling: an upload is a request to use the device."""
         channel = self._channel
-        if channel.read(Command.POWER_MODE, "read the power mode")[0] == PowerMode.STANDBY:
+        standby = channel.read(Command.POWER_MODE, "read the power mode")[0] == PowerMode.STANDBY
+        if standby or MainStatus.decode(channel.read(Command.MAIN_STATUS, "read the status")).parked:
             channel.write(Command.POWER_MODE, bytes([PowerMode.NORMAL]), "leave standby")
             self.clock.sleep_s(self.settings.wake_s)
         if channel.read(Command.IDLE_MODE, "read the idle mode")[0]:
@@ -224,22 +242,19 @@ class Dlpc900(Modulator):
 
     def _send_count(self, sequence: PatternSequence) -> None:
         count = self._profile.count(sequence.count, sequence.repeats)
-        self._channel.write(
-            Command.LUT_CONFIG, encode_lut_config(sequence.count, count), "set the number of masks"
-        )
+        self._channel.write(Command.LUT_CONFIG, encode_lut_config(sequence.count, count), "set the number of masks")
 
     def _send_images(self, images: ImageSet, progress: UploadProgress) -> None:
-        done = 0
+        shares = _Shares(progress, images.total_bytes)
         for index, secondary, block in images.in_order():
             asked = f"load image {index}" + (", right half" if secondary else "")
             start = Command.IMAGE_START_SECONDARY if secondary else Command.IMAGE_START
             data = Command.IMAGE_DATA_SECONDARY if secondary else Command.IMAGE_DATA
-            share = partial(_report_share, progress, done, images.total_bytes)
             self._channel.write(start, encode_image_start(index, len(block)), asked)
-            self._channel.stream(data, encode_image_chunks(block), asked, share)
+            self._channel.stream(data, encode_image_chunks(block), asked, shares.sent)
             # Image data is never acknowledged; only the register tells whether it was understood.
             self._channel.check_error(asked)
-            done += len(block)
+            shares.finish(len(block))
 
     def _do_arm(self, sequence: PatternSequence) -> None:
         self._stop()
@@ -260,13 +275,15 @@ class Dlpc900(Modulator):
                 self.name,
                 asked,
                 ["mirrors are parked"],
-                remedy="wake the controller (power mode normal), check its supply, then upload again",
+                remedy="check the controller's supply, then upload again: that wakes it",
             )
 
     def _do_start(self, sequence: PatternSequence) -> None:
         self._started_s = self.clock.now_s()
+        # A device that does not start may have lost its images: until it has, do not count on them.
+        images, self._on_device = self._on_device, b""
         self._channel.write(Command.PATTERN_CONTROL, bytes([PatternControl.START]), "start the sequence")
-        self._running = sequence
+        self._on_device, self._running = images, sequence
         if sequence.duration_s > _SEEN_RUNNING_FROM_S and not self._is_running("start the sequence"):
             self._raise_stopped("start the sequence")
 
@@ -310,13 +327,19 @@ class Dlpc900(Modulator):
         self._stop()
 
     def _stop(self) -> None:
-        """Stop the sequence and see it stopped; a device without a pattern mode has nothing to stop."""
+        """Stop the sequence and see it stopped; a device that is in no pattern mode has nothing to stop."""
         asked = "stop the sequence"
-        try:
-            self._channel.write(Command.PATTERN_CONTROL, bytes([PatternControl.STOP]), asked)
-        except RefusedError as error:
-            if error.code != _NOT_ALLOWED:
-                raise
+        for last in (False, True):
+            try:
+                self._channel.write(Command.PATTERN_CONTROL, bytes([PatternControl.STOP]), asked)
+                break
+            except RefusedError as error:
+                if error.code == _NOT_ALLOWED:
+                    break
+                if last:
+                    raise
+                # What was refused may be an image load that broke off before; that is over now.
+                self.incidents.append(f"{error}; asked again")
         deadline_s = self.clock.now_s() + _STOP_TIMEOUT_S
         while self._is_running(asked):
             if self.clock.now_s() >= deadline_s:
@@ -349,5 +372,23 @@ class Dlpc900(Modulator):
         self._port.close()
 
 
-def _report_share(progress: UploadProgress, done: int, total: int, sent: int) -> None:
-    progress(min((done + sent) / total, 1.0))
+class _Shares:
+    """Turns bytes sent into shares of an upload, reported once per whole percent: a display costs time too."""
+
+    def __init__(self, progress: UploadProgress, total_bytes: int) -> None:
+        self._progress = progress
+        self._total_bytes = total_bytes
+        self._finished_bytes = 0
+        self._percent = 0
+
+    def sent(self, of_block: int) -> None:
+        """Note how many bytes of the present block are out."""
+        # A chunk carries its own two-byte count, hence the cap.
+        share = min((self._finished_bytes + of_block) / self._total_bytes, 1.0)
+        if int(100 * share) > self._percent:
+            self._percent = int(100 * share)
+            self._progress(share)
+
+    def finish(self, block_bytes: int) -> None:
+        """Note that a block is out."""
+        self._finished_bytes += block_bytes

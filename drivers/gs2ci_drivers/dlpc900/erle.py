@@ -185,12 +185,13 @@ def _take_token(stream: U8, at: int) -> tuple[int, int, int]:
     if stream[at] != 0:
         count, at = _take_count(stream, at)
         return _REPEAT, count, at
-    count, at = _take_count(stream, at + 1)
-    if count == 0:
-        return _END_ROW, 0, at
-    if count == 1:
-        count, at = _take_count(stream, at)
+    at += 1
+    if at < stream.shape[0] and stream[at] == 0:
+        return _END_ROW, 0, at + 1
+    if at < stream.shape[0] and stream[at] == 1:
+        count, at = _take_count(stream, at + 1)
         return _COPY, count, at
+    count, at = _take_count(stream, at)
     return _LITERAL, count, at
 
 

@@ -149,9 +149,7 @@ def _encode_plain(words: U32) -> bytes:
 def _decode_plain(stream: bytes, width: int, height: int) -> U32:
     stride = -(-3 * width // _ROW_ALIGNMENT) * _ROW_ALIGNMENT
     if len(stream) != stride * height:
-        raise PatternImageError(
-            f"an uncompressed image of {len(stream)} bytes", allowed=f"{stride * height} bytes"
-        )
+        raise PatternImageError(f"an uncompressed image of {len(stream)} bytes", allowed=f"{stride * height} bytes")
     pixels = np.frombuffer(stream, np.uint8).reshape(height, stride)[:, : 3 * width].reshape(height, width, 3)
     wide = pixels.astype(np.uint32)
     return np.asarray(wide[..., 0] << 16 | wide[..., 1] << 8 | wide[..., 2], dtype=np.uint32)

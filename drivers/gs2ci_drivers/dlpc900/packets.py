@@ -90,9 +90,7 @@ ERROR_CODES: Final[dict[int, ErrorCode]] = {
     10: ErrorCode("bit depth out of range", "use 1 to 8 bits per mask"),
     11: ErrorCode("pattern image not in flash", "select pattern-on-the-fly mode"),
     12: ErrorCode("dark time out of range", "change dark_s"),
-    13: ErrorCode(
-        "signal delay out of range", "keep trigger delays within -20 to 20000 µs, pulses at least 20 µs"
-    ),
+    13: ErrorCode("signal delay out of range", "keep trigger delays within -20 to 20000 µs, pulses at least 20 µs"),
     14: ErrorCode("exposure time out of range", "raise exposure_s to the minimum for this bit depth"),
     15: ErrorCode("pattern number out of range", "use fewer masks"),
     16: ErrorCode("invalid pattern definition", _AGAIN),
@@ -166,9 +164,7 @@ def reply_reports(first_report: bytes) -> int:
         MalformedReplyError: Too short for a header, or more is announced than the device's buffer holds.
     """
     if len(first_report) < 4:
-        raise MalformedReplyError(
-            f"a reply of {len(first_report)} bytes has no header", allowed="at least 4 bytes"
-        )
+        raise MalformedReplyError(f"a reply of {len(first_report)} bytes has no header", allowed="at least 4 bytes")
     length = int.from_bytes(first_report[2:4], "little")
     if length > MAX_REPLY_BYTES:
         raise MalformedReplyError(

@@ -87,9 +87,7 @@ def encode_trigger_in_1(delay_us: int = 105, *, falling: bool = False) -> bytes:
         InputError: The delay is below 104 µs or above 16 bits.
     """
     if not MIN_TRIGGER_IN_DELAY_US <= delay_us <= 0xFFFF:
-        raise InputError(
-            f"trigger input 1: delay_us = {delay_us}", allowed=f"{MIN_TRIGGER_IN_DELAY_US} to {0xFFFF} µs"
-        )
+        raise InputError(f"trigger input 1: delay_us = {delay_us}", allowed=f"{MIN_TRIGGER_IN_DELAY_US} to {0xFFFF} µs")
     return struct.pack("<HB", delay_us, int(falling))
 
 

@@ -16,6 +16,7 @@ from gs2ci_drivers.failures import (
     MoveFailedError,
     NoAnswerError,
     ReferenceLostError,
+    RefusedError,
     UnsupportedError,
 )
 from gs2ci_drivers.grbl.link import GrblLink
@@ -33,6 +34,7 @@ FEED_STEP_MM_MIN = 0.001
 ARRIVAL_STEPS = 1.0
 REPORT_STEP_MM = 0.001
 """Reports carry three decimals."""
+LOCKED_OUT = 9
 MM_PER_INCH = 25.4
 NUMBERS_NEEDED = (13, 22, 100, 110, 120, 130)
 RESETTING_ALARMS = frozenset({1, 2, 3, 6, 7, 8, 9})
@@ -120,9 +122,7 @@ class GrblStage(Stage):
 
     def _do_wait_idle(self, timeout_s: float) -> None:
         asked = f"move to {self._targets} mm" if self._targets else "wait"
-        self._wait_until_idle(timeout_s, asked)
-        self._link.command("G4 P0.01", SYNC_TIMEOUT_S)
-        status = self._wait_until_idle(timeout_s, asked)
+        status = self._wait_until_synchronised(timeout_s, asked)
         targets, self._targets = self._targets, {}
         here = self._positions(status)
         for axis, target in targets.items():
@@ -171,6 +171,23 @@ class GrblStage(Stage):
 
     def _do_close(self) -> None:
         self._link.close()
+
+    def _wait_until_synchronised(self, timeout_s: float, asked: str) -> Status:
+        """Wait until the planner is empty: Idle, then a dwell that is acknowledged, then Idle."""
+        begin_s = self.clock.now_s()
+        while True:
+            left_s = begin_s + timeout_s - self.clock.now_s()
+            self._wait_until_idle(left_s, asked)
+            try:
+                self._link.command("G4 P0.01", SYNC_TIMEOUT_S)
+            except RefusedError as error:
+                # Locked out although Idle was reported: it is still jogging (grbl issue 1115).
+                if error.code != f"error:{LOCKED_OUT}" or self.clock.now_s() - begin_s >= timeout_s:
+                    raise
+                self.incidents.append(f"{self.name}: Idle was reported early")
+                self.clock.sleep_s(POLL_S)
+            else:
+                return self._wait_until_idle(left_s, asked)
 
     def _wait_until_idle(self, timeout_s: float, asked: str) -> Status:
         begin_s = self.clock.now_s()

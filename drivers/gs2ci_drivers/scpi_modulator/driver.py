@@ -45,8 +45,8 @@ _STATES: Final = {
     "FAULT": ModulatorState.FAULT,
 }
 # A command and its reply on the line, and the device's own time for it.
-_EXCHANGE_BYTES: Final = 60
-_EXCHANGE_S: Final = 5e-3
+_EXCHANGE_BYTES: Final = 40
+_EXCHANGE_S: Final = 2e-3
 
 
 @dataclass(frozen=True)
@@ -94,6 +94,7 @@ class ScpiModulator(Modulator):
         self._takes_patterns = kind == "PATTERNS"
         height, width = self._integers("MOD:SIZE?", 2)
         depths = self._integers("MOD:DEPTHS?")
+        latency_s = self._integers("MOD:LATENCY?", 1)[0] * _US
         return ModulatorInfo(
             model=f"{identity[0]} {identity[1]}",
             serial=identity[2],
@@ -108,15 +109,20 @@ class ScpiModulator(Modulator):
             capacity={bits: self._integers(f"MOD:CAP? {bits}", 1)[0] for bits in depths},
             trigger_outs=frozenset(_OUTS[out] for out in self._fields("MOD:OUTS?") if out in _OUTS),
             trigger_delay_s=self._integers("MOD:DELAY?", 1)[0] * _US,
-            start_latency_s=self._integers("MOD:LATENCY?", 1)[0] * _US,
+            start_latency_s=latency_s + 2 * self._exchange_s(),
+            typical_start_s=latency_s + self._exchange_s() / 2,
         )
+
+    def _exchange_s(self) -> float:
+        """Return how long a command and its reply take on the line and in the device."""
+        return _EXCHANGE_BYTES * 10 / self.settings.baud + _EXCHANGE_S
 
     def _do_upload_eta_s(self, sequence: PatternSequence) -> float:
         exchanges = 6 + (sequence.count if self._takes_patterns else 0)
-        line_bytes = exchanges * _EXCHANGE_BYTES
+        data_bytes = 0
         if self._takes_patterns:
-            line_bytes += sequence.count * mask_bytes(self.info.height, self.info.width, sequence.bit_depth)
-        return line_bytes * 10 / self.settings.baud + exchanges * _EXCHANGE_S
+            data_bytes = sequence.count * mask_bytes(self.info.height, self.info.width, sequence.bit_depth)
+        return data_bytes * 10 / self.settings.baud + exchanges * self._exchange_s()
 
     def _do_upload(self, sequence: PatternSequence, progress: UploadProgress) -> int:
         self._running = None
@@ -190,9 +196,7 @@ class ScpiModulator(Modulator):
     def _state(self) -> tuple[ModulatorState, str]:
         word, _, fault = self._link.ask("MOD:STATE?").partition(",")
         if word not in _STATES:
-            raise BadReplyError(
-                self.name, "MOD:STATE?", word.encode(), "no such state", allowed=", ".join(_STATES)
-            )
+            raise BadReplyError(self.name, "MOD:STATE?", word.encode(), "no such state", allowed=", ".join(_STATES))
         return _STATES[word], fault.strip('"') or "a fault without a name"
 
     def _choice(self, asked: str, allowed: tuple[str, ...]) -> str:
@@ -205,9 +209,7 @@ class ScpiModulator(Modulator):
         body = self._link.ask(asked)
         fields = [field.strip() for field in body.split(",")]
         if count not in (None, len(fields)):
-            raise BadReplyError(
-                self.name, asked, body.encode(), f"{len(fields)} fields", allowed=f"{count} fields"
-            )
+            raise BadReplyError(self.name, asked, body.encode(), f"{len(fields)} fields", allowed=f"{count} fields")
         return fields
 
     def _integers(self, asked: str, count: int | None = None) -> tuple[int, ...]:

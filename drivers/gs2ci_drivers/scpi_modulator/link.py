@@ -77,7 +77,10 @@ class ScpiLink:
         message = block_request(self._next_tag(), index, data)
         chunks = [message[at : at + _CHUNK_BYTES] for at in range(0, len(message), _CHUNK_BYTES)]
         asked = f"SEQ:DATA {index}"
-        self._checked(self._exchange(chunks, asked), asked)
+        body = self._exchange(chunks, asked)
+        # After a block that it could not read, the device ignores everything up to a silence.
+        self._unsure = body == "ERR"
+        self._checked(body, asked)
 
     def close(self) -> None:
         """Close the port."""
@@ -102,9 +105,7 @@ class ScpiLink:
             try:
                 entry = parse_error(body)
             except MalformedReplyError as error:
-                raise BadReplyError(
-                    self._name, asked, body.encode(), error.problem, allowed=error.allowed
-                ) from error
+                raise BadReplyError(self._name, asked, body.encode(), error.problem, allowed=error.allowed) from error
             if entry[0] == 0:
                 break
             first = first if first[0] else entry

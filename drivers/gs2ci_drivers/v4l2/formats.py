@@ -58,9 +58,7 @@ class PixelFormat:
         return math.ceil(width / pixels) * size
 
 
-def _bayer(
-    bits: int, packing: Packing, codes: dict[CfaPattern, str], bus: dict[CfaPattern, int]
-) -> list[PixelFormat]:
+def _bayer(bits: int, packing: Packing, codes: dict[CfaPattern, str], bus: dict[CfaPattern, int]) -> list[PixelFormat]:
     return [PixelFormat(code, bits, packing, cfa, bus.get(cfa)) for cfa, code in codes.items()]
 
 

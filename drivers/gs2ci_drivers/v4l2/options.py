@@ -83,7 +83,5 @@ class V4l2Options:
             if seconds is not None and not seconds >= 0:
                 raise InputError(f"{key} = {seconds} in [sensor]", allowed="a number of at least 0")
         if "/" in self.trigger_module or not self.trigger_module:
-            raise InputError(
-                f"trigger_module = {self.trigger_module!r} in [sensor]", allowed="a kernel module's name"
-            )
+            raise InputError(f"trigger_module = {self.trigger_module!r} in [sensor]", allowed="a kernel module's name")
         return self

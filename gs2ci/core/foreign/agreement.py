@@ -22,6 +22,8 @@ from gs2ci.core.records import CFA_PATTERNS, F32, F64, CfaPattern
 # they do not.
 FITS: Final = 0.3
 FITS_NOT: Final = 0.1
+# Below so many pixels such correlations come about by chance.
+ENOUGH_PIXELS: Final = 400
 # Relative residuals of Σ M X against the measurement.
 EXPLAINED: Final = 0.1
 UNEXPLAINED: Final = 0.3
@@ -99,6 +101,8 @@ def check_pattern(measurement: Array, masks: Array, image: F64, multiplicity: F6
     Raises:
         InputError: It shows the pattern of masks that are turned.
     """
+    if image.size < ENOUGH_PIXELS:
+        return
     pattern, fine = _fine(multiplicity), _fine(image)
     # Masks that always open the same number of pixels leave no pattern in their sum, a dark scene shows none.
     if pattern.std() < 1e-3 * multiplicity.max() or fine.std() < 1e-6 * np.abs(image).max():
@@ -116,8 +120,7 @@ def check_pattern(measurement: Array, masks: Array, image: F64, multiplicity: F6
                 remedy="turn the masks back and save them again",
             )
     guesses.append(
-        f"WARNING: the measurement shows no trace of these masks (correlation {upright:.2f}): "
-        "do they belong together?"
+        f"WARNING: the measurement shows no trace of these masks (correlation {upright:.2f}): do they belong together?"
     )
 
 
@@ -145,9 +148,7 @@ def doubt_mono(image: F64, guesses: list[str]) -> None:
     # In every Bayer pattern the two greens stand on a diagonal and agree, the other two differ from them.
     for a, b, pair in ((means[0, 0], means[1, 1], "GRBG or GBRG"), (means[0, 1], means[1, 0], "RGGB or BGGR")):
         if abs(a - b) < 0.2 * spread and spread > max(0.1 * means.mean(), 8 * noise):
-            guesses.append(
-                f"WARNING: looks like a colour mosaic ({pair}), taken as mono; if it is one, give --cfa"
-            )
+            guesses.append(f"WARNING: looks like a colour mosaic ({pair}), taken as mono; if it is one, give --cfa")
             return
 
 

@@ -140,9 +140,7 @@ class CaptureHeader:
         """
         self.blank_shot().check()
         if self.rows < 1:
-            raise StorageError(
-                f"a capture of {self.rows} rows", allowed="at least one", remedy="capture something"
-            )
+            raise StorageError(f"a capture of {self.rows} rows", allowed="at least one", remedy="capture something")
         if not (np.isfinite(self.scale_dn) and self.scale_dn > 0 and np.isfinite(self.offset_dn)):
             raise StorageError(
                 f"offset_dn = {self.offset_dn}, scale_dn = {self.scale_dn}",
@@ -225,9 +223,7 @@ def _create_rows(file: h5py.File, header: CaptureHeader) -> None:
     if header.truth_views:
         channels = 3 if header.cfa else header.channels
         stack = (rows, views, height, width, channels)
-        truth = file.create_dataset(
-            "truth/views", stack, header.truth_views, chunks=(1, 1, *stack[2:]), **_packing()
-        )
+        truth = file.create_dataset("truth/views", stack, header.truth_views, chunks=(1, 1, *stack[2:]), **_packing())
         truth.attrs["full_scale"] = 255.0 if header.truth_views == "u1" else 1.0
         file.create_dataset("truth/views_valid", (rows,), "u1")
     for column, dtype in FRAME_COLUMNS.items():

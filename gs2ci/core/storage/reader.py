@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gs2ci.core.errors import Gs2ciError, StorageError
+from gs2ci.core.hdf5 import check_text_heaps
 from gs2ci.core.records import F64, Shot, Truth
 from gs2ci.core.storage.layout import CALIBRATION, NO_MAP, SCHEMA, unpack
 from gs2ci.core.storage.sealing import PARTIAL
@@ -89,6 +90,7 @@ def opened(path: Path, *, unfinished: bool = False) -> Iterator["CaptureFile"]:
             raise StorageError(
                 f"{path}: not an HDF5 file", remedy="turn .npz, .npy or .mat files into a shot with `gs2ci import`"
             )
+        check_text_heaps(path)
         with h5py.File(path, "r") as file:
             capture = CaptureFile(path, file)
             capture.check_kind(unfinished=unfinished)
@@ -129,9 +131,7 @@ class CaptureFile:
         if schema != SCHEMA:
             known = isinstance(schema, str) and schema.startswith("gs2ci.capture/")
             raise StorageError(
-                f"{self.path}: schema {schema!r}"
-                if schema is not None
-                else f"{self.path}: not a gs2ci capture file",
+                f"{self.path}: schema {schema!r}" if schema is not None else f"{self.path}: not a gs2ci capture file",
                 allowed=f"schema {SCHEMA}",
                 remedy="read it with the newer gs2ci that wrote it" if known else "import it with `gs2ci import`",
             )
@@ -146,9 +146,7 @@ class CaptureFile:
         """Get the indices of the rows whose last write happened."""
         valid = self.require("meas_valid", axes=1)
         if len(valid) != self._dataset("meas").shape[0]:
-            raise self.wrong(
-                "meas_valid", f"{len(valid)} flags for {self._dataset('meas').shape[0]} rows of /meas"
-            )
+            raise self.wrong("meas_valid", f"{len(valid)} flags for {self._dataset('meas').shape[0]} rows of /meas")
         return np.flatnonzero(valid == 1)
 
     def shot(self, row: int) -> Shot:

@@ -92,9 +92,7 @@ def check_manifest(path: Path) -> None:
         record = json.loads(manifest.read_text(encoding="utf-8"))
         digest, size = _hash(path)
     except (OSError, ValueError) as error:
-        raise StorageError(
-            f"{manifest}: cannot be checked: {error}", remedy="copy file and manifest again"
-        ) from error
+        raise StorageError(f"{manifest}: cannot be checked: {error}", remedy="copy file and manifest again") from error
     if not isinstance(record, dict) or record.get("schema") != MANIFEST_SCHEMA:
         raise StorageError(f"{manifest}: not a manifest of a capture", allowed=f"schema {MANIFEST_SCHEMA}")
     if (record.get("bytes"), record.get("sha256")) != (size, digest):

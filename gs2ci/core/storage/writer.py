@@ -55,10 +55,14 @@ class ShotWriter:
         try:
             layout.create(self._file, header)
             self._file.flush()
-        except BaseException:
+        except BaseException as error:
             # Nothing is in it yet that could be lost.
             self.close()
             self.partial.unlink(missing_ok=True)
+            if isinstance(error, OSError | RuntimeError):
+                raise StorageError(
+                    f"{self.partial}: cannot be laid out: {error}", remedy="free the disk or choose another folder"
+                ) from error
             raise
 
     def append(
@@ -105,6 +109,9 @@ class ShotWriter:
         try:
             for key, value in parts.items():
                 file[key][row] = value
+            # HDF5 writes what it has cached in an order of its own: with one flush for both, a process killed in it
+            # leaves a flag without its data (seen with small frames under load).
+            file.flush()
             file["meas_valid"][row] = 1
             file.flush()
         except (OSError, RuntimeError, ValueError) as error:

@@ -42,6 +42,11 @@ class CpuBackend:
         self._pool = Pool()
         self._full_layouts: OrderedDict[tuple[int, int, int], Layout] = OrderedDict()
 
+    @property
+    def idle_workspaces(self) -> int:
+        """Get how many workspaces wait for the next rendering."""
+        return self._pool.idle
+
     def code(self, masks: Tensor) -> CpuCoding:
         """Compact the open pixels of a mask set; see `Backend.code`."""
         check_masks(masks)
@@ -80,9 +85,7 @@ class CpuBackend:
         self, target: Target, scene: Gaussians, colours: Tensor, world_to_camera: Tensor, intrinsics: Tensor
     ) -> tuple[Tensor, ...]:
         layout = target.layout
-        camera = camera_fields(
-            intrinsics.detach().to(torch.float64).numpy(), height=layout.height, width=layout.width
-        )
+        camera = camera_fields(intrinsics.detach().to(torch.float64).numpy(), height=layout.height, width=layout.width)
         parameters = (
             *(scene.means, scene.log_scales, scene.quaternions),
             *(scene.opacity_logits, colours, world_to_camera),

@@ -74,9 +74,7 @@ def spread(builder: ir.IRBuilder, value: Any) -> Any:
 
 def call_llvm(builder: ir.IRBuilder, name: str, *args: Any) -> Any:
     """Call an LLVM intrinsic that maps vectors to a vector."""
-    function = cgutils.get_or_insert_function(
-        builder.module, ir.FunctionType(VECTOR, [a.type for a in args]), name
-    )
+    function = cgutils.get_or_insert_function(builder.module, ir.FunctionType(VECTOR, [a.type for a in args]), name)
     return builder.call(function, args)
 
 

@@ -59,17 +59,17 @@ def without_flying_pixels(disparity: F64, jump: float) -> F64:
     return np.where(flying, np.nan, measured)
 
 
-def fill_holes(disparity: F64, colour: F64) -> F64:
+def fill_holes(disparity: F64, colour: F64, jump: float) -> F64:
     """Fill unmeasured disparities (not finite) from the measured pixels around the hole.
 
     Args:
         disparity: [H, W].
         colour: [H, W, 3] in [0, 1].
+        jump: Smallest difference in disparity that separates two surfaces.
 
     Stereo loses what only one camera sees, and that is background: the farthest of the nearest measured pixels to
-    the left and right, above and below, is right for most (Middlebury fills its maps so). It also loses the fine
-    rims of the foreground: a nearer pixel takes the hole where it looks more alike, by more than its distance
-    costs.
+    the left and right, above and below, is right for most. It also loses the fine rims of the foreground: a nearer
+    pixel takes the hole where it looks more alike, by more than its distance costs.
 
     Raises:
         InputError: Nothing is measured.
@@ -84,11 +84,11 @@ def fill_holes(disparity: F64, colour: F64) -> F64:
     here = np.arange(disparity.size).reshape(disparity.shape)
     away = np.abs(beside // width - here // width) + np.abs(beside % width - here % width)
     unlike = np.abs(colour.reshape(-1, 3)[beside] - colour).mean(-1)
-    cost = unlike + np.where(values > farthest + 1, FOREGROUND_COST + FOREGROUND_COST_PER_PX * away, 0.0)
+    cost = unlike + np.where(values > farthest + jump, FOREGROUND_COST + FOREGROUND_COST_PER_PX * away, 0.0)
     best = np.where(np.isfinite(values), cost, np.inf).argmin(axis=0)
     filled = np.where(known, disparity, np.take_along_axis(values, best[None], axis=0)[0])
     # A hole that spans a whole row and column: what was filled around it reaches it in the next pass.
-    return filled if np.isfinite(filled).all() else fill_holes(filled, colour)
+    return filled if np.isfinite(filled).all() else fill_holes(filled, colour, jump)
 
 
 def _measured_beside(known: Mask) -> Index:
@@ -203,6 +203,4 @@ def _relax(disparity: F64, colour: F64, at: Index, source: Index, jump: float) -
     for _ in range(MEMBRANE_ROUNDS):
         d[at] = np.where(alone, d[at], np.sum(weights * d[neighbours], axis=1))
     for _ in range(COLOUR_ROUNDS):
-        c[at] = 0.5 * c[at] + 0.5 * np.where(
-            alone[:, None], c[at], np.einsum("nk,nkc->nc", weights, c[neighbours])
-        )
+        c[at] = 0.5 * c[at] + 0.5 * np.where(alone[:, None], c[at], np.einsum("nk,nkc->nc", weights, c[neighbours]))

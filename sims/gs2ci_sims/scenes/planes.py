@@ -19,7 +19,7 @@ FIELD_OF_VIEW_DEG: Final = 50.0
 # The backdrop extends this much past the frame, for the camera to move and turn into.
 BACKDROP_OVERSIZE: Final = 1.5
 # Distance between samples in pixels of the suggested camera: finer than a pixel, so that textures reach its limit.
-SPACING_PX: Final = 0.8
+SPACING_PX: Final = 0.6
 
 
 @dataclass(frozen=True)

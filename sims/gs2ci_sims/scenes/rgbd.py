@@ -109,14 +109,12 @@ def scene_from_photo(photo: DisparityPhoto, size: tuple[int, int], encoding: Enc
     """
     radiance = _linear_from_srgb(photo.colour) if encoding == "srgb" else photo.colour
     measured = without_flying_pixels(photo.disparity_px, JUMP_PX)
-    disparity = fill_holes(measured, photo.colour)
+    disparity = fill_holes(measured, photo.colour, JUMP_PX)
     front = clean_rims(Layer(disparity, radiance, np.ones(disparity.shape, dtype=bool)), JUMP_PX)
     hidden = hidden_layer(front, JUMP_PX, REACH)
     jump = JUMP_PX / (photo.baseline_m * photo.intrinsics[0, 0])
     surfels = [
-        from_inverse_depth(
-            photo.inverse_depth(layer.disparity), layer.colour, layer.present, photo.intrinsics, tear
-        )
+        from_inverse_depth(photo.inverse_depth(layer.disparity), layer.colour, layer.present, photo.intrinsics, tear)
         for layer, tear in ((front, jump), (hidden, np.inf))
     ]
     intrinsics = _framed(photo.intrinsics, (disparity.shape[0], disparity.shape[1]), size)

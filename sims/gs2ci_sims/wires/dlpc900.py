@@ -10,7 +10,8 @@ from functools import partial
 from typing import Final
 
 from gs2ci_sims.faults import FaultSet, declare
-from gs2ci_sims.wires.dlpc900_firmware import COMMAND_NAMES, Firmware, Refusal
+from gs2ci_sims.wires.dlpc900_firmware import Firmware, Refusal
+from gs2ci_sims.wires.dlpc900_tables import COMMAND_NAMES
 from gs2ci_sims.world import Event, World
 
 REPLY_LOST = declare("dlpc900.reply_lost", "a reply is never sent")

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from gs2ci_sims.faults import FaultSet, declare
 from gs2ci_sims.wires.dlpc900_images import BadImageError, read_image
 from gs2ci_sims.wires.dlpc900_sequencer import Output, Sequencer, Step
+from gs2ci_sims.wires.dlpc900_tables import BLOCK_US, ERROR_TEXT, MIRRORS
 from gs2ci_sims.world import World
 
 PARKED = declare("dlpc900.parked", "the mirrors park: the status says so and nothing is shown")
@@ -23,45 +24,6 @@ FORGETS = declare("dlpc900.forgets_images", "the image memory is lost before a s
 STANDBY = declare("dlpc900.standby", "somebody has sent the controller to standby")
 STAYS_RUNNING = declare("dlpc900.ignores_stop", "a stop is acknowledged and ignored")
 
-COMMAND_NAMES: Final[dict[int, str]] = {
-    0x0100: "error code",
-    0x0101: "error text",
-    0x0200: "power mode",
-    0x0201: "idle mode",
-    0x0205: "versions",
-    0x0206: "hardware type",
-    0x1100: "curtain colour",
-    0x1A0A: "hardware status",
-    0x1A0B: "system status",
-    0x1A0C: "main status",
-    0x1A1B: "display mode",
-    0x1A1D: "trigger out 1",
-    0x1A1E: "trigger out 2",
-    0x1A24: "pattern control",
-    0x1A2A: "image start",
-    0x1A2B: "image data",
-    0x1A2C: "image start secondary",
-    0x1A2D: "image data secondary",
-    0x1A30: "invert data",
-    0x1A31: "table config",
-    0x1A34: "table entry",
-    0x1A35: "trigger in 1",
-    0x1A36: "trigger in 2",
-    0x1A40: "block load",
-}
-_ERROR_TEXT: Final = {
-    0: "No Error",
-    3: "Invalid Command",
-    5: "Command Not Allowed In This Mode",
-    6: "Invalid Parameter",
-    9: "BMP Compression Error",
-    10: "Bit Number Out Of Range",
-    13: "Signal Delay Out Of Range",
-    14: "Exposure Time Out Of Range",
-    15: "Pattern Number Out Of Range",
-    16: "Invalid Pattern Definition",
-    17: "Image Address Out Of Range",
-}
 _ON_THE_FLY: Final = 3
 _SETTLE_S: Final = 3.0
 
@@ -72,28 +34,6 @@ class Refusal(Exception):  # noqa: N818 - a refusal is the firmware's ordinary a
     def __init__(self, code: int) -> None:
         super().__init__(code)
         self.code = code
-
-
-@dataclass(frozen=True)
-class Mirrors:
-    """Size, shortest times in µs by depth, table length, blocks, and whether two controllers share the columns."""
-
-    width: int
-    height: int
-    shortest_us: tuple[int, ...]
-    entries: int = 400
-    blocks: int = 0
-    dual: bool = False
-
-
-MIRRORS: Final = {
-    1: Mirrors(1920, 1080, (105, 304, 394, 823, 1215, 1487, 1998, 4046), blocks=15),
-    2: Mirrors(2560, 1600, (105, 304, 380, 733, 1215, 1487, 1998, 4046), dual=True),
-    3: Mirrors(2716, 1600, (100, 343, 438, 768, 1299, 1488, 2000, 4046), dual=True),
-    4: Mirrors(2048, 1200, (62, 184, 269, 458, 682, 807, 1083, 2263), dual=True),
-    5: Mirrors(1024, 768, (1, 1, 1, 1, 1, 1, 1, 1), entries=960),
-}
-_BLOCK_US: Final = (24, 45, 45, 45, 48, 54)
 
 
 @dataclass(frozen=True)
@@ -138,7 +78,7 @@ class Firmware:
         self.sequencer = Sequencer(world, name, faults)
         self._reads: dict[int, Callable[[], bytes]] = {
             0x0100: self._read_error,
-            0x0101: lambda: _ERROR_TEXT.get(self._told, "Internal Error").encode().ljust(128, b"\0"),
+            0x0101: lambda: ERROR_TEXT.get(self._told, "Internal Error").encode().ljust(128, b"\0"),
             0x0205: lambda: bytes.fromhex("01000206 00000002 05000300 00000104"),
             0x0206: lambda: bytes([self.dmd]) + b"GS2CI-TWIN".ljust(32, b"\0"),
             0x1A0A: self._read_hardware_status,
@@ -292,7 +232,7 @@ class Firmware:
         first, last = self._settings[0x1A40]
         blocks = last - first + 1
         if depth == 1 and self.mirrors.blocks and blocks < self.mirrors.blocks:
-            return _BLOCK_US[blocks - 1] if blocks <= 6 else 54 + (blocks - 6) * 17 // 3
+            return BLOCK_US[blocks - 1] if blocks <= 6 else 54 + (blocks - 6) * 17 // 3
         return self.mirrors.shortest_us[depth - 1]
 
     def _write_entry(self, data: bytes) -> None:

@@ -241,9 +241,7 @@ class GrblTwin(SerialTwin):
         if not values or set(values) - {"X", "Y", "Z"}:
             return "error:16"
         targets = {"XYZ".index(letter): value for letter, value in values.items()}
-        if self._settings[20] and any(
-            not -self._settings[130 + i] <= target <= 0 for i, target in targets.items()
-        ):
+        if self._settings[20] and any(not -self._settings[130 + i] <= target <= 0 for i, target in targets.items()):
             return "error:15"
         self._begin_jog(targets, feed / 60.0)
         return "ok"

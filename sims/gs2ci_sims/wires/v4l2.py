@@ -64,6 +64,11 @@ class V4l2Twin:
         self._generation = 0
         self._plugged = True
 
+    @property
+    def streaming(self) -> bool:
+        """Get whether frames are being captured."""
+        return self._device.ring.streaming
+
     def unplug(self) -> None:
         """Take the camera off: its nodes are gone, descriptors are dead."""
         if self._plugged:

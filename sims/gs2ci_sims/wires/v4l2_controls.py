@@ -208,9 +208,7 @@ def _made(model: CameraModel) -> Iterable[TwinControl]:
         line_px = model.width + model.width // HBLANK_SHARE
         rate = round(line_px / model.line_s)
         yield TwinControl(CID_VBLANK, "Vertical Blanking", INTEGER, 30, 1_000_000, 1, 30)
-        yield TwinControl(
-            CID_HBLANK, "Horizontal Blanking", INTEGER, 0, 100_000, 1, line_px - model.width, READ_ONLY
-        )
+        yield TwinControl(CID_HBLANK, "Horizontal Blanking", INTEGER, 0, 100_000, 1, line_px - model.width, READ_ONLY)
         yield TwinControl(CID_PIXEL_RATE, "Pixel Rate", INTEGER64, rate, rate, 1, rate, READ_ONLY)
         yield TwinControl(CID_EXPOSURE, "Exposure", INTEGER, 1, model.height, 1, 20)
     if model.exposure == "absolute":

@@ -117,9 +117,7 @@ class CaptureDevice:
     def power_up(self) -> None:
         """Set everything as it is when the camera is plugged in."""
         model = self._model
-        self.ring = BufferRing(
-            MULTI if model.multi_plane else SINGLE, model.header_bytes if model.multi_plane else 0
-        )
+        self.ring = BufferRing(MULTI if model.multi_plane else SINGLE, model.header_bytes if model.multi_plane else 0)
         self._owner: OpenFile | None = None
         self._code = model.formats[0]
         self._size = self._bus_size = (model.height, model.width)
@@ -353,9 +351,7 @@ class CaptureDevice:
         self.ring.fill(data, filled)
 
     def _flags(self) -> int:
-        return (FLAG_MONOTONIC if self._model.monotonic else 0) | (
-            FLAG_START_STAMP if self._model.stamps_start else 0
-        )
+        return (FLAG_MONOTONIC if self._model.monotonic else 0) | (FLAG_START_STAMP if self._model.stamps_start else 0)
 
     def _stamp_ns(self, exposed: Exposed) -> int:
         stale = self._faults.take(FRAME_STALE)

@@ -112,9 +112,7 @@ class ZaberTwin(SerialTwin):
 
     def positions_mm_at(self, when_s: float) -> dict[str, float]:
         """Return where the carriages truly were."""
-        return {
-            name: axis.motion.true_position_at(when_s) for name, axis in zip(self._names, self._axes, strict=True)
-        }
+        return {name: axis.motion.true_position_at(when_s) for name, axis in zip(self._names, self._axes, strict=True)}
 
     def power_cycle(self) -> None:
         """Cut the power for a moment: motion ends, settings and reference are lost."""
@@ -127,6 +125,10 @@ class ZaberTwin(SerialTwin):
             axis.max_speed = axis.built.max_speed
         self._flags = {"WR"}
         self._replies_checked = False
+
+    def release(self) -> None:
+        """Do what a user does after a fault: release the emergency stop, restore the supply, enable the driver."""
+        self._flags -= {"FH", "FV", "FD", "FO"}
 
     def _stale(self) -> bytes:
         return self._framed("@", f"{self._address:02d} 0 57 OK IDLE -- 123456")

@@ -257,9 +257,7 @@ def test_any_errno_at_any_step_is_a_typed_error_and_the_next_capture_works(
 
 
 @pytest.mark.parametrize("step", STEPS)
-def test_an_unplug_at_any_step_is_told_and_after_a_replug_the_same_object_captures(
-    bench: Build, step: str
-) -> None:
+def test_an_unplug_at_any_step_is_told_and_after_a_replug_the_same_object_captures(bench: Build, step: str) -> None:
     b = bench()
     b.faults.inject("v4l2.unplugged", about=step)
     with pytest.raises(DisconnectedError):
@@ -364,9 +362,7 @@ def test_any_few_failing_calls_end_in_typed_errors_only(bench: Build, seed: int)
 
 
 @pytest.mark.parametrize("seed", range(60))
-def test_any_bytes_from_the_kernel_give_a_typed_error_or_a_frame(
-    bench: Build, seed: int, monkeypatch: Any
-) -> None:
+def test_any_bytes_from_the_kernel_give_a_typed_error_or_a_frame(bench: Build, seed: int, monkeypatch: Any) -> None:
     """A kernel gone mad: some answers are overwritten with random bytes; nothing hangs, nothing else escapes."""
     rng = np.random.default_rng(seed)
     b = bench()

@@ -157,9 +157,7 @@ def test_a_second_capture_from_the_same_node_is_refused_as_busy() -> None:
 def test_warm_up_frames_are_taken_and_gone(sensor: V4l2Sensor) -> None:
     settings = config()
     sensor.configure(
-        SensorConfig(
-            height=180, width=320, fourcc="GREY", trigger=TriggerMode.FREE_RUN, warm_up_frames=2, buffers=2
-        )
+        SensorConfig(height=180, width=320, fourcc="GREY", trigger=TriggerMode.FREE_RUN, warm_up_frames=2, buffers=2)
     )
     sensor.start()
     assert sensor.settings.buffers >= 2
@@ -229,9 +227,7 @@ def test_a_request_that_fails_is_typed_and_the_next_capture_works(
     next_whole(running)
 
 
-def test_a_fatal_streaming_error_is_a_fault_and_the_next_capture_works(
-    running: V4l2Sensor, hand: ControlTable
-) -> None:
+def test_a_fatal_streaming_error_is_a_fault_and_the_next_capture_works(running: V4l2Sensor, hand: ControlTable) -> None:
     hand.set("inject_fatal_streaming_error", 1)
     with pytest.raises(DeviceFaultError, match="EIO"):
         for _ in range(40):

@@ -1,0 +1,76 @@
+"""`gs2ci reconstruct`: from a shot file to a run folder.
+
+Here: the arguments, and the order read → reconstruct → write → tell. Not here: any of the four. Only `gs2ci.cli`
+and `gs2ci.commands.demo` import this file.
+"""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import tyro
+
+from gs2ci.commands.display import open_display, print_summary
+from gs2ci.core.records import F32, Shot
+from gs2ci.core.storage import read_shot
+from gs2ci.evaluate.metrics import psnr_per_view
+from gs2ci.evaluate.run_folder import check_destination, write_run
+from gs2ci.reconstruct.pipeline import Score, Settings, reconstruct
+
+
+def run(
+    shot: Annotated[Path, tyro.conf.Positional],
+    /,
+    output: Annotated[Path, tyro.conf.arg(aliases=["-o"])] = Path("run"),
+    *,
+    index: int = 0,
+    iterations: int | None = None,
+    focal_px: float | None = None,
+    seed: int = 42,
+    overwrite: bool = False,
+) -> Path:
+    """Recover views, camera path and scene from one coded measurement.
+
+    Args:
+        shot: A shot file, as `gs2ci import` and `gs2ci capture` write them.
+        output: The run folder to write.
+        index: Which shot of the file.
+        iterations: At most so many iterations of the fit; it ends earlier when held-out pixels stop improving.
+        focal_px: Focal length to use instead of the file's, in pixels.
+        seed: Of every random draw; the same seed gives the same result.
+        overwrite: Replace an earlier run at the same place.
+
+    Returns:
+        The run folder.
+    """
+    check_destination(output, overwrite=overwrite)
+    measured = read_shot(shot, index)
+    if focal_px is not None:
+        measured = replace(measured, intrinsics=_intrinsics(focal_px, measured.size)).check()
+    settings = Settings(seed=seed)
+    if iterations is not None:
+        settings = replace(settings, fit=replace(settings.fit, iterations=iterations))
+    with open_display() as display:
+        found = reconstruct(measured, settings, display, _score_against_truth(measured))
+        display.stage("report")
+        write_run(output, measured, found.result, found.scene, overwrite=overwrite)
+    print_summary(output)
+    return output
+
+
+def _intrinsics(focal_px: float, size: tuple[int, int]) -> np.ndarray[tuple[int, int], np.dtype[np.float64]]:
+    height, width = size
+    return np.array([[focal_px, 0, width / 2], [0, focal_px, height / 2], [0, 0, 1]], np.float64)
+
+
+def _score_against_truth(shot: Shot) -> Score | None:
+    """Return the mean PSNR as a function of views, or None where the truth is not known."""
+    truth = shot.truth.views
+    if truth is None:
+        return None
+
+    def score(views: F32) -> float:
+        return float(np.mean(psnr_per_view(views, truth)))
+
+    return score

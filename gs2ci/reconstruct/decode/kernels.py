@@ -1,0 +1,117 @@
+"""Numba kernels of the decoders, on planar float32 stacks. Only `gs2ci.reconstruct.decode` imports this file.
+
+Every task of a parallel loop writes its own plane or row and no sum crosses tasks, so the result is bitwise the same
+for any number of threads. The readable float64 statement of the same steps is in the tests
+(`tests/reconstruct/decode/test_gap_tv.py`), which hold these kernels to it.
+"""
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+F32 = NDArray[np.float32]
+F64 = NDArray[np.float64]
+
+_ONE = np.float32(1.0)
+
+
+@numba.njit(cache=True, parallel=True)
+def project_onto_measurement(views: F32, masks: F32, inverse_energy: F32, measured: F32, target: F32) -> F64:
+    """Move the views to the nearest ones that explain the measurement: one accelerated GAP step, in place.
+
+    Args:
+        views: x, [N, C, H, W]; changed to x + Φᵀ (ΦΦᵀ)⁻¹ (y₁ − Φx).
+        masks: wᵢ Mᵢ, [N, H, W].
+        inverse_energy: 1 / Σ (wᵢ Mᵢ)², [H, W]; 0 where a pixel shall not count.
+        measured: y, [C, H, W].
+        target: y₁, [C, H, W]; changed to y₁ + (y − Φx).
+
+    Returns:
+        Σ (y − Φx)² of each row over the pixels that count, [C * H].
+    """
+    n, channels, height, width = views.shape
+    row_energy = np.zeros(channels * height)
+    for task in numba.prange(channels * height):
+        c, r = task // height, task % height
+        change = np.zeros(width, np.float32)
+        for i in range(n):
+            for col in range(width):
+                change[col] += masks[i, r, col] * views[i, c, r, col]
+        energy = 0.0
+        for col in range(width):
+            residual = measured[c, r, col] - change[col]
+            target[c, r, col] += residual
+            if inverse_energy[r, col] > 0:
+                energy += residual * residual
+            change[col] = (target[c, r, col] - change[col]) * inverse_energy[r, col]
+        row_energy[task] = energy
+        for i in range(n):
+            for col in range(width):
+                views[i, c, r, col] += masks[i, r, col] * change[col]
+    return row_energy
+
+
+@numba.njit(cache=True)
+def _primal_row(image: F32, dual_y: F32, dual_x: F32, weight: float, r: int, out: F32) -> None:
+    """Write row r of image + weight * div(dual) to `out`."""
+    width = image.shape[1]
+    for col in range(width):
+        out[col] = image[r, col] + weight * (dual_y[r, col] + dual_x[r, col])
+    for col in range(1, width):
+        out[col] -= weight * dual_x[r, col - 1]
+    if r > 0:
+        for col in range(width):
+            out[col] -= weight * dual_y[r - 1, col]
+
+
+@numba.njit(cache=True)
+def _ascend_row(dual_y: F32, dual_x: F32, step: float, r: int, row: F32, below: F32) -> None:
+    """Move the dual field of row r up the gradient of the image rows r and r + 1, then back into the unit disc."""
+    last = row.shape[0] - 1
+    for col in range(last):
+        dy = dual_y[r, col] + step * (below[col] - row[col])
+        dx = dual_x[r, col] + step * (row[col + 1] - row[col])
+        scale = _ONE / max(_ONE, np.sqrt(dy * dy + dx * dx))
+        dual_y[r, col] = dy * scale
+        dual_x[r, col] = dx * scale
+    # The last column has no right neighbour.
+    dy = dual_y[r, last] + step * (below[last] - row[last])
+    dual_y[r, last] = dy / max(_ONE, abs(dy))
+
+
+@numba.njit(cache=True)
+def _denoise_plane(image: F32, dual_y: F32, dual_x: F32, rows: F32, weight: float, step: float, inner: int) -> None:
+    height = image.shape[0]
+    dual_y[:] = 0
+    dual_x[:] = 0
+    # One sweep per inner iteration: primal row r needs the old dual rows r − 1 and r; once it is known, dual row
+    # r − 1 is free to move. So the primal image never exists as a whole and everything stays in the cache.
+    for _ in range(inner):
+        _primal_row(image, dual_y, dual_x, weight, 0, rows[0])
+        for r in range(1, height):
+            _primal_row(image, dual_y, dual_x, weight, r, rows[r % 2])
+            _ascend_row(dual_y, dual_x, step, r - 1, rows[(r - 1) % 2], rows[r % 2])
+        # The last row has no row below: against itself its vertical difference is 0, and its dual_y stays 0.
+        last = (height - 1) % 2
+        _ascend_row(dual_y, dual_x, step, height - 1, rows[last], rows[last])
+    for r in range(height):
+        _primal_row(image, dual_y, dual_x, weight, r, rows[0])
+        image[r] = rows[0]
+
+
+@numba.njit(cache=True, parallel=True)
+def denoise_planes(planes: F32, weight: float, inner: int) -> None:
+    """Lower the total variation of each plane, in place, by `inner` steps of projected gradient on the dual.
+
+    Args:
+        planes: [P, H, W].
+        weight: λ of ½‖u − x‖² + λ TV(u), in units of the image.
+        inner: Gradient steps of length 1 / (8 λ), each from a dual field that starts at 0 (Chambolle 2004).
+    """
+    count, height, width = planes.shape
+    weight32, step32 = np.float32(weight), np.float32(1.0 / (8.0 * weight))
+    for p in numba.prange(count):
+        dual_y = np.empty((height, width), np.float32)
+        dual_x = np.empty((height, width), np.float32)
+        rows = np.empty((2, width), np.float32)
+        _denoise_plane(planes[p], dual_y, dual_x, rows, weight32, step32, inner)

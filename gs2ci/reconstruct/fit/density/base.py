@@ -1,0 +1,90 @@
+"""What a density rule is: where, from what has been seen since its last turn, Gaussians are added and removed.
+
+Here: the evidence that rules decide on, the change they return, and the operations they share (duplicate, split).
+Not here: any rule; each has a file of its own. For `gs2ci.reconstruct.fit`.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Protocol
+
+import torch
+from torch import Tensor
+
+from gs2ci.render.gaussians import Gaussians, rotation_matrices, transmittance_preserving_opacity
+
+SPLIT_SHRINK = 1.6  # children of a split are smaller by this factor (Kerbl et al. 2023, section 5.2)
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """What the fit has seen since the rule's last turn.
+
+    Args:
+        screen_gradient: Mean gradient of the loss by each Gaussian's position on the screen, [G], in half image
+            widths, as gsplat normalises it.
+        extent: The scene's extent, in scene units: what «large» is measured by.
+        cap: The largest population allowed.
+    """
+
+    screen_gradient: Tensor
+    extent: float
+    cap: int
+
+
+@dataclass(frozen=True)
+class Change:
+    """What a rule wants: the new Gaussians, and for each the index of the old one it continues, or -1."""
+
+    scene: Gaussians
+    source: Tensor
+
+
+class DensityRule(Protocol):
+    """Decides where Gaussians are added and removed."""
+
+    @property
+    def name(self) -> str:
+        """Get the name under which settings and reports know it."""
+        ...
+
+    def change(self, scene: Gaussians, evidence: Evidence, generator: torch.Generator) -> Change:
+        """Return the population that the fit goes on with."""
+        ...
+
+
+def grow(scene: Gaussians, keep: Tensor, duplicate: Tensor, split: Tensor, generator: torch.Generator) -> Change:
+    """Duplicate and split Gaussians without changing what a ray sees through them.
+
+    Both copies of a duplicate and both children of a split get the opacity 1 − √(1 − α), so that the two in a row
+    let through what the one did (Rota Bulò et al. 2024, section 3.2; the paper extends it to splits, section IV-A).
+
+    Args:
+        scene: The present Gaussians, G.
+        keep: Those that stay as they are (duplicates among them), [G] bool.
+        duplicate: Those that get a copy, [G] bool, a part of `keep`.
+        split: Those replaced by two smaller children drawn from their own density, [G] bool, apart from `keep`.
+        generator: For the children's places.
+
+    Returns:
+        The kept, then the copies, then the children.
+    """
+    present = scene.detach()
+    halved = transmittance_preserving_opacity(present.opacity_logits)
+    revised = present.map(lambda tensor: tensor.clone())
+    revised.opacity_logits = torch.where(duplicate, halved, present.opacity_logits)
+    kept = torch.nonzero(keep).flatten()
+    copied = torch.nonzero(duplicate).flatten()
+    parents = torch.nonzero(split).flatten().repeat(2)
+    children = present.map(lambda tensor: tensor[parents])
+    noise = torch.randn(len(parents), 3, generator=generator) * children.log_scales.exp()
+    turned = (rotation_matrices(children.quaternions) @ noise[..., None])[..., 0]
+    children.means = children.means + turned
+    children.log_scales = children.log_scales - math.log(SPLIT_SHRINK)
+    children.opacity_logits = halved[parents]
+    parts = (revised.map(lambda tensor: tensor[kept]), revised.map(lambda tensor: tensor[copied]), children)
+    joined = Gaussians(
+        **{name: torch.cat([part.parameters()[name] for part in parts]) for name in present.parameters()}
+    )
+    newcomers = torch.full((len(copied) + len(parents),), -1, dtype=torch.int64)
+    return Change(joined, torch.cat([kept, newcomers]))

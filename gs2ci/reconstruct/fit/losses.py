@@ -1,0 +1,91 @@
+"""The coarse-stage objective: 0.9 ℓ1 + 0.1 (1 − SSIM) on the measurement + 0.01 × mean opacity (paper, eq. 7).
+
+Here: the data term with held-out and saturated pixels, and the opacity term. Not here: the rendering that makes the
+prediction (`gs2ci.render`). For `gs2ci.reconstruct.fit`.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from gs2ci.core.records import F32
+from gs2ci.reconstruct.fit.ssim import SimilarityTo
+
+
+@dataclass(frozen=True)
+class LossWeights:
+    """The weights of the objective.
+
+    Args:
+        similarity: Share of (1 − SSIM) in the data term; the rest is ℓ1 (paper: 0.1).
+        opacity: Weight of the mean opacity (paper: 0.01).
+    """
+
+    similarity: float = 0.1
+    opacity: float = 0.01
+
+
+class DataTerm:
+    """(1 − λ) ℓ1 + λ (1 − SSIM) between a predicted measurement and the measured one.
+
+    Pixels outside `fitted` are set to zero in both, so that they neither count nor leak. Saturated pixels say only
+    «at least»: a prediction above them is not an error.
+
+    Args:
+        measurement: [H, W, C] float32.
+        fitted: Pixels that the loss may see, [H, W] bool.
+        saturated: Clipped pixels, [H, W] bool, or None.
+        similarity: λ.
+    """
+
+    def __init__(
+        self, measurement: F32, fitted: NDArray[np.bool_], saturated: NDArray[np.bool_] | None, similarity: float
+    ) -> None:
+        self._fitted = fitted[..., None].astype(np.float32)
+        self._target = measurement * self._fitted
+        self._saturated = None if saturated is None or not saturated.any() else saturated[..., None]
+        self._similarity_weight = similarity
+        self._similarity = SimilarityTo(self._target)
+        # The mean is over the pixels that count, so that the share held out does not change the balance of terms.
+        self._per_value = 1.0 / max(1.0, float(self._fitted.sum()) * measurement.shape[2])
+
+    def value_and_gradient(self, predicted: F32) -> tuple[float, F32]:
+        """Return the loss of a prediction [H, W, C] and its gradient."""
+        counted = self._fitted
+        if self._saturated is not None:
+            counted = counted * ~(self._saturated & (predicted > self._target))
+        error = (predicted - self._target) * counted
+        similarity, similarity_gradient = self._similarity(self._target + error)
+        l1 = float(np.abs(error).sum(dtype=np.float64)) * self._per_value
+        weight = self._similarity_weight
+        gradient = np.sign(error) * np.float32((1 - weight) * self._per_value)
+        gradient -= np.float32(weight) * similarity_gradient * counted
+        return (1 - weight) * l1 + weight * (1 - similarity), gradient
+
+    def __call__(self, predicted: Tensor) -> Tensor:
+        """Return the loss of a predicted measurement [H, W, C] as a differentiable scalar."""
+        loss: Tensor = _DataTermFunction.apply(predicted, self)  # type: ignore[no-untyped-call]
+        return loss
+
+
+class _DataTermFunction(torch.autograd.Function):
+    @staticmethod
+    def forward(ctx: Any, predicted: Tensor, term: DataTerm) -> Tensor:
+        value, gradient = term.value_and_gradient(predicted.detach().numpy())
+        ctx.gradient = torch.from_numpy(gradient)
+        return predicted.new_tensor(value)
+
+    @staticmethod
+    def backward(ctx: Any, upstream: Tensor) -> tuple[Tensor, None]:
+        return ctx.gradient * upstream, None
+
+
+def opacity_term(opacity_logits: Tensor) -> Tensor:
+    """Return the mean opacity of Gaussians with logits [G]; zero when there are none."""
+    if opacity_logits.numel() == 0:
+        return opacity_logits.new_zeros(())
+    return torch.sigmoid(opacity_logits).mean()

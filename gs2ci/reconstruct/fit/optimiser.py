@@ -1,0 +1,112 @@
+"""Adam over the parameters of a changing set of Gaussians.
+
+Here: step sizes and their schedule, and the surgery that keeps Adam's moments with their Gaussians when some are
+added or removed. Not here: the decision which (`density/`). For `gs2ci.reconstruct.fit`.
+"""
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from gs2ci.render.gaussians import Gaussians
+
+
+@dataclass(frozen=True)
+class StepSizes:
+    """Adam's step sizes per parameter (Kerbl et al. 2023, appendix B, except where said).
+
+    Args:
+        means: In units of the scene's extent, at the start. Twenty times the original's 1.6e-4: the schedule is
+            twenty times shorter.
+        means_final_share: The share of it left at the end; exponential in between.
+    """
+
+    means: float = 3.2e-3
+    log_scales: float = 5e-3
+    quaternions: float = 1e-3
+    opacity_logits: float = 5e-2
+    colours: float = 2.5e-3
+    means_final_share: float = 0.01
+
+
+class GaussianOptimiser:
+    """Holds the Gaussians being fitted as leaf tensors, with one Adam over them.
+
+    Args:
+        scene: Where to start; copied.
+        sizes: Step sizes.
+        extent: Length that the means' step size is measured in, in scene units.
+    """
+
+    def __init__(self, scene: Gaussians, sizes: StepSizes, extent: float) -> None:
+        self._sizes = sizes
+        self._extent = extent
+        self.scene = _leaves(scene)
+        self._adam = self._new_adam()
+
+    def _new_adam(self) -> torch.optim.Adam:
+        groups = [
+            {"params": [tensor], "lr": self._initial_rate(name), "name": name}
+            for name, tensor in self.scene.parameters().items()
+        ]
+        # eps: gradients of a mean over pixels reach 1e-9 per Gaussian; Adam's default 1e-8 would stall them.
+        return torch.optim.Adam(groups, eps=1e-15, fused=True)
+
+    def _initial_rate(self, name: str) -> float:
+        rate = float(getattr(self._sizes, name))
+        return rate * self._extent if name == "means" else rate
+
+    def step(self, progress: float, damping: float = 1.0) -> None:
+        """Step along the gradients and clear them.
+
+        Args:
+            progress: Share of the schedule that is done, in [0, 1].
+            damping: Further factor on every step size.
+        """
+        for group in self._adam.param_groups:
+            decay = self._sizes.means_final_share**progress if group["name"] == "means" else 1.0
+            group["lr"] = self._initial_rate(group["name"]) * decay * damping
+        self._adam.step()
+        self.forget_gradient()
+
+    def forget_gradient(self) -> None:
+        """Drop the gradients."""
+        self._adam.zero_grad(set_to_none=True)
+
+    def gradient_is_finite(self) -> bool:
+        """Tell whether all gradients are free of NaN and infinities."""
+        grads = [tensor.grad for tensor in self.scene.parameters().values() if tensor.grad is not None]
+        return all(bool(torch.isfinite(grad.sum())) or bool(torch.isfinite(grad).all()) for grad in grads)
+
+    def replace(self, scene: Gaussians, source: Tensor) -> None:
+        """Go on with other Gaussians.
+
+        Args:
+            scene: The new Gaussians, G'.
+            source: [G'] int64: which of the present ones each of them continues (its moments go along), or -1 for
+                a newcomer (whose moments start at zero).
+        """
+        kept = source >= 0
+        index = source.clamp(min=0)
+        fresh = _leaves(scene)
+        for group, (name, old) in zip(self._adam.param_groups, self.scene.parameters().items(), strict=True):
+            new = fresh.parameters()[name]
+            state = self._adam.state.pop(old, {})
+            for moment in ("exp_avg", "exp_avg_sq"):
+                if moment in state:
+                    shape = (-1,) + (1,) * (new.dim() - 1)
+                    state[moment] = torch.where(kept.view(shape), state[moment][index], 0.0)
+            group["params"] = [new]
+            if state:
+                self._adam.state[new] = state
+        self.scene = fresh
+
+    def restore(self, scene: Gaussians) -> None:
+        """Go back to a snapshot; Adam forgets its moments, which led away from it."""
+        self.scene = _leaves(scene)
+        self._adam = self._new_adam()
+
+
+def _leaves(scene: Gaussians) -> Gaussians:
+    return scene.map(lambda tensor: tensor.detach().clone().requires_grad_(True))

@@ -1,0 +1,52 @@
+"""The first Gaussians, on the points that the geometry stage found.
+
+Here: their sizes, opacities and orientations. Not here: where they stand (`geometry.points`). For
+`gs2ci.reconstruct.pipeline`.
+"""
+
+from typing import Final
+
+import numpy as np
+import torch
+from scipy.spatial import cKDTree
+
+from gs2ci.core.records import F32
+from gs2ci.reconstruct.geometry.points import Seeds
+from gs2ci.render.gaussians import Gaussians, logit
+
+INITIAL_OPACITY: Final = 0.1  # Kerbl et al. 2023, section 5.1
+_NEIGHBOURS: Final = 3  # as there: the mean distance to the three nearest
+# Duplicate points have no distance, and log 0 no end: nothing starts smaller than this share of the grid's spacing.
+_LEAST_SHARE_OF_SPACING: Final = 0.1
+
+
+def first_gaussians(seeds: Seeds) -> Gaussians:
+    """Put an isotropic, faint Gaussian on every point, as large as its neighbours are far.
+
+    Args:
+        seeds: Points, [P, 3], with colours, [P, C], and spacing, [P]; a mono scene gets three equal channels.
+
+    Returns:
+        P Gaussians, float32.
+    """
+    count = len(seeds.positions)
+    sizes = _neighbour_distance(seeds.positions)
+    sizes = np.maximum(sizes, _LEAST_SHARE_OF_SPACING * seeds.spacing)
+    colours = np.broadcast_to(seeds.colours, (count, 3))
+    return Gaussians(
+        means=torch.from_numpy(seeds.positions.astype(np.float32)),
+        log_scales=torch.from_numpy(np.log(sizes).astype(np.float32))[:, None].repeat(1, 3),
+        quaternions=torch.tensor([1.0, 0.0, 0.0, 0.0]).repeat(count, 1),
+        opacity_logits=logit(torch.full((count,), INITIAL_OPACITY)),
+        colours=torch.from_numpy(colours.astype(np.float32)),
+    )
+
+
+def _neighbour_distance(positions: F32) -> F32:
+    """Return the mean distance to the nearest others, [P]; zero where there are none."""
+    neighbours = min(_NEIGHBOURS, len(positions) - 1)
+    if neighbours < 1:
+        return np.zeros(len(positions), np.float32)
+    distances = np.asarray(cKDTree(positions).query(positions, k=neighbours + 1)[0])
+    mean: F32 = distances[:, 1:].mean(axis=1).astype(np.float32)
+    return mean

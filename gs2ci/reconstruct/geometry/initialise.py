@@ -1,0 +1,198 @@
+"""From decoded views to camera path and depth, the whole way on one page: tracks, motion, sweep, and what if not.
+
+Here: the order of the steps and the fallbacks. Not here: any step itself. `gs2ci.reconstruct.pipeline` and the fit
+import `Geometry` and `initialise` from this file.
+"""
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation, Slerp
+
+from gs2ci.core.errors import InputError
+from gs2ci.core.progress import Progress, Silent
+from gs2ci.core.records import check_intrinsics
+from gs2ci.reconstruct.geometry.focal import FocalSettings, default_focal, estimate_focal
+from gs2ci.reconstruct.geometry.motion import Motion, MotionSettings, estimate_motion, fit_rotations
+from gs2ci.reconstruct.geometry.sweep import SweepSettings, inverse_depth_range, sweep
+from gs2ci.reconstruct.geometry.tracks import Tracks, TrackSettings, find_tracks
+from gs2ci.reconstruct.geometry.validity import Criteria, Verdict, doubts_about_tracks, judge, supported_views
+
+F32 = NDArray[np.float32]
+F64 = NDArray[np.float64]
+
+# A point counts if at least this share of the views see it.
+_LEAST_SHARE_OF_VIEWS = 0.6
+_FLAT = "The scene starts as a plane, and the fit has to find its depth alone."
+
+
+@dataclass(frozen=True)
+class GeometrySettings:
+    """Settings of every step."""
+
+    tracks: TrackSettings = field(default_factory=TrackSettings)
+    motion: MotionSettings = field(default_factory=MotionSettings)
+    focal: FocalSettings = field(default_factory=FocalSettings)
+    criteria: Criteria = field(default_factory=Criteria)
+    sweep: SweepSettings = field(default_factory=SweepSettings)
+
+
+@dataclass(frozen=True)
+class Geometry:
+    """Camera path and depth, and how far to believe them.
+
+    Args:
+        world_to_camera: Poses, [N, 4, 4]; the identity for the reference view.
+        intrinsics: Camera matrix in px, [3, 3]; pixel centres at +0.5.
+        focal_source: "file", "estimated" or "default".
+        inverse_depth: Of the reference view, [H, W] float32, > 0, of arbitrary scale; about 1 in the median.
+        reference: Index of the reference view.
+        tracks: Number of tracks that the motion explains.
+        reprojection_rms_px: Their error.
+        parallax_px: What translation explains of the tracks beyond the best rotations, root mean square.
+        verdict: "full"; or why depth is a mere plane: "rotation_only", "static", "unsupported".
+        notes: Sentences for the user.
+    """
+
+    world_to_camera: F64
+    intrinsics: F64
+    focal_source: str
+    inverse_depth: F32
+    reference: int
+    tracks: int
+    reprojection_rms_px: float
+    parallax_px: float
+    verdict: Verdict
+    notes: tuple[str, ...]
+
+
+def initialise(
+    views: F32, intrinsics: F64 | None, settings: GeometrySettings | None = None, progress: Progress | None = None
+) -> Geometry:
+    """Find camera poses and the depth of the middle view from decoded views.
+
+    Args:
+        views: [N, H, W, C] float32 in [0, 1], in the order of exposure; C is 1 or 3.
+        intrinsics: Camera matrix in px, [3, 3], or None to have the focal length estimated.
+        settings: Settings of every step.
+        progress: Hears of each step, and of every fallback in a sentence.
+
+    Returns:
+        A geometry, always finite: where depth cannot be found, a plane at inverse depth 1, and `notes` say why.
+
+    Raises:
+        InputError: The views are not a stack of finite images.
+    """
+    _check(views, intrinsics)
+    settings, progress = settings or GeometrySettings(), progress or Silent()
+    progress.stage("geometry", 3)
+    size, reference = (views.shape[1], views.shape[2]), len(views) // 2
+    tracks = _usable(find_tracks(views, reference, settings.tracks), settings.criteria)
+    progress.step(1, tracks=len(tracks))
+    doubts = doubts_about_tracks(tracks, size, settings.criteria)
+    geometry = _flat(len(views), size, _focal(intrinsics, tracks, size, bool(doubts), settings), doubts)
+    if not doubts:
+        motion, explained = estimate_motion(tracks, geometry.intrinsics, settings.motion)
+        geometry = _moved(geometry, len(tracks), explained, motion, settings)
+        progress.step(2, tracks=geometry.tracks, rms_px=geometry.reprojection_rms_px)
+        if geometry.verdict == "full":
+            span = inverse_depth_range(motion.inverse_depth, settings.sweep)
+            poses = geometry.world_to_camera
+            depth = sweep(views, poses, geometry.intrinsics, reference, span, settings.sweep)
+            geometry = replace(geometry, inverse_depth=depth)
+    progress.step(3)
+    for note in geometry.notes:
+        progress.say(note)
+    return geometry
+
+
+def _check(views: F32, intrinsics: F64 | None) -> None:
+    if views.ndim != 4 or views.shape[3] not in (1, 3) or 0 in views.shape:
+        raise InputError(f"views have shape {list(views.shape)}", allowed="[N, H, W, 3] or [N, H, W, 1]")
+    if not np.isfinite(views).all():
+        raise InputError("the decoded views hold values that are NaN or infinite", allowed="finite numbers")
+    if intrinsics is not None:
+        check_intrinsics(intrinsics)
+
+
+def _usable(tracks: Tracks, criteria: Criteria) -> Tracks:
+    """Keep tracks that most views see, and forget what too few tracks say about a view."""
+    views = tracks.positions.shape[1]
+    long = tracks.seen_by_at_least(max(2, int(np.ceil(_LEAST_SHARE_OF_VIEWS * views))))
+    positions = long.positions.copy()
+    positions[:, ~supported_views(long, criteria)] = np.nan
+    return Tracks(positions, tracks.reference).seen_by_at_least(2)
+
+
+def _focal(
+    intrinsics: F64 | None, tracks: Tracks, size: tuple[int, int], doubtful: bool, settings: GeometrySettings
+) -> tuple[F64, str, tuple[str, ...]]:
+    """Get the camera matrix, its source and what to say about it."""
+    if intrinsics is not None:
+        return intrinsics.astype(np.float64), "file", ()
+    if doubtful:
+        focal = default_focal(size, "too few points could be tracked to estimate it", settings.focal)
+    else:
+        focal = estimate_focal(tracks, size, settings.focal, settings.motion)
+    return focal.intrinsics, focal.source, (focal.note,)
+
+
+def _flat(
+    views: int, size: tuple[int, int], focal: tuple[F64, str, tuple[str, ...]], doubts: tuple[str, ...]
+) -> Geometry:
+    """Assume a camera at rest before a plane at inverse depth 1, as long as nothing better is known."""
+    intrinsics, source, notes = focal
+    return Geometry(
+        world_to_camera=np.tile(np.eye(4), (views, 1, 1)),
+        intrinsics=intrinsics,
+        focal_source=source,
+        inverse_depth=np.ones(size, np.float32),
+        reference=views // 2,
+        tracks=0,
+        reprojection_rms_px=0.0,
+        parallax_px=0.0,
+        verdict="unsupported",
+        notes=(*notes, *doubts, *((_FLAT,) if doubts else ())),
+    )
+
+
+def _moved(geometry: Geometry, candidates: int, tracks: Tracks, motion: Motion, settings: GeometrySettings) -> Geometry:
+    """Enter what the motion shows: the whole of it, its rotations, or nothing but the reason why not."""
+    rotations = fit_rotations(tracks, geometry.intrinsics, settings.motion)
+    judgement = judge(candidates, tracks, motion, rotations, settings.criteria)
+    notes = (*geometry.notes, *judgement.notes, *(() if judgement.verdict == "full" else (_FLAT,)))
+    poses = geometry.world_to_camera.copy()
+    if judgement.verdict == "full":
+        poses = motion.world_to_camera
+    elif judgement.verdict == "rotation_only":
+        poses[:, :3, :3] = rotations.rotations
+    missing = np.flatnonzero(~tracks.seen.any(0))
+    if len(missing) and judgement.verdict in ("full", "rotation_only"):
+        poses = _with_missing_poses(poses, missing)
+        notes = (
+            *notes,
+            f"Too few points could be tracked in views {missing.tolist()}; their poses lie on the path of the others.",
+        )
+    return replace(
+        geometry,
+        world_to_camera=poses,
+        tracks=len(tracks),
+        reprojection_rms_px=motion.rms_px,
+        parallax_px=judgement.parallax_px,
+        verdict=judgement.verdict,
+        notes=notes,
+    )
+
+
+def _with_missing_poses(world_to_camera: F64, missing: NDArray[np.int64]) -> F64:
+    """Put views without a pose of their own on the straight way between their neighbours, or level with the last."""
+    known = np.setdiff1d(np.arange(len(world_to_camera)), missing)
+    at = np.clip(missing, known[0], known[-1])
+    poses = world_to_camera.copy()
+    turns = Slerp(known, Rotation.from_matrix(poses[known, :3, :3]))
+    camera_in_world = np.linalg.inv(poses[known])[:, :3, 3]
+    centres = np.stack([np.interp(at, known, camera_in_world[:, k]) for k in range(3)], axis=1)
+    poses[missing, :3, :3] = turns(at).as_matrix()
+    poses[missing, :3, 3] = -np.einsum("nij,nj->ni", poses[missing, :3, :3], centres)
+    return poses

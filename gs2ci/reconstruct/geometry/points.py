@@ -1,0 +1,126 @@
+"""Where the first Gaussians stand: the pixels of the middle view at their depths, and the rims that it does not see.
+
+Here: positions, colours and spacing. Not here: opacity, size and orientation, which belong to the fit. The fit
+imports this file.
+"""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from gs2ci.reconstruct.geometry.initialise import Geometry
+
+F32 = NDArray[np.float32]
+F64 = NDArray[np.float64]
+
+# Beyond the rim nothing was measured: the depth there continues that of the rim, smoothed over so many pixels.
+_RIM_BLUR_PX = 8.0
+# Depth at a rim pixel and its place in the middle view depend on each other; the motion is small, so they settle fast.
+_RIM_STEPS = 3
+
+
+@dataclass(frozen=True)
+class Seeds:
+    """Coloured points of the scene.
+
+    Args:
+        positions: [P, 3] float32, in the axes of the reference view.
+        colours: [P, C] float32 in [0, 1].
+        spacing: Distance to the neighbours on the grid that the points came from, at their depth, [P] float32.
+    """
+
+    positions: F32
+    colours: F32
+    spacing: F32
+
+
+def seed_points(geometry: Geometry, views: F32, stride: int = 3) -> Seeds:
+    """Lift every `stride`-th pixel to its depth.
+
+    Args:
+        geometry: Poses and the depth of the reference view.
+        views: Decoded views, [N, H, W, C].
+        stride: Step between pixels, along rows and columns.
+
+    Returns:
+        Points of the reference view, then what only other views see, those farthest from it first.
+    """
+    grid = _grid(views.shape[1:3], stride)
+    rays = _rays(grid, geometry.intrinsics)
+    at_grid = (grid[..., 1].astype(int), grid[..., 0].astype(int))
+    inverse_depth = geometry.inverse_depth[at_grid].astype(np.float64)
+    positions = [rays / inverse_depth[:, None]]
+    colours = [views[geometry.reference][at_grid]]
+    spacing = [1 / inverse_depth]
+    taken = [geometry.reference]
+    smooth = cv2.GaussianBlur(geometry.inverse_depth, (0, 0), _RIM_BLUR_PX, borderType=cv2.BORDER_REPLICATE)
+    for i in _farthest_first(geometry):
+        rim_depth, points = _rim(geometry, smooth, rays, i)
+        new = ~np.any([_sees(geometry, points, j) for j in taken], axis=0)
+        positions.append(points[new])
+        colours.append(views[i][at_grid][new])
+        spacing.append(1 / rim_depth[new])
+        taken.append(i)
+    scale = stride / float(np.sqrt(geometry.intrinsics[0, 0] * geometry.intrinsics[1, 1]))
+    return Seeds(
+        positions=np.concatenate(positions).astype(np.float32),
+        colours=np.concatenate(colours).astype(np.float32),
+        spacing=(np.concatenate(spacing) * scale).astype(np.float32),
+    )
+
+
+def _grid(size: tuple[int, ...], stride: int) -> F64:
+    """List the centres of every `stride`-th pixel as (x, y), [P, 2]."""
+    y, x = np.mgrid[0 : size[0] : stride, 0 : size[1] : stride]
+    return np.stack([x.ravel(), y.ravel()], axis=1) + 0.5
+
+
+def _rays(pixels: F64, intrinsics: F64) -> F64:
+    homogeneous = np.concatenate([pixels, np.ones((len(pixels), 1))], axis=1)
+    rays: F64 = homogeneous @ np.linalg.inv(intrinsics).T
+    return rays
+
+
+def _project(geometry: Geometry, points: F64, view: int) -> tuple[F64, F64]:
+    """Project points, [P, 3], to pixels, [P, 2], and depths, [P]."""
+    pose = geometry.world_to_camera[view]
+    in_camera = (points @ pose[:3, :3].T + pose[:3, 3]) @ geometry.intrinsics.T
+    depth = in_camera[:, 2]
+    return in_camera[:, :2] / np.where(depth > 0, depth, np.nan)[:, None], depth
+
+
+def _sees(geometry: Geometry, points: F64, view: int) -> NDArray[np.bool_]:
+    height, width = geometry.inverse_depth.shape
+    pixels, _ = _project(geometry, points, view)
+    # A comparison with NaN is False: a point behind the camera is not seen.
+    return ((pixels >= 0) & (pixels < (width, height))).all(1)
+
+
+def _rim(geometry: Geometry, smooth: F32, rays: F64, view: int) -> tuple[F64, F64]:
+    """Lift the pixels of a view at the depth that the nearest pixel of the reference view has.
+
+    Returns:
+        Inverse depths along the rays of the view, [P], and the points in the axes of the reference view, [P, 3].
+    """
+    height, width = smooth.shape
+    pose = geometry.world_to_camera[view]
+    inverse_depth = np.full(len(rays), float(np.median(smooth)))
+    for _ in range(_RIM_STEPS):
+        points = (rays / inverse_depth[:, None] - pose[:3, 3]) @ pose[:3, :3]
+        pixels, _ = _project(geometry, points, geometry.reference)
+        nearest = np.nan_to_num(pixels, nan=0.0, posinf=0.0, neginf=0.0).clip(0, (width - 1, height - 1)).astype(int)
+        inverse_depth = smooth[nearest[:, 1], nearest[:, 0]].astype(np.float64)
+    points = (rays / inverse_depth[:, None] - pose[:3, 3]) @ pose[:3, :3]
+    return inverse_depth, points
+
+
+def _farthest_first(geometry: Geometry) -> list[int]:
+    """Order the other views by how far from the reference view their image of the scene's middle has moved."""
+    pose = geometry.world_to_camera
+    middle = 1 / float(np.median(geometry.inverse_depth))
+    points = pose[:, :3, 2] * middle + pose[:, :3, 3]
+    shift = np.linalg.norm(points - (0, 0, middle), axis=1)
+    others = [i for i in np.argsort(-shift, kind="stable") if i != geometry.reference]
+    return [int(i) for i in others]

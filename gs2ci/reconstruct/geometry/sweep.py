@@ -1,0 +1,116 @@
+"""Dense depth of the reference view: a plane sweep over inverse depth with semi-global smoothing.
+
+Here: the range of planes, features, homographies, image size. Not here: the inner loops (`kernels`). Only
+`gs2ci.reconstruct.geometry` imports this file. Semi-global matching: Hirschmüller 2008, four directions.
+"""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from gs2ci.reconstruct.geometry.kernels import best_plane, matching_cost, sum_along_rows
+
+F32 = NDArray[np.float32]
+F64 = NDArray[np.float64]
+
+_BLUR_PX = 0.8
+_GRADIENT_WEIGHT = 2.0
+_LEAST_VIEWS_KEPT = 3
+# At least this many pixels along each side, so that a window and a gradient have room.
+_LEAST_SIDE = 4
+
+
+@dataclass(frozen=True)
+class SweepSettings:
+    """How finely to sweep.
+
+    Args:
+        planes: Number of inverse depths.
+        far_share: The farthest plane, as a share of the tracks' median inverse depth. Stopping at the tracks' own
+            depths cost 3.4 dB on a scene with a far, plain background, which holds no corner to track.
+        near_factor: The nearest plane, as a multiple of the tracks' 99th percentile.
+        most_pixels: Larger views are reduced before the sweep; its memory is 8 bytes per pixel and plane.
+    """
+
+    planes: int = 96
+    far_share: float = 0.03
+    near_factor: float = 1.25
+    most_pixels: int = 500_000
+
+
+def inverse_depth_range(tracked: F64, settings: SweepSettings) -> tuple[float, float]:
+    """Choose the farthest and nearest plane from the tracks' inverse depths, [P] with P >= 1."""
+    return settings.far_share * float(np.median(tracked)), settings.near_factor * float(np.percentile(tracked, 99))
+
+
+def sweep(
+    views: F32,
+    world_to_camera: F64,
+    intrinsics: F64,
+    reference: int,
+    span: tuple[float, float],
+    settings: SweepSettings,
+) -> F32:
+    """Find the inverse depth at which the views agree, for every pixel of the reference view.
+
+    Args:
+        views: [N, H, W, C] float32 in [0, 1], N >= 2.
+        world_to_camera: Poses, [N, 4, 4]; the identity for the reference view.
+        intrinsics: Camera matrix in px, [3, 3]; pixel centres at +0.5.
+        reference: Index of the reference view.
+        span: Farthest and nearest inverse depth.
+        settings: How finely to sweep.
+
+    Returns:
+        Inverse depth, [H, W] float32, within `span`.
+    """
+    height, width = views.shape[1:3]
+    small = _reduced(views, settings.most_pixels)
+    scale = np.array([small.shape[2] / width, small.shape[1] / height, 1.0])
+    features = np.stack([_features(view) for view in small])
+    others = [i for i in range(len(views)) if i != reference]
+    inverse_depths = np.linspace(*span, settings.planes)
+    homographies = _homographies(world_to_camera[others], scale[:, None] * intrinsics, inverse_depths)
+    best = max(min(_LEAST_VIEWS_KEPT, len(others)), len(others) * 2 // 3)
+    cost = matching_cost(features[reference], np.ascontiguousarray(features[others]), homographies, best)
+    index = best_plane(cost, sum_along_rows(cost))
+    step = (span[1] - span[0]) / (settings.planes - 1)
+    inverse_depth = (span[0] + step * index).astype(np.float32)
+    if small.shape != views.shape:
+        inverse_depth = cv2.resize(inverse_depth, (width, height), interpolation=cv2.INTER_LINEAR)
+    return inverse_depth
+
+
+def _reduced(views: F32, most_pixels: int) -> F32:
+    """Shrink views to at most so many pixels, or grow them to the least size that the sweep can work on."""
+    height, width = views.shape[1:3]
+    shrink = min(1.0, (most_pixels / (height * width)) ** 0.5)
+    new_height, new_width = (max(_LEAST_SIDE, round(side * shrink)) for side in (height, width))
+    if (new_height, new_width) == (height, width):
+        return views
+    resized = [cv2.resize(view, (new_width, new_height), interpolation=cv2.INTER_AREA) for view in views]
+    return np.stack(resized).reshape(len(views), new_height, new_width, -1)
+
+
+def _features(view: F32) -> F32:
+    """Describe each pixel by its colour and its luminance gradient, [H, W, C + 2]; the colours sum to weight 3."""
+    blurred = cv2.GaussianBlur(view, (0, 0), _BLUR_PX).reshape(view.shape)
+    grey = cv2.cvtColor(blurred, cv2.COLOR_RGB2GRAY) if view.shape[2] == 3 else blurred[..., 0]
+    # A Sobel operator of size 3 returns eight times the derivative of a ramp; a quarter of it is 2 per px.
+    gradients = [cv2.Sobel(grey, cv2.CV_32F, *axis, ksize=3) * (_GRADIENT_WEIGHT / 4) for axis in ((1, 0), (0, 1))]
+    return np.concatenate([blurred * (3 / view.shape[2]), *[g[..., None] for g in gradients]], axis=-1)
+
+
+def _homographies(world_to_camera: F64, intrinsics: F64, inverse_depths: F64) -> F64:
+    """Map array coordinates of the reference view to those of each view through each plane, [D, V, 3, 3]."""
+    centre = np.array([[1, 0, 0.5], [0, 1, 0.5], [0, 0, 1]])
+    rotation, translation = world_to_camera[:, :3, :3], world_to_camera[:, :3, 3]
+    # X = R ray + t ρ, and the third component of a ray is 1: so ρ t is added to the third column of R.
+    through = np.repeat(rotation[None], len(inverse_depths), axis=0)
+    through[..., 2] += inverse_depths[:, None, None] * translation
+    pixel_from_array = intrinsics @ np.eye(3)
+    ray_from_array = np.linalg.inv(intrinsics) @ centre
+    homographies: F64 = np.linalg.inv(centre) @ pixel_from_array @ through @ ray_from_array
+    return np.ascontiguousarray(homographies)

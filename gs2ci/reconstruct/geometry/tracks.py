@@ -1,0 +1,149 @@
+"""Feature tracks from the reference view to every other view by pyramidal Lucas-Kanade.
+
+Here: detection, tracking and its two checks. Not here: any camera model. Only `gs2ci.reconstruct.geometry` imports
+this file. Positions follow the renderer: the centre of the pixel in row r and column c lies at (c + 0.5, r + 0.5).
+"""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+F32 = NDArray[np.float32]
+F64 = NDArray[np.float64]
+Bool = NDArray[np.bool_]
+
+# OpenCV puts the centre of the first pixel at 0, the renderer at 0.5.
+_CENTRE_OFFSET = 0.5
+# Decoded views carry pixel-sized residue of the masks; this much blur removes it and leaves corners standing.
+_BLUR_PX = 0.8
+_DRIFT_LIMIT_PX = 3.0
+_WINDOW = (21, 21)
+_PYRAMID_LEVELS = 4
+_STOP = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 40, 0.005)
+
+
+@dataclass(frozen=True)
+class TrackSettings:
+    """What to track.
+
+    Args:
+        corners: At most so many corners are tried.
+        quality: Least corner strength, relative to the strongest.
+        spacing_px: Least distance between corners.
+        forward_backward_px: How far from its start a point may land when tracked to the next view and back.
+    """
+
+    corners: int = 2500
+    quality: float = 0.005
+    spacing_px: float = 5.0
+    forward_backward_px: float = 1.0
+
+
+@dataclass(frozen=True)
+class Tracks:
+    """Points of the reference view and where the other views see them.
+
+    Args:
+        positions: [P, N, 2] float64 as (x, y) in pixels, NaN where a view does not see the point.
+        reference: Index of the view in which every point was detected.
+    """
+
+    positions: F64
+    reference: int
+
+    def __len__(self) -> int:
+        return len(self.positions)
+
+    @property
+    def seen(self) -> Bool:
+        """Get which views see which points, [P, N]."""
+        return ~np.isnan(self.positions[..., 0])
+
+    def keep(self, chosen: Bool) -> "Tracks":
+        """Take the chosen points only, [P] bool."""
+        return Tracks(self.positions[chosen], self.reference)
+
+    def seen_by_at_least(self, views: int) -> "Tracks":
+        """Take the points that at least so many views see, the reference among them."""
+        return self.keep(self.seen.sum(1) >= views)
+
+
+def grey_levels(views: F32) -> list[NDArray[np.uint8]]:
+    """Turn views, [N, H, W, C] in [0, 1], into slightly blurred 8-bit luminance, N times [H, W]."""
+    images = []
+    for view in views:
+        eight_bit = np.clip(view * 255, 0, 255).astype(np.uint8)
+        blurred = cv2.GaussianBlur(eight_bit, (0, 0), _BLUR_PX)
+        images.append(cv2.cvtColor(blurred, cv2.COLOR_RGB2GRAY) if view.shape[2] == 3 else blurred)
+    return images
+
+
+def find_tracks(views: F32, reference: int, settings: TrackSettings | None = None) -> Tracks:
+    """Track corners of the reference view through its neighbours to both ends of the exposure.
+
+    Args:
+        views: [N, H, W, C] float32 in [0, 1], in the order of exposure; C is 1 or 3.
+        reference: Index of the view to start from.
+        settings: What to track.
+
+    Returns:
+        Tracks; none at all when the reference view has no corners.
+
+    A point is lost for good at the first view where tracking fails or does not lead back. Stepping from view to view
+    accumulates drift; so each position is sought once more directly from the reference view, starting where the
+    steps led, and replaced when both agree within 3 px.
+    """
+    settings = settings or TrackSettings()
+    images = grey_levels(views)
+    corners = cv2.goodFeaturesToTrack(images[reference], settings.corners, settings.quality, settings.spacing_px)
+    if corners is None:
+        return Tracks(np.empty((0, len(images), 2)), reference)
+    start = corners.reshape(-1, 2).astype(np.float32)
+    positions = np.full((len(start), len(images), 2), np.nan)
+    positions[:, reference] = start
+    for order in (range(reference + 1, len(images)), range(reference - 1, -1, -1)):
+        _follow(images, start, reference, order, positions, settings)
+    return Tracks(positions + _CENTRE_OFFSET, reference)
+
+
+def _follow(
+    images: list[NDArray[np.uint8]],
+    start: F32,
+    reference: int,
+    order: range,
+    positions: F64,
+    settings: TrackSettings,
+) -> None:
+    """Fill `positions` of the views in `order`, each reached from the one before."""
+    height, width = images[reference].shape
+    previous, points, alive = reference, start, np.ones(len(start), np.bool_)
+    for i in order:
+        ahead, found = _flow(images[previous], images[i], points)
+        back, found_back = _flow(images[i], images[previous], ahead)
+        alive &= found & found_back
+        alive &= np.linalg.norm(back - points, axis=1) < settings.forward_backward_px
+        direct, found_direct = _flow(images[reference], images[i], start, ahead)
+        agree = found_direct & (np.linalg.norm(direct - ahead, axis=1) < _DRIFT_LIMIT_PX)
+        points = np.where(agree[:, None], direct, ahead)
+        alive &= (points >= 0).all(1) & (points <= (width - 1, height - 1)).all(1)
+        positions[alive, i] = points[alive]
+        previous = i
+
+
+def _flow(
+    source: NDArray[np.uint8], target: NDArray[np.uint8], points: F32, guess: F32 | None = None
+) -> tuple[F32, Bool]:
+    flags = 0 if guess is None else cv2.OPTFLOW_USE_INITIAL_FLOW
+    moved, status, _ = cv2.calcOpticalFlowPyrLK(
+        source,
+        target,
+        points,
+        None if guess is None else guess.copy(),
+        winSize=_WINDOW,
+        maxLevel=_PYRAMID_LEVELS,
+        criteria=_STOP,
+        flags=flags,
+    )
+    return moved, status[:, 0] == 1

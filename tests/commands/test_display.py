@@ -1,0 +1,250 @@
+import io
+import json
+
+import pytest
+from rich.console import Console
+
+from gs2ci.commands.display import (
+    LiveDisplay,
+    PlainDisplay,
+    describe_figures,
+    describe_seconds,
+    open_display,
+    print_summary,
+)
+from gs2ci.core.errors import StorageError
+from gs2ci.core.progress import Progress
+
+
+class StepClock:
+    """A clock on which every look takes a second."""
+
+    def __init__(self):
+        self.now = 0.0
+
+    def now_s(self):
+        self.now += 1.0
+        return self.now
+
+    def sleep_s(self, duration_s):
+        self.now += duration_s
+
+
+def terminal(width=100):
+    return Console(file=io.StringIO(), force_terminal=True, width=width, color_system=None, highlight=False)
+
+
+def pipe():
+    return Console(file=io.StringIO(), force_terminal=False, width=80, highlight=False)
+
+
+def run_through(display: Progress):
+    display.stage("decode", 40)
+    for done in range(1, 41):
+        display.step(done)
+    display.say("The focal length was [estimated]: 70.4 pixels.")
+    display.stage("geometry")
+    display.stage("fit", 1000)
+    display.step(400, loss=0.01234, heldout=0.021, gaussians=13000)
+
+
+def fail_in(display):
+    def work():
+        with display:
+            run_through(display)
+            raise RuntimeError
+
+    with pytest.raises(RuntimeError):
+        work()
+
+
+def test_plain_output_is_one_line_per_stage_and_sentence():
+    console = pipe()
+    with PlainDisplay(console, StepClock()) as display:
+        run_through(display)
+    assert console.file.getvalue().splitlines() == [
+        "The focal length was [estimated]: 70.4 pixels.",
+        "decode: 1.0 s, 40 steps",
+        "geometry: 1.0 s",
+        "fit: 1.0 s, 400 of 1000 steps, loss 0.0123 · held-out 0.0210 · 13 000 Gaussians",
+    ]
+
+
+def test_plain_output_of_long_sentences_is_not_broken():
+    console = pipe()
+    with PlainDisplay(console) as display:
+        display.say("word " * 50)
+    assert len(console.file.getvalue().splitlines()) == 1
+
+
+def test_a_failing_stage_still_gets_its_line():
+    console = pipe()
+    fail_in(PlainDisplay(console, StepClock()))
+    assert console.file.getvalue().splitlines()[-1].startswith("fit: 1.0 s, 400 of 1000 steps")
+
+
+def test_the_display_is_chosen_by_where_output_goes():
+    assert isinstance(open_display(terminal()), LiveDisplay)
+    assert isinstance(open_display(pipe()), PlainDisplay)
+
+
+def test_the_default_display_writes_no_control_characters_into_a_pipe(capsys):
+    with open_display() as display:
+        run_through(display)
+    out = capsys.readouterr().out
+    assert "\x1b" not in out
+    assert "fit: " in out
+
+
+def test_the_live_display_shows_stage_steps_figures_and_time_left():
+    console = terminal()
+    with open_display(console) as display:
+        run_through(display)
+        display._bars.refresh()
+        shown = console.file.getvalue()
+    assert "400/1000" in shown
+    assert "loss 0.0123 · held-out 0.0210 · 13 000 Gaussians" in shown
+    assert shown.index("[estimated]") < shown.index("geometry")
+    assert "decode" in shown
+
+
+def test_the_live_display_says_how_much_time_is_left():
+    console = terminal()
+    clock = StepClock()
+    display = LiveDisplay(console)
+    display._bars.get_time = clock.now_s
+    with display:
+        display.stage("fit", 100)
+        for done in range(1, 51):
+            display.step(done)
+        display._bars.refresh()
+    assert " s left" in console.file.getvalue()
+
+
+def test_the_live_display_fits_eighty_columns():
+    console = terminal(width=80)
+    with open_display(console) as display:
+        run_through(display)
+        display._bars.refresh()
+    assert max(len(line.split("\r")[-1]) for line in console.file.getvalue().splitlines()) <= 80 + len("\x1b[2K") * 4
+
+
+def test_a_stage_that_ends_early_is_finished_at_the_steps_it_took():
+    console = terminal()
+    with open_display(console) as display:
+        run_through(display)
+        display.stage("write", 1)
+        display.step(1)
+    last = console.file.getvalue().splitlines()
+    assert any("fit" in line and " 400 " in line and "1000" not in line for line in last)
+
+
+def test_a_failing_run_leaves_its_bar_where_it_stood():
+    console = terminal()
+    fail_in(open_display(console))
+    assert "400/1000" in console.file.getvalue()
+
+
+def test_steps_before_any_stage_are_ignored():
+    for console in (terminal(), pipe()):
+        with open_display(console) as display:
+            display.step(3, loss=1.0)
+
+
+@pytest.mark.parametrize(
+    ("figures", "text"),
+    [
+        ({}, ""),
+        ({"loss": 0.5, "psnr_db": 31.016}, "loss 0.5000 · PSNR 31.02 dB"),
+        ({"tracks": 812, "motion_model": "affine"}, "tracks 812 · motion model affine"),
+        ({"gaussians": 1234567}, "1 234 567 Gaussians"),
+        ({"loss": 1.234e-5}, "loss 1.23e-05"),
+        ({"loss": 4321.0}, "loss 4.32e+03"),
+    ],
+)
+def test_figures_read_as_a_person_writes_them(figures, text):
+    assert describe_figures(figures) == text
+
+
+@pytest.mark.parametrize(
+    ("seconds", "text"),
+    [
+        (0.2, "0 s"),
+        (48, "48 s"),
+        (59.7, "1 min 00 s"),
+        (185, "3 min 05 s"),
+        (3600, "1 h 00 min"),
+        (7850, "2 h 10 min"),
+    ],
+)
+def test_durations_read_as_a_person_says_them(seconds, text):
+    assert describe_seconds(seconds) == text
+
+
+REPORT = {
+    "schema": "gs2ci.report/1",
+    "name": "fern [smooth]",
+    "views": 2,
+    "verdict": "refined",
+    "notes": ["The focal length was [estimated]."],
+    "psnr_db": {"mean": 31.02, "per_view": [30.9, 31.14]},
+    "ssim": {"mean": 0.9421, "per_view": [0.94, 0.9442]},
+    "decode": {
+        "psnr_db": {"mean": 24.17, "per_view": [24, 24.34]},
+        "ssim": {"mean": 0.71, "per_view": [0.7, 0.72]},
+    },
+    "trajectory": {"ate": 0.004, "nate": 0.001, "rotation_deg": 0.1, "rpe_t": 0.003, "rpe_r_deg": 0.02},
+    "residual": {"rms": 0.03, "mean_abs": 0.02, "heldout_rms": {"refined": 0.03, "scene": 0.031, "decode": 0.052}},
+    "seconds": {"total": 86.2, "decode": 4.0, "geometry": 4.2, "fit": 78.0},
+    "gaussians": 13000,
+    "peak_mib": 812.3,
+    "stopped_because": "the held-out pixels stopped improving",
+}
+
+
+def summary(tmp_path, **changes):
+    (tmp_path / "report.json").write_text(json.dumps({**REPORT, **changes}))
+    console = pipe()
+    print_summary(tmp_path, console)
+    return console.file.getvalue()
+
+
+def test_the_summary_says_how_good_how_long_and_where(tmp_path):
+    text = summary(tmp_path)
+    for part in (
+        "fern [smooth]: 2 views from one exposure",
+        "31.02 dB",
+        "decode 24.17; views 30.90 to 31.14",
+        "0.9421",
+        "0.0010",
+        "0.100°",
+        "1 min 26 s",
+        "decode 4.0 s, geometry 4.2 s, fit 78.0 s",
+        "held-out",
+        "scene 0.0310, decode 0.0520",
+        "The fit stopped because: the held-out pixels stopped improving.",
+        "The focal length was [estimated].",
+        "overview.png",
+    ):
+        assert part in text
+    assert "\x1b" not in text
+
+
+def test_the_summary_leaves_out_what_is_not_known(tmp_path):
+    residual = {**REPORT["residual"], "heldout_rms": {"refined": None, "scene": None, "decode": None}}
+    text = summary(tmp_path, psnr_db=None, ssim=None, trajectory=None, residual=residual)
+    for part in ("PSNR", "SSIM", "nATE", "rotation", "held-out  ", "None"):
+        assert part not in text
+    assert "0.0300 rms" in text
+
+
+def test_the_summary_of_a_camera_that_stands_still_has_no_nate(tmp_path):
+    errors = {"ate": 0.1, "nate": None, "rotation_deg": 0.1, "rpe_t": None, "rpe_r_deg": None}
+    text = summary(tmp_path, trajectory=errors)
+    assert "nATE" not in text
+    assert "0.100°" in text
+
+
+def test_the_summary_of_no_run_is_an_error(tmp_path):
+    with pytest.raises(StorageError, match="cannot be read"):
+        print_summary(tmp_path, pipe())

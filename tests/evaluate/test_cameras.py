@@ -1,0 +1,68 @@
+import numpy as np
+import pycolmap
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from gs2ci.evaluate.cameras import nerfstudio_transforms, view_names, write_colmap_model
+
+INTRINSICS = np.array([[50.0, 0, 30.5], [0, 52.0, 20.25], [0, 0, 1]])
+
+
+def random_poses(seed, count=3):
+    rng = np.random.default_rng(seed)
+    poses = np.tile(np.eye(4), (count, 1, 1))
+    poses[:, :3, :3] = Rotation.random(count, rng=rng).as_matrix()
+    poses[:, :3, 3] = rng.standard_normal((count, 3))
+    return poses
+
+
+def test_views_are_named_so_that_they_sort():
+    names = view_names(64)
+    assert names == sorted(names)
+    assert names[7] == "view_007.png"
+
+
+@given(seed=st.integers(0, 2**32 - 1))
+@settings(max_examples=20, deadline=None)
+def test_a_point_projects_to_the_same_pixel_through_nerfstudios_cameras(seed):
+    poses = random_poses(seed)
+    transforms = nerfstudio_transforms(poses, INTRINSICS, (40, 60))
+    point = np.array([*np.random.default_rng(seed).standard_normal(3), 1])
+    for pose, frame in zip(poses, transforms["frames"], strict=True):
+        ours = INTRINSICS @ (pose @ point)[:3]
+        x, y, z, _ = np.linalg.inv(frame["transform_matrix"]) @ point
+        # OpenGL: the picture is seen along -z, its y axis points up.
+        theirs = [
+            transforms["fl_x"] * x / -z + transforms["cx"],
+            transforms["fl_y"] * -y / -z + transforms["cy"],
+        ]
+        np.testing.assert_allclose(theirs, ours[:2] / ours[2], rtol=1e-6, atol=1e-6)
+
+
+def test_a_point_projects_to_the_same_pixel_through_colmaps_cameras(tmp_path):
+    poses = random_poses(5)
+    ahead = np.array([0.1, -0.2, 2.0, 1.0])
+    write_colmap_model(
+        tmp_path,
+        poses,
+        INTRINSICS,
+        (40, 60),
+        points=np.zeros((1, 3), np.float32),
+        colors=np.ones((1, 3), np.float32),
+    )
+    model = pycolmap.Reconstruction(tmp_path)
+    for image_id, pose in enumerate(poses, start=1):
+        world = np.linalg.inv(pose) @ ahead
+        pixel = INTRINSICS @ ahead[:3]
+        assert model.images[image_id].project_point(world[:3]) == pytest.approx(pixel[:2] / pixel[2])
+
+
+def test_colours_are_clamped_and_rounded(tmp_path):
+    colors = np.array([[-3.0, 0.5, 7.0]], np.float32)
+    write_colmap_model(
+        tmp_path, random_poses(0), INTRINSICS, (40, 60), points=np.zeros((1, 3), np.float32), colors=colors
+    )
+    (point,) = pycolmap.Reconstruction(tmp_path).points3D.values()
+    assert point.color.tolist() == [0, 128, 255]

@@ -1,0 +1,251 @@
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pycolmap
+import pytest
+import torch
+
+from gs2ci.core.errors import InputError, NumericsError, StorageError
+from gs2ci.evaluate import run_folder
+from gs2ci.evaluate.report import read_report
+from gs2ci.evaluate.run_folder import check_destination, whole_folder, write_run
+from gs2ci.render.gaussians import Gaussians
+from gs2ci.render.ply import read_ply
+
+
+@pytest.fixture
+def scene() -> Gaussians:
+    generator = torch.Generator().manual_seed(0)
+    shapes = {
+        "means": (50, 3),
+        "log_scales": (50, 3),
+        "quaternions": (50, 4),
+        "opacity_logits": (50,),
+        "colours": (50, 3),
+    }
+    return Gaussians(**{name: torch.randn(shape, generator=generator) for name, shape in shapes.items()})
+
+
+@pytest.fixture(autouse=True)
+def quick_overview(monkeypatch):
+    """Drawing is what takes the time; `test_overview.py` draws."""
+    monkeypatch.setattr(run_folder, "write_overview", lambda path, *_: path.touch())
+
+
+@pytest.fixture
+def written(tmp_path, make_run, scene):
+    shot, result = make_run()
+    return write_run(tmp_path / "deep" / "run", shot, result, scene), shot, result
+
+
+def names(folder: Path) -> set[str]:
+    return {path.name for path in folder.iterdir()}
+
+
+def test_a_run_folder_holds_all_its_parts_and_nothing_lies_beside_it(written):
+    folder, _, _ = written
+    wanted = {
+        "report.json",
+        "overview.png",
+        "views.npy",
+        "views",
+        "decode.npy",
+        "scene_views.npy",
+        "depth.npy",
+        "scene.ply",
+        "cameras.json",
+    }
+    assert names(folder) == wanted | {"colmap"}
+    assert names(folder.parent) == {"run"}
+
+
+def test_views_are_the_recovered_ones(written):
+    folder, _, result = written
+    np.testing.assert_array_equal(np.load(folder / "views.npy"), result.views)
+    np.testing.assert_array_equal(np.load(folder / "decode.npy"), result.decode)
+    np.testing.assert_array_equal(np.load(folder / "depth.npy"), result.depth)
+    assert np.load(folder / "views.npy").dtype == np.float32
+
+
+def test_pictures_are_the_views_in_eight_bits(written):
+    folder, _, result = written
+    picture = cv2.imread(str(folder / "views" / "view_007.png"), cv2.IMREAD_UNCHANGED)[..., ::-1]
+    np.testing.assert_allclose(picture / 255, np.clip(result.views[7], 0, 1), atol=0.5 / 255 + 1e-6)
+    assert len(names(folder / "views")) == 8
+
+
+def test_mono_views_are_stored_thrice_and_pictured_grey(tmp_path, make_run, scene):
+    shot, result = make_run(channels=1)
+    folder = write_run(tmp_path / "run", shot, result, scene)
+    views = np.load(folder / "views.npy")
+    assert views.shape == (8, 48, 64, 3)
+    np.testing.assert_array_equal(views[..., 2], result.views[..., 0])
+    assert cv2.imread(str(folder / "views" / "view_000.png"), cv2.IMREAD_UNCHANGED).ndim == 2
+
+
+def test_where_the_decode_is_better_both_are_kept(tmp_path, make_run, scene):
+    shot, result = make_run()
+    folder = write_run(
+        tmp_path / "run", shot, replace(result, verdict="decode", views=result.decode, depth=None), scene
+    )
+    np.testing.assert_array_equal(np.load(folder / "views.npy"), result.decode)
+    np.testing.assert_array_equal(np.load(folder / "scene_views.npy"), result.scene_views)
+    assert "depth.npy" not in names(folder)
+
+
+def test_cameras_are_those_of_nerfstudio(written):
+    folder, _, result = written
+    cameras = json.loads((folder / "cameras.json").read_text())
+    assert (cameras["w"], cameras["h"], cameras["camera_model"]) == (64, 48, "OPENCV")
+    assert cameras["fl_x"] == pytest.approx(result.intrinsics[0, 0])
+    assert len(cameras["frames"]) == 8
+    for frame, pose in zip(cameras["frames"], result.world_to_camera, strict=True):
+        assert (folder / frame["file_path"]).is_file()
+        opengl = np.array(frame["transform_matrix"])
+        # A point two units along the OpenGL camera's own -z axis lies two units along the OpenCV camera's +z axis.
+        ahead = opengl @ [0, 0, -2, 1]
+        np.testing.assert_allclose(pose @ ahead, [0, 0, 2, 1], atol=1e-12)
+        up = opengl @ [0, 1, 0, 1]
+        np.testing.assert_allclose(pose @ up, [0, -1, 0, 1], atol=1e-12)
+
+
+def test_the_colmap_model_reads_back_in_pycolmap(written, scene):
+    folder, _, result = written
+    model = pycolmap.Reconstruction(folder / "colmap" / "sparse" / "0")
+    assert (model.num_cameras(), model.num_reg_images(), model.num_points3D()) == (1, 8, 50)
+    for image in model.images.values():
+        assert (folder / "views" / image.name).is_file()
+        index = int(image.name.removeprefix("view_").removesuffix(".png"))
+        np.testing.assert_allclose(image.cam_from_world().matrix(), result.world_to_camera[index, :3], atol=1e-9)
+    camera = model.cameras[1]
+    assert camera.model.name == "PINHOLE"
+    assert (camera.width, camera.height) == (64, 48)
+    np.testing.assert_allclose(camera.params, result.intrinsics[[0, 1, 0, 1], [0, 1, 2, 2]])
+    first = model.points3D[min(model.points3D)]
+    brightest = int(scene.opacity_logits.argmax())
+    np.testing.assert_allclose(first.xyz, scene.means[brightest], atol=1e-6)
+    np.testing.assert_allclose(first.color / 255, scene.colours[brightest].clamp(0, 1), atol=0.5 / 255 + 1e-6)
+
+
+def test_the_colmap_cloud_is_thinned_to_the_most_opaque(tmp_path, make_run, scene, monkeypatch):
+    monkeypatch.setattr(run_folder, "COLMAP_POINTS", 7)
+    folder = write_run(tmp_path / "run", *make_run(), scene)
+    model = pycolmap.Reconstruction(folder / "colmap" / "sparse" / "0")
+    kept = np.array([point.xyz for point in model.points3D.values()])
+    wanted = scene.means[scene.opacity_logits.argsort(descending=True)[:7]]
+    np.testing.assert_allclose(np.sort(kept, axis=0), np.sort(wanted, axis=0), atol=1e-6)
+
+
+def test_an_empty_scene_is_written_too(tmp_path, make_run, scene):
+    folder = write_run(tmp_path / "run", *make_run(), scene.map(lambda tensor: tensor[:0]))
+    assert pycolmap.Reconstruction(folder / "colmap" / "sparse" / "0").num_points3D() == 0
+
+
+def test_the_scene_reads_back(written, scene):
+    folder, _, _ = written
+    torch.testing.assert_close(read_ply(folder / "scene.ply").means, scene.means)
+
+
+def test_the_report_is_readable_and_strict(written):
+    folder, _, _ = written
+    text = (folder / "report.json").read_text()
+    assert "NaN" not in text
+    assert "Infinity" not in text
+    assert read_report(folder)["name"] == "waves"
+
+
+def test_a_run_is_not_replaced_unless_asked(written, scene):
+    folder, shot, result = written
+    with pytest.raises(StorageError, match="not empty"):
+        write_run(folder, shot, result, scene)
+    (folder / "marker").touch()
+    write_run(folder, replace(shot, name="second"), result, scene, overwrite=True)
+    assert read_report(folder)["name"] == "second"
+    assert "marker" not in names(folder)
+    assert names(folder.parent) == {"run"}
+
+
+def test_an_empty_folder_is_filled(tmp_path, make_run, scene):
+    (tmp_path / "run").mkdir()
+    assert "report.json" in names(write_run(tmp_path / "run", *make_run(), scene))
+
+
+@pytest.mark.parametrize("overwrite", [False, True])
+def test_a_folder_of_other_things_is_never_replaced(tmp_path, overwrite):
+    (tmp_path / "thesis.tex").touch()
+    with pytest.raises(StorageError, match=r"not empty|other than a run"):
+        check_destination(tmp_path, overwrite=overwrite)
+    assert names(tmp_path) == {"thesis.tex"}
+
+
+def test_a_file_in_the_way_is_refused(tmp_path):
+    (tmp_path / "run").touch()
+    with pytest.raises(StorageError, match="not a folder"):
+        check_destination(tmp_path / "run", overwrite=True)
+
+
+@pytest.mark.parametrize("error", [RuntimeError, KeyboardInterrupt])
+def test_nothing_half_written_is_left_when_writing_fails(tmp_path, make_run, scene, monkeypatch, error):
+    def fail(*_):
+        raise error
+
+    monkeypatch.setattr(run_folder, "write_overview", fail)
+    with pytest.raises(error):
+        write_run(tmp_path / "run", *make_run(), scene)
+    assert names(tmp_path) == set()
+
+
+def test_an_earlier_run_survives_a_failure(written, scene, monkeypatch):
+    folder, shot, result = written
+    monkeypatch.setattr(run_folder, "write_ply", lambda *_: (_ for _ in ()).throw(OSError("disk full")))
+    with pytest.raises(StorageError, match="disk full"):
+        write_run(folder, replace(shot, name="second"), result, scene, overwrite=True)
+    assert read_report(folder)["name"] == "waves"
+    assert names(folder.parent) == {"run"}
+
+
+def test_an_earlier_run_is_put_back_when_the_new_one_cannot_take_its_place(tmp_path, monkeypatch):
+    folder = tmp_path / "run"
+    folder.mkdir()
+    (folder / "report.json").write_text('{"schema": "gs2ci.report/1"}')
+    rename = Path.rename
+
+    def refuse_partial(self, target):
+        if self.name.endswith(".partial"):
+            raise OSError("refused")
+        return rename(self, target)
+
+    monkeypatch.setattr(Path, "rename", refuse_partial)
+    with pytest.raises(StorageError, match="refused"), whole_folder(folder, overwrite=True) as partial:
+        (partial / "new").touch()
+    assert names(folder) == {"report.json"}
+    assert names(tmp_path) == {"run"}
+
+
+def test_a_picture_that_cannot_be_written_is_an_error(tmp_path, make_run, scene, monkeypatch):
+    monkeypatch.setattr(run_folder.cv2, "imwrite", lambda *_: False)
+    with pytest.raises(StorageError, match=r"view_000\.png cannot be written"):
+        write_run(tmp_path / "run", *make_run(), scene)
+    assert names(tmp_path) == set()
+
+
+def test_results_that_are_not_finite_or_do_not_fit_never_reach_a_file(tmp_path, make_run, scene):
+    shot, result = make_run()
+    views = result.views.copy()
+    views[0, 0, 0, 0] = np.nan
+    with pytest.raises(NumericsError):
+        write_run(tmp_path / "run", shot, replace(result, views=views), scene)
+    with pytest.raises(InputError):
+        write_run(tmp_path / "run", shot, replace(result, decode=result.decode[:3]), scene)
+    assert names(tmp_path) == set()
+
+
+def test_a_link_to_a_folder_leads_to_it(tmp_path, make_run, scene):
+    (tmp_path / "store").mkdir()
+    (tmp_path / "run").symlink_to(tmp_path / "store")
+    write_run(tmp_path / "run", *make_run(), scene)
+    assert "report.json" in names(tmp_path / "store")
+    assert (tmp_path / "run").is_symlink()

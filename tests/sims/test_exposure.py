@@ -1,0 +1,186 @@
+"""The exposure against what physics says: energy, noise, blur; and its promises to the reader of a shot."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from gs2ci.core.errors import InputError
+from gs2ci.core.progress import Silent
+from gs2ci.core.storage import read_shot, write_shots
+from gs2ci_sims.effects.motion_blur import MotionBlur
+from gs2ci_sims.exposure import Timing, collect_photons, expose
+from gs2ci_sims.light_path import generator
+from gs2ci_sims.masks import random_masks
+from gs2ci_sims.path import StageMove, stage_move_for_parallax
+from gs2ci_sims.radiance import Renderer
+from gs2ci_sims.sensor import Sensor
+
+SENSOR = Sensor()
+STILL = StageMove((0.0, 0.0, 0.0))
+PHOTONS = 4000.0
+
+
+@pytest.fixture(scope="module")
+def masks(small_scene):
+    return random_masks(4, small_scene.size, 0.25, generator(0, "masks"))
+
+
+@pytest.fixture(scope="module")
+def moving(small_scene):
+    return stage_move_for_parallax(small_scene, 6.0, Timing().duration_s(4))
+
+
+def shoot(scene, path, masks, effects=(), **options):
+    return expose(
+        scene, path, masks, SENSOR, **{"full_scale_photons": PHOTONS, "effects": effects, "seed": 3, **options}
+    )
+
+
+def coded(shot):
+    return (shot.masks[..., None] * shot.truth.views).sum(axis=0)
+
+
+def test_without_effects_and_motion_the_measurement_is_the_sum_of_the_masked_views(small_scene, masks):
+    shot = shoot(small_scene, STILL, masks)
+    np.testing.assert_allclose(shot.measurement, coded(shot), atol=1e-5)
+
+
+def test_open_masks_over_a_scene_at_rest_collect_one_view_per_mask(small_scene, masks):
+    shot = shoot(small_scene, STILL, np.ones_like(masks))
+    np.testing.assert_allclose(shot.measurement, 4 * shot.truth.views[0], atol=1e-5)
+
+
+def test_closed_masks_let_no_light_through(small_scene, masks):
+    half_closed = masks * (np.arange(64) < 32)
+    measurement = shoot(small_scene, STILL, half_closed.astype(np.float32)).measurement
+    assert not measurement[:, 32:].any()
+    assert measurement[:, :32].any()
+
+
+def test_sub_exposures_add_up_to_the_light_of_the_whole_interval(small_scene, moving, masks):
+    slices = MotionBlur(4).apply(Timing().intervals_s(4)[:, None, :], np.random.default_rng())
+    photons = collect_photons(
+        small_scene, moving, masks, slices_s=slices, photons_per_s=50.0, renderer=Renderer(), progress=Silent()
+    )
+    moments = moving.world_to_camera(slices.mean(axis=2).ravel())
+    views = Renderer().views(small_scene, moments)[0].reshape(4, 4, *small_scene.size, 3)
+    expected = (masks[..., None] * views.mean(axis=1)).sum(axis=0) * 50.0 * Timing().interval_s
+    np.testing.assert_allclose(photons, expected, rtol=1e-4, atol=1e-4)
+
+
+def test_motion_blur_converges_as_it_is_sampled_more_finely(small_scene, moving, masks):
+    by_samples = {n: shoot(small_scene, moving, masks, [MotionBlur(n)]).measurement for n in (1, 4, 8, 32)}
+    off = shoot(small_scene, moving, masks).measurement
+    errors = [np.abs(by_samples[n] - by_samples[32]).mean() for n in (1, 4, 8)]
+    assert np.array_equal(off, by_samples[1])
+    assert errors[0] > 4 * errors[1] > 8 * errors[2] > 0
+
+
+def test_a_moving_camera_blurs_what_the_solvers_model_takes_as_sharp(small_scene, moving, masks):
+    shot = shoot(small_scene, moving, masks, [MotionBlur(8)])
+    assert np.abs(shot.measurement - coded(shot)).mean() > 1e-3
+    assert shot.measurement.sum() == pytest.approx(coded(shot).sum(), rel=0.01)
+
+
+def test_the_noise_of_a_shot_is_that_of_its_electrons(small_scene, masks):
+    clean = shoot(small_scene, STILL, masks).measurement
+    noise = shoot(small_scene, STILL, masks, SENSOR.effects()).measurement - clean
+    full_scale_e = PHOTONS * SENSOR.quantum_efficiency
+    variance_e = clean * full_scale_e + SENSOR.read_noise_e**2 + SENSOR.electrons_per_dn**2 / 12
+    normalised = noise * full_scale_e / np.sqrt(variance_e)
+    assert normalised.std() == pytest.approx(1.0, rel=0.03)
+    assert abs(normalised.mean()) < 0.05
+
+
+def test_the_truth_holds_poses_and_views_at_the_centre_of_each_interval(small_scene, moving, masks):
+    shot = shoot(small_scene, moving, masks, [MotionBlur(3), *SENSOR.effects()])
+    poses = moving.world_to_camera(Timing().intervals_s(4).mean(axis=1))
+    assert np.array_equal(shot.truth.world_to_camera, poses)
+    assert np.array_equal(shot.truth.views, Renderer().views(small_scene, poses)[0])
+    assert shot.weights.tolist() == pytest.approx([1.0] * 4)
+
+
+def test_the_same_seed_gives_the_same_shot_and_another_seed_another(small_scene, moving, masks):
+    first, again, other = (
+        shoot(small_scene, moving, masks, SENSOR.effects(), seed=seed).measurement for seed in (1, 1, 2)
+    )
+    assert np.array_equal(first, again)
+    assert not np.array_equal(first, other)
+
+
+def test_pixels_that_reached_the_full_well_are_marked_and_read_at_least_that(small_scene, masks):
+    shot = shoot(small_scene, STILL, np.ones_like(masks), SENSOR.effects(), full_scale_photons=8000.0)
+    full_scale_e = 8000.0 * SENSOR.quantum_efficiency
+    truly = 4 * shot.truth.views[0] * full_scale_e > SENSOR.full_well_e + 5 * SENSOR.full_well_e**0.5
+    assert 0.05 < shot.saturated.mean() < 1
+    assert shot.saturated[truly.any(axis=2)].all()
+    assert shot.measurement.max() <= (SENSOR.full_well_e + 6 * SENSOR.read_noise_e) / full_scale_e
+
+
+@pytest.mark.parametrize("photons", [1e-3, 1e9])
+def test_extreme_light_levels_stay_finite(small_scene, masks, photons):
+    shot = shoot(small_scene, STILL, masks, SENSOR.effects(), full_scale_photons=photons)
+    assert np.isfinite(shot.measurement).all()
+
+
+def test_dark_gaps_lengthen_the_move_but_not_the_light():
+    timing = Timing(interval_s=0.1, dark_s=0.05)
+    intervals = timing.intervals_s(4)
+    assert timing.duration_s(4) == pytest.approx(intervals[-1, 1] - intervals[0, 0]) == pytest.approx(0.55)
+    np.testing.assert_allclose(intervals[:, 1] - intervals[:, 0], 0.1)
+    np.testing.assert_allclose(intervals[1:, 0] - intervals[:-1, 1], 0.05)
+    assert intervals.mean() == pytest.approx(0.0, abs=1e-12)
+
+
+def test_one_mask_and_many_masks_are_exposed(small_scene):
+    for count in (1, 32):
+        shot = shoot(small_scene, STILL, random_masks(count, small_scene.size, 0.5, generator(0, "masks")))
+        assert shot.views == count
+
+
+def test_a_shot_survives_its_file(small_scene, moving, masks, tmp_path):
+    shot = shoot(small_scene, moving, masks, [MotionBlur(2), *SENSOR.effects()])
+    back = read_shot(write_shots(tmp_path / "shot.h5", [shot]))
+    for name in ("measurement", "masks", "weights", "saturated", "intrinsics"):
+        assert np.array_equal(getattr(back, name), getattr(shot, name)), name
+    assert np.array_equal(back.truth.views, shot.truth.views)
+    assert back.provenance["sub_exposures"] == 2
+
+
+def test_progress_hears_of_each_mask(small_scene, masks):
+    class Counting(Silent):
+        def stage(self, name, total=None):
+            self.total = total
+
+        def step(self, done, **figures):
+            self.done = done
+
+    progress = Counting()
+    shoot(small_scene, STILL, masks, progress=progress)
+    assert progress.total == progress.done == 4
+
+
+def test_masks_of_another_size_are_refused(small_scene, masks):
+    with pytest.raises(InputError, match="masks of shape"):
+        shoot(small_scene, STILL, masks[:, :-1])
+
+
+@pytest.mark.parametrize("photons", [0.0, -1.0, float("nan"), float("inf")])
+def test_a_light_level_without_meaning_is_refused(small_scene, masks, photons):
+    with pytest.raises(InputError, match="light level"):
+        shoot(small_scene, STILL, masks, full_scale_photons=photons)
+
+
+@pytest.mark.parametrize("timing", [{"interval_s": 0.0}, {"dark_s": -0.1}])
+def test_a_timing_without_meaning_is_refused(timing):
+    with pytest.raises(InputError, match="mask intervals"):
+        Timing(**timing)
+
+
+def test_a_scene_seen_from_another_reference_pose_gives_the_same_shot(small_scene, masks):
+    turned = np.array([[0, 0, -1, 0.3], [0, 1, 0, 0], [1, 0, 0, 2.0], [0, 0, 0, 1.0]])
+    gaussians = small_scene.gaussians
+    view = StageMove((0.0, 0.0, 0.0), reference_world_to_camera=turned)
+    elsewhere = dataclasses.replace(small_scene, gaussians=gaussians, world_to_camera=turned)
+    assert not np.array_equal(shoot(elsewhere, view, masks).measurement, shoot(small_scene, STILL, masks).measurement)

@@ -1,0 +1,73 @@
+"""The sensor as a whole against the EMVA 1288 model: photon transfer, saturation."""
+
+import numpy as np
+import pytest
+
+from gs2ci.core.errors import InputError
+from gs2ci_sims.exposure import read_out
+from gs2ci_sims.light_path import EffectChain
+from gs2ci_sims.sensor import Sensor
+
+SENSOR = Sensor()
+
+
+def readings(photons, seed=0, sensor=SENSOR):
+    return read_out(np.full((400, 400, 1), float(photons)), sensor, EffectChain(sensor.effects(), seed))
+
+
+def test_the_photon_transfer_curve_has_the_system_gain_as_slope_and_the_dark_noise_as_intercept():
+    levels = np.linspace(0, 0.8, 9) * SENSOR.full_well_e / SENSOR.quantum_efficiency
+    frames = [readings(level, seed) for seed, level in enumerate(levels)]
+    mean = np.array([frame.mean() for frame in frames])
+    variance = np.array([frame.var() for frame in frames])
+    gain = 1 / SENSOR.electrons_per_dn
+    dark_variance = (gain * SENSOR.read_noise_e) ** 2 + 1 / 12
+    slope = np.polyfit(mean, variance, 1)[0]
+    assert slope == pytest.approx(gain, rel=0.01)
+    assert variance[0] == pytest.approx(dark_variance, rel=0.02)
+
+
+def test_the_mean_reading_is_linear_in_photons_with_the_quantum_efficiency_as_slope():
+    dark, light = readings(0).mean(), readings(8000).mean()
+    assert dark == pytest.approx(SENSOR.black_level_dn, abs=0.02)
+    assert (light - dark) * SENSOR.electrons_per_dn / 8000 == pytest.approx(SENSOR.quantum_efficiency, rel=1e-3)
+
+
+@pytest.mark.parametrize("photons", [1e5, 1e9, 1e15])
+def test_an_overexposed_pixel_reads_at_least_its_saturation_level_and_stays_in_range(photons):
+    frame = readings(photons)
+    assert np.mean(frame >= SENSOR.saturation_dn) > 0.9999
+    assert frame.max() <= 2**SENSOR.bits - 1
+
+
+def test_a_pixel_well_below_the_full_well_is_not_called_saturated():
+    assert not (readings(0.9 * SENSOR.full_well_e / SENSOR.quantum_efficiency) >= SENSOR.saturation_dn).any()
+
+
+def test_a_converter_too_short_for_the_well_saturates_first():
+    short = Sensor(electrons_per_dn=1.0)
+    assert short.saturation_dn == 4095
+    assert (readings(1e6, sensor=short) == 4095).all()
+
+
+def test_readings_and_electrons_convert_both_ways():
+    charge = np.linspace(0, 1e4, 50)
+    np.testing.assert_allclose(SENSOR.electrons_from_dn(SENSOR.dn_from_electrons(charge)), charge, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    "figures",
+    [
+        {"full_well_e": 0.0},
+        {"read_noise_e": -1.0},
+        {"bits": 0},
+        {"electrons_per_dn": 0.0},
+        {"quantum_efficiency": 0.0},
+        {"quantum_efficiency": 1.1},
+        {"black_level_dn": -1.0},
+        {"black_level_dn": 4095.0},
+    ],
+)
+def test_a_data_sheet_out_of_range_is_refused(figures):
+    with pytest.raises(InputError, match="allowed"):
+        Sensor(**figures)
