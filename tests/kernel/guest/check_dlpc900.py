@@ -47,7 +47,7 @@ class Bench:
         while True:
             try:
                 return Dlpc900("dmd0", UsbHid("dmd0", VENDOR, PRODUCT), WallClock())
-            except AccessError:
+            except (AccessError, DisconnectedError):  # not yet there, or still the one that was there before
                 if time.monotonic() > deadline_s:
                     raise
                 time.sleep(0.2)

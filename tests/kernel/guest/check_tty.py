@@ -80,7 +80,7 @@ def zaber() -> Iterator[tuple[str, Far]]:
     (GADGET / "idProduct").write_text("0x0104")
     (GADGET / "configs/c.1").mkdir()
     (GADGET / "configs/c.1/acm.0").symlink_to(GADGET / "functions/acm.0")
-    (GADGET / "UDC").write_text("dummy_udc.0")
+    bind("dummy_udc.0")
     path = wait_for(lambda: next((str(p) for p in Path("/dev").glob("ttyACM*")), ""))
     far_fd = os.open("/dev/ttyGS0", os.O_RDWR | os.O_NOCTTY)
     tty.setraw(far_fd)
@@ -89,11 +89,22 @@ def zaber() -> Iterator[tuple[str, Far]]:
     yield path, far
     far.pace.stop()
     os.close(far_fd)
-    (GADGET / "UDC").write_text("\n")
+    bind("")
     (GADGET / "configs/c.1/acm.0").unlink()
     (GADGET / "configs/c.1").rmdir()
     (GADGET / "functions/acm.0").rmdir()
     GADGET.rmdir()
+
+
+def ask(stage: Stage, times: int) -> None:
+    for _ in range(times):
+        stage.positions_mm()
+
+
+def bind(controller: str) -> None:
+    """Plug the gadget into a controller, or with "" pull it out if it is in."""
+    if (GADGET / "UDC").read_text().strip() != controller:
+        (GADGET / "UDC").write_text(controller + "\n")
 
 
 def move_and_refuse(stage: Stage) -> None:
@@ -131,10 +142,9 @@ def test_zaber_moves_over_a_usb_serial_port_and_its_unplug_is_told(zaber: tuple[
         microstep_mm={"x": MICROSTEP_MM},
     )
     move_and_refuse(stage)
-    (GADGET / "UDC").write_text("\n")
+    bind("")
     begin_s = time.monotonic()
     with pytest.raises(DriverError, match="stage0"):
-        for _ in range(3):
-            stage.positions_mm()
+        ask(stage, 3)
     assert time.monotonic() - begin_s < 60.0
     stage.close()

@@ -1,8 +1,8 @@
 """Plugs a HID device made of two functions into the kernel's virtual host controller (vhci-hcd).
 
-The USB/IP protocol (Documentation/usb/usbip_protocol.rst) runs over a socket pair of which vhci-hcd gets one end. The
-kernel enumerates a full-speed device with one HID interface, interrupt endpoints 0x01 and 0x81 of 64 bytes, exactly as
-it would enumerate one behind a cable; only the reports are ours.
+The USB/IP protocol (Documentation/usb/usbip_protocol.rst) runs over a socket pair of which vhci-hcd gets one end.
+The kernel enumerates a full-speed device with one HID interface, interrupt endpoints 0x01 and 0x81 of 64 bytes,
+exactly as it would enumerate one behind a cable; only the reports are ours.
 """
 
 import errno
