@@ -38,7 +38,7 @@ class SerialLine:
             try:
                 self._port.open()
             except serial.SerialException as error:
-                if error.errno is None and "lock" in str(error):
+                if error.errno in (None, errno.EAGAIN) and "lock" in str(error):
                     raise AccessError(
                         device, f"{path} is in use by another program", asked="open", remedy="close that program"
                     ) from error
