@@ -3,7 +3,7 @@
 import os
 import time
 import tty
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import pytest
 
@@ -20,13 +20,21 @@ def terminal() -> Iterator[tuple[int, str]]:
     os.close(far)
 
 
+def read_exactly(read: Callable[[], bytes], count: int) -> bytes:
+    """A terminal may hand bytes over in pieces."""
+    data = b""
+    while len(data) < count:
+        data += read()
+    return data
+
+
 def test_bytes_pass_both_ways(terminal: tuple[int, str]) -> None:
     far, path = terminal
     line = SerialLine("stage0", path)
     line.write(b"/1 0 1\n", 1.0)
-    assert os.read(far, 100) == b"/1 0 1\n"
+    assert read_exactly(lambda: os.read(far, 100), 7) == b"/1 0 1\n"
     os.write(far, b"@01 0 OK\r\n")
-    assert line.read(100, 5.0) == b"@01 0 OK\r\n"
+    assert read_exactly(lambda: line.read(100, 5.0), 10) == b"@01 0 OK\r\n"
     line.close()
 
 
