@@ -9,9 +9,13 @@ The commands import this file.
 import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
+from typing import Literal
 
+import numpy as np
 import torch
+from scipy.spatial.transform import Rotation
 
+from gs2ci.core.errors import InputError
 from gs2ci.core.progress import Progress, Silent
 from gs2ci.core.records import F32, F64, Shot
 from gs2ci.core.run_records import RunResult, Verdict
@@ -27,6 +31,7 @@ from gs2ci.render.backend import Backend, load_backend
 from gs2ci.render.gaussians import Gaussians
 
 Score = Callable[[F32], float]
+PoseSource = Literal["tracks", "stage"]
 
 
 @dataclass(frozen=True)
@@ -34,6 +39,8 @@ class Settings:
     """Settings of every stage.
 
     Args:
+        poses: Where the initial poses come from: found in the decoded views ("tracks"), or the shot's telemetry
+            ("stage").
         decode: Of the decoder that the geometry stage looks at.
         geometry: Of tracks, motion and depth.
         fit: Of the coarse stage.
@@ -43,6 +50,7 @@ class Settings:
         seed: Of every random draw.
     """
 
+    poses: PoseSource = "tracks"
     decode: GapTvSettings = field(default_factory=GapTvSettings)
     geometry: GeometrySettings = field(default_factory=GeometrySettings)
     fit: CoarseSettings = field(default_factory=CoarseSettings)
@@ -79,7 +87,8 @@ def reconstruct(
         the decode; and the other two.
 
     Raises:
-        InputError: The shot's parts do not fit together.
+        InputError: The shot's parts do not fit together, or poses are to come from telemetry that it does not hold.
+        GeometryError: The telemetry contradicts the decoded views.
         NumericsError: The fit is not finite from its first iteration on.
     """
     settings, progress = settings or Settings(), progress or Silent()
@@ -91,7 +100,8 @@ def reconstruct(
     decoded = gap_tv(seen, settings.decode, progress)
     clock.lap("decode")
 
-    geometry = initialise(decoded, shot.intrinsics, settings.geometry, progress)
+    known_poses = _known_poses(shot, settings.poses)
+    geometry = initialise(decoded, shot.intrinsics, settings.geometry, progress, known_poses)
     start = first_gaussians(seed_points(geometry, decoded, settings.stride_px))
     clock.lap("geometry")
 
@@ -118,6 +128,7 @@ def reconstruct(
     if verdict == "refined":  # the pixels that judged may now help as well
         refined = refine_views(shot, fit.views, settings.residual)
     recovered = {"refined": refined, "scene": fit.views, "decode": decoded}[verdict]
+    moved = _moved_poses(geometry.world_to_camera, fit.world_to_camera)
     depth = _depth(fit, geometry.intrinsics, shot.size, backend)
     clock.lap("fit")
 
@@ -133,12 +144,12 @@ def reconstruct(
         stopped_because=fit.stopped_because,
         seconds=clock.seconds(),
         gaussians=len(fit.scene),
-        notes=geometry.notes,
+        notes=(*geometry.notes, *_note_of_stage(settings.poses, moved)),
         settings=asdict(settings),
         seed=settings.seed,
         verdict=verdict,
         heldout_rms=heldout_rms,
-        geometry=_summary(geometry),
+        geometry={**_summary(geometry, settings.poses), "moved": moved},
     )
     return Reconstruction(result.check(), fit.scene)
 
@@ -159,6 +170,30 @@ class _Stopwatch:
         return {**self._stages, "total": self._lap_s - self.began_s}
 
 
+def _known_poses(shot: Shot, source: PoseSource) -> F64 | None:
+    if source == "stage" and shot.telemetry_world_to_camera is None:
+        raise InputError(
+            f"{shot.name} holds no poses from a stage",
+            allowed="--geometry tracks",
+            remedy="capture with a stage in the rig file, or give poses at import",
+        )
+    return shot.telemetry_world_to_camera if source == "stage" else None
+
+
+def _moved_poses(start: F64, end: F64) -> dict[str, float]:
+    """Say how far the fit moved the poses, root mean square: in degrees, and as a share of the camera path's extent."""
+    change = end @ np.linalg.inv(start)
+    change = change @ np.linalg.inv(change[len(change) // 2])  # a common change is a change of the world's frame
+    centres = np.linalg.inv(start)[:, :3, 3]
+    extent = float(np.linalg.norm(np.ptp(centres, axis=0)))
+    shift = float(np.sqrt((change[:, :3, 3] ** 2).sum(axis=1).mean()))
+    angles = Rotation.from_matrix(change[:, :3, :3]).magnitude()
+    return {
+        "rotation_deg": float(np.degrees(np.sqrt((angles**2).mean()))),
+        "share_of_path": shift / extent if extent > 0 else 0.0,
+    }
+
+
 def _depth(fit: CoarseFit, intrinsics: F64, size: tuple[int, int], backend: Backend) -> F32:
     """Render the mean depth along the optical axis, [N, H, W]; zero where less than half of the light is stopped."""
     poses = torch.from_numpy(fit.world_to_camera).float()
@@ -176,9 +211,16 @@ def _judge(heldout_rms: dict[Verdict, float | None]) -> Verdict:
     return min(known, key=lambda name: known[name]) if known else "scene"
 
 
-def _summary(geometry: Geometry) -> dict[str, object]:
+def _note_of_stage(source: PoseSource, moved: dict[str, float]) -> tuple[str, ...]:
+    if source == "tracks":
+        return ()
+    share, rotation_deg = moved["share_of_path"], moved["rotation_deg"]
+    return (f"The fit moved the stage's poses by {share:.1%} of the path and {rotation_deg:.3f}°.",)
+
+
+def _summary(geometry: Geometry, source: PoseSource) -> dict[str, object]:
     return {
-        "method": "tracks",
+        "method": source,
         "verdict": geometry.verdict,
         "focal_px": float(geometry.intrinsics[0, 0]),
         "focal_source": geometry.focal_source,
