@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Iterator
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -96,12 +97,23 @@ def test_a_sequence_is_uploaded_shown_and_triggered_over_usbfs(bench: Bench) -> 
     dmd.close()
 
 
+def wait_for_hid(bound: bool) -> None:
+    """Wait until the kernel's HID driver has, or has not, the device."""
+    deadline_s = time.monotonic() + PLUG_TIMEOUT_S
+    while any(Path("/sys/bus/hid/devices").glob("*:0451:C900.*")) != bound:
+        assert time.monotonic() < deadline_s
+        time.sleep(0.05)
+
+
 def test_the_kernels_own_driver_gets_the_interface_back(bench: Bench) -> None:
+    wait_for_hid(True)
     dmd = bench.open()
     dmd.connect()
+    wait_for_hid(False)
     with pytest.raises(AccessError):
         UsbHid("dmd1", VENDOR, PRODUCT)
     dmd.close()
+    wait_for_hid(True)
     again = bench.open()
     assert again.connect().height == HEIGHT
     again.close()
