@@ -25,8 +25,9 @@ _Denoiser = Callable[[F32], tuple[F32, F32]]
 # A pixel through which next to no light came would have its noise divided by its tiny transmission. Below this share
 # of the mean energy Σ (wM)² the projection is damped instead; for binary masks nothing lies below it but 0 itself.
 _ENERGY_FLOOR = 0.02
-# Pixels without a reading start from those around them, and from 0 where there are none for several such lengths.
+# Pixels without a reading start from those within about such a length; the mean of all weighs as much as one of them
 _FILL_PX = 2.0
+# that is three such lengths away does.
 _LEAST_NEARBY = 1e-3
 
 
@@ -114,12 +115,17 @@ def _inverse_energy(masks: F32, saturated: NDArray[np.bool_] | None) -> F32:
 def _average_exposure(masks: F32, measured: F32, counts: NDArray[np.bool_]) -> F32:
     """Start every view from the measurement divided by its total exposure, [N, C, H, W].
 
-    Pixels that do not count start from a mean of those near them: smoothing alone would take long to fill them.
+    Pixels that do not count start from a mean of those near them, or of all where none is near: smoothing alone would
+    take long to fill them, and a wide hole never.
     """
     exposure = masks.sum(0)
     average = np.where(counts, measured / np.maximum(exposure, _ENERGY_FLOOR * exposure.mean()), 0.0)
+    mean = average.sum(axis=(1, 2), dtype=np.float64) / max(int(counts.sum()), 1)
     nearby = _blur(counts.astype(np.float32))
-    filled = [_blur(plane.astype(np.float32)) / np.maximum(nearby, _LEAST_NEARBY) for plane in average]
+    filled = [
+        (_blur(plane.astype(np.float32)) + _LEAST_NEARBY * level) / (nearby + _LEAST_NEARBY)
+        for plane, level in zip(average, mean, strict=True)
+    ]
     average = np.where(counts, average, filled).astype(np.float32)
     return np.repeat(average[None], len(masks), axis=0)
 
