@@ -16,7 +16,7 @@ from gs2ci.core.records import F32, F64, Shot
 from gs2ci.core.storage import read_shot
 from gs2ci.evaluate.metrics import psnr_per_view
 from gs2ci.evaluate.run_folder import check_destination, write_run
-from gs2ci.reconstruct.pipeline import Score, Settings, reconstruct
+from gs2ci.reconstruct.pipeline import PoseSource, Score, Settings, reconstruct
 
 
 def run(
@@ -25,6 +25,7 @@ def run(
     output: Annotated[Path, tyro.conf.arg(aliases=["-o"])] = Path("run"),
     *,
     index: int = 0,
+    geometry: PoseSource = "tracks",
     iterations: int | None = None,
     focal_px: float | None = None,
     seed: int = 42,
@@ -36,6 +37,8 @@ def run(
         shot: A shot file, as `gs2ci import` and `gs2ci capture` write them.
         output: The run folder to write.
         index: Which shot of the file.
+        geometry: Where the first poses come from: "tracks" finds them in the decoded views, "stage" takes those that
+            the stage reported. The fit refines them either way.
         iterations: At most so many iterations of the fit; it ends earlier when held-out pixels stop improving.
         focal_px: Focal length along the rows to use instead of the file's, in pixels.
         seed: Of every random draw; the same seed gives the same result.
@@ -51,7 +54,7 @@ def run(
     measured = read_shot(shot, index)
     if focal_px is not None:
         measured = replace(measured, intrinsics=_with_focal(focal_px, measured)).check()
-    settings = Settings(seed=seed)
+    settings = Settings(seed=seed, poses=geometry)
     if iterations is not None:
         settings = replace(settings, fit=replace(settings.fit, iterations=iterations))
     with open_display() as display:

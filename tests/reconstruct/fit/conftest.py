@@ -66,7 +66,7 @@ def scattered() -> Callable[..., Gaussians]:
         rng = np.random.default_rng(seed)
         opacity = rng.normal(0, 1, count) if logits is None else np.full(count, logits)
         return Gaussians(
-            means=torch.tensor(rng.uniform(-0.5, 0.5, (count, 3)) + [0, 0, 1], dtype=torch.float32),
+            means=torch.tensor(rng.uniform(-0.5, 0.5, (count, 3)) + np.array([0, 0, 1]), dtype=torch.float32),
             log_scales=torch.tensor(rng.normal(-3, 0.3, (count, 3)), dtype=torch.float32),
             quaternions=torch.tensor(rng.normal(size=(count, 4)), dtype=torch.float32),
             opacity_logits=torch.tensor(opacity, dtype=torch.float32),
