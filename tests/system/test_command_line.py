@@ -66,7 +66,7 @@ def bench(measurement):
 
 
 def test_from_a_foreign_file_to_a_run_folder(bench):
-    folder, done = bench
+    folder, _ = bench
     run = folder / "run"
     parts = (
         "report.json overview.png views.npy views scene.ply cameras.json colmap decode.npy scene_views.npy depth.npy"
