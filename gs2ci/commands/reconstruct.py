@@ -71,7 +71,8 @@ def _with_focal(focal_px: float, shot: Shot) -> F64:
     if shot.intrinsics is None:
         return np.array([[focal_px, 0, width / 2], [0, focal_px, height / 2], [0, 0, 1]])
     intrinsics = shot.intrinsics.astype(np.float64)
-    intrinsics[:2, :2] *= focal_px / intrinsics[0, 0]
+    intrinsics[1, 1] *= focal_px / intrinsics[0, 0]
+    intrinsics[0, 0] = focal_px
     return intrinsics
 
 

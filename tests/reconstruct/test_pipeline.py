@@ -97,7 +97,7 @@ def test_it_beats_its_own_decode(shot, found):
     result, truth = found.result, shot.truth.views
     assert result.geometry["verdict"] == "full"
     assert result.verdict in ("refined", "scene")
-    assert result.heldout_rms[result.verdict] < 0.6 * result.heldout_rms["decode"]
+    assert result.heldout_rms[result.verdict] < 0.8 * result.heldout_rms["decode"]
     assert np.mean(psnr_per_view(result.views, truth)) > np.mean(psnr_per_view(result.decode, truth)) + 3
 
 
@@ -188,7 +188,7 @@ def test_grey_masks_and_unequal_weights_are_part_of_the_model():
     weights = rng.uniform(0.7, 1, VIEWS).astype(np.float32)
     coded = (weights[:, None, None, None] * masks[..., None] * views).sum(axis=0)
     result = reconstruct(expose(views, masks, weights=weights, measurement=coded), QUICK).result
-    assert result.heldout_rms[result.verdict] < 0.6 * result.heldout_rms["decode"]
+    assert result.heldout_rms[result.verdict] < 0.8 * result.heldout_rms["decode"]
     assert np.mean(psnr_per_view(result.views, views)) > np.mean(psnr_per_view(result.decode, views)) + 3
 
 

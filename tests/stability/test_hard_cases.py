@@ -36,17 +36,17 @@ def wall(count=4, size=SIZE, step=1.0):
     return np.stack(views).astype(np.float32)
 
 
-def turned(count=4, size=SIZE, step_rad=0.03):
+def turned(count, size, focal_px, step_rad):
     """A texture at infinity seen by a camera that only turns about its vertical axis."""
     image = texture((size[0] + 40, size[1] + 60))
     y, x = np.mgrid[: size[0], : size[1]] + 0.5
-    rays = np.stack([(x - size[1] / 2) / FOCAL_PX, (y - size[0] / 2) / FOCAL_PX, np.ones_like(x)], axis=-1)
+    rays = np.stack([(x - size[1] / 2) / focal_px, (y - size[0] / 2) / focal_px, np.ones_like(x)], axis=-1)
     views = []
     for i in range(count):
         angle = step_rad * (i - count // 2)
         cosine, sine = np.cos(angle), np.sin(angle)
         seen = rays @ np.array([[cosine, 0, -sine], [0, 1, 0], [sine, 0, cosine]])
-        at = FOCAL_PX * seen[..., :2] / seen[..., 2:]
+        at = focal_px * seen[..., :2] / seen[..., 2:]
         place = (at[..., 1] + size[0] / 2 + 19.5, at[..., 0] + size[1] / 2 + 29.5)
         views.append(np.stack([map_coordinates(image[..., c], place, order=1) for c in range(3)], axis=-1))
     return np.stack(views).astype(np.float32)
@@ -200,8 +200,10 @@ def test_no_motion_at_all():
 
 
 def test_pure_rotation():
-    views = turned(6, (48, 64))
-    result = recover(expose(views), "depth cannot be found")
+    size, focal_px = (96, 128), 100.0
+    camera = np.array([[focal_px, 0, size[1] / 2], [0, focal_px, size[0] / 2], [0, 0, 1]])
+    views = turned(6, size, focal_px, step_rad=0.02)
+    result = recover(expose(views, intrinsics=camera), "depth cannot be found")
     assert result.geometry["verdict"] == "rotation_only"
     assert rms(result.views - views) < 0.15
 

