@@ -13,6 +13,7 @@ import tyro
 
 from gs2ci.commands import capture, reconstruct
 from gs2ci.core.storage.sealing import partial_of
+from gs2ci.evaluate.run_folder import check_destination
 from gs2ci_sims.path import stage_move_for_parallax
 from gs2ci_sims.scenes.rgbd import motorcycle
 from gs2ci_sims.sensor import Sensor
@@ -100,6 +101,7 @@ def run(
     Returns:
         The run folder.
     """
+    check_destination(output / "run", overwrite=True)
     output.mkdir(parents=True, exist_ok=True)
     shot = output / "shot.h5"
     partial_of(shot).unlink(missing_ok=True)  # an interrupted demonstration is nobody's data

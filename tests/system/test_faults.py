@@ -167,7 +167,7 @@ def check_rows(small, path, expected_rows):
 
 @pytest.mark.parametrize("case", CASES, ids=lambda case: case.id)
 def test_a_fault_ends_in_time_and_typed_and_the_next_capture_works(case, make_small, tmp_path):
-    small = make_small(**RIGS[case.rig][1], capture={"masks": 2, "mask_s": 0.04, "shots": SHOTS})
+    small = make_small(dlp5500=True, **RIGS[case.rig][1], capture={"masks": 2, "mask_s": 0.04, "shots": SHOTS})
     out = tmp_path / "shot.h5"
     partial = tmp_path / "shot.h5.partial"
 

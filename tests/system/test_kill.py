@@ -73,13 +73,13 @@ def rows_in(path):
 def test_every_row_that_was_reported_survives_sixty_kills(make_small, tmp_path):
     changes = {"masks": 2, "mask_s": 0.01, "shots": SHOTS, "axis": ""}
     begin_s = time.monotonic()
-    whole = rows_in(make_small(capture=changes).capture(tmp_path / "whole.h5"))
+    whole = rows_in(make_small(dlp5500=True, capture=changes).capture(tmp_path / "whole.h5"))
     longest_s = 0.4 * (time.monotonic() - begin_s)  # the file is opened after planning and before the upload
     rng = np.random.default_rng(5)
     interrupted = 0
     for kill in range(KILLS):
         out = tmp_path / f"{kill}.h5"
-        reported = killed_after(make_small(capture=changes), out, float(rng.uniform(0.0, longest_s)))
+        reported = killed_after(make_small(dlp5500=True, capture=changes), out, float(rng.uniform(0.0, longest_s)))
         partial = out.with_name(out.name + ".partial")
         if out.exists():
             saved = rows_in(out)
