@@ -24,6 +24,10 @@ from gs2ci.core.errors import Gs2ciError
 COMMANDS: Final[dict[str, tuple[str, str]]] = {
     "import": ("gs2ci.commands.import_", "turn .npz, .npy or .mat measurements into a shot file"),
     "reconstruct": ("gs2ci.commands.reconstruct", "recover views, camera path and scene from a shot file"),
+    "capture": ("gs2ci.commands.capture", "take coded exposures on a bench, real or simulated"),
+    "recover": ("gs2ci.commands.recover", "save the finished rows of an interrupted capture"),
+    "devices": ("gs2ci.commands.devices", "say what is connected and what it can do"),
+    "doctor": ("gs2ci.commands.doctor", "examine a bench: permissions, firmware, clocks, trigger line"),
     "demo": ("gs2ci.commands.demo", "simulate an exposure of a real scene and reconstruct it"),
 }
 EXIT_USER_ERROR: Final = 2

@@ -17,6 +17,7 @@ import torch
 
 BENCHMARKS = {
     "rasteriser": "tests.benchmarks.rasteriser",
+    "bundle_adjustment": "tests.benchmarks.bundle_adjustment",
 }
 
 

@@ -62,7 +62,14 @@ def _filter_image(source: F32, taps: F32, channels: int, out: F32) -> None:
 
 @njit(parallel=True, **_JIT)
 def _similarity(
-    a: F32, b: F32, mean_b: F32, mean_bb: F32, taps: F32, channels: int, partial: F32, row_sums: NDArray[np.float64]
+    a: F32,
+    b: F32,
+    mean_b: F32,
+    mean_bb: F32,
+    taps: F32,
+    channels: int,
+    partial: F32,
+    row_sums: NDArray[np.float64],
 ) -> None:
     """Sum the similarity per row, and store its derivatives by the filtered a, a² and ab in partial [3, H, W * C]."""
     height, width = a.shape

@@ -61,7 +61,8 @@ class Motion:
         rotations: Reference to view, [N, 3, 3]; the identity for the reference view.
         translations: [N, 3]; zero for the reference view. The unit is that of 1 / inverse depth.
         inverse_depth: Of each track on its reference ray, [P].
-        errors_px: Prediction minus track, [P, N, 2]; NaN where a view does not see the point.
+        errors_px: Prediction minus track, [P, N, 2]; NaN in the reference view and where a view does not see the
+            point.
         least_depth: Smallest depth of each point over the views that see it, relative to its depth in the reference
             view, [P].
         cost: Sum of Huber costs in px².
@@ -75,17 +76,18 @@ class Motion:
     cost: float
 
     @property
-    def residuals_px(self) -> F64:
-        """Get the distance between prediction and track, [P, N]; NaN where a view does not see the point."""
-        return np.linalg.norm(self.errors_px, axis=-1)
-
-    @property
     def world_to_camera(self) -> F64:
         """Get the poses, [N, 4, 4], with the reference view as the world."""
         poses = np.tile(np.eye(4), (len(self.rotations), 1, 1))
         poses[:, :3, :3] = self.rotations
         poses[:, :3, 3] = self.translations
         return poses
+
+    @property
+    def residuals_px(self) -> F64:
+        """Get the distance between prediction and track, [P, N]; NaN as in `errors_px`."""
+        distance: F64 = np.linalg.norm(self.errors_px, axis=-1)
+        return distance
 
     @property
     def behind_share(self) -> float:
@@ -95,8 +97,7 @@ class Motion:
     @property
     def rms_px(self) -> float:
         """Get the root mean square residual over all sightings but those of the reference view, in px."""
-        seen = ~np.isnan(self.residuals_px)
-        return float(np.sqrt(np.mean(self.residuals_px[seen] ** 2))) if seen.any() else 0.0
+        return _rms_px(self.errors_px)
 
 
 @dataclass(frozen=True)
@@ -105,11 +106,44 @@ class Rotations:
 
     Args:
         rotations: Reference to view, [N, 3, 3].
-        errors_px: Prediction minus track, [P, N, 2]; NaN where a view does not see the point.
+        errors_px: Prediction minus track, [P, N, 2]; NaN in the reference view and where a view does not see the
+            point.
+        displacement_px: By how much they move the points: the median over points, in the view where it is largest.
     """
 
     rotations: F64
     errors_px: F64
+    displacement_px: float
+
+    @property
+    def rms_px(self) -> float:
+        """Get the root mean square residual, in px."""
+        return _rms_px(self.errors_px)
+
+
+def _rms_px(errors_px: F64) -> float:
+    squares = (errors_px**2).sum(axis=-1)
+    seen = ~np.isnan(squares)
+    return float(np.sqrt(squares[seen].mean())) if seen.any() else 0.0
+
+
+def predict_positions(positions_px: F64, inverse_depth: F64, world_to_camera: F64, intrinsics: F64) -> F64:
+    """Predict where every view sees points of the reference view.
+
+    Args:
+        positions_px: Their pixels in the reference view, [P, 2].
+        inverse_depth: [P].
+        world_to_camera: [N, 4, 4], the identity for the reference view.
+        intrinsics: Camera matrix in px, [3, 3].
+
+    Returns:
+        [P, N, 2] px.
+    """
+    rays = np.concatenate([positions_px, np.ones((len(positions_px), 1))], axis=1) @ np.linalg.inv(intrinsics).T
+    turned = rays @ world_to_camera[:, :3, :3].transpose(0, 2, 1)
+    points = (turned + world_to_camera[:, None, :3, 3] * inverse_depth[None, :, None]) @ intrinsics.T
+    pixels: F64 = points[..., :2] / np.maximum(points[..., 2:], _LEAST_RELATIVE_DEPTH)
+    return pixels.transpose(1, 0, 2)
 
 
 def wander_px(errors_px: F64) -> float:
@@ -119,7 +153,7 @@ def wander_px(errors_px: F64) -> float:
     nothing about the motion, and a translation explains one component of it for nothing: so it is taken out.
 
     Args:
-        errors_px: [P, N, 2]; NaN where a view does not see the point.
+        errors_px: [P, N, 2]; NaN where a view does not see the point. Tracks of one sighting say nothing here.
     """
     seen = ~np.isnan(errors_px[..., 0])
     spare = int(seen.sum()) - int(seen.any(axis=1).sum())
@@ -167,7 +201,7 @@ def start_motion(sightings: Sightings, seed: int = 0) -> Motion:
     return Motion(
         rotations=np.tile(np.eye(3), (views, 1, 1)),
         translations=np.zeros((views, 3)),
-        inverse_depth=1 + _START_SPREAD * spread,
+        inverse_depth=np.asarray(1 + _START_SPREAD * spread),
         errors_px=np.full((points, views, 2), np.nan),
         least_depth=np.ones(points),
         cost=np.inf,
@@ -199,17 +233,19 @@ def jacobians(motion: Motion, sightings: Sightings, points: F64) -> tuple[F64, F
     """
     fx, fy = sightings.focal_px
     inverse_z = 1 / np.maximum(points[..., 2], _LEAST_RELATIVE_DEPTH)
-    by_point = np.zeros((*points.shape[:2], 2, 3))
-    by_point[..., 0, 0] = fx * inverse_z
-    by_point[..., 1, 1] = fy * inverse_z
-    by_point[..., 0, 2] = -fx * points[..., 0] * inverse_z**2
-    by_point[..., 1, 2] = -fy * points[..., 1] * inverse_z**2
     turned = points - motion.translations[:, None] * motion.inverse_depth[None, :, None]
-    by_pose = np.empty((*points.shape[:2], 2, 6))
+    x, y, z = np.moveaxis(turned, -1, 0)
+    # The rows of d r / d X are (ux, 0, uz) and (0, vy, vz).
+    ux, uz = fx * inverse_z, -fx * points[..., 0] * inverse_z**2
+    vy, vz = fy * inverse_z, -fy * points[..., 1] * inverse_z**2
+    by_pose, rho = np.zeros((*points.shape[:2], 2, 6)), motion.inverse_depth
     # d(exp(ω) v)/dω = −[v]×, and row · −[v]× = v × row.
-    by_pose[..., :3] = np.cross(turned[:, :, None], by_point)
-    by_pose[..., 3:] = by_point * motion.inverse_depth[None, :, None, None]
-    by_depth = np.einsum("npij,nj->npi", by_point, motion.translations)
+    by_pose[..., 0, 0], by_pose[..., 0, 1], by_pose[..., 0, 2] = y * uz, z * ux - x * uz, -y * ux
+    by_pose[..., 1, 0], by_pose[..., 1, 1], by_pose[..., 1, 2] = y * vz - z * vy, -x * vz, x * vy
+    by_pose[..., 0, 3], by_pose[..., 0, 5] = ux * rho, uz * rho
+    by_pose[..., 1, 4], by_pose[..., 1, 5] = vy * rho, vz * rho
+    tx, ty, tz = (motion.translations[:, k, None] for k in range(3))
+    by_depth = np.stack([ux * tx + uz * tz, vy * ty + vz * tz], axis=-1)
     return by_pose, by_depth
 
 
@@ -249,11 +285,38 @@ def adjust(
             damping *= 4
         if before - motion.cost <= settings.tolerance * before:
             break
-    return _with_residuals(motion, sightings)
+    return with_errors(motion, sightings)
+
+
+def reversed_depth(motion: Motion) -> Motion:
+    """Turn the scene inside out: near for far, and the motion that a distant camera could not tell from the true one.
+
+    Inverse depths ρ become c − ρ with c twice their median, translations t become −t, and rotations make up for the
+    difference: f (ω + t ρ) = f (ω + c t − t (c − ρ)) to first order (the Necker reversal).
+    """
+    c = 2 * float(np.median(motion.inverse_depth))
+    tx, ty = motion.translations[:, 0], motion.translations[:, 1]
+    turn = Rotation.from_rotvec(c * np.stack([-ty, tx, np.zeros_like(tx)], axis=1))
+    return replace(
+        motion,
+        rotations=turn.as_matrix() @ motion.rotations,
+        translations=-motion.translations,
+        inverse_depth=np.clip(c - motion.inverse_depth, *INVERSE_DEPTH_RANGE),
+    )
+
+
+def adjust_both_ways(tracks: Tracks, intrinsics: F64, settings: MotionSettings | None = None) -> Motion:
+    """Adjust from a still camera, then from the depth-reversed result, and keep the better.
+
+    The cost has a minimum near either; a flat start may lead into the wrong one.
+    """
+    here = adjust(tracks, intrinsics, settings)
+    there = adjust(tracks, intrinsics, settings, start=reversed_depth(here))
+    return min(here, there, key=lambda motion: motion.cost)
 
 
 def estimate_motion(tracks: Tracks, intrinsics: F64, settings: MotionSettings | None = None) -> tuple[Motion, Tracks]:
-    """Adjust, drop the tracks that the motion does not explain, and adjust the rest from the start.
+    """Adjust, drop the tracks that the motion does not explain, and adjust the rest anew.
 
     Args:
         tracks: At least one point.
@@ -264,12 +327,12 @@ def estimate_motion(tracks: Tracks, intrinsics: F64, settings: MotionSettings | 
         The motion and the tracks that it explains, with inverse depths of median 1.
     """
     settings = settings or MotionSettings()
-    first = adjust(tracks, intrinsics, settings)
+    first = adjust_both_ways(tracks, intrinsics, settings)
     explained = np.nanmax(first.residuals_px, axis=1, initial=0) < settings.outlier_px
     if not explained.any():
         return first, tracks
     kept = tracks.keep(explained)
-    motion = adjust(kept, intrinsics, settings)
+    motion = adjust_both_ways(kept, intrinsics, settings)
     scale = float(np.median(motion.inverse_depth))
     scaled = replace(motion, translations=motion.translations * scale, inverse_depth=motion.inverse_depth / scale)
     return scaled, kept
@@ -291,10 +354,17 @@ def fit_rotations(tracks: Tracks, intrinsics: F64, settings: MotionSettings | No
         normal = np.einsum("npai,npaj->nij", weighted, jacobian) + _REGULAR * np.eye(3)
         turn = -np.linalg.solve(normal, np.einsum("npai,npa->ni", weighted, error)[..., None])[..., 0]
         motion = replace(motion, rotations=Rotation.from_rotvec(turn).as_matrix() @ motion.rotations)
-    return Rotations(motion.rotations, _with_residuals(motion, sightings).errors_px)
+    _, points = residuals(motion, sightings)
+    moved = (points[..., :2] / points[..., 2:] - sightings.rays[:, :2]) * sightings.focal_px
+    return Rotations(
+        rotations=motion.rotations,
+        errors_px=with_errors(motion, sightings).errors_px,
+        displacement_px=float(np.median(np.linalg.norm(moved, axis=-1), axis=1).max()),
+    )
 
 
-def _with_residuals(motion: Motion, sightings: Sightings) -> Motion:
+def with_errors(motion: Motion, sightings: Sightings) -> Motion:
+    """Return the motion with the errors and depths that it has on these tracks."""
     error, points = residuals(motion, sightings)
     return replace(
         motion,
@@ -318,7 +388,7 @@ class _NormalEquations:
     C: F64  # [P]
     d: F64  # [P]
     E: F64  # [P, 6 N]
-    moving: F64  # indices of the unknowns of all views but the reference
+    moving: NDArray[np.int64]  # indices of the unknowns of all views but the reference
 
     @classmethod
     def at(cls, motion: Motion, sightings: Sightings, error: F64, points: F64, huber_px: float) -> "_NormalEquations":
@@ -351,10 +421,10 @@ class _NormalEquations:
         pose_step = np.zeros(6 * views)
         pose_step[self.moving] = np.linalg.solve(system[np.ix_(self.moving, self.moving)], right[self.moving])
         depth_step = (self.d - self.E @ pose_step) / C
-        pose_step = pose_step.reshape(views, 6)
+        turn, shift = np.split(pose_step.reshape(views, 6), 2, axis=1)
         return replace(
             motion,
-            rotations=Rotation.from_rotvec(pose_step[:, :3]).as_matrix() @ motion.rotations,
-            translations=motion.translations + pose_step[:, 3:],
+            rotations=Rotation.from_rotvec(turn).as_matrix() @ motion.rotations,
+            translations=motion.translations + shift,
             inverse_depth=np.clip(motion.inverse_depth + depth_step, *INVERSE_DEPTH_RANGE),
         )
