@@ -16,15 +16,18 @@ _ONE = np.float32(1.0)
 
 
 @numba.njit(cache=True, parallel=True)
-def project_onto_measurement(views: F32, masks: F32, inverse_energy: F32, measured: F32, target: F32) -> F64:
-    """Move the views to the nearest ones that explain the measurement: one accelerated GAP step, in place.
+def project_onto_measurement(
+    views: F32, masks: F32, inverse_energy: F32, measured: F32, target: F32, accelerated: bool = True
+) -> F64:
+    """Move the views towards the nearest ones that explain the measurement, in place.
 
     Args:
-        views: x, [N, C, H, W]; changed to x + Φᵀ (ΦΦᵀ)⁻¹ (y₁ − Φx).
+        views: x, [N, C, H, W]; changed to x + Φᵀ e (y₁ − Φx).
         masks: wᵢ Mᵢ, [N, H, W].
-        inverse_energy: 1 / Σ (wᵢ Mᵢ)², [H, W]; 0 where a pixel shall not count.
+        inverse_energy: e, for the nearest views 1 / Σ (wᵢ Mᵢ)², [H, W]; 0 where a pixel shall not count.
         measured: y, [C, H, W].
-        target: y₁, [C, H, W]; changed to y₁ + (y − Φx).
+        target: y₁, [C, H, W]; changed to y₁ + (y − Φx) if accelerated, to y if not.
+        accelerated: Whether what earlier steps left unexplained is asked for again.
 
     Returns:
         Σ (y − Φx)² of each row over the pixels that count, [C * H].
@@ -40,7 +43,7 @@ def project_onto_measurement(views: F32, masks: F32, inverse_energy: F32, measur
         energy = 0.0
         for col in range(width):
             residual = measured[c, r, col] - change[col]
-            target[c, r, col] += residual
+            target[c, r, col] = target[c, r, col] + residual if accelerated else measured[c, r, col]
             if inverse_energy[r, col] > 0:
                 energy += residual * residual
             change[col] = (target[c, r, col] - change[col]) * inverse_energy[r, col]
