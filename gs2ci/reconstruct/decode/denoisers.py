@@ -14,7 +14,7 @@ from skimage.restoration import denoise_nl_means
 
 from gs2ci.core.errors import InputError
 from gs2ci.core.records import F32
-from gs2ci.reconstruct.decode.kernels import denoise_planes
+from gs2ci.reconstruct.decode.kernels import denoise_coupled, denoise_planes
 
 
 class Denoiser(Protocol):
@@ -35,26 +35,36 @@ class Denoiser(Protocol):
 
 @dataclass(frozen=True)
 class TotalVariation:
-    """The minimiser of ½‖u − x‖² + λ TV(u), each plane apart, by a few steps of Chambolle's dual method.
+    """The minimiser of ½‖u − x‖² + λ TV(u), each colour apart, by a few steps of Chambolle's dual method.
 
     Args:
         weight_per_sigma: λ in units of sigma. On photographs 0.7 is within 0.2 dB of the best for any sigma between
             12/255 and 50/255.
         inner: Steps.
+        coupling: How much a difference between consecutive views counts against one between neighbouring pixels; 0
+            leaves the views apart. Where the camera stands still and little moves, 0.3 to 0.6 gain as much as 1 dB;
+            where every pixel moves, they lose as much.
     """
 
     weight_per_sigma: float = 0.7
     inner: int = 10
+    coupling: float = 0.0
 
     def __post_init__(self) -> None:
-        if not 0 < self.weight_per_sigma < np.inf or self.inner < 1:
-            raise InputError(f"total variation {self}", allowed="weight_per_sigma > 0, inner >= 1")
+        if not 0 < self.weight_per_sigma < np.inf or self.inner < 1 or not 0 <= self.coupling < np.inf:
+            raise InputError(f"total variation {self}", allowed="weight_per_sigma > 0, inner >= 1, coupling >= 0")
 
     def __call__(self, views: F32, sigma: float) -> F32:
         """Denoise in place; arguments as for `Denoiser`."""
-        if not views.flags.c_contiguous:  # a reshape would copy, and the work be lost
-            views = np.ascontiguousarray(views)
-        denoise_planes(views.reshape(-1, *views.shape[2:]), self.weight_per_sigma * sigma, self.inner)
+        weight = self.weight_per_sigma * sigma
+        if self.coupling:
+            for c in range(views.shape[1]):
+                plane = np.ascontiguousarray(views[:, c])
+                denoise_coupled(plane, weight, self.coupling, self.inner)
+                views[:, c] = plane
+            return views
+        views = np.ascontiguousarray(views)  # a reshape of anything else would copy, and the work be lost
+        denoise_planes(views.reshape(-1, *views.shape[2:]), weight, self.inner)
         return views
 
 
@@ -90,7 +100,7 @@ class NonLocalMeans:
                 fast_mode=True,
                 channel_axis=0,
             )
-            return denoised
+            return denoised.reshape(view.shape)  # scikit-image drops a single channel
 
         with ThreadPoolExecutor(max_workers=max(1, torch.get_num_threads())) as pool:
             return np.stack(list(pool.map(denoise, views))).astype(np.float32, copy=False)

@@ -144,9 +144,16 @@ def _inverse_energy(masks: F32, saturated: NDArray[np.bool_] | None, gamma: floa
 
 
 def _average_exposure(masks: F32, measured: F32) -> F32:
-    """Start every view from the measurement divided by its total exposure, [N, C, H, W]."""
+    """Start every view from the measurement divided by its total exposure, [N, C, H, W].
+
+    Pixels that no mask opens start from the mean of the others: no projection ever reaches them, and from 0, or from
+    a reading that no light explains, a few denoisings would not bring them home.
+    """
     exposure = masks.sum(0)
     average = measured / np.maximum(exposure, _ENERGY_FLOOR * exposure.mean())
+    lit = exposure > 0
+    if lit.any() and not lit.all():
+        average[:, ~lit] = average[:, lit].mean(axis=1, keepdims=True)
     return np.repeat(average[None], len(masks), axis=0)
 
 
