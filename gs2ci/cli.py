@@ -52,8 +52,8 @@ def main() -> int:
 def _run(command: str, arguments: list[str]) -> int:
     import tyro  # noqa: PLC0415
 
-    run: Callable[..., Any] = importlib.import_module(COMMANDS[command][0]).run
     try:
+        run: Callable[..., Any] = importlib.import_module(COMMANDS[command][0]).run
         tyro.cli(run, prog=f"gs2ci {command}", args=arguments)
     except Gs2ciError as error:
         _print_error(error)

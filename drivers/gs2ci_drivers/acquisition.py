@@ -287,6 +287,7 @@ class _Capture:
         timeout_s = latency_s + plan.frame_period_s + plan.exposure_s + sensor.settings.readout_s + FRAME_PATIENCE_S
         for i in range(plan.frames_per_shot):
             self._trigger = self._next_trigger
+            self._step_masks(fire)
             if last and i == plan.frames_per_shot - 1:
                 self._devices.modulator.wait_done(plan.sequence.duration_s + PATIENCE_S)
                 fire.done_s = self._devices.clock.now_s()
@@ -294,6 +295,14 @@ class _Capture:
             self._hold_against_trigger(fire, frame)
             self._next_trigger += 1
             yield replace(frame, flags=frame.flags | FrameFlag.RETRIED) if attempt > 1 else frame
+
+    def _step_masks(self, fire: _Fire) -> None:
+        """Let a panel that the host steps show its masks up to the end of the present exposure."""
+        modulator, plan = self._devices.modulator, self._plan
+        if not modulator.info.hardware_timed:
+            shot, within = divmod(fire.frames, plan.frames_per_shot)
+            due_s = shot * plan.sequence.period_s + within * plan.frame_period_s + plan.sequence.exposure_s
+            modulator.keep_time(fire.fired_ns * 1e-9 + due_s)
 
     def _hold_against_trigger(self, fire: _Fire, frame: Frame) -> None:
         """Check by its time stamp that a frame answers the trigger it is taken for."""

@@ -13,6 +13,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from gs2ci.commands.display import open_display
+from gs2ci.core.storage.sealing import partial_of
 from gs2ci.rig.opening import Rig, load_rig
 from gs2ci.rig.recording import Prepared, prepare, record
 from gs2ci_drivers.acquisition import Devices
@@ -55,10 +56,22 @@ def run(
             return None
         with open_display() as display:
             record(opened, devices, prepared, out, replace=overwrite, progress=display)
+    except BaseException:
+        _say_what_is_safe(out)
+        raise
     finally:
         devices.close()
     console.print(f"{prepared.plan.settings.shots} shots in [bold]{escape(str(out))}[/]", soft_wrap=True)
     return out
+
+
+def _say_what_is_safe(out: Path) -> None:
+    """Tell where the shots are that were taken before a capture ended early."""
+    partial = partial_of(out)
+    if partial.exists():
+        Console(stderr=True).print(
+            f"the shots taken before are safe: gs2ci recover {escape(str(partial))}", soft_wrap=True, highlight=False
+        )
 
 
 def _print_plan(console: Console, rig: Rig, devices: Devices, prepared: Prepared) -> None:

@@ -45,6 +45,14 @@ class ScpiModulatorTable(Settings):
     timeout_s: Positive = 2.0
 
 
+class SantecTable(Settings):
+    """[modulator] with kind = "santec": a Santec SLM-200 class panel over USB; experimental, for calibration only."""
+
+    kind: Literal["santec"]
+    port: str = SIMULATED
+    """"usb", "usb:1-2.3" for one of several, or "simulated"."""
+
+
 class V4l2Table(Settings):
     """[sensor] with kind = "v4l2": a camera of the Linux kernel."""
 
@@ -175,14 +183,14 @@ class WorldTable(Settings):
     trigger_latency_s: NotNegative = 0.0
     trigger_jitter_s: NotNegative = 0.0
     faults: tuple[str, ...] = ()
-    """Names of faults to inject once each, "device: fault"."""
+    """Faults to inject once each, "device: fault" or "device: fault after N" opportunities; see docs/faults.md."""
 
 
 class RigTable(Settings):
     """A rig file."""
 
     name: str = "rig"
-    modulator: Annotated[Dlpc900Table | ScpiModulatorTable, Field(discriminator="kind")]
+    modulator: Annotated[Dlpc900Table | ScpiModulatorTable | SantecTable, Field(discriminator="kind")]
     sensor: Annotated[V4l2Table, Field()]
     stage: Annotated[ZaberTable | GrblTable, Field(discriminator="kind")] | None = None
     capture: CaptureTable = CaptureTable()

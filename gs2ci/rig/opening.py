@@ -12,15 +12,17 @@ from typing import TypeVar
 
 from gs2ci.core.clock import Clock, WallClock
 from gs2ci.core.errors import InputError
-from gs2ci.rig.config import Dlpc900Table, RigTable, V4l2Table, ZaberTable, read_rig
+from gs2ci.rig.config import Dlpc900Table, RigTable, SantecTable, V4l2Table, ZaberTable, read_rig
 from gs2ci.rig.simulated import NODE, SimulatedBench, build_bench
 from gs2ci_drivers.acquisition import Devices
+from gs2ci_drivers.display_slm.driver import DisplaySlm
 from gs2ci_drivers.dlpc900.driver import Dlpc900
 from gs2ci_drivers.dlpc900.firmware import DEFAULT_PROFILE
 from gs2ci_drivers.dlpc900.images import Compression
 from gs2ci_drivers.dlpc900.plan import Dlpc900Settings
 from gs2ci_drivers.grbl.driver import GrblStage
 from gs2ci_drivers.links.serial_line import SerialLine
+from gs2ci_drivers.links.usb_bulk import UsbFifo
 from gs2ci_drivers.links.usb_hid import UsbHid
 from gs2ci_drivers.links.v4l2_sys import KernelSysPort
 from gs2ci_drivers.modulator import Modulator
@@ -101,14 +103,20 @@ class Rig:
                 firmware=table.firmware or DEFAULT_PROFILE,
             )
             return Dlpc900("modulator", traces.hid("modulator", self._hid(table)), clock, settings)
+        if isinstance(table, SantecTable):
+            return DisplaySlm("modulator", traces.bytes("modulator", self._fifo(table)), clock)
         line = self._line("modulator", table.port, table.baud, traces)
         return ScpiModulator("modulator", line, clock, ScpiSettings(baud=table.baud, timeout_s=table.timeout_s))
 
     def _hid(self, table: Dlpc900Table) -> HidPort:
         if self.bench is not None:
             return _opened("modulator", self.bench.modulator.open)  # type: ignore[return-value]
-        bus_port = table.port.removeprefix("usb").removeprefix(":")
-        return UsbHid("modulator", DLPC900_VENDOR, DLPC900_PRODUCT, bus_port=bus_port)
+        return UsbHid("modulator", DLPC900_VENDOR, DLPC900_PRODUCT, bus_port=_bus_port(table.port))
+
+    def _fifo(self, table: SantecTable) -> BytePort:
+        if self.bench is not None:
+            return _opened("modulator", self.bench.modulator.open)  # type: ignore[return-value]
+        return UsbFifo("modulator", bus_port=_bus_port(table.port))
 
     def _sensor(self, clock: Clock, traces: "_Traces") -> Sensor:
         port: SysPort = self.bench.sys_port() if self.bench else KernelSysPort()
@@ -150,6 +158,11 @@ def load_rig(path: Path) -> Rig:
     """
     table, text = read_rig(path)
     return Rig(table, text, path.parent, build_bench(table) if table.simulated else None)
+
+
+def _bus_port(port: str) -> str:
+    """Return where a USB device is plugged in: what follows "usb:"."""
+    return port.removeprefix("usb").removeprefix(":")
 
 
 def _opened(device: str, action: Callable[[], T]) -> T:

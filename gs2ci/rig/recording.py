@@ -102,20 +102,25 @@ def record(rig: Rig, devices: Devices, prepared: Prepared, out: Path, *, replace
 
     Raises:
         PlanRefusedError: The plan breaks limits; no file is made.
-        DriverError: A device failed; rows taken before are in the `.partial`.
+        DriverError: A device failed; rows taken before are in the `.partial`, if there are any.
         StorageError: The file cannot be written.
     """
     plan = prepared.plan.require_sound()
-    header = _header(rig, devices, prepared)
-    with ShotWriter(out, header, replace=replace) as writer:
-        recorder = _Recorder(rig, devices, prepared, writer)
-        recorder.note_plan()
-        try:
-            capture(devices, plan, recorder.take, progress)
-        except Exception as error:
-            recorder.note_failure(error)
-            raise
-        return writer.finish()
+    writer = ShotWriter(out, _header(rig, devices, prepared), replace=replace)
+    try:
+        with writer:
+            recorder = _Recorder(rig, devices, prepared, writer)
+            recorder.note_plan()
+            try:
+                capture(devices, plan, recorder.take, progress)
+            except Exception as error:
+                recorder.note_failure(error)
+                raise
+            return writer.finish()
+    except BaseException:
+        if not writer.rows_written:  # nothing was taken, so there is nothing to recover and nothing in the way
+            writer.partial.unlink(missing_ok=True)
+        raise
 
 
 def _optics(rig: Rig) -> Optics:

@@ -4,12 +4,13 @@ Here: building them from the rig file. Not here: deciding whether to (`gs2ci.rig
 tests import this one.
 """
 
+import re
 from dataclasses import dataclass
 
 import numpy as np
 
 from gs2ci.core.errors import InputError
-from gs2ci.rig.config import Dlpc900Table, GrblTable, RigTable, WorldTable, ZaberTable
+from gs2ci.rig.config import Dlpc900Table, GrblTable, RigTable, SantecTable, WorldTable, ZaberTable
 from gs2ci.rig.patterns import origin
 from gs2ci_drivers.ports import SysPort
 from gs2ci_sims.bench_light import BenchLight, Registration
@@ -19,6 +20,7 @@ from gs2ci_sims.scenes.base import Scene
 from gs2ci_sims.scenes.planes import planes
 from gs2ci_sims.scenes.rgbd import motorcycle
 from gs2ci_sims.sensor import Sensor
+from gs2ci_sims.wires.display_slm import DisplaySlmTwin
 from gs2ci_sims.wires.dlpc900 import Dlpc900Twin
 from gs2ci_sims.wires.grbl import GrblMachine, GrblTwin
 from gs2ci_sims.wires.scpi_modulator import ScpiModulatorTwin, ScpiPanel
@@ -27,9 +29,16 @@ from gs2ci_sims.wires.v4l2_camera import CameraModel
 from gs2ci_sims.wires.zaber import ZaberAxis, ZaberTwin
 from gs2ci_sims.world import LightPath, Mount, World
 
-DLP6500_SIZE = (1080, 1920)
+MODULATOR_SIZES = {
+    "dlpc900": (1080, 1920),  # DLP6500
+    "scpi": (ScpiPanel.height, ScpiPanel.width),
+    "santec": (1200, 1920),
+}
 DEFAULT_FULL_SCALE_E_PER_S = 100_000.0
 NODE = "/dev/video0"
+FAULT = re.compile(r"(?P<device>modulator|sensor|stage): *(?P<fault>[\w.]+)(?: after (?P<skip>\d+))?")
+
+ModulatorTwin = Dlpc900Twin | ScpiModulatorTwin | DisplaySlmTwin
 
 
 @dataclass
@@ -45,7 +54,7 @@ class SimulatedBench:
     """
 
     world: World
-    modulator: Dlpc900Twin | ScpiModulatorTwin
+    modulator: ModulatorTwin
     sensor: V4l2Twin
     stage: ZaberTwin | GrblTwin | None
     faults: dict[str, FaultSet]
@@ -93,11 +102,7 @@ def _scene(table: WorldTable) -> Scene:
 
 def _light(rig: RigTable, table: WorldTable, cfa: str | None) -> BenchLight:
     scene = _scene(table)
-    modulator = DLP6500_SIZE
-    if not isinstance(rig.modulator, Dlpc900Table):
-        panel = ScpiPanel()
-        modulator = (panel.height, panel.width)
-    row, column = origin(rig.registration, scene.size, modulator)
+    row, column = origin(rig.registration, scene.size, MODULATOR_SIZES[rig.modulator.kind])
     return BenchLight(
         scene,
         _data_sheet(rig),
@@ -136,9 +141,11 @@ def _mount(rig: RigTable, table: WorldTable, light: LightPath) -> Mount:
     )
 
 
-def _modulator_twin(rig: RigTable, world: World, faults: FaultSet) -> Dlpc900Twin | ScpiModulatorTwin:
+def _modulator_twin(rig: RigTable, world: World, faults: FaultSet) -> ModulatorTwin:
     if isinstance(rig.modulator, Dlpc900Table):
         return Dlpc900Twin(world, faults, name="modulator")
+    if isinstance(rig.modulator, SantecTable):
+        return DisplaySlmTwin(world, faults, name="modulator")
     return ScpiModulatorTwin(world, faults, name="modulator", baud=rig.modulator.baud)
 
 
@@ -176,7 +183,10 @@ def _camera(rig: RigTable, table: WorldTable) -> CameraModel:
 
 
 def _inject(bench: SimulatedBench, text: str) -> None:
-    device, _, fault = (part.strip() for part in text.partition(":"))
-    if device not in bench.faults:
-        raise InputError(f"fault {text!r} in [world]", allowed='"device: fault" with device modulator, sensor or stage')
-    bench.faults[device].inject(fault)
+    match = FAULT.fullmatch(text.strip())
+    if match is None:
+        raise InputError(
+            f"fault {text!r} in [world]",
+            allowed='"device: fault" or "device: fault after N", device one of modulator, sensor, stage',
+        )
+    bench.faults[match["device"]].inject(match["fault"], skip=int(match["skip"] or 0))

@@ -97,13 +97,22 @@ def test_another_number_of_shots_can_be_asked_for(rig, monkeypatch, capsys):
     assert gs2ci(monkeypatch, "capture", "--rig", rig, "--shots", "0") == 2
 
 
-def test_recover_saves_the_rows_of_an_interrupted_capture(rig, monkeypatch, capsys):
+def test_a_capture_that_fails_before_its_first_shot_leaves_nothing_in_the_way(rig, monkeypatch, capsys):
     rig.write_text(RIG.replace("[world]", '[world]\nfaults = ["stage: zaber.stall"]'))
     assert gs2ci(monkeypatch, "capture", "--rig", rig, "-o", "shot.h5") == 2
-    assert "stalled" in capsys.readouterr().err
+    said = capsys.readouterr().err
+    assert "stalled" in said
+    assert "safe" not in said
     rig.write_text(RIG)
-    assert gs2ci(monkeypatch, "recover", "shot.h5.partial") == 2  # nothing was taken before the stall
-    assert "no whole row" in capsys.readouterr().err
+    assert gs2ci(monkeypatch, "capture", "--rig", rig, "-o", "shot.h5") == 0
+
+
+def test_a_capture_that_fails_later_says_how_to_save_what_was_taken(rig, monkeypatch, capsys):
+    rig.write_text(RIG.replace("[world]", '[world]\nfaults = ["sensor: v4l2.frame_corrupt after 1"]'))
+    assert gs2ci(monkeypatch, "capture", "--rig", rig, "-o", "shot.h5") == 2
+    assert "gs2ci recover shot.h5.partial" in capsys.readouterr().err
+    assert gs2ci(monkeypatch, "recover", "shot.h5.partial") == 0
+    assert "1 finished row saved in shot.recovered.h5" in capsys.readouterr().out
 
 
 def test_recover_takes_the_name_from_the_interrupted_file(rig, monkeypatch, capsys):

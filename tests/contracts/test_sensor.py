@@ -183,8 +183,7 @@ def test_a_frame_older_than_its_trigger_is_stale_and_the_next_is_not(bench: Benc
         try:
             frame = bench.sensor.read(0.5, not_before_ns=trigger_ns, trigger_index=0)
             break
-        except FrameStaleError as error:
-            assert error.age_s > 0
+        except FrameStaleError:
             stale += 1
     assert stale in (2, 3)
     assert frame.t_kernel_ns >= trigger_ns

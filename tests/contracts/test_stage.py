@@ -1,7 +1,4 @@
-"""The stage contract, run on every implementation through its twin, and on a real one with `--rig FILE`.
-
-On a real stage only what is safe is run: reading, refusing, and a move of 1 mm about where it stands.
-"""
+"""The stage contract, run on every implementation through its twin; real stages: `test_on_rig.py`."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass

@@ -1,8 +1,8 @@
 """Runs check files inside a guest with a real kernel, booted by a rig script that the user names.
 
-The script is called as `SCRIPT --share CHECKOUT [--modprobe MODULE]... -- COMMAND`; it must boot a Linux guest that
-has vivid, v4l2loopback, vhci-hcd and usbhid, python 3.11 or newer with numpy, pyserial, pyusb and pytest, mount the
-checkout at /mnt/share, run the command there and exit with its status.
+The script is called as `SCRIPT --share CHECKOUT [--modprobe MODULE]... -- COMMAND`; it must boot a Linux guest
+that has vivid, v4l2loopback, vhci-hcd, usbhid, dummy_hcd and python 3.11 or newer with numpy, pyserial, pyusb and
+pytest, let the command run in the checkout, and exit with its status.
 """
 
 import os
@@ -41,6 +41,7 @@ def in_guest(rig_script: Path) -> Callable[..., None]:
         done = subprocess.run(command, capture_output=True, text=True, timeout=TIMEOUT_S + 300, check=False)
         print(done.stdout)
         if done.returncode != 0:
-            pytest.fail(f"{check} in the guest: status {done.returncode}\n{done.stdout}\n{done.stderr}", pytrace=False)
+            report = f"{check} in the guest: status {done.returncode}\n{done.stdout}\n{done.stderr}"
+            pytest.fail(report, pytrace=False)
 
     return run

@@ -4,6 +4,7 @@ import pytest
 
 from gs2ci.core.errors import InputError
 from gs2ci.rig.config import read_rig
+from gs2ci.rig.opening import load_rig
 
 RIGS = Path(__file__).parents[2] / "docs" / "rigs"
 MINIMAL = '[modulator]\nkind = "dlpc900"\n[sensor]\nkind = "v4l2"\n'
@@ -44,3 +45,10 @@ def test_a_minimal_simulated_rig_is_enough(tmp_path):
 def test_a_rig_that_cannot_be_is_refused_with_a_sentence(tmp_path, text, complaint):
     with pytest.raises(InputError, match=complaint):
         read(tmp_path, text)
+
+
+def test_a_fault_that_names_no_device_is_refused(tmp_path):
+    path = tmp_path / "rig.toml"
+    path.write_text(MINIMAL + '[world]\nscene = "planes"\nheight = 8\nwidth = 8\nfaults = ["lamp: out"]\n')
+    with pytest.raises(InputError, match="modulator, sensor, stage"):
+        load_rig(path)

@@ -4,7 +4,9 @@ import h5py
 import numpy as np
 import pytest
 
-from gs2ci.core.storage import check_manifest, count_shots, read_shot
+from gs2ci.core.errors import StorageError
+from gs2ci.core.progress import Silent
+from gs2ci.core.storage import check_manifest, count_shots, read_shot, recover
 from gs2ci_drivers.failures import PlanRefusedError
 
 
@@ -152,3 +154,47 @@ def test_a_plan_beyond_the_limits_is_refused_before_anything_moves(make_small, c
     assert not small.bench.world.exposures
     assert not small.out.exists()
     assert not small.out.with_name("shot.h5.partial").exists()
+
+
+class Interrupting:
+    """A listener that ends the capture when the first shot is taken, as Ctrl-C or a full disk would."""
+
+    def __init__(self, error):
+        self.error, self.where = error, ""
+
+    def stage(self, name, total=None):
+        self.where = name
+
+    def step(self, done, **figures):
+        if self.where == "shots":
+            raise self.error
+
+    def say(self, text):
+        pass
+
+
+@pytest.mark.parametrize("error", [KeyboardInterrupt(), StorageError("the disk is full")], ids=["ctrl-c", "full disk"])
+def test_whatever_ends_a_capture_leaves_the_devices_at_rest_and_the_row_safe(make_small, error):
+    small = make_small()
+    small.said = Interrupting(error)
+    with pytest.raises(type(error)):
+        small.capture()
+    clock = small.bench.world.clock
+    clock.sleep_s(1.0)
+    now_s = clock.now_s()
+    assert not small.bench.world.masks_between(now_s - 0.5, now_s)
+    assert not small.bench.sensor.streaming
+    assert small.bench.stage.positions_mm_at(now_s) == small.bench.stage.positions_mm_at(now_s - 0.5)
+    saved = recover(small.out.with_name("shot.h5.partial"), small.out.with_name("saved.h5"))
+    assert count_shots(saved) == 1
+
+
+def test_an_interrupted_file_is_not_overwritten_by_the_next_capture(make_small):
+    small = make_small()
+    small.said = Interrupting(KeyboardInterrupt())
+    with pytest.raises(KeyboardInterrupt):
+        small.capture()
+    small.said = Silent()
+    with pytest.raises(StorageError, match=r"shot\.h5\.partial"):
+        small.capture()
+    assert count_shots(recover(small.out.with_name("shot.h5.partial"), small.out.with_name("saved.h5"))) == 1

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from gs2ci.core.errors import InputError
 from gs2ci_drivers.dlpc900 import erle, rle
-from gs2ci_drivers.dlpc900.coding import U8, U32, PatternImageError, check_words, compiled
+from gs2ci_drivers.dlpc900.coding import U8, U32, PatternImageError, check_words
 
 HEADER_BYTES: Final = 48
 BITS_PER_WORD: Final = 24
@@ -179,18 +179,10 @@ def pack_planes(levels: U8, depth_bits: int = 1) -> list[U32]:
     images = []
     for first in range(0, len(levels), per_image):
         words = np.zeros(levels.shape[1:], np.uint32)
-        _merge(np.ascontiguousarray(levels[first : first + per_image]), depth_bits, words)
+        for slot, mask in enumerate(levels[first : first + per_image]):
+            words |= np.left_shift(mask, np.uint32(slot * depth_bits), dtype=np.uint32)
         images.append(words)
     return images
-
-
-@compiled
-def _merge(levels: U8, depth_bits: int, words: U32) -> None:
-    count, height, width = levels.shape
-    for y in range(height):
-        for i in range(count):
-            for x in range(width):
-                words[y, x] |= np.uint32(levels[i, y, x]) << np.uint32(i * depth_bits)
 
 
 def place_of(mask_index: int, depth_bits: int = 1) -> tuple[int, int]:

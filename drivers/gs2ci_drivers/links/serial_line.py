@@ -30,15 +30,15 @@ class SerialLine:
     def __init__(self, device: str, path: str, baud: int = 115200) -> None:
         self._port = serial.Serial()
         self._port.port = path
-        self._port.baudrate = baud
         self._port.exclusive = True
         self._port.dtr = False
         self._port.rts = False
         with port_errors(device, f"open {path}"):
             try:
+                self._port.baudrate = baud
                 self._port.open()
             except serial.SerialException as error:
-                if error.errno is None and "lock" in str(error):
+                if error.errno in (None, errno.EAGAIN) and "lock" in str(error):
                     raise AccessError(
                         device, f"{path} is in use by another program", asked="open", remedy="close that program"
                     ) from error

@@ -96,17 +96,18 @@ class V4l2Sensor(Sensor):
             camera = self._open()
             self._queue = BufferQueue(camera.node, self.clock, self._config.buffers)
             try:
-                self._run(camera, self._queue, self._config)
+                started_ns = self._run(camera, self._queue, self._config)
             except DriverError:
                 self._drop_queue()
                 raise
             self._settings = replace(self._setup.settings, buffers=self._queue.count)
-            self._judge = FrameJudge(
-                self.name, self._setup.geometry, self._options.first_sequence, self._port.clock_ns()
-            )
+            self._judge = FrameJudge(self.name, self._setup.geometry, self._options.first_sequence, started_ns)
 
-    def _run(self, camera: OpenCamera, queue: BufferQueue, config: SensorConfig) -> None:
-        """Stream for the warm-up by the sensor's own clock, then start anew, so that nothing old is left."""
+    def _run(self, camera: OpenCamera, queue: BufferQueue, config: SensorConfig) -> int:
+        """Stream for the warm-up by the sensor's own clock, then start anew, so that nothing old is left.
+
+        Returns the kernel time before which a frame is an old one.
+        """
         triggered = config.trigger is not TriggerMode.FREE_RUN
         free = config.warm_up_frames > 0 and TriggerMode.FREE_RUN in camera.adapter.triggers
         if triggered and free:
@@ -119,7 +120,9 @@ class V4l2Sensor(Sensor):
         queue.pause()
         if triggered and free:
             camera.adapter.set_mode(config.trigger)
+        started_ns = self._port.clock_ns()  # before STREAMON: an exposure may begin while that is under way
         queue.start()
+        return started_ns
 
     def _do_read(self, timeout_s: float, not_before_ns: int, trigger_index: int | None) -> Frame:
         try:

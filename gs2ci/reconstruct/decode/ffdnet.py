@@ -117,7 +117,9 @@ def export_ffdnet(network: FfdNet, path: Path) -> Path:
         partial.replace(path)
     except OSError as error:
         partial.unlink(missing_ok=True)
-        raise StorageError(f"{path} cannot be written: {error}", remedy="check the folder, or choose another") from error
+        raise StorageError(
+            f"{path} cannot be written: {error}", remedy="check the folder, or choose another"
+        ) from error
     return path
 
 

@@ -39,7 +39,9 @@ class GapTvSettings:
         """
         counts = self.iterations >= 1 and self.inner >= 1
         if not (counts and 0 < self.weight < np.inf and 0 <= self.coupling < np.inf):
-            raise InputError(f"GAP-TV settings {self}", allowed="iterations >= 1, inner >= 1, weight > 0, coupling >= 0")
+            raise InputError(
+                f"GAP-TV settings {self}", allowed="iterations >= 1, inner >= 1, weight > 0, coupling >= 0"
+            )
         return self
 
 

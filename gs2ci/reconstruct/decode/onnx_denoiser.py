@@ -20,7 +20,9 @@ from gs2ci.core.records import F32
 # Networks halve their images up to three times: sides are padded to a multiple of this, by reflection, where the
 # model leaves them open.
 _SIDE_MULTIPLE: Final = 8
-_CALLED: Final = "an image [N, 1 or 3, H, W] float32, then, if at all, sigma: [], [N], [N, 1, 1, 1] or [N, 1, H, W] float32"
+_CALLED: Final = (
+    "an image [N, 1 or 3, H, W] float32, then, if at all, sigma: [], [N], [N, 1, 1, 1] or [N, 1, H, W] float32"
+)
 
 
 class OnnxDenoiser:
@@ -84,7 +86,10 @@ class OnnxDenoiser:
 
     def _padded(self, images: F32) -> F32:
         sides = [_fixed(side) for side in self._image.shape[2:]]
-        wanted = [side or -(-had // _SIDE_MULTIPLE) * _SIDE_MULTIPLE for side, had in zip(sides, images.shape[2:], strict=True)]
+        wanted = [
+            side or -(-had // _SIDE_MULTIPLE) * _SIDE_MULTIPLE
+            for side, had in zip(sides, images.shape[2:], strict=True)
+        ]
         for side, had in zip(sides, images.shape[2:], strict=True):
             if side is not None and side != had:
                 raise InputError(
@@ -93,7 +98,9 @@ class OnnxDenoiser:
                     remedy="export the model with dynamic height and width",
                 )
         rows, columns = wanted[0] - images.shape[2], wanted[1] - images.shape[3]
-        return np.pad(images, ((0, 0), (0, 0), (0, rows), (0, columns)), mode="symmetric") if rows or columns else images
+        return (
+            np.pad(images, ((0, 0), (0, 0), (0, rows), (0, columns)), mode="symmetric") if rows or columns else images
+        )
 
     def _run(self, images: F32, sigma: float) -> F32:
         feed = {self._image.name: images}

@@ -9,6 +9,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Final, Literal
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -27,6 +28,10 @@ _Prior = Callable[[F32, float], tuple[F32, F32]]
 # A pixel through which next to no light came would have its noise divided by its tiny transmission. Below this share
 # of the mean energy Σ (wM)² the projection is damped instead; for binary masks nothing lies below it but 0 itself.
 _ENERGY_FLOOR: Final = 0.02
+# Pixels without a reading start from those within about such a length; the mean of all weighs as much as one of them
+# that is three such lengths away does.
+_FILL_PX: Final = 2.0
+_LEAST_NEARBY: Final = 1e-3
 
 
 @dataclass(frozen=True)
@@ -94,7 +99,7 @@ def plug_and_play(
     inverse_energy = _inverse_energy(masks, shot.saturated, settings.gamma if settings.scheme == "admm" else 0.0)
     prior = _mosaic_prior(shot.cfa, shot.size, denoise) if shot.cfa else _plane_prior(denoise)
     levels = np.repeat(settings.sigmas, settings.iterations)
-    views = _average_exposure(masks, measured)
+    views = _average_exposure(masks, measured, inverse_energy > 0)
     step = _gap if settings.scheme == "gap" else _admm
     progress.stage("decode", len(levels))
     seen = step(views, masks, inverse_energy, measured, prior, levels.tolist(), progress)
@@ -102,7 +107,13 @@ def plug_and_play(
 
 
 def _gap(
-    views: F32, masks: F32, inverse_energy: F32, measured: F32, prior: _Prior, levels: Sequence[float], progress: Progress
+    views: F32,
+    masks: F32,
+    inverse_energy: F32,
+    measured: F32,
+    prior: _Prior,
+    levels: Sequence[float],
+    progress: Progress,
 ) -> F32:
     target = np.zeros_like(measured)
     seen = views
@@ -114,7 +125,13 @@ def _gap(
 
 
 def _admm(
-    views: F32, masks: F32, inverse_energy: F32, measured: F32, prior: _Prior, levels: Sequence[float], progress: Progress
+    views: F32,
+    masks: F32,
+    inverse_energy: F32,
+    measured: F32,
+    prior: _Prior,
+    levels: Sequence[float],
+    progress: Progress,
 ) -> F32:
     target = np.zeros_like(measured)
     multiplier = np.zeros_like(views)
@@ -143,18 +160,27 @@ def _inverse_energy(masks: F32, saturated: NDArray[np.bool_] | None, gamma: floa
     return np.where(counts, inverse, 0.0).astype(np.float32)
 
 
-def _average_exposure(masks: F32, measured: F32) -> F32:
+def _average_exposure(masks: F32, measured: F32, counts: NDArray[np.bool_]) -> F32:
     """Start every view from the measurement divided by its total exposure, [N, C, H, W].
 
-    Pixels that no mask opens start from the mean of the others: no projection ever reaches them, and from 0, or from
-    a reading that no light explains, a few denoisings would not bring them home.
+    Pixels that do not count start from a mean of those near them, or of all where none is near: smoothing alone would
+    take long to fill them, and a wide hole never.
     """
     exposure = masks.sum(0)
-    average = measured / np.maximum(exposure, _ENERGY_FLOOR * exposure.mean())
-    lit = exposure > 0
-    if lit.any() and not lit.all():
-        average[:, ~lit] = average[:, lit].mean(axis=1, keepdims=True)
+    average = np.where(counts, measured / np.maximum(exposure, _ENERGY_FLOOR * exposure.mean()), 0.0)
+    mean = average.sum(axis=(1, 2), dtype=np.float64) / max(int(counts.sum()), 1)
+    nearby = _blur(counts.astype(np.float32))
+    filled = [
+        (_blur(plane.astype(np.float32)) + _LEAST_NEARBY * level) / (nearby + _LEAST_NEARBY)
+        for plane, level in zip(average, mean, strict=True)
+    ]
+    average = np.where(counts, average, filled).astype(np.float32)
     return np.repeat(average[None], len(masks), axis=0)
+
+
+def _blur(plane: F32) -> F32:
+    blurred: F32 = cv2.GaussianBlur(plane, (0, 0), _FILL_PX, borderType=cv2.BORDER_REPLICATE)
+    return blurred
 
 
 def _plane_prior(denoise: Denoiser) -> _Prior:

@@ -14,7 +14,8 @@ from gs2ci.core.errors import InputError
 from gs2ci.core.progress import Progress, Silent
 from gs2ci.core.records import check_intrinsics
 from gs2ci.reconstruct.geometry.focal import FocalSettings, default_focal, estimate_focal
-from gs2ci.reconstruct.geometry.motion import Motion, MotionSettings, estimate_motion, fit_rotations, predict_positions
+from gs2ci.reconstruct.geometry.motion import Motion, MotionSettings, estimate_motion, predict_positions
+from gs2ci.reconstruct.geometry.rotations import fit_rotations
 from gs2ci.reconstruct.geometry.sweep import LEAST_PLANES, SweepSettings, inverse_depth_range, sweep
 from gs2ci.reconstruct.geometry.telemetry import place_points
 from gs2ci.reconstruct.geometry.tracks import Tracks, TrackSettings, find_corners, find_tracks, refine_tracks

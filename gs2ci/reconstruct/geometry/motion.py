@@ -1,7 +1,8 @@
 """Small-motion bundle adjustment: camera poses and one inverse depth per track, from nothing but the tracks.
 
-Here: the model, its analytic Jacobian, and the robust Levenberg-Marquardt loop (float64). Not here: what the result is
-worth (`validity`), the focal length (`focal`). Only `gs2ci.reconstruct.geometry` imports this file.
+Here: the model, its Jacobian, and the robust Levenberg-Marquardt loop (float64). Not here: its sums
+(`adjustment_kernels`), what the result is worth (`validity`), the focal length (`focal`), a camera that only turned
+(`rotations`), known poses (`telemetry`). Only `gs2ci.reconstruct.geometry` imports this file.
 
 The camera moves little during one exposure. So every pose may start at the identity and every inverse depth at one,
 and no pair of views has to be found to begin with (Yu and Gallup 2014). Each point lies on the ray of its corner in
@@ -17,13 +18,18 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from gs2ci.reconstruct.geometry.adjustment_kernels import (
+    LEAST_RELATIVE_DEPTH,
+    depth_steps,
+    eliminate_depths,
+    huber_cost,
+    normal_blocks,
+)
 from gs2ci.reconstruct.geometry.tracks import Tracks
 
 F64 = NDArray[np.float64]
 Bool = NDArray[np.bool_]
 
-# Depth relative to the reference ray below which a point counts as behind the camera; also keeps X_z off zero.
-_LEAST_RELATIVE_DEPTH = 1e-3
 # Inverse depths stay within this range of their common scale 1: farther is infinity, nearer is the lens.
 INVERSE_DEPTH_RANGE = (0.02, 20.0)
 # A spread of starting depths, as with all equal no translation could be told from a rotation.
@@ -32,8 +38,6 @@ _DAMPING_START, _DAMPING_LEAST, _DAMPING_MOST = 1e-3, 1e-8, 1e8
 # Keeps the normal equations of a view without tracks, or of a point without parallax, solvable; far below any of
 # their true entries, which count pixels squared.
 _REGULAR = 1e-9
-# Rotations of some degrees converge quadratically; ten steps are ample.
-_ROTATION_STEPS = 10
 
 
 @dataclass(frozen=True)
@@ -92,36 +96,16 @@ class Motion:
     @property
     def behind_share(self) -> float:
         """Get the share of tracks that some view has at or behind its camera."""
-        return float(np.mean(self.least_depth <= _LEAST_RELATIVE_DEPTH)) if len(self.least_depth) else 0.0
+        return float(np.mean(self.least_depth <= LEAST_RELATIVE_DEPTH)) if len(self.least_depth) else 0.0
 
     @property
     def rms_px(self) -> float:
         """Get the root mean square residual over all sightings but those of the reference view, in px."""
-        return _rms_px(self.errors_px)
+        return rms_px(self.errors_px)
 
 
-@dataclass(frozen=True)
-class Rotations:
-    """Poses of a camera that only turned, and what they leave unexplained.
-
-    Args:
-        rotations: Reference to view, [N, 3, 3].
-        errors_px: Prediction minus track, [P, N, 2]; NaN in the reference view and where a view does not see the
-            point.
-        displacement_px: By how much they move the points: the median over points, in the view where it is largest.
-    """
-
-    rotations: F64
-    errors_px: F64
-    displacement_px: float
-
-    @property
-    def rms_px(self) -> float:
-        """Get the root mean square residual, in px."""
-        return _rms_px(self.errors_px)
-
-
-def _rms_px(errors_px: F64) -> float:
+def rms_px(errors_px: F64) -> float:
+    """Get the root mean square length of errors, [..., 2]; NaN counts for nothing, and no errors as 0."""
     squares = (errors_px**2).sum(axis=-1)
     seen = ~np.isnan(squares)
     return float(np.sqrt(squares[seen].mean())) if seen.any() else 0.0
@@ -139,30 +123,42 @@ def predict_positions(positions_px: F64, inverse_depth: F64, world_to_camera: F6
     Returns:
         [P, N, 2] px.
     """
-    rays = np.concatenate([positions_px, np.ones((len(positions_px), 1))], axis=1) @ np.linalg.inv(intrinsics).T
-    turned = rays @ world_to_camera[:, :3, :3].transpose(0, 2, 1)
+    turned = rays(positions_px, intrinsics) @ world_to_camera[:, :3, :3].transpose(0, 2, 1)
     points = (turned + world_to_camera[:, None, :3, 3] * inverse_depth[None, :, None]) @ intrinsics.T
-    pixels: F64 = points[..., :2] / np.maximum(points[..., 2:], _LEAST_RELATIVE_DEPTH)
+    pixels: F64 = points[..., :2] / np.maximum(points[..., 2:], LEAST_RELATIVE_DEPTH)
     return pixels.transpose(1, 0, 2)
 
 
-def wander_px(errors_px: F64) -> float:
-    """Get by how much errors vary along each track, per degree of freedom, root mean square.
+def rays(positions_px: F64, intrinsics: F64) -> F64:
+    """Turn pixels, [P, 2], into directions with third component 1, [P, 3]."""
+    homogeneous = np.concatenate([positions_px, np.ones((len(positions_px), 1))], axis=1)
+    directions: F64 = homogeneous @ np.linalg.inv(intrinsics).T
+    return directions
+
+
+def wander_px(errors_px: F64, unknowns: int = 0) -> float:
+    """Get by how much errors vary along each track, per degree of freedom, root mean square length.
 
     A corner that is misplaced in the reference view shifts its errors in all other views alike. Such a shift says
     nothing about the motion, and a translation explains one component of it for nothing: so it is taken out.
 
     Args:
         errors_px: [P, N, 2]; NaN where a view does not see the point. Tracks of one sighting say nothing here.
+        unknowns: How many were fitted to each track.
+
+    Returns:
+        0 where nothing is left to vary.
     """
     seen = ~np.isnan(errors_px[..., 0])
-    spare = int(seen.sum()) - int(seen.any(axis=1).sum())
-    if spare < 1:
+    sightings = seen.sum(axis=1)
+    # Two coordinates for each sighting but the one that the mean takes.
+    freedom = int((2 * (sightings - 1) - unknowns)[sightings > 1].sum())
+    if freedom < 1:
         return 0.0
     errors = np.where(seen[..., None], errors_px, 0.0)
-    mean = errors.sum(axis=1) / np.maximum(seen.sum(axis=1), 1)[:, None]
+    mean = errors.sum(axis=1) / np.maximum(sightings, 1)[:, None]
     variation = (errors - mean[:, None]) * seen[..., None]
-    return float(np.sqrt((variation**2).sum() / spare))
+    return float(np.sqrt(2 * (variation**2).sum() / freedom))
 
 
 @dataclass(frozen=True)
@@ -188,10 +184,16 @@ class Sightings:
         """Take tracks through the inverse of a camera matrix, [3, 3]."""
         focal = np.array([intrinsics[0, 0], intrinsics[1, 1]])
         normalised = (tracks.positions - intrinsics[:2, 2]) / focal
-        rays = np.concatenate([normalised[:, tracks.reference], np.ones((len(tracks), 1))], axis=1)
-        seen = tracks.seen.T.copy()
+        directions = rays(tracks.positions[:, tracks.reference], intrinsics)
+        seen = np.ascontiguousarray(tracks.seen.T)
         seen[tracks.reference] = False
-        return cls(rays, np.nan_to_num(normalised.transpose(1, 0, 2)), seen, focal, tracks.reference)
+        return cls(
+            directions,
+            np.ascontiguousarray(np.nan_to_num(normalised.transpose(1, 0, 2))),
+            seen,
+            focal,
+            tracks.reference,
+        )
 
 
 def start_motion(sightings: Sightings, seed: int = 0) -> Motion:
@@ -216,7 +218,7 @@ def residuals(motion: Motion, sightings: Sightings) -> tuple[F64, F64]:
     """
     turned = sightings.rays @ motion.rotations.transpose(0, 2, 1)
     points = turned + motion.translations[:, None] * motion.inverse_depth[None, :, None]
-    depth = np.maximum(points[..., 2:], _LEAST_RELATIVE_DEPTH)
+    depth = np.maximum(points[..., 2:], LEAST_RELATIVE_DEPTH)
     return (points[..., :2] / depth - sightings.seen_at) * sightings.focal_px, points
 
 
@@ -232,7 +234,7 @@ def jacobians(motion: Motion, sightings: Sightings, points: F64) -> tuple[F64, F
         d r / d (ω, t), [N, P, 2, 6], for R ← exp(ω) R; and d r / d ρ, [N, P, 2].
     """
     fx, fy = sightings.focal_px
-    inverse_z = 1 / np.maximum(points[..., 2], _LEAST_RELATIVE_DEPTH)
+    inverse_z = 1 / np.maximum(points[..., 2], LEAST_RELATIVE_DEPTH)
     turned = points - motion.translations[:, None] * motion.inverse_depth[None, :, None]
     x, y, z = np.moveaxis(turned, -1, 0)
     # The rows of d r / d X are (ux, 0, uz) and (0, vy, vz).
@@ -269,16 +271,13 @@ def adjust(
     settings = settings or MotionSettings()
     sightings = Sightings.of(tracks, intrinsics)
     motion = start or start_motion(sightings)
-    error, points = residuals(motion, sightings)
-    motion = replace(motion, cost=_huber_cost(error, sightings.seen, settings.huber_px))
+    motion = _with_cost(motion, sightings, settings.huber_px)
     damping = _DAMPING_START
     for _ in range(settings.iterations):
-        system = _NormalEquations.at(motion, sightings, error, points, settings.huber_px)
+        system = _NormalEquations.at(motion, sightings, settings.huber_px)
         before = motion.cost
         while damping < _DAMPING_MOST:
-            trial = system.step(motion, damping)
-            error, points = residuals(trial, sightings)
-            trial = replace(trial, cost=_huber_cost(error, sightings.seen, settings.huber_px))
+            trial = _with_cost(system.step(motion, damping), sightings, settings.huber_px)
             if trial.cost < motion.cost:
                 motion, damping = trial, max(damping / 3, _DAMPING_LEAST)
                 break
@@ -338,31 +337,6 @@ def estimate_motion(tracks: Tracks, intrinsics: F64, settings: MotionSettings | 
     return scaled, kept
 
 
-def fit_rotations(tracks: Tracks, intrinsics: F64, settings: MotionSettings | None = None) -> Rotations:
-    """Find the pure rotations that explain all tracks best, by re-weighted Gauss-Newton for each view on its own."""
-    settings = settings or MotionSettings()
-    sightings = Sightings.of(tracks, intrinsics)
-    motion = start_motion(sightings)
-    for _ in range(_ROTATION_STEPS):
-        error, points = residuals(motion, sightings)
-        distance = np.linalg.norm(error, axis=-1)
-        weight = np.where(
-            distance < settings.huber_px, 1.0, settings.huber_px / np.maximum(distance, settings.huber_px)
-        )
-        jacobian = jacobians(motion, sightings, points)[0][..., :3]
-        weighted = jacobian * (weight * sightings.seen)[..., None, None]
-        normal = np.einsum("npai,npaj->nij", weighted, jacobian) + _REGULAR * np.eye(3)
-        turn = -np.linalg.solve(normal, np.einsum("npai,npa->ni", weighted, error)[..., None])[..., 0]
-        motion = replace(motion, rotations=Rotation.from_rotvec(turn).as_matrix() @ motion.rotations)
-    _, points = residuals(motion, sightings)
-    moved = (points[..., :2] / points[..., 2:] - sightings.rays[:, :2]) * sightings.focal_px
-    return Rotations(
-        rotations=motion.rotations,
-        errors_px=with_errors(motion, sightings).errors_px,
-        displacement_px=float(np.median(np.linalg.norm(moved, axis=-1), axis=1).max()),
-    )
-
-
 def with_errors(motion: Motion, sightings: Sightings) -> Motion:
     """Return the motion with the errors and depths that it has on these tracks."""
     error, points = residuals(motion, sightings)
@@ -373,10 +347,21 @@ def with_errors(motion: Motion, sightings: Sightings) -> Motion:
     )
 
 
-def _huber_cost(error: F64, seen: Bool, huber_px: float) -> float:
-    distance = np.linalg.norm(error, axis=-1)
-    cost = np.where(distance < huber_px, 0.5 * distance**2, huber_px * (distance - 0.5 * huber_px))
-    return float((cost * seen).sum())
+def _with_cost(motion: Motion, sightings: Sightings, huber_px: float) -> Motion:
+    return replace(motion, cost=huber_cost(*_arguments(motion, sightings), huber_px))
+
+
+def _arguments(motion: Motion, sightings: Sightings) -> tuple[F64, F64, F64, F64, F64, Bool, F64]:
+    """Order the arguments as the kernels want them."""
+    return (
+        motion.rotations,
+        motion.translations,
+        motion.inverse_depth,
+        sightings.rays,
+        sightings.seen_at,
+        sightings.seen,
+        sightings.focal_px,
+    )
 
 
 @dataclass(frozen=True)
@@ -391,37 +376,21 @@ class _NormalEquations:
     moving: NDArray[np.int64]  # indices of the unknowns of all views but the reference
 
     @classmethod
-    def at(cls, motion: Motion, sightings: Sightings, error: F64, points: F64, huber_px: float) -> "_NormalEquations":
-        by_pose, by_depth = jacobians(motion, sightings, points)
-        distance = np.linalg.norm(error, axis=-1)
-        root = np.sqrt(np.where(distance < huber_px, 1.0, huber_px / np.maximum(distance, huber_px)) * sightings.seen)
-        views, count = root.shape
-        Jp = (by_pose * root[..., None, None]).reshape(views, 2 * count, 6)
-        Jd, r = by_depth * root[..., None], error * root[..., None]
-        transposed = Jp.transpose(0, 2, 1)
-        E = (Jp.reshape(views, count, 2, 6) * Jd[..., None]).sum(2)
-        return cls(
-            A=transposed @ Jp,
-            b=-(transposed @ r.reshape(views, -1, 1))[..., 0],
-            C=(Jd**2).sum((0, 2)),
-            d=-(Jd * r).sum((0, 2)),
-            E=E.transpose(1, 0, 2).reshape(count, 6 * views),
-            moving=np.flatnonzero(np.arange(6 * views) // 6 != sightings.reference),
-        )
+    def at(cls, motion: Motion, sightings: Sightings, huber_px: float) -> "_NormalEquations":
+        A, b, C, d, E = normal_blocks(*_arguments(motion, sightings), huber_px)
+        moving = np.flatnonzero(np.arange(6 * len(A)) // 6 != sightings.reference)
+        return cls(A, b, C, d, E, moving)
 
     def step(self, motion: Motion, damping: float) -> Motion:
         """Solve with damping and move; inverse depths stay within their range."""
-        views = len(self.A)
+        diagonal = np.einsum("nii->ni", self.A)
+        A = self.A + (damping * diagonal + _REGULAR)[..., None] * np.eye(6)
         C = self.C * (1 + damping) + _REGULAR
-        system = -self.E.T @ (self.E / C[:, None])
-        for i in range(views):
-            block = slice(6 * i, 6 * i + 6)
-            system[block, block] += self.A[i] + np.diag(damping * np.diag(self.A[i]) + _REGULAR)
-        right = self.b.reshape(-1) - self.E.T @ (self.d / C)
-        pose_step = np.zeros(6 * views)
+        system, right = eliminate_depths(A, self.b, C, self.d, self.E)
+        pose_step = np.zeros(len(right))
         pose_step[self.moving] = np.linalg.solve(system[np.ix_(self.moving, self.moving)], right[self.moving])
-        depth_step = (self.d - self.E @ pose_step) / C
-        turn, shift = np.split(pose_step.reshape(views, 6), 2, axis=1)
+        depth_step = depth_steps(C, self.d, self.E, pose_step)
+        turn, shift = np.split(pose_step.reshape(-1, 6), 2, axis=1)
         return replace(
             motion,
             rotations=Rotation.from_rotvec(turn).as_matrix() @ motion.rotations,

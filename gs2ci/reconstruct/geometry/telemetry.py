@@ -1,20 +1,64 @@
-"""Camera poses as the stage reported them, and the points that tracks then have.
+"""Camera poses as the stage reported them, the points that tracks then have, and how far a fit moved them.
 
 Here: the triangulation under known poses. Not here: their refinement, which is the fit's (`fit/poses.py`), and the
-way from tracks to depth, which is the same for every source of poses (`initialise`, the only importer).
+way from tracks to depth, which is the same for every source of poses (`initialise`). `initialise` and the pipeline
+import this file.
 """
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
-from gs2ci.core.errors import GeometryError
-from gs2ci.core.records import F64
+from gs2ci.core.errors import GeometryError, InputError
+from gs2ci.core.records import F64, Shot
 from gs2ci.reconstruct.geometry.motion import INVERSE_DEPTH_RANGE, Motion, Sightings, start_motion, with_errors
 from gs2ci.reconstruct.geometry.tracks import Tracks
 
 _PASSES: Final = 5  # re-weighted least squares on a nearly linear problem settles in three
+
+
+def poses_of_stage(shot: Shot) -> F64:
+    """Get the poses that the stage reported, [N, 4, 4].
+
+    Raises:
+        InputError: There are none.
+    """
+    if shot.telemetry_world_to_camera is None:
+        raise InputError(
+            f"{shot.name} holds no poses from a stage",
+            allowed="--geometry tracks",
+            remedy="capture with a stage in the rig file",
+        )
+    return shot.telemetry_world_to_camera
+
+
+@dataclass(frozen=True)
+class Movement:
+    """How far poses have moved, root mean square over the views.
+
+    Args:
+        rotation_deg: Angle.
+        share_of_path: Shift, as a share of the camera path's extent; 0 for a camera that did not move.
+    """
+
+    rotation_deg: float
+    share_of_path: float
+
+
+def movement(before: F64, after: F64) -> Movement:
+    """Compare world-to-camera poses, [N, 4, 4], up to a common change, which is one of the world's frame."""
+    reference = len(before) // 2
+    change = (after @ np.linalg.inv(after[reference])) @ np.linalg.inv(before @ np.linalg.inv(before[reference]))
+    centres = np.linalg.inv(before)[:, :3, 3]
+    extent = float(np.linalg.norm(np.ptp(centres, axis=0)))
+    shift = float(np.sqrt((change[:, :3, 3] ** 2).sum(axis=1).mean()))
+    angles = Rotation.from_matrix(change[:, :3, :3]).magnitude()
+    return Movement(
+        rotation_deg=float(np.degrees(np.sqrt((angles**2).mean()))),
+        share_of_path=shift / extent if extent > 0 else 0.0,
+    )
 
 
 def place_points(

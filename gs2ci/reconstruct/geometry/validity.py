@@ -10,7 +10,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from gs2ci.reconstruct.geometry.motion import Motion, Rotations, wander_px
+from gs2ci.reconstruct.geometry.motion import Motion, wander_px
+from gs2ci.reconstruct.geometry.rotations import Rotations
 from gs2ci.reconstruct.geometry.tracks import Tracks
 
 F64 = NDArray[np.float64]
@@ -29,9 +30,9 @@ class Criteria:
         coverage: Least share of the cells of an 8x8 grid over the reference view that hold a track.
         inliers: Least share of the tracks that the motion explains.
         rms_px: Largest reprojection error of the explained tracks.
-        unexplained: Least ratio of the errors that rotations leave along the tracks to those of the full motion. On
-            views decoded from a camera that did not move or only turned it was 1.00 to 1.08, with a parallax about as
-            large as the noise 1.2 to 1.5, with more of it 2 and above.
+        unexplained: Least ratio of the errors that rotations leave along the tracks to those of the full motion, per
+            degree of freedom. On views decoded from a camera that did not move or only turned it was 0.9 to 1.03,
+            with a parallax about as large as the noise 1.15 to 1.5, with more of it 2 and above.
         unexplained_by_two: The same where no track has a second sighting to tell by: errors per degree of freedom.
             A translation explains one of their two components; decoded views of turned cameras gave 1.0 to 1.3.
         parallax_px: Least parallax: what translation explains beyond the best rotations.
@@ -44,7 +45,7 @@ class Criteria:
     coverage: float = 0.1
     inliers: float = 0.25
     rms_px: float = 2.0
-    unexplained: float = 1.15
+    unexplained: float = 1.1
     unexplained_by_two: float = 1.6
     parallax_px: float = 0.25
     displacement_px: float = 0.5
@@ -90,10 +91,10 @@ def has_parallax(motion: Motion, rotations: Rotations, criteria: Criteria) -> bo
     """Decide whether the tracks need a translation of the camera, and not just rotations and noise."""
     if parallax_px(motion, rotations) < criteria.parallax_px:
         return False
-    moving = wander_px(motion.errors_px)
+    moving = wander_px(motion.errors_px, unknowns=1)
     if moving > 0:
         return wander_px(rotations.errors_px) > criteria.unexplained * moving
-    # Each track has 2 errors; the full motion has 1 unknown for each and 6 for the view, rotations only 3.
+    # Two views: each track has 2 errors; the full motion has 1 unknown for each and 6 for the view, rotations only 3.
     sightings = int((~np.isnan(motion.errors_px[..., 0])).sum())
     noise_full = motion.rms_px / np.sqrt(max(sightings - 6, 1))
     noise_rotation = rotations.rms_px / np.sqrt(max(2 * sightings - 3, 1))

@@ -10,8 +10,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from math import hypot
 
+from gs2ci_sims.axis_motion import AxisMotion, Mechanics
 from gs2ci_sims.faults import FaultSet, declare
-from gs2ci_sims.motion import AxisMotion, Mechanics
 from gs2ci_sims.wires.serial_twin import SerialSession, SerialTwin
 from gs2ci_sims.world import VirtualClock
 

@@ -8,8 +8,8 @@ warning flags, rejections, alerts, pre-emption and faults as in reference 3.1 an
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+from gs2ci_sims.axis_motion import AxisMotion, Mechanics
 from gs2ci_sims.faults import FaultSet, declare
-from gs2ci_sims.motion import AxisMotion, Mechanics
 from gs2ci_sims.wires.serial_twin import SerialTwin
 from gs2ci_sims.world import VirtualClock
 

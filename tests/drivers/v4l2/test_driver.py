@@ -449,6 +449,20 @@ def test_frame_times_are_those_of_the_exposure_on_the_worlds_clock(bench: Build)
     assert frame.t_host_ns == b.world.clock.now_ns()
 
 
+def test_a_frame_that_begins_while_the_start_is_under_way_is_not_stale(bench: Build, monkeypatch: Any) -> None:
+    b = bench(V4l2Options(), trigger="none", stamps_start=True)
+    ioctl = b.twin.ioctl
+
+    def slow(fd: int, request: int, argument: bytearray, payload: bytearray | None = None) -> int:
+        result = ioctl(fd, request, argument, payload)
+        b.world.clock.sleep_s(1e-3)
+        return int(result)
+
+    monkeypatch.setattr(b.twin, "ioctl", slow)
+    b.begin(trigger=TriggerMode.FREE_RUN)
+    assert b.sensor.read(0.5).sequence == 0
+
+
 def test_frame_numbers_may_wrap(bench: Build) -> None:
     b = bench(V4l2Options(trigger_adapter="control", first_sequence=None))
     b.faults.inject("v4l2.first_number", value=2**32 - 2, skip=1)

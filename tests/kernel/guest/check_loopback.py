@@ -6,17 +6,17 @@ import struct
 import threading
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 
 import numpy as np
 import pytest
-from gs2ci_drivers.failures import FrameLostError, TriggerTimeoutError
+
+from gs2ci.core.clock import WallClock
+from gs2ci_drivers.failures import FrameCorruptError, FrameLostError, TriggerTimeoutError
 from gs2ci_drivers.links.v4l2_sys import KernelSysPort
 from gs2ci_drivers.sensor import SensorConfig, TriggerMode
 from gs2ci_drivers.v4l2.driver import V4l2Sensor
 from gs2ci_drivers.v4l2.options import V4l2Options
-
-from gs2ci.core.clock import WallClock
 
 NODE = "/dev/video50"
 S_FMT, OUTPUT, FIELD_NONE = 0xC0D05605, 2, 1
@@ -72,40 +72,41 @@ def reader(code: str) -> V4l2Sensor:
     return sensor
 
 
+def indices_seen(sensor: V4l2Sensor, frames: list[np.ndarray]) -> set[int]:
+    """Read until every frame has been seen; assert that each picture is exactly one of them."""
+    seen: set[int] = set()
+    for _ in range(200):
+        try:
+            pixels = sensor.read(20.0).pixels
+        except (FrameLostError, FrameCorruptError):
+            # An emulated machine is slow, and the loopback hands its first frame out twice under one number.
+            continue
+        matches = [i for i, frame in enumerate(frames) if np.array_equal(frame, pixels)]
+        assert len(matches) == 1
+        seen |= set(matches)
+        if len(seen) == len(frames):
+            break
+    return seen
+
+
 @pytest.mark.parametrize(("code", "dtype"), [("GREY", "u1"), ("RGGB", "u1"), ("Y16 ", "<u2")])
 def test_our_frames_come_back_byte_exact(code: str, dtype: str) -> None:
     rng = np.random.default_rng(3)
     top = np.iinfo(dtype).max
     frames = [rng.integers(0, top + 1, (HEIGHT, WIDTH)).astype(dtype) for _ in range(5)]
-    writer = Writer(code, np.dtype(dtype).itemsize)
-    writer.write(frames[0])
-    with sending(writer, frames):
-        sensor = reader(code)
-        seen: set[int] = set()
-        for _ in range(200):
-            try:
-                pixels = sensor.read(20.0).pixels
-            except FrameLostError:  # the emulated machine was too slow for one of them
-                continue
-            matches = [i for i, frame in enumerate(frames) if np.array_equal(frame, pixels)]
-            assert len(matches) == 1
-            seen |= set(matches)
-            if len(seen) == len(frames):
-                break
-        assert seen == set(range(len(frames)))
-        sensor.close()
-    writer.close()
+    with closing(Writer(code, np.dtype(dtype).itemsize)) as writer:
+        writer.write(frames[0])
+        with sending(writer, frames), closing(reader(code)) as sensor:
+            assert indices_seen(sensor, frames) == set(range(len(frames)))
+            assert sensor.status().corrupt <= 1
 
 
 def test_silence_ends_in_a_timeout_naming_the_frame() -> None:
-    writer = Writer("GREY", 1)
-    writer.write(np.zeros((HEIGHT, WIDTH), np.uint8))
-    sensor = reader("GREY")
-    sensor.discard()
-    begin = time.monotonic()
-    with pytest.raises(TriggerTimeoutError, match="trigger 3"):
-        for _ in range(4):
-            sensor.read(1.0, trigger_index=3)
-    assert time.monotonic() - begin < 20.0
-    sensor.close()
-    writer.close()
+    with closing(Writer("GREY", 1)) as writer:
+        writer.write(np.zeros((HEIGHT, WIDTH), np.uint8))
+        with closing(reader("GREY")) as sensor:
+            sensor.discard()
+            begin = time.monotonic()
+            with pytest.raises(TriggerTimeoutError, match="trigger 3"):
+                sensor.read(1.0, trigger_index=3)
+            assert 1.0 <= time.monotonic() - begin < 20.0

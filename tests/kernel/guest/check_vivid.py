@@ -6,6 +6,8 @@ from collections.abc import Iterator
 
 import numpy as np
 import pytest
+
+from gs2ci.core.clock import WallClock
 from gs2ci_drivers.failures import (
     AccessError,
     DeviceFaultError,
@@ -22,8 +24,6 @@ from gs2ci_drivers.v4l2.controls import ControlTable
 from gs2ci_drivers.v4l2.driver import V4l2Sensor, list_cameras
 from gs2ci_drivers.v4l2.node import VideoNode
 from gs2ci_drivers.v4l2.options import V4l2Options
-
-from gs2ci.core.clock import WallClock
 
 PORT = KernelSysPort()
 NODES = ("/dev/video0", "/dev/video1")
@@ -56,6 +56,17 @@ def next_whole(sensor: V4l2Sensor, tries: int = 50) -> Frame:
         except FrameLostError:
             continue
     raise AssertionError("no whole frame")
+
+
+def read_on(sensor: V4l2Sensor, frames: int, timeout_s: float = PATIENCE_S) -> None:
+    """Read raw: whatever the driver has to say comes through."""
+    for _ in range(frames):
+        sensor.read(timeout_s, trigger_index=7)
+
+
+def read_on_past_losses(sensor: V4l2Sensor, frames: int) -> None:
+    for _ in range(frames):
+        next_whole(sensor)
 
 
 def picture(sensor: V4l2Sensor, settings: SensorConfig) -> np.ndarray:
@@ -172,8 +183,7 @@ def test_a_deadline_is_kept(sensor: V4l2Sensor) -> None:
     sensor.discard()
     begin = time.monotonic()
     with pytest.raises(DriverError):
-        for _ in range(100):
-            sensor.read(0.0)
+        read_on(sensor, 100, timeout_s=0.0)
     assert time.monotonic() - begin < 10.0
 
 
@@ -194,8 +204,7 @@ def running(hand: ControlTable) -> Iterator[V4l2Sensor]:
 def test_a_buffer_with_the_error_flag_is_a_corrupt_frame(running: V4l2Sensor, hand: ControlTable) -> None:
     hand.set("inject_v4l2_buf_flag_error", 1)
     with pytest.raises(FrameCorruptError, match="V4L2_BUF_FLAG_ERROR"):
-        for _ in range(10):
-            next_whole(running)
+        read_on_past_losses(running, 10)
     next_whole(running)
     assert running.status().corrupt == 1
 
@@ -204,8 +213,7 @@ def test_dropped_buffers_are_lost_frames(running: V4l2Sensor, hand: ControlTable
     hand.set("percentage_of_dropped_buffers", 60)
     try:
         with pytest.raises(FrameLostError, match="lost from frame"):
-            for _ in range(40):
-                running.read(PATIENCE_S)
+            read_on(running, 40)
     finally:
         hand.set("percentage_of_dropped_buffers", 0)
     frame = running.read(PATIENCE_S)
@@ -230,30 +238,26 @@ def test_a_request_that_fails_is_typed_and_the_next_capture_works(
 def test_a_fatal_streaming_error_is_a_fault_and_the_next_capture_works(running: V4l2Sensor, hand: ControlTable) -> None:
     hand.set("inject_fatal_streaming_error", 1)
     with pytest.raises(DeviceFaultError, match="EIO"):
-        for _ in range(40):
-            next_whole(running)
+        read_on_past_losses(running, 40)
     running.stop()
     running.start()
     next_whole(running)
 
 
-@pytest.mark.parametrize("waiting", [False, True], ids=["while streaming", "while stopped"])
-def test_a_disconnect_is_told_and_after_the_reconnect_the_same_object_captures(waiting: bool) -> None:
+@pytest.mark.parametrize("stopped", [False, True], ids=["while streaming", "while stopped"])
+def test_a_disconnect_is_told_and_after_the_reconnect_the_same_object_captures(stopped: bool) -> None:
     sensor = sensor_on(NODES[0])
     sensor.connect()
     sensor.configure(config())
     sensor.start()
     next_whole(sensor)
-    if waiting:
+    if stopped:
         sensor.stop()
     node = VideoNode(PORT, NODES[0], "hand")
     ControlTable(node).set("disconnect", 1)
     node.close()
     with pytest.raises(DisconnectedError):
-        if waiting:
-            sensor.start()
-        for _ in range(40):
-            sensor.read(PATIENCE_S, trigger_index=7)
+        sensor.start() if stopped else read_on_past_losses(sensor, 40)
     # vivid comes back when its last descriptor is closed, which the driver has done.
     sensor.stop()
     sensor.start()

@@ -1,10 +1,13 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from gs2ci.core.errors import GeometryError
+from gs2ci.core.errors import GeometryError, InputError
+from gs2ci.core.records import Shot
 from gs2ci.reconstruct.geometry.motion import predict_positions
-from gs2ci.reconstruct.geometry.telemetry import place_points
+from gs2ci.reconstruct.geometry.telemetry import movement, place_points, poses_of_stage
 from gs2ci.reconstruct.geometry.tracks import Tracks
 
 INTRINSICS = np.array([[300.0, 0, 160], [0, 310.0, 120], [0, 0, 1]])
@@ -76,3 +79,32 @@ def test_poses_that_contradict_the_tracks_are_refused(change):
         wrong[:, 0, 3] *= -1
     with pytest.raises(GeometryError, match="infinity or behind"):
         place_points(tracks, wrong, INTRINSICS, 1.0, 3.0)
+
+
+def test_a_change_of_frame_is_no_movement_and_a_shift_is_a_share_of_the_path():
+    poses = stage_poses(turn_deg=0.0)
+    frame = np.eye(4)
+    frame[:3, :3] = Rotation.from_euler("xyz", (10, 20, 30), degrees=True).as_matrix()
+    frame[:3, 3] = (1, 2, 3)
+    still = movement(poses, poses @ frame)
+    assert still.rotation_deg < 1e-6
+    assert still.share_of_path < 1e-9
+    shifted = poses.copy()
+    shifted[0, 0, 3] += 2.4
+    assert movement(poses, shifted).share_of_path == pytest.approx(2.4 / np.sqrt(7) / np.hypot(24, 0.6))
+    turned = poses.copy()
+    turned[6, :3, :3] = Rotation.from_euler("y", 1.0, degrees=True).as_matrix() @ turned[6, :3, :3]
+    assert movement(poses, turned).rotation_deg == pytest.approx(1 / np.sqrt(7))
+
+
+def test_a_camera_at_rest_has_no_path_to_share():
+    poses = np.tile(np.eye(4), (3, 1, 1))
+    assert movement(poses, poses).share_of_path == 0.0
+
+
+def test_a_shot_without_telemetry_has_no_poses_of_a_stage():
+    shot = Shot(np.ones((4, 4, 1), np.float32), np.ones((2, 4, 4), np.float32), np.ones(2, np.float32))
+    with pytest.raises(InputError, match="no poses from a stage"):
+        poses_of_stage(shot)
+    poses = np.tile(np.eye(4), (2, 1, 1))
+    assert poses_of_stage(replace(shot, telemetry_world_to_camera=poses)) is poses

@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gs2ci_drivers.stage import trapezoid_time_s
-from gs2ci_sims.motion import AxisMotion, Mechanics
+from gs2ci_sims.axis_motion import AxisMotion, Mechanics
 
 COORDINATES = st.floats(-100, 100)
 
