@@ -13,7 +13,7 @@ noise: both are decided by trying which of the four denoises.
 import pickle
 import re
 from dataclasses import dataclass, replace
-from itertools import product
+from itertools import pairwise, product
 from pathlib import Path
 from typing import Any, Final
 
@@ -167,7 +167,7 @@ def _chained(layers: list[Convolution]) -> bool:
     if len(layers) < 2:
         return False
     shapes = [layer.weight.shape for layer in layers]
-    through = all(before[0] == after[1] for before, after in zip(shapes, shapes[1:], strict=False))
+    through = all(before[0] == after[1] for before, after in pairwise(shapes))
     kernels = all(shape[2:] == (3, 3) for shape in shapes)
     return through and kernels and (shapes[0][1], shapes[-1][0]) in ((5, 4), (13, 12))
 
@@ -196,7 +196,8 @@ def _resolve(network: FfdNet) -> FfdNet | None:
 def _probe_image() -> NDArray[np.float64]:
     y, x = np.mgrid[:64, :64] / 64
     disc = np.hypot(x - 0.4, y - 0.6) < 0.25
-    return 0.3 + 0.3 * x + 0.1 * np.sin(6 * y) + 0.2 * disc
+    image: NDArray[np.float64] = 0.3 + 0.3 * x + 0.1 * np.sin(6 * y) + 0.2 * disc
+    return image
 
 
 def _graph(network: FfdNet) -> Any:
@@ -227,7 +228,7 @@ def _graph(network: FfdNet) -> Any:
     nodes.append(node("DepthToSpace", [f"y{last}"], [restored], blocksize=2, mode="CRD"))
     if network.predicts_noise:
         nodes.append(node("Sub", ["noisy", restored], ["denoised"]))
-    image = ["n", network.channels, "h", "w"]
+    image: list[str | int | None] = ["n", network.channels, "h", "w"]
     graph = helper.make_graph(
         nodes,
         "FFDNet",

@@ -22,7 +22,7 @@ from gs2ci.reconstruct.decode.denoisers import Denoiser
 from gs2ci.reconstruct.decode.kernels import project_onto_measurement
 
 Scheme = Literal["gap", "admm"]
-# From views as they are measured [N, C or mosaic, H, W] to the denoised views as they are measured and as they are seen.
+# From views as they are measured, [N, C or mosaic, H, W], to denoised views as they are measured and as they are seen.
 _Prior = Callable[[F32, float], tuple[F32, F32]]
 
 # A pixel through which next to no light came would have its noise divided by its tiny transmission. Below this share
