@@ -43,12 +43,13 @@ def run() -> None:
         print("skipped: no video_sci in GS2CI_SHARED_DATA or ../shared/data")
         return
     print(
-        f"{torch.get_num_threads()} threads\nfile     decoder             measured at    PSNR  published    SSIM  seconds"
+        f"{torch.get_num_threads()} threads\n"
+        "file     decoder             measured at    PSNR  published    SSIM  seconds"
     )
     decoders: dict[str, tuple[_Decoder, int | None, str]] = {
         "GAP-TV": (lambda shot: gap_tv(shot, AS_PUBLISHED), None, "GAP-TV"),
         "GAP-TV coupled": (lambda shot: gap_tv(shot, choose_coupling(shot, AS_PUBLISHED, 0)), None, "GAP-TV"),
-        "PnP-GAP TV": (_plugged("gap", TotalVariation()), None, "GAP-TV"),
+        "PnP-GAP TV": (_plugged("gap", TotalVariation()), None, ""),
         "PnP-GAP NLM": (_plugged("gap", NonLocalMeans()), 1, ""),
     }
     with tempfile.TemporaryDirectory() as folder:

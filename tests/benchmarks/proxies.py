@@ -26,7 +26,8 @@ def run() -> None:
     torch.set_num_threads(2)
     try:
         print(
-            f"{SIZE[0]} x {SIZE[1]} RGB, 2 threads\n  N   open   mu   route   AMDI s   windows (median, largest)   ENI s"
+            f"{SIZE[0]} x {SIZE[1]} RGB, 2 threads\n"
+            "  N   open   mu   route   AMDI s   windows (median, largest)   ENI s"
         )
         for n, share in CASES:
             shot = _shot(n, share)

@@ -91,16 +91,17 @@ class NonLocalMeans:
         """Denoise view by view, colours together; arguments as for `Denoiser`."""
 
         def denoise(view: F32) -> F32:
+            grey = len(view) == 1
             denoised: F32 = denoise_nl_means(
-                view,
+                view[0] if grey else view,
                 patch_size=self.patch_px,
                 patch_distance=self.reach_px,
                 h=self.cutoff_per_sigma * sigma,
                 sigma=sigma,
                 fast_mode=True,
-                channel_axis=0,
+                channel_axis=None if grey else 0,
             )
-            return denoised.reshape(view.shape)  # scikit-image drops a single channel
+            return denoised.reshape(view.shape)
 
         with ThreadPoolExecutor(max_workers=max(1, torch.get_num_threads())) as pool:
             return np.stack(list(pool.map(denoise, views))).astype(np.float32, copy=False)
