@@ -24,6 +24,8 @@ from gs2ci.core.errors import Gs2ciError
 COMMANDS: Final[dict[str, tuple[str, str]]] = {
     "import": ("gs2ci.commands.import_", "turn .npz, .npy or .mat measurements into a shot file"),
     "reconstruct": ("gs2ci.commands.reconstruct", "recover views, camera path and scene from a shot file"),
+    "decode": ("gs2ci.commands.decode", "recover views alone from a shot file: GAP-TV, plug-and-play, proxies"),
+    "models": ("gs2ci.commands.models", "turn trained weights into model files"),
     "capture": ("gs2ci.commands.capture", "take coded exposures on a bench, real or simulated"),
     "recover": ("gs2ci.commands.recover", "save the finished rows of an interrupted capture"),
     "devices": ("gs2ci.commands.devices", "say what is connected and what it can do"),

@@ -102,21 +102,21 @@ def plain_json(value: Any) -> Any:
             return str(value)
 
 
-def read_report(folder: Path) -> dict[str, Any]:
-    """Read the report of a run folder.
+def read_report(folder: Path, schema: str = SCHEMA) -> dict[str, Any]:
+    """Read the report of a run folder, or of another folder of ours with a report of another schema.
 
     Raises:
         StorageError: There is none, it is cut short, or its schema is another.
     """
     path = Path(folder) / REPORT_NAME
-    remedy = "give the folder that `gs2ci reconstruct -o` wrote"
+    remedy = "give the folder that `gs2ci reconstruct -o` wrote" if schema == SCHEMA else ""
     try:
         report = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
         raise StorageError(f"{path} cannot be read: {error}", remedy=remedy) from error
-    if not isinstance(report, dict) or report.get("schema") != SCHEMA:
+    if not isinstance(report, dict) or report.get("schema") != schema:
         found = report.get("schema") if isinstance(report, dict) else type(report).__name__
-        raise StorageError(f"{path} has schema {found!r}", allowed=SCHEMA, remedy=remedy)
+        raise StorageError(f"{path} has schema {found!r}", allowed=schema, remedy=remedy)
     return report
 
 

@@ -32,7 +32,7 @@ from gs2ci.core.records import F32, Shot
 from gs2ci.core.run_records import RunResult
 from gs2ci.evaluate.cameras import nerfstudio_transforms, view_names, write_colmap_model
 from gs2ci.evaluate.overview import write_overview
-from gs2ci.evaluate.report import REPORT_NAME, build_report, read_report
+from gs2ci.evaluate.report import REPORT_NAME, SCHEMA, build_report, read_report
 from gs2ci.render.gaussians import Gaussians
 from gs2ci.render.ply import write_ply
 
@@ -69,8 +69,13 @@ def write_run(folder: Path, shot: Shot, result: RunResult, scene: Gaussians, *, 
     return folder
 
 
-def check_destination(folder: Path, *, overwrite: bool = False) -> None:
+def check_destination(folder: Path, *, overwrite: bool = False, schema: str = SCHEMA) -> None:
     """Refuse a place where no run may be written; to be asked before the work, not after it.
+
+    Args:
+        folder: The place.
+        overwrite: Whether an earlier run may be replaced.
+        schema: Of the report that an earlier run holds.
 
     Raises:
         StorageError: The place holds a file, an earlier run that may not be replaced, or a folder that is no run.
@@ -88,7 +93,7 @@ def check_destination(folder: Path, *, overwrite: bool = False) -> None:
             remedy="choose another place with -o, or add --overwrite to replace an earlier run",
         )
     try:
-        read_report(folder)
+        read_report(folder, schema)
     except StorageError as error:
         raise StorageError(
             f"{folder} holds something other than a run, which is not replaced",
@@ -98,13 +103,13 @@ def check_destination(folder: Path, *, overwrite: bool = False) -> None:
 
 
 @contextmanager
-def whole_folder(folder: Path, *, overwrite: bool = False) -> Iterator[Path]:
+def whole_folder(folder: Path, *, overwrite: bool = False, schema: str = SCHEMA) -> Iterator[Path]:
     """Give a hidden sibling folder to fill; rename it into place at the end, remove it if anything goes wrong.
 
     Raises:
         StorageError: See `check_destination`; or the disk refuses.
     """
-    check_destination(folder, overwrite=overwrite)
+    check_destination(folder, overwrite=overwrite, schema=schema)
     folder = folder.resolve()
     partial = folder.parent / f".{folder.name}.{os.getpid()}.partial"
     try:

@@ -18,6 +18,8 @@ import torch
 BENCHMARKS = {
     "rasteriser": "tests.benchmarks.rasteriser",
     "simulated_capture": "tests.benchmarks.simulated_capture",
+    "proxies": "tests.benchmarks.proxies",
+    "decoders": "tests.benchmarks.decoders",
     "bundle_adjustment": "tests.benchmarks.bundle_adjustment",
 }
 

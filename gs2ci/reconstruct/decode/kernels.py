@@ -16,15 +16,18 @@ _ONE = np.float32(1.0)
 
 
 @numba.njit(cache=True, parallel=True)
-def project_onto_measurement(views: F32, masks: F32, inverse_energy: F32, measured: F32, target: F32) -> F64:
-    """Move the views to the nearest ones that explain the measurement: one accelerated GAP step, in place.
+def project_onto_measurement(
+    views: F32, masks: F32, inverse_energy: F32, measured: F32, target: F32, accelerated: bool = True
+) -> F64:
+    """Move the views towards the nearest ones that explain the measurement, in place.
 
     Args:
-        views: x, [N, C, H, W]; changed to x + Φᵀ (ΦΦᵀ)⁻¹ (y₁ − Φx).
+        views: x, [N, C, H, W]; changed to x + Φᵀ e (y₁ − Φx).
         masks: wᵢ Mᵢ, [N, H, W].
-        inverse_energy: 1 / Σ (wᵢ Mᵢ)², [H, W]; 0 where a pixel shall not count.
+        inverse_energy: e, for the nearest views 1 / Σ (wᵢ Mᵢ)², [H, W]; 0 where a pixel shall not count.
         measured: y, [C, H, W].
-        target: y₁, [C, H, W]; changed to y₁ + (y − Φx).
+        target: y₁, [C, H, W]; changed to y₁ + (y − Φx) if accelerated, to y if not.
+        accelerated: Whether what earlier steps left unexplained is asked for again.
 
     Returns:
         Σ (y − Φx)² of each row over the pixels that count, [C * H].
@@ -40,7 +43,7 @@ def project_onto_measurement(views: F32, masks: F32, inverse_energy: F32, measur
         energy = 0.0
         for col in range(width):
             residual = measured[c, r, col] - change[col]
-            target[c, r, col] += residual
+            target[c, r, col] = target[c, r, col] + residual if accelerated else measured[c, r, col]
             if inverse_energy[r, col] > 0:
                 energy += residual * residual
             change[col] = (target[c, r, col] - change[col]) * inverse_energy[r, col]
@@ -115,3 +118,58 @@ def denoise_planes(planes: F32, weight: float, inner: int) -> None:
         dual_x = np.empty((height, width), np.float32)
         rows = np.empty((2, width), np.float32)
         _denoise_plane(planes[p], dual_y, dual_x, rows, weight32, step32, inner)
+
+
+@numba.njit(cache=True)
+def _coupled_primal_row(views: F32, dual: F32, weight: float, coupling: float, i: int, r: int, out: F32) -> None:
+    """Write row r of view i of views + weight * div(dual) to `out`."""
+    width = views.shape[2]
+    for col in range(width):
+        divergence = dual[0, i, r, col] + dual[1, i, r, col] + coupling * dual[2, i, r, col]
+        if r > 0:
+            divergence -= dual[0, i, r - 1, col]
+        if col > 0:
+            divergence -= dual[1, i, r, col - 1]
+        if i > 0:
+            divergence -= coupling * dual[2, i - 1, r, col]
+        out[col] = views[i, r, col] + weight * divergence
+
+
+@numba.njit(cache=True)
+def _coupled_ascend_row(dual: F32, image: F32, step: float, coupling: float, i: int, r: int) -> None:
+    """Move the dual field of row r of view i up the gradient of the image, then back into the unit ball."""
+    views, height, width = image.shape
+    for col in range(width):
+        here = image[i, r, col]
+        dy = dual[0, i, r, col] + (step * (image[i, r + 1, col] - here) if r + 1 < height else 0)
+        dx = dual[1, i, r, col] + (step * (image[i, r, col + 1] - here) if col + 1 < width else 0)
+        dt = dual[2, i, r, col] + (step * coupling * (image[i + 1, r, col] - here) if i + 1 < views else 0)
+        scale = _ONE / max(_ONE, np.sqrt(dy * dy + dx * dx + dt * dt))
+        dual[0, i, r, col] = dy * scale
+        dual[1, i, r, col] = dx * scale
+        dual[2, i, r, col] = dt * scale
+
+
+@numba.njit(cache=True, parallel=True)
+def denoise_coupled(views: F32, weight: float, coupling: float, inner: int) -> None:
+    """Lower the total variation of a stack of planes, differences between consecutive planes included, in place.
+
+    Args:
+        views: [N, H, W], in the order of exposure.
+        weight: λ of ½‖u − x‖² + λ TV(u), in units of the image.
+        coupling: How much a difference between views counts against one between pixels.
+        inner: Gradient steps of length 1 / ((8 + 4 coupling²) λ), from a dual field that starts at 0.
+    """
+    count, height, width = views.shape
+    dual = np.zeros((3, count, height, width), np.float32)
+    image = np.empty_like(views)
+    weight32, coupling32 = np.float32(weight), np.float32(coupling)
+    step32 = np.float32(1.0 / ((8.0 + 4.0 * coupling * coupling) * weight))
+    for iteration in range(inner + 1):
+        for task in numba.prange(count * height):
+            i, r = task // height, task % height
+            _coupled_primal_row(views, dual, weight32, coupling32, i, r, image[i, r])
+        if iteration < inner:
+            for task in numba.prange(count * height):
+                _coupled_ascend_row(dual, image, step32, coupling32, task // height, task % height)
+    views[:] = image

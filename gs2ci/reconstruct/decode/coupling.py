@@ -1,0 +1,39 @@
+"""How strongly consecutive views are alike: chosen by what held-out pixels of the measurement say.
+
+Where the camera stands still, total variation along the views gains as much as 1 dB; where every pixel moves, it loses
+as much. Pixels that no decode saw tell which it is. Here: the choice. For the commands.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Final
+
+from gs2ci.core.records import Shot
+from gs2ci.reconstruct.decode.gap_tv import GapTvSettings, decode_signed
+from gs2ci.reconstruct.fit.stopping import Jury, choose_heldout
+
+COUPLINGS: Final = (0.0, 0.3, 0.6)
+_HELDOUT_SHARE: Final = 0.02
+
+
+def choose_coupling(
+    shot: Shot, settings: GapTvSettings, seed: int, candidates: Sequence[float] = COUPLINGS
+) -> GapTvSettings:
+    """Set the coupling with which a decode foretells held-out pixels best.
+
+    Args:
+        shot: A checked shot.
+        settings: Everything but the coupling.
+        seed: Of the draw of the held-out pixels.
+        candidates: Couplings to try, each at the price of one decode. The first stands where no pixel can be held out.
+
+    Raises:
+        InputError: The settings make no sense.
+    """
+    jury = Jury(shot, choose_heldout(shot, _HELDOUT_SHARE, seed))
+    choices = [replace(settings, coupling=coupling).check() for coupling in candidates]
+
+    def unexplained(choice: GapTvSettings) -> float:
+        return jury.residual_rms(decode_signed(jury.seen, choice)) or 0.0
+
+    return min(choices, key=unexplained) if jury.heldout.any() else choices[0]

@@ -1,0 +1,217 @@
+"""Plug-and-play decoding: projections onto the measurement in turn with any denoiser (Yuan 2020).
+
+Here: the two schemes, GAP and ADMM, for every kind of shot. Not here: their inner loop (`kernels`), the denoisers
+(`denoisers`, `onnx_denoiser`). Decoders and commands import this file. The views are approximate: good enough to track
+and to look at, never a photometric target of a fit.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Final, Literal
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from gs2ci.core.errors import InputError, NumericsError
+from gs2ci.core.progress import Progress, Silent
+from gs2ci.core.records import F32, CfaPattern, Shot
+from gs2ci.reconstruct.coding import cfa_channels
+from gs2ci.reconstruct.decode.demosaic import Demosaicer
+from gs2ci.reconstruct.decode.denoisers import Denoiser
+from gs2ci.reconstruct.decode.kernels import project_onto_measurement
+
+Scheme = Literal["gap", "admm"]
+# From views as they are measured, [N, C or mosaic, H, W], to denoised views as they are measured and as they are seen.
+_Prior = Callable[[F32, float], tuple[F32, F32]]
+
+# A pixel through which next to no light came would have its noise divided by its tiny transmission. Below this share
+# of the mean energy Σ (wM)² the projection is damped instead; for binary masks nothing lies below it but 0 itself.
+_ENERGY_FLOOR: Final = 0.02
+# Pixels without a reading start from those within about such a length; the mean of all weighs as much as one of them
+# that is three such lengths away does.
+_FILL_PX: Final = 2.0
+_LEAST_NEARBY: Final = 1e-3
+
+
+@dataclass(frozen=True)
+class PlugAndPlaySettings:
+    """Which scheme, and how the noise level falls.
+
+    Args:
+        scheme: `gap` projects onto the measurement and asks again for what earlier steps left unexplained
+            (accelerated generalised alternating projection, λ = 1); `admm` keeps a multiplier instead.
+        sigmas: Noise levels handed to the denoiser, one after the other, full scale 1.
+        iterations: Steps at each level.
+        gamma: Of ADMM: how much the denoised views weigh against the measurement, in units of the energy of one
+            open mask.
+    """
+
+    scheme: Scheme = "gap"
+    sigmas: tuple[float, ...] = (50 / 255, 25 / 255, 12 / 255, 6 / 255)
+    iterations: int = 10
+    gamma: float = 0.01
+
+    def check(self) -> "PlugAndPlaySettings":
+        """Return self if the settings make sense.
+
+        Raises:
+            InputError: An unknown scheme, a count below 1, or a level or gamma that is not a positive finite number.
+        """
+        numbers = (*self.sigmas, self.gamma)
+        if (
+            self.scheme not in ("gap", "admm")
+            or not self.sigmas
+            or self.iterations < 1
+            or not all(0 < number < np.inf for number in numbers)
+        ):
+            raise InputError(
+                f"plug-and-play settings {self}",
+                allowed="scheme gap or admm, at least one sigma > 0, iterations >= 1, gamma > 0",
+            )
+        return self
+
+
+def plug_and_play(
+    shot: Shot, denoise: Denoiser, settings: PlugAndPlaySettings | None = None, progress: Progress | None = None
+) -> F32:
+    """Decode one coded measurement into approximate views.
+
+    Args:
+        shot: A checked shot: RGB, mono or mosaic; binary or grey masks; saturated pixels count for nothing. A mosaic
+            is projected as it was measured, and demosaicked before each denoising.
+        denoise: The denoiser.
+        settings: Scheme and schedule.
+        progress: Hears of each iteration and its relative residual.
+
+    Returns:
+        Views, [N, H, W, C] float32, full scale 1, not clamped; C is 3 behind a colour filter array. Pixels that no mask
+        opens hold what the denoiser makes of their surroundings.
+
+    Raises:
+        InputError: The settings make no sense.
+        NumericsError: The denoiser changed the shape, or returned numbers that are not finite.
+    """
+    settings = (settings or PlugAndPlaySettings()).check()
+    progress = progress or Silent()
+    masks = np.ascontiguousarray(shot.masks * shot.weights[:, None, None], np.float32)
+    measured = np.ascontiguousarray(shot.measurement.transpose(2, 0, 1), np.float32)
+    inverse_energy = _inverse_energy(masks, shot.saturated, settings.gamma if settings.scheme == "admm" else 0.0)
+    prior = _mosaic_prior(shot.cfa, shot.size, denoise) if shot.cfa else _plane_prior(denoise)
+    levels = np.repeat(settings.sigmas, settings.iterations)
+    views = _average_exposure(masks, measured, inverse_energy > 0)
+    step = _gap if settings.scheme == "gap" else _admm
+    progress.stage("decode", len(levels))
+    seen = step(views, masks, inverse_energy, measured, prior, levels.tolist(), progress)
+    return np.ascontiguousarray(seen.transpose(0, 2, 3, 1))
+
+
+def _gap(
+    views: F32,
+    masks: F32,
+    inverse_energy: F32,
+    measured: F32,
+    prior: _Prior,
+    levels: Sequence[float],
+    progress: Progress,
+) -> F32:
+    target = np.zeros_like(measured)
+    seen = views
+    for iteration, sigma in enumerate(levels):
+        row_energy = project_onto_measurement(views, masks, inverse_energy, measured, target, True)
+        progress.step(iteration + 1, residual=_relative(row_energy, measured))
+        views, seen = prior(views, sigma)
+    return seen
+
+
+def _admm(
+    views: F32,
+    masks: F32,
+    inverse_energy: F32,
+    measured: F32,
+    prior: _Prior,
+    levels: Sequence[float],
+    progress: Progress,
+) -> F32:
+    target = np.zeros_like(measured)
+    multiplier = np.zeros_like(views)
+    seen = views
+    for iteration, sigma in enumerate(levels):
+        projected = views - multiplier
+        row_energy = project_onto_measurement(projected, masks, inverse_energy, measured, target, False)
+        progress.step(iteration + 1, residual=_relative(row_energy, measured))
+        views, seen = prior(projected + multiplier, sigma)
+        multiplier += projected - views
+    return seen
+
+
+def _relative(row_energy: NDArray[np.float64], measured: F32) -> float:
+    scale = max(float(np.square(measured, dtype=np.float64).sum()), np.finfo(np.float32).tiny)
+    return float(np.sqrt(row_energy.sum() / scale))
+
+
+def _inverse_energy(masks: F32, saturated: NDArray[np.bool_] | None, gamma: float) -> F32:
+    """Invert the diagonal of ΦΦᵀ + γ, [H, W], damped where it is small; 0 where a pixel shall not count."""
+    energy = (masks.astype(np.float64) ** 2).sum(0)
+    inverse = 1.0 / (np.maximum(energy, _ENERGY_FLOOR * energy.mean()) + gamma)
+    counts = energy > 0
+    if saturated is not None:
+        counts &= ~saturated
+    return np.where(counts, inverse, 0.0).astype(np.float32)
+
+
+def _average_exposure(masks: F32, measured: F32, counts: NDArray[np.bool_]) -> F32:
+    """Start every view from the measurement divided by its total exposure, [N, C, H, W].
+
+    Pixels that do not count start from a mean of those near them, or of all where none is near: smoothing alone would
+    take long to fill them, and a wide hole never.
+    """
+    exposure = masks.sum(0)
+    average = np.where(counts, measured / np.maximum(exposure, _ENERGY_FLOOR * exposure.mean()), 0.0)
+    mean = average.sum(axis=(1, 2), dtype=np.float64) / max(int(counts.sum()), 1)
+    nearby = _blur(counts.astype(np.float32))
+    filled = [
+        (_blur(plane.astype(np.float32)) + _LEAST_NEARBY * level) / (nearby + _LEAST_NEARBY)
+        for plane, level in zip(average, mean, strict=True)
+    ]
+    average = np.where(counts, average, filled).astype(np.float32)
+    return np.repeat(average[None], len(masks), axis=0)
+
+
+def _blur(plane: F32) -> F32:
+    blurred: F32 = cv2.GaussianBlur(plane, (0, 0), _FILL_PX, borderType=cv2.BORDER_REPLICATE)
+    return blurred
+
+
+def _plane_prior(denoise: Denoiser) -> _Prior:
+    def prior(views: F32, sigma: float) -> tuple[F32, F32]:
+        denoised = _checked(denoise, views, sigma)
+        return denoised, denoised
+
+    return prior
+
+
+def _mosaic_prior(cfa: CfaPattern, size: tuple[int, int], denoise: Denoiser) -> _Prior:
+    channels = cfa_channels(cfa, size).numpy()
+    demosaic = Demosaicer(channels)
+
+    def prior(views: F32, sigma: float) -> tuple[F32, F32]:
+        colour = _checked(denoise, np.stack([demosaic(view[0]) for view in views]), sigma)
+        mosaic = np.take_along_axis(colour, np.broadcast_to(channels, (len(colour), 1, *channels.shape)), axis=1)
+        return mosaic, colour
+
+    return prior
+
+
+def _checked(denoise: Denoiser, views: F32, sigma: float) -> F32:
+    shape = views.shape
+    denoised = np.ascontiguousarray(denoise(views, sigma), np.float32)
+    if denoised.shape != shape:
+        raise NumericsError(f"the denoiser made {list(denoised.shape)} of {list(shape)}", allowed="the same shape")
+    # A sum over finite float32 numbers stays finite in float64, and one NaN or infinity spoils it.
+    if not np.isfinite(denoised.sum(dtype=np.float64)):
+        raise NumericsError(
+            f"the denoiser returned numbers that are not finite at sigma {sigma:.4g}",
+            remedy="use another denoiser; for a model, check that it takes images in [0, 1]",
+        )
+    return denoised

@@ -1,0 +1,136 @@
+"""The decode command: its arguments, what it prints, what it writes, and that errors write nothing."""
+
+import json
+
+import numpy as np
+import pytest
+import tyro
+from onnx import TensorProto, helper, save
+
+from gs2ci.commands.decode import run
+from gs2ci.core.errors import InputError, NumericsError, StorageError
+from gs2ci.core.records import Shot, Truth
+from gs2ci.core.storage import write_shots
+
+
+def make_shots(count, channels=1, *, truth=True, share=0.4):
+    rng = np.random.default_rng(0)
+    y, x = np.mgrid[:32, :40] / 6
+    masks = (rng.random((4, 32, 40)) < share).astype(np.float32)
+    for i in range(count):
+        views = 0.5 + 0.4 * np.sin(x + 0.2 * np.arange(4)[:, None, None] + i) * np.cos(y)
+        views = np.repeat(views[..., None], channels, axis=3).astype(np.float32)
+        measured = (masks[..., None] * views).sum(axis=0)
+        yield Shot(measured, masks, np.ones(4, np.float32), truth=Truth(views if truth else None), name="waves")
+
+
+@pytest.fixture
+def file(tmp_path):
+    return write_shots(tmp_path / "shot.h5", list(make_shots(2)))
+
+
+@pytest.fixture
+def model(tmp_path):
+    def make(operator):
+        shape = ["n", 1, "h", "w"]
+        image, out = (helper.make_tensor_value_info(name, TensorProto.FLOAT, shape) for name in ("a", "b"))
+        graph = helper.make_graph([helper.make_node(operator, ["a"], ["b"])], "model", [image], [out])
+        proto = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)])
+        proto.ir_version = 8
+        save(proto, tmp_path / "model.onnx")
+        return f"onnx:{tmp_path / 'model.onnx'}"
+
+    return make
+
+
+def command(*words):
+    folder = tyro.cli(run, args=[str(word) for word in words])
+    return json.loads((folder / "report.json").read_text()), np.load(folder / "views.npy")
+
+
+def test_gap_tv_is_the_default_and_its_score_is_printed(tmp_path, file, capsys):
+    report, views = command(file, "-o", tmp_path / "out")
+    printed = capsys.readouterr().out
+    assert views.shape == (4, 32, 40, 1)
+    method = report["shots"][0]["method"]
+    assert (method["name"], method["iterations"], method["weight"]) == ("gap-tv", 40, 0.3)
+    assert f"PSNR {report['psnr_db']:.2f} dB" in printed
+    assert "4 views from 1 exposure by gap-tv" in printed
+    assert report["psnr_db"] > 20
+    assert len(list((tmp_path / "out" / "views").iterdir())) == 4
+
+
+def test_all_shots_come_in_order_and_one_by_its_index(tmp_path, file):
+    _, together = command(file, "-o", tmp_path / "all", "--all", "--coupling", 0.3)
+    assert together.shape == (8, 32, 40, 1)
+    report, second = command(file, "-o", tmp_path / "one", "--index", 1, "--coupling", 0.3)
+    assert np.array_equal(second, together[4:])
+    assert report["shots"][0]["method"]["coupling"] == 0.3
+
+
+@pytest.mark.parametrize("method", ["pnp-gap", "pnp-admm"])
+@pytest.mark.parametrize("denoiser", [None, "tv", "nlm", "onnx"])
+def test_plug_and_play_takes_any_denoiser(tmp_path, file, model, method, denoiser):
+    name = model("Relu") if denoiser == "onnx" else denoiser
+    words = [] if name is None else ["--denoiser", name]
+    report, views = command(file, "-o", tmp_path / "out", "--method", method, "--iterations", 2, *words)
+    said = report["shots"][0]["method"]
+    assert (said["name"], said["iterations"]) == (method, 2)
+    assert said["denoiser"] == ("onnx:model.onnx" if denoiser == "onnx" else denoiser or "tv")
+    assert np.isfinite(views).all()
+
+
+@pytest.mark.parametrize(("share", "chosen"), [(0.4, "eni"), (1.0, "eni")])
+def test_proxies_say_which_they_are(tmp_path, share, chosen, capsys):
+    file = write_shots(tmp_path / "shot.h5", list(make_shots(1, channels=3, truth=False, share=share)))
+    report, views = command(file, "-o", tmp_path / "out", "--method", "proxies")
+    assert report["shots"][0]["method"]["name"] == chosen
+    assert views.shape == (4, 32, 40, 3)
+    assert report["psnr_db"] is None
+    assert ("do not tell their views apart" in capsys.readouterr().out) == (share == 1.0)
+
+
+@pytest.mark.parametrize("method", ["eni", "amdi"])
+def test_a_proxy_may_be_asked_for_by_name(tmp_path, file, method):
+    report, _ = command(file, "-o", tmp_path / "out", "--method", method)
+    assert report["shots"][0]["method"]["name"] == method
+
+
+@pytest.mark.parametrize(
+    ("words", "problem"),
+    [
+        (["--denoiser", "nlm"], "--denoiser with --method gap-tv"),
+        (["--method", "pnp-gap", "--denoiser", "bm3d"], "denoiser 'bm3d'"),
+        (["--method", "pnp-gap", "--denoiser", "onnx:absent.onnx"], "no model file"),
+        (["--method", "pnp-gap", "--coupling", "0.1"], "--coupling with --method pnp-gap"),
+        (["--method", "eni", "--iterations", "3"], "--iterations with --method eni"),
+        (["--iterations", "0"], "iterations=0"),
+        (["--coupling", "-1"], "coupling=-1"),
+        (["--method", "pnp-admm", "--iterations", "0"], "iterations=0"),
+        (["--all", "--index", "1"], "both --all and --index 1"),
+    ],
+)
+def test_contradictions_are_refused_before_any_work(tmp_path, file, words, problem):
+    with pytest.raises(InputError) as caught:
+        command(file, "-o", tmp_path / "out", *words)
+    assert problem in caught.value.problem
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_shot_that_the_file_lacks_is_named(tmp_path, file):
+    with pytest.raises(StorageError, match="no shot 2"):
+        command(file, "-o", tmp_path / "out", "--index", 2)
+
+
+def test_a_model_that_answers_nan_leaves_nothing_behind(tmp_path, file, model):
+    with pytest.raises(NumericsError, match="not finite"):
+        command(file, "-o", tmp_path / "out", "--method", "pnp-gap", "--denoiser", model("Log"))
+    assert not (tmp_path / "out").exists()
+
+
+def test_an_earlier_decode_stays_unless_it_is_to_be_replaced(tmp_path, file):
+    command(file, "-o", tmp_path / "out", "--method", "eni")
+    with pytest.raises(StorageError, match="not empty"):
+        command(file, "-o", tmp_path / "out")
+    report, _ = command(file, "-o", tmp_path / "out", "--overwrite", "--iterations", 3)
+    assert report["shots"][0]["method"]["name"] == "gap-tv"
