@@ -15,11 +15,12 @@ from gs2ci.core.progress import Progress
 from gs2ci.core.records import Shot
 from gs2ci.core.storage import write_shots
 from gs2ci_sims.effects.motion_blur import MotionBlur
-from gs2ci_sims.exposure import Timing, expose
-from gs2ci_sims.light_path import generator
+from gs2ci_sims.exposure import expose
+from gs2ci_sims.light_path import generator, sensor_effects
 from gs2ci_sims.masks import random_masks
 from gs2ci_sims.path import stage_move_for_parallax
 from gs2ci_sims.planner import motion_samples
+from gs2ci_sims.rig import Light, Modulator, Rig
 from gs2ci_sims.scenes.rgbd import motorcycle
 from gs2ci_sims.sensor import Sensor
 
@@ -62,17 +63,20 @@ def simulate(*, views: int, size: tuple[int, int], parallax_px: float, seed: int
     progress.stage("scene")
     scene = motorcycle(size)
     progress.step(1, gaussians=len(scene.gaussians))
-    timing, sensor = Timing(), Sensor()
-    path = stage_move_for_parallax(scene, parallax_px, timing.duration_s(views))
-    blur = MotionBlur(motion_samples(scene, path, timing.intervals_s(views)))
+    sensor = Sensor()
+    rig = Rig(
+        light=Light(FULL_WELLS_PER_VIEW * sensor.full_well_e / sensor.quantum_efficiency),
+        modulator=Modulator(masks=views, open_share=OPEN_SHARE),
+        sensor=sensor,
+    )
+    path = stage_move_for_parallax(scene, parallax_px, rig.exposure_s)
+    blur = MotionBlur(motion_samples(scene, path, rig.timing.intervals_s(views)))
     return expose(
         scene,
         path,
         random_masks(views, size, OPEN_SHARE, generator(seed, "masks")),
-        sensor,
-        full_scale_photons=FULL_WELLS_PER_VIEW * sensor.full_well_e / sensor.quantum_efficiency,
-        effects=(blur, *sensor.effects()),
+        rig,
+        effects=(blur, *sensor_effects(sensor)),
         seed=seed,
-        timing=timing,
         progress=progress,
     )

@@ -1,14 +1,14 @@
 """One coded exposure: light is integrated over time behind changing masks, counted, and read out.
 
-Here: the timing, the integral over time, the read-out, and `expose`, which is all three. Not here: effects and
-their order (`light_path`), poses (`path`), masks (`masks`). For commands, twins and tests.
+Here: the integral over time, the read-out, and `expose`, which is both. Not here: effects and their order
+(`light_path`), which of them are needed (`planner`), poses (`path`), masks (`masks`). For commands, twins and tests.
 
 The forward model is the bench's, not the solver's: photons arrive at a rate while the camera moves, through
 whatever mask is on show at that moment, and one sensor collects them all. Nothing is imported from the solver.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,52 +20,22 @@ from gs2ci_sims.effects.base import Effect, Stage
 from gs2ci_sims.light_path import EffectChain
 from gs2ci_sims.path import CameraPath
 from gs2ci_sims.radiance import Renderer
+from gs2ci_sims.rig import Rig
 from gs2ci_sims.scenes.base import Scene
-from gs2ci_sims.sensor import Sensor
+from gs2ci_sims.signals import Slices, View, nominal_slices
 
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class Timing:
-    """When the masks are on show: equal intervals, back to back or with dark gaps, centred on time 0.
-
-    Args:
-        interval_s: Time that each mask is exposed, more than 0.
-        dark_s: Gap between two masks, at least 0; the camera moves on during it.
-    """
-
-    interval_s: float = 0.1
-    dark_s: float = 0.0
-
-    def __post_init__(self) -> None:
-        if not self.interval_s > 0 or self.dark_s < 0:
-            raise InputError(
-                f"mask intervals of {self.interval_s} s with gaps of {self.dark_s} s",
-                allowed="interval_s > 0, dark_s >= 0",
-            )
-
-    def intervals_s(self, count: int) -> F64:
-        """Get start and stop of each of `count` intervals, [N, 2]."""
-        starts = (np.arange(count) - 0.5 * count) * (self.interval_s + self.dark_s) + 0.5 * self.dark_s
-        return np.stack([starts, starts + self.interval_s], axis=1)
-
-    def duration_s(self, count: int) -> float:
-        """Get the time from the start of the first interval to the stop of the last."""
-        return count * self.interval_s + (count - 1) * self.dark_s
 
 
 def expose(
     scene: Scene,
     path: CameraPath,
     masks: F32,
-    sensor: Sensor,
+    rig: Rig,
     *,
-    full_scale_photons: float,
     effects: Sequence[Effect],
     seed: int,
-    timing: Timing | None = None,
     renderer: Renderer | None = None,
     progress: Progress | None = None,
 ) -> Shot:
@@ -75,11 +45,9 @@ def expose(
         scene: What is seen; its camera is the sensor's.
         path: Where the camera is at any time; time 0 is the middle of the exposure.
         masks: Transmissions at the sensor's pixels, [N, H, W] in [0, 1], in the order shown.
-        sensor: Converts photons to readings.
-        full_scale_photons: Photons that a pixel receives from radiance 1 through an open mask during one interval.
-        effects: Those that are switched on; `sensor.effects()` and a `MotionBlur` for the real thing.
+        rig: The figures of light, modulator, timing and sensor.
+        effects: Those that are simulated; `planner.plan` chooses them.
         seed: Of all draws.
-        timing: When the masks are on show.
         renderer: Draws the views.
         progress: Hears about each mask.
 
@@ -88,30 +56,25 @@ def expose(
         interval and with the pixels that may be clipped marked.
 
     Raises:
-        InputError: Masks and scene differ in size, or the light level is not positive and finite.
+        InputError: Masks do not fit the scene or the rig.
     """
-    timing, renderer, progress = timing or Timing(), renderer or Renderer(), progress or Silent()
-    _check(scene, masks, full_scale_photons)
-    chain = EffectChain(effects, seed)
-    intervals = timing.intervals_s(len(masks))
-    slices = chain.through(Stage.EXPOSURE, intervals[:, None, :])
-    photons = collect_photons(
-        scene,
-        path,
-        masks,
-        slices_s=slices,
-        photons_per_s=full_scale_photons / timing.interval_s,
-        renderer=renderer,
-        progress=progress,
-    )
-    reading = read_out(photons, sensor, chain)
-    full_scale_e = sensor.quantum_efficiency * full_scale_photons
+    renderer, progress = renderer or Renderer(), progress or Silent()
+    _check(scene, masks, rig)
+    chain = EffectChain(effects, seed, rig)
+    path = chain.through(Stage.MOTION, path)
+    intervals = rig.timing.intervals_s(len(masks))
+    slices = chain.through(Stage.TIME, nominal_slices(intervals))
+    shown = chain.through(Stage.MASKS, masks)
+    photons = collect_photons(scene, path, shown, slices=slices, chain=chain, renderer=renderer, progress=progress)
+    reading = read_out(photons, chain)
     poses = path.world_to_camera(intervals.mean(axis=1))
     views, coverage = renderer.views(scene, poses)
+    sensor = rig.sensor
+    full_scale_e = rig.full_scale_e or 1.0
     return Shot(
         measurement=(sensor.electrons_from_dn(reading) / full_scale_e).astype(np.float32),
-        masks=masks,
-        weights=((slices[..., 1] - slices[..., 0]).sum(axis=1) / timing.interval_s).astype(np.float32),
+        masks=np.clip(shown, 0, 1).astype(np.float32),
+        weights=(slices.weights_s().sum(axis=0) / rig.timing.interval_s).astype(np.float32),
         intrinsics=scene.intrinsics,
         truth=Truth(views=views, world_to_camera=poses),
         saturated=np.any(reading >= sensor.saturation_dn, axis=2),
@@ -120,11 +83,9 @@ def expose(
             "source": "simulated exposure (gs2ci_sims)",
             "seed": seed,
             "effects": [f"{effect}" for effect in chain.effects],
-            "sensor": f"{sensor}",
-            "timing": f"{timing}",
+            "rig": f"{rig}",
             "path": f"{path}",
-            "full_scale_photons": full_scale_photons,
-            "sub_exposures": int(slices.shape[1]),
+            "sub_exposures": len(slices.at_s),
             "covered_share": float((coverage >= 0.99).mean(axis=(1, 2)).min()),
         },
     ).check()
@@ -133,10 +94,10 @@ def expose(
 def collect_photons(
     scene: Scene,
     path: CameraPath,
-    masks: F32,
+    masks: NDArray[Any],
     *,
-    slices_s: F64,
-    photons_per_s: float,
+    slices: Slices,
+    chain: EffectChain,
     renderer: Renderer,
     progress: Progress,
 ) -> F64:
@@ -146,35 +107,43 @@ def collect_photons(
         scene: What is seen.
         path: Where the camera is at any time.
         masks: [N, H, W].
-        slices_s: Start and stop of the slices in which each mask is exposed, [N, S, 2].
-        photons_per_s: Rate of photons in a pixel at radiance 1 through an open mask.
-        renderer: Draws the view at the middle of each slice.
-        progress: Hears about each mask.
+        slices: When light is collected, and through which masks.
+        chain: Effects; those of the stages SCENE, RADIANCE and PHOTONS act here.
+        renderer: Draws the view of each slice.
+        progress: Hears about each slice.
 
     Returns:
         Mean number of photons in each pixel, [H, W, 3]: Σ mask x radiance x rate x time.
     """
-    progress.stage("exposure", len(masks))
+    progress.stage("exposure", len(slices.at_s))
     photons = np.zeros((*scene.size, 3))
-    for n, (mask, parts) in enumerate(zip(masks, slices_s, strict=True)):
-        radiance, _ = renderer.views(scene, path.world_to_camera(parts.mean(axis=1)))
-        time_s = parts[:, 1] - parts[:, 0]
-        photons += mask[..., None] * np.tensordot(photons_per_s * time_s, radiance.astype(np.float64), axes=1)
-        progress.step(n + 1)
-    return photons
+    weights = slices.weights_s() * chain.rig.photons_per_s
+    for s, at_s in enumerate(slices.at_s):
+        radiance, _ = renderer.views(scene, path.world_to_camera(at_s[None]))
+        view = chain.through(Stage.RADIANCE, View(radiance[0].astype(np.float64), scene.intrinsics))
+        open_share = np.tensordot(weights[s], masks, axes=1)
+        if slices.rows is not None:
+            open_share = open_share * slices.rows[s][:, None]
+        photons += open_share[..., None] * view.radiance
+        progress.step(s + 1)
+    return chain.through(Stage.PHOTONS, photons)
 
 
-def read_out(photons: F64, sensor: Sensor, chain: EffectChain) -> F64:
+def read_out(photons: F64, chain: EffectChain) -> F64:
     """Count the photons and convert them to readings, [H, W, C] DN, through the sensor's effects in the chain."""
+    sensor = chain.rig.sensor
     charge = chain.through(Stage.CHARGE, sensor.quantum_efficiency * photons)
     return chain.through(Stage.READOUT, sensor.dn_from_electrons(charge))
 
 
-def _check(scene: Scene, masks: F32, full_scale_photons: float) -> None:
+def _check(scene: Scene, masks: F32, rig: Rig) -> None:
     if masks.ndim != 3 or masks.shape[1:] != scene.size:
         raise InputError(
             f"masks of shape {list(masks.shape)} on a sensor of {list(scene.size)}",
             allowed=f"[N, {scene.size[0]}, {scene.size[1]}]",
         )
-    if not (full_scale_photons > 0 and np.isfinite(full_scale_photons)):
-        raise InputError(f"a light level of {full_scale_photons} photons", allowed="more than 0, finite")
+    if len(masks) != rig.modulator.masks:
+        raise InputError(
+            f"{len(masks)} masks on a rig that shows {rig.modulator.masks}",
+            remedy="set [modulator] masks of the rig to the number of masks",
+        )

@@ -7,10 +7,9 @@ this package.
 
 import zlib
 from collections.abc import Sequence
-from typing import Final
+from typing import Any, Final, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from gs2ci.core.errors import InputError
 from gs2ci_sims.effects.base import Effect, Stage
@@ -19,11 +18,23 @@ from gs2ci_sims.effects.motion_blur import MotionBlur
 from gs2ci_sims.effects.quantisation import Quantisation
 from gs2ci_sims.effects.read_noise import ReadNoise
 from gs2ci_sims.effects.shot_noise import ShotNoise
+from gs2ci_sims.rig import Rig
+from gs2ci_sims.sensor import Sensor
 
-F64 = NDArray[np.float64]
+Signal = TypeVar("Signal")
 
-# Light arrives over time, is counted, fills the well, is amplified, is digitised.
-LIGHT_PATH: Final[tuple[type[Effect], ...]] = (MotionBlur, ShotNoise, FullWell, ReadNoise, Quantisation)
+# THE physical order: scene radiance -> optics -> modulator -> exposure integration -> sensor -> readout.
+# Stages follow each other as `Stage` lists them; within a stage, light meets the effects in the order given here.
+LIGHT_PATH: Final[tuple[type[Effect], ...]] = (
+    # exposure: when light is collected
+    MotionBlur,
+    # sensor: photons to electrons
+    ShotNoise,
+    FullWell,
+    ReadNoise,
+    # readout: electrons to numbers
+    Quantisation,
+)
 
 
 def generator(seed: int, name: str) -> np.random.Generator:
@@ -39,18 +50,24 @@ def generator(seed: int, name: str) -> np.random.Generator:
     return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(zlib.crc32(name.encode()),)))
 
 
+def sensor_effects(sensor: Sensor) -> tuple[Effect, ...]:
+    """List what every sensor does to the light, with this one's figures."""
+    return (ShotNoise(), FullWell(sensor.full_well_e), ReadNoise(sensor.read_noise_e), Quantisation(sensor.bits))
+
+
 class EffectChain:
     """The effects that are switched on, in their physical order, with their generators.
 
     Args:
         effects: In any order; those left out are off: they cost nothing and draw nothing.
         seed: Same seed, same draws.
+        rig: Whose figures the effects work with.
 
     Raises:
         InputError: An effect occurs twice or has no place in `LIGHT_PATH`, or the seed is negative.
     """
 
-    def __init__(self, effects: Sequence[Effect], seed: int) -> None:
+    def __init__(self, effects: Sequence[Effect], seed: int, rig: Rig | None = None) -> None:
         known = ", ".join(kind.name for kind in LIGHT_PATH)
         names = [effect.name for effect in effects]
         for effect in effects:
@@ -58,12 +75,20 @@ class EffectChain:
                 raise InputError(f"effect {effect.name!r} has no place in the light path", allowed=known)
             if names.count(effect.name) > 1:
                 raise InputError(f"effect {effect.name!r} is given twice", remedy="keep one of them")
+        self.rig = rig or Rig()
         self.effects = tuple(sorted(effects, key=lambda effect: LIGHT_PATH.index(type(effect))))
-        self._generators = {effect.name: generator(seed, effect.name) for effect in self.effects}
+        self._generators = {
+            effect.name: generator(self.rig.device_seed if effect.fixed_pattern else seed, effect.name)
+            for effect in self.effects
+        }
 
-    def through(self, stage: Stage, signal: F64) -> F64:
-        """Pass the signal through the effects of one stage; without any it comes back as it is."""
-        for effect in self.effects:
-            if effect.stage is stage:
-                signal = effect.apply(signal, self._generators[effect.name])
-        return signal
+    def at(self, stage: Stage) -> tuple[Effect, ...]:
+        """Get the effects of one stage, in order."""
+        return tuple(effect for effect in self.effects if effect.stage is stage)
+
+    def through(self, stage: Stage, signal: Signal) -> Signal:
+        """Pass the signal through the effects of one stage; without any it comes back as it is, bit for bit."""
+        result: Any = signal
+        for effect in self.at(stage):
+            result = effect.apply(result, self.rig, self._generators[effect.name])
+        return result  # type: ignore[no-any-return]
