@@ -17,6 +17,7 @@ from gs2ci.core.errors import InputError
 from gs2ci.core.progress import Progress, Silent
 from gs2ci.core.records import Shot, Truth
 from gs2ci_sims.effects.base import Effect, Stage
+from gs2ci_sims.effects.bayer_filter import BayerFilter
 from gs2ci_sims.light_path import EffectChain
 from gs2ci_sims.path import CameraPath
 from gs2ci_sims.radiance import Renderer
@@ -78,6 +79,7 @@ def expose(
         intrinsics=scene.intrinsics,
         truth=Truth(views=views, world_to_camera=poses),
         saturated=np.any(reading >= sensor.saturation_dn, axis=2),
+        cfa=next((effect.pattern for effect in chain.effects if isinstance(effect, BayerFilter)), None),
         name=scene.name,
         provenance={
             "source": "simulated exposure (gs2ci_sims)",

@@ -13,10 +13,20 @@ import numpy as np
 
 from gs2ci.core.errors import InputError
 from gs2ci_sims.effects.base import Effect, Stage
+from gs2ci_sims.effects.bayer_filter import BayerFilter
+from gs2ci_sims.effects.black_level import BlackLevel
+from gs2ci_sims.effects.blooming import Blooming
+from gs2ci_sims.effects.dark_current import DarkCurrent
+from gs2ci_sims.effects.dsnu import Dsnu
 from gs2ci_sims.effects.full_well import FullWell
+from gs2ci_sims.effects.gain_nonlinearity import GainNonlinearity
+from gs2ci_sims.effects.hot_pixels import HotPixels
 from gs2ci_sims.effects.motion_blur import MotionBlur
+from gs2ci_sims.effects.persistence import Persistence
+from gs2ci_sims.effects.prnu import Prnu
 from gs2ci_sims.effects.quantisation import Quantisation
 from gs2ci_sims.effects.read_noise import ReadNoise
+from gs2ci_sims.effects.row_noise import RowNoise
 from gs2ci_sims.effects.shot_noise import ShotNoise
 from gs2ci_sims.rig import Rig
 from gs2ci_sims.sensor import Sensor
@@ -28,11 +38,22 @@ Signal = TypeVar("Signal")
 LIGHT_PATH: Final[tuple[type[Effect], ...]] = (
     # exposure: when light is collected
     MotionBlur,
-    # sensor: photons to electrons
+    # sensor: photons to electrons, in the mean
+    BayerFilter,
+    Prnu,
+    DarkCurrent,
+    HotPixels,
+    Persistence,
+    # sensor: electrons counted, held and amplified
     ShotNoise,
+    Blooming,
     FullWell,
+    GainNonlinearity,
+    Dsnu,
     ReadNoise,
+    RowNoise,
     # readout: electrons to numbers
+    BlackLevel,
     Quantisation,
 )
 
