@@ -19,7 +19,6 @@ from gs2ci_sims.exposure import expose
 from gs2ci_sims.light_path import generator, sensor_effects
 from gs2ci_sims.masks import random_masks
 from gs2ci_sims.path import stage_move_for_parallax
-from gs2ci_sims.planner import motion_samples
 from gs2ci_sims.rig import Light, Modulator, Rig
 from gs2ci_sims.scenes.rgbd import motorcycle
 from gs2ci_sims.sensor import Sensor
@@ -70,13 +69,12 @@ def simulate(*, views: int, size: tuple[int, int], parallax_px: float, seed: int
         sensor=sensor,
     )
     path = stage_move_for_parallax(scene, parallax_px, rig.exposure_s)
-    blur = MotionBlur(motion_samples(scene, path, rig.timing.intervals_s(views)))
     return expose(
         scene,
         path,
         random_masks(views, size, OPEN_SHARE, generator(seed, "masks")),
         rig,
-        effects=(blur, *sensor_effects(sensor)),
+        effects=(MotionBlur(), *sensor_effects(sensor)),
         seed=seed,
         progress=progress,
     )

@@ -8,6 +8,7 @@ whatever mask is on show at that moment, and one sensor collects them all. Nothi
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -16,11 +17,13 @@ from numpy.typing import NDArray
 from gs2ci.core.errors import InputError
 from gs2ci.core.progress import Progress, Silent
 from gs2ci.core.records import Shot, Truth
-from gs2ci_sims.effects.base import Effect, Stage
+from gs2ci.render.gaussians import Gaussians
+from gs2ci_sims.effects.base import Effect, Stage, ViewEffect
 from gs2ci_sims.effects.bayer_filter import BayerFilter
 from gs2ci_sims.light_path import EffectChain
+from gs2ci_sims.moments import Moments, one_per_interval
 from gs2ci_sims.path import CameraPath
-from gs2ci_sims.radiance import Renderer
+from gs2ci_sims.radiance import Renderer, rendered_depth, with_margin
 from gs2ci_sims.rig import Rig
 from gs2ci_sims.scenes.base import Scene
 from gs2ci_sims.signals import Slices, View, nominal_slices
@@ -65,19 +68,29 @@ def expose(
     path = chain.through(Stage.MOTION, path)
     intervals = rig.timing.intervals_s(len(masks))
     slices = chain.through(Stage.TIME, nominal_slices(intervals))
+    moments = chain.through(Stage.MOMENTS, one_per_interval(intervals))
     shown = chain.through(Stage.MASKS, masks)
-    photons = collect_photons(scene, path, shown, slices=slices, chain=chain, renderer=renderer, progress=progress)
-    reading = read_out(photons, chain)
-    poses = path.world_to_camera(intervals.mean(axis=1))
-    views, coverage = renderer.views(scene, poses)
+    light = collect_photons(
+        scene,
+        path,
+        shown,
+        slices=slices,
+        moments=moments,
+        truth_s=intervals.mean(axis=1),
+        chain=chain,
+        renderer=renderer,
+        progress=progress,
+    )
+    reading = read_out(light.photons, chain)
     sensor = rig.sensor
+    # Without light there is no scale; readings then stay electrons.
     full_scale_e = rig.full_scale_e or 1.0
     return Shot(
         measurement=(sensor.electrons_from_dn(reading) / full_scale_e).astype(np.float32),
-        masks=np.clip(shown, 0, 1).astype(np.float32),
+        masks=calibrated_masks(shown, chain),
         weights=(slices.weights_s().sum(axis=0) / rig.timing.interval_s).astype(np.float32),
         intrinsics=scene.intrinsics,
-        truth=Truth(views=views, world_to_camera=poses),
+        truth=Truth(views=light.truth_views, world_to_camera=path.world_to_camera(intervals.mean(axis=1))),
         saturated=np.any(reading >= sensor.saturation_dn, axis=2),
         cfa=next((effect.pattern for effect in chain.effects if isinstance(effect, BayerFilter)), None),
         name=scene.name,
@@ -87,10 +100,27 @@ def expose(
             "effects": [f"{effect}" for effect in chain.effects],
             "rig": f"{rig}",
             "path": f"{path}",
-            "sub_exposures": len(slices.at_s),
-            "covered_share": float((coverage >= 0.99).mean(axis=(1, 2)).min()),
+            "rendered_views": light.rendered_views,
+            "covered_share": light.covered_share,
         },
     ).check()
+
+
+@dataclass(frozen=True)
+class Light:
+    """What reached the sensor.
+
+    Args:
+        photons: Mean number in each pixel, [H, W, 3].
+        truth_views: The scene at the asked-for moments, [T, H, W, 3] float32, radiance.
+        covered_share: Smallest share of pixels that see something, over these moments.
+        rendered_views: How many views it took.
+    """
+
+    photons: F64
+    truth_views: F32
+    covered_share: float
+    rendered_views: int
 
 
 def collect_photons(
@@ -99,10 +129,12 @@ def collect_photons(
     masks: NDArray[Any],
     *,
     slices: Slices,
+    moments: Moments,
+    truth_s: F64,
     chain: EffectChain,
     renderer: Renderer,
     progress: Progress,
-) -> F64:
+) -> Light:
     """Integrate light over time, behind each mask while it is on show.
 
     Args:
@@ -110,25 +142,85 @@ def collect_photons(
         path: Where the camera is at any time.
         masks: [N, H, W].
         slices: When light is collected, and through which masks.
+        moments: When views are rendered.
+        truth_s: Moments at which true views are wanted, [T].
         chain: Effects; those of the stages SCENE, RADIANCE and PHOTONS act here.
-        renderer: Draws the view of each slice.
-        progress: Hears about each slice.
-
-    Returns:
-        Mean number of photons in each pixel, [H, W, 3]: Σ mask x radiance x rate x time.
+        renderer: Draws the views.
+        progress: Hears about each view.
     """
-    progress.stage("exposure", len(slices.at_s))
+    stands_for = moments.weights_s(slices) * chain.rig.photons_per_s
+    truth_share = moments.interpolation(truth_s)
+    needed = np.flatnonzero(np.any(stands_for != 0, axis=1) | np.any(truth_share != 0, axis=0))
+    progress.stage("exposure", len(needed))
+    studio = Studio(scene, path, chain, renderer)
     photons = np.zeros((*scene.size, 3))
-    weights = slices.weights_s() * chain.rig.photons_per_s
-    for s, at_s in enumerate(slices.at_s):
-        radiance, _ = renderer.views(scene, path.world_to_camera(at_s[None]))
-        view = chain.through(Stage.RADIANCE, View(radiance[0].astype(np.float64), scene.intrinsics))
-        open_share = np.tensordot(weights[s], masks, axes=1)
-        if slices.rows is not None:
-            open_share = open_share * slices.rows[s][:, None]
-        photons += open_share[..., None] * view.radiance
-        progress.step(s + 1)
-    return chain.through(Stage.PHOTONS, photons)
+    truth_views = np.zeros((len(truth_s), *scene.size, 3))
+    coverage = np.zeros((len(truth_s), *scene.size))
+    for done, k in enumerate(needed):
+        bare, covered, view = studio.view(float(moments.times_s[k]))
+        photons += _open_share(stands_for[k], slices, masks)[..., None] * view
+        for n in np.flatnonzero(truth_share[:, k]):
+            truth_views[n] += truth_share[n, k] * bare
+            coverage[n] += truth_share[n, k] * covered
+        progress.step(done + 1)
+    return Light(
+        chain.through(Stage.PHOTONS, photons),
+        np.maximum(truth_views, 0).astype(np.float32),
+        float((coverage >= 0.99).mean(axis=(1, 2)).min()),
+        len(needed),
+    )
+
+
+def _open_share(weights: F64, slices: Slices, masks: NDArray[Any]) -> F64:
+    """Return how much of a view that stands for `weights` [S] of the slices passes at each pixel, [H, W]."""
+    mixed = weights[:, None] * slices.mix
+    if slices.shutter is None:
+        return np.asarray(np.tensordot(mixed.sum(axis=0), masks, axes=1))
+    rows = slices.shutter.open_share(slices.start_s, slices.stop_s, masks.shape[1])
+    return np.asarray(np.einsum("nh,nhw->hw", mixed.T @ rows, masks))
+
+
+class Studio:
+    """Renders views of a scene along a path, with the effects between scene and modulator.
+
+    Args:
+        scene: What is seen.
+        path: Where the camera is at any time.
+        chain: Effects; those of the stages SCENE and RADIANCE act here.
+        renderer: Draws the views.
+    """
+
+    def __init__(self, scene: Scene, path: CameraPath, chain: EffectChain, renderer: Renderer) -> None:
+        def at_rest(_time_s: float) -> Gaussians:
+            return scene.gaussians
+
+        self._scene, self._path, self._chain, self._renderer = scene, path, chain, renderer
+        self._moving = chain.through(Stage.SCENE, at_rest)
+        looking = [effect for effect in chain.at(Stage.RADIANCE) if isinstance(effect, ViewEffect)]
+        self._margin = sum(effect.margin_px(chain.rig, scene.size, scene.intrinsics) for effect in looking)
+        self._needs_depth = any(effect.needs_depth for effect in looking)
+
+    def view(self, time_s: float) -> tuple[F64, F64, F64]:
+        """Return the bare radiance [H, W, 3], its coverage [H, W], and the radiance that meets the modulator."""
+        scene, margin = self._scene, self._margin
+        pose = self._path.world_to_camera(np.array([time_s]))
+        gaussians = self._moving(time_s)
+        radiance, coverage = self._renderer.views(scene, pose, gaussians=gaussians, margin=margin)
+        bare = radiance[0].astype(np.float64)
+        intrinsics = with_margin(scene.intrinsics, margin)
+        depth = rendered_depth(gaussians, pose[0], intrinsics, coverage[0].shape) if self._needs_depth else None
+        seen = self._chain.through(Stage.RADIANCE, View(bare, intrinsics, margin, depth)).radiance
+        height, width = scene.size
+        inner = np.s_[margin : margin + height, margin : margin + width]
+        return bare[inner], coverage[0][inner].astype(np.float64), seen[inner]
+
+
+def calibrated_masks(masks: NDArray[Any], chain: EffectChain) -> F32:
+    """Return the masks as a noiseless calibration measures them: each alone, before an even light, [N, H, W]."""
+    if not chain.at(Stage.PHOTONS):
+        return np.asarray(np.clip(masks, 0, 1), dtype=np.float32)
+    seen = [chain.through(Stage.PHOTONS, mask[..., None].astype(np.float64))[..., 0] for mask in masks]
+    return np.asarray(np.clip(seen, 0, 1), dtype=np.float32)
 
 
 def read_out(photons: F64, chain: EffectChain) -> F64:

@@ -26,6 +26,7 @@ from gs2ci_sims.effects.persistence import Persistence
 from gs2ci_sims.effects.prnu import Prnu
 from gs2ci_sims.effects.quantisation import Quantisation
 from gs2ci_sims.effects.read_noise import ReadNoise
+from gs2ci_sims.effects.rolling_shutter import RollingShutter
 from gs2ci_sims.effects.row_noise import RowNoise
 from gs2ci_sims.effects.shot_noise import ShotNoise
 from gs2ci_sims.rig import Rig
@@ -38,6 +39,8 @@ Signal = TypeVar("Signal")
 LIGHT_PATH: Final[tuple[type[Effect], ...]] = (
     # exposure: when light is collected
     MotionBlur,
+    # sensor: when its rows are open
+    RollingShutter,
     # sensor: photons to electrons, in the mean
     BayerFilter,
     Prnu,

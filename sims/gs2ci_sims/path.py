@@ -27,6 +27,11 @@ class CameraPath(Protocol):
         ...
 
 
+def highest_hz(path: CameraPath) -> float:
+    """Get the highest frequency in a path's motion, 0 where it says nothing of one."""
+    return float(getattr(path, "highest_hz", 0.0))
+
+
 @dataclass(frozen=True)
 class StageMove:
     """A linear stage at constant velocity, passing the reference pose at time 0, with a tiny angular wobble.
@@ -50,6 +55,11 @@ class StageMove:
                 f"stage move with velocity {self.velocity}, wobble {self.wobble_deg} deg at {self.wobble_hz} Hz",
                 allowed="finite numbers, frequency >= 0",
             )
+
+    @property
+    def highest_hz(self) -> float:
+        """Get the highest frequency in the motion: the wobble's."""
+        return self.wobble_hz
 
     def world_to_camera(self, time_s: F64) -> F64:
         """Get the poses at the given times, [T, 4, 4]: move along the rail, then turn on the spot."""

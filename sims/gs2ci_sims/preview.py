@@ -1,17 +1,23 @@
 """What the planner and the bounds know of a measurement before it is simulated: one quick look. For effects.
 
-A preview renders a few views along the path (no more than `MOMENTS`), and derives from them, the masks and the rig's
-figures what every bound needs: the charge that each pixel collects, gradients, motion. Its numbers are those of the
-nominal light path: everything off. Not here: any effect.
+A preview renders three views along the path and derives from them, the masks and the rig's figures what every bound
+needs: the charge that each pixel collects, the spectrum of the image, its motion. Its numbers are those of the
+nominal light path: everything off. Two assumptions make cheap bounds of them, and the tests of the bounds hold them
+to it: the image keeps its spectrum while it moves, and the masks are not aligned with the scene. Not here: any effect.
 """
 
+import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.fft import dctn
 
+from gs2ci_sims.effects.base import Bound
+from gs2ci_sims.motion import image_motion_px
 from gs2ci_sims.path import CameraPath
 from gs2ci_sims.radiance import Renderer
 from gs2ci_sims.rig import Rig
@@ -22,6 +28,11 @@ F64 = NDArray[np.float64]
 
 # Begin, middle and end of the exposure.
 MOMENTS: Final = 3
+# A spectrum needs some pixels: smaller sensors are previewed with a margin.
+SIDE_MIN_PX: Final = 24
+SPECTRUM_BINS: Final = 129
+# What other effects (flicker, PRNU, leakage, dark current) and the preview's coarseness may add to its figures.
+HEADROOM: Final = 1.3
 
 
 @dataclass(frozen=True)
@@ -30,19 +41,22 @@ class Preview:
 
     Args:
         scene: What is seen.
-        path: Where the camera is at any time, as nominally planned.
+        path: Where the camera is at any time.
         masks: As nominally shown, at the sensor's pixels, [N, H, W].
         rig: The figures.
-        times_s: Moments of the views, [P].
-        views: [P, H, W, 3], radiance, full scale 1.
+        wide_views: Radiance at the begin, middle and end of the exposure, full scale 1, [P, H', W', 3], with a
+            margin on small sensors.
+        margin: That margin, pixels.
+        render_s: What rendering one view took.
     """
 
     scene: Scene
     path: CameraPath
     masks: F32
     rig: Rig
-    times_s: F64
-    views: F64
+    wide_views: F64
+    margin: int
+    render_s: float
 
     @cached_property
     def intervals_s(self) -> F64:
@@ -50,26 +64,98 @@ class Preview:
         return self.rig.timing.intervals_s(len(self.masks))
 
     @cached_property
-    def open_time_s(self) -> F64:
-        """Get for how long each pixel is open, weighted by transmission, [H, W]."""
-        total: F64 = self.masks.sum(axis=0, dtype=np.float64) * self.rig.timing.interval_s
-        return total
+    def views(self) -> F64:
+        """Get the radiance at the begin, middle and end of the exposure on the sensor, [P, H, W, 3]."""
+        height, width = self.scene.size
+        return self.wide_views[:, self.margin : self.margin + height, self.margin : self.margin + width]
+
+    @cached_property
+    def open_sum(self) -> F64:
+        """Get how many open masks each pixel sees, weighted by transmission, [H, W]."""
+        return np.asarray(self.masks.sum(axis=0, dtype=np.float64))
+
+    @property
+    def full_scale_dn(self) -> float:
+        """Get the reading above black of radiance 1 through one open mask."""
+        return self.rig.full_scale_e * self.rig.dn_per_e
 
     @cached_property
     def charge_e(self) -> F64:
-        """Get the most that each pixel collects if nothing moved away from it: brightest view, [H, W, 3]."""
-        rate_e = self.rig.photons_per_s * self.rig.sensor.quantum_efficiency
-        return np.asarray(rate_e * self.open_time_s[..., None] * self.views.max(axis=0))
+        """Get the charge of each pixel under the brightest of the previewed views, unclipped, [H, W, 3]."""
+        return np.asarray(self.rig.full_scale_e * self.open_sum[..., None] * self.views.max(axis=0))
 
     @cached_property
     def signal_dn(self) -> F64:
-        """Get the readings above black that belong to `charge_e`, unclipped, [H, W, 3]."""
+        """Get the readings above black that belong to `charge_e`, [H, W, 3]."""
         return self.charge_e * self.rig.dn_per_e
+
+    @cached_property
+    def motion_px(self) -> F64:
+        """Get how far the image moves within each mask interval, at most over the frame, [N] pixels."""
+        return image_motion_px(self.scene, self.path, self.intervals_s)
+
+    @cached_property
+    def _spectrum(self) -> tuple[F64, F64]:
+        """Mean power of the radiance by frequency, in cycles per pixel, [BINS] each; a bin counts as its upper end."""
+        _, height, width, _ = self.wide_views.shape
+        power = np.square(dctn(self.wide_views, axes=(1, 2), norm="ortho")).mean(axis=(0, 3)) / (height * width)
+        frequency = np.hypot(np.arange(height)[:, None] / (2 * height), np.arange(width) / (2 * width))
+        ends = np.linspace(0, np.sqrt(0.5), SPECTRUM_BINS)
+        place = np.searchsorted(ends, frequency.ravel()).clip(max=SPECTRUM_BINS - 1)
+        return ends, np.bincount(place, power.ravel(), SPECTRUM_BINS).astype(np.float64)
+
+    def filtered(self, change: Callable[[F64], F64]) -> Bound:
+        """Bound what a linear filter changes: Parseval's sum of the radiance's power times the squared change.
+
+        Args:
+            change: Largest change of amplitude, as a share, of a cosine of this frequency (cycles per pixel).
+        """
+        frequency, power = self._spectrum
+        shares = change(frequency)
+        rms = float(np.sqrt((power * np.square(shares)).sum()))
+        peak = float(self.views.max() - self.views.min()) * min(1.0, float(np.max(shares)))
+        return self.of_radiance(rms, peak)
+
+    def shifted(self, shift_px: float) -> Bound:
+        """Bound what shifting the image by up to `shift_px` in any direction changes.
+
+        A cosine of frequency f shifted by d changes by at most 2 |sin(pi f d)| of its amplitude.
+        """
+        return self.filtered(lambda f: 2 * np.sin(np.minimum(np.pi * f * shift_px, np.pi / 2)))
+
+    def of_radiance(self, rms: float, peak: float) -> Bound:
+        """Turn a change of radiance, the same under every mask, into one of readings."""
+        scale = HEADROOM * self.full_scale_dn
+        return Bound(
+            rms * scale * float(np.sqrt(np.square(self.open_sum).mean())), peak * scale * float(self.open_sum.max())
+        )
+
+    def of_masks(self, change: F64) -> Bound:
+        """Bound what a change of the masks, [N, H, W], makes of the readings: each under the nearest previewed view."""
+        nearest = np.rint(np.linspace(0, MOMENTS - 1, len(change))).astype(int)
+        total = np.zeros((*self.scene.size, 3))
+        for view in range(MOMENTS):
+            total += change[nearest == view].sum(axis=0)[..., None] * self.views[view]
+        return self.of_readings(total * self.full_scale_dn)
+
+    def of_readings(self, change_dn: F64) -> Bound:
+        """Bound a change of readings that the preview predicts pixel by pixel."""
+        return Bound(HEADROOM * float(np.sqrt(np.square(change_dn).mean())), HEADROOM * float(np.abs(change_dn).max()))
+
+    def of_share(self, share: float) -> Bound:
+        """Bound what changing all the light by up to this share changes."""
+        return self.of_readings(share * self.signal_dn)
 
 
 def preview(scene: Scene, path: CameraPath, masks: F32, rig: Rig, renderer: Renderer | None = None) -> Preview:
     """Take a quick look: render the views at the begin, middle and end of the exposure."""
     intervals = rig.timing.intervals_s(len(masks))
     times = np.linspace(intervals[0, 0], intervals[-1, 1], MOMENTS)
-    views, _ = (renderer or Renderer()).views(scene, path.world_to_camera(times))
-    return Preview(scene, path, masks, rig, times, views.astype(np.float64))
+    margin = max(0, -(-(SIDE_MIN_PX - min(scene.size)) // 2))
+    poses = path.world_to_camera(times)
+    renderer = renderer or Renderer()
+    first, _ = renderer.views(scene, poses[:1], margin=margin)
+    started = time.perf_counter()
+    others, _ = renderer.views(scene, poses[1:], margin=margin)
+    render_s = (time.perf_counter() - started) / (MOMENTS - 1)
+    return Preview(scene, path, masks, rig, np.concatenate([first, others]).astype(np.float64), margin, render_s)

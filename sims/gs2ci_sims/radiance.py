@@ -40,17 +40,26 @@ class Renderer:
         if self.supersampling < 1:
             raise InputError(f"{self.supersampling} samples per pixel side", allowed="1 or more")
 
-    def views(self, scene: Scene, world_to_camera: F64) -> tuple[F32, F32]:
-        """Render the scene from each pose, [V, 4, 4].
+    def views(
+        self, scene: Scene, world_to_camera: F64, *, gaussians: Gaussians | None = None, margin: int = 0
+    ) -> tuple[F32, F32]:
+        """Render the scene from each pose.
+
+        Args:
+            scene: What is seen, and by which camera.
+            world_to_camera: Poses, [V, 4, 4].
+            gaussians: What is there instead of the scene's own, where something moves.
+            margin: Pixels to add on each side; H and W below grow by twice that.
 
         Returns:
             Radiance [V, H, W, 3] (>= 0; 1 is white) and coverage [V, H, W] (0 where a ray meets nothing).
         """
         factor = self.supersampling
         backend = load_backend(self.backend)
-        gaussians = scene.gaussians.detach()
-        intrinsics = torch.tensor(scene.intrinsics * np.array([[factor], [factor], [1.0]]), dtype=torch.float32)
-        large = (scene.size[0] * factor, scene.size[1] * factor)
+        gaussians = (scene.gaussians if gaussians is None else gaussians).detach()
+        enlarged = with_margin(scene.intrinsics, margin) * np.array([[factor], [factor], [1.0]])
+        intrinsics = torch.tensor(enlarged, dtype=torch.float32)
+        large = ((scene.size[0] + 2 * margin) * factor, (scene.size[1] + 2 * margin) * factor)
         radiance, coverage = [], []
         for first in range(0, len(world_to_camera), VIEWS_AT_ONCE):
             poses = torch.tensor(world_to_camera[first : first + VIEWS_AT_ONCE], dtype=torch.float32)
@@ -60,6 +69,13 @@ class Renderer:
             coverage.append(_binned(alphas[..., None], factor)[..., 0])
         # Spherical harmonics of a fitted scene may dip below zero; light does not.
         return np.maximum(np.concatenate(radiance), 0), np.concatenate(coverage)
+
+
+def with_margin(intrinsics: F64, margin: int) -> F64:
+    """Return the intrinsics, [3, 3], of an image with `margin` more pixels on each side."""
+    shifted = intrinsics.copy()
+    shifted[:2, 2] += margin
+    return shifted
 
 
 def rendered_depth(gaussians: Gaussians, world_to_camera: F64, intrinsics: F64, size: tuple[int, int]) -> F64:

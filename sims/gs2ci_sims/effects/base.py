@@ -9,15 +9,18 @@ a measurement needs (`planner`), what the signals are made of (`signals`).
 import enum
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar, Protocol
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol, runtime_checkable
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gs2ci.core.errors import InputError
 
 if TYPE_CHECKING:
     from gs2ci_sims.preview import Preview
     from gs2ci_sims.rig import Rig
+
+F64 = NDArray[np.float64]
 
 
 @enum.unique
@@ -27,6 +30,7 @@ class Stage(enum.Enum):
     MOTION = "where the camera is at any time, CameraPath"
     SCENE = "what is seen at any time, MovingScene"
     TIME = "when light is collected and through which masks, Slices"
+    MOMENTS = "at which moments views are rendered, Moments"
     RADIANCE = "light on its way to the modulator at one moment, View"
     MASKS = "transmissions of the masks at the sensor's pixels, [N, H, W]"
     PHOTONS = "photons collected by each pixel, [H, W, 3]"
@@ -82,18 +86,29 @@ class Effect(Protocol):
         ...
 
 
-class SampledEffect(Effect, Protocol):
-    """An effect that is an integral: how finely it is sampled is the planner's choice."""
+@runtime_checkable
+class KernelEffect(Effect, Protocol):
+    """An effect that is a convolution: how wide its kernel reaches is the planner's choice.
+
+    Such an effect has a field `reach`: where the kernel is cut off, in its standard deviations.
+    """
 
     @property
-    def samples(self) -> int:
-        """Get how many samples stand for the integral now, at least 1."""
+    def reach(self) -> float:
+        """Get where the kernel is cut off now, in standard deviations."""
         ...
 
-    def sampled(self, samples: int) -> "SampledEffect":
-        """Return the same effect with so many samples."""
+    def kernel_bound(self, scene: "Preview", rig: "Rig", reach: float) -> Bound:
+        """Return an upper bound of what a kernel without end would change, against one of this reach."""
         ...
 
-    def sampling_bound(self, scene: "Preview", rig: "Rig", samples: int) -> Bound:
-        """Return an upper bound of what infinitely many samples would change, against `samples` of them."""
+
+@runtime_checkable
+class ViewEffect(Effect, Protocol):
+    """An effect on views that looks beyond the sensor's rim, or at depth."""
+
+    needs_depth: ClassVar[bool]
+
+    def margin_px(self, rig: "Rig", size: tuple[int, int], intrinsics: "F64") -> int:
+        """Return how many pixels beyond the rim of an image of this size the effect looks."""
         ...

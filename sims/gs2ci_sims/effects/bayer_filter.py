@@ -21,15 +21,15 @@ F64 = NDArray[np.float64]
 class BayerFilter:
     """Keep of each pixel's light the colour that its filter passes, [H, W, 3] -> [H, W, 1].
 
-    Bayer, US patent 3 971 065 (1976). Light of the other colours never becomes charge, so the filter comes before
-    all noise.
+    Bayer, US patent 3 971 065 (1976). Light of the other colours never becomes charge, so the filter is the
+    first to act on it.
 
     Args:
         pattern: Colours of the upper left two by two pixels, row by row.
     """
 
     name: ClassVar[str] = "bayer_filter"
-    stage: ClassVar[Stage] = Stage.PHOTONS
+    stage: ClassVar[Stage] = Stage.CHARGE
     cost_ns: ClassVar[float] = 5.0
     fixed_pattern: ClassVar[bool] = False
 
@@ -44,7 +44,7 @@ class BayerFilter:
         return UNAVOIDABLE
 
     def apply(self, signal: F64, rig: "Rig", rng: np.random.Generator) -> F64:
-        """Select from photons [H, W, 3]."""
+        """Select from electrons [H, W, 3]."""
         tile = np.array(["RGB".index(colour) for colour in self.pattern]).reshape(2, 2)
         rows, columns = np.indices(signal.shape[:2])
         return np.take_along_axis(signal, tile[rows % 2, columns % 2][..., None], axis=2)

@@ -1,14 +1,15 @@
-"""Motion blur: the camera moves while a mask is on show, so each interval is a sum over moments."""
+"""Motion blur: the camera moves while a mask is on show, so what each mask passes is an integral over time."""
 
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, ClassVar
+from dataclasses import dataclass
+from functools import cache
+from typing import TYPE_CHECKING, ClassVar, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gs2ci.core.errors import InputError
 from gs2ci_sims.effects.base import Bound, Stage
-from gs2ci_sims.signals import Slices
+from gs2ci_sims.moments import Moments, gauss_nodes, gauss_weights, lagrange
 
 if TYPE_CHECKING:
     from gs2ci_sims.preview import Preview
@@ -16,59 +17,82 @@ if TYPE_CHECKING:
 
 F64 = NDArray[np.float64]
 
+# Phases over a panel, radians, for which the errors of interpolation and quadrature are tabulated; a frequency at
+# the pixel's Nyquist limit turns by pi per pixel of motion.
+PHASES: Final = np.concatenate([[0.0], np.geomspace(1e-3, 1e3, 400)])
+
 
 @dataclass(frozen=True)
 class MotionBlur:
-    """Split every exposed slice of time into equal parts, each of which is rendered at its middle.
+    """Sample the moving image at as many moments as its motion calls for, and integrate over all of them.
 
-    The midpoint rule for ∫ L(x, t) dt; it keeps the total time, hence the energy, exactly. Off, a slice is one
-    moment.
+    Off, each mask sees one moment: the middle of its interval.
 
     Args:
-        samples: Parts per slice, at least 1; the planner chooses.
+        nodes: Views per panel of time, at least 1; the planner chooses.
+        edges_s: Ends of the panels, increasing; empty: one panel per mask interval.
     """
 
     name: ClassVar[str] = "motion_blur"
-    stage: ClassVar[Stage] = Stage.TIME
+    stage: ClassVar[Stage] = Stage.MOMENTS
     cost_ns: ClassVar[float] = 0.0
     fixed_pattern: ClassVar[bool] = False
 
-    samples: int = 1
+    nodes: int = 3
+    edges_s: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
-        if self.samples < 1:
-            raise InputError(f"motion blur with {self.samples} samples", allowed="1 or more")
+        if self.nodes < 1 or len(self.edges_s) == 1:
+            raise InputError(
+                f"motion blur with {self.nodes} views in each panel between {self.edges_s}",
+                allowed="1 or more; two or more ends of panels, or none",
+            )
 
     def bound(self, scene: "Preview", rig: "Rig") -> Bound:
-        """One sample against infinitely many; see `sampling_bound`."""
-        return self.sampling_bound(scene, rig, 1)
+        """Each view's spectrum, times what a sweep of the fastest interval's length takes from a cosine.
 
-    def sampled(self, samples: int) -> "MotionBlur":
-        """Return the same with so many parts per slice."""
-        return replace(self, samples=samples)
-
-    def sampling_bound(self, scene: "Preview", rig: "Rig", samples: int) -> Bound:
-        """Bound the midpoint rule's error by the light that moves by more than nothing within a part.
-
-        Within a part the image moves by at most δ = motion / samples / 2 from the middle, hence by no more than
-        δ |∇L|; the parts' average of |t| halves that.
+        A cosine of frequency f swept over d pixels keeps sin(x)/x of its amplitude, x = pi f d: the transfer
+        function of linear motion (Boreman, Modulation Transfer Function in Optical Systems, section 2.2).
         """
-        from gs2ci_sims.planner import image_motion_px  # noqa: PLC0415
+        swept_px = float(scene.motion_px.max())
+        return scene.filtered(lambda f: np.abs(1 - np.sinc(f * swept_px)))
 
-        shift_px = image_motion_px(scene.scene, scene.path, scene.intervals_s) / (4 * samples)
-        down, right = (np.gradient(scene.views, axis=axis) if scene.views.shape[axis] > 1 else 0.0 for axis in (1, 2))
-        slope = np.sqrt(np.square(down) + np.square(right)).max(axis=0)
-        change_dn = np.tensordot(shift_px, scene.masks, axes=1)[..., None] * slope * rig.full_scale_e * rig.dn_per_e
-        return Bound(float(np.sqrt(np.square(change_dn).mean())), float(change_dn.max()))
+    def apply(self, signal: Moments, rig: "Rig", rng: np.random.Generator) -> Moments:
+        """Replace the one moment per interval."""
+        return Moments(np.array(self.edges_s) if self.edges_s else signal.edges_s, self.nodes)
 
-    def apply(self, signal: Slices, rig: "Rig", rng: np.random.Generator) -> Slices:
-        """Split S slices into S * samples."""
-        edges = signal.start_s[:, None] + signal.duration_s[:, None] * np.linspace(0, 1, self.samples + 1)
-        start, stop = edges[:, :-1].ravel(), edges[:, 1:].ravel()
-        return Slices(
-            start,
-            stop,
-            0.5 * (start + stop),
-            signal.mix.repeat(self.samples, axis=0),
-            None if signal.rows is None else signal.rows.repeat(self.samples, axis=0),
-        )
+
+@cache
+def interpolation_error(nodes: int) -> F64:
+    """Return the rms error over a panel of interpolating exp(i phase t), t in [-1/2, 1/2], at each of `PHASES`."""
+    places = np.linspace(0, 1, 65)
+    wave = np.exp(1j * PHASES[:, None] * places)
+    at_nodes = np.exp(1j * PHASES[:, None] * gauss_nodes(nodes))
+    error = np.abs(wave - at_nodes @ lagrange(gauss_nodes(nodes), places).T)
+    return np.asarray(np.maximum.accumulate(np.sqrt(np.square(error).mean(axis=1))))
+
+
+@cache
+def quadrature_error(nodes: int) -> F64:
+    """Return the error of integrating exp(i phase t) over a panel with Gauss-Legendre nodes, at each of `PHASES`."""
+    centred = gauss_nodes(nodes) - 0.5
+    exact = np.sinc(PHASES / (2 * np.pi))
+    return np.asarray(np.maximum.accumulate(np.abs(exact - np.cos(PHASES[:, None] * centred) @ gauss_weights(nodes))))
+
+
+def panel_bound(scene: "Preview", panel_px: float, nodes: int, unevenness: float | None) -> Bound:
+    """Bound the error of sampling the moving image with `nodes` views in each panel.
+
+    Args:
+        scene: A quick look.
+        panel_px: Motion of the image within a panel, at most, pixels.
+        nodes: Views per panel.
+        unevenness: How unevenly light is collected within a panel, as a share (0: evenly, the integral of the
+            image is all that counts and quadrature is far better than interpolation); None: masks switch within a
+            panel, the image is needed at every moment.
+    """
+    phases = 2 * np.pi * panel_px
+    errors = interpolation_error(nodes)
+    if unevenness is not None:
+        errors = np.minimum(errors, quadrature_error(nodes) + unevenness * errors)
+    return scene.filtered(lambda f: np.interp(phases * f, PHASES, errors))

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from gs2ci.core.errors import InputError
 from gs2ci_sims.effects.base import Bound, Stage
-from gs2ci_sims.effects.shot_noise import HEADROOM
+from gs2ci_sims.preview import HEADROOM
 
 if TYPE_CHECKING:
     from gs2ci_sims.preview import Preview

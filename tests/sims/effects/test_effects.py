@@ -17,16 +17,18 @@ from gs2ci_sims.effects.persistence import Persistence
 from gs2ci_sims.effects.prnu import Prnu
 from gs2ci_sims.effects.quantisation import Quantisation
 from gs2ci_sims.effects.read_noise import ReadNoise
+from gs2ci_sims.effects.rolling_shutter import RollingShutter
 from gs2ci_sims.effects.row_noise import RowNoise
 from gs2ci_sims.effects.shot_noise import ShotNoise
 from gs2ci_sims.light_path import LIGHT_PATH
+from gs2ci_sims.moments import one_per_interval
 from gs2ci_sims.rig import Rig
-from gs2ci_sims.signals import nominal_slices
 
 RIG = Rig()
 
 ONE_OF_EACH = [
     MotionBlur(3),
+    RollingShutter(1e-4),
     BayerFilter(),
     Prnu(0.02),
     DarkCurrent(10.0),
@@ -52,7 +54,9 @@ def test_every_effect_of_the_light_path_is_tested_here():
     assert [type(effect) for effect in ONE_OF_EACH] == list(LIGHT_PATH)
 
 
-@pytest.mark.parametrize("effect", [e for e in ONE_OF_EACH if not isinstance(e, MotionBlur)], ids=lambda e: e.name)
+@pytest.mark.parametrize(
+    "effect", [e for e in ONE_OF_EACH if not isinstance(e, MotionBlur | RollingShutter)], ids=lambda e: e.name
+)
 def test_an_effect_never_changes_its_argument_and_repeats_itself_from_the_same_seed(effect):
     signal = np.sort(rng().uniform(0, 300, (7, 2, 3)))
     before = signal.copy()
@@ -106,19 +110,15 @@ def test_quantisation_keeps_to_the_range_of_the_converter():
     assert Quantisation(8).apply(np.array([-3.0, 0.4, 254.6, 300.0]), RIG, rng()).tolist() == [0, 0, 255, 255]
 
 
-def test_motion_blur_keeps_the_exposed_time_and_its_order():
-    parts = MotionBlur(4).apply(nominal_slices(np.array([[0.0, 1.0], [1.5, 2.0]])), RIG, rng())
-    assert parts.weights_s().sum(axis=0).tolist() == [1.0, 0.5]
-    assert np.array_equal(parts.start_s[1:4], parts.stop_s[:3])
-    assert parts.start_s[0] == 0.0
-    assert parts.stop_s[-1] == 2.0
+def test_motion_blur_puts_its_views_into_the_panels_it_is_given_or_else_into_each_interval():
+    nominal = one_per_interval(np.array([[0.0, 1.0], [1.0, 2.0]]))
+    assert MotionBlur(3).apply(nominal, RIG, rng()).times_s.shape == (6,)
+    assert MotionBlur(2, (0.0, 2.0)).apply(nominal, RIG, rng()).times_s.shape == (2,)
 
 
-def test_motion_blur_of_one_sample_is_the_interval_itself():
-    nominal = nominal_slices(np.array([[0.25, 0.75]]))
-    parts = MotionBlur(1).apply(nominal, RIG, rng())
-    assert np.array_equal(parts.start_s, nominal.start_s)
-    assert np.array_equal(parts.at_s, nominal.at_s)
+def test_motion_blur_of_one_view_is_the_middle_of_the_interval():
+    nominal = one_per_interval(np.array([[0.25, 0.75]]))
+    assert MotionBlur(1).apply(nominal, RIG, rng()).times_s.tolist() == nominal.times_s.tolist() == [0.5]
 
 
 @pytest.mark.parametrize(
