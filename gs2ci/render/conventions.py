@@ -28,7 +28,7 @@ far off the axis the affine approximation would smear a Gaussian across the whol
 
 SCREEN_SIGMA_MAX_PX: Final = 1e8
 """A Gaussian wider than this on screen is not drawn: the squares of its moments leave float32. It takes a scale
-of 10^3 about ten millimetres before the lens to get there."""
+of 10^3 at the near plane of a 1000 px lens to get there."""
 
 LOG_SCALE_MAX: Final = 18.0
 """Log scales are cut here (6.6e7 scene units): their exponentials stay far inside float32."""

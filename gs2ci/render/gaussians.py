@@ -93,14 +93,14 @@ def transmittance_preserving_opacity(opacity_logits: Tensor) -> Tensor:
 
     The opacity for both halves of a split or duplicated Gaussian (revised densification; paper, section III-E).
     In logit space: with r = sqrt(1 - alpha), alpha' / (1 - alpha') = (1 - r) / r, where
-    ln r = -softplus(x) / 2. Then logit' = ln(1 - r) - ln r with 1 - r = -expm1(ln r): nothing cancels, and logits
-    of +-20, where 1 - alpha or alpha is below float32's resolution of 1, keep all their digits.
+    ln r = ln(sigmoid(-x)) / 2. Then logit' = ln(1 - r) - ln r with 1 - r = -expm1(ln r): nothing cancels, and
+    logits of +-20, where 1 - alpha or alpha is below float32's resolution of 1, keep all their digits.
 
     Args:
         opacity_logits: x with alpha = sigmoid(x), any shape.
     """
-    log_root = -0.5 * torch.nn.functional.softplus(opacity_logits, threshold=float("inf"))
-    # Beyond softplus' underflow (x < -87 in float32) ln r is 0 and its log infinite: bound it once, here.
+    log_root = 0.5 * torch.nn.functional.logsigmoid(-opacity_logits)
+    # Where alpha underflows (x < -87 in float32), 1 - r is 0 and its log infinite: bound it once, here.
     smallest = torch.finfo(log_root.dtype).tiny
     return torch.log((-torch.expm1(log_root)).clamp(min=smallest)) - log_root
 

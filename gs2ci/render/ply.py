@@ -213,7 +213,7 @@ def _read_text(path: Path, file: IO[bytes], header: _Header) -> NDArray[Any]:
             table[row] = tuple(float(word) for word in words)
         except ValueError as error:
             raise InputError(
-                f"{path}: Gaussian {row} of {header.count} reads {b' '.join(words)[:80]!r}",
+                f"{path}: Gaussian {row} of {header.count} reads {b' '.join(words)[:80].decode('latin-1')!r}",
                 allowed=f"{len(header.properties)} numbers in a line",
                 remedy="copy or export the file again",
             ) from error

@@ -117,7 +117,7 @@ def composite(splats: Splats, pixels: Tensor) -> tuple[Tensor, Tensor, float]:
     margin = min(_distance(raw, ALPHA_MIN), _distance(raw, ALPHA_MAX))
     alphas = torch.where(raw >= ALPHA_MIN, raw.clamp(max=ALPHA_MAX), torch.zeros_like(raw))
     through = torch.cumprod(1 - alphas, dim=0)
-    arriving = torch.cat([torch.ones_like(through[:1]), through])
+    arriving = torch.cat([raw.new_ones(1, len(pixels)), through])
     colours = (alphas * arriving[:-1]).T @ splats.colours
     return colours, 1 - arriving[-1], margin
 

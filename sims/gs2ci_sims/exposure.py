@@ -19,6 +19,7 @@ from gs2ci.core.progress import Progress, Silent
 from gs2ci.core.records import Shot, Truth
 from gs2ci.render.gaussians import Gaussians
 from gs2ci_sims.effects.base import Effect, Stage, ViewEffect
+from gs2ci_sims.effects.bayer_filter import BayerFilter
 from gs2ci_sims.light_path import EffectChain
 from gs2ci_sims.moments import Moments, one_per_interval
 from gs2ci_sims.path import CameraPath
@@ -75,6 +76,7 @@ def expose(
         intrinsics=scene.intrinsics,
         truth=Truth(views=light.truth_views, world_to_camera=light.truth_world_to_camera),
         saturated=np.any(reading >= sensor.saturation_dn, axis=2),
+        cfa=next((effect.pattern for effect in chain.effects if isinstance(effect, BayerFilter)), None),
         name=scene.name,
         provenance={
             "source": "simulated exposure (gs2ci_sims)",
@@ -175,9 +177,10 @@ def integrate(
 def _open_share(weights: F64, slices: Slices, masks: NDArray[Any]) -> F64:
     """Return how much of a view that stands for `weights` [S] of the slices passes at each pixel, [H, W]."""
     mixed = weights[:, None] * slices.mix
-    if slices.rows is None:
+    if slices.shutter is None:
         return np.asarray(np.tensordot(mixed.sum(axis=0), masks, axes=1))
-    return np.asarray(np.einsum("nh,nhw->hw", mixed.T @ slices.rows, masks))
+    rows = slices.shutter.open_share(slices.start_s, slices.stop_s, masks.shape[1])
+    return np.asarray(np.einsum("nh,nhw->hw", mixed.T @ rows, masks))
 
 
 class Studio:

@@ -13,10 +13,17 @@ import numpy as np
 
 from gs2ci.core.errors import InputError
 from gs2ci_sims.effects.base import Effect, Stage
+from gs2ci_sims.effects.bayer_filter import BayerFilter
+from gs2ci_sims.effects.black_level import BlackLevel
+from gs2ci_sims.effects.blooming import Blooming
 from gs2ci_sims.effects.clock_drift import ClockDrift
+from gs2ci_sims.effects.dark_current import DarkCurrent
 from gs2ci_sims.effects.defocus import Defocus
+from gs2ci_sims.effects.dsnu import Dsnu
 from gs2ci_sims.effects.finite_contrast import FiniteContrast
 from gs2ci_sims.effects.full_well import FullWell
+from gs2ci_sims.effects.gain_nonlinearity import GainNonlinearity
+from gs2ci_sims.effects.hot_pixels import HotPixels
 from gs2ci_sims.effects.illumination_drift import IlluminationDrift
 from gs2ci_sims.effects.illumination_flicker import IlluminationFlicker
 from gs2ci_sims.effects.lcos_flicker import LcosFlicker
@@ -29,8 +36,12 @@ from gs2ci_sims.effects.modulator_psf import ModulatorPsf
 from gs2ci_sims.effects.motion_blur import MotionBlur
 from gs2ci_sims.effects.object_motion import ObjectMotion
 from gs2ci_sims.effects.optics_psf import OpticsPsf
+from gs2ci_sims.effects.persistence import Persistence
+from gs2ci_sims.effects.prnu import Prnu
 from gs2ci_sims.effects.quantisation import Quantisation
 from gs2ci_sims.effects.read_noise import ReadNoise
+from gs2ci_sims.effects.rolling_shutter import RollingShutter
+from gs2ci_sims.effects.row_noise import RowNoise
 from gs2ci_sims.effects.shot_noise import ShotNoise
 from gs2ci_sims.effects.stage_backlash import StageBacklash
 from gs2ci_sims.effects.stage_ripple import StageRipple
@@ -71,11 +82,24 @@ LIGHT_PATH: Final[tuple[type[Effect], ...]] = (
     # exposure integration
     MotionBlur,
     ModulatorPsf,
-    # sensor: photons to electrons
+    # sensor: when its rows are open
+    RollingShutter,
+    # sensor: photons to electrons, in the mean
+    BayerFilter,
+    Prnu,
+    DarkCurrent,
+    HotPixels,
+    Persistence,
+    # sensor: electrons counted, held and amplified
     ShotNoise,
+    Blooming,
     FullWell,
+    GainNonlinearity,
+    Dsnu,
     ReadNoise,
+    RowNoise,
     # readout: electrons to numbers
+    BlackLevel,
     Quantisation,
 )
 

@@ -32,6 +32,8 @@ STILL_PX: Final = 0.25
 # A spectrum needs some pixels: smaller sensors are previewed with a margin.
 SIDE_MIN_PX: Final = 24
 SPECTRUM_BINS: Final = 129
+# The rasteriser's graininess, rms, of full scale: measured on planes, where it is 5e-5 to 8e-5.
+RENDER_GRAIN: Final = 1e-4
 # What other effects (flicker, PRNU, leakage, dark current) and the preview's coarseness may add to its figures.
 HEADROOM: Final = 1.3
 
@@ -112,6 +114,16 @@ class Preview:
         ends = np.linspace(0, np.sqrt(0.5), SPECTRUM_BINS)
         place = np.searchsorted(ends, frequency.ravel()).clip(max=SPECTRUM_BINS - 1)
         return ends, np.bincount(place, power.ravel(), SPECTRUM_BINS).astype(np.float64)
+
+    def graininess(self, views: float) -> float:
+        """Return what the rasteriser's own graininess makes of the readings, DN rms, with so many views.
+
+        Views of a moving image differ by a little that is no light: splats dropped below 1/255 of opacity, orders
+        of depth that flip, float32. It is independent from view to view, and a view that stands for several masks
+        carries it into all of them.
+        """
+        squares = float(np.square(self.masks, dtype=np.float64).sum(axis=0).mean())
+        return RENDER_GRAIN * self.full_scale_dn * float(np.sqrt(squares * len(self.masks) / views))
 
     def filtered(self, change: Callable[[F64], F64]) -> Bound:
         """Bound what a linear filter changes: Parseval's sum of the radiance's power times the squared change.

@@ -21,15 +21,14 @@ F64 = NDArray[np.float64]
 
 # Panels within a mask interval and views within a panel; odd, so that one view is the middle of the interval, where
 # the true view of a shot is.
-PARTS: Final = (1, 3, 5, 9, 15, 27, 45, 81)
+PARTS: Final = (1, 3, 5, 9, 15, 27, 45)
 ODD_NODES: Final = (1, 3, 5, 7, 9)
 # Views within a panel that spans several masks, and how many such panels per mask at most.
 NODES: Final = (1, 2, 3, 4, 5, 6, 8, 10, 12)
 PANELS_PER_MASK: Final = 4
-# The rasteriser drops splats below 1/255 of opacity and works in float32: views a hair's breadth apart differ by
-# this much, rms, of full scale (measured on planes and the motorcycle; `tests/benchmarks/simulation.py` shows it).
-RENDER_FLOOR: Final = 3e-5
 TRAVEL_STEPS: Final = 512
+# If no option stays within its budget, the best of so many with the most views is taken.
+TRIED_AT_LAST: Final = 6
 
 
 @dataclass(frozen=True)
@@ -65,60 +64,68 @@ def choose_sampling(look: Preview, effects: Sequence[Effect], budget_dn: float, 
     chain = EffectChain([effect for effect in effects if effect.stage is Stage.TIME], seed, look.rig)
     slices = chain.through(Stage.TIME, nominal_slices(look.intervals_s))
     travel = _travel(look, slices)
-    plain = panel_bound(look, float(look.motion_px.max()), 1, unevenness(slices))
+    if travel[1][-1] == 0:
+        whole = (float(travel[0][0]), float(travel[0][-1]))
+        return Sampling(MotionBlur(1, whole), 1, 0.0, f"1 view for {count} masks", "nothing moves")
+    uneven = unevenness(slices)
+    plain = _Option(np.unique(look.intervals_s), 1, float(look.motion_px.max()), uneven, count)
     if not blurs:
-        return Sampling(None, count, plain.rms_dn, "", "forced off")
-    floor = look.of_radiance(RENDER_FLOOR, 0.0).rms_dn if travel[1][-1] > 0 else 0.0
-    best: Sampling | None = None
-    for option in (*_across_masks(look, travel, floor), *_within_masks(look, slices, floor)):
-        if best is None or _better(option, best, budget_dn):
-            best = option
-    assert best is not None
-    return best
+        return Sampling(None, count, _error(look, plain), "", "forced off")
+    options = [plain, *_across_masks(look, travel), *_within_masks(look, uneven)]
+    options.sort(key=lambda option: option.views)
+    hopeful = [option for option in options if _error(look, option, swings=False) <= budget_dn]
+    chosen = next((option for option in hopeful if _error(look, option) <= budget_dn), None)
+    chosen = chosen or min(options[-TRIED_AT_LAST:], key=lambda option: _error(look, option))
+    return _as_sampling(look, chosen, plain)
 
 
-def _better(option: Sampling, best: Sampling, budget_dn: float) -> bool:
-    if (option.error_dn <= budget_dn) != (best.error_dn <= budget_dn):
-        return option.error_dn <= budget_dn
-    key = "views" if best.error_dn <= budget_dn else "error_dn"
-    return bool(getattr(option, key) < getattr(best, key))
+@dataclass(frozen=True)
+class _Option:
+    """Panels between `edges_s` with `nodes` views each, over which the image moves by `panel_px` at most."""
+
+    edges_s: F64
+    nodes: int
+    panel_px: float
+    unevenness: float | None
+    views: int
 
 
-def _across_masks(look: Preview, travel: tuple[F64, F64], floor_dn: float) -> Iterator[Sampling]:
+def _error(look: Preview, option: _Option, *, swings: bool = True) -> float:
+    """Bound an option's error, DN rms."""
+    bound = panel_bound(look, option.edges_s, option.panel_px, option.nodes, option.unevenness, swings=swings)
+    return bound.rms_dn + look.graininess(option.views)
+
+
+def _as_sampling(look: Preview, option: _Option, plain: _Option) -> Sampling:
+    error, count = _error(look, option), len(look.masks)
+    if option is plain:
+        return Sampling(None, count, error, "", "one view per mask will do")
+    blur = MotionBlur(option.nodes, tuple(float(edge) for edge in option.edges_s))
+    if option.unevenness is None:
+        return Sampling(blur, option.views, error, f"{option.views} views for {count} masks", "the image moves little")
+    return Sampling(blur, option.views, error, f"{option.views // count} views per mask", "the image moves")
+
+
+def _across_masks(look: Preview, travel: tuple[F64, F64]) -> Iterator[_Option]:
     """List panels that hold equal shares of the motion, whatever masks switch in them."""
     times, travelled = travel
-    count = len(look.masks)
-    still = travelled[-1] == 0
-    for panels in range(1, 2 if still else PANELS_PER_MASK * count + 1):
-        shares = np.linspace(0, 1, panels + 1)
-        # A trace of time beside the motion keeps panels apart while the image is at rest.
-        progress = travelled / max(float(travelled[-1]), 1e-300) + 1e-6 * np.linspace(0, 1, len(times))
-        edges = np.interp(shares * progress[-1], progress, times)
+    # A trace of time beside the motion keeps panels apart while the image is at rest.
+    progress = travelled / travelled[-1] + 1e-6 * np.linspace(0, 1, len(times))
+    for panels in range(1, PANELS_PER_MASK * len(look.masks) + 1):
+        edges = np.interp(np.linspace(0, progress[-1], panels + 1), progress, times)
         for nodes in NODES:
-            error = panel_bound(look, float(travelled[-1]) / panels, nodes, None).rms_dn + floor_dn
-            views = panels * nodes
-            blur = MotionBlur(nodes, tuple(float(edge) for edge in edges))
-            what = f"{views} views for {count} masks"
-            yield Sampling(blur, views, error, what, "nothing moves" if still else "the image moves little")
-            if still:
-                return
+            yield _Option(edges, nodes, float(travelled[-1]) / panels, None, panels * nodes)
 
 
-def _within_masks(look: Preview, slices: Slices, floor_dn: float) -> Iterator[Sampling]:
+def _within_masks(look: Preview, uneven: float) -> Iterator[_Option]:
     """List panels that end where mask intervals do."""
-    count = len(look.masks)
-    uneven = unevenness(slices)
     fastest = float(look.motion_px.max())
     for parts in PARTS:
         within = look.intervals_s[:, :1] + np.diff(look.intervals_s, axis=1) * np.linspace(0, 1, parts + 1)
-        edges = tuple(float(edge) for edge in _distinct(within.ravel()))
         for nodes in ODD_NODES:
-            error = panel_bound(look, fastest / parts, nodes, uneven).rms_dn + floor_dn
-            if parts * nodes == 1:
-                yield Sampling(None, count, error, "", "one view per mask will do")
-            else:
-                how = f"{parts * nodes} views per mask"
-                yield Sampling(MotionBlur(nodes, edges), count * parts * nodes, error, how, "the image moves")
+            if parts * nodes > 1:
+                views = len(look.masks) * parts * nodes
+                yield _Option(_distinct(within.ravel()), nodes, fastest / parts, uneven, views)
 
 
 def _distinct(edges: F64) -> F64:
@@ -132,7 +139,7 @@ def unevenness(slices: Slices) -> float:
 
     Where rows are exposed at different times, the light is as uneven as can be.
     """
-    if slices.rows is not None:
+    if slices.shutter is not None:
         return 1.0
     worst = 0.0
     for n in np.unique(slices.shown):

@@ -19,11 +19,33 @@ MovingScene = Callable[[float], Gaussians]
 
 
 @dataclass(frozen=True)
+class Shutter:
+    """When a row of the sensor collects light: row y from opens_s to closes_s, both later by y line delays.
+
+    Args:
+        opens_s: Row 0 begins.
+        closes_s: Row 0 ends.
+        line_delay_s: From each row to the next, at least 0.
+    """
+
+    opens_s: float
+    closes_s: float
+    line_delay_s: float
+
+    def open_share(self, start_s: F64, stop_s: F64, height: int) -> F64:
+        """Get the share of each slice [S] of time, of positive length, for which each row collects, [S, H]."""
+        late = self.line_delay_s * np.arange(height)
+        begin = np.maximum(start_s[:, None], self.opens_s + late)
+        end = np.minimum(stop_s[:, None], self.closes_s + late)
+        return np.asarray(np.maximum(end - begin, 0.0) / (stop_s - start_s)[:, None])
+
+
+@dataclass(frozen=True)
 class Slices:
     """The exposure as slices of time, within each of which light is collected evenly through one mixture of masks.
 
-    In slice s the sensor collects at the rate Σ_n mix[s, n] mask_n ⊙ L(t), with `rows[s, y]` as a further factor on
-    row y. Slices may lie in any order and overlap: they add up. How finely L(t) is sampled is another matter
+    In slice s the sensor collects at the rate Σ_n mix[s, n] mask_n ⊙ L(t), in the rows that the shutter
+    has opened. Slices may lie in any order and overlap: they add up. How finely L(t) is sampled is another matter
     (`moments`).
 
     Args:
@@ -32,7 +54,7 @@ class Slices:
         mix: [S, N], how much each mask contributes: 1 while it is on show under nominal light.
         shown: [S], index of the mask that the modulator was told to show.
         since_s: [S], when it was told so.
-        rows: [S, H], the share of the slice during which a row is exposed; None: all rows, all the time.
+        shutter: When each row collects; None: all rows, all the time.
     """
 
     start_s: F64
@@ -40,7 +62,7 @@ class Slices:
     mix: F64
     shown: Index
     since_s: F64
-    rows: F64 | None = None
+    shutter: Shutter | None = None
 
     @property
     def duration_s(self) -> F64:
@@ -71,8 +93,9 @@ class Slices:
     def without_empty(self) -> "Slices":
         """Return the slices that have a length."""
         keep = self.stop_s > self.start_s
-        rows = None if self.rows is None else self.rows[keep]
-        return Slices(self.start_s[keep], self.stop_s[keep], self.mix[keep], self.shown[keep], self.since_s[keep], rows)
+        return Slices(
+            self.start_s[keep], self.stop_s[keep], self.mix[keep], self.shown[keep], self.since_s[keep], self.shutter
+        )
 
     def _with_pieces(self, start: F64, stop: F64) -> "Slices":
         parts = start.shape[1]
@@ -82,7 +105,7 @@ class Slices:
             self.mix.repeat(parts, axis=0),
             self.shown.repeat(parts),
             self.since_s.repeat(parts),
-            None if self.rows is None else self.rows.repeat(parts, axis=0),
+            self.shutter,
         )
 
 

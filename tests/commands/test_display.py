@@ -185,7 +185,7 @@ REPORT = {
     "schema": "gs2ci.report/1",
     "name": "fern [smooth]",
     "views": 2,
-    "verdict": "scene",
+    "verdict": "refined",
     "notes": ["The focal length was [estimated]."],
     "psnr_db": {"mean": 31.02, "per_view": [30.9, 31.14]},
     "ssim": {"mean": 0.9421, "per_view": [0.94, 0.9442]},
@@ -221,7 +221,7 @@ def test_the_summary_says_how_good_how_long_and_where(tmp_path):
         "1 min 26 s",
         "decode 4.0 s, geometry 4.2 s, fit 78.0 s",
         "held-out",
-        "decode 0.0520 rms",
+        "scene 0.0310, decode 0.0520",
         "The fit stopped because: the held-out pixels stopped improving.",
         "The focal length was [estimated].",
         "overview.png",
@@ -231,7 +231,7 @@ def test_the_summary_says_how_good_how_long_and_where(tmp_path):
 
 
 def test_the_summary_leaves_out_what_is_not_known(tmp_path):
-    residual = {**REPORT["residual"], "heldout_rms_scene": None, "heldout_rms_decode": None}
+    residual = {**REPORT["residual"], "heldout_rms": {"refined": None, "scene": None, "decode": None}}
     text = summary(tmp_path, psnr_db=None, ssim=None, trajectory=None, residual=residual)
     for part in ("PSNR", "SSIM", "nATE", "rotation", "held-out  ", "None"):
         assert part not in text

@@ -53,6 +53,7 @@ def test_a_run_folder_holds_all_its_parts_and_nothing_lies_beside_it(written):
         "views.npy",
         "views",
         "decode.npy",
+        "scene_views.npy",
         "depth.npy",
         "scene.ply",
         "cameras.json",

@@ -22,6 +22,8 @@ from gs2ci.core.records import CFA_PATTERNS, F32, F64, CfaPattern
 # they do not.
 FITS: Final = 0.3
 FITS_NOT: Final = 0.1
+# Below so many pixels such correlations come about by chance.
+ENOUGH_PIXELS: Final = 400
 # Relative residuals of Σ M X against the measurement.
 EXPLAINED: Final = 0.1
 UNEXPLAINED: Final = 0.3
@@ -99,6 +101,8 @@ def check_pattern(measurement: Array, masks: Array, image: F64, multiplicity: F6
     Raises:
         InputError: It shows the pattern of masks that are turned.
     """
+    if image.size < ENOUGH_PIXELS:
+        return
     pattern, fine = _fine(multiplicity), _fine(image)
     # Masks that always open the same number of pixels leave no pattern in their sum, a dark scene shows none.
     if pattern.std() < 1e-3 * multiplicity.max() or fine.std() < 1e-6 * np.abs(image).max():

@@ -275,18 +275,19 @@ class _Import:
 
 def _find(path: Path, masks_path: Path | None, options: ImportOptions, guesses: list[str]) -> _Found:
     container = open_foreign(path)
-    measurement = container.load(roles.require_key(container, "measurement", options.meas_key, guesses))
     holder = container if masks_path is None else open_foreign(masks_path)
-    masks = holder.load(roles.require_key(holder, "masks", options.mask_key, guesses))
-    truth = options.truth
-    if truth is None:
-        key = roles.key_of(container, "truth", options.truth_key, guesses)
-        truth = None if key is None else container.load(key)
+    meas_key = roles.require_key(container, "measurement", options.meas_key, guesses)
+    taken = meas_key if holder is container else None
+    mask_key = roles.require_key(holder, "masks", options.mask_key, guesses, taken=taken)
+    truth_key = None if options.truth is not None else roles.key_of(container, "truth", options.truth_key, guesses)
+    keys = {"measurement": meas_key, "masks": mask_key, "truth": truth_key}
+    if meas_key:
+        guesses.append("keys: " + ", ".join(f"{key!r} ({role})" for role, key in keys.items() if key))
+    measurement, masks = container.load(meas_key), holder.load(mask_key)
+    truth = options.truth if truth_key is None else container.load(truth_key)
     for array in (measurement, masks):
         if array.values.size == 0:
             raise InputError(f"{array.where}: empty, shape {list(array.values.shape)}", remedy="save it again")
-    roles_found = {"measurement": measurement, "masks": masks, "truth": truth}
-    guesses.append(", ".join(f"{role}: {array.where}" for role, array in roles_found.items() if array is not None))
     return _Found(measurement, masks, truth, container)
 
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from gs2ci.core.errors import InputError
 from gs2ci.core.foreign.container import Array
+from gs2ci.core.foreign.pixels import LARGEST
 from gs2ci.core.records import F64, check_intrinsics
 
 
@@ -77,8 +78,11 @@ def poses_from(given: Array, count: int, *, camera_to_world: bool, guesses: list
     if values.shape[1:] == (3, 4):
         last = np.broadcast_to(np.array([0, 0, 0, 1.0]), (count, 1, 4))
         values = np.concatenate([values, last], axis=1)
-    if not np.isfinite(values).all():
-        raise InputError(f"{given.where}: poses hold NaN or infinity", remedy="mend them, or leave the poses out")
+    if not (np.abs(values) <= LARGEST).all():
+        raise InputError(
+            f"{given.where}: poses hold NaN, infinity or absurd numbers",
+            remedy="mend them, or leave the poses out",
+        )
     if np.allclose(values[:, :3, 3], 0) and not np.allclose(values[:, 3, :3], 0):
         values = values.transpose(0, 2, 1)
         guesses.append(f"{given.where}: pose matrices were transposed")
@@ -97,9 +101,12 @@ def poses_from(given: Array, count: int, *, camera_to_world: bool, guesses: list
 
 
 def _count_first(values: NDArray[Any], count: int, given: Array) -> F64:
-    for candidate in (values, np.moveaxis(values, -1, 0) if values.ndim == 3 else values):
-        if candidate.shape in ((count, 4, 4), (count, 3, 4)):
-            return candidate
+    candidates = [values, np.moveaxis(values, -1, 0)] if values.ndim == 3 else [values]
+    fitting = [c for c in candidates if c.shape in ((count, 4, 4), (count, 3, 4))]
+    if fitting:
+        # Four poses of 4 x 4: the right counting axis shows by the last rows 0 0 0 1.
+        rigid = [c for c in fitting if np.allclose(c[:, 3:], (0, 0, 0, 1))]
+        return (rigid or fitting)[0]
     if count == 1 and values.shape in ((4, 4), (3, 4)):
         return values[None]
     raise InputError(

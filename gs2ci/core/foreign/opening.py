@@ -6,7 +6,8 @@ import h5py
 
 from gs2ci.core.errors import InputError
 from gs2ci.core.foreign.container import Container, damage_as_input_error
-from gs2ci.core.foreign.mat import read_mat5, read_mat73
+from gs2ci.core.foreign.mat5 import read_mat5
+from gs2ci.core.foreign.mat73 import read_mat73
 from gs2ci.core.foreign.npy import read_npy
 from gs2ci.core.foreign.npz import read_npz
 
@@ -29,11 +30,10 @@ def open_foreign(path: Path) -> Container:
         return read_npz(path)
     if hdf5:
         return read_mat73(path)
-    # Version 5 files begin with a text; version 4 files have no mark at all, so only the name tells.
-    if start.startswith(b"MATLAB") or (start and path.suffix.lower() == ".mat"):
+    if start.startswith(b"MATLAB"):
         return read_mat5(path)
     raise InputError(
         f"{path}: {'empty' if not start else 'of no known format'}",
-        allowed=".npz, .npy, .mat (v4, v5, v7.3)",
+        allowed=".npz, .npy, .mat (version 5 to 7.3)",
         remedy="save the measurement and its masks in one of these",
     )

@@ -11,6 +11,8 @@ from gs2ci.core.records import F64
 
 BadPixels = Literal["refuse", "median"]
 
+# No camera reads more; larger numbers are damage, and their squares overflow.
+LARGEST: Final = 1e15
 # More than this share of mended pixels is no longer a measurement with a few dead ones.
 MOST_BAD: Final = 0.1
 # Highest code of the usual converters, and the share of readings there that only clipping explains.
@@ -19,7 +21,7 @@ PILE_UP: Final = 5e-4
 
 
 def mend(measurement: Array, readings: F64, multiplicity: F64, how: BadPixels, guesses: list[str]) -> F64:
-    """Replace NaN and infinity in a measurement.
+    """Replace NaN, infinity and absurd numbers in a measurement.
 
     Args:
         measurement: For messages.
@@ -31,7 +33,8 @@ def mend(measurement: Array, readings: F64, multiplicity: F64, how: BadPixels, g
     Raises:
         InputError: There are any and they are refused, or too many to be mended.
     """
-    bad = ~np.isfinite(readings)
+    bad = ~(np.abs(readings) <= LARGEST)
+    readings = np.where(bad, np.nan, readings)
     count = int(bad.any(axis=3).sum())
     if not count:
         return readings
@@ -39,7 +42,7 @@ def mend(measurement: Array, readings: F64, multiplicity: F64, how: BadPixels, g
         row, column = np.argwhere(bad.any(axis=(0, 3)))[0].tolist()
         refused = how == "refuse"
         raise InputError(
-            f"{measurement.where}: {count} pixels are NaN or infinite, the first at row {row}, column {column}",
+            f"{measurement.where}: {count} pixels are NaN, infinite or absurd, the first at row {row}, column {column}",
             allowed=f"finite readings, or with --bad-pixels median up to {MOST_BAD:.0%} bad ones",
             remedy="say --bad-pixels median to replace them" if refused else "mend the measurement before saving",
         )

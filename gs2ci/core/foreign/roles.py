@@ -64,8 +64,17 @@ def key_of(container: Container, role: Role, said: str | None, guesses: list[str
     return found[0] if found else None
 
 
-def require_key(container: Container, role: Role, said: str | None, guesses: list[str]) -> str:
+def require_key(
+    container: Container, role: Role, said: str | None, guesses: list[str], *, taken: str | None = None
+) -> str:
     """Choose the key that plays a role that must be filled; a file's only image or stack needs no name.
+
+    Args:
+        container: The file.
+        role: What is looked for.
+        said: The key the user named, or None for «guess».
+        guesses: Sentences are added here.
+        taken: A key that already plays another role.
 
     Raises:
         InputError: No key fits.
@@ -73,11 +82,11 @@ def require_key(container: Container, role: Role, said: str | None, guesses: lis
     key = key_of(container, role, said, guesses)
     if key is not None:
         return key
-    taken = {alias for aliases in ALIASES.values() for alias in aliases}
+    known = {alias for aliases in ALIASES.values() for alias in aliases}
     free = [
         key
         for key, entry in container.entries.items()
-        if len(entry.shape) >= 2 and entry.kind == "number" and key.lower() not in taken
+        if len(entry.shape) >= 2 and entry.kind == "number" and key != taken and key.lower() not in known
     ]
     if len(free) == 1 and said is None:
         if free[0]:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from gs2ci.core.errors import InputError
 from gs2ci.core.foreign.container import Array
+from gs2ci.core.foreign.pixels import LARGEST
 from gs2ci.core.records import F32, F64
 
 FULL_SCALES: Final[dict[str, float]] = {
@@ -55,10 +56,10 @@ def scale_masks(masks: Array, stack: NDArray[Any], said: float | None, guesses: 
         InputError: NaN, negative or zero everywhere, or above the reading that the user gave.
     """
     values = stack.astype(np.float64)
-    bad = int(values.size - np.isfinite(values).sum())
+    bad = int((~(np.abs(values) <= LARGEST)).sum())
     if bad:
         raise InputError(
-            f"{masks.where}: {bad} values are NaN or infinite",
+            f"{masks.where}: {bad} values are NaN, infinite or absurd",
             allowed="transmissions, >= 0",
             remedy="set dead mask pixels to 0 (never open) and mend the same pixels of the measurement",
         )
@@ -111,8 +112,11 @@ def scale_views(truth: Array, views: NDArray[Any], guesses: list[str]) -> F32:
     Raises:
         InputError: NaN, or negative beyond noise.
     """
-    if not np.isfinite(views).all():
-        raise InputError(f"{truth.where}: true views hold NaN or infinity", remedy="mend them, or say --truth-key none")
+    if not (np.abs(views) <= LARGEST).all():
+        raise InputError(
+            f"{truth.where}: true views hold NaN, infinity or absurd numbers",
+            remedy="mend them, or say --truth-key none",
+        )
     low, high = float(views.min()), float(views.max())
     full = smallest_full_scale(high)
     if low < -DARK * full or full == 0:

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gs2ci.core.errors import Gs2ciError, StorageError
+from gs2ci.core.hdf5 import check_text_heaps
 from gs2ci.core.records import F64, Shot, Truth
 from gs2ci.core.storage.layout import CALIBRATION, NO_MAP, SCHEMA, unpack
 from gs2ci.core.storage.sealing import PARTIAL
@@ -89,6 +90,7 @@ def opened(path: Path, *, unfinished: bool = False) -> Iterator["CaptureFile"]:
             raise StorageError(
                 f"{path}: not an HDF5 file", remedy="turn .npz, .npy or .mat files into a shot with `gs2ci import`"
             )
+        check_text_heaps(path)
         with h5py.File(path, "r") as file:
             capture = CaptureFile(path, file)
             capture.check_kind(unfinished=unfinished)

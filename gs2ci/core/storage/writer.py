@@ -55,10 +55,14 @@ class ShotWriter:
         try:
             layout.create(self._file, header)
             self._file.flush()
-        except BaseException:
+        except BaseException as error:
             # Nothing is in it yet that could be lost.
             self.close()
             self.partial.unlink(missing_ok=True)
+            if isinstance(error, OSError | RuntimeError):
+                raise StorageError(
+                    f"{self.partial}: cannot be laid out: {error}", remedy="free the disk or choose another folder"
+                ) from error
             raise
 
     def append(

@@ -50,7 +50,7 @@ class Geometry:
         reference: Index of the reference view.
         tracks: Number of tracks that the motion explains.
         reprojection_rms_px: Their error.
-        parallax_px: What the best rotations leave of their displacement, root mean square.
+        parallax_px: What translation explains of the tracks beyond the best rotations, root mean square.
         verdict: "full"; or why depth is a mere plane: "rotation_only", "static", "unsupported".
         notes: Sentences for the user.
     """

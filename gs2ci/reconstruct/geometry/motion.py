@@ -61,7 +61,7 @@ class Motion:
         rotations: Reference to view, [N, 3, 3]; the identity for the reference view.
         translations: [N, 3]; zero for the reference view. The unit is that of 1 / inverse depth.
         inverse_depth: Of each track on its reference ray, [P].
-        residuals_px: Distance between prediction and track, [P, N]; NaN where a view does not see the point.
+        errors_px: Prediction minus track, [P, N, 2]; NaN where a view does not see the point.
         least_depth: Smallest depth of each point over the views that see it, relative to its depth in the reference
             view, [P].
         cost: Sum of Huber costs in px².
@@ -70,9 +70,14 @@ class Motion:
     rotations: F64
     translations: F64
     inverse_depth: F64
-    residuals_px: F64
+    errors_px: F64
     least_depth: F64
     cost: float
+
+    @property
+    def residuals_px(self) -> F64:
+        """Get the distance between prediction and track, [P, N]; NaN where a view does not see the point."""
+        return np.linalg.norm(self.errors_px, axis=-1)
 
     @property
     def world_to_camera(self) -> F64:
@@ -100,11 +105,30 @@ class Rotations:
 
     Args:
         rotations: Reference to view, [N, 3, 3].
-        rms_px: Root mean square residual in px: the parallax, where there is any.
+        errors_px: Prediction minus track, [P, N, 2]; NaN where a view does not see the point.
     """
 
     rotations: F64
-    rms_px: float
+    errors_px: F64
+
+
+def wander_px(errors_px: F64) -> float:
+    """Get by how much errors vary along each track, per degree of freedom, root mean square.
+
+    A corner that is misplaced in the reference view shifts its errors in all other views alike. Such a shift says
+    nothing about the motion, and a translation explains one component of it for nothing: so it is taken out.
+
+    Args:
+        errors_px: [P, N, 2]; NaN where a view does not see the point.
+    """
+    seen = ~np.isnan(errors_px[..., 0])
+    spare = int(seen.sum()) - int(seen.any(axis=1).sum())
+    if spare < 1:
+        return 0.0
+    errors = np.where(seen[..., None], errors_px, 0.0)
+    mean = errors.sum(axis=1) / np.maximum(seen.sum(axis=1), 1)[:, None]
+    variation = (errors - mean[:, None]) * seen[..., None]
+    return float(np.sqrt((variation**2).sum() / spare))
 
 
 @dataclass(frozen=True)
@@ -144,7 +168,7 @@ def start_motion(sightings: Sightings, seed: int = 0) -> Motion:
         rotations=np.tile(np.eye(3), (views, 1, 1)),
         translations=np.zeros((views, 3)),
         inverse_depth=1 + _START_SPREAD * spread,
-        residuals_px=np.full((points, views), np.nan),
+        errors_px=np.full((points, views, 2), np.nan),
         least_depth=np.ones(points),
         cost=np.inf,
     )
@@ -267,15 +291,14 @@ def fit_rotations(tracks: Tracks, intrinsics: F64, settings: MotionSettings | No
         normal = np.einsum("npai,npaj->nij", weighted, jacobian) + _REGULAR * np.eye(3)
         turn = -np.linalg.solve(normal, np.einsum("npai,npa->ni", weighted, error)[..., None])[..., 0]
         motion = replace(motion, rotations=Rotation.from_rotvec(turn).as_matrix() @ motion.rotations)
-    return Rotations(motion.rotations, _with_residuals(motion, sightings).rms_px)
+    return Rotations(motion.rotations, _with_residuals(motion, sightings).errors_px)
 
 
 def _with_residuals(motion: Motion, sightings: Sightings) -> Motion:
     error, points = residuals(motion, sightings)
-    distance = np.linalg.norm(error, axis=-1)
     return replace(
         motion,
-        residuals_px=np.where(sightings.seen, distance, np.nan).T,
+        errors_px=np.where(sightings.seen[..., None], error, np.nan).transpose(1, 0, 2),
         least_depth=np.where(sightings.seen, points[..., 2], 1.0).min(0),
     )
 

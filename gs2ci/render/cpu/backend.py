@@ -42,6 +42,11 @@ class CpuBackend:
         self._pool = Pool()
         self._full_layouts: OrderedDict[tuple[int, int, int], Layout] = OrderedDict()
 
+    @property
+    def idle_workspaces(self) -> int:
+        """Get how many workspaces wait for the next rendering."""
+        return self._pool.idle
+
     def code(self, masks: Tensor) -> CpuCoding:
         """Compact the open pixels of a mask set; see `Backend.code`."""
         check_masks(masks)

@@ -1,16 +1,16 @@
 """Which Gaussians touch which cell, front to back.
 
-Per view: spans (the cells that a Gaussian's footprint touches in each strip of rows), a stable radix sort of the
-visible Gaussians by depth, then one pass in depth order that appends each Gaussian to its cells' lists. The lists
-come out sorted without ever sorting (cell, depth) pairs. Equal depths keep the order of the parameters. Views are
-independent tasks. Only `gs2ci.render.cpu` imports this file.
+Per view: the visible Gaussians are sorted by depth (stable radix sort: equal depths keep the order of the
+parameters). In that order, sixteen at a time, their spans are found: the cells that a footprint touches in each
+strip of rows. One more pass over the spans appends each Gaussian to its cells' lists, which thus come out sorted
+without ever sorting (cell, depth) pairs. Views are independent tasks. Only `gs2ci.render.cpu` imports this file.
 """
 
 import numpy as np
 from numba import prange
 
 from gs2ci.render.cpu.compile import kernel
-from gs2ci.render.cpu.lanes import load_transposed
+from gs2ci.render.cpu.lanes import gather_transposed
 from gs2ci.render.cpu.record import (
     ALONG,
     DEPTH,
@@ -41,6 +41,8 @@ from gs2ci.render.cpu.vector import (
 )
 
 OVERFLOW = -1
+SPAN = 3
+"""Numbers in a span: the Gaussian, its first and its last cell in a strip."""
 
 _HALF = np.float32(0.5)
 _ZERO = np.float32(0)
@@ -120,67 +122,68 @@ def _measure_spans(fields, strip_rows, height, width, first_strip, strip_count, 
 
 
 @kernel()
-def _find_spans(records, depth_bits, size, strip_rows, first, last, changes, spans, span_start, keys, order):
-    """List the cell spans of one view's Gaussians; return how many Gaussians have any, or OVERFLOW.
+def _list_visible(records, depth_bits, count, keys, indices):
+    """List depth keys and indices of one view's visible Gaussians; returns how many there are."""
+    listed = 0
+    for gaussian in range(count):
+        offset = gaussian * FIELDS
+        # Written always, counted only if visible: no branch to mispredict.
+        put(keys, listed, get(depth_bits, offset + DEPTH))
+        put(indices, listed, np.int32(gaussian))
+        listed += get(records, offset + VISIBLE) > _HALF
+    return listed
+
+
+@kernel()
+def _find_spans(records, by_depth, listed, size, strip_rows, first, last, changes, spans):
+    """List the cell spans of one view's Gaussians, front to back; returns how many there are, or OVERFLOW.
 
     Args:
         records: [blocks * 256] of this view.
-        depth_bits: The same memory as uint32: positive floats compare like their bits.
+        by_depth: Indices of the visible Gaussians, nearest first, [G + 16] int32.
+        listed: How many those are.
         size: Height and width, px.
         strip_rows: Rows in a strip.
-        first: Cell tables of `Layout`, this view's, [strips, W] flattened.
+        first: Cell tables of `Layout`, this view's, [strips * W].
         last: Likewise.
         changes: Zeros [cells + 1] int32; gets the derivative of each cell's number of Gaussians.
-        spans: Written: first and last cell of each span, [capacity * 2] int32.
-        span_start: Written: where each Gaussian's spans begin, [G + 1] int32.
-        keys: Written: depths of the Gaussians with spans, [G] uint32.
-        order: Written: their indices, [G] int32.
+        spans: Written: Gaussian, first and last cell of each span, [capacity * 3] int32.
     """
     height, width = size
     strips = (height + strip_rows - 1) // strip_rows
-    count = span_start.shape[0] - 1
+    capacity = spans.shape[0] // SPAN
     columns = np.empty(2 * LANES * strips, np.int32)
     first_strip = np.empty(LANES, np.int32)
     strip_count = np.empty(LANES, np.int32)
-    capacity = spans.shape[0] // 2
+    for lane in range(LANES):
+        by_depth[listed + lane] = by_depth[max(listed - 1, 0)]
     used = 0
-    listed = 0
-    for block in range((count + LANES - 1) // LANES):
-        offset = block * LANES * FIELDS
-        _measure_spans(
-            load_transposed(records, offset),
-            strip_rows,
-            np.float32(height),
-            np.float32(width),
-            first_strip,
-            strip_count,
-            columns,
-        )
+    for group in range(0, listed, LANES):
         if used + LANES * strips > capacity:
             return OVERFLOW
-        for lane in range(min(LANES, count - block * LANES)):
-            put(span_start, block * LANES + lane, np.int32(used))
-            before = used
+        fields = gather_transposed(records, by_depth, group)
+        for lane in range(LANES):
+            prefetch(records, np.int64(get(by_depth, min(group + LANES + lane, listed))) * FIELDS)
+        _measure_spans(fields, strip_rows, np.float32(height), np.float32(width), first_strip, strip_count, columns)
+        for lane in range(min(LANES, listed - group)):
+            gaussian = get(by_depth, group + lane)
+            table = np.int64(get(first_strip, lane)) * width
             for strip in range(get(strip_count, lane)):
                 left = get(columns, 2 * LANES * strip + lane)
                 right = get(columns, 2 * LANES * strip + LANES + lane)
+                row = table + strip * width
                 if right < left:
                     continue
-                row = (get(first_strip, lane) + strip) * width
                 from_cell, to_cell = get(first, row + left), get(last, row + right)
                 if to_cell < from_cell:
                     continue
-                put(spans, 2 * used, from_cell)
-                put(spans, 2 * used + 1, to_cell)
+                put(spans, SPAN * used, gaussian)
+                put(spans, SPAN * used + 1, from_cell)
+                put(spans, SPAN * used + 2, to_cell)
                 put(changes, from_cell, get(changes, from_cell) + np.int32(1))
                 put(changes, to_cell + 1, get(changes, to_cell + 1) - np.int32(1))
                 used += 1
-            if used > before:
-                put(keys, listed, get(depth_bits, offset + lane * FIELDS + DEPTH))
-                put(order, listed, np.int32(block * LANES + lane))
-                listed += 1
-    span_start[count] = used
-    return listed
+    return used
 
 
 @kernel()
@@ -211,62 +214,48 @@ def _sort_by_key(keys, values, count, spare_keys, spare_values):
 def count_entries(
     records,
     depth_bits,
+    count,
     size,
     strip_rows,
     first,
     last,
     cell_start,
-    spans,
-    span_start,
     work,
-    order,
-    listed,
+    spans,
+    found,
     entries,
     entry_start,
     totals,
 ):
-    """Find all spans, count each cell's Gaussians and sort the Gaussians of each view by depth.
+    """Find all spans, front to back, and count each cell's Gaussians.
 
     Args:
         records: [V, blocks * 256] float32; `depth_bits` is the same memory as uint32.
-        depth_bits: See `records`.
+        depth_bits: See `records`. Positive floats compare like their bits.
+        count: G.
         size: Height and width, px.
         strip_rows: Rows in a strip.
         first: Cell tables of `Layout`, [V, strips * W].
         last: Likewise.
         cell_start: Of `Layout`, [V + 1].
-        spans: Written: [V, capacity * 2] int32.
-        span_start: Written: [V, G + 1] int32.
-        work: Scratch, [V, 3, G] uint32.
-        order: Written: Gaussians with spans by depth, [V, G] int32, the first listed[v] of each row.
-        listed: Written: [V] int64.
+        work: Scratch, [V, 4, G + 16] uint32.
+        spans: Written: [V, capacity * 3] int32.
+        found: Written: spans per view, [V] int64, or OVERFLOW where the capacity did not suffice.
         entries: Written: Gaussians per cell, [cells] int32.
         entry_start: Written: where each cell's list begins within its view's, [cells] int32.
-        totals: Written: entries per view, [V] int64, or OVERFLOW where the span capacity did not suffice.
+        totals: Written: entries per view, [V] int64.
     """
     for view in prange(records.shape[0]):
         begin, end = cell_start[view], cell_start[view + 1]
         changes = np.zeros(end - begin + 1, np.int32)
-        indices = work[view, 1].view(np.int32)
-        found = _find_spans(
-            records[view],
-            depth_bits[view],
-            size,
-            strip_rows,
-            first[view],
-            last[view],
-            changes,
-            spans[view],
-            span_start[view],
-            work[view, 0],
-            indices,
+        keys, spare_keys = work[view, 0], work[view, 1]
+        indices, by_depth = work[view, 2].view(np.int32), work[view, 3].view(np.int32)
+        listed = _list_visible(records[view], depth_bits[view], count, keys, indices)
+        # An odd number of digits leaves the sorted indices in the spare array.
+        _sort_by_key(keys, indices, listed, spare_keys, by_depth)
+        found[view] = _find_spans(
+            records[view], by_depth, listed, size, strip_rows, first[view], last[view], changes, spans[view]
         )
-        if found == OVERFLOW:
-            totals[view] = OVERFLOW
-            continue
-        # An odd number of digits leaves the sorted indices in the spare array, where they are wanted.
-        _sort_by_key(work[view, 0], indices, found, work[view, 2], order[view])
-        listed[view] = found
         running = 0
         total = 0
         for cell in range(end - begin):
@@ -278,31 +267,23 @@ def count_entries(
 
 
 @kernel(parallel=True)
-def fill_entries(cell_start, spans, span_start, order, listed, entry_start, list_start, lists):
+def fill_entries(cell_start, spans, found, entry_start, list_start, lists):
     """Append each Gaussian, front to back, to the lists of the cells it touches.
 
     Args:
         cell_start: Of `Layout`, [V + 1].
-        spans: As `count_entries` left it; likewise span_start, order, listed and entry_start.
-        span_start: See `spans`.
-        order: See `spans`.
-        listed: See `spans`.
+        spans: As `count_entries` left it; likewise found and entry_start.
+        found: See `spans`.
         entry_start: See `spans`.
         list_start: Where each view's lists begin, [V + 1] int64.
         lists: Written: indices of Gaussians, [entries in all] int32.
     """
-    ahead_of_starts, ahead_of_spans = 16, 8
-    for view in prange(order.shape[0]):
+    for view in prange(spans.shape[0]):
         next_entry = entry_start[cell_start[view] : cell_start[view + 1]].copy()
-        starts, view_spans, by_depth = span_start[view], spans[view], order[view]
-        base, count = list_start[view], listed[view]
-        for i in range(count):
-            gaussian = get(by_depth, i)
-            prefetch(starts, np.int64(get(by_depth, min(i + ahead_of_starts, count - 1))))
-            soon = get(by_depth, min(i + ahead_of_spans, count - 1))
-            prefetch(view_spans, 2 * np.int64(get(starts, soon)))
-            for span in range(get(starts, gaussian), get(starts, gaussian + 1)):
-                for cell in range(get(view_spans, 2 * span), get(view_spans, 2 * span + 1) + 1):
-                    position = get(next_entry, cell)
-                    put(next_entry, cell, position + np.int32(1))
-                    put(lists, base + position, gaussian)
+        view_spans, base = spans[view], list_start[view]
+        for span in range(0, found[view] * SPAN, SPAN):
+            gaussian = get(view_spans, span)
+            for cell in range(get(view_spans, span + 1), get(view_spans, span + 2) + 1):
+                position = get(next_entry, cell)
+                put(next_entry, cell, position + np.int32(1))
+                put(lists, base + position, gaussian)

@@ -218,12 +218,28 @@ def _light_to_come(out, gradients, cell):
 
 
 @kernel()
+def _differentiate_entry(records, offset, x, y, pixel_gradient, transmittance, to_come):
+    """Take one step front to back at 16 pixels; returns weight, G, and what is left of transmittance and S."""
+    red, green, blue = pixel_gradient
+    log2_alpha = _log2_alpha(records, offset, x, y)
+    unclamped = exp2_blend(log2_alpha)
+    alpha = where_ge(log2_alpha, _LOG2_ALPHA_MIN, minimum(unclamped, _ALPHA_MAX), _ZERO)
+    weight = alpha * transmittance
+    seen = weight * (
+        get(records, offset + RED) * red + get(records, offset + GREEN) * green + get(records, offset + BLUE) * blue
+    )
+    to_come = to_come - seen
+    slope = seen - to_come * alpha * quick_reciprocal(_ONE - alpha)
+    return weight, where_ge(unclamped, _ALPHA_MAX, _ZERO, slope), transmittance - weight, to_come
+
+
+@kernel()
 def _differentiate_cell(records, base, lists, begin, count, x, y, out, gradients, cell, sums, sums_base, scratch):
     """Add one cell's part to the gradient records of the Gaussians that touched it."""
     g, weights, table, rows, centres = scratch
     x_pivot, y_pivot = _fill_table(x, y, gradients, cell, table)
     cell_x, cell_y = load(x, cell * LANES), load(y, cell * LANES)
-    red, green, blue = (
+    pixel_gradient = (
         load(table, _COLOUR_GRADIENTS),
         load(table, _COLOUR_GRADIENTS + LANES),
         load(table, _COLOUR_GRADIENTS + 2 * LANES),
@@ -241,19 +257,10 @@ def _differentiate_cell(records, base, lists, begin, count, x, y, out, gradients
             put(centres, j, get(records, offset + MEAN_X))
             put(centres, LANES + j, get(records, offset + MEAN_Y))
             put(centres, 2 * LANES + j, get(records, offset + SHEAR))
-            log2_alpha = _log2_alpha(records, offset, cell_x, cell_y)
-            unclamped = exp2_blend(log2_alpha)
-            alpha = where_ge(log2_alpha, _LOG2_ALPHA_MIN, minimum(unclamped, _ALPHA_MAX), _ZERO)
-            weight = alpha * transmittance
-            seen = weight * (
-                get(records, offset + RED) * red
-                + get(records, offset + GREEN) * green
-                + get(records, offset + BLUE) * blue
+            weight, slope, transmittance, to_come = _differentiate_entry(
+                records, offset, cell_x, cell_y, pixel_gradient, transmittance, to_come
             )
-            to_come = to_come - seen
-            transmittance = transmittance - weight
-            slope = seen - to_come * alpha * quick_reciprocal(_ONE - alpha)
-            store(g, j * LANES, where_ge(unclamped, _ALPHA_MAX, _ZERO, slope))
+            store(g, j * LANES, slope)
             store(weights, j * LANES, weight)
         records_of_16 = _sum_over_pixels(
             g,

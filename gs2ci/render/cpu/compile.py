@@ -20,7 +20,8 @@ FASTMATH: Final = frozenset({"contract"})
 reordered, so that results do not depend on how a compiler feels."""
 
 
-def _sources_digest() -> str:
+def sources_digest() -> str:
+    """Digest everything that compiled kernels depend on."""
     folder = Path(__file__).parent
     digest = hashlib.sha256()
     for path in [*sorted(folder.glob("*.py")), folder.parent / "conventions.py"]:
@@ -28,39 +29,44 @@ def _sources_digest() -> str:
     return digest.hexdigest()[:16]
 
 
-def _cache_folder() -> str:
-    base = Path(config.CACHE_DIR) if config.CACHE_DIR else Path(__file__).parent / "__pycache__"
-    return str(base / f"kernels-{_sources_digest()}")
+def _cache_folder() -> str | None:
+    """Choose where kernels are kept: the user's setting, the package's folder, the user's cache, or nowhere."""
+    user_cache = Path(os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")) / "gs2ci"
+    in_package = Path(__file__).parent / "__pycache__"
+    for base in [Path(config.CACHE_DIR)] if config.CACHE_DIR else [in_package, user_cache]:
+        if _can_write(base):
+            return str(base / f"kernels-{sources_digest()}")
+    return None
+
+
+def _can_write(folder: Path) -> bool:
+    """Tell whether files can be made in a folder, or the folder itself where it is missing."""
+    while not folder.exists():
+        folder = folder.parent
+    return folder.is_dir() and os.access(folder, os.W_OK)
 
 
 _CACHE_FOLDER: Final = _cache_folder()
 
 
 def kernel(*, parallel: bool = False) -> Callable[[Callable[..., Any]], Any]:
-    """Compile a function with Numba on its first call, and keep the machine code on disk.
-
-    Where the package's own folder cannot be written, Numba falls back on the user's cache folder.
+    """Compile a function with Numba on its first call, and keep the machine code on disk if that can be.
 
     Args:
         parallel: The function contains a `prange` loop over independent tasks.
     """
+    # Kernels let go of the interpreter's lock, so that a progress display stays alive beside them.
+    options = {"parallel": parallel, "error_model": "numpy", "fastmath": set(FASTMATH), "nogil": True}
 
     def decorate(function: Callable[..., Any]) -> Any:
-        user_choice = config.CACHE_DIR
+        if _CACHE_FOLDER is None:
+            return numba.njit(**options)(function)
+        users_choice = config.CACHE_DIR
         # Numba reads the setting while decorating and at no other time.
-        config.CACHE_DIR = _CACHE_FOLDER if os.access(_writable_parent(_CACHE_FOLDER), os.W_OK) else user_choice
+        config.CACHE_DIR = _CACHE_FOLDER
         try:
-            return numba.njit(cache=True, parallel=parallel, error_model="numpy", fastmath=set(FASTMATH), nogil=True)(
-                function
-            )
+            return numba.njit(cache=True, **options)(function)
         finally:
-            config.CACHE_DIR = user_choice
+            config.CACHE_DIR = users_choice
 
     return decorate
-
-
-def _writable_parent(folder: str) -> Path:
-    path = Path(folder)
-    while not path.exists():
-        path = path.parent
-    return path

@@ -92,6 +92,24 @@ def load_transposed(typing: Any, array: Any, offset: Any) -> Any:
 
 
 @intrinsic
+def gather_transposed(typing: Any, array: Any, rows: Any, first: Any) -> Any:
+    """Load 16 rows of 16 floats, number rows[first] ... rows[first + 15] (int32); return the 16 columns."""
+    del typing, first
+
+    def generate(context: Any, builder: ir.IRBuilder, sig: Any, args: Any) -> Any:
+        array, rows, first = args
+        loaded = []
+        for i in range(LANES):
+            place = builder.add(first, ir.Constant(I64, i))
+            row = builder.load(element_pointer(context, builder, sig.args[1], rows, place))
+            offset = builder.mul(builder.sext(row, I64), ir.Constant(I64, LANES))
+            loaded.append(load_vector(builder, element_pointer(context, builder, sig.args[0], array, offset)))
+        return context.make_tuple(builder, COLUMNS, _emit_transpose(builder, loaded))
+
+    return signature(COLUMNS, array, rows, types.int64), generate
+
+
+@intrinsic
 def store_rows(typing: Any, array: Any, offset: Any, rows: Any) -> Any:
     """Store 16 vectors as 16 rows of 16 consecutive floats."""
     del typing, offset, rows

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gs2ci.render.conventions import FRUSTUM_MARGIN
-from gs2ci.render.cpu.bins import OVERFLOW, count_entries, fill_entries
+from gs2ci.render.cpu.bins import OVERFLOW, SPAN, count_entries, fill_entries
 from gs2ci.render.cpu.blend import CELL, blend, differentiate_blend
 from gs2ci.render.cpu.layout import Layout
 from gs2ci.render.cpu.project import project
@@ -137,39 +137,37 @@ def _list_entries(
 ) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.int64], NDArray[np.int32]]:
     """List each cell's Gaussians front to back; returns lengths, starts, the views' starts and the lists."""
     views, count = layout.views, inputs.count
-    span_start = workspace.get("span_start", (views, count + 1), np.int32)
-    work = workspace.get("work", (views, 3, count), np.uint32)
-    order = workspace.get("order", (views, count), np.int32)
+    work = workspace.get("work", (views, 4, count + LANES), np.uint32)
     entries = workspace.get("entries", (layout.cells,), np.int32)
     entry_start = workspace.get("entry_start", (layout.cells,), np.int32)
-    listed, totals = np.zeros(views, np.int64), np.zeros(views, np.int64)
+    tables = (views, layout.strips * layout.width)
+    found, totals = np.zeros(views, np.int64), np.zeros(views, np.int64)
     smallest = _SPANS_PER_GAUSSIAN * count + LANES * layout.strips
-    capacity = max(smallest, workspace.capacity("spans") // max(2 * views, 1))
+    capacity = max(smallest, workspace.capacity("spans") // max(SPAN * views, 1))
     while True:
-        spans = workspace.get("spans", (views, 2 * capacity), np.int32)
+        spans = workspace.get("spans", (views, SPAN * capacity), np.int32)
         count_entries(
             records,
             records.view(np.uint32),
+            count,
             (layout.height, layout.width),
             layout.strip_rows,
-            layout.first.reshape(views, -1),
-            layout.last.reshape(views, -1),
+            layout.first.reshape(tables),
+            layout.last.reshape(tables),
             layout.cell_start,
-            spans,
-            span_start,
             work,
-            order,
-            listed,
+            spans,
+            found,
             entries,
             entry_start,
             totals,
         )
-        if not (totals == OVERFLOW).any():
+        if not (found == OVERFLOW).any():
             break
         capacity *= 2
     list_start = np.concatenate([np.zeros(1, np.int64), np.cumsum(totals)])
     lists = workspace.get("lists", (int(list_start[-1]),), np.int32)
-    fill_entries(layout.cell_start, spans, span_start, order, listed, entry_start, list_start, lists)
+    fill_entries(layout.cell_start, spans, found, entry_start, list_start, lists)
     return entries, entry_start, list_start, lists
 
 

@@ -24,7 +24,7 @@ from numba import prange
 from gs2ci.render.conventions import DILATION_PX2
 from gs2ci.render.cpu.compile import kernel
 from gs2ci.render.cpu.elementary import LN2, exponential
-from gs2ci.render.cpu.lanes import load_transposed, store_rows, transpose
+from gs2ci.render.cpu.lanes import load_transposed
 from gs2ci.render.cpu.project import BLOCKS_PER_TASK
 from gs2ci.render.cpu.projection import (
     SCRATCH,
@@ -61,7 +61,14 @@ from gs2ci.render.cpu.record import (
     V_LOW,
     VISIBLE,
 )
-from gs2ci.render.cpu.vector import LANES, any_ge, broadcast, get, load, put, store, where_ge
+from gs2ci.render.cpu.shape_gradient import (
+    add_outer,
+    quaternion_gradient,
+    scale_gradient,
+    store_block,
+    store_triples,
+)
+from gs2ci.render.cpu.vector import LANES, any_ge, broadcast, load, store, where_ge
 
 POSE_ENTRIES = 12
 """The upper three rows of a pose."""
@@ -209,93 +216,55 @@ def _add(array, offset, value):
 
 
 @kernel()
-def _add_outer(total, column, row):
-    """Return total + column row^T, nine entries row by row."""
-    return (
-        total[0] + column[0] * row[0],
-        total[1] + column[0] * row[1],
-        total[2] + column[0] * row[2],
-        total[3] + column[1] * row[0],
-        total[4] + column[1] * row[1],
-        total[5] + column[1] * row[2],
-        total[6] + column[2] * row[0],
-        total[7] + column[2] * row[1],
-        total[8] + column[2] * row[2],
-    )
+def _rotate_back(pose, point):
+    """Return W^T point."""
+    return row_times_matrix(point, (pose[0], pose[1], pose[2], pose[4], pose[5], pose[6], pose[8], pose[9], pose[10]))
 
 
 @kernel()
-def _scale_gradient(d_factor, factor):
-    """Return dL/d log s_k = sum_i dL/dM_ik M_ik, for M = R diag(s)."""
-    return (
-        d_factor[0] * factor[0] + d_factor[3] * factor[3] + d_factor[6] * factor[6],
-        d_factor[1] * factor[1] + d_factor[4] * factor[4] + d_factor[7] * factor[7],
-        d_factor[2] * factor[2] + d_factor[5] * factor[5] + d_factor[8] * factor[8],
-    )
-
-
-@kernel()
-def _quaternion_gradient(d_factor, scales, rotation):
-    """Carry dL/dM through R(q) and the normalisation of q: the part along q itself is dropped."""
-    r = shape_factor(d_factor, scales)  # dL/dR = dL/dM diag(s)
-    w, x, y, z = rotation.quaternion
-    dw = 2.0 * (x * (r[7] - r[5]) + y * (r[2] - r[6]) + z * (r[3] - r[1]))
-    dx = 2.0 * (y * (r[1] + r[3]) + z * (r[2] + r[6]) + w * (r[7] - r[5]) - 2.0 * x * (r[4] + r[8]))
-    dy = 2.0 * (x * (r[1] + r[3]) + z * (r[5] + r[7]) + w * (r[2] - r[6]) - 2.0 * y * (r[0] + r[8]))
-    dz = 2.0 * (x * (r[2] + r[6]) + y * (r[5] + r[7]) + w * (r[3] - r[1]) - 2.0 * z * (r[0] + r[4]))
-    along = dw * w + dx * x + dy * y + dz * z
-    inverse_norm = rotation.inverse_norm
-    return (
-        (dw - along * w) * inverse_norm,
-        (dx - along * x) * inverse_norm,
-        (dy - along * y) * inverse_norm,
-        (dz - along * z) * inverse_norm,
-    )
-
-
-@kernel()
-def _store_triples(rows, first, count, triple, scratch):
-    """Store three vectors as rows first ... first + count of a flat [*, 3] array."""
-    for k in range(3):
-        store(scratch, k * LANES, triple[k])
-    for lane in range(count):
-        for k in range(3):
-            put(rows, 3 * (first + lane) + k, get(scratch, k * LANES + lane))
-
-
-@kernel()
-def _store_block(rows, first, count, d_means, d_log_scales, d_quaternions, d_logits):
-    """Write the gradients of 16 Gaussians; `rows` is scratch and the four output arrays."""
-    scratch, out_means, out_log_scales, out_quaternions, out_logits = rows
+def _differentiate_block(block, inputs, poses, camera, records, sums, outputs, pose_sums, scratch):
+    """Differentiate 16 Gaussians in all views; adds to `pose_sums` [V * 12 * 16] lane by lane."""
+    means, log_scales, quaternions, logits, colours_differ = inputs
+    d_means, d_log_scales, d_quaternions, d_logits, d_colours = outputs
+    count, views = logits.shape[0], poses.shape[0]
+    blocks = (count + LANES - 1) // LANES
+    first = block * LANES
+    present = min(LANES, count - first)
+    rotation = load_rotation(quaternions, first, present, scratch)
+    scales = load_scales(log_scales, first, present, scratch)
+    factor = shape_factor(rotation.matrix, scales)
+    mean = load_triples(means, first, present, scratch)
+    # 1 - sigmoid(x) = sigmoid(-x) keeps its digits where the opacity is nearly one.
+    one_minus_opacity = 1.0 / (1.0 + exponential(load_singles(logits, first, present, scratch)))
     zero = broadcast(_ZERO)
-    q0, q1, q2, q3 = d_quaternions
-    columns = (
-        d_means[0],
-        d_means[1],
-        d_means[2],
-        d_log_scales[0],
-        d_log_scales[1],
-        d_log_scales[2],
-        q0,
-        q1,
-        q2,
-        q3,
-        d_logits,
-        zero,
-        zero,
-        zero,
-        zero,
-        zero,
-    )
-    store_rows(scratch, 0, transpose(columns))
-    for lane in range(count):
-        row, source = first + lane, lane * LANES
-        for k in range(3):
-            put(out_means, 3 * row + k, get(scratch, source + k))
-            put(out_log_scales, 3 * row + k, get(scratch, source + 3 + k))
-        for k in range(4):
-            put(out_quaternions, 4 * row + k, get(scratch, source + 6 + k))
-        put(out_logits, row, get(scratch, source + 10))
+    d_factor = (zero, zero, zero, zero, zero, zero, zero, zero, zero)
+    d_mean, d_colour, d_logit = (zero, zero, zero), (zero, zero, zero), zero
+    for view in range(views):
+        offset = (view * blocks + block) * LANES * FIELDS
+        view_sums = _sum_bands(sums, offset)
+        colour_part = (view_sums[SUM_RED], view_sums[SUM_GREEN], view_sums[SUM_BLUE])
+        if colours_differ:
+            store_triples(d_colours, view * count + first, present, colour_part, scratch)
+        else:
+            d_colour = _plus(d_colour, colour_part)
+        fields = load_transposed(records, offset)
+        if not any_ge(fields[VISIBLE], _HALF):
+            continue
+        d_logit = d_logit + view_sums[SUM] * one_minus_opacity
+        centre = view_centre(poses[view], camera, mean)
+        footprint = view_footprint(poses[view], camera, centre, factor)
+        screen = _screen_gradient(fields, footprint, view_sums)
+        part = _view_gradient(poses[view], camera, centre, factor, screen)
+        d_mean = _plus(d_mean, _rotate_back(poses[view], part.point))
+        d_factor = add_outer(d_factor, footprint.jw_a, part.a)
+        d_factor = add_outer(d_factor, footprint.jw_b, part.b)
+        _add_pose_part(pose_sums, view * POSE_ENTRIES * LANES, camera, centre, mean, part)
+    if not colours_differ:
+        store_triples(d_colours, first, present, d_colour, scratch)
+    d_log_scale = scale_gradient(d_factor, factor)
+    d_quaternion = quaternion_gradient(d_factor, scales, rotation)
+    rows = (d_means, d_log_scales, d_quaternions, d_logits)
+    store_block(rows, first, present, d_mean, d_log_scale, d_quaternion, d_logit, scratch)
 
 
 @kernel(parallel=True)
@@ -338,62 +307,17 @@ def differentiate_project(
         pose_parts: Written: [tasks, V * 12] float64. Tasks are cut by Gaussians alone, so adding the parts in
             order gives the same pose gradient whatever the number of threads.
     """
-    count, views = logits.shape[0], poses.shape[0]
-    blocks = (count + LANES - 1) // LANES
+    views = poses.shape[0]
+    blocks = (logits.shape[0] + LANES - 1) // LANES
+    inputs = (means, log_scales, quaternions, logits, colours_differ)
+    outputs = (d_means, d_log_scales, d_quaternions, d_logits, d_colours)
     for task in prange(pose_parts.shape[0]):
         scratch = np.empty(max(SCRATCH, LANES * LANES), np.float32)
         pose_sums = np.zeros(views * POSE_ENTRIES * LANES, np.float32)
-        zero = broadcast(_ZERO)
         for block in range(task * BLOCKS_PER_TASK, min(blocks, (task + 1) * BLOCKS_PER_TASK)):
-            first = block * LANES
-            present = min(LANES, count - first)
-            rotation = load_rotation(quaternions, first, present, scratch)
-            scales = load_scales(log_scales, first, present, scratch)
-            factor = shape_factor(rotation.matrix, scales)
-            mean = load_triples(means, first, present, scratch)
-            # 1 - sigmoid(x) = sigmoid(-x) keeps its digits where the opacity is nearly one.
-            one_minus_opacity = 1.0 / (1.0 + exponential(load_singles(logits, first, present, scratch)))
-            d_factor = (zero, zero, zero, zero, zero, zero, zero, zero, zero)
-            d_mean, d_colour, d_logit = (zero, zero, zero), (zero, zero, zero), zero
-            for view in range(views):
-                offset = (view * blocks + block) * LANES * FIELDS
-                view_sums = _sum_bands(sums, offset)
-                colour_part = (view_sums[SUM_RED], view_sums[SUM_GREEN], view_sums[SUM_BLUE])
-                if colours_differ:
-                    _store_triples(d_colours, view * count + first, present, colour_part, scratch)
-                else:
-                    d_colour = _plus(d_colour, colour_part)
-                fields = load_transposed(records, offset)
-                if not any_ge(fields[VISIBLE], _HALF):
-                    continue
-                d_logit = d_logit + view_sums[SUM] * one_minus_opacity
-                centre = view_centre(poses[view], camera, mean)
-                footprint = view_footprint(poses[view], camera, centre, factor)
-                screen = _screen_gradient(fields, footprint, view_sums)
-                part = _view_gradient(poses[view], camera, centre, factor, screen)
-                d_mean = _plus(d_mean, _rotate_back(poses[view], part.point))
-                d_factor = _add_outer(d_factor, footprint.jw_a, part.a)
-                d_factor = _add_outer(d_factor, footprint.jw_b, part.b)
-                _add_pose_part(pose_sums, view * POSE_ENTRIES * LANES, camera, centre, mean, part)
-            if not colours_differ:
-                _store_triples(d_colours, first, present, d_colour, scratch)
-            _store_block(
-                (scratch, d_means, d_log_scales, d_quaternions, d_logits),
-                first,
-                present,
-                d_mean,
-                _scale_gradient(d_factor, factor),
-                _quaternion_gradient(d_factor, scales, rotation),
-                d_logit,
-            )
+            _differentiate_block(block, inputs, poses, camera, records, sums, outputs, pose_sums, scratch)
         for entry in range(views * POSE_ENTRIES):
             total = 0.0
             for lane in range(LANES):
                 total += np.float64(pose_sums[entry * LANES + lane])
             pose_parts[task, entry] = total
-
-
-@kernel()
-def _rotate_back(pose, point):
-    """Return W^T point."""
-    return row_times_matrix(point, (pose[0], pose[1], pose[2], pose[4], pose[5], pose[6], pose[8], pose[9], pose[10]))

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from gs2ci.core.errors import InputError
 from gs2ci_sims.effects.base import Bound, Stage
+from gs2ci_sims.preview import HEADROOM
 
 if TYPE_CHECKING:
     from gs2ci_sims.preview import Preview
@@ -39,7 +40,7 @@ class FullWell:
 
     def bound(self, scene: "Preview", rig: "Rig") -> Bound:
         """What the nominal charge, with six standard deviations of noise and a margin, has beyond the capacity."""
-        charge_e = 1.25 * scene.charge_e
+        charge_e = HEADROOM * scene.charge_e
         lost_dn = np.maximum(charge_e + 6 * np.sqrt(charge_e) - self.capacity_e, 0.0) * rig.dn_per_e
         return Bound(float(np.sqrt(np.square(lost_dn).mean())), float(lost_dn.max()))
 

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from gs2ci.core.errors import InputError
 from gs2ci_sims.effects.base import Bound, Stage
+from gs2ci_sims.preview import HEADROOM
 
 if TYPE_CHECKING:
     from gs2ci_sims.preview import Preview
@@ -45,7 +46,7 @@ class Quantisation:
 
     def bound(self, scene: "Preview", rig: "Rig") -> Bound:
         """Rounding moves a reading by at most half a step; what is beyond the range is cut off."""
-        over_dn = np.maximum(1.25 * scene.signal_dn + rig.sensor.black_level_dn - self.max_dn, 0.0)
+        over_dn = np.maximum(HEADROOM * scene.signal_dn + rig.sensor.black_level_dn - self.max_dn, 0.0)
         return Bound(float(np.sqrt(0.25 + np.square(over_dn).mean())), 0.5 + float(over_dn.max()))
 
     def apply(self, signal: F64, rig: "Rig", rng: np.random.Generator) -> F64:

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtri, pdtr
 
 from gs2ci_sims.effects.base import Bound, Stage
+from gs2ci_sims.preview import HEADROOM
 
 if TYPE_CHECKING:
     from gs2ci_sims.preview import Preview
@@ -18,8 +19,6 @@ F64 = NDArray[np.float64]
 # Above this mean the third-order expansion of the quantile is off by less than a tenth of an electron anywhere within
 # eight standard deviations, so its rounding alone is used.
 EXACT_MAX_E: Final = 1e4
-# An upper limit to what other effects may add to the nominal charge (flicker, leakage, vignetting's flat field ...).
-HEADROOM: Final = 1.25
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,204 @@
+"""Reading .mat of version 5 to 7.2: numeric arrays and texts, nothing else.
+
+Why not scipy.io: its compiled reader trusts the type codes it finds, and damaged files kill the process instead of
+raising (five of five trials within 400 files of a few changed bytes each, scipy 1.17). The part of the format that
+a measurement needs is small: elements of a type, a length and data, arrays as elements of flags, sizes, name and
+numbers (MathWorks, "MAT-File Format", chapter 1). Only `gs2ci.core.foreign` imports this file.
+"""
+
+import math
+import struct
+import zlib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gs2ci.core.errors import InputError
+from gs2ci.core.foreign.container import (
+    DEFLATE_LIMIT,
+    ENTRY_LIMIT,
+    LIMIT_BYTES,
+    Container,
+    Entry,
+    check_bytes,
+    damage_as_input_error,
+)
+
+HEADER_BYTES: Final = 128
+_MATRIX, _COMPRESSED = 14, 15
+# How numbers are stored (table 1-1), and what they are for MATLAB (table 1-3); the former may be the smaller type.
+_STORED: Final = {
+    1: "i1",
+    2: "u1",
+    3: "i2",
+    4: "u2",
+    5: "i4",
+    6: "u4",
+    7: "f4",
+    9: "f8",
+    12: "i8",
+    13: "u8",
+    16: "u1",
+    17: "u2",
+    18: "u4",
+}
+_CLASSES: Final = {
+    6: "f8",
+    7: "f4",
+    8: "i1",
+    9: "u1",
+    10: "i2",
+    11: "u2",
+    12: "i4",
+    13: "u4",
+    14: "i8",
+    15: "u8",
+}
+_OTHER_CLASSES: Final = {
+    1: "cell array",
+    2: "struct",
+    3: "object",
+    5: "sparse matrix",
+    16: "function",
+    17: "object",
+}
+_CHAR, _OPAQUE = 4, 17
+_COMPLEX, _LOGICAL = 0x0800, 0x0200
+# Flags, sizes and name of an array fit in here; more is only unpacked to load it.
+_HEAD_BYTES: Final = 4096
+
+
+@dataclass(frozen=True)
+class _Matrix:
+    """An array's description and where its numbers begin.
+
+    Args:
+        name: Variable name.
+        shape: Sizes.
+        kind: MATLAB class code.
+        flags: Complex, global, logical.
+        data_at: Position of the element with the numbers, in the array's bytes.
+    """
+
+    name: str
+    shape: tuple[int, ...]
+    kind: int
+    flags: int
+    data_at: int
+
+
+@dataclass(frozen=True)
+class _Place:
+    """Where an array lies in the file: the position and number of its (maybe compressed) bytes."""
+
+    at: int
+    count: int
+    compressed: bool
+
+
+def read_mat5(path: Path) -> Container:
+    """Open a MATLAB file of version 5 to 7.2.
+
+    Raises:
+        InputError: Damaged, or an array larger than the file can hold.
+    """
+    entries: dict[str, Entry] = {}
+    places: dict[str, _Place] = {}
+    with damage_as_input_error(str(path)):
+        data = np.memmap(path, np.uint8, "r")
+        order = _byte_order(data, path)
+        at = HEADER_BYTES
+        while at + 8 <= len(data):
+            code, count = struct.unpack(order + "II", bytes(data[at : at + 8]))
+            place = _Place(at + 8, count, code == _COMPRESSED)
+            if code not in (_MATRIX, _COMPRESSED) or place.at + count > len(data):
+                raise InputError(f"{path}: damaged or truncated at byte {at}", remedy="save it again")
+            matrix = _describe(_head(data, place), order)
+            at = place.at + count
+            if not matrix.name:
+                continue  # MATLAB's own notes on functions and objects
+            if matrix.name in entries or len(entries) >= ENTRY_LIMIT:
+                raise InputError(f"{path}: variable {matrix.name!r} is there twice, or there are too many")
+            entries[matrix.name] = _entry(path, matrix, place)
+            places[matrix.name] = place
+    return Container(path, entries, lambda key: _load(path, places[key], order))
+
+
+def _byte_order(data: NDArray[np.uint8], path: Path) -> str:
+    mark = bytes(data[126:128])
+    if len(data) < HEADER_BYTES or mark not in (b"IM", b"MI"):
+        raise InputError(f"{path}: no byte order mark in its header", remedy="the file is damaged: save it again")
+    return "<" if mark == b"IM" else ">"
+
+
+def _head(data: NDArray[np.uint8], place: _Place) -> bytes:
+    if not place.compressed:
+        return bytes(data[place.at : place.at + min(place.count, _HEAD_BYTES)])
+    # A compressed element holds a whole array element, with its own type and length in front.
+    packed = bytes(data[place.at : place.at + min(place.count, 4 * _HEAD_BYTES)])
+    return zlib.decompressobj().decompress(packed, _HEAD_BYTES)[8:]
+
+
+def _describe(head: bytes, order: str) -> _Matrix:
+    _, flags_at, count, at = _element(head, 0, order)
+    if count != 8:
+        raise ValueError("array flags expected")
+    flags = struct.unpack_from(order + "I", head, flags_at)[0]
+    kind = flags & 0xFF
+    if kind == _OPAQUE:  # has no sizes
+        _, name_at, count, at = _element(head, at, order)
+        return _Matrix(head[name_at : name_at + count].decode("latin-1"), (), kind, flags, at)
+    code, sizes_at, count, at = _element(head, at, order)
+    if code != 5 or count % 4 or not 8 <= count <= 128:
+        raise ValueError("array sizes expected")
+    shape = struct.unpack_from(f"{order}{count // 4}i", head, sizes_at)
+    _, name_at, count, at = _element(head, at, order)
+    return _Matrix(head[name_at : name_at + count].decode("latin-1"), shape, kind, flags, at)
+
+
+def _element(data: bytes, at: int, order: str) -> tuple[int, int, int, int]:
+    """Read an element's tag: type, position and number of its bytes, position of the next element."""
+    code, count = struct.unpack_from(order + "II", data, at)
+    if code >> 16:  # a small element: its length sits in the tag, up to four bytes beside it
+        small = code >> 16
+        if small > 4:
+            raise ValueError("a small element of more than four bytes")
+        return code & 0xFFFF, at + 4, small, at + 8
+    return code, at + 8, count, at + 8 + -(-count // 8) * 8
+
+
+def _entry(path: Path, matrix: _Matrix, place: _Place) -> Entry:
+    where = f"{path}, key {matrix.name!r}"
+    if matrix.kind == _CHAR:
+        check_bytes(where, matrix.shape, 4, place.count, 4 * DEFLATE_LIMIT)
+        return Entry(matrix.shape, "text")
+    if matrix.kind not in _CLASSES:
+        return Entry(matrix.shape, f"a MATLAB {_OTHER_CLASSES.get(matrix.kind, f'class {matrix.kind}')}")
+    if matrix.flags & _COMPLEX:
+        return Entry(matrix.shape, "complex numbers")
+    # Doubles may be stored as single bytes, and then deflated.
+    itemsize = np.dtype(_CLASSES[matrix.kind]).itemsize
+    check_bytes(where, matrix.shape, itemsize, place.count, 8 * (DEFLATE_LIMIT if place.compressed else 1))
+    return Entry(matrix.shape, "number")
+
+
+def _load(path: Path, place: _Place, order: str) -> NDArray[Any]:
+    with path.open("rb") as stream:
+        stream.seek(place.at)
+        data = stream.read(place.count)
+    if place.compressed:
+        unpacked = zlib.decompressobj().decompress(data, min(LIMIT_BYTES + 2**16, DEFLATE_LIMIT * len(data)))
+        data = unpacked[8:]
+    matrix = _describe(data, order)
+    code, at, count, _ = _element(data, matrix.data_at, order)
+    stored = np.dtype(order + _STORED[code])
+    numbers = math.prod(matrix.shape)
+    if matrix.kind == _CHAR:
+        return np.asarray("".join(map(chr, np.frombuffer(data[at : at + count], stored).tolist())))
+    if count != numbers * stored.itemsize or at + count > len(data):
+        raise ValueError(f"{count} bytes of numbers for sizes {list(matrix.shape)}")
+    target = np.dtype(np.bool_ if matrix.flags & _LOGICAL else _CLASSES[matrix.kind])
+    return np.frombuffer(data, stored, numbers, at).astype(target).reshape(matrix.shape, order="F")

@@ -1,0 +1,69 @@
+"""Reading .mat of version 7.3, which is HDF5, with axes as MATLAB users see them.
+
+MATLAB stores arrays column by column and its HDF5 files name the axes in that order, so arrays are transposed
+here. No link is followed. Only `gs2ci.core.foreign` imports this file.
+"""
+
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from gs2ci.core.errors import InputError
+from gs2ci.core.foreign.container import (
+    DEFLATE_LIMIT,
+    ENTRY_LIMIT,
+    Container,
+    Entry,
+    check_bytes,
+    damage_as_input_error,
+)
+from gs2ci.core.hdf5 import check_text_heaps
+
+
+def read_mat73(path: Path) -> Container:
+    """Open a MATLAB file of version 7.3.
+
+    Raises:
+        InputError: Damaged, an array larger than the file can hold, or one that lies in another file.
+    """
+    with damage_as_input_error(str(path)):
+        check_text_heaps(path)
+    with damage_as_input_error(str(path)), h5py.File(path, "r") as file:
+        if "schema" in file.attrs:
+            raise InputError(f"{path}: is no .mat file but a capture file", remedy="reconstruct from it as it is")
+        if len(file) > ENTRY_LIMIT:
+            raise InputError(f"{path}: {len(file)} variables", allowed=f"up to {ENTRY_LIMIT}", remedy="save fewer")
+        entries = {key: _entry73(path, file, key) for key in file if not key.startswith("#")}
+    return Container(path, entries, lambda key: _load73(path, key))
+
+
+def _entry73(path: Path, file: h5py.File, key: str) -> Entry:
+    if not isinstance(file.get(key, getlink=True), h5py.HardLink):
+        return Entry((), "a link")
+    node = file[key]
+    if not isinstance(node, h5py.Dataset):
+        return Entry((), "a MATLAB struct")
+    shape = tuple(reversed(node.shape or ()))
+    if node.is_virtual or node.external:
+        return Entry(shape, "a link")
+    kind = node.attrs.get("MATLAB_class", b"")
+    if kind == b"char":
+        check_bytes(f"{path}, key {key!r}", shape, node.dtype.itemsize, 2**16, expansion=1)
+        return Entry(shape, "text")
+    if node.dtype.kind not in "buif" or "MATLAB_empty" in node.attrs:
+        return Entry(shape, f"a MATLAB {kind.decode(errors='replace') or node.dtype}")
+    chunk = node.chunks or (1,)
+    for extent in (shape, chunk):
+        check_bytes(f"{path}, key {key!r}", extent, node.dtype.itemsize, path.stat().st_size, DEFLATE_LIMIT)
+    return Entry(shape, "number")
+
+
+def _load73(path: Path, key: str) -> NDArray[Any]:
+    with h5py.File(path, "r") as file:
+        values = np.asarray(file[key][()]).T
+        if file[key].attrs.get("MATLAB_class", b"") == b"char":
+            return np.asarray("".join(map(chr, values.reshape(-1))))
+    return values.astype(values.dtype.newbyteorder("="), copy=False)

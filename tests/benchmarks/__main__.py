@@ -1,0 +1,39 @@
+"""`make bench`: run the benchmarks and print their figures. Nothing is asserted: timings belong to a machine.
+
+    python -m tests.benchmarks            all of them
+    python -m tests.benchmarks rasteriser one by name
+
+A benchmark is one file with a function `run()` that prints its figures, and one line in `BENCHMARKS`.
+"""
+
+import importlib
+import platform
+import sys
+from collections.abc import Sequence
+
+import numba
+import numpy as np
+import torch
+
+BENCHMARKS = {
+    "rasteriser": "tests.benchmarks.rasteriser",
+}
+
+
+def main(names: Sequence[str]) -> int:
+    unknown = [name for name in names if name not in BENCHMARKS]
+    if unknown:
+        print(f"no benchmark {', '.join(unknown)}; there are {', '.join(BENCHMARKS)}", file=sys.stderr)
+        return 2
+    print(
+        f"{platform.processor() or platform.machine()}, Python {platform.python_version()}, "
+        f"torch {torch.__version__}, numba {numba.__version__}, numpy {np.__version__}"
+    )
+    for name in names or BENCHMARKS:
+        print(f"\n== {name}")
+        importlib.import_module(BENCHMARKS[name]).run()
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main(sys.argv[1:]))

@@ -1,0 +1,123 @@
+"""The import command: its arguments, what it prints, what it writes, and that errors write nothing."""
+
+import numpy as np
+import pytest
+import tyro
+
+from gs2ci.commands.import_ import run
+from gs2ci.core.errors import InputError
+from gs2ci.core.records import Shot
+from gs2ci.core.storage import CaptureHeader, ShotWriter, check_manifest, count_shots, read_shot
+
+
+@pytest.fixture
+def arrays():
+    rng = np.random.default_rng(0)
+    masks = (rng.random((4, 20, 24)) < 0.5).astype(np.uint8)
+    views = rng.integers(0, 256, (4, 20, 24, 3), dtype=np.uint8)
+    meas = np.einsum("nhw,nhwc->hwc", masks, views / 255.0).astype(np.float32)
+    matrix = np.array([[30.0, 0, 12], [0, 30.0, 10], [0, 0, 1]])
+    poses = np.tile(np.eye(4), (4, 1, 1))
+    return {"meas": meas, "masks": masks, "truth": views, "K": matrix, "world_to_camera": poses}
+
+
+def command(*words: object) -> Shot:
+    return read_shot(tyro.cli(run, args=[str(word) for word in words]))
+
+
+def test_the_usual_keys_need_no_flags_and_every_guess_is_printed(tmp_path, arrays, capsys):
+    np.savez(tmp_path / "scene.npz", **arrays)
+    shot = command(tmp_path / "scene.npz", "-o", tmp_path / "shot.h5")
+    assert np.array_equal(shot.measurement, arrays["meas"])
+    assert np.array_equal(shot.intrinsics, arrays["K"])
+    assert (shot.name, shot.provenance["source"]) == ("scene", "scene.npz")
+    printed = capsys.readouterr().out
+    for guess in shot.provenance["guesses"]:
+        assert guess in printed
+    assert "'meas' (measurement), 'masks' (masks), 'truth' (truth)" in printed
+    assert "1 shot in" in printed
+    check_manifest(tmp_path / "shot.h5")
+
+
+@pytest.mark.parametrize("as_option", [False, True])
+def test_masks_and_everything_else_may_lie_in_files_of_their_own(tmp_path, arrays, as_option):
+    for key, values in arrays.items():
+        np.save(tmp_path / f"{key}.npy", values)
+    masks = ["--masks", tmp_path / "masks.npy"] if as_option else [tmp_path / "masks.npy"]
+    others = ["--truth", tmp_path / "truth.npy", "--poses", tmp_path / "world_to_camera.npy"]
+    camera = ["--intrinsics", tmp_path / "K.npy"]
+    shot = command(tmp_path / "meas.npy", *masks, *others, *camera, "-o", tmp_path / "shot.h5")
+    assert np.array_equal(np.rint(shot.truth.views * 255), arrays["truth"])
+    assert np.array_equal(shot.truth.world_to_camera, arrays["world_to_camera"])
+    assert np.array_equal(shot.intrinsics, arrays["K"])
+
+
+def test_the_camera_may_be_four_numbers_or_a_focal_length(tmp_path, arrays):
+    np.savez(tmp_path / "a.npz", meas=arrays["meas"], masks=arrays["masks"])
+    out = ["-o", tmp_path / "shot.h5"]
+    shot = command(tmp_path / "a.npz", *out, "--intrinsics", 31, 32, 11.5, 9.5)
+    assert np.array_equal(shot.intrinsics, [[31, 0, 11.5], [0, 32, 9.5], [0, 0, 1]])
+    shot = command(tmp_path / "a.npz", *out, "--focal-px", 40)
+    assert np.array_equal(shot.intrinsics, [[40, 0, 12], [0, 40, 10], [0, 0, 1]])
+    for words in (["1", "2", "3"], ["a", "b", "c", "d"]):
+        with pytest.raises(InputError, match="fx fy cx cy"):
+            command(tmp_path / "a.npz", *out, "--intrinsics", *words)
+
+
+def test_options_reach_the_import(tmp_path, arrays):
+    counts = arrays["meas"] * 200 + 10
+    counts[0, 0, 0] = np.nan
+    np.savez(tmp_path / "a.npz", raw=counts, code=arrays["masks"].transpose(1, 2, 0) * 50, truth=np.zeros(3))
+    words = "--meas-key raw --mask-key code --truth-key none --mask-axis last --meas-layout rgb --mask-scale 100"
+    words += " --scale 200 --offset 10 --saturation 500 --bad-pixels median --views 3 --reverse-masks"
+    shot = command(tmp_path / "a.npz", *words.split(), "-o", tmp_path / "shot.h5")
+    assert np.array_equal(shot.masks, arrays["masks"][2::-1] * np.float32(0.5))
+    assert shot.measurement[5, 5, 0] == pytest.approx(arrays["meas"][5, 5, 0], abs=1e-5)
+    assert shot.truth.views is None
+    assert np.array_equal(shot.saturated[1:], (counts >= 500).any(axis=2)[1:])
+
+
+def test_a_mosaic_is_stored_with_its_filter_array(tmp_path, arrays):
+    np.savez(tmp_path / "a.npz", meas=arrays["meas"][..., 0], masks=arrays["masks"])
+    assert command(tmp_path / "a.npz", "--cfa", "GBRG", "-o", tmp_path / "shot.h5").cfa == "GBRG"
+
+
+def test_all_measurements_are_stored_or_the_one_that_was_asked_for(tmp_path, arrays):
+    stack = np.stack([arrays["meas"], arrays["meas"] * np.float32(0.9)])
+    np.savez(tmp_path / "a.npz", meas=stack, masks=arrays["masks"])
+    path = run(tmp_path / "a.npz", out=tmp_path / "shot.h5")
+    assert count_shots(path) == 2
+    assert np.array_equal(read_shot(path, 1).measurement, stack[1])
+    path = run(tmp_path / "a.npz", out=tmp_path / "shot.h5", index=1)
+    assert count_shots(path) == 1
+    assert read_shot(path).provenance["measurement"] == 1
+    for index in (2, -1):
+        with pytest.raises(InputError, match=f"no measurement {index}; allowed: 0 to 1"):
+            run(tmp_path / "a.npz", out=tmp_path / "shot.h5", index=index)
+
+
+def test_an_interrupted_capture_is_recovered(tmp_path, capsys):
+    header = CaptureHeader(5, 1, np.ones((1, 4, 4), np.float32), np.ones(1, np.float32))
+    with ShotWriter(tmp_path / "rig.h5", header) as writer:
+        writer.append(np.full((4, 4), 7, np.uint16))
+        writer.append(np.full((4, 4), 8, np.uint16))
+    path = run(tmp_path / "rig.h5.partial", out=tmp_path / "saved.h5")
+    assert read_shot(path, 1).measurement[0, 0, 0] == 8
+    assert "2 finished rows" in capsys.readouterr().out
+    assert (tmp_path / "rig.h5.partial").exists()
+
+
+def test_masks_given_twice_are_refused(tmp_path):
+    with pytest.raises(InputError, match="masks given twice"):
+        run(tmp_path / "a.npy", tmp_path / "b.npy", out=tmp_path / "shot.h5", masks=tmp_path / "c.npy")
+
+
+def test_a_contradiction_writes_nothing_and_keeps_the_old_file(tmp_path, arrays):
+    np.savez(tmp_path / "good.npz", **arrays)
+    np.savez(tmp_path / "bad.npz", **{**arrays, "masks": -arrays["masks"].astype(float)})
+    out = run(tmp_path / "good.npz", out=tmp_path / "shot.h5")
+    before = out.read_bytes()
+    with pytest.raises(InputError, match=r"bad\.npz, key 'masks': masks are negative"):
+        run(tmp_path / "bad.npz", out=out)
+    assert out.read_bytes() == before
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["bad.npz", "good.npz", "shot.h5", "shot.json"]

@@ -1,0 +1,90 @@
+"""Masks, measurement and truth are tested against each other."""
+
+import numpy as np
+import pytest
+
+from gs2ci.core.errors import InputError
+from gs2ci.core.foreign.agreement import fit, mosaic
+from gs2ci.core.foreign.assemble import ImportOptions
+from gs2ci.core.records import CFA_PATTERNS
+
+
+@pytest.mark.parametrize(
+    ("turn", "word"),
+    [
+        (lambda m: m[:, ::-1], "upside down"),
+        (lambda m: m[:, :, ::-1], "mirrored"),
+        (lambda m: m[:, ::-1, ::-1], "turned by 180 degrees"),
+        (lambda m: m.transpose(0, 2, 1), "transposed"),
+    ],
+)
+def test_turned_masks_are_found_out(scene, take, turn, word):
+    made = scene(n=5, height=48, width=48)
+    with pytest.raises(InputError, match=f"key 'mask': the masks are {word}"):
+        take(meas=made.meas, mask=turn(made.masks))
+
+
+def test_masks_of_another_measurement_are_doubted(scene, take, said):
+    made, other = scene(height=60, width=60), scene(height=60, width=60, seed=9)
+    assert said(take(ImportOptions(scale=1.0), meas=made.meas, mask=other.masks), "no trace of these masks")
+
+
+def test_masks_that_always_open_the_same_number_leave_nothing_to_test(scene, take, said):
+    made = scene(n=2)
+    masks = np.stack([made.masks[0], 1 - made.masks[0]])
+    meas = np.einsum("nhw,nhwc->hwc", masks, made.views / 255.0)
+    assert not said(take(meas=meas, mask=masks), "WARNING: the measurement")
+
+
+def test_a_reversed_order_of_masks_is_found_through_the_truth(scene, take):
+    made = scene()
+    with pytest.raises(InputError, match=r"reversed order.*--reverse-masks"):
+        take(meas=made.meas, mask=made.masks[::-1], truth=made.views)
+    options = ImportOptions(reverse_masks=True)
+    shot = take(options, meas=made.meas, mask=made.masks[::-1], truth=made.views).shots[0]
+    assert np.array_equal(shot.masks, made.masks)
+
+
+def test_a_truth_of_another_scene_is_doubted(scene, take, said):
+    made = scene()
+    other = (np.random.default_rng(5).random(made.views.shape) > 0.9) * np.uint8(255)
+    assert said(take(meas=made.meas, mask=made.masks, truth=other), "WARNING: the truth does not explain")
+
+
+@pytest.mark.parametrize("cfa", CFA_PATTERNS)
+def test_a_mosaic_is_recognised_through_its_true_colours_or_its_key(scene, take, cfa):
+    made = scene()
+    meas = mosaic(made.meas, cfa)[..., 0]
+    assert take(meas=meas, mask=made.masks, truth=made.views).shots[0].cfa == cfa
+    assert take(ImportOptions(cfa=cfa), meas=meas, mask=made.masks).shots[0].cfa == cfa
+    assert take(meas=meas, mask=made.masks, bayer=cfa.lower()).shots[0].cfa == cfa
+
+
+def test_a_mosaic_without_truth_is_doubted_to_be_mono(scene, take, said):
+    made = scene(height=64, width=64)
+    meas = mosaic(made.meas * np.array([1.0, 0.5, 0.6]), "RGGB")[..., 0]
+    assert said(take(meas=meas, mask=made.masks), "RGGB or BGGR")
+    assert not said(take(meas=made.meas[..., 0], mask=made.masks), "mosaic")
+
+
+def test_a_filter_array_that_does_not_fit_is_refused(scene, take):
+    made = scene()
+    with pytest.raises(InputError, match=r"--cfa.*3 channel"):
+        take(ImportOptions(cfa="RGGB"), meas=made.meas, mask=made.masks)
+    with pytest.raises(InputError, match=r"key 'cfa'.*'XTRANS'"):
+        take(meas=made.meas[..., 0], mask=made.masks, cfa="xtrans")
+
+
+def test_truth_and_measurement_of_different_colours_are_a_contradiction(scene, take):
+    made = scene()
+    with pytest.raises(InputError, match=r"true views with 3 channel\(s\).*--cfa"):
+        take(meas=made.meas.mean(axis=2), mask=made.masks, truth=made.views)
+    with pytest.raises(InputError, match=r"true views with 1 channel\(s\)"):
+        take(meas=made.meas, mask=made.masks, truth=made.views[..., :1])
+
+
+def test_fit_of_nothing_to_nothing_is_exact_and_of_nothing_to_something_is_not():
+    zero, one = np.zeros((2, 2)), np.ones((2, 2))
+    assert fit(zero, zero) == (0.0, 0.0)
+    assert fit(one, zero) == (0.0, 1.0)
+    assert fit(zero, one) == (0.0, 1.0)

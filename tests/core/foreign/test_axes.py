@@ -1,0 +1,129 @@
+"""Every order of axes in use is understood; what fits in no order, or in several, is refused."""
+
+import numpy as np
+import pytest
+
+from gs2ci.core.errors import InputError
+from gs2ci.core.foreign.assemble import ImportOptions
+
+
+@pytest.mark.parametrize("masks_last", [False, True])
+@pytest.mark.parametrize("order", ["HWC", "CHW"])
+def test_colour_and_masks_may_come_first_or_last(scene, take, masks_last, order):
+    made = scene()
+    masks = made.masks.transpose(1, 2, 0) if masks_last else made.masks
+    meas = made.meas if order == "HWC" else made.meas.transpose(2, 0, 1)
+    shot = take(meas=meas, mask=masks).shots[0]
+    assert np.array_equal(shot.measurement, made.meas.astype(np.float32))
+    assert np.array_equal(shot.masks, made.masks)
+
+
+@pytest.mark.parametrize("shape", ["HW", "HW1", "1HW"])
+def test_a_single_channel_may_have_an_axis_of_its_own_or_not(scene, take, shape):
+    made = scene(channels=1)
+    meas = {"HW": made.meas[..., 0], "HW1": made.meas, "1HW": made.meas.transpose(2, 0, 1)}[shape]
+    assert np.array_equal(take(meas=meas, mask=made.masks).shots[0].measurement, made.meas.astype(np.float32))
+
+
+@pytest.mark.parametrize("last", [False, True])
+def test_a_stack_of_measurements_becomes_several_shots_with_their_own_truth(scene, take, last):
+    made = [scene(channels=1, seed=seed) for seed in range(5)]
+    masks = made[0].masks
+    coded = [np.einsum("nhw,nhwc->hwc", masks, m.views / 255.0) for m in made]
+    axis = -1 if last else 0
+    shots = take(
+        meas=np.stack([c[..., 0] for c in coded], axis),
+        mask=np.moveaxis(masks, 0, axis),
+        orig=np.moveaxis(np.concatenate([m.views[..., 0] for m in made]), 0, axis),
+    ).shots
+    assert len(shots) == 5
+    for shot, c, m in zip(shots, coded, made, strict=True):
+        assert np.array_equal(shot.measurement, c.astype(np.float32))
+        assert np.array_equal(np.rint(shot.truth.views * 255), m.views)
+    assert shots[3].name == "file-3"
+
+
+@pytest.mark.parametrize("order", ["KHWC", "HWCK", "KCHW"])
+def test_colour_stacks_become_several_shots(scene, take, order):
+    made = scene()
+    stack = np.stack([made.meas, made.meas / 2], 0)
+    shots = take(meas=np.einsum(f"KHWC->{order}", stack), mask=made.masks).shots
+    assert np.array_equal(np.stack([shot.measurement for shot in shots]), stack.astype(np.float32))
+
+
+def test_three_images_are_colour_unless_said_or_the_truth_says_otherwise(scene, take):
+    made = scene()
+    imported = take(meas=made.meas, mask=made.masks)
+    assert len(imported.shots) == 1
+    assert any("--meas-layout stack" in guess for guess in imported.guesses)
+    assert len(take(ImportOptions(meas_layout="stack"), meas=made.meas, mask=made.masks).shots) == 3
+    frames = made.views.transpose(3, 0, 1, 2).reshape(12, 24, 32)
+    assert len(take(meas=made.meas, mask=made.masks, orig=frames).shots) == 3
+
+
+def test_a_single_mask_is_a_single_view(scene, take):
+    made = scene(n=1)
+    assert take(meas=made.meas, mask=made.masks[0]).shots[0].views == 1
+
+
+@pytest.mark.parametrize("axis", [0, 1, 3])
+def test_masks_repeated_for_each_colour_are_taken_once(scene, take, axis):
+    made = scene()
+    masks = np.repeat(np.expand_dims(made.masks, axis), 3 if axis else 1, axis)
+    assert np.array_equal(take(meas=made.meas, mask=masks).shots[0].masks, made.masks)
+
+
+def test_masks_that_differ_between_colours_are_refused(scene, take):
+    made = scene()
+    masks = np.stack([made.masks, made.masks, 1 - made.masks], 3)
+    with pytest.raises(InputError, match=r"key 'mask': masks that differ from colour to colour"):
+        take(meas=made.meas, mask=masks)
+
+
+def test_masks_of_four_true_axes_fit_nothing(scene, take):
+    with pytest.raises(InputError, match="no order of axes"):
+        take(meas=scene().meas, mask=np.ones((2, 4, 24, 32)))
+
+
+def test_as_many_masks_as_rows_and_columns_need_a_word(scene, take):
+    made = scene(n=8, height=8, width=8)
+    with pytest.raises(InputError, match="--mask-axis first or --mask-axis last"):
+        take(meas=made.meas, mask=made.masks)
+    shot = take(ImportOptions(mask_axis="last"), meas=made.meas, mask=made.masks.transpose(1, 2, 0)).shots[0]
+    assert np.array_equal(shot.masks, made.masks)
+
+
+def test_exchanged_height_and_width_are_named(scene, take):
+    made = scene()
+    with pytest.raises(InputError, match=r"key 'mask'.*height and width of the masks are exchanged"):
+        take(meas=made.meas, mask=made.masks.transpose(0, 2, 1))
+
+
+def test_sizes_that_differ_are_refused_with_both_shapes(scene, take):
+    made = scene()
+    with pytest.raises(InputError, match=r"\[4, 20, 32\] fits the measurement's \[24, 32, 3\].*key 'meas'"):
+        take(meas=made.meas, mask=made.masks[:, :20])
+    with pytest.raises(InputError, match="leave out --mask-axis last"):
+        take(ImportOptions(mask_axis="last"), meas=made.meas, mask=made.masks)
+    with pytest.raises(InputError, match="no order of axes"):
+        take(meas=made.meas[0, 0], mask=made.masks)
+
+
+def test_a_wrong_number_of_true_views_is_a_contradiction(scene, take):
+    made = scene()
+    with pytest.raises(InputError, match=r"key 'truth'.*allowed: 4 views.*--truth-key none"):
+        take(meas=made.meas, mask=made.masks, truth=made.views[:3])
+    without = take(ImportOptions(truth_key="none"), meas=made.meas, mask=made.masks, truth=made.views[:3])
+    assert without.shots[0].truth.views is None
+
+
+@pytest.mark.parametrize("order", ["NHWC", "HWCN", "NCHW"])
+def test_true_views_may_come_in_any_order(scene, take, order):
+    made = scene()
+    shot = take(meas=made.meas, mask=made.masks, truth=np.einsum(f"NHWC->{order}", made.views)).shots[0]
+    assert np.array_equal(np.rint(shot.truth.views * 255), made.views)
+
+
+def test_empty_arrays_are_refused(scene, take):
+    with pytest.raises(InputError, match="empty"):
+        take(meas=np.zeros((0, 4)), mask=scene().masks)

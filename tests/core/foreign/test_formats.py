@@ -1,0 +1,287 @@
+"""Every format gives the same numbers, and no bytes whatever end in anything but an InputError."""
+
+import io
+import struct
+import zipfile
+import zlib
+
+import h5py
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as npst
+from scipy import io as scipy_io
+
+from gs2ci.core.errors import Gs2ciError, InputError
+from gs2ci.core.foreign import mat73
+from gs2ci.core.foreign.assemble import ImportOptions, import_shots
+from gs2ci.core.foreign.mat5 import read_mat5
+from gs2ci.core.foreign.opening import open_foreign
+from gs2ci.core.storage import write_shots
+
+
+def save_mat73(path, **arrays):
+    """Write as MATLAB does: a text in front, axes reversed, a class beside each array."""
+    with h5py.File(path, "w", userblock_size=512) as file:
+        for key, values in arrays.items():
+            dataset = file.create_dataset(key, data=np.asarray(values).T)
+            name = {"float64": "double", "float32": "single", "bool": "logical"}.get(str(np.asarray(values).dtype))
+            dataset.attrs["MATLAB_class"] = np.bytes_(name or str(np.asarray(values).dtype))
+    with path.open("r+b") as stream:
+        stream.write(b"MATLAB 7.3 MAT-file, Platform: GLNXA64")
+
+
+SAVERS = {
+    "npz": np.savez,
+    "npz deflated": np.savez_compressed,
+    "mat": lambda path, **arrays: scipy_io.savemat(path, arrays),
+    "mat deflated": lambda path, **arrays: scipy_io.savemat(path, arrays, do_compression=True),
+    "mat73": save_mat73,
+}
+
+
+@pytest.mark.parametrize("form", SAVERS)
+def test_every_format_gives_the_same_shot(tmp_path, scene, form):
+    made = scene()
+    path = tmp_path / f"file.{form.split()[0].rstrip('73')}"
+    SAVERS[form](path, meas=made.meas, masks=made.masks.transpose(1, 2, 0), truth=made.views)
+    shot = import_shots(path, None, ImportOptions()).shots[0]
+    assert np.array_equal(shot.measurement, made.meas.astype(np.float32))
+    assert np.array_equal(shot.masks, made.masks)
+    assert np.array_equal(np.rint(shot.truth.views * 255), made.views)
+
+
+def test_a_pair_of_npy_files_gives_the_shot(tmp_path, scene):
+    made = scene()
+    np.save(tmp_path / "meas.npy", made.meas)
+    np.save(tmp_path / "mask.npy", made.masks)
+    imported = import_shots(tmp_path / "meas.npy", tmp_path / "mask.npy", ImportOptions())
+    assert np.array_equal(imported.shots[0].measurement, made.meas.astype(np.float32))
+    with pytest.raises(InputError, match=r"no key for the masks.*second file"):
+        import_shots(tmp_path / "meas.npy", None, ImportOptions())
+
+
+NUMBERS = st.sampled_from(["u1", "i2", "u2", "i4", "u4", "i8", "u8", "f4", "f8", "?"])
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    NUMBERS.flatmap(lambda d: npst.arrays(d, npst.array_shapes(min_dims=2, max_dims=4, min_side=0, max_side=5))),
+    st.booleans(),
+    st.from_regex(r"[a-z][a-z0-9_]{0,20}", fullmatch=True),
+)
+def test_version_5_arrays_read_as_scipy_writes_them(tmp_path_factory, values, deflated, name):
+    path = tmp_path_factory.mktemp("mat") / "file.mat"
+    scipy_io.savemat(path, {name: values}, do_compression=deflated)
+    loaded = read_mat5(path).load(name).values
+    assert loaded.dtype == values.dtype
+    assert np.array_equal(loaded, values, equal_nan=values.dtype.kind == "f")
+
+
+def test_version_5_big_endian_and_shortened_numbers_are_understood(tmp_path):
+    # A double stored as bytes, in a file written by a big-endian machine, with small elements.
+    body = struct.pack(">IIII", 6, 8, 6, 0) + struct.pack(">IIii", 5, 8, 2, 2)
+    body += struct.pack(">HH4s", 1, 1, b"y") + struct.pack(">HH4B", 4, 2, 1, 2, 3, 4)
+    data = b"MATLAB 5.0".ljust(124) + b"\x01\x00MI" + struct.pack(">II", 14, len(body)) + body
+    path = tmp_path / "big.mat"
+    path.write_bytes(data)
+    assert open_foreign(path).load("y").values.tolist() == [[1.0, 3.0], [2.0, 4.0]]
+
+
+def test_objects_and_notes_of_matlab_itself_are_passed_over(tmp_path):
+    def element(code, data):
+        return struct.pack("<II", code, len(data)) + data + bytes(-len(data) % 8)
+
+    opaque = element(6, struct.pack("<II", 17, 0)) + element(1, b"table") + element(1, b"MCOS")
+    note = element(6, struct.pack("<II", 9, 0)) + element(5, struct.pack("<ii", 1, 1)) + element(1, b"")
+    data = b"MATLAB 5.0".ljust(124) + b"\x00\x01IM" + element(14, opaque) + element(14, note + element(2, b"\1"))
+    (tmp_path / "a.mat").write_bytes(data)
+    container = open_foreign(tmp_path / "a.mat")
+    assert list(container.entries) == ["table"]
+    with pytest.raises(InputError, match="a MATLAB object"):
+        container.load("table")
+
+
+def test_too_many_variables_are_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr(mat73, "ENTRY_LIMIT", 1)
+    save_mat73(tmp_path / "a.mat", x=np.ones((2, 2)), y=np.ones((2, 2)))
+    with pytest.raises(InputError, match="2 variables; allowed: up to 1"):
+        open_foreign(tmp_path / "a.mat")
+
+
+def test_texts_are_read_from_every_format(tmp_path):
+    scipy_io.savemat(tmp_path / "a.mat", {"cfa": "RGGB"})
+    np.savez(tmp_path / "a.npz", cfa="RGGB")
+    save_mat73(tmp_path / "b.mat", cfa=np.array([[ord(c) for c in "RGGB"]], np.uint16))
+    with h5py.File(tmp_path / "b.mat", "r+") as file:
+        file["cfa"].attrs["MATLAB_class"] = np.bytes_("char")
+    for name in ("a.mat", "a.npz", "b.mat"):
+        assert open_foreign(tmp_path / name).text("cfa") == "RGGB"
+    np.savez(tmp_path / "a.npz", cfa=np.zeros(3))
+    with pytest.raises(InputError, match="allowed: a text"):
+        open_foreign(tmp_path / "a.npz").text("cfa")
+
+
+def test_python_objects_are_never_loaded(tmp_path):
+    objects = np.array([{"a": 1}, None], object)
+    np.savez(tmp_path / "a.npz", meas=objects, masks=np.ones((2, 4, 4)))
+    np.save(tmp_path / "a.npy", objects)
+    for name in ("a.npz", "a.npy"):
+        with pytest.raises(InputError, match="Python objects"):
+            import_shots(tmp_path / name, tmp_path / "a.npz", ImportOptions(meas_key=None))
+
+
+def test_other_things_than_numbers_are_named(tmp_path):
+    odd = {
+        "cell": np.array([["a", 1]], object),
+        "struct": {"x": 1},
+        "complex": np.ones((2, 2)) * 1j,
+        "text": "abc",
+        "sparse": __import__("scipy.sparse").sparse.csc_array(np.eye(3)),
+    }
+    scipy_io.savemat(tmp_path / "a.mat", odd)
+    container = open_foreign(tmp_path / "a.mat")
+    for key, word in zip(odd, ["cell array", "struct", "complex", "text", "sparse"], strict=True):
+        with pytest.raises(InputError, match=f"key '{key}': holds .*{word}"):
+            container.load(key)
+    with pytest.raises(InputError, match="no key 'y'; allowed: the file holds cell"):
+        container.load("y")
+    np.savez(tmp_path / "a.npz", meas=np.ones((2, 2)) * 1j, named=np.zeros(2, [("x", "f4")]))
+    for key, word in (("meas", "complex128"), ("named", "values")):
+        with pytest.raises(InputError, match=word):
+            open_foreign(tmp_path / "a.npz").load(key)
+
+
+def test_links_and_groups_of_version_73_are_not_followed(tmp_path):
+    save_mat73(tmp_path / "a.mat", y=np.ones((2, 2)))
+    with h5py.File(tmp_path / "a.mat", "r+") as file:
+        file["out"] = h5py.ExternalLink("/etc/passwd", "/x")
+        file["soft"] = h5py.SoftLink("/y")
+        file.create_group("s")
+        file.create_dataset("outside", (4,), "u1", external=[("/etc/passwd", 0, 4)])
+        file.create_dataset("#refs#/a", data=1)
+        empty = file.create_dataset("empty", data=np.zeros(2, "u8"))
+        empty.attrs["MATLAB_empty"] = 1
+    container = open_foreign(tmp_path / "a.mat")
+    assert set(container.entries) == {"y", "out", "soft", "s", "outside", "empty"}
+    for key in ("out", "soft", "s", "outside", "empty"):
+        with pytest.raises(InputError, match=f"key '{key}': holds a"):
+            container.load(key)
+
+
+def test_a_capture_file_is_recognised(tmp_path, make_shot):
+    path = write_shots(tmp_path / "shot.h5", [make_shot()])
+    with pytest.raises(InputError, match="reconstruct from it as it is"):
+        open_foreign(path)
+
+
+def npy_header(shape, descr="<f8"):
+    stream = io.BytesIO()
+    np.lib.format.write_array_header_1_0(stream, {"descr": descr, "fortran_order": False, "shape": shape})
+    return stream.getvalue()
+
+
+def deflated_npz(path, header):
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("meas.npy", header)
+
+
+def huge_mat5(path, header=b""):
+    body = struct.pack("<IIII", 6, 8, 6, 0) + struct.pack("<IIii", 5, 8, 2**30, 2**30)
+    body += struct.pack("<HH4s", 1, 1, b"y") + struct.pack("<II", 9, 0)
+    element = zlib.compress(struct.pack("<II", 14, len(body)) + body)
+    path.write_bytes(b"MATLAB 5.0".ljust(124) + b"\x00\x01IM" + struct.pack("<II", 15, len(element)) + element)
+
+
+def huge_mat73(path, header=b""):
+    with h5py.File(path, "w") as file:
+        file.create_dataset("meas", (2**20, 2**20, 2**10), "f8", chunks=(64, 64, 1))
+
+
+@pytest.mark.parametrize(
+    "write",
+    [lambda path, header: path.write_bytes(header), deflated_npz, huge_mat5, huge_mat73],
+    ids=["npy", "npz", "mat5", "mat73"],
+)
+def test_sizes_that_cannot_be_true_are_refused_before_room_is_made(tmp_path, write):
+    path = tmp_path / "huge.bin"
+    write(path, npy_header((2**30, 2**30)))
+    with pytest.raises(InputError, match="claims shape"):
+        open_foreign(path)
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (b"", "empty"),
+        (b"hello", "of no known format"),
+        (b"\x93NUMPY", "cannot be read"),
+        (b"\x93NUMPY\x03\x00", "fields"),
+        (b"PK\x03\x04", "cannot be read"),
+        (b"MATLAB 5.0", "byte order"),
+        (b"MATLAB 5.0".ljust(124) + b"\x00\x01IM" + struct.pack("<II", 14, 10**6), "truncated"),
+        (b"MATLAB 5.0".ljust(124) + b"\x00\x01IM" + struct.pack("<II", 3, 0), "damaged"),
+        (b"\x89HDF\r\n\x1a\n" + bytes(100), "cannot be read"),
+    ],
+)
+def test_broken_files_are_refused(tmp_path, content, message):
+    path = tmp_path / "broken.mat"
+    path.write_bytes(content)
+    with pytest.raises(InputError, match=message) as caught:
+        import_shots(path, None, ImportOptions())
+    assert "broken.mat" in str(caught.value)
+
+
+def test_a_missing_file_is_named(tmp_path):
+    with pytest.raises(InputError, match="no such file"):
+        open_foreign(tmp_path / "none.npz")
+
+
+def test_two_arrays_of_one_name_are_refused(tmp_path):
+    with zipfile.ZipFile(tmp_path / "a.npz", "w") as archive:
+        archive.writestr("meas.npy", npy_header((0,)))
+        with pytest.warns(UserWarning, match="Duplicate name"):
+            archive.writestr("meas.npy", npy_header((0,)))
+    with pytest.raises(InputError, match="two of one name"):
+        open_foreign(tmp_path / "a.npz")
+    scipy_io.savemat(tmp_path / "a.mat", {"y": np.ones((2, 2))})
+    data = (tmp_path / "a.mat").read_bytes()
+    (tmp_path / "a.mat").write_bytes(data + data[128:])
+    with pytest.raises(InputError, match="twice"):
+        open_foreign(tmp_path / "a.mat")
+
+
+def test_a_wrong_checksum_in_a_zip_is_found(tmp_path):
+    np.savez(tmp_path / "a.npz", meas=np.ones((4, 4)))
+    data = bytearray((tmp_path / "a.npz").read_bytes())
+    data[data.index(np.ones(2).tobytes()) + 3] ^= 1
+    (tmp_path / "a.npz").write_bytes(data)
+    with pytest.raises(InputError, match="CRC"):
+        open_foreign(tmp_path / "a.npz").load("meas")
+
+
+@settings(max_examples=150, deadline=None)
+@given(st.binary(max_size=400), st.sampled_from([b"", b"\x93NUMPY\x01\x00", b"PK\x03\x04", b"MATLAB 5.0".ljust(126)]))
+def test_any_bytes_give_an_input_error(tmp_path_factory, content, start):
+    path = tmp_path_factory.mktemp("any") / "file.mat"
+    path.write_bytes(start + content)
+    with pytest.raises(InputError):
+        import_shots(path, None, ImportOptions())
+
+
+@pytest.mark.parametrize("form", SAVERS)
+def test_damaged_files_give_shots_or_typed_errors(tmp_path, scene, mutations, form):
+    made = scene(n=2, height=8, width=9)
+    path = tmp_path / f"file.{form.split()[0].rstrip('73')}"
+    SAVERS[form](path, meas=made.meas, masks=made.masks)
+    outcomes = set()
+    # Fixed seeds: the libraries below are C, and a crash of theirs must not come and go between two runs.
+    for content in mutations(path.read_bytes(), 120, seed=2):
+        path.write_bytes(content)
+        try:
+            import_shots(path, None, ImportOptions())
+            outcomes.add("shot")
+        except Gs2ciError:
+            outcomes.add("error")
+    assert "error" in outcomes

@@ -1,0 +1,213 @@
+"""Keys, single pixels, cameras and poses."""
+
+import numpy as np
+import pytest
+
+from gs2ci.core.errors import InputError
+from gs2ci.core.foreign.assemble import ImportOptions, load_single
+from gs2ci.core.foreign.container import Array
+
+MATRIX = np.array([[30.0, 0, 16], [0, 31.0, 12], [0, 0, 1]])
+
+
+def poses(n=5):
+    angle = np.linspace(0.1, 0.3, n)
+    stack = np.tile(np.eye(4), (n, 1, 1))
+    stack[:, 0, 0], stack[:, 0, 2] = np.cos(angle), np.sin(angle)
+    stack[:, 2, 0], stack[:, 2, 2] = -np.sin(angle), np.cos(angle)
+    stack[:, 0, 3] = np.arange(1, n + 1)
+    return stack
+
+
+def test_the_first_of_several_known_names_is_taken_and_said(scene, take, said):
+    made = scene()
+    imported = take(meas=made.meas, y=made.meas * 2, mask=made.masks)
+    assert said(imported, "measurement: key 'meas', not 'y'; choose with --meas-key")
+    chosen = take(ImportOptions(meas_key="y", scale=2.0), meas=made.meas * 0, y=made.meas * 2, mask=made.masks)
+    assert np.allclose(chosen.shots[0].measurement, made.meas)
+
+
+def test_names_do_not_depend_on_case_and_a_lone_array_needs_none(scene, take, said):
+    made = scene()
+    assert take(Meas=made.meas, MASK=made.masks).shots[0].views == 4
+    lone = take(meas=made.meas, stuff=made.masks)
+    assert said(lone, "masks: key 'stuff', the only array without a known name")
+
+
+def test_keys_that_are_not_there_are_refused_with_those_that_are(scene, take):
+    made = scene()
+    with pytest.raises(InputError, match=r"no key for the measurement; the file holds mask \[4, 24, 32\].*--meas-key"):
+        take(mask=made.masks, a=np.ones((2, 2)), b=np.ones((2, 2)))
+    with pytest.raises(InputError, match="no key 'nope'; allowed: the file holds"):
+        take(ImportOptions(mask_key="nope"), meas=made.meas, mask=made.masks)
+    with pytest.raises(InputError, match="no key for the masks"):
+        take(ImportOptions(mask_key="none"), meas=made.meas, mask=made.masks)
+
+
+def test_only_the_first_masks_are_used_when_said(scene, take):
+    made = scene(n=6)
+    meas = np.einsum("nhw,nhwc->hwc", made.masks[:4], made.views[:4] / 255.0)
+    shot = take(ImportOptions(views=4), meas=meas, mask=made.masks).shots[0]
+    assert np.array_equal(shot.masks, made.masks[:4])
+    for bad in (0, 7):
+        with pytest.raises(InputError, match="allowed: 1 to 6"):
+            take(ImportOptions(views=bad), meas=meas, mask=made.masks)
+
+
+def test_weights_are_read_and_must_fit(scene, take, said):
+    made = scene()
+    weights = np.array([[1, 0.5, 1, 1]])
+    meas = np.einsum("n,nhw,nhwc->hwc", weights[0], made.masks, made.views / 255.0)
+    imported = take(meas=meas, mask=made.masks, truth=made.views, weights=weights)
+    assert imported.shots[0].weights.tolist() == [1, 0.5, 1, 1]
+    assert said(imported, "explains the measurement")
+    for bad in (np.ones(3), -np.ones(4), np.full(4, np.nan), np.zeros(4)):
+        with pytest.raises(InputError, match="key 'weights'"):
+            take(meas=meas, mask=made.masks, weights=bad)
+
+
+def test_bad_pixels_are_refused_or_replaced_from_their_neighbours(scene, take, said):
+    made = scene(n=6, height=40, width=40)
+    meas = made.meas.copy()
+    meas[3, 5] = np.nan
+    meas[0, 0, 1] = np.inf
+    meas[20, 20] = 1e300
+    with pytest.raises(InputError, match=r"key 'meas': 3 pixels.*row 0, column 0.*--bad-pixels median"):
+        take(meas=meas, mask=made.masks)
+    imported = take(ImportOptions(bad_pixels="median"), meas=meas, mask=made.masks)
+    assert said(imported, "3 bad pixels replaced")
+    measurement = imported.shots[0].measurement
+    good = np.isfinite(meas) & (np.abs(meas) < 1e9)
+    assert np.array_equal(measurement[good], made.meas[good].astype(np.float32))
+    assert np.abs(measurement - made.meas).max() < 1.2
+
+
+def test_too_many_bad_pixels_are_no_measurement(scene, take):
+    made = scene()
+    meas = made.meas.copy()
+    meas[:6] = np.nan
+    with pytest.raises(InputError, match="mend the measurement"):
+        take(ImportOptions(bad_pixels="median"), meas=meas, mask=made.masks)
+
+
+def test_a_pixel_without_any_good_neighbour_becomes_dark(take):
+    meas = np.ones((3, 5))
+    meas[1, 1] = np.nan  # its neighbours lie two apart: only (1, 3), which no mask opens
+    masks = np.ones((2, 3, 5))
+    masks[:, 1, 3] = 0
+    shot = take(ImportOptions(bad_pixels="median", scale=1.0), meas=meas, mask=masks).shots[0]
+    assert shot.measurement[1, 1, 0] == 0
+
+
+def test_a_pile_up_at_the_top_code_counts_as_clipped(scene, take):
+    made = scene(n=8, height=40, width=50, channels=1)
+    meas = np.minimum(np.rint(made.meas * 60), 254).astype(np.uint8)
+    top = meas >= np.sort(meas.ravel())[-20]
+    meas[top] = 255
+    shot = take(meas=meas, mask=made.masks).shots[0]
+    assert np.array_equal(shot.saturated, top[..., 0])
+    assert take(ImportOptions(saturation=0.0), meas=meas, mask=made.masks).shots[0].saturated is None
+    told = take(ImportOptions(saturation=100.0), meas=meas, mask=made.masks).shots[0]
+    assert np.array_equal(told.saturated, (meas >= 100)[..., 0])
+
+
+@pytest.mark.parametrize(
+    ("given", "expected"),
+    [
+        ({"K": MATRIX}, MATRIX),
+        ({"K": MATRIX.T}, MATRIX),
+        ({"K": np.array([30.0, 31.0, 16.0, 12.0])}, MATRIX),
+        ({"intrinsics": np.stack([MATRIX] * 4)}, MATRIX),
+        ({"focal": 30.0}, np.array([[30.0, 0, 16], [0, 30.0, 12], [0, 0, 1]])),
+        ({}, None),
+    ],
+)
+def test_intrinsics_come_in_every_usual_form(scene, take, said, given, expected):
+    made = scene()
+    imported = take(meas=made.meas, mask=made.masks, **given)
+    matrix = imported.shots[0].intrinsics
+    assert (matrix is None and expected is None) or np.array_equal(matrix, expected)
+    assert said(imported, "camera:")
+
+
+def test_intrinsics_that_are_none_or_change_are_refused(scene, take):
+    made = scene()
+    with pytest.raises(InputError, match=r"key 'K'.*fx, fy > 0"):
+        take(meas=made.meas, mask=made.masks, K=np.zeros((3, 3)))
+    with pytest.raises(InputError, match="key 'K'"):
+        take(meas=made.meas, mask=made.masks, K=np.ones(7))
+    with pytest.raises(InputError, match="change from view to view"):
+        take(meas=made.meas, mask=made.masks, K=np.stack([MATRIX, MATRIX + np.eye(3)]))
+    with pytest.raises(InputError, match="both given"):
+        take(ImportOptions(focal_px=3.0, intrinsics=Array("x", MATRIX)), meas=made.meas, mask=made.masks)
+    with pytest.raises(InputError, match="--focal-px"):
+        take(ImportOptions(focal_px=-3.0), meas=made.meas, mask=made.masks)
+
+
+def test_doubtful_intrinsics_are_said(scene, take, said):
+    made = scene()
+    outside = MATRIX.copy()
+    outside[0, 2] = 99
+    assert said(take(meas=made.meas, mask=made.masks, K=outside), "lies outside")
+    assert said(take(meas=made.meas, mask=made.masks, focal=3.0), "unusual")
+
+
+@pytest.mark.parametrize(
+    "given",
+    [
+        {"world_to_camera": poses()},
+        {"w2c": poses()[:, :3]},
+        {"extrinsics": poses().transpose(1, 2, 0)[:3]},
+        {"w2c": poses().transpose(0, 2, 1)},
+        {"c2w": np.linalg.inv(poses())},
+    ],
+    ids=["4x4", "3x4", "counted last", "transposed", "inverse"],
+)
+def test_poses_come_in_every_usual_form(scene, take, given):
+    made = scene(n=5)
+    shot = take(meas=made.meas, mask=made.masks, **given).shots[0]
+    assert np.allclose(shot.truth.world_to_camera, poses())
+
+
+@pytest.mark.parametrize("form", ["first", "last"])
+def test_four_poses_show_their_counting_axis_by_their_last_rows(scene, take, form):
+    made = scene(n=4)
+    stack = poses(4) if form == "first" else poses(4).transpose(1, 2, 0)
+    assert np.allclose(take(meas=made.meas, mask=made.masks, w2c=stack).shots[0].truth.world_to_camera, poses(4))
+
+
+def test_telemetry_is_kept_apart_from_the_truth(scene, take):
+    made = scene(n=5)
+    shot = take(meas=made.meas, mask=made.masks, telemetry_world_to_camera=poses()).shots[0]
+    assert np.array_equal(shot.telemetry_world_to_camera, poses())
+    assert shot.truth.world_to_camera is None
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        (poses(3), r"\[3, 4, 4\] for 5 views"),
+        (poses() * 2, "no rigid motions"),
+        (poses() * np.array([1, 1, -1, 1.0])[:, None], "no rigid motions"),
+        (poses() * np.nan, "NaN"),
+        (poses() * 1e200, "NaN"),
+    ],
+)
+def test_poses_that_are_none_are_refused(scene, take, given, message):
+    made = scene(n=5)
+    with pytest.raises(InputError, match=f"key 'world_to_camera'.*{message}"):
+        take(meas=made.meas, mask=made.masks, world_to_camera=given)
+
+
+def test_one_pose_of_one_view_needs_no_counting_axis(scene, take):
+    made = scene(n=1)
+    shot = take(meas=made.meas, mask=made.masks, world_to_camera=np.eye(4)).shots[0]
+    assert np.array_equal(shot.truth.world_to_camera, np.eye(4)[None])
+
+
+def test_a_file_for_a_single_array_may_hold_only_one(tmp_path):
+    np.savez(tmp_path / "one.npz", anything=np.eye(3))
+    assert np.array_equal(load_single(tmp_path / "one.npz").values, np.eye(3))
+    np.savez(tmp_path / "two.npz", a=np.eye(3), b=np.eye(3))
+    with pytest.raises(InputError, match="a single array of numbers"):
+        load_single(tmp_path / "two.npz")

@@ -1,0 +1,168 @@
+"""Full scales are found in the usual units, and what no unit explains is refused."""
+
+import numpy as np
+import pytest
+
+from gs2ci.core.errors import InputError
+from gs2ci.core.foreign.assemble import ImportOptions
+
+
+@pytest.mark.parametrize("full", [1, 255, 1023, 4095, 16383, 65535])
+def test_counts_per_view_are_recognised_without_truth(scene, take, full):
+    made = scene(n=8, height=40, width=50)
+    shot = take(meas=made.meas * full, mask=made.masks).shots[0]
+    assert np.allclose(shot.measurement, made.meas, rtol=1e-6)
+    assert shot.provenance["full_scale"] == full
+
+
+# Not 4095: the mean of eight 12-bit readings looks like 10-bit counts, and no number can tell which it is.
+@pytest.mark.parametrize("full", [1, 255])
+def test_the_mean_over_the_masks_is_recognised(scene, take, full):
+    made = scene(n=8, height=40, width=50)
+    shot = take(meas=made.meas * full / 8, mask=made.masks).shots[0]
+    assert np.allclose(shot.measurement, made.meas, rtol=1e-6)
+
+
+def test_a_measurement_normalised_to_its_own_maximum_is_recognised(scene, take, said):
+    made = scene(n=8, height=40, width=50)
+    imported = take(meas=made.meas / made.meas.max(), mask=made.masks)
+    assert said(imported, "own maximum")
+    assert imported.shots[0].measurement.max() == pytest.approx(made.meas.max(), rel=0.5)
+
+
+def test_a_camera_whose_range_holds_all_masks_is_recognised(scene, take, said):
+    made = scene(n=10, height=40, width=50)
+    meas = np.minimum(np.rint(made.meas * 255 / 5.8), 254).astype(np.uint8)
+    imported = take(meas=meas, mask=made.masks)
+    assert said(imported, "normalised per exposure")
+    assert imported.shots[0].measurement.mean() == pytest.approx(made.meas.mean(), rel=0.25)
+
+
+def test_the_truth_settles_the_scale_and_usual_values_are_snapped_to(scene, take):
+    made = scene()
+    near = take(meas=made.meas * 255.3, mask=made.masks, truth=made.views).shots[0]
+    assert near.provenance["full_scale"] == 255
+    odd = take(meas=made.meas * 37, mask=made.masks, truth=made.views).shots[0]
+    assert odd.provenance["full_scale"] == pytest.approx(37)
+
+
+@pytest.mark.parametrize("factor", [4.0, 1e7])
+def test_a_range_that_no_scale_explains_is_refused(scene, take, factor):
+    made = scene(n=8, height=40, width=50)
+    with pytest.raises(InputError, match=r"key 'meas'.*no usual scale explains.*--scale"):
+        take(meas=made.meas * factor, mask=made.masks)
+
+
+def test_a_quarter_of_the_masks_does_not_explain_the_measurement(scene, take):
+    made = scene(n=8, height=40, width=50)
+    with pytest.raises(InputError, match="no usual scale explains"):
+        take(meas=made.meas, mask=made.masks[:2])
+
+
+def test_what_the_user_says_wins(scene, take, said):
+    made = scene()
+    shot = take(ImportOptions(scale=50.0, offset=3.0), meas=made.meas * 50 + 3, mask=made.masks).shots[0]
+    assert np.allclose(shot.measurement, made.meas, atol=1e-6)
+    warned = take(ImportOptions(scale=2.0), meas=made.meas, mask=made.masks, truth=made.views)
+    assert said(warned, "the truth asks for --scale 1")
+    for bad in (0.0, -1.0, float("nan")):
+        with pytest.raises(InputError, match="--scale"):
+            take(ImportOptions(scale=bad), meas=made.meas, mask=made.masks)
+
+
+def test_a_measurement_without_light_is_taken_as_it_is(scene, take, said):
+    made = scene()
+    imported = take(meas=np.zeros_like(made.meas), mask=made.masks)
+    assert said(imported, "zero everywhere")
+    assert not imported.shots[0].measurement.any()
+
+
+def test_a_constant_measurement_is_taken(scene, take):
+    made = scene()
+    assert take(meas=np.ones_like(made.meas), mask=made.masks).shots[0].measurement.max() == 1
+
+
+def test_negative_readings_ask_for_an_offset(scene, take):
+    made = scene()
+    with pytest.raises(InputError, match=r"no light gives.*--offset"):
+        take(meas=made.meas - 1.0, mask=made.masks)
+    noisy = made.meas + np.random.default_rng(0).normal(0, 0.005, made.meas.shape)
+    assert take(meas=noisy, mask=made.masks).shots[0].measurement.min() < 0
+
+
+def test_light_behind_closed_masks_hints_at_an_offset(scene, take, said):
+    made = scene(n=3, ones=0.3)
+    assert said(take(meas=made.meas + 0.2, mask=made.masks), "--offset 0.2")
+    assert not said(take(meas=made.meas, mask=made.masks), "--offset")
+
+
+@pytest.mark.parametrize("high", [1, 113, 255])
+def test_masks_are_read_in_their_own_unit(scene, take, said, high):
+    made = scene()
+    imported = take(meas=made.meas, mask=made.masks * np.uint8(high))
+    assert np.array_equal(imported.shots[0].masks, made.masks)
+    assert said(imported, "binary")
+
+
+def test_grey_masks_keep_their_grey(scene, take, said):
+    made = scene()
+    grey = made.masks * 0.9 + 0.05
+    grey[0, 0, 0] = 1.02
+    imported = take(meas=made.meas, mask=grey)
+    assert said(imported, "grey")
+    assert said(imported, "1 values a little above fully open")
+    assert imported.shots[0].masks[0, 1, 1] == np.float32(grey[0, 1, 1])
+    assert imported.shots[0].masks.max() == 1
+
+
+def test_boolean_masks_are_masks(scene, take):
+    made = scene()
+    assert np.array_equal(take(meas=made.meas, mask=made.masks.astype(bool)).shots[0].masks, made.masks)
+
+
+def test_a_mask_scale_that_is_too_small_is_refused(scene, take):
+    made = scene()
+    shot = take(ImportOptions(mask_scale=200.0), meas=made.meas / 2, mask=made.masks * 100.0).shots[0]
+    assert shot.masks.max() == 0.5
+    for bad in (50.0, 0.0, float("nan")):
+        with pytest.raises(InputError, match="--mask-scale"):
+            take(ImportOptions(mask_scale=bad), meas=made.meas, mask=made.masks * 100.0)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda m: m * 2 - 1, r"key 'mask': masks are negative at \d+ places, down to -1"),
+        (lambda m: m * 0, "all masks are zero"),
+        (lambda m: np.where(m > 0, np.nan, m), "NaN, infinite or absurd"),
+        (lambda m: m * 1e300, "NaN, infinite or absurd"),
+    ],
+)
+def test_masks_that_are_no_transmissions_are_refused(scene, take, change, message):
+    made = scene()
+    with pytest.raises(InputError, match=message):
+        take(meas=made.meas, mask=change(made.masks.astype(float)))
+
+
+def test_blank_and_repeated_masks_are_named(scene, take, said):
+    made = scene(n=5)
+    made.masks[1] = 0
+    made.masks[4] = made.masks[2]
+    meas = np.einsum("nhw,nhwc->hwc", made.masks, made.views / 255.0)
+    imported = take(meas=meas, mask=made.masks)
+    assert said(imported, "mask(s) [1] never open")
+    assert said(imported, "2 and 4 are identical")
+
+
+@pytest.mark.parametrize("factor", [1 / 255, 1.0, 4095 / 255])
+def test_true_views_are_read_in_their_own_unit(scene, take, factor):
+    made = scene()
+    shot = take(meas=made.meas, mask=made.masks, truth=made.views * factor).shots[0]
+    assert np.allclose(shot.truth.views, made.views / 255, atol=1e-6)
+
+
+@pytest.mark.parametrize("change", [lambda v: v * np.nan, lambda v: -v, lambda v: v * 1e6])
+def test_true_views_that_are_no_light_are_refused(scene, take, change):
+    made = scene()
+    with pytest.raises(InputError, match=r"key 'truth'.*--truth-key none"):
+        take(meas=made.meas, mask=made.masks, truth=change(made.views.astype(float)))

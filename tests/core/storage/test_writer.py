@@ -1,0 +1,339 @@
+"""The row-by-row writer: raw counts, order of writes, refusals, and the death of the process."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import h5py
+import numpy as np
+import pytest
+
+from gs2ci.core.errors import InputError, StorageError
+from gs2ci.core.records import Truth
+from gs2ci.core.storage import (
+    CaptureHeader,
+    FrameRow,
+    ShotWriter,
+    check_manifest,
+    count_shots,
+    layout,
+    read_calibration,
+    read_shot,
+    recover,
+    write_shots,
+)
+
+
+@pytest.fixture
+def header():
+    masks = np.ones((2, 6, 8), np.float32)
+    return CaptureHeader(
+        rows=3,
+        channels=1,
+        masks=masks,
+        weights=np.ones(2, np.float32),
+        offset_dn=100.0,
+        scale_dn=1000.0,
+        saturation_dn=4095.0,
+        stage_axes=1,
+        telemetry=True,
+        truth_views="u1",
+        truth_poses=True,
+        saturated_map=True,
+        calibration={"calib/dark": np.full((6, 8), 3.5, np.float32)},
+        name="bench",
+    )
+
+
+def test_counts_become_full_scales_of_one_view_and_clipped_ones_are_marked(tmp_path, header):
+    counts = np.full((6, 8), 1100, np.uint16)
+    counts[2, 3] = 4095
+    with ShotWriter(tmp_path / "shot.h5", header) as writer:
+        writer.append(counts)
+        writer.finish()
+    shot = read_shot(tmp_path / "shot.h5")
+    assert shot.measurement.shape == (6, 8, 1)
+    assert shot.measurement[0, 0, 0] == 1.0
+    assert np.argwhere(shot.saturated).tolist() == [[2, 3]]
+    assert shot.name == "bench"
+    assert read_calibration(tmp_path / "shot.h5")["calib/dark"][0, 0] == 3.5
+
+
+def test_a_row_carries_everything_said_about_it(tmp_path, header):
+    views = np.full((2, 6, 8, 1), 51 / 255, np.float32)
+    poses = np.tile(np.eye(4), (2, 1, 1))
+    frame = FrameRow(7, 11, 13, 1, 5, np.array([[1.25], [1.5]]), np.array([1.0]))
+    clipped = np.eye(6, 8, dtype=bool)
+    with ShotWriter(tmp_path / "shot.h5", header) as writer:
+        writer.event("armed", exposure_s=0.01)
+        writer.append(
+            np.zeros((6, 8, 1), np.uint16),
+            frame=frame,
+            telemetry_world_to_camera=poses,
+            truth=Truth(views, 2 * poses),
+            saturated=clipped,
+            name="first",
+            provenance={"camera": "twin"},
+        )
+        writer.append(np.zeros((6, 8), np.uint16))
+        writer.finish()
+    shot, bare = (read_shot(tmp_path / "shot.h5", k) for k in (0, 1))
+    assert np.array_equal(shot.truth.views, views)
+    assert np.array_equal(shot.truth.world_to_camera, 2 * poses)
+    assert np.array_equal(shot.telemetry_world_to_camera, poses)
+    assert np.array_equal(shot.saturated, clipped)
+    assert (shot.name, shot.provenance) == ("first", {"camera": "twin"})
+    assert bare.truth == Truth()
+    assert bare.telemetry_world_to_camera is None
+    assert not bare.saturated.any()
+    with h5py.File(tmp_path / "shot.h5") as file:
+        assert file["frames/sequence"][0] == 7
+        assert file["frames/trigger_index"][0] == 5
+        assert file["frames/stage_pos"][0].tolist() == [[1.25], [1.5]]
+        assert file["frames/stage_target"][0].tolist() == [[1.0], [1.0]]
+        assert b"exposure_s" in file["events"][0]
+
+
+def test_only_finished_rows_count(tmp_path, header):
+    with ShotWriter(tmp_path / "shot.h5", header) as writer:
+        writer.append(np.zeros((6, 8), np.uint16))
+        writer.finish()
+    assert count_shots(tmp_path / "shot.h5") == 1
+
+
+def test_leaving_without_finish_keeps_the_rows_in_the_partial(tmp_path, header):
+    with ShotWriter(tmp_path / "shot.h5", header) as writer:
+        writer.append(np.full((6, 8), 600, np.uint16))
+    assert [p.name for p in tmp_path.iterdir()] == ["shot.h5.partial"]
+    with pytest.raises(StorageError, match=r"interrupted before its end.*gs2ci import"):
+        read_shot(tmp_path / "shot.h5.partial")
+    recover(tmp_path / "shot.h5.partial", tmp_path / "saved.h5")
+    assert read_shot(tmp_path / "saved.h5").measurement[0, 0, 0] == 0.5
+
+
+@pytest.mark.parametrize(
+    ("row", "message"),
+    [
+        ({"reading": np.zeros((6, 8), np.float32)}, "reading: dtype float32"),
+        ({"reading": np.zeros((8, 6), np.uint16)}, r"reading: shape \[8, 6\]"),
+        ({"telemetry_world_to_camera": np.eye(4)}, r"telemetry/world_to_camera: shape"),
+        ({"telemetry_world_to_camera": np.full((2, 4, 4), np.nan)}, "NaN or infinite"),
+        ({"truth": Truth(np.full((2, 6, 8, 1), 0.123, np.float32))}, "between the steps of 1/255"),
+        ({"saturated": np.zeros((2, 2), bool)}, "saturated: shape"),
+        ({"frame": FrameRow(stage_pos_mm=np.zeros(3))}, "stage_pos: shape"),
+    ],
+)
+def test_a_row_that_does_not_fit_is_refused_and_does_not_count(tmp_path, header, row, message):
+    with ShotWriter(tmp_path / "shot.h5", header) as writer:
+        with pytest.raises(StorageError, match=message):
+            writer.append(**{"reading": np.zeros((6, 8), np.uint16), **row})
+        assert writer.rows_written == 0
+        writer.append(np.zeros((6, 8), np.uint16))
+        writer.finish()
+
+
+def test_parts_that_the_header_did_not_announce_are_refused(tmp_path):
+    bare = CaptureHeader(1, 1, np.ones((1, 2, 2), np.float32), np.ones(1, np.float32))
+    with ShotWriter(tmp_path / "shot.h5", bare) as writer, pytest.raises(StorageError, match="not announced"):
+        writer.append(np.zeros((2, 2), np.uint16), saturated=np.zeros((2, 2), bool))
+
+
+def test_the_writer_refuses_more_rows_than_announced_and_any_after_the_end(tmp_path, header):
+    zero = np.zeros((6, 8), np.uint16)
+    with ShotWriter(tmp_path / "shot.h5", header) as writer:
+        with pytest.raises(StorageError, match="no row was written"):
+            writer.finish()
+        for _ in range(3):
+            writer.append(zero)
+        with pytest.raises(StorageError, match="row 3 in a file laid out for 3"):
+            writer.append(zero)
+        writer.finish()
+        with pytest.raises(StorageError, match="closed"):
+            writer.append(zero)
+        with pytest.raises(StorageError, match="closed"):
+            writer.event("late")
+
+
+def test_what_json_cannot_say_is_an_input_error(tmp_path, header):
+    with ShotWriter(tmp_path / "shot.h5", header) as writer:
+        with pytest.raises(InputError, match="JSON"):
+            writer.event("odd", value=object())
+        with pytest.raises(InputError, match="JSON"):
+            writer.append(np.zeros((6, 8), np.uint16), provenance={"x": float("nan")})
+        writer.append(np.zeros((6, 8), np.uint16), provenance={"x": np.float32(1.5), "y": np.arange(2)})
+        writer.finish()
+    assert read_shot(tmp_path / "shot.h5").provenance == {"x": 1.5, "y": [0, 1]}
+
+
+@pytest.mark.parametrize(
+    ("changes", "error", "message"),
+    [
+        ({"rows": 0}, StorageError, "capture of 0 rows"),
+        ({"scale_dn": 0.0}, StorageError, "positive scale"),
+        ({"offset_dn": float("nan")}, StorageError, "finite offset"),
+        ({"calibration": {"calib/gain": np.zeros((6, 8))}}, StorageError, "calib/gain"),
+        ({"masks": np.zeros((2, 6, 8), np.float32)}, InputError, "all masks are zero"),
+        ({"masks": np.zeros((6, 8), np.float32)}, InputError, "masks have shape"),
+    ],
+)
+def test_a_header_that_contradicts_itself_leaves_nothing_behind(tmp_path, header, changes, error, message):
+    broken = CaptureHeader(**{**header.__dict__, **changes})
+    with pytest.raises(error, match=message):
+        ShotWriter(tmp_path / "shot.h5", broken)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_capture_never_replaces_a_finished_file_or_an_unfinished_one(tmp_path, header, make_shot):
+    write_shots(tmp_path / "shot.h5", [make_shot()])
+    with pytest.raises(StorageError, match="already exists"):
+        ShotWriter(tmp_path / "shot.h5", header)
+    with ShotWriter(tmp_path / "other.h5", header):
+        pass
+    with pytest.raises(StorageError, match=r"unfinished capture.*gs2ci import"):
+        write_shots(tmp_path / "other.h5", [make_shot()])
+
+
+@pytest.mark.parametrize("name", ["missing/shot.h5", "shot", "shot.json", "shot.h5.partial"])
+def test_impossible_names_are_refused(tmp_path, make_shot, name):
+    with pytest.raises(StorageError):
+        write_shots(tmp_path / name, [make_shot()])
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_foreign_json_file_beside_the_capture_is_not_overwritten(tmp_path, make_shot):
+    (tmp_path / "shot.json").write_text("{}")
+    with pytest.raises(StorageError, match="manifest belongs there"):
+        write_shots(tmp_path / "shot.h5", [make_shot()])
+    assert (tmp_path / "shot.json").read_text() == "{}"
+
+
+def test_shots_of_different_masks_or_cameras_do_not_share_a_file(tmp_path, make_shot):
+    one = make_shot()
+    for other, word in [
+        (make_shot(masks=1 - one.masks), "masks"),
+        (make_shot(weights=one.weights * 0.5), "weights"),
+        (make_shot(intrinsics=None), "intrinsics"),
+        (make_shot(channels=1), "channels"),
+    ]:
+        with pytest.raises(StorageError, match=word):
+            write_shots(tmp_path / "shot.h5", [one, other])
+    with pytest.raises(StorageError, match="no shots"):
+        write_shots(tmp_path / "shot.h5", [])
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_an_error_on_the_way_leaves_nothing_half_written(tmp_path, make_shot):
+    with pytest.raises(InputError, match="JSON"):
+        write_shots(tmp_path / "shot.h5", [make_shot(), make_shot(provenance={"x": object()})])
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_refusing_disk_is_a_storage_error_that_names_the_row(tmp_path, header, monkeypatch):
+    with ShotWriter(tmp_path / "shot.h5", header) as writer:
+
+        def full() -> None:
+            raise OSError(28, "No space left on device")
+
+        monkeypatch.setattr(writer._file, "flush", full, raising=False)
+        with pytest.raises(StorageError, match="row 0 cannot be written"):
+            writer.append(np.zeros((6, 8), np.uint16))
+        with pytest.raises(StorageError, match="event 'fault' cannot be written"):
+            writer.event("fault")
+        assert writer.rows_written == 0
+
+
+def test_a_disk_that_refuses_the_rename_is_a_storage_error(tmp_path, header, monkeypatch):
+    def refuse(source: object, target: object) -> None:
+        raise OSError(5, "Input/output error")
+
+    monkeypatch.setattr(os, "replace", refuse)
+    with ShotWriter(tmp_path / "shot.h5", header) as writer:
+        writer.append(np.zeros((6, 8), np.uint16))
+        with pytest.raises(StorageError, match="cannot be finished"):
+            writer.finish()
+    assert (tmp_path / "shot.h5.partial").exists()
+
+
+def test_a_file_that_cannot_be_created_or_laid_out_is_a_storage_error(tmp_path, header, monkeypatch):
+    tmp_path.joinpath("locked").mkdir()
+
+    def refuse(*_: object, **__: object) -> None:
+        raise OSError(13, "Permission denied")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(h5py, "File", refuse)
+        with pytest.raises(StorageError, match=r"cannot be created: .*Permission denied"):
+            ShotWriter(tmp_path / "locked" / "shot.h5", header)
+    with monkeypatch.context() as patch:
+        patch.setattr(layout, "create", refuse)
+        with pytest.raises(StorageError, match="cannot be laid out"):
+            ShotWriter(tmp_path / "locked" / "shot.h5", header)
+    assert list((tmp_path / "locked").iterdir()) == []
+
+
+def test_a_disk_that_refuses_the_end_is_a_storage_error(tmp_path, header, monkeypatch):
+    def full() -> None:
+        raise OSError(28, "No space left on device")
+
+    for method, message in (("flush", "cannot be finished"), ("close", "cannot be closed")):
+        writer = ShotWriter(tmp_path / f"{method}.h5", header)
+        writer.append(np.zeros((6, 8), np.uint16))
+        file = writer._file
+        with monkeypatch.context() as patch:
+            patch.setattr(file, method, full, raising=False)
+            with pytest.raises(StorageError, match=message):
+                writer.finish()
+        file.close()
+
+
+def test_an_unreadable_file_in_the_manifests_place_is_not_overwritten(tmp_path, make_shot):
+    (tmp_path / "shot.json").write_bytes(b"\xff\xfe\xff")
+    with pytest.raises(StorageError, match="manifest belongs there"):
+        write_shots(tmp_path / "shot.h5", [make_shot()])
+
+
+WRITER = """
+import sys, numpy as np
+from pathlib import Path
+from gs2ci.core.storage import CaptureHeader, ShotWriter, FrameRow
+masks = np.ones((2, 48, 64), np.float32)
+header = CaptureHeader(5000, 1, masks, np.ones(2, np.float32), telemetry=True)
+writer = ShotWriter(Path(sys.argv[1]), header)
+for row in range(5000):
+    writer.append(
+        np.full((48, 64), row, np.uint16), frame=FrameRow(sequence=row, trigger_index=row),
+        telemetry_world_to_camera=np.full((2, 4, 4), row, float), provenance={"row": row},
+    )
+    writer.event("fired", index=row)
+    print(row, flush=True)
+"""
+
+
+@pytest.mark.parametrize("delay_s", [0.0, 0.013, 0.031, 0.077])
+def test_a_killed_writer_leaves_every_finished_row_readable(tmp_path, delay_s):
+    path = tmp_path / "shot.h5"
+    process = subprocess.Popen([sys.executable, "-c", WRITER, str(path)], stdout=subprocess.PIPE, text=True)
+    assert process.stdout is not None
+    process.stdout.readline()
+    time.sleep(delay_s)
+    process.send_signal(signal.SIGKILL)
+    reported = int((["0", *process.stdout.read().split()])[-1])
+    process.stdout.close()
+    process.wait()
+    partial = tmp_path / "shot.h5.partial"
+    before = partial.read_bytes()
+    recover(partial, tmp_path / "saved.h5")
+    assert partial.read_bytes() == before
+    check_manifest(tmp_path / "saved.h5")
+    count = count_shots(tmp_path / "saved.h5")
+    assert count >= reported + 1
+    for row in range(0, count, max(1, count // 5)):
+        shot = read_shot(tmp_path / "saved.h5", row)
+        assert (shot.measurement == row).all()
+        assert (shot.telemetry_world_to_camera == row).all()
+        assert shot.provenance == {"row": row}
+    with h5py.File(tmp_path / "saved.h5") as file:
+        assert b'"recovered"' in file["events"][-1]
+        assert len(file["events"]) >= count

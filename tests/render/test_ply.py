@@ -1,0 +1,153 @@
+import numpy as np
+import pytest
+import torch
+
+from gs2ci.core.errors import InputError, StorageError
+from gs2ci.render.ply import SH_DC, read_ply, read_ply_scene, write_ply
+
+NAMES = ["x", "y", "z", "f_dc_0", "f_dc_1", "f_dc_2", "opacity", "scale_0", "scale_1", "scale_2"]
+NAMES += ["rot_0", "rot_1", "rot_2", "rot_3"]
+
+
+def header(count=1, names=NAMES, layout="ascii", type_="float", after=""):
+    lines = ["ply", f"format {layout} 1.0", "comment made by a test", f"element vertex {count}"]
+    lines += [f"property {type_} {name}" for name in names]
+    return "\n".join(lines) + "\n" + after + "end_header\n"
+
+
+def row(values=range(14)):
+    return " ".join(str(v) for v in values) + "\n"
+
+
+@pytest.fixture
+def file(tmp_path):
+    def write(content):
+        path = tmp_path / "scene.ply"
+        path.write_bytes(content if isinstance(content, bytes) else content.encode())
+        return path
+
+    return write
+
+
+def test_scene_comes_back_from_its_file(tmp_path, make):
+    scene = make(count=33).scene
+    path = write_ply(tmp_path / "scene.ply", scene)
+    back = read_ply(path)
+    for name, tensor in scene.parameters().items():
+        torch.testing.assert_close(getattr(back, name), tensor, rtol=0, atol=3e-7 if name == "colours" else 0)
+    assert [p.name for p in tmp_path.iterdir()] == ["scene.ply"]
+
+
+def test_written_header_is_the_one_viewers_expect(tmp_path, make):
+    path = write_ply(tmp_path / "scene.ply", make(count=2).scene)
+    head = path.read_bytes().split(b"end_header\n")[0].decode().splitlines()
+    assert head[:3] == ["ply", "format binary_little_endian 1.0", "element vertex 2"]
+    assert [line.split()[2] for line in head[3:]] == [*NAMES[:3], "nx", "ny", "nz", *NAMES[3:]]
+
+
+def test_empty_scene_can_be_written_and_read(tmp_path, make):
+    empty = make().scene.map(lambda t: t[:0])
+    assert len(read_ply(write_ply(tmp_path / "empty.ply", empty))) == 0
+
+
+def test_text_file_is_read_with_the_conventions_of_splatting(file):
+    scene = read_ply(file(header(2) + row() + row(range(100, 114))))
+    assert scene.means.tolist() == [[0, 1, 2], [100, 101, 102]]
+    torch.testing.assert_close(scene.colours[0], 0.5 + SH_DC * torch.tensor([3.0, 4, 5]))
+    assert scene.opacity_logits.tolist() == [6, 106]
+    assert scene.log_scales[0].tolist() == [7, 8, 9]
+    assert scene.quaternions[0].tolist() == [10, 11, 12, 13]
+
+
+def test_dc_constant_is_that_of_the_first_spherical_harmonic():
+    assert pytest.approx(0.28209479177387814, abs=1e-16) == SH_DC
+
+
+def test_binary_file_of_doubles_in_another_order_with_extras_is_read(file):
+    names = ["extra", *reversed(NAMES)]
+    values = np.arange(15, dtype="<f8")
+    faces = "element face 1\nproperty list uchar int vertex_indices\n"
+    scene = read_ply_scene(
+        file(
+            header(1, names, "binary_little_endian", "double", after=faces).encode()
+            + values.tobytes()
+            + b"\x03"
+            + b"\0" * 12
+        )
+    )
+    assert scene.gaussians.means.tolist() == [[14, 13, 12]]
+    assert scene.ignored == ("extra",)
+    assert not scene.view_dependence_dropped
+
+
+@pytest.mark.parametrize(("rest", "dropped"), [(0.0, False), (0.25, True)])
+def test_view_dependent_colours_are_dropped_and_that_is_said(file, rest, dropped):
+    scene = read_ply_scene(file(header(1, [*NAMES, "f_rest_0", "f_rest_44"]) + row([*range(14), 0, rest])))
+    assert scene.view_dependence_dropped == dropped
+    assert scene.ignored == ()
+
+
+def test_further_lines_of_the_header_are_read_over(file):
+    text = header(1).replace("comment made by a test\n", "comment a\nobj_info b\n\n")
+    assert len(read_ply(file(text + row()))) == 1
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (b"", "not a PLY file"),
+        (b"\x89PNG\r\n\x1a\n\0\0", "not a PLY file"),
+        (b"no newline at all", "not a PLY file"),
+        (b"ply\nformat ascii 1.0\n", "header has no end"),
+        (b"end_header\n", "not a PLY file"),
+        (header(layout="binary_big_endian"), "format 'binary_big_endian'.*ascii, binary_little_endian"),
+        (header().replace("format ascii 1.0\n", ""), "PLY format ''"),
+        (header().replace("element vertex", "element point"), "first element is 'point'"),
+        ("ply\nformat ascii 1.0\nend_header\n", "first element is 'none'"),
+        (header().replace("vertex 1", "vertex -1"), "'element vertex -1' makes no sense"),
+        (header().replace("float x", "quad x"), "'property quad x' makes no sense"),
+        (header().replace("property float x", "property list uchar int x"), "makes no sense"),
+        (header(names=["x", "y", "z", "red"]), "lacks the properties f_dc_0.*plain point cloud"),
+        (header(names=[*NAMES, "x"]) + row(range(15)), "names a property twice"),
+        (header(2) + row(), "Gaussian 1 of 2 reads ''"),
+        (header(1) + row(range(13)), "Gaussian 0 of 1.*14 numbers"),
+        (header(1) + row([*range(13), "blue"]), "Gaussian 0 of 1.*blue"),
+        (header(1) + row([*range(13), "nan"]), "quaternions of the Gaussians: 1 of 4 values"),
+        (header(1) + row([1e300, *range(13)]), "means of the Gaussians: 1 of 3 values"),
+        (header(3, layout="binary_little_endian").encode() + b"\0" * 120, "ends after 2 of 3 Gaussians"),
+    ],
+)
+def test_malformed_file_is_one_clear_error(file, content, message):
+    with pytest.raises(InputError, match=message) as caught:
+        read_ply(file(content))
+    assert "scene.ply" in str(caught.value)
+
+
+def test_missing_file_is_one_clear_error(tmp_path):
+    with pytest.raises(InputError, match="No such file"):
+        read_ply(tmp_path / "none.ply")
+
+
+def test_folder_instead_of_a_file_is_one_clear_error(tmp_path):
+    with pytest.raises(InputError, match="directory"):
+        read_ply(tmp_path)
+
+
+def test_scene_with_nan_is_not_written(tmp_path, make):
+    scene = make().scene
+    scene.means[0, 0] = float("nan")
+    with pytest.raises(InputError, match="means"):
+        write_ply(tmp_path / "scene.ply", scene)
+    assert not list(tmp_path.iterdir())
+
+
+def test_failed_write_leaves_nothing_behind(tmp_path, make):
+    (tmp_path / "scene.ply").mkdir()
+    with pytest.raises(StorageError, match="cannot write"):
+        write_ply(tmp_path / "scene.ply", make().scene)
+    assert [p.name for p in tmp_path.iterdir()] == ["scene.ply"]
+
+
+def test_missing_folder_is_a_storage_error(tmp_path, make):
+    with pytest.raises(StorageError, match="cannot write"):
+        write_ply(tmp_path / "none" / "scene.ply", make().scene)
