@@ -24,6 +24,7 @@ from gs2ci.core.errors import Gs2ciError
 COMMANDS: Final[dict[str, tuple[str, str]]] = {
     "import": ("gs2ci.commands.import_", "turn .npz, .npy or .mat measurements into a shot file"),
     "reconstruct": ("gs2ci.commands.reconstruct", "recover views, camera path and scene from a shot file"),
+    "plan": ("gs2ci.commands.plan", "say which physical effects a simulation calls for, and why"),
     "demo": ("gs2ci.commands.demo", "simulate an exposure of a real scene and reconstruct it"),
 }
 EXIT_USER_ERROR: Final = 2

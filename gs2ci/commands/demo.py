@@ -19,6 +19,7 @@ from gs2ci_sims.exposure import expose
 from gs2ci_sims.light_path import generator, sensor_effects
 from gs2ci_sims.masks import random_masks
 from gs2ci_sims.path import stage_move_for_parallax
+from gs2ci_sims.planner import plan
 from gs2ci_sims.rig import Light, Modulator, Rig
 from gs2ci_sims.scenes.rgbd import motorcycle
 from gs2ci_sims.sensor import Sensor
@@ -69,12 +70,7 @@ def simulate(*, views: int, size: tuple[int, int], parallax_px: float, seed: int
         sensor=sensor,
     )
     path = stage_move_for_parallax(scene, parallax_px, rig.exposure_s)
-    return expose(
-        scene,
-        path,
-        random_masks(views, size, OPEN_SHARE, generator(seed, "masks")),
-        rig,
-        effects=(MotionBlur(), *sensor_effects(sensor)),
-        seed=seed,
-        progress=progress,
-    )
+    masks = random_masks(views, size, OPEN_SHARE, generator(seed, "masks"))
+    decided = plan(scene, path, masks, rig, (MotionBlur(), *sensor_effects(sensor)), seed=seed)
+    progress.say(decided.summary())
+    return expose(scene, path, masks, rig, effects=decided.effects, plan=decided.record(), seed=seed, progress=progress)

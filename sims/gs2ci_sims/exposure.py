@@ -7,7 +7,7 @@ The forward model is the bench's, not the solver's: photons arrive at a rate whi
 whatever mask is on show at that moment, and one sensor collects them all. Nothing is imported from the solver.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -40,6 +40,7 @@ def expose(
     *,
     effects: Sequence[Effect],
     seed: int,
+    plan: Mapping[str, Any] | None = None,
     renderer: Renderer | None = None,
     progress: Progress | None = None,
 ) -> Shot:
@@ -52,8 +53,9 @@ def expose(
         rig: The figures of light, modulator, timing and sensor.
         effects: Those that are simulated; `planner.plan` chooses them.
         seed: Of all draws.
+        plan: The reckoning behind `effects` (`planner.Plan.record`), to be kept with the shot.
         renderer: Draws the views.
-        progress: Hears about each mask.
+        progress: Hears about each view.
 
     Returns:
         The shot, in units of one view's full scale, with true views and poses at the centre of each mask's
@@ -86,6 +88,7 @@ def expose(
             "path": f"{path}",
             "rendered_views": light.rendered_views,
             "covered_share": light.covered_share,
+            **({"plan": dict(plan)} if plan is not None else {}),
         },
     ).check()
 

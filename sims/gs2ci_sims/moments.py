@@ -47,7 +47,7 @@ class Moments:
 
     def interpolation(self, times_s: F64) -> F64:
         """Return how much of each moment's view makes up the view at the given times, [T, K]; rows add up to 1."""
-        panel = np.clip(np.searchsorted(self.edges_s, times_s, side="right") - 1, 0, len(self.edges_s) - 2)
+        panel = self._panel(times_s)
         place = (times_s - self.edges_s[panel]) / np.diff(self.edges_s)[panel]
         matrix = np.zeros((len(times_s), len(self.edges_s) - 1, self.nodes))
         matrix[np.arange(len(times_s)), panel] = lagrange(gauss_nodes(self.nodes), place)
@@ -55,19 +55,25 @@ class Moments:
 
     def weights_s(self, slices: Slices) -> F64:
         """Return for how much of each slice each moment stands, [K, S] seconds; columns add up to the durations."""
-        inner = np.broadcast_to(self.edges_s[1:-1], (len(slices.start_s), len(self.edges_s) - 2))
-        inner = np.clip(inner, slices.start_s[:, None], slices.stop_s[:, None])
-        edges = np.concatenate([slices.start_s[:, None], inner, slices.stop_s[:, None]], axis=1)
-        # Degree nodes - 1 polynomials, integrated exactly by as many Gauss nodes on each piece.
-        points, gauss = gauss_nodes(self.nodes), gauss_weights(self.nodes)
-        weights = np.zeros((len(self.times_s), len(slices.start_s)))
-        for piece in range(edges.shape[1] - 1):
-            start, length = edges[:, piece], np.diff(edges[:, piece : piece + 2], axis=1)[:, 0]
-            some = np.flatnonzero(length > 0)
-            for point, weight in zip(points, gauss, strict=True):
-                at = start[some] + length[some] * point
-                weights[:, some] += (weight * length[some])[:, None].T * self.interpolation(at).T
+        first, last = self._panel(slices.start_s), self._panel(slices.stop_s)
+        # One piece per slice and panel that it meets.
+        of_slice = np.repeat(np.arange(len(first)), last - first + 1)
+        panel = np.concatenate([np.arange(a, b + 1) for a, b in zip(first, last, strict=True)] or [first])
+        start = np.where(panel == first[of_slice], slices.start_s[of_slice], self.edges_s[panel])
+        stop = np.where(panel == last[of_slice], slices.stop_s[of_slice], self.edges_s[panel + 1])
+        points, gauss, width = gauss_nodes(self.nodes), gauss_weights(self.nodes), np.diff(self.edges_s)[panel]
+        weights = np.zeros((len(self.times_s), len(first)))
+        # Polynomials of degree nodes - 1 are integrated exactly by as many Gauss nodes on each piece.
+        for point, weight in zip(points, gauss, strict=True):
+            place = (start + (stop - start) * point - self.edges_s[panel]) / width
+            basis = lagrange(points, place) * (weight * (stop - start))[:, None]
+            for node in range(self.nodes):
+                np.add.at(weights, (panel * self.nodes + node, of_slice), basis[:, node])
         return weights
+
+    def _panel(self, times_s: F64) -> NDArray[np.intp]:
+        """Return to which panel each time belongs."""
+        return np.asarray(np.clip(np.searchsorted(self.edges_s, times_s, side="right") - 1, 0, len(self.edges_s) - 2))
 
 
 def one_per_interval(intervals_s: F64) -> Moments:

@@ -16,6 +16,10 @@ F64 = NDArray[np.float64]
 STEPS_PER_INTERVAL: Final = 8
 STEPS_PER_PERIOD: Final = 8
 STEPS_MAX: Final = 4096
+PLACES_MAX: Final = 256
+# Directions in which cosines run across the image, and how many pairs of point and direction are followed.
+DIRECTIONS: Final = np.array([[1.0, 0.0, 0.5**0.5, 0.5**0.5], [0.0, 1.0, 0.5**0.5, -(0.5**0.5)]])
+TRACKS_MAX: Final = 12
 
 
 def image_motion_px(scene: Scene, path: CameraPath, intervals_s: F64) -> F64:
@@ -37,30 +41,58 @@ def image_travel_px(scene: Scene, path: CameraPath, times_s: F64) -> F64:
     return np.concatenate([[0.0], np.cumsum(steps)])
 
 
-def sampling_error_px(scene: Scene, path: CameraPath, edges_s: F64, nodes: int) -> tuple[float, float]:
-    """Find by how much Gauss-Legendre nodes misplace the image in panels of time, at most over the frame, in pixels.
+def net_motion_px(scene: Scene, path: CameraPath, edges_s: F64) -> float:
+    """Find how far the image is moved from one end of a panel of time to the other, rms over the panels, pixels."""
+    steps = np.linalg.norm(np.diff(_tracks(scene, path, edges_s), axis=0), axis=-1).max(axis=1)
+    return float(np.sqrt(np.square(steps).mean()))
+
+
+def sweep_errors(
+    scene: Scene, path: CameraPath, edges_s: F64, nodes: int, frequencies: F64, object_px_per_s: float = 0.0
+) -> tuple[F64, F64]:
+    """Find what sampling a moving image at Gauss-Legendre nodes gets wrong, for cosines of some frequencies.
+
+    The phases of the cosines follow the points of `_tracks` through the panels, however uneven their motion.
 
     Args:
         scene: Whose near and far points are followed.
         path: Where the camera is at any time.
         edges_s: Ends of the panels, [P + 1].
         nodes: Per panel.
+        frequencies: Cycles per pixel, [F].
+        object_px_per_s: How fast objects move by themselves, either way.
 
     Returns:
-        The error of the mean place over a panel by quadrature, and the rms error of the place by interpolation. Both
-        are 0 for an image that moves evenly and two nodes; a camera that swings within a panel makes them grow.
+        As shares of the amplitude, rms over the panels, of the worst point and direction, [F] each: the error of the
+        integral over a panel by quadrature, and of the wave itself by interpolation (rms over time).
     """
-    length = float(np.diff(edges_s).max())
-    fine = int(np.clip(STEPS_PER_PERIOD * highest_hz(path) * length, 2 * STEPS_PER_INTERVAL, STEPS_MAX))
-    places = (np.arange(fine) + 0.5) / fine
+    places = _places(path, float(np.diff(edges_s).max()))
     points = gauss_nodes(nodes)
     times = edges_s[:-1, None] + np.diff(edges_s)[:, None] * np.concatenate([places, points])
-    track = _tracks(scene, path, times.ravel()).reshape(len(edges_s) - 1, fine + nodes, -1, 2)
-    swept, sampled = track[:, :fine], track[:, fine:]
-    mean = swept.mean(axis=1) - np.tensordot(sampled, gauss_weights(nodes), axes=(1, 0))
-    between = swept - np.einsum("tn,pnkc->ptkc", lagrange(points, places), sampled)
-    deviation = np.sqrt(np.square(between).sum(axis=-1).mean(axis=1))
-    return float(np.linalg.norm(mean, axis=-1).max()), float(deviation.max())
+    track = _tracks(scene, path, times.ravel()).reshape(*times.shape, -1, 2) @ DIRECTIONS
+    if object_px_per_s:
+        own = object_px_per_s * (times - times.mean(axis=1, keepdims=True))[..., None, None]
+        track = np.concatenate([track, track + own, track - own], axis=2)
+    track = track.reshape(*times.shape, -1)
+    # Only the longest ways matter; phases are counted from the middle of each.
+    longest = np.argsort(np.ptp(track, axis=1).max(axis=0))[-TRACKS_MAX:]
+    track = track[..., longest] - track[..., longest].mean(axis=1, keepdims=True)
+    basis = lagrange(points, places)
+    quadrature, interpolation = np.zeros(len(frequencies)), np.zeros(len(frequencies))
+    for number, frequency in enumerate(frequencies):
+        wave = np.exp(2j * np.pi * frequency * track)
+        swept, sampled = wave[:, : len(places)], wave[:, len(places) :]
+        missed = np.abs(swept.mean(axis=1) - np.tensordot(sampled, gauss_weights(nodes), axes=(1, 0)))
+        between = np.abs(swept - np.einsum("tn,pnk->ptk", basis, sampled))
+        quadrature[number] = np.sqrt(np.square(missed).mean(axis=0).max(initial=0.0))
+        interpolation[number] = np.sqrt(np.square(between).mean(axis=(0, 1)).max(initial=0.0))
+    return quadrature, interpolation
+
+
+def _places(path: CameraPath, longest_s: float) -> F64:
+    """Return the middles of equal parts of [0, 1] that follow a path through a panel."""
+    count = int(np.clip(STEPS_PER_PERIOD * highest_hz(path) * longest_s, 3 * STEPS_PER_INTERVAL, PLACES_MAX))
+    return np.asarray((np.arange(count) + 0.5) / count)
 
 
 def _tracks(scene: Scene, path: CameraPath, times_s: F64) -> F64:

@@ -13,13 +13,14 @@ from functools import cached_property
 from typing import Final
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
 from scipy.fft import dctn
 
 from gs2ci_sims.effects.base import Bound
 from gs2ci_sims.motion import image_motion_px, image_travel_px
 from gs2ci_sims.path import CameraPath
-from gs2ci_sims.radiance import Renderer
+from gs2ci_sims.radiance import Renderer, binned
 from gs2ci_sims.rig import Rig
 from gs2ci_sims.scenes.base import Scene
 
@@ -31,7 +32,7 @@ MOMENTS: Final = 3
 STILL_PX: Final = 0.25
 # A spectrum needs some pixels: smaller sensors are previewed with a margin.
 SIDE_MIN_PX: Final = 24
-SPECTRUM_BINS: Final = 129
+SPECTRUM_BINS: Final = 193
 # The rasteriser's graininess, rms, of full scale: measured on planes, where it is 5e-5 to 8e-5.
 RENDER_GRAIN: Final = 1e-4
 # What other effects (flicker, PRNU, leakage, dark current) and the preview's coarseness may add to its figures.
@@ -47,8 +48,9 @@ class Preview:
         path: Where the camera is at any time.
         masks: As nominally shown, at the sensor's pixels, [N, H, W].
         rig: The figures.
-        wide_views: Radiance at moments from the begin to the end of the exposure, full scale 1, [P, H', W', 3],
-            with a margin on small sensors.
+        fine_views: Radiance at moments from the begin to the end of the exposure, full scale 1, before it is averaged
+            over the pixels' areas, [P, H' s, W' s, 3], with a margin on small sensors.
+        samples: s, per pixel side.
         margin: That margin, pixels.
         render_s: What rendering one view took.
         object_px_per_s: How fast objects move across the image by themselves, at most.
@@ -58,7 +60,8 @@ class Preview:
     path: CameraPath
     masks: F32
     rig: Rig
-    wide_views: F64
+    fine_views: F32
+    samples: int
     margin: int
     render_s: float
     object_px_per_s: float = 0.0
@@ -106,12 +109,24 @@ class Preview:
         return np.asarray(image_travel_px(self.scene, self.path, times_s) + own)
 
     @cached_property
+    def wide_views(self) -> F64:
+        """Get the previewed radiance with its margin, [P, H', W', 3]."""
+        return binned(torch.from_numpy(self.fine_views), self.samples).astype(np.float64)
+
+    @cached_property
     def _spectrum(self) -> tuple[F64, F64]:
-        """Mean power of the radiance by frequency, in cycles per pixel, [BINS] each; a bin counts as its upper end."""
-        _, height, width, _ = self.wide_views.shape
-        power = np.square(dctn(self.wide_views, axes=(1, 2), norm="ortho")).mean(axis=(0, 3)) / (height * width)
-        frequency = np.hypot(np.arange(height)[:, None] / (2 * height), np.arange(width) / (2 * width))
-        ends = np.linspace(0, np.sqrt(0.5), SPECTRUM_BINS)
+        """Mean power of the radiance by frequency, in cycles per pixel, [BINS] each; a bin counts as its upper end.
+
+        Of the finer image before it is averaged over the pixels' areas, times what this averaging leaves of each
+        cosine: what a pixel cannot resolve still moves, and faster in phase.
+        """
+        _, height, width, _ = self.fine_views.shape
+        power = np.square(dctn(self.fine_views, axes=(1, 2), norm="ortho")).mean(axis=(0, 3)) / (height * width)
+        down = np.arange(height) / (2 * height) * self.samples
+        right = np.arange(width) / (2 * width) * self.samples
+        power *= np.square(np.sinc(down))[:, None] * np.square(np.sinc(right))
+        frequency = np.hypot(down[:, None], right)
+        ends = np.linspace(0, self.samples * np.sqrt(0.5), SPECTRUM_BINS)
         place = np.searchsorted(ends, frequency.ravel()).clip(max=SPECTRUM_BINS - 1)
         return ends, np.bincount(place, power.ravel(), SPECTRUM_BINS).astype(np.float64)
 
@@ -183,7 +198,8 @@ def preview(scene: Scene, path: CameraPath, masks: F32, rig: Rig, renderer: Rend
     moves = float(image_motion_px(scene, path, whole[None]).max()) > STILL_PX
     times = np.linspace(whole[0], whole[1], MOMENTS) if moves else whole.mean(keepdims=True)
     margin = max(0, -(-(SIDE_MIN_PX - min(scene.size)) // 2))
+    renderer = renderer or Renderer()
     started = time.perf_counter()
-    views, _ = (renderer or Renderer()).views(scene, path.world_to_camera(times), margin=margin)
+    views = renderer.supersampled_views(scene, path.world_to_camera(times), margin=margin)
     render_s = (time.perf_counter() - started) / len(times)
-    return Preview(scene, path, masks, rig, views.astype(np.float64), margin, render_s)
+    return Preview(scene, path, masks, rig, views, renderer.supersampling, margin, render_s)

@@ -4,6 +4,7 @@ Here: the renderer with supersampling, and depth maps. Not here: time, masks, el
 package.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Final
 
@@ -55,20 +56,31 @@ class Renderer:
             Radiance [V, H, W, 3] (>= 0; 1 is white) and coverage [V, H, W] (0 where a ray meets nothing).
         """
         factor = self.supersampling
+        radiance, coverage = [], []
+        for images, alphas in self._large_views(scene, world_to_camera, gaussians, margin):
+            radiance.append(binned(images, factor))
+            coverage.append(binned(alphas[..., None], factor)[..., 0])
+        # Spherical harmonics of a fitted scene may dip below zero; light does not.
+        return np.maximum(np.concatenate(radiance), 0), np.concatenate(coverage)
+
+    def supersampled_views(self, scene: Scene, world_to_camera: F64, *, margin: int = 0) -> F32:
+        """Render the scene before it is averaged over the pixels' areas, [V, H s, W s, 3] with s samples per side."""
+        images = [images.numpy() for images, _ in self._large_views(scene, world_to_camera, None, margin)]
+        return np.asarray(np.maximum(np.concatenate(images), 0))
+
+    def _large_views(
+        self, scene: Scene, world_to_camera: F64, gaussians: Gaussians | None, margin: int
+    ) -> Iterator[tuple[torch.Tensor, torch.Tensor]]:
+        factor = self.supersampling
         backend = load_backend(self.backend)
         gaussians = (scene.gaussians if gaussians is None else gaussians).detach()
         enlarged = with_margin(scene.intrinsics, margin) * np.array([[factor], [factor], [1.0]])
         intrinsics = torch.tensor(enlarged, dtype=torch.float32)
         large = ((scene.size[0] + 2 * margin) * factor, (scene.size[1] + 2 * margin) * factor)
-        radiance, coverage = [], []
         for first in range(0, len(world_to_camera), VIEWS_AT_ONCE):
             poses = torch.tensor(world_to_camera[first : first + VIEWS_AT_ONCE], dtype=torch.float32)
             with torch.no_grad():
-                images, alphas = backend.views(gaussians, poses, intrinsics, large)
-            radiance.append(_binned(images, factor))
-            coverage.append(_binned(alphas[..., None], factor)[..., 0])
-        # Spherical harmonics of a fitted scene may dip below zero; light does not.
-        return np.maximum(np.concatenate(radiance), 0), np.concatenate(coverage)
+                yield backend.views(gaussians, poses, intrinsics, large)
 
 
 def with_margin(intrinsics: F64, margin: int) -> F64:
@@ -95,7 +107,7 @@ def rendered_depth(gaussians: Gaussians, world_to_camera: F64, intrinsics: F64, 
     return np.where(weight >= 0.5, blended[0, ..., 0].to(torch.float64).numpy() / np.maximum(weight, 0.5), np.nan)
 
 
-def _binned(images: torch.Tensor, factor: int) -> F32:
+def binned(images: torch.Tensor, factor: int) -> F32:
     """Average [V, H f, W f, C] over blocks of f x f, to [V, H, W, C]."""
     views, rows, columns, channels = images.shape
     blocks = images.reshape(views, rows // factor, factor, columns // factor, factor, channels)

@@ -12,8 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gs2ci_sims.effects.base import Effect, Stage
-from gs2ci_sims.effects.motion_blur import MotionBlur, panel_bound
+from gs2ci_sims.effects.motion_blur import MotionBlur, even_panel_rms_dn, panel_bound
 from gs2ci_sims.light_path import EffectChain
+from gs2ci_sims.motion import net_motion_px
 from gs2ci_sims.preview import Preview
 from gs2ci_sims.signals import Slices, nominal_slices
 
@@ -26,9 +27,13 @@ ODD_NODES: Final = (1, 3, 5, 7, 9)
 # Views within a panel that spans several masks, and how many such panels per mask at most.
 NODES: Final = (1, 2, 3, 4, 5, 6, 8, 10, 12)
 PANELS_PER_MASK: Final = 4
+PANEL_CHOICES: Final = 14
+# Options are only reckoned in full whose error would be within the budget if the image moved evenly, by this share of
+# its net motion's error (panels differ, and only the fastest is guessed at).
+GUESS_SHARE: Final = 0.3
 TRAVEL_STEPS: Final = 512
-# If no option stays within its budget, the best of so many with the most views is taken.
-TRIED_AT_LAST: Final = 6
+# If no option stays within its budget, the most promising one is taken; none has more views than this.
+VIEWS_PER_MASK_MAX: Final = 135
 
 
 @dataclass(frozen=True)
@@ -68,20 +73,25 @@ def choose_sampling(look: Preview, effects: Sequence[Effect], budget_dn: float, 
         whole = (float(travel[0][0]), float(travel[0][-1]))
         return Sampling(MotionBlur(1, whole), 1, 0.0, f"1 view for {count} masks", "nothing moves")
     uneven = unevenness(slices)
-    plain = _Option(np.unique(look.intervals_s), 1, float(look.motion_px.max()), uneven, count)
+    plain = _Option(np.unique(look.intervals_s), 1, 0.0, uneven, count)
     if not blurs:
         return Sampling(None, count, _error(look, plain), "", "forced off")
     options = [plain, *_across_masks(look, travel), *_within_masks(look, uneven)]
     options.sort(key=lambda option: option.views)
-    hopeful = [option for option in options if _error(look, option, swings=False) <= budget_dn]
-    chosen = next((option for option in hopeful if _error(look, option) <= budget_dn), None)
-    chosen = chosen or min(options[-TRIED_AT_LAST:], key=lambda option: _error(look, option))
-    return _as_sampling(look, chosen, plain)
+    options = [option for option in options if option.views <= VIEWS_PER_MASK_MAX * count]
+    guesses = [_guess(look, option) for option in options]
+    for option, guess in zip(options, guesses, strict=True):
+        if guess <= budget_dn:
+            error = _error(look, option)
+            if error <= budget_dn:
+                return _as_sampling(look, option, plain, error)
+    last = options[int(np.argmin(guesses))]
+    return _as_sampling(look, last, plain, _error(look, last))
 
 
 @dataclass(frozen=True)
 class _Option:
-    """Panels between `edges_s` with `nodes` views each, over which the image moves by `panel_px` at most."""
+    """Panels between `edges_s` with `nodes` views each, the image's net motion over which is `panel_px` at most."""
 
     edges_s: F64
     nodes: int
@@ -90,14 +100,20 @@ class _Option:
     views: int
 
 
-def _error(look: Preview, option: _Option, *, swings: bool = True) -> float:
+def _guess(look: Preview, option: _Option) -> float:
+    """Guess an option's error from its net motion, DN rms: cheap, and rather too small than too large."""
+    even = even_panel_rms_dn(look, option.panel_px, option.nodes, option.unevenness)
+    return GUESS_SHARE * even + look.graininess(option.views)
+
+
+def _error(look: Preview, option: _Option) -> float:
     """Bound an option's error, DN rms."""
-    bound = panel_bound(look, option.edges_s, option.panel_px, option.nodes, option.unevenness, swings=swings)
+    bound = panel_bound(look, option.edges_s, option.nodes, option.unevenness)
     return bound.rms_dn + look.graininess(option.views)
 
 
-def _as_sampling(look: Preview, option: _Option, plain: _Option) -> Sampling:
-    error, count = _error(look, option), len(look.masks)
+def _as_sampling(look: Preview, option: _Option, plain: _Option, error: float) -> Sampling:
+    count = len(look.masks)
     if option is plain:
         return Sampling(None, count, error, "", "one view per mask will do")
     blur = MotionBlur(option.nodes, tuple(float(edge) for edge in option.edges_s))
@@ -111,21 +127,23 @@ def _across_masks(look: Preview, travel: tuple[F64, F64]) -> Iterator[_Option]:
     times, travelled = travel
     # A trace of time beside the motion keeps panels apart while the image is at rest.
     progress = travelled / travelled[-1] + 1e-6 * np.linspace(0, 1, len(times))
-    for panels in range(1, PANELS_PER_MASK * len(look.masks) + 1):
+    most = PANELS_PER_MASK * len(look.masks)
+    for panels in np.unique(np.rint(np.geomspace(1, most, PANEL_CHOICES)).astype(int)):
         edges = np.interp(np.linspace(0, progress[-1], panels + 1), progress, times)
+        net_px = net_motion_px(look.scene, look.path, edges)
         for nodes in NODES:
-            yield _Option(edges, nodes, float(travelled[-1]) / panels, None, panels * nodes)
+            yield _Option(edges, nodes, net_px, None, int(panels) * nodes)
 
 
 def _within_masks(look: Preview, uneven: float) -> Iterator[_Option]:
     """List panels that end where mask intervals do."""
-    fastest = float(look.motion_px.max())
     for parts in PARTS:
         within = look.intervals_s[:, :1] + np.diff(look.intervals_s, axis=1) * np.linspace(0, 1, parts + 1)
+        edges = _distinct(within.ravel())
+        net_px = net_motion_px(look.scene, look.path, edges)
         for nodes in ODD_NODES:
             if parts * nodes > 1:
-                views = len(look.masks) * parts * nodes
-                yield _Option(_distinct(within.ravel()), nodes, fastest / parts, uneven, views)
+                yield _Option(edges, nodes, net_px, uneven, len(look.masks) * parts * nodes)
 
 
 def _distinct(edges: F64) -> F64:

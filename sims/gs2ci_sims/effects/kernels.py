@@ -13,20 +13,25 @@ F64 = NDArray[np.float64]
 DISC_OVERSAMPLING: Final = 16
 
 
+def gaussian_radius(sigma_px: float, reach: float) -> int:
+    """Return the radius of a kernel that is cut off at reach sigma: one more than that, as narrow ones fall slower."""
+    return int(np.ceil(reach * sigma_px)) + 1 if sigma_px > 0 else 0
+
+
 def discrete_gaussian(sigma_px: float, reach: float) -> F64:
-    """Return Lindeberg's discrete Gaussian, [2 r + 1] with r = reach sigma rounded up; it adds up to 1.
+    """Return Lindeberg's discrete Gaussian, [2 r + 1] with r = `gaussian_radius`; it adds up to 1.
 
     e^-t I_n(t) with t = sigma^2 is what a sampled Gaussian only approximates: its variance is exactly t and its
     transfer function exactly exp(t (cos w - 1)), however small sigma is (Lindeberg, IEEE PAMI 12 (1990) 234).
     """
-    radius = int(np.ceil(reach * sigma_px))
+    radius = gaussian_radius(sigma_px, reach)
     kernel = ive(np.arange(-radius, radius + 1), sigma_px**2)
     return np.asarray(kernel / kernel.sum())
 
 
 def gaussian_tail(sigma_px: float, reach: float) -> float:
     """Return the share of the discrete Gaussian beyond its reach."""
-    radius = int(np.ceil(reach * sigma_px))
+    radius = gaussian_radius(sigma_px, reach)
     return float(max(0.0, 1.0 - ive(np.arange(-radius, radius + 1), sigma_px**2).sum()))
 
 

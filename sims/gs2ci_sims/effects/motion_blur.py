@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from gs2ci.core.errors import InputError
 from gs2ci_sims.effects.base import Bound, Stage
 from gs2ci_sims.moments import Moments, gauss_nodes, gauss_weights, lagrange
-from gs2ci_sims.motion import sampling_error_px
+from gs2ci_sims.motion import sweep_errors
 
 if TYPE_CHECKING:
     from gs2ci_sims.preview import Preview
@@ -21,6 +21,8 @@ F64 = NDArray[np.float64]
 # Phases over a panel, radians, for which the errors of interpolation and quadrature are tabulated; a frequency at
 # the pixel's Nyquist limit turns by pi per pixel of motion.
 PHASES: Final = np.concatenate([[0.0], np.geomspace(1e-3, 1e3, 400)])
+# Frequencies of the image, cycles per pixel, up to twice the pixel's Nyquist limit along both axes.
+FREQUENCIES: Final = np.concatenate([np.linspace(0, 0.1, 5)[:-1], np.linspace(0.1, 2**0.5, 12)])
 
 
 @dataclass(frozen=True)
@@ -56,8 +58,7 @@ class MotionBlur:
         function of linear motion (Boreman, Modulation Transfer Function in Optical Systems, section 2.2). A camera
         that swings also has its mean place elsewhere than in the middle of the interval.
         """
-        within = np.unique(scene.intervals_s)
-        return panel_bound(scene, within, float(scene.motion_px.max()), 1, 0.0)
+        return panel_bound(scene, np.unique(scene.intervals_s), 1, 0.0)
 
     def apply(self, signal: Moments, rig: "Rig", rng: np.random.Generator) -> Moments:
         """Replace the one moment per interval."""
@@ -82,29 +83,30 @@ def quadrature_error(nodes: int) -> F64:
     return np.asarray(np.maximum.accumulate(np.abs(exact - np.cos(PHASES[:, None] * centred) @ gauss_weights(nodes))))
 
 
-def panel_bound(
-    scene: "Preview", edges_s: F64, panel_px: float, nodes: int, unevenness: float | None, *, swings: bool = True
-) -> Bound:
+def panel_bound(scene: "Preview", edges_s: F64, nodes: int, unevenness: float | None) -> Bound:
     """Bound the error of sampling the moving image with `nodes` views in each panel.
 
     Args:
         scene: A quick look.
         edges_s: Ends of the panels.
-        panel_px: Motion of the image within a panel, at most, pixels.
         nodes: Views per panel.
         unevenness: How unevenly light is collected within a panel, as a share (0: evenly, the integral of the
             image is all that counts and quadrature is far better than interpolation); None: masks switch within a
             panel, the image is needed at every moment.
-        swings: False leaves out what an uneven motion adds: a lower bound that costs less.
     """
+    quadrature, interpolation = sweep_errors(
+        scene.scene, scene.path, edges_s, nodes, FREQUENCIES, scene.object_px_per_s
+    )
+    errors = interpolation
+    if unevenness is not None:
+        errors = np.minimum(errors, quadrature + unevenness * errors)
+    return scene.filtered(lambda f: np.interp(f, FREQUENCIES, errors))
+
+
+def even_panel_rms_dn(scene: "Preview", panel_px: float, nodes: int, unevenness: float | None) -> float:
+    """Return what `panel_bound` would be for an even motion of so many pixels per panel: a first guess, DN rms."""
     phases = 2 * np.pi * panel_px
     errors = interpolation_error(nodes)
-    misplaced_px = 0.0
-    if swings and panel_px > 0:
-        mean_px, between_px = sampling_error_px(scene.scene, scene.path, edges_s, nodes)
-        misplaced_px = between_px if unevenness is None else min(between_px, mean_px + unevenness * between_px)
     if unevenness is not None:
         errors = np.minimum(errors, quadrature_error(nodes) + unevenness * errors)
-    return scene.filtered(
-        lambda f: np.interp(phases * f, PHASES, errors) + 2 * np.sin(np.minimum(np.pi * f * misplaced_px, np.pi / 2))
-    )
+    return scene.filtered(lambda f: np.interp(phases * f, PHASES, errors)).rms_dn

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from gs2ci.core.errors import InputError
 from gs2ci_sims.effects.base import Bound, Stage
-from gs2ci_sims.effects.kernels import blurred, gaussian_loss, gaussian_tail
+from gs2ci_sims.effects.kernels import blurred, gaussian_loss, gaussian_radius, gaussian_tail
 from gs2ci_sims.signals import View
 
 if TYPE_CHECKING:
@@ -55,7 +55,7 @@ class OpticsPsf:
 
     def margin_px(self, rig: "Rig", size: tuple[int, int], intrinsics: F64) -> int:
         """Return the kernel's radius."""
-        return int(np.ceil(self.reach * self.sigma_px))
+        return gaussian_radius(self.sigma_px, self.reach)
 
     def apply(self, signal: View, rig: "Rig", rng: np.random.Generator) -> View:
         """Blur the view."""
