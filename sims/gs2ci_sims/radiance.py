@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from gs2ci.core.errors import InputError
 from gs2ci.render.backend import load_backend
 from gs2ci.render.gaussians import Gaussians
+from gs2ci.render.harmonics import colours_seen
 from gs2ci_sims.scenes.base import Scene
 
 F32 = NDArray[np.float32]
@@ -64,10 +65,11 @@ class Renderer:
         for first in range(0, len(world_to_camera), VIEWS_AT_ONCE):
             poses = torch.tensor(world_to_camera[first : first + VIEWS_AT_ONCE], dtype=torch.float32)
             with torch.no_grad():
-                images, alphas = backend.views(gaussians, poses, intrinsics, large)
+                colours = None if scene.harmonics is None else colours_seen(gaussians, scene.harmonics, poses)
+                images, alphas = backend.views(gaussians, poses, intrinsics, large, colours)
             radiance.append(_binned(images, factor))
             coverage.append(_binned(alphas[..., None], factor)[..., 0])
-        # Spherical harmonics of a fitted scene may dip below zero; light does not.
+        # Colours of a fitted scene may dip below zero; light does not.
         return np.maximum(np.concatenate(radiance), 0), np.concatenate(coverage)
 
 
