@@ -22,15 +22,17 @@ F64 = NDArray[np.float64]
 
 LIGHT: Final = TOWARDS_LIGHT / np.linalg.norm(TOWARDS_LIGHT)
 AMBIENT: Final = 0.25
+# Of the far side only this much is there: the cosine to the line of sight up to which the ball has a skin.
+BACK: Final = 0.35
 
 
 def ball(
     rng: np.random.Generator,
     frame: Frame,
     *,
-    radius: float = 0.8,
-    depth: float = 3.5,
-    shine: float = 0.5,
+    radius: float = 0.75,
+    depth: float = 4.0,
+    shine: float = 0.8,
     exponent: float = 8.0,
     backdrop: float = 6.0,
 ) -> Scene:
@@ -116,9 +118,11 @@ def _skin(centre: F64, radius: float, spacing: float) -> tuple[Surfels, F64]:
     turn = np.concatenate([(np.arange(count) + 0.5) / count * 2 * np.pi for count in counts])
     sin, cos = np.sin(theta), np.cos(theta)
     normals = np.stack([sin * np.sin(turn), -cos, -sin * np.cos(turn)], axis=1)
+    front = normals @ centre < BACK * np.linalg.norm(centre)
+    theta, turn, sin, cos, normals = theta[front], turn[front], sin[front], cos[front], normals[front]
     east = np.stack([np.cos(turn), np.zeros_like(turn), np.sin(turn)], axis=1)
     south = np.stack([cos * np.sin(turn), sin, -cos * np.cos(turn)], axis=1)
-    u = east * (2 * np.pi * radius * sin / counts.repeat(counts))[:, None]
+    u = east * (2 * np.pi * radius * sin / counts.repeat(counts)[front])[:, None]
     v = south * (np.pi * radius / rings)
     bands = np.sign(np.sin(8 * theta)) * np.sign(np.sin(6 * turn))
     paint = np.where(bands[:, None] > 0, [0.55, 0.12, 0.1], [0.75, 0.7, 0.6])

@@ -68,7 +68,7 @@ def moving_box(
 
 
 def _standing(
-    rng: np.random.Generator, frame: Frame, count: int, backdrop: float, nearest: float = 0.42
+    rng: np.random.Generator, frame: Frame, count: int, backdrop: float, nearest: float = 0.5
 ) -> list[list[Rectangle]]:
     if count < 1:
         raise InputError(f"{count} boxes", allowed="1 or more")
@@ -78,7 +78,7 @@ def _standing(
     for k in range(count):
         depth = backdrop * float(np.interp(k, [0, max(count - 1, 1)], [0.88, nearest]))
         across = ((columns[k] + rng.uniform(0.3, 0.7)) / count * 2 - 1) * 0.85 * frame.half[0] * depth
-        wide, high, deep = rng.uniform(0.07, 0.11) * backdrop, rng.uniform(0.05, 0.16) * backdrop, 0.06 * backdrop
+        wide, high, deep = rng.uniform(0.08, 0.13) * backdrop, rng.uniform(0.07, 0.2) * backdrop, 0.1 * backdrop
         turn = rotation(np.array([0.0, rng.uniform(-0.6, 0.6), 0.0]))
         edges = turn * np.array([0.5 * wide, 0.5 * high, 0.5 * deep])
         stand.append(box(np.array([across, down - 0.5 * high, depth]), edges))

@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 
 from gs2ci.core.errors import InputError
 from gs2ci_sims.scenes.base import Scene
-from gs2ci_sims.scenes.rectangles import Rectangle, chequered, coloured, receding, strip_samples, texture
-from gs2ci_sims.scenes.stage import FLOOR_COLOURS, GRAIN, Frame, painted, staged
+from gs2ci_sims.scenes.rectangles import Rectangle, chequered, coloured, grain, receding, strip_samples
+from gs2ci_sims.scenes.stage import FLOOR_COLOURS, Frame, painted, staged
 from gs2ci_sims.scenes.surfels import Surfels
 
 F64 = NDArray[np.float64]
@@ -54,8 +54,7 @@ def corridor(
 def _plastered(rng: np.random.Generator, strip: Rectangle, colour: F64, bay: int, focal: float) -> Surfels:
     """Cover a strip with grainy plaster; every second bay has a lamp, brightest in its middle."""
     columns, rows = strip_samples(strip, focal)
-    grain = texture(rng, (rows, columns), 1.0)
     along = (np.arange(rows) + 0.5) / rows
     light = np.where(bay % 2 == 0, 0.6 + 0.4 * np.sin(np.pi * along), 0.6 - 0.2 * np.sin(np.pi * along))
-    paint = light[:, None, None] * (colour + GRAIN * (grain - grain.mean(axis=(0, 1))))
+    paint = light[:, None, None] * colour * (1 + grain(rng, (rows, columns), 1.0))
     return coloured(strip, np.clip(paint, 0.0, 1.0))

@@ -112,6 +112,14 @@ def coloured(rectangle: Rectangle, radiance: F64) -> Surfels:
     return from_tangents(points, along_u, along_v, radiance.reshape(-1, 3))
 
 
+def grain(rng: np.random.Generator, shape: tuple[int, int], slope: float) -> F64:
+    """Draw what makes a paint uneven, [H, W, 3] of mean 0 and about a quarter deep: much in brightness, little in hue."""
+    noise = texture(rng, shape, slope)
+    noise -= noise.mean(axis=(0, 1))
+    grey = noise.mean(axis=2, keepdims=True)
+    return np.asarray(2.0 * grey + 0.6 * (noise - grey))
+
+
 def receding(centre_xy: F64, half_xy: F64, near: float, far: float) -> list[Rectangle]:
     """Cut a floor, ceiling or wall parallel to the line of sight into strips, each a fifth deeper than the last.
 
@@ -147,8 +155,7 @@ def chequered(rng: np.random.Generator, strip: Rectangle, tile: float, colours: 
     across = u * np.linalg.norm(strip.half_u)
     along = strip.centre[2] + v * strip.half_v[2]
     odd = (np.floor(across[None] / tile) + np.floor(along[:, None] / tile)).astype(int) % 2
-    grain = texture(rng, (rows, columns), 0.7)
-    return coloured(strip, np.clip(colours[odd] + 0.5 * (grain - grain.mean(axis=(0, 1))), 0.0, 1.0))
+    return coloured(strip, np.clip(colours[odd] * (1 + grain(rng, (rows, columns), 0.7)), 0.0, 1.0))
 
 
 def rays(intrinsics: F64, size: tuple[int, int]) -> F64:

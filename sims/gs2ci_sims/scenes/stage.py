@@ -12,15 +12,24 @@ from numpy.typing import NDArray
 
 from gs2ci.core.errors import InputError
 from gs2ci_sims.scenes.base import Scene, camera_looking_ahead, gaussians_from_surfels
-from gs2ci_sims.scenes.rectangles import Rectangle, chequered, coloured, depth_of, receding, samples, shade, texture
+from gs2ci_sims.scenes.rectangles import (
+    SPACING_PX,
+    Rectangle,
+    chequered,
+    coloured,
+    depth_of,
+    grain,
+    receding,
+    samples,
+    shade,
+)
 from gs2ci_sims.scenes.surfels import Surfels, join
 
 F64 = NDArray[np.float64]
 
 # The wall extends this much past the frame, for the camera to move and turn into.
-OVERSIZE: Final = 1.5
+OVERSIZE: Final = 1.25
 FLOOR_COLOURS: Final = np.array([[0.62, 0.55, 0.45], [0.25, 0.24, 0.26]])
-GRAIN: Final = 0.8
 
 
 @dataclass(frozen=True)
@@ -52,8 +61,8 @@ class Frame:
 
 
 def floor_y(frame: Frame, backdrop: float) -> float:
-    """Return how far below the line of sight the floor lies: it meets the wall two thirds down the frame's half."""
-    return float(0.67 * frame.half[1] * backdrop)
+    """Return how far below the line of sight the floor lies: it meets the wall halfway down the frame's lower half."""
+    return float(0.5 * frame.half[1] * backdrop)
 
 
 def room(rng: np.random.Generator, frame: Frame, backdrop: float) -> tuple[list[Rectangle], list[Surfels]]:
@@ -77,9 +86,8 @@ def room(rng: np.random.Generator, frame: Frame, backdrop: float) -> tuple[list[
 def painted(rng: np.random.Generator, face: Rectangle, focal: float, colour: F64) -> Surfels:
     """Cover a face with a grainy paint, as bright as the light makes it."""
     nearest = min(face.centre[2], abs(face.centre[2] - np.abs([face.half_u[2], face.half_v[2]]).sum()))
-    columns, rows = samples(face, 0.6 * max(nearest, 0.5 * face.centre[2]) / focal)
-    grain = texture(rng, (rows, columns), float(rng.uniform(0.8, 1.4)))
-    paint = colour + GRAIN * (grain - grain.mean(axis=(0, 1)))
+    columns, rows = samples(face, SPACING_PX * max(nearest, 0.5 * face.centre[2]) / focal)
+    paint = colour * (1 + grain(rng, (rows, columns), float(rng.uniform(0.8, 1.4))))
     return coloured(face, np.clip(shade(face) * paint, 0.0, 1.0))
 
 
