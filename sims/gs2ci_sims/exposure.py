@@ -62,35 +62,19 @@ def expose(
     Raises:
         InputError: Masks do not fit the scene or the rig.
     """
-    renderer, progress = renderer or Renderer(), progress or Silent()
     _check(scene, masks, rig)
     chain = EffectChain(effects, seed, rig)
-    path = chain.through(Stage.MOTION, path)
-    intervals = rig.timing.intervals_s(len(masks))
-    slices = chain.through(Stage.TIME, nominal_slices(intervals))
-    moments = chain.through(Stage.MOMENTS, one_per_interval(intervals))
-    shown = chain.through(Stage.MASKS, masks)
-    light = collect_photons(
-        scene,
-        path,
-        shown,
-        slices=slices,
-        moments=moments,
-        truth_s=intervals.mean(axis=1),
-        chain=chain,
-        renderer=renderer,
-        progress=progress,
-    )
+    light = integrate(scene, path, masks, chain, renderer=renderer, progress=progress)
     reading = read_out(light.photons, chain)
     sensor = rig.sensor
     # Without light there is no scale; readings then stay electrons.
     full_scale_e = rig.full_scale_e or 1.0
     return Shot(
         measurement=(sensor.electrons_from_dn(reading) / full_scale_e).astype(np.float32),
-        masks=calibrated_masks(shown, chain),
-        weights=(slices.weights_s().sum(axis=0) / rig.timing.interval_s).astype(np.float32),
+        masks=calibrated_masks(light.masks, chain),
+        weights=light.weights.astype(np.float32),
         intrinsics=scene.intrinsics,
-        truth=Truth(views=light.truth_views, world_to_camera=path.world_to_camera(intervals.mean(axis=1))),
+        truth=Truth(views=light.truth_views, world_to_camera=light.truth_world_to_camera),
         saturated=np.any(reading >= sensor.saturation_dn, axis=2),
         cfa=next((effect.pattern for effect in chain.effects if isinstance(effect, BayerFilter)), None),
         name=scene.name,
@@ -112,60 +96,79 @@ class Light:
 
     Args:
         photons: Mean number in each pixel, [H, W, 3].
-        truth_views: The scene at the asked-for moments, [T, H, W, 3] float32, radiance.
+        masks: As they fell on the sensor, [N, H, W].
+        weights: For what share of its nominal interval each mask was exposed, [N].
+        truth_views: The scene at the middle of each mask's nominal interval, [N, H, W, 3] float32, radiance.
+        truth_world_to_camera: The camera's poses at these moments, [N, 4, 4].
         covered_share: Smallest share of pixels that see something, over these moments.
         rendered_views: How many views it took.
     """
 
     photons: F64
+    masks: NDArray[Any]
+    weights: F64
     truth_views: F32
+    truth_world_to_camera: F64
     covered_share: float
     rendered_views: int
 
 
-def collect_photons(
+def integrate(
     scene: Scene,
     path: CameraPath,
-    masks: NDArray[Any],
-    *,
-    slices: Slices,
-    moments: Moments,
-    truth_s: F64,
+    masks: F32,
     chain: EffectChain,
-    renderer: Renderer,
-    progress: Progress,
+    *,
+    moments: Moments | None = None,
+    renderer: Renderer | None = None,
+    progress: Progress | None = None,
 ) -> Light:
     """Integrate light over time, behind each mask while it is on show.
 
     Args:
         scene: What is seen.
-        path: Where the camera is at any time.
-        masks: [N, H, W].
-        slices: When light is collected, and through which masks.
-        moments: When views are rendered.
-        truth_s: Moments at which true views are wanted, [T].
-        chain: Effects; those of the stages SCENE, RADIANCE and PHOTONS act here.
+        path: Where the camera is at any time, before effects.
+        masks: As nominally shown, [N, H, W].
+        chain: Effects; all stages up to PHOTONS act here.
+        moments: When views are rendered, instead of what motion blur in the chain says.
         renderer: Draws the views.
         progress: Hears about each view.
+
+    Raises:
+        InputError: The sensor's window misses all masks.
     """
+    intervals = chain.rig.timing.intervals_s(len(masks))
+    path = chain.through(Stage.MOTION, path)
+    slices = chain.through(Stage.TIME, nominal_slices(intervals))
+    weights = slices.weights_s().sum(axis=0) / chain.rig.timing.interval_s
+    if not weights.any():
+        raise InputError(
+            "the sensor's window misses all masks", remedy="reduce the trigger's latency and jitter, or expose longer"
+        )
+    moments = moments or chain.through(Stage.MOMENTS, one_per_interval(intervals))
+    shown = chain.through(Stage.MASKS, masks)
+    studio = Studio(scene, path, chain, renderer or Renderer())
+    progress = progress or Silent()
     stands_for = moments.weights_s(slices) * chain.rig.photons_per_s
-    truth_share = moments.interpolation(truth_s)
+    truth_share = moments.interpolation(intervals.mean(axis=1))
     needed = np.flatnonzero(np.any(stands_for != 0, axis=1) | np.any(truth_share != 0, axis=0))
     progress.stage("exposure", len(needed))
-    studio = Studio(scene, path, chain, renderer)
     photons = np.zeros((*scene.size, 3))
-    truth_views = np.zeros((len(truth_s), *scene.size, 3))
-    coverage = np.zeros((len(truth_s), *scene.size))
+    truth_views = np.zeros((len(masks), *scene.size, 3))
+    coverage = np.zeros((len(masks), *scene.size))
     for done, k in enumerate(needed):
         bare, covered, view = studio.view(float(moments.times_s[k]))
-        photons += _open_share(stands_for[k], slices, masks)[..., None] * view
+        photons += _open_share(stands_for[k], slices, shown)[..., None] * view
         for n in np.flatnonzero(truth_share[:, k]):
             truth_views[n] += truth_share[n, k] * bare
             coverage[n] += truth_share[n, k] * covered
         progress.step(done + 1)
     return Light(
         chain.through(Stage.PHOTONS, photons),
+        shown,
+        weights,
         np.maximum(truth_views, 0).astype(np.float32),
+        path.world_to_camera(intervals.mean(axis=1)),
         float((coverage >= 0.99).mean(axis=(1, 2)).min()),
         len(needed),
     )

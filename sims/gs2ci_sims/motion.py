@@ -5,6 +5,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from gs2ci_sims.moments import gauss_nodes, gauss_weights, lagrange
 from gs2ci_sims.path import CameraPath, highest_hz
 from gs2ci_sims.scenes.base import Scene
 
@@ -34,6 +35,32 @@ def image_travel_px(scene: Scene, path: CameraPath, times_s: F64) -> F64:
     track = _tracks(scene, path, times_s)
     steps = np.linalg.norm(np.diff(track, axis=0), axis=-1).max(axis=1)
     return np.concatenate([[0.0], np.cumsum(steps)])
+
+
+def sampling_error_px(scene: Scene, path: CameraPath, edges_s: F64, nodes: int) -> tuple[float, float]:
+    """Find by how much Gauss-Legendre nodes misplace the image in panels of time, at most over the frame, in pixels.
+
+    Args:
+        scene: Whose near and far points are followed.
+        path: Where the camera is at any time.
+        edges_s: Ends of the panels, [P + 1].
+        nodes: Per panel.
+
+    Returns:
+        The error of the mean place over a panel by quadrature, and the rms error of the place by interpolation. Both
+        are 0 for an image that moves evenly and two nodes; a camera that swings within a panel makes them grow.
+    """
+    length = float(np.diff(edges_s).max())
+    fine = int(np.clip(STEPS_PER_PERIOD * highest_hz(path) * length, 2 * STEPS_PER_INTERVAL, STEPS_MAX))
+    places = (np.arange(fine) + 0.5) / fine
+    points = gauss_nodes(nodes)
+    times = edges_s[:-1, None] + np.diff(edges_s)[:, None] * np.concatenate([places, points])
+    track = _tracks(scene, path, times.ravel()).reshape(len(edges_s) - 1, fine + nodes, -1, 2)
+    swept, sampled = track[:, :fine], track[:, fine:]
+    mean = swept.mean(axis=1) - np.tensordot(sampled, gauss_weights(nodes), axes=(1, 0))
+    between = swept - np.einsum("tn,pnkc->ptkc", lagrange(points, places), sampled)
+    deviation = np.sqrt(np.square(between).sum(axis=-1).mean(axis=1))
+    return float(np.linalg.norm(mean, axis=-1).max()), float(deviation.max())
 
 
 def _tracks(scene: Scene, path: CameraPath, times_s: F64) -> F64:

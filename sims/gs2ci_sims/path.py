@@ -114,3 +114,39 @@ def stage_move_for_parallax(
         wobble_hz=4 / (3 * duration_s),
         reference_world_to_camera=scene.world_to_camera,
     )
+
+
+@dataclass(frozen=True)
+class ReversingMove:
+    """A stage that runs to and fro: a triangle wave through the reference pose, which it passes at time 0.
+
+    Args:
+        velocity: On the way forth, along the reference camera's axes, scene units per second, [3].
+        period_s: Of forth and back, more than 0; it turns at a quarter and three quarters.
+        reference_world_to_camera: Pose at time 0, [4, 4].
+    """
+
+    velocity: tuple[float, float, float]
+    period_s: float
+    reference_world_to_camera: F64 = field(default_factory=lambda: np.eye(4), repr=False)
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite(self.velocity).all() and 0 < self.period_s < np.inf):
+            raise InputError(
+                f"a move to and fro with velocity {self.velocity} and period {self.period_s} s",
+                allowed="finite numbers, period > 0",
+            )
+
+    @property
+    def highest_hz(self) -> float:
+        """Get the highest frequency that matters: the turns'."""
+        return 1.0 / self.period_s
+
+    def world_to_camera(self, time_s: F64) -> F64:
+        """Get the poses at the given times, [T, 4, 4]."""
+        time = np.asarray(time_s, dtype=np.float64)
+        phase = np.mod(time / self.period_s + 0.25, 1.0)
+        travelled_s = self.period_s * (0.25 - np.abs(phase - 0.5))
+        poses = np.tile(np.eye(4), (len(time), 1, 1))
+        poses[:, :3, 3] = -travelled_s[:, None] * np.array(self.velocity)
+        return np.asarray(poses @ self.reference_world_to_camera)

@@ -1,7 +1,7 @@
 """What the planner and the bounds know of a measurement before it is simulated: one quick look. For effects.
 
-A preview renders three views along the path and derives from them, the masks and the rig's figures what every bound
-needs: the charge that each pixel collects, the spectrum of the image, its motion. Its numbers are those of the
+A preview renders up to three views along the path and derives from them, the masks and the rig's figures what every
+bound needs: the charge that each pixel collects, the spectrum of the image, its motion. Its numbers are those of the
 nominal light path: everything off. Two assumptions make cheap bounds of them, and the tests of the bounds hold them
 to it: the image keeps its spectrum while it moves, and the masks are not aligned with the scene. Not here: any effect.
 """
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy.fft import dctn
 
 from gs2ci_sims.effects.base import Bound
-from gs2ci_sims.motion import image_motion_px
+from gs2ci_sims.motion import image_motion_px, image_travel_px
 from gs2ci_sims.path import CameraPath
 from gs2ci_sims.radiance import Renderer
 from gs2ci_sims.rig import Rig
@@ -26,11 +26,14 @@ from gs2ci_sims.scenes.base import Scene
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
 
-# Begin, middle and end of the exposure.
+# Begin, middle and end of the exposure are looked at; of an image that moves by less than this, the middle alone.
 MOMENTS: Final = 3
+STILL_PX: Final = 0.25
 # A spectrum needs some pixels: smaller sensors are previewed with a margin.
 SIDE_MIN_PX: Final = 24
 SPECTRUM_BINS: Final = 129
+# The rasteriser's graininess, rms, of full scale: measured on planes, where it is 5e-5 to 8e-5.
+RENDER_GRAIN: Final = 1e-4
 # What other effects (flicker, PRNU, leakage, dark current) and the preview's coarseness may add to its figures.
 HEADROOM: Final = 1.3
 
@@ -44,10 +47,11 @@ class Preview:
         path: Where the camera is at any time.
         masks: As nominally shown, at the sensor's pixels, [N, H, W].
         rig: The figures.
-        wide_views: Radiance at the begin, middle and end of the exposure, full scale 1, [P, H', W', 3], with a
-            margin on small sensors.
+        wide_views: Radiance at moments from the begin to the end of the exposure, full scale 1, [P, H', W', 3],
+            with a margin on small sensors.
         margin: That margin, pixels.
         render_s: What rendering one view took.
+        object_px_per_s: How fast objects move across the image by themselves, at most.
     """
 
     scene: Scene
@@ -57,6 +61,7 @@ class Preview:
     wide_views: F64
     margin: int
     render_s: float
+    object_px_per_s: float = 0.0
 
     @cached_property
     def intervals_s(self) -> F64:
@@ -65,7 +70,7 @@ class Preview:
 
     @cached_property
     def views(self) -> F64:
-        """Get the radiance at the begin, middle and end of the exposure on the sensor, [P, H, W, 3]."""
+        """Get the previewed radiance on the sensor, [P, H, W, 3]."""
         height, width = self.scene.size
         return self.wide_views[:, self.margin : self.margin + height, self.margin : self.margin + width]
 
@@ -92,7 +97,13 @@ class Preview:
     @cached_property
     def motion_px(self) -> F64:
         """Get how far the image moves within each mask interval, at most over the frame, [N] pixels."""
-        return image_motion_px(self.scene, self.path, self.intervals_s)
+        own = self.object_px_per_s * np.diff(self.intervals_s, axis=1)[:, 0]
+        return np.asarray(image_motion_px(self.scene, self.path, self.intervals_s) + own)
+
+    def travel_px(self, times_s: F64) -> F64:
+        """Get how far the image has moved, at most over the frame, since the first of the times, [T] pixels."""
+        own = self.object_px_per_s * (times_s - times_s[0])
+        return np.asarray(image_travel_px(self.scene, self.path, times_s) + own)
 
     @cached_property
     def _spectrum(self) -> tuple[F64, F64]:
@@ -103,6 +114,16 @@ class Preview:
         ends = np.linspace(0, np.sqrt(0.5), SPECTRUM_BINS)
         place = np.searchsorted(ends, frequency.ravel()).clip(max=SPECTRUM_BINS - 1)
         return ends, np.bincount(place, power.ravel(), SPECTRUM_BINS).astype(np.float64)
+
+    def graininess(self, views: float) -> float:
+        """Return what the rasteriser's own graininess makes of the readings, DN rms, with so many views.
+
+        Views of a moving image differ by a little that is no light: splats dropped below 1/255 of opacity, orders
+        of depth that flip, float32. It is independent from view to view, and a view that stands for several masks
+        carries it into all of them.
+        """
+        squares = float(np.square(self.masks, dtype=np.float64).sum(axis=0).mean())
+        return RENDER_GRAIN * self.full_scale_dn * float(np.sqrt(squares * len(self.masks) / views))
 
     def filtered(self, change: Callable[[F64], F64]) -> Bound:
         """Bound what a linear filter changes: Parseval's sum of the radiance's power times the squared change.
@@ -132,15 +153,24 @@ class Preview:
 
     def of_masks(self, change: F64) -> Bound:
         """Bound what a change of the masks, [N, H, W], makes of the readings: each under the nearest previewed view."""
-        nearest = np.rint(np.linspace(0, MOMENTS - 1, len(change))).astype(int)
+        nearest = np.rint(np.linspace(0, len(self.views) - 1, len(change))).astype(int)
         total = np.zeros((*self.scene.size, 3))
-        for view in range(MOMENTS):
-            total += change[nearest == view].sum(axis=0)[..., None] * self.views[view]
+        for number, view in enumerate(self.views):
+            total += change[nearest == number].sum(axis=0)[..., None] * view
         return self.of_readings(total * self.full_scale_dn)
 
     def of_readings(self, change_dn: F64) -> Bound:
         """Bound a change of readings that the preview predicts pixel by pixel."""
         return Bound(HEADROOM * float(np.sqrt(np.square(change_dn).mean())), HEADROOM * float(np.abs(change_dn).max()))
+
+    def with_motion(self, steady: Bound, share: float) -> Bound:
+        """Add to a change of the light over time what it makes of motion: this share of it falls elsewhere.
+
+        Light that is collected earlier or later than the middle of a mask's interval shows the image by up to half of
+        the interval's motion away.
+        """
+        moved = self.shifted(0.5 * float(self.motion_px.max()))
+        return Bound(steady.rms_dn + share * moved.rms_dn, steady.peak_dn + share * moved.peak_dn)
 
     def of_share(self, share: float) -> Bound:
         """Bound what changing all the light by up to this share changes."""
@@ -148,14 +178,12 @@ class Preview:
 
 
 def preview(scene: Scene, path: CameraPath, masks: F32, rig: Rig, renderer: Renderer | None = None) -> Preview:
-    """Take a quick look: render the views at the begin, middle and end of the exposure."""
-    intervals = rig.timing.intervals_s(len(masks))
-    times = np.linspace(intervals[0, 0], intervals[-1, 1], MOMENTS)
+    """Take a quick look: render a view, or three where the image moves."""
+    whole = rig.timing.intervals_s(len(masks))[[0, -1], [0, 1]]
+    moves = float(image_motion_px(scene, path, whole[None]).max()) > STILL_PX
+    times = np.linspace(whole[0], whole[1], MOMENTS) if moves else whole.mean(keepdims=True)
     margin = max(0, -(-(SIDE_MIN_PX - min(scene.size)) // 2))
-    poses = path.world_to_camera(times)
-    renderer = renderer or Renderer()
-    first, _ = renderer.views(scene, poses[:1], margin=margin)
     started = time.perf_counter()
-    others, _ = renderer.views(scene, poses[1:], margin=margin)
-    render_s = (time.perf_counter() - started) / (MOMENTS - 1)
-    return Preview(scene, path, masks, rig, np.concatenate([first, others]).astype(np.float64), margin, render_s)
+    views, _ = (renderer or Renderer()).views(scene, path.world_to_camera(times), margin=margin)
+    render_s = (time.perf_counter() - started) / len(times)
+    return Preview(scene, path, masks, rig, views.astype(np.float64), margin, render_s)

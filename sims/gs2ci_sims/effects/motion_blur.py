@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from gs2ci.core.errors import InputError
 from gs2ci_sims.effects.base import Bound, Stage
 from gs2ci_sims.moments import Moments, gauss_nodes, gauss_weights, lagrange
+from gs2ci_sims.motion import sampling_error_px
 
 if TYPE_CHECKING:
     from gs2ci_sims.preview import Preview
@@ -49,13 +50,14 @@ class MotionBlur:
             )
 
     def bound(self, scene: "Preview", rig: "Rig") -> Bound:
-        """Each view's spectrum, times what a sweep of the fastest interval's length takes from a cosine.
+        """Each view's spectrum, times what one view per mask misses of a sweep through the fastest interval.
 
         A cosine of frequency f swept over d pixels keeps sin(x)/x of its amplitude, x = pi f d: the transfer
-        function of linear motion (Boreman, Modulation Transfer Function in Optical Systems, section 2.2).
+        function of linear motion (Boreman, Modulation Transfer Function in Optical Systems, section 2.2). A camera
+        that swings also has its mean place elsewhere than in the middle of the interval.
         """
-        swept_px = float(scene.motion_px.max())
-        return scene.filtered(lambda f: np.abs(1 - np.sinc(f * swept_px)))
+        within = np.unique(scene.intervals_s)
+        return panel_bound(scene, within, float(scene.motion_px.max()), 1, 0.0)
 
     def apply(self, signal: Moments, rig: "Rig", rng: np.random.Generator) -> Moments:
         """Replace the one moment per interval."""
@@ -80,19 +82,29 @@ def quadrature_error(nodes: int) -> F64:
     return np.asarray(np.maximum.accumulate(np.abs(exact - np.cos(PHASES[:, None] * centred) @ gauss_weights(nodes))))
 
 
-def panel_bound(scene: "Preview", panel_px: float, nodes: int, unevenness: float | None) -> Bound:
+def panel_bound(
+    scene: "Preview", edges_s: F64, panel_px: float, nodes: int, unevenness: float | None, *, swings: bool = True
+) -> Bound:
     """Bound the error of sampling the moving image with `nodes` views in each panel.
 
     Args:
         scene: A quick look.
+        edges_s: Ends of the panels.
         panel_px: Motion of the image within a panel, at most, pixels.
         nodes: Views per panel.
         unevenness: How unevenly light is collected within a panel, as a share (0: evenly, the integral of the
             image is all that counts and quadrature is far better than interpolation); None: masks switch within a
             panel, the image is needed at every moment.
+        swings: False leaves out what an uneven motion adds: a lower bound that costs less.
     """
     phases = 2 * np.pi * panel_px
     errors = interpolation_error(nodes)
+    misplaced_px = 0.0
+    if swings and panel_px > 0:
+        mean_px, between_px = sampling_error_px(scene.scene, scene.path, edges_s, nodes)
+        misplaced_px = between_px if unevenness is None else min(between_px, mean_px + unevenness * between_px)
     if unevenness is not None:
         errors = np.minimum(errors, quadrature_error(nodes) + unevenness * errors)
-    return scene.filtered(lambda f: np.interp(phases * f, PHASES, errors))
+    return scene.filtered(
+        lambda f: np.interp(phases * f, PHASES, errors) + 2 * np.sin(np.minimum(np.pi * f * misplaced_px, np.pi / 2))
+    )

@@ -7,18 +7,20 @@ Those that come with the simulator lie in `library`; each is known by its name. 
 from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from pathlib import Path
-from typing import Final
+from typing import Annotated, Any, Final, TypeVar
 
-import numpy as np
-from pydantic import Field
+from pydantic import Field, ValidationError
 
 from gs2ci.core.config import Settings, read_settings
 from gs2ci.core.errors import InputError
+from gs2ci_sims.effects.object_motion import ObjectMotion
 from gs2ci_sims.path import StageMove, stage_move_for_parallax
 from gs2ci_sims.rig import Light
 from gs2ci_sims.scenes.base import Scene
 from gs2ci_sims.scenes.geometry import Geometry, Vector, refuse_field_of_view
 from gs2ci_sims.scenes.stage import Frame
+
+Table = TypeVar("Table", bound=Settings)
 
 LIBRARY: Final = Path(__file__).parent / "library"
 
@@ -26,40 +28,40 @@ LIBRARY: Final = Path(__file__).parent / "library"
 class CameraTable(Settings):
     """[camera]: the image."""
 
-    height: int = Field(272, ge=1)
-    width: int = Field(400, ge=1)
-    field_of_view_deg: float | None = Field(None, gt=0, lt=180)
+    height: Annotated[int, Field(ge=1)] = 272
+    width: Annotated[int, Field(ge=1)] = 400
+    field_of_view_deg: Annotated[float | None, Field(gt=0, lt=180)] = None
     """Horizontal; 50 if nothing is said, and the photograph's own for a photograph."""
 
 
 class LightTable(Settings):
     """[light]: how bright it is."""
 
-    full_scale_photons: float = Field(4180.0, ge=0)
+    full_scale_photons: Annotated[float, Field(ge=0)] = 4180.0
     """Photons in a pixel from radiance 1 through one open mask."""
 
 
 class PathTable(Settings):
     """[path]: how the stage carries the camera during the exposure. Give `parallax_px` or `travel`."""
 
-    views: int = Field(8, ge=1)
+    views: Annotated[int, Field(ge=1)] = 8
     """Masks during the exposure."""
-    parallax_px: float | None = Field(None, ge=0)
+    parallax_px: Annotated[float | None, Field(ge=0)] = None
     """How far near and far shift against each other, in all."""
     direction: Vector = (1.0, 0.3, 0.1)
     """Of the move for `parallax_px`: right, down, ahead."""
     travel: Vector | None = None
     """How far the camera moves, in all, in scene units: right, down, ahead."""
-    wobble_deg: float = Field(0.05, ge=0)
+    wobble_deg: Annotated[float, Field(ge=0)] = 0.05
     """Amplitude of the stage's pitch, yaw and roll."""
 
 
 class ObjectTable(Settings):
-    """[object]: what moves by itself, for the effect `object_motion`."""
+    """[object_motion]: what moves by itself, for the effect `object_motion`."""
 
     centre: Vector
     """Of the ball of Gaussians that moves, in the middle of the exposure, scene units."""
-    radius: float = Field(gt=0)
+    radius: Annotated[float, Field(gt=0)]
     travel: Vector
     """How far it moves during the exposure, in all, scene units."""
 
@@ -72,7 +74,7 @@ class SceneFile(Settings):
     camera: CameraTable = CameraTable()
     light: LightTable = LightTable()
     path: PathTable = PathTable(parallax_px=12.0)
-    object: ObjectTable | None = None
+    object_motion: ObjectTable | None = None
 
 
 @dataclass(frozen=True)
@@ -106,11 +108,19 @@ class LoadedScene:
                 direction=table.direction,
                 wobble_deg=table.wobble_deg,
             )
-        if not exposure_s > 0:
-            raise InputError(f"an exposure of {exposure_s} s", allowed="more than 0")
-        right, down, ahead = (np.array(table.travel) / exposure_s).tolist()
-        wobble_hz = 4 / (3 * exposure_s)
-        return StageMove((right, down, ahead), table.wobble_deg, wobble_hz, self.scene.world_to_camera)
+        velocity = _per_second(table.travel, exposure_s)
+        return StageMove(velocity, table.wobble_deg, 4 / (3 * exposure_s), self.scene.world_to_camera)
+
+    def object_motion(self, exposure_s: float) -> ObjectMotion | None:
+        """Return what moves by itself during an exposure of this length; None where nothing does.
+
+        Raises:
+            InputError: The exposure has no length.
+        """
+        table = self.file.object_motion
+        if table is None:
+            return None
+        return ObjectMotion(table.centre, table.radius, _per_second(table.travel, exposure_s))
 
 
 def scene_names() -> tuple[str, ...]:
@@ -162,3 +172,31 @@ def _built(file: SceneFile, folder: Path) -> Scene:
         refuse_field_of_view(file.geometry)
     frame = Frame((file.camera.height, file.camera.width), file.camera.field_of_view_deg or 50.0)
     return replace(file.geometry.build(frame, folder), name=file.name)
+
+
+def _path(which: str | Path) -> Path:
+    if str(which).endswith(".toml"):
+        return Path(which)
+    names = scene_names()
+    if str(which) not in names:
+        near = get_close_matches(str(which), names, n=1, cutoff=0.5)
+        raise InputError(
+            f"no scene {str(which)!r}" + (f"; did you mean {near[0]!r}?" if near else ""),
+            allowed=f"{', '.join(names)}, or the path of a .toml file",
+        )
+    return LIBRARY / f"{which}.toml"
+
+
+def _checked(model: type[Table], values: dict[str, Any]) -> Table:
+    try:
+        return model.model_validate(values)
+    except ValidationError as error:
+        wrong = "; ".join(f"{problem['loc'][0]} = {problem['input']!r}: {problem['msg']}" for problem in error.errors())
+        raise InputError(wrong, remedy="mend what is given instead of the scene file's") from error
+
+
+def _per_second(travel: Vector, exposure_s: float) -> Vector:
+    if not exposure_s > 0:
+        raise InputError(f"an exposure of {exposure_s} s", allowed="more than 0")
+    x, y, z = travel
+    return x / exposure_s, y / exposure_s, z / exposure_s

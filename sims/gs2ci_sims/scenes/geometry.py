@@ -29,7 +29,7 @@ Row = tuple[float, float, float, float]
 class Procedural(Settings):
     """What all scenes drawn from a generator have."""
 
-    seed: int = Field(0, ge=0)
+    seed: Annotated[int, Field(ge=0)] = 0
     """Of every random choice."""
 
     def generator(self) -> np.random.Generator:
@@ -43,7 +43,7 @@ class Planes(Procedural):
     kind: Literal["planes"]
     depths: tuple[float, ...] = (2.0, 2.7, 3.5)
     backdrop: float = 5.0
-    boxes: int = Field(1, ge=0)
+    boxes: Annotated[int, Field(ge=0)] = 1
 
     def build(self, frame: Frame, folder: Path) -> Scene:
         """Build the scene for a camera."""

@@ -17,6 +17,8 @@ F64 = NDArray[np.float64]
 
 # Distance between samples in pixels of the suggested camera: finer than a pixel, so that textures reach its limit.
 SPACING_PX: Final = 0.6
+# How far samples lie off their rectangle, along their rays from the suggested camera, as a share of their distance.
+DEPTH_SCATTER: Final = 2e-3
 # Each strip of a receding surface ends this much deeper than it begins.
 STRIP_RATIO: Final = 1.2
 # Discs of a receding surface are at most this much longer than broad: longer ones would blur the texture across.
@@ -109,11 +111,14 @@ def coloured(rectangle: Rectangle, radiance: F64) -> Surfels:
     points = rectangle.centre + grid_u * rectangle.half_u + grid_v * rectangle.half_v
     along_u = np.broadcast_to(2 * rectangle.half_u / columns, points.shape)
     along_v = np.broadcast_to(2 * rectangle.half_v / rows, points.shape)
-    return from_tangents(points, along_u, along_v, radiance.reshape(-1, 3))
+    # Splats are drawn in the order of their depths. Those of an exact plane that faces the camera have all the same,
+    # and a turn by a millionth would reorder them and change the picture by percents; so none lies exactly in it.
+    aside = np.random.default_rng(len(points)).uniform(-DEPTH_SCATTER, DEPTH_SCATTER, (len(points), 1))
+    return from_tangents(points * (1 + aside), along_u, along_v, radiance.reshape(-1, 3))
 
 
 def grain(rng: np.random.Generator, shape: tuple[int, int], slope: float) -> F64:
-    """Draw what makes a paint uneven, [H, W, 3] of mean 0 and about a quarter deep: much in brightness, little in hue."""
+    """Draw what makes a paint uneven, [H, W, 3] of mean 0, about a quarter deep: much brightness, little hue."""
     noise = texture(rng, shape, slope)
     noise -= noise.mean(axis=(0, 1))
     grey = noise.mean(axis=2, keepdims=True)

@@ -6,12 +6,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gs2ci.core.errors import InputError
-from gs2ci.core.progress import Silent
 from gs2ci_sims.effects.rolling_shutter import RollingShutter
-from gs2ci_sims.exposure import collect_photons
+from gs2ci_sims.exposure import integrate
 from gs2ci_sims.light_path import EffectChain
 from gs2ci_sims.masks import random_masks
-from gs2ci_sims.moments import one_per_interval
 from gs2ci_sims.path import StageMove
 from gs2ci_sims.preview import preview
 from gs2ci_sims.radiance import Renderer
@@ -27,19 +25,7 @@ SCENE = planes(np.random.default_rng(1), SIZE)
 
 
 def photons(path, effects):
-    return collect_photons(
-        SCENE,
-        path,
-        MASKS,
-        slices=EffectChain(effects, 0, RIG).through(effects[0].stage, nominal_slices(INTERVALS))
-        if effects
-        else nominal_slices(INTERVALS),
-        moments=one_per_interval(INTERVALS),
-        truth_s=INTERVALS.mean(axis=1),
-        chain=EffectChain((), 0, RIG),
-        renderer=Renderer(),
-        progress=Silent(),
-    ).photons
+    return integrate(SCENE, path, MASKS, EffectChain(effects, 0, RIG)).photons
 
 
 def test_row_y_opens_and_closes_y_line_delays_later():
