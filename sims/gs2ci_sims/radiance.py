@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from gs2ci.core.errors import InputError
 from gs2ci.render.backend import load_backend
 from gs2ci.render.gaussians import Gaussians
+from gs2ci.render.harmonics import colours_seen
 from gs2ci_sims.scenes.base import Scene
 
 F32 = NDArray[np.float32]
@@ -80,7 +81,8 @@ class Renderer:
         for first in range(0, len(world_to_camera), VIEWS_AT_ONCE):
             poses = torch.tensor(world_to_camera[first : first + VIEWS_AT_ONCE], dtype=torch.float32)
             with torch.no_grad():
-                yield backend.views(gaussians, poses, intrinsics, large)
+                colours = None if scene.harmonics is None else colours_seen(gaussians, scene.harmonics, poses)
+                yield backend.views(gaussians, poses, intrinsics, large, colours)
 
 
 def with_margin(intrinsics: F64, margin: int) -> F64:

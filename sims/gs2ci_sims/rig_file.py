@@ -1,7 +1,7 @@
 """Rig files: what is simulated, and how exactly, as TOML.
 
     seed = 0                      # of masks and all draws
-    [scene]     kind = "planes"   # what is seen (`scene_kinds`), with its size
+    [scene]     name = "corridor" # what is seen, and how many pixels see it
     [path]      parallax_px = 6.0 # how the camera moves
     [light] [optics] [modulator] [timing] [sensor]   # figures of the parts: `gs2ci_sims.rig`, `gs2ci_sims.sensor`
     [effects.defocus]             # imperfections that the rig has; a table that is not there does not exist
@@ -32,8 +32,8 @@ from gs2ci_sims.path import CameraPath, ReversingMove, StageMove, stage_move_for
 from gs2ci_sims.planner import DEFAULT_TOLERANCE_DN
 from gs2ci_sims.rig import Light, Modulator, Optics, Rig, Timing
 from gs2ci_sims.scenes.base import Scene
+from gs2ci_sims.scenes.files import load_scene
 from gs2ci_sims.scenes.planes import planes
-from gs2ci_sims.scenes.rgbd import motorcycle
 from gs2ci_sims.sensor import Sensor
 
 F32 = NDArray[np.float32]
@@ -45,28 +45,35 @@ class SceneChoice:
     """What is seen.
 
     Args:
-        kind: "planes" (textured rectangles and boxes) or "motorcycle" (a photograph with depth).
+        name: One that comes with the simulator (`gs2ci_sims.scenes.files.scene_names`), or a scene file (.toml).
         height: Pixels.
         width: Pixels.
-        seed: Which planes.
+        seed: Of other planes than the scene "planes" has; only for that one.
     """
 
-    kind: str = "planes"
+    name: str = "planes"
     height: int = 96
     width: int = 128
-    seed: int = 0
+    seed: int | None = None
 
     def __post_init__(self) -> None:
-        if self.kind not in ("planes", "motorcycle") or min(self.height, self.width) < 1 or self.seed < 0:
+        drawn = self.seed is not None
+        if min(self.height, self.width) < 1 or (drawn and (self.name != "planes" or (self.seed or 0) < 0)):
             raise InputError(
-                f"scene {self.kind!r} of {self.height} x {self.width} px with seed {self.seed}",
-                allowed="kind 'planes' or 'motorcycle', a positive size, a seed of 0 or more",
+                f"scene {self.name!r} of {self.height} x {self.width} px with seed {self.seed}",
+                allowed="a positive size; a seed of 0 or more, for the scene 'planes' alone",
             )
 
     def build(self) -> Scene:
-        """Draw the scene."""
+        """Draw the scene.
+
+        Raises:
+            InputError: There is no such scene.
+        """
         size = (self.height, self.width)
-        return motorcycle(size) if self.kind == "motorcycle" else planes(np.random.default_rng(self.seed), size)
+        if self.seed is not None:
+            return planes(np.random.default_rng(self.seed), size)
+        return load_scene(self.name, size=size).scene
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,107 @@
+"""Settings from TOML files: strict models, errors that name the file, the key and the nearest known key.
+
+Here: the base of all settings models and the reading. Not here: any particular setting. Anyone may import this.
+"""
+
+import tomllib
+from difflib import get_close_matches
+from pathlib import Path
+from types import UnionType
+from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin
+
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from gs2ci.core.errors import InputError
+
+M = TypeVar("M", bound=BaseModel)
+
+
+class Settings(BaseModel):
+    """Base of settings: unknown keys are errors, values are not changed afterwards."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, use_attribute_docstrings=True)
+
+
+def read_settings(path: Path, model: type[M]) -> tuple[M, str]:
+    """Read a TOML file into a model.
+
+    Args:
+        path: The file.
+        model: What it has to fit.
+
+    Returns:
+        The settings, and the file's text for keeping.
+
+    Raises:
+        InputError: The file cannot be read, is not TOML, or does not fit; names each key that is wrong and, where
+            it is unknown, the nearest known one.
+    """
+    try:
+        text = path.read_text(encoding="utf-8")
+        data = tomllib.loads(text)
+    except OSError as error:
+        raise InputError(f"{path} cannot be read ({error.strerror})") from error
+    except UnicodeDecodeError as error:
+        raise InputError(f"{path} is not text in UTF-8 ({error.reason})") from error
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(f"{path} is not TOML: {error}", remedy="mend the line named") from error
+    try:
+        return model.model_validate(data), text
+    except ValidationError as error:
+        sentences = [_sentence(model, dict(problem)) for problem in error.errors()]
+        raise InputError(f"{path}: " + "; ".join(sentences)) from error
+
+
+def _sentence(model: type[BaseModel], problem: dict[str, Any]) -> str:
+    where = problem["loc"]
+    table, known = _table(model, where[:-1])
+    key = str(where[-1]) if where else ""
+    place = f"[{table}]" if table else "the top of the file"
+    if problem["type"] == "extra_forbidden":
+        near = get_close_matches(key, known, n=1, cutoff=0.5)
+        hint = f"; did you mean {near[0]!r}?" if near else f"; known are {', '.join(known)}"
+        return f"unknown key {key!r} in {place}{hint}"
+    if problem["type"] == "missing":
+        return f"key {key!r} is missing in {place}"
+    if problem["type"] in ("union_tag_invalid", "union_tag_not_found"):
+        allowed = problem.get("ctx", {}).get("expected_tags", "")
+        return f"'kind' in [{_dotted(where)}] is missing or unknown; allowed: {allowed}"
+    shown = repr(problem.get("input"))[:80]
+    return f"{key!r} in {place} is {shown}: {problem['msg']}"
+
+
+def _dotted(where: tuple[int | str, ...]) -> str:
+    return ".".join(str(part) for part in where)
+
+
+def _table(model: type[BaseModel], where: tuple[int | str, ...]) -> tuple[str, list[str]]:
+    """Follow a location into the model; return the table's name without union tags, and the keys known there."""
+    names: list[str] = []
+    here: Any = model
+    for part in where:
+        models = _models(here)
+        tagged = [one for one in models if _tag(one) == part]
+        if tagged:
+            here = tagged[0]
+            continue
+        names.append(str(part))
+        owner = next((one for one in models if part in one.model_fields), None)
+        here = owner.model_fields[str(part)].annotation if owner else None
+    known = sorted({name for one in _models(here) for name in one.model_fields})
+    return ".".join(names), known
+
+
+def _models(annotation: Any) -> list[type[BaseModel]]:
+    """Return the models that an annotation names, through unions and Annotated."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return [annotation]
+    if get_origin(annotation) in (Union, UnionType, Annotated):
+        return [model for part in get_args(annotation) for model in _models(part)]
+    return []
+
+
+def _tag(model: type[BaseModel]) -> str | None:
+    kind = model.model_fields.get("kind")
+    if kind is None or get_origin(kind.annotation) is not Literal:
+        return None
+    return str(get_args(kind.annotation)[0])
