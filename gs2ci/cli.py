@@ -25,6 +25,10 @@ COMMANDS: Final[dict[str, tuple[str, str]]] = {
     "import": ("gs2ci.commands.import_", "turn .npz, .npy or .mat measurements into a shot file"),
     "reconstruct": ("gs2ci.commands.reconstruct", "recover views, camera path and scene from a shot file"),
     "plan": ("gs2ci.commands.plan", "say which physical effects a simulation calls for, and why"),
+    "capture": ("gs2ci.commands.capture", "take coded exposures on a bench, real or simulated"),
+    "recover": ("gs2ci.commands.recover", "save the finished rows of an interrupted capture"),
+    "devices": ("gs2ci.commands.devices", "say what is connected and what it can do"),
+    "doctor": ("gs2ci.commands.doctor", "examine a bench: permissions, firmware, clocks, trigger line"),
     "demo": ("gs2ci.commands.demo", "simulate an exposure of a real scene and reconstruct it"),
 }
 EXIT_USER_ERROR: Final = 2
@@ -49,8 +53,8 @@ def main() -> int:
 def _run(command: str, arguments: list[str]) -> int:
     import tyro  # noqa: PLC0415
 
-    run: Callable[..., Any] = importlib.import_module(COMMANDS[command][0]).run
     try:
+        run: Callable[..., Any] = importlib.import_module(COMMANDS[command][0]).run
         tyro.cli(run, prog=f"gs2ci {command}", args=arguments)
     except Gs2ciError as error:
         _print_error(error)

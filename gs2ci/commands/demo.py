@@ -1,32 +1,78 @@
-"""`gs2ci demo`: a simulated exposure of a real scene, and what can be recovered from it.
+"""`gs2ci demo`: a simulated bench takes one exposure of a real scene, and what can be recovered from it.
 
-Here: which scene, camera move, masks and light the demonstration takes. Not here: the simulation (`gs2ci_sims`),
-the reconstruction (`gs2ci.commands.reconstruct`). Only `gs2ci.cli` imports this file.
+Here: the rig file that the demonstration writes for itself: which scene, camera move, masks and light. Not here:
+the bench (`gs2ci.commands.capture`), the reconstruction (`gs2ci.commands.reconstruct`). Only `gs2ci.cli` imports
+this file.
 """
 
 from pathlib import Path
 from typing import Annotated, Final
 
+import numpy as np
 import tyro
 
-from gs2ci.commands import reconstruct
-from gs2ci.commands.display import open_display
-from gs2ci.core.progress import Progress
-from gs2ci.core.records import Shot
-from gs2ci.core.storage import write_shots
-from gs2ci_sims.effects.motion_blur import MotionBlur
-from gs2ci_sims.exposure import expose
-from gs2ci_sims.light_path import generator, sensor_effects
-from gs2ci_sims.masks import random_masks
+from gs2ci.commands import capture, reconstruct
+from gs2ci.core.storage.sealing import partial_of
 from gs2ci_sims.path import stage_move_for_parallax
-from gs2ci_sims.planner import plan
-from gs2ci_sims.rig import Light, Modulator, Rig
 from gs2ci_sims.scenes.rgbd import motorcycle
 from gs2ci_sims.sensor import Sensor
 
 # About two masks of eight are open at a pixel, so four times full scale still fits the sensor's well.
 OPEN_SHARE: Final = 0.25
-FULL_WELLS_PER_VIEW: Final = 0.25
+FULL_WELLS_PER_VIEW: Final = 0.19
+MASK_S: Final = 0.02
+STAGE_SPEED_MM_S: Final = 12.5
+# The scene's depths are needed before the bench is built; an eighth of the picture knows them as well.
+PREVIEW: Final = 8
+
+RIG: Final = """\
+# Written by `gs2ci demo`. Take another shot: gs2ci capture --rig {path} -o shot.h5
+name = "motorcycle"
+
+[modulator]
+kind = "dlpc900"
+port = "simulated"
+
+[sensor]
+kind = "v4l2"
+port = "simulated"
+height = {height}
+width = {width}
+format = "RG12"           # a colour mosaic of 12 bits
+black_level_dn = {black_level_dn}
+full_well_e = {full_well_e}
+electrons_per_dn = {electrons_per_dn}
+
+[stage]
+kind = "zaber"
+port = "simulated"
+
+[stage.mount]
+x = [{direction}]
+
+[registration]
+superpixel = 2
+
+[capture]
+masks = {masks}
+density = {density}
+seed = {seed}
+mask_s = {mask_s}
+axis = "x"
+from_mm = {from_mm}
+to_mm = {to_mm}
+
+[optics]
+full_scale_e_per_s = {rate}
+
+[world]
+scene = "motorcycle"
+scene_units_per_mm = {unit}
+height = {height}
+width = {width}
+supersampling = 2
+seed = {seed}
+"""
 
 
 def run(
@@ -38,39 +84,57 @@ def run(
     parallax_px: float = 12.0,
     seed: int = 0,
 ) -> Path:
-    """Expose a simulated sensor once to a motorcycle behind changing masks, and recover what it saw.
+    """Expose a simulated bench once to a motorcycle behind changing masks, and recover what it saw.
+
+    The drivers are the real ones; the devices below their ports and the world around them are simulated.
 
     Args:
-        output: The folder for the shot file and the run folder; an earlier demonstration there is replaced.
+        output: The folder for rig file, shot file and run folder; an earlier demonstration there is replaced.
         views: Masks during the exposure.
-        height: Of the measurement, in pixels.
-        width: Of the measurement, in pixels.
+        height: Of the measurement, in pixels, a multiple of 2.
+        width: Of the measurement, in pixels, a multiple of 4.
         parallax_px: How far near and far shift against each other during the exposure.
         seed: Of masks and noise.
 
     Returns:
         The run folder.
     """
-    with open_display() as display:
-        shot = simulate(views=views, size=(height, width), parallax_px=parallax_px, seed=seed, progress=display)
     output.mkdir(parents=True, exist_ok=True)
-    measured = write_shots(output / "shot.h5", [shot])
-    return reconstruct.run(measured, output / "run", overwrite=True)
+    shot = output / "shot.h5"
+    partial_of(shot).unlink(missing_ok=True)  # an interrupted demonstration is nobody's data
+    rig = write_rig(output / "rig.toml", views=views, size=(height, width), parallax_px=parallax_px, seed=seed)
+    capture.run(rig=rig, out=shot, overwrite=True)
+    return reconstruct.run(shot, output / "run", overwrite=True)
 
 
-def simulate(*, views: int, size: tuple[int, int], parallax_px: float, seed: int, progress: Progress) -> Shot:
-    """Expose an IMX255-class sensor to the motorcycle during one small stage move."""
-    progress.stage("scene")
-    scene = motorcycle(size)
-    progress.step(1, gaussians=len(scene.gaussians))
+def write_rig(path: Path, *, views: int, size: tuple[int, int], parallax_px: float, seed: int) -> Path:
+    """Write a rig file whose stage moves the camera so that near and far shift by `parallax_px`."""
     sensor = Sensor()
-    rig = Rig(
-        light=Light(FULL_WELLS_PER_VIEW * sensor.full_well_e / sensor.quantum_efficiency),
-        modulator=Modulator(masks=views, open_share=OPEN_SHARE),
-        sensor=sensor,
+    duration_s = views * MASK_S
+    preview = motorcycle((size[0] // PREVIEW, size[1] // PREVIEW))
+    move = stage_move_for_parallax(preview, parallax_px / PREVIEW, duration_s)
+    baseline = np.array(move.velocity) * duration_s
+    travel_mm = STAGE_SPEED_MM_S * duration_s
+    length = float(np.linalg.norm(baseline))
+    direction = baseline / length if length else np.array([1.0, 0.0, 0.0])
+    path.write_text(
+        RIG.format(
+            path=path,
+            height=size[0],
+            width=size[1],
+            black_level_dn=sensor.black_level_dn,
+            full_well_e=sensor.full_well_e,
+            electrons_per_dn=sensor.electrons_per_dn,
+            direction=", ".join(f"{part:.6f}" for part in direction),
+            masks=views,
+            density=OPEN_SHARE,
+            mask_s=MASK_S,
+            from_mm=75.0 - travel_mm / 2,
+            to_mm=75.0 + travel_mm / 2,
+            rate=FULL_WELLS_PER_VIEW * sensor.full_well_e / MASK_S,
+            unit=max(length, 1e-9) / travel_mm,
+            seed=seed,
+        ),
+        encoding="utf-8",
     )
-    path = stage_move_for_parallax(scene, parallax_px, rig.exposure_s)
-    masks = random_masks(views, size, OPEN_SHARE, generator(seed, "masks"))
-    decided = plan(scene, path, masks, rig, (MotionBlur(), *sensor_effects(sensor)), seed=seed)
-    progress.say(decided.summary())
-    return expose(scene, path, masks, rig, effects=decided.effects, plan=decided.record(), seed=seed, progress=progress)
+    return path

@@ -12,11 +12,11 @@ import numpy as np
 import tyro
 
 from gs2ci.commands.display import open_display, print_summary
-from gs2ci.core.records import F32, Shot
+from gs2ci.core.records import F32, F64, Shot
 from gs2ci.core.storage import read_shot
 from gs2ci.evaluate.metrics import psnr_per_view
 from gs2ci.evaluate.run_folder import check_destination, write_run
-from gs2ci.reconstruct.pipeline import Score, Settings, reconstruct
+from gs2ci.reconstruct.pipeline import PoseSource, Score, Settings, reconstruct
 
 
 def run(
@@ -25,6 +25,7 @@ def run(
     output: Annotated[Path, tyro.conf.arg(aliases=["-o"])] = Path("run"),
     *,
     index: int = 0,
+    geometry: PoseSource = "tracks",
     iterations: int | None = None,
     focal_px: float | None = None,
     seed: int = 42,
@@ -36,19 +37,24 @@ def run(
         shot: A shot file, as `gs2ci import` and `gs2ci capture` write them.
         output: The run folder to write.
         index: Which shot of the file.
+        geometry: Where the first poses come from: "tracks" finds them in the decoded views, "stage" takes those that
+            the stage reported. The fit refines them either way.
         iterations: At most so many iterations of the fit; it ends earlier when held-out pixels stop improving.
-        focal_px: Focal length to use instead of the file's, in pixels.
+        focal_px: Focal length along the rows to use instead of the file's, in pixels.
         seed: Of every random draw; the same seed gives the same result.
         overwrite: Replace an earlier run at the same place.
 
     Returns:
         The run folder.
+
+    Raises:
+        Gs2ciError: The file, a value or the destination cannot be used; the folder is then as it was.
     """
     check_destination(output, overwrite=overwrite)
     measured = read_shot(shot, index)
     if focal_px is not None:
-        measured = replace(measured, intrinsics=_intrinsics(focal_px, measured.size)).check()
-    settings = Settings(seed=seed)
+        measured = replace(measured, intrinsics=_with_focal(focal_px, measured)).check()
+    settings = Settings(seed=seed, poses=geometry)
     if iterations is not None:
         settings = replace(settings, fit=replace(settings.fit, iterations=iterations))
     with open_display() as display:
@@ -59,9 +65,14 @@ def run(
     return output
 
 
-def _intrinsics(focal_px: float, size: tuple[int, int]) -> np.ndarray[tuple[int, int], np.dtype[np.float64]]:
-    height, width = size
-    return np.array([[focal_px, 0, width / 2], [0, focal_px, height / 2], [0, 0, 1]], np.float64)
+def _with_focal(focal_px: float, shot: Shot) -> F64:
+    """Return the shot's camera matrix with another focal length; its principal point and pixel shape stay."""
+    height, width = shot.size
+    if shot.intrinsics is None:
+        return np.array([[focal_px, 0, width / 2], [0, focal_px, height / 2], [0, 0, 1]])
+    intrinsics = shot.intrinsics.astype(np.float64)
+    intrinsics[:2, :2] *= focal_px / intrinsics[0, 0]
+    return intrinsics
 
 
 def _score_against_truth(shot: Shot) -> Score | None:

@@ -145,6 +145,8 @@ def _check_masks(shot: Shot) -> None:
             allowed="numbers >= 0, not all zero",
             remedy="see the timing",
         )
+    if not masks[shot.weights > 0].any():
+        raise InputError("every mask is closed or has weight zero", remedy="see the timing")
 
 
 def _check_optional_parts(shot: Shot) -> None:

@@ -7,26 +7,34 @@ The commands import this file.
 """
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
+from typing import Final, Literal
 
 import torch
 
+from gs2ci.core.errors import InputError
 from gs2ci.core.progress import Progress, Silent
 from gs2ci.core.records import F32, F64, Shot
 from gs2ci.core.run_records import RunResult, Verdict
 from gs2ci.reconstruct.coding import Coding
 from gs2ci.reconstruct.decode.gap_tv import GapTvSettings, gap_tv
 from gs2ci.reconstruct.decode.residual import ResidualSettings, refine_views
+from gs2ci.reconstruct.doubts import doubts_about
 from gs2ci.reconstruct.fit.coarse import CoarseFit, CoarseSettings, fit_coarse
 from gs2ci.reconstruct.fit.start import first_gaussians
 from gs2ci.reconstruct.fit.stopping import Jury, choose_heldout
 from gs2ci.reconstruct.geometry.initialise import Geometry, GeometrySettings, initialise
 from gs2ci.reconstruct.geometry.points import seed_points
+from gs2ci.reconstruct.geometry.telemetry import Movement, movement, poses_of_stage
 from gs2ci.render.backend import Backend, load_backend
 from gs2ci.render.gaussians import Gaussians
 
 Score = Callable[[F32], float]
+PoseSource = Literal["tracks", "stage"]
+
+_UNJUDGED: Final = "No pixel was held out, so nothing tells whether the scene is better than the decode; both are kept."
 
 
 @dataclass(frozen=True)
@@ -34,6 +42,8 @@ class Settings:
     """Settings of every stage.
 
     Args:
+        poses: Where the initial poses come from: found in the decoded views ("tracks"), or the shot's telemetry
+            ("stage").
         decode: Of the decoder that the geometry stage looks at.
         geometry: Of tracks, motion and depth.
         fit: Of the coarse stage.
@@ -43,6 +53,7 @@ class Settings:
         seed: Of every random draw.
     """
 
+    poses: PoseSource = "tracks"
     decode: GapTvSettings = field(default_factory=GapTvSettings)
     geometry: GeometrySettings = field(default_factory=GeometrySettings)
     fit: CoarseSettings = field(default_factory=CoarseSettings)
@@ -50,6 +61,21 @@ class Settings:
     stride_px: int = 3
     backend: str = "cpu"
     seed: int = 42
+
+    def check(self) -> "Settings":
+        """Return self if the numbers make sense.
+
+        Raises:
+            InputError: A stage's settings, the stride or the seed are out of range.
+        """
+        if self.stride_px < 1 or not 0 <= self.seed < 2**63:
+            raise InputError(
+                f"stride {self.stride_px} px, seed {self.seed}", allowed="a stride >= 1 px and a seed in [0, 2^63)"
+            )
+        self.decode.check()
+        self.fit.check()
+        self.residual.steps()
+        return self
 
 
 @dataclass(frozen=True)
@@ -60,6 +86,22 @@ class Reconstruction:
     scene: Gaussians
 
 
+@contextmanager
+def _one_torch_thread() -> Iterator[None]:
+    """Keep torch on one thread; the kernels that take the time have Numba's.
+
+    Torch deals its elements out by the number of threads, and with that the last bits of sums, products and sigmoids
+    change. Besides, its pool and Numba's disturb each other: on one thread the fit takes a fifth less time.
+    """
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)
+
+
+@_one_torch_thread()
 def reconstruct(
     shot: Shot,
     settings: Settings | None = None,
@@ -79,23 +121,30 @@ def reconstruct(
         the decode; and the other two.
 
     Raises:
-        InputError: The shot's parts do not fit together.
+        InputError: The shot's parts do not fit together, the settings make no sense, or poses are to come from
+            telemetry that the shot does not hold.
+        GeometryError: The telemetry contradicts the decoded views.
         NumericsError: The fit is not finite from its first iteration on.
     """
     settings, progress = settings or Settings(), progress or Silent()
+    settings.check()
     shot.check()
+    backend = load_backend(settings.backend)
     clock = _Stopwatch()
-    jury = Jury(shot, choose_heldout(shot.masks, shot.saturated, settings.fit.hold_out.share, settings.seed))
+    doubts = doubts_about(shot)
+    for doubt in doubts:
+        progress.say(doubt)
+    jury = Jury(shot, choose_heldout(shot, settings.fit.hold_out.share, settings.seed))
     seen = jury.seen
 
     decoded = gap_tv(seen, settings.decode, progress)
     clock.lap("decode")
 
-    geometry = initialise(decoded, shot.intrinsics, settings.geometry, progress)
+    poses = None if settings.poses == "tracks" else poses_of_stage(shot)
+    geometry = initialise(decoded, shot.intrinsics, settings.geometry, progress, poses)
     start = first_gaussians(seed_points(geometry, decoded, settings.stride_px))
     clock.lap("geometry")
 
-    backend = load_backend(settings.backend)
     fit = fit_coarse(
         jury=jury,
         start=start,
@@ -108,37 +157,29 @@ def reconstruct(
         score=score,
         since_s=clock.began_s,
     )
-    refined = refine_views(seen, fit.views, settings.residual)
-    heldout_rms: dict[Verdict, float | None] = {
-        "refined": jury.residual_rms(refined),
-        "scene": jury.residual_rms(fit.views),
-        "decode": jury.residual_rms(decoded),
-    }
-    verdict = _judge(heldout_rms)
-    if verdict == "refined":  # the pixels that judged may now help as well
-        refined = refine_views(shot, fit.views, settings.residual)
-    recovered = {"refined": refined, "scene": fit.views, "decode": decoded}[verdict]
+    recovered = _recover(jury, decoded, fit.views, settings.residual)
+    moved = movement(geometry.world_to_camera, fit.world_to_camera)
     depth = _depth(fit, geometry.intrinsics, shot.size, backend)
     clock.lap("fit")
 
     result = RunResult(
-        views=recovered,
+        views=recovered.views,
         scene_views=fit.views,
         decode=decoded,
         depth=depth,
         world_to_camera=fit.world_to_camera,
         intrinsics=geometry.intrinsics,
-        predicted_measurement=Coding.of(shot).forward(torch.from_numpy(recovered)).numpy(),
+        predicted_measurement=Coding.of(shot).forward(torch.from_numpy(recovered.views)).numpy(),
         curve=fit.curve,
         stopped_because=fit.stopped_because,
         seconds=clock.seconds(),
         gaussians=len(fit.scene),
-        notes=geometry.notes,
+        notes=(*doubts, *geometry.notes, *fit.notes, *_notes_of(moved, settings.poses), *recovered.notes),
         settings=asdict(settings),
         seed=settings.seed,
-        verdict=verdict,
-        heldout_rms=heldout_rms,
-        geometry=_summary(geometry),
+        verdict=recovered.verdict,
+        heldout_rms=recovered.heldout_rms,
+        geometry={**_summary(geometry, settings.poses), "moved": asdict(moved)},
     )
     return Reconstruction(result.check(), fit.scene)
 
@@ -159,6 +200,31 @@ class _Stopwatch:
         return {**self._stages, "total": self._lap_s - self.began_s}
 
 
+@dataclass(frozen=True)
+class _Recovered:
+    """The best of the candidates, and why."""
+
+    views: F32
+    verdict: Verdict
+    heldout_rms: dict[Verdict, float | None]
+    notes: tuple[str, ...]
+
+
+def _recover(jury: Jury, decoded: F32, scene_views: F32, settings: ResidualSettings) -> _Recovered:
+    """Let the held-out pixels choose between the refined views, the scene's and the decode."""
+    candidates: dict[Verdict, F32] = {
+        "refined": refine_views(jury.seen, scene_views, settings),
+        "scene": scene_views,
+        "decode": decoded,
+    }
+    heldout_rms = {name: jury.residual_rms(views) for name, views in candidates.items()}
+    verdict = _judge(heldout_rms)
+    if verdict == "refined":  # the pixels that judged may now help as well
+        candidates["refined"] = refine_views(jury.shot, scene_views, settings)
+    notes = () if jury.heldout.any() else (_UNJUDGED,)
+    return _Recovered(candidates[verdict], verdict, heldout_rms, notes)
+
+
 def _depth(fit: CoarseFit, intrinsics: F64, size: tuple[int, int], backend: Backend) -> F32:
     """Render the mean depth along the optical axis, [N, H, W]; zero where less than half of the light is stopped."""
     poses = torch.from_numpy(fit.world_to_camera).float()
@@ -176,9 +242,16 @@ def _judge(heldout_rms: dict[Verdict, float | None]) -> Verdict:
     return min(known, key=lambda name: known[name]) if known else "scene"
 
 
-def _summary(geometry: Geometry) -> dict[str, object]:
+def _notes_of(moved: Movement, source: PoseSource) -> tuple[str, ...]:
+    if source == "tracks":
+        return ()
+    share, rotation_deg = moved.share_of_path, moved.rotation_deg
+    return (f"The fit moved the stage's poses by {share:.1%} of the path and {rotation_deg:.3f}°.",)
+
+
+def _summary(geometry: Geometry, source: PoseSource) -> dict[str, object]:
     return {
-        "method": "tracks",
+        "method": source,
         "verdict": geometry.verdict,
         "focal_px": float(geometry.intrinsics[0, 0]),
         "focal_source": geometry.focal_source,

@@ -122,6 +122,7 @@ def integrate(
     masks: F32,
     chain: EffectChain,
     *,
+    slices: Slices | None = None,
     moments: Moments | None = None,
     renderer: Renderer | None = None,
     progress: Progress | None = None,
@@ -133,6 +134,7 @@ def integrate(
         path: Where the camera is at any time, before effects.
         masks: As nominally shown, [N, H, W].
         chain: Effects; all stages up to PHOTONS act here.
+        slices: When which mask is on show, before effects; as the rig's timing says if not given.
         moments: When views are rendered, instead of what motion blur in the chain says.
         renderer: Draws the views.
         progress: Hears about each view.
@@ -142,7 +144,7 @@ def integrate(
     """
     intervals = chain.rig.timing.intervals_s(len(masks))
     path = chain.through(Stage.MOTION, path)
-    slices = chain.through(Stage.TIME, nominal_slices(intervals))
+    slices = chain.through(Stage.TIME, slices or nominal_slices(intervals))
     weights = slices.weights_s().sum(axis=0) / chain.rig.timing.interval_s
     if not weights.any():
         raise InputError(

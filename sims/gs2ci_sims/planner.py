@@ -27,6 +27,7 @@ from gs2ci_sims.radiance import Renderer
 from gs2ci_sims.rig import Rig
 from gs2ci_sims.sampling import Sampling, choose_sampling
 from gs2ci_sims.scenes.base import Scene
+from gs2ci_sims.signals import Slices
 
 F32 = NDArray[np.float32]
 
@@ -122,6 +123,7 @@ def plan(
     on: Collection[str] = (),
     off: Collection[str] = (),
     seed: int = 0,
+    slices: Slices | None = None,
     renderer: Renderer | None = None,
 ) -> Plan:
     """Choose the cheapest simulation that stays within the tolerance of simulating everything.
@@ -136,6 +138,7 @@ def plan(
         on: Names of effects to simulate whatever their bounds.
         off: Names of effects to leave out whatever their bounds; they do not count against the tolerance.
         seed: The exposure's: effects that shake the camera draw from it.
+        slices: When which mask is on show, before effects; as the rig's timing says if not given.
         renderer: Draws the preview's views.
 
     Raises:
@@ -156,7 +159,7 @@ def plan(
     spent = KERNEL_SHARE * budget if kernels else 0.0
 
     moving = _as_moved(look, kept, seed)
-    sampling = choose_sampling(moving, kept, budget - spent, seed=seed, blurs=MotionBlur.name not in off)
+    sampling = choose_sampling(moving, kept, budget - spent, seed=seed, blurs=MotionBlur.name not in off, slices=slices)
     sampled = [sampling.blur if isinstance(effect, MotionBlur) else effect for effect in kept]
     simulated = tuple(effect for effect in sampled if effect is not None)
     given_up = systematic + spent + (sampling.error_dn if MotionBlur.name not in off else 0.0)

@@ -55,7 +55,9 @@ class Sampling:
     why: str
 
 
-def choose_sampling(look: Preview, effects: Sequence[Effect], budget_dn: float, *, seed: int, blurs: bool) -> Sampling:
+def choose_sampling(
+    look: Preview, effects: Sequence[Effect], budget_dn: float, *, seed: int, blurs: bool, slices: Slices | None = None
+) -> Sampling:
     """Choose the smallest number of views that keeps the error within the budget; failing that, the best there is.
 
     Args:
@@ -64,10 +66,13 @@ def choose_sampling(look: Preview, effects: Sequence[Effect], budget_dn: float, 
         budget_dn: For the error, DN rms.
         seed: The exposure's.
         blurs: False: motion blur is forced off, each mask sees one view.
+        slices: When which mask is on show, before effects, if not as the rig's timing says; masks then switch
+            anywhere within a panel.
     """
     count = len(look.masks)
     chain = EffectChain([effect for effect in effects if effect.stage is Stage.TIME], seed, look.rig)
-    slices = chain.through(Stage.TIME, nominal_slices(look.intervals_s))
+    irregular = slices is not None
+    slices = chain.through(Stage.TIME, slices or nominal_slices(look.intervals_s))
     travel = _travel(look, slices)
     if travel[1][-1] == 0:
         whole = (float(travel[0][0]), float(travel[0][-1]))
@@ -76,7 +81,9 @@ def choose_sampling(look: Preview, effects: Sequence[Effect], budget_dn: float, 
     plain = _Option(np.unique(look.intervals_s), 1, 0.0, uneven, count)
     if not blurs:
         return Sampling(None, count, _error(look, plain), "", "forced off")
-    options = [plain, *_across_masks(look, travel), *_within_masks(look, uneven)]
+    options = [*_across_masks(look, travel)]
+    if not irregular:
+        options += [plain, *_within_masks(look, uneven)]
     options.sort(key=lambda option: option.views)
     options = [option for option in options if option.views <= VIEWS_PER_MASK_MAX * count]
     guesses = [_guess(look, option) for option in options]

@@ -17,6 +17,8 @@ import torch
 
 BENCHMARKS = {
     "rasteriser": "tests.benchmarks.rasteriser",
+    "simulated_capture": "tests.benchmarks.simulated_capture",
+    "bundle_adjustment": "tests.benchmarks.bundle_adjustment",
 }
 
 

@@ -109,6 +109,9 @@ class ShotWriter:
         try:
             for key, value in parts.items():
                 file[key][row] = value
+            # HDF5 writes what it has cached in an order of its own: with one flush for both, a process killed in it
+            # leaves a flag without its data (seen with small frames under load).
+            file.flush()
             file["meas_valid"][row] = 1
             file.flush()
         except (OSError, RuntimeError, ValueError) as error:

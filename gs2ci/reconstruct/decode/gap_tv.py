@@ -7,6 +7,7 @@ views are good enough to track and to sweep for depth; they are never a photomet
 from collections.abc import Callable
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -24,6 +25,10 @@ _Denoiser = Callable[[F32], tuple[F32, F32]]
 # A pixel through which next to no light came would have its noise divided by its tiny transmission. Below this share
 # of the mean energy Σ (wM)² the projection is damped instead; for binary masks nothing lies below it but 0 itself.
 _ENERGY_FLOOR = 0.02
+# Pixels without a reading start from those within about such a length; the mean of all weighs as much as one of them
+_FILL_PX = 2.0
+# that is three such lengths away does.
+_LEAST_NEARBY = 1e-3
 
 
 @dataclass(frozen=True)
@@ -83,7 +88,7 @@ def decode_signed(shot: Shot, settings: GapTvSettings | None = None, progress: P
     masks = np.ascontiguousarray(shot.masks * shot.weights[:, None, None], np.float32)
     measured = np.ascontiguousarray(shot.measurement.transpose(2, 0, 1), np.float32)
     inverse_energy = _inverse_energy(masks, shot.saturated)
-    views = _average_exposure(masks, measured)
+    views = _average_exposure(masks, measured, inverse_energy > 0)
     denoise = _mosaic_denoiser(shot.cfa, shot.size, settings) if shot.cfa else _plane_denoiser(settings)
     target = np.zeros_like(measured)
     scale = max(float((measured.astype(np.float64) ** 2).sum()), np.finfo(np.float32).tiny)
@@ -107,11 +112,27 @@ def _inverse_energy(masks: F32, saturated: NDArray[np.bool_] | None) -> F32:
     return np.where(counts, inverse, 0.0).astype(np.float32)
 
 
-def _average_exposure(masks: F32, measured: F32) -> F32:
-    """Start every view from the measurement divided by its total exposure, [N, C, H, W]."""
+def _average_exposure(masks: F32, measured: F32, counts: NDArray[np.bool_]) -> F32:
+    """Start every view from the measurement divided by its total exposure, [N, C, H, W].
+
+    Pixels that do not count start from a mean of those near them, or of all where none is near: smoothing alone would
+    take long to fill them, and a wide hole never.
+    """
     exposure = masks.sum(0)
-    average = measured / np.maximum(exposure, _ENERGY_FLOOR * exposure.mean())
+    average = np.where(counts, measured / np.maximum(exposure, _ENERGY_FLOOR * exposure.mean()), 0.0)
+    mean = average.sum(axis=(1, 2), dtype=np.float64) / max(int(counts.sum()), 1)
+    nearby = _blur(counts.astype(np.float32))
+    filled = [
+        (_blur(plane.astype(np.float32)) + _LEAST_NEARBY * level) / (nearby + _LEAST_NEARBY)
+        for plane, level in zip(average, mean, strict=True)
+    ]
+    average = np.where(counts, average, filled).astype(np.float32)
     return np.repeat(average[None], len(masks), axis=0)
+
+
+def _blur(plane: F32) -> F32:
+    blurred: F32 = cv2.GaussianBlur(plane, (0, 0), _FILL_PX, borderType=cv2.BORDER_REPLICATE)
+    return blurred
 
 
 def _plane_denoiser(settings: GapTvSettings) -> _Denoiser:

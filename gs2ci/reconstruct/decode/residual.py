@@ -30,6 +30,14 @@ class ResidualSettings:
     weight: float = 0.05
     inner: int = 5
 
+    def steps(self) -> GapTvSettings:
+        """Return them as the decoder takes them.
+
+        Raises:
+            InputError: A count below 1, or a weight that is not a positive finite number.
+        """
+        return GapTvSettings(iterations=self.iterations, weight=self.weight, inner=self.inner).check()
+
 
 def refine_views(shot: Shot, scene_views: F32, settings: ResidualSettings) -> F32:
     """Add to the scene's views what its residual decodes to.
@@ -41,9 +49,11 @@ def refine_views(shot: Shot, scene_views: F32, settings: ResidualSettings) -> F3
 
     Returns:
         Views, [N, H, W, C] float32, not clamped.
+
+    Raises:
+        InputError: The settings make no sense, or the views do not fit the shot.
     """
     predicted = Coding.of(shot).forward(torch.from_numpy(scene_views)).numpy()
     left_over = replace(shot, measurement=(shot.measurement - predicted).astype(np.float32))
-    steps = GapTvSettings(iterations=settings.iterations, weight=settings.weight, inner=settings.inner)
-    refined: F32 = scene_views + decode_signed(left_over, steps)
+    refined: F32 = scene_views + decode_signed(left_over, settings.steps())
     return refined

@@ -12,7 +12,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from gs2ci.core.errors import NumericsError
+from gs2ci.core.errors import InputError, NumericsError
 from gs2ci.core.progress import Progress
 from gs2ci.core.records import F32, F64
 from gs2ci.core.run_records import CurvePoint
@@ -54,6 +54,20 @@ class CoarseSettings:
     hold_out: HoldOut = field(default_factory=HoldOut)
     density: DensityRule = field(default_factory=Osgr)
 
+    def check(self) -> "CoarseSettings":
+        """Return self if the numbers make sense.
+
+        Raises:
+            InputError: A count below 1, or hold-out settings out of range.
+        """
+        if self.iterations < 1 or self.densify_every < 1:
+            raise InputError(
+                f"{self.iterations} iterations of the fit, densified every {self.densify_every}",
+                allowed="counts of at least 1",
+            )
+        self.hold_out.check()
+        return self
+
 
 @dataclass(frozen=True)
 class CoarseFit:
@@ -65,6 +79,7 @@ class CoarseFit:
         views: The scene seen from there, [N, H, W, C] float32, not clamped.
         curve: How it came about.
         stopped_because: One sentence.
+        notes: What the user should know besides: each time that numbers ran away.
     """
 
     scene: Gaussians
@@ -72,6 +87,7 @@ class CoarseFit:
     views: F32
     curve: tuple[CurvePoint, ...]
     stopped_because: str
+    notes: tuple[str, ...]
 
 
 @dataclass
@@ -219,10 +235,10 @@ def fit_coarse(
         The state with the best held-out residual.
 
     Raises:
-        InputError: The hold-out settings make no sense.
+        InputError: The settings make no sense.
         NumericsError: The very first iteration is not finite.
     """
-    settings.hold_out.check()
+    settings.check()
     origin_s = time.monotonic() if since_s is None else since_s
     fit = _Fit(jury, start, geometry, backend, settings, seed)
     loop = _Loop(fit, jury, refine, progress, score, origin_s)
@@ -234,6 +250,7 @@ def fit_coarse(
         views=fit.views(),
         curve=tuple(loop.curve),
         stopped_because=stopped_because,
+        notes=tuple(loop.notes),
     )
 
 
@@ -247,6 +264,7 @@ class _Loop:
         self.settings = fit.settings
         self.best = fit.snapshot(0)
         self.curve: list[CurvePoint] = []
+        self.notes: list[str] = []
         self._jury = jury
         self._refine = refine
         self._progress = progress
@@ -274,6 +292,8 @@ class _Loop:
                 if self._watch.stalled(iteration):
                     return f"held-out pixels stopped improving at iteration {self._watch.best_iteration}"
             self._progress.step(iteration, loss=loss, **self._figures())
+        if not self._jury.heldout.any():
+            return f"all {total} iterations done, no pixels held out to judge them"
         return f"all {total} iterations done, held-out pixels best at iteration {self._watch.best_iteration}"
 
     def _step(self, iteration: int) -> None:
@@ -324,7 +344,7 @@ class _Loop:
         self._rollbacks += 1
         self._damping *= 0.5
         self.fit.restore(self.best)
-        self._progress.say(
-            f"Iteration {iteration} was not finite: back to iteration {self.best.iteration} with half the step."
-        )
+        note = f"Iteration {iteration} was not finite: back to iteration {self.best.iteration} with half the step."
+        self.notes.append(note)
+        self._progress.say(note)
         return True

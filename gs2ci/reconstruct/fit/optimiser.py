@@ -88,15 +88,15 @@ class GaussianOptimiser:
                 a newcomer (whose moments start at zero).
         """
         kept = source >= 0
-        index = source.clamp(min=0)
         fresh = _leaves(scene)
         for group, (name, old) in zip(self._adam.param_groups, self.scene.parameters().items(), strict=True):
             new = fresh.parameters()[name]
             state = self._adam.state.pop(old, {})
             for moment in ("exp_avg", "exp_avg_sq"):
                 if moment in state:
-                    shape = (-1,) + (1,) * (new.dim() - 1)
-                    state[moment] = torch.where(kept.view(shape), state[moment][index], 0.0)
+                    moments = torch.zeros_like(new.detach())
+                    moments[kept] = state[moment][source[kept]]
+                    state[moment] = moments
             group["params"] = [new]
             if state:
                 self._adam.state[new] = state

@@ -48,17 +48,18 @@ class HoldOut:
         return self
 
 
-def choose_heldout(masks: F32, saturated: NDArray[np.bool_] | None, share: float, seed: int) -> NDArray[np.bool_]:
+def choose_heldout(shot: Shot, share: float, seed: int) -> NDArray[np.bool_]:
     """Choose the pixels to hold out, [H, W] bool.
 
-    Only pixels that some mask opens and that are not saturated can judge a prediction; of these a share is drawn, at
-    least one and never more than half. With fewer than two of them, or a share of zero, none is held out.
+    Only pixels that light reached through some mask and that are not saturated can judge a prediction; of these a
+    share is drawn, at least one and never more than half. With fewer than two of them, or a share of zero, none is
+    held out.
     """
-    useful = masks.any(axis=0)
-    if saturated is not None:
-        useful &= ~saturated
+    useful = shot.masks[shot.weights > 0].any(axis=0)
+    if shot.saturated is not None:
+        useful &= ~shot.saturated
     candidates = np.flatnonzero(useful)
-    heldout = np.zeros(masks.shape[1:], bool)
+    heldout = np.zeros(shot.size, bool)
     if len(candidates) < 2 or share <= 0:
         return heldout
     count = min(max(1, round(share * len(candidates))), len(candidates) // 2)

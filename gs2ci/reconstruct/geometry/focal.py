@@ -4,16 +4,20 @@ Here: the search and the gate that refuses what it cannot tell. Not here: the ad
 `gs2ci.reconstruct.geometry` imports this file.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gs2ci.reconstruct.geometry.motion import MotionSettings, adjust
+from gs2ci.reconstruct.geometry.motion import MotionSettings, adjust_both_ways
 from gs2ci.reconstruct.geometry.tracks import Tracks
 
 F64 = NDArray[np.float64]
+
+# Points of the interpolated probability.
+_FINE = 400
 
 
 @dataclass(frozen=True)
@@ -23,22 +27,26 @@ class FocalSettings:
     Args:
         narrowest_deg: Least horizontal field of view.
         widest_deg: Largest horizontal field of view.
-        default_deg: Horizontal field of view taken where the search cannot tell.
+        default_deg: Horizontal field of view before the tracks have spoken, and where they cannot tell.
+        prior_spread: Standard deviation of the logarithm of the focal length before the tracks have spoken: 0.4 has
+            two cameras of three between 42° and 81°.
+        most_spread: Largest standard deviation afterwards at which the estimate is believed.
+        independent: Share of the residuals that count as independent. The windows of neighbouring tracks overlap:
+            21 px wide, 5 px apart or more.
         grid: Focal lengths tried before refinement, equally spaced in their logarithm.
         refinements: Golden-section steps; each narrows the bracket to 0.62 of its width.
         tracks: At most so many tracks take part.
-        ratio: The cost is compared at the focal length times and divided by this.
-        least_rise: By how much, relative, the cost must rise there on both sides.
     """
 
     narrowest_deg: float = 15.0
     widest_deg: float = 110.0
     default_deg: float = 60.0
+    prior_spread: float = 0.4
+    most_spread: float = 0.3
+    independent: float = 0.05
     grid: int = 13
-    refinements: int = 7
+    refinements: int = 6
     tracks: int = 400
-    ratio: float = 1.5
-    least_rise: float = 0.04
 
 
 @dataclass(frozen=True)
@@ -81,28 +89,47 @@ def estimate_focal(tracks: Tracks, size: tuple[int, int], settings: FocalSetting
         motion: How to adjust.
 
     Returns:
-        The estimate; or the default, where the best value lies at the end of the range, or the cost hardly depends
-        on it (a flat scene, or too little motion).
+        The most probable value, from the robust reprojection cost and what lenses are usual; or the default, where
+        that lies at the end of the range or stays uncertain (a flat scene, or too little motion).
     """
     sample = _evenly(tracks, settings.tracks)
+    sightings = int(sample.seen.sum()) - len(sample)
+    freedom = max(2 * sightings - 6 * (sample.positions.shape[1] - 1) - len(sample), 1)
+    low, high = (np.log(focal_from_view_angle(a, size[1])) for a in (settings.widest_deg, settings.narrowest_deg))
+    middle = np.log(focal_from_view_angle(settings.default_deg, size[1]))
+    grid = np.linspace(low, high, settings.grid)
 
     def cost(log_focal: float) -> float:
-        return adjust(sample, pinhole(float(np.exp(log_focal)), size), motion).cost
+        return adjust_both_ways(sample, pinhole(float(np.exp(log_focal)), size), motion).cost
 
-    low, high = (np.log(focal_from_view_angle(a, size[1])) for a in (settings.widest_deg, settings.narrowest_deg))
-    grid = np.linspace(low, high, settings.grid)
     costs = np.array([cost(value) for value in grid])
-    best = int(costs.argmin())
+    # With its variance unknown, residuals of ν degrees of freedom speak with ν/2 times their relative excess.
+    weight = settings.independent * freedom / 2 / max(float(costs.min()), np.finfo(np.float32).tiny)
+
+    def surprise(log_focal: float, known_cost: float) -> float:
+        return float(weight * known_cost + 0.5 * ((log_focal - middle) / settings.prior_spread) ** 2)
+
+    surprises = np.array([surprise(value, known) for value, known in zip(grid, costs, strict=True)])
+    best = int(surprises.argmin())
     if best in (0, settings.grid - 1):
         return default_focal(size, "the best fit lies at the end of the plausible range", settings)
-    log_focal, least = _golden_section(cost, grid[best - 1], grid[best + 1], settings.refinements)
-    sides = np.interp((log_focal - np.log(settings.ratio), log_focal + np.log(settings.ratio)), grid, costs)
-    if sides.min() < (1 + settings.least_rise) * least:
+    spread = _spread(grid, surprises)
+    if spread > settings.most_spread:
         return default_focal(size, "the tracks fit almost equally well with any", settings)
+    log_focal = _golden_section(lambda x: surprise(x, cost(x)), (grid[best - 1], grid[best + 1]), settings.refinements)
     focal_px = float(np.exp(log_focal))
     angle = np.degrees(2 * np.arctan(0.5 * size[1] / focal_px))
-    note = f"The focal length was estimated from the tracks: {focal_px:.0f} px, {angle:.0f}° across."
+    figures = f"{focal_px:.0f} px within about {spread:.0%}, a horizontal field of view of {angle:.0f}°"
+    note = f"The focal length was estimated from the tracks: {figures}."
     return Focal(pinhole(focal_px, size), "estimated", note)
+
+
+def _spread(values: F64, surprises: F64) -> float:
+    """Get the standard deviation of a value whose probability is exp(−surprise)."""
+    fine = np.linspace(values[0], values[-1], _FINE)
+    likelihood = np.exp(surprises.min() - np.interp(fine, values, surprises))
+    likelihood /= likelihood.sum()
+    return float(np.sqrt(likelihood @ (fine - likelihood @ fine) ** 2))
 
 
 def _evenly(tracks: Tracks, most: int) -> Tracks:
@@ -112,18 +139,19 @@ def _evenly(tracks: Tracks, most: int) -> Tracks:
     return tracks.keep(chosen)
 
 
-def _golden_section(cost, low: float, high: float, steps: int) -> tuple[float, float]:  # type: ignore[no-untyped-def]
-    """Narrow a bracket around a minimum; returns its place and the cost there."""
+def _golden_section(function: Callable[[float], float], bracket: tuple[float, float], steps: int) -> float:
+    """Narrow a bracket around a minimum and return the better of its inner points."""
+    low, high = bracket
     shrink = (np.sqrt(5) - 1) / 2
     a, b = high - shrink * (high - low), low + shrink * (high - low)
-    cost_a, cost_b = cost(a), cost(b)
+    at_a, at_b = function(a), function(b)
     for _ in range(steps):
-        if cost_a < cost_b:
-            high, b, cost_b = b, a, cost_a
+        if at_a < at_b:
+            high, b, at_b = b, a, at_a
             a = high - shrink * (high - low)
-            cost_a = cost(a)
+            at_a = function(a)
         else:
-            low, a, cost_a = a, b, cost_b
+            low, a, at_a = a, b, at_b
             b = low + shrink * (high - low)
-            cost_b = cost(b)
-    return (a, cost_a) if cost_a < cost_b else (b, cost_b)
+            at_b = function(b)
+    return float(a if at_a < at_b else b)

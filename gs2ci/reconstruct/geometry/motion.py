@@ -1,7 +1,8 @@
 """Small-motion bundle adjustment: camera poses and one inverse depth per track, from nothing but the tracks.
 
-Here: the model, its analytic Jacobian, and the robust Levenberg-Marquardt loop (float64). Not here: what the result is
-worth (`validity`), the focal length (`focal`). Only `gs2ci.reconstruct.geometry` imports this file.
+Here: the model, its Jacobian, and the robust Levenberg-Marquardt loop (float64). Not here: its sums
+(`adjustment_kernels`), what the result is worth (`validity`), the focal length (`focal`), a camera that only turned
+(`rotations`), known poses (`telemetry`). Only `gs2ci.reconstruct.geometry` imports this file.
 
 The camera moves little during one exposure. So every pose may start at the identity and every inverse depth at one,
 and no pair of views has to be found to begin with (Yu and Gallup 2014). Each point lies on the ray of its corner in
@@ -17,13 +18,18 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from gs2ci.reconstruct.geometry.adjustment_kernels import (
+    LEAST_RELATIVE_DEPTH,
+    depth_steps,
+    eliminate_depths,
+    huber_cost,
+    normal_blocks,
+)
 from gs2ci.reconstruct.geometry.tracks import Tracks
 
 F64 = NDArray[np.float64]
 Bool = NDArray[np.bool_]
 
-# Depth relative to the reference ray below which a point counts as behind the camera; also keeps X_z off zero.
-_LEAST_RELATIVE_DEPTH = 1e-3
 # Inverse depths stay within this range of their common scale 1: farther is infinity, nearer is the lens.
 INVERSE_DEPTH_RANGE = (0.02, 20.0)
 # A spread of starting depths, as with all equal no translation could be told from a rotation.
@@ -32,8 +38,6 @@ _DAMPING_START, _DAMPING_LEAST, _DAMPING_MOST = 1e-3, 1e-8, 1e8
 # Keeps the normal equations of a view without tracks, or of a point without parallax, solvable; far below any of
 # their true entries, which count pixels squared.
 _REGULAR = 1e-9
-# Rotations of some degrees converge quadratically; ten steps are ample.
-_ROTATION_STEPS = 10
 
 
 @dataclass(frozen=True)
@@ -61,7 +65,8 @@ class Motion:
         rotations: Reference to view, [N, 3, 3]; the identity for the reference view.
         translations: [N, 3]; zero for the reference view. The unit is that of 1 / inverse depth.
         inverse_depth: Of each track on its reference ray, [P].
-        errors_px: Prediction minus track, [P, N, 2]; NaN where a view does not see the point.
+        errors_px: Prediction minus track, [P, N, 2]; NaN in the reference view and where a view does not see the
+            point.
         least_depth: Smallest depth of each point over the views that see it, relative to its depth in the reference
             view, [P].
         cost: Sum of Huber costs in px².
@@ -75,11 +80,6 @@ class Motion:
     cost: float
 
     @property
-    def residuals_px(self) -> F64:
-        """Get the distance between prediction and track, [P, N]; NaN where a view does not see the point."""
-        return np.linalg.norm(self.errors_px, axis=-1)
-
-    @property
     def world_to_camera(self) -> F64:
         """Get the poses, [N, 4, 4], with the reference view as the world."""
         poses = np.tile(np.eye(4), (len(self.rotations), 1, 1))
@@ -88,47 +88,77 @@ class Motion:
         return poses
 
     @property
+    def residuals_px(self) -> F64:
+        """Get the distance between prediction and track, [P, N]; NaN as in `errors_px`."""
+        distance: F64 = np.linalg.norm(self.errors_px, axis=-1)
+        return distance
+
+    @property
     def behind_share(self) -> float:
         """Get the share of tracks that some view has at or behind its camera."""
-        return float(np.mean(self.least_depth <= _LEAST_RELATIVE_DEPTH)) if len(self.least_depth) else 0.0
+        return float(np.mean(self.least_depth <= LEAST_RELATIVE_DEPTH)) if len(self.least_depth) else 0.0
 
     @property
     def rms_px(self) -> float:
         """Get the root mean square residual over all sightings but those of the reference view, in px."""
-        seen = ~np.isnan(self.residuals_px)
-        return float(np.sqrt(np.mean(self.residuals_px[seen] ** 2))) if seen.any() else 0.0
+        return rms_px(self.errors_px)
 
 
-@dataclass(frozen=True)
-class Rotations:
-    """Poses of a camera that only turned, and what they leave unexplained.
+def rms_px(errors_px: F64) -> float:
+    """Get the root mean square length of errors, [..., 2]; NaN counts for nothing, and no errors as 0."""
+    squares = (errors_px**2).sum(axis=-1)
+    seen = ~np.isnan(squares)
+    return float(np.sqrt(squares[seen].mean())) if seen.any() else 0.0
+
+
+def predict_positions(positions_px: F64, inverse_depth: F64, world_to_camera: F64, intrinsics: F64) -> F64:
+    """Predict where every view sees points of the reference view.
 
     Args:
-        rotations: Reference to view, [N, 3, 3].
-        errors_px: Prediction minus track, [P, N, 2]; NaN where a view does not see the point.
+        positions_px: Their pixels in the reference view, [P, 2].
+        inverse_depth: [P].
+        world_to_camera: [N, 4, 4], the identity for the reference view.
+        intrinsics: Camera matrix in px, [3, 3].
+
+    Returns:
+        [P, N, 2] px.
     """
+    turned = rays(positions_px, intrinsics) @ world_to_camera[:, :3, :3].transpose(0, 2, 1)
+    points = (turned + world_to_camera[:, None, :3, 3] * inverse_depth[None, :, None]) @ intrinsics.T
+    pixels: F64 = points[..., :2] / np.maximum(points[..., 2:], LEAST_RELATIVE_DEPTH)
+    return pixels.transpose(1, 0, 2)
 
-    rotations: F64
-    errors_px: F64
+
+def rays(positions_px: F64, intrinsics: F64) -> F64:
+    """Turn pixels, [P, 2], into directions with third component 1, [P, 3]."""
+    homogeneous = np.concatenate([positions_px, np.ones((len(positions_px), 1))], axis=1)
+    directions: F64 = homogeneous @ np.linalg.inv(intrinsics).T
+    return directions
 
 
-def wander_px(errors_px: F64) -> float:
-    """Get by how much errors vary along each track, per degree of freedom, root mean square.
+def wander_px(errors_px: F64, unknowns: int = 0) -> float:
+    """Get by how much errors vary along each track, per degree of freedom, root mean square length.
 
     A corner that is misplaced in the reference view shifts its errors in all other views alike. Such a shift says
     nothing about the motion, and a translation explains one component of it for nothing: so it is taken out.
 
     Args:
-        errors_px: [P, N, 2]; NaN where a view does not see the point.
+        errors_px: [P, N, 2]; NaN where a view does not see the point. Tracks of one sighting say nothing here.
+        unknowns: How many were fitted to each track.
+
+    Returns:
+        0 where nothing is left to vary.
     """
     seen = ~np.isnan(errors_px[..., 0])
-    spare = int(seen.sum()) - int(seen.any(axis=1).sum())
-    if spare < 1:
+    sightings = seen.sum(axis=1)
+    # Two coordinates for each sighting but the one that the mean takes.
+    freedom = int((2 * (sightings - 1) - unknowns)[sightings > 1].sum())
+    if freedom < 1:
         return 0.0
     errors = np.where(seen[..., None], errors_px, 0.0)
-    mean = errors.sum(axis=1) / np.maximum(seen.sum(axis=1), 1)[:, None]
+    mean = errors.sum(axis=1) / np.maximum(sightings, 1)[:, None]
     variation = (errors - mean[:, None]) * seen[..., None]
-    return float(np.sqrt((variation**2).sum() / spare))
+    return float(np.sqrt(2 * (variation**2).sum() / freedom))
 
 
 @dataclass(frozen=True)
@@ -154,10 +184,16 @@ class Sightings:
         """Take tracks through the inverse of a camera matrix, [3, 3]."""
         focal = np.array([intrinsics[0, 0], intrinsics[1, 1]])
         normalised = (tracks.positions - intrinsics[:2, 2]) / focal
-        rays = np.concatenate([normalised[:, tracks.reference], np.ones((len(tracks), 1))], axis=1)
-        seen = tracks.seen.T.copy()
+        directions = rays(tracks.positions[:, tracks.reference], intrinsics)
+        seen = np.ascontiguousarray(tracks.seen.T)
         seen[tracks.reference] = False
-        return cls(rays, np.nan_to_num(normalised.transpose(1, 0, 2)), seen, focal, tracks.reference)
+        return cls(
+            directions,
+            np.ascontiguousarray(np.nan_to_num(normalised.transpose(1, 0, 2))),
+            seen,
+            focal,
+            tracks.reference,
+        )
 
 
 def start_motion(sightings: Sightings, seed: int = 0) -> Motion:
@@ -167,7 +203,7 @@ def start_motion(sightings: Sightings, seed: int = 0) -> Motion:
     return Motion(
         rotations=np.tile(np.eye(3), (views, 1, 1)),
         translations=np.zeros((views, 3)),
-        inverse_depth=1 + _START_SPREAD * spread,
+        inverse_depth=np.asarray(1 + _START_SPREAD * spread),
         errors_px=np.full((points, views, 2), np.nan),
         least_depth=np.ones(points),
         cost=np.inf,
@@ -182,7 +218,7 @@ def residuals(motion: Motion, sightings: Sightings) -> tuple[F64, F64]:
     """
     turned = sightings.rays @ motion.rotations.transpose(0, 2, 1)
     points = turned + motion.translations[:, None] * motion.inverse_depth[None, :, None]
-    depth = np.maximum(points[..., 2:], _LEAST_RELATIVE_DEPTH)
+    depth = np.maximum(points[..., 2:], LEAST_RELATIVE_DEPTH)
     return (points[..., :2] / depth - sightings.seen_at) * sightings.focal_px, points
 
 
@@ -198,18 +234,20 @@ def jacobians(motion: Motion, sightings: Sightings, points: F64) -> tuple[F64, F
         d r / d (ω, t), [N, P, 2, 6], for R ← exp(ω) R; and d r / d ρ, [N, P, 2].
     """
     fx, fy = sightings.focal_px
-    inverse_z = 1 / np.maximum(points[..., 2], _LEAST_RELATIVE_DEPTH)
-    by_point = np.zeros((*points.shape[:2], 2, 3))
-    by_point[..., 0, 0] = fx * inverse_z
-    by_point[..., 1, 1] = fy * inverse_z
-    by_point[..., 0, 2] = -fx * points[..., 0] * inverse_z**2
-    by_point[..., 1, 2] = -fy * points[..., 1] * inverse_z**2
+    inverse_z = 1 / np.maximum(points[..., 2], LEAST_RELATIVE_DEPTH)
     turned = points - motion.translations[:, None] * motion.inverse_depth[None, :, None]
-    by_pose = np.empty((*points.shape[:2], 2, 6))
+    x, y, z = np.moveaxis(turned, -1, 0)
+    # The rows of d r / d X are (ux, 0, uz) and (0, vy, vz).
+    ux, uz = fx * inverse_z, -fx * points[..., 0] * inverse_z**2
+    vy, vz = fy * inverse_z, -fy * points[..., 1] * inverse_z**2
+    by_pose, rho = np.zeros((*points.shape[:2], 2, 6)), motion.inverse_depth
     # d(exp(ω) v)/dω = −[v]×, and row · −[v]× = v × row.
-    by_pose[..., :3] = np.cross(turned[:, :, None], by_point)
-    by_pose[..., 3:] = by_point * motion.inverse_depth[None, :, None, None]
-    by_depth = np.einsum("npij,nj->npi", by_point, motion.translations)
+    by_pose[..., 0, 0], by_pose[..., 0, 1], by_pose[..., 0, 2] = y * uz, z * ux - x * uz, -y * ux
+    by_pose[..., 1, 0], by_pose[..., 1, 1], by_pose[..., 1, 2] = y * vz - z * vy, -x * vz, x * vy
+    by_pose[..., 0, 3], by_pose[..., 0, 5] = ux * rho, uz * rho
+    by_pose[..., 1, 4], by_pose[..., 1, 5] = vy * rho, vz * rho
+    tx, ty, tz = (motion.translations[:, k, None] for k in range(3))
+    by_depth = np.stack([ux * tx + uz * tz, vy * ty + vz * tz], axis=-1)
     return by_pose, by_depth
 
 
@@ -233,27 +271,51 @@ def adjust(
     settings = settings or MotionSettings()
     sightings = Sightings.of(tracks, intrinsics)
     motion = start or start_motion(sightings)
-    error, points = residuals(motion, sightings)
-    motion = replace(motion, cost=_huber_cost(error, sightings.seen, settings.huber_px))
+    motion = _with_cost(motion, sightings, settings.huber_px)
     damping = _DAMPING_START
     for _ in range(settings.iterations):
-        system = _NormalEquations.at(motion, sightings, error, points, settings.huber_px)
+        system = _NormalEquations.at(motion, sightings, settings.huber_px)
         before = motion.cost
         while damping < _DAMPING_MOST:
-            trial = system.step(motion, damping)
-            error, points = residuals(trial, sightings)
-            trial = replace(trial, cost=_huber_cost(error, sightings.seen, settings.huber_px))
+            trial = _with_cost(system.step(motion, damping), sightings, settings.huber_px)
             if trial.cost < motion.cost:
                 motion, damping = trial, max(damping / 3, _DAMPING_LEAST)
                 break
             damping *= 4
         if before - motion.cost <= settings.tolerance * before:
             break
-    return _with_residuals(motion, sightings)
+    return with_errors(motion, sightings)
+
+
+def reversed_depth(motion: Motion) -> Motion:
+    """Turn the scene inside out: near for far, and the motion that a distant camera could not tell from the true one.
+
+    Inverse depths ρ become c − ρ with c twice their median, translations t become −t, and rotations make up for the
+    difference: f (ω + t ρ) = f (ω + c t − t (c − ρ)) to first order (the Necker reversal).
+    """
+    c = 2 * float(np.median(motion.inverse_depth))
+    tx, ty = motion.translations[:, 0], motion.translations[:, 1]
+    turn = Rotation.from_rotvec(c * np.stack([-ty, tx, np.zeros_like(tx)], axis=1))
+    return replace(
+        motion,
+        rotations=turn.as_matrix() @ motion.rotations,
+        translations=-motion.translations,
+        inverse_depth=np.clip(c - motion.inverse_depth, *INVERSE_DEPTH_RANGE),
+    )
+
+
+def adjust_both_ways(tracks: Tracks, intrinsics: F64, settings: MotionSettings | None = None) -> Motion:
+    """Adjust from a still camera, then from the depth-reversed result, and keep the better.
+
+    The cost has a minimum near either; a flat start may lead into the wrong one.
+    """
+    here = adjust(tracks, intrinsics, settings)
+    there = adjust(tracks, intrinsics, settings, start=reversed_depth(here))
+    return min(here, there, key=lambda motion: motion.cost)
 
 
 def estimate_motion(tracks: Tracks, intrinsics: F64, settings: MotionSettings | None = None) -> tuple[Motion, Tracks]:
-    """Adjust, drop the tracks that the motion does not explain, and adjust the rest from the start.
+    """Adjust, drop the tracks that the motion does not explain, and adjust the rest anew.
 
     Args:
         tracks: At least one point.
@@ -264,37 +326,19 @@ def estimate_motion(tracks: Tracks, intrinsics: F64, settings: MotionSettings | 
         The motion and the tracks that it explains, with inverse depths of median 1.
     """
     settings = settings or MotionSettings()
-    first = adjust(tracks, intrinsics, settings)
+    first = adjust_both_ways(tracks, intrinsics, settings)
     explained = np.nanmax(first.residuals_px, axis=1, initial=0) < settings.outlier_px
     if not explained.any():
         return first, tracks
     kept = tracks.keep(explained)
-    motion = adjust(kept, intrinsics, settings)
+    motion = adjust_both_ways(kept, intrinsics, settings)
     scale = float(np.median(motion.inverse_depth))
     scaled = replace(motion, translations=motion.translations * scale, inverse_depth=motion.inverse_depth / scale)
     return scaled, kept
 
 
-def fit_rotations(tracks: Tracks, intrinsics: F64, settings: MotionSettings | None = None) -> Rotations:
-    """Find the pure rotations that explain all tracks best, by re-weighted Gauss-Newton for each view on its own."""
-    settings = settings or MotionSettings()
-    sightings = Sightings.of(tracks, intrinsics)
-    motion = start_motion(sightings)
-    for _ in range(_ROTATION_STEPS):
-        error, points = residuals(motion, sightings)
-        distance = np.linalg.norm(error, axis=-1)
-        weight = np.where(
-            distance < settings.huber_px, 1.0, settings.huber_px / np.maximum(distance, settings.huber_px)
-        )
-        jacobian = jacobians(motion, sightings, points)[0][..., :3]
-        weighted = jacobian * (weight * sightings.seen)[..., None, None]
-        normal = np.einsum("npai,npaj->nij", weighted, jacobian) + _REGULAR * np.eye(3)
-        turn = -np.linalg.solve(normal, np.einsum("npai,npa->ni", weighted, error)[..., None])[..., 0]
-        motion = replace(motion, rotations=Rotation.from_rotvec(turn).as_matrix() @ motion.rotations)
-    return Rotations(motion.rotations, _with_residuals(motion, sightings).errors_px)
-
-
-def _with_residuals(motion: Motion, sightings: Sightings) -> Motion:
+def with_errors(motion: Motion, sightings: Sightings) -> Motion:
+    """Return the motion with the errors and depths that it has on these tracks."""
     error, points = residuals(motion, sightings)
     return replace(
         motion,
@@ -303,10 +347,21 @@ def _with_residuals(motion: Motion, sightings: Sightings) -> Motion:
     )
 
 
-def _huber_cost(error: F64, seen: Bool, huber_px: float) -> float:
-    distance = np.linalg.norm(error, axis=-1)
-    cost = np.where(distance < huber_px, 0.5 * distance**2, huber_px * (distance - 0.5 * huber_px))
-    return float((cost * seen).sum())
+def _with_cost(motion: Motion, sightings: Sightings, huber_px: float) -> Motion:
+    return replace(motion, cost=huber_cost(*_arguments(motion, sightings), huber_px))
+
+
+def _arguments(motion: Motion, sightings: Sightings) -> tuple[F64, F64, F64, F64, F64, Bool, F64]:
+    """Order the arguments as the kernels want them."""
+    return (
+        motion.rotations,
+        motion.translations,
+        motion.inverse_depth,
+        sightings.rays,
+        sightings.seen_at,
+        sightings.seen,
+        sightings.focal_px,
+    )
 
 
 @dataclass(frozen=True)
@@ -318,43 +373,27 @@ class _NormalEquations:
     C: F64  # [P]
     d: F64  # [P]
     E: F64  # [P, 6 N]
-    moving: F64  # indices of the unknowns of all views but the reference
+    moving: NDArray[np.int64]  # indices of the unknowns of all views but the reference
 
     @classmethod
-    def at(cls, motion: Motion, sightings: Sightings, error: F64, points: F64, huber_px: float) -> "_NormalEquations":
-        by_pose, by_depth = jacobians(motion, sightings, points)
-        distance = np.linalg.norm(error, axis=-1)
-        root = np.sqrt(np.where(distance < huber_px, 1.0, huber_px / np.maximum(distance, huber_px)) * sightings.seen)
-        views, count = root.shape
-        Jp = (by_pose * root[..., None, None]).reshape(views, 2 * count, 6)
-        Jd, r = by_depth * root[..., None], error * root[..., None]
-        transposed = Jp.transpose(0, 2, 1)
-        E = (Jp.reshape(views, count, 2, 6) * Jd[..., None]).sum(2)
-        return cls(
-            A=transposed @ Jp,
-            b=-(transposed @ r.reshape(views, -1, 1))[..., 0],
-            C=(Jd**2).sum((0, 2)),
-            d=-(Jd * r).sum((0, 2)),
-            E=E.transpose(1, 0, 2).reshape(count, 6 * views),
-            moving=np.flatnonzero(np.arange(6 * views) // 6 != sightings.reference),
-        )
+    def at(cls, motion: Motion, sightings: Sightings, huber_px: float) -> "_NormalEquations":
+        A, b, C, d, E = normal_blocks(*_arguments(motion, sightings), huber_px)
+        moving = np.flatnonzero(np.arange(6 * len(A)) // 6 != sightings.reference)
+        return cls(A, b, C, d, E, moving)
 
     def step(self, motion: Motion, damping: float) -> Motion:
         """Solve with damping and move; inverse depths stay within their range."""
-        views = len(self.A)
+        diagonal = np.einsum("nii->ni", self.A)
+        A = self.A + (damping * diagonal + _REGULAR)[..., None] * np.eye(6)
         C = self.C * (1 + damping) + _REGULAR
-        system = -self.E.T @ (self.E / C[:, None])
-        for i in range(views):
-            block = slice(6 * i, 6 * i + 6)
-            system[block, block] += self.A[i] + np.diag(damping * np.diag(self.A[i]) + _REGULAR)
-        right = self.b.reshape(-1) - self.E.T @ (self.d / C)
-        pose_step = np.zeros(6 * views)
+        system, right = eliminate_depths(A, self.b, C, self.d, self.E)
+        pose_step = np.zeros(len(right))
         pose_step[self.moving] = np.linalg.solve(system[np.ix_(self.moving, self.moving)], right[self.moving])
-        depth_step = (self.d - self.E @ pose_step) / C
-        pose_step = pose_step.reshape(views, 6)
+        depth_step = depth_steps(C, self.d, self.E, pose_step)
+        turn, shift = np.split(pose_step.reshape(-1, 6), 2, axis=1)
         return replace(
             motion,
-            rotations=Rotation.from_rotvec(pose_step[:, :3]).as_matrix() @ motion.rotations,
-            translations=motion.translations + pose_step[:, 3:],
+            rotations=Rotation.from_rotvec(turn).as_matrix() @ motion.rotations,
+            translations=motion.translations + shift,
             inverse_depth=np.clip(motion.inverse_depth + depth_step, *INVERSE_DEPTH_RANGE),
         )

@@ -95,7 +95,8 @@ def _sees(geometry: Geometry, points: F64, view: int) -> NDArray[np.bool_]:
     height, width = geometry.inverse_depth.shape
     pixels, _ = _project(geometry, points, view)
     # A comparison with NaN is False: a point behind the camera is not seen.
-    return ((pixels >= 0) & (pixels < (width, height))).all(1)
+    inside = (pixels >= 0) & (pixels < (width, height))
+    return inside[:, 0] & inside[:, 1]
 
 
 def _rim(geometry: Geometry, smooth: F32, rays: F64, view: int) -> tuple[F64, F64]:

@@ -10,14 +10,18 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from gs2ci.reconstruct.geometry.kernels import best_plane, matching_cost, sum_along_rows
+from gs2ci.reconstruct.geometry.kernels import FEATURES, best_plane, matching_cost, sum_along_rows
 
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
 
 _BLUR_PX = 0.8
-_GRADIENT_WEIGHT = 2.0
+_GRADIENT_WEIGHT = 4.0
 _LEAST_VIEWS_KEPT = 3
+# Takes single wrong pixels out and leaves edges where they are.
+_MEDIAN_PX = 5
+# A parabola needs three.
+LEAST_PLANES = 3
 # At least this many pixels along each side, so that a window and a gradient have room.
 _LEAST_SIDE = 4
 
@@ -77,7 +81,7 @@ def sweep(
     cost = matching_cost(features[reference], np.ascontiguousarray(features[others]), homographies, best)
     index = best_plane(cost, sum_along_rows(cost))
     step = (span[1] - span[0]) / (settings.planes - 1)
-    inverse_depth = (span[0] + step * index).astype(np.float32)
+    inverse_depth: F32 = (span[0] + step * cv2.medianBlur(index, _MEDIAN_PX)).astype(np.float32)
     if small.shape != views.shape:
         inverse_depth = cv2.resize(inverse_depth, (width, height), interpolation=cv2.INTER_LINEAR)
     return inverse_depth
@@ -95,22 +99,25 @@ def _reduced(views: F32, most_pixels: int) -> F32:
 
 
 def _features(view: F32) -> F32:
-    """Describe each pixel by its colour and its luminance gradient, [H, W, C + 2]; the colours sum to weight 3."""
+    """Describe each pixel by its colour, weighing 3 in all, and its luminance gradient; zeros up to [H, W, 8]."""
+    height, width, channels = view.shape
     blurred = cv2.GaussianBlur(view, (0, 0), _BLUR_PX).reshape(view.shape)
-    grey = cv2.cvtColor(blurred, cv2.COLOR_RGB2GRAY) if view.shape[2] == 3 else blurred[..., 0]
-    # A Sobel operator of size 3 returns eight times the derivative of a ramp; a quarter of it is 2 per px.
-    gradients = [cv2.Sobel(grey, cv2.CV_32F, *axis, ksize=3) * (_GRADIENT_WEIGHT / 4) for axis in ((1, 0), (0, 1))]
-    return np.concatenate([blurred * (3 / view.shape[2]), *[g[..., None] for g in gradients]], axis=-1)
+    grey = cv2.cvtColor(blurred, cv2.COLOR_RGB2GRAY) if channels == 3 else blurred[..., 0]
+    features = np.zeros((height, width, FEATURES), np.float32)
+    features[..., :channels] = blurred * (3 / channels)
+    for k, axis in enumerate(((1, 0), (0, 1))):
+        # A Sobel operator of size 3 returns eight times the derivative of a ramp.
+        features[..., channels + k] = cv2.Sobel(grey, cv2.CV_32F, *axis, ksize=3) * (_GRADIENT_WEIGHT / 8)
+    return features
 
 
 def _homographies(world_to_camera: F64, intrinsics: F64, inverse_depths: F64) -> F64:
     """Map array coordinates of the reference view to those of each view through each plane, [D, V, 3, 3]."""
-    centre = np.array([[1, 0, 0.5], [0, 1, 0.5], [0, 0, 1]])
     rotation, translation = world_to_camera[:, :3, :3], world_to_camera[:, :3, 3]
     # X = R ray + t ρ, and the third component of a ray is 1: so ρ t is added to the third column of R.
     through = np.repeat(rotation[None], len(inverse_depths), axis=0)
     through[..., 2] += inverse_depths[:, None, None] * translation
-    pixel_from_array = intrinsics @ np.eye(3)
-    ray_from_array = np.linalg.inv(intrinsics) @ centre
-    homographies: F64 = np.linalg.inv(centre) @ pixel_from_array @ through @ ray_from_array
+    pixel_from_array = np.array([[1, 0, 0.5], [0, 1, 0.5], [0, 0, 1]])
+    ray_from_array = np.linalg.inv(intrinsics) @ pixel_from_array
+    homographies: F64 = np.linalg.inv(pixel_from_array) @ intrinsics @ through @ ray_from_array
     return np.ascontiguousarray(homographies)

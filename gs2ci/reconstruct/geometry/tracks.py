@@ -80,44 +80,78 @@ def grey_levels(views: F32) -> list[NDArray[np.uint8]]:
     return images
 
 
-def find_tracks(views: F32, reference: int, settings: TrackSettings | None = None) -> Tracks:
-    """Track corners of the reference view through its neighbours to both ends of the exposure.
+def find_corners(views: F32, reference: int, settings: TrackSettings | None = None) -> F64:
+    """Detect corners of the reference view, strongest first; [P, 2] as (x, y) in px, P may be 0."""
+    settings = settings or TrackSettings()
+    image = grey_levels(views[[reference]])[0]
+    corners = cv2.goodFeaturesToTrack(image, settings.corners, settings.quality, settings.spacing_px)
+    if corners is None:  # a view without any texture
+        return np.empty((0, 2))
+    detected: F64 = corners.reshape(-1, 2).astype(np.float64) + _CENTRE_OFFSET
+    return detected
+
+
+def find_tracks(views: F32, reference: int, corners: F64, settings: TrackSettings | None = None) -> Tracks:
+    """Follow corners of the reference view through its neighbours to both ends of the exposure.
 
     Args:
         views: [N, H, W, C] float32 in [0, 1], in the order of exposure; C is 1 or 3.
         reference: Index of the view to start from.
-        settings: What to track.
+        corners: What to follow, [P, 2] px.
+        settings: What counts as found.
 
     Returns:
-        Tracks; none at all when the reference view has no corners.
+        P tracks.
 
     A point is lost for good at the first view where tracking fails or does not lead back. Stepping from view to view
     accumulates drift; so each position is sought once more directly from the reference view, starting where the
     steps led, and replaced when both agree within 3 px.
     """
     settings = settings or TrackSettings()
+    positions = np.full((len(corners), len(views), 2), np.nan)
+    positions[:, reference] = corners
+    if len(corners):
+        images = grey_levels(views)
+        for order in (range(reference + 1, len(views)), range(reference - 1, -1, -1)):
+            _follow(images, reference, order, positions, settings)
+    return Tracks(positions, reference)
+
+
+def refine_tracks(views: F32, reference: int, predicted: F64, settings: TrackSettings | None = None) -> Tracks:
+    """Look for points once more, directly from the reference view, close to where a known motion predicts them.
+
+    Args:
+        views: As for `find_tracks`.
+        reference: As for `find_tracks`.
+        predicted: Where each view should see each point, [P, N, 2] px; exact for the reference view.
+        settings: What counts as found.
+
+    Returns:
+        P tracks. So good a start needs no pyramid, whose coarse levels mix near and far; and a point that one view
+        has lost may be found in the next.
+    """
+    settings = settings or TrackSettings()
+    positions = np.full(predicted.shape, np.nan)
+    positions[:, reference] = predicted[:, reference]
     images = grey_levels(views)
-    corners = cv2.goodFeaturesToTrack(images[reference], settings.corners, settings.quality, settings.spacing_px)
-    if corners is None:
-        return Tracks(np.empty((0, len(images), 2)), reference)
-    start = corners.reshape(-1, 2).astype(np.float32)
-    positions = np.full((len(start), len(images), 2), np.nan)
-    positions[:, reference] = start
-    for order in (range(reference + 1, len(images)), range(reference - 1, -1, -1)):
-        _follow(images, start, reference, order, positions, settings)
-    return Tracks(positions + _CENTRE_OFFSET, reference)
+    start = (predicted[:, reference] - _CENTRE_OFFSET).astype(np.float32)
+    for i in range(len(views)):
+        if i == reference or not len(start):
+            continue
+        guess = (predicted[:, i] - _CENTRE_OFFSET).astype(np.float32)
+        found, ok = _flow(images[reference], images[i], start, guess, pyramid_levels=0)
+        back, ok_back = _flow(images[i], images[reference], found, start + (found - guess), pyramid_levels=0)
+        ok &= ok_back & (np.linalg.norm(back - start, axis=1) < settings.forward_backward_px)
+        ok &= (np.linalg.norm(found - guess, axis=1) < _DRIFT_LIMIT_PX) & _inside(found, images[i])
+        positions[ok, i] = found[ok] + _CENTRE_OFFSET
+    return Tracks(positions, reference)
 
 
 def _follow(
-    images: list[NDArray[np.uint8]],
-    start: F32,
-    reference: int,
-    order: range,
-    positions: F64,
-    settings: TrackSettings,
+    images: list[NDArray[np.uint8]], reference: int, order: range, positions: F64, settings: TrackSettings
 ) -> None:
     """Fill `positions` of the views in `order`, each reached from the one before."""
-    height, width = images[reference].shape
+    start = (positions[:, reference] - _CENTRE_OFFSET).astype(np.float32)
     previous, points, alive = reference, start, np.ones(len(start), np.bool_)
     for i in order:
         ahead, found = _flow(images[previous], images[i], points)
@@ -127,23 +161,32 @@ def _follow(
         direct, found_direct = _flow(images[reference], images[i], start, ahead)
         agree = found_direct & (np.linalg.norm(direct - ahead, axis=1) < _DRIFT_LIMIT_PX)
         points = np.where(agree[:, None], direct, ahead)
-        alive &= (points >= 0).all(1) & (points <= (width - 1, height - 1)).all(1)
-        positions[alive, i] = points[alive]
+        alive &= _inside(points, images[i])
+        positions[alive, i] = points[alive] + _CENTRE_OFFSET
         previous = i
 
 
+def _inside(points: F32, image: NDArray[np.uint8]) -> Bool:
+    height, width = image.shape
+    inside = (points >= 0) & (points <= (width - 1, height - 1))
+    return inside[:, 0] & inside[:, 1]
+
+
 def _flow(
-    source: NDArray[np.uint8], target: NDArray[np.uint8], points: F32, guess: F32 | None = None
+    source: NDArray[np.uint8],
+    target: NDArray[np.uint8],
+    points: F32,
+    guess: F32 | None = None,
+    pyramid_levels: int = _PYRAMID_LEVELS,
 ) -> tuple[F32, Bool]:
-    flags = 0 if guess is None else cv2.OPTFLOW_USE_INITIAL_FLOW
     moved, status, _ = cv2.calcOpticalFlowPyrLK(
         source,
         target,
         points,
         None if guess is None else guess.copy(),
         winSize=_WINDOW,
-        maxLevel=_PYRAMID_LEVELS,
+        maxLevel=pyramid_levels,
         criteria=_STOP,
-        flags=flags,
+        flags=0 if guess is None else cv2.OPTFLOW_USE_INITIAL_FLOW,
     )
     return moved, status[:, 0] == 1

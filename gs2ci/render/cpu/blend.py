@@ -36,6 +36,7 @@ from gs2ci.render.cpu.vector import (
     LANES,
     any_ge,
     broadcast,
+    fused,
     get,
     load,
     minimum,
@@ -213,7 +214,9 @@ def _light_to_come(out, gradients, cell):
     total = load(out, cell * CELL) * load(gradients, cell * CELL)
     for channel in range(1, CHANNELS):
         offset = cell * CELL + channel * LANES
-        total = total + load(out, offset) * load(gradients, offset)
+        # Of a b + c d a compiler may fuse either product, and the process that compiles this kernel chose otherwise
+        # than those that later found it on disk.
+        total = fused(load(out, offset), load(gradients, offset), total)
     return total
 
 

@@ -150,6 +150,8 @@ def elementwise(emit: Callable[..., Any], result: Any = vec16) -> Any:
         return intrinsic(lambda typing, a: (signature(result, a), generate))
     if arity == 2:
         return intrinsic(lambda typing, a, b: (signature(result, a, b), generate))
+    if arity == 3:
+        return intrinsic(lambda typing, a, b, c: (signature(result, a, b, c), generate))
     return intrinsic(lambda typing, a, b, x, y: (signature(result, a, b, x, y), generate))
 
 
@@ -190,6 +192,8 @@ floor: Final = elementwise(lambda builder, a: call_llvm(builder, "llvm.floor.v16
 """floor(a)."""
 ceil: Final = elementwise(lambda builder, a: call_llvm(builder, "llvm.ceil.v16f32", a))
 """ceil(a)."""
+fused: Final = elementwise(lambda builder, a, b, c: call_llvm(builder, "llvm.fma.v16f32", a, b, c))
+"""fused(a, b, c): a b + c, rounded once; for sums of two products, of which the compiler else chooses which to fuse."""
 quick_reciprocal: Final = elementwise(_emit_quick_reciprocal)
 """quick_reciprocal(a): 1 / a to about 2 ulp by a hardware estimate and a Newton step; a finite and normal."""
 

@@ -59,6 +59,9 @@ class Osgr:
             return peaks
         means = scene.means.detach().numpy()
         nearest = np.asarray(cKDTree(means).query(means, k=self.neighbours + 1)[1])
+        # Of points in one place the tree lists any first: put each one's own index there, to leave it out.
+        itself_first = np.argsort(nearest != np.arange(count)[:, None], axis=1, kind="stable")
+        nearest = np.take_along_axis(nearest, itself_first, axis=1)
         others = opacity[torch.from_numpy(nearest[:, 1:])].sum(dim=1)
         excess = opacity - (others + opacity) / (self.neighbours + 1)
         excess[exclude] = 0.0

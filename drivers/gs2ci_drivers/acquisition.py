@@ -1,0 +1,412 @@
+"""A capture: plan → arm → fire → collect → disarm, as steps with inverses.
+
+The plan is checked before anything moves. Whatever goes wrong on the way, every step done is undone in reverse:
+the modulator shows nothing, the sensor does not stream, the stage rests; the error that reaches the caller names
+the device and the trigger that was being served. Rows handed on before it stay.
+
+Here: the order of things and the judgement of frames against triggers. Not here: what a plan is
+(`gs2ci_drivers.plan`, `planning`), files (the `sink` that is passed in), light. Commands and calibration import
+this file.
+"""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gs2ci.core.clock import Clock
+from gs2ci.core.progress import Progress, Silent
+from gs2ci_drivers.failures import DriverError, ExtraFrameError, FrameError, SequenceError, TriggerTimeoutError
+from gs2ci_drivers.modulator import Modulator
+from gs2ci_drivers.plan import CaptureSettings, Mode, Plan, with_upload
+from gs2ci_drivers.planning import lay_out, sensor_exposure_s
+from gs2ci_drivers.sensor import Frame, FrameFlag, Sensor, SensorConfig
+from gs2ci_drivers.stage import Stage
+from gs2ci_drivers.steps import Steps
+
+F64 = NDArray[np.float64]
+
+FRAME_PATIENCE_S = 1.0
+"""How long after its readout a frame may still arrive: USB transfer and a busy host."""
+PATIENCE_S = 2.0
+"""How long after its computed end a move or a sequence may still be under way."""
+STALE_MARGIN_NS = 1_000_000
+"""A frame stamped up to 1 ms before the host's time of firing counts as after it: two readings of one clock."""
+SHORTEST_COMPARED_S = 0.05
+"""Sweeps shorter than this are over before a position could be asked for."""
+END_TOLERANCE_S = 2e-3
+CLOCK_TOLERANCE = 1e-3
+"""By how much the modulator's and the computer's seconds may differ, with the jitter of one exchange."""
+LONGEST_LEARNT_S = 1.0
+"""A modulator seems to start later than this only when the time stamps are wrong."""
+PERIOD_TOLERANCE = 0.25
+"""Share of the period by which a frame's time stamp may be off before a trigger counts as missed or doubled."""
+
+
+@dataclass(frozen=True)
+class Devices:
+    """The devices of a rig, open.
+
+    Args:
+        modulator: Shows the masks.
+        sensor: Takes the frames.
+        stage: Moves the camera, or None.
+        clock: On which all of them wait.
+        also_close: Called after them: wire traces.
+    """
+
+    modulator: Modulator
+    sensor: Sensor
+    stage: Stage | None
+    clock: Clock
+    also_close: tuple[Callable[[], None], ...] = ()
+
+    def close(self) -> None:
+        """Let go of all devices; never raises, may be called twice."""
+        for device in (self.stage, self.sensor, self.modulator):
+            if device is not None:
+                device.close()
+        for close in self.also_close:
+            close()
+
+    def incidents(self) -> list[str]:
+        """Return and forget what the drivers rode out since the last call."""
+        found: list[str] = []
+        for device in (self.modulator, self.sensor, self.stage):
+            if device is not None:
+                found += device.incidents
+                device.incidents.clear()
+        return found
+
+
+@dataclass(frozen=True)
+class Taken:
+    """One shot as taken.
+
+    Args:
+        index: Which shot of the capture, from 0.
+        frames: Its frames: 1, or one per mask in `Mode.PER_MASK`.
+        trigger_index: Index of its first trigger in the capture.
+        stage_mm: Stage position at each mask's centre, [N, K] in the order of the stage's axes, or None.
+        stage_target_mm: Where it should have been, [N, K], or None.
+        attempts: 1, or more when it had to be repeated.
+        incidents: What was ridden out meanwhile.
+    """
+
+    index: int
+    frames: tuple[Frame, ...]
+    trigger_index: int
+    stage_mm: F64 | None = None
+    stage_target_mm: F64 | None = None
+    attempts: int = 1
+    incidents: tuple[str, ...] = ()
+
+
+Sink = Callable[[Taken], None]
+
+
+def plan_capture(devices: Devices, settings: CaptureSettings, config: SensorConfig) -> Plan:
+    """Connect, set the sensor up and lay the capture out; nothing moves and nothing is uploaded.
+
+    Args:
+        devices: The rig's devices.
+        settings: What the user wants.
+        config: The sensor's set-up; exposure and trigger are filled in here.
+
+    Returns:
+        The plan, which may break limits: see `Plan.require_sound`.
+
+    Raises:
+        DriverError: A device does not answer, or the sensor refuses its set-up.
+    """
+    modulator, sensor, stage = devices.modulator, devices.sensor, devices.stage
+    modulator_info = modulator.connect()
+    sensor_info = sensor.connect()
+    stage_info = stage.connect() if stage is not None else None
+    exposure_s = min(max(sensor_exposure_s(settings), sensor_info.min_exposure_s), sensor_info.max_exposure_s)
+    setup = sensor.configure(replace(config, exposure_s=exposure_s, trigger=settings.mode.trigger_mode))
+    plan = lay_out(settings, modulator_info, sensor_info, setup, stage_info)
+    try:
+        return with_upload(plan, modulator.upload_eta_s(plan.sequence))
+    except DriverError:
+        if plan.broken:  # the sequence cannot be sent for the reasons that the plan names
+            return plan
+        raise
+
+
+def capture(devices: Devices, plan: Plan, sink: Sink, progress: Progress | None = None) -> int:
+    """Run a plan; hand each shot on as soon as it is whole.
+
+    Args:
+        devices: The rig's devices, with the sensor set up by `plan_capture`.
+        plan: What to do.
+        sink: Gets each shot; what it raises ends the capture.
+        progress: Hears about the upload and the shots.
+
+    Returns:
+        The number of shots handed on.
+
+    Raises:
+        PlanRefusedError: The plan breaks limits; nothing was moved or uploaded.
+        DriverError: A device failed; all others are at rest.
+    """
+    plan.require_sound()
+    return _Capture(devices, plan, sink, progress or Silent()).run()
+
+
+@dataclass
+class _Fire:
+    """What is noted while one start of the modulator is served."""
+
+    fired_ns: int = 0
+    rest_mm: dict[str, float] = field(default_factory=dict)
+    crossed_s: float = 0.0
+    position_error_mm: float = 0.0
+    first_stamp_ns: int = 0
+    done_s: float = 0.0
+    frames: int = 0
+
+
+class _Capture:
+    """One run of a plan."""
+
+    def __init__(self, devices: Devices, plan: Plan, sink: Sink, progress: Progress) -> None:
+        self._devices = devices
+        self._plan = plan
+        self._sink = sink
+        self._progress = progress
+        self._trigger = 0  # the trigger being served
+        self._next_trigger = 0
+        self._taken = 0
+        # How long before the travel's begin to start the modulator; each fire corrects it for the next one.
+        self._lead_s = devices.modulator.info.expected_start_s
+
+    def run(self) -> int:
+        try:
+            with Steps() as steps:
+                self._prepare(steps)
+                self._progress.stage("shots", self._plan.settings.shots)
+                for _ in range(self._plan.fires):
+                    self._fire_with_retries()
+        except DriverError as error:
+            error.at_trigger(self._trigger)
+            raise
+        return self._taken
+
+    def _prepare(self, steps: Steps) -> None:
+        """Do what happens once: stage to its start, upload, sensor on."""
+        modulator, sensor, stage = self._devices.modulator, self._devices.sensor, self._devices.stage
+        sweep, progress = self._plan.sweep, self._progress
+        if stage is not None and sweep is not None:
+            steps.do("stage to its start", lambda: stage.prepare_sweep(sweep), stage.stop)
+        steps.do("modulator dark", modulator.disarm, modulator.disarm)
+        progress.stage("upload", 100)
+        steps.do(
+            "upload",
+            lambda: modulator.upload(self._plan.sequence, lambda share: progress.step(round(100 * share))),
+        )
+        steps.do("sensor on", sensor.start, sensor.stop)
+
+    def _fire_with_retries(self) -> None:
+        """Serve one start of the modulator, again if frames went astray and the user allows it."""
+        attempt, trigger, taken = 1, self._next_trigger, self._taken
+        while True:
+            try:
+                self._fire(attempt)
+                return
+            except FrameError as error:
+                error.at_trigger(self._trigger)
+                # A burst of which some shots are handed on already is not repeated.
+                if attempt > self._plan.settings.retries or self._taken != taken:
+                    raise
+                self._devices.sensor.incidents.append(f"{error}; tried again")
+                attempt, self._next_trigger = attempt + 1, trigger
+                self._calm()
+
+    def _calm(self) -> None:
+        """Bring everything to rest for another attempt; the upload is kept where the device keeps it."""
+        devices = self._devices
+        devices.modulator.disarm()
+        if devices.stage is not None:
+            devices.stage.stop()
+        devices.sensor.stop()
+        if devices.modulator.loaded is None:
+            devices.modulator.upload(self._plan.sequence)
+        devices.sensor.start()
+
+    def _fire(self, attempt: int) -> None:
+        devices, burst = self._devices, self._plan.settings.burst
+        fire = _Fire()
+        self._trigger = self._next_trigger
+        self._start_motion_after_arming(fire)
+        fire.fired_ns = round(devices.clock.now_s() * 1e9)
+        devices.modulator.start()
+        self._compare_position(fire)
+        for shot in range(burst):
+            first_trigger = self._next_trigger
+            frames = tuple(self._collect(fire, attempt, last=shot == burst - 1))
+            if shot == burst - 1:
+                self._settle(fire, frames[-1])
+            self._hand_on(fire, shot, first_trigger, frames, attempt)
+
+    def _start_motion_after_arming(self, fire: _Fire) -> None:
+        """Arm, then begin the sweep and wait until the stage crosses into its constant part."""
+        stage, sweep, clock = self._devices.stage, self._plan.sweep, self._devices.clock
+        if stage is not None and sweep is not None:
+            stage.prepare_sweep(sweep)
+        if stage is not None:
+            fire.rest_mm = stage.positions_mm()
+        self._devices.modulator.arm()
+        self._devices.sensor.discard()
+        if stage is not None and sweep is not None:
+            stage.begin_sweep(sweep)
+            fire.crossed_s = clock.now_s() + sweep.lead_s
+            # The sweep's constant part begins one longest start before the travel does; start as late as is due.
+            longest_s = self._devices.modulator.info.start_latency_s or 0.0
+            clock.sleep_s(sweep.lead_s + max(longest_s - self._lead_s, 0.0))
+
+    def _compare_position(self, fire: _Fire) -> None:
+        """Ask the stage once where it is, to know how late it set out."""
+        stage, sweep, clock = self._devices.stage, self._plan.sweep, self._devices.clock
+        if stage is None or sweep is None or sweep.cruise_s < SHORTEST_COMPARED_S:
+            return
+        before_s = clock.now_s()
+        measured_mm = stage.positions_mm()[sweep.axis]
+        middle_s = (before_s + clock.now_s()) / 2
+        fire.position_error_mm = measured_mm - sweep.position_mm(middle_s - fire.crossed_s)
+
+    def _collect(self, fire: _Fire, attempt: int, *, last: bool) -> Iterator[Frame]:
+        """Read the frames of one shot and hold each against its trigger.
+
+        The modulator is watched to its end before the last frame of a fire is read: a sequence that stops early
+        is seen by nobody afterwards, and the frame waits in its buffer.
+        """
+        plan, sensor = self._plan, self._devices.sensor
+        latency_s = self._devices.modulator.info.start_latency_s or 0.0
+        timeout_s = latency_s + plan.frame_period_s + plan.exposure_s + sensor.settings.readout_s + FRAME_PATIENCE_S
+        for i in range(plan.frames_per_shot):
+            self._trigger = self._next_trigger
+            self._step_masks(fire)
+            if last and i == plan.frames_per_shot - 1:
+                self._devices.modulator.wait_done(plan.sequence.duration_s + PATIENCE_S)
+                fire.done_s = self._devices.clock.now_s()
+            frame = sensor.read(timeout_s, not_before_ns=fire.fired_ns - STALE_MARGIN_NS, trigger_index=self._trigger)
+            self._hold_against_trigger(fire, frame)
+            self._next_trigger += 1
+            yield replace(frame, flags=frame.flags | FrameFlag.RETRIED) if attempt > 1 else frame
+
+    def _step_masks(self, fire: _Fire) -> None:
+        """Let a panel that the host steps show its masks up to the end of the present exposure."""
+        modulator, plan = self._devices.modulator, self._plan
+        if not modulator.info.hardware_timed:
+            shot, within = divmod(fire.frames, plan.frames_per_shot)
+            due_s = shot * plan.sequence.period_s + within * plan.frame_period_s + plan.sequence.exposure_s
+            modulator.keep_time(fire.fired_ns * 1e-9 + due_s)
+
+    def _hold_against_trigger(self, fire: _Fire, frame: Frame) -> None:
+        """Check by its time stamp that a frame answers the trigger it is taken for."""
+        index, plan = fire.frames, self._plan
+        fire.frames += 1
+        if index == 0 or not frame.flags & FrameFlag.STAMPED_MONOTONIC:
+            fire.first_stamp_ns = frame.t_kernel_ns
+            return
+        shot, within = divmod(index, plan.frames_per_shot)
+        expected_s = shot * plan.sequence.period_s + within * plan.frame_period_s
+        late_s = (frame.t_kernel_ns - fire.first_stamp_ns) * 1e-9 - expected_s
+        if late_s > PERIOD_TOLERANCE * plan.frame_period_s:
+            raise TriggerTimeoutError(self._devices.sensor.name, index, late_s)
+        if late_s < -PERIOD_TOLERANCE * plan.frame_period_s:
+            raise ExtraFrameError(
+                self._devices.sensor.name,
+                f"frame {index} came {-late_s:.3g} s before its trigger could",
+                remedy="look for reflections on the trigger line or a second source of triggers",
+            )
+
+    def _hold_against_end(self, fire: _Fire, last: Frame) -> None:
+        """Check that the last exposure had begun early enough for all of its masks.
+
+        A trigger that came with a later mask than it should (a modulator whose polarity of the trigger setting
+        is not what we believe) gives a frame like any other, except that the modulator ends before it should.
+        """
+        plan = self._plan
+        if not last.flags & FrameFlag.STAMPED_MONOTONIC or not last.flags & FrameFlag.STAMPED_AT_START:
+            return  # the time of exposure is known only to a readout and a transfer: too coarse for this
+        one_mask = plan.settings.mode is Mode.PER_MASK
+        shown_s = plan.sequence.exposure_s if one_mask else float(plan.sequence.windows_s()[-1, 1])
+        short_s = last.t_kernel_ns * 1e-9 + shown_s - fire.done_s
+        if short_s > END_TOLERANCE_S + CLOCK_TOLERANCE * plan.sequence.duration_s:
+            raise SequenceError(
+                self._devices.modulator.name,
+                "fire",
+                [f"the sequence ended {short_s:.3g} s before the masks of its last trigger could have been shown"],
+                remedy="the trigger came with a later mask: check the firmware profile and the trigger's polarity",
+            )
+
+    def _settle(self, fire: _Fire, last: Frame) -> None:
+        """Wait until all has come to its end, and see that the last frame was in time and that none is left over."""
+        devices, plan = self._devices, self._plan
+        arrived_s = devices.clock.now_s()
+        self._hold_against_end(fire, last)
+        if devices.stage is not None and plan.sweep is not None:
+            sweep = plan.sweep
+            devices.stage.wait_idle(2 * sweep.lead_s + sweep.cruise_s + PATIENCE_S)
+        # The frame of a doubled trigger comes one exposure and one readout after its twin.
+        waited_s = devices.clock.now_s() - arrived_s
+        devices.clock.sleep_s(1.1 * (plan.exposure_s + devices.sensor.settings.readout_s) - waited_s)
+        extra = devices.sensor.discard()
+        if extra:
+            raise ExtraFrameError(
+                devices.sensor.name,
+                f"{extra} more frame(s) than the {fire.frames} triggers sent",
+                remedy="look for reflections on the trigger line or a second source of triggers",
+            )
+
+    def _hand_on(self, fire: _Fire, shot: int, first_trigger: int, frames: tuple[Frame, ...], attempt: int) -> None:
+        stage_mm, target_mm = self._stage_at_masks(fire, shot, frames)
+        self._sink(
+            Taken(
+                index=self._taken,
+                frames=frames,
+                trigger_index=first_trigger,
+                stage_mm=stage_mm,
+                stage_target_mm=target_mm,
+                attempts=attempt,
+                incidents=tuple(self._devices.incidents()),
+            )
+        )
+        self._taken += 1
+        self._progress.step(self._taken)
+
+    def _stage_at_masks(self, fire: _Fire, shot: int, frames: tuple[Frame, ...]) -> tuple[F64 | None, F64 | None]:
+        """Return where the stage was at each mask's centre, and where it should have been, [N, K] in mm."""
+        stage, plan = self._devices.stage, self._plan
+        if stage is None:
+            return None, None
+        axes = tuple(stage.info.axes)
+        centres_s = plan.sequence.windows_s().mean(axis=1)
+        rest = np.array([fire.rest_mm[axis] for axis in axes])
+        measured = np.tile(rest, (len(centres_s), 1))
+        target = measured.copy()
+        sweep, travel = plan.sweep, plan.settings.travel
+        if sweep is not None and travel is not None:
+            column = axes.index(sweep.axis)
+            way = sweep.speed_mm_s * (1.0 if sweep.to_mm > sweep.from_mm else -1.0)
+            begin_s = self._first_mask_s(fire, shot, frames[0])
+            since_s = begin_s - fire.crossed_s + centres_s
+            measured[:, column] = sweep.from_mm + way * since_s + fire.position_error_mm
+            target[:, column] = travel.from_mm + way * (shot * plan.sequence.period_s + centres_s)
+            if shot == 0:
+                late_s = float(measured[0, column] - target[0, column]) / way
+                self._lead_s = min(max(self._lead_s + late_s, 0.0), LONGEST_LEARNT_S)
+        return measured, target
+
+    def _first_mask_s(self, fire: _Fire, shot: int, frame: Frame) -> float:
+        """Return when a shot's first mask appeared, on the devices' clock."""
+        modulator, settings = self._devices.modulator.info, self._devices.sensor.settings
+        if not frame.flags & FrameFlag.STAMPED_MONOTONIC:
+            return fire.fired_ns * 1e-9 + (modulator.start_latency_s or 0.0) / 2 + shot * self._plan.sequence.period_s
+        stamp_s = frame.t_kernel_ns * 1e-9
+        if not frame.flags & FrameFlag.STAMPED_AT_START:
+            stamp_s -= self._plan.exposure_s + settings.readout_s
+        return stamp_s - modulator.trigger_delay_s - self._plan.settings.jitter_s / 2

@@ -1,0 +1,207 @@
+"""A Santec SLM-200 class panel as a `Modulator`: grey-level masks, stepped by the host. EXPERIMENTAL.
+
+Here: slots, grey levels, the host's timetable. Not here: the exchange (`link`), the bytes (`packets`).
+`gs2ci.rig`, the contract suite and tests import this file.
+
+Masks lie in the panel's memory slots; the host shows them one by one (`keep_time`, `wait_done`), and the panel
+pulses its trigger output at each change. Between masks and after disarming it shows its dark level.
+"""
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gs2ci.core.clock import Clock
+from gs2ci.core.errors import InputError
+from gs2ci_drivers.display_slm.link import SlmLink
+from gs2ci_drivers.display_slm.packets import HEIGHT, SLOTS, TOP_LEVEL, WIDTH, image
+from gs2ci_drivers.failures import NoAnswerError, SequenceError
+from gs2ci_drivers.modulator import (
+    Modulator,
+    ModulatorInfo,
+    ModulatorState,
+    ModulatorStatus,
+    PatternSequence,
+    TriggerOut,
+    UploadProgress,
+)
+from gs2ci_drivers.ports import BytePort
+
+_IMAGE_S: Final = 0.15
+_COMMAND_S: Final = 0.02
+_STEP_S: Final = 1e-3
+# Sums of the same times in another order differ by rounding; the host keeps no microseconds.
+_SAME_TIME_S: Final = 1e-6
+_MAX_EXPOSURE_S: Final = 60.0
+_DEPTHS: Final = (1, 8, 10)
+_PITCH_M: Final = 8e-6
+
+
+@dataclass(frozen=True)
+class DisplaySlmSettings:
+    """What the rig file may set for a panel.
+
+    Args:
+        dark_level: The panel's grey level, 0 to 1023, at which the optics block light.
+        bright_level: The level at which they pass it; masks are linear in between.
+        min_exposure_s: Shortest time on show: a command's round trip, a 120 Hz refresh, the crystal's response.
+        late_s: How late the host may show a mask before the run counts as failed.
+
+    Raises:
+        InputError: A level is out of range, or both are the same.
+    """
+
+    dark_level: int = 0
+    bright_level: int = TOP_LEVEL
+    min_exposure_s: float = 0.1
+    late_s: float = 0.03
+
+    def __post_init__(self) -> None:
+        for level in (self.dark_level, self.bright_level):
+            if not 0 <= level <= TOP_LEVEL or self.dark_level == self.bright_level:
+                raise InputError(
+                    f"dark_level = {self.dark_level}, bright_level = {self.bright_level}",
+                    allowed=f"two different levels, 0 to {TOP_LEVEL}",
+                )
+
+
+class DisplaySlm(Modulator):
+    """A panel with 1920 × 1200 pixels of 10 bits.
+
+    Args:
+        name: Name of the device in the rig file.
+        port: The USB FIFO; closed with this.
+        clock: Where deadlines and the timetable are kept.
+        settings: From the rig file.
+    """
+
+    def __init__(self, name: str, port: BytePort, clock: Clock, settings: DisplaySlmSettings | None = None) -> None:
+        super().__init__(name, clock)
+        self.settings = settings or DisplaySlmSettings()
+        self._link = SlmLink(name, port, clock)
+        self._running: PatternSequence | None = None
+        self._began_s = 0.0
+        self._next_change = 0
+
+    def _do_connect(self) -> ModulatorInfo:
+        serial = self._link.ask("SN")
+        return ModulatorInfo(
+            model="Santec SLM-200 class",
+            serial=serial,
+            firmware="",
+            height=HEIGHT,
+            width=WIDTH,
+            pitch_m=_PITCH_M,
+            min_exposure_s=dict.fromkeys(_DEPTHS, self.settings.min_exposure_s),
+            max_exposure_s=_MAX_EXPOSURE_S,
+            exposure_step_s=_STEP_S,
+            min_dark_s=self.settings.min_exposure_s,
+            capacity=dict.fromkeys(_DEPTHS, SLOTS),
+            trigger_outs=frozenset({TriggerOut.NONE, TriggerOut.PER_MASK}),
+            start_latency_s=None,
+            hardware_timed=False,
+            experimental=True,
+        )
+
+    def levels(self, mask: NDArray[np.uint8] | NDArray[np.uint16], bit_depth: int) -> NDArray[np.uint16]:
+        """Return the panel's grey levels of a mask, [1200, 1920] uint16."""
+        dark, bright = self.settings.dark_level, self.settings.bright_level
+        table = np.rint(np.linspace(dark, bright, 1 << bit_depth)).astype(np.uint16)
+        return np.asarray(table[mask])
+
+    def _do_upload_eta_s(self, sequence: PatternSequence) -> float:
+        return sequence.count * (_IMAGE_S + 2 * _COMMAND_S) + 3 * _COMMAND_S
+
+    def _do_upload(self, sequence: PatternSequence, progress: UploadProgress) -> int:
+        self._go_dark()
+        self._link.ask("VI 0")
+        sent = 0
+        for i, mask in enumerate(sequence.masks):
+            self._link.ask(f"MI {i + 1}")
+            frames = image(self.levels(mask, sequence.bit_depth))
+            self._link.send(frames, f"image for slot {i + 1}")
+            sent += len(frames)
+            progress((i + 1) / sequence.count)
+        return sent
+
+    def _do_arm(self, sequence: PatternSequence) -> None:
+        self._go_dark()
+        self._link.ask(f"TM {int(sequence.trigger is TriggerOut.PER_MASK)}")
+
+    def _do_start(self, sequence: PatternSequence) -> None:
+        self._running, self._next_change = sequence, 0
+        self._began_s = self.clock.now_s()
+        self._step(sequence)
+
+    def _change_s(self, sequence: PatternSequence, change: int) -> float:
+        """Return when a change is due; even ones show a mask, odd ones end it."""
+        passes, within = divmod(change // 2, sequence.count)
+        begin_s = self._began_s + passes * sequence.period_s + within * (sequence.exposure_s + sequence.dark_s)
+        return begin_s + (change % 2) * sequence.exposure_s
+
+    def _step(self, sequence: PatternSequence) -> None:
+        """Make the change that is due."""
+        change, self._next_change = self._next_change, self._next_change + 1
+        slot = change // 2 % sequence.count
+        last_of_pass = slot == sequence.count - 1
+        if change % 2 == 0:
+            late_s = self.clock.now_s() - self._change_s(sequence, change)
+            if late_s > self.settings.late_s:
+                self._running = None
+                raise SequenceError(
+                    self.name,
+                    f"show mask {slot}",
+                    (f"the host is {late_s * 1e3:.0f} ms late",),
+                    remedy="raise exposure_s, or late_s in [modulator]",
+                )
+            self._link.ask(f"DS {slot + 1}")
+        elif (sequence.pause_s if last_of_pass else sequence.dark_s) > 0 or self._is_last(sequence, change):
+            self._link.ask(f"GS {self.settings.dark_level}")
+
+    def _is_last(self, sequence: PatternSequence, change: int) -> bool:
+        return sequence.repeats > 0 and change + 1 >= 2 * sequence.count * sequence.repeats
+
+    def _do_keep_time(self, until_s: float) -> None:
+        sequence = self._running
+        while sequence is not None and self._is_unfinished(sequence):
+            due_s = self._change_s(sequence, self._next_change)
+            if due_s > until_s + _SAME_TIME_S:
+                break
+            self.clock.sleep_s(due_s - self.clock.now_s())
+            self._step(sequence)
+        self.clock.sleep_s(until_s - self.clock.now_s())
+
+    def _is_unfinished(self, sequence: PatternSequence) -> bool:
+        return sequence.repeats == 0 or self._next_change < 2 * sequence.count * sequence.repeats
+
+    def _do_wait_done(self, timeout_s: float) -> None:
+        sequence = self._running
+        if sequence is None:
+            return
+        deadline_s = self.clock.now_s() + timeout_s
+        self._do_keep_time(min(self._began_s + sequence.duration_s, deadline_s))
+        if self._is_unfinished(sequence):
+            raise NoAnswerError(
+                self.name, "wait for the end of the sequence", timeout_s, remedy="wait longer or disarm"
+            )
+        self._running = None
+
+    def _do_disarm(self) -> None:
+        self._go_dark()
+
+    def _go_dark(self) -> None:
+        self._running = None
+        self._link.ask(f"GS {self.settings.dark_level}")
+
+    def _do_status(self) -> ModulatorStatus:
+        self._link.ask("SN")
+        if self._running is not None:
+            return ModulatorStatus(ModulatorState.RUNNING)
+        if self._armed:
+            return ModulatorStatus(ModulatorState.ARMED)
+        return ModulatorStatus(ModulatorState.IDLE if self._loaded is None else ModulatorState.LOADED)
+
+    def _do_close(self) -> None:
+        self._link.close()

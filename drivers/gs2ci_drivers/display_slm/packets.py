@@ -1,0 +1,112 @@
+"""Frames of the SLM-200 class protocol: commands, status, image rows. Pure.
+
+Here: bytes. Not here: the conversation (`driver`). Imported by the driver and tests.
+
+A frame has 16 bytes, big-endian — "SEND", u16 length code, one zero byte, u8 kind, u32 number, four zero bytes —
+and its payload. Known from public driver text only, not from the vendor.
+"""
+
+import enum
+import struct
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gs2ci.core.errors import DeviceError, InputError
+
+HEIGHT: Final = 1200
+WIDTH: Final = 1920
+TOP_LEVEL: Final = 1023
+SLOTS: Final = 128
+HEADER_BYTES: Final = 16
+TEXT_BYTES: Final = 1024
+ROW_BYTES: Final = 4096
+_HEADER: Final = struct.Struct(">4sHxBI4x")
+_SIGNATURE: Final = b"SEND"
+_TEXT_CODE: Final = 0x00FF
+_ROW_CODE: Final = 0x03BF
+
+
+class MalformedReplyError(DeviceError):
+    """Bytes from the panel that are no status; the driver adds which device and what was asked."""
+
+
+@enum.unique
+class Kind(enum.IntEnum):
+    """What a frame is."""
+
+    CONTROL = 1
+    STATUS_REQUEST = 2
+    STATUS = 3
+    IMAGE_ROW = 4
+
+
+def control(text: str) -> bytes:
+    """Build a command frame: two letters, numbers, carriage return.
+
+    Raises:
+        InputError: Not ASCII, or longer than the frame.
+    """
+    if not text.isascii() or not text.isprintable() or len(text) >= TEXT_BYTES:
+        raise InputError(f"command {text!r}", allowed=f"printable ASCII below {TEXT_BYTES} characters")
+    payload = text.encode("ascii") + b"\r"
+    return _HEADER.pack(_SIGNATURE, _TEXT_CODE, Kind.CONTROL, 0) + payload.ljust(TEXT_BYTES, b"\0")
+
+
+def status_request() -> bytes:
+    """Build the frame that asks what became of the last command."""
+    return _HEADER.pack(_SIGNATURE, 0, Kind.STATUS_REQUEST, 0)
+
+
+def image(levels: NDArray[np.uint16]) -> bytes:
+    """Build the frames of one image: a row each, and the sum of all pixels in the last four bytes.
+
+    Args:
+        levels: [1200, 1920] uint16, 0 to 1023.
+
+    Raises:
+        InputError: Another shape, or a level above 1023.
+    """
+    if levels.shape != (HEIGHT, WIDTH) or int(levels.max()) > TOP_LEVEL:
+        raise InputError(
+            f"an image of shape {list(levels.shape)} with levels up to {int(levels.max())}",
+            allowed=f"[{HEIGHT}, {WIDTH}] with levels up to {TOP_LEVEL}",
+        )
+    frames = np.zeros((HEIGHT, HEADER_BYTES + ROW_BYTES), np.uint8)
+    headers = b"".join(_HEADER.pack(_SIGNATURE, _ROW_CODE, Kind.IMAGE_ROW, row) for row in range(HEIGHT))
+    frames[:, :HEADER_BYTES] = np.frombuffer(headers, np.uint8).reshape(HEIGHT, HEADER_BYTES)
+    pixels = np.ascontiguousarray(levels, "<u2").view(np.uint8)
+    frames[:, HEADER_BYTES : HEADER_BYTES + 2 * WIDTH] = pixels.reshape(HEIGHT, 2 * WIDTH)
+    total = int(levels.sum(dtype=np.uint64)) & 0xFFFFFFFF
+    frames[-1, -4:] = np.frombuffer(struct.pack("<I", total), np.uint8)
+    return frames.tobytes()
+
+
+def find_status(buffer: bytes) -> tuple[str | None, bytes]:
+    """Look for a status frame in what has come so far.
+
+    Returns:
+        Its text, or None when it is not complete yet; and the bytes that remain to be looked at.
+
+    Raises:
+        MalformedReplyError: A whole frame of another kind came.
+    """
+    begin = buffer.find(_SIGNATURE)
+    if begin < 0:
+        # The signature's own first letters may stand at the end.
+        return None, buffer[-(len(_SIGNATURE) - 1) :]
+    buffer = buffer[begin:]
+    if len(buffer) < HEADER_BYTES:
+        return None, buffer
+    _, code, kind, _ = _HEADER.unpack(buffer[:HEADER_BYTES])
+    if (code, kind) != (_TEXT_CODE, Kind.STATUS):
+        raise MalformedReplyError(
+            f"frame of kind {kind} with length code {code:#06x}", allowed=f"{Kind.STATUS} with {_TEXT_CODE:#06x}"
+        )
+    if len(buffer) < HEADER_BYTES + TEXT_BYTES:
+        return None, buffer
+    text = buffer[HEADER_BYTES : HEADER_BYTES + TEXT_BYTES].split(b"\0", 1)[0]
+    if not text.isascii():
+        raise MalformedReplyError(f"status text {text[:16]!r}", allowed="ASCII")
+    return text.decode("ascii").strip(), buffer[HEADER_BYTES + TEXT_BYTES :]

@@ -1,0 +1,394 @@
+"""The DLPC900 as a modulator: pattern-on-the-fly over USB HID, in the order that the firmware wants.
+
+Here: who says what when. Not here: bytes (`packets`, `payloads`, `lut`, `images`), the single exchange
+(`channel`), the translation of a sequence (`plan`). `gs2ci.rig`, the contract suite and tests import this file.
+
+Order of an upload (DLPU018, chapter 4): stop, mode on-the-fly, stop, triggers, entries, entry count, images from
+the last to the first, entry count again. TRIG_OUT_2 carries the pulses (one per exposure, or one per mask),
+TRIG_OUT_1 the gate. Connecting only reads.
+"""
+
+from typing import Final
+
+from gs2ci.core.clock import Clock
+from gs2ci_drivers.dlpc900 import firmware, timing
+from gs2ci_drivers.dlpc900.channel import Channel
+from gs2ci_drivers.dlpc900.lut import MAX_TIME_US
+from gs2ci_drivers.dlpc900.packets import Command
+from gs2ci_drivers.dlpc900.payloads import (
+    DisplayMode,
+    HardwareStatus,
+    MainStatus,
+    PatternControl,
+    PowerMode,
+    Versions,
+    decode_hardware_type,
+    encode_block_load,
+    encode_image_chunks,
+    encode_image_start,
+    encode_lut_config,
+)
+from gs2ci_drivers.dlpc900.plan import Dlpc900Settings, ImageSet, digest_masks, encode_images, lut_entries
+from gs2ci_drivers.failures import (
+    DeviceFaultError,
+    NoAnswerError,
+    OutOfRangeError,
+    RefusedError,
+    SequenceError,
+    UnsupportedError,
+    WrongStateError,
+)
+from gs2ci_drivers.modulator import (
+    Modulator,
+    ModulatorInfo,
+    ModulatorState,
+    ModulatorStatus,
+    PatternSequence,
+    TriggerOut,
+    UploadProgress,
+)
+from gs2ci_drivers.ports import HidPort
+
+_US: Final = 1e-6
+_NOT_ALLOWED: Final = 5
+_POLL_S: Final = 0.02
+_STOP_TIMEOUT_S: Final = 2.0
+# A sequence of 105 µs masks ends before the first look; from here on a look must find it running.
+_SEEN_RUNNING_FROM_S: Final = 0.1
+# Two crystals of 100 ppm, with margin, and the jitter of one USB exchange.
+_CLOCK_TOLERANCE: Final = 1e-3
+_EXCHANGE_JITTER_S: Final = 5e-3
+# Settings and their answers beside the image data: two 1 ms frames each, per entry and some twenty once.
+_EXCHANGE_S: Final = 2e-3
+_FIXED_EXCHANGES: Final = 20
+# The start command on the wire and its answer; captures learn the real figure from their first frame.
+_TYPICAL_START_S: Final = 5e-3
+
+
+class Dlpc900(Modulator):
+    """A mirror device behind a DLPC900 controller (DLP6500, DLP9000, DLP670S, DLP500YX, DLP5500).
+
+    Args:
+        name: Name of the device in the rig file.
+        port: The HID interface; closed with this.
+        clock: On which deadlines are kept.
+        settings: From the rig file.
+
+    Raises:
+        InputError: The settings name an unknown firmware profile.
+    """
+
+    def __init__(self, name: str, port: HidPort, clock: Clock, settings: Dlpc900Settings | None = None) -> None:
+        super().__init__(name, clock)
+        self.settings = settings or Dlpc900Settings()
+        self._profile = firmware.profile(self.settings.firmware)
+        self._port = port
+        self._channel = Channel(
+            name, port, clock, incidents=self.incidents, reply_timeout_s=self.settings.reply_timeout_s
+        )
+        self._dual = False
+        self._model = timing.MODELS[timing.DmdType.DLP6500]  # until connect has asked
+        self._images: ImageSet | None = None
+        self._on_device = b""
+        self._started_s = 0.0
+        self._running: PatternSequence | None = None
+
+    def check(self, sequence: PatternSequence) -> PatternSequence:
+        """Return the sequence in whole microseconds; see `Modulator.check`.
+
+        Raises:
+            OutOfRangeError, UnsupportedError: As the base class; also a gate with dark gaps, a gate that never
+                falls, and masks that are not dark outside the loaded blocks.
+        """
+        quantised = super().check(sequence)
+        if quantised.trigger is TriggerOut.GATE:
+            self._check_gate(quantised)
+        if self.settings.blocks is not None:
+            self._check_blocks(quantised, *self.settings.blocks)
+        return quantised
+
+    def explain_pulses(self, counted: int) -> str:
+        """Say what a wrong number of pulses on TRIG_OUT_2 during one run means; empty when it is right.
+
+        Firmware revisions disagree on what the number of masks in a run counts; only counting shows which one
+        this board has.
+
+        Raises:
+            WrongStateError: No sequence is loaded.
+        """
+        if self.loaded is None:
+            raise WrongStateError(self.name, "no sequence is loaded", asked="explain pulses")
+        fires = sum(entry.trigger_out_2 for entry in lut_entries(self.loaded))
+        return self._profile.explain_pulses(self.loaded.count, self.loaded.repeats, fires, counted)
+
+    def _check_gate(self, sequence: PatternSequence) -> None:
+        if sequence.dark_s > 0 or (sequence.repeats != 1 and sequence.pause_s == 0):
+            raise OutOfRangeError(
+                self.name,
+                "TRIG_OUT_1 is the gate: it falls in every dark time and at no other time",
+                asked=f"gate with dark_s = {sequence.dark_s:g}, pause_s = {sequence.pause_s:g}",
+                allowed="dark_s = 0, and pause_s > 0 when there is more than one pass",
+                remedy="set dark_s = 0 and a pause, or use one trigger per exposure",
+            )
+
+    def _check_blocks(self, sequence: PatternSequence, first: int, last: int) -> None:
+        rows = self._model.height // self._model.blocks
+        outside = sequence.masks[:, : first * rows].any() or sequence.masks[:, (last + 1) * rows :].any()
+        if outside:
+            raise OutOfRangeError(
+                self.name,
+                f"masks are lit outside the loaded mirror blocks {first} to {last}",
+                asked="upload",
+                allowed=f"light in rows {first * rows} to {(last + 1) * rows - 1}",
+                remedy="darken the other rows or load more blocks",
+            )
+
+    def _do_connect(self) -> ModulatorInfo:
+        channel = self._channel
+        channel.drain("connect")
+        channel.take_error()  # an error of an earlier session is not ours
+        type_number, tag = decode_hardware_type(channel.read(Command.HARDWARE_TYPE, "read the mirror type"))
+        if type_number not in set(timing.DmdType):
+            raise UnsupportedError(
+                self.name,
+                f"mirror device type {type_number}",
+                asked="connect",
+                allowed=", ".join(f"{kind.value} {kind.name}" for kind in timing.DmdType),
+                remedy="check that the firmware on the board is the one for its mirrors",
+            )
+        versions = Versions.decode(channel.read(Command.VERSIONS, "read the firmware version", length=16))
+        self._dual = HardwareStatus.decode(channel.read(Command.HARDWARE_STATUS, "read status")).dual_controller
+        self._model = timing.MODELS[timing.DmdType(type_number)]
+        return self._describe(f"{versions.application} {tag}".strip())
+
+    def _describe(self, version: str) -> ModulatorInfo:
+        model = self._model
+        if self.settings.blocks is None:
+            shortest = {bits: timing.min_exposure_us(model, bits) for bits in range(1, 9)}
+        else:
+            first, last = self.settings.blocks
+            shortest = {1: timing.min_exposure_us(model, 1, blocks=last - first + 1)}
+        return ModulatorInfo(
+            model=f"TI DLPC900 + {model.name}",
+            serial="",
+            firmware=version,
+            height=model.height,
+            width=model.width,
+            pitch_m=model.pitch_um * _US,
+            min_exposure_s={bits: us * _US for bits, us in shortest.items()},
+            max_exposure_s=MAX_TIME_US * _US,
+            exposure_step_s=_US,
+            min_dark_s=_US,
+            capacity={bits: timing.max_patterns(model, bits) for bits in shortest},
+            trigger_outs=frozenset(TriggerOut),
+            trigger_delay_s=self.settings.trigger_out_2.rise_us * _US,
+            typical_start_s=_TYPICAL_START_S,
+        )
+
+    def _do_upload_eta_s(self, sequence: PatternSequence) -> float:
+        settings_s = (_FIXED_EXCHANGES + sequence.count) * _EXCHANGE_S
+        if digest_masks(sequence) == self._on_device:
+            return settings_s
+        return settings_s + self._encoded(sequence).upload_s
+
+    def _encoded(self, sequence: PatternSequence) -> ImageSet:
+        if self._images is None or self._images.digest != digest_masks(sequence):
+            self._images = encode_images(sequence, self.settings, dual=self._dual)
+        return self._images
+
+    def _do_upload(self, sequence: PatternSequence, progress: UploadProgress) -> int:
+        images = self._encoded(sequence)
+        keep = images.digest == self._on_device
+        self._on_device = b""  # whatever happens next, the images count as lost until all is done
+        self._running = None
+        self._channel.take_error()
+        self._wake()
+        self._configure(sequence)
+        if not keep:
+            self._send_images(images, progress)
+        # Sent again as field practice has it: with the same entry count it keeps the images.
+        self._send_count(sequence)
+        self._channel.check_error("finish the upload")
+        self._on_device = images.digest
+        progress(1.0)
+        return 0 if keep else images.total_bytes
+
+    def _wake(self) -> None:
+        """Leave standby, parking and mirror idling: an upload is a request to use the device."""
+        channel = self._channel
+        standby = channel.read(Command.POWER_MODE, "read the power mode")[0] == PowerMode.STANDBY
+        if standby or MainStatus.decode(channel.read(Command.MAIN_STATUS, "read the status")).parked:
+            channel.write(Command.POWER_MODE, bytes([PowerMode.NORMAL]), "leave standby")
+            self.clock.sleep_s(self.settings.wake_s)
+        if channel.read(Command.IDLE_MODE, "read the idle mode")[0]:
+            # Idling must have lasted for a while before it may end (DLPU018, section 2.3.1.2).
+            self.clock.sleep_s(self.settings.wake_s)
+            channel.write(Command.IDLE_MODE, b"\0", "leave mirror idling")
+
+    def _configure(self, sequence: PatternSequence) -> None:
+        channel, settings = self._channel, self.settings
+        self._stop()
+        channel.write(Command.DISPLAY_MODE, bytes([DisplayMode.ON_THE_FLY]), "select pattern-on-the-fly mode")
+        if self._profile.stops_after_mode:
+            self._stop()
+        channel.write(Command.INVERT_DATA, bytes([settings.invert]), "set data inversion")
+        channel.write(Command.TRIGGER_OUT_1, settings.trigger_out_1.encode(), "set trigger output 1")
+        channel.write(Command.TRIGGER_OUT_2, settings.trigger_out_2.encode(), "set trigger output 2")
+        if settings.blocks is not None:
+            channel.write(Command.BLOCK_LOAD, encode_block_load(*settings.blocks), "set mirror blocks")
+        for entry in lut_entries(sequence, settings.leds):
+            channel.write(Command.LUT_ENTRY, entry.encode(), f"define mask {entry.index}")
+        self._send_count(sequence)
+
+    def _send_count(self, sequence: PatternSequence) -> None:
+        count = self._profile.count(sequence.count, sequence.repeats)
+        self._channel.write(Command.LUT_CONFIG, encode_lut_config(sequence.count, count), "set the number of masks")
+
+    def _send_images(self, images: ImageSet, progress: UploadProgress) -> None:
+        shares = _Shares(progress, images.total_bytes)
+        for index, secondary, block in images.in_order():
+            asked = f"load image {index}" + (", right half" if secondary else "")
+            start = Command.IMAGE_START_SECONDARY if secondary else Command.IMAGE_START
+            data = Command.IMAGE_DATA_SECONDARY if secondary else Command.IMAGE_DATA
+            self._channel.write(start, encode_image_start(index, len(block)), asked)
+            self._channel.stream(data, encode_image_chunks(block), asked, shares.sent)
+            # Image data is never acknowledged; only the register tells whether it was understood.
+            self._channel.check_error(asked)
+            shares.finish(len(block))
+
+    def _do_arm(self, sequence: PatternSequence) -> None:
+        self._stop()
+        self._require_healthy("arm")
+
+    def _require_healthy(self, asked: str) -> None:
+        hardware = HardwareStatus.decode(self._channel.read(Command.HARDWARE_STATUS, asked))
+        if hardware.faults:
+            self._on_device = b""
+            raise DeviceFaultError(
+                self.name,
+                asked,
+                hardware.faults,
+                remedy="upload again; if it comes back, power-cycle the controller",
+            )
+        if MainStatus.decode(self._channel.read(Command.MAIN_STATUS, asked)).parked:
+            raise DeviceFaultError(
+                self.name,
+                asked,
+                ["mirrors are parked"],
+                remedy="check the controller's supply, then upload again: that wakes it",
+            )
+
+    def _do_start(self, sequence: PatternSequence) -> None:
+        self._started_s = self.clock.now_s()
+        # A device that does not start may have lost its images: until it has, do not count on them.
+        images, self._on_device = self._on_device, b""
+        self._channel.write(Command.PATTERN_CONTROL, bytes([PatternControl.START]), "start the sequence")
+        self._on_device, self._running = images, sequence
+        if sequence.duration_s > _SEEN_RUNNING_FROM_S and not self._is_running("start the sequence"):
+            self._raise_stopped("start the sequence")
+
+    def _do_wait_done(self, timeout_s: float) -> None:
+        asked = "wait for the end of the sequence"
+        sequence = self._running
+        if sequence is None:
+            return
+        begin_s = self.clock.now_s()
+        while self._is_running(asked):
+            left_s = begin_s + timeout_s - self.clock.now_s()
+            if left_s <= 0:
+                raise NoAnswerError(
+                    self.name, asked, timeout_s, remedy="wait longer, or disarm a sequence that runs for ever"
+                )
+            self.clock.sleep_s(min(_POLL_S, left_s))
+        ran_s = self.clock.now_s() - self._started_s
+        if ran_s < sequence.duration_s * (1 - _CLOCK_TOLERANCE) - _EXCHANGE_JITTER_S:
+            self._raise_stopped(asked)
+        self._running = None
+        faults = HardwareStatus.decode(self._channel.read(Command.HARDWARE_STATUS, asked)).faults
+        if faults:
+            self._on_device = b""
+            raise SequenceError(self.name, asked, faults, remedy="upload the sequence again and repeat")
+
+    def _raise_stopped(self, asked: str) -> None:
+        sequence, ran_s = self._running, self.clock.now_s() - self._started_s
+        assert sequence is not None
+        self._running = None
+        self._on_device = b""
+        faults = HardwareStatus.decode(self._channel.read(Command.HARDWARE_STATUS, asked)).faults
+        raise SequenceError(
+            self.name,
+            asked,
+            (f"the sequence stopped by itself after at most {ran_s:.3g} of {sequence.duration_s:.3g} s", *faults),
+            remedy="upload the sequence again; check `firmware` in [modulator] if it always stops early",
+        )
+
+    def _do_disarm(self) -> None:
+        self._running = None
+        self._stop()
+
+    def _stop(self) -> None:
+        """Stop the sequence and see it stopped; a device that is in no pattern mode has nothing to stop."""
+        asked = "stop the sequence"
+        for last in (False, True):
+            try:
+                self._channel.write(Command.PATTERN_CONTROL, bytes([PatternControl.STOP]), asked)
+                break
+            except RefusedError as error:
+                if error.code == _NOT_ALLOWED:
+                    break
+                if last:
+                    raise
+                # What was refused may be an image load that broke off before; that is over now.
+                self.incidents.append(f"{error}; asked again")
+        deadline_s = self.clock.now_s() + _STOP_TIMEOUT_S
+        while self._is_running(asked):
+            if self.clock.now_s() >= deadline_s:
+                raise NoAnswerError(
+                    self.name, asked, _STOP_TIMEOUT_S, remedy="power-cycle the controller: it does not obey"
+                )
+            self.clock.sleep_s(_POLL_S)
+
+    def _is_running(self, asked: str) -> bool:
+        return MainStatus.decode(self._channel.read(Command.MAIN_STATUS, asked)).running
+
+    def _do_status(self) -> ModulatorStatus:
+        hardware = HardwareStatus.decode(self._channel.read(Command.HARDWARE_STATUS, "read status"))
+        main = MainStatus.decode(self._channel.read(Command.MAIN_STATUS, "read status"))
+        power = self._channel.read(Command.POWER_MODE, "read status")[0]
+        parked = ("mirrors are parked",) if main.parked else ()
+        faults = hardware.faults + parked
+        if faults:
+            state = ModulatorState.FAULT
+        elif main.running:
+            state = ModulatorState.RUNNING
+        elif self._armed:
+            state = ModulatorState.ARMED
+        else:
+            state = ModulatorState.LOADED if self._loaded is not None else ModulatorState.IDLE
+        notes = {"power": "standby" if power == PowerMode.STANDBY else "normal"}
+        return ModulatorStatus(state, faults, notes)
+
+    def _do_close(self) -> None:
+        self._port.close()
+
+
+class _Shares:
+    """Turns bytes sent into shares of an upload, reported once per whole percent: a display costs time too."""
+
+    def __init__(self, progress: UploadProgress, total_bytes: int) -> None:
+        self._progress = progress
+        self._total_bytes = total_bytes
+        self._finished_bytes = 0
+        self._percent = 0
+
+    def sent(self, of_block: int) -> None:
+        """Note how many bytes of the present block are out."""
+        # A chunk carries its own two-byte count, hence the cap.
+        share = min((self._finished_bytes + of_block) / self._total_bytes, 1.0)
+        if int(100 * share) > self._percent:
+            self._percent = int(100 * share)
+            self._progress(share)
+
+    def finish(self, block_bytes: int) -> None:
+        """Note that a block is out."""
+        self._finished_bytes += block_bytes

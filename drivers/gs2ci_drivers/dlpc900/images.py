@@ -1,0 +1,208 @@
+"""Masks to DLPC900 pattern images: bit-planes, the 48-byte header, coding, halves for two controllers. Pure.
+
+Here: [N, H, W] grey levels → 24-bit words → one block of bytes per image, and back. Not here: the codings
+themselves (`erle`, `rle`), sending (`driver`). Imported by the driver and tests.
+"""
+
+import enum
+import struct
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gs2ci.core.errors import InputError
+from gs2ci_drivers.dlpc900 import erle, rle
+from gs2ci_drivers.dlpc900.coding import U8, U32, PatternImageError, check_words
+
+HEADER_BYTES: Final = 48
+BITS_PER_WORD: Final = 24
+_SIGNATURE: Final = b"Spld"
+_LAYOUT: Final = struct.Struct("<4sHHI8sIBBB21s")
+_ROW_ALIGNMENT: Final = 16
+
+
+@enum.unique
+class Compression(enum.IntEnum):
+    """Byte 25 of the image header."""
+
+    NONE = 0
+    RLE = 1
+    ERLE = 2
+
+
+@dataclass(frozen=True)
+class ImageHeader:
+    """The 48 bytes in front of every pattern image (DLPU018, section 2.4.2).
+
+    Args:
+        width: Pixels per row; half the mirrors of a row behind each of two controllers.
+        height: Rows.
+        encoded_bytes: Length of what follows, without these 48 bytes.
+        compression: How that is coded.
+        pixel_format: 1 in TI's code, 0 in its guide; both are accepted in the field.
+        background: Colour word where no pixel is given.
+    """
+
+    width: int
+    height: int
+    encoded_bytes: int
+    compression: Compression = Compression.ERLE
+    pixel_format: int = 1
+    background: int = 0
+
+    def encode(self) -> bytes:
+        """Return the 48 bytes."""
+        return _LAYOUT.pack(
+            _SIGNATURE,
+            self.width,
+            self.height,
+            self.encoded_bytes,
+            b"\xff" * 8,
+            self.background,
+            self.pixel_format,
+            self.compression,
+            1,
+            b"",
+        )
+
+    @classmethod
+    def decode(cls, data: bytes) -> "ImageHeader":
+        """Read a header.
+
+        Raises:
+            PatternImageError: Too short, the signature is wrong, or the compression is unknown.
+        """
+        if len(data) < HEADER_BYTES:
+            raise PatternImageError(f"an image header of {len(data)} bytes", allowed=f"{HEADER_BYTES} bytes")
+        signature, width, height, size, _, background, pixel_format, compression, order, _ = _LAYOUT.unpack(
+            data[:HEADER_BYTES]
+        )
+        if signature != _SIGNATURE or order != 1:
+            raise PatternImageError(
+                f"image signature {signature!r}, byte order {order}", allowed=f"{_SIGNATURE!r} and 1"
+            )
+        if compression not in set(Compression):
+            raise PatternImageError(f"image compression {compression}", allowed="0, 1 or 2")
+        if not width or not height:
+            raise PatternImageError(f"an image of {width} × {height} pixels", allowed="at least one")
+        return cls(width, height, size, Compression(compression), pixel_format, background)
+
+
+def encode_block(words: U32, compression: Compression = Compression.ERLE, pixel_format: int = 1) -> bytes:
+    """Encode one image, header and all.
+
+    Args:
+        words: [H, W] uint32, 24-bit words.
+        compression: ERLE is never longer than RLE for masks; NONE for tests and comparison.
+        pixel_format: Byte 24 of the header.
+
+    Raises:
+        InputError: The array is not a 24-bit image.
+    """
+    match compression:
+        case Compression.ERLE:
+            stream = erle.encode(words)
+        case Compression.RLE:
+            stream = rle.encode(words)
+        case Compression.NONE:
+            stream = _encode_plain(words)
+    height, width = words.shape
+    return ImageHeader(width, height, len(stream), compression, pixel_format).encode() + stream
+
+
+def decode_block(block: bytes, max_pixels: int = 1 << 23) -> U32:
+    """Decode one image, header and all: [H, W] uint32.
+
+    Raises:
+        PatternImageError: The header or the stream is broken, or the image exceeds `max_pixels`.
+    """
+    header = ImageHeader.decode(block)
+    stream = block[HEADER_BYTES:]
+    if len(stream) != header.encoded_bytes:
+        raise PatternImageError(
+            f"an image announces {header.encoded_bytes} bytes and carries {len(stream)}",
+            remedy="send all of it",
+        )
+    if header.width * header.height > max_pixels:
+        raise PatternImageError(f"an image of {header.width} × {header.height}", allowed=f"{max_pixels} pixels")
+    match header.compression:
+        case Compression.ERLE:
+            return erle.decode(stream, header.width, header.height)
+        case Compression.RLE:
+            return rle.decode(stream, header.width, header.height)
+        case Compression.NONE:
+            return _decode_plain(stream, header.width, header.height)
+
+
+def _encode_plain(words: U32) -> bytes:
+    check_words(words)
+    height, width = words.shape
+    stride = -(-3 * width // _ROW_ALIGNMENT) * _ROW_ALIGNMENT
+    rows = np.zeros((height, stride), np.uint8)
+    for byte, shift in enumerate((16, 8, 0)):
+        rows[:, byte : 3 * width : 3] = (words >> shift).astype(np.uint8)
+    return rows.tobytes()
+
+
+def _decode_plain(stream: bytes, width: int, height: int) -> U32:
+    stride = -(-3 * width // _ROW_ALIGNMENT) * _ROW_ALIGNMENT
+    if len(stream) != stride * height:
+        raise PatternImageError(f"an uncompressed image of {len(stream)} bytes", allowed=f"{stride * height} bytes")
+    pixels = np.frombuffer(stream, np.uint8).reshape(height, stride)[:, : 3 * width].reshape(height, width, 3)
+    wide = pixels.astype(np.uint32)
+    return np.asarray(wide[..., 0] << 16 | wide[..., 1] << 8 | wide[..., 2], dtype=np.uint32)
+
+
+def pack_planes(levels: U8, depth_bits: int = 1) -> list[U32]:
+    """Pack masks into as few 24-bit images as possible; mask i sits `place_of(i, depth_bits)`.
+
+    Args:
+        levels: [N, H, W] uint8, each below 2**depth_bits.
+        depth_bits: 1 to 8.
+
+    Returns:
+        Images, each [H, W] uint32.
+
+    Raises:
+        InputError: The depth is not 1 to 8, a level exceeds it, or there is no mask.
+    """
+    if not 1 <= depth_bits <= 8 or levels.ndim != 3 or not levels.size or levels.dtype != np.uint8:
+        raise InputError(
+            f"masks of shape {levels.shape}, type {levels.dtype} at {depth_bits} bits",
+            allowed="[N, H, W] uint8, at least one, 1 to 8 bits",
+        )
+    if int(levels.max()) >> depth_bits:
+        raise InputError(f"mask level {int(levels.max())}", allowed=f"0 to {(1 << depth_bits) - 1}")
+    per_image = BITS_PER_WORD // depth_bits
+    images = []
+    for first in range(0, len(levels), per_image):
+        words = np.zeros(levels.shape[1:], np.uint32)
+        for slot, mask in enumerate(levels[first : first + per_image]):
+            words |= np.left_shift(mask, np.uint32(slot * depth_bits), dtype=np.uint32)
+        images.append(words)
+    return images
+
+
+def place_of(mask_index: int, depth_bits: int = 1) -> tuple[int, int]:
+    """Return (image index, lowest bit) of a mask packed by `pack_planes`."""
+    image, slot = divmod(mask_index, BITS_PER_WORD // depth_bits)
+    return image, slot * depth_bits
+
+
+def take_plane(words: U32, bit_position: int, depth_bits: int = 1) -> NDArray[np.uint8]:
+    """Take one mask's levels out of an image: [H, W] uint8."""
+    return (words >> bit_position & ((1 << depth_bits) - 1)).astype(np.uint8)
+
+
+def split_halves(words: U32) -> tuple[U32, U32]:
+    """Split an image between primary (left) and secondary (right) controller.
+
+    Raises:
+        InputError: The width is odd.
+    """
+    width = words.shape[1]
+    if width % 2:
+        raise InputError(f"an image of {width} columns for two controllers", allowed="an even number")
+    return words[:, : width // 2], words[:, width // 2 :]

@@ -1,0 +1,258 @@
+"""What DLPC900 commands carry: settings to bytes, status bytes to records. Pure.
+
+Here: trigger, mode, sequence and power settings, and the status, version and error registers. Not here: the frame
+around them (`packets`), sequence entries (`lut`), images (`images`). Imported by the driver and tests.
+"""
+
+import enum
+import struct
+from dataclasses import dataclass
+from typing import Final
+
+from gs2ci.core.errors import InputError
+from gs2ci_drivers.dlpc900.packets import MalformedReplyError
+
+CHUNK_BYTES: Final = 504
+MAX_IMAGES: Final = 18
+MIN_TRIGGER_IN_DELAY_US: Final = 104
+MIN_PULSE_US: Final = 20
+TRIGGER_DELAY_RANGE_US: Final = (-20, 20_000)
+
+
+@enum.unique
+class DisplayMode(enum.IntEnum):
+    """Where patterns come from (0x1A1B)."""
+
+    VIDEO = 0
+    FLASH = 1
+    VIDEO_PATTERN = 2
+    ON_THE_FLY = 3
+
+
+@enum.unique
+class PatternControl(enum.IntEnum):
+    """What the sequencer shall do (0x1A24); a start after STOP begins with the first pattern."""
+
+    STOP = 0
+    PAUSE = 1
+    START = 2
+
+
+@enum.unique
+class PowerMode(enum.IntEnum):
+    """Power of the controller (0x0200)."""
+
+    NORMAL = 0
+    STANDBY = 1
+    RESET = 2
+
+
+@dataclass(frozen=True)
+class TriggerOut:
+    """Edges of a trigger output relative to its pattern (0x1A1D, 0x1A1E).
+
+    Args:
+        inverted: Whether the active level is low.
+        rise_us: Delay of the rising edge, -20 to 20000 µs.
+        fall_us: Delay of the falling edge, -20 to 20000 µs.
+
+    Raises:
+        InputError: A delay is out of range, or a non-inverted pulse would fall before it rises.
+    """
+
+    inverted: bool = False
+    rise_us: int = 0
+    fall_us: int = 0
+
+    def __post_init__(self) -> None:
+        low, high = TRIGGER_DELAY_RANGE_US
+        for name, value in (("rise_us", self.rise_us), ("fall_us", self.fall_us)):
+            if not low <= value <= high:
+                raise InputError(f"trigger output: {name} = {value}", allowed=f"{low} to {high} µs")
+        if not self.inverted and self.rise_us > self.fall_us:
+            raise InputError(
+                f"trigger output: the pulse rises at {self.rise_us} µs and falls at {self.fall_us} µs",
+                allowed="rise_us at most fall_us unless inverted",
+            )
+
+    def encode(self) -> bytes:
+        """Return the five bytes of the setting."""
+        return struct.pack("<Bhh", int(self.inverted), self.rise_us, self.fall_us)
+
+
+def encode_trigger_in_1(delay_us: int = 105, *, falling: bool = False) -> bytes:
+    """Return the setting of TRIG_IN_1, which advances entries that wait (0x1A35).
+
+    Raises:
+        InputError: The delay is below 104 µs or above 16 bits.
+    """
+    if not MIN_TRIGGER_IN_DELAY_US <= delay_us <= 0xFFFF:
+        raise InputError(f"trigger input 1: delay_us = {delay_us}", allowed=f"{MIN_TRIGGER_IN_DELAY_US} to {0xFFFF} µs")
+    return struct.pack("<HB", delay_us, int(falling))
+
+
+def encode_trigger_in_2(*, start_on_falling: bool = False) -> bytes:
+    """Return the setting of TRIG_IN_2, which starts and stops the sequence (0x1A36)."""
+    return bytes([int(start_on_falling)])
+
+
+def encode_lut_config(entries: int, count: int) -> bytes:
+    """Return how many entries the sequence has and how many are shown, 0 for ever (0x1A31).
+
+    Whether `count` is in patterns or in repeats differs between firmware revisions: see `firmware`.
+
+    Raises:
+        InputError: `entries` is not 1 to 1024 or `count` exceeds 32 bits.
+    """
+    if not 1 <= entries <= 1024:
+        raise InputError(f"a sequence of {entries} entries", allowed="1 to 1024")
+    if not 0 <= count <= 0xFFFFFFFF:
+        raise InputError(f"a sequence shown {count} times", allowed="0 to 2³² - 1")
+    return struct.pack("<HI", entries, count)
+
+
+def encode_image_start(index: int, total_bytes: int) -> bytes:
+    """Return the announcement of an image: index, and bytes including the 48-byte header (0x1A2A, 0x1A2C).
+
+    Raises:
+        InputError: The index is not 0 to 17, or the size exceeds 32 bits.
+    """
+    if not 0 <= index < MAX_IMAGES:
+        raise InputError(f"pattern image {index}", allowed=f"0 to {MAX_IMAGES - 1}")
+    if not 0 < total_bytes <= 0xFFFFFFFF:
+        raise InputError(f"pattern image {index} of {total_bytes} bytes", allowed="1 to 2³² - 1")
+    return struct.pack("<HI", index, total_bytes)
+
+
+def encode_image_chunks(block: bytes) -> list[bytes]:
+    """Cut an image block into payloads of 0x1A2B: a byte count and 1 to 504 bytes each, never an empty one."""
+    chunks = (block[at : at + CHUNK_BYTES] for at in range(0, len(block), CHUNK_BYTES))
+    return [len(chunk).to_bytes(2, "little") + chunk for chunk in chunks]
+
+
+def encode_block_load(first: int, last: int) -> bytes:
+    """Return the range of mirror blocks that are loaded (0x1A40); fewer blocks switch faster.
+
+    Raises:
+        InputError: The range is empty or leaves 0 to 255.
+    """
+    if not 0 <= first <= last <= 0xFF:
+        raise InputError(f"mirror blocks {first} to {last}", allowed="0 <= first <= last <= 255")
+    return bytes([first, last])
+
+
+@dataclass(frozen=True)
+class MainStatus:
+    """What the controller is doing (0x1A0C)."""
+
+    parked: bool
+    running: bool
+    frozen: bool
+    source_locked: bool
+
+    @classmethod
+    def decode(cls, data: bytes) -> "MainStatus":
+        """Read the register.
+
+        Raises:
+            MalformedReplyError: There is no byte.
+        """
+        bits = decode_byte(data, "main status")
+        return cls(bool(bits & 1), bool(bits & 2), bool(bits & 4), bool(bits & 8))
+
+
+_HARDWARE_FAULTS: Final = {
+    1: "wrong mirror device for this controller",
+    2: "error in the mirror reset controller",
+    3: "forced buffer swap",
+    6: "sequencer aborted",
+    7: "sequencer error",
+}
+
+
+@dataclass(frozen=True)
+class HardwareStatus:
+    """Whether the controller is well (0x1A0A).
+
+    Args:
+        initialised: Internal initialisation succeeded.
+        dual_controller: A secondary controller drives the right half of the mirrors.
+        faults: What is wrong, in words; empty when all is well.
+    """
+
+    initialised: bool
+    dual_controller: bool
+    faults: tuple[str, ...]
+
+    @classmethod
+    def decode(cls, data: bytes) -> "HardwareStatus":
+        """Read the register.
+
+        Raises:
+            MalformedReplyError: There is no byte.
+        """
+        bits = decode_byte(data, "hardware status")
+        faults = tuple(words for bit, words in _HARDWARE_FAULTS.items() if bits >> bit & 1)
+        initialised = bool(bits & 1)
+        if not initialised:
+            faults = ("internal initialisation failed", *faults)
+        return cls(initialised, bool(bits >> 4 & 1), faults)
+
+
+@dataclass(frozen=True)
+class Version:
+    """One firmware version number."""
+
+    major: int
+    minor: int
+    patch: int
+
+    def __str__(self) -> str:
+        return f"{self.major}.{self.minor}.{self.patch}"
+
+
+@dataclass(frozen=True)
+class Versions:
+    """The four version numbers of the firmware (0x0205)."""
+
+    application: Version
+    api: Version
+    software_config: Version
+    sequencer_config: Version
+
+    @classmethod
+    def decode(cls, data: bytes) -> "Versions":
+        """Read the register.
+
+        Raises:
+            MalformedReplyError: Fewer than 16 bytes.
+        """
+        if len(data) < 16:
+            raise MalformedReplyError(f"firmware versions in {len(data)} bytes", allowed="16 bytes")
+        numbers = [Version(major, minor, patch) for patch, minor, major in struct.iter_unpack("<HBB", data[:16])]
+        return cls(*numbers)
+
+
+def decode_hardware_type(data: bytes) -> tuple[int, str]:
+    """Read the mirror device's type number and the firmware's tag (0x0206).
+
+    Raises:
+        MalformedReplyError: There is no byte.
+    """
+    return decode_byte(data, "hardware type"), decode_text(data[1:32])
+
+
+def decode_text(data: bytes) -> str:
+    """Read text up to its NUL; what follows is left over from earlier messages."""
+    return data.split(b"\0", 1)[0].decode("ascii", errors="replace").strip()
+
+
+def decode_byte(data: bytes, what: str) -> int:
+    """Read a one-byte register.
+
+    Raises:
+        MalformedReplyError: There is no byte.
+    """
+    if not data:
+        raise MalformedReplyError(f"{what} is empty", allowed="1 byte")
+    return data[0]

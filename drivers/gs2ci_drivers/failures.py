@@ -1,0 +1,351 @@
+"""What can go wrong with a device, as one tree of typed errors.
+
+    DeviceError (gs2ci.core.errors)
+    └── DriverError                names the device, the trigger index (when there is one) and what was asked
+        ├── LinkError              the bytes did not make it
+        │   ├── AccessError        the port cannot be opened: permissions, already in use, not there
+        │   ├── NoAnswerError      nothing, or not enough, within the deadline
+        │   ├── BadReplyError      an answer that the protocol does not know
+        │   └── DisconnectedError  the device went away while it was in use
+        ├── RefusedError           the device understood and said no
+        ├── DeviceFaultError       the device reports that it cannot work
+        │   ├── MoveFailedError    a stage stopped before its target
+        │   ├── ReferenceLostError a stage no longer knows where it is
+        │   └── SequenceError      a modulator did not show what it was told to
+        ├── UnsupportedError       the device does not have this ability
+        ├── OutOfRangeError        a value that the device cannot take
+        ├── WrongStateError        the call came in the wrong order
+        ├── PlanRefusedError       a capture plan breaks limits; nothing was moved
+        └── FrameError             the sensor and its triggers disagree
+            ├── TriggerTimeoutError  no frame came for a trigger
+            ├── FrameLostError       the sequence numbers have a gap
+            ├── FrameCorruptError    the driver or the kernel marked the payload bad
+            ├── FrameStaleError      the frame is older than its trigger
+            └── ExtraFrameError      more frames than triggers were sent
+
+Here: the classes. Not here: any decision on what to do about them (`gs2ci_drivers.acquisition`). Anyone may
+import this file.
+"""
+
+from collections.abc import Sequence
+from typing import Self
+
+from gs2ci.core.errors import DeviceError
+
+
+class DriverError(DeviceError):
+    """Base of every failure of a device.
+
+    Args:
+        device: Name of the device as the rig file gives it (`dmd0`).
+        problem: What happened.
+        asked: What the device was asked to do, in its own words where that helps.
+        allowed: What would be accepted.
+        remedy: What the user can do about it.
+        trigger_index: Which trigger of the capture was being served, from 0; None outside a capture.
+    """
+
+    def __init__(
+        self,
+        device: str,
+        problem: str,
+        *,
+        asked: str = "",
+        allowed: str = "",
+        remedy: str = "",
+        trigger_index: int | None = None,
+    ) -> None:
+        super().__init__(problem, allowed=allowed, remedy=remedy)
+        self.device = device
+        self.asked = asked
+        self.trigger_index = trigger_index
+        self._happened = f"{asked}: {problem}" if asked else problem
+        self.problem = self._described()
+
+    def at_trigger(self, trigger_index: int) -> Self:
+        """Note which trigger was being served, unless that is known already; return self to be raised."""
+        if self.trigger_index is None:
+            self.trigger_index = trigger_index
+            self.problem = self._described()
+        return self
+
+    def _described(self) -> str:
+        served = "" if self.trigger_index is None else f", trigger {self.trigger_index}"
+        return f"{self.device}{served}: {self._happened}"
+
+    def __str__(self) -> str:
+        parts = [self.problem]
+        if self.allowed:
+            parts.append(f"allowed: {self.allowed}")
+        if self.remedy:
+            parts.append(f"what to do: {self.remedy}")
+        return "; ".join(parts)
+
+
+class LinkError(DriverError):
+    """The bytes did not make it to the device or back."""
+
+
+class AccessError(LinkError):
+    """The port cannot be opened: no permission, already in use, or not there."""
+
+
+class NoAnswerError(LinkError):
+    """Nothing, or not enough, came back within the deadline.
+
+    Args:
+        device: Name of the device.
+        asked: What was sent.
+        waited_s: How long was waited on the device's clock.
+    """
+
+    def __init__(
+        self, device: str, asked: str, waited_s: float, *, remedy: str = "", trigger_index: int | None = None
+    ) -> None:
+        super().__init__(
+            device,
+            f"no answer within {waited_s:.3g} s",
+            asked=asked,
+            remedy=remedy or "check power and cable, then run `gs2ci doctor`",
+            trigger_index=trigger_index,
+        )
+        self.waited_s = waited_s
+
+
+class BadReplyError(LinkError):
+    """An answer came that the protocol does not know.
+
+    Args:
+        device: Name of the device.
+        asked: What was sent.
+        reply: The bytes as received.
+        why: What is wrong with them.
+        allowed: What would have been a valid answer.
+    """
+
+    def __init__(
+        self,
+        device: str,
+        asked: str,
+        reply: bytes,
+        why: str,
+        *,
+        allowed: str = "",
+        trigger_index: int | None = None,
+    ) -> None:
+        shown = repr(reply[:48]) + ("..." if len(reply) > 48 else "")
+        super().__init__(
+            device,
+            f"bad reply {shown}: {why}",
+            asked=asked,
+            allowed=allowed,
+            remedy="check the cable and the baud rate; record a wire trace with `trace = true` if it comes back",
+            trigger_index=trigger_index,
+        )
+        self.reply = reply
+
+
+class DisconnectedError(LinkError):
+    """The device went away while it was in use.
+
+    Args:
+        device: Name of the device.
+        asked: What was being done.
+        cause: The operating system's words.
+    """
+
+    def __init__(self, device: str, asked: str, cause: object, *, trigger_index: int | None = None) -> None:
+        super().__init__(
+            device,
+            f"the device is gone ({cause})",
+            asked=asked,
+            remedy="check power and cable, plug it in again and repeat; rows already taken are kept",
+            trigger_index=trigger_index,
+        )
+
+
+class RefusedError(DriverError):
+    """The device understood the request and said no.
+
+    Args:
+        device: Name of the device.
+        asked: What was asked.
+        code: The device's own code for the refusal.
+        meaning: What the manual says about that code.
+    """
+
+    def __init__(
+        self,
+        device: str,
+        asked: str,
+        code: int | str,
+        meaning: str,
+        *,
+        allowed: str = "",
+        remedy: str = "",
+        trigger_index: int | None = None,
+    ) -> None:
+        super().__init__(
+            device,
+            f"refused with {code} ({meaning})",
+            asked=asked,
+            allowed=allowed,
+            remedy=remedy or "see `gs2ci devices` for what the device can do",
+            trigger_index=trigger_index,
+        )
+        self.code = code
+
+
+class DeviceFaultError(DriverError):
+    """The device reports that it cannot work.
+
+    Args:
+        device: Name of the device.
+        asked: What was being done.
+        faults: The faults in the device's own terms with their meaning.
+    """
+
+    def __init__(
+        self,
+        device: str,
+        asked: str,
+        faults: Sequence[str],
+        *,
+        remedy: str = "",
+        trigger_index: int | None = None,
+    ) -> None:
+        super().__init__(
+            device,
+            "the device reports " + ", ".join(faults),
+            asked=asked,
+            remedy=remedy or "see the device's manual for this fault, then run `gs2ci doctor`",
+            trigger_index=trigger_index,
+        )
+        self.faults = tuple(faults)
+
+
+class MoveFailedError(DeviceFaultError):
+    """A stage stopped before its target: stall, limit, emergency stop, or a newer command."""
+
+
+class ReferenceLostError(DeviceFaultError):
+    """A stage no longer knows where it is (power cycle, alarm while moving) and must be homed by the user."""
+
+
+class SequenceError(DeviceFaultError):
+    """A modulator did not show what it was told to: stopped by itself, aborted, or pulses that do not add up."""
+
+
+class UnsupportedError(DriverError):
+    """The device does not have this ability."""
+
+
+class OutOfRangeError(DriverError):
+    """A value that the device cannot take."""
+
+
+class WrongStateError(DriverError):
+    """The call came in the wrong order: not connected, nothing loaded, already running, closed."""
+
+
+class PlanRefusedError(DriverError):
+    """A capture plan breaks limits of the devices; nothing was moved, reset or uploaded.
+
+    Args:
+        findings: One sentence per broken limit: what was asked, what is allowed, what to do.
+    """
+
+    def __init__(self, findings: Sequence[str]) -> None:
+        super().__init__(
+            "plan",
+            f"{len(findings)} of its checks failed: " + " | ".join(findings),
+            remedy="change the [capture] table of the rig file; `gs2ci capture --dry-run` prints the whole plan",
+        )
+        self.findings = tuple(findings)
+
+
+class FrameError(DriverError):
+    """The sensor's frames and the triggers disagree."""
+
+
+class TriggerTimeoutError(FrameError):
+    """No frame came for a trigger within the deadline.
+
+    Args:
+        device: Name of the sensor.
+        frame_index: Index of the missing frame since the sensor was started, from 0.
+        waited_s: How long was waited on the sensor's clock.
+    """
+
+    def __init__(self, device: str, frame_index: int, waited_s: float, *, trigger_index: int | None = None) -> None:
+        super().__init__(
+            device,
+            f"no frame {frame_index} after {waited_s:.3g} s",
+            remedy="check the trigger cable, its level and its polarity; `gs2ci doctor` tests the loop",
+            trigger_index=trigger_index,
+        )
+        self.frame_index = frame_index
+        self.waited_s = waited_s
+
+
+class FrameLostError(FrameError):
+    """The kernel's sequence numbers have a gap: frames were exposed and then dropped.
+
+    Args:
+        device: Name of the sensor.
+        frame_index: Index of the first missing frame since the sensor was started, from 0.
+        lost: How many are missing.
+    """
+
+    def __init__(self, device: str, frame_index: int, lost: int, *, trigger_index: int | None = None) -> None:
+        super().__init__(
+            device,
+            f"{lost} frame(s) lost from frame {frame_index} on",
+            remedy="raise `buffers` in [sensor], lower the trigger rate, or close other programs",
+            trigger_index=trigger_index,
+        )
+        self.frame_index = frame_index
+        self.lost = lost
+
+
+class FrameCorruptError(FrameError):
+    """The driver marked a frame's payload as bad, or it is shorter than its format.
+
+    Args:
+        device: Name of the sensor.
+        frame_index: Index of the frame since the sensor was started, from 0.
+        why: What is wrong with it.
+    """
+
+    def __init__(self, device: str, frame_index: int, why: str, *, trigger_index: int | None = None) -> None:
+        super().__init__(
+            device,
+            f"frame {frame_index} is corrupt: {why}",
+            remedy="check the sensor's cable; allow a second attempt with `retries = 1` in [capture]",
+            trigger_index=trigger_index,
+        )
+        self.frame_index = frame_index
+
+
+class FrameStaleError(FrameError):
+    """A frame came that is older than the trigger it was waited for.
+
+    Args:
+        device: Name of the sensor.
+        frame_index: Index of the frame since the sensor was started, from 0.
+        age_s: How long before the trigger it was taken.
+    """
+
+    def __init__(self, device: str, frame_index: int, age_s: float, *, trigger_index: int | None = None) -> None:
+        super().__init__(
+            device,
+            f"frame {frame_index} was taken {age_s:.3g} s before its trigger",
+            remedy="raise `warm_up_frames` in [sensor]; check that nothing else fires the trigger line",
+            trigger_index=trigger_index,
+        )
+        self.frame_index = frame_index
+        self.age_s = age_s
+
+
+class ExtraFrameError(FrameError):
+    """More frames came than triggers were sent: a double trigger, or somebody else's."""

@@ -1,0 +1,1 @@
+"""Stages on a GRBL 1.1 controller: `packets` is pure, `driver` speaks."""

@@ -1,0 +1,145 @@
+"""GRBL 1.1 lines: status reports, settings, banners, alarms, errors. Pure; no port, no time.
+
+Source: gnea/grbl doc/markdown/interface.md, settings.md, commands.md and doc/csv; reference section
+3.3. The driver imports this file.
+"""
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from math import isfinite
+
+LONGEST_LINE = 80
+STATUS_REQUEST = b"?"
+JOG_CANCEL = b"\x85"
+SOFT_RESET = b"\x18"
+
+ALARMS: dict[int, str] = {
+    1: "hard limit hit; the position is lost",
+    2: "target beyond the soft limits; the position is kept",
+    3: "reset while moving; the position is lost",
+    4: "probe not in its initial state",
+    5: "probe made no contact",
+    6: "homing: reset",
+    7: "homing: safety door opened",
+    8: "homing: pull-off did not clear the switch",
+    9: "homing: switch not found",
+    10: "homing: dual axis switch not found",
+}
+ERRORS: dict[int, str] = {
+    1: "expected a command letter",
+    2: "bad number format",
+    3: "invalid $ statement",
+    4: "negative value",
+    5: "homing is disabled by $22",
+    6: "step pulse too short",
+    7: "EEPROM read failed, defaults restored",
+    8: "only while idle",
+    9: "locked out in alarm or jog state",
+    10: "soft limits need homing",
+    11: "line too long",
+    12: "step rate too high",
+    13: "safety door open",
+    14: "line too long for EEPROM",
+    15: "jog target beyond the machine's travel",
+    16: "invalid jog command",
+    17: "laser mode needs PWM",
+    20: "unsupported or invalid command",
+    21: "two commands of one modal group",
+    22: "no feed rate",
+    23: "needs an integer",
+    33: "invalid motion target",
+}
+STATES = frozenset({"Idle", "Run", "Hold", "Jog", "Alarm", "Door", "Check", "Home", "Sleep"})
+
+_BANNER = re.compile(r"^Grbl 1\.1\w? ?\[.*\]$")
+_SETTING = re.compile(r"^\$(\d{1,3})=(-?\d+(?:\.\d+)?)$")
+_CODE = re.compile(r"^(error|ALARM):(\d{1,3})$")
+
+
+@dataclass(frozen=True)
+class Status:
+    """A status report `<...>`.
+
+    Args:
+        state: Machine state without its sub-state.
+        substate: Number after the colon, or None.
+        machine: Machine position as reported (mm or inches), or None when only the work position was.
+        work: Work position, or None.
+        offset: Work coordinate offset, present in some reports only.
+        pins: Letters of triggered input pins.
+    """
+
+    state: str
+    substate: int | None
+    machine: tuple[float, ...] | None
+    work: tuple[float, ...] | None
+    offset: tuple[float, ...] | None
+    pins: str = ""
+    fields: Mapping[str, str] = field(default_factory=dict)
+
+
+def parse_status(line: str) -> Status:
+    """Read a status report.
+
+    Raises:
+        ValueError: Not one, or without a position.
+    """
+    if not (line.startswith("<") and line.endswith(">")):
+        raise ValueError("a status report stands in < >")
+    head, *parts = line[1:-1].split("|")
+    state, _, sub = head.partition(":")
+    if state not in STATES or (sub and not sub.isdigit()):
+        raise ValueError(f"unknown state {head!r}")
+    fields = dict(part.partition(":")[::2] for part in parts)
+    machine, work = _numbers(fields.get("MPos")), _numbers(fields.get("WPos"))
+    if machine is None and work is None:
+        raise ValueError("no MPos and no WPos")
+    return Status(
+        state=state,
+        substate=int(sub) if sub else None,
+        machine=machine,
+        work=work,
+        offset=_numbers(fields.get("WCO")),
+        pins=fields.get("Pn", ""),
+        fields=fields,
+    )
+
+
+def _numbers(text: str | None) -> tuple[float, ...] | None:
+    if text is None:
+        return None
+    values = tuple(float(part) for part in text.split(","))
+    if not 1 <= len(values) <= 6 or not all(isfinite(value) for value in values):
+        raise ValueError(f"not a position: {text!r}")
+    return values
+
+
+def parse_setting(line: str) -> tuple[int, float] | None:
+    """Return number and value of a `$n=v` line, or None."""
+    match = _SETTING.match(line)
+    return (int(match[1]), float(match[2])) if match else None
+
+
+def parse_code(line: str) -> tuple[str, int] | None:
+    """Return ("error" or "ALARM", its number), or None."""
+    match = _CODE.match(line)
+    return (match[1], int(match[2])) if match else None
+
+
+def is_banner(line: str) -> bool:
+    """Return whether the controller has just (re)started."""
+    return _BANNER.match(line) is not None
+
+
+def jog(targets_mm: Mapping[str, float], feed_mm_min: float) -> str:
+    """Build a jog in machine coordinates, millimetres, absolute; it leaves the parser's modes alone.
+
+    Raises:
+        ValueError: Longer than a controller takes.
+    """
+    words = " ".join(f"{axis.upper()}{position:.4f}" for axis, position in targets_mm.items())
+    line = f"$J=G53 G21 G90 {words} F{feed_mm_min:.3f}"
+    if len(line) + 1 > LONGEST_LINE:
+        raise ValueError(f"{len(line)} characters; a controller takes at most {LONGEST_LINE}")
+    return line

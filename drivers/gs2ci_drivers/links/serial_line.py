@@ -1,0 +1,79 @@
+"""A serial line of the computer as a `BytePort`, by pyserial.
+
+Here: opening, reading, writing with timeouts. Not here: any protocol. `gs2ci.rig` imports this file.
+"""
+
+import errno
+
+import serial
+
+from gs2ci_drivers.failures import AccessError
+from gs2ci_drivers.ports import port_errors
+
+
+class SerialLine:
+    """A tty that keeps the rules of `BytePort`.
+
+    Opening leaves DTR and RTS low where the driver allows it: raising DTR resets an Arduino, and connecting
+    must reset nothing. The line is locked against other programs.
+
+    Args:
+        device: Name of the device, for messages.
+        path: The tty ("/dev/ttyUSB0", "/dev/serial/by-id/...").
+        baud: Bits per second, 8N1.
+
+    Raises:
+        AccessError: No such node, no permission, or in use.
+        DisconnectedError: The node is there but does not work.
+    """
+
+    def __init__(self, device: str, path: str, baud: int = 115200) -> None:
+        self._port = serial.Serial()
+        self._port.port = path
+        self._port.exclusive = True
+        self._port.dtr = False
+        self._port.rts = False
+        with port_errors(device, f"open {path}"):
+            try:
+                self._port.baudrate = baud
+                self._port.open()
+            except serial.SerialException as error:
+                if error.errno in (None, errno.EAGAIN) and "lock" in str(error):
+                    raise AccessError(
+                        device, f"{path} is in use by another program", asked="open", remedy="close that program"
+                    ) from error
+                raise
+            except ValueError as error:
+                raise AccessError(
+                    device, f"baud rate {baud} ({error})", asked=f"open {path}", allowed="9600, 115200, ..."
+                ) from error
+
+    def write(self, data: bytes, timeout_s: float) -> None:
+        """Send all of `data`; see `BytePort.write`."""
+        self._require_open()
+        self._port.write_timeout = max(timeout_s, 1e-3)  # pyserial takes 0 for «do not wait at all»
+        try:
+            self._port.write(data)
+        except serial.SerialTimeoutException as error:
+            raise TimeoutError(str(error)) from error
+
+    def read(self, max_bytes: int, timeout_s: float) -> bytes:
+        """Receive what there is; see `BytePort.read`."""
+        self._require_open()
+        try:
+            waiting = self._port.in_waiting
+            self._port.timeout = max(timeout_s, 0.0)
+            return bytes(self._port.read(min(max(waiting, 1), max_bytes)))
+        except TypeError as error:  # pyserial's own way of noticing that the port was closed under it
+            raise OSError(errno.EIO, "the port was closed") from error
+
+    def close(self) -> None:
+        """Close the tty; a second call does nothing."""
+        try:
+            self._port.close()
+        except OSError:  # unplugged: there is nothing left to close
+            return
+
+    def _require_open(self) -> None:
+        if not self._port.is_open:
+            raise OSError(errno.EIO, "the port is closed")

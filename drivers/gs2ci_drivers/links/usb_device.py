@@ -1,0 +1,140 @@
+"""Finding and claiming one interface of a USB device by pyusb, and giving it back as it was.
+
+Here: what the HID and the bulk link share. Not here: transfers (`usb_hid`, `usb_bulk`). Only those two and tests
+import this file.
+"""
+
+import errno
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from typing import Any
+
+import usb.core
+import usb.util
+
+from gs2ci_drivers.failures import AccessError
+from gs2ci_drivers.ports import port_errors
+
+Find = Callable[..., Any]
+
+
+def udev_rules(vendor_id: int, product_id: int) -> str:
+    """Return the udev rules that let ordinary users of group `plugdev` and the seated user use a USB device."""
+    ids = f'ATTRS{{idVendor}}=="{vendor_id:04x}", ATTRS{{idProduct}}=="{product_id:04x}"'
+    access = 'MODE="0660", GROUP="plugdev", TAG+="uaccess"'
+    return f'SUBSYSTEM=="usb", {ids}, {access}\nSUBSYSTEM=="hidraw", {ids}, {access}\n'
+
+
+class ClaimedInterfaces:
+    """Interfaces of a USB device that are ours until `close`.
+
+    The kernel's own driver (usbhid) is detached for that time and attached again afterwards. Nothing is reset and
+    no configuration is set, unless the device has none yet.
+
+    Args:
+        device: Name of the device in the rig file, for messages.
+        vendor_id: USB vendor.
+        product_id: USB product.
+        interfaces: Numbers of the interfaces to claim.
+        bus_port: Which one, where several are plugged in: "1-2.3" as in /sys/bus/usb/devices; "" for the only one.
+        find: pyusb's search, replaceable in tests.
+
+    Raises:
+        AccessError: Not found, found more than once, no permission, in use, or libusb is missing.
+        DisconnectedError: It went away meanwhile.
+    """
+
+    def __init__(
+        self,
+        device: str,
+        vendor_id: int,
+        product_id: int,
+        *,
+        interfaces: Sequence[int] = (0,),
+        bus_port: str = "",
+        find: Find = usb.core.find,
+    ) -> None:
+        self._device = device
+        self.usb: Any = _find_one(device, vendor_id, product_id, bus_port, find)
+        self._claimed: list[int] = []
+        self._detached: list[int] = []
+        with port_errors(device, "open"):
+            try:
+                for interface in interfaces:
+                    self._claim(interface)
+            except usb.core.USBError as error:
+                self.close()
+                if error.errno in (errno.EACCES, errno.EPERM):
+                    raise AccessError(
+                        device,
+                        f"no permission for USB device {vendor_id:04x}:{product_id:04x} ({error})",
+                        asked="open",
+                        remedy="write these udev rules to /etc/udev/rules.d/60-gs2ci.rules, run `udevadm control "
+                        f"--reload`, and plug the device in again:\n{udev_rules(vendor_id, product_id)}",
+                    ) from error
+                raise as_os_error(error) from error
+
+    def _claim(self, interface: int) -> None:
+        # Not every backend can tell; where none can, there is no kernel driver to detach either.
+        with suppress(NotImplementedError):
+            if self.usb.is_kernel_driver_active(interface):
+                self.usb.detach_kernel_driver(interface)
+                self._detached.append(interface)
+        usb.util.claim_interface(self.usb, interface)
+        self._claimed.append(interface)
+
+    def close(self) -> None:
+        """Release the interfaces and give them back to the kernel's driver; a second call does nothing."""
+        for interface in self._claimed:
+            with suppress(usb.core.USBError):
+                usb.util.release_interface(self.usb, interface)
+        for interface in self._detached:
+            with suppress(usb.core.USBError):
+                self.usb.attach_kernel_driver(interface)
+        self._claimed, self._detached = [], []
+        usb.util.dispose_resources(self.usb)
+
+    @property
+    def is_open(self) -> bool:
+        """Get whether any interface is ours."""
+        return bool(self._claimed)
+
+
+def as_os_error(error: usb.core.USBError) -> OSError:
+    """Return the error with an errno: EIO where the backend gives none."""
+    return OSError(error.errno if error.errno is not None else errno.EIO, str(error))
+
+
+def _find_one(device: str, vendor_id: int, product_id: int, bus_port: str, find: Find) -> Any:
+    name = f"USB device {vendor_id:04x}:{product_id:04x}"
+    try:
+        found = list(find(find_all=True, idVendor=vendor_id, idProduct=product_id))
+    except usb.core.NoBackendError as error:
+        raise AccessError(
+            device, "libusb is not there", asked="open", remedy="install it: `apt install libusb-1.0-0`"
+        ) from error
+    places = {_bus_port(one): one for one in found}
+    if bus_port:
+        found = [places[bus_port]] if bus_port in places else []
+    if not found:
+        where = f" at {bus_port}" if bus_port else ""
+        raise AccessError(
+            device,
+            f"no {name}{where}",
+            asked="open",
+            allowed=", ".join(sorted(places)),
+            remedy="check power and cable; `lsusb` must list it",
+        )
+    if len(found) > 1:
+        raise AccessError(
+            device,
+            f"{len(found)} of {name} are there",
+            asked="open",
+            allowed=", ".join(sorted(places)),
+            remedy="name one of them with `bus_port`",
+        )
+    return found[0]
+
+
+def _bus_port(one: Any) -> str:
+    return f"{one.bus}-{'.'.join(str(number) for number in one.port_numbers or ())}"

@@ -1,0 +1,88 @@
+"""A USB HID interface with 64-byte reports as a `HidPort`, by pyusb (libusb, no hidraw, no report ids).
+
+Here: interrupt transfers with timeouts. Not here: finding and claiming (`usb_device`), any protocol. `gs2ci.rig`
+imports this file.
+"""
+
+import errno
+import math
+
+import usb.core
+
+from gs2ci_drivers.links.usb_device import ClaimedInterfaces, Find, as_os_error
+from gs2ci_drivers.ports import HID_REPORT_BYTES
+
+
+class UsbHid:
+    """A HID interface that keeps the rules of `HidPort`.
+
+    Args:
+        device: Name of the device in the rig file, for messages.
+        vendor_id: USB vendor.
+        product_id: USB product.
+        bus_port: Which one, where several are plugged in: "1-2.3" as in /sys/bus/usb/devices.
+        interface: Number of the HID interface.
+        endpoint_out: Address of the interrupt endpoint to the device.
+        endpoint_in: Address of the interrupt endpoint from the device.
+        find: pyusb's search, replaceable in tests.
+
+    Raises:
+        AccessError: Not found, found more than once, no permission, in use, or libusb is missing.
+        DisconnectedError: It went away meanwhile.
+    """
+
+    def __init__(
+        self,
+        device: str,
+        vendor_id: int,
+        product_id: int,
+        *,
+        bus_port: str = "",
+        interface: int = 0,
+        endpoint_out: int = 0x01,
+        endpoint_in: int = 0x81,
+        find: Find = usb.core.find,
+    ) -> None:
+        self._out = endpoint_out
+        self._in = endpoint_in
+        self._claimed = ClaimedInterfaces(
+            device, vendor_id, product_id, interfaces=(interface,), bus_port=bus_port, find=find
+        )
+
+    def write(self, report: bytes, timeout_s: float) -> None:
+        """Send one report; see `HidPort.write`."""
+        self._require_open()
+        if len(report) != HID_REPORT_BYTES:
+            raise ValueError(f"a HID report of {len(report)} bytes instead of {HID_REPORT_BYTES}")
+        try:
+            written = self._claimed.usb.write(self._out, report, timeout_ms(timeout_s))
+        except usb.core.USBTimeoutError as error:
+            raise TimeoutError(str(error), timeout_s) from error
+        except usb.core.USBError as error:
+            raise as_os_error(error) from error
+        if written != HID_REPORT_BYTES:
+            raise OSError(errno.EIO, f"only {written} bytes of a report were sent")
+
+    def read(self, timeout_s: float) -> bytes:
+        """Receive one report; see `HidPort.read`."""
+        self._require_open()
+        try:
+            return bytes(self._claimed.usb.read(self._in, HID_REPORT_BYTES, timeout_ms(timeout_s)))
+        except usb.core.USBTimeoutError:
+            return b""
+        except usb.core.USBError as error:
+            raise as_os_error(error) from error
+
+    def close(self) -> None:
+        """Give the interface back to the kernel; a second call does nothing."""
+        if self._claimed.is_open:
+            self._claimed.close()
+
+    def _require_open(self) -> None:
+        if not self._claimed.is_open:
+            raise OSError(errno.ENODEV, "the port is closed")
+
+
+def timeout_ms(timeout_s: float) -> int:
+    """Return a timeout for libusb, for which 0 would mean «for ever»: at least 1 ms."""
+    return max(math.ceil(timeout_s * 1e3), 1)

@@ -1,0 +1,469 @@
+"""The mask modulator's interface: what a DMD, an LCoS or a moving mask has in common.
+
+The public methods check and keep the order of calls; a driver writes only the private `_do_*` hooks. The order:
+
+    connect → upload → arm → start → wait_done → disarm → close
+
+Promises that every implementation keeps and `tests/contracts/test_modulator.py` tests: connecting changes
+nothing on the device; `disarm` may be called in any state and more than once; `close` may be called twice; every
+wait has a deadline on the driver's clock; a failed call leaves a state from which `disarm` and `upload` work.
+
+Here: the records and the abstract class. Not here: bytes (each driver's package), how shots are put together
+(`gs2ci_drivers.acquisition`). Anyone above the drivers may import this file.
+"""
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from enum import Enum, unique
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gs2ci.core.clock import Clock
+from gs2ci_drivers.failures import OutOfRangeError, UnsupportedError, WrongStateError
+
+U8 = NDArray[np.uint8]
+U16 = NDArray[np.uint16]
+F64 = NDArray[np.float64]
+
+UploadProgress = Callable[[float], None]
+"""Called with the share of the upload that is done, 0 to 1."""
+
+
+@unique
+class TriggerOut(Enum):
+    """What the modulator's trigger output does while a sequence runs."""
+
+    NONE = "none"
+    """Nothing: the sensor runs freely."""
+    PER_EXPOSURE = "per-exposure"
+    """One pulse when the first mask of each pass appears: one sensor frame integrates all masks (mode A)."""
+    GATE = "gate"
+    """A level held from the first mask's appearance to the last one's end, for a level-gated sensor (mode B)."""
+    PER_MASK = "per-mask"
+    """One pulse when each mask appears: one sensor frame per mask, for calibration (mode C)."""
+
+
+@unique
+class ModulatorState(Enum):
+    """Where a modulator stands."""
+
+    IDLE = "idle"
+    """Connected; nothing of ours is loaded."""
+    LOADED = "loaded"
+    """A sequence of ours is on the device."""
+    ARMED = "armed"
+    """The next `start` begins within `start_latency_s`."""
+    RUNNING = "running"
+    FAULT = "fault"
+    """The device says that it cannot work; see the status' faults."""
+
+
+@dataclass(frozen=True)
+class ModulatorInfo:
+    """What a modulator is and can do, as read from the device or fixed by its model.
+
+    Args:
+        model: Maker and model.
+        serial: Serial number, or "" where the device does not tell.
+        firmware: Version text.
+        height: Rows of mirrors or pixels.
+        width: Columns.
+        pitch_m: Distance of neighbouring pixels.
+        min_exposure_s: Shortest exposure of one mask by bit depth; its keys are the depths there are.
+        max_exposure_s: Longest exposure of one mask.
+        exposure_step_s: Exposures and dark times are multiples of this.
+        min_dark_s: Shortest dark time other than none.
+        capacity: Most masks of one sequence by bit depth.
+        trigger_outs: What the trigger output can do.
+        trigger_delay_s: From a mask's appearance to the trigger's edge (negative: the edge comes first).
+        start_latency_s: Longest time from `start` to the first mask; None where the host times each mask.
+        typical_start_s: Usual time from `start` to the first mask; None takes half of the longest.
+        hardware_timed: Whether masks follow each other by the device's own clock. When false the host steps
+            them, and only `TriggerOut.NONE` and `PER_MASK` can be asked for.
+        experimental: Whether the protocol is unconfirmed on real hardware.
+    """
+
+    model: str
+    serial: str
+    firmware: str
+    height: int
+    width: int
+    pitch_m: float
+    min_exposure_s: Mapping[int, float]
+    max_exposure_s: float
+    exposure_step_s: float
+    min_dark_s: float
+    capacity: Mapping[int, int]
+    trigger_outs: frozenset[TriggerOut]
+    trigger_delay_s: float = 0.0
+    start_latency_s: float | None = 0.05
+    typical_start_s: float | None = None
+    hardware_timed: bool = True
+    experimental: bool = False
+
+    @property
+    def expected_start_s(self) -> float:
+        """Get the time from `start` to the first mask that is best reckoned with."""
+        if self.typical_start_s is not None:
+            return self.typical_start_s
+        return (self.start_latency_s or 0.0) / 2
+
+
+@dataclass(frozen=True)
+class PatternSequence:
+    """Masks and their timing: one pass shows every mask once and is one coded exposure.
+
+    Args:
+        masks: [N, H, W] uint8 (depth ≤ 8) or uint16, levels 0 to 2**bit_depth − 1; a binary mask is 0 and 1.
+            H, W are the modulator's own.
+        bit_depth: Bits of each mask.
+        exposure_s: How long each mask is shown.
+        dark_s: Dark time after each mask but the last.
+        pause_s: Dark time after the last mask of a pass, in which the sensor may read out.
+        repeats: How many passes one `start` shows; 0 runs until `disarm`.
+        trigger: What the trigger output does.
+    """
+
+    masks: U8 | U16
+    bit_depth: int
+    exposure_s: float
+    dark_s: float = 0.0
+    pause_s: float = 0.0
+    repeats: int = 1
+    trigger: TriggerOut = TriggerOut.PER_EXPOSURE
+
+    @property
+    def count(self) -> int:
+        """Get the number of masks, N."""
+        return int(self.masks.shape[0])
+
+    @property
+    def period_s(self) -> float:
+        """Get the time from one pass's first mask to the next pass's first mask."""
+        return self.count * self.exposure_s + (self.count - 1) * self.dark_s + self.pause_s
+
+    @property
+    def duration_s(self) -> float:
+        """Get the time that all passes take (infinite when `repeats` is 0)."""
+        return self.repeats * self.period_s if self.repeats else float("inf")
+
+    def windows_s(self) -> F64:
+        """Return when each mask of a pass is on show, [N, 2] start and end, from the first mask's appearance."""
+        starts = np.arange(self.count) * (self.exposure_s + self.dark_s)
+        return np.stack([starts, starts + self.exposure_s], axis=1)
+
+
+@dataclass(frozen=True)
+class UploadReport:
+    """What an upload did.
+
+    Args:
+        sequence: The sequence as the device holds it, with its quantised times.
+        payload_bytes: Bytes of pattern data sent.
+        seconds: Time it took on the driver's clock.
+    """
+
+    sequence: PatternSequence
+    payload_bytes: int
+    seconds: float
+
+
+@dataclass(frozen=True)
+class ModulatorStatus:
+    """What a modulator reports of itself.
+
+    Args:
+        state: Where it stands.
+        faults: Faults in the device's own terms, empty when it is well.
+        notes: Further readings worth showing (temperatures, registers).
+    """
+
+    state: ModulatorState
+    faults: tuple[str, ...] = ()
+    notes: Mapping[str, str] = field(default_factory=dict)
+
+
+class Modulator(ABC):
+    """A device that shows masks in a timed sequence.
+
+    Args:
+        name: Name of the device in the rig file, for messages.
+        clock: The clock on which deadlines and waits are kept.
+    """
+
+    def __init__(self, name: str, clock: Clock) -> None:
+        self.name = name
+        self.clock = clock
+        self._info: ModulatorInfo | None = None
+        self._loaded: PatternSequence | None = None
+        self._armed = False
+        self._closed = False
+        self.incidents: list[str] = []
+        """What was ridden out without an error (a lost reply asked for again, ...), for the shot's log."""
+
+    @property
+    def info(self) -> ModulatorInfo:
+        """Get what the device is and can do.
+
+        Raises:
+            WrongStateError: Not connected.
+        """
+        self._require_open("info")
+        if self._info is None:
+            raise WrongStateError(self.name, "not connected", asked="info", remedy="call connect() first")
+        return self._info
+
+    @property
+    def loaded(self) -> PatternSequence | None:
+        """Get the sequence on the device with its quantised times, or None."""
+        return self._loaded
+
+    def connect(self) -> ModulatorInfo:
+        """Read who the device is; a second call returns the same. Nothing is changed on the device.
+
+        Raises:
+            LinkError: No usable answer.
+            WrongStateError: Closed before.
+        """
+        self._require_open("connect")
+        if self._info is None:
+            self._info = self._do_connect()
+        return self._info
+
+    def check(self, sequence: PatternSequence) -> PatternSequence:
+        """Return the sequence with the times that the device will really keep.
+
+        Raises:
+            OutOfRangeError: Shape, depth, levels, a time or the number of masks is beyond the device.
+            UnsupportedError: The trigger output cannot do what is asked.
+        """
+        check_sequence(self.name, self.info, sequence)
+        step = self.info.exposure_step_s
+        return replace(
+            sequence,
+            exposure_s=round(sequence.exposure_s / step) * step,
+            dark_s=round(sequence.dark_s / step) * step,
+            pause_s=round(sequence.pause_s / step) * step,
+        )
+
+    def upload_eta_s(self, sequence: PatternSequence) -> float:
+        """Return how long `upload` will take, before it starts.
+
+        Raises:
+            OutOfRangeError, UnsupportedError: As `check`.
+        """
+        return self._do_upload_eta_s(self.check(sequence))
+
+    def upload(self, sequence: PatternSequence, progress: UploadProgress | None = None) -> UploadReport:
+        """Put a sequence on the device; what was there before is gone, also when this fails.
+
+        Raises:
+            OutOfRangeError, UnsupportedError: As `check`; nothing was sent.
+            LinkError, RefusedError, DeviceFaultError: On the way.
+        """
+        sequence = self.check(sequence)
+        self._loaded, self._armed = None, False
+        begin_s = self.clock.now_s()
+        payload_bytes = self._do_upload(sequence, progress or (lambda share: None))
+        self._loaded = sequence
+        return UploadReport(sequence, payload_bytes, self.clock.now_s() - begin_s)
+
+    def arm(self) -> None:
+        """Do all that takes time, so that the next `start` begins within `start_latency_s`.
+
+        Raises:
+            WrongStateError: Nothing is loaded.
+            LinkError, RefusedError, DeviceFaultError: The device cannot run the sequence.
+        """
+        if self._loaded is None:
+            raise WrongStateError(self.name, "no sequence is loaded", asked="arm", remedy="call upload() first")
+        self._require_open("arm")
+        self._do_arm(self._loaded)
+        self._armed = True
+
+    def start(self) -> None:
+        """Show the armed sequence; returns at once. It must be armed again for the next run.
+
+        Raises:
+            WrongStateError: Not armed.
+            LinkError, RefusedError: The device did not start.
+        """
+        self._require_open("start")
+        if self._loaded is None or not self._armed:
+            raise WrongStateError(self.name, "not armed", asked="start", remedy="call arm() first")
+        self._armed = False
+        self._do_start(self._loaded)
+
+    def keep_time(self, until_s: float) -> None:
+        """Let time pass until `until_s` on the driver's clock, showing what is due meanwhile.
+
+        For whoever serves a sensor while a sequence runs on a device that the host steps (`hardware_timed` is
+        false). A device with a clock of its own needs none of this: for it, this only waits.
+
+        Raises:
+            SequenceError: The host was too late for a mask.
+            LinkError, RefusedError: The device could not be told.
+        """
+        self._require_open("keep_time")
+        self._do_keep_time(until_s)
+
+    def wait_done(self, timeout_s: float) -> None:
+        """Wait until the running sequence has ended by itself.
+
+        Raises:
+            NoAnswerError: Still running after `timeout_s`.
+            SequenceError: It ended otherwise than as planned.
+            LinkError: The device is gone.
+        """
+        self._require_open("wait_done")
+        self._do_wait_done(timeout_s)
+
+    def disarm(self) -> None:
+        """Stop whatever runs and go back to showing nothing; allowed in any state, any number of times.
+
+        What was uploaded stays, unless the device cannot keep it (then `loaded` is None).
+
+        Raises:
+            LinkError, RefusedError: The device could not be told.
+        """
+        self._require_open("disarm")
+        self._armed = False
+        self._do_disarm()
+
+    def status(self) -> ModulatorStatus:
+        """Read how the device is.
+
+        Raises:
+            LinkError: No usable answer.
+        """
+        self._require_open("status")
+        return self._do_status()
+
+    def close(self) -> None:
+        """Let go of the port; never raises, may be called twice. A running sequence is not stopped by this."""
+        if not self._closed:
+            self._closed = True
+            self._armed = False
+            self._do_close()
+
+    def _require_open(self, asked: str) -> None:
+        if self._closed:
+            raise WrongStateError(self.name, "closed", asked=asked, remedy="open the rig again")
+
+    @abstractmethod
+    def _do_connect(self) -> ModulatorInfo:
+        """Read identity and limits; change nothing; survive stale answers of an earlier session."""
+
+    @abstractmethod
+    def _do_upload_eta_s(self, sequence: PatternSequence) -> float:
+        """Estimate the upload's time."""
+
+    @abstractmethod
+    def _do_upload(self, sequence: PatternSequence, progress: UploadProgress) -> int:
+        """Send a checked sequence; return the bytes of pattern data sent."""
+
+    @abstractmethod
+    def _do_arm(self, sequence: PatternSequence) -> None:
+        """Prepare to start, and refuse to when the device reports a fault."""
+
+    @abstractmethod
+    def _do_start(self, sequence: PatternSequence) -> None:
+        """Start and confirm that it started."""
+
+    def _do_keep_time(self, until_s: float) -> None:
+        """Show what is due until a time; overridden where the host steps the masks."""
+        self.clock.sleep_s(until_s - self.clock.now_s())
+
+    @abstractmethod
+    def _do_wait_done(self, timeout_s: float) -> None:
+        """Wait for the end."""
+
+    @abstractmethod
+    def _do_disarm(self) -> None:
+        """Stop, whatever the state; first drain what an interrupted exchange may have left."""
+
+    @abstractmethod
+    def _do_status(self) -> ModulatorStatus:
+        """Read state and faults."""
+
+    @abstractmethod
+    def _do_close(self) -> None:
+        """Release the port without raising."""
+
+
+def check_sequence(device: str, info: ModulatorInfo, sequence: PatternSequence) -> None:
+    """Accept a sequence that a modulator with these limits can show.
+
+    Raises:
+        OutOfRangeError: Shape, depth, levels, a time or the number of masks is beyond the device.
+        UnsupportedError: The trigger output cannot do what is asked.
+    """
+    _check_masks(device, info, sequence)
+    _check_times(device, info, sequence)
+    if sequence.trigger not in info.trigger_outs:
+        raise UnsupportedError(
+            device,
+            f"trigger output {sequence.trigger.value!r} is not there",
+            asked="upload",
+            allowed=", ".join(sorted(out.value for out in info.trigger_outs)),
+            remedy="choose another `mode` in [capture]",
+        )
+    if sequence.repeats < 0:
+        raise OutOfRangeError(device, f"repeats = {sequence.repeats}", asked="upload", allowed="0 or more")
+
+
+def _check_masks(device: str, info: ModulatorInfo, sequence: PatternSequence) -> None:
+    masks, depth = sequence.masks, sequence.bit_depth
+    if depth not in info.min_exposure_s:
+        raise OutOfRangeError(
+            device,
+            f"masks of {depth} bits",
+            asked="upload",
+            allowed=", ".join(str(bits) for bits in sorted(info.min_exposure_s)),
+        )
+    if masks.ndim != 3 or masks.shape[0] < 1 or masks.shape[1:] != (info.height, info.width):
+        raise OutOfRangeError(
+            device,
+            f"masks of shape {list(masks.shape)}",
+            asked="upload",
+            allowed=f"[N, {info.height}, {info.width}] with N >= 1",
+            remedy="lay the masks out on the modulator's own pixels first",
+        )
+    top = 2**depth - 1
+    if masks.dtype not in (np.uint8, np.uint16) or int(masks.max()) > top:
+        raise OutOfRangeError(
+            device,
+            f"mask levels up to {masks.max()} as {masks.dtype}",
+            asked="upload",
+            allowed=f"uint8 or uint16 from 0 to {top} for {depth} bits",
+        )
+    if masks.shape[0] > info.capacity[depth]:
+        raise OutOfRangeError(
+            device,
+            f"{masks.shape[0]} masks of {depth} bits",
+            asked="upload",
+            allowed=f"at most {info.capacity[depth]}",
+            remedy="use fewer masks or fewer bits",
+        )
+
+
+def _check_times(device: str, info: ModulatorInfo, sequence: PatternSequence) -> None:
+    shortest = info.min_exposure_s[sequence.bit_depth]
+    slack_s = info.exposure_step_s / 2  # what rounding to the device's step may add
+    if not shortest - slack_s <= sequence.exposure_s <= info.max_exposure_s + slack_s:
+        raise OutOfRangeError(
+            device,
+            f"mask exposure {sequence.exposure_s * 1e6:.1f} us at {sequence.bit_depth} bits",
+            asked="upload",
+            allowed=f"{shortest * 1e6:.1f} to {info.max_exposure_s * 1e6:.0f} us",
+        )
+    for what, dark_s in (("dark time", sequence.dark_s), ("pause", sequence.pause_s)):
+        if dark_s != 0 and not info.min_dark_s - slack_s <= dark_s <= info.max_exposure_s + slack_s:
+            raise OutOfRangeError(
+                device,
+                f"{what} {dark_s * 1e6:.1f} us",
+                asked="upload",
+                allowed=f"0, or {info.min_dark_s * 1e6:.1f} to {info.max_exposure_s * 1e6:.0f} us",
+            )

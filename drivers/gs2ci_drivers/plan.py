@@ -1,0 +1,202 @@
+"""The records of a capture's plan: what the user wants, what will happen, line by line. Nothing moves here.
+
+Not here: laying a plan out and checking it (`gs2ci_drivers.planning`), doing it (`gs2ci_drivers.acquisition`).
+Commands and calibration import this file.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from enum import Enum, unique
+from math import ceil
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gs2ci_drivers.failures import PlanRefusedError
+from gs2ci_drivers.modulator import PatternSequence, TriggerOut
+from gs2ci_drivers.sensor import TriggerMode
+from gs2ci_drivers.stage import Sweep
+
+F64 = NDArray[np.float64]
+
+
+@unique
+class Mode(Enum):
+    """How modulator and sensor keep step (reference section 5)."""
+
+    PER_EXPOSURE = "per-exposure"
+    """A: the modulator is master; one edge begins one exposure, which spans all masks."""
+    GATE = "gate"
+    """B: the modulator holds a level while masks are on show; the sensor exposes as long as it is held."""
+    PER_MASK = "per-mask"
+    """C: one edge and one frame per mask, for calibration."""
+
+    @property
+    def trigger_out(self) -> TriggerOut:
+        """Get what the modulator's trigger output has to do."""
+        return {
+            Mode.PER_EXPOSURE: TriggerOut.PER_EXPOSURE,
+            Mode.GATE: TriggerOut.GATE,
+            Mode.PER_MASK: TriggerOut.PER_MASK,
+        }[self]
+
+    @property
+    def trigger_mode(self) -> TriggerMode:
+        """Get what the sensor has to listen to."""
+        return TriggerMode.LEVEL if self is Mode.GATE else TriggerMode.EDGE
+
+
+@dataclass(frozen=True)
+class Travel:
+    """Where the camera goes during one exposure.
+
+    Args:
+        axis: The stage's axis.
+        from_mm: Where it is when the first mask appears, at the latest.
+        to_mm: Where it is when the last mask ends, about.
+    """
+
+    axis: str
+    from_mm: float
+    to_mm: float
+
+
+@dataclass(frozen=True)
+class Optics:
+    """What is known of light and scene, for the plan's figures; any of it may be missing.
+
+    Args:
+        full_scale_e_per_s: Electrons per second in a pixel that sees a white scene through an open mask.
+        focal_px: Focal length in pixels.
+        nearest_mm: Distance of the nearest object.
+        farthest_mm: Distance of the farthest object; None is infinity.
+    """
+
+    full_scale_e_per_s: float | None = None
+    focal_px: float | None = None
+    nearest_mm: float | None = None
+    farthest_mm: float | None = None
+
+
+@dataclass(frozen=True)
+class CaptureSettings:
+    """What the user wants.
+
+    Args:
+        masks: Patterns on the modulator's own pixels, [N, Hm, Wm] uint8 or uint16.
+        bit_depth: Bits of each pattern.
+        mask_s: How long each mask is shown.
+        dark_s: Dark time between masks.
+        mode: How modulator and sensor keep step.
+        shots: How many coded exposures.
+        burst: How many of them in one sweep or one start of the modulator.
+        travel: The camera's motion, or None for a camera at rest.
+        margin_s: By how much the exposure ends before the last mask does.
+        jitter_s: Latest start of an exposure after its edge that is reckoned with.
+        retries: How often a shot is tried again after lost, late, corrupt or stale frames.
+        optics: What is known of light and scene.
+    """
+
+    masks: NDArray[np.uint8] | NDArray[np.uint16]
+    bit_depth: int = 1
+    mask_s: float = 0.01
+    dark_s: float = 0.0
+    mode: Mode = Mode.PER_EXPOSURE
+    shots: int = 1
+    burst: int = 1
+    travel: Travel | None = None
+    margin_s: float = 0.0
+    jitter_s: float = 20e-6
+    retries: int = 0
+    optics: Optics = field(default_factory=Optics)
+
+
+@dataclass(frozen=True)
+class Figure:
+    """One line of the plan.
+
+    Args:
+        what: What it is about.
+        value: Its value in words.
+        limit: What is allowed, "" where nothing limits it.
+        broken: Whether it is beyond the limit.
+        remedy: What to do when it is.
+    """
+
+    what: str
+    value: str
+    limit: str = ""
+    broken: bool = False
+    remedy: str = ""
+
+    def sentence(self) -> str:
+        """Return the line as one sentence for an error."""
+        parts = [f"{self.what} is {self.value}"]
+        if self.limit:
+            parts.append(f"allowed: {self.limit}")
+        if self.remedy:
+            parts.append(f"what to do: {self.remedy}")
+        return ", ".join(parts)
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A capture laid out.
+
+    Args:
+        settings: What the user wants.
+        sequence: What the modulator will be given.
+        exposure_s: Exposure of each frame.
+        frames_per_shot: 1, or the number of masks in `Mode.PER_MASK`.
+        weights: Share of its interval during which each mask is exposed, [N].
+        sweep: The stage's sweep for one burst, or None.
+        figures: All that was computed and checked.
+    """
+
+    settings: CaptureSettings
+    sequence: PatternSequence
+    exposure_s: float
+    frames_per_shot: int
+    weights: F64
+    sweep: Sweep | None
+    figures: tuple[Figure, ...]
+
+    @property
+    def broken(self) -> tuple[Figure, ...]:
+        """Get the lines that break a limit."""
+        return tuple(figure for figure in self.figures if figure.broken)
+
+    @property
+    def fires(self) -> int:
+        """Get how often the modulator is started."""
+        return ceil(self.settings.shots / self.settings.burst)
+
+    @property
+    def frame_period_s(self) -> float:
+        """Get the time between two triggers of one fire."""
+        if self.settings.mode is Mode.PER_MASK:
+            return self.sequence.exposure_s + self.sequence.dark_s
+        return self.sequence.period_s
+
+    def require_sound(self) -> "Plan":
+        """Return self if nothing breaks a limit.
+
+        Raises:
+            PlanRefusedError: Names every broken limit.
+        """
+        if self.broken:
+            raise PlanRefusedError([figure.sentence() for figure in self.broken])
+        return self
+
+
+def table(plan: Plan) -> Sequence[tuple[str, str, str, str]]:
+    """Return the plan as rows of text: what, value, limit, verdict."""
+    return [
+        (figure.what, figure.value, figure.limit, "" if not figure.limit else "NO" if figure.broken else "ok")
+        for figure in plan.figures
+    ]
+
+
+def with_upload(plan: Plan, upload_s: float) -> Plan:
+    """Return the plan with the upload's estimate as a further line."""
+    return replace(plan, figures=(*plan.figures, Figure("upload", f"about {upload_s:.1f} s")))

@@ -1,0 +1,277 @@
+"""Laying a capture out and checking it against what the devices can do. Nothing moves here.
+
+From the devices' own limits and the user's settings: one pass of masks, the sensor's exposure, the readout
+pause, the stage's sweep, and a figure for each check (reference section 5). Not here: the records
+(`gs2ci_drivers.plan`), doing it (`gs2ci_drivers.acquisition`). Commands and calibration import this file.
+"""
+
+from math import ceil
+
+import numpy as np
+
+from gs2ci_drivers.failures import DriverError
+from gs2ci_drivers.modulator import ModulatorInfo, PatternSequence
+from gs2ci_drivers.plan import F64, CaptureSettings, Figure, Mode, Plan
+from gs2ci_drivers.sensor import SensorInfo, SensorSettings, TriggerMode
+from gs2ci_drivers.stage import StageInfo, Sweep, plan_sweep
+
+EXPOSURE_TOLERANCE = 0.1
+"""By how much less than asked for a sensor may expose: the weights of the masks tell the solver the rest."""
+BRIGHT_SHARE = 0.99
+"""Share of the open pixels that must stay below the full well when the scene is white."""
+
+
+def sensor_exposure_s(settings: CaptureSettings) -> float:
+    """Return the exposure to ask the sensor for, before the devices have rounded anything."""
+    count = len(settings.masks)
+    if settings.mode is Mode.PER_MASK:
+        return settings.mask_s - settings.margin_s
+    return count * settings.mask_s + (count - 1) * settings.dark_s - settings.margin_s
+
+
+def overlap_weights(windows_s: F64, start_s: float, end_s: float) -> F64:
+    """Return the share of each mask's interval that lies inside an exposure, [N] in [0, 1].
+
+    Args:
+        windows_s: Start and end of each mask, [N, 2].
+        start_s: Begin of the exposure on the same clock.
+        end_s: Its end.
+    """
+    begin, end = windows_s[:, 0], windows_s[:, 1]
+    overlap = np.minimum(end, end_s) - np.maximum(begin, start_s)
+    return np.asarray(np.clip(overlap, 0.0, None) / (end - begin), dtype=np.float64)
+
+
+def lay_out(
+    settings: CaptureSettings,
+    modulator: ModulatorInfo,
+    sensor: SensorInfo,
+    setup: SensorSettings,
+    stage: StageInfo | None,
+    *,
+    upload_s: float | None = None,
+) -> Plan:
+    """Lay out a capture and check it; broken limits are figures of the plan, not errors.
+
+    Args:
+        settings: What the user wants.
+        modulator: The modulator's limits.
+        sensor: The sensor's limits.
+        setup: What the sensor was set to.
+        stage: The stage's limits, or None.
+        upload_s: The modulator's estimate of the upload, once the sequence is known to fit.
+    """
+    sequence = _sequence(settings, modulator, setup)
+    exposure_s = _exposure(settings, setup)
+    begin_s = modulator.trigger_delay_s + settings.jitter_s / 2
+    windows = sequence.windows_s()
+    weights = overlap_weights(windows, begin_s, begin_s + exposure_s)
+    if settings.mode is Mode.PER_MASK:
+        weights = np.full(len(windows), min(1.0, exposure_s / sequence.exposure_s))
+    sweep, sweep_figures = _sweep(settings, sequence, modulator, stage)
+    figures = [
+        *_modulator_figures(settings, sequence, modulator),
+        *_sensor_figures(settings, sequence, exposure_s, sensor, setup, modulator),
+        *_light_figures(settings, sequence, weights, setup),
+        *sweep_figures,
+        *_parallax_figures(settings, sequence, sweep),
+    ]
+    if upload_s is not None:
+        figures.append(Figure("upload", f"about {upload_s:.1f} s"))
+    frames = len(settings.masks) if settings.mode is Mode.PER_MASK else 1
+    return Plan(settings, sequence, exposure_s, frames, weights, sweep, tuple(figures))
+
+
+def _exposure(settings: CaptureSettings, setup: SensorSettings) -> float:
+    if settings.mode is Mode.GATE:
+        return sensor_exposure_s(settings) + setup.exposure_offset_s
+    return setup.exposure_s + setup.exposure_offset_s
+
+
+def _sequence(settings: CaptureSettings, modulator: ModulatorInfo, setup: SensorSettings) -> PatternSequence:
+    """Put dark time where the sensor needs it to read out."""
+    busy_s = _exposure(settings, setup) + setup.readout_s + settings.jitter_s
+    dark_s, pause_s = settings.dark_s, 0.0
+    if settings.mode is Mode.PER_MASK:
+        dark_s = _allowed_dark(max(dark_s, busy_s - settings.mask_s), modulator)
+        pause_s = dark_s
+    elif settings.burst > 1:
+        shown_s = len(settings.masks) * settings.mask_s + (len(settings.masks) - 1) * dark_s
+        pause_s = _allowed_dark(busy_s - shown_s, modulator)
+        if settings.mode is Mode.GATE:
+            pause_s = _allowed_dark(max(pause_s, setup.readout_s + settings.jitter_s), modulator)
+    return PatternSequence(
+        masks=settings.masks,
+        bit_depth=settings.bit_depth,
+        exposure_s=settings.mask_s,
+        dark_s=dark_s,
+        pause_s=pause_s,
+        repeats=settings.burst,
+        trigger=settings.mode.trigger_out,
+    )
+
+
+def _allowed_dark(dark_s: float, modulator: ModulatorInfo) -> float:
+    """Return a dark time that is long enough and that the device can keep."""
+    if dark_s <= 0:
+        return 0.0
+    step = modulator.exposure_step_s
+    return max(ceil(dark_s / step - 1e-6) * step, modulator.min_dark_s)  # 1e-6 steps: division's rounding
+
+
+def _modulator_figures(settings: CaptureSettings, sequence: PatternSequence, info: ModulatorInfo) -> list[Figure]:
+    depth = settings.bit_depth
+    if depth not in info.min_exposure_s:
+        depths = ", ".join(str(bits) for bits in sorted(info.min_exposure_s))
+        return [Figure("mask depth", f"{depth} bits", f"{depths} bits", broken=True, remedy="set `bit_depth`")]
+    shortest, count = info.min_exposure_s[depth], len(settings.masks)
+    shape = settings.masks.shape[1:]
+    slack_s = info.exposure_step_s / 2
+    outs = ", ".join(sorted(out.value for out in info.trigger_outs))
+    return [
+        Figure(
+            "masks",
+            f"{count} of {shape[0]} x {shape[1]} at {depth} bit",
+            f"at most {info.capacity[depth]} of {info.height} x {info.width}",
+            broken=count > info.capacity[depth] or shape != (info.height, info.width),
+            remedy="use fewer masks, or masks laid out on the modulator's own pixels",
+        ),
+        Figure(
+            "time per mask",
+            f"{sequence.exposure_s * 1e6:.0f} us",
+            f"{shortest * 1e6:.0f} to {info.max_exposure_s * 1e6:.0f} us",
+            broken=not shortest - slack_s <= sequence.exposure_s <= info.max_exposure_s + slack_s,
+            remedy="set `mask_s` inside these limits or use fewer bits",
+        ),
+        Figure("one pass", f"{sequence.period_s * 1e3:.3f} ms, of it {sequence.pause_s * 1e3:.3f} ms pause"),
+        Figure(
+            "trigger output",
+            sequence.trigger.value,
+            outs,
+            broken=sequence.trigger not in info.trigger_outs,
+            remedy="choose another `mode`",
+        ),
+        Figure(
+            "shots",
+            f"{settings.shots} in fires of {settings.burst}",
+            "1 or more, a multiple of `burst`",
+            broken=settings.shots < 1 or settings.burst < 1 or settings.shots % max(settings.burst, 1) != 0,
+            remedy="set `shots` and `burst`",
+        ),
+    ]
+
+
+def _sensor_figures(
+    settings: CaptureSettings,
+    sequence: PatternSequence,
+    exposure_s: float,
+    info: SensorInfo,
+    setup: SensorSettings,
+    modulator: ModulatorInfo,
+) -> list[Figure]:
+    busy_s = exposure_s + setup.readout_s + settings.jitter_s + max(modulator.trigger_delay_s, 0.0)
+    per_mask = settings.mode is Mode.PER_MASK
+    period_s = sequence.exposure_s + sequence.dark_s if per_mask else sequence.period_s
+    alone = not per_mask and settings.burst == 1
+    shown_s = sequence.exposure_s if per_mask else float(sequence.windows_s()[-1, 1])
+    triggers = ", ".join(sorted(mode.value for mode in info.triggers))
+    needed_s = (1 - EXPOSURE_TOLERANCE) * sensor_exposure_s(settings) - info.exposure_step_s
+    longest_s = shown_s + sequence.pause_s + settings.jitter_s
+    return [
+        Figure(
+            "exposure",
+            f"{exposure_s * 1e3:.3f} ms",
+            f"{needed_s * 1e3:.3f} ms, which its masks need, or more"
+            if alone
+            else f"{needed_s * 1e3:.3f} to {longest_s * 1e3:.3f} ms, after which others follow",
+            broken=exposure_s < needed_s or (not alone and exposure_s > longest_s),
+            remedy="change `mask_s` or `margin_s`; the sensor may have no longer exposures or ignore the control",
+        ),
+        Figure(
+            "exposure + readout",
+            f"{busy_s * 1e3:.3f} ms",
+            "" if alone else f"at most the trigger period of {period_s * 1e3:.3f} ms",
+            broken=not alone and busy_s > period_s + modulator.exposure_step_s,
+            remedy="raise `mask_s` or `dark_s`, or reduce the sensor's size",
+        ),
+        Figure(
+            "sensor trigger",
+            setup.trigger.value,
+            triggers,
+            broken=setup.trigger is not settings.mode.trigger_mode and setup.trigger is not TriggerMode.FREE_RUN,
+            remedy="set `trigger_adapter` in [sensor] or choose another `mode`",
+        ),
+    ]
+
+
+def _light_figures(
+    settings: CaptureSettings, sequence: PatternSequence, weights: F64, setup: SensorSettings
+) -> list[Figure]:
+    rate = settings.optics.full_scale_e_per_s
+    if rate is None:
+        return []
+    top = 2**settings.bit_depth - 1
+    if settings.mode is Mode.PER_MASK:
+        open_s = sequence.exposure_s * float(weights.max())
+    else:
+        # A white scene behind the mask pixels that are open longest; the last percent may clip and be marked.
+        shares = np.tensordot(weights, settings.masks.astype(np.float32) / top, axes=1)
+        open_s = sequence.exposure_s * float(np.quantile(shares[shares > 0], BRIGHT_SHARE)) if shares.any() else 0.0
+    charge = rate * open_s
+    well = setup.full_well_e
+    return [
+        Figure(
+            "bright pixels of a white scene",
+            f"{charge:.0f} e-",
+            f"at most the full well of {well:.0f} e-" if well else "",
+            broken=well is not None and charge > well,
+            remedy="shorten `mask_s`, use fewer open mask pixels or dim the lamp",
+        )
+    ]
+
+
+def _sweep(
+    settings: CaptureSettings, sequence: PatternSequence, modulator: ModulatorInfo, stage: StageInfo | None
+) -> tuple[Sweep | None, list[Figure]]:
+    travel = settings.travel
+    if travel is None:
+        return None, []
+    remedy = "raise `mask_s`, shorten the travel, or move it inside the stage's limits"
+    value = f"{travel.axis} from {travel.from_mm:g} to {travel.to_mm:g} mm"
+    if stage is None or travel.axis not in stage.axes:
+        axes = ", ".join(stage.axes) if stage else "none: the rig has no stage"
+        return None, [Figure("travel", value, f"axes {axes}", broken=True, remedy="name an axis of the stage")]
+    axis = stage.axes[travel.axis]
+    shown_s = float(sequence.windows_s()[-1, 1])
+    speed = axis.quantise_speed_mm_s(abs(travel.to_mm - travel.from_mm) / shown_s)
+    guard_mm = speed * (modulator.start_latency_s or 0.0) * (1 if travel.to_mm > travel.from_mm else -1)
+    whole = sequence.duration_s - sequence.period_s
+    end_mm = travel.to_mm + guard_mm + (speed * whole if guard_mm >= 0 else -speed * whole)
+    try:
+        sweep = plan_sweep("stage", axis, travel.from_mm - guard_mm, end_mm, speed)
+    except DriverError as error:
+        limit = error.allowed or f"up to {axis.max_speed_mm_s:g} mm/s"
+        return None, [Figure("travel", f"{value} at {speed:.3f} mm/s", limit, broken=True, remedy=remedy)]
+    return sweep, [
+        Figure("stage speed", f"{speed:.4f} mm/s", f"at most {axis.max_speed_mm_s:g} mm/s"),
+        Figure(
+            "stage travel",
+            f"{sweep.begin_mm:.3f} to {sweep.end_mm:.3f} mm with ramps",
+            f"{axis.min_mm:g} to {axis.max_mm:g} mm",
+        ),
+    ]
+
+
+def _parallax_figures(settings: CaptureSettings, sequence: PatternSequence, sweep: Sweep | None) -> list[Figure]:
+    optics = settings.optics
+    if sweep is None or not optics.focal_px or not optics.nearest_mm:
+        return []
+    baseline_mm = sweep.speed_mm_s * float(sequence.windows_s()[-1, 1])
+    near_px = optics.focal_px * baseline_mm / optics.nearest_mm
+    far_px = optics.focal_px * baseline_mm / optics.farthest_mm if optics.farthest_mm else 0.0
+    blur_px = near_px * sequence.exposure_s / float(sequence.windows_s()[-1, 1])
+    return [
+        Figure("motion in the picture", f"{near_px:.2f} px near, {far_px:.2f} px far over one exposure"),
+        Figure("parallax", f"{near_px - far_px:.2f} px between near and far"),
+        Figure("blur within one mask", f"up to {blur_px:.2f} px"),
+    ]

@@ -1,0 +1,410 @@
+"""The sensor's interface: a triggered camera that hands over raw frames with their numbers and times.
+
+The public methods check and keep the order of calls; a driver writes only the private `_do_*` hooks. The order:
+
+    connect → configure → start → read … read → stop → close
+
+Promises that every implementation keeps and `tests/contracts/test_sensor.py` tests: connecting changes nothing
+on the device; `stop` may be called in any state and more than once; `close` may be called twice; `read` never
+waits beyond its deadline; a lost, corrupt or stale frame is an error of its own kind and the stream goes on.
+
+Here: the records and the abstract class. Not here: ioctls (`gs2ci_drivers.v4l2`). Anyone above may import this.
+"""
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import Enum, IntFlag, unique
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gs2ci.core.clock import Clock
+from gs2ci_drivers.failures import OutOfRangeError, UnsupportedError, WrongStateError
+
+U16 = NDArray[np.uint16]
+
+
+@unique
+class TriggerMode(Enum):
+    """What begins and ends an exposure."""
+
+    FREE_RUN = "free-run"
+    """The sensor's own clock."""
+    EDGE = "edge"
+    """An edge begins an exposure of the set length."""
+    LEVEL = "level"
+    """The exposure lasts as long as the line is active; the set exposure is ignored."""
+
+
+@unique
+class FrameFlag(IntFlag):
+    """What is known about one frame besides its pixels; stored as u4 in shot files."""
+
+    NONE = 0
+    CORRUPT = 1
+    """The driver marked the payload bad (kept for the record; such a frame is never returned)."""
+    STAMPED_AT_START = 2
+    """`t_kernel_ns` is the start of exposure; otherwise it is the end of exposure or of readout."""
+    STAMPED_MONOTONIC = 4
+    """`t_kernel_ns` counts on CLOCK_MONOTONIC; otherwise its origin is unknown."""
+    RETRIED = 8
+    """The frame is a repetition after a failed attempt."""
+    AFTER_LOSS = 16
+    """Frames before this one were lost."""
+
+
+@dataclass(frozen=True)
+class FrameFormat:
+    """A picture format that a sensor offers.
+
+    Args:
+        fourcc: The V4L2 four-character code, or a name of the driver's own.
+        height: Rows.
+        width: Columns.
+        bits: Significant bits of a pixel.
+        cfa: Colour filter array ("RGGB", ...) or None for mono.
+    """
+
+    fourcc: str
+    height: int
+    width: int
+    bits: int
+    cfa: str | None = None
+
+    @property
+    def top(self) -> int:
+        """Get the largest pixel value."""
+        return int(2**self.bits - 1)
+
+
+@dataclass(frozen=True)
+class SensorInfo:
+    """What a sensor is and can do.
+
+    Args:
+        model: Maker and model.
+        serial: Serial number or bus address.
+        driver: Kernel driver and version.
+        formats: Formats on offer; where a device has ranges of sizes, its largest.
+        min_exposure_s: Shortest exposure.
+        max_exposure_s: Longest exposure.
+        exposure_step_s: Exposures are multiples of this.
+        triggers: Trigger modes there are.
+        controls: Names of the controls that can be set, with "min..max step".
+    """
+
+    model: str
+    serial: str
+    driver: str
+    formats: tuple[FrameFormat, ...]
+    min_exposure_s: float
+    max_exposure_s: float
+    exposure_step_s: float
+    triggers: frozenset[TriggerMode]
+    controls: Mapping[str, str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class SensorConfig:
+    """What a sensor is asked to do.
+
+    Args:
+        height: Rows; 0 takes the device's present setting.
+        width: Columns; 0 takes the device's present setting.
+        fourcc: Format; "" takes the device's present setting.
+        exposure_s: Exposure (ignored with `TriggerMode.LEVEL`).
+        trigger: What begins an exposure.
+        gain_db: Analogue gain where the device has one; None leaves it.
+        buffers: Frame buffers to ask the kernel for.
+        warm_up_frames: Frames to throw away after the start (some sensors' first frames are old or black).
+        controls: Further controls by name, set in this order.
+    """
+
+    height: int = 0
+    width: int = 0
+    fourcc: str = ""
+    exposure_s: float = 0.01
+    trigger: TriggerMode = TriggerMode.EDGE
+    gain_db: float | None = None
+    buffers: int = 4
+    warm_up_frames: int = 0
+    controls: Mapping[str, int] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class SensorSettings:
+    """What the device made of a `SensorConfig`.
+
+    Args:
+        format: The format it set.
+        exposure_s: The exposure it set, quantised.
+        trigger: The trigger mode it set.
+        readout_s: Time from the end of an exposure until the next may begin.
+        exposure_offset_s: Constant added to the line's width in `LEVEL` mode, or to the exposure in `EDGE` mode.
+        full_well_e: Electrons at the top of the scale, or None when not known.
+        stride: Bytes from one row to the next in the kernel's buffer.
+        buffers: Buffers the kernel gave.
+    """
+
+    format: FrameFormat
+    exposure_s: float
+    trigger: TriggerMode
+    readout_s: float
+    exposure_offset_s: float = 0.0
+    full_well_e: float | None = None
+    stride: int = 0
+    buffers: int = 0
+
+
+@dataclass(frozen=True)
+class Frame:
+    """One frame as it came.
+
+    Args:
+        pixels: [H, W] uint16, values in the low bits (0 to 2**bits − 1), mosaic not demosaiced.
+        sequence: The kernel's number of it since the start of streaming.
+        t_kernel_ns: The kernel's time stamp.
+        t_host_ns: When the driver had it, on the same clock where that is known.
+        flags: See `FrameFlag`.
+    """
+
+    pixels: U16
+    sequence: int
+    t_kernel_ns: int
+    t_host_ns: int
+    flags: FrameFlag
+
+
+@dataclass(frozen=True)
+class SensorStatus:
+    """What a sensor reports of itself.
+
+    Args:
+        streaming: Whether it streams.
+        delivered: Frames handed over since the start.
+        lost: Frames missing by their sequence numbers since the start.
+        corrupt: Frames marked bad since the start.
+        faults: Faults in the device's own terms.
+    """
+
+    streaming: bool
+    delivered: int = 0
+    lost: int = 0
+    corrupt: int = 0
+    faults: tuple[str, ...] = ()
+
+
+class Sensor(ABC):
+    """A triggered camera.
+
+    Args:
+        name: Name of the device in the rig file, for messages.
+        clock: The clock on which waits are kept.
+    """
+
+    def __init__(self, name: str, clock: Clock) -> None:
+        self.name = name
+        self.clock = clock
+        self._info: SensorInfo | None = None
+        self._settings: SensorSettings | None = None
+        self._streaming = False
+        self._closed = False
+        self.incidents: list[str] = []
+        """What was ridden out without an error (a lost reply asked for again, ...), for the shot's log."""
+
+    @property
+    def info(self) -> SensorInfo:
+        """Get what the device is and can do.
+
+        Raises:
+            WrongStateError: Not connected.
+        """
+        self._require_open("info")
+        if self._info is None:
+            raise WrongStateError(self.name, "not connected", asked="info", remedy="call connect() first")
+        return self._info
+
+    @property
+    def settings(self) -> SensorSettings:
+        """Get what the device is set to.
+
+        Raises:
+            WrongStateError: Not configured.
+        """
+        self._require_open("settings")
+        if self._settings is None:
+            raise WrongStateError(self.name, "not configured", asked="settings", remedy="call configure() first")
+        return self._settings
+
+    def connect(self) -> SensorInfo:
+        """Read who the device is; a second call returns the same. Nothing is changed on the device.
+
+        Raises:
+            LinkError: No usable answer, or the node cannot be opened.
+            UnsupportedError: Not a capture device.
+        """
+        self._require_open("connect")
+        if self._info is None:
+            self._info = self._do_connect()
+        return self._info
+
+    def configure(self, config: SensorConfig) -> SensorSettings:
+        """Set format, exposure and trigger; return what the device made of it.
+
+        Raises:
+            WrongStateError: Streaming.
+            OutOfRangeError: Exposure or size beyond the device.
+            UnsupportedError: Format, trigger mode or control not there.
+            LinkError, RefusedError: On the way.
+        """
+        check_config(self.name, self.info, config)
+        if self._streaming:
+            raise WrongStateError(self.name, "streaming", asked="configure", remedy="call stop() first")
+        self._settings = self._do_configure(config)
+        return self._settings
+
+    def start(self) -> None:
+        """Begin to wait for triggers; frames of before are gone, the next frame has index 0.
+
+        Raises:
+            WrongStateError: Not configured, or streaming already.
+            LinkError, RefusedError: The device did not start.
+        """
+        _ = self.settings
+        if self._streaming:
+            raise WrongStateError(self.name, "streaming", asked="start", remedy="call stop() first")
+        self._do_start()
+        self._streaming = True
+
+    def read(self, timeout_s: float, *, not_before_ns: int = 0, trigger_index: int | None = None) -> Frame:
+        """Wait for the next frame.
+
+        Args:
+            timeout_s: Deadline from now on the driver's clock.
+            not_before_ns: Kernel time before which a frame cannot belong to this trigger.
+            trigger_index: Which trigger it answers, for messages.
+
+        Raises:
+            WrongStateError: Not streaming.
+            TriggerTimeoutError: No frame in time.
+            FrameLostError: Frames before this one are missing; the frame itself comes with the next call.
+            FrameCorruptError: The frame is bad; it is given back to the kernel and not returned.
+            FrameStaleError: The frame is older than `not_before_ns`; it is thrown away.
+            DisconnectedError: The device is gone.
+        """
+        self._require_open("read")
+        if not self._streaming:
+            raise WrongStateError(self.name, "not streaming", asked="read", remedy="call start() first")
+        return self._do_read(timeout_s, not_before_ns, trigger_index)
+
+    def discard(self) -> int:
+        """Throw away the frames that wait to be read; return how many. Never waits.
+
+        Raises:
+            DisconnectedError: The device is gone.
+        """
+        self._require_open("discard")
+        return self._do_discard() if self._streaming else 0
+
+    def stop(self) -> None:
+        """Stop streaming and give all buffers back; allowed in any state, any number of times.
+
+        Raises:
+            LinkError: The device could not be told. It counts as stopped all the same.
+        """
+        self._require_open("stop")
+        if self._streaming:
+            self._streaming = False
+            self._do_stop()
+
+    def status(self) -> SensorStatus:
+        """Read how the device is.
+
+        Raises:
+            LinkError: No usable answer.
+        """
+        self._require_open("status")
+        return self._do_status()
+
+    def close(self) -> None:
+        """Stop and let go of the node; never raises, may be called twice."""
+        if not self._closed:
+            self._closed = True
+            self._streaming = False
+            self._do_close()
+
+    def _require_open(self, asked: str) -> None:
+        if self._closed:
+            raise WrongStateError(self.name, "closed", asked=asked, remedy="open the rig again")
+
+    @abstractmethod
+    def _do_connect(self) -> SensorInfo:
+        """Read identity, formats and limits; change nothing."""
+
+    @abstractmethod
+    def _do_configure(self, config: SensorConfig) -> SensorSettings:
+        """Set a checked configuration and read back what came of it."""
+
+    @abstractmethod
+    def _do_start(self) -> None:
+        """Get buffers, start streaming, flush, drop warm-up frames; undo all of it on failure."""
+
+    @abstractmethod
+    def _do_read(self, timeout_s: float, not_before_ns: int, trigger_index: int | None) -> Frame:
+        """Wait for one frame."""
+
+    @abstractmethod
+    def _do_discard(self) -> int:
+        """Drop what is ready."""
+
+    @abstractmethod
+    def _do_stop(self) -> None:
+        """Stop streaming and release the buffers, going on past errors; raise the first at the end."""
+
+    @abstractmethod
+    def _do_status(self) -> SensorStatus:
+        """Read counters and faults."""
+
+    @abstractmethod
+    def _do_close(self) -> None:
+        """Stop if streaming and release the node without raising."""
+
+
+def check_config(device: str, info: SensorInfo, config: SensorConfig) -> None:
+    """Accept a configuration that a sensor with these limits can take.
+
+    Raises:
+        OutOfRangeError: Exposure or number of buffers beyond the device.
+        UnsupportedError: Format or trigger mode not there.
+    """
+    if config.trigger not in info.triggers:
+        raise UnsupportedError(
+            device,
+            f"trigger mode {config.trigger.value!r} is not there",
+            asked="configure",
+            allowed=", ".join(sorted(mode.value for mode in info.triggers)),
+            remedy="set `trigger_adapter` in [sensor], or choose another `mode` in [capture]",
+        )
+    names = sorted({fmt.fourcc for fmt in info.formats})
+    if config.fourcc and config.fourcc not in names:
+        raise UnsupportedError(
+            device, f"format {config.fourcc!r} is not there", asked="configure", allowed=", ".join(names)
+        )
+    slack_s = info.exposure_step_s / 2
+    if config.trigger is not TriggerMode.LEVEL and not (
+        info.min_exposure_s - slack_s <= config.exposure_s <= info.max_exposure_s + slack_s
+    ):
+        raise OutOfRangeError(
+            device,
+            f"exposure {config.exposure_s:.6g} s",
+            asked="configure",
+            allowed=f"{info.min_exposure_s:.6g} to {info.max_exposure_s:.6g} s",
+        )
+    if config.buffers < 1 or config.warm_up_frames < 0:
+        raise OutOfRangeError(
+            device,
+            f"buffers = {config.buffers}, warm_up_frames = {config.warm_up_frames}",
+            asked="configure",
+            allowed="buffers >= 1, warm_up_frames >= 0",
+        )

@@ -1,0 +1,57 @@
+"""Steps that know how to undo themselves.
+
+Here: doing steps in order, and undoing those that were done in reverse, past their errors. Not here: what the
+steps of a capture are (`gs2ci_drivers.acquisition`). Acquisition and calibration import this file.
+"""
+
+from collections.abc import Callable
+from types import TracebackType
+from typing import Self, TypeVar
+
+from gs2ci.core.errors import Gs2ciError
+
+T = TypeVar("T")
+
+
+class Steps:
+    """A context in which every step done is undone at the end, in reverse, whatever happened.
+
+    An undo that fails is noted on the error that is under way (or raised, when there is none) and the others are
+    still run.
+    """
+
+    def __init__(self) -> None:
+        self.log: list[str] = []
+        """What was done and undone, in order."""
+        self._undo: list[tuple[str, Callable[[], object]]] = []
+
+    def do(self, name: str, action: Callable[[], T], undo: Callable[[], object] | None = None) -> T:
+        """Do a step; its undo is owed from before it begins, since half a step may need undoing too."""
+        self.log.append(name)
+        if undo is not None:
+            self._undo.append((name, undo))
+        return action()
+
+    def unwind(self, under_way: BaseException | None = None) -> list[Gs2ciError]:
+        """Undo everything that is owed, newest first; return the errors met on the way."""
+        met: list[Gs2ciError] = []
+        while self._undo:
+            name, undo = self._undo.pop()
+            self.log.append(f"undo {name}")
+            try:
+                undo()
+            except Gs2ciError as error:
+                met.append(error)
+                if under_way is not None:
+                    under_way.add_note(f"undoing «{name}» failed too: {error}")
+        return met
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        met = self.unwind(error)
+        if error is None and met:
+            raise met[0]

@@ -1,0 +1,242 @@
+"""Record every byte that passes a port to a file.
+
+A trace is a text file of JSON lines: a head (`{"trace": "gs2ci.wire/1", "device": ..., "port": ...}`), then one
+line per call on the port with its time, what was handed in, what came out, or the error.
+
+Here: the file's format, the recording wrappers. Not here: playing it back (`gs2ci_drivers.replay`), the ports'
+contract (`gs2ci_drivers.ports`). `gs2ci.rig` and tests import this file.
+"""
+
+import base64
+import json
+import zlib
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, TextIO, TypeVar
+
+from gs2ci.core.clock import Clock
+from gs2ci_drivers.ports import BytePort, HidPort, MappedMemory, SysPort
+
+T = TypeVar("T")
+
+SCHEMA = "gs2ci.wire/1"
+_PACK_FROM_BYTES = 256
+"""Longer blocks (frames, patterns) are deflated; shorter ones stay readable as hex."""
+
+
+def _packed(data: bytes) -> str:
+    if len(data) < _PACK_FROM_BYTES:
+        return data.hex()
+    return "z" + base64.b64encode(zlib.compress(data, level=1)).decode("ascii")
+
+
+def _unpacked(text: str) -> bytes:
+    return zlib.decompress(base64.b64decode(text[1:])) if text.startswith("z") else bytes.fromhex(text)
+
+
+@dataclass
+class Call:
+    """One call on a port.
+
+    Args:
+        op: The port's method.
+        args: Numbers and names handed in; timeouts are left out, since they decide nothing on replay.
+        sent: Bytes handed in.
+        got: Bytes that came out.
+        result: A number or a list of names that came out.
+        errno: The error's number, 0 for a write that timed out, None when it went well.
+        error: The error's text.
+        t_s: The clock's time when the call had returned.
+    """
+
+    op: str
+    args: list[int | str] = field(default_factory=list)
+    sent: list[bytes] = field(default_factory=list)
+    got: list[bytes] = field(default_factory=list)
+    result: int | list[str] | None = None
+    errno: int | None = None
+    error: str = ""
+    t_s: float = 0.0
+
+    def to_line(self) -> str:
+        """Return the call as one line of JSON, leaving out what is empty."""
+        row: dict[str, Any] = {"t": round(self.t_s, 9), "op": self.op}
+        optional = {
+            "args": self.args,
+            "sent": [_packed(data) for data in self.sent],
+            "got": [_packed(data) for data in self.got],
+            "result": self.result,
+            "errno": self.errno,
+            "error": self.error,
+        }
+        row.update({key: value for key, value in optional.items() if value not in ([], None, "")})
+        return json.dumps(row)
+
+    @classmethod
+    def from_line(cls, line: str) -> "Call":
+        """Read one line.
+
+        Raises:
+            ValueError, KeyError, TypeError: Not such a line.
+        """
+        row = json.loads(line)
+        return cls(
+            op=row["op"],
+            args=row.get("args", []),
+            sent=[_unpacked(text) for text in row.get("sent", [])],
+            got=[_unpacked(text) for text in row.get("got", [])],
+            result=row.get("result"),
+            errno=row.get("errno"),
+            error=row.get("error", ""),
+            t_s=float(row["t"]),
+        )
+
+
+class Trace:
+    """A trace being written, line by line and flushed, so that a crash loses nothing.
+
+    Args:
+        path: The file; its folder must exist.
+        device: Name of the device.
+        port: Which port ("hid", "bytes", "sys").
+        clock: The clock whose times are noted.
+    """
+
+    def __init__(self, path: Path, device: str, port: str, clock: Clock) -> None:
+        self._clock = clock
+        self._file: TextIO = path.open("w", encoding="ascii", buffering=1)
+        self._file.write(json.dumps({"trace": SCHEMA, "device": device, "port": port}) + "\n")
+
+    def note(self, call: Call, action: Callable[[], T], outcome: Callable[[T], None]) -> T:
+        """Do `action`, let `outcome` put what came out into `call`, write it down, pass result or error on."""
+        try:
+            result = action()
+            outcome(result)
+        except OSError as error:
+            call.errno, call.error = (0 if isinstance(error, TimeoutError) else error.errno or -1), str(error)
+            raise
+        else:
+            return result
+        finally:
+            call.t_s = self._clock.now_s()
+            if not self._file.closed:
+                self._file.write(call.to_line() + "\n")
+
+    def close(self) -> None:
+        """Close the file; a second call does nothing."""
+        self._file.close()
+
+
+class TracedHid:
+    """A `HidPort` that writes down what passes."""
+
+    def __init__(self, port: HidPort, trace: Trace) -> None:
+        self._port = port
+        self._trace = trace
+
+    def write(self, report: bytes, timeout_s: float) -> None:
+        """Send one report and note it."""
+        self._trace.note(Call("write", sent=[report]), lambda: self._port.write(report, timeout_s), lambda none: None)
+
+    def read(self, timeout_s: float) -> bytes:
+        """Receive one report and note it."""
+        call = Call("read")
+        return self._trace.note(call, lambda: self._port.read(timeout_s), call.got.append)
+
+    def close(self) -> None:
+        """Close port and trace."""
+        self._port.close()
+        self._trace.close()
+
+
+class TracedBytes:
+    """A `BytePort` that writes down what passes."""
+
+    def __init__(self, port: BytePort, trace: Trace) -> None:
+        self._port = port
+        self._trace = trace
+
+    def write(self, data: bytes, timeout_s: float) -> None:
+        """Send and note."""
+        self._trace.note(Call("write", sent=[data]), lambda: self._port.write(data, timeout_s), lambda none: None)
+
+    def read(self, max_bytes: int, timeout_s: float) -> bytes:
+        """Receive and note."""
+        call = Call("read", args=[max_bytes])
+        return self._trace.note(call, lambda: self._port.read(max_bytes, timeout_s), call.got.append)
+
+    def close(self) -> None:
+        """Close port and trace."""
+        self._port.close()
+        self._trace.close()
+
+
+class TracedSys:
+    """A `SysPort` that writes down what passes, pixels included."""
+
+    def __init__(self, port: SysPort, trace: Trace) -> None:
+        self._port = port
+        self._trace = trace
+
+    def open(self, path: str) -> int:
+        """Open and note."""
+        return self._number(Call("open", args=[path]), lambda: self._port.open(path))
+
+    def close(self, fd: int) -> None:
+        """Close and note."""
+        self._trace.note(Call("close", args=[fd]), lambda: self._port.close(fd), lambda none: None)
+
+    def ioctl(self, fd: int, request: int, argument: bytearray, payload: bytearray | None = None) -> int:
+        """Call and note the memory before and after."""
+        parts = [argument] if payload is None else [argument, payload]
+        call = Call("ioctl", args=[fd, request], sent=[bytes(part) for part in parts])
+
+        def outcome(result: int) -> None:
+            call.result = result
+            call.got = [bytes(part) for part in parts]
+
+        return self._trace.note(call, lambda: self._port.ioctl(fd, request, argument, payload), outcome)
+
+    def mmap(self, fd: int, length: int, offset: int) -> MappedMemory:
+        """Map and note that it was done."""
+        call = Call("mmap", args=[fd, length, offset])
+        return self._trace.note(call, lambda: self._port.mmap(fd, length, offset), lambda mapping: None)
+
+    def copy_out(self, mapping: MappedMemory, length: int) -> bytes:
+        """Copy and note the bytes."""
+        call = Call("copy_out", args=[length])
+        return self._trace.note(call, lambda: self._port.copy_out(mapping, length), call.got.append)
+
+    def poll(self, fd: int, events: int, timeout_s: float) -> int:
+        """Wait and note what came."""
+        return self._number(Call("poll", args=[fd, events]), lambda: self._port.poll(fd, events, timeout_s))
+
+    def clock_ns(self) -> int:
+        """Get the kernel's time and note it: frames' times are compared with it."""
+        return self._number(Call("clock_ns"), self._port.clock_ns)
+
+    def list_nodes(self, pattern: str) -> list[str]:
+        """List and note."""
+        call = Call("list_nodes", args=[pattern])
+
+        def outcome(result: list[str]) -> None:
+            call.result = result
+
+        return self._trace.note(call, lambda: self._port.list_nodes(pattern), outcome)
+
+    def read_file(self, path: str) -> bytes:
+        """Read and note."""
+        call = Call("read_file", args=[path])
+        return self._trace.note(call, lambda: self._port.read_file(path), call.got.append)
+
+    def write_file(self, path: str, data: bytes) -> None:
+        """Write and note."""
+        call = Call("write_file", args=[path], sent=[data])
+        self._trace.note(call, lambda: self._port.write_file(path, data), lambda none: None)
+
+    def _number(self, call: Call, action: Callable[[], int]) -> int:
+        def outcome(result: int) -> None:
+            call.result = result
+
+        return self._trace.note(call, action, outcome)

@@ -1,0 +1,254 @@
+"""Pixel layouts of mono and Bayer sensors, and their unpacking to u16; pure numpy.
+
+Here: what a four-character code means (bits, packing, mosaic), the geometry of a frame as the kernel stated it,
+and `unpack`. Not here: ioctls. The driver and tests import this file.
+
+Layouts (linux/Documentation/userspace-api/media/v4l/pixfmt-*): 8-bit containers; 16-bit little-endian containers,
+the value in the low bits unless told otherwise; MIPI CSI-2 packing, 4 pixels in 5 bytes (10 bit) or 2 in
+3 (12 bit).
+"""
+
+import enum
+import math
+from dataclasses import dataclass
+from typing import Final, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gs2ci.core.errors import InputError
+from gs2ci.core.records import CfaPattern
+
+U16 = NDArray[np.uint16]
+Alignment = Literal["low", "high"]
+RawBytes = bytes | bytearray | memoryview | NDArray[np.uint8]
+
+
+@enum.unique
+class Packing(enum.Enum):
+    """How pixels lie in a row: pixels per group and bytes per group."""
+
+    BYTES = (1, 1)
+    WORDS = (1, 2)
+    MIPI10 = (4, 5)
+    MIPI12 = (2, 3)
+
+
+@dataclass(frozen=True)
+class PixelFormat:
+    """What a four-character code means.
+
+    Args:
+        code: V4L2 four-character code, padded with blanks.
+        bits: Significant bits of a pixel.
+        packing: How pixels lie in a row.
+        cfa: Colour filter array, None for mono.
+        bus_code: The media-bus code that carries it (linux/media-bus-format.h), for sub-devices.
+    """
+
+    code: str
+    bits: int
+    packing: Packing
+    cfa: CfaPattern | None = None
+    bus_code: int | None = None
+
+    def row_bytes(self, width: int) -> int:
+        """Compute how many bytes a row of `width` pixels takes, without padding."""
+        pixels, size = self.packing.value
+        return math.ceil(width / pixels) * size
+
+
+def _bayer(bits: int, packing: Packing, codes: dict[CfaPattern, str], bus: dict[CfaPattern, int]) -> list[PixelFormat]:
+    return [PixelFormat(code, bits, packing, cfa, bus.get(cfa)) for cfa, code in codes.items()]
+
+
+_BUS8: Final[dict[CfaPattern, int]] = {"BGGR": 0x3001, "GBRG": 0x3013, "GRBG": 0x3002, "RGGB": 0x3014}
+_BUS10: Final[dict[CfaPattern, int]] = {"BGGR": 0x3007, "GBRG": 0x300E, "GRBG": 0x300A, "RGGB": 0x300F}
+_BUS12: Final[dict[CfaPattern, int]] = {"BGGR": 0x3008, "GBRG": 0x3010, "GRBG": 0x3011, "RGGB": 0x3012}
+_BUS16: Final[dict[CfaPattern, int]] = {"BGGR": 0x301D, "GBRG": 0x301E, "GRBG": 0x301F, "RGGB": 0x3020}
+
+PIXEL_FORMATS: Final[dict[str, PixelFormat]] = {
+    entry.code: entry
+    for entry in (
+        PixelFormat("GREY", 8, Packing.BYTES, bus_code=0x2001),
+        PixelFormat("Y10 ", 10, Packing.WORDS, bus_code=0x200A),
+        PixelFormat("Y12 ", 12, Packing.WORDS, bus_code=0x2013),
+        PixelFormat("Y16 ", 16, Packing.WORDS, bus_code=0x202E),
+        PixelFormat("Y10P", 10, Packing.MIPI10, bus_code=0x200A),
+        PixelFormat("Y12P", 12, Packing.MIPI12, bus_code=0x2013),
+        *_bayer(8, Packing.BYTES, {"BGGR": "BA81", "GBRG": "GBRG", "GRBG": "GRBG", "RGGB": "RGGB"}, _BUS8),
+        *_bayer(10, Packing.WORDS, {"BGGR": "BG10", "GBRG": "GB10", "GRBG": "BA10", "RGGB": "RG10"}, _BUS10),
+        *_bayer(12, Packing.WORDS, {"BGGR": "BG12", "GBRG": "GB12", "GRBG": "BA12", "RGGB": "RG12"}, _BUS12),
+        *_bayer(16, Packing.WORDS, {"BGGR": "BYR2", "GBRG": "GB16", "GRBG": "GR16", "RGGB": "RG16"}, _BUS16),
+        *_bayer(10, Packing.MIPI10, {"BGGR": "pBAA", "GBRG": "pGAA", "GRBG": "pgAA", "RGGB": "pRAA"}, _BUS10),
+        *_bayer(12, Packing.MIPI12, {"BGGR": "pBCC", "GBRG": "pGCC", "GRBG": "pgCC", "RGGB": "pRCC"}, _BUS12),
+    )
+}
+
+
+def pixel_format(code: str) -> PixelFormat:
+    """Return what the four-character code means; trailing blanks may be left out.
+
+    Raises:
+        InputError: The code is none of those that can be unpacked.
+    """
+    try:
+        return PIXEL_FORMATS[code.ljust(4)]
+    except KeyError:
+        raise InputError(
+            f"pixel format {code!r}",
+            allowed=", ".join(sorted(name.strip() for name in PIXEL_FORMATS)),
+            remedy="choose a raw mono or Bayer format of the camera; `gs2ci devices` lists them",
+        ) from None
+
+
+@dataclass(frozen=True)
+class FrameGeometry:
+    """A frame as the kernel stated it after S_FMT.
+
+    Args:
+        pixel: What the pixels are.
+        width: Columns.
+        height: Rows.
+        stride: Bytes from one row to the next, at least the packed row.
+        significant_bits: Bits that carry the value; fewer than the format's where a driver puts, say, 12-bit
+            samples into `Y16`.
+        alignment: Where the value sits in a 16-bit container: `low` (value = word) or `high` (left-aligned).
+
+    Raises:
+        InputError: A size below 1, a stride shorter than a row, or bits that the container does not have.
+    """
+
+    pixel: PixelFormat
+    width: int
+    height: int
+    stride: int
+    significant_bits: int
+    alignment: Alignment = "low"
+
+    def __post_init__(self) -> None:
+        if self.width < 1 or self.height < 1:
+            raise InputError(f"frame of {self.width}x{self.height} pixels", allowed="at least 1x1")
+        if self.stride < self.pixel.row_bytes(self.width):
+            raise InputError(
+                f"{self.stride} bytes per line for {self.width} pixels of {self.pixel.code!r}",
+                allowed=f"at least {self.pixel.row_bytes(self.width)}",
+                remedy="the camera driver states an impossible geometry; try another pixel format",
+            )
+        if not 1 <= self.significant_bits <= self.pixel.bits:
+            raise InputError(
+                f"{self.significant_bits} significant bits in {self.pixel.code!r}",
+                allowed=f"1 to {self.pixel.bits}",
+            )
+        if self.alignment == "high" and self.pixel.packing is not Packing.WORDS:
+            raise InputError(
+                f"left-aligned values in {self.pixel.code!r}",
+                allowed="alignment 'high' only in 16-bit containers (Y10, Y12, Y16, RG10, ...)",
+                remedy="leave alignment out",
+            )
+
+    @property
+    def full_scale(self) -> int:
+        """Get the largest value a pixel can have, in DN."""
+        return (1 << self.significant_bits) - 1
+
+    @property
+    def payload_bytes(self) -> int:
+        """Get how many bytes must have been filled; the padding behind the last row may be missing."""
+        return self.stride * (self.height - 1) + self.pixel.row_bytes(self.width)
+
+
+class PixelRangeError(InputError):
+    """A pixel reads more than its format can hold: the frame is corrupt, or the alignment is set wrongly."""
+
+
+def unpack(data: RawBytes, geometry: FrameGeometry) -> U16:
+    """Unpack raw frame bytes to DN.
+
+    Args:
+        data: At least `geometry.payload_bytes` bytes, rows top-down.
+        geometry: Sizes, stride and packing.
+
+    Returns:
+        Pixels, [H, W] uint16 in [0, geometry.full_scale]; a copy, `data` may be reused.
+
+    Raises:
+        InputError: Too few bytes.
+        PixelRangeError: A value above full scale, or bits set below a left-aligned value.
+    """
+    raw = np.frombuffer(data, np.uint8)
+    if raw.size < geometry.payload_bytes:
+        raise InputError(
+            f"{raw.size} bytes for a frame of {geometry.width}x{geometry.height} {geometry.pixel.code!r}",
+            allowed=f"at least {geometry.payload_bytes}",
+            remedy="drop the frame; it was cut short",
+        )
+    if geometry.pixel.packing is Packing.BYTES:
+        values = _rows(raw, geometry, 1)[:, :, 0].astype(np.uint16)
+    elif geometry.pixel.packing is Packing.WORDS:
+        return _aligned(_words(raw, geometry), geometry)
+    elif geometry.pixel.packing is Packing.MIPI10:
+        values = _mipi10(_rows(raw, geometry, 5), geometry.width)
+    else:
+        values = _mipi12(_rows(raw, geometry, 3), geometry.width)
+    _check_range(values, geometry)
+    return values
+
+
+def _rows(raw: NDArray[np.uint8], geometry: FrameGeometry, size: int) -> NDArray[np.uint8]:
+    """View the bytes as [H, groups, size] without copying, the padding at row ends left out."""
+    groups = geometry.pixel.row_bytes(geometry.width) // size
+    return np.ndarray((geometry.height, groups, size), np.uint8, raw, strides=(geometry.stride, size, 1))
+
+
+def _words(raw: NDArray[np.uint8], geometry: FrameGeometry) -> U16:
+    view = np.ndarray((geometry.height, geometry.width), "<u2", raw, strides=(geometry.stride, 2))
+    return view.astype(np.uint16)
+
+
+def _aligned(words: U16, geometry: FrameGeometry) -> U16:
+    if geometry.alignment == "low":
+        _check_range(words, geometry)
+        return words
+    spare = 16 - geometry.significant_bits
+    # Left-aligned values are filled up with zeros; anything else there means that they are right-aligned after
+    # all, and shifting would throw the low bits of the picture away.
+    if spare and int(np.bitwise_or.reduce(words, axis=None)) & ((1 << spare) - 1):
+        raise PixelRangeError(
+            f"a {geometry.pixel.code!r} pixel has bits set below its {geometry.significant_bits} upper bits",
+            allowed="zeros there",
+            remedy="set alignment = 'low' (or significant_bits = 16) for this camera",
+        )
+    return words >> np.uint16(spare)
+
+
+def _mipi10(groups: NDArray[np.uint8], width: int) -> U16:
+    """Unpack [H, G, 5] bytes: four high bytes, then four pairs of low bits, pixel 0 lowest (pixfmt-y10p)."""
+    out = np.empty((groups.shape[0], groups.shape[1], 4), np.uint16)
+    low = groups[:, :, 4]
+    for i in range(4):
+        out[:, :, i] = groups[:, :, i]
+        out[:, :, i] <<= 2
+        out[:, :, i] |= (low >> np.uint8(2 * i)) & np.uint8(3)
+    return np.ascontiguousarray(out.reshape(groups.shape[0], -1)[:, :width])
+
+
+def _mipi12(groups: NDArray[np.uint8], width: int) -> U16:
+    """Unpack [H, G, 3] bytes: two high bytes, then two nibbles, pixel 0 in the low one (pixfmt-srggb12p)."""
+    out = np.empty((groups.shape[0], groups.shape[1], 2), np.uint16)
+    low = groups[:, :, 2]
+    for i in range(2):
+        out[:, :, i] = groups[:, :, i]
+        out[:, :, i] <<= 4
+        out[:, :, i] |= (low >> np.uint8(4 * i)) & np.uint8(15)
+    return np.ascontiguousarray(out.reshape(groups.shape[0], -1)[:, :width])
+
+
+def _check_range(values: U16, geometry: FrameGeometry) -> None:
+    largest = int(values.max())
+    if largest > geometry.full_scale:
+        raise PixelRangeError(
+            f"a {geometry.pixel.code!r} pixel reads {largest}",
+            allowed=f"0 to {geometry.full_scale} ({geometry.significant_bits} bits)",
+            remedy="if every frame says so, the values are left-aligned: set alignment = 'high' for this camera",
+        )

@@ -1,0 +1,386 @@
+"""One V4L2 device node: each request as a method, each errno as a typed error.
+
+Here: filling in structures, calling, reading them out; nothing is remembered but the descriptor. Not here: the
+order of calls (`driver`), buffers (`streaming`), controls (`controls`). Imported by the rest of this package.
+"""
+
+import ctypes
+import errno
+import os
+import select
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Final, NoReturn, TypeVar
+
+from gs2ci_drivers.failures import (
+    AccessError,
+    DeviceFaultError,
+    DisconnectedError,
+    OutOfRangeError,
+    RefusedError,
+    UnsupportedError,
+    WrongStateError,
+)
+from gs2ci_drivers.ports import SysPort
+from gs2ci_drivers.v4l2 import abi
+
+S = TypeVar("S", bound=ctypes.Structure)
+
+_GONE: Final = {errno.ENODEV, errno.ENXIO, errno.ESHUTDOWN}
+_ACCESS: Final = {
+    errno.EACCES: "no permission, or the value is read-only",
+    errno.EPERM: "no permission",
+    errno.ENOENT: "there is no such node",
+    errno.EBUSY: "it is in use: by another program, or by buffers that are still allocated",
+}
+_FAULTS: Final = {
+    errno.EIO: "EIO: the transfer from the sensor broke down",
+    errno.EPIPE: "EPIPE: the stream has ended, or the formats along the media pipeline do not agree",
+    errno.ENOLINK: "ENOLINK: the media pipeline has a link missing",
+    errno.ENOSPC: "ENOSPC: the bus has no bandwidth left for this format and frame rate",
+    errno.ENOMEM: "ENOMEM: the kernel has no memory for so many or so large buffers",
+    errno.EPROTO: "EPROTO: the device answered against the bus protocol",
+    errno.ETIMEDOUT: "ETIMEDOUT: the device did not answer its kernel driver",
+}
+
+
+def allocate(layout: type[S]) -> tuple[S, bytearray]:
+    """Allocate a zeroed structure; return it with the bytes that it is a view of."""
+    raw = bytearray(ctypes.sizeof(layout))
+    return layout.from_buffer(raw), raw
+
+
+def raise_typed(device: str, asked: str, error: OSError) -> NoReturn:
+    """Turn an errno of V4L2 into a typed error.
+
+    Raises:
+        DisconnectedError: ENODEV, ENXIO or ESHUTDOWN: unplugged.
+        AccessError: EACCES, EPERM, ENOENT or EBUSY.
+        DeviceFaultError: EIO, EPIPE, ENOLINK, ENOSPC, ENOMEM, EPROTO or ETIMEDOUT.
+        OutOfRangeError: ERANGE.
+        UnsupportedError: ENOTTY.
+        WrongStateError: EBADF: the node has been closed.
+        RefusedError: EINVAL and every other errno.
+    """
+    number = error.errno or 0
+    if number in _GONE:
+        raise DisconnectedError(device, asked, error) from error
+    if number in _ACCESS:
+        raise AccessError(
+            device,
+            f"{errno.errorcode[number]}: {_ACCESS[number]}",
+            asked=asked,
+            remedy="close other programs that use the camera; `gs2ci doctor` prints the udev rules to install",
+        ) from error
+    if number in _FAULTS:
+        raise DeviceFaultError(device, asked, [_FAULTS[number]]) from error
+    if number == errno.ERANGE:
+        raise OutOfRangeError(device, "ERANGE: the driver does not take this value", asked=asked) from error
+    if number == errno.ENOTTY:
+        raise UnsupportedError(
+            device,
+            "ENOTTY: the driver does not know this request",
+            asked=asked,
+            remedy="choose a video capture node; `gs2ci devices` lists them",
+        ) from error
+    if number == errno.EBADF:
+        raise WrongStateError(device, "the node has been closed", asked=asked) from error
+    meaning = "the driver does not know this value, index or order of calls" if number == errno.EINVAL else ""
+    code = errno.errorcode.get(number, str(number))
+    raise RefusedError(device, asked, code, meaning or os.strerror(number)) from error
+
+
+@contextmanager
+def errno_errors(device: str, asked: str) -> Iterator[None]:
+    """Run system calls; what they raise comes out as by `raise_typed`."""
+    try:
+        yield
+    except OSError as error:
+        raise_typed(device, asked, error)
+
+
+@dataclass(frozen=True)
+class Identity:
+    """What VIDIOC_QUERYCAP says of a node.
+
+    Args:
+        driver: Kernel module.
+        card: Name of the camera.
+        bus: Where it is plugged in.
+        version: Kernel version of the driver, `6.1.0`.
+        caps: What this node can do.
+    """
+
+    driver: str
+    card: str
+    bus: str
+    version: str
+    caps: abi.Cap
+
+    @property
+    def buffer_type(self) -> abi.BufferType | None:
+        """Get how frames are captured: single-plane where both are offered, None where neither is."""
+        if abi.Cap.VIDEO_CAPTURE in self.caps:
+            return abi.BufferType.VIDEO_CAPTURE
+        if abi.Cap.VIDEO_CAPTURE_MPLANE in self.caps:
+            return abi.BufferType.VIDEO_CAPTURE_MPLANE
+        return None
+
+
+@dataclass(frozen=True)
+class NodeFormat:
+    """A frame as the kernel states it: four-character code, pixels, bytes per line, bytes per buffer, planes."""
+
+    code: str
+    width: int
+    height: int
+    stride: int
+    size_bytes: int
+    planes: int
+
+
+@dataclass(frozen=True)
+class BufferPlace:
+    """Where VIDIOC_QUERYBUF says that a buffer's plane can be mapped."""
+
+    length: int
+    offset: int
+
+
+@dataclass(frozen=True)
+class Dequeued:
+    """A filled buffer as VIDIOC_DQBUF returned it.
+
+    Args:
+        index: Which buffer; must be queued again.
+        bytes_used: Filled bytes, header included.
+        data_offset: Bytes of header before the pixels (multi-plane only).
+        flags: What the kernel says of it.
+        time_ns: The kernel's time stamp.
+        sequence: The kernel's frame number since STREAMON, modulo 2³².
+    """
+
+    index: int
+    bytes_used: int
+    data_offset: int
+    flags: abi.BufferFlag
+    time_ns: int
+    sequence: int
+
+
+class VideoNode:
+    """An open V4L2 node.
+
+    Args:
+        port: The system calls.
+        path: The node, `/dev/video0` or `/dev/v4l-subdev0`.
+        device: Name of the device for messages.
+
+    Every method raises as `raise_typed` says.
+    """
+
+    def __init__(self, port: SysPort, path: str, device: str) -> None:
+        self.port = port
+        self.path = path
+        self.device = device
+        self.buffer_type = abi.BufferType.VIDEO_CAPTURE
+        with errno_errors(device, f"open {path}"):
+            self._fd: int = port.open(path)
+
+    def close(self) -> None:
+        """Close the node; a second call does nothing."""
+        if self._fd >= 0:
+            fd, self._fd = self._fd, -1
+            self.port.close(fd)
+
+    def call(self, request: int, argument: bytearray, asked: str, payload: bytearray | None = None) -> None:
+        """Make one request, with the structure's bytes in place; `asked` names it in messages."""
+        with errno_errors(self.device, asked):
+            self._ioctl(request, argument, payload)
+
+    def _ioctl(self, request: int, argument: bytearray, payload: bytearray | None = None) -> None:
+        if self._fd < 0:
+            raise OSError(errno.EBADF, os.strerror(errno.EBADF))
+        self.port.ioctl(self._fd, request, argument, payload)
+
+    def identity(self) -> Identity:
+        """Return who drives the node and what it can do; later requests use the buffer type found."""
+        cap, raw = allocate(abi.Capability)
+        self.call(abi.Ioctl.QUERYCAP, raw, "VIDIOC_QUERYCAP")
+        everything = abi.Cap(cap.capabilities)
+        caps = abi.Cap(cap.device_caps) if abi.Cap.DEVICE_CAPS in everything else everything
+        version = ".".join(str(cap.version >> shift & 0xFF) for shift in (16, 8, 0))
+        found = Identity(_text(cap.driver), _text(cap.card), _text(cap.bus_info), version, caps)
+        self.buffer_type = found.buffer_type or self.buffer_type
+        return found
+
+    def formats(self) -> list[str]:
+        """List the four-character codes of the pixel formats on offer."""
+        codes: list[str] = []
+        for index in range(4096):  # a driver that never ends its list must not hang us
+            entry, raw = allocate(abi.FormatDescription)
+            entry.index, entry.type = index, self.buffer_type
+            try:
+                self._ioctl(abi.Ioctl.ENUM_FMT, raw)
+            except OSError as error:
+                if error.errno == errno.EINVAL:
+                    break
+                raise_typed(self.device, "VIDIOC_ENUM_FMT", error)
+            if not entry.pixelformat >> 31:  # the top bit marks big-endian words
+                codes.append(abi.fourcc_name(entry.pixelformat))
+        return codes
+
+    def get_format(self) -> NodeFormat:
+        """Return the format in force."""
+        fmt, raw = allocate(abi.Format)
+        fmt.type = self.buffer_type
+        self.call(abi.Ioctl.G_FMT, raw, "VIDIOC_G_FMT")
+        return self._read_format(fmt)
+
+    def set_format(self, code: str, width: int, height: int) -> NodeFormat:
+        """Ask for a format; return what the driver made of it, which may differ in every member."""
+        return self._negotiate(abi.Ioctl.S_FMT, code, width, height)
+
+    def try_format(self, code: str, width: int, height: int) -> NodeFormat:
+        """Return what the driver would make of a format; nothing is changed."""
+        return self._negotiate(abi.Ioctl.TRY_FMT, code, width, height)
+
+    def _negotiate(self, request: abi.Ioctl, code: str, width: int, height: int) -> NodeFormat:
+        fmt, raw = allocate(abi.Format)
+        fmt.type = self.buffer_type
+        pix = fmt.fmt.pix_mp if self._mplane else fmt.fmt.pix
+        pix.width, pix.height, pix.pixelformat, pix.field = width, height, abi.fourcc(code), abi.FIELD_NONE
+        if self._mplane:
+            pix.num_planes = 1
+        self.call(request, raw, f"VIDIOC_{request.name} {code.strip()} {width}x{height}")
+        return self._read_format(fmt)
+
+    @property
+    def _mplane(self) -> bool:
+        return self.buffer_type is abi.BufferType.VIDEO_CAPTURE_MPLANE
+
+    def _read_format(self, fmt: abi.Format) -> NodeFormat:
+        if self._mplane:
+            pix = fmt.fmt.pix_mp
+            plane, planes = pix.plane_fmt[0], int(pix.num_planes)
+            stride, size = plane.bytesperline, plane.sizeimage
+        else:
+            pix, planes = fmt.fmt.pix, 1
+            stride, size = pix.bytesperline, pix.sizeimage
+        return NodeFormat(abi.fourcc_name(pix.pixelformat), pix.width, pix.height, stride, size, planes)
+
+    def set_bus_format(self, bus_code: int, width: int, height: int) -> tuple[int, int]:
+        """Set the format on pad 0 of a sub-device; return the width and height that it settled on."""
+        fmt, raw = allocate(abi.SubdevFormat)
+        fmt.which, fmt.pad = abi.FORMAT_ACTIVE, 0
+        fmt.format.width, fmt.format.height, fmt.format.code = width, height, bus_code
+        fmt.format.field = abi.FIELD_NONE
+        asked = f"VIDIOC_SUBDEV_S_FMT 0x{bus_code:04X} {width}x{height}"
+        self.call(abi.SUBDEV_S_FMT, raw, asked)
+        if fmt.format.code != bus_code:
+            raise RefusedError(
+                self.device,
+                asked,
+                f"0x{fmt.format.code:04X}",
+                "the sensor settled on another bus format",
+                remedy="choose a pixel format with the sensor's own bit depth and mosaic",
+            )
+        return fmt.format.width, fmt.format.height
+
+    def request_buffers(self, count: int) -> int:
+        """Ask for `count` kernel buffers (0 frees them); return how many there are."""
+        req, raw = allocate(abi.RequestBuffers)
+        req.count, req.type, req.memory = count, self.buffer_type, abi.MEMORY_MMAP
+        self.call(abi.Ioctl.REQBUFS, raw, f"VIDIOC_REQBUFS {count}")
+        return int(req.count)
+
+    def query_buffer(self, index: int) -> BufferPlace:
+        """Return where buffer `index` can be mapped."""
+        buffer, raw, plane, payload = self._buffer(index)
+        self.call(abi.Ioctl.QUERYBUF, raw, f"VIDIOC_QUERYBUF {index}", payload)
+        if plane is not None:
+            return BufferPlace(plane.length, plane.m.mem_offset)
+        return BufferPlace(buffer.length, buffer.m.offset)
+
+    def queue_buffer(self, index: int) -> None:
+        """Hand buffer `index` to the driver to be filled."""
+        _, raw, _, payload = self._buffer(index)
+        self.call(abi.Ioctl.QBUF, raw, f"VIDIOC_QBUF {index}", payload)
+
+    def dequeue_buffer(self) -> Dequeued | None:
+        """Take the oldest filled buffer, or None when there is none yet (EAGAIN)."""
+        buffer, raw, plane, payload = self._buffer(0)
+        try:
+            self._ioctl(abi.Ioctl.DQBUF, raw, payload)
+        except OSError as error:
+            if error.errno == errno.EAGAIN:
+                return None
+            raise_typed(self.device, "VIDIOC_DQBUF", error)
+        return Dequeued(
+            index=buffer.index,
+            bytes_used=buffer.bytesused if plane is None else plane.bytesused,
+            data_offset=0 if plane is None else plane.data_offset,
+            flags=abi.BufferFlag(buffer.flags),
+            time_ns=buffer.timestamp.sec * 1_000_000_000 + buffer.timestamp.usec * 1_000,
+            sequence=buffer.sequence,
+        )
+
+    def _buffer(self, index: int) -> tuple[abi.Buffer, bytearray, abi.Plane | None, bytearray | None]:
+        buffer, raw = allocate(abi.Buffer)
+        buffer.index, buffer.type, buffer.memory = index, self.buffer_type, abi.MEMORY_MMAP
+        if not self._mplane:
+            return buffer, raw, None, None
+        plane, payload = allocate(abi.Plane)
+        buffer.m.planes, buffer.length = ctypes.addressof(plane), 1
+        return buffer, raw, plane, payload
+
+    def stream_on(self) -> None:
+        """Start streaming; frame numbers restart."""
+        self.call(abi.Ioctl.STREAMON, self._type_argument(), "VIDIOC_STREAMON")
+
+    def stream_off(self) -> None:
+        """Stop streaming; every queued and filled buffer is dropped."""
+        self.call(abi.Ioctl.STREAMOFF, self._type_argument(), "VIDIOC_STREAMOFF")
+
+    def _type_argument(self) -> bytearray:
+        return bytearray(int(self.buffer_type).to_bytes(4, "little"))
+
+    def subscribe(self, event: abi.EventType) -> bool:
+        """Ask to be told of an event; return False where the driver does not have it."""
+        sub, raw = allocate(abi.EventSubscription)
+        sub.type = event
+        try:
+            self._ioctl(abi.Ioctl.SUBSCRIBE_EVENT, raw)
+        except OSError as error:
+            if error.errno in (errno.EINVAL, errno.ENOTTY):
+                return False
+            raise_typed(self.device, f"VIDIOC_SUBSCRIBE_EVENT {event.name}", error)
+        return True
+
+    def dequeue_event(self) -> int | None:
+        """Take the oldest event's type, or None when there is none."""
+        event, raw = allocate(abi.Event)
+        try:
+            self._ioctl(abi.Ioctl.DQEVENT, raw)
+        except OSError as error:
+            if error.errno in (errno.ENOENT, errno.EAGAIN):
+                return None
+            raise_typed(self.device, "VIDIOC_DQEVENT", error)
+        return int(event.type)
+
+    def wait(self, timeout_s: float) -> int:
+        """Wait for a frame or an event; return poll's mask (POLLIN, POLLPRI, POLLERR, POLLHUP), 0 in time."""
+        if self._fd < 0:
+            raise WrongStateError(self.device, "the node has been closed", asked="poll")
+        with errno_errors(self.device, "poll"):
+            return self.port.poll(self._fd, select.POLLIN | select.POLLPRI, timeout_s)
+
+    @property
+    def fd(self) -> int:
+        """Get the descriptor, for mapping buffers."""
+        return self._fd
+
+
+def _text(raw: bytes) -> str:
+    return raw.decode("utf-8", "replace")

@@ -1,0 +1,258 @@
+"""An open camera: who it is, what it can do, and setting it to what a capture asks for.
+
+Here: `OpenCamera`. Not here: streaming (`streaming`), the interface (`driver`). Imported by `driver` only.
+"""
+
+import contextlib
+from dataclasses import dataclass
+from typing import Final
+
+from gs2ci.core.clock import Clock
+from gs2ci.core.errors import InputError
+from gs2ci_drivers.failures import DeviceFaultError, DriverError, UnsupportedError
+from gs2ci_drivers.ports import SysPort
+from gs2ci_drivers.sensor import FrameFormat, SensorConfig, SensorInfo, SensorSettings, TriggerMode
+from gs2ci_drivers.v4l2 import abi
+from gs2ci_drivers.v4l2.controls import Applied, ControlTable, ExposureControl, line_time_s
+from gs2ci_drivers.v4l2.formats import PIXEL_FORMATS, FrameGeometry, PixelFormat
+from gs2ci_drivers.v4l2.node import Identity, NodeFormat, VideoNode
+from gs2ci_drivers.v4l2.options import V4l2Options
+from gs2ci_drivers.v4l2.trigger import trigger_adapter
+
+LARGEST_PX: Final = 16384
+"""Asked for where the largest frame is wanted: every driver cuts it to what it has."""
+
+
+@dataclass(frozen=True)
+class Setup:
+    """What came of a configuration: for the user, for unpacking, and per control."""
+
+    settings: SensorSettings
+    geometry: FrameGeometry
+    applied: tuple[Applied, ...]
+
+
+class OpenCamera:
+    """The capture node, the sensor's sub-device where it has one, its controls and its trigger.
+
+    Args:
+        name: Name of the device for messages.
+        port: The system calls.
+        clock: On which waits are kept.
+        options: What the kernel driver does not tell.
+
+    Raises:
+        UnsupportedError: Not a streaming capture node, or the trigger adapter's module or control is not there.
+        DriverError: The node cannot be opened or does not answer; whatever was opened is closed.
+    """
+
+    def __init__(self, name: str, port: SysPort, clock: Clock, options: V4l2Options) -> None:
+        self.name = name
+        self._options = options
+        with contextlib.ExitStack() as undo:
+            self.node = undo.enter_context(contextlib.closing(VideoNode(port, options.path, name)))
+            self.identity = self.node.identity()
+            self._require_capture(self.identity)
+            self._subdevice: VideoNode | None = None
+            if options.subdevice:
+                subdevice = VideoNode(port, options.subdevice, name)
+                self._subdevice = undo.enter_context(contextlib.closing(subdevice))
+            self.controls = ControlTable(self._subdevice or self.node)
+            self.adapter = trigger_adapter(port, clock, name, self.controls, options)
+            undo.pop_all()
+
+    def close(self) -> None:
+        """Put the trigger back as it was found and close the nodes; never raises."""
+        with contextlib.suppress(DriverError):
+            self.adapter.restore()
+        self.node.close()
+        if self._subdevice is not None:
+            self._subdevice.close()
+
+    def _require_capture(self, identity: Identity) -> None:
+        if identity.buffer_type is None or abi.Cap.STREAMING not in identity.caps:
+            raise UnsupportedError(
+                self.name,
+                f"{self._options.path} ({identity.card}) is no streaming capture node",
+                asked="VIDIOC_QUERYCAP",
+                allowed="a node with VIDEO_CAPTURE or VIDEO_CAPTURE_MPLANE, and STREAMING",
+                remedy="a camera may have several nodes; `gs2ci devices` shows which of them captures",
+            )
+
+    def describe(self) -> SensorInfo:
+        """Read what the camera is and can do; nothing is changed.
+
+        Raises:
+            UnsupportedError: It offers no raw format.
+            DriverError: It does not answer.
+        """
+        offered = self.node.formats()
+        formats = tuple(
+            self._frame_format(PIXEL_FORMATS[code], self.node.try_format(code, LARGEST_PX, LARGEST_PX))
+            for code in offered
+            if code in PIXEL_FORMATS
+        )
+        if not formats:
+            raise UnsupportedError(
+                self.name,
+                f"no raw format on {self._options.path} (it offers {', '.join(offered) or 'nothing'})",
+                asked="VIDIOC_ENUM_FMT",
+                allowed=", ".join(sorted(code.strip() for code in PIXEL_FORMATS)),
+                remedy="choose another node, or write the frames of this camera through a driver of its maker",
+            )
+        low_s, high_s, step_s = self._exposure_limits()
+        return SensorInfo(
+            model=self.identity.card,
+            serial=self.identity.bus,
+            driver=f"{self.identity.driver} {self.identity.version}",
+            formats=formats,
+            min_exposure_s=low_s,
+            max_exposure_s=high_s,
+            exposure_step_s=step_s,
+            triggers=self.adapter.triggers,
+            controls={c.name: c.range_text for c in self.controls if c.settable},
+        )
+
+    def _exposure_limits(self) -> tuple[float, float, float]:
+        exposure = self._exposure_control(self.node.get_format().width)
+        if exposure is not None:
+            return exposure.min_s, exposure.max_s, exposure.step_s
+        if self._options.fixed_exposure_s is not None:
+            return self._options.fixed_exposure_s, self._options.fixed_exposure_s, 0.0
+        return 0.0, float("inf"), 0.0
+
+    def _exposure_control(self, width: int) -> ExposureControl | None:
+        return ExposureControl.find(self.controls, width, self._options.exposure_unit_s)
+
+    def _frame_format(self, pixel: PixelFormat, fmt: NodeFormat) -> FrameFormat:
+        bits = min(self._options.significant_bits or pixel.bits, pixel.bits)
+        return FrameFormat(pixel.code.strip(), fmt.height, fmt.width, bits, pixel.cfa)
+
+    def apply(self, config: SensorConfig) -> Setup:
+        """Set format, controls, trigger and exposure, in this order; return what the device made of them.
+
+        Raises:
+            UnsupportedError: A format, control or trigger is not there, or the device does not tell a figure that
+                is needed.
+            DeviceFaultError: The kernel states an impossible frame.
+            DriverError: On the way.
+        """
+        fmt = self._set_format(config)
+        geometry = self._geometry(fmt)
+        self.controls.refresh()
+        applied = self._set_controls(config)
+        self.adapter.set_mode(config.trigger)
+        offset_s = self._options.exposure_offset_s
+        settings = SensorSettings(
+            format=self._frame_format(geometry.pixel, fmt),
+            exposure_s=self._set_exposure(config, fmt.width),
+            trigger=config.trigger,
+            readout_s=self._readout_s(fmt, config.trigger),
+            exposure_offset_s=self.adapter.exposure_offset_s if offset_s is None else offset_s,
+            full_well_e=self._options.full_well_e,
+            stride=geometry.stride,
+            buffers=config.buffers,
+        )
+        return Setup(settings, geometry, tuple(applied))
+
+    def _geometry(self, fmt: NodeFormat) -> FrameGeometry:
+        pixel = PIXEL_FORMATS[fmt.code]
+        stride = fmt.stride or pixel.row_bytes(fmt.width)  # some drivers leave it 0 for packed formats
+        bits = self._frame_format(pixel, fmt).bits
+        try:
+            geometry = FrameGeometry(pixel, fmt.width, fmt.height, stride, bits, self._options.alignment)
+        except InputError as error:
+            raise DeviceFaultError(self.name, "VIDIOC_S_FMT", [str(error)]) from error
+        if fmt.size_bytes < geometry.payload_bytes:
+            raise DeviceFaultError(
+                self.name,
+                "VIDIOC_S_FMT",
+                [f"buffers of {fmt.size_bytes} bytes for frames of {geometry.payload_bytes}"],
+            )
+        return geometry
+
+    def _offered(self) -> str:
+        return ", ".join(code.strip() for code in self.node.formats() if code in PIXEL_FORMATS)
+
+    def _set_format(self, config: SensorConfig) -> NodeFormat:
+        """Set the format on the sub-device and the capture node; return what the kernel made of it."""
+        node, present = self.node, self.node.get_format()
+        code = config.fourcc.ljust(4) if config.fourcc else present.code
+        if code not in PIXEL_FORMATS:
+            raise UnsupportedError(
+                self.name,
+                f"the present format {code!r} cannot be unpacked",
+                asked="configure",
+                allowed=self._offered(),
+                remedy="set `fourcc` in [sensor]",
+            )
+        width, height = config.width or present.width, config.height or present.height
+        bus_code = PIXEL_FORMATS[code].bus_code
+        if self._subdevice is not None and bus_code is not None:
+            width, height = self._subdevice.set_bus_format(bus_code, width, height)
+        fmt = node.set_format(code, width, height)
+        if fmt.code != code or fmt.planes != 1:
+            raise UnsupportedError(
+                self.name,
+                f"the driver answered {fmt.code.strip()} in {fmt.planes} plane(s) to {code.strip()}",
+                asked="VIDIOC_S_FMT",
+                allowed=self._offered(),
+                remedy="choose another `fourcc` in [sensor]",
+            )
+        return fmt
+
+    def _set_controls(self, config: SensorConfig) -> list[Applied]:
+        """Switch automatic controls off, then set the gain and the controls asked for, in their order."""
+        table, applied = self.controls, []
+        for cid, value in ((abi.Cid.EXPOSURE_AUTO, abi.EXPOSURE_MANUAL), (abi.Cid.AUTOGAIN, 0)):
+            control = table.find(cid)
+            if control is not None and control.settable:
+                applied.append(table.set(cid, value))
+        if config.gain_db is not None:
+            applied.append(self._set_gain(table, config.gain_db))
+        return applied + [table.set(key, value) for key, value in config.controls.items()]
+
+    def _set_gain(self, table: ControlTable, gain_db: float) -> Applied:
+        control = table.find(abi.Cid.ANALOGUE_GAIN) or table.find(abi.Cid.GAIN)
+        if control is None or self._options.gain_db_per_unit is None:
+            raise UnsupportedError(
+                self.name,
+                f"gain of {gain_db} dB: " + ("no gain control" if control is None else "its unit is not known"),
+                asked="configure",
+                allowed="the control's own units" if control else "",
+                remedy="set `gain_db_per_unit` in [sensor], or set the control itself in [sensor.controls]",
+            )
+        return table.set(control.cid, round(gain_db / self._options.gain_db_per_unit))
+
+    def _set_exposure(self, config: SensorConfig, width: int) -> float:
+        """Set the exposure; return the one in force, in seconds."""
+        if config.trigger is TriggerMode.LEVEL:  # the line decides, the control is ignored
+            return config.exposure_s
+        exposure = self._exposure_control(width)
+        if exposure is not None:
+            return exposure.set_s(config.exposure_s)
+        if self._options.fixed_exposure_s is None:
+            raise UnsupportedError(
+                self.name,
+                "there is no exposure control whose unit is known",
+                asked=f"exposure of {config.exposure_s:.6g} s",
+                remedy="set `exposure_unit_s` (seconds per unit of the control `exposure`), `fixed_exposure_s` or "
+                "`subdevice` in [sensor]",
+            )
+        return self._options.fixed_exposure_s
+
+    def _readout_s(self, fmt: NodeFormat, trigger: TriggerMode) -> float:
+        """Compute the shortest time from the end of an exposure to the start of the next: one frame's lines."""
+        if self._options.readout_s is not None:
+            return self._options.readout_s
+        line_s = line_time_s(self.controls, fmt.width)
+        if line_s is not None:
+            return fmt.height * line_s
+        if trigger is TriggerMode.FREE_RUN:  # the sensor keeps its own period
+            return 0.0
+        raise UnsupportedError(
+            self.name,
+            "the driver does not tell how long reading out a frame takes",
+            asked=f"trigger mode {trigger.value}",
+            remedy="set `readout_s` in [sensor] from the camera's data sheet",
+        )

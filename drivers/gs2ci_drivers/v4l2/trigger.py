@@ -1,0 +1,211 @@
+"""External triggers: V4L2 has no standard control for them, so each kind of kernel driver gets an adapter.
+
+    ModuleTrigger    /sys/module/<module>/parameters/trigger_mode      imx296, ov9282, ov7251, ar0234 ...
+    ControlTrigger   a private control found by its name               VC-MIPI drivers and their like
+    NoTrigger        free run only
+
+Here: switching modes and putting back what was found. Not here: what a mode means (`sensor.TriggerMode`).
+Imported by `setup`.
+"""
+
+import errno
+from typing import Final, NoReturn, Protocol
+
+from gs2ci.core.clock import Clock
+from gs2ci_drivers.failures import AccessError, UnsupportedError
+from gs2ci_drivers.ports import SysPort
+from gs2ci_drivers.sensor import TriggerMode
+from gs2ci_drivers.v4l2.controls import ControlTable
+from gs2ci_drivers.v4l2.node import raise_typed
+from gs2ci_drivers.v4l2.options import V4l2Options
+
+PULSE_WIDTH_OFFSETS_S: Final = {"imx296": 14.26e-6}
+"""Modules whose exposure is the width of the trigger pulse plus this constant; the others take an edge."""
+
+
+class TriggerAdapter(Protocol):
+    """A way to switch a sensor between its own clock and external triggers."""
+
+    triggers: frozenset[TriggerMode]
+    exposure_offset_s: float
+
+    def set_mode(self, mode: TriggerMode) -> None:
+        """Switch; call it only while the sensor does not stream."""
+        ...
+
+    def restore(self) -> None:
+        """Put back what was found before the first switch."""
+        ...
+
+
+class NoTrigger:
+    """A sensor that only runs by its own clock."""
+
+    triggers = frozenset({TriggerMode.FREE_RUN})
+    exposure_offset_s = 0.0
+
+    def set_mode(self, mode: TriggerMode) -> None:
+        """Do nothing: there is one mode."""
+
+    def restore(self) -> None:
+        """Do nothing: nothing was changed."""
+
+
+class ModuleTrigger:
+    """A kernel module's parameter `trigger_mode`: 0 own clock, 1 external.
+
+    The driver takes the parameter in when the sensor powers up, so after a change we wait until it has powered
+    down.
+
+    Args:
+        port: The system calls.
+        clock: On which the power-down is waited for.
+        device: Name of the sensor for messages.
+        module: The kernel module.
+        power_down_s: How long an idle sensor takes to power down.
+    """
+
+    def __init__(self, port: SysPort, clock: Clock, device: str, module: str, power_down_s: float) -> None:
+        self._port = port
+        self._clock = clock
+        self._device = device
+        self._module = module
+        self._path = f"/sys/module/{module}/parameters/trigger_mode"
+        self._power_down_s = power_down_s
+        self._found: bytes | None = None
+        external = TriggerMode.LEVEL if module in PULSE_WIDTH_OFFSETS_S else TriggerMode.EDGE
+        self.triggers = frozenset({TriggerMode.FREE_RUN, external})
+        self.exposure_offset_s = PULSE_WIDTH_OFFSETS_S.get(module, 0.0)
+        self._read()
+
+    def set_mode(self, mode: TriggerMode) -> None:
+        """Write the parameter and let the sensor power down if that changed it.
+
+        Raises:
+            AccessError: The parameter may not be written.
+            UnsupportedError: The module is not loaded, or did not take the value.
+        """
+        if self._write(b"0" if mode is TriggerMode.FREE_RUN else b"1"):
+            self._clock.sleep_s(self._power_down_s)
+
+    def restore(self) -> None:
+        """Write the value that was found before the first switch.
+
+        Raises:
+            AccessError, UnsupportedError: As `set_mode`.
+        """
+        if self._found is not None:
+            self._write(self._found)
+            self._found = None
+
+    def _write(self, value: bytes) -> bool:
+        before = self._read()
+        if before == value:
+            return False
+        self._found = before if self._found is None else self._found
+        try:
+            self._port.write_file(self._path, value + b"\n")
+        except OSError as error:
+            self._fail(error)
+        now = self._read()
+        if now != value:
+            raise UnsupportedError(
+                self._device,
+                f"{self._path} reads {now!r} after {value!r} was written",
+                asked="switch the trigger",
+                remedy="this module's trigger works otherwise; see its documentation",
+            )
+        return True
+
+    def _read(self) -> bytes:
+        try:
+            value = self._port.read_file(self._path).strip()
+        except OSError as error:
+            self._fail(error)
+        return {b"Y": b"1", b"N": b"0"}.get(value, value)  # the kernel prints bool parameters so
+
+    def _fail(self, error: OSError) -> NoReturn:
+        asked = f"access {self._path}"
+        if error.errno in (errno.EACCES, errno.EPERM, errno.EROFS):
+            raise AccessError(
+                self._device,
+                f"no permission ({error.strerror})",
+                asked=asked,
+                remedy=f"write `options {self._module} trigger_mode=1` to /etc/modprobe.d/{self._module}.conf and "
+                "load the module again, or install the rule that `gs2ci doctor` prints",
+            ) from error
+        if error.errno in (errno.ENOENT, errno.ENOTDIR):
+            raise UnsupportedError(
+                self._device,
+                f"module {self._module!r} is not loaded or has no parameter trigger_mode",
+                asked=asked,
+                remedy="set trigger_module in [sensor] to the sensor's kernel module, or change trigger_adapter",
+            ) from error
+        raise_typed(self._device, asked, error)
+
+
+class ControlTrigger:
+    """A private control, found by its name.
+
+    Args:
+        table: The controls of the node that has it.
+        device: Name of the sensor for messages.
+        options: Name of the control and its value for each mode.
+
+    Raises:
+        UnsupportedError: The control is not there, or has none of the values.
+    """
+
+    def __init__(self, table: ControlTable, device: str, options: V4l2Options) -> None:
+        self._table = table
+        self._values = dict(options.trigger_values)
+        self._found: int | None = None
+        control = table.require(options.trigger_control)
+        self._cid = control.cid
+        there = control.menu or range(control.minimum, control.maximum + 1)
+        self.triggers = frozenset(mode for mode, value in self._values.items() if value in there)
+        self.exposure_offset_s = 0.0
+        if not self.triggers:
+            raise UnsupportedError(
+                device,
+                f"control {control.name} has none of the values {sorted(self._values.values())}",
+                asked="find the trigger",
+                allowed=control.range_text,
+                remedy="set trigger_values in [sensor] from the camera's documentation",
+            )
+
+    def set_mode(self, mode: TriggerMode) -> None:
+        """Set the control.
+
+        Raises:
+            DriverError: The control cannot be set.
+        """
+        if self._found is None:
+            self._found = self._table.get(self._cid)
+        self._table.set(self._cid, self._values[mode])
+
+    def restore(self) -> None:
+        """Set the value that was found before the first switch.
+
+        Raises:
+            DriverError: The control cannot be set.
+        """
+        if self._found is not None:
+            found, self._found = self._found, None
+            self._table.set(self._cid, found)
+
+
+def trigger_adapter(
+    port: SysPort, clock: Clock, device: str, table: ControlTable, options: V4l2Options
+) -> TriggerAdapter:
+    """Return the adapter that the options name.
+
+    Raises:
+        UnsupportedError: The kernel module or the control is not there.
+        AccessError: The module's parameter may not be read.
+    """
+    if options.trigger_adapter == "module":
+        return ModuleTrigger(port, clock, device, options.trigger_module, options.power_down_s)
+    if options.trigger_adapter == "control":
+        return ControlTrigger(table, device, options)
+    return NoTrigger()

@@ -1,0 +1,1 @@
+"""Zaber stages over their ASCII protocol: `packets` and `flags` are pure, `driver` speaks."""

@@ -1,0 +1,207 @@
+"""Zaber stages as a `Stage`.
+
+Here: what a stage does, in Zaber's commands. Not here: lines and ids (`link`), numbers (`units`), tables
+(`flags`). `gs2ci.rig` imports this file.
+
+Speeds: firmware before 7.25 has no speed argument of `move`, so the speed is set by `set maxspeed` and the
+device's own value is put back when the stage rests, stops or is closed.
+"""
+
+from collections.abc import Mapping
+
+from gs2ci.core.clock import Clock
+from gs2ci_drivers.failures import (
+    BadReplyError,
+    DriverError,
+    MoveFailedError,
+    NoAnswerError,
+    ReferenceLostError,
+    UnsupportedError,
+)
+from gs2ci_drivers.ports import BytePort
+from gs2ci_drivers.stage import AxisInfo, Stage, StageInfo, StageStatus
+from gs2ci_drivers.zaber.flags import INTERRUPTED, UNREFERENCED, describe, is_fault
+from gs2ci_drivers.zaber.link import ZaberLink
+from gs2ci_drivers.zaber.units import Units
+
+POLL_S = 0.02
+ARRIVAL_STEPS = 2
+"""Microsteps by which a finished move may be off: the controller's own settling window."""
+STOP_TIMEOUT_S = 5.0
+
+
+class ZaberStage(Stage):
+    """One Zaber device with one or more axes.
+
+    Args:
+        name: Name in the rig file.
+        port: The serial line.
+        clock: Where waits are kept.
+        axes: For each axis name its number on the device, from 1.
+        microstep_mm: For each axis name the travel of one microstep, from the data sheet.
+        address: The device's address in the chain.
+        with_checksum: Whether to send checksums.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        port: BytePort,
+        clock: Clock,
+        *,
+        axes: Mapping[str, int],
+        microstep_mm: Mapping[str, float],
+        address: int = 1,
+        with_checksum: bool = True,
+    ) -> None:
+        super().__init__(name, clock)
+        self._numbers = dict(axes)
+        self._units = {axis: Units(microstep_mm[axis]) for axis in axes}
+        self._link = ZaberLink(
+            name, port, clock, address=address, with_checksum=with_checksum, incidents=self.incidents
+        )
+        self._own_speed: dict[str, int] = {}
+        self._speed: dict[str, int] = {}
+        self._targets: dict[str, int] = {}
+        self._flags: tuple[str, ...] = ()
+
+    def _do_connect(self) -> StageInfo:
+        self._link.drain()
+        count = self._number(0, "system.axiscount")
+        for axis, number in self._numbers.items():
+            if not 1 <= number <= count:
+                raise UnsupportedError(
+                    self.name, f"axis {axis!r} is number {number}", asked="connect", allowed=f"1 to {count}"
+                )
+        return StageInfo(
+            model=f"Zaber device {self._get(0, 'deviceid')}",
+            serial=self._get(0, "system.serial"),
+            firmware=self._get(0, "version"),
+            axes={axis: self._read_axis(axis) for axis in self._numbers},
+        )
+
+    def _read_axis(self, axis: str) -> AxisInfo:
+        number, units = self._numbers[axis], self._units[axis]
+        self._own_speed[axis] = self._speed[axis] = self._number(number, "maxspeed")
+        return AxisInfo(
+            name=axis,
+            min_mm=units.mm(self._number(number, "limit.min")),
+            max_mm=units.mm(self._number(number, "limit.max")),
+            step_mm=units.microstep_mm,
+            max_speed_mm_s=units.speed_mm_s(self._own_speed[axis]),
+            speed_step_mm_s=units.speed_mm_s(1),
+            acceleration_mm_s2=units.acceleration_mm_s2(self._number(number, "accel")),
+        )
+
+    def _do_home(self, axes: tuple[str, ...], timeout_s: float) -> None:
+        self._targets = {}
+        for axis in axes:
+            self._link.command(self._numbers[axis], "home")
+        self._wait_until_idle(timeout_s, "home")
+        self._raise_for_flags(self._read_flags(), "home")
+
+    def _do_begin_move(self, targets_mm: Mapping[str, float], speed_mm_s: float) -> None:
+        if INTERRUPTED & set(self._flags):
+            self._link.command(0, "warnings clear")  # an old interruption must not be taken for a new one
+        self._targets = {axis: self._units[axis].steps(target) for axis, target in targets_mm.items()}
+        for axis in targets_mm:
+            # Always, not only on a change: a power cycle in between would have put the device's own speed back.
+            self._send_speed(axis, self._units[axis].speed_data(speed_mm_s))
+        for axis, steps in self._targets.items():
+            self._link.command(self._numbers[axis], f"move abs {steps}")
+
+    def _do_wait_idle(self, timeout_s: float) -> None:
+        asked = f"move to {self._targets} microsteps"
+        self._wait_until_idle(timeout_s, asked)
+        self._raise_for_flags(self._read_flags(), asked)
+        targets, self._targets = self._targets, {}
+        for axis, steps in targets.items():
+            reached = self._number(self._numbers[axis], "pos")
+            if abs(reached - steps) > ARRIVAL_STEPS:
+                raise MoveFailedError(
+                    self.name,
+                    asked,
+                    [f"axis {axis} at rest at {self._units[axis].mm(reached):.4f} mm, short of its target"],
+                    remedy="look for an obstacle on the stage",
+                )
+        self._restore_speeds()
+
+    def _do_positions_mm(self) -> dict[str, float]:
+        return {axis: self._units[axis].mm(self._number(number, "pos")) for axis, number in self._numbers.items()}
+
+    def _do_stop(self) -> None:
+        self._targets = {}
+        self._link.drain()
+        self._link.query(0, "stop")  # stopping twice is harmless, so it is asked for again like a question
+        self._wait_until_idle(STOP_TIMEOUT_S, "stop")
+        self._restore_speeds()
+
+    def _do_status(self) -> StageStatus:
+        busy = self._link.query(0, "").busy
+        self._flags = flags = self._read_flags()
+        return StageStatus(
+            moving=busy,
+            referenced=not UNREFERENCED & set(flags),
+            positions_mm=self._do_positions_mm(),
+            faults=tuple(describe(flag) for flag in flags if is_fault(flag)),
+            warnings=tuple(describe(flag) for flag in flags if not is_fault(flag)),
+        )
+
+    def _do_close(self) -> None:
+        try:
+            self._restore_speeds()
+        except DriverError:  # the line may be dead; closing must still let go of the port
+            self._speed = dict(self._own_speed)
+        self._link.close()
+
+    def _wait_until_idle(self, timeout_s: float, asked: str) -> None:
+        begin_s = self.clock.now_s()
+        while self._link.query(0, "").busy:
+            waited_s = self.clock.now_s() - begin_s
+            if waited_s >= timeout_s:
+                raise NoAnswerError(
+                    self.name, f"{asked}: arrival", waited_s, remedy="look for an obstacle on the stage"
+                )
+            self.clock.sleep_s(POLL_S)
+
+    def _read_flags(self) -> tuple[str, ...]:
+        """Return all flags that are up."""
+        data = self._link.query(0, "warnings").data.split()
+        if not data or not data[0].isdigit() or len(data) != int(data[0]) + 1:
+            raise BadReplyError(
+                self.name, "warnings", " ".join(data).encode(), "not a count and its flags", allowed="NN FF FF ..."
+            )
+        return tuple(data[1:])
+
+    def _raise_for_flags(self, flags: tuple[str, ...], asked: str) -> None:
+        faults = [describe(flag) for flag in flags if is_fault(flag) or flag in INTERRUPTED]
+        if faults:
+            raise MoveFailedError(
+                self.name, asked, faults, remedy="clear the way or the fault, then home if the stage lost steps"
+            )
+        lost = [describe(flag) for flag in flags if flag in UNREFERENCED]
+        if lost:
+            raise ReferenceLostError(
+                self.name, asked, lost, remedy="the stage lost power: home it with `gs2ci devices --home`"
+            )
+
+    def _send_speed(self, axis: str, data: int) -> None:
+        self._link.query(self._numbers[axis], f"set maxspeed {data}")
+        self._speed[axis] = data
+
+    def _restore_speeds(self) -> None:
+        for axis, data in self._own_speed.items():
+            if self._speed[axis] != data:
+                self._send_speed(axis, data)
+
+    def _get(self, axis: int, setting: str) -> str:
+        return self._link.query(axis, f"get {setting}").data
+
+    def _number(self, axis: int, setting: str) -> int:
+        text = self._get(axis, setting)
+        try:
+            return round(float(text))
+        except (ValueError, OverflowError) as error:
+            raise BadReplyError(
+                self.name, f"get {setting}", text.encode(), "not a number", allowed="a number"
+            ) from error

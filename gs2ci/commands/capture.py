@@ -1,0 +1,92 @@
+"""`gs2ci capture`: run a bench and write what it took into a shot file.
+
+Here: the arguments, the plan as a table, and where the file is. Not here: any of the work (`gs2ci.rig`). Only
+`gs2ci.cli` imports this file.
+"""
+
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from gs2ci.commands.display import open_display
+from gs2ci.core.storage.sealing import partial_of
+from gs2ci.rig.opening import Rig, load_rig
+from gs2ci.rig.recording import Prepared, prepare, record
+from gs2ci_drivers.acquisition import Devices
+from gs2ci_drivers.plan import table
+from gs2ci_sims.bench_light import BenchLight
+
+
+def run(
+    *,
+    rig: Path,
+    out: Annotated[Path, tyro.conf.arg(aliases=["-o"])] = Path("shot.h5"),
+    dry_run: bool = False,
+    shots: int | None = None,
+    overwrite: bool = False,
+) -> Path | None:
+    """Take coded exposures on the bench that a rig file describes.
+
+    The plan is checked against the devices' limits and printed before anything moves. Each shot is safe in
+    NAME.partial as soon as it is taken; the file gets its name when all are.
+
+    Args:
+        rig: The rig file (TOML); docs/rigs has a simulated bench and a real one, with comments.
+        out: The shot file to write, ends in .h5.
+        dry_run: Connect, check and print the plan; move and write nothing.
+        shots: How many shots, instead of the rig file's number.
+        overwrite: Replace a finished file of that name.
+
+    Returns:
+        The shot file; None for a dry run.
+    """
+    opened = load_rig(rig)
+    if shots is not None:
+        opened.set_shots(shots)
+    devices = opened.open(out if opened.table.trace and not dry_run else None)
+    try:
+        prepared = prepare(opened, devices)
+        console = Console()
+        _print_plan(console, opened, devices, prepared)
+        prepared.plan.require_sound()
+        if dry_run:
+            return None
+        with open_display() as display:
+            record(opened, devices, prepared, out, replace=overwrite, progress=display)
+    except BaseException:
+        _say_what_is_safe(out)
+        raise
+    finally:
+        devices.close()
+    light = opened.bench.world.light if opened.bench else None
+    if isinstance(light, BenchLight) and light.plans:
+        last = light.plans[max(light.plans)]
+        console.print(f"the light path {last.summary()}", markup=False, highlight=False, soft_wrap=True)
+    console.print(f"{prepared.plan.settings.shots} shots in [bold]{escape(str(out))}[/]", soft_wrap=True)
+    return out
+
+
+def _say_what_is_safe(out: Path) -> None:
+    """Tell where the shots are that were taken before a capture ended early."""
+    partial = partial_of(out)
+    if partial.exists():
+        Console(stderr=True).print(
+            f"the shots taken before are safe: gs2ci recover {escape(str(partial))}", soft_wrap=True, highlight=False
+        )
+
+
+def _print_plan(console: Console, rig: Rig, devices: Devices, prepared: Prepared) -> None:
+    stage = devices.stage
+    names = [devices.modulator.info.model, devices.sensor.info.model, stage.info.model if stage else "no stage"]
+    kind = "simulated" if rig.bench else "real"
+    console.print(f"[bold]{escape(rig.table.name)}[/] ({kind}): {escape(', '.join(names))}", soft_wrap=True)
+    grid = Table(box=None, pad_edge=False)
+    for heading in ("plan", "value", "allowed", ""):
+        grid.add_column(heading)
+    for what, value, limit, verdict in table(prepared.plan):
+        grid.add_row(what, value, limit, verdict, style="bold red" if verdict == "NO" else "")
+    console.print(grid)

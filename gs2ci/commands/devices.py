@@ -1,0 +1,108 @@
+"""`gs2ci devices`: what is connected and what it can do.
+
+Here: the arguments and the printing. Not here: opening devices (`gs2ci.rig.opening`), looking for them
+(`gs2ci.rig.discovery`). Only `gs2ci.cli` imports this file.
+"""
+
+from pathlib import Path
+
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from gs2ci.rig.discovery import find_devices
+from gs2ci.rig.opening import load_rig
+from gs2ci_drivers.acquisition import Devices
+from gs2ci_drivers.modulator import Modulator
+from gs2ci_drivers.sensor import Sensor
+from gs2ci_drivers.stage import Stage
+
+
+def run(*, rig: Path | None = None, home: bool = False) -> None:
+    """Say what is connected and what it can do; nothing is changed and, without --home, nothing moves.
+
+    Args:
+        rig: Ask the devices of this rig file; without it, look for devices on this computer.
+        home: Move the stage of the rig to its reference; it must have free way.
+    """
+    console = Console()
+    if rig is None:
+        _print_found(console)
+        return
+    devices = load_rig(rig).open()
+    try:
+        _print_devices(console, devices)
+        if home and devices.stage is not None:
+            positions = devices.stage.home()
+            console.print(
+                "homed: " + ", ".join(f"{axis} {mm:.4f} mm" for axis, mm in positions.items()), highlight=False
+            )
+    finally:
+        devices.close()
+
+
+def _print_found(console: Console) -> None:
+    found = find_devices()
+    if not found:
+        console.print("no camera, serial port or modulator was found; `gs2ci doctor` says what may be missing")
+    for kind, port, name in found:
+        console.print(f"{kind:<10} port = {port!r}  {escape(name)}", highlight=False, soft_wrap=True)
+
+
+def _print_devices(console: Console, devices: Devices) -> None:
+    for rows in (_modulator(devices.modulator), _sensor(devices.sensor), _stage(devices.stage)):
+        grid = Table(box=None, show_header=False, pad_edge=False)
+        for row in rows:
+            grid.add_row(*(escape(text) for text in row))
+        console.print(grid)
+        console.print()
+
+
+def _modulator(modulator: Modulator) -> list[tuple[str, str]]:
+    info = modulator.connect()
+    status = modulator.status()
+    depths = ", ".join(
+        f"{bits} bit: from {shortest * 1e6:.0f} us, at most {info.capacity[bits]} masks"
+        for bits, shortest in sorted(info.min_exposure_s.items())
+    )
+    return [
+        ("modulator", info.model + (" (experimental)" if info.experimental else "")),
+        ("firmware", info.firmware),
+        ("pixels", f"{info.height} x {info.width}, pitch {info.pitch_m * 1e6:.2f} um"),
+        ("depths", depths),
+        ("trigger out", ", ".join(sorted(out.value for out in info.trigger_outs))),
+        ("state", ", ".join([status.state.value, *status.faults])),
+    ]
+
+
+def _sensor(sensor: Sensor) -> list[tuple[str, str]]:
+    info = sensor.connect()
+    formats = ", ".join(f"{fmt.fourcc} {fmt.height} x {fmt.width} ({fmt.bits} bit)" for fmt in info.formats)
+    return [
+        ("sensor", f"{info.model} {info.serial}".strip()),
+        ("driver", info.driver),
+        ("formats", formats),
+        ("exposure", f"{info.min_exposure_s:.3g} to {info.max_exposure_s:.3g} s"),
+        ("trigger in", ", ".join(sorted(mode.value for mode in info.triggers))),
+        ("controls", ", ".join(f"{name} {limits}" for name, limits in info.controls.items())),
+    ]
+
+
+def _stage(stage: Stage | None) -> list[tuple[str, str]]:
+    if stage is None:
+        return [("stage", "none in the rig file")]
+    info = stage.connect()
+    status = stage.status()
+    rows = [("stage", f"{info.model} {info.serial}".strip()), ("firmware", info.firmware)]
+    for name, axis in info.axes.items():
+        here = status.positions_mm.get(name, float("nan"))
+        rows.append(
+            (
+                f"axis {name}",
+                f"at {here:.4f} mm of {axis.min_mm:g} to {axis.max_mm:g}, steps of {axis.step_mm * 1e3:.4g} um, "
+                f"up to {axis.max_speed_mm_s:.4g} mm/s",
+            )
+        )
+    state = "moving" if status.moving else "at rest" if status.referenced else "not referenced: home it first"
+    rows.append(("state", ", ".join([state, *status.faults, *status.warnings])))
+    return rows

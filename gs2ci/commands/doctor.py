@@ -1,0 +1,38 @@
+"""`gs2ci doctor`: what may be wrong with a bench, each finding with its remedy.
+
+Here: the arguments and the printing. Not here: the examination (`gs2ci.rig.doctor`). Only `gs2ci.cli` imports
+this file.
+"""
+
+from pathlib import Path
+
+from rich.console import Console
+from rich.markup import escape
+
+from gs2ci.core.errors import Gs2ciError
+from gs2ci.rig.doctor import examine
+from gs2ci.rig.opening import load_rig
+
+MARKS = {"ok": "[green]ok  [/]", "note": "[yellow]note[/]", "bad": "[bold red]BAD [/]"}
+
+
+def run(*, rig: Path, trigger_loop: bool = True) -> None:
+    """Examine a bench: permissions, firmware, faults, clocks and the trigger line. The stage does not move.
+
+    Args:
+        rig: The rig file.
+        trigger_loop: Show eight masks and count the frames that they trigger; replaces what is loaded on the
+            modulator.
+    """
+    console = Console(highlight=False)
+    bad = 0
+    for finding in examine(load_rig(rig), trigger_loop=trigger_loop):
+        bad += finding.verdict == "bad"
+        console.print(f"{MARKS[finding.verdict]} {escape(finding.what)}: {escape(finding.detail)}", soft_wrap=True)
+        for line in finding.remedy.splitlines():
+            console.print(f"       {escape(line)}", soft_wrap=True)
+    if bad:
+        raise Gs2ciError(
+            f"{bad} finding{'s' if bad > 1 else ''} would keep this bench from working",
+            remedy="see the lines marked BAD above",
+        )

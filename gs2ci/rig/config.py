@@ -1,0 +1,230 @@
+"""What a rig file may say: one table per device, one for the capture, one for the simulated surroundings.
+
+Every table is a strict model: an unknown key is an error that names the nearest known one. `port = "simulated"`
+puts a device's twin below its driver. Not here: opening anything (`gs2ci.rig.opening`). Commands and calibration
+commands import this file.
+"""
+
+from pathlib import Path
+from typing import Annotated, Literal, Self
+
+from pydantic import Field, model_validator
+
+from gs2ci.core.config import Settings, read_settings
+from gs2ci.core.errors import InputError
+
+SIMULATED = "simulated"
+
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+Fraction = Annotated[float, Field(gt=0, lt=1)]
+Count = Annotated[int, Field(ge=1)]
+Vector = tuple[float, float, float]
+
+
+class Dlpc900Table(Settings):
+    """[modulator] with kind = "dlpc900": a DMD behind a DLPC900 over USB HID."""
+
+    kind: Literal["dlpc900"]
+    port: str = SIMULATED
+    """"usb", "usb:1-2.3" for one of several, or "simulated"."""
+    firmware: str = ""
+    """Firmware profile, "" for the driver's default."""
+    compression: Literal["erle", "rle", "none"] = "erle"
+    leds: Annotated[int, Field(ge=0, le=7)] = 7
+    invert: bool = False
+    reply_timeout_s: Positive = 2.0
+
+
+class ScpiModulatorTable(Settings):
+    """[modulator] with kind = "scpi": the open command set over a serial line."""
+
+    kind: Literal["scpi"]
+    port: str = SIMULATED
+    baud: Count = 115200
+    timeout_s: Positive = 2.0
+
+
+class SantecTable(Settings):
+    """[modulator] with kind = "santec": a Santec SLM-200 class panel over USB; experimental, for calibration only."""
+
+    kind: Literal["santec"]
+    port: str = SIMULATED
+    """"usb", "usb:1-2.3" for one of several, or "simulated"."""
+
+
+class V4l2Table(Settings):
+    """[sensor] with kind = "v4l2": a camera of the Linux kernel."""
+
+    kind: Literal["v4l2"]
+    port: str = SIMULATED
+    """The capture node ("/dev/video0") or "simulated"."""
+    subdevice: str = ""
+    height: Annotated[int, Field(ge=0)] = 0
+    width: Annotated[int, Field(ge=0)] = 0
+    format: str = ""
+    """Four-character code ("Y10", "Y12", "RG12", ...); "" takes the device's present one."""
+    gain_db: float | None = None
+    buffers: Count = 4
+    warm_up_frames: Annotated[int, Field(ge=0)] = 0
+    controls: dict[str, int] = Field(default_factory=dict)
+    trigger_adapter: Literal["none", "module", "control"] = "control"
+    trigger_module: str = "imx296"
+    trigger_control: str = "trigger_mode"
+    alignment: Literal["low", "high"] = "low"
+    significant_bits: Annotated[int, Field(ge=0, le=16)] = 0
+    exposure_unit_s: Positive | None = None
+    readout_s: NotNegative | None = None
+    exposure_offset_s: float | None = None
+    black_level_dn: NotNegative = 0.0
+    """Reading without light."""
+    full_well_e: Positive | None = None
+    electrons_per_dn: Positive | None = None
+
+
+class MountTable(Settings):
+    """[stage.mount]: how the stage carries the camera, in the camera's own frame (x right, y down, z ahead)."""
+
+    x: Vector = (1.0, 0.0, 0.0)
+    """The camera's motion per mm of the axis, in scene units."""
+    y: Vector = (0.0, 1.0, 0.0)
+    z: Vector = (0.0, 0.0, 1.0)
+
+
+class ZaberTable(Settings):
+    """[stage] with kind = "zaber"."""
+
+    kind: Literal["zaber"]
+    port: str = SIMULATED
+    baud: Count = 115200
+    address: Annotated[int, Field(ge=1, le=99)] = 1
+    axes: dict[str, Count] = Field(default_factory=lambda: {"x": 1})
+    microstep_mm: dict[str, Positive] = Field(default_factory=lambda: {"x": 0.000047625})
+    checksums: bool = True
+    mount: MountTable | None = None
+
+    @model_validator(mode="after")
+    def _every_axis_has_a_microstep(self) -> Self:
+        if set(self.axes) != set(self.microstep_mm):
+            raise ValueError("axes and microstep_mm must name the same axes")
+        return self
+
+
+class GrblTable(Settings):
+    """[stage] with kind = "grbl"."""
+
+    kind: Literal["grbl"]
+    port: str = SIMULATED
+    baud: Count = 115200
+    axes: tuple[Literal["x", "y", "z"], ...] = ("x",)
+    mount: MountTable | None = None
+
+
+class CaptureTable(Settings):
+    """[capture]: what to take."""
+
+    masks: Count = 8
+    density: Fraction = 0.25
+    """Share of open pixels of a random binary mask."""
+    seed: Annotated[int, Field(ge=0)] = 0
+    pattern_file: str = ""
+    """An .npy file with mask codes [N, h, w] in 0 to 1 instead of random ones, beside the rig file."""
+    bit_depth: Annotated[int, Field(ge=1, le=16)] = 1
+    mask_s: Positive = 0.01
+    dark_s: NotNegative = 0.0
+    mode: Literal["per-exposure", "gate", "per-mask"] = "per-exposure"
+    shots: Count = 1
+    burst: Count = 1
+    axis: str = ""
+    """Axis that moves during an exposure; "" keeps the camera still."""
+    from_mm: float = 0.0
+    to_mm: float = 0.0
+    margin_s: NotNegative = 0.0
+    jitter_s: NotNegative = 20e-6
+    retries: Annotated[int, Field(ge=0)] = 0
+
+
+class RegistrationTable(Settings):
+    """[registration]: which modulator pixels a sensor pixel sees, nominally."""
+
+    superpixel: Count = 1
+    """Modulator pixels per side of one mask element, which one sensor pixel sees."""
+    row: Annotated[int, Field(ge=-1)] = -1
+    """First modulator row that is seen; -1 centres the masks."""
+    column: Annotated[int, Field(ge=-1)] = -1
+
+
+class OpticsTable(Settings):
+    """[optics]: what is known of lens, scene and light; used for the plan and for scaling."""
+
+    focal_px: Positive | None = None
+    nearest_mm: Positive | None = None
+    farthest_mm: Positive | None = None
+    full_scale_e_per_s: Positive | None = None
+    """Electrons per second in a pixel that sees a white scene through an open mask."""
+    full_scale_dn: Positive | None = None
+    """Reading above black of a white scene under one open mask for its time on show."""
+
+
+class WorldTable(Settings):
+    """[world]: what surrounds simulated devices; needed when any port is "simulated"."""
+
+    scene: Literal["motorcycle", "planes"] = "motorcycle"
+    seed: Annotated[int, Field(ge=0)] = 0
+    scene_units_per_mm: Positive = 0.01
+    """How far the camera moves in the scene per mm of the stage."""
+    supersampling: Count = 1
+    tolerance_dn: Positive = 0.25
+    """By how much readings may differ from a simulation of everything, rms, in total; decides what is simulated."""
+    height: Count = 400
+    width: Count = 600
+    noise: bool = True
+    stage_start_mm: float | None = None
+    trigger_latency_s: NotNegative = 0.0
+    trigger_jitter_s: NotNegative = 0.0
+    faults: tuple[str, ...] = ()
+    """Faults to inject once each, "device: fault" or "device: fault after N" opportunities; see docs/faults.md."""
+
+
+class RigTable(Settings):
+    """A rig file."""
+
+    name: str = "rig"
+    modulator: Annotated[Dlpc900Table | ScpiModulatorTable | SantecTable, Field(discriminator="kind")]
+    sensor: Annotated[V4l2Table, Field()]
+    stage: Annotated[ZaberTable | GrblTable, Field(discriminator="kind")] | None = None
+    capture: CaptureTable = CaptureTable()
+    registration: RegistrationTable = RegistrationTable()
+    optics: OpticsTable = OpticsTable()
+    world: WorldTable | None = None
+    trace: bool = False
+    """Whether to write every byte that passes the ports beside the shot file."""
+
+    @property
+    def simulated(self) -> tuple[str, ...]:
+        """Get the names of the devices that are twins."""
+        tables = {"modulator": self.modulator, "sensor": self.sensor, "stage": self.stage}
+        return tuple(name for name, table in tables.items() if table is not None and table.port == SIMULATED)
+
+
+def read_rig(path: Path) -> tuple[RigTable, str]:
+    """Read a rig file.
+
+    Returns:
+        The rig, and the file's text for keeping in shot files.
+
+    Raises:
+        InputError: It cannot be read, a key is unknown or a value cannot be; or simulated and real devices are
+            mixed, which cannot share one time; or simulated ones have no [world].
+    """
+    rig, text = read_settings(path, RigTable)
+    devices = 2 + (rig.stage is not None)
+    if rig.simulated and len(rig.simulated) != devices:
+        raise InputError(
+            f"{path}: only {', '.join(rig.simulated)} of {devices} devices are simulated",
+            allowed="all of them or none: virtual and real time cannot be mixed",
+            remedy='set every port to "simulated", or none',
+        )
+    if rig.simulated and rig.world is None:
+        raise InputError(f"{path}: simulated devices without a [world]", remedy="add a [world] table")
+    return rig, text

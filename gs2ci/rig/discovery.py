@@ -1,0 +1,38 @@
+"""What is plugged into this computer that a rig could use.
+
+Here: looking, without opening more than it takes to learn a name. Not here: using any of it. `gs2ci devices` and
+`gs2ci doctor` import this file.
+"""
+
+import usb.core
+from serial.tools import list_ports
+
+from gs2ci.rig.opening import DLPC900_PRODUCT, DLPC900_VENDOR
+from gs2ci_drivers.links.v4l2_sys import KernelSysPort
+from gs2ci_drivers.ports import SysPort
+from gs2ci_drivers.v4l2.driver import list_cameras
+
+
+def find_devices(port: SysPort | None = None) -> list[tuple[str, str, str]]:
+    """Return kind, port for the rig file, and name of each device that was found.
+
+    Args:
+        port: The system calls to look for cameras with; None takes this computer's.
+    """
+    cameras = [
+        ("sensor", path, f"{identity.card} ({identity.driver})")
+        for path, identity in list_cameras(port or KernelSysPort())
+    ]
+    serial_ports = [("serial", info.device, info.description) for info in sorted(list_ports.comports())]
+    return [*_modulators(), *cameras, *serial_ports]
+
+
+def _modulators() -> list[tuple[str, str, str]]:
+    try:
+        found = list(usb.core.find(find_all=True, idVendor=DLPC900_VENDOR, idProduct=DLPC900_PRODUCT))
+    except (usb.core.NoBackendError, usb.core.USBError):
+        return []  # without libusb nothing can be seen; `gs2ci doctor` says so
+    return [
+        ("modulator", f"usb:{one.bus}-{'.'.join(str(n) for n in one.port_numbers or ())}", "TI DLPC900")
+        for one in found
+    ]

@@ -1,0 +1,228 @@
+"""What may be wrong with a bench: each finding with its remedy.
+
+Here: the examination: ports and permissions, who answers, faults, clocks, and the trigger loop from modulator to
+sensor. The stage is asked and not moved. Not here: printing (`gs2ci.commands.doctor`), the devices' own checks.
+`gs2ci doctor` and tests import this file.
+"""
+
+import os
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from gs2ci.core.errors import Gs2ciError
+from gs2ci.rig.config import SIMULATED, Dlpc900Table
+from gs2ci.rig.opening import DLPC900_PRODUCT, DLPC900_VENDOR, Rig
+from gs2ci_drivers.acquisition import Devices, Taken, capture, plan_capture
+from gs2ci_drivers.links.usb_device import udev_rules
+from gs2ci_drivers.modulator import ModulatorInfo
+from gs2ci_drivers.plan import CaptureSettings, Mode
+from gs2ci_drivers.sensor import FrameFlag, SensorConfig, TriggerMode
+
+Verdict = Literal["ok", "note", "bad"]
+
+LOOP_MASKS = 8
+LOOP_MASK_S = 0.05
+LARGEST_DRIFT_PPM = 500.0
+"""Two crystals differ by some 100 ppm; more is a wrong clock or a wrong unit."""
+TTY_RULE = 'SUBSYSTEM=="tty", MODE="0660", GROUP="dialout", TAG+="uaccess"'
+VIDEO_RULE = 'SUBSYSTEM=="video4linux", MODE="0660", GROUP="video", TAG+="uaccess"'
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One thing that was looked at.
+
+    Args:
+        what: What was looked at.
+        verdict: How it is.
+        detail: What was found.
+        remedy: What to do about it.
+    """
+
+    what: str
+    verdict: Verdict
+    detail: str
+    remedy: str = ""
+
+
+def examine(rig: Rig, *, trigger_loop: bool = True) -> Iterator[Finding]:
+    """Examine a bench, finding by finding.
+
+    Args:
+        rig: The rig.
+        trigger_loop: Whether to show a few masks and count the frames that they trigger.
+    """
+    yield from _permissions(rig)
+    try:
+        devices = rig.open()
+    except Gs2ciError as error:
+        yield _bad("opening the ports", error)
+        return
+    try:
+        answering = True
+        for what, look in (
+            ("modulator", _modulator),
+            ("sensor", _sensor),
+            ("stage", _stage),
+        ):
+            try:
+                yield from look(devices)
+            except Gs2ciError as error:
+                answering = answering and what == "stage"
+                yield _bad(what, error)
+        if trigger_loop and answering:
+            yield from _trigger_loop(rig, devices)
+    finally:
+        devices.close()
+
+
+def _bad(what: str, error: Gs2ciError) -> Finding:
+    remedy = "; ".join(part for part in (error.allowed and f"allowed: {error.allowed}", error.remedy) if part)
+    return Finding(what, "bad", error.problem, remedy)
+
+
+def _permissions(rig: Rig) -> Iterator[Finding]:
+    table = rig.table
+    if isinstance(table.modulator, Dlpc900Table):
+        if table.modulator.port != SIMULATED:
+            rules = udev_rules(DLPC900_VENDOR, DLPC900_PRODUCT)
+            yield Finding(
+                "permissions for the modulator",
+                "note",
+                "USB needs a udev rule unless you are root",
+                f"put into /etc/udev/rules.d/70-gs2ci.rules:\n{rules}",
+            )
+    else:
+        yield from _node("modulator", table.modulator.port, TTY_RULE)
+    yield from _node("sensor", table.sensor.port, VIDEO_RULE)
+    if table.stage is not None:
+        yield from _node("stage", table.stage.port, TTY_RULE)
+
+
+def _node(device: str, port: str, rule: str) -> Iterator[Finding]:
+    what = f"permissions for the {device}"
+    if port == SIMULATED:
+        return
+    if not Path(port).exists():
+        yield Finding(what, "bad", f"{port} is not there", "plug it in; `gs2ci devices` lists what there is")
+    elif not os.access(port, os.R_OK | os.W_OK):
+        yield Finding(
+            what,
+            "bad",
+            f"{port} may not be read and written by this user",
+            f"put into /etc/udev/rules.d/70-gs2ci.rules:\n{rule}\nor join the group that owns {port}",
+        )
+    else:
+        yield Finding(what, "ok", f"{port} may be read and written")
+
+
+def _modulator(devices: Devices) -> Iterator[Finding]:
+    info = devices.modulator.connect()
+    yield Finding("modulator", "ok", f"{info.model} answers")
+    yield Finding("modulator firmware", "ok" if info.firmware else "note", info.firmware or "it does not tell")
+    if info.experimental:
+        yield Finding(
+            "modulator protocol",
+            "note",
+            "experimental: not confirmed on real hardware",
+            "compare a few masks by eye before trusting it",
+        )
+    faults = devices.modulator.status().faults
+    yield Finding(
+        "modulator state",
+        "bad" if faults else "ok",
+        ", ".join(faults) or "no faults",
+        "see its manual for these; a power cycle clears most" if faults else "",
+    )
+
+
+def _sensor(devices: Devices) -> Iterator[Finding]:
+    info = devices.sensor.connect()
+    yield Finding("sensor", "ok", f"{info.model} answers ({info.driver})")
+    external = {TriggerMode.EDGE, TriggerMode.LEVEL} & info.triggers
+    yield Finding(
+        "sensor trigger",
+        "ok" if external else "bad",
+        ", ".join(sorted(mode.value for mode in info.triggers)),
+        "" if external else "set `trigger_adapter` in [sensor]: V4L2 has no standard way to ask for a trigger",
+    )
+
+
+def _stage(devices: Devices) -> Iterator[Finding]:
+    if devices.stage is None:
+        yield Finding("stage", "note", "none in the rig file")
+        return
+    info = devices.stage.connect()
+    yield Finding("stage", "ok", f"{info.model} answers, firmware {info.firmware}")
+    status = devices.stage.status()
+    yield Finding(
+        "stage reference",
+        "ok" if status.referenced else "bad",
+        "it knows where it is" if status.referenced else "it does not know where it is",
+        "" if status.referenced else "home it with `gs2ci devices --home` when it has free way",
+    )
+    if status.faults or status.warnings:
+        yield Finding(
+            "stage state",
+            "bad" if status.faults else "note",
+            ", ".join((*status.faults, *status.warnings)),
+            "clear the way, release the emergency stop, check its supply" if status.faults else "",
+        )
+
+
+def _loop_masks(info: ModulatorInfo) -> np.ndarray[tuple[int, int, int], np.dtype[np.uint8]]:
+    """Return masks that are easily uploaded: open and closed in turn."""
+    masks = np.zeros((LOOP_MASKS, info.height, info.width), np.uint8)
+    masks[::2] = 1
+    return masks
+
+
+def _trigger_loop(rig: Rig, devices: Devices) -> Iterator[Finding]:
+    """Show masks with one trigger each and count what comes back."""
+    info = devices.modulator.info
+    mask_s = max(LOOP_MASK_S, 2 * info.min_exposure_s[min(info.min_exposure_s)])
+    settings = CaptureSettings(
+        masks=_loop_masks(info), bit_depth=min(info.min_exposure_s), mask_s=mask_s, mode=Mode.PER_MASK,
+        margin_s=mask_s / 2,
+    )  # fmt: skip
+    config = SensorConfig(
+        height=rig.table.sensor.height,
+        width=rig.table.sensor.width,
+        fourcc=rig.table.sensor.format.strip(),
+        buffers=rig.table.sensor.buffers,
+        warm_up_frames=rig.table.sensor.warm_up_frames,
+    )
+    taken: list[Taken] = []
+    try:
+        plan = plan_capture(devices, settings, config).require_sound()
+        capture(devices, plan, taken.append)
+    except Gs2ciError as error:
+        yield _bad("trigger loop", error)
+        return
+    frames = taken[0].frames
+    yield Finding("trigger loop", "ok", f"{LOOP_MASKS} triggers gave {len(frames)} frames, in order, none left over")
+    stamped = all(frame.flags & FrameFlag.STAMPED_MONOTONIC for frame in frames)
+    yield _clock(stamped, lambda: [frame.t_kernel_ns for frame in frames], plan.frame_period_s)
+
+
+def _clock(stamped: bool, stamps_ns: Callable[[], list[int]], period_s: float) -> Finding:
+    if not stamped:
+        return Finding(
+            "clocks",
+            "note",
+            "the camera's time stamps have an unknown origin",
+            "telemetry then rests on the computer's time: expect errors of milliseconds",
+        )
+    stamps = stamps_ns()
+    drift_ppm = ((stamps[-1] - stamps[0]) * 1e-9 / ((len(stamps) - 1) * period_s) - 1) * 1e6
+    good = abs(drift_ppm) < LARGEST_DRIFT_PPM
+    return Finding(
+        "clocks",
+        "ok" if good else "bad",
+        f"the modulator's second lasts {drift_ppm:+.0f} ppm of the computer's",
+        "" if good else "check the modulator's firmware profile and its time unit",
+    )

@@ -1,0 +1,213 @@
+"""From a rig file to open devices: the only file that chooses between a device and its twin.
+
+Here: drivers on real ports or on twins, and wire traces round either. Not here: what the twins stand in
+(`gs2ci.rig.simulated`), what a rig file may say (`config`). Commands import this file.
+"""
+
+from collections.abc import Callable
+from contextlib import ExitStack, closing
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TypeVar
+
+from gs2ci.core.clock import Clock, WallClock
+from gs2ci.core.errors import InputError
+from gs2ci.rig.config import Dlpc900Table, RigTable, SantecTable, V4l2Table, ZaberTable, read_rig
+from gs2ci.rig.simulated import NODE, SimulatedBench, build_bench
+from gs2ci_drivers.acquisition import Devices
+from gs2ci_drivers.display_slm.driver import DisplaySlm
+from gs2ci_drivers.dlpc900.driver import Dlpc900
+from gs2ci_drivers.dlpc900.firmware import DEFAULT_PROFILE
+from gs2ci_drivers.dlpc900.images import Compression
+from gs2ci_drivers.dlpc900.plan import Dlpc900Settings
+from gs2ci_drivers.grbl.driver import GrblStage
+from gs2ci_drivers.links.serial_line import SerialLine
+from gs2ci_drivers.links.usb_bulk import UsbFifo
+from gs2ci_drivers.links.usb_hid import UsbHid
+from gs2ci_drivers.links.v4l2_sys import KernelSysPort
+from gs2ci_drivers.modulator import Modulator
+from gs2ci_drivers.ports import BytePort, HidPort, SysPort, port_errors
+from gs2ci_drivers.scpi_modulator.driver import ScpiModulator, ScpiSettings
+from gs2ci_drivers.sensor import Sensor
+from gs2ci_drivers.stage import Stage
+from gs2ci_drivers.trace import Trace, TracedBytes, TracedHid, TracedSys
+from gs2ci_drivers.v4l2.driver import V4l2Sensor
+from gs2ci_drivers.v4l2.options import V4l2Options
+from gs2ci_drivers.zaber.driver import ZaberStage
+
+T = TypeVar("T")
+
+DLPC900_VENDOR = 0x0451
+DLPC900_PRODUCT = 0xC900
+
+
+@dataclass
+class Rig:
+    """A rig, not open yet.
+
+    Args:
+        table: What its file says.
+        text: The file, word for word.
+        folder: Where the file lies.
+        bench: The simulated surroundings, or None for a real bench. They outlive the devices' sessions.
+    """
+
+    table: RigTable
+    text: str
+    folder: Path
+    bench: SimulatedBench | None = None
+
+    @property
+    def clock(self) -> Clock:
+        """Get the clock on which this rig's devices wait."""
+        return self.bench.world.clock if self.bench else WallClock()
+
+    def set_shots(self, shots: int) -> None:
+        """Take another number of shots than the file says.
+
+        Raises:
+            InputError: Not 1 or more.
+        """
+        if shots < 1:
+            raise InputError(f"--shots {shots}", allowed="1 or more")
+        capture = self.table.capture.model_copy(update={"shots": shots})
+        self.table = self.table.model_copy(update={"capture": capture})
+
+    def open(self, trace_stem: Path | None = None) -> Devices:
+        """Open all devices; nothing is sent to them yet.
+
+        Args:
+            trace_stem: Where wire traces go: `<stem>.<device>.wire`; None writes none.
+
+        Raises:
+            AccessError, DisconnectedError: A port cannot be opened; those already open are closed again.
+        """
+        clock = self.clock
+        with ExitStack() as opened:
+            traces = _Traces(trace_stem, clock)
+            opened.callback(traces.close)
+            modulator = opened.enter_context(closing(self._modulator(clock, traces)))
+            sensor = opened.enter_context(closing(self._sensor(clock, traces)))
+            stage = self._stage(clock, traces)
+            opened.pop_all()
+        return Devices(modulator, sensor, stage, clock, (traces.close,))
+
+    def _modulator(self, clock: Clock, traces: "_Traces") -> Modulator:
+        table = self.table.modulator
+        if isinstance(table, Dlpc900Table):
+            settings = Dlpc900Settings(
+                compression=Compression[table.compression.upper()],
+                leds=table.leds,
+                invert=table.invert,
+                reply_timeout_s=table.reply_timeout_s,
+                firmware=table.firmware or DEFAULT_PROFILE,
+            )
+            return Dlpc900("modulator", traces.hid("modulator", self._hid(table)), clock, settings)
+        if isinstance(table, SantecTable):
+            return DisplaySlm("modulator", traces.bytes("modulator", self._fifo(table)), clock)
+        line = self._line("modulator", table.port, table.baud, traces)
+        return ScpiModulator("modulator", line, clock, ScpiSettings(baud=table.baud, timeout_s=table.timeout_s))
+
+    def _hid(self, table: Dlpc900Table) -> HidPort:
+        if self.bench is not None:
+            return _opened("modulator", self.bench.modulator.open)  # type: ignore[return-value]
+        return UsbHid("modulator", DLPC900_VENDOR, DLPC900_PRODUCT, bus_port=_bus_port(table.port))
+
+    def _fifo(self, table: SantecTable) -> BytePort:
+        if self.bench is not None:
+            return _opened("modulator", self.bench.modulator.open)  # type: ignore[return-value]
+        return UsbFifo("modulator", bus_port=_bus_port(table.port))
+
+    def _sensor(self, clock: Clock, traces: "_Traces") -> Sensor:
+        port: SysPort = self.bench.sys_port() if self.bench else KernelSysPort()
+        options = _options(self.table.sensor, simulated=self.bench is not None)
+        return V4l2Sensor("sensor", traces.sys("sensor", port), clock, options)
+
+    def _stage(self, clock: Clock, traces: "_Traces") -> Stage | None:
+        table = self.table.stage
+        if table is None:
+            return None
+        line = self._line("stage", table.port, table.baud, traces)
+        if isinstance(table, ZaberTable):
+            return ZaberStage(
+                "stage",
+                line,
+                clock,
+                axes=table.axes,
+                microstep_mm=table.microstep_mm,
+                address=table.address,
+                with_checksum=table.checksums,
+            )
+        return GrblStage("stage", line, clock, axes=table.axes)
+
+    def _line(self, device: str, path: str, baud: int, traces: "_Traces") -> BytePort:
+        if self.bench is not None:
+            twin = self.bench.stage if device == "stage" else self.bench.modulator
+            assert twin is not None  # a table without a twin cannot be: both are made from it
+            line: BytePort = _opened(device, twin.open)  # type: ignore[assignment]
+        else:
+            line = SerialLine(device, path, baud)
+        return traces.bytes(device, line)
+
+
+def load_rig(path: Path) -> Rig:
+    """Read a rig file and build the surroundings of simulated devices; nothing is opened.
+
+    Raises:
+        InputError: As `gs2ci.rig.config.read_rig` and `gs2ci.rig.simulated.build_bench`.
+    """
+    table, text = read_rig(path)
+    return Rig(table, text, path.parent, build_bench(table) if table.simulated else None)
+
+
+def _bus_port(port: str) -> str:
+    """Return where a USB device is plugged in: what follows "usb:"."""
+    return port.removeprefix("usb").removeprefix(":")
+
+
+def _opened(device: str, action: Callable[[], T]) -> T:
+    with port_errors(device, "open"):
+        return action()
+
+
+def _options(table: V4l2Table, *, simulated: bool) -> V4l2Options:
+    return V4l2Options(
+        path=NODE if simulated else table.port,
+        subdevice=table.subdevice,
+        trigger_adapter=table.trigger_adapter,
+        trigger_module=table.trigger_module,
+        trigger_control=table.trigger_control,
+        alignment=table.alignment,
+        significant_bits=table.significant_bits,
+        exposure_unit_s=table.exposure_unit_s,
+        readout_s=table.readout_s,
+        exposure_offset_s=table.exposure_offset_s,
+        full_well_e=table.full_well_e,
+    ).check()
+
+
+class _Traces:
+    """Wire traces round ports, where they are wanted."""
+
+    def __init__(self, stem: Path | None, clock: Clock) -> None:
+        self._stem = stem
+        self._clock = clock
+        self._traces: list[Trace] = []
+
+    def hid(self, device: str, port: HidPort) -> HidPort:
+        return port if self._stem is None else TracedHid(port, self._new(self._stem, device, "hid"))
+
+    def bytes(self, device: str, port: BytePort) -> BytePort:
+        return port if self._stem is None else TracedBytes(port, self._new(self._stem, device, "bytes"))
+
+    def sys(self, device: str, port: SysPort) -> SysPort:
+        return port if self._stem is None else TracedSys(port, self._new(self._stem, device, "sys"))
+
+    def close(self) -> None:
+        for trace in self._traces:
+            trace.close()
+
+    def _new(self, stem: Path, device: str, port: str) -> Trace:
+        trace = Trace(stem.with_name(f"{stem.name}.{device}.wire"), device, port, self._clock)
+        self._traces.append(trace)
+        return trace

@@ -1,0 +1,95 @@
+"""Mask codes and where they lie on the modulator.
+
+Here: drawing or reading codes at the sensor's resolution, and laying them out on the modulator's own pixels.
+Not here: measuring what the sensor really sees of them (`gs2ci_calibration`). The rig's commands import this.
+"""
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gs2ci.core.errors import InputError
+from gs2ci.rig.config import CaptureTable, RegistrationTable
+
+U16 = NDArray[np.uint16]
+F32 = NDArray[np.float32]
+
+
+def draw_codes(table: CaptureTable, size: tuple[int, int], folder: Path) -> U16:
+    """Return mask codes as levels 0 to 2**bit_depth − 1, [N, H, W] uint16.
+
+    Args:
+        table: The [capture] table.
+        size: The sensor's height and width.
+        folder: Where a relative `pattern_file` lies.
+
+    Raises:
+        InputError: The pattern file cannot be used.
+    """
+    top = 2**table.bit_depth - 1
+    if table.pattern_file:
+        return np.asarray(np.rint(_read_codes(folder / table.pattern_file, size) * top), dtype=np.uint16)
+    rng = np.random.default_rng(np.random.SeedSequence(table.seed))
+    shape = (table.masks, *size)
+    is_open = rng.random(shape) < table.density
+    return np.asarray(np.where(is_open, top, 0), dtype=np.uint16)
+
+
+def _read_codes(path: Path, size: tuple[int, int]) -> F32:
+    try:
+        codes: NDArray[np.generic] = np.load(path, allow_pickle=False)
+    except (OSError, ValueError) as error:
+        raise InputError(f"pattern_file {path} cannot be read ({error})", allowed="an .npy file") from error
+    if codes.ndim != 3 or codes.shape[1:] != size or not np.issubdtype(codes.dtype, np.number):
+        raise InputError(
+            f"pattern_file {path} holds {codes.dtype} of shape {list(codes.shape)}",
+            allowed=f"numbers of shape [N, {size[0]}, {size[1]}]",
+        )
+    shares: F32 = np.asarray(codes, dtype=np.float32)
+    if not np.isfinite(shares).all() or shares.min() < 0 or shares.max() > 1:
+        raise InputError(f"pattern_file {path} holds values outside [0, 1]", allowed="[0, 1]")
+    return shares
+
+
+def origin(table: RegistrationTable, size: tuple[int, int], modulator: tuple[int, int]) -> tuple[int, int]:
+    """Return the modulator's first row and column that the sensor sees.
+
+    Raises:
+        InputError: The masks do not fit on the modulator.
+    """
+    k = table.superpixel
+    first = []
+    for given, side, there in zip((table.row, table.column), size, modulator, strict=True):
+        start = (there - k * side) // 2 if given < 0 else given
+        if start < 0 or start + k * side > there:
+            raise InputError(
+                f"masks of {size[0]} x {size[1]} elements at {k} modulator pixels each do not fit",
+                allowed=f"inside {modulator[0]} x {modulator[1]} modulator pixels",
+                remedy="change [registration], or the sensor's height and width",
+            )
+        first.append(start)
+    return first[0], first[1]
+
+
+def on_modulator(codes: U16, table: RegistrationTable, modulator: tuple[int, int]) -> NDArray[np.uint8] | U16:
+    """Lay codes out on the modulator's pixels; what the sensor does not see stays closed.
+
+    Args:
+        codes: [N, H, W].
+        table: The [registration] table.
+        modulator: The modulator's height and width.
+
+    Returns:
+        [N, Hm, Wm], uint8 where the levels fit.
+
+    Raises:
+        InputError: The masks do not fit on the modulator.
+    """
+    k = table.superpixel
+    height, width = codes.shape[1:]
+    row, column = origin(table, (height, width), modulator)
+    kind = np.uint8 if codes.max(initial=0) < 256 else np.uint16
+    laid = np.zeros((len(codes), *modulator), kind)
+    laid[:, row : row + k * height, column : column + k * width] = codes.repeat(k, axis=1).repeat(k, axis=2)
+    return laid

@@ -1,0 +1,318 @@
+"""From what a rig takes to a shot file, row by row.
+
+Here: the capture of a rig file from the plan to the finished file, the file's header, the rows' telemetry. Not
+here: the file's layout (`gs2ci.core.storage`), the order of things on the bench (`gs2ci_drivers.acquisition`).
+Commands import this file.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+from time import time_ns
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gs2ci.core.progress import Progress
+from gs2ci.core.records import Truth
+from gs2ci.core.storage import CaptureHeader, FrameRow, ShotWriter
+from gs2ci.rig.config import MountTable, RigTable
+from gs2ci.rig.opening import Rig
+from gs2ci.rig.patterns import draw_codes, on_modulator
+from gs2ci.rig.simulated import SimulatedBench
+from gs2ci_drivers.acquisition import Devices, Taken, capture, plan_capture
+from gs2ci_drivers.failures import UnsupportedError
+from gs2ci_drivers.plan import CaptureSettings, Mode, Optics, Plan, Travel
+from gs2ci_drivers.sensor import Frame, SensorConfig
+from gs2ci_sims.bench_light import BenchLight
+from gs2ci_sims.world import Exposure
+
+F32 = NDArray[np.float32]
+F64 = NDArray[np.float64]
+U16 = NDArray[np.uint16]
+
+GUESSED_OPEN_SHARE: Final = 0.5
+"""Without any word on the light, the range is taken to be filled by half of the masks being open."""
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """A capture that is planned and not begun.
+
+    Args:
+        plan: The plan, which may break limits.
+        codes: Mask levels at the sensor's pixels, [N, H, W].
+        height: The sensor's rows.
+        width: The sensor's columns.
+    """
+
+    plan: Plan
+    codes: U16
+
+
+def prepare(rig: Rig, devices: Devices) -> Prepared:
+    """Connect, draw the masks, set the sensor up and plan; nothing moves and nothing is uploaded.
+
+    Raises:
+        DriverError: A device does not answer or refuses its set-up.
+        UnsupportedError: The sensor takes another size than was asked for.
+        InputError: The masks do not fit on the modulator.
+    """
+    table = rig.table
+    modulator, sensor = devices.modulator.connect(), devices.sensor.connect()
+    largest = max(sensor.formats, key=lambda fmt: fmt.height * fmt.width)
+    size = (table.sensor.height or largest.height, table.sensor.width or largest.width)
+    codes = draw_codes(table.capture, size, rig.folder)
+    masks = on_modulator(codes, table.registration, (modulator.height, modulator.width))
+    config = SensorConfig(
+        height=size[0],
+        width=size[1],
+        fourcc=table.sensor.format.strip(),
+        gain_db=table.sensor.gain_db,
+        buffers=table.sensor.buffers,
+        warm_up_frames=table.sensor.warm_up_frames,
+        controls=table.sensor.controls,
+    )
+    plan = plan_capture(devices, _settings(rig, masks), config)
+    got = devices.sensor.settings.format
+    if (got.height, got.width) != size:
+        raise UnsupportedError(
+            devices.sensor.name,
+            f"it takes {got.height} x {got.width} instead of {size[0]} x {size[1]}",
+            asked="configure",
+            allowed="a size that the sensor offers; `gs2ci devices` lists them",
+            remedy="set height and width in [sensor]",
+        )
+    return Prepared(plan, codes)
+
+
+def record(rig: Rig, devices: Devices, prepared: Prepared, out: Path, *, replace: bool, progress: Progress) -> Path:
+    """Run a prepared capture into a shot file.
+
+    Args:
+        rig: The rig.
+        devices: Its open devices.
+        prepared: From `prepare`.
+        out: The shot file; while it grows it is `<out>.partial`.
+        replace: Whether a finished file of that name may be replaced.
+        progress: Hears about upload and shots.
+
+    Returns:
+        The shot file.
+
+    Raises:
+        PlanRefusedError: The plan breaks limits; no file is made.
+        DriverError: A device failed; rows taken before are in the `.partial`, if there are any.
+        StorageError: The file cannot be written.
+    """
+    plan = prepared.plan.require_sound()
+    writer = ShotWriter(out, _header(rig, devices, prepared), replace=replace)
+    try:
+        with writer:
+            recorder = _Recorder(rig, devices, prepared, writer)
+            recorder.note_plan()
+            try:
+                capture(devices, plan, recorder.take, progress)
+            except Exception as error:
+                recorder.note_failure(error)
+                raise
+            return writer.finish()
+    except BaseException:
+        if not writer.rows_written:  # nothing was taken, so there is nothing to recover and nothing in the way
+            writer.partial.unlink(missing_ok=True)
+        raise
+
+
+def _optics(rig: Rig) -> Optics:
+    """Return what is known of lens and scene; of a rendered scene it is known without being told."""
+    optics = rig.table.optics
+    known = Optics(optics.full_scale_e_per_s, optics.focal_px, optics.nearest_mm, optics.farthest_mm)
+    light = rig.bench.world.light if rig.bench else None
+    if not isinstance(light, BenchLight) or rig.table.world is None or known.focal_px or known.nearest_mm:
+        return known
+    nearest, farthest = light.scene.depth_range()
+    unit = rig.table.world.scene_units_per_mm
+    focal_px = float(light.scene.intrinsics[0, 0])
+    return Optics(known.full_scale_e_per_s, focal_px, nearest / unit, farthest / unit)
+
+
+def _settings(rig: Rig, masks: NDArray[Any]) -> CaptureSettings:
+    capture = rig.table.capture
+    travel = Travel(capture.axis, capture.from_mm, capture.to_mm) if capture.axis else None
+    return CaptureSettings(
+        masks=masks,
+        bit_depth=capture.bit_depth,
+        mask_s=capture.mask_s,
+        dark_s=capture.dark_s,
+        mode=Mode(capture.mode),
+        shots=capture.shots,
+        burst=capture.burst,
+        travel=travel,
+        margin_s=capture.margin_s,
+        jitter_s=capture.jitter_s,
+        retries=capture.retries,
+        optics=_optics(rig),
+    )
+
+
+def _header(rig: Rig, devices: Devices, prepared: Prepared) -> CaptureHeader:
+    table, plan = rig.table, prepared.plan
+    picture = devices.sensor.settings.format
+    masks = prepared.codes.astype(np.float32) / np.float32(2**table.capture.bit_depth - 1)
+    stage = devices.stage
+    light = rig.bench.world.light if rig.bench else None
+    truth = isinstance(light, BenchLight) and plan.settings.mode is not Mode.PER_MASK
+    cfa: Any = picture.cfa
+    return CaptureHeader(
+        rows=plan.settings.shots * plan.frames_per_shot,
+        channels=1,
+        masks=masks,
+        weights=plan.weights.astype(np.float32),
+        reading="u2",
+        offset_dn=table.sensor.black_level_dn,
+        scale_dn=_scale_dn(table, plan, picture.top)[0],
+        saturation_dn=float(_saturation_dn(table, picture.top)),
+        cfa=cfa,
+        intrinsics=light.scene.intrinsics if isinstance(light, BenchLight) else _intrinsics(table, masks.shape[1:]),
+        stage_axes=len(stage.info.axes) if stage is not None else 0,
+        telemetry=_mount(table) is not None and plan.sweep is not None,
+        truth_views="f4" if truth else "",
+        truth_poses=truth,
+        name=table.name,
+        config=rig.text,
+    )
+
+
+def _scale_dn(table: RigTable, plan: Plan, top: int) -> tuple[float, str]:
+    """Return the reading of one fully open view at full scale, and where the number is from."""
+    optics, sensor = table.optics, table.sensor
+    if optics.full_scale_dn:
+        return optics.full_scale_dn, "full_scale_dn in [optics]"
+    if optics.full_scale_e_per_s and sensor.electrons_per_dn:
+        charge_e = optics.full_scale_e_per_s * plan.sequence.exposure_s
+        return charge_e / sensor.electrons_per_dn, "full_scale_e_per_s in [optics], electrons_per_dn in [sensor]"
+    views = max(1.0, GUESSED_OPEN_SHARE * plan.sequence.count)
+    return (top - sensor.black_level_dn) / views, "guessed: the sensor's range over half the masks"
+
+
+def _saturation_dn(table: RigTable, top: int) -> float:
+    """Return the reading from which on a pixel may be clipped: the well's end or the converter's top."""
+    sensor = table.sensor
+    if sensor.full_well_e and sensor.electrons_per_dn:
+        return min(float(top), sensor.black_level_dn + 0.998 * sensor.full_well_e / sensor.electrons_per_dn)
+    return float(top)
+
+
+def _intrinsics(table: RigTable, size: tuple[int, ...]) -> F64 | None:
+    focal = table.optics.focal_px
+    if focal is None:
+        return None
+    return np.array([[focal, 0.0, size[1] / 2], [0.0, focal, size[0] / 2], [0.0, 0.0, 1.0]])
+
+
+def _mount(table: RigTable) -> MountTable | None:
+    return table.stage.mount if table.stage is not None else None
+
+
+class _Recorder:
+    """Turns shots into rows."""
+
+    def __init__(self, rig: Rig, devices: Devices, prepared: Prepared, writer: ShotWriter) -> None:
+        self._rig = rig
+        self._devices = devices
+        self._prepared = prepared
+        self._writer = writer
+        # The devices' clock counts from some start; the file's host times count from the epoch.
+        self._epoch_ns = time_ns() - round(devices.clock.now_s() * 1e9)
+
+    def note_plan(self) -> None:
+        """Write who took it and what was planned."""
+        modulator, sensor, stage = self._devices.modulator.info, self._devices.sensor.info, self._devices.stage
+        self._writer.event(
+            "devices",
+            modulator=[modulator.model, modulator.serial, modulator.firmware],
+            sensor=[sensor.model, sensor.serial, sensor.driver],
+            stage=[] if stage is None else [stage.info.model, stage.info.serial, stage.info.firmware],
+        )
+        plan = self._prepared.plan
+        scale = _scale_dn(self._rig.table, plan, self._devices.sensor.settings.format.top)[1]
+        self._writer.event("plan", scale=scale, **{figure.what: figure.value for figure in plan.figures})
+
+    def note_failure(self, error: Exception) -> None:
+        """Write why the capture ended; the rows before it stay."""
+        notes = [str(note) for note in getattr(error, "__notes__", [])]
+        self._writer.event("failed", error=type(error).__name__, message=str(error), notes=notes)
+
+    def take(self, taken: Taken) -> None:
+        """Write one shot."""
+        for incident in taken.incidents:
+            self._writer.event("incident", shot=taken.index, message=incident)
+        for i, frame in enumerate(taken.frames):
+            self._writer.append(
+                frame.pixels,
+                frame=self._row(taken, i, frame),
+                telemetry_world_to_camera=self._telemetry(taken),
+                truth=self._truth(frame),
+                provenance=self._provenance(taken, i, frame),
+            )
+
+    def _row(self, taken: Taken, i: int, frame: Frame) -> FrameRow:
+        return FrameRow(
+            sequence=frame.sequence,
+            t_kernel_ns=frame.t_kernel_ns,
+            t_host_ns=frame.t_host_ns + self._epoch_ns,
+            flags=int(frame.flags),
+            trigger_index=taken.trigger_index + i,
+            stage_pos_mm=taken.stage_mm,
+            stage_target_mm=taken.stage_target_mm,
+        )
+
+    def _provenance(self, taken: Taken, i: int, frame: Frame) -> dict[str, Any]:
+        plan = self._prepared.plan
+        origin: dict[str, Any] = {
+            "source": "simulated rig" if self._rig.bench else "rig",
+            "mode": plan.settings.mode.value,
+            "exposure_s": plan.exposure_s,
+            "attempts": taken.attempts,
+        }
+        if plan.settings.mode is Mode.PER_MASK:
+            origin["mask_index"] = i
+        bench = self._rig.bench
+        exposure = _exposure_of(bench, frame) if bench else None
+        if bench and exposure and isinstance(bench.world.light, BenchLight):
+            simulated = bench.world.light.plans.get(exposure.index)
+            origin |= {"plan": simulated.record()} if simulated else {}
+        return origin
+
+    def _telemetry(self, taken: Taken) -> F64 | None:
+        """Return camera poses from stage positions: identity in the middle of the travel, [N, 4, 4]."""
+        mount, stage, travel = _mount(self._rig.table), self._devices.stage, self._prepared.plan.settings.travel
+        if mount is None or stage is None or travel is None or taken.stage_mm is None:
+            return None
+        poses = np.tile(np.eye(4), (len(taken.stage_mm), 1, 1))
+        middle = (travel.from_mm + travel.to_mm) / 2
+        unit = self._rig.table.world.scene_units_per_mm if self._rig.table.world else 1.0
+        for column, axis in enumerate(stage.info.axes):
+            rest = middle if axis == travel.axis else taken.stage_mm[0, column]
+            moved = (taken.stage_mm[:, column] - rest) * unit
+            poses[:, :3, 3] -= moved[:, None] * np.array(getattr(mount, axis, (0.0, 0.0, 0.0)))
+        return poses
+
+    def _truth(self, frame: Frame) -> Truth | None:
+        """Return what was really there, on a simulated bench."""
+        bench = self._rig.bench
+        if bench is None or self._prepared.plan.settings.mode is Mode.PER_MASK:
+            return None
+        light, exposure = bench.world.light, _exposure_of(bench, frame)
+        if not isinstance(light, BenchLight) or exposure is None:
+            return None
+        if len(exposure.masks) != self._prepared.plan.sequence.count:
+            return None
+        views, poses = light.truth(exposure)
+        return Truth(views=views, world_to_camera=poses)
+
+
+def _exposure_of(bench: SimulatedBench, frame: Frame) -> Exposure | None:
+    """Return the exposure that a frame came from: the one that began when it was stamped."""
+    stamp_s = frame.t_kernel_ns * 1e-9
+    return min(bench.world.exposures, key=lambda exposure: abs(exposure.start_s - stamp_s), default=None)

@@ -1,0 +1,193 @@
+"""The simulated surroundings of a rig: one world, and one twin per device.
+
+Here: building them from the rig file. Not here: deciding whether to (`gs2ci.rig.opening`). Only that file and
+tests import this one.
+"""
+
+import re
+from dataclasses import dataclass
+
+import numpy as np
+
+from gs2ci.core.errors import InputError
+from gs2ci.core.records import CfaPattern
+from gs2ci.rig.config import Dlpc900Table, GrblTable, RigTable, SantecTable, WorldTable, ZaberTable
+from gs2ci.rig.patterns import origin
+from gs2ci_drivers.ports import SysPort
+from gs2ci_sims.bench_light import BenchLight, Registration
+from gs2ci_sims.faults import FaultSet
+from gs2ci_sims.radiance import Renderer
+from gs2ci_sims.scenes.base import Scene
+from gs2ci_sims.scenes.planes import planes
+from gs2ci_sims.scenes.rgbd import motorcycle
+from gs2ci_sims.sensor import Sensor
+from gs2ci_sims.wires.display_slm import DisplaySlmTwin
+from gs2ci_sims.wires.dlpc900 import Dlpc900Twin
+from gs2ci_sims.wires.grbl import GrblMachine, GrblTwin
+from gs2ci_sims.wires.scpi_modulator import ScpiModulatorTwin, ScpiPanel
+from gs2ci_sims.wires.v4l2 import V4l2Twin
+from gs2ci_sims.wires.v4l2_camera import CameraModel
+from gs2ci_sims.wires.zaber import ZaberAxis, ZaberTwin
+from gs2ci_sims.world import LightPath, Mount, World
+
+MODULATOR_SIZES = {
+    "dlpc900": (1080, 1920),  # DLP6500
+    "scpi": (ScpiPanel.height, ScpiPanel.width),
+    "santec": (1200, 1920),
+}
+DEFAULT_FULL_SCALE_E_PER_S = 100_000.0
+NODE = "/dev/video0"
+FAULT = re.compile(r"(?P<device>modulator|sensor|stage): *(?P<fault>[\w.]+)(?: after (?P<skip>\d+))?")
+
+ModulatorTwin = Dlpc900Twin | ScpiModulatorTwin | DisplaySlmTwin
+
+
+@dataclass
+class SimulatedBench:
+    """The world of a simulated rig and the twins in it; it outlives the sessions that drivers open.
+
+    Args:
+        world: Clock, trigger bus, light.
+        modulator: The modulator's twin.
+        sensor: The camera's and its kernel's twin.
+        stage: The stage's twin, or None.
+        faults: What each twin was told to suffer.
+    """
+
+    world: World
+    modulator: ModulatorTwin
+    sensor: V4l2Twin
+    stage: ZaberTwin | GrblTwin | None
+    faults: dict[str, FaultSet]
+
+    def sys_port(self) -> SysPort:
+        """Return the system calls of the simulated computer."""
+        return self.sensor
+
+
+def build_bench(rig: RigTable, light: LightPath | None = None) -> SimulatedBench:
+    """Build the world of a rig file.
+
+    Args:
+        rig: A rig of simulated devices.
+        light: What turns exposures into pixels; None renders the scene of [world].
+
+    Raises:
+        InputError: The scene, the masks' place or a fault's name cannot be.
+    """
+    table = rig.world or WorldTable()
+    faults = {name: FaultSet() for name in ("modulator", "sensor", "stage")}
+    cfa: CfaPattern | None = "RGGB" if rig.sensor.format.startswith(("RG", "pR")) else None
+    if light is None:
+        light = _light(rig, table, cfa)
+    world = World(light, _mount(rig, table, light))
+    stage = _stage_twin(rig, world, faults["stage"])
+    if stage is not None:
+        world.carry_camera(stage)
+    bench = SimulatedBench(
+        world=world,
+        modulator=_modulator_twin(rig, world, faults["modulator"]),
+        sensor=V4l2Twin(world, _camera(rig, table), faults["sensor"], rng=np.random.default_rng(table.seed)),
+        stage=stage,
+        faults=faults,
+    )
+    for text in table.faults:
+        _inject(bench, text)
+    return bench
+
+
+def _scene(table: WorldTable) -> Scene:
+    size = (table.height, table.width)
+    return motorcycle(size) if table.scene == "motorcycle" else planes(np.random.default_rng(table.seed), size)
+
+
+def _light(rig: RigTable, table: WorldTable, cfa: CfaPattern | None) -> BenchLight:
+    scene = _scene(table)
+    row, column = origin(rig.registration, scene.size, MODULATOR_SIZES[rig.modulator.kind])
+    return BenchLight(
+        scene,
+        _data_sheet(rig),
+        Registration(rig.registration.superpixel, row, column),
+        full_scale_e_per_s=rig.optics.full_scale_e_per_s or DEFAULT_FULL_SCALE_E_PER_S,
+        seed=table.seed,
+        cfa=cfa,
+        noise=table.noise,
+        tolerance_dn=table.tolerance_dn,
+        renderer=Renderer(supersampling=table.supersampling),
+    )
+
+
+def _data_sheet(rig: RigTable) -> Sensor:
+    """Return the sensor's figures, from the rig file where it has them."""
+    default = Sensor()
+    return Sensor(
+        full_well_e=rig.sensor.full_well_e or default.full_well_e,
+        electrons_per_dn=rig.sensor.electrons_per_dn or default.electrons_per_dn,
+        black_level_dn=rig.sensor.black_level_dn,
+    )
+
+
+def _mount(rig: RigTable, table: WorldTable, light: LightPath) -> Mount:
+    """Hang the camera so that it has the scene's suggested pose in the middle of the travel."""
+    directions = Mount().directions
+    if rig.stage is not None and rig.stage.mount is not None:
+        directions = {"x": rig.stage.mount.x, "y": rig.stage.mount.y, "z": rig.stage.mount.z}
+    scale = table.scene_units_per_mm
+    capture = rig.capture
+    rest = light.scene.world_to_camera if isinstance(light, BenchLight) else np.eye(4)
+    return Mount(
+        rest_world_to_camera=rest,
+        directions={axis: (x * scale, y * scale, z * scale) for axis, (x, y, z) in directions.items()},
+        rest_mm={capture.axis: (capture.from_mm + capture.to_mm) / 2} if capture.axis else {},
+    )
+
+
+def _modulator_twin(rig: RigTable, world: World, faults: FaultSet) -> ModulatorTwin:
+    if isinstance(rig.modulator, Dlpc900Table):
+        return Dlpc900Twin(world, faults, name="modulator")
+    if isinstance(rig.modulator, SantecTable):
+        return DisplaySlmTwin(world, faults, name="modulator")
+    return ScpiModulatorTwin(world, faults, name="modulator", baud=rig.modulator.baud)
+
+
+def _stage_twin(rig: RigTable, world: World, faults: FaultSet) -> ZaberTwin | GrblTwin | None:
+    start_mm = rig.world.stage_start_mm if rig.world else None
+    if isinstance(rig.stage, ZaberTable):
+        axes = {}
+        for axis, microstep_mm in rig.stage.microstep_mm.items():
+            built = ZaberAxis(microstep_mm=microstep_mm)
+            axes[axis] = ZaberAxis(microstep_mm=microstep_mm, start_mm=built.start_mm if start_mm is None else start_mm)
+        return ZaberTwin(world.clock, axes, faults, address=rig.stage.address)
+    if isinstance(rig.stage, GrblTable):
+        machine = GrblMachine() if start_mm is None else GrblMachine(start_mm=(start_mm, start_mm, -10.0))
+        return GrblTwin(world.clock, machine, faults)
+    return None
+
+
+def _camera(rig: RigTable, table: WorldTable) -> CameraModel:
+    sensor, gate = rig.sensor, rig.capture.mode == "gate"
+    line = "modulator.out" if not isinstance(rig.modulator, Dlpc900Table) else f"modulator.out{1 if gate else 2}"
+    offered = CameraModel().formats
+    first = (sensor.format.ljust(4),) if sensor.format else ()
+    return CameraModel(
+        height=table.height,
+        width=table.width,
+        formats=(*first, *(code for code in offered if code not in first)),
+        trigger=sensor.trigger_adapter,
+        module=sensor.trigger_module,
+        trigger_line=line,
+        latency_s=table.trigger_latency_s,
+        jitter_s=table.trigger_jitter_s,
+        readout_s=table.height * CameraModel.line_s,
+        stamps_start=True,
+    )
+
+
+def _inject(bench: SimulatedBench, text: str) -> None:
+    match = FAULT.fullmatch(text.strip())
+    if match is None:
+        raise InputError(
+            f"fault {text!r} in [world]",
+            allowed='"device: fault" or "device: fault after N", device one of modulator, sensor, stage',
+        )
+    bench.faults[match["device"]].inject(match["fault"], skip=int(match["skip"] or 0))

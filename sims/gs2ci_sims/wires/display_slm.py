@@ -1,0 +1,173 @@
+"""A Santec SLM-200 class panel, as its controller would answer: frames, memory slots, a slow liquid crystal.
+
+Here: frames, commands, slots. Not here: bytes on the line (`serial_twin`, at USB speed), pixels (`panel`).
+`gs2ci.rig` and tests import this file. It shares no code with the driver.
+"""
+
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gs2ci_sims.faults import FaultSet, declare
+from gs2ci_sims.wires.panel import Panel
+from gs2ci_sims.wires.serial_twin import SerialTwin
+from gs2ci_sims.world import World
+
+REFUSES = declare("slm.refuses", "the panel answers NG")
+BUSY = declare("slm.busy", "the panel answers BS for `value` seconds (booting)")
+MUTE = declare("slm.no_response", "the panel never has a word for a command")
+ROW_LOST = declare("slm.row_lost", "an image row is lost")
+PIXEL_SPOILT = declare("slm.pixel_spoilt", "a pixel of an uploaded image is spoilt: the sum does not fit")
+WRONG_KIND = declare("slm.wrong_kind", "a status comes as a frame of another kind")
+
+HEIGHT: Final = 1200
+WIDTH: Final = 1920
+_COMMAND_S: Final = 2e-3
+_IMAGE_S: Final = 0.145
+_USB_BAUD: Final = 2_000_000_000
+_ROW_FRAME: Final = 16 + 4096
+_TEXT_FRAME: Final = 16 + 1024
+
+
+class DisplaySlmTwin(SerialTwin):
+    """The panel.
+
+    Args:
+        world: Clock, trigger line `<name>.out`, and where masks are shown.
+        faults: What will go wrong.
+        name: Prefix of its trigger line.
+        response_s: Time constant of the liquid crystal.
+    """
+
+    def __init__(
+        self, world: World, faults: FaultSet | None = None, *, name: str = "slm0", response_s: float = 0.0
+    ) -> None:
+        super().__init__(world.clock, faults, _USB_BAUD)
+        self.panel = Panel(world, f"{name}.out", self.faults, response_s)
+        self._input = bytearray()
+        self._restart()
+
+    @property
+    def terminators(self) -> bytes:
+        """Get the carriage return, which ends commands within their frames."""
+        return b"\r"
+
+    def power_cycle(self) -> None:
+        """Cut the power for a moment: the connection and all slots are gone."""
+        self.unplug()
+        self._restart()
+
+    def _restart(self) -> None:
+        self.panel.stop()
+        self._input.clear()
+        self.slots: dict[int, NDArray[np.uint16]] = {}
+        self._target = 0
+        self._pulses = False
+        self._from_memory = False
+        self._rows: dict[int, bytes] = {}
+        self._word = ""
+        self._word_from_s = 0.0
+        self._busy_until_s = 0.0
+
+    def _stale(self) -> bytes:
+        return self._status_frame("NG")
+
+    def _receive(self, data: bytes) -> None:
+        self._input += data
+        while True:
+            begin = self._input.find(b"SEND")
+            if begin < 0:
+                del self._input[: max(len(self._input) - 3, 0)]
+                return
+            del self._input[:begin]
+            if len(self._input) < 16:
+                return
+            size = {1: _TEXT_FRAME, 2: 16, 4: _ROW_FRAME}.get(self._input[7], 4)
+            if len(self._input) < size:
+                return
+            frame = bytes(self._input[:size])
+            del self._input[:size]
+            self._frame(frame)
+
+    def _frame(self, frame: bytes) -> None:
+        kind = frame[7] if len(frame) >= 16 else 0
+        if kind == 1:
+            self._line(frame[16:].split(b"\0", 1)[0].rstrip(b"\r"))
+        elif kind == 2:
+            self._tell()
+        elif kind == 4:
+            self._take_row(int.from_bytes(frame[8:12], "big"), frame[16:])
+
+    def _tell(self) -> None:
+        now_s = self.clock.now_s()
+        word = self._word if now_s >= self._word_from_s else ""
+        if now_s < self._busy_until_s:
+            word = "BS"
+        elif word:
+            self._word = ""
+        self._reply(self._status_frame(word), "status", delay_s=200e-6)
+
+    def _status_frame(self, word: str) -> bytes:
+        kind = 9 if self.faults.take(WRONG_KIND) else 3
+        return b"SEND\x00\xff\x00" + bytes([kind]) + bytes(8) + word.encode("ascii").ljust(1024, b"\0")
+
+    def _finish(self, word: str, about: str, takes_s: float = _COMMAND_S) -> None:
+        busy = self.faults.take(BUSY, about)
+        if busy:
+            self._busy_until_s = self.clock.now_s() + busy.value
+        if self.faults.take(REFUSES, about):
+            word = "NG"
+        if self.faults.take(MUTE, about):
+            word = ""
+        self._word, self._word_from_s = word, self.clock.now_s() + takes_s
+
+    def _line(self, line: bytes) -> None:
+        text = line.decode("ascii", "replace")
+        head, _, rest = text.partition(" ")
+        numbers = [int(field) for field in rest.split() if field.isdigit()]
+        self._finish(self._obey(head, numbers), text)
+
+    def _obey(self, head: str, numbers: list[int]) -> str:
+        if head == "SN":
+            return "2018021101"
+        if len(numbers) != 1:
+            return "NG"
+        value = numbers[0]
+        if head == "VI" and value <= 1:
+            self._from_memory = value == 0
+        elif head == "MI" and 1 <= value <= 128:
+            self._target = value
+            self._rows.clear()
+        elif head == "DS" and value in self.slots and self._from_memory:
+            self.panel.set(self.slots[value], 1023)
+            if self._pulses:
+                self.panel.pulse()
+        elif head == "GS" and value <= 1023:
+            self.panel.set(np.full((HEIGHT, WIDTH), value, np.uint16) if value else None, 1023)
+        elif head == "TM" and value <= 1:
+            self._pulses = value == 1
+        else:
+            return "NG"
+        return "OK"
+
+    def _take_row(self, row: int, data: bytes) -> None:
+        if not self.faults.take(ROW_LOST):
+            self._rows[row] = data
+        if row != HEIGHT - 1:
+            return
+        rows, self._rows = self._rows, {}
+        if sorted(rows) != list(range(HEIGHT)) or not self._target:
+            self._finish("NG", "image", _IMAGE_S)
+            return
+        buffer = np.frombuffer(b"".join(rows[i] for i in range(HEIGHT)), np.uint8).reshape(HEIGHT, 4096).copy()
+        if self.faults.take(PIXEL_SPOILT):
+            buffer[HEIGHT // 2, WIDTH] ^= 1
+        low, high = buffer[:, 0 : 2 * WIDTH : 2], buffer[:, 1 : 2 * WIDTH : 2]
+        pixels = low + high * np.uint16(256)
+        expected = int.from_bytes(buffer[-1, -4:].tobytes(), "little")
+        if int(pixels.sum(dtype=np.uint64)) % 2**32 != expected or int(pixels.max()) > 1023:
+            self._finish("NG", "image", _IMAGE_S)
+            return
+        self.slots[self._target] = pixels
+        self._finish("OK", "image", _IMAGE_S)

@@ -1,0 +1,237 @@
+"""The DLPC900's firmware behind a HID port: answers reports, keeps patterns, runs sequences in the world.
+
+Here: the USB side (64-byte reports, one shared buffer, numbering) and what can befall it. Not here: what commands
+do (`dlpc900_firmware`), how images are read (`dlpc900_images`) and shown (`dlpc900_sequencer`). `gs2ci.rig`
+and tests import this file. It shares no code with the driver.
+"""
+
+from errno import EBUSY, ENODEV
+from functools import partial
+from typing import Final
+
+from gs2ci_sims.faults import FaultSet, declare
+from gs2ci_sims.wires.dlpc900_firmware import Firmware, Refusal
+from gs2ci_sims.wires.dlpc900_tables import COMMAND_NAMES
+from gs2ci_sims.world import Event, World
+
+REPLY_LOST = declare("dlpc900.reply_lost", "a reply is never sent")
+REPLY_LATE = declare("dlpc900.reply_late", "a reply comes `value` seconds late")
+REPLY_TWICE = declare("dlpc900.reply_twice", "a reply is sent twice")
+REPLY_GARBLED = declare("dlpc900.reply_garbled", "the header of a reply is overwritten with 0xFF")
+REPLY_SHORT = declare("dlpc900.reply_short", "a reply ends after `value` bytes (2 when not given)")
+REPLY_OTHER = declare("dlpc900.reply_other_sequence", "a reply carries another sequence number")
+STALE = declare("dlpc900.stale", "an answer of an earlier session waits when the port is opened")
+BABBLE = declare("dlpc900.babble", "100 unasked reports come before a reply")
+NACK = declare("dlpc900.nack", "a command is refused with error `value` (255 when not given)")
+REPORT_LOST = declare("dlpc900.report_lost", "a 64-byte report from the host is lost")
+WRITE_STUCK = declare("dlpc900.write_stuck", "the device takes no report: write timeout")
+UNPLUGGED = declare("dlpc900.unplugged", "the device is unplugged (ENODEV); its own power stays on")
+POWER_CYCLE = declare("dlpc900.power_cycle", "the device loses power: patterns gone, ENODEV")
+
+REPORT_BYTES: Final = 64
+REPORT_S: Final = 1e-3
+REPLY_LATENCY_S: Final = 2e-3
+_BUFFER_BYTES: Final = 512
+
+
+class Dlpc900Twin:
+    """A controller with its mirrors, below the HID port.
+
+    Args:
+        world: Clock, trigger lines, and where masks are shown.
+        faults: What will go wrong.
+        name: Prefix of its trigger lines on the bus.
+        dmd: Type of the mirrors: 1 DLP6500, 2 DLP9000, 3 DLP670S, 4 DLP500YX, 5 DLP5500.
+        counts_repeats: Whether the count of 0x1A31 counts repeats (old firmware) or masks.
+    """
+
+    def __init__(
+        self,
+        world: World,
+        faults: FaultSet | None = None,
+        *,
+        name: str = "dmd0",
+        dmd: int = 1,
+        counts_repeats: bool = False,
+    ) -> None:
+        self.world = world
+        self.clock = world.clock
+        self.faults = faults or FaultSet()
+        self.plugged = True
+        self.firmware = Firmware(world, self.faults, name=name, dmd=dmd, counts_repeats=counts_repeats)
+        self._session: _Session | None = None
+        self._message = bytearray()
+        self._expected = 0
+        self._outgoing: list[bytes] = []
+        self._answering: list[Event] = []
+
+    def open(self) -> "_Session":
+        """Open the interface, as the operating system would: a `HidPort`.
+
+        Raises:
+            OSError: ENODEV when unplugged, EBUSY when open already.
+        """
+        if not self.plugged:
+            raise OSError(ENODEV, "No such device")
+        if self._session is not None:
+            raise OSError(EBUSY, "Resource busy")
+        self._session = _Session(self)
+        self._outgoing = [b"\xc0\x01\x01\x00\x7f".ljust(REPORT_BYTES, b"\0")] if self.faults.take(STALE) else []
+        return self._session
+
+    def unplug(self) -> None:
+        """Pull the USB cable: open sessions are dead, patterns stay in memory."""
+        self.plugged = False
+        self._session = None
+        self._drop_message()
+        self._drop_replies()
+
+    def plug_in(self) -> None:
+        """Put the cable back."""
+        self.plugged = True
+
+    def power_cycle(self) -> None:
+        """Cut the power: like `unplug`, and all memory is lost."""
+        self.unplug()
+        self.firmware.reset()
+
+    def host_sends(self, report: bytes) -> None:
+        """Take one report from the host, at once."""
+        if not self._message:
+            self._drop_replies()  # one buffer serves both directions
+            if not self._begin_message(report):
+                return
+        self._message += report
+        if len(self._message) >= self._expected:
+            message = bytes(self._message[: self._expected])
+            self._drop_message()
+            self._handle(message)
+
+    def device_sends(self) -> bytes | None:
+        """Return the next report for the host, None when there is none."""
+        return self._outgoing.pop(0) if self._outgoing else None
+
+    def current_command(self, report: bytes) -> str:
+        """Name the command that a report belongs to, for faults and tests."""
+        head = self._message or report
+        number = int.from_bytes(head[4:6], "little")
+        return COMMAND_NAMES.get(number, f"{number:#06x}")
+
+    def _begin_message(self, report: bytes) -> bool:
+        length = int.from_bytes(report[2:4], "little")
+        # Reserved, refusal and destination bits are 0 in every request.
+        if report[0] & 0x3F or not 2 <= length <= _BUFFER_BYTES - 4:
+            self.firmware.note_error(3)
+            return False
+        self._expected = 4 + length
+        return True
+
+    def _handle(self, message: bytes) -> None:
+        flags, sequence = message[0], message[1]
+        number = int.from_bytes(message[4:6], "little")
+        name = COMMAND_NAMES.get(number, f"{number:#06x}")
+        is_read = bool(flags & 0x80)
+        data, refused = b"", False
+        try:
+            forced = self.faults.take(NACK, name)
+            if forced:
+                raise Refusal(int(forced.value) or 255)
+            data = self.firmware.read(number) if is_read else self.firmware.write(number, message[6:])
+        except Refusal as refusal:
+            self.firmware.note_error(refusal.code)
+            refused = True
+        if flags & 0x40:
+            flags = flags & 0xC0 | (0x20 if refused else 0)
+            self._answer(name, bytes([flags, sequence]) + len(data).to_bytes(2, "little") + data)
+
+    def _answer(self, name: str, reply: bytes) -> None:
+        take = self.faults.take
+        if take(REPLY_LOST, name):
+            return
+        if take(REPLY_OTHER, name):
+            reply = reply[:1] + bytes([(reply[1] + 101) & 0xFF]) + reply[2:]
+        if take(REPLY_GARBLED, name):
+            reply = b"\xff" * 4 + reply[4:]
+        padded = reply.ljust(-(-len(reply) // REPORT_BYTES) * REPORT_BYTES, b"\0")
+        reports = [padded[at : at + REPORT_BYTES] for at in range(0, len(padded), REPORT_BYTES)]
+        short = take(REPLY_SHORT, name)
+        if short:
+            reports = [reply[: int(short.value) or 2]]
+        if take(REPLY_TWICE, name):
+            reports = reports * 2
+        if take(BABBLE, name):
+            reports = [bytes([i]) * REPORT_BYTES for i in range(100)] + reports
+        late = take(REPLY_LATE, name)
+        delay_s = REPLY_LATENCY_S + (late.value if late else 0.0)
+        for i, report in enumerate(reports):
+            event = self.clock.after(delay_s + i * REPORT_S, partial(self._deliver, report))
+            if not late:  # a late one sits in the host's queue already and outlives the next request
+                self._answering.append(event)
+
+    def _deliver(self, report: bytes) -> None:
+        if self.plugged:
+            self._outgoing.append(report)
+
+    def _drop_message(self) -> None:
+        self._message.clear()
+
+    def _drop_replies(self) -> None:
+        if self._answering or self._outgoing:
+            for event in self._answering:
+                event.cancel()
+            self._answering.clear()
+            self._outgoing.clear()
+
+
+class _Session:
+    """One opening of the twin's interface: a `HidPort`."""
+
+    def __init__(self, twin: Dlpc900Twin) -> None:
+        self._twin = twin
+        self._open = True
+
+    def write(self, report: bytes, timeout_s: float) -> None:
+        """Send one report; takes one USB frame of 1 ms."""
+        twin = self._twin
+        self._require_alive()
+        if len(report) != REPORT_BYTES:
+            raise ValueError(f"a report of {len(report)} bytes")
+        if twin.faults.waiting and self._befalls(report, timeout_s):
+            return
+        twin.clock.sleep_s(REPORT_S)
+        twin.host_sends(report)
+
+    def _befalls(self, report: bytes, timeout_s: float) -> bool:
+        """Let faults strike on the way; return whether the report is lost."""
+        twin, name = self._twin, self._twin.current_command(report)
+        if twin.faults.take(UNPLUGGED, name):
+            twin.unplug()
+        if twin.faults.take(POWER_CYCLE, name):
+            twin.power_cycle()
+        self._require_alive()
+        if twin.faults.take(WRITE_STUCK, name):
+            twin.clock.sleep_s(timeout_s)
+            raise TimeoutError("Operation timed out", timeout_s)
+        if twin.faults.take(REPORT_LOST, name):
+            twin.clock.sleep_s(REPORT_S)
+            return True
+        return False
+
+    def read(self, timeout_s: float) -> bytes:
+        """Wait for a report from the device."""
+        twin = self._twin
+        self._require_alive()
+        twin.clock.wait_until(lambda: bool(twin._outgoing) or not twin.plugged, timeout_s)
+        self._require_alive()
+        return twin.device_sends() or b""
+
+    def close(self) -> None:
+        """Let go; a second call does nothing."""
+        if self._open:
+            self._open = False
+            if self._twin._session is self:
+                self._twin._session = None
+
+    def _require_alive(self) -> None:
+        if not self._open or not self._twin.plugged or self._twin._session is not self:
+            raise OSError(ENODEV, "No such device (it may have been disconnected)")

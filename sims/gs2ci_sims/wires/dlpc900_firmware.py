@@ -1,0 +1,363 @@
+"""What the DLPC900's commands do: modes, sequence table, image memory, status and error registers.
+
+Here: the state machine off → standby or normal; video, flash, video-pattern or on-the-fly; empty → table →
+configured → loading → ready → running ⇄ paused. Not here: reports (`dlpc900`), image codings
+(`dlpc900_images`), time (`dlpc900_sequencer`). Only the twin imports this file; numbers are the programmer's
+guide's, typed in anew.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gs2ci_sims.faults import FaultSet, declare
+from gs2ci_sims.wires.dlpc900_images import BadImageError, read_image
+from gs2ci_sims.wires.dlpc900_sequencer import Output, Sequencer, Step
+from gs2ci_sims.wires.dlpc900_tables import BLOCK_US, ERROR_TEXT, MIRRORS
+from gs2ci_sims.world import World
+
+PARKED = declare("dlpc900.parked", "the mirrors park: the status says so and nothing is shown")
+FORGETS = declare("dlpc900.forgets_images", "the image memory is lost before a start, silently")
+STANDBY = declare("dlpc900.standby", "somebody has sent the controller to standby")
+STAYS_RUNNING = declare("dlpc900.ignores_stop", "a stop is acknowledged and ignored")
+
+_ON_THE_FLY: Final = 3
+_SETTLE_S: Final = 3.0
+
+
+class Refusal(Exception):  # noqa: N818 - a refusal is the firmware's ordinary answer, not an error of ours
+    """The firmware says no, with its error code."""
+
+    def __init__(self, code: int) -> None:
+        super().__init__(code)
+        self.code = code
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One entry of the sequence table as the 12 bytes say."""
+
+    exposure_us: int
+    dark_us: int
+    depth: int
+    image: int
+    bit: int
+    waits: bool
+    suppresses_out_2: bool
+
+
+@dataclass
+class Loading:
+    """An image on its way into memory."""
+
+    image: int
+    total: int
+    received: bytearray
+
+
+class Firmware:
+    """Commands and memory of one controller.
+
+    Args:
+        world: Where masks are shown.
+        faults: What will go wrong.
+        name: Prefix of its trigger lines.
+        dmd: Type of the mirrors.
+        counts_repeats: Whether the count of 0x1A31 counts repeats.
+    """
+
+    def __init__(self, world: World, faults: FaultSet, *, name: str, dmd: int, counts_repeats: bool) -> None:
+        self.world = world
+        self.faults = faults
+        self.dmd = dmd
+        self.mirrors = MIRRORS[dmd]
+        self.counts_repeats = counts_repeats
+        self.sequencer = Sequencer(world, name, faults)
+        self._reads: dict[int, Callable[[], bytes]] = {
+            0x0100: self._read_error,
+            0x0101: lambda: ERROR_TEXT.get(self._told, "Internal Error").encode().ljust(128, b"\0"),
+            0x0205: lambda: bytes.fromhex("01000206 00000002 05000300 00000104"),
+            0x0206: lambda: bytes([self.dmd]) + b"GS2CI-TWIN".ljust(32, b"\0"),
+            0x1A0A: self._read_hardware_status,
+            0x1A0B: lambda: b"\x01",
+            0x1A0C: self._read_main_status,
+        }
+        self._writes: dict[int, Callable[[bytes], None]] = {
+            0x0200: self._write_power,
+            0x0201: self._write_idle,
+            0x1A1B: self._write_mode,
+            0x1A1D: lambda data: self._write_output(0, data),
+            0x1A1E: lambda data: self._write_output(1, data),
+            0x1A24: self._write_control,
+            0x1A2A: lambda data: self._begin_image(0, data),
+            0x1A2B: lambda data: self._take_image_data(0, data),
+            0x1A2C: lambda data: self._begin_image(1, data),
+            0x1A2D: lambda data: self._take_image_data(1, data),
+            0x1A30: self._write_invert,
+            0x1A31: self._write_config,
+            0x1A34: self._write_entry,
+            0x1A35: self._write_trigger_in_1,
+            0x1A36: lambda data: _require(len(data) == 1, 6),
+            0x1A40: self._write_blocks,
+        }
+        self.reset()
+
+    def reset(self) -> None:
+        """Be as after power-on: video mode, empty memory."""
+        self.sequencer.stop()
+        self.sequencer.aborted = False
+        self.sequencer.outputs = [Output(), Output()]
+        self.parked = False
+        self.table: dict[int, Entry] = {}
+        self.images: tuple[dict[int, NDArray[np.uint32]], ...] = ({}, {})
+        self._planes: dict[tuple[int, int, int], NDArray[np.uint8]] = {}
+        self._loading: list[Loading | None] = [None, None]
+        self._entries = 0
+        self._count = 0
+        self._error = self._told = 0
+        self._idle_since_s = 0.0
+        self._awake_from_s = 0.0
+        self._settings: dict[int, bytes] = {
+            0x0200: b"\0",
+            0x0201: b"\0",
+            0x1A1B: b"\0",
+            0x1A1D: bytes(5),
+            0x1A1E: bytes(5),
+            0x1A30: b"\0",
+            0x1A31: bytes(6),
+            0x1A35: b"\x69\0\0",
+            0x1A36: b"\0",
+            0x1A40: bytes([0, max(self.mirrors.blocks - 1, 0)]),
+        }
+
+    def note_error(self, code: int) -> None:
+        """Put a code into the error register; the first one stays until it is read."""
+        self._error = self._error or code
+
+    def read(self, number: int) -> bytes:
+        """Return a register.
+
+        Raises:
+            Refusal: There is no such register.
+        """
+        if self.faults.take(STANDBY):
+            self._settings[0x0200] = b"\x01"
+        if number in self._reads:
+            return self._reads[number]()
+        if number in self._settings:
+            return self._settings[number]
+        raise Refusal(3)
+
+    def write(self, number: int, data: bytes) -> bytes:
+        """Obey a command; returns the empty payload of its acknowledgement.
+
+        Raises:
+            Refusal: Unknown, malformed, out of range, or not in this state.
+        """
+        if number not in self._writes:
+            raise Refusal(3)
+        asleep = self._settings[0x0200] == b"\x01" or self.world.clock.now_s() < self._awake_from_s
+        if asleep and number != 0x0200:
+            raise Refusal(5)
+        if number not in (0x1A2B, 0x1A2D):
+            self._require_images_whole()
+        self._writes[number](data)
+        if number in self._settings:
+            self._settings[number] = data
+        return b""
+
+    def _require_images_whole(self) -> None:
+        """Any other command ends a load; one that still lacks bytes is an error."""
+        if any(self._loading):
+            self._loading = [None, None]
+            raise Refusal(9)
+
+    def _read_error(self) -> bytes:
+        self._told, self._error = self._error, 0
+        return bytes([self._told])
+
+    def _read_hardware_status(self) -> bytes:
+        return bytes([1 | (0x10 if self.mirrors.dual else 0) | (0x40 if self.sequencer.aborted else 0)])
+
+    def _read_main_status(self) -> bytes:
+        if self.faults.take(PARKED):
+            self.parked = True
+            self.world.show_mask(None)
+        return bytes([int(self.parked) | int(self.sequencer.running) << 1])
+
+    def _write_power(self, data: bytes) -> None:
+        _require(len(data) == 1 and data[0] in (0, 1), 6)
+        if data[0] == 1:
+            self.sequencer.stop()
+        elif self._settings[0x0200] == b"\x01":
+            self._awake_from_s = self.world.clock.now_s() + _SETTLE_S
+        self.parked = data[0] == 1
+
+    def _write_idle(self, data: bytes) -> None:
+        _require(len(data) == 1 and data[0] in (0, 1), 6)
+        now_s = self.world.clock.now_s()
+        if data[0]:
+            _require(not self.sequencer.running, 5)
+            self._idle_since_s = now_s
+        else:
+            _require(self._settings[0x0201] == b"\0" or now_s - self._idle_since_s >= _SETTLE_S, 5)
+
+    def _write_mode(self, data: bytes) -> None:
+        _require(len(data) == 1 and data[0] <= _ON_THE_FLY, 6)
+        _require(not self.sequencer.running and self._settings[0x0201] == b"\0", 5)
+        self.sequencer.aborted = False
+
+    def _write_output(self, output: int, data: bytes) -> None:
+        _require(len(data) == 5 and data[0] <= 1, 6)
+        rise, fall = (int.from_bytes(data[at : at + 2], "little", signed=True) for at in (1, 3))
+        _require(-20 <= rise <= 20000 and -20 <= fall <= 20000 and (data[0] == 1 or rise <= fall), 13)
+        self.sequencer.configure(output, Output(bool(data[0]), rise * 1e-6, fall * 1e-6))
+
+    def _write_trigger_in_1(self, data: bytes) -> None:
+        delay_us = int.from_bytes(data[:2], "little")
+        _require(len(data) == 3 and delay_us >= 104, 6)
+        self.sequencer.trigger_in_delay_s = delay_us * 1e-6
+
+    def _write_invert(self, data: bytes) -> None:
+        _require(len(data) == 1, 6)
+        self.table.clear()
+
+    def _write_blocks(self, data: bytes) -> None:
+        _require(len(data) == 2 and data[0] <= data[1] < self.mirrors.blocks, 6)
+
+    def _shortest_us(self, depth: int) -> int:
+        first, last = self._settings[0x1A40]
+        blocks = last - first + 1
+        if depth == 1 and self.mirrors.blocks and blocks < self.mirrors.blocks:
+            return BLOCK_US[blocks - 1] if blocks <= 6 else 54 + (blocks - 6) * 17 // 3
+        return self.mirrors.shortest_us[depth - 1]
+
+    def _write_entry(self, data: bytes) -> None:
+        _require(len(data) == 12, 6)
+        _require(self._settings[0x1A1B] != b"\0" and not self.sequencer.running, 5)
+        index = data[0] | data[1] << 8
+        entry = Entry(
+            exposure_us=data[2] | data[3] << 8 | data[4] << 16,
+            dark_us=data[6] | data[7] << 8 | data[8] << 16,
+            depth=((data[5] & 0x0E) >> 1) + 1,
+            image=data[10] | (data[11] & 0x07) << 8,
+            bit=data[11] >> 3,
+            waits=bool(data[5] & 0x80),
+            suppresses_out_2=bool(data[9] & 0x01),
+        )
+        _require(index < self.mirrors.entries, 15)
+        _require(entry.bit + entry.depth <= 24, 10)
+        _require(entry.exposure_us >= self._shortest_us(entry.depth), 14)
+        _require(entry.image < 18, 17)
+        before = self.table.get(index)
+        if before and (before.image, before.bit) != (entry.image, entry.bit):
+            self._lose_images()
+        self.table[index] = entry
+
+    def _write_config(self, data: bytes) -> None:
+        _require(len(data) == 6, 6)
+        _require(self._settings[0x1A1B] != b"\0" and not self.sequencer.running, 5)
+        entries = data[0] | data[1] << 8
+        _require(1 <= entries <= self.mirrors.entries, 15)
+        _require(all(index in self.table for index in range(entries)), 16)
+        if entries != self._entries:
+            self._lose_images()
+        self._entries = entries
+        self._count = int.from_bytes(data[2:6], "little")
+
+    def _lose_images(self) -> None:
+        for memory in self.images:
+            memory.clear()
+        self._planes.clear()
+
+    def _begin_image(self, controller: int, data: bytes) -> None:
+        _require(len(data) == 6 and (controller == 0 or self.mirrors.dual), 6)
+        _require(self._settings[0x1A1B] == bytes([_ON_THE_FLY]) and not self.sequencer.running, 5)
+        _require(self._entries > 0, 16)
+        image, total = int.from_bytes(data[0:2], "little"), int.from_bytes(data[2:6], "little")
+        _require(image < 18 and total > 48, 6)
+        # Images must come from the last to the first.
+        memory = self.images[controller]
+        wanted = {self.table[index].image for index in range(self._entries)}
+        _require(all(later in memory for later in wanted if later > image), 17)
+        self._planes.clear()
+        memory.pop(image, None)
+        self._loading[controller] = Loading(image, total, bytearray())
+
+    def _take_image_data(self, controller: int, data: bytes) -> None:
+        loading = self._loading[controller]
+        size = int.from_bytes(data[:2], "little")
+        if loading is None or size != len(data) - 2 or len(loading.received) + size > loading.total:
+            self._loading[controller] = None
+            raise Refusal(9)
+        loading.received += data[2:]
+        if len(loading.received) == loading.total:
+            self._loading[controller] = None
+            width = self.mirrors.width // 2 if self.mirrors.dual else self.mirrors.width
+            try:
+                words = read_image(bytes(loading.received), width, self.mirrors.height)
+            except BadImageError as error:
+                raise Refusal(9) from error
+            self.images[controller][loading.image] = words
+
+    def _write_control(self, data: bytes) -> None:
+        _require(len(data) == 1 and data[0] <= 2, 6)
+        _require(self._settings[0x1A1B] != b"\0", 5)
+        if data[0] == 0 and not self.faults.take(STAYS_RUNNING):
+            self.sequencer.stop()
+        elif data[0] == 1:
+            self.sequencer.pause()
+        elif data[0] == 2:
+            self._start()
+
+    def _start(self) -> None:
+        _require(not self.sequencer.running and self._settings[0x0201] == b"\0", 5)
+        if self.faults.take(FORGETS):
+            self._lose_images()
+        entries = [self.table.get(index) for index in range(self._entries)]
+        _require(bool(entries), 16)
+        steps = [self._step(entry) for entry in entries if entry]
+        _require(len(steps) == len(entries), 16)
+        self.sequencer.start(steps, self._count * (self._entries if self.counts_repeats else 1))
+
+    def _step(self, entry: Entry) -> Step:
+        return Step(
+            levels=self._plane(entry),
+            top=(1 << entry.depth) - 1,
+            exposure_s=entry.exposure_us * 1e-6,
+            dark_s=entry.dark_us * 1e-6,
+            pulse=not entry.suppresses_out_2,
+            waits=entry.waits,
+        )
+
+    def _plane(self, entry: Entry) -> NDArray[np.uint8]:
+        """Return the mirrors' levels of an entry, from the decoded image."""
+        key = (entry.image, entry.bit, entry.depth)
+        if key not in self._planes:
+            memories = self.images if self.mirrors.dual else self.images[:1]
+            _require(all(entry.image in memory for memory in memories), 16)
+            words = np.hstack([memory[entry.image] for memory in memories])
+            self._planes[key] = ((words >> entry.bit) % (1 << entry.depth)).astype(np.uint8)
+        levels = self._planes[key]
+        if self._settings[0x1A30] == b"\x01":
+            levels = np.uint8((1 << entry.depth) - 1) - levels
+        if self.parked:
+            levels = np.zeros_like(levels)
+        return self._only_blocks(levels)
+
+    def _only_blocks(self, levels: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        first, last = self._settings[0x1A40]
+        if not self.mirrors.blocks or last - first + 1 == self.mirrors.blocks:
+            return levels
+        rows = self.mirrors.height // self.mirrors.blocks
+        lit = np.zeros_like(levels)
+        lit[first * rows : (last + 1) * rows] = levels[first * rows : (last + 1) * rows]
+        return lit
+
+
+def _require(condition: bool, code: int) -> None:
+    if not condition:
+        raise Refusal(code)

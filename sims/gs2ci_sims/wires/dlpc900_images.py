@@ -1,0 +1,167 @@
+"""How the DLPC900's firmware reads an uploaded pattern image: header, then one of three codings, strictly.
+
+Here: bytes → 24-bit words, or the reason why not. Not here: loading, memory, showing (`dlpc900`). Only that twin
+and tests import this file. It shares no line with the driver's encoder: an error there must be seen here.
+"""
+
+from collections.abc import Callable
+from typing import Any, cast
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+U8 = NDArray[np.uint8]
+U32 = NDArray[np.uint32]
+
+HEADER_BYTES = 48
+_MAX_SLACK_BYTES = 3
+
+
+class BadImageError(Exception):
+    """The firmware cannot read an image; it will report error 9."""
+
+
+def read_image(block: bytes, width: int, height: int) -> U32:
+    """Read an image block as the controller does.
+
+    Args:
+        block: Header and coded pixels.
+        width: Columns that this controller drives.
+        height: Rows.
+
+    Returns:
+        One 24-bit word per mirror, [H, W] uint32.
+
+    Raises:
+        BadImageError: Header or stream break the rules.
+    """
+    header = block[:HEADER_BYTES]
+    if len(header) < HEADER_BYTES or header[0:4] != b"\x53\x70\x6c\x64":
+        raise BadImageError("no image signature")
+    if (header[4] | header[5] << 8, header[6] | header[7] << 8) != (width, height):
+        raise BadImageError("the image does not have the size of the mirrors")
+    if header[26] != 1 or header[25] > 2 or header[24] > 1:
+        raise BadImageError("unknown byte order, compression or pixel format")
+    size = int.from_bytes(header[8:12], "little")
+    coded = np.frombuffer(block, np.uint8, offset=HEADER_BYTES)
+    if not size <= coded.size <= size + _MAX_SLACK_BYTES:
+        raise BadImageError("the header's size is not the size sent")
+    reader = (_read_plain, _read_rle, _read_erle)[header[25]]
+    words = np.zeros(height * width, np.uint32)
+    end = reader(coded[:size], width, words)
+    if end < 0:
+        raise BadImageError("the coded pixels break their grammar")
+    if size - end > _MAX_SLACK_BYTES:
+        raise BadImageError("bytes follow the end of the image")
+    return words.reshape(height, width)
+
+
+def _read_plain(coded: U8, width: int, words: U32) -> int:
+    stride = (3 * width + 15) & ~15
+    height = words.size // width
+    if coded.size < stride * height:
+        return -1
+    rows = coded[: stride * height].reshape(height, stride)[:, : 3 * width].astype(np.uint32)
+    words[:] = (rows[:, 0::3] * 65536 + rows[:, 1::3] * 256 + rows[:, 2::3]).ravel()
+    return stride * height
+
+
+_REPEAT, _LITERAL, _COPY, _ROW_END, _CUT = 0, 1, 2, 3, 4
+
+
+def _erle_head_kernel(coded: U8, i: int) -> tuple[int, int, int]:
+    """Read what a run is: (kind, pixels, byte behind)."""
+    size = coded.size
+    kind = _REPEAT
+    if coded[i] == 0:
+        i += 1
+        if i < size and coded[i] == 0:
+            return _ROW_END, 0, i + 1
+        kind = _LITERAL
+        if i < size and coded[i] == 1:
+            kind = _COPY
+            i += 1
+    if i >= size:
+        return _CUT, 0, i
+    low = int(coded[i])
+    if low < 0x80:
+        return kind, low, i + 1
+    if i + 1 >= size:
+        return _CUT, 0, i
+    return kind, low - 0x80 + int(coded[i + 1]) * 128, i + 2
+
+
+def _fill_kernel(coded: U8, i: int, words: U32, cursor: int, count: int, step: int) -> None:
+    """Write `count` pixels from byte `i` on, `step` bytes apart (0 repeats one pixel)."""
+    for k in range(count):
+        at = i + k * step
+        words[cursor + k] = int(coded[at]) * 65536 + int(coded[at + 1]) * 256 + int(coded[at + 2])
+
+
+def _erle_kernel(coded: U8, width: int, words: U32) -> int:
+    """Fill `words` from a flat cursor; return the byte behind the end mark, or -1."""
+    total = words.size
+    cursor = 0  # next pixel of the whole image
+    marked = 0  # cursor at the last end-of-row mark
+    i = 0
+    while i < coded.size:
+        kind, count, i = _erle_head(coded, i)
+        if kind == _CUT:
+            return -1
+        if kind == _ROW_END:
+            if cursor == marked or cursor % width != 0:
+                return -1
+            marked = cursor
+            continue
+        if kind == _COPY and count == 0:
+            return i if cursor == total else -1
+        if count == 0 or cursor + count > total or cursor % width + count > width:
+            return -1
+        if kind == _COPY:
+            if cursor < width:
+                return -1
+            words[cursor : cursor + count] = words[cursor - width : cursor - width + count]
+        else:
+            stored = count if kind == _LITERAL else 1
+            if i + 3 * stored > coded.size:
+                return -1
+            _fill(coded, i, words, cursor, count, 3 if kind == _LITERAL else 0)
+            i += 3 * stored
+        cursor += count
+    return -1
+
+
+def _rle_kernel(coded: U8, width: int, words: U32) -> int:
+    """Fill `words` from a flat cursor; return the byte behind the end mark, or -1."""
+    total = words.size
+    cursor = 0
+    row_end = width
+    i = 0
+    while i + 1 < coded.size:
+        literal = coded[i] == 0
+        count = int(coded[i + 1]) if literal else int(coded[i])
+        i += 2 if literal else 1
+        if literal and count == 0:
+            if cursor != row_end:
+                return -1
+            row_end += width
+            i = (i + 3) // 4 * 4
+            continue
+        if literal and count == 1:
+            return i if cursor == total and row_end == total + width else -1
+        stored = count if literal else 1
+        if cursor + count > row_end or row_end > total or i + 3 * stored > coded.size:
+            return -1
+        _fill(coded, i, words, cursor, count, 3 if literal else 0)
+        i += 3 * stored
+        cursor += count
+    return -1
+
+
+_Kernel = Callable[[U8, int, U32], int]
+_compile = cast(Callable[[Any], Any], numba.njit(cache=True))
+_erle_head = _compile(_erle_head_kernel)
+_fill = _compile(_fill_kernel)
+_read_erle: _Kernel = _compile(_erle_kernel)
+_read_rle: _Kernel = _compile(_rle_kernel)

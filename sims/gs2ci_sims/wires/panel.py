@@ -1,0 +1,181 @@
+"""A light modulator panel in the world: shows masks with a response time, plays timed sequences, drives one line.
+
+Here: what the LCoS-like twins have in common. Not here: any protocol (`scpi_modulator`, `display_slm`), the
+mirrors of the DLPC900, which switch at once. Only twins import this file.
+"""
+
+import enum
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gs2ci_sims.faults import FaultSet, declare
+from gs2ci_sims.world import Event, World
+
+STOPS_EARLY = declare("panel.stops_early", "the sequence ends before a mask")
+MASK_SKIPPED = declare("panel.mask_skipped", "a mask is not shown, its time passes dark")
+PULSE_LOST = declare("panel.pulse_lost", "a trigger pulse is missing")
+PULSE_TWICE = declare("panel.pulse_twice", "the trigger line pulses twice, `value` seconds apart (60 µs)")
+
+Levels = NDArray[np.uint8] | NDArray[np.uint16]
+
+PULSE_S = 50e-6
+_TOP_16 = 0xFFFF
+# The transition is drawn in steps of half a time constant, until one per mille of it is left.
+_STEPS_PER_TIME_CONSTANT = 2
+_TIME_CONSTANTS = 7
+
+
+@enum.unique
+class Out(enum.Enum):
+    """What the trigger line does during a sequence."""
+
+    NONE = "NONE"
+    EXPOSURE = "EXPOSURE"
+    GATE = "GATE"
+    MASK = "MASK"
+
+
+@dataclass(frozen=True)
+class Show:
+    """A timed sequence.
+
+    Args:
+        masks: Levels of each mask, [H, W].
+        top: Level of a fully open pixel.
+        exposure_s: Each mask's time on show.
+        dark_s: Dark time between masks.
+        pause_s: Dark time after a pass.
+        repeats: Passes; 0 for ever.
+        out: What the trigger line does.
+    """
+
+    masks: list[Levels]
+    top: int
+    exposure_s: float
+    dark_s: float
+    pause_s: float
+    repeats: int
+    out: Out
+
+
+class Panel:
+    """Pixels that follow what they are set to with a first-order response.
+
+    Args:
+        world: Where masks are shown.
+        line: The trigger line ("lcos0.out").
+        faults: What will go wrong.
+        response_s: Time constant of rise and fall; 0 switches at once.
+    """
+
+    def __init__(self, world: World, line: str, faults: FaultSet, response_s: float = 0.0) -> None:
+        self.world = world
+        self.line = line
+        self.faults = faults
+        self.response_s = response_s
+        self.running = False
+        self.shown = 0
+        self._target: tuple[Levels, int] | None = None
+        self._settling: list[Event] = []
+        self._next: Event | None = None
+
+    def set(self, levels: Levels | None, top: int = 1) -> None:
+        """Drive the pixels to these levels; None to dark."""
+        for event in self._settling:
+            event.cancel()
+        self._settling.clear()
+        before, self._target = self._target, None if levels is None else (levels, top)
+        if self.response_s > 0 and (before or self._target):
+            self._blend(before, self._target)
+        else:
+            self.world.show_mask(levels, top)
+
+    def _blend(self, before: tuple[Levels, int] | None, after: tuple[Levels, int] | None) -> None:
+        old, new = _share(before), _share(after)
+        step_s = self.response_s / _STEPS_PER_TIME_CONSTANT
+
+        def draw(step: int) -> None:
+            # The level in the middle of the step stands for all of it.
+            left = math.exp(-(step + 0.5) / _STEPS_PER_TIME_CONSTANT)
+            mixed = np.asarray(new + (old - new) * left)
+            self.world.show_mask(np.rint(mixed * _TOP_16).astype(np.uint16), _TOP_16)
+
+        def rest() -> None:
+            self.world.show_mask(*(after or (None, 1)))
+
+        draw(0)
+        steps = _TIME_CONSTANTS * _STEPS_PER_TIME_CONSTANT
+        clock = self.world.clock
+        self._settling = [clock.after(step * step_s, _bound(draw, step)) for step in range(1, steps)]
+        self._settling.append(clock.after(steps * step_s, rest))
+
+    def play(self, show: Show, latency_s: float) -> None:
+        """Begin a sequence after `latency_s`."""
+        self.stop()
+        self.running = True
+        self._after(latency_s, lambda: self._begin(show, 0))
+
+    def stop(self) -> None:
+        """End the sequence and go dark."""
+        if self._next:
+            self._next.cancel()
+        self.running = False
+        self.shown = 0
+        self.set(None)
+        self.world.bus.drive(self.line, False)
+
+    def pulse(self) -> None:
+        """Pulse the trigger line, or not, or twice, as faults have it."""
+        if self.faults.take(PULSE_LOST):
+            return
+        self.world.bus.pulse(self.line, PULSE_S)
+        twice = self.faults.take(PULSE_TWICE)
+        if twice:
+            gap_s = max(twice.value, 1.2 * PULSE_S)
+            self.world.clock.after(gap_s, lambda: self.world.bus.pulse(self.line, PULSE_S))
+
+    def _begin(self, show: Show, index: int) -> None:
+        if self.faults.take(STOPS_EARLY):
+            shown = self.shown
+            self.stop()
+            self.shown = shown
+            return
+        slot = index % len(show.masks)
+        if self.faults.take(MASK_SKIPPED):
+            self.set(None)
+        else:
+            self.set(show.masks[slot], show.top)
+            self.shown += 1
+        if show.out is Out.MASK or (show.out is Out.EXPOSURE and slot == 0):
+            self.pulse()
+        elif show.out is Out.GATE and slot == 0:
+            self.world.bus.drive(self.line, True)
+        self._after(show.exposure_s, lambda: self._end(show, index))
+
+    def _end(self, show: Show, index: int) -> None:
+        ends_pass = (index + 1) % len(show.masks) == 0
+        last = show.repeats > 0 and index + 1 >= show.repeats * len(show.masks)
+        wait_s = show.pause_s if ends_pass else show.dark_s
+        if wait_s > 0 or last:
+            self.set(None)
+        if ends_pass and show.out is Out.GATE:
+            self.world.bus.drive(self.line, False)
+        self._after(wait_s, self._finish if last else lambda: self._begin(show, index + 1))
+
+    def _finish(self) -> None:
+        self.running = False
+
+    def _after(self, delay_s: float, action: Callable[[], None]) -> None:
+        self._next = self.world.clock.after(delay_s, action)
+
+
+def _share(shown: tuple[Levels, int] | None) -> NDArray[np.float32] | float:
+    return shown[0].astype(np.float32) / np.float32(shown[1]) if shown else 0.0
+
+
+def _bound(draw: Callable[[int], None], step: int) -> Callable[[], None]:
+    return lambda: draw(step)

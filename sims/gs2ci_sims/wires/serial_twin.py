@@ -1,0 +1,193 @@
+"""What every twin behind a serial line has in common: bytes with a baud rate, and all that can befall them.
+
+A twin's firmware gets each line as it is complete (`_line`) and each byte that bypasses lines (`_realtime`), and
+answers with `_reply`. The line itself can lose, delay, repeat, cut, join and spoil what passes, vanish and
+come back.
+
+Here: the byte level. Not here: any protocol. Only the twins in this package import this file; `gs2ci.rig` and
+tests call `open`, `plug_in` and the fault set.
+"""
+
+from abc import ABC, abstractmethod
+from errno import EBUSY, EIO, ENODEV
+
+from gs2ci_sims.faults import FaultSet, declare
+from gs2ci_sims.world import VirtualClock
+
+REPLY_LOST = declare("serial.reply_lost", "a reply is never sent")
+REPLY_LATE = declare("serial.reply_late", "a reply comes `value` seconds late, after its deadline")
+REPLY_TWICE = declare("serial.reply_twice", "a reply is sent twice")
+REPLY_SPOILT = declare("serial.reply_spoilt", "one bit of a reply is flipped on the line")
+REPLY_CUT = declare("serial.reply_cut", "a reply ends in the middle, without its line end")
+REPLY_IN_PIECES = declare("serial.reply_in_pieces", "a reply comes byte by byte, 2 ms apart")
+REPLIES_JOINED = declare("serial.replies_joined", "a reply is held back and comes in one piece with the next one")
+NOISE = declare("serial.noise", "0x00 and 0xFF bytes before a reply")
+BABBLE = declare("serial.babble", "600 bytes of noise without a line end before a reply")
+REQUEST_LOST = declare("serial.request_lost", "a request never reaches the device")
+WRITE_STUCK = declare("serial.write_stuck", "the line takes no bytes: write timeout")
+UNPLUGGED = declare("serial.unplugged", "the port disappears (EIO, then ENODEV) until plugged in again")
+STALE = declare("serial.stale", "an answer of an earlier session waits on the line when it is opened")
+
+REPLY_LATENCY_S = 1.5e-3
+PIECE_GAP_S = 2e-3
+
+
+class SerialTwin(ABC):
+    """A device behind a serial line.
+
+    Args:
+        clock: The world's clock.
+        faults: What will go wrong.
+        baud: Bits per second, 8N1.
+    """
+
+    def __init__(self, clock: VirtualClock, faults: FaultSet | None = None, baud: int = 115200) -> None:
+        self.clock = clock
+        self.faults = faults or FaultSet()
+        self.plugged = True
+        self._byte_s = 10.0 / baud
+        self._session: SerialSession | None = None
+        self._incoming = b""
+        self._outgoing = b""
+        self._held = b""
+        self._line_free_s = 0.0
+
+    def open(self) -> "SerialSession":
+        """Open the port, as the operating system would.
+
+        Raises:
+            OSError: ENODEV when unplugged, EBUSY when open already.
+        """
+        if not self.plugged:
+            raise OSError(ENODEV, "No such device")
+        if self._session is not None:
+            raise OSError(EBUSY, "Device or resource busy")
+        self._session = SerialSession(self)
+        self._outgoing = self._stale() if self.faults.take(STALE) else b""
+        return self._session
+
+    def unplug(self) -> None:
+        """Take the device off; an open session is dead from now on."""
+        self.plugged = False
+        self._session = None
+        self._incoming = self._outgoing = self._held = b""
+
+    def plug_in(self) -> None:
+        """Put the device back; a session has to be opened anew. Its power was never cut by this."""
+        self.plugged = True
+
+    @property
+    @abstractmethod
+    def terminators(self) -> bytes:
+        """Get the bytes that end a request."""
+
+    @abstractmethod
+    def _line(self, line: bytes) -> None:
+        """Take one request without its end."""
+
+    @abstractmethod
+    def _stale(self) -> bytes:
+        """Return a valid reply to something that nobody asked in this session."""
+
+    def _realtime(self, byte: int) -> bool:
+        """Take a byte that bypasses lines; return whether it was one."""
+        return False
+
+    def _reply(self, data: bytes, about: str = "", delay_s: float = REPLY_LATENCY_S) -> None:
+        """Send bytes to the host, with whatever befalls them on the way."""
+        take = self.faults.take
+        if take(REPLY_LOST, about):
+            return
+        late = take(REPLY_LATE, about)
+        if late:
+            delay_s += late.value or 1.0
+        if take(REPLY_SPOILT, about):
+            middle = len(data) // 2
+            data = data[:middle] + bytes([data[middle] ^ 0x01]) + data[middle + 1 :]
+        if take(REPLY_CUT, about):
+            data = data[: len(data) // 2]
+        if take(NOISE, about):
+            data = b"\x00\xff\xff\x00" + data
+        if take(BABBLE, about):
+            data = bytes(128 + i % 96 for i in range(600)) + data
+        if take(REPLY_TWICE, about):
+            data = data + data
+        if take(REPLIES_JOINED, about):
+            self._held += data
+            return
+        data, self._held = self._held + data, b""
+        self._transmit(data, delay_s, in_pieces=take(REPLY_IN_PIECES, about) is not None)
+
+    def _transmit(self, data: bytes, delay_s: float, *, in_pieces: bool = False) -> None:
+        """Put bytes on the line at its rate."""
+        start_s = max(self.clock.now_s() + delay_s, self._line_free_s if delay_s <= REPLY_LATENCY_S else 0.0)
+        if in_pieces:
+            for i, byte in enumerate(data):
+                self._arrive(bytes([byte]), start_s + (i + 1) * PIECE_GAP_S)
+            return
+        end_s = start_s + len(data) * self._byte_s
+        self._line_free_s = end_s
+        self._arrive(data, end_s)
+
+    def _arrive(self, data: bytes, when_s: float) -> None:
+        def deliver() -> None:
+            if self.plugged:
+                self._outgoing += data
+
+        self.clock.at(when_s, deliver)
+
+    def _receive(self, data: bytes) -> None:
+        """Take bytes from the host."""
+        for byte in data:
+            if self._realtime(byte):
+                continue
+            if byte not in self.terminators:
+                self._incoming += bytes([byte])
+                continue
+            line, self._incoming = self._incoming, b""
+            if not self.faults.take(REQUEST_LOST, line.decode("ascii", "replace")):
+                self._line(line)
+
+
+class SerialSession:
+    """One opening of a twin's port: a `BytePort`."""
+
+    def __init__(self, twin: SerialTwin) -> None:
+        self._twin = twin
+        self._open = True
+
+    def write(self, data: bytes, timeout_s: float) -> None:
+        """Send bytes to the twin; takes as long as the baud rate says."""
+        twin = self._twin
+        self._require_alive()
+        about = data.decode("ascii", "replace")
+        if twin.faults.take(UNPLUGGED, about):
+            twin.unplug()
+            raise OSError(EIO, "Input/output error")
+        if twin.faults.take(WRITE_STUCK, about):
+            twin.clock.sleep_s(timeout_s)
+            raise TimeoutError("Write timeout")
+        twin.clock.sleep_s(len(data) * twin._byte_s)
+        twin._receive(data)
+
+    def read(self, max_bytes: int, timeout_s: float) -> bytes:
+        """Wait for bytes from the twin."""
+        twin = self._twin
+        self._require_alive()
+        twin.clock.wait_until(lambda: bool(twin._outgoing) or not twin.plugged, timeout_s)
+        self._require_alive()
+        data, twin._outgoing = twin._outgoing[:max_bytes], twin._outgoing[max_bytes:]
+        return data
+
+    def close(self) -> None:
+        """Let go; a second call does nothing."""
+        if self._open:
+            self._open = False
+            if self._twin._session is self:
+                self._twin._session = None
+
+    def _require_alive(self) -> None:
+        if not self._open:
+            raise OSError(EIO, "the port is closed")
+        if not self._twin.plugged or self._twin._session is not self:
+            raise OSError(ENODEV, "No such device")

@@ -1,0 +1,220 @@
+"""A V4L2 camera and the kernel above it: the twin of `gs2ci_drivers.v4l2`, below `SysPort`.
+
+It answers system calls as Linux does. Time is the world's: a trigger edge on the world's bus exposes, and the
+world's light falls on the sensor between the begin and the end of that exposure.
+
+Here: `V4l2Twin`: nodes, descriptors, poll, the module's parameter, the plug. Not here: what a request does
+(`v4l2_device`). `gs2ci.rig` and tests import this file; drivers never do.
+"""
+
+import fnmatch
+import select
+from errno import EACCES, EBADF, EFAULT, EINVAL, ENODEV, ENOENT, ENOTTY
+from itertools import count
+
+import numpy as np
+
+from gs2ci_drivers.ports import MappedMemory
+from gs2ci_sims.faults import FaultSet, declare
+from gs2ci_sims.wires.v4l2_camera import CameraModel
+from gs2ci_sims.wires.v4l2_device import CaptureDevice, OpenFile
+from gs2ci_sims.world import World
+
+UNPLUGGED = declare("v4l2.unplugged", "the camera disappears (ENODEV, POLLHUP) until plugged in again")
+CALL_FAILS = declare("v4l2.call_fails", "a system call fails with the errno `value`")
+WAKE_EMPTY = declare("v4l2.wake_empty", "poll promises a frame that is not there")
+PARAMETER_DENIED = declare("v4l2.parameter_denied", "the module parameter may not be written (EACCES)")
+PARAMETER_IGNORED = declare("v4l2.parameter_ignored", "the module parameter keeps its value")
+
+_SIZE_MASK = 0x3FFF
+
+
+class V4l2Twin:
+    """A camera with its kernel, as a `SysPort`.
+
+    Args:
+        world: Where it stands.
+        model: Its data sheet.
+        faults: What will go wrong.
+        rng: Draws jitter; seeded with 0 where none is given.
+        path: Its capture node.
+        subdevice: Its sensor's node, there where the model has the controls on it.
+    """
+
+    def __init__(
+        self,
+        world: World,
+        model: CameraModel | None = None,
+        faults: FaultSet | None = None,
+        *,
+        rng: np.random.Generator | None = None,
+        path: str = "/dev/video0",
+        subdevice: str = "/dev/v4l-subdev0",
+    ) -> None:
+        self.model = model or CameraModel()
+        self.faults = faults or FaultSet()
+        self.calls: list[str] = []
+        """Names of the calls so far, for tests of their order."""
+        self._clock = world.clock
+        self._device = CaptureDevice(world, self.model, self.faults, rng or np.random.default_rng(0))
+        self._nodes = {path: False} | ({subdevice: True} if self.model.on_subdevice else {})
+        self._parameter = f"/sys/module/{self.model.module}/parameters/trigger_mode"
+        self._files: dict[int, OpenFile] = {}
+        self._descriptors = count(3)
+        self._generation = 0
+        self._plugged = True
+
+    @property
+    def streaming(self) -> bool:
+        """Get whether frames are being captured."""
+        return self._device.ring.streaming
+
+    def unplug(self) -> None:
+        """Take the camera off: its nodes are gone, descriptors are dead."""
+        if self._plugged:
+            self._device.power_down()
+            self._plugged = False
+            self._generation += 1
+
+    def plug_in(self) -> None:
+        """Put the camera back, with nothing set."""
+        if not self._plugged:
+            self._plugged = True
+            self._device.power_up()
+
+    def open(self, path: str) -> int:
+        """Open a node; return its descriptor.
+
+        Raises:
+            OSError: ENOENT: no such node.
+        """
+        self.calls.append("open")
+        self._strike("open")
+        if path not in self._nodes or not self._plugged:
+            raise OSError(ENOENT, "No such file or directory", path)
+        fd = next(self._descriptors)
+        self._files[fd] = OpenFile(self._generation, self._nodes[path])
+        self._device.opened(self._files[fd])
+        return fd
+
+    def close(self, fd: int) -> None:
+        """Close a descriptor; unknown and closed ones are ignored."""
+        self.calls.append("close")
+        file = self._files.pop(fd, None)
+        if file is not None:
+            self._device.closed(file)
+
+    def ioctl(self, fd: int, request: int, argument: bytearray, payload: bytearray | None = None) -> int:
+        """Answer an ioctl in place.
+
+        Raises:
+            OSError: With the errno that the kernel would give.
+        """
+        table = self._device.requests | self._device.sensor_requests
+        name, handler = table.get(request, (hex(request), None))
+        name = f"VIDIOC_{name}"
+        self.calls.append(name)
+        file = self._alive(fd, name)
+        mine = self._device.sensor_requests if file.subdevice else self._device.requests
+        if handler is None or request not in mine:
+            raise OSError(ENOTTY, f"Inappropriate ioctl for device: {name}")
+        if len(argument) != request >> 16 & _SIZE_MASK:
+            raise OSError(EFAULT, f"{name} with {len(argument)} bytes")
+        handler(file, argument, payload)
+        return 0
+
+    def mmap(self, fd: int, length: int, offset: int) -> MappedMemory:
+        """Map a buffer.
+
+        Raises:
+            OSError: EINVAL: no buffer lies there.
+        """
+        self.calls.append("mmap")
+        self._alive(fd, "mmap")
+        return self._device.ring.map(offset, length)
+
+    def copy_out(self, mapping: MappedMemory, length: int) -> bytes:
+        """Copy bytes out of a mapped buffer."""
+        return mapping[:length]
+
+    def poll(self, fd: int, events: int, timeout_s: float) -> int:
+        """Wait for a frame or an event on the world's clock.
+
+        Raises:
+            OSError: An injected errno.
+        """
+        self.calls.append("poll")
+        file = self._files.get(fd)
+        if file is None:
+            return select.POLLNVAL
+        if self.faults.take(UNPLUGGED, "poll"):
+            self.unplug()
+        self._fail("poll")
+        if self.faults.take(WAKE_EMPTY):
+            return select.POLLIN
+        self._clock.wait_until(lambda: self._ready(file) != 0, timeout_s)
+        return self._ready(file) & (events | select.POLLERR | select.POLLHUP)
+
+    def _ready(self, file: OpenFile) -> int:
+        if file.generation != self._generation:
+            return select.POLLERR | select.POLLHUP | select.POLLPRI
+        ring = self._device.ring
+        mask = select.POLLPRI if file.events else 0
+        if not ring.streaming or ring.broken or (ring.ended and not ring.ready):
+            mask |= select.POLLERR
+        return mask | (select.POLLIN if ring.ready else 0)
+
+    def clock_ns(self) -> int:
+        """Get the world's time as CLOCK_MONOTONIC."""
+        return self._clock.now_ns()
+
+    def list_nodes(self, pattern: str) -> list[str]:
+        """List the nodes there are."""
+        return sorted(fnmatch.filter(self._nodes, pattern)) if self._plugged else []
+
+    def read_file(self, path: str) -> bytes:
+        """Read the module's parameter.
+
+        Raises:
+            OSError: ENOENT: no such file.
+        """
+        self._require_parameter(path)
+        return self._device.parameter + b"\n"
+
+    def write_file(self, path: str, data: bytes) -> None:
+        """Write the module's parameter.
+
+        Raises:
+            OSError: ENOENT: no such file; EINVAL: neither 0 nor 1; EACCES: injected.
+        """
+        self._require_parameter(path)
+        if self.faults.take(PARAMETER_DENIED):
+            raise OSError(EACCES, "Permission denied", path)
+        if data.strip() not in (b"0", b"1"):
+            raise OSError(EINVAL, "Invalid argument", path)
+        if not self.faults.take(PARAMETER_IGNORED):
+            self._device.parameter = data.strip()
+
+    def _require_parameter(self, path: str) -> None:
+        if self.model.trigger != "module" or path != self._parameter:
+            raise OSError(ENOENT, "No such file or directory", path)
+
+    def _alive(self, fd: int, name: str) -> OpenFile:
+        if fd not in self._files:
+            raise OSError(EBADF, "Bad file descriptor")
+        self._strike(name)
+        file = self._files[fd]
+        if file.generation != self._generation:
+            raise OSError(ENODEV, "No such device")
+        return file
+
+    def _strike(self, name: str) -> None:
+        if self.faults.take(UNPLUGGED, name):
+            self.unplug()
+            raise OSError(ENODEV, "No such device")
+        self._fail(name)
+
+    def _fail(self, name: str) -> None:
+        failing = self.faults.take(CALL_FAILS, name)
+        if failing is not None:
+            raise OSError(int(failing.value), name)

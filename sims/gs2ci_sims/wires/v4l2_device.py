@@ -1,0 +1,369 @@
+"""The kernel driver of the V4L2 twin's camera: what each request does, and how a frame gets into a buffer.
+
+Requests come as bytes and are answered as bytes, at the offsets of linux/videodev2.h, written out here a second
+time: nothing is shared with the driver package, so an error in a layout cannot cancel itself.
+
+Here: `CaptureDevice`. Not here: descriptors, files and poll (`v4l2`), exposures (`v4l2_camera`), controls
+(`v4l2_controls`), buffers (`v4l2_queue`). Only `v4l2` imports this file.
+"""
+
+import struct
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from errno import EBUSY, EINVAL, ENOENT, ENOTTY, EPIPE
+
+import numpy as np
+
+from gs2ci_sims.faults import FaultSet, declare
+from gs2ci_sims.wires.v4l2_camera import (
+    BITS,
+    FIVE_FOURTHS,
+    ONE,
+    THREE_HALVES,
+    CameraModel,
+    Exposed,
+    Shutter,
+    Shutting,
+    pack_frame,
+)
+from gs2ci_sims.wires.v4l2_controls import CID_TRIGGER_MODE, ControlBank
+from gs2ci_sims.wires.v4l2_queue import (
+    FLAG_ERROR,
+    FLAG_LAST,
+    FLAG_MONOTONIC,
+    FLAG_START_STAMP,
+    BufferRing,
+    Filled,
+)
+from gs2ci_sims.world import World
+
+BUFFERS_FEWER = declare("v4l2.buffers_fewer", "the kernel gives `value` buffers only")
+SIZE_CHANGED = declare("v4l2.size_changed", "the kernel driver halves the rows that are asked for")
+FORMAT_CHANGED = declare("v4l2.format_changed", "the kernel driver sets another pixel format")
+FIRST_NUMBER = declare("v4l2.first_number", "the first frame after a start has the number `value`")
+FRAME_DROPPED = declare("v4l2.frame_dropped", "a frame is exposed and lost on the way (gap in the numbers)")
+FRAME_CORRUPT = declare("v4l2.frame_corrupt", "a frame is marked bad (V4L2_BUF_FLAG_ERROR)")
+FRAME_SHORT = declare("v4l2.frame_short", "a frame has half its bytes and no mark")
+FRAME_LATE = declare("v4l2.frame_late", "a frame comes `value` seconds late")
+FRAME_STALE = declare("v4l2.frame_stale", "a frame's time stamp is `value` seconds old")
+FRAME_REPEATED = declare("v4l2.frame_repeated", "the frame after this one bears the same number")
+FRAME_NOISY = declare("v4l2.frame_noisy", "bits above the converter's are set in a frame")
+STREAM_BROKEN = declare("v4l2.stream_broken", "the transfer breaks down instead of a frame (POLLERR, EIO)")
+STREAM_ENDED = declare("v4l2.stream_ended", "the camera ends the stream (LAST, then EPIPE)")
+SOURCE_CHANGED = declare("v4l2.source_changed", "the event SOURCE_CHANGE instead of a frame")
+
+SINGLE, MULTI = 1, 9
+CAP_CAPTURE, CAP_CAPTURE_MULTI, CAP_STREAMING, CAP_DEVICE = 0x1, 0x1000, 0x04000000, 0x80000000
+KERNEL_VERSION = 6 << 16 | 1 << 8
+EVENT_END, EVENT_SOURCE = 2, 5
+BUS_CODES = {
+    0x2001: ("GREY",),
+    0x200A: ("Y10 ", "Y10P"),
+    0x2013: ("Y12 ", "Y12P"),
+    0x202E: ("Y16 ",),
+    0x3014: ("RGGB",),
+    0x300F: ("RG10", "pRAA"),
+    0x3012: ("RG12", "pRCC"),
+    0x3020: ("RG16",),
+}
+
+Handler = Callable[["OpenFile", bytearray, bytearray | None], None]
+
+
+@dataclass(eq=False)
+class OpenFile:
+    """An open descriptor of a node, as the kernel keeps it.
+
+    Args:
+        generation: How often the camera had been unplugged when it was opened.
+        subdevice: Whether it is the sensor's own node.
+    """
+
+    generation: int
+    subdevice: bool
+    subscribed: set[int] = field(default_factory=set)
+    events: list[int] = field(default_factory=list)
+
+
+class CaptureDevice:
+    """A camera on a world, with the kernel driver that serves it.
+
+    Args:
+        world: Where it stands.
+        model: Its data sheet.
+        faults: What will go wrong.
+        rng: Draws jitter.
+    """
+
+    def __init__(self, world: World, model: CameraModel, faults: FaultSet, rng: np.random.Generator) -> None:
+        self.parameter = b"0"
+        """The module's parameter `trigger_mode`; it outlives an unplug."""
+        self._world = world
+        self._model = model
+        self._faults = faults
+        self._latched = b"0"
+        self._powered_until_s = float("-inf")
+        self._number = 0
+        self._runs = 0
+        self._files: list[OpenFile] = []
+        self._shutter = Shutter(world, model, faults, rng=rng, exposure_s=self._exposure_s, deliver=self._on_frame)
+        self.power_up()
+        self.requests = self._table()
+        self.sensor_requests: dict[int, tuple[str, Handler]] = {0xC0585605: ("SUBDEV_S_FMT", self._subdev_s_fmt)}
+        if model.on_subdevice:
+            for number in (0xC0E85667, 0xC02C5625, 0xC0205647, 0xC0205648):
+                self.sensor_requests[number] = self.requests.pop(number)
+
+    def power_up(self) -> None:
+        """Set everything as it is when the camera is plugged in."""
+        model = self._model
+        self.ring = BufferRing(MULTI if model.multi_plane else SINGLE, model.header_bytes if model.multi_plane else 0)
+        self._owner: OpenFile | None = None
+        self._code = model.formats[0]
+        self._size = self._bus_size = (model.height, model.width)
+        self._controls = ControlBank(model, self._faults, lambda: self.ring.streaming)
+
+    def power_down(self) -> None:
+        """Stop at once, as an unplug does."""
+        self._runs += 1
+        self._shutter.stop()
+        self.ring.free()
+        self._owner = None
+
+    def opened(self, file: OpenFile) -> None:
+        """Take note of a new descriptor."""
+        self._files.append(file)
+
+    def closed(self, file: OpenFile) -> None:
+        """Take note of a closed descriptor; that which owns the buffers stops and frees them."""
+        if file in self._files:
+            self._files.remove(file)
+        if file is self._owner:
+            self._halt()
+            self.ring.free()
+            self._owner = None
+
+    def _exposure_s(self) -> float:
+        return self._controls.exposure_s()
+
+    def _table(self) -> dict[int, tuple[str, Handler]]:
+        """Return name and handler of every request, by the numbers of linux/videodev2.h."""
+        return {
+            0x80685600: ("QUERYCAP", self._querycap),
+            0xC0405602: ("ENUM_FMT", self._enum_fmt),
+            0xC0D05604: ("G_FMT", lambda file, a, p: self._write_format(a, self._code, self._size)),
+            0xC0D05605: ("S_FMT", self._s_fmt),
+            0xC0D05640: ("TRY_FMT", lambda file, a, p: self._write_format(a, *self._fitted(a))),
+            0xC0145608: ("REQBUFS", self._reqbufs),
+            0xC0585609: ("QUERYBUF", lambda file, a, p: self.ring.describe(a, p)),
+            0xC058560F: ("QBUF", self._qbuf),
+            0xC0585611: ("DQBUF", self._dqbuf),
+            0x40045612: ("STREAMON", self._stream_on),
+            0x40045613: ("STREAMOFF", self._stream_off),
+            0xC0E85667: ("QUERY_EXT_CTRL", lambda file, a, p: self._controls.query(a)),
+            0xC02C5625: ("QUERYMENU", lambda file, a, p: self._controls.query_menu(a)),
+            0xC0205647: ("G_EXT_CTRLS", lambda file, a, p: self._controls.batch(a, p, write=False)),
+            0xC0205648: ("S_EXT_CTRLS", lambda file, a, p: self._controls.batch(a, p, write=True)),
+            0x4020565A: ("SUBSCRIBE_EVENT", self._subscribe),
+            0x80885659: ("DQEVENT", self._dqevent),
+        }
+
+    # ---- identity and formats
+
+    def _querycap(self, file: OpenFile, argument: bytearray, payload: bytearray | None) -> None:
+        caps = CAP_STREAMING | (CAP_CAPTURE_MULTI if self._model.multi_plane else CAP_CAPTURE)
+        struct.pack_into("<16s32s32s", argument, 0, b"twin", b"Twin camera", b"platform:twin")
+        struct.pack_into("<III", argument, 80, KERNEL_VERSION, caps | CAP_DEVICE, caps)
+
+    def _require_type(self, kind: int) -> None:
+        if kind != self.ring.kind:
+            raise OSError(EINVAL, "buffer type")
+
+    def _enum_fmt(self, file: OpenFile, argument: bytearray, payload: bytearray | None) -> None:
+        index, kind = struct.unpack_from("<II", argument, 0)
+        self._require_type(kind)
+        if index >= len(self._model.formats):
+            raise OSError(EINVAL, "ENUM_FMT")
+        code = self._model.formats[index].encode()
+        struct.pack_into("<I32s4s", argument, 8, 0, b"raw " + code, code)
+
+    def _fitted(self, argument: bytearray) -> tuple[str, tuple[int, int]]:
+        """Return the nearest format and size to those asked for."""
+        kind, _, width, height, raw = struct.unpack_from("<IIII4s", argument, 0)
+        self._require_type(kind)
+        code = raw.decode("latin-1")
+        if code not in self._model.formats:
+            code = self._model.formats[0]
+        return code, self._nearest(height, width)
+
+    def _nearest(self, height: int, width: int) -> tuple[int, int]:
+        return (
+            min(max(4, height - height % 2), self._model.height),
+            min(max(4, width - width % 4), self._model.width),
+        )
+
+    def _s_fmt(self, file: OpenFile, argument: bytearray, payload: bytearray | None) -> None:
+        if self.ring.count or self.ring.streaming:
+            raise OSError(EBUSY, "S_FMT")
+        code, (height, width) = self._fitted(argument)
+        if self._faults.take(SIZE_CHANGED):
+            height = max(4, height // 4 * 2)
+        if self._faults.take(FORMAT_CHANGED):
+            code = next(other for other in self._model.formats if other != code)
+        self._code, self._size = code, (height, width)
+        if not self._model.on_subdevice:
+            self._controls.frame_size(height, width)
+        self._write_format(argument, code, self._size)
+
+    def _write_format(self, argument: bytearray, code: str, size: tuple[int, int]) -> None:
+        (kind,) = struct.unpack_from("<I", argument, 0)
+        self._require_type(kind)
+        height, width = size
+        stride = self._model.stride(code, width)
+        struct.pack_into("<II4sI", argument, 8, width, height, code.encode(), 1)
+        if kind == SINGLE:
+            struct.pack_into("<II", argument, 24, stride, stride * height)
+        else:
+            struct.pack_into("<II", argument, 28, stride * height + self._model.header_bytes, stride)
+            struct.pack_into("<B", argument, 188, 1)
+
+    def _subdev_s_fmt(self, file: OpenFile, argument: bytearray, payload: bytearray | None) -> None:
+        _, pad, width, height, bus = struct.unpack_from("<IIIII", argument, 0)
+        if pad != 0:
+            raise OSError(EINVAL, "pad")
+        offered = [code for code, names in BUS_CODES.items() if set(names) & set(self._model.formats)]
+        self._bus_size = self._nearest(height, width)
+        self._controls.frame_size(*self._bus_size)
+        bus = bus if bus in offered else offered[0]
+        struct.pack_into("<III", argument, 8, self._bus_size[1], self._bus_size[0], bus)
+
+    # ---- buffers and streaming
+
+    def _own(self, file: OpenFile) -> None:
+        if self._owner is not None and self._owner is not file:
+            raise OSError(EBUSY, "another descriptor owns the queue")
+
+    def _reqbufs(self, file: OpenFile, argument: bytearray, payload: bytearray | None) -> None:
+        self._own(file)
+        fewer = self._faults.take(BUFFERS_FEWER)
+        most = self._model.max_buffers if fewer is None else int(fewer.value)
+        size = self._model.stride(self._code, self._size[1]) * self._size[0] + self._model.header_bytes
+        self.ring.request(argument, size, most)
+        self._owner = file if self.ring.count else None
+
+    def _qbuf(self, file: OpenFile, argument: bytearray, payload: bytearray | None) -> None:
+        self._own(file)
+        self.ring.queue(argument, payload)
+
+    def _dqbuf(self, file: OpenFile, argument: bytearray, payload: bytearray | None) -> None:
+        self._own(file)
+        self.ring.dequeue(argument, payload)
+
+    def _stream_on(self, file: OpenFile, argument: bytearray, payload: bytearray | None) -> None:
+        self._own(file)
+        self._require_type(int.from_bytes(argument, "little"))
+        if self._model.on_subdevice and self._bus_size != self._size:
+            raise OSError(EPIPE, "the formats along the pipeline differ")
+        self.ring.start()
+        first = self._faults.take(FIRST_NUMBER)
+        if first is not None:
+            self._number = int(first.value)
+        elif self._model.restarts_numbers:
+            self._number = 0
+        self._shutter.start(self._rule())
+
+    def _rule(self) -> Shutting:
+        """Return what begins an exposure; the module's parameter is read when the sensor powers up."""
+        if self._model.trigger == "module":
+            if self._world.clock.now_s() >= self._powered_until_s:
+                self._latched = self.parameter
+            if self._latched == b"0":
+                return Shutting.FREE
+            return Shutting.LEVEL if self._model.module == "imx296" else Shutting.EDGE
+        if self._model.trigger == "control":
+            return {1: Shutting.EDGE, 2: Shutting.LEVEL}.get(self._controls[CID_TRIGGER_MODE], Shutting.FREE)
+        return Shutting.FREE
+
+    def _stream_off(self, file: OpenFile, argument: bytearray, payload: bytearray | None) -> None:
+        self._own(file)
+        self._require_type(int.from_bytes(argument, "little"))
+        self._halt()
+
+    def _halt(self) -> None:
+        if self.ring.streaming:
+            self._powered_until_s = self._world.clock.now_s() + self._model.power_down_s
+        self._runs += 1
+        self._shutter.stop()
+        self.ring.stop()
+
+    # ---- events
+
+    def _subscribe(self, file: OpenFile, argument: bytearray, payload: bytearray | None) -> None:
+        (kind,) = struct.unpack_from("<I", argument, 0)
+        if not self._model.has_events:
+            raise OSError(ENOTTY, "SUBSCRIBE_EVENT")
+        if kind not in (EVENT_END, EVENT_SOURCE):
+            raise OSError(EINVAL, "SUBSCRIBE_EVENT")
+        file.subscribed.add(kind)
+
+    def _dqevent(self, file: OpenFile, argument: bytearray, payload: bytearray | None) -> None:
+        if not file.events:
+            raise OSError(ENOENT, "DQEVENT")
+        kind = file.events.pop(0)
+        struct.pack_into("<II", argument, 0, kind, 0)
+        struct.pack_into("<II", argument, 72, len(file.events), 0)
+
+    # ---- frames
+
+    def _on_frame(self, exposed: Exposed) -> None:
+        """Take in a frame that has been read out; its number counts whether it reaches a buffer or not."""
+        number, self._number = self._number, (self._number + 1) % (1 << 32)
+        if self._faults.take(SOURCE_CHANGED):
+            for file in self._files:
+                if EVENT_SOURCE in file.subscribed:
+                    file.events.append(EVENT_SOURCE)
+            return
+        if self._faults.take(STREAM_BROKEN):
+            self.ring.broken = True
+            return
+        if self._faults.take(FRAME_DROPPED):
+            return
+        late = self._faults.take(FRAME_LATE)
+        if late is None:
+            self._hand_over(exposed, number, self._runs)
+        else:
+            run = self._runs
+            self._world.clock.after(late.value, lambda: self._hand_over(exposed, number, run))
+
+    def _hand_over(self, exposed: Exposed, number: int, run: int) -> None:
+        if run != self._runs or not self.ring.queued:
+            return  # the light of a frame that nobody takes is not worth computing
+        data = self._picture(exposed)
+        filled = Filled(self.ring.header_bytes + data.size, self._flags(), self._stamp_ns(exposed), number)
+        if self._faults.take(FRAME_CORRUPT):
+            filled.flags |= FLAG_ERROR
+        if self._faults.take(FRAME_SHORT):
+            filled.bytes_used = self.ring.header_bytes + data.size // 2
+        if self._faults.take(STREAM_ENDED):
+            filled.flags, filled.bytes_used, self.ring.ended = filled.flags | FLAG_LAST, 0, True
+        if self._faults.take(FRAME_REPEATED):
+            self._number = number
+        self.ring.fill(data, filled)
+
+    def _flags(self) -> int:
+        return (FLAG_MONOTONIC if self._model.monotonic else 0) | (FLAG_START_STAMP if self._model.stamps_start else 0)
+
+    def _stamp_ns(self, exposed: Exposed) -> int:
+        stale = self._faults.take(FRAME_STALE)
+        when_s = exposed.start_s if self._model.stamps_start else self._world.clock.now_s()
+        return round((when_s - (stale.value if stale else 0.0)) * 1e9)
+
+    def _picture(self, exposed: Exposed) -> np.ndarray[tuple[int, ...], np.dtype[np.uint8]]:
+        height, width = self._size
+        bits = self._model.bits(self._code)
+        pixels = self._world.integrate(exposed.start_s, exposed.end_s, height=height, width=width, bits=bits)
+        words = self._code not in (*ONE, *FIVE_FOURTHS, *THREE_HALVES)
+        shift = 16 - bits if words and self._model.left_aligned else 0
+        if self._faults.take(FRAME_NOISY) and words and BITS[self._code] < 16:
+            pixels = pixels | np.uint16(1 << 15)
+        return pack_frame(pixels, self._code, self._model.stride(self._code, width), shift)

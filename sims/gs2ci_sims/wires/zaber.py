@@ -1,0 +1,359 @@
+"""The twin of a Zaber stage: its firmware's ASCII protocol over a `SerialTwin`, its axes as `AxisMotion`.
+
+It has its own reading and writing of messages, so that a mistake in the driver's is not shared. Settings,
+warning flags, rejections, alerts, pre-emption and faults as in reference 3.1 and 3.5. Not here: the byte level
+(`serial_twin`), the driver. `gs2ci.rig` and tests import this file.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from gs2ci_sims.axis_motion import AxisMotion, Mechanics
+from gs2ci_sims.faults import FaultSet, declare
+from gs2ci_sims.wires.serial_twin import SerialTwin
+from gs2ci_sims.world import VirtualClock
+
+STALL = declare("zaber.stall", "the axis stalls after the share `value` (0: half) of its next move: FS")
+LIMIT = declare("zaber.limit", "the axis hits a limit switch after half of its next move: FE and WL")
+EMERGENCY_STOP = declare("zaber.emergency_stop", "emergency stop after half of the next move: FH")
+SUPPLY = declare("zaber.supply", "supply voltage fails after half of the next move: FV, driver disabled")
+PRE_EMPTED = declare("zaber.pre_empted", "somebody turns the knob during the next move: NC, motion ends early")
+POWER_CYCLE = declare("zaber.power_cycle", "the device loses power after half of the next move: reference lost")
+SLIP = declare("zaber.slip", "the next move ends `value` mm (0: 0.1) short of its target without any flag")
+NEVER_IDLE = declare("zaber.never_idle", "the device reports BUSY for `value` seconds (0: an hour) after a move")
+REJECT = declare("zaber.reject", "a command is rejected with AGAIN")
+BAD_DATA = declare("zaber.bad_data", "a command is rejected with BADDATA")
+DRIVER_DISABLED = declare("zaber.driver_disabled", "the motor driver is off (FO): moves rejected")
+BAD_CHECKSUM = declare("zaber.bad_checksum", "a reply carries a wrong checksum")
+WRONG_ADDRESS = declare("zaber.wrong_address", "a reply comes from another device's address")
+WRONG_ID = declare("zaber.wrong_id", "a reply carries another request's id")
+ALERT = declare("zaber.alert", "an alert comes before a reply")
+ALERT_INSIDE = declare("zaber.alert_inside", "an alert comes in the middle of a reply's line")
+
+PRIORITY = ("FF", "FH", "FV", "FC", "FM", "FD", "FO", "FQ", "FE", "FS", "WR", "WH", "WL", "WS", "WM", "NI", "NC")
+SPEED_SCALE = 1.6384
+HOMING_SPEED_SHARE = 0.5
+
+
+@dataclass
+class ZaberAxis:
+    """One axis as built.
+
+    Args:
+        microstep_mm: Travel of one microstep.
+        min_steps: `limit.min`.
+        max_steps: `limit.max`.
+        max_speed: `maxspeed`, in speed data.
+        acceleration: `accel`, in acceleration data.
+        start_mm: Where it stands at power-on.
+        mechanics: What lies between counted and true position.
+    """
+
+    microstep_mm: float = 0.000047625
+    min_steps: int = 0
+    max_steps: int = 3149606
+    max_speed: int = 1376257
+    acceleration: int = 1720
+    start_mm: float = 75.0
+    mechanics: Mechanics = field(default_factory=Mechanics)
+
+
+class _Axis:
+    """An axis with its live settings."""
+
+    def __init__(self, built: ZaberAxis) -> None:
+        self.built = built
+        self.max_speed = built.max_speed
+        self.motion = AxisMotion(built.start_mm, self._acceleration_mm_s2(), built.mechanics)
+
+    def _acceleration_mm_s2(self) -> float:
+        return self.built.acceleration * 1e4 / SPEED_SCALE * self.built.microstep_mm
+
+    def speed_mm_s(self) -> float:
+        return self.max_speed / SPEED_SCALE * self.built.microstep_mm
+
+    def steps_at(self, when_s: float) -> int:
+        return round(self.motion.position_at(when_s) / self.built.microstep_mm)
+
+
+class ZaberTwin(SerialTwin):
+    """A Zaber device with its axes, named as in the rig; number i + 1 is the i-th.
+
+    Args:
+        clock: The world's clock.
+        axes: Its axes.
+        faults: What will go wrong.
+        address: Its address.
+        referenced: Whether it knows where it is at power-on (with an absolute encoder, or homed before).
+    """
+
+    def __init__(
+        self,
+        clock: VirtualClock,
+        axes: Mapping[str, ZaberAxis] | None = None,
+        faults: FaultSet | None = None,
+        *,
+        address: int = 1,
+        referenced: bool = True,
+    ) -> None:
+        super().__init__(clock, faults)
+        self._address = address
+        self._names = tuple(axes or {"x": ZaberAxis()})
+        self._axes = [_Axis(axis) for axis in (axes or {"x": ZaberAxis()}).values()]
+        self._flags: set[str] = set() if referenced else {"WR"}
+        self._replies_checked = False
+        self._busy_until_s = 0.0
+        self._generation = 0
+
+    @property
+    def terminators(self) -> bytes:
+        """Get line feed and carriage return."""
+        return b"\r\n"
+
+    def positions_mm_at(self, when_s: float) -> dict[str, float]:
+        """Return where the carriages truly were."""
+        return {name: axis.motion.true_position_at(when_s) for name, axis in zip(self._names, self._axes, strict=True)}
+
+    def power_cycle(self) -> None:
+        """Cut the power for a moment: motion ends, settings and reference are lost."""
+        now_s = self.clock.now_s()
+        self._generation += 1
+        self._incoming = b""
+        for axis in self._axes:
+            axis.motion.halt(now_s)
+            axis.motion.set_position(0.0, now_s)
+            axis.max_speed = axis.built.max_speed
+        self._flags = {"WR"}
+        self._replies_checked = False
+
+    def release(self) -> None:
+        """Do what a user does after a fault: release the emergency stop, restore the supply, enable the driver."""
+        self._flags -= {"FH", "FV", "FD", "FO"}
+
+    def _stale(self) -> bytes:
+        return self._framed("@", f"{self._address:02d} 0 57 OK IDLE -- 123456")
+
+    def _line(self, line: bytes) -> None:
+        text = line.decode("ascii", "replace")
+        if not text.startswith("/"):
+            return  # devices ignore what does not begin with a slash
+        body = text[1:]
+        if len(body) > 3 and body[-3] == ":":
+            body, found = body[:-3], body[-2:]
+            if f"{-sum(body.encode('ascii', 'replace')) & 0xFF:02X}" != found.upper():
+                return  # a message that was damaged on the way is not answered
+            self._replies_checked = True
+        numbers: list[int] = []
+        words = body.split()
+        while words and len(numbers) < 3 and words[0].isdigit():
+            numbers.append(int(words.pop(0)))
+        address, axis, *message_id = [*numbers, *[0] * max(0, 2 - len(numbers))]
+        if address in (0, self._address):
+            self._answer(axis, message_id[0] if message_id else None, words)
+
+    def _answer(self, number: int, message_id: int | None, words: list[str]) -> None:
+        text = " ".join(words)
+        verb = words[0] if words else ""
+        accepted, data = True, "0"
+        if number > len(self._axes):
+            accepted, data = False, "BADAXIS"
+        elif words and self.faults.take(REJECT, text):
+            accepted, data = False, "AGAIN"
+        elif words and self.faults.take(BAD_DATA, text):
+            accepted, data = False, "BADDATA"
+        else:
+            handler = getattr(self, f"_do_{verb}", None) if verb else (lambda number, words: (True, "0"))
+            accepted, data = handler(number, words[1:]) if handler else (False, "BADCOMMAND")
+        self._send(number, message_id, text, accepted=accepted, data=data)
+
+    def _send(self, number: int, message_id: int | None, text: str, *, accepted: bool, data: str) -> None:
+        take = self.faults.take
+        address = self._address + 1 if take(WRONG_ADDRESS, text) else self._address
+        if message_id is not None and take(WRONG_ID, text):
+            message_id = (message_id + 50) % 100
+        marked = "" if message_id is None else f" {message_id:02d}"
+        result = f"{'OK' if accepted else 'RJ'} {'BUSY' if self._busy() else 'IDLE'} {self._warning()}"
+        line = self._framed("@", f"{address:02d} {number}{marked} {result} {data}")
+        if self._replies_checked and take(BAD_CHECKSUM, text):
+            line = line[:-4] + (b"00" if line[-4:-2] != b"00" else b"01") + b"\r\n"
+        alert = self._framed("!", f"{self._address:02d} 1 IDLE {self._warning()}")
+        if take(ALERT, text):
+            line = alert + line
+        if take(ALERT_INSIDE, text):
+            line = line[: len(line) // 2] + alert + line[len(line) // 2 :]
+        self._reply(line, text)
+
+    def _framed(self, marker: str, body: str) -> bytes:
+        check = f":{-sum(body.encode('ascii')) & 0xFF:02X}" if self._replies_checked else ""
+        return f"{marker}{body}{check}\r\n".encode("ascii")
+
+    def _busy(self) -> bool:
+        now_s = self.clock.now_s()
+        return now_s < self._busy_until_s or any(axis.motion.moving_at(now_s) for axis in self._axes)
+
+    def _warning(self) -> str:
+        return next((flag for flag in PRIORITY if flag in self._flags), "--")
+
+    def _chosen(self, number: int) -> list[_Axis]:
+        return [self._axes[number - 1]] if number else self._axes
+
+    def _do_get(self, number: int, words: list[str]) -> tuple[bool, str]:
+        setting = words[0] if words else ""
+        whole = {
+            "deviceid": "50081",
+            "version": "6.28",
+            "system.serial": "48915",
+            "system.axiscount": str(len(self._axes)),
+            "comm.checksum": str(int(self._replies_checked)),
+            "comm.alert": "0",
+        }
+        if setting in whole:
+            return True, whole[setting]
+        now_s = self.clock.now_s()
+        values = []
+        for axis in self._chosen(number):
+            of_axis = {
+                "pos": axis.steps_at(now_s),
+                "limit.min": axis.built.min_steps,
+                "limit.max": axis.built.max_steps,
+                "limit.home.triggered": int("WR" not in self._flags),
+                "maxspeed": axis.max_speed,
+                "accel": axis.built.acceleration,
+                "resolution": 64,
+            }
+            if setting not in of_axis:
+                return False, "BADCOMMAND"
+            values.append(str(of_axis[setting]))
+        return True, " ".join(values)
+
+    def _do_set(self, number: int, words: list[str]) -> tuple[bool, str]:
+        if len(words) != 2 or not words[1].isdigit():
+            return False, "BADDATA"
+        if words[0] == "comm.checksum":
+            self._replies_checked = words[1] == "1"
+        elif words[0] == "maxspeed" and 1 <= int(words[1]) <= 10 * self._axes[0].built.max_speed:
+            for axis in self._chosen(number):
+                axis.max_speed = int(words[1])
+        elif words[0] == "maxspeed":
+            return False, "BADDATA"
+        elif words[0] != "comm.alert":
+            return False, "BADCOMMAND"
+        return True, "0"
+
+    def _do_warnings(self, number: int, words: list[str]) -> tuple[bool, str]:
+        if words == ["clear"]:
+            self._flags -= {"NI", "NC", "FS", "FE", "WL", "FH"}
+        flags = [flag for flag in PRIORITY if flag in self._flags]
+        return True, " ".join([f"{len(flags):02d}", *flags])
+
+    def _do_stop(self, number: int, words: list[str]) -> tuple[bool, str]:
+        now_s = self.clock.now_s()
+        for axis in self._chosen(number):
+            if axis.motion.moving_at(now_s):
+                self._flags.add("NI")
+                axis.motion.stop(now_s)
+        self._busy_until_s = 0.0
+        self._generation += 1
+        return True, "0"
+
+    def _do_estop(self, number: int, words: list[str]) -> tuple[bool, str]:
+        self._end_motion("NI")
+        return True, "0"
+
+    def _do_driver(self, number: int, words: list[str]) -> tuple[bool, str]:
+        if words == ["disable"]:
+            self._end_motion("FO")
+        elif words == ["enable"]:
+            self._flags -= {"FO", "FD", "FV", "FH"}
+        else:
+            return False, "BADCOMMAND"
+        return True, "0"
+
+    def _do_home(self, number: int, words: list[str]) -> tuple[bool, str]:
+        if self._disabled():
+            return False, "DRIVERDISABLED"
+        now_s = self.clock.now_s()
+        for axis in self._chosen(number):
+            ends_s = axis.motion.move_to(0.0, axis.speed_mm_s() * HOMING_SPEED_SHARE, now_s)
+            self._befall(axis, now_s, ends_s, "home")
+        self._flags -= {"WR", "WH", "FS", "FE"}
+        return True, "0"
+
+    def _do_move(self, number: int, words: list[str]) -> tuple[bool, str]:
+        kinds = {"abs": 2, "rel": 2, "vel": 2, "min": 1, "max": 1}
+        if not words or words[0] not in kinds or len(words) != kinds[words[0]]:
+            return False, "BADCOMMAND"
+        if self._disabled():
+            return False, "DRIVERDISABLED"
+        try:
+            value = int(words[1]) if len(words) > 1 else 0
+        except ValueError:
+            return False, "BADDATA"
+        now_s = self.clock.now_s()
+        if any(axis.motion.moving_at(now_s) for axis in self._chosen(number)):
+            self._flags.add("NI")
+        self._flags -= {"FS", "FE", "WL"}
+        for axis in self._chosen(number):
+            if not self._move_axis(axis, words[0], value, now_s):
+                return False, "BADDATA"
+        return True, "0"
+
+    def _move_axis(self, axis: _Axis, kind: str, value: int, now_s: float) -> bool:
+        built = axis.built
+        if kind == "vel":
+            axis.motion.move_at(value / SPEED_SCALE * built.microstep_mm, now_s)
+            return True
+        target = {
+            "abs": value,
+            "rel": axis.steps_at(now_s) + value,
+            "min": built.min_steps,
+            "max": built.max_steps,
+        }[kind]
+        if not built.min_steps <= target <= built.max_steps:
+            return False
+        target_mm = target * built.microstep_mm
+        slip = self.faults.take(SLIP, kind)
+        if slip:
+            target_mm -= slip.value or 0.1
+        ends_s = axis.motion.move_to(target_mm, axis.speed_mm_s(), now_s)
+        self._befall(axis, now_s, ends_s, kind)
+        return True
+
+    def _befall(self, axis: _Axis, now_s: float, ends_s: float, about: str) -> None:
+        """Schedule whatever goes wrong with this move."""
+        take, halfway_s = self.faults.take, (now_s + ends_s) / 2
+        self._generation += 1
+        if stall := take(STALL, about):
+            share = stall.value or 0.5
+            self._schedule_end(now_s + share * (ends_s - now_s), "FS")
+        if take(LIMIT, about):
+            self._schedule_end(halfway_s, "FE", "WL")
+        if take(EMERGENCY_STOP, about):
+            self._schedule_end(halfway_s, "FH")
+        if take(SUPPLY, about):
+            self._schedule_end(halfway_s, "FV", "FD")
+        if take(PRE_EMPTED, about):
+            self._schedule_end(halfway_s, "NC")
+        if take(POWER_CYCLE, about):
+            self.clock.at(halfway_s, self.power_cycle)
+        if forever := take(NEVER_IDLE, about):
+            self._busy_until_s = ends_s + (forever.value or 3600.0)
+
+    def _schedule_end(self, when_s: float, *flags: str) -> None:
+        generation = self._generation
+
+        def end() -> None:
+            if generation == self._generation:
+                self._end_motion(*flags)
+
+        self.clock.at(when_s, end)
+
+    def _end_motion(self, *flags: str) -> None:
+        self._flags |= set(flags)
+        for axis in self._axes:
+            axis.motion.halt(self.clock.now_s())
+
+    def _disabled(self) -> bool:
+        if self.faults.take(DRIVER_DISABLED):
+            self._flags.add("FO")
+        return bool(self._flags & {"FO", "FD", "FV"})

@@ -1,0 +1,73 @@
+from typing import Annotated, Literal
+
+import pytest
+from pydantic import Field
+
+from gs2ci.core.config import Settings, read_settings
+from gs2ci.core.errors import InputError
+
+
+class Cat(Settings):
+    kind: Literal["cat"]
+    purrs: bool = True
+
+
+class Dog(Settings):
+    kind: Literal["dog"]
+    barks_per_s: float = Field(default=1.0, gt=0)
+
+
+class House(Settings):
+    pet: Annotated[Cat | Dog, Field(discriminator="kind")]
+    rooms: int = 3
+
+
+def read(tmp_path, text):
+    path = tmp_path / "house.toml"
+    path.write_text(text)
+    return read_settings(path, House)
+
+
+def test_settings_and_their_text_are_returned(tmp_path):
+    text = 'rooms = 4\n[pet]\nkind = "dog"\nbarks_per_s = 2.5\n'
+    house, kept = read(tmp_path, text)
+    assert house == House(pet=Dog(kind="dog", barks_per_s=2.5), rooms=4)
+    assert kept == text
+
+
+@pytest.mark.parametrize(
+    ("text", "complaint"),
+    [
+        (
+            '[pet]\nkind = "dog"\nbarks_per_sec = 2',
+            r"unknown key 'barks_per_sec' in \[pet\]; did you mean 'barks_per_s'\?",
+        ),
+        (
+            'rooms = 1\nroms = 2\n[pet]\nkind = "cat"',
+            r"unknown key 'roms' in the top of the file; did you mean 'rooms'\?",
+        ),
+        ('[pet]\nkind = "cat"\nqqq = 1', r"unknown key 'qqq' in \[pet\]; known are kind, purrs"),
+        ('[pet]\nkind = "bird"', r"'kind' in \[pet\] is missing or unknown; allowed: 'cat', 'dog'"),
+        ("[pet]\npurrs = true", r"'kind' in \[pet\] is missing or unknown"),
+        ("rooms = 3", r"key 'pet' is missing in the top of the file"),
+        ('[pet]\nkind = "dog"\nbarks_per_s = -1.0', r"'barks_per_s' in \[pet\] is -1.0: .*greater than 0"),
+        ("rooms = [", "is not TOML"),
+    ],
+)
+def test_every_mistake_is_one_sentence_that_names_file_table_and_key(tmp_path, text, complaint):
+    with pytest.raises(InputError, match=complaint) as caught:
+        read(tmp_path, text)
+    assert "house.toml" in str(caught.value)
+
+
+def test_all_mistakes_are_named_at_once(tmp_path):
+    with pytest.raises(InputError, match=r"barks_per_sec.*roms"):
+        read(tmp_path, 'roms = 2\n[pet]\nkind = "dog"\nbarks_per_sec = 2')
+
+
+def test_files_that_cannot_be_read_are_refused(tmp_path):
+    with pytest.raises(InputError, match="cannot be read"):
+        read_settings(tmp_path / "nowhere.toml", House)
+    (tmp_path / "binary.toml").write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(InputError, match="not text in UTF-8"):
+        read_settings(tmp_path / "binary.toml", House)

@@ -1,0 +1,232 @@
+"""The experimental panel driver against its twin: grey levels, the host's timetable, every fault's typed error."""
+
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from gs2ci.core.errors import InputError
+from gs2ci_drivers.display_slm.driver import DisplaySlm, DisplaySlmSettings
+from gs2ci_drivers.failures import (
+    BadReplyError,
+    DisconnectedError,
+    DriverError,
+    NoAnswerError,
+    RefusedError,
+    SequenceError,
+    UnsupportedError,
+)
+from gs2ci_drivers.modulator import ModulatorState, PatternSequence, TriggerOut
+from gs2ci_sims.wires.display_slm import DisplaySlmTwin
+from gs2ci_sims.world import Exposure, MaskInterval, World
+
+U8 = NDArray[np.uint8]
+
+
+class Dark:
+    """A light path without light."""
+
+    def collect(self, exposure: Exposure) -> NDArray[np.uint16]:
+        return np.zeros((exposure.height, exposure.width), np.uint16)
+
+
+@dataclass
+class Bench:
+    """A driver on its twin."""
+
+    world: World
+    twin: DisplaySlmTwin
+    slm: DisplaySlm
+
+    def reopen(self) -> None:
+        self.slm.close()
+        self.twin.plug_in()
+        self.slm = DisplaySlm("slm0", self.twin.open(), self.world.clock, self.slm.settings)
+
+    def run(self, sequence: PatternSequence) -> list[MaskInterval]:
+        self.slm.connect()
+        self.slm.upload(sequence)
+        self.slm.arm()
+        begin_s = self.world.clock.now_s()
+        self.slm.start()
+        self.slm.wait_done(60.0)
+        return list(self.world.masks_between(begin_s, self.world.clock.now_s()))
+
+
+def make_bench(settings: DisplaySlmSettings | None = None) -> Bench:
+    world = World(Dark())
+    twin = DisplaySlmTwin(world)
+    return Bench(world, twin, DisplaySlm("slm0", twin.open(), world.clock, settings))
+
+
+@pytest.fixture
+def bench() -> Bench:
+    bench = make_bench()
+    bench.slm.connect()
+    return bench
+
+
+MASKS: U8 = np.random.default_rng(0).integers(0, 2, (3, 1200, 1920), dtype=np.uint8)
+SEQUENCE = PatternSequence(MASKS, 1, 0.2, dark_s=0.0, pause_s=0.3, repeats=2, trigger=TriggerOut.PER_MASK)
+
+
+def assert_shown(shown: list[MaskInterval], repeats: int = 2) -> None:
+    assert len(shown) == len(MASKS) * repeats
+    for i, interval in enumerate(shown):
+        np.testing.assert_array_equal(interval.levels, MASKS[i % 3].astype(np.uint16) * 1023)
+
+
+def test_it_says_that_it_is_experimental_and_stepped_by_the_host(bench: Bench) -> None:
+    info = bench.slm.info
+    assert info.experimental
+    assert not info.hardware_timed
+    assert info.start_latency_s is None
+    assert (info.height, info.width, info.serial) == (1200, 1920, "2018021101")
+
+
+def test_masks_are_shown_on_the_hosts_timetable_with_a_pulse_each(bench: Bench) -> None:
+    shown = bench.run(SEQUENCE)
+    assert_shown(shown)
+    begins = [interval.start_s for interval in shown]
+    assert np.diff(begins) == pytest.approx([0.2, 0.2, 0.5, 0.2, 0.2], abs=1e-3)
+    assert bench.world.bus.rising("slm0.out") == pytest.approx(begins)
+
+
+def test_without_a_trigger_nothing_pulses_and_dark_times_are_kept(bench: Bench) -> None:
+    shown = bench.run(replace(SEQUENCE, trigger=TriggerOut.NONE, dark_s=0.1))
+    assert_shown(shown)
+    assert [later.start_s - one.end_s for one, later in pairwise(shown)] == pytest.approx(
+        [0.1, 0.1, 0.3, 0.1, 0.1], abs=2e-3
+    )
+    assert not bench.world.bus.rising("slm0.out")
+
+
+@pytest.mark.parametrize("trigger", [TriggerOut.PER_EXPOSURE, TriggerOut.GATE])
+def test_a_trigger_per_exposure_cannot_be_had(bench: Bench, trigger: TriggerOut) -> None:
+    with pytest.raises(UnsupportedError, match="none, per-mask"):
+        bench.slm.upload(replace(SEQUENCE, trigger=trigger))
+
+
+def test_grey_levels_lie_between_dark_and_bright() -> None:
+    bench = make_bench(DisplaySlmSettings(dark_level=200, bright_level=700))
+    mask = np.array([[0, 255, 51]], np.uint8)
+    assert bench.slm.levels(mask, 8).tolist() == [[200, 700, 300]]
+    inverse = make_bench(DisplaySlmSettings(dark_level=700, bright_level=200))
+    assert inverse.slm.levels(mask, 8).tolist() == [[700, 200, 600]]
+
+
+@pytest.mark.parametrize(("dark", "bright"), [(0, 0), (-1, 5), (0, 1024)])
+def test_levels_that_are_no_levels_are_refused(dark: int, bright: int) -> None:
+    with pytest.raises(InputError, match="0 to 1023"):
+        DisplaySlmSettings(dark_level=dark, bright_level=bright)
+
+
+def test_disarming_shows_the_dark_level(bench: Bench) -> None:
+    bench.slm.upload(SEQUENCE)
+    bench.slm.arm()
+    bench.slm.start()
+    assert bench.slm.status().state is ModulatorState.RUNNING
+    bench.slm.disarm()
+    now_s = bench.world.clock.now_s()
+    bench.world.clock.sleep_s(1.0)
+    assert not bench.world.masks_between(now_s, now_s + 1.0)
+    assert bench.slm.status().state is ModulatorState.LOADED
+
+
+def test_waiting_has_a_deadline_and_can_go_on(bench: Bench) -> None:
+    bench.slm.upload(SEQUENCE)
+    bench.slm.arm()
+    begin_s = bench.world.clock.now_s()
+    bench.slm.start()
+    with pytest.raises(NoAnswerError, match=r"within 0\.5"):
+        bench.slm.wait_done(0.5)
+    bench.slm.wait_done(5.0)
+    assert_shown(list(bench.world.masks_between(begin_s, bench.world.clock.now_s())))
+
+
+def test_a_host_that_is_late_says_so(bench: Bench) -> None:
+    bench.slm.upload(SEQUENCE)
+    bench.slm.arm()
+    bench.slm.start()
+    bench.world.clock.sleep_s(0.5)
+    with pytest.raises(SequenceError, match=r"show mask 1.*3\d\d ms late.*late_s"):
+        bench.slm.wait_done(5.0)
+
+
+@dataclass(frozen=True)
+class Case:
+    """A fault, where it strikes, and what must come of it."""
+
+    fault: str
+    about: str
+    error: type[DriverError] | None
+    says: str = ""
+    value: float = 0.0
+    times: int = 1
+
+    def __str__(self) -> str:
+        return f"{self.fault} at {self.about or 'any'}"
+
+
+CASES = [
+    Case("slm.refuses", "MI 2", RefusedError, "MI 2: refused with NG"),
+    Case("slm.refuses", "image", RefusedError, "image for slot 1: refused with NG"),
+    Case("slm.refuses", "DS 1", RefusedError, "DS 1"),
+    Case("slm.busy", "VI 0", None, value=5.0),
+    Case("slm.busy", "VI 0", NoAnswerError, "VI 0: no answer", value=60.0),
+    Case("slm.no_response", "TM 1", NoAnswerError, "TM 1: no answer within 1.5"),
+    Case("slm.row_lost", "", RefusedError, "image for slot 1"),
+    Case("slm.pixel_spoilt", "", RefusedError, "image for slot 1"),
+    Case("slm.wrong_kind", "", BadReplyError, "frame of kind 9"),
+    Case("serial.reply_lost", "status", NoAnswerError, "no answer within 0.5"),
+    Case("serial.reply_late", "status", NoAnswerError, "no answer within 0.5", value=0.7),
+    Case("serial.reply_cut", "status", NoAnswerError, "no answer within 0.5"),
+    Case("serial.reply_twice", "status", None),
+    Case("serial.noise", "status", None),
+    Case("serial.babble", "status", None),
+    Case("serial.write_stuck", "", NoAnswerError, "write"),
+    *(
+        Case("serial.unplugged", about, DisconnectedError, "device is gone")
+        for about in ("GS 0", "VI 0", "MI 3", "\x03\ufffd\0\x04", "TM 1", "DS 2")
+    ),
+]
+
+
+@pytest.mark.parametrize("case", CASES, ids=str)
+def test_a_fault_is_ridden_out_or_a_typed_error_in_time_and_the_next_upload_works(bench: Bench, case: Case) -> None:
+    bench.twin.faults.inject(case.fault, about=case.about, value=case.value, times=case.times)
+    begin_s = bench.world.clock.now_s()
+    if case.error is None:
+        assert_shown(bench.run(SEQUENCE))
+    else:
+        with pytest.raises(case.error, match=f"(?s)slm0.*{case.says}") as caught:
+            bench.run(SEQUENCE)
+        assert caught.value.device == "slm0"
+    assert bench.world.clock.now_s() - begin_s < 40.0
+    assert bench.twin.faults.struck, "the fault never struck"
+    bench.twin.faults.clear()
+    if case.value > 30.0:
+        bench.world.clock.sleep_s(case.value)
+    if not bench.twin.plugged:
+        bench.reopen()
+    bench.slm.connect()
+    bench.slm.disarm()
+    assert_shown(bench.run(SEQUENCE))
+
+
+def test_a_stale_answer_of_an_earlier_session_is_thrown_away(bench: Bench) -> None:
+    bench.twin.faults.inject("serial.stale")
+    bench.reopen()
+    assert bench.slm.connect().serial == "2018021101"
+
+
+def test_a_power_cycle_empties_the_slots(bench: Bench) -> None:
+    bench.run(SEQUENCE)
+    bench.twin.power_cycle()
+    with pytest.raises(DisconnectedError):
+        bench.slm.arm()
+    bench.reopen()
+    assert not bench.twin.slots
+    assert_shown(bench.run(SEQUENCE))

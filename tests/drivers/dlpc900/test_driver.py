@@ -1,0 +1,508 @@
+"""The DLPC900 driver against the firmware's twin: what is shown, what is pulsed, and every fault's typed error."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from gs2ci.core.errors import InputError
+from gs2ci_drivers.dlpc900.driver import Dlpc900
+from gs2ci_drivers.dlpc900.images import Compression
+from gs2ci_drivers.dlpc900.payloads import TriggerOut as Edges
+from gs2ci_drivers.dlpc900.plan import Dlpc900Settings
+from gs2ci_drivers.failures import (
+    BadReplyError,
+    DeviceFaultError,
+    DisconnectedError,
+    DriverError,
+    NoAnswerError,
+    OutOfRangeError,
+    RefusedError,
+    SequenceError,
+    UnsupportedError,
+    WrongStateError,
+)
+from gs2ci_drivers.modulator import ModulatorState, PatternSequence, TriggerOut
+from gs2ci_sims.wires.dlpc900 import Dlpc900Twin
+from gs2ci_sims.world import Exposure, MaskInterval, World
+
+U8 = NDArray[np.uint8]
+
+
+class Dark:
+    """A light path without light."""
+
+    def collect(self, exposure: Exposure) -> NDArray[np.uint16]:
+        return np.zeros((exposure.height, exposure.width), np.uint16)
+
+
+@dataclass
+class Bench:
+    """A driver on its twin."""
+
+    world: World
+    twin: Dlpc900Twin
+    dmd: Dlpc900
+    settings: Dlpc900Settings
+
+    def reopen(self) -> None:
+        self.dmd.close()
+        self.twin.plug_in()
+        self.dmd = Dlpc900("dmd0", self.twin.open(), self.world.clock, self.settings)
+
+    def run(self, sequence: PatternSequence, timeout_s: float = 60.0) -> list[MaskInterval]:
+        """Upload, arm, start, wait; return what was on show."""
+        self.dmd.connect()
+        self.dmd.upload(sequence)
+        self.dmd.arm()
+        begin_s = self.world.clock.now_s()
+        self.dmd.start()
+        self.dmd.wait_done(timeout_s)
+        return list(self.world.masks_between(begin_s, self.world.clock.now_s()))
+
+
+def make_bench(dmd: int = 5, settings: Dlpc900Settings | None = None, *, counts_repeats: bool = False) -> Bench:
+    world = World(Dark())
+    twin = Dlpc900Twin(world, dmd=dmd, counts_repeats=counts_repeats)
+    settings = settings or Dlpc900Settings()
+    return Bench(world, twin, Dlpc900("dmd0", twin.open(), world.clock, settings), settings)
+
+
+@pytest.fixture
+def bench() -> Bench:
+    bench = make_bench()
+    bench.dmd.connect()
+    return bench
+
+
+def masks_for(height: int, width: int, count: int, bits: int = 1, seed: int = 0) -> U8:
+    """Random masks of coarse superpixels, so that uploads are short."""
+    cells = np.random.default_rng(seed).integers(0, 1 << bits, (count, height // 8, width // 8), dtype=np.uint8)
+    whole = np.kron(cells, np.ones((1, 8, 8), np.uint8))
+    return np.pad(whole, ((0, 0), (0, height - whole.shape[1]), (0, width - whole.shape[2])))
+
+
+MASKS = masks_for(768, 1024, 6)
+SEQUENCE = PatternSequence(MASKS, 1, 500e-6, dark_s=0.0, pause_s=1e-3, repeats=2)
+
+
+def assert_shown(shown: list[MaskInterval], masks: U8, repeats: int = 1) -> None:
+    assert len(shown) == len(masks) * repeats
+    for i, interval in enumerate(shown):
+        np.testing.assert_array_equal(interval.levels, masks[i % len(masks)])
+
+
+# An uncompressed image of a larger device takes minutes of reports and shows nothing new.
+@pytest.mark.parametrize(
+    ("dmd", "compression"),
+    [(dmd, way) for dmd in range(1, 6) for way in (Compression.ERLE, Compression.RLE)] + [(5, Compression.NONE)],
+)
+def test_every_mirror_device_shows_the_masks_that_were_uploaded(dmd: int, compression: Compression) -> None:
+    bench = make_bench(dmd, Dlpc900Settings(compression=compression))
+    info = bench.dmd.connect()
+    masks = masks_for(info.height, info.width, 3, seed=dmd)
+    assert_shown(bench.run(PatternSequence(masks, 1, 500e-6)), masks)
+
+
+@pytest.mark.parametrize("bits", [1, 3, 8])
+def test_grey_masks_keep_their_levels_and_times(bench: Bench, bits: int) -> None:
+    masks = masks_for(768, 1024, 5, bits)
+    shown = bench.run(PatternSequence(masks, bits, 5e-3, dark_s=1e-3, pause_s=2e-3))
+    assert_shown(shown, masks)
+    assert {interval.top for interval in shown} == {(1 << bits) - 1}
+    assert [interval.end_s - interval.start_s for interval in shown] == pytest.approx([5e-3] * 5)
+    assert np.diff([interval.start_s for interval in shown]) == pytest.approx([6e-3] * 4)
+
+
+def test_more_masks_than_bits_of_a_word_take_a_second_image(bench: Bench) -> None:
+    masks = masks_for(768, 1024, 30)
+    assert_shown(bench.run(PatternSequence(masks, 1, 500e-6)), masks)
+
+
+def test_twelve_masks_with_depth_8_take_four_images_loaded_from_the_last(bench: Bench) -> None:
+    masks = masks_for(768, 1024, 12, 8)
+    assert_shown(bench.run(PatternSequence(masks, 8, 5e-3)), masks)
+
+
+def test_masks_of_16_bit_arrays_are_taken_too(bench: Bench) -> None:
+    assert_shown(bench.run(replace(SEQUENCE, masks=MASKS.astype(np.uint16), repeats=1)), MASKS)
+
+
+@pytest.mark.parametrize(
+    ("trigger", "pulses"),
+    [(TriggerOut.PER_EXPOSURE, 2), (TriggerOut.PER_MASK, 12), (TriggerOut.NONE, 0), (TriggerOut.GATE, 0)],
+)
+def test_trigger_output_2_pulses_as_often_as_the_mode_says(bench: Bench, trigger: TriggerOut, pulses: int) -> None:
+    shown = bench.run(replace(SEQUENCE, trigger=trigger))
+    rises = bench.world.bus.rising("dmd0.out2")
+    assert len(rises) == pulses
+    begins = [interval.start_s for interval in shown]
+    assert rises == pytest.approx([] if not pulses else begins[:: len(begins) // pulses])
+
+
+def test_the_gate_is_one_level_from_the_first_mask_to_the_last(bench: Bench) -> None:
+    shown = bench.run(replace(SEQUENCE, trigger=TriggerOut.GATE))
+    edges = [edge for edge in bench.world.bus.edges if edge.line == "dmd0.out1"]
+    assert [edge.level for edge in edges] == [True, False] * 2
+    assert edges[1].when_s - edges[0].when_s == pytest.approx(6 * 500e-6)
+    assert edges[0].when_s == pytest.approx(shown[0].start_s)
+
+
+def test_trigger_edges_can_come_before_or_after_the_mask() -> None:
+    settings = Dlpc900Settings(trigger_out_2=Edges(rise_us=-20, fall_us=40))
+    bench = make_bench(settings=settings)
+    assert bench.dmd.connect().trigger_delay_s == pytest.approx(-20e-6)
+    shown = bench.run(SEQUENCE)
+    edges = [edge for edge in bench.world.bus.edges if edge.line == "dmd0.out2"]
+    assert edges[0].when_s == pytest.approx(shown[0].start_s - 20e-6)
+    assert edges[1].when_s == pytest.approx(shown[0].start_s + 40e-6)
+
+
+def test_an_inverted_output_rests_high(bench: Bench) -> None:
+    bench.settings = Dlpc900Settings(trigger_out_2=Edges(inverted=True, fall_us=20))
+    bench.reopen()
+    bench.run(SEQUENCE)
+    assert bench.world.bus.level("dmd0.out2")
+
+
+@pytest.mark.parametrize("counts_repeats", [False, True])
+def test_the_firmware_profile_settles_how_often_a_sequence_is_shown(counts_repeats: bool) -> None:
+    right, wrong = ("rev-f", "rev-j") if counts_repeats else ("rev-j", "rev-f")
+    bench = make_bench(settings=Dlpc900Settings(firmware=right), counts_repeats=counts_repeats)
+    assert len(bench.run(replace(SEQUENCE, repeats=3))) == 18
+    bench = make_bench(settings=Dlpc900Settings(firmware=wrong), counts_repeats=counts_repeats)
+    bench.dmd.connect()
+    begin_s = bench.world.clock.now_s()
+    if counts_repeats:
+        assert len(bench.run(replace(SEQUENCE, repeats=3))) == 6 * 18
+    else:
+        with pytest.raises(SequenceError, match=r"stopped by itself.*firmware"):
+            bench.run(replace(SEQUENCE, repeats=3, exposure_s=50e-3))
+        assert len(bench.world.masks_between(begin_s, bench.world.clock.now_s())) == 3
+
+
+def test_counting_pulses_finds_the_wrong_firmware_profile() -> None:
+    bench = make_bench(settings=Dlpc900Settings(firmware="rev-j"), counts_repeats=True)
+    with pytest.raises(WrongStateError, match="no sequence"):
+        bench.dmd.explain_pulses(1)
+    bench.run(replace(SEQUENCE, repeats=3))
+    counted = len(bench.world.bus.rising("dmd0.out2"))
+    assert counted == 18
+    assert "set firmware = 'rev-f'" in bench.dmd.explain_pulses(counted)
+    assert bench.dmd.explain_pulses(3) == ""
+
+
+def test_a_refusal_without_a_reason_says_so(bench: Bench) -> None:
+    bench.twin.faults.inject("dlpc900.nack", about="display mode", value=5)
+    bench.twin.firmware.note_error = lambda code: None  # type: ignore[method-assign]
+    with pytest.raises(RefusedError, match="no reason given"):
+        bench.dmd.upload(SEQUENCE)
+
+
+def test_a_sequence_without_end_runs_until_disarmed(bench: Bench) -> None:
+    bench.dmd.upload(replace(SEQUENCE, repeats=0))
+    bench.dmd.arm()
+    bench.dmd.start()
+    with pytest.raises(NoAnswerError, match=r"wait for the end.*within 0\.5"):
+        bench.dmd.wait_done(0.5)
+    assert bench.dmd.status().state is ModulatorState.RUNNING
+    bench.dmd.disarm()
+    assert bench.dmd.status().state is ModulatorState.LOADED
+    now_s = bench.world.clock.now_s()
+    bench.world.clock.sleep_s(1.0)
+    assert not bench.world.masks_between(now_s, now_s + 1.0)
+
+
+def test_connecting_only_reads(bench: Bench) -> None:
+    firmware = bench.twin.firmware
+    before = dict(firmware._settings), dict(firmware.table)
+    bench.reopen()
+    info = bench.dmd.connect()
+    assert (dict(firmware._settings), dict(firmware.table)) == before
+    assert (info.model, info.height, info.width) == ("TI DLPC900 + DLP5500", 768, 1024)
+    assert info.firmware == "6.2.1 GS2CI-TWIN"
+
+
+def test_connecting_leaves_a_running_sequence_alone(bench: Bench) -> None:
+    bench.dmd.upload(replace(SEQUENCE, repeats=0))
+    bench.dmd.arm()
+    bench.dmd.start()
+    bench.reopen()
+    bench.dmd.connect()
+    assert bench.dmd.status().state is ModulatorState.RUNNING
+
+
+def test_the_upload_takes_about_the_time_that_was_announced(bench: Bench) -> None:
+    eta_s = bench.dmd.upload_eta_s(SEQUENCE)
+    shares: list[float] = []
+    report = bench.dmd.upload(SEQUENCE, shares.append)
+    assert report.seconds == pytest.approx(eta_s, rel=0.1)
+    assert report.payload_bytes == sum(len(block) for block in bench.dmd._encoded(SEQUENCE).primary)
+    assert shares == sorted(shares)
+    assert shares[-1] == 1.0
+
+
+def test_new_times_for_the_same_masks_cost_no_second_upload(bench: Bench) -> None:
+    bench.run(SEQUENCE)
+    other = replace(SEQUENCE, exposure_s=700e-6, trigger=TriggerOut.PER_MASK, repeats=1)
+    assert bench.dmd.upload_eta_s(other) < 0.2
+    assert bench.dmd.upload(other).payload_bytes == 0
+    bench.dmd.arm()
+    begin_s = bench.world.clock.now_s()
+    bench.dmd.start()
+    bench.dmd.wait_done(1.0)
+    assert_shown(list(bench.world.masks_between(begin_s, bench.world.clock.now_s())), MASKS)
+
+
+def test_fewer_masks_from_the_same_images_are_uploaded_anew(bench: Bench) -> None:
+    bench.run(SEQUENCE)
+    assert_shown(bench.run(replace(SEQUENCE, masks=MASKS[:4], repeats=1)), MASKS[:4])
+
+
+def test_standby_and_idling_are_left_for_an_upload(bench: Bench) -> None:
+    bench.twin.faults.inject("dlpc900.standby")
+    bench.twin.firmware._settings[0x0201] = b"\x01"
+    assert_shown(bench.run(replace(SEQUENCE, repeats=1)), MASKS)
+
+
+@pytest.fixture
+def blocks() -> Bench:
+    bench = make_bench(1, Dlpc900Settings(blocks=(2, 4)))
+    bench.dmd.connect()
+    return bench
+
+
+def test_fewer_mirror_blocks_allow_shorter_masks(blocks: Bench) -> None:
+    masks = np.zeros((3, 1080, 1920), np.uint8)
+    masks[:, 144:360] = masks_for(216, 1920, 3)
+    assert blocks.dmd.info.min_exposure_s == {1: pytest.approx(45e-6)}
+    assert_shown(blocks.run(PatternSequence(masks, 1, 45e-6)), masks)
+
+
+def test_light_outside_the_loaded_blocks_is_refused(blocks: Bench) -> None:
+    with pytest.raises(OutOfRangeError, match="rows 144 to 359"):
+        blocks.dmd.upload(PatternSequence(masks_for(1080, 1920, 2), 1, 45e-6))
+
+
+@pytest.mark.parametrize("times", [{"dark_s": 1e-4}, {"pause_s": 0.0}])
+def test_a_gate_that_would_fall_elsewhere_is_refused(bench: Bench, times: dict[str, float]) -> None:
+    with pytest.raises(OutOfRangeError, match="TRIG_OUT_1"):
+        bench.dmd.check(replace(SEQUENCE, trigger=TriggerOut.GATE, **times))
+
+
+def test_an_unknown_mirror_device_or_firmware_profile_is_refused() -> None:
+    bench = make_bench()
+    bench.twin.firmware.dmd = 9
+    with pytest.raises(UnsupportedError, match="type 9"):
+        bench.dmd.connect()
+    with pytest.raises(InputError, match="rev-j"):
+        make_bench(settings=Dlpc900Settings(firmware="rev-x"))
+
+
+# -- faults ------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Case:
+    """A fault, where it strikes, and what must come of it."""
+
+    fault: str
+    about: str
+    error: type[DriverError] | None
+    says: str = ""
+    value: float = 0.0
+    times: int = 1
+    skip: int = 0
+    within_s: float = 12.0
+
+    def __str__(self) -> str:
+        return f"{self.fault.removeprefix('dlpc900.')} at {self.about or 'any'}"
+
+
+CASES = [
+    Case("dlpc900.reply_lost", "display mode", NoAnswerError, "select pattern-on-the-fly.*within 10 s"),
+    Case("dlpc900.reply_lost", "trigger out 2", NoAnswerError, "trigger output 2"),
+    Case("dlpc900.reply_lost", "table entry", NoAnswerError, "define mask 0"),
+    Case("dlpc900.reply_lost", "image start", NoAnswerError, "load image 0"),
+    Case("dlpc900.reply_lost", "error code", NoAnswerError, "error register"),
+    Case("dlpc900.reply_lost", "pattern control", NoAnswerError, "stop the sequence"),
+    Case("dlpc900.reply_lost", "pattern control", NoAnswerError, "start the sequence", skip=3),
+    Case("dlpc900.reply_lost", "main status", None),
+    Case("dlpc900.reply_lost", "main status", NoAnswerError, "read the status", times=2, within_s=22.0),
+    Case("dlpc900.reply_lost", "hardware status", None),
+    Case("dlpc900.reply_late", "display mode", None, value=4.0),
+    Case("dlpc900.reply_late", "display mode", NoAnswerError, "pattern-on-the-fly", value=11.0),
+    Case("dlpc900.reply_twice", "table entry", None, times=3),
+    Case("dlpc900.reply_garbled", "table config", BadReplyError, "number of masks.*65535"),
+    Case("dlpc900.reply_garbled", "main status", None),
+    Case("dlpc900.reply_short", "table config", BadReplyError, "no header"),
+    Case("dlpc900.reply_short", "main status", None, value=4.0),
+    Case("dlpc900.reply_other_sequence", "image start", NoAnswerError, "load image 0"),
+    Case("dlpc900.reply_other_sequence", "main status", None),
+    Case("dlpc900.babble", "table config", None),
+    *(
+        Case(
+            "dlpc900.nack",
+            "table entry",
+            RefusedError,
+            f"define mask 0: refused with {code} .{meaning}",
+            value=code,
+        )
+        for code, meaning in {
+            1: "batch",
+            2: "device failure",
+            3: "invalid command",
+            4: "controller and mirror",
+            5: "command not allowed",
+            6: "bad parameter",
+            7: "item absent",
+            8: "out of memory",
+            9: "bad compression",
+            10: "bit depth",
+            11: "pattern image not in flash",
+            12: "dark time",
+            13: "signal delay",
+            14: "exposure time",
+            15: "pattern number",
+            16: "invalid pattern",
+            17: "image memory",
+            255: "internal error",
+        }.items()
+    ),
+    Case("dlpc900.nack", "image data", RefusedError, "load image 0: refused with 9", value=9, skip=5),
+    Case("dlpc900.nack", "image start", RefusedError, "out of memory", value=8),
+    Case("dlpc900.nack", "pattern control", RefusedError, "start the sequence", value=16, skip=3),
+    Case("dlpc900.nack", "display mode", RefusedError, "pattern-on-the-fly", value=5),
+    Case("dlpc900.report_lost", "table config", NoAnswerError, "number of masks"),
+    Case("dlpc900.report_lost", "image start", NoAnswerError, "load image 0"),
+    Case("dlpc900.report_lost", "image data", RefusedError, "load image 0.*upload again", skip=11, within_s=25.0),
+    Case("dlpc900.report_lost", "image data", RefusedError, "load image 0.*upload again", skip=16, within_s=25.0),
+    Case("dlpc900.report_lost", "image data", RefusedError, "load image 0.*upload again", skip=23, within_s=25.0),
+    Case("dlpc900.write_stuck", "display mode", NoAnswerError, "write"),
+    Case("dlpc900.write_stuck", "image data", NoAnswerError, "load image 0", skip=10),
+    Case("dlpc900.write_stuck", "pattern control", NoAnswerError, "start the sequence", skip=3),
+    *(
+        Case(fault, about, DisconnectedError, "device is gone", skip=skip)
+        for fault in ("dlpc900.unplugged", "dlpc900.power_cycle")
+        for about, skip in [
+            ("power mode", 0),
+            ("display mode", 0),
+            ("trigger out 1", 0),
+            ("table entry", 3),
+            ("table config", 0),
+            ("image start", 0),
+            ("image data", 13),
+            ("table config", 1),
+            ("hardware status", 0),
+            ("pattern control", 3),
+            ("main status", 4),
+        ]
+    ),
+    Case("dlpc900.parked", "", None),
+    Case("dlpc900.parked", "", DeviceFaultError, "arm: .*mirrors are parked", skip=4),
+    Case("dlpc900.standby", "", None),
+    Case("dlpc900.stops_early", "", SequenceError, "stopped by itself", skip=3),
+    Case("dlpc900.sequencer_abort", "", SequenceError, "sequencer aborted", skip=3),
+    Case("dlpc900.forgets_images", "", RefusedError, "invalid pattern"),
+]
+SLOW = replace(SEQUENCE, exposure_s=60e-3, repeats=1)
+
+
+@pytest.mark.parametrize("case", CASES, ids=str)
+def test_a_fault_is_ridden_out_or_a_typed_error_in_time_and_the_next_upload_works(bench: Bench, case: Case) -> None:
+    bench.twin.faults.inject(case.fault, about=case.about, value=case.value, times=case.times, skip=case.skip)
+    begin_s = bench.world.clock.now_s()
+    if case.error is None:
+        assert_shown(bench.run(SLOW), MASKS)
+    else:
+        with pytest.raises(case.error, match=f"(?s)dmd0.*{case.says}") as caught:
+            bench.run(SLOW)
+        assert caught.value.device == "dmd0"
+        eta_s = bench.dmd.upload_eta_s(SLOW) + SLOW.duration_s if bench.twin.plugged else 5.0
+        assert bench.world.clock.now_s() - begin_s < case.within_s + eta_s
+    assert bench.twin.faults.struck, "the fault never struck"
+    bench.twin.faults.clear()
+    if not bench.twin.plugged:
+        bench.reopen()
+    bench.dmd.connect()
+    bench.dmd.disarm()
+    assert_shown(bench.run(SLOW), MASKS)
+
+
+@pytest.mark.parametrize("case", [case for case in CASES if case.error is None and "status" in case.about], ids=str)
+def test_what_was_ridden_out_is_noted(bench: Bench, case: Case) -> None:
+    bench.twin.faults.inject(case.fault, about=case.about, value=case.value)
+    bench.run(SLOW)
+    (incident,) = bench.dmd.incidents
+    assert "asked again" in incident
+
+
+@pytest.mark.parametrize("step", ["connect", "status", "arm", "start", "wait_done", "disarm"])
+def test_unplugging_is_noticed_at_every_step(bench: Bench, step: str) -> None:
+    bench.dmd.upload(SLOW)
+    bench.dmd.arm()
+    if step == "wait_done":
+        bench.dmd.start()
+    if step == "connect":
+        bench.reopen()
+    bench.twin.unplug()
+    calls: dict[str, Callable[[], object]] = {
+        "connect": bench.dmd.connect,
+        "status": bench.dmd.status,
+        "arm": bench.dmd.arm,
+        "start": bench.dmd.start,
+        "wait_done": lambda: bench.dmd.wait_done(5.0),
+        "disarm": bench.dmd.disarm,
+    }
+    with pytest.raises(DisconnectedError, match=r"dmd0.*device is gone.*plug it in again"):
+        calls[step]()
+    bench.reopen()
+    assert_shown(bench.run(SLOW), MASKS)
+
+
+def test_a_stale_reply_of_a_killed_session_is_thrown_away(bench: Bench) -> None:
+    bench.twin.faults.inject("dlpc900.stale")
+    bench.reopen()
+    assert bench.dmd.connect().height == 768
+
+
+def test_an_error_of_an_earlier_session_is_not_ours(bench: Bench) -> None:
+    bench.twin.firmware.note_error(9)
+    bench.reopen()
+    assert_shown(bench.run(replace(SEQUENCE, repeats=1)), MASKS)
+
+
+def test_a_device_that_does_not_obey_a_stop_is_reported(bench: Bench) -> None:
+    bench.dmd.upload(replace(SEQUENCE, repeats=0))
+    bench.dmd.arm()
+    bench.dmd.start()
+    bench.twin.faults.inject("dlpc900.ignores_stop")
+    with pytest.raises(NoAnswerError, match=r"stop the sequence.*does not obey"):
+        bench.dmd.disarm()
+    bench.dmd.disarm()
+    assert bench.dmd.status().state is ModulatorState.LOADED
+
+
+def test_a_fault_shows_in_the_status(bench: Bench) -> None:
+    bench.twin.faults.inject("dlpc900.parked")
+    status = bench.dmd.status()
+    assert status.state is ModulatorState.FAULT
+    assert "mirrors are parked" in status.faults
+    assert status.notes == {"power": "normal"}
+
+
+@pytest.mark.parametrize(
+    ("fault", "pulses"),
+    [
+        ("dlpc900.pulse_lost", 1),
+        ("dlpc900.pulse_twice", 3),
+        ("dlpc900.suppress_inverted", 1),
+        ("dlpc900.count_off", 3),
+    ],
+)
+def test_faults_of_the_trigger_output_are_seen_on_the_line(bench: Bench, fault: str, pulses: int) -> None:
+    bench.twin.faults.inject(fault)
+    bench.run(SEQUENCE)
+    assert len(bench.world.bus.rising("dmd0.out2")) == pulses

@@ -1,0 +1,110 @@
+"""RLE coding: golden streams, round trips through the driver's and the firmware's decoder, damaged streams."""
+
+from contextlib import suppress
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from gs2ci_drivers.dlpc900 import erle, rle
+from gs2ci_drivers.dlpc900.coding import PatternImageError
+from gs2ci_sims.wires.dlpc900_images import BadImageError, read_image
+
+U32 = NDArray[np.uint32]
+
+
+def firmware_reads(stream: bytes, width: int, height: int) -> U32:
+    """Let the twin's own decoder read a stream behind a header that is typed in here."""
+    header = b"\x53\x70\x6c\x64" + width.to_bytes(2, "little") + height.to_bytes(2, "little")
+    header += len(stream).to_bytes(4, "little") + b"\xff" * 8 + bytes(4) + bytes([0, 1, 1]) + bytes(21)
+    return read_image(header + stream, width, height)
+
+
+@pytest.mark.parametrize(
+    ("rows", "expected"),
+    [
+        ([[0xAABBCC]], "01 AA BB CC 00 00 00 00 00 01 00 00"),
+        ([[1, 2, 3]], "00 03 00 00 01 00 00 02 00 00 03 00 00 00 00 00 00 01 00 00"),
+        ([[4, 4, 4], [4, 4, 4]], "03 00 00 04 00 00 00 00 03 00 00 04 00 00 00 00 00 01 00 00"),
+    ],
+)
+def test_small_images_are_these_bytes(rows: list[list[int]], expected: str) -> None:
+    assert rle.encode(np.array(rows, np.uint32)) == bytes.fromhex(expected)
+
+
+def test_runs_and_literals_above_255_are_cut() -> None:
+    stream = rle.encode(np.full((1, 600), 7, np.uint32))
+    assert stream[:12] == bytes.fromhex("FF 00 00 07 FF 00 00 07 5A 00 00 07")
+    stream = rle.encode(np.arange(256, dtype=np.uint32)[None])
+    assert stream[:2] == bytes.fromhex("00 FF")
+    assert stream[767:771] == bytes.fromhex("01 00 00 FF")
+
+
+def test_hard_images_come_back_through_both_decoders(image: U32) -> None:
+    height, width = image.shape
+    stream = rle.encode(image)
+    assert len(stream) % 4 == 0
+    np.testing.assert_array_equal(rle.decode(stream, width, height), image)
+    np.testing.assert_array_equal(firmware_reads(stream, width, height), image)
+
+
+def test_any_small_image_comes_back_through_both_decoders(adversarial: st.SearchStrategy[U32]) -> None:
+    @given(adversarial)
+    def check(image: U32) -> None:
+        height, width = image.shape
+        stream = rle.encode(image)
+        np.testing.assert_array_equal(rle.decode(stream, width, height), image)
+        np.testing.assert_array_equal(firmware_reads(stream, width, height), image)
+
+    check()
+
+
+def test_the_enhanced_coding_is_not_longer_for_masks() -> None:
+    masks = np.random.default_rng(0).integers(0, 1 << 24, (54, 96), dtype=np.uint32)
+    for words in (masks, np.kron(masks, np.ones((4, 4), np.uint32))):
+        assert len(erle.encode(words)) <= len(rle.encode(words))
+
+
+DAMAGED = {
+    "03 00 00 01": "leaves its row",
+    "00 03 00 00 01": "leaves its row",
+    "02 00 00": "ends inside a run",
+    "02 00 00 01 00 00 00 00": "ends inside a run",
+    "01 00 00 01 00 00 00 00": "before its last pixel",
+    "02 00 00 01 00 00 00 00 00 01": "before the last row",
+    "02 00 00 01 00 00 00 00 02 00 00 01 00 00 00 00 02 00 00 01": "end mark should be",
+    "02 00 00 01 00 00 00 00 02 00 00 01 00 00 00 00 00 00": "end mark should be",
+    "02 00 00 01 00 00 00 00 02 00 00 01 00 00 00 00 00 01 00 00 00 00": "more than three bytes",
+    "": "ends inside a run",
+}
+
+
+@pytest.mark.parametrize("stream", DAMAGED)
+def test_a_damaged_stream_is_refused_by_both_decoders(stream: str) -> None:
+    with pytest.raises(PatternImageError, match=DAMAGED[stream]):
+        rle.decode(bytes.fromhex(stream), 2, 2)
+    with pytest.raises(BadImageError):
+        firmware_reads(bytes.fromhex(stream), 2, 2)
+
+
+@given(
+    st.one_of(
+        st.binary(max_size=60),
+        st.lists(
+            st.sampled_from([bytes(4), b"\0\1\0\0", b"\3abc", b"\1xyz", b"\0\3" + bytes(9) + b"\0", b"\2pqr"]),
+            max_size=12,
+        ).map(b"".join),
+    )
+)
+def test_any_bytes_are_read_alike_or_refused_alike_by_both_decoders(stream: bytes) -> None:
+    ours: U32 | None = None
+    theirs: U32 | None = None
+    with suppress(PatternImageError):
+        ours = rle.decode(stream, 3, 3)
+    with suppress(BadImageError):
+        theirs = firmware_reads(stream, 3, 3)
+    assert (ours is None) == (theirs is None)
+    if ours is not None and theirs is not None:
+        np.testing.assert_array_equal(ours, theirs)

@@ -1,0 +1,189 @@
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from gs2ci_drivers.failures import (
+    BadReplyError,
+    DriverError,
+    MoveFailedError,
+    NoAnswerError,
+    ReferenceLostError,
+    RefusedError,
+    UnsupportedError,
+)
+from gs2ci_drivers.grbl.driver import GrblStage
+from gs2ci_sims.wires.grbl import GrblMachine, GrblTwin
+from gs2ci_sims.world import VirtualClock
+
+
+def make(machine=None, **options):
+    clock = VirtualClock()
+    twin = GrblTwin(clock, machine, **options)
+    return clock, twin, GrblStage("stage0", twin.open(), clock, axes=("x",))
+
+
+class ScriptedPort:
+    """A line that answers whatever it is told to."""
+
+    def __init__(self, clock, answers):
+        self.clock, self.answers = clock, list(answers)
+
+    def write(self, data, timeout_s):
+        pass
+
+    def read(self, max_bytes, timeout_s):
+        if timeout_s > 0 and self.answers:
+            return self.answers.pop(0)
+        self.clock.sleep_s(timeout_s)
+        return b""
+
+    def close(self):
+        pass
+
+
+def test_a_controller_that_boots_on_opening_is_waited_for():
+    clock, _, stage = make(GrblMachine(settings={22: 0}), boots_on_open=True)
+    assert stage.connect().firmware.startswith("1.1h")
+    assert clock.now_s() > 1001.0
+
+
+def test_a_controller_that_never_answers_is_given_up_in_time():
+    clock = VirtualClock()
+    stage = GrblStage("stage0", ScriptedPort(clock, []), clock)
+    with pytest.raises(NoAnswerError, match="banner"):
+        stage.connect()
+    assert clock.now_s() < 1004.0
+
+
+def test_reports_in_inches_are_understood():
+    _, _, stage = make(GrblMachine(settings={13: 1}))
+    stage.connect()
+    assert stage.positions_mm()["x"] == pytest.approx(-100.0, abs=0.03)
+
+
+def test_work_positions_are_turned_into_machine_positions_with_their_offset():
+    _, twin, stage = make()
+    stage.connect()
+    twin._report = lambda: b"<Idle|WPos:1.000,2.000,3.000|FS:0,0|WCO:-50.000,0.000,0.000>\r\n"
+    assert stage.positions_mm()["x"] == pytest.approx(-49.0)
+    twin._report = lambda: b"<Idle|WPos:2.000,2.000,3.000|FS:0,0>\r\n"
+    assert stage.positions_mm()["x"] == pytest.approx(-48.0)
+
+
+def test_a_work_position_without_any_offset_is_a_bad_reply_that_names_the_setting():
+    _, twin, stage = make()
+    stage.connect()
+    twin._report = lambda: b"<Idle|WPos:1.000,2.000,3.000|FS:0,0>\r\n"
+    with pytest.raises(BadReplyError, match=r"set \$10=1"):
+        stage.positions_mm()
+
+
+def test_fewer_axes_than_three_are_a_bad_reply():
+    _, twin, stage = make()
+    stage.connect()
+    twin._report = lambda: b"<Idle|MPos:1.000,2.000|FS:0,0>\r\n"
+    with pytest.raises(BadReplyError, match="fewer than three"):
+        stage.positions_mm()
+
+
+@pytest.mark.parametrize("settings_", [{110: 0.0}, {100: -1.0}])
+def test_settings_that_no_machine_has_are_a_bad_reply(settings_):
+    _, _, stage = make(GrblMachine(settings=settings_))
+    with pytest.raises(BadReplyError, match="not positive"):
+        stage.connect()
+
+
+def test_a_missing_setting_is_a_bad_reply():
+    _, twin, stage = make()
+    del twin._settings[120]
+    with pytest.raises(BadReplyError, match=r"\$120 is missing"):
+        stage.connect()
+
+
+def test_an_axis_that_no_controller_has_is_refused():
+    clock = VirtualClock()
+    with pytest.raises(UnsupportedError, match="allowed: x, y, z"):
+        GrblStage("stage0", GrblTwin(clock).open(), clock, axes=("w",))
+
+
+def test_homing_that_is_disabled_is_refused_with_its_setting():
+    _, _, stage = make(GrblMachine(settings={22: 0}))
+    stage.connect()
+    assert "homing is disabled" in stage.status().warnings[0]
+    with pytest.raises(UnsupportedError, match=r"\$22=1"):
+        stage.home()
+
+
+def test_homing_without_a_switch_ends_in_its_alarm_and_can_be_repeated():
+    _, twin, stage = make(GrblMachine(homed=False))
+    stage.connect()
+    twin.faults.inject("grbl.homing_fails")
+    with pytest.raises(MoveFailedError, match="ALARM:9"):
+        stage.home()
+    assert "ALARM:9" in stage.status().faults[0]
+    stage.home()
+    assert stage.move_to({"x": -20.0})["x"] == pytest.approx(-20.0)
+
+
+def test_a_hard_limit_loses_the_position_until_homed():
+    _, twin, stage = make()
+    stage.connect()
+    twin.faults.inject("grbl.hard_limit")
+    with pytest.raises(MoveFailedError, match="ALARM:1"):
+        stage.move_to({"x": -20.0})
+    with pytest.raises(ReferenceLostError):
+        stage.move_to({"x": -20.0})
+    stage.home()
+    assert stage.move_to({"x": -20.0})["x"] == pytest.approx(-20.0)
+
+
+def test_an_idle_that_comes_too_early_is_not_taken_for_the_arrival():
+    _, twin, stage = make()
+    stage.connect()
+    twin.faults.inject("grbl.early_idle")
+    assert stage.move_to({"x": -20.0})["x"] == pytest.approx(-20.0)
+    assert "reported early" in stage.incidents[-1]
+
+
+def test_a_refused_jog_names_the_error_and_what_to_do():
+    _, twin, stage = make()
+    stage.connect()
+    twin.faults.inject("grbl.error", value=15)
+    with pytest.raises(RefusedError, match=r"beyond the machine's travel.*run-up") as caught:
+        stage.move_to({"x": -20.0})
+    assert caught.value.code == "error:15"
+
+
+def test_a_diagonal_keeps_the_speed_of_its_fastest_axis():
+    clock = VirtualClock()
+    twin = GrblTwin(clock)
+    stage = GrblStage("stage0", twin.open(), clock, axes=("x", "y"))
+    stage.connect()
+    stage.begin_move({"x": -60.0, "y": -80.0}, speed_mm_s=4.0)
+    clock.sleep_s(2.0)
+    now_s = clock.now_s()
+    moved = [
+        a - b
+        for a, b in zip(twin.positions_mm_at(now_s).values(), twin.positions_mm_at(now_s - 1).values(), strict=True)
+    ]
+    assert moved[0] == pytest.approx(4.0, rel=1e-3)
+    assert moved[1] == pytest.approx(2.0, rel=1e-3)
+
+
+@settings(max_examples=60, suppress_health_check=[HealthCheck.too_slow])
+@given(
+    st.lists(
+        st.one_of(
+            st.binary(min_size=1, max_size=100),
+            st.sampled_from([b"ok\r\n", b"<Idle|MPos:0,0,0>\r\n", b"$100=1\r\n", b"ALARM:1\r\n", b"error:9\r\n"]),
+        ),
+        max_size=12,
+    )
+)
+def test_a_line_that_babbles_gives_typed_errors_and_never_hangs(answers):
+    clock = VirtualClock()
+    stage = GrblStage("stage0", ScriptedPort(clock, answers), clock)
+    begin_s = clock.now_s()
+    with pytest.raises(DriverError):
+        stage.connect()
+    assert clock.now_s() - begin_s < 10.0

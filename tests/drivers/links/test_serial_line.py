@@ -1,0 +1,72 @@
+"""A serial line over a pseudo terminal of this computer."""
+
+import os
+import time
+import tty
+from collections.abc import Callable, Iterator
+
+import pytest
+
+from gs2ci_drivers.failures import AccessError
+from gs2ci_drivers.links.serial_line import SerialLine
+
+
+@pytest.fixture
+def terminal() -> Iterator[tuple[int, str]]:
+    far, near = os.openpty()
+    tty.setraw(near)
+    yield far, os.ttyname(near)
+    os.close(near)
+    os.close(far)
+
+
+def read_exactly(read: Callable[[], bytes], count: int) -> bytes:
+    """A terminal may hand bytes over in pieces."""
+    data = b""
+    while len(data) < count:
+        data += read()
+    return data
+
+
+def test_bytes_pass_both_ways(terminal: tuple[int, str]) -> None:
+    far, path = terminal
+    line = SerialLine("stage0", path)
+    line.write(b"/1 0 1\n", 1.0)
+    assert read_exactly(lambda: os.read(far, 100), 7) == b"/1 0 1\n"
+    os.write(far, b"@01 0 OK\r\n")
+    assert read_exactly(lambda: line.read(100, 5.0), 10) == b"@01 0 OK\r\n"
+    line.close()
+
+
+def test_silence_ends_in_time_with_nothing(terminal: tuple[int, str]) -> None:
+    line = SerialLine("stage0", terminal[1])
+    begin = time.monotonic()
+    assert line.read(10, 0.03) == b""
+    assert line.read(10, 0.0) == b""
+    assert time.monotonic() - begin >= 0.03
+    line.close()
+
+
+def test_a_line_that_another_program_holds_is_in_use_and_not_gone(terminal: tuple[int, str]) -> None:
+    line = SerialLine("stage0", terminal[1])
+    with pytest.raises(AccessError, match="in use by another program"):
+        SerialLine("stage1", terminal[1])
+    line.close()
+    SerialLine("stage1", terminal[1]).close()
+
+
+def test_a_line_that_is_not_there_and_a_rate_that_cannot_be_are_access_errors(terminal: tuple[int, str]) -> None:
+    with pytest.raises(AccessError, match="stage0"):
+        SerialLine("stage0", "/dev/there-is-no-such-line")
+    with pytest.raises(AccessError, match="baud rate -1"):
+        SerialLine("stage0", terminal[1], -1)
+
+
+def test_a_closed_line_says_so_and_may_be_closed_again(terminal: tuple[int, str]) -> None:
+    line = SerialLine("stage0", terminal[1])
+    line.close()
+    line.close()
+    with pytest.raises(OSError, match="closed"):
+        line.write(b"x", 0.1)
+    with pytest.raises(OSError, match="closed"):
+        line.read(1, 0.1)

@@ -1,0 +1,94 @@
+import errno
+
+import pytest
+
+from gs2ci_drivers.failures import AccessError, BadReplyError, DisconnectedError, NoAnswerError
+from gs2ci_drivers.lines import LONGEST_LINE, LineChannel
+from gs2ci_drivers.ports import port_errors
+from gs2ci_sims.world import VirtualClock
+
+
+class Pieces:
+    """A port that gives out prepared pieces, then silence or an error."""
+
+    def __init__(self, clock, *pieces, error=None):
+        self.clock, self.pieces, self.error, self.closed = clock, list(pieces), error, False
+
+    def write(self, data, timeout_s):
+        if self.error:
+            raise self.error
+
+    def read(self, max_bytes, timeout_s):
+        if self.pieces:
+            return self.pieces.pop(0)
+        if self.error:
+            raise self.error
+        self.clock.sleep_s(timeout_s)
+        return b""
+
+    def close(self):
+        self.closed = True
+
+
+def channel(*pieces, error=None):
+    clock = VirtualClock()
+    port = Pieces(clock, *pieces, error=error)
+    return clock, port, LineChannel("dev0", port, clock)
+
+
+def test_lines_are_put_together_from_any_pieces():
+    clock, _, lines = channel(b"o", b"k\r", b"\nsecond\nthi", b"rd\r\n")
+    assert [lines.line(clock.now_s() + 1, "x") for _ in range(3)] == [b"ok", b"second", b"third"]
+
+
+def test_noise_and_empty_lines_between_lines_are_dropped():
+    clock, _, lines = channel(b"\x00\xff\x00\r\n\r\n\xff\xffok\x00\r\n")
+    assert lines.line(clock.now_s() + 1, "x") == b"ok"
+
+
+def test_waiting_ends_at_the_deadline():
+    clock, _, lines = channel(b"half a li")
+    begin_s = clock.now_s()
+    with pytest.raises(NoAnswerError, match=r"dev0: ask: no answer within 0\.5 s"):
+        lines.line(begin_s + 0.5, "ask")
+    assert clock.now_s() == pytest.approx(begin_s + 0.5)
+
+
+def test_bytes_without_any_end_of_line_are_a_bad_reply_not_memory():
+    clock, _, lines = channel(*[b"x" * 100] * (LONGEST_LINE // 100 + 2))
+    with pytest.raises(BadReplyError, match="no end of line"):
+        lines.line(clock.now_s() + 1, "ask")
+
+
+def test_draining_throws_away_what_waits_and_counts_it():
+    clock, _, lines = channel(b"first\nsec", b"ond")
+    assert lines.line(clock.now_s() + 1, "x") == b"first"
+    assert lines.drain() == 6
+
+
+def test_draining_a_port_that_never_stops_ends():
+    _, port, lines = channel(*[b"x" * 256] * 1000)
+    assert lines.drain() == 64 * 256
+    lines.close()
+    assert port.closed
+
+
+@pytest.mark.parametrize(
+    ("error", "expected"),
+    [
+        (OSError(errno.EIO, "gone"), DisconnectedError),
+        (OSError(errno.ENODEV, "gone"), DisconnectedError),
+        (OSError(errno.EACCES, "no"), AccessError),
+        (OSError(errno.EBUSY, "busy"), AccessError),
+        (TimeoutError("stuck"), NoAnswerError),
+    ],
+)
+def test_what_a_port_raises_becomes_a_typed_error(error, expected):
+    _, _, lines = channel(error=error)
+    with pytest.raises(expected, match="dev0"):
+        lines.send(b"x", "ask")
+
+
+def test_the_guard_lets_everything_else_pass():
+    with pytest.raises(KeyError), port_errors("dev0", "ask"):
+        raise KeyError("not a port's error")

@@ -1,0 +1,115 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from gs2ci_drivers.failures import PlanRefusedError
+from gs2ci_drivers.modulator import ModulatorInfo, TriggerOut
+from gs2ci_drivers.plan import CaptureSettings, Mode, Optics, Travel, table
+from gs2ci_drivers.planning import lay_out, overlap_weights, sensor_exposure_s
+from gs2ci_drivers.sensor import FrameFormat, SensorInfo, SensorSettings, TriggerMode
+from gs2ci_drivers.stage import AxisInfo, StageInfo
+
+MODULATOR = ModulatorInfo(
+    model="m", serial="", firmware="", height=6, width=8, pitch_m=8e-6,
+    min_exposure_s={1: 105e-6, 8: 4046e-6}, max_exposure_s=1.0, exposure_step_s=1e-6, min_dark_s=1e-6,
+    capacity={1: 16, 8: 2}, trigger_outs=frozenset(TriggerOut), start_latency_s=0.05,
+)  # fmt: skip
+SENSOR = SensorInfo(
+    model="s", serial="", driver="", formats=(FrameFormat("Y12", 6, 8, 12),),
+    min_exposure_s=1e-5, max_exposure_s=1.0, exposure_step_s=1e-5, triggers=frozenset(TriggerMode),
+)  # fmt: skip
+AXIS = AxisInfo("x", 0.0, 100.0, 0.001, 40.0, 0.001, 200.0)
+STAGE = StageInfo("z", "", "", {"x": AXIS})
+
+
+def plan(stage=STAGE, modulator=MODULATOR, readout_s=1e-3, exposure_s=None, full_well_e=10000.0, **changes):
+    settings = CaptureSettings(**({"masks": np.ones((4, 6, 8), np.uint8), "mask_s": 0.01} | changes))
+    setup = SensorSettings(
+        SENSOR.formats[0],
+        sensor_exposure_s(settings) if exposure_s is None else exposure_s,
+        settings.mode.trigger_mode,
+        readout_s,
+        full_well_e=full_well_e,
+    )
+    return lay_out(settings, modulator, SENSOR, setup, stage)
+
+
+def broken(plan_):
+    return {figure.what for figure in plan_.broken}
+
+
+def test_a_sound_plan_breaks_nothing_and_has_its_rows():
+    sound = plan(travel=Travel("x", 40.0, 41.0), optics=Optics(1e5, 900.0, 300.0, 1000.0))
+    assert sound.require_sound() is sound
+    assert (sound.fires, sound.frames_per_shot) == (1, 1)
+    rows = {what: (value, verdict) for what, value, _, verdict in table(sound)}
+    assert rows["stage speed"] == ("25.0000 mm/s", "ok")
+    assert rows["motion in the picture"][0].startswith("3.00 px near, 0.90 px far")
+    assert rows["parallax"][0].startswith("2.10 px")
+
+
+def test_weights_are_the_overlap_of_mask_and_exposure():
+    windows = np.array([[0.0, 1.0], [1.0, 2.0], [2.0, 3.0]])
+    assert overlap_weights(windows, 0.25, 2.5) == pytest.approx([0.75, 1.0, 0.5])
+    assert overlap_weights(windows, 5.0, 6.0) == pytest.approx([0.0, 0.0, 0.0])
+    assert plan(margin_s=0.005).weights == pytest.approx([1.0, 1.0, 1.0, 0.5], abs=2e-3)
+
+
+def test_a_burst_gets_the_pause_that_readout_needs():
+    burst = plan(shots=4, burst=2, readout_s=3e-3)
+    assert burst.sequence.pause_s == pytest.approx(3.02e-3, abs=2e-6)
+    assert not burst.broken
+    assert burst.fires == 2
+    assert plan().sequence.pause_s == 0.0
+
+
+def test_calibration_gets_the_dark_time_that_readout_needs():
+    calibration = plan(mode=Mode.PER_MASK, readout_s=3e-3)
+    assert calibration.sequence.dark_s == pytest.approx(3.02e-3, abs=2e-6)
+    assert calibration.frames_per_shot == 4
+    assert not calibration.broken
+
+
+@pytest.mark.parametrize(
+    ("changes", "what"),
+    [
+        ({"mask_s": 1e-4}, "time per mask"),
+        ({"mask_s": 2.0}, "time per mask"),
+        ({"masks": np.ones((17, 6, 8), np.uint8)}, "masks"),
+        ({"masks": np.ones((4, 5, 8), np.uint8)}, "masks"),
+        ({"bit_depth": 3}, "mask depth"),
+        ({"shots": 3, "burst": 2}, "shots"),
+        ({"shots": 0}, "shots"),
+        ({"exposure_s": 0.02}, "exposure"),
+        ({"exposure_s": 0.06, "burst": 2, "shots": 2, "readout_s": -0.03}, "exposure"),
+        ({"optics": Optics(1e6)}, "bright pixels of a white scene"),
+        ({"travel": Travel("x", 40.0, 80.0)}, "travel"),
+        ({"travel": Travel("x", 99.0, 99.9)}, "travel"),
+        ({"travel": Travel("q", 40.0, 41.0)}, "travel"),
+        ({"travel": Travel("x", 40.0, 41.0), "stage": None}, "travel"),
+        ({"travel": Travel("x", 40.0, 40.0)}, "travel"),
+    ],
+)
+def test_every_limit_is_checked_and_named(changes, what):
+    refused = plan(**changes)
+    assert what in broken(refused)
+    with pytest.raises(PlanRefusedError, match=what) as caught:
+        refused.require_sound()
+    figure = next(figure for figure in refused.broken if figure.what == what)
+    assert figure.remedy in str(caught.value)
+    assert (what, "NO") in [(row[0], row[3]) for row in table(refused)]
+
+
+def test_a_trigger_that_the_modulator_lacks_is_named():
+    lacking = replace(MODULATOR, trigger_outs=frozenset({TriggerOut.PER_MASK}))
+    assert broken(plan(modulator=lacking)) == {"trigger output"}
+
+
+def test_the_sweep_has_room_for_the_modulators_start():
+    moving = plan(travel=Travel("x", 40.0, 41.0))
+    assert moving.sweep.from_mm == pytest.approx(40.0 - 25.0 * 0.05)
+    assert moving.sweep.to_mm == pytest.approx(41.0 + 25.0 * 0.05)
+    back = plan(travel=Travel("x", 41.0, 40.0))
+    assert back.sweep.from_mm == pytest.approx(41.0 + 25.0 * 0.05)
+    assert back.sweep.to_mm == pytest.approx(40.0 - 25.0 * 0.05)

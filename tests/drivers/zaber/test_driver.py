@@ -1,0 +1,151 @@
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from gs2ci_drivers.failures import (
+    BadReplyError,
+    DriverError,
+    MoveFailedError,
+    NoAnswerError,
+    RefusedError,
+    UnsupportedError,
+)
+from gs2ci_drivers.zaber.driver import ZaberStage
+from gs2ci_sims.wires.zaber import ZaberAxis, ZaberTwin
+from gs2ci_sims.world import VirtualClock
+
+STEP = 0.000047625
+
+
+def make(**options):
+    clock = VirtualClock()
+    twin = ZaberTwin(clock, {"x": ZaberAxis()})
+    stage = ZaberStage("stage0", twin.open(), clock, axes={"x": 1}, microstep_mm={"x": STEP}, **options)
+    return clock, twin, stage
+
+
+class ScriptedPort:
+    """A line that answers whatever it is told to."""
+
+    def __init__(self, clock, answers):
+        self.clock, self.answers = clock, list(answers)
+        self.sent = []
+
+    def write(self, data, timeout_s):
+        self.sent.append(data)
+
+    def read(self, max_bytes, timeout_s):
+        if timeout_s > 0 and self.answers:
+            return self.answers.pop(0)
+        self.clock.sleep_s(timeout_s)
+        return b""
+
+    def close(self):
+        pass
+
+
+def test_the_devices_own_speed_is_put_back_after_a_slow_move():
+    clock, twin, stage = make()
+    own = stage.connect().axes["x"].max_speed_mm_s
+    stage.move_to({"x": 80.0}, speed_mm_s=5.0)
+    begin_s = clock.now_s()
+    twin_speed = twin._axes[0].speed_mm_s()
+    assert twin_speed == pytest.approx(own)
+    assert clock.now_s() == begin_s
+
+
+def test_the_devices_own_speed_is_put_back_when_closing_in_mid_move():
+    _, twin, stage = make()
+    own = stage.connect().axes["x"].max_speed_mm_s
+    stage.begin_move({"x": 80.0}, speed_mm_s=5.0)
+    stage.close()
+    assert twin._axes[0].speed_mm_s() == pytest.approx(own)
+
+
+def test_closing_a_dead_line_raises_nothing():
+    _, twin, stage = make()
+    stage.connect()
+    stage.begin_move({"x": 80.0}, speed_mm_s=5.0)
+    twin.unplug()
+    stage.close()
+
+
+def test_without_checksums_the_same_stage_works():
+    _, _, stage = make(with_checksum=False)
+    stage.connect()
+    assert stage.move_to({"x": 76.0})["x"] == pytest.approx(76.0, abs=STEP)
+
+
+def test_an_axis_that_the_device_lacks_is_refused():
+    clock = VirtualClock()
+    twin = ZaberTwin(clock, {"x": ZaberAxis()})
+    stage = ZaberStage("stage0", twin.open(), clock, axes={"y": 2}, microstep_mm={"y": STEP})
+    with pytest.raises(UnsupportedError, match=r"axis 'y' is number 2.*allowed: 1 to 1"):
+        stage.connect()
+
+
+def test_a_warning_list_that_is_none_is_a_bad_reply():
+    clock = VirtualClock()
+    _, twin, stage = make()
+    stage.connect()
+    twin._do_warnings = lambda number, words: (True, "02 FS")
+    with pytest.raises(BadReplyError, match="not a count and its flags"):
+        stage.status()
+    assert clock.now_s() > 0
+
+
+def test_a_position_that_is_no_number_is_a_bad_reply():
+    _, twin, stage = make()
+    stage.connect()
+    original = twin._do_get
+    twin._do_get = lambda number, words: (True, "many") if words == ["pos"] else original(number, words)
+    with pytest.raises(BadReplyError, match="not a number"):
+        stage.positions_mm()
+
+
+def test_a_late_answer_to_an_earlier_question_is_not_taken_for_the_present_one():
+    clock, twin, stage = make()
+    stage.connect()
+    before = stage.positions_mm()
+    twin.faults.inject("serial.reply_late", value=0.55, about="get pos")
+    assert stage.positions_mm() == before
+    clock.sleep_s(1.0)
+    stage.move_to({"x": 77.0})
+    assert stage.positions_mm()["x"] == pytest.approx(77.0, abs=STEP)
+    assert stage.incidents
+
+
+@pytest.mark.parametrize(
+    ("fault", "error", "words"),
+    [
+        ("zaber.stall", MoveFailedError, "FS"),
+        ("zaber.slip", MoveFailedError, "short of its target"),
+        ("zaber.never_idle", NoAnswerError, "arrival"),
+        ("zaber.reject", RefusedError, "AGAIN"),
+    ],
+)
+def test_a_failed_move_is_never_taken_for_an_arrival(fault, error, words):
+    _, twin, stage = make()
+    stage.connect()
+    twin.faults.inject(fault, about="move" if fault == "zaber.reject" else "")
+    with pytest.raises(error, match=words):
+        stage.move_to({"x": 100.0})
+
+
+def test_homing_against_an_obstacle_fails_with_its_flag():
+    _, twin, stage = make()
+    stage.connect()
+    twin.faults.inject("zaber.stall", about="home")
+    with pytest.raises(MoveFailedError, match=r"home.*FS"):
+        stage.home()
+
+
+@settings(max_examples=60, suppress_health_check=[HealthCheck.too_slow])
+@given(st.lists(st.binary(min_size=1, max_size=120), max_size=12))
+def test_a_line_that_babbles_gives_typed_errors_and_never_hangs(answers):
+    clock = VirtualClock()
+    stage = ZaberStage("stage0", ScriptedPort(clock, answers), clock, axes={"x": 1}, microstep_mm={"x": STEP})
+    begin_s = clock.now_s()
+    with pytest.raises(DriverError):
+        stage.connect()
+    assert clock.now_s() - begin_s < 5.0

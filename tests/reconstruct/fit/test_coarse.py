@@ -1,0 +1,214 @@
+import itertools
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from gs2ci.core.errors import InputError, NumericsError
+from gs2ci.core.progress import Silent
+from gs2ci.reconstruct.fit.coarse import MAX_ROLLBACKS, CoarseSettings, fit_coarse
+from gs2ci.reconstruct.fit.poses import PoseSettings
+from gs2ci.reconstruct.fit.start import first_gaussians
+from gs2ci.reconstruct.fit.stopping import HoldOut, Jury, choose_heldout
+from gs2ci.reconstruct.geometry.points import seed_points
+from gs2ci.render.cpu.backend import CpuBackend
+
+QUICK = CoarseSettings(iterations=60, densify_every=20, hold_out=HoldOut(share=0.05, look_every=10))
+
+
+def run(moving_plane, settings=QUICK, *, backend=None, seed=0, listener=None, score=None, shot=None):
+    given, geometry = moving_plane
+    shot = shot or given
+    jury = Jury(shot, choose_heldout(shot, settings.hold_out.share, seed))
+    grey = np.full((*shot.masks.shape, shot.channels), 0.5, np.float32)
+    fit = fit_coarse(
+        jury=jury,
+        start=first_gaussians(seed_points(geometry, grey, 2)),
+        geometry=geometry,
+        backend=backend or CpuBackend(),
+        settings=settings,
+        seed=seed,
+        refine=lambda views: views,
+        progress=listener or Silent(),
+        score=score,
+    )
+    return fit, jury
+
+
+class FaultyBackend(CpuBackend):
+    """Gives gradients that are NaN in the renderings that `when` tells by their number."""
+
+    def __init__(self, when):
+        super().__init__()
+        self._when = when
+        self._calls = itertools.count()
+
+    def coded(self, *arguments):
+        image = super().coded(*arguments)
+        if self._when(next(self._calls)):
+            image.register_hook(lambda gradient: gradient * float("nan"))
+        return image
+
+
+class Listener(Silent):
+    def __init__(self):
+        super().__init__()
+        self.steps = []
+
+    def step(self, done, **figures):
+        self.steps.append((done, figures))
+
+
+def test_the_loss_and_the_held_out_residual_fall(moving_plane):
+    fit, _ = run(moving_plane)
+    assert [point.iteration for point in fit.curve] == [10, 20, 30, 40, 50, 60]
+    assert fit.curve[-1].loss < 0.5 * fit.curve[0].loss
+    assert fit.curve[-1].heldout < 0.5 * fit.curve[0].heldout
+    assert fit.notes == ()
+    assert np.isfinite(fit.views).all()
+    assert fit.views.shape == (4, 32, 40, 3)
+    assert all(a.seconds <= b.seconds for a, b in itertools.pairwise(fit.curve))
+
+
+def test_the_views_returned_are_those_of_the_best_look(moving_plane):
+    fit, jury = run(moving_plane, replace(QUICK, iterations=200, hold_out=replace(QUICK.hold_out, patience=20)))
+    best = min(point.heldout for point in fit.curve)
+    assert jury.residual_rms(fit.views) == pytest.approx(best, rel=1e-6)
+    at = next(point.iteration for point in fit.curve if point.heldout == best)
+    if "stopped improving" in fit.stopped_because:
+        assert fit.curve[-1].iteration < 200
+    assert fit.stopped_because.endswith(f"at iteration {at}")
+
+
+def test_a_fit_that_stops_improving_ends_early_and_says_so(moving_plane):
+    settings = replace(QUICK, hold_out=replace(QUICK.hold_out, patience=20, improvement=0.9))
+    fit, _ = run(moving_plane, settings)
+    assert fit.curve[-1].iteration < settings.iterations
+    assert fit.stopped_because.startswith("held-out pixels stopped improving at iteration ")
+
+
+def test_without_held_out_pixels_all_iterations_run_and_the_sentence_says_that_nothing_judged(moving_plane):
+    fit, _ = run(moving_plane, replace(QUICK, hold_out=replace(QUICK.hold_out, share=0.0, patience=10)))
+    assert fit.stopped_because == "all 60 iterations done, no pixels held out to judge them"
+    assert all(point.heldout is None for point in fit.curve)
+
+
+def test_what_was_measured_on_held_out_pixels_changes_no_step_of_the_fit(moving_plane):
+    shot, _ = moving_plane
+    patient = replace(QUICK, hold_out=replace(QUICK.hold_out, patience=10**6, growth_patience=10**6))
+    heldout = choose_heldout(shot, 0.05, seed=0)
+    measurement = shot.measurement.copy()
+    measurement[heldout] *= 0.9
+    first, _ = run(moving_plane, patient)
+    second, _ = run(moving_plane, patient, shot=replace(shot, measurement=measurement))
+    assert [p.heldout for p in first.curve] != [p.heldout for p in second.curve]
+    assert [(p.loss, p.gaussians) for p in first.curve] == [(p.loss, p.gaussians) for p in second.curve]
+
+
+def test_the_density_rule_gets_its_turns_between_the_shares_of_the_schedule(moving_plane):
+    turns = []
+
+    class Witness:
+        name = "witness"
+
+        def change(self, scene, evidence, generator):
+            turns.append((len(scene), evidence.cap, tuple(evidence.screen_gradient.shape)))
+            assert torch.isfinite(evidence.screen_gradient).all()
+            assert (evidence.screen_gradient > 0).any()
+            return CoarseSettings().density.change(scene, evidence, generator)
+
+    fit, _ = run(moving_plane, replace(QUICK, densify_every=10, densify_until=0.5, density=Witness()))
+    assert len(turns) == 2  # at iterations 10 and 20; 30 is half the schedule
+    start = turns[0][0]
+    assert [gradient for _, _, gradient in turns] == [(count,) for count, _, _ in turns]
+    assert turns[0][1] == max(start, int(0.4 * 32 * 40))
+    assert fit.curve[-1].gaussians <= turns[0][1]
+
+
+def test_poses_move_only_when_they_are_refined(moving_plane):
+    _, geometry = moving_plane
+    held, _ = run(moving_plane, replace(QUICK, poses=PoseSettings(refine=False)))
+    np.testing.assert_array_equal(held.world_to_camera, geometry.world_to_camera.astype(np.float32))
+    moved, _ = run(moving_plane)
+    assert (moved.world_to_camera != held.world_to_camera).any()
+    np.testing.assert_allclose(np.linalg.det(moved.world_to_camera[:, :3, :3]), 1, atol=1e-5)
+
+
+def test_the_same_seed_gives_the_same_bits_twice_and_on_any_number_of_threads(moving_plane, threads):
+    fits = []
+    for count in (1, 2, 2):
+        with threads(count):
+            fits.append(run(moving_plane, replace(QUICK, iterations=30, densify_every=10))[0])
+    for other in fits[1:]:
+        np.testing.assert_array_equal(other.views, fits[0].views)
+        np.testing.assert_array_equal(other.world_to_camera, fits[0].world_to_camera)
+        assert torch.equal(other.scene.means, fits[0].scene.means)
+        assert [p.loss for p in other.curve] == [p.loss for p in fits[0].curve]
+
+
+def test_a_mono_measurement_gives_mono_views(moving_plane):
+    shot, _ = moving_plane
+    mono = replace(shot, measurement=shot.measurement.mean(axis=2, keepdims=True)).check()
+    fit, _ = run(moving_plane, shot=mono)
+    assert fit.views.shape == (4, 32, 40, 1)
+    assert fit.curve[-1].loss < 0.5 * fit.curve[0].loss
+
+
+def test_a_mosaic_gives_colour_views(moving_plane):
+    shot, _ = moving_plane
+    mosaic = replace(shot, measurement=shot.measurement[..., :1].copy(), cfa="GRBG").check()
+    fit, _ = run(moving_plane, shot=mosaic)
+    assert fit.views.shape == (4, 32, 40, 3)
+    assert fit.curve[-1].loss < 0.5 * fit.curve[0].loss
+
+
+def test_the_score_of_the_refined_views_is_reported_at_each_look(moving_plane):
+    listener = Listener()
+    fit, _ = run(moving_plane, score=lambda views: float(views.mean()), listener=listener)
+    assert all(point.psnr_db is not None for point in fit.curve)
+    assert [done for done, _ in listener.steps] == list(range(1, 61))
+    assert {"loss", "gaussians"} <= set(listener.steps[0][1])
+    assert listener.steps[-1][1]["psnr_db"] == fit.curve[-1].psnr_db
+    assert listener.steps[-1][1]["heldout"] == fit.curve[-1].heldout
+
+
+def test_one_bad_iteration_is_rolled_back_and_told(moving_plane):
+    listener = Listener()
+    fit, _ = run(moving_plane, backend=FaultyBackend(lambda call: call == 25), listener=listener)
+    assert fit.notes == ("Iteration 25 was not finite: back to iteration 20 with half the step.",)
+    assert listener.sentences == list(fit.notes)
+    assert fit.curve[-1].iteration == 60
+    assert fit.curve[-1].loss < 0.6 * fit.curve[0].loss
+    assert np.isfinite(fit.views).all()
+
+
+def test_numbers_that_keep_running_away_end_the_fit_with_a_sentence_and_the_last_good_state(moving_plane):
+    fit, jury = run(moving_plane, backend=FaultyBackend(lambda call: call >= 25))
+    assert fit.stopped_because == f"numbers ran away {MAX_ROLLBACKS} times; kept the state of iteration 20"
+    assert len(fit.notes) == MAX_ROLLBACKS
+    assert jury.residual_rms(fit.views) == pytest.approx(fit.curve[-1].heldout, rel=1e-6)
+    fit.scene.check()
+
+
+def test_a_first_iteration_that_is_not_finite_is_an_error(moving_plane):
+    with pytest.raises(NumericsError, match="first iteration"):
+        run(moving_plane, backend=FaultyBackend(lambda call: call == 0))
+
+
+@pytest.mark.parametrize("settings", [{"iterations": 0}, {"densify_every": 0}, {"hold_out": HoldOut(share=2.0)}])
+def test_settings_that_make_no_sense_are_refused(moving_plane, settings):
+    with pytest.raises(InputError):
+        replace(CoarseSettings(), **settings).check()
+    shot, geometry = moving_plane
+    with pytest.raises(InputError):
+        fit_coarse(
+            jury=Jury(shot, np.zeros(shot.size, bool)),
+            start=first_gaussians(seed_points(geometry, np.zeros((4, 32, 40, 3), np.float32), 2)),
+            geometry=geometry,
+            backend=CpuBackend(),
+            settings=replace(CoarseSettings(), **settings),
+            seed=0,
+            refine=lambda views: views,
+            progress=Silent(),
+        )

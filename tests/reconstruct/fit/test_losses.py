@@ -1,0 +1,139 @@
+import numpy as np
+import pytest
+import torch
+
+from gs2ci.reconstruct.fit.losses import DataTerm, opacity_term
+
+SIZE = (20, 27)
+
+
+@pytest.fixture
+def rng():
+    return np.random.default_rng(5)
+
+
+@pytest.fixture
+def measurement(rng):
+    return (3 * rng.random((*SIZE, 3))).astype(np.float32)
+
+
+@pytest.fixture
+def predicted(rng, measurement):
+    return measurement + (0.3 * rng.standard_normal(measurement.shape)).astype(np.float32)
+
+
+@pytest.fixture
+def fitted(rng):
+    return rng.random(SIZE) > 0.1
+
+
+def stated(similarity, predicted, measurement, fitted, saturated, weight):
+    """The objective as the paper and the class's docstring put it, in float64 under autograd."""
+    image = torch.from_numpy(predicted).double().requires_grad_(True)
+    seen = torch.from_numpy(fitted)[..., None]
+    target = torch.from_numpy(measurement).double() * seen
+    compared = image * seen
+    if saturated is not None:
+        compared = torch.where(torch.from_numpy(saturated)[..., None], torch.minimum(compared, target), compared)
+    l1 = (compared - target).abs().sum() / (seen.sum() * measurement.shape[2])
+    loss = (1 - weight) * l1 + weight * (1 - similarity(compared, target))
+    loss.backward()
+    return loss.item(), image.grad.numpy()
+
+
+@pytest.mark.parametrize("weight", [0.0, 0.1, 1.0])
+@pytest.mark.parametrize("clipped", [False, True])
+def test_value_and_gradient_follow_the_definition(
+    similarity_definition, rng, measurement, predicted, fitted, weight, clipped
+):
+    saturated = rng.random(SIZE) < 0.2 if clipped else None
+    value, gradient = stated(similarity_definition, predicted, measurement, fitted, saturated, weight)
+    got, got_gradient = DataTerm(measurement, fitted, saturated, weight).value_and_gradient(predicted)
+    assert got == pytest.approx(value, rel=1e-5)
+    assert np.linalg.norm(got_gradient - gradient) <= 1e-5 * np.linalg.norm(gradient)
+
+
+def test_one_channel_follows_the_definition(similarity_definition, measurement, predicted, fitted):
+    parts = predicted[..., :1].copy(), measurement[..., :1].copy(), fitted, None, 0.1
+    value, gradient = stated(similarity_definition, *parts)
+    got, got_gradient = DataTerm(parts[1], fitted, None, 0.1).value_and_gradient(parts[0])
+    assert got == pytest.approx(value, rel=1e-5)
+    assert np.linalg.norm(got_gradient - gradient) <= 1e-5 * np.linalg.norm(gradient)
+
+
+def test_torch_differentiates_the_term_as_it_states(measurement, predicted, fitted):
+    term = DataTerm(measurement, fitted, None, 0.1)
+    image = torch.from_numpy(predicted).requires_grad_(True)
+    (2 * term(image)).backward()
+    value, gradient = term.value_and_gradient(predicted)
+    assert term(image).item() == pytest.approx(value, rel=1e-6)
+    np.testing.assert_array_equal(image.grad.numpy(), 2 * gradient)
+
+
+def test_held_out_pixels_have_exactly_no_gradient_and_no_influence(rng, measurement, predicted, fitted):
+    elsewhere = ~fitted
+    value, gradient = DataTerm(measurement, fitted, None, 0.1).value_and_gradient(predicted)
+    assert elsewhere.any()
+    assert (gradient[elsewhere] == 0).all()
+
+    other_measurement, other_prediction = measurement.copy(), predicted.copy()
+    other_measurement[elsewhere] = 100 * rng.random((elsewhere.sum(), 3))
+    other_prediction[elsewhere] = -50
+    again, same = DataTerm(other_measurement, fitted, None, 0.1).value_and_gradient(other_prediction)
+    assert again == value
+    np.testing.assert_array_equal(same, gradient)
+
+
+def test_the_share_held_out_does_not_change_the_scale_of_the_l1_term(measurement):
+    predicted = measurement + np.float32(0.25)
+    for share in (0.0, 0.5):
+        fitted = np.random.default_rng(0).random(SIZE) >= share
+        value, _ = DataTerm(measurement, fitted, None, 0.0).value_and_gradient(predicted)
+        assert value == pytest.approx(0.25, rel=1e-5)
+
+
+def test_a_prediction_above_a_saturated_reading_is_no_error(measurement, fitted):
+    saturated = np.ones(SIZE, bool)
+    value, gradient = DataTerm(measurement, fitted, saturated, 0.1).value_and_gradient(measurement + np.float32(2))
+    assert value == pytest.approx(0, abs=1e-7)
+    np.testing.assert_allclose(gradient, 0, atol=1e-9)
+
+
+def test_a_prediction_below_a_saturated_reading_is_one(measurement, fitted):
+    saturated = np.ones(SIZE, bool)
+    value, gradient = DataTerm(measurement, fitted, saturated, 0.0).value_and_gradient(measurement - np.float32(0.5))
+    assert value == pytest.approx(0.5, rel=1e-5)
+    assert (gradient[fitted] < 0).all()
+
+
+def test_a_saturation_map_without_saturated_pixels_changes_nothing(measurement, predicted, fitted):
+    with_map = DataTerm(measurement, fitted, np.zeros(SIZE, bool), 0.1).value_and_gradient(predicted)
+    without = DataTerm(measurement, fitted, None, 0.1).value_and_gradient(predicted)
+    assert with_map[0] == without[0]
+    np.testing.assert_array_equal(with_map[1], without[1])
+
+
+def test_without_any_pixel_to_see_the_loss_and_its_gradient_are_zero(measurement, predicted):
+    value, gradient = DataTerm(measurement, np.zeros(SIZE, bool), None, 0.1).value_and_gradient(predicted)
+    assert value == pytest.approx(0, abs=1e-12)
+    assert (gradient == 0).all()
+
+
+def test_a_prediction_that_is_not_finite_gives_a_loss_that_is_not_finite(measurement, predicted, fitted):
+    predicted[tuple(np.argwhere(fitted)[0])] = np.nan
+    value, _ = DataTerm(measurement, fitted, None, 0.1).value_and_gradient(predicted)
+    assert not np.isfinite(value)
+
+
+def test_the_opacity_term_is_the_mean_opacity():
+    logits = torch.tensor([-20.0, 0.0, 20.0], requires_grad=True)
+    term = opacity_term(logits)
+    term.backward()
+    assert term.item() == pytest.approx(0.5)
+    assert logits.grad[1].item() == pytest.approx(0.25 / 3)
+
+
+def test_no_gaussians_have_no_opacity():
+    term = opacity_term(torch.zeros(0, requires_grad=True))
+    assert term.shape == ()
+    assert term.item() == 0

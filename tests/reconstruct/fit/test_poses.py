@@ -1,0 +1,113 @@
+import numpy as np
+import pytest
+import torch
+
+from gs2ci.reconstruct.fit.poses import PoseCorrections, PoseSettings
+from gs2ci.render import se3
+
+VIEWS = 3
+
+
+@pytest.fixture
+def path():
+    twists = torch.randn(VIEWS, 6, dtype=torch.float64, generator=torch.Generator().manual_seed(1))
+    return se3.exp(0.1 * twists).numpy()
+
+
+def push(poses, gradient):
+    """Add a gradient by the poses' own twists, [N, 6], as a rendering would."""
+    twists = se3.log(poses.world_to_camera() @ se3.inverse(poses.world_to_camera().detach()))
+    (twists * gradient).sum().backward()
+
+
+def test_poses_start_at_their_estimates(path):
+    poses = PoseCorrections(path, PoseSettings())
+    np.testing.assert_allclose(poses.world_to_camera().detach().numpy(), path, atol=1e-6)
+
+
+def test_without_refinement_the_poses_stay_exactly_as_they_were(path):
+    poses = PoseCorrections(path, PoseSettings(refine=False))
+    assert not poses.world_to_camera().requires_grad
+    for i in range(10):
+        poses.step(i / 10)
+    poses.restore(poses.snapshot())
+    assert poses.gradient_is_finite()
+    np.testing.assert_array_equal(poses.world_to_camera().numpy(), path.astype(np.float32))
+
+
+def test_a_step_is_taken_once_in_every_so_many_iterations(path):
+    poses = PoseCorrections(path, PoseSettings(every=4))
+    moved = []
+    for _ in range(9):
+        before = poses.snapshot()
+        push(poses, torch.ones(VIEWS, 6))
+        poses.step(0.0)
+        moved.append(not torch.equal(poses.snapshot(), before))
+    assert moved == [False, False, False, True, False, False, False, True, False]
+
+
+def test_the_step_follows_the_mean_of_the_accumulated_gradients(path):
+    draw = torch.Generator().manual_seed(2)
+    gradients = [torch.randn(VIEWS, 6, generator=draw) for _ in range(6)]
+    gathered = PoseCorrections(path, PoseSettings(every=3))
+    plain = torch.zeros(VIEWS, 6)
+    adam = torch.optim.Adam([plain], lr=PoseSettings().rate, eps=1e-15)
+    for i, gradient in enumerate(gradients):
+        push(gathered, gradient)
+        gathered.step(0.0)
+        if i == 2:
+            # By then the twists are still zero, where the gradient by the twist is the gradient given.
+            plain.grad = torch.stack(gradients[:3]).mean(dim=0)
+            adam.step()
+            torch.testing.assert_close(gathered.snapshot(), plain, rtol=1e-4, atol=1e-7)
+
+
+def test_the_step_size_falls_from_the_first_to_the_final_rate(path):
+    settings = PoseSettings(every=1, rate=1e-3, final_rate=1e-5)
+    for progress, rate in ((0.0, 1e-3), (0.5, 1e-4), (1.0, 1e-5)):
+        poses = PoseCorrections(path, settings)
+        push(poses, torch.ones(VIEWS, 6))
+        poses.step(progress)
+        torch.testing.assert_close(poses.snapshot(), torch.full((VIEWS, 6), -rate), rtol=1e-3, atol=0)
+
+
+def test_a_step_without_any_gradient_does_nothing(path):
+    poses = PoseCorrections(path, PoseSettings(every=1))
+    poses.step(0.0)
+    assert torch.equal(poses.snapshot(), torch.zeros(VIEWS, 6))
+
+
+def test_a_bad_gradient_is_noticed_and_forgotten(path):
+    poses = PoseCorrections(path, PoseSettings(every=2))
+    push(poses, torch.ones(VIEWS, 6))
+    poses.step(0.0)
+    push(poses, torch.full((VIEWS, 6), float("nan")))
+    assert not poses.gradient_is_finite()
+    poses.restore(poses.snapshot())
+    assert poses.gradient_is_finite()
+    push(poses, torch.ones(VIEWS, 6))
+    poses.step(0.0)
+    assert torch.equal(poses.snapshot(), torch.zeros(VIEWS, 6))  # the count began anew
+
+
+def test_restoring_goes_back_and_forgets_the_momentum(path):
+    poses = PoseCorrections(path, PoseSettings(every=1))
+    start = poses.snapshot()
+    for _ in range(5):
+        push(poses, torch.ones(VIEWS, 6))
+        poses.step(0.0)
+    assert not torch.equal(poses.snapshot(), start)
+    poses.restore(start)
+    assert torch.equal(poses.snapshot(), start)
+    push(poses, -torch.ones(VIEWS, 6))
+    poses.step(0.0)
+    torch.testing.assert_close(poses.snapshot(), torch.full((VIEWS, 6), PoseSettings().rate), rtol=1e-3, atol=0)
+
+
+def test_corrected_poses_are_rigid(path):
+    poses = PoseCorrections(path, PoseSettings(every=1, rate=0.1))
+    for seed in range(20):
+        push(poses, torch.randn(VIEWS, 6, generator=torch.Generator().manual_seed(seed)))
+        poses.step(0.0)
+    rotations = poses.world_to_camera().detach()[:, :3, :3]
+    torch.testing.assert_close(rotations @ rotations.mT, torch.eye(3).expand(VIEWS, 3, 3), rtol=0, atol=1e-5)

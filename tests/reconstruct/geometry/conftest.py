@@ -1,0 +1,131 @@
+"""Scenes whose views, depths, paths and tracks are known exactly."""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from gs2ci.reconstruct.geometry.motion import predict_positions
+from gs2ci.reconstruct.geometry.tracks import Tracks
+
+REFERENCE_MARGIN = 40
+
+
+def bent_path(views, rng, length=0.05, turn=0.012):
+    """A smooth hand-held path, [N, 4, 4], the identity in the middle."""
+    along = np.linspace(-1, 1, views) - np.linspace(-1, 1, views)[views // 2]
+    bend = along[:, None] ** 2 * 0.4
+    poses = np.tile(np.eye(4), (views, 1, 1))
+    direction = rng.normal(size=3) * (1, 1, 0.2)
+    centres = length * (
+        along[:, None] * direction / np.linalg.norm(direction) + bend * rng.normal(size=3) * (1, 1, 0.2)
+    )
+    turns = turn * (along[:, None] * rng.normal(size=3) + bend * rng.normal(size=3))
+    poses[:, :3, :3] = Rotation.from_rotvec(turns).as_matrix()
+    poses[:, :3, 3] = -np.einsum("nij,nj->ni", poses[:, :3, :3], centres)
+    return poses
+
+
+def pinhole(focal, size):
+    return np.array([[focal, 0, size[1] / 2], [0, focal, size[0] / 2], [0, 0, 1.0]])
+
+
+def rotation_error_deg(a, b):
+    return np.degrees(Rotation.from_matrix(a[:, :3, :3] @ b[:, :3, :3].transpose(0, 2, 1)).magnitude()).max()
+
+
+def path_error(estimate, truth):
+    """Root mean square distance of camera centres after the best scale, relative to the path's length."""
+    centres = [-np.einsum("nji,nj->ni", p[:, :3, :3], p[:, :3, 3]) for p in (estimate, truth)]
+    scale = (centres[0] * centres[1]).sum() / (centres[0] ** 2).sum()
+    error = np.sqrt(((scale * centres[0] - centres[1]) ** 2).sum(1).mean())
+    return error / np.linalg.norm(centres[1].max(0) - centres[1].min(0))
+
+
+@dataclass(frozen=True)
+class TrackedScene:
+    tracks: Tracks
+    intrinsics: np.ndarray
+    poses: np.ndarray
+    inverse_depth: np.ndarray
+
+
+def make_tracks(seed=0, views=8, points=300, noise_px=0.0, outliers=0.0, missing=0.0, focal=300.0, poses=None):
+    rng, size = np.random.default_rng(seed), (240, 320)
+    intrinsics, reference = pinhole(focal, size), views // 2
+    poses = bent_path(views, rng) if poses is None else poses
+    corners = rng.uniform((0, 0), (size[1], size[0]), (points, 2))
+    inverse_depth = rng.uniform(0.4, 1.8, points)
+    positions = predict_positions(corners, inverse_depth, poses, intrinsics)
+    noise = noise_px * rng.normal(size=positions.shape)
+    spoilt = rng.random((points, views)) < outliers / views
+    noise[spoilt] += 15 * rng.normal(size=(int(spoilt.sum()), 2))
+    noise[rng.random((points, views)) < missing] = np.nan
+    noise[:, reference] = 0
+    return TrackedScene(Tracks(positions + noise, reference), intrinsics, poses, inverse_depth)
+
+
+@dataclass(frozen=True)
+class SeenScene:
+    views: np.ndarray
+    intrinsics: np.ndarray
+    poses: np.ndarray
+    inverse_depth: np.ndarray
+
+
+def texture(rng, height, width, channels):
+    layers = [cv2.GaussianBlur(rng.normal(size=(height, width, channels)), (0, 0), s) * s for s in (1.5, 4, 10)]
+    image = sum(layers).reshape(height, width, channels)
+    return (0.5 + 0.16 * image / image.std()).clip(0, 1).astype(np.float32)
+
+
+def make_views(seed=0, views=5, size=(90, 120), channels=3, poses=None, focal=100.0, depths=(0.6, 1.4)):
+    """Views of a textured wall and, before it, a textured panel in the middle: exact homographies of each."""
+    rng, reference = np.random.default_rng(seed), views // 2
+    intrinsics = pinhole(focal, size)
+    poses = bent_path(views, rng, length=0.06, turn=0.01) if poses is None else poses
+    height, width = size
+    margin = REFERENCE_MARGIN
+    panel = np.zeros((height + 2 * margin, width + 2 * margin), np.float32)
+    panel[margin + height // 4 : margin + 3 * height // 4, margin + width // 4 : margin + 3 * width // 4] = 1
+    # cv2.warpPerspective puts pixel centres at integers, and the texture starts at −margin.
+    texture_from_pixel = np.array([[1, 0, margin - 0.5], [0, 1, margin - 0.5], [0, 0, 1.0]])
+    array_from_pixel = np.array([[1, 0, -0.5], [0, 1, -0.5], [0, 0, 1.0]])
+    stack = np.zeros((views, height, width, channels), np.float32)
+    for depth, cover in zip(depths, (np.ones_like(panel), panel), strict=True):
+        image = texture(rng, *panel.shape, channels)
+        for i, pose in enumerate(poses):
+            through = pose[:3, :3].copy()
+            through[:, 2] += depth * pose[:3, 3]
+            warp = array_from_pixel @ intrinsics @ through @ np.linalg.inv(texture_from_pixel @ intrinsics)
+            colour = cv2.warpPerspective(image, warp, (width, height)).reshape(height, width, channels)
+            alpha = cv2.warpPerspective(cover, warp, (width, height))[..., None]
+            stack[i] = alpha * colour + (1 - alpha) * stack[i]
+    truth = np.where(panel[margin:-margin, margin:-margin] > 0, depths[1], depths[0]).astype(np.float32)
+    assert np.isfinite(stack[reference]).all()
+    return SeenScene(stack, intrinsics, poses, truth)
+
+
+@pytest.fixture(scope="session")
+def tracked():
+    """Make tracks of random points along a hand-held path; noise is in all views but the reference."""
+    return make_tracks
+
+
+@pytest.fixture(scope="session")
+def seen():
+    """Make views of two textured planes along a hand-held path."""
+    return make_views
+
+
+@pytest.fixture(scope="session")
+def compare():
+    """Compare paths: `path_error` and `rotation_error_deg`."""
+    return path_error, rotation_error_deg
+
+
+@pytest.fixture(scope="session")
+def path():
+    return bent_path

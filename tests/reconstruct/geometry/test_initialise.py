@@ -1,0 +1,145 @@
+import numpy as np
+import pytest
+
+from gs2ci.core.errors import InputError
+from gs2ci.core.progress import Silent
+from gs2ci.reconstruct.geometry.initialise import GeometrySettings, initialise
+from gs2ci.reconstruct.geometry.points import seed_points
+from gs2ci.reconstruct.geometry.sweep import SweepSettings
+
+QUICK = GeometrySettings(sweep=SweepSettings(planes=48))
+
+
+def assert_sane(geometry, views):
+    n, height, width, _ = views.shape
+    assert geometry.world_to_camera.shape == (n, 4, 4)
+    assert np.isfinite(geometry.world_to_camera).all()
+    np.testing.assert_array_equal(geometry.world_to_camera[geometry.reference], np.eye(4))
+    assert geometry.inverse_depth.shape == (height, width)
+    assert geometry.inverse_depth.dtype == np.float32
+    assert np.isfinite(geometry.inverse_depth).all()
+    assert geometry.inverse_depth.min() > 0
+    assert geometry.intrinsics.shape == (3, 3)
+    seeds = seed_points(geometry, views)
+    assert len(seeds.positions) == len(seeds.colours) == len(seeds.spacing) > 0
+    assert all(np.isfinite(part).all() for part in (seeds.positions, seeds.colours, seeds.spacing))
+
+
+def assert_flat(geometry):
+    assert geometry.verdict != "full"
+    assert (geometry.inverse_depth == 1).all()
+    assert any("plane" in note for note in geometry.notes)
+
+
+@pytest.mark.parametrize("channels", [1, 3])
+def test_path_and_depth_of_two_planes_are_found(seen, compare, channels):
+    scene = seen(channels=channels)
+    listener = Silent()
+    geometry = initialise(scene.views, scene.intrinsics, QUICK, listener)
+    assert_sane(geometry, scene.views)
+    assert (geometry.verdict, geometry.focal_source, geometry.notes) == ("full", "file", ())
+    assert listener.sentences == []
+    path_error, rotation_error_deg = compare
+    assert path_error(geometry.world_to_camera, scene.poses) < 0.05
+    assert rotation_error_deg(geometry.world_to_camera, scene.poses) < 0.5
+    ratio = geometry.inverse_depth / scene.inverse_depth
+    assert np.median(np.abs(ratio / np.median(ratio) - 1)) < 0.08
+    assert geometry.parallax_px > 0.5
+    assert geometry.reprojection_rms_px < 1
+
+
+def test_two_views_are_enough(seen):
+    scene = seen(views=2)
+    geometry = initialise(scene.views, scene.intrinsics, QUICK)
+    assert_sane(geometry, scene.views)
+    assert geometry.verdict == "full"
+
+
+def test_without_a_camera_matrix_one_is_assumed_or_estimated_and_it_is_said(seen):
+    scene, listener = seen(), Silent()
+    geometry = initialise(scene.views, None, QUICK, listener)
+    assert_sane(geometry, scene.views)
+    assert geometry.focal_source in ("estimated", "default")
+    assert any("focal length" in sentence for sentence in listener.sentences)
+    assert listener.sentences == list(geometry.notes)
+
+
+def test_no_motion_falls_back_to_a_plane_and_says_so(seen):
+    scene = seen(poses=np.tile(np.eye(4), (5, 1, 1)))
+    geometry = initialise(scene.views, scene.intrinsics, QUICK)
+    assert_sane(geometry, scene.views)
+    assert_flat(geometry)
+    assert geometry.verdict == "static"
+    assert (geometry.world_to_camera == np.eye(4)).all()
+
+
+def test_pure_rotation_falls_back_to_a_plane_but_keeps_the_rotations(seen, path, compare):
+    poses = path(5, np.random.default_rng(0), length=0.0, turn=0.03)
+    scene = seen(poses=poses)
+    geometry = initialise(scene.views, scene.intrinsics, QUICK)
+    assert_sane(geometry, scene.views)
+    assert_flat(geometry)
+    assert geometry.verdict == "rotation_only"
+    assert compare[1](geometry.world_to_camera, poses) < 0.2
+
+
+@pytest.mark.parametrize("shape", [(3, 40, 50, 3), (2, 16, 16, 1), (4, 1, 1, 3), (1, 30, 30, 3)])
+def test_views_without_texture_fall_back_to_a_plane(shape):
+    views = np.full(shape, 0.5, np.float32)
+    for intrinsics in (None, np.array([[50.0, 0, 8], [0, 50, 8], [0, 0, 1]])):
+        geometry = initialise(views, intrinsics, QUICK)
+        assert_sane(geometry, views)
+        assert_flat(geometry)
+        assert geometry.verdict == "unsupported"
+
+
+def test_sixteen_pixels_square_give_something_sane(seen):
+    scene = seen(size=(16, 16), focal=20.0)
+    assert_sane(initialise(scene.views, scene.intrinsics, QUICK), scene.views)
+
+
+def test_pure_noise_gives_something_sane():
+    views = np.random.default_rng(0).random((4, 40, 50, 3)).astype(np.float32)
+    geometry = initialise(views, None, QUICK)
+    assert_sane(geometry, views)
+    assert_flat(geometry)
+
+
+@pytest.mark.parametrize("lost", [0, 1])
+def test_a_view_that_cannot_be_tracked_gets_a_pose_from_its_neighbours(seen, lost):
+    scene = seen(views=6, size=(120, 160), focal=130.0)
+    scene.views[lost] = 0
+    geometry = initialise(scene.views, scene.intrinsics, QUICK)
+    assert_sane(geometry, scene.views)
+    assert geometry.verdict == "full"
+    assert any(f"views [{lost}]" in note for note in geometry.notes)
+    if lost:
+        between = geometry.world_to_camera[[0, 2], :3, 3].mean(0)
+        np.testing.assert_allclose(geometry.world_to_camera[1, :3, 3], between, atol=0.01)
+    else:
+        np.testing.assert_allclose(geometry.world_to_camera[0], geometry.world_to_camera[1], atol=1e-9)
+
+
+def test_same_views_give_the_same_bits(seen):
+    scene = seen()
+    a, b = (initialise(scene.views, scene.intrinsics, QUICK) for _ in range(2))
+    np.testing.assert_array_equal(a.world_to_camera, b.world_to_camera)
+    np.testing.assert_array_equal(a.inverse_depth, b.inverse_depth)
+
+
+@pytest.mark.parametrize("shape", [(3, 8, 8), (3, 8, 8, 2), (0, 8, 8, 3), (2, 0, 8, 3)])
+def test_anything_but_a_stack_of_images_is_refused(shape):
+    with pytest.raises(InputError, match="views have shape"):
+        initialise(np.zeros(shape, np.float32), None)
+
+
+def test_views_that_are_not_finite_are_refused():
+    views = np.zeros((2, 8, 8, 3), np.float32)
+    views[0, 0, 0, 0] = np.nan
+    with pytest.raises(InputError, match="NaN"):
+        initialise(views, None)
+
+
+def test_a_senseless_camera_matrix_is_refused():
+    with pytest.raises(InputError, match="intrinsics"):
+        initialise(np.zeros((2, 8, 8, 3), np.float32), np.zeros((3, 3)))

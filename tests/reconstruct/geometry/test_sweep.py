@@ -1,0 +1,154 @@
+"""The plane sweep against its plain statement in numpy float64, and on scenes of known depth."""
+
+import numba
+import numpy as np
+import pytest
+
+from gs2ci.reconstruct.geometry import kernels
+from gs2ci.reconstruct.geometry.kernels import FEATURES, best_plane, matching_cost, sum_along_rows
+from gs2ci.reconstruct.geometry.sweep import SweepSettings, inverse_depth_range, sweep
+
+
+def cost_reference(reference, views, homographies, best):
+    """[H, W, F], [V, H, W, F], [D, V, 3, 3] -> [H, W, D]."""
+    height, width = reference.shape[:2]
+    y, x = np.mgrid[0:height, 0:width].astype(np.float64)
+    cost = np.empty((height, width, len(homographies)))
+    for d, per_view in enumerate(homographies):
+        windows = []
+        for view, homography in zip(views, per_view, strict=True):
+            u, v, z = np.einsum("ij,jhw->ihw", homography, np.stack([x, y, np.ones_like(x)]))
+            u, v = u / z, v / z
+            unseen = (u < 0) | (u > width - 1) | (v < 0) | (v > height - 1)
+            col, row = np.clip(u.astype(int), 0, width - 2), np.clip(v.astype(int), 0, height - 2)
+            a, b = (u - col)[..., None], (v - row)[..., None]
+            upper = (1 - a) * view[row, col] + a * view[row, col + 1]
+            lower = (1 - a) * view[row + 1, col] + a * view[row + 1, col + 1]
+            difference = np.abs((1 - b) * upper + b * lower - reference).sum(-1)
+            difference = np.where(unseen, kernels.UNSEEN_COST, np.minimum(difference, kernels.TRUNCATED_AT))
+            windows.append(box_mean(difference))
+        cost[..., d] = np.sort(windows, axis=0)[:best].mean(0)
+    return cost
+
+
+def box_mean(image):
+    reach, out = kernels.HALF_WINDOW, np.empty_like(image)
+    for r in range(image.shape[0]):
+        for c in range(image.shape[1]):
+            out[r, c] = image[max(r - reach, 0) : r + reach + 1, max(c - reach, 0) : c + reach + 1].mean()
+    return out
+
+
+def path_costs_reference(cost, axis, backwards):
+    cost = np.flip(np.moveaxis(cost, axis, 0), 0) if backwards else np.moveaxis(cost, axis, 0)
+    paths = cost.copy()
+    for i in range(1, len(cost)):
+        before = paths[i - 1]
+        least = before.min(-1, keepdims=True)
+        padded = np.pad(before, ((0, 0), (1, 1)), constant_values=np.inf)
+        step = np.minimum(padded[:, :-2], padded[:, 2:]) + kernels.SMALL_JUMP
+        paths[i] = cost[i] + np.minimum(np.minimum(before, step), least + kernels.LARGE_JUMP) - least
+    return np.moveaxis(np.flip(paths, 0) if backwards else paths, 0, axis)
+
+
+def random_case(height=21, width=39, views=4, planes=7, seed=0):
+    rng = np.random.default_rng(seed)
+    reference = rng.random((height, width, FEATURES)).astype(np.float32) * 0.2
+    others = rng.random((views, height, width, FEATURES)).astype(np.float32) * 0.2
+    homographies = np.tile(np.eye(3), (planes, views, 1, 1))
+    homographies[..., :2, 2] = rng.uniform(-3, 3, (planes, views, 2))
+    homographies[..., 2, :2] = rng.uniform(-1e-3, 1e-3, (planes, views, 2))
+    return reference, others, homographies
+
+
+@pytest.mark.parametrize(("height", "width"), [(21, 39), (70, 5), (4, 4), (2, 2), (33, 32)])
+@pytest.mark.parametrize("best", [1, 3])
+def test_matching_cost_agrees_with_its_reference(height, width, best):
+    reference, others, homographies = random_case(height, width)
+    expected = cost_reference(reference.astype(np.float64), others.astype(np.float64), homographies, best)
+    np.testing.assert_allclose(matching_cost(reference, others, homographies, best), expected, atol=2e-5)
+
+
+def test_planes_behind_a_camera_count_as_unseen():
+    reference, others, homographies = random_case()
+    homographies[:, :, 2, 2] = -1
+    np.testing.assert_allclose(matching_cost(reference, others, homographies, 2), kernels.UNSEEN_COST, rtol=1e-5)
+
+
+@pytest.mark.parametrize("shape", [(9, 40, 6), (1, 5, 3), (40, 1, 12)])
+def test_semi_global_smoothing_agrees_with_its_reference(shape):
+    cost = np.random.default_rng(0).random(shape).astype(np.float32)
+    double = cost.astype(np.float64)
+    along_rows = sum(path_costs_reference(double, 1, back) for back in (False, True))
+    total = along_rows + sum(path_costs_reference(double, 0, back) for back in (False, True))
+    got = sum_along_rows(cost)
+    np.testing.assert_allclose(got, along_rows, rtol=1e-5)
+    index = best_plane(cost, got)
+    best = total.argmin(-1)
+    inner = (best > 0) & (best < shape[2] - 1)
+    at = np.clip(best, 1, shape[2] - 2)[..., None]
+    before, here, after = (np.take_along_axis(total, at + k, -1)[..., 0] for k in (-1, 0, 1))
+    valley = at[..., 0] + (before - after) / (2 * (before - 2 * here + after))
+    np.testing.assert_allclose(index[inner], valley[inner], atol=1e-3)
+    assert (np.abs(index - best) <= 0.5 + 1e-6)[inner].all()
+
+
+def test_a_flat_cost_gives_a_finite_plane():
+    cost = np.zeros((4, 5, 6), np.float32)
+    assert np.isfinite(best_plane(cost, sum_along_rows(cost))).all()
+
+
+def test_threads_do_not_change_a_bit():
+    reference, others, homographies = random_case(70, 70)
+    before, results = numba.get_num_threads(), []
+    try:
+        for threads in (1, min(2, before)):
+            numba.set_num_threads(threads)
+            cost = matching_cost(reference, others, homographies, 2)
+            results.append(best_plane(cost, sum_along_rows(cost)))
+    finally:
+        numba.set_num_threads(before)
+    np.testing.assert_array_equal(*results)
+
+
+def swept(scene, settings=None, span=(0.05, 2.0)):
+    return sweep(scene.views, scene.poses, scene.intrinsics, len(scene.views) // 2, span, settings or SweepSettings())
+
+
+@pytest.mark.parametrize("channels", [1, 3])
+@pytest.mark.parametrize("views", [2, 3, 5])
+def test_two_planes_are_found_at_their_depths(seen, channels, views):
+    scene = seen(views=views, channels=channels)
+    error = np.abs(swept(scene) - scene.inverse_depth) / scene.inverse_depth
+    assert np.median(error) < 0.03
+    assert np.mean(error > 0.2) < 0.12  # the panel's rim
+
+
+def test_a_reduced_sweep_still_finds_them(seen):
+    scene = seen()
+    got = swept(scene, SweepSettings(planes=48, most_pixels=2700))
+    assert got.shape == scene.inverse_depth.shape
+    error = np.abs(got - scene.inverse_depth) / scene.inverse_depth
+    assert np.median(error) < 0.06
+
+
+@pytest.mark.parametrize("size", [(1, 1), (3, 50), (16, 16)])
+def test_small_images_are_swept(seen, size):
+    scene = seen(size=(20, 60))
+    views = np.ascontiguousarray(scene.views[:, : size[0], : size[1]])
+    got = sweep(views, scene.poses, scene.intrinsics, 2, (0.1, 1.0), SweepSettings(planes=3))
+    assert got.shape == size
+    assert got.min() >= 0.1 - 1e-6
+    assert got.max() <= 1.0 + 1e-6
+
+
+def test_views_without_texture_give_a_finite_depth(seen):
+    scene = seen()
+    scene.views[:] = 0.5
+    assert np.isfinite(swept(scene)).all()
+
+
+def test_range_reaches_from_near_infinity_to_beyond_the_nearest_track():
+    far, near = inverse_depth_range(np.linspace(0.5, 1.5, 101), SweepSettings())
+    assert far == pytest.approx(0.03)
+    assert near == pytest.approx(1.25 * 1.49)

@@ -1,0 +1,96 @@
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from gs2ci.reconstruct.geometry.motion import estimate_motion
+from gs2ci.reconstruct.geometry.rotations import fit_rotations
+from gs2ci.reconstruct.geometry.tracks import Tracks
+from gs2ci.reconstruct.geometry.validity import (
+    Criteria,
+    coverage,
+    doubts_about_tracks,
+    judge,
+    parallax_px,
+    supported_views,
+)
+
+SIZE = (240, 320)
+
+
+def verdict(scene, criteria=None):
+    motion, kept = estimate_motion(scene.tracks, scene.intrinsics)
+    rotations = fit_rotations(kept, scene.intrinsics)
+    return judge(len(scene.tracks), kept, motion, rotations, criteria or Criteria())
+
+
+def turning(views, amount):
+    poses = np.tile(np.eye(4), (views, 1, 1))
+    along = (np.arange(views) - views // 2)[:, None] / views
+    poses[:, :3, :3] = Rotation.from_rotvec(amount * along * (0.3, 1.0, 0.2)).as_matrix()
+    return poses
+
+
+@pytest.mark.parametrize("views", [2, 3, 8])
+@pytest.mark.parametrize("noise_px", [0.0, 0.6])
+class TestVerdict:
+    def test_a_moving_camera_is_believed(self, tracked, views, noise_px):
+        assert verdict(tracked(views=views, noise_px=noise_px)) == ("full", ())
+
+    def test_a_turning_camera_finds_no_depth(self, tracked, views, noise_px):
+        found, reasons = verdict(tracked(views=views, noise_px=noise_px, poses=turning(views, 0.1)))
+        assert found == "rotation_only"
+        assert "only turned" in reasons[0]
+
+    def test_a_still_camera_finds_no_depth(self, tracked, views, noise_px):
+        found, reasons = verdict(tracked(views=views, noise_px=noise_px, poses=turning(views, 0.0)))
+        assert found == "static"
+        assert "did not move" in reasons[0]
+
+
+def test_a_parallax_as_large_as_the_noise_is_noticed(tracked, path):
+    poses = path(8, np.random.default_rng(0), length=0.006)
+    scene = tracked(poses=poses, noise_px=0.6)
+    motion, kept = estimate_motion(scene.tracks, scene.intrinsics)
+    assert parallax_px(motion, fit_rotations(kept, scene.intrinsics)) < 1.0
+    assert verdict(scene)[0] == "full"
+
+
+@pytest.mark.parametrize(
+    ("strict", "complaint"),
+    [
+        (Criteria(tracks=10_000), "explains only"),
+        (Criteria(inliers=1.1), "explains only"),
+        (Criteria(rms_px=1e-9), "px only"),
+        (Criteria(behind=-1.0), "behind a camera"),
+    ],
+)
+def test_each_criterion_speaks(tracked, strict, complaint):
+    found, reasons = verdict(tracked(noise_px=0.3), strict)
+    assert found == "unsupported"
+    assert any(complaint in reason for reason in reasons)
+
+
+def test_good_tracks_raise_no_doubts(tracked):
+    assert doubts_about_tracks(tracked().tracks, SIZE, Criteria()) == ()
+
+
+def test_too_few_tracks_are_named(tracked):
+    assert "Only 5 points" in doubts_about_tracks(tracked(points=5).tracks, SIZE, Criteria())[0]
+
+
+def test_tracks_in_one_corner_are_named(tracked):
+    tracks = tracked().tracks
+    tracks.positions[:] *= 0.1
+    assert coverage(tracks, SIZE) < 0.05
+    assert "cover" in doubts_about_tracks(tracks, SIZE, Criteria())[0]
+
+
+def test_views_that_see_too_little_are_named(tracked):
+    tracks = tracked().tracks
+    tracks.positions[:, [0, 1, 2, 6, 7]] = np.nan
+    assert supported_views(tracks, Criteria()).tolist() == [False] * 3 + [True] * 3 + [False] * 2
+    assert "3 of 8 views" in doubts_about_tracks(tracks, SIZE, Criteria())[0]
+
+
+def test_no_tracks_cover_nothing():
+    assert coverage(Tracks(np.empty((0, 3, 2)), 1), SIZE) == 0.0

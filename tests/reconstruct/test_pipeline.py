@@ -1,0 +1,267 @@
+from dataclasses import replace
+
+import numba
+import numpy as np
+import pytest
+import torch
+from scipy.ndimage import gaussian_filter, map_coordinates
+
+from gs2ci.core.errors import InputError
+from gs2ci.core.progress import Silent
+from gs2ci.core.records import Shot, Truth
+from gs2ci.core.run_records import SECONDS_KEYS
+from gs2ci.evaluate.metrics import psnr_per_view
+from gs2ci.reconstruct.decode.gap_tv import GapTvSettings
+from gs2ci.reconstruct.decode.residual import ResidualSettings
+from gs2ci.reconstruct.fit.coarse import CoarseSettings
+from gs2ci.reconstruct.fit.stopping import HoldOut
+from gs2ci.reconstruct.pipeline import Settings, reconstruct
+
+VIEWS, HEIGHT, WIDTH = 6, 48, 64
+FOCAL_PX = 60.0
+QUICK = Settings(
+    fit=CoarseSettings(iterations=300, densify_every=50, hold_out=HoldOut(look_every=20)),
+    seed=1,
+)
+SHORT = replace(QUICK, fit=replace(QUICK.fit, iterations=60, densify_every=20))
+
+
+def wall_with_a_board(channels=3):
+    """Views [N, H, W, C] of a far wall and a near board before it, from a camera that moves sideways."""
+    rng = np.random.default_rng(4)
+    margin, x, y = 16, np.arange(WIDTH, dtype=float), np.arange(HEIGHT, dtype=float)
+
+    def texture():
+        noise = gaussian_filter(rng.random((HEIGHT, WIDTH + 2 * margin, channels)), (2, 2, 0))
+        return (noise - noise.min()) / np.ptp(noise)
+
+    wall, board, views = texture(), texture(), []
+    for i in range(VIEWS):
+        move = i - (VIEWS - 1) / 2
+        layers = [
+            np.stack(
+                [
+                    map_coordinates(layer[..., c], np.meshgrid(y, x + margin + step * move, indexing="ij"), order=1)
+                    for c in range(channels)
+                ],
+                axis=-1,
+            )
+            for layer, step in ((wall, 0.4), (board, 1.6))
+        ]
+        place = x + 1.6 * move
+        on_board = ((place > 18) & (place < 46))[None, :] & ((y > 12) & (y < 36))[:, None]
+        views.append(np.where(on_board[..., None], layers[1], layers[0]))
+    return np.stack(views).astype(np.float32)
+
+
+def expose(views, masks=None, **parts):
+    if masks is None:
+        masks = (np.random.default_rng(5).random(views.shape[:3]) < 0.35).astype(np.float32)
+    camera = np.array([[FOCAL_PX, 0, WIDTH / 2], [0, FOCAL_PX, HEIGHT / 2], [0, 0, 1]])
+    shot = Shot(
+        measurement=(masks[..., None] * views).sum(axis=0),
+        masks=masks,
+        weights=np.ones(len(views), np.float32),
+        intrinsics=camera,
+        truth=Truth(views=views),
+    )
+    return replace(shot, **parts).check()
+
+
+@pytest.fixture(scope="module")
+def shot():
+    return expose(wall_with_a_board())
+
+
+@pytest.fixture(scope="module")
+def found(shot):
+    return reconstruct(shot, QUICK)
+
+
+@pytest.fixture(scope="module")
+def found_soon(shot):
+    return reconstruct(shot, SHORT)
+
+
+def assert_same_bits(first, second):
+    for name in ("views", "scene_views", "decode", "depth", "world_to_camera", "predicted_measurement"):
+        np.testing.assert_array_equal(getattr(first.result, name), getattr(second.result, name), err_msg=name)
+    for name, tensor in first.scene.parameters().items():
+        assert torch.equal(tensor, second.scene.parameters()[name]), name
+    rows = [[(p.iteration, p.loss, p.heldout, p.gaussians) for p in found.result.curve] for found in (first, second)]
+    assert rows[0] == rows[1]
+    assert first.result.heldout_rms == second.result.heldout_rms
+
+
+def test_it_beats_its_own_decode(shot, found):
+    result, truth = found.result, shot.truth.views
+    assert result.geometry["verdict"] == "full"
+    assert result.verdict in ("refined", "scene")
+    assert result.heldout_rms[result.verdict] < 0.6 * result.heldout_rms["decode"]
+    assert np.mean(psnr_per_view(result.views, truth)) > np.mean(psnr_per_view(result.decode, truth)) + 3
+
+
+def test_the_near_board_is_found_nearer_than_the_wall(found):
+    depth = found.result.depth[VIEWS // 2]
+    assert np.median(depth[16:32, 24:40]) < 0.6 * np.median(depth[:, :10])
+
+
+def test_the_result_is_whole(shot, found):
+    result = found.result.check()
+    assert result.views.shape == result.scene_views.shape == result.decode.shape == (VIEWS, HEIGHT, WIDTH, 3)
+    assert set(result.seconds) == set(SECONDS_KEYS)
+    assert result.seconds["total"] == pytest.approx(sum(result.seconds[key] for key in SECONDS_KEYS[1:]))
+    assert result.curve[0].seconds > result.seconds["decode"]
+    assert len(found.scene) == result.gaussians
+    assert set(result.heldout_rms) == {"refined", "scene", "decode"}
+    assert result.seed == QUICK.seed
+    assert result.settings["fit"]["iterations"] == 300
+    predicted = (shot.masks[..., None] * result.views).sum(axis=0)
+    np.testing.assert_allclose(result.predicted_measurement, predicted, atol=1e-5)
+
+
+def test_the_truth_is_not_read(shot, found_soon):
+    assert_same_bits(reconstruct(replace(shot, truth=Truth()), SHORT), found_soon)
+
+
+def test_the_same_seed_gives_the_same_bits_on_one_thread_and_on_two(shot, found_soon):
+    if numba.config.NUMBA_NUM_THREADS < 2:
+        pytest.skip("Numba was started with one thread")
+    before = numba.get_num_threads(), torch.get_num_threads()
+    try:
+        for count in (1, 2):
+            numba.set_num_threads(count)
+            torch.set_num_threads(count)
+            assert_same_bits(reconstruct(shot, SHORT), found_soon)
+    finally:
+        numba.set_num_threads(before[0])
+        torch.set_num_threads(before[1])
+
+
+def test_torch_is_kept_on_one_thread_and_given_its_threads_back(shot):
+    """More threads change the last bits of its sums, for scenes larger than these tests can afford."""
+
+    class Listener(Silent):
+        def step(self, done, **figures):
+            assert torch.get_num_threads() == 1
+
+    before = torch.get_num_threads()
+    try:
+        torch.set_num_threads(2)
+        reconstruct(shot, replace(QUICK, fit=replace(QUICK.fit, iterations=1)), Listener())
+        assert torch.get_num_threads() == 2
+        with pytest.raises(InputError):
+            reconstruct(shot, Settings(seed=-1))
+        assert torch.get_num_threads() == 2
+    finally:
+        torch.set_num_threads(before)
+
+
+def test_another_seed_holds_other_pixels_out(shot, found):
+    other = reconstruct(shot, replace(QUICK, seed=2, fit=replace(QUICK.fit, iterations=20)))
+    assert other.result.heldout_rms["decode"] != found.result.heldout_rms["decode"]
+
+
+def test_every_stage_and_look_is_told(shot):
+    class Listener(Silent):
+        def __init__(self):
+            super().__init__()
+            self.stages = []
+
+        def stage(self, name, total=None):
+            self.stages.append((name, total))
+
+    listener = Listener()
+    looks = []
+    settings = replace(QUICK, fit=replace(QUICK.fit, iterations=40))
+    result = reconstruct(shot, settings, listener, lambda views: looks.append(views.shape) or 12.5).result
+    assert [name for name, _ in listener.stages] == ["decode", "geometry", "fit"]
+    assert listener.stages[-1] == ("fit", 40)
+    assert looks == [(VIEWS, HEIGHT, WIDTH, 3)] * 2
+    assert [point.psnr_db for point in result.curve] == [12.5, 12.5]
+
+
+def test_grey_masks_and_unequal_weights_are_part_of_the_model():
+    views = wall_with_a_board()
+    rng = np.random.default_rng(6)
+    masks = np.clip((rng.random(views.shape[:3]) < 0.35) * rng.uniform(0.5, 1, views.shape[:3]), 0, 1).astype("f4")
+    weights = rng.uniform(0.7, 1, VIEWS).astype(np.float32)
+    coded = (weights[:, None, None, None] * masks[..., None] * views).sum(axis=0)
+    result = reconstruct(expose(views, masks, weights=weights, measurement=coded), QUICK).result
+    assert result.heldout_rms[result.verdict] < 0.6 * result.heldout_rms["decode"]
+    assert np.mean(psnr_per_view(result.views, views)) > np.mean(psnr_per_view(result.decode, views)) + 3
+
+
+def test_a_mono_measurement_gives_mono_views_better_than_their_decode():
+    views = wall_with_a_board(channels=1)
+    result = reconstruct(expose(views), QUICK).result
+    assert result.views.shape == (VIEWS, HEIGHT, WIDTH, 1)
+    assert np.mean(psnr_per_view(result.views, views)) > np.mean(psnr_per_view(result.decode, views)) + 3
+
+
+def test_a_mosaic_gives_colour_views_better_than_their_decode():
+    views = wall_with_a_board()
+    shot = expose(views)
+    rows, columns = np.mgrid[:HEIGHT, :WIDTH]
+    channel = rows % 2 + columns % 2  # RGGB: red where both are even, blue where both are odd
+    mosaic = np.take_along_axis(shot.measurement, channel[..., None], axis=2)
+    result = reconstruct(replace(shot, measurement=mosaic, cfa="RGGB").check(), QUICK).result
+    assert result.views.shape == (VIEWS, HEIGHT, WIDTH, 3)
+    assert np.mean(psnr_per_view(result.views, views)) > np.mean(psnr_per_view(result.decode, views))
+
+
+def test_a_wrong_scene_loses_against_the_decode_and_the_decode_is_kept(shot):
+    """Views that have nothing in common, a fit of one step: no scene explains them."""
+    rng = np.random.default_rng(7)
+    unrelated = gaussian_filter(rng.random((VIEWS, HEIGHT, WIDTH, 3)), (0, 3, 3, 0)).astype(np.float32)
+    unrelated = (unrelated - unrelated.min()) / np.ptp(unrelated)
+    settings = replace(
+        QUICK,
+        fit=replace(QUICK.fit, iterations=1),
+        residual=ResidualSettings(iterations=1, weight=1.0),
+    )
+    result = reconstruct(expose(unrelated), settings).result
+    assert result.verdict == "decode"
+    np.testing.assert_array_equal(result.views, result.decode)
+    assert (result.scene_views != result.decode).any()
+
+
+def test_the_verdict_is_the_smallest_held_out_residual(found):
+    known = found.result.heldout_rms
+    assert known[found.result.verdict] == min(known.values())
+
+
+def test_with_nothing_held_out_the_scene_is_taken_and_a_note_says_that_nothing_judged(shot):
+    hold_out = replace(QUICK.fit.hold_out, share=0.0)
+    settings = replace(QUICK, fit=replace(QUICK.fit, iterations=20, hold_out=hold_out))
+    result = reconstruct(shot, settings).result
+    assert result.verdict == "scene"
+    assert set(result.heldout_rms.values()) == {None}
+    assert any("No pixel was held out" in note for note in result.notes)
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        Settings(seed=-1),
+        Settings(seed=2**63),
+        Settings(stride_px=0),
+        Settings(backend="abacus"),
+        Settings(decode=GapTvSettings(iterations=0)),
+        Settings(residual=ResidualSettings(weight=-1.0)),
+        Settings(fit=CoarseSettings(iterations=0)),
+        Settings(fit=CoarseSettings(hold_out=HoldOut(share=float("nan")))),
+    ],
+)
+def test_settings_that_make_no_sense_are_refused_before_any_work(shot, settings):
+    class Listener(Silent):
+        def stage(self, name, total=None):
+            raise AssertionError(f"stage {name} began")
+
+    with pytest.raises(InputError):
+        reconstruct(shot, settings, Listener())
+
+
+def test_a_shot_that_contradicts_itself_is_refused(shot):
+    with pytest.raises(InputError, match="masks"):
+        reconstruct(replace(shot, masks=shot.masks[:, :-1]))

@@ -1,0 +1,54 @@
+from pathlib import Path
+
+import pytest
+
+from gs2ci.core.errors import InputError
+from gs2ci.rig.config import read_rig
+from gs2ci.rig.opening import load_rig
+
+RIGS = Path(__file__).parents[2] / "docs" / "rigs"
+MINIMAL = '[modulator]\nkind = "dlpc900"\n[sensor]\nkind = "v4l2"\n'
+
+
+def read(tmp_path, text):
+    path = tmp_path / "rig.toml"
+    path.write_text(text)
+    return read_rig(path)
+
+
+@pytest.mark.parametrize("path", sorted(RIGS.glob("*.toml")), ids=lambda path: path.name)
+def test_the_rig_files_in_the_docs_are_valid_and_commented(path):
+    rig, text = read_rig(path)
+    assert rig.capture.axis in rig.stage.axes
+    assert text.count("#") >= 8
+    assert bool(rig.simulated) == (path.name == "simulated.toml")
+
+
+def test_a_minimal_simulated_rig_is_enough(tmp_path):
+    rig, _ = read(tmp_path, MINIMAL + "[world]\n")
+    assert rig.simulated == ("modulator", "sensor")
+    assert rig.stage is None
+
+
+@pytest.mark.parametrize(
+    ("text", "complaint"),
+    [
+        (MINIMAL, r"simulated devices without a \[world\]"),
+        (MINIMAL.replace('"v4l2"\n', '"v4l2"\nport = "/dev/video0"\n') + "[world]\n", "only modulator of 2 devices"),
+        (MINIMAL + '[stage]\nkind = "zaber"\naxes = {x = 1, y = 2}\n[world]\n', "name the same axes"),
+        (MINIMAL + "[world]\n[capture]\nmaskes = 3\n", r"'maskes' in \[capture\]; did you mean 'masks'"),
+        (MINIMAL + "[world]\n[stage.mont]\n", r"'kind' in \[stage\]"),
+        (MINIMAL + '[world]\n[capture]\nmode = "gated"\n', "'mode' in .capture. is 'gated'"),
+        (MINIMAL + "[world]\n[capture]\nmask_s = inf\n", "mask_s"),
+    ],
+)
+def test_a_rig_that_cannot_be_is_refused_with_a_sentence(tmp_path, text, complaint):
+    with pytest.raises(InputError, match=complaint):
+        read(tmp_path, text)
+
+
+def test_a_fault_that_names_no_device_is_refused(tmp_path):
+    path = tmp_path / "rig.toml"
+    path.write_text(MINIMAL + '[world]\nscene = "planes"\nheight = 8\nwidth = 8\nfaults = ["lamp: out"]\n')
+    with pytest.raises(InputError, match="modulator, sensor, stage"):
+        load_rig(path)

@@ -1,0 +1,104 @@
+import numpy as np
+import pytest
+
+from gs2ci.rig import doctor
+from gs2ci.rig.config import RigTable
+from gs2ci.rig.doctor import examine
+from gs2ci.rig.opening import Rig
+from gs2ci.rig.simulated import build_bench
+
+TABLES = {
+    "modulator": {"kind": "dlpc900", "reply_timeout_s": 1.0},
+    "sensor": {"kind": "v4l2", "format": "Y12"},
+    "stage": {"kind": "zaber"},
+    "world": {"height": 48, "width": 64},
+}
+
+
+class Dark:
+    def collect(self, exposure):
+        return np.zeros((exposure.height, exposure.width), np.uint16)
+
+
+def make(tmp_path, **changes):
+    table = RigTable.model_validate({name: {**rows, **changes.get(name, {})} for name, rows in TABLES.items()})
+    return Rig(table, "", tmp_path, build_bench(table, Dark()))
+
+
+def verdicts(rig, **options):
+    return {finding.what: finding for finding in examine(rig, **options)}
+
+
+def test_a_healthy_bench_has_no_bad_finding_and_nothing_moves(tmp_path):
+    rig = make(tmp_path)
+    stage = rig.bench.stage
+    before = stage.positions_mm_at(rig.clock.now_s())
+    found = verdicts(rig)
+    assert {finding.verdict for finding in found.values()} == {"ok"}
+    assert "8 triggers gave 8 frames" in found["trigger loop"].detail
+    assert stage.positions_mm_at(rig.clock.now_s()) == before
+
+
+@pytest.mark.parametrize(
+    ("device", "fault", "what", "words"),
+    [
+        ("sensor", "v4l2.trigger_missed", "trigger loop", "check the trigger cable"),
+        ("sensor", "v4l2.trigger_doubled", "trigger loop", "reflections"),
+        ("modulator", "dlpc900.parked", "modulator state", "manual"),
+        ("stage", "serial.unplugged", "stage", "plug it in again"),
+    ],
+)
+def test_each_trouble_is_found_with_its_remedy(tmp_path, device, fault, what, words):
+    rig = make(tmp_path)
+    rig.bench.faults[device].inject(fault)
+    finding = verdicts(rig)[what]
+    assert finding.verdict == "bad"
+    assert words in finding.remedy
+
+
+def test_an_unreferenced_stage_is_found_and_the_others_still_examined(tmp_path):
+    rig = make(tmp_path)
+    rig.bench.stage.power_cycle()
+    found = verdicts(rig)
+    assert "home it" in found["stage reference"].remedy
+    assert found["trigger loop"].verdict == "ok"
+
+
+def test_a_camera_without_external_trigger_is_found(tmp_path):
+    found = verdicts(make(tmp_path, sensor={"trigger_adapter": "none"}))
+    assert "trigger_adapter" in found["sensor trigger"].remedy
+    assert found["trigger loop"].verdict == "bad"
+
+
+def test_an_unplugged_device_ends_the_examination_with_one_finding(tmp_path):
+    rig = make(tmp_path)
+    rig.bench.modulator.unplug()
+    found = verdicts(rig)
+    assert found["opening the ports"].verdict == "bad"
+
+
+def test_the_loop_can_be_left_out(tmp_path):
+    assert "trigger loop" not in verdicts(make(tmp_path), trigger_loop=False)
+
+
+def test_missing_nodes_and_permissions_are_found_with_the_udev_rule(tmp_path, monkeypatch):
+    table = RigTable.model_validate(
+        {
+            "modulator": {"kind": "dlpc900", "port": "usb"},
+            "sensor": {"kind": "v4l2", "port": str(tmp_path / "video9")},
+            "stage": {"kind": "zaber", "port": str(tmp_path / "tty9")},
+        }
+    )
+    (tmp_path / "tty9").write_text("")
+    monkeypatch.setattr(doctor.os, "access", lambda path, how: False)
+    found = {finding.what: finding for finding in doctor._permissions(Rig(table, "", tmp_path))}
+    assert 'ATTRS{idVendor}=="0451"' in found["permissions for the modulator"].remedy
+    assert "is not there" in found["permissions for the sensor"].detail
+    assert 'SUBSYSTEM=="tty"' in found["permissions for the stage"].remedy
+
+
+@pytest.mark.parametrize(("stretch", "verdict"), [(1.0, "ok"), (1.0001, "ok"), (1.002, "bad")])
+def test_clocks_that_disagree_are_found(stretch, verdict):
+    stamps = [round(i * 0.05e9 * stretch) for i in range(8)]
+    assert doctor._clock(True, lambda: stamps, 0.05).verdict == verdict
+    assert doctor._clock(False, lambda: stamps, 0.05).verdict == "note"

@@ -1,0 +1,102 @@
+import types
+
+import numpy as np
+import pytest
+
+from gs2ci.core.errors import InputError
+from gs2ci.rig import discovery
+from gs2ci.rig.config import RigTable
+from gs2ci.rig.opening import Rig, load_rig
+from gs2ci.rig.simulated import build_bench
+from gs2ci_drivers.failures import AccessError, DisconnectedError
+from gs2ci_sims.wires.v4l2 import V4l2Twin
+from gs2ci_sims.wires.v4l2_camera import CameraModel
+from gs2ci_sims.world import World
+
+
+class Dark:
+    def collect(self, exposure):
+        return np.zeros((exposure.height, exposure.width), np.uint16)
+
+
+def simulated(tmp_path, **tables):
+    table = RigTable.model_validate(
+        {"modulator": {"kind": "dlpc900"}, "sensor": {"kind": "v4l2"}, "world": {"height": 8, "width": 16}} | tables
+    )
+    return Rig(table, "", tmp_path, build_bench(table, Dark()))
+
+
+@pytest.mark.parametrize("modulator", ["dlpc900", "scpi", "santec"])
+@pytest.mark.parametrize("stage", ["zaber", "grbl"])
+def test_every_kind_opens_on_its_twin_and_can_be_opened_again(tmp_path, modulator, stage):
+    rig = simulated(tmp_path, modulator={"kind": modulator}, stage={"kind": stage})
+    for _ in range(2):
+        devices = rig.open()
+        assert devices.modulator.connect().model
+        assert devices.sensor.connect().formats
+        assert devices.stage.connect().axes
+        devices.close()
+
+
+def test_what_was_opened_is_closed_again_when_a_later_port_fails(tmp_path):
+    rig = simulated(tmp_path, stage={"kind": "zaber"})
+    rig.bench.stage.unplug()
+    with pytest.raises(DisconnectedError, match="stage"):
+        rig.open(tmp_path / "run")
+    rig.bench.stage.plug_in()
+    rig.open().close()  # the modulator's port was let go of, else it would be busy
+
+
+def test_a_device_that_is_in_use_says_so(tmp_path):
+    rig = simulated(tmp_path)
+    first = rig.open()
+    with pytest.raises(AccessError, match="modulator"):
+        rig.open()
+    first.close()
+
+
+def test_ports_that_are_not_there_are_an_access_error_with_a_remedy(tmp_path):
+    table = RigTable.model_validate(
+        {
+            "modulator": {"kind": "scpi", "port": str(tmp_path / "tty0")},
+            "sensor": {"kind": "v4l2", "port": "/dev/video0"},
+        }
+    )
+    with pytest.raises(AccessError, match="gs2ci doctor"):
+        Rig(table, "", tmp_path).open()
+
+
+def test_a_rig_file_is_loaded_with_its_bench(tmp_path):
+    path = tmp_path / "rig.toml"
+    path.write_text(
+        '[modulator]\nkind = "dlpc900"\n[sensor]\nkind = "v4l2"\n[world]\nscene = "planes"\nheight = 8\nwidth = 16\n'
+    )
+    rig = load_rig(path)
+    assert rig.bench is not None
+    assert rig.clock is rig.bench.world.clock
+    with pytest.raises(InputError, match="1 or more"):
+        rig.set_shots(0)
+    rig.set_shots(7)
+    assert rig.table.capture.shots == 7
+
+
+def test_cameras_serial_ports_and_modulators_are_found(monkeypatch):
+    port = types.SimpleNamespace(device="/dev/ttyUSB3", description="a bridge")
+    board = types.SimpleNamespace(bus=1, port_numbers=(2, 3))
+    monkeypatch.setattr(discovery.list_ports, "comports", lambda: [port])
+    monkeypatch.setattr(discovery.usb.core, "find", lambda **ids: [board])
+    found = discovery.find_devices(V4l2Twin(World(Dark()), CameraModel()))
+    assert found == [
+        ("modulator", "usb:1-2.3", "TI DLPC900"),
+        ("sensor", "/dev/video0", "Twin camera (twin)"),
+        ("serial", "/dev/ttyUSB3", "a bridge"),
+    ]
+
+
+def test_a_computer_without_libusb_still_lists_the_rest(monkeypatch):
+    def fail(**ids):
+        raise discovery.usb.core.NoBackendError("no libusb")
+
+    monkeypatch.setattr(discovery.list_ports, "comports", list)
+    monkeypatch.setattr(discovery.usb.core, "find", fail)
+    assert [kind for kind, _, _ in discovery.find_devices(V4l2Twin(World(Dark()), CameraModel()))] == ["sensor"]

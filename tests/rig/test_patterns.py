@@ -1,0 +1,61 @@
+import numpy as np
+import pytest
+
+from gs2ci.core.errors import InputError
+from gs2ci.rig.config import CaptureTable, RegistrationTable
+from gs2ci.rig.patterns import draw_codes, on_modulator, origin
+
+
+def test_random_codes_have_their_density_and_depend_on_the_seed_alone(tmp_path):
+    table = CaptureTable(masks=4, density=0.25, seed=3)
+    codes = draw_codes(table, (100, 120), tmp_path)
+    assert codes.shape == (4, 100, 120)
+    assert codes.mean() == pytest.approx(0.25, abs=0.01)
+    assert np.array_equal(codes, draw_codes(table, (100, 120), tmp_path))
+    assert not np.array_equal(codes, draw_codes(CaptureTable(masks=4, seed=4), (100, 120), tmp_path))
+
+
+def test_grey_codes_use_the_whole_depth(tmp_path):
+    assert set(np.unique(draw_codes(CaptureTable(bit_depth=8), (20, 20), tmp_path))) == {0, 255}
+
+
+def test_codes_from_a_file_are_scaled_to_levels(tmp_path):
+    np.save(tmp_path / "codes.npy", np.linspace(0, 1, 2 * 4 * 4).reshape(2, 4, 4))
+    table = CaptureTable(pattern_file="codes.npy", bit_depth=8)
+    codes = draw_codes(table, (4, 4), tmp_path)
+    assert (codes.min(), codes.max(), codes.dtype) == (0, 255, np.uint16)
+
+
+@pytest.mark.parametrize(
+    ("content", "complaint"),
+    [
+        (np.zeros((2, 5, 5)), "shape"),
+        (np.full((2, 4, 4), 1.5), r"outside \[0, 1\]"),
+        (np.full((2, 4, 4), np.nan), r"outside \[0, 1\]"),
+        (np.full((2, 4, 4), "a"), "allowed: numbers"),
+        (None, "cannot be read"),
+    ],
+)
+def test_pattern_files_that_cannot_be_used_are_refused(tmp_path, content, complaint):
+    if content is not None:
+        np.save(tmp_path / "codes.npy", content)
+    with pytest.raises(InputError, match=complaint):
+        draw_codes(CaptureTable(pattern_file="codes.npy"), (4, 4), tmp_path)
+
+
+def test_masks_are_centred_with_their_superpixels_and_closed_around(tmp_path):
+    codes = draw_codes(CaptureTable(masks=2, density=0.9), (10, 20), tmp_path)
+    laid = on_modulator(codes, RegistrationTable(superpixel=3), (60, 100))
+    assert laid.shape == (2, 60, 100)
+    assert laid.dtype == np.uint8
+    assert origin(RegistrationTable(superpixel=3), (10, 20), (60, 100)) == (15, 20)
+    assert np.array_equal(laid[:, 15:45:3, 20:80:3], codes)
+    assert np.array_equal(laid[:, 17:45:3, 22:80:3], codes)
+    assert laid.sum() == 9 * codes.sum()
+
+
+@pytest.mark.parametrize("table", [RegistrationTable(superpixel=7), RegistrationTable(superpixel=3, row=31)])
+def test_masks_that_do_not_fit_on_the_modulator_are_refused(tmp_path, table):
+    codes = draw_codes(CaptureTable(masks=2), (10, 20), tmp_path)
+    with pytest.raises(InputError, match="do not fit"):
+        on_modulator(codes, table, (60, 100))

@@ -1,0 +1,109 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from gs2ci_drivers.stage import trapezoid_time_s
+from gs2ci_sims.axis_motion import AxisMotion, Mechanics
+
+COORDINATES = st.floats(-100, 100)
+
+
+@given(COORDINATES, COORDINATES, st.floats(0.1, 50), st.floats(1, 500))
+def test_a_move_ends_at_rest_on_its_target_after_the_time_of_a_trapezoid(start, target, speed, acceleration):
+    axis = AxisMotion(start, acceleration)
+    ends_s = axis.move_to(target, speed, 10.0)
+    assert ends_s - 10.0 == pytest.approx(trapezoid_time_s(target - start, speed, acceleration), abs=1e-6)
+    assert axis.position_at(ends_s) == pytest.approx(target, abs=1e-6)
+    assert axis.speed_at(ends_s) == pytest.approx(0.0, abs=1e-6)
+    assert axis.position_at(9.0) == start
+    assert axis.position_at(ends_s + 100) == axis.position_at(ends_s)
+
+
+@given(COORDINATES, COORDINATES, st.floats(0.0, 1.0), st.floats(0.5, 20))
+def test_a_newer_target_is_reached_from_any_motion(first, second, share, speed):
+    axis = AxisMotion(0.0, 40.0)
+    ends_s = axis.move_to(first, speed, 0.0)
+    again_s = axis.move_to(second, speed, share * ends_s)
+    assert axis.position_at(again_s) == pytest.approx(second, abs=1e-6)
+    assert axis.speed_at(again_s) == pytest.approx(0.0, abs=1e-6)
+
+
+@given(st.lists(st.tuples(COORDINATES, st.floats(0.5, 20), st.floats(0, 5)), min_size=1, max_size=6))
+def test_position_and_speed_never_jump(moves):
+    axis = AxisMotion(0.0, 40.0)
+    now_s = 0.0
+    for target, speed, pause_s in moves:
+        axis.move_to(target, speed, now_s)
+        now_s += pause_s
+    times = np.linspace(-1.0, now_s + 1.0, 400)
+    positions = np.array([axis.position_at(t) for t in times])
+    speeds = np.array([axis.speed_at(t) for t in times])
+    step_s = times[1] - times[0]
+    assert np.abs(np.diff(positions)).max() <= np.abs(speeds).max() * step_s + 20 * step_s**2 + 1e-6
+    assert np.abs(np.diff(speeds)).max() <= 40.0 * step_s * 1.01 + 1e-9
+
+
+def test_braking_takes_its_time_and_halting_none():
+    axis = AxisMotion(0.0, 10.0)
+    axis.move_to(100.0, 5.0, 0.0)
+    assert axis.stop(2.0) == pytest.approx(2.5)
+    other = AxisMotion(0.0, 10.0)
+    other.move_to(100.0, 5.0, 0.0)
+    here = other.position_at(2.0)
+    other.halt(2.0)
+    assert other.position_at(50.0) == pytest.approx(here)
+    assert not other.moving_at(2.0)
+
+
+def test_a_given_speed_is_kept_until_told_otherwise():
+    axis = AxisMotion(0.0, 10.0)
+    ramp_ends_s = axis.move_at(-5.0, 0.0)
+    assert axis.moving_at(1000.0)
+    assert axis.position_at(ramp_ends_s + 10) - axis.position_at(ramp_ends_s) == pytest.approx(-50.0)
+
+
+def test_the_time_of_passing_a_position_is_found():
+    axis = AxisMotion(0.0, 10.0)
+    axis.move_to(20.0, 5.0, 0.0)
+    when_s = axis.time_at(12.0, 0.0)
+    assert axis.position_at(when_s) == pytest.approx(12.0)
+    assert axis.time_at(21.0, 0.0) is None
+    assert axis.time_at(1.0, when_s) is None
+
+
+def test_renaming_the_position_keeps_the_history():
+    axis = AxisMotion(5.0, 10.0)
+    axis.set_position(0.0, 1.0)
+    assert (axis.position_at(0.5), axis.position_at(2.0)) == (5.0, 0.0)
+
+
+def test_perfect_mechanics_are_the_identity():
+    axis = AxisMotion(0.0, 10.0)
+    axis.move_to(20.0, 5.0, 0.0)
+    for t in np.linspace(0, 6, 50):
+        assert axis.true_position_at(t) == axis.position_at(t)
+
+
+def test_scale_sign_lag_and_ripple_do_what_they_say():
+    def at(t, mechanics):
+        axis = AxisMotion(0.0, 1e6, mechanics)
+        axis.move_to(100.0, 10.0, 0.0)
+        return axis.true_position_at(t)
+
+    assert at(5.0, Mechanics(scale=1.01)) == pytest.approx(50.5, rel=1e-4)
+    assert at(5.0, Mechanics(reversed_sign=True)) == pytest.approx(-50.0, rel=1e-4)
+    assert at(5.0, Mechanics(lag_s=0.1)) == pytest.approx(49.0, rel=1e-4)
+    assert at(5.025, Mechanics(ripple_mm=0.01, pitch_mm=1.0)) == pytest.approx(50.26, rel=1e-4)
+
+
+def test_backlash_is_lost_at_every_reversal_and_only_there():
+    axis = AxisMotion(0.0, 100.0, Mechanics(backlash_mm=0.05))
+    t = axis.move_to(10.0, 5.0, 0.0)
+    assert axis.true_position_at(t) == pytest.approx(9.95)
+    t = axis.move_to(20.0, 5.0, t)
+    assert axis.true_position_at(t) == pytest.approx(19.95)
+    t = axis.move_to(10.0, 5.0, t)
+    assert axis.true_position_at(t) == pytest.approx(10.0)
+    t = axis.move_to(10.02, 5.0, t)
+    assert axis.true_position_at(t) == pytest.approx(10.0)

@@ -1,0 +1,101 @@
+import numpy as np
+import pytest
+
+from gs2ci.core.errors import InputError
+from gs2ci_sims.bench_light import BenchLight, Registration
+from gs2ci_sims.scenes.planes import planes
+from gs2ci_sims.sensor import Sensor
+from gs2ci_sims.world import MaskInterval, World
+
+SIZE = (40, 60)
+
+
+def make(**options):
+    scene = planes(np.random.default_rng(1), SIZE)
+    light = BenchLight(scene, Sensor(), Registration(2, 10, 20), full_scale_e_per_s=50_000.0, noise=False, **options)
+    world = World(light)
+    return light, world
+
+
+def expose(world, levels, seconds=0.02, bits=12):
+    start_s = world.clock.now_s()
+    world.show_mask(levels)
+    world.clock.sleep_s(seconds)
+    return world.integrate(start_s, start_s + seconds, height=SIZE[0], width=SIZE[1], bits=bits)
+
+
+def test_a_fully_open_modulator_gives_the_scenes_radiance_in_dn():
+    light, world = make()
+    reading = expose(world, np.ones((100, 160), np.uint8))
+    views, poses = light.truth(world.exposures[0])
+    expected = 64.0 + views[0, ..., 0] * 50_000 * 0.02 / 2.7
+    assert reading == pytest.approx(expected, abs=1.0)
+    assert np.array_equal(poses[0], world.world_to_camera_at(0.0))
+
+
+def test_a_dark_modulator_gives_the_black_level():
+    _, world = make()
+    start_s = world.clock.now_s()
+    world.clock.sleep_s(0.02)
+    reading = world.integrate(start_s, start_s + 0.02, height=SIZE[0], width=SIZE[1], bits=12)
+    assert (reading == 64).all()
+
+
+def test_light_grows_with_the_share_of_open_mirrors_in_a_superpixel():
+    _, world = make()
+    full = expose(world, np.ones((100, 160), np.uint8)).astype(float)
+    half = np.zeros((100, 160), np.uint8)
+    half[::2] = 1
+    assert expose(world, half) - 64.0 == pytest.approx((full - 64.0) / 2, abs=1.0)
+
+
+def test_fewer_bits_are_the_same_light_on_a_coarser_scale():
+    _, world = make()
+    fine = expose(world, np.ones((100, 160), np.uint8)).astype(float)
+    coarse = expose(world, np.ones((100, 160), np.uint8), bits=8).astype(float)
+    assert coarse * 16 == pytest.approx(fine, abs=9.0)
+
+
+def test_a_mosaic_takes_one_colour_at_each_pixel():
+    light, world = make(cfa="RGGB")
+    reading = expose(world, np.ones((100, 160), np.uint8)) - 64.0
+    views, _ = light.truth(world.exposures[0])
+    scale = 50_000 * 0.02 / 2.7
+    assert reading[0::2, 0::2] == pytest.approx(scale * views[0, 0::2, 0::2, 0], abs=1.0)
+    assert reading[0::2, 1::2] == pytest.approx(scale * views[0, 0::2, 1::2, 1], abs=1.0)
+    assert reading[1::2, 1::2] == pytest.approx(scale * views[0, 1::2, 1::2, 2], abs=1.0)
+
+
+def test_noise_is_the_same_for_the_same_seed_and_new_in_each_exposure():
+    def readings(seed):
+        scene = planes(np.random.default_rng(1), SIZE)
+        light = BenchLight(scene, Sensor(), Registration(2, 10, 20), full_scale_e_per_s=50_000.0, seed=seed)
+        world = World(light)
+        return [expose(world, np.ones((100, 160), np.uint8)) for _ in range(2)]
+
+    first, again, other = readings(3), readings(3), readings(4)
+    assert np.array_equal(first, again)
+    assert not np.array_equal(first[0], first[1])
+    assert not np.array_equal(first[0], other[0])
+
+
+def test_a_sensor_that_looks_beyond_the_modulator_is_refused():
+    with pytest.raises(InputError, match="looks beyond"):
+        Registration(2, 90, 0).on_sensor(MaskInterval(np.ones((100, 160), np.uint8), 1, 0.0, 1.0), *SIZE)
+
+
+def test_a_sensor_of_another_size_than_the_scene_is_refused():
+    _, world = make()
+    world.clock.sleep_s(1.0)
+    with pytest.raises(InputError, match="same height and width"):
+        world.integrate(world.clock.now_s() - 0.1, world.clock.now_s(), height=8, width=8, bits=12)
+
+
+def test_each_exposure_keeps_the_plan_of_what_was_simulated():
+    light, world = make()
+    expose(world, np.ones((100, 160), np.uint8))
+    expose(world, np.ones((100, 160), np.uint8))
+    assert sorted(light.plans) == [0, 1]
+    assert light.plans[0] is light.plans[1]  # nothing moved: one plan for both
+    assert light.plans[0].views == 1
+    assert "tolerance" in light.plans[0].summary()
