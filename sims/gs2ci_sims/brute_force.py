@@ -44,6 +44,7 @@ class BruteForce:
         parts: Views per mask at which nothing changed any more.
         views: Rendered for that, the coarser rounds not counted.
         seconds: What these took.
+        all_seconds: What all rounds took, as nobody knows beforehand which one is the last.
     """
 
     photons: F64
@@ -51,6 +52,7 @@ class BruteForce:
     parts: int
     views: int
     seconds: float
+    all_seconds: float
 
 
 def simulate_everything(
@@ -72,14 +74,15 @@ def simulate_everything(
     chain = EffectChain([effect for effect in effects if not isinstance(effect, MotionBlur)], seed, rig)
     intervals = rig.timing.intervals_s(len(masks))
     before: F64 | None = None
-    parts = 1
+    parts, all_seconds = 1, 0.0
     while parts <= PARTS_MAX:
         started = time.perf_counter()
         light = integrate(scene, path, masks, chain, moments=_even(intervals, parts), renderer=renderer)
         seconds = time.perf_counter() - started
+        all_seconds += seconds
         scale = rig.sensor.quantum_efficiency * rig.dn_per_e
         if before is not None and scale * np.sqrt(np.square(light.photons - before).mean()) <= settle_dn:
-            return BruteForce(light.photons, chain, parts, light.rendered_views, seconds)
+            return BruteForce(light.photons, chain, parts, light.rendered_views, seconds, all_seconds)
         before, parts = light.photons, 2 * parts
     raise NumericsError(
         f"the readings still change by more than {settle_dn} DN with {PARTS_MAX} views per mask",

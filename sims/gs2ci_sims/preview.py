@@ -137,8 +137,12 @@ class Preview:
         of depth that flip, float32. It is independent from view to view, and a view that stands for several masks
         carries it into all of them.
         """
-        squares = float(np.square(self.masks, dtype=np.float64).sum(axis=0).mean())
-        return RENDER_GRAIN * self.full_scale_dn * float(np.sqrt(squares * len(self.masks) / views))
+        return RENDER_GRAIN * self.full_scale_dn * float(np.sqrt(self._squares_sum * len(self.masks) / views))
+
+    @cached_property
+    def _squares_sum(self) -> float:
+        """Mean over the pixels of the sum of the masks' squares."""
+        return float(np.square(self.masks, dtype=np.float64).sum(axis=0).mean())
 
     def filtered(self, change: Callable[[F64], F64]) -> Bound:
         """Bound what a linear filter changes: Parseval's sum of the radiance's power times the squared change.

@@ -69,6 +69,33 @@ class Renderer:
         images = [images.numpy() for images, _ in self._large_views(scene, world_to_camera, None, margin)]
         return np.asarray(np.maximum(np.concatenate(images), 0))
 
+    def masked(self, scene: Scene, world_to_camera: F64, mask: F64, *, gaussians: Gaussians | None = None) -> F64:
+        """Render one view times a mask, where the mask is not zero; pixels at zero are not rendered at all.
+
+        Args:
+            scene: What is seen, and by which camera; without harmonics.
+            world_to_camera: The pose, [1, 4, 4].
+            mask: [H, W], at least 0.
+            gaussians: What is there instead of the scene's own.
+
+        Returns:
+            [H, W, 3].
+        """
+        factor = self.supersampling
+        backend = load_backend(self.backend)
+        # The backend's masks are transmissions; larger ones are scaled to that, and back.
+        scale = float(mask.max())
+        fine = torch.tensor(mask / scale, dtype=torch.float32).repeat_interleave(factor, 0).repeat_interleave(factor, 1)
+        intrinsics = torch.tensor(scene.intrinsics * np.array([[factor], [factor], [1.0]]), dtype=torch.float32)
+        with torch.no_grad():
+            image = backend.coded(
+                (scene.gaussians if gaussians is None else gaussians).detach(),
+                torch.tensor(world_to_camera, dtype=torch.float32),
+                intrinsics,
+                backend.code(fine[None].contiguous()),
+            )
+        return np.asarray(np.maximum(binned(image[None], factor)[0].astype(np.float64) * scale, 0))
+
     def _large_views(
         self, scene: Scene, world_to_camera: F64, gaussians: Gaussians | None, margin: int
     ) -> Iterator[tuple[torch.Tensor, torch.Tensor]]:

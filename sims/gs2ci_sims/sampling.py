@@ -86,13 +86,12 @@ def choose_sampling(
         options += [plain, *_within_masks(look, uneven)]
     options.sort(key=lambda option: option.views)
     options = [option for option in options if option.views <= VIEWS_PER_MASK_MAX * count]
-    guesses = [_guess(look, option) for option in options]
-    for option, guess in zip(options, guesses, strict=True):
-        if guess <= budget_dn:
+    for option in options:
+        if _guess(look, option) <= budget_dn:
             error = _error(look, option)
             if error <= budget_dn:
                 return _as_sampling(look, option, plain, error)
-    last = options[int(np.argmin(guesses))]
+    last = min(options, key=lambda option: _guess(look, option))
     return _as_sampling(look, last, plain, _error(look, last))
 
 

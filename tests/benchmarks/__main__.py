@@ -18,6 +18,7 @@ import torch
 BENCHMARKS = {
     "rasteriser": "tests.benchmarks.rasteriser",
     "simulated_capture": "tests.benchmarks.simulated_capture",
+    "simulation": "tests.benchmarks.simulation",
     "bundle_adjustment": "tests.benchmarks.bundle_adjustment",
 }
 

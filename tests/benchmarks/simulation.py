@@ -1,6 +1,6 @@
 """What accuracy costs the simulator: plans against the simulation of everything, from calm to violent rigs.
 
-Run `python tests/benchmarks/simulation.py`; `--plot FILE.svg` also draws time against tolerance. Each case is a rig
+Run `python -m tests.benchmarks.simulation`; `--plot FILE.png` also draws time against tolerance. Each case is a rig
 file beside this one, in `rigs/`. Times are medians of a few runs on one machine: read the ratios.
 """
 
@@ -137,23 +137,28 @@ def draw(cases: list[Case], path: Path) -> None:
 
 
 def main() -> None:
-    """Measure all cases, print the tables, draw the plot if asked."""
+    """Measure cases, print the tables, draw the plot if asked."""
     parser = argparse.ArgumentParser(description=main.__doc__)
     parser.add_argument("--plot", type=Path, help="where to draw time against tolerance")
     parser.add_argument("--only", default="", help="cases whose names contain this")
     arguments = parser.parse_args()
+    run(arguments.only, arguments.plot)
+
+
+def run(only: str = "", plot: Path | None = None) -> None:
+    """Measure the cases whose names contain `only`, print the tables, draw the plot if asked."""
     console = Console(width=150)
     measure(min(RIGS.glob("*.toml")), (0.25,), 1)  # compiles
     cases = []
     for path in sorted(RIGS.glob("*.toml")):
-        if arguments.only in path.stem:
+        if only in path.stem:
             cases.append(measure(path))
             row = next(row for row in cases[-1].rows if row.tolerance_dn == 0.25)
             console.print(f"{path.stem}: {row.plan.summary()}", markup=False, highlight=False)
     console.print(table(cases, 0.25))
     console.print(trade_off(cases))
-    if arguments.plot:
-        draw(cases, arguments.plot)
+    if plot:
+        draw(cases, plot)
 
 
 if __name__ == "__main__":

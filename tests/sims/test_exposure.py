@@ -189,3 +189,20 @@ def test_a_scene_seen_from_another_reference_pose_gives_the_same_shot(small_scen
     view = StageMove((0.0, 0.0, 0.0), reference_world_to_camera=turned)
     elsewhere = dataclasses.replace(small_scene, gaussians=gaussians, world_to_camera=turned)
     assert not np.array_equal(shoot(elsewhere, view, masks).measurement, shoot(small_scene, STILL, masks).measurement)
+
+
+def test_pixels_behind_closed_elements_are_left_out_and_the_light_stays_the_same(small_scene, moving, masks):
+    class Counting(Renderer):
+        masked_views = 0
+
+        def masked(self, *arguments, **options):
+            Counting.masked_views += 1
+            return super().masked(*arguments, **options)
+
+    open_everywhere = np.maximum(masks, np.float32(1e-30))
+    skipped = shoot(small_scene, moving, masks, [MotionBlur(5)], renderer=Counting())
+    assert Counting.masked_views == 4 * (5 - 1)  # the views that the truth needs are rendered whole
+    whole = shoot(small_scene, moving, open_everywhere, [MotionBlur(5)], renderer=Counting())
+    assert Counting.masked_views == 4 * (5 - 1)
+    # The two kernels of the rasteriser stop at slightly different opacities.
+    np.testing.assert_allclose(skipped.measurement, whole.measurement, atol=1e-4)

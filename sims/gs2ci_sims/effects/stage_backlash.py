@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 F64 = NDArray[np.float64]
 
 # The path is followed in so many steps to find its reversals.
-STEPS: Final = 4096
+STEPS: Final = 1024
 
 
 @dataclass(frozen=True)
