@@ -45,16 +45,14 @@ def run(rig: tyro.conf.Positional[Path], *, tolerance_dn: Annotated[float | None
 def print_plan(decided: Plan, console: Console) -> None:
     """Print a plan as a table, one effect per line in physical order, and its one-line summary."""
     table = Table(box=None, padding=(0, 2, 0, 0), header_style="bold")
-    for title, align in (("effect", "left"), ("bound, DN rms", "right"), ("simulated", "left"), ("why", "left")):
-        table.add_column(title, justify="right" if align == "right" else "left", no_wrap=True)
-    table.add_column("samples", no_wrap=True)
-    table.add_column("time", justify="right", no_wrap=True)
+    for title in ("effect", "DN rms", "simulated", "why", "samples", "time"):
+        table.add_column(title, justify="right" if title in ("DN rms", "time") else "left", no_wrap=title != "samples")
     table.add_row("(views)", "", "yes", "what is seen", f"{decided.views}", _share(decided.render_seconds, decided))
     for decision in decided.decisions:
         bound = decision.bound.rms_dn
         table.add_row(
             decision.name,
-            "unavoidable" if math.isinf(bound) else f"{bound:.3g}",
+            "-" if math.isinf(bound) else f"{bound:.3g}",
             "yes" if decision.simulated else "no",
             decision.why,
             decision.sampling,

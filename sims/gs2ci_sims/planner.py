@@ -249,12 +249,12 @@ def _decision(
     elif math.isinf(bound.rms_dn):
         why = "cannot be left out"
     elif kept:
-        why = "over its share of the tolerance"
+        why = "exceeds its share"
     else:
         why = "within the tolerance" if bound.rms_dn > 0 else "changes nothing here"
     how = ""
     if isinstance(kept, MotionBlur):
         how = sampling.how
     elif isinstance(kept, KernelEffect):
-        how = f"kernel to {kept.reach:g} sigma"
+        how = f"to {kept.reach:g} sigma"
     return Decision(effect.name, bound, kept is not None, why, how, seconds if kept else 0.0)

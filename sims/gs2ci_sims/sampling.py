@@ -76,7 +76,7 @@ def choose_sampling(
     travel = _travel(look, slices)
     if travel[1][-1] == 0:
         whole = (float(travel[0][0]), float(travel[0][-1]))
-        return Sampling(MotionBlur(1, whole), 1, 0.0, f"1 view for {count} masks", "nothing moves")
+        return Sampling(MotionBlur(1, whole), 1, 0.0, "1 in all", "nothing moves")
     uneven = unevenness(slices)
     plain = _Option(np.unique(look.intervals_s), 1, 0.0, uneven, count)
     if not blurs:
@@ -124,8 +124,8 @@ def _as_sampling(look: Preview, option: _Option, plain: _Option, error: float) -
         return Sampling(None, count, error, "", "one view per mask will do")
     blur = MotionBlur(option.nodes, tuple(float(edge) for edge in option.edges_s))
     if option.unevenness is None:
-        return Sampling(blur, option.views, error, f"{option.views} views for {count} masks", "the image moves little")
-    return Sampling(blur, option.views, error, f"{option.views // count} views per mask", "the image moves")
+        return Sampling(blur, option.views, error, f"{option.views} in all", "the image moves little")
+    return Sampling(blur, option.views, error, f"{option.views // count} per mask", "the image moves")
 
 
 def _across_masks(look: Preview, travel: tuple[F64, F64]) -> Iterator[_Option]:

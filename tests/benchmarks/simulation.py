@@ -90,6 +90,7 @@ def table(cases: list[Case], tolerance_dn: float) -> Table:
         "everything: views",
         "time, s",
         "faster",
+        "than all rounds",
     ):
         shown.add_column(column, justify="left" if column == "case" else "right", no_wrap=True)
     for case in cases:
@@ -105,6 +106,7 @@ def table(cases: list[Case], tolerance_dn: float) -> Table:
             f"{case.brute.views}",
             f"{case.brute_seconds:.3f}",
             f"{case.brute_seconds / row.seconds:.1f}x",
+            f"{case.brute.all_seconds / row.seconds:.1f}x",
         )
     return shown
 

@@ -33,7 +33,7 @@ def test_every_effect_is_listed_with_its_bound_decision_and_reason(rig):
     console = Console(file=io.StringIO(), width=140)
     plan.print_plan(plan.run(rig), console)
     lines = {line.split()[0]: line for line in console.file.getvalue().splitlines() if line.strip()}
-    assert "over its share of the tolerance" in lines["vignetting"]
+    assert "exceeds its share" in lines["vignetting"]
     assert " no " in lines["optics_psf"]
     assert "forced off" in lines["read_noise"]
     assert "%" in lines["(views)"]
