@@ -26,6 +26,7 @@ COMMANDS: Final[dict[str, tuple[str, str]]] = {
     "reconstruct": ("gs2ci.commands.reconstruct", "recover views, camera path and scene from a shot file"),
     "decode": ("gs2ci.commands.decode", "recover views alone from a shot file: GAP-TV, plug-and-play, proxies"),
     "models": ("gs2ci.commands.models", "turn trained weights into model files"),
+    "plan": ("gs2ci.commands.plan", "say which physical effects a simulation calls for, and why"),
     "capture": ("gs2ci.commands.capture", "take coded exposures on a bench, real or simulated"),
     "recover": ("gs2ci.commands.recover", "save the finished rows of an interrupted capture"),
     "devices": ("gs2ci.commands.devices", "say what is connected and what it can do"),

@@ -18,6 +18,7 @@ from gs2ci.rig.opening import Rig, load_rig
 from gs2ci.rig.recording import Prepared, prepare, record
 from gs2ci_drivers.acquisition import Devices
 from gs2ci_drivers.plan import table
+from gs2ci_sims.bench_light import BenchLight
 
 
 def run(
@@ -61,6 +62,10 @@ def run(
         raise
     finally:
         devices.close()
+    light = opened.bench.world.light if opened.bench else None
+    if isinstance(light, BenchLight) and light.plans:
+        last = light.plans[max(light.plans)]
+        console.print(f"the light path {last.summary()}", markup=False, highlight=False, soft_wrap=True)
     console.print(f"{prepared.plan.settings.shots} shots in [bold]{escape(str(out))}[/]", soft_wrap=True)
     return out
 

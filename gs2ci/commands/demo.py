@@ -72,7 +72,7 @@ scene_units_per_mm = {unit}
 height = {height}
 width = {width}
 supersampling = 2
-blur_samples = 2
+tolerance_dn = 1.0  # less than a tenth of the shot noise
 seed = {seed}
 """
 

@@ -2,12 +2,12 @@
 
 One element `vertex` with x y z, nx ny nz (zero, some readers insist on them), f_dc_0..2, opacity, scale_0..2,
 rot_0..3: opacity is a logit, scales are natural logs, rotations are (w, x, y, z), and the colour is
-0.5 + SH_DC f_dc, SH_DC being the constant spherical harmonic. Higher harmonics (f_rest_*) are read over: our
-colours do not depend on direction. Format: Greg Turk, "The PLY polygon file format" (1994). Anyone above
+0.5 + SH_DC f_dc, SH_DC being the constant spherical harmonic. Higher harmonics, f_rest_0 ..., run over their
+K = 3, 8 or 15 coefficients of red, then green, then blue; our reconstructions have none, and `read_ply` drops them.
+Format: Greg Turk, "The PLY polygon file format" (1994). Anyone above
 `gs2ci.render` may import this file.
 """
 
-import math
 import os
 import tempfile
 from dataclasses import dataclass
@@ -20,9 +20,7 @@ from numpy.typing import NDArray
 
 from gs2ci.core.errors import InputError, StorageError
 from gs2ci.render.gaussians import Gaussians
-
-SH_DC: Final = 1.0 / (2.0 * math.sqrt(math.pi))
-"""Y_00 = 0.28209479."""
+from gs2ci.render.harmonics import DEGREE_MAX, SH_DC, check_harmonics, coefficients
 
 _POSITION: Final = ("x", "y", "z")
 _NORMAL: Final = ("nx", "ny", "nz")
@@ -31,7 +29,8 @@ _OPACITY: Final = ("opacity",)
 _SCALE: Final = ("scale_0", "scale_1", "scale_2")
 _ROTATION: Final = ("rot_0", "rot_1", "rot_2", "rot_3")
 _REQUIRED: Final = (*_POSITION, *_COLOUR, *_OPACITY, *_SCALE, *_ROTATION)
-_WRITTEN: Final = (*_POSITION, *_NORMAL, *_COLOUR, *_OPACITY, *_SCALE, *_ROTATION)
+_BEFORE_REST: Final = (*_POSITION, *_NORMAL, *_COLOUR)
+_AFTER_REST: Final = (*_OPACITY, *_SCALE, *_ROTATION)
 
 _TYPES: Final = {
     "char": "i1",
@@ -61,12 +60,13 @@ class PlyScene:
 
     Args:
         gaussians: float32.
-        view_dependence_dropped: The file held colours that change with direction (f_rest_* not all zero).
+        harmonics: What of the colours changes with direction: coefficients for `harmonics.colours_seen`,
+            [G, K, 3] float32; None where the file has none, or only zeros.
         ignored: Names of further properties that were read over.
     """
 
     gaussians: Gaussians
-    view_dependence_dropped: bool
+    harmonics: torch.Tensor | None
     ignored: tuple[str, ...]
 
 
@@ -78,7 +78,7 @@ class _Header:
 
 
 def read_ply(path: str | Path) -> Gaussians:
-    """Read a scene; what `read_ply_scene` tells beside it is dropped.
+    """Read a scene; what `read_ply_scene` tells beside it, harmonics above all, is dropped.
 
     Raises:
         InputError: See `read_ply_scene`.
@@ -90,8 +90,8 @@ def read_ply_scene(path: str | Path) -> PlyScene:
     """Read a scene written by gs2ci, gsplat, the original 3DGS code or anything that keeps its convention.
 
     Raises:
-        InputError: No such file, not a PLY file of an accepted format, a required property is missing, or the
-            data is short, malformed, NaN or infinite.
+        InputError: No such file, not a PLY file of an accepted format, a required property is missing, harmonics
+            are incomplete or of too high a degree, or the data is short, malformed, NaN or infinite.
     """
     path = Path(path)
     try:
@@ -100,7 +100,7 @@ def read_ply_scene(path: str | Path) -> PlyScene:
             table = _read_text(path, file, header) if header.text else _read_binary(path, file, header)
     except OSError as error:
         raise InputError(f"{path}: {error.strerror or error}", remedy="check the path") from error
-    rest = [name for name, _ in header.properties if name.startswith("f_rest_")]
+    rest = _rest_names(path, header)
     known = {*_REQUIRED, *_NORMAL, *rest}
     gaussians = Gaussians(
         means=_columns(table, _POSITION),
@@ -109,15 +109,36 @@ def read_ply_scene(path: str | Path) -> PlyScene:
         opacity_logits=_columns(table, _OPACITY).squeeze(1),
         colours=0.5 + SH_DC * _columns(table, _COLOUR),
     )
+    harmonics = _harmonics(table, rest)
     try:
         gaussians.check()
+        if harmonics is not None:
+            check_harmonics(harmonics, len(gaussians))
     except InputError as error:
         raise InputError(f"{path}: {error.problem}", allowed="finite numbers") from error
     return PlyScene(
         gaussians,
-        view_dependence_dropped=any(bool(table[name].any()) for name in rest),
+        harmonics=harmonics,
         ignored=tuple(name for name, _ in header.properties if name not in known),
     )
+
+
+def _rest_names(path: Path, header: _Header) -> tuple[str, ...]:
+    found = {name for name, _ in header.properties if name.startswith("f_rest_")}
+    names = tuple(f"f_rest_{k}" for k in range(len(found)))
+    allowed = [3 * coefficients(degree) for degree in range(DEGREE_MAX + 1)]
+    if found != set(names) or len(names) not in allowed:
+        raise InputError(
+            f"{path}: {len(found)} properties f_rest_*",
+            allowed=f"f_rest_0 ... of {', '.join(map(str, allowed))} in all: harmonics of degree 0 to {DEGREE_MAX}",
+        )
+    return names
+
+
+def _harmonics(table: NDArray[Any], names: tuple[str, ...]) -> torch.Tensor | None:
+    if not any(bool(table[name].any()) for name in names):
+        return None
+    return _columns(table, names).reshape(len(table), 3, -1).transpose(1, 2).contiguous()
 
 
 def _columns(table: NDArray[Any], names: tuple[str, ...]) -> torch.Tensor:
@@ -220,29 +241,39 @@ def _read_text(path: Path, file: IO[bytes], header: _Header) -> NDArray[Any]:
     return table
 
 
-def write_ply(path: str | Path, gaussians: Gaussians) -> Path:
+def write_ply(path: str | Path, gaussians: Gaussians, harmonics: torch.Tensor | None = None) -> Path:
     """Write a scene as binary little-endian PLY; the file appears whole or not at all.
+
+    Args:
+        path: Of the file; what was there is replaced.
+        gaussians: The scene.
+        harmonics: What of its colours changes with direction, [G, K, 3]; see `PlyScene`.
 
     Returns:
         The path written.
 
     Raises:
-        InputError: The Gaussians do not fit together or hold NaN.
+        InputError: The Gaussians do not fit together or hold NaN, or the harmonics do not fit them.
         StorageError: The file cannot be written.
     """
     path = Path(path)
     g = gaussians.check().detach().map(torch.Tensor.float)
+    rest = torch.zeros(len(g), 0)
+    if harmonics is not None:
+        check_harmonics(harmonics, len(g))
+        rest = harmonics.detach().float().transpose(1, 2).reshape(len(g), 3 * harmonics.shape[1])
     columns = torch.cat(
         [
-            *(g.means, torch.zeros_like(g.means), (g.colours - 0.5) / SH_DC),
+            *(g.means, torch.zeros_like(g.means), (g.colours - 0.5) / SH_DC, rest),
             *(g.opacity_logits[:, None], g.log_scales, g.quaternions),
         ],
         dim=1,
     )
+    names = (*_BEFORE_REST, *(f"f_rest_{k}" for k in range(rest.shape[1])), *_AFTER_REST)
     header = "\n".join(
         [
             *("ply", "format binary_little_endian 1.0", f"element vertex {len(g)}"),
-            *(f"property float {name}" for name in _WRITTEN),
+            *(f"property float {name}" for name in names),
             "end_header\n",
         ]
     )

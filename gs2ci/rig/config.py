@@ -174,8 +174,8 @@ class WorldTable(Settings):
     scene_units_per_mm: Positive = 0.01
     """How far the camera moves in the scene per mm of the stage."""
     supersampling: Count = 1
-    blur_samples: Count = 1
-    """Slices of time per mask in which the scene is drawn."""
+    tolerance_dn: Positive = 0.25
+    """By how much readings may differ from a simulation of everything, rms, in total; decides what is simulated."""
     height: Count = 400
     width: Count = 600
     noise: bool = True

@@ -253,7 +253,7 @@ class _Recorder:
                 frame=self._row(taken, i, frame),
                 telemetry_world_to_camera=self._telemetry(taken),
                 truth=self._truth(frame),
-                provenance=self._provenance(taken, i),
+                provenance=self._provenance(taken, i, frame),
             )
 
     def _row(self, taken: Taken, i: int, frame: Frame) -> FrameRow:
@@ -267,7 +267,7 @@ class _Recorder:
             stage_target_mm=taken.stage_target_mm,
         )
 
-    def _provenance(self, taken: Taken, i: int) -> dict[str, Any]:
+    def _provenance(self, taken: Taken, i: int, frame: Frame) -> dict[str, Any]:
         plan = self._prepared.plan
         origin: dict[str, Any] = {
             "source": "simulated rig" if self._rig.bench else "rig",
@@ -277,6 +277,11 @@ class _Recorder:
         }
         if plan.settings.mode is Mode.PER_MASK:
             origin["mask_index"] = i
+        bench = self._rig.bench
+        exposure = _exposure_of(bench, frame) if bench else None
+        if bench and exposure and isinstance(bench.world.light, BenchLight):
+            simulated = bench.world.light.plans.get(exposure.index)
+            origin |= {"plan": simulated.record()} if simulated else {}
         return origin
 
     def _telemetry(self, taken: Taken) -> F64 | None:

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gs2ci.core.errors import InputError
+from gs2ci.core.records import CfaPattern
 from gs2ci.rig.config import Dlpc900Table, GrblTable, RigTable, SantecTable, WorldTable, ZaberTable
 from gs2ci.rig.patterns import origin
 from gs2ci_drivers.ports import SysPort
@@ -76,7 +77,7 @@ def build_bench(rig: RigTable, light: LightPath | None = None) -> SimulatedBench
     """
     table = rig.world or WorldTable()
     faults = {name: FaultSet() for name in ("modulator", "sensor", "stage")}
-    cfa = "RGGB" if rig.sensor.format.startswith(("RG", "pR")) else None
+    cfa: CfaPattern | None = "RGGB" if rig.sensor.format.startswith(("RG", "pR")) else None
     if light is None:
         light = _light(rig, table, cfa)
     world = World(light, _mount(rig, table, light))
@@ -100,7 +101,7 @@ def _scene(table: WorldTable) -> Scene:
     return motorcycle(size) if table.scene == "motorcycle" else planes(np.random.default_rng(table.seed), size)
 
 
-def _light(rig: RigTable, table: WorldTable, cfa: str | None) -> BenchLight:
+def _light(rig: RigTable, table: WorldTable, cfa: CfaPattern | None) -> BenchLight:
     scene = _scene(table)
     row, column = origin(rig.registration, scene.size, MODULATOR_SIZES[rig.modulator.kind])
     return BenchLight(
@@ -111,7 +112,7 @@ def _light(rig: RigTable, table: WorldTable, cfa: str | None) -> BenchLight:
         seed=table.seed,
         cfa=cfa,
         noise=table.noise,
-        blur_samples=table.blur_samples,
+        tolerance_dn=table.tolerance_dn,
         renderer=Renderer(supersampling=table.supersampling),
     )
 

@@ -1,14 +1,15 @@
 """One coded exposure: light is integrated over time behind changing masks, counted, and read out.
 
-Here: the timing, the integral over time, the read-out, and `expose`, which is all three. Not here: effects and
-their order (`light_path`), poses (`path`), masks (`masks`). For commands, twins and tests.
+Here: the integral over time, the read-out, and `expose`, which is both. Not here: effects and their order
+(`light_path`), which of them are needed (`planner`), poses (`path`), masks (`masks`). For commands, twins and tests.
 
 The forward model is the bench's, not the solver's: photons arrive at a rate while the camera moves, through
 whatever mask is on show at that moment, and one sensor collects them all. Nothing is imported from the solver.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,56 +17,32 @@ from numpy.typing import NDArray
 from gs2ci.core.errors import InputError
 from gs2ci.core.progress import Progress, Silent
 from gs2ci.core.records import Shot, Truth
-from gs2ci_sims.effects.base import Effect, Stage
+from gs2ci.render.gaussians import Gaussians
+from gs2ci_sims.effects.base import Effect, Stage, ViewEffect
+from gs2ci_sims.effects.bayer_filter import BayerFilter
 from gs2ci_sims.light_path import EffectChain
+from gs2ci_sims.moments import Moments, one_per_interval
 from gs2ci_sims.path import CameraPath
-from gs2ci_sims.radiance import Renderer
+from gs2ci_sims.radiance import Renderer, rendered_depth, with_margin
+from gs2ci_sims.rig import Rig
 from gs2ci_sims.scenes.base import Scene
-from gs2ci_sims.sensor import Sensor
+from gs2ci_sims.signals import Slices, View, nominal_slices
 
 F32 = NDArray[np.float32]
+# From this share of closed pixels on, rendering the open ones alone is faster than rendering all.
+CLOSED_SHARE_MIN: Final = 0.5
 F64 = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class Timing:
-    """When the masks are on show: equal intervals, back to back or with dark gaps, centred on time 0.
-
-    Args:
-        interval_s: Time that each mask is exposed, more than 0.
-        dark_s: Gap between two masks, at least 0; the camera moves on during it.
-    """
-
-    interval_s: float = 0.1
-    dark_s: float = 0.0
-
-    def __post_init__(self) -> None:
-        if not self.interval_s > 0 or self.dark_s < 0:
-            raise InputError(
-                f"mask intervals of {self.interval_s} s with gaps of {self.dark_s} s",
-                allowed="interval_s > 0, dark_s >= 0",
-            )
-
-    def intervals_s(self, count: int) -> F64:
-        """Get start and stop of each of `count` intervals, [N, 2]."""
-        starts = (np.arange(count) - 0.5 * count) * (self.interval_s + self.dark_s) + 0.5 * self.dark_s
-        return np.stack([starts, starts + self.interval_s], axis=1)
-
-    def duration_s(self, count: int) -> float:
-        """Get the time from the start of the first interval to the stop of the last."""
-        return count * self.interval_s + (count - 1) * self.dark_s
 
 
 def expose(
     scene: Scene,
     path: CameraPath,
     masks: F32,
-    sensor: Sensor,
+    rig: Rig,
     *,
-    full_scale_photons: float,
     effects: Sequence[Effect],
     seed: int,
-    timing: Timing | None = None,
+    plan: Mapping[str, Any] | None = None,
     renderer: Renderer | None = None,
     progress: Progress | None = None,
 ) -> Shot:
@@ -75,106 +52,218 @@ def expose(
         scene: What is seen; its camera is the sensor's.
         path: Where the camera is at any time; time 0 is the middle of the exposure.
         masks: Transmissions at the sensor's pixels, [N, H, W] in [0, 1], in the order shown.
-        sensor: Converts photons to readings.
-        full_scale_photons: Photons that a pixel receives from radiance 1 through an open mask during one interval.
-        effects: Those that are switched on; `sensor.effects()` and a `MotionBlur` for the real thing.
+        rig: The figures of light, modulator, timing and sensor.
+        effects: Those that are simulated; `planner.plan` chooses them.
         seed: Of all draws.
-        timing: When the masks are on show.
+        plan: The reckoning behind `effects` (`planner.Plan.record`), to be kept with the shot.
         renderer: Draws the views.
-        progress: Hears about each mask.
+        progress: Hears about each view.
 
     Returns:
         The shot, in units of one view's full scale, with true views and poses at the centre of each mask's
         interval and with the pixels that may be clipped marked.
 
     Raises:
-        InputError: Masks and scene differ in size, or the light level is not positive and finite.
+        InputError: Masks do not fit the scene or the rig.
     """
-    timing, renderer, progress = timing or Timing(), renderer or Renderer(), progress or Silent()
-    _check(scene, masks, full_scale_photons)
-    chain = EffectChain(effects, seed)
-    intervals = timing.intervals_s(len(masks))
-    slices = chain.through(Stage.EXPOSURE, intervals[:, None, :])
-    photons = collect_photons(
-        scene,
-        path,
-        masks,
-        slices_s=slices,
-        photons_per_s=full_scale_photons / timing.interval_s,
-        renderer=renderer,
-        progress=progress,
-    )
-    reading = read_out(photons, sensor, chain)
-    full_scale_e = sensor.quantum_efficiency * full_scale_photons
-    poses = path.world_to_camera(intervals.mean(axis=1))
-    views, coverage = renderer.views(scene, poses)
+    _check(scene, masks, rig)
+    chain = EffectChain(effects, seed, rig)
+    light = integrate(scene, path, masks, chain, renderer=renderer, progress=progress)
+    reading = read_out(light.photons, chain)
+    sensor = rig.sensor
+    # Without light there is no scale; readings then stay electrons.
+    full_scale_e = rig.full_scale_e or 1.0
     return Shot(
         measurement=(sensor.electrons_from_dn(reading) / full_scale_e).astype(np.float32),
-        masks=masks,
-        weights=((slices[..., 1] - slices[..., 0]).sum(axis=1) / timing.interval_s).astype(np.float32),
+        masks=calibrated_masks(light.masks, chain),
+        weights=light.weights.astype(np.float32),
         intrinsics=scene.intrinsics,
-        truth=Truth(views=views, world_to_camera=poses),
+        truth=Truth(views=light.truth_views, world_to_camera=light.truth_world_to_camera),
         saturated=np.any(reading >= sensor.saturation_dn, axis=2),
+        cfa=next((effect.pattern for effect in chain.effects if isinstance(effect, BayerFilter)), None),
         name=scene.name,
         provenance={
             "source": "simulated exposure (gs2ci_sims)",
             "seed": seed,
             "effects": [f"{effect}" for effect in chain.effects],
-            "sensor": f"{sensor}",
-            "timing": f"{timing}",
+            "rig": f"{rig}",
             "path": f"{path}",
-            "full_scale_photons": full_scale_photons,
-            "sub_exposures": int(slices.shape[1]),
-            "covered_share": float((coverage >= 0.99).mean(axis=(1, 2)).min()),
+            "rendered_views": light.rendered_views,
+            "covered_share": light.covered_share,
+            **({"plan": dict(plan)} if plan is not None else {}),
         },
     ).check()
 
 
-def collect_photons(
+@dataclass(frozen=True)
+class Light:
+    """What reached the sensor.
+
+    Args:
+        photons: Mean number in each pixel, [H, W, 3].
+        masks: As they fell on the sensor, [N, H, W].
+        weights: For what share of its nominal interval each mask was exposed, [N].
+        truth_views: The scene at the middle of each mask's nominal interval, [N, H, W, 3] float32, radiance.
+        truth_world_to_camera: The camera's poses at these moments, [N, 4, 4].
+        covered_share: Smallest share of pixels that see something, over these moments.
+        rendered_views: How many views it took.
+    """
+
+    photons: F64
+    masks: NDArray[Any]
+    weights: F64
+    truth_views: F32
+    truth_world_to_camera: F64
+    covered_share: float
+    rendered_views: int
+
+
+def integrate(
     scene: Scene,
     path: CameraPath,
     masks: F32,
+    chain: EffectChain,
     *,
-    slices_s: F64,
-    photons_per_s: float,
-    renderer: Renderer,
-    progress: Progress,
-) -> F64:
+    slices: Slices | None = None,
+    moments: Moments | None = None,
+    renderer: Renderer | None = None,
+    progress: Progress | None = None,
+) -> Light:
     """Integrate light over time, behind each mask while it is on show.
 
     Args:
         scene: What is seen.
-        path: Where the camera is at any time.
-        masks: [N, H, W].
-        slices_s: Start and stop of the slices in which each mask is exposed, [N, S, 2].
-        photons_per_s: Rate of photons in a pixel at radiance 1 through an open mask.
-        renderer: Draws the view at the middle of each slice.
-        progress: Hears about each mask.
+        path: Where the camera is at any time, before effects.
+        masks: As nominally shown, [N, H, W].
+        chain: Effects; all stages up to PHOTONS act here.
+        slices: When which mask is on show, before effects; as the rig's timing says if not given.
+        moments: When views are rendered, instead of what motion blur in the chain says.
+        renderer: Draws the views.
+        progress: Hears about each view.
 
-    Returns:
-        Mean number of photons in each pixel, [H, W, 3]: Σ mask x radiance x rate x time.
+    Raises:
+        InputError: The sensor's window misses all masks.
     """
-    progress.stage("exposure", len(masks))
+    intervals = chain.rig.timing.intervals_s(len(masks))
+    path = chain.through(Stage.MOTION, path)
+    slices = chain.through(Stage.TIME, slices or nominal_slices(intervals))
+    weights = slices.weights_s().sum(axis=0) / chain.rig.timing.interval_s
+    if not weights.any():
+        raise InputError(
+            "the sensor's window misses all masks", remedy="reduce the trigger's latency and jitter, or expose longer"
+        )
+    moments = moments or chain.through(Stage.MOMENTS, one_per_interval(intervals))
+    shown = chain.through(Stage.MASKS, masks)
+    studio = Studio(scene, path, chain, renderer or Renderer())
+    progress = progress or Silent()
+    stands_for = moments.weights_s(slices) * chain.rig.photons_per_s
+    truth_share = moments.interpolation(intervals.mean(axis=1))
+    truth_share[np.abs(truth_share) < 1e-12] = 0.0  # a moment that is a node needs no other: all but rounding
+    needed = np.flatnonzero(np.any(stands_for != 0, axis=1) | np.any(truth_share != 0, axis=0))
+    progress.stage("exposure", len(needed))
     photons = np.zeros((*scene.size, 3))
-    for n, (mask, parts) in enumerate(zip(masks, slices_s, strict=True)):
-        radiance, _ = renderer.views(scene, path.world_to_camera(parts.mean(axis=1)))
-        time_s = parts[:, 1] - parts[:, 0]
-        photons += mask[..., None] * np.tensordot(photons_per_s * time_s, radiance.astype(np.float64), axes=1)
-        progress.step(n + 1)
-    return photons
+    truth_views = np.zeros((len(masks), *scene.size, 3))
+    coverage = np.zeros((len(masks), *scene.size))
+    for done, k in enumerate(needed):
+        share = _open_share(stands_for[k], slices, shown)
+        if not truth_share[:, k].any() and studio.can_skip(share):
+            photons += studio.behind(share, float(moments.times_s[k]))
+            progress.step(done + 1)
+            continue
+        bare, covered, view = studio.view(float(moments.times_s[k]))
+        photons += share[..., None] * view
+        for n in np.flatnonzero(truth_share[:, k]):
+            truth_views[n] += truth_share[n, k] * bare
+            coverage[n] += truth_share[n, k] * covered
+        progress.step(done + 1)
+    return Light(
+        chain.through(Stage.PHOTONS, photons),
+        shown,
+        weights,
+        np.maximum(truth_views, 0).astype(np.float32),
+        path.world_to_camera(intervals.mean(axis=1)),
+        float((coverage >= 0.99).mean(axis=(1, 2)).min()),
+        len(needed),
+    )
 
 
-def read_out(photons: F64, sensor: Sensor, chain: EffectChain) -> F64:
+def _open_share(weights: F64, slices: Slices, masks: NDArray[Any]) -> F64:
+    """Return how much of a view that stands for `weights` [S] of the slices passes at each pixel, [H, W]."""
+    mixed = weights[:, None] * slices.mix
+    if slices.shutter is None:
+        return np.asarray(np.tensordot(mixed.sum(axis=0), masks, axes=1))
+    rows = slices.shutter.open_share(slices.start_s, slices.stop_s, masks.shape[1])
+    return np.asarray(np.einsum("nh,nhw->hw", mixed.T @ rows, masks))
+
+
+class Studio:
+    """Renders views of a scene along a path, with the effects between scene and modulator.
+
+    Args:
+        scene: What is seen.
+        path: Where the camera is at any time.
+        chain: Effects; those of the stages SCENE and RADIANCE act here.
+        renderer: Draws the views.
+    """
+
+    def __init__(self, scene: Scene, path: CameraPath, chain: EffectChain, renderer: Renderer) -> None:
+        def at_rest(_time_s: float) -> Gaussians:
+            return scene.gaussians
+
+        self._scene, self._path, self._chain, self._renderer = scene, path, chain, renderer
+        self._moving = chain.through(Stage.SCENE, at_rest)
+        looking = [effect for effect in chain.at(Stage.RADIANCE) if isinstance(effect, ViewEffect)]
+        self._margin = sum(effect.margin_px(chain.rig, scene.size, scene.intrinsics) for effect in looking)
+        self._needs_depth = any(effect.needs_depth for effect in looking)
+
+    def view(self, time_s: float) -> tuple[F64, F64, F64]:
+        """Return the bare radiance [H, W, 3], its coverage [H, W], and the radiance that meets the modulator."""
+        scene, margin = self._scene, self._margin
+        pose = self._path.world_to_camera(np.array([time_s]))
+        gaussians = self._moving(time_s)
+        radiance, coverage = self._renderer.views(scene, pose, gaussians=gaussians, margin=margin)
+        bare = radiance[0].astype(np.float64)
+        intrinsics = with_margin(scene.intrinsics, margin)
+        depth = rendered_depth(gaussians, pose[0], intrinsics, coverage[0].shape) if self._needs_depth else None
+        seen = self._chain.through(Stage.RADIANCE, View(bare, intrinsics, margin, depth)).radiance
+        height, width = scene.size
+        inner = np.s_[margin : margin + height, margin : margin + width]
+        return bare[inner], coverage[0][inner].astype(np.float64), seen[inner]
+
+    def can_skip(self, open_share: F64) -> bool:
+        """Return whether leaving out the closed pixels [H, W] gives the same light, and saves some of the work."""
+        plain = not self._chain.at(Stage.RADIANCE) and self._scene.harmonics is None
+        return plain and open_share.min() >= 0 and float((open_share == 0).mean()) >= CLOSED_SHARE_MIN
+
+    def behind(self, open_share: F64, time_s: float) -> F64:
+        """Return the view behind a mask, [H, W, 3], of which only the open pixels are rendered."""
+        pose = self._path.world_to_camera(np.array([time_s]))
+        return self._renderer.masked(self._scene, pose, open_share, gaussians=self._moving(time_s))
+
+
+def calibrated_masks(masks: NDArray[Any], chain: EffectChain) -> F32:
+    """Return the masks as a noiseless calibration measures them: each alone, before an even light, [N, H, W]."""
+    if not chain.at(Stage.PHOTONS):
+        return np.asarray(np.clip(masks, 0, 1), dtype=np.float32)
+    seen = [chain.through(Stage.PHOTONS, mask[..., None].astype(np.float64))[..., 0] for mask in masks]
+    return np.asarray(np.clip(seen, 0, 1), dtype=np.float32)
+
+
+def read_out(photons: F64, chain: EffectChain) -> F64:
     """Count the photons and convert them to readings, [H, W, C] DN, through the sensor's effects in the chain."""
+    sensor = chain.rig.sensor
     charge = chain.through(Stage.CHARGE, sensor.quantum_efficiency * photons)
     return chain.through(Stage.READOUT, sensor.dn_from_electrons(charge))
 
 
-def _check(scene: Scene, masks: F32, full_scale_photons: float) -> None:
+def _check(scene: Scene, masks: F32, rig: Rig) -> None:
     if masks.ndim != 3 or masks.shape[1:] != scene.size:
         raise InputError(
             f"masks of shape {list(masks.shape)} on a sensor of {list(scene.size)}",
             allowed=f"[N, {scene.size[0]}, {scene.size[1]}]",
         )
-    if not (full_scale_photons > 0 and np.isfinite(full_scale_photons)):
-        raise InputError(f"a light level of {full_scale_photons} photons", allowed="more than 0, finite")
+    if len(masks) != rig.modulator.masks:
+        raise InputError(
+            f"{len(masks)} masks on a rig that shows {rig.modulator.masks}",
+            remedy="set [modulator] masks of the rig to the number of masks",
+        )

@@ -7,23 +7,101 @@ this package.
 
 import zlib
 from collections.abc import Sequence
-from typing import Final
+from typing import Any, Final, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from gs2ci.core.errors import InputError
 from gs2ci_sims.effects.base import Effect, Stage
+from gs2ci_sims.effects.bayer_filter import BayerFilter
+from gs2ci_sims.effects.black_level import BlackLevel
+from gs2ci_sims.effects.blooming import Blooming
+from gs2ci_sims.effects.clock_drift import ClockDrift
+from gs2ci_sims.effects.dark_current import DarkCurrent
+from gs2ci_sims.effects.defocus import Defocus
+from gs2ci_sims.effects.dsnu import Dsnu
+from gs2ci_sims.effects.finite_contrast import FiniteContrast
 from gs2ci_sims.effects.full_well import FullWell
+from gs2ci_sims.effects.gain_nonlinearity import GainNonlinearity
+from gs2ci_sims.effects.hot_pixels import HotPixels
+from gs2ci_sims.effects.illumination_drift import IlluminationDrift
+from gs2ci_sims.effects.illumination_flicker import IlluminationFlicker
+from gs2ci_sims.effects.lcos_flicker import LcosFlicker
+from gs2ci_sims.effects.lcos_response import LcosResponse
+from gs2ci_sims.effects.lens_distortion import LensDistortion
+from gs2ci_sims.effects.mask_edges import MaskEdges
+from gs2ci_sims.effects.mirror_transition import MirrorTransition
+from gs2ci_sims.effects.misregistration import Misregistration
+from gs2ci_sims.effects.modulator_psf import ModulatorPsf
 from gs2ci_sims.effects.motion_blur import MotionBlur
+from gs2ci_sims.effects.object_motion import ObjectMotion
+from gs2ci_sims.effects.optics_psf import OpticsPsf
+from gs2ci_sims.effects.persistence import Persistence
+from gs2ci_sims.effects.prnu import Prnu
 from gs2ci_sims.effects.quantisation import Quantisation
 from gs2ci_sims.effects.read_noise import ReadNoise
+from gs2ci_sims.effects.rolling_shutter import RollingShutter
+from gs2ci_sims.effects.row_noise import RowNoise
 from gs2ci_sims.effects.shot_noise import ShotNoise
+from gs2ci_sims.effects.stage_backlash import StageBacklash
+from gs2ci_sims.effects.stage_ripple import StageRipple
+from gs2ci_sims.effects.stage_vibration import StageVibration
+from gs2ci_sims.effects.trigger_timing import TriggerTiming
+from gs2ci_sims.effects.vignetting import Vignetting
+from gs2ci_sims.rig import Rig
+from gs2ci_sims.sensor import Sensor
 
-F64 = NDArray[np.float64]
+Signal = TypeVar("Signal")
 
-# Light arrives over time, is counted, fills the well, is amplified, is digitised.
-LIGHT_PATH: Final[tuple[type[Effect], ...]] = (MotionBlur, ShotNoise, FullWell, ReadNoise, Quantisation)
+# THE physical order: scene radiance -> optics -> modulator -> exposure integration -> sensor -> readout.
+# Each effect acts at its own stage, stage after stage; within one, in the order given here. What changes the times at
+# which light is collected comes before what depends on them.
+LIGHT_PATH: Final[tuple[type[Effect], ...]] = (
+    # scene radiance: what is where, and how it is lit
+    StageRipple,
+    StageBacklash,
+    StageVibration,
+    ObjectMotion,
+    # when light is collected: the masks' clock, their switching, the sensor's window, the lamp
+    ClockDrift,
+    MirrorTransition,
+    LcosResponse,
+    LcosFlicker,
+    TriggerTiming,
+    IlluminationFlicker,
+    IlluminationDrift,
+    # optics
+    LensDistortion,
+    Defocus,
+    OpticsPsf,
+    Vignetting,
+    # modulator, as imaged onto the sensor
+    MaskEdges,
+    FiniteContrast,
+    Misregistration,
+    # exposure integration
+    MotionBlur,
+    ModulatorPsf,
+    # sensor: when its rows are open
+    RollingShutter,
+    # sensor: photons to electrons, in the mean
+    BayerFilter,
+    Prnu,
+    DarkCurrent,
+    HotPixels,
+    Persistence,
+    # sensor: electrons counted, held and amplified
+    ShotNoise,
+    Blooming,
+    FullWell,
+    GainNonlinearity,
+    Dsnu,
+    ReadNoise,
+    RowNoise,
+    # readout: electrons to numbers
+    BlackLevel,
+    Quantisation,
+)
 
 
 def generator(seed: int, name: str) -> np.random.Generator:
@@ -39,18 +117,24 @@ def generator(seed: int, name: str) -> np.random.Generator:
     return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(zlib.crc32(name.encode()),)))
 
 
+def sensor_effects(sensor: Sensor) -> tuple[Effect, ...]:
+    """List what every sensor does to the light, with this one's figures."""
+    return (ShotNoise(), FullWell(sensor.full_well_e), ReadNoise(sensor.read_noise_e), Quantisation(sensor.bits))
+
+
 class EffectChain:
     """The effects that are switched on, in their physical order, with their generators.
 
     Args:
         effects: In any order; those left out are off: they cost nothing and draw nothing.
         seed: Same seed, same draws.
+        rig: Whose figures the effects work with.
 
     Raises:
         InputError: An effect occurs twice or has no place in `LIGHT_PATH`, or the seed is negative.
     """
 
-    def __init__(self, effects: Sequence[Effect], seed: int) -> None:
+    def __init__(self, effects: Sequence[Effect], seed: int, rig: Rig | None = None) -> None:
         known = ", ".join(kind.name for kind in LIGHT_PATH)
         names = [effect.name for effect in effects]
         for effect in effects:
@@ -58,12 +142,22 @@ class EffectChain:
                 raise InputError(f"effect {effect.name!r} has no place in the light path", allowed=known)
             if names.count(effect.name) > 1:
                 raise InputError(f"effect {effect.name!r} is given twice", remedy="keep one of them")
+        self.rig = rig or Rig()
         self.effects = tuple(sorted(effects, key=lambda effect: LIGHT_PATH.index(type(effect))))
-        self._generators = {effect.name: generator(seed, effect.name) for effect in self.effects}
+        self._seed = seed
+        generator(seed, "")  # refuses a negative one
 
-    def through(self, stage: Stage, signal: F64) -> F64:
-        """Pass the signal through the effects of one stage; without any it comes back as it is."""
-        for effect in self.effects:
-            if effect.stage is stage:
-                signal = effect.apply(signal, self._generators[effect.name])
-        return signal
+    def at(self, stage: Stage) -> tuple[Effect, ...]:
+        """Get the effects of one stage, in order."""
+        return tuple(effect for effect in self.effects if effect.stage is stage)
+
+    def through(self, stage: Stage, signal: Signal) -> Signal:
+        """Pass the signal through the effects of one stage; without any it comes back as it is, bit for bit.
+
+        Passing it again draws the same again.
+        """
+        result: Any = signal
+        for effect in self.at(stage):
+            seed = self.rig.device_seed if effect.fixed_pattern else self._seed
+            result = effect.apply(result, self.rig, generator(seed, effect.name))
+        return result  # type: ignore[no-any-return]

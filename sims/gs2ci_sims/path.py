@@ -27,6 +27,11 @@ class CameraPath(Protocol):
         ...
 
 
+def highest_hz(path: CameraPath) -> float:
+    """Get the highest frequency in a path's motion, 0 where it says nothing of one."""
+    return float(getattr(path, "highest_hz", 0.0))
+
+
 @dataclass(frozen=True)
 class StageMove:
     """A linear stage at constant velocity, passing the reference pose at time 0, with a tiny angular wobble.
@@ -50,6 +55,11 @@ class StageMove:
                 f"stage move with velocity {self.velocity}, wobble {self.wobble_deg} deg at {self.wobble_hz} Hz",
                 allowed="finite numbers, frequency >= 0",
             )
+
+    @property
+    def highest_hz(self) -> float:
+        """Get the highest frequency in the motion: the wobble's."""
+        return self.wobble_hz
 
     def world_to_camera(self, time_s: F64) -> F64:
         """Get the poses at the given times, [T, 4, 4]: move along the rail, then turn on the spot."""
@@ -104,3 +114,39 @@ def stage_move_for_parallax(
         wobble_hz=4 / (3 * duration_s),
         reference_world_to_camera=scene.world_to_camera,
     )
+
+
+@dataclass(frozen=True)
+class ReversingMove:
+    """A stage that runs to and fro: a triangle wave through the reference pose, which it passes at time 0.
+
+    Args:
+        velocity: On the way forth, along the reference camera's axes, scene units per second, [3].
+        period_s: Of forth and back, more than 0; it turns at a quarter and three quarters.
+        reference_world_to_camera: Pose at time 0, [4, 4].
+    """
+
+    velocity: tuple[float, float, float]
+    period_s: float
+    reference_world_to_camera: F64 = field(default_factory=lambda: np.eye(4), repr=False)
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite(self.velocity).all() and 0 < self.period_s < np.inf):
+            raise InputError(
+                f"a move to and fro with velocity {self.velocity} and period {self.period_s} s",
+                allowed="finite numbers, period > 0",
+            )
+
+    @property
+    def highest_hz(self) -> float:
+        """Get the highest frequency that matters: the turns'."""
+        return 1.0 / self.period_s
+
+    def world_to_camera(self, time_s: F64) -> F64:
+        """Get the poses at the given times, [T, 4, 4]."""
+        time = np.asarray(time_s, dtype=np.float64)
+        phase = np.mod(time / self.period_s + 0.25, 1.0)
+        travelled_s = self.period_s * (0.25 - np.abs(phase - 0.5))
+        poses = np.tile(np.eye(4), (len(time), 1, 1))
+        poses[:, :3, 3] = -travelled_s[:, None] * np.array(self.velocity)
+        return np.asarray(poses @ self.reference_world_to_camera)

@@ -1,45 +1,260 @@
-"""How finely an effect must be sampled for a given scene and path. For whoever sets up an exposure."""
+"""Which effects a measurement calls for, and how finely each must be sampled: the cheapest that meets a tolerance.
 
-from typing import Final
+Every effect bounds what leaving it out would change (`Effect.bound`); what is left out, and what is sampled
+coarsely, adds up to no more than one tolerance in total: systematic changes in sum, independent noises in quadrature.
+The tolerance is on the reading before counting and rounding: the mean that its noise has, and the noise that was left
+out. (Rounding turns a difference of 0.01 DN into one whole DN at every hundredth pixel; two readings of the real
+sensor differ by more than that.) Not here: the effects, the exposure, reading rig files (`rig_file`).
+"""
+
+import dataclasses
+import math
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from gs2ci.core.errors import InputError
+from gs2ci_sims.effects.base import Bound, Effect, KernelEffect, Stage
+from gs2ci_sims.effects.motion_blur import MotionBlur
+from gs2ci_sims.effects.object_motion import ObjectMotion
+from gs2ci_sims.light_path import EffectChain
 from gs2ci_sims.path import CameraPath
+from gs2ci_sims.preview import Preview, preview
+from gs2ci_sims.radiance import Renderer
+from gs2ci_sims.rig import Rig
+from gs2ci_sims.sampling import Sampling, choose_sampling
 from gs2ci_sims.scenes.base import Scene
+from gs2ci_sims.signals import Slices
 
-F64 = NDArray[np.float64]
+F32 = NDArray[np.float32]
 
-# Moments δ px apart pass a pattern of frequency f (cycles/px) by x / sin x more than the continuous sweep does,
-# with x = π f δ: at half a pixel by 11 % at Nyquist (f = 1/2), where a sweep passes little; by 2.6 % at f = 1/4.
-STEP_PX: Final = 0.5
-MAX_SAMPLES: Final = 64
+DEFAULT_TOLERANCE_DN: Final = 0.25
+# Effects left out may use up half of the tolerance, kernels that are cut off a tenth, sampling in time the rest.
+OMISSION_SHARE: Final = 0.5
+KERNEL_SHARE: Final = 0.1
+# Where kernels may be cut off, in standard deviations.
+REACHES: Final = (2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0)
 
 
-def image_motion_px(scene: Scene, path: CameraPath, intervals_s: F64) -> F64:
-    """Find how far the image moves, at most over the frame, within each interval, [N] pixels for [N, 2] seconds.
+@dataclass(frozen=True)
+class Decision:
+    """What was decided about one effect.
 
-    The corners and the middle of the frame, at the nearest and the farthest depth of the scene, are followed in
-    quarters of each interval: a camera that turns back within it has moved all the same.
+    Args:
+        name: The effect's.
+        bound: Of what leaving it out would change.
+        simulated: Whether it is simulated.
+        why: A few words.
+        sampling: How finely; empty where there is nothing to choose.
+        seconds: What it is expected to cost; 0 where it is left out.
     """
-    height, width = scene.size
-    focal = np.array([scene.intrinsics[0, 0], scene.intrinsics[1, 1]])
-    pixels = np.array([[0, 0], [width, 0], [0, height], [width, height], [width / 2, height / 2]], dtype=float)
-    slopes = (pixels - scene.intrinsics[:2, 2]) / focal
-    rays = np.concatenate([slopes, np.ones((len(slopes), 1))], axis=1)
-    points = np.concatenate([depth * rays for depth in scene.depth_range()])
-    points = (points - scene.world_to_camera[:3, 3]) @ scene.world_to_camera[:3, :3]
-    track = []
-    for times in np.linspace(intervals_s[:, 0], intervals_s[:, 1], 5):
-        poses = path.world_to_camera(times)
-        seen = points @ poses[:, :3, :3].transpose(0, 2, 1) + poses[:, None, :3, 3]
-        # A point beside or behind the camera counts as one at a tenth of the median depth: it is not in the image.
-        depth = np.maximum(seen[..., 2:], 0.1 * scene.median_depth)
-        track.append(seen[..., :2] / depth * focal)
-    return np.asarray(np.linalg.norm(np.diff(track, axis=0), axis=-1).sum(axis=0).max(axis=1))
+
+    name: str
+    bound: Bound
+    simulated: bool
+    why: str
+    sampling: str = ""
+    seconds: float = 0.0
 
 
-def motion_samples(scene: Scene, path: CameraPath, intervals_s: F64) -> int:
-    """Choose how many moments stand for each interval: one per half pixel of the fastest interval, at most 64."""
-    fastest = float(image_motion_px(scene, path, intervals_s).max())
-    return int(np.clip(np.ceil(fastest / STEP_PX), 1, MAX_SAMPLES))
+@dataclass(frozen=True)
+class Plan:
+    """What will be simulated, and why.
+
+    Args:
+        tolerance_dn: What was asked for, DN rms.
+        error_dn: Upper bound of what is given up in total, DN rms, forced omissions aside.
+        effects: Those to simulate, as sampled.
+        decisions: One per effect of the rig, in physical order.
+        views: How many views will be rendered.
+        render_seconds: What rendering them is expected to cost.
+    """
+
+    tolerance_dn: float
+    error_dn: float
+    effects: tuple[Effect, ...]
+    decisions: tuple[Decision, ...]
+    views: int
+    render_seconds: float
+
+    @property
+    def seconds(self) -> float:
+        """Get what the simulation is expected to cost."""
+        return self.render_seconds + sum(decision.seconds for decision in self.decisions)
+
+    def summary(self) -> str:
+        """Say in one line what is simulated."""
+        simulated = sum(decision.simulated for decision in self.decisions)
+        met = "" if self.error_dn <= self.tolerance_dn else ", NOT MET"
+        return (
+            f"simulates {simulated} of {len(self.decisions)} effects with {self.views} views, within "
+            f"{self.error_dn:.2g} DN rms of everything (tolerance {self.tolerance_dn:.2g} DN{met})"
+        )
+
+    def record(self) -> dict[str, Any]:
+        """Return the plan as plain data, for the provenance of a shot."""
+        return {
+            "tolerance_dn": self.tolerance_dn,
+            "error_dn": self.error_dn,
+            "views": self.views,
+            "effects": {
+                decision.name: {
+                    "bound_rms_dn": decision.bound.rms_dn if math.isfinite(decision.bound.rms_dn) else "unavoidable",
+                    "simulated": decision.simulated,
+                    "why": decision.why,
+                    "sampling": decision.sampling,
+                }
+                for decision in self.decisions
+            },
+        }
+
+
+def plan(
+    scene: Scene,
+    path: CameraPath,
+    masks: F32,
+    rig: Rig,
+    effects: Sequence[Effect],
+    *,
+    tolerance_dn: float = DEFAULT_TOLERANCE_DN,
+    on: Collection[str] = (),
+    off: Collection[str] = (),
+    seed: int = 0,
+    slices: Slices | None = None,
+    renderer: Renderer | None = None,
+) -> Plan:
+    """Choose the cheapest simulation that stays within the tolerance of simulating everything.
+
+    Args:
+        scene: What is seen.
+        path: Where the camera is at any time.
+        masks: As nominally shown, [N, H, W].
+        rig: The figures.
+        effects: All that the rig has.
+        tolerance_dn: In total, rms over the pixels, more than 0.
+        on: Names of effects to simulate whatever their bounds.
+        off: Names of effects to leave out whatever their bounds; they do not count against the tolerance.
+        seed: The exposure's: effects that shake the camera draw from it.
+        slices: When which mask is on show, before effects; as the rig's timing says if not given.
+        renderer: Draws the preview's views.
+
+    Raises:
+        InputError: The tolerance is not positive, or a forced effect is not there or forced both ways.
+    """
+    _check(effects, tolerance_dn, on, off)
+    chain = EffectChain(effects, seed, rig)
+    look = preview(scene, path, masks, rig, renderer)
+    bounds = {effect.name: effect.bound(look, rig) for effect in chain.effects}
+    costs = {effect.name: _seconds(effect, look, len(masks)) for effect in chain.effects}
+    left_out = _left_out(bounds, costs, OMISSION_SHARE * tolerance_dn, {MotionBlur.name, *on, *off})
+    systematic, noise = _total([bounds[name] for name in left_out])
+    budget = math.sqrt(tolerance_dn**2 - noise**2) - systematic
+    kept = [effect for effect in chain.effects if effect.name not in left_out and effect.name not in off]
+    kernels = sum(isinstance(effect, KernelEffect) for effect in kept)
+    share = KERNEL_SHARE * budget / max(kernels, 1)
+    kept = [_with_reach(effect, look, rig, share) if isinstance(effect, KernelEffect) else effect for effect in kept]
+    spent = KERNEL_SHARE * budget if kernels else 0.0
+
+    moving = _as_moved(look, kept, seed)
+    sampling = choose_sampling(moving, kept, budget - spent, seed=seed, blurs=MotionBlur.name not in off, slices=slices)
+    sampled = [sampling.blur if isinstance(effect, MotionBlur) else effect for effect in kept]
+    simulated = tuple(effect for effect in sampled if effect is not None)
+    given_up = systematic + spent + (sampling.error_dn if MotionBlur.name not in off else 0.0)
+    return Plan(
+        tolerance_dn,
+        math.hypot(given_up, noise),
+        simulated,
+        tuple(
+            _decision(effect, simulated, bounds, sampling, on, off, _seconds(effect, look, sampling.views))
+            for effect in chain.effects
+        ),
+        sampling.views,
+        sampling.views * look.render_s,
+    )
+
+
+def _check(effects: Sequence[Effect], tolerance_dn: float, on: Collection[str], off: Collection[str]) -> None:
+    if not 0 < tolerance_dn < math.inf:
+        raise InputError(f"a tolerance of {tolerance_dn} DN", allowed="more than 0, finite")
+    known = {effect.name for effect in effects}
+    for name in (*on, *off):
+        if name not in known:
+            raise InputError(f"no effect {name!r} to force on or off", allowed=", ".join(sorted(known)))
+    both = sorted(set(on) & set(off))
+    if both:
+        raise InputError(f"effect {both[0]!r} is forced both on and off", remedy="take it off one of the lists")
+
+
+def _left_out(bounds: dict[str, Bound], costs: dict[str, float], limit_dn: float, fixed: Collection[str]) -> set[str]:
+    """Choose what to leave out: dearest per DN first, as long as the total stays within the limit."""
+    free = [name for name, bound in bounds.items() if name not in fixed and bound.rms_dn <= limit_dn]
+    # An effect that changes nothing is worth leaving out however cheap it is.
+    free.sort(key=lambda name: bounds[name].rms_dn / (costs[name] + 1e-9))
+    chosen: set[str] = set()
+    for name in free:
+        if math.hypot(*_total([bounds[other] for other in (*chosen, name)])) <= limit_dn:
+            chosen.add(name)
+    return chosen
+
+
+def _total(bounds: Sequence[Bound]) -> tuple[float, float]:
+    """Add bounds up: systematic changes, and noises in quadrature; DN rms."""
+    systematic = sum(bound.rms_dn for bound in bounds if not bound.random)
+    return systematic, math.sqrt(sum(bound.rms_dn**2 for bound in bounds if bound.random))
+
+
+def _with_reach(effect: KernelEffect, look: Preview, rig: Rig, share_dn: float) -> Effect:
+    """Cut the effect's kernel off as near as its share of the tolerance allows."""
+    for reach in REACHES:
+        if effect.kernel_bound(look, rig, reach).rms_dn <= share_dn:
+            break
+    return dataclasses.replace(effect, reach=reach)  # type: ignore[type-var]
+
+
+def _as_moved(look: Preview, kept: Sequence[Effect], seed: int) -> Preview:
+    """Return the preview with the motion that the kept effects add to the path's own."""
+    chain = EffectChain(kept, seed, look.rig)
+    own = [effect.image_px_per_s(look) for effect in kept if isinstance(effect, ObjectMotion)]
+    return dataclasses.replace(look, path=chain.through(Stage.MOTION, look.path), object_px_per_s=sum(own))
+
+
+def _seconds(effect: Effect, look: Preview, views: int) -> float:
+    """Predict what an effect costs, from its cost per pixel of its stage's signal."""
+    pixels = float(math.prod(look.scene.size))
+    count = {Stage.RADIANCE: views, Stage.MASKS: len(look.masks), Stage.PHOTONS: 1 + len(look.masks)}
+    return 1e-9 * effect.cost_ns * pixels * count.get(effect.stage, 1)
+
+
+def _decision(
+    effect: Effect,
+    simulated: Sequence[Effect],
+    bounds: dict[str, Bound],
+    sampling: Sampling,
+    on: Collection[str],
+    off: Collection[str],
+    seconds: float,
+) -> Decision:
+    """Say what was decided about one effect, and why."""
+    bound = bounds[effect.name]
+    kept = next((other for other in simulated if other.name == effect.name), None)
+    if effect.name in off:
+        why = "forced off"
+    elif effect.name in on:
+        why = "forced on"
+    elif isinstance(effect, MotionBlur):
+        why = sampling.why
+    elif math.isinf(bound.rms_dn):
+        why = "cannot be left out"
+    elif kept:
+        why = "exceeds its share"
+    else:
+        why = "within the tolerance" if bound.rms_dn > 0 else "changes nothing here"
+    how = ""
+    if isinstance(kept, MotionBlur):
+        how = sampling.how
+    elif isinstance(kept, KernelEffect):
+        how = f"to {kept.reach:g} sigma"
+    return Decision(effect.name, bound, kept is not None, why, how, seconds if kept else 0.0)

@@ -4,6 +4,7 @@ Here: the renderer with supersampling, and depth maps. Not here: time, masks, el
 package.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Final
 
@@ -14,6 +15,7 @@ from numpy.typing import NDArray
 from gs2ci.core.errors import InputError
 from gs2ci.render.backend import load_backend
 from gs2ci.render.gaussians import Gaussians
+from gs2ci.render.harmonics import colours_seen
 from gs2ci_sims.scenes.base import Scene
 
 F32 = NDArray[np.float32]
@@ -40,26 +42,81 @@ class Renderer:
         if self.supersampling < 1:
             raise InputError(f"{self.supersampling} samples per pixel side", allowed="1 or more")
 
-    def views(self, scene: Scene, world_to_camera: F64) -> tuple[F32, F32]:
-        """Render the scene from each pose, [V, 4, 4].
+    def views(
+        self, scene: Scene, world_to_camera: F64, *, gaussians: Gaussians | None = None, margin: int = 0
+    ) -> tuple[F32, F32]:
+        """Render the scene from each pose.
+
+        Args:
+            scene: What is seen, and by which camera.
+            world_to_camera: Poses, [V, 4, 4].
+            gaussians: What is there instead of the scene's own, where something moves.
+            margin: Pixels to add on each side; H and W below grow by twice that.
 
         Returns:
             Radiance [V, H, W, 3] (>= 0; 1 is white) and coverage [V, H, W] (0 where a ray meets nothing).
         """
         factor = self.supersampling
-        backend = load_backend(self.backend)
-        gaussians = scene.gaussians.detach()
-        intrinsics = torch.tensor(scene.intrinsics * np.array([[factor], [factor], [1.0]]), dtype=torch.float32)
-        large = (scene.size[0] * factor, scene.size[1] * factor)
         radiance, coverage = [], []
+        for images, alphas in self._large_views(scene, world_to_camera, gaussians, margin):
+            radiance.append(binned(images, factor))
+            coverage.append(binned(alphas[..., None], factor)[..., 0])
+        # Spherical harmonics of a fitted scene may dip below zero; light does not.
+        return np.maximum(np.concatenate(radiance), 0), np.concatenate(coverage)
+
+    def supersampled_views(self, scene: Scene, world_to_camera: F64, *, margin: int = 0) -> F32:
+        """Render the scene before it is averaged over the pixels' areas, [V, H s, W s, 3] with s samples per side."""
+        images = [images.numpy() for images, _ in self._large_views(scene, world_to_camera, None, margin)]
+        return np.asarray(np.maximum(np.concatenate(images), 0))
+
+    def masked(self, scene: Scene, world_to_camera: F64, mask: F64, *, gaussians: Gaussians | None = None) -> F64:
+        """Render one view times a mask, where the mask is not zero; pixels at zero are not rendered at all.
+
+        Args:
+            scene: What is seen, and by which camera; without harmonics.
+            world_to_camera: The pose, [1, 4, 4].
+            mask: [H, W], at least 0.
+            gaussians: What is there instead of the scene's own.
+
+        Returns:
+            [H, W, 3].
+        """
+        factor = self.supersampling
+        backend = load_backend(self.backend)
+        # The backend's masks are transmissions; larger ones are scaled to that, and back.
+        scale = float(mask.max())
+        fine = torch.tensor(mask / scale, dtype=torch.float32).repeat_interleave(factor, 0).repeat_interleave(factor, 1)
+        intrinsics = torch.tensor(scene.intrinsics * np.array([[factor], [factor], [1.0]]), dtype=torch.float32)
+        with torch.no_grad():
+            image = backend.coded(
+                (scene.gaussians if gaussians is None else gaussians).detach(),
+                torch.tensor(world_to_camera, dtype=torch.float32),
+                intrinsics,
+                backend.code(fine[None].contiguous()),
+            )
+        return np.asarray(np.maximum(binned(image[None], factor)[0].astype(np.float64) * scale, 0))
+
+    def _large_views(
+        self, scene: Scene, world_to_camera: F64, gaussians: Gaussians | None, margin: int
+    ) -> Iterator[tuple[torch.Tensor, torch.Tensor]]:
+        factor = self.supersampling
+        backend = load_backend(self.backend)
+        gaussians = (scene.gaussians if gaussians is None else gaussians).detach()
+        enlarged = with_margin(scene.intrinsics, margin) * np.array([[factor], [factor], [1.0]])
+        intrinsics = torch.tensor(enlarged, dtype=torch.float32)
+        large = ((scene.size[0] + 2 * margin) * factor, (scene.size[1] + 2 * margin) * factor)
         for first in range(0, len(world_to_camera), VIEWS_AT_ONCE):
             poses = torch.tensor(world_to_camera[first : first + VIEWS_AT_ONCE], dtype=torch.float32)
             with torch.no_grad():
-                images, alphas = backend.views(gaussians, poses, intrinsics, large)
-            radiance.append(_binned(images, factor))
-            coverage.append(_binned(alphas[..., None], factor)[..., 0])
-        # Spherical harmonics of a fitted scene may dip below zero; light does not.
-        return np.maximum(np.concatenate(radiance), 0), np.concatenate(coverage)
+                colours = None if scene.harmonics is None else colours_seen(gaussians, scene.harmonics, poses)
+                yield backend.views(gaussians, poses, intrinsics, large, colours)
+
+
+def with_margin(intrinsics: F64, margin: int) -> F64:
+    """Return the intrinsics, [3, 3], of an image with `margin` more pixels on each side."""
+    shifted = intrinsics.copy()
+    shifted[:2, 2] += margin
+    return shifted
 
 
 def rendered_depth(gaussians: Gaussians, world_to_camera: F64, intrinsics: F64, size: tuple[int, int]) -> F64:
@@ -79,7 +136,7 @@ def rendered_depth(gaussians: Gaussians, world_to_camera: F64, intrinsics: F64, 
     return np.where(weight >= 0.5, blended[0, ..., 0].to(torch.float64).numpy() / np.maximum(weight, 0.5), np.nan)
 
 
-def _binned(images: torch.Tensor, factor: int) -> F32:
+def binned(images: torch.Tensor, factor: int) -> F32:
     """Average [V, H f, W f, C] over blocks of f x f, to [V, H, W, C]."""
     views, rows, columns, channels = images.shape
     blocks = images.reshape(views, rows // factor, factor, columns // factor, factor, channels)

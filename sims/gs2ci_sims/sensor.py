@@ -1,6 +1,6 @@
-"""A sensor's data sheet, in EMVA 1288 terms, and the effects that it implies. For exposures and twins.
+"""A sensor's data sheet, in EMVA 1288 terms, the figures of `Rig.sensor`. For effects.
 
-Not here: the effects themselves (`effects`).
+Not here: the effects that it implies (`effects`, listed by `light_path.sensor_effects`).
 """
 
 from dataclasses import dataclass
@@ -9,11 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gs2ci.core.errors import InputError
-from gs2ci_sims.effects.base import Effect
-from gs2ci_sims.effects.full_well import FullWell
-from gs2ci_sims.effects.quantisation import Quantisation
-from gs2ci_sims.effects.read_noise import ReadNoise
-from gs2ci_sims.effects.shot_noise import ShotNoise
 
 F64 = NDArray[np.float64]
 
@@ -40,7 +35,11 @@ class Sensor:
     quantum_efficiency: float = 0.64
 
     def __post_init__(self) -> None:
-        self.effects()  # full well, noise and bits are checked there
+        if not self.full_well_e > 0 or not 0 <= self.read_noise_e < np.inf or not 1 <= self.bits <= 32:
+            raise InputError(
+                f"full well {self.full_well_e} e, read noise {self.read_noise_e} e, {self.bits} bits",
+                allowed="full_well_e > 0, read_noise_e >= 0, bits 1 to 32",
+            )
         if not self.electrons_per_dn > 0 or not 0 < self.quantum_efficiency <= 1:
             raise InputError(
                 f"{self.electrons_per_dn} e/DN, quantum efficiency {self.quantum_efficiency}",
@@ -48,15 +47,6 @@ class Sensor:
             )
         if not 0 <= self.black_level_dn < 2**self.bits - 1:
             raise InputError(f"black level {self.black_level_dn} DN", allowed=f"0 to {2**self.bits - 2}")
-
-    def effects(self) -> tuple[Effect, ...]:
-        """List what this sensor does to the light, with its figures."""
-        return (
-            ShotNoise(),
-            FullWell(self.full_well_e),
-            ReadNoise(self.read_noise_e),
-            Quantisation(self.bits),
-        )
 
     def dn_from_electrons(self, charge_e: F64) -> F64:
         """Convert charge to readings before quantisation: µ_y = µ_y.dark + K µ_e (Release 3.1, section 2.1)."""

@@ -3,7 +3,8 @@ import pytest
 import torch
 
 from gs2ci.core.errors import InputError, StorageError
-from gs2ci.render.ply import SH_DC, read_ply, read_ply_scene, write_ply
+from gs2ci.render.harmonics import SH_DC
+from gs2ci.render.ply import read_ply, read_ply_scene, write_ply
 
 NAMES = ["x", "y", "z", "f_dc_0", "f_dc_1", "f_dc_2", "opacity", "scale_0", "scale_1", "scale_2"]
 NAMES += ["rot_0", "rot_1", "rot_2", "rot_3"]
@@ -77,14 +78,50 @@ def test_binary_file_of_doubles_in_another_order_with_extras_is_read(file):
     )
     assert scene.gaussians.means.tolist() == [[14, 13, 12]]
     assert scene.ignored == ("extra",)
-    assert not scene.view_dependence_dropped
+    assert scene.harmonics is None
 
 
-@pytest.mark.parametrize(("rest", "dropped"), [(0.0, False), (0.25, True)])
-def test_view_dependent_colours_are_dropped_and_that_is_said(file, rest, dropped):
-    scene = read_ply_scene(file(header(1, [*NAMES, "f_rest_0", "f_rest_44"]) + row([*range(14), 0, rest])))
-    assert scene.view_dependence_dropped == dropped
+@pytest.mark.parametrize("count", [3, 8, 15])
+def test_harmonics_come_coefficient_by_coefficient_of_red_then_green_then_blue(file, count):
+    names = [f"f_rest_{k}" for k in range(3 * count)]
+    scene = read_ply_scene(file(header(1, [*NAMES, *names]) + row([*range(14), *range(3 * count)])))
+    assert scene.harmonics.shape == (1, count, 3)
+    assert scene.harmonics[0, :, 0].tolist() == list(range(count))
+    assert scene.harmonics[0, 1].tolist() == [1, 1 + count, 1 + 2 * count]
     assert scene.ignored == ()
+
+
+def test_harmonics_that_are_all_zero_are_none(file):
+    names = [f"f_rest_{k}" for k in range(9)]
+    assert read_ply_scene(file(header(1, [*NAMES, *names]) + row([*range(14), *[0] * 9]))).harmonics is None
+
+
+def test_harmonics_come_back_from_their_file(tmp_path, make):
+    scene = make(count=5).scene
+    harmonics = torch.randn(5, 15, 3, generator=torch.Generator().manual_seed(0))
+    back = read_ply_scene(write_ply(tmp_path / "shiny.ply", scene, harmonics))
+    assert torch.equal(back.harmonics, harmonics)
+    torch.testing.assert_close(back.gaussians.quaternions, scene.quaternions)
+
+
+@pytest.mark.parametrize(
+    "rest", [["f_rest_0"], [f"f_rest_{k}" for k in range(1, 10)], [f"f_rest_{k}" for k in range(72)]]
+)
+def test_incomplete_harmonics_and_those_of_too_high_a_degree_are_refused(file, rest):
+    with pytest.raises(InputError, match="properties f_rest_"):
+        read_ply(file(header(1, [*NAMES, *rest]) + row(range(14 + len(rest)))))
+
+
+def test_harmonics_that_do_not_fit_the_gaussians_are_not_written(tmp_path, make):
+    with pytest.raises(InputError, match="spherical harmonics"):
+        write_ply(tmp_path / "shiny.ply", make(count=5).scene, torch.zeros(4, 15, 3))
+    assert not list(tmp_path.iterdir())
+
+
+def test_harmonics_that_are_not_finite_are_named_with_their_file(file):
+    names = [f"f_rest_{k}" for k in range(9)]
+    with pytest.raises(InputError, match=r"scene\.ply.*spherical harmonics"):
+        read_ply(file(header(1, [*NAMES, *names]) + row([*range(14), *["nan"] * 9])))
 
 
 def test_further_lines_of_the_header_are_read_over(file):

@@ -89,3 +89,13 @@ def test_a_sensor_of_another_size_than_the_scene_is_refused():
     world.clock.sleep_s(1.0)
     with pytest.raises(InputError, match="same height and width"):
         world.integrate(world.clock.now_s() - 0.1, world.clock.now_s(), height=8, width=8, bits=12)
+
+
+def test_each_exposure_keeps_the_plan_of_what_was_simulated():
+    light, world = make()
+    expose(world, np.ones((100, 160), np.uint8))
+    expose(world, np.ones((100, 160), np.uint8))
+    assert sorted(light.plans) == [0, 1]
+    assert light.plans[0] is light.plans[1]  # nothing moved: one plan for both
+    assert light.plans[0].views == 1
+    assert "tolerance" in light.plans[0].summary()

@@ -16,7 +16,7 @@ class Glow:
     name = "glow"
     stage = Stage.CHARGE
 
-    def apply(self, signal, rng):
+    def apply(self, signal, rig, rng):
         return signal + 1
 
 

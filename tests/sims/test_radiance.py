@@ -1,6 +1,9 @@
+import dataclasses
+
 import numpy as np
 import pytest
 import torch
+from scipy.spatial.transform import Rotation
 
 from gs2ci.core.errors import InputError
 from gs2ci_sims.path import StageMove
@@ -53,3 +56,21 @@ def test_rendered_depth_is_that_of_the_surfaces_and_nan_where_nothing_is(small_s
     away = np.diag([1.0, -1.0, -1.0, 1.0])
     behind = rendered_depth(small_scene.gaussians, away, small_scene.intrinsics, small_scene.size)
     assert np.isnan(behind).all()
+
+
+def test_harmonics_make_colours_depend_on_the_direction_of_sight(small_scene):
+    harmonics = torch.zeros(len(small_scene.gaussians), 3, 3)
+    harmonics[:, 2] = 0.3  # along x, with a negative sign
+    shiny = dataclasses.replace(small_scene, harmonics=harmonics)
+    turns = ([0, -0.3, 0], [0, 0.3, 0], [0, 0, 0.5])  # to the right, to the left, about the line of sight
+    poses = np.tile(np.eye(4), (3, 1, 1))
+    poses[:, :3, :3] = Rotation.from_rotvec(turns).as_matrix()
+    change = Renderer().views(shiny, poses)[0].astype(float) - Renderer().views(small_scene, poses)[0]
+    assert change[0].mean() < -0.02
+    assert change[1].mean() > 0.02
+    assert abs(change[2].mean()) < 0.01
+
+
+def test_harmonics_of_another_number_of_gaussians_are_refused(small_scene):
+    with pytest.raises(InputError, match="spherical harmonics"):
+        dataclasses.replace(small_scene, harmonics=torch.zeros(3, 3, 3))

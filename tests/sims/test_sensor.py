@@ -5,14 +5,16 @@ import pytest
 
 from gs2ci.core.errors import InputError
 from gs2ci_sims.exposure import read_out
-from gs2ci_sims.light_path import EffectChain
+from gs2ci_sims.light_path import EffectChain, sensor_effects
+from gs2ci_sims.rig import Rig
 from gs2ci_sims.sensor import Sensor
 
 SENSOR = Sensor()
 
 
 def readings(photons, seed=0, sensor=SENSOR):
-    return read_out(np.full((400, 400, 1), float(photons)), sensor, EffectChain(sensor.effects(), seed))
+    chain = EffectChain(sensor_effects(sensor), seed, Rig(sensor=sensor))
+    return read_out(np.full((400, 400, 1), float(photons)), chain)
 
 
 def test_the_photon_transfer_curve_has_the_system_gain_as_slope_and_the_dark_noise_as_intercept():

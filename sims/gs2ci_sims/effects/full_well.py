@@ -1,13 +1,18 @@
 """Full well: a pixel holds only so many electrons."""
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gs2ci.core.errors import InputError
-from gs2ci_sims.effects.base import Stage
+from gs2ci_sims.effects.base import Bound, Stage
+from gs2ci_sims.preview import HEADROOM
+
+if TYPE_CHECKING:
+    from gs2ci_sims.preview import Preview
+    from gs2ci_sims.rig import Rig
 
 F64 = NDArray[np.float64]
 
@@ -24,6 +29,8 @@ class FullWell:
 
     name: ClassVar[str] = "full_well"
     stage: ClassVar[Stage] = Stage.CHARGE
+    cost_ns: ClassVar[float] = 2.0
+    fixed_pattern: ClassVar[bool] = False
 
     capacity_e: float
 
@@ -31,6 +38,12 @@ class FullWell:
         if not self.capacity_e > 0:
             raise InputError(f"full well of {self.capacity_e} electrons", allowed="more than 0")
 
-    def apply(self, signal: F64, rng: np.random.Generator) -> F64:
+    def bound(self, scene: "Preview", rig: "Rig") -> Bound:
+        """What the nominal charge, with six standard deviations of noise and a margin, has beyond the capacity."""
+        charge_e = HEADROOM * scene.charge_e
+        lost_dn = np.maximum(charge_e + 6 * np.sqrt(charge_e) - self.capacity_e, 0.0) * rig.dn_per_e
+        return Bound(float(np.sqrt(np.square(lost_dn).mean())), float(lost_dn.max()))
+
+    def apply(self, signal: F64, rig: "Rig", rng: np.random.Generator) -> F64:
         """Clip electrons [H, W, C]."""
         return np.minimum(signal, self.capacity_e)

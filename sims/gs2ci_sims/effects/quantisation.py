@@ -1,13 +1,18 @@
 """Quantisation: the converter knows whole numbers of its range only."""
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gs2ci.core.errors import InputError
-from gs2ci_sims.effects.base import Stage
+from gs2ci_sims.effects.base import Bound, Stage
+from gs2ci_sims.preview import HEADROOM
+
+if TYPE_CHECKING:
+    from gs2ci_sims.preview import Preview
+    from gs2ci_sims.rig import Rig
 
 F64 = NDArray[np.float64]
 
@@ -25,6 +30,8 @@ class Quantisation:
 
     name: ClassVar[str] = "quantisation"
     stage: ClassVar[Stage] = Stage.READOUT
+    cost_ns: ClassVar[float] = 5.0
+    fixed_pattern: ClassVar[bool] = False
 
     bits: int
 
@@ -37,6 +44,11 @@ class Quantisation:
         """Get the highest reading."""
         return int(2**self.bits - 1)
 
-    def apply(self, signal: F64, rng: np.random.Generator) -> F64:
+    def bound(self, scene: "Preview", rig: "Rig") -> Bound:
+        """Rounding moves a reading by at most half a step; what is beyond the range is cut off."""
+        over_dn = np.maximum(HEADROOM * scene.signal_dn + rig.sensor.black_level_dn - self.max_dn, 0.0)
+        return Bound(float(np.sqrt(0.25 + np.square(over_dn).mean())), 0.5 + float(over_dn.max()))
+
+    def apply(self, signal: F64, rig: "Rig", rng: np.random.Generator) -> F64:
         """Round and clip readings [H, W, C]."""
         return np.clip(np.rint(signal), 0, self.max_dn)

@@ -1,13 +1,17 @@
 """Read noise: the amplifier's own contribution to every reading."""
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gs2ci.core.errors import InputError
-from gs2ci_sims.effects.base import Stage
+from gs2ci_sims.effects.base import Bound, Stage
+
+if TYPE_CHECKING:
+    from gs2ci_sims.preview import Preview
+    from gs2ci_sims.rig import Rig
 
 F64 = NDArray[np.float64]
 
@@ -22,6 +26,8 @@ class ReadNoise:
 
     name: ClassVar[str] = "read_noise"
     stage: ClassVar[Stage] = Stage.CHARGE
+    cost_ns: ClassVar[float] = 20.0
+    fixed_pattern: ClassVar[bool] = False
 
     sigma_e: float
 
@@ -29,6 +35,10 @@ class ReadNoise:
         if not (self.sigma_e >= 0 and np.isfinite(self.sigma_e)):
             raise InputError(f"read noise of {self.sigma_e} electrons", allowed="finite, 0 or more")
 
-    def apply(self, signal: F64, rng: np.random.Generator) -> F64:
+    def bound(self, scene: "Preview", rig: "Rig") -> Bound:
+        """σ_d times the gain K (EMVA 1288, eq. 10)."""
+        return Bound(self.sigma_e * rig.dn_per_e, 6 * self.sigma_e * rig.dn_per_e, random=True)
+
+    def apply(self, signal: F64, rig: "Rig", rng: np.random.Generator) -> F64:
         """Add noise to electrons [H, W, C]; the sum may be negative, as a reading below black is."""
         return signal + self.sigma_e * rng.standard_normal(signal.shape)

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from gs2ci.core.errors import InputError
 from gs2ci.core.records import check_intrinsics
 from gs2ci.render.gaussians import Gaussians
+from gs2ci.render.harmonics import check_harmonics
 from gs2ci_sims.scenes.surfels import Surfels
 
 F64 = NDArray[np.float64]
@@ -29,6 +30,8 @@ class Scene:
         size: Height and width of its image, in pixels.
         depth: True depth (z) from the suggested camera, [H, W], scene units; NaN where nothing is.
         world_to_camera: Pose of the suggested camera, [4, 4], OpenCV axes.
+        harmonics: What of the colours changes with the direction of view, [G, K, 3], as
+            `gs2ci.render.harmonics.colours_seen` takes it; None where nothing does.
     """
 
     name: str
@@ -37,9 +40,12 @@ class Scene:
     size: tuple[int, int]
     depth: F64
     world_to_camera: F64 = field(default_factory=lambda: np.eye(4))
+    harmonics: torch.Tensor | None = None
 
     def __post_init__(self) -> None:
         check_intrinsics(self.intrinsics)
+        if self.harmonics is not None:
+            check_harmonics(self.harmonics, len(self.gaussians))
         if min(self.size) < 1 or self.depth.shape != self.size:
             raise InputError(
                 f"scene {self.name!r}: image size {self.size} with a depth map of shape {self.depth.shape}",

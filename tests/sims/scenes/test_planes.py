@@ -3,7 +3,8 @@ import pytest
 
 from gs2ci.core.errors import InputError
 from gs2ci_sims.radiance import Renderer, rendered_depth
-from gs2ci_sims.scenes.planes import planes, texture
+from gs2ci_sims.scenes.planes import planes
+from gs2ci_sims.scenes.rectangles import texture
 
 
 def draw(seed=0, **options):

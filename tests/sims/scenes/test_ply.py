@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+import torch
 
 from gs2ci.core.errors import InputError
 from gs2ci.render.ply import write_ply
@@ -35,3 +36,9 @@ def test_a_camera_that_looks_away_is_told_that_it_sees_nothing(file):
 def test_a_file_that_is_not_there_is_named(tmp_path):
     with pytest.raises(InputError, match=r"missing\.ply"):
         scene_from_ply(tmp_path / "missing.ply", (30, 40))
+
+
+def test_colours_that_change_with_direction_come_along(small_scene, tmp_path):
+    harmonics = torch.full((len(small_scene.gaussians), 8, 3), 0.1)
+    path = write_ply(tmp_path / "shiny.ply", small_scene.gaussians, harmonics)
+    assert torch.equal(scene_from_ply(path, (30, 40)).harmonics, harmonics)

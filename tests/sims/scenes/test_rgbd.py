@@ -8,9 +8,9 @@ import pytest
 from skimage import data
 
 from gs2ci.core.errors import InputError
-from gs2ci_sims.exposure import Timing
 from gs2ci_sims.path import StageMove, stage_move_for_parallax
 from gs2ci_sims.radiance import Renderer
+from gs2ci_sims.rig import Timing
 from gs2ci_sims.scenes.rgbd import DisparityPhoto, motorcycle_photo, scene_from_photo
 
 

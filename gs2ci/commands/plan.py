@@ -1,0 +1,67 @@
+"""`gs2ci plan`: which physical effects a simulated exposure calls for, and why. Nothing is exposed.
+
+Here: the table. Not here: the reckoning (`gs2ci_sims.planner`). Only `gs2ci.cli` imports this file.
+"""
+
+import math
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+from rich.console import Console
+from rich.table import Table
+
+from gs2ci_sims.planner import Plan, plan
+from gs2ci_sims.rig_file import read_rig_file
+
+
+def run(rig: tyro.conf.Positional[Path], *, tolerance_dn: Annotated[float | None, tyro.conf.arg()] = None) -> Plan:
+    """Print what would be simulated of a rig's effects: bound, decision, reason, sampling, share of the time.
+
+    Args:
+        rig: A rig file (TOML).
+        tolerance_dn: In total, DN rms; that of the rig file if not given.
+
+    Returns:
+        The plan.
+    """
+    setup = read_rig_file(rig)
+    scene = setup.scene.build()
+    decided = plan(
+        scene,
+        setup.path.build(scene, setup.rig.exposure_s),
+        setup.masks(),
+        setup.rig,
+        setup.effects,
+        tolerance_dn=setup.plan.tolerance_dn if tolerance_dn is None else tolerance_dn,
+        on=setup.plan.on,
+        off=setup.plan.off,
+        seed=setup.seed,
+    )
+    print_plan(decided, Console(highlight=False))
+    return decided
+
+
+def print_plan(decided: Plan, console: Console) -> None:
+    """Print a plan as a table, one effect per line in physical order, and its one-line summary."""
+    table = Table(box=None, padding=(0, 2, 0, 0), header_style="bold")
+    for title in ("effect", "DN rms", "simulated", "why", "samples", "time"):
+        table.add_column(title, justify="right" if title in ("DN rms", "time") else "left", no_wrap=title != "samples")
+    table.add_row("(views)", "", "yes", "what is seen", f"{decided.views}", _share(decided.render_seconds, decided))
+    for decision in decided.decisions:
+        bound = decision.bound.rms_dn
+        table.add_row(
+            decision.name,
+            "-" if math.isinf(bound) else f"{bound:.3g}",
+            "yes" if decision.simulated else "no",
+            decision.why,
+            decision.sampling,
+            _share(decision.seconds, decided) if decision.simulated else "",
+            style="" if decision.simulated else "dim",
+        )
+    console.print(table)
+    console.print(decided.summary(), markup=False, soft_wrap=True)
+
+
+def _share(seconds: float, decided: Plan) -> str:
+    return f"{100 * seconds / max(decided.seconds, 1e-12):.1f} %"

@@ -1,0 +1,50 @@
+"""Bayer filter: every pixel sees one of three colours."""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gs2ci.core.errors import InputError
+from gs2ci.core.records import CFA_PATTERNS, CfaPattern
+from gs2ci_sims.effects.base import UNAVOIDABLE, Bound, Stage
+
+if TYPE_CHECKING:
+    from gs2ci_sims.preview import Preview
+    from gs2ci_sims.rig import Rig
+
+F64 = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class BayerFilter:
+    """Keep of each pixel's light the colour that its filter passes, [H, W, 3] -> [H, W, 1].
+
+    Bayer, US patent 3 971 065 (1976). Light of the other colours never becomes charge, so the filter is the
+    first to act on it.
+
+    Args:
+        pattern: Colours of the upper left two by two pixels, row by row.
+    """
+
+    name: ClassVar[str] = "bayer_filter"
+    stage: ClassVar[Stage] = Stage.CHARGE
+    cost_ns: ClassVar[float] = 5.0
+    fixed_pattern: ClassVar[bool] = False
+
+    pattern: CfaPattern = "RGGB"
+
+    def __post_init__(self) -> None:
+        if self.pattern not in CFA_PATTERNS:
+            raise InputError(f"colour filter array {self.pattern!r}", allowed=", ".join(CFA_PATTERNS))
+
+    def bound(self, scene: "Preview", rig: "Rig") -> Bound:
+        """Infinite: it decides what is recorded, one colour per pixel or three."""
+        return UNAVOIDABLE
+
+    def apply(self, signal: F64, rig: "Rig", rng: np.random.Generator) -> F64:
+        """Select from electrons [H, W, 3]."""
+        tile = np.array(["RGB".index(colour) for colour in self.pattern]).reshape(2, 2)
+        rows, columns = np.indices(signal.shape[:2])
+        return np.take_along_axis(signal, tile[rows % 2, columns % 2][..., None], axis=2)

@@ -1,0 +1,48 @@
+"""Black level: the offset of all readings drifts off the data sheet's figure."""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gs2ci.core.errors import InputError
+from gs2ci_sims.effects.base import Bound, Stage
+
+if TYPE_CHECKING:
+    from gs2ci_sims.preview import Preview
+    from gs2ci_sims.rig import Rig
+
+F64 = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class BlackLevel:
+    """Shift all readings: the clamp's drift since the dark frames were taken.
+
+    The offset mu_y.dark of EMVA Standard 1288, Release 3.1, section 2.1, is a figure of the data sheet
+    (`Sensor.black_level_dn`) and always there; this is how far the truth lies from it. A shift down clips dark
+    readings at 0 where the data sheet's level is too low to hold it.
+
+    Args:
+        shift_dn: True black level minus the data sheet's, DN.
+    """
+
+    name: ClassVar[str] = "black_level"
+    stage: ClassVar[Stage] = Stage.READOUT
+    cost_ns: ClassVar[float] = 2.0
+    fixed_pattern: ClassVar[bool] = False
+
+    shift_dn: float
+
+    def __post_init__(self) -> None:
+        if not np.isfinite(self.shift_dn):
+            raise InputError(f"black level shifted by {self.shift_dn} DN", allowed="a finite number")
+
+    def bound(self, scene: "Preview", rig: "Rig") -> Bound:
+        """Exactly the shift."""
+        return Bound(abs(self.shift_dn), abs(self.shift_dn))
+
+    def apply(self, signal: F64, rig: "Rig", rng: np.random.Generator) -> F64:
+        """Shift readings [H, W, C]."""
+        return signal + self.shift_dn

@@ -1,0 +1,68 @@
+"""Blooming: charge that a full pixel cannot hold spills along its column."""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gs2ci.core.errors import InputError
+from gs2ci_sims.effects.base import Bound, Stage
+from gs2ci_sims.preview import HEADROOM
+
+if TYPE_CHECKING:
+    from gs2ci_sims.preview import Preview
+    from gs2ci_sims.rig import Rig
+
+F64 = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Blooming:
+    """Let a share of each pixel's charge beyond the full well flow into its column, half up and half down.
+
+    It fills every pixel that it reaches up to the well and flows on; what reaches the border is gone. The rest goes
+    into the anti-blooming drain, hence share 1 is a sensor without one (Janesick, Scientific Charge-Coupled Devices
+    (2001)). Acts before `full_well`, which clips what stays.
+
+    Args:
+        share: Of the excess charge that spills, 0 to 1.
+    """
+
+    name: ClassVar[str] = "blooming"
+    stage: ClassVar[Stage] = Stage.CHARGE
+    cost_ns: ClassVar[float] = 40.0
+    fixed_pattern: ClassVar[bool] = False
+
+    share: float
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.share <= 1:
+            raise InputError(f"blooming of {self.share} of the excess charge", allowed="0 to 1")
+
+    def bound(self, scene: "Preview", rig: "Rig") -> Bound:
+        """Excess S in all, spilled into pixels that take at most the well's charge W each.
+
+        The receivers' charges add up to S at most and none exceeds W, so their squares add up to W S at most, and to
+        W^2 per pixel. Givers read W with and without it. The excess is that of the nominal charge, with a margin and
+        six standard deviations of its shot noise.
+        """
+        well_e = rig.sensor.full_well_e
+        charge_e = HEADROOM * scene.charge_e
+        excess_e = np.maximum(charge_e + 6 * np.sqrt(charge_e) - well_e, 0.0) * (charge_e > 0)
+        spilled_e = self.share * float(excess_e.sum())
+        rms_e = np.sqrt(min(spilled_e / charge_e.size, well_e) * well_e)
+        return Bound(rig.dn_per_e * float(rms_e), rig.dn_per_e * min(spilled_e, well_e))
+
+    def apply(self, signal: F64, rig: "Rig", rng: np.random.Generator) -> F64:
+        """Spill electrons [H, W, C] along axis 0."""
+        well_e = rig.sensor.full_well_e
+        spilled = self.share * np.maximum(signal - well_e, 0.0)
+        level = signal - spilled
+        for rows in (range(len(signal)), range(len(signal) - 1, -1, -1)):
+            flow = np.zeros(signal.shape[1:])
+            for row in rows:
+                taken = np.minimum(flow, np.maximum(well_e - level[row], 0.0))
+                level[row] += taken
+                flow += 0.5 * spilled[row] - taken
+        return level

@@ -1,0 +1,58 @@
+"""Clock drift: modulator and sensor count seconds of different length."""
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+
+from gs2ci.core.errors import InputError
+from gs2ci_sims.effects.base import Bound, Stage
+from gs2ci_sims.effects.trigger_timing import within_window
+from gs2ci_sims.signals import Slices
+
+if TYPE_CHECKING:
+    from gs2ci_sims.preview import Preview
+    from gs2ci_sims.rig import Rig
+
+
+@dataclass(frozen=True)
+class ClockDrift:
+    """Stretch the masks' schedule from the first mask on; the sensor closes when its own clock says so.
+
+    Args:
+        ppm: By how many parts per million the modulator's clock is slow, above -1e6 (crystals: 20 to 100).
+    """
+
+    name: ClassVar[str] = "clock_drift"
+    stage: ClassVar[Stage] = Stage.TIME
+    cost_ns: ClassVar[float] = 0.1
+    fixed_pattern: ClassVar[bool] = False
+
+    ppm: float
+
+    def __post_init__(self) -> None:
+        if not -1e6 < self.ppm < np.inf:
+            raise InputError(f"clock drift of {self.ppm} ppm", allowed="finite, above -1e6")
+
+    def bound(self, scene: "Preview", rig: "Rig") -> Bound:
+        """Each mask's weight changes by the stretch, the last one's by what is cut off; the image moves on."""
+        stretch = 1e-6 * self.ppm
+        begin = scene.intervals_s[0, 0]
+        stretched = begin + (scene.intervals_s - begin) * (1 + stretch)
+        kept = np.minimum(stretched, scene.intervals_s[-1, 1])
+        change = (kept[:, 1] - kept[:, 0]) / rig.timing.interval_s - 1
+        steady = scene.of_masks(change[:, None, None] * scene.masks)
+        late_s = float(np.abs(kept.mean(axis=1) - scene.intervals_s.mean(axis=1)).max())
+        moved = scene.shifted(late_s * float(scene.motion_px.max()) / rig.timing.interval_s)
+        return Bound(steady.rms_dn + moved.rms_dn, steady.peak_dn + moved.peak_dn)
+
+    def apply(self, signal: Slices, rig: "Rig", rng: np.random.Generator) -> Slices:
+        """Stretch the slices and close the window."""
+        begin, stretch = -0.5 * rig.exposure_s, 1 + 1e-6 * self.ppm
+        later = replace(
+            signal,
+            start_s=begin + (signal.start_s - begin) * stretch,
+            stop_s=begin + (signal.stop_s - begin) * stretch,
+            since_s=begin + (signal.since_s - begin) * stretch,
+        )
+        return within_window(later, -np.inf, 0.5 * rig.exposure_s)

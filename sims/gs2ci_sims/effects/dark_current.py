@@ -1,0 +1,67 @@
+"""Dark current: heat frees electrons too."""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gs2ci.core.errors import InputError
+from gs2ci_sims.effects.base import Bound, Stage
+
+if TYPE_CHECKING:
+    from gs2ci_sims.preview import Preview
+    from gs2ci_sims.rig import Rig
+
+F64 = NDArray[np.float64]
+
+# The temperature for which data sheets state the current.
+REFERENCE_C: Final = 25.0
+
+
+@dataclass(frozen=True)
+class DarkCurrent:
+    """Add the mean charge that collects in the dark during the whole exposure, gaps between masks included.
+
+    It grows linearly with time and exponentially with temperature: mu_I(T) = mu_I.ref 2^((T - T_ref) / T_d) (EMVA
+    Standard 1288, Release 3.1, section 3). Its electrons are counted with the others: with `shot_noise` on, their
+    variance is their mean, as the standard has it.
+
+    Args:
+        current_e_per_s: mu_I.ref, electrons per pixel and second at 25 degrees Celsius, at least 0.
+        temperature_c: Of the sensor, degrees Celsius, -100 to 100.
+        doubling_k: T_d, the warming that doubles the current, more than 0 (silicon: 6 to 10 K).
+    """
+
+    name: ClassVar[str] = "dark_current"
+    stage: ClassVar[Stage] = Stage.CHARGE
+    cost_ns: ClassVar[float] = 2.0
+    fixed_pattern: ClassVar[bool] = False
+
+    current_e_per_s: float
+    temperature_c: float = REFERENCE_C
+    doubling_k: float = 8.0
+
+    def __post_init__(self) -> None:
+        current, doubling = self.current_e_per_s, self.doubling_k
+        if not 0 <= current < np.inf or not abs(self.temperature_c) <= 100 or not 1 <= doubling < np.inf:
+            raise InputError(
+                f"dark current of {current} e/s at {self.temperature_c} C, doubling every {doubling} K",
+                allowed="a finite current of 0 or more, -100 to 100 C, doubling_k of 1 or more",
+            )
+
+    def collected_e(self, exposure_s: float) -> float:
+        """Get the mean electrons that one pixel collects in the dark."""
+        return float(self.current_e_per_s * 2 ** ((self.temperature_c - REFERENCE_C) / self.doubling_k) * exposure_s)
+
+    def bound(self, scene: "Preview", rig: "Rig") -> Bound:
+        """The collected charge D, which is exact, and the shot noise that comes with it: sqrt(D^2 + D), times K.
+
+        Charge beyond the full well is lost.
+        """
+        dark_e = min(self.collected_e(rig.exposure_s), rig.sensor.full_well_e)
+        return Bound(rig.dn_per_e * float(np.sqrt(dark_e**2 + dark_e)), rig.dn_per_e * (dark_e + 6 * dark_e**0.5))
+
+    def apply(self, signal: F64, rig: "Rig", rng: np.random.Generator) -> F64:
+        """Add to mean electrons [H, W, C]."""
+        return signal + self.collected_e(rig.exposure_s)

@@ -1,0 +1,87 @@
+"""Defocus: what lies off the plane of focus is spread over a disc, by its depth."""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar, Final
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from gs2ci.core.errors import InputError
+from gs2ci_sims.effects.base import Bound, Stage
+from gs2ci_sims.effects.kernels import disc, disc_transfer
+from gs2ci_sims.signals import View
+
+if TYPE_CHECKING:
+    from gs2ci_sims.preview import Preview
+    from gs2ci_sims.rig import Rig
+
+F64 = NDArray[np.float64]
+
+# Diameters for which the view is blurred lie this far apart; between them the blurred views are interpolated.
+LAYER_STEP_PX: Final = 0.5
+DIAMETER_MAX_PX: Final = 64.0
+
+
+@dataclass(frozen=True)
+class Defocus:
+    """Blur each pixel by the disc that belongs to its depth.
+
+    A thin lens with an aperture of diameter A, focused at z_f, spreads a point at z over a disc of diameter
+    f A |1/z - 1/z_f| in pixels, f the focal length in pixels (Pentland, IEEE PAMI 9 (1987) 523, for an image plane
+    much nearer than z_f). Each pixel gathers with its own disc: at the rim of a near, blurred object the sharp
+    background does not show through it.
+
+    Args:
+        aperture: Diameter in scene units, at least 0.
+        focus_depth: z of what is sharp, scene units, more than 0.
+    """
+
+    name: ClassVar[str] = "defocus"
+    stage: ClassVar[Stage] = Stage.RADIANCE
+    cost_ns: ClassVar[float] = 400.0
+    fixed_pattern: ClassVar[bool] = False
+    needs_depth: ClassVar[bool] = True
+
+    aperture: float
+    focus_depth: float
+
+    def __post_init__(self) -> None:
+        if not (0 <= self.aperture < np.inf and 0 < self.focus_depth < np.inf):
+            raise InputError(
+                f"aperture {self.aperture} focused at {self.focus_depth}",
+                allowed="aperture >= 0, focus_depth > 0, finite",
+            )
+
+    def diameter_px(self, depth: F64, focal_px: float) -> F64:
+        """Get the disc's diameter for depths z in scene units; 0 where nothing is."""
+        safe = np.where(np.isfinite(depth) & (depth > 0), depth, self.focus_depth)
+        diameter = focal_px * self.aperture * np.abs(1 / safe - 1 / self.focus_depth)
+        return np.asarray(np.minimum(diameter, DIAMETER_MAX_PX))
+
+    def bound(self, scene: "Preview", rig: "Rig") -> Bound:
+        """The spectrum times what the widest disc takes from each cosine, 1 - 2 J1(x)/x."""
+        widest = float(self._widest_px(scene.scene.intrinsics, np.array(scene.scene.depth_range())).max())
+        return scene.filtered(lambda f: np.abs(1 - disc_transfer(widest, f)))
+
+    def _widest_px(self, intrinsics: F64, depths: F64) -> F64:
+        return self.diameter_px(depths, float(intrinsics[0, 0]))
+
+    def margin_px(self, rig: "Rig", size: tuple[int, int], intrinsics: F64) -> int:
+        """Half of the widest disc there can be, that of infinity or of half the focus depth."""
+        widest = self.diameter_px(np.array([0.5 * self.focus_depth, 1e12]), float(intrinsics[0, 0])).max()
+        return int(min(np.ceil(0.5 * widest), max(size)))
+
+    def apply(self, signal: View, rig: "Rig", rng: np.random.Generator) -> View:
+        """Blur the view by layers of disc diameter."""
+        assert signal.depth is not None, "the exposure renders depth for effects that need it"
+        diameter = self.diameter_px(signal.depth, float(signal.intrinsics[0, 0]))
+        # A disc of less than a pixel leaves a pixel alone; from there on, layers lie a step apart.
+        layer = np.maximum(diameter - 1.0, 0.0) / LAYER_STEP_PX
+        result = np.zeros_like(signal.radiance)
+        for number in np.unique(np.concatenate([np.floor(layer), np.ceil(layer)]).astype(int)):
+            share = np.maximum(1 - np.abs(layer - number), 0.0)
+            kernel = disc(1.0 + number * LAYER_STEP_PX)
+            image = cv2.filter2D(signal.radiance, cv2.CV_64F, kernel, borderType=cv2.BORDER_REFLECT)
+            result += share[..., None] * image.reshape(result.shape)
+        return View(result, signal.intrinsics, signal.margin, signal.depth)

@@ -1,0 +1,56 @@
+"""Gain non-linearity: the reading is not quite proportional to the charge."""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gs2ci.core.errors import InputError
+from gs2ci_sims.effects.base import Bound, Stage
+from gs2ci_sims.preview import HEADROOM
+
+if TYPE_CHECKING:
+    from gs2ci_sims.preview import Preview
+    from gs2ci_sims.rig import Rig
+
+F64 = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class GainNonlinearity:
+    """Bend the response by a parabola that is zero at no charge and at the full well W.
+
+    With x = charge / W, the amplifier puts out W (x + 4 d x (1 - x)): d is the largest departure from the straight
+    line between the ends, as a share of the full scale. The linearity error LE of EMVA Standard 1288, Release 3.1,
+    section 6, is the like, relative to a fitted line.
+
+    Args:
+        departure: d, positive for a response that lies above the line, of magnitude below 1/4: it stays monotonic.
+    """
+
+    name: ClassVar[str] = "gain_nonlinearity"
+    stage: ClassVar[Stage] = Stage.CHARGE
+    cost_ns: ClassVar[float] = 10.0
+    fixed_pattern: ClassVar[bool] = False
+
+    departure: float
+
+    def __post_init__(self) -> None:
+        if not abs(self.departure) < 0.25:
+            raise InputError(f"a response that departs by {self.departure} from a line", allowed="less than 0.25")
+
+    def bound(self, scene: "Preview", rig: "Rig") -> Bound:
+        """The parabola at the nominal charge, with a margin and its shot noise; its top from half the well on."""
+        well_e = rig.sensor.full_well_e
+        charge_e = HEADROOM * scene.charge_e
+        x = np.minimum(np.sqrt(np.square(charge_e) + charge_e) / well_e, 0.5)
+        change_dn = 4 * abs(self.departure) * well_e * x * (1 - x) * rig.dn_per_e
+        noisiest = min(float((charge_e + 6 * np.sqrt(charge_e)).max()) / well_e, 0.5)
+        peak_dn = 4 * abs(self.departure) * well_e * noisiest * (1 - noisiest) * rig.dn_per_e
+        return Bound(float(np.sqrt(np.square(change_dn).mean())), peak_dn)
+
+    def apply(self, signal: F64, rig: "Rig", rng: np.random.Generator) -> F64:
+        """Bend electrons [H, W, C]; beyond the ends the response goes on without the parabola."""
+        x = np.clip(signal / rig.sensor.full_well_e, 0.0, 1.0)
+        return signal + 4 * self.departure * rig.sensor.full_well_e * x * (1 - x)

@@ -1,0 +1,64 @@
+"""Hot pixels: a few leak a thousand times the dark current of the others."""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gs2ci.core.errors import InputError
+from gs2ci_sims.effects.base import Bound, Stage
+
+if TYPE_CHECKING:
+    from gs2ci_sims.preview import Preview
+    from gs2ci_sims.rig import Rig
+
+F64 = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class HotPixels:
+    """Give a random few pixels an excess dark current, exponentially distributed.
+
+    The same pixels and currents in every exposure of one device. The tail of a sensor's dark current histogram is
+    nearly exponential (Widenhorn et al., Proc. SPIE 4669 (2002); EMVA Standard 1288, Release 3.1, section 4, shows
+    it as the straight flank of the logarithmic histogram).
+
+    Args:
+        share: Of all pixels that are hot, 0 to 1.
+        mean_e_per_s: Mean excess of those, electrons per second, at least 0.
+    """
+
+    name: ClassVar[str] = "hot_pixels"
+    stage: ClassVar[Stage] = Stage.CHARGE
+    cost_ns: ClassVar[float] = 20.0
+    fixed_pattern: ClassVar[bool] = True
+
+    share: float
+    mean_e_per_s: float
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.share <= 1 or not 0 <= self.mean_e_per_s < np.inf:
+            raise InputError(
+                f"{self.share} of all pixels hot with {self.mean_e_per_s} e/s on average",
+                allowed="a share of 0 to 1, a finite current of 0 or more",
+            )
+
+    def bound(self, scene: "Preview", rig: "Rig") -> Bound:
+        """Moments of the exponential law, clipped at the full well, and six standard errors of their sample mean.
+
+        For the charge x of a hot pixel of mean m: E x^2 = 2 m^2, E x^4 = 24 m^4; its own shot noise adds m. The
+        hottest of k pixels exceeds m (ln k + 14) with a probability below exp(-14), one in a million.
+        """
+        mean_e, well_e = self.mean_e_per_s * rig.exposure_s, rig.sensor.full_well_e
+        pixels = scene.charge_e.shape[0] * scene.charge_e.shape[1]
+        second = self.share * min(2 * mean_e**2 + mean_e, well_e**2)
+        fourth = self.share * min(24 * mean_e**4, well_e**4)
+        hottest_e = min(mean_e * (np.log(max(self.share * pixels, 1.0)) + 14), well_e) if self.share > 0 else 0.0
+        rms_e = np.sqrt(second + 6 * np.sqrt(fourth / pixels))
+        return Bound(rig.dn_per_e * float(rms_e), rig.dn_per_e * float(hottest_e))
+
+    def apply(self, signal: F64, rig: "Rig", rng: np.random.Generator) -> F64:
+        """Add to mean electrons [H, W, C]."""
+        hot = rng.random(signal.shape) < self.share
+        return signal + hot * rng.exponential(self.mean_e_per_s * rig.exposure_s, signal.shape)

@@ -1,0 +1,52 @@
+"""Illumination drift: a lamp that warms up or tires during the exposure."""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gs2ci.core.errors import InputError
+from gs2ci_sims.effects.base import Bound, Stage
+from gs2ci_sims.signals import Slices
+
+if TYPE_CHECKING:
+    from gs2ci_sims.preview import Preview
+    from gs2ci_sims.rig import Rig
+
+
+F64 = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class IlluminationDrift:
+    """Multiply the light by 1 + rate t, with t = 0 in the middle of the exposure; never below darkness.
+
+    Args:
+        rate_per_s: Relative change per second.
+    """
+
+    name: ClassVar[str] = "illumination_drift"
+    stage: ClassVar[Stage] = Stage.TIME
+    cost_ns: ClassVar[float] = 0.1
+    fixed_pattern: ClassVar[bool] = False
+
+    rate_per_s: float
+
+    def __post_init__(self) -> None:
+        if not np.isfinite(self.rate_per_s):
+            raise InputError(f"illumination drift of {self.rate_per_s} per second", allowed="a finite number")
+
+    def bound(self, scene: "Preview", rig: "Rig") -> Bound:
+        """Each mask's light changes by the drift up to its middle; within it, the centre of time shifts."""
+        change = self._factor(scene.intervals_s.mean(axis=1)) - 1
+        steady = scene.of_masks(change[:, None, None] * scene.masks)
+        return scene.with_motion(steady, 0.5 * abs(self.rate_per_s) * rig.timing.interval_s)
+
+    def apply(self, signal: Slices, rig: "Rig", rng: np.random.Generator) -> Slices:
+        """Scale each slice by the drift at its middle, cut in four to follow it."""
+        pieces = signal.split(4)
+        return pieces.scaled(self._factor(0.5 * (pieces.start_s + pieces.stop_s)))
+
+    def _factor(self, times_s: F64) -> F64:
+        return np.maximum(1 + self.rate_per_s * times_s, 0.0)

@@ -1,0 +1,50 @@
+"""Illumination flicker: lamps on the mains swing at twice its frequency."""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+
+from gs2ci.core.errors import InputError
+from gs2ci_sims.effects.base import Bound, Stage
+from gs2ci_sims.effects.periodic import swing_left, swinging
+from gs2ci_sims.signals import Slices
+
+if TYPE_CHECKING:
+    from gs2ci_sims.preview import Preview
+    from gs2ci_sims.rig import Rig
+
+
+@dataclass(frozen=True)
+class IlluminationFlicker:
+    """Multiply the light by 1 + depth cos(2 pi 2 mains t + phase); the phase is drawn: nothing waits for the mains.
+
+    `depth` is percent flicker / 100, (max - min) / (max + min) (IEEE 1789-2015, section 3).
+
+    Args:
+        depth: 0 to 1.
+        mains_hz: Of the supply; light swings at twice that.
+    """
+
+    name: ClassVar[str] = "illumination_flicker"
+    stage: ClassVar[Stage] = Stage.TIME
+    cost_ns: ClassVar[float] = 0.2
+    fixed_pattern: ClassVar[bool] = False
+
+    depth: float
+    mains_hz: float = 50.0
+
+    def __post_init__(self) -> None:
+        if not (0 <= self.depth <= 1 and 0 < self.mains_hz < np.inf):
+            raise InputError(
+                f"flicker of depth {self.depth} at {self.mains_hz} Hz", allowed="depth 0 to 1, finite frequency > 0"
+            )
+
+    def bound(self, scene: "Preview", rig: "Rig") -> Bound:
+        """The swing that an interval's mean keeps, depth |sin x / x|, at the worst phase; the rest moves in time."""
+        left = swing_left(self.depth, 2 * self.mains_hz, rig.timing.interval_s)
+        return scene.with_motion(scene.of_share(left), self.depth)
+
+    def apply(self, signal: Slices, rig: "Rig", rng: np.random.Generator) -> Slices:
+        """Swing the light of the slices."""
+        return swinging(signal, self.depth, 2 * self.mains_hz, float(rng.uniform(0, 2 * np.pi)))

@@ -1,0 +1,71 @@
+"""Convolution kernels of optical effects, and their transfer functions. For the effects beside this file."""
+
+from typing import Final
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import ive, j1
+
+F64 = NDArray[np.float64]
+
+# Sub-samples per pixel side when a disc is drawn: its area is then off by less than 0.1 %.
+DISC_OVERSAMPLING: Final = 16
+
+
+def gaussian_radius(sigma_px: float, reach: float) -> int:
+    """Return the radius of a kernel that is cut off at reach sigma: one more than that, as narrow ones fall slower."""
+    return int(np.ceil(reach * sigma_px)) + 1 if sigma_px > 0 else 0
+
+
+def discrete_gaussian(sigma_px: float, reach: float) -> F64:
+    """Return Lindeberg's discrete Gaussian, [2 r + 1] with r = `gaussian_radius`; it adds up to 1.
+
+    e^-t I_n(t) with t = sigma^2 is what a sampled Gaussian only approximates: its variance is exactly t and its
+    transfer function exactly exp(t (cos w - 1)), however small sigma is (Lindeberg, IEEE PAMI 12 (1990) 234).
+    """
+    radius = gaussian_radius(sigma_px, reach)
+    kernel = ive(np.arange(-radius, radius + 1), sigma_px**2)
+    return np.asarray(kernel / kernel.sum())
+
+
+def gaussian_tail(sigma_px: float, reach: float) -> float:
+    """Return the share of the discrete Gaussian beyond its reach."""
+    radius = gaussian_radius(sigma_px, reach)
+    return float(max(0.0, 1.0 - ive(np.arange(-radius, radius + 1), sigma_px**2).sum()))
+
+
+def blurred(image: F64, sigma_px: float, reach: float) -> F64:
+    """Convolve an image [H, W] or [H, W, C] with the discrete Gaussian; beyond the rim it goes on mirrored."""
+    kernel = discrete_gaussian(sigma_px, reach)
+    if kernel.size == 1:
+        return image
+    result = cv2.sepFilter2D(image, cv2.CV_64F, kernel, kernel, borderType=cv2.BORDER_REFLECT)
+    return np.asarray(result).reshape(image.shape)
+
+
+def gaussian_loss(sigma_px: float, frequency: F64) -> F64:
+    """Return an upper limit of what the discrete Gaussian takes from a cosine (cycles per pixel), as a share.
+
+    1 - exp(t (cos w_x + cos w_y - 2)) with cos w >= 1 - w^2 / 2.
+    """
+    return np.asarray(-np.expm1(-2 * np.square(np.pi * sigma_px * frequency)))
+
+
+def disc(diameter_px: float) -> F64:
+    """Return a uniform disc as pixels see it, [2 r + 1, 2 r + 1], adding up to 1; one pixel for less than one."""
+    radius = int(np.ceil(0.5 * diameter_px - 0.5)) if diameter_px > 0 else 0
+    if radius == 0:
+        return np.ones((1, 1))
+    side = (2 * radius + 1) * DISC_OVERSAMPLING
+    place = (np.arange(side) + 0.5) / DISC_OVERSAMPLING - (radius + 0.5)
+    inside = (np.square(place[:, None]) + np.square(place) <= np.square(0.5 * diameter_px)).astype(np.float64)
+    blocks = inside.reshape(2 * radius + 1, DISC_OVERSAMPLING, 2 * radius + 1, DISC_OVERSAMPLING)
+    kernel = blocks.mean(axis=(1, 3))
+    return np.asarray(kernel / kernel.sum())
+
+
+def disc_transfer(diameter_px: float, frequency: F64) -> F64:
+    """Return the transfer function of a uniform disc, 2 J1(x) / x with x = pi d f (Goodman, Fourier Optics, 6.4)."""
+    x = np.pi * diameter_px * np.asarray(frequency, dtype=np.float64)
+    return np.where(x < 1e-6, 1.0, 2 * j1(x) / np.where(x < 1e-6, 1.0, x))

@@ -1,0 +1,53 @@
+"""LCoS flicker: pulse-coded drive makes a panel's reflectance ripple."""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+
+from gs2ci.core.errors import InputError
+from gs2ci_sims.effects.base import Bound, Stage
+from gs2ci_sims.effects.periodic import swing_left, swinging
+from gs2ci_sims.signals import Slices
+
+if TYPE_CHECKING:
+    from gs2ci_sims.preview import Preview
+    from gs2ci_sims.rig import Rig
+
+
+@dataclass(frozen=True)
+class LcosFlicker:
+    """Multiply all transmissions by 1 + depth cos(2 pi drive t), in step with the masks: drive and frame share a clock.
+
+    The molecules follow the pulses of a digital drive (Hermerschmidt et al., Proc. SPIE 7723 (2010), on phase
+    flicker); behind a polariser that is a ripple of the transmission.
+
+    Args:
+        depth: 0 to 1.
+        drive_hz: Of the pulse sequence.
+    """
+
+    name: ClassVar[str] = "lcos_flicker"
+    stage: ClassVar[Stage] = Stage.TIME
+    cost_ns: ClassVar[float] = 0.2
+    fixed_pattern: ClassVar[bool] = False
+
+    depth: float
+    drive_hz: float = 300.0
+
+    def __post_init__(self) -> None:
+        if not (0 <= self.depth <= 1 and 0 < self.drive_hz < np.inf):
+            raise InputError(
+                f"LCoS flicker of depth {self.depth} at {self.drive_hz} Hz",
+                allowed="depth 0 to 1, finite frequency > 0",
+            )
+
+    def bound(self, scene: "Preview", rig: "Rig") -> Bound:
+        """The ripple that an interval's mean keeps, depth |sin x / x|; the rest moves in time."""
+        left = swing_left(self.depth, self.drive_hz, rig.timing.interval_s)
+        return scene.with_motion(scene.of_share(left), self.depth)
+
+    def apply(self, signal: Slices, rig: "Rig", rng: np.random.Generator) -> Slices:
+        """Ripple the light of the slices; the phase is 0 when the first mask is switched on."""
+        begin = -0.5 * rig.exposure_s
+        return swinging(signal, self.depth, self.drive_hz, -2 * np.pi * self.drive_hz * begin)

@@ -1,0 +1,77 @@
+"""LCoS response: liquid crystals turn slowly, so each mask approaches its transmission exponentially."""
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, ClassVar, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gs2ci.core.errors import InputError
+from gs2ci_sims.effects.base import Bound, Stage
+from gs2ci_sims.signals import Slices
+
+if TYPE_CHECKING:
+    from gs2ci_sims.preview import Preview
+    from gs2ci_sims.rig import Rig
+
+F64 = NDArray[np.float64]
+
+# Where slices are cut, in time constants: the weight of the old mask falls by at most a quarter from cut to cut.
+CUTS: Final = np.array([0.0625, 0.125, 0.25, 0.5, 0.75, 1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0])
+
+
+@dataclass(frozen=True)
+class LcosResponse:
+    """Let the transmission relax from the old state to the new with a time constant.
+
+    First-order relaxation of the director (Yeh and Gu, Optics of Liquid Crystal Displays, section 5.3), the same for
+    both directions; before the first mask the modulator is dark. What is left of older masks is carried on, in dark
+    gaps too.
+
+    Args:
+        tau_s: Time constant, 0 or more; display panels have 1 to 10 ms.
+    """
+
+    name: ClassVar[str] = "lcos_response"
+    stage: ClassVar[Stage] = Stage.TIME
+    cost_ns: ClassVar[float] = 0.2
+    fixed_pattern: ClassVar[bool] = False
+
+    tau_s: float
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.tau_s < np.inf:
+            raise InputError(f"LCoS time constant of {self.tau_s} s", allowed="finite, 0 or more")
+
+    def states(self, masks: int, rig: "Rig") -> F64:
+        """Return what is on the modulator at the switch to each mask, as shares of all masks, [N, N]."""
+        on = -np.expm1(-rig.timing.interval_s / self.tau_s)
+        off = float(np.exp(-rig.timing.dark_s / self.tau_s))
+        states = np.zeros((masks, masks))
+        for n in range(1, masks):
+            states[n] = states[n - 1] * (1 - on)
+            states[n, n - 1] += on
+            states[n] *= off
+        return states
+
+    def bound(self, scene: "Preview", rig: "Rig") -> Bound:
+        """The old state's mean weight over an interval, tau/T (1 - exp(-T/tau)), times what it differs by."""
+        if self.tau_s == 0:
+            return scene.of_masks(np.zeros_like(scene.masks))
+        ratio = self.tau_s / rig.timing.interval_s
+        weight = min(1.0, float(-np.expm1(-1 / ratio) * ratio))
+        old = np.tensordot(self.states(len(scene.masks), rig), scene.masks, axes=1)
+        return scene.with_motion(scene.of_masks(weight * (old - scene.masks)), weight)
+
+    def apply(self, signal: Slices, rig: "Rig", rng: np.random.Generator) -> Slices:
+        """Mix what is left of older masks into each mask's time."""
+        if self.tau_s == 0:
+            return signal
+        pieces = signal.split_at(signal.since_s[:, None] + self.tau_s * CUTS)
+        begin = (pieces.start_s - pieces.since_s) / self.tau_s
+        length = np.maximum(pieces.duration_s / self.tau_s, 1e-300)
+        # The mean of exp(-t / tau) over the piece.
+        old = (np.exp(-begin) * -np.expm1(-length) / length)[:, None]
+        states = self.states(signal.mix.shape[1], rig)[pieces.shown]
+        level = pieces.mix.sum(axis=1, keepdims=True)
+        return replace(pieces, mix=(1 - old) * pieces.mix + old * states * level)

@@ -1,0 +1,101 @@
+"""Lens distortion: straight lines bend towards the rim."""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar, Final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import map_coordinates
+
+from gs2ci.core.errors import InputError
+from gs2ci_sims.effects.base import Bound, Stage
+from gs2ci_sims.signals import View
+
+if TYPE_CHECKING:
+    from gs2ci_sims.preview import Preview
+    from gs2ci_sims.rig import Rig
+
+F64 = NDArray[np.float64]
+
+# Newton steps that invert the polynomial: quadratic convergence makes this plenty.
+INVERSION_STEPS: Final = 20
+
+
+@dataclass(frozen=True)
+class LensDistortion:
+    """Shift what is seen at radius r from the axis (tangent of the field angle) to r (1 + k1 r^2 + k2 r^4).
+
+    The radial model of Brown (Photogrammetric Engineering 32 (1966) 444), with the signs of OpenCV: k1 < 0 is a
+    barrel.
+
+    Args:
+        k1: Of r^2.
+        k2: Of r^4.
+    """
+
+    name: ClassVar[str] = "lens_distortion"
+    stage: ClassVar[Stage] = Stage.RADIANCE
+    cost_ns: ClassVar[float] = 600.0
+    fixed_pattern: ClassVar[bool] = False
+    needs_depth: ClassVar[bool] = False
+
+    k1: float
+    k2: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not np.isfinite([self.k1, self.k2]).all():
+            raise InputError(f"distortion k1 = {self.k1}, k2 = {self.k2}", allowed="finite numbers")
+
+    def undistorted_radius(self, radius: F64) -> F64:
+        """Invert r (1 + k1 r^2 + k2 r^4) by Newton's method.
+
+        Raises:
+            InputError: The polynomial turns back within these radii: it maps two field angles to one place.
+        """
+        bare = np.array(radius, dtype=np.float64)
+        for _ in range(INVERSION_STEPS):
+            square = np.square(bare)
+            slope = 1 + 3 * self.k1 * square + 5 * self.k2 * np.square(square)
+            if not (slope > 0.05).all():
+                raise InputError(
+                    f"distortion k1 = {self.k1}, k2 = {self.k2} folds the image over at radius {bare.max():.3g}",
+                    remedy="use smaller coefficients or a narrower field of view",
+                )
+            bare -= (bare * (1 + self.k1 * square + self.k2 * np.square(square)) - radius) / slope
+        return bare
+
+    def sources_px(self, size: tuple[int, int], intrinsics: F64) -> F64:
+        """Return where each pixel's light would fall without distortion: rows and columns, [2, H, W], centres +0.5."""
+        rows, columns = np.mgrid[: size[0], : size[1]] + 0.5
+        x = (columns - intrinsics[0, 2]) / intrinsics[0, 0]
+        y = (rows - intrinsics[1, 2]) / intrinsics[1, 1]
+        radius = np.hypot(x, y)
+        scale = np.where(radius > 0, self.undistorted_radius(radius) / np.maximum(radius, 1e-12), 1.0)
+        return np.stack(
+            [y * scale * intrinsics[1, 1] + intrinsics[1, 2], x * scale * intrinsics[0, 0] + intrinsics[0, 2]]
+        )
+
+    def bound(self, scene: "Preview", rig: "Rig") -> Bound:
+        """What a shift by the rms displacement changes.
+
+        The squared change of a cosine, 4 sin^2(pi f d), is concave in d^2, so that its mean over the frame is at most
+        its value at the mean of d^2 (Jensen).
+        """
+        size, intrinsics = scene.scene.size, scene.scene.intrinsics
+        moved = self.sources_px(size, intrinsics) - (np.mgrid[: size[0], : size[1]] + 0.5)
+        rms = scene.shifted(float(np.sqrt(np.square(moved).sum(axis=0).mean())))
+        return Bound(rms.rms_dn, scene.shifted(float(np.abs(moved).sum(axis=0).max())).peak_dn)
+
+    def margin_px(self, rig: "Rig", size: tuple[int, int], intrinsics: F64) -> int:
+        """Return the largest displacement along an axis, and two pixels for the interpolation."""
+        moved = self.sources_px(size, intrinsics) - (np.mgrid[: size[0], : size[1]] + 0.5)
+        return int(np.ceil(np.abs(moved).max())) + 2
+
+    def apply(self, signal: View, rig: "Rig", rng: np.random.Generator) -> View:
+        """Resample the view with cubic splines where its light comes from; beyond the margin the rim repeats."""
+        places = self.sources_px(signal.radiance.shape[:2], signal.intrinsics) - 0.5
+        channels = [
+            map_coordinates(signal.radiance[..., c], places, order=3, mode="nearest")
+            for c in range(signal.radiance.shape[2])
+        ]
+        return View(np.maximum(np.stack(channels, axis=-1), 0), signal.intrinsics, signal.margin, signal.depth)

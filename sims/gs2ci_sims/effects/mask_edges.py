@@ -1,0 +1,60 @@
+"""Mask edges: an element's transmission does not jump at its rim, it slopes."""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gs2ci.core.errors import InputError
+from gs2ci_sims.effects.base import Bound, Stage
+from gs2ci_sims.effects.kernels import blurred, gaussian_tail
+
+if TYPE_CHECKING:
+    from gs2ci_sims.preview import Preview
+    from gs2ci_sims.rig import Rig
+
+F64 = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class MaskEdges:
+    """Blur the masks themselves by a Gaussian: gaps between mirrors, fringing fields between cells.
+
+    A Gaussian of about 0.5 px fits two measured sets of laboratory masks against their binarised copies.
+
+    Args:
+        sigma_px: Standard deviation in sensor pixels, 0 to 100.
+        reach: Where the kernel is cut off, in standard deviations; the planner chooses.
+    """
+
+    name: ClassVar[str] = "mask_edges"
+    stage: ClassVar[Stage] = Stage.MASKS
+    cost_ns: ClassVar[float] = 20.0
+    fixed_pattern: ClassVar[bool] = False
+
+    sigma_px: float = 0.5
+    reach: float = 8.0
+
+    def __post_init__(self) -> None:
+        if not (0 <= self.sigma_px <= 100 and 0 < self.reach <= 10):
+            raise InputError(
+                f"mask edges of {self.sigma_px} px to {self.reach} sigma", allowed="0 to 100 px, reach in (0, 10]"
+            )
+
+    def bound(self, scene: "Preview", rig: "Rig") -> Bound:
+        """What the blurred masks make of the previewed views."""
+        return scene.of_masks(self._blurred(scene.masks, 4.0) - scene.masks)
+
+    def kernel_bound(self, scene: "Preview", rig: "Rig", reach: float) -> Bound:
+        """The masks' deviation from their mean, times twice the share of the kernel that is cut off, per direction."""
+        masks = scene.masks.astype(np.float64)
+        tail = gaussian_tail(self.sigma_px, reach)
+        return scene.of_masks(4 * tail * (masks - masks.mean(axis=(1, 2), keepdims=True)))
+
+    def apply(self, signal: NDArray[np.floating], rig: "Rig", rng: np.random.Generator) -> F64:
+        """Blur masks [N, H, W]."""
+        return self._blurred(signal, self.reach)
+
+    def _blurred(self, masks: NDArray[np.floating], reach: float) -> F64:
+        return np.stack([blurred(mask.astype(np.float64), self.sigma_px, reach) for mask in masks])

@@ -1,0 +1,79 @@
+"""Mirror transition: mirrors take a while to flip, so each mask begins as a mixture with the one before."""
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gs2ci.core.errors import InputError
+from gs2ci_sims.effects.base import Bound, Stage
+from gs2ci_sims.signals import Slices
+
+if TYPE_CHECKING:
+    from gs2ci_sims.preview import Preview
+    from gs2ci_sims.rig import Rig
+
+F64 = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class MirrorTransition:
+    """Let the mask's transmission pass linearly from the old state to the new after each switch.
+
+    Before the first mask, and after a dark gap, the old state is dark. A DMD's crossover takes about 3 us and its
+    settling about 10 us (TI DLPA027 and the DLP6500 data sheet).
+
+    Args:
+        transition_s: How long it takes, 0 or more, at most an interval.
+    """
+
+    name: ClassVar[str] = "mirror_transition"
+    stage: ClassVar[Stage] = Stage.TIME
+    cost_ns: ClassVar[float] = 0.1
+    fixed_pattern: ClassVar[bool] = False
+
+    transition_s: float = 13e-6
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.transition_s < np.inf:
+            raise InputError(f"mirror transition of {self.transition_s} s", allowed="finite, 0 or more")
+
+    def bound(self, scene: "Preview", rig: "Rig") -> Bound:
+        """Half of the transition's share of the interval goes to the mask before, earlier than its middle."""
+        share = 0.5 * self._share(rig)
+        before = _before(scene.masks, rig)
+        steady = scene.of_masks(share * (before - scene.masks))
+        return scene.with_motion(steady, share)
+
+    def apply(self, signal: Slices, rig: "Rig", rng: np.random.Generator) -> Slices:
+        """Mix the mask before into the begin of each mask's time."""
+        if self._share(rig) == 0:
+            return signal
+        pieces = signal.split_at((signal.since_s + self.transition_s)[:, None])
+        middle = 0.5 * (pieces.start_s + pieces.stop_s) - pieces.since_s
+        new = np.clip(middle / self.transition_s, 0.0, 1.0)[:, None]
+        old = np.zeros_like(pieces.mix)
+        if rig.timing.dark_s == 0:
+            after_first = np.flatnonzero(pieces.shown > 0)
+            level = pieces.mix[after_first].sum(axis=1)
+            old[after_first, pieces.shown[after_first] - 1] = level
+        return replace(pieces, mix=new * pieces.mix + (1 - new) * old)
+
+    def _share(self, rig: "Rig") -> float:
+        share = self.transition_s / rig.timing.interval_s
+        if share > 1:
+            raise InputError(
+                f"mirrors that take {self.transition_s} s to flip, under masks of {rig.timing.interval_s} s",
+                allowed=f"at most {rig.timing.interval_s} s",
+                remedy="show each mask for longer",
+            )
+        return share
+
+
+def _before(masks: NDArray[np.floating], rig: "Rig") -> F64:
+    """Return the state that each mask replaces, [N, H, W]."""
+    before = np.zeros(masks.shape)
+    if rig.timing.dark_s == 0:
+        before[1:] = masks[:-1]
+    return before

@@ -1,0 +1,70 @@
+"""Misregistration: the modulator's elements do not fall exactly onto the sensor's pixels."""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import affine_transform
+
+from gs2ci.core.errors import InputError
+from gs2ci_sims.effects.base import Bound, Stage
+
+if TYPE_CHECKING:
+    from gs2ci_sims.preview import Preview
+    from gs2ci_sims.rig import Rig
+
+F64 = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Misregistration:
+    """Move the masks by an affine map about the middle of the sensor.
+
+    Elements and pixels are squares of one pitch: the overlap of a shifted element with a pixel is bilinear in the
+    shift, so bilinear interpolation is exact for it. Beyond its rim the modulator goes on as at the rim.
+
+    Args:
+        right_px: Shift of the masks to the right, sensor pixels.
+        down_px: Shift down.
+        turn_mrad: Turn, right-hand side down.
+        magnification: Of the masks on the sensor, more than 0.
+    """
+
+    name: ClassVar[str] = "misregistration"
+    stage: ClassVar[Stage] = Stage.MASKS
+    cost_ns: ClassVar[float] = 60.0
+    fixed_pattern: ClassVar[bool] = False
+
+    right_px: float = 0.0
+    down_px: float = 0.0
+    turn_mrad: float = 0.0
+    magnification: float = 1.0
+
+    def __post_init__(self) -> None:
+        numbers = (self.right_px, self.down_px, self.turn_mrad)
+        if not (np.isfinite(numbers).all() and 0 < self.magnification < np.inf):
+            raise InputError(
+                f"misregistration by {numbers}, magnification {self.magnification}",
+                allowed="finite numbers, magnification > 0",
+            )
+
+    def bound(self, scene: "Preview", rig: "Rig") -> Bound:
+        """What the moved masks make of the previewed views."""
+        return scene.of_masks(self._moved(scene.masks) - scene.masks)
+
+    def apply(self, signal: NDArray[np.floating], rig: "Rig", rng: np.random.Generator) -> F64:
+        """Move masks [N, H, W]."""
+        return self._moved(signal)
+
+    def _moved(self, masks: NDArray[np.floating]) -> F64:
+        turn = 1e-3 * self.turn_mrad
+        sensor_from_mask = self.magnification * np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
+        mask_from_sensor = np.linalg.inv(sensor_from_mask)
+        middle = 0.5 * (np.array(masks.shape[1:]) - 1)
+        offset = middle - mask_from_sensor @ (middle + np.array([self.down_px, self.right_px]))
+        moved = [
+            affine_transform(mask.astype(np.float64), mask_from_sensor, offset, order=1, mode="nearest")
+            for mask in masks
+        ]
+        return np.clip(moved, 0.0, 1.0)

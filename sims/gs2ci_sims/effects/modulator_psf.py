@@ -1,0 +1,65 @@
+"""Modulator PSF: the relay from modulator to sensor blurs what the masks let through, by diffraction at least."""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gs2ci.core.errors import InputError
+from gs2ci_sims.effects.base import Bound, Stage
+from gs2ci_sims.effects.kernels import blurred, gaussian_tail
+
+if TYPE_CHECKING:
+    from gs2ci_sims.preview import Preview
+    from gs2ci_sims.rig import Rig
+
+F64 = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class ModulatorPsf:
+    """Convolve what has passed the masks with a Gaussian; linear, so once for the sum over all masks.
+
+    The relay's own blur and diffraction add in quadrature. The Gaussian nearest to Airy's pattern has a standard
+    deviation of 0.42 wavelength x f-number (0.21 wavelength / NA: Zhang, Zerubia and Olivo-Marin, Applied Optics 46
+    (2007) 1819), on the scale of the modulator's pitch.
+
+    Args:
+        sigma_px: Of the relay's aberrations, in sensor pixels, at least 0.
+        diffraction: Whether to add diffraction, from the rig's f-number, wavelength and pitch.
+        reach: Where the kernel is cut off, in standard deviations; the planner chooses.
+    """
+
+    name: ClassVar[str] = "modulator_psf"
+    stage: ClassVar[Stage] = Stage.PHOTONS
+    cost_ns: ClassVar[float] = 60.0
+    fixed_pattern: ClassVar[bool] = False
+
+    sigma_px: float = 0.0
+    diffraction: bool = True
+    reach: float = 8.0
+
+    def __post_init__(self) -> None:
+        if not (0 <= self.sigma_px <= 100 and 0 < self.reach <= 10):
+            raise InputError(
+                f"modulator PSF of {self.sigma_px} px to {self.reach} sigma", allowed="0 to 100 px, reach in (0, 10]"
+            )
+
+    def total_sigma_px(self, rig: "Rig") -> float:
+        """Get the standard deviation of blur and diffraction together, in sensor pixels."""
+        spread_um = 0.42e-3 * rig.optics.wavelength_nm * rig.optics.f_number if self.diffraction else 0.0
+        return float(np.hypot(self.sigma_px, spread_um * rig.modulator.feature_px / rig.modulator.pitch_um))
+
+    def bound(self, scene: "Preview", rig: "Rig") -> Bound:
+        """What the blur makes of the previewed measurement itself: one convolution."""
+        return scene.of_readings(scene.signal_dn - blurred(scene.signal_dn, self.total_sigma_px(rig), 4.0))
+
+    def kernel_bound(self, scene: "Preview", rig: "Rig", reach: float) -> Bound:
+        """All but the measurement's mean, times twice the share of the kernel that is cut off, in each direction."""
+        tail = gaussian_tail(self.total_sigma_px(rig), reach)
+        return scene.of_readings(4 * tail * (scene.signal_dn - scene.signal_dn.mean(axis=(0, 1))))
+
+    def apply(self, signal: F64, rig: "Rig", rng: np.random.Generator) -> F64:
+        """Blur the photons [H, W, C]."""
+        return blurred(signal, self.total_sigma_px(rig), self.reach)

@@ -1,0 +1,81 @@
+"""Object motion: a part of the scene moves by itself during the exposure."""
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+import torch
+
+from gs2ci.core.errors import InputError
+from gs2ci.render.gaussians import Gaussians
+from gs2ci_sims.effects.base import NOTHING, Bound, Stage
+from gs2ci_sims.signals import MovingScene
+
+if TYPE_CHECKING:
+    from gs2ci_sims.preview import Preview
+    from gs2ci_sims.rig import Rig
+
+
+@dataclass(frozen=True)
+class ObjectMotion:
+    """Move the Gaussians within a ball at constant velocity; at time 0, mid-exposure, they are where the scene says.
+
+    Args:
+        centre: Of the ball, scene units, [3].
+        radius: Of the ball, scene units, more than 0.
+        velocity: Scene units per second, along the scene's axes, [3].
+    """
+
+    name: ClassVar[str] = "object_motion"
+    stage: ClassVar[Stage] = Stage.SCENE
+    cost_ns: ClassVar[float] = 5.0
+    fixed_pattern: ClassVar[bool] = False
+
+    centre: tuple[float, float, float]
+    radius: float
+    velocity: tuple[float, float, float]
+
+    def __post_init__(self) -> None:
+        if not (0 < self.radius < np.inf and np.isfinite([*self.centre, *self.velocity]).all()):
+            raise InputError(
+                f"object at {self.centre} of radius {self.radius} with velocity {self.velocity}",
+                allowed="finite numbers, radius > 0",
+            )
+
+    def bound(self, scene: "Preview", rig: "Rig") -> Bound:
+        """What a shift by half of the way changes, but no more than the object's and its way's share of the frame.
+
+        A pixel changes by at most the range of the radiance, and only the silhouette's sweep changes at all.
+        """
+        half_way_px = 0.5 * rig.exposure_s * self.image_px_per_s(scene)
+        if half_way_px == 0:
+            return NOTHING
+        near = scene.scene.depth_range()[0]
+        radius_px = float(scene.scene.intrinsics[0, 0]) * self.radius / near + half_way_px
+        share = min(1.0, np.pi * radius_px**2 / float(np.prod(scene.scene.size)))
+        shifted = scene.shifted(half_way_px)
+        contrast = scene.of_radiance(float(np.ptp(scene.views)) * share**0.5, float(np.ptp(scene.views)))
+        return Bound(min(shifted.rms_dn, contrast.rms_dn), contrast.peak_dn)
+
+    def image_px_per_s(self, scene: "Preview") -> float:
+        """Get how fast the object crosses the image, at most: as if it were at the near end of the scene."""
+        if not bool(self._members(scene.scene.gaussians).any()):
+            return 0.0
+        near = scene.scene.depth_range()[0]
+        return float(scene.scene.intrinsics[:2, :2].max() * np.linalg.norm(self.velocity) / near)
+
+    def apply(self, signal: MovingScene, rig: "Rig", rng: np.random.Generator) -> MovingScene:
+        """Return the scene with the object in motion."""
+
+        def at(time_s: float) -> Gaussians:
+            gaussians = signal(time_s)
+            shift = torch.tensor(self.velocity, dtype=gaussians.means.dtype) * time_s
+            moved = gaussians.means + self._members(signal(0.0))[:, None] * shift
+            return replace(gaussians, means=moved)
+
+        return at
+
+    def _members(self, gaussians: Gaussians) -> torch.Tensor:
+        centre = torch.tensor(self.centre, dtype=gaussians.means.dtype)
+        distance = torch.linalg.vector_norm(gaussians.means.detach() - centre, dim=1)
+        return torch.le(distance, self.radius)

@@ -1,0 +1,63 @@
+"""Optics PSF: the lens spreads each point of the scene a little."""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gs2ci.core.errors import InputError
+from gs2ci_sims.effects.base import Bound, Stage
+from gs2ci_sims.effects.kernels import blurred, gaussian_loss, gaussian_radius, gaussian_tail
+from gs2ci_sims.signals import View
+
+if TYPE_CHECKING:
+    from gs2ci_sims.preview import Preview
+    from gs2ci_sims.rig import Rig
+
+F64 = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class OpticsPsf:
+    """Convolve each view with a Gaussian: a lens whose many small errors add up (aberrations, focus, diffraction).
+
+    Its MTF is exp(-2 (pi sigma f)^2) (Boreman, Modulation Transfer Function in Optical Systems, section 1.2).
+
+    Args:
+        sigma_px: Standard deviation in sensor pixels, at least 0.
+        reach: Where the kernel is cut off, in standard deviations; the planner chooses.
+    """
+
+    name: ClassVar[str] = "optics_psf"
+    stage: ClassVar[Stage] = Stage.RADIANCE
+    cost_ns: ClassVar[float] = 60.0
+    fixed_pattern: ClassVar[bool] = False
+    needs_depth: ClassVar[bool] = False
+
+    sigma_px: float
+    reach: float = 8.0
+
+    def __post_init__(self) -> None:
+        if not (0 <= self.sigma_px <= 100 and 0 < self.reach <= 10):
+            raise InputError(
+                f"optics PSF of {self.sigma_px} px to {self.reach} sigma", allowed="0 to 100 px, reach in (0, 10]"
+            )
+
+    def bound(self, scene: "Preview", rig: "Rig") -> Bound:
+        """The spectrum times 1 - MTF (Parseval)."""
+        return scene.filtered(lambda f: gaussian_loss(self.sigma_px, f))
+
+    def kernel_bound(self, scene: "Preview", rig: "Rig", reach: float) -> Bound:
+        """All but the mean, times twice the share of the kernel that is cut off, in each of two directions."""
+        tail = gaussian_tail(self.sigma_px, reach)
+        return scene.filtered(lambda f: np.where(f > 0, 4 * tail, 0.0))
+
+    def margin_px(self, rig: "Rig", size: tuple[int, int], intrinsics: F64) -> int:
+        """Return the kernel's radius."""
+        return gaussian_radius(self.sigma_px, self.reach)
+
+    def apply(self, signal: View, rig: "Rig", rng: np.random.Generator) -> View:
+        """Blur the view."""
+        image = blurred(signal.radiance, self.sigma_px, self.reach)
+        return View(image, signal.intrinsics, signal.margin, signal.depth)

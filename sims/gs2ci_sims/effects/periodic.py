@@ -1,0 +1,30 @@
+"""Light that swings periodically, integrated over slices of time. For the flicker effects beside this file."""
+
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gs2ci_sims.signals import Slices
+
+F64 = NDArray[np.float64]
+
+# Pieces per period, so that a swing is followed within a mask; of swings much faster than the masks only the mean
+# over each piece matters, and that is exact.
+PIECES_PER_PERIOD: Final = 12
+PIECES_MAX: Final = 96
+
+
+def swinging(slices: Slices, depth: float, hertz: float, phase: float) -> Slices:
+    """Return the slices under a light of 1 + depth cos(2 pi hertz t + phase), cut finely enough to follow it."""
+    longest = float(slices.duration_s.max(initial=0.0))
+    parts = int(np.clip(np.ceil(longest * hertz * PIECES_PER_PERIOD), 1, PIECES_MAX))
+    pieces = slices.split(parts)
+    middle = 0.5 * (pieces.start_s + pieces.stop_s)
+    mean = np.cos(2 * np.pi * hertz * middle + phase) * np.sinc(hertz * pieces.duration_s)
+    return pieces.scaled(1 + depth * mean)
+
+
+def swing_left(depth: float, hertz: float, interval_s: float) -> float:
+    """Return how far the mean over an interval can be from 1: depth |sin x / x|, x = pi hertz interval."""
+    return float(depth * np.abs(np.sinc(hertz * interval_s)))

@@ -1,0 +1,79 @@
+"""Persistence: charge that the exposure before left in traps comes out in this one."""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gs2ci.core.errors import InputError
+from gs2ci_sims.effects.base import Bound, Stage
+
+if TYPE_CHECKING:
+    from gs2ci_sims.preview import Preview
+    from gs2ci_sims.rig import Rig
+
+F64 = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Persistence:
+    """Add what traps release during this exposure of the charge that the exposure before filled them with.
+
+    A share of each pixel's earlier charge is caught and freed at a rate that decays exponentially, so an exposure
+    of length T that begins a time g after the earlier one's end collects share x earlier charge x
+    (exp(-g / tau) - exp(-(g + T) / tau)). One trap species of Smith et al., Proc. SPIE 7021 (2008); for the lag of
+    pinned photodiodes see Fossum and Hondongwa, IEEE J. Electron Devices Soc. 2 (2014).
+
+    Args:
+        share: Of the earlier charge that is caught, 0 to 1.
+        decay_s: tau, more than 0.
+        gap_s: g, at least 0.
+        earlier_e: Electrons of the earlier exposure: one number for a flat field, or an image that broadcasts to
+            [H, W, C]; finite, at least 0.
+    """
+
+    name: ClassVar[str] = "persistence"
+    stage: ClassVar[Stage] = Stage.CHARGE
+    cost_ns: ClassVar[float] = 3.0
+    fixed_pattern: ClassVar[bool] = False
+
+    share: float
+    decay_s: float
+    gap_s: float
+    earlier_e: float | F64
+
+    def __post_init__(self) -> None:
+        earlier = np.asarray(self.earlier_e)
+        if not 0 <= self.share <= 1 or not 0 < self.decay_s < np.inf or not 0 <= self.gap_s < np.inf:
+            raise InputError(
+                f"persistence of {self.share} that decays in {self.decay_s} s, after a gap of {self.gap_s} s",
+                allowed="a share of 0 to 1, decay_s > 0, gap_s >= 0, both finite",
+            )
+        if not (np.isfinite(earlier).all() and np.all(earlier >= 0)):
+            raise InputError("persistence of an exposure with charges that no pixel holds", allowed="0 or more, finite")
+
+    def released_share(self, exposure_s: float) -> float:
+        """Get the share of the earlier charge that comes out during an exposure."""
+        started = np.exp(-self.gap_s / self.decay_s)
+        return float(-self.share * started * np.expm1(-exposure_s / self.decay_s))
+
+    def bound(self, scene: "Preview", rig: "Rig") -> Bound:
+        """The released charge, which is exact, and its shot noise, up to the full well, times K."""
+        released_e = np.minimum(
+            self.released_share(rig.exposure_s) * np.asarray(self.earlier_e), rig.sensor.full_well_e
+        )
+        rms_e = float(np.sqrt((np.square(released_e) + released_e).mean()))
+        peak_e = float((released_e + 6 * np.sqrt(released_e)).max())
+        return Bound(rig.dn_per_e * rms_e, rig.dn_per_e * peak_e)
+
+    def apply(self, signal: F64, rig: "Rig", rng: np.random.Generator) -> F64:
+        """Add to mean electrons [H, W, C]."""
+        released_e = self.released_share(rig.exposure_s) * np.asarray(self.earlier_e)
+        try:
+            return np.asarray(signal + np.broadcast_to(released_e, signal.shape))
+        except ValueError as error:
+            raise InputError(
+                f"persistence of an image of shape {list(released_e.shape)} on a signal of {list(signal.shape)}",
+                allowed="one number, or an image of the signal's shape",
+            ) from error

@@ -1,0 +1,54 @@
+"""Photo response non-uniformity: some pixels turn more of their light into charge than others."""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gs2ci.core.errors import InputError
+from gs2ci_sims.effects.base import Bound, Stage
+from gs2ci_sims.preview import HEADROOM
+
+if TYPE_CHECKING:
+    from gs2ci_sims.preview import Preview
+    from gs2ci_sims.rig import Rig
+
+F64 = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Prnu:
+    """Multiply each pixel's charge by a factor of its own, normally distributed around 1.
+
+    PRNU_1288 of EMVA Standard 1288, Release 3.1, section 4: the spatial standard deviation of the response,
+    relative to its mean. The same pattern in every exposure of one device; it acts before electrons are counted,
+    for it is a spread of quantum efficiencies.
+
+    Args:
+        spread: Relative standard deviation, 0 to 0.5 (0.01 is usual); no factor falls below 0.
+    """
+
+    name: ClassVar[str] = "prnu"
+    stage: ClassVar[Stage] = Stage.CHARGE
+    cost_ns: ClassVar[float] = 20.0
+    fixed_pattern: ClassVar[bool] = True
+
+    spread: float
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.spread <= 0.5:
+            raise InputError(f"PRNU of {self.spread}", allowed="0 to 0.5, a share of the signal")
+
+    def bound(self, scene: "Preview", rig: "Rig") -> Bound:
+        """Spread times charge, times K; what is beyond the full well is clipped with and without it.
+
+        A pixel above the well loses at most (1 - factor) of the well's charge to it, one below its share of its own.
+        """
+        charge_e = np.minimum(HEADROOM * scene.charge_e, rig.sensor.full_well_e)
+        dn = self.spread * rig.dn_per_e
+        return Bound(dn * float(np.sqrt(np.square(charge_e).mean())), 6 * dn * float(charge_e.max()), random=True)
+
+    def apply(self, signal: F64, rig: "Rig", rng: np.random.Generator) -> F64:
+        """Scale mean electrons [H, W, C]."""
+        return signal * np.maximum(1 + self.spread * rng.standard_normal(signal.shape), 0.0)

@@ -1,0 +1,54 @@
+"""Rolling shutter: rows begin and end their exposure one after the other."""
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, ClassVar, Final
+
+import numpy as np
+
+from gs2ci.core.errors import InputError
+from gs2ci_sims.effects.base import Bound, Stage
+from gs2ci_sims.signals import Shutter, Slices
+
+if TYPE_CHECKING:
+    from gs2ci_sims.preview import Preview
+    from gs2ci_sims.rig import Rig
+
+# A row that opens within a slice of time collects the slice's mean light for its share of it. So the slices are cut
+# into parts that are short against what moves within one; cutting them costs no rendering.
+PARTS: Final = 16
+
+
+@dataclass(frozen=True)
+class RollingShutter:
+    """Open row y by y line delays later than row 0, which keeps to the nominal exposure, and close it so too.
+
+    All rows expose for the same time; the modulator does not wait for them: rows that open late miss light of the
+    first masks, and are still open in the dark after the last. For the timing see any data sheet of a CMOS sensor
+    with electronic rolling shutter; Liang, Chang and Chen, IEEE Trans. Image Processing 17 (2008), section II.
+
+    Args:
+        line_delay_s: From each row to the next, finite, at least 0.
+    """
+
+    name: ClassVar[str] = "rolling_shutter"
+    stage: ClassVar[Stage] = Stage.TIME
+    cost_ns: ClassVar[float] = 10.0
+    fixed_pattern: ClassVar[bool] = False
+
+    line_delay_s: float
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.line_delay_s < np.inf:
+            raise InputError(f"rolling shutter with {self.line_delay_s} s per line", allowed="finite, 0 or more")
+
+    def bound(self, scene: "Preview", rig: "Rig") -> Bound:
+        """The light of each mask that each row misses, predicted from the previewed views."""
+        start_s, stop_s = scene.intervals_s.T
+        shutter = Shutter(float(start_s[0]), float(stop_s[-1]), self.line_delay_s)
+        missed = 1 - shutter.open_share(start_s, stop_s, scene.masks.shape[1])
+        return scene.of_masks(missed[..., None] * scene.masks)
+
+    def apply(self, signal: Slices, rig: "Rig", rng: np.random.Generator) -> Slices:
+        """Give the slices a shutter that row 0 does not notice."""
+        shutter = Shutter(float(signal.start_s.min()), float(signal.stop_s.max()), self.line_delay_s)
+        return replace(signal.split(PARTS), shutter=shutter)

@@ -1,0 +1,119 @@
+"""Stage backlash: after a reversal the stage stands still until the play is taken up."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, ClassVar, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gs2ci.core.errors import InputError
+from gs2ci_sims.effects.base import NOTHING, Bound, Stage
+from gs2ci_sims.path import CameraPath, highest_hz
+
+if TYPE_CHECKING:
+    from gs2ci_sims.preview import Preview
+    from gs2ci_sims.rig import Rig
+
+F64 = NDArray[np.float64]
+
+# The path is followed in so many steps to find its reversals.
+STEPS: Final = 1024
+
+
+@dataclass(frozen=True)
+class LaggingPath:
+    """A path whose camera lags by up to `play` along its direction after each reversal.
+
+    Args:
+        base: Where the drive wants the camera.
+        play: Lost motion, scene units.
+        begin_s: From when on the motion is followed; before, the play is taken up in the first direction.
+        end_s: Until when.
+    """
+
+    base: CameraPath
+    play: float
+    begin_s: float
+    end_s: float
+
+    @property
+    def highest_hz(self) -> float:
+        """Get the highest frequency in the motion."""
+        return highest_hz(self.base)
+
+    @cached_property
+    def _followed(self) -> tuple[F64, F64, F64]:
+        """Times [T], lag at these [T], and the direction of motion [3] in world axes."""
+        times = np.linspace(self.begin_s, self.end_s, STEPS)
+        centres = _centres(self.base.world_to_camera(times))
+        spread = centres - centres.mean(axis=0)
+        direction = np.linalg.svd(spread, full_matrices=False)[2][0]
+        wanted = spread @ direction
+        moving = np.flatnonzero(np.abs(np.diff(wanted)) > 1e-12 * max(float(np.ptp(wanted)), 1e-300))
+        if len(moving) and wanted[moving[0] + 1] < wanted[moving[0]]:
+            direction, wanted = -direction, -wanted
+        lag = np.zeros(STEPS)
+        reached = float(wanted[0])
+        for step in range(STEPS):
+            # Driven forwards the camera is where the drive is; driven back it waits until the play is used up.
+            reached = min(max(reached, float(wanted[step])), float(wanted[step]) + self.play)
+            lag[step] = reached - wanted[step]
+        return times, lag, direction
+
+    def lag(self, time_s: F64) -> F64:
+        """Get by how much the camera is beyond where it should be, along the first direction of motion, [T]."""
+        times, lag, _ = self._followed
+        return np.asarray(np.interp(time_s, times, lag))
+
+    def world_to_camera(self, time_s: F64) -> F64:
+        """Get the poses at the given times, [T, 4, 4]."""
+        time = np.asarray(time_s, dtype=np.float64)
+        poses = np.array(self.base.world_to_camera(time))
+        shift = self.lag(time)[:, None] * self._followed[2]
+        poses[:, :3, 3] -= np.einsum("tij,tj->ti", poses[:, :3, :3], shift)
+        return poses
+
+
+def _centres(world_to_camera: F64) -> F64:
+    return np.asarray(-np.einsum("tji,tj->ti", world_to_camera[:, :3, :3], world_to_camera[:, :3, 3]))
+
+
+@dataclass(frozen=True)
+class StageBacklash:
+    """Let the camera lag after each reversal of the stage: the play operator.
+
+    A path that never turns back is not changed: the play is taken up before the exposure (ISO 230-2 calls the lost
+    motion reversal error).
+
+    Args:
+        play: Lost motion, scene units, at least 0.
+    """
+
+    name: ClassVar[str] = "stage_backlash"
+    stage: ClassVar[Stage] = Stage.MOTION
+    cost_ns: ClassVar[float] = 1.0
+    fixed_pattern: ClassVar[bool] = False
+
+    play: float
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.play < np.inf:
+            raise InputError(f"backlash of {self.play}", allowed="finite, 0 or more")
+
+    def bound(self, scene: "Preview", rig: "Rig") -> Bound:
+        """What the largest lag shifts the image of the nearest point by; nothing where the path never turns back."""
+        lagging = self._lagging(scene.path, rig)
+        worst = float(np.abs(lagging.lag(np.linspace(lagging.begin_s, lagging.end_s, STEPS))).max())
+        if worst <= 1e-9 * self.play:
+            return NOTHING
+        near = scene.scene.depth_range()[0]
+        return scene.shifted(worst * float(scene.scene.intrinsics[:2, :2].max()) / near)
+
+    def apply(self, signal: CameraPath, rig: "Rig", rng: np.random.Generator) -> CameraPath:
+        """Let the path lag."""
+        return self._lagging(signal, rig)
+
+    def _lagging(self, path: CameraPath, rig: "Rig") -> LaggingPath:
+        half = 0.5 * rig.exposure_s
+        return LaggingPath(path, self.play, -half, half)

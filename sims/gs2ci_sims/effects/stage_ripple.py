@@ -1,0 +1,73 @@
+"""Stage velocity ripple: a screw's pitch error makes the stage hurry and dawdle."""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gs2ci.core.errors import InputError
+from gs2ci_sims.effects.base import Bound, Stage
+from gs2ci_sims.path import CameraPath, highest_hz
+
+if TYPE_CHECKING:
+    from gs2ci_sims.preview import Preview
+    from gs2ci_sims.rig import Rig
+
+F64 = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class WarpedPath:
+    """A path run through unevenly: at t the camera is where `base` is at t + delay sin(2 pi hz t + phase)."""
+
+    base: CameraPath
+    delay_s: float
+    hertz: float
+    phase: float
+
+    @property
+    def highest_hz(self) -> float:
+        """Get the highest frequency in the motion."""
+        return max(self.hertz, highest_hz(self.base))
+
+    def world_to_camera(self, time_s: F64) -> F64:
+        """Get the poses at the given times, [T, 4, 4]."""
+        time = np.asarray(time_s, dtype=np.float64)
+        return self.base.world_to_camera(time + self.delay_s * np.sin(2 * np.pi * self.hertz * time + self.phase))
+
+
+@dataclass(frozen=True)
+class StageRipple:
+    """Let the velocity along the path swing by a share, once per turn of the screw; the phase is drawn.
+
+    Velocity v (1 + share cos(2 pi f t + p)) integrates to a position that is early by share / (2 pi f) sin(...).
+
+    Args:
+        share: Of the velocity, 0 to 1.
+        hertz: Turns of the screw per second, more than 0.
+    """
+
+    name: ClassVar[str] = "stage_ripple"
+    stage: ClassVar[Stage] = Stage.MOTION
+    cost_ns: ClassVar[float] = 0.1
+    fixed_pattern: ClassVar[bool] = False
+
+    share: float
+    hertz: float
+
+    def __post_init__(self) -> None:
+        if not (0 <= self.share <= 1 and 0 < self.hertz < np.inf):
+            raise InputError(
+                f"velocity ripple of {self.share} at {self.hertz} Hz", allowed="share 0 to 1, finite frequency > 0"
+            )
+
+    def bound(self, scene: "Preview", rig: "Rig") -> Bound:
+        """What the image's shift changes: its speed times the most that the camera is early or late."""
+        delay_s = self.share / (2 * np.pi * self.hertz)
+        return scene.shifted(delay_s * float(scene.motion_px.max()) / rig.timing.interval_s)
+
+    def apply(self, signal: CameraPath, rig: "Rig", rng: np.random.Generator) -> CameraPath:
+        """Run through the path unevenly."""
+        delay_s = self.share / (2 * np.pi * self.hertz)
+        return WarpedPath(signal, delay_s, self.hertz, float(rng.uniform(0, 2 * np.pi)))

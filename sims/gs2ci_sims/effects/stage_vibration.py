@@ -1,0 +1,73 @@
+"""Stage vibration: the camera trembles about its path."""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gs2ci.core.errors import InputError
+from gs2ci_sims.effects.base import Bound, Stage
+from gs2ci_sims.path import CameraPath, highest_hz
+
+if TYPE_CHECKING:
+    from gs2ci_sims.preview import Preview
+    from gs2ci_sims.rig import Rig
+
+F64 = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class TremblingPath:
+    """A path whose camera is displaced by amplitude sin(2 pi hz t + phases) along its right and down axes."""
+
+    base: CameraPath
+    amplitude: float
+    hertz: float
+    phases: tuple[float, float]
+
+    @property
+    def highest_hz(self) -> float:
+        """Get the highest frequency in the motion."""
+        return max(self.hertz, highest_hz(self.base))
+
+    def world_to_camera(self, time_s: F64) -> F64:
+        """Get the poses at the given times, [T, 4, 4]: the scene moves against the camera."""
+        time = np.asarray(time_s, dtype=np.float64)
+        poses = np.array(self.base.world_to_camera(time))
+        poses[:, :2, 3] -= self.amplitude * np.sin(2 * np.pi * self.hertz * time[:, None] + np.array(self.phases))
+        return poses
+
+
+@dataclass(frozen=True)
+class StageVibration:
+    """Let the camera tremble sinusoidally across the line of sight; the phases of both axes are drawn.
+
+    Args:
+        amplitude: Along each axis, scene units, at least 0.
+        hertz: More than 0.
+    """
+
+    name: ClassVar[str] = "stage_vibration"
+    stage: ClassVar[Stage] = Stage.MOTION
+    cost_ns: ClassVar[float] = 0.1
+    fixed_pattern: ClassVar[bool] = False
+
+    amplitude: float
+    hertz: float
+
+    def __post_init__(self) -> None:
+        if not (0 <= self.amplitude < np.inf and 0 < self.hertz < np.inf):
+            raise InputError(
+                f"vibration of {self.amplitude} at {self.hertz} Hz", allowed="amplitude >= 0, frequency > 0, finite"
+            )
+
+    def bound(self, scene: "Preview", rig: "Rig") -> Bound:
+        """What shifting the image of the nearest point by the amplitude along both axes changes."""
+        near = scene.scene.depth_range()[0]
+        return scene.shifted(2**0.5 * self.amplitude * float(scene.scene.intrinsics[:2, :2].max()) / near)
+
+    def apply(self, signal: CameraPath, rig: "Rig", rng: np.random.Generator) -> CameraPath:
+        """Let the path tremble."""
+        first, second = rng.uniform(0, 2 * np.pi, 2)
+        return TremblingPath(signal, self.amplitude, self.hertz, (float(first), float(second)))

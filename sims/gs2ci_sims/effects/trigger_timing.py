@@ -1,0 +1,73 @@
+"""Trigger timing: the sensor opens late, and not always equally late."""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gs2ci.core.errors import InputError
+from gs2ci_sims.effects.base import Bound, Stage
+from gs2ci_sims.signals import Slices
+
+if TYPE_CHECKING:
+    from gs2ci_sims.preview import Preview
+    from gs2ci_sims.rig import Rig
+
+F64 = NDArray[np.float64]
+
+# Jitter is taken to stay within so many standard deviations: one exposure in 370 does not.
+JITTER_SIGMAS: Final = 3.0
+
+
+@dataclass(frozen=True)
+class TriggerTiming:
+    """Shift the sensor's window against the masks by a latency and a drawn jitter; its length stays.
+
+    What the window misses of the first mask is lost; after the last mask the modulator is dark.
+
+    Args:
+        latency_s: Mean; negative if the sensor opens before the first mask.
+        jitter_s: Standard deviation of the normal jitter, at least 0; a draw beyond three of them is cut to that.
+    """
+
+    name: ClassVar[str] = "trigger_timing"
+    stage: ClassVar[Stage] = Stage.TIME
+    cost_ns: ClassVar[float] = 0.1
+    fixed_pattern: ClassVar[bool] = False
+
+    latency_s: float = 0.0
+    jitter_s: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite(self.latency_s) and 0 <= self.jitter_s < np.inf):
+            raise InputError(
+                f"trigger latency {self.latency_s} s with jitter {self.jitter_s} s",
+                allowed="finite numbers, jitter 0 or more",
+            )
+
+    def bound(self, scene: "Preview", rig: "Rig") -> Bound:
+        """What the latest, and the earliest, window cuts off of the masks."""
+        bounds = []
+        for sign in (-1, 1):
+            late_s = self.latency_s + sign * JITTER_SIGMAS * self.jitter_s
+            half = 0.5 * rig.exposure_s
+            kept = np.clip(scene.intervals_s, late_s - half, late_s + half)
+            lost = 1 - (kept[:, 1] - kept[:, 0]) / rig.timing.interval_s
+            steady = scene.of_masks(lost[:, None, None] * scene.masks)
+            bounds.append(scene.with_motion(steady, float(lost.max())))
+        return Bound(max(b.rms_dn for b in bounds), max(b.peak_dn for b in bounds))
+
+    def apply(self, signal: Slices, rig: "Rig", rng: np.random.Generator) -> Slices:
+        """Cut the slices to the window."""
+        jitter = np.clip(rng.standard_normal(), -JITTER_SIGMAS, JITTER_SIGMAS)
+        late_s = self.latency_s + self.jitter_s * float(jitter)
+        return within_window(signal, late_s - 0.5 * rig.exposure_s, late_s + 0.5 * rig.exposure_s)
+
+
+def within_window(slices: Slices, opens_s: float, closes_s: float) -> Slices:
+    """Return what of the slices lies between two times."""
+    edges = np.broadcast_to(np.array([opens_s, closes_s]), (len(slices.start_s), 2))
+    pieces = slices.split_at(edges)
+    middle = 0.5 * (pieces.start_s + pieces.stop_s)
+    return pieces.scaled(((middle > opens_s) & (middle < closes_s)).astype(np.float64))

@@ -1,0 +1,57 @@
+"""Vignetting: less light reaches the rim of the image."""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gs2ci.core.errors import InputError
+from gs2ci_sims.effects.base import Bound, Stage
+from gs2ci_sims.signals import View
+
+if TYPE_CHECKING:
+    from gs2ci_sims.preview import Preview
+    from gs2ci_sims.rig import Rig
+
+F64 = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Vignetting:
+    """Multiply by cos^n of the field angle.
+
+    n = 4 is the natural law of a thin lens (Kingslake, Optics in Photography, chapter 7); mechanical vignetting
+    makes it steeper.
+
+    Args:
+        exponent: n, at least 0.
+    """
+
+    name: ClassVar[str] = "vignetting"
+    stage: ClassVar[Stage] = Stage.RADIANCE
+    cost_ns: ClassVar[float] = 20.0
+    fixed_pattern: ClassVar[bool] = False
+
+    exponent: float = 4.0
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.exponent < np.inf:
+            raise InputError(f"vignetting exponent {self.exponent}", allowed="finite, 0 or more")
+
+    def transmission(self, size: tuple[int, int], intrinsics: F64) -> F64:
+        """Get the factor of each pixel, [H, W] in (0, 1]."""
+        rows, columns = np.mgrid[: size[0], : size[1]] + 0.5
+        square = np.square((columns - intrinsics[0, 2]) / intrinsics[0, 0])
+        square += np.square((rows - intrinsics[1, 2]) / intrinsics[1, 1])
+        return np.asarray((1 + square) ** (-0.5 * self.exponent))
+
+    def bound(self, scene: "Preview", rig: "Rig") -> Bound:
+        """The share of the nominal reading that each pixel loses."""
+        lost = 1 - self.transmission(scene.scene.size, scene.scene.intrinsics)
+        return scene.of_readings(lost[..., None] * scene.signal_dn)
+
+    def apply(self, signal: View, rig: "Rig", rng: np.random.Generator) -> View:
+        """Darken the view."""
+        factor = self.transmission(signal.radiance.shape[:2], signal.intrinsics)
+        return View(signal.radiance * factor[..., None], signal.intrinsics, signal.margin, signal.depth)

@@ -1,0 +1,251 @@
+"""Rig files: what is simulated, and how exactly, as TOML.
+
+    seed = 0                      # of masks and all draws
+    [scene]     name = "corridor" # what is seen, and how many pixels see it
+    [path]      parallax_px = 6.0 # how the camera moves
+    [light] [optics] [modulator] [timing] [sensor]   # figures of the parts: `gs2ci_sims.rig`, `gs2ci_sims.sensor`
+    [effects.defocus]             # imperfections that the rig has; a table that is not there does not exist
+    [plan]      tolerance_dn = 0.25, on = ["prnu"], off = ["blooming"]
+
+Keys are the fields of the records of the same name, so that the records' docstrings are the manual. Not here: the
+records themselves, the planner. For commands, twins and benchmarks.
+"""
+
+import dataclasses
+import difflib
+import tomllib
+import types
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Final, TypeVar, get_args, get_origin, get_type_hints
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gs2ci.core.errors import InputError
+from gs2ci_sims.effects.base import Effect
+from gs2ci_sims.effects.motion_blur import MotionBlur
+from gs2ci_sims.light_path import LIGHT_PATH, generator, sensor_effects
+from gs2ci_sims.masks import random_masks
+from gs2ci_sims.path import CameraPath, ReversingMove, StageMove, stage_move_for_parallax
+from gs2ci_sims.planner import DEFAULT_TOLERANCE_DN
+from gs2ci_sims.rig import Light, Modulator, Optics, Rig, Timing
+from gs2ci_sims.scenes.base import Scene
+from gs2ci_sims.scenes.files import load_scene
+from gs2ci_sims.scenes.planes import planes
+from gs2ci_sims.sensor import Sensor
+
+F32 = NDArray[np.float32]
+Record = TypeVar("Record")
+
+
+@dataclass(frozen=True)
+class SceneChoice:
+    """What is seen.
+
+    Args:
+        name: One that comes with the simulator (`gs2ci_sims.scenes.files.scene_names`), or a scene file (.toml).
+        height: Pixels.
+        width: Pixels.
+        seed: Of other planes than the scene "planes" has; only for that one.
+    """
+
+    name: str = "planes"
+    height: int = 96
+    width: int = 128
+    seed: int | None = None
+
+    def __post_init__(self) -> None:
+        drawn = self.seed is not None
+        if min(self.height, self.width) < 1 or (drawn and (self.name != "planes" or (self.seed or 0) < 0)):
+            raise InputError(
+                f"scene {self.name!r} of {self.height} x {self.width} px with seed {self.seed}",
+                allowed="a positive size; a seed of 0 or more, for the scene 'planes' alone",
+            )
+
+    def build(self) -> Scene:
+        """Draw the scene.
+
+        Raises:
+            InputError: There is no such scene.
+        """
+        size = (self.height, self.width)
+        if self.seed is not None:
+            return planes(np.random.default_rng(self.seed), size)
+        return load_scene(self.name, size=size).scene
+
+
+@dataclass(frozen=True)
+class PathChoice:
+    """How the camera moves during the exposure.
+
+    Args:
+        parallax_px: How far near and far of the scene shift against each other over the exposure, at least 0.
+        direction: Of the move, along the camera's axes (right, down, ahead).
+        wobble_deg: Amplitude of the stage's angular errors.
+        turns: How often the stage turns back during the exposure, at least 0; it then covers its way several times.
+    """
+
+    parallax_px: float = 6.0
+    direction: tuple[float, float, float] = (1.0, 0.3, 0.1)
+    wobble_deg: float = 0.0
+    turns: int = 0
+
+    def __post_init__(self) -> None:
+        if not (0 <= self.parallax_px < np.inf and self.turns >= 0 and np.isfinite(self.wobble_deg)):
+            raise InputError(
+                f"a path with a parallax of {self.parallax_px} px, {self.turns} turns, wobble {self.wobble_deg} deg",
+                allowed="parallax_px and turns 0 or more, finite numbers",
+            )
+
+    def build(self, scene: Scene, exposure_s: float) -> CameraPath:
+        """Lay the path for a scene and the length of an exposure."""
+        if self.parallax_px == 0 and self.wobble_deg == 0:
+            return StageMove((0.0, 0.0, 0.0), reference_world_to_camera=scene.world_to_camera)
+        move = stage_move_for_parallax(
+            scene, self.parallax_px, exposure_s, direction=self.direction, wobble_deg=self.wobble_deg
+        )
+        if not self.turns:
+            return move
+        return ReversingMove(move.velocity, 2 * exposure_s / self.turns, scene.world_to_camera)
+
+
+@dataclass(frozen=True)
+class PlanChoice:
+    """How exactly to simulate.
+
+    Args:
+        tolerance_dn: Of the plan, DN rms in total.
+        on: Effects to simulate in any case.
+        off: Effects to leave out in any case.
+    """
+
+    tolerance_dn: float = DEFAULT_TOLERANCE_DN
+    on: tuple[str, ...] = ()
+    off: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Setup:
+    """All that a rig file says.
+
+    Args:
+        rig: Figures of the parts.
+        scene: What is seen.
+        path: How the camera moves.
+        plan: How exactly to simulate.
+        effects: All that the rig has, motion blur and what every sensor does included.
+        seed: Of masks and all draws.
+    """
+
+    rig: Rig
+    scene: SceneChoice = field(default_factory=SceneChoice)
+    path: PathChoice = field(default_factory=PathChoice)
+    plan: PlanChoice = field(default_factory=PlanChoice)
+    effects: tuple[Effect, ...] = ()
+    seed: int = 0
+
+    def masks(self) -> F32:
+        """Draw the masks, [N, H, W]."""
+        modulator = self.rig.modulator
+        return random_masks(
+            modulator.masks,
+            (self.scene.height, self.scene.width),
+            modulator.open_share,
+            generator(self.seed, "masks"),
+            feature_px=modulator.feature_px,
+        )
+
+
+PARTS: Final[dict[str, type]] = {
+    "light": Light,
+    "optics": Optics,
+    "modulator": Modulator,
+    "timing": Timing,
+    "sensor": Sensor,
+}
+CHOICES: Final[dict[str, type]] = {"scene": SceneChoice, "path": PathChoice, "plan": PlanChoice}
+
+
+def read_rig_file(path: Path) -> Setup:
+    """Read a rig file.
+
+    Raises:
+        InputError: It is not there, not TOML, or holds a key or value that it may not.
+    """
+    try:
+        with path.open("rb") as file:
+            tables = tomllib.load(file)
+    except OSError as error:
+        raise InputError(f"rig file {path} cannot be read: {error.strerror}", remedy="check the path") from error
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(f"rig file {path} is not TOML: {error}") from error
+    return setup_from_tables(tables)
+
+
+def setup_from_tables(tables: Mapping[str, Any]) -> Setup:
+    """Turn the tables of a rig file into records.
+
+    Raises:
+        InputError: A key is unknown (the nearest known one is named) or a value cannot be used.
+    """
+    _known("the rig file", tables, ("seed", "device_seed", "effects", *PARTS, *CHOICES))
+    parts: dict[str, Any] = {name: _record(kind, _table(tables, name), f"[{name}]") for name, kind in PARTS.items()}
+    rig = Rig(**parts, device_seed=_value(int, tables.get("device_seed", 0), "device_seed"))
+    choices: dict[str, Any] = {name: _record(kind, _table(tables, name), f"[{name}]") for name, kind in CHOICES.items()}
+    effects = _effects(_table(tables, "effects"))
+    given = {effect.name for effect in effects}
+    implied = [effect for effect in (MotionBlur(), *sensor_effects(rig.sensor)) if effect.name not in given]
+    return Setup(rig, effects=(*implied, *effects), seed=_value(int, tables.get("seed", 0), "seed"), **choices)
+
+
+def _effects(tables: Mapping[str, Any]) -> list[Effect]:
+    kinds = {kind.name: kind for kind in LIGHT_PATH}
+    _known("[effects]", tables, tuple(kinds))
+    return [_record(kinds[name], _table(tables, name, "effects."), f"[effects.{name}]") for name in tables]
+
+
+def _table(tables: Mapping[str, Any], name: str, prefix: str = "") -> Mapping[str, Any]:
+    table = tables.get(name, {})
+    if not isinstance(table, Mapping):
+        raise InputError(f"{name!r} is {table!r}", allowed=f"a table, [{prefix}{name}]")
+    return table
+
+
+def _known(where: str, keys: Mapping[str, Any], allowed: tuple[str, ...]) -> None:
+    for key in keys:
+        if key not in allowed:
+            near = difflib.get_close_matches(key, allowed, 1, cutoff=0.0)
+            hint = f"; did you mean {near[0]!r}?" if near else ""
+            raise InputError(f"unknown key {key!r} in {where}{hint}", allowed=", ".join(allowed) or "no keys")
+
+
+def _record(kind: type[Record], table: Mapping[str, Any], where: str) -> Record:
+    """Build a frozen record from a table, field by field."""
+    hints = get_type_hints(kind)
+    names = tuple(entry.name for entry in dataclasses.fields(kind))  # type: ignore[arg-type]
+    _known(where, table, names)
+    for entry in dataclasses.fields(kind):  # type: ignore[arg-type]
+        required = entry.default is dataclasses.MISSING and entry.default_factory is dataclasses.MISSING
+        if required and entry.name not in table:
+            raise InputError(f"{where} lacks {entry.name!r}", remedy=f"add a line: {entry.name} = ...")
+    return kind(**{name: _value(hints[name], value, f"{where} {name}") for name, value in table.items()})
+
+
+def _value(kind: Any, value: Any, where: str) -> Any:
+    """Check a value's type; integers become floats and arrays tuples where these are asked for."""
+    if isinstance(kind, types.UnionType):
+        kind = next(option for option in get_args(kind) if option is not type(None))
+    if kind is float and isinstance(value, int) and not isinstance(value, bool):
+        return float(value)
+    if get_origin(kind) is tuple and isinstance(value, list):
+        inner = get_args(kind)
+        same = len(inner) == 2 and inner[1] is Ellipsis
+        if same or len(inner) == len(value):
+            return tuple(_value(inner[0 if same else i], entry, where) for i, entry in enumerate(value))
+    if isinstance(kind, type) and isinstance(value, kind) and (kind is bool or not isinstance(value, bool)):
+        return value
+    if not isinstance(kind, type) and get_origin(kind) is not tuple and value in get_args(kind):
+        return value
+    raise InputError(f"{where} is {value!r}", allowed=f"{getattr(kind, '__name__', kind)}")

@@ -1,0 +1,85 @@
+"""Boxes on a floor before a wall, at rest or with one that flies by: procedural scenes.
+
+Here: what stands where. Not here: floor and wall (`stage`), faces (`rectangles`), how an object moves
+(`gs2ci_sims.effects.object_motion`).
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gs2ci.core.errors import InputError
+from gs2ci_sims.scenes.base import Scene
+from gs2ci_sims.scenes.rectangles import Rectangle, box, rotation
+from gs2ci_sims.scenes.stage import Frame, floor_y, painted, room, staged
+
+F64 = NDArray[np.float64]
+
+
+def boxes(rng: np.random.Generator, frame: Frame, *, count: int = 7, backdrop: float = 6.0) -> Scene:
+    """Stand boxes of random size, colour and turn on a floor, from the wall towards the camera.
+
+    Raises:
+        InputError: A count below 1, or a wall behind the camera.
+    """
+    faces, surfels = room(rng, frame, backdrop)
+    for each in _standing(rng, frame, count, backdrop):
+        colour = rng.uniform(0.3, 0.95, 3)
+        faces += each
+        surfels += [painted(rng, face, frame.focal, colour) for face in each]
+    return staged("boxes", frame, faces, surfels)
+
+
+def moving_box(
+    rng: np.random.Generator,
+    frame: Frame,
+    *,
+    centre: tuple[float, float, float] = (-0.4, -0.25, 3.0),
+    radius: float = 0.45,
+    count: int = 3,
+    backdrop: float = 6.0,
+) -> Scene:
+    """Hang a tumbled box in the air before boxes that stand; everything behind it is there.
+
+    Args:
+        rng: Positions, turns and textures come from it.
+        frame: The camera.
+        centre: Of the box that hangs, scene units.
+        radius: Of the ball that just holds it: what the effect `object_motion` moves.
+        count: Boxes that stand.
+        backdrop: Depth of the wall.
+
+    Raises:
+        InputError: The ball reaches behind the camera or into the wall; a count below 1.
+    """
+    if not 0 < radius < centre[2] or centre[2] + radius >= backdrop:
+        raise InputError(
+            f"a box at depth {centre[2]} within a radius of {radius} before a wall at {backdrop}",
+            allowed="a ball in front of the camera and of the wall",
+        )
+    faces, surfels = room(rng, frame, backdrop)
+    # A cube's corners lie sqrt(3) half edges off; discs reach a little over its edges.
+    cube = box(np.array(centre), rotation(np.array([0.5, 0.6, 0.3])) * (0.97 * radius / np.sqrt(3)))
+    far = max(0.6, (centre[2] + radius) / backdrop + 0.1)  # the others stand behind it
+    for each in (cube, *_standing(rng, frame, count, backdrop, nearest=far)):
+        colour = np.array([0.9, 0.45, 0.15]) if each is cube else rng.uniform(0.3, 0.95, 3)
+        faces += each
+        surfels += [painted(rng, face, frame.focal, colour) for face in each]
+    return staged("moving", frame, faces, surfels)
+
+
+def _standing(
+    rng: np.random.Generator, frame: Frame, count: int, backdrop: float, nearest: float = 0.5
+) -> list[list[Rectangle]]:
+    if count < 1:
+        raise InputError(f"{count} boxes", allowed="1 or more")
+    down = floor_y(frame, backdrop)
+    columns = rng.permutation(count)  # apart from each other, across and in depth
+    stand = []
+    for k in range(count):
+        depth = backdrop * float(np.interp(k, [0, max(count - 1, 1)], [0.88, nearest]))
+        across = ((columns[k] + rng.uniform(0.3, 0.7)) / count * 2 - 1) * 0.85 * frame.half[0] * depth
+        wide, high, deep = rng.uniform(0.08, 0.13) * backdrop, rng.uniform(0.07, 0.2) * backdrop, 0.1 * backdrop
+        turn = rotation(np.array([0.0, rng.uniform(-0.6, 0.6), 0.0]))
+        edges = turn * np.array([0.5 * wide, 0.5 * high, 0.5 * deep])
+        stand.append(box(np.array([across, down - 0.5 * high, depth]), edges))
+    return stand

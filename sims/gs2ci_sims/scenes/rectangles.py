@@ -1,0 +1,200 @@
+"""Textured rectangles and boxes: their discs, and where a camera's rays meet them.
+
+Here: geometry and texture, from a generator. Not here: which of them make a scene (its neighbours), how points and
+tangents become Gaussians (`surfels`). For the scenes of this package.
+"""
+
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gs2ci_sims.scenes.surfels import Surfels, from_tangents
+
+F64 = NDArray[np.float64]
+
+# Distance between samples in pixels of the suggested camera: finer than a pixel, so that textures reach its limit.
+SPACING_PX: Final = 0.6
+# How far samples lie off their rectangle, along their rays from the suggested camera, as a share of their distance.
+DEPTH_SCATTER: Final = 2e-3
+# Each strip of a receding surface ends this much deeper than it begins.
+STRIP_RATIO: Final = 1.2
+# Discs of a receding surface are at most this much longer than broad: longer ones would blur the texture across.
+FORESHORTENING_MAX: Final = 4.0
+# Where the light comes from, for shading: above, from the left and behind the camera.
+TOWARDS_LIGHT: Final = np.array([-0.4, -0.75, -0.55])
+
+
+@dataclass(frozen=True)
+class Rectangle:
+    """A textured rectangle: centre and half edges (vectors at right angles) in scene units, each [3]."""
+
+    centre: F64
+    half_u: F64
+    half_v: F64
+
+
+def texture(rng: np.random.Generator, shape: tuple[int, int], slope: float) -> F64:
+    """Draw coloured noise whose amplitude falls as frequency^-slope, [H, W, 3] in [0, 1].
+
+    Slope 0 is white noise, 1 the statistics of natural images (Field 1987), 2 soft clouds. Every frequency that
+    the sampling can hold is present.
+    """
+    height, width = shape
+    frequency = np.hypot(np.fft.fftfreq(height)[:, None], np.fft.rfftfreq(width)[None, :])
+    frequency[0, 0] = 1.0
+    spectrum = np.fft.rfft2(rng.standard_normal((3, height, width))) * frequency**-slope
+    spectrum[:, 0, 0] = 0.0
+    noise = np.fft.irfft2(spectrum, s=shape)
+    noise /= np.maximum(noise.std(axis=(1, 2), keepdims=True), 1e-12)
+    mean = rng.uniform(0.25, 0.75, (3, 1, 1))
+    return np.moveaxis(np.clip(mean + 0.18 * noise, 0.0, 1.0), 0, -1)
+
+
+def box(centre: F64, half_edges: F64) -> list[Rectangle]:
+    """List five faces of a box; the one that always looks away from a camera at the origin is left out.
+
+    Args:
+        centre: [3].
+        half_edges: Half the edges as columns, at right angles, [3, 3]; the last one points away from the camera.
+    """
+    x, y, z = half_edges.T
+    return [
+        Rectangle(centre - z, x, y),
+        Rectangle(centre - x, y, z),
+        Rectangle(centre + x, y, z),
+        Rectangle(centre - y, x, z),
+        Rectangle(centre + y, x, z),
+    ]
+
+
+def rotation(angles: F64) -> F64:
+    """Turn about x, then y, then z, by angles in radians [3], into a rotation matrix."""
+    (ca, cb, cc), (sa, sb, sc) = np.cos(angles), np.sin(angles)
+    about_x = np.array([[1, 0, 0], [0, ca, -sa], [0, sa, ca]])
+    about_y = np.array([[cb, 0, sb], [0, 1, 0], [-sb, 0, cb]])
+    about_z = np.array([[cc, -sc, 0], [sc, cc, 0], [0, 0, 1]])
+    return np.asarray(about_z @ about_y @ about_x)
+
+
+def textured(rng: np.random.Generator, rectangle: Rectangle, focal: float) -> Surfels:
+    """Cover a rectangle with discs of a random texture, as fine as a camera of this focal length (px) can see."""
+    columns, rows = samples(rectangle, SPACING_PX * rectangle.centre[2] / focal)
+    return coloured(rectangle, texture(rng, (rows, columns), float(rng.uniform(0.5, 1.8))))
+
+
+def samples(rectangle: Rectangle, spacing_u: float, spacing_v: float | None = None) -> tuple[int, int]:
+    """Count the discs along u and v for these spacings in scene units (the same one if one is given), 2 or more."""
+    halves = ((rectangle.half_u, spacing_u), (rectangle.half_v, spacing_v or spacing_u))
+    columns, rows = (max(2, int(np.ceil(2 * np.linalg.norm(half) / spacing))) for half, spacing in halves)
+    return columns, rows
+
+
+def shade(rectangle: Rectangle) -> float:
+    """Return how brightly the face shows, 0.35 to 1: Lambert's cosine for `TOWARDS_LIGHT`, and ambient light.
+
+    The side that faces the camera at the origin counts.
+    """
+    normal = np.cross(rectangle.half_u, rectangle.half_v)
+    normal = -normal * np.sign(normal @ rectangle.centre) / np.linalg.norm(normal)
+    return float(0.35 + 0.65 * max(0.0, normal @ TOWARDS_LIGHT / np.linalg.norm(TOWARDS_LIGHT)))
+
+
+def coloured(rectangle: Rectangle, radiance: F64) -> Surfels:
+    """Cover a rectangle with one disc per sample of its radiance, [rows along v, columns along u, 3]."""
+    rows, columns = radiance.shape[:2]
+    u = (np.arange(columns) + 0.5) / columns * 2 - 1
+    v = (np.arange(rows) + 0.5) / rows * 2 - 1
+    grid_v, grid_u = (axis.reshape(-1, 1) for axis in np.meshgrid(v, u, indexing="ij"))
+    points = rectangle.centre + grid_u * rectangle.half_u + grid_v * rectangle.half_v
+    along_u = np.broadcast_to(2 * rectangle.half_u / columns, points.shape)
+    along_v = np.broadcast_to(2 * rectangle.half_v / rows, points.shape)
+    # Splats are drawn in the order of their depths. Those of an exact plane that faces the camera have all the same,
+    # and a turn by a millionth would reorder them and change the picture by percents; so none lies exactly in it.
+    aside = np.random.default_rng(len(points)).uniform(-DEPTH_SCATTER, DEPTH_SCATTER, (len(points), 1))
+    return from_tangents(points * (1 + aside), along_u, along_v, radiance.reshape(-1, 3))
+
+
+def grain(rng: np.random.Generator, shape: tuple[int, int], slope: float) -> F64:
+    """Draw what makes a paint uneven, [H, W, 3] of mean 0, about a quarter deep: much brightness, little hue."""
+    noise = texture(rng, shape, slope)
+    noise -= noise.mean(axis=(0, 1))
+    grey = noise.mean(axis=2, keepdims=True)
+    return np.asarray(2.0 * grey + 0.6 * (noise - grey))
+
+
+def receding(centre_xy: F64, half_xy: F64, near: float, far: float) -> list[Rectangle]:
+    """Cut a floor, ceiling or wall parallel to the line of sight into strips, each a fifth deeper than the last.
+
+    A strip's discs suit its own distance, so that a long surface is neither coarse near by nor dense far away.
+
+    Args:
+        centre_xy: Where the surface runs, [2], off the line of sight.
+        half_xy: Half its breadth across, [2].
+        near: Where it begins.
+        far: Where it ends, beyond `near`.
+    """
+    count = int(np.ceil(np.log(far / near) / np.log(STRIP_RATIO)))
+    edges = np.geomspace(near, far, count + 1)
+    return [
+        Rectangle(np.array([*centre_xy, 0.5 * (a + b)]), np.array([*half_xy, 0.0]), np.array([0, 0, 0.5 * (b - a)]))
+        for a, b in pairwise(edges)
+    ]
+
+
+def strip_samples(strip: Rectangle, focal: float) -> tuple[int, int]:
+    """Count a receding strip's discs across and along: foreshortened, it needs fewer along the line of sight."""
+    near = strip.centre[2] - strip.half_v[2]
+    aside = float(np.linalg.norm(strip.centre[:2]))
+    across = SPACING_PX * near / focal
+    return samples(strip, across, across * float(np.clip(near / aside, 1.0, FORESHORTENING_MAX)))
+
+
+def chequered(rng: np.random.Generator, strip: Rectangle, tile: float, colours: F64, focal: float) -> Surfels:
+    """Cover a strip with tiles of two colours [2, 3] and a fine grain; tiles go on from strip to strip."""
+    columns, rows = strip_samples(strip, focal)
+    u = (np.arange(columns) + 0.5) / columns * 2 - 1
+    v = (np.arange(rows) + 0.5) / rows * 2 - 1
+    across = u * np.linalg.norm(strip.half_u)
+    along = strip.centre[2] + v * strip.half_v[2]
+    odd = (np.floor(across[None] / tile) + np.floor(along[:, None] / tile)).astype(int) % 2
+    return coloured(strip, np.clip(colours[odd] * (1 + grain(rng, (rows, columns), 0.7)), 0.0, 1.0))
+
+
+def rays(intrinsics: F64, size: tuple[int, int]) -> F64:
+    """Get the directions of all pixels' rays with z = 1, [H, W, 3]."""
+    y, x = np.mgrid[: size[0], : size[1]] + 0.5
+    across = np.stack([(x - intrinsics[0, 2]) / intrinsics[0, 0], (y - intrinsics[1, 2]) / intrinsics[1, 1]], -1)
+    return np.concatenate([across, np.ones((*size, 1))], -1)
+
+
+def depth_of(rectangles: list[Rectangle], intrinsics: F64, size: tuple[int, int]) -> F64:
+    """Intersect every pixel's ray with every rectangle and keep the nearest, [H, W]; NaN where there is none."""
+    directions = rays(intrinsics, size)
+    nearest = np.full(size, np.inf)
+    for rectangle in rectangles:
+        window = _window(rectangle, intrinsics, size)
+        seen = directions[window]
+        normal = np.cross(rectangle.half_u, rectangle.half_v)
+        with np.errstate(divide="ignore", invalid="ignore"):  # rays along the plane meet it nowhere
+            depth = (normal @ rectangle.centre) / (seen @ normal)
+            offset = depth[..., None] * seen - rectangle.centre
+            inside = depth > 0
+            for half in (rectangle.half_u, rectangle.half_v):
+                inside &= np.abs(offset @ half) <= half @ half
+        nearest[window] = np.where(inside, np.minimum(nearest[window], depth), nearest[window])
+    return np.where(np.isfinite(nearest), nearest, np.nan)
+
+
+def _window(rectangle: Rectangle, intrinsics: F64, size: tuple[int, int]) -> tuple[slice, slice]:
+    """Find the pixels that a rectangle's corners enclose; all of them where a corner is not before the camera."""
+    signs = np.array([(1, 1), (1, -1), (-1, 1), (-1, -1)])
+    corners = (rectangle.centre + signs @ np.stack([rectangle.half_u, rectangle.half_v])) @ intrinsics.T
+    if corners[:, 2].min() <= 1e-6:
+        return slice(0, size[0]), slice(0, size[1])
+    low, high = (edge(corners[:, :2] / corners[:, 2:], axis=0) for edge in (np.min, np.max))
+    first = np.clip(np.floor(low), 0, [size[1], size[0]]).astype(int)
+    last = np.clip(np.ceil(high), 0, [size[1], size[0]]).astype(int)
+    return slice(first[1], last[1]), slice(first[0], last[0])

@@ -1,0 +1,50 @@
+import io
+
+import pytest
+from rich.console import Console
+
+from gs2ci.commands import plan
+from gs2ci.core.errors import InputError
+
+RIG = """
+[scene]
+height = 16
+width = 24
+[path]
+parallax_px = 1.0
+[modulator]
+masks = 3
+[effects.vignetting]
+[effects.optics_psf]
+sigma_px = 1e-6
+[plan]
+off = ["read_noise"]
+"""
+
+
+@pytest.fixture
+def rig(tmp_path):
+    file = tmp_path / "rig.toml"
+    file.write_text(RIG, encoding="utf-8")
+    return file
+
+
+def test_every_effect_is_listed_with_its_bound_decision_and_reason(rig):
+    console = Console(file=io.StringIO(), width=140)
+    plan.print_plan(plan.run(rig), console)
+    lines = {line.split()[0]: line for line in console.file.getvalue().splitlines() if line.strip()}
+    assert "exceeds its share" in lines["vignetting"]
+    assert " no " in lines["optics_psf"]
+    assert "forced off" in lines["read_noise"]
+    assert "%" in lines["(views)"]
+    assert "within" in lines["simulates"]
+
+
+def test_a_coarser_tolerance_on_the_command_line_goes_before_the_files(rig):
+    assert len(plan.run(rig, tolerance_dn=100.0).effects) < len(plan.run(rig).effects)
+
+
+def test_a_forced_effect_that_is_not_there_is_refused(rig):
+    rig.write_text(RIG.replace("read_noise", "red_noise"), encoding="utf-8")
+    with pytest.raises(InputError, match="red_noise"):
+        plan.run(rig)

@@ -1,0 +1,96 @@
+import dataclasses
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from gs2ci.core.errors import InputError
+from gs2ci_sims.effects.rolling_shutter import RollingShutter
+from gs2ci_sims.exposure import integrate
+from gs2ci_sims.light_path import EffectChain
+from gs2ci_sims.masks import random_masks
+from gs2ci_sims.path import StageMove
+from gs2ci_sims.preview import preview
+from gs2ci_sims.radiance import Renderer
+from gs2ci_sims.rig import Modulator, Rig, Timing
+from gs2ci_sims.scenes.planes import planes
+from gs2ci_sims.signals import Shutter, nominal_slices
+
+SIZE = (16, 24)
+RIG = Rig(modulator=Modulator(4), timing=Timing(0.1, 0.02))
+INTERVALS = RIG.timing.intervals_s(4)
+MASKS = random_masks(4, SIZE, 0.4, np.random.default_rng(0))
+SCENE = planes(np.random.default_rng(1), SIZE)
+
+
+def photons(path, effects):
+    return integrate(SCENE, path, MASKS, EffectChain(effects, 0, RIG)).photons
+
+
+def test_row_y_opens_and_closes_y_line_delays_later():
+    shutter = Shutter(opens_s=-1.0, closes_s=1.0, line_delay_s=0.25)
+    fine = np.linspace(-1, 4, 5001)
+    share = shutter.open_share(fine[:-1], fine[1:], 5)
+    np.testing.assert_allclose(share.sum(axis=0) * np.diff(fine)[0], 2.0)
+    opened = fine[:-1][share.argmax(axis=0)]
+    np.testing.assert_allclose(opened, -1 + 0.25 * np.arange(5), atol=1e-3)
+
+
+def test_a_row_loses_the_light_of_the_first_masks_in_proportion_to_its_delay():
+    still = StageMove((0.0, 0.0, 0.0))
+    delay_s = 0.13 / (SIZE[0] - 1)  # the last row misses the first mask, the gap and 1 % of the exposure of the second
+    without, rolling = photons(still, []), photons(still, [RollingShutter(delay_s)])
+    bare = Renderer().views(SCENE, np.eye(4)[None])[0][0].astype(float)
+    late_s = delay_s * np.arange(SIZE[0])
+    lost = np.stack([np.clip(late_s - start, 0, 0.1) for start in (0.0, 0.12, 0.24, 0.36)]) * RIG.photons_per_s
+    expected = np.einsum("nh,nhw->hw", lost, MASKS)[..., None] * bare
+    np.testing.assert_allclose(without - rolling, expected, atol=0.01)
+    np.testing.assert_allclose(rolling[0], without[0], rtol=1e-12)
+
+
+def test_a_row_that_opens_after_the_last_mask_sees_nothing():
+    dark = photons(StageMove((0.0, 0.0, 0.0)), [RollingShutter(1.0)])
+    assert not dark[1:].any()
+    assert dark[0].any()
+
+
+def test_no_line_delay_changes_nothing():
+    still = StageMove((0.0, 0.0, 0.0))
+    np.testing.assert_allclose(photons(still, [RollingShutter(0.0)]), photons(still, []), rtol=1e-12)
+    assert RollingShutter(0.0).bound(preview(SCENE, still, MASKS, RIG), RIG).rms_dn == 0.0
+
+
+def test_the_bound_holds_and_is_not_idle():
+    reached = []
+    paths = [StageMove((speed, 0.3 * speed, 0.0)) for speed in (0.0, 0.3, 2.0)]
+    looks = [preview(SCENE, path, MASKS, RIG) for path in paths]
+    plain = [photons(path, []) for path in paths]
+    dn = RIG.sensor.quantum_efficiency * RIG.dn_per_e
+
+    @settings(max_examples=25, deadline=None, derandomize=True, database=None)
+    @given(move=st.integers(0, 2), readout_s=st.floats(-4, 0.3).map(lambda exponent: 10**exponent))
+    def over_the_family(move, readout_s):
+        effect = RollingShutter(readout_s / SIZE[0])
+        bound = effect.bound(looks[move], RIG)
+        change_dn = dn * (photons(paths[move], [effect]) - plain[move])
+        rms = np.sqrt(np.square(change_dn).mean())
+        assert rms <= bound.rms_dn
+        assert np.abs(change_dn).max() <= bound.peak_dn
+        reached.append(rms / bound.rms_dn)
+
+    over_the_family()
+    assert max(reached) >= 0.1
+
+
+def test_slices_that_are_cut_keep_their_shutter():
+    shutter = Shutter(0.0, 1.0, 0.1)
+    slices = dataclasses.replace(nominal_slices(INTERVALS), shutter=shutter)
+    assert slices.split(3).shutter is shutter
+    assert slices.split_at(np.zeros((4, 1))).shutter is shutter
+
+
+@pytest.mark.parametrize("delay_s", [-1e-6, float("inf"), float("nan")])
+def test_a_line_delay_out_of_range_is_refused(delay_s):
+    with pytest.raises(InputError, match="allowed"):
+        RollingShutter(delay_s)
