@@ -7,6 +7,8 @@ Anyone may import this file.
 import time
 from typing import Protocol
 
+import psutil
+
 
 class Clock(Protocol):
     """A monotonic clock that can be waited on."""
@@ -18,6 +20,14 @@ class Clock(Protocol):
     def sleep_s(self, duration_s: float) -> None:
         """Let `duration_s` seconds pass on this clock (values below 0 count as 0)."""
         ...
+
+
+def process_age_s() -> float:
+    """Measure how long ago the operating system started this process, in seconds.
+
+    What a user waits for includes the interpreter's start and the loading of libraries, which takes seconds here.
+    """
+    return max(0.0, time.time() - psutil.Process().create_time())
 
 
 class WallClock:
