@@ -159,7 +159,7 @@ def watch(splats: Splats, size: tuple[int, int], screen: ScreenStatistics) -> No
         count = len(screen.sightings)
         screen.add(*(torch.zeros(count).index_add(0, splats.index, column) for column in columns))
 
-    splats.means.register_hook(add)
+    splats.means.register_hook(add)  # type: ignore[no-untyped-call]
 
 
 @dataclass(frozen=True)

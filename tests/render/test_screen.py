@@ -100,6 +100,4 @@ def test_without_a_record_the_gradients_are_the_same(make):
 def test_a_record_of_another_number_of_gaussians_is_refused(name, make):
     case, backend = make(), load_backend(name)
     with pytest.raises(InputError, match="screen statistics of 7 Gaussians"):
-        backend.coded(
-            case.scene, case.poses, case.intrinsics, backend.code(case.masks), ScreenStatistics.empty(7)
-        )
+        backend.coded(case.scene, case.poses, case.intrinsics, backend.code(case.masks), ScreenStatistics.empty(7))
