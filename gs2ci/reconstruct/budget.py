@@ -22,7 +22,6 @@ from gs2ci.reconstruct.pipeline import Settings
 from gs2ci.reconstruct.presets import PRESETS, PresetName, rescheduled
 
 
-
 @dataclass(frozen=True)
 class Rung:
     """A preset, the fewest iterations for which it is worth its price, and the most that it has a use for."""

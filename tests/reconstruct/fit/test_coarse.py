@@ -112,6 +112,9 @@ def test_the_density_rule_gets_its_turns_between_the_shares_of_the_schedule(movi
     class Witness:
         name = "witness"
 
+        def shake(self, scene, rate, generator):
+            return None
+
         def change(self, scene, evidence, generator):
             turns.append((len(scene), evidence.cap, tuple(evidence.screen_gradient.shape)))
             assert torch.isfinite(evidence.screen_gradient).all()
