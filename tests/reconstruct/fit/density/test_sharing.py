@@ -7,7 +7,7 @@ import torch
 from gs2ci.reconstruct.fit.density.sharing import most_copies, share_out
 
 LOGITS = (-80.0, -20.0, -5.0, -1.0, 0.0, 2.0, 8.0, 20.0, 40.0)
-COPIES = (2, 3, 7, 51, 400, 5000)
+COPIES = (2, 3, 7, 51, 400, 2000)
 
 
 def shared(logits, copies, dtype=torch.float64):
@@ -32,9 +32,13 @@ def exact_share(logit, copies):
 def test_opacity_and_size_are_those_of_the_authors_sum_for_any_number_of_copies(copies):
     logits, log_scales = shared(LOGITS, copies)
     expected = [exact_share(logit, copies) for logit in LOGITS]
-    torch.testing.assert_close(logits, torch.tensor([e[0] for e in expected]).double(), rtol=1e-6, atol=1e-6)
+    torch.testing.assert_close(
+        logits, torch.tensor([e[0] for e in expected], dtype=torch.float64), rtol=1e-6, atol=1e-6
+    )
     for axis in log_scales.T:
-        torch.testing.assert_close(axis, torch.tensor([e[1] for e in expected]).double(), rtol=1e-9, atol=1e-9)
+        torch.testing.assert_close(
+            axis, torch.tensor([e[1] for e in expected], dtype=torch.float64), rtol=1e-9, atol=1e-9
+        )
 
 
 @pytest.mark.parametrize("copies", [2, 51, 10_000])
@@ -94,6 +98,6 @@ def test_the_dividing_line_itself_affords_what_it_is_made_of():
     """An opacity of exactly N layers of the least affords N copies, not N − 1."""
     least = 0.005
     n = torch.tensor([1, 2, 10, 500])
-    through = n * math.log1p(-least)
+    through = n.double() * math.log1p(-least)
     logits = torch.log(-torch.expm1(through)) - through
-    assert most_copies(logits.double(), least).tolist() == n.tolist()
+    assert most_copies(logits, least).tolist() == n.tolist()
