@@ -31,14 +31,10 @@ def exact_share(logit, copies):
 @pytest.mark.parametrize("copies", COPIES)
 def test_opacity_and_size_are_those_of_the_authors_sum_for_any_number_of_copies(copies):
     logits, log_scales = shared(LOGITS, copies)
-    expected = [exact_share(logit, copies) for logit in LOGITS]
-    torch.testing.assert_close(
-        logits, torch.tensor([e[0] for e in expected], dtype=torch.float64), rtol=1e-6, atol=1e-6
-    )
+    expected = torch.tensor([exact_share(logit, copies) for logit in LOGITS], dtype=torch.float64)
+    torch.testing.assert_close(logits, expected[:, 0], rtol=1e-9, atol=1e-9)
     for axis in log_scales.T:
-        torch.testing.assert_close(
-            axis, torch.tensor([e[1] for e in expected], dtype=torch.float64), rtol=1e-9, atol=1e-9
-        )
+        torch.testing.assert_close(axis, expected[:, 1], rtol=1e-9, atol=1e-9)
 
 
 @pytest.mark.parametrize("copies", [2, 51, 10_000])
