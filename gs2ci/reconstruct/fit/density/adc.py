@@ -31,7 +31,7 @@ class Adc:
         split, duplicate = self.criteria.divide(scene, evidence, self.criteria.wanting(evidence))
         room = evidence.cap - (len(scene) - int(remove.sum()))
         split, duplicate = within(room, evidence.screen_gradient, split & ~remove, duplicate & ~remove)
-        change = grow(scene, ~(remove | split), duplicate, split, generator, preserve_transmittance=False)
+        change = grow(scene, ~(remove | split), duplicate, split, generator, preserving="neither")
         return self.criteria.reset(change, evidence)
 
     def shake(self, scene: Gaussians, rate: float, generator: torch.Generator) -> None:

@@ -8,7 +8,7 @@ three share (`classic.py`). For `gs2ci.reconstruct.fit`.
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Literal, Protocol
 
 import torch
 from torch import Tensor
@@ -16,6 +16,9 @@ from torch import Tensor
 from gs2ci.render.gaussians import Gaussians, rotation_matrices, transmittance_preserving_opacity
 
 SPLIT_SHRINK = 1.6  # children of a split are smaller by this factor (Kerbl et al. 2023, section 5.2)
+
+Preserving = Literal["both", "duplicates", "neither"]
+"""Of what the transmittance stays: duplicates and splits, duplicates only, or neither."""
 
 
 @dataclass(frozen=True)
@@ -86,12 +89,13 @@ def grow(
     split: Tensor,
     generator: torch.Generator,
     *,
-    preserve_transmittance: bool = True,
+    preserving: Preserving = "both",
 ) -> Change:
     """Duplicate and split Gaussians, by default without changing what a ray sees through them.
 
-    Both copies of a duplicate and both children of a split get the opacity 1 − √(1 − α), so that the two in a row
-    let through what the one did (Rota Bulò et al. 2024, section 3.2; the paper extends it to splits, section IV-A).
+    Where the transmittance stays, both copies or children get the opacity 1 − √(1 − α), so that the two in a row let
+    through what the one did (Rota Bulò et al. 2024 for duplicates; the paper extends it to splits, section IV-A).
+    Where it does not, they keep the opacity of the one (Kerbl et al. 2023).
 
     Args:
         scene: The present Gaussians, G.
@@ -99,17 +103,16 @@ def grow(
         duplicate: Those that get a copy, [G] bool, a part of `keep`.
         split: Those replaced by two smaller children drawn from their own density, [G] bool, apart from `keep`.
         generator: For the children's places.
-        preserve_transmittance: Whether they get that opacity, or the original's (Kerbl et al. 2023).
+        preserving: Which of them get that opacity.
 
     Returns:
         The kept, then the copies, then the children.
     """
     present = scene.detach()
-    halved = present.opacity_logits
-    if preserve_transmittance:
-        halved = transmittance_preserving_opacity(present.opacity_logits)
+    halved = transmittance_preserving_opacity(present.opacity_logits)
     revised = present.map(lambda tensor: tensor.clone())
-    revised.opacity_logits = torch.where(duplicate, halved, present.opacity_logits)
+    if preserving != "neither":
+        revised.opacity_logits = torch.where(duplicate, halved, present.opacity_logits)
     kept = torch.nonzero(keep).flatten()
     copied = torch.nonzero(duplicate).flatten()
     parents = torch.nonzero(split).flatten().repeat(2)
@@ -118,7 +121,8 @@ def grow(
     turned = (rotation_matrices(children.quaternions) @ noise[..., None])[..., 0]
     children.means = children.means + turned
     children.log_scales = children.log_scales - math.log(SPLIT_SHRINK)
-    children.opacity_logits = halved[parents]
+    if preserving == "both":
+        children.opacity_logits = halved[parents]
     parts = (revised.map(lambda tensor: tensor[kept]), revised.map(lambda tensor: tensor[copied]), children)
     joined = Gaussians(
         **{name: torch.cat([part.parameters()[name] for part in parts]) for name in present.parameters()}

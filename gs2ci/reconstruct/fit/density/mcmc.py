@@ -40,10 +40,11 @@ class Mcmc:
         opacity = torch.sigmoid(present.opacity_logits)
         faint = opacity <= self.transparent
         weights = torch.where(faint, 0.0, opacity)
-        if not bool((weights > 0).any()):  # nobody to move to
-            return Change(present.map(torch.clone), torch.arange(len(scene)))
         newcomers = max(0, min(evidence.cap, int((1 + self.growth) * len(scene))) - len(scene))
-        chosen = torch.multinomial(weights, int(faint.sum()) + newcomers, replacement=True, generator=generator)
+        wanted = int(faint.sum()) + newcomers
+        if wanted == 0 or bool(faint.all()):  # nobody moves, or there is nobody to move to
+            return Change(present.map(torch.clone), torch.arange(len(scene)))
+        chosen = torch.multinomial(weights, wanted, replacement=True, generator=generator)
         return self._move(present, faint, self._affordable(present, chosen))
 
     def _affordable(self, scene: Gaussians, chosen: Tensor) -> Tensor:

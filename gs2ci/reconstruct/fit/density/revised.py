@@ -1,8 +1,8 @@
 """Revised densification (Rota Bulò et al. 2024, "Revising densification in Gaussian splatting").
 
-Here: the rule. Candidates are chosen by their part in the error of the pixels instead of by gradients, copies and
-children keep the transmittance, growth is bounded per turn, and opacities sink a little at every turn instead of
-being reset. For `gs2ci.reconstruct.fit`.
+Here: the rule. Candidates are chosen by their part in the error of the pixels instead of by gradients, duplicates
+keep the transmittance (splits do not: that is the paper's, in `osgr.py`), growth is bounded per turn, and opacities
+sink a little at every turn instead of being reset. For `gs2ci.reconstruct.fit`.
 """
 
 from dataclasses import dataclass, field, replace
@@ -39,7 +39,7 @@ class Revised:
         split, duplicate = self.criteria.divide(scene, evidence, part > self.error)
         room = min(evidence.cap - (len(scene) - int(remove.sum())), int(self.growth * len(scene)))
         split, duplicate = within(room, part, split & ~remove, duplicate & ~remove)
-        return self._sink(grow(scene, ~(remove | split), duplicate, split, generator))
+        return self._sink(grow(scene, ~(remove | split), duplicate, split, generator, preserving="duplicates"))
 
     def _sink(self, change: Change) -> Change:
         scene = change.scene.map(lambda tensor: tensor)
