@@ -18,6 +18,7 @@ os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 from rich.console import Console
 
 from gs2ci import __version__
+from gs2ci.core.clock import begin_command
 from gs2ci.core.errors import Gs2ciError
 
 # Name on the command line -> module, and the line that `gs2ci --help` shows. Modules are imported when they are run.
@@ -40,6 +41,7 @@ EXIT_INTERRUPTED: Final = 130
 
 def main() -> int:
     """Run the command line; return the exit status: 0, 2 for an error of ours, 130 when interrupted."""
+    begin_command()
     arguments = sys.argv[1:]
     if not arguments or arguments[0] in ("-h", "--help"):
         sys.stdout.write(_usage())

@@ -45,6 +45,9 @@ _STRIDES: Final = (6, 2)
 _STEPS: Final = (1, 5)
 _SWEEP: Final = SweepSettings(planes=24)
 _ITERATIONS: Final = 4
+# A plane at rest, as the probe fits it, renders faster than a scene that has been fitted: per iteration by 1.35 to
+# 1.8 in processor time, on a scene of 18,000 to 37,000 Gaussians.
+_THAN_A_PLANE: Final = 1.5
 # A population grows by about a fifth at each turn of the density rule, until it reaches its cap.
 _GROWTH_PER_TURN: Final = 1.18
 # First Gaussians for each pixel of the stride's grid: the grid, and the rims that only other views see.
@@ -122,7 +125,7 @@ class CostModel:
         growing = max(0.0, min(share, fit.densify_until) - fit.densify_from)
         turns = growing * fit.iterations / fit.densify_every
         # Beyond some thousand turns every population has met its cap, and powers overflow.
-        return min(last, first * _GROWTH_PER_TURN ** min(turns, 1000.0))
+        return float(min(last, first * _GROWTH_PER_TURN ** min(turns, 1000.0)))
 
 
 def probe(shot: Shot, backend: str = "cpu") -> CostModel:
@@ -144,9 +147,9 @@ def probe(shot: Shot, backend: str = "cpu") -> CostModel:
         decode_step=larger * found.decode_step,
         geometry=larger * found.geometry,
         plane=larger * found.plane,
-        iteration=larger * found.iteration,
-        gaussian=found.gaussian,
-        look=larger * found.look,
+        iteration=_THAN_A_PLANE * larger * found.iteration,
+        gaussian=_THAN_A_PLANE * found.gaussian,
+        look=_THAN_A_PLANE * larger * found.look,
     )
 
 
@@ -174,6 +177,8 @@ def _probe_crop(shot: Shot, backend: Backend) -> CostModel:
 
 
 def _sweep(views: F32, geometry: Geometry) -> None:
+    if len(views) < 2:  # a single view is not swept
+        return
     sweep(views, geometry.world_to_camera, geometry.intrinsics, geometry.reference, (0.5, 1.5), _SWEEP)
 
 

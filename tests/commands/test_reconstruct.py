@@ -10,6 +10,7 @@ from gs2ci.core.records import Shot, Truth
 from gs2ci.core.storage import write_shots
 from gs2ci.evaluate.report import read_report
 from gs2ci.reconstruct.pipeline import Settings
+from gs2ci.reconstruct.presets import PRESETS
 
 SIZE = (24, 32)
 CAMERA = np.array([[30.0, 0, 15], [0, 33, 13], [0, 0, 1]])
@@ -91,3 +92,30 @@ def test_settings_other_than_the_iterations_are_the_standard_ones(measured, tmp_
     assert report["settings"]["fit"]["iterations"] == 2
     assert report["settings"]["decode"]["iterations"] == standard.decode.iterations
     assert report["settings"]["seed"] == standard.seed == 42
+
+
+def test_a_preset_sets_every_stage_and_options_override_it(measured, tmp_path):
+    report = read_report(reconstruct.run(measured, tmp_path / "run", preset="draft", iterations=2))
+    assert report["settings"]["decode"]["iterations"] == PRESETS["draft"].decode.iterations
+    assert report["settings"]["fit"]["iterations"] == 2
+
+
+def test_a_budget_is_measured_planned_and_said(measured, tmp_path, capsys):
+    report = read_report(reconstruct.run(measured, tmp_path / "run", budget="2min"))
+    assert "Of 2 min 00 s" in capsys.readouterr().out
+    assert report["settings"]["seed"] == 42
+    assert report["seconds"]["total"] < 120
+
+
+def test_a_budget_beside_what_it_decides_is_refused(measured, tmp_path):
+    for other in ({"preset": "fine"}, {"iterations": 5}):
+        with pytest.raises(InputError, match="budget"):
+            reconstruct.run(measured, tmp_path / "run", budget="60s", **other)
+    with pytest.raises(InputError, match="no duration"):
+        reconstruct.run(measured, tmp_path / "run", budget="soon")
+
+
+def test_a_budget_that_is_too_small_is_refused_and_leaves_nothing(measured, tmp_path):
+    with pytest.raises(InputError, match="too little"):
+        reconstruct.run(measured, tmp_path / "run", budget="0.1s")
+    assert not (tmp_path / "run").exists()
