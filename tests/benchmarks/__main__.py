@@ -21,6 +21,7 @@ BENCHMARKS = {
     "proxies": "tests.benchmarks.proxies",
     "decoders": "tests.benchmarks.decoders",
     "simulation": "tests.benchmarks.simulation",
+    "heldout_order": "tests.benchmarks.heldout_order",
     "bundle_adjustment": "tests.benchmarks.bundle_adjustment",
 }
 
