@@ -26,6 +26,7 @@ COMMANDS: Final[dict[str, tuple[str, str]]] = {
     "import": ("gs2ci.commands.import_", "turn .npz, .npy or .mat measurements into a shot file"),
     "reconstruct": ("gs2ci.commands.reconstruct", "recover views, camera path and scene from a shot file"),
     "decode": ("gs2ci.commands.decode", "recover views alone from a shot file: GAP-TV, plug-and-play, proxies"),
+    "evaluate": ("gs2ci.commands.evaluate", "judge a finished run by a truth, by noise, by views from elsewhere"),
     "tradeoff": ("gs2ci.commands.tradeoff", "say what accuracy costs in time, for one shot on this machine"),
     "models": ("gs2ci.commands.models", "turn trained weights into model files"),
     "plan": ("gs2ci.commands.plan", "say which physical effects a simulation calls for, and why"),
