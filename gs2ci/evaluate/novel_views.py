@@ -40,8 +40,9 @@ def read_novel_views(path: Path) -> NovelViews:
         InputError: No such file, an array is missing, or the two do not fit together.
     """
     try:
-        with np.load(path, allow_pickle=False) as file:
-            parts: dict[str, Any] = {key: file[key] for key in ("views", "world_to_camera")}
+        # Opened here: numpy leaves a file that is cut short open.
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as arrays:
+            parts: dict[str, Any] = {key: arrays[key] for key in ("views", "world_to_camera")}
     except (OSError, ValueError, KeyError, EOFError, TypeError, BadZipFile) as error:
         raise InputError(
             f"{path} holds no novel views: {error}", allowed="an .npz file with views and world_to_camera"
