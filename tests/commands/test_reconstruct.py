@@ -103,3 +103,16 @@ def test_an_unknown_density_rule_is_refused_and_writes_nothing(measured, tmp_pat
     with pytest.raises(InputError, match="no density rule 'abc'"):
         reconstruct.run(measured, tmp_path / "run", density="abc")
     assert not (tmp_path / "run").exists()
+
+
+def test_components_are_switched_off_by_name(measured, tmp_path):
+    names = ("opacity-regulation", "pose-refinement")
+    fit = read_report(reconstruct.run(measured, tmp_path / "run", iterations=2, without=names))["settings"]["fit"]
+    assert fit["loss"]["opacity"] == 0
+    assert fit["poses"]["refine"] is False
+
+
+def test_an_unknown_component_is_refused_and_writes_nothing(measured, tmp_path):
+    with pytest.raises(InputError, match="no component 'luck'"):
+        reconstruct.run(measured, tmp_path / "run", without=("luck",))
+    assert not (tmp_path / "run").exists()
