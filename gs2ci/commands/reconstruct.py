@@ -21,6 +21,7 @@ from gs2ci.core.storage import read_shot
 from gs2ci.evaluate.metrics import psnr_per_view
 from gs2ci.evaluate.rehearsal import report_seconds
 from gs2ci.evaluate.run_folder import check_destination, write_run
+from gs2ci.reconstruct import ablation
 from gs2ci.reconstruct.budget import Adapt, Plan, plan_within
 from gs2ci.reconstruct.costs import probe
 from gs2ci.reconstruct.fit.rules import RuleName, with_rule
@@ -38,6 +39,7 @@ def run(
     preset: PresetName = "standard",
     budget: str | None = None,
     density: RuleName | None = None,
+    without: tuple[str, ...] = (),
     iterations: int | None = None,
     focal_px: float | None = None,
     seed: int = 42,
@@ -57,6 +59,8 @@ def run(
             this machine can do by then.
         density: The rule by which Gaussians are added and removed, with the terms of the objective that belong to it;
             none leaves the settings' own.
+        without: Components of the method to do without, for comparisons: points, poses, opacity-split,
+            opacity-regulation, count-cap, pose-refinement.
         iterations: At most so many iterations of the fit; it ends earlier when held-out pixels stop improving.
         focal_px: Focal length along the rows to use instead of the file's, in pixels.
         seed: Of every random draw; the same seed gives the same result.
@@ -82,12 +86,13 @@ def run(
 
     def adapted(settings: Settings) -> Settings:
         settings = replace(settings, seed=seed, poses=geometry)
-        return settings if density is None else replace(settings, fit=with_rule(settings.fit, density))
+        if density is not None:
+            settings = replace(settings, fit=with_rule(settings.fit, density))
+        settings = ablation.without(settings, without)
+        return settings if iterations is None else replace(settings, fit=replace(settings.fit, iterations=iterations))
 
+    settings, pace = adapted(PRESETS[preset]), None
     with open_display() as display:
-        settings, pace = adapted(PRESETS[preset]), None
-        if iterations is not None:
-            settings = replace(settings, fit=replace(settings.fit, iterations=iterations))
         if budget_s is not None:
             plan = _plan(budget_s, began_s, measured, adapted, display)
             settings, pace = plan.settings, plan.pace

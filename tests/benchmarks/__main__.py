@@ -21,8 +21,10 @@ BENCHMARKS = {
     "proxies": "tests.benchmarks.proxies",
     "decoders": "tests.benchmarks.decoders",
     "simulation": "tests.benchmarks.simulation",
+    "scaling": "tests.benchmarks.scaling",
     "heldout_order": "tests.benchmarks.heldout_order",
     "bundle_adjustment": "tests.benchmarks.bundle_adjustment",
+    "long_fits": "tests.benchmarks.long_fits",
 }
 
 

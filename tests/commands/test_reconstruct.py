@@ -9,6 +9,7 @@ from gs2ci.core.errors import InputError, StorageError
 from gs2ci.core.records import Shot, Truth
 from gs2ci.core.storage import write_shots
 from gs2ci.evaluate.report import read_report
+from gs2ci.reconstruct.costs import CostModel
 from gs2ci.reconstruct.pipeline import Settings
 from gs2ci.reconstruct.presets import PRESETS
 
@@ -100,11 +101,15 @@ def test_a_preset_sets_every_stage_and_options_override_it(measured, tmp_path):
     assert report["settings"]["fit"]["iterations"] == 2
 
 
-def test_a_budget_is_measured_planned_and_said(measured, tmp_path, capsys):
+def test_a_budget_is_measured_planned_and_said(measured, tmp_path, capsys, monkeypatch):
+    slow = CostModel(768, 3, decode_step=0.1, geometry=5, plane=0.1, iteration=1.0, gaussian=1e-3, look=1.0)
+    monkeypatch.setattr(reconstruct, "probe", lambda shot, backend: slow)
     report = read_report(reconstruct.run(measured, tmp_path / "run", budget="2min"))
-    assert "Of 2 min 00 s" in capsys.readouterr().out
+    said = capsys.readouterr().out.replace("\n", " ")
+    assert "Of 2 min 00 s" in said
+    assert "are left for preset draft" in said
     assert report["settings"]["seed"] == 42
-    assert report["seconds"]["total"] < 120
+    assert report["settings"]["decode"]["iterations"] == PRESETS["draft"].decode.iterations
 
 
 def test_a_budget_beside_what_it_decides_is_refused(measured, tmp_path):
@@ -118,4 +123,29 @@ def test_a_budget_beside_what_it_decides_is_refused(measured, tmp_path):
 def test_a_budget_that_is_too_small_is_refused_and_leaves_nothing(measured, tmp_path):
     with pytest.raises(InputError, match="too little"):
         reconstruct.run(measured, tmp_path / "run", budget="0.1s")
+    assert not (tmp_path / "run").exists()
+
+
+@pytest.mark.parametrize("rule", ["adc", "mcmc", "revised", "osgr"])
+def test_the_density_rule_is_the_one_asked_for_and_is_in_the_report(measured, tmp_path, rule):
+    report = read_report(reconstruct.run(measured, tmp_path / "run", iterations=2, density=rule))
+    assert report["settings"]["fit"]["density"]["name"] == rule
+
+
+def test_an_unknown_density_rule_is_refused_and_writes_nothing(measured, tmp_path):
+    with pytest.raises(InputError, match="no density rule 'abc'"):
+        reconstruct.run(measured, tmp_path / "run", density="abc")
+    assert not (tmp_path / "run").exists()
+
+
+def test_components_are_switched_off_by_name(measured, tmp_path):
+    names = ("opacity-regulation", "pose-refinement")
+    fit = read_report(reconstruct.run(measured, tmp_path / "run", iterations=2, without=names))["settings"]["fit"]
+    assert fit["loss"]["opacity"] == 0
+    assert fit["poses"]["refine"] is False
+
+
+def test_an_unknown_component_is_refused_and_writes_nothing(measured, tmp_path):
+    with pytest.raises(InputError, match="no component 'luck'"):
+        reconstruct.run(measured, tmp_path / "run", without=("luck",))
     assert not (tmp_path / "run").exists()

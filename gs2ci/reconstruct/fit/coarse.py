@@ -177,8 +177,8 @@ class _Fit:
             self.cap = min(self.cap, len(self.optimiser.scene))
             self._bounded = True
 
-    def densify(self, iteration: int) -> None:
-        """Give the density rule its turn."""
+    def densify(self, iteration: int) -> bool:
+        """Give the density rule its turn; return whether it set the fit back on purpose, as a reset does."""
         scene, poses = self.optimiser.scene, self.poses.world_to_camera()
         evidence = self._gathering.evidence(
             scene, poses, self._dissimilarity, extent=self.extent, cap=self.cap, iteration=iteration
@@ -186,6 +186,7 @@ class _Fit:
         change = self.settings.density.change(scene, evidence, self.generator)
         self.optimiser.replace(change.scene, change.source, change.forget)
         self._gathering.start_again(len(change.scene))
+        return bool(change.forget)
 
     def _dissimilarity(self) -> Tensor:
         """Return what is wrong with the present prediction, [H, W]."""
@@ -326,8 +327,8 @@ class _Loop:
         if bound is not None and share >= bound:
             self.fit.bound_population()
         turn = begin <= share < end and iteration % self.settings.densify_every == 0
-        if turn and self._watch.may_grow(iteration):
-            self.fit.densify(iteration)
+        if turn and self._watch.may_grow(iteration) and self.fit.densify(iteration):
+            self._watch.set_back(iteration)
 
     def _look(self, iteration: int, loss: float) -> None:
         """Judge the views as they would be handed over now, and remember the state if it is the best."""

@@ -1,6 +1,6 @@
 """The coarse stage as the paper runs it (section IV-A): preset `paper`.
 
-Here: its numbers. Not here: what they mean (each stage's own file). `gs2ci.reconstruct.presets` imports this file.
+Here: its numbers. Not here: what they mean (each stage's own file). Presets and `gs2ci.bench` import this file.
 """
 
 from dataclasses import replace

@@ -196,6 +196,15 @@ def test_a_reset_of_opacities_is_no_run_away_and_the_fit_recovers_from_it(moving
     assert fit.notes == ()
 
 
+def test_a_reset_of_opacities_does_not_end_a_fit_for_want_of_improvement(moving_plane):
+    rule = Osgr(criteria=Classic(reset_every=100))
+    settings = replace(QUICK, iterations=140, densify_until=0.9, density=rule)
+    fit, _ = run(moving_plane, replace(settings, hold_out=replace(QUICK.hold_out, patience=20, growth_patience=100)))
+    heldout = {point.iteration: point.heldout for point in fit.curve}
+    assert heldout[110] > 1.2 * heldout[100]
+    assert fit.curve[-1].iteration > 120
+
+
 @pytest.mark.parametrize("name", RULE_NAMES)
 @pytest.mark.parametrize("seed", range(3))
 def test_the_papers_schedule_two_hundred_times_faster_stays_finite(moving_plane, name, seed):
