@@ -1,6 +1,7 @@
 """From one coded measurement to views, camera path and Gaussian scene: the whole way on one page.
 
-    hold out some pixels ─► decode ─► geometry ─► first Gaussians ─► coarse fit ─► residual ─► judge by the held-out
+    hold out some pixels ─► decode ─► geometry ─► first Gaussians ─► coarse fit (─► fine fit) ─► residual
+    ─► judge by the held-out
 
 Here: the order, the clock, and the judgement. Not here: any stage itself; files and metrics (`gs2ci.evaluate`).
 The commands import this file.
@@ -16,19 +17,21 @@ import torch
 
 from gs2ci.core.errors import InputError
 from gs2ci.core.progress import Progress, Silent
-from gs2ci.core.records import F32, F64, Shot
+from gs2ci.core.records import F32, Shot
 from gs2ci.core.run_records import RunResult, Verdict
 from gs2ci.reconstruct.coding import Coding
 from gs2ci.reconstruct.decode.gap_tv import GapTvSettings, gap_tv
 from gs2ci.reconstruct.decode.residual import ResidualSettings, refine_views
 from gs2ci.reconstruct.doubts import doubts_about
-from gs2ci.reconstruct.fit.coarse import CoarseFit, CoarseSettings, fit_coarse
+from gs2ci.reconstruct.fit.coarse import CoarseSettings, fit_coarse
+from gs2ci.reconstruct.fit.fine import Fine, FineSettings, fit_fine
+from gs2ci.reconstruct.fit.rendering import ShotRenderer
 from gs2ci.reconstruct.fit.start import first_gaussians
 from gs2ci.reconstruct.fit.stopping import Jury, choose_heldout
 from gs2ci.reconstruct.geometry.initialise import Geometry, GeometrySettings, initialise
 from gs2ci.reconstruct.geometry.points import seed_points
 from gs2ci.reconstruct.geometry.telemetry import Movement, movement, poses_of_stage
-from gs2ci.render.backend import Backend, load_backend
+from gs2ci.render.backend import load_backend
 from gs2ci.render.gaussians import Gaussians
 
 Score = Callable[[F32], float]
@@ -47,6 +50,7 @@ class Settings:
         decode: Of the decoder that the geometry stage looks at.
         geometry: Of tracks, motion and depth.
         fit: Of the coarse stage.
+        fine: Of the fine stage; None leaves it out.
         residual: Of the last step, which decodes what the scene leaves unexplained.
         stride_px: One first Gaussian for every so many pixels along rows and columns.
         backend: The renderer.
@@ -57,6 +61,7 @@ class Settings:
     decode: GapTvSettings = field(default_factory=GapTvSettings)
     geometry: GeometrySettings = field(default_factory=GeometrySettings)
     fit: CoarseSettings = field(default_factory=CoarseSettings)
+    fine: FineSettings | None = None
     residual: ResidualSettings = field(default_factory=ResidualSettings)
     stride_px: int = 3
     backend: str = "cpu"
@@ -74,6 +79,8 @@ class Settings:
             )
         self.decode.check()
         self.fit.check()
+        if self.fine is not None:
+            self.fine.check()
         self.residual.steps()
         return self
 
@@ -130,6 +137,7 @@ def reconstruct(
     settings.check()
     shot.check()
     backend = load_backend(settings.backend)
+    fine = None if settings.fine is None else Fine.load(settings.fine, settings.seed)
     clock = _Stopwatch()
     doubts = doubts_about(shot)
     for doubt in doubts:
@@ -145,6 +153,9 @@ def reconstruct(
     start = first_gaussians(seed_points(geometry, decoded, settings.stride_px))
     clock.lap("geometry")
 
+    def refine(views: F32) -> F32:
+        return refine_views(seen, views, settings.residual)
+
     fit = fit_coarse(
         jury=jury,
         start=start,
@@ -152,14 +163,19 @@ def reconstruct(
         backend=backend,
         settings=settings.fit,
         seed=settings.seed,
-        refine=lambda views: refine_views(seen, views, settings.residual),
+        refine=refine,
         progress=progress,
         score=score,
         since_s=clock.began_s,
     )
+    renderer = ShotRenderer(shot, geometry.intrinsics, backend)
+    if fine is not None:
+        clock.lap("fit")
+        fit = fit_fine(jury, fit, renderer, fine, settings.seed, refine, progress, score, clock.began_s)
+        clock.lap("fine")
     recovered = _recover(jury, decoded, fit.views, settings.residual)
     moved = movement(geometry.world_to_camera, fit.world_to_camera)
-    depth = _depth(fit, geometry.intrinsics, shot.size, backend)
+    depth = renderer.depths(fit.scene, fit.world_to_camera)
     clock.lap("fit")
 
     result = RunResult(
@@ -193,7 +209,7 @@ class _Stopwatch:
 
     def lap(self, stage: str) -> None:
         now = time.monotonic()
-        self._stages[stage] = now - self._lap_s
+        self._stages[stage] = self._stages.get(stage, 0.0) + now - self._lap_s
         self._lap_s = now
 
     def seconds(self) -> dict[str, float]:
@@ -223,17 +239,6 @@ def _recover(jury: Jury, decoded: F32, scene_views: F32, settings: ResidualSetti
         candidates["refined"] = refine_views(jury.shot, scene_views, settings)
     notes = () if jury.heldout.any() else (_UNJUDGED,)
     return _Recovered(candidates[verdict], verdict, heldout_rms, notes)
-
-
-def _depth(fit: CoarseFit, intrinsics: F64, size: tuple[int, int], backend: Backend) -> F32:
-    """Render the mean depth along the optical axis, [N, H, W]; zero where less than half of the light is stopped."""
-    poses = torch.from_numpy(fit.world_to_camera).float()
-    along_axis = fit.scene.means @ poses[:, 2, :3].T + poses[:, 2, 3]
-    as_colour = along_axis.T[..., None].expand(-1, -1, 3).contiguous()
-    camera = torch.from_numpy(intrinsics).float()
-    with torch.no_grad():
-        depths, alphas = backend.views(fit.scene, poses, camera, size, colours=as_colour)
-    return torch.where(alphas >= 0.5, depths[..., 0] / alphas.clamp(min=0.5), 0.0).numpy()
 
 
 def _judge(heldout_rms: dict[Verdict, float | None]) -> Verdict:

@@ -14,6 +14,7 @@ from gs2ci.evaluate.metrics import psnr_per_view
 from gs2ci.reconstruct.decode.gap_tv import GapTvSettings
 from gs2ci.reconstruct.decode.residual import ResidualSettings
 from gs2ci.reconstruct.fit.coarse import CoarseSettings
+from gs2ci.reconstruct.fit.fine import FineSettings
 from gs2ci.reconstruct.fit.stopping import HoldOut
 from gs2ci.reconstruct.pipeline import Settings, reconstruct
 
@@ -250,6 +251,8 @@ def test_with_nothing_held_out_the_scene_is_taken_and_a_note_says_that_nothing_j
         Settings(decode=GapTvSettings(iterations=0)),
         Settings(residual=ResidualSettings(weight=-1.0)),
         Settings(fit=CoarseSettings(iterations=0)),
+        Settings(fine=FineSettings(iterations=0)),
+        Settings(fine=FineSettings(prior="onnx:absent.onnx")),
         Settings(fit=CoarseSettings(hold_out=HoldOut(share=float("nan")))),
     ],
 )
@@ -265,3 +268,16 @@ def test_settings_that_make_no_sense_are_refused_before_any_work(shot, settings)
 def test_a_shot_that_contradicts_itself_is_refused(shot):
     with pytest.raises(InputError, match="masks"):
         reconstruct(replace(shot, masks=shot.masks[:, :-1]))
+
+
+def test_the_fine_stage_follows_the_coarse_one_when_it_is_asked_for(shot):
+    fine = FineSettings(iterations=20, hold_out=HoldOut(look_every=10))
+    with_fine = reconstruct(shot, replace(SHORT, fine=fine)).result
+    without = reconstruct(shot, SHORT).result
+    assert with_fine.curve[-1].iteration == 60 + 20
+    assert with_fine.seconds["fine"] > 0
+    assert sum(v for k, v in with_fine.seconds.items() if k != "total") == pytest.approx(with_fine.seconds["total"])
+    assert any(note.startswith("The fine stage") for note in with_fine.notes)
+    assert with_fine.settings["fine"]["prior"] == "consistent"
+    assert with_fine.heldout_rms["refined"] <= without.heldout_rms["refined"]
+    assert "fine" not in without.seconds

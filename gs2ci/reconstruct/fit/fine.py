@@ -16,19 +16,20 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from gs2ci.core.errors import Gs2ciError, InputError
+from gs2ci.core.errors import Gs2ciError, InputError, NumericsError
 from gs2ci.core.progress import Progress
 from gs2ci.core.records import F32
 from gs2ci.core.run_records import CurvePoint
 from gs2ci.reconstruct.fit.coarse import CoarseFit
 from gs2ci.reconstruct.fit.losses import DataTerm, LossWeights, opacity_term
 from gs2ci.reconstruct.fit.optimiser import GaussianOptimiser, StepSizes
-from gs2ci.reconstruct.fit.perceptual import PerceptualDistance
+from gs2ci.reconstruct.fit.perceptual import PerceptualDistance, load_distance
 from gs2ci.reconstruct.fit.poses import path_extent
 from gs2ci.reconstruct.fit.pseudo_views import SupportSettings, support_weights, synthesised_poses
 from gs2ci.reconstruct.fit.rendering import ShotRenderer
 from gs2ci.reconstruct.fit.stopping import HoldOut, Jury, Watch
 from gs2ci.reconstruct.priors2d.base import ImagePrior, Question, Seen
+from gs2ci.reconstruct.priors2d.choose import load_prior
 from gs2ci.render.gaussians import Gaussians
 
 Score = Callable[[F32], float]
@@ -44,8 +45,8 @@ class FineSettings:
 
     Args:
         prior: Says what pseudo-views should look like: "consistent", "nlm", "difix" or "onnx:FILE"
-            (`priors2d.choose`).
-        distance: The perceptual term: "structure", or "lpips" if the user has added such a model.
+            (`priors2d.choose`); "none" leaves pseudo-views out, to tell what the iterations alone are worth.
+        distance: The perceptual term: "structure"; "lpips" or "lpips:FILE" where the user has such a model.
         iterations: At most so many. The paper takes 3000; the coarse stage's schedule is shortened by as much.
         steps: Step sizes: those with which the coarse stage ends.
         damping: Factor on all of them: a fresh Adam steps at full size whatever the gradient.
@@ -89,6 +90,33 @@ class FineSettings:
         self.support.check()
         self.hold_out.check()
         return self
+
+
+@dataclass(frozen=True)
+class Fine:
+    """A fine stage ready to run: its settings with the models that they name.
+
+    Args:
+        settings: The schedule and the weights.
+        prior: None leaves pseudo-views out.
+        distance: The perceptual term.
+    """
+
+    settings: FineSettings
+    prior: ImagePrior | None
+    distance: PerceptualDistance
+
+    @classmethod
+    def load(cls, settings: FineSettings, seed: int) -> "Fine":
+        """Load what the settings name, before any time is spent on the measurement.
+
+        Raises:
+            InputError: The settings make no sense, or a model file cannot be used.
+            StorageError: The list of added models cannot be read.
+        """
+        settings.check()
+        prior = None if settings.prior == "none" else load_prior(settings.prior, seed)
+        return cls(settings, prior, load_distance(settings.distance))
 
 
 @dataclass(frozen=True)
@@ -138,9 +166,7 @@ def fit_fine(
     jury: Jury,
     coarse: CoarseFit,
     renderer: ShotRenderer,
-    prior: ImagePrior,
-    distance: PerceptualDistance,
-    settings: FineSettings,
+    fine: Fine,
     seed: int,
     refine: Refine,
     progress: Progress,
@@ -153,9 +179,7 @@ def fit_fine(
         jury: The measurement, its truth unread, and the pixels of it that the loss may not see.
         coarse: The fit to go on from.
         renderer: Renders for this shot.
-        prior: Says what the pseudo-views should look like.
-        distance: The perceptual term.
-        settings: The schedule and the weights.
+        fine: Settings and models.
         seed: For the order of the pseudo-views.
         refine: What will be done to the scene's views, [N, H, W, C], before they are handed over.
         progress: Told every iteration.
@@ -164,29 +188,25 @@ def fit_fine(
 
     Returns:
         The state with the best held-out residual; the coarse fit where no state is better, where nothing is held
-        out that could tell, and where the prior fails. A note says which.
-
-    Raises:
-        InputError: The settings make no sense.
+        out that could tell, and where the prior or the distance fails. A note says which.
     """
-    settings.check()
+    settings = fine.settings.check()
     before = jury.residual_rms(refine(coarse.views))
     if before is None:
         return _unchanged(coarse, "no pixel is held out to tell whether it helps", progress)
     try:
-        pseudo = make_pseudo(coarse, renderer, prior, refine, settings.between)
+        pseudo_loss = _pseudo_loss(coarse, renderer, fine, refine)
     except Gs2ciError as error:
         return _unchanged(coarse, error.problem, progress)
-    if not len(pseudo.poses):
-        return _unchanged(coarse, "there is one camera only", progress)
-    fit = _Fit(jury, coarse, renderer, PseudoLoss(pseudo, settings, distance), settings, seed)
+    fit = _Fit(jury, coarse, renderer, pseudo_loss, settings, seed)
     loop = _Loop(fit, jury, coarse, refine, progress, score, time.monotonic() if since_s is None else since_s)
     after = loop.run(before)
     curve = (*coarse.curve, *loop.curve)
     if loop.best is None:
         kept = _unchanged(coarse, "held-out pixels did not agree better with anything it made", progress)
         return replace(kept, curve=curve)
-    note = f"The fine stage ({prior.name}) lowered the held-out residual from {before:.5f} to {after:.5f}."
+    named = "without a prior" if fine.prior is None else f"prior: {fine.prior.name}"
+    note = f"The fine stage ({named}) lowered the held-out residual from {before:.5f} to {after:.5f}."
     progress.say(note)
     return replace(
         coarse,
@@ -195,6 +215,24 @@ def fit_fine(
         curve=curve,
         notes=(*coarse.notes, note),
     )
+
+
+def _pseudo_loss(coarse: CoarseFit, renderer: ShotRenderer, fine: Fine, refine: Refine) -> PseudoLoss | None:
+    """Prepare the loss on pseudo-views; None where they are left out.
+
+    Raises:
+        Gs2ciError: The prior or the distance failed, or there is one camera only.
+    """
+    if fine.prior is None or fine.settings.pseudo_weight == 0:
+        return None
+    pseudo = make_pseudo(coarse, renderer, fine.prior, refine, fine.settings.between)
+    if not len(pseudo.poses):
+        raise InputError("there is one camera only, and no path to look beside")
+    loss = PseudoLoss(pseudo, fine.settings, fine.distance)
+    first = loss(0, pseudo.targets[0], pseudo.alphas[0])
+    if not torch.isfinite(first):
+        raise NumericsError(f"the distance {fine.distance.name} of equal images is {float(first)}")
+    return loss
 
 
 def make_pseudo(coarse: CoarseFit, renderer: ShotRenderer, prior: ImagePrior, refine: Refine, between: int) -> Pseudo:
@@ -237,7 +275,7 @@ class _Fit:
         jury: Jury,
         coarse: CoarseFit,
         renderer: ShotRenderer,
-        pseudo_loss: PseudoLoss,
+        pseudo_loss: PseudoLoss | None,
         settings: FineSettings,
         seed: int,
     ) -> None:
@@ -248,14 +286,15 @@ class _Fit:
         self._renderer = renderer
         self._pseudo_loss = pseudo_loss
         self._data_term = DataTerm(shot.measurement, ~jury.heldout, shot.saturated, settings.loss.similarity)
-        self._order = _rounds(len(pseudo_loss), torch.Generator().manual_seed(seed))
+        views = 0 if pseudo_loss is None else len(pseudo_loss)
+        self._order = _rounds(views, torch.Generator().manual_seed(seed))
 
     def backward(self) -> float:
         """Accumulate the gradients of the objective (eq. 11); return the loss."""
         scene = self.optimiser.scene
         loss = self._data_term(self._renderer.measurement(scene, self.poses))
         loss = loss + self.settings.loss.opacity * opacity_term(scene.opacity_logits)
-        if self.settings.pseudo_weight:
+        if self._pseudo_loss is not None:
             view = next(self._order)
             images, alphas = self._renderer.images(scene, self._pseudo_loss.poses[view : view + 1])
             loss = loss + self.settings.pseudo_weight * self._pseudo_loss(view, images[0], alphas[0])

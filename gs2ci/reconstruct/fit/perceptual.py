@@ -1,17 +1,23 @@
 """How unlike two images look: the unweighted term of the pseudo-view loss (paper, eq. 10, D_per).
 
 Here: the interface, and the stand-in that needs no weights: 1 − SSIM, averaged over three scales. It is not LPIPS and
-is never called so. Not here: learned distances (`lpips.py`), the loss around them (`fine.py`).
+is never called so. Not here: learned distances (`lpips.py`), the loss around them (`fine.py`). For
+`gs2ci.reconstruct`.
 """
 
 from dataclasses import dataclass
-from typing import Any, Protocol
+from pathlib import Path
+from typing import Any, Final, Protocol
 
 import torch
 from torch import Tensor
 
 from gs2ci.core.errors import InputError
+from gs2ci.reconstruct.fit.lpips import Lpips
 from gs2ci.reconstruct.fit.ssim import SimilarityTo
+from gs2ci.reconstruct.onnx_models import find_model
+
+_FILE: Final = "lpips:"
 
 
 class PerceptualDistance(Protocol):
@@ -51,6 +57,25 @@ class StructuralDissimilarity:
                 break
             image, target = _halved(image), _halved(target)
         return torch.stack(distances).mean()
+
+
+def load_distance(name: str) -> PerceptualDistance:
+    """Load a perceptual distance.
+
+    Args:
+        name: "structure", which needs no weights; "lpips", the model added under that name; or "lpips:FILE".
+
+    Raises:
+        InputError: No such name, or the model file cannot be used.
+        StorageError: The list of added models cannot be read.
+    """
+    if name == "structure":
+        return StructuralDissimilarity()
+    if name == "lpips":
+        return Lpips(find_model("lpips"))
+    if name.startswith(_FILE):
+        return Lpips(Path(name.removeprefix(_FILE)))
+    raise InputError(f"perceptual distance {name!r}", allowed="structure, lpips or lpips:FILE")
 
 
 def _halved(image: Tensor) -> Tensor:

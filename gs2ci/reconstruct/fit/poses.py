@@ -1,7 +1,7 @@
 """Camera poses as corrections in se(3) on their initial estimates: Tᵢ = exp(ξᵢ) Tᵢ⁽⁰⁾ (paper, section III-C).
 
-Here: the parameters, their optimiser and its schedule, and the length that step sizes are measured in. Not here: the initial poses (`reconstruct.geometry`).
-For `gs2ci.reconstruct.fit`.
+Here: the parameters, their optimiser and its schedule, and the length that step sizes are measured in. Not here: the
+initial poses (`reconstruct.geometry`). For `gs2ci.reconstruct.fit`.
 """
 
 from dataclasses import dataclass

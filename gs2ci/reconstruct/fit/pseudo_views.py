@@ -4,6 +4,7 @@ Here: the synthesised poses (paper, section III-D, eq. 8) and the support weight
 there should look like (`reconstruct.priors2d`), the loss and the loop (`fine.py`). For `gs2ci.reconstruct`.
 """
 
+import itertools
 from dataclasses import dataclass
 
 import numpy as np
@@ -60,7 +61,7 @@ def synthesised_poses(world_to_camera: F64, between: int = 1) -> F64:
         return np.empty((0, 4, 4))
     path = torch.from_numpy(np.ascontiguousarray(world_to_camera, np.float64))
     shares = torch.arange(1, between + 1, dtype=torch.float64) / (between + 1)
-    inner = [interpolated(a, b, share) for a, b in zip(path[:-1], path[1:], strict=True) for share in shares]
+    inner = [interpolated(a, b, share) for a, b in itertools.pairwise(path) for share in shares]
     ends = [beyond(path[1], path[0]), beyond(path[-2], path[-1])]
     poses: F64 = torch.stack([*inner, *ends]).numpy()
     return poses

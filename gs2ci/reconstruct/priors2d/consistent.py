@@ -41,11 +41,11 @@ class ConsistentDetail:
         images = question.pseudo.images
         centres = np.linalg.inv(question.recovered.world_to_camera)[:, :3, 3]
         targets = images.copy()
-        for i, target in enumerate(targets):
+        for i in range(len(targets)):
             here = np.linalg.inv(question.pseudo.world_to_camera[i])[:3, 3]
             nearest = np.argsort(np.linalg.norm(centres - here, axis=1), kind="stable")[: self.neighbours]
             details = np.stack([self._seen_from(question, i, int(camera)) for camera in nearest])
-            target += _median(details)
+            targets[i] += _median(details)
         return check_targets(self.name, targets, images)
 
     def _seen_from(self, question: Question, view: int, camera: int) -> F32:
