@@ -17,7 +17,7 @@ from gs2ci.core.storage import read_shot
 from gs2ci.evaluate.metrics import psnr_per_view
 from gs2ci.evaluate.run_folder import check_destination, write_run
 from gs2ci.reconstruct.fit.fine import FineSettings
-from gs2ci.reconstruct.pipeline import PoseSource, Score, Settings, reconstruct
+from gs2ci.reconstruct.pipeline import PoseSource, ProxyName, Score, Settings, reconstruct
 
 
 def run(
@@ -27,6 +27,7 @@ def run(
     *,
     index: int = 0,
     geometry: PoseSource = "tracks",
+    proxy: ProxyName = "gap-tv",
     iterations: int | None = None,
     fine: bool = False,
     prior: str | None = None,
@@ -42,7 +43,9 @@ def run(
         output: The run folder to write.
         index: Which shot of the file.
         geometry: Where the first poses come from: "tracks" finds them in the decoded views, "stage" takes those that
-            the stage reported. The fit refines them either way.
+            the stage reported, "file:PATH" those of a COLMAP model's folder or a transforms.json; "auto" asks all
+            there are and lets the measurement choose. The fit refines them either way.
+        proxy: The views that the geometry is found in: decoded by "gap-tv", or "eni" or "amdi", the paper's proxies.
         iterations: At most so many iterations of the fit; it ends earlier when held-out pixels stop improving.
         fine: Go on with the fine stage: views from beside the cameras are held to what a prior on images says of them.
             Kept only where held-out pixels agree.
@@ -64,7 +67,7 @@ def run(
     measured = read_shot(shot, index)
     if focal_px is not None:
         measured = replace(measured, intrinsics=_with_focal(focal_px, measured)).check()
-    settings = Settings(seed=seed, poses=geometry)
+    settings = Settings(seed=seed, poses=geometry, proxy=proxy)
     if iterations is not None:
         settings = replace(settings, fit=replace(settings.fit, iterations=iterations))
     if fine or prior is not None or distance is not None:

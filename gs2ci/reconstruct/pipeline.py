@@ -11,7 +11,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
-from typing import Final, Literal
+from typing import Final, Literal, get_args
 
 import torch
 
@@ -28,14 +28,18 @@ from gs2ci.reconstruct.fit.fine import Fine, FineSettings, fit_fine
 from gs2ci.reconstruct.fit.rendering import ShotRenderer
 from gs2ci.reconstruct.fit.start import first_gaussians
 from gs2ci.reconstruct.fit.stopping import Jury, choose_heldout
-from gs2ci.reconstruct.geometry.initialise import Geometry, GeometrySettings, initialise
+from gs2ci.reconstruct.geometry.choose import load_geometry_prior
+from gs2ci.reconstruct.geometry.initialise import Geometry, GeometrySettings
 from gs2ci.reconstruct.geometry.points import seed_points
-from gs2ci.reconstruct.geometry.telemetry import Movement, movement, poses_of_stage
+from gs2ci.reconstruct.geometry.prior import Request, find_geometry
+from gs2ci.reconstruct.geometry.telemetry import Movement, movement
+from gs2ci.reconstruct.proxies.routing import build_proxies
 from gs2ci.render.backend import load_backend
 from gs2ci.render.gaussians import Gaussians
 
 Score = Callable[[F32], float]
-PoseSource = Literal["tracks", "stage"]
+PoseSource = str
+ProxyName = Literal["gap-tv", "eni", "amdi"]
 
 _UNJUDGED: Final = "No pixel was held out, so nothing tells whether the scene is better than the decode; both are kept."
 
@@ -45,8 +49,9 @@ class Settings:
     """Settings of every stage.
 
     Args:
-        poses: Where the initial poses come from: found in the decoded views ("tracks"), or the shot's telemetry
-            ("stage").
+        poses: Where the initial poses and depth come from: "tracks", "stage", "auto", "file:PATH"
+            (`geometry.choose`).
+        proxy: The views that the geometry stage looks at: those decoded by GAP-TV, or the proxies of the paper.
         decode: Of the decoder that the geometry stage looks at.
         geometry: Of tracks, motion and depth.
         fit: Of the coarse stage.
@@ -58,6 +63,7 @@ class Settings:
     """
 
     poses: PoseSource = "tracks"
+    proxy: ProxyName = "gap-tv"
     decode: GapTvSettings = field(default_factory=GapTvSettings)
     geometry: GeometrySettings = field(default_factory=GeometrySettings)
     fit: CoarseSettings = field(default_factory=CoarseSettings)
@@ -73,6 +79,8 @@ class Settings:
         Raises:
             InputError: A stage's settings, the stride or the seed are out of range.
         """
+        if self.proxy not in get_args(ProxyName):
+            raise InputError(f"proxy {self.proxy!r}", allowed=", ".join(get_args(ProxyName)))
         if self.stride_px < 1 or not 0 <= self.seed < 2**63:
             raise InputError(
                 f"stride {self.stride_px} px, seed {self.seed}", allowed="a stride >= 1 px and a seed in [0, 2^63)"
@@ -138,6 +146,7 @@ def reconstruct(
     shot.check()
     backend = load_backend(settings.backend)
     fine = None if settings.fine is None else Fine.load(settings.fine, settings.seed)
+    geometry_prior = load_geometry_prior(settings.poses)
     clock = _Stopwatch()
     doubts = doubts_about(shot)
     for doubt in doubts:
@@ -148,8 +157,8 @@ def reconstruct(
     decoded = gap_tv(seen, settings.decode, progress)
     clock.lap("decode")
 
-    poses = None if settings.poses == "tracks" else poses_of_stage(shot)
-    geometry = initialise(decoded, shot.intrinsics, settings.geometry, progress, poses)
+    request = Request(seen, _looked_at(seen, decoded, settings.proxy), settings.geometry)
+    geometry = find_geometry(geometry_prior, request, progress)
     start = first_gaussians(seed_points(geometry, decoded, settings.stride_px))
     clock.lap("geometry")
 
@@ -190,12 +199,12 @@ def reconstruct(
         stopped_because=fit.stopped_because,
         seconds=clock.seconds(),
         gaussians=len(fit.scene),
-        notes=(*doubts, *geometry.notes, *fit.notes, *_notes_of(moved, settings.poses), *recovered.notes),
+        notes=(*doubts, *geometry.notes, *fit.notes, *_notes_of(moved, geometry.source), *recovered.notes),
         settings=asdict(settings),
         seed=settings.seed,
         verdict=recovered.verdict,
         heldout_rms=recovered.heldout_rms,
-        geometry={**_summary(geometry, settings.poses), "moved": asdict(moved)},
+        geometry={**_summary(geometry, settings), "moved": asdict(moved)},
     )
     return Reconstruction(result.check(), fit.scene)
 
@@ -247,16 +256,23 @@ def _judge(heldout_rms: dict[Verdict, float | None]) -> Verdict:
     return min(known, key=lambda name: known[name]) if known else "scene"
 
 
-def _notes_of(moved: Movement, source: PoseSource) -> tuple[str, ...]:
+def _looked_at(seen: Shot, decoded: F32, proxy: ProxyName) -> F32:
+    """Return the views that the geometry stage looks at."""
+    return decoded if proxy == "gap-tv" else build_proxies(seen, proxy).views
+
+
+def _notes_of(moved: Movement, source: str) -> tuple[str, ...]:
     if source == "tracks":
         return ()
     share, rotation_deg = moved.share_of_path, moved.rotation_deg
-    return (f"The fit moved the stage's poses by {share:.1%} of the path and {rotation_deg:.3f}°.",)
+    return (f"The fit moved the poses of the {source} by {share:.1%} of the path and {rotation_deg:.3f}°.",)
 
 
-def _summary(geometry: Geometry, source: PoseSource) -> dict[str, object]:
+def _summary(geometry: Geometry, settings: Settings) -> dict[str, object]:
     return {
-        "method": source,
+        "method": geometry.source,
+        "asked_for": settings.poses,
+        "proxy": settings.proxy,
         "verdict": geometry.verdict,
         "focal_px": float(geometry.intrinsics[0, 0]),
         "focal_source": geometry.focal_source,

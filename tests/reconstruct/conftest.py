@@ -6,7 +6,7 @@ from onnx import TensorProto, helper, save
 
 @pytest.fixture
 def write_model(tmp_path):
-    """Write a model: inputs and outputs as (name, shape[, kind]), nodes as (operator, inputs, outputs[, attributes])."""
+    """Write a model; inputs, outputs: (name, shape[, kind]); nodes: (operator, inputs, outputs[, attributes])."""
 
     def value(name, shape, kind=TensorProto.FLOAT):
         return helper.make_tensor_value_info(name, kind, shape)

@@ -62,6 +62,7 @@ class Geometry:
         parallax_px: What translation explains of the tracks beyond the best rotations, root mean square.
         verdict: "full"; or why depth is a mere plane: "rotation_only", "static", "unsupported".
         notes: Sentences for the user.
+        source: Which geometry prior found it.
     """
 
     world_to_camera: F64
@@ -74,6 +75,7 @@ class Geometry:
     parallax_px: float
     verdict: Verdict
     notes: tuple[str, ...]
+    source: str = "tracks"
 
 
 def initialise(

@@ -1,12 +1,13 @@
 """Scenes whose views, depths, paths and tracks are known exactly."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from gs2ci.core.records import Shot
 from gs2ci.reconstruct.geometry.motion import predict_positions
 from gs2ci.reconstruct.geometry.tracks import Tracks
 
@@ -129,3 +130,20 @@ def compare():
 @pytest.fixture(scope="session")
 def path():
     return bent_path
+
+
+@pytest.fixture(scope="session")
+def expose():
+    """Code views by random masks into a shot that knows its camera."""
+
+    def make(scene, *, share=0.35, **parts):
+        masks = (np.random.default_rng(5).random(scene.views.shape[:3]) < share).astype(np.float32)
+        given = Shot(
+            measurement=(masks[..., None] * scene.views).sum(axis=0),
+            masks=masks,
+            weights=np.ones(len(masks), np.float32),
+            intrinsics=scene.intrinsics,
+        )
+        return replace(given, **parts).check()
+
+    return make
