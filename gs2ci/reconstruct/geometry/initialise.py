@@ -106,7 +106,7 @@ def initialise(
     progress.stage("geometry", 3)
     size, reference = (views.shape[1], views.shape[2]), len(views) // 2
     corners = find_corners(views, reference, settings.tracks)
-    tracks = _usable(find_tracks(views, reference, corners, settings.tracks), settings.criteria)
+    tracks = _followed(views, corners, settings)
     progress.step(1, tracks=len(tracks))
     doubts = doubts_about_tracks(tracks, size, settings.criteria)
     flat = geometry = _flat(len(views), size, _focal(intrinsics, tracks, size, bool(doubts), settings), doubts)
@@ -126,6 +126,15 @@ def initialise(
     for note in geometry.notes:
         progress.say(note)
     return geometry
+
+
+def usable_tracks(views: F32, settings: GeometrySettings) -> Tracks:
+    """Find the tracks that a geometry may stand on, from the corners of the middle view; there may be none."""
+    return _followed(views, find_corners(views, len(views) // 2, settings.tracks), settings)
+
+
+def _followed(views: F32, corners: F64, settings: GeometrySettings) -> Tracks:
+    return _usable(find_tracks(views, len(views) // 2, corners, settings.tracks), settings.criteria)
 
 
 def _motion(

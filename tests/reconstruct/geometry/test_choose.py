@@ -180,15 +180,15 @@ def test_auto_drops_a_stage_that_lies(request_for, scene):
     assert "stage failed (the known poses put most tracked points" in found.notes[0]
 
 
-def test_auto_lets_the_measurement_decide(request_for, scene, monkeypatch):
+def test_auto_lets_the_measurement_decide(request_for, monkeypatch):
     """Two sources with a full verdict; one has its depth inside out."""
     good = from_tracks(request_for(), Silent())
     bad = replace(good, inverse_depth=np.float32(2) - good.inverse_depth.clip(0.1, 1.9), source="liar")
     for first, second, winner in ((good, bad, "tracks"), (bad, replace(good, source="truth"), "truth")):
         monkeypatch.setattr(choose, "FromTracks", lambda first=first: lambda request, progress: first)
-        other = type("Other", (), {"name": second.source, "__call__": lambda self, r, p, second=second: second})()
-        monkeypatch.setattr(choose, "_others", lambda request, other=other: [other])
-        assert find("auto", request_for()).source == winner
+        monkeypatch.setattr(choose, "FromStage", lambda second=second: lambda request, progress: second)
+        stage = {"telemetry_world_to_camera": np.tile(np.eye(4), (5, 1, 1))}
+        assert find("auto", request_for(**stage)).source == winner
 
 
 def test_names_that_are_not_known_are_refused_at_once(tmp_path):
