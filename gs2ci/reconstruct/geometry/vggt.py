@@ -83,6 +83,12 @@ class Vggt:
             )
         self._images = inputs[0]
 
+    @property
+    def taken(self) -> str:
+        """Get how many views it takes, in words."""
+        count = fixed_side(self._images.shape[-4])
+        return "any number of views" if count is None else f"exactly {count} views"
+
     def predict(self, views: F32, order: Sequence[int]) -> Prediction:
         """Ask about views, [N, H, W, C] in [0, 1], shown in some order; the answer is in the order of `views`.
 
