@@ -138,7 +138,6 @@ def reconstruct(
     Raises:
         InputError: The shot's parts do not fit together, the settings make no sense, or poses are to come from
             telemetry that the shot does not hold.
-        GeometryError: The telemetry contradicts the decoded views.
         NumericsError: The fit is not finite from its first iteration on.
     """
     settings, progress = settings or Settings(), progress or Silent()
@@ -157,7 +156,7 @@ def reconstruct(
     decoded = gap_tv(seen, settings.decode, progress)
     clock.lap("decode")
 
-    request = Request(seen, _looked_at(seen, decoded, settings.proxy), settings.geometry)
+    request = Request(seen, geometry_views(seen, decoded, settings.proxy), settings.geometry)
     geometry = find_geometry(geometry_prior, request, progress)
     start = first_gaussians(seed_points(geometry, decoded, settings.stride_px))
     clock.lap("geometry")
@@ -256,8 +255,17 @@ def _judge(heldout_rms: dict[Verdict, float | None]) -> Verdict:
     return min(known, key=lambda name: known[name]) if known else "scene"
 
 
-def _looked_at(seen: Shot, decoded: F32, proxy: ProxyName) -> F32:
-    """Return the views that the geometry stage looks at."""
+def geometry_views(seen: Shot, decoded: F32, proxy: ProxyName) -> F32:
+    """Return the views that the geometry stage looks at, [N, H, W, C].
+
+    Args:
+        seen: The measurement as far as it may be seen.
+        decoded: Its views as GAP-TV decodes them.
+        proxy: Which views are wanted.
+
+    Raises:
+        InputError: The masks do not allow the proxies that are wanted.
+    """
     return decoded if proxy == "gap-tv" else build_proxies(seen, proxy).views
 
 
