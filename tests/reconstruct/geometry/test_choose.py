@@ -74,6 +74,15 @@ def test_a_file_in_any_frame_and_unit_gives_its_poses(request_for, camera_file, 
     assert np.median(share) < 0.05
 
 
+def test_a_view_too_plain_to_track_keeps_the_pose_that_the_file_gives(request_for, camera_file, scene):
+    views = scene.views.copy()
+    views[0] = 0.5
+    found = find(camera_file(), request_for(views))
+    assert found.verdict == "full"
+    assert same_path(found, scene.poses, 1e-6)
+    assert not any("lie on the path of the others" in note for note in found.notes)
+
+
 def test_a_stage_gives_its_poses(request_for, scene):
     found = find("stage", request_for(telemetry_world_to_camera=moved(scene.poses)))
     assert (found.source, found.verdict) == ("stage", "full")
