@@ -21,7 +21,7 @@ from gs2ci.core.errors import GeometryError, NumericsError
 from gs2ci.core.progress import Progress
 from gs2ci.core.records import F32, F64
 from gs2ci.reconstruct.geometry.bundle import adjust_bundle
-from gs2ci.reconstruct.geometry.focal import estimate_focal, focal_from_view_angle, pinhole
+from gs2ci.reconstruct.geometry.focal import Focal, default_focal, estimate_focal, focal_from_view_angle, pinhole
 from gs2ci.reconstruct.geometry.initialise import Geometry, GeometrySettings, initialise, usable_tracks
 from gs2ci.reconstruct.geometry.motion import INVERSE_DEPTH_RANGE, predict_positions
 from gs2ci.reconstruct.geometry.prior import Request
@@ -137,32 +137,31 @@ def gated_camera(request: Request, prediction: Prediction, tracks: Tracks) -> Ca
         factor = _factor(focal, known[0, 0])
         doubt = f"VGGT takes the focal length for {focal:.0f} px where {known[0, 0]:.0f} px is known."
         return Camera(known.astype(np.float64), "file", (doubt,) if factor > criteria.focal_factor else ())
-    spread = float(np.ptp(prediction.focal_px)) / focal if focal > 0 else np.inf
-    limits = [
-        focal_from_view_angle(angle, size[1]) for angle in (settings.focal.widest_deg, settings.focal.narrowest_deg)
-    ]
     from_tracks = None
     if not doubts_about_tracks(tracks, size, criteria):
         from_tracks = estimate_focal(tracks, size, settings.focal, settings.motion)
-    if spread > criteria.focal_spread:
-        why = f"its views differ by {spread:.0%}"
-    elif not limits[0] <= focal <= limits[1]:
-        why = f"lenses lie between {limits[0]:.0f} and {limits[1]:.0f} px"
-    elif (
-        from_tracks is not None
-        and from_tracks.source == "estimated"
-        and _factor(focal, from_tracks.intrinsics[0, 0]) > criteria.focal_factor
-    ):
-        why = "the tracks tell another one"
-    else:
-        note = f"The focal length is VGGT's: {focal:.0f} px."
-        return Camera(pinhole(focal, size), "estimated", (note,))
+    why = _why_refused(prediction.focal_px, from_tracks, size, settings)
+    if not why:
+        return Camera(pinhole(focal, size), "estimated", (f"The focal length is VGGT's: {focal:.0f} px.",))
     refused = f"VGGT's focal length, {focal:.0f} px, was refused: {why}."
-    if from_tracks is not None:
-        return Camera(from_tracks.intrinsics, from_tracks.source, (refused, from_tracks.note))
-    middle = focal_from_view_angle(settings.focal.default_deg, size[1])
-    note = f"A horizontal field of view of {settings.focal.default_deg:.0f}° is assumed."
-    return Camera(pinhole(middle, size), "default", (refused, note))
+    instead = from_tracks or default_focal(size, "there are too few tracks to estimate it", settings.focal)
+    return Camera(instead.intrinsics, instead.source, (refused, instead.note))
+
+
+def _why_refused(focals_px: F64, from_tracks: Focal | None, size: tuple[int, int], settings: GeometrySettings) -> str:
+    """Say why predicted focal lengths, [N], do not pass; nothing if they do."""
+    criteria, focal = settings.criteria, float(np.median(focals_px))
+    spread = float(np.ptp(focals_px)) / max(focal, 1.0)
+    if spread > criteria.focal_spread:
+        return f"its views differ by {spread:.0%}"
+    lenses = (settings.focal.widest_deg, settings.focal.narrowest_deg)
+    shortest, longest = (focal_from_view_angle(angle, size[1]) for angle in lenses)
+    if not shortest <= focal <= longest:
+        return f"lenses lie between {shortest:.0f} and {longest:.0f} px"
+    if from_tracks is None or from_tracks.source != "estimated":
+        return ""
+    factor = _factor(focal, float(from_tracks.intrinsics[0, 0]))
+    return "the tracks tell another one" if factor > criteria.focal_factor else ""
 
 
 def _supported(

@@ -12,7 +12,12 @@ from gs2ci.core.progress import Silent
 from gs2ci.evaluate.cameras import nerfstudio_transforms, write_colmap_model
 from gs2ci.reconstruct.geometry import choose
 from gs2ci.reconstruct.geometry.choose import load_geometry_prior
+from gs2ci.reconstruct.geometry.initialise import GeometrySettings
 from gs2ci.reconstruct.geometry.prior import Request, find_geometry, from_tracks
+from gs2ci.reconstruct.geometry.sweep import SweepSettings
+
+# A coarse sweep: these tests are about poses.
+QUICK = GeometrySettings(sweep=SweepSettings(planes=24))
 
 
 @pytest.fixture(scope="module")
@@ -22,7 +27,7 @@ def scene(seen):
 
 @pytest.fixture
 def request_for(scene, expose):
-    return lambda views=None, **parts: Request(expose(scene, **parts), scene.views if views is None else views)
+    return lambda views=None, **parts: Request(expose(scene, **parts), scene.views if views is None else views, QUICK)
 
 
 def moved(poses, scale=3.0):

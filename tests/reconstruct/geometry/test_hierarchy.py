@@ -12,10 +12,15 @@ from gs2ci.reconstruct.geometry import hierarchy
 from gs2ci.reconstruct.geometry.choose import load_geometry_prior
 from gs2ci.reconstruct.geometry.focal import Focal
 from gs2ci.reconstruct.geometry.hierarchy import FromVggt, gated_camera, orders
+from gs2ci.reconstruct.geometry.initialise import GeometrySettings
 from gs2ci.reconstruct.geometry.prior import Request, find_geometry
+from gs2ci.reconstruct.geometry.sweep import SweepSettings
 from gs2ci.reconstruct.geometry.tracks import Tracks
 from gs2ci.reconstruct.geometry.vggt import Prediction
 from gs2ci.reconstruct.onnx_models import add_model
+
+# A coarse sweep: these tests are about poses.
+QUICK = GeometrySettings(sweep=SweepSettings(planes=24))
 
 
 @pytest.fixture(scope="module")
@@ -25,7 +30,7 @@ def scene(seen):
 
 @pytest.fixture
 def request_for(scene, expose):
-    return lambda **parts: Request(expose(scene, **parts), scene.views)
+    return lambda **parts: Request(expose(scene, **parts), scene.views, QUICK)
 
 
 # What the tracks of these small views give by themselves.
@@ -130,7 +135,7 @@ def test_plain_views_are_taken_on_the_models_word(make_vggt, seen, expose):
     """Brightness still tells the views apart; there is nothing to track."""
     scene = seen()
     plain = replace(scene, views=np.stack([np.full_like(view, 0.4 + 0.05 * i) for i, view in enumerate(scene.views)]))
-    found = find(make_vggt(plain), Request(expose(scene), plain.views))
+    found = find(make_vggt(plain), Request(expose(scene), plain.views, QUICK))
     assert (found.source, found.verdict) == ("vggt", "full")
     assert "too few tracks to check them" in found.notes[0]
 
@@ -139,7 +144,7 @@ def test_plain_views_before_a_camera_that_is_said_to_rest_end_in_a_plane(make_vg
     scene = seen()
     plain = replace(scene, views=np.stack([np.full_like(view, 0.4 + 0.05 * i) for i, view in enumerate(scene.views)]))
     model = make_vggt(plain, poses=np.tile(np.eye(4), (5, 1, 1)))
-    found = find(model, Request(expose(scene), plain.views))
+    found = find(model, Request(expose(scene), plain.views, QUICK))
     assert (found.source, found.verdict) == ("tracks", "unsupported")
     assert "its camera does not move" in found.notes[0]
 
@@ -212,7 +217,12 @@ def test_a_plausible_focal_length_passes_the_gate(request_for, scene):
 
 @pytest.mark.parametrize(
     ("focal", "why"),
-    [(20, "lenses lie between"), (2000, "lenses lie between"), ([60, 100, 100, 100, 100], "its views differ by 40%")],
+    [
+        (20, "lenses lie between"),
+        (2000, "lenses lie between"),
+        (-50, "lenses lie between"),
+        ([60, 100, 100, 100, 100], "its views differ by 40%"),
+    ],
 )
 def test_a_focal_length_that_cannot_be_is_refused(request_for, scene, focal, why):
     camera = gated_camera(request_for(intrinsics=None), prediction_of(scene, focal), NO_TRACKS)
