@@ -10,7 +10,7 @@ from typing import Final
 
 from gs2ci.bench.cases import Case
 from gs2ci.bench.cells import Cell
-from gs2ci.bench.variants import GEOMETRY, VARIANTS
+from gs2ci.bench.variants import ABLATION, GEOMETRY, RULES, VARIANTS
 from gs2ci.core.errors import InputError
 
 SIMULATED: Final = ("boxes", "thicket", "motorcycle", "corridor")
@@ -75,6 +75,7 @@ RECONSTRUCTION: Final = (
     Measure("nate", "nATE", 4, more_is_better=False),
     Measure("seconds", "s", 1, more_is_better=False),
 )
+POPULATION: Final = (*RECONSTRUCTION, Measure("gaussians", "Gaussians", 0, more_is_better=False))
 
 INITIALISATION: Final = (
     Measure("nate", "nATE", 4, more_is_better=False),
@@ -161,6 +162,18 @@ TABLES: Final[dict[str, Table]] = {
         "Unexplained: what the middle view, carried through the geometry and coded, leaves of the measurement.",
         _variants(("default", *GEOMETRY), initialisation),
         INITIALISATION,
+    ),
+    "density": Table(
+        "Density rules",
+        "Where Gaussians are added and removed; all else, the number of iterations included, is the default's.",
+        _variants(("default", *RULES)),
+        POPULATION,
+    ),
+    "ablation": Table(
+        "Components",
+        "The default way, and one component of the method switched off at a time, as the paper's Table VII does.",
+        _variants(("default", *ABLATION)),
+        POPULATION,
     ),
     "mask-ratio": Table(
         "Share of open mask pixels",

@@ -16,7 +16,9 @@ from gs2ci.core.records import F32, F64, Shot
 from gs2ci.core.storage import read_shot
 from gs2ci.evaluate.metrics import psnr_per_view
 from gs2ci.evaluate.run_folder import check_destination, write_run
+from gs2ci.reconstruct import ablation
 from gs2ci.reconstruct.fit.fine import FineSettings
+from gs2ci.reconstruct.fit.rules import RuleName, with_rule
 from gs2ci.reconstruct.pipeline import PoseSource, ProxyName, Score, Settings, reconstruct
 
 
@@ -28,6 +30,8 @@ def run(
     index: int = 0,
     geometry: PoseSource = "tracks",
     proxy: ProxyName = "gap-tv",
+    density: RuleName | None = None,
+    without: tuple[str, ...] = (),
     iterations: int | None = None,
     fine: bool = False,
     prior: str | None = None,
@@ -46,6 +50,10 @@ def run(
             the stage reported, "file:PATH" those of a COLMAP model's folder or a transforms.json; "auto" asks all
             there are and lets the measurement choose. The fit refines them either way.
         proxy: The views that the geometry is found in: decoded by "gap-tv", or "eni" or "amdi", the paper's proxies.
+        density: The rule by which Gaussians are added and removed, with the terms of the objective that belong to it;
+            none leaves the settings' own.
+        without: Components of the method to do without, for comparisons: points, poses, opacity-split,
+            opacity-regulation, count-cap, pose-refinement.
         iterations: At most so many iterations of the fit; it ends earlier when held-out pixels stop improving.
         fine: Go on with the fine stage: views from beside the cameras are held to what a prior on images says of them.
             Kept only where held-out pixels agree.
@@ -68,6 +76,9 @@ def run(
     if focal_px is not None:
         measured = replace(measured, intrinsics=_with_focal(focal_px, measured)).check()
     settings = Settings(seed=seed, poses=geometry, proxy=proxy)
+    if density is not None:
+        settings = replace(settings, fit=with_rule(settings.fit, density))
+    settings = ablation.without(settings, without)
     if iterations is not None:
         settings = replace(settings, fit=replace(settings.fit, iterations=iterations))
     if fine or prior is not None or distance is not None:

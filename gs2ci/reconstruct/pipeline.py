@@ -28,9 +28,9 @@ from gs2ci.reconstruct.fit.fine import Fine, FineSettings, fit_fine
 from gs2ci.reconstruct.fit.rendering import ShotRenderer
 from gs2ci.reconstruct.fit.start import first_gaussians
 from gs2ci.reconstruct.fit.stopping import Jury, choose_heldout
+from gs2ci.reconstruct.fit.withheld import Withheld, first_points, first_poses
 from gs2ci.reconstruct.geometry.choose import load_geometry_prior
 from gs2ci.reconstruct.geometry.initialise import Geometry, GeometrySettings
-from gs2ci.reconstruct.geometry.points import seed_points
 from gs2ci.reconstruct.geometry.prior import Request, find_geometry
 from gs2ci.reconstruct.geometry.telemetry import Movement, movement
 from gs2ci.reconstruct.proxies.routing import build_proxies
@@ -58,6 +58,7 @@ class Settings:
         fine: Of the fine stage; None leaves it out.
         residual: Of the last step, which decodes what the scene leaves unexplained.
         stride_px: One first Gaussian for every so many pixels along rows and columns.
+        withheld: What of the geometry the fit does not get; for ablations.
         backend: The renderer.
         seed: Of every random draw.
     """
@@ -70,6 +71,7 @@ class Settings:
     fine: FineSettings | None = None
     residual: ResidualSettings = field(default_factory=ResidualSettings)
     stride_px: int = 3
+    withheld: Withheld = field(default_factory=Withheld)
     backend: str = "cpu"
     seed: int = 42
 
@@ -144,7 +146,7 @@ def reconstruct(
     settings.check()
     shot.check()
     backend = load_backend(settings.backend)
-    fine = None if settings.fine is None else Fine.load(settings.fine, settings.seed)
+    fine = None if settings.fine is None else Fine.load(settings.fine, settings.fit.loss, settings.seed)
     geometry_prior = load_geometry_prior(settings.poses)
     clock = _Stopwatch()
     doubts = doubts_about(shot)
@@ -158,7 +160,8 @@ def reconstruct(
 
     request = Request(seen, geometry_views(seen, decoded, settings.proxy), settings.geometry)
     geometry = find_geometry(geometry_prior, request, progress)
-    start = first_gaussians(seed_points(geometry, decoded, settings.stride_px))
+    geometry = first_poses(geometry, settings.withheld)
+    start = first_gaussians(first_points(geometry, decoded, settings.stride_px, settings.withheld, settings.seed))
     clock.lap("geometry")
 
     def refine(views: F32) -> F32:

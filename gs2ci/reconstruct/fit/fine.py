@@ -21,7 +21,7 @@ from gs2ci.core.progress import Progress
 from gs2ci.core.records import F32
 from gs2ci.core.run_records import CurvePoint
 from gs2ci.reconstruct.fit.coarse import CoarseFit
-from gs2ci.reconstruct.fit.losses import DataTerm, LossWeights, opacity_term
+from gs2ci.reconstruct.fit.losses import DataTerm, LossWeights, opacity_term, size_term
 from gs2ci.reconstruct.fit.optimiser import GaussianOptimiser, StepSizes
 from gs2ci.reconstruct.fit.perceptual import PerceptualDistance, load_distance
 from gs2ci.reconstruct.fit.poses import path_extent
@@ -55,8 +55,8 @@ class FineSettings:
         l1: Of their ℓ1 term.
         perceptual: Of their perceptual term.
         support: Weight of their pixels.
-        loss: Of the terms on the measurement.
         hold_out: How long the stage waits for the held-out pixels.
+        gated: Whether they decide what is kept; if not, it is the last state, as in the paper.
     """
 
     prior: str = "consistent"
@@ -69,8 +69,8 @@ class FineSettings:
     l1: float = 0.8
     perceptual: float = 0.01
     support: SupportSettings = field(default_factory=SupportSettings)
-    loss: LossWeights = field(default_factory=LossWeights)
     hold_out: HoldOut = field(default_factory=HoldOut)
+    gated: bool = True
 
     def check(self) -> "FineSettings":
         """Return self if the numbers make sense.
@@ -98,16 +98,18 @@ class Fine:
 
     Args:
         settings: The schedule and the weights.
+        loss: Weights of the terms that stay from the coarse stage.
         prior: None leaves pseudo-views out.
         distance: The perceptual term.
     """
 
     settings: FineSettings
+    loss: LossWeights
     prior: ImagePrior | None
     distance: PerceptualDistance
 
     @classmethod
-    def load(cls, settings: FineSettings, seed: int) -> "Fine":
+    def load(cls, settings: FineSettings, loss: LossWeights, seed: int) -> "Fine":
         """Load what the settings name, before any time is spent on the measurement.
 
         Raises:
@@ -116,7 +118,7 @@ class Fine:
         """
         settings.check()
         prior = None if settings.prior == "none" else load_prior(settings.prior, seed)
-        return cls(settings, prior, load_distance(settings.distance))
+        return cls(settings, loss, prior, load_distance(settings.distance))
 
 
 @dataclass(frozen=True)
@@ -192,13 +194,13 @@ def fit_fine(
     """
     settings = fine.settings.check()
     before = jury.residual_rms(refine(coarse.views))
-    if before is None:
+    if before is None and settings.gated:
         return _unchanged(coarse, "no pixel is held out to tell whether it helps", progress)
     try:
         pseudo_loss = _pseudo_loss(coarse, renderer, fine, refine)
     except Gs2ciError as error:
         return _unchanged(coarse, error.problem, progress)
-    fit = _Fit(jury, coarse, renderer, pseudo_loss, settings, seed)
+    fit = _Fit(jury, coarse, renderer, pseudo_loss, fine, seed)
     loop = _Loop(fit, jury, coarse, refine, progress, score, time.monotonic() if since_s is None else since_s)
     after = loop.run(before)
     curve = (*coarse.curve, *loop.curve)
@@ -206,7 +208,8 @@ def fit_fine(
         kept = _unchanged(coarse, "held-out pixels did not agree better with anything it made", progress)
         return replace(kept, curve=curve)
     named = "without a prior" if fine.prior is None else f"prior: {fine.prior.name}"
-    note = f"The fine stage ({named}) lowered the held-out residual from {before:.5f} to {after:.5f}."
+    judged = f"lowered the held-out residual from {before:.5f} to {after:.5f}" if settings.gated else "was not judged"
+    note = f"The fine stage ({named}) {judged}."
     progress.say(note)
     return replace(
         coarse,
@@ -276,16 +279,17 @@ class _Fit:
         coarse: CoarseFit,
         renderer: ShotRenderer,
         pseudo_loss: PseudoLoss | None,
-        settings: FineSettings,
+        fine: Fine,
         seed: int,
     ) -> None:
         shot = jury.shot
-        self.settings = settings
+        self.settings = settings = fine.settings
+        self._loss = fine.loss
         self.poses = torch.from_numpy(coarse.world_to_camera).float()
         self.optimiser = GaussianOptimiser(coarse.scene, settings.steps, path_extent(coarse.world_to_camera))
         self._renderer = renderer
         self._pseudo_loss = pseudo_loss
-        self._data_term = DataTerm(shot.measurement, ~jury.heldout, shot.saturated, settings.loss.similarity)
+        self._data_term = DataTerm(shot.measurement, ~jury.heldout, shot.saturated, fine.loss.similarity)
         views = 0 if pseudo_loss is None else len(pseudo_loss)
         self._order = _rounds(views, torch.Generator().manual_seed(seed))
 
@@ -293,7 +297,9 @@ class _Fit:
         """Accumulate the gradients of the objective (eq. 11); return the loss."""
         scene = self.optimiser.scene
         loss = self._data_term(self._renderer.measurement(scene, self.poses))
-        loss = loss + self.settings.loss.opacity * opacity_term(scene.opacity_logits)
+        loss = loss + self._loss.opacity * opacity_term(scene.opacity_logits)
+        if self._loss.size:
+            loss = loss + self._loss.size * size_term(scene.log_scales)
         if self._pseudo_loss is not None:
             view = next(self._order)
             images, alphas = self._renderer.images(scene, self._pseudo_loss.poses[view : view + 1])
@@ -343,12 +349,13 @@ class _Loop:
         self._origin_s = origin_s
         self._first = coarse.curve[-1].iteration if coarse.curve else 0
 
-    def run(self, before: float) -> float:
+    def run(self, before: float | None) -> float | None:
         """Iterate until something says stop; return the best held-out residual, `before` if none was better."""
         settings = self._fit.settings
         watch = Watch(settings.hold_out)
-        watch.note(before, 0)
-        best = before
+        best = before if settings.gated else None
+        if best is not None:
+            watch.note(best, 0)
         self._progress.stage("fine fit", settings.iterations)
         for iteration in range(1, settings.iterations + 1):
             loss = self._fit.backward()
@@ -359,17 +366,16 @@ class _Loop:
             self._fit.optimiser.step(iteration / settings.iterations, settings.damping * warm)
             if iteration % settings.hold_out.look_every == 0 or iteration == settings.iterations:
                 residual = self._look(iteration, loss)
-                if watch.note(residual, iteration):
+                if watch.note(residual if settings.gated else None, iteration):
                     best, self.best = residual, self._fit.snapshot()
                 if watch.stalled(iteration):
                     break
             self._progress.step(iteration, loss=loss)
         return best
 
-    def _look(self, iteration: int, loss: float) -> float:
+    def _look(self, iteration: int, loss: float) -> float | None:
         views = self._refine(self._fit.views())
         residual = self._jury.residual_rms(views)
-        assert residual is not None, "fit_fine asked before it began"
         self.curve.append(
             CurvePoint(
                 seconds=time.monotonic() - self._origin_s,

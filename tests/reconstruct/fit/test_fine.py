@@ -8,6 +8,7 @@ from gs2ci.core.errors import InputError, NumericsError
 from gs2ci.core.progress import Silent
 from gs2ci.reconstruct.fit.coarse import CoarseSettings, fit_coarse
 from gs2ci.reconstruct.fit.fine import Fine, FineSettings, Pseudo, PseudoLoss, fit_fine, make_pseudo
+from gs2ci.reconstruct.fit.losses import LossWeights
 from gs2ci.reconstruct.fit.perceptual import StructuralDissimilarity
 from gs2ci.reconstruct.fit.pseudo_views import support_weights
 from gs2ci.reconstruct.fit.rendering import ShotRenderer
@@ -50,13 +51,24 @@ def coarse(moving_plane):
     return jury, fit, ShotRenderer(shot, geometry.intrinsics, CpuBackend())
 
 
-def run(coarse, prior=None, settings=QUICK, *, distance=None, jury=None, fit=None, renderer=None, score=None):
+def run(
+    coarse,
+    prior=None,
+    settings=QUICK,
+    *,
+    distance=None,
+    jury=None,
+    fit=None,
+    renderer=None,
+    score=None,
+    loss=None,
+):
     given_jury, given_fit, given_renderer = coarse
     return fit_fine(
         jury or given_jury,
         fit or given_fit,
         renderer or given_renderer,
-        Fine(settings, prior, distance or StructuralDissimilarity()),
+        Fine(settings, loss or LossWeights(), prior, distance or StructuralDissimilarity()),
         seed=0,
         refine=lambda views: views,
         progress=Silent(),
@@ -155,6 +167,26 @@ def test_without_held_out_pixels_nothing_is_changed(coarse):
     assert "no pixel is held out" in after.notes[-1]
 
 
+def test_without_a_gate_the_last_state_is_taken_as_in_the_paper(coarse):
+    jury, before, _ = coarse
+    blind = Jury(jury.shot, np.zeros_like(jury.heldout))
+    after = run(coarse, Prior(), replace(QUICK, gated=False), jury=blind)
+    assert after.curve[-1].iteration - before.curve[-1].iteration == 40
+    assert not torch.equal(after.scene.means, before.scene.means)
+    assert after.notes[-1] == "The fine stage (prior: test) was not judged."
+    severe = run(coarse, Prior(), replace(QUICK, gated=False), jury=Severe(jury.shot, jury.heldout))
+    assert not torch.equal(severe.scene.means, before.scene.means)
+
+
+def test_the_terms_of_the_coarse_stage_stay(coarse):
+    """A weight on opacity or size lowers it."""
+    usual = run(coarse, None, replace(QUICK, gated=False)).scene
+    fainter = run(coarse, None, replace(QUICK, gated=False), loss=LossWeights(opacity=1.0)).scene
+    smaller = run(coarse, None, replace(QUICK, gated=False), loss=LossWeights(size=10.0)).scene
+    assert fainter.opacity_logits.mean() < usual.opacity_logits.mean() - 0.1
+    assert smaller.log_scales.mean() < usual.log_scales.mean() - 0.01
+
+
 def test_one_camera_has_nothing_beside_its_path(coarse):
     _, before, _ = coarse
     single = replace(before, world_to_camera=before.world_to_camera[:1], views=before.views)
@@ -247,9 +279,9 @@ def test_settings_out_of_range_are_refused(part):
 
 
 def test_models_are_loaded_before_anything_is_done():
-    assert Fine.load(FineSettings(prior="none"), 0).prior is None
-    assert Fine.load(FineSettings(), 0).prior.name == "consistent"
+    assert Fine.load(FineSettings(prior="none"), LossWeights(), 0).prior is None
+    assert Fine.load(FineSettings(), LossWeights(), 0).prior.name == "consistent"
     with pytest.raises(InputError, match="prior 'dream'"):
-        Fine.load(FineSettings(prior="dream"), 0)
+        Fine.load(FineSettings(prior="dream"), LossWeights(), 0)
     with pytest.raises(InputError, match="perceptual distance 'eye'"):
-        Fine.load(FineSettings(distance="eye"), 0)
+        Fine.load(FineSettings(distance="eye"), LossWeights(), 0)
