@@ -79,7 +79,7 @@ POPULATION: Final = (*RECONSTRUCTION, Measure("gaussians", "Gaussians", 0, more_
 
 INITIALISATION: Final = (
     Measure("nate", "nATE", 4, more_is_better=False),
-    Measure("rotation_deg", "rotation, °", 3, more_is_better=False),
+    Measure("rpe_r_deg", "turn between views, °", 3, more_is_better=False),
     Measure("unexplained", "unexplained", 4, more_is_better=False),
     Measure("tracks", "tracks", 0),
     Measure("full", "depth found", 2),

@@ -71,7 +71,7 @@ def initialise_case(case: dict[str, Any], variant: str, seed: int) -> Row:
     errors = None if truth is None else trajectory_errors(geometry.world_to_camera, truth)
     return {
         "nate": errors and errors.nate,
-        "rotation_deg": errors and errors.rotation_deg,
+        "rpe_r_deg": errors and errors.rpe_r_deg,
         "unexplained": unexplained(seen, decoded, geometry),
         "tracks": geometry.tracks,
         "full": float(geometry.verdict == "full"),

@@ -15,5 +15,5 @@ def test_a_first_geometry_is_measured_against_the_truth(variant):
     assert {measure.key for measure in INITIALISATION} <= row.keys()
     assert row["unexplained"] > 0
     assert row["full"] in (0.0, 1.0)
-    assert row["rotation_deg"] >= 0
+    assert row["rpe_r_deg"] >= 0
     assert row["source"] == "tracks"
