@@ -47,8 +47,9 @@ def run(
         output: The run folder to write.
         index: Which shot of the file.
         geometry: Where the first poses come from: "tracks" finds them in the decoded views, "stage" takes those that
-            the stage reported, "file:PATH" those of a COLMAP model's folder or a transforms.json; "auto" asks all
-            there are and lets the measurement choose. The fit refines them either way.
+            the stage reported, "file:PATH" those of a COLMAP model's folder or a transforms.json, "vggt" (or
+            "vggt:FILE") those that a model of yours predicts; "auto" asks all there are and lets the measurement
+            choose. The fit refines them in any case.
         proxy: The views that the geometry is found in: decoded by "gap-tv", or "eni" or "amdi", the paper's proxies.
         density: The rule by which Gaussians are added and removed, with the terms of the objective that belong to it;
             none leaves the settings' own.
