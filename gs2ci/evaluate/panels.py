@@ -204,7 +204,7 @@ def _widen(axes: Axes, course: Series, level: tuple[str, float] | None, *, log_v
 
 
 def seen_from_above(camera_to_world: F64) -> F64:
-    """Choose the page for a path [N, 4, 4]: [3, 2], first axis along the sideways move, second along the mean viewing direction."""
+    """Choose the page for a path [N, 4, 4]: [3, 2], along the sideways move and along the mean viewing direction."""
     centers = camera_to_world[:, :3, 3] - camera_to_world[:, :3, 3].mean(0)
     forward = _unit(camera_to_world[:, :3, 2].mean(0), fallback=camera_to_world[0, :3, 2])
     across = camera_to_world[:, :3, 0].mean(0)

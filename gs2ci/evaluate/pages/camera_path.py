@@ -66,27 +66,31 @@ def path_svg(paths: Paths, width: int, *, unit: str) -> Markup:
     every = np.concatenate(list(spots.values()))
     extent = max(float(np.ptp(every, axis=0).max()), 1e-12)
     size = WEDGE * extent
-    low, high = every.min(0) - (size, 0.4 * size), every.max(0) + (size, 1.3 * size)
+    low, high = every.min(0) - np.array([size, 0.4 * size]), every.max(0) + np.array([size, 1.3 * size])
     scale = (width - 2 * EDGE) / (high[0] - low[0])
     height = int(np.clip(scale * (high[1] - low[1]) + EDGE + FOOT, LEAST_HEIGHT, MOST_HEIGHT))
     scale = min(scale, (height - EDGE - FOOT) / (high[1] - low[1]))
     middle, place = (low + high) / 2, np.array([width / 2, (EDGE + height - FOOT) / 2])
 
     def on_page(points: F64) -> F64:
-        return np.round(place + (points - middle) * (scale, -scale), 2)
+        return np.asarray(np.round(place + (points - middle) * (scale, -scale), 2), np.float64)
 
     drawn = [
         _drawn(name, on_page(spots[name]), _wedges(poses, spots[name], axes, size, on_page))
         for name, poses in together.items()
     ]
     bar = _ruler(extent)
-    rendered: Markup = environment().get_template("charts.html").module.path(  # type: ignore[attr-defined]
-        alt=f"Camera path from above: {', '.join(together)}",
-        width=width,
-        height=height,
-        paths=drawn,
-        axes_label="seen from above, cameras look up",
-        scale=(round(scale * bar, 2), f"{describe_number(bar)} {unit}"),
+    rendered: Markup = (
+        environment()
+        .get_template("charts.html")
+        .module.path(  # type: ignore[attr-defined]
+            alt=f"Camera path from above: {', '.join(together)}",
+            width=width,
+            height=height,
+            paths=drawn,
+            axes_label="seen from above, cameras look up",
+            scale=(round(scale * bar, 2), f"{describe_number(bar)} {unit}"),
+        )
     )
     return rendered
 

@@ -16,7 +16,6 @@ from gs2ci.evaluate.pages.frame import environment
 from gs2ci.evaluate.wording import describe_number
 
 Colour = Literal["accent", "truth", "muted", "third", "fourth", "fifth"]
-COLOURS: Final = ("accent", "truth", "third", "fourth", "fifth", "muted")
 
 # A flat course still gets an axis: a margin of this share of its height, or of its value.
 MARGIN: Final = 0.08
@@ -171,7 +170,8 @@ def _render(name: str, **values: Any) -> Markup:
 
 
 def _drawable(point: tuple[float, float], chart: Chart) -> bool:
-    return all(math.isfinite(v) and (v > 0 or not log) for v, log in zip(point, (chart.x_log, chart.y_log), strict=True))
+    logs = (chart.x_log, chart.y_log)
+    return all(math.isfinite(value) and (value > 0 or not log) for value, log in zip(point, logs, strict=True))
 
 
 def _axis(values: Sequence[float], log: bool, start: float, end: float) -> _Axis:

@@ -59,7 +59,9 @@ def outcome(report: Report) -> Outcome:
     if geometry.get("verdict") in missing:
         return Outcome(f"{count} from one exposure; {missing[geometry['verdict']]}", "Views, no depth", "mixed")
     if _ran_away(report):
-        return Outcome(f"{count} and a scene from one exposure, kept from before the fit failed", "With doubts", "mixed")
+        return Outcome(
+            f"{count} and a scene from one exposure, kept from before the fit failed", "With doubts", "mixed"
+        )
     return Outcome(f"{count}, the camera path and the scene in 3D, from one exposure", "Recovered", "good")
 
 
@@ -88,7 +90,8 @@ def fit_failed(report: Report) -> Step | None:
 def stage_knows_the_path(report: Report) -> Step | None:
     """The tracks gave no path, and the stage reported one."""
     geometry = _geometry(report)
-    if not _measured(report).get("telemetry") or geometry.get("method") != "tracks" or geometry.get("verdict") == "full":
+    lost = geometry.get("method") == "tracks" and geometry.get("verdict") != "full"
+    if not (lost and _measured(report).get("telemetry")):
         return None
     return Step(
         "Start from the stage's poses",
@@ -102,9 +105,10 @@ def camera_did_not_translate(report: Report) -> Step | None:
     geometry = _geometry(report)
     if geometry.get("verdict") not in ("rotation_only", "static"):
         return None
+    shift = _px(geometry.get("parallax_px"))
     return Step(
         "Move the camera sideways while the masks change",
-        f"Near and far shifted against each other by {_px(geometry.get('parallax_px'))}; depth is read from that shift.",
+        f"Near and far shifted against each other by {shift}; depth is read from that shift.",
     )
 
 

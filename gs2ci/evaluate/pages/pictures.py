@@ -56,7 +56,7 @@ def media_type(content: bytes) -> str | None:
 
 def to_eight_bit(image: NDArray[Any]) -> U8:
     """Clamp to [0, 1] and round to 8 bits."""
-    return np.round(255 * np.clip(np.nan_to_num(image), 0, 1)).astype(np.uint8)
+    return np.asarray(np.round(255 * np.clip(np.nan_to_num(image), 0, 1)), np.uint8)
 
 
 def colour(values: NDArray[Any], limits: tuple[float, float], colormap: str, *, empty: NDArray[np.bool_]) -> U8:
@@ -98,9 +98,7 @@ def is_pixel_art(size: tuple[int, int]) -> bool:
     return max(size) <= PIXEL_ART_PX
 
 
-def encode_all(
-    stacks: Mapping[str, Sequence[U8]], *, budget_bytes: int = BUDGET_BYTES
-) -> dict[str, list[Picture]]:
+def encode_all(stacks: Mapping[str, Sequence[U8]], *, budget_bytes: int = BUDGET_BYTES) -> dict[str, list[Picture]]:
     """Encode named stacks of images together, so that the page's data URIs take no more than the budget.
 
     Small images stay lossless. Others are brought to at most `LONGEST_SIDE_PX`; if the budget asks for it they lose

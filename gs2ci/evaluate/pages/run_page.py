@@ -5,18 +5,16 @@ Here: what its sections are and what they say. Not here: what they are made of (
 this file.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
 
-import numpy as np
 from markupsafe import Markup
-from numpy.typing import NDArray
 
 from gs2ci.core.errors import StorageError
 from gs2ci.evaluate.pages import pieces
 from gs2ci.evaluate.pages.camera_path import Paths, path_colour, path_svg
-from gs2ci.evaluate.pages.charts import COLOURS, Bar, Chart, Line
+from gs2ci.evaluate.pages.charts import Bar, Chart, Colour, Line
 from gs2ci.evaluate.pages.frame import Section, page, piece, write_page
 from gs2ci.evaluate.pages.next_steps import next_steps, outcome
 from gs2ci.evaluate.pages.pieces import Figure
@@ -121,9 +119,7 @@ def _figures(report: Mapping[str, Any]) -> list[Figure]:
     found = []
     if report["psnr_db"] is not None:
         each = report["psnr_db"]["per_view"]
-        found.append(
-            Figure(f"{report['psnr_db']['mean']:.2f} dB", "PSNR", f"views {min(each):.1f} to {max(each):.1f}")
-        )
+        found.append(Figure(f"{report['psnr_db']['mean']:.2f} dB", "PSNR", f"views {min(each):.1f} to {max(each):.1f}"))
         found.append(Figure(f"{report['ssim']['mean']:.3f}", "SSIM", f"decode {report['decode']['ssim']['mean']:.3f}"))
     heldout = report["residual"]["heldout_rms"].get(report["verdict"])
     if heldout is not None:
@@ -170,14 +166,12 @@ def _per_view(report: Mapping[str, Any]) -> Markup:
     if report["psnr_db"] is None or report["views"] < 2:
         return Markup()
     views = list(range(1, report["views"] + 1))
-    courses = [("recovered", report), ("scene alone", report["scene"]), ("decode", report["decode"])]
-    if report["verdict"] != "refined":
-        courses = [course for course in courses if course[0] != ("scene alone", "decode")[report["verdict"] == "decode"]]
-    colours = {"recovered": COLOURS[0], "scene alone": COLOURS[2], "decode": COLOURS[5]}
-    lines = [
-        Line(name, views, scores["psnr_db"]["per_view"], colours[name], dashed=name != "recovered")  # type: ignore[arg-type]
-        for name, scores in courses
-    ]
+    lines = [Line("recovered", views, report["psnr_db"]["per_view"], "accent")]
+    # Whichever of the two was taken as the result is there already.
+    others: tuple[tuple[str, str, Colour], ...] = (("scene", "scene alone", "third"), ("decode", "decode", "muted"))
+    for key, name, colour in others:
+        if report["verdict"] != key:
+            lines.append(Line(name, views, report[key]["psnr_db"]["per_view"], colour, dashed=True))
     return pieces.chart(
         Chart(lines, "view, in order of exposure", "PSNR, dB", "PSNR of each view: recovered, scene alone and decode")
     )
@@ -242,10 +236,11 @@ def _path_lead(evidence: RunEvidence) -> str:
 def _curve(report: Mapping[str, Any]) -> Markup:
     rows = [row for row in report["curve"] if row["seconds"] > 0]
     drawn = []
-    for key, label, colour, level in (
-        ("psnr_db", "PSNR, dB", COLOURS[0], _decode_psnr(report)),
-        ("heldout", "held-out residual, rms", COLOURS[1], report["residual"]["heldout_rms"].get("decode")),
-    ):
+    wanted: tuple[tuple[str, str, Colour, float | None], ...] = (
+        ("psnr_db", "PSNR, dB", "accent", _decode_psnr(report)),
+        ("heldout", "held-out residual, rms", "truth", report["residual"]["heldout_rms"].get("decode")),
+    )
+    for key, label, colour, level in wanted:
         known = [row for row in rows if row[key] is not None]
         if not known:
             continue
@@ -278,10 +273,9 @@ def _cost(report: Mapping[str, Any]) -> Markup:
     rest = seconds["total"] - sum(value for _, value in stages)
     if rest > 0.02 * seconds["total"]:
         stages.append(("other", rest))
-    colours = ("fourth", "third", "accent", "fifth", "truth", "muted")
+    colours: tuple[Colour, ...] = ("fourth", "third", "accent", "fifth", "truth", "muted")
     parts = [
-        Bar(name, value, f"{value:.1f} s", colours[index % len(colours)])  # type: ignore[arg-type]
-        for index, (name, value) in enumerate(stages)
+        Bar(name, value, f"{value:.1f} s", colours[index % len(colours)]) for index, (name, value) in enumerate(stages)
     ]
     height, width = report["size"]
     per_view = 1e6 * seconds["total"] / max(height * width * report["views"], 1)
@@ -333,16 +327,18 @@ def _measurement(report: Mapping[str, Any]) -> Markup:
     measured = report.get("measured", {})
     for key, name in (
         ("open_share", "masks open, mean"),
+        ("grey_share", "samples of masks that are partly open"),
         ("closed_share", "pixels that no mask opens"),
         ("saturated_share", "saturated pixels"),
     ):
         if measured.get(key) is not None:
             rows.append((name, f"{100 * measured[key]:.3g} %"))
+    if "weights" in measured:
+        rows.append(("exposure of a mask, share of its interval", "{:.3g} to {:.3g}".format(*measured["weights"])))
     if "telemetry" in measured:
         rows.append(("stage telemetry", measured["telemetry"]))
     origin = {key: value for key, value in report["provenance"].items() if key != "plan"}
-    stated = list(flat_rows(report.get("calibration") or {}, "calibration: "))
-    return pieces.facts([*rows, *stated, *flat_rows(origin)])
+    return pieces.facts([*rows, *flat_rows(origin)])
 
 
 def _environment(report: Mapping[str, Any]) -> Markup:
