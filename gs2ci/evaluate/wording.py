@@ -46,7 +46,9 @@ def describe_value(value: Any) -> str:
         case int() | float():
             return describe_number(value)
         case list() | tuple():
-            return ", ".join(describe_value(item) for item in value)
+            # Items that are sentences hold commas of their own.
+            mark = "; " if any(isinstance(item, str) and " " in item for item in value) else ", "
+            return mark.join(describe_value(item) for item in value)
         case _:
             return str(value)
 

@@ -88,8 +88,7 @@ def path_svg(paths: Paths, width: int, *, unit: str) -> Markup:
             width=width,
             height=height,
             paths=drawn,
-            axes_label="seen from above, cameras look up",
-            scale=(round(scale * bar, 2), f"{describe_number(bar)} {unit}"),
+                scale=(round(scale * bar, 2), f"{describe_number(bar)} {unit}"),
         )
     )
     return rendered

@@ -21,7 +21,7 @@ Colour = Literal["accent", "truth", "muted", "third", "fourth", "fifth"]
 MARGIN: Final = 0.08
 LEAST_SPAN: Final = 1e-3
 # Ticks stand at least so far apart, in the drawing's units (a character is about 6 wide).
-TICK_ROOM_X: Final = 64
+TICK_ROOM_X: Final = 48
 TICK_ROOM_Y: Final = 34
 
 
@@ -115,7 +115,7 @@ def chart_svg(chart: Chart, width: int, height: int) -> Markup:
     if not every:
         raise InputError("a chart without a point", allowed="at least one finite point (above 0 on logarithmic axes)")
     levels = [(name, value) for name, value in chart.levels if _drawable((1.0, value), chart)]
-    left, right, top, bottom = 52, width - 14, 14, height - 42
+    left, right, top, bottom = 52, width - 14, 26, height - 42
     x = _axis([p[0] for p in every], chart.x_log, left, right)
     y = _axis([p[1] for p in every] + [value for _, value in levels], chart.y_log, bottom, top)
     drawn = [

@@ -20,7 +20,7 @@ from gs2ci.evaluate.pages.next_steps import next_steps, outcome
 from gs2ci.evaluate.pages.pieces import Figure
 from gs2ci.evaluate.pages.run_evidence import RunEvidence, read_evidence
 from gs2ci.evaluate.pages.run_pictures import RunPictures, collect_pictures
-from gs2ci.evaluate.wording import describe_number, describe_seconds, flat_rows
+from gs2ci.evaluate.wording import describe_number, describe_seconds, describe_value, flat_rows
 
 PAGE_NAME: Final = "report.html"
 FILES: Final = (
@@ -151,8 +151,8 @@ def _views(report: Mapping[str, Any], pictures: RunPictures) -> Markup:
 
 
 def _views_lead(pictures: RunPictures) -> str:
-    few = "" if pictures.all_shown else f" {len(pictures.indices)} of {pictures.count} views are shown here."
-    return f"Drag the divider, or use the arrow keys; step through the views below.{few} Pictures here are compressed."
+    few = "" if pictures.all_shown else f"{len(pictures.indices)} of {pictures.count} views are shown here. "
+    return f"{few}Pictures on this page are compressed; views.npy holds the exact numbers."
 
 
 def _caption(report: Mapping[str, Any], index: int) -> str:
@@ -208,21 +208,23 @@ def _path(evidence: RunEvidence) -> Markup:
         wide=path_svg(paths, 760, unit=unit),
         narrow=path_svg(paths, 340, unit=unit),
         legend=[(name, path_colour(name), name == "stage") for name in names],
+        caption="Seen from above; the cameras look up the page.",
     )
     errors = report["trajectory"] or {}
     geometry = report["geometry"]
     rows = [
-        ("absolute error (ATE)", errors.get("ate")),
-        ("of the path's size (nATE)", errors.get("nate")),
-        ("mean rotation error, °", errors.get("rotation_deg")),
-        ("error per step (RPE)", errors.get("rpe_t")),
-        ("rotation per step (RPE), °", errors.get("rpe_r_deg")),
-        ("poses started from", geometry.get("method")),
-        ("tracked points", geometry.get("tracks")),
-        ("reprojection error, px rms", geometry.get("reprojection_rms_px")),
-        ("parallax, px rms", geometry.get("parallax_px")),
+        ("absolute error (ATE), rms", errors.get("ate"), " true units"),
+        ("of the path's size (nATE)", errors.get("nate"), ""),
+        ("mean rotation error", errors.get("rotation_deg"), "°"),
+        ("error per step (RPE), rms", errors.get("rpe_t"), " true units"),
+        ("rotation per step (RPE)", errors.get("rpe_r_deg"), "°"),
+        ("poses started from", geometry.get("method"), ""),
+        ("tracked points", geometry.get("tracks"), ""),
+        ("reprojection error, rms", geometry.get("reprojection_rms_px"), " px"),
+        ("parallax, rms", geometry.get("parallax_px"), " px"),
     ]
-    return drawing + pieces.facts([(name, value) for name, value in rows if value is not None])
+    known = [(name, describe_value(value) + mark) for name, value, mark in rows if value is not None]
+    return drawing + pieces.facts(known)
 
 
 def _path_lead(evidence: RunEvidence) -> str:
@@ -338,7 +340,8 @@ def _measurement(report: Mapping[str, Any]) -> Markup:
     if "telemetry" in measured:
         rows.append(("stage telemetry", measured["telemetry"]))
     origin = {key: value for key, value in report["provenance"].items() if key != "plan"}
-    return pieces.facts([*rows, *flat_rows(origin)])
+    told = list(flat_rows(origin))
+    return pieces.facts(rows) + (piece("heading", text="As the shot file tells it") + pieces.facts(told) if told else "")
 
 
 def _environment(report: Mapping[str, Any]) -> Markup:
