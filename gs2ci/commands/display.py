@@ -219,7 +219,8 @@ def print_summary(folder: Path, console: Console | None = None) -> None:
     for note in (stopped, *report["notes"]):
         console.print(note, markup=False, highlight=False)
     for name, what in (
-        ("overview.png", "look here first"),
+        ("report.html", "look here first"),
+        ("overview.png", "the same in one picture"),
         ("scene.ply", "for any 3DGS viewer"),
         ("report.json", ""),
     ):

@@ -88,7 +88,7 @@ def path_svg(paths: Paths, width: int, *, unit: str) -> Markup:
             width=width,
             height=height,
             paths=drawn,
-                scale=(round(scale * bar, 2), f"{describe_number(bar)} {unit}"),
+            scale=(round(scale * bar, 2), f"{describe_number(bar)} {unit}"),
         )
     )
     return rendered

@@ -38,7 +38,7 @@ class RunEvidence:
         scene_views: Of the Gaussians alone, the same shape.
         depth: [N, H, W], 0 where nothing is seen; None where no depth was found.
         world_to_camera: Recovered, [N, 4, 4], OpenCV axes.
-        focal_px: Along the rows.
+        focal_y_px: Focal length along the columns.
         measurement: For the eye, [H, W, 1 or 3]; None in a folder without `given.npz`, as the rest below.
         true_views: For the eye, [N, H, W, 1 or 3].
         true_world_to_camera: [N, 4, 4].
@@ -51,7 +51,7 @@ class RunEvidence:
     scene_views: NDArray[Any]
     depth: NDArray[Any] | None
     world_to_camera: F64
-    focal_px: float
+    focal_y_px: float
     measurement: U8 | None = None
     true_views: U8 | None = None
     true_world_to_camera: F64 | None = None
@@ -98,9 +98,10 @@ def _read(folder: Path, report: dict[str, Any]) -> RunEvidence:
     depth = _array(folder / "depth.npy", axes=3) if (folder / "depth.npy").is_file() else None
     if depth is not None and depth.shape != shape[:3]:
         raise _contradiction(folder / "depth.npy", depth.shape, str(list(shape[:3])))
-    transforms = json.loads((folder / "cameras.json").read_text(encoding="utf-8"))
+    path = folder / "cameras.json"
+    transforms = json.loads(path.read_text(encoding="utf-8"))
     given = _given(folder / GIVEN_NAME, shape)
-    poses = _poses(folder / "cameras.json", poses_of_transforms(transforms), len(views))
+    poses = _poses(path, poses_of_transforms(transforms), len(views))
     return RunEvidence(
         report=report,
         views=views,
@@ -108,7 +109,7 @@ def _read(folder: Path, report: dict[str, Any]) -> RunEvidence:
         scene_views=_like(folder / "scene_views.npy", shape),
         depth=depth,
         world_to_camera=poses,
-        focal_px=float(transforms["fl_x"]),
+        focal_y_px=_positive(path, transforms["fl_y"]),
         **given,
     )
 
@@ -156,6 +157,14 @@ def _poses(path: Path, poses: NDArray[Any], count: int) -> F64:
     if poses.shape != (count, 4, 4) or not np.isfinite(poses).all():
         raise _contradiction(path, poses.shape, f"[{count}, 4, 4], finite")
     return np.asarray(poses, np.float64)
+
+
+def _positive(path: Path, value: Any) -> float:
+    if not isinstance(value, int | float) or not 0 < value < math.inf:
+        raise StorageError(
+            f"{path} has a focal length of {value!r}", allowed="a number above 0", remedy="reconstruct again"
+        )
+    return float(value)
 
 
 def _contradiction(path: Path, shape: tuple[int, ...], allowed: str) -> StorageError:

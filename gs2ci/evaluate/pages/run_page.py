@@ -341,7 +341,8 @@ def _measurement(report: Mapping[str, Any]) -> Markup:
         rows.append(("stage telemetry", measured["telemetry"]))
     origin = {key: value for key, value in report["provenance"].items() if key != "plan"}
     told = list(flat_rows(origin))
-    return pieces.facts(rows) + (piece("heading", text="As the shot file tells it") + pieces.facts(told) if told else "")
+    origins = piece("heading", text="As the shot file tells it") + pieces.facts(told) if told else Markup()
+    return pieces.facts(rows) + origins
 
 
 def _environment(report: Mapping[str, Any]) -> Markup:
