@@ -28,6 +28,7 @@ SHOWN_DEPTH: Final = 10.0
 PICTURE_SIDE_PX: Final = 320
 # A camera's symbol, as a share of the mean distance between neighbours, and of the depth where there is one camera.
 SYMBOL_OF_STEP, SYMBOL_OF_DEPTH = 0.6, 0.05
+SYMBOL_LINE_PX, SYMBOL_COLOUR = 1.5, (240, 130, 90)
 # A taken port is often one's own earlier viewer; so many of the following ones are tried.
 PORTS_TRIED: Final = 20
 HIGHEST_PORT: Final = 65_535
@@ -106,8 +107,8 @@ def serve(scene: ViewerScene, *, host: str, port: int) -> Any:
     except ImportError as error:
         raise InputError("viewing a scene needs the package viser", remedy="pip install 'gs2ci[view]'") from error
     server = viser.ViserServer(host=host, port=free_port(host, port), verbose=False)
-    # The button would send the scene through somebody else's machine.
-    server.gui.configure_theme(show_share_button=False)
+    # The button would send the scene through somebody else's machine. Dark, as light that no Gaussian sends.
+    server.gui.configure_theme(show_share_button=False, dark_mode=True)
     _show(server, scene)
     return server
 
@@ -144,6 +145,9 @@ def _show(server: Any, scene: ViewerScene) -> None:
             fov=scene.fov,
             aspect=picture.shape[1] / picture.shape[0],
             scale=scene.symbol,
+            thickness=SYMBOL_LINE_PX,
+            thickness_units="screen",
+            color=SYMBOL_COLOUR,
             image=picture,
             wxyz=Rotation.from_matrix(pose[:3, :3]).as_quat(scalar_first=True),
             position=pose[:3, 3],

@@ -1,7 +1,7 @@
 """Charts as SVG whose colours and types are the page's own, so that they follow it into the dark and onto paper.
 
-Here: lines and dots over linear or logarithmic axes, and bars of parts. Not here: how they stand on the page
-(`pieces.py`). Only `gs2ci.evaluate` imports this file.
+Here: lines and dots over linear or logarithmic axes, bars of parts, means with their spreads. Not here: how they
+stand on the page (`pieces.py`). `gs2ci.evaluate` and `gs2ci.bench` import this file.
 """
 
 import math
@@ -23,6 +23,8 @@ LEAST_SPAN: Final = 1e-3
 # Ticks stand at least so far apart, in the drawing's units (a character is about 6 wide).
 TICK_ROOM_X: Final = 48
 TICK_ROOM_Y: Final = 34
+# A row of `spreads_svg`: the name, and the mark under it.
+SPREAD_ROW: Final = 38
 
 
 @dataclass(frozen=True)
@@ -81,6 +83,16 @@ class Bar:
     size: float
     text: str
     colour: Colour = "accent"
+
+
+@dataclass(frozen=True)
+class Spread:
+    """A mean and its spread: the name, both numbers (spread 0 where there is none), what to write of them."""
+
+    label: str
+    mean: float
+    spread: float
+    text: str
 
 
 @dataclass(frozen=True)
@@ -162,6 +174,25 @@ def bars_svg(parts: Sequence[Bar], unit: str) -> Markup:
             drawn.append((round(at, 2), round(max(share - 3, 1), 2), part))
         at += share
     return _render("bars", drawn=drawn, unit=unit, alt=", ".join(f"{part.label} {part.text}" for part in parts))
+
+
+def spreads_svg(rows: Sequence[Spread], title: str, width: int) -> Markup:
+    """Draw means with their spreads, a row each, over one axis.
+
+    Raises:
+        InputError: There is no row, or a number is not finite.
+    """
+    ends = [row.mean + side * row.spread for row in rows for side in (-1, 1)]
+    if not ends or not all(math.isfinite(end) for end in ends):
+        raise InputError("a chart of spreads without rows or with numbers that are none", allowed="finite numbers")
+    axis = _axis(ends, False, 12, width - 12)
+    bottom = SPREAD_ROW * len(rows) + 4
+    drawn = [
+        (SPREAD_ROW * (index + 1) - 8, axis.place(row.mean), axis.place(row.mean - row.spread),
+         axis.place(row.mean + row.spread), row)
+        for index, row in enumerate(rows)
+    ]  # fmt: skip
+    return _render("spreads", drawn=drawn, ticks=axis.ticks(TICK_ROOM_X), title=title, width=width, bottom=bottom)
 
 
 def _render(name: str, **values: Any) -> Markup:

@@ -5,6 +5,7 @@
     facts       names and values
     figure      a picture (PNG, JPEG or WebP bytes, or inline markup) with its caption
     chart       a chart (`charts.py`) with its numbers in a fold
+    spreads     means with their spreads, a row each
     sentences   notes, one paragraph each
     steps       what to do next: what, why, the command
     columns     two pieces beside each other where there is room
@@ -13,14 +14,14 @@ Not here: the page (`frame.py`), what a run's sections say (`run_page.py`). The 
 `gs2ci.evaluate` may import this file.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final, Literal
 
 from markupsafe import Markup
 
 from gs2ci.core.errors import InputError
-from gs2ci.evaluate.pages.charts import Bar, Chart, bars_svg, chart_svg, chart_table
+from gs2ci.evaluate.pages.charts import Bar, Chart, Spread, bars_svg, chart_svg, chart_table, spreads_svg
 from gs2ci.evaluate.pages.frame import fit, piece
 from gs2ci.evaluate.pages.pictures import Picture, media_type
 from gs2ci.evaluate.wording import describe_value
@@ -46,8 +47,21 @@ def masthead(headline: str, sentences: Sequence[str], figures: Sequence[Figure],
     return piece("masthead", headline=headline, sentences=sentences, figures=figures, tone=tone, word=word)
 
 
-def table(headings: Sequence[str], rows: Iterable[Sequence[Any]], *, caption: str = "") -> Markup:
-    """Set rows of plain values under headings; a column that holds only numbers and dashes is set right."""
+def table(
+    headings: Sequence[str],
+    rows: Iterable[Sequence[Any]],
+    *,
+    caption: str = "",
+    marked: Container[tuple[int, int]] = (),
+) -> Markup:
+    """Set rows of plain values under headings; a column that holds only numbers and dashes is set right.
+
+    Args:
+        headings: One for each column.
+        rows: Of as many cells.
+        caption: Over the table.
+        marked: Cells to set off from the rest, (row, column) from 0 on.
+    """
     listed = [[describe_value(cell) for cell in row] for row in rows]
     shown = [[_short(cell) for cell in row] for row in listed[:MOST_ROWS]]
     numeric = [all(_is_number(row[column]) for row in shown) for column in range(len(headings))]
@@ -56,6 +70,7 @@ def table(headings: Sequence[str], rows: Iterable[Sequence[Any]], *, caption: st
         headings=headings,
         rows=shown,
         numeric=numeric,
+        marked=marked,
         caption=caption,
         left_out=len(listed) - len(shown),
     )
@@ -96,6 +111,17 @@ def chart(drawn: Chart, *, caption: str = "") -> Markup:
         narrow=chart_svg(drawn, 340, 270),
         legend=[(line.label, line.colour, line.dashed) for line in drawn.lines] if len(drawn.lines) > 1 else [],
         numbers=table(headings, rows),
+        caption=caption,
+    )
+
+
+def spreads(rows: Sequence[Spread], title: str, *, caption: str = "") -> Markup:
+    """Set means with their spreads, a row each; `title` names what they are, and its unit."""
+    return piece(
+        "chart_frame",
+        wide=spreads_svg(rows, title, 760),
+        narrow=spreads_svg(rows, title, 340),
+        legend=[],
         caption=caption,
     )
 

@@ -47,7 +47,7 @@ def write_run_page(folder: Path, destination: Path | None = None) -> Path:
     evidence = read_evidence(folder)
     try:
         text = run_page(evidence)
-    except (KeyError, TypeError, AttributeError, ValueError) as error:
+    except (LookupError, TypeError, AttributeError, ValueError, ArithmeticError) as error:
         # The arrays are checked; what is left is a report.json whose values are not what its schema says.
         raise StorageError(
             f"{Path(folder) / 'report.json'} does not hold what its schema promises: {type(error).__name__}: {error}",

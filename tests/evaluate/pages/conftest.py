@@ -1,21 +1,27 @@
-"""A real headless Chromium, spoken to through a pipe (Chrome DevTools Protocol); no driver and no port needed."""
+"""A run folder to make pages of, and a real headless Chromium to look at them.
+
+The browser is spoken to through a pipe (Chrome DevTools Protocol): no driver, no port.
+"""
 
 import base64
 import contextlib
+import fcntl
 import json
 import os
 import select
 import shutil
 import signal
-import subprocess
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
 import pytest
+
+from gs2ci.evaluate import run_folder
 
 NAMES = ("chromium", "chromium-browser", "chrome-headless-shell", "google-chrome", "google-chrome-stable")
 PATIENCE_S = 60.0
@@ -85,17 +91,15 @@ class Pipe:
             *("--headless", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage", "--no-first-run"),
             *("--hide-scrollbars", "--remote-debugging-pipe", f"--user-data-dir={profile}", "about:blank"),
         ]
-        # The shell moves the two ends to the numbers that the protocol knows.
-        self.process = subprocess.Popen(
-            ["/bin/sh", "-c", f'exec "$0" "$@" 3<&{from_us} 4>&{to_us}', binary, *arguments],
-            pass_fds=(from_us, to_us),
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL,
-            start_new_session=True,
+        # Out of the way of 3 and 4 themselves.
+        far = [fcntl.fcntl(descriptor, fcntl.F_DUPFD_CLOEXEC, 10) for descriptor in (from_us, to_us)]
+        nothing = [(os.POSIX_SPAWN_OPEN, number, os.devnull, os.O_RDWR, 0) for number in (0, 1, 2)]
+        ends = [(os.POSIX_SPAWN_DUP2, descriptor, number) for descriptor, number in zip(far, (3, 4), strict=True)]
+        self._process = os.posix_spawn(
+            binary, [binary, *arguments], os.environ, file_actions=[*nothing, *ends], setpgroup=0
         )
-        os.close(from_us)
-        os.close(to_us)
+        for descriptor in (from_us, to_us, *far):
+            os.close(descriptor)
         self._number, self._rest = 0, b""
 
     def ask(self, method: str, parameters: dict[str, Any], session: str = "", note: Any = None) -> dict[str, Any]:
@@ -125,10 +129,47 @@ class Pipe:
 
     def close(self) -> None:
         with contextlib.suppress(ProcessLookupError):
-            os.killpg(self.process.pid, signal.SIGKILL)
-        self.process.wait()
+            os.killpg(self._process, signal.SIGKILL)
+        os.waitpid(self._process, 0)
         os.close(self._to)
         os.close(self._from)
+
+
+@pytest.fixture(scope="session")
+def write_quickly() -> Callable[..., Path]:
+    """Write run folders without their overview, which takes the time and has tests of its own."""
+
+    def write(*parts: Any) -> Path:
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(run_folder, "write_overview", lambda path, *_: path.touch())
+            return run_folder.write_run(*parts)
+
+    return write
+
+
+@pytest.fixture(scope="session")
+def whole_run(tmp_path_factory, make_run, scene, write_quickly) -> Path:
+    """A run folder with everything in it: truth, the stage's poses, a simulation plan. Not to be changed."""
+    shot, result = make_run(count=8, size=(48, 64))
+    effect = {"bound_rms_dn": 19.7, "simulated": True, "why": "exceeds its share", "sampling": ""}
+    plan = {"tolerance_dn": 1.0, "error_dn": 0.8, "views": 60, "effects": {"shot_noise": effect}}
+    shot = replace(
+        shot,
+        telemetry_world_to_camera=shot.truth.world_to_camera,
+        saturated=np.zeros((48, 64), bool),
+        provenance={"source": "simulated rig", "plan": plan},
+    ).check()
+    geometry = {
+        **{"method": "tracks", "verdict": "full", "tracks": 812, "reprojection_rms_px": 1.1, "parallax_px": 3.0},
+        **{"focal_px": 70.4, "focal_source": "estimated"},
+    }
+    return write_quickly(tmp_path_factory.mktemp("whole") / "run", shot, replace(result, geometry=geometry), scene)
+
+
+@pytest.fixture
+def own_run(whole_run, tmp_path) -> Path:
+    """A copy of `whole_run` to damage."""
+    return Path(shutil.copytree(whole_run, tmp_path / "run"))
 
 
 @pytest.fixture(scope="session")
