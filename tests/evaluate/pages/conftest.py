@@ -60,9 +60,9 @@ class Tab:
         assert "exceptionDetails" not in found, found["exceptionDetails"]
         return found["result"].get("value")
 
-    def shoot(self, *, whole: bool = False) -> np.ndarray:
-        """Take a screenshot of the window or the whole page, [H, W, 3] RGB."""
-        png = base64.b64decode(self.ask("Page.captureScreenshot", captureBeyondViewport=whole)["data"])
+    def shoot(self) -> np.ndarray:
+        """Take a screenshot of the window, [H, W, 3] RGB."""
+        png = base64.b64decode(self.ask("Page.captureScreenshot")["data"])
         return cv2.imdecode(np.frombuffer(png, np.uint8), cv2.IMREAD_COLOR)[..., ::-1]
 
     def pdf(self) -> bytes:
@@ -160,8 +160,13 @@ def whole_run(tmp_path_factory, make_run, scene, write_quickly) -> Path:
         provenance={"source": "simulated rig", "plan": plan},
     ).check()
     geometry = {
-        **{"method": "tracks", "verdict": "full", "tracks": 812, "reprojection_rms_px": 1.1, "parallax_px": 3.0},
-        **{"focal_px": 70.4, "focal_source": "estimated"},
+        "method": "tracks",
+        "verdict": "full",
+        "tracks": 812,
+        "reprojection_rms_px": 1.1,
+        "parallax_px": 3.0,
+        "focal_px": 70.4,
+        "focal_source": "estimated",
     }
     return write_quickly(tmp_path_factory.mktemp("whole") / "run", shot, replace(result, geometry=geometry), scene)
 
