@@ -69,9 +69,14 @@ def test_the_ruler_is_as_long_as_it_says():
 
 @pytest.mark.parametrize(
     "path",
-    [poses([[0, 0, 0]]), poses([[1, 1, 1]] * 4), poses([[0, 0, z] for z in range(5)]), poses([[1e-9 * i, 0, 0] for i in range(3)])],
+    [
+        poses([[0, 0, 0]]),
+        poses([[1, 1, 1]] * 4),
+        poses([[0, 0, z] for z in range(5)]),
+        poses([[1e-9 * i, 0, 0] for i in range(3)]),
+    ],
     ids=["one view", "standing still", "forward", "tiny"],
-)  # fmt: skip
+)
 def test_degenerate_paths_are_drawn(path):
     spots = np.array(marks(path_svg(Paths(path, true=path), 340, unit="u"))["accent"])
     assert len(spots) == len(path)

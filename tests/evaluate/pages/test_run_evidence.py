@@ -99,7 +99,7 @@ def test_pickled_objects_are_never_loaded(own_run):
 )
 def test_given_parts_that_do_not_fit_are_refused(own_run, name, array):
     np.savez(own_run / "given.npz", **{name: array})
-    with pytest.raises(StorageError, match="given.npz"):
+    with pytest.raises(StorageError, match=r"given\.npz"):
         read_evidence(own_run)
 
 
