@@ -7,6 +7,7 @@
     camera_path.py  a camera path from above as SVG
     next_steps.py   what a run's evidence says to try next: the rules
     run_evidence.py what a run folder holds, read as from a stranger
+    run_pictures.py which pictures a run's page shows
     run_page.py     the page of a run
     templates/      the HTML, CSS and JavaScript, by hand
 
