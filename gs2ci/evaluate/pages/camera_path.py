@@ -113,7 +113,7 @@ def _drawn(name: str, spots: F64, wedges: list[str]) -> dict[str, Any]:
             for index, (x, y) in enumerate(spots)
         ],
         "radius": 4 if recovered else 6,
-        "wedges": wedges if recovered else [],
+        "wedges": wedges if name != "stage" else [],
         "names": [(float(spots[i, 0]), float(spots[i, 1]) + 18, str(i + 1)) for i in ends],
     }
 

@@ -23,8 +23,10 @@ FRESH_LOOKS: Final = 2
 # Saturated pixels say only «at least»; pixels that no mask opens say nothing.
 SATURATED_SHARE: Final = 0.01
 CLOSED_SHARE: Final = 0.05
-# Tracks of decoded views scatter by about a pixel; twice that hints at motion in the scene or a wrong camera matrix.
-REPROJECTION_PX: Final = 2.0
+# Tracks of decoded views scatter by about a pixel; geometry refuses 2. In between, something else moves or is wrong.
+REPROJECTION_PX: Final = 1.5
+# What translation explains of the tracks, against their scatter; below this, path and depth are at the noise's mercy.
+PARALLAX_TO_SCATTER: Final = 1.5
 
 
 @dataclass(frozen=True)
@@ -212,6 +214,19 @@ def loose_tracks(report: Report) -> Step | None:
     )
 
 
+def little_parallax(report: Report) -> Step | None:
+    """Path and depth rest on a shift that is hardly larger than the noise."""
+    geometry = _geometry(report)
+    shift, scatter = geometry.get("parallax_px"), geometry.get("reprojection_rms_px")
+    if geometry.get("verdict") != "full" or not shift or not scatter or shift >= PARALLAX_TO_SCATTER * scatter:
+        return None
+    return Step(
+        "Move the camera further while the masks change",
+        f"Its translation shifted the tracked points by {_px(shift)} rms, and they scatter by {_px(scatter)} anyway: "
+        "camera path and depth are the looser for it.",
+    )
+
+
 def simulation_was_coarse(report: Report) -> Step | None:
     """The simulator could not keep its tolerance."""
     plan = _plan(report)
@@ -245,6 +260,7 @@ RULES: Final[tuple[Rule, ...]] = (
     still_improving,
     focal_was_assumed,
     loose_tracks,
+    little_parallax,
     closed_pixels,
     simulation_was_coarse,
     look_at_it,

@@ -58,6 +58,7 @@ CASES = {
     "still_improving": improving(),
     "focal_was_assumed": report(geometry__focal_source="default"),
     "loose_tracks": report(geometry__reprojection_rms_px=4.0),
+    "little_parallax": report(geometry__parallax_px=1.2),
     "closed_pixels": report(measured__closed_share=0.3),
     "simulation_was_coarse": report(provenance__plan={"error_dn": 3.0, "tolerance_dn": 1.0}),
     "look_at_it": report(),
@@ -88,6 +89,7 @@ def test_a_rule_that_finds_no_evidence_is_silent(name):
 def test_what_is_told_is_read_from_the_report():
     assert "20.0%" in module.too_bright(CASES["too_bright"]).because
     assert "30%" in module.closed_pixels(CASES["closed_pixels"]).because
+    assert "by 1.2 px rms, and they scatter by 1.1 px" in module.little_parallax(CASES["little_parallax"]).because
     assert "4 px" in module.loose_tracks(CASES["loose_tracks"]).because
     assert "--iterations 1000" in module.still_improving(CASES["still_improving"]).command
     assert "(0.05 against 0.021)" in module.scene_lost(CASES["scene_lost"]).because

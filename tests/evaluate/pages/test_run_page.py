@@ -180,7 +180,11 @@ def damaged(report):
             yield path, copy
 
 
-def test_a_report_that_lies_about_its_kinds_gives_a_page_or_one_typed_error(own_run, evidence, monkeypatch):
+def test_a_report_that_lies_about_its_kinds_gives_a_page_or_one_typed_error(
+    tmp_path, make_run, scene, write_quickly, monkeypatch
+):
+    folder = write_quickly(tmp_path / "run", *make_run(count=2, size=(12, 16)), scene)
+    evidence = read_evidence(folder)
     pictures = module.collect_pictures(evidence)
     monkeypatch.setattr(module, "collect_pictures", lambda _: pictures)
     monkeypatch.setattr(module, "write_page", lambda path, text: path)
@@ -190,7 +194,7 @@ def test_a_report_that_lies_about_its_kinds_gives_a_page_or_one_typed_error(own_
     for path, report in damaged(small):
         monkeypatch.setattr(module, "read_evidence", lambda _, report=report: replace(evidence, report=report))
         try:
-            write_run_page(own_run)
+            write_run_page(folder)
         except Gs2ciError:
             refused += 1
         except Exception as error:
