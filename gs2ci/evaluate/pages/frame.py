@@ -45,18 +45,13 @@ class Section:
     lead: str = ""
     folded: bool = False
 
-    @property
-    def anchor(self) -> str:
-        """Get the name that links within the page use."""
-        return "-".join(re.findall(r"[a-z0-9]+", self.title.lower())) or "section"
-
 
 def page(title: str, sections: Sequence[Section], *, masthead: Markup | None = None, eyebrow: str = "gs2ci") -> str:
     """Build a whole page.
 
     Args:
         title: Of the window, and the heading unless a masthead brings its own.
-        sections: In order; those of one title must not repeat.
+        sections: In order.
         masthead: What stands on top (`pieces.masthead`).
         eyebrow: A few words above the title.
     """
@@ -68,7 +63,7 @@ def page(title: str, sections: Sequence[Section], *, masthead: Markup | None = N
             title=fit(title),
             eyebrow=eyebrow,
             masthead=masthead,
-            sections=sections,
+            sections=list(zip(_anchors(sections), sections, strict=True)),
             style=Markup(style),  # noqa: S704  our own file
             behaviour=Markup(behaviour),  # noqa: S704  our own file
             style_hash=_policy_hash(style),
@@ -123,6 +118,16 @@ def environment() -> Environment:
         lstrip_blocks=True,
         finalize=_finalize,
     )
+
+
+def _anchors(sections: Sequence[Section]) -> list[str]:
+    """Name sections for links within the page; names that come again are counted."""
+    found: list[str] = []
+    for section in sections:
+        name = "-".join(re.findall(r"[a-z0-9]+", section.title.lower())) or "section"
+        taken = sum(other == name or other.startswith(f"{name}--") for other in found)
+        found.append(f"{name}--{taken + 1}" if taken else name)
+    return found
 
 
 def _finalize(value: Any) -> Any:

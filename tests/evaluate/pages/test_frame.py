@@ -23,8 +23,11 @@ def test_two_sections_need_no_contents():
     assert "<nav" not in page("Title", [Section("One", Markup("x")), Section("Two", Markup("y"))])
 
 
-def test_a_section_without_any_latin_letter_still_has_an_anchor():
-    assert Section("夜景", Markup("x")).anchor == "section"
+def test_sections_whose_titles_read_alike_or_not_at_all_have_anchors_of_their_own():
+    text = page("Title", [Section(title, Markup("x")) for title in ("夜景", "雨", "a b", "A-b", "a b!")])
+    found = re.findall(r'<section id="([^"]*)"', text)
+    assert found == ["section", "section--2", "a-b", "a-b--2", "a-b--3"]
+    assert re.findall(r'<li><a href="#([^"]*)"', text) == found
 
 
 def test_a_folded_section_is_there_with_its_lead():
