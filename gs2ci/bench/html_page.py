@@ -16,7 +16,7 @@ from gs2ci.evaluate.pages import pieces
 from gs2ci.evaluate.pages.charts import Spread
 from gs2ci.evaluate.pages.frame import Section, page, write_page
 from gs2ci.evaluate.pages.pieces import Figure, Tone
-from gs2ci.evaluate.wording import flat_rows
+from gs2ci.evaluate.wording import flat_rows, spoken_rows
 
 Cases = Mapping[str, Sequence[Figures]]
 
@@ -38,7 +38,7 @@ def html_page(table: Table, figures: Sequence[Figures], command: str) -> str:
     errors = [f"{one.case}, {one.line}: {error}" for one in figures for error in one.errors]
     if errors:
         sections.append(Section("What failed", pieces.sentences(errors, empty="")))
-    origin = pieces.facts(flat_rows({"command": command, **machine(), **versions()}))
+    origin = pieces.facts([("command", command), *spoken_rows(machine()), *flat_rows(versions())])
     sections.append(Section("How it was made", origin))
     return page(table.title, sections, masthead=_masthead(table, cases), eyebrow=f"{table.title} · gs2ci bench")
 

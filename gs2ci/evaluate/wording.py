@@ -9,6 +9,18 @@ from typing import Any, Final
 
 THIN_SPACE: Final = "\u2009"
 UNKNOWN: Final = "–"
+# Endings of our names, and how their units are written after a number.
+UNITS: Final = {
+    "s": " s",
+    "mm": " mm",
+    "px": " px",
+    "deg": "°",
+    "dn": " DN",
+    "e": " e⁻",
+    "mib": " MiB",
+    "hz": " Hz",
+    "c": " °C",
+}
 
 
 def describe_seconds(seconds: float) -> str:
@@ -63,6 +75,18 @@ def flat_rows(values: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str
             yield from flat_rows({str(index): item for index, item in enumerate(value)}, f"{name}.")
         else:
             yield name, describe_value(value)
+
+
+def spoken_rows(values: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    """List nested values as `flat_rows` does, names in words, a unit that ends a name after the number instead.
+
+    >>> list(spoken_rows({"exposure_s": 0.16, "mask_index": 3}))
+    [('exposure', '0.16 s'), ('mask index', '3')]
+    """
+    for name, text in flat_rows(values):
+        stem, _, ending = name.rpartition("_")
+        unit = UNITS.get(ending, "") if stem and text[-1:].isdigit() else ""
+        yield (stem if unit else name).replace("_", " "), text + unit
 
 
 def _is_nested(value: Any) -> bool:

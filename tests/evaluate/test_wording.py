@@ -2,7 +2,7 @@ import math
 
 import pytest
 
-from gs2ci.evaluate.wording import describe_number, describe_seconds, describe_value, flat_rows
+from gs2ci.evaluate.wording import describe_number, describe_seconds, describe_value, flat_rows, spoken_rows
 
 
 @pytest.mark.parametrize(
@@ -56,4 +56,24 @@ def test_nested_values_are_rows_with_dotted_names():
         ("d.1.e", "no"),
         ("f.0", "1, 2"),
         ("f.1", "3"),
+    ]
+
+
+def test_a_unit_that_ends_a_name_is_written_after_the_number():
+    values = {"exposure_s": 0.16, "memory_mib": 24105, "stage": {"from_mm": [0, 2.5], "turn_deg": -3}}
+    assert list(spoken_rows(values)) == [
+        ("exposure", "0.16 s"),
+        ("memory", "24\u2009105 MiB"),
+        ("stage.from", "0, 2.5 mm"),
+        ("stage.turn", "-3°"),
+    ]
+
+
+def test_what_only_looks_like_a_unit_stays_in_the_name():
+    values = {"mode_s": "per-exposure", "s": 1, "usable_cores": 4, "seen_px": None}
+    assert list(spoken_rows(values)) == [
+        ("mode s", "per-exposure"),
+        ("s", "1"),
+        ("usable cores", "4"),
+        ("seen px", "–"),
     ]

@@ -20,7 +20,7 @@ from gs2ci.evaluate.pages.next_steps import next_steps, outcome
 from gs2ci.evaluate.pages.pieces import Figure
 from gs2ci.evaluate.pages.run_evidence import RunEvidence, read_evidence
 from gs2ci.evaluate.pages.run_pictures import RunPictures, collect_pictures
-from gs2ci.evaluate.wording import describe_number, describe_seconds, describe_value, flat_rows
+from gs2ci.evaluate.wording import describe_number, describe_seconds, describe_value, flat_rows, spoken_rows
 
 PAGE_NAME: Final = "report.html"
 FILES: Final = (
@@ -340,10 +340,10 @@ def _measurement(report: Mapping[str, Any]) -> Markup:
     if "telemetry" in measured:
         rows.append(("stage telemetry", measured["telemetry"]))
     origin = {key: value for key, value in report["provenance"].items() if key != "plan"}
-    told = list(flat_rows(origin))
+    told = list(spoken_rows(origin))
     origins = piece("heading", text="As the shot file tells it") + pieces.facts(told) if told else Markup()
     return pieces.facts(rows) + origins
 
 
 def _environment(report: Mapping[str, Any]) -> Markup:
-    return pieces.columns(pieces.facts(flat_rows(report["machine"])), pieces.facts(flat_rows(report["versions"])))
+    return pieces.columns(pieces.facts(spoken_rows(report["machine"])), pieces.facts(flat_rows(report["versions"])))
