@@ -10,7 +10,7 @@ from typing import Final
 
 from gs2ci.bench.cases import Case
 from gs2ci.bench.cells import Cell
-from gs2ci.bench.variants import VARIANTS
+from gs2ci.bench.variants import ABLATION, RULES, VARIANTS
 from gs2ci.core.errors import InputError
 
 SIMULATED: Final = ("boxes", "thicket", "motorcycle", "corridor")
@@ -75,6 +75,7 @@ RECONSTRUCTION: Final = (
     Measure("nate", "nATE", 4, more_is_better=False),
     Measure("seconds", "s", 1, more_is_better=False),
 )
+POPULATION: Final = (*RECONSTRUCTION, Measure("gaussians", "Gaussians", 0, more_is_better=False))
 
 
 def simulated_cases(size: tuple[int, int] = (192, 256)) -> tuple[Case, ...]:
@@ -138,6 +139,18 @@ TABLES: Final[dict[str, Table]] = {
         "The default way, and one thing changed at a time.",
         _variants(tuple(VARIANTS)),
         RECONSTRUCTION,
+    ),
+    "density": Table(
+        "Density rules",
+        "Where Gaussians are added and removed; all else, the number of iterations included, is the default's.",
+        _variants(("default", *RULES)),
+        POPULATION,
+    ),
+    "ablation": Table(
+        "Components",
+        "The default way, and one component of the method switched off at a time, as the paper's Table VII does.",
+        _variants(("default", *ABLATION)),
+        POPULATION,
     ),
     "mask-ratio": Table(
         "Share of open mask pixels",

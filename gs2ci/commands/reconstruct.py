@@ -16,6 +16,8 @@ from gs2ci.core.records import F32, F64, Shot
 from gs2ci.core.storage import read_shot
 from gs2ci.evaluate.metrics import psnr_per_view
 from gs2ci.evaluate.run_folder import check_destination, write_run
+from gs2ci.reconstruct import ablation
+from gs2ci.reconstruct.fit.rules import RuleName, with_rule
 from gs2ci.reconstruct.pipeline import PoseSource, Score, Settings, reconstruct
 
 
@@ -26,6 +28,8 @@ def run(
     *,
     index: int = 0,
     geometry: PoseSource = "tracks",
+    density: RuleName | None = None,
+    without: tuple[str, ...] = (),
     iterations: int | None = None,
     focal_px: float | None = None,
     seed: int = 42,
@@ -39,6 +43,10 @@ def run(
         index: Which shot of the file.
         geometry: Where the first poses come from: "tracks" finds them in the decoded views, "stage" takes those that
             the stage reported. The fit refines them either way.
+        density: The rule by which Gaussians are added and removed, with the terms of the objective that belong to it;
+            none leaves the settings' own.
+        without: Components of the method to do without, for comparisons: points, poses, opacity-split,
+            opacity-regulation, count-cap, pose-refinement.
         iterations: At most so many iterations of the fit; it ends earlier when held-out pixels stop improving.
         focal_px: Focal length along the rows to use instead of the file's, in pixels.
         seed: Of every random draw; the same seed gives the same result.
@@ -55,6 +63,9 @@ def run(
     if focal_px is not None:
         measured = replace(measured, intrinsics=_with_focal(focal_px, measured)).check()
     settings = Settings(seed=seed, poses=geometry)
+    if density is not None:
+        settings = replace(settings, fit=with_rule(settings.fit, density))
+    settings = ablation.without(settings, without)
     if iterations is not None:
         settings = replace(settings, fit=replace(settings.fit, iterations=iterations))
     with open_display() as display:

@@ -25,8 +25,8 @@ from gs2ci.reconstruct.doubts import doubts_about
 from gs2ci.reconstruct.fit.coarse import CoarseFit, CoarseSettings, fit_coarse
 from gs2ci.reconstruct.fit.start import first_gaussians
 from gs2ci.reconstruct.fit.stopping import Jury, choose_heldout
+from gs2ci.reconstruct.fit.withheld import Withheld, first_points, first_poses
 from gs2ci.reconstruct.geometry.initialise import Geometry, GeometrySettings, initialise
-from gs2ci.reconstruct.geometry.points import seed_points
 from gs2ci.reconstruct.geometry.telemetry import Movement, movement, poses_of_stage
 from gs2ci.render.backend import Backend, load_backend
 from gs2ci.render.gaussians import Gaussians
@@ -49,6 +49,7 @@ class Settings:
         fit: Of the coarse stage.
         residual: Of the last step, which decodes what the scene leaves unexplained.
         stride_px: One first Gaussian for every so many pixels along rows and columns.
+        withheld: What of the geometry the fit does not get; for ablations.
         backend: The renderer.
         seed: Of every random draw.
     """
@@ -59,6 +60,7 @@ class Settings:
     fit: CoarseSettings = field(default_factory=CoarseSettings)
     residual: ResidualSettings = field(default_factory=ResidualSettings)
     stride_px: int = 3
+    withheld: Withheld = field(default_factory=Withheld)
     backend: str = "cpu"
     seed: int = 42
 
@@ -142,7 +144,8 @@ def reconstruct(
 
     poses = None if settings.poses == "tracks" else poses_of_stage(shot)
     geometry = initialise(decoded, shot.intrinsics, settings.geometry, progress, poses)
-    start = first_gaussians(seed_points(geometry, decoded, settings.stride_px))
+    geometry = first_poses(geometry, settings.withheld)
+    start = first_gaussians(first_points(geometry, decoded, settings.stride_px, settings.withheld, settings.seed))
     clock.lap("geometry")
 
     fit = fit_coarse(
