@@ -24,8 +24,9 @@ from gs2ci.evaluate.run_folder import check_destination, write_run
 from gs2ci.reconstruct import ablation
 from gs2ci.reconstruct.budget import Adapt, Plan, plan_within
 from gs2ci.reconstruct.costs import probe
+from gs2ci.reconstruct.fit.fine import FineSettings
 from gs2ci.reconstruct.fit.rules import RuleName, with_rule
-from gs2ci.reconstruct.pipeline import PoseSource, Score, Settings, reconstruct
+from gs2ci.reconstruct.pipeline import PoseSource, ProxyName, Score, Settings, reconstruct
 from gs2ci.reconstruct.presets import PRESETS, PresetName
 
 
@@ -36,11 +37,15 @@ def run(
     *,
     index: int = 0,
     geometry: PoseSource = "tracks",
+    proxy: ProxyName = "gap-tv",
     preset: PresetName = "standard",
     budget: str | None = None,
     density: RuleName | None = None,
     without: tuple[str, ...] = (),
     iterations: int | None = None,
+    fine: bool = False,
+    prior: str | None = None,
+    distance: str | None = None,
     focal_px: float | None = None,
     seed: int = 42,
     overwrite: bool = False,
@@ -52,9 +57,13 @@ def run(
         output: The run folder to write.
         index: Which shot of the file.
         geometry: Where the first poses come from: "tracks" finds them in the decoded views, "stage" takes those that
-            the stage reported. The fit refines them either way.
-        preset: How far to go: "draft" is a first look, "standard" the default, "fine" takes several times as long,
-            "paper" is the schedule of the GS2CI paper, 20,000 iterations without held-out pixels.
+            the stage reported, "file:PATH" those of a COLMAP model's folder or a transforms.json, "vggt" (or
+            "vggt:FILE") those that a model of yours predicts; "auto" asks all there are and lets the measurement
+            choose. The fit refines them in any case.
+        proxy: The views that the geometry is found in: decoded by "gap-tv", or "eni" or "amdi", the paper's proxies.
+        preset: How far to go: "draft" is a first look, "standard" the default, "fine" takes several times as long and
+            ends with the fine stage, "paper" is the schedule of the GS2CI paper, 20,000 iterations without held-out
+            pixels.
         budget: Instead of a preset, the time that everything together may take, as in 60s or 5min: the best that
             this machine can do by then.
         density: The rule by which Gaussians are added and removed, with the terms of the objective that belong to it;
@@ -62,6 +71,12 @@ def run(
         without: Components of the method to do without, for comparisons: points, poses, opacity-split,
             opacity-regulation, count-cap, pose-refinement.
         iterations: At most so many iterations of the fit; it ends earlier when held-out pixels stop improving.
+        fine: Go on with the fine stage: views from beside the cameras are held to what a prior on images says of them.
+            Kept only where held-out pixels agree.
+        prior: For the fine stage, which it switches on: "consistent" (detail that several cameras agree on; what
+            --fine takes), "nlm" (non-local means), "none", "difix" (added by `gs2ci models add`), or "onnx:FILE".
+        distance: For the fine stage, which it switches on: "structure" (1 − SSIM over three scales), "lpips" (added
+            by `gs2ci models add`), or "lpips:FILE".
         focal_px: Focal length along the rows to use instead of the file's, in pixels.
         seed: Of every random draw; the same seed gives the same result.
         overwrite: Replace an earlier run at the same place.
@@ -75,9 +90,10 @@ def run(
     """
     began_s = time.monotonic() - command_age_s()
     budget_s = None if budget is None else parse_duration_s(budget)
-    if budget_s is not None and (preset != "standard" or iterations is not None):
+    if budget_s is not None and (preset != "standard" or iterations is not None or fine or prior or distance):
         raise InputError(
-            "a budget decides preset and iterations itself", remedy="give either --budget, or --preset and --iterations"
+            "a budget decides preset, iterations and stages itself",
+            remedy="give either --budget, or --preset, --iterations and --fine",
         )
     check_destination(output, overwrite=overwrite)
     measured = read_shot(shot, index)
@@ -85,11 +101,15 @@ def run(
         measured = replace(measured, intrinsics=_with_focal(focal_px, measured)).check()
 
     def adapted(settings: Settings) -> Settings:
-        settings = replace(settings, seed=seed, poses=geometry)
+        settings = replace(settings, seed=seed, poses=geometry, proxy=proxy)
         if density is not None:
             settings = replace(settings, fit=with_rule(settings.fit, density))
         settings = ablation.without(settings, without)
-        return settings if iterations is None else replace(settings, fit=replace(settings.fit, iterations=iterations))
+        if iterations is not None:
+            settings = replace(settings, fit=replace(settings.fit, iterations=iterations))
+        if fine or prior is not None or distance is not None:
+            settings = replace(settings, fine=_fine(prior, distance))
+        return settings
 
     settings, pace = adapted(PRESETS[preset]), None
     with open_display() as display:
@@ -111,6 +131,12 @@ def _plan(budget_s: float, began_s: float, shot: Shot, adapt: Adapt, display: Di
     plan = plan_within(budget_s, model, report_s=report_s, spent_s=time.monotonic() - began_s, adapt=adapt)
     display.say(plan.sentence)
     return plan
+
+
+def _fine(prior: str | None, distance: str | None) -> FineSettings:
+    """Return the fine stage's settings with what was named."""
+    default = FineSettings()
+    return replace(default, prior=prior or default.prior, distance=distance or default.distance)
 
 
 def _with_focal(focal_px: float, shot: Shot) -> F64:

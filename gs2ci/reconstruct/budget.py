@@ -83,7 +83,8 @@ def plan_within(
     now_s = clock()
     left_s = budget_s * (1 - KEPT_BACK) - _ENDING_S - report_s - spent_s
     for rung in LADDER:
-        settings = adapt(PRESETS[rung.preset])
+        # The fine stage keeps to no deadline, and its gain is small: the coarse stage gets its time.
+        settings = replace(adapt(PRESETS[rung.preset]), fine=None)
         iterations = affordable_iterations(model, settings, left_s, rung.most)
         if iterations >= rung.least:
             break

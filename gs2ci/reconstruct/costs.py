@@ -48,6 +48,8 @@ _ITERATIONS: Final = 4
 # A plane at rest, as the probe fits it, renders faster than a scene that has been fitted: per iteration by 1.35 to
 # 1.8 in processor time, on a scene of 18,000 to 37,000 Gaussians.
 _THAN_A_PLANE: Final = 1.5
+# An iteration of the fine stage, in iterations of the coarse stage with as many Gaussians.
+_FINE_ITERATION: Final = 2.0
 # A population grows by about a fifth at each turn of the density rule, until it reaches its cap.
 _GROWTH_PER_TURN: Final = 1.18
 # First Gaussians for each pixel of the stride's grid: the grid, and the rims that only other views see.
@@ -61,7 +63,7 @@ class Seconds:
     Args:
         decode: The decode.
         geometry: Tracks, motion and depth.
-        fit: The iterations and the looks at held-out pixels, if the fit runs to its end.
+        fit: The iterations and the looks at held-out pixels, if the fit runs to its end, and the fine stage.
         finish: What follows the last look, without the report.
     """
 
@@ -109,9 +111,16 @@ class CostModel:
         return Seconds(
             decode=settings.decode.iterations * self.decode_step,
             geometry=self.geometry + settings.geometry.sweep.planes * self.plane,
-            fit=fit.iterations * each + looks * self.look,
+            fit=fit.iterations * each + looks * self.look + self._fine_s(settings),
             finish=LOOKS_AFTERWARDS * self.look,
         )
+
+    def _fine_s(self, settings: Settings) -> float:
+        """Predict what the fine stage takes: beside the measurement, each iteration renders one whole view."""
+        if settings.fine is None:
+            return 0.0
+        looks = math.ceil(settings.fine.iterations / settings.fine.hold_out.look_every)
+        return settings.fine.iterations * _FINE_ITERATION * self.iteration_s(settings, 1.0) + looks * self.look
 
     def iteration_s(self, settings: Settings, share: float) -> float:
         """Predict what one iteration takes when a share of the schedule is done, without looks."""

@@ -10,6 +10,7 @@ from typing import Final, Literal, get_args
 
 from gs2ci.core.errors import InputError
 from gs2ci.reconstruct.fit.coarse import CoarseSettings
+from gs2ci.reconstruct.fit.fine import FineSettings
 from gs2ci.reconstruct.fit.optimiser import StepSizes
 from gs2ci.reconstruct.fit.paper import paper_settings
 from gs2ci.reconstruct.pipeline import Settings
@@ -55,11 +56,11 @@ def _draft() -> Settings:
 
 
 def _fine() -> Settings:
-    """The best known: more Gaussians from the first iteration on, a longer schedule, more patience."""
+    """The best known: more Gaussians from the first iteration on, a longer schedule, more patience; the fine stage."""
     base = Settings()
     patient = replace(base.fit.hold_out, patience=400, growth_patience=100)
     fit = replace(base.fit, iterations=3000, gaussians_per_pixel=0.8, hold_out=patient)
-    return replace(base, stride_px=2, fit=fit)
+    return replace(base, stride_px=2, fit=fit, fine=FineSettings())
 
 
 # The one place that says what a name means.

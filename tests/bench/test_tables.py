@@ -7,7 +7,7 @@ import pytest
 
 from gs2ci.bench.cases import Case
 from gs2ci.bench.tables import RATIOS, TABLES, VIEWS, Options, file_cases, simulated_cases
-from gs2ci.bench.variants import VARIANTS, settings_of
+from gs2ci.bench.variants import GEOMETRY, VARIANTS, settings_of
 from gs2ci.core.errors import InputError
 from gs2ci.reconstruct.ablation import COMPONENTS
 from gs2ci.reconstruct.fit.paper import paper_settings
@@ -65,6 +65,12 @@ def test_a_folder_without_measurements_is_refused(tmp_path):
 
 def test_simulated_cases_name_scenes_of_the_library():
     assert all(case.scene and not case.file for case in simulated_cases())
+
+
+def test_the_table_of_first_geometries_fits_nothing():
+    entries = TABLES["init"].entries(Options(CASES[:1], seeds=1))
+    assert [entry.line for entry in entries] == ["default", *GEOMETRY]
+    assert {entry.cell.work for entry in entries} == {"gs2ci.bench.works:initialise_case"}
 
 
 @pytest.mark.parametrize("variant", VARIANTS)

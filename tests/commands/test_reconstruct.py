@@ -126,6 +126,19 @@ def test_a_budget_that_is_too_small_is_refused_and_leaves_nothing(measured, tmp_
     assert not (tmp_path / "run").exists()
 
 
+def test_the_fine_stage_is_switched_on_by_its_name_or_that_of_a_prior(measured, tmp_path):
+    def settings(**options):
+        return read_report(reconstruct.run(measured, tmp_path / "run", iterations=2, overwrite=True, **options))[
+            "settings"
+        ]
+
+    assert settings(fine=True)["fine"]["prior"] == "consistent"
+    named = settings(prior="nlm")["fine"]
+    assert (named["prior"], named["distance"]) == ("nlm", "structure")
+    with pytest.raises(InputError, match="prior 'dream'"):
+        settings(prior="dream")
+
+
 @pytest.mark.parametrize("rule", ["adc", "mcmc", "revised", "osgr"])
 def test_the_density_rule_is_the_one_asked_for_and_is_in_the_report(measured, tmp_path, rule):
     report = read_report(reconstruct.run(measured, tmp_path / "run", iterations=2, density=rule))

@@ -23,7 +23,7 @@ from gs2ci.reconstruct.fit.evidence import Gathering
 from gs2ci.reconstruct.fit.losses import DataTerm, LossWeights, opacity_term, size_term
 from gs2ci.reconstruct.fit.optimiser import GaussianOptimiser, StepSizes
 from gs2ci.reconstruct.fit.pace import Fixed, Pace
-from gs2ci.reconstruct.fit.poses import PoseCorrections, PoseSettings
+from gs2ci.reconstruct.fit.poses import PoseCorrections, PoseSettings, path_extent
 from gs2ci.reconstruct.fit.stopping import HoldOut, Jury, Watch
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.render.backend import Backend
@@ -125,7 +125,7 @@ class _Fit:
         masks = torch.from_numpy(shot.masks * shot.weights[:, None, None])
         self._coding = backend.code(masks)
         self._gathering = Gathering(backend, masks, self._intrinsics, len(start))
-        self.extent = _extent(geometry.world_to_camera)
+        self.extent = path_extent(geometry.world_to_camera)
         self.cap = max(len(start), int(settings.gaussians_per_pixel * shot.size[0] * shot.size[1]))
         self._bounded = False
         self.optimiser = GaussianOptimiser(start, settings.steps, self.extent)
@@ -203,16 +203,6 @@ class _Fit:
         self.optimiser.restore(state.scene)
         self.poses.restore(state.twists)
         self._gathering.start_again(len(state.scene))
-
-
-def _extent(world_to_camera: F64) -> float:
-    """Return the diameter of the camera path, with a floor for a camera that hardly moves.
-
-    Depths are about one (`geometry` normalises them), so the floor is 2 % of the depth: without it nothing could
-    move along a ray when the path is short.
-    """
-    centres = np.linalg.inv(world_to_camera)[:, :3, 3]
-    return max(float(np.linalg.norm(centres.max(axis=0) - centres.min(axis=0))), 0.02)
 
 
 MAX_ROLLBACKS = 3

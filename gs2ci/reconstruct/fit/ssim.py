@@ -3,7 +3,7 @@
 Here: the Numba kernels, several times faster than the same convolutions in torch. They compute in float64: over a
 bright, flat part of a measurement the variances are differences of nearly equal squares, of which float32 would leave
 no digit above C2. The readable definition they are held to is in `tests/reconstruct/fit/conftest.py`. Not here: the
-loss around it (`losses.py`, which is the only importer).
+losses around it (`losses`, `perceptual`, which are the only importers).
 """
 
 import math
