@@ -18,6 +18,7 @@ from gs2ci.core.storage import read_shot
 from gs2ci.evaluate.evaluation import Evidence, evaluate, read_run, write_evaluation
 from gs2ci.evaluate.noise import NoiseModel
 from gs2ci.evaluate.novel_views import read_novel_views
+from gs2ci.reconstruct.fit.perceptual import load_distance
 
 
 def run(
@@ -31,6 +32,7 @@ def run(
     novel: Path | None = None,
     read_noise: float | None = None,
     electrons: float = float("inf"),
+    lpips: str | None = None,
 ) -> Path:
     """Judge a finished run by what is known of its shot.
 
@@ -43,6 +45,7 @@ def run(
         novel: True views from other places, an .npz file of `views` and `world_to_camera` in the true path's world.
         read_noise: Standard deviation of the sensor in the dark, in full scales of one view, for chi-squared.
         electrons: Electrons of a pixel at the full scale of one view, for the shot noise in chi-squared.
+        lpips: "lpips" for the model added by `gs2ci models add lpips`, or an ONNX file of your own.
 
     Returns:
         The JSON file.
@@ -56,6 +59,7 @@ def run(
         None if depth is None else _read_depth(depth),
         None if novel is None else read_novel_views(novel),
         noise,
+        None if lpips is None else load_distance(lpips if lpips == "lpips" else f"lpips:{lpips}"),
     )
     found = evaluate(read_run(folder), evidence)
     written = write_evaluation(output or folder / "evaluation.json", found)
@@ -75,6 +79,8 @@ def rows(found: dict[str, Any]) -> list[tuple[str, str]]:
         if scores.get("psnr_db"):
             said += [(f"{title}PSNR", f"{scores['psnr_db']['mean']:.2f} dB")]
             said += [(f"{title}SSIM", f"{scores['ssim']['mean']:.4f}")]
+    if found["lpips"]:
+        said.append(("LPIPS", f"{found['lpips']['mean']:.4f}"))
     path = found["trajectory"] or {}
     for key, name, unit in (
         ("ate", "ATE", ""), ("nate", "nATE", ""), ("translation_mean", "translation, mean", ""),

@@ -22,6 +22,7 @@ from gs2ci.evaluate.novel_views import NovelViews, score_novel_views
 from gs2ci.evaluate.report import plain_json, read_report
 from gs2ci.evaluate.trajectory import align, trajectory_errors
 from gs2ci.reconstruct.coding import Coding
+from gs2ci.reconstruct.fit.perceptual import PerceptualDistance
 from gs2ci.render.ply import read_ply
 
 SCHEMA: Final = "gs2ci.evaluation/1"
@@ -57,12 +58,14 @@ class Evidence:
         depth: True depth, [N, H, W].
         novel: True views from elsewhere.
         noise: Of the sensor.
+        lpips: A learned perceptual distance of the user's (`gs2ci.reconstruct.fit.perceptual`).
     """
 
     shot: Shot
     depth: F32 | None = None
     novel: NovelViews | None = None
     noise: NoiseModel | None = None
+    lpips: PerceptualDistance | None = None
 
 
 def read_run(folder: Path) -> FinishedRun:
@@ -108,6 +111,7 @@ def evaluate(run: FinishedRun, evidence: Evidence) -> dict[str, Any]:
         "schema": SCHEMA,
         "name": shot.name,
         **_images(views, shot.truth.views),
+        "lpips": _perceptual(views, shot.truth.views, evidence.lpips),
         "trajectory": None if true_path is None else asdict(trajectory_errors(run.world_to_camera, true_path)),
         "depth": None if evidence.depth is None or run.depth is None else _depth(run.depth, evidence.depth),
         "residual": {
@@ -145,6 +149,19 @@ def _images(views: F32, truth: F32 | None) -> dict[str, Any]:
         return {"psnr_db": None, "ssim": None}
     scores = {"psnr_db": psnr_per_view(views, truth), "ssim": ssim_per_view(views, truth)}
     return {key: {"mean": float(np.mean(each)), "per_view": each} for key, each in scores.items()}
+
+
+def _perceptual(views: F32, truth: F32 | None, distance: PerceptualDistance | None) -> dict[str, Any] | None:
+    """Compare in three channels, both clamped to [0, 1]: a grey view is repeated."""
+    if truth is None or distance is None:
+        return None
+    pairs = [
+        [torch.from_numpy(np.clip(np.broadcast_to(one, (*one.shape[:2], 3)), 0, 1).astype(np.float32)) for one in pair]
+        for pair in zip(views, truth, strict=True)
+    ]
+    with torch.no_grad():
+        each = [float(distance(*pair)) for pair in pairs]
+    return {"mean": float(np.mean(each)), "per_view": each}
 
 
 def _depth(estimate: F32, truth: F32) -> dict[str, Any] | None:

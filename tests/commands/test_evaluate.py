@@ -66,3 +66,24 @@ def test_depth_that_cannot_be_read_is_refused(finished, tmp_path, content):
         path.write_bytes(content)
     with pytest.raises(InputError, match="depth"):
         evaluate.run(folder, shot, depth=path)
+
+
+def test_a_perceptual_model_that_is_not_there_is_refused(finished, tmp_path):
+    shot, folder = finished
+    with pytest.raises(InputError, match=r"absent\.onnx"):
+        evaluate.run(folder, shot, lpips=str(tmp_path / "absent.onnx"))
+
+
+def test_a_perceptual_distance_is_printed_beside_the_others(finished, monkeypatch, capsys):
+    shot, folder = finished
+    asked = []
+
+    def load(name):
+        asked.append(name)
+        return lambda image, target: (image - target).abs().mean()
+
+    monkeypatch.setattr(evaluate, "load_distance", load)
+    evaluate.run(folder, shot, lpips="lpips")
+    evaluate.run(folder, shot, lpips="mine.onnx")
+    assert asked == ["lpips", "lpips:mine.onnx"]
+    assert "LPIPS" in capsys.readouterr().out

@@ -60,6 +60,26 @@ def test_depth_noise_and_novel_views_are_judged_where_given(finished):
     assert 0 < found["novel_views"]["psnr_db"]["mean"] < 100
 
 
+@pytest.mark.parametrize("channels", [1, 3])
+def test_a_perceptual_distance_sees_clamped_images_of_three_channels(make_run, tmp_path, channels):
+    shot, result = make_run(count=3, size=(16, 20), channels=channels)
+    bright = replace(result, views=result.views + np.float32(2))
+    folder = write_run(tmp_path / "run", shot, bright, one_gaussian())
+    seen = []
+
+    class Distance:
+        name = "LPIPS"
+
+        def __call__(self, image, target):
+            seen.append((tuple(image.shape), float(image.max()), tuple(target.shape)))
+            return (image - target).abs().mean()
+
+    found = evaluate(read_run(folder), Evidence(shot, lpips=Distance()))
+    assert seen == [((16, 20, 3), 1.0, (16, 20, 3))] * 3
+    assert found["lpips"]["per_view"] == pytest.approx([float(1 - view.mean()) for view in shot.truth.views], abs=1e-5)
+    assert evaluate(read_run(folder), Evidence(shot))["lpips"] is None
+
+
 def test_a_mono_run_is_judged_in_one_channel(make_run, tmp_path):
     shot, result = make_run(count=3, size=(16, 20), channels=1)
     folder = write_run(tmp_path / "run", shot, result, one_gaussian())
