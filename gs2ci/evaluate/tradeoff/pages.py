@@ -11,12 +11,13 @@ from pathlib import Path
 from typing import Final
 
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
 from gs2ci.core.durations import spoken_duration
 from gs2ci.core.errors import StorageError
 from gs2ci.evaluate.environment import machine, versions
 from gs2ci.evaluate.tradeoff.front import Measure, measure_of, pareto, sentences
-from gs2ci.evaluate.tradeoff.trials import BASELINE, KNOBS, Row
+from gs2ci.evaluate.tradeoff.trials import KNOBS, Row
 
 COLUMNS: Final = (
     "trial", "knob", "seconds", "psnr_db", "ssim", "nate", "heldout_db", "iterations", "gaussians", "verdict",
@@ -108,7 +109,7 @@ def spoken(found: Tradeoff) -> list[str]:
 
 def draw(found: Tradeoff) -> Figure:
     """Draw quality against seconds, a colour for each setting that was changed, the front as a staircase."""
-    figure = Figure(figsize=(7.6, 5.0), layout="constrained")
+    figure = Figure(figsize=(9.2, 5.0), layout="constrained")
     axes = figure.add_subplot()
     measure = measure_of(found.good)
     axes.set_xscale("log")
@@ -122,22 +123,24 @@ def draw(found: Tradeoff) -> Figure:
     known = [row for row in found.good if row.get(measure) is not None]
     front = pareto(known, measure)
     stairs = [row["seconds"] for row in front], [row[measure] for row in front]
-    axes.step(*stairs, where="post", color="#999999", linewidth=1.2, label="best so far", zorder=1)
+    axes.step(*stairs, where="post", color="#999999", linewidth=1.2, zorder=1)
     axes.scatter(*stairs, s=110, facecolors="none", edgecolors="#999999", linewidths=1.2, zorder=2)
-    for knob in dict.fromkeys(row["knob"] for row in known):
-        rows = [row for row in known if row["knob"] == knob]
-        points = [row["seconds"] for row in rows], [row[measure] for row in rows]
-        colour = _COLOURS[KNOBS.index(knob) % len(_COLOURS)]
-        axes.scatter(*points, s=34, color=colour, marker="o" if knob == KNOBS[0] else "D", label=knob, zorder=3)
-        for row in rows:
-            bold = "bold" if row["trial"] == BASELINE else "normal"
-            place = (row["seconds"], row[measure])
-            axes.annotate(
-                row["trial"], place, (6, -10), textcoords="offset points", fontsize=7, color=colour, fontweight=bold
-            )
-    axes.margins(x=0.18, y=0.08)
-    axes.legend(frameon=False, fontsize=8, loc="lower right")
+    handles = [_key(row, number) for number, row in enumerate(known, 1)]
+    for number, (row, key) in enumerate(zip(known, handles, strict=True), 1):
+        place = (row["seconds"], row[measure])
+        axes.plot(*place, marker=key.get_marker(), color=key.get_color(), markersize=6, zorder=3)
+        axes.annotate(f"{number}", place, (5, 5), textcoords="offset points", fontsize=8, color=key.get_color())
+    axes.margins(x=0.08, y=0.08)
+    # Names beside the points would cover each other where trials are alike.
+    axes.legend(handles=handles, frameon=False, fontsize=8, loc="center left", bbox_to_anchor=(1.01, 0.5))
     return figure
+
+
+def _key(row: Row, number: int) -> Line2D:
+    """Return a line of the legend: the trial's number and name, in the colour of what it changes."""
+    knob = KNOBS.index(row["knob"])
+    marker, colour = "o" if knob == 0 else "D", _COLOURS[knob % len(_COLOURS)]
+    return Line2D([], [], linestyle="", marker=marker, color=colour, label=f"{number}  {row['trial']}")
 
 
 def _cell(row: Row, key: str, digits: int) -> str:

@@ -45,7 +45,9 @@ def test_the_picture_has_seconds_on_a_log_axis_and_the_front_as_a_staircase():
     (axes,) = draw(FOUND).axes
     assert axes.get_xscale() == "log"
     assert list(axes.lines[0].get_xdata()) == [1.0, 60.0]
-    assert {text.get_text() for text in axes.texts} == {"decode", "standard", "100 iterations"}
+    assert [text.get_text() for text in axes.texts] == ["1", "2", "3"]
+    legend = [text.get_text() for text in axes.get_legend().get_texts()]
+    assert legend == ["1  decode", "2  standard", "3  100 iterations"]
 
 
 @pytest.mark.parametrize("rows", [(), FOUND.rows[3:], ({**FOUND.rows[0], "psnr_db": None, "heldout_db": None},)])
