@@ -58,6 +58,28 @@ def prepare(rig: Rig, devices: Devices) -> Prepared:
         UnsupportedError: The sensor takes another size than was asked for.
         InputError: The masks do not fit on the modulator.
     """
+    codes, settings, config = intended(rig, devices)
+    plan = plan_capture(devices, settings, config)
+    size = (config.height, config.width)
+    got = devices.sensor.settings.format
+    if (got.height, got.width) != size:
+        raise UnsupportedError(
+            devices.sensor.name,
+            f"it takes {got.height} x {got.width} instead of {size[0]} x {size[1]}",
+            asked="configure",
+            allowed="a size that the sensor offers; `gs2ci devices` lists them",
+            remedy="set height and width in [sensor]",
+        )
+    return Prepared(plan, codes)
+
+
+def intended(rig: Rig, devices: Devices) -> tuple[U16, CaptureSettings, SensorConfig]:
+    """Connect and return what a rig file wants captured: mask codes [N, H, W], the capture, the sensor's set-up.
+
+    Raises:
+        DriverError: A device does not answer.
+        InputError: The masks do not fit on the modulator.
+    """
     table = rig.table
     modulator, sensor = devices.modulator.connect(), devices.sensor.connect()
     largest = max(sensor.formats, key=lambda fmt: fmt.height * fmt.width)
@@ -73,17 +95,7 @@ def prepare(rig: Rig, devices: Devices) -> Prepared:
         warm_up_frames=table.sensor.warm_up_frames,
         controls=table.sensor.controls,
     )
-    plan = plan_capture(devices, _settings(rig, masks), config)
-    got = devices.sensor.settings.format
-    if (got.height, got.width) != size:
-        raise UnsupportedError(
-            devices.sensor.name,
-            f"it takes {got.height} x {got.width} instead of {size[0]} x {size[1]}",
-            asked="configure",
-            allowed="a size that the sensor offers; `gs2ci devices` lists them",
-            remedy="set height and width in [sensor]",
-        )
-    return Prepared(plan, codes)
+    return codes, _settings(rig, masks), config
 
 
 def record(rig: Rig, devices: Devices, prepared: Prepared, out: Path, *, replace: bool, progress: Progress) -> Path:
