@@ -189,7 +189,7 @@ def _take(bench: Bench, index: int) -> Stack:
 
 def _shift(foretold: F64, lit: Flags, rest: F64, noise: F64) -> tuple[tuple[float, float], tuple[float, float]]:
     """Return how far the mask has moved, right and down, by least squares on its slopes; errors from what is left."""
-    # Slopes of a cubic spline: differences of neighbours alone are half too flat for a mask that is random at each pixel.
+    # Slopes of a cubic spline: differences of neighbours alone are half too flat for a mask random at each pixel.
     down, right = (np.gradient(spline_filter1d(foretold, axis=axis), axis=axis) for axis in (0, 1))
     slopes = np.stack([-right[lit], -down[lit]], axis=1)
     normal = slopes.T @ slopes
