@@ -23,6 +23,7 @@ BENCHMARKS = {
     "simulation": "tests.benchmarks.simulation",
     "bundle_adjustment": "tests.benchmarks.bundle_adjustment",
     "calibration_base": "tests.benchmarks.calibration_base",
+    "long_fits": "tests.benchmarks.long_fits",
 }
 
 
