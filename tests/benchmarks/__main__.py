@@ -22,6 +22,7 @@ BENCHMARKS = {
     "decoders": "tests.benchmarks.decoders",
     "simulation": "tests.benchmarks.simulation",
     "bundle_adjustment": "tests.benchmarks.bundle_adjustment",
+    "calibration_base": "tests.benchmarks.calibration_base",
     "long_fits": "tests.benchmarks.long_fits",
 }
 
