@@ -9,8 +9,13 @@ from typing import Final
 from gs2ci_calibration.bench import Bench
 from gs2ci_calibration.bundle import Bundle
 from gs2ci_calibration.estimates import Section
+from gs2ci_calibration.masks.masks_step import measure_masks
+from gs2ci_calibration.masks.registration_step import measure_registration
 
 Procedure = Callable[[Bench, Bundle], Section]
 
-PROCEDURES: Final[dict[str, Procedure]] = {}
+PROCEDURES: Final[dict[str, Procedure]] = {
+    "registration": measure_registration,
+    "masks": measure_masks,
+}
 """Name on the command line -> the function that measures that section."""

@@ -3,8 +3,8 @@
 Stripes of a Gray code give a first map, whatever flips, turns and pixel ratios there are (`gray_code`). A textured
 pattern then gives the rest: the image predicted through the map is compared with the measured one tile by tile, and
 the map (affine, then as bent as the tiles demand) and the relay's blur are changed until nothing is left to explain.
-Here: that fit and its standard errors. Not here: taking the frames (`mask_procedures`), predicting masks
-(`fast_masks`). For this package, commands and tests.
+Here: that fit and its standard errors. Not here: taking the frames (`registration_step`), predicting masks
+(`predicted`). For this package, commands and tests.
 """
 
 from collections.abc import Sequence
@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from gs2ci_calibration.imaging import PixelMap
+from gs2ci_calibration.masks.imaging import PixelMap
+from gs2ci_calibration.masks.registration_fit import Fitted, Textures, fit
 from gs2ci_calibration.refusals import CalibrationError, Reason
-from gs2ci_calibration.registration_fit import Fitted, Textures, fit
 
 F64 = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -108,11 +108,11 @@ _ORIENTATIONS: Final = {
     ((1, 0), (0, 1)): "upright",
     ((-1, 0), (0, 1)): "mirrored left to right",
     ((1, 0), (0, -1)): "mirrored top to bottom",
-    ((-1, 0), (0, -1)): "upside down (turned by 180 degrees)",
-    ((0, 1), (1, 0)): "transposed (mirrored along its diagonal)",
+    ((-1, 0), (0, -1)): "upside down",
+    ((0, 1), (1, 0)): "mirrored along its diagonal",
     ((0, -1), (-1, 0)): "mirrored along its other diagonal",
-    ((0, 1), (-1, 0)): "turned by 90 degrees clockwise",
-    ((0, -1), (1, 0)): "turned by 90 degrees anticlockwise",
+    ((0, 1), (-1, 0)): "turned clockwise",
+    ((0, -1), (1, 0)): "turned anticlockwise",
 }
 
 
@@ -124,20 +124,32 @@ def orientation(pixels: PixelMap) -> str:
     return _ORIENTATIONS.get(key, "turned by nearly 45 degrees")
 
 
-def require_nominal(pixels: PixelMap, nominal: PixelMap, *, ratio_tolerance: float = 0.02) -> None:
+ORIENTATIONS: Final = (*_ORIENTATIONS.values(), "any")
+"""How the modulator's image may lie, in words; "any" takes it as it is found."""
+
+
+def require_nominal(
+    pixels: PixelMap, nominal: PixelMap, *, orientation_wanted: str = "upright", ratio_tolerance: float = 0.02
+) -> None:
     """Hold a map against what the rig file says.
+
+    Args:
+        pixels: The map found.
+        nominal: What the rig file promises, upright.
+        orientation_wanted: One of `ORIENTATIONS`.
+        ratio_tolerance: Of the pixel ratio, relative.
 
     Raises:
         CalibrationError: The image lies another way round, or the pixel ratio is another.
     """
-    found, said = orientation(pixels), orientation(nominal)
-    if found != said:
+    found, said = orientation(pixels), orientation_wanted
+    if said not in (found, "any"):
         raise CalibrationError(
             "registration",
             Reason.FLIPPED,
             f"the modulator's image is {found}; by the rig file it is {said}",
-            remedy="turn or flip the modulator (or the patterns), so that mask pixel (0, 0) falls on the sensor's "
-            "upper left corner",
+            remedy="turn the modulator or its image back; if this is how the bench is built, say so as orientation in "
+            "[calibration]",
         )
     for axis, ratio, wanted in zip(("columns", "rows"), pixels.ratio, nominal.ratio, strict=True):
         if abs(ratio / wanted - 1) > ratio_tolerance:
@@ -151,7 +163,12 @@ def require_nominal(pixels: PixelMap, nominal: PixelMap, *, ratio_tolerance: flo
 
 
 def register(
-    patterns: Sequence[NDArray[Any]], shares: Sequence[F64], valid: Bools, coarse: PixelMap, *, degree: int | None = None
+    patterns: Sequence[NDArray[Any]] | NDArray[Any],
+    shares: Sequence[F64],
+    valid: Bools,
+    coarse: PixelMap,
+    *,
+    degree: int | None = None,
 ) -> Registration:
     """Refine a map until predicted and measured images of textured patterns agree.
 

@@ -1,7 +1,5 @@
 """Patterns with edges everywhere, for registration: random checkers, and dots. For this package and tests."""
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 

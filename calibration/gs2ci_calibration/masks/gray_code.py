@@ -11,7 +11,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from gs2ci_calibration.imaging import PixelMap
+from gs2ci_calibration.masks.imaging import PixelMap
 from gs2ci_calibration.refusals import CalibrationError, Reason
 
 U8 = NDArray[np.uint8]
@@ -101,7 +101,8 @@ def coarse_map(code: GrayCode, shares: NDArray[np.floating], valid: Bools) -> Pi
         )
     # At random places: a regular choice would beat with the stripes.
     chosen = np.random.default_rng(0).permutation(np.flatnonzero(readable))[:PIXELS_USED]
-    y, x = (place + 0.5 for place in np.unravel_index(chosen, valid.shape))
+    rows, columns = np.unravel_index(chosen, valid.shape)
+    x, y = columns.astype(np.float64) + 0.5, rows.astype(np.float64) + 0.5
     read = np.column_stack([u.ravel()[chosen], v.ravel()[chosen]])
     _require_spread(x, y, read, code)
     fitted = _trimmed(PixelMap((height, width), np.zeros((3, 2))), x, y, read, code.finest)

@@ -3,8 +3,8 @@
 Each frame is taken above dark and divided by the lamp's level; means over frames give what is seen of each mask, of
 all mirrors on and of all off. The transmission that a solver needs is mask / on, light that closed mirrors leak
 included; (mask - off) / (on - off) = (transmission - leakage) / (1 - leakage) with leakage = off / on, the contrast
-map. Here: the order of a pass, the sums, the estimates with their errors. Not here: taking frames
-(`mask_procedures`), order and polarity (`mask_checks`), masks predicted instead of measured (`fast_masks`).
+map. Here: the order of a pass, the sums, the estimates with their errors. Not here: taking frames (`taking`), order
+and polarity (`checks`), masks predicted instead of measured (`predicted`).
 """
 
 from collections.abc import Sequence
@@ -16,9 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gs2ci.core.errors import InputError
-from gs2ci_calibration.lamp import LampRecord, burst_levels
-from gs2ci_calibration.noise_model import NoiseModel, fit_noise, own_variance
-from gs2ci_calibration.references import References
+from gs2ci_calibration.masks.lamp import LampRecord, burst_levels
+from gs2ci_calibration.masks.noise_model import NoiseModel, fit_noise, own_variance
+from gs2ci_calibration.masks.references import References
 
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
@@ -39,14 +39,19 @@ class Kind(IntEnum):
     HELD_OUT = -3
 
 
-def pass_order(masks: int) -> tuple[int, ...]:
-    """Return what one pass shows: masks in order, all mirrors on before, after and among them, one held-out mask."""
+def pass_order(masks: Sequence[int], *, held_out: bool = False) -> tuple[int, ...]:
+    """Return what one pass shows: masks in order, all mirrors on before, after and among them, and the held-out mask.
+
+    Args:
+        masks: Numbers of the masks.
+        held_out: Whether to show the held-out mask as well.
+    """
     order: list[int] = [Kind.ON, Kind.OFF]
-    for i in range(masks):
+    for i, mask in enumerate(masks):
         if i % REFERENCE_EVERY == 0 and i:
             order.append(Kind.ON)
-        order.append(i)
-    return (*order, Kind.ON, Kind.HELD_OUT, Kind.ON)
+        order.append(mask)
+    return (*order, Kind.ON, *((Kind.HELD_OUT, Kind.ON) if held_out else ()))
 
 
 class MaskSums:
@@ -82,7 +87,7 @@ class MaskSums:
         """
         if len(readings) != len(order) or time_s.shape != readings.shape[:2] or Kind.ON not in order:
             raise InputError(
-                f"frames of shape {list(readings.shape)} at times of shape {list(time_s.shape)} for {len(order)} places",
+                f"frames {list(readings.shape)} at times {list(time_s.shape)} for {len(order)} places",
                 allowed="[P, K, H, W], [P, K] and P places, with all mirrors on in one of them",
             )
         valid = self._references.valid
@@ -105,7 +110,7 @@ class MaskSums:
     @property
     def lamp(self) -> LampRecord:
         """Get the lamp's levels so far."""
-        return LampRecord(*(np.concatenate(part) for part in (self._time, self._level, self._burst)))
+        return LampRecord(np.concatenate(self._time), np.concatenate(self._level), np.concatenate(self._burst))
 
     def frames(self, kind: int) -> int:
         """Return how many frames there are of a mask or a `Kind`."""

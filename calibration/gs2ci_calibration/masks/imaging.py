@@ -1,7 +1,7 @@
 """How a modulator is imaged onto the sensor: where each pixel looks, what its box averages, what the relay blurs.
 
 Here: the map from sensor to modulator, and the prediction of what is seen of a pattern. Not here: fitting either
-(`registration`, `psf`), light, contrast. For this package.
+(`registration`, `predicted`), light, contrast. For this package.
 
 Coordinates are columns and rows in pixels with centres at +0.5, of the sensor (x, y) and of the modulator (u, v).
 """
@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ive
 
-from gs2ci_calibration.imaging_kernels import sample_boxes
+from gs2ci_calibration.masks.imaging_kernels import sample_boxes
 
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
@@ -46,7 +46,7 @@ class PixelMap:
     @property
     def degree(self) -> int:
         """Get the polynomial's degree."""
-        return int(round((np.sqrt(8 * len(self.coefficients) + 1) - 3) / 2))
+        return round((float(np.sqrt(8 * len(self.coefficients) + 1)) - 3) / 2)
 
     @property
     def unit_px(self) -> float:
@@ -99,6 +99,15 @@ class PixelMap:
         more = np.zeros(((degree + 1) * (degree + 2) // 2, 2))
         more[: len(self.coefficients)] = self.coefficients
         return PixelMap(self.size, more)
+
+    def turned(self, *, transpose: bool, flip_x: bool, flip_y: bool) -> "PixelMap":
+        """Return the map of a modulator's image that lies another way round, about the sensor's middle."""
+        turned = np.empty_like(self.coefficients)
+        terms = [(d - q, q) for d in range(self.degree + 1) for q in range(d + 1)]
+        for k, (p, q) in enumerate(terms):
+            sign = (-1.0) ** (p * flip_x + q * flip_y)
+            turned[terms.index((q, p)) if transpose else k] = sign * self.coefficients[k]
+        return PixelMap(self.size, turned)
 
 
 def nominal_map(size: tuple[int, int], superpixel: int, row: int, column: int) -> PixelMap:

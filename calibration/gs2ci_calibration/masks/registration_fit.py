@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import laplace
 
-from gs2ci_calibration.imaging import PixelMap, blurred, sharp
+from gs2ci_calibration.masks.imaging import PixelMap, blurred, sharp
 from gs2ci_calibration.refusals import CalibrationError, Reason
 
 F64 = NDArray[np.float64]
@@ -47,7 +47,7 @@ class Textures:
         valid: Pixels that can be trusted, [H, W].
     """
 
-    def __init__(self, patterns: Sequence[NDArray[Any]], shares: Sequence[F64], valid: Bools) -> None:
+    def __init__(self, patterns: Sequence[NDArray[Any]] | NDArray[Any], shares: Sequence[F64], valid: Bools) -> None:
         self.patterns = [np.ascontiguousarray(pattern, dtype=np.float32) for pattern in patterns]
         self.shares = [np.where(valid, share, 0.0) for share in shares]
         self.valid = valid.astype(np.float64)
@@ -97,17 +97,14 @@ class Fitted:
     @property
     def misfit(self) -> F64:
         """Get by how much shifting each tile on its own would lower its squared residuals, [T]."""
-        return np.einsum("ti,ti->t", self.gradient, self.shifts)
+        return np.asarray(np.einsum("ti,ti->t", self.gradient, self.shifts))
 
     @property
     def shifts(self) -> F64:
         """Get each tile's own shift from the map, [T, 2] modulator pixels; 0 for tiles without texture."""
         ready = self.kept[:, None, None]
-        return np.where(
-            self.kept[:, None],
-            np.linalg.solve(np.where(ready, self.information, np.eye(2)), self.gradient[..., None])[..., 0],
-            0.0,
-        )
+        solved = np.linalg.solve(np.where(ready, self.information, np.eye(2)), self.gradient[..., None])[..., 0]
+        return np.where(self.kept[:, None], solved, 0.0)
 
     def scatter_px(self) -> float:
         """Return the rms of the tiles' own shifts, in sensor pixels."""
@@ -126,7 +123,7 @@ class Fitted:
 
     def light_step(self) -> F64:
         """Return the step of variance, scale and offset, [3]."""
-        return np.linalg.solve(self.light_information, self.light_gradient[self.kept].sum(axis=0))
+        return np.asarray(np.linalg.solve(self.light_information, self.light_gradient[self.kept].sum(axis=0)))
 
     def covariance(self) -> F64:
         """Return the covariance of the coefficients from the scatter between tiles, [2K, 2K].
@@ -188,9 +185,7 @@ def fit(textures: Textures, start: PixelMap, variance_px2: float = VARIANCE_STAR
     )
 
 
-def _look(
-    textures: Textures, pixels: PixelMap, variance: float, scale: float, offset: float, dropped: Bools
-) -> Fitted:
+def _look(textures: Textures, pixels: PixelMap, variance: float, scale: float, offset: float, dropped: Bools) -> Fitted:
     """Predict all images and gather what the tiles say."""
     tiles = len(textures.filled)
     information, gradient = np.zeros((tiles, 2, 2)), np.zeros((tiles, 2))
