@@ -8,8 +8,10 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter
 
 from gs2ci_calibration.bench import Bench
+from gs2ci_calibration.frames import Dark
 from gs2ci_calibration.refusals import CalibrationError, Reason
 
 F64 = NDArray[np.float64]
@@ -18,10 +20,15 @@ SHORTEST_S: Final = 0.5e-3
 """Below this the jitter of a trigger, some microseconds, would change the light by more than flicker may."""
 LONGEST_S: Final = 2.0
 BRIGHT_QUANTILE: Final = 0.99
+SMOOTH_PX: Final = 5
+"""Side of the square over which a frame is averaged before its brightest part is looked for: noise is not bright."""
 NO_LIGHT_DN: Final = 3.0
 """A flat field that is brighter than the dark by less than this, at the longest exposure, is none."""
-HALF_LIMITS: Final = (0.44, 0.56)
-"""Of the signal at half the exposure over that at the whole: outside, readings do not follow the light."""
+LONGER: Final = 1.5
+HEADROOM: Final = 1.42
+"""An exposure longer by the one has to give a signal larger by the other: else readings do not follow the light."""
+CLIP_SHARE: Final = 0.05
+"""Readings below this share of the converter's range are not taken for clipped: there noise is no small part."""
 ROUNDS: Final = 12
 
 
@@ -41,34 +48,36 @@ class Level:
 def limits_s(bench: Bench) -> tuple[float, float]:
     """Return the shortest and the longest exposure that procedures use on this bench."""
     shortest, longest = bench.exposure_limits_s
-    return max(shortest, SHORTEST_S), min(longest, LONGEST_S)
+    return max(shortest, SHORTEST_S), min(longest / LONGER, LONGEST_S)
 
 
-def find_exposure(bench: Bench, step: str, dark_dn: F64, share: float) -> Level:
-    """Find the exposure at which the bright pixels of the open field reach a share of the range above black.
+def find_exposure(bench: Bench, step: str, dark: Dark, share: float) -> Level:
+    """Find the exposure at which the bright pixels of the open field reach a share of what they can hold.
 
-    The operator has set up the flat field. Clipping is found by halving the exposure, which has to halve the signal,
-    so that a full well below the converter's top is found too.
+    The operator has set up the flat field. Clipping is found by a longer exposure, which has to give more signal,
+    so that a full well below the converter's top is found too; the share is then one of that.
 
     Args:
         bench: The bench.
         step: For messages.
-        dark_dn: Reading without light, [H, W].
-        share: Of the range from black to the converter's top.
+        dark: What the sensor reads without light.
+        share: Of the range from black to the converter's top, or to where the well is full.
 
     Raises:
         CalibrationError: The field is dark, or clipped at the shortest exposure.
     """
     shortest_s, longest_s = limits_s(bench)
-    wanted_dn = share * (bench.top_dn - float(np.median(dark_dn)))
+    wanted_dn = share * (bench.top_dn - float(np.median(dark.offset_dn)))
     exposure_s = float(np.clip(bench.capture.mask_s, shortest_s, longest_s))
+    signal_dn = 0.0
     for _ in range(ROUNDS):
-        signal_dn = _signal_dn(bench, dark_dn, exposure_s)
-        half_dn = _signal_dn(bench, dark_dn, exposure_s / 2)
-        clipped = half_dn > NO_LIGHT_DN and half_dn > HALF_LIMITS[1] * signal_dn
+        signal_dn = _signal_dn(bench, dark, exposure_s)
+        more_dn = _signal_dn(bench, dark, LONGER * exposure_s)
+        clipped = signal_dn > CLIP_SHARE * bench.top_dn and more_dn < HEADROOM * signal_dn
         if clipped or signal_dn > 1.2 * wanted_dn:
             if exposure_s <= shortest_s:
                 _refuse_bright(step, signal_dn, exposure_s)
+            wanted_dn = min(wanted_dn, share * more_dn) if clipped else wanted_dn
             exposure_s = max(exposure_s / 4 if clipped else exposure_s * wanted_dn / signal_dn, shortest_s)
         elif signal_dn < 0.8 * wanted_dn and exposure_s < longest_s:
             exposure_s = min(exposure_s * min(wanted_dn / max(signal_dn, 1.0), 16.0), longest_s)
@@ -85,10 +94,11 @@ def find_exposure(bench: Bench, step: str, dark_dn: F64, share: float) -> Level:
     return Level(exposure_s, signal_dn / exposure_s)
 
 
-def _signal_dn(bench: Bench, dark_dn: F64, exposure_s: float) -> float:
+def _signal_dn(bench: Bench, dark: Dark, exposure_s: float) -> float:
     pattern = bench.flat_pattern(is_open=True)[None]
     frame = bench.grab(pattern, frames=1, exposure_s=exposure_s).readings[0, 0]
-    return float(np.quantile(frame - dark_dn, BRIGHT_QUANTILE) - np.quantile(dark_dn - np.median(dark_dn), BRIGHT_QUANTILE))
+    signal = np.where(dark.hot, 0.0, frame - dark.at(exposure_s))
+    return float(np.quantile(uniform_filter(signal, SMOOTH_PX), BRIGHT_QUANTILE))
 
 
 def _refuse_bright(step: str, signal_dn: float, exposure_s: float) -> None:

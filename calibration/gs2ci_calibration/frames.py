@@ -1,15 +1,16 @@
-"""What every procedure asks of a stack of frames before it believes it, and robust means over its pixels.
+"""What every procedure asks of a stack of frames before it believes it, and means over its pixels and frames.
 
 Pure: arrays in, numbers out, `CalibrationError` where they are no good. Not here: taking frames (`bench`), the
 procedures. For this package.
 """
 
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
+from gs2ci_calibration.estimates import Section
 from gs2ci_calibration.refusals import CalibrationError, Reason
 
 F32 = NDArray[np.float32]
@@ -23,11 +24,47 @@ DRIFT_LIMIT: Final = 0.03
 SIGNIFICANT: Final = 5.0
 """Standard errors from which on something is there: once in two million by chance."""
 DEAD_SHARE: Final = 0.01
-"""Most pixels that may be dead or hot."""
-# Freedom of the prior that steadies a pixel's own variance by that of all pixels: with 32 frames both count alike.
-PRIOR_FREEDOM: Final = 31.0
+"""Most pixels that may be dead."""
+PRIOR_FREEDOM: Final = 4.0
+"""Freedom of the prior that steadies a pixel's variance by all pixels': it matters with few frames, not with many."""
 QUANTISATION_VARIANCE: Final = 1.0 / 12.0
 """Of rounding to whole DN (EMVA 1288, Release 3.1, section 2.2)."""
+
+
+@dataclass(frozen=True)
+class Dark:
+    """What the sensor reads without light.
+
+    Args:
+        offset_dn: At no exposure, [H, W].
+        current_dn_per_s: And per second, [H, W].
+        dead: Pixels that do not answer to light, [H, W].
+        hot: Pixels with far more dark current than the others, [H, W].
+    """
+
+    offset_dn: F64
+    current_dn_per_s: F64
+    dead: Flags
+    hot: Flags
+
+    @classmethod
+    def of(cls, section: Section) -> Self:
+        """Return what the section `dark-flat` says."""
+        return cls(
+            section.array("offset_dn").astype(np.float64),
+            section.array("dark_current_dn_per_s").astype(np.float64),
+            section.array("dead") > 0,
+            section.array("hot") > 0,
+        )
+
+    @property
+    def good(self) -> Flags:
+        """Get the pixels that are neither dead nor hot, [H, W]."""
+        return ~(self.dead | self.hot)
+
+    def at(self, exposure_s: float) -> F64:
+        """Return the mean reading without light after an exposure, [H, W] DN."""
+        return np.asarray(self.offset_dn + self.current_dn_per_s * exposure_s)
 
 
 def check_stack(step: str, frames: F32, *, at_least: int = 2) -> None:
@@ -52,7 +89,8 @@ def check_stack(step: str, frames: F32, *, at_least: int = 2) -> None:
             Reason.NO_VARIANCE,
             f"all {len(frames)} frames are the same, bit for bit",
             allowed="live readings, which differ by their noise",
-            remedy="see whether the sensor repeats a frame, or clips everything at black: raise its black level",
+            remedy="see whether the sensor repeats a frame, or clips everything at black: raise its black level, or "
+            "read it with more bits",
         )
 
 
@@ -69,6 +107,15 @@ def mean_and_variance(frames: F32) -> tuple[F64, F64]:
     return stack.mean(axis=0), (freedom * own + PRIOR_FREEDOM * common) / (freedom + PRIOR_FREEDOM)
 
 
+def mean_error(variance: F64, frames: int) -> F64:
+    """Return the standard error of means over so many frames, from variances of `mean_and_variance`.
+
+    A variance that was itself estimated with f degrees of freedom gives a Student's law, of variance f / (f − 2).
+    """
+    freedom = frames - 1 + PRIOR_FREEDOM
+    return np.asarray(np.sqrt(variance / frames * freedom / (freedom - 2)))
+
+
 def trimmed_mean(values: F64, share: float = 0.01) -> float:
     """Return the mean without the highest share of the values: hot pixels do not count."""
     flat = np.sort(values, axis=None)
@@ -82,6 +129,25 @@ def rounding_bias_dn(noise_dn: float) -> float:
     (Widrow and Kollar, Quantization Noise, 2008, section 4).
     """
     return float(np.exp(-2 * np.square(np.pi * noise_dn)) / (np.pi * np.sqrt(2)))
+
+
+def rounding_variance_bias(noise_dn: float, levels_dn: F64) -> float:
+    """Return how far the variance of rounded readings may be from that of the noise plus 1/12 DN², at most.
+
+    One pixel's is off by (4 σ² + 1/π²) exp(−2 π² σ²) cos(2 π level); levels that differ from pixel to pixel let the
+    mean over pixels lose most of it (Widrow and Kollar, as above).
+    """
+    largest = (4 * noise_dn**2 + 1 / np.pi**2) * float(np.exp(-2 * np.square(np.pi * noise_dn)))
+    return largest * float(np.abs(np.exp(2j * np.pi * levels_dn).mean()))
+
+
+def root(variance: float, error: float) -> tuple[float, float]:
+    """Return a standard deviation and its standard error from a variance, which by chance may be below 0.
+
+    Near 0 the error of the root is that of the variance's own scale: σ² = 0 ± e says σ < √e.
+    """
+    sigma = float(np.sqrt(max(variance, 0.0)))
+    return sigma, float(min(error / (2 * sigma) if sigma > 0 else np.inf, np.sqrt(error)))
 
 
 @dataclass(frozen=True)
@@ -100,14 +166,16 @@ class Lamp:
 
 
 def judge_lamp(step: str, frames: F32, dark: F64) -> Lamp:
-    """Return how steady the light was over frames [K, H, W] with the given dark level [H, W].
+    """Return how steady the light was over frames [K, H, W], K of 3 or more, with the given dark level [H, W].
 
     Raises:
-        CalibrationError: It flickers or drifts by more than the limits.
+        CalibrationError: No light, or it flickers or drifts by more than the limits.
     """
     signal = frames.astype(np.float64) - dark
     levels = signal.mean(axis=(1, 2))
     mean = float(levels.mean())
+    if mean <= 0:
+        refuse_dark(step, mean)
     time = np.linspace(-0.5, 0.5, len(levels))
     slope = float(time @ levels / (time @ time))
     rest = levels - mean - slope * time
@@ -115,10 +183,33 @@ def judge_lamp(step: str, frames: F32, dark: F64) -> Lamp:
     noise = float(signal.var(axis=0, ddof=1).mean()) / signal[0].size
     excess = max(float(rest @ rest) / freedom - noise, 0.0)
     flicker = float(np.sqrt(excess)) / mean
-    error = float(np.sqrt((noise + excess) / freedom)) / mean
-    lamp = Lamp(flicker, slope / mean, error)
-    # A pair of frames cannot tell drift from flicker.
-    if flicker - 2 * error / np.sqrt(2) > FLICKER_LIMIT or (len(levels) > 2 and flicker > 3 * FLICKER_LIMIT):
+    error = float(np.sqrt((noise + excess) / (2 * freedom))) / mean
+    check_flicker(step, flicker, error)
+    check_drift(step, slope / mean, len(levels))
+    return Lamp(flicker, slope / mean, error)
+
+
+def refuse_dark(step: str, signal_dn: float) -> None:
+    """Refuse a field that is no brighter than the dark frames.
+
+    Raises:
+        CalibrationError: Always.
+    """
+    raise CalibrationError(
+        step,
+        Reason.NO_LIGHT,
+        f"the field is {signal_dn:.2f} DN above the dark frames",
+        remedy="take the lens cap off, switch the lamp on, check that the modulator lets light through",
+    )
+
+
+def check_flicker(step: str, flicker: float, error: float) -> None:
+    """Accept a relative rms change of the light from frame to frame, given with its standard error.
+
+    Raises:
+        CalibrationError: It is surely above the limit.
+    """
+    if flicker - 2 * error > FLICKER_LIMIT:
         raise CalibrationError(
             step,
             Reason.LAMP_FLICKERS,
@@ -126,15 +217,22 @@ def judge_lamp(step: str, frames: F32, dark: F64) -> Lamp:
             allowed=f"at most {100 * FLICKER_LIMIT:.1f} %",
             remedy="use a lamp on direct current, or exposures of whole periods of the mains",
         )
-    if abs(lamp.drift) > DRIFT_LIMIT:
+
+
+def check_drift(step: str, drift: float, frames: int) -> None:
+    """Accept a relative steady change of the light over some frames.
+
+    Raises:
+        CalibrationError: It is above the limit.
+    """
+    if abs(drift) > DRIFT_LIMIT:
         raise CalibrationError(
             step,
             Reason.LAMP_DRIFTS,
-            f"the light changed by {100 * lamp.drift:.1f} % over {len(levels)} frames",
+            f"the light changed by {100 * drift:.1f} % over {frames} frames",
             allowed=f"at most {100 * DRIFT_LIMIT:.0f} %",
             remedy="let the lamp warm up",
         )
-    return lamp
 
 
 def check_dead(step: str, dead: Flags) -> None:

@@ -110,20 +110,6 @@ class PixelMap:
         return PixelMap(self.size, turned)
 
 
-def nominal_map(size: tuple[int, int], superpixel: int, row: int, column: int) -> PixelMap:
-    """Return the map that a rig file promises: blocks of `superpixel` modulator pixels from (row, column) on."""
-    height, width = size
-    half = 0.5 * max(size) * superpixel
-    middle = (column + 0.5 * width * superpixel, row + 0.5 * height * superpixel)
-    return PixelMap(size, np.array([middle, (half, 0.0), (0.0, half)]))
-
-
-def distance_px(one: PixelMap, other: PixelMap) -> F64:
-    """Return how far apart two maps look, at each pixel, in sensor pixels, [H, W]."""
-    (u, v), (a, b) = one.everywhere(), other.everywhere()
-    return np.asarray(np.hypot(u - a, v - b) / np.mean(one.ratio))
-
-
 @lru_cache(maxsize=64)
 def _gaussian(variance: float) -> F64:
     radius = int(np.ceil(REACH * np.sqrt(variance))) + 1

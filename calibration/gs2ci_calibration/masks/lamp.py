@@ -67,14 +67,6 @@ class LampRecord:
         Raises:
             CalibrationError: It drifts or flickers too much.
         """
-        if self.drift > DRIFT_MAX:
-            raise CalibrationError(
-                "masks",
-                Reason.LAMP_DRIFTS,
-                f"the lamp's level changed by {self.drift:.1%} from reference to reference",
-                allowed=f"up to {DRIFT_MAX:.0%}",
-                remedy="let the lamp warm up, keep daylight out, touch nothing meanwhile",
-            )
         left = self.flicker / np.sqrt(frames)
         if left > LAMP_SHARE_MAX * accuracy:
             raise CalibrationError(
@@ -85,6 +77,14 @@ class LampRecord:
                 allowed=f"{LAMP_SHARE_MAX * accuracy:.2%}",
                 remedy="feed the lamp with direct current, expose for whole periods of the mains (10 or 8.33 ms each), "
                 "or take more frames of each mask",
+            )
+        if self.drift > DRIFT_MAX:
+            raise CalibrationError(
+                "masks",
+                Reason.LAMP_DRIFTS,
+                f"the lamp's level changed by {self.drift:.1%} from reference to reference",
+                allowed=f"up to {DRIFT_MAX:.0%}",
+                remedy="let the lamp warm up, keep daylight out, touch nothing meanwhile",
             )
 
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from gs2ci.core.errors import InputError
 from gs2ci_calibration.masks.lamp import LampRecord, burst_levels
-from gs2ci_calibration.masks.noise_model import NoiseModel, fit_noise, own_variance
+from gs2ci_calibration.masks.noise_model import NoiseModel, fit_noise, own_variance, rounding_variance_dn2
 from gs2ci_calibration.masks.references import References
 
 F32 = NDArray[np.float32]
@@ -190,7 +190,8 @@ def estimate_masks(sums: MaskSums, references: References, masks: int, dark_se_d
 
     def share(kind: int) -> tuple[F64, F64]:
         value = sums.mean(kind) / on
-        spread = _variance(sums, kind, noise) / sums.frames(kind)
+        each = _variance(sums, kind, noise)
+        spread = each / sums.frames(kind) + rounding_variance_dn2(each)
         flicker = np.square(lamp.flicker) * (1 / sums.frames(kind) + 1 / sums.frames(Kind.ON))
         square = (spread + np.square(value) * on_variance + np.square((1 - value) * dark_se_dn)) / np.square(on)
         error = np.sqrt(square + np.square(value) * flicker)

@@ -22,6 +22,8 @@ BINS: Final = 24
 NOISY: Final = 6.0
 # Quantisation alone makes a reading vary by a twelfth; a sensor whose frames are all alike is no sensor.
 VARIANCE_MIN_DN2: Final = 1e-6
+# In the dark, noise far below a DN does not show at all; such bins must not outweigh all others.
+LEAST_OF_MEAN: Final = 0.1
 
 
 @dataclass(frozen=True)
@@ -71,10 +73,20 @@ def _line(signal_dn: F64, variance_dn2: F64) -> NoiseModel:
     signal = np.bincount(place, signal_dn, BINS)[filled] / count[filled]
     variance = np.bincount(place, variance_dn2, BINS)[filled] / count[filled]
     # The error of a mean variance is proportional to it.
-    weight = np.sqrt(count[filled]) / np.maximum(variance, VARIANCE_MIN_DN2)
+    least = max(LEAST_OF_MEAN * float(variance_dn2.mean()), VARIANCE_MIN_DN2)
+    weight = np.sqrt(count[filled]) / np.maximum(variance, least)
     columns = np.column_stack([np.ones(len(signal)), np.maximum(signal, 0.0)]) * weight[:, None]
     (floor, slope), _ = nnls(columns, variance * weight)
     return NoiseModel(float(floor), float(slope))
+
+
+def rounding_variance_dn2(variance_dn2: F64) -> F64:
+    """Return the mean square by which rounding to whole DN biases readings of a variance, [...].
+
+    The characteristic function of Gaussian noise at one cycle per DN, over pi: no number of frames averages it away,
+    and noise of half a DN makes it vanish (Widrow and Kollar, Quantization Noise, 2008, section 4).
+    """
+    return np.asarray(np.exp(-4 * np.square(np.pi) * variance_dn2) / (2 * np.square(np.pi)))
 
 
 def own_variance(sample_dn2: F64, expected_dn2: F64, frames: int) -> F64:

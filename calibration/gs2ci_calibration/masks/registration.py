@@ -24,6 +24,10 @@ Bools = NDArray[np.bool_]
 
 DEGREES: Final = (1, 3, 5)
 """Of the map: affine first; a cubic and a quintic only where tiles leave no doubt that they are needed."""
+RATIO_TOLERANCE: Final = 0.03
+"""By how much the pixel ratio may differ from the rig file's: masks are then off by two pixels at a rim of 64."""
+SHIFTS_PER_COEFFICIENT: Final = 1.5
+"""Fewer shifts of tiles for each coefficient than this cannot hold a bent map at the rim."""
 BEND_PROBABILITY: Final = 1e-3
 """Chance at which an affine bench is taken for a bent one."""
 
@@ -128,36 +132,36 @@ ORIENTATIONS: Final = (*_ORIENTATIONS.values(), "any")
 """How the modulator's image may lie, in words; "any" takes it as it is found."""
 
 
-def require_nominal(
-    pixels: PixelMap, nominal: PixelMap, *, orientation_wanted: str = "upright", ratio_tolerance: float = 0.02
-) -> None:
-    """Hold a map against what the rig file says.
-
-    Args:
-        pixels: The map found.
-        nominal: What the rig file promises, upright.
-        orientation_wanted: One of `ORIENTATIONS`.
-        ratio_tolerance: Of the pixel ratio, relative.
+def require_orientation(pixels: PixelMap, wanted: str) -> None:
+    """Hold the way round in which the modulator's image lies against one of `ORIENTATIONS`.
 
     Raises:
-        CalibrationError: The image lies another way round, or the pixel ratio is another.
+        CalibrationError: It lies another way round.
     """
-    found, said = orientation(pixels), orientation_wanted
-    if said not in (found, "any"):
+    found = orientation(pixels)
+    if wanted not in (found, "any"):
         raise CalibrationError(
             "registration",
             Reason.FLIPPED,
-            f"the modulator's image is {found}; by the rig file it is {said}",
+            f"the modulator's image is {found}; by the rig file it is {wanted}",
             remedy="turn the modulator or its image back; if this is how the bench is built, say so as orientation in "
             "[calibration]",
         )
-    for axis, ratio, wanted in zip(("columns", "rows"), pixels.ratio, nominal.ratio, strict=True):
-        if abs(ratio / wanted - 1) > ratio_tolerance:
+
+
+def require_ratio(pixels: PixelMap, superpixel: int) -> None:
+    """Hold the pixel ratio against the rig file's.
+
+    Raises:
+        CalibrationError: It is another.
+    """
+    for axis, ratio in zip(("columns", "rows"), pixels.ratio, strict=True):
+        if abs(ratio / superpixel - 1) > RATIO_TOLERANCE:
             raise CalibrationError(
                 "registration",
                 Reason.NOT_REGISTERED,
-                f"one sensor pixel spans {ratio:.3f} modulator {axis}; by the rig file {wanted:.3g}",
-                allowed=f"within {ratio_tolerance:.0%}",
+                f"one sensor pixel spans {ratio:.3f} modulator {axis}; by the rig file {superpixel}",
+                allowed=f"within {RATIO_TOLERANCE:.0%}",
                 remedy="set superpixel in [registration], or change the relay's magnification",
             )
 
@@ -186,11 +190,7 @@ def register(
     textures = Textures(patterns, shares, valid)
     fitted = fit(textures, coarse)
     if degree is None:
-        for higher in DEGREES[DEGREES.index(fitted.pixels.degree) + 1 :]:
-            bent = fit(textures, fitted.pixels.raised(higher), fitted.variance_px2)
-            if not _is_bent(fitted, bent):
-                break
-            fitted = bent
+        fitted = _as_bent_as_needed(textures, fitted)
     elif degree > fitted.pixels.degree:
         fitted = fit(textures, fitted.pixels.raised(degree), fitted.variance_px2)
     return Registration(
@@ -203,6 +203,22 @@ def register(
         dropped=fitted.dropped,
         likeness=fitted.scale,
     )
+
+
+def _as_bent_as_needed(textures: Textures, fitted: Fitted) -> Fitted:
+    """Raise the map's degree while the tiles demand it and can bear it."""
+    for higher in DEGREES[DEGREES.index(fitted.pixels.degree) + 1 :]:
+        raised = fitted.pixels.raised(higher)
+        if 2 * fitted.kept.sum() < SHIFTS_PER_COEFFICIENT * raised.coefficients.size:
+            break
+        try:
+            bent = fit(textures, raised, fitted.variance_px2)
+        except CalibrationError:  # so bent a map finds no hold in these tiles; the one before did
+            break
+        if not _is_bent(fitted, bent):
+            break
+        fitted = bent
+    return fitted
 
 
 def _is_bent(straight: Fitted, bent: Fitted) -> bool:

@@ -22,6 +22,10 @@ Bools = NDArray[np.bool_]
 
 ITERATIONS_MAX: Final = 30
 CONVERGED_PX: Final = 2e-5
+# The squared residuals have kinks where pixels' edges meet mirrors' edges: there the steps may swing to and fro. Steps
+# halved again and again come to rest between; a swing of this size does no harm.
+HALVED_FROM: Final = 10
+SWING_PX: Final = 1e-3
 # Beyond this, a step says more about the pattern's edges than about the map.
 STEP_MAX_PX: Final = 1.0
 # A tile whose misfit exceeds the median one by this factor shows something else than the pattern: dust, a hair.
@@ -168,7 +172,8 @@ def fit(textures: Textures, start: PixelMap, variance_px2: float = VARIANCE_STAR
         if iteration > SETTLING and moved_px < CONVERGED_PX and abs(light[0]) < CONVERGED_PX:
             _require_likeness(state)
             return state
-        pixels = PixelMap(pixels.size, pixels.coefficients + step * min(1.0, STEP_MAX_PX / max(moved_px, 1e-12)))
+        share = 0.5 ** (max(iteration - HALVED_FROM, 0) / 2) * min(1.0, STEP_MAX_PX / max(moved_px, 1e-12))
+        pixels = PixelMap(pixels.size, pixels.coefficients + share * step)
         # Blur and scale follow once the images lie on each other; before, they would explain the shift away.
         if iteration >= 1:
             variance = float(np.clip(variance + np.clip(light[0], -0.5, 0.5), 0.0, VARIANCE_MAX_PX2))
@@ -176,6 +181,9 @@ def fit(textures: Textures, start: PixelMap, variance_px2: float = VARIANCE_STAR
             if variance == 0.0 and light[0] < 0 and moved_px < CONVERGED_PX and iteration > SETTLING:
                 _require_likeness(state)
                 return state
+    if moved_px < SWING_PX:
+        _require_likeness(state)
+        return state
     raise CalibrationError(
         "registration",
         Reason.NOT_REGISTERED,

@@ -14,9 +14,9 @@ from gs2ci_calibration.bench import Bench
 from gs2ci_calibration.bundle import Bundle
 from gs2ci_calibration.estimates import Estimate, Section
 from gs2ci_calibration.masks.gray_code import GrayCode, coarse_map
-from gs2ci_calibration.masks.imaging import PixelMap, nominal_map
+from gs2ci_calibration.masks.imaging import PixelMap
 from gs2ci_calibration.masks.predicted import Kernel, fit_kernel
-from gs2ci_calibration.masks.registration import Registration, register, require_nominal
+from gs2ci_calibration.masks.registration import Registration, register, require_orientation, require_ratio
 from gs2ci_calibration.masks.taking import Field, light_up, refined, take
 from gs2ci_calibration.masks.texture import checker
 from gs2ci_calibration.refusals import CalibrationError, Reason
@@ -47,10 +47,10 @@ def measure_registration(bench: Bench, known: Bundle) -> Section:
             `Options.orientation` says or at another pixel ratio; the map is not known well enough.
         DriverError: A device failed.
     """
+    began_s = bench.devices.clock.now_s()
     field = light_up(bench, known, STEP)
-    nominal = nominal_map(bench.size, bench.options.superpixel, bench.options.row, bench.options.column)
     coarse = _coarse(bench, field)
-    require_nominal(coarse, nominal, orientation_wanted=bench.options.orientation)
+    require_orientation(coarse, bench.options.orientation)
     patterns = _textures(bench, coarse)
     top = 2**bench.capture.bit_depth - 1
     frames = bench.options.mask_frames
@@ -59,6 +59,7 @@ def measure_registration(bench: Bench, known: Bundle) -> Section:
     shares = [sharper.shares(sums.mean(i)) for i in range(len(patterns))]
     start = register(patterns[:CHECKERS], shares[:CHECKERS], sharper.valid, coarse, degree=1)
     found = register(patterns, shares, sharper.valid, start.pixels)
+    require_ratio(found.pixels, bench.options.superpixel)
     if found.rms_se_px > ACCURACY_PX:
         raise CalibrationError(
             STEP,
@@ -68,7 +69,7 @@ def measure_registration(bench: Bench, known: Bundle) -> Section:
             remedy="more frames (mask_frames in [calibration]), more light, or a sharper relay",
         )
     kernel = fit_kernel(found.pixels, found.variance_px2, patterns[CHECKERS:], shares[CHECKERS:], sharper.valid)
-    return _section(bench, field, found, kernel, frames)
+    return _section(bench, field, found, kernel, {"frames": frames, "seconds": bench.devices.clock.now_s() - began_s})
 
 
 def _coarse(bench: Bench, field: Field) -> PixelMap:
@@ -101,7 +102,7 @@ def _textures(bench: Bench, coarse: PixelMap) -> U8:
     return patterns
 
 
-def _section(bench: Bench, field: Field, found: Registration, kernel: Kernel, frames: int) -> Section:
+def _section(bench: Bench, field: Field, found: Registration, kernel: Kernel, facts: dict[str, Any]) -> Section:
     affine, affine_se = sensor_from_modulator(found)
     spread = max(found.variance_px2, 0.0)
     # Near zero the square root has no slope: the variance's error then bounds the deviation itself.
@@ -137,8 +138,8 @@ def _section(bench: Bench, field: Field, found: Registration, kernel: Kernel, fr
             "residual_rms_px": scatter,
             "tiles": found.tiles,
             "tiles_left_out": found.dropped,
-            "frames": frames,
             "exposure_s": field.exposure_s,
+            **facts,
         },
         notes=tuple(notes),
     )

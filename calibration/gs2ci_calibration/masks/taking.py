@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from gs2ci_calibration.bench import Bench, Setup
 from gs2ci_calibration.bundle import Bundle
-from gs2ci_calibration.estimates import Section
 from gs2ci_calibration.exposing import find_exposure
+from gs2ci_calibration.frames import Dark
 from gs2ci_calibration.masks.measured import Kind, MaskSums, pass_order
 from gs2ci_calibration.masks.references import References, judge, require_in_place
 
@@ -53,10 +53,13 @@ def light_up(bench: Bench, known: Bundle, step: str) -> Field:
         CalibrationError: No dark frames are known; the light, the sensor or the modulator is no good (`judge`).
         DriverError: A device failed.
     """
-    dark = known.need("dark-flat", step)
+    section = known.need("dark-flat", step)
+    dark = Dark.of(section)
     bench.please(Setup.FLAT)
-    exposure_s = find_exposure(bench, step, _dark(dark, 0.0)[0], FILL).exposure_s
-    dark_dn, dark_se_dn = _dark(dark, exposure_s)
+    exposure_s = find_exposure(bench, step, dark, FILL).exposure_s
+    dark_dn = dark.at(exposure_s)
+    errors = [section.estimates[key].error for key in ("offset_dn", "dark_current_dn_per_s")]
+    dark_se_dn = float(np.hypot(errors[0], exposure_s * errors[1]))
     top = 2**bench.capture.bit_depth - 1
     both = np.stack([bench.flat_pattern(is_open=is_open) * top for is_open in (True, False)])
     frames = max(REFERENCE_FRAMES, bench.options.mask_frames)
@@ -144,13 +147,6 @@ def _shown(bench: Bench, order: Sequence[int], masks: NDArray[Any], held_out: ND
             case _:
                 shown[place] = masks[kind]
     return shown
-
-
-def _dark(section: Section, exposure_s: float) -> tuple[F64, float]:
-    """Return the reading without light after an exposure, [H, W], and its standard error, rms."""
-    offset, current = section.estimates["offset_dn"], section.estimates["dark_current_dn_per_s"]
-    dark = offset.value + exposure_s * current.value
-    return np.asarray(dark, dtype=np.float64), float(np.hypot(offset.error, exposure_s * current.error))
 
 
 def saturation_of(bench: Bench, known: Bundle, dark_dn: F64) -> float:

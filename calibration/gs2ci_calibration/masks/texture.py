@@ -1,4 +1,4 @@
-"""Patterns with edges everywhere, for registration: random checkers, and dots. For this package and tests."""
+"""Patterns with edges everywhere, for registration: random checkers. For this package and tests."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,9 +18,3 @@ def checker(size: tuple[int, int], cell: int, rng: np.random.Generator, *, start
     rows, columns = ((np.arange(side) - first) // cell for side, first in zip(size, start, strict=True))
     squares = rng.random((int(np.ptp(rows)) + 1, int(np.ptp(columns)) + 1)) < 0.5
     return squares[np.ix_(rows - rows.min(), columns - columns.min())].astype(np.uint8)
-
-
-def dots(size: tuple[int, int], cell: int, pitch: int, *, start: tuple[int, int] = (0, 0)) -> U8:
-    """Return square dots of `cell` modulator pixels every `pitch` pixels, [Hm, Wm] uint8: a pattern to look at."""
-    rows, columns = ((np.arange(side) - first) % pitch < cell for side, first in zip(size, start, strict=True))
-    return (rows[:, None] & columns[None, :]).astype(np.uint8)

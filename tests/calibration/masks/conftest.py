@@ -39,6 +39,7 @@ class World:
     invert: bool = False
     dead_rows: tuple[int, ...] = ()
     slots: tuple[float, ...] = ()
+    bend: float = 0.0
     shuffle: object = None
     now_s: float = 0.0
     rng: np.random.Generator = field(init=False)
@@ -62,9 +63,27 @@ class World:
     def _mask(self, pattern, top):
         key = hash(pattern.tobytes())
         if key not in self.cache:
-            share = self.registration.seen(pattern, top, *self.size).astype(np.float64)
+            seen = self._bent(pattern, top) if self.bend else self.registration.seen(pattern, top, *self.size)
+            share = seen.astype(np.float64)
             self.cache[key] = blurred(self.leak + (1 - self.leak) * share, self.sigma_px, 8.0)
         return self.cache[key]
+
+    def looks_at(self, x, y):
+        """Return where sensor points look on the modulator, u and v, [...]; `bend` is a barrel distortion."""
+        height, width = self.size
+        dx, dy = x - width / 2, y - height / 2
+        radius = (dx**2 + dy**2) / max(self.size) ** 2
+        dx, dy = dx * self.bend * radius, dy * self.bend * radius
+        forth = self.registration.sensor_from_modulator(height, width)
+        inverse = np.linalg.inv(forth[:, :2])
+        return np.tensordot(inverse, np.stack([x + dx - forth[0, 2], y + dy - forth[1, 2]]), axes=1)
+
+    def _bent(self, pattern, top, samples=12):
+        """Sample each pixel's square on a grid."""
+        fine = [(np.arange(side * samples) + 0.5) / samples for side in self.size]
+        u, v = np.floor(self.looks_at(*np.meshgrid(fine[1], fine[0]))).astype(int)
+        height, width = self.size
+        return pattern[v, u].reshape(height, samples, width, samples).mean(axis=(1, 3)) / top
 
     def frame(self, exposed):
         """Return one frame in DN; `exposed` is mask times seconds, [H, W]."""
@@ -171,6 +190,7 @@ def dark_known():
                 "offset_dn": Estimate(np.full(bench.size, BLACK_DN), error_dn, "DN"),
                 "dark_current_dn_per_s": Estimate(np.zeros(bench.size), 0.0, "DN/s"),
             },
+            {key: np.zeros(bench.size, np.uint8) for key in ("dead", "hot")},
         )
         return Bundle().with_section(section)
 
