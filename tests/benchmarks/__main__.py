@@ -21,6 +21,7 @@ BENCHMARKS = {
     "proxies": "tests.benchmarks.proxies",
     "decoders": "tests.benchmarks.decoders",
     "simulation": "tests.benchmarks.simulation",
+    "mask_calibration": "tests.benchmarks.mask_calibration",
     "bundle_adjustment": "tests.benchmarks.bundle_adjustment",
 }
 

@@ -1,12 +1,13 @@
 """Slot weights: how much of each mask's time on show an exposure of `gs2ci capture` really spans, measured by light.
 
-One mask after the other is replaced by all mirrors on, the others by all off: the light of such a coded exposure is
-that slot's. Slots in the middle are spanned whole and set the scale. Here: that measurement. Not here: trigger
-latency and jitter, which are the step `timing`. For this package.
+One mask is replaced by all mirrors on, the others by all off: the light of such a coded exposure is that slot's. The
+first and the last slot are measured so, against one in the middle, whose time is spanned whole by definition, as are
+all between the ends. Here: that measurement. Not here: trigger latency and jitter, which are the step `timing`. For
+this package.
 """
 
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +20,7 @@ from gs2ci_drivers.plan import Mode
 
 F64 = NDArray[np.float64]
 
-FRAMES: Final = 4
+FRAMES: Final = 8
 WHOLE: Final = 1 - 1e-9
 """Planned weight from which on a slot counts as spanned whole."""
 PLANNED_SE: Final = 1e-3
@@ -66,13 +67,13 @@ def measure_slots(bench: Bench, field: Field, saturation_dn: float, step: str) -
         reason = "one slot of this light does not suit the sensor's range"
     if reason:
         return SlotWeights(Estimate(planned, PLANNED_SE, "1"), False, f"Slot weights are as planned: {reason}.")
-    light = _light_of_slots(bench, field, plan.exposure_s)
-    scale = light[:, whole].mean(axis=1, keepdims=True)
-    shares = light / scale
-    mean = shares.mean(axis=0)
-    error = shares.std(axis=0, ddof=1) / np.sqrt(len(shares))
-    # The slots' errors are alike: their mean is known better than each from a few frames.
-    error = np.full(len(mean), float(np.sqrt(np.mean(np.square(error)))))
+    ends = (0, len(planned) - 1)
+    light = _light_of_slots(bench, field, plan.exposure_s, (*ends, len(planned) // 2))
+    shares = light[:, :2] / light[:, 2:]
+    mean = planned.copy()
+    mean[list(ends)] = shares.mean(axis=0)
+    # The frames' errors are alike in all slots: pooled, they are known better than each from a few frames.
+    error = float(np.sqrt(shares.var(axis=0, ddof=1).mean() / len(shares)))
     worst = int(np.argmax(np.abs(mean - planned)))
     if abs(mean[worst] - planned[worst]) > OFF_PLAN:
         raise CalibrationError(
@@ -83,7 +84,9 @@ def measure_slots(bench: Bench, field: Field, saturation_dn: float, step: str) -
             remedy="check the trigger's latency (`gs2ci calibrate timing`) and the sensor's true exposure",
         )
     return SlotWeights(
-        Estimate(mean, error, "1"), True, f"Slot weights, measured by light, are {mean.min():.4f} to {mean.max():.4f}."
+        Estimate(mean, error, "1"),
+        True,
+        f"Of the first and the last mask's time on show an exposure spans {mean[0]:.2%} and {mean[-1]:.2%}, by light.",
     )
 
 
@@ -92,28 +95,27 @@ def _why_not(bench: Bench, whole: NDArray[np.bool_]) -> str:
         return f"in the mode {bench.capture.mode.value} no exposure spans several masks by the sensor's own clock"
     if bench.capture.dark_s > 0:
         return "dark time between the masks hides their edges"
-    if len(whole) < 2 or not whole.any():
-        return "no mask's time on show is exposed whole, to compare with"
+    if len(whole) < 3 or not whole[1:-1].all():
+        return "no mask's time on show between the first and the last is exposed whole, to compare with"
     return ""
 
 
-def _light_of_slots(bench: Bench, field: Field, exposure_s: float) -> F64:
-    """Return the light of each slot in each of some exposures, [FRAMES, N] DN, mean over the pixels."""
-    capture, references = bench.capture, field.references
-    count = len(capture.masks)
+def _light_of_slots(bench: Bench, field: Field, exposure_s: float, slots: tuple[int, ...]) -> F64:
+    """Return the light of some slots in each of some exposures, [FRAMES, S] DN, mean over the pixels."""
+    capture, valid = bench.capture, field.references.valid
     top = 2**capture.bit_depth - 1
-    closed = np.zeros((count, *bench.modulator_size), np.uint8 if top < 256 else np.uint16)
+    closed = np.zeros_like(capture.masks)
 
-    def mean_light(patterns: NDArray[np.uint8] | NDArray[np.uint16]) -> F64:
+    def mean_light(patterns: NDArray[Any]) -> F64:
         stack = bench.expose(
             patterns, mask_s=capture.mask_s, exposure_s=exposure_s, frames=FRAMES, bit_depth=capture.bit_depth
         )
-        return np.asarray(stack.readings[0][:, references.valid].mean(axis=1, dtype=np.float64))
+        return np.asarray(stack.readings[0][:, valid].mean(axis=1, dtype=np.float64))
 
     dark = mean_light(closed)
-    light = np.empty((FRAMES, count))
-    for slot in range(count):
+    light = []
+    for slot in slots:
         patterns = closed.copy()
         patterns[slot] = top
-        light[:, slot] = mean_light(patterns) - dark
-    return light
+        light.append(mean_light(patterns) - dark)
+    return np.stack(light, axis=1)
