@@ -43,8 +43,3 @@ def frames_wanted(rms_se: float, frames: int, fixed_se: float, accuracy: float, 
             remedy="more light, or a larger mask_accuracy in [calibration]",
         )
     return max(wanted, 1)
-
-
-def error_of(rms_se: float, frames: int, fixed_se: float, planned: int) -> float:
-    """Return the standard error, rms, that a planned number of frames leaves; the inverse of `frames_wanted`."""
-    return float(np.sqrt(max(rms_se**2 - fixed_se**2, 0.0) * frames / planned + fixed_se**2))
