@@ -12,7 +12,7 @@ a simulated bench. `known` holds the sections measured before (`known.need("dark
     bench.expose(patterns, mask_s=, exposure_s=, frames=k) -> Stack: DN [1, k, H, W], one frame integrates all patterns
     bench.move({"x": mm})                                  move the stage and wait; returns positions in mm
     bench.codes, bench.capture                             what `gs2ci capture` will show, and how
-    bench.options, bench.progress                          settings of the procedures; listener
+    bench.options, bench.progress                          settings of the procedures; hears what they are at
 
 Not here: opening devices and the simulated operator (`gs2ci.rig`), files (`bundle`). Procedures, `gs2ci.rig` and
 `gs2ci.commands.calibrate` import this file.
@@ -142,7 +142,7 @@ class Bench:
         codes: These patterns as drawn, levels at the sensor's pixels, [N, h, w] uint16.
         lay_out: Puts codes [N, h, w] onto the modulator's own pixels, [N, Hm, Wm], as `gs2ci capture` does.
         options: Settings of the procedures.
-        progress: Hears about stages and frames.
+        progress: Hears from the procedures what they are at and see; taking frames says nothing of itself.
     """
 
     devices: Devices
@@ -295,5 +295,5 @@ class Bench:
                 readings[n, taken.index] = frame.pixels
                 time_s[n, taken.index] = frame.t_kernel_ns * 1e-9
 
-        capture(self.devices, plan, keep, self.progress)
+        capture(self.devices, plan, keep)
         return Stack(readings, time_s, plan.exposure_s, plan)

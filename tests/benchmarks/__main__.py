@@ -23,6 +23,7 @@ BENCHMARKS = {
     "simulation": "tests.benchmarks.simulation",
     "mask_calibration": "tests.benchmarks.mask_calibration",
     "bundle_adjustment": "tests.benchmarks.bundle_adjustment",
+    "calibration_base": "tests.benchmarks.calibration_base",
 }
 
 
