@@ -11,7 +11,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from gs2ci_calibration.bench import Bench, Setup
+from gs2ci_calibration.bench import Bench, Setup, Stack
 from gs2ci_calibration.bundle import Bundle
 from gs2ci_calibration.exposing import find_exposure
 from gs2ci_calibration.frames import Dark
@@ -38,12 +38,14 @@ class Field:
         dark_dn: Reading without light at this exposure, [H, W].
         dark_se_dn: Its standard error, rms over the pixels.
         references: All mirrors on, all off.
+        first: The frames that those were taken from, on before off.
     """
 
     exposure_s: float
     dark_dn: F64
     dark_se_dn: float
     references: References
+    first: Stack
 
 
 def light_up(bench: Bench, known: Bundle, step: str) -> Field:
@@ -67,7 +69,7 @@ def light_up(bench: Bench, known: Bundle, step: str) -> Field:
     references = judge(
         stack.readings[0], stack.readings[1], dark_dn, saturation_dn=saturation_of(bench, known, dark_dn), step=step
     )
-    return Field(exposure_s, dark_dn, dark_se_dn, references)
+    return Field(exposure_s, dark_dn, dark_se_dn, references, stack)
 
 
 def take(
@@ -95,7 +97,9 @@ def take(
         CalibrationError: References are not where they should be among the patterns (`require_in_place`).
         DriverError: A device failed.
     """
-    sums = sums or MaskSums(len(masks), field.references, field.dark_dn)
+    if sums is None:
+        sums = MaskSums(len(masks), field.references, field.dark_dn)
+        sums.add(field.first.readings, field.first.time_s, (Kind.ON, Kind.OFF))
     if frames <= 0:
         return sums
     bench.progress.stage(f"{step}: frames of each pattern", frames)
