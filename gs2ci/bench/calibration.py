@@ -20,7 +20,7 @@ from gs2ci_calibration.procedures import PROCEDURES
 
 F64 = NDArray[np.float64]
 
-SIZE: Final = (96, 128)
+SIZE: Final = (64, 96)
 MASKS: Final = 8
 FRAMES: Final = (2, 4, 8, 16, 32)
 LOOSE: Final = 0.4
