@@ -407,10 +407,16 @@ def _gain(points: _Points, bend: _Bend, noise_dn: tuple[float, float]) -> tuple[
     def slope(departure: float, dark: float) -> tuple[float, float]:
         straight = bend.straight(charge, departure)
         bent = np.square(bend.slope(straight, departure))
-        y, sigma = (variance - dark) / bent, variance / bent * np.sqrt(2 / freedom)
-        weight = straight / np.square(sigma)
-        total = float(weight @ straight)
-        return float(weight @ y) / total, 1 / float(np.sqrt(total))
+        y = (variance - dark) / bent
+        inverse = total = 1.0
+        expected = np.ones_like(charge)
+        for _ in range(3):
+            # Weights by the curve, not by the samples: one that varies little by chance would count too much.
+            weight = straight / np.square(expected / bent * np.sqrt(2 / freedom))
+            total = float(weight @ straight)
+            inverse = float(weight @ y) / total
+            expected = dark + bent * straight * max(inverse, 0.0)
+        return inverse, 1 / float(np.sqrt(total))
 
     inverse, random = slope(bend.departure, dark_variance)
     from_bend = slope(bend.departure + bend.error, dark_variance)[0] - inverse
@@ -480,7 +486,8 @@ def _section(bench: Bench, found: SensorEstimate) -> Section:
             "limited_by": found.limited_by,
             "flicker": found.flicker,
             "format": bench.devices.sensor.settings.format.fourcc,
-            "bits": bench.devices.sensor.settings.format.bits,
+            "top_dn": bench.top_dn,
+            "gain_db": bench.config.gain_db,
         },
         notes=tuple(notes),
     )
