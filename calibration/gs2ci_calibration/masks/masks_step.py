@@ -4,7 +4,6 @@ Here: the order of things in both modes, and the section. Not here: the sums (`m
 which mask is which (`checks`). `gs2ci_calibration.procedures` and tests import this file.
 """
 
-import hashlib
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -14,6 +13,7 @@ from numpy.typing import NDArray
 from gs2ci_calibration.bench import Bench
 from gs2ci_calibration.bundle import Bundle
 from gs2ci_calibration.estimates import Estimate, Section
+from gs2ci_calibration.fitting import codes_sha256
 from gs2ci_calibration.masks.checks import require_held_out, require_order
 from gs2ci_calibration.masks.measured import MeasuredMasks, estimate_masks
 from gs2ci_calibration.masks.planning import frames_wanted
@@ -24,7 +24,6 @@ from gs2ci_calibration.refusals import CalibrationError, Reason
 
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
-U16 = NDArray[np.uint16]
 
 STEP: Final = "masks"
 PILOT_FRAMES: Final = 2
@@ -88,12 +87,6 @@ def measure_masks(bench: Bench, known: Bundle) -> Section:
         "likeness_least": float(alike.min()),
     }
     return _section(bench, found, masks, error, off, slots, facts)
-
-
-def codes_sha256(codes: U16) -> NDArray[np.uint8]:
-    """Return the hash by which a bundle knows the codes [N, h, w] that its masks belong to, [32] uint8."""
-    digest = hashlib.sha256(str(codes.shape).encode() + np.ascontiguousarray(codes, dtype="<u2").tobytes()).digest()
-    return np.frombuffer(digest, np.uint8)
 
 
 def _shown(bench: Bench) -> Shown:
