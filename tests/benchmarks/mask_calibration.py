@@ -60,7 +60,7 @@ def draw(rows: Rows, path: Path) -> None:
     axes.set(xscale="log", yscale="log", xlabel="time on the bench, s", ylabel="mask error, % rms")
     axes.axhline(1.0, color="#bbbbbb", linewidth=0.8)
     axes.grid(which="both", color="#eeeeee")
-    axes.legend(fontsize=7)
+    axes.legend(fontsize=7, loc="center right")
     figure.savefig(path, dpi=150)
 
 
