@@ -102,7 +102,7 @@ def _shifted(
     shares: Sequence[F64],
     places: NDArray[np.intp],
 ) -> tuple[F64, F64]:
-    """Return the least squares problem: ideal images shifted by each tap less unshifted ones [P, T], and the rest [P]."""
+    """Return the least squares problem: shifted less unshifted ideal images [P, T], and what is to be explained [P]."""
     columns, rest = [], []
     for pattern, share in zip(patterns, shares, strict=True):
         ideal = sharp(pattern, pixels)[0]
