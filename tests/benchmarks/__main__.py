@@ -25,6 +25,7 @@ BENCHMARKS = {
     "random_masks": "tests.benchmarks.random_masks",
     "bundle_adjustment": "tests.benchmarks.bundle_adjustment",
     "calibration_base": "tests.benchmarks.calibration_base",
+    "long_fits": "tests.benchmarks.long_fits",
 }
 
 
