@@ -13,11 +13,13 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import nnls
 
 from gs2ci_calibration.bench import Bench, Setup, Stack
 from gs2ci_calibration.bundle import Bundle
+from gs2ci_calibration.dark_flat import UNEVEN_LIMIT
 from gs2ci_calibration.estimates import Estimate, Section
-from gs2ci_calibration.exposing import find_exposure, limits_s
+from gs2ci_calibration.exposing import Level, find_exposure, limits_s
 from gs2ci_calibration.frames import (
     QUANTISATION_VARIANCE,
     SIGNIFICANT,
@@ -52,6 +54,7 @@ RANGE_LIMIT: Final = 0.01
 BEND_LIMIT: Final = 0.05
 """Largest departure from a straight line, as a share of full scale."""
 BRIGHT_QUANTILE: Final = 0.999
+DIM_QUANTILE: Final = 0.02
 
 
 def measure(bench: Bench, known: Bundle) -> Section:
@@ -67,7 +70,7 @@ def measure(bench: Bench, known: Bundle) -> Section:
     noise = section.estimates["dark_noise_rms_dn"]
     bench.please(Setup.FLAT)
     start = find_exposure(bench, STEP, dark, START_SHARE)
-    full = _take_full(bench, dark, start.rate_dn_per_s)
+    full = _take_full(bench, dark, start)
     sweep = _take_sweep(bench, dark, full)
     found = estimate(sweep, full, dark, (float(noise), float(noise.error)), bench.top_dn)
     return _section(bench, found)
@@ -135,9 +138,11 @@ class SensorEstimate:
 
 @dataclass(frozen=True)
 class _Points:
-    """The curve, one entry per stack: `signal` above dark, `charge` above black, `variance`, `freedom`, `fluctuation`.
+    """The curve, one entry per stack, in DN and DN².
 
-    All in DN but for the last two; `clear` says which are safely below saturation.
+    Mean `signal` above dark and `charge` above black; `variance` of a pixel in time with its `freedom`; `fluctuation`:
+    variance of the frames' means; `spread`: relative variance of the signal over the pixels; `clear`: whether all are
+    safely below saturation.
     """
 
     exposure_s: F64
@@ -148,12 +153,13 @@ class _Points:
     freedom: F64
     fluctuation: F64
     frames: F64
+    spread: F64
     clear: Flags
 
 
 @dataclass(frozen=True)
 class _Bend:
-    """The response s = u (1 + 4 d (1 − u / S)): d with its standard error, S, and how far the levels scatter."""
+    """The response s = u (1 + 4 d (1 − u / S)) of means over pixels: d, its standard error, S, residuals."""
 
     departure: float
     error: float
@@ -192,7 +198,8 @@ def estimate(sweep: Sweep, full: Full, dark: Dark, noise_dn: tuple[float, float]
     full_dn = saturation_dn - offset_dn
     points = _points(sweep, dark, full)
     flicker = _check_lamp(points)
-    bend = _bend(points, full_dn)
+    # Means over pixels that differ in brightness: the mean of squares is larger than the square of the mean.
+    bend = _bend(points, full_dn / (1 + float(np.median(points.spread[points.clear]))))
     gain, gain_error = _gain(points, bend, noise_dn)
     read_noise = _read_noise(gain, gain_error, noise_dn, dark.offset_dn[good])
     linear_to, step_dn = _linear_range(points, bend, offset_dn)
@@ -213,30 +220,26 @@ def estimate(sweep: Sweep, full: Full, dark: Dark, noise_dn: tuple[float, float]
     )
 
 
-def _take_full(bench: Bench, dark: Dark, rate_dn_per_s: float) -> Full:
+def _take_full(bench: Bench, dark: Dark, start: Level) -> Full:
     """Fill the pixels and see that more light changes nothing."""
     _, longest_s = limits_s(bench)
     pattern = bench.flat_pattern(is_open=True)[None]
     good, offset_dn = dark.good, float(np.median(dark.offset_dn))
-    typical = float(
-        np.median(_mean(bench.grab(pattern, frames=2, exposure_s=_within(bench, 0.4, rate_dn_per_s)))[good])
-    )
-    base_s = (bench.top_dn - offset_dn) / rate_dn_per_s
-    # The dimmest pixels have to fill too; find_exposure went by the brightest.
-    dim = max((typical - offset_dn) / (0.4 * (bench.top_dn - offset_dn)), 0.3)
-    means = []
-    for share in OVERFULL:
-        exposure_s = share * base_s / dim
-        if exposure_s > longest_s:
-            raise CalibrationError(
-                STEP,
-                Reason.NO_LIGHT,
-                f"the flat field would take {exposure_s:.3g} s to fill the pixels",
-                allowed=f"at most {longest_s:.3g} s",
-                remedy="brighten the lamp or open the aperture",
-            )
-        means.append(_mean(bench.grab(pattern, frames=4, exposure_s=exposure_s)))
-    growth = float(np.median((means[1] - means[0])[good])) / (float(np.median(means[1][good])) - offset_dn)
+    signal = _mean(bench.grab(pattern, frames=2, exposure_s=start.exposure_s)) - dark.at(start.exposure_s)
+    # The start was found by the brighter pixels; the dimmer ones have to fill too.
+    dim = max(float(np.quantile(signal[good], DIM_QUANTILE)) / (start.rate_dn_per_s * start.exposure_s), UNEVEN_LIMIT)
+    base_s = (bench.top_dn - offset_dn) / (start.rate_dn_per_s * dim)
+    if OVERFULL[-1] * base_s > longest_s:
+        raise CalibrationError(
+            STEP,
+            Reason.NO_LIGHT,
+            f"the flat field would take {OVERFULL[-1] * base_s:.3g} s to fill the pixels",
+            allowed=f"at most {longest_s:.3g} s",
+            remedy="brighten the lamp or open the aperture",
+        )
+    nearly, wholly = (_mean(bench.grab(pattern, frames=4, exposure_s=share * base_s)) for share in OVERFULL)
+    full_dn = float(np.mean(wholly[good])) - offset_dn
+    growth = float(np.median((wholly - nearly)[good])) / full_dn
     if growth > FULL_TOLERANCE:
         raise CalibrationError(
             STEP,
@@ -245,13 +248,7 @@ def _take_full(bench: Bench, dark: Dark, rate_dn_per_s: float) -> Full:
             allowed=f"at most {100 * FULL_TOLERANCE:.1f} %",
             remedy="switch off automatic gain and any tone curve of the sensor",
         )
-    full_dn = float(np.mean(means[1][good])) - offset_dn
-    return Full(means[1], full_dn / rate_dn_per_s)
-
-
-def _within(bench: Bench, share: float, rate_dn_per_s: float) -> float:
-    shortest_s, longest_s = limits_s(bench)
-    return float(np.clip(share * bench.top_dn / rate_dn_per_s, shortest_s, longest_s))
+    return Full(wholly, full_dn / start.rate_dn_per_s)
 
 
 def _take_sweep(bench: Bench, dark: Dark, full: Full) -> Sweep:
@@ -282,7 +279,7 @@ def _points(sweep: Sweep, dark: Dark, full: Full) -> _Points:
     good, rows = dark.good, []
     ceiling = full.reading_dn[good]
     for frames, exposure_s in zip(sweep.stacks, sweep.exposures_s, strict=True):
-        check_stack_or_full(frames, full)
+        _check_live(frames, full)
         pixels = frames[:, good].astype(np.float64)
         mean, levels = pixels.mean(axis=0), pixels.mean(axis=1)
         # The lamp's changes from frame to frame are common to all pixels: they are no noise of theirs.
@@ -290,16 +287,16 @@ def _points(sweep: Sweep, dark: Dark, full: Full) -> _Points:
         freedom = (len(frames) - 1) * (mean.size - 1)
         variance = float(np.square(rest).sum()) / freedom
         near = float(np.quantile(mean - ceiling, BRIGHT_QUANTILE))
-        signal = float((mean - dark.at(exposure_s)[good]).mean())
+        lit = mean - dark.at(exposure_s)[good]
+        signal = float(lit.mean())
+        spread = max(float(lit.var()) - variance / len(frames), 0.0) / max(signal, 1.0) ** 2
         charge = float((mean - dark.offset_dn[good]).mean())
         clear = near < -CLEAR_SIGMAS * np.sqrt(variance)
-        rows.append((signal, charge, variance, freedom, float(levels.var(ddof=1)), len(frames), clear))
-    signal, charge, variance, freedom, fluctuation, frames_taken, clear = np.array(rows).T
+        rows.append((signal, charge, variance, freedom, float(levels.var(ddof=1)), len(frames), spread, clear))
+    signal, charge, variance, freedom, fluctuation, counts, spread, clear = np.array(rows).T
     time_s = sweep.times_s - sweep.times_s.mean()
-    enough = np.asarray(clear > 0)
-    points = _Points(
-        sweep.exposures_s, time_s, signal, charge, variance, freedom, fluctuation, frames_taken, enough & (signal > 0)
-    )
+    usable = np.asarray((clear > 0) & (signal > 0))
+    points = _Points(sweep.exposures_s, time_s, signal, charge, variance, freedom, fluctuation, counts, spread, usable)
     if points.clear.sum() < LEAST_LEVELS:
         raise CalibrationError(
             STEP,
@@ -311,12 +308,8 @@ def _points(sweep: Sweep, dark: Dark, full: Full) -> _Points:
     return points
 
 
-def check_stack_or_full(frames: F32, full: Full) -> None:
-    """Accept live frames, or frames that are all the same because every pixel is at the converter's top.
-
-    Raises:
-        CalibrationError: As `gs2ci_calibration.frames.check_stack`.
-    """
+def _check_live(frames: F32, full: Full) -> None:
+    """Accept live frames, or frames that are all the same because every pixel is at the converter's top."""
     if len(frames) < 2 or float(np.median(frames)) < 0.98 * float(np.median(full.reading_dn)):
         check_stack(STEP, frames)
 
@@ -348,9 +341,7 @@ def _bend(points: _Points, full_dn: float) -> _Bend:
     exposure, time, signal = points.exposure_s[use], points.time_s[use], points.signal[use]
     span_s = float(np.ptp(time)) or 1.0
     columns = np.stack([np.ones_like(exposure), exposure, np.square(exposure), exposure * time / span_s], axis=1)
-    # Errors of a level: its shot noise, and a share of 0.01 % for the lamp; their scale comes from the residuals.
-    pixels = points.freedom[use] + points.frames[use] - 1
-    sigma = np.hypot(np.sqrt(points.variance[use] / pixels), 1e-4 * signal)
+    sigma = _level_errors(points)[use]
     scale = np.abs(columns).max(axis=0)
     design = columns / scale / sigma[:, None]
     solution, *_ = np.linalg.lstsq(design, signal / sigma, rcond=None)
@@ -384,6 +375,22 @@ def _bend(points: _Points, full_dn: float) -> _Bend:
     )
     every[~use] = points.signal[~use] / (solution / scale @ beyond[:, ~use]) - 1
     return _Bend(departure, error, full_dn, every)
+
+
+def _level_errors(points: _Points) -> F64:
+    """Return the standard error of each level: the pixels' noise, the lamp's flicker, the jitter of the exposure.
+
+    How far the frames of a level lie apart tells the last two: beyond noise, their variance is a² s² + b².
+    """
+    pixels = points.freedom / np.maximum(points.frames - 1, 1) + 1
+    noise = points.variance / pixels
+    use = points.clear
+    square = np.square(points.signal)
+    weight = 1 / np.square(np.median(points.fluctuation[use]) + noise)[use]
+    columns = np.stack([square, np.ones_like(square)], axis=1)
+    shares, _ = nnls(columns[use] * weight[:, None], np.maximum(points.fluctuation - noise, 0.0)[use] * weight)
+    # No lamp and no clock is better than one part in 100 000.
+    return np.asarray(np.sqrt((noise + columns @ shares + 1e-10 * square) / points.frames))
 
 
 def _departure(slope: float, square: float, full_dn: float) -> float:
