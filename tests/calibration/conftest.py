@@ -7,7 +7,7 @@ import pytest
 
 from gs2ci_calibration.dark_flat import Darks
 from gs2ci_calibration.frames import Dark
-from gs2ci_calibration.photon_transfer import Full, Sweep
+from gs2ci_calibration.transfer_curve import Full, Sweep
 
 TOP_DN = 4095
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
-from gs2ci_calibration.photon_transfer import Full, estimate
 from gs2ci_calibration.refusals import CalibrationError, Reason
+from gs2ci_calibration.transfer_curve import Full, estimate
 
 TOP_DN = 4095
 
