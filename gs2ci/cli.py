@@ -32,6 +32,7 @@ COMMANDS: Final[dict[str, tuple[str, str]]] = {
     "tradeoff": ("gs2ci.commands.tradeoff", "say what accuracy costs in time, for one shot on this machine"),
     "models": ("gs2ci.commands.models", "turn trained weights into model files"),
     "plan": ("gs2ci.commands.plan", "say which physical effects a simulation calls for, and why"),
+    "calibrate": ("gs2ci.commands.calibrate", "measure a bench: sensor, masks, geometry, timing"),
     "capture": ("gs2ci.commands.capture", "take coded exposures on a bench, real or simulated"),
     "recover": ("gs2ci.commands.recover", "save the finished rows of an interrupted capture"),
     "devices": ("gs2ci.commands.devices", "say what is connected and what it can do"),
