@@ -1,9 +1,9 @@
 """The stage in the camera's frame: where each axis takes the camera, how far, and how faithfully.
 
 A board at rest is seen from many positions of the stage. A stage that only shifts the camera shows it in one
-orientation, so that all pictures share one rotation and each gives the camera's place. Here: the places, the axes
-and what is refused. Not here: the pictures (`procedures`), the camera's own figures, which come in with their
-covariance (`intrinsics`), how positions are written (`bundle`).
+orientation, so that all pictures share one rotation and each gives the camera's place. Here: the fit of the axes. Not
+here: the pictures (`stage`), the camera's own figures, which come in with their covariance (`intrinsics`), what an axis
+is refused for (`axis_checks`). `stage` and tests import this file.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import t as student
 
+from gs2ci_calibration.axis_checks import STEP, FittedAxis, Measured, require_faithful, require_moving
 from gs2ci_calibration.board import Sighting
 from gs2ci_calibration.intrinsics import CameraEstimate
 from gs2ci_calibration.places import Places, find_places
@@ -21,26 +22,13 @@ from gs2ci_calibration.refusals import CalibrationError, Reason
 
 F64 = NDArray[np.float64]
 
-STEP: Final = "stage"
-
 TARGETS_MIN: Final = 4
 """A line has two unknowns in each direction; two further targets leave a scatter to judge it by."""
 SWEEP_MIN: Final = 4
 """Pictures during a sweep: the same, of a line in time."""
-MOVED_MIN: Final = 0.1
-"""Share of the commanded distance below which a stage does not move: the least ratio that a wrong lead screw or
-microstep setting makes is about a half."""
-SCALE_RANGE: Final = (0.5, 2.0)
-"""Of the measured to the expected distance: outside, a setting is wrong by a factor, not a little."""
-ANGLE_MAX_DEG: Final = 30.0
-"""Between the measured direction and the one in the rig file: more is another axis or another mounting."""
-OPPOSITE_DEG: Final = 150.0
-SLIP_SHARE: Final = 0.003
-"""Of the travel: an axis that comes back to a target by this much elsewhere has slipped. Stages repeat to some
-micrometres, 1e-4 of the travel."""
-NOISE_FACTOR: Final = 5.0
-"""What is seen to slip or not to move must exceed the pictures' own noise this many times."""
 COVERAGE: Final = 0.95
+DECIMALS: Final = 6
+"""Targets that agree to a nanometre are one."""
 
 
 @dataclass(frozen=True)
@@ -75,14 +63,6 @@ class SweepPicture:
     time_s: float
     position_mm: float
     sighting: Sighting | None
-
-
-@dataclass(frozen=True)
-class Measured:
-    """A number with its standard error, scaled for few degrees of freedom so that two of them hold 95 %."""
-
-    value: float
-    standard_error: float
 
 
 @dataclass(frozen=True)
@@ -124,8 +104,21 @@ class AxisEstimate:
     @property
     def direction_error_deg(self) -> float:
         """Get the standard error of the direction, as an angle: both components across in quadrature."""
+        return float(np.degrees(np.sqrt(np.trace(self._across))))
+
+    @property
+    def direction_errors(self) -> F64:
+        """Get the standard errors of `direction`, [3].
+
+        Along itself a unit vector errs in second order only, by half the square of its angle.
+        """
+        return np.asarray(np.sqrt(np.diag(self._across)) + 0.5 * np.trace(self._across))
+
+    @property
+    def _across(self) -> F64:
+        """Get the covariance of the direction, which has none along itself, [3, 3]."""
         across = np.eye(3) - np.outer(self.direction, self.direction)
-        return float(np.degrees(np.sqrt(np.trace(across @ self.covariance @ across)) / self.scale.value))
+        return np.asarray(across @ self.covariance @ across / self.scale.value**2)
 
 
 def estimate_stage(
@@ -146,53 +139,18 @@ def estimate_stage(
         CalibrationError: The board is not in every picture, there are too few targets, or an axis does not move,
             slips, goes the wrong way or by a wrong distance.
     """
-    shots: list[StagePicture | SweepPicture] = [*pictures, *sweeps]
-    sightings = _all_seen(shots)
+    sightings = _all_seen([*pictures, *sweeps])
     places = find_places(sightings, camera.values)
     names = list(dict.fromkeys(picture.axis for picture in pictures))
 
-    def measure(found: Places) -> list[_Axis]:
-        return [_measure(name, shots, found) for name in names]
+    def measure(found: Places) -> list[FittedAxis]:
+        return [_measure(name, pictures, sweeps, found) for name in names]
 
     axes = measure(places)
     for axis in axes:
-        _require_faithful(axis, (expected or {}).get(axis.name))
+        require_faithful(axis, (expected or {}).get(axis.name))
     by_camera = _through_camera(measure, sightings, camera, places)
     return {axis.name: _estimate(axis, by_camera[index], camera) for index, axis in enumerate(axes)}
-
-
-@dataclass(frozen=True)
-class _Axis:
-    """An axis before the camera's own uncertainty is added.
-
-    Args:
-        name: Of the axis.
-        per_mm: [3].
-        covariance: From scatter alone, [3, 3].
-        backlash: Along the axis, in mm of it.
-        repeatability: The same.
-        linearity_mm: The same.
-        travel_mm: Between the outermost targets.
-        noise_mm: What the pictures' noise makes of one place.
-        speed: Relative error, or None.
-        speed_ripple_mm: In mm of the axis.
-    """
-
-    name: str
-    per_mm: F64
-    covariance: F64
-    backlash: Measured
-    repeatability: Measured
-    linearity_mm: float
-    travel_mm: float
-    noise_mm: float
-    speed: Measured | None
-    speed_ripple_mm: float
-
-    @property
-    def figures(self) -> F64:
-        """Get what depends on the camera's figures: motion per mm, backlash, speed error, [5]."""
-        return np.array([*self.per_mm, self.backlash.value, self.speed.value if self.speed else 0.0])
 
 
 def _all_seen(shots: Sequence[StagePicture | SweepPicture]) -> list[Sighting]:
@@ -229,50 +187,63 @@ def _all_seen(shots: Sequence[StagePicture | SweepPicture]) -> list[Sighting]:
     return seen
 
 
-def _measure(name: str, shots: Sequence[StagePicture | SweepPicture], places: Places) -> _Axis:
+def _measure(name: str, pictures: Sequence[StagePicture], sweeps: Sequence[SweepPicture], places: Places) -> FittedAxis:
     """Fit one axis.
 
     The mean of both sides at each target makes the line, their difference the backlash: a periodic error of the
     screw is the same at each return to a target, so that targets, not pictures, count as independent.
 
     Raises:
-        CalibrationError: Fewer targets than a line needs.
+        CalibrationError: Fewer targets than a line needs, or the axis stands still.
     """
-    rest = [i for i, shot in enumerate(shots) if isinstance(shot, StagePicture) and shot.axis == name]
-    position = np.array([shots[i].position_mm for i in rest])
-    upwards = np.array([getattr(shots[i], "upwards", False) for i in rest])
-    at = places.camera_mm[rest]
-    targets = np.unique(np.round(position, 6))
-    both = [t for t in targets if len(set(upwards[np.isclose(position, t, atol=2e-6)])) == 2]
-    if len(both) < TARGETS_MIN:
-        raise CalibrationError(
-            STEP,
-            Reason.DEGENERATE_VIEWS,
-            f"axis {name} was seen from both sides at {len(both)} positions",
-            allowed=f"{TARGETS_MIN} or more",
-            remedy="give it a longer travel",
-        )
-    cells = [[at[np.isclose(position, t, atol=2e-6) & (upwards == up)] for up in (True, False)] for t in both]
-    up, down = (np.stack([cell[side].mean(axis=0) for cell in cells]) for side in (0, 1))
-    line, covariance, left = _line(np.array(both), 0.5 * (up + down))
-    length2 = max(float(line @ line), np.finfo(np.float64).tiny)
-    lost = (down - up) @ line / length2
-    freedom = len(both) - 1
-    noise_mm = places.noise_mm / np.sqrt(length2)
-    speed, ripple_mm = _speed([i for i, s in enumerate(shots) if isinstance(s, SweepPicture) and s.axis == name],
-                              shots, places, line)  # fmt: skip
-    return _Axis(
+    targets, visits = _visits(name, pictures, places)
+    up, down = (np.stack([visits[target, side].mean(axis=0) for target in targets]) for side in (True, False))
+    line, by_targets, left = _line(np.array(targets), 0.5 * (up + down))
+    travel_mm = float(np.ptp(targets))
+    require_moving(name, line, travel_mm, float(np.sqrt(np.trace(places.covariance_mm2))))
+    along = line / float(line @ line)  # from mm of the camera to mm of the axis
+    lost = (down - up) @ along
+    noise_mm = float(np.sqrt(along @ places.covariance_mm2 @ along))
+    returns = [visit @ along for visit in visits.values()]
+    speed, ripple_mm = _speed(name, sweeps, places.camera_mm[len(pictures) :] @ along)
+    return FittedAxis(
         name=name,
         per_mm=line,
-        covariance=covariance,
-        backlash=Measured(float(lost.mean()), _widened(float(lost.std(ddof=1)) / np.sqrt(len(lost)), freedom)),
-        repeatability=_repeatability([(side @ line / length2) for cell in cells for side in cell], noise_mm),
-        linearity_mm=float(np.sqrt(np.mean(np.square(left @ line / length2)))),
-        travel_mm=float(np.ptp(both)),
+        covariance=_wider(by_targets, _by_returns(targets, visits)),
+        backlash=Measured(float(lost.mean()), _widened(float(lost.std(ddof=1)) / np.sqrt(len(lost)), len(lost) - 1)),
+        repeatability=_repeatability(returns, noise_mm),
+        worst_return_mm=max(float(np.ptp(visit)) for visit in returns),
+        linearity_mm=float(np.sqrt(np.mean(np.square(left @ along)))),
+        travel_mm=travel_mm,
         noise_mm=noise_mm,
         speed=speed,
         speed_ripple_mm=ripple_mm,
     )
+
+
+def _visits(
+    name: str, pictures: Sequence[StagePicture], places: Places
+) -> tuple[list[float], dict[tuple[float, bool], F64]]:
+    """Return the targets seen from both sides, and the camera's places at each from each side, [visits, 3].
+
+    Raises:
+        CalibrationError: There are too few, or none was visited twice.
+    """
+    at: dict[tuple[float, bool], list[F64]] = {}
+    for picture, place in zip(pictures, places.camera_mm[: len(pictures)], strict=True):
+        if picture.axis == name:
+            at.setdefault((round(picture.position_mm, DECIMALS), picture.upwards), []).append(place)
+    targets = sorted(target for target, upwards in at if upwards and (target, False) in at)
+    visits = {(target, side): np.stack(at[target, side]) for target in targets for side in (True, False)}
+    if len(targets) < TARGETS_MIN or max(len(visit) for visit in visits.values()) < 2:
+        raise CalibrationError(
+            STEP,
+            Reason.DEGENERATE_VIEWS,
+            f"axis {name} was seen from both sides at {len(targets)} positions",
+            allowed=f"{TARGETS_MIN} or more, each twice",
+            remedy="give it a longer travel",
+        )
+    return targets, visits
 
 
 def _line(x: F64, y: F64) -> tuple[F64, F64, F64]:
@@ -282,6 +253,24 @@ def _line(x: F64, y: F64) -> tuple[F64, F64, F64]:
     left = y - y.mean(axis=0) - np.outer(centred, slope)
     scatter = left.T @ left / (len(x) - 2)
     return slope, scatter / float(centred @ centred) * _widened(1.0, len(x) - 2) ** 2, left
+
+
+def _by_returns(targets: list[float], visits: dict[tuple[float, bool], F64]) -> F64:
+    """Return the covariance of a line's slope that the scatter of returns alone gives, [3, 3]."""
+    every = list(visits.values())
+    freedom = sum(len(visit) - 1 for visit in every)
+    scatter = (
+        sum((np.cov(visit.T, ddof=0) * len(visit) for visit in every if len(visit) > 1), np.zeros((3, 3))) / freedom
+    )
+    per_target = sum(len(visit) for visit in every) / len(targets)
+    centred = np.array(targets) - np.mean(targets)
+    return np.asarray(scatter / per_target / float(centred @ centred) * _widened(1.0, freedom) ** 2)
+
+
+def _wider(first: F64, second: F64) -> F64:
+    """Stretch a covariance until no variance is below that of another; few targets may lie on a line by chance."""
+    stretch = np.sqrt(np.maximum(np.diag(second) / np.maximum(np.diag(first), np.finfo(np.float64).tiny), 1.0))
+    return np.asarray(first * np.outer(stretch, stretch))
 
 
 def _widened(standard_error: float, freedom: int) -> float:
@@ -296,8 +285,6 @@ def _repeatability(visits: Sequence[F64], noise_mm: float) -> Measured:
     0, where a root has no slope, it is the root of the variance's.
     """
     freedom = sum(len(visit) - 1 for visit in visits)
-    if freedom < 1:
-        return Measured(0.0, float("inf"))
     variance = sum(float(np.square(visit - visit.mean()).sum()) for visit in visits) / freedom
     spread = float(np.sqrt(2 / freedom)) * max(variance, noise_mm**2)
     value = float(np.sqrt(max(variance - noise_mm**2, 0.0)))
@@ -305,85 +292,29 @@ def _repeatability(visits: Sequence[F64], noise_mm: float) -> Measured:
     return Measured(value, error)
 
 
-def _speed(
-    moving: Sequence[int], shots: Sequence[StagePicture | SweepPicture], places: Places, line: F64
-) -> tuple[Measured | None, float]:
-    """Fit an even motion to the pictures of a sweep; return its speed's relative error and what is left, in mm."""
-    if len(moving) < SWEEP_MIN:
-        return None, 0.0
-    time_s = np.array([getattr(shots[i], "time_s", 0.0) for i in moving])
-    asked = np.array([shots[i].position_mm for i in moving])
-    along = places.camera_mm[moving] @ line / max(float(line @ line), np.finfo(np.float64).tiny)
-    speed, covariance, left = _line(time_s, np.stack([along, asked, 0 * asked], axis=1))
-    asked_speed = float(speed[1])
-    if asked_speed == 0:
-        return None, 0.0
-    error = float(np.sqrt(covariance[0, 0])) / abs(asked_speed)
-    return Measured(float(speed[0]) / asked_speed - 1, error), float(np.sqrt(np.mean(np.square(left[:, 0]))))
+def _speed(name: str, sweeps: Sequence[SweepPicture], along_mm: F64) -> tuple[Measured | None, float]:
+    """Fit an even motion to the pictures of a sweep.
 
+    Args:
+        name: Of the axis.
+        sweeps: Pictures of all axes' sweeps.
+        along_mm: Where the camera was in each, along the axis, in mm of it.
 
-def _require_faithful(axis: _Axis, expected: tuple[float, float, float] | None) -> None:
-    """Let an axis pass that goes where it should and comes back.
-
-    Raises:
-        CalibrationError: It does not move, slips, or goes elsewhere than the rig file says.
+    Returns:
+        The speed's relative error, None without a sweep, and what is left, in mm.
     """
-    length = float(np.linalg.norm(axis.per_mm))
-    wanted = float(np.linalg.norm(expected)) if expected is not None else 1.0
-    seen_mm = length * axis.travel_mm
-    if length < MOVED_MIN * wanted or seen_mm < NOISE_FACTOR * axis.noise_mm * length:
-        raise CalibrationError(
-            STEP,
-            Reason.STAGE_STILL,
-            f"axis {axis.name} does not move the camera: {seen_mm:.3g} mm over a commanded {axis.travel_mm:g} mm",
-            remedy="see that the camera stands on the stage, that its clamp is closed and the coupling holds",
-        )
-    back_mm = max(axis.repeatability.value, axis.linearity_mm)
-    if back_mm > max(SLIP_SHARE * axis.travel_mm, NOISE_FACTOR * axis.noise_mm):
-        raise CalibrationError(
-            STEP,
-            Reason.STAGE_SLIPS,
-            f"axis {axis.name} slips: it comes back to one target {axis.repeatability.value:.3g} mm elsewhere (rms) and "
-            f"leaves a straight line by {axis.linearity_mm:.3g} mm over {axis.travel_mm:g} mm",
-            allowed=f"{SLIP_SHARE * axis.travel_mm:.3g} mm",
-            remedy="tighten coupling and clamps, move slower, take load off the stage",
-        )
-    if expected is not None:
-        _require_expected(axis, np.asarray(expected, dtype=np.float64), length)
-
-
-def _require_expected(axis: _Axis, expected: F64, length: float) -> None:
-    wanted = float(np.linalg.norm(expected))
-    angle = float(np.degrees(np.arccos(np.clip(axis.per_mm @ expected / (length * wanted), -1, 1))))
-    found = f"{np.round(axis.per_mm, 3).tolist()} per mm, not {expected.tolist()}"
-    if angle > OPPOSITE_DEG:
-        raise CalibrationError(
-            STEP,
-            Reason.STAGE_WRONG_WAY,
-            f"axis {axis.name} moves the wrong way: {found}",
-            remedy="check the cable and the axis's sign, or turn the sign in [stage.mount]",
-        )
-    if angle > ANGLE_MAX_DEG:
-        raise CalibrationError(
-            STEP,
-            Reason.STAGE_WRONG_WAY,
-            f"axis {axis.name} moves the camera {angle:.0f} degrees off the direction in [stage.mount]: {found}",
-            allowed=f"{ANGLE_MAX_DEG:g} degrees",
-            remedy="check which axis is plugged in where, or correct [stage.mount]",
-        )
-    ratio = length / wanted
-    if not SCALE_RANGE[0] <= ratio <= SCALE_RANGE[1]:
-        raise CalibrationError(
-            STEP,
-            Reason.STAGE_WRONG_WAY,
-            f"axis {axis.name} moves the camera {ratio:.3g} times as far as it says",
-            allowed=f"{SCALE_RANGE[0]:g} to {SCALE_RANGE[1]:g} times",
-            remedy="check the axis's microstep or steps per mm, and square_mm of the board",
-        )
+    mine = [(shot.time_s, shot.position_mm, at) for shot, at in zip(sweeps, along_mm, strict=True) if shot.axis == name]
+    if len(mine) < SWEEP_MIN or len({position for _, position, _ in mine}) < 2:
+        return None, 0.0
+    time_s, asked_mm, seen_mm = np.array(mine).T
+    slopes, covariance, left = _line(time_s, np.stack([seen_mm, asked_mm, 0 * asked_mm], axis=1))
+    asked = float(slopes[1])
+    error = Measured(float(slopes[0]) / asked - 1, float(np.sqrt(covariance[0, 0])) / abs(asked))
+    return error, float(np.sqrt(np.mean(np.square(left[:, 0]))))
 
 
 def _through_camera(
-    measure: Callable[[Places], list[_Axis]], sightings: Sequence[Sighting], camera: CameraEstimate, places: Places
+    measure: Callable[[Places], list[FittedAxis]], sightings: Sequence[Sighting], camera: CameraEstimate, places: Places
 ) -> list[F64]:
     """Return how the figures of each axis change with the camera's, [5, 8] each, by central differences.
 
@@ -401,7 +332,7 @@ def _through_camera(
     return [np.stack([column[axis] for column in columns], axis=1) for axis in range(len(columns[0]))]
 
 
-def _estimate(axis: _Axis, by_camera: F64, camera: CameraEstimate) -> AxisEstimate:
+def _estimate(axis: FittedAxis, by_camera: F64, camera: CameraEstimate) -> AxisEstimate:
     carried = by_camera @ camera.covariance @ by_camera.T
     speed = axis.speed
     if speed is not None:

@@ -1,12 +1,10 @@
 """The ChArUco board: a chessboard with markers, and where its corners lie in an image.
 
-Here: what a board is, its sighting in one image, refusals of images that show none. The detection itself is
-OpenCV's. Not here: cameras and stages (`camera`, `stage`), how images are taken (`gs2ci_calibration.bench`).
-`camera`, `stage` and tests import this file.
+Here: a board and its sighting in one image. The detection is OpenCV's, the corners' last hundredths of a pixel are
+ours (`corners`). Not here: cameras and stages (`intrinsics`, `axes`), taking pictures (`pictures`). For this package.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, Final
 
@@ -15,13 +13,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gs2ci.core.errors import InputError
+from gs2ci_calibration.bench import BoardSpec
 from gs2ci_calibration.corners import refine_corners
 
 F64 = NDArray[np.float64]
 
 DICTIONARIES: Final = tuple(sorted(name for name in dir(cv2.aruco) if name.startswith("DICT_") and "X" in name))
-CORNERS_MIN: Final = 8
+CORNERS_MIN: Final = 6
 """A pose has 6 unknowns, a corner gives 2 numbers; below this many the pose hangs on single corners."""
+DETECTION_PX: Final = 480
+"""Images with a shorter side are enlarged for detection: OpenCV's search for markers wants some pixels per bit."""
 FLATNESS_MIN: Final = 0.05
 """Corners whose second principal extent on the board is below this share of the first lie on a line: the board's turn
 about that line is then free."""
@@ -31,35 +32,44 @@ PIXEL_CENTRE: Final = 0.5
 
 @dataclass(frozen=True)
 class Board:
-    """A ChArUco board.
+    """A ChArUco board that can be found in images.
 
     Args:
-        columns: Squares along x.
-        rows: Squares along y.
-        square_mm: Side of a square.
-        marker_mm: Side of a marker.
-        dictionary: OpenCV's name of the markers ("DICT_4X4_50").
+        spec: What it is.
+
+    Raises:
+        InputError: There is no such board.
     """
 
-    columns: int = 9
-    rows: int = 7
-    square_mm: float = 10.0
-    marker_mm: float = 7.0
-    dictionary: str = "DICT_4X4_50"
+    spec: BoardSpec = field(default_factory=BoardSpec)
 
     def __post_init__(self) -> None:
-        if min(self.columns, self.rows) < 3 or not 0 < self.marker_mm < self.square_mm < np.inf:
+        spec = self.spec
+        if min(spec.columns, spec.rows) < 3 or not 0 < spec.marker_mm < spec.square_mm < np.inf:
             raise InputError(
-                f"board of {self.columns} x {self.rows} squares of {self.square_mm} mm, markers of {self.marker_mm} mm",
+                f"board of {spec.columns} x {spec.rows} squares of {spec.square_mm} mm, markers of {spec.marker_mm} mm",
                 allowed="3 x 3 squares or more, 0 < marker_mm < square_mm",
+                remedy="correct [calibration.board]",
             )
-        if self.dictionary not in DICTIONARIES:
-            raise InputError(f"marker dictionary {self.dictionary!r}", allowed=", ".join(DICTIONARIES))
+        if spec.dictionary not in DICTIONARIES:
+            raise InputError(
+                f"marker dictionary {spec.dictionary!r}",
+                allowed=", ".join(DICTIONARIES),
+                remedy="correct [calibration.board]",
+            )
 
     @cached_property
     def _detector(self) -> Any:
-        markers = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, self.dictionary))
-        board = cv2.aruco.CharucoBoard((self.columns, self.rows), self.square_mm, self.marker_mm, markers)
+        spec = self.spec
+        markers = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, spec.dictionary))
+        needed = spec.columns * spec.rows // 2
+        if needed > len(markers.bytesList):
+            raise InputError(
+                f"a board of {spec.columns} x {spec.rows} squares needs {needed} markers, {spec.dictionary} has "
+                f"{len(markers.bytesList)}",
+                remedy="choose a larger dictionary in [calibration.board]",
+            )
+        board = cv2.aruco.CharucoBoard((spec.columns, spec.rows), spec.square_mm, spec.marker_mm, markers)
         return cv2.aruco.CharucoDetector(board)
 
     def find(self, image: NDArray[Any]) -> "Sighting | None":
@@ -72,16 +82,22 @@ class Board:
             What was found; None where fewer corners show than make a pose.
         """
         grey = _stretched(image)
-        corners, ids, _, _ = self._detector.detectBoard(np.rint(grey).astype(np.uint8))
+        factor = max(1, int(np.ceil(DETECTION_PX / min(grey.shape))))
+        large = cv2.resize(grey, None, fx=factor, fy=factor, interpolation=cv2.INTER_CUBIC) if factor > 1 else grey
+        corners, ids, _, _ = self._detector.detectBoard(np.clip(np.rint(large), 0, 255).astype(np.uint8))
         if ids is None or len(ids) < CORNERS_MIN:
             return None
         found = ids.ravel().astype(int)
         on_board = self.corners_mm[found]
-        rough_px = np.asarray(corners, dtype=np.float64).reshape(-1, 2) + PIXEL_CENTRE
-        corners_px, good = refine_corners(grey, rough_px, on_board[:, :2] / self.square_mm, self.gap)
+        rough_px = (np.asarray(corners, dtype=np.float64).reshape(-1, 2) + PIXEL_CENTRE) / factor
+        rough = Sighting(found, rough_px, on_board)
+        if rough.collinear:
+            return rough  # nothing to fit it by: who asked refuses it, or takes another picture
+        corners_px, blur_px = refine_corners(grey, rough_px, on_board[:, :2] / self.spec.square_mm, self.gap)
+        good = np.isfinite(blur_px)
         if good.sum() < CORNERS_MIN:
             return None
-        return Sighting(found[good], corners_px[good], on_board[good])
+        return Sighting(found[good], corners_px[good], on_board[good], float(np.median(blur_px[good])))
 
     @cached_property
     def corners_mm(self) -> F64:
@@ -91,7 +107,7 @@ class Board:
     @property
     def gap(self) -> float:
         """Get how far the squares' edges are clear of markers on either side, as a share of a square."""
-        return 0.5 * (1 - self.marker_mm / self.square_mm)
+        return 0.5 * (1 - self.spec.marker_mm / self.spec.square_mm)
 
 
 @dataclass(frozen=True)
@@ -102,11 +118,13 @@ class Sighting:
         ids: Numbers of the corners, [K].
         corners_px: Where they were found, [K, 2] x and y, pixel centres at +0.5.
         corners_mm: Where they lie on the board, [K, 3], z = 0.
+        blur_px: Standard deviation of the blur of their edges, half of them have less.
     """
 
     ids: NDArray[np.int_]
     corners_px: F64
     corners_mm: F64
+    blur_px: float = 0.0
 
     @property
     def collinear(self) -> bool:
@@ -114,15 +132,6 @@ class Sighting:
         centred = self.corners_mm[:, :2] - self.corners_mm[:, :2].mean(axis=0)
         extents = np.linalg.svd(centred, compute_uv=False)
         return bool(extents[1] < FLATNESS_MIN * extents[0])
-
-
-def median_square_px(sightings: Sequence[Sighting], board: Board) -> float:
-    """Return the typical side of a square in the images, in pixels."""
-    sides = [
-        np.sqrt(np.prod(np.ptp(s.corners_px, axis=0)) / max(np.prod(np.ptp(s.corners_mm[:, :2], axis=0)), 1e-12))
-        for s in sightings
-    ]
-    return float(np.median(sides) * board.square_mm)
 
 
 def _stretched(image: NDArray[Any]) -> NDArray[np.float32]:

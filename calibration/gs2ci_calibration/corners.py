@@ -1,9 +1,9 @@
 """Chessboard corners to a hundredth of a pixel: the brightness round each corner fitted by two blurred edges.
 
 OpenCV's `cornerSubPix` uses the gradients of a square window, which holds either few pixels or a marker; here the
-fit follows the edges for nearly half a square to all four sides and stays between the markers. On rendered boards
-its error is a third of that of `cornerSubPix` (docs/calibration.md). Not here: finding the corners (`board`, the
-only user beside tests).
+fit follows the edges for nearly half a square to all four sides and stays between the markers. How the
+two compare: `python -m tests.benchmarks calibration_geometry`. Not here: finding the corners (`board`, the only user
+beside tests).
 """
 
 from typing import Any, Final
@@ -33,9 +33,7 @@ BLUR_RANGE_PX: Final = (0.4, 8.0)
 """The least is the width of the pixel itself: a box of 1 px has the spread of erf(u / 0.41 px)."""
 
 
-def refine_corners(
-    image: NDArray[np.floating], rough_px: F64, on_board: F64, gap: float
-) -> tuple[F64, NDArray[np.bool_]]:
+def refine_corners(image: NDArray[np.floating], rough_px: F64, on_board: F64, gap: float) -> tuple[F64, F64]:
     """Fit the corners of a chessboard.
 
     Round a corner the brightness is m + a erf(u / p) erf(v / q), with u and v the distances from two edges that
@@ -49,19 +47,20 @@ def refine_corners(
         gap: How far edges are clear of markers, in squares.
 
     Returns:
-        The corners, [K, 2] pixels, and which of them could be fitted, [K].
+        The corners, [K, 2] pixels, and the standard deviation of the blur of their edges, [K] pixels; NaN marks a
+        corner that could not be fitted.
     """
     board_from_px = cv2.findHomography(rough_px, on_board)[0]
-    refined, good = rough_px.copy(), np.zeros(len(rough_px), dtype=bool)
+    refined, blur_px = rough_px.copy(), np.full(len(rough_px), np.nan)
     if board_from_px is None:
-        return refined, good
-    for k, (start_px, place) in enumerate(zip(rough_px, on_board, strict=True)):
+        return refined, blur_px
+    for k, start_px in enumerate(rough_px):
         # The homography of the whole board may be off by the lens's distortion; near the corner only its slope counts.
         slope = _slope(board_from_px, start_px)
-        found_px = _fit_one(image, start_px, slope, gap) if np.isfinite(place).all() else None
-        if found_px is not None:
-            refined[k], good[k] = found_px, True
-    return refined, good
+        found = _fit_one(image, start_px, slope, gap)
+        if found is not None:
+            refined[k], blur_px[k] = found
+    return refined, blur_px
 
 
 def _slope(homography: F64, point: F64) -> F64:
@@ -70,8 +69,8 @@ def _slope(homography: F64, point: F64) -> F64:
     return np.asarray((homography[:2, :2] - np.outer(mapped[:2] / mapped[2], homography[2, :2])) / mapped[2])
 
 
-def _fit_one(image: NDArray[np.floating], start_px: F64, slope: F64, gap: float) -> F64 | None:
-    """Fit one corner; None where too few pixels are clear, or the fit runs away."""
+def _fit_one(image: NDArray[np.floating], start_px: F64, slope: F64, gap: float) -> tuple[F64, float] | None:
+    """Fit one corner and its blur; None where too few pixels are clear, or the fit runs away."""
     across, values, squares_per_px = _clear_pixels(image, start_px, slope, gap)
     if len(values) < PIXELS_MIN:
         return None
@@ -88,7 +87,10 @@ def _fit_one(image: NDArray[np.floating], start_px: F64, slope: F64, gap: float)
     if not np.isfinite(unknowns).all() or abs(unknowns[9]) < CONTRAST_MIN:
         return None
     moved_px = np.linalg.solve(slope, _crossing(unknowns))
-    return start_px + moved_px if np.linalg.norm(moved_px) < MOVED_MAX_PX else None
+    if np.linalg.norm(moved_px) >= MOVED_MAX_PX:
+        return None
+    # erf(u / p) is an edge blurred by a Gaussian of p / sqrt(2).
+    return start_px + moved_px, float(np.mean(unknowns[6:8] / squares_per_px) / np.sqrt(2))
 
 
 def _clear_pixels(image: NDArray[np.floating], start_px: F64, slope: F64, gap: float) -> tuple[F64, F64, F64]:

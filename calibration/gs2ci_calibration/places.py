@@ -35,13 +35,13 @@ class Places:
         rotation: Rotation vector of the board in the camera's frame, the same in all pictures, [3].
         board_mm: The board's origin in the camera's frame, [K, 3].
         residual_px: Root mean square of what is left at the corners, along one axis.
-        noise_mm: What that makes of one place along the image, root mean square over both directions.
+        covariance_mm2: What that makes of one place, as the mean over all pictures, [3, 3].
     """
 
     rotation: F64
     board_mm: F64
     residual_px: float
-    noise_mm: float
+    covariance_mm2: F64
 
     @property
     def camera_mm(self) -> F64:
@@ -62,7 +62,7 @@ def find_places(sightings: Sequence[Sighting], values: F64, start: Places | None
     """
     rotation, shifts = (start.rotation, start.board_mm) if start is not None else _first(sightings, values)
     for _ in range(PASSES):
-        turn, steps, residual, noise_mm = _step(sightings, values, rotation, shifts)
+        turn, steps, residual, covariance_mm2 = _step(sightings, values, rotation, shifts)
         # A rotation vector's own increments: the derivatives are by its components.
         rotation, shifts = rotation + turn, shifts + steps
         if max(np.abs(steps).max(), np.abs(turn).max() * np.abs(shifts).max()) < CONVERGED_MM:
@@ -75,7 +75,7 @@ def find_places(sightings: Sequence[Sighting], values: F64, start: Places | None
             allowed=f"{RESIDUAL_MAX_PX:g} px",
             remedy="see that the board and the camera's mount are firm: this stage seems to turn the camera",
         )
-    return Places(rotation, shifts, residual, noise_mm)
+    return Places(rotation, shifts, residual, covariance_mm2)
 
 
 def _first(sightings: Sequence[Sighting], values: F64) -> tuple[F64, F64]:
@@ -97,14 +97,14 @@ def _first(sightings: Sequence[Sighting], values: F64) -> tuple[F64, F64]:
     return poses[0][0], np.stack([shift for _, shift in poses])
 
 
-def _step(sightings: Sequence[Sighting], values: F64, rotation: F64, shifts: F64) -> tuple[F64, F64, float, float]:
-    """Return the steps of rotation [3] and places [K, 3], the residual before them, and the noise of a place.
+def _step(sightings: Sequence[Sighting], values: F64, rotation: F64, shifts: F64) -> tuple[F64, F64, float, F64]:
+    """Return the steps of rotation [3] and places [K, 3], the residual before them, and the covariance of a place.
 
     The places are eliminated picture by picture (Schur's complement), which leaves three equations.
     """
     normal, right = np.zeros((3, 3)), np.zeros(3)
     kept = []
-    squares, count, spread = 0.0, 0, 0.0
+    squares, count, spread = 0.0, 0, np.zeros((3, 3))
     for sighting, shift in zip(sightings, shifts, strict=True):
         at, _, by_pose = project(values, sighting.corners_mm, rotation, shift)
         left = (sighting.corners_px - at).ravel()
@@ -114,8 +114,8 @@ def _step(sightings: Sequence[Sighting], values: F64, rotation: F64, shifts: F64
         normal += turn.T @ turn - (turn.T @ move) @ eliminated
         right += turn.T @ left - eliminated.T @ (move.T @ left)
         kept.append((eliminated, inverse @ (move.T @ left)))
-        squares, count, spread = squares + float(left @ left), count + len(left), spread + np.trace(inverse[:2, :2]) / 2
+        squares, count, spread = squares + float(left @ left), count + len(left), spread + inverse
     step = np.linalg.solve(normal, right)
     moves = np.stack([alone - eliminated @ step for eliminated, alone in kept])
     residual = float(np.sqrt(squares / max(count - 3 - 3 * len(sightings), 1)))
-    return step, moves, residual, residual * float(np.sqrt(spread / len(sightings)))
+    return np.asarray(step, dtype=np.float64), moves, residual, residual**2 * spread / len(sightings)

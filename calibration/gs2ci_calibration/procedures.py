@@ -8,9 +8,14 @@ from typing import Final
 
 from gs2ci_calibration.bench import Bench
 from gs2ci_calibration.bundle import Bundle
+from gs2ci_calibration.camera import measure_camera
 from gs2ci_calibration.estimates import Section
+from gs2ci_calibration.stage import measure_stage
 
 Procedure = Callable[[Bench, Bundle], Section]
 
-PROCEDURES: Final[dict[str, Procedure]] = {}
+PROCEDURES: Final[dict[str, Procedure]] = {
+    "camera": measure_camera,
+    "stage": measure_stage,
+}
 """Name on the command line -> the function that measures that section."""

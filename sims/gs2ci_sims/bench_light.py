@@ -137,10 +137,10 @@ class BenchLight:
         """Put an evenly lit field before the camera; 1 is the white of a scene."""
         self._sight = _Sight(self.scene, EvenLight(radiance=radiance))
 
-    def look_at_board(self, plane: BoardPlane, index: int) -> None:
-        """Hold a ChArUco board before the camera, in the pose that belongs to an index."""
+    def look_at_board(self, plane: BoardPlane, index: int, *, fixed: bool = False) -> None:
+        """Hold a ChArUco board before the camera in the pose that belongs to an index, or fix it on a stand."""
         lens = next((effect for effect in self._extra if isinstance(effect, LensDistortion)), None)
-        self._sight = _Sight(*board_scene(self.scene, plane, index, self._seed, lens))
+        self._sight = _Sight(*board_scene(self.scene, plane, index, self._seed, lens, fixed=fixed))
 
     def collect(self, exposure: Exposure) -> U16:
         """Return the sensor's pixels, [H, W] uint16.

@@ -33,6 +33,9 @@ PX_PER_SQUARE: Final = 60
 FILL: Final = (0.62, 0.95)
 TILT_DEG: Final = 32.0
 TURN_DEG: Final = 12.0
+# The same of a board on a stand.
+FIXED_FILL: Final = (0.5, 0.58)
+FIXED_TILT_DEG: Final = 8.0
 
 
 class Target(Renderer):
@@ -110,20 +113,21 @@ class BoardPlane:
         framed = np.pad(drawn, PX_PER_SQUARE, constant_values=255)
         return np.asarray(INK + (PAPER - INK) * framed / 255.0, dtype=np.float32)
 
-    def pose(self, index: int, scene: Scene, seed: int) -> F64:
+    def pose(self, index: int, scene: Scene, seed: int, *, fixed: bool = False) -> F64:
         """Return where the board is held for picture `index`, camera_from_board [4, 4]: origin at its top left corner.
 
-        It fills most of the frame, tilted and turned at random within limits.
+        It fills most of the frame, tilted and turned at random within limits; on a stand, half of it and the middle.
         """
+        fill, tilt_deg = (FIXED_FILL, FIXED_TILT_DEG) if fixed else (FILL, TILT_DEG)
         rng = np.random.default_rng(np.random.SeedSequence((seed, index)))
         size = np.array([self.columns, self.rows]) * self.square
         frame = np.array([scene.size[1], scene.size[0]]) / scene.intrinsics[[0, 1], [0, 1]]
-        distance = float((size / frame).max() / rng.uniform(*FILL))
-        angles = np.array([*rng.uniform(-TILT_DEG, TILT_DEG, 2), rng.uniform(-TURN_DEG, TURN_DEG)])
+        distance = float((size / frame).max() / rng.uniform(*fill))
+        angles = np.array([*rng.uniform(-tilt_deg, tilt_deg, 2), rng.uniform(-TURN_DEG, TURN_DEG)])
         pose = np.eye(4)
         pose[:3, :3] = Rotation.from_euler("xyz", angles, degrees=True).as_matrix()
         play = np.maximum(frame * distance - size, 0.0) / 2
-        aside = rng.uniform(-1, 1, 2) * play
+        aside = rng.uniform(-1, 1, 2) * play * (0.1 if fixed else 1.0)
         pose[:3, 3] = np.array([*aside, distance]) - pose[:3, :3] @ np.array([*(size / 2), 0.0])
         return pose
 
@@ -192,10 +196,10 @@ def _divided(homography: F64, points: F64) -> tuple[F32, F32]:
 
 
 def board_scene(
-    scene: Scene, plane: BoardPlane, index: int, seed: int, lens: LensDistortion | None = None
+    scene: Scene, plane: BoardPlane, index: int, seed: int, lens: LensDistortion | None = None, *, fixed: bool = False
 ) -> tuple[Scene, Board]:
     """Hold a board before a scene's camera; return it as a scene of the same camera, and its renderer."""
-    pose = plane.pose(index, scene, seed)
+    pose = plane.pose(index, scene, seed, fixed=fixed)
     world_from_board = np.linalg.inv(scene.world_to_camera) @ pose
     middle = pose @ np.array([plane.columns * plane.square / 2, plane.rows * plane.square / 2, 0.0, 1.0])
     depth = np.full(scene.size, float(middle[2]))

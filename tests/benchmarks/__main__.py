@@ -22,6 +22,7 @@ BENCHMARKS = {
     "decoders": "tests.benchmarks.decoders",
     "simulation": "tests.benchmarks.simulation",
     "bundle_adjustment": "tests.benchmarks.bundle_adjustment",
+    "calibration_geometry": "tests.benchmarks.calibration_geometry",
 }
 
 
