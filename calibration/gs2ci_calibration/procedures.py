@@ -8,9 +8,9 @@ from typing import Final
 
 from gs2ci_calibration.bench import Bench
 from gs2ci_calibration.bundle import Bundle
-from gs2ci_calibration.camera import measure_camera
 from gs2ci_calibration.estimates import Section
-from gs2ci_calibration.stage import measure_stage
+from gs2ci_calibration.geometry.camera import measure_camera
+from gs2ci_calibration.geometry.stage import measure_stage
 
 Procedure = Callable[[Bench, Bundle], Section]
 

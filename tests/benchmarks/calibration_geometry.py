@@ -1,6 +1,6 @@
 """Camera and stage calibrated on simulated benches of known truth, drawn at random.
 
-Every bench goes the whole way: drivers, twins, rendered boards, `gs2ci_calibration.camera` and `.stage`. A second
+Every bench goes the whole way: drivers, twins, rendered boards, `gs2ci_calibration.geometry.camera` and `.stage`. A second
 table compares corner finding with OpenCV's `cornerSubPix`.
 """
 
@@ -17,11 +17,11 @@ from gs2ci.rig.config import RigTable
 from gs2ci.rig.opening import Rig
 from gs2ci.rig.simulated import build_bench
 from gs2ci_calibration.bench import Bench, Setup
-from gs2ci_calibration.board import Board
 from gs2ci_calibration.bundle import Bundle
-from gs2ci_calibration.camera import measure_camera
 from gs2ci_calibration.estimates import Estimate, Section
-from gs2ci_calibration.stage import measure_stage
+from gs2ci_calibration.geometry.board import Board
+from gs2ci_calibration.geometry.camera import measure_camera
+from gs2ci_calibration.geometry.stage import measure_stage
 from gs2ci_sims.bench_light import BenchLight
 from gs2ci_sims.targets import board_scene
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from gs2ci.core.errors import InputError
 from gs2ci_calibration.bench import BoardSpec
-from gs2ci_calibration.corners import refine_corners
+from gs2ci_calibration.geometry.corners import refine_corners
 
 F64 = NDArray[np.float64]
 

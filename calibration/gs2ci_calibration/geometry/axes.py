@@ -14,10 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import t as student
 
-from gs2ci_calibration.axis_checks import STEP, FittedAxis, Measured, require_faithful, require_moving
-from gs2ci_calibration.board import Sighting
-from gs2ci_calibration.intrinsics import CameraEstimate
-from gs2ci_calibration.places import Places, find_places
+from gs2ci_calibration.geometry.axis_checks import STEP, FittedAxis, Measured, require_faithful, require_moving
+from gs2ci_calibration.geometry.board import Sighting
+from gs2ci_calibration.geometry.intrinsics import CameraEstimate
+from gs2ci_calibration.geometry.places import Places, find_places
 from gs2ci_calibration.refusals import CalibrationError, Reason
 
 F64 = NDArray[np.float64]

@@ -9,16 +9,16 @@ from typing import Any, Final
 
 import numpy as np
 
-from gs2ci_calibration.axes import AxisEstimate, StagePicture, SweepPicture, estimate_stage
-from gs2ci_calibration.axis_checks import STEP
 from gs2ci_calibration.bench import Bench, Setup
-from gs2ci_calibration.board import Board, Sighting
 from gs2ci_calibration.bundle import Bundle
-from gs2ci_calibration.camera import camera_of
 from gs2ci_calibration.estimates import Estimate, Section
-from gs2ci_calibration.intrinsics import CameraEstimate
-from gs2ci_calibration.pictures import Pictures, require_sharp
-from gs2ci_calibration.places import find_places
+from gs2ci_calibration.geometry.axes import AxisEstimate, StagePicture, SweepPicture, estimate_stage
+from gs2ci_calibration.geometry.axis_checks import STEP
+from gs2ci_calibration.geometry.board import Board, Sighting
+from gs2ci_calibration.geometry.camera import camera_of
+from gs2ci_calibration.geometry.intrinsics import CameraEstimate
+from gs2ci_calibration.geometry.pictures import Pictures, require_sharp
+from gs2ci_calibration.geometry.places import find_places
 from gs2ci_calibration.refusals import CalibrationError, Reason
 from gs2ci_drivers.plan import Travel
 from gs2ci_drivers.stage import AxisInfo, Stage

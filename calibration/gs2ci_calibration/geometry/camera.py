@@ -9,11 +9,11 @@ from typing import Final
 import numpy as np
 
 from gs2ci_calibration.bench import Bench, Setup
-from gs2ci_calibration.board import Board
 from gs2ci_calibration.bundle import Bundle
 from gs2ci_calibration.estimates import Estimate, Section
-from gs2ci_calibration.intrinsics import PARAMETERS, STEP, CameraEstimate, estimate_camera
-from gs2ci_calibration.pictures import Pictures, require_any, require_sharp
+from gs2ci_calibration.geometry.board import Board
+from gs2ci_calibration.geometry.intrinsics import PARAMETERS, STEP, CameraEstimate, estimate_camera
+from gs2ci_calibration.geometry.pictures import Pictures, require_any, require_sharp
 
 FRAMES: Final = 2
 """Frames of a picture: beyond, the corners' error is no longer that of noise."""

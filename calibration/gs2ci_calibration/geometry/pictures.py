@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter
 
 from gs2ci_calibration.bench import Bench
-from gs2ci_calibration.board import Board, Sighting
+from gs2ci_calibration.geometry.board import Board, Sighting
 from gs2ci_calibration.refusals import CalibrationError, Reason
 
 F32 = NDArray[np.float32]

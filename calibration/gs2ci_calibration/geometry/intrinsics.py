@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import t as student
 
-from gs2ci_calibration.board import PIXEL_CENTRE, Sighting
+from gs2ci_calibration.geometry.board import PIXEL_CENTRE, Sighting
 from gs2ci_calibration.refusals import CalibrationError, Reason
 
 F64 = NDArray[np.float64]
