@@ -1,7 +1,7 @@
 """Camera and stage calibrated on simulated benches of known truth, drawn at random.
 
-Every bench goes the whole way: drivers, twins, rendered boards, `gs2ci_calibration.geometry.camera` and `.stage`. A second
-table compares corner finding with OpenCV's `cornerSubPix`.
+Every bench goes the whole way: drivers, twins, rendered boards, the steps `camera` and `stage`. The last line compares
+corner finding with OpenCV's `cornerSubPix`.
 """
 
 from dataclasses import dataclass, replace

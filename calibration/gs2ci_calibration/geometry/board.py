@@ -118,7 +118,7 @@ class Sighting:
         ids: Numbers of the corners, [K].
         corners_px: Where they were found, [K, 2] x and y, pixel centres at +0.5.
         corners_mm: Where they lie on the board, [K, 3], z = 0.
-        blur_px: Standard deviation of the blur of their edges, half of them have less.
+        blur_px: Standard deviation of the blur of their edges before the pixels, half of them have less.
     """
 
     ids: NDArray[np.int_]

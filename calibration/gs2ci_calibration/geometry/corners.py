@@ -29,15 +29,16 @@ MOVED_MAX_PX: Final = 2.5
 CONTRAST_MIN: Final = 10.0
 """Least half difference of black and white, of 255 over the whole image."""
 START_BLUR_PX: Final = 0.7
-BLUR_RANGE_PX: Final = (0.4, 8.0)
-"""The least is the width of the pixel itself: a box of 1 px has the spread of erf(u / 0.41 px)."""
+BLUR_RANGE_PX: Final = (0.1, 8.0)
+"""Of p, before the pixel's own width; 0 would leave the derivatives no width."""
 
 
 def refine_corners(image: NDArray[np.floating], rough_px: F64, on_board: F64, gap: float) -> tuple[F64, F64]:
     """Fit the corners of a chessboard.
 
-    Round a corner the brightness is m + a erf(u / p) erf(v / q), with u and v the distances from two edges that
-    cross there. The unknowns are the crossing, the edges' turns and bends (a lens of -0.1 r^2 bends them by some
+    Round a corner the brightness is m + a E(u, p) E(v, q), with u and v the distances from two edges that cross there
+    and E(u, p) the mean of erf(u / p) over a pixel: without that mean a sharp edge along the rows is up to 0.07 px
+    off, depending on where it falls between the pixels. The unknowns are the crossing, the edges' turns and bends (a lens of -0.1 r^2 bends them by some
     hundredths of a pixel, which would move the crossing), their blurs p and q, m and a; Gauss and Newton.
 
     Args:
@@ -58,6 +59,8 @@ def refine_corners(image: NDArray[np.floating], rough_px: F64, on_board: F64, ga
         # The homography of the whole board may be off by the lens's distortion; near the corner only its slope counts.
         slope = _slope(board_from_px, start_px)
         found = _fit_one(image, start_px, slope, gap)
+        # Which pixels are clear of markers is known once the corner is: choose them again.
+        found = _fit_one(image, found[0], slope, gap) if found is not None else None
         if found is not None:
             refined[k], blur_px[k] = found
     return refined, blur_px
@@ -77,7 +80,7 @@ def _fit_one(image: NDArray[np.floating], start_px: F64, slope: F64, gap: float)
     unknowns = _start(across, values, squares_per_px)
     low, high = (np.array([squares_per_px[0], squares_per_px[1]]) * side for side in BLUR_RANGE_PX)
     for _ in range(PASSES):
-        residual, jacobian = _model(unknowns, across, values)
+        residual, jacobian = _model(unknowns, across, values, 0.5 * squares_per_px)
         step, *_ = np.linalg.lstsq(jacobian, residual, rcond=None)
         scale = min(1.0, STEP_MAX / max(float(np.abs(step[:8]).max()), 1e-12))
         unknowns = unknowns + scale * step
@@ -98,9 +101,11 @@ def _clear_pixels(image: NDArray[np.floating], start_px: F64, slope: F64, gap: f
     px_per_square = np.linalg.inv(slope)
     reach = np.ceil(ARM * np.abs(px_per_square).sum(axis=1)).astype(int) + 1
     middle = np.floor(start_px).astype(int)
-    rows = slice(max(middle[1] - reach[1], 0), min(middle[1] + reach[1] + 1, image.shape[0]))
-    columns = slice(max(middle[0] - reach[0], 0), min(middle[0] + reach[0] + 1, image.shape[1]))
-    y, x = np.mgrid[rows, columns] + 0.5
+    # Both ends are clipped to the image: a corner found outside of it has no pixels.
+    (top, left), (bottom, right) = (
+        np.clip(middle[::-1] + way * reach[::-1] + (way + 1) // 2, 0, image.shape) for way in (-1, 1)
+    )
+    y, x = np.mgrid[top:bottom, left:right] + 0.5
     offsets = np.stack([x.ravel() - start_px[0], y.ravel() - start_px[1]], axis=1)
     places = offsets @ slope.T
     pixel = np.abs(slope).sum(axis=1)  # a pixel's extent on the board along u and v
@@ -108,7 +113,7 @@ def _clear_pixels(image: NDArray[np.floating], start_px: F64, slope: F64, gap: f
     room = np.maximum(gap - CLEAR_PX * size, 0.5 * pixel)
     near_edge = (np.abs(places) < room).any(axis=1)
     keep = near_edge & (np.abs(places) < ARM).all(axis=1)
-    return places[keep], image[rows, columns].ravel()[keep].astype(np.float64), size
+    return places[keep], image[top:bottom, left:right].ravel()[keep].astype(np.float64), size
 
 
 def _start(places: F64, values: F64, squares_per_px: F64) -> F64:
@@ -119,17 +124,27 @@ def _start(places: F64, values: F64, squares_per_px: F64) -> F64:
     return np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, *blur, 0.5 * (ends[0] + ends[1]), 0.5 * (ends[0] - ends[1])])
 
 
-def _model(unknowns: F64, places: F64, values: F64) -> tuple[F64, F64]:
-    """Return values minus model, [P], and the model's derivatives, [P, 10]."""
+def _model(unknowns: F64, places: F64, values: F64, half_pixel: F64) -> tuple[F64, F64]:
+    """Return values minus model, [P], and the model's derivatives, [P, 10]; `half_pixel` along u and v, in squares."""
     u0, v0, turn_u, turn_v, bend_u, bend_v, p, q, mean, half = unknowns
     x, y = places.T
     u, v = x - u0 + turn_u * y + bend_u * y * y, y - v0 + turn_v * x + bend_v * x * x
-    eu, ev = erf(u / p), erf(v / q)
-    gu = 2 / np.sqrt(np.pi) * np.exp(-np.square(u / p)) / p
-    gv = 2 / np.sqrt(np.pi) * np.exp(-np.square(v / q)) / q
+    (eu, gu, pu), (ev, gv, pv) = _edge(u, p, half_pixel[0]), _edge(v, q, half_pixel[1])
     by_u, by_v = half * gu * ev, half * eu * gv
-    columns = (-by_u, -by_v, by_u * y, by_v * x, by_u * y * y, by_v * x * x, -by_u * u / p, -by_v * v / q)
+    columns = (-by_u, -by_v, by_u * y, by_v * x, by_u * y * y, by_v * x * x, half * pu * ev, half * eu * pv)
     return values - (mean + half * eu * ev), np.stack([*columns, np.ones_like(x), eu * ev], axis=1)
+
+
+def _edge(u: F64, p: float, h: float) -> tuple[F64, F64, F64]:
+    """Return the mean of erf(u / p) from u - h to u + h, and its derivatives by u and by p.
+
+    The integral of erf(u / p) is u erf(u / p) + p exp(-u^2 / p^2) / sqrt(pi).
+    """
+    right, left = (u + h) / p, (u - h) / p
+    erf_right, erf_left = erf(right), erf(left)
+    bell_right, bell_left = (np.exp(-np.square(side)) / np.sqrt(np.pi) for side in (right, left))
+    mean = p * (right * erf_right + bell_right - left * erf_left - bell_left) / (2 * h)
+    return mean, (erf_right - erf_left) / (2 * h), (bell_right - bell_left) / (2 * h)
 
 
 def _crossing(unknowns: F64) -> F64:

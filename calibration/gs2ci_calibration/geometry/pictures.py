@@ -34,7 +34,7 @@ ROUNDS: Final = 14
 MISSED_MAX: Final = 3
 """So many pictures without a board at the beginning, and it is not there, or is another one."""
 BLUR_MAX_PX: Final = 2.0
-"""Standard deviation of the edges' blur. A pixel alone has 0.3; a lens focused elsewhere has another focal length."""
+"""Standard deviation of the blur of edges before the pixels; a lens focused elsewhere has another focal length."""
 
 
 @dataclass(frozen=True)
