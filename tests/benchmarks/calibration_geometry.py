@@ -4,6 +4,7 @@ Every bench goes the whole way: drivers, twins, rendered boards, the steps `came
 corner finding with OpenCV's `cornerSubPix`.
 """
 
+import sys
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -54,8 +55,17 @@ class Truth:
     speed_error: dict[str, float]
 
 
-def random_bench(seed: int, size: tuple[int, int] = SIZE, axes: tuple[str, ...] = AXES) -> tuple[Bench, Rig, Truth]:
-    """Draw a bench: focal length, axis and distortion of the lens, mounting and mechanics of the stage, light."""
+def random_bench(
+    seed: int, size: tuple[int, int] = SIZE, axes: tuple[str, ...] = AXES, **changes: Any
+) -> tuple[Bench, Rig, Truth]:
+    """Draw a bench: focal length, axis and distortion of the lens, mounting and mechanics of the stage, light.
+
+    Args:
+        seed: Of all that.
+        size: Of the sensor.
+        axes: Of the stage; none leaves it out.
+        changes: Keys of [world] to be set otherwise; the truth does not know of them.
+    """
     rng = np.random.default_rng((seed, 5))
     height, width = size
     focal = rng.uniform(0.8, 1.6) * width
@@ -77,11 +87,7 @@ def random_bench(seed: int, size: tuple[int, int] = SIZE, axes: tuple[str, ...] 
         {
             "modulator": {"kind": "dlpc900"},
             "sensor": {"kind": "v4l2", "height": height, "width": width, "format": "Y12", "black_level_dn": 64.0},
-            "stage": {
-                "kind": "zaber",
-                "axes": {axis: i + 1 for i, axis in enumerate(axes)},
-                "microstep_mm": dict.fromkeys(axes, 0.000047625),
-            },
+            "stage": _stage(axes),
             "capture": {"masks": 2},
             "registration": {"superpixel": 2},
             "optics": {"full_scale_e_per_s": float(10 ** rng.uniform(4.5, 6))},
@@ -93,7 +99,8 @@ def random_bench(seed: int, size: tuple[int, int] = SIZE, axes: tuple[str, ...] 
                 "effects": {"lens_distortion": {"k1": k1}, "modulator_psf": {"sigma_px": float(rng.uniform(0.1, 0.6))}},
                 "mechanics": mechanics,
                 "mount": {axis: tuple(map(float, way)) for axis, way in directions.items()},
-            },
+            }
+            | changes,
         }
     )
     rig = Rig(table, "", Path(), build_bench(table))
@@ -113,6 +120,13 @@ def random_bench(seed: int, size: tuple[int, int] = SIZE, axes: tuple[str, ...] 
         {axis: mechanics[axis]["speed_error"] for axis in axes},
     )
     return bench, rig, truth
+
+
+def _stage(axes: tuple[str, ...]) -> dict[str, Any] | None:
+    if not axes:
+        return None
+    numbers = {axis: i + 1 for i, axis in enumerate(axes)}
+    return {"kind": "zaber", "axes": numbers, "microstep_mm": dict.fromkeys(axes, 0.000047625)}
 
 
 def _tilted(rng: np.random.Generator, way: F64) -> F64:
@@ -211,6 +225,7 @@ def run() -> None:
             for name, pair in stage_errors(stage, truth, axis).items():
                 rows.setdefault(f"stage {name}", []).append(pair)
         bench.devices.close()
+        print(f"bench {seed + 1} of {BENCHES} done", file=sys.stderr, flush=True)
     print(f"{BENCHES} random benches of {SIZE[0]} x {SIZE[1]} px, {len(AXES)} axes each")
     print("| figure | rms error | largest | within two standard errors |")
     print("|---|---:|---:|---:|")

@@ -24,6 +24,9 @@ PIXELS_MIN: Final = 30
 PASSES: Final = 12
 STEP_MAX: Final = 0.1
 """Longest step of a pass, in squares: the start is good to a pixel."""
+ROUGH: Final = 1e-2
+"""Step in squares after which the first fit ends: some tenths of a pixel; steps shrink quadratically."""
+FINE: Final = 1e-4
 MOVED_MAX_PX: Final = 2.5
 """A corner that moves further than this from where it was found is another edge."""
 CONTRAST_MIN: Final = 10.0
@@ -38,8 +41,10 @@ def refine_corners(image: NDArray[np.floating], rough_px: F64, on_board: F64, ga
 
     Round a corner the brightness is m + a E(u, p) E(v, q), with u and v the distances from two edges that cross there
     and E(u, p) the mean of erf(u / p) over a pixel: without that mean a sharp edge along the rows is up to 0.07 px
-    off, depending on where it falls between the pixels. The unknowns are the crossing, the edges' turns and bends (a lens of -0.1 r^2 bends them by some
-    hundredths of a pixel, which would move the crossing), their blurs p and q, m and a; Gauss and Newton.
+    off, depending on where it falls between the pixels. The unknowns are the crossing, the edges' turns and bends (a
+    lens of -0.1 r^2 bends them by some hundredths of a pixel, which would move the crossing), their blurs p and q, m
+    and a; Gauss and Newton. Blurs wider than the gap to the markers come out too narrow; the crossing, by its
+    symmetry, does not move.
 
     Args:
         image: [H, W], black to white 0 to 255.
@@ -58,9 +63,9 @@ def refine_corners(image: NDArray[np.floating], rough_px: F64, on_board: F64, ga
     for k, start_px in enumerate(rough_px):
         # The homography of the whole board may be off by the lens's distortion; near the corner only its slope counts.
         slope = _slope(board_from_px, start_px)
-        found = _fit_one(image, start_px, slope, gap)
+        found = _fit_one(image, start_px, slope, gap, ROUGH)
         # Which pixels are clear of markers is known once the corner is: choose them again.
-        found = _fit_one(image, found[0], slope, gap) if found is not None else None
+        found = _fit_one(image, found[0], slope, gap, FINE) if found is not None else None
         if found is not None:
             refined[k], blur_px[k] = found
     return refined, blur_px
@@ -72,7 +77,9 @@ def _slope(homography: F64, point: F64) -> F64:
     return np.asarray((homography[:2, :2] - np.outer(mapped[:2] / mapped[2], homography[2, :2])) / mapped[2])
 
 
-def _fit_one(image: NDArray[np.floating], start_px: F64, slope: F64, gap: float) -> tuple[F64, float] | None:
+def _fit_one(
+    image: NDArray[np.floating], start_px: F64, slope: F64, gap: float, last_step: float
+) -> tuple[F64, float] | None:
     """Fit one corner and its blur; None where too few pixels are clear, or the fit runs away."""
     across, values, squares_per_px = _clear_pixels(image, start_px, slope, gap)
     if len(values) < PIXELS_MIN:
@@ -85,7 +92,7 @@ def _fit_one(image: NDArray[np.floating], start_px: F64, slope: F64, gap: float)
         scale = min(1.0, STEP_MAX / max(float(np.abs(step[:8]).max()), 1e-12))
         unknowns = unknowns + scale * step
         unknowns[6:8] = np.clip(unknowns[6:8], low, high)
-        if np.abs(step[:2]).max() < 1e-5:
+        if np.abs(step[:2]).max() < last_step:
             break
     if not np.isfinite(unknowns).all() or abs(unknowns[9]) < CONTRAST_MIN:
         return None

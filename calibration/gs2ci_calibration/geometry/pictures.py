@@ -33,7 +33,7 @@ START_S: Final = 10e-3
 ROUNDS: Final = 14
 MISSED_MAX: Final = 3
 """So many pictures without a board at the beginning, and it is not there, or is another one."""
-BLUR_MAX_PX: Final = 2.0
+BLUR_MAX_PX: Final = 1.5
 """Standard deviation of the blur of edges before the pixels; a lens focused elsewhere has another focal length."""
 
 

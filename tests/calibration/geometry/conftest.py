@@ -9,9 +9,11 @@ from scipy.spatial.transform import Rotation
 
 from gs2ci_calibration.bench import BoardSpec
 from gs2ci_calibration.geometry.board import Board, Sighting
+from gs2ci_calibration.refusals import CalibrationError
 from gs2ci_sims.effects.lens_distortion import LensDistortion
 from gs2ci_sims.scenes.planes import planes
 from gs2ci_sims.targets import BoardPlane, board_scene
+from tests.benchmarks.calibration_geometry import random_bench
 
 SPEC = BoardSpec()
 SIZE = (160, 200)
@@ -114,3 +116,34 @@ def photograph(room):
         return image, camera.project(corners, cv2.Rodrigues(pose[:3, :3])[0], pose[:3, 3])
 
     return take
+
+
+SMALL = (160, 200)
+
+
+@pytest.fixture
+def bench():
+    """Make a simulated bench of a small sensor, and its truth; `world` changes what surrounds it."""
+    opened = []
+
+    def make(seed=0, axes=("x",), views=8, **world):
+        made, rig, truth = random_bench(seed, SMALL, axes, **world)
+        opened.append(made)
+        return replace(made, options=replace(made.options, board_views=views)), rig, truth
+
+    yield make
+    for made in opened:
+        made.devices.close()
+
+
+def refused_by(step, *arguments):
+    """Return the refusal that a step ends with."""
+    with pytest.raises(CalibrationError) as caught:
+        step(*arguments)
+    return caught.value
+
+
+@pytest.fixture
+def refusal():
+    """Run a step that must refuse, and return why."""
+    return refused_by

@@ -28,16 +28,18 @@ def test_corners_are_several_times_nearer_than_those_of_opencv(cameras, photogra
         peer = (start[good] - 0.5).astype(np.float32).reshape(-1, 1, 2)
         both = [cv2.cornerSubPix(grey.astype(np.uint8), peer.copy(), (s, s), (-1, -1), ending) for s in (2, 3, 4)]
         theirs.append(min(rms(found.reshape(-1, 2) + 0.5 - true[good]) for found in both))
-    assert rms(ours) < 0.4 * rms(theirs)
-    assert rms(ours) < 0.03
+    assert rms(ours) < 0.2 * rms(theirs)
+    assert rms(ours) < 0.02
 
 
 @pytest.mark.parametrize("sigma_px", [0.6, 1.2, 2.0])
-def test_the_blur_of_edges_is_measured(camera, photograph, sigma_px):
+def test_the_blur_of_edges_is_measured_and_moves_no_corner(camera, photograph, sigma_px):
     image, true = photograph(camera, blur_px=sigma_px, noise=False)
     board = Board()
-    _, blur_px = refine_corners(stretched(image), true, board.corners_mm[:, :2] / 30.0, board.gap)
-    assert np.nanmedian(blur_px) == pytest.approx(sigma_px, rel=0.25)
+    refined, blur_px = refine_corners(stretched(image), true, board.corners_mm[:, :2] / 30.0, board.gap)
+    # Markers near by make wide blurs look narrower.
+    assert 0.6 * sigma_px < np.nanmedian(blur_px) < 1.1 * sigma_px
+    assert rms(refined[np.isfinite(blur_px)] - true[np.isfinite(blur_px)]) < 0.06
 
 
 def test_corners_without_contrast_are_marked(camera, photograph):
