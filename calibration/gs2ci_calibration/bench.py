@@ -12,7 +12,7 @@ a simulated bench. `known` holds the sections measured before (`known.need("dark
     bench.expose(patterns, mask_s=, exposure_s=, frames=k) -> Stack: DN [1, k, H, W], one frame integrates all patterns
     bench.move({"x": mm})                                  move the stage and wait; returns positions in mm
     bench.codes, bench.capture                             what `gs2ci capture` will show, and how
-    bench.options, bench.progress                          settings of the procedures; listener
+    bench.options, bench.progress                          settings of the procedures; hears what they are at
 
 Not here: opening devices and the simulated operator (`gs2ci.rig`), files (`bundle`). Procedures, `gs2ci.rig` and
 `gs2ci.commands.calibrate` import this file.
@@ -92,7 +92,9 @@ class Options:
 
     Args:
         frames: Frames of the dark and of the flat stack.
-        mask_frames: Frames of each mask.
+        mask_frames: Frames of each mask, at least.
+        mask_accuracy: Wanted standard error of masks, rms; more frames are taken if it needs them.
+        orientation: How the modulator's image lies on the sensor ("upright", ...); "any" takes it as it is found.
         fast: Whether masks are predicted from affine, PSF and contrast instead of measured one by one.
         board: The board of `camera`.
         board_views: Pictures of it.
@@ -105,6 +107,8 @@ class Options:
 
     frames: int = 32
     mask_frames: int = 8
+    mask_accuracy: float = 0.01
+    orientation: str = "upright"
     fast: bool = False
     board: BoardSpec = field(default_factory=BoardSpec)
     board_views: int = 12
@@ -143,7 +147,7 @@ class Bench:
         codes: These patterns as drawn, levels at the sensor's pixels, [N, h, w] uint16.
         lay_out: Puts codes [N, h, w] onto the modulator's own pixels, [N, Hm, Wm], as `gs2ci capture` does.
         options: Settings of the procedures.
-        progress: Hears about stages and frames.
+        progress: Hears from the procedures what they are at and see; taking frames says nothing of itself.
     """
 
     devices: Devices
@@ -197,6 +201,14 @@ class Bench:
     def please(self, setup: Setup, index: int = 0) -> None:
         """Ask for an arrangement and wait until it is there."""
         self.operator.please(setup, index)
+
+    def planned(self) -> Plan:
+        """Lay out what `gs2ci capture` will do; nothing moves and nothing is uploaded.
+
+        Raises:
+            DriverError: A device does not answer.
+        """
+        return plan_capture(self.devices, self.capture, self.config)
 
     def grab(
         self,
@@ -300,5 +312,5 @@ class Bench:
                 readings[n, taken.index] = frame.pixels
                 time_s[n, taken.index] = frame.t_kernel_ns * 1e-9
 
-        capture(self.devices, plan, keep, self.progress)
+        capture(self.devices, plan, keep)
         return Stack(readings, time_s, plan.exposure_s, plan)

@@ -18,6 +18,8 @@ class Reason(Enum):
     """The flat field is as dark as the dark frames: lens cap on, lamp off, no path through the modulator."""
     NOT_DARK = "not dark"
     """Light comes in during dark frames: the lens cap is not on."""
+    CLIPPED_AT_BLACK = "clipped at black"
+    """Dark readings are 0: the black level is too low to show the noise."""
     SATURATED = "saturated"
     """Readings are clipped at the shortest exposure that can be used."""
     LAMP_FLICKERS = "lamp flickers"

@@ -14,6 +14,7 @@ from rich.prompt import Prompt
 from rich.table import Table
 
 from gs2ci.commands.display import open_display
+from gs2ci.core.errors import InputError
 from gs2ci.rig.calibrating import bench_of, operator_of, provenance_of
 from gs2ci.rig.opening import load_rig
 from gs2ci_calibration.bench import Bench
@@ -65,7 +66,9 @@ def run(
 
 
 def _measured(bench: Bench, name: str, known: Bundle) -> Section:
-    bench.progress.stage(name)
+    if name not in PROCEDURES:
+        raise InputError(f"no step {name!r}", allowed=", ".join(PROCEDURES))
+    bench.progress.say(f"{name}:")
     return PROCEDURES[name](bench, known)
 
 

@@ -16,10 +16,12 @@ from gs2ci_sims.bench_light import BenchLight
 from gs2ci_sims.effects.base import Effect
 from gs2ci_sims.effects.dark_current import DarkCurrent
 from gs2ci_sims.effects.dsnu import Dsnu
+from gs2ci_sims.effects.gain_nonlinearity import GainNonlinearity
 from gs2ci_sims.effects.hot_pixels import HotPixels
 from gs2ci_sims.effects.lens_distortion import LensDistortion
 from gs2ci_sims.effects.modulator_psf import ModulatorPsf
 from gs2ci_sims.effects.prnu import Prnu
+from gs2ci_sims.effects.vignetting import Vignetting
 from gs2ci_sims.rig import Rig as SimulatedRig
 from gs2ci_sims.wires.v4l2_camera import CameraModel
 
@@ -53,8 +55,33 @@ class BenchTruth:
 
     @property
     def full_well_e(self) -> float:
-        """Get the saturation capacity."""
-        return self.rig.sensor.full_well_e
+        """Get the saturation capacity: the electrons at which readings end, by the well or by the converter."""
+        sensor = self.rig.sensor
+        return min(sensor.full_well_e, (2.0**sensor.bits - 1 - sensor.black_level_dn) * sensor.electrons_per_dn)
+
+    @property
+    def linearity_error(self) -> float:
+        """Get the largest departure from the line between black and saturation, as a share of that range."""
+        effect = self._effect(GainNonlinearity)
+        # The chord of a parabola over a part of its range: its arrow goes with the square of that part.
+        return 0.0 if effect is None else effect.departure * self.full_well_e / self.rig.sensor.full_well_e
+
+    @property
+    def dark_noise_dn(self) -> float:
+        """Get the temporal noise of dark readings, rounding included."""
+        return float(np.sqrt((self.read_noise_e / self.gain_e_per_dn) ** 2 + 1 / 12))
+
+    @property
+    def dsnu_dn(self) -> float:
+        """Get the spread of the offsets."""
+        effect = self._effect(Dsnu)
+        return 0.0 if effect is None else effect.sigma_e / self.gain_e_per_dn
+
+    @property
+    def prnu(self) -> float:
+        """Get the spread of the pixels' sensitivities."""
+        effect = self._effect(Prnu)
+        return 0.0 if effect is None else effect.spread
 
     @property
     def latency_s(self) -> float:
@@ -101,15 +128,23 @@ class BenchTruth:
 
     @property
     def dark_current_dn_per_s(self) -> F64:
-        """Get each pixel's mean dark current, hot pixels included, [H, W]."""
+        """Get each pixel's mean dark current, hot pixels and the bend of the response included, [H, W]."""
         dark = np.zeros((*self.light.scene.size, 1))
-        return self._through(dark, DarkCurrent, HotPixels)[..., 0] * self.rig.dn_per_e
+        return self._through(dark, DarkCurrent, HotPixels, GainNonlinearity)[..., 0] * self.rig.dn_per_e
 
     @property
     def response(self) -> F64:
-        """Get each pixel's sensitivity over the mean one, [H, W]."""
+        """Get each pixel's sensitivity to an even light over the mean one, fall-off and bend included, [H, W].
+
+        At half of the range, for a response that bends is another at each level.
+        """
         ones = self._through(np.ones((*self.light.scene.size, 1)), Prnu)[..., 0]
-        return np.asarray(ones / ones.mean())
+        falling = self._effect(Vignetting)
+        if falling is not None:
+            ones = ones * falling.transmission(self.light.scene.size, self.light.scene.intrinsics)
+        half_e = 0.5 * self.full_well_e * ones / ones.max()
+        bent = self._through(half_e[..., None], GainNonlinearity)[..., 0]
+        return np.asarray(bent / bent.mean())
 
     def masks(self, patterns: NDArray[Any], top: int = 1) -> F32:
         """Return patterns [N, Hm, Wm] as they fall on the sensor, leakage and blur included, [N, H, W] in [0, 1]."""

@@ -213,7 +213,9 @@ class BenchLight:
         """Integrate over all masks on show, [H, W, 3], and say which effects are simulated."""
         masks = np.stack([self.registration.on_sensor(m, exposure.height, exposure.width) for m in exposure.masks])
         middle_s = 0.5 * (exposure.masks[0].start_s + exposure.masks[-1].end_s)
-        times_s = np.linspace(exposure.start_s, exposure.end_s, POSES_FOLLOWED)
+        # An even light looks the same from everywhere.
+        followed = 2 if isinstance(self._sight.renderer, EvenLight) else POSES_FOLLOWED
+        times_s = np.linspace(exposure.start_s, exposure.end_s, followed)
         poses = np.stack([exposure.world_to_camera_at(float(t)) for t in times_s])
         path = _FollowedPath(times_s - middle_s, poses)
         start_s, stop_s = np.array([[m.start_s, m.end_s] for m in exposure.masks]).T - middle_s

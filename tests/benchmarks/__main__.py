@@ -21,8 +21,10 @@ BENCHMARKS = {
     "proxies": "tests.benchmarks.proxies",
     "decoders": "tests.benchmarks.decoders",
     "simulation": "tests.benchmarks.simulation",
+    "mask_calibration": "tests.benchmarks.mask_calibration",
     "bundle_adjustment": "tests.benchmarks.bundle_adjustment",
     "calibration_geometry": "tests.benchmarks.calibration_geometry",
+    "calibration_base": "tests.benchmarks.calibration_base",
 }
 
 
