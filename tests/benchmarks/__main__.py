@@ -24,6 +24,7 @@ BENCHMARKS = {
     "mask_calibration": "tests.benchmarks.mask_calibration",
     "bundle_adjustment": "tests.benchmarks.bundle_adjustment",
     "calibration_geometry": "tests.benchmarks.calibration_geometry",
+    "calibrated_reconstruction": "tests.benchmarks.calibrated_reconstruction",
     "calibration_base": "tests.benchmarks.calibration_base",
 }
 
