@@ -370,7 +370,8 @@ def _section(bench: Bench, darks: Darks, found: DarkEstimate, response: Response
             "flat_exposure_s": level.exposure_s,
             "flicker": response.flicker,
             "format": bench.devices.sensor.settings.format.fourcc,
-            "bits": bench.devices.sensor.settings.format.bits,
+            "top_dn": bench.top_dn,
+            "gain_db": bench.config.gain_db,
         },
         notes=(f"{hot} hot and {dead} dead pixels of {dark.hot.size}",),
     )

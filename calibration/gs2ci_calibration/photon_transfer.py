@@ -480,7 +480,8 @@ def _section(bench: Bench, found: SensorEstimate) -> Section:
             "limited_by": found.limited_by,
             "flicker": found.flicker,
             "format": bench.devices.sensor.settings.format.fourcc,
-            "bits": bench.devices.sensor.settings.format.bits,
+            "top_dn": bench.top_dn,
+            "gain_db": bench.config.gain_db,
         },
         notes=tuple(notes),
     )

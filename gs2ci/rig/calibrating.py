@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from gs2ci.core.errors import InputError
 from gs2ci.core.progress import Progress, Silent
 from gs2ci.rig.config import CalibrationTable, RigTable, WorldTable
+from gs2ci.rig.intent import intended
 from gs2ci.rig.opening import Rig
 from gs2ci.rig.patterns import on_modulator, origin
-from gs2ci.rig.recording import intended
 from gs2ci.rig.simulated import SimulatedBench
 from gs2ci_calibration.bench import Bench, BoardSpec, Operator, Options, Patterns, Setup
 from gs2ci_calibration.bundle import Provenance
