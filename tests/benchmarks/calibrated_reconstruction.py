@@ -1,16 +1,16 @@
 """What calibration is worth: one measurement reconstructed with nominal, calibrated and true masks, in dB.
 
 The bench is misregistered, has finite contrast and a blurring relay. It is calibrated through its drivers, step by
-step as `gs2ci calibrate` does, measured one by one and predicted (`--fast`); then it takes one coded exposure of a
-scene while the stage moves the camera. Nominal masks are the codes that were sent, true ones what the simulator let
-through. Noise of the sensor and of the calibration is in all of it.
+step as `gs2ci calibrate` does, with masks measured one by one and predicted (`--fast`); then it takes coded exposures
+of a scene while the stage moves the camera, as `gs2ci capture` does with and without a bundle. Nominal masks are the
+codes that were sent; true ones, what the simulator let through, are put into the place of the calibrated. Noise of the
+sensor and of the calibration is in all of it.
 """
 
 import tempfile
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -20,19 +20,25 @@ from gs2ci.core.storage import read_shot
 from gs2ci.evaluate.metrics import psnr_per_view
 from gs2ci.reconstruct.decode.gap_tv import gap_tv
 from gs2ci.reconstruct.pipeline import reconstruct
-from gs2ci.rig.calibrating import bench_of, operator_of
+from gs2ci.rig.calibrated import Calibrated, load
+from gs2ci.rig.calibrating import bench_of, operator_of, provenance_of
 from gs2ci.rig.config import RigTable
+from gs2ci.rig.intent import intended
 from gs2ci.rig.opening import Rig
 from gs2ci.rig.recording import prepare, record
 from gs2ci.rig.simulated import build_bench
 from gs2ci.rig.truth import truth_of
-from gs2ci_calibration.bundle import Bundle
+from gs2ci_calibration.bench import Setup
+from gs2ci_calibration.bundle import Bundle, add_section
 from gs2ci_calibration.procedures import PROCEDURES
+from gs2ci_drivers.acquisition import Devices
 
 SIZE = (96, 128)
 BITS = 12
 STEPS = ("dark-flat", "sensor", "registration", "masks")
 MASKS_S = 0.02
+MODES: Mapping[str, bool] = {"calibrated": False, "predicted": True}
+"""Kind of masks -> whether they are predicted (`--fast`)."""
 BENCHES: Mapping[str, Mapping[str, Mapping[str, float]]] = {
     "a little off": {
         "misregistration": {"right_px": 0.3, "down_px": -0.2, "turn_mrad": 1.0},
@@ -85,7 +91,7 @@ def table(effects: Mapping[str, Mapping[str, float]], seed: int, size: tuple[int
                 "full_well_e": 10700.0,
                 "electrons_per_dn": 2.7,
             },
-            "stage": {"kind": "zaber", "mount": {}},
+            "stage": {"kind": "zaber"},
             "registration": {"superpixel": 2},
             "capture": {"masks": 8, "mask_s": MASKS_S, "seed": seed, "axis": "x", "from_mm": 73.0, "to_mm": 77.0},
             "optics": {"full_scale_e_per_s": 1e5},
@@ -102,47 +108,50 @@ def table(effects: Mapping[str, Mapping[str, float]], seed: int, size: tuple[int
     )
 
 
-def take(effects: Mapping[str, Mapping[str, float]], seed: int, size: tuple[int, int] = SIZE) -> Case:
-    """Calibrate a bench and take one shot with it."""
+def take(
+    effects: Mapping[str, Mapping[str, float]],
+    seed: int,
+    size: tuple[int, int] = SIZE,
+    modes: Mapping[str, bool] = MODES,
+) -> Case:
+    """Calibrate a bench, in each mode into a bundle of its own, and take one shot with each and one without.
+
+    The stage repeats its motion and the scene stands still: the shots differ by their noise.
+    """
     told = table(effects, seed, size)
     rig = Rig(told, told.model_dump_json(), Path(), build_bench(told))
     assert rig.bench is not None
     devices = rig.open()
     try:
-        operator = operator_of(rig, print)
-        measured = _calibrated(bench_of(rig, devices, operator))
-        predicted = _calibrated(bench_of(rig, devices, operator, fast=True))
-        with tempfile.TemporaryDirectory() as folder:
-            prepared = prepare(rig, devices)
-            path = record(rig, devices, prepared, Path(folder) / "shot.h5", replace=True, progress=Silent())
-            shot = read_shot(path)
-        shown = bench_of(rig, devices, operator).capture.masks
-        true = truth_of(rig.bench, BITS).masks(shown)
-        intervals = rig.bench.world.exposures[-1].masks
-        weights = np.array([(mask.end_s - mask.start_s) / MASKS_S for mask in intervals], np.float32)
+        with tempfile.TemporaryDirectory() as name:
+            folder = Path(name)
+            bundles = {mode: _calibrate(rig, devices, folder / f"{mode}.cal.h5", fast) for mode, fast in modes.items()}
+            operator_of(rig, print).please(Setup.SCENE, 0)
+            shots = {"nominal": _capture(rig, devices, folder / "nominal.h5", None)}
+            for mode, bundle in bundles.items():
+                shots[mode] = _capture(rig, devices, folder / f"{mode}.h5", load(rig, devices, bundle))
+            shown = intended(rig, devices)[1].masks
     finally:
         devices.close()
-    shots = {
-        "nominal": shot,
-        "calibrated": _with_masks(shot, measured),
-        "predicted": _with_masks(shot, predicted),
-        "true": replace(shot, masks=true, weights=weights).check(),
-    }
+    true = truth_of(rig.bench, BITS).masks(shown)
+    intervals = rig.bench.world.exposures[-1].masks
+    weights = np.array([(mask.end_s - mask.start_s) / MASKS_S for mask in intervals], np.float32)
+    shots["true"] = replace(shots["calibrated"], masks=true, weights=weights).check()
     return Case(shots, {name: float(np.sqrt(np.mean(np.square(one.masks - true)))) for name, one in shots.items()})
 
 
-def _calibrated(bench: Any) -> Bundle:
+def _calibrate(rig: Rig, devices: Devices, path: Path, fast: bool) -> Path:
+    """Do what `gs2ci calibrate` does, step by step into a bundle."""
+    bench = bench_of(rig, devices, operator_of(rig, print), fast=fast)
     known = Bundle()
     for step in STEPS:
-        known = known.with_section(PROCEDURES[step](bench, known))
-    return known
+        known = add_section(path, PROCEDURES[step](bench, known), provenance_of(rig, devices))
+    return path
 
 
-def _with_masks(shot: Shot, known: Bundle) -> Shot:
-    """Give a shot the masks and weights of a bundle."""
-    section = known.sections["masks"]
-    masks = np.clip(section.array("masks"), 0, 1).astype(np.float32)
-    return replace(shot, masks=masks, weights=section.array("weights").astype(np.float32)).check()
+def _capture(rig: Rig, devices: Devices, path: Path, calibrated: Calibrated | None) -> Shot:
+    """Do what `gs2ci capture` does."""
+    return read_shot(record(rig, devices, prepare(rig, devices, calibrated), path, replace=True, progress=Silent()))
 
 
 def score(shot: Shot, recover: Callable[[Shot], F32]) -> float:

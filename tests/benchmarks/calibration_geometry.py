@@ -30,7 +30,7 @@ F64 = NDArray[np.float64]
 Rows = dict[str, list[tuple[float, float]]]
 
 BENCHES = 24
-SIZE = (240, 320)
+SIZE = (160, 200)
 AXES = ("x", "y")
 WINDOWS = (2, 3, 4, 5)
 
