@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
+from gs2ci.core.errors import GeometryError
 from gs2ci.core.progress import Silent
 from gs2ci.core.records import F32, Shot
 from gs2ci.core.storage import read_shot
@@ -59,7 +60,7 @@ BENCHES: Mapping[str, Mapping[str, Mapping[str, float]]] = {
 """Name of a bench -> what its light path suffers."""
 DECODE: Mapping[str, Callable[[Shot], F32]] = {
     "decode": gap_tv,
-    "reconstruction": lambda shot: reconstruct(shot).views,
+    "reconstruction": lambda shot: reconstruct(shot).result.views,
 }
 
 
@@ -155,9 +156,12 @@ def _capture(rig: Rig, devices: Devices, path: Path, calibrated: Calibrated | No
 
 
 def score(shot: Shot, recover: Callable[[Shot], F32]) -> float:
-    """Return the mean PSNR of the recovered views, in dB."""
+    """Return the mean PSNR of the recovered views, in dB; NaN where nothing could be recovered."""
     assert shot.truth.views is not None
-    return float(np.mean(psnr_per_view(recover(shot), shot.truth.views)))
+    try:
+        return float(np.mean(psnr_per_view(recover(shot), shot.truth.views)))
+    except GeometryError:
+        return float("nan")
 
 
 def run() -> None:

@@ -180,7 +180,7 @@ def corner_errors(bench: Bench, rig: Rig, truth: Truth) -> tuple[float, float]:
     frame = bench.grab(bench.flat_pattern(is_open=True)[None], frames=4, exposure_s=0.02).readings[0].mean(axis=0)
     sighting = Board(bench.options.board).find(frame)
     if sighting is None:
-        return np.nan, np.nan
+        raise ValueError("the board on its stand was not found")
     plane = rig_board(rig)
     _, board = board_scene(light.scene, plane, 0, light._seed, fixed=True)
     assert board.world_from_board is not None

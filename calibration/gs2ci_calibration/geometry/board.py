@@ -23,6 +23,8 @@ CORNERS_MIN: Final = 6
 """A pose has 6 unknowns, a corner gives 2 numbers; below this many the pose hangs on single corners."""
 DETECTION_PX: Final = 480
 """Images with a shorter side are enlarged for detection: OpenCV's search for markers wants some pixels per bit."""
+FEW_SHARE: Final = 0.6
+"""Of all corners: with fewer, another enlargement is tried as well."""
 FLATNESS_MIN: Final = 0.05
 """Corners whose second principal extent on the board is below this share of the first lie on a line: the board's turn
 about that line is then free."""
@@ -82,14 +84,10 @@ class Board:
             What was found; None where fewer corners show than make a pose.
         """
         grey = _stretched(image)
-        factor = max(1, int(np.ceil(DETECTION_PX / min(grey.shape))))
-        large = cv2.resize(grey, None, fx=factor, fy=factor, interpolation=cv2.INTER_CUBIC) if factor > 1 else grey
-        corners, ids, _, _ = self._detector.detectBoard(np.clip(np.rint(large), 0, 255).astype(np.uint8))
-        if ids is None or len(ids) < CORNERS_MIN:
+        found, rough_px = self._detected(grey)
+        if len(found) < CORNERS_MIN:
             return None
-        found = ids.ravel().astype(int)
         on_board = self.corners_mm[found]
-        rough_px = (np.asarray(corners, dtype=np.float64).reshape(-1, 2) + PIXEL_CENTRE) / factor
         rough = Sighting(found, rough_px, on_board)
         if rough.collinear:
             return rough  # nothing to fit it by: who asked refuses it, or takes another picture
@@ -98,6 +96,21 @@ class Board:
         if good.sum() < CORNERS_MIN:
             return None
         return Sighting(found[good], corners_px[good], on_board[good], float(np.median(blur_px[good])))
+
+    def _detected(self, grey: NDArray[np.float32]) -> tuple[NDArray[np.int_], F64]:
+        """Return the corners' numbers [K] and rough places [K, 2], at the enlargement that shows most of them."""
+        smallest = max(1, int(np.ceil(DETECTION_PX / min(grey.shape))))
+        best: tuple[NDArray[np.int_], F64] = (np.zeros(0, int), np.zeros((0, 2)))
+        # Small markers are lost at one enlargement and found at the next.
+        for factor in (smallest, smallest + 1, smallest + 2):
+            large = cv2.resize(grey, None, fx=factor, fy=factor, interpolation=cv2.INTER_CUBIC) if factor > 1 else grey
+            corners, ids, _, _ = self._detector.detectBoard(np.clip(np.rint(large), 0, 255).astype(np.uint8))
+            if ids is not None and len(ids) > len(best[0]):
+                at = (np.asarray(corners, dtype=np.float64).reshape(-1, 2) + PIXEL_CENTRE) / factor
+                best = ids.ravel().astype(int), at
+            if len(best[0]) > FEW_SHARE * len(self.corners_mm):
+                break
+        return best
 
     @cached_property
     def corners_mm(self) -> F64:

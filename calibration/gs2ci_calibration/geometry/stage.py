@@ -26,6 +26,9 @@ from gs2ci_drivers.stage import AxisInfo, Stage
 TARGETS: Final = 7
 VISITS: Final = 2
 """How often each target is visited from each side."""
+UNEVEN: Final = 0.3
+"""Of the step between targets: by how much they are moved out of even steps."""
+GOLDEN: Final = 0.618034
 RUN_UP_SHARE: Final = 0.08
 """Of the travel: how far outside a side is approached from; must exceed the backlash."""
 SPAN_SHARE: Final = 0.9
@@ -148,6 +151,8 @@ def _at_rest(
     """Visit all targets upwards and downwards, some times over, and take a picture at each."""
     run_up_mm = RUN_UP_SHARE * (ends_mm[1] - ends_mm[0])
     targets = np.linspace(ends_mm[0] + run_up_mm, ends_mm[1] - run_up_mm, TARGETS)
+    # Even steps could fall in with the pitch of the screw, whose periodic error would then pass for a slope.
+    targets += UNEVEN * (targets[1] - targets[0]) * (np.arange(TARGETS) * GOLDEN % 1 - 0.5)
     taken = []
     for visit in range(2 * VISITS):
         upwards = visit % 2 == 0

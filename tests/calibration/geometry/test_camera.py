@@ -1,14 +1,12 @@
 from dataclasses import replace
 
 import numpy as np
-import pytest
 
 from gs2ci.rig.calibrating import provenance_of
 from gs2ci_calibration.bench import Setup
 from gs2ci_calibration.bundle import Bundle, add_section, read_bundle
 from gs2ci_calibration.geometry.camera import camera_of, measure_camera
 from gs2ci_calibration.procedures import PROCEDURES
-from gs2ci_calibration.refusals import Reason
 from tests.benchmarks.calibration_geometry import camera_errors
 
 
@@ -38,16 +36,6 @@ def test_the_camera_of_a_bench_is_found_through_its_drivers_and_comes_back_from_
     assert np.array_equal(back.values, first.values)
     assert np.allclose(back.covariance, first.covariance)
     assert back.size == first.size == (160, 200)
-
-
-@pytest.mark.parametrize(
-    ("world", "reason"),
-    [({"always": "dark"}, Reason.NO_LIGHT), ({"always": "flat"}, Reason.BOARD_NOT_SEEN)],
-    ids=["lens cap on", "no board"],
-)
-def test_a_spoiled_bench_is_refused_with_its_reason(bench, refusal, world, reason):
-    made, _, _ = bench(**world)
-    assert refusal(measure_camera, made, Bundle()).reason is reason
 
 
 def test_both_steps_are_on_the_command_line_the_camera_first():
