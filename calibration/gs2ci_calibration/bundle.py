@@ -14,9 +14,12 @@ and a file that holds one is refused.
 The sections, and what other parts read from them (shapes: H, W sensor; Hm, Wm modulator; N masks):
 
     dark-flat     offset_dn [H, W], dark_current_dn_per_s [H, W], dark_noise_dn [H, W], response [H, W] (mean 1: PRNU
-                  and fall-off together), flat_dn_per_s; arrays hot, dead [H, W] u1
-    sensor        gain_e_per_dn, read_noise_e, full_well_e, saturation_dn, linearity_error, linear_to_dn
-    timing        latency_s, jitter_s, exposure_offset_s
+                  and fall-off together), dark_noise_rms_dn, dsnu_dn, prnu, flat_dn_per_s; arrays hot, dead [H, W] u1;
+                  facts top_dn, gain_db, flat_exposure_s, dark_exposures_s
+    sensor        gain_e_per_dn, read_noise_e, full_well_e, saturation_dn, linearity_error, linear_to_dn; arrays
+                  curve_signal_dn, curve_variance_dn2, curve_exposure_s [L]; facts limited_by
+    timing        latency_s, jitter_s, exposure_offset_s, weights [N] (overlap of each mask with the exposure); facts
+                  mask_s, mode
     masks         masks [N, H, W] f4 transmissions in the order shown, contrast [H, W] f4 (off over on), weights [N];
                   arrays patterns_sha256 [32] u1 of the codes [N, h, w] as drawn; facts order, polarity, mask_s
     registration  sensor_from_modulator [2, 3] (x right, y down, pixel centres at +0.5), psf_sigma_px

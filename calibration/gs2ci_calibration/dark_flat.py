@@ -156,31 +156,13 @@ def estimate_dark(darks: Darks, top_dn: int) -> DarkEstimate:
         check_stack(STEP, frames)
     _check_black(darks, top_dn)
     _check_shut(darks)
-    short_s, middle_s, long_s = darks.exposures_s
     short, short_variance = mean_and_variance(darks.short)
-    middle, middle_variance = mean_and_variance(darks.middle)
-    long, long_variance = mean_and_variance(darks.long)
-    bias = rounding_bias_dn(float(np.sqrt(trimmed_mean(short_variance))))
-    errors = [
-        np.hypot(mean_error(variance, len(frames)), bias)
-        for variance, frames in (
-            (short_variance, darks.short),
-            (middle_variance, darks.middle),
-            (long_variance, darks.long),
-        )
-    ]
-    # What the middle exposure foretells of the long one is not reached by a pixel that has overflowed.
-    foretold = short + (middle - short) * (long_s - short_s) / (middle_s - short_s)
-    doubt = np.hypot(np.hypot(errors[1], errors[0]) * (long_s / middle_s), errors[2])
-    full = (long - foretold < -SIGNIFICANT * doubt) | (darks.long == top_dn).any(axis=0)
-    span_s = np.where(full, middle_s, long_s) - short_s
-    current = np.where(full, middle - short, long - short) / span_s
-    current_error = np.hypot(np.where(full, errors[1], errors[2]), errors[0]) / span_s
+    current, current_error, full = _currents(darks, top_dn)
+    short_s, noise = darks.exposures_s[0], np.sqrt(short_variance)
     hot = _hot(current, current_error) | full
     dark = Dark(short - current * short_s, current, np.zeros(short.shape, np.bool_), hot)
-    offset_error = np.hypot(errors[0], current_error * short_s)
+    offset_error = np.hypot(_error(darks.short), current_error * short_s)
     own = darks.short.astype(np.float64).var(axis=0, ddof=1)
-    noise = np.sqrt(short_variance)
     return DarkEstimate(
         dark,
         offset_error,
@@ -307,6 +289,27 @@ def _check_shut(darks: Darks) -> None:
             allowed=f"at most {max(SIGNIFICANT * error, STRAY_SHARE * noise):.2f} DN",
             remedy="put the lens cap on",
         )
+
+
+def _currents(darks: Darks, top_dn: int) -> tuple[F64, F64, Flags]:
+    """Return each pixel's dark current, its standard error, and whether the pixel is full after the long exposure."""
+    short_s, middle_s, long_s = darks.exposures_s
+    stacks = (darks.short, darks.middle, darks.long)
+    short, middle, long = (mean_and_variance(frames)[0] for frames in stacks)
+    short_error, middle_error, long_error = (_error(frames) for frames in stacks)
+    # What the middle exposure foretells of the long one is not reached by a pixel that has overflowed.
+    foretold = short + (middle - short) * (long_s - short_s) / (middle_s - short_s)
+    doubt = np.hypot(np.hypot(middle_error, short_error) * (long_s / middle_s), long_error)
+    full: Flags = (long - foretold < -SIGNIFICANT * doubt) | (darks.long == top_dn).any(axis=0)
+    span_s = np.where(full, middle_s, long_s) - short_s
+    current = np.where(full, middle - short, long - short) / span_s
+    return current, np.hypot(np.where(full, middle_error, long_error), short_error) / span_s, full
+
+
+def _error(frames: F32) -> F64:
+    """Return the standard error of each pixel's mean; of unsteady readings, what rounding adds is small."""
+    _, variance = mean_and_variance(frames)
+    return np.hypot(mean_error(variance, len(frames)), rounding_bias_dn(float(np.sqrt(trimmed_mean(variance)))))
 
 
 def _hot(current: F64, error: F64) -> Flags:

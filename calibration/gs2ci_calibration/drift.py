@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from gs2ci_calibration.bench import Bench, Setup, Stack
 from gs2ci_calibration.bundle import Bundle
 from gs2ci_calibration.estimates import Section
+from gs2ci_calibration.exposing import NO_LIGHT_DN
 from gs2ci_calibration.frames import Dark, check_stack, refuse_dark
 from gs2ci_calibration.probe import DIFFERENCE_LIMIT, SHIFT_LIMIT_PX, probe_mask
 
@@ -118,7 +119,7 @@ def _flat_changes(flat: Stack, section: Section, dark: Dark) -> list[Change]:
     signal = (frames.astype(np.float64) - dark.at(flat.exposure_s))[:, dark.good]
     mean = signal.mean(axis=0)
     typical = float(mean.mean())
-    if typical <= 0:
+    if typical < NO_LIGHT_DN:
         refuse_dark(STEP, typical)
     response = section.array("response").astype(np.float64)[dark.good]
     then = section.estimates["response"].standard_error.astype(np.float64)[dark.good]

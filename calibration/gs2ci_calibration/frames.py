@@ -144,10 +144,14 @@ def rounding_variance_bias(noise_dn: float, levels_dn: F64) -> float:
 def root(variance: float, error: float) -> tuple[float, float]:
     """Return a standard deviation and its standard error from a variance, which by chance may be below 0.
 
-    Near 0 the error of the root is that of the variance's own scale: σ² = 0 ± e says σ < √e.
+    Near 0 the error of the root is that of the variance's own scale: σ² = 0 ± e says σ < √e. A variance that may be 0,
+    by two of its errors, gives a deviation that may be 0, by two of its own.
     """
-    sigma = float(np.sqrt(max(variance, 0.0)))
-    return sigma, float(min(error / (2 * sigma) if sigma > 0 else np.inf, np.sqrt(error)))
+    if variance <= 0:
+        return 0.0, float(np.sqrt(error))
+    sigma = float(np.sqrt(variance))
+    at_least = sigma / 2 if variance < 2 * error else 0.0
+    return sigma, float(max(min(error / (2 * sigma), np.sqrt(error)), at_least))
 
 
 @dataclass(frozen=True)

@@ -45,37 +45,43 @@ class BenchTruth:
 
     @property
     def gain_e_per_dn(self) -> float:
-        """Get the electrons of one DN."""
-        return self.rig.sensor.electrons_per_dn
+        """Get the electrons of one DN: of the range from black to saturation over its readings."""
+        return self.full_well_e / self._range_dn
 
     @property
     def read_noise_e(self) -> float:
-        """Get the temporal dark noise before quantisation."""
-        return self.rig.sensor.read_noise_e
+        """Get the temporal dark noise before quantisation, as electrons of that gain."""
+        return self.rig.sensor.read_noise_e * self.gain_e_per_dn / self.rig.sensor.electrons_per_dn
 
     @property
     def full_well_e(self) -> float:
         """Get the saturation capacity: the electrons at which readings end, by the well or by the converter."""
         sensor = self.rig.sensor
-        return min(sensor.full_well_e, (2.0**sensor.bits - 1 - sensor.black_level_dn) * sensor.electrons_per_dn)
+        top_e = (2.0**sensor.bits - 1 - sensor.black_level_dn) * sensor.electrons_per_dn
+        charge_e = min(sensor.full_well_e, top_e)
+        for _ in range(20 if top_e < sensor.full_well_e else 0):  # contracts by 4 d at each turn
+            charge_e = top_e / (1 + 4 * self._bend * (1 - charge_e / sensor.full_well_e))
+        return min(charge_e, sensor.full_well_e)
 
     @property
     def linearity_error(self) -> float:
         """Get the largest departure from the line between black and saturation, as a share of that range."""
-        effect = self._effect(GainNonlinearity)
         # The chord of a parabola over a part of its range: its arrow goes with the square of that part.
-        return 0.0 if effect is None else effect.departure * self.full_well_e / self.rig.sensor.full_well_e
+        sensor = self.rig.sensor
+        arrow_e = self._bend * self.full_well_e**2 / sensor.full_well_e
+        return arrow_e / (self._range_dn * sensor.electrons_per_dn)
 
     @property
     def dark_noise_dn(self) -> float:
         """Get the temporal noise of dark readings, rounding included."""
-        return float(np.sqrt((self.read_noise_e / self.gain_e_per_dn) ** 2 + 1 / 12))
+        sensor = self.rig.sensor
+        return float(np.sqrt((sensor.read_noise_e / sensor.electrons_per_dn) ** 2 + 1 / 12))
 
     @property
     def dsnu_dn(self) -> float:
         """Get the spread of the offsets."""
         effect = self._effect(Dsnu)
-        return 0.0 if effect is None else effect.sigma_e / self.gain_e_per_dn
+        return 0.0 if effect is None else effect.sigma_e / self.rig.sensor.electrons_per_dn
 
     @property
     def prnu(self) -> float:
@@ -149,6 +155,17 @@ class BenchTruth:
     def masks(self, patterns: NDArray[Any], top: int = 1) -> F32:
         """Return patterns [N, Hm, Wm] as they fall on the sensor, leakage and blur included, [N, H, W] in [0, 1]."""
         return self.light.true_masks(patterns, top)
+
+    @property
+    def _bend(self) -> float:
+        effect = self._effect(GainNonlinearity)
+        return 0.0 if effect is None else float(effect.departure)
+
+    @property
+    def _range_dn(self) -> float:
+        """Get the readings from black to saturation; at the full well the bend is none."""
+        sensor = self.rig.sensor
+        return min(sensor.full_well_e / sensor.electrons_per_dn, 2.0**sensor.bits - 1 - sensor.black_level_dn)
 
     def _through(self, signal: F64, *kinds: type[Effect]) -> F64:
         for effect in self.light.effects:

@@ -26,6 +26,7 @@ BENCHMARKS = {
     "calibration_geometry": "tests.benchmarks.calibration_geometry",
     "calibrated_reconstruction": "tests.benchmarks.calibrated_reconstruction",
     "calibration_base": "tests.benchmarks.calibration_base",
+    "long_fits": "tests.benchmarks.long_fits",
 }
 
 
