@@ -22,6 +22,7 @@ BENCHMARKS = {
     "decoders": "tests.benchmarks.decoders",
     "simulation": "tests.benchmarks.simulation",
     "mask_calibration": "tests.benchmarks.mask_calibration",
+    "random_masks": "tests.benchmarks.random_masks",
     "bundle_adjustment": "tests.benchmarks.bundle_adjustment",
     "calibration_geometry": "tests.benchmarks.calibration_geometry",
     "calibrated_reconstruction": "tests.benchmarks.calibrated_reconstruction",

@@ -53,14 +53,19 @@ def draw(rows: Rows, path: Path) -> None:
         # A predicted mask rests on its registration, whose time counts as well.
         seconds = [row["seconds"] + (row["registration_seconds"] if fast else 0) for row in line]
         style = "s--" if fast else "o-"
-        label = f"{name}, {'predicted, registration included' if fast else 'measured'}"
+        label = f"{name}, {'predicted' if fast else 'measured'}"
         axes.plot(
             seconds, [row["mask_error_pct"] for row in line], style, color=colours[name], markersize=4, label=label
         )
-    axes.set(xscale="log", yscale="log", xlabel="time on the bench, s", ylabel="mask error, % rms")
+    axes.set(
+        xscale="log",
+        yscale="log",
+        xlabel="time on the bench, s (of predicted masks with their registration's)",
+        ylabel="mask error, % rms",
+    )
     axes.axhline(1.0, color="#bbbbbb", linewidth=0.8)
     axes.grid(which="both", color="#eeeeee")
-    axes.legend(fontsize=7)
+    axes.legend(fontsize=7, loc="lower left")
     figure.savefig(path, dpi=150)
 
 

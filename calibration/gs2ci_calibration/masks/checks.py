@@ -69,30 +69,18 @@ def require_order(
     own = np.diag(alike)
     # Patterns without texture can only be told by their level.
     plain = foreseen.std(axis=1) < TEXTURE_MIN
-    if (np.abs(images.mean(axis=1) - foreseen.mean(axis=1))[plain] > 0.5).any():
-        _refuse_order(step, int(np.flatnonzero(plain)[0]), None)
+    wrong = np.flatnonzero(plain & (np.abs(images.mean(axis=1) - foreseen.mean(axis=1)) > 0.5))
+    if wrong.size:
+        raise _other_order(step, int(wrong[0]), None)
     good = plain | ((own > LIKE) & (own > alike.max(axis=1) - BETTER))
     if good.all():
         return np.where(plain, 1.0, own)
     first = int(np.flatnonzero(~good)[0])
-    best = int(np.argmax(alike[first]))
-    if own[first] < -LIKE:
-        raise CalibrationError(
-            step,
-            Reason.WRONG_POLARITY,
-            f"mask {first} is the negative of its pattern (correlation {own[first]:.2f})",
-            remedy="set invert in [modulator] the other way",
-        )
-    if alike[first, best] > LIKE:
-        _refuse_order(step, first, best)
-    _refuse_orientation(seen, relay, patterns[:TRIED], top, valid, step)
-    _refuse_shift(seen[first], expected[first], step)
-    raise CalibrationError(
-        step,
-        Reason.MISPREDICTED,
-        f"mask {first} is unlike every pattern that was sent (correlation {alike[first, best]:.2f} at best)",
-        allowed=f"{LIKE} or more",
-        remedy="check the focus of the relay and what the modulator shows, and register again",
+    raise (
+        _among_the_masks(alike, first, step)
+        or _turned(seen, relay, patterns[:TRIED], top, valid, step)
+        or _moved(seen[first], expected[first], step)
+        or _unlike(alike, first, step)
     )
 
 
@@ -121,9 +109,9 @@ def _normalised(images: NDArray[np.floating]) -> F64:
     return np.where(textured, centred / np.where(textured, length, 1.0), 0.0)
 
 
-def _refuse_order(step: str, shown: int, seen: int | None) -> None:
+def _other_order(step: str, shown: int, seen: int | None) -> CalibrationError:
     what = "another one" if seen is None else f"mask {seen}"
-    raise CalibrationError(
+    return CalibrationError(
         step,
         Reason.WRONG_ORDER,
         f"where mask {shown} should be on show, {what} is",
@@ -132,35 +120,60 @@ def _refuse_order(step: str, shown: int, seen: int | None) -> None:
     )
 
 
-def _refuse_orientation(
+def _among_the_masks(alike: F64, first: int, step: str) -> CalibrationError | None:
+    """Return why the first mask that is wrong is so, if it is inverted or another one of the masks."""
+    best = int(np.argmax(alike[first]))
+    if alike[first, first] < -LIKE:
+        return CalibrationError(
+            step,
+            Reason.WRONG_POLARITY,
+            f"mask {first} is the negative of its pattern (correlation {alike[first, first]:.2f})",
+            remedy="set invert in [modulator] the other way",
+        )
+    return _other_order(step, first, best) if alike[first, best] > LIKE else None
+
+
+def _turned(
     seen: NDArray[np.floating], relay: Relay, patterns: NDArray[Any], top: int, valid: Bools, step: str
-) -> None:
-    """Refuse if the masks fit their patterns another way round."""
+) -> CalibrationError | None:
+    """Return that the masks fit their patterns another way round, if they do."""
     for transpose, flip_x, flip_y in np.ndindex(2, 2, 2):
         turned = relay.turned(transpose=bool(transpose), flip_x=bool(flip_x), flip_y=bool(flip_y))
         foreseen = turned.shares(patterns, top)
         alike = np.diag(correlations(seen[: len(patterns), valid], foreseen[:, valid]))
         if np.median(alike) > LIKE:
-            words = orientation(turned.pixels)
-            raise CalibrationError(
+            return CalibrationError(
                 step,
                 Reason.FLIPPED,
-                f"the modulator's image is {words}; registered was an image that is {orientation(relay.pixels)}",
+                f"the modulator's image is {orientation(turned.pixels)}; registered was an image that is "
+                f"{orientation(relay.pixels)}",
                 remedy="turn the modulator back, or register it again as it is now",
             )
+    return None
 
 
-def _refuse_shift(seen: NDArray[np.floating], foreseen: NDArray[np.floating], step: str) -> None:
-    """Refuse if the mask fits its pattern some pixels further on: the bench has moved."""
+def _moved(seen: NDArray[np.floating], foreseen: NDArray[np.floating], step: str) -> CalibrationError | None:
+    """Return that the mask fits its pattern some pixels further on, if it does: the bench has moved."""
     one, other = (image - image.mean(dtype=np.float64) for image in (seen, foreseen))
     product = np.fft.irfft2(np.fft.rfft2(one) * np.conj(np.fft.rfft2(other)), s=one.shape)
     product /= max(float(np.linalg.norm(one) * np.linalg.norm(other)), 1e-12)
     place = np.unravel_index(int(np.argmax(product)), product.shape)
     down, right = (int(p) - side if p > side // 2 else int(p) for p, side in zip(place, product.shape, strict=True))
-    if product[place] > LIKE:
-        raise CalibrationError(
-            step,
-            Reason.DOES_NOT_FIT,
-            f"the modulator's image has moved by {right} px to the right and {down} px down since it was registered",
-            remedy="run `gs2ci calibrate registration` again",
-        )
+    if product[place] <= LIKE:
+        return None
+    return CalibrationError(
+        step,
+        Reason.DOES_NOT_FIT,
+        f"the modulator's image has moved by {right} px to the right and {down} px down since it was registered",
+        remedy="run `gs2ci calibrate registration` again",
+    )
+
+
+def _unlike(alike: F64, first: int, step: str) -> CalibrationError:
+    return CalibrationError(
+        step,
+        Reason.MISPREDICTED,
+        f"mask {first} is unlike every pattern that was sent (correlation {alike[first].max():.2f} at best)",
+        allowed=f"{LIKE} or more",
+        remedy="check the focus of the relay and what the modulator shows, and register again",
+    )

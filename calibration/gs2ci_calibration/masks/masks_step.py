@@ -4,7 +4,6 @@ Here: the order of things in both modes, and the section. Not here: the sums (`m
 which mask is which (`checks`). `gs2ci_calibration.procedures` and tests import this file.
 """
 
-import hashlib
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -14,8 +13,9 @@ from numpy.typing import NDArray
 from gs2ci_calibration.bench import Bench
 from gs2ci_calibration.bundle import Bundle
 from gs2ci_calibration.estimates import Estimate, Section
+from gs2ci_calibration.fitting import codes_sha256
 from gs2ci_calibration.masks.checks import require_held_out, require_order
-from gs2ci_calibration.masks.measured import MeasuredMasks, estimate_masks
+from gs2ci_calibration.masks.measured import MaskSums, MeasuredMasks, estimate_masks
 from gs2ci_calibration.masks.planning import frames_wanted
 from gs2ci_calibration.masks.predicted import Relay, model_error, relay_of, transmissions
 from gs2ci_calibration.masks.slot_weights import SlotWeights, measure_slots
@@ -24,7 +24,9 @@ from gs2ci_calibration.refusals import CalibrationError, Reason
 
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
-U16 = NDArray[np.uint16]
+
+Found = tuple[MeasuredMasks, F32, F32, tuple[float, float]]
+"""What was measured; the masks and their errors; how far predictions are off, rms, and the error of that."""
 
 STEP: Final = "masks"
 PILOT_FRAMES: Final = 2
@@ -65,35 +67,28 @@ def measure_masks(bench: Bench, known: Bundle) -> Section:
     pilot = estimate_masks(sums, field.references, len(shown.patterns), field.dark_se_dn)
     alike = require_order(_between(pilot), relay, shown.patterns, shown.top, pilot.valid, STEP)
     planned = _planned(bench, field, pilot)
+    frames, accuracy = (PILOT_FRAMES, FAST_ACCURACY) if bench.options.fast else (planned, 1.0)
+    pilot.lamp.require_steady(frames, accuracy * bench.options.mask_accuracy)
     if bench.options.fast:
         found, masks, error, off = _foreseen(bench, pilot, relay, shown)
     else:
         take(bench, field, shown.patterns, frames=planned - PILOT_FRAMES, step=STEP, sums=sums, held_out=shown.held_out)
-        found = estimate_masks(sums, field.references, len(shown.patterns), field.dark_se_dn)
-        masks, error = found.masks, found.standard_error
-        foreseen = transmissions(relay.shares(shown.held_out[None], shown.top), found.leakage)[0]
-        off = model_error(found.held_out[found.valid], np.square(found.held_out_se)[found.valid], foreseen[found.valid])
-    found.lamp.require_steady(
-        PILOT_FRAMES if bench.options.fast else planned, bench.options.mask_accuracy * _ease(bench)
-    )
+        found, masks, error, off = _measured(sums, field, relay, shown)
+        found.lamp.require_steady(frames, accuracy * bench.options.mask_accuracy)
     require_held_out(found.held_out, relay.shares(shown.held_out[None], shown.top)[0], found.valid, STEP)
+    slots_s = bench.devices.clock.now_s()
     slots = measure_slots(bench, field, saturation_of(bench, known, field.dark_dn), STEP)
-    seconds = bench.devices.clock.now_s() - began_s
+    ended_s = bench.devices.clock.now_s()
     facts = {
         "frames": sums.frames(0),
         "frames_planned": planned,
-        "seconds": seconds,
+        "seconds": ended_s - began_s,
+        "slot_seconds": ended_s - slots_s,
         "exposure_s": field.exposure_s,
         "rms_standard_error": float(np.sqrt(np.mean(np.square(error[:, found.valid], dtype=np.float64)))),
         "likeness_least": float(alike.min()),
     }
     return _section(bench, found, masks, error, off, slots, facts)
-
-
-def codes_sha256(codes: U16) -> NDArray[np.uint8]:
-    """Return the hash by which a bundle knows the codes [N, h, w] that its masks belong to, [32] uint8."""
-    digest = hashlib.sha256(str(codes.shape).encode() + np.ascontiguousarray(codes, dtype="<u2").tobytes()).digest()
-    return np.frombuffer(digest, np.uint8)
 
 
 def _shown(bench: Bench) -> Shown:
@@ -108,10 +103,6 @@ def _between(found: MeasuredMasks) -> F32:
     return np.asarray((found.masks - found.leakage) / np.maximum(1 - found.leakage, 1e-3), dtype=np.float32)
 
 
-def _ease(bench: Bench) -> float:
-    return FAST_ACCURACY if bench.options.fast else 1.0
-
-
 def _planned(bench: Bench, field: Field, pilot: MeasuredMasks) -> int:
     """Return how many frames of each mask to take: as many as the rig file says, and as the accuracy demands."""
     options = bench.options
@@ -120,9 +111,16 @@ def _planned(bench: Bench, field: Field, pilot: MeasuredMasks) -> int:
     return max(wanted, options.mask_frames, PILOT_FRAMES)
 
 
-def _foreseen(
-    bench: Bench, pilot: MeasuredMasks, relay: Relay, shown: Shown
-) -> tuple[MeasuredMasks, F32, F32, tuple[float, float]]:
+def _measured(sums: MaskSums, field: Field, relay: Relay, shown: Shown) -> Found:
+    """Estimate all masks; say how far the prediction of the held-out one is off."""
+    found = estimate_masks(sums, field.references, len(shown.patterns), field.dark_se_dn)
+    foreseen = transmissions(relay.shares(shown.held_out[None], shown.top), found.leakage)[0]
+    valid = found.valid
+    off = model_error(found.held_out[valid], np.square(found.held_out_se)[valid], foreseen[valid])
+    return found, found.masks, found.standard_error, off
+
+
+def _foreseen(bench: Bench, pilot: MeasuredMasks, relay: Relay, shown: Shown) -> Found:
     """Predict all masks; say by the few frames there are of each how far the predictions are off.
 
     Raises:

@@ -60,21 +60,8 @@ def fit_kernel(
         CalibrationError: The patterns do not tell the taps apart.
     """
     radius = int(np.clip(np.ceil(3 * np.sqrt(max(variance_px2, 0.0))) + 1, *RADIUS))
-    # The rim knows nothing of what lies beyond it.
-    inner = np.zeros_like(valid)
-    inner[radius:-radius, radius:-radius] = valid[radius:-radius, radius:-radius]
-    places = np.flatnonzero(inner)
-    if len(places) * len(patterns) > PIXELS_USED:
-        places = np.random.default_rng(0).permutation(places)[: PIXELS_USED // len(patterns)]
     taps = [(i, j) for i in range(-radius, radius + 1) for j in range(-radius, radius + 1) if (i, j) != (0, 0)]
-    columns, rest = [], []
-    for pattern, share in zip(patterns, shares, strict=True):
-        ideal = sharp(pattern, pixels)[0]
-        plain = ideal.ravel()[places]
-        # A convolution: the tap (i, j) brings the light of the pixel i rows up and j columns to the left.
-        columns.append(np.column_stack([np.roll(ideal, tap, (0, 1)).ravel()[places] - plain for tap in taps]))
-        rest.append(share.ravel()[places] - plain)
-    design, right = np.concatenate(columns), np.concatenate(rest)
+    design, right = _shifted(pixels, taps, patterns, shares, _inner(valid, radius, len(patterns)))
     normal = design.T @ design
     if len(right) < 4 * len(taps) or np.linalg.cond(normal) > 1e10:
         raise CalibrationError(
@@ -96,6 +83,34 @@ def fit_kernel(
         np.insert(error[:-1], middle, error[-1]).reshape(shape),
         float(np.sqrt(square)),
     )
+
+
+def _inner(valid: Bools, radius: int, images: int) -> NDArray[np.intp]:
+    """Choose pixels: valid ones away from the rim, which knows nothing of what lies beyond it."""
+    inner = np.zeros_like(valid)
+    inner[radius:-radius, radius:-radius] = valid[radius:-radius, radius:-radius]
+    places = np.flatnonzero(inner)
+    if len(places) * images > PIXELS_USED:
+        places = np.random.default_rng(0).permutation(places)[: PIXELS_USED // images]
+    return places
+
+
+def _shifted(
+    pixels: PixelMap,
+    taps: Sequence[tuple[int, int]],
+    patterns: Sequence[NDArray[Any]] | NDArray[Any],
+    shares: Sequence[F64],
+    places: NDArray[np.intp],
+) -> tuple[F64, F64]:
+    """Return the least squares problem: shifted less unshifted ideal images [P, T], and what is to be explained [P]."""
+    columns, rest = [], []
+    for pattern, share in zip(patterns, shares, strict=True):
+        ideal = sharp(pattern, pixels)[0]
+        plain = ideal.ravel()[places]
+        # A convolution: the tap (i, j) brings the light of the pixel i rows up and j columns to the left.
+        columns.append(np.column_stack([np.roll(ideal, tap, (0, 1)).ravel()[places] - plain for tap in taps]))
+        rest.append(share.ravel()[places] - plain)
+    return np.concatenate(columns), np.concatenate(rest)
 
 
 @dataclass(frozen=True)

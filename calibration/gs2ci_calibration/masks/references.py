@@ -87,6 +87,28 @@ def judge(
         CalibrationError: A single frame; saturated; no light (lens cap, lamp); the mirrors change nothing; on is
             darker than off (polarity); contrast too low; dead rows or columns, or too many blind pixels.
     """
+    clipped = _require_sound(on_frames, off_frames, saturation_dn, step)
+    on = on_frames.mean(axis=0, dtype=np.float64) - dark
+    off = off_frames.mean(axis=0, dtype=np.float64) - dark
+    noise = _temporal_noise_dn(on_frames)
+    _require_switching_light(on, off, noise / np.sqrt(min(len(on_frames), len(off_frames))), step)
+    swing = on - off
+    valid = (swing > BLIND_BELOW * float(np.median(swing[swing > 0]))) & ~clipped & (on > 0)
+    if (~valid).mean() > BLIND_SHARE_MAX:
+        raise CalibrationError(
+            step,
+            Reason.DEAD_PIXELS,
+            f"{(~valid).mean():.1%} of the pixels do not see the mirrors switch",
+            allowed=f"at most {BLIND_SHARE_MAX:.0%}",
+            remedy="light the whole field evenly, and see that the modulator's image covers the sensor",
+        )
+    references = References(on, off, valid, noise)
+    _require_lines(references, step)
+    return references
+
+
+def _require_sound(on_frames: NDArray[Any], off_frames: NDArray[Any], saturation_dn: float, step: str) -> Bools:
+    """Refuse too few frames and a saturated field; return the pixels that are clipped, [H, W]."""
     for what, frames in (("on", on_frames), ("off", off_frames)):
         if frames.ndim != 3 or len(frames) < FRAMES_MIN:
             count = len(frames) if frames.ndim == 3 else 0
@@ -105,23 +127,7 @@ def judge(
             allowed=f"at most {SATURATED_SHARE_MAX:.0%}",
             remedy="shorten mask_s, dim the lamp or close the aperture until the flat field reads 50 to 80 % of full",
         )
-    on = on_frames.mean(axis=0, dtype=np.float64) - dark
-    off = off_frames.mean(axis=0, dtype=np.float64) - dark
-    noise = _temporal_noise_dn(on_frames)
-    _require_switching_light(on, off, noise / np.sqrt(min(len(on_frames), len(off_frames))), step)
-    swing = on - off
-    valid = (swing > BLIND_BELOW * float(np.median(swing[swing > 0]))) & ~clipped & (on > 0)
-    if (~valid).mean() > BLIND_SHARE_MAX:
-        raise CalibrationError(
-            step,
-            Reason.DEAD_PIXELS,
-            f"{(~valid).mean():.1%} of the pixels do not see the mirrors switch",
-            allowed=f"at most {BLIND_SHARE_MAX:.0%}",
-            remedy="light the whole field evenly, and see that the modulator's image covers the sensor",
-        )
-    references = References(on, off, valid, noise)
-    _require_lines(references, step)
-    return references
+    return np.asarray(clipped)
 
 
 def require_in_place(

@@ -172,22 +172,24 @@ def register(
     valid: Bools,
     coarse: PixelMap,
     *,
+    light: F64 | None = None,
     degree: int | None = None,
 ) -> Registration:
     """Refine a map until predicted and measured images of textured patterns agree.
 
     Args:
-        patterns: What was shown, each [Hm, Wm] in [0, 1] (`checker`, `dots`, a random mask).
+        patterns: What was shown, each [Hm, Wm] in [0, 1] (`checker`, a random mask).
         shares: What was seen of each, (frame - off) / (on - off), [H, W].
         valid: Pixels that can be trusted, [H, W].
         coarse: A map that is right to about half a square of the pattern.
+        light: How bright the field is, [H, W]; None is even.
         degree: Of the map; None lets the tiles decide.
 
     Raises:
         CalibrationError: Too few tiles show the pattern, they lie on one line, the pattern is another one or
             inverted, or the fit does not settle.
     """
-    textures = Textures(patterns, shares, valid)
+    textures = Textures(patterns, shares, valid, light)
     fitted = fit(textures, coarse)
     if degree is None:
         fitted = _as_bent_as_needed(textures, fitted)

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import laplace
 
-from gs2ci_calibration.masks.imaging import PixelMap, blurred, sharp
+from gs2ci_calibration.masks.imaging import PixelMap, blurred, monomials, sharp
 from gs2ci_calibration.refusals import CalibrationError, Reason
 
 F64 = NDArray[np.float64]
@@ -32,6 +32,10 @@ STEP_MAX_PX: Final = 1.0
 OUTLYING: Final = 25.0
 SETTLING: Final = 4
 TILES_MIN: Final = 12
+LIGHT_DEGREE: Final = 4
+LIGHT_PIXELS: Final = 20_000
+# A field darker than this share of its mean has no slope that could be told from noise.
+LIGHT_MIN: Final = 0.05
 TILE_PX: Final = (12, 32)
 VARIANCE_START_PX2: Final = 0.5
 VARIANCE_MAX_PX2: Final = 25.0
@@ -49,12 +53,21 @@ class Textures:
         patterns: What was shown, each [Hm, Wm] in [0, 1].
         shares: What was seen of each, [H, W].
         valid: Pixels that can be trusted, [H, W].
+        light: How bright the field is, [H, W]; None is even. The relay's blur draws every pixel's place towards the
+            light, by its variance times the light's relative slope: some thousandths of a pixel.
     """
 
-    def __init__(self, patterns: Sequence[NDArray[Any]] | NDArray[Any], shares: Sequence[F64], valid: Bools) -> None:
+    def __init__(
+        self,
+        patterns: Sequence[NDArray[Any]] | NDArray[Any],
+        shares: Sequence[F64],
+        valid: Bools,
+        light: F64 | None = None,
+    ) -> None:
         self.patterns = [np.ascontiguousarray(pattern, dtype=np.float32) for pattern in patterns]
         self.shares = [np.where(valid, share, 0.0) for share in shares]
         self.valid = valid.astype(np.float64)
+        self.light = np.ones(valid.shape) if light is None else _smooth(light, valid)
         side = int(np.clip(min(valid.shape) // 10, *TILE_PX))
         self._rows, self._columns = (np.arange(0, length, side) for length in valid.shape)
         self.filled = self.sums(self.valid) / self.sums(np.ones(valid.shape))
@@ -66,6 +79,17 @@ class Textures:
         """Add an image up within each tile, [T]."""
         down = np.add.reduceat(image, self._rows, axis=0)
         return np.asarray(np.add.reduceat(down, self._columns, axis=1)).ravel()
+
+
+def _smooth(light: F64, valid: Bools) -> F64:
+    """Return the field's smooth part by a polynomial, so that single pixels' response does not count; its mean is 1."""
+    height, width = light.shape
+    y, x = np.mgrid[:height, :width]
+    basis = monomials(2 * x / width - 1, 2 * y / height - 1, LIGHT_DEGREE)
+    chosen = np.random.default_rng(0).permutation(np.flatnonzero(valid))[:LIGHT_PIXELS]
+    found, *_ = np.linalg.lstsq(basis.reshape(light.size, -1)[chosen], light.ravel()[chosen], rcond=None)
+    smooth = basis @ found
+    return np.asarray(np.maximum(smooth, LIGHT_MIN * smooth.mean()) / smooth.mean())
 
 
 @dataclass(frozen=True)
@@ -198,8 +222,10 @@ def _look(textures: Textures, pixels: PixelMap, variance: float, scale: float, o
     tiles = len(textures.filled)
     information, gradient = np.zeros((tiles, 2, 2)), np.zeros((tiles, 2))
     light_information, light_gradient = np.zeros((tiles, 3, 3)), np.zeros((tiles, 3))
+    light = textures.light
+    blurred_light = blurred(light, variance)
     for pattern, share in zip(textures.patterns, textures.shares, strict=True):
-        plain, *slopes = (blurred(image, variance) for image in sharp(pattern, pixels))
+        plain, *slopes = (blurred(image * light, variance) / blurred_light for image in sharp(pattern, pixels))
         residual = textures.valid * (share - scale * plain - offset)
         by_place = [textures.valid * scale * slope for slope in slopes]
         by_light = [textures.valid * image for image in (0.5 * scale * laplace(plain, mode="nearest"), plain)]

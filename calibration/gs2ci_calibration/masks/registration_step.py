@@ -57,8 +57,9 @@ def measure_registration(bench: Bench, known: Bundle) -> Section:
     sums = take(bench, field, patterns * top, frames=frames, step=STEP)
     sharper = refined(field, sums).references
     shares = [sharper.shares(sums.mean(i)) for i in range(len(patterns))]
-    start = register(patterns[:CHECKERS], shares[:CHECKERS], sharper.valid, coarse, degree=1)
-    found = register(patterns, shares, sharper.valid, start.pixels)
+    light = sharper.on - sharper.off
+    start = register(patterns[:CHECKERS], shares[:CHECKERS], sharper.valid, coarse, light=light, degree=1)
+    found = register(patterns, shares, sharper.valid, start.pixels, light=light)
     require_ratio(found.pixels, bench.options.superpixel)
     if found.rms_se_px > ACCURACY_PX:
         raise CalibrationError(

@@ -25,8 +25,8 @@ WHOLE: Final = 1 - 1e-9
 """Planned weight from which on a slot counts as spanned whole."""
 PLANNED_SE: Final = 1e-3
 """Standard error of weights that are planned and not measured: jitter of 10 us in 10 ms."""
-LEVELS: Final = (0.02, 0.98)
-"""Share of the sensor's range that one slot of even light must fill to be measured by it."""
+LEVELS: Final = (0.02, 0.8)
+"""Share of the sensor's range that one slot must fill in the median pixel to be measured: brighter ones have room."""
 OFF_PLAN: Final = 0.05
 """A weight that departs by more from the plan is refused: the sensor does not expose when it should."""
 

@@ -48,8 +48,9 @@ class World:
         self.rng = np.random.default_rng(self.seed)
         self.leak = FiniteContrast(contrast=self.contrast, spread=0.4).leakage(self.size, self.rng)
         y, x = ((np.arange(side) + 0.5) / side - 0.5 for side in self.size)
-        self.gain = 1 - self.fall_off * (y[:, None] ** 2 + x**2) * 2
-        self.gain = self.gain * self.rng.normal(1, 0.01, self.size)
+        self.light = 1 - self.fall_off * (y[:, None] ** 2 + x**2) * 2
+        self.blurred_light = blurred(self.light, self.sigma_px, 8.0)
+        self.gain = self.blurred_light * self.rng.normal(1, 0.01, self.size)
         self.cache = {}
 
     @property
@@ -65,7 +66,8 @@ class World:
         if key not in self.cache:
             seen = self._bent(pattern, top) if self.bend else self.registration.seen(pattern, top, *self.size)
             share = seen.astype(np.float64)
-            self.cache[key] = blurred(self.leak + (1 - self.leak) * share, self.sigma_px, 8.0)
+            passed = (self.leak + (1 - self.leak) * share) * self.light
+            self.cache[key] = blurred(passed, self.sigma_px, 8.0) / self.blurred_light
         return self.cache[key]
 
     def looks_at(self, x, y):

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from gs2ci_calibration.bundle import Bundle, read_bundle, write_bundle
-from gs2ci_calibration.masks.masks_step import codes_sha256, measure_masks
+from gs2ci_calibration.fitting import codes_sha256
+from gs2ci_calibration.masks.masks_step import measure_masks
 from gs2ci_calibration.masks.registration_step import measure_registration
 from gs2ci_calibration.refusals import CalibrationError, Reason
 

@@ -48,6 +48,18 @@ def test_a_relay_without_blur_is_registered_too():
     assert found.variance_px2 < 4 * found.variance_se_px2
 
 
+def test_light_that_falls_off_draws_blurred_pixels_towards_it_and_is_reckoned_with():
+    light = np.broadcast_to(np.linspace(0.3, 1.7, SIZE[1]), SIZE)
+    shares = [
+        blurred(sharp(pattern, TRUTH)[0] * light, 1.0) / blurred(light.copy(), 1.0)
+        + np.random.default_rng(0).normal(0, 0.002, SIZE)
+        for pattern in PATTERNS
+    ]
+    with_light, without = (register(PATTERNS, shares, VALID, START, light=one) for one in (light, None))
+    assert off_px(with_light) < 0.003
+    assert off_px(without) > 4 * off_px(with_light)
+
+
 def test_a_bend_is_followed_and_an_affine_bench_is_not_bent():
     bent = TRUTH.raised(3)
     bent.coefficients[6] += [1.2, -0.8]
