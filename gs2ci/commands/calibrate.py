@@ -60,7 +60,7 @@ def run(
             if step == "check":
                 _check(console, bench, read_bundle(out), opened, provenance_of(opened, devices))
                 return out
-            for name in PROCEDURES if step == "all" else (step,):
+            for name in _all_steps(bench) if step == "all" else (step,):
                 known = read_bundle(out) if out.exists() else Bundle()
                 section = _measured(bench, name, known)
                 add_section(out, section, provenance_of(opened, devices))
@@ -69,6 +69,11 @@ def run(
         devices.close()
     console.print(f"bundle in [bold]{escape(str(out))}[/]", soft_wrap=True)
     return out
+
+
+def _all_steps(bench: Bench) -> tuple[str, ...]:
+    """Return every step, in order; a rig without a stage has none to measure."""
+    return tuple(name for name in PROCEDURES if name != "stage" or bench.devices.stage is not None)
 
 
 def _measured(bench: Bench, name: str, known: Bundle) -> Section:

@@ -84,7 +84,7 @@ def test_check_without_a_bundle_says_how_to_make_one(rig, monkeypatch, capsys):
     assert "gs2ci calibrate all" in capsys.readouterr().err
 
 
-def test_all_runs_every_step_that_there_is_in_order(rig, monkeypatch):
+def test_all_runs_every_step_that_the_rig_has_in_order(rig, monkeypatch):
     done = []
 
     def stand_in(name):
@@ -101,5 +101,6 @@ def test_all_runs_every_step_that_there_is_in_order(rig, monkeypatch):
     for name in PROCEDURES_BEFORE:
         monkeypatch.setitem(PROCEDURES, name, stand_in(name))
     assert gs2ci(monkeypatch, "calibrate", "all", "--rig", rig, "-o", "b.cal.h5") == 0
-    assert [name for name, _ in done] == list(PROCEDURES_BEFORE)
+    # This rig has no stage.
+    assert [name for name, _ in done] == [name for name in PROCEDURES_BEFORE if name != "stage"]
     assert done[0] == ("dark-flat", ())
