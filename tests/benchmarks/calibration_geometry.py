@@ -22,6 +22,7 @@ from gs2ci_calibration.bundle import Bundle
 from gs2ci_calibration.estimates import Estimate, Section
 from gs2ci_calibration.geometry.board import Board
 from gs2ci_calibration.geometry.camera import measure_camera
+from gs2ci_calibration.geometry.pictures import Pictures
 from gs2ci_calibration.geometry.stage import measure_stage
 from gs2ci_sims.bench_light import BenchLight
 from gs2ci_sims.targets import board_scene
@@ -177,14 +178,16 @@ def corner_errors(bench: Bench, rig: Rig, truth: Truth) -> tuple[float, float]:
     assert rig.bench is not None
     light: Any = rig.bench.world.light
     bench.please(Setup.FIXED_BOARD)
-    frame = bench.grab(bench.flat_pattern(is_open=True)[None], frames=4, exposure_s=0.02).readings[0].mean(axis=0)
-    sighting = Board(bench.options.board).find(frame)
+    board = Board(bench.options.board)
+    exposure_s = Pictures(bench, "camera", board).suit_exposure()
+    frame = bench.grab(bench.flat_pattern(is_open=True)[None], frames=4, exposure_s=exposure_s).readings[0].mean(axis=0)
+    sighting = board.find(frame)
     if sighting is None:
         raise ValueError("the board on its stand was not found")
     plane = rig_board(rig)
-    _, board = board_scene(light.scene, plane, 0, light._seed, fixed=True)
-    assert board.world_from_board is not None
-    pose = light.scene.world_to_camera @ board.world_from_board
+    _, drawn = board_scene(light.scene, plane, 0, light._seed, fixed=True)
+    assert drawn.world_from_board is not None
+    pose = light.scene.world_to_camera @ drawn.world_from_board
     points = sighting.corners_mm * plane.square / bench.options.board.square_mm
     coefficients = np.array([*truth.distortion, 0, 0])
     at, _ = cv2.projectPoints(points, cv2.Rodrigues(pose[:3, :3])[0], pose[:3, 3], truth.intrinsics, coefficients)
