@@ -90,7 +90,9 @@ class Options:
 
     Args:
         frames: Frames of the dark and of the flat stack.
-        mask_frames: Frames of each mask.
+        mask_frames: Frames of each mask, at least.
+        mask_accuracy: Wanted standard error of masks, rms; more frames are taken if it needs them.
+        orientation: How the modulator's image lies on the sensor ("upright", ...); "any" takes it as it is found.
         fast: Whether masks are predicted from affine, PSF and contrast instead of measured one by one.
         board: The board of `camera`.
         board_views: Pictures of it.
@@ -101,6 +103,8 @@ class Options:
 
     frames: int = 32
     mask_frames: int = 8
+    mask_accuracy: float = 0.01
+    orientation: str = "upright"
     fast: bool = False
     board: BoardSpec = field(default_factory=BoardSpec)
     board_views: int = 12
@@ -192,6 +196,14 @@ class Bench:
     def please(self, setup: Setup, index: int = 0) -> None:
         """Ask for an arrangement and wait until it is there."""
         self.operator.please(setup, index)
+
+    def planned(self) -> Plan:
+        """Lay out what `gs2ci capture` will do; nothing moves and nothing is uploaded.
+
+        Raises:
+            DriverError: A device does not answer.
+        """
+        return plan_capture(self.devices, self.capture, self.config)
 
     def grab(self, patterns: Patterns, *, frames: int, exposure_s: float, bit_depth: int = 1) -> Stack:
         """Take `frames` passes over all patterns, one frame per pattern in each pass.

@@ -20,9 +20,11 @@ The sections, and what other parts read from them (shapes: H, W sensor; Hm, Wm m
                   curve_signal_dn, curve_variance_dn2, curve_exposure_s [L]; facts limited_by
     timing        latency_s, jitter_s, exposure_offset_s, weights [N] (overlap of each mask with the exposure); facts
                   mask_s, mode
-    masks         masks [N, H, W] f4 transmissions in the order shown, contrast [H, W] f4 (off over on), weights [N];
-                  arrays patterns_sha256 [32] u1 of the codes [N, h, w] as drawn; facts order, polarity, mask_s
-    registration  sensor_from_modulator [2, 3] (x right, y down, pixel centres at +0.5), psf_sigma_px
+    masks         masks [N, H, W] f4 transmissions in the order shown, leakage included, contrast [H, W] f4 (off over
+                  on), weights [N], prediction_error_rms; arrays patterns_sha256 [32] u1 of the codes [N, h, w] as
+                  drawn, valid [H, W] u1; facts mode, frames, order, polarity, mask_s
+    registration  sensor_from_modulator [2, 3] (x right, y down, pixel centres at +0.5), modulator_from_sensor [K, 2]
+                  (a polynomial's coefficients), psf_sigma_px, psf_kernel; facts orientation, degree, size
     camera        intrinsics [3, 3], distortion [5] (OpenCV's k1 k2 p1 p2 k3)
     stage         for each axis A: direction_A [3] in the camera frame, scale_A, backlash_mm_A, repeatability_mm_A,
                   velocity_error_A

@@ -10,6 +10,8 @@ from gs2ci_calibration import dark_flat, photon_transfer, timing
 from gs2ci_calibration.bench import Bench
 from gs2ci_calibration.bundle import Bundle
 from gs2ci_calibration.estimates import Section
+from gs2ci_calibration.masks.masks_step import measure_masks
+from gs2ci_calibration.masks.registration_step import measure_registration
 
 Procedure = Callable[[Bench, Bundle], Section]
 
@@ -17,6 +19,8 @@ PROCEDURES: Final[dict[str, Procedure]] = {
     # In this order: a step may build on the sections of those before it.
     "dark-flat": dark_flat.measure,
     "sensor": photon_transfer.measure,
+    "registration": measure_registration,
+    "masks": measure_masks,
     "timing": timing.measure,
 }
 """Name on the command line -> the function that measures that section."""

@@ -42,7 +42,7 @@ def run(
     quiet machine.
 
     Args:
-        table: Which one: methods, init, density, ablation, mask-ratio, compression, seeds.
+        table: Which one: methods, init, density, ablation, mask-ratio, compression, seeds, calibrate.
         output: Folder for the pages and the finished cells.
         data: Folder of .npz measurements to use instead of simulated scenes.
         cases: Only these of the cases.

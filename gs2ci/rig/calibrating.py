@@ -128,6 +128,8 @@ def _options(table: RigTable, codes: tuple[int, ...], modulator: tuple[int, int]
     return Options(
         frames=wanted.frames,
         mask_frames=wanted.mask_frames,
+        mask_accuracy=wanted.mask_accuracy,
+        orientation=wanted.orientation,
         fast=fast,
         board=board_of(wanted),
         board_views=wanted.board_views,

@@ -20,6 +20,17 @@ NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Fraction = Annotated[float, Field(gt=0, lt=1)]
 Count = Annotated[int, Field(ge=1)]
 Vector = tuple[float, float, float]
+Orientation = Literal[
+    "upright",
+    "mirrored left to right",
+    "mirrored top to bottom",
+    "upside down",
+    "turned clockwise",
+    "turned anticlockwise",
+    "mirrored along its diagonal",
+    "mirrored along its other diagonal",
+    "any",
+]
 
 
 class Dlpc900Table(Settings):
@@ -187,7 +198,11 @@ class CalibrationTable(Settings):
     frames: Annotated[int, Field(ge=2)] = 32
     """Frames of the dark and of the flat stack."""
     mask_frames: Annotated[int, Field(ge=2)] = 8
-    """Frames of each mask."""
+    """Frames of each mask, at least."""
+    mask_accuracy: Annotated[float, Field(gt=0, lt=0.5)] = 0.01
+    """Wanted standard error of masks, rms over the pixels; more frames are taken if it needs them."""
+    orientation: Orientation = "upright"
+    """How the modulator's image lies on the sensor; "any" takes it as it is found, anything else is refused."""
     board: BoardTable = BoardTable()
     board_views: Annotated[int, Field(ge=3)] = 12
     """Pictures of the board, each in another pose."""

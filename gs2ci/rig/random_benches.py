@@ -1,7 +1,7 @@
 """Random simulated benches of known truth, good ones and spoiled ones, for proving calibration on them.
 
 Here: rig tables drawn from a seed, a bench opened from one, and what must be refused why. Not here: the truth itself
-(`truth`), calibrating. Only tests and benchmarks import this file.
+(`truth`), calibrating. Only tests, benchmarks and `gs2ci.bench` import this file.
 """
 
 from collections.abc import Iterator, Mapping

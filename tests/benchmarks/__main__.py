@@ -21,6 +21,8 @@ BENCHMARKS = {
     "proxies": "tests.benchmarks.proxies",
     "decoders": "tests.benchmarks.decoders",
     "simulation": "tests.benchmarks.simulation",
+    "mask_calibration": "tests.benchmarks.mask_calibration",
+    "random_masks": "tests.benchmarks.random_masks",
     "bundle_adjustment": "tests.benchmarks.bundle_adjustment",
     "calibration_base": "tests.benchmarks.calibration_base",
     "long_fits": "tests.benchmarks.long_fits",
