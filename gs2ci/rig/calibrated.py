@@ -12,9 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gs2ci.core.progress import Progress, Silent
-from gs2ci.rig.calibrating import bench_of, provenance_of
+from gs2ci.rig.calibrating import TerminalOperator, bench_of, provenance_of
 from gs2ci.rig.opening import Rig
-from gs2ci_calibration.bench import Setup
 from gs2ci_calibration.bundle import Bundle, read_bundle
 from gs2ci_calibration.fitting import STEP, fit
 from gs2ci_calibration.frames import Dark
@@ -155,20 +154,10 @@ def load(
     progress = progress or Silent()
     bundle = read_bundle(path or rig.folder / table.bundle)
     masks = bundle.need("masks", STEP)
-    bench = bench_of(rig, devices, _NOBODY)
+    bench = bench_of(rig, devices, TerminalOperator(progress.say))
     found = fit(bundle, bench, provenance_of(rig, devices), table.max_age_days)
     found.require(bundle)
     for note in found.notes:
         progress.say(note)
     seen = probe_mask(bench, masks).require() if probe else None
     return Calibrated(bundle, found.notes, seen)
-
-
-class _Nobody:
-    """Sets nothing up: a capture takes what is before the camera."""
-
-    def please(self, setup: Setup, index: int) -> None:
-        raise NotImplementedError(f"{setup} is for calibration")
-
-
-_NOBODY = _Nobody()

@@ -15,6 +15,7 @@ from gs2ci.rig.calibrating import bench_of, operator_of, provenance_of
 from gs2ci.rig.opening import load_rig
 from gs2ci.rig.truth import truth_of
 from gs2ci_calibration.bundle import Bundle, read_bundle, write_bundle
+from gs2ci_calibration.drift import changes_since
 from gs2ci_calibration.estimates import Estimate, Section
 from gs2ci_calibration.fitting import codes_sha256
 from gs2ci_calibration.procedures import PROCEDURES
@@ -36,7 +37,7 @@ mask_s = 0.02
 density = 0.4
 shots = 1
 [calibration]
-frames = 12
+frames = 8
 [optics]
 full_scale_dn = 740.0
 [world]
@@ -155,6 +156,28 @@ def test_a_modulator_that_moved_since_is_noticed_by_the_probe(rig_file, tmp_path
     assert loaded(rig_file, bundle, probe=False).probe is None
 
 
+def test_check_tells_where_the_modulators_picture_has_gone(rig_file, tmp_path):
+    bundle = calibrate(rig_file, tmp_path / "bench.cal.h5", "dark-flat")
+
+    def changes():
+        rig = load_rig(rig_file)
+        devices = rig.open()
+        try:
+            return {one.what: one for one in changes_since(bench_of(rig, devices, operator_of(rig, print)), bundle)}
+        finally:
+            devices.close()
+
+    found = changes()
+    assert {"one mask, rms over pixels", "modulator moved right", "modulator moved down"} <= set(found)
+    assert not any(one.too_far for one in found.values())
+    rig_file.write_text(RIG.replace("down_px = -0.2", "down_px = 0.2"))
+    found = changes()
+    assert found["modulator moved down"].too_far
+    assert found["modulator moved down"].step == "registration"
+    assert found["one mask, rms over pixels"].too_far
+    assert not found["modulator moved right"].too_far
+
+
 def test_an_inverted_modulator_and_another_mask_are_told_apart(rig_file, tmp_path):
     bundle = tmp_path / "bench.cal.h5"
     section = calibrate(rig_file, bundle).sections["masks"]
@@ -195,7 +218,7 @@ def test_the_probe_wants_light(rig_file, tmp_path):
 )
 def test_a_bundle_of_another_set_up_is_refused(rig_file, tmp_path, before, after, sentence):
     bundle = tmp_path / "bench.cal.h5"
-    calibrate(rig_file, bundle, "dark-flat")
+    calibrate(rig_file, bundle, *(["dark-flat"] if "readings" in sentence or "gain" in sentence else []))
     rig_file.write_text(RIG.replace(before, after))
     with pytest.raises(CalibrationError, match=sentence) as refused:
         loaded(rig_file, bundle, probe=False)
