@@ -30,7 +30,7 @@ from gs2ci.core.errors import InputError
 from gs2ci.core.progress import Progress, Silent
 from gs2ci_calibration.refusals import CalibrationError, Reason
 from gs2ci_drivers.acquisition import Devices, Taken, capture, plan_capture
-from gs2ci_drivers.plan import CaptureSettings, Mode, Plan
+from gs2ci_drivers.plan import CaptureSettings, Mode, Plan, Travel
 from gs2ci_drivers.sensor import SensorConfig
 from gs2ci_drivers.stage import Stage
 
@@ -56,6 +56,8 @@ class Setup(Enum):
     """An evenly lit field fills the view (integrating sphere, opal glass, white screen out of focus)."""
     BOARD = "board"
     """The ChArUco board of `Options.board`, in a new pose for each index, as large as fits."""
+    FIXED_BOARD = "fixed-board"
+    """The same board at rest on a stand, square to the camera and filling half of the view, the stage in mid-travel."""
     SCENE = "scene"
     """A textured scene at rest."""
 
@@ -99,6 +101,8 @@ class Options:
         superpixel: Modulator pixels per side of one mask element, nominally.
         row: First modulator row that the sensor sees, nominally.
         column: First modulator column.
+        directions: How the rig file says that each axis of the stage moves the camera, in its own frame, per mm; an
+            axis not named may go anywhere.
     """
 
     frames: int = 32
@@ -111,6 +115,7 @@ class Options:
     superpixel: int = 1
     row: int = 0
     column: int = 0
+    directions: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -205,7 +210,16 @@ class Bench:
         """
         return plan_capture(self.devices, self.capture, self.config)
 
-    def grab(self, patterns: Patterns, *, frames: int, exposure_s: float, bit_depth: int = 1) -> Stack:
+    def grab(
+        self,
+        patterns: Patterns,
+        *,
+        frames: int,
+        exposure_s: float,
+        bit_depth: int = 1,
+        shown_s: float = 0.0,
+        travel: Travel | None = None,
+    ) -> Stack:
         """Take `frames` passes over all patterns, one frame per pattern in each pass.
 
         Args:
@@ -213,18 +227,21 @@ class Bench:
             frames: Passes, K.
             exposure_s: Of each frame; every pattern is on show a little longer.
             bit_depth: Of the patterns.
+            shown_s: How long each pattern is on show, at least.
+            travel: The stage's motion during a pass, evenly from the first pattern to the last; None rests.
 
         Raises:
-            PlanRefusedError: Patterns or exposure are beyond the devices.
+            PlanRefusedError: Patterns, exposure or travel are beyond the devices.
             DriverError: A device failed; all are at rest.
         """
-        shown_s = max(exposure_s + GUARD_S, self.devices.modulator.connect().min_exposure_s[bit_depth])
+        shown_s = max(shown_s, exposure_s + GUARD_S, self.devices.modulator.connect().min_exposure_s[bit_depth])
         settings = CaptureSettings(
             masks=patterns,
             bit_depth=bit_depth,
             mask_s=shown_s,
             mode=Mode.PER_MASK,
             shots=frames,
+            travel=travel,
             margin_s=shown_s - exposure_s,
             retries=RETRIES,
         )

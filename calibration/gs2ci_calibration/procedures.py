@@ -10,6 +10,8 @@ from gs2ci_calibration import dark_flat, photon_transfer, timing
 from gs2ci_calibration.bench import Bench
 from gs2ci_calibration.bundle import Bundle
 from gs2ci_calibration.estimates import Section
+from gs2ci_calibration.geometry.camera import measure_camera
+from gs2ci_calibration.geometry.stage import measure_stage
 from gs2ci_calibration.masks.masks_step import measure_masks
 from gs2ci_calibration.masks.registration_step import measure_registration
 
@@ -21,6 +23,8 @@ PROCEDURES: Final[dict[str, Procedure]] = {
     "sensor": photon_transfer.measure,
     "registration": measure_registration,
     "masks": measure_masks,
+    "camera": measure_camera,
+    "stage": measure_stage,
     "timing": timing.measure,
 }
 """Name on the command line -> the function that measures that section."""

@@ -15,6 +15,7 @@ from rich.table import Table
 
 from gs2ci.commands.display import open_display
 from gs2ci.core.errors import InputError
+from gs2ci.core.progress import Progress
 from gs2ci.rig.calibrating import bench_of, operator_of, provenance_of
 from gs2ci.rig.opening import Rig, load_rig
 from gs2ci_calibration.bench import Bench
@@ -24,6 +25,7 @@ from gs2ci_calibration.estimates import Section
 from gs2ci_calibration.fitting import fit
 from gs2ci_calibration.procedures import PROCEDURES
 from gs2ci_calibration.refusals import CalibrationError, Reason
+from gs2ci_drivers.acquisition import Devices
 
 Step = Literal["dark-flat", "sensor", "timing", "registration", "masks", "camera", "stage", "all", "check"]
 
@@ -39,7 +41,8 @@ def run(
 
     Each step asks for what it needs before the camera (lens cap, even light, board, scene), shows what it found with
     standard errors, and adds its section to the bundle; what is not good enough is refused with the reason, and the
-    bundle stays as it was. `all` runs every step in order; `check` takes a few frames and tells the drift since.
+    bundle stays as it was. `all` runs every step in order, `stage` if there is one; `check` takes a few frames and
+    tells the drift since.
 
     Args:
         step: What to measure.
@@ -60,7 +63,7 @@ def run(
             if step == "check":
                 _check(console, bench, read_bundle(out), opened, provenance_of(opened, devices))
                 return out
-            for name in PROCEDURES if step == "all" else (step,):
+            for name in _every_step(devices, display) if step == "all" else (step,):
                 known = read_bundle(out) if out.exists() else Bundle()
                 section = _measured(bench, name, known)
                 add_section(out, section, provenance_of(opened, devices))
@@ -69,6 +72,13 @@ def run(
         devices.close()
     console.print(f"bundle in [bold]{escape(str(out))}[/]", soft_wrap=True)
     return out
+
+
+def _every_step(devices: Devices, progress: Progress) -> list[str]:
+    """Return all steps in order, without `stage` where there is none."""
+    if devices.stage is None:
+        progress.say("the rig has no stage: its step is left out")
+    return [name for name in PROCEDURES if name != "stage" or devices.stage is not None]
 
 
 def _measured(bench: Bench, name: str, known: Bundle) -> Section:

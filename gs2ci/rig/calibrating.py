@@ -27,6 +27,8 @@ REQUESTS = {
     Setup.FLAT: "take the lens cap off and let an evenly lit field fill the view (opal glass, or a white screen "
     "far out of focus)",
     Setup.BOARD: "hold the ChArUco board before the camera: picture {number}, tilted another way, filling the view",
+    Setup.FIXED_BOARD: "fix the ChArUco board on a stand, square to the camera and filling half of its view, with the "
+    "stage in mid-travel",
     Setup.SCENE: "let the camera look at a textured scene at rest",
 }
 
@@ -78,6 +80,8 @@ class SimulatedOperator:
                 self._light.look_at_even_light(self._table.flat_radiance)
             case Setup.BOARD:
                 self._light.look_at_board(self._board, index)
+            case Setup.FIXED_BOARD:
+                self._light.look_at_board(self._board, index, fixed=True)
             case Setup.SCENE:
                 self._light.look_at_scene()
 
@@ -136,7 +140,14 @@ def _options(table: RigTable, codes: tuple[int, ...], modulator: tuple[int, int]
         superpixel=table.registration.superpixel,
         row=row,
         column=column,
+        directions=_directions(table),
     )
+
+
+def _directions(table: RigTable) -> dict[str, tuple[float, float, float]]:
+    """Return how the rig file says that the axes move the camera; nothing where it does not say."""
+    mount = table.stage.mount if table.stage is not None else None
+    return {} if mount is None else {"x": mount.x, "y": mount.y, "z": mount.z}
 
 
 def provenance_of(rig: Rig, devices: Devices) -> Provenance:

@@ -229,6 +229,10 @@ class MechanicsTable(Settings):
     ripple_mm: NotNegative = 0.0
     pitch_mm: Positive = 1.0
     reversed_sign: bool = False
+    speed_error: Annotated[float, Field(gt=-1, lt=1)] = 0.0
+    repeatability_mm: NotNegative = 0.0
+    slip_mm: NotNegative = 0.0
+    seed: Annotated[int, Field(ge=0)] = 0
 
 
 class WorldTable(Settings):

@@ -9,6 +9,8 @@ from bisect import bisect_right
 from dataclasses import dataclass
 from math import copysign, inf, pi, sin, sqrt
 
+import numpy as np
+
 HISTORY = 4096
 """Pieces of motion that are remembered: some thousand moves, far more than one exposure sees."""
 
@@ -24,6 +26,10 @@ class Mechanics:
         ripple_mm: Amplitude of the screw's periodic error.
         pitch_mm: Its period.
         reversed_sign: Whether the carriage goes the other way.
+        speed_error: Relative error of its speed.
+        repeatability_mm: Standard deviation of where a move truly ends; the next move forgets it.
+        slip_mm: What a move may lose for good in a slipping coupling, at most; evenly distributed.
+        seed: Of both.
     """
 
     scale: float = 1.0
@@ -32,6 +38,10 @@ class Mechanics:
     ripple_mm: float = 0.0
     pitch_mm: float = 1.0
     reversed_sign: bool = False
+    speed_error: float = 0.0
+    repeatability_mm: float = 0.0
+    slip_mm: float = 0.0
+    seed: int = 0
 
 
 @dataclass(frozen=True)
@@ -41,6 +51,7 @@ class _Piece:
     speed_mm_s: float
     acceleration_mm_s2: float
     slack_mm: float  # how far the carriage lies behind the counted position, from 0 to the backlash
+    astray_mm: float = 0.0  # what repeatability and slipping add to the true position
 
     def position_at(self, when_s: float) -> float:
         t = when_s - self.start_s
@@ -64,6 +75,8 @@ class AxisMotion:
         self.mechanics = mechanics or Mechanics()
         self.ends_s = -inf
         self._pieces = [_Piece(-1e12, position_mm, 0.0, 0.0, 0.0)]
+        self._rng = np.random.default_rng(self.mechanics.seed)
+        self._slipped_mm = 0.0
 
     def position_at(self, when_s: float) -> float:
         """Return the counted position, in mm."""
@@ -83,18 +96,20 @@ class AxisMotion:
         piece = self._piece(when_s - m.lag_s)
         counted = piece.position_at(when_s - m.lag_s)
         behind = self._slack_at(piece, counted)
-        true = m.scale * (counted - behind)
+        true = m.scale * (counted - behind) + piece.astray_mm
         if m.ripple_mm:
             true += m.ripple_mm * sin(2 * pi * counted / m.pitch_mm)
         return -true if m.reversed_sign else true
 
     def move_to(self, target_mm: float, speed_mm_s: float, now_s: float) -> float:
         """Begin a move from whatever it does now; return when it will end."""
-        return self._run(self._legs_to(target_mm, speed_mm_s, now_s), now_s)
+        true_speed = speed_mm_s * (1 + self.mechanics.speed_error)
+        astray_mm = self._astray_mm(target_mm - self.position_at(now_s))
+        return self._run(self._legs_to(target_mm, true_speed, now_s), now_s, astray_mm)
 
     def move_at(self, speed_mm_s: float, now_s: float) -> float:
         """Go on at a signed speed until told otherwise; return when the ramp ends."""
-        change = speed_mm_s - self.speed_at(now_s)
+        change = speed_mm_s * (1 + self.mechanics.speed_error) - self.speed_at(now_s)
         ramp_s = abs(change) / self.acceleration_mm_s2
         ends_s = self._run([(copysign(self.acceleration_mm_s2, change), ramp_s), (0.0, inf)], now_s)
         self.ends_s = inf
@@ -111,7 +126,7 @@ class AxisMotion:
 
     def set_position(self, position_mm: float, now_s: float) -> None:
         """Call the present position something else (homing); the history before keeps its old numbers."""
-        self._pieces.append(_Piece(now_s, position_mm, 0.0, 0.0, 0.0))
+        self._pieces.append(_Piece(now_s, position_mm, 0.0, 0.0, 0.0, self._piece(now_s).astray_mm))
         self.ends_s = now_s
 
     def time_at(self, position_mm: float, now_s: float) -> float | None:
@@ -141,10 +156,18 @@ class AxisMotion:
         legs += [(way * a, (peak - v0) / a), (0.0, max(cruise, 0.0) / peak if peak else 0.0), (-way * a, peak / a)]
         return legs
 
-    def _run(self, legs: list[tuple[float, float]], now_s: float) -> float:
-        """Replace what was planned from now on by these legs, then rest."""
+    def _astray_mm(self, distance_mm: float) -> float:
+        """Draw how far from its target the next move truly ends, all slips before included."""
+        m = self.mechanics
+        if m.slip_mm:
+            self._slipped_mm -= copysign(m.slip_mm * float(self._rng.uniform()), distance_mm)
+        return self._slipped_mm + (m.repeatability_mm * float(self._rng.normal()) if m.repeatability_mm else 0.0)
+
+    def _run(self, legs: list[tuple[float, float]], now_s: float, astray_mm: float | None = None) -> float:
+        """Replace what was planned from now on by these legs, then rest; `None` goes on as far astray as before."""
         here, speed = self.position_at(now_s), self.speed_at(now_s)
         piece = self._piece(now_s)
+        astray_mm = piece.astray_mm if astray_mm is None else astray_mm
         slack = self._slack_at(piece, here)
         while self._pieces[-1].start_s >= now_s and len(self._pieces) > 1:
             self._pieces.pop()
@@ -152,7 +175,7 @@ class AxisMotion:
         for acceleration, duration_s in legs:
             if duration_s <= 0:
                 continue
-            piece = _Piece(t, here, speed, acceleration, slack)
+            piece = _Piece(t, here, speed, acceleration, slack, astray_mm)
             self._pieces.append(piece)
             t += duration_s
             if t == inf:
@@ -160,7 +183,7 @@ class AxisMotion:
                 return piece.start_s
             here, speed = piece.position_at(t), piece.speed_at(t)
             slack = self._slack_at(piece, here)
-        self._pieces.append(_Piece(t, here, 0.0, 0.0, slack))
+        self._pieces.append(_Piece(t, here, 0.0, 0.0, slack, astray_mm))
         del self._pieces[:-HISTORY]
         self.ends_s = t
         return t

@@ -19,6 +19,7 @@ from gs2ci.core.records import CfaPattern
 from gs2ci_sims.effects.base import Effect, Stage
 from gs2ci_sims.effects.bayer_filter import BayerFilter
 from gs2ci_sims.effects.defocus import Defocus
+from gs2ci_sims.effects.lens_distortion import LensDistortion
 from gs2ci_sims.effects.motion_blur import MotionBlur
 from gs2ci_sims.exposure import calibrated_masks, integrate, read_out
 from gs2ci_sims.light_path import EffectChain, generator, sensor_effects
@@ -136,9 +137,10 @@ class BenchLight:
         """Put an evenly lit field before the camera; 1 is the white of a scene."""
         self._sight = _Sight(self.scene, EvenLight(radiance=radiance))
 
-    def look_at_board(self, plane: BoardPlane, index: int) -> None:
-        """Hold a ChArUco board before the camera, in the pose that belongs to an index."""
-        self._sight = _Sight(*board_scene(self.scene, plane, index, self._seed))
+    def look_at_board(self, plane: BoardPlane, index: int, *, fixed: bool = False) -> None:
+        """Hold a ChArUco board before the camera in the pose that belongs to an index, or fix it on a stand."""
+        lens = next((effect for effect in self._extra if isinstance(effect, LensDistortion)), None)
+        self._sight = _Sight(*board_scene(self.scene, plane, index, self._seed, lens, fixed=fixed))
 
     def collect(self, exposure: Exposure) -> U16:
         """Return the sensor's pixels, [H, W] uint16.
@@ -219,7 +221,9 @@ class BenchLight:
         start_s, stop_s = np.array([[m.start_s, m.end_s] for m in exposure.masks]).T - middle_s
         slices = Slices(start_s, stop_s, np.eye(len(masks)), np.arange(len(masks)), start_s)
         if self._sight.target:
-            chosen = tuple(effect for effect in effects if not isinstance(effect, MotionBlur | Defocus))
+            # Targets draw distortion themselves: an even light has none, a board is bent before its pixels are made.
+            absent = MotionBlur | Defocus | LensDistortion
+            chosen = tuple(effect for effect in effects if not isinstance(effect, absent))
         else:
             decided = self._plan(path, masks, rig, effects, slices, seed)
             self.plans[exposure.index], chosen = decided, decided.effects

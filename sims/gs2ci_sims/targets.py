@@ -5,7 +5,7 @@ asked for when (`gs2ci_calibration`). `bench_light`, `gs2ci.rig` and tests impor
 """
 
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Final
 
 import cv2
@@ -16,6 +16,7 @@ from scipy.spatial.transform import Rotation
 
 from gs2ci.core.errors import InputError
 from gs2ci.render.gaussians import Gaussians
+from gs2ci_sims.effects.lens_distortion import LensDistortion
 from gs2ci_sims.radiance import Renderer, binned, with_margin
 from gs2ci_sims.scenes.base import Scene
 
@@ -32,6 +33,9 @@ PX_PER_SQUARE: Final = 60
 FILL: Final = (0.62, 0.95)
 TILT_DEG: Final = 32.0
 TURN_DEG: Final = 12.0
+# The same of a board on a stand.
+FIXED_FILL: Final = (0.5, 0.58)
+FIXED_TILT_DEG: Final = 8.0
 
 
 class Target(Renderer):
@@ -109,20 +113,21 @@ class BoardPlane:
         framed = np.pad(drawn, PX_PER_SQUARE, constant_values=255)
         return np.asarray(INK + (PAPER - INK) * framed / 255.0, dtype=np.float32)
 
-    def pose(self, index: int, scene: Scene, seed: int) -> F64:
+    def pose(self, index: int, scene: Scene, seed: int, *, fixed: bool = False) -> F64:
         """Return where the board is held for picture `index`, camera_from_board [4, 4]: origin at its top left corner.
 
-        It fills most of the frame, tilted and turned at random within limits.
+        It fills most of the frame, tilted and turned at random within limits; on a stand, half of it and the middle.
         """
+        fill, tilt_deg = (FIXED_FILL, FIXED_TILT_DEG) if fixed else (FILL, TILT_DEG)
         rng = np.random.default_rng(np.random.SeedSequence((seed, index)))
         size = np.array([self.columns, self.rows]) * self.square
         frame = np.array([scene.size[1], scene.size[0]]) / scene.intrinsics[[0, 1], [0, 1]]
-        distance = float((size / frame).max() / rng.uniform(*FILL))
-        angles = np.array([*rng.uniform(-TILT_DEG, TILT_DEG, 2), rng.uniform(-TURN_DEG, TURN_DEG)])
+        distance = float((size / frame).max() / rng.uniform(*fill))
+        angles = np.array([*rng.uniform(-tilt_deg, tilt_deg, 2), rng.uniform(-TURN_DEG, TURN_DEG)])
         pose = np.eye(4)
         pose[:3, :3] = Rotation.from_euler("xyz", angles, degrees=True).as_matrix()
         play = np.maximum(frame * distance - size, 0.0) / 2
-        aside = rng.uniform(-1, 1, 2) * play
+        aside = rng.uniform(-1, 1, 2) * play * (0.1 if fixed else 1.0)
         pose[:3, 3] = np.array([*aside, distance]) - pose[:3, :3] @ np.array([*(size / 2), 0.0])
         return pose
 
@@ -135,48 +140,69 @@ class Board(Target):
         supersampling: Samples per pixel side.
         plane: What it is.
         world_from_board: Where it is, [4, 4], scene units; x right, y down on the board, origin at its top left.
+        lens: What bends its image. Bent here, before pixels: resampled afterwards, edges as sharp as a board's would
+            move by hundredths of a pixel.
     """
 
     supersampling: int = 4
     plane: BoardPlane = field(default_factory=lambda: BoardPlane(7, 5, 1.0, 0.7))
     world_from_board: F64 | None = None
+    lens: LensDistortion | None = None
 
     def supersampled_views(self, scene: Scene, world_to_camera: F64, *, margin: int = 0) -> F32:
-        """Draw it by the homography between its plane and the image, [V, H s, W s, 3]."""
+        """Draw it where the rays of each sample meet its plane, [V, H s, W s, 3]."""
         factor = self.supersampling
         large = with_margin(scene.intrinsics, margin) * np.array([[factor], [factor], [1.0]])
         height, width = ((side + 2 * margin) * factor for side in scene.size)
+        rays = _rays((height, width), tuple(large.ravel()), self.lens)
         scale = self.plane.square / PX_PER_SQUARE
-        # From indices of the drawn image's pixels to points of the board; its margin is one square.
-        board_from_index = np.array(
-            [
-                [scale, 0, 0.5 * scale - self.plane.square],
-                [0, scale, 0.5 * scale - self.plane.square],
-                [0, 0, 1],
-            ]
+        # From points of the board to indices of the drawn image's pixels; its margin is one square.
+        index_from_board = np.array(
+            [[1 / scale, 0, PX_PER_SQUARE - 0.5], [0, 1 / scale, PX_PER_SQUARE - 0.5], [0, 0, 1.0]]
         )
-        index_from_point = np.array([[1, 0, -0.5], [0, 1, -0.5], [0, 0, 1.0]])
         views = []
         for pose in world_to_camera:
             camera_from_board = pose @ (np.eye(4) if self.world_from_board is None else self.world_from_board)
-            homography = large @ camera_from_board[:3][:, [0, 1, 3]]
-            drawn = cv2.warpPerspective(
+            index_from_ray = index_from_board @ np.linalg.inv(camera_from_board[:3][:, [0, 1, 3]])
+            drawn = cv2.remap(
                 self.plane.image,
-                index_from_point @ homography @ board_from_index,
-                (width, height),
-                flags=cv2.INTER_LINEAR,
+                *_divided(index_from_ray, rays),
+                cv2.INTER_LINEAR,
+                borderMode=cv2.BORDER_CONSTANT,
                 borderValue=BEHIND,
             )
             views.append(np.repeat(drawn[..., None], 3, axis=2))
         return np.stack(views).astype(np.float32)
 
 
-def board_scene(scene: Scene, plane: BoardPlane, index: int, seed: int) -> tuple[Scene, Board]:
+@lru_cache(maxsize=4)
+def _rays(size: tuple[int, int], intrinsics: tuple[float, ...], lens: LensDistortion | None) -> F64:
+    """Return where each sample's light comes from, as tangents of the field angle, [2, H, W]; x and y."""
+    matrix = np.reshape(intrinsics, (3, 3))
+    if lens is None:
+        rows, columns = np.mgrid[: size[0], : size[1]] + 0.5
+    else:
+        rows, columns = lens.sources_px(size, matrix)
+    return np.stack([(columns - matrix[0, 2]) / matrix[0, 0], (rows - matrix[1, 2]) / matrix[1, 1]])
+
+
+def _divided(homography: F64, points: F64) -> tuple[F32, F32]:
+    """Map points [2, H, W] by a homography; those behind the camera land outside of any image."""
+    x, y = points
+    u, v, w = (row[0] * x + row[1] * y + row[2] for row in homography)
+    front = np.sign(homography[2, 2]) * w > 0
+    inverse = 1.0 / np.where(front, w, np.inf)
+    return tuple(np.where(front, part * inverse, -1e4).astype(np.float32) for part in (u, v))  # type: ignore[return-value]
+
+
+def board_scene(
+    scene: Scene, plane: BoardPlane, index: int, seed: int, lens: LensDistortion | None = None, *, fixed: bool = False
+) -> tuple[Scene, Board]:
     """Hold a board before a scene's camera; return it as a scene of the same camera, and its renderer."""
-    pose = plane.pose(index, scene, seed)
+    pose = plane.pose(index, scene, seed, fixed=fixed)
     world_from_board = np.linalg.inv(scene.world_to_camera) @ pose
     middle = pose @ np.array([plane.columns * plane.square / 2, plane.rows * plane.square / 2, 0.0, 1.0])
     depth = np.full(scene.size, float(middle[2]))
     return replace(scene, name="board", depth=depth, harmonics=None), Board(
-        plane=plane, world_from_board=world_from_board
+        plane=plane, world_from_board=world_from_board, lens=lens
     )

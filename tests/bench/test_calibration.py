@@ -11,7 +11,7 @@ def test_a_cell_tells_error_stated_error_and_time(monkeypatch):
     monkeypatch.setattr(calibration, "MASKS", 3)
     row = calibration.calibrate_masks("sharp", 2, True, 0)
     assert 0 < row["mask_error_pct"] < 2
-    assert row["stated_pct"] == pytest.approx(row["mask_error_pct"], rel=0.5)
+    assert row["mask_error_pct"] / 2 < row["stated_pct"] < 0.5
     assert row["registration_px"] < 0.01
     assert row["frames"] == 2
     assert row["seconds"] > 0

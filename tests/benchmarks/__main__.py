@@ -26,6 +26,8 @@ BENCHMARKS = {
     "mask_calibration": "tests.benchmarks.mask_calibration",
     "random_masks": "tests.benchmarks.random_masks",
     "bundle_adjustment": "tests.benchmarks.bundle_adjustment",
+    "calibration_geometry": "tests.benchmarks.calibration_geometry",
+    "calibrated_reconstruction": "tests.benchmarks.calibrated_reconstruction",
     "calibration_base": "tests.benchmarks.calibration_base",
     "long_fits": "tests.benchmarks.long_fits",
 }

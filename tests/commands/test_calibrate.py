@@ -84,7 +84,7 @@ def test_check_without_a_bundle_says_how_to_make_one(rig, monkeypatch, capsys):
     assert "gs2ci calibrate all" in capsys.readouterr().err
 
 
-def test_all_runs_every_step_that_there_is_in_order(rig, monkeypatch):
+def test_all_runs_every_step_that_there_is_in_order_and_no_stage_where_there_is_none(rig, monkeypatch, capsys):
     done = []
 
     def stand_in(name):
@@ -97,9 +97,11 @@ def test_all_runs_every_step_that_there_is_in_order(rig, monkeypatch):
     def first(known):
         return known.sections["dark-flat"]
 
-    PROCEDURES_BEFORE = dict(PROCEDURES)
+    PROCEDURES_BEFORE = {name: step for name, step in PROCEDURES.items() if name != "stage"}
+    monkeypatch.setitem(PROCEDURES, "stage", stand_in("stage"))
     for name in PROCEDURES_BEFORE:
         monkeypatch.setitem(PROCEDURES, name, stand_in(name))
     assert gs2ci(monkeypatch, "calibrate", "all", "--rig", rig, "-o", "b.cal.h5") == 0
     assert [name for name, _ in done] == list(PROCEDURES_BEFORE)
     assert done[0] == ("dark-flat", ())
+    assert "no stage: its step is left out" in capsys.readouterr().out

@@ -107,3 +107,37 @@ def test_backlash_is_lost_at_every_reversal_and_only_there():
     assert axis.true_position_at(t) == pytest.approx(10.0)
     t = axis.move_to(10.02, 5.0, t)
     assert axis.true_position_at(t) == pytest.approx(10.0)
+
+
+def ends_of(mechanics, targets=(10.0, 0.0) * 20):
+    axis, now_s, ends = AxisMotion(0.0, 100.0, mechanics), 0.0, []
+    for target in targets:
+        now_s = axis.move_to(target, 10.0, now_s) + 1.0
+        assert axis.position_at(now_s) == pytest.approx(target, abs=1e-9)
+        ends.append(axis.true_position_at(now_s))
+    return np.array(ends)
+
+
+def test_an_axis_that_repeats_badly_scatters_about_its_targets_and_forgets():
+    ends = ends_of(Mechanics(repeatability_mm=0.02, seed=1))
+    off = ends - np.tile([10.0, 0.0], 20)
+    assert off.std() == pytest.approx(0.02, rel=0.4)
+    assert abs(off[20:].mean()) < 0.02
+    assert np.array_equal(ends, ends_of(Mechanics(repeatability_mm=0.02, seed=1)))
+    assert not np.array_equal(ends, ends_of(Mechanics(repeatability_mm=0.02, seed=2)))
+
+
+def test_a_slipping_coupling_loses_some_of_every_move_for_good():
+    ends = ends_of(Mechanics(slip_mm=0.1), targets=tuple(np.arange(1.0, 41.0)))
+    lost = np.arange(1.0, 41.0) - ends
+    assert (np.diff(lost) >= 0).all()
+    assert lost[-1] == pytest.approx(40 * 0.05, rel=0.3)
+
+
+def test_an_axis_at_a_wrong_speed_arrives_early_or_late():
+    for error in (-0.1, 0.1):
+        axis = AxisMotion(0.0, 1e6, Mechanics(speed_error=error))
+        assert axis.move_to(10.0, 1.0, 0.0) == pytest.approx(10.0 / (1 + error), rel=1e-3)
+        assert axis.speed_at(5.0) == pytest.approx(1 + error)
+        axis.move_at(1.0, 20.0)
+        assert axis.speed_at(21.0) == pytest.approx(1 + error)

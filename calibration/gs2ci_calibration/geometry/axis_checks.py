@@ -1,0 +1,142 @@
+"""An axis of the stage as fitted to pictures, and what it is refused for: standing still, slipping, going elsewhere.
+
+Here: the record and the tests of goodness. Not here: the fit (`axes`, which imports this file, as tests do).
+"""
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gs2ci_calibration.refusals import CalibrationError, Reason
+
+F64 = NDArray[np.float64]
+
+STEP: Final = "stage"
+
+MOVED_MIN: Final = 0.02
+"""Share of the commanded distance below which a stage does not move: a wrong lead screw or microstep setting makes a
+factor of two to sixteen."""
+SCALE_RANGE: Final = (0.5, 2.0)
+"""Of the measured to the commanded distance: outside, a setting is wrong by a factor, not a little."""
+ANGLE_MAX_DEG: Final = 30.0
+"""Between the measured direction and the one in the rig file: more is another axis or another mounting."""
+OPPOSITE_DEG: Final = 150.0
+SLIP_SHARE: Final = 0.002
+"""Of the travel: an axis that comes back to a target by this much elsewhere has slipped. Stages repeat to some
+micrometres, 1e-4 of the travel."""
+NOISE_FACTOR: Final = 5.0
+"""What is seen to slip or not to move must exceed the pictures' own noise this many times."""
+
+
+@dataclass(frozen=True)
+class Measured:
+    """A number with its standard error, scaled for few degrees of freedom so that two of them hold 95 %."""
+
+    value: float
+    standard_error: float
+
+
+@dataclass(frozen=True)
+class FittedAxis:
+    """An axis before the camera's own uncertainty is added.
+
+    Args:
+        name: Of the axis.
+        per_mm: [3].
+        covariance: From scatter alone, [3, 3].
+        backlash: Along the axis, in mm of it.
+        repeatability: The same.
+        worst_return_mm: Farthest apart that two returns to one target from one side ended.
+        linearity_mm: Root mean square of what is left over a straight line.
+        travel_mm: Between the outermost targets.
+        noise_mm: What the pictures' noise makes of one place.
+        speed: Relative error, or None.
+        speed_ripple_mm: In mm of the axis.
+    """
+
+    name: str
+    per_mm: F64
+    covariance: F64
+    backlash: Measured
+    repeatability: Measured
+    worst_return_mm: float
+    linearity_mm: float
+    travel_mm: float
+    noise_mm: float
+    speed: Measured | None
+    speed_ripple_mm: float
+
+    @property
+    def figures(self) -> F64:
+        """Get what depends on the camera's figures: motion per mm, backlash, speed error, [5]."""
+        return np.array([*self.per_mm, self.backlash.value, self.speed.value if self.speed else 0.0])
+
+
+def require_moving(name: str, per_mm: F64, travel_mm: float, noise_mm: float) -> None:
+    """Let an axis pass that moves the camera by more than noise.
+
+    Args:
+        name: Of the axis.
+        per_mm: The camera's motion per mm of the axis, mm, [3].
+        travel_mm: What was commanded.
+        noise_mm: Of one place of the camera.
+
+    Raises:
+        CalibrationError: It does not.
+    """
+    length = float(np.linalg.norm(per_mm))
+    if length < MOVED_MIN or length * travel_mm < NOISE_FACTOR * noise_mm:
+        raise CalibrationError(
+            STEP,
+            Reason.STAGE_STILL,
+            f"axis {name} moves the camera by {length * travel_mm:.3g} mm over a commanded {travel_mm:g} mm",
+            remedy="see that the camera stands on the stage, that its clamp is closed and the coupling holds",
+        )
+
+
+def require_faithful(axis: FittedAxis, expected: tuple[float, float, float] | None) -> None:
+    """Let an axis pass that goes where it should and comes back.
+
+    Raises:
+        CalibrationError: It slips, or goes elsewhere than the rig file says.
+    """
+    allowed_mm = max(SLIP_SHARE * axis.travel_mm, NOISE_FACTOR * axis.noise_mm)
+    if max(axis.worst_return_mm, axis.linearity_mm) > allowed_mm:
+        raise CalibrationError(
+            STEP,
+            Reason.STAGE_SLIPS,
+            f"axis {axis.name} comes back to one target up to {axis.worst_return_mm:.3g} mm elsewhere and leaves a "
+            f"straight line by {axis.linearity_mm:.3g} mm (rms) over {axis.travel_mm:g} mm",
+            allowed=f"{allowed_mm:.3g} mm",
+            remedy="tighten coupling and clamps, move slower, take load off the stage, see that the board is firm",
+        )
+    length = float(np.linalg.norm(axis.per_mm))
+    if not SCALE_RANGE[0] <= length <= SCALE_RANGE[1]:
+        raise CalibrationError(
+            STEP,
+            Reason.STAGE_WRONG_WAY,
+            f"axis {axis.name} moves the camera {length:.3g} times as far as it says",
+            allowed=f"{SCALE_RANGE[0]:g} to {SCALE_RANGE[1]:g} times",
+            remedy="check the axis's microstep or steps per mm, and square_mm of the board",
+        )
+    if expected is not None and np.any(expected):
+        _require_direction(axis, np.asarray(expected, dtype=np.float64))
+
+
+def _require_direction(axis: FittedAxis, expected: F64) -> None:
+    cosine = axis.per_mm @ expected / (np.linalg.norm(axis.per_mm) * np.linalg.norm(expected))
+    angle_deg = float(np.degrees(np.arccos(np.clip(cosine, -1, 1))))
+    if angle_deg <= ANGLE_MAX_DEG:
+        return
+    raise CalibrationError(
+        STEP,
+        Reason.STAGE_WRONG_WAY,
+        f"axis {axis.name} moves the camera by {np.round(axis.per_mm, 3).tolist()} per mm, {angle_deg:.0f} degrees off "
+        f"{expected.tolist()} in [stage.mount]",
+        allowed=f"{ANGLE_MAX_DEG:g} degrees",
+        remedy="turn the sign in [stage.mount], or the axis's"
+        if angle_deg > OPPOSITE_DEG
+        else "check which axis is plugged in where, or correct [stage.mount]",
+    )

@@ -1,0 +1,164 @@
+"""Taking pictures of the board: an exposure that suits it, all mirrors open, and refusals of what shows none.
+
+Here: `Pictures`, a bench with a board before it. Not here: finding corners (`board`), what is made of them
+(`camera`, `stage`, the only users beside tests).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter
+
+from gs2ci_calibration.bench import Bench
+from gs2ci_calibration.geometry.board import Board, Sighting
+from gs2ci_calibration.refusals import CalibrationError, Reason
+
+F32 = NDArray[np.float32]
+F64 = NDArray[np.float64]
+
+BRIGHT_SHARE: Final = (0.3, 0.6)
+"""Where the board's white should lie, of the range from black to the converter's top."""
+BRIGHT_QUANTILE: Final = 0.97
+"""White squares and margins fill a fifth of a view and more; a few specks of light are not the board."""
+SMOOTH_PX: Final = 3
+NO_LIGHT_DN: Final = 4.0
+"""White that is brighter than a closed modulator by less than this, at the longest exposure, is none."""
+HALF_LIMIT: Final = 0.56
+"""Signal at half the exposure over that at the whole: above, the well or the converter is full."""
+LIMITS_S: Final = (0.2e-3, 1.0)
+START_S: Final = 10e-3
+ROUNDS: Final = 14
+MISSED_MAX: Final = 3
+"""So many pictures without a board at the beginning, and it is not there, or is another one."""
+BLUR_MAX_PX: Final = 1.5
+"""Standard deviation of the blur of edges before the pixels; a lens focused elsewhere has another focal length."""
+
+
+@dataclass(frozen=True)
+class Pictures:
+    """A bench that takes pictures of a board.
+
+    Args:
+        bench: It.
+        step: Name of the step, for messages.
+        board: The board before it.
+    """
+
+    bench: Bench
+    step: str
+    board: Board
+
+    def suit_exposure(self) -> float:
+        """Return an exposure in seconds at which the board's white is well exposed.
+
+        Clipping is found by halving the exposure, which has to halve the signal, so that a full well below the
+        converter's top is found too.
+
+        Raises:
+            CalibrationError: No light comes in, the modulator is inverted, or white is clipped at any exposure.
+        """
+        shortest_s, longest_s = self._limits_s()
+        exposure_s = float(np.clip(START_S, shortest_s, longest_s))
+        for _ in range(ROUNDS):
+            signal_dn, room_dn = self._signal_dn(exposure_s)
+            share = signal_dn / room_dn
+            clipped = share > BRIGHT_SHARE[0] and self._signal_dn(exposure_s / 2)[0] > HALF_LIMIT * signal_dn
+            if clipped or share > BRIGHT_SHARE[1]:
+                if exposure_s <= shortest_s:
+                    self._refuse_bright(signal_dn, exposure_s)
+                exposure_s = max(exposure_s * (0.25 if clipped else float(np.mean(BRIGHT_SHARE)) / share), shortest_s)
+            elif share < BRIGHT_SHARE[0] and exposure_s < longest_s:
+                wanted = float(np.mean(BRIGHT_SHARE)) / max(share, 1e-3)
+                exposure_s = min(exposure_s * min(wanted, 16.0), longest_s)
+            else:
+                break
+        self._require_light(*self._signal_dn(exposure_s), exposure_s)
+        return exposure_s
+
+    def take(self, exposure_s: float, frames: int) -> Sighting | None:
+        """Take one picture, the mean of some frames, and find the board in it."""
+        stack = self.bench.grab(self._open, frames=frames, exposure_s=exposure_s)
+        return self.board.find(stack.readings[0].mean(axis=0))
+
+    @property
+    def _open(self) -> NDArray[np.uint8]:
+        return self.bench.flat_pattern(is_open=True)[None]
+
+    def _limits_s(self) -> tuple[float, float]:
+        shortest_s, longest_s = self.bench.exposure_limits_s
+        return max(shortest_s, LIMITS_S[0]), min(longest_s, LIMITS_S[1])
+
+    def _signal_dn(self, exposure_s: float) -> tuple[float, float]:
+        """Return by how much the modulator brightens the brighter pixels, and the range from closed to top, in DN.
+
+        Negative where closing it brightens them.
+        """
+        patterns = np.stack([self.bench.flat_pattern(is_open=True), self.bench.flat_pattern(is_open=False)])
+        opened, closed = self.bench.grab(patterns, frames=1, exposure_s=exposure_s).readings[:, 0]
+        gain = uniform_filter(opened - closed, SMOOTH_PX)
+        bright, dark = np.quantile(gain, (BRIGHT_QUANTILE, 1 - BRIGHT_QUANTILE))
+        signal = float(bright if bright >= -dark else dark)
+        return signal, max(self.bench.top_dn - float(np.median(closed)), 1.0)
+
+    def _require_light(self, signal_dn: float, room_dn: float, exposure_s: float) -> None:
+        if signal_dn < -NO_LIGHT_DN:
+            raise CalibrationError(
+                self.step,
+                Reason.WRONG_POLARITY,
+                f"closing the modulator makes the picture brighter by {-signal_dn:.0f} DN",
+                remedy="set `invert` of [modulator], or check which way its mirrors send the light",
+            )
+        if signal_dn < NO_LIGHT_DN:
+            raise CalibrationError(
+                self.step,
+                Reason.NO_LIGHT,
+                f"opening the modulator adds {signal_dn:.1f} of {room_dn:.0f} DN after {exposure_s:.3g} s",
+                allowed=f"{NO_LIGHT_DN:g} DN or more",
+                remedy="take the lens cap off, light the board, check that the modulator lets light through",
+            )
+
+    def _refuse_bright(self, signal_dn: float, exposure_s: float) -> None:
+        raise CalibrationError(
+            self.step,
+            Reason.SATURATED,
+            f"white reads {signal_dn:.0f} DN above black, clipped or nearly so, after {exposure_s * 1e3:.3g} ms",
+            allowed="readings that follow the exposure",
+            remedy="dim the light on the board or close the aperture",
+        )
+
+
+def require_any(step: str, sightings: Sequence[Sighting | None]) -> None:
+    """Let a series of pictures go on unless its first ones all miss the board.
+
+    Raises:
+        CalibrationError: They do.
+    """
+    if len(sightings) >= MISSED_MAX and not any(sightings):
+        raise CalibrationError(
+            step,
+            Reason.BOARD_NOT_SEEN,
+            f"the board is in none of the first {len(sightings)} pictures",
+            remedy="show the board, in focus and lit, and check [calibration.board] against its print",
+        )
+
+
+def require_sharp(step: str, sightings: Sequence[Sighting | None]) -> float:
+    """Return the typical blur of the board's edges, in pixels.
+
+    Raises:
+        CalibrationError: It is wide: the camera is out of focus, or the board moved.
+    """
+    blurs = [sighting.blur_px for sighting in sightings if sighting is not None and not sighting.collinear]
+    blur_px = float(np.median(blurs)) if blurs else 0.0
+    if blur_px > BLUR_MAX_PX:
+        raise CalibrationError(
+            step,
+            Reason.BLURRED,
+            f"the board's edges are blurred by {blur_px:.2g} px (standard deviation)",
+            allowed=f"{BLUR_MAX_PX:g} px",
+            remedy="focus on the board, hold it still, or shorten the exposure with more light",
+        )
+    return blur_px
