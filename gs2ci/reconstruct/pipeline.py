@@ -21,7 +21,7 @@ from gs2ci.core.run_records import RunResult, Verdict
 from gs2ci.reconstruct.coding import Coding
 from gs2ci.reconstruct.decode.gap_tv import GapTvSettings, gap_tv
 from gs2ci.reconstruct.decode.residual import ResidualSettings, refine_views
-from gs2ci.reconstruct.doubts import doubts_about
+from gs2ci.reconstruct.doubts import doubts_about, doubts_about_result
 from gs2ci.reconstruct.fit.coarse import CoarseFit, CoarseSettings, fit_coarse
 from gs2ci.reconstruct.fit.start import first_gaussians
 from gs2ci.reconstruct.fit.stopping import Jury, choose_heldout
@@ -219,9 +219,9 @@ def _recover(jury: Jury, decoded: F32, scene_views: F32, settings: ResidualSetti
     }
     heldout_rms = {name: jury.residual_rms(views) for name, views in candidates.items()}
     verdict = _judge(heldout_rms)
+    notes = doubts_about_result(jury, candidates[verdict]) if jury.heldout.any() else (_UNJUDGED,)
     if verdict == "refined":  # the pixels that judged may now help as well
         candidates["refined"] = refine_views(jury.shot, scene_views, settings)
-    notes = () if jury.heldout.any() else (_UNJUDGED,)
     return _Recovered(candidates[verdict], verdict, heldout_rms, notes)
 
 

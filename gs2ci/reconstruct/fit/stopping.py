@@ -103,6 +103,19 @@ class Jury:
         rms = float(np.sqrt(np.mean((predicted - self.shot.measurement)[self.heldout] ** 2, dtype=np.float64)))
         return rms if np.isfinite(rms) else float("inf")
 
+    def grey_rms(self) -> float | None:
+        """Return the residual that the best even grey (or colour) leaves on the held-out pixels; None without any.
+
+        It is what a decoder reaches that knows how many masks are open at a pixel, and nothing else.
+        """
+        if not self.heldout.any():
+            return None
+        white = np.ones((self.shot.views, *self.shot.size, self.shot.channels), np.float32)
+        light = self._coding.forward(torch.from_numpy(white)).numpy()[self.heldout].astype(np.float64)
+        measured = self.shot.measurement[self.heldout].astype(np.float64)
+        level = (light * measured).sum(axis=0) / np.maximum((light * light).sum(axis=0), np.finfo(np.float64).tiny)
+        return float(np.sqrt(np.mean((measured - level * light) ** 2)))
+
 
 class Watch:
     """Follows the held-out residual: tells a new best, and when it has stopped improving."""
