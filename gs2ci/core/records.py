@@ -91,7 +91,10 @@ class Shot:
         """Return self if all parts fit together.
 
         Raises:
-            """
+            InputError: Shapes disagree, a number is not finite or of a size that no bench gives, masks are negative,
+                above one or all zero, poses are no rigid motions, or the colour filter array does not fit the
+                channels.
+        """
         _check_measurement(self)
         _check_masks(self)
         _check_optional_parts(self)
