@@ -31,6 +31,7 @@ COMMANDS: Final[dict[str, tuple[str, str]]] = {
     "recover": ("gs2ci.commands.recover", "save the finished rows of an interrupted capture"),
     "devices": ("gs2ci.commands.devices", "say what is connected and what it can do"),
     "doctor": ("gs2ci.commands.doctor", "examine a bench: permissions, firmware, clocks, trigger line"),
+    "bench": ("gs2ci.commands.bench", "make tables of figures: methods, mask ratios, compression, seeds"),
     "demo": ("gs2ci.commands.demo", "simulate an exposure of a real scene and reconstruct it"),
 }
 EXIT_USER_ERROR: Final = 2

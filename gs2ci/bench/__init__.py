@@ -1,0 +1,13 @@
+"""Tables of figures: many small, independent pieces of work, each done once and kept.
+
+    cases.py      what is measured: shared measurements, simulated scenes, recoded with other masks if wanted
+    variants.py   what is compared: named changes to the reconstruction's settings
+    cells.py      one piece of work, and doing it
+    works.py      the kinds of work there are
+    store.py      finished cells on disk
+    workers.py    who does the work: this process, local processes, or a Dask cluster
+    tables.py     which cells make which table, and how they are laid out
+    pages.py      markdown, CSV and a picture
+
+Only `gs2ci.commands` imports this package.
+"""

@@ -1,0 +1,155 @@
+"""A finished table as markdown, CSV and a picture.
+
+Here: means and spreads, and the three files. Not here: the work behind them (`works`). For this package.
+"""
+
+import csv
+import io
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from statistics import mean, stdev
+
+from matplotlib.figure import Figure
+
+from gs2ci.bench.store import Row
+from gs2ci.bench.tables import Entry, Measure, Table
+from gs2ci.evaluate.environment import machine, versions
+
+
+@dataclass(frozen=True)
+class Figures:
+    """One line of one case: a mean and a spread for each measure.
+
+    Args:
+        case: Of which measurement.
+        line: Of which variant.
+        means: Per measure; None where no cell has a figure.
+        spreads: Sample standard deviation over the seeds; None for less than two.
+        count: Cells that succeeded.
+        errors: What the others said.
+    """
+
+    case: str
+    line: str
+    means: tuple[float | None, ...]
+    spreads: tuple[float | None, ...]
+    count: int
+    errors: tuple[str, ...]
+
+
+def collect(table: Table, entries: Sequence[Entry], rows: Sequence[Row]) -> list[Figures]:
+    """Gather the rows of each line of each case, in the order of the entries."""
+    together: dict[tuple[str, str], list[Row]] = {}
+    for entry, row in zip(entries, rows, strict=True):
+        together.setdefault((entry.case, entry.line), []).append(row)
+    return [_figures(table, case, line, cells) for (case, line), cells in together.items()]
+
+
+def _figures(table: Table, case: str, line: str, cells: list[Row]) -> Figures:
+    good = [row for row in cells if "error" not in row]
+    values = [[float(row[m.key]) for row in good if row.get(m.key) is not None] for m in table.measures]
+    return Figures(
+        case,
+        line,
+        tuple(mean(known) if known else None for known in values),
+        tuple(stdev(known) if len(known) > 1 else None for known in values),
+        len(good),
+        tuple(dict.fromkeys(str(row["error"]) for row in cells if "error" in row)),
+    )
+
+
+def write_pages(folder: Path, name: str, table: Table, figures: Sequence[Figures], command: str) -> list[Path]:
+    """Write `name.md`, `name.csv` and `name.png`; return their paths."""
+    folder.mkdir(parents=True, exist_ok=True)
+    texts = {"md": markdown(table, figures, command), "csv": as_csv(table, figures)}
+    paths = []
+    for ending, text in texts.items():
+        path = folder / f"{name}.{ending}"
+        path.write_text(text, encoding="utf-8")
+        paths.append(path)
+    picture = folder / f"{name}.png"
+    draw(table, figures).savefig(picture, dpi=150)
+    return [*paths, picture]
+
+
+def markdown(table: Table, figures: Sequence[Figures], command: str) -> str:
+    """Lay the figures out, a table per case; the best of each column is bold."""
+    parts = [
+        f"# {table.title}",
+        "",
+        table.about,
+        "",
+        f"`{command}`, {_where()}. Mean ± standard deviation over seeds.",
+        "",
+    ]
+    for case in dict.fromkeys(one.case for one in figures):
+        lines = [one for one in figures if one.case == case]
+        best = [_best(measure, [one.means[k] for one in lines]) for k, measure in enumerate(table.measures)]
+        parts += [f"## {case}", "", "| | " + " | ".join(measure.title for measure in table.measures) + " |"]
+        parts.append("|---|" + "---:|" * len(table.measures))
+        for one in lines:
+            cells = [_cell(measure, one, k, best[k]) for k, measure in enumerate(table.measures)]
+            parts.append(f"| {one.line} | " + " | ".join(cells) + " |")
+        parts += ["", *(f"{one.line}: {error}" for one in lines for error in one.errors), ""]
+    return "\n".join(parts).rstrip() + "\n"
+
+
+def _where() -> str:
+    here = machine()
+    return f"{here.get('processor', 'unknown processor')}, gs2ci {versions().get('gs2ci', '')}".strip(", ")
+
+
+def _best(measure: Measure, means: Sequence[float | None]) -> float | None:
+    known = [value for value in means if value is not None]
+    if len(known) < 2:
+        return None
+    return max(known) if measure.more_is_better else min(known)
+
+
+def _cell(measure: Measure, one: Figures, k: int, best: float | None) -> str:
+    value, spread = one.means[k], one.spreads[k]
+    if value is None:
+        return "–"
+    text = f"{value:.{measure.digits}f}"
+    if value == best:
+        text = f"**{text}**"
+    return text if spread is None else f"{text} ± {spread:.{measure.digits}f}"
+
+
+def as_csv(table: Table, figures: Sequence[Figures]) -> str:
+    """Lay the figures out with full digits, a line per case and line."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    columns = [f"{measure.key}{ending}" for measure in table.measures for ending in ("", "_sd")]
+    writer.writerow(["case", "line", "cells", *columns, "errors"])
+    for one in figures:
+        pairs = [value for pair in zip(one.means, one.spreads, strict=True) for value in pair]
+        writer.writerow([one.case, one.line, one.count, *pairs, "; ".join(one.errors)])
+    return text.getvalue()
+
+
+def draw(table: Table, figures: Sequence[Figures]) -> Figure:
+    """Draw the first measure of every line, with its spread, a panel per case."""
+    measure = table.measures[0]
+    cases = list(dict.fromkeys(one.case for one in figures))
+    most = max(sum(one.case == case for one in figures) for case in cases)
+    columns = min(2, len(cases))
+    rows = math.ceil(len(cases) / columns)
+    figure = Figure(figsize=(5.2 * columns, (0.9 + 0.28 * most) * rows), layout="constrained")
+    for k, case in enumerate(cases):
+        axes = figure.add_subplot(rows, columns, k + 1)
+        lines = [one for one in figures if one.case == case and one.means[0] is not None]
+        places = range(len(lines))
+        axes.errorbar(
+            [one.means[0] or 0.0 for one in lines], places, xerr=[one.spreads[0] or 0.0 for one in lines],
+            fmt="o", color="#1f6f8b", ecolor="#9bbcc7", capsize=3,
+        )  # fmt: skip
+        axes.set_yticks(places, [one.line for one in lines])
+        axes.invert_yaxis()
+        axes.set_title(case, loc="left", fontsize=10)
+        axes.set_xlabel(measure.title)
+        axes.grid(axis="x", color="#e4e4e4")
+        axes.spines[["top", "right"]].set_visible(False)
+    return figure

@@ -1,0 +1,103 @@
+"""Finished cells on disk: one small JSON file each, named by what it depends on.
+
+Here: the key, reading, writing. Not here: the work (`cells`). For this package.
+"""
+
+import hashlib
+import json
+import os
+from collections.abc import Iterator, Mapping
+from functools import cache
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any, Final
+
+from gs2ci.core.errors import StorageError
+
+# Whatever changes in these may change a figure.
+_PACKAGES: Final = ("gs2ci", "gs2ci_drivers", "gs2ci_calibration", "gs2ci_sims")
+_KEY_CHARACTERS: Final = 20
+
+Row = dict[str, Any]
+
+
+class Store:
+    """A folder of finished cells.
+
+    Args:
+        folder: Where; made when the first cell is kept.
+        fresh: Do everything again, whatever is there.
+    """
+
+    def __init__(self, folder: Path, *, fresh: bool = False) -> None:
+        self._folder = folder
+        self._fresh = fresh
+
+    def get(self, key: str) -> Row | None:
+        """Get a finished cell; None where there is none or it was cut short (it is then done again)."""
+        if self._fresh:
+            return None
+        try:
+            row = json.loads(self._path(key).read_text(encoding="utf-8"))
+        except (OSError, ValueError):
+            return None
+        return row if isinstance(row, dict) else None
+
+    def put(self, key: str, row: Mapping[str, Any]) -> None:
+        """Keep a finished cell; it appears whole or not at all.
+
+        Raises:
+            StorageError: The disk refuses.
+        """
+        path = self._path(key)
+        partial = path.with_suffix(f".{os.getpid()}.partial")
+        try:
+            self._folder.mkdir(parents=True, exist_ok=True)
+            partial.write_text(json.dumps(row, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+            partial.replace(path)
+        except OSError as error:
+            raise StorageError(
+                f"{path} cannot be written: {error}", remedy="check the folder, or choose another"
+            ) from error
+
+    def _path(self, key: str) -> Path:
+        return self._folder / f"{key}.json"
+
+
+def content_key(work: str, arguments: Mapping[str, Any], files: tuple[str, ...] = ()) -> str:
+    """Hash all that a cell's result depends on: the work, its arguments, the bytes of its files, and our sources.
+
+    Raises:
+        StorageError: A file cannot be read.
+    """
+    digest = hashlib.sha256()
+    digest.update(json.dumps([work, arguments], sort_keys=True).encode())
+    digest.update(_sources_digest().encode())
+    for name in files:
+        digest.update(_file_digest(name).encode())
+    return digest.hexdigest()[:_KEY_CHARACTERS]
+
+
+@cache
+def _sources_digest() -> str:
+    digest = hashlib.sha256()
+    for path in _source_files():
+        digest.update(path.name.encode())
+        digest.update(path.read_bytes())
+    return digest.hexdigest()
+
+
+def _source_files() -> Iterator[Path]:
+    for package in _PACKAGES:
+        spec = find_spec(package)
+        for root in spec.submodule_search_locations or () if spec else ():
+            yield from sorted(Path(root).rglob("*.py"))
+
+
+@cache
+def _file_digest(name: str) -> str:
+    try:
+        with Path(name).open("rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
+    except OSError as error:
+        raise StorageError(f"{name} cannot be read: {error.strerror}", remedy="name the folder with --data") from error

@@ -1,0 +1,160 @@
+"""Which cells make which table, and how its figures are laid out.
+
+Here: `Table`, and the tables by name. Not here: the work (`works`), pages (`pages`). For this package.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Final
+
+from gs2ci.bench.cases import Case
+from gs2ci.bench.cells import Cell
+from gs2ci.bench.variants import VARIANTS
+from gs2ci.core.errors import InputError
+
+SIMULATED: Final = ("boxes", "thicket", "motorcycle", "corridor")
+RATIOS: Final = (0.1, 0.25, 0.5, 0.75, 0.9)
+VIEWS: Final = (4, 8, 16, 24)
+
+
+@dataclass(frozen=True)
+class Measure:
+    """One column: the key in a cell's row, its title, decimals, and whether more is better."""
+
+    key: str
+    title: str
+    digits: int
+    more_is_better: bool = True
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One cell and where its figures go: one line of one case's table; seeds share a line."""
+
+    case: str
+    line: str
+    cell: Cell
+
+
+@dataclass(frozen=True)
+class Options:
+    """What a table is made of.
+
+    Args:
+        cases: The measurements.
+        seeds: How many seeds, from 0 on.
+        lines: Only these lines of the table; () takes all.
+    """
+
+    cases: tuple[Case, ...]
+    seeds: int = 3
+    lines: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table of figures.
+
+    Args:
+        title: Over the page.
+        about: What is compared, in a sentence or two.
+        entries: Its cells, from the options.
+        measures: Its columns; the first is drawn.
+    """
+
+    title: str
+    about: str
+    entries: Callable[[Options], list[Entry]]
+    measures: tuple[Measure, ...]
+
+
+RECONSTRUCTION: Final = (
+    Measure("psnr_db", "PSNR, dB", 2),
+    Measure("ssim", "SSIM", 4),
+    Measure("nate", "nATE", 4, more_is_better=False),
+    Measure("seconds", "s", 1, more_is_better=False),
+)
+
+
+def simulated_cases(size: tuple[int, int] = (192, 256)) -> tuple[Case, ...]:
+    """Return scenes of the simulator's library, exposed by its light path."""
+    return tuple(Case(name, scene=name, size=size) for name in SIMULATED)
+
+
+def file_cases(folder: Path) -> tuple[Case, ...]:
+    """Return a case for each .npz file of a folder.
+
+    Raises:
+        InputError: There are none.
+    """
+    files = sorted(folder.glob("*.npz"))
+    if not files:
+        raise InputError(f"{folder} holds no .npz file", remedy="name a folder of measurements, or leave --data out")
+    return tuple(Case(file.stem, file=str(file.resolve())) for file in files)
+
+
+def reconstruction(case: Case, variant: str, seed: int) -> Cell:
+    """Make the cell that reconstructs a case with a variant of the settings."""
+    files = (case.file,) if case.file else ()
+    arguments = {"case": asdict(case), "variant": variant, "seed": seed}
+    return Cell("gs2ci.bench.works:reconstruct_case", arguments, files)
+
+
+def _variants(names: Sequence[str]) -> Callable[[Options], list[Entry]]:
+    def entries(options: Options) -> list[Entry]:
+        return [
+            Entry(case.name, name, reconstruction(case, name, seed))
+            for case in options.cases
+            for name in _chosen(names, options.lines)
+            for seed in range(options.seeds)
+        ]
+
+    return entries
+
+
+def _recoded(lines: dict[str, dict[str, float | int]]) -> Callable[[Options], list[Entry]]:
+    def entries(options: Options) -> list[Entry]:
+        return [
+            Entry(case.name, line, reconstruction(replace(case, **lines[line]), "default", seed))  # type: ignore[arg-type]
+            for case in options.cases
+            for line in _chosen(tuple(lines), options.lines)
+            for seed in range(options.seeds)
+        ]
+
+    return entries
+
+
+def _chosen(lines: Sequence[str], wanted: Sequence[str]) -> tuple[str, ...]:
+    unknown = [line for line in wanted if line not in lines]
+    if unknown:
+        raise InputError(f"line {unknown[0]!r} is not in this table", allowed=", ".join(lines))
+    return tuple(wanted or lines)
+
+
+TABLES: Final[dict[str, Table]] = {
+    "methods": Table(
+        "Methods",
+        "The default way, and one thing changed at a time.",
+        _variants(tuple(VARIANTS)),
+        RECONSTRUCTION,
+    ),
+    "mask-ratio": Table(
+        "Share of open mask pixels",
+        "Random binary masks; from files, true views are coded anew.",
+        _recoded({f"{ratio:.0%} open": {"open_share": ratio} for ratio in RATIOS}),
+        RECONSTRUCTION,
+    ),
+    "compression": Table(
+        "Views in one measurement",
+        "As many masks as views, a quarter open. A file's views are thinned, so its compression ends at its own count.",
+        _recoded({f"{views} views": {"views": views, "open_share": 0.25} for views in VIEWS}),
+        RECONSTRUCTION,
+    ),
+    "seeds": Table(
+        "Seeds",
+        "The default way under different masks, noise and draws.",
+        _variants(("default",)),
+        RECONSTRUCTION,
+    ),
+}

@@ -1,0 +1,87 @@
+"""`gs2ci bench`: tables of figures, made cell by cell, resumed where they were left.
+
+Here: the arguments, and the order cells → rows → pages. Not here: any of the three (`gs2ci.bench`). Only `gs2ci.cli`
+imports this file.
+"""
+
+import shlex
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+from rich.console import Console
+from rich.markdown import Markdown
+
+from gs2ci.bench.pages import collect, markdown, write_pages
+from gs2ci.bench.store import Store
+from gs2ci.bench.tables import TABLES, Options, file_cases, simulated_cases
+from gs2ci.bench.workers import complete
+from gs2ci.commands.display import open_display
+from gs2ci.core.errors import InputError
+
+
+def run(
+    table: Annotated[str, tyro.conf.Positional],
+    /,
+    output: Annotated[Path, tyro.conf.arg(aliases=["-o"])] = Path("bench"),
+    *,
+    data: Path | None = None,
+    cases: tuple[str, ...] = (),
+    lines: tuple[str, ...] = (),
+    seeds: int = 3,
+    processes: int = 1,
+    scheduler: str = "",
+    fresh: bool = False,
+) -> list[Path]:
+    """Make one table of figures: mean and spread over seeds, as markdown, CSV and a picture.
+
+    Finished cells are kept under their content's hash in `<output>/cells`: an interrupted table goes on where it was
+    left, and a changed program, file or setting is measured anew. Times are only worth reading with one process on a
+    quiet machine.
+
+    Args:
+        table: Which one: methods, mask-ratio, compression, seeds.
+        output: Folder for the pages and the finished cells.
+        data: Folder of .npz measurements to use instead of simulated scenes.
+        cases: Only these of the cases.
+        lines: Only these lines of the table.
+        seeds: How many seeds.
+        processes: Local processes to share the work.
+        scheduler: Address of a Dask scheduler to do the work instead, e.g. tcp://host:8786.
+        fresh: Measure everything again.
+
+    Returns:
+        The pages.
+
+    Raises:
+        Gs2ciError: A name is unknown, a file cannot be read, or no scheduler answers.
+    """
+    if table not in TABLES:
+        raise InputError(f"table {table!r}", allowed=", ".join(TABLES))
+    if seeds < 1:
+        raise InputError(f"{seeds} seeds", allowed="1 or more")
+    known = simulated_cases() if data is None else file_cases(data)
+    unknown = [case for case in cases if case not in {one.name for one in known}]
+    if unknown:
+        raise InputError(f"case {unknown[0]!r} is unknown", allowed=", ".join(one.name for one in known))
+    options = Options(tuple(one for one in known if not cases or one.name in cases), seeds, lines)
+    chosen = TABLES[table]
+    entries = chosen.entries(options)
+    with open_display() as display:
+        display.stage(f"bench {table}", len(entries))
+        rows = complete(
+            [entry.cell for entry in entries],
+            Store(output / "cells", fresh=fresh),
+            processes=processes,
+            scheduler=scheduler,
+            heard=lambda done, _total: display.step(done),
+        )
+    figures = collect(chosen, entries, rows)
+    command = shlex.join(["gs2ci", *sys.argv[1:]])
+    pages = write_pages(output, table, chosen, figures, command)
+    console = Console()
+    console.print(Markdown(markdown(chosen, figures, command)))
+    for page in pages:
+        console.print(str(page), soft_wrap=True)
+    return pages
