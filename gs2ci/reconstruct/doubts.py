@@ -10,16 +10,16 @@ from typing import Final
 import numpy as np
 
 from gs2ci.core.records import F32, Shot
+from gs2ci.reconstruct.coding import beyond_white
 from gs2ci.reconstruct.fit.stopping import Jury
 
 # A few clipped highlights are normal, and cost nothing where their neighbours are not clipped.
 _SATURATION_WORTH_SAYING: Final = 0.01
-# Noise of the dark level alone puts half of the closed pixels above zero, but not by this much of a view's full scale.
-_EXCESS: Final = 0.05
 _EXCESS_WORTH_SAYING: Final = 0.02
 # A scene may be dark; one whose brightest point is darker than this uses less than three bits of an eight-bit sensor.
 _DARK: Final = 0.02
 _FAINT_VIEW: Final = 1e-3
+_MOSTLY_DARK: Final = 0.5
 # Of the residual that an even grey leaves. Right masks and little noise leave 0.1 to 0.4 of it.
 _UNEXPLAINED_WORTH_SAYING: Final = 0.6
 
@@ -38,18 +38,18 @@ def _doubts_about_light(shot: Shot) -> list[str]:
     clipped = 0.0 if shot.saturated is None else float(shot.saturated.mean())
     if clipped >= _SATURATION_WORTH_SAYING:
         doubts.append(f"{clipped:.0%} of the pixels are saturated and say only «at least»; use less light.")
-    return [*doubts, *_doubts_about_scale(shot), *_doubts_about_lines(shot)]
+    return [*doubts, *_doubts_about_scale(shot)]
 
 
 def _doubts_about_scale(shot: Shot) -> list[str]:
     """Compare the readings with those of a white scene."""
-    white = np.tensordot(shot.weights.astype(np.float64), shot.masks, axes=1)[..., None]
-    over = float((shot.measurement > (1 + _EXCESS) * white + _EXCESS).any(axis=2).mean())
+    over = float(beyond_white(shot).mean())
     if over >= _EXCESS_WORTH_SAYING:
         return [
-            f"{over:.0%} of the pixels read more light than a white scene would send through their masks: the masks are "
-            "not those of this exposure, the unit is not the full scale of one view, or there is much noise."
+            f"{over:.0%} of the pixels read more light than a white scene would send through their masks: the masks "
+            "are not those of this exposure, the unit is not the full scale of one view, or there is much noise."
         ]
+    white = np.tensordot(shot.weights.astype(np.float64), shot.masks, axes=1)
     share = float(np.quantile(shot.measurement, 0.999)) / float(white.max())
     if 0 < share < _DARK:
         return [
@@ -57,22 +57,6 @@ def _doubts_about_scale(shot: Shot) -> list[str]:
             "not the full scale of one view."
         ]
     return []
-
-
-def _doubts_about_lines(shot: Shot) -> list[str]:
-    """Find rows and columns that read one value throughout, though light should have come there."""
-    if np.ptp(shot.measurement) == 0:
-        return []
-    opened = (shot.masks > 0).any(axis=0)
-    doubts = []
-    for axis, name in ((1, "rows"), (0, "columns")):
-        stuck = (np.ptp(shot.measurement, axis=axis) == 0).all(axis=1) & opened.any(axis=axis)
-        if shot.size[axis] > 1 and stuck.any():
-            doubts.append(
-                f"{int(stuck.sum())} of {len(stuck)} {name} read one value throughout, the first of them number "
-                f"{int(np.argmax(stuck))}: close the masks there if the sensor is dead."
-            )
-    return doubts
 
 
 def _doubts_about_masks(shot: Shot) -> list[str]:
@@ -92,6 +76,8 @@ def _doubts_about_masks(shot: Shot) -> list[str]:
     dark = int((~opened).sum())
     if dark:
         doubts.append(f"No mask opens {dark} of {opened.size} pixels: there the views follow from their surroundings.")
+    if dark > _MOSTLY_DARK * opened.size:
+        doubts.append("That is most of the picture: show more masks, or masks with more open elements.")
     return doubts
 
 

@@ -19,6 +19,7 @@ from gs2ci.core.progress import Progress, Silent
 from gs2ci.core.records import F32, F64, Shot
 from gs2ci.core.run_records import RunResult, Verdict
 from gs2ci.reconstruct.coding import Coding
+from gs2ci.reconstruct.dead_lines import close_dead_lines
 from gs2ci.reconstruct.decode.gap_tv import GapTvSettings, gap_tv
 from gs2ci.reconstruct.decode.residual import ResidualSettings, refine_views
 from gs2ci.reconstruct.doubts import doubts_about, doubts_about_result
@@ -28,6 +29,7 @@ from gs2ci.reconstruct.fit.stopping import Jury, choose_heldout
 from gs2ci.reconstruct.geometry.initialise import Geometry, GeometrySettings, initialise
 from gs2ci.reconstruct.geometry.points import seed_points
 from gs2ci.reconstruct.geometry.telemetry import Movement, movement, poses_of_stage
+from gs2ci.reconstruct.holes import fill_holes
 from gs2ci.render.backend import Backend, load_backend
 from gs2ci.render.gaussians import Gaussians
 
@@ -131,10 +133,11 @@ def reconstruct(
     shot.check()
     backend = load_backend(settings.backend)
     clock = _Stopwatch()
-    doubts = doubts_about(shot)
+    sound, mended = close_dead_lines(shot)
+    doubts = (*doubts_about(shot), *mended)
     for doubt in doubts:
         progress.say(doubt)
-    jury = Jury(shot, choose_heldout(shot, settings.fit.hold_out.share, settings.seed))
+    jury = Jury(sound, choose_heldout(sound, settings.fit.hold_out.share, settings.seed))
     seen = jury.seen
 
     decoded = gap_tv(seen, settings.decode, progress)
@@ -146,7 +149,7 @@ def reconstruct(
     clock.lap("geometry")
 
     fit = fit_coarse(
-        jury=jury,
+        jury=Jury(fill_holes(sound, decoded), jury.heldout),
         start=start,
         geometry=geometry,
         backend=backend,

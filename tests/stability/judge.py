@@ -109,7 +109,7 @@ def appraise(case: Case, shot: Shot, result: RunResult, scale: Scale) -> Outcome
         return Outcome(case, "holds", said=said, problems=tuple(problems))
     psnr_db, decode_db, grey_db = scores
     loss_db = easy_db(scale) - psnr_db
-    if psnr_db < decode_db - WORSE_DB:
+    if decode_db > grey_db and psnr_db < decode_db - WORSE_DB:
         problems.append(f"{decode_db - psnr_db:.1f} dB worse than the decode alone")
     grade = "holds" if loss_db <= BENDS_DB else "bends" if psnr_db >= grey_db + SEEN_DB else "breaks"
     if grade != "holds" and not said and not case.silent and not case.says:

@@ -205,8 +205,9 @@ def _extent(world_to_camera: F64) -> float:
 
 
 MAX_ROLLBACKS = 3
-# A loss so many times the least one so far, and at least this share of the first, is a step that exploded, however
-# finite: the scene has left the frame or its colours the range of light. Density rules raise the loss by a fifth.
+# A loss so many times the least one since the population last changed, and at least this share of the first, is a step
+# that exploded, however finite: the scene has left the frame, or its colours the range of light. (A density rule may
+# raise the loss as much, which no step does.)
 EXPLODED = 3.0
 EXPLODED_SHARE_OF_FIRST = 0.3
 
@@ -314,6 +315,7 @@ class _Loop:
         turn = begin <= share < end and iteration % self.settings.densify_every == 0
         if turn and self._watch.may_grow(iteration):
             self.fit.densify()
+            self._least_loss = float("inf")
 
     def _look(self, iteration: int, loss: float) -> None:
         """Judge the views as they would be handed over now, and remember the state if it is the best."""
@@ -364,6 +366,7 @@ class _Loop:
         self._rollbacks += 1
         self._damping *= 0.5
         self.fit.restore(self.best)
+        self._least_loss = float("inf")
         note = f"Iteration {iteration} {ran_away}: back to iteration {self.best.iteration} with half the step."
         self.notes.append(note)
         self._progress.say(note)
