@@ -19,6 +19,10 @@ _EXCESS_WORTH_SAYING: Final = 0.02
 # A scene may be dark; one whose brightest point is darker than this uses less than three bits of an eight-bit sensor.
 _DARK: Final = 0.02
 _FAINT_VIEW: Final = 1e-3
+# What a lamp or a moving view may well do, in shares of the middle view's brightness, and standard errors beside it.
+_BRIGHTER: Final = 0.1
+_SURE: Final = 4.0
+_CONDITION: Final = 1e8
 _MOSTLY_DARK: Final = 0.5
 # Of the residual that an even grey leaves. Right masks and little noise leave 0.1 to 0.4 of it.
 _UNEXPLAINED_WORTH_SAYING: Final = 0.6
@@ -38,7 +42,7 @@ def _doubts_about_light(shot: Shot) -> list[str]:
     clipped = 0.0 if shot.saturated is None else float(shot.saturated.mean())
     if clipped >= _SATURATION_WORTH_SAYING:
         doubts.append(f"{clipped:.0%} of the pixels are saturated and say only «at least»; use less light.")
-    return [*doubts, *_doubts_about_scale(shot)]
+    return [*doubts, *_doubts_about_scale(shot), *_doubts_about_brightness(shot)]
 
 
 def _doubts_about_scale(shot: Shot) -> list[str]:
@@ -57,6 +61,29 @@ def _doubts_about_scale(shot: Shot) -> list[str]:
             "not the full scale of one view."
         ]
     return []
+
+
+def _doubts_about_brightness(shot: Shot) -> list[str]:
+    """Say if some views are brighter than others, as the readings under their open elements tell.
+
+    The readings' regression on the masks gives each view's mean brightness, and its standard error.
+    """
+    coded = (shot.masks * shot.weights[:, None, None]).reshape(shot.views, -1).astype(np.float64)
+    gram = coded @ coded.T
+    if shot.views < 2 or np.linalg.cond(gram) > _CONDITION:
+        return []
+    reading = shot.measurement.mean(axis=2, dtype=np.float64).reshape(-1)
+    brightness = np.linalg.solve(gram, coded @ reading)
+    variance = np.mean((reading - brightness @ coded) ** 2)
+    error = float(np.sqrt(variance * np.diag(np.linalg.inv(gram)).max()))
+    middle = float(np.median(brightness))
+    apart = float(np.abs(brightness - middle).max())
+    if middle <= 0 or apart < max(_BRIGHTER * middle, _SURE * error):
+        return []
+    return [
+        f"Views seem to be {brightness.min() / middle:.2f} to {brightness.max() / middle:.2f} times as bright as the "
+        "middle one: the weights are not those of this exposure, the lamp flickers, or the scene changes."
+    ]
 
 
 def _doubts_about_masks(shot: Shot) -> list[str]:

@@ -5,7 +5,7 @@ is done to a measurement by hand (`changes`), which cases there are (`cases`).
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 
 import numpy as np
@@ -68,7 +68,7 @@ class Bench:
     parallax_px: float = 3.0
     path: Callable[[Scene, float], CameraPath] | None = None
     photons: float | None = None
-    sensor: Sensor = Sensor()
+    sensor: Sensor = field(default_factory=Sensor)
     effects: tuple[Effect, ...] = ()
 
     def expose(self, size: tuple[int, int], seed: int = 0) -> Shot:

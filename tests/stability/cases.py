@@ -1,14 +1,15 @@
 """The catalogue: every hard case by family and name, as data.
 
 A case is a bench, what is then done to the measurement by hand, and what the run must say of it. Not here: how a
-measurement is made (`benches`, `changes`), how the outcome is judged (`judge`), broken files and injected faults
-(`test_files`, `test_faults`).
+measurement is made (`benches`, `changes`), how files are damaged (`damages`) and the optimiser is disturbed (`faults`),
+how the outcome is judged (`judge`).
 """
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
+import h5py
 import numpy as np
 
 from gs2ci.reconstruct.pipeline import Settings
@@ -20,9 +21,10 @@ from gs2ci_sims.effects.optics_psf import OpticsPsf
 from gs2ci_sims.effects.row_noise import RowNoise
 from gs2ci_sims.effects.stage_vibration import StageVibration
 from gs2ci_sims.sensor import Sensor
-from tests.stability import changes, faults
+from tests.stability import changes, damages, faults
 from tests.stability.benches import INTERVAL_S, Bench, ahead, aside, still, to_and_fro, turning
 from tests.stability.changes import Change
+from tests.stability.damages import HUGE, Damage
 from tests.stability.faults import Fault, ever_since, once
 
 
@@ -46,6 +48,7 @@ class Case:
         bench: What is exposed.
         change: What is then done by hand.
         settings: What is asked of the reconstruction.
+        damage: What then happens to the file.
         fault: What goes wrong inside meanwhile.
         says: Phrases that notes, or the error, must contain.
         silent: Why nothing in the measurement can show what is wrong; else a loss must come with a word.
@@ -57,9 +60,10 @@ class Case:
 
     family: str
     name: str
-    bench: Bench = Bench()
+    bench: Bench = field(default_factory=Bench)
     change: Change = changes.same
     settings: Callable[[Settings], Settings] = as_it_is
+    damage: Damage = damages.none
     fault: Fault = faults.none
     says: tuple[str, ...] = ()
     silent: str = ""
@@ -283,15 +287,39 @@ def _numbers() -> Iterator[Case]:
 
 def _number(name: str, change: Change, **options: Any) -> Case:
     """Make a case of one extreme number: small and short, as nothing but its survival is asked for."""
-    return Case("numbers", name, change=change, size=(48, 64), iterations=20, quick=True, **options)
+    return Case("numbers", name, change=change, size=(32, 40), iterations=20, quick=True, **options)
+
+
+def _files() -> Iterator[Case]:
+    """What is no whole file of ours: one typed error, in little memory."""
+    yield _file("empty", damages.overwritten(b""))
+    yield _file("no HDF5 at all", damages.overwritten(b"PK" + bytes(5000)))
+    for share in (0.1, 0.5, 0.99):
+        yield _file(f"cut short to {share:.0%}", damages.cut(share))
+    yield _file("one bit in every 500 bytes flipped", damages.flipped(500))
+    yield _file("a later version", damages.of_schema("gs2ci.capture/2"), "newer gs2ci")
+    yield _file("another program's", damages.of_schema("nexus"), "gs2ci import")
+    for key in ("meas", "masks", "calib/weights"):
+        yield _file(f"without {key}", damages.without(key), key)
+    yield _file("masks that claim 16 TiB", damages.claiming("masks/calib", (4, HUGE, HUGE), (1, 64, 64)), "claims")
+    yield _file("10¹² measurements", damages.claiming("meas", (10**12, 48, 64, 3), (1, 48, 64, 3)))
+    yield _file("a chunk that unpacks to 1 GB", damages.in_one_chunk("masks/calib", (8, 48, 64), 30_000), "claims")
+    yield _file("a link to itself", damages.linked("masks/calib", h5py.SoftLink("/masks/calib")), "link")
+    yield _file("a link to another file", damages.linked("meas", h5py.ExternalLink("elsewhere.h5", "/x")), "link")
+    yield _file("pixels that lie in another file", damages.in_another_file, "another file")
+    yield _file("a book instead of weights", damages.of_text("calib/weights"))
+
+
+def _file(name: str, damage: Damage, *says: str) -> Case:
+    return Case("file", name, damage=damage, says=says, refused=True, quick=True, size=(48, 64))
 
 
 def _faults() -> Iterator[Case]:
     """What goes wrong inside the optimiser: the last good state, and a sentence."""
     back, over = ("back to iteration",), ("numbers ran away",)
     nan, inf = float("nan"), float("inf")
-    yield _fault("a NaN in one gradient", faults.gradient(nan, once(33)), ("was not finite", *back))
-    yield _fault("an infinity in one gradient", faults.gradient(inf, once(33)), ("was not finite", *back))
+    yield _fault("a NaN in the gradient", faults.gradient(nan, once(33)), ("was not finite", *back))
+    yield _fault("an infinity in the gradient", faults.gradient(inf, once(33)), ("was not finite", *back))
     yield _fault("an infinite loss", faults.loss(inf, once(33)), ("was not finite", *back))
     yield _fault("NaN in every gradient from the 33rd on", faults.gradient(nan, ever_since(33)), (*back, *over))
     yield _fault("NaN in the first gradient", faults.gradient(nan, once(0)), ("first iteration",), refused=True)
@@ -311,7 +339,9 @@ def _fault(name: str, fault: Fault, says: tuple[str, ...], *, refused: bool = Fa
     return Case("fault", name, fault=fault, says=says, refused=refused, quick=True)
 
 
+IMAGE_FAMILIES = (_noise, _views, _masks, _wrong_masks, _readout, _scenes, _motion, _camera, _shapes)
+SURVIVAL_FAMILIES = (_numbers, _files, _faults)
 CASES: tuple[Case, ...] = (
     EASY,
-    *_noise(), *_views(), *_masks(), *_wrong_masks(), *_readout(), *_scenes(), *_motion(), *_camera(), *_shapes(), *_numbers(), *_faults(),
-)  # fmt: skip
+    *(case for family in (*IMAGE_FAMILIES, *SURVIVAL_FAMILIES) for case in family()),
+)

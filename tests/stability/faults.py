@@ -36,7 +36,7 @@ def ever_since(call: int) -> Strikes:
 
 
 def gradient(value: float, strikes: Strikes) -> Fault:
-    """Put a number into the gradient of the loss by one pixel."""
+    """Put a number into the gradient of the loss by one row of pixels (over a single one, all masks may be closed)."""
     return lambda: _after(DataTerm, "value_and_gradient", strikes, lambda _, result: _spoil(result, value))
 
 
@@ -66,7 +66,7 @@ def poses(by: float, strikes: Strikes) -> Fault:
 
 def _spoil(result: tuple[float, np.ndarray], value: float) -> tuple[float, np.ndarray]:
     spoilt = result[1].copy()
-    spoilt.reshape(-1)[spoilt.size // 2] = value
+    spoilt[len(spoilt) // 2] = value
     return result[0], spoilt
 
 

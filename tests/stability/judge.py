@@ -42,6 +42,8 @@ SEEN_DB = 1.0
 # Far outside the range of light would be a fit that ran away, however finite.
 RANGE = 5.0
 SUM_TOLERANCE = 1e-4
+# The largest shot of the suite takes a tenth of this.
+READING_MIB = 512
 
 
 @dataclass(frozen=True)
@@ -49,7 +51,6 @@ class Outcome:
     """What became of one case.
 
     Args:
-        case: Which.
         grade: "holds", "bends", "breaks" or "refused".
         psnr_db: Of the recovered views; None where there is nothing to compare with.
         decode_db: Of the decode alone.
@@ -58,7 +59,6 @@ class Outcome:
         problems: What must not be; empty for a case that passes.
     """
 
-    case: Case
     grade: str
     psnr_db: float | None = None
     decode_db: float | None = None
@@ -79,13 +79,15 @@ def judge(case: Case, scale: Scale) -> Outcome:
     scale = replace(scale, size=case.size or scale.size, iterations=case.iterations or scale.iterations)
     try:
         shot, result = run(case, scale)
+    except MemoryError as error:
+        return Outcome("refused", problems=(str(error),))
     except Gs2ciError as error:
-        said = (f"{type(error).__name__}: {error}",)
+        said = (f"{type(error).__name__}: {_without_folder(str(error))}",)
         if not case.refused:
-            return Outcome(case, "refused", said=said, problems=("refused where a result was expected",))
-        return Outcome(case, "refused", said=said, problems=unsaid(case, said))
+            return Outcome("refused", said=said, problems=("refused where a result was expected",))
+        return Outcome("refused", said=said, problems=unsaid(case, said))
     if case.refused:
-        return Outcome(case, "holds", said=tuple(result.notes), problems=("accepted where an error was expected",))
+        return Outcome("holds", said=tuple(result.notes), problems=("accepted where an error was expected",))
     return appraise(case, shot, result, scale)
 
 
@@ -93,20 +95,56 @@ def run(case: Case, scale: Scale) -> tuple[Shot, RunResult]:
     """Take the case the whole way; return the shot as read from its file, and what was recovered from it."""
     shot = case.change(case.bench.expose(scale.size))
     with tempfile.TemporaryDirectory() as folder:
-        shot = read_shot(write_shots(Path(folder) / "shot.h5", [shot]))
+        path = write_shots(Path(folder) / "shot.h5", [shot])
+        case.damage(path)
+        shot = read_within_memory(path)
     with case.fault():
         found = reconstruct(shot, case.settings(settings_for(scale)))
     found.scene.check()
     return shot, found.result
 
 
+def read_within_memory(path: Path) -> Shot:
+    """Read a file.
+
+    Raises:
+        MemoryError: Reading took more than `READING_MIB`, whether it then succeeded or not.
+    """
+    reset, before = reset_peak(), peak_mib()
+    try:
+        return read_shot(path)
+    finally:
+        if reset and peak_mib() - before > READING_MIB:
+            raise MemoryError(f"reading took {peak_mib() - before:.0f} MiB")
+
+
+def reset_peak() -> bool:
+    """Let the peak of this process's memory start anew; False where the system cannot (Linux can)."""
+    try:
+        Path("/proc/self/clear_refs").write_text("5")
+    except OSError:
+        return False
+    return True
+
+
+def peak_mib() -> float:
+    """Return the peak of this process's resident memory since `reset_peak`."""
+    status = Path("/proc/self/status")
+    peak = re.search(r"VmHWM:\s*(\d+) kB", status.read_text()) if status.exists() else None
+    return int(peak.group(1)) / 1024 if peak else 0.0
+
+
 def appraise(case: Case, shot: Shot, result: RunResult, scale: Scale) -> Outcome:
     """Grade a result and list what must not be."""
-    said = beyond_easy(result, scale)
+    try:
+        notes = notes_of(shot, result)
+    except (Gs2ciError, ValueError) as error:
+        return Outcome("breaks", problems=(f"the result cannot be reported: {error}",))
+    said = beyond_easy(notes, scale)
     scores = _scores(shot, result)
-    problems = [*sane(shot, result), *unsaid(case, (*result.notes, result.stopped_because))]
+    problems = [*insane(shot, result), *unsaid(case, (*notes, result.stopped_because))]
     if scores is None:
-        return Outcome(case, "holds", said=said, problems=tuple(problems))
+        return Outcome("holds", said=said, problems=tuple(problems))
     psnr_db, decode_db, grey_db = scores
     loss_db = easy_db(scale) - psnr_db
     if decode_db > grey_db and psnr_db < decode_db - WORSE_DB:
@@ -114,17 +152,24 @@ def appraise(case: Case, shot: Shot, result: RunResult, scale: Scale) -> Outcome
     grade = "holds" if loss_db <= BENDS_DB else "bends" if psnr_db >= grey_db + SEEN_DB else "breaks"
     if grade != "holds" and not said and not case.silent and not case.says:
         problems.append(f"loses {loss_db:.1f} dB without a word")
-    return Outcome(case, grade, psnr_db, decode_db, loss_db, said, tuple(problems))
+    return Outcome(grade, psnr_db, decode_db, loss_db, said, tuple(problems))
 
 
-def sane(shot: Shot, result: RunResult) -> list[str]:
-    """List what is not finite, not bounded, or contradicts itself in a result."""
+def notes_of(shot: Shot, result: RunResult) -> tuple[str, ...]:
+    """Return what the report tells the user.
+
+    Raises:
+        Gs2ciError: The result contradicts itself.
+        ValueError: A figure of the report is not finite.
+    """
+    report = build_report(shot, result.check())
+    json.dumps(report, allow_nan=False)
+    return tuple(report["notes"])
+
+
+def insane(shot: Shot, result: RunResult) -> list[str]:
+    """List what is not bounded or contradicts itself in a result."""
     problems = []
-    try:
-        result.check()
-        json.dumps(build_report(shot, result), allow_nan=False)
-    except (Gs2ciError, ValueError) as error:
-        return [f"the result cannot be reported: {error}"]
     ceiling = RANGE * max(1.0, float(np.abs(shot.measurement).max()))
     if float(np.abs(result.views).max()) > ceiling:
         problems.append(f"views reach {np.abs(result.views).max():.3g}")
@@ -154,10 +199,10 @@ def unsaid(case: Case, said: tuple[str, ...]) -> tuple[str, ...]:
     return tuple(f"does not say «{phrase}»" for phrase in case.says if phrase not in text)
 
 
-def beyond_easy(result: RunResult, scale: Scale) -> tuple[str, ...]:
+def beyond_easy(notes: tuple[str, ...], scale: Scale) -> tuple[str, ...]:
     """Return the notes that the easy case at this scale does not bring, whatever the figures in them."""
     common = {_without_figures(note) for note in _easy(scale)[1]}
-    return tuple(note for note in result.notes if _without_figures(note) not in common)
+    return tuple(note for note in notes if _without_figures(note) not in common)
 
 
 def easy_db(scale: Scale) -> float:
@@ -170,7 +215,7 @@ def _easy(scale: Scale) -> tuple[float, tuple[str, ...]]:
     shot, result = run(EASY, scale)
     scores = _scores(shot, result)
     assert scores is not None
-    return scores[0], tuple(result.notes)
+    return scores[0], notes_of(shot, result)
 
 
 def _scores(shot: Shot, result: RunResult) -> tuple[float, float, float] | None:
@@ -181,6 +226,10 @@ def _scores(shot: Shot, result: RunResult) -> tuple[float, float, float] | None:
     grey = np.broadcast_to(np.clip(truth, 0, 1).mean(axis=(0, 1, 2)), truth.shape).astype(np.float32)
     recovered, alone, even = (float(np.mean(psnr_per_view(v, truth))) for v in (result.views, result.decode, grey))
     return recovered, alone, even
+
+
+def _without_folder(text: str) -> str:
+    return re.sub(r"\S*/(?=shot\.h5)", "", text)
 
 
 def _without_figures(note: str) -> str:
