@@ -10,23 +10,15 @@ Exits with 1 if any case has a problem: a result that is not finite, bounded, ho
 import argparse
 import os
 import sys
-import time
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
 from pathlib import Path
 
-from tests.stability.benches import FULL
 from tests.stability.cases import CASES, Case
-from tests.stability.judge import Outcome, judge
+from tests.stability.judge import Outcome, judge_by_number
 from tests.stability.page import write_page
 
 DOCS = Path(__file__).parents[2] / "docs"
-
-
-def judge_by_number(number: int) -> tuple[int, Outcome, float]:
-    """Judge one case, in a process of its own; cases themselves do not travel between processes."""
-    began_s = time.monotonic()
-    return number, judge(CASES[number], FULL), time.monotonic() - began_s
 
 
 def judge_all(numbers: list[int], jobs: int) -> dict[int, Outcome]:

@@ -15,6 +15,7 @@ Not here: the cases (`cases`), the table (`__main__`).
 import json
 import re
 import tempfile
+import time
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -31,8 +32,8 @@ from gs2ci.evaluate.report import build_report
 from gs2ci.reconstruct.fit.coarse import CoarseSettings
 from gs2ci.reconstruct.fit.stopping import HoldOut
 from gs2ci.reconstruct.pipeline import Settings, reconstruct
-from tests.stability.benches import Scale
-from tests.stability.cases import EASY, Case
+from tests.stability.benches import FULL, Scale
+from tests.stability.cases import CASES, EASY, Case
 
 BENDS_DB = 3.0
 # What the held-out pixels, some dozens on such small pictures, may err by when they choose.
@@ -89,6 +90,15 @@ def judge(case: Case, scale: Scale) -> Outcome:
     if case.refused:
         return Outcome("holds", said=tuple(result.notes), problems=("accepted where an error was expected",))
     return appraise(case, shot, result, scale)
+
+
+def judge_by_number(number: int) -> tuple[int, Outcome, float]:
+    """Judge one case of the catalogue at leisure; also how many seconds it took. Cases do not travel between processes.
+
+    Not in `__main__`, which a new process does not find again.
+    """
+    began_s = time.monotonic()
+    return number, judge(CASES[number], FULL), time.monotonic() - began_s
 
 
 def run(case: Case, scale: Scale) -> tuple[Shot, RunResult]:
