@@ -62,10 +62,9 @@ class RunResult:
         notes: Sentences that a user should read: guesses, fallbacks, doubts.
         settings: The settings used, as plain values.
         seed: Seed of every random draw.
-        verdict: Which of the two, scene or decode, explains the held-out pixels better.
-        heldout_rms_scene: The scene's residual on the held-out pixels, in the measurement's unit; None if none
-            were held out.
-        heldout_rms_decode: The decode's.
+        verdict: Which of the three explains the held-out pixels best: the scene's views refined by its residual, the
+            scene's, or the decode's.
+        heldout_rms: The residual of each on the held-out pixels, in the measurement's unit; None if none were held out.
         geometry: Summary of the geometry stage: method, tracks, reprojection error, focal length and its origin.
     """
 
