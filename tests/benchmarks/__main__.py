@@ -20,7 +20,6 @@ BENCHMARKS = {
     "simulated_capture": "tests.benchmarks.simulated_capture",
     "proxies": "tests.benchmarks.proxies",
     "decoders": "tests.benchmarks.decoders",
-    "simulation": "tests.benchmarks.simulation",
     "bundle_adjustment": "tests.benchmarks.bundle_adjustment",
 }
 
