@@ -24,6 +24,8 @@ from gs2ci.core.errors import Gs2ciError
 COMMANDS: Final[dict[str, tuple[str, str]]] = {
     "import": ("gs2ci.commands.import_", "turn .npz, .npy or .mat measurements into a shot file"),
     "reconstruct": ("gs2ci.commands.reconstruct", "recover views, camera path and scene from a shot file"),
+    "report": ("gs2ci.commands.report", "build the page of a run again from its folder"),
+    "view": ("gs2ci.commands.view", "show the scene of a run in a browser"),
     "decode": ("gs2ci.commands.decode", "recover views alone from a shot file: GAP-TV, plug-and-play, proxies"),
     "models": ("gs2ci.commands.models", "turn trained weights into model files"),
     "plan": ("gs2ci.commands.plan", "say which physical effects a simulation calls for, and why"),

@@ -7,7 +7,8 @@
     store.py      finished cells on disk
     workers.py    who does the work: this process, local processes, or a Dask cluster
     tables.py     which cells make which table, and how they are laid out
-    pages.py      markdown, CSV and a picture
+    pages.py      means and spreads; markdown, CSV and a picture
+    html_page.py  the same as one HTML page
 
 Only `gs2ci.commands` imports this package.
 """

@@ -1,6 +1,7 @@
 """A finished table as markdown, CSV and a picture.
 
-Here: means and spreads, and the three files. Not here: the work behind them (`works`). For this package.
+Here: means and spreads, and the three files. Not here: the work behind them (`works`), the HTML page
+(`html_page`). For this package.
 """
 
 import csv
@@ -88,7 +89,7 @@ def markdown(table: Table, figures: Sequence[Figures], command: str) -> str:
     ]
     for case in dict.fromkeys(one.case for one in figures):
         lines = [one for one in figures if one.case == case]
-        best = [_best(measure, [one.means[k] for one in lines]) for k, measure in enumerate(table.measures)]
+        best = [best_of(measure, [one.means[k] for one in lines]) for k, measure in enumerate(table.measures)]
         parts += [f"## {case}", "", "| | " + " | ".join(measure.title for measure in table.measures) + " |"]
         parts.append("|---|" + "---:|" * len(table.measures))
         for one in lines:
@@ -103,7 +104,8 @@ def _where() -> str:
     return f"{here.get('processor', 'unknown processor')}, gs2ci {versions().get('gs2ci', '')}".strip(", ")
 
 
-def _best(measure: Measure, means: Sequence[float | None]) -> float | None:
+def best_of(measure: Measure, means: Sequence[float | None]) -> float | None:
+    """Find the best of a column's means; None where there are not two to compare."""
     known = [value for value in means if value is not None]
     if len(known) < 2:
         return None

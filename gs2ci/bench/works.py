@@ -3,13 +3,21 @@
 Not here: which of them a table needs (`tables`). Cells name these functions; nothing else calls them.
 """
 
+import time
 from typing import Any
 
 from gs2ci.bench.cases import Case
 from gs2ci.bench.store import Row
 from gs2ci.bench.variants import settings_of
+from gs2ci.core.progress import Silent
 from gs2ci.evaluate.report import build_report
-from gs2ci.reconstruct.pipeline import reconstruct
+from gs2ci.evaluate.trajectory import trajectory_errors
+from gs2ci.reconstruct.decode.gap_tv import gap_tv
+from gs2ci.reconstruct.fit.stopping import Jury, choose_heldout
+from gs2ci.reconstruct.geometry.choose import load_geometry_prior
+from gs2ci.reconstruct.geometry.evidence import unexplained
+from gs2ci.reconstruct.geometry.prior import Request, find_geometry
+from gs2ci.reconstruct.pipeline import geometry_views, reconstruct
 
 
 def reconstruct_case(case: dict[str, Any], variant: str, seed: int) -> Row:
@@ -37,4 +45,38 @@ def reconstruct_case(case: dict[str, Any], variant: str, seed: int) -> Row:
         "gaussians": report["gaussians"],
         "verdict": report["verdict"],
         "stopped_because": report["stopped_because"],
+    }
+
+
+def initialise_case(case: dict[str, Any], variant: str, seed: int) -> Row:
+    """Find the first geometry of a case; figures against the truth are None where no truth tells.
+
+    Args:
+        case: Fields of a `Case`.
+        variant: A name in `variants.VARIANTS`.
+        seed: Of masks and noise, and of the pixels that are held out.
+
+    Raises:
+        Gs2ciError: The case cannot be made, or no geometry be sought.
+    """
+    shot, settings = Case.of(case).shot(seed), settings_of(variant, seed).check()
+    prior = load_geometry_prior(settings.poses)
+    began_s = time.monotonic()
+    seen = Jury(shot, choose_heldout(shot, settings.fit.hold_out.share, settings.seed)).seen
+    decoded = gap_tv(seen, settings.decode, Silent())
+    request = Request(seen, geometry_views(seen, decoded, settings.proxy), settings.geometry)
+    geometry = find_geometry(prior, request, Silent())
+    seconds = time.monotonic() - began_s
+    truth = shot.truth.world_to_camera
+    errors = None if truth is None else trajectory_errors(geometry.world_to_camera, truth)
+    return {
+        "nate": errors and errors.nate,
+        "rpe_r_deg": errors and errors.rpe_r_deg,
+        "unexplained": unexplained(seen, decoded, geometry),
+        "tracks": geometry.tracks,
+        "full": float(geometry.verdict == "full"),
+        "seconds": seconds,
+        "source": geometry.source,
+        "verdict": geometry.verdict,
+        "notes": list(geometry.notes),
     }

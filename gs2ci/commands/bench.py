@@ -13,6 +13,7 @@ import tyro
 from rich.console import Console
 from rich.markdown import Markdown
 
+from gs2ci.bench.html_page import write_html_page
 from gs2ci.bench.pages import collect, markdown, write_pages
 from gs2ci.bench.store import Store
 from gs2ci.bench.tables import TABLES, Options
@@ -34,14 +35,14 @@ def run(
     scheduler: str = "",
     fresh: bool = False,
 ) -> list[Path]:
-    """Make one table of figures: mean and spread over seeds, as markdown, CSV and a picture.
+    """Make one table of figures: mean and spread over seeds, as markdown, CSV, a picture and an HTML page.
 
     Finished cells are kept under their content's hash in `<output>/cells`: an interrupted table goes on where it was
     left, and a changed program, file or setting is measured anew. Times are only worth reading with one process on a
     quiet machine.
 
     Args:
-        table: Which one: methods, mask-ratio, compression, seeds, simulate.
+        table: Which one: methods, init, density, ablation, mask-ratio, compression, seeds, simulate.
         output: Folder for the pages and the finished cells.
         data: Folder of .npz measurements to use instead of simulated scenes; of rig files (.toml) for simulate.
         cases: Only these of the cases.
@@ -80,6 +81,7 @@ def run(
     figures = collect(chosen, entries, rows)
     command = shlex.join(["gs2ci", *sys.argv[1:]])
     pages = write_pages(output, table, chosen, figures, command)
+    pages.append(write_html_page(output, table, chosen, figures, command))
     console = Console()
     console.print(Markdown(markdown(chosen, figures, command)))
     for page in pages:

@@ -19,6 +19,7 @@ from rich.text import Text
 from gs2ci.core import progress
 from gs2ci.core.clock import Clock, WallClock
 from gs2ci.evaluate.report import read_report
+from gs2ci.evaluate.wording import describe_seconds
 
 # Redrawing costs the fit about a thousandth at this rate; an eye needs no more.
 REDRAWS_PER_SECOND: Final = 4
@@ -187,16 +188,6 @@ def describe_figures(figures: dict[str, Any]) -> str:
     return " · ".join(_describe_figure(name, value) for name, value in figures.items())
 
 
-def describe_seconds(seconds: float) -> str:
-    """Write a duration as a person says it: 48 s, 3 min 05 s, 2 h 10 min."""
-    whole = round(seconds)
-    if whole < 60:
-        return f"{whole} s"
-    if whole < 3600:
-        return f"{whole // 60} min {whole % 60:02d} s"
-    return f"{whole // 3600} h {whole % 3600 // 60:02d} min"
-
-
 def print_summary(folder: Path, console: Console | None = None) -> None:
     """Print the closing table of a run: how good, how long, where the pictures are.
 
@@ -228,7 +219,8 @@ def print_summary(folder: Path, console: Console | None = None) -> None:
     for note in (stopped, *report["notes"]):
         console.print(note, markup=False, highlight=False)
     for name, what in (
-        ("overview.png", "look here first"),
+        ("report.html", "look here first"),
+        ("overview.png", "the same in one picture"),
         ("scene.ply", "for any 3DGS viewer"),
         ("report.json", ""),
     ):

@@ -1,46 +1,114 @@
-"""`gs2ci models`: trained weights become model files.
+"""`gs2ci models`: trained weights become model files, and model files get names.
 
 Here: the arguments and what is printed. Not here: any network. Only `gs2ci.cli` imports this file.
 """
 
+from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Final, Literal, get_args
 
 import tyro
 from rich.console import Console
 from rich.markup import escape
 
-from gs2ci.core.errors import InputError
+from gs2ci.core.errors import Gs2ciError, InputError
 from gs2ci.reconstruct.decode.ffdnet import export_ffdnet, read_ffdnet
 from gs2ci.reconstruct.decode.onnx_denoiser import OnnxDenoiser
+from gs2ci.reconstruct.fit.lpips import Lpips
+from gs2ci.reconstruct.geometry.vggt import Vggt
+from gs2ci.reconstruct.geometry.vggt_export import export_vggt, load_vggt
+from gs2ci.reconstruct.onnx_models import MODEL_NAMES, ModelName, add_model, find_model, known_model
+from gs2ci.reconstruct.priors2d.onnx_prior import OnnxPrior
+
+Action = Literal["export-ffdnet", "export-vggt", "add", "list"]
+
+# What a file must be to bear a name.
+_OPEN: Final[dict[ModelName, Callable[[Path], Any]]] = {"vggt": Vggt, "difix": OnnxPrior, "lpips": Lpips}
+_CALLS: Final[dict[str, tuple[str, int]]] = {
+    "export-ffdnet": ("gs2ci models export-ffdnet WEIGHTS -o FILE", 1),
+    "export-vggt": ("gs2ci models export-vggt WEIGHTS -o FILE", 1),
+    "add": (f"gs2ci models add {'|'.join(MODEL_NAMES)} FILE", 2),
+    "list": ("gs2ci models list", 0),
+}
 
 
 def run(
-    action: tyro.conf.Positional[Literal["export-ffdnet"]],
-    weights: tyro.conf.Positional[Path],
-    *,
-    output: Annotated[Path, tyro.conf.arg(aliases=["-o"])] = Path("ffdnet.onnx"),
+    action: tyro.conf.Positional[Action],
+    /,
+    *what: tyro.conf.Positional[Path],
+    output: Annotated[Path | None, tyro.conf.arg(aliases=["-o"])] = None,
+    views: int = 8,
     overwrite: bool = False,
-) -> Path:
-    """Turn trained weights into a model file for `gs2ci decode --denoiser onnx:FILE`.
+) -> Path | None:
+    """Turn trained weights into model files, and note where model files lie.
 
     Args:
-        action: export-ffdnet writes FFDNet weights, grey or colour, as an ONNX denoiser.
-        weights: The weights, a PyTorch state dictionary (.pth).
-        output: The model file to write.
+        action: export-ffdnet writes FFDNet weights, grey or colour, as a denoiser for `gs2ci decode`. export-vggt
+            writes VGGT, from its authors' package, for `gs2ci reconstruct --geometry vggt`. add notes a file under a
+            name: vggt, difix (--prior difix) or lpips (--distance lpips). list says what has been added.
+        what: For an export, the weights (a PyTorch state dictionary); for add, the name and the ONNX file.
+        output: The model file to write: ffdnet.onnx or vggt.onnx if nothing else is said.
+        views: With how many views VGGT is traced.
         overwrite: Replace an earlier file at the same place.
 
     Returns:
-        The model file.
+        The model file; None for list.
+
+    Raises:
+        Gs2ciError: A file or a name cannot be used; nothing is then written.
     """
-    assert action == "export-ffdnet"
-    if output.exists() and not overwrite:
-        raise InputError(f"{output} exists", remedy="choose another file with -o, or add --overwrite")
+    call, count = _CALLS[action]
+    if len(what) != count:
+        raise InputError(f"{action} with {len(what)} arguments", allowed=call)
+    if action == "list":
+        _list()
+        return None
+    if action == "add":
+        return _add(str(what[0]), what[1])
+    path = output or Path(f"{action.removeprefix('export-')}.onnx")
+    if path.exists() and not overwrite:
+        raise InputError(f"{path} exists", remedy="choose another file with -o, or add --overwrite")
+    return _export_ffdnet(what[0], path) if action == "export-ffdnet" else _export_vggt(what[0], path, views)
+
+
+def _export_ffdnet(weights: Path, output: Path) -> Path:
     network = read_ffdnet(weights)
     path = export_ffdnet(network, output)
     OnnxDenoiser(path)  # what was written must be readable
     colour = "grey" if network.channels == 1 else "colour"
-    Console().print(
-        f"FFDNet, {len(network.layers)} convolutions, {colour}, in [bold]{escape(str(path))}[/]", soft_wrap=True
-    )
+    _say(f"FFDNet, {len(network.layers)} convolutions, {colour}, in [bold]{escape(str(path))}[/]")
     return path
+
+
+def _export_vggt(weights: Path, output: Path, views: int) -> Path:
+    path = export_vggt(load_vggt(weights), output, views)
+    _say(f"VGGT, {Vggt(path).taken}, in [bold]{escape(str(path))}[/]")
+    return path
+
+
+def _add(name: str, path: Path) -> Path:
+    chosen = next((known for known in MODEL_NAMES if known == name), None)
+    if chosen is None:
+        raise InputError(f"model name {name!r}", allowed=", ".join(MODEL_NAMES))
+    _OPEN[chosen](path)  # a file of another kind must not bear the name
+    added = add_model(chosen, path)
+    _say(f"{name}: [bold]{escape(str(added.path))}[/]\nsha256 {added.sha256}")
+    return added.path
+
+
+def _list() -> None:
+    for name in get_args(ModelName):
+        known = known_model(name)
+        if known is None:
+            _say(f"{name}: none")
+            continue
+        try:
+            find_model(name)
+            state = ""
+        except Gs2ciError as error:
+            state = f"\n  [bold red]{escape(error.problem)}[/]"
+        _say(f"{name}: [bold]{escape(str(known.path))}[/]\n  sha256 {known.sha256}{state}")
+
+
+def _say(text: str) -> None:
+    Console().print(text, soft_wrap=True)

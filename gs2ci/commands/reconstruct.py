@@ -16,7 +16,10 @@ from gs2ci.core.records import F32, F64, Shot
 from gs2ci.core.storage import read_shot
 from gs2ci.evaluate.metrics import psnr_per_view
 from gs2ci.evaluate.run_folder import check_destination, write_run
-from gs2ci.reconstruct.pipeline import PoseSource, Score, Settings, reconstruct
+from gs2ci.reconstruct import ablation
+from gs2ci.reconstruct.fit.fine import FineSettings
+from gs2ci.reconstruct.fit.rules import RuleName, with_rule
+from gs2ci.reconstruct.pipeline import PoseSource, ProxyName, Score, Settings, reconstruct
 
 
 def run(
@@ -26,7 +29,13 @@ def run(
     *,
     index: int = 0,
     geometry: PoseSource = "tracks",
+    proxy: ProxyName = "gap-tv",
+    density: RuleName | None = None,
+    without: tuple[str, ...] = (),
     iterations: int | None = None,
+    fine: bool = False,
+    prior: str | None = None,
+    distance: str | None = None,
     focal_px: float | None = None,
     seed: int = 42,
     overwrite: bool = False,
@@ -38,8 +47,21 @@ def run(
         output: The run folder to write.
         index: Which shot of the file.
         geometry: Where the first poses come from: "tracks" finds them in the decoded views, "stage" takes those that
-            the stage reported. The fit refines them either way.
+            the stage reported, "file:PATH" those of a COLMAP model's folder or a transforms.json, "vggt" (or
+            "vggt:FILE") those that a model of yours predicts; "auto" asks all there are and lets the measurement
+            choose. The fit refines them in any case.
+        proxy: The views that the geometry is found in: decoded by "gap-tv", or "eni" or "amdi", the paper's proxies.
+        density: The rule by which Gaussians are added and removed, with the terms of the objective that belong to it;
+            none leaves the settings' own.
+        without: Components of the method to do without, for comparisons: points, poses, opacity-split,
+            opacity-regulation, count-cap, pose-refinement.
         iterations: At most so many iterations of the fit; it ends earlier when held-out pixels stop improving.
+        fine: Go on with the fine stage: views from beside the cameras are held to what a prior on images says of them.
+            Kept only where held-out pixels agree.
+        prior: For the fine stage, which it switches on: "consistent" (detail that several cameras agree on; what
+            --fine takes), "nlm" (non-local means), "none", "difix" (added by `gs2ci models add`), or "onnx:FILE".
+        distance: For the fine stage, which it switches on: "structure" (1 − SSIM over three scales), "lpips" (added
+            by `gs2ci models add`), or "lpips:FILE".
         focal_px: Focal length along the rows to use instead of the file's, in pixels.
         seed: Of every random draw; the same seed gives the same result.
         overwrite: Replace an earlier run at the same place.
@@ -54,15 +76,26 @@ def run(
     measured = read_shot(shot, index)
     if focal_px is not None:
         measured = replace(measured, intrinsics=_with_focal(focal_px, measured)).check()
-    settings = Settings(seed=seed, poses=geometry)
+    settings = Settings(seed=seed, poses=geometry, proxy=proxy)
+    if density is not None:
+        settings = replace(settings, fit=with_rule(settings.fit, density))
+    settings = ablation.without(settings, without)
     if iterations is not None:
         settings = replace(settings, fit=replace(settings.fit, iterations=iterations))
+    if fine or prior is not None or distance is not None:
+        settings = replace(settings, fine=_fine(prior, distance))
     with open_display() as display:
         found = reconstruct(measured, settings, display, _score_against_truth(measured))
         display.stage("report")
         write_run(output, measured, found.result, found.scene, overwrite=overwrite)
     print_summary(output)
     return output
+
+
+def _fine(prior: str | None, distance: str | None) -> FineSettings:
+    """Return the fine stage's settings with what was named."""
+    default = FineSettings()
+    return replace(default, prior=prior or default.prior, distance=distance or default.distance)
 
 
 def _with_focal(focal_px: float, shot: Shot) -> F64:

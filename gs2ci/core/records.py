@@ -20,7 +20,7 @@ CFA_PATTERNS: Final = get_args(CfaPattern)
 
 # What no bench gives, and no stage could compute with in float32: squares of such numbers leave its range. A reading
 # in full scales of a view, a mask's weight, a camera's figures in pixels, a stage's way in any unit of length.
-MEASUREMENT_LIMIT: Final = 1e6
+MEASUREMENT_LIMIT: Final = 1e12
 WEIGHT_RANGE: Final = (1e-6, 1e6)
 OPEN_LEAST: Final = 1e-6
 FOCAL_RANGE_PX: Final = (1e-3, 1e9)

@@ -51,6 +51,16 @@ def nerfstudio_transforms(world_to_camera: F64, intrinsics: F64, size: tuple[int
     }
 
 
+def poses_of_transforms(transforms: dict[str, Any]) -> F64:
+    """Read the poses back from what `nerfstudio_transforms` describes: world-to-camera, [N, 4, 4], OpenCV axes.
+
+    Raises:
+        KeyError, ValueError, LinAlgError: It describes something else.
+    """
+    frames = [np.asarray(frame["transform_matrix"], np.float64) for frame in transforms["frames"]]
+    return np.asarray(np.linalg.inv(np.stack(frames) @ OPENCV_FROM_OPENGL), np.float64)
+
+
 def write_colmap_model(
     folder: Path, world_to_camera: F64, intrinsics: F64, size: tuple[int, int], *, points: F32, colors: F32
 ) -> None:

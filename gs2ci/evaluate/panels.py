@@ -107,7 +107,7 @@ def camera_path(axes: Axes, recovered: F64, truth: F64 | None) -> None:
         truth: The true path, or None.
     """
     reference = recovered if truth is None else truth
-    page = _seen_from_above(reference)
+    page = seen_from_above(reference)
     origin = reference[:, :3, 3].mean(0)
     path, true_path = ((poses[:, :3, 3] - origin) @ page for poses in (recovered, reference))
     points = np.concatenate([path, true_path])
@@ -203,8 +203,8 @@ def _widen(axes: Axes, course: Series, level: tuple[str, float] | None, *, log_v
         axes.set_ylim(values.min() - margin, values.max() + margin)
 
 
-def _seen_from_above(camera_to_world: F64) -> F64:
-    """Choose the page: [3, 2], first axis along the sideways move, second along the mean viewing direction."""
+def seen_from_above(camera_to_world: F64) -> F64:
+    """Choose the page for a path [N, 4, 4]: [3, 2], along the sideways move and along the mean viewing direction."""
     centers = camera_to_world[:, :3, 3] - camera_to_world[:, :3, 3].mean(0)
     forward = _unit(camera_to_world[:, :3, 2].mean(0), fallback=camera_to_world[0, :3, 2])
     across = camera_to_world[:, :3, 0].mean(0)

@@ -72,6 +72,7 @@ def build_report(shot: Shot, result: RunResult) -> dict[str, Any]:
         "gaussians": result.gaussians,
         "stopped_because": result.stopped_because,
         "geometry": dict(result.geometry),
+        "measured": _measured(shot),
         "peak_mib": round(environment.peak_mib(), 1),
         "settings": dict(result.settings),
         "seed": result.seed,
@@ -118,6 +119,19 @@ def read_report(folder: Path, schema: str = SCHEMA) -> dict[str, Any]:
         found = report.get("schema") if isinstance(report, dict) else type(report).__name__
         raise StorageError(f"{path} has schema {found!r}", allowed=schema, remedy=remedy)
     return report
+
+
+def _measured(shot: Shot) -> dict[str, Any]:
+    """Say what the measurement and its masks are like, before anything is solved."""
+    exposed = shot.masks[shot.weights > 0]
+    return {
+        "open_share": float(shot.masks.mean(dtype=np.float64)),
+        "grey_share": float(np.mean((shot.masks > 0) & (shot.masks < shot.masks.max()))),
+        "closed_share": float(np.mean(~exposed.any(axis=0))),
+        "saturated_share": None if shot.saturated is None else float(shot.saturated.mean()),
+        "weights": [float(shot.weights.min()), float(shot.weights.max())],
+        "telemetry": shot.telemetry_world_to_camera is not None,
+    }
 
 
 def _image_scores(views: F32, truth: F32 | None) -> dict[str, Any]:

@@ -2,7 +2,9 @@
 
     run/
       report.json    the figures, schema gs2ci.report/1 (gs2ci.evaluate.report)
-      overview.png   the picture to look at first
+      report.html    the page to look at first (gs2ci.evaluate.pages)
+      overview.png   one picture of the run
+      given.npz      what the page shows of the shot: 8-bit measurement and truth, true and stage's poses
       views.npy      the recovered views, [N, H, W, 3] float32, full scale 1, not clamped; mono repeated thrice
       views/         the same as 8-bit pictures, clamped to [0, 1]; mono stays grey
       decode.npy     what the decode alone gave, as views.npy
@@ -12,7 +14,7 @@
       cameras.json   nerfstudio transforms
       colmap/sparse/0  the same cameras, and a thinned cloud of the Gaussians' centres
 
-Not here: the figures, the picture. The commands may import this file.
+Not here: the figures, the page, the picture. The commands may import this file.
 """
 
 import json
@@ -32,6 +34,8 @@ from gs2ci.core.records import F32, Shot
 from gs2ci.core.run_records import RunResult
 from gs2ci.evaluate.cameras import nerfstudio_transforms, view_names, write_colmap_model
 from gs2ci.evaluate.overview import write_overview
+from gs2ci.evaluate.pages.run_evidence import GIVEN_NAME, write_given
+from gs2ci.evaluate.pages.run_page import write_run_page
 from gs2ci.evaluate.report import REPORT_NAME, SCHEMA, build_report, read_report
 from gs2ci.render.gaussians import Gaussians
 from gs2ci.render.ply import write_ply
@@ -66,6 +70,8 @@ def write_run(folder: Path, shot: Shot, result: RunResult, scene: Gaussians, *, 
         _write_scene(partial, result, scene)
         write_overview(partial / "overview.png", shot, result, report)
         (partial / REPORT_NAME).write_text(json.dumps(report, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+        write_given(partial / GIVEN_NAME, shot)
+        write_run_page(partial)
     return folder
 
 

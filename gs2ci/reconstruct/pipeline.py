@@ -1,6 +1,7 @@
 """From one coded measurement to views, camera path and Gaussian scene: the whole way on one page.
 
-    hold out some pixels ─► decode ─► geometry ─► first Gaussians ─► coarse fit ─► residual ─► judge by the held-out
+    hold out some pixels ─► decode ─► geometry ─► first Gaussians ─► coarse fit (─► fine fit) ─► residual
+    ─► judge by the held-out
 
 Here: the order, the clock, and the judgement. Not here: any stage itself; files and metrics (`gs2ci.evaluate`).
 The commands import this file.
@@ -10,31 +11,37 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
-from typing import Final, Literal
+from typing import Final, Literal, get_args
 
 import torch
 
 from gs2ci.core.errors import InputError
 from gs2ci.core.progress import Progress, Silent
-from gs2ci.core.records import F32, F64, Shot
+from gs2ci.core.records import F32, Shot
 from gs2ci.core.run_records import RunResult, Verdict
 from gs2ci.reconstruct.coding import Coding
 from gs2ci.reconstruct.dead_lines import close_dead_lines
 from gs2ci.reconstruct.decode.gap_tv import GapTvSettings, gap_tv
 from gs2ci.reconstruct.decode.residual import ResidualSettings, refine_views
 from gs2ci.reconstruct.doubts import doubts_about, doubts_about_result
-from gs2ci.reconstruct.fit.coarse import CoarseFit, CoarseSettings, fit_coarse
+from gs2ci.reconstruct.fit.coarse import CoarseSettings, fit_coarse
+from gs2ci.reconstruct.fit.fine import Fine, FineSettings, fit_fine
+from gs2ci.reconstruct.fit.rendering import ShotRenderer
 from gs2ci.reconstruct.fit.start import first_gaussians
 from gs2ci.reconstruct.fit.stopping import Jury, choose_heldout
-from gs2ci.reconstruct.geometry.initialise import Geometry, GeometrySettings, initialise
-from gs2ci.reconstruct.geometry.points import seed_points
-from gs2ci.reconstruct.geometry.telemetry import Movement, movement, poses_of_stage
+from gs2ci.reconstruct.fit.withheld import Withheld, first_points, first_poses
+from gs2ci.reconstruct.geometry.choose import load_geometry_prior
+from gs2ci.reconstruct.geometry.initialise import Geometry, GeometrySettings
+from gs2ci.reconstruct.geometry.prior import Request, find_geometry
+from gs2ci.reconstruct.geometry.telemetry import Movement, movement
 from gs2ci.reconstruct.holes import fill_holes
-from gs2ci.render.backend import Backend, load_backend
+from gs2ci.reconstruct.proxies.routing import build_proxies
+from gs2ci.render.backend import load_backend
 from gs2ci.render.gaussians import Gaussians
 
 Score = Callable[[F32], float]
-PoseSource = Literal["tracks", "stage"]
+PoseSource = str
+ProxyName = Literal["gap-tv", "eni", "amdi"]
 
 _UNJUDGED: Final = "No pixel was held out, so nothing tells whether the scene is better than the decode; both are kept."
 
@@ -44,23 +51,29 @@ class Settings:
     """Settings of every stage.
 
     Args:
-        poses: Where the initial poses come from: found in the decoded views ("tracks"), or the shot's telemetry
-            ("stage").
+        poses: Where the initial poses and depth come from: "tracks", "stage", "auto", "file:PATH"
+            (`geometry.choose`).
+        proxy: The views that the geometry stage looks at: those decoded by GAP-TV, or the proxies of the paper.
         decode: Of the decoder that the geometry stage looks at.
         geometry: Of tracks, motion and depth.
         fit: Of the coarse stage.
+        fine: Of the fine stage; None leaves it out.
         residual: Of the last step, which decodes what the scene leaves unexplained.
         stride_px: One first Gaussian for every so many pixels along rows and columns.
+        withheld: What of the geometry the fit does not get; for ablations.
         backend: The renderer.
         seed: Of every random draw.
     """
 
     poses: PoseSource = "tracks"
+    proxy: ProxyName = "gap-tv"
     decode: GapTvSettings = field(default_factory=GapTvSettings)
     geometry: GeometrySettings = field(default_factory=GeometrySettings)
     fit: CoarseSettings = field(default_factory=CoarseSettings)
+    fine: FineSettings | None = None
     residual: ResidualSettings = field(default_factory=ResidualSettings)
     stride_px: int = 3
+    withheld: Withheld = field(default_factory=Withheld)
     backend: str = "cpu"
     seed: int = 42
 
@@ -70,12 +83,16 @@ class Settings:
         Raises:
             InputError: A stage's settings, the stride or the seed are out of range.
         """
+        if self.proxy not in get_args(ProxyName):
+            raise InputError(f"proxy {self.proxy!r}", allowed=", ".join(get_args(ProxyName)))
         if self.stride_px < 1 or not 0 <= self.seed < 2**63:
             raise InputError(
                 f"stride {self.stride_px} px, seed {self.seed}", allowed="a stride >= 1 px and a seed in [0, 2^63)"
             )
         self.decode.check()
         self.fit.check()
+        if self.fine is not None:
+            self.fine.check()
         self.residual.steps()
         return self
 
@@ -125,13 +142,14 @@ def reconstruct(
     Raises:
         InputError: The shot's parts do not fit together, the settings make no sense, or poses are to come from
             telemetry that the shot does not hold.
-        GeometryError: The telemetry contradicts the decoded views.
         NumericsError: The fit is not finite from its first iteration on.
     """
     settings, progress = settings or Settings(), progress or Silent()
     settings.check()
     shot.check()
     backend = load_backend(settings.backend)
+    fine = None if settings.fine is None else Fine.load(settings.fine, settings.fit.loss, settings.seed)
+    geometry_prior = load_geometry_prior(settings.poses)
     clock = _Stopwatch()
     sound, mended = close_dead_lines(shot)
     doubts = (*doubts_about(shot), *mended)
@@ -143,26 +161,36 @@ def reconstruct(
     decoded = gap_tv(seen, settings.decode, progress)
     clock.lap("decode")
 
-    poses = None if settings.poses == "tracks" else poses_of_stage(shot)
-    geometry = initialise(decoded, shot.intrinsics, settings.geometry, progress, poses)
-    start = first_gaussians(seed_points(geometry, decoded, settings.stride_px))
+    request = Request(seen, geometry_views(seen, decoded, settings.proxy), settings.geometry)
+    geometry = find_geometry(geometry_prior, request, progress)
+    geometry = first_poses(geometry, settings.withheld)
+    start = first_gaussians(first_points(geometry, decoded, settings.stride_px, settings.withheld, settings.seed))
     clock.lap("geometry")
 
+    def refine(views: F32) -> F32:
+        return refine_views(seen, views, settings.residual)
+
+    fitted = Jury(fill_holes(sound, decoded), jury.heldout)
     fit = fit_coarse(
-        jury=Jury(fill_holes(sound, decoded), jury.heldout),
+        jury=fitted,
         start=start,
         geometry=geometry,
         backend=backend,
         settings=settings.fit,
         seed=settings.seed,
-        refine=lambda views: refine_views(seen, views, settings.residual),
+        refine=refine,
         progress=progress,
         score=score,
         since_s=clock.began_s,
     )
+    renderer = ShotRenderer(fitted.shot, geometry.intrinsics, backend)
+    if fine is not None:
+        clock.lap("fit")
+        fit = fit_fine(fitted, fit, renderer, fine, settings.seed, refine, progress, score, clock.began_s)
+        clock.lap("fine")
     recovered = _recover(jury, decoded, fit.views, settings.residual)
     moved = movement(geometry.world_to_camera, fit.world_to_camera)
-    depth = _depth(fit, geometry.intrinsics, shot.size, backend)
+    depth = renderer.depths(fit.scene, fit.world_to_camera)
     clock.lap("fit")
 
     result = RunResult(
@@ -177,12 +205,12 @@ def reconstruct(
         stopped_because=fit.stopped_because,
         seconds=clock.seconds(),
         gaussians=len(fit.scene),
-        notes=(*doubts, *geometry.notes, *fit.notes, *_notes_of(moved, settings.poses), *recovered.notes),
+        notes=(*doubts, *geometry.notes, *fit.notes, *_notes_of(moved, geometry.source), *recovered.notes),
         settings=asdict(settings),
         seed=settings.seed,
         verdict=recovered.verdict,
         heldout_rms=recovered.heldout_rms,
-        geometry={**_summary(geometry, settings.poses), "moved": asdict(moved)},
+        geometry={**_summary(geometry, settings), "moved": asdict(moved)},
     )
     return Reconstruction(result.check(), fit.scene)
 
@@ -196,7 +224,7 @@ class _Stopwatch:
 
     def lap(self, stage: str) -> None:
         now = time.monotonic()
-        self._stages[stage] = now - self._lap_s
+        self._stages[stage] = self._stages.get(stage, 0.0) + now - self._lap_s
         self._lap_s = now
 
     def seconds(self) -> dict[str, float]:
@@ -228,33 +256,38 @@ def _recover(jury: Jury, decoded: F32, scene_views: F32, settings: ResidualSetti
     return _Recovered(candidates[verdict], verdict, heldout_rms, notes)
 
 
-def _depth(fit: CoarseFit, intrinsics: F64, size: tuple[int, int], backend: Backend) -> F32:
-    """Render the mean depth along the optical axis, [N, H, W]; zero where less than half of the light is stopped."""
-    poses = torch.from_numpy(fit.world_to_camera).float()
-    along_axis = fit.scene.means @ poses[:, 2, :3].T + poses[:, 2, 3]
-    as_colour = along_axis.T[..., None].expand(-1, -1, 3).contiguous()
-    camera = torch.from_numpy(intrinsics).float()
-    with torch.no_grad():
-        depths, alphas = backend.views(fit.scene, poses, camera, size, colours=as_colour)
-    return torch.where(alphas >= 0.5, depths[..., 0] / alphas.clamp(min=0.5), 0.0).numpy()
-
-
 def _judge(heldout_rms: dict[Verdict, float | None]) -> Verdict:
     """Name the candidate with the smallest held-out residual; without any held-out pixels, the scene itself."""
     known = {name: rms for name, rms in heldout_rms.items() if rms is not None}
     return min(known, key=lambda name: known[name]) if known else "scene"
 
 
-def _notes_of(moved: Movement, source: PoseSource) -> tuple[str, ...]:
+def geometry_views(seen: Shot, decoded: F32, proxy: ProxyName) -> F32:
+    """Return the views that the geometry stage looks at, [N, H, W, C].
+
+    Args:
+        seen: The measurement as far as it may be seen.
+        decoded: Its views as GAP-TV decodes them.
+        proxy: Which views are wanted.
+
+    Raises:
+        InputError: The masks do not allow the proxies that are wanted.
+    """
+    return decoded if proxy == "gap-tv" else build_proxies(seen, proxy).views
+
+
+def _notes_of(moved: Movement, source: str) -> tuple[str, ...]:
     if source == "tracks":
         return ()
     share, rotation_deg = moved.share_of_path, moved.rotation_deg
-    return (f"The fit moved the stage's poses by {share:.1%} of the path and {rotation_deg:.3f}°.",)
+    return (f"The fit moved the poses of the {source} by {share:.1%} of the path and {rotation_deg:.3f}°.",)
 
 
-def _summary(geometry: Geometry, source: PoseSource) -> dict[str, object]:
+def _summary(geometry: Geometry, settings: Settings) -> dict[str, object]:
     return {
-        "method": source,
+        "method": geometry.source,
+        "asked_for": settings.poses,
+        "proxy": settings.proxy,
         "verdict": geometry.verdict,
         "focal_px": float(geometry.intrinsics[0, 0]),
         "focal_source": geometry.focal_source,

@@ -13,6 +13,7 @@ from torch import Tensor
 
 from gs2ci.core.errors import InputError
 from gs2ci.render.gaussians import Gaussians
+from gs2ci.render.screen import ScreenStatistics
 
 
 @dataclass(frozen=True)
@@ -53,7 +54,14 @@ class Backend(Protocol):
         """
         ...
 
-    def coded(self, scene: Gaussians, world_to_camera: Tensor, intrinsics: Tensor, coding: Coding) -> Tensor:
+    def coded(
+        self,
+        scene: Gaussians,
+        world_to_camera: Tensor,
+        intrinsics: Tensor,
+        coding: Coding,
+        screen: ScreenStatistics | None = None,
+    ) -> Tensor:
         """Render the coded measurement Y = sum_i M_i * X_i (paper, eq. 1, without noise).
 
         Args:
@@ -61,12 +69,14 @@ class Backend(Protocol):
             world_to_camera: The pose under each mask, [N, 4, 4].
             intrinsics: Camera matrix in pixels, [3, 3].
             coding: From `code`.
+            screen: Filled during the backward pass through this rendering, if given.
 
         Returns:
             Y, [H, W, 3] float32, in the unit of the colours.
 
         Raises:
-            InputError: Shapes disagree, a number is not finite, or the coding is another backend's.
+            InputError: Shapes disagree, a number is not finite, the coding is another backend's, or `screen` is that
+                of another number of Gaussians.
         """
         ...
 

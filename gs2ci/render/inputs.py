@@ -6,6 +6,7 @@ from torch import Tensor
 from gs2ci.core.errors import InputError
 from gs2ci.core.records import check_intrinsics
 from gs2ci.render.gaussians import Gaussians, check_tensor
+from gs2ci.render.screen import ScreenStatistics
 
 
 def check_masks(masks: Tensor) -> None:
@@ -29,6 +30,18 @@ def check_size(size: tuple[int, int]) -> None:
     """
     if min(size) < 1:
         raise InputError(f"image size {tuple(size)}", allowed="(height, width) of at least one pixel")
+
+
+def check_screen(screen: ScreenStatistics | None, scene: Gaussians) -> None:
+    """Accept the record that a rendering is to fill, if there is one.
+
+    Raises:
+        InputError: It is that of another number of Gaussians.
+    """
+    if screen is not None and len(screen.sightings) != len(scene):
+        raise InputError(
+            f"screen statistics of {len(screen.sightings)} Gaussians, a scene of {len(scene)}", allowed="equal numbers"
+        )
 
 
 def check_rendering(

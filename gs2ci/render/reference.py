@@ -22,7 +22,8 @@ from gs2ci.render.conventions import (
     SCREEN_SIGMA_MAX_PX,
 )
 from gs2ci.render.gaussians import Gaussians, rotation_matrices
-from gs2ci.render.inputs import check_masks, check_rendering, check_size
+from gs2ci.render.inputs import check_masks, check_rendering, check_screen, check_size
+from gs2ci.render.screen import RADIUS_SIGMAS, ScreenStatistics
 
 
 @dataclass(frozen=True)
@@ -34,12 +35,14 @@ class Splats:
         covariances: 2D covariances with dilation, px^2, [S, 2, 2].
         opacities: [S].
         colours: [S, 3].
+        index: Which of the scene's Gaussians each is, [S] int64.
     """
 
     means: Tensor
     covariances: Tensor
     opacities: Tensor
     colours: Tensor
+    index: Tensor
 
 
 def project(
@@ -69,7 +72,7 @@ def project(
     variances = covariances.diagonal(dim1=1, dim2=2)
     drawn = (variances.detach() <= SCREEN_SIGMA_MAX_PX**2).all(dim=1)
     opacities = torch.sigmoid(scene.opacity_logits[order])
-    return Splats(means[drawn], covariances[drawn], opacities[drawn], colours[order][drawn])
+    return Splats(means[drawn], covariances[drawn], opacities[drawn], colours[order][drawn], order[drawn])
 
 
 def _camera_jacobian(points: Tensor, intrinsics: Tensor, size: tuple[int, int]) -> Tensor:
@@ -133,6 +136,32 @@ def pixel_centres(size: tuple[int, int]) -> Tensor:
     return torch.stack([x, y], dim=-1).reshape(-1, 2)
 
 
+def watch(splats: Splats, size: tuple[int, int], screen: ScreenStatistics) -> None:
+    """Let the backward pass through these splats add one view to the record.
+
+    A splat is seen if its footprint, where its alpha reaches `ALPHA_MIN`, can touch the frame.
+
+    Args:
+        splats: S splats whose gradient will be asked for.
+        size: Height and width, px.
+        screen: The record of the scene that they are part of.
+    """
+    means, covariances = splats.means.detach(), splats.covariances.detach()
+    frame = torch.tensor([size[1], size[0]], dtype=means.dtype)
+    levels = torch.log(splats.opacities.detach() / ALPHA_MIN)
+    reach = (2 * levels.clamp(min=0)[:, None] * covariances.diagonal(dim1=1, dim2=2)).sqrt()
+    seen = (levels >= 0) & ((means + reach >= 0) & (means - reach <= frame)).all(dim=1)
+    radius = RADIUS_SIGMAS * torch.linalg.eigvalsh(covariances)[:, -1].sqrt()
+
+    def add(gradient: Tensor) -> None:
+        norm = (gradient * frame / 2).norm(dim=1)
+        columns = (torch.where(seen, value, 0.0).float() for value in (norm, torch.ones_like(norm), radius))
+        count = len(screen.sightings)
+        screen.add(*(torch.zeros(count).index_add(0, splats.index, column) for column in columns))
+
+    splats.means.register_hook(add)  # type: ignore[no-untyped-call]
+
+
 @dataclass(frozen=True)
 class ReferenceCoding(Coding):
     """The masks, [N, H, W] float64."""
@@ -158,7 +187,14 @@ class ReferenceBackend:
         views, height, width = masks.shape
         return ReferenceCoding(views, (height, width), masks.detach().to(torch.float64))
 
-    def coded(self, scene: Gaussians, world_to_camera: Tensor, intrinsics: Tensor, coding: Coding) -> Tensor:
+    def coded(
+        self,
+        scene: Gaussians,
+        world_to_camera: Tensor,
+        intrinsics: Tensor,
+        coding: Coding,
+        screen: ScreenStatistics | None = None,
+    ) -> Tensor:
         """Render the coded sum; see `Backend.coded`."""
         if not isinstance(coding, ReferenceCoding):
             raise InputError(
@@ -166,6 +202,7 @@ class ReferenceBackend:
                 allowed="what this backend's code(masks) returned",
             )
         check_rendering(scene, world_to_camera, intrinsics, views=coding.views)
+        check_screen(screen, scene)
         scene = scene.map(torch.Tensor.double)
         pixels = pixel_centres(coding.size)
         total = torch.zeros(len(pixels), 3, dtype=torch.float64)
@@ -173,6 +210,8 @@ class ReferenceBackend:
         for pose, mask in zip(world_to_camera.double(), coding.masks, strict=True):
             opened = mask.reshape(-1).nonzero().squeeze(1)
             splats = project(scene, pose, intrinsics.double(), coding.size, scene.colours)
+            if screen is not None:
+                watch(splats, coding.size, screen)
             colours, _, margin = composite(splats, pixels[opened])
             total = total.index_add(0, opened, mask.reshape(-1)[opened, None] * colours)
             self.margin = min(self.margin, margin)

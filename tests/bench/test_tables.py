@@ -1,18 +1,31 @@
 """Which cells make which table."""
 
+import itertools
+from dataclasses import replace
+
 import pytest
 
 from gs2ci.bench.cases import Case
 from gs2ci.bench.tables import RATIOS, TABLES, VIEWS, Options, file_cases, simulated_cases
-from gs2ci.bench.variants import VARIANTS, settings_of
+from gs2ci.bench.variants import GEOMETRY, VARIANTS, settings_of
 from gs2ci.core.errors import InputError
+from gs2ci.reconstruct.ablation import COMPONENTS
+from gs2ci.reconstruct.fit.paper import paper_settings
 
 CASES = (Case("a", scene="boxes"), Case("b", scene="ball"))
 
 
-@pytest.mark.parametrize(
-    ("name", "lines"), [("methods", VARIANTS), ("mask-ratio", RATIOS), ("compression", VIEWS), ("seeds", ["default"])]
-)
+LINES = {
+    "methods": VARIANTS,
+    "density": ("default", "adc", "mcmc", "revised"),
+    "ablation": ("default", *(f"without {name}" for name in COMPONENTS), "without all six"),
+    "mask-ratio": RATIOS,
+    "compression": VIEWS,
+    "seeds": ("default",),
+}
+
+
+@pytest.mark.parametrize(("name", "lines"), LINES.items())
 def test_a_table_has_a_cell_for_each_case_line_and_seed(name, lines):
     entries = TABLES[name].entries(Options(CASES, seeds=2))
     assert len(entries) == len(CASES) * len(lines) * 2
@@ -54,9 +67,31 @@ def test_simulated_cases_name_scenes_of_the_library():
     assert all(case.scene and not case.file for case in simulated_cases())
 
 
+def test_the_table_of_first_geometries_fits_nothing():
+    entries = TABLES["init"].entries(Options(CASES[:1], seeds=1))
+    assert [entry.line for entry in entries] == ["default", *GEOMETRY]
+    assert {entry.cell.work for entry in entries} == {"gs2ci.bench.works:initialise_case"}
+
+
 @pytest.mark.parametrize("variant", VARIANTS)
 def test_every_variant_makes_settings_that_check(variant):
     assert settings_of(variant, 7).check().seed == 7
+
+
+def test_variants_of_one_kind_differ_from_the_default_and_from_each_other():
+    settings = [settings_of(variant, 7) for variant in VARIANTS]
+    assert all(a != b for a, b in itertools.combinations(settings, 2))
+
+
+@pytest.mark.parametrize("rule", ["adc", "mcmc", "revised"])
+def test_a_rules_variant_has_that_rule_on_the_schedule_of_the_default(rule):
+    fit, default = settings_of(rule, 7).fit, settings_of("default", 7).fit
+    assert fit.density.name == rule
+    assert (fit.iterations, fit.gaussians_per_pixel) == (default.iterations, default.gaussians_per_pixel)
+
+
+def test_the_papers_variant_is_the_papers_settings():
+    assert settings_of("paper", 7) == replace(paper_settings(), seed=7)
 
 
 def test_an_unknown_variant_is_refused():

@@ -21,6 +21,7 @@ BENCHMARKS = {
     "proxies": "tests.benchmarks.proxies",
     "decoders": "tests.benchmarks.decoders",
     "bundle_adjustment": "tests.benchmarks.bundle_adjustment",
+    "long_fits": "tests.benchmarks.long_fits",
 }
 
 

@@ -27,7 +27,7 @@ def quick(monkeypatch):
 
 def test_pages_are_written_and_the_table_is_printed(quick, tmp_path, capsys):
     pages = bench.run(quick, tmp_path, seeds=2, cases=("boxes",))
-    assert [page.name for page in pages] == ["quick.md", "quick.csv", "quick.png"]
+    assert [page.name for page in pages] == ["quick.md", "quick.csv", "quick.png", "quick.html"]
     assert "0.5 ± 0.7" in pages[0].read_text()
     assert "boxes" in capsys.readouterr().out
 

@@ -224,7 +224,7 @@ def test_the_summary_says_how_good_how_long_and_where(tmp_path):
         "scene 0.0310, decode 0.0520",
         "The fit stopped because: the held-out pixels stopped improving.",
         "The focal length was [estimated].",
-        "overview.png",
+        "report.html",
     ):
         assert part in text
     assert "\x1b" not in text

@@ -1,6 +1,9 @@
+import hashlib
+
 import pytest
 import torch
 import tyro
+from onnx import TensorProto, helper, save
 
 from gs2ci.commands.models import run
 from gs2ci.core.errors import InputError
@@ -38,4 +41,64 @@ def test_an_earlier_model_stays_unless_it_is_to_be_replaced(tmp_path, weights):
 def test_weights_that_cannot_be_used_write_nothing(tmp_path):
     with pytest.raises(InputError, match="no weight file"):
         run("export-ffdnet", tmp_path / "absent.pth", output=tmp_path / "ffdnet.onnx")
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.fixture
+def home(tmp_path, monkeypatch):
+    monkeypatch.setenv("GS2CI_HOME", str(tmp_path / "home"))
+    return tmp_path / "home"
+
+
+@pytest.fixture
+def negation(tmp_path):
+    """An image-to-image model."""
+    shape = (1, 3, "h", "w")
+    value = [helper.make_tensor_value_info(name, TensorProto.FLOAT, shape) for name in ("image", "out")]
+    graph = helper.make_graph([helper.make_node("Neg", ["image"], ["out"])], "negation", value[:1], value[1:])
+    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)])
+    model.ir_version = 8
+    save(model, tmp_path / "negation.onnx")
+    return tmp_path / "negation.onnx"
+
+
+def test_a_model_that_was_added_is_listed_with_its_sum(home, negation, capsys):
+    assert tyro.cli(run, args=["add", "difix", str(negation)]) == negation
+    assert tyro.cli(run, args=["list"]) is None
+    said = capsys.readouterr().out
+    assert said.count(hashlib.sha256(negation.read_bytes()).hexdigest()) == 2
+    assert "vggt: none" in said
+    assert (home / "models.json").is_file()
+
+
+@pytest.mark.usefixtures("home")
+def test_a_model_that_changed_since_is_marked_in_the_list(negation, capsys):
+    run("add", "difix", negation)
+    negation.write_bytes(b"another")
+    run("list")
+    assert "content has changed" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("name", ["vggt", "lpips"])
+def test_a_model_of_another_kind_does_not_get_the_name(home, negation, name):
+    with pytest.raises(InputError, match="is no"):
+        run("add", name, negation)
+    assert not home.exists()
+
+
+@pytest.mark.parametrize("call", [("add", "difix"), ("list", "difix"), ("export-ffdnet",), ("export-vggt", "a", "b")])
+def test_too_few_or_too_many_arguments_are_answered_with_the_call(call):
+    with pytest.raises(InputError, match="arguments") as caught:
+        run(*call)
+    assert f"gs2ci models {call[0]}" in caught.value.allowed
+
+
+def test_a_name_that_is_not_known_is_refused(negation):
+    with pytest.raises(InputError, match="model name 'dust3r'"):
+        run("add", "dust3r", negation)
+
+
+def test_vggt_without_its_authors_package_says_what_to_install(tmp_path):
+    with pytest.raises(InputError, match="needs the package vggt"):
+        run("export-vggt", tmp_path / "model.pt", output=tmp_path / "vggt.onnx")
     assert not list(tmp_path.iterdir())

@@ -91,3 +91,41 @@ def test_settings_other_than_the_iterations_are_the_standard_ones(measured, tmp_
     assert report["settings"]["fit"]["iterations"] == 2
     assert report["settings"]["decode"]["iterations"] == standard.decode.iterations
     assert report["settings"]["seed"] == standard.seed == 42
+
+
+def test_the_fine_stage_is_switched_on_by_its_name_or_that_of_a_prior(measured, tmp_path):
+    def settings(**options):
+        return read_report(reconstruct.run(measured, tmp_path / "run", iterations=2, overwrite=True, **options))[
+            "settings"
+        ]
+
+    assert settings(fine=True)["fine"]["prior"] == "consistent"
+    named = settings(prior="nlm")["fine"]
+    assert (named["prior"], named["distance"]) == ("nlm", "structure")
+    with pytest.raises(InputError, match="prior 'dream'"):
+        settings(prior="dream")
+
+
+@pytest.mark.parametrize("rule", ["adc", "mcmc", "revised", "osgr"])
+def test_the_density_rule_is_the_one_asked_for_and_is_in_the_report(measured, tmp_path, rule):
+    report = read_report(reconstruct.run(measured, tmp_path / "run", iterations=2, density=rule))
+    assert report["settings"]["fit"]["density"]["name"] == rule
+
+
+def test_an_unknown_density_rule_is_refused_and_writes_nothing(measured, tmp_path):
+    with pytest.raises(InputError, match="no density rule 'abc'"):
+        reconstruct.run(measured, tmp_path / "run", density="abc")
+    assert not (tmp_path / "run").exists()
+
+
+def test_components_are_switched_off_by_name(measured, tmp_path):
+    names = ("opacity-regulation", "pose-refinement")
+    fit = read_report(reconstruct.run(measured, tmp_path / "run", iterations=2, without=names))["settings"]["fit"]
+    assert fit["loss"]["opacity"] == 0
+    assert fit["poses"]["refine"] is False
+
+
+def test_an_unknown_component_is_refused_and_writes_nothing(measured, tmp_path):
+    with pytest.raises(InputError, match="no component 'luck'"):
+        reconstruct.run(measured, tmp_path / "run", without=("luck",))
+    assert not (tmp_path / "run").exists()

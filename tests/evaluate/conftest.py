@@ -5,9 +5,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import torch
 
 from gs2ci.core.records import Shot, Truth
 from gs2ci.core.run_records import CurvePoint, RunResult
+from gs2ci.render.gaussians import Gaussians
 
 MakeRun = Callable[..., tuple[Shot, RunResult]]
 
@@ -33,6 +35,20 @@ def textured_views(count: int, height: int, width: int, channels: int) -> np.nda
             wave = np.sin(0.15 * (x + 2 * n) + c) * np.cos(0.11 * y - 0.5 * c) + 0.3 * np.sin(0.05 * x * y / height)
             views[n, :, :, c] = 0.5 + 0.35 * wave
     return np.clip(views, 0, 1)
+
+
+@pytest.fixture(scope="session")
+def scene() -> Gaussians:
+    """Fifty Gaussians at random."""
+    generator = torch.Generator().manual_seed(0)
+    shapes = {
+        "means": (50, 3),
+        "log_scales": (50, 3),
+        "quaternions": (50, 4),
+        "opacity_logits": (50,),
+        "colours": (50, 3),
+    }
+    return Gaussians(**{name: torch.randn(shape, generator=generator) for name, shape in shapes.items()})
 
 
 @pytest.fixture(scope="session")

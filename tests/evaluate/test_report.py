@@ -112,3 +112,21 @@ def test_a_report_that_is_missing_cut_short_or_another_is_refused(tmp_path, cont
         (tmp_path / REPORT_NAME).write_text(content)
     with pytest.raises(StorageError, match=r"report\.json"):
         read_report(tmp_path)
+
+
+def test_it_says_what_the_measurement_and_its_masks_are_like(make_run):
+    shot, result = make_run(count=3, size=(4, 10))
+    masks = np.zeros_like(shot.masks)
+    masks[0, :, :5], masks[1, :, 2] = 1, 0.5
+    masks[2] = 1  # never exposed, so what it opens stays unseen
+    saturated = np.zeros((4, 10), bool)
+    saturated[0, 0] = True
+    dark = replace(shot, masks=masks, weights=np.array([1, 0.9, 0], np.float32), saturated=saturated)
+    measured = build_report(dark, result)["measured"]
+    assert measured["open_share"] == pytest.approx((20 + 2 + 40) / 120)
+    assert measured["grey_share"] == pytest.approx(4 / 120)
+    assert measured["closed_share"] == pytest.approx(0.5)
+    assert measured["saturated_share"] == pytest.approx(1 / 40)
+    assert measured["weights"] == pytest.approx([0, 1])
+    assert measured["telemetry"] is False
+    assert build_report(shot, result)["measured"]["saturated_share"] is None

@@ -12,21 +12,7 @@ from gs2ci.core.errors import InputError, NumericsError, StorageError
 from gs2ci.evaluate import run_folder
 from gs2ci.evaluate.report import read_report
 from gs2ci.evaluate.run_folder import check_destination, whole_folder, write_run
-from gs2ci.render.gaussians import Gaussians
 from gs2ci.render.ply import read_ply
-
-
-@pytest.fixture
-def scene() -> Gaussians:
-    generator = torch.Generator().manual_seed(0)
-    shapes = {
-        "means": (50, 3),
-        "log_scales": (50, 3),
-        "quaternions": (50, 4),
-        "opacity_logits": (50,),
-        "colours": (50, 3),
-    }
-    return Gaussians(**{name: torch.randn(shape, generator=generator) for name, shape in shapes.items()})
 
 
 @pytest.fixture(autouse=True)
@@ -49,7 +35,9 @@ def test_a_run_folder_holds_all_its_parts_and_nothing_lies_beside_it(written):
     folder, _, _ = written
     wanted = {
         "report.json",
+        "report.html",
         "overview.png",
+        "given.npz",
         "views.npy",
         "views",
         "decode.npy",

@@ -1,3 +1,4 @@
+import json
 from dataclasses import replace
 
 import numba
@@ -10,10 +11,12 @@ from gs2ci.core.errors import InputError
 from gs2ci.core.progress import Silent
 from gs2ci.core.records import Shot, Truth
 from gs2ci.core.run_records import SECONDS_KEYS
+from gs2ci.evaluate.cameras import nerfstudio_transforms
 from gs2ci.evaluate.metrics import psnr_per_view
 from gs2ci.reconstruct.decode.gap_tv import GapTvSettings
 from gs2ci.reconstruct.decode.residual import ResidualSettings
 from gs2ci.reconstruct.fit.coarse import CoarseSettings
+from gs2ci.reconstruct.fit.fine import FineSettings
 from gs2ci.reconstruct.fit.stopping import HoldOut
 from gs2ci.reconstruct.pipeline import Settings, reconstruct
 
@@ -260,9 +263,15 @@ def test_with_nothing_held_out_the_scene_is_taken_and_a_note_says_that_nothing_j
         Settings(seed=2**63),
         Settings(stride_px=0),
         Settings(backend="abacus"),
+        Settings(poses="lidar"),
+        Settings(poses="file:absent.json"),
+        Settings(poses="vggt:absent.onnx"),
+        Settings(proxy="oracle"),
         Settings(decode=GapTvSettings(iterations=0)),
         Settings(residual=ResidualSettings(weight=-1.0)),
         Settings(fit=CoarseSettings(iterations=0)),
+        Settings(fine=FineSettings(iterations=0)),
+        Settings(fine=FineSettings(prior="onnx:absent.onnx")),
         Settings(fit=CoarseSettings(hold_out=HoldOut(share=float("nan")))),
     ],
 )
@@ -278,3 +287,34 @@ def test_settings_that_make_no_sense_are_refused_before_any_work(shot, settings)
 def test_a_shot_that_contradicts_itself_is_refused(shot):
     with pytest.raises(InputError, match="masks"):
         reconstruct(replace(shot, masks=shot.masks[:, :-1]))
+
+
+def test_the_fine_stage_follows_the_coarse_one_when_it_is_asked_for(shot):
+    fine = FineSettings(iterations=20, hold_out=HoldOut(look_every=10))
+    with_fine = reconstruct(shot, replace(SHORT, fine=fine)).result
+    without = reconstruct(shot, SHORT).result
+    assert with_fine.curve[-1].iteration == 60 + 20
+    assert with_fine.seconds["fine"] > 0
+    assert sum(v for k, v in with_fine.seconds.items() if k != "total") == pytest.approx(with_fine.seconds["total"])
+    assert any(note.startswith("The fine stage") for note in with_fine.notes)
+    assert with_fine.settings["fine"]["prior"] == "consistent"
+    assert with_fine.heldout_rms["refined"] <= without.heldout_rms["refined"]
+    assert "fine" not in without.seconds
+
+
+def test_the_geometry_may_come_from_a_camera_file_found_in_proxy_views(shot, tmp_path):
+    poses = np.tile(np.eye(4), (VIEWS, 1, 1))
+    poses[:, 0, 3] = -np.arange(VIEWS) / FOCAL_PX  # a camera that moves to the right
+    camera_file = tmp_path / "transforms.json"
+    camera_file.write_text(json.dumps(nerfstudio_transforms(poses, shot.intrinsics, shot.size)))
+    settings = replace(SHORT, poses=f"file:{camera_file}", proxy="eni", fit=replace(SHORT.fit, iterations=1))
+    result = reconstruct(shot, settings).result
+    assert result.geometry["asked_for"] == f"file:{camera_file}"
+    assert (result.geometry["method"], result.geometry["proxy"]) == ("file", "eni")
+    assert any("moved the poses of the file" in note for note in result.notes)
+
+
+def test_a_choice_by_evidence_is_explained_in_the_notes(shot):
+    result = reconstruct(shot, replace(SHORT, poses="auto", fit=replace(SHORT.fit, iterations=1))).result
+    assert result.geometry["method"] == "tracks"
+    assert any(note.startswith("Geometry from tracks: tracks ") for note in result.notes)

@@ -69,7 +69,8 @@ def test_from_a_foreign_file_to_a_run_folder(bench):
     folder, _ = bench
     run = folder / "run"
     parts = (
-        "report.json overview.png views.npy views scene.ply cameras.json colmap decode.npy scene_views.npy depth.npy"
+        "report.json report.html overview.png given.npz views.npy views scene.ply cameras.json colmap decode.npy "
+        "scene_views.npy depth.npy"
     )
     assert {path.name for path in run.iterdir()} == set(parts.split())
     report = read_report(run)
@@ -84,7 +85,7 @@ def test_from_a_foreign_file_to_a_run_folder(bench):
 
 def test_what_is_printed_names_the_figures_and_where_to_look(bench):
     _, done = bench
-    for words in ("decode", "geometry", "fit", "PSNR", "held-out", "run/overview.png", "run/scene.ply"):
+    for words in ("decode", "geometry", "fit", "PSNR", "held-out", "run/report.html", "run/scene.ply"):
         assert words in done.stdout
     assert "\x1b[" not in done.stdout
     assert "Traceback" not in done.stderr

@@ -9,13 +9,13 @@ image. Axes may be dynamic or fixed.
 """
 
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
-import torch
 
 from gs2ci.core.errors import InputError, NumericsError
 from gs2ci.core.records import F32
+from gs2ci.reconstruct.onnx_models import fixed_side, open_model, run_model, signature
 
 # Networks halve their images up to three times: sides are padded to a multiple of this, by reflection, where the
 # model leaves them open.
@@ -38,14 +38,14 @@ class OnnxDenoiser:
 
     def __init__(self, path: Path) -> None:
         self.path = Path(path)
-        self._session = _load(self.path)
+        self._session = open_model(self.path, "`gs2ci models export-ffdnet WEIGHTS -o FILE` makes one")
         inputs, outputs = self._session.get_inputs(), self._session.get_outputs()
         if len(inputs) not in (1, 2) or len(outputs) < 1 or any(one.type != "tensor(float)" for one in inputs):
             raise self._refusal()
         self._image, self._sigma = inputs[0], inputs[1] if len(inputs) == 2 else None
         if len(self._image.shape) != 4 or (self._sigma is not None and len(self._sigma.shape) not in (0, 1, 4)):
             raise self._refusal()
-        channels = _fixed(self._image.shape[1])
+        channels = fixed_side(self._image.shape[1])
         if channels not in (None, 1, 3):
             raise self._refusal()
         self._channels = channels
@@ -74,7 +74,7 @@ class OnnxDenoiser:
     def _denoise(self, images: F32, sigma: float) -> F32:
         height, width = images.shape[2:]
         padded = self._padded(images)
-        batch = _fixed(self._image.shape[0]) or 1
+        batch = fixed_side(self._image.shape[0]) or 1
         # One image at a time unless the model wants more: its working memory is hundreds of times its image.
         denoised = []
         for first in range(0, len(padded), batch):
@@ -85,7 +85,7 @@ class OnnxDenoiser:
         return np.ascontiguousarray(np.concatenate(denoised)[:, :, :height, :width])
 
     def _padded(self, images: F32) -> F32:
-        sides = [_fixed(side) for side in self._image.shape[2:]]
+        sides = [fixed_side(side) for side in self._image.shape[2:]]
         wanted = [
             side or -(-had // _SIDE_MULTIPLE) * _SIDE_MULTIPLE
             for side, had in zip(sides, images.shape[2:], strict=True)
@@ -106,14 +106,8 @@ class OnnxDenoiser:
         feed = {self._image.name: images}
         if self._sigma is not None:
             feed[self._sigma.name] = self._sigma_like(images, sigma)
-        try:
-            denoised = self._session.run([self._session.get_outputs()[0].name], feed)[0]
-        except Exception as error:
-            # ONNX Runtime's exceptions share no base of their own.
-            raise NumericsError(
-                f"{self.path.name} failed on images {list(images.shape)}: {_first_line(error)}",
-                remedy="check the model with its own images; export it with dynamic axes",
-            ) from error
+        remedy = "check the model with its own images; export it with dynamic axes"
+        denoised = run_model(self._session, self.path.name, feed, remedy)[self._session.get_outputs()[0].name]
         if denoised.shape != images.shape:
             raise NumericsError(
                 f"{self.path.name} made {list(denoised.shape)} of images {list(images.shape)}",
@@ -132,43 +126,13 @@ class OnnxDenoiser:
         n, _, height, width = images.shape
         # An open or a one: sigma per image; open or equal sides: a map.
         if len(shape) < 4:
-            return np.full((_fixed(shape[0]) or n,) if shape else (), sigma, np.float32)
-        sides = [1 if _fixed(s) == 1 else whole for s, whole in zip(shape[2:], (height, width), strict=True)]
-        return np.full((_fixed(shape[0]) or n, _fixed(shape[1]) or 1, *sides), sigma, np.float32)
+            return np.full((fixed_side(shape[0]) or n,) if shape else (), sigma, np.float32)
+        sides = [1 if fixed_side(s) == 1 else whole for s, whole in zip(shape[2:], (height, width), strict=True)]
+        return np.full((fixed_side(shape[0]) or n, fixed_side(shape[1]) or 1, *sides), sigma, np.float32)
 
     def _refusal(self) -> InputError:
-        found = ", ".join(f"{one.name} {one.shape} {one.type}" for one in self._session.get_inputs())
         return InputError(
-            f"{self.path} is no denoiser: it takes {found or 'nothing'}",
+            f"{self.path} is no denoiser: it takes {signature(self._session)}",
             allowed=_CALLED,
             remedy="wrap the network so that it has this signature, and export it again",
         )
-
-
-def _load(path: Path) -> Any:
-    if not path.is_file():
-        raise InputError(f"no model file {path}", remedy="`gs2ci models export-ffdnet WEIGHTS -o FILE` makes one")
-    import onnxruntime  # noqa: PLC0415
-
-    options = onnxruntime.SessionOptions()
-    options.intra_op_num_threads = max(1, torch.get_num_threads())
-    # Waiting threads that spin slow every other thread pool down.
-    options.add_session_config_entry("session.intra_op.allow_spinning", "0")
-    options.log_severity_level = 4  # its errors come back as exceptions
-    try:
-        return onnxruntime.InferenceSession(str(path), options, providers=["CPUExecutionProvider"])
-    except Exception as error:
-        raise InputError(
-            f"{path} cannot be loaded as an ONNX model: {_first_line(error)}",
-            allowed=f"what ONNX Runtime {onnxruntime.__version__} loads",
-            remedy="export it again, with an operator set of this ONNX Runtime (17 is safe)",
-        ) from error
-
-
-def _fixed(side: int | str | None) -> int | None:
-    """Return a fixed axis' length, None for an open one (ONNX Runtime gives open axes a name, or none)."""
-    return side if isinstance(side, int) and side > 0 else None
-
-
-def _first_line(error: Exception) -> str:
-    return str(error).strip().split("\n", maxsplit=1)[0][:300]

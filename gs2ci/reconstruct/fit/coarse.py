@@ -17,11 +17,12 @@ from gs2ci.core.progress import Progress
 from gs2ci.core.records import F32, F64
 from gs2ci.core.run_records import CurvePoint
 from gs2ci.reconstruct import coding
-from gs2ci.reconstruct.fit.density.base import DensityRule, Evidence
+from gs2ci.reconstruct.fit.density.base import DensityRule
 from gs2ci.reconstruct.fit.density.osgr import Osgr
-from gs2ci.reconstruct.fit.losses import DataTerm, LossWeights, opacity_term
+from gs2ci.reconstruct.fit.evidence import Gathering
+from gs2ci.reconstruct.fit.losses import DataTerm, LossWeights, opacity_term, size_term
 from gs2ci.reconstruct.fit.optimiser import GaussianOptimiser, StepSizes
-from gs2ci.reconstruct.fit.poses import PoseCorrections, PoseSettings
+from gs2ci.reconstruct.fit.poses import PoseCorrections, PoseSettings, path_extent
 from gs2ci.reconstruct.fit.stopping import HoldOut, Jury, Watch
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.render.backend import Backend
@@ -41,6 +42,7 @@ class CoarseSettings:
         densify_from: Share of the schedule before its first turn.
         densify_until: Share of the schedule after its last turn.
         gaussians_per_pixel: Population cap, as a share of the pixels of one view.
+        cap_from: Share of the schedule after which the population may not exceed what it is then; None for never.
     """
 
     iterations: int = 1000
@@ -48,6 +50,7 @@ class CoarseSettings:
     densify_from: float = 0.025
     densify_until: float = 0.75
     gaussians_per_pixel: float = 0.4
+    cap_from: float | None = None
     loss: LossWeights = field(default_factory=LossWeights)
     steps: StepSizes = field(default_factory=StepSizes)
     poses: PoseSettings = field(default_factory=PoseSettings)
@@ -120,19 +123,19 @@ class _Fit:
         self._intrinsics = torch.from_numpy(geometry.intrinsics).float()
         masks = torch.from_numpy(shot.masks * shot.weights[:, None, None])
         self._coding = backend.code(masks)
-        self.extent = _extent(geometry.world_to_camera)
-        self._depth_axis = torch.from_numpy(geometry.world_to_camera[geometry.reference]).float()[2]
+        self._gathering = Gathering(backend, masks, self._intrinsics, len(start))
+        self.extent = path_extent(geometry.world_to_camera)
         self.cap = max(len(start), int(settings.gaussians_per_pixel * shot.size[0] * shot.size[1]))
+        self._bounded = False
         self.optimiser = GaussianOptimiser(start, settings.steps, self.extent)
         self.poses = PoseCorrections(geometry.world_to_camera, settings.poses)
         self.data_term = DataTerm(shot.measurement, ~jury.heldout, shot.saturated, settings.loss.similarity)
         self.generator = torch.Generator().manual_seed(seed)
-        self._gradient_sum = torch.zeros(len(start))
-        self._gradient_count = 0
 
     def predict(self) -> Tensor:
         """Render the measurement that the present scene and poses would give, [H, W, C]."""
-        image = self._backend.coded(self.optimiser.scene, self.poses.world_to_camera(), self._intrinsics, self._coding)
+        scene, poses = self.optimiser.scene, self.poses.world_to_camera()
+        image = self._backend.coded(scene, poses, self._intrinsics, self._coding, self._gathering.screen)
         if self._channels is not None:
             return coding.select(image, self._channels)
         return image.mean(dim=2, keepdim=True) if self._mono else image
@@ -149,9 +152,10 @@ class _Fit:
         """Accumulate gradients of the objective; return the loss, NaN where a parameter is not finite."""
         if not self.optimiser.scene_is_finite():
             return float("nan")
-        data = self.data_term(self.predict())
-        opacity = opacity_term(self.optimiser.scene.opacity_logits)
-        loss = data + self.settings.loss.opacity * opacity
+        scene, weights = self.optimiser.scene, self.settings.loss
+        loss = self.data_term(self.predict()) + weights.opacity * opacity_term(scene.opacity_logits)
+        if weights.size:
+            loss = loss + weights.size * size_term(scene.log_scales)
         loss.backward()  # type: ignore[no-untyped-call]
         return float(loss.detach())
 
@@ -159,28 +163,36 @@ class _Fit:
         """Tell whether this iteration may be taken into the parameters."""
         return np.isfinite(loss) and self.optimiser.gradient_is_finite() and self.poses.gradient_is_finite()
 
-    def note_gradient(self) -> None:
-        """Accumulate what the density rule decides on: the gradient by the position on the screen."""
-        scene = self.optimiser.scene
-        if scene.means.grad is None:
-            return
-        depth = (scene.means.detach() @ self._depth_axis[:3] + self._depth_axis[3]).clamp(min=1e-3)
-        # d loss / d screen position ≈ (d loss / d position) · depth / focal; in half image widths, as gsplat.
-        per_width = depth / self._intrinsics[0, 0] * (self.size[1] / 2)
-        self._gradient_sum += scene.means.grad.norm(dim=1) * per_width
-        self._gradient_count += 1
+    def step(self, share: float, damping: float) -> None:
+        """Take the gradients into the parameters, and let the density rule shake the Gaussians."""
+        self.optimiser.step(share, damping)
+        self.poses.step(share)
+        rate = self.optimiser.means_rate(share, damping)
+        moves = self.settings.density.shake(self.optimiser.scene, rate, self.generator)
+        if moves is not None:
+            self.optimiser.shift(moves)
 
-    def densify(self) -> None:
-        """Give the density rule its turn."""
-        gradient = self._gradient_sum / max(1, self._gradient_count)
-        evidence = Evidence(gradient, self.extent, self.cap)
-        change = self.settings.density.change(self.optimiser.scene, evidence, self.generator)
-        self.optimiser.replace(change.scene, change.source)
-        self._forget_evidence()
+    def bound_population(self) -> None:
+        """Let the population grow no larger than it is at the first call (paper, supplement II)."""
+        if not self._bounded:
+            self.cap = min(self.cap, len(self.optimiser.scene))
+            self._bounded = True
 
-    def _forget_evidence(self) -> None:
-        self._gradient_sum = torch.zeros(len(self.optimiser.scene))
-        self._gradient_count = 0
+    def densify(self, iteration: int) -> bool:
+        """Give the density rule its turn; return whether it set the fit back on purpose, as a reset does."""
+        scene, poses = self.optimiser.scene, self.poses.world_to_camera()
+        evidence = self._gathering.evidence(
+            scene, poses, self._dissimilarity, extent=self.extent, cap=self.cap, iteration=iteration
+        )
+        change = self.settings.density.change(scene, evidence, self.generator)
+        self.optimiser.replace(change.scene, change.source, change.forget)
+        self._gathering.start_again(len(change.scene))
+        return bool(change.forget)
+
+    def _dissimilarity(self) -> Tensor:
+        """Return what is wrong with the present prediction, [H, W]."""
+        with torch.no_grad():
+            return torch.from_numpy(self.data_term.dissimilarity(self.predict().numpy()))
 
     def snapshot(self, iteration: int) -> _Snapshot:
         """Copy the present state."""
@@ -191,17 +203,7 @@ class _Fit:
         """Go back to a state."""
         self.optimiser.restore(state.scene)
         self.poses.restore(state.twists)
-        self._forget_evidence()
-
-
-def _extent(world_to_camera: F64) -> float:
-    """Return the diameter of the camera path, with a floor for a camera that hardly moves.
-
-    Depths are about one (`geometry` normalises them), so the floor is 2 % of the depth: without it nothing could
-    move along a ray when the path is short.
-    """
-    centres = np.linalg.inv(world_to_camera)[:, :3, 3]
-    return max(float(np.linalg.norm(centres.max(axis=0) - centres.min(axis=0))), 0.02)
+        self._gathering.start_again(len(state.scene))
 
 
 MAX_ROLLBACKS = 3
@@ -308,14 +310,15 @@ class _Loop:
 
     def _step(self, iteration: int) -> None:
         share = iteration / self.settings.iterations
-        self.fit.note_gradient()
-        self.fit.optimiser.step(share, self._damping)
-        self.fit.poses.step(share)
-        begin, end = self.settings.densify_from, self.settings.densify_until
+        self.fit.step(share, self._damping)
+        begin, end, bound = self.settings.densify_from, self.settings.densify_until, self.settings.cap_from
+        if bound is not None and share >= bound:
+            self.fit.bound_population()
         turn = begin <= share < end and iteration % self.settings.densify_every == 0
         if turn and self._watch.may_grow(iteration):
-            self.fit.densify()
             self._least_loss = float("inf")
+            if self.fit.densify(iteration):
+                self._watch.set_back(iteration)
 
     def _look(self, iteration: int, loss: float) -> None:
         """Judge the views as they would be handed over now, and remember the state if it is the best."""

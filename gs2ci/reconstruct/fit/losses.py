@@ -1,7 +1,7 @@
 """The coarse-stage objective: 0.9 ℓ1 + 0.1 (1 − SSIM) on the measurement + 0.01 × mean opacity (paper, eq. 7).
 
-Here: the data term with held-out and saturated pixels, and the opacity term. Not here: the rendering that makes the
-prediction (`gs2ci.render`). For `gs2ci.reconstruct.fit`.
+Here: the data term with held-out and saturated pixels, the opacity term, and the size term that 3DGS-MCMC adds. Not
+here: the rendering that makes the prediction (`gs2ci.render`). For `gs2ci.reconstruct.fit`.
 """
 
 from dataclasses import dataclass
@@ -23,10 +23,12 @@ class LossWeights:
     Args:
         similarity: Share of (1 − SSIM) in the data term; the rest is ℓ1 (paper: 0.1).
         opacity: Weight of the mean opacity (paper: 0.01).
+        size: Weight of the mean standard deviation, in scene units (Kheradmand et al. 2024: 0.01; paper: none).
     """
 
     similarity: float = 0.1
     opacity: float = 0.01
+    size: float = 0.0
 
 
 class DataTerm:
@@ -55,16 +57,26 @@ class DataTerm:
 
     def value_and_gradient(self, predicted: F32) -> tuple[float, F32]:
         """Return the loss of a prediction [H, W, C] and its gradient."""
-        counted = self._fitted
-        if self._saturated is not None:
-            counted = counted * ~(self._saturated & (predicted > self._target))
-        error = (predicted - self._target) * counted
+        error, counted = self._error(predicted)
         similarity, similarity_gradient = self._similarity(self._target + error)
         l1 = float(np.abs(error).sum(dtype=np.float64)) * self._per_value
         weight = self._similarity_weight
         gradient = np.sign(error) * np.float32((1 - weight) * self._per_value)
         gradient -= np.float32(weight) * similarity_gradient * counted
         return (1 - weight) * l1 + weight * (1 - similarity), gradient
+
+    def _error(self, predicted: F32) -> tuple[F32, NDArray[Any]]:
+        """Return what is wrong with a prediction where that counts, and where it does, [H, W, 1 or C]."""
+        counted = self._fitted
+        if self._saturated is not None:
+            counted = counted * ~(self._saturated & (predicted > self._target))
+        return (predicted - self._target) * counted, counted
+
+    def dissimilarity(self, predicted: F32) -> F32:
+        """Return 1 − SSIM at each pixel of a prediction [H, W, C], [H, W]; zero where pixels do not count."""
+        error, counted = self._error(predicted)
+        result: F32 = self._similarity.dissimilarity(self._target + error) * counted.any(axis=2)
+        return result
 
     def __call__(self, predicted: Tensor) -> Tensor:
         """Return the loss of a predicted measurement [H, W, C] as a differentiable scalar."""
@@ -89,3 +101,10 @@ def opacity_term(opacity_logits: Tensor) -> Tensor:
     if opacity_logits.numel() == 0:
         return opacity_logits.new_zeros(())
     return torch.sigmoid(opacity_logits).mean()
+
+
+def size_term(log_scales: Tensor) -> Tensor:
+    """Return the mean standard deviation of Gaussians with log scales [G, 3]; zero when there are none."""
+    if log_scales.numel() == 0:
+        return log_scales.new_zeros(())
+    return log_scales.exp().mean()

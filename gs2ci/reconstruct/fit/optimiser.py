@@ -57,6 +57,14 @@ class GaussianOptimiser:
         rate = float(getattr(self._sizes, name))
         return rate * self._extent if name == "means" else rate
 
+    def means_rate(self, progress: float, damping: float = 1.0) -> float:
+        """Return the step size of the means, in scene units; arguments as for `step`."""
+        return self._rate("means", progress) * damping
+
+    def _rate(self, name: str, progress: float) -> float:
+        decay = self._sizes.means_final_share**progress if name == "means" else 1.0
+        return self._initial_rate(name) * decay
+
     def step(self, progress: float, damping: float = 1.0) -> None:
         """Step along the gradients and clear them.
 
@@ -65,8 +73,7 @@ class GaussianOptimiser:
             damping: Further factor on every step size.
         """
         for group in self._adam.param_groups:
-            decay = self._sizes.means_final_share**progress if group["name"] == "means" else 1.0
-            group["lr"] = self._initial_rate(group["name"]) * decay * damping
+            group["lr"] = self._rate(group["name"], progress) * damping
         self._adam.step()
         self.forget_gradient()
 
@@ -82,13 +89,19 @@ class GaussianOptimiser:
         """Tell whether all parameters are free of NaN and infinities."""
         return _all_finite([tensor.detach() for tensor in self.scene.parameters().values()])
 
-    def replace(self, scene: Gaussians, source: Tensor) -> None:
+    def shift(self, means: Tensor) -> None:
+        """Move the means by so much, [G, 3], past Adam and its moments."""
+        with torch.no_grad():
+            self.scene.means.add_(means)
+
+    def replace(self, scene: Gaussians, source: Tensor, forget: frozenset[str] = frozenset()) -> None:
         """Go on with other Gaussians.
 
         Args:
             scene: The new Gaussians, G'.
             source: [G'] int64: which of the present ones each of them continues (its moments go along), or -1 for
                 a newcomer (whose moments start at zero).
+            forget: Names of parameters whose moments start at zero for all.
         """
         kept = source >= 0
         fresh = _leaves(scene)
@@ -98,7 +111,8 @@ class GaussianOptimiser:
             for moment in ("exp_avg", "exp_avg_sq"):
                 if moment in state:
                     moments = torch.zeros_like(new.detach())
-                    moments[kept] = state[moment][source[kept]]
+                    if name not in forget:
+                        moments[kept] = state[moment][source[kept]]
                     state[moment] = moments
             group["params"] = [new]
             if state:

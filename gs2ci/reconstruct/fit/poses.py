@@ -1,11 +1,12 @@
 """Camera poses as corrections in se(3) on their initial estimates: Tᵢ = exp(ξᵢ) Tᵢ⁽⁰⁾ (paper, section III-C).
 
-Here: the parameters, their optimiser and its schedule. Not here: the initial poses (`reconstruct.geometry`).
-For `gs2ci.reconstruct.fit`.
+Here: the parameters, their optimiser and its schedule, and the length that step sizes are measured in. Not here: the
+initial poses (`reconstruct.geometry`). For `gs2ci.reconstruct.fit`.
 """
 
 from dataclasses import dataclass
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -29,6 +30,16 @@ class PoseSettings:
     every: int = 5
     rate: float = 3e-3
     final_rate: float = 6e-6
+
+
+def path_extent(world_to_camera: F64) -> float:
+    """Return the diameter of a camera path, [N, 4, 4], with a floor for a camera that hardly moves.
+
+    Depths are about one (`geometry` normalises them), so the floor is 2 % of the depth: without it nothing could
+    move along a ray when the path is short.
+    """
+    centres = np.linalg.inv(world_to_camera)[:, :3, 3]
+    return max(float(np.linalg.norm(centres.max(axis=0) - centres.min(axis=0))), 0.02)
 
 
 class PoseCorrections:

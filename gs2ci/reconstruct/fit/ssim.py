@@ -3,7 +3,7 @@
 Here: the Numba kernels, several times faster than the same convolutions in torch. They compute in float64: over a
 bright, flat part of a measurement the variances are differences of nearly equal squares, of which float32 would leave
 no digit above C2. The readable definition they are held to is in `tests/reconstruct/fit/conftest.py`. Not here: the
-loss around it (`losses.py`, which is the only importer).
+losses around it (`losses`, `perceptual`, which are the only importers).
 """
 
 import math
@@ -137,6 +137,20 @@ class SimilarityTo:
         self._partial = np.empty((3, *self._target.shape), np.float64)
         _filter_image(self._target, _TAPS, target.shape[2], self._mean)
         _filter_image(self._target * self._target, _TAPS, target.shape[2], self._mean_square)
+
+    def dissimilarity(self, image: F32) -> F32:
+        """Return 1 − SSIM at each pixel of an image [H, W, C], mean over the channels, [H, W]."""
+        channels = self._shape[2]
+        a = np.ascontiguousarray(image, np.float64).reshape(self._target.shape)
+        b, mean_b = self._target, self._mean
+        mean_a, mean_aa, mean_ab = np.empty_like(a), np.empty_like(a), np.empty_like(a)
+        for source, out in ((a, mean_a), (a * a, mean_aa), (a * b, mean_ab)):
+            _filter_image(source, _TAPS, channels, out)
+        luminance = (2 * mean_a * mean_b + C1) / (mean_a**2 + mean_b**2 + C1)
+        variances = (mean_aa - mean_a**2) + (self._mean_square - mean_b**2)
+        structure = (2 * (mean_ab - mean_a * mean_b) + C2) / np.maximum(variances + C2, 0.5 * C2)
+        result: F32 = (1 - luminance * structure).reshape(self._shape).mean(axis=2).astype(np.float32)
+        return result
 
     def __call__(self, image: F32) -> tuple[float, F32]:
         """Return the mean similarity of an image [H, W, C] to the target, and its gradient [H, W, C]."""

@@ -144,6 +144,10 @@ class Watch:
             return True
         return False
 
+    def set_back(self, iteration: int) -> None:
+        """Expect the residual to rise now and to recover: improvement counts anew, the best state stays the best."""
+        self._reference, self._reference_iteration = float("inf"), iteration
+
     def may_grow(self, iteration: int) -> bool:
         """Tell whether the residual has improved lately, so that more Gaussians are worth having."""
         return iteration - self._reference_iteration <= self._settings.growth_patience

@@ -62,6 +62,7 @@ class Geometry:
         parallax_px: What translation explains of the tracks beyond the best rotations, root mean square.
         verdict: "full"; or why depth is a mere plane: "rotation_only", "static", "unsupported".
         notes: Sentences for the user.
+        source: Which geometry prior found it.
     """
 
     world_to_camera: F64
@@ -74,6 +75,7 @@ class Geometry:
     parallax_px: float
     verdict: Verdict
     notes: tuple[str, ...]
+    source: str = "tracks"
 
 
 def initialise(
@@ -102,19 +104,19 @@ def initialise(
     _check(views, intrinsics)
     settings, progress = settings or GeometrySettings(), progress or Silent()
     progress.stage("geometry", 3)
-    size, reference = (views.shape[1], views.shape[2]), len(views) // 2
+    size, reference, posed = (views.shape[1], views.shape[2]), len(views) // 2, known_poses is not None
     corners = find_corners(views, reference, settings.tracks)
-    tracks = _usable(find_tracks(views, reference, corners, settings.tracks), settings.criteria)
+    tracks = _followed(views, corners, settings)
     progress.step(1, tracks=len(tracks))
     doubts = doubts_about_tracks(tracks, size, settings.criteria)
     flat = geometry = _flat(len(views), size, _focal(intrinsics, tracks, size, bool(doubts), settings), doubts)
     if not doubts:
         motion, explained = _motion(tracks, flat.intrinsics, known_poses, settings)
-        geometry = _moved(flat, len(tracks), explained, motion, settings)
+        geometry = _moved(flat, len(tracks), explained, motion, settings, posed)
         if geometry.verdict == "full":
             tracks = _second_look(geometry, motion, tracks, views, corners, settings)
             again, explained = _motion(tracks, flat.intrinsics, known_poses, settings)
-            second = _moved(flat, len(tracks), explained, again, settings)
+            second = _moved(flat, len(tracks), explained, again, settings, posed)
             if second.verdict == "full":
                 geometry, motion = second, again
         progress.step(2, tracks=geometry.tracks, rms_px=geometry.reprojection_rms_px)
@@ -124,6 +126,15 @@ def initialise(
     for note in geometry.notes:
         progress.say(note)
     return geometry
+
+
+def usable_tracks(views: F32, settings: GeometrySettings) -> Tracks:
+    """Find the tracks that a geometry may stand on, from the corners of the middle view; there may be none."""
+    return _followed(views, find_corners(views, len(views) // 2, settings.tracks), settings)
+
+
+def _followed(views: F32, corners: F64, settings: GeometrySettings) -> Tracks:
+    return _usable(find_tracks(views, len(views) // 2, corners, settings.tracks), settings.criteria)
 
 
 def _motion(
@@ -212,8 +223,13 @@ def _flat(
     )
 
 
-def _moved(geometry: Geometry, candidates: int, tracks: Tracks, motion: Motion, settings: GeometrySettings) -> Geometry:
-    """Enter what the motion shows: the whole of it, its rotations, or nothing but the reason why not."""
+def _moved(
+    geometry: Geometry, candidates: int, tracks: Tracks, motion: Motion, settings: GeometrySettings, posed: bool
+) -> Geometry:
+    """Enter what the motion shows: the whole of it, its rotations, or nothing but the reason why not.
+
+    Where the poses were given, so are those of views that see too little.
+    """
     rotations = fit_rotations(tracks, geometry.intrinsics, settings.motion)
     verdict, reasons = judge(candidates, tracks, motion, rotations, settings.criteria)
     notes = (*geometry.notes, *reasons, *(() if verdict == "full" else (_FLAT,)))
@@ -223,7 +239,7 @@ def _moved(geometry: Geometry, candidates: int, tracks: Tracks, motion: Motion, 
     elif verdict == "rotation_only":
         poses[:, :3, :3] = rotations.rotations
     missing = np.flatnonzero(~tracks.seen.any(0))
-    if len(missing) and verdict in ("full", "rotation_only"):
+    if len(missing) and (verdict == "rotation_only" or (verdict == "full" and not posed)):
         poses = _with_missing_poses(poses, missing)
         notes = (
             *notes,

@@ -38,6 +38,19 @@ class Criteria:
         parallax_px: Least parallax: what translation explains beyond the best rotations.
         displacement_px: Median displacement by the best rotations below which the camera counts as still.
         behind: Largest share of tracks that may lie behind a camera.
+
+    For a geometry that a model predicted (`hierarchy`), besides:
+
+    Args:
+        registered: Least share of the views that see enough tracks after bundle adjustment: all of them.
+        registered_before: The same before it.
+        focal_spread: Largest relative spread of the focal lengths predicted for views of one camera.
+        focal_factor: Largest factor between two findings of the focal length: predicted, adjusted, from tracks alone.
+        dense_positive: Least share of the predicted depths that must be positive.
+        dense_px: Largest median distance between the tracks and where predicted poses and depths put them, where the
+            tracks themselves could not carry a geometry.
+        dense_share: The same as a share of the tracks' median displacement: what a camera at rest would leave is 1.
+        dense_path: Least extent of a predicted path that no track can check, in median depths.
     """
 
     tracks: int = 20
@@ -50,6 +63,14 @@ class Criteria:
     parallax_px: float = 0.25
     displacement_px: float = 0.5
     behind: float = 0.05
+    registered: float = 1.0
+    registered_before: float = 0.75
+    focal_spread: float = 0.2
+    focal_factor: float = 1.5
+    dense_positive: float = 0.9
+    dense_px: float = 3.0
+    dense_share: float = 0.5
+    dense_path: float = 1e-3
 
 
 def supported_views(tracks: Tracks, criteria: Criteria) -> Bool:

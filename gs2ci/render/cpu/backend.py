@@ -16,7 +16,8 @@ from gs2ci.render.cpu.layout import Layout, lay_out
 from gs2ci.render.cpu.passes import camera_fields
 from gs2ci.render.cpu.workspace import Pool
 from gs2ci.render.gaussians import Gaussians
-from gs2ci.render.inputs import check_masks, check_rendering, check_size
+from gs2ci.render.inputs import check_masks, check_rendering, check_screen, check_size
+from gs2ci.render.screen import ScreenStatistics
 
 _FULL_LAYOUTS_KEPT: Final = 4
 
@@ -54,7 +55,14 @@ class CpuBackend:
         views, height, width = values.shape
         return CpuCoding(views, (height, width), lay_out(values))
 
-    def coded(self, scene: Gaussians, world_to_camera: Tensor, intrinsics: Tensor, coding: Coding) -> Tensor:
+    def coded(
+        self,
+        scene: Gaussians,
+        world_to_camera: Tensor,
+        intrinsics: Tensor,
+        coding: Coding,
+        screen: ScreenStatistics | None = None,
+    ) -> Tensor:
         """Render the coded sum; see `Backend.coded`."""
         if not isinstance(coding, CpuCoding):
             raise InputError(
@@ -62,8 +70,9 @@ class CpuBackend:
                 allowed="what this backend's code(masks) returned",
             )
         check_rendering(scene, world_to_camera, intrinsics, views=coding.views)
+        check_screen(screen, scene)
         target = CodedSum(coding.layout)
-        return self._run(target, scene, scene.colours, world_to_camera, intrinsics)[0]
+        return self._run(target, scene, scene.colours, world_to_camera, intrinsics, screen)[0]
 
     def views(
         self,
@@ -82,7 +91,13 @@ class CpuBackend:
         return images, alphas
 
     def _run(
-        self, target: Target, scene: Gaussians, colours: Tensor, world_to_camera: Tensor, intrinsics: Tensor
+        self,
+        target: Target,
+        scene: Gaussians,
+        colours: Tensor,
+        world_to_camera: Tensor,
+        intrinsics: Tensor,
+        screen: ScreenStatistics | None = None,
     ) -> tuple[Tensor, ...]:
         layout = target.layout
         camera = camera_fields(intrinsics.detach().to(torch.float64).numpy(), height=layout.height, width=layout.width)
@@ -90,7 +105,7 @@ class CpuBackend:
             *(scene.means, scene.log_scales, scene.quaternions),
             *(scene.opacity_logits, colours, world_to_camera),
         )
-        job = Job(target, camera, self._termination, self._pool)
+        job = Job(target, camera, self._termination, self._pool, screen)
         # Converted outside the function, so that float64 poses get float64 gradients.
         outputs: tuple[Tensor, ...] = Rasterise.apply(job, *(p.to(torch.float32) for p in parameters))
         return outputs

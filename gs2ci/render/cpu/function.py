@@ -22,6 +22,7 @@ from gs2ci.render.cpu.gather import (
 from gs2ci.render.cpu.layout import Layout
 from gs2ci.render.cpu.passes import F32, Inputs, differentiate_cells, render_cells
 from gs2ci.render.cpu.workspace import Pool, Workspace
+from gs2ci.render.screen import ScreenStatistics
 
 
 class Target(Protocol):
@@ -95,6 +96,7 @@ class Job:
     camera: F32
     termination: float
     pool: Pool
+    screen: ScreenStatistics | None = None
 
 
 def as_float32(tensor: Tensor) -> F32:
@@ -137,6 +139,8 @@ class Rasterise(torch.autograd.Function):
         inputs = _inputs(ctx.job, ctx.saved_tensors)
         cells = ctx.job.target.spread(gradients, workspace)
         result = differentiate_cells(inputs, ctx.job.target.layout, ctx.rendered, cells, workspace)
+        if ctx.job.screen is not None:
+            ctx.job.screen.add(*torch.from_numpy(result.sightings).unbind(dim=1))
         ctx.rendered = None
         ctx.lease.release()
         arrays = (

@@ -17,6 +17,7 @@ from gs2ci.render.cpu.layout import Layout
 from gs2ci.render.cpu.project import project
 from gs2ci.render.cpu.project_backward import POSE_ENTRIES, differentiate_project, tasks_for
 from gs2ci.render.cpu.record import CAMERA_FIELDS, FIELDS
+from gs2ci.render.cpu.sighting import COLUMNS
 from gs2ci.render.cpu.vector import LANES
 from gs2ci.render.cpu.workspace import Workspace
 
@@ -173,7 +174,10 @@ def _list_entries(
 
 @dataclass(frozen=True)
 class Gradients:
-    """dL/d of each parameter, shaped like it; `poses` is [V, 4, 4] with a zero last row."""
+    """dL/d of each parameter, shaped like it; `poses` is [V, 4, 4] with a zero last row.
+
+    `sightings` holds the columns of `sighting.py`, [G, 3].
+    """
 
     means: F32
     log_scales: F32
@@ -181,6 +185,7 @@ class Gradients:
     logits: F32
     colours: F32
     poses: F32
+    sightings: F32
 
 
 def differentiate_cells(
@@ -211,6 +216,7 @@ def differentiate_cells(
         np.empty_like(inputs.logits),
         np.empty_like(inputs.colours),
         np.zeros((views, 4, 4), np.float32),
+        np.empty((inputs.count, COLUMNS), np.float32),
     )
     pose_parts = np.empty((tasks_for(inputs.blocks), views * POSE_ENTRIES), np.float64)
     differentiate_project(
@@ -222,6 +228,7 @@ def differentiate_cells(
         gradients.quaternions.reshape(-1),
         gradients.logits,
         gradients.colours.reshape(-1),
+        gradients.sightings.reshape(-1),
         pose_parts,
     )
     gradients.poses[:, :3] = pose_parts.sum(axis=0).reshape(views, 3, 4)

@@ -68,6 +68,7 @@ from gs2ci.render.cpu.shape_gradient import (
     store_block,
     store_triples,
 )
+from gs2ci.render.cpu.sighting import add_sighting
 from gs2ci.render.cpu.vector import LANES, any_ge, broadcast, load, store, where_ge
 
 POSE_ENTRIES = 12
@@ -225,7 +226,7 @@ def _rotate_back(pose, point):
 def _differentiate_block(block, inputs, poses, camera, records, sums, outputs, pose_sums, scratch):
     """Differentiate 16 Gaussians in all views; adds to `pose_sums` [V * 12 * 16] lane by lane."""
     means, log_scales, quaternions, logits, colours_differ = inputs
-    d_means, d_log_scales, d_quaternions, d_logits, d_colours = outputs
+    d_means, d_log_scales, d_quaternions, d_logits, d_colours, sightings = outputs
     count, views = logits.shape[0], poses.shape[0]
     blocks = (count + LANES - 1) // LANES
     first = block * LANES
@@ -238,7 +239,7 @@ def _differentiate_block(block, inputs, poses, camera, records, sums, outputs, p
     one_minus_opacity = 1.0 / (1.0 + exponential(load_singles(logits, first, present, scratch)))
     zero = broadcast(_ZERO)
     d_factor = (zero, zero, zero, zero, zero, zero, zero, zero, zero)
-    d_mean, d_colour, d_logit = (zero, zero, zero), (zero, zero, zero), zero
+    d_mean, d_colour, d_logit, seen = (zero, zero, zero), (zero, zero, zero), zero, (zero, zero, zero)
     for view in range(views):
         offset = (view * blocks + block) * LANES * FIELDS
         view_sums = _sum_bands(sums, offset)
@@ -254,6 +255,7 @@ def _differentiate_block(block, inputs, poses, camera, records, sums, outputs, p
         centre = view_centre(poses[view], camera, mean)
         footprint = view_footprint(poses[view], camera, centre, factor)
         screen = _screen_gradient(fields, footprint, view_sums)
+        seen = add_sighting(seen, camera, fields[VISIBLE], footprint, screen)
         part = _view_gradient(poses[view], camera, centre, factor, screen)
         d_mean = _plus(d_mean, _rotate_back(poses[view], part.point))
         d_factor = add_outer(d_factor, footprint.jw_a, part.a)
@@ -261,6 +263,7 @@ def _differentiate_block(block, inputs, poses, camera, records, sums, outputs, p
         _add_pose_part(pose_sums, view * POSE_ENTRIES * LANES, camera, centre, mean, part)
     if not colours_differ:
         store_triples(d_colours, first, present, d_colour, scratch)
+    store_triples(sightings, first, present, seen, scratch)
     d_log_scale = scale_gradient(d_factor, factor)
     d_quaternion = quaternion_gradient(d_factor, scales, rotation)
     rows = (d_means, d_log_scales, d_quaternions, d_logits)
@@ -284,6 +287,7 @@ def differentiate_project(
     d_quaternions,
     d_logits,
     d_colours,
+    sightings,
     pose_parts,
 ):
     """Carry gradient records to all parameters and poses.
@@ -304,13 +308,14 @@ def differentiate_project(
         d_quaternions: Written: [G * 4].
         d_logits: Written: [G].
         d_colours: Written: shaped like `colours`.
+        sightings: Written: the columns of `sighting.py`, [G * 3].
         pose_parts: Written: [tasks, V * 12] float64. Tasks are cut by Gaussians alone, so adding the parts in
             order gives the same pose gradient whatever the number of threads.
     """
     views = poses.shape[0]
     blocks = (logits.shape[0] + LANES - 1) // LANES
     inputs = (means, log_scales, quaternions, logits, colours_differ)
-    outputs = (d_means, d_log_scales, d_quaternions, d_logits, d_colours)
+    outputs = (d_means, d_log_scales, d_quaternions, d_logits, d_colours, sightings)
     for task in prange(pose_parts.shape[0]):
         scratch = np.empty(max(SCRATCH, LANES * LANES), np.float32)
         pose_sums = np.zeros(views * POSE_ENTRIES * LANES, np.float32)

@@ -8,14 +8,19 @@ import torch
 from gs2ci.core.errors import InputError, NumericsError
 from gs2ci.core.progress import Silent
 from gs2ci.reconstruct.fit.coarse import MAX_ROLLBACKS, CoarseSettings, fit_coarse
+from gs2ci.reconstruct.fit.density.classic import Classic
+from gs2ci.reconstruct.fit.density.osgr import Osgr
 from gs2ci.reconstruct.fit.optimiser import GaussianOptimiser
+from gs2ci.reconstruct.fit.paper import paper_settings
 from gs2ci.reconstruct.fit.poses import PoseSettings
+from gs2ci.reconstruct.fit.rules import RULE_NAMES, with_rule
 from gs2ci.reconstruct.fit.start import first_gaussians
 from gs2ci.reconstruct.fit.stopping import HoldOut, Jury, choose_heldout
 from gs2ci.reconstruct.geometry.points import seed_points
 from gs2ci.render.cpu.backend import CpuBackend
 
 QUICK = CoarseSettings(iterations=60, densify_every=20, hold_out=HoldOut(share=0.05, look_every=10))
+UNJUDGED = HoldOut(share=0.0, look_every=10, patience=10**6, growth_patience=10**6)
 
 
 def run(moving_plane, settings=QUICK, *, backend=None, seed=0, listener=None, score=None, shot=None):
@@ -113,6 +118,9 @@ def test_the_density_rule_gets_its_turns_between_the_shares_of_the_schedule(movi
     class Witness:
         name = "witness"
 
+        def shake(self, scene, rate, generator):
+            return None
+
         def change(self, scene, evidence, generator):
             turns.append((len(scene), evidence.cap, tuple(evidence.screen_gradient.shape)))
             assert torch.isfinite(evidence.screen_gradient).all()
@@ -125,6 +133,95 @@ def test_the_density_rule_gets_its_turns_between_the_shares_of_the_schedule(movi
     assert [gradient for _, _, gradient in turns] == [(count,) for count, _, _ in turns]
     assert turns[0][1] == max(start, int(0.4 * 32 * 40))
     assert fit.curve[-1].gaussians <= turns[0][1]
+
+
+@pytest.mark.parametrize("name", RULE_NAMES)
+def test_every_rule_lowers_the_loss_and_keeps_to_the_cap_and_the_thread_count_changes_no_bit(
+    moving_plane, threads, name
+):
+    settings = with_rule(replace(QUICK, iterations=40, densify_every=10), name)
+    fits = []
+    for count in (1, 2):
+        with threads(count):
+            fits.append(run(moving_plane, settings)[0])
+    first, other = fits
+    assert first.curve[-1].loss < 0.8 * first.curve[0].loss
+    assert first.curve[-1].gaussians <= max(first.curve[0].gaussians, int(0.4 * 32 * 40))
+    assert first.notes == ()
+    first.scene.check()
+    for key, tensor in first.scene.parameters().items():
+        assert torch.equal(tensor, other.scene.parameters()[key]), key
+
+
+def test_the_rule_shakes_after_every_step_with_the_present_rate(moving_plane):
+    rates = []
+
+    class Shaker(Osgr):
+        def shake(self, scene, rate, generator):
+            rates.append(rate)
+            return torch.full_like(scene.means, 1e-3)
+
+    shaken, _ = run(moving_plane, replace(QUICK, iterations=3, density=Shaker()))
+    still, _ = run(moving_plane, replace(QUICK, iterations=3))
+    assert len(rates) == 3
+    assert rates[0] > rates[1] > rates[2] > 0
+    assert not torch.equal(shaken.scene.means, still.scene.means)
+
+
+def test_from_its_share_of_the_schedule_on_the_population_is_bounded_by_what_it_is_then(moving_plane):
+    """Supplement II; opacity splits of a tenth would grow it at every turn."""
+    rule = Osgr(extra_splits=0.1)
+    growing = replace(
+        QUICK, densify_every=10, densify_until=1.0, gaussians_per_pixel=2.0, density=rule, hold_out=UNJUDGED
+    )
+    free, _ = run(moving_plane, growing)
+    bounded, _ = run(moving_plane, replace(growing, cap_from=0.5))
+    counts = {point.iteration: point.gaussians for point in bounded.curve}
+    assert counts[30] == counts[60]
+    assert [p.gaussians for p in free.curve[:3]] == [p.gaussians for p in bounded.curve[:3]]
+    assert free.curve[-1].gaussians > bounded.curve[-1].gaussians > counts[10]
+
+
+def test_a_reset_of_opacities_is_no_run_away_and_the_fit_recovers_from_it(moving_plane):
+    settings = replace(
+        QUICK,
+        iterations=200,
+        densify_until=0.55,
+        density=Osgr(criteria=Classic(reset_every=100)),
+        hold_out=replace(UNJUDGED, look_every=1),
+    )
+    fit, _ = run(moving_plane, settings)
+    loss = {point.iteration: point.loss for point in fit.curve}
+    assert loss[102] > 2 * loss[100]
+    assert loss[200] < 1.2 * loss[100]
+    assert fit.notes == ()
+
+
+def test_a_reset_of_opacities_does_not_end_a_fit_for_want_of_improvement(moving_plane):
+    rule = Osgr(criteria=Classic(reset_every=100))
+    settings = replace(QUICK, iterations=140, densify_until=0.9, density=rule)
+    fit, _ = run(moving_plane, replace(settings, hold_out=replace(QUICK.hold_out, patience=20, growth_patience=100)))
+    heldout = {point.iteration: point.heldout for point in fit.curve}
+    assert heldout[110] > 1.2 * heldout[100]
+    assert fit.curve[-1].iteration > 120
+
+
+@pytest.mark.parametrize("name", RULE_NAMES)
+@pytest.mark.parametrize("seed", range(3))
+def test_the_papers_schedule_two_hundred_times_faster_stays_finite(moving_plane, name, seed):
+    """All its turns, resets and bounds, on so few iterations; `tests/benchmarks/long_fits.py` runs all 20,000."""
+    settings = with_rule(paper_settings().fit, name)
+    rule = settings.density
+    if hasattr(rule, "criteria"):
+        every = rule.criteria.reset_every
+        hurried = replace(rule.criteria, screen_until=20, reset_every=None if every is None else 15)
+        settings = replace(settings, density=replace(rule, criteria=hurried))
+    settings = replace(settings, iterations=100, densify_every=1, gaussians_per_pixel=0.6)
+    fit, _ = run(moving_plane, settings, seed=seed)
+    assert fit.stopped_because == "all 100 iterations done, no pixels held out to judge them"
+    assert fit.notes == ()
+    assert np.isfinite(fit.views).all()
+    fit.scene.check()
 
 
 def test_poses_move_only_when_they_are_refined(moving_plane):

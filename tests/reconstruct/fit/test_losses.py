@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 import torch
 
-from gs2ci.reconstruct.fit.losses import DataTerm, opacity_term
+from gs2ci.reconstruct.fit.losses import DataTerm, opacity_term, size_term
 
 SIZE = (20, 27)
 
@@ -137,3 +137,32 @@ def test_no_gaussians_have_no_opacity():
     term = opacity_term(torch.zeros(0, requires_grad=True))
     assert term.shape == ()
     assert term.item() == 0
+
+
+def test_the_dissimilarity_of_a_pixel_is_the_definitions_and_its_mean_that_of_the_loss(
+    similarity_definition, measurement, predicted
+):
+    everything = np.ones(SIZE, bool)
+    term = DataTerm(measurement, everything, None, 1.0)
+    error = term.dissimilarity(predicted)
+    assert error.shape == SIZE
+    assert error.dtype == np.float32
+    value, _ = term.value_and_gradient(predicted)
+    assert float(error.mean()) == pytest.approx(value, rel=1e-5)
+    image, target = (torch.from_numpy(a).double() for a in (predicted, measurement))
+    assert float(error.mean()) == pytest.approx(1 - float(similarity_definition(image, target)), rel=1e-5)
+    assert np.abs(term.dissimilarity(measurement)).max() < 1e-6
+
+
+def test_pixels_that_do_not_count_have_no_dissimilarity(rng, measurement, predicted, fitted):
+    saturated = rng.random(SIZE) < 0.2
+    error = DataTerm(measurement, fitted, saturated, 0.1).dissimilarity(predicted)
+    assert not error[~fitted].any()
+    assert not error[saturated & (predicted > measurement).all(axis=2)].any()
+    assert error[fitted & ~saturated].any()
+
+
+def test_the_size_term_is_the_mean_standard_deviation_and_zero_without_gaussians():
+    sizes = torch.tensor([[0.1, 0.2, 0.3], [1.0, 2.0, 6.0]])
+    assert float(size_term(sizes.log())) == pytest.approx(1.6)
+    assert float(size_term(torch.zeros(0, 3))) == 0

@@ -171,3 +171,37 @@ def test_an_empty_scene_can_take_newcomers(scattered):
     push(optimiser)
     optimiser.step(0.0)
     assert len(optimiser.scene) == 2
+
+
+def test_a_shift_moves_the_means_alone_and_leaves_the_moments(scattered):
+    moves = torch.linspace(-1, 1, 12).reshape(4, 3)
+    shifted, plain = pushed(scattered(4), 2), pushed(scattered(4), 2)
+    shifted.shift(moves)
+    torch.testing.assert_close(shifted.scene.means.detach(), plain.scene.means.detach() + moves)
+    for optimiser in (shifted, plain):
+        push(optimiser, 9)
+        optimiser.step(0.2)
+    torch.testing.assert_close(shifted.scene.means.detach(), plain.scene.means.detach() + moves, rtol=1e-5, atol=1e-6)
+
+
+def test_forgetting_a_parameter_lets_it_start_anew_and_no_other(scattered):
+    optimisers = {}
+    for forget in (frozenset(), frozenset({"opacity_logits"})):
+        optimiser = optimisers[bool(forget)] = pushed(scattered(4), 3)
+        optimiser.replace(optimiser.scene.detach(), torch.arange(4), forget)
+        push(optimiser, 9)
+        optimiser.step(0.3)
+    for name in NAMES:
+        same = torch.equal(getattr(optimisers[True].scene, name), getattr(optimisers[False].scene, name))
+        assert same == (name != "opacity_logits")
+
+
+@pytest.mark.parametrize("progress", [0.0, 0.5, 1.0])
+def test_the_means_rate_is_the_one_that_a_step_takes(scattered, progress):
+    optimiser = GaussianOptimiser(scattered(4), StepSizes(), EXTENT)
+    before = optimiser.scene.means.detach().clone()
+    push(optimiser)
+    optimiser.step(progress, 0.5)
+    longest = float((optimiser.scene.means.detach() - before).abs().max())
+    # Adam's first step is its rate, whatever the gradient.
+    assert longest == pytest.approx(optimiser.means_rate(progress, 0.5), rel=1e-3)

@@ -192,6 +192,19 @@ def test_the_population_grows_only_while_the_residual_improves():
     assert watch.may_grow(150)
 
 
+def test_after_a_set_back_recovery_counts_as_improvement_and_the_best_state_stays_the_best():
+    watch = Watch(HoldOut(patience=100, growth_patience=50))
+    watch.note(0.5, 50)
+    watch.set_back(100)
+    assert not watch.note(0.9, 150)
+    assert not watch.note(0.7, 200)
+    assert watch.may_grow(200)
+    assert not watch.stalled(200)
+    assert not watch.note(0.7, 300)
+    assert watch.stalled(300)
+    assert watch.best_iteration == 50
+
+
 def test_without_held_out_pixels_every_look_is_the_best_and_nothing_stalls():
     watch = Watch(HoldOut(patience=50, growth_patience=50))
     for iteration in range(50, 500, 50):

@@ -1,12 +1,14 @@
 """Scenes whose views, depths, paths and tracks are known exactly."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
 import pytest
+from onnx import numpy_helper
 from scipy.spatial.transform import Rotation
 
+from gs2ci.core.records import Shot
 from gs2ci.reconstruct.geometry.motion import predict_positions
 from gs2ci.reconstruct.geometry.tracks import Tracks
 
@@ -129,3 +131,88 @@ def compare():
 @pytest.fixture(scope="session")
 def path():
     return bent_path
+
+
+@pytest.fixture(scope="session")
+def expose():
+    """Code views by random masks into a shot that knows its camera."""
+
+    def make(scene, *, share=0.35, **parts):
+        masks = (np.random.default_rng(5).random(scene.views.shape[:3]) < share).astype(np.float32)
+        given = Shot(
+            measurement=(masks[..., None] * scene.views).sum(axis=0),
+            masks=masks,
+            weights=np.ones(len(masks), np.float32),
+            intrinsics=scene.intrinsics,
+        )
+        return replace(given, **parts).check()
+
+    return make
+
+
+@pytest.fixture
+def make_vggt(write_model):
+    """Write a model of VGGT's signature that knows the views of a scene by their brightness, and answers from a table.
+
+    It shows what it was made to say whatever the order of the views, as a real one should.
+    """
+
+    def make(scene, *, poses=None, focal=None, depth=None, matrices=False, batch=False, views="s", side=14):
+        height, width = (s // side * side for s in scene.views.shape[1:3])
+        poses = scene.poses if poses is None else poses
+        focal = np.broadcast_to(scene.intrinsics[0, 0] if focal is None else focal, len(poses))
+        depth = 1 / scene.inverse_depth if depth is None else depth
+        shrink = min(height / scene.views.shape[1], width / scene.views.shape[2])
+        inner = tuple(round(s * shrink) for s in scene.views.shape[1:3])
+        fov = 2 * np.arctan(np.array([height, width]) / 2 / (focal[:, None] * shrink))
+        pose_enc = np.zeros((len(poses), 9), np.float32)
+        if not matrices:
+            quaternions = Rotation.from_matrix(poses[:, :3, :3]).as_quat()
+            pose_enc = np.concatenate([poses[:, :3, 3], quaternions, fov], axis=1).astype(np.float32)
+        frame, top, left = np.ones((height, width), np.float32), (height - inner[0]) // 2, (width - inner[1]) // 2
+        depth_map = frame * float(np.median(depth))
+        depth_map[top : top + inner[0], left : left + inner[1]] = cv2.resize(
+            depth.astype(np.float32), inner[::-1], interpolation=cv2.INTER_NEAREST
+        )
+        means = []
+        for view in scene.views:
+            image = np.ones((height, width, 3), np.float32)
+            image[top : top + inner[0], left : left + inner[1]] = cv2.resize(
+                view, inner[::-1], interpolation=cv2.INTER_AREA
+            ).reshape(*inner, -1)
+            means.append(image.mean(dtype=np.float64))
+        scaled = np.tile(np.diag([1.0, 1, 1]), (len(poses), 1, 1)).astype(np.float32)
+        scaled[:, 0, 0] = scaled[:, 1, 1] = focal * shrink
+        constants = {
+            "means": np.array(means, np.float32)[None],
+            "poses": pose_enc,
+            "extrinsics_of": poses[:, :3].astype(np.float32),
+            "intrinsics_of": scaled,
+            "depths": np.tile(depth_map[None, ..., None], (len(poses), 1, 1, 1)),
+            "flat": np.array([-1, 1], np.int64),
+            "first": np.array([0], np.int64),
+        }
+        nodes = [
+            ("ReduceMean", ["views"], ["mean"], {"axes": [1, 2, 3], "keepdims": 0}),
+            ("Reshape", ["mean", "flat"], ["column"]),
+            ("Sub", ["column", "means"], ["difference"]),
+            ("Abs", ["difference"], ["distance"]),
+            ("ArgMin", ["distance"], ["index"], {"axis": 1, "keepdims": 0}),
+            ("Gather", ["depths", "index"], ["depth"]),
+        ]
+        nodes.insert(0, ("Squeeze", ["images", "first"], ["views"]) if batch else ("Identity", ["images"], ["views"]))
+        if matrices:
+            nodes += [("Gather", [f"{name}_of", "index"], [name]) for name in ("extrinsics", "intrinsics")]
+            said = [("extrinsics", (views, 3, 4)), ("intrinsics", (views, 3, 3))]
+        else:
+            nodes.append(("Gather", ["poses", "index"], ["pose_enc"]))
+            said = [("pose_enc", (views, 9))]
+        shape = (1, views, 3, height, width) if batch else (views, 3, height, width)
+        return write_model(
+            nodes,
+            [("images", shape)],
+            [*said, ("depth", (views, height, width, 1))],
+            [numpy_helper.from_array(value, name) for name, value in constants.items()],
+        )
+
+    return make

@@ -1,12 +1,14 @@
 """What a density rule is: where, from what has been seen since its last turn, Gaussians are added and removed.
 
 Here: the evidence that rules decide on, the change they return, and the operations they share (duplicate, split).
-Not here: any rule; each has a file of its own. For `gs2ci.reconstruct.fit`.
+Not here: any rule; each has a file of its own (`osgr`, `adc`, `revised`, `mcmc`), nor the criteria that the first
+three share (`classic.py`). For `gs2ci.reconstruct.fit`.
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Literal, Protocol
 
 import torch
 from torch import Tensor
@@ -15,33 +17,50 @@ from gs2ci.render.gaussians import Gaussians, rotation_matrices, transmittance_p
 
 SPLIT_SHRINK = 1.6  # children of a split are smaller by this factor (Kerbl et al. 2023, section 5.2)
 
+Preserving = Literal["both", "duplicates", "neither"]
+"""Of what the transmittance stays: duplicates and splits, duplicates only, or neither."""
+
 
 @dataclass(frozen=True)
 class Evidence:
     """What the fit has seen since the rule's last turn.
 
     Args:
-        screen_gradient: Mean gradient of the loss by each Gaussian's position on the screen, [G], in half image
-            widths, as gsplat normalises it.
-        extent: The scene's extent, in scene units: what «large» is measured by.
+        screen_gradient: Mean over the sightings of the norm of the gradient of the loss by each Gaussian's position
+            on the screen, [G], in half image sizes (`gs2ci.render.screen`).
+        screen_radius: Largest radius seen, [G], as a share of the longer side of the image.
+        blended_error: Looks up each Gaussian's part in the present error: its blending weights times the error of
+            the pixels, summed over a view, in the view where that is largest, [G]. Costs a rendering.
+        extent: The diameter of the camera path, in scene units: what «large» is measured by.
         cap: The largest population allowed.
+        iteration: How many iterations are done.
     """
 
     screen_gradient: Tensor
+    screen_radius: Tensor
+    blended_error: Callable[[], Tensor]
     extent: float
     cap: int
+    iteration: int
 
 
 @dataclass(frozen=True)
 class Change:
-    """What a rule wants: the new Gaussians, and for each the index of the old one it continues, or -1."""
+    """What a rule wants.
+
+    Args:
+        scene: The new Gaussians.
+        source: For each the index of the old one that it continues, or -1, [G'] int64.
+        forget: Names of the parameters in which the optimiser forgets where it was heading.
+    """
 
     scene: Gaussians
     source: Tensor
+    forget: frozenset[str] = frozenset()
 
 
 class DensityRule(Protocol):
-    """Decides where Gaussians are added and removed."""
+    """Decides where Gaussians are added and removed, and whether they are shaken in between."""
 
     @property
     def name(self) -> str:
@@ -52,12 +71,31 @@ class DensityRule(Protocol):
         """Return the population that the fit goes on with."""
         ...
 
+    def shake(self, scene: Gaussians, rate: float, generator: torch.Generator) -> Tensor | None:
+        """Return by how much to move the means after an iteration, [G, 3]; None for not at all.
 
-def grow(scene: Gaussians, keep: Tensor, duplicate: Tensor, split: Tensor, generator: torch.Generator) -> Change:
-    """Duplicate and split Gaussians without changing what a ray sees through them.
+        Args:
+            scene: The present Gaussians.
+            rate: The means' present step size, in scene units.
+            generator: For draws.
+        """
+        ...
 
-    Both copies of a duplicate and both children of a split get the opacity 1 − √(1 − α), so that the two in a row
-    let through what the one did (Rota Bulò et al. 2024, section 3.2; the paper extends it to splits, section IV-A).
+
+def grow(
+    scene: Gaussians,
+    keep: Tensor,
+    duplicate: Tensor,
+    split: Tensor,
+    generator: torch.Generator,
+    *,
+    preserving: Preserving = "both",
+) -> Change:
+    """Duplicate and split Gaussians, by default without changing what a ray sees through them.
+
+    Where the transmittance stays, both copies or children get the opacity 1 − √(1 − α), so that the two in a row let
+    through what the one did (Rota Bulò et al. 2024 for duplicates; the paper extends it to splits, section IV-A).
+    Where it does not, they keep the opacity of the one (Kerbl et al. 2023).
 
     Args:
         scene: The present Gaussians, G.
@@ -65,6 +103,7 @@ def grow(scene: Gaussians, keep: Tensor, duplicate: Tensor, split: Tensor, gener
         duplicate: Those that get a copy, [G] bool, a part of `keep`.
         split: Those replaced by two smaller children drawn from their own density, [G] bool, apart from `keep`.
         generator: For the children's places.
+        preserving: Which of them get that opacity.
 
     Returns:
         The kept, then the copies, then the children.
@@ -72,7 +111,8 @@ def grow(scene: Gaussians, keep: Tensor, duplicate: Tensor, split: Tensor, gener
     present = scene.detach()
     halved = transmittance_preserving_opacity(present.opacity_logits)
     revised = present.map(lambda tensor: tensor.clone())
-    revised.opacity_logits = torch.where(duplicate, halved, present.opacity_logits)
+    if preserving != "neither":
+        revised.opacity_logits = torch.where(duplicate, halved, present.opacity_logits)
     kept = torch.nonzero(keep).flatten()
     copied = torch.nonzero(duplicate).flatten()
     parents = torch.nonzero(split).flatten().repeat(2)
@@ -81,10 +121,32 @@ def grow(scene: Gaussians, keep: Tensor, duplicate: Tensor, split: Tensor, gener
     turned = (rotation_matrices(children.quaternions) @ noise[..., None])[..., 0]
     children.means = children.means + turned
     children.log_scales = children.log_scales - math.log(SPLIT_SHRINK)
-    children.opacity_logits = halved[parents]
+    if preserving == "both":
+        children.opacity_logits = halved[parents]
     parts = (revised.map(lambda tensor: tensor[kept]), revised.map(lambda tensor: tensor[copied]), children)
     joined = Gaussians(
         **{name: torch.cat([part.parameters()[name] for part in parts]) for name in present.parameters()}
     )
     newcomers = torch.full((len(copied) + len(parents),), -1, dtype=torch.int64)
     return Change(joined, torch.cat([kept, newcomers]))
+
+
+def within(room: int, priority: Tensor, split: Tensor, duplicate: Tensor) -> tuple[Tensor, Tensor]:
+    """Keep at most `room` additions, those of the highest priority; each adds one to the population.
+
+    Args:
+        room: How many more Gaussians there may be; none if negative.
+        priority: [G].
+        split: Candidates, [G] bool.
+        duplicate: Further candidates, [G] bool.
+
+    Returns:
+        Those of the first and those of the second that are kept.
+    """
+    candidates = torch.nonzero(split | duplicate).flatten()
+    if len(candidates) <= room:
+        return split, duplicate
+    allowed = torch.zeros_like(split)
+    if room > 0:
+        allowed[candidates[torch.topk(priority[candidates], room).indices]] = True
+    return split & allowed, duplicate & allowed

@@ -1,34 +1,9 @@
-import numpy as np
 import pytest
 import torch
 
-from gs2ci.reconstruct.fit.density.base import Evidence
 from gs2ci.reconstruct.fit.density.osgr import Osgr
-from gs2ci.render.gaussians import Gaussians
 
-EXTENT = 1.0
-SMALL, LARGE = 0.001, 0.1
-
-
-def line(count, opacity=0.5, size=SMALL):
-    """Gaussians a unit apart on a line."""
-    opacity = torch.as_tensor(opacity, dtype=torch.float32).expand(count)
-    means = torch.zeros(count, 3)
-    means[:, 0] = torch.arange(count)
-    return Gaussians(
-        means=means,
-        log_scales=torch.full((count, 3), float(np.log(size))),
-        quaternions=torch.tensor([1.0, 0, 0, 0]).repeat(count, 1),
-        opacity_logits=torch.logit(opacity).clone(),
-        colours=torch.arange(count * 3, dtype=torch.float32).reshape(count, 3),
-    )
-
-
-def evidence(count, *, moved=(), cap=10**6):
-    gradient = torch.zeros(count)
-    for rank, index in enumerate(moved):
-        gradient[index] = 1.0 + rank
-    return Evidence(gradient, EXTENT, cap)
+LARGE = 0.1
 
 
 def change(scene, seen, seed=0, **rule):
@@ -40,32 +15,32 @@ def split_ones(result, count):
     return sorted(set(range(count)) - set(result.source.tolist()))
 
 
-def test_a_scene_at_rest_with_even_opacity_is_left_alone():
+def test_a_scene_at_rest_with_even_opacity_is_left_alone(line, evidence):
     result = change(line(40), evidence(40))
     assert result.source.tolist() == list(range(40))
 
 
-def test_a_small_gaussian_with_a_large_gradient_is_duplicated():
+def test_a_small_gaussian_with_a_large_gradient_is_duplicated(line, evidence):
     result = change(line(40), evidence(40, moved=(7,)))
     assert result.source.tolist() == [*range(40), -1]
     assert torch.equal(result.scene.means[40], result.scene.means[7])
     assert result.scene.opacity_logits[40] == result.scene.opacity_logits[7] < 0
 
 
-def test_a_large_gaussian_with_a_large_gradient_is_split():
+def test_a_large_gaussian_with_a_large_gradient_is_split(line, evidence):
     result = change(line(40, size=LARGE), evidence(40, moved=(7,)))
     assert split_ones(result, 40) == [7]
     assert len(result.scene) == 41
 
 
-def test_an_opacity_that_stands_out_of_its_neighbours_is_split():
+def test_an_opacity_that_stands_out_of_its_neighbours_is_split(line, evidence):
     opacity = torch.full((40,), 0.2)
     opacity[11] = 0.9
     result = change(line(40, opacity), evidence(40))
     assert split_ones(result, 40) == [11]
 
 
-def test_an_opacity_below_its_neighbours_is_not():
+def test_an_opacity_below_its_neighbours_is_not(line, evidence):
     opacity = torch.full((40,), 0.8)
     opacity[11] = 0.1
     result = change(line(40, opacity), evidence(40))
@@ -75,7 +50,7 @@ def test_an_opacity_below_its_neighbours_is_not():
 
 
 @pytest.mark.parametrize("share", [0.0, 0.05, 0.1])
-def test_splits_by_opacity_alone_stay_within_their_budget_and_take_the_largest_excess(share):
+def test_splits_by_opacity_alone_stay_within_their_budget_and_take_the_largest_excess(share, line, evidence):
     count = 200
     opacity = torch.full((count,), 0.1)
     peaks = torch.arange(5, count, 10)
@@ -85,20 +60,20 @@ def test_splits_by_opacity_alone_stay_within_their_budget_and_take_the_largest_e
     assert split_ones(result, count) == peaks[len(peaks) - budget :].tolist()
 
 
-def test_a_population_too_small_for_the_budget_is_not_split_by_opacity():
+def test_a_population_too_small_for_the_budget_is_not_split_by_opacity(line, evidence):
     opacity = torch.full((19,), 0.2)
     opacity[3] = 0.9
     assert split_ones(change(line(19, opacity), evidence(19)), 19) == []
 
 
-def test_those_wanted_by_gradient_do_not_use_up_the_budget_of_opacity():
+def test_those_wanted_by_gradient_do_not_use_up_the_budget_of_opacity(line, evidence):
     opacity = torch.full((40,), 0.2)
     opacity[[5, 20]] = torch.tensor([0.9, 0.8])
     result = change(line(40, opacity, size=LARGE), evidence(40, moved=(5,)), extra_splits=0.026)
     assert split_ones(result, 40) == [5, 20]
 
 
-def test_transparent_gaussians_are_removed():
+def test_transparent_gaussians_are_removed(line, evidence):
     opacity = torch.full((40,), 0.5)
     opacity[[2, 30]] = 0.004
     result = change(line(40, opacity), evidence(40, moved=(2,)), extra_splits=0.0)
@@ -106,12 +81,12 @@ def test_transparent_gaussians_are_removed():
     assert len(result.scene) == 38
 
 
-def test_a_wholly_transparent_scene_is_kept_as_it_cannot_grow_again():
+def test_a_wholly_transparent_scene_is_kept_as_it_cannot_grow_again(line, evidence):
     result = change(line(40, 0.001), evidence(40))
     assert result.source.tolist() == list(range(40))
 
 
-def test_the_population_never_exceeds_its_cap_and_the_largest_gradients_come_first():
+def test_the_population_never_exceeds_its_cap_and_the_largest_gradients_come_first(line, evidence):
     result = change(line(40), evidence(40, moved=range(10, 20), cap=43))
     assert len(result.scene) == 43
     copies = result.scene.means[40:, 0].tolist()
@@ -119,12 +94,12 @@ def test_the_population_never_exceeds_its_cap_and_the_largest_gradients_come_fir
 
 
 @pytest.mark.parametrize("cap", [0, 39, 40])
-def test_a_full_population_does_not_grow(cap):
+def test_a_full_population_does_not_grow(cap, line, evidence):
     result = change(line(40, size=LARGE), evidence(40, moved=range(10), cap=cap))
     assert result.source.tolist() == list(range(40))
 
 
-def test_removals_make_room():
+def test_removals_make_room(line, evidence):
     opacity = torch.full((40,), 0.5)
     opacity[[0, 1]] = 0.001
     result = change(line(40, opacity), evidence(40, moved=range(10, 20), cap=40), extra_splits=0.0)
@@ -132,7 +107,7 @@ def test_removals_make_room():
 
 
 @pytest.mark.parametrize("outstanding", [20, 21, 22, 23])
-def test_points_in_one_place_are_compared_with_each_other_and_not_with_themselves(outstanding):
+def test_points_in_one_place_are_compared_with_each_other_and_not_with_themselves(outstanding, line, evidence):
     """Eq. 13, α less the mean of α and its three neighbours', whichever of the pile a search tree lists first."""
     scene = line(60)
     scene.means[20:24] = scene.means[20]
@@ -143,7 +118,7 @@ def test_points_in_one_place_are_compared_with_each_other_and_not_with_themselve
 
 
 @pytest.mark.parametrize("outstanding", range(20, 30, 3))
-def test_in_a_pile_larger_than_the_neighbourhood_the_same_holds(outstanding):
+def test_in_a_pile_larger_than_the_neighbourhood_the_same_holds(outstanding, line, evidence):
     scene = line(60)
     scene.means[20:30] = scene.means[20]
     scene.opacity_logits[outstanding] = torch.logit(torch.tensor(0.62))
@@ -151,16 +126,16 @@ def test_in_a_pile_larger_than_the_neighbourhood_the_same_holds(outstanding):
     assert split_ones(change(scene, evidence(60), extra_splits=1.5 / 60), 60) == [outstanding]
 
 
-def test_fewer_points_than_neighbours_are_not_compared():
+def test_fewer_points_than_neighbours_are_not_compared(line, evidence):
     opacity = torch.tensor([0.1, 0.9, 0.1])
     assert split_ones(change(line(3, opacity), evidence(3), extra_splits=1.0), 3) == []
 
 
-def test_an_empty_scene_stays_empty():
+def test_an_empty_scene_stays_empty(line, evidence):
     assert len(change(line(0), evidence(0)).scene) == 0
 
 
-def test_the_generator_alone_decides_the_draws():
+def test_the_generator_alone_decides_the_draws(line, evidence):
     scene = line(40, size=LARGE)
     seen = evidence(40, moved=range(10))
     first, again, other = (change(scene, seen, seed) for seed in (1, 1, 2))
@@ -168,7 +143,7 @@ def test_the_generator_alone_decides_the_draws():
     assert not torch.equal(first.scene.means, other.scene.means)
 
 
-def test_sources_say_which_one_each_continues():
+def test_sources_say_which_one_each_continues(line, evidence):
     opacity = torch.full((40,), 0.5)
     opacity[3] = 0.001
     result = change(line(40, opacity), evidence(40, moved=(7, 9)), extra_splits=0.0)

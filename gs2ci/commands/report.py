@@ -1,0 +1,39 @@
+"""`gs2ci report`: a run folder's page, built again.
+
+Here: the arguments and what is printed. Not here: the page (`gs2ci.evaluate.pages`). Only `gs2ci.cli` imports this
+file.
+"""
+
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+from rich.console import Console
+from rich.text import Text
+
+from gs2ci.evaluate.pages.run_page import write_run_page
+
+
+def run(
+    folder: Annotated[Path, tyro.conf.Positional],
+    /,
+    output: Annotated[Path | None, tyro.conf.arg(aliases=["-o"])] = None,
+) -> Path:
+    """Build the page of a run again from what its folder holds.
+
+    `gs2ci reconstruct` writes the same page at its end; this is for folders of older versions and for pages elsewhere.
+
+    Args:
+        folder: A run folder, as `gs2ci reconstruct` writes it.
+        output: The page; report.html in the folder when it is not given.
+
+    Returns:
+        The page.
+
+    Raises:
+        Gs2ciError: The folder is no run, a part of it is damaged, or the page cannot be written.
+    """
+    page = write_run_page(folder, output)
+    line = Text(str(page), style="bold").append(f"  {page.stat().st_size / 1e6:.1f} MB, one file", style="dim")
+    Console().print(line, soft_wrap=True)
+    return page

@@ -1,0 +1,46 @@
+"""`gs2ci view`: a run's scene and cameras in a browser.
+
+Here: the arguments, and serving until the user stops it. Not here: what is shown (`gs2ci.evaluate.viewer`). Only
+`gs2ci.cli` imports this file.
+"""
+
+import contextlib
+import threading
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+from rich.console import Console
+
+from gs2ci.evaluate.viewer import load_scene, serve
+
+
+def run(
+    folder: Annotated[Path, tyro.conf.Positional],
+    /,
+    *,
+    port: int = 8080,
+    host: str = "127.0.0.1",
+) -> None:
+    """Show a run's scene and its cameras in a browser, until Ctrl-C.
+
+    Needs the extra `view`: pip install 'gs2ci[view]'.
+
+    Args:
+        folder: A run folder, as `gs2ci reconstruct` writes it.
+        port: Of the local server; if it is taken, the next free one.
+        host: Who may look: 127.0.0.1 is this machine alone, 0.0.0.0 everybody who reaches it.
+
+    Raises:
+        Gs2ciError: viser is not installed, the folder is no run or damaged, or no port can be had.
+    """
+    scene = load_scene(folder)
+    server = serve(scene, host=host, port=port)
+    address = f"http://{'localhost' if host == '0.0.0.0' else host}:{server.get_port()}"  # noqa: S104
+    found = f"{len(scene.means)} Gaussians, {len(scene.camera_to_world)} cameras"
+    try:
+        Console().print(f"{found} at {address}; Ctrl-C ends this", soft_wrap=True, highlight=False)
+        with contextlib.suppress(KeyboardInterrupt):
+            threading.Event().wait()
+    finally:
+        server.stop()

@@ -1,0 +1,135 @@
+"""A camera path from above as SVG: the recovered one, the true one and the stage's where they are known.
+
+Here: bringing the paths together and onto the page. Not here: the alignment (`gs2ci.evaluate.trajectory`). Only
+`gs2ci.evaluate` imports this file.
+"""
+
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+from markupsafe import Markup
+
+from gs2ci.core.records import F64
+from gs2ci.evaluate.pages.charts import Colour
+from gs2ci.evaluate.pages.frame import environment
+from gs2ci.evaluate.panels import seen_from_above
+from gs2ci.evaluate.trajectory import align
+from gs2ci.evaluate.wording import describe_number
+
+# More symbols than this run into each other.
+MOST_WEDGES: Final = 12
+# A camera's wedge, as a share of the larger side of the paths' extent.
+WEDGE: Final = 0.09
+LEAST_HEIGHT, MOST_HEIGHT = 190, 420
+EDGE: Final = 26
+FOOT: Final = 40
+
+
+@dataclass(frozen=True)
+class Paths:
+    """World-to-camera poses, [N, 4, 4] each, in frames and units of their own; None where not known."""
+
+    recovered: F64
+    true: F64 | None = None
+    stage: F64 | None = None
+
+    def together(self) -> dict[str, F64]:
+        """Bring the paths into one frame, the true one's or the stage's; return camera-to-world poses by name."""
+        name, reference = next(
+            (name, poses)
+            for name, poses in (("true", self.true), ("stage", self.stage), ("recovered", self.recovered))
+            if poses is not None
+        )
+        found = {}
+        for other in ("true", "stage", "recovered"):
+            poses = getattr(self, other)
+            if poses is not None:
+                aligned = poses if other == name else align(poses, reference).apply(poses)
+                found[other] = np.asarray(np.linalg.inv(aligned), np.float64)
+        return found
+
+
+def path_svg(paths: Paths, width: int, *, unit: str) -> Markup:
+    """Draw paths from above, the cameras looking up the page.
+
+    Args:
+        paths: The paths.
+        width: Of the drawing, CSS pixels.
+        unit: Of lengths in the frame that they are brought into.
+    """
+    together = paths.together()
+    reference = next(iter(together.values()))
+    axes = seen_from_above(reference)
+    origin = reference[:, :3, 3].mean(0)
+    spots = {name: (poses[:, :3, 3] - origin) @ axes for name, poses in together.items()}
+    every = np.concatenate(list(spots.values()))
+    extent = max(float(np.ptp(every, axis=0).max()), 1e-12)
+    size = WEDGE * extent
+    low, high = every.min(0) - np.array([size, 0.4 * size]), every.max(0) + np.array([size, 1.3 * size])
+    scale = (width - 2 * EDGE) / (high[0] - low[0])
+    height = int(np.clip(scale * (high[1] - low[1]) + EDGE + FOOT, LEAST_HEIGHT, MOST_HEIGHT))
+    scale = min(scale, (height - EDGE - FOOT) / (high[1] - low[1]))
+    middle, place = (low + high) / 2, np.array([width / 2, (EDGE + height - FOOT) / 2])
+
+    def on_page(points: F64) -> F64:
+        return np.asarray(np.round(place + (points - middle) * (scale, -scale), 2), np.float64)
+
+    drawn = [
+        _drawn(name, on_page(spots[name]), _wedges(poses, spots[name], axes, size, on_page))
+        for name, poses in together.items()
+    ]
+    bar = _ruler(extent)
+    rendered: Markup = (
+        environment()
+        .get_template("charts.html")
+        .module.path(  # type: ignore[attr-defined]
+            alt=f"Camera path from above: {', '.join(together)}",
+            width=width,
+            height=height,
+            paths=drawn,
+            scale=(round(scale * bar, 2), f"{describe_number(bar)} {unit}"),
+        )
+    )
+    return rendered
+
+
+def path_colour(name: str) -> Colour:
+    """Get the colour of a path by its name."""
+    colours: dict[str, Colour] = {"recovered": "accent", "true": "truth", "stage": "third"}
+    return colours[name]
+
+
+def _drawn(name: str, spots: F64, wedges: list[str]) -> dict[str, Any]:
+    recovered = name == "recovered"
+    ends = sorted({0, len(spots) - 1}) if recovered else []
+    return {
+        "colour": path_colour(name),
+        "broad": name == "true",
+        "dashed": name == "stage",
+        "line": "M" + "L".join(f"{x:g},{y:g}" for x, y in spots) if len(spots) > 1 else "",
+        "dots": [
+            (float(x), float(y), index if recovered else None, f"{name}, view {index + 1}")
+            for index, (x, y) in enumerate(spots)
+        ],
+        "radius": 4 if recovered else 6,
+        "wedges": wedges if name != "stage" else [],
+        "names": [(float(spots[i, 0]), float(spots[i, 1]) + 18, str(i + 1)) for i in ends],
+    }
+
+
+def _wedges(poses: F64, spots: F64, axes: F64, size: float, on_page: Any) -> list[str]:
+    """Draw some cameras' views, spread along their own x axes."""
+    shown = np.unique(np.linspace(0, len(poses) - 1, min(len(poses), MOST_WEDGES)).round().astype(int))
+    drawn = []
+    for index in shown:
+        right, forward = poses[index, :3, 0] @ axes, poses[index, :3, 2] @ axes
+        corners = [spots[index], *(spots[index] + size * (forward + side * right) for side in (-0.5, 0.5))]
+        drawn.append("M" + "L".join(f"{x:g},{y:g}" for x, y in on_page(np.array(corners))))
+    return drawn
+
+
+def _ruler(extent: float) -> float:
+    """Choose a round length of about a quarter of the extent."""
+    power = 10 ** float(np.floor(np.log10(extent / 4)))
+    return max(m * power for m in (1.0, 2.0, 5.0) if m * power <= extent / 4)

@@ -1,0 +1,161 @@
+"""What the sections of a page are made of; every function returns markup, every argument is text or numbers.
+
+    masthead    the verdict on top: headline, sentences, the figures that matter
+    table       rows under headings; numbers stand right
+    facts       names and values
+    figure      a picture (PNG, JPEG or WebP bytes, or inline markup) with its caption
+    chart       a chart (`charts.py`) with its numbers in a fold
+    spreads     means with their spreads, a row each
+    sentences   notes, one paragraph each
+    steps       what to do next: what, why, the command
+    columns     two pieces beside each other where there is room
+
+Not here: the page (`frame.py`), what a run's sections say (`run_page.py`). The commands and the rest of
+`gs2ci.evaluate` may import this file.
+"""
+
+from collections.abc import Container, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Final, Literal
+
+from markupsafe import Markup
+
+from gs2ci.core.errors import InputError
+from gs2ci.evaluate.pages.charts import Bar, Chart, Spread, bars_svg, chart_svg, chart_table, spreads_svg
+from gs2ci.evaluate.pages.frame import fit, piece
+from gs2ci.evaluate.pages.pictures import Picture, media_type
+from gs2ci.evaluate.wording import describe_value
+
+Tone = Literal["good", "mixed", "poor"]
+
+# Reports may hold as much as their makers like; a page shows so much of it and says how much it left out.
+MOST_ROWS: Final = 250
+MOST_CHARACTERS: Final = 600
+
+
+@dataclass(frozen=True)
+class Figure:
+    """One figure of merit: value, name, and what to compare it with."""
+
+    value: str
+    label: str
+    remark: str = ""
+
+
+def masthead(headline: str, sentences: Sequence[str], figures: Sequence[Figure], tone: Tone, word: str) -> Markup:
+    """Say first what came out: `word` sums `tone` up for those who do not see its colour."""
+    return piece("masthead", headline=headline, sentences=sentences, figures=figures, tone=tone, word=word)
+
+
+def table(
+    headings: Sequence[str],
+    rows: Iterable[Sequence[Any]],
+    *,
+    caption: str = "",
+    marked: Container[tuple[int, int]] = (),
+) -> Markup:
+    """Set rows of plain values under headings; a column that holds only numbers and dashes is set right.
+
+    Args:
+        headings: One for each column.
+        rows: Of as many cells.
+        caption: Over the table.
+        marked: Cells to set off from the rest, (row, column) from 0 on.
+    """
+    listed = [[describe_value(cell) for cell in row] for row in rows]
+    shown = [[_short(cell) for cell in row] for row in listed[:MOST_ROWS]]
+    numeric = [all(_is_number(row[column]) for row in shown) for column in range(len(headings))]
+    return piece(
+        "table",
+        headings=headings,
+        rows=shown,
+        numeric=numeric,
+        marked=marked,
+        caption=caption,
+        left_out=len(listed) - len(shown),
+    )
+
+
+def facts(rows: Mapping[str, Any] | Iterable[tuple[str, Any]]) -> Markup:
+    """Set names against values."""
+    pairs = list(rows.items() if isinstance(rows, Mapping) else rows)
+    shown = [(_short(name), _short(describe_value(value))) for name, value in pairs[:MOST_ROWS]]
+    return piece("facts", rows=shown, left_out=len(pairs) - len(shown))
+
+
+def figure(picture: bytes | Markup, alt: str, *, caption: str = "") -> Markup:
+    """Set a picture with its caption.
+
+    Args:
+        picture: The bytes of a PNG, JPEG or WebP file, or inline markup such as an SVG of ours.
+        alt: What is to be seen, for those who do not see it.
+        caption: Under it.
+
+    Raises:
+        InputError: The bytes are none of these formats.
+    """
+    if isinstance(picture, Markup):
+        return piece("inline_figure", markup=picture, caption=caption)
+    kind = media_type(picture)
+    if kind is None:
+        raise InputError("a picture of unknown format for a page", allowed="the bytes of a PNG, JPEG or WebP file")
+    return piece("picture_figure", picture=Picture(picture, kind), alt=alt, caption=caption)
+
+
+def chart(drawn: Chart, *, caption: str = "") -> Markup:
+    """Set a chart, drawn once for wide and once for narrow pages, with its numbers in a fold below."""
+    headings, rows = chart_table(drawn)
+    return piece(
+        "chart",
+        wide=chart_svg(drawn, 760, 320),
+        narrow=chart_svg(drawn, 340, 270),
+        legend=[(line.label, line.colour, line.dashed) for line in drawn.lines] if len(drawn.lines) > 1 else [],
+        numbers=table(headings, rows),
+        caption=caption,
+    )
+
+
+def spreads(rows: Sequence[Spread], title: str, *, caption: str = "") -> Markup:
+    """Set means with their spreads, a row each; `title` names what they are, and its unit."""
+    return piece(
+        "chart_frame",
+        wide=spreads_svg(rows, title, 760),
+        narrow=spreads_svg(rows, title, 340),
+        legend=[],
+        caption=caption,
+    )
+
+
+def bars(parts: Sequence[Bar], *, unit: str, caption: str = "") -> Markup:
+    """Set the parts of a whole as one bar, named and counted below."""
+    return piece("bars", drawing=bars_svg(parts, unit), parts=parts, unit=unit, caption=caption)
+
+
+def sentences(texts: Iterable[str], *, empty: str) -> Markup:
+    """Set notes, one each; `empty` where there is none."""
+    listed = [_short(text) for text in texts]
+    return piece("sentences", texts=listed[:MOST_ROWS], empty=empty, left_out=max(0, len(listed) - MOST_ROWS))
+
+
+def steps(listed: Sequence[Any], *, title: str, empty: str) -> Markup:
+    """Set what to do next (`next_steps.Step`)."""
+    return piece("steps", steps=listed, title=title, empty=empty)
+
+
+def columns(*parts: Markup) -> Markup:
+    """Set pieces beside each other where there is room."""
+    return piece("columns", parts=parts)
+
+
+def paragraph(text: str) -> Markup:
+    """Set a paragraph."""
+    return piece("paragraph", text=text)
+
+
+def _short(text: str) -> str:
+    text = fit(text)
+    return text if len(text) <= MOST_CHARACTERS else text[:MOST_CHARACTERS] + "…"
+
+
+def _is_number(cell: str) -> bool:
+    return cell == "–" or (cell[:1].isdigit() or cell[:2].lstrip("-+−<≥≤≈")[:1].isdigit())

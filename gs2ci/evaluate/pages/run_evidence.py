@@ -1,0 +1,173 @@
+"""What a run folder holds for its page, read as if from a stranger.
+
+Here: `RunEvidence` and its reading; `write_given`, the pictures and poses that the page needs of the shot. Not here:
+the page (`run_page.py`). Only `gs2ci.evaluate` and the view command import this file.
+"""
+
+import json
+import math
+import zipfile
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gs2ci.core.errors import Gs2ciError, StorageError
+from gs2ci.core.records import F64, Shot
+from gs2ci.evaluate.cameras import poses_of_transforms
+from gs2ci.evaluate.pages.pictures import U8, to_eight_bit
+from gs2ci.evaluate.report import read_report
+
+GIVEN_NAME: Final = "given.npz"
+# An archive may claim any size; ours hold a few images.
+LIMIT_BYTES: Final = 2**30
+# The measurement is shown so that all but its brightest samples keep their contrast.
+WHITE_PERCENTILE: Final = 99.5
+
+
+@dataclass(frozen=True)
+class RunEvidence:
+    """A run folder's content.
+
+    Args:
+        report: `report.json`.
+        views: Recovered, [N, H, W, 3].
+        decode: Decoded without a scene, the same shape.
+        scene_views: Of the Gaussians alone, the same shape.
+        depth: [N, H, W], 0 where nothing is seen; None where no depth was found.
+        world_to_camera: Recovered, [N, 4, 4], OpenCV axes.
+        focal_y_px: Focal length along the columns.
+        measurement: For the eye, [H, W, 1 or 3]; None in a folder without `given.npz`, as the rest below.
+        true_views: For the eye, [N, H, W, 1 or 3].
+        true_world_to_camera: [N, 4, 4].
+        stage_world_to_camera: [N, 4, 4].
+    """
+
+    report: dict[str, Any]
+    views: NDArray[Any]
+    decode: NDArray[Any]
+    scene_views: NDArray[Any]
+    depth: NDArray[Any] | None
+    world_to_camera: F64
+    focal_y_px: float
+    measurement: U8 | None = None
+    true_views: U8 | None = None
+    true_world_to_camera: F64 | None = None
+    stage_world_to_camera: F64 | None = None
+
+
+def write_given(path: Path, shot: Shot) -> None:
+    """Write what a page shows of the shot itself: 8-bit pictures of measurement and truth, poses."""
+    white = max(float(np.percentile(shot.measurement, WHITE_PERCENTILE)), 1e-6)
+    arrays: dict[str, NDArray[Any] | None] = {
+        "measurement": to_eight_bit(shot.measurement / white),
+        "true_views": None if shot.truth.views is None else to_eight_bit(shot.truth.views),
+        "true_world_to_camera": shot.truth.world_to_camera,
+        "stage_world_to_camera": shot.telemetry_world_to_camera,
+    }
+    np.savez_compressed(path, **{name: array for name, array in arrays.items() if array is not None})  # type: ignore[arg-type]
+
+
+def read_evidence(folder: Path) -> RunEvidence:
+    """Read a run folder.
+
+    Raises:
+        StorageError: It is no run folder, or its parts are missing, damaged, too large or contradict each other.
+    """
+    folder = Path(folder)
+    report = read_report(folder)
+    try:
+        return _read(folder, report)
+    except Gs2ciError:
+        raise
+    except (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile, np.linalg.LinAlgError) as error:
+        raise StorageError(
+            f"{folder} cannot be read as a run: {error}",
+            allowed="a folder that `gs2ci reconstruct` wrote, whole",
+            remedy="copy it again, or reconstruct again",
+        ) from error
+
+
+def _read(folder: Path, report: dict[str, Any]) -> RunEvidence:
+    views = _array(folder / "views.npy", axes=4)
+    shape = views.shape
+    if shape[3] != 3 or 0 in shape:
+        raise _contradiction(folder / "views.npy", shape, "[N, H, W, 3]")
+    depth = _array(folder / "depth.npy", axes=3) if (folder / "depth.npy").is_file() else None
+    if depth is not None and depth.shape != shape[:3]:
+        raise _contradiction(folder / "depth.npy", depth.shape, str(list(shape[:3])))
+    path = folder / "cameras.json"
+    transforms = json.loads(path.read_text(encoding="utf-8"))
+    given = _given(folder / GIVEN_NAME, shape)
+    poses = _poses(path, poses_of_transforms(transforms), len(views))
+    return RunEvidence(
+        report=report,
+        views=views,
+        decode=_like(folder / "decode.npy", shape),
+        scene_views=_like(folder / "scene_views.npy", shape),
+        depth=depth,
+        world_to_camera=poses,
+        focal_y_px=_positive(path, transforms["fl_y"]),
+        **given,
+    )
+
+
+def _given(path: Path, shape: tuple[int, ...]) -> dict[str, Any]:
+    if not path.is_file():
+        return {}
+    with zipfile.ZipFile(path) as archive:
+        claimed = sum(entry.file_size for entry in archive.infolist())
+    if claimed > LIMIT_BYTES:
+        raise StorageError(f"{path} claims {claimed} bytes", allowed=f"at most {LIMIT_BYTES}")
+    found: dict[str, Any] = {}
+    with np.load(path, allow_pickle=False) as arrays:
+        for name, wanted in (("measurement", shape[1:3]), ("true_views", shape[:3])):
+            if name in arrays:
+                found[name] = _pictures(path, name, arrays[name], wanted)
+        for name in ("true_world_to_camera", "stage_world_to_camera"):
+            if name in arrays:
+                found[name] = _poses(path, arrays[name], shape[0])
+    return found
+
+
+def _array(path: Path, axes: int) -> NDArray[Any]:
+    """Map an array; a header that claims more than the file holds is refused before any room is made."""
+    array: NDArray[Any] = np.load(path, mmap_mode="r", allow_pickle=False)
+    if array.dtype.kind != "f" or array.ndim != axes or math.prod(array.shape) * array.itemsize > LIMIT_BYTES * 4:
+        raise _contradiction(path, array.shape, f"{axes} axes of floating-point numbers")
+    return array
+
+
+def _like(path: Path, shape: tuple[int, ...]) -> NDArray[Any]:
+    array = _array(path, axes=len(shape))
+    if array.shape != shape:
+        raise _contradiction(path, array.shape, str(list(shape)))
+    return array
+
+
+def _pictures(path: Path, name: str, array: NDArray[Any], wanted: tuple[int, ...]) -> U8:
+    if array.dtype != np.uint8 or array.shape[:-1] != wanted or array.shape[-1] not in (1, 3):
+        raise _contradiction(path, array.shape, f"{name}: {list(wanted)} with 1 or 3 channels, uint8")
+    return array
+
+
+def _poses(path: Path, poses: NDArray[Any], count: int) -> F64:
+    if poses.shape != (count, 4, 4) or not np.isfinite(poses).all():
+        raise _contradiction(path, poses.shape, f"[{count}, 4, 4], finite")
+    return np.asarray(poses, np.float64)
+
+
+def _positive(path: Path, value: Any) -> float:
+    if not isinstance(value, int | float) or not 0 < value < math.inf:
+        raise StorageError(
+            f"{path} has a focal length of {value!r}", allowed="a number above 0", remedy="reconstruct again"
+        )
+    return float(value)
+
+
+def _contradiction(path: Path, shape: tuple[int, ...], allowed: str) -> StorageError:
+    return StorageError(
+        f"{path} has shape {list(shape)}, or holds numbers that are none", allowed=allowed, remedy="reconstruct again"
+    )

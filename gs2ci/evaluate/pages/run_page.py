@@ -1,0 +1,349 @@
+"""The page of a run, `run/report.html`: verdict first, then the pictures, then how it came about.
+
+Here: what its sections are and what they say. Not here: what they are made of (`pieces.py`), what to try next
+(`next_steps.py`), reading the folder (`run_evidence.py`). The commands and `gs2ci.evaluate.run_folder` may import
+this file.
+"""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Final
+
+from markupsafe import Markup
+
+from gs2ci.core.errors import StorageError
+from gs2ci.evaluate.pages import pieces
+from gs2ci.evaluate.pages.camera_path import Paths, path_colour, path_svg
+from gs2ci.evaluate.pages.charts import Bar, Chart, Colour, Line
+from gs2ci.evaluate.pages.frame import Section, page, piece, write_page
+from gs2ci.evaluate.pages.next_steps import next_steps, outcome
+from gs2ci.evaluate.pages.pieces import Figure
+from gs2ci.evaluate.pages.run_evidence import RunEvidence, read_evidence
+from gs2ci.evaluate.pages.run_pictures import RunPictures, collect_pictures
+from gs2ci.evaluate.wording import describe_number, describe_seconds, describe_value, flat_rows, spoken_rows
+
+PAGE_NAME: Final = "report.html"
+FILES: Final = (
+    ("report.json", "every figure of this page and more"),
+    ("views.npy, views/", "the recovered views, exact and as pictures"),
+    ("scene.ply", "the Gaussians, for any 3DGS viewer"),
+    ("cameras.json, colmap/", "the cameras, for nerfstudio and COLMAP"),
+    ("depth.npy", "distance along the optical axis, in scene units"),
+    ("decode.npy, scene_views.npy", "the two candidates: without a scene, and the scene alone"),
+    ("overview.png", "one picture of all this"),
+)
+
+
+def write_run_page(folder: Path, destination: Path | None = None) -> Path:
+    """Build the page of a run folder and write it; return its path.
+
+    Args:
+        folder: A run folder.
+        destination: The page's file; `report.html` in the folder if None.
+
+    Raises:
+        StorageError: The folder is no whole run, or the disk refuses.
+    """
+    evidence = read_evidence(folder)
+    try:
+        text = run_page(evidence)
+    except (LookupError, TypeError, AttributeError, ValueError, ArithmeticError) as error:
+        # The arrays are checked; what is left is a report.json whose values are not what its schema says.
+        raise StorageError(
+            f"{Path(folder) / 'report.json'} does not hold what its schema promises: {type(error).__name__}: {error}",
+            remedy="reconstruct again",
+        ) from error
+    return write_page(Path(folder) / PAGE_NAME if destination is None else destination, text)
+
+
+def run_page(evidence: RunEvidence) -> str:
+    """Build the page of a run."""
+    report = evidence.report
+    pictures = collect_pictures(evidence)
+    first = [
+        Section("Views", _views(report, pictures), _views_lead(pictures)),
+        Section("View by view", _per_view(report)),
+        Section("Depth and error", _maps(pictures)),
+        Section("Camera path", _path(evidence), _path_lead(evidence)),
+        Section("Quality against time", _curve(report), f"The fit ended: {report['stopped_because']}."),
+        Section("Cost", _cost(report)),
+    ]
+    plan = report["provenance"].get("plan")
+    if isinstance(plan, Mapping) and isinstance(plan.get("effects"), Mapping):
+        first.append(Section("Simulated effects", _plan(plan), _plan_lead(plan)))
+    last = [
+        Section("Notes and doubts", pieces.sentences(report["notes"], empty="There is nothing to doubt or to add.")),
+        Section("Measurement and calibration", _measurement(report)),
+        Section("Settings", pieces.facts([*flat_rows(report["settings"]), ("seed", report["seed"])]), folded=True),
+        Section("Environment", _environment(report), folded=True),
+        Section("Files", pieces.facts(FILES), "What else lies in this run's folder."),
+    ]
+    shown = [section for section in (*first, *last) if section.body]
+    return page(str(report["name"]), shown, masthead=_masthead(report), eyebrow=f"{report['name']} · gs2ci run")
+
+
+def _masthead(report: Mapping[str, Any]) -> Markup:
+    out = outcome(report)
+    top = pieces.masthead(out.headline, _how_good(report), _figures(report), out.tone, out.word)
+    return top + pieces.steps(
+        next_steps(report), title="What to try next", empty="Nothing in this run's evidence asks for a change."
+    )
+
+
+def _how_good(report: Mapping[str, Any]) -> list[str]:
+    """Say in sentences how good, how long."""
+    said = []
+    if report["psnr_db"] is not None:
+        mean, decode = report["psnr_db"]["mean"], report["decode"]["psnr_db"]["mean"]
+        gain = mean - decode
+        compared = f"{gain:.1f} dB better than the decode alone" if gain >= 0.05 else "as good as the decode alone"
+        said.append(f"Against the true views: {mean:.1f} dB, {compared}.")
+    heldout = report["residual"]["heldout_rms"]
+    own, decode = heldout.get(report["verdict"]), heldout.get("decode")
+    if own is not None and decode is not None and report["verdict"] != "decode":
+        said.append(
+            f"On the pixels that no stage had seen, the prediction is off by {own:.3f} of a view's full scale; "
+            f"the decode's by {decode:.3f}."
+        )
+    kind = {
+        "refined": "The views are the scene's, refined by what it left unexplained.",
+        "scene": "The views are the scene's own.",
+        "decode": "The views are the decode's: held-out pixels favour it over the scene.",
+    }
+    said.append(kind[report["verdict"]])
+    return said
+
+
+def _figures(report: Mapping[str, Any]) -> list[Figure]:
+    """Choose the figures that matter."""
+    found = []
+    if report["psnr_db"] is not None:
+        each = report["psnr_db"]["per_view"]
+        found.append(Figure(f"{report['psnr_db']['mean']:.2f} dB", "PSNR", f"views {min(each):.1f} to {max(each):.1f}"))
+        found.append(Figure(f"{report['ssim']['mean']:.3f}", "SSIM", f"decode {report['decode']['ssim']['mean']:.3f}"))
+    heldout = report["residual"]["heldout_rms"].get(report["verdict"])
+    if heldout is not None:
+        found.append(Figure(f"{heldout:.4f}", "Held-out residual", "rms, full scale = 1"))
+    else:
+        found.append(Figure(f"{report['residual']['rms']:.4f}", "Residual", "rms, full scale = 1"))
+    if report["trajectory"] is not None and report["trajectory"]["nate"] is not None:
+        turned = report["trajectory"]["rotation_deg"]
+        found.append(Figure(f"{report['trajectory']['nate']:.4f}", "Path error (nATE)", f"rotation {turned:.2f}°"))
+    seconds = report["seconds"]
+    found.append(Figure(describe_seconds(seconds["total"]), "Time", f"{report['machine']['usable_cores']} cores"))
+    found.append(Figure(describe_number(report["gaussians"]), "Gaussians", f"peak {report['peak_mib']:.0f} MiB"))
+    return found
+
+
+def _views(report: Mapping[str, Any], pictures: RunPictures) -> Markup:
+    return piece(
+        "comparator",
+        layers=pictures.layers,
+        recovered=pictures.recovered,
+        measurement=pictures.measurement,
+        captions=[_caption(report, index) for index in pictures.indices],
+        views=[index + 1 for index in pictures.indices],
+        start=pictures.start,
+        width=pictures.recovered[0].width,
+        height=pictures.recovered[0].height,
+        pixelated=pictures.pixelated,
+    )
+
+
+def _views_lead(pictures: RunPictures) -> str:
+    few = "" if pictures.all_shown else f"{len(pictures.indices)} of {pictures.count} views are shown here. "
+    return f"{few}Pictures on this page are compressed; views.npy holds the exact numbers."
+
+
+def _caption(report: Mapping[str, Any], index: int) -> str:
+    if report["psnr_db"] is None:
+        return ""
+    decode, own = report["decode"]["psnr_db"]["per_view"][index], report["psnr_db"]["per_view"][index]
+    return f"decode {decode:.2f} dB, recovered {own:.2f} dB"
+
+
+def _per_view(report: Mapping[str, Any]) -> Markup:
+    if report["psnr_db"] is None or report["views"] < 2:
+        return Markup()
+    views = list(range(1, report["views"] + 1))
+    lines = [Line("recovered", views, report["psnr_db"]["per_view"], "accent")]
+    # Whichever of the two was taken as the result is there already.
+    others: tuple[tuple[str, str, Colour], ...] = (("scene", "scene alone", "third"), ("decode", "decode", "muted"))
+    for key, name, colour in others:
+        if report["verdict"] != key:
+            lines.append(Line(name, views, report[key]["psnr_db"]["per_view"], colour, dashed=True))
+    return pieces.chart(
+        Chart(lines, "view, in order of exposure", "PSNR, dB", "PSNR of each view: recovered, scene alone and decode")
+    )
+
+
+def _maps(pictures: RunPictures) -> Markup:
+    shown = [
+        piece(
+            "by_view",
+            pictures=found.pictures,
+            views=[index + 1 for index in pictures.indices],
+            start=pictures.start,
+            label=found.label,
+            caption=found.caption,
+            scale=found,
+            pixelated=pictures.pixelated,
+        )
+        for found in (pictures.depth, pictures.error)
+        if found is not None
+    ]
+    if not shown:
+        return pieces.paragraph("No depth was found, and the true views are not known.")
+    views = [index + 1 for index in pictures.indices]
+    return pieces.columns(*shown) + piece("picker", views=views, start=pictures.start, label="View")
+
+
+def _path(evidence: RunEvidence) -> Markup:
+    report = evidence.report
+    paths = Paths(evidence.world_to_camera, evidence.true_world_to_camera, evidence.stage_world_to_camera)
+    unit = "true units" if paths.true is not None else "stage units" if paths.stage is not None else "scene units"
+    names = [name for name in ("recovered", "true", "stage") if getattr(paths, name) is not None]
+    drawing = piece(
+        "chart_frame",
+        wide=path_svg(paths, 760, unit=unit),
+        narrow=path_svg(paths, 340, unit=unit),
+        legend=[(name, path_colour(name), name == "stage") for name in names],
+        caption="Seen from above; the cameras look up the page.",
+    )
+    errors = report["trajectory"] or {}
+    geometry = report["geometry"]
+    rows = [
+        ("absolute error (ATE), rms", errors.get("ate"), " true units"),
+        ("of the path's size (nATE)", errors.get("nate"), ""),
+        ("mean rotation error", errors.get("rotation_deg"), "°"),
+        ("error per step (RPE), rms", errors.get("rpe_t"), " true units"),
+        ("rotation per step (RPE)", errors.get("rpe_r_deg"), "°"),
+        ("poses started from", geometry.get("method"), ""),
+        ("tracked points", geometry.get("tracks"), ""),
+        ("reprojection error, rms", geometry.get("reprojection_rms_px"), " px"),
+        ("parallax, rms", geometry.get("parallax_px"), " px"),
+    ]
+    known = [(name, describe_value(value) + mark) for name, value, mark in rows if value is not None]
+    return drawing + pieces.facts(known)
+
+
+def _path_lead(evidence: RunEvidence) -> str:
+    if evidence.true_world_to_camera is not None:
+        return "The recovered path, brought onto the true one by the similarity that no image can reveal."
+    if evidence.stage_world_to_camera is not None:
+        return "The recovered path, brought onto the stage's by the similarity that no image can reveal."
+    return "The recovered path; its unit is the scene's own."
+
+
+def _curve(report: Mapping[str, Any]) -> Markup:
+    rows = [row for row in report["curve"] if row["seconds"] > 0]
+    drawn = []
+    wanted: tuple[tuple[str, str, Colour, float | None], ...] = (
+        ("psnr_db", "PSNR, dB", "accent", _decode_psnr(report)),
+        ("heldout", "held-out residual, rms", "truth", report["residual"]["heldout_rms"].get("decode")),
+    )
+    for key, label, colour, level in wanted:
+        known = [row for row in rows if row[key] is not None]
+        if not known:
+            continue
+        seconds, values = [row["seconds"] for row in known], [row[key] for row in known]
+        drawn.append(
+            pieces.chart(
+                Chart(
+                    [Line(label, seconds, values, colour)],
+                    "seconds since the beginning",
+                    label,
+                    f"{label} against seconds: {values[0]:.4g} after {seconds[0]:.0f} s, {values[-1]:.4g} after "
+                    f"{seconds[-1]:.0f} s",
+                    x_log=True,
+                    y_log=key == "heldout" and min(values) > 0,
+                    levels=[] if level is None else [("decode", level)],
+                )
+            )
+        )
+    return Markup().join(drawn) if drawn else pieces.paragraph("Nothing was fitted, so there is no course to show.")
+
+
+def _decode_psnr(report: Mapping[str, Any]) -> float | None:
+    scores = report["decode"]["psnr_db"]
+    return None if scores is None else float(scores["mean"])
+
+
+def _cost(report: Mapping[str, Any]) -> Markup:
+    seconds: Mapping[str, float] = report["seconds"]
+    stages = [(name, value) for name, value in seconds.items() if name != "total"]
+    rest = seconds["total"] - sum(value for _, value in stages)
+    if rest > 0.02 * seconds["total"]:
+        stages.append(("other", rest))
+    colours: tuple[Colour, ...] = ("fourth", "third", "accent", "fifth", "truth", "muted")
+    parts = [
+        Bar(name, value, f"{value:.1f} s", colours[index % len(colours)]) for index, (name, value) in enumerate(stages)
+    ]
+    height, width = report["size"]
+    per_view = 1e6 * seconds["total"] / max(height * width * report["views"], 1)
+    rows = [
+        ("in all", describe_seconds(seconds["total"])),
+        ("per recovered megapixel", f"{per_view:.0f} s"),
+        ("peak memory", f"{report['peak_mib']:.0f} MiB"),
+    ]
+    return pieces.bars(parts, unit="s") + pieces.facts(rows)
+
+
+def _plan(plan: Mapping[str, Any]) -> Markup:
+    rows = []
+    for name, effect in plan["effects"].items():
+        bound = effect.get("bound_rms_dn")
+        rows.append(
+            (
+                name.replace("_", " "),
+                bound if isinstance(bound, str) else describe_number(bound, 3),
+                effect.get("simulated"),
+                effect.get("why"),
+                effect.get("sampling") or "–",
+            )
+        )
+    return pieces.table(("effect", "at stake, DN rms", "simulated", "why", "sampling"), rows)
+
+
+def _plan_lead(plan: Mapping[str, Any]) -> str:
+    error, tolerance = describe_number(plan.get("error_dn"), 2), describe_number(plan.get("tolerance_dn"), 2)
+    return (
+        f"This exposure was simulated to within {error} DN rms of everything (asked for: {tolerance}), from "
+        f"{describe_number(plan.get('views'))} rendered views. At stake is what leaving an effect out would change."
+    )
+
+
+def _measurement(report: Mapping[str, Any]) -> Markup:
+    """Say what was measured and what was known of the bench: what the file states, nothing else."""
+    height, width = report["size"]
+    geometry = report["geometry"]
+    colours = f"{report['cfa']} mosaic" if report["cfa"] else "RGB" if report["channels"] == 3 else "mono"
+    sources = {"file": "from the file", "estimated": "estimated", "default": "assumed"}
+    rows: list[tuple[str, Any]] = [
+        ("pixels", f"{width} × {height}, {colours}"),
+        ("masks in one exposure", report["views"]),
+    ]
+    if geometry.get("focal_px") is not None:
+        source = sources.get(geometry.get("focal_source"), "")
+        rows.append(("focal length", f"{describe_number(geometry['focal_px'])} px {source}".strip()))
+    measured = report.get("measured", {})
+    for key, name in (
+        ("open_share", "masks open, mean"),
+        ("grey_share", "samples of masks that are partly open"),
+        ("closed_share", "pixels that no mask opens"),
+        ("saturated_share", "saturated pixels"),
+    ):
+        if measured.get(key) is not None:
+            rows.append((name, f"{100 * measured[key]:.3g} %"))
+    if "weights" in measured:
+        rows.append(("exposure of a mask, share of its interval", "{:.3g} to {:.3g}".format(*measured["weights"])))
+    if "telemetry" in measured:
+        rows.append(("stage telemetry", measured["telemetry"]))
+    origin = {key: value for key, value in report["provenance"].items() if key != "plan"}
+    told = list(spoken_rows(origin))
+    origins = piece("heading", text="As the shot file tells it") + pieces.facts(told) if told else Markup()
+    return pieces.facts(rows) + origins
+
+
+def _environment(report: Mapping[str, Any]) -> Markup:
+    return pieces.columns(pieces.facts(spoken_rows(report["machine"])), pieces.facts(flat_rows(report["versions"])))

@@ -1,0 +1,162 @@
+"""Which pictures of a run its page shows, and how they are coloured, all within one budget of bytes.
+
+Not here: encoding (`pictures.py`), the page (`run_page.py`). Only `run_page.py` imports this file.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gs2ci.evaluate.pages.pictures import (
+    U8,
+    Picture,
+    colour,
+    encode_all,
+    is_pixel_art,
+    scale_strip,
+    to_eight_bit,
+)
+from gs2ci.evaluate.pages.run_evidence import RunEvidence
+from gs2ci.evaluate.wording import describe_number
+
+# More views than this make all of them small; those shown lie evenly over the exposure.
+MOST_VIEWS: Final = 16
+# An almost perfect result would otherwise look as bad as any other.
+LEAST_ERROR_CEILING: Final = 0.02
+TICKS: Final = 5
+
+
+@dataclass(frozen=True)
+class Layer:
+    """What the recovered views can be compared with; no pictures: the measurement, which is one for all views."""
+
+    name: str
+    label: str
+    alt: str
+    pictures: Sequence[Picture]
+
+
+@dataclass(frozen=True)
+class Map:
+    """A coloured map for each view, with its scale."""
+
+    label: str
+    caption: str
+    pictures: Sequence[Picture]
+    picture: Picture
+    ticks: Sequence[str]
+
+
+@dataclass(frozen=True)
+class RunPictures:
+    """All pictures of a page.
+
+    Args:
+        indices: Of the views shown.
+        count: How many views there are.
+        start: Which of the views shown is shown first.
+        pixelated: Whether they are so small that the eye should see their pixels.
+        recovered: The recovered views.
+        layers: What they can be compared with, at least one.
+        measurement: Or None where the folder does not hold it.
+        depth: Or None where none was found.
+        error: Or None where the truth is not known.
+    """
+
+    indices: Sequence[int]
+    count: int
+    start: int
+    pixelated: bool
+    recovered: Sequence[Picture]
+    layers: Sequence[Layer]
+    measurement: Picture | None
+    depth: Map | None
+    error: Map | None
+
+    @property
+    def all_shown(self) -> bool:
+        """Tell whether every view is shown."""
+        return len(self.indices) == self.count
+
+
+def collect_pictures(evidence: RunEvidence) -> RunPictures:
+    """Choose, colour and encode the pictures of a run's page."""
+    count = len(evidence.views)
+    indices = np.unique(np.linspace(0, count - 1, min(count, MOST_VIEWS)).round().astype(int)).tolist()
+    stacks: dict[str, list[U8]] = {
+        "recovered": [to_eight_bit(evidence.views[i]) for i in indices],
+        "decode": [to_eight_bit(evidence.decode[i]) for i in indices],
+    }
+    if evidence.report["verdict"] == "refined":
+        stacks["scene"] = [to_eight_bit(evidence.scene_views[i]) for i in indices]
+    if evidence.true_views is not None:
+        stacks["truth"] = [evidence.true_views[i] for i in indices]
+    if evidence.measurement is not None:
+        stacks["measurement"] = [evidence.measurement]
+    depth, error = _depth(evidence, indices), _error(evidence, indices)
+    for name, found in (("depth", depth), ("error", error)):
+        if found is not None:
+            stacks[name] = found[0]
+    encoded = encode_all(stacks)
+    return RunPictures(
+        indices=indices,
+        count=count,
+        start=len(indices) // 2,
+        pixelated=is_pixel_art((evidence.views.shape[1], evidence.views.shape[2])),
+        recovered=encoded["recovered"],
+        layers=_layers(encoded, evidence.report["verdict"]),
+        measurement=encoded["measurement"][0] if "measurement" in encoded else None,
+        depth=None if depth is None else Map("Depth", _DEPTH, encoded["depth"], scale_strip("depth"), depth[1]),
+        error=None if error is None else Map("Error", _ERROR, encoded["error"], scale_strip("error"), error[1]),
+    )
+
+
+_DEPTH: Final = "Depth along the optical axis, in scene units, evenly coloured in its inverse; grey: nothing is seen."
+_ERROR: Final = "Error: mean over the colours of |recovered − true|, full scale 1."
+
+
+def _layers(encoded: dict[str, list[Picture]], verdict: str) -> list[Layer]:
+    wanted = [
+        Layer("decode", "Decode", "decoded without a scene", encoded["decode"]),
+        Layer("measurement", "Measurement", "the coded measurement", ()),
+        Layer("scene", "Scene alone", "the scene alone, unrefined", encoded.get("scene", ())),
+        Layer("truth", "Truth", "the true view", encoded.get("truth", ())),
+    ]
+    found = [layer for layer in wanted if layer.name in encoded]
+    # Where the decode is the result, there is nothing to compare it with itself for, unless it is all there is.
+    rest = [layer for layer in found if layer.name != "decode"]
+    return rest if verdict == "decode" and rest else found
+
+
+def _depth(evidence: RunEvidence, indices: Sequence[int]) -> tuple[list[U8], list[str]] | None:
+    """Colour depth by its inverse, which images determine evenly; one scale for all views."""
+    if evidence.depth is None:
+        return None
+    depth = np.stack([evidence.depth[i] for i in indices]).astype(np.float64)
+    empty = ~(np.isfinite(depth) & (depth > 0))
+    if empty.all():
+        return None
+    inverse = 1 / np.where(empty, 1.0, depth)
+    low, high = (float(value) for value in np.percentile(inverse[~empty], (1, 99)))
+    if high - low < 1e-3 * high:
+        low, high = 0.9 * low, 1.1 * high
+    ticks = [describe_number(float(f"{1 / value:.2g}"), 2) for value in np.linspace(low, high, TICKS)]
+    return list(colour(inverse, (low, high), "depth", empty=empty)), ticks
+
+
+def _error(evidence: RunEvidence, indices: Sequence[int]) -> tuple[list[U8], list[str]] | None:
+    if evidence.true_views is None:
+        return None
+    error = np.stack([_absolute_error(evidence.views[i], evidence.true_views[i]) for i in indices])
+    ceiling = max(float(np.percentile(error, 99.5)), LEAST_ERROR_CEILING)
+    ticks = [describe_number(float(f"{value:.2g}"), 2) for value in np.linspace(0, ceiling, TICKS)]
+    return list(colour(error, (0.0, ceiling), "error", empty=np.zeros(error.shape, bool))), ticks
+
+
+def _absolute_error(view: NDArray[Any], truth: U8) -> NDArray[np.float64]:
+    """Average |view − truth| over the colours, [H, W]; a mono truth stands for all three."""
+    difference = np.clip(view, 0, 1).astype(np.float64) - truth / 255
+    return np.asarray(np.abs(difference).mean(-1), np.float64)

@@ -1,0 +1,183 @@
+"""A run's scene and cameras, served to a browser by viser.
+
+Here: what is shown, and the server. Not here: how long it is served (`gs2ci.commands.view`). The commands may import
+this file; viser, an extra of the package, is imported only when something is served.
+"""
+
+import socket
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import cv2
+import numpy as np
+import torch
+from scipy.spatial.transform import Rotation
+
+from gs2ci.core.errors import InputError
+from gs2ci.core.records import F32, F64
+from gs2ci.evaluate.pages.pictures import U8, to_eight_bit
+from gs2ci.evaluate.pages.run_evidence import read_evidence
+from gs2ci.render.gaussians import rotation_matrices
+from gs2ci.render.ply import read_ply
+
+# viser keeps covariances in half precision, whose numbers end at 6e-8: scenes are shown at a scale of their own, so
+# that what the cameras look at lies this far away.
+SHOWN_DEPTH: Final = 10.0
+# Pictures on the cameras are there to be recognised.
+PICTURE_SIDE_PX: Final = 320
+# A camera's symbol, as a share of the mean distance between neighbours, and of the depth where there is one camera.
+SYMBOL_OF_STEP, SYMBOL_OF_DEPTH = 0.6, 0.05
+SYMBOL_LINE_PX, SYMBOL_COLOUR = 1.5, (240, 130, 90)
+# A taken port is often one's own earlier viewer; so many of the following ones are tried.
+PORTS_TRIED: Final = 20
+HIGHEST_PORT: Final = 65_535
+
+
+@dataclass(frozen=True)
+class ViewerScene:
+    """What is shown, scaled so that the scene lies at `SHOWN_DEPTH`.
+
+    Args:
+        means: [G, 3].
+        covariances: [G, 3, 3].
+        colours: In [0, 1], [G, 3].
+        opacities: In [0, 1], [G, 1].
+        camera_to_world: [N, 4, 4], OpenCV axes.
+        fov: Vertical field of view, radians.
+        pictures: The recovered views, small, [N] of [h, w, 3].
+    """
+
+    means: F32
+    covariances: F32
+    colours: F32
+    opacities: F32
+    camera_to_world: F64
+    fov: float
+    pictures: list[U8]
+
+    @property
+    def symbol(self) -> float:
+        """Get the size of a camera's symbol, in shown units."""
+        steps = np.linalg.norm(np.diff(self.camera_to_world[:, :3, 3], axis=0), axis=1)
+        most = SYMBOL_OF_DEPTH * SHOWN_DEPTH
+        return float(np.clip(SYMBOL_OF_STEP * steps.mean(), 0.05 * most, most)) if len(steps) else most
+
+
+def load_scene(folder: Path) -> ViewerScene:
+    """Read a run folder for viewing.
+
+    Raises:
+        StorageError: The folder is no whole run.
+        InputError: Its scene cannot be read, or is empty.
+    """
+    evidence = read_evidence(folder)
+    gaussians = read_ply(Path(folder) / "scene.ply").map(torch.Tensor.float)
+    if not len(gaussians):
+        raise InputError(f"{Path(folder) / 'scene.ply'} holds no Gaussian", remedy="see report.html for why")
+    poses = np.asarray(np.linalg.inv(evidence.world_to_camera), np.float64)
+    scale = SHOWN_DEPTH / _typical_depth(gaussians.means.numpy(), evidence.world_to_camera)
+    axes = rotation_matrices(gaussians.quaternions) * (scale * gaussians.log_scales.exp())[:, None, :]
+    poses[:, :3, 3] *= scale
+    height = evidence.views.shape[1]
+    return ViewerScene(
+        means=(scale * gaussians.means).numpy(),
+        covariances=(axes @ axes.transpose(1, 2)).numpy(),
+        colours=gaussians.colours.clamp(0, 1).numpy(),
+        opacities=torch.sigmoid(gaussians.opacity_logits)[:, None].numpy(),
+        camera_to_world=poses,
+        fov=2 * float(np.arctan(height / (2 * evidence.focal_y_px))),
+        pictures=[_small(to_eight_bit(view)) for view in evidence.views],
+    )
+
+
+def serve(scene: ViewerScene, *, host: str, port: int) -> Any:
+    """Start serving a scene; return viser's server, which `stop()` ends.
+
+    Args:
+        scene: What to show.
+        host: Address of the interface to listen on.
+        port: To listen on, or the next free one; 0 takes any.
+
+    Raises:
+        InputError: viser is not installed, or no port can be had.
+    """
+    try:
+        import viser  # noqa: PLC0415
+    except ImportError as error:
+        raise InputError("viewing a scene needs the package viser", remedy="pip install 'gs2ci[view]'") from error
+    server = viser.ViserServer(host=host, port=free_port(host, port), verbose=False)
+    # The button would send the scene through somebody else's machine. Dark, as light that no Gaussian sends.
+    server.gui.configure_theme(show_share_button=False, dark_mode=True)
+    _show(server, scene)
+    return server
+
+
+def free_port(host: str, port: int) -> int:
+    """Find a port that can be listened on: this one or one of the next; any if it is 0.
+
+    Raises:
+        InputError: There is none, or the host is no address of this machine.
+    """
+    if not 0 <= port <= HIGHEST_PORT:
+        raise InputError(f"port {port}", allowed=f"0 to {HIGHEST_PORT}")
+    tried = range(port, min(port + PORTS_TRIED, HIGHEST_PORT + 1)) if port else range(1)
+    for candidate in tried:
+        try:
+            with socket.create_server((host, candidate)) as listener:
+                return int(listener.getsockname()[1])
+        except OSError as error:
+            reason = error
+    raise InputError(
+        f"nothing can be served at {host}, port {tried[0]} to {tried[-1]}: {reason}",
+        remedy="choose another --port, or a --host of this machine such as 127.0.0.1",
+    )
+
+
+def _show(server: Any, scene: ViewerScene) -> None:
+    server.scene.set_up_direction("-y")
+    server.scene.add_gaussian_splats(
+        "/scene", centers=scene.means, covariances=scene.covariances, rgbs=scene.colours, opacities=scene.opacities
+    )
+    for index, (pose, picture) in enumerate(zip(scene.camera_to_world, scene.pictures, strict=True)):
+        frustum = server.scene.add_camera_frustum(
+            f"/cameras/{index + 1}",
+            fov=scene.fov,
+            aspect=picture.shape[1] / picture.shape[0],
+            scale=scene.symbol,
+            thickness=SYMBOL_LINE_PX,
+            thickness_units="screen",
+            color=SYMBOL_COLOUR,
+            image=picture,
+            wxyz=Rotation.from_matrix(pose[:3, :3]).as_quat(scalar_first=True),
+            position=pose[:3, 3],
+        )
+        frustum.on_click(lambda event, pose=pose: _step_into(event.client, pose))
+    middle = scene.camera_to_world[len(scene.pictures) // 2]
+    # A little behind the middle camera, so that its neighbours are in sight.
+    server.initial_camera.position = middle[:3, 3] - 0.25 * SHOWN_DEPTH * middle[:3, 2]
+    server.initial_camera.look_at = middle[:3, 3] + SHOWN_DEPTH * middle[:3, 2]
+    server.initial_camera.up = -middle[:3, 1]
+    server.initial_camera.fov = scene.fov
+
+
+def _step_into(client: Any, pose: F64) -> None:
+    """Look through a camera."""
+    client.camera.position = pose[:3, 3]
+    client.camera.look_at = pose[:3, 3] + SHOWN_DEPTH * pose[:3, 2]
+    client.camera.up_direction = -pose[:3, 1]
+
+
+def _typical_depth(means: F32, world_to_camera: F64) -> float:
+    """Measure the median distance of the Gaussians in front of the middle camera; 1 where none is."""
+    pose = world_to_camera[len(world_to_camera) // 2]
+    depth = means @ pose[2, :3] + pose[2, 3]
+    ahead = depth[depth > 0]
+    return float(np.median(ahead)) if len(ahead) else 1.0
+
+
+def _small(picture: U8) -> U8:
+    height, width = picture.shape[:2]
+    share = min(1.0, PICTURE_SIDE_PX / max(height, width))
+    size = (max(1, round(share * width)), max(1, round(share * height)))
+    return np.asarray(cv2.resize(picture, size, interpolation=cv2.INTER_AREA), np.uint8)

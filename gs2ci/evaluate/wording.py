@@ -1,0 +1,93 @@
+"""How figures are written for people: durations, counts, numbers, nested settings as rows.
+
+Not here: which figures are shown. The commands and the rest of `gs2ci.evaluate` may import this file.
+"""
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, Final
+
+THIN_SPACE: Final = "\u2009"
+UNKNOWN: Final = "–"
+# Endings of our names, and how their units are written after a number.
+UNITS: Final = {
+    "s": " s",
+    "mm": " mm",
+    "px": " px",
+    "deg": "°",
+    "dn": " DN",
+    "e": " e⁻",
+    "mib": " MiB",
+    "hz": " Hz",
+    "c": " °C",
+}
+
+
+def describe_seconds(seconds: float) -> str:
+    """Write a duration as a person says it: 48 s, 3 min 05 s, 2 h 10 min."""
+    whole = round(seconds)
+    if whole < 60:
+        return f"{whole} s"
+    if whole < 3600:
+        return f"{whole // 60} min {whole % 60:02d} s"
+    return f"{whole // 3600} h {whole % 3600 // 60:02d} min"
+
+
+def describe_number(value: float | None, digits: int = 4) -> str:
+    """Write a number with so many significant digits, and thousands apart; a dash where it is not known.
+
+    >>> describe_number(0.0123456), describe_number(48200), describe_number(None)
+    ('0.01235', '48\u2009200', '–')
+    """
+    if value is None or not math.isfinite(value):
+        return UNKNOWN
+    if float(value).is_integer() and abs(value) < 1e15:
+        return f"{int(value):,}".replace(",", THIN_SPACE)
+    if abs(value) >= 10 ** (digits - 1):
+        return f"{value:,.0f}".replace(",", THIN_SPACE)
+    return f"{value:.{digits}g}"
+
+
+def describe_value(value: Any) -> str:
+    """Write any plain value of a report: yes, no, a number, a short list, a text."""
+    match value:
+        case None:
+            return UNKNOWN
+        case bool():
+            return "yes" if value else "no"
+        case int() | float():
+            return describe_number(value)
+        case list() | tuple():
+            # Items that are sentences hold commas of their own.
+            mark = "; " if any(isinstance(item, str) and " " in item for item in value) else ", "
+            return mark.join(describe_value(item) for item in value)
+        case _:
+            return str(value)
+
+
+def flat_rows(values: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, str]]:
+    """List nested values as rows of (dotted name, text); lists of plain values stay on one row."""
+    for key, value in values.items():
+        name = f"{prefix}{key}"
+        if isinstance(value, Mapping):
+            yield from flat_rows(value, f"{name}.")
+        elif isinstance(value, Sequence) and not isinstance(value, str) and any(_is_nested(item) for item in value):
+            yield from flat_rows({str(index): item for index, item in enumerate(value)}, f"{name}.")
+        else:
+            yield name, describe_value(value)
+
+
+def spoken_rows(values: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    """List nested values as `flat_rows` does, names in words, a unit that ends a name after the number instead.
+
+    >>> list(spoken_rows({"exposure_s": 0.16, "mask_index": 3}))
+    [('exposure', '0.16 s'), ('mask index', '3')]
+    """
+    for name, text in flat_rows(values):
+        stem, _, ending = name.rpartition("_")
+        unit = UNITS.get(ending, "") if stem and text[-1:].isdigit() else ""
+        yield (stem if unit else name).replace("_", " "), text + unit
+
+
+def _is_nested(value: Any) -> bool:
+    return isinstance(value, Mapping) or (isinstance(value, Sequence) and not isinstance(value, str))

@@ -1,0 +1,38 @@
+"""Adaptive density control, as 3D Gaussian splatting came with it (Kerbl et al. 2023, section 5.2; gsplat's defaults).
+
+Here: the rule, put together from `classic.py`. For `gs2ci.reconstruct.fit`.
+"""
+
+from dataclasses import dataclass, field
+
+import torch
+
+from gs2ci.reconstruct.fit.density.base import Change, Evidence, grow, within
+from gs2ci.reconstruct.fit.density.classic import Classic
+from gs2ci.render.gaussians import Gaussians
+
+
+@dataclass(frozen=True)
+class Adc:
+    """Split what is large, duplicate what is small, where the gradient is high; remove what is faint or huge.
+
+    Copies and children keep the opacity of the one they come from, as in the original.
+
+    Args:
+        criteria: Thresholds and the reset of opacities.
+    """
+
+    criteria: Classic = field(default_factory=Classic)
+    name: str = "adc"
+
+    def change(self, scene: Gaussians, evidence: Evidence, generator: torch.Generator) -> Change:
+        """Return the population that the fit goes on with."""
+        remove = self.criteria.removed(scene, evidence)
+        split, duplicate = self.criteria.divide(scene, evidence, self.criteria.wanting(evidence))
+        room = evidence.cap - (len(scene) - int(remove.sum()))
+        split, duplicate = within(room, evidence.screen_gradient, split & ~remove, duplicate & ~remove)
+        change = grow(scene, ~(remove | split), duplicate, split, generator, preserving="neither")
+        return self.criteria.reset(change, evidence)
+
+    def shake(self, scene: Gaussians, rate: float, generator: torch.Generator) -> None:
+        """Move nothing."""

@@ -1,0 +1,80 @@
+"""The criteria of adaptive density control that `adc`, `revised` and `osgr` share (Kerbl et al. 2023, section 5.2).
+
+Here: which Gaussians are in want of company, which of them are split, which are removed, and the reset of opacities.
+Not here: the rules that put them together. For `gs2ci.reconstruct.fit.density`.
+"""
+
+from dataclasses import dataclass, replace
+
+import torch
+from torch import Tensor
+
+from gs2ci.reconstruct.fit.density.base import Change, Evidence
+from gs2ci.render.gaussians import Gaussians, logit
+
+
+@dataclass(frozen=True)
+class Classic:
+    """Thresholds, with the defaults that gsplat and Nerfstudio's trainer give to those of the original.
+
+    Args:
+        gradient: Screen gradient above which a Gaussian is split or duplicated.
+        large: Size above which it is split rather than duplicated, in units of the camera path's diameter.
+        large_on_screen: Radius above which it is split whatever its gradient, as a share of the longer image side.
+        transparent: Opacity below which it is removed.
+        huge: Size above which it is removed, in units of the path's diameter or of the median depth, whichever is
+            longer: the original's unit is the size of a scene that cameras go round, and a short path says nothing
+            about that.
+        huge_on_screen: Radius above which it is removed, as a share of the longer image side.
+        screen_until: Iteration from which on radii no longer count.
+        reset_every: Iterations between resets of all opacities; None for never. Sizes remove nothing before the first.
+        reset_to: Opacity that a reset leaves at most: twice the removal's, so that what is needed can recover.
+    """
+
+    gradient: float = 2e-4
+    large: float = 0.01
+    large_on_screen: float = 0.05
+    transparent: float = 0.005
+    huge: float = 0.1
+    huge_on_screen: float = 0.15
+    screen_until: int = 4000
+    reset_every: int | None = 3000
+    reset_to: float = 0.01
+
+    def wanting(self, evidence: Evidence) -> Tensor:
+        """Return those that the loss pulls at, [G] bool."""
+        return evidence.screen_gradient > self.gradient
+
+    def divide(self, scene: Gaussians, evidence: Evidence, wanting: Tensor) -> tuple[Tensor, Tensor]:
+        """Divide those in want of company into splits and duplicates, [G] bool each.
+
+        Among the splits are also those whose radius alone asks for it.
+        """
+        split = wanting & (_sizes(scene) > self.large * evidence.extent)
+        duplicate = wanting & ~split
+        if evidence.iteration < self.screen_until:
+            wide = evidence.screen_radius > self.large_on_screen
+            split, duplicate = split | wide, duplicate & ~wide
+        return split, duplicate
+
+    def removed(self, scene: Gaussians, evidence: Evidence) -> Tensor:
+        """Return those to be removed, [G] bool; none if it would be all, as an empty scene cannot grow again."""
+        remove = torch.sigmoid(scene.opacity_logits.detach()) < self.transparent
+        if self.reset_every is not None and evidence.iteration > self.reset_every:
+            remove = remove | (_sizes(scene) > self.huge * max(evidence.extent, 1.0))
+            if evidence.iteration < self.screen_until:
+                remove = remove | (evidence.screen_radius > self.huge_on_screen)
+        return torch.zeros_like(remove) if bool(remove.all()) else remove
+
+    def reset(self, change: Change, evidence: Evidence) -> Change:
+        """Bound all opacities if it is time for that; the optimiser forgets where they were heading."""
+        if not self.reset_every or evidence.iteration == 0 or evidence.iteration % self.reset_every:
+            return change
+        scene = change.scene.map(lambda tensor: tensor)
+        scene.opacity_logits = scene.opacity_logits.clamp(max=float(logit(torch.tensor(self.reset_to))))
+        return replace(change, scene=scene, forget=change.forget | {"opacity_logits"})
+
+
+def _sizes(scene: Gaussians) -> Tensor:
+    """Return each Gaussian's longest standard deviation, [G]."""
+    return scene.log_scales.detach().exp().amax(dim=1)

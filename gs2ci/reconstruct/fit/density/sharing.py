@@ -1,0 +1,64 @@
+"""One Gaussian shared out among several in the same place, so that a ray through them sees what it saw before.
+
+Here: the arithmetic of the relocations of 3DGS-MCMC (Kheradmand et al. 2024, "3D Gaussian splatting as Markov chain
+Monte Carlo", section 4.3 and appendix B), in a form that holds for any number of copies. Not here: who is shared out
+(`mcmc.py`). For `gs2ci.reconstruct.fit.density`.
+
+N copies of opacity p = 1 − (1 − α)^(1/N) let through together what one of opacity α did. Their size is chosen so that
+the light stopped, summed along a line through the centre, stays as well: with s in units of √2 standard deviations,
+
+    σ_N / σ = α ∫ exp(−s²) ds / ∫ 1 − (1 − p exp(−s²))^N ds.
+
+Expanded in powers of p, the lower integral is the double sum of binomials that the authors print. It alternates in
+sign with terms up to e^(Np), and its binomials leave float32 near N = 50, which is where they stop counting. As an
+integral all that is added is positive. The integrand is smooth and falls off with exp(−s²), so that the trapezoid
+rule converges exponentially in the number of nodes.
+"""
+
+import math
+from typing import Final
+
+import torch
+from torch import Tensor
+
+_STEP: Final = 0.05
+_REACH: Final = 7.0  # exp(−s²) is 5e-22 there: at Np < 100 nothing is left of the integrand in float64
+_NODES: Final = round(_REACH / _STEP) + 1
+_OPACITY_TOLD: Final = 1e-200
+"""Below this the limit of small opacities holds to the last digit: p = α / N, and the size stays."""
+
+
+def share_out(opacity_logits: Tensor, log_scales: Tensor, copies: Tensor) -> tuple[Tensor, Tensor]:
+    """Return opacity logits [K] and log scales [K, 3] of each of so many copies that together look like the one.
+
+    Args:
+        opacity_logits: Of the ones, [K].
+        log_scales: Of the ones, [K, 3].
+        copies: How many take the place of each, [K], at least 1; 1 changes nothing.
+    """
+    n = copies.double()
+    logits = opacity_logits.double()
+    log_through = torch.nn.functional.logsigmoid(-logits)  # ln(1 − α), exact where α is near 0 or 1
+    log_rest = log_through / n  # ln(1 − p)
+    opacity, part = -torch.expm1(log_through), -torch.expm1(log_rest)
+    told = (n > 1) & (opacity > _OPACITY_TOLD)
+    share = torch.where(told, torch.log(torch.where(told, part, 1.0)) - log_rest, logits - torch.log(n))
+    stopped = _light_stopped(torch.where(told, part, 0.5), n)
+    shrink = torch.where(told, torch.log(0.5 * math.sqrt(math.pi) * opacity / stopped), 0.0)
+    return share.to(opacity_logits.dtype), (log_scales.double() + shrink[:, None]).to(log_scales.dtype)
+
+
+def most_copies(opacity_logits: Tensor, opacity: float) -> Tensor:
+    """Return how many copies [K] Gaussians may be shared out to, so that none is fainter than `opacity`; at least 1."""
+    log_through = torch.nn.functional.logsigmoid(-opacity_logits.double())
+    # A hair more, so that the quotient of an opacity by itself does not fall to 0.999...
+    return (log_through / math.log1p(-opacity) * (1 + 1e-9)).floor().clamp(min=1).long()
+
+
+def _light_stopped(part: Tensor, n: Tensor) -> Tensor:
+    """Return the integral over s >= 0 of 1 − (1 − p exp(−s²))^n for p and n, [K] each."""
+    s = _STEP * torch.arange(_NODES, dtype=torch.float64)
+    weight = torch.full((_NODES,), _STEP, dtype=torch.float64)
+    weight[0] *= 0.5
+    # Where p rounds to one the logarithm at s = 0 is −∞ and the integrand one, as it should be.
+    return -torch.expm1(n[:, None] * torch.log1p(-part[:, None] * torch.exp(-s * s))) @ weight

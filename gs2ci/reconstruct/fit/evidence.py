@@ -1,0 +1,83 @@
+"""What a density rule decides on, gathered while the fit runs.
+
+Here: the record of the screen between two turns, and the error blended back onto the Gaussians. Not here: what a rule
+makes of it (`density/`). For `gs2ci.reconstruct.fit.coarse`.
+"""
+
+from collections.abc import Callable
+
+import torch
+from torch import Tensor
+
+from gs2ci.reconstruct.fit.density.base import Evidence
+from gs2ci.render.backend import Backend
+from gs2ci.render.gaussians import Gaussians
+from gs2ci.render.screen import ScreenStatistics
+
+
+class Gathering:
+    """Keeps the record of the screen, and knows in which unit rules want it.
+
+    Args:
+        backend: The renderer.
+        masks: Mask value times slot weight, [N, H, W].
+        intrinsics: Camera matrix, [3, 3].
+        count: Number of Gaussians at the start.
+    """
+
+    def __init__(self, backend: Backend, masks: Tensor, intrinsics: Tensor, count: int) -> None:
+        self._backend = backend
+        self._masks = masks
+        self._intrinsics = intrinsics
+        # A view that opens a quarter of the pixels of a mean over all receives a quarter of the gradient that the
+        # rules' thresholds were found with, on photographs.
+        self._per_open_share = 1.0 / max(float(masks.mean()), torch.finfo(masks.dtype).tiny)
+        self.screen = ScreenStatistics.empty(count)
+
+    def start_again(self, count: int) -> None:
+        """Forget what was seen: the Gaussians are others now."""
+        self.screen = ScreenStatistics.empty(count)
+
+    def evidence(
+        self,
+        scene: Gaussians,
+        world_to_camera: Tensor,
+        error: Callable[[], Tensor],
+        *,
+        extent: float,
+        cap: int,
+        iteration: int,
+    ) -> Evidence:
+        """Return it as a rule takes it.
+
+        Args:
+            scene: The present Gaussians.
+            world_to_camera: The present poses, [N, 4, 4].
+            error: Looks up that of each pixel of the predicted measurement, [H, W].
+            extent: See `Evidence`.
+            cap: See `Evidence`.
+            iteration: See `Evidence`.
+        """
+        return Evidence(
+            screen_gradient=self.screen.mean_gradient() * self._per_open_share,
+            screen_radius=self.screen.radius_px / max(self._masks.shape[1:]),
+            blended_error=lambda: self._blended(scene.detach(), world_to_camera.detach(), error()),
+            extent=extent,
+            cap=cap,
+            iteration=iteration,
+        )
+
+    def _blended(self, scene: Gaussians, world_to_camera: Tensor, error: Tensor) -> Tensor:
+        """Return each Gaussian's part in the error of the view where that is largest, [G].
+
+        An image is the sum of blending weights times colours, so that the gradient of its product with the error by
+        a Gaussian's colour is that part (Rota Bulò et al. 2024, section 3.1).
+        """
+        views = len(world_to_camera)
+        colours = torch.zeros(views, len(scene), 3, requires_grad=True)
+        size = (int(error.shape[0]), int(error.shape[1]))
+        images, _ = self._backend.views(scene, world_to_camera, self._intrinsics, size, colours=colours)
+        open_pixels = (self._masks > 0).to(images.dtype)
+        torch.autograd.backward((images[..., 0] * open_pixels * error.to(images.dtype)).sum())
+        assert colours.grad is not None
+        return colours.grad[..., 0].amax(dim=0)

@@ -1,0 +1,389 @@
+"""The fine stage: views from beside the cameras are held to what a frozen prior says of them (paper, section III-D).
+
+Here: the loss on pseudo-views (eqs. 10 and 11), the loop, and the gate: what it makes is kept only if the held-out
+pixels of the measurement agree with it at least as well as before. Not here: the poses and weights (`pseudo_views`),
+the priors (`reconstruct.priors2d`), the coarse stage. For `reconstruct.pipeline`.
+
+The sum over all pseudo-views is estimated by one of them in each iteration, in an order that takes each once before
+any comes again: its mean is the paper's, at a fraction of its price.
+"""
+
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from gs2ci.core.errors import Gs2ciError, InputError, NumericsError
+from gs2ci.core.progress import Progress
+from gs2ci.core.records import F32
+from gs2ci.core.run_records import CurvePoint
+from gs2ci.reconstruct.fit.coarse import CoarseFit
+from gs2ci.reconstruct.fit.losses import DataTerm, LossWeights, opacity_term, size_term
+from gs2ci.reconstruct.fit.optimiser import GaussianOptimiser, StepSizes
+from gs2ci.reconstruct.fit.perceptual import PerceptualDistance, load_distance
+from gs2ci.reconstruct.fit.poses import path_extent
+from gs2ci.reconstruct.fit.pseudo_views import SupportSettings, support_weights, synthesised_poses
+from gs2ci.reconstruct.fit.rendering import ShotRenderer
+from gs2ci.reconstruct.fit.stopping import HoldOut, Jury, Watch
+from gs2ci.reconstruct.priors2d.base import ImagePrior, Question, Seen
+from gs2ci.reconstruct.priors2d.choose import load_prior
+from gs2ci.render.gaussians import Gaussians
+
+Score = Callable[[F32], float]
+Refine = Callable[[F32], F32]
+
+# Keeps the weighted mean defined where no pixel has any weight (ε of eq. 10); weights sum to thousands.
+_EPSILON = 1e-6
+
+
+@dataclass(frozen=True)
+class FineSettings:
+    """The schedule and the weights of the fine stage. The weights are the paper's (section IV-A).
+
+    Args:
+        prior: Says what pseudo-views should look like: "consistent", "nlm", "difix" or "onnx:FILE"
+            (`priors2d.choose`); "none" leaves pseudo-views out, to tell what the iterations alone are worth.
+        distance: The perceptual term: "structure"; "lpips" or "lpips:FILE" where the user has such a model.
+        iterations: At most so many. The paper takes 3000; the coarse stage's schedule is shortened by as much.
+        steps: Step sizes: those with which the coarse stage ends.
+        damping: Factor on all of them: a fresh Adam steps at full size whatever the gradient.
+        between: Pseudo-views between each two cameras.
+        pseudo_weight: Of all pseudo-views together, λ_syn.
+        l1: Of their ℓ1 term.
+        perceptual: Of their perceptual term.
+        support: Weight of their pixels.
+        hold_out: How long the stage waits for the held-out pixels.
+        gated: Whether they decide what is kept; if not, it is the last state, as in the paper.
+    """
+
+    prior: str = "consistent"
+    distance: str = "structure"
+    iterations: int = 300
+    steps: StepSizes = field(default_factory=lambda: StepSizes(means=3.2e-5, means_final_share=1.0))
+    damping: float = 0.3
+    between: int = 1
+    pseudo_weight: float = 0.006
+    l1: float = 0.8
+    perceptual: float = 0.01
+    support: SupportSettings = field(default_factory=SupportSettings)
+    hold_out: HoldOut = field(default_factory=HoldOut)
+    gated: bool = True
+
+    def check(self) -> "FineSettings":
+        """Return self if the numbers make sense.
+
+        Raises:
+            InputError: A count or a weight is out of range.
+        """
+        weights = np.array([self.pseudo_weight, self.l1, self.perceptual])
+        if self.iterations < 1 or self.between < 0 or not ((weights >= 0) & np.isfinite(weights)).all():
+            raise InputError(
+                f"fine stage of {self.iterations} iterations, {self.between} poses between two cameras, weights "
+                f"{weights.tolist()}",
+                allowed="iterations >= 1, between >= 0, weights >= 0",
+            )
+        if not 0 < self.damping <= 1:
+            raise InputError(f"damping {self.damping} of the fine stage", allowed="above 0, at most 1")
+        self.support.check()
+        self.hold_out.check()
+        return self
+
+
+@dataclass(frozen=True)
+class Fine:
+    """A fine stage ready to run: its settings with the models that they name.
+
+    Args:
+        settings: The schedule and the weights.
+        loss: Weights of the terms that stay from the coarse stage.
+        prior: None leaves pseudo-views out.
+        distance: The perceptual term.
+    """
+
+    settings: FineSettings
+    loss: LossWeights
+    prior: ImagePrior | None
+    distance: PerceptualDistance
+
+    @classmethod
+    def load(cls, settings: FineSettings, loss: LossWeights, seed: int) -> "Fine":
+        """Load what the settings name, before any time is spent on the measurement.
+
+        Raises:
+            InputError: The settings make no sense, or a model file cannot be used.
+            StorageError: The list of added models cannot be read.
+        """
+        settings.check()
+        prior = None if settings.prior == "none" else load_prior(settings.prior, seed)
+        return cls(settings, loss, prior, load_distance(settings.distance))
+
+
+@dataclass(frozen=True)
+class Pseudo:
+    """Pseudo-views and what they should look like.
+
+    Args:
+        poses: World to camera, [V, 4, 4] float32.
+        targets: [V, H, W, 3] float32.
+        alphas: When the targets were made, [V, H, W] float32.
+    """
+
+    poses: Tensor
+    targets: Tensor
+    alphas: Tensor
+
+
+class PseudoLoss:
+    """λ_l1 Σ W |X − X̂| / Σ W + λ_per D_per(X, X̂) of one pseudo-view (eq. 10)."""
+
+    def __init__(self, pseudo: Pseudo, settings: FineSettings, distance: PerceptualDistance) -> None:
+        self._pseudo = pseudo
+        self._settings = settings
+        self._distance = distance
+
+    def __len__(self) -> int:
+        return len(self._pseudo.poses)
+
+    @property
+    def poses(self) -> Tensor:
+        """Get where the pseudo-views are seen from, [V, 4, 4] float32."""
+        return self._pseudo.poses
+
+    def __call__(self, view: int, image: Tensor, alpha: Tensor) -> Tensor:
+        """Return the loss of a rendered view, [H, W, 3] with alpha [H, W], as a differentiable scalar."""
+        target = self._pseudo.targets[view]
+        weights = support_weights(self._pseudo.alphas[view], alpha, self._settings.support)
+        error = (image - target).abs().mean(dim=2)
+        photometric = (weights * error).sum() / (weights.sum() + _EPSILON)
+        loss = self._settings.l1 * photometric
+        if self._settings.perceptual:
+            loss = loss + self._settings.perceptual * self._distance(image, target)
+        return loss
+
+
+def fit_fine(
+    jury: Jury,
+    coarse: CoarseFit,
+    renderer: ShotRenderer,
+    fine: Fine,
+    seed: int,
+    refine: Refine,
+    progress: Progress,
+    score: Score | None = None,
+    since_s: float | None = None,
+) -> CoarseFit:
+    """Refine the Gaussians of a coarse fit with its cameras held fast.
+
+    Args:
+        jury: The measurement, its truth unread, and the pixels of it that the loss may not see.
+        coarse: The fit to go on from.
+        renderer: Renders for this shot.
+        fine: Settings and models.
+        seed: For the order of the pseudo-views.
+        refine: What will be done to the scene's views, [N, H, W, C], before they are handed over.
+        progress: Told every iteration.
+        score: Called with the refined views at each look; its value is reported as `psnr_db`.
+        since_s: `time.monotonic()` when the whole reconstruction began; the curve's seconds count from there.
+
+    Returns:
+        The state with the best held-out residual; the coarse fit where no state is better, where nothing is held
+        out that could tell, and where the prior or the distance fails. A note says which.
+    """
+    settings = fine.settings.check()
+    before = jury.residual_rms(refine(coarse.views))
+    if before is None and settings.gated:
+        return _unchanged(coarse, "no pixel is held out to tell whether it helps", progress)
+    try:
+        pseudo_loss = _pseudo_loss(coarse, renderer, fine, refine)
+    except Gs2ciError as error:
+        return _unchanged(coarse, error.problem, progress)
+    fit = _Fit(jury, coarse, renderer, pseudo_loss, fine, seed)
+    loop = _Loop(fit, jury, coarse, refine, progress, score, time.monotonic() if since_s is None else since_s)
+    after = loop.run(before)
+    curve = (*coarse.curve, *loop.curve)
+    if loop.best is None:
+        kept = _unchanged(coarse, "held-out pixels did not agree better with anything it made", progress)
+        return replace(kept, curve=curve)
+    named = "without a prior" if fine.prior is None else f"prior: {fine.prior.name}"
+    judged = f"lowered the held-out residual from {before:.5f} to {after:.5f}" if settings.gated else "was not judged"
+    note = f"The fine stage ({named}) {judged}."
+    progress.say(note)
+    return replace(
+        coarse,
+        scene=loop.best,
+        views=renderer.views(loop.best, fit.poses),
+        curve=curve,
+        notes=(*coarse.notes, note),
+    )
+
+
+def _pseudo_loss(coarse: CoarseFit, renderer: ShotRenderer, fine: Fine, refine: Refine) -> PseudoLoss | None:
+    """Prepare the loss on pseudo-views; None where they are left out.
+
+    Raises:
+        Gs2ciError: The prior or the distance failed, or there is one camera only.
+    """
+    if fine.prior is None or fine.settings.pseudo_weight == 0:
+        return None
+    pseudo = make_pseudo(coarse, renderer, fine.prior, refine, fine.settings.between)
+    if not len(pseudo.poses):
+        raise InputError("there is one camera only, and no path to look beside")
+    loss = PseudoLoss(pseudo, fine.settings, fine.distance)
+    first = loss(0, pseudo.targets[0], pseudo.alphas[0])
+    if not torch.isfinite(first):
+        raise NumericsError(f"the distance {fine.distance.name} of equal images is {float(first)}")
+    return loss
+
+
+def make_pseudo(coarse: CoarseFit, renderer: ShotRenderer, prior: ImagePrior, refine: Refine, between: int) -> Pseudo:
+    """Render pseudo-views of a scene and ask the prior for their targets.
+
+    Raises:
+        Gs2ciError: The prior failed.
+    """
+    poses = synthesised_poses(coarse.world_to_camera, between)
+    at = torch.from_numpy(poses).float()
+    if not len(poses):
+        return Pseudo(at, torch.empty(0), torch.empty(0))
+    with torch.no_grad():
+        images, alphas = renderer.images(coarse.scene, at)
+        cameras = torch.from_numpy(coarse.world_to_camera).float()
+        recovered, _ = renderer.images(coarse.scene, cameras)
+    details = np.broadcast_to(refine(coarse.views) - coarse.views, recovered.shape)
+    question = Question(
+        pseudo=Seen(images.numpy(), renderer.depths(coarse.scene, poses), poses),
+        recovered=Seen(
+            recovered.numpy(), renderer.depths(coarse.scene, coarse.world_to_camera), coarse.world_to_camera
+        ),
+        details=np.ascontiguousarray(details, np.float32),
+        intrinsics=renderer.intrinsics.double().numpy(),
+    )
+    return Pseudo(at, torch.from_numpy(prior(question)), alphas)
+
+
+def _unchanged(coarse: CoarseFit, why: str, progress: Progress) -> CoarseFit:
+    note = f"The fine stage changed nothing: {why}."
+    progress.say(note)
+    return replace(coarse, notes=(*coarse.notes, note))
+
+
+class _Fit:
+    """The Gaussians being refined, and the gradients on them."""
+
+    def __init__(
+        self,
+        jury: Jury,
+        coarse: CoarseFit,
+        renderer: ShotRenderer,
+        pseudo_loss: PseudoLoss | None,
+        fine: Fine,
+        seed: int,
+    ) -> None:
+        shot = jury.shot
+        self.settings = settings = fine.settings
+        self._loss = fine.loss
+        self.poses = torch.from_numpy(coarse.world_to_camera).float()
+        self.optimiser = GaussianOptimiser(coarse.scene, settings.steps, path_extent(coarse.world_to_camera))
+        self._renderer = renderer
+        self._pseudo_loss = pseudo_loss
+        self._data_term = DataTerm(shot.measurement, ~jury.heldout, shot.saturated, fine.loss.similarity)
+        views = 0 if pseudo_loss is None else len(pseudo_loss)
+        self._order = _rounds(views, torch.Generator().manual_seed(seed))
+
+    def backward(self) -> float:
+        """Accumulate the gradients of the objective (eq. 11); return the loss."""
+        scene = self.optimiser.scene
+        loss = self._data_term(self._renderer.measurement(scene, self.poses))
+        loss = loss + self._loss.opacity * opacity_term(scene.opacity_logits)
+        if self._loss.size:
+            loss = loss + self._loss.size * size_term(scene.log_scales)
+        if self._pseudo_loss is not None:
+            view = next(self._order)
+            images, alphas = self._renderer.images(scene, self._pseudo_loss.poses[view : view + 1])
+            loss = loss + self.settings.pseudo_weight * self._pseudo_loss(view, images[0], alphas[0])
+        loss.backward()  # type: ignore[no-untyped-call]
+        return float(loss.detach())
+
+    def is_finite(self, loss: float) -> bool:
+        """Tell whether this iteration may be taken into the parameters."""
+        return np.isfinite(loss) and self.optimiser.gradient_is_finite()
+
+    def views(self) -> F32:
+        """Render the views of the cameras."""
+        return self._renderer.views(self.optimiser.scene, self.poses)
+
+    def snapshot(self) -> Gaussians:
+        """Copy the present Gaussians."""
+        return self.optimiser.scene.map(lambda tensor: tensor.detach().clone())
+
+
+def _rounds(count: int, generator: torch.Generator) -> Iterator[int]:
+    """Name each of `count` views once, in random order, again and again."""
+    while True:
+        yield from torch.randperm(count, generator=generator).tolist()
+
+
+class _Loop:
+    """The iterations: step, look, stop."""
+
+    def __init__(
+        self,
+        fit: _Fit,
+        jury: Jury,
+        coarse: CoarseFit,
+        refine: Refine,
+        progress: Progress,
+        score: Score | None,
+        origin_s: float,
+    ) -> None:
+        self.best: Gaussians | None = None
+        self.curve: list[CurvePoint] = []
+        self._fit = fit
+        self._jury = jury
+        self._refine = refine
+        self._progress = progress
+        self._score = score
+        self._origin_s = origin_s
+        self._first = coarse.curve[-1].iteration if coarse.curve else 0
+
+    def run(self, before: float | None) -> float | None:
+        """Iterate until something says stop; return the best held-out residual, `before` if none was better."""
+        settings = self._fit.settings
+        watch = Watch(settings.hold_out)
+        best = before if settings.gated else None
+        if best is not None:
+            watch.note(best, 0)
+        self._progress.stage("fine fit", settings.iterations)
+        for iteration in range(1, settings.iterations + 1):
+            loss = self._fit.backward()
+            if not self._fit.is_finite(loss):
+                break
+            # From small to full steps: Adam's first ones are of full size whatever the gradient.
+            warm = min(1.0, iteration / settings.hold_out.look_every)
+            self._fit.optimiser.step(iteration / settings.iterations, settings.damping * warm)
+            if iteration % settings.hold_out.look_every == 0 or iteration == settings.iterations:
+                residual = self._look(iteration, loss)
+                if watch.note(residual if settings.gated else None, iteration):
+                    best, self.best = residual, self._fit.snapshot()
+                if watch.stalled(iteration):
+                    break
+            self._progress.step(iteration, loss=loss)
+        return best
+
+    def _look(self, iteration: int, loss: float) -> float | None:
+        views = self._refine(self._fit.views())
+        residual = self._jury.residual_rms(views)
+        self.curve.append(
+            CurvePoint(
+                seconds=time.monotonic() - self._origin_s,
+                iteration=self._first + iteration,
+                loss=loss,
+                heldout=residual,
+                psnr_db=None if self._score is None else self._score(views),
+                gaussians=len(self._fit.optimiser.scene),
+            )
+        )
+        return residual

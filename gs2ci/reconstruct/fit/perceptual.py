@@ -1,0 +1,95 @@
+"""How unlike two images look: the unweighted term of the pseudo-view loss (paper, eq. 10, D_per).
+
+Here: the interface, and the stand-in that needs no weights: 1 − SSIM, averaged over three scales. It is not LPIPS and
+is never called so. Not here: learned distances (`lpips.py`), the loss around them (`fine.py`). For
+`gs2ci.reconstruct`.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final, Protocol
+
+import torch
+from torch import Tensor
+
+from gs2ci.core.errors import InputError
+from gs2ci.reconstruct.fit.lpips import Lpips
+from gs2ci.reconstruct.fit.ssim import SimilarityTo
+from gs2ci.reconstruct.onnx_models import find_model
+
+_FILE: Final = "lpips:"
+
+
+class PerceptualDistance(Protocol):
+    """A differentiable distance between an image and a fixed target."""
+
+    @property
+    def name(self) -> str:
+        """Get the name that reports call it by."""
+        ...
+
+    def __call__(self, image: Tensor, target: Tensor) -> Tensor:
+        """Return the distance of images [H, W, 3], full scale 1, as a scalar; the gradient reaches `image` only."""
+        ...
+
+
+@dataclass(frozen=True)
+class StructuralDissimilarity:
+    """1 − SSIM, averaged over an image and its halvings: the stand-in where no learned distance is at hand.
+
+    Args:
+        scales: How many sizes, the full one included; fewer where a side would fall below one pixel.
+    """
+
+    scales: int = 3
+    name: str = "structural dissimilarity"
+
+    def __post_init__(self) -> None:
+        if self.scales < 1:
+            raise InputError(f"{self.scales} scales of a dissimilarity", allowed="1 or more")
+
+    def __call__(self, image: Tensor, target: Tensor) -> Tensor:
+        """Compare; arguments as for `PerceptualDistance`."""
+        distances = []
+        for _ in range(self.scales):
+            distances.append(_Dissimilarity.apply(image, target))  # type: ignore[no-untyped-call]
+            if min(image.shape[:2]) < 2:
+                break
+            image, target = _halved(image), _halved(target)
+        return torch.stack(distances).mean()
+
+
+def load_distance(name: str) -> PerceptualDistance:
+    """Load a perceptual distance.
+
+    Args:
+        name: "structure", which needs no weights; "lpips", the model added under that name; or "lpips:FILE".
+
+    Raises:
+        InputError: No such name, or the model file cannot be used.
+        StorageError: The list of added models cannot be read.
+    """
+    if name == "structure":
+        return StructuralDissimilarity()
+    if name == "lpips":
+        return Lpips(find_model("lpips"))
+    if name.startswith(_FILE):
+        return Lpips(Path(name.removeprefix(_FILE)))
+    raise InputError(f"perceptual distance {name!r}", allowed="structure, lpips or lpips:FILE")
+
+
+def _halved(image: Tensor) -> Tensor:
+    return torch.nn.functional.avg_pool2d(image.permute(2, 0, 1), 2).permute(1, 2, 0)
+
+
+class _Dissimilarity(torch.autograd.Function):
+    @staticmethod
+    def forward(ctx: Any, image: Tensor, target: Tensor) -> Tensor:
+        fixed = target.detach().contiguous().numpy()
+        similarity, gradient = SimilarityTo(fixed)(image.detach().contiguous().numpy())
+        ctx.gradient = torch.from_numpy(gradient)
+        return image.new_tensor(1 - similarity)
+
+    @staticmethod
+    def backward(ctx: Any, upstream: Tensor) -> tuple[Tensor, None]:
+        return -ctx.gradient * upstream, None

@@ -1,0 +1,99 @@
+"""Where the fine stage looks from beside the recovered cameras, and how far it believes what it sees there.
+
+Here: the synthesised poses (paper, section III-D, eq. 8) and the support weight (eq. 9). Not here: what the views
+there should look like (`reconstruct.priors2d`), the loss and the loop (`fine.py`). For `gs2ci.reconstruct`.
+"""
+
+import itertools
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from gs2ci.core.errors import InputError
+from gs2ci.core.records import F64
+from gs2ci.render import se3
+
+
+@dataclass(frozen=True)
+class SupportSettings:
+    """How far a pixel of a pseudo-view is believed, by the light that the Gaussians stop there (paper: IV-A).
+
+    Args:
+        threshold: Alpha at which belief is half-way, τ_v.
+        softness: Width of the transition, β_v.
+        least: Weight that is left where nothing stops the light, w_min.
+    """
+
+    threshold: float = 0.25
+    softness: float = 0.08
+    least: float = 0.10
+
+    def check(self) -> "SupportSettings":
+        """Return self if the numbers make sense.
+
+        Raises:
+            InputError: A softness that is not positive, or a share outside [0, 1].
+        """
+        if not (0 <= self.threshold <= 1 and 0 <= self.least <= 1 and 0 < self.softness < np.inf):
+            raise InputError(f"support settings {self}", allowed="threshold and least in [0, 1], softness > 0")
+        return self
+
+
+def synthesised_poses(world_to_camera: F64, between: int = 1) -> F64:
+    """Make poses between the cameras of a path, and one step beyond either of its ends.
+
+    Args:
+        world_to_camera: The path, [N, 4, 4], in the order of exposure.
+        between: How many between each two neighbours, equally spaced.
+
+    Returns:
+        [(N − 1) · between + 2, 4, 4]: those between, then the one before the first and the one after the last; none
+        where there is only one camera.
+
+    Raises:
+        InputError: Fewer than none are asked for.
+    """
+    if between < 0:
+        raise InputError(f"{between} poses between two cameras", allowed="0 or more")
+    if len(world_to_camera) < 2:
+        return np.empty((0, 4, 4))
+    path = torch.from_numpy(np.ascontiguousarray(world_to_camera, np.float64))
+    shares = torch.arange(1, between + 1, dtype=torch.float64) / (between + 1)
+    inner = [interpolated(a, b, share) for a, b in itertools.pairwise(path) for share in shares]
+    ends = [beyond(path[1], path[0]), beyond(path[-2], path[-1])]
+    poses: F64 = torch.stack([*inner, *ends]).numpy()
+    return poses
+
+
+def interpolated(a: Tensor, b: Tensor, share: Tensor | float) -> Tensor:
+    """Interpolate between two poses: rotations on SO(3), R = exp(α log(R_b R_aᵀ)) R_a, translations linearly.
+
+    Args:
+        a: World to camera, [4, 4].
+        b: World to camera, [4, 4]; at 180° from `a` either way round is as short, and one of them is taken.
+        share: α; 0 gives `a`, 1 gives `b`.
+    """
+    pose = a.clone()
+    pose[:3, :3] = se3.so3_exp(share * se3.so3_log(b[:3, :3] @ a[:3, :3].T)) @ a[:3, :3]
+    pose[:3, 3] = (1 - share) * a[:3, 3] + share * b[:3, 3]
+    return pose
+
+
+def beyond(before: Tensor, last: Tensor) -> Tensor:
+    """Continue a path by one step: the transform from `before` to `last`, applied to `last` once more."""
+    return last @ se3.inverse(before) @ last
+
+
+def support_weights(alpha_then: Tensor, alpha_now: Tensor, settings: SupportSettings) -> Tensor:
+    """Weigh pixels by the smaller of two alphas: when the target was made, and now.
+
+    Args:
+        alpha_then: [H, W].
+        alpha_now: [H, W]; no gradient flows through the weight, or the fit could please the loss by fading away.
+        settings: Of the transition.
+    """
+    support = torch.minimum(alpha_then, alpha_now.detach())
+    rise = torch.sigmoid((support - settings.threshold) / settings.softness)
+    return settings.least + (1 - settings.least) * rise

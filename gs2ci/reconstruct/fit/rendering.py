@@ -1,0 +1,60 @@
+"""A scene as the shot's camera shows it: the coded measurement, the views, and the depths in them.
+
+Here: the renderer with what a shot says of the sensor (masks, weights, mono or mosaic) and a camera matrix. Not here:
+any fitting. `gs2ci.reconstruct.fit` and the pipeline import this file.
+"""
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from gs2ci.core.records import F32, F64, Shot
+from gs2ci.reconstruct import coding
+from gs2ci.render.backend import Backend
+from gs2ci.render.gaussians import Gaussians
+
+_OPAQUE = 0.5  # a mean depth is one surface's where at least half of the light is stopped
+
+
+class ShotRenderer:
+    """Renders scenes as one shot's sensor sees them.
+
+    Args:
+        shot: The measurement.
+        intrinsics: Camera matrix in px, [3, 3].
+        backend: The renderer.
+    """
+
+    def __init__(self, shot: Shot, intrinsics: F64, backend: Backend) -> None:
+        self.size = shot.size
+        self.intrinsics = torch.from_numpy(intrinsics).float()
+        self._backend = backend
+        self._coding = backend.code(torch.from_numpy(shot.masks * shot.weights[:, None, None]))
+        self._channels = coding.cfa_channels(shot.cfa, shot.size) if shot.cfa else None
+        self._mono = shot.channels == 1
+
+    def measurement(self, scene: Gaussians, world_to_camera: Tensor) -> Tensor:
+        """Render the coded measurement, [H, W, C], from the poses under the masks, [N, 4, 4]; differentiable."""
+        image = self._backend.coded(scene, world_to_camera, self.intrinsics, self._coding)
+        if self._channels is not None:
+            return coding.select(image, self._channels)
+        return image.mean(dim=2, keepdim=True) if self._mono else image
+
+    def views(self, scene: Gaussians, world_to_camera: Tensor) -> F32:
+        """Render views from any poses [V, 4, 4]: [V, H, W, C] float32, not clamped; C is 1 for a mono shot."""
+        with torch.no_grad():
+            images, _ = self.images(scene, world_to_camera)
+        return (images.mean(dim=3, keepdim=True) if self._mono else images).numpy()
+
+    def images(self, scene: Gaussians, world_to_camera: Tensor) -> tuple[Tensor, Tensor]:
+        """Render images [V, H, W, 3] and alphas [V, H, W] from any poses [V, 4, 4]; differentiable."""
+        return self._backend.views(scene, world_to_camera, self.intrinsics, self.size)
+
+    def depths(self, scene: Gaussians, world_to_camera: F64) -> F32:
+        """Render mean depths along the optical axis, [V, H, W]; zero where less than half of the light is stopped."""
+        poses = torch.from_numpy(np.asarray(world_to_camera)).float()
+        along_axis = scene.means @ poses[:, 2, :3].T + poses[:, 2, 3]
+        as_colour = along_axis.T[..., None].expand(-1, -1, 3).contiguous()
+        with torch.no_grad():
+            depths, alphas = self._backend.views(scene, poses, self.intrinsics, self.size, colours=as_colour)
+        return torch.where(alphas >= _OPAQUE, depths[..., 0] / alphas.clamp(min=_OPAQUE), 0.0).numpy()

@@ -1,0 +1,66 @@
+"""A fit that is not told what the geometry stage found, to show what knowing it is worth (paper, Table VII).
+
+Here: first poses and first points that know nothing. Not here: the geometry (`reconstruct.geometry`), nor the other
+components that can be switched off (`reconstruct.ablation`). For `gs2ci.reconstruct.pipeline`.
+"""
+
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+
+from gs2ci.core.records import F32
+from gs2ci.reconstruct.geometry.initialise import Geometry
+from gs2ci.reconstruct.geometry.points import Seeds, seed_points
+
+_NEAREST: Final = 0.5
+_FARTHEST: Final = 2.0
+"""Where points of no known depth are put, in units of the median depth: a factor of two about it either way."""
+_STREAM: Final = 0x5EED  # keeps these draws apart from every other one of the same seed
+
+
+@dataclass(frozen=True)
+class Withheld:
+    """What of the geometry the fit does not get.
+
+    Args:
+        points: Points are strewn over what the reference view sees, in random colours.
+        poses: All poses are that of the reference view.
+    """
+
+    points: bool = False
+    poses: bool = False
+
+
+def first_poses(geometry: Geometry, withheld: Withheld) -> Geometry:
+    """Return the geometry, its poses all alike if they are withheld."""
+    if not withheld.poses:
+        return geometry
+    own = geometry.world_to_camera[geometry.reference]
+    return replace(geometry, world_to_camera=np.repeat(own[None], len(geometry.world_to_camera), axis=0))
+
+
+def first_points(geometry: Geometry, views: F32, stride: int, withheld: Withheld, seed: int) -> Seeds:
+    """Return the points that the geometry gives, or as many random ones if they are withheld.
+
+    Args:
+        geometry: Poses and depth.
+        views: Decoded views, [N, H, W, C].
+        stride: Step between pixels, along rows and columns.
+        withheld: What the fit does not get.
+        seed: Of the random ones.
+    """
+    seeds = seed_points(geometry, views, stride)
+    if not withheld.points:
+        return seeds
+    draw = np.random.default_rng([seed, _STREAM])
+    count, (height, width) = len(seeds.positions), views.shape[1:3]
+    pixels = draw.uniform((0, 0), (width, height), (count, 2))
+    depth = 1 / draw.uniform(1 / _FARTHEST, 1 / _NEAREST, count)
+    focal, centre = geometry.intrinsics.diagonal()[:2], geometry.intrinsics[:2, 2]
+    rays = np.concatenate([(pixels - centre) / focal, np.ones((count, 1))], axis=1)
+    return Seeds(
+        positions=(rays * depth[:, None]).astype(np.float32),
+        colours=draw.random(seeds.colours.shape).astype(np.float32),
+        spacing=(stride * depth / focal[0]).astype(np.float32),
+    )

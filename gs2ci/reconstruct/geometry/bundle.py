@@ -1,0 +1,106 @@
+"""Bundle adjustment of poses, points and, if wanted, one focal length, from given poses; by pycolmap.
+
+Here: tracks and poses into a COLMAP model, its adjustment, and back. Not here: the adjustment that starts from nothing
+(`motion`), what the result is worth (`hierarchy`). Only `gs2ci.reconstruct.geometry` imports this file.
+"""
+
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+import pycolmap
+
+from gs2ci.core.errors import GeometryError
+from gs2ci.core.records import F64
+from gs2ci.reconstruct.geometry.motion import Motion, rays
+from gs2ci.reconstruct.geometry.telemetry import place_points
+from gs2ci.reconstruct.geometry.tracks import Tracks
+
+# Farther off than this, a track is a mistake and not a measurement (the original's filter before its adjustment).
+OUTLIER_PX: Final = 8.0
+_CAMERA: Final = 1
+
+
+@dataclass(frozen=True)
+class Bundle:
+    """Poses, [N, 4, 4], and camera matrix, [3, 3], after adjustment."""
+
+    world_to_camera: F64
+    intrinsics: F64
+
+
+def adjust_bundle(
+    tracks: Tracks, world_to_camera: F64, intrinsics: F64, huber_px: float, *, refine_focal: bool
+) -> Bundle:
+    """Adjust poses and points to all tracks.
+
+    Args:
+        tracks: At least one point.
+        world_to_camera: Where to begin, [N, 4, 4], in any frame and unit.
+        intrinsics: Camera matrix in px, [3, 3]; its principal point stays.
+        huber_px: Residual from which on a sighting counts less.
+        refine_focal: Whether the focal length is adjusted as well; its two components keep their ratio.
+
+    Returns:
+        The adjusted cameras, the reference view as the world; views that see no point keep their pose.
+
+    Raises:
+        GeometryError: The poses put the points behind the camera, or no finite solution was found.
+    """
+    start, kept = place_points(tracks, world_to_camera, intrinsics, huber_px, OUTLIER_PX)
+    ahead = start.least_depth > 0
+    if not ahead.any():
+        raise GeometryError("the poses put every tracked point behind a camera")
+    ratio = intrinsics[1, 1] / intrinsics[0, 0]
+    model = _model(start, kept, intrinsics, ratio, ahead)
+    options = pycolmap.BundleAdjustmentOptions()
+    options.print_summary = False
+    options.refine_focal_length = refine_focal
+    options.ceres.loss_function_type = pycolmap.LossFunctionType.HUBER
+    options.ceres.loss_function_scale = huber_px
+    # Sums over several threads differ in their last digits from run to run.
+    options.ceres.solver_options.num_threads = 1
+    config = pycolmap.BundleAdjustmentConfig()
+    seeing = [i for i in range(len(world_to_camera)) if kept.seen[ahead, i].any()]
+    for i in seeing:
+        config.add_image(i + 1)
+    config.fix_gauge(pycolmap.BundleAdjustmentGauge.TWO_CAMS_FROM_WORLD)
+    summary = pycolmap.create_default_bundle_adjuster(options, config, model).solve()
+    poses = start.world_to_camera.copy()
+    for i in seeing:
+        poses[i, :3] = model.images[i + 1].cam_from_world().matrix()
+    focal = float(model.cameras[_CAMERA].params[0])
+    if not summary.is_solution_usable() or not np.isfinite(poses).all() or not 0 < focal < np.inf:
+        raise GeometryError("the bundle adjustment found no finite solution")
+    adjusted = intrinsics.astype(np.float64).copy()
+    adjusted[0, 0], adjusted[1, 1] = focal, focal * ratio
+    return Bundle(poses @ np.linalg.inv(poses[tracks.reference]), adjusted)
+
+
+def _model(start: Motion, tracks: Tracks, intrinsics: F64, ratio: float, chosen: Any) -> Any:
+    """Build a COLMAP model; rows are stretched so that one focal length serves both axes."""
+    stretch = np.array([1.0, 1 / ratio])
+    centre = intrinsics[:2, 2] * stretch
+    model = pycolmap.Reconstruction()
+    width, height = (int(np.ceil(2 * c)) for c in centre)
+    model.add_camera_with_trivial_rig(
+        pycolmap.Camera(
+            camera_id=_CAMERA,
+            model="SIMPLE_PINHOLE",
+            width=max(width, 1),
+            height=max(height, 1),
+            params=[intrinsics[0, 0], *centre],
+        )
+    )
+    positions, seen = tracks.positions[chosen], tracks.seen[chosen]
+    for i, pose in enumerate(start.world_to_camera):
+        image = pycolmap.Image(name=str(i), camera_id=_CAMERA, image_id=i + 1)
+        image.points2D = [pycolmap.Point2D(point) for point in positions[seen[:, i], i] * stretch]
+        model.add_image_with_trivial_frame(image, pycolmap.Rigid3d(pose[:3]))
+    directions = rays(positions[:, tracks.reference], intrinsics)
+    index = np.cumsum(seen, axis=0) - 1
+    grey = np.zeros(3, np.uint8)
+    for j, point in enumerate(directions / start.inverse_depth[chosen, None]):
+        elements = [pycolmap.TrackElement(int(i) + 1, int(index[j, i])) for i in np.flatnonzero(seen[j])]
+        model.add_point3D(point, pycolmap.Track(elements), grey)
+    return model

@@ -1,0 +1,163 @@
+"""Cameras that another program found: a COLMAP model, or nerfstudio's transforms.json.
+
+Here: reading them, as world-to-camera matrices with OpenCV axes in the order of the file names. Not here: writing
+(`gs2ci.evaluate.cameras`), what a geometry makes of them (`sources`). Only `gs2ci.reconstruct.geometry` imports this
+file.
+
+Both formats name pictures, and list them in any order; a coded measurement knows views by their number. So views are
+taken in the natural order of the names: view_2 before view_10.
+"""
+
+import json
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import pycolmap
+
+from gs2ci.core.errors import InputError
+from gs2ci.core.records import F64, check_intrinsics
+
+# nerfstudio and OpenGL look along −z with y up; OpenCV and COLMAP look along +z with y down.
+_OPENGL_FROM_OPENCV: Final = np.diag([1.0, -1.0, -1.0, 1.0])
+_PINHOLES: Final = ("PINHOLE", "SIMPLE_PINHOLE")
+_DISTORTIONS: Final = ("k1", "k2", "k3", "k4", "p1", "p2")
+_ALLOWED: Final = "the folder of a COLMAP model (cameras, images, points3D), or a transforms.json"
+# Shapes of a sensor and of its reduced pictures agree but for rounding to whole pixels.
+_ASPECT_TOLERANCE: Final = 0.02
+# Orthonormal but for the digits that a text file keeps.
+_ROTATION_TOLERANCE: Final = 1e-3
+
+
+@dataclass(frozen=True)
+class CameraFile:
+    """Cameras as they stand in a file.
+
+    Args:
+        world_to_camera: [N, 4, 4], OpenCV axes, in the order of the names.
+        intrinsics: One camera matrix for all, [3, 3], in pixels of the measurement.
+        points: Of the scene, [P, 3]; P is 0 where the file has none.
+        names: Of the pictures, in that order.
+    """
+
+    world_to_camera: F64
+    intrinsics: F64
+    points: F64
+    names: tuple[str, ...]
+
+
+def read_cameras(path: Path, views: int, size: tuple[int, int]) -> CameraFile:
+    """Read cameras for a measurement.
+
+    Args:
+        path: A COLMAP model's folder, or a transforms.json.
+        views: How many there must be.
+        size: Height and width of the measurement, px; cameras of pictures of another size are scaled.
+
+    Raises:
+        InputError: No such file, it cannot be read, it holds another number of cameras, several or distorted cameras,
+            or pictures of another shape.
+    """
+    if path.is_dir():
+        found = _colmap(path, size)
+    elif path.is_file():
+        found = _transforms(path, size)
+    else:
+        raise InputError(f"no camera file {path}", allowed=_ALLOWED)
+    if len(found.names) != views:
+        raise InputError(
+            f"{path} holds {len(found.names)} cameras for {views} views",
+            allowed=f"{views} cameras, one for each mask, named in the order of exposure",
+        )
+    check_intrinsics(found.intrinsics)
+    rotations = found.world_to_camera[:, :3, :3]
+    if not np.isfinite(found.world_to_camera).all() or not _are_rotations(rotations):
+        raise InputError(f"{path} holds poses that are no rigid motions", remedy="check its matrices")
+    return found
+
+
+def _are_rotations(rotations: F64) -> bool:
+    square = np.abs(rotations @ rotations.transpose(0, 2, 1) - np.eye(3)).max()
+    return bool(square < _ROTATION_TOLERANCE and (np.linalg.det(rotations) > 0).all())
+
+
+def _colmap(folder: Path, size: tuple[int, int]) -> CameraFile:
+    try:
+        model = pycolmap.Reconstruction(str(folder))
+    except Exception as error:
+        # pycolmap raises whatever its C++ side threw.
+        raise InputError(f"{folder} is no COLMAP model: {str(error).splitlines()[0]}", allowed=_ALLOWED) from error
+    images = sorted(
+        (image for image in model.images.values() if image.has_pose), key=lambda image: _natural(image.name)
+    )
+    cameras = {image.camera_id for image in images}
+    if len(cameras) != 1:
+        raise InputError(f"{folder} holds {len(cameras)} cameras with pictures", allowed="one camera for all views")
+    camera = model.cameras[cameras.pop()]
+    if camera.model_name not in _PINHOLES:
+        raise InputError(
+            f"{folder} holds a {camera.model_name} camera",
+            allowed=" or ".join(_PINHOLES),
+            remedy="undistort the pictures and their cameras first",
+        )
+    poses = np.tile(np.eye(4), (len(images), 1, 1))
+    for pose, image in zip(poses, images, strict=True):
+        pose[:3] = image.cam_from_world().matrix()
+    points = np.array([point.xyz for point in model.points3D.values()], np.float64).reshape(-1, 3)
+    return CameraFile(
+        poses,
+        _scaled(camera.calibration_matrix(), (camera.height, camera.width), size, folder),
+        points,
+        tuple(image.name for image in images),
+    )
+
+
+def _transforms(path: Path, size: tuple[int, int]) -> CameraFile:
+    try:
+        held = json.loads(path.read_text())
+        frames = sorted(held["frames"], key=lambda frame: _natural(frame["file_path"]))
+        camera_to_world = np.array([frame["transform_matrix"] for frame in frames], np.float64).reshape(-1, 4, 4)
+        width, height = int(held.get("w", size[1])), int(held.get("h", size[0]))
+        fx = float(held["fl_x"]) if "fl_x" in held else 0.5 * width / np.tan(0.5 * float(held["camera_angle_x"]))
+        matrix = np.array(
+            [
+                [fx, 0, float(held.get("cx", width / 2))],
+                [0, float(held.get("fl_y", fx)), float(held.get("cy", height / 2))],
+                [0, 0, 1],
+            ]
+        )
+        distorted = [key for key in _DISTORTIONS if float(held.get(key, 0)) != 0]
+        poses = _OPENGL_FROM_OPENCV @ np.linalg.inv(camera_to_world)
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, np.linalg.LinAlgError) as error:
+        raise InputError(
+            f"{path} is no transforms.json: {type(error).__name__}: {error}",
+            allowed="frames with file_path and transform_matrix, and fl_x or camera_angle_x",
+        ) from error
+    if distorted:
+        raise InputError(
+            f"{path} holds a distorted camera ({', '.join(distorted)})",
+            allowed="a pinhole camera",
+            remedy="undistort the pictures and their cameras first",
+        )
+    names = tuple(str(frame["file_path"]) for frame in frames)
+    return CameraFile(poses, _scaled(matrix, (height, width), size, path), np.empty((0, 3)), names)
+
+
+def _scaled(matrix: F64, have: tuple[int, int], want: tuple[int, int], path: Path) -> F64:
+    """Scale a camera matrix from pictures of one size to those of another."""
+    rows, columns = want[0] / max(have[0], 1), want[1] / max(have[1], 1)
+    if abs(rows / columns - 1) > _ASPECT_TOLERANCE:
+        raise InputError(
+            f"{path} is of pictures of {have[0]} x {have[1]} pixels",
+            allowed=f"the shape of the measurement, {want[0]} x {want[1]}, at any scale",
+            remedy="cropped pictures need the camera matrix of the crop",
+        )
+    scaled: F64 = np.diag([columns, rows, 1.0]) @ np.asarray(matrix, np.float64)
+    return scaled
+
+
+def _natural(name: str) -> list[Any]:
+    """Split a name so that its numbers compare as numbers."""
+    return [(int(part), "") if part.isdigit() else (-1, part) for part in re.split(r"(\d+)", name)]

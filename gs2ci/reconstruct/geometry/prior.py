@@ -1,0 +1,67 @@
+"""What a source of first poses and depth is given and what it returns.
+
+Here: the interface, and the step from a source that may fail to a geometry that is always there. Not here: the
+sources (`sources`, `vggt`), which of them to take (`choose`). For `gs2ci.reconstruct`.
+"""
+
+from dataclasses import dataclass, field, replace
+from typing import Protocol
+
+from gs2ci.core.errors import GeometryError, NumericsError
+from gs2ci.core.progress import Progress
+from gs2ci.core.records import F32, Shot
+from gs2ci.reconstruct.geometry.initialise import Geometry, GeometrySettings, initialise
+
+
+@dataclass(frozen=True)
+class Request:
+    """What is known before there is any geometry.
+
+    Args:
+        shot: The measurement as far as it may be seen, with what the file says of camera and stage.
+        views: Proxy views to look at, [N, H, W, C] float32 in [0, 1], in the order of exposure.
+        settings: Of tracks, motion, depth, and the criteria of validity.
+    """
+
+    shot: Shot
+    views: F32
+    settings: GeometrySettings = field(default_factory=GeometrySettings)
+
+
+class GeometryPrior(Protocol):
+    """Finds the camera path and the depth that a fit begins with."""
+
+    @property
+    def name(self) -> str:
+        """Get the name that reports call it by."""
+        ...
+
+    def __call__(self, request: Request, progress: Progress) -> Geometry:
+        """Return a geometry; where it cannot be believed, its verdict and notes say so.
+
+        Raises:
+            InputError: What the user named does not fit this shot.
+            GeometryError: What it found contradicts the views.
+            NumericsError: A model failed, or its answer is not finite.
+        """
+        ...
+
+
+def from_tracks(request: Request, progress: Progress) -> Geometry:
+    """Find the geometry in the views themselves: what every other source falls back to."""
+    return initialise(request.views, request.shot.intrinsics, request.settings, progress)
+
+
+def find_geometry(prior: GeometryPrior, request: Request, progress: Progress) -> Geometry:
+    """Ask a source; where it fails, take what the tracks give, and say why.
+
+    Raises:
+        InputError: What the user named does not fit this shot.
+    """
+    try:
+        return prior(request, progress)
+    except (GeometryError, NumericsError) as error:
+        note = f"Not from {prior.name}: {error.problem}. The tracks were taken instead."
+        progress.say(note)
+        found = from_tracks(request, progress)
+        return replace(found, notes=(note, *found.notes))

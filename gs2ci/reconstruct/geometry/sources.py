@@ -1,0 +1,113 @@
+"""Sources of first poses that need no model: the views' own tracks, the stage's report, a file of cameras.
+
+Here: these three. Not here: a learned source (`vggt`), the choice among them (`choose`), tracks and depth themselves
+(`initialise`). For `geometry.choose`.
+"""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from gs2ci.core.errors import GeometryError
+from gs2ci.core.progress import Progress
+from gs2ci.core.records import F64
+from gs2ci.reconstruct.geometry.camera_files import CameraFile, read_cameras
+from gs2ci.reconstruct.geometry.initialise import Geometry, initialise
+from gs2ci.reconstruct.geometry.prior import Request, from_tracks
+from gs2ci.reconstruct.geometry.sweep import inverse_depth_range, sweep
+from gs2ci.reconstruct.geometry.telemetry import poses_of_stage
+
+# From this relative difference on, two focal lengths are worth a word.
+_FOCAL_DOUBT: Final = 0.05
+
+
+@dataclass(frozen=True)
+class FromTracks:
+    """Corners followed through the views, and the motion that explains them."""
+
+    name: str = "tracks"
+
+    def __call__(self, request: Request, progress: Progress) -> Geometry:
+        """Find the geometry; see `GeometryPrior`."""
+        return from_tracks(request, progress)
+
+
+@dataclass(frozen=True)
+class FromStage:
+    """The poses that the stage reported."""
+
+    name: str = "stage"
+
+    def __call__(self, request: Request, progress: Progress) -> Geometry:
+        """Find the geometry; see `GeometryPrior`."""
+        poses = poses_of_stage(request.shot)
+        found = initialise(request.views, request.shot.intrinsics, request.settings, progress, poses)
+        return replace(found, source=self.name)
+
+
+@dataclass(frozen=True)
+class FromFile:
+    """The cameras of a COLMAP model or a transforms.json.
+
+    Args:
+        path: The model's folder, or the file.
+    """
+
+    path: Path
+    name: str = "file"
+
+    def __call__(self, request: Request, progress: Progress) -> Geometry:
+        """Find the geometry; see `GeometryPrior`.
+
+        The tracks give the scale of the depths; where there are too few of them, the file's points do.
+        """
+        cameras = read_cameras(self.path, request.shot.views, request.shot.size)
+        notes = _focal_notes(cameras.intrinsics, request.shot.intrinsics)
+        found = initialise(request.views, cameras.intrinsics, request.settings, progress, cameras.world_to_camera)
+        if found.verdict != "full" and len(cameras.points):
+            found = swept_between_points(request, cameras, found)
+        return replace(found, source=self.name, notes=(*notes, *found.notes))
+
+
+def swept_between_points(request: Request, cameras: CameraFile, without: Geometry) -> Geometry:
+    """Sweep depth between the nearest and farthest points of a file.
+
+    Args:
+        request: Its views.
+        cameras: With points.
+        without: What the tracks gave: the notes that say why they did not suffice.
+
+    Raises:
+        GeometryError: The points lie behind the middle camera.
+    """
+    reference = without.reference
+    poses = cameras.world_to_camera @ np.linalg.inv(cameras.world_to_camera[reference])
+    depths = cameras.points @ cameras.world_to_camera[reference, 2, :3] + cameras.world_to_camera[reference, 2, 3]
+    ahead = 1 / depths[depths > 0]
+    if 2 * len(ahead) < len(depths):
+        raise GeometryError(
+            f"{len(depths) - len(ahead)} of the file's {len(depths)} points lie behind the middle camera",
+            remedy="check that its poses are world-to-camera with OpenCV axes",
+        )
+    unit = float(np.median(ahead))
+    poses[:, :3, 3] *= unit
+    span = inverse_depth_range(ahead / unit, request.settings.sweep)
+    return replace(
+        without,
+        world_to_camera=poses,
+        intrinsics=cameras.intrinsics,
+        inverse_depth=sweep(request.views, poses, cameras.intrinsics, reference, span, request.settings.sweep),
+        verdict="full",
+        notes=(*without.notes, "Poses and the range of depths are the file's; the tracks could not check them."),
+    )
+
+
+def _focal_notes(of_file: F64, of_shot: F64 | None) -> tuple[str, ...]:
+    if of_shot is None or abs(of_file[0, 0] / of_shot[0, 0] - 1) <= _FOCAL_DOUBT:
+        return ()
+    return (
+        f"The camera file's focal length is {of_file[0, 0]:.0f} px, the shot's {of_shot[0, 0]:.0f} px; the file's is "
+        "taken, as its poses belong to it.",
+    )

@@ -1,0 +1,174 @@
+"""Model files of others, as ONNX Runtime loads them, and where this machine's user keeps them.
+
+Here: opening a file with every refusal as a clear error, running it, and the list of models that the user has added by
+name. Not here: what any model takes and returns (`decode.onnx_denoiser`, `priors2d.onnx_prior`, `geometry.vggt`).
+For `gs2ci.reconstruct` and the commands. ONNX Runtime is imported when a model is loaded.
+"""
+
+import hashlib
+import json
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final, Literal, get_args
+
+import numpy as np
+import torch
+
+from gs2ci.core.errors import InputError, NumericsError, StorageError
+
+ModelName = Literal["vggt", "difix", "lpips"]
+MODEL_NAMES: Final = get_args(ModelName)
+
+
+def open_model(path: Path, remedy: str) -> Any:
+    """Load a model file; returns ONNX Runtime's session, on the CPU.
+
+    Args:
+        path: The file.
+        remedy: What to do where there is none.
+
+    Raises:
+        InputError: No such file, or one that ONNX Runtime refuses (damaged, of an operator set it does not know).
+    """
+    if not path.is_file():
+        raise InputError(f"no model file {path}", remedy=remedy)
+    import onnxruntime  # noqa: PLC0415
+
+    options = onnxruntime.SessionOptions()
+    options.intra_op_num_threads = max(1, torch.get_num_threads())
+    # Waiting threads that spin slow every other thread pool down.
+    options.add_session_config_entry("session.intra_op.allow_spinning", "0")
+    options.log_severity_level = 4  # its errors come back as exceptions
+    try:
+        return onnxruntime.InferenceSession(str(path), options, providers=["CPUExecutionProvider"])
+    except Exception as error:
+        raise InputError(
+            f"{path} cannot be loaded as an ONNX model: {first_line(error)}",
+            allowed=f"what ONNX Runtime {onnxruntime.__version__} loads",
+            remedy="export it again, with an operator set of this ONNX Runtime (17 is safe)",
+        ) from error
+
+
+def run_model(session: Any, name: str, feed: Mapping[str, Any], remedy: str) -> dict[str, Any]:
+    """Run a model; returns its outputs by name.
+
+    Raises:
+        NumericsError: It failed; says on what.
+    """
+    names = [one.name for one in session.get_outputs()]
+    try:
+        return dict(zip(names, session.run(names, dict(feed)), strict=True))
+    except Exception as error:
+        # ONNX Runtime's exceptions share no base of their own.
+        shapes = ", ".join(f"{key} {list(np.shape(value))}" for key, value in feed.items())
+        raise NumericsError(f"{name} failed on {shapes}: {first_line(error)}", remedy=remedy) from error
+
+
+def fixed_side(side: int | str | None) -> int | None:
+    """Return a fixed axis' length, None for an open one (ONNX Runtime gives open axes a name, or none)."""
+    return side if isinstance(side, int) and side > 0 else None
+
+
+def first_line(error: Exception) -> str:
+    """Return the first line of an exception's message, shortened."""
+    return str(error).strip().split("\n", maxsplit=1)[0][:300]
+
+
+def signature(session: Any) -> str:
+    """Say what a model takes."""
+    found = ", ".join(f"{one.name} {one.shape} {one.type}" for one in session.get_inputs())
+    return found or "nothing"
+
+
+@dataclass(frozen=True)
+class KnownModel:
+    """A model file that the user has added.
+
+    Args:
+        path: Absolute.
+        sha256: Of its content when it was added.
+    """
+
+    path: Path
+    sha256: str
+
+
+def add_model(name: ModelName, path: Path) -> KnownModel:
+    """Note where a model lies and what its content was; an earlier note of the same name is replaced.
+
+    Raises:
+        InputError: There is no such file.
+        StorageError: The list cannot be written.
+    """
+    if not path.is_file():
+        raise InputError(f"no model file {path}", remedy="name the exported .onnx file")
+    model = KnownModel(path.resolve(), _sha256(path))
+    listed = {**_listed(), name: {"path": str(model.path), "sha256": model.sha256}}
+    target = _list_path()
+    partial = target.with_suffix(".partial")
+    try:
+        target.parent.mkdir(parents=True, exist_ok=True)
+        partial.write_text(json.dumps(listed, indent=2) + "\n")
+        partial.replace(target)
+    except OSError as error:
+        raise StorageError(f"cannot write {target}: {error}", remedy="set GS2CI_HOME to a folder of yours") from error
+    return model
+
+
+def known_model(name: ModelName) -> KnownModel | None:
+    """Return what was added under a name; None where nothing was.
+
+    Raises:
+        StorageError: The list cannot be read.
+    """
+    entry = _listed().get(name)
+    return None if entry is None else KnownModel(Path(entry["path"]), entry["sha256"])
+
+
+def find_model(name: ModelName) -> Path:
+    """Return the file added under a name.
+
+    Raises:
+        InputError: None was added, it is gone, or its content has changed since.
+        StorageError: The list cannot be read.
+    """
+    known, again = known_model(name), f"gs2ci models add {name} FILE"
+    if known is None:
+        raise InputError(f"no {name} model is known here", remedy=again)
+    if not known.path.is_file():
+        raise InputError(f"the {name} model {known.path} is gone", remedy=again)
+    if _sha256(known.path) != known.sha256:
+        raise InputError(
+            f"the {name} model {known.path} is not the one that was added: its content has changed",
+            allowed=f"sha256 {known.sha256}",
+            remedy=f"{again}, if the new one is meant",
+        )
+    return known.path
+
+
+def _list_path() -> Path:
+    home = os.environ.get("GS2CI_HOME")
+    if home:
+        return Path(home) / "models.json"
+    return Path(os.environ.get("XDG_CONFIG_HOME") or Path.home() / ".config") / "gs2ci" / "models.json"
+
+
+def _listed() -> dict[str, dict[str, str]]:
+    path = _list_path()
+    if not path.is_file():
+        return {}
+    try:
+        listed: dict[str, dict[str, str]] = json.loads(path.read_text())
+        complete = all({"path", "sha256"} <= entry.keys() for entry in listed.values())
+    except (OSError, ValueError, AttributeError) as error:
+        raise StorageError(f"cannot read {path}: {error}", remedy="mend or delete it") from error
+    if not complete:
+        raise StorageError(f"{path} lacks a path or sha256", remedy="mend or delete it")
+    return listed
+
+
+def _sha256(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()

@@ -1,0 +1,86 @@
+"""What a prior on images is given and what it returns. Anyone in `gs2ci.reconstruct` may import this file.
+
+A prior is frozen: it is asked once, before the fine stage, and its answers are targets of small weight. Whether they
+did any good is not its own judgement but that of held-out pixels (`fit/fine.py`).
+"""
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from gs2ci.core.errors import NumericsError
+from gs2ci.core.records import F32, F64
+
+
+@dataclass(frozen=True)
+class Seen:
+    """Views of a scene, with all that a prior may want to know of them.
+
+    Args:
+        images: [V, H, W, 3] float32, full scale 1, not clamped.
+        depths: Along the optical axis in scene units, [V, H, W] float32; 0 where less than half of the light is
+            stopped.
+        world_to_camera: [V, 4, 4].
+    """
+
+    images: F32
+    depths: F32
+    world_to_camera: F64
+
+
+@dataclass(frozen=True)
+class Question:
+    """What a prior is asked: how should these pseudo-views look?
+
+    Args:
+        pseudo: The scene as rendered from the synthesised poses.
+        recovered: The scene as rendered from the recovered cameras.
+        details: What the measurement's residual adds to the recovered cameras' views, [N, H, W, 3] float32.
+        intrinsics: Camera matrix in px, [3, 3].
+    """
+
+    pseudo: Seen
+    recovered: Seen
+    details: F32
+    intrinsics: F64
+
+
+class ImagePrior(Protocol):
+    """Says how rendered views should look."""
+
+    @property
+    def name(self) -> str:
+        """Get the name that reports call it by."""
+        ...
+
+    def __call__(self, question: Question) -> F32:
+        """Return targets for the pseudo-views, [V, H, W, 3] float32, full scale 1.
+
+        Raises:
+            InputError: The prior cannot work on views of this size.
+            NumericsError: It failed, or its answer is not finite.
+        """
+        ...
+
+
+def check_targets(name: str, targets: F32, images: F32) -> F32:
+    """Return a prior's targets, clamped to [0, 1], if they are images like those it was given.
+
+    Raises:
+        NumericsError: Another shape, or values that are not finite.
+    """
+    if targets.shape != images.shape:
+        raise NumericsError(
+            f"the prior {name} made {list(targets.shape)} of images {list(images.shape)}",
+            allowed="images of the same size",
+            remedy="check the model's export",
+        )
+    if not np.isfinite(targets).all():
+        raise NumericsError(
+            f"the prior {name} returned numbers that are not finite",
+            allowed="finite numbers",
+            remedy="check that the model was exported for values in [-1, 1], and in float32",
+        )
+    clamped: F32 = np.clip(targets, 0, 1).astype(np.float32, copy=False)
+    return clamped

@@ -1,0 +1,35 @@
+"""From the name of a prior to the prior. For the pipeline and the commands."""
+
+from pathlib import Path
+from typing import Final
+
+from gs2ci.core.errors import InputError
+from gs2ci.reconstruct.onnx_models import find_model
+from gs2ci.reconstruct.priors2d.base import ImagePrior
+from gs2ci.reconstruct.priors2d.consistent import ConsistentDetail
+from gs2ci.reconstruct.priors2d.nonlocal_means import NonLocalMeansPrior
+from gs2ci.reconstruct.priors2d.onnx_prior import OnnxPrior
+
+_FILE: Final = "onnx:"
+
+
+def load_prior(name: str, seed: int) -> ImagePrior:
+    """Load a prior.
+
+    Args:
+        name: "consistent" or "nlm", which need no weights; "difix", the model added under that name; or "onnx:FILE".
+        seed: For a model that draws at random.
+
+    Raises:
+        InputError: No such name, or the model file cannot be used.
+        StorageError: The list of added models cannot be read.
+    """
+    if name == "consistent":
+        return ConsistentDetail()
+    if name == "nlm":
+        return NonLocalMeansPrior()
+    if name == "difix":
+        return OnnxPrior(find_model("difix"), seed)
+    if name.startswith(_FILE):
+        return OnnxPrior(Path(name.removeprefix(_FILE)), seed)
+    raise InputError(f"prior {name!r}", allowed="consistent, nlm, difix or onnx:FILE")

@@ -1,0 +1,86 @@
+"""A prior without weights that looks at all views together: detail that several cameras agree on is detail.
+
+What the scene leaves unexplained in the measurement is decoded into every camera's view (`decode.residual`). Some of
+it is texture that the Gaussians have not resolved, some is what decoding leaves behind. Texture lies on surfaces: seen
+from the place of a pseudo-view, through the depth there, it falls on the same pixel from every camera; residue does
+not. So the median over the cameras keeps the one and drops the other.
+
+Here: the warp, its occlusion test and the median. Not here: the residual. For `priors2d.choose`.
+"""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from gs2ci.core.errors import InputError
+from gs2ci.core.records import F32, F64
+from gs2ci.reconstruct.priors2d.base import Question, Seen, check_targets
+
+
+@dataclass(frozen=True)
+class ConsistentDetail:
+    """The median over the cameras of the detail that each of them sees at a point.
+
+    Args:
+        neighbours: How many cameras, the nearest, are asked.
+        depth_tolerance: Relative difference from which on a camera sees something else than the point.
+    """
+
+    neighbours: int = 5
+    depth_tolerance: float = 0.05
+    name: str = "consistent"
+
+    def __post_init__(self) -> None:
+        if self.neighbours < 1 or not 0 < self.depth_tolerance < np.inf:
+            raise InputError(f"prior {self}", allowed="neighbours >= 1, depth_tolerance > 0")
+
+    def __call__(self, question: Question) -> F32:
+        """Return pseudo-views with the agreed detail added; arguments as for `ImagePrior`."""
+        images = question.pseudo.images
+        centres = np.linalg.inv(question.recovered.world_to_camera)[:, :3, 3]
+        targets = images.copy()
+        for i in range(len(targets)):
+            here = np.linalg.inv(question.pseudo.world_to_camera[i])[:3, 3]
+            nearest = np.argsort(np.linalg.norm(centres - here, axis=1), kind="stable")[: self.neighbours]
+            details = np.stack([self._seen_from(question, i, int(camera)) for camera in nearest])
+            targets[i] += _median(details)
+        return check_targets(self.name, targets, images)
+
+    def _seen_from(self, question: Question, view: int, camera: int) -> F32:
+        """Warp a camera's detail into a pseudo-view, [H, W, 3]; NaN where it does not see the same point."""
+        pixels, depth = _project(question.pseudo, view, question.recovered.world_to_camera[camera], question.intrinsics)
+        x, y = (np.ascontiguousarray(pixels[..., k], np.float32) for k in (0, 1))
+        border = {"borderMode": cv2.BORDER_CONSTANT, "borderValue": 0}
+        found = cv2.remap(question.recovered.depths[camera], x, y, cv2.INTER_NEAREST, **border)
+        detail: F32 = cv2.remap(question.details[camera], x, y, cv2.INTER_LINEAR, **border)
+        # Depth 0, outside or where no light is stopped, agrees with nothing; NaN compares as False.
+        same: NDArray[np.bool_] = np.abs(found - depth) < self.depth_tolerance * depth
+        return np.where(same[..., None], detail, np.float32(np.nan))
+
+
+def _project(pseudo: Seen, view: int, camera_from_world: F64, intrinsics: F64) -> tuple[F64, F64]:
+    """Find the array coordinates, [H, W, 2], and depths, [H, W], of a pseudo-view's points in a camera; NaN if none."""
+    depth = pseudo.depths[view].astype(np.float64)
+    height, width = depth.shape
+    y, x = np.mgrid[:height, :width] + 0.5
+    rays = np.stack([x, y, np.ones_like(x)], axis=-1) @ np.linalg.inv(intrinsics).T
+    camera_from_view = camera_from_world @ np.linalg.inv(pseudo.world_to_camera[view])
+    points = (rays * depth[..., None]) @ camera_from_view[:3, :3].T + camera_from_view[:3, 3]
+    there = np.where((depth > 0) & (points[..., 2] > 0), points[..., 2], np.nan)
+    # OpenCV's first pixel has its centre at 0, ours at 0.5.
+    pixels: F64 = (points @ intrinsics.T)[..., :2] / there[..., None] - 0.5
+    return np.nan_to_num(pixels, nan=-2.0, posinf=-2.0, neginf=-2.0), there
+
+
+def _median(details: F32) -> F32:
+    """Take the median over what is known, [K, H, W, 3], and nothing where fewer than two cameras know."""
+    known = (~np.isnan(details[..., :1])).sum(axis=0)
+    # Sorted, NaN comes last: the known values of each pixel lie in front.
+    ordered = np.sort(details, axis=0)
+    low, high = ((np.maximum(known, 1) - 1) // 2, np.maximum(known, 1) // 2)
+    index = [np.broadcast_to(at, details.shape[1:])[None] for at in (low, high)]
+    middle = sum(np.take_along_axis(ordered, at, axis=0)[0] for at in index) / 2
+    agreed: F32 = np.where(known >= 2, middle, 0).astype(np.float32)
+    return agreed

@@ -1,0 +1,54 @@
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+import tyro
+
+from gs2ci.commands import view
+from gs2ci.core.errors import StorageError
+
+
+class Server:
+    """Stands for viser's."""
+
+    stopped = False
+
+    def get_port(self):
+        return 8081
+
+    def stop(self):
+        self.stopped = True
+
+
+@pytest.fixture
+def served(monkeypatch):
+    """Pretend to serve until Ctrl-C, which comes at once."""
+    calls, server = [], Server()
+
+    def interrupt(_event):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(view, "load_scene", lambda folder: SimpleNamespace(means=[0] * 5, camera_to_world=[0] * 3))
+    monkeypatch.setattr(view, "serve", lambda _, **where: calls.append(where) or server)
+    monkeypatch.setattr(view.threading.Event, "wait", interrupt)
+    return calls, server
+
+
+@pytest.mark.parametrize(
+    ("arguments", "where", "address"),
+    [
+        ([], {"host": "127.0.0.1", "port": 8080}, "http://127.0.0.1:8081"),
+        (["--host", "0.0.0.0", "--port", "9"], {"host": "0.0.0.0", "port": 9}, "http://localhost:8081"),
+    ],
+)
+def test_it_serves_until_interrupted_and_says_what_and_where(served, capsys, arguments, where, address):
+    calls, server = served
+    assert tyro.cli(view.run, args=["run", *arguments]) is None
+    assert calls == [where]
+    assert f"5 Gaussians, 3 cameras at {address}" in capsys.readouterr().out
+    assert server.stopped
+
+
+def test_what_is_no_run_is_refused_before_anything_is_served(tmp_path):
+    with pytest.raises(StorageError, match="cannot be read"):
+        view.run(Path(tmp_path))

@@ -1,0 +1,75 @@
+import re
+
+import cv2
+import numpy as np
+import pytest
+from markupsafe import Markup
+
+from gs2ci.core.errors import InputError
+from gs2ci.evaluate.pages import pieces
+from gs2ci.evaluate.pages.charts import Bar, Chart, Line, Spread
+
+
+def test_columns_of_numbers_stand_right_and_others_left():
+    text = pieces.table(["name", "dB", "what"], [["a", 1.5, "x"], ["b", None, "y"], ["c", "12.3 ± 0.4", "1st?"]])
+    assert re.findall(r'<th scope="col"( class="n")?>', text) == ["", ' class="n"', ""]
+    assert ">–<" in text
+
+
+def test_marked_cells_are_set_off():
+    text = pieces.table(["a", "b"], [["x", 1], ["y", 2]], marked={(1, 1)})
+    assert re.findall(r"<strong>(.*?)</strong>", text) == ["2"]
+
+
+def test_a_table_without_rows_has_its_headings():
+    assert "<th scope" in pieces.table(["a"], [])
+
+
+def test_long_tables_and_texts_are_cut_and_it_says_so():
+    text = pieces.table(["a"], [[i] for i in range(300)])
+    assert text.count("<tr>") == 1 + pieces.MOST_ROWS
+    assert "50 more" in text
+    assert len(pieces.facts({"x": "y" * 5000})) < 1000
+
+
+def test_long_values_get_a_row_of_their_own():
+    assert pieces.facts({"a": "short", "b": "long " * 20}).count('class="long"') == 1
+
+
+@pytest.mark.parametrize(("ending", "kind"), [(".png", "png"), (".jpg", "jpeg"), (".webp", "webp")])
+def test_pictures_are_recognised_by_their_bytes(ending, kind):
+    content = cv2.imencode(ending, np.zeros((4, 4, 3), np.uint8))[1].tobytes()
+    assert f'src="data:image/{kind};base64,' in pieces.figure(content, "alt text", caption="below")
+
+
+def test_markup_of_ours_is_a_figure_too():
+    assert "<svg/>" in pieces.figure(Markup("<svg/>"), "")
+
+
+def test_a_picture_of_another_format_is_refused():
+    with pytest.raises(InputError, match="unknown format"):
+        pieces.figure(b"<svg onload='x'/>", "alt")
+
+
+def test_a_chart_comes_twice_with_its_numbers_and_a_legend_where_there_are_lines_to_tell_apart():
+    two = [Line("one", [1, 2], [3, 4]), Line("two", [1, 2], [5, 6], "third", dashed=True)]
+    text = pieces.chart(Chart(two, "x, s", "y, dB", "alt"))
+    assert text.count('<svg class="plot"') == 2
+    assert text.count("<li>") == 2
+    assert re.search(r"<details.*>one<.*>two<", text, re.DOTALL)
+    assert "<li>" not in pieces.chart(Chart(two[:1], "x", "y", "alt"))
+
+
+def test_parts_of_a_whole_are_named_and_counted():
+    text = pieces.bars([Bar("decode", 1, "1.0 s"), Bar("fit", 9, "9.0 s", "third"), Bar("none", 0, "0 s")], unit="s")
+    assert text.count("<rect class") == 2
+    assert "fit <b>9.0 s</b>" in text.replace('"/></svg>', "")
+
+
+def test_spreads_are_named():
+    assert "1.0 ± 0.5" in pieces.spreads([Spread("line", 1.0, 0.5, "1.0 ± 0.5")], "PSNR, dB")
+
+
+def test_steps_and_sentences_say_when_there_is_none():
+    assert "nothing to do" in pieces.steps([], title="Next", empty="nothing to do")
+    assert "nothing to say" in pieces.sentences([], empty="nothing to say")

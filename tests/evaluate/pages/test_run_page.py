@@ -1,0 +1,214 @@
+import json
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from gs2ci.core.errors import Gs2ciError, StorageError
+from gs2ci.evaluate.pages import run_page as module
+from gs2ci.evaluate.pages.run_evidence import read_evidence
+from gs2ci.evaluate.pages.run_page import run_page, write_run_page
+
+# What a damaged or foreign report may hold where something else is expected; ... stands for nothing at all.
+WRONG = (None, "text", [], -1, {"mean": None}, ...)
+
+
+@pytest.fixture(scope="module")
+def evidence(whole_run):
+    return read_evidence(whole_run)
+
+
+@pytest.fixture(scope="module")
+def text(whole_run):
+    return (whole_run / "report.html").read_text(encoding="utf-8")
+
+
+def headings(text):
+    return re.findall(r"<h2 id=[^>]*>([^<]*)</h2>", text)
+
+
+def without(evidence, **changes):
+    return replace(evidence, report={**evidence.report, **changes})
+
+
+def test_the_page_of_a_whole_run_has_all_its_sections_in_order(text):
+    assert headings(text) == [
+        "Views",
+        "View by view",
+        "Depth and error",
+        "Camera path",
+        "Quality against time",
+        "Cost",
+        "Simulated effects",
+        "Notes and doubts",
+        "Measurement and calibration",
+        "Settings",
+        "Environment",
+        "Files",
+    ]
+
+
+def test_the_verdict_comes_first_with_figures_and_units(text, evidence):
+    report = evidence.report
+    top = text[text.index("<header") : text.index("<main")]
+    assert "8 views, the camera path and the scene in 3D, from one exposure" in top
+    assert f"{report['psnr_db']['mean']:.2f} dB" in top
+    assert "1 min 29 s" in top
+    assert "13\u2009000" in top
+    assert "MiB" in top
+    assert "What to try next" in top
+    assert "gs2ci view RUN" in top
+
+
+def test_it_tells_notes_settings_and_what_the_shot_was_simulated_with(text):
+    assert "The focal length was estimated: 70.4 pixels." in text
+    assert "shot noise" in text
+    assert "exceeds its share" in text
+    assert "to within 0.8 DN rms" in text
+    assert "simulated rig" in text
+    assert "preset" in text
+
+
+def test_nothing_comes_from_elsewhere(text):
+    addresses = re.findall(r"""(?:src|href|url|xlink:href)\s*[=(]\s*["']?([^"'\s>)]+)""", text)
+    assert addresses
+    assert all(address.startswith(("data:", "#")) for address in addresses)
+    assert not re.search(r"@import|https?://|<link|<iframe|<object", text)
+    assert "default-src 'none'" in text
+
+
+def test_what_the_run_does_not_know_is_left_out(evidence):
+    unknown = without(evidence, psnr_db=None, ssim=None, trajectory=None, curve=[], notes=[], provenance={})
+    unknown.report["scene"] = unknown.report["decode"] = {"psnr_db": None, "ssim": None}
+    bare = replace(
+        unknown, depth=None, measurement=None, true_views=None, true_world_to_camera=None, stage_world_to_camera=None
+    )
+    page = run_page(bare)
+    assert "View by view" not in headings(page)
+    assert "Simulated effects" not in headings(page)
+    assert "No depth was found, and the true views are not known." in page
+    assert "Nothing was fitted" in page
+    assert "There is nothing to doubt or to add." in page
+    assert "its unit is the scene's own" in page.replace("&#39;", "'")
+    assert "PSNR" not in page
+    assert 'value="truth"' not in page
+    assert 'class="measurement"' not in page
+
+
+def test_a_decode_that_won_is_compared_with_the_others_and_said_to_have_won(evidence):
+    page = run_page(without(evidence, verdict="decode"))
+    assert "Views only" in page
+    assert "held-out pixels favour it" in page
+    assert 'value="decode"' not in page
+    assert 'value="truth"' in page
+
+
+def test_a_decode_that_won_and_is_all_there_is_stays(evidence):
+    alone = replace(without(evidence, verdict="decode"), measurement=None, true_views=None)
+    assert 'data-left="decode"' in run_page(alone)
+
+
+def test_one_view_needs_no_picker(tmp_path, make_run, scene, write_quickly):
+    folder = write_quickly(tmp_path / "run", *make_run(count=1), scene)
+    page = (folder / "report.html").read_text(encoding="utf-8")
+    assert "1 view, the camera path" in page
+    assert 'class="picker"' not in page
+
+
+def test_many_views_are_thinned_and_it_says_so(tmp_path, make_run, scene, write_quickly):
+    folder = write_quickly(tmp_path / "run", *make_run(count=24, size=(12, 16)), scene)
+    page = (folder / "report.html").read_text(encoding="utf-8")
+    assert "16 of 24 views are shown here." in page
+    assert 'data-names="1 3 ' in page
+
+
+def test_mono_measurements_have_a_page_too(tmp_path, make_run, scene, write_quickly):
+    folder = write_quickly(tmp_path / "run", *make_run(channels=1), scene)
+    assert "64 × 48, mono" in (folder / "report.html").read_text(encoding="utf-8")
+
+
+def test_hostile_names_stay_text(evidence):
+    hostile = '</title><script>alert("x")</script>\u202egnp.\x00'
+    page = run_page(without(evidence, name=hostile, notes=[hostile], provenance={hostile: {hostile: hostile}}))
+    assert "<script>alert" not in page
+    assert page.count("<script>") == 1
+    assert "\u202e" not in page
+    assert "\x00" not in page
+    assert "&lt;script&gt;alert(&#34;x&#34;)" in page
+
+
+def test_endless_reports_are_cut_and_it_says_so(evidence):
+    page = run_page(without(evidence, notes=["word " * 10_000], settings={f"key {i}": i for i in range(400)}))
+    assert "151 more are left out here." in page
+    assert page.count("word") < 200
+
+
+def test_it_is_built_again_from_the_folder_alone(own_run, text):
+    (own_run / "report.html").unlink()
+    assert write_run_page(own_run).read_text(encoding="utf-8") == text
+
+
+def test_it_can_be_written_elsewhere(own_run, tmp_path):
+    page = write_run_page(own_run, tmp_path / "there.html")
+    assert page == tmp_path / "there.html"
+    assert page.is_file()
+
+
+def test_a_folder_of_an_older_version_gets_a_page_of_what_it_holds(own_run):
+    (own_run / "given.npz").unlink()
+    report = json.loads((own_run / "report.json").read_text())
+    del report["measured"]
+    (own_run / "report.json").write_text(json.dumps(report))
+    page = write_run_page(own_run).read_text(encoding="utf-8")
+    assert 'class="measurement"' not in page
+    assert "masks open" not in page
+
+
+def damaged(report):
+    """Make reports in which one value, at any depth, is missing or of the wrong kind."""
+    paths = [(key,) for key in report]
+    paths += [(key, inner) for key, value in report.items() if isinstance(value, dict) for inner in value]
+    for path in paths:
+        for wrong in WRONG:
+            copy = json.loads(json.dumps(report))
+            at = copy if len(path) == 1 else copy[path[0]]
+            if wrong is ...:
+                del at[path[-1]]
+            else:
+                at[path[-1]] = wrong
+            yield path, copy
+
+
+def test_a_report_that_lies_about_its_kinds_gives_a_page_or_one_typed_error(
+    tmp_path, make_run, scene, write_quickly, monkeypatch
+):
+    folder = write_quickly(tmp_path / "run", *make_run(count=2, size=(12, 16)), scene)
+    evidence = read_evidence(folder)
+    pictures = module.collect_pictures(evidence)
+    monkeypatch.setattr(module, "collect_pictures", lambda _: pictures)
+    monkeypatch.setattr(module, "write_page", lambda path, text: path)
+    refused = 0
+    curve = evidence.report["curve"][:2]
+    small = {**evidence.report, "curve": curve, "settings": {"one": 1}, "versions": {"python": "3"}}
+    for path, report in damaged(small):
+        monkeypatch.setattr(module, "read_evidence", lambda _, report=report: replace(evidence, report=report))
+        try:
+            write_run_page(folder)
+        except Gs2ciError:
+            refused += 1
+        except Exception as error:
+            pytest.fail(f"{path}: {error!r}")
+    assert refused > 50
+
+
+def test_what_is_no_run_is_refused(tmp_path):
+    with pytest.raises(StorageError, match="cannot be read"):
+        write_run_page(tmp_path)
+
+
+def test_arrays_that_are_not_finite_get_a_page(evidence):
+    """The run folder's writer refuses them, another program's may not."""
+    views, depth = np.array(evidence.views), np.array(evidence.depth)
+    views[0, :5], depth[0] = np.nan, np.inf
+    assert "Recovered" in run_page(replace(evidence, views=views, depth=depth))

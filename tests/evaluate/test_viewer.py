@@ -1,0 +1,129 @@
+import json
+import socket
+import sys
+import urllib.request
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from gs2ci.core.errors import InputError, StorageError
+from gs2ci.evaluate import run_folder, viewer
+from gs2ci.evaluate.viewer import SHOWN_DEPTH, free_port, load_scene, serve
+
+
+@pytest.fixture
+def write(tmp_path, make_run, scene, monkeypatch):
+    monkeypatch.setattr(run_folder, "write_overview", lambda path, *_: path.touch())
+
+    def written(gaussians=None, poses=None):
+        shot, result = make_run(count=3, size=(12, 16))
+        if poses is not None:
+            result = replace(result, world_to_camera=poses)
+        return run_folder.write_run(tmp_path / "run", shot, result, scene if gaussians is None else gaussians)
+
+    return written
+
+
+def ahead(scene, depth):
+    """The same Gaussians, all at one depth before cameras that look along z."""
+    means = scene.means.clone()
+    means[:, 2] = depth
+    return replace(scene, means=means)
+
+
+@pytest.mark.parametrize("depth", [0.003, 1.0, 5000.0])
+def test_scenes_of_any_unit_are_shown_at_one_scale(write, scene, depth):
+    poses = np.tile(np.eye(4), (3, 1, 1))
+    poses[:, 0, 3] = [0, -depth, -2 * depth]
+    shown = load_scene(write(ahead(scene, depth), poses))
+    np.testing.assert_allclose(shown.means[:, 2], SHOWN_DEPTH, rtol=1e-5)
+    np.testing.assert_allclose(shown.camera_to_world[:, 0, 3], [0, SHOWN_DEPTH, 2 * SHOWN_DEPTH], rtol=1e-6)
+
+
+def test_covariances_are_those_of_the_gaussians(write, scene):
+    gaussians = replace(ahead(scene, SHOWN_DEPTH), log_scales=scene.log_scales - 3)
+    shown = load_scene(write(gaussians, np.tile(np.eye(4), (3, 1, 1))))
+    wanted = torch.sort((2 * gaussians.log_scales).exp(), dim=1).values
+    np.testing.assert_allclose(np.linalg.eigvalsh(shown.covariances), wanted, rtol=1e-3, atol=1e-7)
+    assert shown.opacities.shape == (50, 1)
+    assert 0 <= shown.colours.min() <= shown.colours.max() <= 1
+
+
+def test_pictures_and_field_of_view_are_the_runs(write, make_run):
+    folder = write()
+    shown = load_scene(folder)
+    assert [picture.shape for picture in shown.pictures] == [(12, 16, 3)] * 3
+    focal = json.loads((folder / "cameras.json").read_text())["fl_y"]
+    assert np.tan(shown.fov / 2) == pytest.approx(6 / focal)
+
+
+def test_symbols_are_as_large_as_the_cameras_are_apart_within_limits(write):
+    shown = load_scene(write())
+    for step, size in ((0.0, 0.025), (0.5, 0.3), (100.0, 0.5)):
+        poses = np.tile(np.eye(4), (3, 1, 1))
+        poses[:, 0, 3] = step * np.arange(3)
+        assert replace(shown, camera_to_world=poses).symbol == pytest.approx(size)
+        assert replace(shown, camera_to_world=poses[:1]).symbol == 0.5
+
+
+def test_a_scene_behind_the_cameras_is_still_shown(write, scene):
+    assert np.isfinite(load_scene(write(ahead(scene, -3), np.tile(np.eye(4), (3, 1, 1)))).means).all()
+
+
+def test_a_scene_without_gaussians_is_refused(write, scene):
+    with pytest.raises(InputError, match="holds no Gaussian"):
+        load_scene(write(scene.map(lambda tensor: tensor[:0])))
+
+
+def test_a_run_without_its_scene_is_refused(write):
+    folder = write()
+    (folder / "scene.ply").unlink()
+    with pytest.raises(InputError, match=r"scene\.ply"):
+        load_scene(folder)
+
+
+def test_what_is_no_run_is_refused(tmp_path):
+    with pytest.raises(StorageError, match="cannot be read"):
+        load_scene(tmp_path)
+
+
+def test_a_free_port_is_taken_as_it_is_and_a_taken_one_gives_way_to_the_next():
+    port = free_port("127.0.0.1", 0)
+    assert free_port("127.0.0.1", port) == port
+    with socket.create_server(("127.0.0.1", port)):
+        assert port < free_port("127.0.0.1", port) < port + viewer.PORTS_TRIED
+
+
+@pytest.mark.parametrize("port", [-1, 65_536])
+def test_a_port_that_is_none_is_refused(port):
+    with pytest.raises(InputError, match=f"port {port}"):
+        free_port("127.0.0.1", port)
+
+
+def test_where_nothing_can_be_served_it_says_so(monkeypatch):
+    with pytest.raises(InputError, match=r"nothing can be served at 192\.0\.2\.1"):
+        free_port("192.0.2.1", 8080)
+
+
+def test_without_viser_it_says_what_to_install(write, monkeypatch):
+    shown = load_scene(write())
+    monkeypatch.setitem(sys.modules, "viser", None)
+    with pytest.raises(InputError, match="needs the package viser") as caught:
+        serve(shown, host="127.0.0.1", port=0)
+    assert caught.value.remedy == "pip install 'gs2ci[view]'"
+
+
+def test_viser_serves_the_scene_and_its_cameras(write, capsys):
+    pytest.importorskip("viser", reason="the extra `view` is not installed")
+    server = serve(load_scene(write()), host="127.0.0.1", port=0)
+    try:
+        with urllib.request.urlopen(f"http://127.0.0.1:{server.get_port()}", timeout=20) as answer:
+            assert "viser" in answer.read().decode().lower()
+        names = set(server.scene._handle_from_node_name)
+        assert {"/scene", "/cameras/1", "/cameras/2", "/cameras/3"} <= names
+        ahead_of_us = np.subtract(server.initial_camera.look_at, server.initial_camera.position)
+        assert np.linalg.norm(ahead_of_us) == pytest.approx(1.25 * SHOWN_DEPTH)
+    finally:
+        server.stop()

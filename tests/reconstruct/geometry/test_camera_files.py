@@ -1,0 +1,128 @@
+import json
+
+import numpy as np
+import pycolmap
+import pytest
+from scipy.spatial.transform import Rotation
+
+from gs2ci.core.errors import InputError
+from gs2ci.evaluate.cameras import nerfstudio_transforms, write_colmap_model
+from gs2ci.reconstruct.geometry.camera_files import read_cameras
+
+SIZE = (60, 80)
+CAMERA = np.array([[70.0, 0, 41], [0, 72, 29], [0, 0, 1]])
+
+
+def poses(count):
+    rng = np.random.default_rng(count)
+    made = np.tile(np.eye(4), (count, 1, 1))
+    made[:, :3, :3] = Rotation.random(count, random_state=count).as_matrix()
+    made[:, :3, 3] = rng.normal(size=(count, 3))
+    return made
+
+
+def transforms(folder, count=12, **changed):
+    path = folder / "transforms.json"
+    path.write_text(json.dumps({**nerfstudio_transforms(poses(count), CAMERA, SIZE), **changed}))
+    return path
+
+
+def test_cameras_that_we_wrote_come_back(tmp_path):
+    found = read_cameras(transforms(tmp_path), 12, SIZE)
+    np.testing.assert_allclose(found.world_to_camera, poses(12), atol=1e-12)
+    np.testing.assert_allclose(found.intrinsics, CAMERA)
+    assert found.points.shape == (0, 3)
+
+
+def test_a_colmap_model_comes_back_with_its_points(tmp_path):
+    points = np.random.default_rng(0).normal(size=(7, 3)).astype(np.float32)
+    write_colmap_model(tmp_path, poses(12), CAMERA, SIZE, points=points, colors=np.zeros((7, 3), np.float32))
+    found = read_cameras(tmp_path, 12, SIZE)
+    np.testing.assert_allclose(found.world_to_camera, poses(12), atol=1e-12)
+    np.testing.assert_allclose(found.intrinsics, CAMERA)
+    np.testing.assert_allclose(np.sort(found.points, axis=0), np.sort(points, axis=0), atol=1e-6)
+
+
+def test_views_follow_the_numbers_in_their_names_not_their_place_in_the_file(tmp_path):
+    held = nerfstudio_transforms(poses(12), CAMERA, SIZE)
+    for i, frame in enumerate(held["frames"]):
+        frame["file_path"] = f"view_{i}.png"
+    held["frames"] = held["frames"][::-1]
+    found = read_cameras(transforms(tmp_path, frames=held["frames"]), 12, SIZE)
+    np.testing.assert_allclose(found.world_to_camera, poses(12), atol=1e-12)
+    assert found.names[:3] == ("view_0.png", "view_1.png", "view_2.png")
+
+
+def test_cameras_of_larger_pictures_are_scaled(tmp_path):
+    found = read_cameras(transforms(tmp_path, w=160, h=120), 12, SIZE)
+    np.testing.assert_allclose(found.intrinsics, np.diag([0.5, 0.5, 1]) @ CAMERA)
+
+
+def test_a_field_of_view_is_as_good_as_a_focal_length(tmp_path):
+    path = transforms(tmp_path)
+    held = json.loads(path.read_text())
+    for key in ("fl_x", "fl_y", "cx", "cy"):
+        del held[key]
+    path.write_text(json.dumps({**held, "camera_angle_x": float(2 * np.arctan(40 / 70))}))
+    np.testing.assert_allclose(read_cameras(path, 12, SIZE).intrinsics, [[70, 0, 40], [0, 70, 30], [0, 0, 1]])
+
+
+@pytest.mark.parametrize(
+    ("changed", "problem"),
+    [
+        ({"frames": []}, "holds 0 cameras for 12 views"),
+        ({"w": 60, "h": 80}, "is of pictures of 80 x 60 pixels"),
+        ({"k1": 0.1}, r"distorted camera \(k1\)"),
+        ({"fl_x": "wide"}, "is no transforms.json"),
+        ({"frames": [{"file_path": "a.png"}]}, "is no transforms.json: KeyError"),
+        ({"frames": 3}, "is no transforms.json"),
+        ({"fl_x": -1.0}, "intrinsics"),
+    ],
+)
+def test_a_file_that_does_not_fit_is_named(tmp_path, changed, problem):
+    with pytest.raises(InputError, match=problem):
+        read_cameras(transforms(tmp_path, **changed), 12, SIZE)
+
+
+@pytest.mark.parametrize("spoil", [lambda m: m * 2, lambda m: m * [[-1], [1], [1], [1]], lambda m: m * np.nan])
+def test_matrices_that_are_no_rigid_motions_are_refused(tmp_path, spoil):
+    held = nerfstudio_transforms(poses(2), CAMERA, SIZE)
+    frame = held["frames"][1]
+    frame["transform_matrix"] = np.asarray(spoil(np.array(frame["transform_matrix"]))).tolist()
+    with pytest.raises(InputError, match="no rigid motions"):
+        read_cameras(transforms(tmp_path, frames=held["frames"]), 2, SIZE)
+
+
+def test_a_file_that_is_not_there_or_no_model_is_named(tmp_path):
+    with pytest.raises(InputError, match="no camera file"):
+        read_cameras(tmp_path / "absent", 2, SIZE)
+    with pytest.raises(InputError, match="is no COLMAP model"):
+        read_cameras(tmp_path, 2, SIZE)
+    (tmp_path / "notes.json").write_text("no json")
+    with pytest.raises(InputError, match=r"is no transforms\.json"):
+        read_cameras(tmp_path / "notes.json", 2, SIZE)
+
+
+def colmap(folder, model, params, cameras=1):
+    made = pycolmap.Reconstruction()
+    for camera in range(1, cameras + 1):
+        made.add_camera_with_trivial_rig(
+            pycolmap.Camera(camera_id=camera, model=model, width=SIZE[1], height=SIZE[0], params=params)
+        )
+    for i, pose in enumerate(poses(2)):
+        image = pycolmap.Image(name=f"{i}.png", camera_id=1 + i % cameras, image_id=i + 1)
+        made.add_image_with_trivial_frame(image, pycolmap.Rigid3d(pose[:3]))
+    made.write_binary(folder)
+    return folder
+
+
+def test_one_focal_length_for_both_axes_is_a_pinhole(tmp_path):
+    found = read_cameras(colmap(tmp_path, "SIMPLE_PINHOLE", [70, 41, 29]), 2, SIZE)
+    np.testing.assert_allclose(found.intrinsics, [[70, 0, 41], [0, 70, 29], [0, 0, 1]])
+
+
+def test_distorted_and_several_cameras_are_refused(tmp_path):
+    with pytest.raises(InputError, match="SIMPLE_RADIAL"):
+        read_cameras(colmap(tmp_path, "SIMPLE_RADIAL", [70, 41, 29, 0.1]), 2, SIZE)
+    with pytest.raises(InputError, match="holds 2 cameras"):
+        read_cameras(colmap(tmp_path, "SIMPLE_PINHOLE", [70, 41, 29], cameras=2), 2, SIZE)

@@ -1,0 +1,212 @@
+"""The sources of first poses by name, `auto`, and what happens when one lies."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from gs2ci.core.errors import GeometryError, InputError, NumericsError
+from gs2ci.core.progress import Silent
+from gs2ci.evaluate.cameras import nerfstudio_transforms, write_colmap_model
+from gs2ci.reconstruct.geometry import choose
+from gs2ci.reconstruct.geometry.choose import load_geometry_prior
+from gs2ci.reconstruct.geometry.initialise import GeometrySettings
+from gs2ci.reconstruct.geometry.prior import Request, find_geometry, from_tracks
+from gs2ci.reconstruct.geometry.sweep import SweepSettings
+
+# A coarse sweep: these tests are about poses.
+QUICK = GeometrySettings(sweep=SweepSettings(planes=24))
+
+
+@pytest.fixture(scope="module")
+def scene(seen):
+    return seen()
+
+
+@pytest.fixture
+def request_for(scene, expose):
+    return lambda views=None, **parts: Request(expose(scene, **parts), scene.views if views is None else views, QUICK)
+
+
+def moved(poses, scale=3.0):
+    """The same path in another frame and unit."""
+    frame = np.eye(4)
+    frame[:3, :3] = Rotation.from_rotvec((0.3, 1.0, -0.5)).as_matrix()
+    frame[:3, 3] = (4, -2, 7)
+    scaled = poses.copy()
+    scaled[:, :3, 3] *= scale
+    return scaled @ frame
+
+
+def path_of(geometry):
+    return geometry.world_to_camera[:, :3, 3]
+
+
+def same_path(geometry, poses, tolerance):
+    """Compare translations up to scale."""
+    scale = (path_of(geometry) * poses[:, :3, 3]).sum() / (poses[:, :3, 3] ** 2).sum()
+    return (
+        np.abs(path_of(geometry) - scale * poses[:, :3, 3]).max() < tolerance * np.ptp(path_of(geometry), axis=0).max()
+    )
+
+
+@pytest.fixture
+def camera_file(tmp_path, scene):
+    def write(poses=None, matrix=None):
+        path = tmp_path / "transforms.json"
+        held = nerfstudio_transforms(
+            moved(scene.poses) if poses is None else poses, scene.intrinsics if matrix is None else matrix, (90, 120)
+        )
+        path.write_text(json.dumps(held))
+        return f"file:{path}"
+
+    return write
+
+
+def find(name, request):
+    return find_geometry(load_geometry_prior(name), request, Silent())
+
+
+def test_a_file_in_any_frame_and_unit_gives_its_poses(request_for, camera_file, scene):
+    found = find(camera_file(), request_for())
+    assert (found.source, found.verdict, found.notes) == ("file", "full", ())
+    assert same_path(found, scene.poses, 1e-6)
+    share = np.abs(
+        found.inverse_depth / np.median(found.inverse_depth) - scene.inverse_depth / np.median(scene.inverse_depth)
+    )
+    assert np.median(share) < 0.05
+
+
+def test_a_view_too_plain_to_track_keeps_the_pose_that_the_file_gives(request_for, camera_file, scene):
+    views = scene.views.copy()
+    views[0] = 0.5
+    found = find(camera_file(), request_for(views))
+    assert found.verdict == "full"
+    assert same_path(found, scene.poses, 1e-6)
+    assert not any("lie on the path of the others" in note for note in found.notes)
+
+
+def test_a_stage_gives_its_poses(request_for, scene):
+    found = find("stage", request_for(telemetry_world_to_camera=moved(scene.poses)))
+    assert (found.source, found.verdict) == ("stage", "full")
+    assert same_path(found, scene.poses, 1e-6)
+
+
+def test_a_stage_that_reported_nothing_is_an_error(request_for):
+    with pytest.raises(InputError, match="no poses from a stage"):
+        find("stage", request_for())
+
+
+def test_a_file_of_another_camera_is_believed_and_the_difference_said(request_for, camera_file, scene):
+    wider = np.diag([0.9, 0.9, 1]) @ scene.intrinsics
+    wider[:2, 2] = scene.intrinsics[:2, 2]
+    found = find(camera_file(matrix=wider), request_for())
+    np.testing.assert_allclose(found.intrinsics, wider)
+    assert any("90 px, the shot's 100 px" in note for note in found.notes)
+
+
+def test_poses_that_lie_end_in_the_tracks_with_the_reason(request_for, camera_file, scene):
+    """The camera moves the other way: all points would lie behind it."""
+    backwards = scene.poses.copy()
+    backwards[:, :3, 3] *= -1
+    found = find(camera_file(backwards), request_for())
+    assert found.source == "tracks"
+    assert found.verdict == "full"
+    assert found.notes[0].startswith("Not from file: the known poses put most tracked points")
+
+
+def test_without_tracks_the_points_of_a_model_give_the_range_of_depths(request_for, tmp_path, scene):
+    """Views too plain to track, and a model that knows where things are."""
+    plain = np.full_like(scene.views, 0.5)
+    points = np.random.default_rng(0).uniform((-0.3, -0.2, 1.5), (0.3, 0.2, 2.5), (50, 3)).astype(np.float32)
+    write_colmap_model(
+        tmp_path, scene.poses, scene.intrinsics, (90, 120), points=points, colors=np.zeros((50, 3), np.float32)
+    )
+    found = find(f"file:{tmp_path}", request_for(plain))
+    assert (found.source, found.verdict) == ("file", "full")
+    assert same_path(found, scene.poses, 1e-6)
+    assert np.isfinite(found.inverse_depth).all()
+    assert found.inverse_depth.min() > 0
+    assert "the tracks could not check them" in found.notes[-1]
+
+
+def test_without_tracks_points_behind_the_camera_end_in_the_fallback(request_for, tmp_path, scene):
+    plain = np.full_like(scene.views, 0.5)
+    write_colmap_model(
+        tmp_path,
+        scene.poses,
+        scene.intrinsics,
+        (90, 120),
+        points=np.tile(np.float32([0, 0, -2]), (9, 1)),
+        colors=np.zeros((9, 3), np.float32),
+    )
+    found = find(f"file:{tmp_path}", request_for(plain))
+    assert (found.source, found.verdict) == ("tracks", "unsupported")
+    assert "9 of the file's 9 points lie behind" in found.notes[0]
+
+
+def test_without_tracks_and_points_a_file_leaves_a_plane(request_for, camera_file, scene):
+    found = find(camera_file(), request_for(np.full_like(scene.views, 0.5)))
+    assert found.verdict == "unsupported"
+    assert np.all(found.inverse_depth == 1)
+
+
+@pytest.mark.parametrize("error", [GeometryError("it turned over"), NumericsError("it said NaN")])
+def test_a_source_that_fails_gives_way_to_the_tracks(request_for, error):
+    class Failing:
+        name = "oracle"
+
+        def __call__(self, request, progress):
+            raise error
+
+    found = find_geometry(Failing(), request_for(), Silent())
+    assert found.source == "tracks"
+    assert found.notes[0] == f"Not from oracle: {error.problem}. The tracks were taken instead."
+
+
+def test_auto_keeps_the_tracks_where_nothing_else_is_known(request_for):
+    found = find("auto", request_for())
+    assert found.source == "tracks"
+    assert found.notes[0].startswith("Geometry from tracks: tracks full, 0.")
+
+
+def test_auto_takes_the_stage_where_tracks_find_nothing(request_for, scene, monkeypatch):
+    """The views that the tracks see are plain; the stage's own geometry is found in the true ones."""
+    request = request_for(telemetry_world_to_camera=scene.poses)
+
+    def blind(request, progress):
+        return from_tracks(replace(request, views=np.full_like(request.views, 0.5)), progress)
+
+    monkeypatch.setattr(choose, "FromTracks", lambda: blind)
+    found = find("auto", request)
+    assert found.source == "stage"
+    assert "tracks unsupported" in found.notes[0]
+    assert "stage full" in found.notes[0]
+
+
+def test_auto_drops_a_stage_that_lies(request_for, scene):
+    backwards = scene.poses.copy()
+    backwards[:, :3, 3] *= -1
+    found = find("auto", request_for(telemetry_world_to_camera=backwards))
+    assert found.source == "tracks"
+    assert "stage failed (the known poses put most tracked points" in found.notes[0]
+
+
+def test_auto_lets_the_measurement_decide(request_for, monkeypatch):
+    """Two sources with a full verdict; one has its depth inside out."""
+    good = from_tracks(request_for(), Silent())
+    bad = replace(good, inverse_depth=np.float32(2) - good.inverse_depth.clip(0.1, 1.9), source="liar")
+    for first, second, winner in ((good, bad, "tracks"), (bad, replace(good, source="truth"), "truth")):
+        monkeypatch.setattr(choose, "FromTracks", lambda first=first: lambda request, progress: first)
+        monkeypatch.setattr(choose, "FromStage", lambda second=second: lambda request, progress: second)
+        stage = {"telemetry_world_to_camera": np.tile(np.eye(4), (5, 1, 1))}
+        assert find("auto", request_for(**stage)).source == winner
+
+
+def test_names_that_are_not_known_are_refused_at_once(tmp_path):
+    with pytest.raises(InputError, match="geometry 'lidar'"):
+        load_geometry_prior("lidar")
+    with pytest.raises(InputError, match="no camera file"):
+        load_geometry_prior(f"file:{tmp_path}/absent.json")
