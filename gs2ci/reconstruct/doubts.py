@@ -15,6 +15,7 @@ from gs2ci.reconstruct.fit.stopping import Jury
 
 # A few clipped highlights are normal, and cost nothing where their neighbours are not clipped.
 _SATURATION_WORTH_SAYING: Final = 0.01
+_BELOW_BLACK: Final = 0.05
 _EXCESS_WORTH_SAYING: Final = 0.02
 # A scene may be dark; one whose brightest point is darker than this uses less than three bits of an eight-bit sensor.
 _DARK: Final = 0.02
@@ -46,21 +47,27 @@ def _doubts_about_light(shot: Shot) -> list[str]:
 
 
 def _doubts_about_scale(shot: Shot) -> list[str]:
-    """Compare the readings with those of a white scene."""
-    over = float(beyond_white(shot).mean())
+    """Compare the readings with those of a black and of a white scene."""
+    doubts = []
+    under, over = float((shot.measurement < -_BELOW_BLACK).any(axis=2).mean()), float(beyond_white(shot).mean())
+    if under >= _EXCESS_WORTH_SAYING:
+        doubts.append(
+            f"{under:.0%} of the pixels read clearly less than no light: too much of a dark level was subtracted, or "
+            "there is much noise."
+        )
     if over >= _EXCESS_WORTH_SAYING:
-        return [
+        doubts.append(
             f"{over:.0%} of the pixels read more light than a white scene would send through their masks: the masks "
             "are not those of this exposure, the unit is not the full scale of one view, or there is much noise."
-        ]
+        )
     white = np.tensordot(shot.weights.astype(np.float64), shot.masks, axes=1)
     share = float(np.quantile(shot.measurement, 0.999)) / float(white.max())
     if 0 < share < _DARK:
-        return [
+        doubts.append(
             f"The brightest readings are {share:.2g} of those of a white scene: the scene is very dark, or the unit is "
             "not the full scale of one view."
-        ]
-    return []
+        )
+    return doubts
 
 
 def _doubts_about_brightness(shot: Shot) -> list[str]:

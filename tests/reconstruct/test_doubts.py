@@ -25,6 +25,11 @@ def test_readings_beyond_white_are_told(smooth_shot):
     assert "read more light than a white scene" in said_of(replace(smooth_shot, masks=0.5 * smooth_shot.masks))
 
 
+def test_a_dark_level_subtracted_twice_is_told(smooth_shot):
+    measurement = smooth_shot.measurement - np.float32(0.2)
+    assert "less than no light" in said_of(replace(smooth_shot, measurement=measurement))
+
+
 def test_one_lamp_is_not_worth_a_word(smooth_shot):
     measurement = smooth_shot.measurement.copy()
     measurement[3, 4:8] = 20

@@ -81,6 +81,7 @@ class Case:
 EASY = Case("easy", "eight views, a quarter open, little noise", quick=True)
 PERMUTED = "each view is another's, and every one of them is right"
 FOCAL = "a wrong focal length bends path and depth, and explains the views as well"
+BRIGHTER = "masks that are believed dimmer make the scene brighter, and explain the readings as well"
 UNTOLD = "a clipped reading looks like any other"
 
 
@@ -116,7 +117,11 @@ def _masks() -> Iterator[Case]:
     for groups in (4, 2, 1):
         says = ("All masks are the same",) if groups == 1 else ()
         yield Case(
-            "masks", f"8 views behind {groups} masks", change=changes.duplicated(groups), says=says, quick=groups < 4
+            "masks",
+            f"8 views, {groups} different of 8 masks",
+            change=changes.duplicated(groups),
+            says=says,
+            quick=groups < 4,
         )
 
 
@@ -140,7 +145,10 @@ def _wrong_masks() -> Iterator[Case]:
             quick=sigma == 0.2,
         )
     for share in (0.8, 0.5):
-        yield Case("wrong masks", f"believed {share:g} as open", change=changes.dim(share), quick=share == 0.5)
+        silent = BRIGHTER if share == 0.8 else ""
+        yield Case(
+            "wrong masks", f"believed {share:g} as open", change=changes.dim(share), silent=silent, quick=share == 0.5
+        )
     for spread in (0.05, 0.3):
         yield Case(
             "wrong masks", f"weights off by up to {spread:.0%}", change=changes.reweighted(spread), quick=spread == 0.3
@@ -169,7 +177,11 @@ def _readout() -> Iterator[Case]:
         (4, 1, True),
         (24, 1, True),
     ):
-        name = f"{rows // every} dead rows" + (f", one in {every}" if every > 1 else "") + (", told" if told else "")
+        name = (
+            f"{rows // every} dead row{'s' * (rows > 1)}"
+            + (f", one in {every}" if every > 1 else "")
+            + (", told" if told else "")
+        )
         change = changes.dead_rows(8, 8 + rows, every=every, told=told)
         yield Case("sensor", name, change=change, says=("No mask opens",) if told else (), quick=rows > 4)
     for share in (0.001, 0.01, 0.05):

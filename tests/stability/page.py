@@ -19,7 +19,7 @@ GRADES = ("holds", "bends", "breaks", "refused")
 # Okabe and Ito's colours: told apart by everybody.
 COLOURS = {"holds": "#009E73", "bends": "#E69F00", "breaks": "#D55E00"}
 # Loss and gain beyond these are drawn up to here.
-SHOWN_DB = (-4.0, 16.0)
+SHOWN_DB = (-6.0, 18.0)
 COLUMNS = 3
 SAID_LENGTH = 150
 IMAGE = "images/stability.png"
@@ -89,9 +89,13 @@ def _table(family: str, rows: list[Row]) -> str:
         above = None
         if outcome.psnr_db is not None and outcome.decode_db is not None:
             above = outcome.psnr_db - outcome.decode_db
-        figures = " | ".join("" if v is None else f"{v:.1f}" for v in (outcome.psnr_db, outcome.loss_db, above))
+        figures = " | ".join(_decimal(value) for value in (outcome.psnr_db, outcome.loss_db, above))
         lines.append(f"| {case.name} | {outcome.grade} | {figures} | {_said(case, outcome)} |")
     return "\n".join(lines) + "\n"
+
+
+def _decimal(value: float | None) -> str:
+    return "" if value is None else f"{value:.1f}".replace("-0.0", "0.0")
 
 
 def _said(case: Case, outcome: Outcome) -> str:
@@ -159,7 +163,8 @@ def _draw_column(axis: Axes, rows: list[Row], tallest: int) -> None:
 def _draw_bar(axis: Axes, place: int, outcome: Outcome) -> None:
     loss = outcome.loss_db
     assert loss is not None
-    drawn = min(max(loss, SHOWN_DB[0] + 0.6), SHOWN_DB[1] - 1.2)
+    # Room for the figure at either end of the bar.
+    drawn = min(max(loss, SHOWN_DB[0] + 2.5), SHOWN_DB[1] - 2.0)
+    side, gap = ("left", 0.15) if loss >= 0 else ("right", -0.15)
     axis.barh(place, drawn, height=0.72, color=COLOURS[outcome.grade])
-    axis.text(drawn + (0.15 if drawn >= 0 else -0.15), place, f"{loss:.1f}", fontsize=6, va="center",
-              ha="left" if drawn >= 0 else "right")  # fmt: skip
+    axis.text(drawn + gap, place, _decimal(loss), fontsize=6, va="center", ha=side)
