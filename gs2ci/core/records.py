@@ -92,8 +92,7 @@ class Shot:
 
         Raises:
             InputError: Shapes disagree, a number is not finite or of a size that no bench gives, masks are negative,
-                above one or all zero, poses are no rigid motions, or the colour filter array does not fit the
-                channels.
+                above one or all zero, or the colour filter array does not fit the channels.
         """
         _check_measurement(self)
         _check_masks(self)
@@ -192,7 +191,6 @@ def _check_optional_parts(shot: Shot) -> None:
         if poses is not None:
             _shape(what, poses.shape, (n, 4, 4))
             _finite(what, poses)
-            _rigid(what, poses)
     if shot.truth.views is not None:
         _shape("true views", shot.truth.views.shape, (n, height, width, shot.channels))
         _finite("true views", shot.truth.views)
@@ -200,7 +198,12 @@ def _check_optional_parts(shot: Shot) -> None:
         _shape("saturated", shot.saturated.shape, (height, width))
 
 
-def _rigid(what: str, poses: F64) -> None:
+def check_rigid(what: str, poses: F64) -> None:
+    """Accept poses that are rigid motions, [N, 4, 4], of a size that can be computed with.
+
+    Raises:
+        InputError: They stretch, mirror, or lie too far away.
+    """
     rotations = poses[:, :3, :3]
     turned = np.abs(poses).max() <= POSITION_LIMIT and np.allclose(
         rotations @ rotations.transpose(0, 2, 1), np.eye(3), atol=ROTATION_TOLERANCE
