@@ -18,6 +18,7 @@ os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 from rich.console import Console
 
 from gs2ci import __version__
+from gs2ci.core.clock import begin_command
 from gs2ci.core.errors import Gs2ciError
 
 # Name on the command line -> module, and the line that `gs2ci --help` shows. Modules are imported when they are run.
@@ -27,8 +28,11 @@ COMMANDS: Final[dict[str, tuple[str, str]]] = {
     "report": ("gs2ci.commands.report", "build the page of a run again from its folder"),
     "view": ("gs2ci.commands.view", "show the scene of a run in a browser"),
     "decode": ("gs2ci.commands.decode", "recover views alone from a shot file: GAP-TV, plug-and-play, proxies"),
+    "evaluate": ("gs2ci.commands.evaluate", "judge a finished run by a truth, by noise, by views from elsewhere"),
+    "tradeoff": ("gs2ci.commands.tradeoff", "say what accuracy costs in time, for one shot on this machine"),
     "models": ("gs2ci.commands.models", "turn trained weights into model files"),
     "plan": ("gs2ci.commands.plan", "say which physical effects a simulation calls for, and why"),
+    "calibrate": ("gs2ci.commands.calibrate", "measure a bench: sensor, masks, geometry, timing"),
     "capture": ("gs2ci.commands.capture", "take coded exposures on a bench, real or simulated"),
     "recover": ("gs2ci.commands.recover", "save the finished rows of an interrupted capture"),
     "devices": ("gs2ci.commands.devices", "say what is connected and what it can do"),
@@ -42,6 +46,7 @@ EXIT_INTERRUPTED: Final = 130
 
 def main() -> int:
     """Run the command line; return the exit status: 0, 2 for an error of ours, 130 when interrupted."""
+    begin_command()
     arguments = sys.argv[1:]
     if not arguments or arguments[0] in ("-h", "--help"):
         sys.stdout.write(_usage())

@@ -1,1 +1,1 @@
-"""Calibration of a bench. Still empty: the first procedures come with the rig."""
+"""Calibration of a bench: from parts to numbers that the solver can trust. `procedures` lists the steps."""

@@ -8,6 +8,7 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Final
 
+from gs2ci.bench.calibration import BENCHES, FRAMES
 from gs2ci.bench.cases import Case
 from gs2ci.bench.cells import Cell
 from gs2ci.bench.simulation import EVERYTHING, TOLERANCES_DN, rig_cases
@@ -17,6 +18,7 @@ from gs2ci.core.errors import InputError
 SIMULATED: Final = ("boxes", "thicket", "motorcycle", "corridor")
 RATIOS: Final = (0.1, 0.25, 0.5, 0.75, 0.9)
 VIEWS: Final = (4, 8, 16, 24)
+CALIBRATE: Final = "gs2ci.bench.calibration:calibrate_masks"
 
 
 @dataclass(frozen=True)
@@ -171,12 +173,34 @@ def _simulation(case: Case, tolerance_dn: float | None, seed: int) -> Cell:
     return Cell("gs2ci.bench.simulation:simulate_rig", arguments, (case.file,))
 
 
+def _calibrations(options: Options) -> list[Entry]:
+    """Calibrate masks with more and more frames, and predict them; its benches stand in for the options' cases."""
+    ways: dict[str, dict[str, int | bool]] = {
+        f"measured, {frames} frames": {"frames": frames, "fast": False} for frames in FRAMES
+    }
+    ways |= {f"predicted, {frames} frames": {"frames": frames, "fast": True} for frames in FRAMES}
+    return [
+        Entry(bench, line, Cell(CALIBRATE, {"bench": bench, "seed": seed, **ways[line]}))
+        for bench in BENCHES
+        for line in _chosen(tuple(ways), options.lines)
+        for seed in range(options.seeds)
+    ]
+
+
 def _chosen(lines: Sequence[str], wanted: Sequence[str]) -> tuple[str, ...]:
     unknown = [line for line in wanted if line not in lines]
     if unknown:
         raise InputError(f"line {unknown[0]!r} is not in this table", allowed=", ".join(lines))
     return tuple(wanted or lines)
 
+
+CALIBRATION: Final = (
+    Measure("mask_error_pct", "mask error, % rms", 3, more_is_better=False),
+    Measure("stated_pct", "stated, % rms", 3, more_is_better=False),
+    Measure("seconds", "bench s", 1, more_is_better=False),
+    Measure("registration_px", "registration, px", 5, more_is_better=False),
+    Measure("registration_seconds", "its bench s", 1, more_is_better=False),
+)
 
 TABLES: Final[dict[str, Table]] = {
     "methods": Table(
@@ -238,5 +262,12 @@ TABLES: Final[dict[str, Table]] = {
         ),
         rig_cases,
         "tolerance, DN rms in total",
+    ),
+    "calibrate": Table(
+        "What calibrated masks cost",
+        "Masks measured with more and more frames of each, and predicted from a registration with as many; errors "
+        "against the truth of simulated benches, time by their own clock, upload included.",
+        _calibrations,
+        CALIBRATION,
     ),
 }

@@ -14,6 +14,7 @@ from rich.table import Table
 
 from gs2ci.commands.display import open_display
 from gs2ci.core.storage.sealing import partial_of
+from gs2ci.rig.calibrated import load
 from gs2ci.rig.opening import Rig, load_rig
 from gs2ci.rig.recording import Prepared, prepare, record
 from gs2ci_drivers.acquisition import Devices
@@ -28,6 +29,8 @@ def run(
     dry_run: bool = False,
     shots: int | None = None,
     overwrite: bool = False,
+    calibration: Path | None = None,
+    probe: bool = True,
 ) -> Path | None:
     """Take coded exposures on the bench that a rig file describes.
 
@@ -40,6 +43,8 @@ def run(
         dry_run: Connect, check and print the plan; move and write nothing.
         shots: How many shots, instead of the rig file's number.
         overwrite: Replace a finished file of that name.
+        calibration: A bundle of `gs2ci calibrate` to take masks from, instead of the one that [calibration] names.
+        probe: Look at one mask first, to see that the bundle still fits; needs a lit scene at rest.
 
     Returns:
         The shot file; None for a dry run.
@@ -49,8 +54,10 @@ def run(
         opened.set_shots(shots)
     devices = opened.open(out if opened.table.trace and not dry_run else None)
     try:
-        prepared = prepare(opened, devices)
         console = Console()
+        with open_display() as display:
+            calibrated = load(opened, devices, calibration, probe=probe and not dry_run, progress=display)
+        prepared = prepare(opened, devices, calibrated)
         _print_plan(console, opened, devices, prepared)
         prepared.plan.require_sound()
         if dry_run:
@@ -66,6 +73,8 @@ def run(
     if isinstance(light, BenchLight) and light.plans:
         last = light.plans[max(light.plans)]
         console.print(f"the light path {last.summary()}", markup=False, highlight=False, soft_wrap=True)
+    if calibrated is not None:
+        console.print(f"masks from {calibrated.bundle.path}", markup=False, highlight=False, soft_wrap=True)
     console.print(f"{prepared.plan.settings.shots} shots in [bold]{escape(str(out))}[/]", soft_wrap=True)
     return out
 

@@ -1,9 +1,10 @@
 """`gs2ci reconstruct`: from a shot file to a run folder.
 
-Here: the arguments, and the order read → reconstruct → write → tell. Not here: any of the four. Only `gs2ci.cli`
+Here: the arguments, and the order read → plan → reconstruct → write → tell. Not here: any of the five. Only `gs2ci.cli`
 and `gs2ci.commands.demo` import this file.
 """
 
+import time
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
@@ -11,15 +12,22 @@ from typing import Annotated
 import numpy as np
 import tyro
 
-from gs2ci.commands.display import open_display, print_summary
+from gs2ci.commands.display import Display, open_display, print_summary
+from gs2ci.core.clock import command_age_s
+from gs2ci.core.durations import parse_duration_s
+from gs2ci.core.errors import InputError
 from gs2ci.core.records import F32, F64, Shot
 from gs2ci.core.storage import read_shot
 from gs2ci.evaluate.metrics import psnr_per_view
+from gs2ci.evaluate.rehearsal import report_seconds
 from gs2ci.evaluate.run_folder import check_destination, write_run
 from gs2ci.reconstruct import ablation
+from gs2ci.reconstruct.budget import Adapt, Plan, plan_within
+from gs2ci.reconstruct.costs import probe
 from gs2ci.reconstruct.fit.fine import FineSettings
 from gs2ci.reconstruct.fit.rules import RuleName, with_rule
 from gs2ci.reconstruct.pipeline import PoseSource, ProxyName, Score, Settings, reconstruct
+from gs2ci.reconstruct.presets import PRESETS, PresetName
 
 
 def run(
@@ -30,6 +38,8 @@ def run(
     index: int = 0,
     geometry: PoseSource = "tracks",
     proxy: ProxyName = "gap-tv",
+    preset: PresetName = "standard",
+    budget: str | None = None,
     density: RuleName | None = None,
     without: tuple[str, ...] = (),
     iterations: int | None = None,
@@ -51,6 +61,11 @@ def run(
             "vggt:FILE") those that a model of yours predicts; "auto" asks all there are and lets the measurement
             choose. The fit refines them in any case.
         proxy: The views that the geometry is found in: decoded by "gap-tv", or "eni" or "amdi", the paper's proxies.
+        preset: How far to go: "draft" is a first look, "standard" the default, "fine" takes several times as long and
+            ends with the fine stage, "paper" is the schedule of the GS2CI paper, 20,000 iterations without held-out
+            pixels.
+        budget: Instead of a preset, the time that everything together may take, as in 60s or 5min: the best that
+            this machine can do by then.
         density: The rule by which Gaussians are added and removed, with the terms of the objective that belong to it;
             none leaves the settings' own.
         without: Components of the method to do without, for comparisons: points, poses, opacity-split,
@@ -70,26 +85,52 @@ def run(
         The run folder.
 
     Raises:
-        Gs2ciError: The file, a value or the destination cannot be used; the folder is then as it was.
+        Gs2ciError: The file, a value or the destination cannot be used, or the budget does not suffice; the folder
+            is then as it was.
     """
+    began_s = time.monotonic() - command_age_s()
+    budget_s = None if budget is None else parse_duration_s(budget)
+    if budget_s is not None and (preset != "standard" or iterations is not None or fine or prior or distance):
+        raise InputError(
+            "a budget decides preset, iterations and stages itself",
+            remedy="give either --budget, or --preset, --iterations and --fine",
+        )
     check_destination(output, overwrite=overwrite)
     measured = read_shot(shot, index)
     if focal_px is not None:
         measured = replace(measured, intrinsics=_with_focal(focal_px, measured)).check()
-    settings = Settings(seed=seed, poses=geometry, proxy=proxy)
-    if density is not None:
-        settings = replace(settings, fit=with_rule(settings.fit, density))
-    settings = ablation.without(settings, without)
-    if iterations is not None:
-        settings = replace(settings, fit=replace(settings.fit, iterations=iterations))
-    if fine or prior is not None or distance is not None:
-        settings = replace(settings, fine=_fine(prior, distance))
+
+    def adapted(settings: Settings) -> Settings:
+        settings = replace(settings, seed=seed, poses=geometry, proxy=proxy)
+        if density is not None:
+            settings = replace(settings, fit=with_rule(settings.fit, density))
+        settings = ablation.without(settings, without)
+        if iterations is not None:
+            settings = replace(settings, fit=replace(settings.fit, iterations=iterations))
+        if fine or prior is not None or distance is not None:
+            settings = replace(settings, fine=_fine(prior, distance))
+        return settings
+
+    settings, pace = adapted(PRESETS[preset]), None
     with open_display() as display:
-        found = reconstruct(measured, settings, display, _score_against_truth(measured))
+        if budget_s is not None:
+            plan = _plan(budget_s, began_s, measured, adapted, display)
+            settings, pace = plan.settings, plan.pace
+        found = reconstruct(measured, settings, display, _score_against_truth(measured), pace)
         display.stage("report")
         write_run(output, measured, found.result, found.scene, overwrite=overwrite)
     print_summary(output)
     return output
+
+
+def _plan(budget_s: float, began_s: float, shot: Shot, adapt: Adapt, display: Display) -> Plan:
+    """Measure this machine on the shot, and plan what the budget buys."""
+    display.stage("measuring this machine")
+    model = probe(shot, adapt(PRESETS["draft"]).backend)
+    report_s = report_seconds(shot)
+    plan = plan_within(budget_s, model, report_s=report_s, spent_s=time.monotonic() - began_s, adapt=adapt)
+    display.say(plan.sentence)
+    return plan
 
 
 def _fine(prior: str | None, distance: str | None) -> FineSettings:

@@ -5,7 +5,12 @@ Anyone may import this file.
 """
 
 import time
-from typing import Protocol
+from contextvars import ContextVar
+from typing import Final, Protocol
+
+import psutil
+
+_command_began_s: Final[ContextVar[float | None]] = ContextVar("command_began_s", default=None)
 
 
 class Clock(Protocol):
@@ -18,6 +23,20 @@ class Clock(Protocol):
     def sleep_s(self, duration_s: float) -> None:
         """Let `duration_s` seconds pass on this clock (values below 0 count as 0)."""
         ...
+
+
+def begin_command() -> None:
+    """Note that this process serves one command, whose user has been waiting since the process began.
+
+    The interpreter's start and the loading of libraries take seconds, which a promise about time has to count.
+    """
+    _command_began_s.set(time.monotonic() - max(0.0, time.time() - float(psutil.Process().create_time())))
+
+
+def command_age_s() -> float:
+    """Measure how long the user of the running command has waited, in seconds; 0 where no command was begun."""
+    began_s = _command_began_s.get()
+    return 0.0 if began_s is None else time.monotonic() - began_s
 
 
 class WallClock:

@@ -66,6 +66,8 @@ class TrajectoryErrors:
         ate: Absolute trajectory error: root mean square distance of the camera centres, in the unit of the true
             path, the smallest that any similarity reaches.
         nate: `ate` divided by the diagonal of the true path's bounding box.
+        translation_mean: Mean distance of the camera centres under the similarity of `ate`, in the unit of the true
+            path.
         rotation_deg: Mean over the views of the angle between the true and the aligned camera orientation.
         rpe_t: Relative pose error of consecutive views, translation: root mean square, in the unit of the true
             path, after the estimate has been brought to its scale.
@@ -75,6 +77,7 @@ class TrajectoryErrors:
 
     ate: float
     nate: float | None
+    translation_mean: float
     rotation_deg: float
     rpe_t: float | None
     rpe_r_deg: float | None
@@ -127,13 +130,15 @@ def trajectory_errors(estimate: F64, truth: F64) -> TrajectoryErrors:
     aligned = alignment.apply(estimate)
     centers, target = _centers(estimate), _centers(truth)
     fit = _fit_positions(centers, target)
-    ate = _rms_length(_centers(aligned) - target) if fit is None else fit.rms
+    off_target = _centers(aligned) - target if fit is None else fit.residuals
+    ate, mean = _rms_length(off_target), float(np.mean(np.linalg.norm(off_target, axis=1)))
     diagonal = float(np.linalg.norm(np.ptp(target, axis=0)))
     off = np.swapaxes(_camera_to_world_rotations(truth), 1, 2) @ _camera_to_world_rotations(aligned)
     rpe_t, rpe_r_deg = _relative_pose_errors(aligned, truth)
     return TrajectoryErrors(
         ate=ate,
         nate=None if _stands_still(target) else ate / diagonal,
+        translation_mean=mean,
         rotation_deg=float(rotation_angles_deg(off).mean()),
         rpe_t=rpe_t,
         rpe_r_deg=rpe_r_deg,
@@ -159,7 +164,7 @@ class _PositionFit:
     scale: float
     target_axes: F64  # [3, 3], right-handed, along the line first
     source_axes: F64  # [3, 3]
-    rms: float
+    residuals: F64  # [N, 3], of the positions under this similarity
     roll_uncertainty_deg: float
 
     @property
@@ -189,12 +194,12 @@ def _fit_positions(source: F64, target: F64) -> _PositionFit | None:
     spread = spread * (1, 1, handed_u * handed_v)
     # A path without any correlation with the true one is best shrunk to a point, but a scale stays above 0.
     scale = max(float(spread.sum() / np.mean(np.sum(a**2, axis=1))), float(np.finfo(np.float64).tiny))
-    rms = _rms_length(scale * a @ (target_axes @ source_axes.T).T - b)
+    residuals = scale * a @ (target_axes @ source_axes.T).T - b
     # The squared error grows as 2 N s (S₁ + S₂)(1 − cos roll): with rms²/3 per axis this is the roll's variance.
     grip = scale * len(a) * max(float(spread[1] + spread[2]), 0.0)
-    noise = np.hypot(rms / np.sqrt(3), POSITION_FLOOR * _rms_length(b))
+    noise = np.hypot(_rms_length(residuals) / np.sqrt(3), POSITION_FLOOR * _rms_length(b))
     uncertainty = np.degrees(noise / np.sqrt(grip)) if grip > 0 else np.inf
-    return _PositionFit(scale, target_axes, source_axes, rms, float(uncertainty))
+    return _PositionFit(scale, target_axes, source_axes, residuals, float(uncertainty))
 
 
 def _relative_pose_errors(aligned: F64, truth: F64) -> tuple[float | None, float | None]:

@@ -26,6 +26,7 @@ from gs2ci.reconstruct.decode.residual import ResidualSettings, refine_views
 from gs2ci.reconstruct.doubts import doubts_about, doubts_about_result
 from gs2ci.reconstruct.fit.coarse import CoarseSettings, fit_coarse
 from gs2ci.reconstruct.fit.fine import Fine, FineSettings, fit_fine
+from gs2ci.reconstruct.fit.pace import Pace
 from gs2ci.reconstruct.fit.rendering import ShotRenderer
 from gs2ci.reconstruct.fit.start import first_gaussians
 from gs2ci.reconstruct.fit.stopping import Jury, choose_heldout
@@ -126,6 +127,7 @@ def reconstruct(
     settings: Settings | None = None,
     progress: Progress | None = None,
     score: Score | None = None,
+    pace: Pace | None = None,
 ) -> Reconstruction:
     """Recover views, camera path and scene from one coded measurement.
 
@@ -134,6 +136,7 @@ def reconstruct(
         settings: Settings of every stage.
         progress: Told of every stage and step.
         score: Turns views, [N, H, W, C], into a figure for the curve, in dB; it may know the truth.
+        pace: Decides how many iterations the fit has, instead of the settings.
 
     Returns:
         The best of three by the held-out pixels: the scene's views refined by its residual, the scene's views, or
@@ -182,6 +185,7 @@ def reconstruct(
         progress=progress,
         score=score,
         since_s=clock.began_s,
+        pace=pace,
     )
     renderer = ShotRenderer(fitted.shot, geometry.intrinsics, backend)
     if fine is not None:

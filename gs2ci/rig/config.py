@@ -6,7 +6,7 @@ commands import this file.
 """
 
 from pathlib import Path
-from typing import Annotated, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, model_validator
 
@@ -20,6 +20,17 @@ NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Fraction = Annotated[float, Field(gt=0, lt=1)]
 Count = Annotated[int, Field(ge=1)]
 Vector = tuple[float, float, float]
+Orientation = Literal[
+    "upright",
+    "mirrored left to right",
+    "mirrored top to bottom",
+    "upside down",
+    "turned clockwise",
+    "turned anticlockwise",
+    "mirrored along its diagonal",
+    "mirrored along its other diagonal",
+    "any",
+]
 
 
 class Dlpc900Table(Settings):
@@ -166,6 +177,60 @@ class OpticsTable(Settings):
     """Reading above black of a white scene under one open mask for its time on show."""
 
 
+class BoardTable(Settings):
+    """[calibration.board]: the ChArUco board of `gs2ci calibrate camera`, in OpenCV's terms."""
+
+    columns: Annotated[int, Field(ge=3)] = 7
+    """Squares across."""
+    rows: Annotated[int, Field(ge=3)] = 5
+    square_mm: Positive = 30.0
+    marker_mm: Positive = 21.0
+    dictionary: str = "DICT_4X4_50"
+
+
+class CalibrationTable(Settings):
+    """[calibration]: what `gs2ci calibrate` does, and which bundle `gs2ci capture` takes."""
+
+    bundle: str = ""
+    """A calibration bundle beside the rig file that `gs2ci capture` uses; "" takes nominal masks."""
+    max_age_days: Positive = 30.0
+    """A bundle older than this is refused."""
+    frames: Annotated[int, Field(ge=2)] = 32
+    """Frames of the dark and of the flat stack."""
+    mask_frames: Annotated[int, Field(ge=2)] = 8
+    """Frames of each mask, at least."""
+    mask_accuracy: Annotated[float, Field(gt=0, lt=0.5)] = 0.01
+    """Wanted standard error of masks, rms over the pixels; more frames are taken if it needs them."""
+    orientation: Orientation = "upright"
+    """How the modulator's image lies on the sensor; "any" takes it as it is found, anything else is refused."""
+    board: BoardTable = BoardTable()
+    board_views: Annotated[int, Field(ge=3)] = 12
+    """Pictures of the board, each in another pose."""
+    temperature_c: float | None = None
+    """Of the sensor, where it is known, for the bundle."""
+
+
+class TrueSensorTable(Settings):
+    """[world.sensor]: the simulated sensor as it truly is, where that differs from [sensor]; at 12 bits."""
+
+    full_well_e: Positive | None = None
+    electrons_per_dn: Positive | None = None
+    read_noise_e: NotNegative | None = None
+    black_level_dn: NotNegative | None = None
+    quantum_efficiency: Annotated[float, Field(gt=0, le=1)] | None = None
+
+
+class MechanicsTable(Settings):
+    """[world.mechanics.AXIS]: what lies between the counted and the true position of a simulated axis."""
+
+    scale: Positive = 1.0
+    backlash_mm: NotNegative = 0.0
+    lag_s: NotNegative = 0.0
+    ripple_mm: NotNegative = 0.0
+    pitch_mm: Positive = 1.0
+    reversed_sign: bool = False
+
+
 class WorldTable(Settings):
     """[world]: what surrounds simulated devices; needed when any port is "simulated"."""
 
@@ -182,6 +247,24 @@ class WorldTable(Settings):
     stage_start_mm: float | None = None
     trigger_latency_s: NotNegative = 0.0
     trigger_jitter_s: NotNegative = 0.0
+    trigger_exposure_offset_s: float = 0.0
+    """By how much longer than set a triggered exposure truly is."""
+    flat_radiance: Positive = 0.5
+    """Brightness of the even light before which masks are calibrated; 1 is the white of a scene."""
+    lamp_drift_per_min: float = 0.0
+    """Relative change of all light per minute."""
+    always: Literal["", "dark", "flat", "board", "scene"] = ""
+    """What is before the camera whatever `gs2ci calibrate` asks for; "" obeys."""
+    mirrored: bool = False
+    """Whether the image of the modulator is mirrored left to right."""
+    quarter_turns: Annotated[int, Field(ge=0, le=3)] = 0
+    """By how many quarters it is then turned clockwise; 2 is upside down."""
+    effects: dict[str, dict[str, Any]] = Field(default_factory=dict)
+    """[world.effects.NAME]: imperfections of the light path, as in docs/simulation.md."""
+    sensor: TrueSensorTable = TrueSensorTable()
+    mechanics: dict[str, MechanicsTable] = Field(default_factory=dict)
+    mount: MountTable | None = None
+    """How the stage truly carries the camera; without it, as [stage.mount] says."""
     faults: tuple[str, ...] = ()
     """Faults to inject once each, "device: fault" or "device: fault after N" opportunities; see docs/faults.md."""
 
@@ -196,6 +279,7 @@ class RigTable(Settings):
     capture: CaptureTable = CaptureTable()
     registration: RegistrationTable = RegistrationTable()
     optics: OpticsTable = OpticsTable()
+    calibration: CalibrationTable = CalibrationTable()
     world: WorldTable | None = None
     trace: bool = False
     """Whether to write every byte that passes the ports beside the shot file."""

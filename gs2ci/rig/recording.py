@@ -5,7 +5,7 @@ here: the file's layout (`gs2ci.core.storage`), the order of things on the bench
 Commands import this file.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from time import time_ns
 from typing import Any, Final
@@ -16,14 +16,15 @@ from numpy.typing import NDArray
 from gs2ci.core.progress import Progress
 from gs2ci.core.records import Truth
 from gs2ci.core.storage import CaptureHeader, FrameRow, ShotWriter
+from gs2ci.rig.calibrated import Calibrated
 from gs2ci.rig.config import MountTable, RigTable
+from gs2ci.rig.intent import intended
 from gs2ci.rig.opening import Rig
-from gs2ci.rig.patterns import draw_codes, on_modulator
 from gs2ci.rig.simulated import SimulatedBench
 from gs2ci_drivers.acquisition import Devices, Taken, capture, plan_capture
 from gs2ci_drivers.failures import UnsupportedError
-from gs2ci_drivers.plan import CaptureSettings, Mode, Optics, Plan, Travel
-from gs2ci_drivers.sensor import Frame, SensorConfig
+from gs2ci_drivers.plan import Mode, Plan
+from gs2ci_drivers.sensor import Frame
 from gs2ci_sims.bench_light import BenchLight
 from gs2ci_sims.world import Exposure
 
@@ -42,38 +43,30 @@ class Prepared:
     Args:
         plan: The plan, which may break limits.
         codes: Mask levels at the sensor's pixels, [N, H, W].
-        height: The sensor's rows.
-        width: The sensor's columns.
+        calibrated: The bench as it was measured, or None: then masks are as drawn.
     """
 
     plan: Plan
     codes: U16
+    calibrated: Calibrated | None = None
 
 
-def prepare(rig: Rig, devices: Devices) -> Prepared:
+def prepare(rig: Rig, devices: Devices, calibrated: Calibrated | None = None) -> Prepared:
     """Connect, draw the masks, set the sensor up and plan; nothing moves and nothing is uploaded.
+
+    Args:
+        rig: The rig.
+        devices: Its open devices.
+        calibrated: What was measured of the bench, from `gs2ci.rig.calibrated.load`.
 
     Raises:
         DriverError: A device does not answer or refuses its set-up.
         UnsupportedError: The sensor takes another size than was asked for.
         InputError: The masks do not fit on the modulator.
     """
-    table = rig.table
-    modulator, sensor = devices.modulator.connect(), devices.sensor.connect()
-    largest = max(sensor.formats, key=lambda fmt: fmt.height * fmt.width)
-    size = (table.sensor.height or largest.height, table.sensor.width or largest.width)
-    codes = draw_codes(table.capture, size, rig.folder)
-    masks = on_modulator(codes, table.registration, (modulator.height, modulator.width))
-    config = SensorConfig(
-        height=size[0],
-        width=size[1],
-        fourcc=table.sensor.format.strip(),
-        gain_db=table.sensor.gain_db,
-        buffers=table.sensor.buffers,
-        warm_up_frames=table.sensor.warm_up_frames,
-        controls=table.sensor.controls,
-    )
-    plan = plan_capture(devices, _settings(rig, masks), config)
+    codes, settings, config = intended(rig, devices)
+    plan = plan_capture(devices, settings, config)
+    size = (config.height, config.width)
     got = devices.sensor.settings.format
     if (got.height, got.width) != size:
         raise UnsupportedError(
@@ -83,7 +76,7 @@ def prepare(rig: Rig, devices: Devices) -> Prepared:
             allowed="a size that the sensor offers; `gs2ci devices` lists them",
             remedy="set height and width in [sensor]",
         )
-    return Prepared(plan, codes)
+    return Prepared(plan, codes, calibrated)
 
 
 def record(rig: Rig, devices: Devices, prepared: Prepared, out: Path, *, replace: bool, progress: Progress) -> Path:
@@ -123,47 +116,15 @@ def record(rig: Rig, devices: Devices, prepared: Prepared, out: Path, *, replace
         raise
 
 
-def _optics(rig: Rig) -> Optics:
-    """Return what is known of lens and scene; of a rendered scene it is known without being told."""
-    optics = rig.table.optics
-    known = Optics(optics.full_scale_e_per_s, optics.focal_px, optics.nearest_mm, optics.farthest_mm)
-    light = rig.bench.world.light if rig.bench else None
-    if not isinstance(light, BenchLight) or rig.table.world is None or known.focal_px or known.nearest_mm:
-        return known
-    nearest, farthest = light.scene.depth_range()
-    unit = rig.table.world.scene_units_per_mm
-    focal_px = float(light.scene.intrinsics[0, 0])
-    return Optics(known.full_scale_e_per_s, focal_px, nearest / unit, farthest / unit)
-
-
-def _settings(rig: Rig, masks: NDArray[Any]) -> CaptureSettings:
-    capture = rig.table.capture
-    travel = Travel(capture.axis, capture.from_mm, capture.to_mm) if capture.axis else None
-    return CaptureSettings(
-        masks=masks,
-        bit_depth=capture.bit_depth,
-        mask_s=capture.mask_s,
-        dark_s=capture.dark_s,
-        mode=Mode(capture.mode),
-        shots=capture.shots,
-        burst=capture.burst,
-        travel=travel,
-        margin_s=capture.margin_s,
-        jitter_s=capture.jitter_s,
-        retries=capture.retries,
-        optics=_optics(rig),
-    )
-
-
 def _header(rig: Rig, devices: Devices, prepared: Prepared) -> CaptureHeader:
-    table, plan = rig.table, prepared.plan
+    table, plan, calibrated = rig.table, prepared.plan, prepared.calibrated
     picture = devices.sensor.settings.format
-    masks = prepared.codes.astype(np.float32) / np.float32(2**table.capture.bit_depth - 1)
     stage = devices.stage
     light = rig.bench.world.light if rig.bench else None
     truth = isinstance(light, BenchLight) and plan.settings.mode is not Mode.PER_MASK
     cfa: Any = picture.cfa
-    return CaptureHeader(
+    masks = prepared.codes.astype(np.float32) / np.float32(2**table.capture.bit_depth - 1)
+    header = CaptureHeader(
         rows=plan.settings.shots * plan.frames_per_shot,
         channels=1,
         masks=masks,
@@ -181,6 +142,22 @@ def _header(rig: Rig, devices: Devices, prepared: Prepared) -> CaptureHeader:
         name=table.name,
         config=rig.text,
     )
+    return header if calibrated is None else _with_calibration(header, calibrated, plan)
+
+
+def _with_calibration(header: CaptureHeader, calibrated: Calibrated, plan: Plan) -> CaptureHeader:
+    """Put what was measured in the place of what the rig file says; what was not measured stays."""
+    arrays = calibrated.arrays(plan.exposure_s, mosaic=header.cfa is not None)
+    found = replace(header, masks=calibrated.masks, saturated_map=True, calibration=arrays)
+    if calibrated.weights is not None and plan.settings.mode is not Mode.PER_MASK:
+        found = replace(found, weights=calibrated.weights)
+    if calibrated.per_pixel:
+        found = replace(found, per_pixel=True, offset_dn=float(np.mean(arrays["calib/dark"])))
+    if calibrated.saturation_dn is not None:
+        found = replace(found, saturation_dn=calibrated.saturation_dn)
+    if calibrated.intrinsics is not None:
+        found = replace(found, intrinsics=calibrated.intrinsics)
+    return found
 
 
 def _scale_dn(table: RigTable, plan: Plan, top: int) -> tuple[float, str]:
@@ -222,6 +199,7 @@ class _Recorder:
         self._devices = devices
         self._prepared = prepared
         self._writer = writer
+        self._unusable = prepared.calibrated.unusable if prepared.calibrated is not None else None
         # The devices' clock counts from some start; the file's host times count from the epoch.
         self._epoch_ns = time_ns() - round(devices.clock.now_s() * 1e9)
 
@@ -236,6 +214,8 @@ class _Recorder:
         )
         plan = self._prepared.plan
         scale = _scale_dn(self._rig.table, plan, self._devices.sensor.settings.format.top)[1]
+        if self._prepared.calibrated is not None:
+            self._writer.event("calibration", **self._prepared.calibrated.record())
         self._writer.event("plan", scale=scale, **{figure.what: figure.value for figure in plan.figures})
 
     def note_failure(self, error: Exception) -> None:
@@ -253,6 +233,7 @@ class _Recorder:
                 frame=self._row(taken, i, frame),
                 telemetry_world_to_camera=self._telemetry(taken),
                 truth=self._truth(frame),
+                saturated=self._unusable,
                 provenance=self._provenance(taken, i, frame),
             )
 

@@ -5,7 +5,7 @@ tests import this one.
 """
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -14,9 +14,14 @@ from gs2ci.core.records import CfaPattern
 from gs2ci.rig.config import Dlpc900Table, GrblTable, RigTable, SantecTable, WorldTable, ZaberTable
 from gs2ci.rig.patterns import origin
 from gs2ci_drivers.ports import SysPort
-from gs2ci_sims.bench_light import BenchLight, Registration
+from gs2ci_sims.axis_motion import Mechanics
+from gs2ci_sims.bench_light import BenchLight
+from gs2ci_sims.effects.base import Effect
+from gs2ci_sims.effects.misregistration import Misregistration
 from gs2ci_sims.faults import FaultSet
 from gs2ci_sims.radiance import Renderer
+from gs2ci_sims.registration import Registration
+from gs2ci_sims.rig_file import effects_from_tables
 from gs2ci_sims.scenes.base import Scene
 from gs2ci_sims.scenes.planes import planes
 from gs2ci_sims.scenes.rgbd import motorcycle
@@ -103,43 +108,91 @@ def _scene(table: WorldTable) -> Scene:
 
 def _light(rig: RigTable, table: WorldTable, cfa: CfaPattern | None) -> BenchLight:
     scene = _scene(table)
-    row, column = origin(rig.registration, scene.size, MODULATOR_SIZES[rig.modulator.kind])
+    effects = effects_from_tables(table.effects)
     return BenchLight(
         scene,
-        _data_sheet(rig),
-        Registration(rig.registration.superpixel, row, column),
+        _data_sheet(rig, table),
+        _registration(rig, table, scene.size, effects),
         full_scale_e_per_s=rig.optics.full_scale_e_per_s or DEFAULT_FULL_SCALE_E_PER_S,
         seed=table.seed,
         cfa=cfa,
         noise=table.noise,
+        effects=[effect for effect in effects if not isinstance(effect, Misregistration)],
+        lamp_drift_per_min=table.lamp_drift_per_min,
         tolerance_dn=table.tolerance_dn,
         renderer=Renderer(supersampling=table.supersampling),
     )
 
 
-def _data_sheet(rig: RigTable) -> Sensor:
-    """Return the sensor's figures, from the rig file where it has them."""
-    default = Sensor()
+def _registration(rig: RigTable, table: WorldTable, size: tuple[int, int], effects: list[Effect]) -> Registration:
+    """Return where the modulator truly falls; misregistration among the effects moves its own pixels."""
+    row, column = origin(rig.registration, size, MODULATOR_SIZES[rig.modulator.kind])
+    moved = next((effect for effect in effects if isinstance(effect, Misregistration)), Misregistration())
+    return Registration(
+        rig.registration.superpixel,
+        row,
+        column,
+        mirrored=table.mirrored,
+        quarter_turns=table.quarter_turns,
+        right_px=moved.right_px,
+        down_px=moved.down_px,
+        turn_mrad=moved.turn_mrad,
+        magnification=moved.magnification,
+    )
+
+
+def _data_sheet(rig: RigTable, table: WorldTable) -> Sensor:
+    """Return the sensor's true figures: those of the rig file where [world.sensor] says nothing else."""
+    default, true = Sensor(), table.sensor
+    black = rig.sensor.black_level_dn if true.black_level_dn is None else true.black_level_dn
     return Sensor(
-        full_well_e=rig.sensor.full_well_e or default.full_well_e,
-        electrons_per_dn=rig.sensor.electrons_per_dn or default.electrons_per_dn,
-        black_level_dn=rig.sensor.black_level_dn,
+        full_well_e=true.full_well_e or rig.sensor.full_well_e or default.full_well_e,
+        electrons_per_dn=true.electrons_per_dn or rig.sensor.electrons_per_dn or default.electrons_per_dn,
+        black_level_dn=black,
+        read_noise_e=default.read_noise_e if true.read_noise_e is None else true.read_noise_e,
+        quantum_efficiency=true.quantum_efficiency or default.quantum_efficiency,
     )
 
 
 def _mount(rig: RigTable, table: WorldTable, light: LightPath) -> Mount:
     """Hang the camera so that it has the scene's suggested pose in the middle of the travel."""
     directions = Mount().directions
-    if rig.stage is not None and rig.stage.mount is not None:
-        directions = {"x": rig.stage.mount.x, "y": rig.stage.mount.y, "z": rig.stage.mount.z}
+    mount = table.mount or (rig.stage.mount if rig.stage is not None else None)
+    if mount is not None:
+        directions = {"x": mount.x, "y": mount.y, "z": mount.z}
     scale = table.scene_units_per_mm
-    capture = rig.capture
     rest = light.scene.world_to_camera if isinstance(light, BenchLight) else np.eye(4)
     return Mount(
         rest_world_to_camera=rest,
         directions={axis: (x * scale, y * scale, z * scale) for axis, (x, y, z) in directions.items()},
-        rest_mm={capture.axis: (capture.from_mm + capture.to_mm) / 2} if capture.axis else {},
+        rest_mm=_rest_mm(rig, table),
     )
+
+
+def _rest_mm(rig: RigTable, table: WorldTable) -> dict[str, float]:
+    """Return where each axis truly is in the rest pose: counted in the middle of its travel, else where it starts."""
+    capture = rig.capture
+    rest = _start_mm(rig, table) | ({capture.axis: (capture.from_mm + capture.to_mm) / 2} if capture.axis else {})
+    for axis, told in table.mechanics.items():
+        if axis in rest:
+            rest[axis] *= -told.scale if told.reversed_sign else told.scale
+    return rest
+
+
+def _start_mm(rig: RigTable, table: WorldTable) -> dict[str, float]:
+    """Return the counted positions at power-on."""
+    start_mm = table.stage_start_mm
+    if isinstance(rig.stage, ZaberTable):
+        return dict.fromkeys(rig.stage.axes, ZaberAxis().start_mm if start_mm is None else start_mm)
+    if isinstance(rig.stage, GrblTable):
+        return dict(zip("xyz", _grbl(table).start_mm, strict=True))
+    return {}
+
+
+def _grbl(table: WorldTable) -> GrblMachine:
+    machine = GrblMachine(mechanics={axis: Mechanics(**told.model_dump()) for axis, told in table.mechanics.items()})
+    start_mm = table.stage_start_mm
+    return machine if start_mm is None else replace(machine, start_mm=(start_mm, start_mm, -10.0))
 
 
 def _modulator_twin(rig: RigTable, world: World, faults: FaultSet) -> ModulatorTwin:
@@ -151,16 +204,19 @@ def _modulator_twin(rig: RigTable, world: World, faults: FaultSet) -> ModulatorT
 
 
 def _stage_twin(rig: RigTable, world: World, faults: FaultSet) -> ZaberTwin | GrblTwin | None:
-    start_mm = rig.world.stage_start_mm if rig.world else None
+    table = rig.world or WorldTable()
     if isinstance(rig.stage, ZaberTable):
-        axes = {}
-        for axis, microstep_mm in rig.stage.microstep_mm.items():
-            built = ZaberAxis(microstep_mm=microstep_mm)
-            axes[axis] = ZaberAxis(microstep_mm=microstep_mm, start_mm=built.start_mm if start_mm is None else start_mm)
+        mechanics = {axis: Mechanics(**told.model_dump()) for axis, told in table.mechanics.items()}
+        start_mm = _start_mm(rig, table)
+        axes = {
+            axis: ZaberAxis(
+                microstep_mm=microstep_mm, start_mm=start_mm[axis], mechanics=mechanics.get(axis, Mechanics())
+            )
+            for axis, microstep_mm in rig.stage.microstep_mm.items()
+        }
         return ZaberTwin(world.clock, axes, faults, address=rig.stage.address)
     if isinstance(rig.stage, GrblTable):
-        machine = GrblMachine() if start_mm is None else GrblMachine(start_mm=(start_mm, start_mm, -10.0))
-        return GrblTwin(world.clock, machine, faults)
+        return GrblTwin(world.clock, _grbl(table), faults)
     return None
 
 
@@ -178,6 +234,7 @@ def _camera(rig: RigTable, table: WorldTable) -> CameraModel:
         trigger_line=line,
         latency_s=table.trigger_latency_s,
         jitter_s=table.trigger_jitter_s,
+        exposure_offset_s=table.trigger_exposure_offset_s,
         readout_s=table.height * CameraModel.line_s,
         stamps_start=True,
     )

@@ -1,8 +1,10 @@
 """The light of a simulated rig: a scene rendered under the masks that the modulator twin really showed.
 
 It joins the world of the twins (`world`) to the light path (`exposure`, `light_path`): the masks come from the
-modulator's own pixels through the nominal registration, the poses from the stage twin's motion, the times from
-the sensor twin's shutter. Not here: effects, rendering, protocols. `gs2ci.rig` and tests import this file.
+modulator's own pixels through the registration, the poses from the stage twin's motion, the times from the sensor
+twin's shutter. For calibration, something else can be put before the camera (`look_at_*`); of a scene the planner
+chooses what is simulated, of such targets everything is. Not here: effects, rendering, protocols. `gs2ci.rig` and
+tests import this file.
 """
 
 from collections.abc import Sequence
@@ -14,18 +16,21 @@ from numpy.typing import NDArray
 
 from gs2ci.core.errors import InputError
 from gs2ci.core.records import CfaPattern
-from gs2ci_sims.effects.base import Effect
+from gs2ci_sims.effects.base import Effect, Stage
 from gs2ci_sims.effects.bayer_filter import BayerFilter
+from gs2ci_sims.effects.defocus import Defocus
 from gs2ci_sims.effects.motion_blur import MotionBlur
-from gs2ci_sims.exposure import integrate, read_out
-from gs2ci_sims.light_path import EffectChain, sensor_effects
+from gs2ci_sims.exposure import calibrated_masks, integrate, read_out
+from gs2ci_sims.light_path import EffectChain, generator, sensor_effects
 from gs2ci_sims.planner import DEFAULT_TOLERANCE_DN, Plan, plan
 from gs2ci_sims.radiance import Renderer
+from gs2ci_sims.registration import Registration
 from gs2ci_sims.rig import Light, Modulator, Rig, Timing
 from gs2ci_sims.scenes.base import Scene
 from gs2ci_sims.sensor import Sensor
 from gs2ci_sims.signals import Slices
-from gs2ci_sims.world import Exposure, MaskInterval
+from gs2ci_sims.targets import BoardPlane, EvenLight, board_scene
+from gs2ci_sims.world import BOOT_S, Exposure
 
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
@@ -33,38 +38,6 @@ U16 = NDArray[np.uint16]
 
 # Moments at which the camera's pose is asked for during an exposure; between them it is interpolated.
 POSES_FOLLOWED: Final = 257
-
-
-@dataclass(frozen=True)
-class Registration:
-    """Which modulator pixels a sensor pixel sees: a block of k × k, all blocks side by side.
-
-    Args:
-        superpixel: k.
-        row: First modulator row seen by the sensor.
-        column: First modulator column.
-    """
-
-    superpixel: int
-    row: int
-    column: int
-
-    def on_sensor(self, interval: MaskInterval, height: int, width: int) -> F32:
-        """Return a mask's transmissions at the sensor's pixels, [H, W] in [0, 1].
-
-        Raises:
-            InputError: The sensor looks beyond the modulator.
-        """
-        k = self.superpixel
-        seen = interval.levels[self.row : self.row + k * height, self.column : self.column + k * width]
-        if seen.shape != (k * height, k * width) or min(self.row, self.column) < 0:
-            raise InputError(
-                f"a sensor of {height} x {width} at {k} modulator pixels each, from row {self.row}, column "
-                f"{self.column}, looks beyond the modulator's {list(interval.levels.shape)}",
-                remedy="change [registration]",
-            )
-        blocks = seen.reshape(height, k, width, k).mean(axis=(1, 3), dtype=np.float32)
-        return np.asarray(blocks / np.float32(interval.top), dtype=np.float32)
 
 
 @dataclass(frozen=True)
@@ -86,18 +59,36 @@ class _FollowedPath:
         return bool(np.ptp(self.poses, axis=0).any())
 
 
+@dataclass(frozen=True)
+class _Sight:
+    """What is before the camera.
+
+    Args:
+        scene: It, or for a target the camera alone.
+        renderer: Draws it.
+        target: Whether it is there for calibration: then all effects are simulated, and nothing moves but the stage.
+        lit: Whether any light comes in; not with the lens cap on.
+    """
+
+    scene: Scene
+    renderer: Renderer
+    target: bool = True
+    lit: bool = True
+
+
 class BenchLight:
     """A `gs2ci_sims.world.LightPath` that renders a scene, as exactly as a plan says (`planner`).
 
     Args:
         scene: What the camera looks at; its suggested size is the sensor's.
         sensor: The sensor's data sheet.
-        registration: Which modulator pixels a sensor pixel sees.
+        registration: Which modulator pixels a sensor pixel sees, in truth.
         full_scale_e_per_s: Electrons per second in a pixel that sees radiance 1 through an open mask.
         seed: Of all noise.
         cfa: Colour filter array ("RGGB"), or None for a mono sensor, which sees the mean of the three colours.
         noise: Whether the sensor's noises are on; off leaves full well and quantisation.
-        effects: What else the rig has.
+        effects: What else the rig has; one of the sensor's kinds (shot noise, read noise, ...) replaces that.
+        lamp_drift_per_min: Relative change of the light per minute of the world's time.
         tolerance_dn: Of the plans.
         renderer: Draws the scene.
     """
@@ -113,6 +104,7 @@ class BenchLight:
         cfa: CfaPattern | None = None,
         noise: bool = True,
         effects: Sequence[Effect] = (),
+        lamp_drift_per_min: float = 0.0,
         tolerance_dn: float = DEFAULT_TOLERANCE_DN,
         renderer: Renderer | None = None,
     ) -> None:
@@ -120,15 +112,33 @@ class BenchLight:
         self.sensor = sensor
         self.plans: dict[int, Plan] = {}
         """What was simulated in each exposure, by its index."""
-        self._registration = registration
+        self.registration = registration
         self._photons_per_s = full_scale_e_per_s / sensor.quantum_efficiency
         self._seed = seed
         self._cfa = cfa
         self._noise = noise
         self._extra = tuple(effects)
+        self._lamp_drift_per_min = lamp_drift_per_min
         self._tolerance_dn = tolerance_dn
         self._renderer = renderer or Renderer(supersampling=1)
         self._plans_at_rest: dict[tuple[Rig, bytes], Plan] = {}
+        self._sight = _Sight(scene, self._renderer, target=False)
+
+    def look_at_scene(self) -> None:
+        """Put the scene before the camera, as it is at first."""
+        self._sight = _Sight(self.scene, self._renderer, target=False)
+
+    def look_at_nothing(self) -> None:
+        """Put the lens cap on."""
+        self._sight = replace(self._sight, target=True, lit=False)
+
+    def look_at_even_light(self, radiance: float) -> None:
+        """Put an evenly lit field before the camera; 1 is the white of a scene."""
+        self._sight = _Sight(self.scene, EvenLight(radiance=radiance))
+
+    def look_at_board(self, plane: BoardPlane, index: int) -> None:
+        """Hold a ChArUco board before the camera, in the pose that belongs to an index."""
+        self._sight = _Sight(*board_scene(self.scene, plane, index, self._seed))
 
     def collect(self, exposure: Exposure) -> U16:
         """Return the sensor's pixels, [H, W] uint16.
@@ -146,8 +156,10 @@ class BenchLight:
         seed = int(np.random.SeedSequence((self._seed, exposure.index)).generate_state(1)[0])
         rig = self._rig(exposure)
         effects = self._effects(rig.sensor)
-        if exposure.masks:
+        if exposure.masks and self._sight.lit:
             photons, effects = self._photons(exposure, rig, effects, seed)
+            minutes = (exposure.start_s - BOOT_S) / 60
+            photons = photons * max(1 + self._lamp_drift_per_min * minutes, 0.0)
         else:
             photons = np.zeros((height, width, 3))
         if self._cfa is None:
@@ -159,25 +171,62 @@ class BenchLight:
         """Return what was really there at the centre of each mask: views [N, H, W, C] and poses [N, 4, 4]."""
         centres = [(interval.start_s + interval.end_s) / 2 for interval in exposure.masks]
         poses = np.stack([exposure.world_to_camera_at(t) for t in centres])
-        views, _ = self._renderer.views(self.scene, poses)
+        views, _ = self._sight.renderer.views(self._sight.scene, poses)
         return (views if self._cfa else views.mean(axis=3, keepdims=True)), poses
+
+    def true_masks(self, levels: NDArray[np.integer], top: int = 1) -> F32:
+        """Return patterns as a noiseless calibration before an even light measures them, [N, H, W] in [0, 1].
+
+        Args:
+            levels: On the modulator's own pixels, [N, Hm, Wm].
+            top: The level of a fully open pixel.
+        """
+        height, width = self.scene.size
+        seen = np.stack([self.registration.seen(pattern, top, height, width) for pattern in levels])
+        chain = EffectChain(self._extra, self._seed, self.nominal_rig(self.sensor.bits))
+        return calibrated_masks(chain.through(Stage.MASKS, seen), chain)
+
+    def nominal_rig(self, bits: int, exposure_s: float = 1.0) -> Rig:
+        """Return the rig's figures for one open mask over an exposure, at a bit depth of the converter."""
+        return Rig(
+            light=Light(self._photons_per_s * exposure_s),
+            modulator=Modulator(masks=1),
+            timing=Timing(exposure_s),
+            sensor=self._sensor_of(bits),
+            device_seed=self._seed,
+        )
+
+    def fixed_pattern(self, effect: Effect, signal: F64, rig: Rig) -> F64:
+        """Pass a signal [H, W, C] through one effect with this device's own pattern."""
+        return np.asarray(effect.apply(signal, rig, generator(rig.device_seed, effect.name)))
+
+    @property
+    def effects(self) -> tuple[Effect, ...]:
+        """Get what the rig has beyond what every sensor does."""
+        return self._extra
 
     def _photons(
         self, exposure: Exposure, rig: Rig, effects: tuple[Effect, ...], seed: int
     ) -> tuple[F64, tuple[Effect, ...]]:
         """Integrate over all masks on show, [H, W, 3], and say which effects are simulated."""
-        masks = np.stack([self._registration.on_sensor(m, exposure.height, exposure.width) for m in exposure.masks])
+        masks = np.stack([self.registration.on_sensor(m, exposure.height, exposure.width) for m in exposure.masks])
         middle_s = 0.5 * (exposure.masks[0].start_s + exposure.masks[-1].end_s)
-        times_s = np.linspace(exposure.start_s, exposure.end_s, POSES_FOLLOWED)
+        # An even light looks the same from everywhere.
+        followed = 2 if isinstance(self._sight.renderer, EvenLight) else POSES_FOLLOWED
+        times_s = np.linspace(exposure.start_s, exposure.end_s, followed)
         poses = np.stack([exposure.world_to_camera_at(float(t)) for t in times_s])
         path = _FollowedPath(times_s - middle_s, poses)
         start_s, stop_s = np.array([[m.start_s, m.end_s] for m in exposure.masks]).T - middle_s
         slices = Slices(start_s, stop_s, np.eye(len(masks)), np.arange(len(masks)), start_s)
-        decided = self._plan(path, masks, rig, effects, slices, seed)
-        self.plans[exposure.index] = decided
-        chain = EffectChain(decided.effects, seed, rig)
-        light = integrate(self.scene, path, masks, chain, slices=slices, renderer=self._renderer)
-        return light.photons, decided.effects
+        if self._sight.target:
+            chosen = tuple(effect for effect in effects if not isinstance(effect, MotionBlur | Defocus))
+        else:
+            decided = self._plan(path, masks, rig, effects, slices, seed)
+            self.plans[exposure.index], chosen = decided, decided.effects
+        chain = EffectChain(chosen, seed, rig)
+        sight = self._sight
+        light = integrate(sight.scene, path, masks, chain, slices=slices, renderer=sight.renderer)
+        return light.photons, chosen
 
     def _plan(
         self, path: _FollowedPath, masks: F32, rig: Rig, effects: tuple[Effect, ...], slices: Slices, seed: int
@@ -228,7 +277,8 @@ class BenchLight:
         )
 
     def _effects(self, sensor: Sensor) -> tuple[Effect, ...]:
-        effects = sensor_effects(sensor)
+        given = {effect.name for effect in self._extra}
+        effects = tuple(effect for effect in sensor_effects(sensor) if effect.name not in given)
         if not self._noise:
             effects = tuple(effect for effect in effects if effect.name in ("full_well", "quantisation"))
         filters = (BayerFilter(self._cfa),) if self._cfa else ()

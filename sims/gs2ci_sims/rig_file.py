@@ -194,13 +194,18 @@ def setup_from_tables(tables: Mapping[str, Any]) -> Setup:
     parts: dict[str, Any] = {name: _record(kind, _table(tables, name), f"[{name}]") for name, kind in PARTS.items()}
     rig = Rig(**parts, device_seed=_value(int, tables.get("device_seed", 0), "device_seed"))
     choices: dict[str, Any] = {name: _record(kind, _table(tables, name), f"[{name}]") for name, kind in CHOICES.items()}
-    effects = _effects(_table(tables, "effects"))
+    effects = effects_from_tables(_table(tables, "effects"))
     given = {effect.name for effect in effects}
     implied = [effect for effect in (MotionBlur(), *sensor_effects(rig.sensor)) if effect.name not in given]
     return Setup(rig, effects=(*implied, *effects), seed=_value(int, tables.get("seed", 0), "seed"), **choices)
 
 
-def _effects(tables: Mapping[str, Any]) -> list[Effect]:
+def effects_from_tables(tables: Mapping[str, Any]) -> list[Effect]:
+    """Turn tables named as effects into effects.
+
+    Raises:
+        InputError: There is no such effect, or a key or value cannot be used.
+    """
     kinds = {kind.name: kind for kind in LIGHT_PATH}
     _known("[effects]", tables, tuple(kinds))
     return [_record(kinds[name], _table(tables, name, "effects."), f"[effects.{name}]") for name in tables]

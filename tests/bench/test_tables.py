@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import pytest
 
+from gs2ci.bench.calibration import BENCHES, FRAMES
 from gs2ci.bench.cases import Case
 from gs2ci.bench.tables import RATIOS, TABLES, VIEWS, Options, file_cases, simulated_cases
 from gs2ci.bench.variants import GEOMETRY, VARIANTS, settings_of
@@ -38,6 +39,13 @@ def test_a_line_changes_what_it_says():
     assert [entry.cell.arguments["case"]["open_share"] for entry in entries] == list(RATIOS)
     entries = TABLES["compression"].entries(Options(CASES[:1], seeds=1))
     assert [entry.cell.arguments["case"]["views"] for entry in entries] == list(VIEWS)
+
+
+def test_calibration_has_its_own_benches_measured_and_predicted():
+    entries = TABLES["calibrate"].entries(Options(CASES, seeds=1))
+    assert {entry.case for entry in entries} == set(BENCHES)
+    assert len({entry.line for entry in entries}) == 2 * len(FRAMES)
+    assert len({entry.cell.key for entry in entries}) == len(entries) == len(BENCHES) * 2 * len(FRAMES)
 
 
 def test_only_the_lines_asked_for_are_made():

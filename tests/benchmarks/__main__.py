@@ -20,7 +20,12 @@ BENCHMARKS = {
     "simulated_capture": "tests.benchmarks.simulated_capture",
     "proxies": "tests.benchmarks.proxies",
     "decoders": "tests.benchmarks.decoders",
+    "scaling": "tests.benchmarks.scaling",
+    "heldout_order": "tests.benchmarks.heldout_order",
+    "mask_calibration": "tests.benchmarks.mask_calibration",
+    "random_masks": "tests.benchmarks.random_masks",
     "bundle_adjustment": "tests.benchmarks.bundle_adjustment",
+    "calibration_base": "tests.benchmarks.calibration_base",
     "long_fits": "tests.benchmarks.long_fits",
 }
 

@@ -3,7 +3,7 @@
     python -m tests.benchmarks long_fits
 
 Prints for each fit whether all iterations were done without going back once, whether all is finite, the population,
-and the PSNR against the true views. The scene is small, so that a fit takes a minute or two.
+and the PSNR against the true views. The scene is small, so that a fit takes minutes.
 """
 
 from dataclasses import replace
@@ -17,7 +17,7 @@ from gs2ci.reconstruct.fit.paper import paper_settings
 from gs2ci.reconstruct.fit.rules import RULE_NAMES, with_rule
 from gs2ci.reconstruct.pipeline import reconstruct
 
-CASE = Case("boxes", scene="boxes", size=(48, 64))
+CASE = Case("boxes", scene="boxes", size=(32, 40))
 SEEDS = range(3)
 
 

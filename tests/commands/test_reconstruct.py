@@ -9,7 +9,9 @@ from gs2ci.core.errors import InputError, StorageError
 from gs2ci.core.records import Shot, Truth
 from gs2ci.core.storage import write_shots
 from gs2ci.evaluate.report import read_report
+from gs2ci.reconstruct.costs import CostModel
 from gs2ci.reconstruct.pipeline import Settings
+from gs2ci.reconstruct.presets import PRESETS
 
 SIZE = (24, 32)
 CAMERA = np.array([[30.0, 0, 15], [0, 33, 13], [0, 0, 1]])
@@ -91,6 +93,37 @@ def test_settings_other_than_the_iterations_are_the_standard_ones(measured, tmp_
     assert report["settings"]["fit"]["iterations"] == 2
     assert report["settings"]["decode"]["iterations"] == standard.decode.iterations
     assert report["settings"]["seed"] == standard.seed == 42
+
+
+def test_a_preset_sets_every_stage_and_options_override_it(measured, tmp_path):
+    report = read_report(reconstruct.run(measured, tmp_path / "run", preset="draft", iterations=2))
+    assert report["settings"]["decode"]["iterations"] == PRESETS["draft"].decode.iterations
+    assert report["settings"]["fit"]["iterations"] == 2
+
+
+def test_a_budget_is_measured_planned_and_said(measured, tmp_path, capsys, monkeypatch):
+    slow = CostModel(768, 3, decode_step=0.1, geometry=5, plane=0.1, iteration=1.0, gaussian=1e-3, look=1.0)
+    monkeypatch.setattr(reconstruct, "probe", lambda shot, backend: slow)
+    report = read_report(reconstruct.run(measured, tmp_path / "run", budget="2min"))
+    said = capsys.readouterr().out.replace("\n", " ")
+    assert "Of 2 min 00 s" in said
+    assert "are left for preset draft" in said
+    assert report["settings"]["seed"] == 42
+    assert report["settings"]["decode"]["iterations"] == PRESETS["draft"].decode.iterations
+
+
+def test_a_budget_beside_what_it_decides_is_refused(measured, tmp_path):
+    for other in ({"preset": "fine"}, {"iterations": 5}):
+        with pytest.raises(InputError, match="budget"):
+            reconstruct.run(measured, tmp_path / "run", budget="60s", **other)
+    with pytest.raises(InputError, match="no duration"):
+        reconstruct.run(measured, tmp_path / "run", budget="soon")
+
+
+def test_a_budget_that_is_too_small_is_refused_and_leaves_nothing(measured, tmp_path):
+    with pytest.raises(InputError, match="too little"):
+        reconstruct.run(measured, tmp_path / "run", budget="0.1s")
+    assert not (tmp_path / "run").exists()
 
 
 def test_the_fine_stage_is_switched_on_by_its_name_or_that_of_a_prior(measured, tmp_path):

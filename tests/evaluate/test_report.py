@@ -18,7 +18,14 @@ def test_the_report_has_the_keys_of_its_schema(make_run):
     report = build_report(*make_run())
     assert report["schema"] == "gs2ci.report/1"
     assert set(report["psnr_db"]) == set(report["ssim"]) == {"mean", "per_view"}
-    assert set(report["trajectory"]) == {"ate", "nate", "rotation_deg", "rpe_t", "rpe_r_deg"}
+    assert set(report["trajectory"]) == {
+        "ate",
+        "nate",
+        "translation_mean",
+        "rotation_deg",
+        "rpe_t",
+        "rpe_r_deg",
+    }
     assert set(report["seconds"]) == {"total", "decode", "geometry", "fit"}
     assert {"rms", "mean_abs"} <= set(report["residual"])
     for row in report["curve"]:

@@ -162,9 +162,15 @@ def test_errors_of_one_displaced_camera_are_those_computed_by_hand():
     gap = np.sqrt(2 * (1 - scale) ** 2 + (0.2 * scale) ** 2)
     errors = trajectory_errors(poses(estimate), poses(square))
     assert errors.ate == pytest.approx(gap)
+    assert errors.translation_mean == pytest.approx(gap)
     assert errors.nate == pytest.approx(gap / np.sqrt(8))
     step = np.sqrt((2 * (1 - scale)) ** 2 + (0.4 * scale) ** 2)
     assert errors.rpe_t == pytest.approx(step)
+
+
+def test_the_mean_translation_error_is_no_larger_than_its_root_mean_square():
+    errors = trajectory_errors(bent_path(seed=1), bent_path(seed=2))
+    assert 0.5 * errors.ate < errors.translation_mean < errors.ate
 
 
 def test_ate_is_no_larger_than_under_any_other_similarity():

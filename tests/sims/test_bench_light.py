@@ -2,7 +2,8 @@ import numpy as np
 import pytest
 
 from gs2ci.core.errors import InputError
-from gs2ci_sims.bench_light import BenchLight, Registration
+from gs2ci_sims.bench_light import BenchLight
+from gs2ci_sims.registration import Registration
 from gs2ci_sims.scenes.planes import planes
 from gs2ci_sims.sensor import Sensor
 from gs2ci_sims.world import MaskInterval, World

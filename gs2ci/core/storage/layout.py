@@ -7,7 +7,8 @@
     /provenance        [S] JSON: name and origin of each row
     /meas              [S, H, W] or [S, H, W, 3], u16 or f4, one chunk per row;
                        attrs offset_dn, scale_dn: shot = (reading - offset_dn) / scale_dn, so that the full scale
-                       of one view is 1; saturation_dn: readings at or above it say only «at least» (NaN: none)
+                       of one view is 1; saturation_dn: readings at or above it say only «at least» (NaN: none);
+                       per_pixel 1: shot = (reading - /calib/dark) / (/calib/flat scale_dn), offset_dn being a mean
     /meas_valid        [S] u1, 1 = this row is whole; written last of a row
     /saturated         [S, H, W] u1, optional: pixels known to be clipped (1) or not (0) otherwise than by
                        saturation_dn; 2 all over: this row brought no map
@@ -100,6 +101,8 @@ class CaptureHeader:
         offset_dn: Reading without light, DN.
         scale_dn: Reading of one fully open view at full scale above the offset, DN.
         saturation_dn: Readings at or above it are clipped, DN; None: none is.
+        per_pixel: Whether `calib/dark` (DN) and `calib/flat` (sensitivity over its mean) in `calibration` are to be
+            used on reading the shots, instead of `offset_dn` and of 1.
         cfa: Colour filter array of single-channel readings.
         intrinsics: Camera matrix, [3, 3], pixels.
         stage_axes: How many coordinates a stage position has, K; 0: no stage.
@@ -120,6 +123,7 @@ class CaptureHeader:
     offset_dn: float = 0.0
     scale_dn: float = 1.0
     saturation_dn: float | None = None
+    per_pixel: bool = False
     cfa: CfaPattern | None = None
     intrinsics: F64 | None = None
     stage_axes: int = 0
@@ -147,6 +151,12 @@ class CaptureHeader:
                 allowed="a finite offset and a positive scale",
                 remedy="take both from the sensor's dark and flat frames",
             )
+        if self.per_pixel and not usable_per_pixel(self.calibration, self.masks.shape[1:]):
+            raise StorageError(
+                "per-pixel dark and flat are announced and cannot be used",
+                allowed="calib/dark finite and calib/flat above 0, both [H, W]",
+                remedy="give the pixels that are dead a flat of 1 and mark them as saturated",
+            )
         for key, array in self.calibration.items():
             if key not in CALIBRATION or array.ndim != CALIBRATION[key][1]:
                 raise StorageError(
@@ -167,6 +177,14 @@ class CaptureHeader:
         """Get the shape of one reading as stored: [H, W], or [H, W, 3]."""
         height, width = self.masks.shape[1:]
         return (height, width, 3) if self.channels == 3 else (height, width)
+
+
+def usable_per_pixel(calibration: Mapping[str, NDArray[Any] | None], size: tuple[int, ...]) -> bool:
+    """Tell whether dark and flat are there for every pixel and can be subtracted and divided by."""
+    dark, flat = calibration.get("calib/dark"), calibration.get("calib/flat")
+    if dark is None or flat is None or dark.shape != size or flat.shape != size:
+        return False
+    return bool(np.isfinite(dark).all() and np.isfinite(flat).all() and (flat > 0).all())
 
 
 def create(file: h5py.File, header: CaptureHeader) -> None:
@@ -211,6 +229,7 @@ def _create_rows(file: h5py.File, header: CaptureHeader) -> None:
     meas.attrs["offset_dn"] = float(header.offset_dn)
     meas.attrs["scale_dn"] = float(header.scale_dn)
     meas.attrs["saturation_dn"] = float("nan") if header.saturation_dn is None else float(header.saturation_dn)
+    meas.attrs["per_pixel"] = int(header.per_pixel)
     file.create_dataset("meas_valid", (rows,), "u1")
     if header.saturated_map:
         shape = (rows, height, width)

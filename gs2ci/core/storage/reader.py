@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from gs2ci.core.errors import Gs2ciError, StorageError
 from gs2ci.core.hdf5 import check_text_heaps
 from gs2ci.core.records import F64, Shot, Truth
-from gs2ci.core.storage.layout import CALIBRATION, NO_MAP, SCHEMA, unpack
+from gs2ci.core.storage.layout import CALIBRATION, NO_MAP, SCHEMA, unpack, usable_per_pixel
 from gs2ci.core.storage.sealing import PARTIAL
 
 LIMIT_BYTES: Final = 4 * 2**30
@@ -233,7 +233,10 @@ class CaptureFile:
         offset_dn, scale_dn = self.number("meas", "offset_dn", 0.0), self.number("meas", "scale_dn", 1.0)
         if scale_dn <= 0:
             raise self.wrong("meas", f"attribute scale_dn = {scale_dn}", "a positive number")
-        if (offset_dn, scale_dn) == (0.0, 1.0):
+        dark, flat = self._per_pixel(reading.shape[:2])
+        if dark is not None and flat is not None:
+            measurement = ((reading.astype(np.float64) - dark) / (flat * scale_dn)).astype(np.float32)
+        elif (offset_dn, scale_dn) == (0.0, 1.0):
             measurement = reading.astype(np.float32)
         else:
             measurement = ((reading.astype(np.float64) - offset_dn) / scale_dn).astype(np.float32)
@@ -248,6 +251,16 @@ class CaptureFile:
             if not (stored_map == NO_MAP).all():
                 clipped = (stored_map == 1) if clipped is None else clipped | (stored_map == 1)
         return measurement, clipped
+
+    def _per_pixel(self, size: tuple[int, ...]) -> tuple[F64 | None, F64 | None]:
+        """Return each pixel's dark reading and sensitivity, [H, W, 1], where the file says that they are to be used."""
+        if self.number("meas", "per_pixel", 0.0) != 1:
+            return None, None
+        maps = {key: self.array(key, axes=2) for key in ("calib/dark", "calib/flat")}
+        if not usable_per_pixel(maps, size):
+            raise self.wrong("meas", "attribute per_pixel = 1", "finite calib/dark, and calib/flat above 0")
+        dark, flat = (self.require(key, axes=2).astype(np.float64)[..., None] for key in maps)
+        return dark, flat
 
     def numbers(self, key: str) -> Any:
         """Get an h5py dataset for its shape and dtype, or None; its values are read through `array`."""

@@ -96,6 +96,7 @@ def _header(capture: CaptureFile, rows: list[int]) -> CaptureHeader:
         offset_dn=capture.number("meas", "offset_dn", 0.0),
         scale_dn=capture.number("meas", "scale_dn", 1.0),
         saturation_dn=None if np.isnan(saturation_dn) else saturation_dn,
+        per_pixel=capture.number("meas", "per_pixel", 0.0) == 1,
         cfa=capture.text("camera/cfa"),  # type: ignore[arg-type]  # CaptureHeader.check refuses any other text
         intrinsics=capture.array("camera/intrinsics", axes=2),
         stage_axes=stage.shape[2] if stage is not None and stage.ndim == 3 else 0,

@@ -22,6 +22,7 @@ from gs2ci.reconstruct.fit.density.osgr import Osgr
 from gs2ci.reconstruct.fit.evidence import Gathering
 from gs2ci.reconstruct.fit.losses import DataTerm, LossWeights, opacity_term, size_term
 from gs2ci.reconstruct.fit.optimiser import GaussianOptimiser, StepSizes
+from gs2ci.reconstruct.fit.pace import Fixed, Pace
 from gs2ci.reconstruct.fit.poses import PoseCorrections, PoseSettings, path_extent
 from gs2ci.reconstruct.fit.stopping import HoldOut, Jury, Watch
 from gs2ci.reconstruct.geometry.initialise import Geometry
@@ -225,6 +226,7 @@ def fit_coarse(
     progress: Progress,
     score: Score | None = None,
     since_s: float | None = None,
+    pace: Pace | None = None,
 ) -> CoarseFit:
     """Fit Gaussians and poses to the measurement.
 
@@ -239,6 +241,7 @@ def fit_coarse(
         progress: Told every iteration.
         score: Called with the refined views at each look; its value is reported as `psnr_db`.
         since_s: `time.monotonic()` when the whole reconstruction began; the curve's seconds count from there.
+        pace: Decides how many iterations there are, instead of the settings.
 
     Returns:
         The state with the best held-out residual.
@@ -250,7 +253,7 @@ def fit_coarse(
     settings.check()
     origin_s = time.monotonic() if since_s is None else since_s
     fit = _Fit(jury, start, geometry, backend, settings, seed)
-    loop = _Loop(fit, jury, refine, progress, score, origin_s)
+    loop = _Loop(fit, jury, refine, progress, score, origin_s, pace or Fixed(settings.iterations))
     stopped_because = loop.run()
     fit.restore(loop.best)
     return CoarseFit(
@@ -267,7 +270,14 @@ class _Loop:
     """The iterations: step, densify, look, stop; and back to the last good state when numbers run away."""
 
     def __init__(
-        self, fit: _Fit, jury: Jury, refine: Refine, progress: Progress, score: Score | None, origin_s: float
+        self,
+        fit: _Fit,
+        jury: Jury,
+        refine: Refine,
+        progress: Progress,
+        score: Score | None,
+        origin_s: float,
+        pace: Pace,
     ) -> None:
         self.fit = fit
         self.settings = fit.settings
@@ -279,6 +289,7 @@ class _Loop:
         self._progress = progress
         self._score = score
         self._origin_s = origin_s
+        self._pace = pace
         self._watch = Watch(fit.settings.hold_out)
         self._damping = 1.0
         self._rollbacks = 0
@@ -287,7 +298,7 @@ class _Loop:
 
     def run(self) -> str:
         """Iterate until something says stop; return what."""
-        total = self.settings.iterations
+        total = self._pace.total(0)
         self._progress.stage("fit", total)
         iteration = 0
         while iteration < total:
@@ -297,19 +308,20 @@ class _Loop:
                 if not self._roll_back(iteration, ran_away):
                     return f"numbers ran away {MAX_ROLLBACKS} times; kept the state of iteration {self.best.iteration}"
                 continue
-            self._step(iteration)
+            self._step(iteration, total)
             iteration += 1
-            if iteration % self.settings.hold_out.look_every == 0 or iteration == total:
+            total = self._pace.total(iteration)
+            if iteration % self.settings.hold_out.look_every == 0 or iteration >= total:
                 self._look(iteration, loss)
                 if self._watch.stalled(iteration):
                     return f"held-out pixels stopped improving at iteration {self._watch.best_iteration}"
             self._progress.step(iteration, loss=loss, **self._figures())
         if not self._jury.heldout.any():
-            return f"all {total} iterations done, no pixels held out to judge them"
-        return f"all {total} iterations done, held-out pixels best at iteration {self._watch.best_iteration}"
+            return f"{self._pace.ending(iteration)}, no pixels held out to judge them"
+        return f"{self._pace.ending(iteration)}, held-out pixels best at iteration {self._watch.best_iteration}"
 
-    def _step(self, iteration: int) -> None:
-        share = iteration / self.settings.iterations
+    def _step(self, iteration: int, total: int) -> None:
+        share = iteration / total
         self.fit.step(share, self._damping)
         begin, end, bound = self.settings.densify_from, self.settings.densify_until, self.settings.cap_from
         if bound is not None and share >= bound:
@@ -322,6 +334,7 @@ class _Loop:
 
     def _look(self, iteration: int, loss: float) -> None:
         """Judge the views as they would be handed over now, and remember the state if it is the best."""
+        began_s = time.monotonic()
         views = self._refine(self.fit.views())
         heldout = self._jury.residual_rms(views)
         if self._watch.note(heldout, iteration):
@@ -336,6 +349,7 @@ class _Loop:
                 gaussians=len(self.fit.optimiser.scene),
             )
         )
+        self._pace.looked(time.monotonic() - began_s)
 
     def _figures(self) -> dict[str, float | int]:
         """Return what the last look found, for the display."""

@@ -5,6 +5,7 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 
 import h5py
 import numpy as np
@@ -59,6 +60,49 @@ def test_counts_become_full_scales_of_one_view_and_clipped_ones_are_marked(tmp_p
     assert np.argwhere(shot.saturated).tolist() == [[2, 3]]
     assert shot.name == "bench"
     assert read_calibration(tmp_path / "shot.h5")["calib/dark"][0, 0] == 3.5
+
+
+def per_pixel(header, **changes):
+    flat = np.full((6, 8), 0.5, np.float32)
+    maps = {"calib/dark": np.full((6, 8), 50.0, np.float32), "calib/flat": flat, **changes}
+    return replace(header, per_pixel=True, calibration=maps)
+
+
+def test_each_pixels_own_dark_and_sensitivity_are_used_where_the_header_says_so(tmp_path, header):
+    with ShotWriter(tmp_path / "shot.h5", per_pixel(header)) as writer:
+        writer.append(np.full((6, 8), 1050, np.uint16))
+        writer.finish()
+    assert read_shot(tmp_path / "shot.h5").measurement == pytest.approx(1000 / (0.5 * 1000))
+
+
+def test_per_pixel_maps_survive_a_recovery_and_are_checked_on_reading(tmp_path, header):
+    with ShotWriter(tmp_path / "shot.h5", per_pixel(header)) as writer:
+        writer.append(np.full((6, 8), 1050, np.uint16))
+    recover(tmp_path / "shot.h5.partial", tmp_path / "saved.h5")
+    assert read_shot(tmp_path / "saved.h5").measurement == pytest.approx(2.0)
+    for spoil in (0.0, np.nan):
+        with h5py.File(tmp_path / "saved.h5", "r+") as file:
+            file["calib/flat"][2, 3] = spoil
+        with pytest.raises(StorageError, match="per_pixel"):
+            read_shot(tmp_path / "saved.h5")
+    with h5py.File(tmp_path / "saved.h5", "r+") as file:
+        del file["calib/flat"]
+    with pytest.raises(StorageError, match="per_pixel"):
+        read_shot(tmp_path / "saved.h5")
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"calib/flat": np.zeros((6, 8), np.float32)},
+        {"calib/dark": np.full((6, 8), np.nan, np.float32)},
+        {"calib/flat": np.ones((6, 7), np.float32)},
+    ],
+)
+def test_per_pixel_maps_that_cannot_be_used_are_refused_before_the_capture(tmp_path, header, changes):
+    with pytest.raises(StorageError, match="per-pixel dark and flat"):
+        ShotWriter(tmp_path / "shot.h5", per_pixel(header, **changes))
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_row_carries_everything_said_about_it(tmp_path, header):

@@ -1,0 +1,299 @@
+"""What a calibration procedure sees of a bench: the devices through their drivers, and somebody who sets things up.
+
+A procedure is a function `measure(bench: Bench, known: Bundle) -> Section`: it asks for an arrangement
+(`bench.please(Setup.FLAT)`), takes frames (`bench.grab(patterns, frames=..., exposure_s=...)`), hands arrays to pure
+estimators, and returns what it found or raises `CalibrationError`. It never writes files and never sees the world of
+a simulated bench. `known` holds the sections measured before (`known.need("dark-flat", step)`).
+
+    bench.size, bench.modulator_size, bench.top_dn         sensor [H, W], modulator [Hm, Wm], largest reading
+    bench.flat_pattern(open=True)                          [Hm, Wm] all mirrors on, or off
+    bench.lay_out(codes)                                   masks [N, h, w] at the sensor's pixels -> [N, Hm, Wm]
+    bench.grab(patterns [N, Hm, Wm], frames=k, exposure_s) -> Stack: DN [N, k, H, W], pattern by pattern within a pass
+    bench.expose(patterns, mask_s=, exposure_s=, frames=k) -> Stack: DN [1, k, H, W], one frame integrates all patterns
+    bench.move({"x": mm})                                  move the stage and wait; returns positions in mm
+    bench.codes, bench.capture                             what `gs2ci capture` will show, and how
+    bench.options, bench.progress                          settings of the procedures; hears what they are at
+
+Not here: opening devices and the simulated operator (`gs2ci.rig`), files (`bundle`). Procedures, `gs2ci.rig` and
+`gs2ci.commands.calibrate` import this file.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from enum import Enum, unique
+from typing import Final, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gs2ci.core.errors import InputError
+from gs2ci.core.progress import Progress, Silent
+from gs2ci_calibration.refusals import CalibrationError, Reason
+from gs2ci_drivers.acquisition import Devices, Taken, capture, plan_capture
+from gs2ci_drivers.plan import CaptureSettings, Mode, Plan
+from gs2ci_drivers.sensor import SensorConfig
+from gs2ci_drivers.stage import Stage
+
+F32 = NDArray[np.float32]
+F64 = NDArray[np.float64]
+U8 = NDArray[np.uint8]
+U16 = NDArray[np.uint16]
+Patterns = NDArray[np.uint8] | NDArray[np.uint16]
+
+GUARD_S: Final = 1e-3
+"""A pattern is on show this much longer than the sensor exposes: latency and jitter then cost no light."""
+RETRIES: Final = 2
+"""How often a pass is taken again after a lost or corrupt frame."""
+
+
+@unique
+class Setup(Enum):
+    """A physical arrangement that a procedure asks for."""
+
+    DARK = "dark"
+    """The lens cap is on: no light reaches the sensor, whatever the modulator shows."""
+    FLAT = "flat"
+    """An evenly lit field fills the view (integrating sphere, opal glass, white screen out of focus)."""
+    BOARD = "board"
+    """The ChArUco board of `Options.board`, in a new pose for each index, as large as fits."""
+    SCENE = "scene"
+    """A textured scene at rest."""
+
+
+class Operator(Protocol):
+    """Who sets things up: a person at the terminal, or the simulated one."""
+
+    def please(self, setup: Setup, index: int) -> None:
+        """Return when the arrangement is there.
+
+        Args:
+            setup: Which.
+            index: Which of several of its kind: the board's pose.
+        """
+        ...
+
+
+@dataclass(frozen=True)
+class BoardSpec:
+    """A ChArUco board in OpenCV's terms: squares across and down, their sides, and the markers' dictionary."""
+
+    columns: int = 7
+    rows: int = 5
+    square_mm: float = 30.0
+    marker_mm: float = 21.0
+    dictionary: str = "DICT_4X4_50"
+
+
+@dataclass(frozen=True)
+class Options:
+    """Settings of the procedures; the [calibration] table of a rig file and the command line fill them.
+
+    Args:
+        frames: Frames of the dark and of the flat stack.
+        mask_frames: Frames of each mask, at least.
+        mask_accuracy: Wanted standard error of masks, rms; more frames are taken if it needs them.
+        orientation: How the modulator's image lies on the sensor ("upright", ...); "any" takes it as it is found.
+        fast: Whether masks are predicted from affine, PSF and contrast instead of measured one by one.
+        board: The board of `camera`.
+        board_views: Pictures of it.
+        superpixel: Modulator pixels per side of one mask element, nominally.
+        row: First modulator row that the sensor sees, nominally.
+        column: First modulator column.
+    """
+
+    frames: int = 32
+    mask_frames: int = 8
+    mask_accuracy: float = 0.01
+    orientation: str = "upright"
+    fast: bool = False
+    board: BoardSpec = field(default_factory=BoardSpec)
+    board_views: int = 12
+    superpixel: int = 1
+    row: int = 0
+    column: int = 0
+
+
+@dataclass(frozen=True)
+class Stack:
+    """Frames as taken.
+
+    Args:
+        readings: [N, K, H, W] float32 DN, raw: pattern n in pass k.
+        time_s: When each exposure began, by the sensor's stamps, [N, K] seconds.
+        exposure_s: How long the sensor says that it exposed.
+        plan: What the devices were told.
+    """
+
+    readings: F32
+    time_s: F64
+    exposure_s: float
+    plan: Plan
+
+
+@dataclass(frozen=True)
+class Bench:
+    """A bench to be calibrated; see the top of this file.
+
+    Args:
+        devices: Open devices of the rig.
+        operator: Who sets things up.
+        config: The sensor's set-up; exposure and trigger are filled in for each stack.
+        capture: What `gs2ci capture` will do with this rig, its patterns [N, Hm, Wm] included.
+        codes: These patterns as drawn, levels at the sensor's pixels, [N, h, w] uint16.
+        lay_out: Puts codes [N, h, w] onto the modulator's own pixels, [N, Hm, Wm], as `gs2ci capture` does.
+        options: Settings of the procedures.
+        progress: Hears from the procedures what they are at and see; taking frames says nothing of itself.
+    """
+
+    devices: Devices
+    operator: Operator
+    config: SensorConfig
+    capture: CaptureSettings
+    codes: U16
+    lay_out: Callable[[U16], Patterns]
+    options: Options = field(default_factory=Options)
+    progress: Progress = field(default_factory=Silent)
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Get the sensor's height and width as configured."""
+        return self.config.height, self.config.width
+
+    @property
+    def modulator_size(self) -> tuple[int, int]:
+        """Get the modulator's height and width."""
+        info = self.devices.modulator.connect()
+        return info.height, info.width
+
+    @property
+    def top_dn(self) -> int:
+        """Get the largest reading of the format in use.
+
+        Raises:
+            DriverError: The sensor does not answer.
+        """
+        sensor = self.devices.sensor
+        offered = sensor.connect().formats
+        wanted = self.config.fourcc.strip()
+        return next((one.top for one in offered if one.fourcc.strip() == wanted), offered[0].top)
+
+    @property
+    def exposure_limits_s(self) -> tuple[float, float]:
+        """Get the shortest and the longest exposure that sensor and modulator share."""
+        sensor, modulator = self.devices.sensor.connect(), self.devices.modulator.connect()
+        shortest = max(sensor.min_exposure_s, min(modulator.min_exposure_s.values()) - GUARD_S)
+        return shortest, min(sensor.max_exposure_s, modulator.max_exposure_s - GUARD_S)
+
+    @property
+    def capacity(self) -> int:
+        """Get how many binary patterns one `grab` can show."""
+        return self.devices.modulator.connect().capacity[1]
+
+    def flat_pattern(self, *, is_open: bool) -> U8:
+        """Return all mirrors on, or all off, [Hm, Wm] with levels 0 and 1."""
+        return np.full(self.modulator_size, np.uint8(is_open))
+
+    def please(self, setup: Setup, index: int = 0) -> None:
+        """Ask for an arrangement and wait until it is there."""
+        self.operator.please(setup, index)
+
+    def planned(self) -> Plan:
+        """Lay out what `gs2ci capture` will do; nothing moves and nothing is uploaded.
+
+        Raises:
+            DriverError: A device does not answer.
+        """
+        return plan_capture(self.devices, self.capture, self.config)
+
+    def grab(self, patterns: Patterns, *, frames: int, exposure_s: float, bit_depth: int = 1) -> Stack:
+        """Take `frames` passes over all patterns, one frame per pattern in each pass.
+
+        Args:
+            patterns: [N, Hm, Wm], levels 0 to 2**bit_depth − 1; repeat references among them to interleave them.
+            frames: Passes, K.
+            exposure_s: Of each frame; every pattern is on show a little longer.
+            bit_depth: Of the patterns.
+
+        Raises:
+            PlanRefusedError: Patterns or exposure are beyond the devices.
+            DriverError: A device failed; all are at rest.
+        """
+        shown_s = max(exposure_s + GUARD_S, self.devices.modulator.connect().min_exposure_s[bit_depth])
+        settings = CaptureSettings(
+            masks=patterns,
+            bit_depth=bit_depth,
+            mask_s=shown_s,
+            mode=Mode.PER_MASK,
+            shots=frames,
+            margin_s=shown_s - exposure_s,
+            retries=RETRIES,
+        )
+        return self._run(settings)
+
+    def expose(self, patterns: Patterns, *, mask_s: float, exposure_s: float, frames: int, bit_depth: int = 1) -> Stack:
+        """Take `frames` coded exposures, each of which spans all patterns; the stage is at rest.
+
+        Args:
+            patterns: [N, Hm, Wm].
+            mask_s: How long each is on show.
+            exposure_s: Of the sensor, from its trigger at the first pattern; at most N `mask_s`.
+            frames: How many exposures, K.
+            bit_depth: Of the patterns.
+
+        Raises:
+            PlanRefusedError: Patterns or exposure are beyond the devices.
+            DriverError: A device failed; all are at rest.
+        """
+        settings = CaptureSettings(
+            masks=patterns,
+            bit_depth=bit_depth,
+            mask_s=mask_s,
+            mode=Mode.PER_EXPOSURE,
+            shots=frames,
+            margin_s=len(patterns) * mask_s - exposure_s,
+            retries=RETRIES,
+        )
+        return self._run(settings)
+
+    def move(self, targets_mm: Mapping[str, float], *, speed_mm_s: float | None = None) -> dict[str, float]:
+        """Move the stage, wait for its arrival and return all positions in mm.
+
+        Raises:
+            CalibrationError: The rig has no stage (`Reason.NO_STAGE`).
+            DriverError: Beyond the limits, not homed, or it stopped early.
+        """
+        return self.stage("stage").move_to(targets_mm, speed_mm_s=speed_mm_s)
+
+    def stage(self, step: str) -> Stage:
+        """Return the stage, connected.
+
+        Raises:
+            CalibrationError: The rig has none (`Reason.NO_STAGE`).
+        """
+        stage = self.devices.stage
+        if stage is None:
+            raise CalibrationError(
+                step, Reason.NO_STAGE, "the rig has no stage", remedy="add a [stage] to the rig file"
+            )
+        stage.connect()
+        return stage
+
+    def _run(self, settings: CaptureSettings) -> Stack:
+        if settings.shots < 1 or settings.masks.ndim != 3 or not settings.masks.size:
+            raise InputError(
+                f"{settings.shots} frames of patterns of shape {list(settings.masks.shape)}",
+                allowed="1 frame or more of patterns [N, Hm, Wm]",
+            )
+        plan = plan_capture(self.devices, settings, self.config).require_sound()
+        count = plan.frames_per_shot
+        height, width = self.devices.sensor.settings.format.height, self.devices.sensor.settings.format.width
+        readings = np.empty((count, settings.shots, height, width), np.float32)
+        time_s = np.empty((count, settings.shots))
+
+        def keep(taken: Taken) -> None:
+            for n, frame in enumerate(taken.frames):
+                readings[n, taken.index] = frame.pixels
+                time_s[n, taken.index] = frame.t_kernel_ns * 1e-9
+
+        capture(self.devices, plan, keep)
+        return Stack(readings, time_s, plan.exposure_s, plan)

@@ -1,0 +1,384 @@
+"""Dark and flat frames: each pixel's offset, dark current, temporal noise and response, and which pixels are bad.
+
+Here: the procedure `measure` and its pure estimators. Not here: electrons (`photon_transfer`), masks. `procedures` and
+tests import this file. Terms and figures of merit are those of EMVA Standard 1288, Release 3.1, sections 2 to 4.
+"""
+
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gs2ci_calibration.bench import Bench, Setup, Stack
+from gs2ci_calibration.bundle import Bundle
+from gs2ci_calibration.estimates import Estimate, Section
+from gs2ci_calibration.exposing import Level, find_exposure, limits_s
+from gs2ci_calibration.frames import (
+    PRIOR_FREEDOM,
+    SIGNIFICANT,
+    Dark,
+    Flags,
+    check_dead,
+    check_stack,
+    judge_lamp,
+    mean_and_variance,
+    mean_error,
+    root,
+    rounding_bias_dn,
+    trimmed_mean,
+)
+from gs2ci_calibration.refusals import CalibrationError, Reason
+
+F32 = NDArray[np.float32]
+F64 = NDArray[np.float64]
+
+STEP: Final = "dark-flat"
+FLAT_SHARE: Final = 0.5
+"""Of the range that the flat field fills: EMVA 1288 takes the response there."""
+LEAST_LONG_S: Final = 1.0
+"""The long dark exposure is at least so long, where the devices can: dark current is small."""
+MIDDLE_SHARE: Final = 0.125
+"""The middle dark exposure over the long one: a pixel that overflows in the long one is read there."""
+STRAY_SHARE: Final = 0.25
+"""Most light in the dark frames, in standard deviations of a pixel's noise."""
+DARK_FILL: Final = 0.5
+"""Most of the range that dark frames may fill."""
+BLACK_SHARE: Final = 0.01
+"""Most dark readings that may be 0: more, and noise is cut off."""
+HOT_SIGMAS: Final = 6.0
+"""A pixel is hot when its dark current is above the others' by this many of their standard deviations."""
+HOT_SHARE: Final = 0.05
+LOW_RESPONSE: Final = 0.1
+"""A pixel below this share of the median response is dead."""
+UNEVEN_LIMIT: Final = 0.3
+"""Least response of the dimmer pixels over the median."""
+SMOOTH_DEGREE: Final = 4
+"""Degree of the polynomial in row and column that is taken off a map before its spread is: the light's fall-off is no
+PRNU (EMVA 1288 takes such off by a high-pass; at the rim of a small field a polynomial does it better)."""
+
+
+def measure(bench: Bench, known: Bundle) -> Section:
+    """Take dark and flat frames and return the section `dark-flat`; `known` is not needed.
+
+    Raises:
+        CalibrationError: Stray light, a sensor that is not alive, light that is uneven, unsteady, too strong or too
+            weak, too many bad pixels.
+        DriverError: A device failed.
+    """
+    darks = _take_darks(bench)
+    found = estimate_dark(darks, bench.top_dn)
+    bench.please(Setup.FLAT)
+    bench.progress.stage("flat frames", bench.options.frames)
+    level = find_exposure(bench, STEP, found.dark, FLAT_SHARE)
+    open_pattern = bench.flat_pattern(is_open=True)[None]
+    flat = bench.grab(open_pattern, frames=bench.options.frames, exposure_s=level.exposure_s)
+    bench.progress.step(bench.options.frames, mean_dn=float(flat.readings.mean()), exposure_ms=1e3 * level.exposure_s)
+    response = estimate_response(flat.readings[0], flat.exposure_s, found)
+    return _section(bench, darks, found, response, level)
+
+
+@dataclass(frozen=True)
+class Darks:
+    """Dark frames: at a short, a middle and a long exposure, and long ones behind an open modulator.
+
+    Args:
+        short: [K, H, W] DN.
+        middle: [K, H, W].
+        long: [K, H, W].
+        unshut: [K, H, W], as `long`, with all mirrors on.
+        exposures_s: Of the first three.
+    """
+
+    short: F32
+    middle: F32
+    long: F32
+    unshut: F32
+    exposures_s: tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class DarkEstimate:
+    """What dark frames tell.
+
+    Args:
+        dark: Offset, current and hot pixels; no pixel counts as dead yet.
+        offset_error_dn: Standard errors of the offset, [H, W].
+        current_error_dn_per_s: Of the current, [H, W].
+        noise_dn: Temporal noise at the short exposure, [H, W].
+        noise_error_dn: Its standard errors, [H, W].
+        noise_rms_dn: Over all pixels that are not hot, with its standard error.
+        dsnu_dn: Spread of the offsets, with its standard error.
+    """
+
+    dark: Dark
+    offset_error_dn: F64
+    current_error_dn_per_s: F64
+    noise_dn: F64
+    noise_error_dn: F64
+    noise_rms_dn: tuple[float, float]
+    dsnu_dn: tuple[float, float]
+
+
+@dataclass(frozen=True)
+class ResponseEstimate:
+    """What flat frames tell.
+
+    Args:
+        response: Sensitivity over the mean one, fall-off of the light included, [H, W]; 1 at dead pixels.
+        error: Its standard errors, [H, W]; 1 at dead pixels.
+        dead: Pixels that do not answer to light, [H, W].
+        rate_dn_per_s: How fast the mean pixel fills, with its standard error.
+        prnu: Spread of the response between neighbours, with its standard error.
+        flicker: Of the lamp, relative.
+    """
+
+    response: F64
+    error: F64
+    dead: Flags
+    rate_dn_per_s: tuple[float, float]
+    prnu: tuple[float, float]
+    flicker: float
+
+
+def estimate_dark(darks: Darks, top_dn: int) -> DarkEstimate:
+    """Estimate offset, dark current and noise of each pixel.
+
+    Args:
+        darks: The frames.
+        top_dn: Largest reading.
+
+    Raises:
+        CalibrationError: Too few frames, frames all the same, readings cut off at black, stray light, or too many hot
+            pixels.
+    """
+    for frames in (darks.short, darks.middle, darks.long, darks.unshut):
+        check_stack(STEP, frames)
+    _check_black(darks, top_dn)
+    _check_shut(darks)
+    short, short_variance = mean_and_variance(darks.short)
+    current, current_error, full = _currents(darks, top_dn)
+    short_s, noise = darks.exposures_s[0], np.sqrt(short_variance)
+    hot = _hot(current, current_error) | full
+    dark = Dark(short - current * short_s, current, np.zeros(short.shape, np.bool_), hot)
+    offset_error = np.hypot(_error(darks.short), current_error * short_s)
+    own = darks.short.astype(np.float64).var(axis=0, ddof=1)
+    return DarkEstimate(
+        dark,
+        offset_error,
+        current_error,
+        noise,
+        _noise_error(noise, len(darks.short) - 1),
+        _pooled(own[~hot], len(darks.short) - 1),
+        _spread(dark.offset_dn, offset_error, ~hot),
+    )
+
+
+def estimate_response(flat: F32, exposure_s: float, found: DarkEstimate) -> ResponseEstimate:
+    """Estimate each pixel's response to an even light.
+
+    Args:
+        flat: Frames before it, [K, H, W] DN.
+        exposure_s: Of each.
+        found: From the dark frames.
+
+    Raises:
+        CalibrationError: Too few frames, or all the same; the lamp is off, unsteady or uneven; too many dead pixels.
+    """
+    check_stack(STEP, flat)
+    level_dark = found.dark.at(exposure_s)
+    lamp = judge_lamp(STEP, flat, level_dark)
+    signal = flat.astype(np.float64) - level_dark
+    # The lamp's own changes are common to all pixels and no noise of theirs.
+    levels = np.median(signal, axis=(1, 2))
+    steadied = (signal * (levels.mean() / levels)[:, None, None]).astype(np.float32)
+    mean, variance = mean_and_variance(steadied)
+    dark_error = np.hypot(found.offset_error_dn, found.current_error_dn_per_s * exposure_s)
+    error = np.hypot(mean_error(variance, len(flat)), dark_error)
+    dead = (mean < SIGNIFICANT * error) | (mean < LOW_RESPONSE * np.median(mean))
+    check_dead(STEP, dead)
+    typical = float(mean[~dead].mean())
+    low = float(np.quantile(mean[~dead], 0.02)) / typical
+    if low < UNEVEN_LIMIT:
+        raise CalibrationError(
+            STEP,
+            Reason.UNEVEN,
+            f"the dimmer pixels of the flat field have {100 * low:.0f} % of its mean",
+            allowed=f"{100 * UNEVEN_LIMIT:.0f} % or more",
+            remedy="light the field evenly: opal glass close to the lens, or an integrating sphere",
+        )
+    response = np.where(dead, 1.0, mean / typical)
+    relative = error / typical
+    rate_error = np.hypot(float(dark_error.mean()), typical * lamp.flicker / np.sqrt(len(flat)))
+    shot_error = float(np.sqrt(trimmed_mean(variance) / flat.size))
+    return ResponseEstimate(
+        response,
+        np.where(dead, 1.0, relative),
+        dead,
+        (typical / exposure_s, float(np.hypot(rate_error, shot_error)) / exposure_s),
+        _spread(response, relative, ~(dead | found.dark.hot)),
+        lamp.flicker,
+    )
+
+
+def _take_darks(bench: Bench) -> Darks:
+    """Take all dark frames; the capture's own exposure is among what they span, where the devices can."""
+    bench.please(Setup.DARK)
+    frames = bench.options.frames
+    few = max(frames // 4, 2)
+    shortest_s, longest_s = limits_s(bench)
+    capture_s = len(bench.capture.masks) * bench.capture.mask_s
+    long_s = min(max(LEAST_LONG_S, 2 * capture_s), longest_s)
+    shut, unshut = (bench.flat_pattern(is_open=is_open)[None] for is_open in (False, True))
+
+    bench.progress.stage("dark frames", 2 * (frames + few))
+    taken = 0
+
+    def take(pattern: NDArray[np.uint8], count: int, exposure_s: float) -> Stack:
+        nonlocal taken
+        stack = bench.grab(pattern, frames=count, exposure_s=exposure_s)
+        taken += count
+        bench.progress.step(taken, mean_dn=float(stack.readings.mean()), exposure_ms=1e3 * exposure_s)
+        return stack
+
+    short = take(shut, frames, shortest_s)
+    middle = take(shut, few, max(MIDDLE_SHARE * long_s, 2 * shortest_s))
+    long = take(shut, frames, long_s)
+    lit = take(unshut, few, long_s)
+    return Darks(
+        short.readings[0],
+        middle.readings[0],
+        long.readings[0],
+        lit.readings[0],
+        (short.exposure_s, middle.exposure_s, long.exposure_s),
+    )
+
+
+def _check_black(darks: Darks, top_dn: int) -> None:
+    share = float((darks.short == 0).mean())
+    if share > BLACK_SHARE:
+        raise CalibrationError(
+            STEP,
+            Reason.CLIPPED_AT_BLACK,
+            f"{100 * share:.0f} % of the dark readings are 0: half of the noise is cut off",
+            allowed=f"at most {100 * BLACK_SHARE:.0f} %",
+            remedy="raise the sensor's black level",
+        )
+    filled = float(np.median(darks.long)) / top_dn
+    if filled > DARK_FILL:
+        raise CalibrationError(
+            STEP,
+            Reason.NOT_DARK,
+            f"dark frames of {darks.exposures_s[2]:.3g} s fill {100 * filled:.0f} % of the range",
+            allowed=f"at most {100 * DARK_FILL:.0f} %",
+            remedy="put the lens cap on; if it is on, cool the sensor",
+        )
+
+
+def _check_shut(darks: Darks) -> None:
+    """Accept dark frames that do not change when the modulator opens."""
+    change = float(np.median(darks.unshut.mean(axis=0, dtype=np.float64) - darks.long.mean(axis=0, dtype=np.float64)))
+    noise = float(np.sqrt(trimmed_mean(darks.long.astype(np.float64).var(axis=0, ddof=1))))
+    # The median of many pixels' means: its error is 1.25 of the mean's.
+    error = 1.25 * noise * np.sqrt(1 / darks.unshut.size + 1 / darks.long.size)
+    if change > max(SIGNIFICANT * error, STRAY_SHARE * noise):
+        raise CalibrationError(
+            STEP,
+            Reason.NOT_DARK,
+            f"dark frames of {darks.exposures_s[2]:.3g} s gain {change:.2f} DN when the modulator opens",
+            allowed=f"at most {max(SIGNIFICANT * error, STRAY_SHARE * noise):.2f} DN",
+            remedy="put the lens cap on",
+        )
+
+
+def _currents(darks: Darks, top_dn: int) -> tuple[F64, F64, Flags]:
+    """Return each pixel's dark current, its standard error, and whether the pixel is full after the long exposure."""
+    short_s, middle_s, long_s = darks.exposures_s
+    stacks = (darks.short, darks.middle, darks.long)
+    short, middle, long = (mean_and_variance(frames)[0] for frames in stacks)
+    short_error, middle_error, long_error = (_error(frames) for frames in stacks)
+    # What the middle exposure foretells of the long one is not reached by a pixel that has overflowed.
+    foretold = short + (middle - short) * (long_s - short_s) / (middle_s - short_s)
+    doubt = np.hypot(np.hypot(middle_error, short_error) * (long_s / middle_s), long_error)
+    full: Flags = (long - foretold < -SIGNIFICANT * doubt) | (darks.long == top_dn).any(axis=0)
+    span_s = np.where(full, middle_s, long_s) - short_s
+    current = np.where(full, middle - short, long - short) / span_s
+    return current, np.hypot(np.where(full, middle_error, long_error), short_error) / span_s, full
+
+
+def _error(frames: F32) -> F64:
+    """Return the standard error of each pixel's mean; of unsteady readings, what rounding adds is small."""
+    _, variance = mean_and_variance(frames)
+    return np.hypot(mean_error(variance, len(frames)), rounding_bias_dn(float(np.sqrt(trimmed_mean(variance)))))
+
+
+def _hot(current: F64, error: F64) -> Flags:
+    typical = float(np.median(current))
+    spread = 1.4826 * float(np.median(np.abs(current - typical)))  # of a normal law, from its median deviation
+    hot: Flags = current - typical > np.maximum(HOT_SIGMAS * spread, SIGNIFICANT * error)
+    share = float(hot.mean())
+    if share > HOT_SHARE:
+        raise CalibrationError(
+            STEP,
+            Reason.DEAD_PIXELS,
+            f"{100 * share:.1f} % of the pixels have far more dark current than the others",
+            allowed=f"at most {100 * HOT_SHARE:.0f} %",
+            remedy="cool the sensor, or look for light that leaks in beside the lens",
+        )
+    return hot
+
+
+def _noise_error(noise: F64, freedom: int) -> F64:
+    """Return the standard error of each pixel's noise; one that is low by chance does not make it more certain."""
+    steadied = np.sqrt(0.5 * (np.square(noise) + trimmed_mean(np.square(noise))))
+    return np.asarray(steadied * np.sqrt(freedom / 2) / (freedom + PRIOR_FREEDOM))
+
+
+def _pooled(variances: F64, freedom: int) -> tuple[float, float]:
+    mean = float(variances.mean())
+    return root(mean, mean * float(np.sqrt(2 / (variances.size * freedom))))
+
+
+def _spread(values: F64, errors: F64, good: Flags) -> tuple[float, float]:
+    """Return the standard deviation of a map between neighbours, less its noise, with its standard error."""
+    rows, columns = (np.linspace(-1, 1, side) for side in values.shape)
+    terms = np.polynomial.legendre.legvander2d(*np.meshgrid(rows, columns, indexing="ij"), [SMOOTH_DEGREE] * 2)[good]
+    # Normal equations: Legendre's polynomials are all but orthogonal over a field, so nothing is lost by squaring.
+    smooth = np.linalg.solve(terms.T @ terms, terms.T @ values[good])
+    freedom = max(len(terms) - terms.shape[1], 1)
+    total = float(np.square(values[good] - terms @ smooth).sum()) / freedom
+    noise = float(np.square(errors[good]).mean())
+    return root(total - noise, total * float(np.sqrt(2 / freedom)))
+
+
+def _section(bench: Bench, darks: Darks, found: DarkEstimate, response: ResponseEstimate, level: Level) -> Section:
+    dark = replace(found.dark, dead=response.dead)
+    hot, dead = int(dark.hot.sum()), int(dark.dead.sum())
+    return Section(
+        name=STEP,
+        estimates={
+            "offset_dn": Estimate(_f4(dark.offset_dn), _f4(found.offset_error_dn), "DN"),
+            "dark_current_dn_per_s": Estimate(_f4(dark.current_dn_per_s), _f4(found.current_error_dn_per_s), "DN/s"),
+            "dark_noise_dn": Estimate(_f4(found.noise_dn), _f4(found.noise_error_dn), "DN"),
+            "response": Estimate(_f4(response.response), _f4(response.error), "1"),
+            "dark_noise_rms_dn": Estimate(*found.noise_rms_dn, "DN"),
+            "dsnu_dn": Estimate(*found.dsnu_dn, "DN"),
+            "prnu": Estimate(*response.prnu, "1"),
+            "flat_dn_per_s": Estimate(*response.rate_dn_per_s, "DN/s"),
+        },
+        arrays={"hot": dark.hot.astype(np.uint8), "dead": dark.dead.astype(np.uint8)},
+        facts={
+            "frames": bench.options.frames,
+            "dark_exposures_s": list(darks.exposures_s),
+            "flat_exposure_s": level.exposure_s,
+            "flicker": response.flicker,
+            "format": bench.devices.sensor.settings.format.fourcc,
+            "top_dn": bench.top_dn,
+            "gain_db": bench.config.gain_db,
+        },
+        notes=(f"{hot} hot and {dead} dead pixels of {dark.hot.size}",),
+    )
+
+
+def _f4(values: F64) -> F32:
+    return values.astype(np.float32)

@@ -1,0 +1,110 @@
+"""A number with its standard error and unit, and the section of a bundle that a procedure hands over.
+
+Here: `Estimate`, `Section`. Not here: files (`bundle`), how anything is estimated (the procedures). Anyone above
+this package may import this file.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from gs2ci.core.errors import NumericsError
+
+F64 = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A value, or an array of values, with one standard error each.
+
+    Args:
+        value: The estimate: a number or an array of any shape; float32 arrays stay float32.
+        standard_error: One standard deviation of its error: a number that holds for all, or an array of the value's
+            shape. 0 only for what is exact by definition.
+        unit: "e/DN", "px", "s", "1" for a pure number.
+
+    Raises:
+        NumericsError: A value or standard error is not finite, a standard error is negative, or shapes disagree.
+    """
+
+    value: NDArray[np.floating]
+    standard_error: NDArray[np.floating]
+    unit: str
+
+    def __init__(self, value: ArrayLike, standard_error: ArrayLike, unit: str) -> None:
+        number, error = _floats(value), _floats(standard_error)
+        if error.shape not in ((), number.shape):
+            raise NumericsError(
+                f"an estimate of shape {list(number.shape)} with standard errors of shape {list(error.shape)}",
+                allowed="one standard error, or one for each value",
+            )
+        if not np.isfinite(number).all() or not np.isfinite(error).all() or (error < 0).any():
+            raise NumericsError(
+                f"an estimate in {unit} holds NaN, infinity or a negative standard error",
+                allowed="finite numbers, standard errors of 0 or more",
+                remedy="report this with the frames: a procedure must refuse before it gets here",
+            )
+        object.__setattr__(self, "value", number)
+        object.__setattr__(self, "standard_error", error)
+        object.__setattr__(self, "unit", unit)
+
+    def __float__(self) -> float:
+        """Return the value of a single number."""
+        return float(self.value)
+
+    @property
+    def error(self) -> float:
+        """Get the standard error of a single number, or the rms of an array's."""
+        return float(np.sqrt(np.mean(np.square(self.standard_error, dtype=np.float64))))
+
+    def agrees(self, truth: ArrayLike, sigmas: float = 2.0) -> NDArray[np.bool_]:
+        """Return whether a truth lies within so many standard errors of the value, elementwise."""
+        return np.asarray(np.abs(self.value - np.asarray(truth)) <= sigmas * self.standard_error)
+
+    def __str__(self) -> str:
+        unit = "" if self.unit == "1" else f" {self.unit}"
+        if self.value.shape == ():
+            return f"{float(self.value):.6g} ± {float(self.standard_error):.2g}{unit}"
+        median = float(np.median(self.value))
+        shape = " × ".join(str(side) for side in self.value.shape)
+        return f"median {median:.6g} ± {self.error:.2g}{unit} [{shape}]"
+
+
+def _floats(values: ArrayLike) -> NDArray[np.floating]:
+    array = np.array(values)
+    kept = array if array.dtype == np.float32 else array.astype(np.float64)
+    kept.flags.writeable = False
+    return kept
+
+
+@dataclass(frozen=True)
+class Section:
+    """What one procedure found: one section of a bundle.
+
+    Args:
+        name: The procedure's, as on the command line: "dark-flat".
+        estimates: By name, with units; names are the field's terms.
+        arrays: Numbers that are no estimates: patterns, flags (u1), indices. Finite.
+        facts: What it was done with, as plain values: exposure_s, frames, mode, what was refused to be guessed.
+        notes: Sentences that a user should read.
+        measured_utc: When, ISO 8601.
+    """
+
+    name: str
+    estimates: Mapping[str, Estimate]
+    arrays: Mapping[str, NDArray[Any]] = field(default_factory=dict)
+    facts: Mapping[str, Any] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+    measured_utc: str = field(default_factory=lambda: datetime.now(UTC).isoformat(timespec="seconds"))
+
+    def number(self, name: str) -> float:
+        """Return a single estimate's value."""
+        return float(self.estimates[name])
+
+    def array(self, name: str) -> NDArray[Any]:
+        """Return an array by name: an estimate's values, or one of `arrays`."""
+        return self.estimates[name].value if name in self.estimates else self.arrays[name]

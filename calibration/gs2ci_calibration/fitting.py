@@ -1,0 +1,133 @@
+"""Whether a bundle still fits a bench: same devices, same masks, same set-up, not too old.
+
+Here: what can be told without taking a frame. Not here: looking (`probe`, `drift`), files (`bundle`). `gs2ci.rig`,
+procedures and tests import this file.
+"""
+
+import hashlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime, timedelta
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gs2ci_calibration.bench import Bench
+from gs2ci_calibration.bundle import Bundle, Provenance
+from gs2ci_calibration.estimates import Section
+from gs2ci_calibration.refusals import CalibrationError, Reason
+
+U8 = NDArray[np.uint8]
+U16 = NDArray[np.uint16]
+
+STEP: Final = "check"
+TIME_TOLERANCE: Final = 1e-3
+"""By how much the time of a mask may differ from that at calibration, relative: what devices round."""
+REMEDY: Final = "run `gs2ci calibrate all` again, or name the bundle of this bench"
+
+
+@dataclass(frozen=True)
+class Fit:
+    """What was found.
+
+    Args:
+        misfits: Sentences, each a reason not to use the bundle.
+        notes: Sentences that are worth knowing and no such reason.
+    """
+
+    misfits: tuple[str, ...]
+    notes: tuple[str, ...]
+
+    def require(self, bundle: Bundle) -> None:
+        """Accept a bundle that fits.
+
+        Raises:
+            CalibrationError: It does not; every reason is named.
+        """
+        if self.misfits:
+            raise CalibrationError(
+                STEP, Reason.DOES_NOT_FIT, f"{bundle.path or 'bundle'}: {'; '.join(self.misfits)}", remedy=REMEDY
+            )
+
+
+def codes_sha256(codes: U16) -> U8:
+    """Return the hash by which a bundle knows the codes [N, h, w] that its masks belong to, [32] uint8."""
+    digest = hashlib.sha256(str(codes.shape).encode() + np.ascontiguousarray(codes, dtype="<u2").tobytes()).digest()
+    return np.frombuffer(digest, np.uint8)
+
+
+def fit(bundle: Bundle, bench: Bench, provenance: Provenance, max_age_days: float, now: datetime | None = None) -> Fit:
+    """Compare a bundle with the bench as it is connected and with what it is going to capture; nothing moves.
+
+    Args:
+        bundle: With masks, or without: then only the rest is compared.
+        bench: Connected.
+        provenance: Its devices as they say that they are.
+        max_age_days: From which age on a section is too old.
+        now: The time; the clock's if not given.
+
+    Raises:
+        DriverError: A device does not answer.
+    """
+    old = [_age(section, max_age_days, now or datetime.now(UTC)) for section in bundle.sections.values()]
+    misfits = [*_devices(bundle.provenance, provenance), *filter(None, old), *_setup(bundle, bench)]
+    if "masks" in bundle:
+        misfits += _masks(bundle.sections["masks"], bench)
+    notes = []
+    if bundle.provenance.rig_sha256 != provenance.rig_sha256:
+        notes.append("the rig file has changed since the calibration")
+    before, after = bundle.provenance.temperature_c, provenance.temperature_c
+    if before is not None and after is not None and abs(before - after) > 5:
+        notes.append(f"the sensor was at {before:.0f} °C and is at {after:.0f} °C: its dark current is another")
+    return Fit(tuple(misfits), tuple(notes))
+
+
+def _devices(then: Provenance, now: Provenance) -> Sequence[str]:
+    found = []
+    for name, (model, serial, _) in then.devices.items():
+        there = now.devices.get(name)
+        if there is None:
+            # Masks and sensor are what they are without the stage that was there.
+            continue
+        if there[:2] != (model, serial):
+            found.append(f"its {name} is {f'{model} {serial}'.strip()}, this one is {f'{there[0]} {there[1]}'.strip()}")
+    return found
+
+
+def _age(section: Section, max_age_days: float, now: datetime) -> str:
+    try:
+        age = now - datetime.fromisoformat(section.measured_utc)
+    except (ValueError, TypeError):  # not a date, or one without its zone
+        return f"{section.name} has no date"
+    if age > timedelta(days=max_age_days):
+        return f"{section.name} is {age.days} days old, allowed are {max_age_days:g}"
+    return ""
+
+
+def _setup(bundle: Bundle, bench: Bench) -> Sequence[str]:
+    """Compare format, size and gain, on which all readings depend."""
+    if "dark-flat" not in bundle:
+        return []
+    section, found = bundle.sections["dark-flat"], []
+    size = section.array("offset_dn").shape
+    if size != bench.size:
+        found.append(f"it is of {size[0]} x {size[1]} pixels, the capture of {bench.size[0]} x {bench.size[1]}")
+    if section.facts.get("top_dn") != bench.top_dn:
+        found.append(f"its readings end at {section.facts.get('top_dn')} DN, those of the capture at {bench.top_dn}")
+    if section.facts.get("gain_db") != bench.config.gain_db:
+        found.append(f"it was taken at a gain of {section.facts.get('gain_db')} dB, not {bench.config.gain_db}")
+    return found
+
+
+def _masks(section: Section, bench: Bench) -> Sequence[str]:
+    found = []
+    masks = section.array("masks")
+    if masks.shape != (len(bench.codes), *bench.size):
+        found.append(f"its masks are {list(masks.shape)}, the capture's {[len(bench.codes), *bench.size]}")
+    elif not np.array_equal(section.arrays.get("patterns_sha256", ()), codes_sha256(bench.codes)):
+        found.append("its masks are of other patterns")
+    mask_s = float(section.facts.get("mask_s", bench.capture.mask_s))
+    if abs(mask_s - bench.capture.mask_s) > TIME_TOLERANCE * mask_s:
+        found.append(f"its masks are on show for {mask_s * 1e3:g} ms, the capture's for {bench.capture.mask_s * 1e3:g}")
+    return found

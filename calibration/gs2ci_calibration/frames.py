@@ -1,0 +1,260 @@
+"""What every procedure asks of a stack of frames before it believes it, and means over its pixels and frames.
+
+Pure: arrays in, numbers out, `CalibrationError` where they are no good. Not here: taking frames (`bench`), the
+procedures. For this package.
+"""
+
+from dataclasses import dataclass
+from typing import Final, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gs2ci_calibration.estimates import Section
+from gs2ci_calibration.refusals import CalibrationError, Reason
+
+F32 = NDArray[np.float32]
+F64 = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+FLICKER_LIMIT: Final = 0.005
+"""Largest rms change of the light from frame to frame, relative, beyond its own noise."""
+DRIFT_LIMIT: Final = 0.03
+"""Largest steady change of the light over one stack, relative."""
+SIGNIFICANT: Final = 5.0
+"""Standard errors from which on something is there: once in two million by chance."""
+DEAD_SHARE: Final = 0.01
+"""Most pixels that may be dead."""
+PRIOR_FREEDOM: Final = 4.0
+"""Freedom of the prior that steadies a pixel's variance by all pixels': it matters with few frames, not with many."""
+QUANTISATION_VARIANCE: Final = 1.0 / 12.0
+"""Of rounding to whole DN (EMVA 1288, Release 3.1, section 2.2)."""
+
+
+@dataclass(frozen=True)
+class Dark:
+    """What the sensor reads without light.
+
+    Args:
+        offset_dn: At no exposure, [H, W].
+        current_dn_per_s: And per second, [H, W].
+        dead: Pixels that do not answer to light, [H, W].
+        hot: Pixels with far more dark current than the others, [H, W].
+    """
+
+    offset_dn: F64
+    current_dn_per_s: F64
+    dead: Flags
+    hot: Flags
+
+    @classmethod
+    def of(cls, section: Section) -> Self:
+        """Return what the section `dark-flat` says."""
+        return cls(
+            section.array("offset_dn").astype(np.float64),
+            section.array("dark_current_dn_per_s").astype(np.float64),
+            section.array("dead") > 0,
+            section.array("hot") > 0,
+        )
+
+    @property
+    def good(self) -> Flags:
+        """Get the pixels that are neither dead nor hot, [H, W]."""
+        return ~(self.dead | self.hot)
+
+    def at(self, exposure_s: float) -> F64:
+        """Return the mean reading without light after an exposure, [H, W] DN."""
+        return np.asarray(self.offset_dn + self.current_dn_per_s * exposure_s)
+
+
+def check_stack(step: str, frames: F32, *, at_least: int = 2) -> None:
+    """Accept frames [K, H, W] that are live readings of a sensor.
+
+    Raises:
+        CalibrationError: Too few, not finite, or all the same.
+    """
+    if frames.ndim != 3 or len(frames) < at_least:
+        raise CalibrationError(
+            step,
+            Reason.TOO_FEW_FRAMES,
+            f"{len(frames) if frames.ndim == 3 else 1} frame(s): one frame has no noise to be judged by",
+            allowed=f"{at_least} or more",
+            remedy="raise `frames` in [calibration]",
+        )
+    if not np.isfinite(frames).all():
+        raise CalibrationError(step, Reason.DEAD_PIXELS, "frames hold values that are not finite")
+    if not (frames != frames[0]).any():
+        raise CalibrationError(
+            step,
+            Reason.NO_VARIANCE,
+            f"all {len(frames)} frames are the same, bit for bit",
+            allowed="live readings, which differ by their noise",
+            remedy="see whether the sensor repeats a frame, or clips everything at black: raise its black level, or "
+            "read it with more bits",
+        )
+
+
+def mean_and_variance(frames: F32) -> tuple[F64, F64]:
+    """Return each pixel's mean and the variance of one reading, [H, W] each.
+
+    A pixel's own sample variance is steadied by the mean of all pixels', as by a conjugate prior of
+    `PRIOR_FREEDOM`: a few frames then give no zero by chance.
+    """
+    stack = frames.astype(np.float64)
+    freedom = len(stack) - 1
+    own = stack.var(axis=0, ddof=1)
+    common = trimmed_mean(own)
+    return stack.mean(axis=0), (freedom * own + PRIOR_FREEDOM * common) / (freedom + PRIOR_FREEDOM)
+
+
+def mean_error(variance: F64, frames: int) -> F64:
+    """Return the standard error of means over so many frames, from variances of `mean_and_variance`.
+
+    A variance that was itself estimated with f degrees of freedom gives a Student's law, of variance f / (f − 2).
+    """
+    freedom = frames - 1 + PRIOR_FREEDOM
+    return np.asarray(np.sqrt(variance / frames * freedom / (freedom - 2)))
+
+
+def trimmed_mean(values: F64, share: float = 0.01) -> float:
+    """Return the mean without the highest share of the values: hot pixels do not count."""
+    flat = np.sort(values, axis=None)
+    return float(flat[: max(int(np.ceil(flat.size * (1 - share))), 1)].mean())
+
+
+def rounding_bias_dn(noise_dn: float) -> float:
+    """Return by how much rounding biases the mean of readings with this noise, rms over all phases, DN.
+
+    The characteristic function of the noise at one cycle per DN, over pi: large only when noise is far below a DN
+    (Widrow and Kollar, Quantization Noise, 2008, section 4).
+    """
+    return float(np.exp(-2 * np.square(np.pi * noise_dn)) / (np.pi * np.sqrt(2)))
+
+
+def rounding_variance_bias(noise_dn: float, levels_dn: F64) -> float:
+    """Return how far the variance of rounded readings may be from that of the noise plus 1/12 DN², at most.
+
+    One pixel's is off by (4 σ² + 1/π²) exp(−2 π² σ²) cos(2 π level); levels that differ from pixel to pixel let the
+    mean over pixels lose most of it (Widrow and Kollar, as above).
+    """
+    largest = (4 * noise_dn**2 + 1 / np.pi**2) * float(np.exp(-2 * np.square(np.pi * noise_dn)))
+    return largest * float(np.abs(np.exp(2j * np.pi * levels_dn).mean()))
+
+
+def root(variance: float, error: float) -> tuple[float, float]:
+    """Return a standard deviation and its standard error from a variance, which by chance may be below 0.
+
+    Near 0 the error of the root is that of the variance's own scale: σ² = 0 ± e says σ < √e. A variance that may be 0,
+    by two of its errors, gives a deviation that may be 0, by two of its own.
+    """
+    if variance <= 0:
+        return 0.0, float(np.sqrt(error))
+    sigma = float(np.sqrt(variance))
+    at_least = sigma / 2 if variance < 2 * error else 0.0
+    return sigma, float(max(min(error / (2 * sigma), np.sqrt(error)), at_least))
+
+
+@dataclass(frozen=True)
+class Lamp:
+    """How steady the light was over a stack, beyond the noise of the readings.
+
+    Args:
+        flicker: Rms change from frame to frame, relative.
+        drift: Steady change over the stack, relative.
+        flicker_error: Standard error of the rms, from the number of frames.
+    """
+
+    flicker: float
+    drift: float
+    flicker_error: float
+
+
+def judge_lamp(step: str, frames: F32, dark: F64) -> Lamp:
+    """Return how steady the light was over frames [K, H, W], K of 3 or more, with the given dark level [H, W].
+
+    Raises:
+        CalibrationError: No light, or it flickers or drifts by more than the limits.
+    """
+    signal = frames.astype(np.float64) - dark
+    levels = signal.mean(axis=(1, 2))
+    mean = float(levels.mean())
+    if mean <= 0:
+        refuse_dark(step, mean)
+    time = np.linspace(-0.5, 0.5, len(levels))
+    slope = float(time @ levels / (time @ time))
+    rest = levels - mean - slope * time
+    freedom = max(len(levels) - 2, 1)
+    noise = float(signal.var(axis=0, ddof=1).mean()) / signal[0].size
+    excess = max(float(rest @ rest) / freedom - noise, 0.0)
+    flicker = float(np.sqrt(excess)) / mean
+    error = float(np.sqrt((noise + excess) / (2 * freedom))) / mean
+    check_flicker(step, flicker, error)
+    check_drift(step, slope / mean, len(levels))
+    return Lamp(flicker, slope / mean, error)
+
+
+def refuse_dark(step: str, signal_dn: float) -> None:
+    """Refuse a field that is no brighter than the dark frames.
+
+    Raises:
+        CalibrationError: Always.
+    """
+    raise CalibrationError(
+        step,
+        Reason.NO_LIGHT,
+        f"the field is {signal_dn:.2f} DN above the dark frames",
+        remedy="take the lens cap off, switch the lamp on, check that the modulator lets light through",
+    )
+
+
+def check_flicker(step: str, flicker: float, error: float) -> None:
+    """Accept a relative rms change of the light from frame to frame, given with its standard error.
+
+    Raises:
+        CalibrationError: It is surely above the limit.
+    """
+    if flicker - 2 * error > FLICKER_LIMIT:
+        raise CalibrationError(
+            step,
+            Reason.LAMP_FLICKERS,
+            f"the light changes by {100 * flicker:.2f} % rms from frame to frame",
+            allowed=f"at most {100 * FLICKER_LIMIT:.1f} %",
+            remedy="use a lamp on direct current, or exposures of whole periods of the mains",
+        )
+
+
+def check_drift(step: str, drift: float, frames: int) -> None:
+    """Accept a relative steady change of the light over some frames.
+
+    Raises:
+        CalibrationError: It is above the limit.
+    """
+    if abs(drift) > DRIFT_LIMIT:
+        raise CalibrationError(
+            step,
+            Reason.LAMP_DRIFTS,
+            f"the light changed by {100 * drift:.1f} % over {frames} frames",
+            allowed=f"at most {100 * DRIFT_LIMIT:.0f} %",
+            remedy="let the lamp warm up",
+        )
+
+
+def check_dead(step: str, dead: Flags) -> None:
+    """Accept a map of dead pixels [H, W].
+
+    Raises:
+        CalibrationError: A whole row or column is dead, or too many pixels are.
+    """
+    rows, columns = np.flatnonzero(dead.all(axis=1)), np.flatnonzero(dead.all(axis=0))
+    share = float(dead.mean())
+    if rows.size or columns.size or share > DEAD_SHARE:
+        lines = [f"row {rows[0]}"] if rows.size else []
+        lines += [f"column {columns[0]}"] if columns.size else []
+        raise CalibrationError(
+            step,
+            Reason.DEAD_PIXELS,
+            f"{int(dead.sum())} pixels ({100 * share:.2f} %) do not answer to light"
+            + (f", all of {' and '.join(lines)}" if lines else ""),
+            allowed=f"at most {100 * DEAD_SHARE:.0f} %, no whole row or column",
+            remedy="crop the sensor in [sensor], clean it, or look for what shades it",
+        )

@@ -1,0 +1,179 @@
+"""Which mask is on show, told by its image: a residual cannot detect masks in a wrong order.
+
+Every mask measured is compared with all masks as they are predicted. Here: that comparison, and what a mismatch says
+of the bench (order, polarity, orientation, a bench that has moved). Not here: predictions (`predicted`). For this
+package.
+"""
+
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gs2ci_calibration.masks.predicted import Relay
+from gs2ci_calibration.masks.registration import orientation
+from gs2ci_calibration.refusals import CalibrationError, Reason
+
+F64 = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+LIKE: Final = 0.5
+"""Correlation from which on a measured mask is taken for a predicted one; unlike random masks stay below 0.2."""
+BETTER: Final = 0.05
+"""By so much another mask must be more alike before it is the one: two masks may be the same."""
+TEXTURE_MIN: Final = 1e-3
+"""Standard deviation of a prediction below which there is nothing to correlate with."""
+PIXELS_MIN: Final = 200
+"""Fewer pixels than this tell masks apart by chance."""
+TRIED: Final = 4
+"""Masks that are tried other ways round."""
+
+
+def correlations(seen: NDArray[np.floating], expected: NDArray[np.floating]) -> F64:
+    """Return how alike images are, [N, M] in [-1, 1], of images [N, P] and [M, P]; 0 where one has no texture."""
+    rows, columns = (_normalised(images) for images in (seen, expected))
+    return np.asarray(np.clip(rows @ columns.T, -1.0, 1.0))
+
+
+def require_order(
+    seen: NDArray[np.floating], relay: Relay, patterns: NDArray[Any], top: int, valid: Bools, step: str
+) -> F64:
+    """Tell by their images that masks are the patterns that were sent, in order, upright and not inverted.
+
+    Args:
+        seen: What was seen of each mask between off (0) and on (1), [N, H, W].
+        relay: What predicts them.
+        patterns: What was sent, [N, Hm, Wm].
+        top: Level of a fully open pixel.
+        valid: Pixels that can be trusted, [H, W].
+        step: For messages.
+
+    Returns:
+        How alike each mask is to its prediction, [N].
+
+    Raises:
+        CalibrationError: Too few pixels; another order; inverted; mirrored or turned; shifted since registration; or
+            unlike all that was predicted.
+    """
+    if valid.sum() < PIXELS_MIN:
+        raise CalibrationError(
+            step,
+            Reason.DEAD_PIXELS,
+            f"{int(valid.sum())} pixels see the modulator: masks cannot be told apart by them",
+            allowed=f"{PIXELS_MIN} or more",
+            remedy="use a larger part of the sensor",
+        )
+    expected = relay.shares(patterns, top)
+    images, foreseen = seen[:, valid], expected[:, valid]
+    alike = correlations(images, foreseen)
+    own = np.diag(alike)
+    # Patterns without texture can only be told by their level.
+    plain = foreseen.std(axis=1) < TEXTURE_MIN
+    wrong = np.flatnonzero(plain & (np.abs(images.mean(axis=1) - foreseen.mean(axis=1)) > 0.5))
+    if wrong.size:
+        raise _other_order(step, int(wrong[0]), None)
+    good = plain | ((own > LIKE) & (own > alike.max(axis=1) - BETTER))
+    if good.all():
+        return np.where(plain, 1.0, own)
+    first = int(np.flatnonzero(~good)[0])
+    raise (
+        _among_the_masks(alike, first, step)
+        or _turned(seen, relay, patterns[:TRIED], top, valid, step)
+        or _moved(seen[first], expected[first], step)
+        or _unlike(alike, first, step)
+    )
+
+
+def require_held_out(seen: NDArray[np.floating], foreseen: NDArray[np.floating], valid: Bools, step: str) -> float:
+    """Compare the held-out mask [H, W] with its prediction; return how alike they are.
+
+    Raises:
+        CalibrationError: They are not.
+    """
+    alike = float(correlations(seen[None, valid], foreseen[None, valid])[0, 0])
+    if alike < LIKE:
+        raise CalibrationError(
+            step,
+            Reason.MISPREDICTED,
+            f"a pattern that took no part in any fit is seen unlike its prediction (correlation {alike:.2f})",
+            allowed=f"{LIKE} or more",
+            remedy="check that nothing moved, and run `gs2ci calibrate registration` again",
+        )
+    return alike
+
+
+def _normalised(images: NDArray[np.floating]) -> F64:
+    centred = images - images.mean(axis=1, keepdims=True, dtype=np.float64)
+    length = np.linalg.norm(centred, axis=1, keepdims=True)
+    textured = length > TEXTURE_MIN * np.sqrt(images.shape[1])
+    return np.where(textured, centred / np.where(textured, length, 1.0), 0.0)
+
+
+def _other_order(step: str, shown: int, seen: int | None) -> CalibrationError:
+    what = "another one" if seen is None else f"mask {seen}"
+    return CalibrationError(
+        step,
+        Reason.WRONG_ORDER,
+        f"where mask {shown} should be on show, {what} is",
+        remedy="check how patterns are packed into the modulator's images (bit and image order), and that the first "
+        "trigger meets the first pattern",
+    )
+
+
+def _among_the_masks(alike: F64, first: int, step: str) -> CalibrationError | None:
+    """Return why the first mask that is wrong is so, if it is inverted or another one of the masks."""
+    best = int(np.argmax(alike[first]))
+    if alike[first, first] < -LIKE:
+        return CalibrationError(
+            step,
+            Reason.WRONG_POLARITY,
+            f"mask {first} is the negative of its pattern (correlation {alike[first, first]:.2f})",
+            remedy="set invert in [modulator] the other way",
+        )
+    return _other_order(step, first, best) if alike[first, best] > LIKE else None
+
+
+def _turned(
+    seen: NDArray[np.floating], relay: Relay, patterns: NDArray[Any], top: int, valid: Bools, step: str
+) -> CalibrationError | None:
+    """Return that the masks fit their patterns another way round, if they do."""
+    for transpose, flip_x, flip_y in np.ndindex(2, 2, 2):
+        turned = relay.turned(transpose=bool(transpose), flip_x=bool(flip_x), flip_y=bool(flip_y))
+        foreseen = turned.shares(patterns, top)
+        alike = np.diag(correlations(seen[: len(patterns), valid], foreseen[:, valid]))
+        if np.median(alike) > LIKE:
+            return CalibrationError(
+                step,
+                Reason.FLIPPED,
+                f"the modulator's image is {orientation(turned.pixels)}; registered was an image that is "
+                f"{orientation(relay.pixels)}",
+                remedy="turn the modulator back, or register it again as it is now",
+            )
+    return None
+
+
+def _moved(seen: NDArray[np.floating], foreseen: NDArray[np.floating], step: str) -> CalibrationError | None:
+    """Return that the mask fits its pattern some pixels further on, if it does: the bench has moved."""
+    one, other = (image - image.mean(dtype=np.float64) for image in (seen, foreseen))
+    product = np.fft.irfft2(np.fft.rfft2(one) * np.conj(np.fft.rfft2(other)), s=one.shape)
+    product /= max(float(np.linalg.norm(one) * np.linalg.norm(other)), 1e-12)
+    place = np.unravel_index(int(np.argmax(product)), product.shape)
+    down, right = (int(p) - side if p > side // 2 else int(p) for p, side in zip(place, product.shape, strict=True))
+    if product[place] <= LIKE:
+        return None
+    return CalibrationError(
+        step,
+        Reason.DOES_NOT_FIT,
+        f"the modulator's image has moved by {right} px to the right and {down} px down since it was registered",
+        remedy="run `gs2ci calibrate registration` again",
+    )
+
+
+def _unlike(alike: F64, first: int, step: str) -> CalibrationError:
+    return CalibrationError(
+        step,
+        Reason.MISPREDICTED,
+        f"mask {first} is unlike every pattern that was sent (correlation {alike[first].max():.2f} at best)",
+        allowed=f"{LIKE} or more",
+        remedy="check the focus of the relay and what the modulator shows, and register again",
+    )

@@ -1,0 +1,151 @@
+"""Gray code stripes: which modulator pixel each sensor pixel looks at, to a few pixels, from nothing known before.
+
+Flips, turns and pixel ratios need no assumption: every pixel reads its own column and row off the stripes. Here:
+the patterns and their decoding. Not here: sub-pixel registration, which starts from this (`registration`). For this
+package.
+"""
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gs2ci_calibration.masks.imaging import PixelMap
+from gs2ci_calibration.refusals import CalibrationError, Reason
+
+U8 = NDArray[np.uint8]
+F64 = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+# A stripe's pixel counts as clear when it is this far from half open; next to an edge one bit is not.
+CLEAR: Final = 0.2
+# Fewest pixels from which an affine map is taken, as a share of the sensor.
+SEEN_SHARE_MIN: Final = 0.05
+# Pixels that are enough: each is read to a few modulator pixels, and a map that is right to one will do.
+PIXELS_USED: Final = 20_000
+# Residuals beyond this many stripe widths are misread pixels.
+MISREAD_STRIPES: Final = 1.5
+
+
+@dataclass(frozen=True)
+class GrayCode:
+    """Stripes for a modulator.
+
+    Args:
+        size: The modulator's height and width.
+        finest: Width of the finest stripes in modulator pixels, at least 1.
+    """
+
+    size: tuple[int, int]
+    finest: int = 8
+
+    @property
+    def bits(self) -> tuple[int, int]:
+        """Get how many patterns tell rows and columns."""
+        rows, columns = (max(int(np.ceil(np.log2(-(-side // self.finest)))), 1) for side in self.size)
+        return rows, columns
+
+    def patterns(self) -> U8:
+        """Return the patterns, [B, Hm, Wm] of 0 and 1: first those of rows, then those of columns, coarsest first."""
+        height, width = self.size
+        rows, columns = self.bits
+        across = [np.broadcast_to(_bit(height, self.finest, rows, b)[:, None], self.size) for b in range(rows)]
+        along = [np.broadcast_to(_bit(width, self.finest, columns, b)[None, :], self.size) for b in range(columns)]
+        return np.stack([*across, *along]).astype(np.uint8)
+
+    def decode(self, shares: NDArray[np.floating], valid: Bools) -> tuple[F64, F64, Bools]:
+        """Read the stripes at each pixel.
+
+        Args:
+            shares: What passed at each pixel, between off (0) and on (1), [B, H, W] in the order of `patterns`.
+            valid: Pixels that see the modulator, [H, W].
+
+        Returns:
+            Column u and row v of the stripes' crossing in modulator pixels, [H, W] each, and where they can be read.
+        """
+        rows, _ = self.bits
+        is_open = shares > 0.5
+        clear = np.abs(shares - 0.5) > CLEAR
+        # Neighbouring codes differ in one bit: one that is not clear moves the code by one stripe at most.
+        readable = valid & (np.sum(~clear[:rows], axis=0) <= 1) & (np.sum(~clear[rows:], axis=0) <= 1)
+        v = (_number(is_open[:rows]) + 0.5) * self.finest
+        u = (_number(is_open[rows:]) + 0.5) * self.finest
+        readable &= (u < self.size[1]) & (v < self.size[0])
+        return u, v, readable
+
+
+def coarse_map(code: GrayCode, shares: NDArray[np.floating], valid: Bools) -> PixelMap:
+    """Fit the map from sensor to modulator to what the stripes say.
+
+    Args:
+        code: The stripes.
+        shares: As `GrayCode.decode` takes them.
+        valid: Pixels that see the modulator, [H, W].
+
+    Returns:
+        The affine map, or a cubic one where the pixels say clearly that it bends.
+
+    Raises:
+        CalibrationError: Too few pixels read the code, or all of them the same column or row.
+    """
+    u, v, readable = code.decode(shares, valid)
+    height, width = valid.shape
+    if readable.sum() < max(SEEN_SHARE_MIN * valid.size, 16):
+        raise CalibrationError(
+            "registration",
+            Reason.NOT_REGISTERED,
+            f"only {readable.mean():.1%} of the pixels can read the stripes on the modulator",
+            allowed=f"{SEEN_SHARE_MIN:.0%} or more",
+            remedy="focus the relay, open its aperture, and see that the modulator's image falls on the sensor",
+        )
+    # At random places: a regular choice would beat with the stripes.
+    chosen = np.random.default_rng(0).permutation(np.flatnonzero(readable))[:PIXELS_USED]
+    rows, columns = np.unravel_index(chosen, valid.shape)
+    x, y = columns.astype(np.float64) + 0.5, rows.astype(np.float64) + 0.5
+    read = np.column_stack([u.ravel()[chosen], v.ravel()[chosen]])
+    _require_spread(x, y, read, code)
+    fitted = _trimmed(PixelMap((height, width), np.zeros((3, 2))), x, y, read, code.finest)
+    bent = _trimmed(PixelMap((height, width), np.zeros((10, 2))), x, y, read, code.finest)
+    return bent[0] if bent[1] < 0.8 * fitted[1] else fitted[0]
+
+
+def _bit(length: int, finest: int, bits: int, place: int) -> U8:
+    number = np.arange(length) // finest
+    return np.asarray((number ^ (number >> 1)) >> (bits - 1 - place) & 1, dtype=np.uint8)
+
+
+def _number(is_open: Bools) -> F64:
+    """Turn Gray bits [B, ...], the most significant first, into numbers."""
+    binary = np.logical_xor.accumulate(is_open, axis=0)
+    places = 2 ** np.arange(len(is_open) - 1, -1, -1)
+    return np.tensordot(places, binary, axes=1).astype(np.float64)
+
+
+def _require_spread(x: F64, y: F64, read: F64, code: GrayCode) -> None:
+    for what, points in (("sensor pixels that read the code", np.column_stack([x, y])), ("their readings", read)):
+        centred = points - points.mean(axis=0)
+        least = float(np.sqrt(max(np.linalg.eigvalsh(centred.T @ centred / len(centred))[0], 0.0)))
+        if least < (code.finest if what == "their readings" else 2.0):
+            raise CalibrationError(
+                "registration",
+                Reason.NOT_REGISTERED,
+                f"{what} lie on one line (they spread {least:.2g} px across it)",
+                allowed="readings all over the sensor, which alone fix an affine map",
+                remedy="light the whole field, and see that both row and column stripes are shown",
+            )
+
+
+def _trimmed(blank: PixelMap, x: F64, y: F64, read: F64, finest: int) -> tuple[PixelMap, float]:
+    """Fit a map, twice more without misread pixels; return it and its rms residual in modulator pixels."""
+    basis = blank.basis(x, y)
+    keep = np.ones(len(x), bool)
+    fitted, rms = blank, np.inf
+    for limit in (np.inf, 4 * MISREAD_STRIPES * finest, MISREAD_STRIPES * finest):
+        distance = np.hypot(*(read - basis @ fitted.coefficients).T) if np.isfinite(limit) else np.zeros(len(x))
+        median = float(np.median(distance))
+        keep = distance <= max(limit, 3 * median)
+        coefficients, *_ = np.linalg.lstsq(basis[keep], read[keep], rcond=None)
+        fitted = PixelMap(blank.size, coefficients)
+        rms = float(np.sqrt(np.mean(np.square(read - basis @ coefficients)[keep])))
+    return fitted, rms

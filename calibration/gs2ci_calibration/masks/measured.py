@@ -1,0 +1,217 @@
+"""Masks measured one by one: every pattern on a flat field, between references against the lamp's drift.
+
+Each frame is taken above dark and divided by the lamp's level; means over frames give what is seen of each mask, of
+all mirrors on and of all off. The transmission that a solver needs is mask / on, light that closed mirrors leak
+included; (mask - off) / (on - off) = (transmission - leakage) / (1 - leakage) with leakage = off / on, the contrast
+map. Here: the order of a pass, the sums, the estimates with their errors. Not here: taking frames (`taking`), order
+and polarity (`checks`), masks predicted instead of measured (`predicted`).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import IntEnum, unique
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gs2ci.core.errors import InputError
+from gs2ci_calibration.masks.lamp import LampRecord, burst_levels
+from gs2ci_calibration.masks.noise_model import NoiseModel, fit_noise, own_variance, rounding_variance_dn2
+from gs2ci_calibration.masks.references import References
+
+F32 = NDArray[np.float32]
+F64 = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+REFERENCE_EVERY: Final = 4
+"""After so many masks the lamp is looked at again."""
+IGNORANT_SE: Final = 1 / np.sqrt(12)
+"""Standard error of a transmission of which nothing is known but that it lies in [0, 1]."""
+
+
+@unique
+class Kind(IntEnum):
+    """What a frame shows that is no mask; masks are numbered from 0."""
+
+    ON = -1
+    OFF = -2
+    HELD_OUT = -3
+
+
+def pass_order(masks: Sequence[int], *, held_out: bool = False) -> tuple[int, ...]:
+    """Return what one pass shows: masks in order, all mirrors on before, after and among them, and the held-out mask.
+
+    Args:
+        masks: Numbers of the masks.
+        held_out: Whether to show the held-out mask as well.
+    """
+    order: list[int] = [Kind.ON, Kind.OFF]
+    for i, mask in enumerate(masks):
+        if i % REFERENCE_EVERY == 0 and i:
+            order.append(Kind.ON)
+        order.append(mask)
+    return (*order, Kind.ON, *((Kind.HELD_OUT, Kind.ON) if held_out else ()))
+
+
+class MaskSums:
+    """Frames, added up pass by pass.
+
+    Args:
+        masks: How many masks there are, N.
+        references: The flat field as first seen; the lamp's level is 1 there.
+        dark: Reading without light, [H, W] or a number, DN.
+    """
+
+    def __init__(self, masks: int, references: References, dark: NDArray[np.floating]) -> None:
+        self._references = references
+        self._dark = np.asarray(dark, dtype=np.float64)
+        self._kinds = [*range(masks), *Kind]
+        shape = (len(self._kinds), *references.on.shape)
+        self._sum, self._square = np.zeros(shape), np.zeros(shape)
+        self._count = np.zeros(shape[0], dtype=np.int64)
+        self._time: list[F64] = []
+        self._level: list[F64] = []
+        self._burst: list[NDArray[np.int64]] = []
+
+    def add(self, readings: NDArray[Any], time_s: F64, order: Sequence[int]) -> None:
+        """Add the frames of some passes.
+
+        Args:
+            readings: [P, K, H, W] DN: place p of the order in pass k.
+            time_s: When each was exposed, [P, K].
+            order: What each place shows (`pass_order`), [P]; with at least one `Kind.ON`.
+
+        Raises:
+            InputError: Shapes disagree, or no place shows all mirrors on.
+        """
+        if len(readings) != len(order) or time_s.shape != readings.shape[:2] or Kind.ON not in order:
+            raise InputError(
+                f"frames {list(readings.shape)} at times {list(time_s.shape)} for {len(order)} places",
+                allowed="[P, K, H, W], [P, K] and P places, with all mirrors on in one of them",
+            )
+        valid = self._references.valid
+        on = [p for p, kind in enumerate(order) if kind == Kind.ON]
+        swing = self._references.on[valid]
+        for k in range(readings.shape[1]):
+            seen = np.stack([(readings[p, k].astype(np.float64) - self._dark)[valid] for p in on])
+            levels = burst_levels(seen, swing)
+            self._time.append(time_s[on, k])
+            self._level.append(levels)
+            self._burst.append(np.full(len(on), len(self._burst)))
+            for p, kind in enumerate(order):
+                level = float(np.interp(time_s[p, k], time_s[on, k], levels))
+                frame = (readings[p, k] - self._dark) / level
+                at = self._kinds.index(kind)
+                self._sum[at] += frame
+                self._square[at] += np.square(frame)
+                self._count[at] += 1
+
+    @property
+    def lamp(self) -> LampRecord:
+        """Get the lamp's levels so far."""
+        return LampRecord(np.concatenate(self._time), np.concatenate(self._level), np.concatenate(self._burst))
+
+    def frames(self, kind: int) -> int:
+        """Return how many frames there are of a mask or a `Kind`."""
+        return int(self._count[self._kinds.index(kind)])
+
+    def mean(self, kind: int) -> F64:
+        """Return the mean frame above dark, at the lamp's level 1, [H, W] DN."""
+        at = self._kinds.index(kind)
+        return np.asarray(self._sum[at] / max(self._count[at], 1))
+
+    def sample_variance(self, kind: int) -> F64:
+        """Return the variance between frames, [H, W] DN squared; 0 for a single one."""
+        at, count = self._kinds.index(kind), self.frames(kind)
+        if count < 2:
+            return np.zeros(self._references.on.shape)
+        return np.asarray(np.maximum(self._square[at] - np.square(self._sum[at]) / count, 0.0) / (count - 1))
+
+    def noise(self) -> NoiseModel:
+        """Return the noise model that all stacks of two frames or more tell."""
+        valid = self._references.valid
+        stacks = [kind for kind in self._kinds if self.frames(kind) > 1]
+        signal = np.concatenate([self.mean(kind)[valid] for kind in stacks])
+        variance = np.concatenate([self.sample_variance(kind)[valid] for kind in stacks])
+        return fit_noise(signal, variance, "masks")
+
+
+@dataclass(frozen=True)
+class MeasuredMasks:
+    """Masks as measured.
+
+    Args:
+        masks: Transmissions in the order shown, leakage included, [N, H, W] in [0, 1]; 0 where nothing is known.
+        standard_error: Of each, [N, H, W].
+        held_out: The held-out pattern's transmission, [H, W], not clipped.
+        held_out_se: Its standard error, [H, W].
+        leakage: Off over on, the contrast map, [H, W].
+        leakage_se: Its standard error, [H, W].
+        valid: Pixels that see the mirrors switch, [H, W].
+        noise: Of one frame.
+        lamp: The lamp's levels.
+    """
+
+    masks: F32
+    standard_error: F32
+    held_out: F64
+    held_out_se: F64
+    leakage: F64
+    leakage_se: F64
+    valid: Bools
+    noise: NoiseModel
+    lamp: LampRecord
+
+    @property
+    def rms_se(self) -> float:
+        """Get the standard error, rms over all valid pixels of all masks."""
+        return float(np.sqrt(np.mean(np.square(self.standard_error[:, self.valid], dtype=np.float64))))
+
+
+def estimate_masks(sums: MaskSums, references: References, masks: int, dark_se_dn: float) -> MeasuredMasks:
+    """Turn sums into transmissions with standard errors.
+
+    Args:
+        sums: Of all frames.
+        references: The flat field as first seen, for its valid pixels.
+        masks: N.
+        dark_se_dn: Standard error of the dark reading, DN.
+
+    Raises:
+        CalibrationError: Frames do not vary at all.
+    """
+    noise, lamp = sums.noise(), sums.lamp
+    on_mean = sums.mean(Kind.ON)
+    # The first references chose the valid pixels; a pixel that has died since must not divide by nothing.
+    valid = references.valid & (on_mean > 0.5 * references.on)
+    on = np.where(valid, on_mean, 1.0)
+    on_variance = _variance(sums, Kind.ON, noise) / sums.frames(Kind.ON)
+
+    def share(kind: int) -> tuple[F64, F64]:
+        value = sums.mean(kind) / on
+        each = _variance(sums, kind, noise)
+        spread = each / sums.frames(kind) + rounding_variance_dn2(each)
+        flicker = np.square(lamp.flicker) * (1 / sums.frames(kind) + 1 / sums.frames(Kind.ON))
+        square = (spread + np.square(value) * on_variance + np.square((1 - value) * dark_se_dn)) / np.square(on)
+        error = np.sqrt(square + np.square(value) * flicker)
+        return np.where(valid, value, 0.0), np.where(valid, error, IGNORANT_SE)
+
+    shares = [share(i) for i in range(masks)]
+    held_out, held_out_se = share(Kind.HELD_OUT)
+    leakage, leakage_se = share(Kind.OFF)
+    return MeasuredMasks(
+        masks=np.clip([value for value, _ in shares], 0.0, 1.0).astype(np.float32),
+        standard_error=np.array([error for _, error in shares], dtype=np.float32),
+        held_out=held_out,
+        held_out_se=held_out_se,
+        leakage=np.clip(leakage, 0.0, 1.0),
+        leakage_se=leakage_se,
+        valid=valid,
+        noise=noise,
+        lamp=lamp,
+    )
+
+
+def _variance(sums: MaskSums, kind: int, noise: NoiseModel) -> F64:
+    return own_variance(sums.sample_variance(kind), noise.variance(sums.mean(kind)), sums.frames(kind))

@@ -1,0 +1,97 @@
+"""The sensor's temporal noise, read off the very frames that a calibration takes: a variance linear in the signal.
+
+Shot noise makes the variance grow with the reading, read-out adds a constant (EMVA Standard 1288, Release 3.1,
+section 2.2). One line through all pixels tells the variance of each far better than the few frames of that pixel. For
+this package.
+"""
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import nnls
+
+from gs2ci_calibration.refusals import CalibrationError, Reason
+
+F64 = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+BINS: Final = 24
+# Pixels whose frames vary more than this many times as much as the line says keep their own variance: they blink.
+NOISY: Final = 6.0
+# Quantisation alone makes a reading vary by a twelfth; a sensor whose frames are all alike is no sensor.
+VARIANCE_MIN_DN2: Final = 1e-6
+# In the dark, noise far below a DN does not show at all; such bins must not outweigh all others.
+LEAST_OF_MEAN: Final = 0.1
+
+
+@dataclass(frozen=True)
+class NoiseModel:
+    """Variance of one reading.
+
+    Args:
+        floor_dn2: Without light, DN squared.
+        slope_dn: Per DN of signal: the gain in DN per electron.
+    """
+
+    floor_dn2: float
+    slope_dn: float
+
+    def variance(self, signal_dn: NDArray[np.floating]) -> F64:
+        """Return the variance at signals above dark, DN squared."""
+        return np.asarray(self.floor_dn2 + self.slope_dn * np.maximum(signal_dn, 0.0))
+
+
+def fit_noise(signal_dn: F64, variance_dn2: F64, step: str) -> NoiseModel:
+    """Fit the line to signals and sample variances of many pixels, [P] each.
+
+    Raises:
+        CalibrationError: The frames do not vary at all.
+    """
+    if float(variance_dn2.mean()) < VARIANCE_MIN_DN2:
+        raise CalibrationError(
+            step,
+            Reason.NO_VARIANCE,
+            "all frames of a stack are the same",
+            remedy="see that the sensor streams live frames, and expose so that readings exceed the black level",
+        )
+    kept = np.ones(len(signal_dn), bool)
+    model = NoiseModel(float(variance_dn2.mean()), 0.0)
+    for _ in range(2):
+        model = _line(signal_dn[kept], variance_dn2[kept])
+        # A sample variance of few frames scatters widely; pixels that blink stand out all the same.
+        kept = variance_dn2 < NOISY * 4 * np.maximum(model.variance(signal_dn), VARIANCE_MIN_DN2)
+    return model
+
+
+def _line(signal_dn: F64, variance_dn2: F64) -> NoiseModel:
+    edges = np.quantile(signal_dn, np.linspace(0, 1, BINS + 1))
+    place = np.clip(np.searchsorted(edges, signal_dn, side="right") - 1, 0, BINS - 1)
+    count = np.bincount(place, minlength=BINS)
+    filled = count > 0
+    signal = np.bincount(place, signal_dn, BINS)[filled] / count[filled]
+    variance = np.bincount(place, variance_dn2, BINS)[filled] / count[filled]
+    # The error of a mean variance is proportional to it.
+    least = max(LEAST_OF_MEAN * float(variance_dn2.mean()), VARIANCE_MIN_DN2)
+    weight = np.sqrt(count[filled]) / np.maximum(variance, least)
+    columns = np.column_stack([np.ones(len(signal)), np.maximum(signal, 0.0)]) * weight[:, None]
+    (floor, slope), _ = nnls(columns, variance * weight)
+    return NoiseModel(float(floor), float(slope))
+
+
+def rounding_variance_dn2(variance_dn2: F64) -> F64:
+    """Return the mean square by which rounding to whole DN biases readings of a variance, [...].
+
+    The characteristic function of Gaussian noise at one cycle per DN, over pi: no number of frames averages it away,
+    and noise of half a DN makes it vanish (Widrow and Kollar, Quantization Noise, 2008, section 4).
+    """
+    return np.asarray(np.exp(-4 * np.square(np.pi) * variance_dn2) / (2 * np.square(np.pi)))
+
+
+def own_variance(sample_dn2: F64, expected_dn2: F64, frames: int) -> F64:
+    """Return each pixel's variance: the expected one, or its own where it blinks, [...]."""
+    if frames < 3:
+        return expected_dn2
+    blinking = sample_dn2 > NOISY * 4 * expected_dn2
+    return np.where(blinking, sample_dn2, expected_dn2)

@@ -1,0 +1,45 @@
+"""How many frames of each mask a wanted accuracy takes, reckoned from the first few. Pure. For this package."""
+
+from typing import Final
+
+import numpy as np
+
+from gs2ci_calibration.refusals import CalibrationError, Reason
+
+FRAMES_MAX: Final = 1024
+"""Frames of each mask beyond which more light is the better way."""
+
+
+def frames_wanted(rms_se: float, frames: int, fixed_se: float, accuracy: float, step: str) -> int:
+    """Return how many frames of each mask bring its error down to the wanted accuracy.
+
+    Args:
+        rms_se: Standard error of masks from the first frames, rms over the pixels.
+        frames: How many those were.
+        fixed_se: The part of it that more frames do not lower (the dark reading's).
+        accuracy: Wanted standard error, rms.
+        step: For messages.
+
+    Raises:
+        CalibrationError: The dark reading alone spoils it, or more than `FRAMES_MAX` frames would be needed.
+    """
+    if fixed_se >= accuracy:
+        raise CalibrationError(
+            step,
+            Reason.TOO_FEW_FRAMES,
+            f"the error of the dark frames alone leaves {fixed_se:.2%} rms in the masks",
+            allowed=f"less than {accuracy:.2%} (mask_accuracy in [calibration])",
+            remedy="take more dark frames (frames in [calibration]) with `gs2ci calibrate dark-flat`",
+        )
+    falling = max(rms_se**2 - fixed_se**2, 0.0) * frames
+    wanted = int(np.ceil(falling / (accuracy**2 - fixed_se**2)))
+    if wanted > FRAMES_MAX:
+        raise CalibrationError(
+            step,
+            Reason.TOO_FEW_FRAMES,
+            f"{wanted} frames of each mask would be needed for an error of {accuracy:.2%} rms: one frame leaves "
+            f"{np.sqrt(falling):.0%}",
+            allowed=f"{FRAMES_MAX}",
+            remedy="more light, or a larger mask_accuracy in [calibration]",
+        )
+    return max(wanted, 1)

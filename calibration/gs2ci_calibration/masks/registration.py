@@ -1,0 +1,235 @@
+"""Registration: which place on the modulator each sensor pixel looks at, to a few thousandths of a pixel.
+
+Stripes of a Gray code give a first map, whatever flips, turns and pixel ratios there are (`gray_code`). A textured
+pattern then gives the rest: the image predicted through the map is compared with the measured one tile by tile, and
+the map (affine, then as bent as the tiles demand) and the relay's blur are changed until nothing is left to explain.
+Here: that fit and its standard errors. Not here: taking the frames (`registration_step`), predicting masks
+(`predicted`). For this package, commands and tests.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+from gs2ci_calibration.masks.imaging import PixelMap
+from gs2ci_calibration.masks.registration_fit import Fitted, Textures, fit
+from gs2ci_calibration.refusals import CalibrationError, Reason
+
+F64 = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+DEGREES: Final = (1, 3, 5)
+"""Of the map: affine first; a cubic and a quintic only where tiles leave no doubt that they are needed."""
+RATIO_TOLERANCE: Final = 0.03
+"""By how much the pixel ratio may differ from the rig file's: masks are then off by two pixels at a rim of 64."""
+SHIFTS_PER_COEFFICIENT: Final = 1.5
+"""Fewer shifts of tiles for each coefficient than this cannot hold a bent map at the rim."""
+BEND_PROBABILITY: Final = 1e-3
+"""Chance at which an affine bench is taken for a bent one."""
+
+
+@dataclass(frozen=True)
+class Registration:
+    """The map from sensor to modulator, with its errors.
+
+    Args:
+        pixels: The map.
+        covariance: Of its coefficients in the order u0, v0, u1, v1, ..., [2K, 2K], from the scatter between tiles.
+        variance_px2: Of the relay's blur, in sensor pixels squared.
+        variance_se_px2: Its standard error.
+        residual_rms_px: By how much the tiles' own shifts scatter about the map.
+        tiles: How many tiles the fit rests on.
+        dropped: How many were left out because they show something else.
+        likeness: Scale of the measured pattern against the predicted one; 1 is perfect.
+    """
+
+    pixels: PixelMap
+    covariance: F64
+    variance_px2: float
+    variance_se_px2: float
+    residual_rms_px: float
+    tiles: int
+    dropped: int
+    likeness: float
+
+    @property
+    def sigma_px(self) -> float:
+        """Get the standard deviation of the relay's blur, in sensor pixels."""
+        return float(np.sqrt(max(self.variance_px2, 0.0)))
+
+    @property
+    def coefficient_se(self) -> F64:
+        """Get the standard errors of the map's coefficients, [K, 2] modulator pixels."""
+        return np.sqrt(np.diag(self.covariance)).reshape(-1, 2)
+
+    @property
+    def rms_se_px(self) -> float:
+        """Get the standard error of where a pixel looks, rms over the sensor, in sensor pixels."""
+        y, x = np.mgrid[: self.pixels.size[0] : 8, : self.pixels.size[1] : 8] + 0.5
+        basis = self.pixels.basis(x, y).reshape(-1, len(self.pixels.coefficients))
+        second = basis.T @ basis / len(basis)
+        square = sum(float(np.sum(second * self.covariance[axis::2, axis::2])) for axis in (0, 1))
+        return float(np.sqrt(square) / np.mean(self.pixels.ratio))
+
+    @property
+    def ratio_se(self) -> float:
+        """Get the standard error of the pixel ratio (of the larger of both axes)."""
+        return float(np.max(self.coefficient_se[1:3]) / self.pixels.unit_px)
+
+    @property
+    def orientation(self) -> str:
+        """Get how the modulator's image lies on the sensor, in words."""
+        return orientation(self.pixels)
+
+    @property
+    def turn_mrad(self) -> float:
+        """Get by how much the image is turned beyond its orientation, clockwise on the sensor."""
+        linear = self.pixels.modulator_from_sensor[:, :2]
+        square = np.rint(linear / np.abs(linear).max())
+        if abs(np.linalg.det(square)) < 0.5:  # turned by nearly 45 degrees: no square orientation is near
+            square = np.eye(2)
+        small = np.linalg.inv(square) @ linear
+        return float(1e3 * np.arctan2(small[0, 1] - small[1, 0], small[0, 0] + small[1, 1]))
+
+    def bend_px(self) -> float:
+        """Return by how much the map bends away from its affine part, rms over the sensor, sensor pixels."""
+        if self.pixels.degree == 1:
+            return 0.0
+        u, v = self.pixels.everywhere()
+        y, x = np.mgrid[: self.pixels.size[0], : self.pixels.size[1]] + 0.5
+        basis = PixelMap(self.pixels.size, np.zeros((3, 2))).basis(x, y).reshape(-1, 3)
+        both = np.column_stack([u.ravel(), v.ravel()])
+        straight, *_ = np.linalg.lstsq(basis, both, rcond=None)
+        rest = np.square(both - basis @ straight).sum(axis=1).mean()
+        return float(np.sqrt(rest) / np.mean(self.pixels.ratio))
+
+
+_ORIENTATIONS: Final = {
+    ((1, 0), (0, 1)): "upright",
+    ((-1, 0), (0, 1)): "mirrored left to right",
+    ((1, 0), (0, -1)): "mirrored top to bottom",
+    ((-1, 0), (0, -1)): "upside down",
+    ((0, 1), (1, 0)): "mirrored along its diagonal",
+    ((0, -1), (-1, 0)): "mirrored along its other diagonal",
+    ((0, 1), (-1, 0)): "turned clockwise",
+    ((0, -1), (1, 0)): "turned anticlockwise",
+}
+
+
+def orientation(pixels: PixelMap) -> str:
+    """Say how the modulator's image lies on the sensor: upright, mirrored, turned."""
+    linear = pixels.modulator_from_sensor[:, :2]
+    square = np.rint(linear / np.abs(linear).max()).astype(int)
+    key = ((int(square[0, 0]), int(square[0, 1])), (int(square[1, 0]), int(square[1, 1])))
+    return _ORIENTATIONS.get(key, "turned by nearly 45 degrees")
+
+
+ORIENTATIONS: Final = (*_ORIENTATIONS.values(), "any")
+"""How the modulator's image may lie, in words; "any" takes it as it is found."""
+
+
+def require_orientation(pixels: PixelMap, wanted: str) -> None:
+    """Hold the way round in which the modulator's image lies against one of `ORIENTATIONS`.
+
+    Raises:
+        CalibrationError: It lies another way round.
+    """
+    found = orientation(pixels)
+    if wanted not in (found, "any"):
+        raise CalibrationError(
+            "registration",
+            Reason.FLIPPED,
+            f"the modulator's image is {found}; by the rig file it is {wanted}",
+            remedy="turn the modulator or its image back; if this is how the bench is built, say so as orientation in "
+            "[calibration]",
+        )
+
+
+def require_ratio(pixels: PixelMap, superpixel: int) -> None:
+    """Hold the pixel ratio against the rig file's.
+
+    Raises:
+        CalibrationError: It is another.
+    """
+    for axis, ratio in zip(("columns", "rows"), pixels.ratio, strict=True):
+        if abs(ratio / superpixel - 1) > RATIO_TOLERANCE:
+            raise CalibrationError(
+                "registration",
+                Reason.NOT_REGISTERED,
+                f"one sensor pixel spans {ratio:.3f} modulator {axis}; by the rig file {superpixel}",
+                allowed=f"within {RATIO_TOLERANCE:.0%}",
+                remedy="set superpixel in [registration], or change the relay's magnification",
+            )
+
+
+def register(
+    patterns: Sequence[NDArray[Any]] | NDArray[Any],
+    shares: Sequence[F64],
+    valid: Bools,
+    coarse: PixelMap,
+    *,
+    light: F64 | None = None,
+    degree: int | None = None,
+) -> Registration:
+    """Refine a map until predicted and measured images of textured patterns agree.
+
+    Args:
+        patterns: What was shown, each [Hm, Wm] in [0, 1] (`checker`, a random mask).
+        shares: What was seen of each, (frame - off) / (on - off), [H, W].
+        valid: Pixels that can be trusted, [H, W].
+        coarse: A map that is right to about half a square of the pattern.
+        light: How bright the field is, [H, W]; None is even.
+        degree: Of the map; None lets the tiles decide.
+
+    Raises:
+        CalibrationError: Too few tiles show the pattern, they lie on one line, the pattern is another one or
+            inverted, or the fit does not settle.
+    """
+    textures = Textures(patterns, shares, valid, light)
+    fitted = fit(textures, coarse)
+    if degree is None:
+        fitted = _as_bent_as_needed(textures, fitted)
+    elif degree > fitted.pixels.degree:
+        fitted = fit(textures, fitted.pixels.raised(degree), fitted.variance_px2)
+    return Registration(
+        pixels=fitted.pixels,
+        covariance=fitted.covariance(),
+        variance_px2=fitted.variance_px2,
+        variance_se_px2=fitted.light_se()[1],
+        residual_rms_px=fitted.scatter_px(),
+        tiles=int(fitted.kept.sum()),
+        dropped=fitted.dropped,
+        likeness=fitted.scale,
+    )
+
+
+def _as_bent_as_needed(textures: Textures, fitted: Fitted) -> Fitted:
+    """Raise the map's degree while the tiles demand it and can bear it."""
+    for higher in DEGREES[DEGREES.index(fitted.pixels.degree) + 1 :]:
+        raised = fitted.pixels.raised(higher)
+        if 2 * fitted.kept.sum() < SHIFTS_PER_COEFFICIENT * raised.coefficients.size:
+            break
+        try:
+            bent = fit(textures, raised, fitted.variance_px2)
+        except CalibrationError:  # so bent a map finds no hold in these tiles; the one before did
+            break
+        if not _is_bent(fitted, bent):
+            break
+        fitted = bent
+    return fitted
+
+
+def _is_bent(straight: Fitted, bent: Fitted) -> bool:
+    """Ask by an F test whether the tiles' shifts need the higher degree."""
+    common = straight.kept & bent.kept
+    more = 2 * (len(bent.pixels.coefficients) - len(straight.pixels.coefficients))
+    rest = 2 * int(common.sum()) - 2 * len(bent.pixels.coefficients)
+    if rest <= more:
+        return False
+    unexplained = float(bent.misfit[common].sum())
+    gained = float(straight.misfit[common].sum()) - unexplained
+    return gained / more > stats.f.isf(BEND_PROBABILITY, more, rest) * unexplained / rest

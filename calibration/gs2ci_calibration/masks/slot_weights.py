@@ -1,0 +1,121 @@
+"""Slot weights: how much of each mask's time on show an exposure of `gs2ci capture` really spans, measured by light.
+
+One mask is replaced by all mirrors on, the others by all off: the light of such a coded exposure is that slot's. The
+first and the last slot are measured so, against one in the middle, whose time is spanned whole by definition, as are
+all between the ends. Here: that measurement. Not here: trigger latency and jitter, which are the step `timing`. For
+this package.
+"""
+
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gs2ci_calibration.bench import Bench
+from gs2ci_calibration.estimates import Estimate
+from gs2ci_calibration.masks.taking import Field
+from gs2ci_calibration.refusals import CalibrationError, Reason
+from gs2ci_drivers.plan import Mode
+
+F64 = NDArray[np.float64]
+
+FRAMES: Final = 8
+WHOLE: Final = 1 - 1e-9
+"""Planned weight from which on a slot counts as spanned whole."""
+PLANNED_SE: Final = 1e-3
+"""Standard error of weights that are planned and not measured: jitter of 10 us in 10 ms."""
+LEVELS: Final = (0.02, 0.8)
+"""Share of the sensor's range that one slot must fill in the median pixel to be measured: brighter ones have room."""
+OFF_PLAN: Final = 0.05
+"""A weight that departs by more from the plan is refused: the sensor does not expose when it should."""
+
+
+@dataclass(frozen=True)
+class SlotWeights:
+    """Weights of the masks in one exposure.
+
+    Args:
+        weights: [N], 1 for a mask whose whole time on show is exposed.
+        measured: Whether by light; else they are as planned, for the reason in `note`.
+        note: A sentence about them.
+    """
+
+    weights: Estimate
+    measured: bool
+    note: str
+
+
+def measure_slots(bench: Bench, field: Field, saturation_dn: float, step: str) -> SlotWeights:
+    """Measure the weights of the capture's slots before the even light, or say why they are taken as planned.
+
+    Raises:
+        CalibrationError: A slot's light contradicts the plan (`Reason.BAD_FIT`).
+        DriverError: A device failed.
+    """
+    plan = bench.planned()
+    planned = np.asarray(plan.weights, dtype=np.float64)
+    whole = planned >= WHOLE
+    capture = bench.capture
+    reason = _why_not(bench, whole)
+    slot_dn = float(np.median((field.references.on - field.references.off)[field.references.valid]))
+    slot_dn *= capture.mask_s / field.exposure_s
+    off_dn = float(np.median(field.references.off[field.references.valid])) * capture.mask_s / field.exposure_s
+    black = float(np.median(field.dark_dn))
+    range_dn = saturation_dn - black
+    if not reason and not LEVELS[0] * range_dn < slot_dn + len(planned) * off_dn < LEVELS[1] * range_dn:
+        reason = "one slot of this light does not suit the sensor's range"
+    if reason:
+        return SlotWeights(Estimate(planned, PLANNED_SE, "1"), False, f"Slot weights are as planned: {reason}.")
+    ends = (0, len(planned) - 1)
+    light = _light_of_slots(bench, field, plan.exposure_s, (*ends, len(planned) // 2))
+    shares = light[:, :2] / light[:, 2:]
+    mean = planned.copy()
+    mean[list(ends)] = shares.mean(axis=0)
+    # The frames' errors are alike in all slots: pooled, they are known better than each from a few frames.
+    error = float(np.sqrt(shares.var(axis=0, ddof=1).mean() / len(shares)))
+    worst = int(np.argmax(np.abs(mean - planned)))
+    if abs(mean[worst] - planned[worst]) > OFF_PLAN:
+        raise CalibrationError(
+            step,
+            Reason.BAD_FIT,
+            f"of mask {worst}'s time on show an exposure spans {mean[worst]:.1%}; by the plan {planned[worst]:.1%}",
+            allowed=f"within {OFF_PLAN:.0%}",
+            remedy="check the trigger's latency (`gs2ci calibrate timing`) and the sensor's true exposure",
+        )
+    return SlotWeights(
+        Estimate(mean, error, "1"),
+        True,
+        f"Of the first and the last mask's time on show an exposure spans {mean[0]:.2%} and {mean[-1]:.2%}, by light.",
+    )
+
+
+def _why_not(bench: Bench, whole: NDArray[np.bool_]) -> str:
+    if bench.capture.mode is not Mode.PER_EXPOSURE:
+        return f"in the mode {bench.capture.mode.value} no exposure spans several masks by the sensor's own clock"
+    if bench.capture.dark_s > 0:
+        return "dark time between the masks hides their edges"
+    if len(whole) < 3 or not whole[1:-1].all():
+        return "no mask's time on show between the first and the last is exposed whole, to compare with"
+    return ""
+
+
+def _light_of_slots(bench: Bench, field: Field, exposure_s: float, slots: tuple[int, ...]) -> F64:
+    """Return the light of some slots in each of some exposures, [FRAMES, S] DN, mean over the pixels."""
+    capture, valid = bench.capture, field.references.valid
+    top = 2**capture.bit_depth - 1
+    closed = np.zeros_like(capture.masks)
+
+    def mean_light(patterns: NDArray[Any]) -> F64:
+        stack = bench.expose(
+            patterns, mask_s=capture.mask_s, exposure_s=exposure_s, frames=FRAMES, bit_depth=capture.bit_depth
+        )
+        return np.asarray(stack.readings[0][:, valid].mean(axis=1, dtype=np.float64))
+
+    dark = mean_light(closed)
+    light = []
+    for slot in slots:
+        patterns = closed.copy()
+        patterns[slot] = top
+        light.append(mean_light(patterns) - dark)
+    return np.stack(light, axis=1)

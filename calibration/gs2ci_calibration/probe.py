@@ -1,0 +1,206 @@
+"""A quick look at one mask, before whatever is there: is it where and what the bundle says?
+
+Here: taking it and judging it. Not here: measuring masks (their own step). `gs2ci.rig`, `drift` and tests import this
+file.
+
+With the mask, all on and all off, (mask − off)/(on − off) is the mask itself, whatever scene is at rest before the
+camera, as long as it is lit. What the bundle foretells follows from its masks M, which include the leakage c:
+(M − c)/(1 − c).
+"""
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import spline_filter1d
+
+from gs2ci_calibration.bench import GUARD_S, Bench, Stack
+from gs2ci_calibration.estimates import Section
+from gs2ci_calibration.exposing import SHORTEST_S
+from gs2ci_calibration.refusals import CalibrationError, Reason
+
+F64 = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+STEP: Final = "check"
+FRAMES: Final = 4
+ROOM: Final = 0.9
+"""Share of the range that the brightest pixels may fill."""
+CLEAR: Final = 8.0
+"""A pixel counts where on is above off by this many standard deviations of their difference."""
+LEAST_PIXELS: Final = 200
+DIFFERENCE_LIMIT: Final = 0.05
+"""Largest rms difference from what the bundle foretells, beyond noise: a tenth of a pixel moves a random mask so."""
+SHIFT_LIMIT_PX: Final = 0.1
+ALIKE: Final = 0.5
+"""Correlation from which on another mask is recognised, or an inverted one."""
+
+
+@dataclass(frozen=True)
+class Probe:
+    """What one mask looked like against the bundle.
+
+    Args:
+        mask: Which of the masks.
+        difference: Rms difference from what was foretold, noise taken off.
+        correlation: With what was foretold.
+        shift_px: How far the picture of the modulator has moved since, right and down.
+        shift_error_px: Standard error of that, of each.
+        pixels: How many were lit well enough to be compared.
+        most_alike: Which mask of the bundle it resembles most.
+        off_dn: Mean reading with all mirrors off, where compared.
+        on_dn: And on.
+    """
+
+    mask: int
+    difference: float
+    correlation: float
+    shift_px: tuple[float, float]
+    shift_error_px: tuple[float, float]
+    pixels: int
+    most_alike: int
+    off_dn: float
+    on_dn: float
+
+    def require(self) -> "Probe":
+        """Accept a probe that is as foretold.
+
+        Raises:
+            CalibrationError: Another mask is on show, an inverted one, or the picture has moved.
+        """
+        remedy = "run `gs2ci calibrate registration` and `masks` again"
+        if self.correlation < -ALIKE:
+            raise CalibrationError(
+                STEP,
+                Reason.WRONG_POLARITY,
+                f"mask {self.mask} appears inverted, correlation {self.correlation:.2f}",
+                remedy="check `invert` in [modulator]; then " + remedy,
+            )
+        if self.most_alike != self.mask and self.correlation < ALIKE:
+            raise CalibrationError(
+                STEP,
+                Reason.WRONG_ORDER,
+                f"what should be mask {self.mask} resembles mask {self.most_alike} of the bundle",
+                remedy=remedy,
+            )
+        if self.difference > DIFFERENCE_LIMIT or self.moved:
+            right, down = self.shift_px
+            raise CalibrationError(
+                STEP,
+                Reason.DOES_NOT_FIT,
+                f"mask {self.mask} differs from the bundle's by {100 * self.difference:.1f} % rms; the picture of the "
+                f"modulator has moved by {right:+.2f} px right and {down:+.2f} px down",
+                allowed=f"{100 * DIFFERENCE_LIMIT:.0f} % and {SHIFT_LIMIT_PX} px",
+                remedy=remedy,
+            )
+        return self
+
+    @property
+    def moved(self) -> bool:
+        """Get whether the picture has surely moved by more than the limit."""
+        pairs = zip(self.shift_px, self.shift_error_px, strict=True)
+        return any(abs(shift) - 2 * error > SHIFT_LIMIT_PX for shift, error in pairs)
+
+
+def probe_mask(bench: Bench, masks: Section, index: int = 0) -> Probe:
+    """Show one mask between all off and all on, and compare it with the bundle.
+
+    Args:
+        bench: Before a scene at rest.
+        masks: The section `masks`.
+        index: Which mask.
+
+    Raises:
+        CalibrationError: Too little light to tell.
+        DriverError: A device failed.
+    """
+    stack = _take(bench, index)
+    valid = masks.arrays["valid"] > 0 if "valid" in masks.arrays else np.ones(bench.size, np.bool_)
+    return judge(
+        stack, masks.array("masks").astype(np.float64), masks.array("contrast").astype(np.float64), valid, index
+    )
+
+
+def judge(stack: Stack, masks: F64, leakage: F64, valid: Flags, index: int) -> Probe:
+    """Compare frames with a bundle's masks.
+
+    Args:
+        stack: Frames with all mirrors off, the mask, and all on, [3, K, H, W] with K of 2 or more.
+        masks: Of the bundle, leakage included, [N, H, W].
+        leakage: Off over on, [H, W].
+        valid: Where the masks are known, [H, W].
+        index: Which mask was shown.
+
+    Raises:
+        CalibrationError: Too little light to tell.
+    """
+    readings = stack.readings.astype(np.float64)
+    off, shown, on = readings.mean(axis=1)
+    # Of a mean of frames; pooled over neighbours it would be no steadier, for every pixel has light of its own.
+    noises: F64 = readings.var(axis=1, ddof=1) / readings.shape[1]
+    noise_off, noise_shown, noise_on = noises
+    span = on - off
+    typical = float(np.median(noise_off + noise_on))
+    lit = valid & (span > CLEAR * np.sqrt(np.maximum(noise_off + noise_on, typical)))
+    if int(lit.sum()) < LEAST_PIXELS:
+        raise CalibrationError(
+            STEP,
+            Reason.NO_LIGHT,
+            f"{int(lit.sum())} pixels are lit well enough to tell a mask",
+            allowed=f"{LEAST_PIXELS} or more",
+            remedy="light the scene, or leave the probe out with --no-probe",
+        )
+    foretold = (masks - leakage) / np.maximum(1 - leakage, 0.1)  # 0.1: a pixel that leaks more than 90 % tells nothing
+    seen = (shown - off)[lit] / span[lit]
+    rest = seen - foretold[index][lit]
+    share = foretold[index][lit]
+    noise = (noise_shown[lit] + (1 - share) ** 2 * noise_off[lit] + share**2 * noise_on[lit]) / np.square(span[lit])
+    shift, errors = _shift(foretold[index], lit, rest, noise)
+    alike = [_correlation(seen, mask[lit]) for mask in foretold]
+    return Probe(
+        index,
+        float(np.sqrt(max(np.square(rest).mean() - noise.mean(), 0.0))),
+        alike[index],
+        shift,
+        errors,
+        int(lit.sum()),
+        int(np.argmax(alike)),
+        float(off[lit].mean()),
+        float(on[lit].mean()),
+    )
+
+
+def _take(bench: Bench, index: int) -> Stack:
+    """Take the frames, at an exposure at which nothing is clipped."""
+    shut, unshut = (bench.flat_pattern(is_open=is_open) for is_open in (False, True))
+    top = 2**bench.capture.bit_depth - 1
+    mask = np.asarray(bench.capture.masks[index])
+    patterns = np.stack([shut * mask.dtype.type(top), mask, unshut * mask.dtype.type(top)])
+    shortest_s = max(SHORTEST_S, bench.exposure_limits_s[0])
+    exposure_s = max(min(bench.capture.mask_s, bench.exposure_limits_s[1]) - GUARD_S, shortest_s)
+    while True:
+        stack = bench.grab(patterns, frames=FRAMES, exposure_s=exposure_s, bit_depth=bench.capture.bit_depth)
+        bright = float(np.quantile(stack.readings[2], 0.99))
+        if bright < ROOM * bench.top_dn or exposure_s <= shortest_s:
+            return stack
+        exposure_s = max(exposure_s / 2, shortest_s)
+
+
+def _shift(foretold: F64, lit: Flags, rest: F64, noise: F64) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Return how far the mask has moved, right and down, by least squares on its slopes; errors from what is left."""
+    # Slopes of a cubic spline: differences of neighbours alone are half too flat for a mask random at each pixel.
+    down, right = (np.gradient(spline_filter1d(foretold, axis=axis), axis=axis) for axis in (0, 1))
+    slopes = np.stack([-right[lit], -down[lit]], axis=1)
+    normal = slopes.T @ slopes
+    if np.linalg.det(normal) <= 1e-6 * np.trace(normal) ** 2:  # 1e-6: a mask without structure shows no motion
+        return (0.0, 0.0), (float(np.inf), float(np.inf))
+    moved = np.linalg.solve(normal, slopes.T @ rest)
+    left = float(np.square(rest - slopes @ moved).mean()) + float(noise.mean())
+    errors = np.sqrt(np.diag(np.linalg.inv(normal)) * left)
+    return (float(moved[0]), float(moved[1])), (float(errors[0]), float(errors[1]))
+
+
+def _correlation(a: F64, b: F64) -> float:
+    spread = float(a.std() * b.std())
+    return float(np.mean((a - a.mean()) * (b - b.mean()))) / spread if spread > 0 else 0.0

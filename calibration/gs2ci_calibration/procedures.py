@@ -1,0 +1,26 @@
+"""Which calibration steps there are, in the order in which `all` runs them: one line each.
+
+Not here: the steps. `gs2ci.commands.calibrate` and tests import this file.
+"""
+
+from collections.abc import Callable
+from typing import Final
+
+from gs2ci_calibration import dark_flat, photon_transfer, timing
+from gs2ci_calibration.bench import Bench
+from gs2ci_calibration.bundle import Bundle
+from gs2ci_calibration.estimates import Section
+from gs2ci_calibration.masks.masks_step import measure_masks
+from gs2ci_calibration.masks.registration_step import measure_registration
+
+Procedure = Callable[[Bench, Bundle], Section]
+
+PROCEDURES: Final[dict[str, Procedure]] = {
+    # In this order: a step may build on the sections of those before it.
+    "dark-flat": dark_flat.measure,
+    "sensor": photon_transfer.measure,
+    "registration": measure_registration,
+    "masks": measure_masks,
+    "timing": timing.measure,
+}
+"""Name on the command line -> the function that measures that section."""

@@ -1,0 +1,351 @@
+"""When a triggered exposure begins and ends: latency, jitter and length, and which masks it overlaps.
+
+Here: the procedure `measure` and its pure estimators. Not here: how masks are weighted in a capture
+(`gs2ci_drivers.planning.overlap_weights`, which is used). `procedures` and tests import this file.
+
+Method. Four patterns of τ each follow each other while the sensor exposes once for E = 2 τ + h from its trigger at the
+first one's appearance, that is from L to L + E + o. What light gets through tells the times, whatever its brightness r:
+
+    edge       open shut shut shut      r (τ − L)         begins within the open pattern
+    inside     shut open shut shut      r τ               the reference: all of it is exposed
+    length     open shut open shut      r (τ + h + o)     begins in one and ends in the other open pattern
+    closed     shut shut shut shut      0
+
+Each is compared with `inside`, so that the light, and a response that bends, drop out; they are interleaved, so that a
+lamp that drifts does too. τ is swept: a latency that depended on it would be none.
+"""
+
+from dataclasses import dataclass
+from math import ceil
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gs2ci_calibration.bench import Bench, Patterns, Setup
+from gs2ci_calibration.bundle import Bundle
+from gs2ci_calibration.estimates import Estimate, Section
+from gs2ci_calibration.frames import Dark, check_flicker, check_stack, refuse_dark, root
+from gs2ci_calibration.refusals import CalibrationError, Reason
+from gs2ci_drivers.modulator import PatternSequence
+from gs2ci_drivers.plan import CaptureSettings, Mode
+from gs2ci_drivers.planning import overlap_weights, sensor_exposure_s
+
+F64 = NDArray[np.float64]
+
+STEP: Final = "timing"
+OPEN: Final = {
+    "edge": (True, False, False, False),
+    "inside": (False, True, False, False),
+    "length": (True, False, True, False),
+    "closed": (False, False, False, False),
+}
+ORDER: Final = ("closed", "inside", "edge", "length", "length", "edge", "inside", "closed")
+"""Symmetric in time: what drifts steadily shifts no kind against another."""
+COARSE_S: Final = (4e-3, 40e-3)
+"""Times per pattern of the first look; the longer one is for devices that are slow to answer."""
+COARSE_SPARE: Final = 0.25
+"""h over τ of the first look."""
+FINE_S: Final = 0.5e-3
+SWEEP: Final = (1.0, 1.5, 2.0)
+"""Times per pattern of the sweep, over the shortest of them."""
+SPARE_S: Final = 50e-6
+STEP_S: Final = 10e-6
+"""Times are multiples of this: microseconds that any modulator keeps, and a line of most sensors."""
+FULLY: Final = 0.93
+"""Of the coarse pattern that latency or excess length may take."""
+ERROR_LIMIT_S: Final = 1e-6
+"""Largest standard error of the latency: the truth is then within 2 µs."""
+WANTED_ERROR_S: Final = 0.7e-6
+MOST_ROUNDS: Final = 7
+"""The sweep is repeated until the latency is known so well, but no more often."""
+CONSISTENT: Final = 25.0
+"""Largest χ² per degree of freedom over the sweep."""
+
+
+def measure(bench: Bench, known: Bundle) -> Section:
+    """Sweep the delay between trigger and light before an even field and return the section `timing`.
+
+    Raises:
+        CalibrationError: `dark-flat` is missing; no edge is found; light too weak or unsteady; the sweep contradicts
+            itself.
+        DriverError: A device failed.
+    """
+    if not bench.devices.modulator.connect().hardware_timed:
+        raise CalibrationError(
+            STEP,
+            Reason.NO_LATENCY,
+            "the host steps this modulator's patterns: they have no time of their own",
+            allowed="a modulator that times its patterns itself",
+            remedy="capture with mode = 'per-mask', which needs no latency",
+        )
+    dark = Dark.of(known.need("dark-flat", STEP))
+    bench.please(Setup.FLAT)
+    coarse = _first_look(bench, dark)
+    shortest_s = max(FINE_S, 2 * _shortest_s(bench), 2.5 * (abs(coarse.latency_s) + abs(coarse.offset_s)))
+    spare_s = SPARE_S + 2 * max(-(coarse.latency_s + coarse.offset_s), 0.0)
+    times_s = [_rounded(shortest_s * factor) for factor in SWEEP]
+    looks = _sweep(bench, dark, times_s, _rounded(spare_s), 1)
+    looks += _sweep(bench, dark, times_s, _rounded(spare_s), _rounds_missing(looks))
+    found = estimate(looks, bench.devices.modulator.info.trigger_delay_s)
+    return _section(bench, found, looks)
+
+
+@dataclass(frozen=True)
+class Look:
+    """Light through the four kinds of patterns, at one time per pattern.
+
+    Args:
+        pattern_s: τ.
+        exposure_s: E, as the sensor was set.
+        levels_dn: For each kind the mean signal of each frame, [K] DN.
+        noise_dn2: Variance that the pixels' own noise gives these means.
+    """
+
+    pattern_s: float
+    exposure_s: float
+    levels_dn: dict[str, F64]
+    noise_dn2: dict[str, float]
+
+    def ratio(self, kind: str) -> tuple[float, float]:
+        """Return the light of a kind over that of `inside`, and its standard error."""
+        shut, inside, other = (self.levels_dn[name] for name in ("closed", "inside", kind))
+        below, above = float(inside.mean() - shut.mean()), float(other.mean() - shut.mean())
+        if below <= 0:
+            refuse_dark(STEP, below)
+        value = above / below
+        errors = [_square_error(other), value**2 * _square_error(inside), (1 - value) ** 2 * _square_error(shut)]
+        return value, float(np.sqrt(sum(errors))) / below
+
+
+@dataclass(frozen=True)
+class Coarse:
+    """First guesses.
+
+    Args:
+        latency_s: From the first pattern's appearance to the start of exposure.
+        offset_s: By how much longer than set the exposure is.
+    """
+
+    latency_s: float
+    offset_s: float
+
+
+@dataclass(frozen=True)
+class TimingEstimate:
+    """What the sweep tells; pairs are a value and its standard error.
+
+    Args:
+        latency_s: From the trigger's edge to the start of exposure.
+        jitter_s: Standard deviation of that.
+        exposure_offset_s: By how much longer than set an exposure is.
+        flicker: Of the light from frame to frame, relative.
+    """
+
+    latency_s: tuple[float, float]
+    jitter_s: tuple[float, float]
+    exposure_offset_s: tuple[float, float]
+    flicker: float
+
+
+def estimate(looks: list[Look], trigger_delay_s: float) -> TimingEstimate:
+    """Estimate the times from a sweep.
+
+    Args:
+        looks: At each time per pattern.
+        trigger_delay_s: From a pattern's appearance to the trigger's edge, as the modulator was told.
+
+    Raises:
+        CalibrationError: No light, light that flickers, times that change with τ, or that are too uncertain.
+    """
+    flicker = _check_lamp(looks)
+    begins = np.array([_begin(look) for look in looks])
+    lengths = np.array([_excess(look) for look in looks])
+    latency, offset = _combined(begins, "latency"), _combined(lengths, "length of the exposure")
+    if latency[1] > ERROR_LIMIT_S:
+        raise CalibrationError(
+            STEP,
+            Reason.TOO_FEW_FRAMES,
+            f"the latency is known to {latency[1] * 1e6:.1f} us only",
+            allowed=f"a standard error of {ERROR_LIMIT_S * 1e6:.0f} us",
+            remedy="brighten the lamp, or raise `frames` in [calibration]",
+        )
+    jitter = _jitter(looks)
+    return TimingEstimate((latency[0] - trigger_delay_s, latency[1]), jitter, offset, flicker)
+
+
+def overlap(capture: CaptureSettings, latency_s: float, offset_s: float, trigger_delay_s: float) -> F64:
+    """Return the share of each mask's time on show that a capture exposes, [N], with these times."""
+    sequence = PatternSequence(capture.masks, capture.bit_depth, capture.mask_s, capture.dark_s)
+    begin_s = trigger_delay_s + latency_s
+    return overlap_weights(sequence.windows_s(), begin_s, begin_s + sensor_exposure_s(capture) + offset_s)
+
+
+def _square_error(levels: F64) -> float:
+    return float(levels.var(ddof=1)) / len(levels)
+
+
+def _shortest_s(bench: Bench) -> float:
+    return min(bench.devices.modulator.info.min_exposure_s.values())
+
+
+def _rounded(time_s: float) -> float:
+    return ceil(time_s / STEP_S - 1e-6) * STEP_S  # 1e-6 steps: division's rounding
+
+
+def _sweep(bench: Bench, dark: Dark, times_s: list[float], spare_s: float, rounds: int) -> list[Look]:
+    looks: list[Look] = []
+    if rounds:
+        bench.progress.stage("delay sweep", rounds * len(times_s))
+    for pattern_s in times_s * rounds:
+        looks.append(_look(bench, dark, pattern_s, spare_s, bench.options.frames))
+        bench.progress.step(len(looks), latency_us=1e6 * _begin(looks[-1])[0], pattern_us=1e6 * pattern_s)
+    return looks
+
+
+def _rounds_missing(looks: list[Look]) -> int:
+    """Return how many sweeps more the wanted error of the latency takes, at most `MOST_ROUNDS`."""
+    _, error = _combined(np.array([_begin(look) for look in looks]), "latency")
+    return min(ceil((error / WANTED_ERROR_S) ** 2) - 1, MOST_ROUNDS)
+
+
+def _first_look(bench: Bench, dark: Dark) -> Coarse:
+    for pattern_s in COARSE_S:
+        look = _look(bench, dark, pattern_s, COARSE_SPARE * pattern_s, 4)
+        begin, _ = _begin(look)
+        excess, _ = _excess(look)
+        if begin < FULLY * pattern_s and begin + excess > -FULLY * COARSE_SPARE * pattern_s:
+            return Coarse(begin, excess)
+    raise CalibrationError(
+        STEP,
+        Reason.NO_LATENCY,
+        f"no light of the first {COARSE_S[-1] * 1e3:.0f} ms after the trigger is seen, or none of the last",
+        allowed=f"a latency of up to {FULLY * COARSE_S[-1] * 1e3:.0f} ms",
+        remedy="check the trigger line, its polarity, and that the sensor exposes as long as it is set to",
+    )
+
+
+def _look(bench: Bench, dark: Dark, pattern_s: float, spare_s: float, frames: int) -> Look:
+    """Take all kinds of patterns; half of the frames at a time, jitter wants more of those that begin at an edge."""
+    good, levels, noises = dark.good, {kind: list[F64]() for kind in OPEN}, {kind: list[float]() for kind in OPEN}
+    exposure_s = 2 * pattern_s + spare_s
+    for kind in ORDER:
+        count = max(frames // 2 if kind == "edge" else frames // 4, 2)
+        shown: Patterns = np.stack([bench.flat_pattern(is_open=is_open) for is_open in OPEN[kind]])
+        stack = bench.expose(shown, mask_s=pattern_s, exposure_s=exposure_s, frames=count)
+        check_stack(STEP, stack.readings[0])
+        pixels = stack.readings[0][:, good].astype(np.float64)
+        levels[kind].append(pixels.mean(axis=1))
+        noises[kind].append(float(pixels.var(axis=0, ddof=1).mean()) / int(good.sum()))
+    return Look(
+        pattern_s,
+        bench.devices.sensor.settings.exposure_s,
+        {kind: np.concatenate(parts) for kind, parts in levels.items()},
+        {kind: float(np.mean(parts)) for kind, parts in noises.items()},
+    )
+
+
+def _begin(look: Look) -> tuple[float, float]:
+    value, error = look.ratio("edge")
+    return look.pattern_s * (1 - value), look.pattern_s * error
+
+
+def _excess(look: Look) -> tuple[float, float]:
+    value, error = look.ratio("length")
+    return look.pattern_s * (value + 1) - look.exposure_s, look.pattern_s * error
+
+
+def _combined(found: F64, what: str) -> tuple[float, float]:
+    """Return the weighted mean of values with standard errors, [n, 2]; its error grows with their disagreement."""
+    values, errors = found.T
+    weights = 1 / np.square(errors)
+    mean = float(weights @ values / weights.sum())
+    chi = float(weights @ np.square(values - mean)) / max(len(values) - 1, 1)
+    if chi > CONSISTENT:
+        seen = ", ".join(f"{value * 1e6:.1f}" for value in values)
+        raise CalibrationError(
+            STEP,
+            Reason.BAD_FIT,
+            f"the {what} changes with the time per pattern: {seen} us",
+            allowed="the same at each, within its noise",
+            remedy="check that the modulator keeps its times and that nothing else triggers the sensor",
+        )
+    return mean, float(np.sqrt(max(chi, 1.0) / weights.sum()))
+
+
+def _check_lamp(looks: list[Look]) -> float:
+    """Return the light's rms change from frame to frame, beyond the pixels' own noise.
+
+    Raises:
+        CalibrationError: It is too large.
+    """
+    flicker, error = root(*_excess_variance(looks, ("inside", "length"), relative=True))
+    check_flicker(STEP, flicker, error)
+    return flicker
+
+
+def _jitter(looks: list[Look]) -> tuple[float, float]:
+    """Return the scatter of the latency: that of `edge` beyond its pixels' noise and the lamp's, which the others show.
+
+    In `length` a later begin is a later end: its light does not change.
+    """
+    with_jitter, error = _excess_variance(looks, ("edge",), relative=False)
+    by_lamp, lamp_error = _excess_variance(looks, ("inside", "length"), relative=False)
+    return root(with_jitter - by_lamp, float(np.hypot(error, lamp_error)))
+
+
+def _excess_variance(looks: list[Look], kinds: tuple[str, ...], *, relative: bool) -> tuple[float, float]:
+    """Return by how much frames of some kinds vary beyond their pixels' own noise, with its standard error.
+
+    Args:
+        looks: At each time per pattern.
+        kinds: Of patterns.
+        relative: Whether to the signal; else in seconds of light, squared.
+
+    Raises:
+        CalibrationError: There is no light.
+    """
+    rows = []
+    for look in looks:
+        shut = float(look.levels_dn["closed"].mean())
+        inside = float(look.levels_dn["inside"].mean()) - shut
+        for kind in kinds:
+            levels = look.levels_dn[kind]
+            signal = float(levels.mean()) - shut
+            if min(signal, inside) <= 0:
+                refuse_dark(STEP, min(signal, inside))
+            scale = 1 / signal**2 if relative else (look.pattern_s / inside) ** 2
+            rows.append((scale * levels.var(ddof=1), scale * look.noise_dn2[kind], len(levels) - 1))
+    variance, noise, freedom = np.array(rows).T
+    # Weights by what is foretold, not by what came out: a sample that varies little by chance is no better for it.
+    weights = freedom / np.square(noise)
+    weights /= weights.sum()
+    excess = float(weights @ (variance - noise))
+    errors = (noise + max(excess, 0.0)) * np.sqrt(2 / freedom)
+    return excess, float(np.sqrt(np.square(weights) @ np.square(errors)))
+
+
+def _section(bench: Bench, found: TimingEstimate, looks: list[Look]) -> Section:
+    estimates = {
+        "latency_s": Estimate(*found.latency_s, "s"),
+        "jitter_s": Estimate(*found.jitter_s, "s"),
+        "exposure_offset_s": Estimate(*found.exposure_offset_s, "s"),
+    }
+    if bench.capture.mode is Mode.PER_EXPOSURE:
+        delay_s = bench.devices.modulator.info.trigger_delay_s
+        latency, offset = found.latency_s[0], found.exposure_offset_s[0]
+        weights = overlap(bench.capture, latency, offset, delay_s)
+        by_latency = overlap(bench.capture, latency + found.latency_s[1], offset, delay_s) - weights
+        by_offset = overlap(bench.capture, latency, offset + found.exposure_offset_s[1], delay_s) - weights
+        estimates["weights"] = Estimate(weights, np.hypot(by_latency, by_offset), "1")
+    return Section(
+        name=STEP,
+        estimates=estimates,
+        facts={
+            "pattern_s": [look.pattern_s for look in looks],
+            "frames": bench.options.frames,
+            "flicker": found.flicker,
+            "mask_s": bench.capture.mask_s,
+            "mode": bench.capture.mode.value,
+        },
+    )

@@ -1,0 +1,121 @@
+"""`gs2ci calibrate`: measure a bench step by step into a calibration bundle.
+
+Here: the arguments, the order of steps, what is shown. Not here: any measurement (`gs2ci_calibration`), what a bench
+is (`gs2ci.rig.calibrating`). Only `gs2ci.cli` imports this file.
+"""
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+import tyro
+from rich.console import Console
+from rich.markup import escape
+from rich.prompt import Prompt
+from rich.table import Table
+
+from gs2ci.commands.display import open_display
+from gs2ci.core.errors import InputError
+from gs2ci.rig.calibrating import bench_of, operator_of, provenance_of
+from gs2ci.rig.opening import Rig, load_rig
+from gs2ci_calibration.bench import Bench
+from gs2ci_calibration.bundle import Bundle, Provenance, add_section, read_bundle
+from gs2ci_calibration.drift import changes_since
+from gs2ci_calibration.estimates import Section
+from gs2ci_calibration.fitting import fit
+from gs2ci_calibration.procedures import PROCEDURES
+from gs2ci_calibration.refusals import CalibrationError, Reason
+
+Step = Literal["dark-flat", "sensor", "timing", "registration", "masks", "camera", "stage", "all", "check"]
+
+
+def run(
+    step: Annotated[Step, tyro.conf.Positional],
+    *,
+    rig: Path,
+    out: Annotated[Path, tyro.conf.arg(aliases=["-o"])] = Path("bench.cal.h5"),
+    fast: bool = False,
+) -> Path:
+    """Measure a bench into a calibration bundle.
+
+    Each step asks for what it needs before the camera (lens cap, even light, board, scene), shows what it found with
+    standard errors, and adds its section to the bundle; what is not good enough is refused with the reason, and the
+    bundle stays as it was. `all` runs every step in order; `check` takes a few frames and tells the drift since.
+
+    Args:
+        step: What to measure.
+        rig: The rig file (TOML).
+        out: The bundle, ends in .h5; its other sections are kept.
+        fast: Predict the masks from geometry, blur and contrast instead of measuring each.
+
+    Returns:
+        The bundle.
+    """
+    console = Console()
+    opened = load_rig(rig)
+    devices = opened.open()
+    try:
+        operator = operator_of(opened, lambda request: Prompt.ask(f"{escape(request)}, then press Enter"))
+        with open_display() as display:
+            bench = bench_of(opened, devices, operator, fast=fast, progress=display)
+            if step == "check":
+                _check(console, bench, read_bundle(out), opened, provenance_of(opened, devices))
+                return out
+            for name in PROCEDURES if step == "all" else (step,):
+                known = read_bundle(out) if out.exists() else Bundle()
+                section = _measured(bench, name, known)
+                add_section(out, section, provenance_of(opened, devices))
+                _print_section(console, section)
+    finally:
+        devices.close()
+    console.print(f"bundle in [bold]{escape(str(out))}[/]", soft_wrap=True)
+    return out
+
+
+def _measured(bench: Bench, name: str, known: Bundle) -> Section:
+    if name not in PROCEDURES:
+        raise InputError(f"no step {name!r}", allowed=", ".join(PROCEDURES))
+    bench.progress.say(f"{name}:")
+    return PROCEDURES[name](bench, known)
+
+
+def _check(console: Console, bench: Bench, bundle: Bundle, rig: Rig, provenance: Provenance) -> None:
+    """Tell the drift since a calibration.
+
+    Raises:
+        CalibrationError: The bundle does not fit any more.
+    """
+    found = fit(bundle, bench, provenance, rig.table.calibration.max_age_days)
+    found.require(bundle)
+    changes = changes_since(bench, bundle)
+    grid = Table(box=None, pad_edge=False)
+    for heading in ("since the calibration", "change ± standard error", "allowed", ""):
+        grid.add_column(heading)
+    for change in changes:
+        unit = "" if change.unit == "1" else f" {change.unit}"
+        limit = "" if change.limit is None else f"{change.limit:.3g}{unit}"
+        verdict = "NO" if change.too_far else "ok" if limit else ""
+        value = f"{change.value:+.3g} ± {change.error:.1g}{unit}"
+        grid.add_row(change.what, value, limit, verdict, style="bold red" if change.too_far else "")
+    console.print(grid)
+    for note in found.notes:
+        console.print(note, markup=False, soft_wrap=True)
+    drifted = [change for change in changes if change.too_far]
+    if drifted:
+        steps = dict.fromkeys(change.step for change in drifted)
+        raise CalibrationError(
+            "check",
+            Reason.DOES_NOT_FIT,
+            f"{', '.join(change.what for change in drifted)} changed by more than allowed since the calibration",
+            remedy=f"run `gs2ci calibrate` {', '.join(steps)} again",
+        )
+
+
+def _print_section(console: Console, section: Section) -> None:
+    grid = Table(box=None, pad_edge=False, title=section.name, title_justify="left", title_style="bold")
+    for heading in ("found", "value ± standard error"):
+        grid.add_column(heading)
+    for name, estimate in section.estimates.items():
+        grid.add_row(name, str(estimate))
+    console.print(grid)
+    for note in section.notes:
+        console.print(note, markup=False, soft_wrap=True)

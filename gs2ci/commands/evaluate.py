@@ -1,0 +1,107 @@
+"""`gs2ci evaluate`: judge a finished run by a truth, by the sensor's noise, by views from elsewhere.
+
+Here: the arguments, and the table that is printed. Not here: any figure (`gs2ci.evaluate.evaluation`). Only `gs2ci.cli`
+imports this file.
+"""
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import tyro
+from rich.console import Console
+from rich.table import Table
+
+from gs2ci.core.errors import InputError
+from gs2ci.core.records import F32
+from gs2ci.core.storage import read_shot
+from gs2ci.evaluate.evaluation import Evidence, evaluate, read_run, write_evaluation
+from gs2ci.evaluate.noise import NoiseModel
+from gs2ci.evaluate.novel_views import read_novel_views
+from gs2ci.reconstruct.fit.perceptual import load_distance
+
+
+def run(
+    folder: Annotated[Path, tyro.conf.Positional],
+    shot: Annotated[Path, tyro.conf.Positional],
+    /,
+    output: Annotated[Path | None, tyro.conf.arg(aliases=["-o"])] = None,
+    *,
+    index: int = 0,
+    depth: Path | None = None,
+    novel: Path | None = None,
+    read_noise: float | None = None,
+    electrons: float = float("inf"),
+    lpips: str | None = None,
+) -> Path:
+    """Judge a finished run by what is known of its shot.
+
+    Args:
+        folder: The run folder, as `gs2ci reconstruct` wrote it.
+        shot: The shot file that was reconstructed, or one of the same measurement that holds the truth as well.
+        output: The JSON file to write; "evaluation.json" in the run folder if not given.
+        index: Which shot of the file.
+        depth: True depth along the optical axis, a .npy file of [N, H, W] in any unit, 0 where unknown.
+        novel: True views from other places, an .npz file of `views` and `world_to_camera` in the true path's world.
+        read_noise: Standard deviation of the sensor in the dark, in full scales of one view, for chi-squared.
+        electrons: Electrons of a pixel at the full scale of one view, for the shot noise in chi-squared.
+        lpips: "lpips" for the model added by `gs2ci models add lpips`, or an ONNX file of your own.
+
+    Returns:
+        The JSON file.
+
+    Raises:
+        Gs2ciError: A file or a value cannot be used.
+    """
+    noise = None if read_noise is None else NoiseModel(read_noise, electrons)
+    evidence = Evidence(
+        read_shot(shot, index),
+        None if depth is None else _read_depth(depth),
+        None if novel is None else read_novel_views(novel),
+        noise,
+        None if lpips is None else load_distance(lpips if lpips == "lpips" else f"lpips:{lpips}"),
+    )
+    found = evaluate(read_run(folder), evidence)
+    written = write_evaluation(output or folder / "evaluation.json", found)
+    table = Table(show_header=False, box=None)
+    for name, value in rows(found):
+        table.add_row(name, value)
+    console = Console()
+    console.print(table)
+    console.print(str(written), soft_wrap=True)
+    return written
+
+
+def rows(found: dict[str, Any]) -> list[tuple[str, str]]:
+    """Lay out the figures that are known, a name and a value each."""
+    said = []
+    for title, scores in (("", found), ("novel views ", found["novel_views"] or {})):
+        if scores.get("psnr_db"):
+            said += [(f"{title}PSNR", f"{scores['psnr_db']['mean']:.2f} dB")]
+            said += [(f"{title}SSIM", f"{scores['ssim']['mean']:.4f}")]
+    if found["lpips"]:
+        said.append(("LPIPS", f"{found['lpips']['mean']:.4f}"))
+    path = found["trajectory"] or {}
+    for key, name, unit in (
+        ("ate", "ATE", ""), ("nate", "nATE", ""), ("translation_mean", "translation, mean", ""),
+        ("rotation_deg", "rotation, mean", "°"), ("rpe_t", "RPE, translation", ""), ("rpe_r_deg", "RPE, rotation", "°"),
+    ):  # fmt: skip
+        if path.get(key) is not None:
+            said.append((name, f"{path[key]:.4g}{unit}"))
+    if found["depth"]:
+        errors = found["depth"]
+        said.append(("depth", f"{errors['abs_rel']:.1%} mean relative error, {errors['close_share']:.1%} within 1.25"))
+    said.append(("residual", f"{found['residual']['rms']:.4f} rms of full scale"))
+    if found["residual"]["chi2_per_pixel"] is not None:
+        said.append(("χ² per pixel", f"{found['residual']['chi2_per_pixel']:.3f}"))
+    return said
+
+
+def _read_depth(path: Path) -> F32:
+    try:
+        depth = np.load(path, allow_pickle=False)
+    except (OSError, ValueError, EOFError) as error:
+        raise InputError(f"{path} cannot be read as depth: {error}", allowed="a .npy file of [N, H, W]") from error
+    if not isinstance(depth, np.ndarray) or depth.ndim not in (2, 3) or not np.issubdtype(depth.dtype, np.number):
+        raise InputError(f"{path} holds no depth", allowed="a .npy file of [N, H, W]")
+    return depth.astype(np.float32)

@@ -1,0 +1,91 @@
+"""`gs2ci tradeoff`: what accuracy costs in time, for one shot on this machine.
+
+Here: the arguments, and the order price → try → say. Not here: any of the three (`gs2ci.evaluate.tradeoff`), keeping
+what is finished (`gs2ci.bench`). Only `gs2ci.cli` imports this file.
+"""
+
+import shlex
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+from rich.console import Console
+from rich.markdown import Markdown
+
+from gs2ci.bench.cells import Cell
+from gs2ci.bench.store import Store
+from gs2ci.bench.workers import complete
+from gs2ci.commands.display import open_display
+from gs2ci.core.durations import parse_duration_s
+from gs2ci.core.errors import InputError
+from gs2ci.core.storage import read_shot
+from gs2ci.evaluate.tradeoff.pages import Tradeoff, markdown, write_pages
+from gs2ci.evaluate.tradeoff.trials import KNOBS, Trial, chosen_trials, predicted_seconds
+from gs2ci.reconstruct.costs import probe
+
+
+def run(
+    shot: Annotated[Path, tyro.conf.Positional],
+    /,
+    output: Annotated[Path, tyro.conf.arg(aliases=["-o"])] = Path("tradeoff"),
+    *,
+    index: int = 0,
+    knobs: tuple[str, ...] = KNOBS,
+    most: str = "15min",
+    seed: int = 42,
+    fresh: bool = False,
+) -> list[Path]:
+    """Try presets and settings on one measurement, and say what the next decibel costs.
+
+    Every trial is judged by the truth where the shot holds it, and by pixels of the measurement that no trial sees.
+    Finished trials are kept in `<output>/cells`: an interrupted command goes on where it was left. Seconds are only
+    worth reading on a quiet machine.
+
+    Args:
+        shot: A shot file, as `gs2ci import` and `gs2ci capture` write them.
+        output: Folder for CSV, picture, section and the finished trials.
+        index: Which shot of the file.
+        knobs: What to vary, one thing at a time: preset (decode only, draft, standard, fine, paper), resolution,
+            iterations, population, start, "decode steps", "depth planes".
+        most: Leave out what is expected to take longer than this, by costs measured on the shot beforehand.
+        seed: Of every random draw.
+        fresh: Try everything again.
+
+    Returns:
+        The pages.
+
+    Raises:
+        Gs2ciError: The file or a value cannot be used.
+    """
+    most_s = parse_duration_s(most)
+    trials = chosen_trials(knobs)
+    measured = read_shot(shot, index)
+    with open_display() as display:
+        display.stage("measuring this machine")
+        model = probe(measured)
+        prices = {trial.name: predicted_seconds(trial, model) for trial in trials}
+        wanted = [trial for trial in trials if prices[trial.name] <= most_s]
+        if not wanted:
+            raise InputError(f"nothing can be tried in {most}", allowed=f"{min(prices.values()):.1f} s or more")
+        display.stage("trials", len(wanted))
+        rows = complete(
+            [_cell(shot, index, trial, seed) for trial in wanted],
+            Store(output / "cells", fresh=fresh),
+            heard=lambda done, _total: display.step(done),
+        )
+    rows = [{"trial": trial.name, "knob": trial.knob, **row} for trial, row in zip(wanted, rows, strict=True)]
+    left_out = {name: seconds for name, seconds in prices.items() if seconds > most_s}
+    found = Tradeoff(measured.name, rows, left_out, shlex.join(["gs2ci", *sys.argv[1:]]))
+    pages = write_pages(output, found)
+    console = Console()
+    console.print(Markdown(markdown(found)))
+    for page in pages:
+        console.print(str(page), soft_wrap=True)
+    return pages
+
+
+def _cell(shot: Path, index: int, trial: Trial, seed: int) -> Cell:
+    file = str(shot.resolve())
+    arguments = {"file": file, "index": index, "trial": trial.name, "seed": seed}
+    return Cell("gs2ci.evaluate.tradeoff.trials:run_trial", arguments, (file,))

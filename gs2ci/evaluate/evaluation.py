@@ -1,0 +1,184 @@
+"""A finished run judged after the fact: by a truth that came later, by the sensor's noise, by views from elsewhere.
+
+Here: which figures follow from which files. Not here: the metrics (one file each), the run's own report
+(`gs2ci.evaluate.report`). The commands import this file. Schema `gs2ci.evaluation/1`.
+"""
+
+import json
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import torch
+
+from gs2ci.core.errors import InputError, StorageError
+from gs2ci.core.records import F32, F64, Shot
+from gs2ci.evaluate.cameras import poses_of_transforms
+from gs2ci.evaluate.depth import depth_errors
+from gs2ci.evaluate.metrics import measurement_residual, psnr_per_view, ssim_per_view
+from gs2ci.evaluate.noise import NoiseModel, chi_squared_per_pixel
+from gs2ci.evaluate.novel_views import NovelViews, score_novel_views
+from gs2ci.evaluate.report import plain_json, read_report
+from gs2ci.evaluate.trajectory import align, trajectory_errors
+from gs2ci.reconstruct.coding import Coding
+from gs2ci.reconstruct.fit.perceptual import PerceptualDistance
+from gs2ci.render.ply import read_ply
+
+SCHEMA: Final = "gs2ci.evaluation/1"
+
+
+@dataclass(frozen=True)
+class FinishedRun:
+    """What a run folder holds, read back.
+
+    Args:
+        report: Its report.
+        views: Recovered, [N, H, W, 3].
+        world_to_camera: [N, 4, 4].
+        intrinsics: [3, 3], px.
+        depth: [N, H, W], or None where none was found.
+        folder: Where it lies.
+    """
+
+    report: dict[str, Any]
+    views: F32
+    world_to_camera: F64
+    intrinsics: F64
+    depth: F32 | None
+    folder: Path
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """What a run is judged by; whatever is None leaves its figures out.
+
+    Args:
+        shot: The measurement, with what is true of it.
+        depth: True depth, [N, H, W].
+        novel: True views from elsewhere.
+        noise: Of the sensor.
+        lpips: A learned perceptual distance of the user's (`gs2ci.reconstruct.fit.perceptual`).
+    """
+
+    shot: Shot
+    depth: F32 | None = None
+    novel: NovelViews | None = None
+    noise: NoiseModel | None = None
+    lpips: PerceptualDistance | None = None
+
+
+def read_run(folder: Path) -> FinishedRun:
+    """Read a run folder back.
+
+    Raises:
+        StorageError: It is none, or a file of it is missing or cut short.
+    """
+    report = read_report(folder)
+    try:
+        cameras = json.loads((folder / "cameras.json").read_text(encoding="utf-8"))
+        intrinsics = np.array([[cameras["fl_x"], 0, cameras["cx"]], [0, cameras["fl_y"], cameras["cy"]], [0, 0, 1.0]])
+        depth = folder / "depth.npy"
+        return FinishedRun(
+            report=report,
+            views=np.load(folder / "views.npy"),
+            world_to_camera=poses_of_transforms(cameras),
+            intrinsics=intrinsics,
+            depth=np.load(depth) if depth.is_file() else None,
+            folder=folder,
+        )
+    except (OSError, ValueError, KeyError, np.linalg.LinAlgError) as error:
+        raise StorageError(f"{folder} is no whole run: {error}", remedy="reconstruct again with --overwrite") from error
+
+
+def evaluate(run: FinishedRun, evidence: Evidence) -> dict[str, Any]:
+    """Judge a run; a figure without evidence is None.
+
+    Raises:
+        InputError: The evidence is of another shot: sizes or counts differ; or novel views come without true poses.
+    """
+    shot = evidence.shot
+    views = run.views[..., : shot.channels]
+    if views.shape != (*shot.masks.shape, shot.channels):
+        raise InputError(
+            f"a run of views {list(run.views.shape)} beside a shot of {shot.views} views, {list(shot.size)}",
+            allowed="the shot that was reconstructed",
+        )
+    predicted = _predicted(shot, views)
+    residual = measurement_residual(predicted, shot.measurement, shot.saturated)
+    true_path = shot.truth.world_to_camera
+    found = {
+        "schema": SCHEMA,
+        "name": shot.name,
+        **_images(views, shot.truth.views),
+        "lpips": _perceptual(views, shot.truth.views, evidence.lpips),
+        "trajectory": None if true_path is None else asdict(trajectory_errors(run.world_to_camera, true_path)),
+        "depth": None if evidence.depth is None or run.depth is None else _depth(run.depth, evidence.depth),
+        "residual": {
+            **asdict(residual),
+            "chi2_per_pixel": None
+            if evidence.noise is None
+            else chi_squared_per_pixel(predicted, shot.measurement, evidence.noise, shot.saturated),
+        },
+        "novel_views": None if evidence.novel is None else _novel(run, shot, evidence.novel),
+    }
+    plain: dict[str, Any] = plain_json(found)
+    return plain
+
+
+def write_evaluation(path: Path, evaluation: dict[str, Any]) -> Path:
+    """Write an evaluation as JSON.
+
+    Raises:
+        StorageError: The disk refuses.
+    """
+    try:
+        path.write_text(json.dumps(evaluation, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+    except OSError as error:
+        raise StorageError(f"{path} cannot be written: {error}", remedy="choose another place with -o") from error
+    return path
+
+
+def _predicted(shot: Shot, views: F32) -> F32:
+    predicted: F32 = Coding.of(shot).forward(torch.from_numpy(np.ascontiguousarray(views))).numpy()
+    return predicted
+
+
+def _images(views: F32, truth: F32 | None) -> dict[str, Any]:
+    if truth is None:
+        return {"psnr_db": None, "ssim": None}
+    scores = {"psnr_db": psnr_per_view(views, truth), "ssim": ssim_per_view(views, truth)}
+    return {key: {"mean": float(np.mean(each)), "per_view": each} for key, each in scores.items()}
+
+
+def _perceptual(views: F32, truth: F32 | None, distance: PerceptualDistance | None) -> dict[str, Any] | None:
+    """Compare in three channels, both clamped to [0, 1]: a grey view is repeated."""
+    if truth is None or distance is None:
+        return None
+    pairs = [
+        [torch.from_numpy(np.clip(np.broadcast_to(one, (*one.shape[:2], 3)), 0, 1).astype(np.float32)) for one in pair]
+        for pair in zip(views, truth, strict=True)
+    ]
+    with torch.no_grad():
+        each = [float(distance(*pair)) for pair in pairs]
+    return {"mean": float(np.mean(each)), "per_view": each}
+
+
+def _depth(estimate: F32, truth: F32) -> dict[str, Any] | None:
+    errors = depth_errors(estimate, truth)
+    return None if errors is None else asdict(errors)
+
+
+def _novel(run: FinishedRun, shot: Shot, novel: NovelViews) -> dict[str, Any]:
+    true_path = shot.truth.world_to_camera
+    if true_path is None:
+        raise InputError(
+            "novel views need the true camera path, and the shot does not hold it",
+            remedy="import the measurement with its world_to_camera",
+        )
+    alignment = align(run.world_to_camera, true_path)
+    intrinsics = run.intrinsics if shot.intrinsics is None else shot.intrinsics
+    return {
+        **score_novel_views(read_ply(run.folder / "scene.ply"), alignment, intrinsics, novel),
+        "alignment_free": alignment.free,
+    }

@@ -1,0 +1,71 @@
+"""The measurement's residual in units of its noise: chi-squared per pixel.
+
+Here: the noise of a sensor in full scales, and what a prediction leaves unexplained in units of it. Not here: residuals
+in the measurement's own unit (`gs2ci.evaluate.metrics`). The commands and the rest of `gs2ci.evaluate` may import this.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gs2ci.core.errors import InputError
+from gs2ci.core.records import F32
+
+
+@dataclass(frozen=True)
+class NoiseModel:
+    """Noise of a measurement: σ² = read² + signal / electrons (EMVA 1288, eq. 12), in full scales of one view.
+
+    Args:
+        read: Standard deviation in the dark, in full scales of one view: read noise and quantisation.
+        electrons: Electrons of a pixel at the full scale of one view; infinite for no shot noise.
+    """
+
+    read: float
+    electrons: float = float("inf")
+
+    def __post_init__(self) -> None:
+        """Refuse a noise that cannot be divided by.
+
+        Raises:
+            InputError: The read noise is negative or not finite, the electrons are not above 0, or there is no noise.
+        """
+        if not (0 <= self.read < np.inf and self.electrons > 0):
+            raise InputError(f"noise {self.read} with {self.electrons} electrons", allowed="noise >= 0, electrons > 0")
+        if self.read == 0:
+            raise InputError("a read noise of 0", allowed="above 0: a dark pixel would have no noise at all")
+
+    def variance(self, signal: F32) -> NDArray[np.float64]:
+        """Return σ² of every sample for its expected signal, in squared full scales."""
+        return self.read**2 + np.maximum(signal.astype(np.float64), 0) / self.electrons
+
+
+def chi_squared_per_pixel(
+    predicted: F32, measurement: F32, noise: NoiseModel, saturated: NDArray[np.bool_] | None = None
+) -> float | None:
+    """Measure the mean squared residual in units of the noise that the prediction implies.
+
+    About 1 where the views explain the measurement and nothing but noise is left; well below where noise was fitted,
+    well above where something is not explained. Saturated pixels do not count.
+
+    Args:
+        predicted: [H, W, C], in full scales of one view.
+        measurement: The same shape.
+        noise: Of the sensor.
+        saturated: [H, W], or None.
+
+    Returns:
+        The mean over samples; None where every pixel is saturated.
+
+    Raises:
+        InputError: The shapes differ.
+    """
+    if predicted.shape != measurement.shape:
+        raise InputError(
+            f"the predicted measurement has shape {list(predicted.shape)}", allowed=str(list(measurement.shape))
+        )
+    terms = (predicted.astype(np.float64) - measurement) ** 2 / noise.variance(predicted)
+    if saturated is not None:
+        terms = terms[~saturated]
+    return float(terms.mean()) if terms.size else None

@@ -1,0 +1,91 @@
+"""How well a recovered scene shows what the measurement never saw: true views from other places.
+
+Here: where such a view lies in the recovered world, and its score. Not here: alignment (`gs2ci.evaluate.trajectory`),
+image metrics (`gs2ci.evaluate.metrics`). The commands and the rest of `gs2ci.evaluate` may import this file.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+from zipfile import BadZipFile
+
+import numpy as np
+import torch
+
+from gs2ci.core.errors import InputError
+from gs2ci.core.records import F32, F64
+from gs2ci.evaluate.metrics import psnr_per_view, ssim_per_view
+from gs2ci.evaluate.trajectory import Alignment
+from gs2ci.render.backend import load_backend
+from gs2ci.render.gaussians import Gaussians
+
+
+@dataclass(frozen=True)
+class NovelViews:
+    """True views that no measurement holds.
+
+    Args:
+        views: [M, H, W, C] float32, full scale 1.
+        world_to_camera: Their poses in the world of the true camera path, [M, 4, 4].
+    """
+
+    views: F32
+    world_to_camera: F64
+
+
+def read_novel_views(path: Path) -> NovelViews:
+    """Read views and poses from an .npz file with `views` ([M, H, W, C], uint8 or float) and `world_to_camera`.
+
+    Raises:
+        InputError: No such file, an array is missing, or the two do not fit together.
+    """
+    try:
+        # Opened here: numpy leaves a file that is cut short open.
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as arrays:
+            parts: dict[str, Any] = {key: arrays[key] for key in ("views", "world_to_camera")}
+    except (OSError, ValueError, KeyError, EOFError, TypeError, BadZipFile) as error:
+        raise InputError(
+            f"{path} holds no novel views: {error}", allowed="an .npz file with views and world_to_camera"
+        ) from error
+    views, poses = parts["views"], parts["world_to_camera"].astype(np.float64)
+    if views.dtype == np.uint8:
+        views = views / np.float32(255)
+    views = views.astype(np.float32)
+    fits = views.ndim == 4 and len(views) and views.shape[3] in (1, 3) and poses.shape == (len(views), 4, 4)
+    if not fits or not (np.isfinite(views).all() and np.isfinite(poses).all()):
+        raise InputError(
+            f"{path} holds views {list(views.shape)} and poses {list(poses.shape)}",
+            allowed="finite [M, H, W, C] with C = 1 or 3, and [M, 4, 4]",
+        )
+    return NovelViews(views, poses)
+
+
+def poses_in_estimate(alignment: Alignment, world_to_camera: F64) -> F64:
+    """Express poses of the true world, [M, 4, 4], in the recovered one, at its scale.
+
+    With x_true = s R x + t a camera [A | b] of the true world sees s A R x + (A t + b); all of it divided by s is
+    seen at the same pixels.
+    """
+    found = np.tile(np.eye(4), (len(world_to_camera), 1, 1))
+    turn = world_to_camera[:, :3, :3]
+    found[:, :3, :3] = turn @ alignment.rotation
+    found[:, :3, 3] = (turn @ alignment.translation + world_to_camera[:, :3, 3]) / alignment.scale
+    return found
+
+
+def score_novel_views(scene: Gaussians, alignment: Alignment, intrinsics: F64, novel: NovelViews) -> dict[str, Any]:
+    """Render the scene from where the novel views were taken, and score it: PSNR in dB and SSIM, per view and mean.
+
+    Args:
+        scene: The recovered Gaussians.
+        alignment: Of the recovered camera path onto the true one.
+        intrinsics: Camera matrix of the novel views in px, [3, 3].
+        novel: The true views.
+    """
+    poses = torch.from_numpy(poses_in_estimate(alignment, novel.world_to_camera)).float()
+    height, width, channels = novel.views.shape[1:]
+    with torch.no_grad():
+        images, _ = load_backend().views(scene, poses, torch.from_numpy(intrinsics).float(), (height, width))
+    shown = images.numpy() if channels == 3 else images.mean(dim=3, keepdim=True).numpy()
+    scores = {"psnr_db": psnr_per_view(shown, novel.views), "ssim": ssim_per_view(shown, novel.views)}
+    return {key: {"mean": float(np.mean(each)), "per_view": each} for key, each in scores.items()}

@@ -1,0 +1,95 @@
+"""How long the report of a run will take: found by writing small ones. For `--budget`; the commands import it.
+
+Here: the rehearsal. Not here: the report (`gs2ci.evaluate.run_folder`), the plan (`gs2ci.reconstruct.budget`).
+"""
+
+import tempfile
+import time
+from dataclasses import replace
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+import torch
+
+from gs2ci.core.records import Shot, Truth
+from gs2ci.core.run_records import VERDICTS, RunResult
+from gs2ci.evaluate.report import build_report
+from gs2ci.evaluate.run_folder import write_run
+from gs2ci.render.gaussians import Gaussians
+
+_WARM_VIEW_PIXELS: Final = 20_000
+_VIEW_PIXELS: Final = 160_000
+
+
+def report_seconds(shot: Shot) -> float:
+    """Predict the seconds that writing the run folder of a shot takes, from a crop of it.
+
+    What is written is of the same kinds and sizes; figures that need the truth are taken where it is known.
+    """
+    _written(_crop(shot, _WARM_VIEW_PIXELS))  # loads what draws
+    crop = _crop(shot, _VIEW_PIXELS)
+    whole_s = _written(crop)
+    # Drawing and packing cost the same for every size; figures grow with the pixels.
+    began_s = time.monotonic()
+    build_report(crop, _blank(crop))
+    larger = shot.size[0] * shot.size[1] / (crop.size[0] * crop.size[1])
+    return whole_s + (larger - 1) * (time.monotonic() - began_s)
+
+
+def _written(shot: Shot) -> float:
+    """Write a run folder; return the seconds."""
+    result = _blank(shot)
+    began_s = time.monotonic()
+    with tempfile.TemporaryDirectory() as folder:
+        write_run(Path(folder) / "run", shot, result, _one_gaussian())
+    return time.monotonic() - began_s
+
+
+def _crop(shot: Shot, view_pixels: int) -> Shot:
+    """Cut the middle out of a shot, so that its views have about so many pixels together."""
+    rows, columns = _middle(shot.size, view_pixels / shot.views)
+    truth = shot.truth.views
+    return replace(
+        shot,
+        measurement=shot.measurement[rows, columns],
+        masks=shot.masks[:, rows, columns],
+        saturated=None if shot.saturated is None else shot.saturated[rows, columns],
+        truth=Truth(None if truth is None else truth[:, rows, columns], shot.truth.world_to_camera),
+    )
+
+
+def _middle(size: tuple[int, int], pixels: float) -> tuple[slice, slice]:
+    shrink = min(1.0, (pixels / (size[0] * size[1])) ** 0.5)
+    lengths = [max(1, round(side * shrink)) for side in size]
+    begins = [(side - length) // 2 for side, length in zip(size, lengths, strict=True)]
+    return slice(begins[0], begins[0] + lengths[0]), slice(begins[1], begins[1] + lengths[1])
+
+
+def _blank(shot: Shot) -> RunResult:
+    """Make the result of a run that recovered a grey wall."""
+    height, width = shot.size
+    grey = np.full((shot.views, height, width, shot.channels), 0.5, np.float32)
+    return RunResult(
+        views=grey,
+        scene_views=grey,
+        depth=grey[..., 0],
+        world_to_camera=np.tile(np.eye(4), (shot.views, 1, 1)),
+        intrinsics=np.array([[width, 0, width / 2], [0, width, height / 2], [0, 0, 1.0]]),
+        decode=grey,
+        predicted_measurement=shot.measurement,
+        curve=(),
+        stopped_because="this was a rehearsal",
+        seconds={"total": 0.0, "decode": 0.0, "geometry": 0.0, "fit": 0.0},
+        gaussians=1,
+        notes=(),
+        settings={},
+        seed=0,
+        verdict="scene",
+        heldout_rms=dict.fromkeys(VERDICTS),
+    )
+
+
+def _one_gaussian() -> Gaussians:
+    one = torch.zeros(1, 3)
+    return Gaussians(one + torch.tensor([0.0, 0.0, 1.0]), one, torch.tensor([[1.0, 0, 0, 0]]), torch.zeros(1), one)

@@ -1,0 +1,147 @@
+"""The trials of a shot as CSV, as a picture, and as a section in markdown for the report.
+
+Here: the layout. Not here: what is said (`front.py`), what was tried (`trials.py`). The commands import this file.
+"""
+
+import csv
+import io
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Final
+
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from gs2ci.core.durations import spoken_duration
+from gs2ci.core.errors import StorageError
+from gs2ci.evaluate.environment import machine, versions
+from gs2ci.evaluate.tradeoff.front import Measure, measure_of, pareto, sentences
+from gs2ci.evaluate.tradeoff.trials import KNOBS, Row
+
+COLUMNS: Final = (
+    "trial", "knob", "seconds", "psnr_db", "ssim", "nate", "heldout_db", "iterations", "gaussians", "verdict",
+    "stopped_because", "error",
+)  # fmt: skip
+TITLES: Final[dict[Measure, str]] = {"psnr_db": "PSNR, dB", "heldout_db": "held-out pixels, dB"}
+# Told apart by those who see no red and green, too (Okabe and Ito 2008); the ladder is black.
+_COLOURS: Final = ("#000000", "#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00")
+
+
+@dataclass(frozen=True)
+class Tradeoff:
+    """What was found for one shot.
+
+    Args:
+        name: Of the shot.
+        rows: Of the trials, in their order; one that failed holds `error`.
+        left_out: Trials that would have taken too long, with their predicted seconds.
+        command: That makes this again.
+    """
+
+    name: str
+    rows: Sequence[Row]
+    left_out: Mapping[str, float] = field(default_factory=dict)
+    command: str = ""
+
+    @property
+    def good(self) -> list[Row]:
+        """Get the rows of the trials that did not fail."""
+        return [row for row in self.rows if "error" not in row]
+
+
+def write_pages(folder: Path, found: Tradeoff) -> list[Path]:
+    """Write `tradeoff.csv`, `tradeoff.png` and `tradeoff.md`; return their paths.
+
+    Raises:
+        StorageError: The disk refuses.
+    """
+    paths = [folder / f"tradeoff.{ending}" for ending in ("csv", "png", "md")]
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        paths[0].write_text(as_csv(found.rows), encoding="utf-8")
+        draw(found).savefig(paths[1], dpi=150)
+        paths[2].write_text(markdown(found), encoding="utf-8")
+    except OSError as error:
+        raise StorageError(
+            f"{folder} cannot be written: {error}", remedy="check the folder, or choose another"
+        ) from error
+    return paths
+
+
+def as_csv(rows: Sequence[Row]) -> str:
+    """Lay the rows out with full digits, a line per trial."""
+    text = io.StringIO()
+    writer = csv.DictWriter(text, COLUMNS, extrasaction="ignore", lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(rows)
+    return text.getvalue()
+
+
+def markdown(found: Tradeoff) -> str:
+    """Write the section: what it costs in words, then the table, the front in bold."""
+    here = machine()
+    parts = [f"## What accuracy costs: {found.name}", ""]
+    parts += [f"{sentence}" for sentence in spoken(found)]
+    parts += [
+        "",
+        f"`{found.command}`; {here['processor']}, {here['usable_cores']} cores, gs2ci {versions()['gs2ci']}.",
+        "",
+    ]
+    measure = measure_of(found.good)
+    front = [] if measure is None else [row["trial"] for row in pareto(found.good, measure)]
+    parts += ["| | s | PSNR, dB | SSIM | nATE | held-out, dB | iterations | Gaussians |", "|---|" + "---:|" * 7]
+    for row in found.good:
+        name = f"**{row['trial']}**" if row["trial"] in front else str(row["trial"])
+        cells = [_cell(row, *column) for column in (("psnr_db", 2), ("ssim", 4), ("nate", 4), ("heldout_db", 2))]
+        counts = [f"{row['iterations']}", f"{row['gaussians']}"]
+        parts.append(f"| {name} | {row['seconds']:.1f} | " + " | ".join([*cells, *counts]) + " |")
+    return "\n".join(parts).rstrip() + "\n"
+
+
+def spoken(found: Tradeoff) -> list[str]:
+    """Say what was found, what failed and what was left out, a sentence each."""
+    said = sentences(found.good) if found.good else []
+    said += [f"{row['trial']} failed: {row['error']}" for row in found.rows if "error" in row]
+    said += [f"{name} was left out: it would take about {spoken_duration(s)}." for name, s in found.left_out.items()]
+    return said
+
+
+def draw(found: Tradeoff) -> Figure:
+    """Draw quality against seconds, a colour for each setting that was changed, the front as a staircase."""
+    figure = Figure(figsize=(9.2, 5.0), layout="constrained")
+    axes = figure.add_subplot()
+    measure = measure_of(found.good)
+    axes.set_xscale("log")
+    axes.set_xlabel("seconds, from the measurement to its views")
+    axes.set_ylabel("" if measure is None else TITLES[measure])
+    axes.set_title(f"What accuracy costs: {found.name}", loc="left", fontsize=11)
+    axes.grid(color="#e4e4e4", which="both", linewidth=0.6)
+    axes.spines[["top", "right"]].set_visible(False)
+    if measure is None:
+        return figure
+    known = [row for row in found.good if row.get(measure) is not None]
+    front = pareto(known, measure)
+    stairs = [row["seconds"] for row in front], [row[measure] for row in front]
+    axes.step(*stairs, where="post", color="#999999", linewidth=1.2, zorder=1)
+    axes.scatter(*stairs, s=110, facecolors="none", edgecolors="#999999", linewidths=1.2, zorder=2)
+    handles = [_key(row, number) for number, row in enumerate(known, 1)]
+    for number, (row, key) in enumerate(zip(known, handles, strict=True), 1):
+        place = (row["seconds"], row[measure])
+        axes.plot(*place, marker=key.get_marker(), color=key.get_color(), markersize=6, zorder=3)
+        axes.annotate(f"{number}", place, (5, 5), textcoords="offset points", fontsize=8, color=key.get_color())
+    axes.margins(x=0.08, y=0.08)
+    # Names beside the points would cover each other where trials are alike.
+    axes.legend(handles=handles, frameon=False, fontsize=8, loc="center left", bbox_to_anchor=(1.01, 0.5))
+    return figure
+
+
+def _key(row: Row, number: int) -> Line2D:
+    """Return a line of the legend: the trial's number and name, in the colour of what it changes."""
+    knob = KNOBS.index(row["knob"])
+    marker, colour = "o" if knob == 0 else "D", _COLOURS[knob % len(_COLOURS)]
+    return Line2D([], [], linestyle="", marker=marker, color=colour, label=f"{number}  {row['trial']}")
+
+
+def _cell(row: Row, key: str, digits: int) -> str:
+    return "–" if row.get(key) is None else f"{row[key]:.{digits}f}"

@@ -1,0 +1,157 @@
+"""What is tried on a shot, and trying it: the ladder of presets, and the standard with one setting changed at a time.
+
+Here: `TRIALS`, their prices before they are paid, and the row of figures that one leaves. Not here: what the rows say
+together (`front.py`). Rows hold plain values, so that they can be kept and travel between processes.
+
+Every trial is judged by the same pixels of the measurement, which it did not see: two hundredths, drawn before the
+trial begins and besides those that the reconstruction holds out for itself. So trials with and without a truth, with
+and without held-out pixels of their own, compare.
+"""
+
+import math
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from gs2ci.core.errors import InputError
+from gs2ci.core.records import F32, Shot
+from gs2ci.core.storage import read_shot
+from gs2ci.evaluate.metrics import psnr_per_view, ssim_per_view
+from gs2ci.evaluate.tradeoff.shrinking import enlarged, shrunk
+from gs2ci.evaluate.trajectory import trajectory_errors
+from gs2ci.reconstruct.costs import CostModel
+from gs2ci.reconstruct.decode.gap_tv import gap_tv
+from gs2ci.reconstruct.fit.stopping import Jury, choose_heldout
+from gs2ci.reconstruct.pipeline import Settings, reconstruct
+from gs2ci.reconstruct.presets import PRESETS, rescheduled
+
+Row = dict[str, Any]
+
+BASELINE: Final = "standard"
+JUDGED_SHARE: Final = 0.02
+# Keeps the judges apart from the pixels that a run of the same seed holds out itself.
+_JUDGES: Final = 0x7D0FF
+_RMS_FLOOR: Final = 1e-5  # of full scale: 100 dB, as for images
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One way to treat a shot.
+
+    Args:
+        name: In tables.
+        knob: Which setting differs from the standard; "preset" for the ladder.
+        settings: Of every stage.
+        fits: Whether a scene is fitted; otherwise the decode is all.
+        shrink: The resolution is divided by this.
+    """
+
+    name: str
+    knob: str
+    settings: Settings
+    fits: bool = True
+    shrink: int = 1
+
+
+def _trials() -> dict[str, Trial]:
+    base = PRESETS[BASELINE]
+    found = [Trial("decode", "preset", base, fits=False)]
+    found += [Trial(name, "preset", settings) for name, settings in PRESETS.items()]
+    found.append(Trial("half the resolution", "resolution", base, shrink=2))
+    for iterations in (100, 250, 500, 2000):
+        changed = replace(base, fit=rescheduled(base.fit, iterations))
+        found.append(Trial(f"{iterations} iterations", "iterations", changed))
+    for share in (0.1, 0.2, 0.8):
+        changed = replace(base, fit=replace(base.fit, gaussians_per_pixel=share))
+        found.append(Trial(f"{share:g} Gaussians per pixel", "population", changed))
+    for stride in (2, 5):
+        found.append(Trial(f"first Gaussians every {stride} px", "start", replace(base, stride_px=stride)))
+    for steps in (10, 160):
+        changed = replace(base, decode=replace(base.decode, iterations=steps))
+        found.append(Trial(f"{steps} decode steps", "decode steps", changed))
+    for planes in (24, 192):
+        geometry = replace(base.geometry, sweep=replace(base.geometry.sweep, planes=planes))
+        found.append(Trial(f"{planes} depth planes", "depth planes", replace(base, geometry=geometry)))
+    return {trial.name: trial for trial in found}
+
+
+TRIALS: Final = _trials()
+KNOBS: Final = tuple(dict.fromkeys(trial.knob for trial in TRIALS.values()))
+
+
+def chosen_trials(knobs: tuple[str, ...]) -> list[Trial]:
+    """Return the trials of some knobs, in order; the baseline is always among them.
+
+    Raises:
+        InputError: There is no such knob.
+    """
+    unknown = [knob for knob in knobs if knob not in KNOBS]
+    if unknown:
+        raise InputError(f"no knob {unknown[0]!r}", allowed=", ".join(KNOBS))
+    return [trial for trial in TRIALS.values() if trial.knob in knobs or trial.name == BASELINE]
+
+
+def predicted_seconds(trial: Trial, model: CostModel) -> float:
+    """Predict what a trial takes by the unit costs of its shot; held-out pixels may end it earlier."""
+    cost = model.predict(trial.settings)
+    # A smaller image has fewer pixels and fewer Gaussians.
+    return (cost.total if trial.fits else cost.decode) / trial.shrink**2
+
+
+def run_trial(file: str, index: int, trial: str, seed: int) -> Row:
+    """Try one way on a shot of a file; the arguments are plain values, so that the call can be kept and sent.
+
+    Raises:
+        Gs2ciError: The file cannot be read, there is no such trial, or the shot cannot be treated that way.
+    """
+    if trial not in TRIALS:
+        raise InputError(f"no trial {trial!r}", allowed=", ".join(TRIALS))
+    return tried(read_shot(Path(file), index), TRIALS[trial], seed)
+
+
+def tried(shot: Shot, trial: Trial, seed: int, clock: Callable[[], float] = time.monotonic) -> Row:
+    """Try one way on a shot; return what it took and how good it was, None where nothing tells.
+
+    `seconds` is all from the measurement to the views at full size. `heldout_db` is −20 lg of the root-mean-square
+    error of the predicted measurement on pixels that the trial did not see, in full scales of one view: it cannot rise
+    above the measurement's own noise.
+    """
+    jury = Jury(shot, choose_heldout(shot, JUDGED_SHARE, seed ^ _JUDGES))
+    began_s = clock()
+    views, details = _treated(jury.seen, trial, seed)
+    seconds = clock() - began_s
+    rms, truth = jury.residual_rms(views), shot.truth.views
+    return {
+        "trial": trial.name,
+        "knob": trial.knob,
+        "seconds": seconds,
+        "psnr_db": None if truth is None else float(np.mean(psnr_per_view(views, truth))),
+        "ssim": None if truth is None else float(np.mean(ssim_per_view(views, truth))),
+        "heldout_db": None if rms is None or math.isinf(rms) else -20 * math.log10(max(rms, _RMS_FLOOR)),
+        **details,
+    }
+
+
+def _treated(shot: Shot, trial: Trial, seed: int) -> tuple[F32, Row]:
+    """Return the views, [N, H, W, C], and what else is worth knowing."""
+    settings = replace(trial.settings, seed=seed)
+    small = shot if trial.shrink == 1 else shrunk(shot, trial.shrink)
+    details: Row
+    if not trial.fits:
+        views, details = gap_tv(small, settings.decode), {"iterations": 0, "gaussians": 0, "nate": None}
+    else:
+        result = reconstruct(small, settings).result
+        truth = shot.truth.world_to_camera
+        views = result.views
+        details = {
+            "iterations": result.curve[-1].iteration if result.curve else 0,
+            "gaussians": result.gaussians,
+            "nate": None if truth is None else trajectory_errors(result.world_to_camera, truth).nate,
+            "verdict": result.verdict,
+            "stopped_because": result.stopped_because,
+        }
+    return views if trial.shrink == 1 else enlarged(views, trial.shrink, shot.size), details

@@ -1,0 +1,141 @@
+"""How many iterations a fit has: a number given beforehand, or as many as fit before a moment in time.
+
+Here: the two paces. Not here: the loop that keeps to them (`coarse.py`), nor where a deadline comes from
+(`gs2ci.reconstruct.budget`). For `gs2ci.reconstruct`.
+"""
+
+import time
+from collections.abc import Callable
+from typing import Final, Protocol
+
+import numpy as np
+
+# Seconds of an iteration, by the share of the schedule that is done.
+Costs = Callable[[float], float]
+
+# After the last look all that follows takes about as long as this many: views refined by the pixels that were seen,
+# then by all of them, the scene rendered for views and for depth.
+LOOKS_AFTERWARDS: Final = 3
+_REVIEW_EVERY: Final = 10
+# The latest iterations know the machine's load, all before them are the surer mean.
+_TRUST_IN_THE_LATEST: Final = 0.5
+_SAMPLES: Final = (np.arange(16) + 0.5) / 16
+
+
+class Pace(Protocol):
+    """Tells the fit how long its schedule is."""
+
+    def total(self, done: int) -> int:
+        """Return how many iterations the schedule has now that `done` are done; no more than these: stop."""
+        ...
+
+    def looked(self, seconds: float) -> None:
+        """Take note of how long a look at the held-out pixels took."""
+        ...
+
+    def ending(self, done: int) -> str:
+        """Say why the fit ended when its schedule did."""
+        ...
+
+
+class Fixed:
+    """A number of iterations, whatever they take: the same seed gives the same result."""
+
+    def __init__(self, iterations: int) -> None:
+        self._iterations = iterations
+
+    def total(self, done: int) -> int:
+        """Return the number given."""
+        return self._iterations
+
+    def looked(self, seconds: float) -> None:
+        """Ignore."""
+
+    def ending(self, done: int) -> str:
+        """Say that all are done."""
+        return f"all {done} iterations done"
+
+
+class Deadline:
+    """As many iterations as fit before a moment; their number follows the speed that the fit turns out to have.
+
+    The schedule is stretched and shortened as a whole: step sizes and densification follow the share of it that is
+    done, so that a fit which ends by the clock has been through all of it. The result then depends on the machine.
+
+    Args:
+        most: Never more iterations than these.
+        until_s: When the views must have been handed over, on `clock`.
+        costs: Expected seconds of an iteration without looks; only the shape counts once the fit runs.
+        look_s: Expected seconds of a look.
+        look_every: Iterations between looks.
+        clock: The time in seconds; never decreases.
+    """
+
+    def __init__(
+        self,
+        most: int,
+        until_s: float,
+        costs: Costs,
+        look_s: float,
+        look_every: int,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self._most = most
+        self._until_s = until_s
+        self._costs = costs
+        self._look_s = look_s
+        self._look_every = look_every
+        self._clock = clock
+        self._looks = 0
+        self._slowness = 1.0
+        self._reviewed = 0
+        self._reviewed_s = 0.0
+        self._looking_s = 0.0
+        self._total = most
+
+    def total(self, done: int) -> int:
+        """Return the length of the schedule by what is known now; `done` if another iteration would be too late."""
+        now_s = self._clock()
+        if done == 0:
+            self._reviewed_s = now_s
+            self._total = max(1, self._affordable(0, now_s))
+        elif done - self._reviewed >= _REVIEW_EVERY or done >= self._total:
+            self._learn(done, now_s)
+            self._total = self._affordable(done, now_s)
+        return self._total
+
+    def looked(self, seconds: float) -> None:
+        """Take note of how long a look took: the first expectation gives way to the mean of the latest three."""
+        self._looks += 1
+        self._looking_s += seconds
+        self._look_s += (seconds - self._look_s) / min(self._looks, 3)
+
+    def ending(self, done: int) -> str:
+        """Say whether the schedule or the time came to its end."""
+        return f"all {done} iterations done" if done >= self._most else f"the time was up after {done} iterations"
+
+    def _learn(self, done: int, now_s: float) -> None:
+        took_s = max(0.0, now_s - self._reviewed_s - self._looking_s)
+        expected_s = self._expected_s(self._reviewed, done, max(done, self._total))
+        if expected_s > 0:
+            trust = 1.0 if self._reviewed == 0 else _TRUST_IN_THE_LATEST
+            self._slowness += trust * (took_s / expected_s - self._slowness)
+        self._reviewed, self._reviewed_s, self._looking_s = done, now_s, 0.0
+
+    def _affordable(self, done: int, now_s: float) -> int:
+        """Return the longest schedule, `done` at least, that ends in time."""
+        left_s = self._until_s - now_s - (LOOKS_AFTERWARDS + 1) * self._look_s
+        low, high = done, max(done, self._most)
+        while low < high:
+            total = (low + high + 1) // 2
+            looks = (total - done) // self._look_every
+            if self._slowness * self._expected_s(done, total, total) + looks * self._look_s <= left_s:
+                low = total
+            else:
+                high = total - 1
+        return low
+
+    def _expected_s(self, begin: int, end: int, total: int) -> float:
+        """Return what the iterations from `begin` to `end` of a schedule of `total` are expected to take."""
+        shares = (begin + (end - begin) * _SAMPLES) / max(total, 1)
+        return (end - begin) * float(np.mean([self._costs(float(share)) for share in shares]))

@@ -1,0 +1,83 @@
+"""The named settings: how far a reconstruction goes. Data alone; no stage asks for a preset's name.
+
+Here: what each preset sets, and how a schedule is made shorter or longer. Not here: what the settings mean (each
+stage's own file), nor which preset suits a number of seconds (`gs2ci.reconstruct.budget`). The commands,
+`gs2ci.evaluate` and `gs2ci.reconstruct.budget` import this file.
+"""
+
+from dataclasses import replace
+from typing import Final, Literal, get_args
+
+from gs2ci.core.errors import InputError
+from gs2ci.reconstruct.fit.coarse import CoarseSettings
+from gs2ci.reconstruct.fit.fine import FineSettings
+from gs2ci.reconstruct.fit.optimiser import StepSizes
+from gs2ci.reconstruct.fit.paper import paper_settings
+from gs2ci.reconstruct.pipeline import Settings
+
+PresetName = Literal["draft", "standard", "fine", "paper"]
+PRESET_NAMES: Final = get_args(PresetName)
+
+# The step sizes of `CoarseSettings` are those of a schedule of so many iterations.
+_NATURAL_ITERATIONS: Final = 1000
+# Adam's step of a shorter schedule has to cover more: with steps as they are, 200 iterations reach 27.4 dB on one
+# scene, doubled 28.6. Beyond three the fit begins to scatter.
+_LARGEST_STRIDE: Final = 3.0
+_STRETCHED: Final = ("log_scales", "quaternions", "opacity_logits", "colours")
+
+
+def rescheduled(fit: CoarseSettings, iterations: int) -> CoarseSettings:
+    """Return the same fit on a schedule of another length.
+
+    Looks, turns of the density rule and patience keep their places in the schedule within sensible bounds; the steps
+    of what the Gaussians look like grow as the square root of what the schedule lacks of its natural length.
+    """
+    stride = min(_LARGEST_STRIDE, max(1.0, (_NATURAL_ITERATIONS / iterations) ** 0.5))
+    natural = StepSizes()
+    steps = replace(fit.steps, **{name: getattr(natural, name) * stride for name in _STRETCHED})
+    return replace(
+        fit,
+        iterations=iterations,
+        densify_every=min(100, max(10, iterations // 8)),
+        steps=steps,
+        hold_out=replace(fit.hold_out, look_every=min(50, max(10, iterations // 8))),
+    )
+
+
+def _draft() -> Settings:
+    """A first look: fewer decode steps and planes, a fifth of the iterations, half of the Gaussians."""
+    base = Settings()
+    return replace(
+        base,
+        decode=replace(base.decode, iterations=20),
+        geometry=replace(base.geometry, sweep=replace(base.geometry.sweep, planes=48)),
+        fit=rescheduled(replace(base.fit, gaussians_per_pixel=0.2), 200),
+    )
+
+
+def _fine() -> Settings:
+    """The best known: more Gaussians from the first iteration on, a longer schedule, more patience; the fine stage."""
+    base = Settings()
+    patient = replace(base.fit.hold_out, patience=400, growth_patience=100)
+    fit = replace(base.fit, iterations=3000, gaussians_per_pixel=0.8, hold_out=patient)
+    return replace(base, stride_px=2, fit=fit, fine=FineSettings())
+
+
+# The one place that says what a name means.
+PRESETS: Final[dict[PresetName, Settings]] = {
+    "draft": _draft(),
+    "standard": Settings(),
+    "fine": _fine(),
+    "paper": paper_settings(),
+}
+
+
+def preset(name: PresetName) -> Settings:
+    """Return the settings of a preset.
+
+    Raises:
+        InputError: There is none of that name.
+    """
+    if name not in PRESETS:
+        raise InputError(f"no preset {name!r}", allowed=", ".join(PRESETS))
+    return PRESETS[name]

@@ -1,0 +1,163 @@
+"""The calibration bundle that a capture uses: found, checked against the bench, and turned into what a shot file holds.
+
+Here: `load` (which bundle, does it fit, a probe of one mask) and `Calibrated`, which `recording` writes. Not here:
+measuring (`gs2ci_calibration`), the file's layout (`gs2ci.core.storage`). `recording` and commands import this file.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gs2ci.core.progress import Progress, Silent
+from gs2ci.rig.calibrating import TerminalOperator, bench_of, provenance_of
+from gs2ci.rig.opening import Rig
+from gs2ci_calibration.bundle import Bundle, read_bundle
+from gs2ci_calibration.fitting import STEP, fit
+from gs2ci_calibration.frames import Dark
+from gs2ci_calibration.probe import Probe, probe_mask
+from gs2ci_drivers.acquisition import Devices
+
+F32 = NDArray[np.float32]
+F64 = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Calibrated:
+    """A bundle that fits the bench.
+
+    Args:
+        bundle: It; it has masks.
+        notes: What is worth knowing about its fit.
+        probe: What one mask looked like just now, or None where nobody looked.
+    """
+
+    bundle: Bundle
+    notes: tuple[str, ...]
+    probe: Probe | None = None
+
+    @property
+    def masks(self) -> F32:
+        """Get the transmissions in the order shown, [N, H, W] in [0, 1]; 0 where they are not known."""
+        masks = np.clip(self.bundle.sections["masks"].array("masks"), 0.0, 1.0)
+        return np.where(self._known, masks, 0.0).astype(np.float32)
+
+    @property
+    def weights(self) -> F32 | None:
+        """Get the share of each mask's time that is exposed, [N], where it was measured: by light, else by `timing`."""
+        section, timing = self.bundle.sections["masks"], self.bundle.sections.get("timing")
+        by_light = section.facts.get("weights", "measured") == "measured"
+        same_time = timing is not None and timing.facts.get("mask_s") == section.facts.get("mask_s")
+        if timing is not None and same_time and not by_light and "weights" in timing.estimates:
+            section = timing
+        return section.array("weights").astype(np.float32) if "weights" in section.estimates else None
+
+    @property
+    def unusable(self) -> NDArray[np.bool_]:
+        """Get the pixels of which readings mean nothing: dead, hot, or without a known mask, [H, W]."""
+        dark = self._dark
+        bad = ~self._known
+        return bad if dark is None else bad | ~dark.good
+
+    @property
+    def per_pixel(self) -> bool:
+        """Get whether dark and sensitivity are known for each pixel."""
+        return self._dark is not None
+
+    @property
+    def saturation_dn(self) -> float | None:
+        """Get the reading at which pixels may be clipped, by the photon transfer curve, where it was taken."""
+        if "sensor" not in self.bundle:
+            return None
+        section = self.bundle.sections["sensor"]
+        # Read noise scatters clipped pixels round their mean reading: four deviations catch all but one in 30 000.
+        noise_dn = section.number("read_noise_e") / section.number("gain_e_per_dn")
+        return section.number("saturation_dn") - 4 * noise_dn
+
+    @property
+    def intrinsics(self) -> F64 | None:
+        """Get the camera matrix, [3, 3], where it was measured."""
+        return self.bundle.sections["camera"].array("intrinsics") if "camera" in self.bundle else None
+
+    def arrays(self, exposure_s: float, *, mosaic: bool) -> dict[str, NDArray[Any]]:
+        """Return what else a shot file keeps of a calibration, by its keys there.
+
+        Args:
+            exposure_s: Of the capture: the dark reading grows with it.
+            mosaic: Whether pixels stand behind a colour filter array: each colour's sensitivity then has a mean of 1.
+        """
+        found: dict[str, NDArray[Any]] = {"masks/contrast": self.bundle.sections["masks"].array("contrast")}
+        dark = self._dark
+        if dark is not None:
+            found["calib/dark"] = dark.at(exposure_s)
+            found["calib/flat"] = self._flat(dark, mosaic=mosaic)
+        if "registration" in self.bundle:
+            found["calib/affine"] = self.bundle.sections["registration"].array("sensor_from_modulator")
+        return found
+
+    def record(self) -> dict[str, Any]:
+        """Return what it was, for the shot file's events."""
+        told: dict[str, Any] = {
+            "bundle": str(self.bundle.path),
+            "created_utc": self.bundle.created_utc,
+            "sections": {name: section.measured_utc for name, section in self.bundle.sections.items()},
+            "notes": list(self.notes),
+        }
+        if self.probe is not None:
+            told["probe"] = {"difference": self.probe.difference, "shift_px": list(self.probe.shift_px)}
+        return told
+
+    @property
+    def _dark(self) -> Dark | None:
+        return Dark.of(self.bundle.sections["dark-flat"]) if "dark-flat" in self.bundle else None
+
+    @property
+    def _known(self) -> NDArray[np.bool_]:
+        section = self.bundle.sections["masks"]
+        shape = section.array("masks").shape[1:]
+        return section.arrays["valid"] > 0 if "valid" in section.arrays else np.ones(shape, np.bool_)
+
+    def _flat(self, dark: Dark, *, mosaic: bool) -> F64:
+        flat = self.bundle.sections["dark-flat"].array("response").astype(np.float64)
+        if mosaic:
+            for row, column in np.ndindex(2, 2):
+                phase = np.s_[row::2, column::2]
+                flat[phase] /= flat[phase][~dark.dead[phase]].mean()
+        return np.where(dark.dead, 1.0, flat)
+
+
+def load(
+    rig: Rig, devices: Devices, path: Path | None, *, probe: bool = True, progress: Progress | None = None
+) -> Calibrated | None:
+    """Read the bundle of a rig, see that it still fits the bench, and look at one mask.
+
+    Args:
+        rig: The rig; its [calibration] `bundle` names one beside the rig file.
+        devices: Its open devices.
+        path: Another bundle; None takes the rig's.
+        probe: Whether to show one mask and look; else nothing is uploaded.
+        progress: Hears about it.
+
+    Returns:
+        The bundle, or None where the rig names none.
+
+    Raises:
+        CalibrationError: It has no masks, does not fit, or a mask is not as it says.
+        DriverError: A device failed.
+        StorageError: It cannot be read.
+    """
+    table = rig.table.calibration
+    if path is None and not table.bundle:
+        return None
+    progress = progress or Silent()
+    bundle = read_bundle(path or rig.folder / table.bundle)
+    masks = bundle.need("masks", STEP)
+    bench = bench_of(rig, devices, TerminalOperator(progress.say))
+    found = fit(bundle, bench, provenance_of(rig, devices), table.max_age_days)
+    found.require(bundle)
+    for note in found.notes:
+        progress.say(note)
+    seen = probe_mask(bench, masks).require() if probe else None
+    return Calibrated(bundle, found.notes, seen)

@@ -1,0 +1,152 @@
+"""A rig as calibration sees it: its devices, and somebody who sets things up before the camera.
+
+Here: the bench of a rig file, the simulated operator and the one at the terminal, the bundle's provenance. Not here:
+the procedures (`gs2ci_calibration`), the truth of a simulated bench (`truth`). Commands and tests import this file.
+"""
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gs2ci.core.errors import InputError
+from gs2ci.core.progress import Progress, Silent
+from gs2ci.rig.config import CalibrationTable, RigTable, WorldTable
+from gs2ci.rig.intent import intended
+from gs2ci.rig.opening import Rig
+from gs2ci.rig.patterns import on_modulator, origin
+from gs2ci.rig.simulated import SimulatedBench
+from gs2ci_calibration.bench import Bench, BoardSpec, Operator, Options, Patterns, Setup
+from gs2ci_calibration.bundle import Provenance
+from gs2ci_drivers.acquisition import Devices
+from gs2ci_sims.bench_light import BenchLight
+from gs2ci_sims.targets import BoardPlane
+
+REQUESTS = {
+    Setup.DARK: "put the lens cap on",
+    Setup.FLAT: "take the lens cap off and let an evenly lit field fill the view (opal glass, or a white screen "
+    "far out of focus)",
+    Setup.BOARD: "hold the ChArUco board before the camera: picture {number}, tilted another way, filling the view",
+    Setup.SCENE: "let the camera look at a textured scene at rest",
+}
+
+
+class TerminalOperator:
+    """A person who is told what to set up and says when it is done.
+
+    Args:
+        ask: Shows a request and returns when it was confirmed.
+    """
+
+    def __init__(self, ask: Callable[[str], object]) -> None:
+        self._ask = ask
+        self._now: tuple[Setup, int] | None = None
+
+    def please(self, setup: Setup, index: int) -> None:
+        """Ask, unless it is set up already."""
+        if self._now != (setup, index):
+            self._ask(REQUESTS[setup].format(number=index + 1))
+            self._now = (setup, index)
+
+
+class SimulatedOperator:
+    """Puts things before the camera of a simulated bench.
+
+    Args:
+        bench: Whose world.
+        table: The rig's [world].
+        board: The board that it has at hand.
+    """
+
+    def __init__(self, bench: SimulatedBench, table: WorldTable, board: BoardSpec) -> None:
+        light = bench.world.light
+        if not isinstance(light, BenchLight):
+            raise InputError("this simulated bench has no light to calibrate by", remedy="build it from a rig file")
+        self._light = light
+        self._table = table
+        unit = table.scene_units_per_mm
+        self._board = BoardPlane(
+            board.columns, board.rows, board.square_mm * unit, board.marker_mm * unit, board.dictionary
+        )
+
+    def please(self, setup: Setup, index: int) -> None:
+        """Set up what is asked for, or what [world] `always` says instead."""
+        match Setup(self._table.always or setup):
+            case Setup.DARK:
+                self._light.look_at_nothing()
+            case Setup.FLAT:
+                self._light.look_at_even_light(self._table.flat_radiance)
+            case Setup.BOARD:
+                self._light.look_at_board(self._board, index)
+            case Setup.SCENE:
+                self._light.look_at_scene()
+
+
+def operator_of(rig: Rig, ask: Callable[[str], object]) -> Operator:
+    """Return who sets things up on this rig."""
+    if rig.bench is None:
+        return TerminalOperator(ask)
+    return SimulatedOperator(rig.bench, rig.table.world or WorldTable(), board_of(rig.table.calibration))
+
+
+def board_of(table: CalibrationTable) -> BoardSpec:
+    """Return the board of a rig file."""
+    return BoardSpec(**table.board.model_dump())
+
+
+def bench_of(
+    rig: Rig, devices: Devices, operator: Operator, *, fast: bool = False, progress: Progress | None = None
+) -> Bench:
+    """Connect and return the bench of a rig file; nothing moves and nothing is uploaded.
+
+    Raises:
+        DriverError: A device does not answer.
+        InputError: The masks do not fit on the modulator.
+    """
+    codes, capture, config = intended(rig, devices)
+    modulator = devices.modulator.connect()
+    size = (modulator.height, modulator.width)
+
+    def lay_out(drawn: NDArray[np.uint16]) -> Patterns:
+        return on_modulator(drawn, rig.table.registration, size)
+
+    return Bench(
+        devices=devices,
+        operator=operator,
+        config=config,
+        capture=capture,
+        codes=codes,
+        lay_out=lay_out,
+        options=_options(rig.table, codes.shape[1:], size, fast=fast),
+        progress=progress or Silent(),
+    )
+
+
+def _options(table: RigTable, codes: tuple[int, ...], modulator: tuple[int, int], *, fast: bool) -> Options:
+    row, column = origin(table.registration, (codes[0], codes[1]), modulator)
+    wanted = table.calibration
+    return Options(
+        frames=wanted.frames,
+        mask_frames=wanted.mask_frames,
+        mask_accuracy=wanted.mask_accuracy,
+        orientation=wanted.orientation,
+        fast=fast,
+        board=board_of(wanted),
+        board_views=wanted.board_views,
+        superpixel=table.registration.superpixel,
+        row=row,
+        column=column,
+    )
+
+
+def provenance_of(rig: Rig, devices: Devices) -> Provenance:
+    """Return which bench this is: the rig file, and who the devices say that they are."""
+    modulator, sensor = devices.modulator.connect(), devices.sensor.connect()
+    named = {
+        "modulator": (modulator.model, modulator.serial, modulator.firmware),
+        "sensor": (sensor.model, sensor.serial, sensor.driver),
+    }
+    if devices.stage is not None:
+        stage = devices.stage.connect()
+        named["stage"] = (stage.model, stage.serial, stage.firmware)
+    return Provenance(rig.text, named, rig.bench is not None, rig.table.calibration.temperature_c)

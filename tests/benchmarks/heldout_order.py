@@ -1,0 +1,61 @@
+"""Do held-out pixels of the measurement order reconstructions as the truth does? Counted on many scenes.
+
+Each case is treated in the same ways, from the decode alone to the longest schedule; each result is judged by pixels of
+the measurement that it did not see, and by the true views. Printed are, per case, the rank correlation (Kendall's tau)
+of both judgements and what is lost by taking the result that the held-out pixels prefer. The cases are scenes of the
+simulator's library, exposed by its light path, and the files of `GS2CI_SHARED_DATA` where that is set. Finished results
+are kept in `runs/heldout_order`.
+"""
+
+import os
+import statistics
+from dataclasses import asdict
+from pathlib import Path
+
+from gs2ci.bench.cases import Case
+from gs2ci.bench.cells import Cell
+from gs2ci.bench.store import Row, Store
+from gs2ci.bench.tables import file_cases, simulated_cases
+from gs2ci.bench.workers import complete
+from gs2ci.evaluate.tradeoff.front import agreement
+from gs2ci.evaluate.tradeoff.trials import TRIALS, tried
+
+NAMES = (
+    "decode",
+    "half the resolution",
+    "100 iterations",
+    "250 iterations",
+    "draft",
+    "0.1 Gaussians per pixel",
+    "standard",
+)
+SIZE = (96, 128)
+KEPT = Path("runs/heldout_order")
+
+
+def tried_on_case(case: dict[str, object], trial: str, seed: int) -> Row:
+    """Treat a case in one way; the work of a cell."""
+    return tried(Case.of(case).shot(seed), TRIALS[trial], seed)
+
+
+def run() -> None:
+    cases = list(simulated_cases(SIZE))
+    shared = os.environ.get("GS2CI_SHARED_DATA")
+    cases += file_cases(Path(shared)) if shared else []
+    taus, regrets = [], []
+    print(f"{'case':24} {'tau':>6} {'lost, dB':>9} {'PSNR of all, dB':>18}")
+    for case in cases:
+        arguments = [{"case": asdict(case), "trial": name, "seed": 0} for name in NAMES]
+        files = (case.file,) if case.file else ()
+        cells = [Cell("tests.benchmarks.heldout_order:tried_on_case", one, files) for one in arguments]
+        rows = [row for row in complete(cells, Store(KEPT)) if "error" not in row]
+        found = agreement(rows)
+        if found is None or found.tau is None:
+            print(f"{case.name:24}   nothing to compare")
+            continue
+        truth = [row["psnr_db"] for row in rows]
+        print(f"{case.name:24} {found.tau:6.2f} {found.regret_db:9.2f} {min(truth):8.2f} … {max(truth):.2f}")
+        taus.append(found.tau)
+        regrets.append(found.regret_db)
+    if taus:
+        print(f"{'mean':24} {statistics.mean(taus):6.2f} {statistics.mean(regrets):9.2f}")

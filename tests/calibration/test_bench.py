@@ -1,0 +1,122 @@
+"""What a procedure sees of a bench, and the searches and checks that need one."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from gs2ci.core.errors import InputError
+from gs2ci.rig.calibrating import TerminalOperator
+from gs2ci.rig.config import RigTable
+from gs2ci.rig.random_benches import opened, random_table
+from gs2ci_calibration.bench import Setup
+from gs2ci_calibration.bundle import Bundle
+from gs2ci_calibration.drift import changes_since
+from gs2ci_calibration.exposing import find_exposure
+from gs2ci_calibration.frames import Dark
+from gs2ci_calibration.procedures import PROCEDURES
+from gs2ci_calibration.refusals import CalibrationError, Reason
+
+
+@pytest.fixture
+def bench():
+    with opened(random_table(7)) as (bench, _):
+        yield bench
+
+
+def dark_of(bench):
+    zero = np.zeros(bench.size)
+    return Dark(zero + 64, zero, zero > 0, zero > 0)
+
+
+def test_frames_come_pattern_by_pattern_and_pass_by_pass(bench):
+    bench.please(Setup.FLAT)
+    patterns = np.stack([bench.flat_pattern(is_open=is_open) for is_open in (False, True, False)])
+    stack = bench.grab(patterns, frames=2, exposure_s=2e-3)
+    assert stack.readings.shape == (3, 2, *bench.size)
+    means = stack.readings.mean(axis=(2, 3))
+    assert (means[1] > means[[0, 2]].max() + 50).all()
+    assert (np.diff(stack.time_s.T.ravel()) > 0).all()
+    assert stack.exposure_s == pytest.approx(2e-3, abs=1e-5)
+
+
+def test_one_exposure_spans_all_patterns(bench):
+    bench.please(Setup.FLAT)
+    patterns = np.stack([bench.flat_pattern(is_open=is_open) for is_open in (True, False, True, False)])
+    half = bench.expose(patterns, mask_s=1e-3, exposure_s=4e-3, frames=2).readings
+    whole = bench.expose(patterns[[0, 2]], mask_s=2e-3, exposure_s=4e-3, frames=2).readings
+    assert half.shape == (1, 2, *bench.size)
+    ratio = (half.mean() - 64) / (whole.mean() - 64)
+    assert ratio == pytest.approx(0.5, abs=0.05)
+
+
+def test_no_frames_and_no_patterns_are_refused(bench):
+    pattern = bench.flat_pattern(is_open=True)
+    for patterns, frames in ((pattern[None], 0), (pattern, 1), (pattern[None][:0], 1)):
+        with pytest.raises(InputError, match=r"patterns \[N, Hm, Wm\]"):
+            bench.grab(patterns, frames=frames, exposure_s=1e-3)
+
+
+def test_a_bench_without_a_stage_says_so(bench):
+    with pytest.raises(CalibrationError) as error:
+        bench.move({"x": 1.0})
+    assert error.value.reason is Reason.NO_STAGE
+
+
+@pytest.mark.parametrize("radiance", [0.05, 4.0])
+def test_an_exposure_is_found_that_fills_the_wanted_share(radiance):
+    world = random_table(8).world.model_dump() | {"flat_radiance": radiance}
+    with opened(RigTable.model_validate(random_table(8).model_dump() | {"world": world})) as (bench, truth):
+        bench.please(Setup.FLAT)
+        level = find_exposure(bench, "masks", dark_of(bench), 0.5)
+        end_dn = truth.full_well_e / truth.gain_e_per_dn
+        reached = level.rate_dn_per_s * level.exposure_s / end_dn
+    assert 0.3 < reached < 0.7
+
+
+def test_a_person_is_asked_once_for_each_arrangement():
+    asked = []
+    operator = TerminalOperator(asked.append)
+    for setup, index in ((Setup.DARK, 0), (Setup.DARK, 0), (Setup.BOARD, 0), (Setup.BOARD, 1), (Setup.DARK, 0)):
+        operator.please(setup, index)
+    assert len(asked) == 4
+    assert "lens cap" in asked[0]
+    assert "picture 2" in asked[2]
+
+
+def test_drift_is_none_right_after_and_found_when_it_is_there():
+    def table(**world):
+        told = random_table(9).model_dump()
+        return RigTable.model_validate({**told, "world": {**told["world"], **world}})
+
+    with opened(table()) as (bench, _):
+        bundle = Bundle()
+        for step in ("dark-flat", "sensor"):
+            bundle = bundle.with_section(PROCEDURES[step](bench, bundle))
+        assert not [change.what for change in changes_since(bench, bundle) if change.too_far]
+    sensor = table().world.sensor
+    for change, what in (
+        ({"sensor": {**sensor.model_dump(), "electrons_per_dn": 1.2 * sensor.electrons_per_dn}}, "gain"),
+        ({"sensor": {**sensor.model_dump(), "black_level_dn": 70.0}}, "black level"),
+        ({"sensor": {**sensor.model_dump(), "read_noise_e": 2 * sensor.read_noise_e}}, "dark noise"),
+        ({"effects": {**table().world.effects, "prnu": {"spread": 0.06}}}, "response, rms over pixels"),
+    ):
+        with opened(table(**change)) as (bench, _):
+            assert what in [one.what for one in changes_since(bench, bundle) if one.too_far]
+
+
+def test_drift_is_not_judged_by_a_lamp_that_is_off():
+    with opened(random_table(10)) as (bench, _):
+        bundle = Bundle().with_section(PROCEDURES["dark-flat"](bench, Bundle()))
+        blind = replace(bench, operator=_AlwaysDark(bench.operator))
+        with pytest.raises(CalibrationError) as error:
+            changes_since(blind, bundle)
+    assert error.value.reason is Reason.NO_LIGHT
+
+
+class _AlwaysDark:
+    def __init__(self, operator):
+        self.operator = operator
+
+    def please(self, setup, index):
+        self.operator.please(Setup.DARK, index)

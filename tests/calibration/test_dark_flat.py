@@ -1,0 +1,146 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.stats import binom
+
+from gs2ci_calibration.dark_flat import estimate_dark, estimate_response
+from gs2ci_calibration.refusals import CalibrationError, Reason
+
+TOP_DN = 4095
+
+
+def refused(reason, action, *arguments):
+    with pytest.raises(CalibrationError) as error:
+        action(*arguments)
+    assert error.value.reason is reason, str(error.value)
+    return str(error.value)
+
+
+def test_standard_errors_of_maps_and_spreads_are_true_over_many_sensors(make_sensor):
+    hits = {"dsnu": [], "prnu": [], "noise": []}
+    shares = {"offset": [], "current": [], "response": []}
+    for seed in range(60):
+        sensor = make_sensor(seed)
+        found = estimate_dark(sensor.darks(), TOP_DN)
+        flat = estimate_response(sensor.frames(16, 0.1), 0.1, found)
+        for name, (value, error), true in (
+            ("dsnu", found.dsnu_dn, sensor.dsnu_dn),
+            ("prnu", flat.prnu, sensor.prnu),
+            ("noise", found.noise_rms_dn, sensor.noise_dn[0]),
+        ):
+            hits[name].append(abs(value - true) <= 2 * error)
+        response = sensor.response / sensor.response.mean()
+        for name, value, error, true in (
+            ("offset", found.dark.offset_dn, found.offset_error_dn, sensor.offset_dn),
+            ("current", found.dark.current_dn_per_s, found.current_error_dn_per_s, 8.0),
+            ("response", flat.response, flat.error, response),
+        ):
+            shares[name].append(np.mean(np.abs(value - true) <= 2 * error))
+    for name, found in hits.items():
+        assert sum(found) >= binom.ppf(0.001, len(found), 0.95), name
+    for name, found in shares.items():
+        assert 0.94 < np.mean(found) < 0.975, name
+
+
+def test_hot_pixels_are_found_and_others_are_not(make_sensor):
+    sensor = make_sensor(3)
+    current = np.full(sensor.shape, 20.0)
+    hot = np.zeros(sensor.shape, bool)
+    hot[2, 5] = hot[9, 1] = hot[15, 23] = True
+    current[hot] = (400.0, 3000.0, 60_000.0)
+    found = estimate_dark(sensor.darks(current_e_per_s=current), TOP_DN)
+    assert np.array_equal(found.dark.hot, hot)
+    # The hottest overflows in the long exposure and is read in the middle one.
+    assert found.dark.current_dn_per_s[15, 23] == pytest.approx(24_000, rel=0.02)
+
+
+def test_dead_pixels_are_flagged_and_have_a_response_that_can_be_divided_by(make_sensor):
+    sensor = make_sensor(4)
+    found = estimate_dark(sensor.darks(), TOP_DN)
+    flat = sensor.frames(16, 0.1)
+    flat[:, 3, 3] = 64.0
+    flat[:, 8, 2] = np.arange(16) % 2 + 30.0  # dark above signal
+    response = estimate_response(flat, 0.1, found)
+    assert np.argwhere(response.dead).tolist() == [[3, 3], [8, 2]]
+    assert response.response[3, 3] == 1.0
+    assert np.isfinite(response.error).all()
+
+
+def test_a_dead_row_is_refused_by_its_number(make_sensor):
+    sensor = make_sensor(5)
+    found = estimate_dark(sensor.darks(), TOP_DN)
+    flat = sensor.frames(16, 0.1)
+    flat[:, 7] = sensor.frames(16, 0.1, lit=False)[:, 7]
+    assert "row 7" in refused(Reason.DEAD_PIXELS, estimate_response, flat, 0.1, found)
+    flat = sensor.frames(16, 0.1)
+    flat[:, :, 11] = sensor.frames(16, 0.1, lit=False)[:, :, 11]
+    assert "column 11" in refused(Reason.DEAD_PIXELS, estimate_response, flat, 0.1, found)
+
+
+def test_a_single_frame_is_refused(make_sensor):
+    sensor = make_sensor(6)
+    darks = sensor.darks()
+    assert "1 frame" in refused(Reason.TOO_FEW_FRAMES, estimate_dark, replace(darks, short=darks.short[:1]), TOP_DN)
+    found = estimate_dark(darks, TOP_DN)
+    refused(Reason.TOO_FEW_FRAMES, estimate_response, sensor.frames(1, 0.1), 0.1, found)
+
+
+def test_frames_without_variance_are_refused(make_sensor):
+    sensor = make_sensor(7)
+    darks = sensor.darks()
+    still = np.repeat(darks.short[:1], 16, axis=0)
+    refused(Reason.NO_VARIANCE, estimate_dark, replace(darks, short=still), TOP_DN)
+
+
+def test_frames_that_are_not_numbers_are_refused(make_sensor):
+    darks = make_sensor(8).darks()
+    darks.long[3, 2, 1] = np.nan
+    refused(Reason.DEAD_PIXELS, estimate_dark, darks, TOP_DN)
+
+
+def test_dark_above_signal_is_refused_as_no_light(make_sensor):
+    sensor = make_sensor(9)
+    found = estimate_dark(sensor.darks(), TOP_DN)
+    refused(Reason.NO_LIGHT, estimate_response, sensor.frames(16, 0.1, lit=False) - 5, 0.1, found)
+
+
+def test_light_in_the_dark_frames_is_refused(make_sensor):
+    sensor = make_sensor(10)
+    darks = sensor.darks()
+    refused(Reason.NOT_DARK, estimate_dark, replace(darks, unshut=darks.unshut + 2), TOP_DN)
+    refused(Reason.NOT_DARK, estimate_dark, sensor.darks(current_e_per_s=6000.0), TOP_DN)
+
+
+def test_a_black_level_that_cuts_noise_off_is_refused(make_sensor):
+    refused(Reason.CLIPPED_AT_BLACK, estimate_dark, make_sensor(11, black_dn=0.0).darks(), TOP_DN)
+
+
+def test_a_sensor_full_of_hot_pixels_is_refused(make_sensor):
+    sensor = make_sensor(12)
+    current = np.where(np.random.default_rng(0).random(sensor.shape) < 0.1, 2000.0, 20.0)
+    refused(Reason.DEAD_PIXELS, estimate_dark, sensor.darks(current_e_per_s=current), TOP_DN)
+
+
+def test_a_flickering_lamp_is_refused_and_a_steady_one_is_not(make_sensor):
+    sensor = make_sensor(13)
+    found = estimate_dark(sensor.darks(), TOP_DN)
+    assert estimate_response(sensor.frames(16, 0.1), 0.1, found).flicker < 0.003
+    shaky = make_sensor(13, flicker=0.02)
+    assert "%" in refused(Reason.LAMP_FLICKERS, estimate_response, shaky.frames(16, 0.1), 0.1, found)
+
+
+def test_flicker_within_bounds_does_not_reach_the_response(make_sensor):
+    steady, shaky = make_sensor(14), make_sensor(14, flicker=0.004)
+    found = estimate_dark(steady.darks(), TOP_DN)
+    response = estimate_response(shaky.frames(16, 0.1), 0.1, found)
+    true = shaky.response / shaky.response.mean()
+    assert np.mean(np.abs(response.response - true) <= 2 * response.error) > 0.92
+
+
+def test_an_uneven_field_is_refused(make_sensor):
+    sensor = make_sensor(15)
+    found = estimate_dark(sensor.darks(), TOP_DN)
+    slope = np.linspace(0.15, 1.85, sensor.shape[1])
+    flat = sensor.offset_dn + (sensor.frames(16, 0.1) - sensor.offset_dn) * slope
+    refused(Reason.UNEVEN, estimate_response, flat.astype(np.float32), 0.1, found)

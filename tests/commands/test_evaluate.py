@@ -1,0 +1,89 @@
+import json
+
+import numpy as np
+import pytest
+import torch
+
+from gs2ci.commands import evaluate
+from gs2ci.core.errors import InputError
+from gs2ci.core.records import Shot, Truth
+from gs2ci.core.run_records import VERDICTS, RunResult
+from gs2ci.core.storage import write_shots
+from gs2ci.evaluate.run_folder import write_run
+from gs2ci.render.gaussians import Gaussians
+
+SIZE = (12, 16)
+
+
+@pytest.fixture
+def finished(tmp_path):
+    """A shot file and the run folder of a grey wall that was recovered nearly right."""
+    grey = np.full((2, *SIZE, 3), 0.5, np.float32)
+    masks = np.ones((2, *SIZE), np.float32)
+    poses = np.tile(np.eye(4), (2, 1, 1))
+    poses[1, 0, 3] = 0.1
+    shot = Shot(2 * grey[0], masks, np.ones(2, np.float32), truth=Truth(grey, poses))
+    result = RunResult(
+        views=grey + np.float32(0.01), scene_views=grey, depth=grey[..., 0], world_to_camera=poses,
+        intrinsics=np.array([[20.0, 0, 8], [0, 20, 6], [0, 0, 1]]), decode=grey, predicted_measurement=2 * grey[0],
+        curve=(), stopped_because="it was done", seconds=dict.fromkeys(("total", "decode", "geometry", "fit"), 1.0),
+        gaussians=1, notes=(), settings={}, seed=0, verdict="refined", heldout_rms=dict.fromkeys(VERDICTS),
+    )  # fmt: skip
+    one = torch.zeros(1, 3)
+    scene = Gaussians(one + torch.tensor([0, 0, 1.0]), one, torch.tensor([[1.0, 0, 0, 0]]), torch.zeros(1), one)
+    return write_shots(tmp_path / "shot.h5", [shot]), write_run(tmp_path / "run", shot, result, scene)
+
+
+def test_all_figures_are_printed_and_written(finished, tmp_path, capsys):
+    shot, folder = finished
+    np.save(tmp_path / "depth.npy", np.full((2, *SIZE), 3.0))
+    np.savez(tmp_path / "novel.npz", views=np.zeros((1, *SIZE, 3)), world_to_camera=np.eye(4)[None])
+    written = evaluate.run(
+        folder, shot, depth=tmp_path / "depth.npy", novel=tmp_path / "novel.npz", read_noise=0.02, electrons=1e9
+    )
+    assert written == folder / "evaluation.json"
+    found = json.loads(written.read_text())
+    assert found["psnr_db"]["mean"] == pytest.approx(40, abs=0.01)
+    assert found["residual"]["chi2_per_pixel"] == pytest.approx(1, abs=0.01)
+    said = capsys.readouterr().out
+    for name in ("PSNR", "SSIM", "nATE", "RPE, rotation", "depth", "χ² per pixel", "novel views PSNR"):
+        assert name in said
+
+
+def test_the_result_goes_where_it_is_asked_to(finished, tmp_path):
+    shot, folder = finished
+    assert evaluate.run(folder, shot, tmp_path / "other.json") == tmp_path / "other.json"
+    assert not (folder / "evaluation.json").exists()
+
+
+@pytest.mark.parametrize("content", [b"", b"no numbers", None])
+def test_depth_that_cannot_be_read_is_refused(finished, tmp_path, content):
+    shot, folder = finished
+    path = tmp_path / "depth.npy"
+    if content is None:
+        np.save(path, np.zeros(3))
+    else:
+        path.write_bytes(content)
+    with pytest.raises(InputError, match="depth"):
+        evaluate.run(folder, shot, depth=path)
+
+
+def test_a_perceptual_model_that_is_not_there_is_refused(finished, tmp_path):
+    shot, folder = finished
+    with pytest.raises(InputError, match=r"absent\.onnx"):
+        evaluate.run(folder, shot, lpips=str(tmp_path / "absent.onnx"))
+
+
+def test_a_perceptual_distance_is_printed_beside_the_others(finished, monkeypatch, capsys):
+    shot, folder = finished
+    asked = []
+
+    def load(name):
+        asked.append(name)
+        return lambda image, target: (image - target).abs().mean()
+
+    monkeypatch.setattr(evaluate, "load_distance", load)
+    evaluate.run(folder, shot, lpips="lpips")
+    evaluate.run(folder, shot, lpips="mine.onnx")
+    assert asked == ["lpips", "lpips:mine.onnx"]
+    assert "LPIPS" in capsys.readouterr().out

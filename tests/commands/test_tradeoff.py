@@ -1,0 +1,60 @@
+import numpy as np
+import pytest
+
+from gs2ci.commands import tradeoff
+from gs2ci.core.errors import InputError
+from gs2ci.core.records import Shot
+from gs2ci.core.storage import write_shots
+from gs2ci.evaluate.tradeoff import trials
+from gs2ci.reconstruct.costs import CostModel
+
+MODEL = CostModel(90_000, 8, decode_step=0.01, geometry=1.0, plane=0.01, iteration=0.05, gaussian=1e-6, look=0.2)
+
+
+@pytest.fixture
+def measured(tmp_path):
+    shot = Shot(np.ones((8, 8, 1), np.float32), np.ones((2, 8, 8), np.float32), np.ones(2, np.float32))
+    return write_shots(tmp_path / "shot.h5", [shot])
+
+
+@pytest.fixture
+def tried(monkeypatch):
+    """Trials that take no time, and the names of those that were tried."""
+    names = []
+
+    def instead(shot, trial, seed):
+        names.append(trial.name)
+        figures = {"psnr_db": 20.0 + len(names), "ssim": 0.5, "heldout_db": 15.0, "nate": None}
+        return {"trial": trial.name, "knob": trial.knob, "seconds": 1.0 * len(names), **figures,
+                "iterations": 1, "gaussians": 1}  # fmt: skip
+
+    monkeypatch.setattr(trials, "tried", instead)
+    monkeypatch.setattr(tradeoff, "probe", lambda shot: MODEL)
+    return names
+
+
+def test_the_ladder_is_tried_written_and_said(measured, tried, tmp_path, capsys):
+    pages = tradeoff.run(measured, tmp_path / "out", knobs=("preset",), most="10h")
+    assert [page.name for page in pages] == ["tradeoff.csv", "tradeoff.png", "tradeoff.md"]
+    assert tried == ["decode", "draft", "standard", "fine", "paper"]
+    assert "next decibel" in capsys.readouterr().out.replace("\n", " ")
+
+
+def test_what_would_take_too_long_is_left_out_and_said(measured, tried, tmp_path):
+    pages = tradeoff.run(measured, tmp_path / "out", knobs=("preset",), most="3min")
+    assert "paper" not in tried
+    assert "paper was left out" in pages[2].read_text()
+
+
+def test_finished_trials_are_not_tried_again_unless_asked(measured, tried, tmp_path):
+    for fresh, count in ((False, 5), (False, 5), (True, 10)):
+        tradeoff.run(measured, tmp_path / "out", knobs=("preset",), most="10h", fresh=fresh)
+        assert len(tried) == count
+
+
+def test_a_limit_that_nothing_meets_and_an_unknown_knob_are_refused(measured, tried, tmp_path):
+    with pytest.raises(InputError, match="nothing can be tried"):
+        tradeoff.run(measured, tmp_path / "out", most="0.01s")
+    with pytest.raises(InputError, match="no knob"):
+        tradeoff.run(measured, tmp_path / "out", knobs=("luck",))
+    assert not (tmp_path / "out").exists()

@@ -1,0 +1,102 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from gs2ci.core.errors import InputError
+from gs2ci.core.records import Truth
+from gs2ci.core.storage import write_shots
+from gs2ci.evaluate.tradeoff import trials
+from gs2ci.evaluate.tradeoff.trials import BASELINE, KNOBS, TRIALS, chosen_trials, predicted_seconds, run_trial, tried
+from gs2ci.reconstruct.costs import CostModel
+from gs2ci.reconstruct.presets import PRESETS
+
+MODEL = CostModel(90_000, 8, decode_step=0.01, geometry=1.0, plane=0.01, iteration=0.05, gaussian=1e-6, look=0.2)
+
+
+def quick(name):
+    """The trial with a fit of three iterations."""
+    trial = TRIALS[name]
+    fit = replace(trial.settings.fit, iterations=3)
+    return replace(trial, settings=replace(trial.settings, fit=fit))
+
+
+@pytest.fixture
+def shot(make_run):
+    given, _ = make_run(count=3, size=(32, 48))
+    coded = np.einsum("nhw,nhwc->hwc", given.masks * given.weights[:, None, None], given.truth.views)
+    return replace(given, measurement=coded.astype(np.float32), saturated=None).check()
+
+
+def test_the_ladder_goes_from_the_decode_to_the_paper_and_every_other_trial_changes_one_thing():
+    assert [t.name for t in chosen_trials(("preset",))] == ["decode", *PRESETS]
+    for trial in TRIALS.values():
+        trial.settings.check()
+        if trial.knob not in ("preset", "resolution"):
+            assert trial.settings != PRESETS[BASELINE]
+
+
+def test_the_baseline_is_tried_whatever_is_varied():
+    for knob in KNOBS:
+        assert BASELINE in [trial.name for trial in chosen_trials((knob,))]
+
+
+def test_an_unknown_knob_or_trial_is_refused_with_the_names(tmp_path, shot):
+    with pytest.raises(InputError, match="no knob 'luck'"):
+        chosen_trials(("preset", "luck"))
+    with pytest.raises(InputError, match="no trial 'luck'"):
+        run_trial(str(tmp_path / "none.h5"), 0, "luck", 1)
+
+
+def test_prices_follow_the_settings():
+    price = {name: predicted_seconds(trial, MODEL) for name, trial in TRIALS.items()}
+    assert price["decode"] < price["draft"] < price["standard"] < price["fine"] < price["paper"]
+    assert price["half the resolution"] == price["standard"] / 4
+
+
+def test_a_row_tells_time_quality_and_what_was_found(shot):
+    ticks = iter([10.0, 13.5])
+    row = tried(shot, quick("standard"), seed=1, clock=lambda: next(ticks))
+    assert row["seconds"] == 3.5
+    assert row["trial"] == "standard"
+    assert 5 < row["psnr_db"] < 60
+    assert 5 < row["heldout_db"] < 60
+    assert 0 < row["ssim"] < 1
+    assert row["gaussians"] > 0
+    assert row["iterations"] == 3
+
+
+def test_the_decode_alone_and_half_the_resolution_are_judged_at_full_size(shot):
+    decode, half = tried(shot, quick("decode"), seed=1), tried(shot, quick("half the resolution"), seed=1)
+    assert decode["gaussians"] == 0
+    assert None not in (decode["psnr_db"], half["psnr_db"], half["heldout_db"])
+
+
+def test_without_a_truth_held_out_pixels_alone_judge(shot):
+    blind = tried(replace(shot, truth=Truth()), quick("decode"), seed=1)
+    assert blind["psnr_db"] is blind["ssim"] is blind["nate"] is None
+    assert blind["heldout_db"] == tried(shot, quick("decode"), seed=1)["heldout_db"]
+
+
+def test_no_trial_sees_the_pixels_that_judge_it(shot, monkeypatch):
+    seen = []
+
+    def spied(given, settings):
+        seen.append(given)
+        return np.zeros((*given.masks.shape, 3), np.float32)
+
+    monkeypatch.setattr(trials, "gap_tv", spied)
+    row = tried(shot, TRIALS["decode"], seed=1)
+    judges = (seen[0].masks != shot.masks).any(axis=0)
+    assert 0.01 < judges.mean() < 0.03
+    assert (seen[0].measurement[judges] == 0).all()
+    # Views of nothing leave the whole measurement at these pixels unexplained, and nothing else counts.
+    rms = np.sqrt(np.mean(shot.measurement[judges].astype(np.float64) ** 2))
+    assert row["heldout_db"] == pytest.approx(-20 * np.log10(rms))
+
+
+def test_a_trial_on_a_file_is_the_trial_on_its_shot(shot, tmp_path):
+    path = write_shots(tmp_path / "shot.h5", [shot])
+    assert run_trial(str(path), 0, "decode", 1)["heldout_db"] == pytest.approx(
+        tried(shot, TRIALS["decode"], 1)["heldout_db"]
+    )
