@@ -6,11 +6,12 @@ STAMP := $(VENV)/.installed
 # torch's and Numba's thread pools spin against each other otherwise (3-10x slower when anything else runs).
 export OMP_WAIT_POLICY := PASSIVE
 
-.PHONY: help install demo test kernel check bench clean
+.PHONY: help install demo test stability kernel check bench clean
 
 help:
 	@echo "make demo   simulate an exposure of a real scene and reconstruct it (about three minutes)"
 	@echo "make test   the tests"
+	@echo "make stability every hard case end to end; writes docs/stability.md"
 	@echo "make kernel the drivers against a real kernel; RIG=path names the script that boots the guest"
 	@echo "make check  ruff, mypy, import-linter"
 	@echo "make bench  the measured figures: rasteriser against torch, bundle adjustments against each other"
@@ -28,6 +29,9 @@ demo: install
 
 test: install
 	$(BIN)/pytest -n 2 --dist loadfile
+
+stability: install
+	$(BIN)/python -m tests.stability
 
 kernel: install
 	GS2CI_KERNEL_RIG="$(RIG)" $(BIN)/pytest -v tests/kernel

@@ -12,6 +12,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from statistics import mean, stdev
 
+import numpy as np
+from matplotlib import colormaps
 from matplotlib.figure import Figure
 
 from gs2ci.bench.store import Row
@@ -133,7 +135,9 @@ def as_csv(table: Table, figures: Sequence[Figures]) -> str:
 
 
 def draw(table: Table, figures: Sequence[Figures]) -> Figure:
-    """Draw the first measure of every line, with its spread, a panel per case."""
+    """Draw the first measure of every line, with its spread, a panel per case, or all cases against an axis."""
+    if table.axis:
+        return _draw_curves(table, figures)
     measure = table.measures[0]
     cases = list(dict.fromkeys(one.case for one in figures))
     most = max(sum(one.case == case for one in figures) for case in cases)
@@ -155,3 +159,34 @@ def draw(table: Table, figures: Sequence[Figures]) -> Figure:
         axes.grid(axis="x", color="#e4e4e4")
         axes.spines[["top", "right"]].set_visible(False)
     return figure
+
+
+def _draw_curves(table: Table, figures: Sequence[Figures]) -> Figure:
+    """Draw a curve per case over the lines' numbers; a line without one is a dash at the left."""
+    figure = Figure(figsize=(8, 5), layout="constrained")
+    axes = figure.add_subplot()
+    cases = list(dict.fromkeys(one.case for one in figures))
+    colours = colormaps["viridis"](np.linspace(0, 0.95, len(cases)))
+    numbers = [number for one in figures if (number := _number(one.line)) is not None]
+    names = dict.fromkeys(one.line for one in figures if _number(one.line) is None)
+    others = f" (dashes: {', '.join(names)})" if names else ""
+    left = 0.6 * min(numbers, default=1.0)
+    for case, colour in zip(cases, colours, strict=True):
+        known = [(_number(one.line), one.means[0]) for one in figures if one.case == case and one.means[0]]
+        curve = [(number, value) for number, value in known if number is not None]
+        axes.plot([number for number, _ in curve], [value for _, value in curve], "o-", color=colour, ms=3, label=case)
+        dashes = [value for number, value in known if number is None]
+        axes.plot([left] * len(dashes), dashes, "_", color=colour, markersize=12)
+    axes.set(xscale="log", yscale="log", xlabel=table.axis, ylabel=table.measures[0].title + others)
+    axes.grid(color="#e4e4e4")
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.legend(fontsize=7, ncols=2)
+    return figure
+
+
+def _number(line: str) -> float | None:
+    """Return the number that a line begins with."""
+    try:
+        return float(line.split(maxsplit=1)[0])
+    except ValueError:
+        return None

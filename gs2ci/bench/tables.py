@@ -4,13 +4,14 @@ Here: `Table`, and the tables by name. Not here: the work (`works`), pages (`pag
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Final
 
 from gs2ci.bench.calibration import BENCHES, FRAMES
 from gs2ci.bench.cases import Case
 from gs2ci.bench.cells import Cell
+from gs2ci.bench.simulation import EVERYTHING, TOLERANCES_DN, rig_cases
 from gs2ci.bench.variants import ABLATION, GEOMETRY, RULES, VARIANTS
 from gs2ci.core.errors import InputError
 
@@ -63,12 +64,16 @@ class Table:
         about: What is compared, in a sentence or two.
         entries: Its cells, from the options.
         measures: Its columns; the first is drawn.
+        known: The cases there are: from a folder, or of our own without one.
+        axis: What lines that begin with a number are drawn against, on logarithmic axes; "" draws them side by side.
     """
 
     title: str
     about: str
     entries: Callable[[Options], list[Entry]]
     measures: tuple[Measure, ...]
+    known: Callable[[Path | None], tuple[Case, ...]] = field(default_factory=lambda: measurements)
+    axis: str = ""
 
 
 RECONSTRUCTION: Final = (
@@ -104,6 +109,15 @@ def file_cases(folder: Path) -> tuple[Case, ...]:
     if not files:
         raise InputError(f"{folder} holds no .npz file", remedy="name a folder of measurements, or leave --data out")
     return tuple(Case(file.stem, file=str(file.resolve())) for file in files)
+
+
+def measurements(folder: Path | None) -> tuple[Case, ...]:
+    """Return the measurements of a folder, or simulated ones without it.
+
+    Raises:
+        InputError: The folder holds none.
+    """
+    return simulated_cases() if folder is None else file_cases(folder)
 
 
 def reconstruction(case: Case, variant: str, seed: int) -> Cell:
@@ -142,6 +156,21 @@ def _recoded(lines: dict[str, dict[str, float | int]]) -> Callable[[Options], li
         ]
 
     return entries
+
+
+def _tolerances(options: Options) -> list[Entry]:
+    lines: dict[str, float | None] = {EVERYTHING: None, **{f"{dn:g} DN": dn for dn in TOLERANCES_DN}}
+    return [
+        Entry(case.name, line, _simulation(case, lines[line], seed))
+        for case in options.cases
+        for seed in range(options.seeds)
+        for line in _chosen(tuple(lines), options.lines)
+    ]
+
+
+def _simulation(case: Case, tolerance_dn: float | None, seed: int) -> Cell:
+    arguments = {"file": case.file, "tolerance_dn": tolerance_dn, "seed": seed}
+    return Cell("gs2ci.bench.simulation:simulate_rig", arguments, (case.file,))
 
 
 def _calibrations(options: Options) -> list[Entry]:
@@ -216,6 +245,23 @@ TABLES: Final[dict[str, Table]] = {
         "The default way under different masks, noise and draws.",
         _variants(("default",)),
         RECONSTRUCTION,
+    ),
+    "simulate": Table(
+        "What accuracy costs the simulator",
+        "Planned simulations against simulating everything, with ever more views until the readings settle. «Off» is "
+        "the difference before counting and rounding, «bound» what the plan promised; seconds include planning.",
+        _tolerances,
+        (
+            Measure("seconds", "s", 3, more_is_better=False),
+            Measure("off_dn", "off, DN rms", 3, more_is_better=False),
+            Measure("bound_dn", "bound, DN rms", 3, more_is_better=False),
+            Measure("views", "views", 0, more_is_better=False),
+            Measure("effects", "effects", 0, more_is_better=False),
+            Measure("faster", "times faster than its last round", 1),
+            Measure("faster_than_all_rounds", "than all its rounds", 1),
+        ),
+        rig_cases,
+        "tolerance, DN rms in total",
     ),
     "calibrate": Table(
         "What calibrated masks cost",

@@ -16,7 +16,7 @@ from rich.markdown import Markdown
 from gs2ci.bench.html_page import write_html_page
 from gs2ci.bench.pages import collect, markdown, write_pages
 from gs2ci.bench.store import Store
-from gs2ci.bench.tables import TABLES, Options, file_cases, simulated_cases
+from gs2ci.bench.tables import TABLES, Options
 from gs2ci.bench.workers import complete
 from gs2ci.commands.display import open_display
 from gs2ci.core.errors import InputError
@@ -42,9 +42,9 @@ def run(
     quiet machine.
 
     Args:
-        table: Which one: methods, init, density, ablation, mask-ratio, compression, seeds, calibrate.
+        table: Which one: methods, init, density, ablation, mask-ratio, compression, seeds, calibrate, simulate.
         output: Folder for the pages and the finished cells.
-        data: Folder of .npz measurements to use instead of simulated scenes.
+        data: Folder of .npz measurements to use instead of simulated scenes; of rig files (.toml) for simulate.
         cases: Only these of the cases.
         lines: Only these lines of the table.
         seeds: How many seeds.
@@ -62,12 +62,12 @@ def run(
         raise InputError(f"table {table!r}", allowed=", ".join(TABLES))
     if seeds < 1:
         raise InputError(f"{seeds} seeds", allowed="1 or more")
-    known = simulated_cases() if data is None else file_cases(data)
+    chosen = TABLES[table]
+    known = chosen.known(data)
     unknown = [case for case in cases if case not in {one.name for one in known}]
     if unknown:
         raise InputError(f"case {unknown[0]!r} is unknown", allowed=", ".join(one.name for one in known))
     options = Options(tuple(one for one in known if not cases or one.name in cases), seeds, lines)
-    chosen = TABLES[table]
     entries = chosen.entries(options)
     with open_display() as display:
         display.stage(f"bench {table}", len(entries))

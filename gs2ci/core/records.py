@@ -18,6 +18,17 @@ F64 = NDArray[np.float64]
 CfaPattern = Literal["RGGB", "BGGR", "GRBG", "GBRG"]
 CFA_PATTERNS: Final = get_args(CfaPattern)
 
+# What no bench gives, and no stage could compute with in float32: squares of such numbers leave its range. A reading
+# in full scales of a view, a mask's weight, a camera's figures in pixels, a stage's way in any unit of length.
+MEASUREMENT_LIMIT: Final = 1e12
+WEIGHT_RANGE: Final = (1e-6, 1e6)
+OPEN_LEAST: Final = 1e-6
+FOCAL_RANGE_PX: Final = (1e-3, 1e9)
+PRINCIPAL_POINT_LIMIT_PX: Final = 1e6
+POSITION_LIMIT: Final = 1e12
+# Matrices that went through text with four digits still pass.
+ROTATION_TOLERANCE: Final = 1e-3
+
 
 @dataclass(frozen=True)
 class Truth:
@@ -80,8 +91,8 @@ class Shot:
         """Return self if all parts fit together.
 
         Raises:
-            InputError: Shapes disagree, a value is not finite, masks are negative, above one or all zero, or the
-                colour filter array does not fit the channels.
+            InputError: Shapes disagree, a number is not finite or of a size that no bench gives, masks are negative,
+                above one or all zero, or the colour filter array does not fit the channels.
         """
         _check_measurement(self)
         _check_masks(self)
@@ -115,6 +126,13 @@ def _check_measurement(shot: Shot) -> None:
             remedy="give one image; a stack of images is several shots",
         )
     _finite("measurement", y)
+    largest = float(np.abs(y).max(initial=0.0))
+    if largest > MEASUREMENT_LIMIT:
+        raise InputError(
+            f"the measurement reaches {largest:.3g} full scales of a view",
+            allowed=f"up to {MEASUREMENT_LIMIT:g}",
+            remedy="import it with --scale set to the reading of a white scene under one open mask",
+        )
     if shot.cfa is not None and (shot.cfa not in CFA_PATTERNS or y.shape[2] != 1):
         raise InputError(
             f"colour filter array {shot.cfa!r} on a measurement with {y.shape[2]} channels",
@@ -137,12 +155,25 @@ def _check_masks(shot: Shot) -> None:
         )
     if not masks.any():
         raise InputError("all masks are zero", remedy="check that the masks were exposed and saved")
+    if masks.max() < OPEN_LEAST:
+        raise InputError(
+            f"no mask lets through more than {masks.max():.3g} of the light",
+            allowed=f"{OPEN_LEAST:g} or more at some pixel",
+            remedy="import with --mask-scale set to the reading of a fully open mask",
+        )
     _shape("weights", shot.weights.shape, (masks.shape[0],))
     _finite("weights", shot.weights)
     if shot.weights.min() < 0 or not shot.weights.any():
         raise InputError(
             f"mask weights {shot.weights.tolist()}",
             allowed="numbers >= 0, not all zero",
+            remedy="see the timing",
+        )
+    least, most = WEIGHT_RANGE
+    if not least <= shot.weights.max() <= most:
+        raise InputError(
+            f"the largest mask weight is {shot.weights.max():.3g}",
+            allowed=f"{least:g} to {most:g}; 1 for a mask exposed during the whole of its interval",
             remedy="see the timing",
         )
     if not masks[shot.weights > 0].any():
@@ -167,17 +198,40 @@ def _check_optional_parts(shot: Shot) -> None:
         _shape("saturated", shot.saturated.shape, (height, width))
 
 
+def check_rigid(what: str, poses: F64) -> None:
+    """Accept poses that are rigid motions, [N, 4, 4], of a size that can be computed with.
+
+    Raises:
+        InputError: They stretch, mirror, or lie too far away.
+    """
+    rotations = poses[:, :3, :3]
+    turned = np.abs(poses).max() <= POSITION_LIMIT and np.allclose(
+        rotations @ rotations.transpose(0, 2, 1), np.eye(3), atol=ROTATION_TOLERANCE
+    )
+    if not turned or not np.allclose(poses[:, 3], (0, 0, 0, 1)) or (np.linalg.det(rotations) <= 0).any():
+        raise InputError(
+            f"{what} are no rigid motions",
+            allowed=f"[[R, t], [0 0 0 1]] with rotations R and |t| up to {POSITION_LIMIT:g}",
+            remedy="give world-to-camera matrices, OpenCV axes, without scale",
+        )
+
+
 def check_intrinsics(matrix: F64) -> None:
     """Accept a pinhole camera matrix in pixels.
 
     Raises:
-        InputError: Not [3, 3], not finite, focal lengths not positive, or a last row other than 0 0 1.
+        InputError: Not [3, 3], not finite, focal lengths or principal point out of range, or a last row other than
+            0 0 1.
     """
     _shape("intrinsics", matrix.shape, (3, 3))
     _finite("intrinsics", matrix)
-    if matrix[0, 0] <= 0 or matrix[1, 1] <= 0 or not np.allclose(matrix[2], (0, 0, 1)):
+    shortest, longest = FOCAL_RANGE_PX
+    focal_fits = all(shortest <= matrix[k, k] <= longest for k in (0, 1))
+    centre_fits = np.abs(matrix[:2, 2]).max() <= PRINCIPAL_POINT_LIMIT_PX
+    if not focal_fits or not centre_fits or not np.allclose(matrix[2], (0, 0, 1)):
         raise InputError(
             f"intrinsics {matrix.tolist()}",
-            allowed="[[fx, 0, cx], [0, fy, cy], [0, 0, 1]] with fx, fy > 0, in pixels",
+            allowed=f"[[fx, 0, cx], [0, fy, cy], [0, 0, 1]] in pixels, with fx and fy from {shortest:g} to {longest:g} "
+            f"and cx, cy within ±{PRINCIPAL_POINT_LIMIT_PX:g}",
             remedy="leave them out to have the focal length estimated",
         )

@@ -1,6 +1,7 @@
 """The measurement model of snapshot compressive imaging: y = Σᵢ wᵢ Mᵢ ⊙ Xᵢ, seen through a colour filter array.
 
-Here: the linear map from N views to one coded image, its adjoint, and the geometry of colour filter arrays.
+Here: the linear map from N views to one coded image, its adjoint, readings that no scene of full scale explains,
+and the geometry of colour filter arrays.
 Not here: any inversion (`gs2ci.reconstruct.decode`), noise (`gs2ci_sims`). Everything in `gs2ci.reconstruct` may
 import this file.
 """
@@ -9,12 +10,15 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
 from gs2ci.core.errors import InputError
 from gs2ci.core.records import CFA_PATTERNS, CfaPattern, Shot
 
 _CHANNEL = {"R": 0, "G": 1, "B": 2}
+# Noise of the dark level alone puts half of the closed pixels above zero, but not by this much of a view's full scale.
+_EXCESS = 0.05
 
 
 def cfa_channels(pattern: CfaPattern, size: tuple[int, int]) -> Tensor:
@@ -63,6 +67,16 @@ def spread(mosaic: Tensor, channels: Tensor) -> Tensor:
     """
     index = channels.to(mosaic.device)[..., None].expand(mosaic.shape)
     return torch.zeros(*mosaic.shape[:-1], 3, dtype=mosaic.dtype, device=mosaic.device).scatter(-1, index, mosaic)
+
+
+def beyond_white(shot: Shot) -> NDArray[np.bool_]:
+    """Find the pixels, [H, W], that read clearly more light than a white scene would send through their masks.
+
+    Hot pixels, lamps and glints do; many of them tell of wrong masks or a wrong unit.
+    """
+    white = np.tensordot(shot.weights.astype(np.float64), shot.masks, axes=1)[..., None]
+    found: NDArray[np.bool_] = np.any(shot.measurement > (1 + _EXCESS) * white + _EXCESS, axis=2)
+    return found
 
 
 @dataclass(frozen=True)

@@ -20,9 +20,10 @@ from gs2ci.core.progress import Progress, Silent
 from gs2ci.core.records import F32, Shot
 from gs2ci.core.run_records import RunResult, Verdict
 from gs2ci.reconstruct.coding import Coding
+from gs2ci.reconstruct.dead_lines import close_dead_lines
 from gs2ci.reconstruct.decode.gap_tv import GapTvSettings, gap_tv
 from gs2ci.reconstruct.decode.residual import ResidualSettings, refine_views
-from gs2ci.reconstruct.doubts import doubts_about
+from gs2ci.reconstruct.doubts import doubts_about, doubts_about_result
 from gs2ci.reconstruct.fit.coarse import CoarseSettings, fit_coarse
 from gs2ci.reconstruct.fit.fine import Fine, FineSettings, fit_fine
 from gs2ci.reconstruct.fit.pace import Pace
@@ -34,6 +35,7 @@ from gs2ci.reconstruct.geometry.choose import load_geometry_prior
 from gs2ci.reconstruct.geometry.initialise import Geometry, GeometrySettings
 from gs2ci.reconstruct.geometry.prior import Request, find_geometry
 from gs2ci.reconstruct.geometry.telemetry import Movement, movement
+from gs2ci.reconstruct.holes import fill_holes
 from gs2ci.reconstruct.proxies.routing import build_proxies
 from gs2ci.render.backend import load_backend
 from gs2ci.render.gaussians import Gaussians
@@ -152,10 +154,11 @@ def reconstruct(
     fine = None if settings.fine is None else Fine.load(settings.fine, settings.fit.loss, settings.seed)
     geometry_prior = load_geometry_prior(settings.poses)
     clock = _Stopwatch()
-    doubts = doubts_about(shot)
+    sound, mended = close_dead_lines(shot)
+    doubts = (*doubts_about(shot), *mended)
     for doubt in doubts:
         progress.say(doubt)
-    jury = Jury(shot, choose_heldout(shot, settings.fit.hold_out.share, settings.seed))
+    jury = Jury(sound, choose_heldout(sound, settings.fit.hold_out.share, settings.seed))
     seen = jury.seen
 
     decoded = gap_tv(seen, settings.decode, progress)
@@ -170,8 +173,9 @@ def reconstruct(
     def refine(views: F32) -> F32:
         return refine_views(seen, views, settings.residual)
 
+    fitted = Jury(fill_holes(sound, decoded), jury.heldout)
     fit = fit_coarse(
-        jury=jury,
+        jury=fitted,
         start=start,
         geometry=geometry,
         backend=backend,
@@ -183,10 +187,10 @@ def reconstruct(
         since_s=clock.began_s,
         pace=pace,
     )
-    renderer = ShotRenderer(shot, geometry.intrinsics, backend)
+    renderer = ShotRenderer(fitted.shot, geometry.intrinsics, backend)
     if fine is not None:
         clock.lap("fit")
-        fit = fit_fine(jury, fit, renderer, fine, settings.seed, refine, progress, score, clock.began_s)
+        fit = fit_fine(fitted, fit, renderer, fine, settings.seed, refine, progress, score, clock.began_s)
         clock.lap("fine")
     recovered = _recover(jury, decoded, fit.views, settings.residual)
     moved = movement(geometry.world_to_camera, fit.world_to_camera)
@@ -250,9 +254,9 @@ def _recover(jury: Jury, decoded: F32, scene_views: F32, settings: ResidualSetti
     }
     heldout_rms = {name: jury.residual_rms(views) for name, views in candidates.items()}
     verdict = _judge(heldout_rms)
+    notes = doubts_about_result(jury, candidates[verdict]) if jury.heldout.any() else (_UNJUDGED,)
     if verdict == "refined":  # the pixels that judged may now help as well
         candidates["refined"] = refine_views(jury.shot, scene_views, settings)
-    notes = () if jury.heldout.any() else (_UNJUDGED,)
     return _Recovered(candidates[verdict], verdict, heldout_rms, notes)
 
 

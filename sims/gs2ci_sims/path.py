@@ -67,6 +67,8 @@ class StageMove:
         angles = np.sin(2 * np.pi * self.wobble_hz * time[:, None] + WOBBLE_PHASES)
         moved = np.tile(np.eye(4), (len(time), 1, 1))
         moved[:, :3, 3] = -time[:, None] * np.array(self.velocity)
+        if self.wobble_deg == 0:
+            return np.asarray(moved @ self.reference_world_to_camera)
         turned = np.tile(np.eye(4), (len(time), 1, 1))
         turned[:, :3, :3] = Rotation.from_rotvec(np.deg2rad(self.wobble_deg) * angles).as_matrix()
         return np.asarray(turned @ moved @ self.reference_world_to_camera)

@@ -18,11 +18,13 @@ from numpy.typing import NDArray
 
 from gs2ci.core.errors import InputError
 from gs2ci_sims.effects.base import Bound, Effect, KernelEffect, Stage
+from gs2ci_sims.effects.full_well import FullWell
 from gs2ci_sims.effects.motion_blur import MotionBlur
 from gs2ci_sims.effects.object_motion import ObjectMotion
+from gs2ci_sims.effects.quantisation import Quantisation
 from gs2ci_sims.light_path import EffectChain
 from gs2ci_sims.path import CameraPath
-from gs2ci_sims.preview import Preview, preview
+from gs2ci_sims.preview import HEADROOM, Preview, preview
 from gs2ci_sims.radiance import Renderer
 from gs2ci_sims.rig import Rig
 from gs2ci_sims.sampling import Sampling, choose_sampling
@@ -150,6 +152,7 @@ def plan(
     bounds = {effect.name: effect.bound(look, rig) for effect in chain.effects}
     costs = {effect.name: _seconds(effect, look, len(masks)) for effect in chain.effects}
     left_out = _left_out(bounds, costs, OMISSION_SHARE * tolerance_dn, {MotionBlur.name, *on, *off})
+    left_out -= _limits_within_reach(chain, look, bounds, left_out | set(off))
     systematic, noise = _total([bounds[name] for name in left_out])
     budget = math.sqrt(tolerance_dn**2 - noise**2) - systematic
     kept = [effect for effect in chain.effects if effect.name not in left_out and effect.name not in off]
@@ -198,6 +201,30 @@ def _left_out(bounds: dict[str, Bound], costs: dict[str, float], limit_dn: float
         if math.hypot(*_total([bounds[other] for other in (*chosen, name)])) <= limit_dn:
             chosen.add(name)
     return chosen
+
+
+def _limits_within_reach(
+    chain: EffectChain, look: Preview, bounds: dict[str, Bound], absent: Collection[str]
+) -> set[str]:
+    """Name what clips readings and is reached by light together with all that simulated effects may add to it.
+
+    The bounds of these limits know of light alone; a sensor full of dark charge meets them in the dark.
+    """
+    rig = chain.rig
+    limits_dn = {
+        effect.name: effect.capacity_e * rig.dn_per_e
+        if isinstance(effect, FullWell)
+        else effect.max_dn - rig.sensor.black_level_dn
+        for effect in chain.effects
+        if isinstance(effect, FullWell | Quantisation)
+    }
+    added_dn = sum(
+        bounds[effect.name].peak_dn
+        for effect in chain.effects
+        if effect.stage in (Stage.CHARGE, Stage.READOUT) and effect.name not in (*limits_dn, *absent)
+    )
+    reading_dn = HEADROOM * float(look.signal_dn.max()) + added_dn
+    return {name for name, limit_dn in limits_dn.items() if reading_dn > limit_dn}
 
 
 def _total(bounds: Sequence[Bound]) -> tuple[float, float]:

@@ -20,7 +20,6 @@ BENCHMARKS = {
     "simulated_capture": "tests.benchmarks.simulated_capture",
     "proxies": "tests.benchmarks.proxies",
     "decoders": "tests.benchmarks.decoders",
-    "simulation": "tests.benchmarks.simulation",
     "scaling": "tests.benchmarks.scaling",
     "heldout_order": "tests.benchmarks.heldout_order",
     "mask_calibration": "tests.benchmarks.mask_calibration",

@@ -60,6 +60,6 @@ def test_what_does_not_exist_is_refused(arguments, message, tmp_path):
 
 
 def test_a_small_case_goes_all_the_way(tmp_path, monkeypatch):
-    monkeypatch.setattr(bench, "simulated_cases", lambda: (Case("small", scene="boxes", size=(32, 48), views=3),))
+    monkeypatch.setattr(tables, "simulated_cases", lambda: (Case("small", scene="boxes", size=(32, 48), views=3),))
     pages = bench.run("seeds", tmp_path, seeds=1)
     assert "| default |" in pages[0].read_text()

@@ -104,6 +104,19 @@ def test_it_beats_its_own_decode(shot, found):
     assert np.mean(psnr_per_view(result.views, truth)) > np.mean(psnr_per_view(result.decode, truth)) + 3
 
 
+def test_growth_of_the_population_is_not_taken_for_an_explosion(found):
+    assert not any("exploded" in note for note in found.result.notes)
+
+
+def test_dead_rows_are_left_out_and_cost_little(shot, found_soon):
+    measurement = shot.measurement.copy()
+    measurement[8:40:4] = 0
+    result = reconstruct(replace(shot, measurement=measurement), SHORT).result
+    assert any("8 of 48 rows read one value throughout" in note for note in result.notes)
+    whole, damaged = (np.mean(psnr_per_view(r.views, shot.truth.views)) for r in (found_soon.result, result))
+    assert damaged > whole - 2
+
+
 def test_the_near_board_is_found_nearer_than_the_wall(found):
     depth = found.result.depth[VIEWS // 2]
     assert np.median(depth[16:32, 24:40]) < 0.6 * np.median(depth[:, :10])

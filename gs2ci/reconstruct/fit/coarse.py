@@ -150,7 +150,9 @@ class _Fit:
         return (images.mean(dim=3, keepdim=True) if self._mono else images).numpy()
 
     def backward(self) -> float:
-        """Accumulate gradients of the objective; return the loss."""
+        """Accumulate gradients of the objective; return the loss, NaN where a parameter is not finite."""
+        if not self.optimiser.scene_is_finite():
+            return float("nan")
         scene, weights = self.optimiser.scene, self.settings.loss
         loss = self.data_term(self.predict()) + weights.opacity * opacity_term(scene.opacity_logits)
         if weights.size:
@@ -206,6 +208,11 @@ class _Fit:
 
 
 MAX_ROLLBACKS = 3
+# A loss so many times the least one since the population last changed, and at least this share of the first, is a step
+# that exploded, however finite: the scene has left the frame, or its colours the range of light. (A density rule may
+# raise the loss as much, which no step does.)
+EXPLODED = 3.0
+EXPLODED_SHARE_OF_FIRST = 0.3
 
 
 def fit_coarse(
@@ -286,6 +293,8 @@ class _Loop:
         self._watch = Watch(fit.settings.hold_out)
         self._damping = 1.0
         self._rollbacks = 0
+        self._first_loss: float | None = None
+        self._least_loss = float("inf")
 
     def run(self) -> str:
         """Iterate until something says stop; return what."""
@@ -294,8 +303,9 @@ class _Loop:
         iteration = 0
         while iteration < total:
             loss = self.fit.backward()
-            if not self.fit.is_finite(loss):
-                if not self._roll_back(iteration):
+            ran_away = self._how_it_ran_away(loss)
+            if ran_away:
+                if not self._roll_back(iteration, ran_away):
                     return f"numbers ran away {MAX_ROLLBACKS} times; kept the state of iteration {self.best.iteration}"
                 continue
             self._step(iteration, total)
@@ -317,8 +327,10 @@ class _Loop:
         if bound is not None and share >= bound:
             self.fit.bound_population()
         turn = begin <= share < end and iteration % self.settings.densify_every == 0
-        if turn and self._watch.may_grow(iteration) and self.fit.densify(iteration):
-            self._watch.set_back(iteration)
+        if turn and self._watch.may_grow(iteration):
+            self._least_loss = float("inf")
+            if self.fit.densify(iteration):
+                self._watch.set_back(iteration)
 
     def _look(self, iteration: int, loss: float) -> None:
         """Judge the views as they would be handed over now, and remember the state if it is the best."""
@@ -348,7 +360,18 @@ class _Loop:
             figures["psnr_db"] = self.curve[-1].psnr_db
         return {**figures, "gaussians": len(self.fit.optimiser.scene)}
 
-    def _roll_back(self, iteration: int) -> bool:
+    def _how_it_ran_away(self, loss: float) -> str:
+        """Say what is wrong with the present iteration; nothing if it may be taken."""
+        if not self.fit.is_finite(loss):
+            return "was not finite"
+        if self._first_loss is None:
+            self._first_loss = loss
+        if loss > EXPLODED * self._least_loss and loss > EXPLODED_SHARE_OF_FIRST * self._first_loss:
+            return f"exploded, the loss rose from {self._least_loss:.3g} to {loss:.3g}"
+        self._least_loss = min(self._least_loss, loss)
+        return ""
+
+    def _roll_back(self, iteration: int, ran_away: str) -> bool:
         if iteration == 0:
             raise NumericsError(
                 "the first iteration of the fit is not finite",
@@ -360,7 +383,8 @@ class _Loop:
         self._rollbacks += 1
         self._damping *= 0.5
         self.fit.restore(self.best)
-        note = f"Iteration {iteration} was not finite: back to iteration {self.best.iteration} with half the step."
+        self._least_loss = float("inf")
+        note = f"Iteration {iteration} {ran_away}: back to iteration {self.best.iteration} with half the step."
         self.notes.append(note)
         self._progress.say(note)
         return True

@@ -83,8 +83,11 @@ class GaussianOptimiser:
 
     def gradient_is_finite(self) -> bool:
         """Tell whether all gradients are free of NaN and infinities."""
-        grads = [tensor.grad for tensor in self.scene.parameters().values() if tensor.grad is not None]
-        return all(bool(torch.isfinite(grad.sum())) or bool(torch.isfinite(grad).all()) for grad in grads)
+        return _all_finite([t.grad for t in self.scene.parameters().values() if t.grad is not None])
+
+    def scene_is_finite(self) -> bool:
+        """Tell whether all parameters are free of NaN and infinities."""
+        return _all_finite([tensor.detach() for tensor in self.scene.parameters().values()])
 
     def shift(self, means: Tensor) -> None:
         """Move the means by so much, [G, 3], past Adam and its moments."""
@@ -120,6 +123,11 @@ class GaussianOptimiser:
         """Go back to a snapshot; Adam forgets its moments, which led away from it."""
         self.scene = _leaves(scene)
         self._adam = self._new_adam()
+
+
+def _all_finite(tensors: list[Tensor]) -> bool:
+    # A sum is fast, and finite for all that is; only sums that overflow need a closer look.
+    return all(bool(torch.isfinite(each.sum())) or bool(torch.isfinite(each).all()) for each in tensors)
 
 
 def _leaves(scene: Gaussians) -> Gaussians:

@@ -13,9 +13,11 @@ from numpy.typing import NDArray
 
 from gs2ci.core.errors import InputError
 from gs2ci.core.records import F32, Shot
-from gs2ci.reconstruct.coding import Coding
+from gs2ci.reconstruct.coding import Coding, beyond_white
 
 _HELDOUT_STREAM: Final = 0x4E1D  # keeps this draw apart from every other one of the same seed
+# More readings beyond white than this are no outliers: the unit or the masks are wrong, and all pixels judge alike.
+_FEW: Final = 0.1
 
 
 @dataclass(frozen=True)
@@ -51,13 +53,16 @@ class HoldOut:
 def choose_heldout(shot: Shot, share: float, seed: int) -> NDArray[np.bool_]:
     """Choose the pixels to hold out, [H, W] bool.
 
-    Only pixels that light reached through some mask and that are not saturated can judge a prediction; of these a
-    share is drawn, at least one and never more than half. With fewer than two of them, or a share of zero, none is
-    held out.
+    Only pixels that light reached through some mask and that are not saturated can judge a prediction. Nor do the few
+    that read more than a white scene sends: a hot pixel or a lamp would outvote hundreds. Of the others a share is
+    drawn, at least one and never more than half. With fewer than two of them, or a share of zero, none is held out.
     """
     useful = shot.masks[shot.weights > 0].any(axis=0)
     if shot.saturated is not None:
         useful &= ~shot.saturated
+    odd = beyond_white(shot) & useful
+    if odd.sum() <= _FEW * useful.sum():
+        useful &= ~odd
     candidates = np.flatnonzero(useful)
     heldout = np.zeros(shot.size, bool)
     if len(candidates) < 2 or share <= 0:
@@ -102,6 +107,19 @@ class Jury:
         predicted = self._coding.forward(torch.from_numpy(views)).numpy()
         rms = float(np.sqrt(np.mean((predicted - self.shot.measurement)[self.heldout] ** 2, dtype=np.float64)))
         return rms if np.isfinite(rms) else float("inf")
+
+    def grey_rms(self) -> float | None:
+        """Return the residual that the best even grey (or colour) leaves on the held-out pixels; None without any.
+
+        It is what a decoder reaches that knows how many masks are open at a pixel, and nothing else.
+        """
+        if not self.heldout.any():
+            return None
+        white = np.ones((self.shot.views, *self.shot.size, self.shot.channels), np.float32)
+        light = self._coding.forward(torch.from_numpy(white)).numpy()[self.heldout].astype(np.float64)
+        measured = self.shot.measurement[self.heldout].astype(np.float64)
+        level = (light * measured).sum(axis=0) / np.maximum((light * light).sum(axis=0), np.finfo(np.float64).tiny)
+        return float(np.sqrt(np.mean((measured - level * light) ** 2)))
 
 
 class Watch:

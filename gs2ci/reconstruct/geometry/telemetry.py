@@ -12,7 +12,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from gs2ci.core.errors import GeometryError, InputError
-from gs2ci.core.records import F64, Shot
+from gs2ci.core.records import F64, Shot, check_rigid
 from gs2ci.reconstruct.geometry.motion import INVERSE_DEPTH_RANGE, Motion, Sightings, start_motion, with_errors
 from gs2ci.reconstruct.geometry.tracks import Tracks
 
@@ -23,7 +23,7 @@ def poses_of_stage(shot: Shot) -> F64:
     """Get the poses that the stage reported, [N, 4, 4].
 
     Raises:
-        InputError: There are none.
+        InputError: There are none, or they are no rigid motions.
     """
     if shot.telemetry_world_to_camera is None:
         raise InputError(
@@ -31,6 +31,7 @@ def poses_of_stage(shot: Shot) -> F64:
             allowed="--geometry tracks",
             remedy="capture with a stage in the rig file",
         )
+    check_rigid("telemetry poses", shot.telemetry_world_to_camera)
     return shot.telemetry_world_to_camera
 
 

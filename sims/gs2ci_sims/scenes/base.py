@@ -5,6 +5,7 @@ neighbours), poses over time (`gs2ci_sims.path`), rendering (`gs2ci_sims.radianc
 """
 
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 import torch
@@ -62,14 +63,19 @@ class Scene:
                 remedy="turn the camera, or move the scene to positive depth (z)",
             )
 
-    @property
+    @cached_property
     def median_depth(self) -> float:
         """Get the median true depth in scene units (above 0)."""
         return float(np.nanmedian(self.depth))
 
-    def depth_range(self, share: float = 0.98) -> tuple[float, float]:
-        """Get the nearest and farthest depth of the middle `share` of the pixels, in scene units."""
-        low, high = np.nanquantile(self.depth, [(1 - share) / 2, (1 + share) / 2])
+    def depth_range(self) -> tuple[float, float]:
+        """Get the nearest and farthest depth of the middle 98 % of the pixels, in scene units."""
+        return self._depth_range
+
+    # A plan asks dozens of times.
+    @cached_property
+    def _depth_range(self) -> tuple[float, float]:
+        low, high = np.nanquantile(self.depth, [0.01, 0.99])
         return float(low), float(high)
 
 

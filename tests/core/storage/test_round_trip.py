@@ -61,7 +61,7 @@ def shots(draw):
     poses = floats((n, 4, 4), -100, 100, np.float64)
     views = floats((n, h, w, 3 if cfa else channels), 0, 2)
     return Shot(
-        measurement=draw(floats((h, w, channels))),
+        measurement=draw(floats((h, w, channels), -(2.0**39), 2.0**39)),
         masks=masks,
         weights=weights,
         cfa=cfa,

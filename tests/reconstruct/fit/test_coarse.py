@@ -10,6 +10,7 @@ from gs2ci.core.progress import Silent
 from gs2ci.reconstruct.fit.coarse import MAX_ROLLBACKS, CoarseSettings, fit_coarse
 from gs2ci.reconstruct.fit.density.classic import Classic
 from gs2ci.reconstruct.fit.density.osgr import Osgr
+from gs2ci.reconstruct.fit.optimiser import GaussianOptimiser
 from gs2ci.reconstruct.fit.paper import paper_settings
 from gs2ci.reconstruct.fit.poses import PoseSettings
 from gs2ci.reconstruct.fit.rules import RULE_NAMES, with_rule
@@ -278,6 +279,25 @@ def test_one_bad_iteration_is_rolled_back_and_told(moving_plane):
     assert fit.curve[-1].iteration == 60
     assert fit.curve[-1].loss < 0.6 * fit.curve[0].loss
     assert np.isfinite(fit.views).all()
+
+
+@pytest.mark.parametrize(("name", "factor"), [("colours", 1e3), ("means", 1e5)])
+def test_a_step_that_explodes_is_rolled_back_and_told(moving_plane, monkeypatch, name, factor):
+    whole, calls = GaussianOptimiser.step, itertools.count()
+
+    def step(optimiser, *arguments):
+        whole(optimiser, *arguments)
+        if next(calls) == 25:
+            with torch.no_grad():
+                optimiser.scene.parameters()[name].mul_(factor)
+
+    monkeypatch.setattr(GaussianOptimiser, "step", step)
+    fit, _ = run(moving_plane)
+    (note,) = fit.notes
+    assert note.startswith("Iteration 26 exploded, the loss rose from")
+    assert note.endswith("back to iteration 20 with half the step.")
+    assert fit.curve[-1].loss < 0.6 * fit.curve[0].loss
+    fit.scene.check()
 
 
 def test_numbers_that_keep_running_away_end_the_fit_with_a_sentence_and_the_last_good_state(moving_plane):

@@ -49,6 +49,21 @@ def test_pixels_without_light_or_with_clipped_light_never_judge(shot):
     assert not (chosen & saturated).any()
 
 
+def test_hot_pixels_never_judge(shot):
+    hot = np.random.default_rng(3).random(shot.size) < 0.03
+    measurement = np.where(hot[..., None], np.float32(9), shot.measurement)
+    chosen = choose_heldout(replace(shot, measurement=measurement), 0.5, seed=0)
+    assert chosen.sum() > 100
+    assert not (chosen & hot).any()
+
+
+def test_all_pixels_judge_where_the_unit_is_wrong(shot):
+    measurement = np.float32(100) * shot.measurement
+    np.testing.assert_array_equal(
+        choose_heldout(replace(shot, measurement=measurement), 0.2, seed=0), choose_heldout(shot, 0.2, seed=0)
+    )
+
+
 def test_a_mask_of_no_weight_lets_no_light_through(shot):
     masks = np.zeros_like(shot.masks)
     masks[0], masks[1, :, :20] = 1, 1

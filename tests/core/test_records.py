@@ -1,0 +1,86 @@
+"""What a shot's check refuses beyond shapes and axes: numbers of a size that no bench gives."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from gs2ci.core.errors import InputError
+from gs2ci.core.records import (
+    FOCAL_RANGE_PX,
+    MEASUREMENT_LIMIT,
+    POSITION_LIMIT,
+    PRINCIPAL_POINT_LIMIT_PX,
+    WEIGHT_RANGE,
+    Shot,
+    check_intrinsics,
+    check_rigid,
+)
+
+
+@pytest.fixture
+def shot():
+    return Shot(np.ones((4, 5, 1), np.float32), np.ones((2, 4, 5), np.float32), np.ones(2, np.float32)).check()
+
+
+def still():
+    return np.repeat(np.eye(4)[None], 2, axis=0)
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_a_measurement_far_beyond_full_scale_is_refused(shot, sign):
+    most = np.full_like(shot.measurement, sign * MEASUREMENT_LIMIT)
+    replace(shot, measurement=most).check()
+    with pytest.raises(InputError, match="full scales of a view"):
+        replace(shot, measurement=2 * most).check()
+
+
+def test_masks_that_let_next_to_nothing_through_are_refused(shot):
+    with pytest.raises(InputError, match="no mask lets through more than"):
+        replace(shot, masks=shot.masks * np.float32(1e-7)).check()
+
+
+def test_weights_out_of_range_are_refused(shot):
+    for weight in WEIGHT_RANGE:
+        replace(shot, weights=np.array([0, weight], np.float32)).check()
+    for weight in (0.1 * WEIGHT_RANGE[0], 10 * WEIGHT_RANGE[1]):
+        with pytest.raises(InputError, match="largest mask weight"):
+            replace(shot, weights=np.array([0, weight], np.float32)).check()
+
+
+@pytest.mark.parametrize("damage", ["stretched", "mirrored", "bottom row", "far away"])
+def test_poses_that_are_no_rigid_motions_are_refused(damage):
+    poses = still()
+    if damage == "stretched":
+        poses[1, :3, :3] *= 1.01
+    elif damage == "mirrored":
+        poses[1, 0, 0] = -1
+    elif damage == "bottom row":
+        poses[1, 3] = (0, 0, 1, 1)
+    else:
+        poses[1, 0, 3] = 10 * POSITION_LIMIT
+    with pytest.raises(InputError, match="telemetry poses are no rigid motions"):
+        check_rigid("telemetry poses", poses)
+
+
+def test_poses_rounded_to_four_digits_pass():
+    angle = 0.3
+    poses = still()
+    poses[1, :2, :2] = [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
+    check_rigid("telemetry poses", poses.round(4))
+
+
+@pytest.mark.parametrize(
+    ("focal_px", "centre_px"),
+    [
+        (0.1 * FOCAL_RANGE_PX[0], 0),
+        (10 * FOCAL_RANGE_PX[1], 0),
+        (-50, 0),
+        (50, 2 * PRINCIPAL_POINT_LIMIT_PX),
+        (50, -2 * PRINCIPAL_POINT_LIMIT_PX),
+    ],
+)
+def test_a_camera_out_of_range_is_refused(focal_px, centre_px):
+    check_intrinsics(np.array([[50.0, 0, 3], [0, 50, 3], [0, 0, 1]]))
+    with pytest.raises(InputError, match="intrinsics"):
+        check_intrinsics(np.array([[focal_px, 0, centre_px], [0, 50, 0], [0, 0, 1]]))

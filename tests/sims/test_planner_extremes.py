@@ -1,0 +1,104 @@
+"""Every effect at the end of its range: planned and exposed, finite and in range, or one error before any view."""
+
+import math
+
+import numpy as np
+import pytest
+
+from gs2ci.core.errors import InputError
+from gs2ci_sims.effects.bayer_filter import BayerFilter
+from gs2ci_sims.effects.black_level import BlackLevel
+from gs2ci_sims.effects.blooming import Blooming
+from gs2ci_sims.effects.clock_drift import ClockDrift
+from gs2ci_sims.effects.dark_current import DarkCurrent
+from gs2ci_sims.effects.defocus import Defocus
+from gs2ci_sims.effects.dsnu import Dsnu
+from gs2ci_sims.effects.finite_contrast import FiniteContrast
+from gs2ci_sims.effects.full_well import FullWell
+from gs2ci_sims.effects.gain_nonlinearity import GainNonlinearity
+from gs2ci_sims.effects.hot_pixels import HotPixels
+from gs2ci_sims.effects.illumination_drift import IlluminationDrift
+from gs2ci_sims.effects.illumination_flicker import IlluminationFlicker
+from gs2ci_sims.effects.lcos_flicker import LcosFlicker
+from gs2ci_sims.effects.lcos_response import LcosResponse
+from gs2ci_sims.effects.lens_distortion import LensDistortion
+from gs2ci_sims.effects.mask_edges import MaskEdges
+from gs2ci_sims.effects.mirror_transition import MirrorTransition
+from gs2ci_sims.effects.misregistration import Misregistration
+from gs2ci_sims.effects.modulator_psf import ModulatorPsf
+from gs2ci_sims.effects.motion_blur import MotionBlur
+from gs2ci_sims.effects.object_motion import ObjectMotion
+from gs2ci_sims.effects.optics_psf import OpticsPsf
+from gs2ci_sims.effects.persistence import Persistence
+from gs2ci_sims.effects.prnu import Prnu
+from gs2ci_sims.effects.read_noise import ReadNoise
+from gs2ci_sims.effects.rolling_shutter import RollingShutter
+from gs2ci_sims.effects.row_noise import RowNoise
+from gs2ci_sims.effects.stage_backlash import StageBacklash
+from gs2ci_sims.effects.stage_ripple import StageRipple
+from gs2ci_sims.effects.stage_vibration import StageVibration
+from gs2ci_sims.effects.trigger_timing import TriggerTiming
+from gs2ci_sims.effects.vignetting import Vignetting
+from gs2ci_sims.exposure import expose
+from gs2ci_sims.light_path import LIGHT_PATH, sensor_effects
+from gs2ci_sims.masks import random_masks
+from gs2ci_sims.path import StageMove
+from gs2ci_sims.planner import plan
+from gs2ci_sims.rig import Light, Modulator, Rig, Timing
+from gs2ci_sims.scenes.planes import planes
+
+SIZE, MASKS = (12, 16), 2
+MOVE = StageMove((0.5, 0.1, 0.0))
+EXTREMES = [
+    StageRipple(1.0, 1e6), StageRipple(1.0, 1e-6), StageBacklash(0.0), StageBacklash(1e9),
+    StageVibration(1e3, 1e-3), StageVibration(1e-12, 1e9), StageVibration(10.0, 1e6),
+    ObjectMotion((0.0, 0.0, 3.0), 1e6, (1e6, 0.0, 0.0)), ObjectMotion((0.0, 0.0, 3.0), 1e-9, (0.0, 0.0, 1e9)),
+    ClockDrift(1e9), ClockDrift(-999_999.0), MirrorTransition(0.0), MirrorTransition(0.02), MirrorTransition(1.0),
+    LcosResponse(0.0), LcosResponse(1e9), LcosFlicker(1.0, 1e9), LcosFlicker(1.0, 1e-9),
+    TriggerTiming(1e9, 0.0), TriggerTiming(-1e9, 0.0), TriggerTiming(0.0, 1e9),
+    IlluminationFlicker(1.0, 1e9), IlluminationFlicker(1.0, 1e-9), IlluminationDrift(1e12), IlluminationDrift(-1e12),
+    LensDistortion(1e3), LensDistortion(-1e3), Defocus(1e9, 1e-9), Defocus(0.0, 1e9), OpticsPsf(100.0), OpticsPsf(0.0),
+    Vignetting(1e9), MaskEdges(100.0), FiniteContrast(1 + 1e-9, 2.0, 100.0), FiniteContrast(1e30, 0.0, 0.0),
+    Misregistration(1e6, -1e6, 1e6, 1e6), Misregistration(0.0, 0.0, 0.0, 1e-6), ModulatorPsf(100.0),
+    RollingShutter(1e9), BayerFilter("GBRG"), Prnu(0.5), DarkCurrent(1e30, 100.0, 1.0), HotPixels(1.0, 1e30),
+    Persistence(1.0, 1e-9, 1e9, 1e30), Blooming(1.0), FullWell(1e-9), FullWell(1e30), GainNonlinearity(0.2499),
+    Dsnu(1e30), ReadNoise(1e30), RowNoise(1e30), BlackLevel(1e30), BlackLevel(-1e30),
+]  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def scene():
+    return planes(np.random.default_rng(5), SIZE)
+
+
+@pytest.mark.parametrize("effect", EXTREMES, ids=str)
+def test_an_effect_at_the_end_of_its_range_gives_readings_in_range_or_one_error(scene, effect):
+    rig = Rig(light=Light(4000.0), modulator=Modulator(MASKS), timing=Timing(0.02))
+    masks = random_masks(MASKS, SIZE, 0.4, np.random.default_rng(6))
+    own = [other for other in sensor_effects(rig.sensor) if other.name != effect.name]
+    effects = (MotionBlur(), *own, effect)
+    try:
+        decided = plan(scene, MOVE, masks, rig, effects, tolerance_dn=50.0)
+        shot = expose(scene, MOVE, masks, rig, effects=decided.effects, seed=0)
+    except InputError:
+        return
+    sensor = rig.sensor
+    top = (2**sensor.bits - 1 - sensor.black_level_dn) * sensor.electrons_per_dn / rig.full_scale_e
+    assert np.isfinite(shot.measurement).all()
+    assert shot.measurement.max() <= top * (1 + 1e-6)
+    assert math.isfinite(decided.error_dn)
+
+
+def test_a_sensor_full_of_dark_charge_keeps_the_limits_that_clip_it(scene):
+    rig = Rig(light=Light(100.0), modulator=Modulator(MASKS), timing=Timing(0.02))
+    masks = random_masks(MASKS, SIZE, 0.4, np.random.default_rng(6))
+    for current, clipped in ((10.0, False), (1e6, True)):
+        effects = (MotionBlur(), *sensor_effects(rig.sensor), DarkCurrent(current))
+        decided = plan(scene, MOVE, masks, rig, effects, tolerance_dn=5.0)
+        assert ({"full_well", "quantisation"} <= {effect.name for effect in decided.effects}) == clipped
+
+
+def test_every_effect_with_a_figure_is_taken_to_an_end_of_its_range():
+    tested = {type(effect) for effect in EXTREMES}
+    without_figures = {"motion_blur", "shot_noise", "quantisation"}
+    assert {kind.name for kind in LIGHT_PATH if kind not in tested} == without_figures

@@ -1,0 +1,249 @@
+"""One case run end to end, and one judgement: finite, bounded, honest, no worse than the decode alone.
+
+    expose ─► shot.h5 ─► read ─► reconstruct ─► report ─► judge
+
+Grades say how a case fared; problems say what must not be, and make it fail:
+
+    holds     loses at most 3 dB against the easy case
+    bends     loses more, and still shows more than an even grey would
+    breaks    shows no more than an even grey
+    refused   one typed error, as the case demands
+
+Not here: the cases (`cases`), the table (`__main__`).
+"""
+
+import json
+import re
+import tempfile
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+
+from gs2ci.core.errors import Gs2ciError
+from gs2ci.core.records import Shot
+from gs2ci.core.run_records import RunResult
+from gs2ci.core.storage import read_shot, write_shots
+from gs2ci.evaluate.metrics import psnr_per_view
+from gs2ci.evaluate.report import build_report
+from gs2ci.reconstruct.fit.coarse import CoarseSettings
+from gs2ci.reconstruct.fit.stopping import HoldOut
+from gs2ci.reconstruct.pipeline import Settings, reconstruct
+from tests.stability.benches import FULL, Scale
+from tests.stability.cases import CASES, EASY, Case
+
+BENDS_DB = 3.0
+# What the held-out pixels, some dozens on such small pictures, may err by when they choose.
+WORSE_DB = 0.5
+# More than an even grey of the right colour, by this much, counts as having seen something.
+SEEN_DB = 1.0
+# Far outside the range of light would be a fit that ran away, however finite.
+RANGE = 5.0
+SUM_TOLERANCE = 1e-4
+# These explain a plane instead of depth, and no loss.
+ABOUT_DEPTH = ("depth cannot be found", "starts as a plane")
+# The largest shot of the suite takes a tenth of this.
+READING_MIB = 512
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What became of one case.
+
+    Args:
+        grade: "holds", "bends", "breaks" or "refused".
+        psnr_db: Of the recovered views; None where there is nothing to compare with.
+        decode_db: Of the decode alone.
+        loss_db: Against the easy case at the same scale.
+        said: What the run said beyond what it says of the easy case.
+        problems: What must not be; empty for a case that passes.
+    """
+
+    grade: str
+    psnr_db: float | None = None
+    decode_db: float | None = None
+    loss_db: float | None = None
+    said: tuple[str, ...] = ()
+    problems: tuple[str, ...] = ()
+
+
+def settings_for(scale: Scale) -> Settings:
+    """Return the settings of a run at this scale."""
+    look_every = max(10, scale.iterations // 10)
+    hold_out = HoldOut(share=0.04, look_every=look_every, patience=3 * look_every, growth_patience=look_every)
+    return Settings(fit=CoarseSettings(iterations=scale.iterations, densify_every=2 * look_every, hold_out=hold_out))
+
+
+def judge(case: Case, scale: Scale) -> Outcome:
+    """Run a case and judge what comes of it; errors of gs2ci's own kind are outcomes, any other one is a problem."""
+    scale = replace(scale, size=case.size or scale.size, iterations=case.iterations or scale.iterations)
+    try:
+        shot, result = run(case, scale)
+    except MemoryError as error:
+        return Outcome("refused", problems=(str(error),))
+    except Gs2ciError as error:
+        said = (f"{type(error).__name__}: {_without_folder(str(error))}",)
+        if not case.refused:
+            return Outcome("refused", said=said, problems=("refused where a result was expected",))
+        return Outcome("refused", said=said, problems=unsaid(case, said))
+    if case.refused:
+        return Outcome("holds", said=tuple(result.notes), problems=("accepted where an error was expected",))
+    return appraise(case, shot, result, scale)
+
+
+def judge_by_number(number: int) -> tuple[int, Outcome, float]:
+    """Judge one case of the catalogue at leisure; also how many seconds it took. Cases do not travel between processes.
+
+    Not in `__main__`, which a new process does not find again.
+    """
+    began_s = time.monotonic()
+    return number, judge(CASES[number], FULL), time.monotonic() - began_s
+
+
+def run(case: Case, scale: Scale) -> tuple[Shot, RunResult]:
+    """Take the case the whole way; return the shot as read from its file, and what was recovered from it."""
+    shot = case.change(case.bench.expose(scale.size))
+    with tempfile.TemporaryDirectory() as folder:
+        path = write_shots(Path(folder) / "shot.h5", [shot])
+        case.damage(path)
+        shot = read_within_memory(path)
+    with case.fault():
+        found = reconstruct(shot, case.settings(settings_for(scale)))
+    found.scene.check()
+    return shot, found.result
+
+
+def read_within_memory(path: Path) -> Shot:
+    """Read a file.
+
+    Raises:
+        MemoryError: Reading took more than `READING_MIB`, whether it then succeeded or not.
+    """
+    reset, before = reset_peak(), peak_mib()
+    try:
+        return read_shot(path)
+    finally:
+        if reset and peak_mib() - before > READING_MIB:
+            raise MemoryError(f"reading took {peak_mib() - before:.0f} MiB")
+
+
+def reset_peak() -> bool:
+    """Let the peak of this process's memory start anew; False where the system cannot (Linux can)."""
+    try:
+        Path("/proc/self/clear_refs").write_text("5")
+    except OSError:
+        return False
+    return True
+
+
+def peak_mib() -> float:
+    """Return the peak of this process's resident memory since `reset_peak`."""
+    status = Path("/proc/self/status")
+    peak = re.search(r"VmHWM:\s*(\d+) kB", status.read_text()) if status.exists() else None
+    return int(peak.group(1)) / 1024 if peak else 0.0
+
+
+def appraise(case: Case, shot: Shot, result: RunResult, scale: Scale) -> Outcome:
+    """Grade a result and list what must not be."""
+    try:
+        notes = notes_of(shot, result)
+    except (Gs2ciError, ValueError) as error:
+        return Outcome("breaks", problems=(f"the result cannot be reported: {error}",))
+    said = beyond_easy(notes, scale)
+    scores = _scores(shot, result)
+    problems = [*insane(shot, result), *unsaid(case, (*notes, result.stopped_because))]
+    if scores is None:
+        return Outcome("holds", said=said, problems=tuple(problems))
+    psnr_db, decode_db, grey_db = scores
+    loss_db = easy_db(scale) - psnr_db
+    if decode_db > grey_db and psnr_db < decode_db - WORSE_DB:
+        problems.append(f"{decode_db - psnr_db:.1f} dB worse than the decode alone")
+    grade = "holds" if loss_db <= BENDS_DB else "bends" if psnr_db >= grey_db + SEEN_DB else "breaks"
+    heard = [note for note in said if not any(phrase in note for phrase in ABOUT_DEPTH)]
+    if grade != "holds" and not heard and not case.silent and not case.says:
+        problems.append(f"loses {loss_db:.1f} dB without a word")
+    return Outcome(grade, psnr_db, decode_db, loss_db, said, tuple(problems))
+
+
+def notes_of(shot: Shot, result: RunResult) -> tuple[str, ...]:
+    """Return what the report tells the user.
+
+    Raises:
+        Gs2ciError: The result contradicts itself.
+        ValueError: A figure of the report is not finite.
+    """
+    report = build_report(shot, result.check())
+    json.dumps(report, allow_nan=False)
+    return tuple(report["notes"])
+
+
+def insane(shot: Shot, result: RunResult) -> list[str]:
+    """List what is not bounded or contradicts itself in a result."""
+    problems = []
+    ceiling = RANGE * max(1.0, float(np.abs(shot.measurement).max()))
+    if float(np.abs(result.views).max()) > ceiling:
+        problems.append(f"views reach {np.abs(result.views).max():.3g}")
+    held: Mapping[str, float | None] = dict(result.heldout_rms)
+    best, alone = held[result.verdict], held["decode"]
+    if best is not None and alone is not None and best > alone:
+        problems.append(f"chose {result.verdict} against the held-out pixels")
+    error = _sum_error(shot, result)
+    if error > SUM_TOLERANCE:
+        problems.append(f"the predicted measurement is off from its float64 sum by {error:.1e}")
+    return problems
+
+
+def _sum_error(shot: Shot, result: RunResult) -> float:
+    """Compare the predicted measurement with Σ w M X in float64, relative to its size; not behind a mosaic."""
+    if shot.cfa is not None:
+        return 0.0
+    weights = shot.masks.astype(np.float64) * shot.weights.astype(np.float64)[:, None, None]
+    exact = (weights[..., None] * result.views.astype(np.float64)).sum(axis=0)
+    size = (weights[..., None] * np.abs(result.views.astype(np.float64))).sum(axis=0).max()
+    return float(np.abs(exact - result.predicted_measurement).max() / max(size, np.finfo(np.float32).tiny))
+
+
+def unsaid(case: Case, said: tuple[str, ...]) -> tuple[str, ...]:
+    """List the phrases that a case demands and nobody said."""
+    text = " ".join(said)
+    return tuple(f"does not say «{phrase}»" for phrase in case.says if phrase not in text)
+
+
+def beyond_easy(notes: tuple[str, ...], scale: Scale) -> tuple[str, ...]:
+    """Return the notes that the easy case at this scale does not bring, whatever the figures in them."""
+    common = {_without_figures(note) for note in _easy(scale)[1]}
+    return tuple(note for note in notes if _without_figures(note) not in common)
+
+
+def easy_db(scale: Scale) -> float:
+    """Return what the easy case reaches at this scale, dB."""
+    return _easy(scale)[0]
+
+
+@lru_cache(maxsize=8)
+def _easy(scale: Scale) -> tuple[float, tuple[str, ...]]:
+    shot, result = run(EASY, scale)
+    scores = _scores(shot, result)
+    assert scores is not None
+    return scores[0], notes_of(shot, result)
+
+
+def _scores(shot: Shot, result: RunResult) -> tuple[float, float, float] | None:
+    """Return the PSNR of the recovered views, of the decode, and of an even grey of the true views' mean colour."""
+    truth = shot.truth.views
+    if truth is None or np.abs(truth).max() > 1e3 * max(1.0, np.abs(shot.measurement).max()):
+        return None
+    grey = np.broadcast_to(np.clip(truth, 0, 1).mean(axis=(0, 1, 2)), truth.shape).astype(np.float32)
+    recovered, alone, even = (float(np.mean(psnr_per_view(v, truth))) for v in (result.views, result.decode, grey))
+    return recovered, alone, even
+
+
+def _without_folder(text: str) -> str:
+    return re.sub(r"\S*/(?=shot\.h5)", "", text)
+
+
+def _without_figures(note: str) -> str:
+    return re.sub(r"[-+]?\d[\d.,e+-]*", "#", note)

@@ -1,0 +1,57 @@
+"""Same seed, same bits: from the simulated scene to the report, in any number of threads, in any process."""
+
+import hashlib
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numba
+import numpy as np
+import pytest
+
+from tests.stability.benches import Scale
+from tests.stability.cases import CASES
+from tests.stability.judge import run
+
+SMALL = Scale((40, 48), 40)
+BY_TITLE = {case.title: case for case in CASES}
+TITLES = [
+    "noise: 20 % of the brightest reading",
+    "channels: one behind a colour filter array",
+    "fault: a step that multiplies means by 1e+06",
+]
+ROOT = Path(__file__).parents[2]
+
+
+def fingerprint(title):
+    """Hash every number that a case measures and recovers."""
+    shot, result = run(BY_TITLE[title], SMALL)
+    digest = hashlib.sha256()
+    arrays = (shot.measurement, shot.masks, result.views, result.decode, result.depth, result.world_to_camera)
+    for array in arrays:
+        digest.update(np.ascontiguousarray(array).tobytes())
+    digest.update(repr((result.notes, result.verdict, [point.loss for point in result.curve])).encode())
+    return digest.hexdigest()
+
+
+@pytest.mark.parametrize("title", TITLES)
+def test_a_case_has_the_same_bits_again_and_in_one_thread(title):
+    before = numba.get_num_threads()
+    first = fingerprint(title)
+    assert fingerprint(title) == first
+    numba.set_num_threads(1)
+    try:
+        assert fingerprint(title) == first
+    finally:
+        numba.set_num_threads(before)
+
+
+def test_a_case_has_the_same_bits_in_another_process():
+    script = "from tests.stability.test_determinism import fingerprint, TITLES; print(fingerprint(TITLES[1]))"
+    paths = [str(ROOT / folder) for folder in (".", "drivers", "calibration", "sims")]
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(paths), "PYTHONHASHSEED": "7", "NUMBA_NUM_THREADS": "1"}
+    done = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, timeout=120, check=True, env=environment
+    )
+    assert done.stdout.strip() == fingerprint(TITLES[1])
