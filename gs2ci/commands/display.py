@@ -18,8 +18,8 @@ from rich.text import Text
 
 from gs2ci.core import progress
 from gs2ci.core.clock import Clock, WallClock
+from gs2ci.core.durations import spoken_duration
 from gs2ci.evaluate.report import read_report
-from gs2ci.evaluate.wording import describe_seconds
 
 # Redrawing costs the fit about a thousandth at this rate; an eye needs no more.
 REDRAWS_PER_SECOND: Final = 4
@@ -180,7 +180,7 @@ class _TimeColumn(ProgressColumn):
         taken = f"{task.finished_time if task.finished and task.finished_time else task.elapsed or 0:.1f} s"
         if task.finished or task.time_remaining is None:
             return Text(taken, justify="right")
-        return Text(f"{taken}, {describe_seconds(task.time_remaining)} left", style="cyan", justify="right")
+        return Text(f"{taken}, {spoken_duration(task.time_remaining)} left", style="cyan", justify="right")
 
 
 def describe_figures(figures: dict[str, Any]) -> str:
@@ -252,7 +252,7 @@ def _summary_rows(report: dict[str, Any]) -> list[tuple[str, str, str]]:
         rows.append(("held-out", f"{heldout[report['verdict']]:.4f} rms", others))
     seconds = report["seconds"]
     stages = ", ".join(f"{stage} {seconds[stage]:.1f} s" for stage in ("decode", "geometry", "fit"))
-    rows.append(("time", describe_seconds(seconds["total"]), stages))
+    rows.append(("time", spoken_duration(seconds["total"]), stages))
     rows.append(("Gaussians", f"{report['gaussians']}", f"peak memory {report['peak_mib']:.0f} MiB"))
     return rows
 

@@ -1,4 +1,4 @@
-"""How figures are written for people: durations, counts, numbers, nested settings as rows.
+"""How figures are written for people: counts, numbers, nested settings as rows.
 
 Not here: which figures are shown. The commands and the rest of `gs2ci.evaluate` may import this file.
 """
@@ -21,16 +21,6 @@ UNITS: Final = {
     "hz": " Hz",
     "c": " °C",
 }
-
-
-def describe_seconds(seconds: float) -> str:
-    """Write a duration as a person says it: 48 s, 3 min 05 s, 2 h 10 min."""
-    whole = round(seconds)
-    if whole < 60:
-        return f"{whole} s"
-    if whole < 3600:
-        return f"{whole // 60} min {whole % 60:02d} s"
-    return f"{whole // 3600} h {whole % 3600 // 60:02d} min"
 
 
 def describe_number(value: float | None, digits: int = 4) -> str:

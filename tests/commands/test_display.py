@@ -8,7 +8,6 @@ from gs2ci.commands.display import (
     LiveDisplay,
     PlainDisplay,
     describe_figures,
-    describe_seconds,
     open_display,
     print_summary,
 )
@@ -166,21 +165,6 @@ def test_figures_read_as_a_person_writes_them(figures, text):
     assert describe_figures(figures) == text
 
 
-@pytest.mark.parametrize(
-    ("seconds", "text"),
-    [
-        (0.2, "0 s"),
-        (48, "48 s"),
-        (59.7, "1 min 00 s"),
-        (185, "3 min 05 s"),
-        (3600, "1 h 00 min"),
-        (7850, "2 h 10 min"),
-    ],
-)
-def test_durations_read_as_a_person_says_them(seconds, text):
-    assert describe_seconds(seconds) == text
-
-
 REPORT = {
     "schema": "gs2ci.report/1",
     "name": "fern [smooth]",
@@ -218,7 +202,7 @@ def test_the_summary_says_how_good_how_long_and_where(tmp_path):
         "0.9421",
         "0.0010",
         "0.100°",
-        "1 min 26 s",
+        "86 s",
         "decode 4.0 s, geometry 4.2 s, fit 78.0 s",
         "held-out",
         "scene 0.0310, decode 0.0520",

@@ -20,7 +20,15 @@ def test_what_is_no_duration_is_refused(text):
 
 @pytest.mark.parametrize(
     ("seconds", "text"),
-    [(0.04, "0.0 s"), (9.94, "9.9 s"), (42.4, "42 s"), (119.4, "119 s"), (200, "3 min 20 s"), (7500, "2 h 05 min")],
+    [
+        (0.04, "0.0 s"),
+        (9.94, "9.9 s"),
+        (42.4, "42 s"),
+        (119.4, "119 s"),
+        (200, "3 min 20 s"),
+        (7199.7, "2 h 00 min"),
+        (7500, "2 h 05 min"),
+    ],
 )
 def test_durations_are_said_with_the_digits_that_matter(seconds, text):
     assert spoken_duration(seconds) == text

@@ -11,6 +11,7 @@ from typing import Any, Final
 
 from markupsafe import Markup
 
+from gs2ci.core.durations import spoken_duration
 from gs2ci.core.errors import StorageError
 from gs2ci.evaluate.pages import pieces
 from gs2ci.evaluate.pages.camera_path import Paths, path_colour, path_svg
@@ -20,7 +21,7 @@ from gs2ci.evaluate.pages.next_steps import next_steps, outcome
 from gs2ci.evaluate.pages.pieces import Figure
 from gs2ci.evaluate.pages.run_evidence import RunEvidence, read_evidence
 from gs2ci.evaluate.pages.run_pictures import RunPictures, collect_pictures
-from gs2ci.evaluate.wording import describe_number, describe_seconds, describe_value, flat_rows, spoken_rows
+from gs2ci.evaluate.wording import describe_number, describe_value, flat_rows, spoken_rows
 
 PAGE_NAME: Final = "report.html"
 FILES: Final = (
@@ -130,7 +131,7 @@ def _figures(report: Mapping[str, Any]) -> list[Figure]:
         turned = report["trajectory"]["rotation_deg"]
         found.append(Figure(f"{report['trajectory']['nate']:.4f}", "Path error (nATE)", f"rotation {turned:.2f}°"))
     seconds = report["seconds"]
-    found.append(Figure(describe_seconds(seconds["total"]), "Time", f"{report['machine']['usable_cores']} cores"))
+    found.append(Figure(spoken_duration(seconds["total"]), "Time", f"{report['machine']['usable_cores']} cores"))
     found.append(Figure(describe_number(report["gaussians"]), "Gaussians", f"peak {report['peak_mib']:.0f} MiB"))
     return found
 
@@ -282,7 +283,7 @@ def _cost(report: Mapping[str, Any]) -> Markup:
     height, width = report["size"]
     per_view = 1e6 * seconds["total"] / max(height * width * report["views"], 1)
     rows = [
-        ("in all", describe_seconds(seconds["total"])),
+        ("in all", spoken_duration(seconds["total"])),
         ("per recovered megapixel", f"{per_view:.0f} s"),
         ("peak memory", f"{report['peak_mib']:.0f} MiB"),
     ]
