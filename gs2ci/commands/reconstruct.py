@@ -28,6 +28,7 @@ from gs2ci.reconstruct.fit.fine import FineSettings
 from gs2ci.reconstruct.fit.rules import RuleName, with_rule
 from gs2ci.reconstruct.pipeline import PoseSource, ProxyName, Score, Settings, reconstruct
 from gs2ci.reconstruct.presets import PRESETS, PresetName
+from gs2ci.render.backend import needs_compiling
 
 
 def run(
@@ -113,6 +114,8 @@ def run(
 
     settings, pace = adapted(PRESETS[preset]), None
     with open_display() as display:
+        if needs_compiling(settings.backend):
+            display.say("The first run on this machine compiles the rasteriser, once: give it half a minute more.")
         if budget_s is not None:
             plan = _plan(budget_s, began_s, measured, adapted, display)
             settings, pace = plan.settings, plan.pace

@@ -131,3 +131,12 @@ def load_backend(name: str = "cpu") -> Backend:
     if name not in _BACKENDS:
         raise InputError(f"no rendering backend {name!r}", allowed=", ".join(sorted(_BACKENDS)))
     return _BACKENDS[name]()
+
+
+def needs_compiling(name: str) -> bool:
+    """Tell whether a backend's first rendering on this machine waits for its kernels to be compiled."""
+    if name != "cpu":
+        return False
+    from gs2ci.render.cpu.compile import is_compiled  # noqa: PLC0415
+
+    return not is_compiled()

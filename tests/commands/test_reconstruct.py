@@ -48,6 +48,12 @@ def test_it_returns_the_folder_it_wrote_and_prints_the_figures(measured, tmp_pat
     assert str(folder / "overview.png") in capsys.readouterr().out
 
 
+def test_a_first_run_says_what_it_waits_for(measured, tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(reconstruct, "needs_compiling", lambda backend: backend == "cpu")
+    reconstruct.run(measured, tmp_path / "run", iterations=1)
+    assert "compiles the rasteriser" in capsys.readouterr().out
+
+
 def test_the_index_chooses_the_shot(measured, tmp_path):
     assert read_report(reconstruct.run(measured, tmp_path / "run", index=1, iterations=2))["name"] == "noise 1"
 

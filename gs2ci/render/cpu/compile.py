@@ -49,6 +49,11 @@ def _can_write(folder: Path) -> bool:
 _CACHE_FOLDER: Final = _cache_folder()
 
 
+def is_compiled() -> bool:
+    """Tell whether kernels of these sources lie on disk, so that their first call does not have to compile them."""
+    return _CACHE_FOLDER is not None and any(Path(_CACHE_FOLDER).rglob("*.nbc"))
+
+
 def kernel(*, parallel: bool = False) -> Callable[[Callable[..., Any]], Any]:
     """Compile a function with Numba on its first call, and keep the machine code on disk if that can be.
 

@@ -2,6 +2,7 @@ from pathlib import Path
 
 from numba import config
 
+from gs2ci.render.backend import needs_compiling
 from gs2ci.render.cpu import compile as compiling
 from gs2ci.render.cpu.project import project
 
@@ -58,3 +59,14 @@ def test_kernels_still_run_where_nothing_can_be_written(monkeypatch):
         return 3 * x
 
     assert thrice(2) == 6
+
+
+def test_a_backend_needs_compiling_until_its_kernels_lie_on_disk(monkeypatch, tmp_path):
+    monkeypatch.setattr(compiling, "_CACHE_FOLDER", str(tmp_path))
+    assert needs_compiling("cpu")
+    (tmp_path / "cpu_0").mkdir()
+    (tmp_path / "cpu_0" / "kernel.1.nbc").touch()
+    assert not needs_compiling("cpu")
+    monkeypatch.setattr(compiling, "_CACHE_FOLDER", None)
+    assert needs_compiling("cpu")
+    assert not needs_compiling("reference")
