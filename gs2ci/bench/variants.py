@@ -10,6 +10,7 @@ from typing import Final
 
 from gs2ci.core.errors import InputError
 from gs2ci.reconstruct.ablation import COMPONENTS, without
+from gs2ci.reconstruct.fit.density.osgr import Osgr
 from gs2ci.reconstruct.fit.fine import FineSettings
 from gs2ci.reconstruct.fit.paper import paper_settings
 from gs2ci.reconstruct.fit.rules import RULE_NAMES, with_rule
@@ -30,10 +31,15 @@ def _without(names: tuple[str, ...], settings: Settings) -> Settings:
     return without(settings, names)
 
 
+def _by_the_book(settings: Settings) -> Settings:
+    return replace(settings, fit=replace(settings.fit, density=Osgr()))
+
+
 RULES: Final[dict[str, Change]] = {
-    name: partial(_with_rule, name) for name in RULE_NAMES if name != Settings().fit.density.name
+    "osgr by the book": _by_the_book,
+    **{name: partial(_with_rule, name) for name in RULE_NAMES if name != Settings().fit.density.name},
 }
-"""The other density rules, on the default's schedule."""
+"""The default's density rule with the criteria of the literature, and the other rules, on the default's schedule."""
 
 ABLATION: Final[dict[str, Change]] = {
     **{f"without {name}": partial(_without, (name,)) for name in COMPONENTS},

@@ -18,7 +18,7 @@ CASES = (Case("a", scene="boxes"), Case("b", scene="ball"))
 
 LINES = {
     "methods": VARIANTS,
-    "density": ("default", "adc", "mcmc", "revised"),
+    "density": ("default", "osgr by the book", "adc", "mcmc", "revised"),
     "ablation": ("default", *(f"without {name}" for name in COMPONENTS), "without all six"),
     "mask-ratio": RATIOS,
     "compression": VIEWS,

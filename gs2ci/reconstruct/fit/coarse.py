@@ -56,7 +56,7 @@ class CoarseSettings:
     steps: StepSizes = field(default_factory=StepSizes)
     poses: PoseSettings = field(default_factory=PoseSettings)
     hold_out: HoldOut = field(default_factory=HoldOut)
-    density: DensityRule = field(default_factory=Osgr)
+    density: DensityRule = field(default_factory=Osgr.sparing)
 
     def check(self) -> "CoarseSettings":
         """Return self if the numbers make sense.

@@ -28,7 +28,7 @@ class _Choice:
 
 
 _RULES: Final[dict[str, _Choice]] = {
-    "osgr": _Choice(Osgr, opacity=0.01),
+    "osgr": _Choice(Osgr.sparing, opacity=0.01),
     "adc": _Choice(Adc),
     "mcmc": _Choice(Mcmc, opacity=0.01, size=0.01),
     "revised": _Choice(Revised),

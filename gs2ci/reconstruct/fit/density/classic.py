@@ -20,7 +20,8 @@ class Classic:
     Args:
         gradient: Screen gradient above which a Gaussian is split or duplicated.
         large: Size above which it is split rather than duplicated, in units of the camera path's diameter.
-        large_on_screen: Radius above which it is split whatever its gradient, as a share of the longer image side.
+        large_on_screen: Radius above which it is split whatever its gradient, as a share of the longer image side;
+            None for none (gsplat's default, where Nerfstudio has 0.05).
         transparent: Opacity below which it is removed.
         huge: Size above which it is removed, in units of the path's diameter or of the median depth, whichever is
             longer: the original's unit is the size of a scene that cameras go round, and a short path says nothing
@@ -33,7 +34,7 @@ class Classic:
 
     gradient: float = 2e-4
     large: float = 0.01
-    large_on_screen: float = 0.05
+    large_on_screen: float | None = 0.05
     transparent: float = 0.005
     huge: float = 0.1
     huge_on_screen: float = 0.15
@@ -52,7 +53,7 @@ class Classic:
         """
         split = wanting & (_sizes(scene) > self.large * evidence.extent)
         duplicate = wanting & ~split
-        if evidence.iteration < self.screen_until:
+        if self.large_on_screen is not None and evidence.iteration < self.screen_until:
             wide = evidence.screen_radius > self.large_on_screen
             split, duplicate = split | wide, duplicate & ~wide
         return split, duplicate

@@ -90,3 +90,8 @@ def test_what_a_reset_leaves_is_not_removed_at_once(line, evidence):
     criteria = Classic()
     change = criteria.reset(Change(line(4, 0.9), torch.arange(4)), evidence(4, iteration=3000))
     assert indices(criteria.removed(change.scene, evidence(4, iteration=3100))) == []
+
+
+def test_no_limit_on_radii_leaves_the_wide_alone(line, evidence):
+    seen = evidence(6, moved=(1,), wide=(2, 5))
+    assert divided(line(6), seen, Classic(large_on_screen=None)) == ([], [1])

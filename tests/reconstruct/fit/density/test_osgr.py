@@ -151,3 +151,10 @@ def test_sources_say_which_one_each_continues(line, evidence):
     expected = line(40).colours[result.source[going_on]]
     assert torch.equal(result.scene.colours[going_on], expected)
     assert torch.equal(result.scene.colours[~going_on], line(40).colours[[7, 9]])
+
+
+def test_the_sparing_rule_leaves_alone_what_is_only_wide_on_the_screen(line, evidence):
+    seen = evidence(12, wide=(2, 5))
+    sparing = Osgr.sparing().change(line(12), seen, torch.Generator().manual_seed(0))
+    assert len(sparing.scene) == 12
+    assert len(change(line(12), seen).scene) == 14
