@@ -9,6 +9,7 @@ import importlib
 import os
 import sys
 from collections.abc import Callable
+from contextvars import copy_context
 from typing import Any, Final
 
 # torch's and Numba's thread pools otherwise spin against each other (3-10x slower when anything else runs);
@@ -46,8 +47,12 @@ EXIT_INTERRUPTED: Final = 130
 
 def main() -> int:
     """Run the command line; return the exit status: 0, 2 for an error of ours, 130 when interrupted."""
+    # In a context of its own, so that nothing of one command is left for whoever calls a second one.
+    return copy_context().run(_serve, sys.argv[1:])
+
+
+def _serve(arguments: list[str]) -> int:
     begin_command()
-    arguments = sys.argv[1:]
     if not arguments or arguments[0] in ("-h", "--help"):
         sys.stdout.write(_usage())
         return 0
