@@ -27,7 +27,7 @@ from gs2ci_calibration.bundle import Bundle
 from gs2ci_calibration.estimates import Estimate, Section
 from gs2ci_calibration.frames import Dark, check_flicker, check_stack, refuse_dark, root
 from gs2ci_calibration.refusals import CalibrationError, Reason
-from gs2ci_drivers.modulator import PatternSequence
+from gs2ci_drivers.pattern_sequence import PatternSequence
 from gs2ci_drivers.plan import CaptureSettings, Mode
 from gs2ci_drivers.planning import overlap_weights, sensor_exposure_s
 

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gs2ci_drivers.failures import PlanRefusedError
-from gs2ci_drivers.modulator import PatternSequence, TriggerOut
+from gs2ci_drivers.pattern_sequence import PatternSequence, TriggerOut
 from gs2ci_drivers.sensor import TriggerMode
 from gs2ci_drivers.stage import Sweep
 

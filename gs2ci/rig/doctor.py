@@ -18,7 +18,7 @@ from gs2ci.rig.config import SIMULATED, Dlpc900Table
 from gs2ci.rig.opening import DLPC900_PRODUCT, DLPC900_VENDOR, Rig
 from gs2ci_drivers.acquisition import Devices, Taken, capture, plan_capture
 from gs2ci_drivers.links.usb_device import udev_rules
-from gs2ci_drivers.modulator import ModulatorInfo
+from gs2ci_drivers.pattern_sequence import ModulatorInfo
 from gs2ci_drivers.plan import CaptureSettings, Mode
 from gs2ci_drivers.sensor import FrameFlag, SensorConfig, TriggerMode
 

@@ -17,7 +17,8 @@ from gs2ci_drivers.failures import (
     UnsupportedError,
     WrongStateError,
 )
-from gs2ci_drivers.modulator import Modulator, ModulatorState, PatternSequence, TriggerOut
+from gs2ci_drivers.modulator import Modulator, ModulatorState
+from gs2ci_drivers.pattern_sequence import PatternSequence, TriggerOut
 from gs2ci_drivers.scpi_modulator.driver import ScpiModulator
 from gs2ci_sims.wires.display_slm import DisplaySlmTwin
 from gs2ci_sims.wires.dlpc900 import Dlpc900Twin

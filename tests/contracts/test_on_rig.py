@@ -17,7 +17,8 @@ from gs2ci.rig.opening import Rig, load_rig
 from gs2ci.rig.simulated import build_bench
 from gs2ci_drivers.acquisition import Devices, capture, plan_capture
 from gs2ci_drivers.failures import NoAnswerError, OutOfRangeError, TriggerTimeoutError, WrongStateError
-from gs2ci_drivers.modulator import ModulatorState, PatternSequence, TriggerOut
+from gs2ci_drivers.modulator import ModulatorState
+from gs2ci_drivers.pattern_sequence import PatternSequence, TriggerOut
 from gs2ci_drivers.plan import CaptureSettings, Mode
 from gs2ci_drivers.sensor import SensorConfig, TriggerMode
 from gs2ci_sims.world import Exposure

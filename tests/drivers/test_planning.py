@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from gs2ci_drivers.failures import PlanRefusedError
-from gs2ci_drivers.modulator import ModulatorInfo, TriggerOut
+from gs2ci_drivers.pattern_sequence import ModulatorInfo, TriggerOut
 from gs2ci_drivers.plan import CaptureSettings, Mode, Optics, Travel, table
 from gs2ci_drivers.planning import lay_out, overlap_weights, sensor_exposure_s
 from gs2ci_drivers.sensor import FrameFormat, SensorInfo, SensorSettings, TriggerMode

@@ -18,15 +18,8 @@ from gs2ci.core.errors import InputError
 from gs2ci_drivers.display_slm.link import SlmLink
 from gs2ci_drivers.display_slm.packets import HEIGHT, SLOTS, TOP_LEVEL, WIDTH, image
 from gs2ci_drivers.failures import NoAnswerError, SequenceError
-from gs2ci_drivers.modulator import (
-    Modulator,
-    ModulatorInfo,
-    ModulatorState,
-    ModulatorStatus,
-    PatternSequence,
-    TriggerOut,
-    UploadProgress,
-)
+from gs2ci_drivers.modulator import Modulator, ModulatorState, ModulatorStatus, UploadProgress
+from gs2ci_drivers.pattern_sequence import ModulatorInfo, PatternSequence, TriggerOut
 from gs2ci_drivers.ports import BytePort
 
 _IMAGE_S: Final = 0.15

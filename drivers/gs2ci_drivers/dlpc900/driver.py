@@ -38,15 +38,8 @@ from gs2ci_drivers.failures import (
     UnsupportedError,
     WrongStateError,
 )
-from gs2ci_drivers.modulator import (
-    Modulator,
-    ModulatorInfo,
-    ModulatorState,
-    ModulatorStatus,
-    PatternSequence,
-    TriggerOut,
-    UploadProgress,
-)
+from gs2ci_drivers.modulator import Modulator, ModulatorState, ModulatorStatus, UploadProgress
+from gs2ci_drivers.pattern_sequence import ModulatorInfo, PatternSequence, TriggerOut
 from gs2ci_drivers.ports import HidPort
 
 _US: Final = 1e-6

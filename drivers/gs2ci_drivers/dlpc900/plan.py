@@ -15,8 +15,8 @@ from gs2ci_drivers.dlpc900 import firmware, timing
 from gs2ci_drivers.dlpc900.images import Compression, encode_block, pack_planes, place_of, split_halves
 from gs2ci_drivers.dlpc900.lut import ALL_LEDS, LutEntry
 from gs2ci_drivers.dlpc900.payloads import MIN_PULSE_US, TriggerOut
-from gs2ci_drivers.modulator import PatternSequence
-from gs2ci_drivers.modulator import TriggerOut as Trigger
+from gs2ci_drivers.pattern_sequence import PatternSequence
+from gs2ci_drivers.pattern_sequence import TriggerOut as Trigger
 
 _US = 1e6
 

@@ -9,15 +9,8 @@ from typing import Final
 
 from gs2ci.core.clock import Clock
 from gs2ci_drivers.failures import BadReplyError, DeviceFaultError, NoAnswerError, SequenceError, UnsupportedError
-from gs2ci_drivers.modulator import (
-    Modulator,
-    ModulatorInfo,
-    ModulatorState,
-    ModulatorStatus,
-    PatternSequence,
-    TriggerOut,
-    UploadProgress,
-)
+from gs2ci_drivers.modulator import Modulator, ModulatorState, ModulatorStatus, UploadProgress
+from gs2ci_drivers.pattern_sequence import ModulatorInfo, PatternSequence, TriggerOut
 from gs2ci_drivers.ports import BytePort
 from gs2ci_drivers.scpi_modulator.link import ScpiLink
 from gs2ci_drivers.scpi_modulator.packets import (

@@ -18,7 +18,8 @@ from gs2ci_drivers.failures import (
     SequenceError,
     UnsupportedError,
 )
-from gs2ci_drivers.modulator import ModulatorState, PatternSequence, TriggerOut
+from gs2ci_drivers.modulator import ModulatorState
+from gs2ci_drivers.pattern_sequence import PatternSequence, TriggerOut
 from gs2ci_sims.wires.display_slm import DisplaySlmTwin
 from gs2ci_sims.world import Exposure, MaskInterval, World
 

@@ -24,7 +24,8 @@ from gs2ci_drivers.failures import (
     UnsupportedError,
     WrongStateError,
 )
-from gs2ci_drivers.modulator import ModulatorState, PatternSequence, TriggerOut
+from gs2ci_drivers.modulator import ModulatorState
+from gs2ci_drivers.pattern_sequence import PatternSequence, TriggerOut
 from gs2ci_sims.wires.dlpc900 import Dlpc900Twin
 from gs2ci_sims.world import Exposure, MaskInterval, World
 

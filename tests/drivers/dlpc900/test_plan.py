@@ -8,7 +8,7 @@ import pytest
 from gs2ci_drivers.dlpc900.images import Compression, decode_block
 from gs2ci_drivers.dlpc900.plan import Dlpc900Settings, digest_masks, encode_images, lut_entries
 from gs2ci_drivers.dlpc900.timing import upload_s
-from gs2ci_drivers.modulator import PatternSequence, TriggerOut
+from gs2ci_drivers.pattern_sequence import PatternSequence, TriggerOut
 
 MASKS = np.random.default_rng(5).integers(0, 2, (30, 8, 10), dtype=np.uint8)
 SEQUENCE = PatternSequence(MASKS, 1, 200e-6, dark_s=50e-6, pause_s=900e-6)

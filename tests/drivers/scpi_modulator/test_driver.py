@@ -16,7 +16,8 @@ from gs2ci_drivers.failures import (
     SequenceError,
     UnsupportedError,
 )
-from gs2ci_drivers.modulator import ModulatorState, PatternSequence, TriggerOut
+from gs2ci_drivers.modulator import ModulatorState
+from gs2ci_drivers.pattern_sequence import PatternSequence, TriggerOut
 from gs2ci_drivers.scpi_modulator.driver import ScpiModulator
 from gs2ci_sims.wires.scpi_modulator import ScpiModulatorTwin, ScpiPanel
 from gs2ci_sims.world import Exposure, MaskInterval, World

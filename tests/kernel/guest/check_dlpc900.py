@@ -13,7 +13,8 @@ from gs2ci.core.clock import WallClock
 from gs2ci_drivers.dlpc900.driver import Dlpc900
 from gs2ci_drivers.failures import AccessError, DisconnectedError, DriverError
 from gs2ci_drivers.links.usb_hid import UsbHid
-from gs2ci_drivers.modulator import ModulatorState, PatternSequence, TriggerOut
+from gs2ci_drivers.modulator import ModulatorState
+from gs2ci_drivers.pattern_sequence import PatternSequence, TriggerOut
 from gs2ci_sims.wires.dlpc900 import Dlpc900Twin
 from gs2ci_sims.world import World
 
