@@ -8,8 +8,6 @@ import time
 from contextvars import ContextVar
 from typing import Final, Protocol
 
-import psutil
-
 _command_began_s: Final[ContextVar[float | None]] = ContextVar("command_began_s", default=None)
 
 
@@ -30,6 +28,9 @@ def begin_command() -> None:
 
     The interpreter's start and the loading of libraries take seconds, which a promise about time has to count.
     """
+    # Drivers use this file on computers that have neither the command line nor this library.
+    import psutil  # noqa: PLC0415
+
     _command_began_s.set(time.monotonic() - max(0.0, time.time() - float(psutil.Process().create_time())))
 
 
