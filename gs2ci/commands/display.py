@@ -74,6 +74,10 @@ class PlainDisplay:
         self._name, self._total, self._done, self._figures = name, total, 0, ""
         self._began_s = self._clock.now_s()
 
+    def expect(self, total: int) -> None:
+        """Count the stage's steps up to another total."""
+        self._total = total
+
     def step(self, done: int, **figures: float | int | str) -> None:
         """Remember the latest figures."""
         self._done = done
@@ -127,6 +131,11 @@ class LiveDisplay:
         self._end_stage()
         self._bars.figures = ""
         self._task = self._bars.add_task(name, total=total)
+
+    def expect(self, total: int) -> None:
+        """Draw the bar towards another total."""
+        if self._task is not None:
+            self._bars.update(self._task, total=total)
 
     def step(self, done: int, **figures: float | int | str) -> None:
         """Move the bar and show the figures."""

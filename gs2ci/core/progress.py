@@ -14,6 +14,10 @@ class Progress(Protocol):
         """Begin a stage of `total` steps (None: not known beforehand)."""
         ...
 
+    def expect(self, total: int) -> None:
+        """Say that the running stage will have `total` steps after all."""
+        ...
+
     def step(self, done: int, **figures: float | int | str) -> None:
         """Report that `done` steps of the stage are finished, with any figures worth showing."""
         ...
@@ -30,6 +34,9 @@ class Silent:
         self.sentences: list[str] = []
 
     def stage(self, name: str, total: int | None = None) -> None:
+        """Ignore."""
+
+    def expect(self, total: int) -> None:
         """Ignore."""
 
     def step(self, done: int, **figures: float | int | str) -> None:

@@ -69,6 +69,24 @@ def test_plain_output_is_one_line_per_stage_and_sentence():
     ]
 
 
+def test_a_stage_may_turn_out_longer_or_shorter_than_it_was_said_to_be():
+    console = pipe()
+    with PlainDisplay(console, StepClock()) as display:
+        display.stage("fit", 500)
+        display.expect(800)
+        display.step(700)
+    assert console.file.getvalue().splitlines() == ["fit: 1.0 s, 700 of 800 steps"]
+    live = terminal()
+    with open_display(live) as display:
+        display.expect(3)  # before any stage: nothing to draw
+        display.stage("fit", 500)
+        display.expect(800)
+        display.step(700)
+        display._bars.refresh()
+        shown = live.file.getvalue()
+    assert "700/800" in shown
+
+
 def test_plain_output_of_long_sentences_is_not_broken():
     console = pipe()
     with PlainDisplay(console) as display:

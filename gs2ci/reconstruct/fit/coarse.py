@@ -310,7 +310,9 @@ class _Loop:
                 continue
             self._step(iteration, total)
             iteration += 1
-            total = self._pace.total(iteration)
+            before, total = total, self._pace.total(iteration)
+            if total != before:
+                self._progress.expect(total)
             if iteration % self.settings.hold_out.look_every == 0 or iteration >= total:
                 self._look(iteration, loss)
                 if self._watch.stalled(iteration):

@@ -11,6 +11,7 @@ from gs2ci.reconstruct.fit.coarse import MAX_ROLLBACKS, CoarseSettings, fit_coar
 from gs2ci.reconstruct.fit.density.classic import Classic
 from gs2ci.reconstruct.fit.density.osgr import Osgr
 from gs2ci.reconstruct.fit.optimiser import GaussianOptimiser
+from gs2ci.reconstruct.fit.pace import Fixed
 from gs2ci.reconstruct.fit.paper import paper_settings
 from gs2ci.reconstruct.fit.poses import PoseSettings
 from gs2ci.reconstruct.fit.rules import RULE_NAMES, with_rule
@@ -23,7 +24,7 @@ QUICK = CoarseSettings(iterations=60, densify_every=20, hold_out=HoldOut(share=0
 UNJUDGED = HoldOut(share=0.0, look_every=10, patience=10**6, growth_patience=10**6)
 
 
-def run(moving_plane, settings=QUICK, *, backend=None, seed=0, listener=None, score=None, shot=None):
+def run(moving_plane, settings=QUICK, *, backend=None, seed=0, listener=None, score=None, shot=None, pace=None):
     given, geometry = moving_plane
     shot = shot or given
     jury = Jury(shot, choose_heldout(shot, settings.hold_out.share, seed))
@@ -38,6 +39,7 @@ def run(moving_plane, settings=QUICK, *, backend=None, seed=0, listener=None, sc
         refine=lambda views: views,
         progress=listener or Silent(),
         score=score,
+        pace=pace,
     )
     return fit, jury
 
@@ -329,3 +331,20 @@ def test_settings_that_make_no_sense_are_refused(moving_plane, settings):
             refine=lambda views: views,
             progress=Silent(),
         )
+
+
+def test_whoever_waits_hears_when_the_pace_changes_the_number_of_iterations(moving_plane):
+    class Stretched(Fixed):
+        def total(self, done):
+            return 4 if done < 2 else 6
+
+    class Waiting(Silent):
+        expected = ()
+
+        def expect(self, total):
+            self.expected += (total,)
+
+    waiting = Waiting()
+    fit, _ = run(moving_plane, QUICK, listener=waiting, pace=Stretched(4))
+    assert waiting.expected == (6,)
+    assert fit.curve[-1].iteration == 6
