@@ -9,9 +9,9 @@ export OMP_WAIT_POLICY := PASSIVE
 .PHONY: help install demo test stability kernel check bench clean
 
 help:
-	@echo "make demo   simulate an exposure of a real scene and reconstruct it (about three minutes)"
+	@echo "make demo   simulate an exposure of a real scene and reconstruct it (about two minutes once installed)"
 	@echo "make test   the tests"
-	@echo "make stability every hard case end to end; writes docs/stability.md"
+	@echo "make stability  every hard case end to end; writes docs/stability.md"
 	@echo "make kernel the drivers against a real kernel; RIG=path names the script that boots the guest"
 	@echo "make check  ruff, mypy, import-linter"
 	@echo "make bench  the measured figures: rasteriser against torch, bundle adjustments against each other"

@@ -1,7 +1,7 @@
 """`make bench`: run the benchmarks and print their figures. Nothing is asserted: timings belong to a machine.
 
-    python -m tests.benchmarks            all of them
-    python -m tests.benchmarks rasteriser one by name
+    python -m tests.benchmarks            those that take minutes
+    python -m tests.benchmarks long_fits  any by name, also those of `LONG`
 
 A benchmark is one file with a function `run()` that prints its figures, and one line in `BENCHMARKS`.
 """
@@ -31,6 +31,18 @@ BENCHMARKS = {
     "long_fits": "tests.benchmarks.long_fits",
 }
 
+LONG = (
+    "scaling",
+    "heldout_order",
+    "mask_calibration",
+    "random_masks",
+    "calibration_geometry",
+    "calibrated_reconstruction",
+    "calibration_base",
+    "long_fits",
+)
+"""Many benches or whole schedules each: run only by name."""
+
 
 def main(names: Sequence[str]) -> int:
     unknown = [name for name in names if name not in BENCHMARKS]
@@ -41,9 +53,11 @@ def main(names: Sequence[str]) -> int:
         f"{platform.processor() or platform.machine()}, Python {platform.python_version()}, "
         f"torch {torch.__version__}, numba {numba.__version__}, numpy {np.__version__}"
     )
-    for name in names or BENCHMARKS:
+    for name in names or [name for name in BENCHMARKS if name not in LONG]:
         print(f"\n== {name}")
         importlib.import_module(BENCHMARKS[name]).run()
+    if not names:
+        print(f"\nLeft out, as each takes long: {', '.join(LONG)}. Name those that you want.")
     return 0
 
 
