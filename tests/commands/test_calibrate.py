@@ -1,10 +1,5 @@
 """`gs2ci calibrate` as a user types it, on a small simulated rig."""
 
-import sys
-
-import pytest
-
-from gs2ci import cli
 from gs2ci_calibration.bundle import read_bundle
 from gs2ci_calibration.procedures import PROCEDURES
 
@@ -29,22 +24,9 @@ width = 48
 """
 
 
-@pytest.fixture
-def rig(tmp_path, monkeypatch):
-    path = tmp_path / "rig.toml"
-    path.write_text(RIG)
-    monkeypatch.chdir(tmp_path)
-    return path
-
-
-def gs2ci(monkeypatch, *arguments):
-    monkeypatch.setattr(sys, "argv", ["gs2ci", *map(str, arguments)])
-    return cli.main()
-
-
-def test_steps_fill_a_bundle_and_check_finds_no_drift(rig, monkeypatch, capsys):
+def test_steps_fill_a_bundle_and_check_finds_no_drift(rig, capsys, gs2ci):
     for step in ("dark-flat", "sensor"):
-        assert gs2ci(monkeypatch, "calibrate", step, "--rig", rig, "-o", "b.cal.h5") == 0
+        assert gs2ci("calibrate", step, "--rig", rig, "-o", "b.cal.h5") == 0
     said = capsys.readouterr().out
     assert "gain_e_per_dn" in said
     assert "0 hot and 0 dead pixels of 1536" in said
@@ -55,36 +37,36 @@ def test_steps_fill_a_bundle_and_check_finds_no_drift(rig, monkeypatch, capsys):
     assert bundle.provenance.temperature_c == 30.0
     assert set(bundle.provenance.devices) == {"modulator", "sensor"}
     written = rig.with_name("b.cal.h5").read_bytes()
-    assert gs2ci(monkeypatch, "calibrate", "check", "--rig", rig, "-o", "b.cal.h5") == 0
+    assert gs2ci("calibrate", "check", "--rig", rig, "-o", "b.cal.h5") == 0
     assert "black level" in capsys.readouterr().out
     assert rig.with_name("b.cal.h5").read_bytes() == written
 
 
-def test_check_ends_with_an_error_that_names_what_to_measure_again(rig, monkeypatch, capsys):
-    assert gs2ci(monkeypatch, "calibrate", "dark-flat", "--rig", rig, "-o", "b.cal.h5") == 0
+def test_check_ends_with_an_error_that_names_what_to_measure_again(rig, capsys, gs2ci):
+    assert gs2ci("calibrate", "dark-flat", "--rig", rig, "-o", "b.cal.h5") == 0
     rig.write_text(RIG + "[world.sensor]\nblack_level_dn = 80.0\n")
-    assert gs2ci(monkeypatch, "calibrate", "check", "--rig", rig, "-o", "b.cal.h5") == 2
+    assert gs2ci("calibrate", "check", "--rig", rig, "-o", "b.cal.h5") == 2
     told = capsys.readouterr()
     assert "NO" in told.out
     assert "black level changed by more than allowed" in told.err
     assert "run `gs2ci calibrate` dark-flat again" in told.err
 
 
-def test_a_refused_step_leaves_the_bundle_as_it_was(rig, monkeypatch, capsys):
-    assert gs2ci(monkeypatch, "calibrate", "dark-flat", "--rig", rig, "-o", "b.cal.h5") == 0
+def test_a_refused_step_leaves_the_bundle_as_it_was(rig, capsys, gs2ci):
+    assert gs2ci("calibrate", "dark-flat", "--rig", rig, "-o", "b.cal.h5") == 0
     written = rig.with_name("b.cal.h5").read_bytes()
     rig.write_text(RIG + 'always = "flat"\n')
-    assert gs2ci(monkeypatch, "calibrate", "dark-flat", "--rig", rig, "-o", "b.cal.h5") == 2
+    assert gs2ci("calibrate", "dark-flat", "--rig", rig, "-o", "b.cal.h5") == 2
     assert "put the lens cap on" in capsys.readouterr().err
     assert rig.with_name("b.cal.h5").read_bytes() == written
 
 
-def test_check_without_a_bundle_says_how_to_make_one(rig, monkeypatch, capsys):
-    assert gs2ci(monkeypatch, "calibrate", "check", "--rig", rig, "-o", "b.cal.h5") == 2
+def test_check_without_a_bundle_says_how_to_make_one(rig, capsys, gs2ci):
+    assert gs2ci("calibrate", "check", "--rig", rig, "-o", "b.cal.h5") == 2
     assert "gs2ci calibrate all" in capsys.readouterr().err
 
 
-def test_all_runs_every_step_that_there_is_in_order_and_no_stage_where_there_is_none(rig, monkeypatch, capsys):
+def test_all_runs_every_step_that_there_is_in_order_and_no_stage_where_there_is_none(rig, monkeypatch, capsys, gs2ci):
     done = []
 
     def stand_in(name):
@@ -101,7 +83,7 @@ def test_all_runs_every_step_that_there_is_in_order_and_no_stage_where_there_is_
     monkeypatch.setitem(PROCEDURES, "stage", stand_in("stage"))
     for name in PROCEDURES_BEFORE:
         monkeypatch.setitem(PROCEDURES, name, stand_in(name))
-    assert gs2ci(monkeypatch, "calibrate", "all", "--rig", rig, "-o", "b.cal.h5") == 0
+    assert gs2ci("calibrate", "all", "--rig", rig, "-o", "b.cal.h5") == 0
     assert [name for name, _ in done] == list(PROCEDURES_BEFORE)
     assert done[0] == ("dark-flat", ())
     assert "no stage: its step is left out" in capsys.readouterr().out

@@ -1,11 +1,7 @@
 """The bench's commands as a user types them, on a small simulated rig with the procedural scene."""
 
-import sys
-
 import h5py
-import pytest
 
-from gs2ci import cli
 from gs2ci.commands import devices
 from gs2ci.core.storage import read_shot
 
@@ -37,21 +33,8 @@ width = 60
 """
 
 
-@pytest.fixture
-def rig(tmp_path, monkeypatch):
-    path = tmp_path / "rig.toml"
-    path.write_text(RIG)
-    monkeypatch.chdir(tmp_path)
-    return path
-
-
-def gs2ci(monkeypatch, *arguments):
-    monkeypatch.setattr(sys, "argv", ["gs2ci", *map(str, arguments)])
-    return cli.main()
-
-
-def test_capture_writes_a_shot_file_with_truth_telemetry_and_traces(rig, monkeypatch, capsys):
-    assert gs2ci(monkeypatch, "capture", "--rig", rig, "-o", "shot.h5") == 0
+def test_capture_writes_a_shot_file_with_truth_telemetry_and_traces(rig, capsys, gs2ci):
+    assert gs2ci("capture", "--rig", rig, "-o", "shot.h5") == 0
     said = capsys.readouterr().out
     assert "stage travel" in said
     assert "2 shots in shot.h5" in said
@@ -67,9 +50,9 @@ def test_capture_writes_a_shot_file_with_truth_telemetry_and_traces(rig, monkeyp
     }
 
 
-def test_the_measurement_explains_itself_by_the_true_views_and_masks(rig, monkeypatch):
+def test_the_measurement_explains_itself_by_the_true_views_and_masks(rig, gs2ci):
     rig.write_text(RIG.replace("[world]", "[world]\nnoise = false").replace('"RG12"', '"Y12"'))
-    assert gs2ci(monkeypatch, "capture", "--rig", rig, "-o", "shot.h5") == 0
+    assert gs2ci("capture", "--rig", rig, "-o", "shot.h5") == 0
     shot = read_shot(rig.with_name("shot.h5"))
     coded = (shot.weights[:, None, None, None] * shot.masks[..., None] * shot.truth.views).sum(axis=0)
     lit = (coded > 0.1) & ~shot.saturated[..., None]
@@ -77,81 +60,81 @@ def test_the_measurement_explains_itself_by_the_true_views_and_masks(rig, monkey
     assert ratio.std() / ratio.mean() < 0.02
 
 
-def test_a_dry_run_prints_the_plan_and_writes_and_moves_nothing(rig, monkeypatch, capsys):
-    assert gs2ci(monkeypatch, "capture", "--rig", rig, "-o", "shot.h5", "--dry-run") == 0
+def test_a_dry_run_prints_the_plan_and_writes_and_moves_nothing(rig, capsys, gs2ci):
+    assert gs2ci("capture", "--rig", rig, "-o", "shot.h5", "--dry-run") == 0
     assert "upload" in capsys.readouterr().out
     assert [path.name for path in rig.parent.iterdir()] == ["rig.toml"]
 
 
-def test_a_plan_that_breaks_limits_is_printed_and_refused(rig, monkeypatch, capsys):
+def test_a_plan_that_breaks_limits_is_printed_and_refused(rig, capsys, gs2ci):
     rig.write_text(RIG.replace("mask_s = 0.03", "mask_s = 0.00001"))
-    assert gs2ci(monkeypatch, "capture", "--rig", rig, "--dry-run") == 2
+    assert gs2ci("capture", "--rig", rig, "--dry-run") == 2
     captured = capsys.readouterr()
     assert "NO" in captured.out
     assert "time per mask" in captured.err
 
 
-def test_another_number_of_shots_can_be_asked_for(rig, monkeypatch, capsys):
-    assert gs2ci(monkeypatch, "capture", "--rig", rig, "-o", "one.h5", "--shots", "1") == 0
+def test_another_number_of_shots_can_be_asked_for(rig, capsys, gs2ci):
+    assert gs2ci("capture", "--rig", rig, "-o", "one.h5", "--shots", "1") == 0
     assert "1 shots in one.h5" in capsys.readouterr().out
-    assert gs2ci(monkeypatch, "capture", "--rig", rig, "--shots", "0") == 2
+    assert gs2ci("capture", "--rig", rig, "--shots", "0") == 2
 
 
-def test_a_capture_that_fails_before_its_first_shot_leaves_nothing_in_the_way(rig, monkeypatch, capsys):
+def test_a_capture_that_fails_before_its_first_shot_leaves_nothing_in_the_way(rig, capsys, gs2ci):
     rig.write_text(RIG.replace("[world]", '[world]\nfaults = ["stage: zaber.stall"]'))
-    assert gs2ci(monkeypatch, "capture", "--rig", rig, "-o", "shot.h5") == 2
+    assert gs2ci("capture", "--rig", rig, "-o", "shot.h5") == 2
     said = capsys.readouterr().err
     assert "stalled" in said
     assert "safe" not in said
     rig.write_text(RIG)
-    assert gs2ci(monkeypatch, "capture", "--rig", rig, "-o", "shot.h5") == 0
+    assert gs2ci("capture", "--rig", rig, "-o", "shot.h5") == 0
 
 
-def test_a_capture_that_fails_later_says_how_to_save_what_was_taken(rig, monkeypatch, capsys):
+def test_a_capture_that_fails_later_says_how_to_save_what_was_taken(rig, capsys, gs2ci):
     rig.write_text(RIG.replace("[world]", '[world]\nfaults = ["sensor: v4l2.frame_corrupt after 1"]'))
-    assert gs2ci(monkeypatch, "capture", "--rig", rig, "-o", "shot.h5") == 2
+    assert gs2ci("capture", "--rig", rig, "-o", "shot.h5") == 2
     assert "gs2ci recover shot.h5.partial" in capsys.readouterr().err
-    assert gs2ci(monkeypatch, "recover", "shot.h5.partial") == 0
+    assert gs2ci("recover", "shot.h5.partial") == 0
     assert "1 finished row saved in shot.recovered.h5" in capsys.readouterr().out
 
 
-def test_recover_takes_the_name_from_the_interrupted_file(rig, monkeypatch, capsys):
-    assert gs2ci(monkeypatch, "capture", "--rig", rig, "-o", "shot.h5") == 0
+def test_recover_takes_the_name_from_the_interrupted_file(rig, capsys, gs2ci):
+    assert gs2ci("capture", "--rig", rig, "-o", "shot.h5") == 0
     rig.with_name("shot.h5").rename(rig.with_name("late.h5.partial"))
-    assert gs2ci(monkeypatch, "recover", "late.h5.partial") == 0
+    assert gs2ci("recover", "late.h5.partial") == 0
     assert "2 finished rows saved in late.recovered.h5" in capsys.readouterr().out
 
 
-def test_an_unknown_fault_in_the_rig_file_names_the_nearest(rig, monkeypatch, capsys):
+def test_an_unknown_fault_in_the_rig_file_names_the_nearest(rig, capsys, gs2ci):
     rig.write_text(RIG.replace("[world]", '[world]\nfaults = ["stage: zaber.stal"]'))
-    assert gs2ci(monkeypatch, "capture", "--rig", rig) == 2
+    assert gs2ci("capture", "--rig", rig) == 2
     assert "did you mean 'zaber.stall'" in capsys.readouterr().err
 
 
-def test_devices_says_what_each_can_do_and_homes_only_when_asked(rig, monkeypatch, capsys):
-    assert gs2ci(monkeypatch, "devices", "--rig", rig) == 0
+def test_devices_says_what_each_can_do_and_homes_only_when_asked(rig, capsys, gs2ci):
+    assert gs2ci("devices", "--rig", rig) == 0
     said = capsys.readouterr().out
     for words in ("DLP6500", "RG12 40 x 60", "axis x", "at 75.0000 mm", "at rest"):
         assert words in said
     assert "homed" not in said
-    assert gs2ci(monkeypatch, "devices", "--rig", rig, "--home") == 0
+    assert gs2ci("devices", "--rig", rig, "--home") == 0
     assert "homed: x 0.0000 mm" in capsys.readouterr().out
 
 
-def test_devices_without_a_rig_looks_at_this_computer(rig, monkeypatch, capsys):
+def test_devices_without_a_rig_looks_at_this_computer(rig, monkeypatch, capsys, gs2ci):
     monkeypatch.setattr(devices, "find_devices", lambda: [("sensor", "/dev/video3", "a camera")])
-    assert gs2ci(monkeypatch, "devices") == 0
+    assert gs2ci("devices") == 0
     assert "port = '/dev/video3'  a camera" in capsys.readouterr().out
     monkeypatch.setattr(devices, "find_devices", list)
-    assert gs2ci(monkeypatch, "devices") == 0
+    assert gs2ci("devices") == 0
     assert "gs2ci doctor" in capsys.readouterr().out
 
 
-def test_doctor_ends_well_on_a_healthy_bench_and_badly_on_a_sick_one(rig, monkeypatch, capsys):
-    assert gs2ci(monkeypatch, "doctor", "--rig", rig) == 0
+def test_doctor_ends_well_on_a_healthy_bench_and_badly_on_a_sick_one(rig, capsys, gs2ci):
+    assert gs2ci("doctor", "--rig", rig) == 0
     assert "trigger loop" in capsys.readouterr().out
     rig.write_text(RIG.replace("[world]", '[world]\nfaults = ["sensor: v4l2.trigger_missed"]'))
-    assert gs2ci(monkeypatch, "doctor", "--rig", rig) == 2
+    assert gs2ci("doctor", "--rig", rig) == 2
     captured = capsys.readouterr()
     assert "BAD" in captured.out
     assert "1 finding would keep this bench from working" in captured.err
