@@ -11,6 +11,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
+from functools import partial
 from typing import Final, Literal, get_args
 
 import torch
@@ -24,7 +25,7 @@ from gs2ci.reconstruct.dead_lines import close_dead_lines
 from gs2ci.reconstruct.decode.gap_tv import GapTvSettings, gap_tv
 from gs2ci.reconstruct.decode.residual import ResidualSettings, refine_views
 from gs2ci.reconstruct.doubts import doubts_about, doubts_about_result
-from gs2ci.reconstruct.fit.coarse import CoarseSettings, fit_coarse
+from gs2ci.reconstruct.fit.coarse import CoarseFit, CoarseSettings, fit_coarse
 from gs2ci.reconstruct.fit.fine import Fine, FineSettings, fit_fine
 from gs2ci.reconstruct.fit.pace import Pace
 from gs2ci.reconstruct.fit.rendering import ShotRenderer
@@ -33,11 +34,11 @@ from gs2ci.reconstruct.fit.stopping import Jury, choose_heldout
 from gs2ci.reconstruct.fit.withheld import Withheld, first_points, first_poses
 from gs2ci.reconstruct.geometry.choose import load_geometry_prior
 from gs2ci.reconstruct.geometry.initialise import Geometry, GeometrySettings
-from gs2ci.reconstruct.geometry.prior import Request, find_geometry
+from gs2ci.reconstruct.geometry.prior import GeometryPrior, Request, find_geometry
 from gs2ci.reconstruct.geometry.telemetry import Movement, movement
 from gs2ci.reconstruct.holes import fill_holes
 from gs2ci.reconstruct.proxies.routing import build_proxies
-from gs2ci.render.backend import load_backend
+from gs2ci.render.backend import Backend, load_backend
 from gs2ci.render.gaussians import Gaussians
 
 Score = Callable[[F32], float]
@@ -150,35 +151,25 @@ def reconstruct(
     settings, progress = settings or Settings(), progress or Silent()
     settings.check()
     shot.check()
-    backend = load_backend(settings.backend)
-    fine = None if settings.fine is None else Fine.load(settings.fine, settings.fit.loss, settings.seed)
-    geometry_prior = load_geometry_prior(settings.poses)
+    tools = _Tools.load(settings)
     clock = _Stopwatch()
-    sound, mended = close_dead_lines(shot)
-    doubts = (*doubts_about(shot), *mended)
-    for doubt in doubts:
-        progress.say(doubt)
+    sound, doubts = _examined(shot, progress)
     jury = Jury(sound, choose_heldout(sound, settings.fit.hold_out.share, settings.seed))
-    seen = jury.seen
 
-    decoded = gap_tv(seen, settings.decode, progress)
+    decoded = gap_tv(jury.seen, settings.decode, progress)
     clock.lap("decode")
 
-    request = Request(seen, geometry_views(seen, decoded, settings.proxy), settings.geometry)
-    geometry = find_geometry(geometry_prior, request, progress)
-    geometry = first_poses(geometry, settings.withheld)
+    geometry = _first_geometry(jury.seen, decoded, tools.geometry_prior, settings, progress)
     start = first_gaussians(first_points(geometry, decoded, settings.stride_px, settings.withheld, settings.seed))
     clock.lap("geometry")
 
-    def refine(views: F32) -> F32:
-        return refine_views(seen, views, settings.residual)
-
     fitted = Jury(fill_holes(sound, decoded), jury.heldout)
+    refine = partial(refine_views, jury.seen, settings=settings.residual)
     fit = fit_coarse(
         jury=fitted,
         start=start,
         geometry=geometry,
-        backend=backend,
+        backend=tools.backend,
         settings=settings.fit,
         seed=settings.seed,
         refine=refine,
@@ -187,36 +178,46 @@ def reconstruct(
         since_s=clock.began_s,
         pace=pace,
     )
-    renderer = ShotRenderer(fitted.shot, geometry.intrinsics, backend)
-    if fine is not None:
+    renderer = ShotRenderer(fitted.shot, geometry.intrinsics, tools.backend)
+    if tools.fine is not None:
         clock.lap("fit")
-        fit = fit_fine(fitted, fit, renderer, fine, settings.seed, refine, progress, score, clock.began_s)
+        fit = fit_fine(fitted, fit, renderer, tools.fine, settings.seed, refine, progress, score, clock.began_s)
         clock.lap("fine")
     recovered = _recover(jury, decoded, fit.views, settings.residual)
-    moved = movement(geometry.world_to_camera, fit.world_to_camera)
     depth = renderer.depths(fit.scene, fit.world_to_camera)
     clock.lap("fit")
+    left = _Left(doubts, decoded, geometry, fit, depth, recovered)
+    return Reconstruction(_record(shot, settings, left, clock.seconds()), fit.scene)
 
-    result = RunResult(
-        views=recovered.views,
-        scene_views=fit.views,
-        decode=decoded,
-        depth=depth,
-        world_to_camera=fit.world_to_camera,
-        intrinsics=geometry.intrinsics,
-        predicted_measurement=Coding.of(shot).forward(torch.from_numpy(recovered.views)).numpy(),
-        curve=fit.curve,
-        stopped_because=fit.stopped_because,
-        seconds=clock.seconds(),
-        gaussians=len(fit.scene),
-        notes=(*doubts, *geometry.notes, *fit.notes, *_notes_of(moved, geometry.source), *recovered.notes),
-        settings=asdict(settings),
-        seed=settings.seed,
-        verdict=recovered.verdict,
-        heldout_rms=recovered.heldout_rms,
-        geometry={**_summary(geometry, settings), "moved": asdict(moved)},
-    )
-    return Reconstruction(result.check(), fit.scene)
+
+@dataclass(frozen=True)
+class _Tools:
+    """What the settings name, loaded before any time is spent on the measurement."""
+
+    backend: Backend
+    fine: Fine | None
+    geometry_prior: GeometryPrior
+
+    @classmethod
+    def load(cls, settings: Settings) -> "_Tools":
+        backend = load_backend(settings.backend)
+        fine = None if settings.fine is None else Fine.load(settings.fine, settings.fit.loss, settings.seed)
+        return cls(backend, fine, load_geometry_prior(settings.poses))
+
+
+def _examined(shot: Shot, progress: Progress) -> tuple[Shot, tuple[str, ...]]:
+    """Return the shot with its dead lines closed, and what is to be doubted about it."""
+    sound, mended = close_dead_lines(shot)
+    doubts = (*doubts_about(shot), *mended)
+    for doubt in doubts:
+        progress.say(doubt)
+    return sound, doubts
+
+
+def _first_geometry(seen: Shot, decoded: F32, prior: GeometryPrior, settings: Settings, progress: Progress) -> Geometry:
+    """Find poses and depth to start from, as far as the settings do not withhold them."""
+    request = Request(seen, geometry_views(seen, decoded, settings.proxy), settings.geometry)
+    return first_poses(find_geometry(prior, request, progress), settings.withheld)
 
 
 class _Stopwatch:
@@ -278,6 +279,42 @@ def geometry_views(seen: Shot, decoded: F32, proxy: ProxyName) -> F32:
         InputError: The masks do not allow the proxies that are wanted.
     """
     return decoded if proxy == "gap-tv" else build_proxies(seen, proxy).views
+
+
+@dataclass(frozen=True)
+class _Left:
+    """What the stages left, in their order."""
+
+    doubts: tuple[str, ...]
+    decoded: F32
+    geometry: Geometry
+    fit: CoarseFit
+    depth: F32
+    recovered: _Recovered
+
+
+def _record(shot: Shot, settings: Settings, left: _Left, seconds: dict[str, float]) -> RunResult:
+    geometry, fit, recovered = left.geometry, left.fit, left.recovered
+    moved = movement(geometry.world_to_camera, fit.world_to_camera)
+    return RunResult(
+        views=recovered.views,
+        scene_views=fit.views,
+        decode=left.decoded,
+        depth=left.depth,
+        world_to_camera=fit.world_to_camera,
+        intrinsics=geometry.intrinsics,
+        predicted_measurement=Coding.of(shot).forward(torch.from_numpy(recovered.views)).numpy(),
+        curve=fit.curve,
+        stopped_because=fit.stopped_because,
+        seconds=seconds,
+        gaussians=len(fit.scene),
+        notes=(*left.doubts, *geometry.notes, *fit.notes, *_notes_of(moved, geometry.source), *recovered.notes),
+        settings=asdict(settings),
+        seed=settings.seed,
+        verdict=recovered.verdict,
+        heldout_rms=recovered.heldout_rms,
+        geometry={**_summary(geometry, settings), "moved": asdict(moved)},
+    ).check()
 
 
 def _notes_of(moved: Movement, source: str) -> tuple[str, ...]:
