@@ -78,11 +78,8 @@ def run(
     """
     console = Console()
     if file.name.endswith(".partial"):
-        recover(file, out)
-        console.print(f"{count_shots(out)} finished rows of {escape(file.name)} saved in [bold]{escape(str(out))}[/]")
-        return out
-    if masks is not None and masks_file is not None:
-        raise InputError(f"masks given twice: {masks_file} and --masks {masks}", remedy="give one of them")
+        return _recovered(console, file, out)
+    masks = _only_one(masks_file, masks)
     options = ImportOptions(
         meas_key=meas_key,
         mask_key=mask_key,
@@ -98,14 +95,32 @@ def run(
         cfa=cfa,
         intrinsics=_camera(intrinsics),
         focal_px=focal_px,
-        world_to_camera=None if poses is None else load_single(poses),
-        truth=None if truth is None else load_single(truth),
+        world_to_camera=_loaded(poses),
+        truth=_loaded(truth),
         bad_pixels=bad_pixels,
     )
-    imported = import_shots(file, masks or masks_file, options)
+    imported = import_shots(file, masks, options)
     write_shots(out, _picked(imported, index, file))
     _print(console, file, out, imported, index)
     return out
+
+
+def _recovered(console: Console, partial: Path, out: Path) -> Path:
+    """Save the finished rows of an interrupted capture."""
+    recover(partial, out)
+    console.print(f"{count_shots(out)} finished rows of {escape(partial.name)} saved in [bold]{escape(str(out))}[/]")
+    return out
+
+
+def _only_one(masks_file: Path | None, masks: Path | None) -> Path | None:
+    """Return the file with the masks, which may be given in either of two ways."""
+    if masks is not None and masks_file is not None:
+        raise InputError(f"masks given twice: {masks_file} and --masks {masks}", remedy="give one of them")
+    return masks or masks_file
+
+
+def _loaded(file: Path | None) -> Array | None:
+    return None if file is None else load_single(file)
 
 
 def _camera(words: tuple[str, ...]) -> Array | None:

@@ -5,7 +5,7 @@ and `gs2ci.commands.demo` import this file.
 """
 
 import time
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated
 
@@ -90,40 +90,75 @@ def run(
             is then as it was.
     """
     began_s = time.monotonic() - command_age_s()
-    budget_s = None if budget is None else parse_duration_s(budget)
-    if budget_s is not None and (preset != "standard" or iterations is not None or fine or prior or distance):
-        raise InputError(
-            "a budget decides preset, iterations and stages itself",
-            remedy="give either --budget, or --preset, --iterations and --fine",
-        )
+    wishes = _Wishes(geometry, proxy, density, without, iterations, fine, prior, distance, seed)
+    budget_s = _budget_s(budget, preset, wishes)
     check_destination(output, overwrite=overwrite)
-    measured = read_shot(shot, index)
-    if focal_px is not None:
-        measured = replace(measured, intrinsics=_with_focal(focal_px, measured)).check()
-
-    def adapted(settings: Settings) -> Settings:
-        settings = replace(settings, seed=seed, poses=geometry, proxy=proxy)
-        if density is not None:
-            settings = replace(settings, fit=with_rule(settings.fit, density))
-        settings = ablation.without(settings, without)
-        if iterations is not None:
-            settings = replace(settings, fit=replace(settings.fit, iterations=iterations))
-        if fine or prior is not None or distance is not None:
-            settings = replace(settings, fine=_fine(prior, distance))
-        return settings
-
-    settings, pace = adapted(PRESETS[preset]), None
+    measured = _measured(shot, index, focal_px)
+    settings, pace = wishes.on(PRESETS[preset]), None
     with open_display() as display:
         if needs_compiling(settings.backend):
             display.say("The first run on this machine compiles the rasteriser, once: give it half a minute more.")
         if budget_s is not None:
-            plan = _plan(budget_s, began_s, measured, adapted, display)
+            plan = _plan(budget_s, began_s, measured, wishes.on, display)
             settings, pace = plan.settings, plan.pace
         found = reconstruct(measured, settings, display, _score_against_truth(measured), pace)
         display.stage("report")
         write_run(output, measured, found.result, found.scene, overwrite=overwrite)
     print_summary(output)
     return output
+
+
+@dataclass(frozen=True)
+class _Wishes:
+    """What the user wants of any settings, whichever preset they come from."""
+
+    geometry: PoseSource
+    proxy: ProxyName
+    density: RuleName | None
+    without: tuple[str, ...]
+    iterations: int | None
+    fine: bool
+    prior: str | None
+    distance: str | None
+    seed: int
+
+    @property
+    def fine_stage(self) -> bool:
+        """Get whether the fine stage is asked for, by its name or by one of its parts."""
+        return self.fine or self.prior is not None or self.distance is not None
+
+    def on(self, settings: Settings) -> Settings:
+        """Return settings changed as wished."""
+        settings = replace(settings, seed=self.seed, poses=self.geometry, proxy=self.proxy)
+        if self.density is not None:
+            settings = replace(settings, fit=with_rule(settings.fit, self.density))
+        settings = ablation.without(settings, self.without)
+        if self.iterations is not None:
+            settings = replace(settings, fit=replace(settings.fit, iterations=self.iterations))
+        if self.fine_stage:
+            default = FineSettings()
+            stage = replace(default, prior=self.prior or default.prior, distance=self.distance or default.distance)
+            settings = replace(settings, fine=stage)
+        return settings
+
+
+def _budget_s(budget: str | None, preset: PresetName, wishes: _Wishes) -> float | None:
+    """Read the budget, which leaves nothing else to decide."""
+    if budget is None:
+        return None
+    budget_s = parse_duration_s(budget)
+    if preset != "standard" or wishes.iterations is not None or wishes.fine_stage:
+        raise InputError(
+            "a budget decides preset, iterations and stages itself",
+            remedy="give either --budget, or --preset, --iterations and --fine",
+        )
+    return budget_s
+
+
+def _measured(file: Path, index: int, focal_px: float | None) -> Shot:
+    """Read a shot, with the focal length that the user knows better."""
+    shot = read_shot(file, index)
+    return shot if focal_px is None else replace(shot, intrinsics=_with_focal(focal_px, shot)).check()
 
 
 def _plan(budget_s: float, began_s: float, shot: Shot, adapt: Adapt, display: Display) -> Plan:
@@ -134,12 +169,6 @@ def _plan(budget_s: float, began_s: float, shot: Shot, adapt: Adapt, display: Di
     plan = plan_within(budget_s, model, report_s=report_s, spent_s=time.monotonic() - began_s, adapt=adapt)
     display.say(plan.sentence)
     return plan
-
-
-def _fine(prior: str | None, distance: str | None) -> FineSettings:
-    """Return the fine stage's settings with what was named."""
-    default = FineSettings()
-    return replace(default, prior=prior or default.prior, distance=distance or default.distance)
 
 
 def _with_focal(focal_px: float, shot: Shot) -> F64:
