@@ -40,6 +40,7 @@ from gs2ci.reconstruct.holes import fill_holes
 from gs2ci.reconstruct.proxies.routing import build_proxies
 from gs2ci.render.backend import Backend, load_backend
 from gs2ci.render.gaussians import Gaussians
+from gs2ci.render.settings import RasterSettings
 
 Score = Callable[[F32], float]
 PoseSource = str
@@ -64,6 +65,7 @@ class Settings:
         stride_px: One first Gaussian for every so many pixels along rows and columns.
         withheld: What of the geometry the fit does not get; for ablations.
         backend: The renderer.
+        raster: What the renderer may leave out for speed.
         seed: Of every random draw.
     """
 
@@ -77,6 +79,7 @@ class Settings:
     stride_px: int = 3
     withheld: Withheld = field(default_factory=Withheld)
     backend: str = "cpu"
+    raster: RasterSettings = field(default_factory=RasterSettings)
     seed: int = 42
 
     def check(self) -> "Settings":
@@ -92,10 +95,12 @@ class Settings:
                 f"stride {self.stride_px} px, seed {self.seed}", allowed="a stride >= 1 px and a seed in [0, 2^63)"
             )
         self.decode.check()
+        self.geometry.check()
         self.fit.check()
         if self.fine is not None:
             self.fine.check()
         self.residual.steps()
+        self.raster.check()
         return self
 
 
@@ -144,8 +149,8 @@ def reconstruct(
         the decode; and the other two.
 
     Raises:
-        InputError: The shot's parts do not fit together, the settings make no sense, or poses are to come from
-            telemetry that the shot does not hold.
+        InputError: The shot's parts do not fit together, the settings make no sense or ask for what the renderer
+            cannot do, or poses are to come from telemetry that the shot does not hold.
         NumericsError: The fit is not finite from its first iteration on.
     """
     settings, progress = settings or Settings(), progress or Silent()
@@ -200,7 +205,7 @@ class _Tools:
 
     @classmethod
     def load(cls, settings: Settings) -> "_Tools":
-        backend = load_backend(settings.backend)
+        backend = load_backend(settings.backend, settings.raster)
         fine = None if settings.fine is None else Fine.load(settings.fine, settings.fit.loss, settings.seed)
         return cls(backend, fine, load_geometry_prior(settings.poses))
 

@@ -14,6 +14,7 @@ from torch import Tensor
 from gs2ci.core.errors import InputError
 from gs2ci.render.gaussians import Gaussians
 from gs2ci.render.screen import ScreenStatistics
+from gs2ci.render.settings import RasterSettings
 
 
 @dataclass(frozen=True)
@@ -27,6 +28,14 @@ class Coding:
 
     views: int
     size: tuple[int, int]
+
+
+class Reuse:
+    """What renderings of one population of Gaussians may share; what is in it is the backend's own business.
+
+    It belongs to a population: whoever adds, removes or reorders Gaussians, or puts others in their place, takes a new
+    one. It serves one rendering at a time.
+    """
 
 
 class Backend(Protocol):
@@ -54,6 +63,10 @@ class Backend(Protocol):
         """
         ...
 
+    def reuse(self) -> Reuse:
+        """Return what the renderings of a population may share from now on."""
+        ...
+
     def coded(
         self,
         scene: Gaussians,
@@ -61,6 +74,7 @@ class Backend(Protocol):
         intrinsics: Tensor,
         coding: Coding,
         screen: ScreenStatistics | None = None,
+        reuse: Reuse | None = None,
     ) -> Tensor:
         """Render the coded measurement Y = sum_i M_i * X_i (paper, eq. 1, without noise).
 
@@ -70,13 +84,15 @@ class Backend(Protocol):
             intrinsics: Camera matrix in pixels, [3, 3].
             coding: From `code`.
             screen: Filled during the backward pass through this rendering, if given.
+            reuse: From `reuse`: work that earlier renderings of these Gaussians did, as far as the backend's settings
+                allow; None shares nothing.
 
         Returns:
             Y, [H, W, 3] float32, in the unit of the colours.
 
         Raises:
-            InputError: Shapes disagree, a number is not finite, the coding is another backend's, or `screen` is that
-                of another number of Gaussians.
+            InputError: Shapes disagree, a number is not finite, coding or `reuse` is another backend's, or `screen`
+                is that of another number of Gaussians.
         """
         ...
 
@@ -106,31 +122,35 @@ class Backend(Protocol):
         ...
 
 
-def _load_cpu() -> Backend:
+def _load_cpu(settings: RasterSettings) -> Backend:
     # Importing Numba takes a second; only who renders on the CPU pays it.
     from gs2ci.render.cpu.backend import CpuBackend  # noqa: PLC0415
 
-    return CpuBackend()
+    return CpuBackend(settings)
 
 
-def _load_reference() -> Backend:
+def _load_reference(settings: RasterSettings) -> Backend:
     from gs2ci.render.reference import ReferenceBackend  # noqa: PLC0415
 
-    return ReferenceBackend()
+    return ReferenceBackend(settings)
 
 
-_BACKENDS: Final[dict[str, Callable[[], Backend]]] = {"cpu": _load_cpu, "reference": _load_reference}
+_BACKENDS: Final[dict[str, Callable[[RasterSettings], Backend]]] = {"cpu": _load_cpu, "reference": _load_reference}
 
 
-def load_backend(name: str = "cpu") -> Backend:
+def load_backend(name: str = "cpu", settings: RasterSettings | None = None) -> Backend:
     """Return a new backend by name.
 
+    Args:
+        name: Which.
+        settings: What it may leave out; None takes the defaults.
+
     Raises:
-        InputError: There is none of that name.
+        InputError: There is none of that name, the settings make no sense, or it cannot do what they ask for.
     """
     if name not in _BACKENDS:
         raise InputError(f"no rendering backend {name!r}", allowed=", ".join(sorted(_BACKENDS)))
-    return _BACKENDS[name]()
+    return _BACKENDS[name](settings or RasterSettings())
 
 
 def needs_compiling(name: str) -> bool:

@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 
 from gs2ci.core.errors import InputError
-from gs2ci.render.backend import Coding
+from gs2ci.render.backend import Coding, Reuse
 from gs2ci.render.conventions import (
     ALPHA_MAX,
     ALPHA_MIN,
@@ -24,6 +24,7 @@ from gs2ci.render.conventions import (
 from gs2ci.render.gaussians import Gaussians, rotation_matrices
 from gs2ci.render.inputs import check_masks, check_rendering, check_screen, check_size
 from gs2ci.render.screen import RADIUS_SIGMAS, ScreenStatistics
+from gs2ci.render.settings import RasterSettings
 
 
 @dataclass(frozen=True)
@@ -172,13 +173,28 @@ class ReferenceCoding(Coding):
 class ReferenceBackend:
     """The definition behind the `Backend` interface; answers are float64.
 
+    It never stops early, which any termination transmittance permits.
+
+    Args:
+        settings: What may be left out; None takes the defaults.
+
     Attributes:
         margin: Of the last rendering, see `composite`; for coded sums over the open pixels only.
+
+    Raises:
+        InputError: The settings make no sense, or ask for lists to be reused: it makes none.
     """
 
     name = "reference"
 
-    def __init__(self) -> None:
+    def __init__(self, settings: RasterSettings | None = None) -> None:
+        settings = (settings or RasterSettings()).check()
+        if settings.relist_every != 1:
+            raise InputError(
+                f"the reference backend asked to reuse lists for {settings.relist_every} renderings",
+                allowed="relist_every = 1",
+                remedy="take the cpu backend",
+            )
         self.margin = float("inf")
 
     def code(self, masks: Tensor) -> ReferenceCoding:
@@ -187,6 +203,10 @@ class ReferenceBackend:
         views, height, width = masks.shape
         return ReferenceCoding(views, (height, width), masks.detach().to(torch.float64))
 
+    def reuse(self) -> Reuse:
+        """Share nothing; see `Backend.reuse`."""
+        return Reuse()
+
     def coded(
         self,
         scene: Gaussians,
@@ -194,8 +214,10 @@ class ReferenceBackend:
         intrinsics: Tensor,
         coding: Coding,
         screen: ScreenStatistics | None = None,
+        reuse: Reuse | None = None,
     ) -> Tensor:
-        """Render the coded sum; see `Backend.coded`."""
+        """Render the coded sum; see `Backend.coded`. Nothing is shared, whatever `reuse`."""
+        del reuse
         if not isinstance(coding, ReferenceCoding):
             raise InputError(
                 f"a coding of type {type(coding).__name__} given to the reference backend",

@@ -119,7 +119,7 @@ def iteration_cost(size: Size) -> Cost:
         poses.numpy(),
         camera_fields(intrinsics.double().numpy(), *shape),
     )
-    kept = render_cells(inputs, coding.layout, TERMINATION_TRANSMITTANCE, workspace).kept
+    kept = render_cells(inputs, coding.layout, TERMINATION_TRANSMITTANCE, workspace).lists.entries
     return Cost(seconds, int(kept.sum()) * LANES, workspace.nbytes / 2**20, size.gaussians)
 
 

@@ -12,6 +12,7 @@ from gs2ci.render.backend import Backend
 from gs2ci.render.cpu.backend import CpuBackend
 from gs2ci.render.gaussians import Gaussians
 from gs2ci.render.reference import ReferenceBackend
+from gs2ci.render.settings import RasterSettings
 
 MARGIN_MIN = 2e-5
 """Below this distance of an alpha to a threshold, float32 may fall on the other side of it."""
@@ -111,7 +112,9 @@ def _hold_to_definition(case: Case, tolerance: float, *, whole_views: bool = Fal
     truth = render(reference, case, whole_views=whole_views)
     assert reference.margin > MARGIN_MIN, f"choose another scene: margin {reference.margin:.2g}"
     truth.assert_finite()
-    render(CpuBackend(termination_transmittance=0.0), case, whole_views=whole_views).assert_near(truth, tolerance)
+    render(CpuBackend(RasterSettings(termination_transmittance=0.0)), case, whole_views=whole_views).assert_near(
+        truth, tolerance
+    )
 
 
 def _with_margin(build: Callable[[int], Case], *, whole_views: bool = False) -> Case:

@@ -62,13 +62,14 @@ class CoarseSettings:
         """Return self if the numbers make sense.
 
         Raises:
-            InputError: A count below 1, or hold-out settings out of range.
+            InputError: A count below 1, or the loss's window or hold-out settings out of range.
         """
         if self.iterations < 1 or self.densify_every < 1:
             raise InputError(
                 f"{self.iterations} iterations of the fit, densified every {self.densify_every}",
                 allowed="counts of at least 1",
             )
+        self.loss.check()
         self.hold_out.check()
         return self
 
@@ -125,18 +126,19 @@ class _Fit:
         masks = torch.from_numpy(shot.masks * shot.weights[:, None, None])
         self._coding = backend.code(masks)
         self._gathering = Gathering(backend, masks, self._intrinsics, len(start))
+        self._reuse = backend.reuse()
         self.extent = path_extent(geometry.world_to_camera)
         self.cap = max(len(start), int(settings.gaussians_per_pixel * shot.size[0] * shot.size[1]))
         self._bounded = False
         self.optimiser = GaussianOptimiser(start, settings.steps, self.extent)
         self.poses = PoseCorrections(geometry.world_to_camera, settings.poses)
-        self.data_term = DataTerm(shot.measurement, ~jury.heldout, shot.saturated, settings.loss.similarity)
+        self.data_term = DataTerm(shot.measurement, ~jury.heldout, shot.saturated, settings.loss)
         self.generator = torch.Generator().manual_seed(seed)
 
     def predict(self) -> Tensor:
         """Render the measurement that the present scene and poses would give, [H, W, C]."""
         scene, poses = self.optimiser.scene, self.poses.world_to_camera()
-        image = self._backend.coded(scene, poses, self._intrinsics, self._coding, self._gathering.screen)
+        image = self._backend.coded(scene, poses, self._intrinsics, self._coding, self._gathering.screen, self._reuse)
         if self._channels is not None:
             return coding.select(image, self._channels)
         return image.mean(dim=2, keepdim=True) if self._mono else image
@@ -187,8 +189,13 @@ class _Fit:
         )
         change = self.settings.density.change(scene, evidence, self.generator)
         self.optimiser.replace(change.scene, change.source, change.forget)
-        self._gathering.start_again(len(change.scene))
+        self._meet_others()
         return bool(change.forget)
+
+    def _meet_others(self) -> None:
+        """Forget what was seen of the Gaussians and what their renderings shared: they are others now."""
+        self._gathering.start_again(len(self.optimiser.scene))
+        self._reuse = self._backend.reuse()
 
     def _dissimilarity(self) -> Tensor:
         """Return what is wrong with the present prediction, [H, W]."""
@@ -204,7 +211,7 @@ class _Fit:
         """Go back to a state."""
         self.optimiser.restore(state.scene)
         self.poses.restore(state.twists)
-        self._gathering.start_again(len(state.scene))
+        self._meet_others()
 
 
 MAX_ROLLBACKS = 3

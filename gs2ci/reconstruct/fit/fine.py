@@ -288,15 +288,16 @@ class _Fit:
         self.poses = torch.from_numpy(coarse.world_to_camera).float()
         self.optimiser = GaussianOptimiser(coarse.scene, settings.steps, path_extent(coarse.world_to_camera))
         self._renderer = renderer
+        self._reuse = renderer.reuse()  # no Gaussian comes or goes in this stage
         self._pseudo_loss = pseudo_loss
-        self._data_term = DataTerm(shot.measurement, ~jury.heldout, shot.saturated, fine.loss.similarity)
+        self._data_term = DataTerm(shot.measurement, ~jury.heldout, shot.saturated, fine.loss)
         views = 0 if pseudo_loss is None else len(pseudo_loss)
         self._order = _rounds(views, torch.Generator().manual_seed(seed))
 
     def backward(self) -> float:
         """Accumulate the gradients of the objective (eq. 11); return the loss."""
         scene = self.optimiser.scene
-        loss = self._data_term(self._renderer.measurement(scene, self.poses))
+        loss = self._data_term(self._renderer.measurement(scene, self.poses, self._reuse))
         loss = loss + self._loss.opacity * opacity_term(scene.opacity_logits)
         if self._loss.size:
             loss = loss + self._loss.size * size_term(scene.log_scales)

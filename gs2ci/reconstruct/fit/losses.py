@@ -13,22 +13,34 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from gs2ci.core.records import F32
-from gs2ci.reconstruct.fit.ssim import SimilarityTo
+from gs2ci.reconstruct.fit.ssim import LEAST_WINDOW, WINDOW, SimilarityTo
+from gs2ci.reconstruct.windows import check_window
 
 
 @dataclass(frozen=True)
 class LossWeights:
-    """The weights of the objective.
+    """The weights of the objective, and its window.
 
     Args:
         similarity: Share of (1 − SSIM) in the data term; the rest is ℓ1 (paper: 0.1).
+        window_px: Side of the window through which SSIM looks.
         opacity: Weight of the mean opacity (paper: 0.01).
         size: Weight of the mean standard deviation, in scene units (Kheradmand et al. 2024: 0.01; paper: none).
     """
 
     similarity: float = 0.1
+    window_px: int = WINDOW
     opacity: float = 0.01
     size: float = 0.0
+
+    def check(self) -> "LossWeights":
+        """Return self if the window can be used.
+
+        Raises:
+            InputError: Its side is even or out of range.
+        """
+        check_window("the similarity", self.window_px, LEAST_WINDOW)
+        return self
 
 
 class DataTerm:
@@ -41,17 +53,17 @@ class DataTerm:
         measurement: [H, W, C] float32.
         fitted: Pixels that the loss may see, [H, W] bool.
         saturated: Clipped pixels, [H, W] bool, or None.
-        similarity: λ.
+        weights: λ and the window, as `similarity` and `window_px`.
     """
 
     def __init__(
-        self, measurement: F32, fitted: NDArray[np.bool_], saturated: NDArray[np.bool_] | None, similarity: float
+        self, measurement: F32, fitted: NDArray[np.bool_], saturated: NDArray[np.bool_] | None, weights: LossWeights
     ) -> None:
         self._fitted = fitted[..., None].astype(np.float32)
         self._target = measurement * self._fitted
         self._saturated = None if saturated is None or not saturated.any() else saturated[..., None]
-        self._similarity_weight = similarity
-        self._similarity = SimilarityTo(self._target)
+        self._similarity_weight = weights.similarity
+        self._similarity = SimilarityTo(self._target, weights.window_px)
         # The mean is over the pixels that count, so that the share held out does not change the balance of terms.
         self._per_value = 1.0 / max(1.0, float(self._fitted.sum()) * measurement.shape[2])
 

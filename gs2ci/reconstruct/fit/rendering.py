@@ -10,7 +10,7 @@ from torch import Tensor
 
 from gs2ci.core.records import F32, F64, Shot
 from gs2ci.reconstruct import coding
-from gs2ci.render.backend import Backend
+from gs2ci.render.backend import Backend, Reuse
 from gs2ci.render.gaussians import Gaussians
 
 _OPAQUE = 0.5  # a mean depth is one surface's where at least half of the light is stopped
@@ -33,9 +33,13 @@ class ShotRenderer:
         self._channels = coding.cfa_channels(shot.cfa, shot.size) if shot.cfa else None
         self._mono = shot.channels == 1
 
-    def measurement(self, scene: Gaussians, world_to_camera: Tensor) -> Tensor:
+    def reuse(self) -> Reuse:
+        """Return what the renderings of a population may share from now on."""
+        return self._backend.reuse()
+
+    def measurement(self, scene: Gaussians, world_to_camera: Tensor, reuse: Reuse | None = None) -> Tensor:
         """Render the coded measurement, [H, W, C], from the poses under the masks, [N, 4, 4]; differentiable."""
-        image = self._backend.coded(scene, world_to_camera, self.intrinsics, self._coding)
+        image = self._backend.coded(scene, world_to_camera, self.intrinsics, self._coding, reuse=reuse)
         if self._channels is not None:
             return coding.select(image, self._channels)
         return image.mean(dim=2, keepdim=True) if self._mono else image

@@ -15,19 +15,18 @@ from numba import njit, prange
 from gs2ci.core.records import F32, F64
 
 WINDOW: Final = 11  # pixels; Wang et al., "Image quality assessment" (IEEE TIP 2004), section III-B
-SIGMA_PX: Final = 1.5
+SIGMA_PX: Final = 1.5  # of that window; others are scaled with it
+LEAST_WINDOW: Final = 3  # a single pixel has no variance
 C1: Final = 0.01**2  # stabilise the two quotients at a data range of one view's full scale; same source
 C2: Final = 0.03**2
 
-_REACH: Final = WINDOW // 2
 
-
-def _gaussian_taps() -> F64:
-    taps = [math.exp(-(k * k) / (2 * SIGMA_PX**2)) for k in range(-_REACH, _REACH + 1)]
+def _gaussian_taps(window_px: int) -> F64:
+    reach, sigma_px = window_px // 2, SIGMA_PX * window_px / WINDOW
+    taps = [math.exp(-(k * k) / (2 * sigma_px**2)) for k in range(-reach, reach + 1)]
     return np.array(taps) / sum(taps)
 
 
-_TAPS: Final = _gaussian_taps()
 # Contraction to fused multiply-adds only: no reassociation, so that results do not depend on the vector width.
 _JIT: Final[dict[str, Any]] = {"cache": True, "error_model": "numpy", "fastmath": {"contract"}}
 
@@ -125,18 +124,23 @@ def _gradient(a: F64, b: F64, partial: F64, taps: F64, channels: int, scale: flo
 class SimilarityTo:
     """Mean structural similarity to one target, [H, W, C] float32, whose statistics are computed once.
 
-    11 × 11 Gaussian window of 1.5 px, zero padding, data range 1 (Wang et al. 2004). Thread-count independent:
-    rows are summed apart, in float64, and then in order.
+    11 × 11 Gaussian window of 1.5 px, or another of the same shape; zero padding, data range 1 (Wang et al. 2004).
+    Thread-count independent: rows are summed apart, in float64, and then in order.
+
+    Args:
+        target: [H, W, C].
+        window_px: The window's side, odd, >= `LEAST_WINDOW`.
     """
 
-    def __init__(self, target: F32) -> None:
+    def __init__(self, target: F32, window_px: int = WINDOW) -> None:
+        self._taps = _gaussian_taps(window_px)
         self._shape = target.shape
         self._target = np.ascontiguousarray(target, np.float64).reshape(target.shape[0], -1)
         self._mean = np.empty_like(self._target)
         self._mean_square = np.empty_like(self._target)
         self._partial = np.empty((3, *self._target.shape), np.float64)
-        _filter_image(self._target, _TAPS, target.shape[2], self._mean)
-        _filter_image(self._target * self._target, _TAPS, target.shape[2], self._mean_square)
+        _filter_image(self._target, self._taps, target.shape[2], self._mean)
+        _filter_image(self._target * self._target, self._taps, target.shape[2], self._mean_square)
 
     def dissimilarity(self, image: F32) -> F32:
         """Return 1 − SSIM at each pixel of an image [H, W, C], mean over the channels, [H, W]."""
@@ -145,7 +149,7 @@ class SimilarityTo:
         b, mean_b = self._target, self._mean
         mean_a, mean_aa, mean_ab = np.empty_like(a), np.empty_like(a), np.empty_like(a)
         for source, out in ((a, mean_a), (a * a, mean_aa), (a * b, mean_ab)):
-            _filter_image(source, _TAPS, channels, out)
+            _filter_image(source, self._taps, channels, out)
         luminance = (2 * mean_a * mean_b + C1) / (mean_a**2 + mean_b**2 + C1)
         variances = (mean_aa - mean_a**2) + (self._mean_square - mean_b**2)
         structure = (2 * (mean_ab - mean_a * mean_b) + C2) / np.maximum(variances + C2, 0.5 * C2)
@@ -157,7 +161,7 @@ class SimilarityTo:
         channels = self._shape[2]
         flat = np.ascontiguousarray(image, np.float64).reshape(self._target.shape)
         row_sums = np.empty(flat.shape[0], np.float64)
-        _similarity(flat, self._target, self._mean, self._mean_square, _TAPS, channels, self._partial, row_sums)
+        _similarity(flat, self._target, self._mean, self._mean_square, self._taps, channels, self._partial, row_sums)
         gradient = np.empty_like(flat)
-        _gradient(flat, self._target, self._partial, _TAPS, channels, 1.0 / flat.size, gradient)
+        _gradient(flat, self._target, self._partial, self._taps, channels, 1.0 / flat.size, gradient)
         return float(row_sums.sum() / flat.size), gradient.astype(np.float32).reshape(self._shape)

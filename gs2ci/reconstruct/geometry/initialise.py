@@ -46,6 +46,16 @@ class GeometrySettings:
     criteria: Criteria = field(default_factory=Criteria)
     sweep: SweepSettings = field(default_factory=SweepSettings)
 
+    def check(self) -> "GeometrySettings":
+        """Return self if the numbers make sense.
+
+        Raises:
+            InputError: A window or the number of planes is out of range.
+        """
+        self.tracks.check()
+        self.sweep.check()
+        return self
+
 
 @dataclass(frozen=True)
 class Geometry:
@@ -98,11 +108,11 @@ def initialise(
         A geometry, always finite: where depth cannot be found, a plane at inverse depth 1, and `notes` say why.
 
     Raises:
-        InputError: The views are not a stack of finite images.
+        InputError: The views are not a stack of finite images, or the settings make no sense.
         GeometryError: The known poses contradict the tracks.
     """
     _check(views, intrinsics)
-    settings, progress = settings or GeometrySettings(), progress or Silent()
+    settings, progress = (settings or GeometrySettings()).check(), progress or Silent()
     progress.stage("geometry", 3)
     size, reference, posed = (views.shape[1], views.shape[2]), len(views) // 2, known_poses is not None
     corners = find_corners(views, reference, settings.tracks)

@@ -14,7 +14,6 @@ F64 = NDArray[np.float64]
 
 # Features of a pixel are padded with zeros to eight, which fill one vector register.
 FEATURES = 8
-HALF_WINDOW = 3
 # Sum of absolute differences at which two pixels count as different, and the cost of a pixel that a view cannot see.
 TRUNCATED_AT = 0.6
 UNSEEN_COST = 0.3
@@ -94,11 +93,11 @@ def _add(values: F32, out: F32) -> None:
 
 
 @numba.njit(cache=True)
-def _box_row(values: F32, out: F32) -> None:
-    """Sum over 7 neighbours in a row, the window cut off at the ends."""
+def _box_row(values: F32, reach: int, out: F32) -> None:
+    """Sum over `reach` neighbours to each side in a row, the window cut off at the ends."""
     width = values.shape[0]
     out[:] = values
-    for shift in range(1, min(HALF_WINDOW, width - 1) + 1):
+    for shift in range(1, min(reach, width - 1) + 1):
         _add(values[shift:], out[: width - shift])
         _add(values[: width - shift], out[shift:])
 
@@ -124,27 +123,27 @@ def _sum_smallest(costs: F32, count: int, out: F32) -> None:
 
 @numba.njit(cache=True)
 def _plane_of_strip(
-    reference: F32, views: F32, homographies: F64, best: int, top: int, bottom: int, ring: F32, out: F32
+    reference: F32, views: F32, homographies: F64, best: int, reach: int, top: int, bottom: int, ring: F32, out: F32
 ) -> None:
-    """Fill out[top:bottom, :] (any strides) with the cost of one plane."""
+    """Fill out[top:bottom, :] (any strides) with the cost of one plane; the window reaches so far to each side."""
     height, width = reference.shape[:2]
-    count, window = views.shape[0], 2 * HALF_WINDOW + 1
+    count, window = views.shape[0], 2 * reach + 1
     corner, aim = np.empty(width, np.int32), np.empty((3, width), np.float32)
     row_costs, total = np.empty(width, np.float32), np.empty(width, np.float32)
     per_view, in_window = np.empty((count, width), np.float32), np.empty(width, np.float32)
     for c in range(width):
-        in_window[c] = min(c, HALF_WINDOW) + min(width - 1 - c, HALF_WINDOW) + 1
-    end = min(bottom + HALF_WINDOW, height)
-    for r in range(max(top - HALF_WINDOW, 0), bottom + HALF_WINDOW):
+        in_window[c] = min(c, reach) + min(width - 1 - c, reach) + 1
+    end = min(bottom + reach, height)
+    for r in range(max(top - reach, 0), bottom + reach):
         if r < end:
             for i in range(count):
                 _aim_row(homographies[i], r, (height, width), corner, aim)
                 _difference_row(reference[r], views[i], corner, aim, row_costs)
-                _box_row(row_costs, ring[i, r % window])
-        centre = r - HALF_WINDOW
+                _box_row(row_costs, reach, ring[i, r % window])
+        centre = r - reach
         if centre < top:
             continue
-        low, high = max(centre - HALF_WINDOW, 0), min(centre + HALF_WINDOW, height - 1)
+        low, high = max(centre - reach, 0), min(centre + reach, height - 1)
         per_view[:] = 0
         for i in range(count):
             for q in range(low, high + 1):
@@ -155,7 +154,7 @@ def _plane_of_strip(
 
 
 @numba.njit(cache=True, parallel=True)
-def matching_cost(reference: F32, views: F32, homographies: F64, best: int) -> F32:
+def matching_cost(reference: F32, views: F32, homographies: F64, best: int, window: int) -> F32:
     """Compare every pixel of the reference view with the others, on every plane.
 
     Args:
@@ -164,9 +163,10 @@ def matching_cost(reference: F32, views: F32, homographies: F64, best: int) -> F
         homographies: From array coordinates of the reference view to those of each view, for each plane,
             [D, V, 3, 3].
         best: So many views with the smallest cost count; the others may be occluded.
+        window: Side of the window, odd, px.
 
     Returns:
-        Mean truncated absolute difference in a 7x7 window, [H, W, D].
+        Mean truncated absolute difference in the window, [H, W, D].
     """
     height, width = reference.shape[:2]
     planes, count = homographies.shape[:2]
@@ -175,9 +175,9 @@ def matching_cost(reference: F32, views: F32, homographies: F64, best: int) -> F
     strips = (height + _STRIP_ROWS - 1) // _STRIP_ROWS
     for strip in numba.prange(strips):
         top, bottom = strip * _STRIP_ROWS, min((strip + 1) * _STRIP_ROWS, height)
-        ring = np.empty((count, 2 * HALF_WINDOW + 1, width), np.float32)
+        ring = np.empty((count, window, width), np.float32)
         for d in range(planes):
-            _plane_of_strip(reference, flat, homographies[d], best, top, bottom, ring, cost[:, :, d])
+            _plane_of_strip(reference, flat, homographies[d], best, window // 2, top, bottom, ring, cost[:, :, d])
     return cost
 
 

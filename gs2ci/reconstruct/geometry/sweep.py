@@ -10,7 +10,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from gs2ci.core.errors import InputError
 from gs2ci.reconstruct.geometry.kernels import FEATURES, best_plane, matching_cost, sum_along_rows
+from gs2ci.reconstruct.windows import check_window
 
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
@@ -34,12 +36,25 @@ class SweepSettings:
             depths cost 3.4 dB on a scene with a far, plain background, which holds no corner to track.
         near_factor: The nearest plane, as a multiple of the tracks' 99th percentile.
         most_pixels: Larger views are reduced before the sweep; its memory is 8 bytes per pixel and plane.
+        window_px: Side of the window over which views are compared.
     """
 
     planes: int = 96
     far_share: float = 0.03
     near_factor: float = 1.25
     most_pixels: int = 500_000
+    window_px: int = 7
+
+    def check(self) -> "SweepSettings":
+        """Return self if the numbers make sense.
+
+        Raises:
+            InputError: Too few planes, or a window whose side is even or out of range.
+        """
+        if self.planes < LEAST_PLANES:
+            raise InputError(f"{self.planes} depth planes", allowed=f"at least {LEAST_PLANES}")
+        check_window("the plane sweep", self.window_px, least_px=1)
+        return self
 
 
 def inverse_depth_range(tracked: F64, settings: SweepSettings) -> tuple[float, float]:
@@ -76,7 +91,9 @@ def sweep(
     inverse_depths = np.linspace(*span, settings.planes)
     homographies = _homographies(world_to_camera[others], scale[:, None] * intrinsics, inverse_depths)
     best = max(min(_LEAST_VIEWS_KEPT, len(others)), len(others) * 2 // 3)
-    cost = matching_cost(features[reference], np.ascontiguousarray(features[others]), homographies, best)
+    cost = matching_cost(
+        features[reference], np.ascontiguousarray(features[others]), homographies, best, settings.window_px
+    )
     index = best_plane(cost, sum_along_rows(cost))
     step = (span[1] - span[0]) / (settings.planes - 1)
     inverse_depth: F32 = (span[0] + step * index).astype(np.float32)

@@ -10,6 +10,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from gs2ci.reconstruct.windows import check_window
+
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
 Bool = NDArray[np.bool_]
@@ -19,7 +21,7 @@ _CENTRE_OFFSET = 0.5
 # Decoded views carry pixel-sized residue of the masks; this much blur removes it and leaves corners standing.
 _BLUR_PX = 0.8
 _DRIFT_LIMIT_PX = 3.0
-_WINDOW = (21, 21)
+_LEAST_WINDOW_PX = 3  # OpenCV takes no smaller one
 _PYRAMID_LEVELS = 4
 _STOP = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 40, 0.005)
 
@@ -33,12 +35,23 @@ class TrackSettings:
         quality: Least corner strength, relative to the strongest.
         spacing_px: Least distance between corners.
         forward_backward_px: How far from its start a point may land when tracked to the next view and back.
+        window_px: Side of the patch around a corner that is looked for in the other views.
     """
 
     corners: int = 2500
     quality: float = 0.005
     spacing_px: float = 5.0
     forward_backward_px: float = 1.0
+    window_px: int = 21
+
+    def check(self) -> "TrackSettings":
+        """Return self if the window can be used.
+
+        Raises:
+            InputError: Its side is even or out of range.
+        """
+        check_window("the tracks", self.window_px, _LEAST_WINDOW_PX)
+        return self
 
 
 @dataclass(frozen=True)
@@ -139,8 +152,9 @@ def refine_tracks(views: F32, reference: int, predicted: F64, settings: TrackSet
         if i == reference or not len(start):
             continue
         guess = (predicted[:, i] - _CENTRE_OFFSET).astype(np.float32)
-        found, ok = _flow(images[reference], images[i], start, guess, pyramid_levels=0)
-        back, ok_back = _flow(images[i], images[reference], found, start + (found - guess), pyramid_levels=0)
+        there, again = (images[reference], images[i]), (images[i], images[reference])
+        found, ok = _flow(*there, start, settings.window_px, guess, pyramid_levels=0)
+        back, ok_back = _flow(*again, found, settings.window_px, start + (found - guess), pyramid_levels=0)
         ok &= ok_back & (np.linalg.norm(back - start, axis=1) < settings.forward_backward_px)
         ok &= (np.linalg.norm(found - guess, axis=1) < _DRIFT_LIMIT_PX) & _inside(found, images[i])
         positions[ok, i] = found[ok] + _CENTRE_OFFSET
@@ -154,11 +168,11 @@ def _follow(
     start = (positions[:, reference] - _CENTRE_OFFSET).astype(np.float32)
     previous, points, alive = reference, start, np.ones(len(start), np.bool_)
     for i in order:
-        ahead, found = _flow(images[previous], images[i], points)
-        back, found_back = _flow(images[i], images[previous], ahead)
+        ahead, found = _flow(images[previous], images[i], points, settings.window_px)
+        back, found_back = _flow(images[i], images[previous], ahead, settings.window_px)
         alive &= found & found_back
         alive &= np.linalg.norm(back - points, axis=1) < settings.forward_backward_px
-        direct, found_direct = _flow(images[reference], images[i], start, ahead)
+        direct, found_direct = _flow(images[reference], images[i], start, settings.window_px, ahead)
         agree = found_direct & (np.linalg.norm(direct - ahead, axis=1) < _DRIFT_LIMIT_PX)
         points = np.where(agree[:, None], direct, ahead)
         alive &= _inside(points, images[i])
@@ -176,6 +190,7 @@ def _flow(
     source: NDArray[np.uint8],
     target: NDArray[np.uint8],
     points: F32,
+    window_px: int,
     guess: F32 | None = None,
     pyramid_levels: int = _PYRAMID_LEVELS,
 ) -> tuple[F32, Bool]:
@@ -184,7 +199,7 @@ def _flow(
         target,
         points,
         None if guess is None else guess.copy(),
-        winSize=_WINDOW,
+        winSize=(window_px, window_px),
         maxLevel=pyramid_levels,
         criteria=_STOP,
         flags=0 if guess is None else cv2.OPTFLOW_USE_INITIAL_FLOW,

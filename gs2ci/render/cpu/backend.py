@@ -9,15 +9,16 @@ import torch
 from torch import Tensor
 
 from gs2ci.core.errors import InputError
-from gs2ci.render.backend import Coding
-from gs2ci.render.conventions import TERMINATION_TRANSMITTANCE
+from gs2ci.render.backend import Coding, Reuse
 from gs2ci.render.cpu.function import CodedSum, Job, Rasterise, Target, ViewImages
 from gs2ci.render.cpu.layout import Layout, lay_out
+from gs2ci.render.cpu.lists import CpuReuse
 from gs2ci.render.cpu.passes import camera_fields
 from gs2ci.render.cpu.workspace import Pool
 from gs2ci.render.gaussians import Gaussians
 from gs2ci.render.inputs import check_masks, check_rendering, check_screen, check_size
 from gs2ci.render.screen import ScreenStatistics
+from gs2ci.render.settings import RasterSettings
 
 _FULL_LAYOUTS_KEPT: Final = 4
 
@@ -33,20 +34,30 @@ class CpuBackend:
     """Numba kernels on all cores; the same result on any number of them.
 
     Args:
-        termination_transmittance: Stop blending 16 pixels once all let less light through than this; 0 never.
+        settings: What may be left out; None takes the defaults.
+
+    Raises:
+        InputError: The settings make no sense.
     """
 
     name = "cpu"
 
-    def __init__(self, termination_transmittance: float = TERMINATION_TRANSMITTANCE) -> None:
-        self._termination = termination_transmittance
+    def __init__(self, settings: RasterSettings | None = None) -> None:
+        self._settings = (settings or RasterSettings()).check()
         self._pool = Pool()
+        # Apart from the others, which are much larger.
+        self._list_pool = Pool()
         self._full_layouts: OrderedDict[tuple[int, int, int], Layout] = OrderedDict()
 
     @property
     def idle_workspaces(self) -> int:
         """Get how many workspaces wait for the next rendering."""
         return self._pool.idle
+
+    @property
+    def idle_lists(self) -> int:
+        """Get how many workspaces wait for the next lists that outlive a rendering."""
+        return self._list_pool.idle
 
     def code(self, masks: Tensor) -> CpuCoding:
         """Compact the open pixels of a mask set; see `Backend.code`."""
@@ -55,6 +66,10 @@ class CpuBackend:
         views, height, width = values.shape
         return CpuCoding(views, (height, width), lay_out(values))
 
+    def reuse(self) -> CpuReuse:
+        """Share lists of Gaussians among renderings; see `Backend.reuse`."""
+        return CpuReuse(self._list_pool, self._settings.relist_every, self._settings.list_margin_px)
+
     def coded(
         self,
         scene: Gaussians,
@@ -62,6 +77,7 @@ class CpuBackend:
         intrinsics: Tensor,
         coding: Coding,
         screen: ScreenStatistics | None = None,
+        reuse: Reuse | None = None,
     ) -> Tensor:
         """Render the coded sum; see `Backend.coded`."""
         if not isinstance(coding, CpuCoding):
@@ -69,10 +85,17 @@ class CpuBackend:
                 f"a coding of type {type(coding).__name__} given to the cpu backend",
                 allowed="what this backend's code(masks) returned",
             )
+        if reuse is not None and not isinstance(reuse, CpuReuse):
+            raise InputError(
+                f"shared work of type {type(reuse).__name__} given to the cpu backend",
+                allowed="what this backend's reuse() returned",
+            )
         check_rendering(scene, world_to_camera, intrinsics, views=coding.views)
         check_screen(screen, scene)
         target = CodedSum(coding.layout)
-        return self._run(target, scene, scene.colours, world_to_camera, intrinsics, screen)[0]
+        # Lists that serve once lie in the rendering's own workspace, without a margin.
+        kept = reuse if self._settings.relist_every > 1 else None
+        return self._run(target, scene, scene.colours, world_to_camera, intrinsics, screen, kept)[0]
 
     def views(
         self,
@@ -98,6 +121,7 @@ class CpuBackend:
         world_to_camera: Tensor,
         intrinsics: Tensor,
         screen: ScreenStatistics | None = None,
+        reuse: CpuReuse | None = None,
     ) -> tuple[Tensor, ...]:
         layout = target.layout
         camera = camera_fields(intrinsics.detach().to(torch.float64).numpy(), height=layout.height, width=layout.width)
@@ -105,7 +129,7 @@ class CpuBackend:
             *(scene.means, scene.log_scales, scene.quaternions),
             *(scene.opacity_logits, colours, world_to_camera),
         )
-        job = Job(target, camera, self._termination, self._pool, screen)
+        job = Job(target, camera, self._settings.termination_transmittance, self._pool, screen, reuse)
         # Converted outside the function, so that float64 poses get float64 gradients.
         outputs: tuple[Tensor, ...] = Rasterise.apply(job, *(p.to(torch.float32) for p in parameters))
         return outputs

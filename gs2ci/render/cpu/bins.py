@@ -1,9 +1,9 @@
 """Which Gaussians touch which cell, front to back.
 
-Per view: the visible Gaussians are sorted by depth (stable radix sort: equal depths keep the order of the
-parameters). In that order, sixteen at a time, their spans are found: the cells that a footprint touches in each
-strip of rows. One more pass over the spans appends each Gaussian to its cells' lists, which thus come out sorted
-without ever sorting (cell, depth) pairs. Views are independent tasks. Only `gs2ci.render.cpu` imports this file.
+Per view: the Gaussians that are visible, or nearly so, are sorted by depth (stable radix sort: equal depths keep the
+order of the parameters). In that order, sixteen at a time, their spans are found: the cells that a footprint touches
+in each strip of rows. One more pass over the spans appends each Gaussian to its cells' lists, which thus come out
+sorted without ever sorting (cell, depth) pairs. Views are independent tasks. Only `gs2ci.render.cpu` imports this file.
 """
 
 import numpy as np
@@ -21,6 +21,7 @@ from gs2ci.render.cpu.record import (
     LEVEL,
     MEAN_X,
     MEAN_Y,
+    NEARLY,
     SHEAR,
     VISIBLE,
     WIDEST_DY,
@@ -52,6 +53,7 @@ _MINUS_ONE = np.float32(-1)
 # px and as a share of the footprint.
 _GUARD_PX = np.float32(1e-3)
 _GUARD_SHARE = np.float32(1e-6)
+_LISTED = np.float32(NEARLY)
 
 _DIGIT_BITS = 11
 _DIGITS = 3
@@ -60,13 +62,13 @@ _DIGIT_MASK = np.uint32(_BUCKETS - 1)
 
 
 @kernel()
-def _strip_range(fields, strip_rows, height):
-    """Find the pixel rows of 16 footprints (first and last, as floats) and the strips these lie in.
+def _strip_range(fields, strip_rows, margin, height):
+    """Find the pixel rows of 16 footprints, widened (first and last, as floats), and the strips these lie in.
 
     Lanes that touch no row get a last strip below the first.
     """
     mean_y, extent = fields[MEAN_Y], fields[EXTENT_Y]
-    guard = _GUARD_PX + _GUARD_SHARE * extent
+    guard = _GUARD_PX + _GUARD_SHARE * extent + margin
     # Row r has its centre at r + 1/2. The bounds also keep what an unseen lane holds (NaN included) harmless.
     top = minimum(maximum(ceil(maximum(mean_y - extent - guard, _MINUS_ONE) - _HALF), _ZERO), height)
     bottom = minimum(floor(minimum(mean_y + extent + guard, height + _ONE) - _HALF), height - _ONE)
@@ -74,24 +76,25 @@ def _strip_range(fields, strip_rows, height):
     rows = np.float32(strip_rows)
     first = floor((top + _HALF) / rows)
     last = where_ge(bottom, top, floor((bottom + _HALF) / rows), first - _ONE)
-    return top, bottom, first, where_ge(fields[VISIBLE], _HALF, last, first - _ONE)
+    return top, bottom, first, where_ge(fields[VISIBLE], _LISTED, last, first - _ONE)
 
 
 @kernel()
-def _columns_in_strip(fields, top, bottom, width):
-    """Find the first and last pixel column of 16 footprints between two pixel rows (one pair per lane).
+def _columns_in_strip(fields, top, bottom, margin, width):
+    """Find the first and last pixel column of 16 footprints, widened, between two pixel rows (one pair per lane).
 
     On a row at dy the footprint spans -SHEAR dy +- sqrt((LEVEL - ALONG dy^2) / ACROSS). Its right edge is a
     concave function of dy with its top at WIDEST_DY, its left edge the mirror image: so the extremes over the
-    strip lie at +-WIDEST_DY, or at the strip's border nearest to it.
+    strip lie at +-WIDEST_DY, or at the strip's border nearest to it. Widening moves the footprint by up to the margin
+    along both axes.
     """
-    above, below = top + _HALF - fields[MEAN_Y], bottom + _HALF - fields[MEAN_Y]
+    above, below = top + _HALF - fields[MEAN_Y] - margin, bottom + _HALF - fields[MEAN_Y] + margin
     widest = fields[WIDEST_DY]
     dy_right = minimum(maximum(widest, above), below)
     dy_left = minimum(maximum(-widest, above), below)
     right = fields[MEAN_X] - fields[SHEAR] * dy_right + _half_width(fields, dy_right)
     left = fields[MEAN_X] - fields[SHEAR] * dy_left - _half_width(fields, dy_left)
-    guard = _GUARD_PX + _GUARD_SHARE * fields[EXTENT_X]
+    guard = _GUARD_PX + _GUARD_SHARE * fields[EXTENT_X] + margin
     first = maximum(ceil(minimum(maximum(left - guard, _MINUS_ONE), width + _ONE) - _HALF), _ZERO)
     last = minimum(floor(maximum(minimum(right + guard, width + _ONE), _MINUS_ONE) - _HALF), width - _ONE)
     return first, last
@@ -104,9 +107,9 @@ def _half_width(fields, dy):
 
 
 @kernel()
-def _measure_spans(fields, strip_rows, height, width, first_strip, strip_count, columns):
+def _measure_spans(fields, strip_rows, margin, height, width, first_strip, strip_count, columns):
     """Write the column intervals of 16 footprints, strip by strip, into `columns` [strips, 2, 16] int32."""
-    top, bottom, first, last = _strip_range(fields, strip_rows, height)
+    top, bottom, first, last = _strip_range(fields, strip_rows, margin, height)
     rows = np.float32(strip_rows)
     store_as_int32(first_strip, 0, first)
     store_as_int32(strip_count, 0, last - first + _ONE)
@@ -114,7 +117,7 @@ def _measure_spans(fields, strip_rows, height, width, first_strip, strip_count, 
     while any_ge(last, first + np.float32(strip)):
         strip_top = (first + np.float32(strip)) * rows
         left, right = _columns_in_strip(
-            fields, maximum(strip_top, top), minimum(strip_top + (rows - _ONE), bottom), width
+            fields, maximum(strip_top, top), minimum(strip_top + (rows - _ONE), bottom), margin, width
         )
         store_as_int32(columns, 2 * LANES * strip, left)
         store_as_int32(columns, 2 * LANES * strip + LANES, right)
@@ -123,27 +126,28 @@ def _measure_spans(fields, strip_rows, height, width, first_strip, strip_count, 
 
 @kernel()
 def _list_visible(records, depth_bits, count, keys, indices):
-    """List depth keys and indices of one view's visible Gaussians; returns how many there are."""
+    """List depth keys and indices of the Gaussians that one view is to list; returns how many there are."""
     listed = 0
     for gaussian in range(count):
         offset = gaussian * FIELDS
-        # Written always, counted only if visible: no branch to mispredict.
+        # Written always, counted only if it is to be listed: no branch to mispredict.
         put(keys, listed, get(depth_bits, offset + DEPTH))
         put(indices, listed, np.int32(gaussian))
-        listed += get(records, offset + VISIBLE) > _HALF
+        listed += get(records, offset + VISIBLE) >= _LISTED
     return listed
 
 
 @kernel()
-def _find_spans(records, by_depth, listed, size, strip_rows, first, last, changes, spans):
+def _find_spans(records, by_depth, listed, size, strip_rows, margin, first, last, changes, spans):
     """List the cell spans of one view's Gaussians, front to back; returns how many there are, or OVERFLOW.
 
     Args:
         records: [blocks * 256] of this view.
-        by_depth: Indices of the visible Gaussians, nearest first, [G + 16] int32.
+        by_depth: Indices of the Gaussians to list, nearest first, [G + 16] int32.
         listed: How many those are.
         size: Height and width, px.
         strip_rows: Rows in a strip.
+        margin: By which footprints are widened on all sides, px.
         first: Cell tables of `Layout`, this view's, [strips * W].
         last: Likewise.
         changes: Zeros [cells + 1] int32; gets the derivative of each cell's number of Gaussians.
@@ -164,7 +168,9 @@ def _find_spans(records, by_depth, listed, size, strip_rows, first, last, change
         fields = gather_transposed(records, by_depth, group)
         for lane in range(LANES):
             prefetch(records, np.int64(get(by_depth, min(group + LANES + lane, listed))) * FIELDS)
-        _measure_spans(fields, strip_rows, np.float32(height), np.float32(width), first_strip, strip_count, columns)
+        _measure_spans(
+            fields, strip_rows, margin, np.float32(height), np.float32(width), first_strip, strip_count, columns
+        )
         for lane in range(min(LANES, listed - group)):
             gaussian = get(by_depth, group + lane)
             table = np.int64(get(first_strip, lane)) * width
@@ -217,6 +223,7 @@ def count_entries(
     count,
     size,
     strip_rows,
+    margin,
     first,
     last,
     cell_start,
@@ -235,6 +242,7 @@ def count_entries(
         count: G.
         size: Height and width, px.
         strip_rows: Rows in a strip.
+        margin: By which footprints are widened on all sides, px, float32.
         first: Cell tables of `Layout`, [V, strips * W].
         last: Likewise.
         cell_start: Of `Layout`, [V + 1].
@@ -254,7 +262,7 @@ def count_entries(
         # An odd number of digits leaves the sorted indices in the spare array.
         _sort_by_key(keys, indices, listed, spare_keys, by_depth)
         found[view] = _find_spans(
-            records[view], by_depth, listed, size, strip_rows, first[view], last[view], changes, spans[view]
+            records[view], by_depth, listed, size, strip_rows, margin, first[view], last[view], changes, spans[view]
         )
         running = 0
         total = 0

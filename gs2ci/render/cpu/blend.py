@@ -83,19 +83,19 @@ def _prefetch_record(records, base, lists, position):
 
 
 @kernel()
-def _blend_cell(records, base, lists, begin, count, x, y, termination, cell, out):
-    """Blend one cell; keep only the list entries that touched a pixel. Returns how many those are."""
+def _blend_cell(records, base, candidates, begin, count, x, y, termination, cell, lists, out):
+    """Blend one cell; list the candidates that touched a pixel. Returns how many those are."""
     transmittance = broadcast(_ONE)
     red, green, blue = broadcast(_ZERO), broadcast(_ZERO), broadcast(_ZERO)
     for i in range(min(count, _AHEAD)):
-        _prefetch_record(records, base, lists, begin + i)
+        _prefetch_record(records, base, candidates, begin + i)
     kept = 0
     i = 0
     while i < count:
         pause = min(count, i + _TERMINATION_STRIDE)
         while i < pause:
-            gaussian = get(lists, begin + i)
-            _prefetch_record(records, base, lists, begin + min(i + _AHEAD, count - 1))
+            gaussian = get(candidates, begin + i)
+            _prefetch_record(records, base, candidates, begin + min(i + _AHEAD, count - 1))
             offset = base + np.int64(gaussian) * FIELDS
             log2_alpha = _log2_alpha(records, offset, x, y)
             alpha = where_ge(log2_alpha, _LOG2_ALPHA_MIN, minimum(exp2_blend(log2_alpha), _ALPHA_MAX), _ZERO)
@@ -118,7 +118,7 @@ def _blend_cell(records, base, lists, begin, count, x, y, termination, cell, out
 
 
 @kernel(parallel=True)
-def blend(records, cell_view, x, y, entry_start, entries, list_start, lists, termination, kept, out):
+def blend(records, cell_view, x, y, entry_start, entries, list_start, candidates, termination, kept, lists, out):
     """Blend all cells.
 
     Args:
@@ -129,9 +129,10 @@ def blend(records, cell_view, x, y, entry_start, entries, list_start, lists, ter
         entry_start: Where each cell's list begins within its view's lists, [cells] int32.
         entries: Its length, [cells] int32.
         list_start: Where each view's lists begin, [V + 1] int64.
-        lists: Indices of Gaussians; compacted in place to those that touch a pixel of the cell.
+        candidates: Indices of Gaussians that may touch a pixel of the cell.
         termination: A cell stops once the transmittance of all its pixels is below this.
-        kept: Written: length of each compacted list, [cells] int32.
+        kept: Written: length of each list in `lists`, [cells] int32.
+        lists: Written: those that do touch one; laid out as `candidates`, and may be the same memory.
         out: Written: [cells * 64]: red, green, blue and transmittance of the cell's 16 pixels.
     """
     cells = entries.shape[0]
@@ -142,13 +143,14 @@ def blend(records, cell_view, x, y, entry_start, entries, list_start, lists, ter
             kept[cell] = _blend_cell(
                 records,
                 view * record_stride,
-                lists,
+                candidates,
                 list_start[view] + entry_start[cell],
                 np.int64(entries[cell]),
                 load(x, cell * LANES),
                 load(y, cell * LANES),
                 termination,
                 cell,
+                lists,
                 out,
             )
 

@@ -20,6 +20,7 @@ from gs2ci.render.cpu.gather import (
     view_gradients_to_cells,
 )
 from gs2ci.render.cpu.layout import Layout
+from gs2ci.render.cpu.lists import CpuReuse
 from gs2ci.render.cpu.passes import F32, Inputs, differentiate_cells, render_cells
 from gs2ci.render.cpu.workspace import Pool, Workspace
 from gs2ci.render.screen import ScreenStatistics
@@ -97,6 +98,7 @@ class Job:
     termination: float
     pool: Pool
     screen: ScreenStatistics | None = None
+    reuse: CpuReuse | None = None
 
 
 def as_float32(tensor: Tensor) -> F32:
@@ -119,7 +121,7 @@ class Rasterise(torch.autograd.Function):
         inputs = _inputs(job, parameters)
         lease = job.pool.lease()
         assert lease.workspace is not None
-        rendered = render_cells(inputs, job.target.layout, job.termination, lease.workspace)
+        rendered = render_cells(inputs, job.target.layout, job.termination, lease.workspace, job.reuse)
         outputs = job.target.collect(rendered.cells)
         # Saving the inputs lets torch notice if one is overwritten before the backward pass reads it again.
         ctx.save_for_backward(*parameters)

@@ -4,30 +4,28 @@ Here buffers are sized and kernels called in order. What the cells mean (views o
 caller. Only `gs2ci.render.cpu` imports this file.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gs2ci.render.conventions import FRUSTUM_MARGIN
-from gs2ci.render.cpu.bins import OVERFLOW, SPAN, count_entries, fill_entries
 from gs2ci.render.cpu.blend import CELL, blend, differentiate_blend
 from gs2ci.render.cpu.layout import Layout
+from gs2ci.render.cpu.lists import CpuReuse, Lists, list_gaussians
 from gs2ci.render.cpu.project import project
 from gs2ci.render.cpu.project_backward import POSE_ENTRIES, differentiate_project, tasks_for
 from gs2ci.render.cpu.record import CAMERA_FIELDS, FIELDS
 from gs2ci.render.cpu.sighting import COLUMNS
 from gs2ci.render.cpu.vector import LANES
-from gs2ci.render.cpu.workspace import Workspace
+from gs2ci.render.cpu.workspace import Lease, Workspace
 
 F32 = NDArray[np.float32]
 
 BACKWARD_TASKS_MIN: Final = 8
 """A few views are cut into bands until there are this many tasks. A constant, not the number of threads: bands
 decide the order of sums, and results must not depend on threads. Each band costs one more gradient record."""
-_SPANS_PER_GAUSSIAN: Final = 4
-"""First guess of the span buffer's size; it doubles until it suffices."""
 
 
 @dataclass(frozen=True)
@@ -78,23 +76,19 @@ class Inputs:
 
 @dataclass(frozen=True)
 class Rendered:
-    """What the forward pass leaves for the backward pass; all arrays belong to the workspace.
+    """What the forward pass leaves for the backward pass; all arrays belong to the workspace, or to the lease.
 
     Args:
         records: Projected Gaussians, [V, blocks * 256].
-        entry_start: Where each cell's list begins within its view's, [cells].
-        kept: Its length, [cells].
-        list_start: Where each view's lists begin, [V + 1].
-        lists: Gaussians of each cell, front to back.
+        lists: Those that touched a pixel of each cell.
         cells: Red, green, blue and transmittance of each cell's pixels, [cells * 64].
+        lease: Keeps memory that several renderings share, if any do.
     """
 
     records: F32
-    entry_start: NDArray[np.int32]
-    kept: NDArray[np.int32]
-    list_start: NDArray[np.int64]
-    lists: NDArray[np.int32]
+    lists: Lists
     cells: F32
+    lease: Lease | None
 
 
 def camera_fields(intrinsics: NDArray[np.float64], height: int, width: int) -> F32:
@@ -110,11 +104,23 @@ def camera_fields(intrinsics: NDArray[np.float64], height: int, width: int) -> F
     return np.array(fields, np.float32)
 
 
-def render_cells(inputs: Inputs, layout: Layout, termination: float, workspace: Workspace) -> Rendered:
-    """Render the open pixels of all views."""
+def render_cells(
+    inputs: Inputs, layout: Layout, termination: float, workspace: Workspace, reuse: CpuReuse | None = None
+) -> Rendered:
+    """Render the open pixels of all views; lists of Gaussians are taken from `reuse`, if given."""
+    margin_px = 0.0 if reuse is None else reuse.margin_px
     records = workspace.get("records", (layout.views, inputs.blocks * LANES * FIELDS))
-    project(*inputs.flat(), records.reshape(-1))
-    entries, entry_start, list_start, lists = _list_entries(inputs, layout, records, workspace)
+    project(*inputs.flat(), np.float32(margin_px), records.reshape(-1))
+
+    def listed(kept: Workspace) -> Lists:
+        return list_gaussians(records, inputs.count, layout, margin_px, workspace, kept)
+
+    if reuse is None:
+        candidates, lease = listed(workspace), None
+        touching = candidates.gaussians
+    else:
+        candidates, lease = reuse.lists(inputs.count, layout, listed)
+        touching = workspace.get("touching", candidates.gaussians.shape, np.int32)
     kept = workspace.get("kept", (layout.cells,), np.int32)
     cells = workspace.get("cells", (layout.cells * CELL,))
     blend(
@@ -122,54 +128,16 @@ def render_cells(inputs: Inputs, layout: Layout, termination: float, workspace: 
         layout.cell_view,
         layout.x,
         layout.y,
-        entry_start,
-        entries,
-        list_start,
-        lists,
+        candidates.start,
+        candidates.entries,
+        candidates.view_start,
+        candidates.gaussians,
         np.float32(termination),
         kept,
+        touching,
         cells,
     )
-    return Rendered(records, entry_start, kept, list_start, lists, cells)
-
-
-def _list_entries(
-    inputs: Inputs, layout: Layout, records: F32, workspace: Workspace
-) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.int64], NDArray[np.int32]]:
-    """List each cell's Gaussians front to back; returns lengths, starts, the views' starts and the lists."""
-    views, count = layout.views, inputs.count
-    work = workspace.get("work", (views, 4, count + LANES), np.uint32)
-    entries = workspace.get("entries", (layout.cells,), np.int32)
-    entry_start = workspace.get("entry_start", (layout.cells,), np.int32)
-    tables = (views, layout.strips * layout.width)
-    found, totals = np.zeros(views, np.int64), np.zeros(views, np.int64)
-    smallest = _SPANS_PER_GAUSSIAN * count + LANES * layout.strips
-    capacity = max(smallest, workspace.capacity("spans") // max(SPAN * views, 1))
-    while True:
-        spans = workspace.get("spans", (views, SPAN * capacity), np.int32)
-        count_entries(
-            records,
-            records.view(np.uint32),
-            count,
-            (layout.height, layout.width),
-            layout.strip_rows,
-            layout.first.reshape(tables),
-            layout.last.reshape(tables),
-            layout.cell_start,
-            work,
-            spans,
-            found,
-            entries,
-            entry_start,
-            totals,
-        )
-        if not (found == OVERFLOW).any():
-            break
-        capacity *= 2
-    list_start = np.concatenate([np.zeros(1, np.int64), np.cumsum(totals)])
-    lists = workspace.get("lists", (int(list_start[-1]),), np.int32)
-    fill_entries(layout.cell_start, spans, found, entry_start, list_start, lists)
-    return entries, entry_start, list_start, lists
+    return Rendered(records, replace(candidates, entries=kept, gaussians=touching), cells, lease)
 
 
 @dataclass(frozen=True)
@@ -200,10 +168,10 @@ def differentiate_cells(
         layout.cell_start,
         layout.x,
         layout.y,
-        rendered.entry_start,
-        rendered.kept,
-        rendered.list_start,
-        rendered.lists,
+        rendered.lists.start,
+        rendered.lists.entries,
+        rendered.lists.view_start,
+        rendered.lists.gaussians,
         rendered.cells,
         cell_gradients,
         bands,

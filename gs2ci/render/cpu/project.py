@@ -22,13 +22,16 @@ from gs2ci.render.cpu.projection import (
     view_centre,
     view_footprint,
 )
-from gs2ci.render.cpu.record import FIELDS, HEIGHT, VISIBLE, WIDTH
+from gs2ci.render.cpu.record import FIELDS, HEIGHT, NEARLY, UNSEEN_LOG2, VISIBLE, WIDTH
 from gs2ci.render.cpu.vector import LANES, broadcast, maximum, square_root, where_ge
 
 BLOCKS_PER_TASK = 32
 
 _ZERO = np.float32(0)
 _ONE = np.float32(1)
+_HALF = np.float32(0.5)
+_NEARLY = np.float32(NEARLY)
+_UNSEEN_LOG2 = np.float32(UNSEEN_LOG2)
 _NEAR = np.float32(NEAR)
 _ALPHA_MIN = np.float32(ALPHA_MIN)
 _LOG_ALPHA_MIN = np.float32(np.log(ALPHA_MIN))
@@ -39,37 +42,43 @@ _VARIANCE_MAX = np.float32(SCREEN_SIGMA_MAX_PX**2)
 
 
 @kernel()
-def _visible(camera, centre, footprint, opacity, position, extent):
-    """Return 1 in the lanes whose Gaussian can touch a pixel, else 0; NaN counts as invisible."""
+def _in_frame(camera, position, extent_x, extent_y, inside, outside):
+    """Return `inside` in the lanes whose box can touch a pixel, else `outside`; NaN counts as outside."""
     x, y = position
-    extent_x, extent_y = extent
-    zero = broadcast(_ZERO)
-    seen = where_ge(_NEAR, centre.z, zero, broadcast(_ONE))
-    seen = where_ge(opacity, _ALPHA_MIN, seen, zero)
-    seen = where_ge(_VARIANCE_MAX, footprint.cov_xx, seen, zero)
-    seen = where_ge(_VARIANCE_MAX, footprint.cov_yy, seen, zero)
-    seen = where_ge(x + extent_x, _ZERO, seen, zero)
-    seen = where_ge(y + extent_y, _ZERO, seen, zero)
-    seen = where_ge(camera[WIDTH], x - extent_x, seen, zero)
-    return where_ge(camera[HEIGHT], y - extent_y, seen, zero)
+    inside = where_ge(x + extent_x, _ZERO, inside, outside)
+    inside = where_ge(y + extent_y, _ZERO, inside, outside)
+    inside = where_ge(camera[WIDTH], x - extent_x, inside, outside)
+    return where_ge(camera[HEIGHT], y - extent_y, inside, outside)
 
 
 @kernel()
-def _footprint_record(camera, centre, footprint, opacity, log_opacity, colour):
+def _visible(camera, centre, footprint, opacity, position, extent, margin):
+    """Return 1 in the lanes whose Gaussian can touch a pixel, NEARLY where it could if it were wider, else 0."""
+    zero, one = broadcast(_ZERO), broadcast(_ONE)
+    # What can never be drawn, NaN included.
+    drawn = where_ge(_NEAR, centre.z, zero, where_ge(opacity, _ALPHA_MIN, one, zero))
+    drawn = where_ge(_VARIANCE_MAX, footprint.cov_xx, drawn, zero)
+    drawn = where_ge(_VARIANCE_MAX, footprint.cov_yy, drawn, zero)
+    nearly = _in_frame(camera, position, extent[0] + margin, extent[1] + margin, broadcast(_NEARLY), zero)
+    return where_ge(drawn, _HALF, _in_frame(camera, position, extent[0], extent[1], one, nearly), zero)
+
+
+@kernel()
+def _footprint_record(camera, centre, footprint, opacity, log_opacity, colour, margin):
     """Form the sixteen record fields, in the order of `record.py`."""
     position = screen_position(camera, centre)
     # alpha >= ALPHA_MIN inside the ellipse of squared Mahalanobis radius 2 ln(opacity / ALPHA_MIN).
     log_range = maximum(log_opacity - _LOG_ALPHA_MIN, _ZERO)
     extent_x = square_root(2.0 * log_range * footprint.cov_xx)
     extent_y = square_root(2.0 * log_range * footprint.cov_yy)
-    visible = _visible(camera, centre, footprint, opacity, position, (extent_x, extent_y))
+    visible = _visible(camera, centre, footprint, opacity, position, (extent_x, extent_y), margin)
     return (
         position[0],
         position[1],
         _HALF_LOG2E / footprint.variance_x_given_y,
         -(footprint.cov_xy * footprint.inverse_yy),
         _HALF_LOG2E * footprint.inverse_yy,
-        _LOG2E * log_opacity,
+        where_ge(visible, _HALF, _LOG2E * log_opacity, broadcast(_UNSEEN_LOG2)),
         colour[0],
         colour[1],
         colour[2],
@@ -84,7 +93,7 @@ def _footprint_record(camera, centre, footprint, opacity, log_opacity, colour):
 
 
 @kernel(parallel=True)
-def project(means, log_scales, quaternions, logits, colours, colours_differ, poses, camera, records):
+def project(means, log_scales, quaternions, logits, colours, colours_differ, poses, camera, margin, records):
     """Project G Gaussians into V views.
 
     Args:
@@ -96,6 +105,7 @@ def project(means, log_scales, quaternions, logits, colours, colours_differ, pos
         colours_differ: See `colours`.
         poses: world_to_camera, [V, 16].
         camera: The fields of `record.py`.
+        margin: By which footprints are widened where lists are to outlive this rendering, px, float32.
         records: Written: [V * blocks * 256].
     """
     count = logits.shape[0]
@@ -116,7 +126,7 @@ def project(means, log_scales, quaternions, logits, colours, colours_differ, pos
                 centre = view_centre(poses[view], camera, mean)
                 footprint = view_footprint(poses[view], camera, centre, factor)
                 fields = _footprint_record(
-                    camera, centre, footprint, 1.0 / inverse_opacity, -logarithm(inverse_opacity), colour
+                    camera, centre, footprint, 1.0 / inverse_opacity, -logarithm(inverse_opacity), colour, margin
                 )
                 offset = (view * blocks + block) * LANES * FIELDS
                 store_rows(records, offset, transpose(fields))

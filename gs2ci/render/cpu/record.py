@@ -35,9 +35,14 @@ LEVEL: Final = 9  # log2(opacity / ALPHA_MIN): the footprint is ACROSS t^2 + ALO
 EXTENT_X: Final = 10  # half the footprint's bounding box, px
 EXTENT_Y: Final = 11
 DEPTH: Final = 12
-VISIBLE: Final = 13  # 1 or 0
+VISIBLE: Final = 13  # 1, NEARLY or 0
 WIDEST_DY: Final = 14  # dy at which the footprint reaches dx = EXTENT_X; by symmetry -dy at -EXTENT_X
 INVERSE_ACROSS: Final = 15
+
+NEARLY: Final = 0.25
+"""VISIBLE of a Gaussian that touches no pixel, but would if its footprint were wider by the margin of the lists."""
+UNSEEN_LOG2: Final = -1e30
+"""LOG2_OPACITY of what is not visible: lists that outlive a rendering may still hold it."""
 
 # Its gradient: sums over pixels of G = dL/d ln(alpha), and of the blending weight times dL/d(pixel colour).
 SUM: Final = 0

@@ -15,14 +15,14 @@ from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.render.gaussians import Gaussians
 
 
-def _similarity(image: torch.Tensor, target: torch.Tensor) -> torch.Tensor:
+def _similarity(image: torch.Tensor, target: torch.Tensor, window_px: int = WINDOW) -> torch.Tensor:
     """Mean SSIM of [H, W, C] float64, Wang et al. 2004, eq. 13; zero padding, data range 1."""
-    reach = torch.arange(WINDOW, dtype=torch.float64) - WINDOW // 2
-    taps = torch.exp(-(reach**2) / (2 * SIGMA_PX**2))
+    reach = torch.arange(window_px, dtype=torch.float64) - window_px // 2
+    taps = torch.exp(-(reach**2) / (2 * (SIGMA_PX * window_px / WINDOW) ** 2))
     window = torch.outer(taps, taps) / taps.sum() ** 2
 
     def local_mean(planes: torch.Tensor) -> torch.Tensor:
-        return torch.nn.functional.conv2d(planes[:, None], window[None, None], padding=WINDOW // 2)[:, 0]
+        return torch.nn.functional.conv2d(planes[:, None], window[None, None], padding=window_px // 2)[:, 0]
 
     a, b = image.permute(2, 0, 1), target.permute(2, 0, 1)
     mean_a, mean_b = local_mean(a), local_mean(b)
@@ -34,7 +34,7 @@ def _similarity(image: torch.Tensor, target: torch.Tensor) -> torch.Tensor:
 
 
 @pytest.fixture(scope="session")
-def similarity_definition() -> Callable[[torch.Tensor, torch.Tensor], torch.Tensor]:
+def similarity_definition() -> Callable[..., torch.Tensor]:
     return _similarity
 
 

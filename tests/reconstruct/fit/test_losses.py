@@ -2,9 +2,11 @@ import numpy as np
 import pytest
 import torch
 
-from gs2ci.reconstruct.fit.losses import DataTerm, opacity_term, size_term
+from gs2ci.core.errors import InputError
+from gs2ci.reconstruct.fit.losses import DataTerm, LossWeights, opacity_term, size_term
 
 SIZE = (20, 27)
+TENTH = LossWeights(similarity=0.1)
 
 
 @pytest.fixture
@@ -48,7 +50,9 @@ def test_value_and_gradient_follow_the_definition(
 ):
     saturated = rng.random(SIZE) < 0.2 if clipped else None
     value, gradient = stated(similarity_definition, predicted, measurement, fitted, saturated, weight)
-    got, got_gradient = DataTerm(measurement, fitted, saturated, weight).value_and_gradient(predicted)
+    got, got_gradient = DataTerm(measurement, fitted, saturated, LossWeights(similarity=weight)).value_and_gradient(
+        predicted
+    )
     assert got == pytest.approx(value, rel=1e-5)
     assert np.linalg.norm(got_gradient - gradient) <= 1e-5 * np.linalg.norm(gradient)
 
@@ -56,13 +60,13 @@ def test_value_and_gradient_follow_the_definition(
 def test_one_channel_follows_the_definition(similarity_definition, measurement, predicted, fitted):
     parts = predicted[..., :1].copy(), measurement[..., :1].copy(), fitted, None, 0.1
     value, gradient = stated(similarity_definition, *parts)
-    got, got_gradient = DataTerm(parts[1], fitted, None, 0.1).value_and_gradient(parts[0])
+    got, got_gradient = DataTerm(parts[1], fitted, None, TENTH).value_and_gradient(parts[0])
     assert got == pytest.approx(value, rel=1e-5)
     assert np.linalg.norm(got_gradient - gradient) <= 1e-5 * np.linalg.norm(gradient)
 
 
 def test_torch_differentiates_the_term_as_it_states(measurement, predicted, fitted):
-    term = DataTerm(measurement, fitted, None, 0.1)
+    term = DataTerm(measurement, fitted, None, TENTH)
     image = torch.from_numpy(predicted).requires_grad_(True)
     (2 * term(image)).backward()
     value, gradient = term.value_and_gradient(predicted)
@@ -72,14 +76,14 @@ def test_torch_differentiates_the_term_as_it_states(measurement, predicted, fitt
 
 def test_held_out_pixels_have_exactly_no_gradient_and_no_influence(rng, measurement, predicted, fitted):
     elsewhere = ~fitted
-    value, gradient = DataTerm(measurement, fitted, None, 0.1).value_and_gradient(predicted)
+    value, gradient = DataTerm(measurement, fitted, None, TENTH).value_and_gradient(predicted)
     assert elsewhere.any()
     assert (gradient[elsewhere] == 0).all()
 
     other_measurement, other_prediction = measurement.copy(), predicted.copy()
     other_measurement[elsewhere] = 100 * rng.random((elsewhere.sum(), 3))
     other_prediction[elsewhere] = -50
-    again, same = DataTerm(other_measurement, fitted, None, 0.1).value_and_gradient(other_prediction)
+    again, same = DataTerm(other_measurement, fitted, None, TENTH).value_and_gradient(other_prediction)
     assert again == value
     np.testing.assert_array_equal(same, gradient)
 
@@ -88,40 +92,42 @@ def test_the_share_held_out_does_not_change_the_scale_of_the_l1_term(measurement
     predicted = measurement + np.float32(0.25)
     for share in (0.0, 0.5):
         fitted = np.random.default_rng(0).random(SIZE) >= share
-        value, _ = DataTerm(measurement, fitted, None, 0.0).value_and_gradient(predicted)
+        value, _ = DataTerm(measurement, fitted, None, LossWeights(similarity=0.0)).value_and_gradient(predicted)
         assert value == pytest.approx(0.25, rel=1e-5)
 
 
 def test_a_prediction_above_a_saturated_reading_is_no_error(measurement, fitted):
     saturated = np.ones(SIZE, bool)
-    value, gradient = DataTerm(measurement, fitted, saturated, 0.1).value_and_gradient(measurement + np.float32(2))
+    value, gradient = DataTerm(measurement, fitted, saturated, TENTH).value_and_gradient(measurement + np.float32(2))
     assert value == pytest.approx(0, abs=1e-7)
     np.testing.assert_allclose(gradient, 0, atol=1e-9)
 
 
 def test_a_prediction_below_a_saturated_reading_is_one(measurement, fitted):
     saturated = np.ones(SIZE, bool)
-    value, gradient = DataTerm(measurement, fitted, saturated, 0.0).value_and_gradient(measurement - np.float32(0.5))
+    value, gradient = DataTerm(measurement, fitted, saturated, LossWeights(similarity=0.0)).value_and_gradient(
+        measurement - np.float32(0.5)
+    )
     assert value == pytest.approx(0.5, rel=1e-5)
     assert (gradient[fitted] < 0).all()
 
 
 def test_a_saturation_map_without_saturated_pixels_changes_nothing(measurement, predicted, fitted):
-    with_map = DataTerm(measurement, fitted, np.zeros(SIZE, bool), 0.1).value_and_gradient(predicted)
-    without = DataTerm(measurement, fitted, None, 0.1).value_and_gradient(predicted)
+    with_map = DataTerm(measurement, fitted, np.zeros(SIZE, bool), TENTH).value_and_gradient(predicted)
+    without = DataTerm(measurement, fitted, None, TENTH).value_and_gradient(predicted)
     assert with_map[0] == without[0]
     np.testing.assert_array_equal(with_map[1], without[1])
 
 
 def test_without_any_pixel_to_see_the_loss_and_its_gradient_are_zero(measurement, predicted):
-    value, gradient = DataTerm(measurement, np.zeros(SIZE, bool), None, 0.1).value_and_gradient(predicted)
+    value, gradient = DataTerm(measurement, np.zeros(SIZE, bool), None, TENTH).value_and_gradient(predicted)
     assert value == pytest.approx(0, abs=1e-12)
     assert (gradient == 0).all()
 
 
 def test_a_prediction_that_is_not_finite_gives_a_loss_that_is_not_finite(measurement, predicted, fitted):
     predicted[tuple(np.argwhere(fitted)[0])] = np.nan
-    value, _ = DataTerm(measurement, fitted, None, 0.1).value_and_gradient(predicted)
+    value, _ = DataTerm(measurement, fitted, None, TENTH).value_and_gradient(predicted)
     assert not np.isfinite(value)
 
 
@@ -143,7 +149,7 @@ def test_the_dissimilarity_of_a_pixel_is_the_definitions_and_its_mean_that_of_th
     similarity_definition, measurement, predicted
 ):
     everything = np.ones(SIZE, bool)
-    term = DataTerm(measurement, everything, None, 1.0)
+    term = DataTerm(measurement, everything, None, LossWeights(similarity=1.0))
     error = term.dissimilarity(predicted)
     assert error.shape == SIZE
     assert error.dtype == np.float32
@@ -156,7 +162,7 @@ def test_the_dissimilarity_of_a_pixel_is_the_definitions_and_its_mean_that_of_th
 
 def test_pixels_that_do_not_count_have_no_dissimilarity(rng, measurement, predicted, fitted):
     saturated = rng.random(SIZE) < 0.2
-    error = DataTerm(measurement, fitted, saturated, 0.1).dissimilarity(predicted)
+    error = DataTerm(measurement, fitted, saturated, TENTH).dissimilarity(predicted)
     assert not error[~fitted].any()
     assert not error[saturated & (predicted > measurement).all(axis=2)].any()
     assert error[fitted & ~saturated].any()
@@ -166,3 +172,21 @@ def test_the_size_term_is_the_mean_standard_deviation_and_zero_without_gaussians
     sizes = torch.tensor([[0.1, 0.2, 0.3], [1.0, 2.0, 6.0]])
     assert float(size_term(sizes.log())) == pytest.approx(1.6)
     assert float(size_term(torch.zeros(0, 3))) == 0
+
+
+@pytest.mark.parametrize("window_px", [1, 10, -11, 257])
+def test_a_window_without_a_middle_or_out_of_range_is_refused(window_px):
+    with pytest.raises(InputError, match=rf"window of {window_px} px for the similarity; allowed: odd numbers from 3"):
+        LossWeights(window_px=window_px).check()
+
+
+def test_the_window_of_the_similarity_is_the_weights_own(measurement, rng):
+    predicted = measurement + rng.normal(0, 0.1, measurement.shape).astype(np.float32)
+    fitted = np.ones(SIZE, bool)
+    values = [
+        DataTerm(measurement, fitted, None, LossWeights(similarity=1.0, window_px=side)).value_and_gradient(predicted)[
+            0
+        ]
+        for side in (3, 11)
+    ]
+    assert values[0] != values[1]

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 import torch
 
-from gs2ci.reconstruct.fit.ssim import SimilarityTo
+from gs2ci.reconstruct.fit.ssim import WINDOW, SimilarityTo
 
 
 def textured(size, channels=3, seed=0, level=1.0):
@@ -28,18 +28,28 @@ PAIRS = {
 }
 
 
-@pytest.mark.parametrize("name", PAIRS)
-def test_value_and_gradient_follow_the_definition(name, similarity_definition):
-    image, target = PAIRS[name]
+def hold_to_definition(pair, definition, window_px):
+    image, target = pair
     exact = torch.from_numpy(image).double().requires_grad_(True)
-    expected = similarity_definition(exact, torch.from_numpy(target).double())
+    expected = definition(exact, torch.from_numpy(target).double(), window_px)
     expected.backward()
 
-    value, gradient = SimilarityTo(target)(image)
+    value, gradient = SimilarityTo(target, window_px)(image)
 
     assert value == pytest.approx(expected.item(), rel=1e-5)
     error = np.linalg.norm(gradient - exact.grad.numpy())
     assert error <= 1e-5 * np.linalg.norm(exact.grad.numpy())
+
+
+@pytest.mark.parametrize("name", PAIRS)
+def test_value_and_gradient_follow_the_definition(name, similarity_definition):
+    hold_to_definition(PAIRS[name], similarity_definition, WINDOW)
+
+
+@pytest.mark.parametrize("window_px", [3, 7, 21])
+@pytest.mark.parametrize("name", ["unrelated textures", "lower than the window", "one channel"])
+def test_other_windows_follow_the_definition(name, window_px, similarity_definition):
+    hold_to_definition(PAIRS[name], similarity_definition, window_px)
 
 
 @pytest.mark.parametrize("target", [flat(0.0), flat(0.7), flat(30.0), textured((24, 31))])

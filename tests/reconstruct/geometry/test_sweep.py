@@ -4,12 +4,13 @@ import numba
 import numpy as np
 import pytest
 
+from gs2ci.core.errors import InputError
 from gs2ci.reconstruct.geometry import kernels
 from gs2ci.reconstruct.geometry.kernels import FEATURES, best_plane, matching_cost, sum_along_rows
 from gs2ci.reconstruct.geometry.sweep import SweepSettings, inverse_depth_range, sweep
 
 
-def cost_reference(reference, views, homographies, best):
+def cost_reference(reference, views, homographies, best, window):
     """[H, W, F], [V, H, W, F], [D, V, 3, 3] -> [H, W, D]."""
     height, width = reference.shape[:2]
     y, x = np.mgrid[0:height, 0:width].astype(np.float64)
@@ -26,13 +27,13 @@ def cost_reference(reference, views, homographies, best):
             lower = (1 - a) * view[row + 1, col] + a * view[row + 1, col + 1]
             difference = np.abs((1 - b) * upper + b * lower - reference).sum(-1)
             difference = np.where(unseen, kernels.UNSEEN_COST, np.minimum(difference, kernels.TRUNCATED_AT))
-            windows.append(box_mean(difference))
+            windows.append(box_mean(difference, window // 2))
         cost[..., d] = np.sort(windows, axis=0)[:best].mean(0)
     return cost
 
 
-def box_mean(image):
-    reach, out = kernels.HALF_WINDOW, np.empty_like(image)
+def box_mean(image, reach):
+    out = np.empty_like(image)
     for r in range(image.shape[0]):
         for c in range(image.shape[1]):
             out[r, c] = image[max(r - reach, 0) : r + reach + 1, max(c - reach, 0) : c + reach + 1].mean()
@@ -62,17 +63,17 @@ def random_case(height=21, width=39, views=4, planes=7, seed=0):
 
 
 @pytest.mark.parametrize(("height", "width"), [(21, 39), (70, 5), (4, 4), (2, 2), (33, 32)])
-@pytest.mark.parametrize("best", [1, 3])
-def test_matching_cost_agrees_with_its_reference(height, width, best):
+@pytest.mark.parametrize(("best", "window"), [(1, 7), (3, 7), (2, 1), (2, 3), (2, 41)])
+def test_matching_cost_agrees_with_its_reference(height, width, best, window):
     reference, others, homographies = random_case(height, width)
-    expected = cost_reference(reference.astype(np.float64), others.astype(np.float64), homographies, best)
-    np.testing.assert_allclose(matching_cost(reference, others, homographies, best), expected, atol=2e-5)
+    expected = cost_reference(reference.astype(np.float64), others.astype(np.float64), homographies, best, window)
+    np.testing.assert_allclose(matching_cost(reference, others, homographies, best, window), expected, atol=2e-5)
 
 
 def test_planes_behind_a_camera_count_as_unseen():
     reference, others, homographies = random_case()
     homographies[:, :, 2, 2] = -1
-    np.testing.assert_allclose(matching_cost(reference, others, homographies, 2), kernels.UNSEEN_COST, rtol=1e-5)
+    np.testing.assert_allclose(matching_cost(reference, others, homographies, 2, 7), kernels.UNSEEN_COST, rtol=1e-5)
 
 
 @pytest.mark.parametrize("shape", [(9, 40, 6), (1, 5, 3), (40, 1, 12)])
@@ -104,7 +105,7 @@ def test_threads_do_not_change_a_bit():
     try:
         for threads in (1, min(2, before)):
             numba.set_num_threads(threads)
-            cost = matching_cost(reference, others, homographies, 2)
+            cost = matching_cost(reference, others, homographies, 2, 7)
             results.append(best_plane(cost, sum_along_rows(cost)))
     finally:
         numba.set_num_threads(before)
@@ -146,6 +147,24 @@ def test_views_without_texture_give_a_finite_depth(seen):
     scene = seen()
     scene.views[:] = 0.5
     assert np.isfinite(swept(scene)).all()
+
+
+@pytest.mark.parametrize("window_px", [1, 15])
+def test_two_planes_are_found_through_other_windows(seen, window_px):
+    scene = seen()
+    error = np.abs(swept(scene, SweepSettings(window_px=window_px)) - scene.inverse_depth) / scene.inverse_depth
+    assert np.median(error) < 0.05
+
+
+@pytest.mark.parametrize("window_px", [0, 6, -7, 257])
+def test_a_window_without_a_middle_or_out_of_range_is_refused(window_px):
+    with pytest.raises(InputError, match=rf"window of {window_px} px for the plane sweep; allowed: odd numbers from 1"):
+        SweepSettings(window_px=window_px).check()
+
+
+def test_fewer_planes_than_a_parabola_needs_are_refused():
+    with pytest.raises(InputError, match="2 depth planes"):
+        SweepSettings(planes=2).check()
 
 
 def test_range_reaches_from_near_infinity_to_beyond_the_nearest_track():

@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 
+from gs2ci.core.errors import InputError
 from gs2ci.reconstruct.geometry.motion import predict_positions
 from gs2ci.reconstruct.geometry.tracks import Tracks, TrackSettings, find_corners, find_tracks, refine_tracks
 
@@ -79,3 +80,19 @@ def test_selection_counts_the_views_that_see_a_point():
     tracks = Tracks(positions, 0)
     assert len(tracks.seen_by_at_least(3)) == 2
     assert len(tracks.keep(np.array([True, False, False]))) == 1
+
+
+@pytest.mark.parametrize("window_px", [1, 20, 999])
+def test_a_window_without_a_middle_or_out_of_range_is_refused(window_px):
+    with pytest.raises(InputError, match=rf"window of {window_px} px for the tracks; allowed: odd numbers from 3"):
+        TrackSettings(window_px=window_px).check()
+
+
+@pytest.mark.parametrize("window_px", [9, 31])
+def test_tracks_are_found_through_other_windows(seen, window_px):
+    scene = seen(depths=(1.0, 1.0))
+    settings = TrackSettings(window_px=window_px)
+    tracks = follow(scene, settings)
+    errors = (tracks.positions - true_positions(scene, tracks.positions[:, tracks.reference]))[tracks.seen]
+    assert np.median(np.linalg.norm(errors, axis=-1)) < 0.15
+    assert not np.array_equal(tracks.positions, follow(scene).positions)

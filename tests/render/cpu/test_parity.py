@@ -8,6 +8,7 @@ import torch
 from gs2ci.render.conventions import NEAR, TERMINATION_TRANSMITTANCE
 from gs2ci.render.cpu.backend import CpuBackend
 from gs2ci.render.reference import ReferenceBackend
+from gs2ci.render.settings import RasterSettings
 
 ORDINARY = 2e-5
 """Typical errors are 1e-6: this leaves room for other instruction sets and unlucky scenes."""
@@ -38,7 +39,7 @@ def test_colours_per_view_agree_with_the_definition(make):
     case = make(seed=4, views=2, size=(9, 9))
     colours = torch.rand(2, 40, 3, generator=torch.Generator().manual_seed(0), dtype=torch.float64)
     answers = []
-    for backend in (CpuBackend(0.0), ReferenceBackend()):
+    for backend in (CpuBackend(RasterSettings(termination_transmittance=0.0)), ReferenceBackend()):
         own = colours.to(torch.float64 if backend.name == "reference" else torch.float32, copy=True).requires_grad_()
         images, _ = backend.views(case.scene, case.poses, case.intrinsics, case.size, colours=own)
         (
@@ -198,6 +199,8 @@ def test_spans_are_found_again_when_their_buffer_was_too_small(make, change, wit
 def test_termination_changes_a_pixel_by_no_more_than_it_says(make, change):
     case = make(count=400, open_share=1.0)
     case = change(case, colours=case.scene.colours.clamp(0, 1))
-    exact, _ = CpuBackend(0.0).views(case.scene, case.poses, case.intrinsics, case.size)
+    exact, _ = CpuBackend(RasterSettings(termination_transmittance=0.0)).views(
+        case.scene, case.poses, case.intrinsics, case.size
+    )
     early, _ = CpuBackend().views(case.scene, case.poses, case.intrinsics, case.size)
     assert 0 < (exact - early).abs().max() <= TERMINATION_TRANSMITTANCE

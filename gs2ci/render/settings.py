@@ -1,0 +1,47 @@
+"""How exactly a fast renderer works: what it may leave out for speed. Data alone.
+
+Here: `RasterSettings`. Not here: which renderer (`backend.py`), nor the image model's own constants
+(`conventions.py`). Anyone above `gs2ci.render` may import this file.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from gs2ci.core.errors import InputError
+from gs2ci.render.conventions import TERMINATION_TRANSMITTANCE
+
+
+@dataclass(frozen=True)
+class RasterSettings:
+    """What a backend may leave out.
+
+    Args:
+        termination_transmittance: A group of pixels may be left once all let less light through than this: a pixel
+            changes by at most this share of the colour behind it. 0 blends to the end.
+        relist_every: Which Gaussians may touch which pixels, and their order in depth, is found anew at every so many
+            renderings of one population, and taken over by those between. 1 takes nothing over.
+        list_margin_px: Where something is taken over, footprints are listed wider by this on all sides. Wider ones
+            cost time; of a Gaussian that has moved or grown further, parts are missing until the next listing.
+    """
+
+    termination_transmittance: float = TERMINATION_TRANSMITTANCE
+    relist_every: int = 1
+    list_margin_px: float = 1.0
+
+    def check(self) -> "RasterSettings":
+        """Return self if the numbers make sense.
+
+        Raises:
+            InputError: One of them is out of range.
+        """
+        if not 0 <= self.termination_transmittance < 1:
+            raise InputError(
+                f"termination transmittance {self.termination_transmittance}", allowed="0 or more, below 1"
+            )
+        if self.relist_every < 1 or not 0 <= self.list_margin_px < np.inf:
+            raise InputError(
+                f"lists for {self.relist_every} renderings with a margin of {self.list_margin_px} px",
+                allowed="at least 1 rendering and a finite margin >= 0 px",
+            )
+        return self

@@ -1,0 +1,50 @@
+from dataclasses import replace
+
+import pytest
+import torch
+
+from gs2ci.core.errors import InputError
+from gs2ci.render.backend import load_backend
+from gs2ci.render.settings import RasterSettings
+
+
+def test_defaults_reuse_nothing_and_stop_at_a_ten_thousandth():
+    settings = RasterSettings().check()
+    assert settings.relist_every == 1
+    assert settings.termination_transmittance == 1e-4
+
+
+@pytest.mark.parametrize("termination", [-1e-9, 1.0, float("nan"), float("inf")])
+def test_a_termination_that_is_no_share_of_light_is_refused(termination):
+    with pytest.raises(InputError, match="termination transmittance"):
+        RasterSettings(termination_transmittance=termination).check()
+
+
+@pytest.mark.parametrize(("every", "margin_px"), [(0, 1.0), (-3, 1.0), (4, -0.1), (4, float("inf")), (4, float("nan"))])
+def test_lists_for_no_rendering_or_without_a_margin_are_refused(every, margin_px):
+    with pytest.raises(InputError, match=f"lists for {every} renderings"):
+        RasterSettings(relist_every=every, list_margin_px=margin_px).check()
+
+
+@pytest.mark.parametrize("name", ["cpu", "reference"])
+def test_a_backend_refuses_settings_that_make_no_sense(name):
+    with pytest.raises(InputError, match="lists for 0 renderings"):
+        load_backend(name, RasterSettings(relist_every=0))
+
+
+def test_the_reference_refuses_to_reuse_lists_but_takes_any_termination():
+    with pytest.raises(InputError, match=r"reference backend asked to reuse lists for 4 .*relist_every = 1"):
+        load_backend("reference", RasterSettings(relist_every=4))
+    assert load_backend("reference", RasterSettings(termination_transmittance=0.5)).name == "reference"
+
+
+def test_termination_bounds_what_a_pixel_loses(make):
+    case = make(count=2000, views=2, size=(30, 40), open_share=1.0)
+    scene = replace(case.scene, colours=case.scene.colours.clamp(0, 1))
+    images = {}
+    for share in (0.0, 1e-4, 1e-2, 0.5):
+        backend = load_backend("cpu", RasterSettings(termination_transmittance=share))
+        images[share], _ = backend.views(scene, case.poses, case.intrinsics, case.size)
+    for share, image in images.items():
+        assert (image - images[0.0]).abs().max() <= share
+    assert not torch.equal(images[0.5], images[0.0])
