@@ -13,14 +13,14 @@ from gs2ci.reconstruct.ablation import COMPONENTS, without
 from gs2ci.reconstruct.fit.density.osgr import Osgr
 from gs2ci.reconstruct.fit.fine import FineSettings
 from gs2ci.reconstruct.fit.paper import paper_settings
-from gs2ci.reconstruct.fit.rules import RULE_NAMES, with_rule
+from gs2ci.reconstruct.fit.rules import RULE_NAMES
 from gs2ci.reconstruct.pipeline import Settings
 
 Change = Callable[[Settings], Settings]
 
 
 def _with_rule(name: str, settings: Settings) -> Settings:
-    return replace(settings, fit=with_rule(settings.fit, name))
+    return settings.with_density_rule(name)
 
 
 def _paper(settings: Settings) -> Settings:
@@ -32,7 +32,11 @@ def _without(names: tuple[str, ...], settings: Settings) -> Settings:
 
 
 def _by_the_book(settings: Settings) -> Settings:
-    return replace(settings, fit=replace(settings.fit, density=Osgr()))
+    return replace(settings, fit=replace(settings.fit, density=Osgr()), second_density=None)
+
+
+def _one_fit(settings: Settings) -> Settings:
+    return replace(settings, fits=1)
 
 
 RULES: Final[dict[str, Change]] = {
@@ -54,6 +58,16 @@ GEOMETRY: Final[dict[str, Change]] = {
 }
 """Where the geometry comes from: the paper's proxies instead of decoded views, and the choice by evidence."""
 
+FITS: Final[dict[str, Change]] = {
+    "one fit": _one_fit,
+    "one generous fit": lambda settings: replace(
+        _one_fit(settings), fit=replace(settings.fit, density=Osgr.generous())
+    ),
+    "two sparing fits": lambda settings: replace(settings, second_density=None),
+    "four fits": lambda settings: replace(settings, fits=4),
+}
+"""How many fits are averaged, and how they differ."""
+
 FINE: Final[dict[str, Change]] = {
     "fine": lambda settings: replace(settings, fine=FineSettings()),
     "fine, non-local means": lambda settings: replace(settings, fine=FineSettings(prior="nlm")),
@@ -63,6 +77,7 @@ FINE: Final[dict[str, Change]] = {
 
 VARIANTS: Final[dict[str, Change]] = {
     "default": lambda settings: settings,
+    **FITS,
     **GEOMETRY,
     **FINE,
     **RULES,

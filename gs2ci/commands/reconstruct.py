@@ -25,7 +25,7 @@ from gs2ci.reconstruct import ablation
 from gs2ci.reconstruct.budget import Adapt, Plan, plan_within
 from gs2ci.reconstruct.costs import probe
 from gs2ci.reconstruct.fit.fine import FineSettings
-from gs2ci.reconstruct.fit.rules import RuleName, with_rule
+from gs2ci.reconstruct.fit.rules import RuleName
 from gs2ci.reconstruct.pipeline import PoseSource, ProxyName, Score, Settings, reconstruct
 from gs2ci.reconstruct.presets import PRESETS, PresetName
 from gs2ci.render.backend import needs_compiling
@@ -44,6 +44,7 @@ def run(
     density: RuleName | None = None,
     without: tuple[str, ...] = (),
     iterations: int | None = None,
+    fits: int | None = None,
     fine: bool = False,
     prior: str | None = None,
     distance: str | None = None,
@@ -72,6 +73,7 @@ def run(
         without: Components of the method to do without, for comparisons: points, poses, opacity-split,
             opacity-regulation, count-cap, pose-refinement.
         iterations: At most so many iterations of the fit; it ends earlier when held-out pixels stop improving.
+        fits: How many fits run side by side; the views are their mean. More take longer and show more.
         fine: Go on with the fine stage: views from beside the cameras are held to what a prior on images says of them.
             Kept only where held-out pixels agree.
         prior: For the fine stage, which it switches on: "consistent" (detail that several cameras agree on; what
@@ -90,7 +92,7 @@ def run(
             is then as it was.
     """
     began_s = time.monotonic() - command_age_s()
-    wishes = _Wishes(geometry, proxy, density, without, iterations, fine, prior, distance, seed)
+    wishes = _Wishes(geometry, proxy, density, without, iterations, fits, fine, prior, distance, seed)
     budget_s = _budget_s(budget, preset, wishes)
     check_destination(output, overwrite=overwrite)
     measured = _measured(shot, index, focal_px)
@@ -117,6 +119,7 @@ class _Wishes:
     density: RuleName | None
     without: tuple[str, ...]
     iterations: int | None
+    fits: int | None
     fine: bool
     prior: str | None
     distance: str | None
@@ -131,10 +134,12 @@ class _Wishes:
         """Return settings changed as wished."""
         settings = replace(settings, seed=self.seed, poses=self.geometry, proxy=self.proxy)
         if self.density is not None:
-            settings = replace(settings, fit=with_rule(settings.fit, self.density))
+            settings = settings.with_density_rule(self.density)
         settings = ablation.without(settings, self.without)
         if self.iterations is not None:
             settings = replace(settings, fit=replace(settings.fit, iterations=self.iterations))
+        if self.fits is not None:
+            settings = replace(settings, fits=self.fits)
         if self.fine_stage:
             default = FineSettings()
             stage = replace(default, prior=self.prior or default.prior, distance=self.distance or default.distance)

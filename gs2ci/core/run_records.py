@@ -62,10 +62,12 @@ class RunResult:
         notes: Sentences that a user should read: guesses, fallbacks, doubts.
         settings: The settings used, as plain values.
         seed: Seed of every random draw.
-        verdict: Which of the three explains the held-out pixels best: the scene's views refined by its residual, the
-            scene's, or the decode's.
+        verdict: Which of the three explains the held-out pixels best: the scenes' mean views refined by their residual,
+            the best scene's, or the decode's.
         heldout_rms: The residual of each on the held-out pixels, in the measurement's unit; None if none were held out.
         geometry: Summary of the geometry stage: method, tracks, reprojection error, focal length and its origin.
+        ensemble: How many fits there were, how many of them the refined views are the mean of, and the
+            root-mean-square difference of their views from the mean, in full scales.
     """
 
     views: F32
@@ -85,6 +87,7 @@ class RunResult:
     verdict: Verdict
     heldout_rms: Mapping[Verdict, float | None]
     geometry: Mapping[str, Any] = field(default_factory=dict)
+    ensemble: Mapping[str, float | int | None] = field(default_factory=dict)
 
     def check(self) -> "RunResult":
         """Return self if all parts fit together and hold only finite numbers.

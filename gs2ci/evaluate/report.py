@@ -71,6 +71,7 @@ def build_report(shot: Shot, result: RunResult) -> dict[str, Any]:
         "curve": [asdict(point) for point in result.curve],
         "gaussians": result.gaussians,
         "stopped_because": result.stopped_because,
+        "ensemble": dict(result.ensemble),
         "geometry": dict(result.geometry),
         "measured": _measured(shot),
         "peak_mib": round(environment.peak_mib(), 1),

@@ -9,6 +9,7 @@ from dataclasses import replace
 from typing import Final
 
 from gs2ci.core.errors import InputError
+from gs2ci.reconstruct.fit.density.base import DensityRule
 from gs2ci.reconstruct.fit.density.osgr import Osgr
 from gs2ci.reconstruct.pipeline import Settings
 
@@ -25,12 +26,16 @@ def _without_poses(settings: Settings) -> Settings:
 
 
 def _without_opacity_split(settings: Settings) -> Settings:
-    density = settings.fit.density
+    first, *second = (_unsplit(rule) for rule in settings.density_rules)
+    return replace(settings, fit=replace(settings.fit, density=first), second_density=second[0] if second else None)
+
+
+def _unsplit(density: DensityRule) -> DensityRule:
     if not isinstance(density, Osgr):
         raise InputError(
             f"density rule {density.name!r} without its opacity splits", allowed="osgr, the rule that has them"
         )
-    return replace(settings, fit=replace(settings.fit, density=replace(density, opacity_splits=False)))
+    return replace(density, opacity_splits=False)
 
 
 def _without_opacity_regulation(settings: Settings) -> Settings:

@@ -19,6 +19,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import Final
 
+import numba
 import numpy as np
 from scipy.ndimage import gaussian_filter, shift
 
@@ -28,7 +29,7 @@ from gs2ci.core.records import F32, Shot, Truth
 from gs2ci.reconstruct.decode.gap_tv import GapTvSettings, gap_tv
 from gs2ci.reconstruct.decode.residual import ResidualSettings, refine_views
 from gs2ci.reconstruct.fit.coarse import CoarseSettings, fit_coarse
-from gs2ci.reconstruct.fit.pace import LOOKS_AFTERWARDS
+from gs2ci.reconstruct.fit.pace import LOOKS_AFTERWARDS, Pace
 from gs2ci.reconstruct.fit.start import first_gaussians
 from gs2ci.reconstruct.fit.stopping import HoldOut, Jury, choose_heldout
 from gs2ci.reconstruct.geometry.initialise import Geometry, GeometrySettings, initialise
@@ -48,6 +49,8 @@ _ITERATIONS: Final = 4
 # A plane at rest, as the probe fits it, renders faster than a scene that has been fitted: per iteration by 1.35 to
 # 1.8 in processor time, on a scene of 18,000 to 37,000 Gaussians.
 _THAN_A_PLANE: Final = 1.5
+# What of an iteration more threads do not make quicker: two take 0.65 of one's time.
+_ON_ONE_THREAD: Final = 0.3
 # An iteration of the fine stage, in iterations of the coarse stage with as many Gaussians.
 _FINE_ITERATION: Final = 2.0
 # A population grows by about a fifth at each turn of the density rule, until it reaches its cap.
@@ -91,6 +94,7 @@ class CostModel:
         iteration: One of the fit without Gaussians.
         gaussian: What each Gaussian adds to that.
         look: One look at the held-out pixels.
+        threads: With how many an iteration was measured.
     """
 
     pixels: int
@@ -101,6 +105,7 @@ class CostModel:
     iteration: float
     gaussian: float
     look: float
+    threads: int = 1
 
     def predict(self, settings: Settings) -> Seconds:
         """Predict what a reconstruction of the shot takes."""
@@ -123,8 +128,19 @@ class CostModel:
         return settings.fine.iterations * _FINE_ITERATION * self.iteration_s(settings, 1.0) + looks * self.look
 
     def iteration_s(self, settings: Settings, share: float) -> float:
-        """Predict what one iteration takes when a share of the schedule is done, without looks."""
-        return self.iteration + self.population(settings, share) * self.gaussian
+        """Predict what one iteration takes when a share of the schedule is done, without looks.
+
+        With several fits side by side, one of each.
+        """
+        alone = self.iteration + self.population(settings, share) * self.gaussian
+        return alone * self._slower_beside(settings.fits)
+
+    def _slower_beside(self, fits: int) -> float:
+        """Return how much longer an iteration takes with that many fits side by side (Amdahl's law)."""
+        own = self.threads / fits
+        return (_ON_ONE_THREAD + (1 - _ON_ONE_THREAD) / own if own >= 1 else 1 / own) / (
+            _ON_ONE_THREAD + (1 - _ON_ONE_THREAD) / self.threads
+        )
 
     def population(self, settings: Settings, share: float) -> float:
         """Predict how many Gaussians there are when a share of the schedule is done."""
@@ -159,6 +175,7 @@ def probe(shot: Shot, backend: str = "cpu") -> CostModel:
         iteration=_THAN_A_PLANE * larger * found.iteration,
         gaussian=_THAN_A_PLANE * found.gaussian,
         look=_THAN_A_PLANE * larger * found.look,
+        threads=numba.get_num_threads(),
     )
 
 
@@ -207,6 +224,9 @@ class _StopWatch:
 
     def ending(self, done: int) -> str:
         return f"all {done} iterations done"
+
+    def beside(self) -> Pace:
+        return self
 
 
 def _probe_fit(shot: Shot, views: F32, stride: int, backend: Backend) -> tuple[int, float, float]:

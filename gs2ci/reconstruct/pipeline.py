@@ -10,7 +10,7 @@ The commands import this file.
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from typing import Final, Literal, get_args
 
@@ -19,16 +19,20 @@ import torch
 from gs2ci.core.errors import InputError
 from gs2ci.core.progress import Progress, Silent
 from gs2ci.core.records import F32, Shot
-from gs2ci.core.run_records import RunResult, Verdict
+from gs2ci.core.run_records import CurvePoint, RunResult, Verdict
 from gs2ci.reconstruct.coding import Coding
 from gs2ci.reconstruct.dead_lines import close_dead_lines
 from gs2ci.reconstruct.decode.gap_tv import GapTvSettings, gap_tv
 from gs2ci.reconstruct.decode.residual import ResidualSettings, refine_views
 from gs2ci.reconstruct.doubts import doubts_about, doubts_about_result
 from gs2ci.reconstruct.fit.coarse import CoarseFit, CoarseSettings, fit_coarse
+from gs2ci.reconstruct.fit.density.base import DensityRule
+from gs2ci.reconstruct.fit.density.osgr import Osgr
+from gs2ci.reconstruct.fit.ensemble import MOST_FITS, Ensemble, Member, combined, fit_together, members
 from gs2ci.reconstruct.fit.fine import Fine, FineSettings, fit_fine
 from gs2ci.reconstruct.fit.pace import Pace
 from gs2ci.reconstruct.fit.rendering import ShotRenderer
+from gs2ci.reconstruct.fit.rules import with_rule
 from gs2ci.reconstruct.fit.start import first_gaussians
 from gs2ci.reconstruct.fit.stopping import Jury, choose_heldout
 from gs2ci.reconstruct.fit.withheld import Withheld, first_points, first_poses
@@ -60,6 +64,8 @@ class Settings:
         decode: Of the decoder that the geometry stage looks at.
         geometry: Of tracks, motion and depth.
         fit: Of the coarse stage.
+        fits: How many coarse fits run side by side; the views are their mean (`fit/ensemble.py`).
+        second_density: The density rule of every second of them; None: that of the first.
         fine: Of the fine stage; None leaves it out.
         residual: Of the last step, which decodes what the scene leaves unexplained.
         stride_px: One first Gaussian for every so many pixels along rows and columns.
@@ -74,6 +80,8 @@ class Settings:
     decode: GapTvSettings = field(default_factory=GapTvSettings)
     geometry: GeometrySettings = field(default_factory=GeometrySettings)
     fit: CoarseSettings = field(default_factory=CoarseSettings)
+    fits: int = 2
+    second_density: DensityRule | None = field(default_factory=Osgr.generous)
     fine: FineSettings | None = None
     residual: ResidualSettings = field(default_factory=ResidualSettings)
     stride_px: int = 3
@@ -82,11 +90,25 @@ class Settings:
     raster: RasterSettings = field(default_factory=RasterSettings)
     seed: int = 42
 
+    @property
+    def density_rules(self) -> tuple[DensityRule, ...]:
+        """Get the density rules that the fits take in turn."""
+        return (self.fit.density,) if self.second_density is None else (self.fit.density, self.second_density)
+
+    def with_density_rule(self, name: str) -> "Settings":
+        """Return settings in which every fit has the density rule of a name, unless the first has it already.
+
+        Raises:
+            InputError: There is no rule of that name.
+        """
+        fit = with_rule(self.fit, name)
+        return self if fit is self.fit else replace(self, fit=fit, second_density=None)
+
     def check(self) -> "Settings":
         """Return self if the numbers make sense.
 
         Raises:
-            InputError: A stage's settings, the stride or the seed are out of range.
+            InputError: A stage's settings, the stride, the number of fits or the seed are out of range.
         """
         if self.proxy not in get_args(ProxyName):
             raise InputError(f"proxy {self.proxy!r}", allowed=", ".join(get_args(ProxyName)))
@@ -94,6 +116,8 @@ class Settings:
             raise InputError(
                 f"stride {self.stride_px} px, seed {self.seed}", allowed="a stride >= 1 px and a seed in [0, 2^63)"
             )
+        if not 1 <= self.fits <= MOST_FITS:
+            raise InputError(f"{self.fits} fits side by side", allowed=f"1 to {MOST_FITS}")
         self.decode.check()
         self.geometry.check()
         self.fit.check()
@@ -170,29 +194,36 @@ def reconstruct(
 
     fitted = Jury(fill_holes(sound, decoded), jury.heldout)
     refine = partial(refine_views, jury.seen, settings=settings.residual)
-    fit = fit_coarse(
-        jury=fitted,
-        start=start,
-        geometry=geometry,
-        backend=tools.backend,
-        settings=settings.fit,
-        seed=settings.seed,
-        refine=refine,
-        progress=progress,
-        score=score,
-        since_s=clock.began_s,
-        pace=pace,
-    )
+
+    def fit_one(member: Member, listener: Progress, own_pace: Pace | None) -> CoarseFit:
+        return fit_coarse(
+            jury=fitted,
+            start=member.start,
+            geometry=geometry,
+            backend=load_backend(settings.backend, settings.raster),  # whose buffers serve one fit at a time
+            settings=replace(settings.fit, density=member.density),
+            seed=member.seed,
+            refine=refine,
+            progress=listener,
+            score=score,
+            since_s=clock.began_s,
+            pace=own_pace,
+        )
+
+    fits = fit_together(fit_one, members(start, settings.density_rules, settings.fits, settings.seed), progress, pace)
     renderer = ShotRenderer(fitted.shot, geometry.intrinsics, tools.backend)
     if tools.fine is not None:
         clock.lap("fit")
-        fit = fit_fine(fitted, fit, renderer, tools.fine, settings.seed, refine, progress, score, clock.began_s)
+        best = combined(fits, jury, refine).best
+        fined = fit_fine(fitted, best, renderer, tools.fine, settings.seed, refine, progress, score, clock.began_s)
+        fits = tuple(fined if fit is best else fit for fit in fits)
         clock.lap("fine")
-    recovered = _recover(jury, decoded, fit.views, settings.residual)
-    depth = renderer.depths(fit.scene, fit.world_to_camera)
+    ensemble = combined(fits, jury, refine)
+    recovered = _recover(jury, decoded, ensemble, settings.residual)
+    depth = renderer.depths(ensemble.best.scene, ensemble.best.world_to_camera)
     clock.lap("fit")
-    left = _Left(doubts, decoded, geometry, fit, depth, recovered)
-    return Reconstruction(_record(shot, settings, left, clock.seconds()), fit.scene)
+    left = _Left(doubts, decoded, geometry, ensemble, depth, recovered)
+    return Reconstruction(_record(shot, settings, left, score, clock.seconds()), ensemble.best.scene)
 
 
 @dataclass(frozen=True)
@@ -251,18 +282,18 @@ class _Recovered:
     notes: tuple[str, ...]
 
 
-def _recover(jury: Jury, decoded: F32, scene_views: F32, settings: ResidualSettings) -> _Recovered:
-    """Let the held-out pixels choose between the refined views, the scene's and the decode."""
+def _recover(jury: Jury, decoded: F32, ensemble: Ensemble, settings: ResidualSettings) -> _Recovered:
+    """Let the held-out pixels choose between the refined views, the best scene's and the decode."""
     candidates: dict[Verdict, F32] = {
-        "refined": refine_views(jury.seen, scene_views, settings),
-        "scene": scene_views,
+        "refined": refine_views(jury.seen, ensemble.views, settings),
+        "scene": ensemble.best.views,
         "decode": decoded,
     }
     heldout_rms = {name: jury.residual_rms(views) for name, views in candidates.items()}
     verdict = _judge(heldout_rms)
     notes = doubts_about_result(jury, candidates[verdict]) if jury.heldout.any() else (_UNJUDGED,)
     if verdict == "refined":  # the pixels that judged may now help as well
-        candidates["refined"] = refine_views(jury.shot, scene_views, settings)
+        candidates["refined"] = refine_views(jury.shot, ensemble.views, settings)
     return _Recovered(candidates[verdict], verdict, heldout_rms, notes)
 
 
@@ -293,13 +324,13 @@ class _Left:
     doubts: tuple[str, ...]
     decoded: F32
     geometry: Geometry
-    fit: CoarseFit
+    ensemble: Ensemble
     depth: F32
     recovered: _Recovered
 
 
-def _record(shot: Shot, settings: Settings, left: _Left, seconds: dict[str, float]) -> RunResult:
-    geometry, fit, recovered = left.geometry, left.fit, left.recovered
+def _record(shot: Shot, settings: Settings, left: _Left, score: Score | None, seconds: dict[str, float]) -> RunResult:
+    geometry, fit, recovered = left.geometry, left.ensemble.best, left.recovered
     moved = movement(geometry.world_to_camera, fit.world_to_camera)
     return RunResult(
         views=recovered.views,
@@ -309,17 +340,30 @@ def _record(shot: Shot, settings: Settings, left: _Left, seconds: dict[str, floa
         world_to_camera=fit.world_to_camera,
         intrinsics=geometry.intrinsics,
         predicted_measurement=Coding.of(shot).forward(torch.from_numpy(recovered.views)).numpy(),
-        curve=fit.curve,
+        curve=(*fit.curve, *_last_point(left, score, seconds["total"])),
         stopped_because=fit.stopped_because,
         seconds=seconds,
         gaussians=len(fit.scene),
-        notes=(*left.doubts, *geometry.notes, *fit.notes, *_notes_of(moved, geometry.source), *recovered.notes),
+        notes=(
+            *(*left.doubts, *geometry.notes, *left.ensemble.notes, *_notes_of(moved, geometry.source)),
+            *recovered.notes,
+        ),
         settings=asdict(settings),
         seed=settings.seed,
         verdict=recovered.verdict,
         heldout_rms=recovered.heldout_rms,
         geometry={**_summary(geometry, settings), "moved": asdict(moved)},
+        ensemble=left.ensemble.summary(),
     ).check()
+
+
+def _last_point(left: _Left, score: Score | None, seconds: float) -> tuple[CurvePoint, ...]:
+    """Return the point at which the mean of several fits ends the curve of one; none where it is no mean."""
+    fit, recovered = left.ensemble.best, left.recovered
+    if left.ensemble.averaged == 1 or recovered.verdict != "refined" or not fit.curve:
+        return ()
+    heldout, psnr_db = recovered.heldout_rms["refined"], None if score is None else score(recovered.views)
+    return (replace(fit.curve[-1], seconds=seconds, heldout=heldout, psnr_db=psnr_db),)
 
 
 def _notes_of(moved: Movement, source: str) -> tuple[str, ...]:

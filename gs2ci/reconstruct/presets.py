@@ -45,13 +45,14 @@ def rescheduled(fit: CoarseSettings, iterations: int) -> CoarseSettings:
 
 
 def _draft() -> Settings:
-    """A first look: fewer decode steps and planes, a fifth of the iterations, half of the Gaussians."""
+    """A first look: fewer decode steps and planes, a fifth of the iterations, half of the Gaussians, one fit."""
     base = Settings()
     return replace(
         base,
         decode=replace(base.decode, iterations=20),
         geometry=replace(base.geometry, sweep=replace(base.geometry.sweep, planes=48)),
         fit=rescheduled(replace(base.fit, gaussians_per_pixel=0.2), 200),
+        fits=1,
     )
 
 

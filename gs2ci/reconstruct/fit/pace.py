@@ -37,6 +37,10 @@ class Pace(Protocol):
         """Say why the fit ended when its schedule did."""
         ...
 
+    def beside(self) -> "Pace":
+        """Return a pace for another fit that runs at the same time."""
+        ...
+
 
 class Fixed:
     """A number of iterations, whatever they take: the same seed gives the same result."""
@@ -54,6 +58,10 @@ class Fixed:
     def ending(self, done: int) -> str:
         """Say that all are done."""
         return f"all {done} iterations done"
+
+    def beside(self) -> "Fixed":
+        """Return itself: nothing in it changes."""
+        return self
 
 
 class Deadline:
@@ -113,6 +121,10 @@ class Deadline:
     def ending(self, done: int) -> str:
         """Say whether the schedule or the time came to its end."""
         return f"all {done} iterations done" if done >= self._most else f"the time was up after {done} iterations"
+
+    def beside(self) -> "Deadline":
+        """Return a pace with the same deadline that learns its own speed."""
+        return Deadline(self._most, self._until_s, self._costs, self._look_s, self._look_every, self._clock)
 
     def _learn(self, done: int, now_s: float) -> None:
         took_s = max(0.0, now_s - self._reviewed_s - self._looking_s)

@@ -39,4 +39,4 @@ def paper_settings() -> Settings:
         hold_out=HoldOut(share=0.0, look_every=1000, patience=_ITERATIONS, growth_patience=_ITERATIONS),
         density=Osgr(),
     )
-    return replace(Settings(), fit=fit)
+    return replace(Settings(), fit=fit, fits=1, second_density=None)

@@ -12,7 +12,7 @@ import torch
 from numpy.typing import NDArray
 
 from gs2ci.core.errors import InputError
-from gs2ci.core.records import F32, Shot
+from gs2ci.core.records import F32, F64, Shot
 from gs2ci.reconstruct.coding import Coding, beyond_white
 
 _HELDOUT_STREAM: Final = 0x4E1D  # keeps this draw apart from every other one of the same seed
@@ -104,9 +104,15 @@ class Jury:
         """
         if not self.heldout.any():
             return None
-        predicted = self._coding.forward(torch.from_numpy(views)).numpy()
-        rms = float(np.sqrt(np.mean((predicted - self.shot.measurement)[self.heldout] ** 2, dtype=np.float64)))
+        rms = float(np.sqrt(np.mean(self.squared_residuals(views))))
         return rms if np.isfinite(rms) else float("inf")
+
+    def squared_residuals(self, views: F32) -> F64:
+        """Return the mean squared residual of views [N, H, W, C] at each held-out pixel, [K] float64."""
+        predicted = self._coding.forward(torch.from_numpy(views)).numpy()
+        residual = (predicted - self.shot.measurement)[self.heldout].astype(np.float64)
+        squared: F64 = np.mean(residual**2, axis=1)
+        return squared
 
     def grey_rms(self) -> float | None:
         """Return the residual that the best even grey (or colour) leaves on the held-out pixels; None without any.

@@ -1,0 +1,252 @@
+"""Several fits to one measurement, side by side, and the mean of what they show.
+
+One coded measurement does not determine N views: what no mask let through is filled in by the fit, and a fit that
+begins a little differently fills it in differently. What fits agree on is in the measurement; where they differ, their
+mean is nearer the truth than any of them (the mean of posterior samples has the least expected squared error).
+
+Here: how fits are made to differ, that they run at the same time, and what is handed over in the end. Not here: a
+fit (`coarse.py`). For `gs2ci.reconstruct.pipeline`.
+"""
+
+import math
+import threading
+from collections.abc import Callable, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import Final
+
+import numba
+import numpy as np
+import torch
+
+from gs2ci.core.errors import NumericsError
+from gs2ci.core.progress import Progress, Silent
+from gs2ci.core.records import F32, F64
+from gs2ci.reconstruct.fit.coarse import CoarseFit, Refine
+from gs2ci.reconstruct.fit.density.base import DensityRule
+from gs2ci.reconstruct.fit.pace import Pace
+from gs2ci.reconstruct.fit.stopping import Jury
+from gs2ci.render.gaussians import Gaussians
+
+_STREAM: Final = 0x3A7E  # keeps these draws apart from every other one of the same seed
+_SCATTER: Final = 0.5
+"""How far the first Gaussians of a companion stand from the leader's, in their own standard deviations: enough to
+make fits differ from the first iteration on, too little to spoil what the geometry found."""
+
+
+_LEFT_OUT: Final = "A companion of the fit was left out: {}."
+MOST_FITS: Final = 64
+"""Each holds a scene and its optimiser's state; what more of them would gain is not worth the memory."""
+
+
+@dataclass(frozen=True)
+class Member:
+    """What makes one fit differ from the others.
+
+    Args:
+        start: First Gaussians.
+        density: Its density rule.
+        seed: Of its draws.
+    """
+
+    start: Gaussians
+    density: DensityRule
+    seed: int
+
+
+FitOne = Callable[[Member, Progress, Pace | None], CoarseFit]
+
+
+def members(start: Gaussians, rules: Sequence[DensityRule], count: int, seed: int) -> tuple[Member, ...]:
+    """Return so many beginnings: the first as it is, the others scattered about it.
+
+    Args:
+        start: First Gaussians.
+        rules: Density rules, taken in turn: what errs in different ways averages better.
+        count: How many.
+        seed: Of every draw.
+    """
+    found = [Member(start, rules[0], seed)]
+    for number in range(1, count):
+        own = int(np.random.SeedSequence([seed, _STREAM, number]).generate_state(1, np.uint64)[0] >> 1)
+        draw = torch.Generator().manual_seed(own)
+        scattered = start.map(lambda tensor: tensor.clone())
+        # First Gaussians are spheres, so that their axes need no turning.
+        scattered.means = start.means + _SCATTER * start.log_scales.exp() * torch.randn(
+            start.means.shape, generator=draw
+        )
+        found.append(Member(scattered, rules[number % len(rules)], own))
+    return tuple(found)
+
+
+def fit_together(
+    fit_one: FitOne, beginnings: tuple[Member, ...], progress: Progress, pace: Pace | None
+) -> tuple[CoarseFit, ...]:
+    """Run all fits at the same time, each on its share of the threads; the first one leads.
+
+    They share processors better than one fit uses all of them, and what each does depends on none of the others.
+
+    Args:
+        fit_one: Runs one.
+        beginnings: One for each.
+        progress: Told of the leader.
+        pace: Of the leader; companions have one beside it.
+
+    Returns:
+        The leader's fit, then those of its companions in their order, without any whose numbers were not finite.
+
+    Raises:
+        NumericsError: The leader is not finite from its first iteration on.
+        Gs2ciError: Whatever else a fit raises.
+    """
+    leader, *others = beginnings
+    if not others:
+        return (fit_one(leader, progress, pace),)
+    if not _kernels_run_in_threads():
+        return _one_after_another(fit_one, beginnings, progress, pace)
+    threads = numba.get_num_threads()
+    share = max(1, threads // len(beginnings))
+    stop = threading.Event()
+
+    def accompany(member: Member) -> CoarseFit:
+        torch.set_num_threads(1)
+        numba.set_num_threads(share)
+        return fit_one(member, _Until(stop), None if pace is None else pace.beside())
+
+    with ThreadPoolExecutor(len(others), "companion fit") as pool:
+        running = [pool.submit(accompany, member) for member in others]
+        try:
+            numba.set_num_threads(max(1, threads - share * len(others)))
+            led = fit_one(leader, progress, pace)
+            progress.stage("other fits")
+            return (led, *_finished(running, progress))
+        finally:
+            stop.set()
+            numba.set_num_threads(threads)
+
+
+def _kernels_run_in_threads() -> bool:
+    """Tell whether kernels may run in several threads at once: Numba's own work queue ends the process then."""
+    try:
+        return bool(numba.threading_layer() != "workqueue")
+    except ValueError:  # no kernel has run yet, so nobody knows
+        return False
+
+
+def _one_after_another(
+    fit_one: FitOne, beginnings: tuple[Member, ...], progress: Progress, pace: Pace | None
+) -> tuple[CoarseFit, ...]:
+    """Run the fits in turn; with a deadline, which one fit fills, the leader alone."""
+    if pace is not None:
+        beginnings = beginnings[:1]
+        progress.say("Without OpenMP, fits cannot run side by side: within a budget there is one.")
+    found = [fit_one(beginnings[0], progress, pace)]
+    for member in beginnings[1:]:
+        try:
+            found.append(fit_one(member, progress, None))
+        except NumericsError as error:
+            progress.say(_LEFT_OUT.format(error.problem))
+    return tuple(found)
+
+
+def _finished(running: list[Future[CoarseFit]], progress: Progress) -> list[CoarseFit]:
+    """Wait for companions; leave out those whose numbers were not finite."""
+    found = []
+    for future in running:
+        try:
+            found.append(future.result())
+        except NumericsError as error:
+            progress.say(_LEFT_OUT.format(error.problem))
+    return found
+
+
+class _Stopped(Exception):  # noqa: N818 - the end of a thread that nobody waits for, not an error
+    """The leader failed, or the user has had enough."""
+
+
+class _Until(Silent):
+    """A listener that ends its fit when it is told to."""
+
+    def __init__(self, stop: threading.Event) -> None:
+        super().__init__()
+        self._stop = stop
+
+    def step(self, done: int, **figures: float | int | str) -> None:
+        """Go on, or end.
+
+        Raises:
+            _Stopped: It is time.
+        """
+        if self._stop.is_set():
+            raise _Stopped
+
+
+@dataclass(frozen=True)
+class Ensemble:
+    """Fits to one measurement.
+
+    Args:
+        best: The one whose refined views explain the held-out pixels best: its scene and its cameras are handed over.
+        views: The mean of all fits' views, [N, H, W, C]; those of the best alone where held-out pixels say that it
+            is better.
+        averaged: How many fits the views are the mean of.
+        spread: Root-mean-square difference of the fits' views from their mean, in full scales; None with one fit.
+        others: The fits beside the best.
+    """
+
+    best: CoarseFit
+    views: F32
+    averaged: int = 1
+    spread: float | None = None
+    others: tuple[CoarseFit, ...] = ()
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Get what happened to each fit, and whether their mean was refused."""
+        beside = (f"Another fit: {note}" for fit in self.others for note in fit.notes)
+        refused = bool(self.others) and self.averaged == 1
+        doubt = ("Held-out pixels prefer one of the fits to their mean: the views are that one's.",) if refused else ()
+        return (*self.best.notes, *beside, *doubt)
+
+    def summary(self) -> dict[str, float | int | None]:
+        """Return what a report says of it."""
+        return {"fits": 1 + len(self.others), "averaged": self.averaged, "spread": self.spread}
+
+
+def combined(fits: tuple[CoarseFit, ...], jury: Jury, refine: Refine) -> Ensemble:
+    """Take the mean of the fits' views, unless the best of them alone is surely better.
+
+    Args:
+        fits: At least one.
+        jury: The measurement and its held-out pixels; without any, the first fit leads and the mean is taken.
+        refine: What will be done to the views before they are handed over.
+    """
+    if len(fits) == 1:
+        return Ensemble(fits[0], fits[0].views)
+    mean = np.stack([fit.views for fit in fits]).mean(axis=0, dtype=np.float64)
+    spread = float(np.sqrt(np.mean([np.mean((fit.views - mean) ** 2) for fit in fits])))
+    together: F32 = np.asarray(mean, np.float32)
+    if not jury.heldout.any():
+        return Ensemble(fits[0], together, len(fits), spread, fits[1:])
+    alone = [jury.squared_residuals(refine(fit.views)) for fit in fits]
+    first = int(np.argmin([squared.mean() for squared in alone]))
+    best, others = fits[first], (*fits[:first], *fits[first + 1 :])
+    if surely_larger(jury.squared_residuals(refine(together)), alone[first]):
+        return Ensemble(best, best.views, 1, spread, others)
+    return Ensemble(best, together, len(fits), spread, others)
+
+
+def surely_larger(one: F64, other: F64) -> bool:
+    """Tell whether the mean of the first exceeds that of the second by more than two standard errors.
+
+    By squares, the mean of several predictions is never worse than they are on average; that one of them beats it on
+    a few hundred pixels is often luck, and the luckiest was chosen.
+
+    Args:
+        one: Squared residuals, [K].
+        other: Those of the same pixels, [K].
+    """
+    difference = one - other
+    if len(difference) < 2:
+        return False
+    return bool(difference.mean() > 2 * difference.std(ddof=1) / math.sqrt(len(difference)))
