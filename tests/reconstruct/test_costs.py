@@ -87,3 +87,16 @@ def test_the_population_grows_from_the_first_points_to_the_cap():
     assert counts == sorted(counts)
     assert counts[0] == pytest.approx(1.1 * 90_000 / 9)
     assert counts[-1] == 0.4 * 90_000
+
+
+def test_fits_side_by_side_share_the_threads():
+    def fit_s(fits, threads):
+        model, settings = replace(MODEL, threads=threads), replace(PRESETS["standard"], fits=fits)
+        looks = 20 * MODEL.look
+        return model.predict(settings).fit - looks
+
+    alone = fit_s(1, 1)
+    assert fit_s(1, 4) == pytest.approx(alone)  # an iteration was measured with all of them
+    assert fit_s(3, 1) == pytest.approx(3 * alone)
+    assert fit_s(2, 2) == pytest.approx(alone / 0.65)
+    assert alone < fit_s(2, 4) < fit_s(2, 2) < fit_s(4, 2) == pytest.approx(2 * fit_s(2, 2))

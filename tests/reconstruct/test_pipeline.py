@@ -24,9 +24,10 @@ VIEWS, HEIGHT, WIDTH = 6, 48, 64
 FOCAL_PX = 60.0
 QUICK = Settings(
     fit=CoarseSettings(iterations=300, densify_every=50, hold_out=HoldOut(look_every=20)),
+    fits=1,
     seed=1,
 )
-SHORT = replace(QUICK, fit=replace(QUICK.fit, iterations=60, densify_every=20))
+SHORT = replace(QUICK, fit=replace(QUICK.fit, iterations=60, densify_every=20), fits=2)
 
 
 def wall_with_a_board(channels=3):
@@ -152,6 +153,41 @@ def test_the_same_seed_gives_the_same_bits_on_one_thread_and_on_two(shot, found_
     finally:
         numba.set_num_threads(before[0])
         torch.set_num_threads(before[1])
+
+
+def test_fits_side_by_side_give_the_same_bits_as_in_turn(shot, found_soon, monkeypatch):
+    monkeypatch.setattr(numba, "threading_layer", lambda: "workqueue")
+    assert_same_bits(reconstruct(shot, SHORT), found_soon)
+
+
+def test_the_mean_of_two_fits_is_nearer_the_truth_than_the_first_alone(shot, found):
+    two = reconstruct(shot, replace(QUICK, fits=2), score=lambda views: float(np.mean(views))).result
+    truth, alone = shot.truth.views, found.result
+    assert two.ensemble["fits"] == two.ensemble["averaged"] == 2
+    assert 0 < two.ensemble["spread"] < 0.1
+    assert found.result.ensemble == {"fits": 1, "averaged": 1, "spread": None}
+    assert np.mean(psnr_per_view(two.views, truth)) > np.mean(psnr_per_view(alone.views, truth)) + 0.1
+    # One curve leads to the mean: its last point is what is handed over.
+    *course, last = two.curve
+    assert last.iteration == course[-1].iteration
+    assert last.heldout == two.heldout_rms["refined"]
+    assert last.psnr_db == pytest.approx(np.mean(two.views))
+    assert last.seconds >= course[-1].seconds
+
+
+@pytest.mark.parametrize("fits", [0, -1, 65])
+def test_a_number_of_fits_that_makes_no_sense_is_refused(shot, fits):
+    with pytest.raises(InputError, match=f"{fits} fits side by side.*1 to 64"):
+        reconstruct(shot, replace(QUICK, fits=fits))
+
+
+def test_a_density_rule_that_is_named_is_that_of_every_fit():
+    settings = Settings()
+    assert [rule.name for rule in settings.density_rules] == ["osgr", "osgr"]
+    assert settings.with_density_rule("osgr") is settings
+    assert [rule.name for rule in settings.with_density_rule("mcmc").density_rules] == ["mcmc"]
+    with pytest.raises(InputError, match="no density rule 'abc'"):
+        settings.with_density_rule("abc")
 
 
 def test_torch_is_kept_on_one_thread_and_given_its_threads_back(shot):

@@ -113,3 +113,21 @@ def test_a_machine_that_stops_for_a_while_ends_the_fit_at_once_afterwards():
 def test_a_clock_that_stands_still_does_not_divide_by_zero():
     pace = Deadline(50, 10.0, lambda share: 0.0, 0.0, LOOK_EVERY, lambda: 0.0)
     assert [pace.total(done) for done in (0, 10, 50)] == [50] * 3
+
+
+def test_fits_beside_each_other_end_by_the_same_deadline_whatever_the_speed_of_each():
+    machine, slow = Machine(lambda s: 1.0), Machine(lambda s: 2.5)
+    leader = deadline(machine, 60)
+    companion = leader.beside()
+    companion._clock = slow.clock
+    done, _ = machine.fit(leader)
+    done_slowly, _ = slow.fit(companion)
+    for each in (machine, slow):
+        each.hand_over()
+        assert 0.9 * 60 <= each.now_s - 1000 <= 60 * 1.02
+    assert done_slowly < 0.5 * done
+
+
+def test_a_fixed_pace_beside_another_is_the_same():
+    pace = Fixed(7)
+    assert pace.beside() is pace

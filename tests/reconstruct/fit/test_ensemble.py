@@ -1,0 +1,255 @@
+import threading
+from dataclasses import replace
+
+import numba
+import numpy as np
+import pytest
+import torch
+
+from gs2ci.core.errors import InputError, NumericsError
+from gs2ci.core.progress import Silent
+from gs2ci.reconstruct.fit.coarse import CoarseFit
+from gs2ci.reconstruct.fit.density.osgr import Osgr
+from gs2ci.reconstruct.fit.ensemble import combined, fit_together, members, surely_larger
+from gs2ci.reconstruct.fit.pace import Fixed
+from gs2ci.reconstruct.fit.stopping import Jury, choose_heldout
+
+RULES = (Osgr.sparing(), Osgr.generous())
+
+
+class Listener(Silent):
+    def __init__(self):
+        super().__init__()
+        self.stages = []
+
+    def stage(self, name, total=None):
+        self.stages.append(name)
+
+
+def fit_of(views, scene=None, notes=()):
+    poses = np.tile(np.eye(4), (len(views), 1, 1))
+    return CoarseFit(scene, poses, np.asarray(views, np.float32), (), "all done", notes)
+
+
+def number(member, beginnings):
+    return [each.seed for each in beginnings].index(member.seed)
+
+
+@pytest.fixture(params=["omp", "workqueue"])
+def layer(request, monkeypatch):
+    """Where fits run side by side, and where they have to run in turn."""
+    monkeypatch.setattr(numba, "threading_layer", lambda: request.param)
+    return request.param
+
+
+def test_the_first_begins_as_it_is_and_the_others_within_a_gaussians_size_of_it(scattered):
+    start = scattered(500)
+    first, second, third, fourth = members(start, RULES, 4, seed=5)
+    assert first.start is start
+    assert first.seed == 5
+    for member in (second, third, fourth):
+        moved = (member.start.means - start.means) / start.log_scales.exp()
+        assert float(moved.std()) == pytest.approx(0.5, rel=0.1)
+        for name in ("log_scales", "quaternions", "opacity_logits", "colours"):
+            assert torch.equal(member.start.parameters()[name], start.parameters()[name])
+    assert not torch.equal(second.start.means, third.start.means)
+    assert len({member.seed for member in (first, second, third, fourth)}) == 4
+
+
+def test_density_rules_are_taken_in_turn(scattered):
+    assert [member.density for member in members(scattered(3), RULES, 4, 0)] == [*RULES, *RULES]
+    assert [member.density for member in members(scattered(3), RULES[:1], 2, 0)] == [RULES[0]] * 2
+
+
+def test_the_same_seed_gives_the_same_beginnings_and_another_others(scattered):
+    start = scattered(20)
+    one, same, other = (members(start, RULES, 2, seed)[1] for seed in (1, 1, 2))
+    assert torch.equal(one.start.means, same.start.means)
+    assert one.seed == same.seed
+    assert not torch.equal(one.start.means, other.start.means)
+
+
+def test_beginnings_of_no_gaussians_are_empty(scattered):
+    assert [len(member.start) for member in members(scattered(0), RULES, 3, 0)] == [0, 0, 0]
+
+
+def test_fits_come_back_in_their_order_whichever_ends_first(layer, scattered):
+    beginnings = members(scattered(2), RULES, 3, 0)
+    last_ended = threading.Event()
+
+    def fit_one(member, progress, pace):
+        if member is beginnings[1] and layer == "omp":
+            assert last_ended.wait(20)
+        if member is beginnings[2]:
+            last_ended.set()
+        return fit_of(np.full((1, 2, 2, 3), number(member, beginnings)))
+
+    found = fit_together(fit_one, beginnings, Listener(), None)
+    assert [float(fit.views[0, 0, 0, 0]) for fit in found] == [0.0, 1.0, 2.0]
+
+
+def test_they_share_the_threads_and_give_them_back(scattered, monkeypatch):
+    monkeypatch.setattr(numba, "threading_layer", lambda: "omp")
+    before, seen = numba.get_num_threads(), {}
+    beginnings = members(scattered(2), RULES, 2, 0)
+
+    def fit_one(member, progress, pace):
+        seen[number(member, beginnings)] = numba.get_num_threads()
+        return fit_of(np.zeros((1, 2, 2, 3)))
+
+    fit_together(fit_one, beginnings, Listener(), None)
+    assert seen[1] == max(1, before // 2)
+    assert seen[0] + seen[1] == max(2, before)
+    assert numba.get_num_threads() == before
+
+
+def test_a_companion_whose_numbers_run_away_is_left_out_and_told(layer, scattered):
+    beginnings, listener = members(scattered(2), RULES, 3, 0), Listener()
+
+    def fit_one(member, progress, pace):
+        if member is beginnings[1]:
+            raise NumericsError("the first iteration of the fit is not finite")
+        return fit_of(np.full((1, 2, 2, 3), number(member, beginnings)))
+
+    found = fit_together(fit_one, beginnings, listener, None)
+    assert [float(fit.views[0, 0, 0, 0]) for fit in found] == [0.0, 2.0]
+    assert listener.sentences == ["A companion of the fit was left out: the first iteration of the fit is not finite."]
+
+
+def test_an_error_of_the_leader_ends_its_companions(scattered, monkeypatch):
+    monkeypatch.setattr(numba, "threading_layer", lambda: "omp")
+    beginnings = members(scattered(2), RULES, 2, 0)
+    iterations = []
+
+    def fit_one(member, progress, pace):
+        if member is beginnings[0]:
+            raise NumericsError("the leader ran away")
+        while len(iterations) < 10**6:
+            progress.step(len(iterations))
+            iterations.append(1)
+        return fit_of(np.zeros((1, 2, 2, 3)))
+
+    with pytest.raises(NumericsError, match="the leader ran away"):
+        fit_together(fit_one, beginnings, Listener(), None)
+    assert len(iterations) < 10**6
+
+
+def test_every_other_error_of_a_companion_is_raised(layer, scattered):
+    beginnings = members(scattered(2), RULES, 2, 0)
+
+    def fit_one(member, progress, pace):
+        if member is beginnings[1]:
+            raise InputError("a seed of -1")
+        return fit_of(np.zeros((1, 2, 2, 3)))
+
+    with pytest.raises(InputError, match="a seed of -1"):
+        fit_together(fit_one, beginnings, Listener(), None)
+
+
+def test_within_a_deadline_fits_that_cannot_run_side_by_side_are_one(scattered, monkeypatch):
+    monkeypatch.setattr(numba, "threading_layer", lambda: "workqueue")
+    listener, paces = Listener(), []
+
+    def fit_one(member, progress, pace):
+        paces.append(pace)
+        return fit_of(np.zeros((1, 2, 2, 3)))
+
+    pace = Fixed(5)
+    assert len(fit_together(fit_one, members(scattered(2), RULES, 3, 0), listener, pace)) == 1
+    assert paces == [pace]
+    assert "within a budget there is one" in listener.sentences[0]
+
+
+def test_before_any_kernel_has_run_nobody_knows_and_fits_run_in_turn(scattered, monkeypatch):
+    def unknown():
+        raise ValueError("Threading layer is not initialized.")
+
+    monkeypatch.setattr(numba, "threading_layer", unknown)
+    main = threading.current_thread()
+
+    def fit_one(member, progress, pace):
+        assert threading.current_thread() is main
+        return fit_of(np.zeros((1, 2, 2, 3)))
+
+    assert len(fit_together(fit_one, members(scattered(2), RULES, 2, 0), Listener(), None)) == 2
+
+
+@pytest.fixture
+def judged(moving_plane):
+    """A measurement whose true views are known, and its jury."""
+    shot, _ = moving_plane
+    rng = np.random.default_rng(0)
+    truth = rng.random((*shot.masks.shape, 3)).astype(np.float32)
+    shot = replace(shot, measurement=np.einsum("nhw,nhwc->hwc", shot.masks, truth))
+    return truth, Jury(shot, choose_heldout(shot, 0.2, 0)), rng
+
+
+def alike(views):
+    return views
+
+
+def test_the_mean_of_fits_that_err_apart_is_nearer_the_truth(judged):
+    truth, jury, rng = judged
+    fits = tuple(fit_of(truth + 0.1 * rng.standard_normal(truth.shape)) for _ in range(4))
+    together = combined(fits, jury, alike)
+    assert together.averaged == 4
+    assert np.abs(together.views - truth).std() < 0.06
+    assert together.spread == pytest.approx(0.1 * np.sqrt(3 / 4), rel=0.05)
+    assert together.summary() == {"fits": 4, "averaged": 4, "spread": together.spread}
+    np.testing.assert_allclose(together.views, np.mean([fit.views for fit in fits], axis=0), atol=1e-6)
+
+
+def test_a_fit_that_is_surely_better_than_the_mean_stands_alone(judged):
+    truth, jury, _ = judged
+    good, bad = fit_of(truth, notes=("good",)), fit_of(truth + 0.5, notes=("bad",))
+    together = combined((bad, good), jury, alike)
+    assert together.best is good
+    assert together.averaged == 1
+    np.testing.assert_array_equal(together.views, good.views)
+    assert together.notes[:2] == ("good", "Another fit: bad")
+    assert "prefer one of the fits to their mean" in together.notes[2]
+
+
+def test_the_best_lends_its_scene_while_the_views_are_the_mean(judged):
+    truth, jury, rng = judged
+    better = fit_of(truth + 0.10 * rng.standard_normal(truth.shape))
+    worse = fit_of(truth + 0.11 * rng.standard_normal(truth.shape))
+    together = combined((worse, better), jury, alike)
+    assert together.best is better
+    assert together.others == (worse,)
+    assert together.averaged == 2
+    assert together.notes == ()
+
+
+def test_a_single_fit_is_its_own_mean(judged):
+    truth, jury, _ = judged
+    only = fit_of(truth)
+    together = combined((only,), jury, alike)
+    assert (together.best, together.averaged, together.spread) == (only, 1, None)
+
+
+def test_without_held_out_pixels_the_first_leads_and_the_mean_is_taken(judged):
+    truth, jury, _ = judged
+    unjudged = Jury(jury.shot, np.zeros(jury.shot.size, bool))
+    first, second = fit_of(truth + 0.2), fit_of(truth)
+    together = combined((first, second), unjudged, alike)
+    assert together.best is first
+    assert together.averaged == 2
+
+
+def test_fits_that_agree_to_the_last_bit_have_no_spread(judged):
+    truth, jury, _ = judged
+    together = combined((fit_of(truth), fit_of(truth)), jury, alike)
+    assert together.spread == 0.0
+    assert together.averaged == 2
+    np.testing.assert_array_equal(together.views, truth)
+
+
+def test_luck_on_few_pixels_is_not_taken_for_being_better():
+    rng = np.random.default_rng(1)
+    squares = rng.chisquare(1, 400)
+    assert not surely_larger(squares, squares)
+    assert not surely_larger(squares + 0.02 * rng.standard_normal(400), squares)
+    assert surely_larger(squares + 0.01, squares)
+    assert not surely_larger(squares, squares + 0.01)
+    assert not surely_larger(np.array([2.0]), np.array([1.0]))
