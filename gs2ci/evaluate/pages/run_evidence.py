@@ -4,7 +4,6 @@ Here: `RunEvidence` and its reading; `write_given`, the pictures and poses that 
 the page (`run_page.py`). Only `gs2ci.evaluate` and the view command import this file.
 """
 
-import json
 import math
 import zipfile
 from dataclasses import dataclass
@@ -15,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gs2ci.core.errors import Gs2ciError, StorageError
+from gs2ci.core.json_text import parse_json
 from gs2ci.core.records import F64, Shot
 from gs2ci.evaluate.cameras import poses_of_transforms
 from gs2ci.evaluate.pages.pictures import U8, to_eight_bit
@@ -99,7 +99,7 @@ def _read(folder: Path, report: dict[str, Any]) -> RunEvidence:
     if depth is not None and depth.shape != shape[:3]:
         raise _contradiction(folder / "depth.npy", depth.shape, str(list(shape[:3])))
     path = folder / "cameras.json"
-    transforms = json.loads(path.read_text(encoding="utf-8"))
+    transforms = parse_json(path.read_text(encoding="utf-8"))
     given = _given(folder / GIVEN_NAME, shape)
     poses = _poses(path, poses_of_transforms(transforms), len(views))
     return RunEvidence(

@@ -48,7 +48,7 @@ def write_run_page(folder: Path, destination: Path | None = None) -> Path:
     evidence = read_evidence(folder)
     try:
         text = run_page(evidence)
-    except (LookupError, TypeError, AttributeError, ValueError, ArithmeticError) as error:
+    except (LookupError, TypeError, AttributeError, ValueError, ArithmeticError, RecursionError) as error:
         # The arrays are checked; what is left is a report.json whose values are not what its schema says.
         raise StorageError(
             f"{Path(folder) / 'report.json'} does not hold what its schema promises: {type(error).__name__}: {error}",

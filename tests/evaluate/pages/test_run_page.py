@@ -202,6 +202,15 @@ def test_a_report_that_lies_about_its_kinds_gives_a_page_or_one_typed_error(
     assert refused > 50
 
 
+def test_a_report_that_nests_too_deep_is_refused(own_run, evidence, monkeypatch):
+    settings = {}
+    for _ in range(5000):
+        settings = {"deeper": settings}
+    monkeypatch.setattr(module, "read_evidence", lambda _: without(evidence, settings=settings))
+    with pytest.raises(StorageError, match="RecursionError"):
+        write_run_page(own_run)
+
+
 def test_what_is_no_run_is_refused(tmp_path):
     with pytest.raises(StorageError, match="cannot be read"):
         write_run_page(tmp_path)
