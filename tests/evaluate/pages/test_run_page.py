@@ -40,6 +40,7 @@ def test_the_page_of_a_whole_run_has_all_its_sections_in_order(text):
         "Camera path",
         "Quality against time",
         "Cost",
+        "What accuracy costs",
         "Simulated effects",
         "Notes and doubts",
         "Measurement and calibration",
