@@ -1,12 +1,14 @@
-"""Options of the whole test suite, and how many threads each of its processes takes."""
+"""Options of the whole test suite, how many threads each of its processes takes, and commands as a user types them."""
 
 import os
+import sys
 from pathlib import Path
 
 import numba
 import pytest
 import torch
 
+from gs2ci import cli
 from gs2ci.evaluate.environment import machine
 
 
@@ -26,3 +28,23 @@ def pytest_configure(config: pytest.Config) -> None:
     threads = max(1, machine()["usable_cores"] // processes)
     numba.set_num_threads(min(threads, numba.config.NUMBA_NUM_THREADS))
     torch.set_num_threads(threads)
+
+
+@pytest.fixture
+def rig(tmp_path, monkeypatch, request):
+    """A rig file in the folder in which commands are typed: the text `RIG` of the module that asks for it."""
+    path = tmp_path / "rig.toml"
+    path.write_text(request.module.RIG)
+    monkeypatch.chdir(tmp_path)
+    return path
+
+
+@pytest.fixture
+def gs2ci(monkeypatch):
+    """Type a command; returns its exit status."""
+
+    def run(*arguments):
+        monkeypatch.setattr(sys, "argv", ["gs2ci", *map(str, arguments)])
+        return cli.main()
+
+    return run

@@ -8,6 +8,13 @@ import pytest
 from gs2ci import cli
 
 ROOT = Path(__file__).resolve().parents[1]
+SOURCES = {"gs2ci": ROOT, "gs2ci_drivers": ROOT / "drivers", "gs2ci_calibration": ROOT / "calibration"}
+SOURCES |= {"gs2ci_sims": ROOT / "sims", "tests": ROOT}
+FOLDERS = ("gs2ci", "drivers", "calibration", "sims", "tests", "docs")
+WRITTEN = [
+    *sorted(ROOT.glob("*.md")),
+    *(path for name in FOLDERS for path in sorted((ROOT / name).rglob("*")) if path.suffix in {".py", ".md", ".toml"}),
+]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 
 
@@ -29,3 +36,46 @@ def test_links_within_the_repository_lead_somewhere(page):
     for target in re.findall(r"\]\(([^)#\s]+)[^)]*\)", page.read_text(encoding="utf-8")):
         if "://" not in target and not target.startswith("mailto:"):
             assert (page.parent / target).exists(), f"{page.name} links to {target}"
+
+
+def exists(module):
+    """Tell whether a dotted name is a module of ours, or something that is named in one."""
+    first, *rest = module.split(".")
+    at = SOURCES[first] / first
+    while rest and (at / rest[0]).is_dir():
+        at /= rest.pop(0)
+    if rest and (at / f"{rest[0]}.py").is_file():
+        file, rest = at / f"{rest[0]}.py", rest[1:]
+    else:
+        file = at / "__init__.py"
+    text = file.read_text(encoding="utf-8") if file.is_file() else ""
+    return at.is_dir() and all(re.search(rf"\b{name}\b", text) for name in rest)
+
+
+def test_files_that_are_named_anywhere_exist():
+    named = re.compile(rf"(?<![\w./-])(?:{'|'.join(FOLDERS)})/[\w./-]*\w")
+    missing = {
+        (str(path.relative_to(ROOT)), name)
+        for path in WRITTEN
+        for name in named.findall(path.read_text(encoding="utf-8"))
+        if not (ROOT / name).exists()
+    }
+    assert not missing
+
+
+def test_modules_that_are_named_anywhere_exist():
+    named = re.compile(rf"`((?:{'|'.join(SOURCES)})(?:\.\w+)+)`")
+    missing = {
+        (str(path.relative_to(ROOT)), name)
+        for path in WRITTEN
+        for name in named.findall(path.read_text(encoding="utf-8"))
+        if not exists(name)
+    }
+    assert not missing
+
+
+def test_benchmarks_that_are_named_anywhere_exist():
+    for path in WRITTEN:
+        for words in re.findall(r"`python\s+-m\s+tests\.benchmarks\s+([^`]*)`", path.read_text(encoding="utf-8")):
+            for name in words.partition(" --")[0].split():
+                assert (ROOT / "tests" / "benchmarks" / f"{name}.py").is_file(), f"{path.name} names {name}"

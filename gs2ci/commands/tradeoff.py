@@ -20,7 +20,10 @@ from gs2ci.commands.display import open_display
 from gs2ci.core.durations import parse_duration_s
 from gs2ci.core.errors import InputError
 from gs2ci.core.storage import read_shot
-from gs2ci.evaluate.tradeoff.pages import Tradeoff, markdown, write_pages
+from gs2ci.evaluate.pages.run_evidence import check_same_shot
+from gs2ci.evaluate.pages.run_page import write_run_page
+from gs2ci.evaluate.tradeoff.pages import Tradeoff, markdown, record_of, write_pages
+from gs2ci.evaluate.tradeoff.record import write_record
 from gs2ci.evaluate.tradeoff.trials import KNOBS, Trial, chosen_trials, predicted_seconds
 from gs2ci.reconstruct.costs import probe
 
@@ -34,6 +37,7 @@ def run(
     knobs: tuple[str, ...] = KNOBS,
     most: str = "15min",
     seed: int = 42,
+    report: Path | None = None,
     fresh: bool = False,
 ) -> list[Path]:
     """Try presets and settings on one measurement, and say what the next decibel costs.
@@ -50,10 +54,12 @@ def run(
             iterations, population, start, "decode steps", "depth planes".
         most: Leave out what is expected to take longer than this, by costs measured on the shot beforehand.
         seed: Of every random draw.
+        report: A run folder of the same shot: its report.html gets a section on what accuracy costs, and keeps it
+            when `gs2ci report` builds it again.
         fresh: Try everything again.
 
     Returns:
-        The pages.
+        The pages; last the run's, if there is one.
 
     Raises:
         Gs2ciError: The file or a value cannot be used.
@@ -61,6 +67,8 @@ def run(
     most_s = parse_duration_s(most)
     trials = chosen_trials(knobs)
     measured = read_shot(shot, index)
+    if report is not None:
+        check_same_shot(report, measured)
     with open_display() as display:
         display.stage("measuring this machine")
         model = probe(measured)
@@ -78,6 +86,9 @@ def run(
     left_out = {name: seconds for name, seconds in prices.items() if seconds > most_s}
     found = Tradeoff(measured.name, rows, left_out, shlex.join(["gs2ci", *sys.argv[1:]]))
     pages = write_pages(output, found)
+    if report is not None:
+        write_record(report, record_of(found))
+        pages.append(write_run_page(report))
     console = Console()
     console.print(Markdown(markdown(found)))
     for page in pages:

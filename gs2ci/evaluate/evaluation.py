@@ -13,6 +13,7 @@ import numpy as np
 import torch
 
 from gs2ci.core.errors import InputError, StorageError
+from gs2ci.core.json_text import parse_json
 from gs2ci.core.records import F32, F64, Shot
 from gs2ci.evaluate.cameras import poses_of_transforms
 from gs2ci.evaluate.depth import depth_errors
@@ -76,7 +77,7 @@ def read_run(folder: Path) -> FinishedRun:
     """
     report = read_report(folder)
     try:
-        cameras = json.loads((folder / "cameras.json").read_text(encoding="utf-8"))
+        cameras = parse_json((folder / "cameras.json").read_text(encoding="utf-8"))
         intrinsics = np.array([[cameras["fl_x"], 0, cameras["cx"]], [0, cameras["fl_y"], cameras["cy"]], [0, 0, 1.0]])
         depth = folder / "depth.npy"
         return FinishedRun(

@@ -4,7 +4,6 @@ Here: the report's content and its reading. Not here: the run folder's other fil
 the picture (`gs2ci.evaluate.overview`). The commands and the rest of `gs2ci.evaluate` may import this file.
 """
 
-import json
 import math
 from collections.abc import Mapping
 from dataclasses import asdict, is_dataclass
@@ -14,6 +13,7 @@ from typing import Any, Final
 import numpy as np
 
 from gs2ci.core.errors import StorageError
+from gs2ci.core.json_text import parse_json
 from gs2ci.core.records import F32, Shot
 from gs2ci.core.run_records import RunResult
 from gs2ci.evaluate import environment
@@ -113,7 +113,7 @@ def read_report(folder: Path, schema: str = SCHEMA) -> dict[str, Any]:
     path = Path(folder) / REPORT_NAME
     remedy = "give the folder that `gs2ci reconstruct -o` wrote" if schema == SCHEMA else ""
     try:
-        report = json.loads(path.read_text(encoding="utf-8"))
+        report = parse_json(path.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
         raise StorageError(f"{path} cannot be read: {error}", remedy=remedy) from error
     if not isinstance(report, dict) or report.get("schema") != schema:

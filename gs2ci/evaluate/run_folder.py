@@ -13,6 +13,7 @@
       scene.ply      the Gaussians, 3DGS convention
       cameras.json   nerfstudio transforms
       colmap/sparse/0  the same cameras, and a thinned cloud of the Gaussians' centres
+      tradeoff.json  only where `gs2ci tradeoff --report` added it: what accuracy costs for this shot
 
 Not here: the figures, the page, the picture. The commands may import this file.
 """

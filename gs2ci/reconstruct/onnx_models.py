@@ -17,6 +17,7 @@ import numpy as np
 import torch
 
 from gs2ci.core.errors import InputError, NumericsError, StorageError
+from gs2ci.core.json_text import parse_json
 
 ModelName = Literal["vggt", "difix", "lpips"]
 MODEL_NAMES: Final = get_args(ModelName)
@@ -160,7 +161,7 @@ def _listed() -> dict[str, dict[str, str]]:
     if not path.is_file():
         return {}
     try:
-        listed: dict[str, dict[str, str]] = json.loads(path.read_text())
+        listed: dict[str, dict[str, str]] = parse_json(path.read_text())
         complete = all({"path", "sha256"} <= entry.keys() for entry in listed.values())
     except (OSError, ValueError, AttributeError) as error:
         raise StorageError(f"cannot read {path}: {error}", remedy="mend or delete it") from error

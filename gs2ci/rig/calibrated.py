@@ -1,7 +1,8 @@
 """The calibration bundle that a capture uses: found, checked against the bench, and turned into what a shot file holds.
 
 Here: `load` (which bundle, does it fit, a probe of one mask) and `Calibrated`, which `recording` writes. Not here:
-measuring (`gs2ci_calibration`), the file's layout (`gs2ci.core.storage`). `recording` and commands import this file.
+measuring (`gs2ci_calibration`), the file's layout (`gs2ci.core.storage`). `recording`, `telemetry` and commands import
+this file.
 """
 
 from dataclasses import dataclass
@@ -15,6 +16,7 @@ from gs2ci.core.progress import Progress, Silent
 from gs2ci.rig.calibrating import TerminalOperator, bench_of, provenance_of
 from gs2ci.rig.opening import Rig
 from gs2ci_calibration.bundle import Bundle, read_bundle
+from gs2ci_calibration.estimates import Section
 from gs2ci_calibration.fitting import STEP, fit
 from gs2ci_calibration.frames import Dark
 from gs2ci_calibration.probe import Probe, probe_mask
@@ -22,6 +24,28 @@ from gs2ci_drivers.acquisition import Devices
 
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class MeasuredAxis:
+    """An axis of the stage as it was measured.
+
+    Args:
+        direction: Unit vector of the camera's motion in its own frame (x right, y down, z ahead), [3].
+        scale: True mm per counted mm.
+        speed_error: Of a sweep, relative, against the scale at rest; 0 where none was measured.
+        measured_utc: When, ISO 8601.
+    """
+
+    direction: F64
+    scale: float
+    speed_error: float
+    measured_utc: str
+
+    @property
+    def per_mm(self) -> F64:
+        """Get the camera's motion per counted mm at rest, mm, [3]."""
+        return np.asarray(self.scale * self.direction, np.float64)
 
 
 @dataclass(frozen=True)
@@ -81,6 +105,15 @@ class Calibrated:
         """Get the camera matrix, [3, 3], where it was measured."""
         return self.bundle.sections["camera"].array("intrinsics") if "camera" in self.bundle else None
 
+    @property
+    def axes(self) -> dict[str, MeasuredAxis]:
+        """Get the stage's axes that were measured, by name."""
+        if "stage" not in self.bundle:
+            return {}
+        section = self.bundle.sections["stage"]
+        names = [key.removeprefix("direction_") for key in section.estimates if key.startswith("direction_")]
+        return {name: _axis(section, name) for name in names}
+
     def arrays(self, exposure_s: float, *, mosaic: bool) -> dict[str, NDArray[Any]]:
         """Return what else a shot file keeps of a calibration, by its keys there.
 
@@ -126,6 +159,16 @@ class Calibrated:
                 phase = np.s_[row::2, column::2]
                 flat[phase] /= flat[phase][~dark.dead[phase]].mean()
         return np.where(dark.dead, 1.0, flat)
+
+
+def _axis(section: Section, name: str) -> MeasuredAxis:
+    speed = f"velocity_error_{name}"
+    return MeasuredAxis(
+        direction=np.asarray(section.array(f"direction_{name}"), np.float64),
+        scale=section.number(f"scale_{name}"),
+        speed_error=section.number(speed) if speed in section.estimates else 0.0,
+        measured_utc=section.measured_utc,
+    )
 
 
 def load(

@@ -97,7 +97,7 @@ class MountTable(Settings):
     """[stage.mount]: how the stage carries the camera, in the camera's own frame (x right, y down, z ahead)."""
 
     x: Vector = (1.0, 0.0, 0.0)
-    """The camera's motion per mm of the axis, in scene units."""
+    """The camera's motion per mm of the axis, in mm. A calibration of the stage goes before it."""
     y: Vector = (0.0, 1.0, 0.0)
     z: Vector = (0.0, 0.0, 1.0)
 

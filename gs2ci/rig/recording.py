@@ -1,8 +1,8 @@
 """From what a rig takes to a shot file, row by row.
 
-Here: the capture of a rig file from the plan to the finished file, the file's header, the rows' telemetry. Not
-here: the file's layout (`gs2ci.core.storage`), the order of things on the bench (`gs2ci_drivers.acquisition`).
-Commands import this file.
+Here: the capture of a rig file from the plan to the finished file, the file's header, the rows. Not here: the file's
+layout (`gs2ci.core.storage`), poses from stage positions (`telemetry`), the order of things on the bench
+(`gs2ci_drivers.acquisition`). Commands import this file.
 """
 
 from dataclasses import dataclass, replace
@@ -17,10 +17,11 @@ from gs2ci.core.progress import Progress
 from gs2ci.core.records import Truth
 from gs2ci.core.storage import CaptureHeader, FrameRow, ShotWriter
 from gs2ci.rig.calibrated import Calibrated
-from gs2ci.rig.config import MountTable, RigTable
+from gs2ci.rig.config import RigTable
 from gs2ci.rig.intent import intended
 from gs2ci.rig.opening import Rig
 from gs2ci.rig.simulated import SimulatedBench
+from gs2ci.rig.telemetry import Carriage, carriage_of
 from gs2ci_drivers.acquisition import Devices, Taken, capture, plan_capture
 from gs2ci_drivers.failures import UnsupportedError
 from gs2ci_drivers.plan import Mode, Plan
@@ -136,7 +137,7 @@ def _header(rig: Rig, devices: Devices, prepared: Prepared) -> CaptureHeader:
         cfa=cfa,
         intrinsics=light.scene.intrinsics if isinstance(light, BenchLight) else _intrinsics(table, masks.shape[1:]),
         stage_axes=len(stage.info.axes) if stage is not None else 0,
-        telemetry=_mount(table) is not None and plan.sweep is not None,
+        telemetry=_carriage(rig, prepared) is not None,
         truth_views="f4" if truth else "",
         truth_poses=truth,
         name=table.name,
@@ -187,8 +188,11 @@ def _intrinsics(table: RigTable, size: tuple[int, ...]) -> F64 | None:
     return np.array([[focal, 0.0, size[1] / 2], [0.0, focal, size[0] / 2], [0.0, 0.0, 1.0]])
 
 
-def _mount(table: RigTable) -> MountTable | None:
-    return table.stage.mount if table.stage is not None else None
+def _carriage(rig: Rig, prepared: Prepared) -> Carriage | None:
+    """Return how the stage carries the camera, where it moves during the exposures."""
+    if prepared.plan.sweep is None:
+        return None
+    return carriage_of(rig.table, prepared.plan.settings.travel, prepared.calibrated)
 
 
 class _Recorder:
@@ -199,6 +203,7 @@ class _Recorder:
         self._devices = devices
         self._prepared = prepared
         self._writer = writer
+        self._carriage = _carriage(rig, prepared)
         self._unusable = prepared.calibrated.unusable if prepared.calibrated is not None else None
         # The devices' clock counts from some start; the file's host times count from the epoch.
         self._epoch_ns = time_ns() - round(devices.clock.now_s() * 1e9)
@@ -258,6 +263,8 @@ class _Recorder:
         }
         if plan.settings.mode is Mode.PER_MASK:
             origin["mask_index"] = i
+        if self._carriage is not None:
+            origin["telemetry"] = dict(self._carriage.told)
         bench = self._rig.bench
         exposure = _exposure_of(bench, frame) if bench else None
         if bench and exposure and isinstance(bench.world.light, BenchLight):
@@ -266,18 +273,11 @@ class _Recorder:
         return origin
 
     def _telemetry(self, taken: Taken) -> F64 | None:
-        """Return camera poses from stage positions: identity in the middle of the travel, [N, 4, 4]."""
-        mount, stage, travel = _mount(self._rig.table), self._devices.stage, self._prepared.plan.settings.travel
-        if mount is None or stage is None or travel is None or taken.stage_mm is None:
+        """Return camera poses from stage positions, [N, 4, 4]."""
+        stage = self._devices.stage
+        if self._carriage is None or stage is None or taken.stage_mm is None:
             return None
-        poses = np.tile(np.eye(4), (len(taken.stage_mm), 1, 1))
-        middle = (travel.from_mm + travel.to_mm) / 2
-        unit = self._rig.table.world.scene_units_per_mm if self._rig.table.world else 1.0
-        for column, axis in enumerate(stage.info.axes):
-            rest = middle if axis == travel.axis else taken.stage_mm[0, column]
-            moved = (taken.stage_mm[:, column] - rest) * unit
-            poses[:, :3, 3] -= moved[:, None] * np.array(getattr(mount, axis, (0.0, 0.0, 0.0)))
-        return poses
+        return self._carriage.world_to_camera(taken.stage_mm, tuple(stage.info.axes))
 
     def _truth(self, frame: Frame) -> Truth | None:
         """Return what was really there, on a simulated bench."""

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from gs2ci.commands import tradeoff
-from gs2ci.core.errors import InputError
+from gs2ci.commands import reconstruct, report, tradeoff
+from gs2ci.core.errors import InputError, StorageError
 from gs2ci.core.records import Shot
 from gs2ci.core.storage import write_shots
 from gs2ci.evaluate.tradeoff import trials
@@ -58,3 +58,35 @@ def test_a_limit_that_nothing_meets_and_an_unknown_knob_are_refused(measured, tr
     with pytest.raises(InputError, match="no knob"):
         tradeoff.run(measured, tmp_path / "out", knobs=("luck",))
     assert not (tmp_path / "out").exists()
+
+
+@pytest.fixture
+def folder(measured, tmp_path):
+    """A run folder of the shot, as short as it can be."""
+    return reconstruct.run(measured, tmp_path / "run", iterations=1)
+
+
+def test_the_page_of_a_run_gets_the_section_and_keeps_it(measured, tried, folder, tmp_path):
+    pages = tradeoff.run(measured, tmp_path / "out", knobs=("preset",), most="10h", report=folder)
+    assert pages[-1] == folder / "report.html"
+    page = pages[-1].read_text(encoding="utf-8")
+    assert "What accuracy costs" in page
+    assert "The next decibel after standard costs" in page
+    assert report.run(folder).read_text(encoding="utf-8") == page
+
+
+def test_a_run_of_another_shot_is_refused_before_anything_is_tried(measured, tried, folder, tmp_path):
+    other = Shot(np.ones((8, 9, 1), np.float32), np.ones((2, 8, 9), np.float32), np.ones(2, np.float32))
+    write_shots(tmp_path / "other.h5", [other])
+    with pytest.raises(InputError, match="of another measurement"):
+        tradeoff.run(tmp_path / "other.h5", tmp_path / "out", most="10h", report=folder)
+    with pytest.raises(StorageError, match="cannot be read"):
+        tradeoff.run(measured, tmp_path / "out", most="10h", report=tmp_path)
+    assert tried == []
+    assert not (folder / "tradeoff.json").exists()
+
+
+def test_a_damaged_record_in_the_run_is_made_anew(measured, tried, folder, tmp_path):
+    (folder / "tradeoff.json").write_text("{")
+    tradeoff.run(measured, tmp_path / "out", knobs=("preset",), most="10h", report=folder)
+    assert "What accuracy costs" in report.run(folder).read_text(encoding="utf-8")

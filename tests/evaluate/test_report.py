@@ -113,7 +113,17 @@ def test_a_written_report_reads_back(tmp_path):
     assert read_report(tmp_path)["gaussians"] == 5
 
 
-@pytest.mark.parametrize("content", [None, "", '{"schema": "gs2ci.rep', '{"schema": "gs2ci.report/9"}', "[1, 2]"])
+@pytest.mark.parametrize(
+    "content",
+    [
+        None,
+        "",
+        '{"schema": "gs2ci.rep',
+        '{"schema": "gs2ci.report/9"}',
+        "[1, 2]",
+        pytest.param("[" * 100_000, id="deep"),
+    ],
+)
 def test_a_report_that_is_missing_cut_short_or_another_is_refused(tmp_path, content):
     if content is not None:
         (tmp_path / REPORT_NAME).write_text(content)

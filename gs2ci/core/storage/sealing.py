@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Final
 
 from gs2ci.core.errors import StorageError
+from gs2ci.core.json_text import parse_json
 
 MANIFEST_SCHEMA: Final = "gs2ci.manifest/1"
 PARTIAL: Final = ".partial"
@@ -89,7 +90,7 @@ def check_manifest(path: Path) -> None:
     """
     manifest = manifest_of(path)
     try:
-        record = json.loads(manifest.read_text(encoding="utf-8"))
+        record = parse_json(manifest.read_text(encoding="utf-8"))
         digest, size = _hash(path)
     except (OSError, ValueError) as error:
         raise StorageError(f"{manifest}: cannot be checked: {error}", remedy="copy file and manifest again") from error

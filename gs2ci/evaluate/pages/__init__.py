@@ -8,6 +8,7 @@
     next_steps.py   what a run's evidence says to try next: the rules
     run_evidence.py what a run folder holds, read as from a stranger
     run_pictures.py which pictures a run's page shows
+    tradeoff_section.py  what accuracy costs: its section of a run's page
     run_page.py     the page of a run
     templates/      the HTML, CSS and JavaScript, by hand
 

@@ -40,6 +40,7 @@ class Line:
         dots: Draw the points.
         dashed: Dash the line.
         names: Of the points, written beside them; empty, or [K].
+        titles: Of the points, said when one is pointed at; empty, or [K]: then the names, else the label.
     """
 
     label: str
@@ -50,6 +51,12 @@ class Line:
     dots: bool = True
     dashed: bool = False
     names: Sequence[str] = ()
+    titles: Sequence[str] = ()
+
+    @property
+    def style(self) -> Literal["line", "dashed", "dots"]:
+        """Get how the legend shows it."""
+        return "dots" if not self.joined else "dashed" if self.dashed else "line"
 
 
 @dataclass(frozen=True)
@@ -245,9 +252,12 @@ def _dots(
     line: Line, kept: Sequence[tuple[float, float]], x: _Axis, y: _Axis, chart: Chart
 ) -> list[tuple[float, float, str, str]]:
     """Place dots: x, y, the name beside it, what it says when pointed at."""
-    names = list(line.names) if len(line.names) == len(line.x) else [""] * len(line.x)
-    kept_names = [n for n, p in zip(names, zip(line.x, line.y, strict=True), strict=True) if _drawable(p, chart)]
+    names, titles = (
+        list(given) if len(given) == len(line.x) else [""] * len(line.x) for given in (line.names, line.titles)
+    )
+    points = zip(line.x, line.y, names, titles, strict=True)
+    said = [(name, title) for a, b, name, title in points if _drawable((a, b), chart)]
     return [
-        (x.place(a), y.place(b), name, f"{name or line.label}: {describe_number(a)}, {describe_number(b)}")
-        for (a, b), name in zip(kept, kept_names, strict=True)
+        (x.place(a), y.place(b), name, f"{title or name or line.label}: {describe_number(a)}, {describe_number(b)}")
+        for (a, b), (name, title) in zip(kept, said, strict=True)
     ]

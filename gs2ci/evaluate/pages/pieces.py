@@ -102,17 +102,21 @@ def figure(picture: bytes | Markup, alt: str, *, caption: str = "") -> Markup:
     return piece("picture_figure", picture=Picture(picture, kind), alt=alt, caption=caption)
 
 
-def chart(drawn: Chart, *, caption: str = "") -> Markup:
-    """Set a chart, drawn once for wide and once for narrow pages, with its numbers in a fold below."""
-    headings, rows = chart_table(drawn)
-    return piece(
-        "chart",
-        wide=chart_svg(drawn, 760, 320),
-        narrow=chart_svg(drawn, 340, 270),
-        legend=[(line.label, line.colour, line.dashed) for line in drawn.lines] if len(drawn.lines) > 1 else [],
-        numbers=table(headings, rows),
-        caption=caption,
-    )
+def chart(drawn: Chart, *, caption: str = "", tabled: bool = True) -> Markup:
+    """Set a chart, drawn once for wide and once for narrow pages.
+
+    Args:
+        drawn: It.
+        caption: Under it.
+        tabled: Whether its numbers stand below, in a fold.
+    """
+    parts = {
+        "wide": chart_svg(drawn, 760, 320),
+        "narrow": chart_svg(drawn, 340, 270),
+        "legend": [(line.label, line.colour, line.style) for line in drawn.lines] if len(drawn.lines) > 1 else [],
+        "caption": caption,
+    }
+    return piece("chart", numbers=table(*chart_table(drawn)), **parts) if tabled else piece("chart_frame", **parts)
 
 
 def spreads(rows: Sequence[Spread], title: str, *, caption: str = "") -> Markup:

@@ -1,10 +1,10 @@
 """What a run folder holds for its page, read as if from a stranger.
 
-Here: `RunEvidence` and its reading; `write_given`, the pictures and poses that the page needs of the shot. Not here:
-the page (`run_page.py`). Only `gs2ci.evaluate` and the view command import this file.
+Here: `RunEvidence` and its reading; `write_given`, the pictures and poses that the page needs of the shot; whether a
+run is of a shot. Not here: the trade-off that may lie beside it (`gs2ci.evaluate.tradeoff.record`), the page
+(`run_page.py`). Only `gs2ci.evaluate`, the view command and the tradeoff command import this file.
 """
 
-import json
 import math
 import zipfile
 from dataclasses import dataclass
@@ -14,7 +14,8 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from gs2ci.core.errors import Gs2ciError, StorageError
+from gs2ci.core.errors import Gs2ciError, InputError, StorageError
+from gs2ci.core.json_text import parse_json
 from gs2ci.core.records import F64, Shot
 from gs2ci.evaluate.cameras import poses_of_transforms
 from gs2ci.evaluate.pages.pictures import U8, to_eight_bit
@@ -60,9 +61,8 @@ class RunEvidence:
 
 def write_given(path: Path, shot: Shot) -> None:
     """Write what a page shows of the shot itself: 8-bit pictures of measurement and truth, poses."""
-    white = max(float(np.percentile(shot.measurement, WHITE_PERCENTILE)), 1e-6)
     arrays: dict[str, NDArray[Any] | None] = {
-        "measurement": to_eight_bit(shot.measurement / white),
+        "measurement": _shown_measurement(shot),
         "true_views": None if shot.truth.views is None else to_eight_bit(shot.truth.views),
         "true_world_to_camera": shot.truth.world_to_camera,
         "stage_world_to_camera": shot.telemetry_world_to_camera,
@@ -90,6 +90,34 @@ def read_evidence(folder: Path) -> RunEvidence:
         ) from error
 
 
+def check_same_shot(folder: Path, shot: Shot) -> None:
+    """Refuse a run folder that is not of this shot.
+
+    Raises:
+        InputError: Its run is of another measurement.
+        StorageError: It is no run folder, or a part of it is damaged.
+    """
+    evidence = read_evidence(folder)
+    same = evidence.views.shape[:3] == shot.masks.shape
+    if same and evidence.measurement is not None:
+        shown = _shown_measurement(shot)
+        same = evidence.measurement.shape == shown.shape and bool(
+            # One level is what another version's rounding may make of the same reading.
+            (np.abs(evidence.measurement.astype(np.int16) - shown) <= 1).all()
+        )
+    if not same:
+        raise InputError(
+            f"{folder} is a run of another measurement than {shot.name!r}",
+            allowed="a run that `gs2ci reconstruct` made of the same shot",
+            remedy="check the file and --index",
+        )
+
+
+def _shown_measurement(shot: Shot) -> U8:
+    white = max(float(np.percentile(shot.measurement, WHITE_PERCENTILE)), 1e-6)
+    return to_eight_bit(shot.measurement / white)
+
+
 def _read(folder: Path, report: dict[str, Any]) -> RunEvidence:
     views = _array(folder / "views.npy", axes=4)
     shape = views.shape
@@ -99,7 +127,7 @@ def _read(folder: Path, report: dict[str, Any]) -> RunEvidence:
     if depth is not None and depth.shape != shape[:3]:
         raise _contradiction(folder / "depth.npy", depth.shape, str(list(shape[:3])))
     path = folder / "cameras.json"
-    transforms = json.loads(path.read_text(encoding="utf-8"))
+    transforms = parse_json(path.read_text(encoding="utf-8"))
     given = _given(folder / GIVEN_NAME, shape)
     poses = _poses(path, poses_of_transforms(transforms), len(views))
     return RunEvidence(

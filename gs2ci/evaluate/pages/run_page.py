@@ -21,6 +21,8 @@ from gs2ci.evaluate.pages.next_steps import next_steps, outcome
 from gs2ci.evaluate.pages.pieces import Figure
 from gs2ci.evaluate.pages.run_evidence import RunEvidence, read_evidence
 from gs2ci.evaluate.pages.run_pictures import RunPictures, collect_pictures
+from gs2ci.evaluate.pages.tradeoff_section import tradeoff_section
+from gs2ci.evaluate.tradeoff.record import RECORD_NAME, TradeoffRecord, read_record
 from gs2ci.evaluate.wording import describe_number, describe_value, flat_rows, spoken_rows
 
 PAGE_NAME: Final = "report.html"
@@ -43,12 +45,12 @@ def write_run_page(folder: Path, destination: Path | None = None) -> Path:
         destination: The page's file; `report.html` in the folder if None.
 
     Raises:
-        StorageError: The folder is no whole run, or the disk refuses.
+        StorageError: The folder is no whole run, its record of a trade-off is damaged, or the disk refuses.
     """
-    evidence = read_evidence(folder)
+    evidence, tradeoff = read_evidence(folder), read_record(folder)
     try:
-        text = run_page(evidence)
-    except (LookupError, TypeError, AttributeError, ValueError, ArithmeticError) as error:
+        text = run_page(evidence, tradeoff)
+    except (LookupError, TypeError, AttributeError, ValueError, ArithmeticError, RecursionError) as error:
         # The arrays are checked; what is left is a report.json whose values are not what its schema says.
         raise StorageError(
             f"{Path(folder) / 'report.json'} does not hold what its schema promises: {type(error).__name__}: {error}",
@@ -57,8 +59,13 @@ def write_run_page(folder: Path, destination: Path | None = None) -> Path:
     return write_page(Path(folder) / PAGE_NAME if destination is None else destination, text)
 
 
-def run_page(evidence: RunEvidence) -> str:
-    """Build the page of a run."""
+def run_page(evidence: RunEvidence, tradeoff: TradeoffRecord | None = None) -> str:
+    """Build the page of a run.
+
+    Args:
+        evidence: What its folder holds.
+        tradeoff: What accuracy costs for its shot, where `gs2ci tradeoff --report` has left that.
+    """
     report = evidence.report
     pictures = collect_pictures(evidence)
     first = [
@@ -69,15 +76,18 @@ def run_page(evidence: RunEvidence) -> str:
         Section("Quality against time", _curve(report), f"The fit ended: {report['stopped_because']}."),
         Section("Cost", _cost(report)),
     ]
+    if tradeoff is not None:
+        first.append(tradeoff_section(tradeoff))
     plan = report["provenance"].get("plan")
     if isinstance(plan, Mapping) and isinstance(plan.get("effects"), Mapping):
         first.append(Section("Simulated effects", _plan(plan), _plan_lead(plan)))
+    files = FILES if tradeoff is None else (*FILES, (RECORD_NAME, "what accuracy costs, the figures"))
     last = [
         Section("Notes and doubts", pieces.sentences(report["notes"], empty="There is nothing to doubt or to add.")),
         Section("Measurement and calibration", _measurement(report)),
         Section("Settings", pieces.facts([*flat_rows(report["settings"]), ("seed", report["seed"])]), folded=True),
         Section("Environment", _environment(report), folded=True),
-        Section("Files", pieces.facts(FILES), "What else lies in this run's folder."),
+        Section("Files", pieces.facts(files), "What else lies in this run's folder."),
     ]
     shown = [section for section in (*first, *last) if section.body]
     return page(str(report["name"]), shown, masthead=_masthead(report), eyebrow=f"{report['name']} · gs2ci run")
@@ -208,7 +218,7 @@ def _path(evidence: RunEvidence) -> Markup:
         "chart_frame",
         wide=path_svg(paths, 760, unit=unit),
         narrow=path_svg(paths, 340, unit=unit),
-        legend=[(name, path_colour(name), name == "stage") for name in names],
+        legend=[(name, path_colour(name), "dashed" if name == "stage" else "line") for name in names],
         caption="Seen from above; the cameras look up the page.",
     )
     errors = report["trajectory"] or {}

@@ -4,6 +4,7 @@
     shrinking.py  a shot at a fraction of its resolution, and its views back at full size
     front.py      which trials no other beats, and what the next decibel costs, in words
     pages.py      CSV, picture, and a section in markdown
+    record.py     tradeoff.json: what a run's page shows of it, kept in the run folder
 
 `gs2ci.commands` imports this package.
 """

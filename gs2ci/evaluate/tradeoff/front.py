@@ -7,14 +7,14 @@ Not here: the trials (`trials.py`), files (`pages.py`). For this package.
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Final, Literal
+from typing import Final
 
 from scipy.stats import kendalltau
 
 from gs2ci.core.durations import spoken_duration
+from gs2ci.evaluate.tradeoff.record import Measure
 from gs2ci.evaluate.tradeoff.trials import BASELINE, Row
 
-Measure = Literal["psnr_db", "heldout_db"]
 # Less than the spread over seeds: not worth a sentence of its own.
 NEGLIGIBLE_DB: Final = 0.05
 _LEAST_TO_ORDER: Final = 3

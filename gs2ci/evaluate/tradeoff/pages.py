@@ -1,12 +1,13 @@
-"""The trials of a shot as CSV, as a picture, and as a section in markdown for the report.
+"""The trials of a shot as CSV, as a picture, as a section in markdown, and as the record of which a page is made.
 
-Here: the layout. Not here: what is said (`front.py`), what was tried (`trials.py`). The commands import this file.
+Here: the layout. Not here: what is said (`front.py`), what was tried (`trials.py`), the section of a run's page
+(`gs2ci.evaluate.pages.tradeoff_section`). The commands import this file.
 """
 
 import csv
 import io
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Final
 
@@ -16,14 +17,14 @@ from matplotlib.lines import Line2D
 from gs2ci.core.durations import spoken_duration
 from gs2ci.core.errors import StorageError
 from gs2ci.evaluate.environment import machine, versions
-from gs2ci.evaluate.tradeoff.front import Measure, measure_of, pareto, sentences
+from gs2ci.evaluate.tradeoff.front import measure_of, pareto, sentences
+from gs2ci.evaluate.tradeoff.record import HEADINGS, TITLES, TradeoffRecord, Tried
 from gs2ci.evaluate.tradeoff.trials import KNOBS, Row
 
 COLUMNS: Final = (
     "trial", "knob", "seconds", "psnr_db", "ssim", "nate", "heldout_db", "iterations", "gaussians", "verdict",
     "stopped_because", "error",
 )  # fmt: skip
-TITLES: Final[dict[Measure, str]] = {"psnr_db": "PSNR, dB", "heldout_db": "held-out pixels, dB"}
 # Told apart by those who see no red and green, too (Okabe and Ito 2008); the ladder is black.
 _COLOURS: Final = ("#000000", "#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00")
 
@@ -78,24 +79,35 @@ def as_csv(rows: Sequence[Row]) -> str:
     return text.getvalue()
 
 
-def markdown(found: Tradeoff) -> str:
-    """Write the section: what it costs in words, then the table, the front in bold."""
-    here = machine()
-    parts = [f"## What accuracy costs: {found.name}", ""]
-    parts += [f"{sentence}" for sentence in spoken(found)]
-    parts += [
-        "",
-        f"`{found.command}`; {here['processor']}, {here['usable_cores']} cores, gs2ci {versions()['gs2ci']}.",
-        "",
-    ]
+def record_of(found: Tradeoff) -> TradeoffRecord:
+    """Return what a page needs of it, in plain values, with the machine on which the trials ran."""
     measure = measure_of(found.good)
     front = [] if measure is None else [row["trial"] for row in pareto(found.good, measure)]
-    parts += ["| | s | PSNR, dB | SSIM | nATE | held-out, dB | iterations | Gaussians |", "|---|" + "---:|" * 7]
-    for row in found.good:
-        name = f"**{row['trial']}**" if row["trial"] in front else str(row["trial"])
-        cells = [_cell(row, *column) for column in (("psnr_db", 2), ("ssim", 4), ("nate", 4), ("heldout_db", 2))]
-        counts = [f"{row['iterations']}", f"{row['gaussians']}"]
-        parts.append(f"| {name} | {row['seconds']:.1f} | " + " | ".join([*cells, *counts]) + " |")
+    return TradeoffRecord(
+        name=found.name,
+        measure=measure,
+        sentences=tuple(spoken(found)),
+        trials=tuple(_tried(row, unbeaten=row["trial"] in front) for row in found.good),
+        command=found.command,
+        machine=machine(),
+        versions=versions(),
+    )
+
+
+def _tried(row: Row, *, unbeaten: bool) -> Tried:
+    figures: Row = {field.name: row[field.name] for field in fields(Tried) if field.name in row}
+    return Tried(**figures, unbeaten=unbeaten)
+
+
+def markdown(found: Tradeoff) -> str:
+    """Write the section: what it costs in words, then the table, the front in bold."""
+    record = record_of(found)
+    made = f"{record.machine['processor']}, {record.machine['usable_cores']} cores, gs2ci {record.versions['gs2ci']}"
+    parts = [f"## What accuracy costs: {record.name}", "", *record.sentences, "", f"`{record.command}`; {made}.", ""]
+    parts += ["| " + " | ".join(HEADINGS) + " |", "|---|" + "---:|" * (len(HEADINGS) - 1)]
+    for trial in record.trials:
+        name = f"**{trial.trial}**" if trial.unbeaten else trial.trial
+        parts.append("| " + " | ".join([name, *trial.cells]) + " |")
     return "\n".join(parts).rstrip() + "\n"
 
 
@@ -141,7 +153,3 @@ def _key(row: Row, number: int) -> Line2D:
     knob = KNOBS.index(row["knob"])
     marker, colour = "o" if knob == 0 else "D", _COLOURS[knob % len(_COLOURS)]
     return Line2D([], [], linestyle="", marker=marker, color=colour, label=f"{number}  {row['trial']}")
-
-
-def _cell(row: Row, key: str, digits: int) -> str:
-    return "–" if row.get(key) is None else f"{row[key]:.{digits}f}"

@@ -20,8 +20,8 @@ class PoseSettings:
 
     Args:
         refine: Whether they are refined at all.
-        every: Gradients are accumulated over this many iterations before a step. The paper takes 25; 5 gave +0.5 dB
-            on short schedules (`docs/method.md`).
+        every: Gradients are accumulated over this many iterations before a step. The paper takes 25; on schedules
+            of a few hundred iterations 5 gave 0.5 dB more.
         rate: Initial step size of Adam, in radians and in units of the median depth.
         final_rate: Step size at the end; exponential in between.
     """

@@ -8,7 +8,6 @@ Both formats name pictures, and list them in any order; a coded measurement know
 taken in the natural order of the names: view_2 before view_10.
 """
 
-import json
 import re
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,6 +17,7 @@ import numpy as np
 import pycolmap
 
 from gs2ci.core.errors import InputError
+from gs2ci.core.json_text import parse_json
 from gs2ci.core.records import F64, check_intrinsics
 
 # nerfstudio and OpenGL look along −z with y up; OpenCV and COLMAP look along +z with y down.
@@ -116,7 +116,7 @@ def _colmap(folder: Path, size: tuple[int, int]) -> CameraFile:
 
 def _transforms(path: Path, size: tuple[int, int]) -> CameraFile:
     try:
-        held = json.loads(path.read_text())
+        held = parse_json(path.read_text())
         frames = sorted(held["frames"], key=lambda frame: _natural(frame["file_path"]))
         camera_to_world = np.array([frame["transform_matrix"] for frame in frames], np.float64).reshape(-1, 4, 4)
         width, height = int(held.get("w", size[1])), int(held.get("h", size[0]))

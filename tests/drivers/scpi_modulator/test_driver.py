@@ -155,7 +155,7 @@ def test_a_sequence_without_end_is_not_waited_for_beyond_the_deadline(bench: Ben
 def test_another_protocol_version_is_refused(bench: Bench) -> None:
     bench.reopen()
     bench.twin._commands["SYST:VERS?"] = lambda _: "GS2CI-MOD,9"
-    with pytest.raises(UnsupportedError, match=r"GS2CI-MOD,9.*allowed: GS2CI-MOD,1.*docs/scpi-modulator"):
+    with pytest.raises(UnsupportedError, match=r"GS2CI-MOD,9.*allowed: GS2CI-MOD,1.*docs/scpi-modulator.md"):
         bench.lcos.connect()
 
 

@@ -22,6 +22,8 @@ import numpy as np
 import pytest
 
 from gs2ci.evaluate import run_folder
+from gs2ci.evaluate.pages.run_page import write_run_page
+from gs2ci.evaluate.tradeoff.record import TradeoffRecord, Tried, write_record
 
 NAMES = ("chromium", "chromium-browser", "chrome-headless-shell", "google-chrome", "google-chrome-stable")
 PATIENCE_S = 60.0
@@ -148,8 +150,8 @@ def write_quickly() -> Callable[..., Path]:
 
 
 @pytest.fixture(scope="session")
-def whole_run(tmp_path_factory, make_run, scene, write_quickly) -> Path:
-    """A run folder with everything in it: truth, the stage's poses, a simulation plan. Not to be changed."""
+def whole_run(tmp_path_factory, make_run, scene, write_quickly, tradeoff_record) -> Path:
+    """A run folder with everything in it: truth, stage's poses, simulation plan, trade-off. Not to be changed."""
     shot, result = make_run(count=8, size=(48, 64))
     effect = {"bound_rms_dn": 19.7, "simulated": True, "why": "exceeds its share", "sampling": ""}
     plan = {"tolerance_dn": 1.0, "error_dn": 0.8, "views": 60, "effects": {"shot_noise": effect}}
@@ -168,7 +170,29 @@ def whole_run(tmp_path_factory, make_run, scene, write_quickly) -> Path:
         "focal_px": 70.4,
         "focal_source": "estimated",
     }
-    return write_quickly(tmp_path_factory.mktemp("whole") / "run", shot, replace(result, geometry=geometry), scene)
+    folder = write_quickly(tmp_path_factory.mktemp("whole") / "run", shot, replace(result, geometry=geometry), scene)
+    write_record(folder, tradeoff_record)
+    write_run_page(folder)
+    return folder
+
+
+@pytest.fixture(scope="session")
+def tradeoff_record() -> TradeoffRecord:
+    """What a trade-off may have left: three trials of the front, and one that is none."""
+    return TradeoffRecord(
+        "a shot",
+        "psnr_db",
+        ("Decode: 24.00 dB in 1 s, the quickest of all.", "half the resolution failed: too small"),
+        (
+            Tried("decode", "preset", 1.0, 24.0, 0.9, None, 20.0, 0, 0, unbeaten=True),
+            Tried("draft", "preset", 12.0, 29.5, 0.93, 0.02, 20.5, 200, 4000, unbeaten=True),
+            Tried("standard", "preset", 60.0, 31.0, 0.95, 0.01, 21.0, 1000, 5000, unbeaten=True),
+            Tried("100 iterations", "iterations", 70.0, 28.0, 0.92, 0.02, 20.2, 100, 4500, unbeaten=False),
+        ),
+        "gs2ci tradeoff shot.h5",
+        {"processor": "a processor", "usable_cores": 4},
+        {"gs2ci": "1.0"},
+    )
 
 
 @pytest.fixture

@@ -109,3 +109,14 @@ def test_spreads_reach_from_mean_minus_to_mean_plus_spread():
 def test_spreads_of_nothing_are_refused(rows):
     with pytest.raises(InputError, match="chart of spreads"):
         spreads_svg(rows, "dB", 340)
+
+
+def test_a_cloud_s_points_say_their_titles_and_only_named_ones_are_large():
+    cloud = Line("tried", [1, 2, 3], [5, 6, 7], joined=False, names=["", "2", ""], titles=["one", "two", "three"])
+    drawn = str(chart_svg(Chart([cloud], "s", "dB", "dots"), 400, 200))
+    assert re.findall(r'r="(\d)"><title>([^<]*)</title>', drawn) == [
+        ("3", "one: 1, 5"),
+        ("5", "two: 2, 6"),
+        ("3", "three: 3, 7"),
+    ]
+    assert cloud.style == "dots"

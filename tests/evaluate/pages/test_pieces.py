@@ -58,6 +58,13 @@ def test_a_chart_comes_twice_with_its_numbers_and_a_legend_where_there_are_lines
     assert text.count("<li>") == 2
     assert re.search(r"<details.*>one<.*>two<", text, re.DOTALL)
     assert "<li>" not in pieces.chart(Chart(two[:1], "x", "y", "alt"))
+    assert "<details" not in pieces.chart(Chart(two, "x", "y", "alt"), tabled=False)
+
+
+def test_a_legend_shows_lines_as_lines_and_clouds_as_dots():
+    ways = [Line("a", [1, 2], [3, 4]), Line("b", [1, 2], [3, 4], dashed=True), Line("c", [1, 2], [3, 4], joined=False)]
+    legend = re.findall(r"<li>.*?<(line|circle)[^>]*class=\"([a-z ]*)\"", pieces.chart(Chart(ways, "x", "y", "alt")))
+    assert legend == [("line", "line accent"), ("line", "line accent dashed"), ("circle", "mark accent")]
 
 
 def test_parts_of_a_whole_are_named_and_counted():

@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gs2ci.core.errors import StorageError
+from gs2ci.core.errors import InputError, StorageError
 from gs2ci.evaluate.pages import run_evidence as module
-from gs2ci.evaluate.pages.run_evidence import read_evidence, write_given
+from gs2ci.evaluate.pages.run_evidence import check_same_shot, read_evidence, write_given
 
 
 def test_what_was_written_reads_back(whole_run, make_run):
@@ -134,3 +134,24 @@ def test_a_report_of_something_else_is_refused(own_run, content):
     (own_run / "report.json").write_text(content, encoding="latin-1")
     with pytest.raises(StorageError, match=r"report\.json"):
         read_evidence(own_run)
+
+
+@pytest.fixture
+def same_shot(make_run):
+    """The shot of `whole_run`."""
+    return make_run(count=8, size=(48, 64))[0]
+
+
+def test_a_run_is_known_for_that_of_its_shot(own_run, same_shot):
+    check_same_shot(own_run, same_shot)
+    (own_run / "given.npz").unlink()  # as in a folder of an older version
+    check_same_shot(own_run, same_shot)
+
+
+def test_a_run_of_another_shot_is_refused(own_run, same_shot, make_run):
+    other = replace(same_shot, measurement=same_shot.measurement[::-1].copy())
+    for shot in (other, make_run(count=7, size=(48, 64))[0], make_run(count=8, size=(48, 64), channels=1)[0]):
+        with pytest.raises(InputError, match="of another measurement"):
+            check_same_shot(own_run, shot)
+    with pytest.raises(StorageError, match="cannot be read"):
+        check_same_shot(own_run / "views", same_shot)

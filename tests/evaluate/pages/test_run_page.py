@@ -40,6 +40,7 @@ def test_the_page_of_a_whole_run_has_all_its_sections_in_order(text):
         "Camera path",
         "Quality against time",
         "Cost",
+        "What accuracy costs",
         "Simulated effects",
         "Notes and doubts",
         "Measurement and calibration",
@@ -200,6 +201,15 @@ def test_a_report_that_lies_about_its_kinds_gives_a_page_or_one_typed_error(
         except Exception as error:
             pytest.fail(f"{path}: {error!r}")
     assert refused > 50
+
+
+def test_a_report_that_nests_too_deep_is_refused(own_run, evidence, monkeypatch):
+    settings = {}
+    for _ in range(5000):
+        settings = {"deeper": settings}
+    monkeypatch.setattr(module, "read_evidence", lambda _: without(evidence, settings=settings))
+    with pytest.raises(StorageError, match="RecursionError"):
+        write_run_page(own_run)
 
 
 def test_what_is_no_run_is_refused(tmp_path):
