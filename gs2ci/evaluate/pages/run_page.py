@@ -116,13 +116,24 @@ def _how_good(report: Mapping[str, Any]) -> list[str]:
             f"On the pixels that no stage had seen, the prediction is off by {own:.3f} of a view's full scale; "
             f"the decode's by {decode:.3f}."
         )
-    kind = {
-        "refined": "The views are the scene's, refined by what it left unexplained.",
-        "scene": "The views are the scene's own.",
-        "decode": "The views are the decode's: held-out pixels favour it over the scene.",
-    }
-    said.append(kind[report["verdict"]])
+    said.append(_where_from(report))
     return said
+
+
+def _where_from(report: Mapping[str, Any]) -> str:
+    """Say whose views are shown, and how far several fits agree on them."""
+    if report["verdict"] == "scene":
+        return "The views are the scene's own."
+    if report["verdict"] == "decode":
+        return "The views are the decode's: held-out pixels favour it over the scene."
+    ensemble = report.get("ensemble") or {}  # runs of earlier versions have none
+    averaged = ensemble.get("averaged", 1)
+    if averaged == 1:
+        return "The views are the scene's, refined by what it left unexplained."
+    return (
+        f"The views are the mean of {averaged} fits, refined by what it left unexplained; the fits are "
+        f"{ensemble['spread']:.3f} of a view's full scale from it. The scene is that of the best of them."
+    )
 
 
 def _figures(report: Mapping[str, Any]) -> list[Figure]:

@@ -1,3 +1,4 @@
+import html
 import json
 import re
 from dataclasses import replace
@@ -69,6 +70,21 @@ def test_it_tells_notes_settings_and_what_the_shot_was_simulated_with(text):
     assert "to within 0.8 DN rms" in text
     assert "simulated rig" in text
     assert "preset" in text
+
+
+@pytest.mark.parametrize(
+    ("verdict", "ensemble", "sentence"),
+    [
+        ("refined", {"fits": 3, "averaged": 3, "spread": 0.0123}, "mean of 3 fits, refined .* 0.012 of a view"),
+        ("refined", {"fits": 2, "averaged": 1, "spread": 0.0123}, "The views are the scene's, refined"),
+        ("refined", {}, "The views are the scene's, refined"),
+        ("scene", {"fits": 2, "averaged": 2, "spread": 0.0123}, "The views are the scene's own"),
+        ("decode", {"fits": 2, "averaged": 2, "spread": 0.0123}, "The views are the decode's"),
+    ],
+)
+def test_it_says_whose_views_are_shown(evidence, verdict, ensemble, sentence):
+    page = run_page(without(evidence, verdict=verdict, ensemble=ensemble))
+    assert re.search(sentence, html.unescape(page))
 
 
 def test_nothing_comes_from_elsewhere(text):
