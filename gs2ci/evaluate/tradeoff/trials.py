@@ -112,8 +112,9 @@ def _rasteriser() -> list[Trial]:
     for every in (2, 4, 8):
         raster = replace(base.raster, relist_every=every)
         found.append(Trial(f"lists for {every} iterations", "list reuse", replace(base, raster=raster)))
-    for name, share in (("blending to the end", 0.0), ("blending to 1e-2 of the light", 1e-2)):
+    for share in (0.0, 0.01, 0.1):
         raster = replace(base.raster, termination_transmittance=share)
+        name = f"blending to {share:.0%} of the light" if share else "blending to the end"
         found.append(Trial(name, "precision", replace(base, raster=raster)))
     return found
 
