@@ -5,8 +5,8 @@
 Each case is reconstructed with lists made anew in every iteration, and kept for several, from some seeds, in turns.
 Printed are the PSNR of the views that are handed over and of the bare scene, the iteration at which held-out pixels
 would end the fit, and the processor time of one iteration, looks included, relative to fresh lists with the same seed
-(other load slows a clock on the wall, and this one hardly). All fits run their whole schedule here: that end comes early
-or late by chance, and would hide what lists do. The rasteriser alone is timed by `python -m tests.benchmarks
+(other load slows a clock on the wall, and this one hardly). All fits run their whole schedule here: that end comes
+early or late by chance, and would hide what lists do. The rasteriser alone is timed by `python -m tests.benchmarks
 rasteriser`.
 """
 
