@@ -10,6 +10,9 @@ with, so that both what is fixed and what grows are known:
     geometry  view-pixels × (fixed + planes of the sweep)
     fit       iterations × (view-pixels + views × Gaussians)
     a look    view-pixels
+
+Windows, and what the rasteriser may leave out (`RasterSettings`), are not in the model: settings that differ in these
+alone are predicted alike. Reusing lists of Gaussians makes an iteration up to a fifth cheaper than predicted.
 """
 
 import math

@@ -5,11 +5,13 @@ Here: `RasterSettings`. Not here: which renderer (`backend.py`), nor the image m
 """
 
 from dataclasses import dataclass
-
-import numpy as np
+from typing import Final
 
 from gs2ci.core.errors import InputError
 from gs2ci.render.conventions import TERMINATION_TRANSMITTANCE
+
+# Far beyond what pays: with wider ones every Gaussian is in every list, which takes memory like pixels × Gaussians.
+WIDEST_MARGIN_PX: Final = 64.0
 
 
 @dataclass(frozen=True)
@@ -39,9 +41,9 @@ class RasterSettings:
             raise InputError(
                 f"termination transmittance {self.termination_transmittance}", allowed="0 or more, below 1"
             )
-        if self.relist_every < 1 or not 0 <= self.list_margin_px < np.inf:
+        if self.relist_every < 1 or not 0 <= self.list_margin_px <= WIDEST_MARGIN_PX:
             raise InputError(
                 f"lists for {self.relist_every} renderings with a margin of {self.list_margin_px} px",
-                allowed="at least 1 rendering and a finite margin >= 0 px",
+                allowed=f"at least 1 rendering, and a margin of 0 to {WIDEST_MARGIN_PX:g} px",
             )
         return self

@@ -17,6 +17,7 @@ import torch
 
 BENCHMARKS = {
     "rasteriser": "tests.benchmarks.rasteriser",
+    "list_reuse": "tests.benchmarks.list_reuse",
     "simulated_capture": "tests.benchmarks.simulated_capture",
     "proxies": "tests.benchmarks.proxies",
     "decoders": "tests.benchmarks.decoders",
@@ -32,6 +33,7 @@ BENCHMARKS = {
 }
 
 LONG = (
+    "list_reuse",
     "scaling",
     "heldout_order",
     "mask_calibration",

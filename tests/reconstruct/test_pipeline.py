@@ -17,8 +17,13 @@ from gs2ci.reconstruct.decode.gap_tv import GapTvSettings
 from gs2ci.reconstruct.decode.residual import ResidualSettings
 from gs2ci.reconstruct.fit.coarse import CoarseSettings
 from gs2ci.reconstruct.fit.fine import FineSettings
+from gs2ci.reconstruct.fit.losses import LossWeights
 from gs2ci.reconstruct.fit.stopping import HoldOut
+from gs2ci.reconstruct.geometry.initialise import GeometrySettings
+from gs2ci.reconstruct.geometry.sweep import SweepSettings
+from gs2ci.reconstruct.geometry.tracks import TrackSettings
 from gs2ci.reconstruct.pipeline import Settings, reconstruct
+from gs2ci.render.settings import RasterSettings
 
 VIEWS, HEIGHT, WIDTH = 6, 48, 64
 FOCAL_PX = 60.0
@@ -309,6 +314,11 @@ def test_with_nothing_held_out_the_scene_is_taken_and_a_note_says_that_nothing_j
         Settings(fine=FineSettings(iterations=0)),
         Settings(fine=FineSettings(prior="onnx:absent.onnx")),
         Settings(fit=CoarseSettings(hold_out=HoldOut(share=float("nan")))),
+        Settings(fit=CoarseSettings(loss=LossWeights(window_px=10))),
+        Settings(geometry=GeometrySettings(sweep=SweepSettings(window_px=6))),
+        Settings(geometry=GeometrySettings(tracks=TrackSettings(window_px=20))),
+        Settings(raster=RasterSettings(relist_every=0)),
+        Settings(backend="reference", raster=RasterSettings(relist_every=4)),
     ],
 )
 def test_settings_that_make_no_sense_are_refused_before_any_work(shot, settings):
@@ -318,6 +328,16 @@ def test_settings_that_make_no_sense_are_refused_before_any_work(shot, settings)
 
     with pytest.raises(InputError):
         reconstruct(shot, settings, Listener())
+
+
+def test_what_the_renderer_may_leave_out_is_a_setting_and_in_the_record(shot):
+    short = replace(SHORT, fit=replace(SHORT.fit, iterations=20))
+    plain = reconstruct(shot, short).result
+    for raster in (RasterSettings(relist_every=4), RasterSettings(termination_transmittance=0.05)):
+        result = reconstruct(shot, replace(short, raster=raster)).result
+        assert result.settings["raster"]["relist_every"] == raster.relist_every
+        assert not np.array_equal(result.scene_views, plain.scene_views)
+        assert np.abs(result.scene_views - plain.scene_views).mean() < 0.02
 
 
 def test_a_shot_that_contradicts_itself_is_refused(shot):

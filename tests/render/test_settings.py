@@ -20,7 +20,9 @@ def test_a_termination_that_is_no_share_of_light_is_refused(termination):
         RasterSettings(termination_transmittance=termination).check()
 
 
-@pytest.mark.parametrize(("every", "margin_px"), [(0, 1.0), (-3, 1.0), (4, -0.1), (4, float("inf")), (4, float("nan"))])
+@pytest.mark.parametrize(
+    ("every", "margin_px"), [(0, 1.0), (-3, 1.0), (4, -0.1), (4, 65.0), (4, float("inf")), (4, float("nan"))]
+)
 def test_lists_for_no_rendering_or_without_a_margin_are_refused(every, margin_px):
     with pytest.raises(InputError, match=f"lists for {every} renderings"):
         RasterSettings(relist_every=every, list_margin_px=margin_px).check()

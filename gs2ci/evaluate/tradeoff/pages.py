@@ -28,6 +28,9 @@ COLUMNS: Final = (
 # Told apart by those who see no red and green, too (Okabe and Ito 2008); the ladder is black.
 _COLOURS: Final = ("#000000", "#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00")
 
+# One for each time that the colours have been through.
+_MARKERS: Final = ("D", "s", "^")
+
 
 @dataclass(frozen=True)
 class Tradeoff:
@@ -151,5 +154,5 @@ def draw(found: Tradeoff) -> Figure:
 def _key(row: Row, number: int) -> Line2D:
     """Return a line of the legend: the trial's number and name, in the colour of what it changes."""
     knob = KNOBS.index(row["knob"])
-    marker, colour = "o" if knob == 0 else "D", _COLOURS[knob % len(_COLOURS)]
+    marker, colour = "o" if knob == 0 else _MARKERS[knob // len(_COLOURS)], _COLOURS[knob % len(_COLOURS)]
     return Line2D([], [], linestyle="", marker=marker, color=colour, label=f"{number}  {row['trial']}")

@@ -58,16 +58,30 @@ class Trial:
 
 
 def _trials() -> dict[str, Trial]:
+    found = [*_ladder(), *_stages(), *_windows(), *_rasteriser()]
+    return {trial.name: trial for trial in found}
+
+
+def _ladder() -> list[Trial]:
+    """The presets, and what changes all of a standard's schedule or size."""
     base = PRESETS[BASELINE]
     found = [Trial("decode", "preset", base, fits=False)]
     found += [Trial(name, "preset", settings) for name, settings in PRESETS.items()]
     found.append(Trial("half the resolution", "resolution", base, shrink=2))
+    for fits in (1, 4):
+        found.append(Trial(f"{fits} fit{'s' if fits > 1 else ''}", "fits", replace(base, fits=fits)))
     for iterations in (100, 250, 500, 2000):
         changed = replace(base, fit=rescheduled(base.fit, iterations))
         found.append(Trial(f"{iterations} iterations", "iterations", changed))
-    for share in (0.1, 0.2, 0.8):
+    for share in (0.1, 0.5):
         changed = replace(base, fit=replace(base.fit, gaussians_per_pixel=share))
         found.append(Trial(f"{share:g} Gaussians per pixel", "population", changed))
+    return found
+
+
+def _stages() -> list[Trial]:
+    """What a single stage before the fit does."""
+    base, found = PRESETS[BASELINE], []
     for stride in (2, 5):
         found.append(Trial(f"first Gaussians every {stride} px", "start", replace(base, stride_px=stride)))
     for steps in (10, 160):
@@ -76,7 +90,35 @@ def _trials() -> dict[str, Trial]:
     for planes in (24, 192):
         geometry = replace(base.geometry, sweep=replace(base.geometry.sweep, planes=planes))
         found.append(Trial(f"{planes} depth planes", "depth planes", replace(base, geometry=geometry)))
-    return {trial.name: trial for trial in found}
+    return found
+
+
+def _windows() -> list[Trial]:
+    """The windows through which tracks, plane sweep and loss look: a narrower and a wider one each."""
+    base, found = PRESETS[BASELINE], []
+    for side in (11, 31):
+        geometry = replace(base.geometry, tracks=replace(base.geometry.tracks, window_px=side))
+        found.append(Trial(f"tracks through {side} px", "windows", replace(base, geometry=geometry)))
+    for side in (5, 11):
+        geometry = replace(base.geometry, sweep=replace(base.geometry.sweep, window_px=side))
+        found.append(Trial(f"sweep through {side} px", "windows", replace(base, geometry=geometry)))
+    for side in (5, 21):
+        fit = replace(base.fit, loss=replace(base.fit.loss, window_px=side))
+        found.append(Trial(f"similarity through {side} px", "windows", replace(base, fit=fit)))
+    return found
+
+
+def _rasteriser() -> list[Trial]:
+    """What the rasteriser may leave out; 1e-4 of the light, and no list used twice, are the standard."""
+    base, found = PRESETS[BASELINE], []
+    for every in (2, 4, 8):
+        raster = replace(base.raster, relist_every=every)
+        found.append(Trial(f"lists for {every} iterations", "list reuse", replace(base, raster=raster)))
+    for share in (0.0, 0.01, 0.1):
+        raster = replace(base.raster, termination_transmittance=share)
+        name = f"blending to {share:.0%} of the light" if share else "blending to the end"
+        found.append(Trial(name, "precision", replace(base, raster=raster)))
+    return found
 
 
 TRIALS: Final = _trials()
@@ -96,7 +138,10 @@ def chosen_trials(knobs: tuple[str, ...]) -> list[Trial]:
 
 
 def predicted_seconds(trial: Trial, model: CostModel) -> float:
-    """Predict what a trial takes by the unit costs of its shot; held-out pixels may end it earlier."""
+    """Predict what a trial takes by the unit costs of its shot; held-out pixels may end it earlier.
+
+    Unit costs are those of the standard's windows and rasteriser: trials that change these are priced like it.
+    """
     cost = model.predict(trial.settings)
     # A smaller image has fewer pixels and fewer Gaussians.
     return (cost.total if trial.fits else cost.decode) / trial.shrink**2

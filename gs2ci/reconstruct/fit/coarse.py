@@ -50,7 +50,7 @@ class CoarseSettings:
     densify_every: int = 100
     densify_from: float = 0.025
     densify_until: float = 0.75
-    gaussians_per_pixel: float = 0.4
+    gaussians_per_pixel: float = 0.25
     cap_from: float | None = None
     loss: LossWeights = field(default_factory=LossWeights)
     steps: StepSizes = field(default_factory=StepSizes)

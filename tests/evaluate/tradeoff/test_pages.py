@@ -5,6 +5,7 @@ import pytest
 
 from gs2ci.core.errors import StorageError
 from gs2ci.evaluate.tradeoff.pages import COLUMNS, Tradeoff, as_csv, draw, markdown, write_pages
+from gs2ci.evaluate.tradeoff.trials import KNOBS
 
 
 def row(trial, knob, seconds, psnr_db, **more):
@@ -60,3 +61,10 @@ def test_a_folder_that_cannot_be_made_is_a_clear_error(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(StorageError, match="cannot be written"):
         write_pages(tmp_path / "file", FOUND)
+
+
+def test_no_two_knobs_look_alike_in_the_picture():
+    rows = [row(f"{knob} turned", knob, 10.0 + k, 30.0 + k) for k, knob in enumerate(KNOBS)]
+    legend = draw(Tradeoff("a shot", rows)).axes[0].get_legend()
+    looks = {(handle.get_marker(), handle.get_color()) for handle in legend.legend_handles}
+    assert len(looks) == len(KNOBS)

@@ -10,6 +10,7 @@ from gs2ci.core.progress import Silent
 from gs2ci.reconstruct.fit.coarse import MAX_ROLLBACKS, CoarseSettings, fit_coarse
 from gs2ci.reconstruct.fit.density.classic import Classic
 from gs2ci.reconstruct.fit.density.osgr import Osgr
+from gs2ci.reconstruct.fit.losses import LossWeights
 from gs2ci.reconstruct.fit.optimiser import GaussianOptimiser
 from gs2ci.reconstruct.fit.pace import Fixed
 from gs2ci.reconstruct.fit.paper import paper_settings
@@ -19,6 +20,7 @@ from gs2ci.reconstruct.fit.start import first_gaussians
 from gs2ci.reconstruct.fit.stopping import HoldOut, Jury, choose_heldout
 from gs2ci.reconstruct.geometry.points import seed_points
 from gs2ci.render.cpu.backend import CpuBackend
+from gs2ci.render.settings import RasterSettings
 
 QUICK = CoarseSettings(iterations=60, densify_every=20, hold_out=HoldOut(share=0.05, look_every=10))
 UNJUDGED = HoldOut(share=0.0, look_every=10, patience=10**6, growth_patience=10**6)
@@ -55,6 +57,26 @@ class FaultyBackend(CpuBackend):
     def coded(self, *arguments):
         image = super().coded(*arguments)
         if self._when(next(self._calls)):
+            image.register_hook(lambda gradient: gradient * float("nan"))
+        return image
+
+
+class Watching(CpuBackend):
+    """Keeps lists, and remembers which population was rendered with which of them."""
+
+    def __init__(self, every, when_faulty=lambda call: False):
+        super().__init__(RasterSettings(relist_every=every))
+        self.given = []
+        self.populations = {}
+        self._when_faulty = when_faulty
+        self._calls = itertools.count()
+
+    def coded(self, scene, world_to_camera, intrinsics, coding, screen, reuse):
+        if reuse not in self.given:
+            self.given.append(reuse)
+        self.populations.setdefault(reuse, set()).add(scene.means.data_ptr())
+        image = super().coded(scene, world_to_camera, intrinsics, coding, screen, reuse)
+        if self._when_faulty(next(self._calls)):
             image.register_hook(lambda gradient: gradient * float("nan"))
         return image
 
@@ -273,6 +295,33 @@ def test_the_score_of_the_refined_views_is_reported_at_each_look(moving_plane):
     assert listener.steps[-1][1]["heldout"] == fit.curve[-1].heldout
 
 
+def test_every_population_has_lists_of_its_own(moving_plane):
+    backend = Watching(8)
+    fit, _ = run(moving_plane, backend=backend)
+    # The density rule has its turn at iterations 20 and 40.
+    assert len(backend.given) == 3
+    assert all(len(tensors) == 1 for tensors in backend.populations.values())
+    assert [reuse.listings for reuse in backend.given] == [3, 3, 3]
+    assert fit.curve[-1].iteration == 60
+
+
+def test_a_roll_back_makes_lists_anew(moving_plane):
+    backend = Watching(1000, when_faulty=lambda call: call == 10)
+    fit, _ = run(moving_plane, replace(QUICK, densify_every=1000), backend=backend)
+    assert len(fit.notes) == 1
+    assert [reuse.listings for reuse in backend.given] == [1, 1]
+
+
+def test_kept_lists_lead_to_as_low_a_loss(moving_plane, threads):
+    fresh, _ = run(moving_plane)
+    results = []
+    for count in (1, 2):
+        with threads(count):
+            results.append(run(moving_plane, backend=CpuBackend(RasterSettings(relist_every=4)))[0])
+    assert results[0].curve[-1].loss == pytest.approx(fresh.curve[-1].loss, rel=0.05)
+    np.testing.assert_array_equal(results[0].views, results[1].views)
+
+
 def test_one_bad_iteration_is_rolled_back_and_told(moving_plane):
     listener = Listener()
     fit, _ = run(moving_plane, backend=FaultyBackend(lambda call: call == 25), listener=listener)
@@ -315,7 +364,10 @@ def test_a_first_iteration_that_is_not_finite_is_an_error(moving_plane):
         run(moving_plane, backend=FaultyBackend(lambda call: call == 0))
 
 
-@pytest.mark.parametrize("settings", [{"iterations": 0}, {"densify_every": 0}, {"hold_out": HoldOut(share=2.0)}])
+@pytest.mark.parametrize(
+    "settings",
+    [{"iterations": 0}, {"densify_every": 0}, {"hold_out": HoldOut(share=2.0)}, {"loss": LossWeights(window_px=4)}],
+)
 def test_settings_that_make_no_sense_are_refused(moving_plane, settings):
     with pytest.raises(InputError):
         replace(CoarseSettings(), **settings).check()

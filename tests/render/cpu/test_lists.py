@@ -11,6 +11,7 @@ from gs2ci.core.errors import InputError
 from gs2ci.render.backend import Reuse
 from gs2ci.render.conventions import TERMINATION_TRANSMITTANCE
 from gs2ci.render.cpu.backend import CpuBackend
+from gs2ci.render.screen import ScreenStatistics
 from gs2ci.render.settings import RasterSettings
 
 # Where a cell stops is looked up after every eight entries of its list, and wide lists hold more: so results are
@@ -211,6 +212,22 @@ def test_masks_without_an_open_pixel_are_rendered_from_kept_lists(make):
     coding, reuse = backend.code(case.masks), backend.reuse()
     for _ in range(2):
         assert not any(value.any() for value in iterate(backend, case, coding, reuse))
+
+
+def test_what_is_listed_beside_the_frame_does_not_count_as_seen(make):
+    case = make(count=400, size=(16, 16))
+    records = []
+    for backend in (CpuBackend(NEVER), backend_of(4, margin_px=9.0)):
+        screen = ScreenStatistics.empty(400)
+        scene = case.scene.map(lambda t: t.detach().clone().requires_grad_())
+        coding = backend.code(case.masks)
+        backend.coded(scene, case.poses, case.intrinsics, coding, screen, backend.reuse()).sum().backward()
+        records.append(screen)
+    fresh_lists, wide_lists = records
+    assert (fresh_lists.sightings < 3).any()
+    assert torch.equal(wide_lists.sightings, fresh_lists.sightings)
+    assert torch.equal(wide_lists.gradient_sum, fresh_lists.gradient_sum)
+    assert torch.equal(wide_lists.radius_px, fresh_lists.radius_px)
 
 
 def test_threads_change_no_bit_with_kept_lists(make, change):
