@@ -18,8 +18,8 @@ from gs2ci.reconstruct.pipeline import Settings
 PresetName = Literal["draft", "standard", "fine", "paper"]
 PRESET_NAMES: Final = get_args(PresetName)
 
-# The step sizes of `CoarseSettings` are those of a schedule of so many iterations.
-_NATURAL_ITERATIONS: Final = 1000
+# The step sizes of `CoarseSettings` are those of its own schedule.
+_NATURAL_ITERATIONS: Final = CoarseSettings.iterations
 # Adam's step of a shorter schedule has to cover more: with steps as they are, 200 iterations reach 27.4 dB on one
 # scene, doubled 28.6. Beyond three the fit begins to scatter.
 _LARGEST_STRIDE: Final = 3.0
@@ -45,7 +45,7 @@ def rescheduled(fit: CoarseSettings, iterations: int) -> CoarseSettings:
 
 
 def _draft() -> Settings:
-    """A first look: fewer decode steps and planes, a fifth of the iterations, half of the Gaussians, one fit."""
+    """A first look: fewer decode steps and planes, a quarter of the iterations, fewer Gaussians, one fit."""
     base = Settings()
     return replace(
         base,

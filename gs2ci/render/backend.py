@@ -146,7 +146,7 @@ def load_backend(name: str = "cpu", settings: RasterSettings | None = None) -> B
         settings: What it may leave out; None takes the defaults.
 
     Raises:
-        InputError: There is none of that name, the settings make no sense, or it cannot do what they ask for.
+        InputError: There is none of that name, or the settings make no sense.
     """
     if name not in _BACKENDS:
         raise InputError(f"no rendering backend {name!r}", allowed=", ".join(sorted(_BACKENDS)))

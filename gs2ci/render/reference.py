@@ -173,7 +173,7 @@ class ReferenceCoding(Coding):
 class ReferenceBackend:
     """The definition behind the `Backend` interface; answers are float64.
 
-    It never stops early, which any termination transmittance permits.
+    It never stops early and takes nothing over from earlier renderings: settings permit both and demand neither.
 
     Args:
         settings: What may be left out; None takes the defaults.
@@ -182,19 +182,13 @@ class ReferenceBackend:
         margin: Of the last rendering, see `composite`; for coded sums over the open pixels only.
 
     Raises:
-        InputError: The settings make no sense, or ask for lists to be reused: it makes none.
+        InputError: The settings make no sense.
     """
 
     name = "reference"
 
     def __init__(self, settings: RasterSettings | None = None) -> None:
-        settings = (settings or RasterSettings()).check()
-        if settings.relist_every != 1:
-            raise InputError(
-                f"the reference backend asked to reuse lists for {settings.relist_every} renderings",
-                allowed="relist_every = 1",
-                remedy="take the cpu backend",
-            )
+        (settings or RasterSettings()).check()
         self.margin = float("inf")
 
     def code(self, masks: Tensor) -> ReferenceCoding:

@@ -73,7 +73,7 @@ def _reconstructed(case: Case, every: int, seed: int) -> Outcome:
     truth = shot.truth.views
     assert truth is not None
     fit = CoarseSettings(hold_out=HoldOut(patience=CoarseSettings.iterations))
-    settings = Settings(fit=fit, seed=seed, raster=RasterSettings(relist_every=every))
+    settings = Settings(fit=fit, fits=1, seed=seed, raster=RasterSettings(relist_every=every))
     clock = _FitClock()
     result = reconstruct(shot, settings, clock).result
     per_iteration_s = (time.process_time() - clock.fit_began_s) / result.curve[-1].iteration

@@ -40,9 +40,9 @@ def test_a_schedule_of_any_length_has_its_looks_and_turns(iterations):
 
 def test_shorter_schedules_take_longer_steps_within_bounds_and_leave_the_means_alone():
     natural = StepSizes()
-    steps = {n: rescheduled(CoarseSettings(), n).steps for n in (5, 250, 1000, 3000)}
-    assert steps[1000] == steps[3000] == natural
-    assert steps[250].colours == pytest.approx(2 * natural.colours)
+    steps = {n: rescheduled(CoarseSettings(), n).steps for n in (5, 200, 800, 3000)}
+    assert steps[800] == steps[3000] == natural
+    assert steps[200].colours == pytest.approx(2 * natural.colours)
     assert steps[5].colours == pytest.approx(3 * natural.colours)
     assert all(one.means == natural.means for one in steps.values())
 

@@ -34,10 +34,14 @@ def test_a_backend_refuses_settings_that_make_no_sense(name):
         load_backend(name, RasterSettings(relist_every=0))
 
 
-def test_the_reference_refuses_to_reuse_lists_but_takes_any_termination():
-    with pytest.raises(InputError, match=r"reference backend asked to reuse lists for 4 .*relist_every = 1"):
-        load_backend("reference", RasterSettings(relist_every=4))
-    assert load_backend("reference", RasterSettings(termination_transmittance=0.5)).name == "reference"
+def test_the_reference_makes_no_use_of_what_it_may_leave_out(make):
+    case = make(count=20, views=2, size=(8, 10), open_share=0.5)
+    images = []
+    for settings in (RasterSettings(), RasterSettings(termination_transmittance=0.5, relist_every=4)):
+        backend = load_backend("reference", settings)
+        coding, reuse = backend.code(torch.ones(2, 8, 10)), backend.reuse()
+        images.append(backend.coded(case.scene, case.poses, case.intrinsics, coding, reuse=reuse))
+    assert torch.equal(*images)
 
 
 def test_termination_bounds_what_a_pixel_loses(make):

@@ -46,7 +46,7 @@ class CoarseSettings:
         cap_from: Share of the schedule after which the population may not exceed what it is then; None for never.
     """
 
-    iterations: int = 1000
+    iterations: int = 800
     densify_every: int = 100
     densify_from: float = 0.025
     densify_until: float = 0.75

@@ -13,6 +13,7 @@ from gs2ci.reconstruct.fit.optimiser import StepSizes
 from gs2ci.reconstruct.fit.poses import PoseSettings
 from gs2ci.reconstruct.fit.stopping import HoldOut
 from gs2ci.reconstruct.pipeline import Settings
+from gs2ci.render.settings import RasterSettings
 
 _ITERATIONS: Final = 20_000
 _MOST_PER_PIXEL: Final = 4.0
@@ -39,4 +40,4 @@ def paper_settings() -> Settings:
         hold_out=HoldOut(share=0.0, look_every=1000, patience=_ITERATIONS, growth_patience=_ITERATIONS),
         density=Osgr(),
     )
-    return replace(Settings(), fit=fit, fits=1, second_density=None)
+    return replace(Settings(), fit=fit, fits=1, second_density=None, raster=RasterSettings())

@@ -60,7 +60,8 @@ def test_prices_follow_the_settings():
 @pytest.mark.parametrize(
     ("knob", "part", "expected"),
     [
-        ("list reuse", lambda s: s.raster.relist_every, [2, 4, 8]),
+        ("fits", lambda s: s.fits, [1, 4]),
+        ("list reuse", lambda s: s.raster.relist_every, [1, 8]),
         ("precision", lambda s: s.raster.termination_transmittance, [0.0, 0.01, 0.1]),
         ("windows", lambda s: s.geometry.tracks.window_px, [11, 31, 21, 21, 21, 21]),
         ("windows", lambda s: s.geometry.sweep.window_px, [7, 7, 5, 11, 7, 7]),
@@ -71,7 +72,7 @@ def test_a_knob_turns_the_setting_that_it_names(knob, part, expected):
     assert [part(trial.settings) for trial in TRIALS.values() if trial.knob == knob] == expected
 
 
-@pytest.mark.parametrize("name", ["lists for 4 iterations", "blending to 10% of the light", "sweep through 5 px"])
+@pytest.mark.parametrize("name", ["lists for 8 iterations", "blending to 10% of the light", "sweep through 5 px"])
 def test_a_turned_knob_still_gives_views(shot, name):
     row = tried(shot, quick(name), seed=1)
     assert 5 < row["psnr_db"] < 60
