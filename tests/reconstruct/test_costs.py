@@ -86,13 +86,13 @@ def test_the_population_grows_from_the_first_points_to_the_cap():
     counts = [MODEL.population(base, share) for share in (0, 0.2, 0.4, 0.8, 1)]
     assert counts == sorted(counts)
     assert counts[0] == pytest.approx(1.1 * 90_000 / 9)
-    assert counts[-1] == 0.4 * 90_000
+    assert counts[-1] == 0.25 * 90_000
 
 
 def test_fits_side_by_side_share_the_threads():
     def fit_s(fits, threads):
         model, settings = replace(MODEL, threads=threads), replace(PRESETS["standard"], fits=fits)
-        looks = 20 * MODEL.look
+        looks = 16 * MODEL.look
         return model.predict(settings).fit - looks
 
     alone = fit_s(1, 1)
