@@ -1,7 +1,7 @@
 """From one coded measurement to views, camera path and Gaussian scene: the whole way on one page.
 
-    hold out some pixels ─► decode ─► geometry ─► first Gaussians ─► coarse fit (─► fine fit) ─► residual
-    ─► judge by the held-out
+    hold out some pixels ─► decode ─► geometry ─► first Gaussians ─► coarse fits (─► fine fit) ─► their mean
+    ─► residual ─► judge by the held-out
 
 Here: the order, the clock, and the judgement. Not here: any stage itself; files and metrics (`gs2ci.evaluate`).
 The commands import this file.

@@ -6,8 +6,10 @@ it (`cases`).
 
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
+from itertools import count
 from typing import Any
 from unittest.mock import patch
+from weakref import WeakKeyDictionary
 
 import numpy as np
 import torch
@@ -27,12 +29,12 @@ def none() -> AbstractContextManager[Any]:
 
 def once(call: int) -> Strikes:
     """Strike at one call, counted from 0."""
-    return lambda count: count == call
+    return lambda number: number == call
 
 
 def ever_since(call: int) -> Strikes:
     """Strike at a call and at all later ones."""
-    return lambda count: count >= call
+    return lambda number: number >= call
 
 
 def gradient(value: float, strikes: Strikes) -> Fault:
@@ -72,13 +74,16 @@ def _spoil(result: tuple[float, np.ndarray], value: float) -> tuple[float, np.nd
 
 @contextmanager
 def _after(owner: type, method: str, strikes: Strikes, then: Callable[[Any, Any], Any]) -> Iterator[None]:
-    """Let `then` change object and result of a method's calls that are struck."""
+    """Let `then` change object and result of a method's calls that are struck.
+
+    Calls are counted for each object: fits run side by side, and each is struck at its own.
+    """
     whole = getattr(owner, method)
-    calls = iter(range(10**9))
+    calls: WeakKeyDictionary[Any, Iterator[int]] = WeakKeyDictionary()
 
     def faulty(self: Any, *args: Any, **keywords: Any) -> Any:
         result = whole(self, *args, **keywords)
-        return then(self, result) if strikes(next(calls)) else result
+        return then(self, result) if strikes(next(calls.setdefault(self, count()))) else result
 
     with patch.object(owner, method, faulty):
         yield
