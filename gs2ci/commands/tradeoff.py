@@ -51,7 +51,7 @@ def run(
         output: Folder for CSV, picture, section and the finished trials.
         index: Which shot of the file.
         knobs: What to vary, one thing at a time: preset (decode only, draft, standard, fine, paper), resolution,
-            iterations, population, start, "decode steps", "depth planes", windows, "list reuse", precision.
+            fits, iterations, population, start, "decode steps", "depth planes", windows, "list reuse", precision.
         most: Leave out what is expected to take longer than this, by costs measured on the shot beforehand.
         seed: Of every random draw.
         report: A run folder of the same shot: its report.html gets a section on what accuracy costs, and keeps it

@@ -13,9 +13,9 @@ import numpy as np
 # Seconds of an iteration, by the share of the schedule that is done.
 Costs = Callable[[float], float]
 
-# After the last look all that follows takes about as long as this many: views refined by the pixels that were seen,
-# then by all of them, the scene rendered for views and for depth.
-LOOKS_AFTERWARDS: Final = 3
+# After the last look all that follows takes about as long as this many: the views of two fits and their mean refined by
+# the pixels that were seen, then by all of them, the scene rendered for views and for depth.
+LOOKS_AFTERWARDS: Final = 4
 _REVIEW_EVERY: Final = 10
 # The latest iterations know the machine's load, all before them are the surer mean.
 _TRUST_IN_THE_LATEST: Final = 0.5
