@@ -68,6 +68,8 @@ class RunResult:
         geometry: Summary of the geometry stage: method, tracks, reprojection error, focal length and its origin.
         ensemble: How many fits there were, how many of them the refined views are the mean of, and the
             root-mean-square difference of their views from the mean, in full scales.
+        disagreement: The same pixel by pixel, [N, H, W] float32: where the views are less to be trusted than elsewhere;
+            None with one fit.
     """
 
     views: F32
@@ -88,6 +90,7 @@ class RunResult:
     heldout_rms: Mapping[Verdict, float | None]
     geometry: Mapping[str, Any] = field(default_factory=dict)
     ensemble: Mapping[str, float | int | None] = field(default_factory=dict)
+    disagreement: F32 | None = None
 
     def check(self) -> "RunResult":
         """Return self if all parts fit together and hold only finite numbers.
@@ -103,6 +106,7 @@ class RunResult:
             "views": (self.views, self.views.shape),
             "scene_views": (self.scene_views, self.views.shape),
             "depth": (self.depth, (n, height, width)),
+            "disagreement": (self.disagreement, (n, height, width)),
             "world_to_camera": (self.world_to_camera, (n, 4, 4)),
             "decode": (self.decode, self.views.shape),
             "predicted_measurement": (

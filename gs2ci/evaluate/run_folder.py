@@ -10,6 +10,7 @@
       decode.npy     what the decode alone gave, as views.npy
       scene_views.npy  what the Gaussians alone show, as views.npy
       depth.npy      [N, H, W] float32, scene units, 0 where nothing is seen; absent where no depth was found
+      disagreement.npy  [N, H, W] float32, full scale 1: where several fits differ; absent where there was one
       scene.ply      the Gaussians, 3DGS convention
       cameras.json   nerfstudio transforms
       colmap/sparse/0  the same cameras, and a thinned cloud of the Gaussians' centres
@@ -154,6 +155,8 @@ def _write_images(folder: Path, result: RunResult) -> None:
     np.save(folder / "scene_views.npy", _three_channels(result.scene_views))
     if result.depth is not None:
         np.save(folder / "depth.npy", result.depth.astype(np.float32))
+    if result.disagreement is not None:
+        np.save(folder / "disagreement.npy", result.disagreement.astype(np.float32))
     pictures = folder / "views"
     pictures.mkdir()
     for name, view in zip(view_names(len(result.views)), result.views, strict=True):

@@ -357,6 +357,7 @@ def _record(shot: Shot, settings: Settings, left: _Left, score: Score | None, se
         heldout_rms=recovered.heldout_rms,
         geometry={**_summary(geometry, settings), "moved": asdict(moved)},
         ensemble=left.ensemble.summary(),
+        disagreement=left.ensemble.disagreement,
     ).check()
 
 

@@ -99,6 +99,8 @@ def make_run() -> MakeRun:
             verdict="refined",
             heldout_rms={"refined": 0.021, "scene": 0.022, "decode": 0.058},
             geometry={"method": "small-motion", "tracks": 812},
+            ensemble={"fits": 2, "averaged": 2, "spread": 0.011},
+            disagreement=np.full((count, *size), 0.011, np.float32),
         )
         return shot, result
 

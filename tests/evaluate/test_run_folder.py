@@ -43,6 +43,7 @@ def test_a_run_folder_holds_all_its_parts_and_nothing_lies_beside_it(written):
         "decode.npy",
         "scene_views.npy",
         "depth.npy",
+        "disagreement.npy",
         "scene.ply",
         "cameras.json",
     }
@@ -55,6 +56,7 @@ def test_views_are_the_recovered_ones(written):
     np.testing.assert_array_equal(np.load(folder / "views.npy"), result.views)
     np.testing.assert_array_equal(np.load(folder / "decode.npy"), result.decode)
     np.testing.assert_array_equal(np.load(folder / "depth.npy"), result.depth)
+    np.testing.assert_array_equal(np.load(folder / "disagreement.npy"), result.disagreement)
     assert np.load(folder / "views.npy").dtype == np.float32
 
 
@@ -77,11 +79,14 @@ def test_mono_views_are_stored_thrice_and_pictured_grey(tmp_path, make_run, scen
 def test_where_the_decode_is_better_both_are_kept(tmp_path, make_run, scene):
     shot, result = make_run()
     folder = write_run(
-        tmp_path / "run", shot, replace(result, verdict="decode", views=result.decode, depth=None), scene
+        tmp_path / "run",
+        shot,
+        replace(result, verdict="decode", views=result.decode, depth=None, disagreement=None),
+        scene,
     )
     np.testing.assert_array_equal(np.load(folder / "views.npy"), result.decode)
     np.testing.assert_array_equal(np.load(folder / "scene_views.npy"), result.scene_views)
-    assert "depth.npy" not in names(folder)
+    assert not {"depth.npy", "disagreement.npy"} & names(folder)
 
 
 def test_cameras_are_those_of_nerfstudio(written):

@@ -38,6 +38,7 @@ class RunEvidence:
         decode: Decoded without a scene, the same shape.
         scene_views: Of the Gaussians alone, the same shape.
         depth: [N, H, W], 0 where nothing is seen; None where no depth was found.
+        disagreement: [N, H, W], how far several fits differ, full scale 1; None where there was one.
         world_to_camera: Recovered, [N, 4, 4], OpenCV axes.
         focal_y_px: Focal length along the columns.
         measurement: For the eye, [H, W, 1 or 3]; None in a folder without `given.npz`, as the rest below.
@@ -51,6 +52,7 @@ class RunEvidence:
     decode: NDArray[Any]
     scene_views: NDArray[Any]
     depth: NDArray[Any] | None
+    disagreement: NDArray[Any] | None
     world_to_camera: F64
     focal_y_px: float
     measurement: U8 | None = None
@@ -123,9 +125,6 @@ def _read(folder: Path, report: dict[str, Any]) -> RunEvidence:
     shape = views.shape
     if shape[3] != 3 or 0 in shape:
         raise _contradiction(folder / "views.npy", shape, "[N, H, W, 3]")
-    depth = _array(folder / "depth.npy", axes=3) if (folder / "depth.npy").is_file() else None
-    if depth is not None and depth.shape != shape[:3]:
-        raise _contradiction(folder / "depth.npy", depth.shape, str(list(shape[:3])))
     path = folder / "cameras.json"
     transforms = parse_json(path.read_text(encoding="utf-8"))
     given = _given(folder / GIVEN_NAME, shape)
@@ -135,11 +134,17 @@ def _read(folder: Path, report: dict[str, Any]) -> RunEvidence:
         views=views,
         decode=_like(folder / "decode.npy", shape),
         scene_views=_like(folder / "scene_views.npy", shape),
-        depth=depth,
+        depth=_map(folder / "depth.npy", shape),
+        disagreement=_map(folder / "disagreement.npy", shape),
         world_to_camera=poses,
         focal_y_px=_positive(path, transforms["fl_y"]),
         **given,
     )
+
+
+def _map(path: Path, shape: tuple[int, ...]) -> NDArray[Any] | None:
+    """Read a number for each pixel of each view, [N, H, W]; None where the folder holds no such file."""
+    return _like(path, shape[:3]) if path.is_file() else None
 
 
 def _given(path: Path, shape: tuple[int, ...]) -> dict[str, Any]:

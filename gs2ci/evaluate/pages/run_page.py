@@ -32,6 +32,7 @@ FILES: Final = (
     ("scene.ply", "the Gaussians, for any 3DGS viewer"),
     ("cameras.json, colmap/", "the cameras, for nerfstudio and COLMAP"),
     ("depth.npy", "distance along the optical axis, in scene units"),
+    ("disagreement.npy", "where several fits differ, full scale 1"),
     ("decode.npy, scene_views.npy", "the two candidates: without a scene, and the scene alone"),
     ("overview.png", "one picture of all this"),
 )
@@ -71,7 +72,7 @@ def run_page(evidence: RunEvidence, tradeoff: TradeoffRecord | None = None) -> s
     first = [
         Section("Views", _views(report, pictures), _views_lead(pictures)),
         Section("View by view", _per_view(report)),
-        Section("Depth and error", _maps(pictures)),
+        Section("Depth, error, disagreement", _maps(pictures)),
         Section("Camera path", _path(evidence), _path_lead(evidence)),
         Section("Quality against time", _curve(report), f"The fit ended: {report['stopped_because']}."),
         Section("Cost", _cost(report)),
@@ -211,11 +212,11 @@ def _maps(pictures: RunPictures) -> Markup:
             scale=found,
             pixelated=pictures.pixelated,
         )
-        for found in (pictures.depth, pictures.error)
+        for found in (pictures.depth, pictures.error, pictures.disagreement)
         if found is not None
     ]
     if not shown:
-        return pieces.paragraph("No depth was found, and the true views are not known.")
+        return pieces.paragraph("No depth was found, the true views are not known, and there was one fit.")
     views = [index + 1 for index in pictures.indices]
     return pieces.columns(*shown) + piece("picker", views=views, start=pictures.start, label="View")
 

@@ -64,6 +64,7 @@ class RunPictures:
         measurement: Or None where the folder does not hold it.
         depth: Or None where none was found.
         error: Or None where the truth is not known.
+        disagreement: Or None where there was one fit.
     """
 
     indices: Sequence[int]
@@ -75,6 +76,7 @@ class RunPictures:
     measurement: Picture | None
     depth: Map | None
     error: Map | None
+    disagreement: Map | None
 
     @property
     def all_shown(self) -> bool:
@@ -96,11 +98,18 @@ def collect_pictures(evidence: RunEvidence) -> RunPictures:
         stacks["truth"] = [evidence.true_views[i] for i in indices]
     if evidence.measurement is not None:
         stacks["measurement"] = [evidence.measurement]
-    depth, error = _depth(evidence, indices), _error(evidence, indices)
-    for name, found in (("depth", depth), ("error", error)):
-        if found is not None:
-            stacks[name] = found[0]
+    maps = {
+        "depth": _depth(evidence, indices),
+        "error": _error(evidence, indices),
+        "disagreement": _disagreement(evidence, indices),
+    }
+    stacks |= {name: found[0] for name, found in maps.items() if found is not None}
     encoded = encode_all(stacks)
+
+    def shown(name: str, label: str, caption: str) -> Map | None:
+        found = maps[name]
+        return None if found is None else Map(label, caption, encoded[name], scale_strip(name), found[1])
+
     return RunPictures(
         indices=indices,
         count=count,
@@ -109,13 +118,18 @@ def collect_pictures(evidence: RunEvidence) -> RunPictures:
         recovered=encoded["recovered"],
         layers=_layers(encoded, evidence.report["verdict"]),
         measurement=encoded["measurement"][0] if "measurement" in encoded else None,
-        depth=None if depth is None else Map("Depth", _DEPTH, encoded["depth"], scale_strip("depth"), depth[1]),
-        error=None if error is None else Map("Error", _ERROR, encoded["error"], scale_strip("error"), error[1]),
+        depth=shown("depth", "Depth", _DEPTH),
+        error=shown("error", "Error", _ERROR),
+        disagreement=shown("disagreement", "Disagreement", _DISAGREEMENT),
     )
 
 
 _DEPTH: Final = "Depth along the optical axis, in scene units, evenly coloured in its inverse; grey: nothing is seen."
 _ERROR: Final = "Error: mean over the colours of |recovered − true|, full scale 1."
+_DISAGREEMENT: Final = (
+    "How far the fits' views are from their mean, full scale 1: where it is high the measurement leaves more open, and "
+    "the error is larger than elsewhere; it says little of how large."
+)
 
 
 def _layers(encoded: dict[str, list[Picture]], verdict: str) -> list[Layer]:
@@ -150,10 +164,21 @@ def _depth(evidence: RunEvidence, indices: Sequence[int]) -> tuple[list[U8], lis
 def _error(evidence: RunEvidence, indices: Sequence[int]) -> tuple[list[U8], list[str]] | None:
     if evidence.true_views is None:
         return None
-    error = np.stack([_absolute_error(evidence.views[i], evidence.true_views[i]) for i in indices])
-    ceiling = max(float(np.percentile(error, 99.5)), LEAST_ERROR_CEILING)
+    return _from_zero(np.stack([_absolute_error(evidence.views[i], evidence.true_views[i]) for i in indices]), "error")
+
+
+def _disagreement(evidence: RunEvidence, indices: Sequence[int]) -> tuple[list[U8], list[str]] | None:
+    if evidence.disagreement is None:
+        return None
+    values = np.stack([evidence.disagreement[i] for i in indices]).astype(np.float64)
+    return _from_zero(np.nan_to_num(values), "disagreement")
+
+
+def _from_zero(values: NDArray[np.float64], name: str) -> tuple[list[U8], list[str]]:
+    """Colour what is better the smaller it is; one scale for all views, which begins at zero."""
+    ceiling = max(float(np.percentile(values, 99.5)), LEAST_ERROR_CEILING)
     ticks = [describe_number(float(f"{value:.2g}"), 2) for value in np.linspace(0, ceiling, TICKS)]
-    return list(colour(error, (0.0, ceiling), "error", empty=np.zeros(error.shape, bool))), ticks
+    return list(colour(values, (0.0, ceiling), name, empty=np.zeros(values.shape, bool))), ticks
 
 
 def _absolute_error(view: NDArray[Any], truth: U8) -> NDArray[np.float64]:

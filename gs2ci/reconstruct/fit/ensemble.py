@@ -18,6 +18,7 @@ from typing import Final
 import numba
 import numpy as np
 import torch
+from scipy.ndimage import gaussian_filter
 
 from gs2ci.core.errors import NumericsError
 from gs2ci.core.progress import Progress, Silent
@@ -34,6 +35,8 @@ _SCATTER: Final = 0.5
 make fits differ from the first iteration on, too little to spoil what the geometry found."""
 
 
+_NEIGHBOURHOOD_PX: Final = 1.0
+"""That a few fits agree in one pixel is often chance; over a few pixels it tells more of the error."""
 _LEFT_OUT: Final = "A companion of the fit was left out: {}."
 MOST_FITS: Final = 64
 """Each holds a scene and its optimiser's state; what more of them would gain is not worth the memory."""
@@ -190,14 +193,15 @@ class Ensemble:
         views: The mean of all fits' views, [N, H, W, C]; those of the best alone where held-out pixels say that it
             is better.
         averaged: How many fits the views are the mean of.
-        spread: Root-mean-square difference of the fits' views from their mean, in full scales; None with one fit.
+        disagreement: How far the fits' views are from their mean, root-mean-square over fits and colours and a few
+            neighbouring pixels, [N, H, W] float32 in full scales; None with one fit.
         others: The fits beside the best.
     """
 
     best: CoarseFit
     views: F32
     averaged: int = 1
-    spread: float | None = None
+    disagreement: F32 | None = None
     others: tuple[CoarseFit, ...] = ()
 
     @property
@@ -209,8 +213,9 @@ class Ensemble:
         return (*self.best.notes, *beside, *doubt)
 
     def summary(self) -> dict[str, float | int | None]:
-        """Return what a report says of it."""
-        return {"fits": 1 + len(self.others), "averaged": self.averaged, "spread": self.spread}
+        """Return what a report says of it; `spread` is the root-mean-square disagreement."""
+        spread = None if self.disagreement is None else float(np.sqrt(np.mean(self.disagreement**2, dtype=np.float64)))
+        return {"fits": 1 + len(self.others), "averaged": self.averaged, "spread": spread}
 
 
 def combined(fits: tuple[CoarseFit, ...], jury: Jury, refine: Refine) -> Ensemble:
@@ -224,16 +229,23 @@ def combined(fits: tuple[CoarseFit, ...], jury: Jury, refine: Refine) -> Ensembl
     if len(fits) == 1:
         return Ensemble(fits[0], fits[0].views)
     mean = np.stack([fit.views for fit in fits]).mean(axis=0, dtype=np.float64)
-    spread = float(np.sqrt(np.mean([np.mean((fit.views - mean) ** 2) for fit in fits])))
     together: F32 = np.asarray(mean, np.float32)
+    disagreement = _disagreement(fits, mean)
     if not jury.heldout.any():
-        return Ensemble(fits[0], together, len(fits), spread, fits[1:])
+        return Ensemble(fits[0], together, len(fits), disagreement, fits[1:])
     alone = [jury.squared_residuals(refine(fit.views)) for fit in fits]
     first = int(np.argmin([squared.mean() for squared in alone]))
     best, others = fits[first], (*fits[:first], *fits[first + 1 :])
     if surely_larger(jury.squared_residuals(refine(together)), alone[first]):
-        return Ensemble(best, best.views, 1, spread, others)
-    return Ensemble(best, together, len(fits), spread, others)
+        return Ensemble(best, best.views, 1, disagreement, others)
+    return Ensemble(best, together, len(fits), disagreement, others)
+
+
+def _disagreement(fits: tuple[CoarseFit, ...], mean: F64) -> F32:
+    squares = np.mean([np.mean((fit.views - mean) ** 2, axis=3) for fit in fits], axis=0)
+    smooth = gaussian_filter(squares, (0, _NEIGHBOURHOOD_PX, _NEIGHBOURHOOD_PX))
+    found: F32 = np.sqrt(smooth).astype(np.float32)
+    return found
 
 
 def surely_larger(one: F64, other: F64) -> bool:

@@ -116,7 +116,7 @@ def test_stepping_through_the_views_moves_everything_that_shows_one(tab, page, w
     assert tab.run("document.querySelector('.now').textContent").startswith("View 8: decode")
     assert tab.run("[...document.querySelectorAll('output')].map(e => e.textContent)") == ["8 of 8", "8 of 8"]
     maps = "[...document.querySelectorAll('.stack img')].filter(e => e.offsetParent).map(e => e.alt)"
-    assert tab.run(maps) == ["Depth, view 8", "Error, view 8"]
+    assert tab.run(maps) == ["Depth, view 8", "Error, view 8", "Disagreement, view 8"]
     marks = "[...document.querySelectorAll('.path .on title')].map(e => e.textContent)"
     assert set(tab.run(marks)) == {"recovered, view 8"}
 

@@ -44,7 +44,9 @@ def test_a_part_that_is_missing_is_one_typed_error(own_run, name):
         read_evidence(own_run)
 
 
-@pytest.mark.parametrize(("name", "field"), [("depth.npy", "depth"), ("given.npz", "true_views")])
+@pytest.mark.parametrize(
+    ("name", "field"), [("depth.npy", "depth"), ("disagreement.npy", "disagreement"), ("given.npz", "true_views")]
+)
 def test_a_part_that_may_be_missing_is_none(own_run, name, field):
     (own_run / name).unlink()
     assert getattr(read_evidence(own_run), field) is None
@@ -52,7 +54,17 @@ def test_a_part_that_may_be_missing_is_none(own_run, name, field):
 
 @pytest.mark.parametrize("keep", [0, 1, 40, 0.5, 0.999])
 @pytest.mark.parametrize(
-    "name", ["report.json", "views.npy", "decode.npy", "scene_views.npy", "depth.npy", "cameras.json", "given.npz"]
+    "name",
+    [
+        "report.json",
+        "views.npy",
+        "decode.npy",
+        "scene_views.npy",
+        "depth.npy",
+        "disagreement.npy",
+        "cameras.json",
+        "given.npz",
+    ],
 )
 def test_a_part_cut_short_is_one_typed_error(own_run, name, keep):
     path = own_run / name
@@ -73,6 +85,7 @@ def test_a_part_cut_short_is_one_typed_error(own_run, name, keep):
         ("scene_views.npy", np.zeros((8, 48, 63, 3), np.float32)),
         ("depth.npy", np.zeros((8, 48, 63), np.float32)),
         ("depth.npy", np.zeros((8, 48, 64, 1), np.float32)),
+        ("disagreement.npy", np.zeros((7, 48, 64), np.float32)),
     ],
 )
 def test_arrays_that_do_not_fit_together_are_refused(own_run, name, array):

@@ -37,7 +37,7 @@ def test_the_page_of_a_whole_run_has_all_its_sections_in_order(text):
     assert headings(text) == [
         "Views",
         "View by view",
-        "Depth and error",
+        "Depth, error, disagreement",
         "Camera path",
         "Quality against time",
         "Cost",
@@ -99,12 +99,18 @@ def test_what_the_run_does_not_know_is_left_out(evidence):
     unknown = without(evidence, psnr_db=None, ssim=None, trajectory=None, curve=[], notes=[], provenance={})
     unknown.report["scene"] = unknown.report["decode"] = {"psnr_db": None, "ssim": None}
     bare = replace(
-        unknown, depth=None, measurement=None, true_views=None, true_world_to_camera=None, stage_world_to_camera=None
+        unknown,
+        depth=None,
+        disagreement=None,
+        measurement=None,
+        true_views=None,
+        true_world_to_camera=None,
+        stage_world_to_camera=None,
     )
     page = run_page(bare)
     assert "View by view" not in headings(page)
     assert "Simulated effects" not in headings(page)
-    assert "No depth was found, and the true views are not known." in page
+    assert "No depth was found, the true views are not known, and there was one fit." in page
     assert "Nothing was fitted" in page
     assert "There is nothing to doubt or to add." in page
     assert "its unit is the scene's own" in page.replace("&#39;", "'")

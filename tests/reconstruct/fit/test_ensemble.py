@@ -194,8 +194,9 @@ def test_the_mean_of_fits_that_err_apart_is_nearer_the_truth(judged):
     together = combined(fits, jury, alike)
     assert together.averaged == 4
     assert np.abs(together.views - truth).std() < 0.06
-    assert together.spread == pytest.approx(0.1 * np.sqrt(3 / 4), rel=0.05)
-    assert together.summary() == {"fits": 4, "averaged": 4, "spread": together.spread}
+    summary = together.summary()
+    assert summary.pop("spread") == pytest.approx(0.1 * np.sqrt(3 / 4), rel=0.05)
+    assert summary == {"fits": 4, "averaged": 4}
     np.testing.assert_allclose(together.views, np.mean([fit.views for fit in fits], axis=0), atol=1e-6)
 
 
@@ -225,7 +226,7 @@ def test_a_single_fit_is_its_own_mean(judged):
     truth, jury, _ = judged
     only = fit_of(truth)
     together = combined((only,), jury, alike)
-    assert (together.best, together.averaged, together.spread) == (only, 1, None)
+    assert (together.best, together.averaged, together.disagreement) == (only, 1, None)
 
 
 def test_without_held_out_pixels_the_first_leads_and_the_mean_is_taken(judged):
@@ -240,9 +241,19 @@ def test_without_held_out_pixels_the_first_leads_and_the_mean_is_taken(judged):
 def test_fits_that_agree_to_the_last_bit_have_no_spread(judged):
     truth, jury, _ = judged
     together = combined((fit_of(truth), fit_of(truth)), jury, alike)
-    assert together.spread == 0.0
+    assert not together.disagreement.any()
     assert together.averaged == 2
     np.testing.assert_array_equal(together.views, truth)
+
+
+def test_disagreement_shows_where_fits_differ(judged):
+    truth, jury, _ = judged
+    other = truth.copy()
+    other[:, 10:20, 10:20] += 0.2
+    found = combined((fit_of(truth), fit_of(other)), jury, alike).disagreement
+    assert found.shape == truth.shape[:3]
+    assert found[:, 14:16, 14:16] == pytest.approx(0.1, rel=1e-2)
+    assert not found[:, 25:].any()
 
 
 def test_luck_on_few_pixels_is_not_taken_for_being_better():
