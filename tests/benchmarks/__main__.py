@@ -25,6 +25,7 @@ BENCHMARKS = {
     "heldout_order": "tests.benchmarks.heldout_order",
     "mask_calibration": "tests.benchmarks.mask_calibration",
     "random_masks": "tests.benchmarks.random_masks",
+    "disagreement": "tests.benchmarks.disagreement",
     "bundle_adjustment": "tests.benchmarks.bundle_adjustment",
     "calibration_geometry": "tests.benchmarks.calibration_geometry",
     "calibrated_reconstruction": "tests.benchmarks.calibrated_reconstruction",

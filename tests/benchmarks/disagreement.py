@@ -1,0 +1,31 @@
+"""How much the disagreement of two fits tells of their error: scenes of the simulator's library, whose truth is known.
+
+    python -m tests.benchmarks disagreement
+
+Pixels are sorted into fifths by disagreement. Printed are the root-mean-square error of the views in each, and the rank
+correlation (Spearman) of disagreement and error over pixels.
+"""
+
+import numpy as np
+from scipy.stats import spearmanr
+
+from gs2ci.bench.tables import simulated_cases
+from gs2ci.reconstruct.pipeline import Settings, reconstruct
+
+FIFTHS = 5
+SEED = 0
+
+
+def run() -> None:
+    """Reconstruct each scene and print a line for it."""
+    print(f"{'scene':12} error, rms, from the fifth that agrees best to the one that agrees least    rank correlation")
+    for case in simulated_cases():
+        shot = case.shot(SEED)
+        result, truth = reconstruct(shot, Settings(seed=SEED)).result, shot.truth.views
+        assert truth is not None
+        assert result.disagreement is not None
+        disagreement = result.disagreement.ravel()
+        error = np.sqrt(np.mean((result.views - truth) ** 2, axis=3)).ravel()
+        parts = np.array_split(np.argsort(disagreement, kind="stable"), FIFTHS)
+        errors = "  ".join(f"{np.sqrt(np.mean(error[part] ** 2)):.4f}" for part in parts)
+        print(f"{case.name:12} {errors}    {spearmanr(disagreement, error).statistic:.2f}", flush=True)
