@@ -20,6 +20,8 @@ MOST_STEPS: Final = 4
 
 # A fit whose best look lies in its last so many looks was still improving when its iterations ran out.
 FRESH_LOOKS: Final = 2
+# Preset `fine` averages so many fits.
+FEW_FITS: Final = 4
 # Saturated pixels say only «at least»; pixels that no mask opens say nothing.
 SATURATED_SHARE: Final = 0.01
 CLOSED_SHARE: Final = 0.05
@@ -142,7 +144,10 @@ def scene_lost(report: Report) -> Step | None:
 
 def still_improving(report: Report) -> Step | None:
     """The iterations ran out while the held-out pixels were still improving."""
-    looks = [row["heldout"] for row in report.get("curve", []) if row.get("heldout") is not None]
+    judged = [row for row in report.get("curve", []) if row.get("heldout") is not None]
+    if [row["iteration"] for row in judged[-2:-1]] == [row["iteration"] for row in judged[-1:]]:
+        judged = judged[:-1]  # the mean of several fits, which no iteration made
+    looks = [row["heldout"] for row in judged]
     if not str(report["stopped_because"]).startswith("all ") or len(looks) < 2:
         return None
     if looks.index(min(looks)) < len(looks) - FRESH_LOOKS:
@@ -240,6 +245,20 @@ def simulation_was_coarse(report: Report) -> Step | None:
     )
 
 
+def average_more(report: Report) -> Step | None:
+    """Few fits were averaged, and they differ."""
+    ensemble = _mapping(report.get("ensemble"))
+    fits, spread = ensemble.get("fits"), ensemble.get("spread")
+    if report["verdict"] != "refined" or not isinstance(fits, int) or fits >= FEW_FITS:
+        return None
+    differ = "" if not isinstance(spread, int | float) else f" They differ by {spread:.2g} of a view's full scale."
+    return Step(
+        "Average more fits",
+        f"The views come from {fits}: what one measurement leaves open, each fills in differently.{differ}",
+        "gs2ci reconstruct SHOT.h5 -o RUN --preset fine",
+    )
+
+
 def look_at_it(report: Report) -> Step | None:
     """A scene with depth is there to be walked around."""
     if report["verdict"] == "decode" or _geometry(report).get("verdict") != "full":
@@ -263,6 +282,7 @@ RULES: Final[tuple[Rule, ...]] = (
     little_parallax,
     closed_pixels,
     simulation_was_coarse,
+    average_more,
     look_at_it,
 )
 

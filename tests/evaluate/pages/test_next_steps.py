@@ -27,6 +27,7 @@ GOOD = {
     "measured": {"closed_share": 0.01, "saturated_share": 0.0, "telemetry": True},
     "curve": [{"iteration": 50 * i, "heldout": 0.1 - 0.01 * i + 0.002 * max(0, i - 5) ** 2} for i in range(11)],
     "provenance": {"plan": {"error_dn": 0.8, "tolerance_dn": 1.0}},
+    "ensemble": {"fits": 4, "averaged": 4, "spread": 0.01},
 }
 
 
@@ -61,6 +62,7 @@ CASES = {
     "little_parallax": report(geometry__parallax_px=1.2),
     "closed_pixels": report(measured__closed_share=0.3),
     "simulation_was_coarse": report(provenance__plan={"error_dn": 3.0, "tolerance_dn": 1.0}),
+    "average_more": report(ensemble={"fits": 2, "averaged": 2, "spread": 0.0123}),
     "look_at_it": report(),
 }
 
@@ -93,6 +95,8 @@ def test_what_is_told_is_read_from_the_report():
     assert "4 px" in module.loose_tracks(CASES["loose_tracks"]).because
     assert "--iterations 1000" in module.still_improving(CASES["still_improving"]).command
     assert "(0.05 against 0.021)" in module.scene_lost(CASES["scene_lost"]).because
+    assert "come from 2" in module.average_more(CASES["average_more"]).because
+    assert "0.012 of a view" in module.average_more(CASES["average_more"]).because
     assert "290 px" in module.focal_was_assumed(report(geometry__focal_source="estimated")).because
 
 
@@ -130,6 +134,15 @@ def test_only_so_many_are_told_the_most_telling_first():
 def test_a_fit_that_stopped_by_itself_is_not_told_to_run_longer():
     assert module.still_improving(report(curve=CASES["still_improving"]["curve"])) is None
     assert module.still_improving({**improving(), "curve": GOOD["curve"]}) is None
+
+
+def test_the_mean_at_the_end_of_the_curve_is_no_look_of_the_fit():
+    mean = {"iteration": 500, "heldout": 0.01}
+    stopped = {**improving(), "curve": [*GOOD["curve"], mean]}
+    assert module.still_improving(stopped) is None
+    assert (
+        "--iterations 1000" in module.still_improving({**improving(), "curve": [*improving()["curve"], mean]}).command
+    )
 
 
 @pytest.mark.parametrize(
