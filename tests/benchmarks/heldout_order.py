@@ -24,10 +24,12 @@ NAMES = (
     "decode",
     "half the resolution",
     "100 iterations",
-    "250 iterations",
+    "200 iterations",
     "draft",
     "0.1 Gaussians per pixel",
+    "1 fit",
     "standard",
+    "4 fits",
 )
 SIZE = (96, 128)
 KEPT = Path("runs/heldout_order")

@@ -10,6 +10,7 @@ from gs2ci.evaluate.tradeoff import trials
 from gs2ci.evaluate.tradeoff.trials import BASELINE, KNOBS, TRIALS, chosen_trials, predicted_seconds, run_trial, tried
 from gs2ci.reconstruct.costs import CostModel
 from gs2ci.reconstruct.presets import PRESETS
+from tests.benchmarks import heldout_order
 
 MODEL = CostModel(90_000, 8, decode_step=0.01, geometry=1.0, plane=0.01, iteration=0.05, gaussian=1e-6, look=0.2)
 
@@ -77,6 +78,10 @@ def test_a_turned_knob_still_gives_views(shot, name):
     row = tried(shot, quick(name), seed=1)
     assert 5 < row["psnr_db"] < 60
     assert row["iterations"] == 3
+
+
+def test_the_benchmark_of_their_order_names_trials_that_exist():
+    assert set(heldout_order.NAMES) <= set(TRIALS)
 
 
 def test_a_row_tells_time_quality_and_what_was_found(shot):
