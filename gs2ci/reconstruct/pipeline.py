@@ -172,13 +172,13 @@ def reconstruct(
         pace: Decides how many iterations the fit has, instead of the settings.
 
     Returns:
-        The best of three by the held-out pixels: the scene's views refined by its residual, the scene's views, or
-        the decode; and the other two.
+        The best of three by the held-out pixels: the mean of the fits' views refined by its residual, the views of
+        the best fit's scene, or the decode; and the other two.
 
     Raises:
-        InputError: The shot's parts do not fit together, the settings make no sense, or poses
-            are to come from telemetry that the shot does not hold.
-        NumericsError: The fit is not finite from its first iteration on.
+        InputError: The shot's parts do not fit together, the settings make no sense, or poses are to come
+            from telemetry that the shot does not hold.
+        NumericsError: The first fit is not finite from its first iteration on.
     """
     settings, progress = settings or Settings(), progress or Silent()
     settings.check()
@@ -348,8 +348,8 @@ def _record(shot: Shot, settings: Settings, left: _Left, score: Score | None, se
         seconds=seconds,
         gaussians=len(fit.scene),
         notes=(
-            *(*left.doubts, *geometry.notes, *left.ensemble.notes, *_notes_of(moved, geometry.source)),
-            *recovered.notes,
+            *(*left.doubts, *geometry.notes, *left.ensemble.notes, *_fits_missing(left.ensemble, settings)),
+            *(*_notes_of(moved, geometry.source), *recovered.notes),
         ),
         settings=asdict(settings),
         seed=settings.seed,
@@ -359,6 +359,13 @@ def _record(shot: Shot, settings: Settings, left: _Left, score: Score | None, se
         ensemble=left.ensemble.summary(),
         disagreement=left.ensemble.disagreement,
     ).check()
+
+
+def _fits_missing(ensemble: Ensemble, settings: Settings) -> tuple[str, ...]:
+    there = 1 + len(ensemble.others)
+    if there == settings.fits:
+        return ()
+    return (f"{there} of {settings.fits} fits came to an end: the others left the finite numbers, or found no time.",)
 
 
 def _last_point(left: _Left, score: Score | None, seconds: float) -> tuple[CurvePoint, ...]:

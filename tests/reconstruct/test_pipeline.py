@@ -7,12 +7,13 @@ import pytest
 import torch
 from scipy.ndimage import gaussian_filter, map_coordinates
 
-from gs2ci.core.errors import InputError
+from gs2ci.core.errors import InputError, NumericsError
 from gs2ci.core.progress import Silent
 from gs2ci.core.records import Shot, Truth
 from gs2ci.core.run_records import SECONDS_KEYS
 from gs2ci.evaluate.cameras import nerfstudio_transforms
 from gs2ci.evaluate.metrics import psnr_per_view
+from gs2ci.reconstruct import pipeline
 from gs2ci.reconstruct.decode.gap_tv import GapTvSettings
 from gs2ci.reconstruct.decode.residual import ResidualSettings
 from gs2ci.reconstruct.fit.coarse import CoarseSettings
@@ -178,6 +179,23 @@ def test_the_mean_of_two_fits_is_nearer_the_truth_than_the_first_alone(shot, fou
     assert last.heldout == two.heldout_rms["refined"]
     assert last.psnr_db == pytest.approx(np.mean(two.views))
     assert last.seconds >= course[-1].seconds
+
+
+def test_a_fit_that_is_missing_from_the_mean_is_told(shot, monkeypatch):
+    whole, started = pipeline.fit_coarse, []
+
+    def every_second_fails(**arguments):
+        started.append(arguments["seed"])
+        if arguments["seed"] != SHORT.seed:
+            raise NumericsError("the first iteration of the fit is not finite")
+        return whole(**arguments)
+
+    monkeypatch.setattr(pipeline, "fit_coarse", every_second_fails)
+    result = reconstruct(shot, SHORT).result
+    assert len(started) == 2
+    assert result.ensemble == {"fits": 1, "averaged": 1, "spread": None}
+    assert result.disagreement is None
+    assert any(note.startswith("1 of 2 fits came to an end") for note in result.notes)
 
 
 @pytest.mark.parametrize("fits", [0, -1, 65])
