@@ -11,6 +11,7 @@ with, so that both what is fixed and what grows are known:
     fit       iterations × (view-pixels + views × Gaussians)
     a look    view-pixels
 
+Fits side by side share the threads that one fit was measured with, as far as an iteration uses more than one.
 Windows, and what the rasteriser may leave out (`RasterSettings`), are not in the model: settings that differ in these
 alone are predicted alike. Reusing lists of Gaussians makes an iteration up to a fifth cheaper than predicted.
 """
