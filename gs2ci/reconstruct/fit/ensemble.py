@@ -10,9 +10,10 @@ fit (`coarse.py`). For `gs2ci.reconstruct.pipeline`.
 
 import math
 import threading
-from collections.abc import Callable, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
+from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import partial
 from typing import Final
 
 import numba
@@ -37,7 +38,6 @@ make fits differ from the first iteration on, too little to spoil what the geome
 
 _NEIGHBOURHOOD_PX: Final = 1.0
 """That a few fits agree in one pixel is often chance; over a few pixels it tells more of the error."""
-_LEFT_OUT: Final = "A companion of the fit was left out: {}."
 MOST_FITS: Final = 64
 """Each holds a scene and its optimiser's state; what more of them would gain is not worth the memory."""
 
@@ -122,7 +122,7 @@ def fit_together(
             numba.set_num_threads(max(1, threads - share * len(others)))
             led = fit_one(leader, progress, pace)
             progress.stage("other fits")
-            return (led, *_finished(running, progress))
+            return (led, *_sound([future.result for future in running], progress))
         finally:
             stop.set()
             numba.set_num_threads(threads)
@@ -143,23 +143,18 @@ def _one_after_another(
     if pace is not None:
         beginnings = beginnings[:1]
         progress.say("Without OpenMP, fits cannot run side by side: within a budget there is one.")
-    found = [fit_one(beginnings[0], progress, pace)]
-    for member in beginnings[1:]:
-        try:
-            found.append(fit_one(member, progress, None))
-        except NumericsError as error:
-            progress.say(_LEFT_OUT.format(error.problem))
-    return tuple(found)
+    led = fit_one(beginnings[0], progress, pace)
+    return (led, *_sound([partial(fit_one, member, progress, None) for member in beginnings[1:]], progress))
 
 
-def _finished(running: list[Future[CoarseFit]], progress: Progress) -> list[CoarseFit]:
-    """Wait for companions; leave out those whose numbers were not finite."""
+def _sound(companions: Iterable[Callable[[], CoarseFit]], progress: Progress) -> list[CoarseFit]:
+    """Return what companions give, run here or waited for; leave out those whose numbers were not finite."""
     found = []
-    for future in running:
+    for companion in companions:
         try:
-            found.append(future.result())
+            found.append(companion())
         except NumericsError as error:
-            progress.say(_LEFT_OUT.format(error.problem))
+            progress.say(f"A companion of the fit was left out: {error.problem}.")
     return found
 
 
