@@ -205,7 +205,8 @@ CALIBRATION: Final = (
 TABLES: Final[dict[str, Table]] = {
     "methods": Table(
         "Methods",
-        "The default way, and one thing changed at a time.",
+        "The default way, which is the mean of two fits; one fit, and one thing changed at a time in one fit; the "
+        "paper's own schedule.",
         _variants(tuple(VARIANTS)),
         RECONSTRUCTION,
     ),
@@ -218,14 +219,15 @@ TABLES: Final[dict[str, Table]] = {
     ),
     "density": Table(
         "Density rules",
-        "Where Gaussians are added and removed; all else, the number of iterations included, is the default's.",
-        _variants(("default", *RULES)),
+        "Where Gaussians are added and removed in one fit; all else, the number of iterations included, is the "
+        "default's.",
+        _variants(("default", "one fit", *RULES)),
         POPULATION,
     ),
     "ablation": Table(
         "Components",
-        "The default way, and one component of the method switched off at a time, as the paper's Table VII does.",
-        _variants(("default", *ABLATION)),
+        "One component of the method switched off at a time in one fit, as the paper's Table VII does.",
+        _variants(("default", "one fit", *ABLATION)),
         POPULATION,
     ),
     "mask-ratio": Table(

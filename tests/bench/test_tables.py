@@ -8,7 +8,7 @@ import pytest
 from gs2ci.bench.calibration import BENCHES, FRAMES
 from gs2ci.bench.cases import Case
 from gs2ci.bench.tables import RATIOS, TABLES, VIEWS, Options, file_cases, simulated_cases
-from gs2ci.bench.variants import GEOMETRY, VARIANTS, settings_of
+from gs2ci.bench.variants import ABLATION, FINE, GEOMETRY, RULES, VARIANTS, settings_of
 from gs2ci.core.errors import InputError
 from gs2ci.reconstruct.ablation import COMPONENTS
 from gs2ci.reconstruct.fit.paper import paper_settings
@@ -18,8 +18,8 @@ CASES = (Case("a", scene="boxes"), Case("b", scene="ball"))
 
 LINES = {
     "methods": VARIANTS,
-    "density": ("default", "osgr by the book", "adc", "mcmc", "revised"),
-    "ablation": ("default", *(f"without {name}" for name in COMPONENTS), "without all six"),
+    "density": ("default", "one fit", "osgr by the book", "adc", "mcmc", "revised"),
+    "ablation": ("default", "one fit", *(f"without {name}" for name in COMPONENTS), "without all six"),
     "mask-ratio": RATIOS,
     "compression": VIEWS,
     "seeds": ("default",),
@@ -89,6 +89,11 @@ def test_every_variant_makes_settings_that_check(variant):
 def test_variants_of_one_kind_differ_from_the_default_and_from_each_other():
     settings = [settings_of(variant, 7) for variant in VARIANTS]
     assert all(a != b for a, b in itertools.combinations(settings, 2))
+
+
+@pytest.mark.parametrize("variant", [*GEOMETRY, *FINE, *RULES, *ABLATION, "paper"])
+def test_what_changes_one_thing_changes_it_in_one_fit(variant):
+    assert settings_of(variant, 7).fits == settings_of("one fit", 7).fits == 1
 
 
 @pytest.mark.parametrize("rule", ["adc", "mcmc", "revised"])
