@@ -20,7 +20,7 @@ TEXTURELESS: Final = "textureless"
 RATIOS: Final = (0.1, 0.25, 0.5, 0.75, 0.9)
 VIEWS: Final = (4, 8, 16, 24, 32)
 # Fields of a `Case`, against the case untouched. Where more light would reach the sensor, the lens is stopped down:
-# else it would be clipped readings that the line shows (of 32 views, half of all).
+# else the line would show what clipped readings cost (of 32 views, up to half of all).
 CONDITIONS: Final[dict[str, dict[str, Any]]] = {
     "as it is": {},
     **{f"noise {percent} %": {"noise": percent / 100} for percent in (1, 2, 5)},

@@ -54,13 +54,13 @@ def random_grey_masks(
     """Draw independent masks of every grey between closed and open, [N, H, W] in [0, 1].
 
     A feature's transmission follows the beta distribution with parameters 2 ratio and 2 (1 - ratio): uniform at a
-    ratio of a half, and at every ratio of a third of the variance that binary masks of the same mean have. So they
-    cost as much light as those, and what they code worse is the same at every ratio.
+    ratio of a half, and at every ratio with a third of the variance that binary masks of the same mean have. So they
+    take as much light as those, and code worse by the same factor at every ratio.
 
     Args:
         count: N.
         size: Height and width in sensor pixels.
-        ratio: Mean transmission, in (0, 1); there is one mask only that lets through all, and it is not grey.
+        ratio: Mean transmission, in (0, 1): what lets all light through is not grey.
         rng: Where the draws come from.
         feature_px: Side of one square feature (modulator element) in sensor pixels.
 
