@@ -55,7 +55,7 @@ def random_grey_masks(
 
     A feature's transmission follows the beta distribution with parameters 2 ratio and 2 (1 - ratio): uniform at a
     ratio of a half, and at every ratio with a third of the variance that binary masks of the same mean have. So they
-    take as much light as those, and code worse by the same factor at every ratio.
+    take as much light as those, and lose the same part of the contrast at every ratio.
 
     Args:
         count: N.
