@@ -78,8 +78,8 @@ def _replace(path: Path, data: bytes) -> None:
     folder is not synchronised: a rename that is lost leaves the old file, which is whole as well.
     """
     partial = path.with_name(f".{path.name[:_CHARACTERS_OF_NAME]}.{secrets.token_hex(8)}.partial")
-    # "x" never opens what another has made, nor follows a link; and a file made by `open` follows the umask, which
-    # one by `tempfile` does not and which cannot be read without setting it for all threads.
+    # "x" never opens what another has made, nor follows a link. `open` leaves the permissions to the umask; `tempfile`
+    # makes private files, and mending that would need the umask, which is read only by setting it for all threads.
     file = partial.open("xb")
     try:
         with file:
