@@ -11,10 +11,11 @@ from markupsafe import Markup
 
 from gs2ci.bench.pages import Figures, best_of
 from gs2ci.bench.tables import Measure, Table
+from gs2ci.core.whole_file import write_whole
 from gs2ci.evaluate.environment import machine, versions
 from gs2ci.evaluate.pages import pieces
 from gs2ci.evaluate.pages.charts import Spread
-from gs2ci.evaluate.pages.frame import Section, page, write_page
+from gs2ci.evaluate.pages.frame import Section, page
 from gs2ci.evaluate.pages.pieces import Figure, Tone
 from gs2ci.evaluate.wording import flat_rows, spoken_rows
 
@@ -27,8 +28,7 @@ def write_html_page(folder: Path, name: str, table: Table, figures: Sequence[Fig
     Raises:
         StorageError: The disk refuses.
     """
-    folder.mkdir(parents=True, exist_ok=True)
-    return write_page(folder / f"{name}.html", html_page(table, figures, command))
+    return write_whole(folder / f"{name}.html", html_page(table, figures, command), parents=True)
 
 
 def html_page(table: Table, figures: Sequence[Figures], command: str) -> str:

@@ -18,6 +18,7 @@ from matplotlib.figure import Figure
 
 from gs2ci.bench.store import Row
 from gs2ci.bench.tables import Entry, Measure, Table
+from gs2ci.core.whole_file import write_whole
 from gs2ci.evaluate.environment import machine, versions
 
 
@@ -64,17 +65,19 @@ def _figures(table: Table, case: str, line: str, cells: list[Row]) -> Figures:
 
 
 def write_pages(folder: Path, name: str, table: Table, figures: Sequence[Figures], command: str) -> list[Path]:
-    """Write `name.md`, `name.csv` and `name.png`; return their paths."""
-    folder.mkdir(parents=True, exist_ok=True)
-    texts = {"md": markdown(table, figures, command), "csv": as_csv(table, figures)}
-    paths = []
-    for ending, text in texts.items():
-        path = folder / f"{name}.{ending}"
-        path.write_text(text, encoding="utf-8")
-        paths.append(path)
-    picture = folder / f"{name}.png"
-    draw(table, figures).savefig(picture, dpi=150)
-    return [*paths, picture]
+    """Write `name.md`, `name.csv` and `name.png`, each whole or not at all; return their paths.
+
+    Raises:
+        StorageError: The disk refuses.
+    """
+    picture = io.BytesIO()
+    draw(table, figures).savefig(picture, format="png", dpi=150)
+    made: dict[str, bytes | str] = {
+        "md": markdown(table, figures, command),
+        "csv": as_csv(table, figures),
+        "png": picture.getvalue(),
+    }
+    return [write_whole(folder / f"{name}.{ending}", content, parents=True) for ending, content in made.items()]
 
 
 def markdown(table: Table, figures: Sequence[Figures], command: str) -> str:

@@ -5,7 +5,6 @@ Here: the key, reading, writing. Not here: the work (`cells`). For this package.
 
 import hashlib
 import json
-import os
 from collections.abc import Iterator, Mapping
 from functools import cache
 from importlib.util import find_spec
@@ -13,6 +12,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from gs2ci.core.errors import StorageError
+from gs2ci.core.whole_file import write_whole
 
 # Whatever changes in these may change a figure.
 _PACKAGES: Final = ("gs2ci", "gs2ci_drivers", "gs2ci_calibration", "gs2ci_sims")
@@ -49,16 +49,7 @@ class Store:
         Raises:
             StorageError: The disk refuses.
         """
-        path = self._path(key)
-        partial = path.with_suffix(f".{os.getpid()}.partial")
-        try:
-            self._folder.mkdir(parents=True, exist_ok=True)
-            partial.write_text(json.dumps(row, indent=1, allow_nan=False) + "\n", encoding="utf-8")
-            partial.replace(path)
-        except OSError as error:
-            raise StorageError(
-                f"{path} cannot be written: {error}", remedy="check the folder, or choose another"
-            ) from error
+        write_whole(self._path(key), json.dumps(row, indent=1, allow_nan=False) + "\n", parents=True)
 
     def _path(self, key: str) -> Path:
         return self._folder / f"{key}.json"

@@ -13,6 +13,7 @@ import tyro
 
 from gs2ci.commands import capture, reconstruct
 from gs2ci.core.storage.sealing import partial_of
+from gs2ci.core.whole_file import write_whole
 from gs2ci.evaluate.run_folder import check_destination
 from gs2ci_sims.path import stage_move_for_parallax
 from gs2ci_sims.scenes.rgbd import motorcycle
@@ -102,16 +103,19 @@ def run(
         The run folder.
     """
     check_destination(output / "run", overwrite=True)
-    output.mkdir(parents=True, exist_ok=True)
     shot = output / "shot.h5"
-    partial_of(shot).unlink(missing_ok=True)  # an interrupted demonstration is nobody's data
     rig = write_rig(output / "rig.toml", views=views, size=(height, width), parallax_px=parallax_px, seed=seed)
+    partial_of(shot).unlink(missing_ok=True)  # an interrupted demonstration is nobody's data
     capture.run(rig=rig, out=shot, overwrite=True)
     return reconstruct.run(shot, output / "run", overwrite=True)
 
 
 def write_rig(path: Path, *, views: int, size: tuple[int, int], parallax_px: float, seed: int) -> Path:
-    """Write a rig file whose stage moves the camera so that near and far shift by `parallax_px`."""
+    """Write a rig file whose stage moves the camera so that near and far shift by `parallax_px`; return its path.
+
+    Raises:
+        StorageError: The disk refuses.
+    """
     sensor = Sensor()
     duration_s = views * MASK_S
     preview = motorcycle((size[0] // PREVIEW, size[1] // PREVIEW))
@@ -120,7 +124,8 @@ def write_rig(path: Path, *, views: int, size: tuple[int, int], parallax_px: flo
     travel_mm = STAGE_SPEED_MM_S * duration_s
     length = float(np.linalg.norm(baseline))
     direction = baseline / length if length else np.array([1.0, 0.0, 0.0])
-    path.write_text(
+    return write_whole(
+        path,
         RIG.format(
             path=path,
             height=size[0],
@@ -138,6 +143,5 @@ def write_rig(path: Path, *, views: int, size: tuple[int, int], parallax_px: flo
             unit=max(length, 1e-9) / travel_mm,
             seed=seed,
         ),
-        encoding="utf-8",
+        parents=True,
     )
-    return path

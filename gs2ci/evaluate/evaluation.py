@@ -15,6 +15,7 @@ import torch
 from gs2ci.core.errors import InputError, StorageError
 from gs2ci.core.json_text import parse_json
 from gs2ci.core.records import F32, F64, Shot
+from gs2ci.core.whole_file import write_whole
 from gs2ci.evaluate.cameras import poses_of_transforms
 from gs2ci.evaluate.depth import depth_errors
 from gs2ci.evaluate.metrics import measurement_residual, psnr_per_view, ssim_per_view
@@ -128,16 +129,13 @@ def evaluate(run: FinishedRun, evidence: Evidence) -> dict[str, Any]:
 
 
 def write_evaluation(path: Path, evaluation: dict[str, Any]) -> Path:
-    """Write an evaluation as JSON.
+    """Write an evaluation as JSON, whole or not at all; return its path.
 
     Raises:
         StorageError: The disk refuses.
     """
-    try:
-        path.write_text(json.dumps(evaluation, indent=1, allow_nan=False) + "\n", encoding="utf-8")
-    except OSError as error:
-        raise StorageError(f"{path} cannot be written: {error}", remedy="choose another place with -o") from error
-    return path
+    text = json.dumps(evaluation, indent=1, allow_nan=False) + "\n"
+    return write_whole(path, text, remedy="choose another place with -o")
 
 
 def _predicted(shot: Shot, views: F32) -> F32:

@@ -18,6 +18,7 @@ import torch
 
 from gs2ci.core.errors import InputError, NumericsError, StorageError
 from gs2ci.core.json_text import parse_json
+from gs2ci.core.whole_file import write_whole
 
 ModelName = Literal["vggt", "difix", "lpips"]
 MODEL_NAMES: Final = get_args(ModelName)
@@ -107,14 +108,8 @@ def add_model(name: ModelName, path: Path) -> KnownModel:
         raise InputError(f"no model file {path}", remedy="name the exported .onnx file")
     model = KnownModel(path.resolve(), _sha256(path))
     listed = {**_listed(), name: {"path": str(model.path), "sha256": model.sha256}}
-    target = _list_path()
-    partial = target.with_suffix(".partial")
-    try:
-        target.parent.mkdir(parents=True, exist_ok=True)
-        partial.write_text(json.dumps(listed, indent=2) + "\n")
-        partial.replace(target)
-    except OSError as error:
-        raise StorageError(f"cannot write {target}: {error}", remedy="set GS2CI_HOME to a folder of yours") from error
+    text = json.dumps(listed, indent=2) + "\n"
+    write_whole(_list_path(), text, parents=True, remedy="set GS2CI_HOME to a folder of yours")
     return model
 
 

@@ -8,8 +8,6 @@ Format: Greg Turk, "The PLY polygon file format" (1994). Anyone above
 `gs2ci.render` may import this file.
 """
 
-import os
-import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any, Final
@@ -18,7 +16,8 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from gs2ci.core.errors import InputError, StorageError
+from gs2ci.core.errors import InputError
+from gs2ci.core.whole_file import write_whole
 from gs2ci.render.gaussians import Gaussians
 from gs2ci.render.harmonics import DEGREE_MAX, SH_DC, check_harmonics, coefficients
 
@@ -256,7 +255,6 @@ def write_ply(path: str | Path, gaussians: Gaussians, harmonics: torch.Tensor | 
         InputError: The Gaussians do not fit together or hold NaN, or the harmonics do not fit them.
         StorageError: The file cannot be written.
     """
-    path = Path(path)
     g = gaussians.check().detach().map(torch.Tensor.float)
     rest = torch.zeros(len(g), 0)
     if harmonics is not None:
@@ -277,32 +275,4 @@ def write_ply(path: str | Path, gaussians: Gaussians, harmonics: torch.Tensor | 
             "end_header\n",
         ]
     )
-    try:
-        _replace(path, header.encode("ascii") + columns.numpy().astype("<f4").tobytes())
-    except OSError as error:
-        raise StorageError(
-            f"cannot write {path}: {error.strerror or error}", remedy="check the folder and its free space"
-        ) from error
-    return path
-
-
-def _replace(path: Path, content: bytes) -> None:
-    """Write beside the target and rename, so that no reader ever sees half a file."""
-    handle, name = tempfile.mkstemp(prefix=f".{path.name}.", suffix=".partial", dir=path.parent)
-    try:
-        with os.fdopen(handle, "wb") as file:
-            file.write(content)
-            file.flush()
-            os.fsync(file.fileno())
-        Path(name).chmod(0o666 & ~_umask())
-        Path(name).replace(path)
-    except BaseException:
-        Path(name).unlink(missing_ok=True)
-        raise
-
-
-def _umask() -> int:
-    # The only way to read it is to set it.
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask
+    return write_whole(path, header.encode("ascii") + columns.numpy().astype("<f4").tobytes())

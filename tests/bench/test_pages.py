@@ -8,6 +8,7 @@ import pytest
 from gs2ci.bench.cells import Cell
 from gs2ci.bench.pages import as_csv, collect, markdown, write_pages
 from gs2ci.bench.tables import Entry, Measure, Table
+from gs2ci.core.errors import StorageError
 
 TABLE = Table(
     "Title",
@@ -70,3 +71,9 @@ def test_three_files_are_written(figures, tmp_path):
     paths = write_pages(tmp_path / "bench", "x", TABLE, figures, "gs2ci bench x")
     assert [path.name for path in paths] == ["x.md", "x.csv", "x.png"]
     assert cv2.imread(str(paths[2])) is not None
+
+
+def test_a_folder_that_cannot_be_made_is_a_clear_error(figures, tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(StorageError, match="cannot be written"):
+        write_pages(tmp_path / "file", "x", TABLE, figures, "gs2ci bench x")

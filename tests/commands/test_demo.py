@@ -2,7 +2,8 @@ import numpy as np
 import pytest
 
 from gs2ci.commands import capture
-from gs2ci.commands.demo import write_rig
+from gs2ci.commands.demo import run, write_rig
+from gs2ci.core.errors import StorageError
 from gs2ci.core.storage import read_shot
 
 
@@ -45,3 +46,10 @@ def test_no_parallax_at_all_is_a_rig_too(tmp_path):
     shot = read_shot(capture.run(rig=rig, out=tmp_path / "shot.h5"))
     centres = np.linalg.inv(shot.truth.world_to_camera)[:, :3, 3]
     assert np.ptp(centres, axis=0).max() < 1e-6
+
+
+def test_a_file_where_the_folder_should_be_is_a_clear_error(tmp_path):
+    (tmp_path / "file").write_text("in the way")
+    with pytest.raises(StorageError, match="there is no folder"):
+        run(tmp_path / "file", views=2, height=68, width=100)
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]

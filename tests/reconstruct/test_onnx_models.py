@@ -75,7 +75,7 @@ def test_a_damaged_list_is_named(home, text):
 
 def test_a_list_that_cannot_be_written_is_named(home, model):
     home.write_text("a file where a folder should be")
-    with pytest.raises(StorageError, match="cannot write"):
+    with pytest.raises(StorageError, match="cannot be written"):
         add_model("vggt", model)
 
 

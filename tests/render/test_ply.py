@@ -180,11 +180,11 @@ def test_scene_with_nan_is_not_written(tmp_path, make):
 
 def test_failed_write_leaves_nothing_behind(tmp_path, make):
     (tmp_path / "scene.ply").mkdir()
-    with pytest.raises(StorageError, match="cannot write"):
+    with pytest.raises(StorageError, match="cannot be written"):
         write_ply(tmp_path / "scene.ply", make().scene)
     assert [p.name for p in tmp_path.iterdir()] == ["scene.ply"]
 
 
 def test_missing_folder_is_a_storage_error(tmp_path, make):
-    with pytest.raises(StorageError, match="cannot write"):
+    with pytest.raises(StorageError, match="cannot be written"):
         write_ply(tmp_path / "none" / "scene.ply", make().scene)

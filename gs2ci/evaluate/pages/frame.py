@@ -9,9 +9,7 @@ Content-Security-Policy names its one style and its one script by their hashes a
 
 import base64
 import hashlib
-import os
 import re
-import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -20,8 +18,6 @@ from typing import Any, Final
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
-
-from gs2ci.core.errors import StorageError
 
 # Characters that a page cannot hold (C0 controls, lone surrogates) and those that turn text around (bidi controls):
 # a name made of them could pretend to be another.
@@ -70,29 +66,6 @@ def page(title: str, sections: Sequence[Section], *, masthead: Markup | None = N
             behaviour_hash=_policy_hash(behaviour),
         )
     )
-
-
-def write_page(path: Path, text: str) -> Path:
-    """Write a page whole or not at all; return its path.
-
-    Raises:
-        StorageError: The disk refuses.
-    """
-    path = Path(path)
-    try:
-        descriptor, partial = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=".partial")
-        try:
-            with os.fdopen(descriptor, "w", encoding="utf-8", newline="\n") as file:
-                file.write(text)
-            Path(partial).chmod(0o644)
-            Path(partial).replace(path)
-        finally:
-            Path(partial).unlink(missing_ok=True)
-    except OSError as error:
-        raise StorageError(
-            f"{path} cannot be written: {error}", remedy="check the free space and the permissions, or choose another"
-        ) from error
-    return path
 
 
 def piece(name: str, /, **values: Any) -> Markup:

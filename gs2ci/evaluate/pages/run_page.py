@@ -13,10 +13,11 @@ from markupsafe import Markup
 
 from gs2ci.core.durations import spoken_duration
 from gs2ci.core.errors import StorageError
+from gs2ci.core.whole_file import write_whole
 from gs2ci.evaluate.pages import pieces
 from gs2ci.evaluate.pages.camera_path import Paths, path_colour, path_svg
 from gs2ci.evaluate.pages.charts import Bar, Chart, Colour, Line
-from gs2ci.evaluate.pages.frame import Section, page, piece, write_page
+from gs2ci.evaluate.pages.frame import Section, page, piece
 from gs2ci.evaluate.pages.next_steps import next_steps, outcome
 from gs2ci.evaluate.pages.pieces import Figure
 from gs2ci.evaluate.pages.run_evidence import RunEvidence, read_evidence
@@ -57,7 +58,7 @@ def write_run_page(folder: Path, destination: Path | None = None) -> Path:
             f"{Path(folder) / 'report.json'} does not hold what its schema promises: {type(error).__name__}: {error}",
             remedy="reconstruct again",
         ) from error
-    return write_page(Path(folder) / PAGE_NAME if destination is None else destination, text)
+    return write_whole(Path(folder) / PAGE_NAME if destination is None else destination, text)
 
 
 def run_page(evidence: RunEvidence, tradeoff: TradeoffRecord | None = None) -> str:

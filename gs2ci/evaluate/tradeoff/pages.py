@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from gs2ci.core.durations import spoken_duration
-from gs2ci.core.errors import StorageError
+from gs2ci.core.whole_file import write_whole
 from gs2ci.evaluate.environment import machine, versions
 from gs2ci.evaluate.tradeoff.front import measure_of, pareto, sentences
 from gs2ci.evaluate.tradeoff.record import HEADINGS, TITLES, TradeoffRecord, Tried
@@ -55,22 +55,15 @@ class Tradeoff:
 
 
 def write_pages(folder: Path, found: Tradeoff) -> list[Path]:
-    """Write `tradeoff.csv`, `tradeoff.png` and `tradeoff.md`; return their paths.
+    """Write `tradeoff.csv`, `tradeoff.png` and `tradeoff.md`, each whole or not at all; return their paths.
 
     Raises:
         StorageError: The disk refuses.
     """
-    paths = [folder / f"tradeoff.{ending}" for ending in ("csv", "png", "md")]
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        paths[0].write_text(as_csv(found.rows), encoding="utf-8")
-        draw(found).savefig(paths[1], dpi=150)
-        paths[2].write_text(markdown(found), encoding="utf-8")
-    except OSError as error:
-        raise StorageError(
-            f"{folder} cannot be written: {error}", remedy="check the folder, or choose another"
-        ) from error
-    return paths
+    picture = io.BytesIO()
+    draw(found).savefig(picture, format="png", dpi=150)
+    made: dict[str, bytes | str] = {"csv": as_csv(found.rows), "png": picture.getvalue(), "md": markdown(found)}
+    return [write_whole(folder / f"tradeoff.{ending}", content, parents=True) for ending, content in made.items()]
 
 
 def as_csv(rows: Sequence[Row]) -> str:

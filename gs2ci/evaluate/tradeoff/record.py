@@ -7,7 +7,6 @@ What was said is kept in words, so that a page made years later needs neither th
 """
 
 import json
-import os
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -15,6 +14,7 @@ from typing import Any, Final, Literal, get_args
 
 from gs2ci.core.errors import StorageError
 from gs2ci.core.json_text import parse_json
+from gs2ci.core.whole_file import write_whole
 from gs2ci.evaluate.report import plain_json
 from gs2ci.evaluate.wording import UNKNOWN
 
@@ -96,20 +96,8 @@ def write_record(folder: Path, record: TradeoffRecord) -> Path:
     Raises:
         StorageError: The disk refuses.
     """
-    path = Path(folder) / RECORD_NAME
-    partial = path.with_suffix(f".{os.getpid()}.partial")
     text = json.dumps(plain_json({"schema": SCHEMA, **asdict(record)}), indent=1, allow_nan=False)
-    try:
-        try:
-            partial.write_text(text + "\n", encoding="utf-8")
-            partial.replace(path)
-        finally:
-            partial.unlink(missing_ok=True)
-    except OSError as error:
-        raise StorageError(
-            f"{path} cannot be written: {error}", remedy="check the free space and the permissions"
-        ) from error
-    return path
+    return write_whole(Path(folder) / RECORD_NAME, text + "\n")
 
 
 def read_record(folder: Path) -> TradeoffRecord | None:

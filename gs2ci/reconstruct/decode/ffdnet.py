@@ -12,7 +12,6 @@ noise: both are decided by trying which of the four denoises.
 
 import pickle
 import re
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import pairwise, product
 from pathlib import Path
@@ -24,7 +23,8 @@ from numpy.typing import NDArray
 from torch import Tensor
 from torch.nn import functional
 
-from gs2ci.core.errors import InputError, StorageError
+from gs2ci.core.errors import InputError
+from gs2ci.core.whole_file import write_whole
 
 # Old enough for any ONNX Runtime since 2022.
 OPSET: Final = 17
@@ -109,20 +109,8 @@ def export_ffdnet(network: FfdNet, path: Path) -> Path:
         InputError: The package `onnx` is not installed.
         StorageError: The file cannot be written.
     """
-    model = _graph(network)
-    path = Path(path)
-    partial = path.with_name(f".{path.name}.partial")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        partial.write_bytes(model.SerializeToString())
-        partial.replace(path)
-    except OSError as error:
-        with suppress(OSError):
-            partial.unlink(missing_ok=True)
-        raise StorageError(
-            f"{path} cannot be written: {error}", remedy="check the folder, or choose another"
-        ) from error
-    return path
+    content: bytes = _graph(network).SerializeToString()
+    return write_whole(path, content, parents=True)
 
 
 def _state(path: Path) -> dict[str, Tensor]:

@@ -6,9 +6,8 @@ import pytest
 from jinja2 import UndefinedError
 from markupsafe import Markup
 
-from gs2ci.core.errors import StorageError
 from gs2ci.evaluate.pages import pieces
-from gs2ci.evaluate.pages.frame import Section, environment, fit, page, piece, write_page
+from gs2ci.evaluate.pages.frame import Section, environment, fit, page, piece
 
 
 def test_sections_stand_in_order_with_links_to_them():
@@ -69,20 +68,3 @@ def test_a_value_that_a_template_misses_is_an_error():
         environment().from_string("{{ missing }}").render()
     with pytest.raises(AttributeError):
         piece("no_such_piece")
-
-
-def test_a_page_is_written_whole_and_replaces_an_earlier_one(tmp_path):
-    path = tmp_path / "page.html"
-    write_page(path, "one")
-    assert write_page(path, "two ±") == path
-    assert path.read_bytes() == "two ±".encode()
-    assert [entry.name for entry in tmp_path.iterdir()] == ["page.html"]
-
-
-def test_a_page_that_cannot_be_written_leaves_nothing(tmp_path):
-    with pytest.raises(StorageError, match="cannot be written"):
-        write_page(tmp_path / "missing" / "page.html", "text")
-    (tmp_path / "page.html").mkdir()
-    with pytest.raises(StorageError, match="cannot be written"):
-        write_page(tmp_path / "page.html", "text")
-    assert [entry.name for entry in tmp_path.iterdir()] == ["page.html"]

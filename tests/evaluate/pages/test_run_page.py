@@ -210,7 +210,7 @@ def test_a_report_that_lies_about_its_kinds_gives_a_page_or_one_typed_error(
     evidence = read_evidence(folder)
     pictures = module.collect_pictures(evidence)
     monkeypatch.setattr(module, "collect_pictures", lambda _: pictures)
-    monkeypatch.setattr(module, "write_page", lambda path, text: path)
+    monkeypatch.setattr(module, "write_whole", lambda path, text: path)
     refused = 0
     curve = evidence.report["curve"][:2]
     small = {**evidence.report, "curve": curve, "settings": {"one": 1}, "versions": {"python": "3"}}
