@@ -5,7 +5,8 @@ For this package.
 
 A case is either a file of a coded measurement or a scene of the simulator's library. A simulated one is exposed by the
 planned light path of `gs2ci_sims`, never by the solver's forward model. A file with true views may be coded anew with
-other masks, as the tables of the literature are made; noise is then added to the sum.
+other masks, as the tables of the literature are made. Noise that is asked for comes last: in a simulated scene, on top
+of what light and sensor make by themselves.
 """
 
 from collections.abc import Mapping
@@ -17,17 +18,19 @@ import numpy as np
 
 from gs2ci.core.errors import InputError
 from gs2ci.core.foreign.assemble import ImportOptions, import_shots
-from gs2ci.core.records import F32, Shot, Truth
+from gs2ci.core.records import F32, MEASUREMENT_LIMIT, Shot, Truth
 from gs2ci_sims.effects.motion_blur import MotionBlur
 from gs2ci_sims.exposure import expose
-from gs2ci_sims.light_path import sensor_effects
-from gs2ci_sims.masks import random_masks
+from gs2ci_sims.light_path import generator, sensor_effects
+from gs2ci_sims.masks import random_grey_masks, random_masks
 from gs2ci_sims.planner import plan
 from gs2ci_sims.rig import Light, Modulator, Rig
 from gs2ci_sims.scenes.files import load_scene
 
 # A tenth of the shot noise at half of full scale with the default sensor: more accuracy would not be seen.
 TOLERANCE_DN: Final = 1.0
+# As many masks are open at a pixel on average where the library's scenes are lit for the sensor's well: 8, a quarter.
+LIT_FOR_OPEN_MASKS: Final = 2.0
 
 
 @dataclass(frozen=True)
@@ -41,7 +44,13 @@ class Case:
         size: Height and width of a simulated measurement, px.
         views: How many masks; None leaves a file's or scene's own number. A file's true views are thinned to it.
         open_share: Probability that a mask's pixel is open; None leaves a file's own masks (0.25 for scenes).
-        noise: Standard deviation added to a recoded measurement, in full scales of one view.
+        noise: Standard deviation of white noise that is added to the measurement, in full scales of one view. A
+            file's is coded anew for it; a simulated scene's clipped readings stay as they are.
+        grey_masks: Draw masks of every grey between closed and open (`random_grey_masks`), of the same mean:
+            `open_share`, or that of a file's own masks.
+        focal_known: Whether the measurement tells its camera matrix; without it the solver looks for one.
+        stopped_down: Let the less light into a simulated scene the more masks are open, so that the sensor's well
+            is as full as with 8 masks, a quarter open. Else many masks clip many readings.
         full_scale_photons: Light of a simulated scene; None as its file says.
         feature_px: Side of a mask's element, px.
     """
@@ -53,6 +62,9 @@ class Case:
     views: int | None = None
     open_share: float | None = None
     noise: float = 0.0
+    grey_masks: bool = False
+    focal_known: bool = True
+    stopped_down: bool = False
     full_scale_photons: float | None = None
     feature_px: int = 1
 
@@ -65,55 +77,123 @@ class Case:
         """Make the measurement; the seed draws masks and noise where they are drawn.
 
         Raises:
-            InputError: Not exactly one of file and scene is named, the file cannot be read, it cannot be recoded, or
-                a number is out of range.
+            InputError: Not exactly one of file and scene is named, the file cannot be read, it cannot be recoded, it
+                holds no camera matrix to leave out, or a value is out of range.
         """
+        self._check()
+        shot = self._simulated(seed) if self.scene else self._from_file(seed)
+        if not self.focal_known:
+            shot = without_focal(shot)
+        return replace(shot, name=self.name)
+
+    def _check(self) -> None:
         if bool(self.file) == bool(self.scene):
             raise InputError(f"case {self.name!r} names file {self.file!r} and scene {self.scene!r}", allowed="one")
-        shot = self._simulated(seed) if self.scene else self._from_file(seed)
-        return replace(shot, name=self.name)
+        check_noise(self.noise)
+        for switch in ("grey_masks", "focal_known", "stopped_down"):
+            value = getattr(self, switch)
+            if not isinstance(value, bool):
+                raise InputError(f"case {self.name!r} has {switch} = {value!r}", allowed="true or false")
 
     def _simulated(self, seed: int) -> Shot:
         loaded = load_scene(self.scene, size=self.size, views=self.views)
         share = 0.25 if self.open_share is None else self.open_share
-        light = loaded.light if self.full_scale_photons is None else Light(self.full_scale_photons)
-        rig = Rig(light=light, modulator=Modulator(loaded.views, share, self.feature_px))
-        masks = random_masks(loaded.views, self.size, share, np.random.default_rng(seed), feature_px=self.feature_px)
+        photons = loaded.light.full_scale_photons if self.full_scale_photons is None else self.full_scale_photons
+        modulator = Modulator(loaded.views, share, self.feature_px)
+        if self.stopped_down:
+            photons *= min(1.0, LIT_FOR_OPEN_MASKS / (modulator.masks * modulator.open_share))
+        rig = Rig(light=Light(photons), modulator=modulator)
+        draw = random_grey_masks if self.grey_masks else random_masks
+        masks = draw(loaded.views, self.size, share, np.random.default_rng(seed), feature_px=self.feature_px)
         path = loaded.path(rig.exposure_s)
         moving = loaded.object_motion(rig.exposure_s)
         wanted = [MotionBlur(), *sensor_effects(rig.sensor), *([] if moving is None else [moving])]
         chosen = plan(loaded.scene, path, masks, rig, wanted, tolerance_dn=TOLERANCE_DN, seed=seed)
-        return expose(loaded.scene, path, masks, rig, effects=chosen.effects, seed=seed, plan=chosen.record())
+        shot = expose(loaded.scene, path, masks, rig, effects=chosen.effects, seed=seed, plan=chosen.record())
+        return shot if self.noise == 0 else noisy(shot, self.noise, generator(seed, "added noise"))
 
     def _from_file(self, seed: int) -> Shot:
         shot = import_shots(Path(self.file), None, ImportOptions()).shots[0]
-        if self.views is None and self.open_share is None and self.noise == 0:
+        if self.views is None and self.open_share is None and self.noise == 0 and not self.grey_masks:
             return shot
-        return recoded(shot, self.views or shot.views, self.open_share, self.noise, np.random.default_rng(seed))
+        views, rng = shot.views if self.views is None else self.views, np.random.default_rng(seed)
+        return recoded(shot, views, self.open_share, self.noise, rng, grey=self.grey_masks)
 
 
-def recoded(shot: Shot, views: int, open_share: float | None, noise: float, rng: np.random.Generator) -> Shot:
+def check_noise(noise: float) -> None:
+    """Accept a standard deviation in full scales of one view.
+
+    Raises:
+        InputError: It is not a number from 0 to what a measurement may reach.
+    """
+    if not 0 <= noise <= MEASUREMENT_LIMIT:
+        raise InputError(f"noise of {noise} full scales of a view", allowed=f"0 to {MEASUREMENT_LIMIT:g}")
+
+
+def noisy(shot: Shot, noise: float, rng: np.random.Generator) -> Shot:
+    """Add white noise to a measurement.
+
+    Clipped readings stay: noise before the clipping would not show in them, and as they are marked they go on
+    saying no more than «at least».
+
+    Args:
+        shot: Exposed, with noise of its own or without.
+        noise: Standard deviation in full scales of one view.
+        rng: Where it comes from.
+
+    Raises:
+        InputError: The noise is out of range.
+    """
+    check_noise(noise)
+    added = noise * rng.standard_normal(shot.measurement.shape)
+    if shot.saturated is not None:
+        added[shot.saturated] = 0.0
+    measurement = (shot.measurement + added).astype(np.float32)
+    return replace(shot, measurement=measurement, provenance={**shot.provenance, "added_noise": noise}).check()
+
+
+def without_focal(shot: Shot) -> Shot:
+    """Leave out a shot's camera matrix, so that its solver has to find the focal length.
+
+    Raises:
+        InputError: There is none: the shot as it is shows what is asked for.
+    """
+    if shot.intrinsics is None:
+        raise InputError(
+            f"{shot.name} holds no camera matrix to leave out", remedy="look at the line of the case as it is"
+        )
+    return replace(shot, intrinsics=None)
+
+
+def recoded(
+    shot: Shot, views: int, open_share: float | None, noise: float, rng: np.random.Generator, *, grey: bool = False
+) -> Shot:
     """Code a shot's true views anew: y = Σ Mᵢ Xᵢ + noise.
 
     Args:
         shot: With true views, [N, H, W, C].
         views: How many of them, evenly spread over the path, first and last included.
-        open_share: Of new random binary masks; None takes the shot's own masks of the same views.
+        open_share: Of new random masks; None takes the shot's own masks of the same views.
         noise: Standard deviation in full scales of one view.
         rng: Where masks and noise come from.
+        grey: Draw grey masks instead of binary ones, without an `open_share` of the same mean as the shot's own.
 
     Raises:
-        InputError: The shot has no true views or fewer than asked for, or the noise is not a finite number >= 0.
+        InputError: The shot has no true views or fewer than asked for, or a number is out of range.
     """
+    check_noise(noise)
     truth = shot.truth.views
     if truth is None:
         raise InputError(f"{shot.name} holds no true views to code anew", remedy="leave its masks as they are")
-    if not 1 <= views <= shot.views or not 0 <= noise < np.inf:
-        raise InputError(
-            f"{views} views of {shot.name} with noise {noise}", allowed=f"1 to {shot.views} views, noise >= 0"
-        )
+    if not 1 <= views <= shot.views:
+        raise InputError(f"{views} views of {shot.name}, which holds {shot.views}", allowed=f"1 to {shot.views} views")
     chosen = np.linspace(0, shot.views - 1, views).round().astype(int)
-    masks = shot.masks[chosen] if open_share is None else random_masks(views, shot.size, open_share, rng)
+    masks = shot.masks[chosen]
+    if grey:
+        share = float(masks.mean()) if open_share is None else open_share
+        masks = random_grey_masks(views, shot.size, share, rng)
+    elif open_share is not None:
+        masks = random_masks(views, shot.size, open_share, rng)
     poses = shot.truth.world_to_camera
     seen: F32 = truth[chosen]
     coded = np.einsum("nhw,nhwc->hwc", masks, seen, dtype=np.float64)
@@ -127,5 +207,5 @@ def recoded(shot: Shot, views: int, open_share: float | None, noise: float, rng:
         saturated=None,
         telemetry_world_to_camera=None,
         truth=Truth(seen, None if poses is None else poses[chosen]),
-        provenance={**shot.provenance, "recoded": f"{views} views, {open_share} open, noise {noise}"},
+        provenance={**shot.provenance, "recoded": f"{views} views, {open_share} open, grey {grey}, noise {noise}"},
     ).check()

@@ -98,7 +98,7 @@ def markdown(table: Table, figures: Sequence[Figures], command: str) -> str:
         for one in lines:
             cells = [_cell(measure, one, k, best[k]) for k, measure in enumerate(table.measures)]
             parts.append(f"| {one.line} | " + " | ".join(cells) + " |")
-        parts += ["", *(f"{one.line}: {error}" for one in lines for error in one.errors), ""]
+        parts += ["", *(f"- {one.line}: {error}" for one in lines for error in one.errors), ""]
     return "\n".join(parts).rstrip() + "\n"
 
 

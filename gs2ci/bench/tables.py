@@ -3,10 +3,10 @@
 Here: `Table`, and the tables by name. Not here: the work (`works`), pages (`pages`). For this package.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 from gs2ci.bench.calibration import BENCHES, FRAMES
 from gs2ci.bench.cases import Case
@@ -16,8 +16,20 @@ from gs2ci.bench.variants import ABLATION, GEOMETRY, RULES, VARIANTS
 from gs2ci.core.errors import InputError
 
 SIMULATED: Final = ("boxes", "thicket", "motorcycle", "corridor")
+TEXTURELESS: Final = "textureless"
 RATIOS: Final = (0.1, 0.25, 0.5, 0.75, 0.9)
-VIEWS: Final = (4, 8, 16, 24)
+VIEWS: Final = (4, 8, 16, 24, 32)
+# Fields of a `Case`, against the case untouched. Where more light would reach the sensor, the lens is stopped down:
+# else the line would show what clipped readings cost (of 32 views, up to half of all).
+CONDITIONS: Final[dict[str, dict[str, Any]]] = {
+    "as it is": {},
+    **{f"noise {percent} %": {"noise": percent / 100} for percent in (1, 2, 5)},
+    "half open": {"open_share": 0.5, "stopped_down": True},
+    "three quarters open": {"open_share": 0.75, "stopped_down": True},
+    "grey masks": {"grey_masks": True},
+    **{f"{views} views": {"views": views, "stopped_down": True} for views in (16, 32)},
+    "focal unknown": {"focal_known": False},
+}
 CALIBRATE: Final = "gs2ci.bench.calibration:calibrate_masks"
 
 
@@ -99,6 +111,18 @@ def simulated_cases(size: tuple[int, int] = (192, 256)) -> tuple[Case, ...]:
     return tuple(Case(name, scene=name, size=size) for name in SIMULATED)
 
 
+def condition_cases(folder: Path | None) -> tuple[Case, ...]:
+    """Return the measurements of a folder, or simulated ones, and among these one that is hard by itself.
+
+    Raises:
+        InputError: The folder holds none.
+    """
+    if folder is not None:
+        return file_cases(folder)
+    easy = simulated_cases()
+    return (*easy, replace(easy[0], name=TEXTURELESS, scene=TEXTURELESS))
+
+
 def file_cases(folder: Path) -> tuple[Case, ...]:
     """Return a case for each .npz file of a folder.
 
@@ -146,10 +170,10 @@ def _variants(
     return entries
 
 
-def _recoded(lines: dict[str, dict[str, float | int]]) -> Callable[[Options], list[Entry]]:
+def _changed(lines: Mapping[str, Mapping[str, Any]]) -> Callable[[Options], list[Entry]]:
     def entries(options: Options) -> list[Entry]:
         return [
-            Entry(case.name, line, reconstruction(replace(case, **lines[line]), "default", seed))  # type: ignore[arg-type]
+            Entry(case.name, line, reconstruction(replace(case, **lines[line]), "default", seed))
             for case in options.cases
             for line in _chosen(tuple(lines), options.lines)
             for seed in range(options.seeds)
@@ -233,14 +257,25 @@ TABLES: Final[dict[str, Table]] = {
     "mask-ratio": Table(
         "Share of open mask pixels",
         "Random binary masks; from files, true views are coded anew.",
-        _recoded({f"{ratio:.0%} open": {"open_share": ratio} for ratio in RATIOS}),
+        _changed({f"{ratio:.0%} open": {"open_share": ratio} for ratio in RATIOS}),
         RECONSTRUCTION,
     ),
     "compression": Table(
         "Views in one measurement",
-        "As many masks as views, a quarter open. A file's views are thinned, so its compression ends at its own count.",
-        _recoded({f"{views} views": {"views": views, "open_share": 0.25} for views in VIEWS}),
+        "As many masks as views, a quarter open. A file's views are thinned, so its compression ends at its own count. "
+        "A scene is lit as ever, so that many views clip readings: of 32, up to half.",
+        _changed({f"{views} views": {"views": views, "open_share": 0.25} for views in VIEWS}),
         RECONSTRUCTION,
+    ),
+    "conditions": Table(
+        "Hard conditions",
+        "The measurement as it is, and with one condition of a real bench at a time: white noise, in shares of one "
+        "view's full scale; masks that are more open, or grey; more views of the same path; no camera matrix. Where "
+        "more masks are open the lens is stopped down, so that no more readings clip. New noise, masks and views "
+        "code a file's true views anew, without the noise it came with. A line that a case cannot have says why.",
+        _changed(CONDITIONS),
+        RECONSTRUCTION,
+        condition_cases,
     ),
     "seeds": Table(
         "Seeds",

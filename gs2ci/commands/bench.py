@@ -42,7 +42,8 @@ def run(
     quiet machine.
 
     Args:
-        table: Which one: methods, init, density, ablation, mask-ratio, compression, seeds, calibrate, simulate.
+        table: Which one: methods, init, density, ablation, mask-ratio, compression, conditions, seeds,
+            calibrate, simulate.
         output: Folder for the pages and the finished cells.
         data: Folder of .npz measurements to use instead of simulated scenes; of rig files (.toml) for simulate.
         cases: Only these of the cases.

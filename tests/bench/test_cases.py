@@ -5,11 +5,12 @@ from dataclasses import asdict, replace
 import numpy as np
 import pytest
 
-from gs2ci.bench.cases import Case, recoded
+from gs2ci.bench.cases import Case, noisy, recoded, without_focal
 from gs2ci.core.errors import InputError
 from gs2ci.core.records import Shot, Truth
 
 SMALL = Case("small", scene="boxes", size=(32, 48), views=4)
+TINY = Case("tiny", scene="planes", size=(24, 32), views=4)
 
 
 @pytest.fixture
@@ -82,10 +83,113 @@ def test_a_shot_without_truth_cannot_be_coded_anew(known):
         recoded(replace(known, truth=Truth()), 2, None, 0.0, np.random.default_rng(0))
 
 
-@pytest.mark.parametrize(("views", "noise"), [(0, 0.0), (7, 0.0), (2, -1.0), (2, np.nan)])
-def test_more_views_than_there_are_or_impossible_noise_are_refused(known, views, noise):
+@pytest.mark.parametrize("views", [0, 7])
+def test_more_views_than_there_are_or_none_are_refused(known, views):
     with pytest.raises(InputError, match="1 to 6 views"):
-        recoded(known, views, None, noise, np.random.default_rng(0))
+        recoded(known, views, None, 0.0, np.random.default_rng(0))
+
+
+@pytest.mark.parametrize("noise", [-1.0, np.nan, np.inf, 1e13])
+def test_impossible_noise_is_refused(known, noise):
+    with pytest.raises(InputError, match="noise of"):
+        recoded(known, 2, None, noise, np.random.default_rng(0))
+    with pytest.raises(InputError, match="noise of"):
+        noisy(known, noise, np.random.default_rng(0))
+    with pytest.raises(InputError, match="noise of"):
+        replace(TINY, noise=noise).shot(0)
+
+
+@pytest.mark.parametrize("switch", ["grey_masks", "focal_known", "stopped_down"])
+@pytest.mark.parametrize("value", [None, 1, "no"])
+def test_a_switch_that_is_neither_on_nor_off_is_refused(switch, value):
+    with pytest.raises(InputError, match=f"{switch} = "):
+        Case.of({**asdict(TINY), switch: value}).shot(0)
+
+
+@pytest.mark.parametrize("views", [0, 7])
+def test_a_file_is_not_taken_as_it_is_where_other_views_are_asked_for(file, views):
+    with pytest.raises(InputError, match="1 to 6 views"):
+        Case("known", file=file, views=views).shot(0)
+
+
+def test_noise_comes_on_top_of_a_simulated_measurement_and_changes_nothing_else():
+    plain, loud = TINY.shot(0), replace(TINY, noise=0.05).shot(0)
+    added = (loud.measurement - plain.measurement)[~plain.saturated]
+    assert added.std() == pytest.approx(0.05, rel=0.05)
+    assert abs(added.mean()) < 0.005
+    assert np.array_equal(loud.masks, plain.masks)
+    assert np.array_equal(loud.truth.views, plain.truth.views)
+    assert loud.provenance["added_noise"] == 0.05
+
+
+def test_a_simulated_measurements_noise_is_the_seeds():
+    one, again, other = (replace(TINY, noise=0.05).shot(seed).measurement for seed in (0, 0, 1))
+    assert np.array_equal(one, again)
+    added = one - TINY.shot(0).measurement
+    # Nor is it that of the masks, whose generator begins with the same seed.
+    assert not np.allclose(added, other - TINY.shot(1).measurement, atol=0.01)
+    of_the_masks = 0.05 * np.random.default_rng(0).standard_normal(added.shape)
+    assert abs(np.corrcoef(added.ravel(), of_the_masks.ravel())[0, 1]) < 0.1
+
+
+def test_noise_leaves_clipped_readings_and_their_marks(known):
+    clipped = np.zeros(known.size, np.bool_)
+    clipped[3, 4:8] = True
+    shot = noisy(replace(known, saturated=clipped), 0.1, np.random.default_rng(0))
+    assert np.array_equal(shot.measurement[clipped], known.measurement[clipped])
+    assert (shot.measurement[~clipped] != known.measurement[~clipped]).all()
+    assert np.array_equal(shot.saturated, clipped)
+
+
+def test_a_simulated_cases_grey_masks_are_as_open_as_its_binary_ones():
+    for share in (None, 0.5):
+        shot = replace(TINY, grey_masks=True, open_share=share).shot(0)
+        assert 0 <= shot.masks.min() < shot.masks.max() <= 1
+        assert np.mean((shot.masks > 0) & (shot.masks < 1)) > 0.9
+        assert shot.masks.mean() == pytest.approx(share or 0.25, abs=0.02)
+
+
+def test_what_grey_masks_let_through_is_what_is_measured():
+    shot = replace(TINY, grey_masks=True, full_scale_photons=4000.0).shot(0)
+    coded = np.einsum("nhw,nhwc->hwc", shot.masks, shot.truth.views)
+    # Motion within a mask's interval and photon noise are small against the scene.
+    assert np.corrcoef(coded.ravel(), shot.measurement.ravel())[0, 1] > 0.98
+
+
+def test_a_files_grey_masks_are_as_open_as_its_own_or_as_asked_for(file, known):
+    for share, expected in ((None, float(known.masks.mean())), (0.3, 0.3)):
+        shot = Case("known", file=file, open_share=share, grey_masks=True).shot(0)
+        assert np.mean((shot.masks > 0) & (shot.masks < 1)) > 0.9
+        assert shot.masks.mean() == pytest.approx(expected, abs=0.03)
+        assert np.allclose(shot.measurement, np.einsum("nhw,nhwc->hwc", shot.masks, shot.truth.views), atol=1e-6)
+
+
+def test_a_case_may_keep_its_focal_length_to_itself_and_changes_nothing_else():
+    told, untold = TINY.shot(0), replace(TINY, focal_known=False).shot(0)
+    assert told.intrinsics is not None
+    assert untold.intrinsics is None
+    assert np.array_equal(told.measurement, untold.measurement)
+
+
+def test_a_shot_without_a_camera_matrix_has_none_to_leave_out(known, file):
+    with pytest.raises(InputError, match="no camera matrix"):
+        without_focal(known)
+    with pytest.raises(InputError, match="no camera matrix"):
+        Case("known", file=file, focal_known=False).shot(0)
+
+
+def test_a_lens_that_is_stopped_down_keeps_many_views_from_clipping():
+    bright = replace(TINY, views=32).shot(0)
+    dim = replace(TINY, views=32, stopped_down=True).shot(0)
+    assert bright.saturated.mean() > 0.2
+    assert dim.saturated.mean() < 0.02
+    # The unit stays the full scale of a view.
+    within = ~bright.saturated & ~dim.saturated
+    assert dim.measurement[within].mean() == pytest.approx(bright.measurement[within].mean(), rel=0.02)
+
+
+def test_a_lens_is_not_opened_where_fewer_masks_are_open():
+    assert np.array_equal(TINY.shot(0).measurement, replace(TINY, stopped_down=True).shot(0).measurement)
 
 
 @pytest.mark.parametrize("case", [Case("none"), Case("both", file="a.npz", scene="boxes")])

@@ -73,6 +73,12 @@ def test_three_files_are_written(figures, tmp_path):
     assert cv2.imread(str(paths[2])) is not None
 
 
+def test_reasons_are_told_each_on_a_line_of_its_own():
+    entries = [Entry("one", line, CELL) for line in ("16 views", "32 views")]
+    text = markdown(TABLE, collect(TABLE, entries, [{"error": "holds 8"}, {"error": "holds 8"}]), "")
+    assert "\n\n- 16 views: holds 8\n- 32 views: holds 8\n" in text
+
+
 def test_a_folder_that_cannot_be_made_is_a_clear_error(figures, tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(StorageError, match="cannot be written"):

@@ -3,17 +3,21 @@
 import itertools
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from gs2ci.bench.calibration import BENCHES, FRAMES
 from gs2ci.bench.cases import Case
-from gs2ci.bench.tables import RATIOS, TABLES, VIEWS, Options, file_cases, simulated_cases
+from gs2ci.bench.cells import run
+from gs2ci.bench.tables import CONDITIONS, RATIOS, TABLES, VIEWS, Options, file_cases, simulated_cases
 from gs2ci.bench.variants import ABLATION, FINE, GEOMETRY, RULES, VARIANTS, settings_of
 from gs2ci.core.errors import InputError
 from gs2ci.reconstruct.ablation import COMPONENTS
 from gs2ci.reconstruct.fit.paper import paper_settings
+from gs2ci_sims.scenes.files import scene_names
 
 CASES = (Case("a", scene="boxes"), Case("b", scene="ball"))
+TINY = Case("tiny", scene="planes", size=(24, 32))
 
 
 LINES = {
@@ -22,6 +26,7 @@ LINES = {
     "ablation": ("default", "one fit", *(f"without {name}" for name in COMPONENTS), "without all six"),
     "mask-ratio": RATIOS,
     "compression": VIEWS,
+    "conditions": CONDITIONS,
     "seeds": ("default",),
 }
 
@@ -39,6 +44,63 @@ def test_a_line_changes_what_it_says():
     assert [entry.cell.arguments["case"]["open_share"] for entry in entries] == list(RATIOS)
     entries = TABLES["compression"].entries(Options(CASES[:1], seeds=1))
     assert [entry.cell.arguments["case"]["views"] for entry in entries] == list(VIEWS)
+
+
+@pytest.fixture(scope="module")
+def conditions():
+    """The shot of each line of the table of hard conditions."""
+    entries = TABLES["conditions"].entries(Options((TINY,), seeds=1))
+    return {entry.line: Case.of(entry.cell.arguments["case"]).shot(0) for entry in entries}
+
+
+def test_the_line_as_it_is_is_the_case_untouched(conditions):
+    easy = conditions["as it is"]
+    assert np.array_equal(easy.measurement, TINY.shot(0).measurement)
+    assert easy.intrinsics is not None
+
+
+@pytest.mark.parametrize("percent", [1, 2, 5])
+def test_a_line_of_noise_has_that_share_of_full_scale(conditions, percent):
+    easy, noisy = conditions["as it is"], conditions[f"noise {percent} %"]
+    added = (noisy.measurement - easy.measurement)[~easy.saturated]
+    assert added.std() == pytest.approx(percent / 100, rel=0.05)
+
+
+@pytest.mark.parametrize(("line", "share"), [("half open", 0.5), ("three quarters open", 0.75), ("grey masks", 0.25)])
+def test_a_line_of_masks_is_as_open_as_it_says(conditions, line, share):
+    assert conditions[line].masks.mean() == pytest.approx(share, abs=0.02)
+    assert (len(np.unique(conditions[line].masks)) > 2) == (line == "grey masks")
+
+
+@pytest.mark.parametrize("views", [16, 32])
+def test_a_line_of_views_has_so_many(conditions, views):
+    shot = conditions[f"{views} views"]
+    assert shot.views == len(shot.truth.views) == len(shot.truth.world_to_camera) == views
+
+
+def test_only_the_line_without_a_focal_length_tells_no_camera_matrix(conditions):
+    assert [line for line, shot in conditions.items() if shot.intrinsics is None] == ["focal unknown"]
+
+
+def test_no_line_shows_clipped_readings_instead_of_its_condition(conditions):
+    assert max(shot.saturated.mean() for shot in conditions.values()) < 0.03
+
+
+def test_a_line_that_a_file_cannot_have_says_why(tmp_path):
+    views, masks = np.full((4, 8, 8, 3), 0.5, np.float32), np.ones((4, 8, 8), np.float32)
+    np.savez(tmp_path / "four.npz", meas=views.sum(axis=0), masks=masks, truth=views)
+    options = Options(file_cases(tmp_path), seeds=1, lines=("16 views", "focal unknown", "grey masks"))
+    rows = [run(entry.cell) for entry in TABLES["conditions"].entries(options)]
+    for row, why in zip(rows, ("1 to 4 views", "no camera matrix", "transmission of 1"), strict=True):
+        assert why in row["error"]
+
+
+def test_hard_conditions_come_with_a_scene_that_is_hard_by_itself_and_files_with_none(tmp_path):
+    simulated = TABLES["conditions"].known(None)
+    assert [case.name for case in simulated] == [*(case.name for case in simulated_cases()), "textureless"]
+    assert simulated[-1].scene in scene_names()
+    (tmp_path / "a.npz").write_bytes(b"")
+    assert [case.name for case in TABLES["conditions"].known(tmp_path)] == ["a"]
 
 
 def test_calibration_has_its_own_benches_measured_and_predicted():

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from gs2ci.core.errors import InputError
-from gs2ci_sims.masks import laboratory_masks, random_masks
+from gs2ci_sims.masks import laboratory_masks, random_grey_masks, random_masks
 
 
 def rng(seed=0):
@@ -40,18 +40,48 @@ def test_the_same_generator_gives_the_same_masks():
     assert np.array_equal(random_masks(3, (9, 9), 0.3, rng(4)), random_masks(3, (9, 9), 0.3, rng(4)))
 
 
+@pytest.mark.parametrize("ratio", [0.1, 0.25, 0.5, 0.75])
+def test_grey_masks_have_the_mean_asked_for_and_a_third_of_the_variance_of_binary_ones(ratio):
+    masks = random_grey_masks(8, (200, 300), ratio, rng())
+    assert (masks.shape, masks.dtype) == ((8, 200, 300), np.float32)
+    assert 0 <= masks.min() <= masks.max() <= 1
+    assert masks.mean() == pytest.approx(ratio, abs=0.003)
+    assert masks.var() == pytest.approx(ratio * (1 - ratio) / 3, rel=0.02)
+
+
+def test_grey_masks_that_are_half_open_on_average_take_every_value_alike():
+    masks = random_grey_masks(8, (100, 150), 0.5, rng())
+    counts, _ = np.histogram(masks, bins=10, range=(0, 1))
+    np.testing.assert_allclose(counts / masks.size, 0.1, atol=0.005)
+    assert len(np.unique(masks)) > 0.9 * masks.size
+
+
+def test_features_of_grey_masks_are_even_squares():
+    masks = random_grey_masks(1, (10, 13), 0.5, rng(), feature_px=4)[0]
+    assert masks.shape == (10, 13)
+    assert (masks[8:10, 8:12] == masks[8, 8]).all()
+    assert masks[0, 0] != masks[0, 4]
+
+
+@pytest.mark.parametrize("draw", [random_masks, random_grey_masks])
 @pytest.mark.parametrize(
     ("count", "size", "ratio", "feature_px"),
     [(0, (4, 4), 0.5, 1), (2, (0, 4), 0.5, 1), (2, (4, 4), 0.0, 1), (2, (4, 4), 1.1, 1), (2, (4, 4), 0.5, 0)],
 )
-def test_figures_out_of_range_are_refused(count, size, ratio, feature_px):
+def test_figures_out_of_range_are_refused(draw, count, size, ratio, feature_px):
     with pytest.raises(InputError, match="allowed"):
-        random_masks(count, size, ratio, rng(), feature_px=feature_px)
+        draw(count, size, ratio, rng(), feature_px=feature_px)
 
 
-def test_masks_that_all_came_out_closed_are_refused():
+def test_grey_masks_that_are_all_open_are_refused():
+    with pytest.raises(InputError, match="mean transmission of 1"):
+        random_grey_masks(2, (4, 4), 1.0, rng())
+
+
+@pytest.mark.parametrize("draw", [random_masks, random_grey_masks])
+def test_masks_that_all_came_out_closed_are_refused(draw):
     with pytest.raises(InputError, match="came out closed"):
-        random_masks(1, (1, 1), 1e-9, rng())
+        draw(1, (1, 1), 1e-9, rng())
 
 
 @pytest.fixture(scope="module")

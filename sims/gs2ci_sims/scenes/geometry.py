@@ -20,6 +20,7 @@ from gs2ci_sims.scenes.planes import planes
 from gs2ci_sims.scenes.ply import scene_from_ply
 from gs2ci_sims.scenes.rgbd import motorcycle
 from gs2ci_sims.scenes.stage import Frame
+from gs2ci_sims.scenes.textureless import textureless
 from gs2ci_sims.scenes.thicket import thicket
 
 Vector = tuple[float, float, float]
@@ -150,6 +151,19 @@ class Corridor(Procedural):
         )
 
 
+class Textureless(Procedural):
+    """A small textured box before plain walls."""
+
+    kind: Literal["textureless"]
+    edge: float = 0.5
+    depth: float = 4.0
+    backdrop: float = 6.0
+
+    def build(self, frame: Frame, folder: Path) -> Scene:
+        """Build the scene for a camera."""
+        return textureless(self.generator(), frame, edge=self.edge, depth=self.depth, backdrop=self.backdrop)
+
+
 class Photograph(Settings):
     """A photograph with measured disparity. Its lens is its own: no field of view can be chosen."""
 
@@ -178,7 +192,8 @@ class GaussianFile(Settings):
 
 
 Geometry = Annotated[
-    Planes | Boxes | MovingBox | Thicket | Ball | Corridor | Photograph | GaussianFile, Field(discriminator="kind")
+    Planes | Boxes | MovingBox | Thicket | Ball | Corridor | Textureless | Photograph | GaussianFile,
+    Field(discriminator="kind"),
 ]
 
 _PHOTOGRAPHS: dict[str, Callable[[tuple[int, int]], Scene]] = {"motorcycle": motorcycle}

@@ -12,10 +12,11 @@ from gs2ci_sims.scenes.boxes import boxes, moving_box
 from gs2ci_sims.scenes.corridor import corridor
 from gs2ci_sims.scenes.rectangles import Rectangle, depth_of, receding, shade
 from gs2ci_sims.scenes.stage import Frame, room
+from gs2ci_sims.scenes.textureless import textureless
 from gs2ci_sims.scenes.thicket import thicket
 
 FRAME, FINE = Frame((48, 72), 50.0), Frame((136, 200), 50.0)
-MAKERS = [boxes, moving_box, thicket, corridor, ball]
+MAKERS = [boxes, moving_box, thicket, corridor, ball, textureless]
 
 
 def make(maker, seed=0, frame=FRAME, **options):
@@ -78,6 +79,18 @@ def test_the_box_that_is_to_fly_lies_within_its_ball_and_nothing_else_does():
     assert ((distance <= radius) | (distance > 1.2 * radius)).all()
     red, green, blue = inside.mean(dim=0)
     assert red > green > blue  # its paint
+
+
+def test_only_the_box_and_the_rooms_edges_show_anything_in_a_textureless_room():
+    scene = make(textureless, frame=FINE)
+    room_alone = make(textureless, frame=FINE, edge=1e-3).depth
+    radiance = Renderer().views(scene, np.eye(4)[None])[0][0]
+    slope = np.hypot(*np.gradient(radiance.mean(axis=-1)))
+    is_box = np.abs(scene.depth - room_alone) > 0.05
+    assert 0.01 < is_box.mean() < 0.05
+    assert np.mean(slope > 0.003) < 0.12
+    assert np.mean(slope[~is_box] > 0.003) < 0.08
+    assert np.mean(slope[is_box] > 0.003) > 0.9
 
 
 def test_a_highlights_harmonics_are_the_lobes_projection():
@@ -167,6 +180,10 @@ def test_a_face_towards_the_light_is_brighter_than_one_away_from_it():
         (thicket, {"stems": 0}),
         (thicket, {"width_px": (0.0, 2.0)}),
         (thicket, {"near": 5.9}),
+        (textureless, {"edge": 0.0}),
+        (textureless, {"edge": 4.5}),
+        (textureless, {"depth": 5.8}),
+        (textureless, {"backdrop": float("inf")}),
         (corridor, {"length": 0.5}),
         (corridor, {"half_width": -1.0}),
         (ball, {"radius": 5.0}),
