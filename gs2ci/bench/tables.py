@@ -256,15 +256,16 @@ TABLES: Final[dict[str, Table]] = {
     ),
     "mask-ratio": Table(
         "Share of open mask pixels",
-        "Random binary masks; from files, true views are coded anew.",
-        _changed({f"{ratio:.0%} open": {"open_share": ratio} for ratio in RATIOS}),
+        "Random binary masks; from files, true views are coded anew. Where more masks are open the lens of a scene is "
+        "stopped down, so that no more readings clip.",
+        _changed({f"{ratio:.0%} open": {"open_share": ratio, "stopped_down": True} for ratio in RATIOS}),
         RECONSTRUCTION,
     ),
     "compression": Table(
         "Views in one measurement",
         "As many masks as views, a quarter open. A file's views are thinned, so its compression ends at its own count. "
-        "A scene is lit as ever, so that many views clip readings: of 32, up to half.",
-        _changed({f"{views} views": {"views": views, "open_share": 0.25} for views in VIEWS}),
+        "Where more masks are open the lens of a scene is stopped down, so that no more readings clip.",
+        _changed({f"{views} views": {"views": views, "open_share": 0.25, "stopped_down": True} for views in VIEWS}),
         RECONSTRUCTION,
     ),
     "conditions": Table(
