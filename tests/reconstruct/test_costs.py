@@ -92,8 +92,8 @@ def test_the_population_grows_from_the_first_points_to_the_cap():
 def test_fits_side_by_side_share_the_threads():
     def fit_s(fits, threads):
         model, settings = replace(MODEL, threads=threads), replace(PRESETS["standard"], fits=fits)
-        looks = 16 * MODEL.look
-        return model.predict(settings).fit - looks
+        looks = settings.fit.iterations // settings.fit.hold_out.look_every
+        return model.predict(settings).fit - looks * MODEL.look
 
     alone = fit_s(1, 1)
     assert fit_s(1, 4) == pytest.approx(alone)  # an iteration was measured with all of them

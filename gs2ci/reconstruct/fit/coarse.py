@@ -46,8 +46,8 @@ class CoarseSettings:
         cap_from: Share of the schedule after which the population may not exceed what it is then; None for never.
     """
 
-    iterations: int = 800
-    densify_every: int = 100
+    iterations: int = 600
+    densify_every: int = 75
     densify_from: float = 0.025
     densify_until: float = 0.75
     gaussians_per_pixel: float = 0.25

@@ -48,7 +48,7 @@ class FineSettings:
             (`priors2d.choose`); "none" leaves pseudo-views out, to tell what the iterations alone are worth.
         distance: The perceptual term: "structure"; "lpips" or "lpips:FILE" where the user has such a model.
         iterations: At most so many. The paper takes 3000; the coarse stage's schedule is shortened by as much.
-        steps: Step sizes: those with which the coarse stage ends.
+        steps: Step sizes: the literature's, which are small; the means' as they are after a third of its schedule.
         damping: Factor on all of them: a fresh Adam steps at full size whatever the gradient.
         between: Pseudo-views between each two cameras.
         pseudo_weight: Of all pseudo-views together, λ_syn.
@@ -62,7 +62,9 @@ class FineSettings:
     prior: str = "consistent"
     distance: str = "structure"
     iterations: int = 300
-    steps: StepSizes = field(default_factory=lambda: StepSizes(means=3.2e-5, means_final_share=1.0))
+    steps: StepSizes = field(
+        default_factory=lambda: replace(StepSizes.of_the_literature(), means=3.2e-5, means_final_share=1.0)
+    )
     damping: float = 0.3
     between: int = 1
     pseudo_weight: float = 0.006

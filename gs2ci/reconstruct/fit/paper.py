@@ -35,7 +35,7 @@ def paper_settings() -> Settings:
         gaussians_per_pixel=_MOST_PER_PIXEL,
         cap_from=7_000 / _ITERATIONS,
         loss=LossWeights(similarity=0.1, opacity=0.01),
-        steps=StepSizes(means=1.6e-4, means_final_share=0.01),
+        steps=StepSizes.of_the_literature(),
         poses=PoseSettings(every=25, rate=1e-2, final_rate=2e-5),
         hold_out=HoldOut(share=0.0, look_every=1000, patience=_ITERATIONS, growth_patience=_ITERATIONS),
         density=Osgr(),

@@ -93,7 +93,7 @@ class Listener(Silent):
 def test_the_loss_and_the_held_out_residual_fall(moving_plane):
     fit, _ = run(moving_plane)
     assert [point.iteration for point in fit.curve] == [10, 20, 30, 40, 50, 60]
-    assert fit.curve[-1].loss < 0.5 * fit.curve[0].loss
+    assert fit.curve[-1].loss < 0.7 * fit.curve[0].loss
     assert fit.curve[-1].heldout < 0.7 * fit.curve[0].heldout
     assert fit.notes == ()
     assert np.isfinite(fit.views).all()
@@ -274,7 +274,7 @@ def test_a_mono_measurement_gives_mono_views(moving_plane):
     mono = replace(shot, measurement=shot.measurement.mean(axis=2, keepdims=True)).check()
     fit, _ = run(moving_plane, shot=mono)
     assert fit.views.shape == (4, 32, 40, 1)
-    assert fit.curve[-1].loss < 0.5 * fit.curve[0].loss
+    assert fit.curve[-1].loss < 0.7 * fit.curve[0].loss
 
 
 def test_a_mosaic_gives_colour_views(moving_plane):
@@ -282,7 +282,7 @@ def test_a_mosaic_gives_colour_views(moving_plane):
     mosaic = replace(shot, measurement=shot.measurement[..., :1].copy(), cfa="GRBG").check()
     fit, _ = run(moving_plane, shot=mosaic)
     assert fit.views.shape == (4, 32, 40, 3)
-    assert fit.curve[-1].loss < 0.5 * fit.curve[0].loss
+    assert fit.curve[-1].loss < 0.7 * fit.curve[0].loss
 
 
 def test_the_score_of_the_refined_views_is_reported_at_each_look(moving_plane):
