@@ -70,7 +70,7 @@ def _ladder() -> list[Trial]:
     found.append(Trial("half the resolution", "resolution", base, shrink=2))
     for fits in (1, 4):
         found.append(Trial(f"{fits} fit{'s' if fits > 1 else ''}", "fits", replace(base, fits=fits)))
-    for iterations in (100, 200, 400, 1600):
+    for iterations in (100, 200, 300, 1200):
         changed = replace(base, fit=rescheduled(base.fit, iterations))
         found.append(Trial(f"{iterations} iterations", "iterations", changed))
     for share in (0.1, 0.5):
