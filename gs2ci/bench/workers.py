@@ -3,11 +3,13 @@
 Here: handing out cells, keeping each as soon as it is done. Not here: the work itself (`works`). For this package.
 """
 
+import multiprocessing
 import os
+import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
-from multiprocessing import get_context
+from multiprocessing.connection import wait
 from typing import Any, Final
 
 from gs2ci.bench.cells import Cell, run
@@ -85,8 +87,8 @@ def _in_processes(missing: dict[str, Cell], processes: int) -> Iterator[tuple[st
 def _in_pool(cells: dict[str, Cell], processes: int, sharing: int = 0) -> Iterator[tuple[str, Row]]:
     """Work until all is done or a process dies."""
     threads = max(1, (os.cpu_count() or 1) // (sharing or processes))
-    context = get_context("spawn")
-    with ProcessPoolExecutor(processes, context, initializer=_limit_threads, initargs=(threads,)) as pool:
+    context = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(processes, context, initializer=_settle, initargs=(threads,)) as pool:
         futures: dict[Future[Row], str] = {pool.submit(run, cell): key for key, cell in cells.items()}
         for future in as_completed(futures):
             try:
@@ -96,10 +98,23 @@ def _in_pool(cells: dict[str, Cell], processes: int, sharing: int = 0) -> Iterat
             yield futures[future], row
 
 
-def _limit_threads(threads: int) -> None:
+def _settle(threads: int) -> None:
+    """Prepare a process for its work: no more than its share of the processors, and no longer than it is wanted."""
     import numba  # noqa: PLC0415
 
+    threading.Thread(target=_end_with_parent, daemon=True).start()
     numba.set_num_threads(min(threads, numba.config.NUMBA_NUM_THREADS))
+
+
+def _end_with_parent() -> None:
+    """End this process as soon as the one that began it is gone.
+
+    A killed parent cannot tell its pool to end, and no worker would notice: each holds the others' pipes open.
+    """
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        wait([parent.sentinel])
+        os._exit(1)
 
 
 def _on_cluster(missing: dict[str, Cell], scheduler: str) -> Iterator[tuple[str, Row | None]]:

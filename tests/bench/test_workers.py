@@ -1,6 +1,10 @@
 """Who does the work, and what a death costs."""
 
+import subprocess
+import sys
+
 import dask
+import psutil
 import pytest
 from distributed import LocalCluster
 
@@ -74,6 +78,31 @@ def test_a_process_that_dies_costs_only_its_cell(store):
     assert "died" in rows[0]["error"]
     assert [row["value"] for row in rows[1:]] == [1, 2]
     assert store.get(DEADLY.key) is None  # so the next run tries it again
+
+
+WAITING = """
+from pathlib import Path
+from gs2ci.bench.cells import Cell
+from gs2ci.bench.store import Store
+from gs2ci.bench.workers import complete
+
+if __name__ == "__main__":
+    cells = [Cell("signal:pause", {}), Cell("signal:pause", {}, ("waiting.py",))]
+    complete(cells, Store(Path("cells")), processes=2)
+"""
+
+
+def test_no_process_outlives_a_killed_parent(tmp_path):
+    (tmp_path / "waiting.py").write_text(WAITING)
+    parent = psutil.Popen([sys.executable, "waiting.py"], cwd=tmp_path, stderr=subprocess.DEVNULL)
+    workers = []
+    while len(workers) < 2 or min(worker.num_threads() for worker in workers) < 2:
+        assert parent.poll() is None
+        workers = [child for child in parent.children() if "spawn_main" in " ".join(child.cmdline())]
+    parent.kill()
+    parent.wait()
+    _, alive = psutil.wait_procs(workers, timeout=60)
+    assert not alive
 
 
 def test_a_cluster_gives_the_same_rows_and_a_dead_worker_costs_only_its_cell(store, cluster):
