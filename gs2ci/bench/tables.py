@@ -135,6 +135,26 @@ def file_cases(folder: Path) -> tuple[Case, ...]:
     return tuple(Case(file.stem, file=str(file.resolve())) for file in files)
 
 
+def resized(cases: Sequence[Case], size: tuple[int, int]) -> tuple[Case, ...]:
+    """Return simulated cases at another size.
+
+    Args:
+        cases: All of them scenes.
+        size: Height and width, px.
+
+    Raises:
+        InputError: One of them is a file, or a side is no count of pixels.
+    """
+    files = [case.name for case in cases if not case.scene]
+    if files or min(size) < 1:
+        raise InputError(
+            f"size {size[0]} x {size[1]} px for {files[0] if files else 'simulated scenes'}",
+            allowed="simulated scenes, at sides of at least 1 px",
+            remedy="leave --size out" if files else "",
+        )
+    return tuple(replace(case, size=size) for case in cases)
+
+
 def measurements(folder: Path | None) -> tuple[Case, ...]:
     """Return the measurements of a folder, or simulated ones without it.
 

@@ -16,7 +16,7 @@ from rich.markdown import Markdown
 from gs2ci.bench.html_page import write_html_page
 from gs2ci.bench.pages import collect, markdown, write_pages
 from gs2ci.bench.store import Store
-from gs2ci.bench.tables import TABLES, Options
+from gs2ci.bench.tables import TABLES, Options, resized
 from gs2ci.bench.workers import complete
 from gs2ci.commands.display import open_display
 from gs2ci.core.errors import InputError
@@ -28,6 +28,7 @@ def run(
     output: Annotated[Path, tyro.conf.arg(aliases=["-o"])] = Path("bench"),
     *,
     data: Path | None = None,
+    size: tuple[int, int] | None = None,
     cases: tuple[str, ...] = (),
     lines: tuple[str, ...] = (),
     seeds: int = 3,
@@ -46,6 +47,7 @@ def run(
             calibrate, simulate.
         output: Folder for the pages and the finished cells.
         data: Folder of .npz measurements to use instead of simulated scenes; of rig files (.toml) for simulate.
+        size: Height and width of the simulated scenes, px, instead of 192 256; for what would take hours.
         cases: Only these of the cases.
         lines: Only these lines of the table.
         seeds: How many seeds.
@@ -57,14 +59,15 @@ def run(
         The pages.
 
     Raises:
-        Gs2ciError: A name is unknown, a file cannot be read, or no scheduler answers.
+        Gs2ciError: A name is unknown, a file cannot be read, it is no scene that would get a size, or no scheduler
+            answers.
     """
     if table not in TABLES:
         raise InputError(f"table {table!r}", allowed=", ".join(TABLES))
     if seeds < 1:
         raise InputError(f"{seeds} seeds", allowed="1 or more")
     chosen = TABLES[table]
-    known = chosen.known(data)
+    known = chosen.known(data) if size is None else resized(chosen.known(data), size)
     unknown = [case for case in cases if case not in {one.name for one in known}]
     if unknown:
         raise InputError(f"case {unknown[0]!r} is unknown", allowed=", ".join(one.name for one in known))

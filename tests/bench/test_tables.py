@@ -9,7 +9,7 @@ import pytest
 from gs2ci.bench.calibration import BENCHES, FRAMES
 from gs2ci.bench.cases import Case
 from gs2ci.bench.cells import run
-from gs2ci.bench.tables import CONDITIONS, RATIOS, TABLES, VIEWS, Options, file_cases, simulated_cases
+from gs2ci.bench.tables import CONDITIONS, RATIOS, TABLES, VIEWS, Options, file_cases, resized, simulated_cases
 from gs2ci.bench.variants import ABLATION, FINE, GEOMETRY, RULES, VARIANTS, settings_of
 from gs2ci.core.errors import InputError
 from gs2ci.reconstruct.ablation import COMPONENTS
@@ -172,3 +172,13 @@ def test_the_papers_variant_is_the_papers_settings():
 def test_an_unknown_variant_is_refused():
     with pytest.raises(InputError, match="variant 'x'"):
         settings_of("x", 0)
+
+
+def test_scenes_are_simulated_at_the_size_that_is_asked_for():
+    assert {case.shot(0).size for case in resized(CASES[:1], (24, 32))} == {(24, 32)}
+
+
+@pytest.mark.parametrize(("cases", "size"), [((Case("a", file="a.npz"),), (24, 32)), (CASES, (0, 32))])
+def test_a_size_is_refused_for_files_and_where_no_pixel_is_left(cases, size):
+    with pytest.raises(InputError, match="size"):
+        resized(cases, size)
