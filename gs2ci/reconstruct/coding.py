@@ -7,6 +7,7 @@ import this file.
 """
 
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 import torch
@@ -16,9 +17,11 @@ from torch import Tensor
 from gs2ci.core.errors import InputError
 from gs2ci.core.records import CFA_PATTERNS, CfaPattern, Shot
 
-_CHANNEL = {"R": 0, "G": 1, "B": 2}
+_CHANNEL: Final = {"R": 0, "G": 1, "B": 2}
 # Noise of the dark level alone puts half of the closed pixels above zero, but not by this much of a view's full scale.
-_EXCESS = 0.05
+_EXCESS: Final = 0.05
+# More readings beyond white than this are no outliers: the unit or the masks are wrong.
+MOST_OUTLIERS: Final = 0.1
 
 
 def cfa_channels(pattern: CfaPattern, size: tuple[int, int]) -> Tensor:

@@ -1,6 +1,6 @@
 """Rows and columns of the sensor that read one value throughout: found, and left out.
 
-Here: `close_dead_lines`. Not here: single bad pixels (`gs2ci import --bad-pixels`), other doubts about a measurement
+Here: `close_dead_lines`. Not here: single hot pixels (`hot_pixels`), other doubts about a measurement
 (`doubts`). For `gs2ci.reconstruct.pipeline`.
 """
 

@@ -41,6 +41,7 @@ from gs2ci.reconstruct.geometry.initialise import Geometry, GeometrySettings
 from gs2ci.reconstruct.geometry.prior import GeometryPrior, Request, find_geometry
 from gs2ci.reconstruct.geometry.telemetry import Movement, movement
 from gs2ci.reconstruct.holes import fill_holes
+from gs2ci.reconstruct.hot_pixels import close_hot_pixels
 from gs2ci.reconstruct.proxies.routing import build_proxies
 from gs2ci.render.backend import Backend, load_backend
 from gs2ci.render.gaussians import Gaussians
@@ -245,9 +246,10 @@ class _Tools:
 
 
 def _examined(shot: Shot, progress: Progress) -> tuple[Shot, tuple[str, ...]]:
-    """Return the shot with its dead lines closed, and what is to be doubted about it."""
-    sound, mended = close_dead_lines(shot)
-    doubts = (*doubts_about(shot), *mended)
+    """Return the shot with its dead lines and hot pixels closed, and what is to be doubted about it."""
+    alive, dead = close_dead_lines(shot)
+    sound, hot = close_hot_pixels(alive)
+    doubts = (*doubts_about(shot), *dead, *hot)
     for doubt in doubts:
         progress.say(doubt)
     return sound, doubts

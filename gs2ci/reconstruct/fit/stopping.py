@@ -13,11 +13,9 @@ from numpy.typing import NDArray
 
 from gs2ci.core.errors import InputError
 from gs2ci.core.records import F32, F64, Shot
-from gs2ci.reconstruct.coding import Coding, beyond_white
+from gs2ci.reconstruct.coding import MOST_OUTLIERS, Coding, beyond_white
 
 _HELDOUT_STREAM: Final = 0x4E1D  # keeps this draw apart from every other one of the same seed
-# More readings beyond white than this are no outliers: the unit or the masks are wrong, and all pixels judge alike.
-_FEW: Final = 0.1
 
 
 @dataclass(frozen=True)
@@ -54,14 +52,15 @@ def choose_heldout(shot: Shot, share: float, seed: int) -> NDArray[np.bool_]:
     """Choose the pixels to hold out, [H, W] bool.
 
     Only pixels that light reached through some mask and that are not saturated can judge a prediction. Nor do the few
-    that read more than a white scene sends: a hot pixel or a lamp would outvote hundreds. Of the others a share is
-    drawn, at least one and never more than half. With fewer than two of them, or a share of zero, none is held out.
+    that read more than a white scene sends: a hot pixel or a lamp would outvote hundreds. (Where those are many, all
+    judge alike.) Of the others a share is drawn, at least one and never more than half. With fewer than two of them,
+    or a share of zero, none is held out.
     """
     useful = shot.masks[shot.weights > 0].any(axis=0)
     if shot.saturated is not None:
         useful &= ~shot.saturated
     odd = beyond_white(shot) & useful
-    if odd.sum() <= _FEW * useful.sum():
+    if odd.sum() <= MOST_OUTLIERS * useful.sum():
         useful &= ~odd
     candidates = np.flatnonzero(useful)
     heldout = np.zeros(shot.size, bool)
