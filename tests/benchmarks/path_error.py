@@ -2,8 +2,8 @@
 
     python -m tests.benchmarks path_error
 
-Two tables: the scenes that `halves.SHARED` was taken from, three seeds each, and others with other light, noise, size,
-numbers of views and lengths of path. Printed are both errors as shares of the path's extent; below each table how
+Two tables: the scenes that `halves.SHARED` was taken from, three seeds each, and others with other masks, light, noise,
+sizes and numbers of views. Printed are both errors as shares of the path's extent; below each table how
 often the true one is larger than the stated (the factor's median and range), the rank correlation (Spearman), and how
 many paths are doubted aloud.
 """

@@ -26,9 +26,10 @@ F64 = NDArray[np.float64]
 HALVINGS: Final = 3
 # In views of 256 px a cell is wider than the tracker's patch. Tracks that support a path lie in seven cells or more.
 CELLS: Final = 8
-# What all tracks share, halves cannot show: above all the residue in the reference view, against which every other
-# view is seen. On 21 simulated measurements of seven scenes the true error was 1.28 times what the halves said (0.86
-# to 2.2), on 16 others, with other light, noise, numbers of views and lengths of path, 1.27 times (0.89 to 2.9).
+# What all tracks share, halves cannot show; for one, the residue in the reference view, against which every other view
+# is seen. On 21 simulated measurements of seven scenes the true error was 1.28 times what the halves said (0.86 to
+# 2.2); on 25 others, with other masks, light, noise, sizes and numbers of views, 1.16 times (0.8 to 2.9). (`python -m
+# tests.benchmarks path_error` prints both, with this factor in.)
 SHARED: Final = 1.25
 # A similarity brings any two places onto any two others.
 _LEAST_VIEWS: Final = 3
