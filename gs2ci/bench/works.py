@@ -74,6 +74,7 @@ def initialise_case(case: dict[str, Any], variant: str, seed: int) -> Row:
         "rpe_r_deg": errors and errors.rpe_r_deg,
         "unexplained": unexplained(seen, decoded, geometry),
         "tracks": geometry.tracks,
+        "path_error_expected": geometry.path_error_expected,
         "full": float(geometry.verdict == "full"),
         "seconds": seconds,
         "source": geometry.source,

@@ -397,5 +397,6 @@ def _summary(geometry: Geometry, settings: Settings) -> dict[str, object]:
         "tracks": geometry.tracks,
         "reprojection_rms_px": geometry.reprojection_rms_px,
         "parallax_px": geometry.parallax_px,
+        "path_error_expected": geometry.path_error_expected,
         "reference": geometry.reference,
     }

@@ -17,3 +17,4 @@ def test_a_first_geometry_is_measured_against_the_truth(variant):
     assert row["full"] in (0.0, 1.0)
     assert row["rpe_r_deg"] >= 0
     assert row["source"] == "tracks"
+    assert (row["path_error_expected"] is None) == (row["verdict"] != "full")

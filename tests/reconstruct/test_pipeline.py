@@ -106,6 +106,7 @@ def assert_same_bits(first, second):
 def test_it_beats_its_own_decode(shot, found):
     result, truth = found.result, shot.truth.views
     assert result.geometry["verdict"] == "full"
+    assert 0 < result.geometry["path_error_expected"] < 0.2
     assert result.verdict in ("refined", "scene")
     assert result.heldout_rms[result.verdict] < 0.8 * result.heldout_rms["decode"]
     assert np.mean(psnr_per_view(result.views, truth)) > np.mean(psnr_per_view(result.decode, truth)) + 3

@@ -29,6 +29,8 @@ CLOSED_SHARE: Final = 0.05
 REPROJECTION_PX: Final = 1.5
 # What translation explains of the tracks, against their scatter; below this, path and depth are at the noise's mercy.
 PARALLAX_TO_SCATTER: Final = 1.5
+# Share of its extent by which the path may err before it is doubted: the criterion of the geometry stage.
+PATH_ERROR: Final = 0.05
 
 
 @dataclass(frozen=True)
@@ -66,6 +68,8 @@ def outcome(report: Report) -> Outcome:
         return Outcome(
             f"{count} and a scene from one exposure, kept from before the fit failed", "With doubts", "mixed"
         )
+    if _path_is_uncertain(report):
+        return Outcome(f"{count} and a scene from one exposure; the camera path is uncertain", "With doubts", "mixed")
     return Outcome(f"{count}, the camera path and the scene in 3D, from one exposure", "Recovered", "good")
 
 
@@ -219,6 +223,19 @@ def loose_tracks(report: Report) -> Step | None:
     )
 
 
+def uncertain_path(report: Report) -> Step | None:
+    """The tracks leave the camera path open, however well they are explained."""
+    geometry = _geometry(report)
+    if not _path_is_uncertain(report):
+        return None
+    count, error = describe_number(geometry.get("tracks")), geometry["path_error_expected"]
+    return Step(
+        "Do not rely on the camera path",
+        f"Halves of the {count} tracked points disagree about it: the first path is expected to err by {error:.0%} of "
+        "its extent. More sideways motion, texture over more of the frame, or a stage that reports its poses helps.",
+    )
+
+
 def little_parallax(report: Report) -> Step | None:
     """Path and depth rest on a shift that is hardly larger than the noise."""
     geometry = _geometry(report)
@@ -279,6 +296,7 @@ RULES: Final[tuple[Rule, ...]] = (
     still_improving,
     focal_was_assumed,
     loose_tracks,
+    uncertain_path,
     little_parallax,
     closed_pixels,
     simulation_was_coarse,
@@ -289,6 +307,11 @@ RULES: Final[tuple[Rule, ...]] = (
 
 def _ran_away(report: Report) -> bool:
     return re.match(r"numbers ran away", str(report["stopped_because"])) is not None
+
+
+def _path_is_uncertain(report: Report) -> bool:
+    error = _geometry(report).get("path_error_expected")
+    return isinstance(error, int | float) and error > PATH_ERROR
 
 
 def _geometry(report: Report) -> Mapping[str, Any]:

@@ -246,6 +246,7 @@ def _path(evidence: RunEvidence) -> Markup:
         ("tracked points", geometry.get("tracks"), ""),
         ("reprojection error, rms", geometry.get("reprojection_rms_px"), " px"),
         ("parallax, rms", geometry.get("parallax_px"), " px"),
+        ("expected error of the first path, of its size", geometry.get("path_error_expected"), ""),
     ]
     known = [(name, describe_value(value) + mark) for name, value, mark in rows if value is not None]
     return drawing + pieces.facts(known)

@@ -14,6 +14,7 @@ from gs2ci.core.errors import InputError
 from gs2ci.core.progress import Progress, Silent
 from gs2ci.core.records import check_intrinsics
 from gs2ci.reconstruct.geometry.focal import FocalSettings, default_focal, estimate_focal
+from gs2ci.reconstruct.geometry.halves import expected_path_error
 from gs2ci.reconstruct.geometry.motion import Motion, MotionSettings, estimate_motion, predict_positions
 from gs2ci.reconstruct.geometry.rotations import fit_rotations
 from gs2ci.reconstruct.geometry.sweep import LEAST_PLANES, SweepSettings, inverse_depth_range, sweep
@@ -22,6 +23,7 @@ from gs2ci.reconstruct.geometry.tracks import Tracks, TrackSettings, find_corner
 from gs2ci.reconstruct.geometry.validity import (
     Criteria,
     Verdict,
+    doubts_about_path,
     doubts_about_tracks,
     judge,
     parallax_px,
@@ -73,6 +75,8 @@ class Geometry:
         verdict: "full"; or why depth is a mere plane: "rotation_only", "static", "unsupported".
         notes: Sentences for the user.
         source: Which geometry prior found it.
+        path_error_expected: Error that halves of the tracks let expect of the path (`halves`), as a share of its
+            extent; None where the path was given, or there is none.
     """
 
     world_to_camera: F64
@@ -86,6 +90,7 @@ class Geometry:
     verdict: Verdict
     notes: tuple[str, ...]
     source: str = "tracks"
+    path_error_expected: float | None = None
 
 
 def initialise(
@@ -125,12 +130,13 @@ def initialise(
         geometry = _moved(flat, len(tracks), explained, motion, settings, posed)
         if geometry.verdict == "full":
             tracks = _second_look(geometry, motion, tracks, views, corners, settings)
-            again, explained = _motion(tracks, flat.intrinsics, known_poses, settings)
-            second = _moved(flat, len(tracks), explained, again, settings, posed)
+            again, kept = _motion(tracks, flat.intrinsics, known_poses, settings)
+            second = _moved(flat, len(tracks), kept, again, settings, posed)
             if second.verdict == "full":
-                geometry, motion = second, again
+                geometry, motion, explained = second, again, kept
         progress.step(2, tracks=geometry.tracks, rms_px=geometry.reprojection_rms_px)
         if geometry.verdict == "full":
+            geometry = geometry if posed else _doubted(geometry, motion, explained, settings)
             geometry = replace(geometry, inverse_depth=_depth(geometry, motion, views, settings.sweep))
     progress.step(3)
     for note in geometry.notes:
@@ -264,6 +270,14 @@ def _moved(
         verdict=verdict,
         notes=notes,
     )
+
+
+def _doubted(geometry: Geometry, motion: Motion, tracks: Tracks, settings: GeometrySettings) -> Geometry:
+    """Enter how far the path may be relied on."""
+    size = (geometry.inverse_depth.shape[0], geometry.inverse_depth.shape[1])
+    error = expected_path_error(motion, tracks, geometry.intrinsics, size, settings.motion)
+    notes = (*geometry.notes, *doubts_about_path(error, settings.criteria))
+    return replace(geometry, path_error_expected=error, notes=notes)
 
 
 def _with_missing_poses(world_to_camera: F64, missing: NDArray[np.int64]) -> F64:

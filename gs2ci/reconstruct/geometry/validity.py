@@ -38,6 +38,9 @@ class Criteria:
         parallax_px: Least parallax: what translation explains beyond the best rotations.
         displacement_px: Median displacement by the best rotations below which the camera counts as still.
         behind: Largest share of tracks that may lie behind a camera.
+        path_error: Expected error of the path (`halves`), as a share of its extent, from which on it is doubted aloud.
+            Simulated scenes with texture all over the frame stay below it; small boxes before plain walls, whose paths
+            err by 7 to 20 %, do not.
 
     For a geometry that a model predicted (`hierarchy`), besides:
 
@@ -63,6 +66,7 @@ class Criteria:
     parallax_px: float = 0.25
     displacement_px: float = 0.5
     behind: float = 0.05
+    path_error: float = 0.05
     registered: float = 1.0
     registered_before: float = 0.75
     focal_spread: float = 0.2
@@ -148,3 +152,14 @@ def judge(
     if motion.behind_share > criteria.behind:
         doubts.append(f"The motion puts {motion.behind_share:.0%} of the points behind a camera.")
     return ("unsupported" if doubts else "full"), tuple(doubts)
+
+
+def doubts_about_path(expected_error: float | None, criteria: Criteria) -> tuple[str, ...]:
+    """Say that a path with such an expected error, as a share of its extent, is not to be relied on; or nothing."""
+    if expected_error is None or expected_error <= criteria.path_error:
+        return ()
+    return (
+        f"The first camera path is uncertain: halves of the tracked points give paths so different that an error of "
+        f"{expected_error:.0%} of its extent is to be expected. Do not rely on path and depth, even where the views "
+        "are good. More sideways motion, texture over more of the frame, or a stage that reports its poses would help.",
+    )

@@ -167,6 +167,7 @@ def whole_run(tmp_path_factory, make_run, scene, write_quickly, tradeoff_record)
         "tracks": 812,
         "reprojection_rms_px": 1.1,
         "parallax_px": 3.0,
+        "path_error_expected": 0.0123,
         "focal_px": 70.4,
         "focal_source": "estimated",
     }

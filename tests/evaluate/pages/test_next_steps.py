@@ -8,6 +8,7 @@ import pytest
 from gs2ci import cli
 from gs2ci.evaluate.pages import next_steps as module
 from gs2ci.evaluate.pages.next_steps import RULES, next_steps, outcome
+from gs2ci.reconstruct.geometry.validity import Criteria
 
 GOOD = {
     "verdict": "refined",
@@ -20,6 +21,7 @@ GOOD = {
         "tracks": 800,
         "reprojection_rms_px": 1.1,
         "parallax_px": 3.0,
+        "path_error_expected": 0.01,
         "focal_px": 290.0,
         "focal_source": "file",
     },
@@ -59,6 +61,7 @@ CASES = {
     "still_improving": improving(),
     "focal_was_assumed": report(geometry__focal_source="default"),
     "loose_tracks": report(geometry__reprojection_rms_px=4.0),
+    "uncertain_path": report(geometry__path_error_expected=0.123, geometry__tracks=98),
     "little_parallax": report(geometry__parallax_px=1.2),
     "closed_pixels": report(measured__closed_share=0.3),
     "simulation_was_coarse": report(provenance__plan={"error_dn": 3.0, "tolerance_dn": 1.0}),
@@ -93,11 +96,19 @@ def test_what_is_told_is_read_from_the_report():
     assert "30%" in module.closed_pixels(CASES["closed_pixels"]).because
     assert "by 1.2 px rms, and they scatter by 1.1 px" in module.little_parallax(CASES["little_parallax"]).because
     assert "4 px" in module.loose_tracks(CASES["loose_tracks"]).because
+    assert "98 tracked points" in module.uncertain_path(CASES["uncertain_path"]).because
+    assert "err by 12%" in module.uncertain_path(CASES["uncertain_path"]).because
     assert "--iterations 1000" in module.still_improving(CASES["still_improving"]).command
     assert "(0.05 against 0.021)" in module.scene_lost(CASES["scene_lost"]).because
     assert "come from 2" in module.average_more(CASES["average_more"]).because
     assert "0.012 of a view" in module.average_more(CASES["average_more"]).because
     assert "290 px" in module.focal_was_assumed(report(geometry__focal_source="estimated")).because
+
+
+def test_a_path_is_doubted_from_where_the_geometry_stage_doubts_it():
+    assert Criteria().path_error == module.PATH_ERROR
+    assert module.uncertain_path(report(geometry__path_error_expected=module.PATH_ERROR)) is None
+    assert module.uncertain_path(report(geometry__path_error_expected=None)) is None
 
 
 def test_commands_are_ours():
@@ -153,6 +164,7 @@ def test_the_mean_at_the_end_of_the_curve_is_no_look_of_the_fit():
         ({"geometry__verdict": "rotation_only"}, "Views, no depth", "mixed"),
         ({"geometry__verdict": "unsupported"}, "Views, no depth", "mixed"),
         ({"stopped_because": "numbers ran away 4 times; kept the state of iteration 50"}, "With doubts", "mixed"),
+        ({"geometry__path_error_expected": 0.1}, "With doubts", "mixed"),
         ({"verdict": "decode"}, "Views only", "poor"),
     ],
 )

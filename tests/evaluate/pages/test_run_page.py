@@ -51,6 +51,12 @@ def test_the_page_of_a_whole_run_has_all_its_sections_in_order(text):
     ]
 
 
+def test_the_error_to_be_expected_of_the_path_stands_beside_it(text):
+    facts = text[text.index("poses started from") : text.index("Quality against time</h2>")]
+    assert "expected error of the first path" in facts
+    assert "0.0123" in facts
+
+
 def test_the_verdict_comes_first_with_figures_and_units(text, evidence):
     report = evidence.report
     top = text[text.index("<header") : text.index("<main")]

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -6,6 +8,7 @@ from gs2ci.core.progress import Silent
 from gs2ci.reconstruct.geometry.initialise import GeometrySettings, initialise
 from gs2ci.reconstruct.geometry.points import seed_points
 from gs2ci.reconstruct.geometry.sweep import SweepSettings
+from gs2ci.reconstruct.geometry.validity import Criteria
 
 QUICK = GeometrySettings(sweep=SweepSettings(planes=48))
 
@@ -45,7 +48,25 @@ def test_path_and_depth_of_two_planes_are_found(seen, compare, channels):
     ratio = geometry.inverse_depth / scene.inverse_depth
     assert np.median(np.abs(ratio / np.median(ratio) - 1)) < 0.08
     assert geometry.parallax_px > 0.5
+    assert 0 < geometry.path_error_expected < 0.05
     assert geometry.reprojection_rms_px < 1
+
+
+def test_a_path_that_may_err_by_more_than_the_criterion_is_doubted_aloud(seen):
+    scene, listener = seen(), Silent()
+    strict = replace(QUICK, criteria=Criteria(path_error=1e-4))
+    geometry = initialise(scene.views, scene.intrinsics, strict, listener)
+    assert geometry.verdict == "full"
+    assert geometry.path_error_expected > 1e-4
+    assert "path is uncertain" in geometry.notes[-1]
+    assert listener.sentences == list(geometry.notes)
+
+
+def test_poses_that_were_given_are_not_doubted(seen):
+    scene = seen()
+    geometry = initialise(scene.views, scene.intrinsics, QUICK, known_poses=scene.poses)
+    assert geometry.verdict == "full"
+    assert geometry.path_error_expected is None
 
 
 def test_two_views_are_enough(seen):

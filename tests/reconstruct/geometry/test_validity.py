@@ -8,6 +8,7 @@ from gs2ci.reconstruct.geometry.tracks import Tracks
 from gs2ci.reconstruct.geometry.validity import (
     Criteria,
     coverage,
+    doubts_about_path,
     doubts_about_tracks,
     judge,
     parallax_px,
@@ -94,3 +95,14 @@ def test_views_that_see_too_little_are_named(tracked):
 
 def test_no_tracks_cover_nothing():
     assert coverage(Tracks(np.empty((0, 3, 2)), 1), SIZE) == 0.0
+
+
+def test_a_path_that_errs_by_more_than_the_criterion_is_doubted_in_figures_and_with_a_remedy():
+    (doubt,) = doubts_about_path(0.104, Criteria())
+    assert "10% of its extent" in doubt
+    assert "texture" in doubt
+
+
+@pytest.mark.parametrize("error", [None, 0.0, 0.05])
+def test_a_path_that_errs_by_less_or_was_given_is_not_doubted(error):
+    assert doubts_about_path(error, Criteria()) == ()

@@ -1,0 +1,58 @@
+"""How well the stated error of the first camera path foretells the true one, on scenes whose path is known.
+
+    python -m tests.benchmarks path_error
+
+Two tables: the scenes that `halves.SHARED` was taken from, three seeds each, and others with other masks, light, noise,
+sizes and numbers of views. Printed are both errors as shares of the path's extent; below each table how
+often the true one is larger than the stated (the factor's median and range), the rank correlation (Spearman), and how
+many paths are doubted aloud.
+"""
+
+from collections.abc import Sequence
+from dataclasses import asdict
+
+import numpy as np
+from scipy.stats import spearmanr
+
+from gs2ci.bench.cases import Case
+from gs2ci.bench.works import initialise_case
+from gs2ci.reconstruct.geometry.validity import Criteria
+
+SCENES = ("ball", "boxes", "corridor", "motorcycle", "planes", "textureless", "thicket")
+FIRST = [(Case(name, scene=name), seed) for name in SCENES for seed in range(3)]
+OTHERS = [
+    *((Case(name, scene=name), seed) for name in SCENES for seed in (4, 5)),
+    *((Case("moving", scene="moving"), seed) for seed in (0, 1)),
+    *((Case(f"{name}, 16 views", scene=name, views=16), 3) for name in ("boxes", "corridor", "textureless")),
+    *((Case(f"{name}, dim", scene=name, full_scale_photons=300.0), 3) for name in ("boxes", "thicket")),
+    *((Case(f"{name}, noise", scene=name, noise=0.05), 8) for name in ("boxes", "textureless")),
+    (Case("boxes, no focal", scene="boxes", focal_known=False), 6),
+    (Case("motorcycle, large", scene="motorcycle", size=(272, 400)), 7),
+]
+
+
+def run() -> None:
+    """Find the first geometries and print both tables."""
+    for name, cases in (("first", FIRST), ("others", OTHERS)):
+        print(f"{name:22} seed    true  stated")
+        _table(cases)
+
+
+def _table(cases: Sequence[tuple[Case, int]]) -> None:
+    pairs = []
+    for case, seed in cases:
+        row = initialise_case(asdict(case), "default", seed)
+        true, stated = row["nate"], row["path_error_expected"]
+        if stated is None:
+            print(f"{case.name:22} {seed:4}  {row['verdict']}", flush=True)
+            continue
+        pairs.append((true, stated))
+        print(f"{case.name:22} {seed:4}  {true:.4f}  {stated:.4f}", flush=True)
+    true, stated = np.array(pairs).T
+    ratio, limit = true / stated, Criteria().path_error
+    aloud, wrong = stated > limit, true > limit
+    print(
+        f"{len(pairs)} paths: true / stated {np.median(ratio):.2f} ({ratio.min():.2f} to {ratio.max():.2f}), rank "
+        f"correlation {spearmanr(true, stated).statistic:.2f}; {(aloud & wrong).sum()} of {wrong.sum()} that err by "
+        f"more than {limit:.0%} are doubted, and {(aloud & ~wrong).sum()} of the other {(~wrong).sum()}\n"
+    )
