@@ -320,11 +320,12 @@ class _Loop:
             before, total = total, self._pace.total(iteration)
             if total != before:
                 self._progress.expect(total)
-            if iteration % self.settings.hold_out.look_every == 0 or iteration >= total:
+            looks = iteration % self.settings.hold_out.look_every == 0 or iteration >= total
+            if looks:
                 self._look(iteration, loss)
-                if self._watch.stalled(iteration):
-                    return f"held-out pixels stopped improving at iteration {self._watch.best_iteration}"
             self._progress.step(iteration, loss=loss, **self._figures())
+            if looks and self._watch.stalled(iteration):
+                return f"held-out pixels stopped improving at iteration {self._watch.best_iteration}"
         if not self._jury.heldout.any():
             return f"{self._pace.ending(iteration)}, no pixels held out to judge them"
         return f"{self._pace.ending(iteration)}, held-out pixels best at iteration {self._watch.best_iteration}"
