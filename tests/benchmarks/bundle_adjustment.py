@@ -1,4 +1,4 @@
-"""Our small-motion bundle adjustment, Ceres (through pycolmap), and Ceres begun where ours ended: path error, then time.
+"""Our small-motion bundle adjustment, Ceres (through pycolmap), and Ceres begun where ours ended: path error, time.
 
 The first two get the same tracks, the same camera matrix, the same start (a still camera before a nearly flat scene),
 the same Huber width and the same second pass without the tracks that the first does not explain. Ours also tries the
