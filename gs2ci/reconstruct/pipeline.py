@@ -11,7 +11,6 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field, replace
-from functools import partial
 from typing import Final, Literal, get_args
 
 import torch
@@ -23,7 +22,7 @@ from gs2ci.core.run_records import CurvePoint, RunResult, Verdict
 from gs2ci.reconstruct.coding import Coding
 from gs2ci.reconstruct.dead_lines import close_dead_lines
 from gs2ci.reconstruct.decode.gap_tv import GapTvSettings, gap_tv
-from gs2ci.reconstruct.decode.residual import ResidualSettings, refine_views
+from gs2ci.reconstruct.decode.residual import ResidualSettings
 from gs2ci.reconstruct.doubts import doubts_about, doubts_about_result
 from gs2ci.reconstruct.fit.coarse import CoarseFit, CoarseSettings, fit_coarse
 from gs2ci.reconstruct.fit.density.base import DensityRule
@@ -31,6 +30,7 @@ from gs2ci.reconstruct.fit.density.osgr import Osgr
 from gs2ci.reconstruct.fit.ensemble import MOST_FITS, Ensemble, Member, combined, fit_together, members
 from gs2ci.reconstruct.fit.fine import Fine, FineSettings, fit_fine
 from gs2ci.reconstruct.fit.pace import Pace
+from gs2ci.reconstruct.fit.refinement import Refinement
 from gs2ci.reconstruct.fit.rendering import ShotRenderer
 from gs2ci.reconstruct.fit.rules import with_rule
 from gs2ci.reconstruct.fit.start import first_gaussians
@@ -197,7 +197,7 @@ def reconstruct(
     clock.lap("geometry")
 
     fitted = Jury(fill_holes(sound, decoded), jury.heldout)
-    refine = partial(refine_views, jury.seen, settings=settings.residual)
+    refine = Refinement(jury, settings.residual)
 
     def fit_one(member: Member, listener: Progress, own_pace: Pace | None) -> CoarseFit:
         return fit_coarse(
@@ -223,7 +223,7 @@ def reconstruct(
         fits = tuple(fined if fit is best else fit for fit in fits)
         clock.lap("fine")
     ensemble = combined(fits, jury, refine)
-    recovered = _recover(jury, decoded, ensemble, settings.residual)
+    recovered = _recover(jury, decoded, ensemble, refine)
     depth = renderer.depths(ensemble.best.scene, ensemble.best.world_to_camera)
     clock.lap("fit")
     left = _Left(doubts, decoded, geometry, ensemble, depth, recovered)
@@ -287,10 +287,10 @@ class _Recovered:
     notes: tuple[str, ...]
 
 
-def _recover(jury: Jury, decoded: F32, ensemble: Ensemble, settings: ResidualSettings) -> _Recovered:
+def _recover(jury: Jury, decoded: F32, ensemble: Ensemble, refine: Refinement) -> _Recovered:
     """Let the held-out pixels choose between the refined views, the best scene's and the decode."""
     candidates: dict[Verdict, F32] = {
-        "refined": refine_views(jury.seen, ensemble.views, settings),
+        "refined": refine(ensemble.views),
         "scene": ensemble.best.views,
         "decode": decoded,
     }
@@ -298,7 +298,7 @@ def _recover(jury: Jury, decoded: F32, ensemble: Ensemble, settings: ResidualSet
     verdict = _judge(heldout_rms)
     notes = doubts_about_result(jury, candidates[verdict]) if jury.heldout.any() else (_UNJUDGED,)
     if verdict == "refined":  # the pixels that judged may now help as well
-        candidates["refined"] = refine_views(jury.shot, ensemble.views, settings)
+        candidates["refined"] = refine.by_all_pixels(ensemble.views)
     return _Recovered(candidates[verdict], verdict, heldout_rms, notes)
 
 
