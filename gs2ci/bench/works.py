@@ -13,11 +13,12 @@ from gs2ci.core.progress import Silent
 from gs2ci.evaluate.report import build_report
 from gs2ci.evaluate.trajectory import trajectory_errors
 from gs2ci.reconstruct.decode.gap_tv import gap_tv
+from gs2ci.reconstruct.first_look import geometry_views
 from gs2ci.reconstruct.fit.stopping import Jury, choose_heldout
 from gs2ci.reconstruct.geometry.choose import load_geometry_prior
 from gs2ci.reconstruct.geometry.evidence import unexplained
 from gs2ci.reconstruct.geometry.prior import Request, find_geometry
-from gs2ci.reconstruct.pipeline import geometry_views, reconstruct
+from gs2ci.reconstruct.pipeline import reconstruct
 
 
 def reconstruct_case(case: dict[str, Any], variant: str, seed: int) -> Row:

@@ -1,7 +1,7 @@
 """From one coded measurement to views, camera path and Gaussian scene: the whole way on one page.
 
-    hold out some pixels ─► decode ─► geometry ─► first Gaussians ─► coarse fits (─► fine fit) ─► their mean
-    ─► residual ─► judge by the held-out
+    hold out some pixels ─► first look (decode, geometry, brightness) ─► first Gaussians ─► coarse fits (─► fine fit)
+    ─► their mean ─► residual ─► judge by the held-out
 
 Here: the order, the clock, and the judgement. Not here: any stage itself; files and metrics (`gs2ci.evaluate`).
 The commands import this file.
@@ -11,8 +11,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field, replace
-from functools import partial
-from typing import Final, Literal, get_args
+from typing import Final, get_args
 
 import torch
 
@@ -20,17 +19,20 @@ from gs2ci.core.errors import InputError
 from gs2ci.core.progress import Progress, Silent
 from gs2ci.core.records import F32, Shot
 from gs2ci.core.run_records import CurvePoint, RunResult, Verdict
+from gs2ci.reconstruct.brightness import BrightnessSettings
 from gs2ci.reconstruct.coding import Coding
 from gs2ci.reconstruct.dead_lines import close_dead_lines
-from gs2ci.reconstruct.decode.gap_tv import GapTvSettings, gap_tv
-from gs2ci.reconstruct.decode.residual import ResidualSettings, refine_views
+from gs2ci.reconstruct.decode.gap_tv import GapTvSettings
+from gs2ci.reconstruct.decode.residual import ResidualSettings
 from gs2ci.reconstruct.doubts import doubts_about, doubts_about_result
+from gs2ci.reconstruct.first_look import FirstLook, LookSettings, ProxyName, look
 from gs2ci.reconstruct.fit.coarse import CoarseFit, CoarseSettings, fit_coarse
 from gs2ci.reconstruct.fit.density.base import DensityRule
 from gs2ci.reconstruct.fit.density.osgr import Osgr
 from gs2ci.reconstruct.fit.ensemble import MOST_FITS, Ensemble, Member, combined, fit_together, members
 from gs2ci.reconstruct.fit.fine import Fine, FineSettings, fit_fine
 from gs2ci.reconstruct.fit.pace import Pace
+from gs2ci.reconstruct.fit.refinement import Refinement
 from gs2ci.reconstruct.fit.rendering import ShotRenderer
 from gs2ci.reconstruct.fit.rules import with_rule
 from gs2ci.reconstruct.fit.start import first_gaussians
@@ -38,18 +40,16 @@ from gs2ci.reconstruct.fit.stopping import Jury, choose_heldout
 from gs2ci.reconstruct.fit.withheld import Withheld, first_points, first_poses
 from gs2ci.reconstruct.geometry.choose import load_geometry_prior
 from gs2ci.reconstruct.geometry.initialise import Geometry, GeometrySettings
-from gs2ci.reconstruct.geometry.prior import GeometryPrior, Request, find_geometry
+from gs2ci.reconstruct.geometry.prior import GeometryPrior
 from gs2ci.reconstruct.geometry.telemetry import Movement, movement
 from gs2ci.reconstruct.holes import fill_holes
 from gs2ci.reconstruct.hot_pixels import close_hot_pixels
-from gs2ci.reconstruct.proxies.routing import build_proxies
 from gs2ci.render.backend import Backend, load_backend
 from gs2ci.render.gaussians import Gaussians
 from gs2ci.render.settings import RasterSettings
 
 Score = Callable[[F32], float]
 PoseSource = str
-ProxyName = Literal["gap-tv", "eni", "amdi"]
 
 # Lists kept so long lose nothing beside the spread of seeds (−0.06 to 0.02 dB) and save a tenth of an iteration
 # (`python -m tests.benchmarks list_reuse`).
@@ -76,6 +76,7 @@ class Settings:
         withheld: What of the geometry the fit does not get; for ablations.
         backend: The renderer.
         raster: What the renderer may leave out for speed.
+        brightness: Of the views' brightness, where the weights are wrong.
         seed: Of every random draw.
     """
 
@@ -92,7 +93,13 @@ class Settings:
     withheld: Withheld = field(default_factory=Withheld)
     backend: str = "cpu"
     raster: RasterSettings = field(default_factory=lambda: RasterSettings(relist_every=_RELIST_EVERY))
+    brightness: BrightnessSettings = field(default_factory=BrightnessSettings)
     seed: int = 42
+
+    @property
+    def look(self) -> LookSettings:
+        """Get the settings of all that comes before the fit."""
+        return LookSettings(self.proxy, self.decode, self.geometry, self.brightness)
 
     @property
     def density_rules(self) -> tuple[DensityRule, ...]:
@@ -124,6 +131,7 @@ class Settings:
             raise InputError(f"{self.fits} fits side by side", allowed=f"1 to {MOST_FITS}")
         self.decode.check()
         self.geometry.check()
+        self.brightness.check()
         self.fit.check()
         if self.fine is not None:
             self.fine.check()
@@ -189,15 +197,14 @@ def reconstruct(
     sound, doubts = _examined(shot, progress)
     jury = Jury(sound, choose_heldout(sound, settings.fit.hold_out.share, settings.seed))
 
-    decoded = gap_tv(jury.seen, settings.decode, progress)
-    clock.lap("decode")
-
-    geometry = _first_geometry(jury.seen, decoded, tools.geometry_prior, settings, progress)
+    first = look(jury, tools.geometry_prior, settings.look, progress, clock.lap)
+    jury, decoded = first.jury, first.decoded
+    geometry = first_poses(first.geometry, settings.withheld)
     start = first_gaussians(first_points(geometry, decoded, settings.stride_px, settings.withheld, settings.seed))
     clock.lap("geometry")
 
-    fitted = Jury(fill_holes(sound, decoded), jury.heldout)
-    refine = partial(refine_views, jury.seen, settings=settings.residual)
+    fitted = Jury(fill_holes(jury.shot, decoded), jury.heldout)
+    refine = Refinement(jury, settings.residual)
 
     def fit_one(member: Member, listener: Progress, own_pace: Pace | None) -> CoarseFit:
         return fit_coarse(
@@ -223,10 +230,10 @@ def reconstruct(
         fits = tuple(fined if fit is best else fit for fit in fits)
         clock.lap("fine")
     ensemble = combined(fits, jury, refine)
-    recovered = _recover(jury, decoded, ensemble, settings.residual)
+    recovered = _recover(jury, decoded, ensemble, refine)
     depth = renderer.depths(ensemble.best.scene, ensemble.best.world_to_camera)
     clock.lap("fit")
-    left = _Left(doubts, decoded, geometry, ensemble, depth, recovered)
+    left = _Left((*doubts, *first.notes), first, geometry, ensemble, depth, recovered)
     return Reconstruction(_record(shot, settings, left, score, clock.seconds()), ensemble.best.scene)
 
 
@@ -255,12 +262,6 @@ def _examined(shot: Shot, progress: Progress) -> tuple[Shot, tuple[str, ...]]:
     return sound, doubts
 
 
-def _first_geometry(seen: Shot, decoded: F32, prior: GeometryPrior, settings: Settings, progress: Progress) -> Geometry:
-    """Find poses and depth to start from, as far as the settings do not withhold them."""
-    request = Request(seen, geometry_views(seen, decoded, settings.proxy), settings.geometry)
-    return first_poses(find_geometry(prior, request, progress), settings.withheld)
-
-
 class _Stopwatch:
     """Wall-clock seconds by stage."""
 
@@ -287,10 +288,10 @@ class _Recovered:
     notes: tuple[str, ...]
 
 
-def _recover(jury: Jury, decoded: F32, ensemble: Ensemble, settings: ResidualSettings) -> _Recovered:
+def _recover(jury: Jury, decoded: F32, ensemble: Ensemble, refine: Refinement) -> _Recovered:
     """Let the held-out pixels choose between the refined views, the best scene's and the decode."""
     candidates: dict[Verdict, F32] = {
-        "refined": refine_views(jury.seen, ensemble.views, settings),
+        "refined": refine(ensemble.views),
         "scene": ensemble.best.views,
         "decode": decoded,
     }
@@ -298,7 +299,7 @@ def _recover(jury: Jury, decoded: F32, ensemble: Ensemble, settings: ResidualSet
     verdict = _judge(heldout_rms)
     notes = doubts_about_result(jury, candidates[verdict]) if jury.heldout.any() else (_UNJUDGED,)
     if verdict == "refined":  # the pixels that judged may now help as well
-        candidates["refined"] = refine_views(jury.shot, ensemble.views, settings)
+        candidates["refined"] = refine.by_all_pixels(ensemble.views)
     return _Recovered(candidates[verdict], verdict, heldout_rms, notes)
 
 
@@ -308,26 +309,12 @@ def _judge(heldout_rms: dict[Verdict, float | None]) -> Verdict:
     return min(known, key=lambda name: known[name]) if known else "scene"
 
 
-def geometry_views(seen: Shot, decoded: F32, proxy: ProxyName) -> F32:
-    """Return the views that the geometry stage looks at, [N, H, W, C].
-
-    Args:
-        seen: The measurement as far as it may be seen.
-        decoded: Its views as GAP-TV decodes them.
-        proxy: Which views are wanted.
-
-    Raises:
-        InputError: The masks do not allow the proxies that are wanted.
-    """
-    return decoded if proxy == "gap-tv" else build_proxies(seen, proxy).views
-
-
 @dataclass(frozen=True)
 class _Left:
     """What the stages left, in their order."""
 
     doubts: tuple[str, ...]
-    decoded: F32
+    look: FirstLook
     geometry: Geometry
     ensemble: Ensemble
     depth: F32
@@ -336,21 +323,28 @@ class _Left:
 
 def _record(shot: Shot, settings: Settings, left: _Left, score: Score | None, seconds: dict[str, float]) -> RunResult:
     geometry, fit, recovered = left.geometry, left.ensemble.best, left.recovered
-    moved = movement(geometry.world_to_camera, fit.world_to_camera)
+    moved, brightness = movement(geometry.world_to_camera, fit.world_to_camera), left.look.brightness
+    lit = replace(shot, weights=left.look.jury.shot.weights)
     return RunResult(
         views=recovered.views,
         scene_views=fit.views,
-        decode=left.decoded,
+        decode=left.look.decoded,
         depth=left.depth,
         world_to_camera=fit.world_to_camera,
         intrinsics=geometry.intrinsics,
-        predicted_measurement=Coding.of(shot).forward(torch.from_numpy(recovered.views)).numpy(),
+        predicted_measurement=Coding.of(lit).forward(torch.from_numpy(recovered.views)).numpy(),
         curve=(*fit.curve, *_last_point(left, score, seconds["total"])),
         stopped_because=fit.stopped_because,
         seconds=seconds,
         gaussians=len(fit.scene),
         notes=(
-            *(*left.doubts, *geometry.notes, *left.ensemble.notes, *_fits_missing(left.ensemble, settings)),
+            *(
+                *left.doubts,
+                *left.look.notes,
+                *geometry.notes,
+                *left.ensemble.notes,
+                *_fits_missing(left.ensemble, settings),
+            ),
             *(*_notes_of(moved, geometry.source), *recovered.notes),
         ),
         settings=asdict(settings),
@@ -360,6 +354,7 @@ def _record(shot: Shot, settings: Settings, left: _Left, score: Score | None, se
         geometry={**_summary(geometry, settings), "moved": asdict(moved)},
         ensemble=left.ensemble.summary(),
         disagreement=left.ensemble.disagreement,
+        brightness=None if brightness is None else brightness.tolist(),
     ).check()
 
 

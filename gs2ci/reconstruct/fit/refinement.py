@@ -1,0 +1,68 @@
+"""What the residual decodes to, put back into a scene's views as far as the held-out pixels bear it out.
+
+Here: how much of it. Not here: the decode (`decode.residual`), nor the choice between the refined views, the scene's
+and the decode's (`pipeline`). For `gs2ci.reconstruct`.
+
+On real photographs the residual is mostly detail that the scene lacks, in a noisy measurement mostly noise. How much of
+what it decodes to belongs into the views is one number, the least-squares share on pixels that no decode has seen.
+"""
+
+from typing import Final
+
+import numpy as np
+
+from gs2ci.core.records import F32
+from gs2ci.reconstruct.decode.residual import ResidualSettings, decode_residual
+from gs2ci.reconstruct.fit.stopping import Jury
+
+# Few steps of a decoder put back less than all. Beyond this, the few best-lit pixels would speak for all others.
+MOST_SHARE: Final = 1.5
+# As many held-out pixels as the share 1 counts for: it stands where a handful would have to judge.
+PRIOR_PIXELS: Final = 50.0
+
+
+class Refinement:
+    """Adds to views what their residual decodes to.
+
+    Args:
+        jury: The measurement, and the pixels of it that no decode may see.
+        settings: How the residual is decoded.
+
+    Raises:
+        InputError: The settings make no sense.
+    """
+
+    def __init__(self, jury: Jury, settings: ResidualSettings) -> None:
+        settings.steps()
+        self._jury = jury
+        self._seen = jury.seen
+        self._settings = settings
+
+    def __call__(self, views: F32) -> F32:
+        """Refine views, [N, H, W, C] float32; the held-out pixels stay unseen, so that they may judge the result."""
+        added = decode_residual(self._seen, views, self._settings)
+        return _plus(views, self.share(views, added), added)
+
+    def by_all_pixels(self, views: F32) -> F32:
+        """Refine views, [N, H, W, C] float32, by the whole measurement, where nothing is left to judge."""
+        share = self.share(views, decode_residual(self._seen, views, self._settings))
+        return _plus(views, share, decode_residual(self._jury.shot, views, self._settings))
+
+    def share(self, views: F32, added: F32) -> float:
+        """Return how much of `added` explains the held-out pixels best, from 0 to `MOST_SHARE`; 1 without any."""
+        heldout = self._jury.heldout
+        if not heldout.any():
+            return 1.0
+        left = (self._jury.shot.measurement - self._jury.coded(views))[heldout].astype(np.float64)
+        gained = self._jury.coded(added)[heldout].astype(np.float64)
+        if not (np.isfinite(left).all() and np.isfinite(gained).all() and gained.any()):
+            return 1.0
+        power, agreement = float((gained**2).sum()), float((gained * left).sum())
+        pixels = float(heldout.sum())
+        share = (agreement / power * pixels + PRIOR_PIXELS) / (pixels + PRIOR_PIXELS)
+        return min(max(share, 0.0), MOST_SHARE)
+
+
+def _plus(views: F32, share: float, added: F32) -> F32:
+    refined: F32 = views + np.float32(share) * added
+    return refined
