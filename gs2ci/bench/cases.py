@@ -51,6 +51,8 @@ class Case:
             file's is coded anew for it; a simulated scene's clipped readings stay as they are.
         grey_masks: Draw masks of every grey between closed and open (`random_grey_masks`), of the same mean:
             `open_share`, or that of a file's own masks.
+        weights_off: How far the weights that the measurement tells are off, as by a lamp that flickers: each by a factor
+            drawn evenly from 1 ± this.
         focal_known: Whether the measurement tells its camera matrix; without it the solver looks for one.
         stopped_down: Let the less light into a simulated scene the more masks are open, so that the sensor's well
             is as full as with 8 masks, a quarter open. Else many masks clip many readings.
@@ -66,6 +68,7 @@ class Case:
     open_share: float | None = None
     noise: float = 0.0
     grey_masks: bool = False
+    weights_off: float = 0.0
     focal_known: bool = True
     stopped_down: bool = False
     full_scale_photons: float | None = None
@@ -86,6 +89,8 @@ class Case:
         """
         self._check()
         shot = self._simulated(seed) if self.scene else self._from_file(seed)
+        if self.weights_off:
+            shot = reweighted(shot, self.weights_off, generator(seed, "weights"))
         if not self.focal_known:
             shot = without_focal(shot)
         return replace(shot, name=self.name)
@@ -94,6 +99,8 @@ class Case:
         if bool(self.file) == bool(self.scene):
             raise InputError(f"case {self.name!r} names file {self.file!r} and scene {self.scene!r}", allowed="one")
         check_noise(self.noise)
+        if not 0 <= self.weights_off < 1:
+            raise InputError(f"case {self.name!r} has weights off by {self.weights_off}", allowed="0 to less than 1")
         for switch in ("grey_masks", "focal_known", "stopped_down"):
             value = getattr(self, switch)
             if not isinstance(value, bool):
@@ -157,6 +164,19 @@ def noisy(shot: Shot, noise: float, rng: np.random.Generator) -> Shot:
         added[shot.saturated] = 0.0
     measurement = (shot.measurement + added).astype(np.float32)
     return replace(shot, measurement=measurement, provenance={**shot.provenance, "added_noise": noise}).check()
+
+
+def reweighted(shot: Shot, spread: float, rng: np.random.Generator) -> Shot:
+    """Tell weights that are not those of the exposure; their mean stays.
+
+    Args:
+        shot: With its own weights.
+        spread: Of the factors, drawn evenly from 1 ± this; less than 1.
+        rng: Where they come from.
+    """
+    factors = rng.uniform(1 - spread, 1 + spread, shot.views)
+    told = (shot.weights * factors / factors.mean()).astype(np.float32)
+    return replace(shot, weights=told, provenance={**shot.provenance, "weights_off": spread}).check()
 
 
 def without_focal(shot: Shot) -> Shot:

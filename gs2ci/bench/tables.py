@@ -28,6 +28,7 @@ CONDITIONS: Final[dict[str, dict[str, Any]]] = {
     "three quarters open": {"open_share": 0.75, "stopped_down": True},
     "grey masks": {"grey_masks": True},
     **{f"{views} views": {"views": views, "stopped_down": True} for views in (16, 32)},
+    **{f"weights off by {percent} %": {"weights_off": percent / 100} for percent in (10, 30)},
     "focal unknown": {"focal_known": False},
 }
 CALIBRATE: Final = "gs2ci.bench.calibration:calibrate_masks"
@@ -302,9 +303,10 @@ TABLES: Final[dict[str, Table]] = {
     "conditions": Table(
         "Hard conditions",
         "The measurement as it is, and with one condition of a real bench at a time: white noise, in shares of one "
-        "view's full scale; masks that are more open, or grey; more views of the same path; no camera matrix. Where "
-        "more masks are open the lens is stopped down, so that no more readings clip. New noise, masks and views "
-        "code a file's true views anew, without the noise it came with. A line that a case cannot have says why.",
+        "view's full scale; masks that are more open, or grey; more views of the same path; a lamp that the weights do "
+        "not know of; no camera matrix. Where more masks are open the lens is stopped down, so that no more readings "
+        "clip. New noise, masks and views code a file's true views anew, without the noise it came with. A line that a "
+        "case cannot have says why.",
         _changed(CONDITIONS),
         RECONSTRUCTION,
         condition_cases,

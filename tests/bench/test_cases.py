@@ -5,7 +5,7 @@ from dataclasses import asdict, replace
 import numpy as np
 import pytest
 
-from gs2ci.bench.cases import Case, middle, noisy, recoded, without_focal
+from gs2ci.bench.cases import Case, middle, noisy, recoded, reweighted, without_focal
 from gs2ci.core.errors import InputError
 from gs2ci.core.records import Shot, Truth
 
@@ -91,6 +91,24 @@ def test_a_file_is_coded_anew_when_asked_for(file, known):
     assert shot.views == 3
     assert np.array_equal(shot.truth.views, known.truth.views[[0, 2, 5]])
     assert np.allclose(shot.measurement, np.einsum("nhw,nhwc->hwc", shot.masks, shot.truth.views), atol=1e-6)
+
+
+def test_weights_that_are_off_tell_of_another_lamp_and_change_nothing_else(known):
+    told = reweighted(known, 0.3, np.random.default_rng(0))
+    factors = told.weights / known.weights
+    assert np.ptp(factors) > 0.2
+    assert factors.min() > 0.5
+    assert np.array_equal(told.measurement, known.measurement)
+    small = replace(SMALL, weights_off=0.3)
+    assert np.array_equal(small.shot(0).measurement, SMALL.shot(0).measurement)
+    assert np.array_equal(small.shot(0).weights, small.shot(0).weights)
+    assert not np.array_equal(small.shot(0).weights, small.shot(1).weights)
+
+
+@pytest.mark.parametrize("spread", [-0.1, 1.0, np.nan])
+def test_weights_cannot_be_off_by_all_they_are(spread):
+    with pytest.raises(InputError, match="weights off"):
+        replace(TINY, weights_off=spread).shot(0)
 
 
 def test_recoding_keeps_first_and_last_view_and_their_poses_and_resets_the_weights(known):
