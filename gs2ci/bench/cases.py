@@ -51,8 +51,8 @@ class Case:
             file's is coded anew for it; a simulated scene's clipped readings stay as they are.
         grey_masks: Draw masks of every grey between closed and open (`random_grey_masks`), of the same mean:
             `open_share`, or that of a file's own masks.
-        weights_off: How far the weights that the measurement tells are off, as by a lamp that flickers: each by a factor
-            drawn evenly from 1 ± this.
+        weights_off: How far the weights that the measurement tells are off, as by a lamp that flickers: each by a
+            factor drawn evenly from 1 ± this.
         focal_known: Whether the measurement tells its camera matrix; without it the solver looks for one.
         stopped_down: Let the less light into a simulated scene the more masks are open, so that the sensor's well
             is as full as with 8 masks, a quarter open. Else many masks clip many readings.
