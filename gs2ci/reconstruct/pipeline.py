@@ -214,7 +214,7 @@ def reconstruct(
             backend=load_backend(settings.backend, settings.raster),  # whose buffers serve one fit at a time
             settings=replace(settings.fit, density=member.density),
             seed=member.seed,
-            refine=refine,
+            refine=refine.in_full,
             progress=listener,
             score=score,
             since_s=clock.began_s,
@@ -226,7 +226,9 @@ def reconstruct(
     if tools.fine is not None:
         clock.lap("fit")
         best = combined(fits, jury, refine).best
-        fined = fit_fine(fitted, best, renderer, tools.fine, settings.seed, refine, progress, score, clock.began_s)
+        fined = fit_fine(
+            fitted, best, renderer, tools.fine, settings.seed, refine.in_full, progress, score, clock.began_s
+        )
         fits = tuple(fined if fit is best else fit for fit in fits)
         clock.lap("fine")
     ensemble = combined(fits, jury, refine)

@@ -4,9 +4,12 @@ Here: how much of it. Not here: the decode (`decode.residual`), nor the choice b
 and the decode's (`pipeline`). For `gs2ci.reconstruct`.
 
 On real photographs the residual is mostly detail that the scene lacks, in a noisy measurement mostly noise. How much of
-what it decodes to belongs into the views is one number, the least-squares share on pixels that no decode has seen.
+what it decodes to belongs into the views is one number, from its least-squares share on pixels that no decode has seen.
+Pixels that were seen know more of their residual than those, so that the square root of this share is taken: with noise
+of 5 % it is far from all, without noise not far from it.
 """
 
+import math
 from typing import Final
 
 import numpy as np
@@ -15,9 +18,7 @@ from gs2ci.core.records import F32
 from gs2ci.reconstruct.decode.residual import ResidualSettings, decode_residual
 from gs2ci.reconstruct.fit.stopping import Jury
 
-# Few steps of a decoder put back less than all. Beyond this, the few best-lit pixels would speak for all others.
-MOST_SHARE: Final = 1.5
-# As many held-out pixels as the share 1 counts for: it stands where a handful would have to judge.
+# As many held-out pixels as a share of 1 counts for: it stands where a handful would have to judge.
 PRIOR_PIXELS: Final = 50.0
 
 
@@ -43,13 +44,21 @@ class Refinement:
         added = decode_residual(self._seen, views, self._settings)
         return _plus(views, self.share(views, added), added)
 
+    def in_full(self, views: F32) -> F32:
+        """Refine views, [N, H, W, C] float32, by all that their residual decodes to.
+
+        So a fit is watched: a share that makes up for what an early scene lacks would hide how the scene improves, and
+        ended fits of real photographs at their first look.
+        """
+        return _plus(views, 1.0, decode_residual(self._seen, views, self._settings))
+
     def by_all_pixels(self, views: F32) -> F32:
         """Refine views, [N, H, W, C] float32, by the whole measurement, where nothing is left to judge."""
         share = self.share(views, decode_residual(self._seen, views, self._settings))
         return _plus(views, share, decode_residual(self._jury.shot, views, self._settings))
 
     def share(self, views: F32, added: F32) -> float:
-        """Return how much of `added` explains the held-out pixels best, from 0 to `MOST_SHARE`; 1 without any."""
+        """Return how much of `added` is to be put back, from 0 to 1; 1 where no pixel is held out."""
         heldout = self._jury.heldout
         if not heldout.any():
             return 1.0
@@ -60,7 +69,7 @@ class Refinement:
         power, agreement = float((gained**2).sum()), float((gained * left).sum())
         pixels = float(heldout.sum())
         share = (agreement / power * pixels + PRIOR_PIXELS) / (pixels + PRIOR_PIXELS)
-        return min(max(share, 0.0), MOST_SHARE)
+        return math.sqrt(min(max(share, 0.0), 1.0))
 
 
 def _plus(views: F32, share: float, added: F32) -> F32:

@@ -8,7 +8,7 @@ import pytest
 from gs2ci.core.errors import InputError
 from gs2ci.core.records import Shot
 from gs2ci.reconstruct.decode.residual import ResidualSettings, decode_residual
-from gs2ci.reconstruct.fit.refinement import MOST_SHARE, PRIOR_PIXELS, Refinement
+from gs2ci.reconstruct.fit.refinement import PRIOR_PIXELS, Refinement
 from gs2ci.reconstruct.fit.stopping import Jury, choose_heldout
 
 SETTINGS = ResidualSettings()
@@ -45,22 +45,23 @@ def test_of_a_residual_that_is_only_noise_little_is_put_back(truth):
     jury = jury_of(truth, noise=0.2)
     wholly = truth + decode_residual(jury.seen, truth, SETTINGS)
     refined = Refinement(jury, SETTINGS)(truth)
-    assert rms(refined - truth) < 0.3 * rms(wholly - truth)
+    assert rms(refined - truth) < 0.5 * rms(wholly - truth)
+    np.testing.assert_array_equal(Refinement(jury, SETTINGS).in_full(truth), wholly)
 
 
-def test_the_share_is_that_of_least_squares_drawn_to_one_by_its_prior(truth):
+def test_the_share_is_the_root_of_that_of_least_squares_drawn_to_one_by_its_prior(truth):
     jury = jury_of(truth)
     lacking = np.float32(0.1) * np.sin(np.arange(truth.size)).reshape(truth.shape).astype(np.float32)
     pixels = jury.heldout.sum()
     for true_share in (0.3, 0.8):
         share = Refinement(jury, SETTINGS).share(truth - np.float32(true_share) * lacking, lacking)
-        assert share == pytest.approx((true_share * pixels + PRIOR_PIXELS) / (pixels + PRIOR_PIXELS), abs=1e-4)
+        assert share**2 == pytest.approx((true_share * pixels + PRIOR_PIXELS) / (pixels + PRIOR_PIXELS), abs=1e-4)
 
 
-def test_the_share_stays_between_nothing_and_its_bound(truth):
+def test_the_share_stays_between_nothing_and_all(truth):
     refinement, lacking = Refinement(jury_of(truth), SETTINGS), np.full_like(truth, 0.01)
     assert refinement.share(truth + np.float32(1), lacking) == 0
-    assert refinement.share(truth - np.float32(1), lacking) == MOST_SHARE
+    assert refinement.share(truth - np.float32(1), lacking) == 1
 
 
 @pytest.mark.parametrize("added", [0.0, np.nan, np.inf])
@@ -83,7 +84,7 @@ def test_held_out_pixels_decide_the_share_and_are_seen_only_where_nothing_is_lef
     added = decode_residual(jury.seen, views, SETTINGS)
     np.testing.assert_array_equal(decode_residual(other.seen, views, SETTINGS), added)
     low, high = Refinement(other, SETTINGS).share(views, added), Refinement(jury, SETTINGS).share(views, added)
-    assert low < 0.2 < high
+    assert low < 0.4 < high
     grain = 0.1 * np.random.default_rng(1).standard_normal((*SIZE, 1)).astype(np.float32)  # no neighbour tells of it
     unseen, seen = Refinement(jury, SETTINGS)(truth - grain), Refinement(jury, SETTINGS).by_all_pixels(truth - grain)
     assert rms((seen - truth)[:, jury.heldout]) < 0.97 * rms((unseen - truth)[:, jury.heldout])
