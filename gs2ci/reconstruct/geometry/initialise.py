@@ -175,8 +175,8 @@ def _found(flat: Geometry, tracks: Tracks, known_poses: F64 | None, settings: Ge
 def _freed(found: _Found, flat: Geometry, candidates: int, settings: GeometrySettings) -> _Found:
     """Adjust once more with points that may leave the rays of their corners; what was found, if that fails.
 
-    The middle view's sightings err like all others, most of all by the residue of its mask. Over 52 first geometries
-    this lowered the error of the path by 14 % and that of rotations by 11 % in the geometric mean, in the scene whose
+    The middle view's sightings err like all others, most of all by the residue of its mask. Over 38 first geometries
+    this lowered the error of the path by 15 % and that of rotations by 11 % in the geometric mean, in the scene whose
     cameras go forward by half (`python -m tests.benchmarks path_error`). It needs a start near its minimum.
     """
     how = settings.motion
