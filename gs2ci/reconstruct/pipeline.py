@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
-from typing import Final, Literal, get_args
+from typing import Final, get_args
 
 import torch
 
@@ -35,6 +35,7 @@ from gs2ci.reconstruct.fit.rendering import ShotRenderer
 from gs2ci.reconstruct.fit.rules import with_rule
 from gs2ci.reconstruct.fit.start import first_gaussians
 from gs2ci.reconstruct.fit.stopping import Jury, choose_heldout
+from gs2ci.reconstruct.fit.through_lens import through
 from gs2ci.reconstruct.fit.withheld import Withheld, first_points, first_poses
 from gs2ci.reconstruct.geometry.choose import load_geometry_prior
 from gs2ci.reconstruct.geometry.initialise import Geometry, GeometrySettings
@@ -42,14 +43,14 @@ from gs2ci.reconstruct.geometry.prior import GeometryPrior, Request, find_geomet
 from gs2ci.reconstruct.geometry.telemetry import Movement, movement
 from gs2ci.reconstruct.holes import fill_holes
 from gs2ci.reconstruct.hot_pixels import close_hot_pixels
-from gs2ci.reconstruct.proxies.routing import build_proxies
+from gs2ci.reconstruct.lens import Lens, straightened
+from gs2ci.reconstruct.proxies.routing import ProxyName, geometry_views
 from gs2ci.render.backend import Backend, load_backend
 from gs2ci.render.gaussians import Gaussians
 from gs2ci.render.settings import RasterSettings
 
 Score = Callable[[F32], float]
 PoseSource = str
-ProxyName = Literal["gap-tv", "eni", "amdi"]
 
 # Lists kept so long lose nothing beside the spread of seeds (−0.06 to 0.02 dB) and save a tenth of an iteration
 # (`python -m tests.benchmarks list_reuse`).
@@ -183,7 +184,7 @@ def reconstruct(
     """
     settings, progress = settings or Settings(), progress or Silent()
     settings.check()
-    shot.check()
+    lens = Lens.of(shot.check())
     tools = _Tools.load(settings)
     clock = _Stopwatch()
     sound, doubts = _examined(shot, progress)
@@ -192,8 +193,7 @@ def reconstruct(
     decoded = gap_tv(jury.seen, settings.decode, progress)
     clock.lap("decode")
 
-    geometry = _first_geometry(jury.seen, decoded, tools.geometry_prior, settings, progress)
-    start = first_gaussians(first_points(geometry, decoded, settings.stride_px, settings.withheld, settings.seed))
+    geometry, start = _beginning(jury.seen, decoded, lens, tools.geometry_prior, settings, progress)
     clock.lap("geometry")
 
     fitted = Jury(fill_holes(sound, decoded), jury.heldout)
@@ -204,7 +204,7 @@ def reconstruct(
             jury=fitted,
             start=member.start,
             geometry=geometry,
-            backend=load_backend(settings.backend, settings.raster),  # whose buffers serve one fit at a time
+            backend=through(lens, load_backend(settings.backend, settings.raster)),  # its buffers serve one at a time
             settings=replace(settings.fit, density=member.density),
             seed=member.seed,
             refine=refine,
@@ -215,7 +215,7 @@ def reconstruct(
         )
 
     fits = fit_together(fit_one, members(start, settings.density_rules, settings.fits, settings.seed), progress, pace)
-    renderer = ShotRenderer(fitted.shot, geometry.intrinsics, tools.backend)
+    renderer = ShotRenderer(fitted.shot, geometry.intrinsics, through(lens, tools.backend))
     if tools.fine is not None:
         clock.lap("fit")
         best = combined(fits, jury, refine).best
@@ -255,10 +255,17 @@ def _examined(shot: Shot, progress: Progress) -> tuple[Shot, tuple[str, ...]]:
     return sound, doubts
 
 
-def _first_geometry(seen: Shot, decoded: F32, prior: GeometryPrior, settings: Settings, progress: Progress) -> Geometry:
-    """Find poses and depth to start from, as far as the settings do not withhold them."""
-    request = Request(seen, geometry_views(seen, decoded, settings.proxy), settings.geometry)
-    return first_poses(find_geometry(prior, request, progress), settings.withheld)
+def _beginning(
+    seen: Shot, decoded: F32, lens: Lens | None, prior: GeometryPrior, settings: Settings, progress: Progress
+) -> tuple[Geometry, Gaussians]:
+    """Find poses, and the Gaussians to start from, as far as the settings do not withhold them."""
+    views = geometry_views(seen, decoded, settings.proxy)
+    request = Request.of(seen, views, settings.geometry, lens)
+    geometry = first_poses(find_geometry(prior, request, progress), settings.withheld)
+    points = first_points(geometry, straightened(decoded, lens), settings.stride_px, settings.withheld, settings.seed)
+    # What is fitted and handed over counts the sensor's pixels, and no longer the canvas's.
+    geometry = geometry if lens is None else replace(geometry, intrinsics=lens.intrinsics)
+    return geometry, first_gaussians(points)
 
 
 class _Stopwatch:
@@ -308,20 +315,6 @@ def _judge(heldout_rms: dict[Verdict, float | None]) -> Verdict:
     return min(known, key=lambda name: known[name]) if known else "scene"
 
 
-def geometry_views(seen: Shot, decoded: F32, proxy: ProxyName) -> F32:
-    """Return the views that the geometry stage looks at, [N, H, W, C].
-
-    Args:
-        seen: The measurement as far as it may be seen.
-        decoded: Its views as GAP-TV decodes them.
-        proxy: Which views are wanted.
-
-    Raises:
-        InputError: The masks do not allow the proxies that are wanted.
-    """
-    return decoded if proxy == "gap-tv" else build_proxies(seen, proxy).views
-
-
 @dataclass(frozen=True)
 class _Left:
     """What the stages left, in their order."""
@@ -344,6 +337,7 @@ def _record(shot: Shot, settings: Settings, left: _Left, score: Score | None, se
         depth=left.depth,
         world_to_camera=fit.world_to_camera,
         intrinsics=geometry.intrinsics,
+        distortion=shot.distortion,
         predicted_measurement=Coding.of(shot).forward(torch.from_numpy(recovered.views)).numpy(),
         curve=(*fit.curve, *_last_point(left, score, seconds["total"])),
         stopped_because=fit.stopped_because,

@@ -15,6 +15,7 @@ import torch
 from gs2ci.core.records import F32, F64, Shot
 from gs2ci.reconstruct.coding import Coding
 from gs2ci.reconstruct.geometry.initialise import Geometry
+from gs2ci.reconstruct.lens import Lens
 
 # A pixel's place in the middle view and the depth there depend on each other; the motion is small, so they settle.
 _STEPS: Final = 4
@@ -22,7 +23,7 @@ _STEPS: Final = 4
 _OUTSIDE_PX: Final = 1e4
 
 
-def unexplained(shot: Shot, views: F32, geometry: Geometry) -> float:
+def unexplained(shot: Shot, views: F32, geometry: Geometry, lens: Lens | None = None) -> float:
     """Return the root mean square of the measurement that the carried middle view leaves, in the measurement's unit.
 
     Args:
@@ -30,8 +31,10 @@ def unexplained(shot: Shot, views: F32, geometry: Geometry) -> float:
         views: Proxy views, [N, H, W, C]; the middle one is looked at.
         geometry: What to judge. Pixels that it sends outside take the nearest at the rim, so that a path that looks
             elsewhere gains nothing by it.
+        lens: Through which the measurement was taken; views and geometry are then its canvas's.
     """
     carried = np.stack([carried_view(views[geometry.reference], geometry, i) for i in range(len(views))])
+    carried = carried if lens is None else lens.bent(carried)
     left = Coding.of(shot).forward(torch.from_numpy(carried)).numpy() - shot.measurement
     coded = (shot.masks * shot.weights[:, None, None]).any(axis=0)
     if shot.saturated is not None:
