@@ -177,7 +177,8 @@ class BenchLight:
 
     def _shown(self, poses: F64) -> F32:
         """Render what is before the camera from poses, [N, 4, 4], all things where the lens shows them."""
-        scene, lens = self._sight.scene, self.lens
+        # Targets draw distortion themselves.
+        scene, lens = self._sight.scene, None if self._sight.target else self.lens
         (height, width), intrinsics = scene.size, scene.intrinsics
         if lens is None:
             return self._sight.renderer.views(scene, poses)[0]
