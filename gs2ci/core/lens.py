@@ -131,6 +131,8 @@ def _followed(slopes: F64, coefficients: F64, steps: int) -> F64:
                     [yy * left[..., 0] - xy * left[..., 1], xx * left[..., 1] - xy * left[..., 0]], axis=-1
                 )
                 rays = rays + turned / (xx * yy - xy * xy)[..., None]
+                if np.abs(left).max(initial=0.0) <= _CONVERGED:  # what is left now is the square of it
+                    break
             least = stretch(rays, coefficients).min(initial=np.inf)
             if not least >= LEAST_STRETCH:
                 _refuse(coefficients)

@@ -25,8 +25,8 @@ from gs2ci.render.sampling import Sampling
 
 Bool = NDArray[np.bool_]
 
-# A lens that moves no pixel by more than this is a pinhole: tracks in decoded views err by twice as much, and boards
-# give coefficients other than 0 for every lens.
+# A lens that moves no pixel by more than this is a pinhole: corners in decoded views are found to a tenth of a pixel at
+# best, and boards give coefficients other than 0 for every lens.
 LEAST_SHIFT_PX: Final = 0.05
 # More canvas than that holds little but the rim of a wide lens, stretched; its memory and time are the user's.
 LARGEST_CANVAS: Final = 2.0
@@ -36,8 +36,8 @@ SMALLEST_CANVAS: Final = 0.5
 _BORDER_PX: Final = 1
 # SciPy puts the centre of the first pixel at 0, the house at 0.5.
 _CENTRE_OFFSET: Final = 0.5
-# Orders of splines. Corners are tracked on the canvas to hundredths of a pixel, which a cubic spline keeps; OpenCV's
-# cubic kernel moves them by up to 0.06 px.
+# Orders of splines. A cubic one shifts what it shows by less than a hundredth of a pixel; OpenCV's cubic kernel shifts
+# it by up to 0.06 px, here one way and there another.
 _CUBIC: Final[Literal[3]] = 3
 _LINEAR: Final[Literal[1]] = 1
 
@@ -125,4 +125,5 @@ def _resampled(views: F32, places: F64, order: Literal[1, 3]) -> F32:
     shown = np.empty((len(views), *places.shape[:2], views.shape[3]), np.float32)
     for view, channel in np.ndindex(len(views), views.shape[3]):
         shown[view, ..., channel] = map_coordinates(views[view, ..., channel], at, order=order, mode="nearest")
-    return shown
+    # Splines overshoot beside edges; no view is brighter or darker for being shown elsewhere.
+    return np.clip(shown, views.min(), views.max(), out=shown)
