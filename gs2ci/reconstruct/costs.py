@@ -302,6 +302,7 @@ def _crop(shot: Shot, view_pixels: int) -> Shot:
         masks=np.ascontiguousarray(shot.masks[:, rows, columns]),
         saturated=None if shot.saturated is None else shot.saturated[rows, columns],
         intrinsics=None,
+        distortion=None,
         telemetry_world_to_camera=None,
         truth=Truth(),
     )

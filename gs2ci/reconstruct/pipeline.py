@@ -25,7 +25,7 @@ from gs2ci.reconstruct.dead_lines import close_dead_lines
 from gs2ci.reconstruct.decode.gap_tv import GapTvSettings
 from gs2ci.reconstruct.decode.residual import ResidualSettings
 from gs2ci.reconstruct.doubts import doubts_about, doubts_about_result
-from gs2ci.reconstruct.first_look import FirstLook, LookSettings, ProxyName, look
+from gs2ci.reconstruct.first_look import FirstLook, LookSettings, look
 from gs2ci.reconstruct.fit.coarse import CoarseFit, CoarseSettings, fit_coarse
 from gs2ci.reconstruct.fit.density.base import DensityRule
 from gs2ci.reconstruct.fit.density.osgr import Osgr
@@ -37,6 +37,7 @@ from gs2ci.reconstruct.fit.rendering import ShotRenderer
 from gs2ci.reconstruct.fit.rules import with_rule
 from gs2ci.reconstruct.fit.start import first_gaussians
 from gs2ci.reconstruct.fit.stopping import Jury, choose_heldout
+from gs2ci.reconstruct.fit.through_lens import through
 from gs2ci.reconstruct.fit.withheld import Withheld, first_points, first_poses
 from gs2ci.reconstruct.geometry.choose import load_geometry_prior
 from gs2ci.reconstruct.geometry.initialise import Geometry, GeometrySettings
@@ -44,6 +45,8 @@ from gs2ci.reconstruct.geometry.prior import GeometryPrior
 from gs2ci.reconstruct.geometry.telemetry import Movement, movement
 from gs2ci.reconstruct.holes import fill_holes
 from gs2ci.reconstruct.hot_pixels import close_hot_pixels
+from gs2ci.reconstruct.lens import Lens, straightened
+from gs2ci.reconstruct.proxies.routing import ProxyName
 from gs2ci.render.backend import Backend, load_backend
 from gs2ci.render.gaussians import Gaussians
 from gs2ci.render.settings import RasterSettings
@@ -191,16 +194,15 @@ def reconstruct(
     """
     settings, progress = settings or Settings(), progress or Silent()
     settings.check()
-    shot.check()
+    lens = Lens.of(shot.check())
     tools = _Tools.load(settings)
     clock = _Stopwatch()
     sound, doubts = _examined(shot, progress)
     jury = Jury(sound, choose_heldout(sound, settings.fit.hold_out.share, settings.seed))
 
-    first = look(jury, tools.geometry_prior, settings.look, progress, clock.lap)
+    first = look(jury, lens, tools.geometry_prior, settings.look, progress, clock.lap)
     jury, decoded = first.jury, first.decoded
-    geometry = first_poses(first.geometry, settings.withheld)
-    start = first_gaussians(first_points(geometry, decoded, settings.stride_px, settings.withheld, settings.seed))
+    geometry, start = _beginning(first, lens, settings)
     clock.lap("geometry")
 
     fitted = Jury(fill_holes(jury.shot, decoded), jury.heldout)
@@ -211,7 +213,7 @@ def reconstruct(
             jury=fitted,
             start=member.start,
             geometry=geometry,
-            backend=load_backend(settings.backend, settings.raster),  # whose buffers serve one fit at a time
+            backend=through(lens, load_backend(settings.backend, settings.raster)),  # its buffers serve one at a time
             settings=replace(settings.fit, density=member.density),
             seed=member.seed,
             refine=refine.in_full,
@@ -222,7 +224,7 @@ def reconstruct(
         )
 
     fits = fit_together(fit_one, members(start, settings.density_rules, settings.fits, settings.seed), progress, pace)
-    renderer = ShotRenderer(fitted.shot, geometry.intrinsics, tools.backend)
+    renderer = ShotRenderer(fitted.shot, geometry.intrinsics, through(lens, tools.backend))
     if tools.fine is not None:
         clock.lap("fit")
         best = combined(fits, jury, refine).best
@@ -262,6 +264,14 @@ def _examined(shot: Shot, progress: Progress) -> tuple[Shot, tuple[str, ...]]:
     for doubt in doubts:
         progress.say(doubt)
     return sound, doubts
+
+
+def _beginning(first: FirstLook, lens: Lens | None, settings: Settings) -> tuple[Geometry, Gaussians]:
+    """Return poses, and the Gaussians to start from, as far as the settings do not withhold them."""
+    geometry, views = first_poses(first.geometry, settings.withheld), straightened(first.decoded, lens)
+    start = first_gaussians(first_points(geometry, views, settings.stride_px, settings.withheld, settings.seed))
+    # What is fitted and handed over counts the sensor's pixels, and no longer the canvas's.
+    return (geometry if lens is None else replace(geometry, intrinsics=lens.intrinsics)), start
 
 
 class _Stopwatch:
@@ -334,6 +344,7 @@ def _record(shot: Shot, settings: Settings, left: _Left, score: Score | None, se
         depth=left.depth,
         world_to_camera=fit.world_to_camera,
         intrinsics=geometry.intrinsics,
+        distortion=shot.distortion,
         predicted_measurement=Coding.of(lit).forward(torch.from_numpy(recovered.views)).numpy(),
         curve=(*fit.curve, *_last_point(left, score, seconds["total"])),
         stopped_because=fit.stopped_because,

@@ -10,7 +10,9 @@ from gs2ci.reconstruct.geometry.validity import (
     coverage,
     doubts_about_path,
     doubts_about_tracks,
+    has_parallax,
     judge,
+    may_have_moved,
     parallax_px,
     supported_views,
 )
@@ -46,6 +48,21 @@ class TestVerdict:
         found, reasons = verdict(tracked(views=views, noise_px=noise_px, poses=turning(views, 0.0)))
         assert found == "static"
         assert "did not move" in reasons[0]
+
+
+def test_a_motion_that_drowns_in_the_error_of_the_tracks_is_not_called_a_turn(tracked, path):
+    """Rotations leave a little more than noise would, and too little to find depth by."""
+    for length in np.linspace(0.003, 0.006, 13):
+        scene = tracked(poses=path(8, np.random.default_rng(0), length=length), noise_px=0.6)
+        motion, kept = estimate_motion(scene.tracks, scene.intrinsics)
+        rotations, criteria = fit_rotations(kept, scene.intrinsics), Criteria()
+        if not has_parallax(motion, rotations, criteria) and may_have_moved(motion, rotations, criteria):
+            break
+    found, (reason,) = judge(len(scene.tracks), kept, motion, rotations, criteria)
+    assert found == "rotation_only"
+    assert f"to {rotations.rms_px:.2f} px, a motion would to {motion.rms_px:.2f} px" in reason
+    assert "drowns" in reason
+    assert "depth cannot be found" in reason
 
 
 def test_a_parallax_as_large_as_the_noise_is_noticed(tracked, path):
