@@ -2,7 +2,7 @@
 
     decode ─► geometry ─► brightness of the views ─► (where the weights were wrong: all of it again)
 
-Here: the order of these stages. Not here: any of them; how the settings choose them (`pipeline`). The pipeline and
+Here: the order of these stages. Not here: any of them; all settings together (`settings`). The pipeline and
 `gs2ci.bench` import this file.
 """
 

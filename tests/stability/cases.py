@@ -12,7 +12,7 @@ from typing import Any
 import h5py
 import numpy as np
 
-from gs2ci.reconstruct.pipeline import Settings
+from gs2ci.reconstruct.settings import Settings
 from gs2ci_sims.effects.bayer_filter import BayerFilter
 from gs2ci_sims.effects.finite_contrast import FiniteContrast
 from gs2ci_sims.effects.illumination_flicker import IlluminationFlicker

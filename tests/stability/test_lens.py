@@ -7,7 +7,8 @@ import torch
 from gs2ci.evaluate.metrics import psnr_per_view
 from gs2ci.reconstruct.fit.coarse import CoarseSettings
 from gs2ci.reconstruct.fit.stopping import HoldOut
-from gs2ci.reconstruct.pipeline import Settings, reconstruct
+from gs2ci.reconstruct.pipeline import reconstruct
+from gs2ci.reconstruct.settings import Settings
 from gs2ci.render.backend import load_backend
 from gs2ci_sims.effects.lens_distortion import LensDistortion
 from gs2ci_sims.radiance import Renderer
