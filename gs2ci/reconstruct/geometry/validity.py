@@ -35,8 +35,6 @@ class Criteria:
             with a parallax about as large as the noise 1.15 to 1.5, with more of it 2 and above. A lens that distorts,
             known or not, does not show in it: all views are bent alike, and ±0.2 in k1 made 0.97 to 1.02 of turning
             cameras and 1.4 to 3.1 of moving ones, where there had been 0.97 to 1.02 and 1.4 to 2.7.
-        turned: Ratio up to which the camera is said to have only turned. Between this and `unexplained` lie parallaxes
-            that drown: small pictures of a camera that moved by one or two pixels gave 1.04 to 1.11.
         unexplained_by_two: The same where no track has a second sighting to tell by: errors per degree of freedom.
             A translation explains one of their two components; decoded views of turned cameras gave 1.0 to 1.3.
         parallax_px: Least parallax: what translation explains beyond the best rotations.
@@ -66,7 +64,6 @@ class Criteria:
     inliers: float = 0.25
     rms_px: float = 2.0
     unexplained: float = 1.1
-    turned: float = 1.04
     unexplained_by_two: float = 1.6
     parallax_px: float = 0.25
     displacement_px: float = 0.5
@@ -131,11 +128,6 @@ def has_parallax(motion: Motion, rotations: Rotations, criteria: Criteria) -> bo
     return bool(noise_rotation > criteria.unexplained_by_two * noise_full)
 
 
-def may_have_moved(motion: Motion, rotations: Rotations, criteria: Criteria) -> bool:
-    """Tell whether rotations leave more along the tracks than noise does, though too little to find depth by."""
-    return wander_px(rotations.errors_px) > criteria.turned * wander_px(motion.errors_px, unknowns=1)
-
-
 def judge(
     candidates: int, tracks: Tracks, motion: Motion, rotations: Rotations, criteria: Criteria
 ) -> tuple[Verdict, tuple[str, ...]]:
@@ -153,9 +145,10 @@ def judge(
             moved = f"The views differ by {rotations.displacement_px:.2f} px"
             return "static", (f"{moved}: the camera did not move, so depth cannot be found.",)
         explained = f"Rotations alone explain the tracks to {rotations.rms_px:.2f} px"
-        if may_have_moved(motion, rotations, criteria):
-            doubt = f"a motion would to {motion.rms_px:.2f} px. The camera only turned, or its parallax drowns in the"
-            return "rotation_only", (f"{explained}, {doubt} error of the tracks: depth cannot be found.",)
+        if rotations.rms_px > criteria.parallax_px:  # errors in which a parallax worth speaking of may hide
+            explained += f", a motion would to {motion.rms_px:.2f} px"
+            doubt = "the camera only turned, or its parallax drowns in such errors, so depth cannot be found."
+            return "rotation_only", (f"{explained}: {doubt}",)
         return "rotation_only", (f"{explained}: the camera only turned, so depth cannot be found.",)
     doubts = []
     if len(tracks) < max(criteria.inliers * candidates, criteria.tracks):
