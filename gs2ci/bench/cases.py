@@ -29,6 +29,8 @@ from gs2ci_sims.scenes.files import load_scene
 
 # A tenth of the shot noise at half of full scale with the default sensor: more accuracy would not be seen.
 TOLERANCE_DN: Final = 1.0
+# Of simulated measurements, px, unless another is asked for.
+SIZE: Final = (192, 256)
 # As many masks are open at a pixel on average where the library's scenes are lit for the sensor's well: 8, a quarter.
 LIT_FOR_OPEN_MASKS: Final = 2.0
 
@@ -41,13 +43,16 @@ class Case:
         name: In tables.
         file: An .npz, .npy or .mat file; "" for a simulated scene.
         scene: Name of a scene of the simulator's library; "" for a file.
-        size: Height and width of a simulated measurement, px.
+        size: Height and width, px: those of a simulated measurement (None: `SIZE`), or the middle of a file's, the
+            rest cut away (None: all of it).
         views: How many masks; None leaves a file's or scene's own number. A file's true views are thinned to it.
         open_share: Probability that a mask's pixel is open; None leaves a file's own masks (0.25 for scenes).
         noise: Standard deviation of white noise that is added to the measurement, in full scales of one view. A
             file's is coded anew for it; a simulated scene's clipped readings stay as they are.
         grey_masks: Draw masks of every grey between closed and open (`random_grey_masks`), of the same mean:
             `open_share`, or that of a file's own masks.
+        weights_off: How far the weights that the measurement tells are off, as by a lamp that flickers: each by a
+            factor drawn evenly from 1 ± this.
         focal_known: Whether the measurement tells its camera matrix; without it the solver looks for one.
         stopped_down: Let the less light into a simulated scene the more masks are open, so that the sensor's well
             is as full as with 8 masks, a quarter open. Else many masks clip many readings.
@@ -58,11 +63,12 @@ class Case:
     name: str
     file: str = ""
     scene: str = ""
-    size: tuple[int, int] = (192, 256)
+    size: tuple[int, int] | None = None
     views: int | None = None
     open_share: float | None = None
     noise: float = 0.0
     grey_masks: bool = False
+    weights_off: float = 0.0
     focal_known: bool = True
     stopped_down: bool = False
     full_scale_photons: float | None = None
@@ -71,17 +77,20 @@ class Case:
     @classmethod
     def of(cls, fields: Mapping[str, Any]) -> "Case":
         """Make a case from its fields as JSON holds them."""
-        return cls(**{**fields, "size": tuple(fields["size"])})
+        size = fields["size"]
+        return cls(**{**fields, "size": None if size is None else tuple(size)})
 
     def shot(self, seed: int) -> Shot:
         """Make the measurement; the seed draws masks and noise where they are drawn.
 
         Raises:
             InputError: Not exactly one of file and scene is named, the file cannot be read, it cannot be recoded, it
-                holds no camera matrix to leave out, or a value is out of range.
+                is smaller than asked for, it holds no camera matrix to leave out, or a value is out of range.
         """
         self._check()
         shot = self._simulated(seed) if self.scene else self._from_file(seed)
+        if self.weights_off:
+            shot = reweighted(shot, self.weights_off, generator(seed, "weights"))
         if not self.focal_known:
             shot = without_focal(shot)
         return replace(shot, name=self.name)
@@ -90,13 +99,16 @@ class Case:
         if bool(self.file) == bool(self.scene):
             raise InputError(f"case {self.name!r} names file {self.file!r} and scene {self.scene!r}", allowed="one")
         check_noise(self.noise)
+        if not 0 <= self.weights_off < 1:
+            raise InputError(f"case {self.name!r} has weights off by {self.weights_off}", allowed="0 to less than 1")
         for switch in ("grey_masks", "focal_known", "stopped_down"):
             value = getattr(self, switch)
             if not isinstance(value, bool):
                 raise InputError(f"case {self.name!r} has {switch} = {value!r}", allowed="true or false")
 
     def _simulated(self, seed: int) -> Shot:
-        loaded = load_scene(self.scene, size=self.size, views=self.views)
+        size = self.size or SIZE
+        loaded = load_scene(self.scene, size=size, views=self.views)
         share = 0.25 if self.open_share is None else self.open_share
         photons = loaded.light.full_scale_photons if self.full_scale_photons is None else self.full_scale_photons
         modulator = Modulator(loaded.views, share, self.feature_px)
@@ -104,7 +116,7 @@ class Case:
             photons *= min(1.0, LIT_FOR_OPEN_MASKS / (modulator.masks * modulator.open_share))
         rig = Rig(light=Light(photons), modulator=modulator)
         draw = random_grey_masks if self.grey_masks else random_masks
-        masks = draw(loaded.views, self.size, share, np.random.default_rng(seed), feature_px=self.feature_px)
+        masks = draw(loaded.views, size, share, np.random.default_rng(seed), feature_px=self.feature_px)
         path = loaded.path(rig.exposure_s)
         moving = loaded.object_motion(rig.exposure_s)
         wanted = [MotionBlur(), *sensor_effects(rig.sensor), *([] if moving is None else [moving])]
@@ -114,6 +126,8 @@ class Case:
 
     def _from_file(self, seed: int) -> Shot:
         shot = import_shots(Path(self.file), None, ImportOptions()).shots[0]
+        if self.size is not None:
+            shot = middle(shot, self.size)
         if self.views is None and self.open_share is None and self.noise == 0 and not self.grey_masks:
             return shot
         views, rng = shot.views if self.views is None else self.views, np.random.default_rng(seed)
@@ -152,6 +166,19 @@ def noisy(shot: Shot, noise: float, rng: np.random.Generator) -> Shot:
     return replace(shot, measurement=measurement, provenance={**shot.provenance, "added_noise": noise}).check()
 
 
+def reweighted(shot: Shot, spread: float, rng: np.random.Generator) -> Shot:
+    """Tell weights that are not those of the exposure; their mean stays.
+
+    Args:
+        shot: With its own weights.
+        spread: Of the factors, drawn evenly from 1 ± this; less than 1.
+        rng: Where they come from.
+    """
+    factors = rng.uniform(1 - spread, 1 + spread, shot.views)
+    told = (shot.weights * factors / factors.mean()).astype(np.float32)
+    return replace(shot, weights=told, provenance={**shot.provenance, "weights_off": spread}).check()
+
+
 def without_focal(shot: Shot) -> Shot:
     """Leave out a shot's camera matrix, so that its solver has to find the focal length.
 
@@ -163,6 +190,35 @@ def without_focal(shot: Shot) -> Shot:
             f"{shot.name} holds no camera matrix to leave out", remedy="look at the line of the case as it is"
         )
     return replace(shot, intrinsics=None, distortion=None)
+
+
+def middle(shot: Shot, size: tuple[int, int]) -> Shot:
+    """Cut away all but the middle of a measurement.
+
+    Args:
+        shot: At least as large.
+        size: Height and width that are left, px. A colour mosaic begins with the same colour as before.
+
+    Raises:
+        InputError: The measurement is smaller, or a side is no count of pixels.
+    """
+    if not (0 < size[0] <= shot.size[0] and 0 < size[1] <= shot.size[1]):
+        raise InputError(
+            f"the middle {size[0]} x {size[1]} px of {shot.name}, which has {shot.size[0]} x {shot.size[1]} px",
+            allowed="sides of at least 1 px and no larger than the measurement's",
+        )
+    top, left = ((whole - part) // 4 * 2 for whole, part in zip(shot.size, size, strict=True))
+    rows, columns = slice(top, top + size[0]), slice(left, left + size[1])
+    intrinsics, seen = shot.intrinsics, shot.truth.views
+    return replace(
+        shot,
+        measurement=shot.measurement[rows, columns],
+        masks=shot.masks[:, rows, columns],
+        saturated=None if shot.saturated is None else shot.saturated[rows, columns],
+        intrinsics=None if intrinsics is None else intrinsics - [[0, 0, left], [0, 0, top], [0, 0, 0]],
+        truth=replace(shot.truth, views=None if seen is None else seen[:, rows, columns]),
+        provenance={**shot.provenance, "middle": f"{size[0]} x {size[1]} px"},
+    ).check()
 
 
 def recoded(

@@ -28,6 +28,7 @@ CONDITIONS: Final[dict[str, dict[str, Any]]] = {
     "three quarters open": {"open_share": 0.75, "stopped_down": True},
     "grey masks": {"grey_masks": True},
     **{f"{views} views": {"views": views, "stopped_down": True} for views in (16, 32)},
+    **{f"weights off by {percent} %": {"weights_off": percent / 100} for percent in (10, 30)},
     "focal unknown": {"focal_known": False},
 }
 CALIBRATE: Final = "gs2ci.bench.calibration:calibrate_masks"
@@ -106,9 +107,9 @@ INITIALISATION: Final = (
 )
 
 
-def simulated_cases(size: tuple[int, int] = (192, 256)) -> tuple[Case, ...]:
+def simulated_cases() -> tuple[Case, ...]:
     """Return scenes of the simulator's library, exposed by its light path."""
-    return tuple(Case(name, scene=name, size=size) for name in SIMULATED)
+    return tuple(Case(name, scene=name) for name in SIMULATED)
 
 
 def condition_cases(folder: Path | None) -> tuple[Case, ...]:
@@ -136,21 +137,21 @@ def file_cases(folder: Path) -> tuple[Case, ...]:
 
 
 def resized(cases: Sequence[Case], size: tuple[int, int]) -> tuple[Case, ...]:
-    """Return simulated cases at another size.
+    """Return scenes at another size, and files with all but their middle cut away.
 
     Args:
-        cases: All of them scenes.
+        cases: Measurements.
         size: Height and width, px.
 
     Raises:
-        InputError: One of them is a file, or a side is no count of pixels.
+        InputError: One of them is something else, or a side is no count of pixels.
     """
-    files = [case.name for case in cases if not case.scene]
-    if files or min(size) < 1:
+    others = [case.name for case in cases if not (case.scene or case.file.endswith(".npz"))]
+    if others or min(size) < 1:
         raise InputError(
-            f"size {size[0]} x {size[1]} px for {files[0] if files else 'simulated scenes'}",
-            allowed="simulated scenes, at sides of at least 1 px",
-            remedy="leave --size out" if files else "",
+            f"size {size[0]} x {size[1]} px for {others[0] if others else 'a measurement'}",
+            allowed="measurements, at sides of at least 1 px",
+            remedy="leave --size out" if others else "",
         )
     return tuple(replace(case, size=size) for case in cases)
 
@@ -217,15 +218,26 @@ def _simulation(case: Case, tolerance_dn: float | None, seed: int) -> Cell:
     return Cell("gs2ci.bench.simulation:simulate_rig", arguments, (case.file,))
 
 
+def bench_cases(folder: Path | None) -> tuple[Case, ...]:
+    """Return the simulated benches that are calibrated, by their names alone.
+
+    Raises:
+        InputError: A folder is given; there are no others.
+    """
+    if folder is not None:
+        raise InputError(f"benches from {folder}", allowed="the simulated ones", remedy="leave --data out")
+    return tuple(Case(name) for name in BENCHES)
+
+
 def _calibrations(options: Options) -> list[Entry]:
-    """Calibrate masks with more and more frames, and predict them; its benches stand in for the options' cases."""
+    """Calibrate masks with more and more frames, and predict them."""
     ways: dict[str, dict[str, int | bool]] = {
         f"measured, {frames} frames": {"frames": frames, "fast": False} for frames in FRAMES
     }
     ways |= {f"predicted, {frames} frames": {"frames": frames, "fast": True} for frames in FRAMES}
     return [
-        Entry(bench, line, Cell(CALIBRATE, {"bench": bench, "seed": seed, **ways[line]}))
-        for bench in BENCHES
+        Entry(case.name, line, Cell(CALIBRATE, {"bench": case.name, "seed": seed, **ways[line]}))
+        for case in options.cases
         for line in _chosen(tuple(ways), options.lines)
         for seed in range(options.seeds)
     ]
@@ -291,9 +303,10 @@ TABLES: Final[dict[str, Table]] = {
     "conditions": Table(
         "Hard conditions",
         "The measurement as it is, and with one condition of a real bench at a time: white noise, in shares of one "
-        "view's full scale; masks that are more open, or grey; more views of the same path; no camera matrix. Where "
-        "more masks are open the lens is stopped down, so that no more readings clip. New noise, masks and views "
-        "code a file's true views anew, without the noise it came with. A line that a case cannot have says why.",
+        "view's full scale; masks that are more open, or grey; more views of the same path; a lamp that the weights do "
+        "not know of; no camera matrix. Where more masks are open the lens is stopped down, so that no more readings "
+        "clip. New noise, masks and views code a file's true views anew, without the noise it came with. A line that a "
+        "case cannot have says why.",
         _changed(CONDITIONS),
         RECONSTRUCTION,
         condition_cases,
@@ -327,5 +340,6 @@ TABLES: Final[dict[str, Table]] = {
         "against the truth of simulated benches, time by their own clock, upload included.",
         _calibrations,
         CALIBRATION,
+        bench_cases,
     ),
 }

@@ -47,7 +47,8 @@ def run(
             calibrate, simulate.
         output: Folder for the pages and the finished cells.
         data: Folder of .npz measurements to use instead of simulated scenes; of rig files (.toml) for simulate.
-        size: Height and width of the simulated scenes, px, instead of 192 256; for what would take hours.
+        size: Height and width, px: of the simulated scenes, instead of 192 256; of files, the middle that is kept.
+            For what would take hours.
         cases: Only these of the cases.
         lines: Only these lines of the table.
         seeds: How many seeds.
@@ -59,8 +60,8 @@ def run(
         The pages.
 
     Raises:
-        Gs2ciError: A name is unknown, a file cannot be read, it is no scene that would get a size, or no scheduler
-            answers.
+        Gs2ciError: A name is unknown, a file cannot be read, a table has no files or no size to choose, or no
+            scheduler answers.
     """
     if table not in TABLES:
         raise InputError(f"table {table!r}", allowed=", ".join(TABLES))

@@ -24,11 +24,11 @@ from gs2ci.evaluate.run_folder import check_destination, write_run
 from gs2ci.reconstruct import ablation
 from gs2ci.reconstruct.budget import Adapt, Plan, plan_within
 from gs2ci.reconstruct.costs import probe
+from gs2ci.reconstruct.first_look import ProxyName
 from gs2ci.reconstruct.fit.fine import FineSettings
 from gs2ci.reconstruct.fit.rules import RuleName
 from gs2ci.reconstruct.pipeline import PoseSource, Score, Settings, reconstruct
 from gs2ci.reconstruct.presets import PRESETS, PresetName
-from gs2ci.reconstruct.proxies.routing import ProxyName
 from gs2ci.render.backend import needs_compiling
 
 
@@ -50,6 +50,7 @@ def run(
     prior: str | None = None,
     distance: str | None = None,
     focal_px: float | None = None,
+    trust_weights: bool = False,
     seed: int = 42,
     overwrite: bool = False,
 ) -> Path:
@@ -82,6 +83,7 @@ def run(
         distance: For the fine stage, which it switches on: "structure" (1 − SSIM over three scales), "lpips" (added
             by `gs2ci models add`), or "lpips:FILE".
         focal_px: Focal length along the rows to use instead of the file's, in pixels.
+        trust_weights: Take each mask's weight as the file states it, whatever the measurement shows of the lamp.
         seed: Of every random draw; the same seed gives the same result.
         overwrite: Replace an earlier run at the same place.
 
@@ -93,7 +95,7 @@ def run(
             is then as it was.
     """
     began_s = time.monotonic() - command_age_s()
-    wishes = _Wishes(geometry, proxy, density, without, iterations, fits, fine, prior, distance, seed)
+    wishes = _Wishes(geometry, proxy, density, without, iterations, fits, fine, prior, distance, trust_weights, seed)
     budget_s = _budget_s(budget, preset, wishes)
     check_destination(output, overwrite=overwrite)
     measured = _measured(shot, index, focal_px)
@@ -124,6 +126,7 @@ class _Wishes:
     fine: bool
     prior: str | None
     distance: str | None
+    trust_weights: bool
     seed: int
 
     @property
@@ -134,6 +137,8 @@ class _Wishes:
     def on(self, settings: Settings) -> Settings:
         """Return settings changed as wished."""
         settings = replace(settings, seed=self.seed, poses=self.geometry, proxy=self.proxy)
+        if self.trust_weights:
+            settings = replace(settings, brightness=replace(settings.brightness, rounds=0))
         if self.density is not None:
             settings = settings.with_density_rule(self.density)
         settings = ablation.without(settings, self.without)

@@ -72,6 +72,8 @@ class RunResult:
             root-mean-square difference of their views from the mean, in full scales.
         disagreement: The same pixel by pixel, [N, H, W] float32: where the views are less to be trusted than elsewhere;
             None with one fit.
+        brightness: How bright each view was found to be for its weight, N numbers; None where nothing spoke against the
+            weights.
     """
 
     views: F32
@@ -93,6 +95,7 @@ class RunResult:
     geometry: Mapping[str, Any] = field(default_factory=dict)
     ensemble: Mapping[str, float | int | None] = field(default_factory=dict)
     disagreement: F32 | None = None
+    brightness: Sequence[float] | None = None
     distortion: F64 | None = None
 
     def check(self) -> "RunResult":

@@ -5,7 +5,8 @@ Here: which figures follow from which files. Not here: the metrics (one file eac
 """
 
 import json
-from dataclasses import asdict, dataclass
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -106,7 +107,7 @@ def evaluate(run: FinishedRun, evidence: Evidence) -> dict[str, Any]:
             f"a run of views {list(run.views.shape)} beside a shot of {shot.views} views, {list(shot.size)}",
             allowed="the shot that was reconstructed",
         )
-    predicted = _predicted(shot, views)
+    predicted = _predicted(shot, views, run.report.get("brightness"))
     residual = measurement_residual(predicted, shot.measurement, shot.saturated)
     true_path = shot.truth.world_to_camera
     found = {
@@ -138,8 +139,12 @@ def write_evaluation(path: Path, evaluation: dict[str, Any]) -> Path:
     return write_whole(path, text, remedy="choose another place with -o")
 
 
-def _predicted(shot: Shot, views: F32) -> F32:
-    predicted: F32 = Coding.of(shot).forward(torch.from_numpy(np.ascontiguousarray(views))).numpy()
+def _predicted(shot: Shot, views: F32, brightness: Sequence[float] | None) -> F32:
+    """Code views as the run did: with the weights that it corrected, if it did (runs of earlier versions did not)."""
+    weights = shot.weights if brightness is None else (shot.weights * np.array(brightness)).astype(np.float32)
+    predicted: F32 = (
+        Coding.of(replace(shot, weights=weights)).forward(torch.from_numpy(np.ascontiguousarray(views))).numpy()
+    )
     return predicted
 
 

@@ -73,6 +73,7 @@ def build_report(shot: Shot, result: RunResult) -> dict[str, Any]:
         "stopped_because": result.stopped_because,
         "ensemble": dict(result.ensemble),
         "geometry": dict(result.geometry),
+        "brightness": result.brightness,
         "measured": _measured(shot),
         "peak_mib": round(environment.peak_mib(), 1),
         "settings": dict(result.settings),

@@ -31,7 +31,7 @@ from gs2ci.core.errors import InputError
 from gs2ci.core.progress import Silent
 from gs2ci.core.records import F32, Shot, Truth
 from gs2ci.reconstruct.decode.gap_tv import GapTvSettings, gap_tv
-from gs2ci.reconstruct.decode.residual import ResidualSettings, refine_views
+from gs2ci.reconstruct.decode.residual import ResidualSettings, decode_residual
 from gs2ci.reconstruct.fit.coarse import CoarseSettings, fit_coarse
 from gs2ci.reconstruct.fit.pace import LOOKS_AFTERWARDS, Pace
 from gs2ci.reconstruct.fit.start import first_gaussians
@@ -245,7 +245,7 @@ def _probe_fit(shot: Shot, views: F32, stride: int, backend: Backend) -> tuple[i
         backend=backend,
         settings=CoarseSettings(iterations=_ITERATIONS, densify_from=1.0, hold_out=HoldOut(look_every=_ITERATIONS)),
         seed=0,
-        refine=lambda scene: refine_views(shot, scene, ResidualSettings()),
+        refine=lambda scene: scene + decode_residual(shot, scene, ResidualSettings()),
         progress=Silent(),
         pace=watch,
     )

@@ -1,17 +1,15 @@
 """From one coded measurement to views, camera path and Gaussian scene: the whole way on one page.
 
-    hold out some pixels ─► decode ─► geometry ─► first Gaussians ─► coarse fits (─► fine fit) ─► their mean
-    ─► residual ─► judge by the held-out
+    hold out some pixels ─► first look (decode, geometry, brightness) ─► first Gaussians ─► coarse fits (─► fine fit)
+    ─► their mean ─► residual ─► judge by the held-out
 
 Here: the order, the clock, and the judgement. Not here: any stage itself; files and metrics (`gs2ci.evaluate`).
 The commands import this file.
 """
 
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, field, replace
-from functools import partial
 from typing import Final, get_args
 
 import torch
@@ -20,17 +18,20 @@ from gs2ci.core.errors import InputError
 from gs2ci.core.progress import Progress, Silent
 from gs2ci.core.records import F32, Shot
 from gs2ci.core.run_records import CurvePoint, RunResult, Verdict
+from gs2ci.reconstruct.brightness import BrightnessSettings
 from gs2ci.reconstruct.coding import Coding
 from gs2ci.reconstruct.dead_lines import close_dead_lines
-from gs2ci.reconstruct.decode.gap_tv import GapTvSettings, gap_tv
-from gs2ci.reconstruct.decode.residual import ResidualSettings, refine_views
+from gs2ci.reconstruct.decode.gap_tv import GapTvSettings
+from gs2ci.reconstruct.decode.residual import ResidualSettings
 from gs2ci.reconstruct.doubts import doubts_about, doubts_about_result
+from gs2ci.reconstruct.first_look import FirstLook, LookSettings, ProxyName, look
 from gs2ci.reconstruct.fit.coarse import CoarseFit, CoarseSettings, fit_coarse
 from gs2ci.reconstruct.fit.density.base import DensityRule
 from gs2ci.reconstruct.fit.density.osgr import Osgr
 from gs2ci.reconstruct.fit.ensemble import MOST_FITS, Ensemble, Member, combined, fit_together, members
 from gs2ci.reconstruct.fit.fine import Fine, FineSettings, fit_fine
 from gs2ci.reconstruct.fit.pace import Pace
+from gs2ci.reconstruct.fit.refinement import Refinement
 from gs2ci.reconstruct.fit.rendering import ShotRenderer
 from gs2ci.reconstruct.fit.rules import with_rule
 from gs2ci.reconstruct.fit.start import first_gaussians
@@ -39,12 +40,12 @@ from gs2ci.reconstruct.fit.through_lens import through
 from gs2ci.reconstruct.fit.withheld import Withheld, first_points, first_poses
 from gs2ci.reconstruct.geometry.choose import load_geometry_prior
 from gs2ci.reconstruct.geometry.initialise import Geometry, GeometrySettings
-from gs2ci.reconstruct.geometry.prior import GeometryPrior, Request, find_geometry
+from gs2ci.reconstruct.geometry.prior import GeometryPrior
 from gs2ci.reconstruct.geometry.telemetry import Movement, movement
 from gs2ci.reconstruct.holes import fill_holes
 from gs2ci.reconstruct.hot_pixels import close_hot_pixels
 from gs2ci.reconstruct.lens import Lens, straightened
-from gs2ci.reconstruct.proxies.routing import ProxyName, geometry_views
+from gs2ci.reconstruct.one_thread import one_torch_thread
 from gs2ci.render.backend import Backend, load_backend
 from gs2ci.render.gaussians import Gaussians
 from gs2ci.render.settings import RasterSettings
@@ -77,6 +78,7 @@ class Settings:
         withheld: What of the geometry the fit does not get; for ablations.
         backend: The renderer.
         raster: What the renderer may leave out for speed.
+        brightness: Of the views' brightness, where the weights are wrong.
         seed: Of every random draw.
     """
 
@@ -93,7 +95,13 @@ class Settings:
     withheld: Withheld = field(default_factory=Withheld)
     backend: str = "cpu"
     raster: RasterSettings = field(default_factory=lambda: RasterSettings(relist_every=_RELIST_EVERY))
+    brightness: BrightnessSettings = field(default_factory=BrightnessSettings)
     seed: int = 42
+
+    @property
+    def look(self) -> LookSettings:
+        """Get the settings of all that comes before the fit."""
+        return LookSettings(self.proxy, self.decode, self.geometry, self.brightness)
 
     @property
     def density_rules(self) -> tuple[DensityRule, ...]:
@@ -125,6 +133,7 @@ class Settings:
             raise InputError(f"{self.fits} fits side by side", allowed=f"1 to {MOST_FITS}")
         self.decode.check()
         self.geometry.check()
+        self.brightness.check()
         self.fit.check()
         if self.fine is not None:
             self.fine.check()
@@ -141,22 +150,7 @@ class Reconstruction:
     scene: Gaussians
 
 
-@contextmanager
-def _one_torch_thread() -> Iterator[None]:
-    """Keep torch on one thread; the kernels that take the time have Numba's.
-
-    Torch deals its elements out by the number of threads, and with that the last bits of sums, products and sigmoids
-    change. Besides, its pool and Numba's disturb each other: on one thread the fit takes a fifth less time.
-    """
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
-    try:
-        yield
-    finally:
-        torch.set_num_threads(before)
-
-
-@_one_torch_thread()
+@one_torch_thread()
 def reconstruct(
     shot: Shot,
     settings: Settings | None = None,
@@ -190,14 +184,13 @@ def reconstruct(
     sound, doubts = _examined(shot, progress)
     jury = Jury(sound, choose_heldout(sound, settings.fit.hold_out.share, settings.seed))
 
-    decoded = gap_tv(jury.seen, settings.decode, progress)
-    clock.lap("decode")
-
-    geometry, start = _beginning(jury.seen, decoded, lens, tools.geometry_prior, settings, progress)
+    first = look(jury, tools.geometry_prior, settings.look, progress, clock.lap, lens)
+    jury, decoded = first.jury, first.decoded
+    geometry, start = _beginning(first, lens, settings)
     clock.lap("geometry")
 
-    fitted = Jury(fill_holes(sound, decoded), jury.heldout)
-    refine = partial(refine_views, jury.seen, settings=settings.residual)
+    fitted = Jury(fill_holes(jury.shot, decoded), jury.heldout)
+    refine = Refinement(jury, settings.residual)
 
     def fit_one(member: Member, listener: Progress, own_pace: Pace | None) -> CoarseFit:
         return fit_coarse(
@@ -207,7 +200,7 @@ def reconstruct(
             backend=through(lens, load_backend(settings.backend, settings.raster)),  # its buffers serve one at a time
             settings=replace(settings.fit, density=member.density),
             seed=member.seed,
-            refine=refine,
+            refine=refine.in_full,
             progress=listener,
             score=score,
             since_s=clock.began_s,
@@ -219,14 +212,16 @@ def reconstruct(
     if tools.fine is not None:
         clock.lap("fit")
         best = combined(fits, jury, refine).best
-        fined = fit_fine(fitted, best, renderer, tools.fine, settings.seed, refine, progress, score, clock.began_s)
+        fined = fit_fine(
+            fitted, best, renderer, tools.fine, settings.seed, refine.in_full, progress, score, clock.began_s
+        )
         fits = tuple(fined if fit is best else fit for fit in fits)
         clock.lap("fine")
     ensemble = combined(fits, jury, refine)
-    recovered = _recover(jury, decoded, ensemble, settings.residual)
+    recovered = _recover(jury, decoded, ensemble, refine)
     depth = renderer.depths(ensemble.best.scene, ensemble.best.world_to_camera)
     clock.lap("fit")
-    left = _Left(doubts, decoded, geometry, ensemble, depth, recovered)
+    left = _Left((*doubts, *first.notes), first, geometry, ensemble, depth, recovered)
     return Reconstruction(_record(shot, settings, left, score, clock.seconds()), ensemble.best.scene)
 
 
@@ -255,17 +250,13 @@ def _examined(shot: Shot, progress: Progress) -> tuple[Shot, tuple[str, ...]]:
     return sound, doubts
 
 
-def _beginning(
-    seen: Shot, decoded: F32, lens: Lens | None, prior: GeometryPrior, settings: Settings, progress: Progress
-) -> tuple[Geometry, Gaussians]:
-    """Find poses, and the Gaussians to start from, as far as the settings do not withhold them."""
-    views = geometry_views(seen, decoded, settings.proxy)
-    request = Request.of(seen, views, settings.geometry, lens)
-    geometry = first_poses(find_geometry(prior, request, progress), settings.withheld)
-    points = first_points(geometry, straightened(decoded, lens), settings.stride_px, settings.withheld, settings.seed)
+def _beginning(first: FirstLook, lens: Lens | None, settings: Settings) -> tuple[Geometry, Gaussians]:
+    """Get poses and Gaussians to start from, as far as the settings do not withhold them."""
+    geometry = first_poses(first.geometry, settings.withheld)
+    views = straightened(first.decoded, lens)
+    start = first_gaussians(first_points(geometry, views, settings.stride_px, settings.withheld, settings.seed))
     # What is fitted and handed over counts the sensor's pixels, and no longer the canvas's.
-    geometry = geometry if lens is None else replace(geometry, intrinsics=lens.intrinsics)
-    return geometry, first_gaussians(points)
+    return (geometry if lens is None else replace(geometry, intrinsics=lens.intrinsics)), start
 
 
 class _Stopwatch:
@@ -294,10 +285,10 @@ class _Recovered:
     notes: tuple[str, ...]
 
 
-def _recover(jury: Jury, decoded: F32, ensemble: Ensemble, settings: ResidualSettings) -> _Recovered:
+def _recover(jury: Jury, decoded: F32, ensemble: Ensemble, refine: Refinement) -> _Recovered:
     """Let the held-out pixels choose between the refined views, the best scene's and the decode."""
     candidates: dict[Verdict, F32] = {
-        "refined": refine_views(jury.seen, ensemble.views, settings),
+        "refined": refine(ensemble.views),
         "scene": ensemble.best.views,
         "decode": decoded,
     }
@@ -305,7 +296,7 @@ def _recover(jury: Jury, decoded: F32, ensemble: Ensemble, settings: ResidualSet
     verdict = _judge(heldout_rms)
     notes = doubts_about_result(jury, candidates[verdict]) if jury.heldout.any() else (_UNJUDGED,)
     if verdict == "refined":  # the pixels that judged may now help as well
-        candidates["refined"] = refine_views(jury.shot, ensemble.views, settings)
+        candidates["refined"] = refine.by_all_pixels(ensemble.views)
     return _Recovered(candidates[verdict], verdict, heldout_rms, notes)
 
 
@@ -320,7 +311,7 @@ class _Left:
     """What the stages left, in their order."""
 
     doubts: tuple[str, ...]
-    decoded: F32
+    look: FirstLook
     geometry: Geometry
     ensemble: Ensemble
     depth: F32
@@ -329,22 +320,29 @@ class _Left:
 
 def _record(shot: Shot, settings: Settings, left: _Left, score: Score | None, seconds: dict[str, float]) -> RunResult:
     geometry, fit, recovered = left.geometry, left.ensemble.best, left.recovered
-    moved = movement(geometry.world_to_camera, fit.world_to_camera)
+    moved, brightness = movement(geometry.world_to_camera, fit.world_to_camera), left.look.brightness
+    lit = replace(shot, weights=left.look.jury.shot.weights)
     return RunResult(
         views=recovered.views,
         scene_views=fit.views,
-        decode=left.decoded,
+        decode=left.look.decoded,
         depth=left.depth,
         world_to_camera=fit.world_to_camera,
         intrinsics=geometry.intrinsics,
         distortion=shot.distortion,
-        predicted_measurement=Coding.of(shot).forward(torch.from_numpy(recovered.views)).numpy(),
+        predicted_measurement=Coding.of(lit).forward(torch.from_numpy(recovered.views)).numpy(),
         curve=(*fit.curve, *_last_point(left, score, seconds["total"])),
         stopped_because=fit.stopped_because,
         seconds=seconds,
         gaussians=len(fit.scene),
         notes=(
-            *(*left.doubts, *geometry.notes, *left.ensemble.notes, *_fits_missing(left.ensemble, settings)),
+            *(
+                *left.doubts,
+                *left.look.notes,
+                *geometry.notes,
+                *left.ensemble.notes,
+                *_fits_missing(left.ensemble, settings),
+            ),
             *(*_notes_of(moved, geometry.source), *recovered.notes),
         ),
         settings=asdict(settings),
@@ -354,6 +352,7 @@ def _record(shot: Shot, settings: Settings, left: _Left, score: Score | None, se
         geometry={**_summary(geometry, settings), "moved": asdict(moved)},
         ensemble=left.ensemble.summary(),
         disagreement=left.ensemble.disagreement,
+        brightness=None if brightness is None else brightness.tolist(),
     ).check()
 
 

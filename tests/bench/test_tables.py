@@ -104,7 +104,8 @@ def test_hard_conditions_come_with_a_scene_that_is_hard_by_itself_and_files_with
 
 
 def test_calibration_has_its_own_benches_measured_and_predicted():
-    entries = TABLES["calibrate"].entries(Options(CASES, seeds=1))
+    table = TABLES["calibrate"]
+    entries = table.entries(Options(table.known(None), seeds=1))
     assert {entry.case for entry in entries} == set(BENCHES)
     assert len({entry.line for entry in entries}) == 2 * len(FRAMES)
     assert len({entry.cell.key for entry in entries}) == len(entries) == len(BENCHES) * 2 * len(FRAMES)
@@ -178,7 +179,23 @@ def test_scenes_are_simulated_at_the_size_that_is_asked_for():
     assert {case.shot(0).size for case in resized(CASES[:1], (24, 32))} == {(24, 32)}
 
 
-@pytest.mark.parametrize(("cases", "size"), [((Case("a", file="a.npz"),), (24, 32)), (CASES, (0, 32))])
-def test_a_size_is_refused_for_files_and_where_no_pixel_is_left(cases, size):
+def test_of_files_the_middle_is_left(tmp_path):
+    masks = np.ones((2, 8, 12), np.float32)
+    np.savez(tmp_path / "a.npz", meas=np.ones((8, 12, 3), np.float32), masks=masks)
+    assert {case.shot(0).size for case in resized(file_cases(tmp_path), (4, 6))} == {(4, 6)}
+
+
+@pytest.mark.parametrize(
+    ("cases", "size"), [((Case("a", file="a.toml"),), (24, 32)), ((Case("a"),), (24, 32)), (CASES, (0, 32))]
+)
+def test_a_size_is_refused_for_what_has_none_and_where_no_pixel_is_left(cases, size):
     with pytest.raises(InputError, match="size"):
         resized(cases, size)
+
+
+def test_benches_are_calibrated_by_name_and_there_are_no_others(tmp_path):
+    benches = TABLES["calibrate"].known(None)
+    entries = TABLES["calibrate"].entries(Options(benches[:1], 1))
+    assert {entry.cell.arguments["bench"] for entry in entries} == {benches[0].name}
+    with pytest.raises(InputError, match="the simulated ones"):
+        TABLES["calibrate"].known(tmp_path)

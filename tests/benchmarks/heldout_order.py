@@ -15,7 +15,7 @@ from pathlib import Path
 from gs2ci.bench.cases import Case
 from gs2ci.bench.cells import Cell
 from gs2ci.bench.store import Row, Store
-from gs2ci.bench.tables import file_cases, simulated_cases
+from gs2ci.bench.tables import file_cases, resized, simulated_cases
 from gs2ci.bench.workers import complete
 from gs2ci.evaluate.tradeoff.front import agreement
 from gs2ci.evaluate.tradeoff.trials import TRIALS, tried
@@ -41,7 +41,7 @@ def tried_on_case(case: dict[str, object], trial: str, seed: int) -> Row:
 
 
 def run() -> None:
-    cases = list(simulated_cases(SIZE))
+    cases = list(resized(simulated_cases(), SIZE))
     shared = os.environ.get("GS2CI_SHARED_DATA")
     cases += file_cases(Path(shared)) if shared else []
     taus, regrets = [], []

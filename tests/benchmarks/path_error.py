@@ -2,17 +2,17 @@
 
     python -m tests.benchmarks path_error
 
-Two tables: the scenes that `halves.SHARED` was taken from, three seeds each, and others with other masks, light, noise,
-sizes and numbers of views. Printed are both errors as shares of the path's extent; below each table how
-often the true one is larger than the stated (the factor's median and range), the rank correlation (Spearman), and how
-many paths are doubted aloud.
+Two tables: scenes of the simulator's library, three seeds each, and others with other masks, light, noise, sizes and
+numbers of views. Printed are both errors as shares of the path's extent and the error of rotations; below each table
+the factor of true over stated (median and range), the rank correlation (Spearman), how many paths are doubted aloud,
+and both errors in the geometric mean, to compare ways of finding a path.
 """
 
 from collections.abc import Sequence
 from dataclasses import asdict
 
 import numpy as np
-from scipy.stats import spearmanr
+from scipy.stats import gmean, spearmanr
 
 from gs2ci.bench.cases import Case
 from gs2ci.bench.works import initialise_case
@@ -34,25 +34,26 @@ OTHERS = [
 def run() -> None:
     """Find the first geometries and print both tables."""
     for name, cases in (("first", FIRST), ("others", OTHERS)):
-        print(f"{name:22} seed    true  stated")
+        print(f"{name:22} seed    true  stated  rotation, °")
         _table(cases)
 
 
 def _table(cases: Sequence[tuple[Case, int]]) -> None:
-    pairs = []
+    rows = []
     for case, seed in cases:
         row = initialise_case(asdict(case), "default", seed)
         true, stated = row["nate"], row["path_error_expected"]
         if stated is None:
             print(f"{case.name:22} {seed:4}  {row['verdict']}", flush=True)
             continue
-        pairs.append((true, stated))
-        print(f"{case.name:22} {seed:4}  {true:.4f}  {stated:.4f}", flush=True)
-    true, stated = np.array(pairs).T
+        rows.append((true, stated, row["rpe_r_deg"]))
+        print(f"{case.name:22} {seed:4}  {true:.4f}  {stated:.4f}  {row['rpe_r_deg']:.3f}", flush=True)
+    true, stated, rotation_deg = np.array(rows).T
     ratio, limit = true / stated, Criteria().path_error
     aloud, wrong = stated > limit, true > limit
     print(
-        f"{len(pairs)} paths: true / stated {np.median(ratio):.2f} ({ratio.min():.2f} to {ratio.max():.2f}), rank "
+        f"{len(rows)} paths: true / stated {np.median(ratio):.2f} ({ratio.min():.2f} to {ratio.max():.2f}), rank "
         f"correlation {spearmanr(true, stated).statistic:.2f}; {(aloud & wrong).sum()} of {wrong.sum()} that err by "
         f"more than {limit:.0%} are doubted, and {(aloud & ~wrong).sum()} of the other {(~wrong).sum()}\n"
+        f"geometric means: path {gmean(true):.4f}, rotation {gmean(rotation_deg):.3f}°\n"
     )

@@ -9,6 +9,7 @@ from gs2ci.core.errors import InputError, StorageError
 from gs2ci.core.records import Shot, Truth
 from gs2ci.core.storage import write_shots
 from gs2ci.evaluate.report import read_report
+from gs2ci.reconstruct.brightness import BrightnessSettings
 from gs2ci.reconstruct.costs import CostModel
 from gs2ci.reconstruct.pipeline import Settings
 from gs2ci.reconstruct.presets import PRESETS
@@ -162,6 +163,12 @@ def test_components_are_switched_off_by_name(measured, tmp_path):
     fit = read_report(reconstruct.run(measured, tmp_path / "run", iterations=2, without=names))["settings"]["fit"]
     assert fit["loss"]["opacity"] == 0
     assert fit["poses"]["refine"] is False
+
+
+def test_weights_are_trusted_when_asked_for(measured, tmp_path):
+    for trusted, rounds in ((False, BrightnessSettings().rounds), (True, 0)):
+        run = reconstruct.run(measured, tmp_path / "run", iterations=2, trust_weights=trusted, overwrite=True)
+        assert read_report(run)["settings"]["brightness"]["rounds"] == rounds
 
 
 def test_an_unknown_component_is_refused_and_writes_nothing(measured, tmp_path):

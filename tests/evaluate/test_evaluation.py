@@ -11,6 +11,7 @@ from gs2ci.evaluate.noise import NoiseModel
 from gs2ci.evaluate.novel_views import NovelViews
 from gs2ci.evaluate.report import read_report
 from gs2ci.evaluate.run_folder import write_run
+from gs2ci.reconstruct.coding import Coding
 from gs2ci.render.gaussians import Gaussians
 
 
@@ -40,6 +41,19 @@ def test_figures_that_the_report_has_already_come_out_the_same(finished):
     assert found["psnr_db"] == report["psnr_db"]
     assert found["ssim"] == report["ssim"]
     assert found["trajectory"]["nate"] == pytest.approx(report["trajectory"]["nate"])
+    assert found["residual"]["rms"] == pytest.approx(report["residual"]["rms"], rel=1e-5)
+
+
+def test_views_are_coded_with_the_weights_that_the_run_corrected(make_run, tmp_path):
+    shot, result = make_run(count=4, size=(24, 32))
+    brightness = [0.5, 1.0, 1.5, 1.0]
+    lit = replace(shot, weights=(shot.weights * np.array(brightness)).astype(np.float32))
+    predicted = Coding.of(lit).forward(torch.from_numpy(result.views)).numpy()
+    folder = write_run(
+        tmp_path / "run", shot, replace(result, brightness=brightness, predicted_measurement=predicted), one_gaussian()
+    )
+    found, report = evaluate(read_run(folder), Evidence(shot)), read_report(folder)
+    assert report["brightness"] == brightness
     assert found["residual"]["rms"] == pytest.approx(report["residual"]["rms"], rel=1e-5)
 
 

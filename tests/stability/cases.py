@@ -15,6 +15,7 @@ import numpy as np
 from gs2ci.reconstruct.pipeline import Settings
 from gs2ci_sims.effects.bayer_filter import BayerFilter
 from gs2ci_sims.effects.finite_contrast import FiniteContrast
+from gs2ci_sims.effects.illumination_flicker import IlluminationFlicker
 from gs2ci_sims.effects.lens_distortion import LensDistortion
 from gs2ci_sims.effects.object_motion import ObjectMotion
 from gs2ci_sims.effects.optics_psf import OpticsPsf
@@ -99,6 +100,10 @@ def _noise() -> Iterator[Case]:
         yield Case(
             "light", f"{photons} photons at full scale", Bench(photons=photons), says=says, quick=photons in (40, 0)
         )
+    for depth in (0.1, 0.3):
+        # A period of three masks and a third, as of a lamp on mains behind masks of 3 ms.
+        flicker = IlluminationFlicker(depth, mains_hz=1.5)
+        yield Case("light", f"a lamp that swings by {depth:.0%}", Bench(effects=(flicker,)), quick=depth == 0.3)
 
 
 def _views() -> Iterator[Case]:

@@ -200,7 +200,8 @@ def _sum_error(shot: Shot, result: RunResult) -> float:
     """Compare the predicted measurement with Σ w M X in float64, relative to its size; not behind a mosaic."""
     if shot.cfa is not None:
         return 0.0
-    weights = shot.masks.astype(np.float64) * shot.weights.astype(np.float64)[:, None, None]
+    brightness = np.ones(shot.views) if result.brightness is None else np.array(result.brightness)
+    weights = shot.masks.astype(np.float64) * (shot.weights * brightness)[:, None, None]
     exact = (weights[..., None] * result.views.astype(np.float64)).sum(axis=0)
     size = (weights[..., None] * np.abs(result.views.astype(np.float64))).sum(axis=0).max()
     return float(np.abs(exact - result.predicted_measurement).max() / max(size, np.finfo(np.float32).tiny))

@@ -1,9 +1,9 @@
-"""What the scene leaves unexplained, decoded and put back into the views.
+"""What the scene leaves unexplained, decoded.
 
 A Gaussian scene shows every view what all views agree on. What they do not agree on (gloss, the grain of real
 surfaces, whatever the Gaussians have not resolved) is left in the measurement's residual, and the residual is a
-coded measurement like any other: a few steps of GAP-TV decode it. Here: that. Not here: the judgement whether the
-result is better (`gs2ci.reconstruct.pipeline` asks the held-out pixels). For `gs2ci.reconstruct.pipeline`.
+coded measurement like any other: a few steps of GAP-TV decode it. Here: that. Not here: how much of it is put back into
+the views (`gs2ci.reconstruct.fit.refinement`). For `gs2ci.reconstruct`.
 """
 
 from dataclasses import dataclass, replace
@@ -27,7 +27,7 @@ class ResidualSettings:
     """
 
     iterations: int = 5
-    weight: float = 0.05
+    weight: float = 0.02
     inner: int = 5
 
     def steps(self) -> GapTvSettings:
@@ -39,8 +39,8 @@ class ResidualSettings:
         return GapTvSettings(iterations=self.iterations, weight=self.weight, inner=self.inner).check()
 
 
-def refine_views(shot: Shot, scene_views: F32, settings: ResidualSettings) -> F32:
-    """Add to the scene's views what its residual decodes to.
+def decode_residual(shot: Shot, scene_views: F32, settings: ResidualSettings) -> F32:
+    """Decode what views of a scene leave of the measurement.
 
     Args:
         shot: The measurement, or the part of it that may be seen.
@@ -48,12 +48,11 @@ def refine_views(shot: Shot, scene_views: F32, settings: ResidualSettings) -> F3
         settings: How the residual is decoded.
 
     Returns:
-        Views, [N, H, W, C] float32, not clamped.
+        What the views lack, [N, H, W, C] float32, of either sign.
 
     Raises:
         InputError: The settings make no sense, or the views do not fit the shot.
     """
     predicted = Coding.of(shot).forward(torch.from_numpy(scene_views)).numpy()
     left_over = replace(shot, measurement=(shot.measurement - predicted).astype(np.float32))
-    refined: F32 = scene_views + decode_signed(left_over, settings.steps())
-    return refined
+    return decode_signed(left_over, settings.steps())

@@ -6,6 +6,7 @@ Here: its numbers. Not here: what they mean (each stage's own file). Presets and
 from dataclasses import replace
 from typing import Final
 
+from gs2ci.reconstruct.brightness import BrightnessSettings
 from gs2ci.reconstruct.fit.coarse import CoarseSettings
 from gs2ci.reconstruct.fit.density.osgr import Osgr
 from gs2ci.reconstruct.fit.losses import LossWeights
@@ -40,4 +41,11 @@ def paper_settings() -> Settings:
         hold_out=HoldOut(share=0.0, look_every=1000, patience=_ITERATIONS, growth_patience=_ITERATIONS),
         density=Osgr(),
     )
-    return replace(Settings(), fit=fit, fits=1, second_density=None, raster=RasterSettings())
+    return replace(
+        Settings(),
+        fit=fit,
+        fits=1,
+        second_density=None,
+        brightness=BrightnessSettings(rounds=0),
+        raster=RasterSettings(),
+    )

@@ -96,6 +96,11 @@ class Jury:
             measurement=self.shot.measurement * ~self.heldout[..., None],
         )
 
+    def coded(self, views: F32) -> F32:
+        """Return the measurement, [H, W, C], that views [N, H, W, C] would give."""
+        coded: F32 = self._coding.forward(torch.from_numpy(views)).numpy()
+        return coded
+
     def residual_rms(self, views: F32) -> float | None:
         """Return the residual of views [N, H, W, C] on the held-out pixels, in the measurement's unit.
 
@@ -108,8 +113,7 @@ class Jury:
 
     def squared_residuals(self, views: F32) -> F64:
         """Return the mean squared residual of views [N, H, W, C] at each held-out pixel, [K] float64."""
-        predicted = self._coding.forward(torch.from_numpy(views)).numpy()
-        residual = (predicted - self.shot.measurement)[self.heldout].astype(np.float64)
+        residual = (self.coded(views) - self.shot.measurement)[self.heldout].astype(np.float64)
         squared: F64 = np.mean(residual**2, axis=1)
         return squared
 
@@ -121,7 +125,7 @@ class Jury:
         if not self.heldout.any():
             return None
         white = np.ones((self.shot.views, *self.shot.size, self.shot.channels), np.float32)
-        light = self._coding.forward(torch.from_numpy(white)).numpy()[self.heldout].astype(np.float64)
+        light = self.coded(white)[self.heldout].astype(np.float64)
         measured = self.shot.measurement[self.heldout].astype(np.float64)
         level = (light * measured).sum(axis=0) / np.maximum((light * light).sum(axis=0), np.finfo(np.float64).tiny)
         return float(np.sqrt(np.mean((measured - level * light) ** 2)))

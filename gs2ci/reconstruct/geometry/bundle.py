@@ -74,7 +74,9 @@ def adjust_bundle(
         raise GeometryError("the bundle adjustment found no finite solution")
     adjusted = intrinsics.astype(np.float64).copy()
     adjusted[0, 0], adjusted[1, 1] = focal, focal * ratio
-    return Bundle(poses @ np.linalg.inv(poses[tracks.reference]), adjusted)
+    relative = poses @ np.linalg.inv(poses[tracks.reference])
+    relative[tracks.reference] = np.eye(4)  # rounding leaves a hair
+    return Bundle(relative, adjusted)
 
 
 def _model(start: Motion, tracks: Tracks, intrinsics: F64, ratio: float, chosen: Any) -> Any:

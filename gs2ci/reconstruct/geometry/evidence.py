@@ -2,8 +2,8 @@
 
 The middle view, carried along the poses through its depth, should look like the other views; coded by the masks, it
 should give the measurement. What is left over compares geometries of any origin on equal terms: wrong poses and wrong
-depths smear it. Here: that number. Not here: the choice (`choose`). Only `gs2ci.reconstruct.geometry` imports this
-file.
+depths smear it. Here: the carrying, and that number. Not here: the choice (`choose`). For `gs2ci.reconstruct`; tables
+of first geometries print the number.
 """
 
 from typing import Final
@@ -33,13 +33,20 @@ def unexplained(shot: Shot, views: F32, geometry: Geometry, lens: Lens | None = 
             elsewhere gains nothing by it.
         lens: Through which the measurement was taken; views and geometry are then its canvas's.
     """
-    carried = np.stack([carried_view(views[geometry.reference], geometry, i) for i in range(len(views))])
-    carried = carried if lens is None else lens.bent(carried)
-    left = Coding.of(shot).forward(torch.from_numpy(carried)).numpy() - shot.measurement
+    left = Coding.of(shot).forward(torch.from_numpy(carried_views(views, geometry, lens))).numpy() - shot.measurement
     coded = (shot.masks * shot.weights[:, None, None]).any(axis=0)
     if shot.saturated is not None:
         coded &= ~shot.saturated
     return float(np.sqrt(np.mean(left[coded] ** 2, dtype=np.float64))) if coded.any() else 0.0
+
+
+def carried_views(views: F32, geometry: Geometry, lens: Lens | None = None) -> F32:
+    """Show the middle one of views, [N, H, W, C], as the sensor should see it from every pose of a geometry.
+
+    Behind a lens, views and geometry are its canvas's.
+    """
+    carried = np.stack([carried_view(views[geometry.reference], geometry, i) for i in range(len(views))])
+    return carried if lens is None else lens.bent(carried)
 
 
 def carried_view(reference: F32, geometry: Geometry, view: int) -> F32:

@@ -9,6 +9,10 @@ If one half errs independently of the other, it differs from the whole by as muc
 delete-half jackknife: Shao and Wu 1989). Neighbouring tracks do not err independently, as they see the same residue.
 So halves are made of cells of a grid. The covariance of the adjustment's own normal equations, which takes every
 sighting for independent and the path for nearly right, said too little by factors of 2 to 6.
+
+What all tracks share, halves cannot show among themselves; most of all the residue in the reference view, against which
+every other view is seen. So the halves are adjusted with that view's sightings taken for exact (`motion.adjust`), and
+compared with a path that was not (`bundle`): what these sightings do to a path is then part of the difference.
 """
 
 from dataclasses import replace
@@ -26,11 +30,6 @@ F64 = NDArray[np.float64]
 HALVINGS: Final = 3
 # In views of 256 px a cell is wider than the tracker's patch. Tracks that support a path lie in seven cells or more.
 CELLS: Final = 8
-# What all tracks share, halves cannot show; for one, the residue in the reference view, against which every other view
-# is seen. On 21 simulated measurements of seven scenes the true error was 1.28 times what the halves said (0.86 to
-# 2.2); on 25 others, with other masks, light, noise, sizes and numbers of views, 1.16 times (0.8 to 2.9). (`python -m
-# tests.benchmarks path_error` prints both, with this factor in.)
-SHARED: Final = 1.25
 # A similarity brings any two places onto any two others.
 _LEAST_VIEWS: Final = 3
 
@@ -58,7 +57,7 @@ def expected_path_error(
 
     Returns:
         Root mean square over halves and views of the distance between camera centres after a similarity, as a share
-        of the diagonal of the path's bounding box, times `SHARED`; always finite, and never above 1, as a half that
+        of the diagonal of the path's bounding box; always finite, and never above 1, as a half that
         finds no motion errs by the whole path. None where there is no path to speak of: no tracks, fewer than three
         views that see them, a camera that stays where it is.
     """
@@ -76,7 +75,7 @@ def expected_path_error(
         for half in (first, ~first):
             again = _found_again(motion, tracks, half, intrinsics, settings)
             squares.append(squared_distance(again[placed], path))
-    return SHARED * float(np.sqrt(np.mean(squares))) / extent
+    return float(np.sqrt(np.mean(squares))) / extent
 
 
 def camera_centres(motion: Motion) -> F64:

@@ -5,7 +5,7 @@ import pytest
 
 from gs2ci.core.errors import InputError
 from gs2ci.core.records import Shot
-from gs2ci.reconstruct.decode.residual import ResidualSettings, refine_views
+from gs2ci.reconstruct.decode.residual import ResidualSettings, decode_residual
 
 SETTINGS = ResidualSettings()
 
@@ -21,6 +21,10 @@ def truth():
 def shot(truth):
     masks = (np.random.default_rng(0).random((4, 32, 40)) < 0.4).astype(np.float32)
     return Shot((masks[..., None] * truth).sum(axis=0), masks, np.ones(4, np.float32)).check()
+
+
+def refine_views(shot, views, settings):
+    return views + decode_residual(shot, views, settings)
 
 
 def rms(error):

@@ -8,7 +8,7 @@ from gs2ci.core.errors import InputError
 from gs2ci.core.records import Shot
 from gs2ci.reconstruct.coding import Coding
 from gs2ci.reconstruct.decode.gap_tv import GapTvSettings, gap_tv
-from gs2ci.reconstruct.decode.residual import ResidualSettings, refine_views
+from gs2ci.reconstruct.decode.residual import ResidualSettings, decode_residual
 from gs2ci.reconstruct.fit.stopping import HoldOut, Jury, Watch, choose_heldout
 
 
@@ -113,7 +113,9 @@ def test_what_was_measured_on_held_out_pixels_changes_no_bit_of_decode_and_resid
     results = []
     for measurement in (shot.measurement, other):
         seen = Jury(replace(shot, measurement=measurement), heldout).seen
-        results.append((gap_tv(seen, GapTvSettings(iterations=5)), refine_views(seen, scene_views, ResidualSettings())))
+        results.append(
+            (gap_tv(seen, GapTvSettings(iterations=5)), decode_residual(seen, scene_views, ResidualSettings()))
+        )
     for first, second in zip(*results, strict=True):
         np.testing.assert_array_equal(first, second)
 

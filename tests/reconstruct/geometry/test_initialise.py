@@ -3,8 +3,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gs2ci.core.errors import InputError
+from gs2ci.core.errors import GeometryError, InputError
 from gs2ci.core.progress import Silent
+from gs2ci.reconstruct.geometry.bundle import Bundle
 from gs2ci.reconstruct.geometry.initialise import GeometrySettings, initialise
 from gs2ci.reconstruct.geometry.points import seed_points
 from gs2ci.reconstruct.geometry.sweep import SweepSettings
@@ -50,6 +51,30 @@ def test_path_and_depth_of_two_planes_are_found(seen, compare, channels):
     assert geometry.parallax_px > 0.5
     assert 0 < geometry.path_error_expected < 0.05
     assert geometry.reprojection_rms_px < 1
+
+
+def test_where_freed_points_find_no_solution_the_path_with_fixed_ones_stands(seen, compare, monkeypatch):
+    def none(*_args, **_options):
+        raise GeometryError("no solution")
+
+    scene = seen()
+    freed = initialise(scene.views, scene.intrinsics, QUICK)
+    monkeypatch.setattr("gs2ci.reconstruct.geometry.initialise.adjust_bundle", none)
+    fixed = initialise(scene.views, scene.intrinsics, QUICK)
+    assert (fixed.verdict, fixed.notes) == ("full", ())
+    assert compare[0](fixed.world_to_camera, scene.poses) < 0.05
+    assert not np.array_equal(fixed.world_to_camera, freed.world_to_camera)
+
+
+def test_freed_points_that_would_cost_the_verdict_are_not_freed(seen, monkeypatch):
+    scene = seen()
+    at_rest = np.tile(np.eye(4), (len(scene.views), 1, 1))
+    at_rest[1:, 0, 3] = 1e-9  # explains nothing
+    fixed = initialise(scene.views, scene.intrinsics, QUICK)
+    monkeypatch.setattr(
+        "gs2ci.reconstruct.geometry.initialise.adjust_bundle", lambda *_a, **_o: Bundle(at_rest, scene.intrinsics)
+    )
+    assert initialise(scene.views, scene.intrinsics, QUICK).verdict == fixed.verdict == "full"
 
 
 def test_a_path_that_may_err_by_more_than_the_criterion_is_doubted_aloud(seen):

@@ -1,0 +1,77 @@
+"""What the residual decodes to, put back into a scene's views as far as the held-out pixels bear it out.
+
+Here: how much of it. Not here: the decode (`decode.residual`), nor the choice between the refined views, the scene's
+and the decode's (`pipeline`). For `gs2ci.reconstruct`.
+
+On real photographs the residual is mostly detail that the scene lacks, in a noisy measurement mostly noise. How much of
+what it decodes to belongs into the views is one number, from its least-squares share on pixels that no decode has seen.
+Pixels that were seen know more of their residual than those, so that the square root of this share is taken: with noise
+of 5 % it is far from all, without noise not far from it.
+"""
+
+import math
+from typing import Final
+
+import numpy as np
+
+from gs2ci.core.records import F32
+from gs2ci.reconstruct.decode.residual import ResidualSettings, decode_residual
+from gs2ci.reconstruct.fit.stopping import Jury
+
+# As many held-out pixels as a share of 1 counts for: it stands where a handful would have to judge.
+PRIOR_PIXELS: Final = 50.0
+
+
+class Refinement:
+    """Adds to views what their residual decodes to.
+
+    Args:
+        jury: The measurement, and the pixels of it that no decode may see.
+        settings: How the residual is decoded.
+
+    Raises:
+        InputError: The settings make no sense.
+    """
+
+    def __init__(self, jury: Jury, settings: ResidualSettings) -> None:
+        settings.steps()
+        self._jury = jury
+        self._seen = jury.seen
+        self._settings = settings
+
+    def __call__(self, views: F32) -> F32:
+        """Refine views, [N, H, W, C] float32; the held-out pixels stay unseen, so that they may judge the result."""
+        added = decode_residual(self._seen, views, self._settings)
+        return _plus(views, self.share(views, added), added)
+
+    def in_full(self, views: F32) -> F32:
+        """Refine views, [N, H, W, C] float32, by all that their residual decodes to.
+
+        So a fit is watched: a share that makes up for what an early scene lacks would hide how the scene improves, and
+        ended fits of real photographs at their first look.
+        """
+        return _plus(views, 1.0, decode_residual(self._seen, views, self._settings))
+
+    def by_all_pixels(self, views: F32) -> F32:
+        """Refine views, [N, H, W, C] float32, by the whole measurement, where nothing is left to judge."""
+        share = self.share(views, decode_residual(self._seen, views, self._settings))
+        return _plus(views, share, decode_residual(self._jury.shot, views, self._settings))
+
+    def share(self, views: F32, added: F32) -> float:
+        """Return how much of `added` is to be put back, from 0 to 1; 1 where no pixel is held out."""
+        heldout = self._jury.heldout
+        if not heldout.any():
+            return 1.0
+        left = (self._jury.shot.measurement - self._jury.coded(views))[heldout].astype(np.float64)
+        gained = self._jury.coded(added)[heldout].astype(np.float64)
+        if not (np.isfinite(left).all() and np.isfinite(gained).all() and gained.any()):
+            return 1.0
+        power, agreement = float((gained**2).sum()), float((gained * left).sum())
+        pixels = float(heldout.sum())
+        share = (agreement / power * pixels + PRIOR_PIXELS) / (pixels + PRIOR_PIXELS)
+        return math.sqrt(min(max(share, 0.0), 1.0))
+
+
+def _plus(views: F32, share: float, added: F32) -> F32:
+    refined: F32 = views + np.float32(share) * added
+    return refined

@@ -1,0 +1,95 @@
+"""How much of a decoded residual is put back: against measurements whose noise is known."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from gs2ci.core.errors import InputError
+from gs2ci.core.records import Shot
+from gs2ci.reconstruct.decode.residual import ResidualSettings, decode_residual
+from gs2ci.reconstruct.fit.refinement import PRIOR_PIXELS, Refinement
+from gs2ci.reconstruct.fit.stopping import Jury, choose_heldout
+
+SETTINGS = ResidualSettings()
+SIZE = (64, 80)
+
+
+@pytest.fixture
+def truth():
+    y, x = np.mgrid[: SIZE[0], : SIZE[1]] / 10
+    base = 0.5 + 0.3 * np.sin(x[None] + 0.3 * np.arange(4)[:, None, None]) * np.cos(y[None])
+    return np.repeat(base[..., None], 3, axis=3).astype(np.float32)
+
+
+def jury_of(truth, *, noise=0.0, share=0.1, seed=0):
+    rng = np.random.default_rng(seed)
+    masks = (rng.random((4, *SIZE)) < 0.4).astype(np.float32)
+    measurement = (masks[..., None] * truth).sum(axis=0) + noise * rng.standard_normal((*SIZE, 3))
+    shot = Shot(measurement.astype(np.float32), masks, np.ones(4, np.float32)).check()
+    return Jury(shot, choose_heldout(shot, share, 0))
+
+
+def rms(error):
+    return float(np.sqrt(np.mean(error**2)))
+
+
+def test_what_smooth_views_lack_is_put_back(truth):
+    flat = np.full_like(truth, truth.mean())
+    refined = Refinement(jury_of(truth), SETTINGS)(flat)
+    assert rms(refined - truth) < 0.5 * rms(flat - truth)
+    assert refined.dtype == np.float32
+
+
+def test_of_a_residual_that_is_only_noise_little_is_put_back(truth):
+    jury = jury_of(truth, noise=0.2)
+    wholly = truth + decode_residual(jury.seen, truth, SETTINGS)
+    refined = Refinement(jury, SETTINGS)(truth)
+    assert rms(refined - truth) < 0.5 * rms(wholly - truth)
+    np.testing.assert_array_equal(Refinement(jury, SETTINGS).in_full(truth), wholly)
+
+
+def test_the_share_is_the_root_of_that_of_least_squares_drawn_to_one_by_its_prior(truth):
+    jury = jury_of(truth)
+    lacking = np.float32(0.1) * np.sin(np.arange(truth.size)).reshape(truth.shape).astype(np.float32)
+    pixels = jury.heldout.sum()
+    for true_share in (0.3, 0.8):
+        share = Refinement(jury, SETTINGS).share(truth - np.float32(true_share) * lacking, lacking)
+        assert share**2 == pytest.approx((true_share * pixels + PRIOR_PIXELS) / (pixels + PRIOR_PIXELS), abs=1e-4)
+
+
+def test_the_share_stays_between_nothing_and_all(truth):
+    refinement, lacking = Refinement(jury_of(truth), SETTINGS), np.full_like(truth, 0.01)
+    assert refinement.share(truth + np.float32(1), lacking) == 0
+    assert refinement.share(truth - np.float32(1), lacking) == 1
+
+
+@pytest.mark.parametrize("added", [0.0, np.nan, np.inf])
+def test_nothing_and_what_is_not_finite_decide_nothing(truth, added):
+    assert Refinement(jury_of(truth), SETTINGS).share(truth, np.full_like(truth, added)) == 1
+
+
+def test_without_held_out_pixels_all_is_put_back(truth):
+    jury, views = jury_of(truth, share=0.0), truth - np.float32(0.1)
+    expected = views + decode_residual(jury.shot, views, SETTINGS)
+    np.testing.assert_array_equal(Refinement(jury, SETTINGS)(views), expected)
+    np.testing.assert_array_equal(Refinement(jury, SETTINGS).by_all_pixels(views), expected)
+
+
+def test_held_out_pixels_decide_the_share_and_are_seen_only_where_nothing_is_left_to_judge(truth):
+    jury, views = jury_of(truth), truth - np.float32(0.1)
+    measurement = jury.shot.measurement.copy()
+    measurement[jury.heldout] = jury.coded(views)[jury.heldout]  # as if nothing were lacking there
+    other = Jury(replace(jury.shot, measurement=measurement), jury.heldout)
+    added = decode_residual(jury.seen, views, SETTINGS)
+    np.testing.assert_array_equal(decode_residual(other.seen, views, SETTINGS), added)
+    low, high = Refinement(other, SETTINGS).share(views, added), Refinement(jury, SETTINGS).share(views, added)
+    assert low < 0.4 < high
+    grain = 0.1 * np.random.default_rng(1).standard_normal((*SIZE, 1)).astype(np.float32)  # no neighbour tells of it
+    unseen, seen = Refinement(jury, SETTINGS)(truth - grain), Refinement(jury, SETTINGS).by_all_pixels(truth - grain)
+    assert rms((seen - truth)[:, jury.heldout]) < 0.97 * rms((unseen - truth)[:, jury.heldout])
+
+
+def test_settings_that_make_no_sense_are_refused(truth):
+    with pytest.raises(InputError, match="GAP-TV"):
+        Refinement(jury_of(truth), ResidualSettings(iterations=0))

@@ -1,0 +1,88 @@
+"""The stages before the fit, on a small rendered scene whose lamp may flicker."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from gs2ci.bench.cases import Case
+from gs2ci.core.progress import Silent
+from gs2ci.reconstruct.brightness import BrightnessSettings
+from gs2ci.reconstruct.decode.gap_tv import gap_tv
+from gs2ci.reconstruct.first_look import LookSettings, geometry_views, look
+from gs2ci.reconstruct.fit.stopping import Jury, choose_heldout
+from gs2ci.reconstruct.geometry.choose import load_geometry_prior
+
+FLICKER = np.array([0.75, 1.2, 0.9, 1.1, 0.8, 1.25], np.float32)
+
+
+@pytest.fixture(scope="module")
+def shot():
+    return Case("boxes", scene="boxes", size=(64, 80), views=len(FLICKER)).shot(0)
+
+
+def seen_by_a_jury(shot, light=None):
+    """The shot with weights that do not know how its lamp flickered."""
+    known = shot if light is None else replace(shot, weights=(shot.weights / light).astype(np.float32))
+    return Jury(known, choose_heldout(known, 0.1, 0))
+
+
+def look_at(jury, listener=None, **settings):
+    laps = []
+    found = look(jury, load_geometry_prior("tracks"), LookSettings(**settings), listener or Silent(), laps.append)
+    return found, laps
+
+
+def test_an_even_lamp_is_looked_at_once_and_nothing_is_corrected(shot):
+    jury = seen_by_a_jury(shot)
+    found, laps = look_at(jury)
+    assert laps == ["decode", "geometry"]
+    assert found.jury is jury
+    assert found.brightness is None
+    assert found.notes == ()
+    assert found.geometry.verdict == "full"
+    np.testing.assert_array_equal(found.decoded, gap_tv(jury.seen))
+
+
+def test_a_lamp_that_flickers_is_found_out_and_said_aloud(shot):
+    listener, jury = Silent(), seen_by_a_jury(shot, FLICKER)
+    found, laps = look_at(jury, listener)
+    relative = found.brightness / FLICKER
+    np.testing.assert_allclose(relative / relative.mean(), 1, atol=0.03)
+    assert laps == ["decode", "geometry"] * (len(laps) // 2)
+    assert len(laps) >= 4
+    assert "0.7" in found.notes[0]
+    assert listener.sentences[-1] == found.notes[0]
+    truth = shot.truth.views
+    blind = gap_tv(jury.seen)
+    assert np.sqrt(np.mean((found.decoded - truth) ** 2)) < 0.7 * np.sqrt(np.mean((blind - truth) ** 2))
+    np.testing.assert_allclose(found.jury.shot.weights, jury.shot.weights * found.brightness, rtol=1e-6)
+
+
+def test_no_rounds_take_the_weights_as_they_are(shot):
+    jury = seen_by_a_jury(shot, FLICKER)
+    found, laps = look_at(jury, brightness=BrightnessSettings(rounds=0))
+    assert laps == ["decode", "geometry"]
+    assert found.jury is jury
+    assert found.brightness is None
+
+
+def test_rounds_end_at_their_number(shot):
+    _, laps = look_at(seen_by_a_jury(shot, FLICKER), brightness=BrightnessSettings(rounds=1))
+    assert laps == ["decode", "geometry"] * 2
+
+
+def test_a_view_of_weight_zero_keeps_it(shot):
+    weights = shot.weights.copy()
+    weights[0] = 0
+    dark = replace(shot, weights=weights)
+    found, _ = look_at(seen_by_a_jury(dark, FLICKER))
+    assert found.jury.shot.weights[0] == 0
+    assert found.brightness is None or found.brightness[0] == 1
+
+
+def test_proxies_of_the_paper_stand_in_for_the_decoded_views(shot):
+    jury = seen_by_a_jury(shot)
+    decoded = gap_tv(jury.seen)
+    assert geometry_views(jury.seen, decoded, "gap-tv") is decoded
+    assert not np.array_equal(geometry_views(jury.seen, decoded, "eni"), decoded)
