@@ -19,7 +19,7 @@ from gs2ci.reconstruct.fit.stopping import Jury
 from gs2ci.reconstruct.geometry.evidence import carried_views
 from gs2ci.reconstruct.geometry.initialise import Geometry, GeometrySettings
 from gs2ci.reconstruct.geometry.prior import GeometryPrior, Request, find_geometry
-from gs2ci.reconstruct.lens import Lens
+from gs2ci.reconstruct.lens import Lens, straightened
 from gs2ci.reconstruct.proxies.routing import ProxyName, geometry_views
 
 
@@ -93,17 +93,17 @@ def look(
         decoded = gap_tv(jury.seen, settings.decode, progress)
         lap("decode")
         views = geometry_views(jury.seen, decoded, settings.proxy)
-        geometry = find_geometry(prior, Request(jury.seen, views, settings.geometry), progress)
-        corrected = (
-            relit(jury, carried_views(decoded, geometry), settings.brightness.least_gain) if rounds_left else None
-        )
+        geometry = find_geometry(prior, Request.of(jury.seen, views, settings.geometry, lens), progress)
+        corrected = None
+        if rounds_left:
+            carried = carried_views(straightened(decoded, lens), geometry, lens)
+            corrected = relit(jury, carried, settings.brightness.least_gain)
         lap("geometry")
         if corrected is None:
             break
         jury = corrected
-    lit = weights > 0
-    brightness = np.where(lit, jury.shot.weights / np.where(lit, weights, 1), 1.0)
-    found = FirstLook(jury, decoded, geometry, brightness if jury.shot.weights is not weights else None)
+    brightness = None if jury.shot.weights is weights else _ratio(jury.shot.weights, weights)
+    found = FirstLook(jury, decoded, geometry, brightness)
     for note in found.notes:
         progress.say(note)
     return found

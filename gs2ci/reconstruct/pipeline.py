@@ -8,12 +8,9 @@ handed over (`record`), files and metrics (`gs2ci.evaluate`). The commands impor
 """
 
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Final
-
-import torch
 
 from gs2ci.core.progress import Progress, Silent
 from gs2ci.core.records import F32, Shot
@@ -37,6 +34,7 @@ from gs2ci.reconstruct.geometry.prior import GeometryPrior
 from gs2ci.reconstruct.holes import fill_holes
 from gs2ci.reconstruct.hot_pixels import close_hot_pixels
 from gs2ci.reconstruct.lens import Lens, straightened
+from gs2ci.reconstruct.one_thread import one_torch_thread
 from gs2ci.reconstruct.record import Left, Recovered, Score, record
 from gs2ci.reconstruct.settings import Settings
 from gs2ci.render.backend import Backend, load_backend
@@ -55,22 +53,7 @@ class Reconstruction:
     scene: Gaussians
 
 
-@contextmanager
-def _one_torch_thread() -> Iterator[None]:
-    """Keep torch on one thread; the kernels that take the time have Numba's.
-
-    Torch deals its elements out by the number of threads, and with that the last bits of sums, products and sigmoids
-    change. Besides, its pool and Numba's disturb each other: on one thread the fit takes a fifth less time.
-    """
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
-    try:
-        yield
-    finally:
-        torch.set_num_threads(before)
-
-
-@_one_torch_thread()
+@one_torch_thread()
 def reconstruct(
     shot: Shot,
     settings: Settings | None = None,
