@@ -189,7 +189,7 @@ def without_focal(shot: Shot) -> Shot:
         raise InputError(
             f"{shot.name} holds no camera matrix to leave out", remedy="look at the line of the case as it is"
         )
-    return replace(shot, intrinsics=None)
+    return replace(shot, intrinsics=None, distortion=None)
 
 
 def middle(shot: Shot, size: tuple[int, int]) -> Shot:

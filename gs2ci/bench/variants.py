@@ -17,7 +17,7 @@ from gs2ci.reconstruct.fit.density.osgr import Osgr
 from gs2ci.reconstruct.fit.fine import FineSettings
 from gs2ci.reconstruct.fit.paper import paper_settings
 from gs2ci.reconstruct.fit.rules import RULE_NAMES
-from gs2ci.reconstruct.pipeline import Settings
+from gs2ci.reconstruct.settings import Settings
 
 Change = Callable[[Settings], Settings]
 

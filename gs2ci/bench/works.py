@@ -13,12 +13,13 @@ from gs2ci.core.progress import Silent
 from gs2ci.evaluate.report import build_report
 from gs2ci.evaluate.trajectory import trajectory_errors
 from gs2ci.reconstruct.decode.gap_tv import gap_tv
-from gs2ci.reconstruct.first_look import geometry_views
 from gs2ci.reconstruct.fit.stopping import Jury, choose_heldout
 from gs2ci.reconstruct.geometry.choose import load_geometry_prior
 from gs2ci.reconstruct.geometry.evidence import unexplained
 from gs2ci.reconstruct.geometry.prior import Request, find_geometry
+from gs2ci.reconstruct.lens import Lens, straightened
 from gs2ci.reconstruct.pipeline import reconstruct
+from gs2ci.reconstruct.proxies.routing import geometry_views
 
 
 def reconstruct_case(case: dict[str, Any], variant: str, seed: int) -> Row:
@@ -65,7 +66,8 @@ def initialise_case(case: dict[str, Any], variant: str, seed: int) -> Row:
     began_s = time.monotonic()
     seen = Jury(shot, choose_heldout(shot, settings.fit.hold_out.share, settings.seed)).seen
     decoded = gap_tv(seen, settings.decode, Silent())
-    request = Request(seen, geometry_views(seen, decoded, settings.proxy), settings.geometry)
+    views = geometry_views(seen, decoded, settings.proxy)
+    request = Request.of(seen, views, settings.geometry, Lens.of(shot))
     geometry = find_geometry(prior, request, Silent())
     seconds = time.monotonic() - began_s
     truth = shot.truth.world_to_camera
@@ -73,7 +75,7 @@ def initialise_case(case: dict[str, Any], variant: str, seed: int) -> Row:
     return {
         "nate": errors and errors.nate,
         "rpe_r_deg": errors and errors.rpe_r_deg,
-        "unexplained": unexplained(seen, decoded, geometry),
+        "unexplained": unexplained(seen, straightened(decoded, request.lens), geometry, request.lens),
         "tracks": geometry.tracks,
         "path_error_expected": geometry.path_error_expected,
         "full": float(geometry.verdict == "full"),

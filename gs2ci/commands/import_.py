@@ -29,6 +29,7 @@ def run(
     poses: Path | None = None,
     intrinsics: tuple[str, ...] = (),
     focal_px: float | None = None,
+    distortion: tuple[float, ...] = (),
     meas_key: str | None = None,
     mask_key: str | None = None,
     truth_key: str | None = None,
@@ -58,6 +59,7 @@ def run(
         poses: File with the true poses, world-to-camera [N, 4, 4], OpenCV axes, for scoring only.
         intrinsics: Camera matrix as a file with [3, 3], or fx fy cx cy in pixels (pixel centres at +0.5).
         focal_px: Focal length in pixels, with the principal point at the centre.
+        distortion: Of the lens, as OpenCV states it: k1 k2 p1 p2, and k3 if it was fitted. Needs the camera matrix.
         meas_key: Key of the measurement in its file.
         mask_key: Key of the masks in their file.
         truth_key: Key of the true views; none leaves them out.
@@ -95,6 +97,7 @@ def run(
         cfa=cfa,
         intrinsics=_camera(intrinsics),
         focal_px=focal_px,
+        distortion=Array("--distortion", np.array(distortion)) if distortion else None,
         world_to_camera=_loaded(poses),
         truth=_loaded(truth),
         bad_pixels=bad_pixels,

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gs2ci.core.errors import InputError
+from gs2ci.core.lens import check_distortion
 
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
@@ -54,6 +55,8 @@ class Shot:
         weights: w, [N] float32: the share of its nominal interval during which each mask was exposed.
         cfa: Colour filter array of a single-channel measurement; None for RGB and mono.
         intrinsics: Camera matrix in pixels, [3, 3], or None when it is not known. Pixel centres lie at +0.5.
+        distortion: The lens's coefficients k1 k2 p1 p2 k3 as OpenCV states them (`gs2ci.core.lens`), [5], which belong
+            to the intrinsics; None for an ideal pinhole. Masks, measurement and views show what the sensor sees.
         truth: What is known beforehand, for scoring only; no solver reads it.
         telemetry_world_to_camera: Poses as the stage reported them, [N, 4, 4], or None.
         saturated: Pixels whose reading is clipped and says only «at least», [H, W] bool, or None.
@@ -66,6 +69,7 @@ class Shot:
     weights: F32
     cfa: CfaPattern | None = None
     intrinsics: F64 | None = None
+    distortion: F64 | None = None
     truth: Truth = field(default_factory=Truth)
     telemetry_world_to_camera: F64 | None = None
     saturated: NDArray[np.bool_] | None = None
@@ -92,7 +96,8 @@ class Shot:
 
         Raises:
             InputError: Shapes disagree, a number is not finite or of a size that no bench gives, masks are negative,
-                above one or all zero, or the colour filter array does not fit the channels.
+                above one or all zero, the colour filter array does not fit the channels, or the lens folds the picture
+                over.
         """
         _check_measurement(self)
         _check_masks(self)
@@ -184,6 +189,14 @@ def _check_optional_parts(shot: Shot) -> None:
     n, (height, width) = shot.views, shot.size
     if shot.intrinsics is not None:
         check_intrinsics(shot.intrinsics)
+    if shot.distortion is not None:
+        if shot.intrinsics is None:
+            raise InputError(
+                "a distortion is given without intrinsics",
+                allowed="both, as they were measured together",
+                remedy="give the camera matrix as well, or leave the distortion out",
+            )
+        check_distortion(shot.distortion, shot.intrinsics, shot.size)
     for what, poses in (
         ("true poses", shot.truth.world_to_camera),
         ("telemetry poses", shot.telemetry_world_to_camera),

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gs2ci.core.errors import InputError, NumericsError
+from gs2ci.core.lens import check_distortion
 from gs2ci.core.records import F32, F64, check_intrinsics
 
 Verdict = Literal["refined", "scene", "decode"]
@@ -53,6 +54,7 @@ class RunResult:
             where no depth was found.
         world_to_camera: Recovered poses, [N, 4, 4] float64, OpenCV axes.
         intrinsics: Camera matrix in pixels, [3, 3] float64, given or estimated.
+        distortion: Of the lens through which all views are seen, [5] as in `Shot`; None for a pinhole.
         decode: The views as decoded without a scene, [N, H, W, C] float32.
         predicted_measurement: What the verdict's views would have measured, [H, W, Cm] float32.
         curve: The fit's course, earliest first; empty where nothing was fitted.
@@ -93,6 +95,7 @@ class RunResult:
     geometry: Mapping[str, Any] = field(default_factory=dict)
     ensemble: Mapping[str, float | int | None] = field(default_factory=dict)
     disagreement: F32 | None = None
+    distortion: F64 | None = None
     brightness: Sequence[float] | None = None
 
     def check(self) -> "RunResult":
@@ -121,6 +124,8 @@ class RunResult:
             if array is not None:
                 _check_array(name, array, shape)
         check_intrinsics(self.intrinsics)
+        if self.distortion is not None:
+            check_distortion(self.distortion, self.intrinsics, (height, width))
         missing = [key for key in SECONDS_KEYS if key not in self.seconds]
         if missing:
             raise InputError(f"the times of {', '.join(missing)} are missing", allowed=", ".join(SECONDS_KEYS))

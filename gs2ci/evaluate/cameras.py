@@ -11,6 +11,7 @@ from typing import Any, Final
 import numpy as np
 import pycolmap
 
+from gs2ci.core.lens import COEFFICIENTS
 from gs2ci.core.records import F32, F64
 
 # nerfstudio and OpenGL look along −z with y up; OpenCV and COLMAP look along +z with y down.
@@ -23,14 +24,19 @@ def view_names(count: int) -> list[str]:
     return [f"view_{index:03d}.png" for index in range(count)]
 
 
-def nerfstudio_transforms(world_to_camera: F64, intrinsics: F64, size: tuple[int, int]) -> dict[str, Any]:
+def nerfstudio_transforms(
+    world_to_camera: F64, intrinsics: F64, size: tuple[int, int], distortion: F64 | None = None
+) -> dict[str, Any]:
     """Describe cameras as nerfstudio's `transforms.json` does: OpenGL camera-to-world, pixel centres at +0.5.
 
     Args:
         world_to_camera: [N, 4, 4], OpenCV axes.
-        intrinsics: [3, 3], pixels; a pinhole without skew or distortion.
+        intrinsics: [3, 3], pixels; without skew.
         size: Height and width.
+        distortion: Of the lens through which the pictures are seen, OpenCV's k1 k2 p1 p2 k3; None for a pinhole.
     """
+    bent = np.zeros(len(COEFFICIENTS)) if distortion is None else distortion
+    coefficients = {name: float(value) for name, value in zip(COEFFICIENTS, bent, strict=True)}
     camera_to_world = np.linalg.inv(world_to_camera) @ OPENCV_FROM_OPENGL
     return {
         "camera_model": "OPENCV",
@@ -40,10 +46,7 @@ def nerfstudio_transforms(world_to_camera: F64, intrinsics: F64, size: tuple[int
         "cy": float(intrinsics[1, 2]),
         "w": size[1],
         "h": size[0],
-        "k1": 0.0,
-        "k2": 0.0,
-        "p1": 0.0,
-        "p2": 0.0,
+        **coefficients,
         "frames": [
             {"file_path": f"views/{name}", "transform_matrix": pose.tolist()}
             for name, pose in zip(view_names(len(camera_to_world)), camera_to_world, strict=True)
@@ -62,9 +65,16 @@ def poses_of_transforms(transforms: dict[str, Any]) -> F64:
 
 
 def write_colmap_model(
-    folder: Path, world_to_camera: F64, intrinsics: F64, size: tuple[int, int], *, points: F32, colors: F32
+    folder: Path,
+    world_to_camera: F64,
+    intrinsics: F64,
+    size: tuple[int, int],
+    *,
+    points: F32,
+    colors: F32,
+    distortion: F64 | None = None,
 ) -> None:
-    """Write a sparse COLMAP model (binary) of one pinhole camera, N images and a cloud without observations.
+    """Write a sparse COLMAP model (binary) of one camera, N images and a cloud without observations.
 
     Args:
         folder: An existing folder; usually `colmap/sparse/0`.
@@ -73,15 +83,18 @@ def write_colmap_model(
         size: Height and width.
         points: [P, 3], scene units.
         colors: [P, 3], clamped to [0, 1].
+        distortion: As for `nerfstudio_transforms`; the camera is then a FULL_OPENCV one, else a PINHOLE.
     """
+    # FULL_OPENCV goes on with k4 k5 k6, the denominator of a rational model.
+    bent = [] if distortion is None else [*distortion, 0.0, 0.0, 0.0]
     model = pycolmap.Reconstruction()
     model.add_camera_with_trivial_rig(
         pycolmap.Camera(
             camera_id=CAMERA_ID,
-            model="PINHOLE",
+            model="PINHOLE" if distortion is None else "FULL_OPENCV",
             width=size[1],
             height=size[0],
-            params=[intrinsics[0, 0], intrinsics[1, 1], intrinsics[0, 2], intrinsics[1, 2]],
+            params=[intrinsics[0, 0], intrinsics[1, 1], intrinsics[0, 2], intrinsics[1, 2], *bent],
         )
     )
     for image_id, (name, pose) in enumerate(

@@ -168,14 +168,15 @@ def _write_images(folder: Path, result: RunResult) -> None:
 def _write_scene(folder: Path, result: RunResult, scene: Gaussians) -> None:
     size = (int(result.views.shape[1]), int(result.views.shape[2]))
     write_ply(folder / "scene.ply", scene)
-    transforms = nerfstudio_transforms(result.world_to_camera, result.intrinsics, size)
+    poses, lens = result.world_to_camera, result.distortion
+    transforms = nerfstudio_transforms(poses, result.intrinsics, size, lens)
     (folder / "cameras.json").write_text(json.dumps(transforms, indent=1, allow_nan=False) + "\n", encoding="utf-8")
     model = folder / "colmap" / "sparse" / "0"
     model.mkdir(parents=True)
     # The most opaque Gaussians show where the surfaces are; a stable order keeps equal ones reproducible.
     keep = torch.argsort(scene.opacity_logits.detach(), descending=True, stable=True)[:COLMAP_POINTS]
     points, colors = (tensor.detach()[keep].float().numpy() for tensor in (scene.means, scene.colours))
-    write_colmap_model(model, result.world_to_camera, result.intrinsics, size, points=points, colors=colors)
+    write_colmap_model(model, poses, result.intrinsics, size, points=points, colors=colors, distortion=lens)
 
 
 def _three_channels(views: F32) -> F32:

@@ -11,7 +11,7 @@ from typing import Final
 from gs2ci.core.errors import InputError
 from gs2ci.reconstruct.fit.density.base import DensityRule
 from gs2ci.reconstruct.fit.density.osgr import Osgr
-from gs2ci.reconstruct.pipeline import Settings
+from gs2ci.reconstruct.settings import Settings
 
 _UNBOUNDED_PER_PIXEL: Final = 8.0
 """«No cap» still has to end before the machine's memory does: the paper's own run without it ran out."""

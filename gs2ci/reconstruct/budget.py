@@ -18,8 +18,8 @@ from gs2ci.core.durations import spoken_duration
 from gs2ci.core.errors import InputError
 from gs2ci.reconstruct.costs import CostModel
 from gs2ci.reconstruct.fit.pace import Deadline
-from gs2ci.reconstruct.pipeline import Settings
 from gs2ci.reconstruct.presets import PRESETS, PresetName, rescheduled
+from gs2ci.reconstruct.settings import Settings
 
 Adapt = Callable[[Settings], Settings]
 

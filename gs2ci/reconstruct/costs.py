@@ -39,7 +39,7 @@ from gs2ci.reconstruct.fit.stopping import HoldOut, Jury, choose_heldout
 from gs2ci.reconstruct.geometry.initialise import Geometry, GeometrySettings, initialise
 from gs2ci.reconstruct.geometry.points import seed_points
 from gs2ci.reconstruct.geometry.sweep import SweepSettings, sweep
-from gs2ci.reconstruct.pipeline import Settings
+from gs2ci.reconstruct.settings import Settings
 from gs2ci.render.backend import Backend, load_backend
 
 # Large enough to fill every thread, small enough for the whole probe to take a second or two.
@@ -302,6 +302,7 @@ def _crop(shot: Shot, view_pixels: int) -> Shot:
         masks=np.ascontiguousarray(shot.masks[:, rows, columns]),
         saturated=None if shot.saturated is None else shot.saturated[rows, columns],
         intrinsics=None,
+        distortion=None,
         telemetry_world_to_camera=None,
         truth=Truth(),
     )

@@ -2,27 +2,25 @@
 
     decode ─► geometry ─► brightness of the views ─► (where the weights were wrong: all of it again)
 
-Here: the order of these stages. Not here: any of them; how the settings choose them (`pipeline`). The pipeline and
+Here: the order of these stages. Not here: any of them; all settings together (`settings`). The pipeline and
 `gs2ci.bench` import this file.
 """
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Literal
 
 import numpy as np
 
 from gs2ci.core.progress import Progress
-from gs2ci.core.records import F32, F64, Shot
+from gs2ci.core.records import F32, F64
 from gs2ci.reconstruct.brightness import BrightnessSettings, relit
 from gs2ci.reconstruct.decode.gap_tv import GapTvSettings, gap_tv
 from gs2ci.reconstruct.fit.stopping import Jury
 from gs2ci.reconstruct.geometry.evidence import carried_views
 from gs2ci.reconstruct.geometry.initialise import Geometry, GeometrySettings
 from gs2ci.reconstruct.geometry.prior import GeometryPrior, Request, find_geometry
-from gs2ci.reconstruct.proxies.routing import build_proxies
-
-ProxyName = Literal["gap-tv", "eni", "amdi"]
+from gs2ci.reconstruct.lens import Lens, straightened
+from gs2ci.reconstruct.proxies.routing import ProxyName, geometry_views
 
 
 @dataclass(frozen=True)
@@ -49,7 +47,7 @@ class FirstLook:
     Args:
         jury: The measurement with the weights that it shows, and its held-out pixels.
         decoded: Its views, [N, H, W, C].
-        geometry: Its camera path and depth.
+        geometry: Its camera path and depth; behind a lens, on its canvas.
         brightness: How bright each view was for its weight, [N]; None where nothing spoke against the weights.
     """
 
@@ -70,12 +68,18 @@ class FirstLook:
 
 
 def look(
-    jury: Jury, prior: GeometryPrior, settings: LookSettings, progress: Progress, lap: Callable[[str], None]
+    jury: Jury,
+    lens: Lens | None,
+    prior: GeometryPrior,
+    settings: LookSettings,
+    progress: Progress,
+    lap: Callable[[str], None],
 ) -> FirstLook:
     """Decode a measurement and find its geometry, and correct its weights as long as that explains more of it.
 
     Args:
         jury: The measurement, and its held-out pixels.
+        lens: Through which it was taken, unless it is a pinhole.
         prior: Where the geometry comes from.
         settings: Of all stages.
         progress: Told of every stage and step.
@@ -89,17 +93,17 @@ def look(
         decoded = gap_tv(jury.seen, settings.decode, progress)
         lap("decode")
         views = geometry_views(jury.seen, decoded, settings.proxy)
-        geometry = find_geometry(prior, Request(jury.seen, views, settings.geometry), progress)
-        corrected = (
-            relit(jury, carried_views(decoded, geometry), settings.brightness.least_gain) if rounds_left else None
-        )
+        geometry = find_geometry(prior, Request.of(jury.seen, views, settings.geometry, lens), progress)
+        corrected = None
+        if rounds_left:
+            carried = carried_views(straightened(decoded, lens), geometry, lens)
+            corrected = relit(jury, carried, settings.brightness.least_gain)
         lap("geometry")
         if corrected is None:
             break
         jury = corrected
-    lit = weights > 0
-    brightness = np.where(lit, jury.shot.weights / np.where(lit, weights, 1), 1.0)
-    found = FirstLook(jury, decoded, geometry, brightness if jury.shot.weights is not weights else None)
+    brightness = None if jury.shot.weights is weights else _ratio(jury.shot.weights, weights)
+    found = FirstLook(jury, decoded, geometry, brightness)
     for note in found.notes:
         progress.say(note)
     return found
@@ -108,17 +112,3 @@ def look(
 def _ratio(weights: F32, before: F32) -> F64:
     lit = before > 0
     return np.where(lit, weights.astype(np.float64) / np.where(lit, before, 1.0), 1.0)
-
-
-def geometry_views(seen: Shot, decoded: F32, proxy: ProxyName) -> F32:
-    """Return the views that the geometry stage looks at, [N, H, W, C].
-
-    Args:
-        seen: The measurement as far as it may be seen.
-        decoded: Its views as GAP-TV decodes them.
-        proxy: Which views are wanted.
-
-    Raises:
-        InputError: The masks do not allow the proxies that are wanted.
-    """
-    return decoded if proxy == "gap-tv" else build_proxies(seen, proxy).views

@@ -3,141 +3,46 @@
     hold out some pixels ─► first look (decode, geometry, brightness) ─► first Gaussians ─► coarse fits (─► fine fit)
     ─► their mean ─► residual ─► judge by the held-out
 
-Here: the order, the clock, and the judgement. Not here: any stage itself; files and metrics (`gs2ci.evaluate`).
-The commands import this file.
+Here: the order, the clock, and the judgement. Not here: any stage itself, its settings (`settings`), the record that is
+handed over (`record`), files and metrics (`gs2ci.evaluate`). The commands import this file.
 """
 
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from dataclasses import asdict, dataclass, field, replace
-from typing import Final, get_args
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Final
 
-import torch
-
-from gs2ci.core.errors import InputError
 from gs2ci.core.progress import Progress, Silent
 from gs2ci.core.records import F32, Shot
-from gs2ci.core.run_records import CurvePoint, RunResult, Verdict
-from gs2ci.reconstruct.brightness import BrightnessSettings
-from gs2ci.reconstruct.coding import Coding
+from gs2ci.core.run_records import RunResult, Verdict
 from gs2ci.reconstruct.dead_lines import close_dead_lines
-from gs2ci.reconstruct.decode.gap_tv import GapTvSettings
-from gs2ci.reconstruct.decode.residual import ResidualSettings
 from gs2ci.reconstruct.doubts import doubts_about, doubts_about_result
-from gs2ci.reconstruct.first_look import FirstLook, LookSettings, ProxyName, look
-from gs2ci.reconstruct.fit.coarse import CoarseFit, CoarseSettings, fit_coarse
-from gs2ci.reconstruct.fit.density.base import DensityRule
-from gs2ci.reconstruct.fit.density.osgr import Osgr
-from gs2ci.reconstruct.fit.ensemble import MOST_FITS, Ensemble, Member, combined, fit_together, members
-from gs2ci.reconstruct.fit.fine import Fine, FineSettings, fit_fine
+from gs2ci.reconstruct.first_look import FirstLook, look
+from gs2ci.reconstruct.fit.coarse import CoarseFit, fit_coarse
+from gs2ci.reconstruct.fit.ensemble import Ensemble, Member, combined, fit_together, members
+from gs2ci.reconstruct.fit.fine import Fine, fit_fine
 from gs2ci.reconstruct.fit.pace import Pace
 from gs2ci.reconstruct.fit.refinement import Refinement
 from gs2ci.reconstruct.fit.rendering import ShotRenderer
-from gs2ci.reconstruct.fit.rules import with_rule
 from gs2ci.reconstruct.fit.start import first_gaussians
 from gs2ci.reconstruct.fit.stopping import Jury, choose_heldout
-from gs2ci.reconstruct.fit.withheld import Withheld, first_points, first_poses
+from gs2ci.reconstruct.fit.through_lens import through
+from gs2ci.reconstruct.fit.withheld import first_points, first_poses
 from gs2ci.reconstruct.geometry.choose import load_geometry_prior
-from gs2ci.reconstruct.geometry.initialise import Geometry, GeometrySettings
+from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.geometry.prior import GeometryPrior
-from gs2ci.reconstruct.geometry.telemetry import Movement, movement
 from gs2ci.reconstruct.holes import fill_holes
 from gs2ci.reconstruct.hot_pixels import close_hot_pixels
+from gs2ci.reconstruct.lens import Lens, straightened
+from gs2ci.reconstruct.one_thread import one_torch_thread
+from gs2ci.reconstruct.record import Left, Recovered, Score, record
+from gs2ci.reconstruct.settings import Settings
 from gs2ci.render.backend import Backend, load_backend
 from gs2ci.render.gaussians import Gaussians
-from gs2ci.render.settings import RasterSettings
 
-Score = Callable[[F32], float]
-PoseSource = str
+FitOne = Callable[[Member, Progress, Pace | None], CoarseFit]
 
-# Lists kept so long lose nothing beside the spread of seeds (−0.06 to 0.02 dB) and save a tenth of an iteration
-# (`python -m tests.benchmarks list_reuse`).
-_RELIST_EVERY: Final = 4
 _UNJUDGED: Final = "No pixel was held out, so nothing tells whether the scene is better than the decode; both are kept."
-
-
-@dataclass(frozen=True)
-class Settings:
-    """Settings of every stage.
-
-    Args:
-        poses: Where the initial poses and depth come from: "tracks", "stage", "auto", "file:PATH"
-            (`geometry.choose`).
-        proxy: The views that the geometry stage looks at: those decoded by GAP-TV, or the proxies of the paper.
-        decode: Of the decoder that the geometry stage looks at.
-        geometry: Of tracks, motion and depth.
-        fit: Of the coarse stage.
-        fits: How many coarse fits run side by side; the views are their mean (`fit/ensemble.py`).
-        second_density: The density rule of every second of them; None: that of the first.
-        fine: Of the fine stage; None leaves it out.
-        residual: Of the last step, which decodes what the scene leaves unexplained.
-        stride_px: One first Gaussian for every so many pixels along rows and columns.
-        withheld: What of the geometry the fit does not get; for ablations.
-        backend: The renderer.
-        raster: What the renderer may leave out for speed.
-        brightness: Of the views' brightness, where the weights are wrong.
-        seed: Of every random draw.
-    """
-
-    poses: PoseSource = "tracks"
-    proxy: ProxyName = "gap-tv"
-    decode: GapTvSettings = field(default_factory=GapTvSettings)
-    geometry: GeometrySettings = field(default_factory=GeometrySettings)
-    fit: CoarseSettings = field(default_factory=CoarseSettings)
-    fits: int = 2
-    second_density: DensityRule | None = field(default_factory=Osgr.generous)
-    fine: FineSettings | None = None
-    residual: ResidualSettings = field(default_factory=ResidualSettings)
-    stride_px: int = 3
-    withheld: Withheld = field(default_factory=Withheld)
-    backend: str = "cpu"
-    raster: RasterSettings = field(default_factory=lambda: RasterSettings(relist_every=_RELIST_EVERY))
-    brightness: BrightnessSettings = field(default_factory=BrightnessSettings)
-    seed: int = 42
-
-    @property
-    def look(self) -> LookSettings:
-        """Get the settings of all that comes before the fit."""
-        return LookSettings(self.proxy, self.decode, self.geometry, self.brightness)
-
-    @property
-    def density_rules(self) -> tuple[DensityRule, ...]:
-        """Get the density rules that the fits take in turn."""
-        return (self.fit.density,) if self.second_density is None else (self.fit.density, self.second_density)
-
-    def with_density_rule(self, name: str) -> "Settings":
-        """Return settings in which every fit has the density rule of a name, unless the first has it already.
-
-        Raises:
-            InputError: There is no rule of that name.
-        """
-        fit = with_rule(self.fit, name)
-        return self if fit is self.fit else replace(self, fit=fit, second_density=None)
-
-    def check(self) -> "Settings":
-        """Return self if the numbers make sense.
-
-        Raises:
-            InputError: A stage's settings, the stride, the number of fits or the seed are out of range.
-        """
-        if self.proxy not in get_args(ProxyName):
-            raise InputError(f"proxy {self.proxy!r}", allowed=", ".join(get_args(ProxyName)))
-        if self.stride_px < 1 or not 0 <= self.seed < 2**63:
-            raise InputError(
-                f"stride {self.stride_px} px, seed {self.seed}", allowed="a stride >= 1 px and a seed in [0, 2^63)"
-            )
-        if not 1 <= self.fits <= MOST_FITS:
-            raise InputError(f"{self.fits} fits side by side", allowed=f"1 to {MOST_FITS}")
-        self.decode.check()
-        self.geometry.check()
-        self.brightness.check()
-        self.fit.check()
-        if self.fine is not None:
-            self.fine.check()
-        self.residual.steps()
-        self.raster.check()
-        return self
 
 
 @dataclass(frozen=True)
@@ -148,22 +53,7 @@ class Reconstruction:
     scene: Gaussians
 
 
-@contextmanager
-def _one_torch_thread() -> Iterator[None]:
-    """Keep torch on one thread; the kernels that take the time have Numba's.
-
-    Torch deals its elements out by the number of threads, and with that the last bits of sums, products and sigmoids
-    change. Besides, its pool and Numba's disturb each other: on one thread the fit takes a fifth less time.
-    """
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
-    try:
-        yield
-    finally:
-        torch.set_num_threads(before)
-
-
-@_one_torch_thread()
+@one_torch_thread()
 def reconstruct(
     shot: Shot,
     settings: Settings | None = None,
@@ -191,38 +81,23 @@ def reconstruct(
     """
     settings, progress = settings or Settings(), progress or Silent()
     settings.check()
-    shot.check()
+    lens = Lens.of(shot.check())
     tools = _Tools.load(settings)
     clock = _Stopwatch()
     sound, doubts = _examined(shot, progress)
     jury = Jury(sound, choose_heldout(sound, settings.fit.hold_out.share, settings.seed))
 
-    first = look(jury, tools.geometry_prior, settings.look, progress, clock.lap)
+    first = look(jury, lens, tools.geometry_prior, settings.look, progress, clock.lap)
     jury, decoded = first.jury, first.decoded
-    geometry = first_poses(first.geometry, settings.withheld)
-    start = first_gaussians(first_points(geometry, decoded, settings.stride_px, settings.withheld, settings.seed))
+    geometry, start = _beginning(first, lens, settings)
     clock.lap("geometry")
 
     fitted = Jury(fill_holes(jury.shot, decoded), jury.heldout)
     refine = Refinement(jury, settings.residual)
 
-    def fit_one(member: Member, listener: Progress, own_pace: Pace | None) -> CoarseFit:
-        return fit_coarse(
-            jury=fitted,
-            start=member.start,
-            geometry=geometry,
-            backend=load_backend(settings.backend, settings.raster),  # whose buffers serve one fit at a time
-            settings=replace(settings.fit, density=member.density),
-            seed=member.seed,
-            refine=refine.in_full,
-            progress=listener,
-            score=score,
-            since_s=clock.began_s,
-            pace=own_pace,
-        )
-
+    fit_one = _fit_one(fitted, geometry, lens, settings, refine, score, clock)
     fits = fit_together(fit_one, members(start, settings.density_rules, settings.fits, settings.seed), progress, pace)
-    renderer = ShotRenderer(fitted.shot, geometry.intrinsics, tools.backend)
+    renderer = ShotRenderer(fitted.shot, geometry.intrinsics, through(lens, tools.backend))
     if tools.fine is not None:
         clock.lap("fit")
         best = combined(fits, jury, refine).best
@@ -235,8 +110,8 @@ def reconstruct(
     recovered = _recover(jury, decoded, ensemble, refine)
     depth = renderer.depths(ensemble.best.scene, ensemble.best.world_to_camera)
     clock.lap("fit")
-    left = _Left((*doubts, *first.notes), first, geometry, ensemble, depth, recovered)
-    return Reconstruction(_record(shot, settings, left, score, clock.seconds()), ensemble.best.scene)
+    left = Left(doubts, first, geometry, ensemble, depth, recovered)
+    return Reconstruction(record(shot, settings, left, score, clock.seconds()), ensemble.best.scene)
 
 
 @dataclass(frozen=True)
@@ -264,6 +139,43 @@ def _examined(shot: Shot, progress: Progress) -> tuple[Shot, tuple[str, ...]]:
     return sound, doubts
 
 
+def _beginning(first: FirstLook, lens: Lens | None, settings: Settings) -> tuple[Geometry, Gaussians]:
+    """Return poses, and the Gaussians to start from, as far as the settings do not withhold them."""
+    geometry, views = first_poses(first.geometry, settings.withheld), straightened(first.decoded, lens)
+    start = first_gaussians(first_points(geometry, views, settings.stride_px, settings.withheld, settings.seed))
+    # What is fitted and handed over counts the sensor's pixels, and no longer the canvas's.
+    return (geometry if lens is None else replace(geometry, intrinsics=lens.intrinsics)), start
+
+
+def _fit_one(
+    jury: Jury,
+    geometry: Geometry,
+    lens: Lens | None,
+    settings: Settings,
+    refine: Refinement,
+    score: Score | None,
+    clock: "_Stopwatch",
+) -> FitOne:
+    """Say how one fit of the ensemble goes."""
+
+    def fit(member: Member, progress: Progress, pace: Pace | None) -> CoarseFit:
+        return fit_coarse(
+            jury=jury,
+            start=member.start,
+            geometry=geometry,
+            backend=through(lens, load_backend(settings.backend, settings.raster)),  # its buffers serve one at a time
+            settings=replace(settings.fit, density=member.density),
+            seed=member.seed,
+            refine=refine.in_full,
+            progress=progress,
+            score=score,
+            since_s=clock.began_s,
+            pace=pace,
+        )
+
+    return fit
+
+
 class _Stopwatch:
     """Wall-clock seconds by stage."""
 
@@ -280,17 +192,7 @@ class _Stopwatch:
         return {**self._stages, "total": self._lap_s - self.began_s}
 
 
-@dataclass(frozen=True)
-class _Recovered:
-    """The best of the candidates, and why."""
-
-    views: F32
-    verdict: Verdict
-    heldout_rms: dict[Verdict, float | None]
-    notes: tuple[str, ...]
-
-
-def _recover(jury: Jury, decoded: F32, ensemble: Ensemble, refine: Refinement) -> _Recovered:
+def _recover(jury: Jury, decoded: F32, ensemble: Ensemble, refine: Refinement) -> Recovered:
     """Let the held-out pixels choose between the refined views, the best scene's and the decode."""
     candidates: dict[Verdict, F32] = {
         "refined": refine(ensemble.views),
@@ -302,98 +204,10 @@ def _recover(jury: Jury, decoded: F32, ensemble: Ensemble, refine: Refinement) -
     notes = doubts_about_result(jury, candidates[verdict]) if jury.heldout.any() else (_UNJUDGED,)
     if verdict == "refined":  # the pixels that judged may now help as well
         candidates["refined"] = refine.by_all_pixels(ensemble.views)
-    return _Recovered(candidates[verdict], verdict, heldout_rms, notes)
+    return Recovered(candidates[verdict], verdict, heldout_rms, notes)
 
 
 def _judge(heldout_rms: dict[Verdict, float | None]) -> Verdict:
     """Name the candidate with the smallest held-out residual; without any held-out pixels, the scene itself."""
     known = {name: rms for name, rms in heldout_rms.items() if rms is not None}
     return min(known, key=lambda name: known[name]) if known else "scene"
-
-
-@dataclass(frozen=True)
-class _Left:
-    """What the stages left, in their order."""
-
-    doubts: tuple[str, ...]
-    look: FirstLook
-    geometry: Geometry
-    ensemble: Ensemble
-    depth: F32
-    recovered: _Recovered
-
-
-def _record(shot: Shot, settings: Settings, left: _Left, score: Score | None, seconds: dict[str, float]) -> RunResult:
-    geometry, fit, recovered = left.geometry, left.ensemble.best, left.recovered
-    moved, brightness = movement(geometry.world_to_camera, fit.world_to_camera), left.look.brightness
-    lit = replace(shot, weights=left.look.jury.shot.weights)
-    return RunResult(
-        views=recovered.views,
-        scene_views=fit.views,
-        decode=left.look.decoded,
-        depth=left.depth,
-        world_to_camera=fit.world_to_camera,
-        intrinsics=geometry.intrinsics,
-        predicted_measurement=Coding.of(lit).forward(torch.from_numpy(recovered.views)).numpy(),
-        curve=(*fit.curve, *_last_point(left, score, seconds["total"])),
-        stopped_because=fit.stopped_because,
-        seconds=seconds,
-        gaussians=len(fit.scene),
-        notes=(
-            *(
-                *left.doubts,
-                *left.look.notes,
-                *geometry.notes,
-                *left.ensemble.notes,
-                *_fits_missing(left.ensemble, settings),
-            ),
-            *(*_notes_of(moved, geometry.source), *recovered.notes),
-        ),
-        settings=asdict(settings),
-        seed=settings.seed,
-        verdict=recovered.verdict,
-        heldout_rms=recovered.heldout_rms,
-        geometry={**_summary(geometry, settings), "moved": asdict(moved)},
-        ensemble=left.ensemble.summary(),
-        disagreement=left.ensemble.disagreement,
-        brightness=None if brightness is None else brightness.tolist(),
-    ).check()
-
-
-def _fits_missing(ensemble: Ensemble, settings: Settings) -> tuple[str, ...]:
-    there = 1 + len(ensemble.others)
-    if there == settings.fits:
-        return ()
-    return (f"{there} of {settings.fits} fits came to an end: the others left the finite numbers, or found no time.",)
-
-
-def _last_point(left: _Left, score: Score | None, seconds: float) -> tuple[CurvePoint, ...]:
-    """Return the point at which the mean of several fits ends the curve of one; none where it is no mean."""
-    fit, recovered = left.ensemble.best, left.recovered
-    if left.ensemble.averaged == 1 or recovered.verdict != "refined" or not fit.curve:
-        return ()
-    heldout, psnr_db = recovered.heldout_rms["refined"], None if score is None else score(recovered.views)
-    return (replace(fit.curve[-1], seconds=seconds, heldout=heldout, psnr_db=psnr_db),)
-
-
-def _notes_of(moved: Movement, source: str) -> tuple[str, ...]:
-    if source == "tracks":
-        return ()
-    share, rotation_deg = moved.share_of_path, moved.rotation_deg
-    return (f"The fit moved the poses of the {source} by {share:.1%} of the path and {rotation_deg:.3f}°.",)
-
-
-def _summary(geometry: Geometry, settings: Settings) -> dict[str, object]:
-    return {
-        "method": geometry.source,
-        "asked_for": settings.poses,
-        "proxy": settings.proxy,
-        "verdict": geometry.verdict,
-        "focal_px": float(geometry.intrinsics[0, 0]),
-        "focal_source": geometry.focal_source,
-        "tracks": geometry.tracks,
-        "reprojection_rms_px": geometry.reprojection_rms_px,
-        "parallax_px": geometry.parallax_px,
-        "path_error_expected": geometry.path_error_expected,
-        "reference": geometry.reference,
-    }

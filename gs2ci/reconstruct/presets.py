@@ -13,7 +13,7 @@ from gs2ci.reconstruct.fit.coarse import CoarseSettings
 from gs2ci.reconstruct.fit.fine import FineSettings
 from gs2ci.reconstruct.fit.optimiser import StepSizes
 from gs2ci.reconstruct.fit.paper import paper_settings
-from gs2ci.reconstruct.pipeline import Settings
+from gs2ci.reconstruct.settings import Settings
 
 PresetName = Literal["draft", "standard", "fine", "paper"]
 PRESET_NAMES: Final = get_args(PresetName)

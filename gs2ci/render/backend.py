@@ -13,6 +13,7 @@ from torch import Tensor
 
 from gs2ci.core.errors import InputError
 from gs2ci.render.gaussians import Gaussians
+from gs2ci.render.sampling import Sampling
 from gs2ci.render.screen import ScreenStatistics
 from gs2ci.render.settings import RasterSettings
 
@@ -52,14 +53,15 @@ class Backend(Protocol):
         """Get the name under which `load_backend` knows it."""
         ...
 
-    def code(self, masks: Tensor) -> Coding:
+    def code(self, masks: Tensor, sampling: Sampling | None = None) -> Coding:
         """Prepare a mask set, once.
 
         Args:
             masks: Mask value times slot weight, [N, H, W] float32, not negative; pixels at 0 are never rendered.
+            sampling: Where the pixels look, behind a lens; None is the pinhole's own lattice.
 
         Raises:
-            InputError: Not [N, H, W], negative or not finite.
+            InputError: Not [N, H, W], negative or not finite, or a sampling of another size.
         """
         ...
 
@@ -81,7 +83,7 @@ class Backend(Protocol):
         Args:
             scene: The Gaussians.
             world_to_camera: The pose under each mask, [N, 4, 4].
-            intrinsics: Camera matrix in pixels, [3, 3].
+            intrinsics: Camera matrix in pixels, [3, 3]; of the pinhole, where pixels look elsewhere.
             coding: From `code`.
             screen: Filled during the backward pass through this rendering, if given.
             reuse: From `reuse`: work that earlier renderings of these Gaussians did, as far as the backend's settings
@@ -103,6 +105,7 @@ class Backend(Protocol):
         intrinsics: Tensor,
         size: tuple[int, int],
         colours: Tensor | None = None,
+        sampling: Sampling | None = None,
     ) -> tuple[Tensor, Tensor]:
         """Render whole views.
 
@@ -112,6 +115,7 @@ class Backend(Protocol):
             intrinsics: Camera matrix in pixels, [3, 3].
             size: Height and width, px.
             colours: Colours that differ from view to view, [V, G, 3]; None takes the scene's.
+            sampling: Where the pixels look, behind a lens; None is the pinhole's own lattice.
 
         Returns:
             Images [V, H, W, 3] and alphas [V, H, W] (1 where no light passes), float32.

@@ -1,8 +1,8 @@
 """What is needed of a pinhole camera: rays of pixels, points to pixels, other resolutions.
 
 Pixel centres lie at +0.5: the first pixel of a row covers [0, 1) and is seen at 0.5. Axes are OpenCV's, x right,
-y down, z forward. Not here: lens distortion (measurements are taken as undistorted), poses (`se3.py`). Anyone
-above `gs2ci.render` may import this file.
+y down, z forward. Not here: lens distortion (`gs2ci.core.lens`, and `sampling.py` for who renders behind it), poses
+(`se3.py`). Anyone above `gs2ci.render` may import this file.
 """
 
 import torch

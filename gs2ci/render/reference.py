@@ -23,6 +23,7 @@ from gs2ci.render.conventions import (
 )
 from gs2ci.render.gaussians import Gaussians, rotation_matrices
 from gs2ci.render.inputs import check_masks, check_rendering, check_screen, check_size
+from gs2ci.render.sampling import Sampling, check_sampling
 from gs2ci.render.screen import RADIUS_SIGMAS, ScreenStatistics
 from gs2ci.render.settings import RasterSettings
 
@@ -137,6 +138,16 @@ def pixel_centres(size: tuple[int, int]) -> Tensor:
     return torch.stack([x, y], dim=-1).reshape(-1, 2)
 
 
+def looked_at(
+    intrinsics: Tensor, size: tuple[int, int], sampling: Sampling | None
+) -> tuple[Tensor, tuple[int, int], Tensor]:
+    """Return the camera matrix, height and width of the frame to project into, and where pixels look, [H * W, 2]."""
+    if sampling is None:
+        return intrinsics, size, pixel_centres(size)
+    places = torch.from_numpy(sampling.places).reshape(-1, 2)
+    return sampling.intrinsics_of_canvas(intrinsics), sampling.canvas, places
+
+
 def watch(splats: Splats, size: tuple[int, int], screen: ScreenStatistics) -> None:
     """Let the backward pass through these splats add one view to the record.
 
@@ -165,9 +176,10 @@ def watch(splats: Splats, size: tuple[int, int], screen: ScreenStatistics) -> No
 
 @dataclass(frozen=True)
 class ReferenceCoding(Coding):
-    """The masks, [N, H, W] float64."""
+    """The masks, [N, H, W] float64, and where their pixels look."""
 
     masks: Tensor
+    sampling: Sampling | None = None
 
 
 class ReferenceBackend:
@@ -191,11 +203,12 @@ class ReferenceBackend:
         (settings or RasterSettings()).check()
         self.margin = float("inf")
 
-    def code(self, masks: Tensor) -> ReferenceCoding:
+    def code(self, masks: Tensor, sampling: Sampling | None = None) -> ReferenceCoding:
         """Keep the masks; see `Backend.code`."""
         check_masks(masks)
         views, height, width = masks.shape
-        return ReferenceCoding(views, (height, width), masks.detach().to(torch.float64))
+        check_sampling(sampling, (height, width))
+        return ReferenceCoding(views, (height, width), masks.detach().to(torch.float64), sampling)
 
     def reuse(self) -> Reuse:
         """Share nothing; see `Backend.reuse`."""
@@ -220,14 +233,14 @@ class ReferenceBackend:
         check_rendering(scene, world_to_camera, intrinsics, views=coding.views)
         check_screen(screen, scene)
         scene = scene.map(torch.Tensor.double)
-        pixels = pixel_centres(coding.size)
+        intrinsics, frame, pixels = looked_at(intrinsics.double(), coding.size, coding.sampling)
         total = torch.zeros(len(pixels), 3, dtype=torch.float64)
         self.margin = float("inf")
         for pose, mask in zip(world_to_camera.double(), coding.masks, strict=True):
             opened = mask.reshape(-1).nonzero().squeeze(1)
-            splats = project(scene, pose, intrinsics.double(), coding.size, scene.colours)
+            splats = project(scene, pose, intrinsics, frame, scene.colours)
             if screen is not None:
-                watch(splats, coding.size, screen)
+                watch(splats, frame, screen)
             colours, _, margin = composite(splats, pixels[opened])
             total = total.index_add(0, opened, mask.reshape(-1)[opened, None] * colours)
             self.margin = min(self.margin, margin)
@@ -240,17 +253,19 @@ class ReferenceBackend:
         intrinsics: Tensor,
         size: tuple[int, int],
         colours: Tensor | None = None,
+        sampling: Sampling | None = None,
     ) -> tuple[Tensor, Tensor]:
         """Render whole views; see `Backend.views`."""
         check_size(size)
+        check_sampling(sampling, size)
         check_rendering(scene, world_to_camera, intrinsics, colours=colours)
         scene = scene.map(torch.Tensor.double)
         per_view = [scene.colours] * len(world_to_camera) if colours is None else list(colours.double())
-        pixels = pixel_centres(size)
+        intrinsics, frame, pixels = looked_at(intrinsics.double(), size, sampling)
         images, alphas = [torch.zeros(0, 3, dtype=torch.float64)], [torch.zeros(0, dtype=torch.float64)]
         self.margin = float("inf")
         for pose, view_colours in zip(world_to_camera.double(), per_view, strict=True):
-            image, alpha, margin = composite(project(scene, pose, intrinsics.double(), size, view_colours), pixels)
+            image, alpha, margin = composite(project(scene, pose, intrinsics, frame, view_colours), pixels)
             images.append(image)
             alphas.append(alpha)
             self.margin = min(self.margin, margin)

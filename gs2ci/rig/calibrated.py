@@ -106,6 +106,11 @@ class Calibrated:
         return self.bundle.sections["camera"].array("intrinsics") if "camera" in self.bundle else None
 
     @property
+    def distortion(self) -> F64 | None:
+        """Get the lens's coefficients, [5], where they were measured."""
+        return self.bundle.sections["camera"].array("distortion") if "camera" in self.bundle else None
+
+    @property
     def axes(self) -> dict[str, MeasuredAxis]:
         """Get the stage's axes that were measured, by name."""
         if "stage" not in self.bundle:

@@ -136,6 +136,7 @@ def _header(rig: Rig, devices: Devices, prepared: Prepared) -> CaptureHeader:
         saturation_dn=float(_saturation_dn(table, picture.top)),
         cfa=cfa,
         intrinsics=light.scene.intrinsics if isinstance(light, BenchLight) else _intrinsics(table, masks.shape[1:]),
+        distortion=light.lens.coefficients if isinstance(light, BenchLight) and light.lens else None,
         stage_axes=len(stage.info.axes) if stage is not None else 0,
         telemetry=_carriage(rig, prepared) is not None,
         truth_views="f4" if truth else "",
@@ -157,7 +158,7 @@ def _with_calibration(header: CaptureHeader, calibrated: Calibrated, plan: Plan)
     if calibrated.saturation_dn is not None:
         found = replace(found, saturation_dn=calibrated.saturation_dn)
     if calibrated.intrinsics is not None:
-        found = replace(found, intrinsics=calibrated.intrinsics)
+        found = replace(found, intrinsics=calibrated.intrinsics, distortion=calibrated.distortion)
     return found
 
 

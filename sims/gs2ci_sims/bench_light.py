@@ -21,10 +21,10 @@ from gs2ci_sims.effects.bayer_filter import BayerFilter
 from gs2ci_sims.effects.defocus import Defocus
 from gs2ci_sims.effects.lens_distortion import LensDistortion
 from gs2ci_sims.effects.motion_blur import MotionBlur
-from gs2ci_sims.exposure import calibrated_masks, integrate, read_out
+from gs2ci_sims.exposure import calibrated_masks, integrate, lens_of, read_out
 from gs2ci_sims.light_path import EffectChain, generator, sensor_effects
 from gs2ci_sims.planner import DEFAULT_TOLERANCE_DN, Plan, plan
-from gs2ci_sims.radiance import Renderer
+from gs2ci_sims.radiance import Renderer, with_margin
 from gs2ci_sims.registration import Registration
 from gs2ci_sims.rig import Light, Modulator, Rig, Timing
 from gs2ci_sims.scenes.base import Scene
@@ -139,8 +139,7 @@ class BenchLight:
 
     def look_at_board(self, plane: BoardPlane, index: int, *, fixed: bool = False) -> None:
         """Hold a ChArUco board before the camera in the pose that belongs to an index, or fix it on a stand."""
-        lens = next((effect for effect in self._extra if isinstance(effect, LensDistortion)), None)
-        self._sight = _Sight(*board_scene(self.scene, plane, index, self._seed, lens, fixed=fixed))
+        self._sight = _Sight(*board_scene(self.scene, plane, index, self._seed, self.lens, fixed=fixed))
 
     def collect(self, exposure: Exposure) -> U16:
         """Return the sensor's pixels, [H, W] uint16.
@@ -173,8 +172,20 @@ class BenchLight:
         """Return what was really there at the centre of each mask: views [N, H, W, C] and poses [N, 4, 4]."""
         centres = [(interval.start_s + interval.end_s) / 2 for interval in exposure.masks]
         poses = np.stack([exposure.world_to_camera_at(t) for t in centres])
-        views, _ = self._sight.renderer.views(self._sight.scene, poses)
+        views = self._shown(poses)
         return (views if self._cfa else views.mean(axis=3, keepdims=True)), poses
+
+    def _shown(self, poses: F64) -> F32:
+        """Render what is before the camera from poses, [N, 4, 4], all things where the lens shows them."""
+        # Targets draw distortion themselves.
+        scene, lens = self._sight.scene, None if self._sight.target else self.lens
+        (height, width), intrinsics = scene.size, scene.intrinsics
+        if lens is None:
+            return self._sight.renderer.views(scene, poses)[0]
+        margin = lens.margin_px(self.nominal_rig(self.sensor.bits), scene.size, intrinsics)
+        wide, _ = self._sight.renderer.views(scene, poses, margin=margin)
+        shown = np.stack([lens.bent(view.astype(np.float64), with_margin(intrinsics, margin)) for view in wide])
+        return shown[:, margin : margin + height, margin : margin + width].astype(np.float32)
 
     def true_masks(self, levels: NDArray[np.integer], top: int = 1) -> F32:
         """Return patterns as a noiseless calibration before an even light measures them, [N, H, W] in [0, 1].
@@ -201,6 +212,11 @@ class BenchLight:
     def fixed_pattern(self, effect: Effect, signal: F64, rig: Rig) -> F64:
         """Pass a signal [H, W, C] through one effect with this device's own pattern."""
         return np.asarray(effect.apply(signal, rig, generator(rig.device_seed, effect.name)))
+
+    @property
+    def lens(self) -> LensDistortion | None:
+        """Get the lens, if it distorts."""
+        return lens_of(self._extra)
 
     @property
     def effects(self) -> tuple[Effect, ...]:

@@ -20,6 +20,7 @@ from gs2ci.core.records import Shot, Truth
 from gs2ci.render.gaussians import Gaussians
 from gs2ci_sims.effects.base import Effect, Stage, ViewEffect
 from gs2ci_sims.effects.bayer_filter import BayerFilter
+from gs2ci_sims.effects.lens_distortion import LensDistortion
 from gs2ci_sims.light_path import EffectChain
 from gs2ci_sims.moments import Moments, one_per_interval
 from gs2ci_sims.path import CameraPath
@@ -61,7 +62,8 @@ def expose(
 
     Returns:
         The shot, in units of one view's full scale, with true views and poses at the centre of each mask's
-        interval and with the pixels that may be clipped marked.
+        interval, with what a perfect calibration would know of camera and lens, and with the pixels that may be
+        clipped marked.
 
     Raises:
         InputError: Masks do not fit the scene or the rig.
@@ -78,6 +80,7 @@ def expose(
         masks=calibrated_masks(light.masks, chain),
         weights=light.weights.astype(np.float32),
         intrinsics=scene.intrinsics,
+        distortion=None if (lens := lens_of(chain.effects)) is None else lens.coefficients,
         truth=Truth(views=light.truth_views, world_to_camera=light.truth_world_to_camera),
         saturated=np.any(reading >= sensor.saturation_dn, axis=2),
         cfa=next((effect.pattern for effect in chain.effects if isinstance(effect, BayerFilter)), None),
@@ -103,7 +106,8 @@ class Light:
         photons: Mean number in each pixel, [H, W, 3].
         masks: As they fell on the sensor, [N, H, W].
         weights: For what share of its nominal interval each mask was exposed, [N].
-        truth_views: The scene at the middle of each mask's nominal interval, [N, H, W, 3] float32, radiance.
+        truth_views: The scene at the middle of each mask's nominal interval, as a sharp lens with this one's
+            distortion shows it, [N, H, W, 3] float32, radiance.
         truth_world_to_camera: The camera's poses at these moments, [N, 4, 4].
         covered_share: Smallest share of pixels that see something, over these moments.
         rendered_views: How many views it took.
@@ -177,7 +181,8 @@ def integrate(
             coverage[n] += truth_share[n, k] * covered
         progress.step(done + 1)
     return Light(
-        chain.through(Stage.PHOTONS, photons),
+        # Where the weights of moments cancel, rounding may leave less than no light.
+        chain.through(Stage.PHOTONS, np.maximum(photons, 0)),
         shown,
         weights,
         np.maximum(truth_views, 0).astype(np.float32),
@@ -214,10 +219,14 @@ class Studio:
         self._moving = chain.through(Stage.SCENE, at_rest)
         looking = [effect for effect in chain.at(Stage.RADIANCE) if isinstance(effect, ViewEffect)]
         self._margin = sum(effect.margin_px(chain.rig, scene.size, scene.intrinsics) for effect in looking)
+        self._lens = lens_of(looking)
         self._needs_depth = any(effect.needs_depth for effect in looking)
 
     def view(self, time_s: float) -> tuple[F64, F64, F64]:
-        """Return the bare radiance [H, W, 3], its coverage [H, W], and the radiance that meets the modulator."""
+        """Return the scene's radiance [H, W, 3], its coverage [H, W], and the radiance that meets the modulator.
+
+        The first two are what is there to be seen, at the places where the lens shows it.
+        """
         scene, margin = self._scene, self._margin
         pose = self._path.world_to_camera(np.array([time_s]))
         gaussians = self._moving(time_s)
@@ -226,9 +235,11 @@ class Studio:
         intrinsics = with_margin(scene.intrinsics, margin)
         depth = rendered_depth(gaussians, pose[0], intrinsics, coverage[0].shape) if self._needs_depth else None
         seen = self._chain.through(Stage.RADIANCE, View(bare, intrinsics, margin, depth)).radiance
+        truth = np.concatenate([bare, coverage[0][..., None]], axis=2)
+        truth = truth if self._lens is None else self._lens.bent(truth, intrinsics)
         height, width = scene.size
         inner = np.s_[margin : margin + height, margin : margin + width]
-        return bare[inner], coverage[0][inner].astype(np.float64), seen[inner]
+        return truth[inner][..., :-1], truth[inner][..., -1], seen[inner]
 
     def can_skip(self, open_share: F64) -> bool:
         """Return whether leaving out the closed pixels [H, W] gives the same light, and saves some of the work."""
@@ -239,6 +250,11 @@ class Studio:
         """Return the view behind a mask, [H, W, 3], of which only the open pixels are rendered."""
         pose = self._path.world_to_camera(np.array([time_s]))
         return self._renderer.masked(self._scene, pose, open_share, gaussians=self._moving(time_s))
+
+
+def lens_of(effects: Sequence[Effect]) -> LensDistortion | None:
+    """Return the lens among effects that bends straight lines, if there is one."""
+    return next((effect for effect in effects if isinstance(effect, LensDistortion)), None)
 
 
 def calibrated_masks(masks: NDArray[Any], chain: EffectChain) -> F32:

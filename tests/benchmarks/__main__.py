@@ -31,6 +31,7 @@ BENCHMARKS = {
     "calibration_geometry": "tests.benchmarks.calibration_geometry",
     "calibrated_reconstruction": "tests.benchmarks.calibrated_reconstruction",
     "calibration_base": "tests.benchmarks.calibration_base",
+    "lens": "tests.benchmarks.lens",
     "long_fits": "tests.benchmarks.long_fits",
 }
 

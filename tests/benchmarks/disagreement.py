@@ -10,7 +10,8 @@ import numpy as np
 from scipy.stats import spearmanr
 
 from gs2ci.bench.tables import simulated_cases
-from gs2ci.reconstruct.pipeline import Settings, reconstruct
+from gs2ci.reconstruct.pipeline import reconstruct
+from gs2ci.reconstruct.settings import Settings
 
 FIFTHS = 5
 SEED = 0

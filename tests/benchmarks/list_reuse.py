@@ -23,7 +23,8 @@ from gs2ci.core.run_records import CurvePoint
 from gs2ci.evaluate.metrics import psnr_per_view
 from gs2ci.reconstruct.fit.coarse import CoarseSettings
 from gs2ci.reconstruct.fit.stopping import HoldOut, Watch
-from gs2ci.reconstruct.pipeline import Settings, reconstruct
+from gs2ci.reconstruct.pipeline import reconstruct
+from gs2ci.reconstruct.settings import Settings
 from gs2ci.render.settings import RasterSettings
 
 CASES = (Case("boxes", scene="boxes"), Case("motorcycle", scene="motorcycle"))

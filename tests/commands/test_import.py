@@ -39,6 +39,14 @@ def test_the_usual_keys_need_no_flags_and_every_guess_is_printed(tmp_path, array
     check_manifest(tmp_path / "shot.h5")
 
 
+def test_the_lens_is_given_as_opencv_lists_it(tmp_path, arrays, capsys):
+    np.savez(tmp_path / "a.npz", **arrays)
+    words = ["--distortion", -0.2, 0.03, 0.001, -0.002]
+    shot = command(tmp_path / "a.npz", *words, "-o", tmp_path / "shot.h5")
+    assert shot.distortion.tolist() == [-0.2, 0.03, 0.001, -0.002, 0]
+    assert "lens: k1 -0.2, k2 0.03" in capsys.readouterr().out
+
+
 @pytest.mark.parametrize("as_option", [False, True])
 def test_masks_and_everything_else_may_lie_in_files_of_their_own(tmp_path, arrays, as_option):
     for key, values in arrays.items():

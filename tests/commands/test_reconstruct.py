@@ -11,8 +11,8 @@ from gs2ci.core.storage import write_shots
 from gs2ci.evaluate.report import read_report
 from gs2ci.reconstruct.brightness import BrightnessSettings
 from gs2ci.reconstruct.costs import CostModel
-from gs2ci.reconstruct.pipeline import Settings
 from gs2ci.reconstruct.presets import PRESETS
+from gs2ci.reconstruct.settings import Settings
 
 SIZE = (24, 32)
 CAMERA = np.array([[30.0, 0, 15], [0, 33, 13], [0, 0, 1]])

@@ -84,3 +84,19 @@ def test_a_camera_out_of_range_is_refused(focal_px, centre_px):
     check_intrinsics(np.array([[50.0, 0, 3], [0, 50, 3], [0, 0, 1]]))
     with pytest.raises(InputError, match="intrinsics"):
         check_intrinsics(np.array([[focal_px, 0, centre_px], [0, 50, 0], [0, 0, 1]]))
+
+
+LENS = np.array([-0.1, 0, 0, 0, 0])
+
+
+def test_a_lens_needs_the_camera_matrix_that_it_was_measured_with(shot):
+    camera = np.array([[6.0, 0, 2.5], [0, 6, 2], [0, 0, 1]])
+    replace(shot, intrinsics=camera, distortion=LENS).check()
+    with pytest.raises(InputError, match="without intrinsics"):
+        replace(shot, distortion=LENS).check()
+
+
+def test_a_lens_that_folds_the_frame_is_refused(shot):
+    camera = np.array([[1.0, 0, 2.5], [0, 1, 2], [0, 0, 1]])
+    with pytest.raises(InputError, match="folds the picture over"):
+        replace(shot, intrinsics=camera, distortion=LENS).check()

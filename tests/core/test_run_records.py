@@ -78,3 +78,9 @@ def test_an_unknown_verdict_is_refused(result):
 def test_a_camera_without_a_focal_length_is_refused(result):
     with pytest.raises(InputError, match="intrinsics"):
         replace(result, intrinsics=np.zeros((3, 3))).check()
+
+
+def test_a_lens_that_no_camera_has_is_refused(result):
+    assert replace(result, distortion=np.array([-0.1, 0, 0, 0, 0])).check()
+    with pytest.raises(InputError, match="folds the picture over"):
+        replace(result, distortion=np.array([-9.0, 0, 0, 0, 0])).check()

@@ -5,6 +5,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from gs2ci.core.lens import distorted, pixels_of
 from gs2ci.evaluate.cameras import nerfstudio_transforms, view_names, write_colmap_model
 
 INTRINSICS = np.array([[50.0, 0, 30.5], [0, 52.0, 20.25], [0, 0, 1]])
@@ -57,6 +58,18 @@ def test_a_point_projects_to_the_same_pixel_through_colmaps_cameras(tmp_path):
         world = np.linalg.inv(pose) @ ahead
         pixel = INTRINSICS @ ahead[:3]
         assert model.images[image_id].project_point(world[:3]) == pytest.approx(pixel[:2] / pixel[2])
+
+
+def test_a_lens_is_told_to_both_programs(tmp_path):
+    lens = np.array([-0.2, 0.03, 1e-3, -2e-3, 0.01])
+    poses, ahead = random_poses(5), np.array([0.3, -0.2, 1.0])
+    transforms = nerfstudio_transforms(poses, INTRINSICS, (40, 60), lens)
+    assert [transforms[key] for key in ("k1", "k2", "p1", "p2", "k3")] == lens.tolist()
+    nothing = np.zeros((0, 3), np.float32)
+    write_colmap_model(tmp_path, poses, INTRINSICS, (40, 60), points=nothing, colors=nothing, distortion=lens)
+    camera = pycolmap.Reconstruction(tmp_path).cameras[1]
+    expected = pixels_of(distorted(ahead[:2], lens), INTRINSICS)
+    assert camera.img_from_cam(ahead) == pytest.approx(expected)
 
 
 def test_colours_are_clamped_and_rounded(tmp_path):

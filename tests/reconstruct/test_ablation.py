@@ -7,7 +7,7 @@ import pytest
 from gs2ci.core.errors import InputError
 from gs2ci.reconstruct.ablation import COMPONENTS, without
 from gs2ci.reconstruct.fit.paper import paper_settings
-from gs2ci.reconstruct.pipeline import Settings
+from gs2ci.reconstruct.settings import Settings
 
 CHANGED = {
     "points": {"withheld.points"},

@@ -9,9 +9,10 @@ from gs2ci.bench.cases import Case
 from gs2ci.core.progress import Silent
 from gs2ci.reconstruct.brightness import BrightnessSettings
 from gs2ci.reconstruct.decode.gap_tv import gap_tv
-from gs2ci.reconstruct.first_look import LookSettings, geometry_views, look
+from gs2ci.reconstruct.first_look import LookSettings, look
 from gs2ci.reconstruct.fit.stopping import Jury, choose_heldout
 from gs2ci.reconstruct.geometry.choose import load_geometry_prior
+from gs2ci.reconstruct.proxies.routing import geometry_views
 
 FLICKER = np.array([0.75, 1.2, 0.9, 1.1, 0.8, 1.25], np.float32)
 
@@ -29,7 +30,7 @@ def seen_by_a_jury(shot, light=None):
 
 def look_at(jury, listener=None, **settings):
     laps = []
-    found = look(jury, load_geometry_prior("tracks"), LookSettings(**settings), listener or Silent(), laps.append)
+    found = look(jury, None, load_geometry_prior("tracks"), LookSettings(**settings), listener or Silent(), laps.append)
     return found, laps
 
 

@@ -23,7 +23,8 @@ from gs2ci.reconstruct.fit.stopping import HoldOut
 from gs2ci.reconstruct.geometry.initialise import GeometrySettings
 from gs2ci.reconstruct.geometry.sweep import SweepSettings
 from gs2ci.reconstruct.geometry.tracks import TrackSettings
-from gs2ci.reconstruct.pipeline import Settings, reconstruct
+from gs2ci.reconstruct.pipeline import reconstruct
+from gs2ci.reconstruct.settings import Settings
 from gs2ci.render.settings import RasterSettings
 
 VIEWS, HEIGHT, WIDTH = 6, 48, 64
@@ -300,6 +301,17 @@ def test_a_wrong_scene_loses_against_the_decode_and_the_decode_is_kept(shot):
     assert result.verdict == "decode"
     np.testing.assert_array_equal(result.views, result.decode)
     assert (result.scene_views != result.decode).any()
+
+
+def test_a_lamp_that_flickers_is_told_of_once_and_in_the_predicted_measurement(shot):
+    told = replace(shot, weights=np.array([1.3, 0.8, 1.2, 0.7, 1.3, 0.9], np.float32))
+    hold_out = HoldOut(share=0.1, look_every=20)
+    result = reconstruct(told, replace(SHORT, fits=1, fit=replace(SHORT.fit, hold_out=hold_out))).result
+    lit = told.weights * np.array(result.brightness)
+    np.testing.assert_allclose(lit / lit.mean(), 1, atol=0.1)
+    assert len([note for note in result.notes if "times as bright as their weights" in note]) == 1
+    exact = np.einsum("n,nhw,nhwc->hwc", lit, told.masks, result.views)
+    np.testing.assert_allclose(result.predicted_measurement, exact, atol=1e-4)
 
 
 def test_the_verdict_is_the_smallest_held_out_residual(found):

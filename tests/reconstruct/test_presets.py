@@ -5,8 +5,8 @@ import pytest
 from gs2ci.core.errors import InputError
 from gs2ci.reconstruct.fit.coarse import CoarseSettings
 from gs2ci.reconstruct.fit.optimiser import StepSizes
-from gs2ci.reconstruct.pipeline import Settings
 from gs2ci.reconstruct.presets import PRESET_NAMES, PRESETS, preset, rescheduled
+from gs2ci.reconstruct.settings import Settings
 
 
 def test_every_name_has_settings_that_make_sense():

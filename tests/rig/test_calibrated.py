@@ -11,7 +11,7 @@ from gs2ci.core.storage import read_calibration, read_shot
 from gs2ci.rig.calibrating import bench_of, operator_of
 from gs2ci_calibration.bundle import read_bundle, write_bundle
 from gs2ci_calibration.drift import changes_since
-from gs2ci_calibration.estimates import Estimate
+from gs2ci_calibration.estimates import Estimate, Section
 from gs2ci_calibration.refusals import CalibrationError, Reason
 
 RIG = """
@@ -68,6 +68,31 @@ def test_capture_writes_calibrated_masks_and_per_pixel_dark_and_flat(rig, tmp_pa
     corrected = (reading - kept["calib/dark"]) / (740.0 * kept["calib/flat"])
     assert shot.measurement[..., 0] == pytest.approx(corrected, rel=1e-5)
     assert shot.saturated is not None
+
+
+LENS = np.array([-0.15, 0.02, 1e-3, -1e-3, 0.0])
+
+
+def test_capture_writes_the_lens_that_was_measured_with_its_camera_matrix(rig, tmp_path, calibrate, gs2ci):
+    path = tmp_path / "bench.cal.h5"
+    bundle = calibrate(path)
+    matrix = np.array([[40.0, 0, 24.5], [0, 41, 15.5], [0, 0, 1]])
+    estimates = {"intrinsics": Estimate(matrix, np.zeros((3, 3)), "px"), "distortion": Estimate(LENS, 0.01, "1")}
+    write_bundle(path, bundle.with_section(Section("camera", estimates)))
+    rig.write_text(RIG.replace("[calibration]", '[calibration]\nbundle = "bench.cal.h5"'))
+    assert gs2ci("capture", "--rig", rig, "-o", "shot.h5") == 0
+    shot = read_shot(tmp_path / "shot.h5")
+    assert np.array_equal(shot.intrinsics, matrix)
+    assert np.array_equal(shot.distortion, LENS)
+
+
+def test_a_simulated_bench_without_a_bundle_tells_its_own_lens(rig, tmp_path, gs2ci):
+    rig.write_text(RIG + "[world.effects.lens_distortion]\nk1 = -0.1\n")
+    assert gs2ci("capture", "--rig", rig, "-o", "shot.h5") == 0
+    assert read_shot(tmp_path / "shot.h5").distortion.tolist() == [-0.1, 0, 0, 0, 0]
+    rig.write_text(RIG)
+    assert gs2ci("capture", "--rig", rig, "-o", "straight.h5") == 0
+    assert read_shot(tmp_path / "straight.h5").distortion is None
 
 
 def test_calibrated_pixels_explain_the_measurement_better_than_nominal_ones(rig, tmp_path, calibrate, gs2ci):

@@ -3,6 +3,7 @@ import pytest
 
 from gs2ci.core.errors import InputError
 from gs2ci_sims.bench_light import BenchLight
+from gs2ci_sims.effects.lens_distortion import LensDistortion
 from gs2ci_sims.registration import Registration
 from gs2ci_sims.scenes.planes import planes
 from gs2ci_sims.sensor import Sensor
@@ -65,6 +66,19 @@ def test_a_mosaic_takes_one_colour_at_each_pixel():
     assert reading[0::2, 0::2] == pytest.approx(scale * views[0, 0::2, 0::2, 0], abs=1.0)
     assert reading[0::2, 1::2] == pytest.approx(scale * views[0, 0::2, 1::2, 1], abs=1.0)
     assert reading[1::2, 1::2] == pytest.approx(scale * views[0, 1::2, 1::2, 2], abs=1.0)
+
+
+def test_behind_a_lens_the_truth_is_what_the_sensor_sees():
+    light, world = make(effects=(LensDistortion(-0.2),))
+    reading = expose(world, np.ones((100, 160), np.uint8))
+    views, _ = light.truth(world.exposures[0])
+    expected = 64.0 + views[0, ..., 0] * 50_000 * 0.02 / 2.7
+    assert reading == pytest.approx(expected, abs=1.0)
+    straight, plain_world = make()
+    expose(plain_world, np.ones((100, 160), np.uint8))
+    assert np.abs(views - straight.truth(plain_world.exposures[0])[0]).max() > 0.1
+    assert light.lens == LensDistortion(-0.2)
+    assert straight.lens is None
 
 
 def test_noise_is_the_same_for_the_same_seed_and_new_in_each_exposure():

@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 
 from gs2ci.core.errors import InputError
+from gs2ci.core.lens import pixels_of, slopes_of, undistorted
 from gs2ci.core.progress import Silent
 from gs2ci.core.storage import read_shot, write_shots
+from gs2ci_sims.effects.lens_distortion import LensDistortion
 from gs2ci_sims.effects.motion_blur import MotionBlur
 from gs2ci_sims.exposure import expose
 from gs2ci_sims.light_path import generator, sensor_effects
@@ -104,6 +106,35 @@ def test_the_truth_holds_poses_and_views_at_the_centre_of_each_interval(small_sc
     assert np.array_equal(shot.truth.world_to_camera, poses)
     assert np.array_equal(shot.truth.views, Renderer().views(small_scene, poses)[0])
     assert shot.weights.tolist() == pytest.approx([1.0] * 4)
+
+
+@pytest.mark.parametrize("k1", [-0.2, 0.2])
+def test_behind_a_lens_the_true_views_are_bent_and_the_shot_says_how(small_scene, masks, k1):
+    lens = LensDistortion(k1, 0.01)
+    shot, straight = (shoot(small_scene, STILL, masks, effects) for effects in ([lens], []))
+    assert shot.distortion.tolist() == [k1, 0.01, 0, 0, 0]
+    assert straight.distortion is None
+    np.testing.assert_allclose(shot.measurement, coded(shot), atol=1e-5)
+    assert np.abs(shot.truth.views - straight.truth.views).mean() > 0.01
+    # In the middle nothing moves.
+    middle = np.s_[:, 23:25, 31:33]
+    np.testing.assert_allclose(shot.truth.views[middle], straight.truth.views[middle], atol=0.02)
+
+
+def test_the_coefficients_written_are_those_of_the_formula_that_solvers_know(small_scene):
+    """Two programs of one formula: the simulator's own inverts the radius alone."""
+    lens, camera, size = LensDistortion(-0.2, 0.03), small_scene.intrinsics, small_scene.size
+    rows, columns = np.mgrid[: size[0], : size[1]] + 0.5
+    slopes = slopes_of(np.stack([columns, rows], axis=-1), camera)
+    places = pixels_of(undistorted(slopes, lens.coefficients), camera)
+    np.testing.assert_allclose(lens.sources_px(size, camera), places.transpose(2, 0, 1)[::-1], rtol=0, atol=1e-9)
+
+
+def test_rounding_never_makes_less_than_no_light(small_scene, masks, monkeypatch):
+    """Weights that cancel may leave -1e-16 of a photon, of which no square root can be taken."""
+    monkeypatch.setattr("gs2ci_sims.exposure._open_share", lambda *_: np.full(small_scene.size, -1e-16))
+    shot = shoot(small_scene, STILL, masks, [MotionBlur(3), LensDistortion(-0.2), *sensor_effects(SENSOR)])
+    assert np.isfinite(shot.measurement).all()
 
 
 def test_the_same_seed_gives_the_same_shot_and_another_seed_another(small_scene, moving, masks):

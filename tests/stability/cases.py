@@ -12,7 +12,7 @@ from typing import Any
 import h5py
 import numpy as np
 
-from gs2ci.reconstruct.pipeline import Settings
+from gs2ci.reconstruct.settings import Settings
 from gs2ci_sims.effects.bayer_filter import BayerFilter
 from gs2ci_sims.effects.finite_contrast import FiniteContrast
 from gs2ci_sims.effects.illumination_flicker import IlluminationFlicker
@@ -82,6 +82,7 @@ class Case:
 EASY = Case("easy", "eight views, a quarter open, little noise", quick=True)
 PERMUTED = "each view is another's, and every one of them is right"
 FOCAL = "a wrong focal length bends path and depth, and explains the views as well"
+BENT = "all views are bent alike, and a bent scene explains them as well"
 BRIGHTER = "masks that are believed dimmer make the scene brighter, and explain the readings as well"
 UNTOLD = "a clipped reading looks like any other"
 
@@ -248,7 +249,9 @@ def _camera() -> Iterator[Case]:
         )
     yield Case("camera", "focal length not known", change=changes.no_camera, says=("focal length",), quick=True)
     yield Case("camera", "off centre by a fifth", change=changes.off_centre(0.2), silent=FOCAL)
-    yield Case("camera", "distortion of -0.2", Bench(effects=(LensDistortion(-0.2),)))
+    bent = Bench(effects=(LensDistortion(-0.2),))
+    yield Case("camera", "distortion of -0.2, known", bent)
+    yield Case("camera", "distortion of -0.2, not told", bent, changes.no_distortion, silent=BENT)
     for name, factor in (("right", 1.0), ("of another unit", 1e6), ("mirrored", -1.0), ("at rest", 0.0)):
         change = changes.telemetry(changes.translations(factor))
         says = ("Not from stage", "The tracks were taken instead") if name in ("mirrored", "at rest") else ()
@@ -288,6 +291,8 @@ def _numbers() -> Iterator[Case]:
         yield _number(
             f"principal point at {value:g} widths", changes.camera(50.0, value), silent=FOCAL, refused=value != 1e4
         )
+    for value in (np.nan, 1e-300, -1e3, 1e12, 1e300):
+        yield _number(f"a distortion of {value:g}", changes.lens(value), refused=value != 1e-300)
     for value in (1e-300, 1e9, 1e300):
         moved = changes.telemetry(changes.translations(value))
         yield _number(f"stage poses × {value:g}", moved, settings=stage_poses, refused=value == 1e300)

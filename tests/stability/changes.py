@@ -185,7 +185,17 @@ def off_centre(share: float) -> Change:
 
 def no_camera(shot: Shot) -> Shot:
     """Know nothing of the camera."""
-    return replace(shot, intrinsics=None)
+    return replace(shot, intrinsics=None, distortion=None)
+
+
+def lens(k1: float) -> Change:
+    """Believe the lens to distort by so much."""
+    return lambda shot: replace(shot, distortion=np.array([k1, 0.0, 0.0, 0.0, 0.0]))
+
+
+def no_distortion(shot: Shot) -> Shot:
+    """Believe the lens to be an ideal one."""
+    return replace(shot, distortion=None)
 
 
 def telemetry(change: Callable[[np.ndarray], np.ndarray]) -> Change:

@@ -31,7 +31,8 @@ from gs2ci.evaluate.metrics import psnr_per_view
 from gs2ci.evaluate.report import build_report
 from gs2ci.reconstruct.fit.coarse import CoarseSettings
 from gs2ci.reconstruct.fit.stopping import HoldOut
-from gs2ci.reconstruct.pipeline import Settings, reconstruct
+from gs2ci.reconstruct.pipeline import reconstruct
+from gs2ci.reconstruct.settings import Settings
 from tests.stability.benches import FULL, Scale
 from tests.stability.cases import CASES, EASY, Case
 

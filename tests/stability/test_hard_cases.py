@@ -13,7 +13,8 @@ from gs2ci.core.storage import write_shots
 from gs2ci.evaluate.report import read_report
 from gs2ci.reconstruct.fit.coarse import CoarseSettings
 from gs2ci.reconstruct.fit.stopping import HoldOut
-from gs2ci.reconstruct.pipeline import Settings, reconstruct
+from gs2ci.reconstruct.pipeline import reconstruct
+from gs2ci.reconstruct.settings import Settings
 
 QUICK = Settings(fit=CoarseSettings(iterations=40, densify_every=10, hold_out=HoldOut(share=0.05, look_every=10)))
 SIZE = (36, 44)

@@ -38,6 +38,7 @@ class ImportOptions:
         cfa: Colour filter array of a single-channel measurement.
         intrinsics: Camera matrix, [3, 3], or fx fy cx cy, in pixels.
         focal_px: Focal length in pixels, principal point at the centre.
+        distortion: Of the lens, OpenCV's k1 k2 p1 p2 k3.
         world_to_camera: True poses, [N, 4, 4], for scoring only.
         truth: True views, for scoring only.
         bad_pixels: What to do with NaN in the measurement.
@@ -57,6 +58,7 @@ class ImportOptions:
     cfa: CfaPattern | None = None
     intrinsics: Array | None = None
     focal_px: float | None = None
+    distortion: Array | None = None
     world_to_camera: Array | None = None
     truth: Array | None = None
     bad_pixels: pixels.BadPixels = "refuse"
@@ -119,6 +121,7 @@ def import_shots(path: Path, masks_path: Path | None, options: ImportOptions) ->
     full = work.full_scale(views, cfa)
     saturated = pixels.clipped(stored, options.saturation, guesses)
     matrix = work.intrinsics()
+    lens = work.distortion(matrix)
     true_poses, telemetry = work.true_poses(), work.poses("telemetry")
     shots = [
         Shot(
@@ -127,6 +130,7 @@ def import_shots(path: Path, masks_path: Path | None, options: ImportOptions) ->
             weights=coding.weights,
             cfa=cfa,
             intrinsics=matrix,
+            distortion=lens,
             truth=Truth(_part(views, k), _part(true_poses, k)),
             telemetry_world_to_camera=_part(telemetry, k),
             saturated=_part(saturated, k),
@@ -240,6 +244,16 @@ class _Import:
             self.guesses.append("camera: no intrinsics given; the focal length will have to be estimated")
             return None
         return camera.intrinsics_from(given, self.readings.shape[1:3], self.guesses)
+
+    def distortion(self, intrinsics: F64 | None) -> F64 | None:
+        """Get the lens's coefficients, [5]: said, or from a file that has the camera matrix as well."""
+        given = self.options.distortion or self._load("distortion")
+        if given is None:
+            return None
+        if intrinsics is None and self.options.distortion is None:
+            self.guesses.append(f"WARNING: {given.where}: a distortion without a camera matrix was left out")
+            return None
+        return camera.distortion_from(given, self.guesses)
 
     def true_poses(self) -> F64 | None:
         """Get the true poses, [K, N, 4, 4], from the user or from the file."""

@@ -1,11 +1,12 @@
-"""Intrinsics and poses as users have them, in the conventions of the house.
+"""Intrinsics, distortion and poses as users have them, in the conventions of the house.
 
-Accepted: [3, 3] (or transposed), four numbers fx fy cx cy, or a focal length with a centred principal point; poses
-[N, 4, 4], [N, 3, 4] or with the counting axis last, world-to-camera or camera-to-world, OpenCV axes. Pixel centres
-lie at +0.5, so a centred principal point is (W/2, H/2). Only `gs2ci.core.foreign` imports this file.
+Accepted: [3, 3] (or transposed), four numbers fx fy cx cy, or a focal length with a centred principal point; OpenCV's
+coefficients of distortion; poses [N, 4, 4], [N, 3, 4] or with the counting axis last, world-to-camera or
+camera-to-world, OpenCV axes. Pixel centres lie at +0.5, so a centred principal point is (W/2, H/2). Only
+`gs2ci.core.foreign` imports this file.
 """
 
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +14,11 @@ from numpy.typing import NDArray
 from gs2ci.core.errors import InputError
 from gs2ci.core.foreign.container import Array
 from gs2ci.core.foreign.pixels import LARGEST
+from gs2ci.core.lens import COEFFICIENTS
 from gs2ci.core.records import F64, check_intrinsics
+
+FEWEST_COEFFICIENTS: Final = 4
+"""OpenCV's smallest model."""
 
 
 def intrinsics_from(given: Array, size: tuple[int, ...], guesses: list[str]) -> F64:
@@ -55,6 +60,26 @@ def centred(focal_px: float, size: tuple[int, ...]) -> F64:
     """Make the camera matrix of square pixels and a centred principal point."""
     height, width = size
     return np.array([[focal_px, 0, width / 2], [0, focal_px, height / 2], [0, 0, 1.0]])
+
+
+def distortion_from(given: Array, guesses: list[str]) -> F64:
+    """Take the coefficients of a lens in OpenCV's order, k1 k2 p1 p2 k3; those of models with more must be zero.
+
+    Raises:
+        InputError: Fewer than four numbers, or more than five that matter.
+    """
+    values = np.asarray(given.values, np.float64).reshape(-1)
+    if len(values) < FEWEST_COEFFICIENTS or values[len(COEFFICIENTS) :].any():
+        raise InputError(
+            f"{given.where}: distortion {values.tolist()}",
+            allowed="OpenCV's k1 k2 p1 p2 and, if it was fitted, k3",
+            remedy="calibrate with the model of five coefficients, or undistort masks and measurement first",
+        )
+    coefficients = np.zeros(len(COEFFICIENTS))
+    coefficients[: min(len(values), len(COEFFICIENTS))] = values[: len(COEFFICIENTS)]
+    told = ", ".join(f"{name} {value:.5g}" for name, value in zip(COEFFICIENTS, coefficients, strict=True))
+    guesses.append(f"lens: {told}")
+    return coefficients
 
 
 def _doubt(matrix: F64, size: tuple[int, ...], guesses: list[str]) -> None:

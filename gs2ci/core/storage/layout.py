@@ -18,6 +18,7 @@
     /calib/weights     [N] f8, share of its nominal interval during which each mask was exposed
     /calib/{dark,flat,off}[_var] [H, W] f4, /calib/affine [2, 3] f8    optional
     /camera/intrinsics [3, 3] f8, pixels, pixel centres at +0.5, optional; /camera/cfa text, optional
+    /camera/distortion [5] f8, OpenCV's k1 k2 p1 p2 k3 beside the intrinsics, optional: none is an ideal pinhole
     /telemetry/world_to_camera   [S, N, 4, 4] f8, optional; a row of NaN: not known for this shot
     /truth/views       [S, N, H, W, C], optional, stored as /masks/calib is; /truth/views_valid [S] u1
     /truth/world_to_camera       [S, N, 4, 4] f8, optional, NaN as above
@@ -105,6 +106,7 @@ class CaptureHeader:
             used on reading the shots, instead of `offset_dn` and of 1.
         cfa: Colour filter array of single-channel readings.
         intrinsics: Camera matrix, [3, 3], pixels.
+        distortion: The lens's coefficients, [5], as in `Shot`.
         stage_axes: How many coordinates a stage position has, K; 0: no stage.
         telemetry: Whether rows bring the stage's poses.
         truth_views: How true views are stored: "" none, "f4", or "u1" (multiples of 1/255).
@@ -126,6 +128,7 @@ class CaptureHeader:
     per_pixel: bool = False
     cfa: CfaPattern | None = None
     intrinsics: F64 | None = None
+    distortion: F64 | None = None
     stage_axes: int = 0
     telemetry: bool = False
     truth_views: Literal["", "f4", "u1"] = ""
@@ -139,7 +142,7 @@ class CaptureHeader:
         """Return self if a file can be laid out from it.
 
         Raises:
-            InputError: Masks, weights, filter array or intrinsics that no shot could have.
+            InputError: Masks, weights, filter array, intrinsics or distortion that no shot could have.
             StorageError: No rows, a scale that is not positive, or an unknown calibration array.
         """
         self.blank_shot().check()
@@ -170,7 +173,9 @@ class CaptureHeader:
         """Make a dark shot with this header, so that one place knows what fits together."""
         height, width = self.masks.shape[1:] if self.masks.ndim == 3 else (1, 1)
         dark = np.zeros((height, width, self.channels), np.float32)
-        return Shot(dark, self.masks, self.weights, cfa=self.cfa, intrinsics=self.intrinsics)
+        return Shot(
+            dark, self.masks, self.weights, cfa=self.cfa, intrinsics=self.intrinsics, distortion=self.distortion
+        )
 
     @property
     def row_shape(self) -> tuple[int, ...]:
@@ -214,6 +219,8 @@ def _create_static(file: h5py.File, header: CaptureHeader) -> None:
     file.create_dataset("calib/weights", data=header.weights.astype(np.float64))
     if header.intrinsics is not None:
         file.create_dataset("camera/intrinsics", data=header.intrinsics.astype(np.float64))
+    if header.distortion is not None:
+        file.create_dataset("camera/distortion", data=header.distortion.astype(np.float64))
     if header.cfa is not None:
         file.create_dataset("camera/cfa", data=header.cfa, dtype=h5py.string_dtype())
     for key, array in header.calibration.items():

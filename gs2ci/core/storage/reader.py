@@ -161,6 +161,7 @@ class CaptureFile:
             weights=self.require("calib/weights", axes=1).astype(np.float32),
             cfa=cfa,  # type: ignore[arg-type]  # Shot.check refuses any other text
             intrinsics=self.array("camera/intrinsics", axes=2),
+            distortion=self.array("camera/distortion", axes=1),
             truth=Truth(self.true_views(row), self.poses("truth/world_to_camera", row)),
             telemetry_world_to_camera=self.poses("telemetry/world_to_camera", row),
             saturated=saturated,

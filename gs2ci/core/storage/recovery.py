@@ -99,6 +99,7 @@ def _header(capture: CaptureFile, rows: list[int]) -> CaptureHeader:
         per_pixel=capture.number("meas", "per_pixel", 0.0) == 1,
         cfa=capture.text("camera/cfa"),  # type: ignore[arg-type]  # CaptureHeader.check refuses any other text
         intrinsics=capture.array("camera/intrinsics", axes=2),
+        distortion=capture.array("camera/distortion", axes=1),
         stage_axes=stage.shape[2] if stage is not None and stage.ndim == 3 else 0,
         telemetry=capture.numbers("telemetry/world_to_camera") is not None,
         truth_views="" if views is None else "u1" if views.dtype == np.uint8 else "f4",

@@ -299,6 +299,7 @@ def _header_of(shots: Sequence[Shot], config: str) -> CaptureHeader:
         reading="f4",
         cfa=first.cfa,
         intrinsics=first.intrinsics,
+        distortion=first.distortion,
         telemetry=any(shot.telemetry_world_to_camera is not None for shot in shots),
         truth_views=("u1" if in_bytes else "f4") if views else "",
         truth_poses=any(shot.truth.world_to_camera is not None for shot in shots),
@@ -316,6 +317,7 @@ def _check_alike(path: Path, shots: Sequence[Shot]) -> None:
             "weights": np.array_equal(first.weights, shot.weights),
             "channels": first.measurement.shape == shot.measurement.shape and first.cfa == shot.cfa,
             "intrinsics": _same(first.intrinsics, shot.intrinsics),
+            "distortion": _same(first.distortion, shot.distortion),
         }
         different = [what for what, equal in same.items() if not equal]
         if different:

@@ -58,7 +58,7 @@ def outcome(report: Report) -> Outcome:
     if report["verdict"] == "decode":
         return Outcome(f"{count} from one exposure; the scene does not explain them yet", "Views only", "poor")
     missing = {
-        "rotation_only": "the camera only turned, so depth stays open",
+        "rotation_only": "rotations alone explain the points, so depth stays open",
         "static": "the camera stood still, so depth stays open",
         "unsupported": "camera path and depth are not supported",
     }

@@ -26,8 +26,9 @@ from gs2ci.evaluate.trajectory import trajectory_errors
 from gs2ci.reconstruct.costs import CostModel
 from gs2ci.reconstruct.decode.gap_tv import gap_tv
 from gs2ci.reconstruct.fit.stopping import Jury, choose_heldout
-from gs2ci.reconstruct.pipeline import Settings, reconstruct
+from gs2ci.reconstruct.pipeline import reconstruct
 from gs2ci.reconstruct.presets import PRESETS, rescheduled
+from gs2ci.reconstruct.settings import Settings
 
 Row = dict[str, Any]
 

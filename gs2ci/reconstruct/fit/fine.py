@@ -262,6 +262,7 @@ def make_pseudo(coarse: CoarseFit, renderer: ShotRenderer, prior: ImagePrior, re
         ),
         details=np.ascontiguousarray(details, np.float32),
         intrinsics=renderer.intrinsics.double().numpy(),
+        distortion=renderer.distortion,
     )
     return Pseudo(at, torch.from_numpy(prior(question)), alphas)
 

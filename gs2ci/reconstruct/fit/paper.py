@@ -13,7 +13,7 @@ from gs2ci.reconstruct.fit.losses import LossWeights
 from gs2ci.reconstruct.fit.optimiser import StepSizes
 from gs2ci.reconstruct.fit.poses import PoseSettings
 from gs2ci.reconstruct.fit.stopping import HoldOut
-from gs2ci.reconstruct.pipeline import Settings
+from gs2ci.reconstruct.settings import Settings
 from gs2ci.render.settings import RasterSettings
 
 _ITERATIONS: Final = 20_000

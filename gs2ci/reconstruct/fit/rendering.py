@@ -27,6 +27,7 @@ class ShotRenderer:
 
     def __init__(self, shot: Shot, intrinsics: F64, backend: Backend) -> None:
         self.size = shot.size
+        self.distortion = shot.distortion
         self.intrinsics = torch.from_numpy(intrinsics).float()
         self._backend = backend
         self._coding = backend.code(torch.from_numpy(shot.masks * shot.weights[:, None, None]))

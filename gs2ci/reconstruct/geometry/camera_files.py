@@ -18,12 +18,17 @@ import pycolmap
 
 from gs2ci.core.errors import InputError
 from gs2ci.core.json_text import parse_json
+from gs2ci.core.lens import COEFFICIENTS
 from gs2ci.core.records import F64, check_intrinsics
 
 # nerfstudio and OpenGL look along −z with y up; OpenCV and COLMAP look along +z with y down.
 _OPENGL_FROM_OPENCV: Final = np.diag([1.0, -1.0, -1.0, 1.0])
 _PINHOLES: Final = ("PINHOLE", "SIMPLE_PINHOLE")
-_DISTORTIONS: Final = ("k1", "k2", "k3", "k4", "p1", "p2")
+# In COLMAP's order of parameters after the camera matrix, which is OpenCV's.
+_LENSES: Final = {"OPENCV": 4, "FULL_OPENCV": 8}
+_MORE_COEFFICIENTS: Final = ("k4", "k5", "k6")
+# The coefficients of one lens agree but for the digits that a text file keeps.
+_COEFFICIENT_TOLERANCE: Final = 1e-5
 _ALLOWED: Final = "the folder of a COLMAP model (cameras, images, points3D), or a transforms.json"
 # Shapes of a sensor and of its reduced pictures agree but for rounding to whole pixels.
 _ASPECT_TOLERANCE: Final = 0.02
@@ -38,27 +43,30 @@ class CameraFile:
     Args:
         world_to_camera: [N, 4, 4], OpenCV axes, in the order of the names.
         intrinsics: One camera matrix for all, [3, 3], in pixels of the measurement.
+        distortion: Of their lens: k1 k2 p1 p2 k3 and more, [5 + ...]; zeros for a pinhole.
         points: Of the scene, [P, 3]; P is 0 where the file has none.
         names: Of the pictures, in that order.
     """
 
     world_to_camera: F64
     intrinsics: F64
+    distortion: F64
     points: F64
     names: tuple[str, ...]
 
 
-def read_cameras(path: Path, views: int, size: tuple[int, int]) -> CameraFile:
+def read_cameras(path: Path, views: int, size: tuple[int, int], distortion: F64 | None = None) -> CameraFile:
     """Read cameras for a measurement.
 
     Args:
         path: A COLMAP model's folder, or a transforms.json.
         views: How many there must be.
         size: Height and width of the measurement, px; cameras of pictures of another size are scaled.
+        distortion: What is known of the lens, [5]; None: a pinhole.
 
     Raises:
-        InputError: No such file, it cannot be read, it holds another number of cameras, several or distorted cameras,
-            or pictures of another shape.
+        InputError: No such file, it cannot be read, it holds another number of cameras, several, cameras with another
+            distortion than the known one or none, or pictures of another shape.
     """
     if path.is_dir():
         found = _colmap(path, size)
@@ -71,11 +79,25 @@ def read_cameras(path: Path, views: int, size: tuple[int, int]) -> CameraFile:
             f"{path} holds {len(found.names)} cameras for {views} views",
             allowed=f"{views} cameras, one for each mask, named in the order of exposure",
         )
+    _check_lens(path, found.distortion, distortion)
     check_intrinsics(found.intrinsics)
     rotations = found.world_to_camera[:, :3, :3]
     if not np.isfinite(found.world_to_camera).all() or not _are_rotations(rotations):
         raise InputError(f"{path} holds poses that are no rigid motions", remedy="check its matrices")
     return found
+
+
+def _check_lens(path: Path, found: F64, known: F64 | None) -> None:
+    """Accept a pinhole, whose pictures were undistorted, and the lens that is known."""
+    expected = np.zeros(len(found)) if known is None else np.pad(known, (0, len(found) - len(known)))
+    if not found.any() or np.allclose(found, expected, rtol=0, atol=_COEFFICIENT_TOLERANCE):
+        return
+    names = [name for name, value in zip((*COEFFICIENTS, *_MORE_COEFFICIENTS), found, strict=True) if value]
+    raise InputError(
+        f"{path} holds a distorted camera ({', '.join(names)})",
+        allowed="a pinhole camera, or the lens that the shot is known to have",
+        remedy="undistort the pictures and their cameras first, or import the shot with its distortion",
+    )
 
 
 def _are_rotations(rotations: F64) -> bool:
@@ -96,12 +118,15 @@ def _colmap(folder: Path, size: tuple[int, int]) -> CameraFile:
     if len(cameras) != 1:
         raise InputError(f"{folder} holds {len(cameras)} cameras with pictures", allowed="one camera for all views")
     camera = model.cameras[cameras.pop()]
-    if camera.model_name not in _PINHOLES:
+    if camera.model_name not in (*_PINHOLES, *_LENSES):
         raise InputError(
             f"{folder} holds a {camera.model_name} camera",
-            allowed=" or ".join(_PINHOLES),
+            allowed=" or ".join((*_PINHOLES, *_LENSES)),
             remedy="undistort the pictures and their cameras first",
         )
+    bent = _LENSES.get(camera.model_name, 0)
+    lens = np.zeros(len(COEFFICIENTS) + len(_MORE_COEFFICIENTS))
+    lens[:bent] = np.asarray(camera.params)[len(camera.params) - bent :]
     poses = np.tile(np.eye(4), (len(images), 1, 1))
     for pose, image in zip(poses, images, strict=True):
         pose[:3] = image.cam_from_world().matrix()
@@ -109,6 +134,7 @@ def _colmap(folder: Path, size: tuple[int, int]) -> CameraFile:
     return CameraFile(
         poses,
         _scaled(camera.calibration_matrix(), (camera.height, camera.width), size, folder),
+        lens,
         points,
         tuple(image.name for image in images),
     )
@@ -128,21 +154,15 @@ def _transforms(path: Path, size: tuple[int, int]) -> CameraFile:
                 [0, 0, 1],
             ]
         )
-        distorted = [key for key in _DISTORTIONS if float(held.get(key, 0)) != 0]
+        lens = np.array([float(held.get(key, 0)) for key in (*COEFFICIENTS, *_MORE_COEFFICIENTS)])
         poses = _OPENGL_FROM_OPENCV @ np.linalg.inv(camera_to_world)
     except (OSError, ValueError, KeyError, TypeError, AttributeError, np.linalg.LinAlgError) as error:
         raise InputError(
             f"{path} is no transforms.json: {type(error).__name__}: {error}",
             allowed="frames with file_path and transform_matrix, and fl_x or camera_angle_x",
         ) from error
-    if distorted:
-        raise InputError(
-            f"{path} holds a distorted camera ({', '.join(distorted)})",
-            allowed="a pinhole camera",
-            remedy="undistort the pictures and their cameras first",
-        )
     names = tuple(str(frame["file_path"]) for frame in frames)
-    return CameraFile(poses, _scaled(matrix, (height, width), size, path), np.empty((0, 3)), names)
+    return CameraFile(poses, _scaled(matrix, (height, width), size, path), lens, np.empty((0, 3)), names)
 
 
 def _scaled(matrix: F64, have: tuple[int, int], want: tuple[int, int], path: Path) -> F64:

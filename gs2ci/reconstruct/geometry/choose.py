@@ -64,7 +64,7 @@ class Auto:
     def __call__(self, request: Request, progress: Progress) -> Geometry:
         """Find the geometry; see `GeometryPrior`."""
         stands = FromTracks()(request, progress)
-        left = unexplained(request.shot, request.views, stands)
+        left = unexplained(request.shot, request.views, stands, request.lens)
         said = [f"tracks {stands.verdict}, {left:.4f} unexplained"]
         for name in _others(request):
             try:
@@ -72,7 +72,7 @@ class Auto:
             except Gs2ciError as error:
                 said.append(f"{name} failed ({error.problem})")
                 continue
-            others = unexplained(request.shot, request.views, found)
+            others = unexplained(request.shot, request.views, found, request.lens)
             said.append(f"{name} {found.verdict}, {others:.4f} unexplained")
             if found.verdict == "full" and (stands.verdict != "full" or others < _CLEARLY * left):
                 stands, left = found, others

@@ -15,6 +15,7 @@ import torch
 from gs2ci.core.records import F32, F64, Shot
 from gs2ci.reconstruct.coding import Coding
 from gs2ci.reconstruct.geometry.initialise import Geometry
+from gs2ci.reconstruct.lens import Lens
 
 # A pixel's place in the middle view and the depth there depend on each other; the motion is small, so they settle.
 _STEPS: Final = 4
@@ -22,7 +23,7 @@ _STEPS: Final = 4
 _OUTSIDE_PX: Final = 1e4
 
 
-def unexplained(shot: Shot, views: F32, geometry: Geometry) -> float:
+def unexplained(shot: Shot, views: F32, geometry: Geometry, lens: Lens | None = None) -> float:
     """Return the root mean square of the measurement that the carried middle view leaves, in the measurement's unit.
 
     Args:
@@ -30,17 +31,23 @@ def unexplained(shot: Shot, views: F32, geometry: Geometry) -> float:
         views: Proxy views, [N, H, W, C]; the middle one is looked at.
         geometry: What to judge. Pixels that it sends outside take the nearest at the rim, so that a path that looks
             elsewhere gains nothing by it.
+        lens: Through which the measurement was taken; views and geometry are then its canvas's.
     """
-    left = Coding.of(shot).forward(torch.from_numpy(carried_views(views, geometry))).numpy() - shot.measurement
+    carried = carried_views(views, geometry, lens)
+    left = Coding.of(shot).forward(torch.from_numpy(carried)).numpy() - shot.measurement
     coded = (shot.masks * shot.weights[:, None, None]).any(axis=0)
     if shot.saturated is not None:
         coded &= ~shot.saturated
     return float(np.sqrt(np.mean(left[coded] ** 2, dtype=np.float64))) if coded.any() else 0.0
 
 
-def carried_views(views: F32, geometry: Geometry) -> F32:
-    """Show the middle one of views, [N, H, W, C], as it should look from every pose of a geometry."""
-    return np.stack([carried_view(views[geometry.reference], geometry, i) for i in range(len(views))])
+def carried_views(views: F32, geometry: Geometry, lens: Lens | None = None) -> F32:
+    """Show the middle one of views, [N, H, W, C], as the sensor should see it from every pose of a geometry.
+
+    Behind a lens, views and geometry are its canvas's, and the result, [N, H, W, C], has the sensor's size.
+    """
+    carried = np.stack([carried_view(views[geometry.reference], geometry, i) for i in range(len(views))])
+    return carried if lens is None else lens.bent(carried)
 
 
 def carried_view(reference: F32, geometry: Geometry, view: int) -> F32:

@@ -63,8 +63,8 @@ class FromVggt:
             retry = order.name != "in order"
             wanted = replace(request, settings=_more_tracks(request.settings)) if retry else request
             if retry not in tracks:
-                tracks[retry] = usable_tracks(wanted.views, wanted.settings)
-            if doubts_about_tracks(tracks[retry], wanted.shot.size, wanted.settings.criteria) and first is not None:
+                tracks[retry] = usable_tracks(wanted.views, wanted.settings, wanted.seen)
+            if doubts_about_tracks(tracks[retry], wanted.size, wanted.settings.criteria) and first is not None:
                 said.append(f"{order.name}: too few tracks")
                 continue
             try:
@@ -129,10 +129,10 @@ def gated_camera(request: Request, prediction: Prediction, tracks: Tracks) -> Ca
     A known camera matrix always stands. Otherwise the prediction counts where its views agree, where it lies among
     lenses that exist, and where the tracks, if they tell a focal length, tell no other one.
     """
-    settings, size = request.settings, request.shot.size
+    settings, size = request.settings, request.size
     criteria = settings.criteria
     focal = float(np.median(prediction.focal_px))
-    known = request.shot.intrinsics
+    known = request.intrinsics
     if known is not None:
         factor = _factor(focal, known[0, 0])
         doubt = f"VGGT takes the focal length for {focal:.0f} px where {known[0, 0]:.0f} px is known."
@@ -174,7 +174,7 @@ def _supported(
     progress: Progress,
 ) -> Geometry | None:
     """Take the prediction as the tracks bear it out, adjusted if possible; None, and the reasons in `said`, if not."""
-    if doubts := doubts_about_tracks(tracks, request.shot.size, request.settings.criteria):
+    if doubts := doubts_about_tracks(tracks, request.size, request.settings.criteria):
         said.append(f"{order}: {' '.join(doubts).rstrip('.')}")
         return None
     steps: tuple[Step, ...] = ("after adjustment", "before adjustment")
@@ -186,9 +186,9 @@ def _supported(
                 huber = request.settings.motion.huber_px
                 bundle = adjust_bundle(tracks, poses, intrinsics, huber, refine_focal=refine)
                 poses, intrinsics = bundle.world_to_camera, bundle.intrinsics
-            reasons = shortcomings(tracks, poses, intrinsics, camera, step, request.shot.size, request.settings)
+            reasons = shortcomings(tracks, poses, intrinsics, camera, step, request.size, request.settings)
             if not reasons:
-                found = initialise(request.views, intrinsics, request.settings, progress, poses)
+                found = initialise(request.views, intrinsics, request.settings, progress, poses, request.seen)
                 reasons = () if found.verdict == "full" else found.notes
         except GeometryError as error:
             reasons = (error.problem,)

@@ -9,8 +9,9 @@ from typing import Protocol
 
 from gs2ci.core.errors import GeometryError, NumericsError
 from gs2ci.core.progress import Progress
-from gs2ci.core.records import F32, Shot
+from gs2ci.core.records import F32, F64, Shot
 from gs2ci.reconstruct.geometry.initialise import Geometry, GeometrySettings, initialise
+from gs2ci.reconstruct.lens import Bool, Lens, straightened
 
 
 @dataclass(frozen=True)
@@ -19,13 +20,36 @@ class Request:
 
     Args:
         shot: The measurement as far as it may be seen, with what the file says of camera and stage.
-        views: Proxy views to look at, [N, H, W, C] float32 in [0, 1], in the order of exposure.
+        views: Proxy views to look at, [N, H, W, C] float32 in [0, 1], in the order of exposure; behind a lens that
+            distorts, as its canvas shows them.
         settings: Of tracks, motion, depth, and the criteria of validity.
+        lens: The shot's, unless it is a pinhole.
     """
 
     shot: Shot
     views: F32
     settings: GeometrySettings = field(default_factory=GeometrySettings)
+    lens: Lens | None = None
+
+    @classmethod
+    def of(cls, shot: Shot, views: F32, settings: GeometrySettings, lens: Lens | None) -> "Request":
+        """Ask about views, [N, H, W, C], as the sensor sees them."""
+        return cls(shot, straightened(views, lens), settings, lens)
+
+    @property
+    def intrinsics(self) -> F64 | None:
+        """Get the camera matrix of the views, [3, 3], if it is known."""
+        return self.shot.intrinsics if self.lens is None else self.lens.canvas_intrinsics
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Get height and width of the views, px."""
+        return int(self.views.shape[1]), int(self.views.shape[2])
+
+    @property
+    def seen(self) -> Bool | None:
+        """Get which pixels of the views the sensor sees, [H, W]; None: all."""
+        return None if self.lens is None else self.lens.seen
 
 
 class GeometryPrior(Protocol):
@@ -49,7 +73,7 @@ class GeometryPrior(Protocol):
 
 def from_tracks(request: Request, progress: Progress) -> Geometry:
     """Find the geometry in the views themselves: what every other source falls back to."""
-    return initialise(request.views, request.shot.intrinsics, request.settings, progress)
+    return initialise(request.views, request.intrinsics, request.settings, progress, seen=request.seen)
 
 
 def find_geometry(prior: GeometryPrior, request: Request, progress: Progress) -> Geometry:

@@ -43,7 +43,7 @@ class FromStage:
     def __call__(self, request: Request, progress: Progress) -> Geometry:
         """Find the geometry; see `GeometryPrior`."""
         poses = poses_of_stage(request.shot)
-        found = initialise(request.views, request.shot.intrinsics, request.settings, progress, poses)
+        found = initialise(request.views, request.intrinsics, request.settings, progress, poses, request.seen)
         return replace(found, source=self.name)
 
 
@@ -63,9 +63,12 @@ class FromFile:
 
         The tracks give the scale of the depths; where there are too few of them, the file's points do.
         """
-        cameras = read_cameras(self.path, request.shot.views, request.shot.size)
-        notes = _focal_notes(cameras.intrinsics, request.shot.intrinsics)
-        found = initialise(request.views, cameras.intrinsics, request.settings, progress, cameras.world_to_camera)
+        cameras = read_cameras(self.path, request.shot.views, request.shot.size, request.shot.distortion)
+        notes = _focal_notes(cameras.intrinsics, request.shot.intrinsics, straight=request.lens is None)
+        if request.lens is not None:
+            cameras = replace(cameras, intrinsics=request.lens.canvas_intrinsics)
+        poses = cameras.world_to_camera
+        found = initialise(request.views, cameras.intrinsics, request.settings, progress, poses, request.seen)
         if found.verdict != "full" and len(cameras.points):
             found = swept_between_points(request, cameras, found)
         return replace(found, source=self.name, notes=(*notes, *found.notes))
@@ -104,10 +107,12 @@ def swept_between_points(request: Request, cameras: CameraFile, without: Geometr
     )
 
 
-def _focal_notes(of_file: F64, of_shot: F64 | None) -> tuple[str, ...]:
+def _focal_notes(of_file: F64, of_shot: F64 | None, *, straight: bool) -> tuple[str, ...]:
+    """Say whose focal length is taken where they differ: behind a lens the shot's, which was measured with it."""
     if of_shot is None or abs(of_file[0, 0] / of_shot[0, 0] - 1) <= _FOCAL_DOUBT:
         return ()
+    taken = "the file's is taken, as its poses" if straight else "the shot's is taken, as its distortion"
     return (
-        f"The camera file's focal length is {of_file[0, 0]:.0f} px, the shot's {of_shot[0, 0]:.0f} px; the file's is "
-        "taken, as its poses belong to it.",
+        f"The camera file's focal length is {of_file[0, 0]:.0f} px, the shot's {of_shot[0, 0]:.0f} px; {taken} belong"
+        f"{'' if straight else 's'} to it.",
     )

@@ -161,6 +161,14 @@ def refine_tracks(views: F32, reference: int, predicted: F64, settings: TrackSet
     return Tracks(positions, reference)
 
 
+def within(tracks: Tracks, shown: Bool) -> Tracks:
+    """Forget sightings where a view shows nothing, [H, W], and points that lie there in the reference view."""
+    height, width = shown.shape
+    at = np.nan_to_num(tracks.positions).astype(int).clip(0, (width - 1, height - 1))
+    positions = np.where(shown[at[..., 1], at[..., 0]][..., None], tracks.positions, np.nan)
+    return Tracks(positions, tracks.reference).keep(~np.isnan(positions[:, tracks.reference, 0]))
+
+
 def _follow(
     images: list[NDArray[np.uint8]], reference: int, order: range, positions: F64, settings: TrackSettings
 ) -> None:

@@ -38,12 +38,14 @@ class Question:
         recovered: The scene as rendered from the recovered cameras.
         details: What the measurement's residual adds to the recovered cameras' views, [N, H, W, 3] float32.
         intrinsics: Camera matrix in px, [3, 3].
+        distortion: Of the lens through which all of them are seen, [5] as in `Shot`; None for a pinhole.
     """
 
     pseudo: Seen
     recovered: Seen
     details: F32
     intrinsics: F64
+    distortion: F64 | None = None
 
 
 class ImagePrior(Protocol):

@@ -15,8 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gs2ci.core.errors import InputError
+from gs2ci.core.lens import distorted, undistorted
 from gs2ci.core.records import F32, F64
-from gs2ci.reconstruct.priors2d.base import Question, Seen, check_targets
+from gs2ci.reconstruct.priors2d.base import Question, check_targets
 
 
 @dataclass(frozen=True)
@@ -50,7 +51,7 @@ class ConsistentDetail:
 
     def _seen_from(self, question: Question, view: int, camera: int) -> F32:
         """Warp a camera's detail into a pseudo-view, [H, W, 3]; NaN where it does not see the same point."""
-        pixels, depth = _project(question.pseudo, view, question.recovered.world_to_camera[camera], question.intrinsics)
+        pixels, depth = _project(question, view, question.recovered.world_to_camera[camera])
         x, y = (np.ascontiguousarray(pixels[..., k], np.float32) for k in (0, 1))
         border = {"borderMode": cv2.BORDER_CONSTANT, "borderValue": 0}
         found = cv2.remap(question.recovered.depths[camera], x, y, cv2.INTER_NEAREST, **border)
@@ -60,15 +61,20 @@ class ConsistentDetail:
         return np.where(same[..., None], detail, np.float32(np.nan))
 
 
-def _project(pseudo: Seen, view: int, camera_from_world: F64, intrinsics: F64) -> tuple[F64, F64]:
+def _project(question: Question, view: int, camera_from_world: F64) -> tuple[F64, F64]:
     """Find the array coordinates, [H, W, 2], and depths, [H, W], of a pseudo-view's points in a camera; NaN if none."""
+    pseudo, intrinsics, distortion = question.pseudo, question.intrinsics, question.distortion
     depth = pseudo.depths[view].astype(np.float64)
     height, width = depth.shape
     y, x = np.mgrid[:height, :width] + 0.5
     rays = np.stack([x, y, np.ones_like(x)], axis=-1) @ np.linalg.inv(intrinsics).T
+    if distortion is not None:
+        rays[..., :2] = undistorted(rays[..., :2], distortion)
     camera_from_view = camera_from_world @ np.linalg.inv(pseudo.world_to_camera[view])
     points = (rays * depth[..., None]) @ camera_from_view[:3, :3].T + camera_from_view[:3, 3]
     there = np.where((depth > 0) & (points[..., 2] > 0), points[..., 2], np.nan)
+    if distortion is not None:
+        points[..., :2] = distorted(points[..., :2] / there[..., None], distortion) * there[..., None]
     # OpenCV's first pixel has its centre at 0, ours at 0.5.
     pixels: F64 = (points @ intrinsics.T)[..., :2] / there[..., None] - 0.5
     return np.nan_to_num(pixels, nan=-2.0, posinf=-2.0, neginf=-2.0), there

@@ -1,7 +1,7 @@
 """Which proxy for which masks: the multiplicity and the rule (paper, eq. 3).
 
-Here: the rule and what happens when it cannot be kept. Not here: the two constructions (`eni`, `amdi`). The geometry
-stage and the commands import this file.
+Here: the rule, what happens when it cannot be kept, and the decoded views instead. Not here: the two constructions
+(`eni`, `amdi`). The pipeline, the tables and the commands import this file.
 """
 
 from dataclasses import dataclass
@@ -15,6 +15,7 @@ from gs2ci.reconstruct.proxies.amdi import mask_decoded_views
 from gs2ci.reconstruct.proxies.eni import energy_normalised_views
 
 ProxyMethod = Literal["eni", "amdi"]
+ProxyName = Literal["gap-tv", "eni", "amdi"]
 
 # τ_μ: from so many views in a pixel on, a normalised sample is a mixture and no longer a view.
 MULTIPLICITY_THRESHOLD: Final = 4.0
@@ -72,3 +73,17 @@ def build_proxies(shot: Shot, method: ProxyMethod | Literal["auto"] = "auto") ->
     if chosen == "eni":
         views = energy_normalised_views(shot)
     return Proxies(np.clip(views, 0, 1), chosen, multiplicity(shot), note)
+
+
+def geometry_views(seen: Shot, decoded: F32, proxy: ProxyName) -> F32:
+    """Return the views that the geometry stage looks at, [N, H, W, C].
+
+    Args:
+        seen: The measurement as far as it may be seen.
+        decoded: Its views as GAP-TV decodes them.
+        proxy: Which views are wanted.
+
+    Raises:
+        InputError: The masks do not allow the proxies that are wanted.
+    """
+    return decoded if proxy == "gap-tv" else build_proxies(seen, proxy).views

@@ -17,6 +17,7 @@ from gs2ci.render.cpu.passes import camera_fields
 from gs2ci.render.cpu.workspace import Pool
 from gs2ci.render.gaussians import Gaussians
 from gs2ci.render.inputs import check_masks, check_rendering, check_screen, check_size
+from gs2ci.render.sampling import Sampling, check_sampling
 from gs2ci.render.screen import ScreenStatistics
 from gs2ci.render.settings import RasterSettings
 
@@ -28,6 +29,7 @@ class CpuCoding(Coding):
     """A mask set compacted into cells."""
 
     layout: Layout
+    sampling: Sampling | None = None
 
 
 class CpuBackend:
@@ -47,7 +49,7 @@ class CpuBackend:
         self._pool = Pool()
         # Apart from the others, which are much larger.
         self._list_pool = Pool()
-        self._full_layouts: OrderedDict[tuple[int, int, int], Layout] = OrderedDict()
+        self._full_layouts: OrderedDict[tuple[int, int, int, Sampling | None], Layout] = OrderedDict()
 
     @property
     def idle_workspaces(self) -> int:
@@ -59,12 +61,13 @@ class CpuBackend:
         """Get how many workspaces wait for the next lists that outlive a rendering."""
         return self._list_pool.idle
 
-    def code(self, masks: Tensor) -> CpuCoding:
+    def code(self, masks: Tensor, sampling: Sampling | None = None) -> CpuCoding:
         """Compact the open pixels of a mask set; see `Backend.code`."""
         check_masks(masks)
         values = np.ascontiguousarray(masks.detach().numpy(), dtype=np.float32)
         views, height, width = values.shape
-        return CpuCoding(views, (height, width), lay_out(values))
+        check_sampling(sampling, (height, width))
+        return CpuCoding(views, (height, width), lay_out(values, sampling=sampling), sampling)
 
     def reuse(self) -> CpuReuse:
         """Share lists of Gaussians among renderings; see `Backend.reuse`."""
@@ -95,7 +98,8 @@ class CpuBackend:
         target = CodedSum(coding.layout)
         # Lists that serve once lie in the rendering's own workspace, without a margin.
         kept = reuse if self._settings.relist_every > 1 else None
-        return self._run(target, scene, scene.colours, world_to_camera, intrinsics, screen, kept)[0]
+        camera = _on_canvas(intrinsics, coding.sampling)
+        return self._run(target, scene, scene.colours, world_to_camera, camera, screen, kept)[0]
 
     def views(
         self,
@@ -104,13 +108,15 @@ class CpuBackend:
         intrinsics: Tensor,
         size: tuple[int, int],
         colours: Tensor | None = None,
+        sampling: Sampling | None = None,
     ) -> tuple[Tensor, Tensor]:
         """Render whole views; see `Backend.views`."""
         check_size(size)
+        check_sampling(sampling, size)
         check_rendering(scene, world_to_camera, intrinsics, colours=colours)
-        target = ViewImages(self._full_layout((int(world_to_camera.shape[0]), *size)))
+        target = ViewImages(self._full_layout((int(world_to_camera.shape[0]), *size), sampling))
         used = scene.colours if colours is None else colours
-        images, alphas = self._run(target, scene, used, world_to_camera, intrinsics)
+        images, alphas = self._run(target, scene, used, world_to_camera, _on_canvas(intrinsics, sampling))
         return images, alphas
 
     def _run(
@@ -134,11 +140,16 @@ class CpuBackend:
         outputs: tuple[Tensor, ...] = Rasterise.apply(job, *(p.to(torch.float32) for p in parameters))
         return outputs
 
-    def _full_layout(self, shape: tuple[int, int, int]) -> Layout:
-        layout = self._full_layouts.pop(shape, None)
+    def _full_layout(self, shape: tuple[int, int, int], sampling: Sampling | None) -> Layout:
+        key = (*shape, sampling)
+        layout = self._full_layouts.pop(key, None)
         if layout is None:
-            layout = lay_out(np.ones(shape, np.float32))
-        self._full_layouts[shape] = layout
+            layout = lay_out(np.ones(shape, np.float32), sampling=sampling)
+        self._full_layouts[key] = layout
         if len(self._full_layouts) > _FULL_LAYOUTS_KEPT:
             self._full_layouts.popitem(last=False)
         return layout
+
+
+def _on_canvas(intrinsics: Tensor, sampling: Sampling | None) -> Tensor:
+    return intrinsics if sampling is None else sampling.intrinsics_of_canvas(intrinsics)

@@ -51,10 +51,10 @@ class ViewImages:
 
     def collect(self, cells: F32) -> tuple[Tensor, ...]:
         """Turn cells into images and alphas."""
-        views, pixels = self.layout.views, self.layout.height * self.layout.width
+        views, pixels = self.layout.views, self.layout.size[0] * self.layout.size[1]
         images, alphas = np.empty((views, pixels * 3), np.float32), np.empty((views, pixels), np.float32)
         cells_to_views(cells, self.layout.pixel, self.layout.cell_start, images, alphas)
-        size = (views, self.layout.height, self.layout.width)
+        size = (views, *self.layout.size)
         return torch.from_numpy(images).view(*size, 3), torch.from_numpy(alphas).view(size)
 
     def spread(self, gradients: tuple[Tensor, ...], workspace: Workspace) -> F32:
@@ -75,9 +75,9 @@ class CodedSum:
     def collect(self, cells: F32) -> tuple[Tensor, ...]:
         """Add the cells up under their masks."""
         layout = self.layout
-        coded = np.zeros(layout.height * layout.width * 3, np.float32)
+        coded = np.zeros(layout.size[0] * layout.size[1] * 3, np.float32)
         cells_to_coded(cells, layout.pixel, layout.weight, layout.cell_start, layout.first, layout.last, coded)
-        return (torch.from_numpy(coded).view(layout.height, layout.width, 3),)
+        return (torch.from_numpy(coded).view(*layout.size, 3),)
 
     def spread(self, gradients: tuple[Tensor, ...], workspace: Workspace) -> F32:
         """Weigh the gradient of the sum by the masks."""

@@ -3,7 +3,8 @@
 A mask set opens a quarter of the pixels, scattered; a vector of 16 neighbouring pixels would waste twelve lanes on
 closed ones. So the open pixels are compacted, once per mask set: each view is cut into strips of a few rows, the
 open pixels of a strip are listed column by column, and the list is cut into cells of exactly 16. An interval of
-columns in a strip is then a contiguous range of cells. Only `gs2ci.render.cpu` imports this file.
+columns in a strip is then a contiguous range of cells. Behind a lens, strips and columns are those of the canvas on
+which the pixels look. Only `gs2ci.render.cpu` imports this file.
 """
 
 import math
@@ -15,9 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gs2ci.render.cpu.vector import LANES
+from gs2ci.render.sampling import Sampling
 
 STRIP_ROWS_RANGE: Final = (2, 32)
 _OPEN_SHARE_FLOOR: Final = 1e-3
+# Gaussians are listed by the columns and rows whose centres they reach; a place within a pixel is this far from it.
+_WITHIN_PIXEL_PX: Final = 0.5
 
 
 @dataclass(frozen=True)
@@ -26,23 +30,27 @@ class Layout:
 
     Args:
         views: V.
-        height: H, px.
-        width: W, px.
+        size: Height and width of the images, H and W, px.
+        height: Of the frame that Gaussians are projected into, px; H unless pixels look elsewhere.
+        width: Likewise.
+        margin_px: How far a pixel may look from the centre of its column and row.
         strip_rows: Rows in a strip.
         cell_start: The cells of view v are cell_start[v] ... cell_start[v + 1], [V + 1] int64.
-        x: Pixel centres, [cells * 16] float32. Spare lanes of a strip's last cell repeat its last pixel, so
-            that they never keep a cell alive longer than its pixels do.
+        x: Where pixels look, at their centres without a lens, [cells * 16] float32. Spare lanes of a strip's last
+            cell repeat its last pixel, so that they never keep a cell alive longer than its pixels do.
         y: Likewise.
-        pixel: y * W + x of each lane, [cells * 16] int32.
+        pixel: Row times W plus column of each lane, [cells * 16] int32.
         weight: Mask value of each lane, [cells * 16] float32; 0 in spare lanes.
         first: First cell of the strip (counted within its view) with a pixel at this column or right of it,
-            [V, strips, W] int32.
-        last: Last cell of the strip with a pixel at this column or left of it, [V, strips, W] int32.
+            [V, strips, width] int32.
+        last: Last cell of the strip with a pixel at this column or left of it, [V, strips, width] int32.
     """
 
     views: int
+    size: tuple[int, int]
     height: int
     width: int
+    margin_px: float
     strip_rows: int
     cell_start: NDArray[np.int64]
     x: NDArray[np.float32]
@@ -77,42 +85,50 @@ def strip_rows_for(open_share: float) -> int:
     return int(np.clip(round(square), *STRIP_ROWS_RANGE))
 
 
-def lay_out(masks: NDArray[np.float32], strip_rows: int | None = None) -> Layout:
+def lay_out(masks: NDArray[np.float32], strip_rows: int | None = None, sampling: Sampling | None = None) -> Layout:
     """Compact the pixels with a positive mask value.
 
     Args:
         masks: [V, H, W] float32, not negative.
         strip_rows: Rows in a strip; None chooses by the share of open pixels.
+        sampling: Where the pixels look; None is at their centres.
     """
-    views, height, width = masks.shape
-    rows = strip_rows or strip_rows_for(float((masks > 0).mean()) if masks.size else 1.0)
-    strips = -(-height // rows)
-    first = np.zeros((views, strips, width), np.int32)
-    last = np.zeros((views, strips, width), np.int32)
+    views, (height, width) = len(masks), (masks.shape[1:] if sampling is None else sampling.canvas)
+    rows = strip_rows or strip_rows_for(float((masks > 0).sum() / (views * height * width)) if masks.size else 1.0)
+    shape = (views, -(-height // rows), width)
+    first, last = np.zeros(shape, np.int32), np.zeros(shape, np.int32)
     cell_start = np.zeros(views + 1, np.int64)
+    x, y = _places(masks.shape[1:], sampling)
+    # Column by column within a strip, and down each column: the pixels in this order are those of every view.
+    slot = y.astype(np.int64) // rows * width + x.astype(np.int64)
+    order = np.lexsort((y, slot))
     pixels: list[NDArray[np.int64]] = []
     weights: list[NDArray[np.float32]] = []
     for view in range(views):
+        values = masks[view].reshape(-1)
+        opened = order[values[order] > 0]
+        counts = np.bincount(slot[opened], minlength=shape[1] * width).reshape(shape[1:])
         cells = 0
-        for strip in range(strips):
-            band = masks[view, strip * rows : (strip + 1) * rows]
-            left_of = np.concatenate([[0], np.cumsum((band > 0).sum(axis=0))])
-            first[view, strip] = cells + left_of[:-1] // LANES
-            last[view, strip] = cells - 1 + -(-left_of[1:] // LANES)
-            strip_pixels, strip_weights = _strip_lanes(band, strip * rows)
-            pixels.append(strip_pixels)
-            weights.append(strip_weights)
-            cells += len(strip_pixels) // LANES
+        for band, listed in enumerate(np.split(opened, np.cumsum(counts.sum(axis=1))[:-1])):
+            left_of = np.concatenate([[0], np.cumsum(counts[band])])
+            first[view, band] = cells + left_of[:-1] // LANES
+            last[view, band] = cells - 1 + -(-left_of[1:] // LANES)
+            lanes, lane_weights = _whole_cells(listed, values)
+            pixels.append(lanes)
+            weights.append(lane_weights)
+            cells += len(lanes) // LANES
         cell_start[view + 1] = cell_start[view] + cells
     pixel = np.concatenate(pixels) if pixels else np.zeros(0, np.int64)
     return Layout(
         views=views,
+        size=(masks.shape[1], masks.shape[2]),
         height=height,
         width=width,
+        margin_px=0.0 if sampling is None else _WITHIN_PIXEL_PX,
         strip_rows=rows,
         cell_start=cell_start,
-        x=(pixel % width + 0.5).astype(np.float32),
-        y=(pixel // width + 0.5).astype(np.float32),
+        x=x[pixel].astype(np.float32),
+        y=y[pixel].astype(np.float32),
         pixel=pixel.astype(np.int32),
         weight=np.concatenate(weights) if weights else np.zeros(0, np.float32),
         first=first,
@@ -120,13 +136,21 @@ def lay_out(masks: NDArray[np.float32], strip_rows: int | None = None) -> Layout
     )
 
 
-def _strip_lanes(band: NDArray[np.float32], top: int) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
-    """List the open pixels of a strip column by column, filled up to whole cells."""
-    columns, rows = np.nonzero(band.T > 0)
-    pixels = (rows + top) * band.shape[1] + columns
-    weights = band[rows, columns]
-    spare = -len(pixels) % LANES
+def _places(size: tuple[int, ...], sampling: Sampling | None) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return where the pixels of an image look, row by row: x and y, [H * W]."""
+    if sampling is not None:
+        return sampling.places[..., 0].reshape(-1), sampling.places[..., 1].reshape(-1)
+    pixel = np.arange(size[0] * size[1], dtype=np.float64)
+    return pixel % size[1] + 0.5, pixel // size[1] + 0.5
+
+
+def _whole_cells(
+    listed: NDArray[np.int64], values: NDArray[np.float32]
+) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
+    """Fill a strip's pixels up to whole cells; also their mask values, 0 for what was filled up."""
+    weights = values[listed]
+    spare = -len(listed) % LANES
     if spare:
-        pixels = np.concatenate([pixels, np.full(spare, pixels[-1])])
+        listed = np.concatenate([listed, np.full(spare, listed[-1])])
         weights = np.concatenate([weights, np.zeros(spare, np.float32)])
-    return pixels, weights
+    return listed, weights

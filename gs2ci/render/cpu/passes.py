@@ -113,7 +113,7 @@ def render_cells(
     project(*inputs.flat(), np.float32(margin_px), records.reshape(-1))
 
     def listed(kept: Workspace) -> Lists:
-        return list_gaussians(records, inputs.count, layout, margin_px, workspace, kept)
+        return list_gaussians(records, inputs.count, layout, margin_px + layout.margin_px, workspace, kept)
 
     if reuse is None:
         candidates, lease = listed(workspace), None

@@ -75,6 +75,11 @@ class LensDistortion:
             [y * scale * intrinsics[1, 1] + intrinsics[1, 2], x * scale * intrinsics[0, 0] + intrinsics[0, 2]]
         )
 
+    @property
+    def coefficients(self) -> F64:
+        """Get what a perfect calibration would find: OpenCV's k1 k2 p1 p2 k3, [5]."""
+        return np.array([self.k1, self.k2, 0.0, 0.0, 0.0])
+
     def bound(self, scene: "Preview", rig: "Rig") -> Bound:
         """What a shift by the rms displacement changes.
 
@@ -93,9 +98,10 @@ class LensDistortion:
 
     def apply(self, signal: View, rig: "Rig", rng: np.random.Generator) -> View:
         """Resample the view with cubic splines where its light comes from; beyond the margin the rim repeats."""
-        places = self.sources_px(signal.radiance.shape[:2], signal.intrinsics) - 0.5
-        channels = [
-            map_coordinates(signal.radiance[..., c], places, order=3, mode="nearest")
-            for c in range(signal.radiance.shape[2])
-        ]
-        return View(np.maximum(np.stack(channels, axis=-1), 0), signal.intrinsics, signal.margin, signal.depth)
+        return View(self.bent(signal.radiance, signal.intrinsics), signal.intrinsics, signal.margin, signal.depth)
+
+    def bent(self, picture: F64, intrinsics: F64) -> F64:
+        """Return a picture, [H, W, C] with its camera matrix [3, 3], as the lens shows it."""
+        places = self.sources_px((picture.shape[0], picture.shape[1]), intrinsics) - 0.5
+        channels = [map_coordinates(picture[..., c], places, order=3, mode="nearest") for c in range(picture.shape[2])]
+        return np.maximum(np.stack(channels, axis=-1), 0)

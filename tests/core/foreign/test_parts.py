@@ -130,6 +130,50 @@ def test_intrinsics_come_in_every_usual_form(scene, take, said, given, expected)
     assert said(imported, "camera:")
 
 
+LENS = np.array([-0.1, 0.02, 1e-3, -1e-3, 0.0])
+
+
+@pytest.mark.parametrize(
+    ("given", "expected"),
+    [
+        ({"distortion": LENS}, LENS),
+        ({"dist_coeffs": LENS[None]}, LENS),
+        ({"distCoeffs": np.append(LENS, [0.0, 0, 0])[:, None]}, LENS),
+        ({"distortion_coefficients": LENS[:4]}, LENS),
+        ({}, None),
+    ],
+)
+def test_a_lens_comes_as_opencv_hands_it_out(scene, take, said, given, expected):
+    made = scene()
+    imported = take(meas=made.meas, mask=made.masks, K=MATRIX, **given)
+    lens = imported.shots[0].distortion
+    assert (lens is None and expected is None) or np.array_equal(lens, expected)
+    assert bool(given) == bool(said(imported, "lens: k1 -0.1"))
+
+
+def test_the_users_lens_goes_before_the_files(scene, take):
+    made = scene()
+    options = ImportOptions(distortion=Array("--distortion", 2 * LENS), intrinsics=Array("x", MATRIX))
+    shot = take(options, meas=made.meas, mask=made.masks, distortion=LENS).shots[0]
+    assert np.array_equal(shot.distortion, 2 * LENS)
+
+
+def test_a_files_lens_without_a_camera_matrix_is_left_out_and_the_users_is_refused(scene, take, said):
+    made = scene()
+    imported = take(meas=made.meas, mask=made.masks, distortion=LENS)
+    assert imported.shots[0].distortion is None
+    assert said(imported, "without a camera matrix was left out")
+    with pytest.raises(InputError, match="without intrinsics"):
+        take(ImportOptions(distortion=Array("--distortion", LENS)), meas=made.meas, mask=made.masks)
+
+
+@pytest.mark.parametrize("numbers", [LENS[:3], np.append(LENS, [0.0, 0.1])])
+def test_lenses_of_other_models_are_refused(scene, take, numbers):
+    made = scene()
+    with pytest.raises(InputError, match=r"key 'distortion'.*k1 k2 p1 p2"):
+        take(meas=made.meas, mask=made.masks, K=MATRIX, distortion=numbers)
+
+
 def test_intrinsics_that_are_none_or_change_are_refused(scene, take):
     made = scene()
     with pytest.raises(InputError, match=r"key 'K'.*fx and fy from"):

@@ -102,6 +102,16 @@ BROKEN = {
     "weights are empty": ("damaged", lambda f: replace(f, "calib/weights", h5py.Empty("f8"))),
     "unknown cfa": ("XYZW", lambda f: f.create_dataset("camera/cfa", data="XYZW")),
     "intrinsics zero": ("intrinsics", lambda f: replace(f, "camera/intrinsics", np.zeros((3, 3)))),
+    "lens without a camera": (
+        "without intrinsics",
+        lambda f: (f.__delitem__("camera/intrinsics"), f.create_dataset("camera/distortion", data=np.zeros(5))),
+    ),
+    "lens of four": ("k1 k2 p1 p2 k3", lambda f: f.create_dataset("camera/distortion", data=np.zeros(4))),
+    "lens of many": ("k1 k2 p1 p2 k3", lambda f: f.create_dataset("camera/distortion", data=np.zeros(10**5))),
+    "lens of two axes": ("camera/distortion", lambda f: f.create_dataset("camera/distortion", data=np.zeros((1, 5)))),
+    "lens of text": ("camera/distortion", lambda f: f.create_dataset("camera/distortion", data="k1")),
+    "lens is nan": ("finite", lambda f: f.create_dataset("camera/distortion", data=np.full(5, np.nan))),
+    "lens that folds": ("folds", lambda f: f.create_dataset("camera/distortion", data=np.full(5, -9.0))),
     "provenance no json": ("truncated", lambda f: replace(f, "provenance", ["{"], dtype=h5py.string_dtype())),
     "provenance no object": ("provenance", lambda f: replace(f, "provenance", ["[]"], dtype=h5py.string_dtype())),
     "provenance odd": (

@@ -60,12 +60,15 @@ def shots(draw):
     weights[0] = 1
     poses = floats((n, 4, 4), -100, 100, np.float64)
     views = floats((n, h, w, 3 if cfa else channels), 0, 2)
+    intrinsics = draw(st.none() | st.just(np.array([[30.5, 0, 2], [0, 31.25, 2], [0, 0, 1]])))
+    lens = st.none() | st.just(np.array([-0.1, 0.02, 1e-3, -1e-3, 0.005]))
     return Shot(
         measurement=draw(floats((h, w, channels), -(2.0**39), 2.0**39)),
         masks=masks,
         weights=weights,
         cfa=cfa,
-        intrinsics=draw(st.none() | st.just(np.array([[30.5, 0, 2], [0, 31.25, 2], [0, 0, 1]]))),
+        intrinsics=intrinsics,
+        distortion=None if intrinsics is None else draw(lens),
         truth=Truth(draw(st.none() | views), draw(st.none() | poses)),
         telemetry_world_to_camera=draw(st.none() | poses),
         saturated=draw(st.none() | npst.arrays(np.bool_, (h, w))),

@@ -75,6 +75,25 @@ def test_each_pixels_own_dark_and_sensitivity_are_used_where_the_header_says_so(
     assert read_shot(tmp_path / "shot.h5").measurement == pytest.approx(1000 / (0.5 * 1000))
 
 
+def test_the_lens_is_in_the_file_and_survives_a_recovery(tmp_path, header):
+    camera, lens = np.array([[9.0, 0, 4], [0, 9, 3], [0, 0, 1]]), np.array([-0.1, 0.01, 1e-3, -2e-3, 0.0])
+    bent = replace(header, intrinsics=camera, distortion=lens)
+    with ShotWriter(tmp_path / "shot.h5", bent) as writer:
+        writer.append(np.full((6, 8), 1100, np.uint16))
+    recover(tmp_path / "shot.h5.partial", tmp_path / "saved.h5")
+    with h5py.File(tmp_path / "saved.h5") as file:
+        assert file["camera/distortion"].dtype == "f8"
+    shot = read_shot(tmp_path / "saved.h5")
+    assert np.array_equal(shot.distortion, lens)
+    assert np.array_equal(shot.intrinsics, camera)
+
+
+def test_a_lens_without_a_camera_matrix_makes_no_file(tmp_path, header):
+    with pytest.raises(InputError, match="without intrinsics"):
+        ShotWriter(tmp_path / "shot.h5", replace(header, distortion=np.zeros(5)))
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_per_pixel_maps_survive_a_recovery_and_are_checked_on_reading(tmp_path, header):
     with ShotWriter(tmp_path / "shot.h5", per_pixel(header)) as writer:
         writer.append(np.full((6, 8), 1050, np.uint16))
@@ -259,6 +278,7 @@ def test_shots_of_different_masks_or_cameras_do_not_share_a_file(tmp_path, make_
         (make_shot(masks=1 - one.masks), "masks"),
         (make_shot(weights=one.weights * 0.5), "weights"),
         (make_shot(intrinsics=None), "intrinsics"),
+        (make_shot(distortion=np.array([-0.1, 0, 0, 0, 0])), "distortion"),
         (make_shot(channels=1), "channels"),
     ]:
         with pytest.raises(StorageError, match=word):

@@ -1,5 +1,6 @@
 """Scenes whose views, depths, paths and tracks are known exactly."""
 
+import json
 from dataclasses import dataclass, replace
 
 import cv2
@@ -9,6 +10,7 @@ from onnx import numpy_helper
 from scipy.spatial.transform import Rotation
 
 from gs2ci.core.records import Shot
+from gs2ci.evaluate.cameras import nerfstudio_transforms
 from gs2ci.reconstruct.geometry.motion import predict_positions
 from gs2ci.reconstruct.geometry.tracks import Tracks
 
@@ -148,6 +150,18 @@ def expose():
         return replace(given, **parts).check()
 
     return make
+
+
+@pytest.fixture
+def camera_file_of():
+    """Write a transforms.json of a camera with its axis in the middle."""
+
+    def write(folder, poses, focal_px, size, distortion=None):
+        path = folder / "transforms.json"
+        path.write_text(json.dumps(nerfstudio_transforms(poses, pinhole(focal_px, size), size, distortion)))
+        return path
+
+    return write
 
 
 @pytest.fixture

@@ -67,12 +67,42 @@ def test_a_field_of_view_is_as_good_as_a_focal_length(tmp_path):
     np.testing.assert_allclose(read_cameras(path, 12, SIZE).intrinsics, [[70, 0, 40], [0, 70, 30], [0, 0, 1]])
 
 
+LENS = np.array([-0.2, 0.03, 1e-3, -2e-3, 0.01])
+
+
+def test_the_lens_that_is_known_comes_back_from_both_formats(tmp_path):
+    held = nerfstudio_transforms(poses(12), CAMERA, SIZE, LENS)
+    found = read_cameras(transforms(tmp_path, **held), 12, SIZE, LENS)
+    np.testing.assert_allclose(found.distortion[:5], LENS)
+    model, nothing = tmp_path / "model", np.zeros((0, 3), np.float32)
+    model.mkdir()
+    write_colmap_model(model, poses(12), CAMERA, SIZE, points=nothing, colors=nothing, distortion=LENS)
+    found = read_cameras(model, 12, SIZE, LENS)
+    np.testing.assert_allclose(found.distortion, [*LENS, 0, 0, 0])
+    np.testing.assert_allclose(found.intrinsics, CAMERA)
+    for path in (transforms(tmp_path, **held), model):
+        for known in (None, 1.1 * LENS):
+            with pytest.raises(InputError, match=r"distorted camera \(k1, k2, p1, p2, k3\)"):
+                read_cameras(path, 12, SIZE, known)
+
+
+def test_a_lens_of_four_coefficients_is_one_of_five(tmp_path):
+    model = colmap(tmp_path, "OPENCV", [70, 72, 41, 29, *LENS[:4]])
+    known = np.append(LENS[:4], 0.0)
+    np.testing.assert_allclose(read_cameras(model, 2, SIZE, known).distortion[:5], known)
+
+
+def test_undistorted_pictures_are_taken_whatever_the_lens(tmp_path):
+    assert not read_cameras(transforms(tmp_path), 12, SIZE, LENS).distortion.any()
+
+
 @pytest.mark.parametrize(
     ("changed", "problem"),
     [
         ({"frames": []}, "holds 0 cameras for 12 views"),
         ({"w": 60, "h": 80}, "is of pictures of 80 x 60 pixels"),
         ({"k1": 0.1}, r"distorted camera \(k1\)"),
+        ({"k4": 0.1}, r"distorted camera \(k4\)"),
         ({"fl_x": "wide"}, "is no transforms.json"),
         ({"frames": [{"file_path": "a.png"}]}, "is no transforms.json: KeyError"),
         ({"frames": 3}, "is no transforms.json"),

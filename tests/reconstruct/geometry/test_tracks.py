@@ -3,7 +3,7 @@ import pytest
 
 from gs2ci.core.errors import InputError
 from gs2ci.reconstruct.geometry.motion import predict_positions
-from gs2ci.reconstruct.geometry.tracks import Tracks, TrackSettings, find_corners, find_tracks, refine_tracks
+from gs2ci.reconstruct.geometry.tracks import Tracks, TrackSettings, find_corners, find_tracks, refine_tracks, within
 
 
 def follow(scene, settings=None):
@@ -96,3 +96,13 @@ def test_tracks_are_found_through_other_windows(seen, window_px):
     errors = (tracks.positions - true_positions(scene, tracks.positions[:, tracks.reference]))[tracks.seen]
     assert np.median(np.linalg.norm(errors, axis=-1)) < 0.15
     assert not np.array_equal(tracks.positions, follow(scene).positions)
+
+
+def test_what_no_view_shows_is_forgotten():
+    """A point whose corner lies where nothing is shown goes as a whole, a sighting there by itself."""
+    shown = np.ones((20, 30), bool)
+    shown[:, 25:] = False
+    positions = np.array([[[10.0, 5], [26.5, 5]], [[26.0, 9], [11.0, 9]], [[3.0, 3], [24.9, 19.9]]])
+    kept = within(Tracks(positions, 0), shown)
+    np.testing.assert_array_equal(kept.positions, [[[10.0, 5], [np.nan, np.nan]], [[3.0, 3], [24.9, 19.9]]])
+    assert len(within(Tracks(np.empty((0, 2, 2)), 0), shown)) == 0

@@ -48,6 +48,17 @@ class TestVerdict:
         assert "did not move" in reasons[0]
 
 
+def test_a_turn_is_only_called_one_where_no_parallax_could_hide_in_the_errors(tracked, path):
+    """A camera that moved by less than the tracks err, and one that turned, look alike."""
+    _, (sure,) = verdict(tracked(noise_px=0.05, poses=turning(8, 0.1)))
+    assert sure.endswith("the camera only turned, so depth cannot be found.")
+    moved = path(8, np.random.default_rng(0), length=0.002)
+    for poses in (turning(8, 0.1), moved):
+        found, (doubtful,) = verdict(tracked(noise_px=0.6, poses=poses))
+        assert found == "rotation_only"
+        assert "or its parallax drowns in such errors, so depth cannot be found" in doubtful
+
+
 def test_a_parallax_as_large_as_the_noise_is_noticed(tracked, path):
     poses = path(8, np.random.default_rng(0), length=0.006)
     scene = tracked(poses=poses, noise_px=0.6)

@@ -28,7 +28,7 @@ def plane():
         pose[0, 3] = -shift / FOCAL
         return pose
 
-    def ask(details=None, shifts=(0, 1, 2, 3), pseudo=1, depth=1.0):
+    def ask(details=None, shifts=(0, 1, 2, 3), pseudo=1, depth=1.0, distortion=None):
         images = np.stack([at(shift) for shift in shifts])
         depths = np.full((len(shifts), HEIGHT, WIDTH), depth, np.float32)
         return Question(
@@ -36,6 +36,7 @@ def plane():
             recovered=Seen(images, depths, np.stack([pose(shift) for shift in shifts])),
             details=np.zeros_like(images) if details is None else details,
             intrinsics=np.array([[FOCAL, 0, WIDTH / 2], [0, FOCAL, HEIGHT / 2], [0, 0, 1]]),
+            distortion=distortion,
         )
 
     return ask

@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 
 from gs2ci.core.errors import InputError
+from gs2ci.core.lens import distorted, pixels_of, slopes_of, undistorted
 from gs2ci.reconstruct.priors2d.consistent import ConsistentDetail
 
 
@@ -19,6 +20,28 @@ def test_what_all_cameras_see_is_put_where_the_pseudo_view_sees_it(plane):
     assert added[0, 10, 14] == pytest.approx(np.minimum(0.3, 1 - question.pseudo.images[0, 10, 14]), abs=1e-4)
     added[0, 10, 14] = 0
     assert np.abs(added).max() < 1e-4
+
+
+def test_behind_a_lens_rays_are_bent_there_and_back(plane):
+    """A spot that moves from the rim of the pseudo-view, camera 1, to the middle of the others, where nothing bends."""
+    lens, focal, shifts = np.array([-0.3, 0, 0, 0, 0]), 30.0, (1, 9, 11, 13)
+    camera = np.array([[focal, 0, 16], [0, focal, 10], [0, 0, 1]])
+    ray = undistorted(slopes_of(np.array([28.5, 3.5]), camera), lens)
+    rows, columns = np.mgrid[:20, :32]
+    spots = []
+    for shift in shifts:
+        x, y = pixels_of(distorted(ray - ((shift - 1) / focal, 0), lens), camera) - 0.5
+        spots.append(np.maximum(1 - np.abs(columns - x), 0) * np.maximum(1 - np.abs(rows - y), 0))
+    details = np.repeat(np.stack(spots)[..., None], 3, axis=3).astype(np.float32)
+    added = {}
+    for name, distortion in (("lens", lens), ("pinhole", None)):
+        question = plane(0.2 * details, distortion=distortion)
+        question.pseudo.images[:] = 0.2
+        question.recovered.world_to_camera[:, 0, 3] = -np.array(shifts) / focal
+        added[name] = (ConsistentDetail()(question) - question.pseudo.images)[0, 3, 28, 0]
+    # Interpolated twice, the spot has lost some of its height.
+    assert added["lens"] > 0.08
+    assert added["lens"] > 2 * added["pinhole"]
 
 
 def test_what_one_camera_alone_sees_is_dropped(plane):

@@ -1,0 +1,151 @@
+"""Lens distortion as OpenCV states it: from slopes of rays to slopes on the sensor, back, and when it is no lens.
+
+With x = X/Z and y = Y/Z the slopes of a ray, r² = x² + y² and coefficients k1 k2 p1 p2 k3, the sensor sees it at
+
+    x (1 + k1 r² + k2 r⁴ + k3 r⁶) + 2 p1 x y + p2 (r² + 2 x²)
+    y (1 + k1 r² + k2 r⁴ + k3 r⁶) + p1 (r² + 2 y²) + 2 p2 x y
+
+in the same unit, of which the camera matrix makes pixels (Brown, Photogrammetric Engineering 32 (1966) 444; OpenCV,
+"Camera Calibration and 3D Reconstruction"). Here: this map, its inverse, the check. Not here: pictures
+(`gs2ci.reconstruct.lens`), measuring the coefficients (`gs2ci_calibration`). Anyone may import this file.
+"""
+
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gs2ci.core.errors import InputError
+
+F64 = NDArray[np.float64]
+
+COEFFICIENTS: Final = ("k1", "k2", "p1", "p2", "k3")
+# The least that the map may stretch area: where this reaches 0 the picture folds over. A lens that squeezes a patch
+# of the scene to a twentieth of its area on the sensor leaves nothing of it to recover.
+LEAST_STRETCH: Final = 0.05
+# No lens has such coefficients, and with slopes up to 10⁹ their terms stay inside float64.
+COEFFICIENT_LIMIT: Final = 1e12
+# The inverse is followed from the axis outwards in so many steps, each corrected by so many of Newton's: between two
+# steps the map is nearly linear, so that the root found is the one that belongs to the axis, not one beyond a fold.
+_STEPS: Final = 4
+_STEPS_OF_CHECK: Final = 32
+_CORRECTIONS: Final = 2
+_LAST_CORRECTIONS: Final = 8
+# Rounding leaves 1e-16 of the slope; whatever is left beyond this did not converge.
+_CONVERGED: Final = 1e-9
+# Folds are looked for at so many places along either side of the frame.
+_CHECKED: Final = 33
+
+
+def distorted(slopes: F64, coefficients: F64) -> F64:
+    """Bend slopes of rays, [..., 2] as (x, y), to where the sensor sees them, [..., 2]."""
+    k1, k2, p1, p2, k3 = (float(value) for value in coefficients)
+    x, y = slopes[..., 0], slopes[..., 1]
+    square = x * x + y * y
+    radial = 1 + square * (k1 + square * (k2 + square * k3))
+    bent_x = x * radial + 2 * p1 * x * y + p2 * (square + 2 * x * x)
+    bent_y = y * radial + p1 * (square + 2 * y * y) + 2 * p2 * x * y
+    return np.stack([bent_x, bent_y], axis=-1)
+
+
+def stretch(slopes: F64, coefficients: F64) -> F64:
+    """Return by how much area is stretched at slopes of rays, [..., 2] -> [...]; not positive beyond a fold."""
+    xx, xy, yy = _jacobian(slopes, coefficients)
+    determinant: F64 = xx * yy - xy * xy
+    # Beyond two folds the determinant is positive again, and both directions are turned round.
+    return np.where(xx + yy > 0, determinant, -np.abs(determinant))
+
+
+def undistorted(slopes: F64, coefficients: F64) -> F64:
+    """Return the rays, [..., 2], that a lens bends to slopes on the sensor, [..., 2].
+
+    Raises:
+        InputError: The picture folds over on the way there.
+    """
+    return _followed(slopes, coefficients, _STEPS)
+
+
+def check_distortion(coefficients: NDArray[Any], intrinsics: F64, size: tuple[int, int]) -> None:
+    """Accept the coefficients of a lens that shows each place of a frame once.
+
+    Args:
+        coefficients: k1 k2 p1 p2 k3.
+        intrinsics: Camera matrix in pixels, [3, 3], checked.
+        size: Height and width of the frame, px.
+
+    Raises:
+        InputError: Not [5], not finite or absurd, or the picture folds over within the frame.
+    """
+    if coefficients.shape != (len(COEFFICIENTS),):
+        raise InputError(f"distortion has shape {list(coefficients.shape)}", allowed="[5]: k1 k2 p1 p2 k3")
+    if not (np.abs(coefficients) <= COEFFICIENT_LIMIT).all():
+        raise InputError(f"distortion {coefficients.tolist()}", allowed=f"finite numbers within ±{COEFFICIENT_LIMIT:g}")
+    height, width = size
+    columns, rows = np.meshgrid(np.linspace(0, width, _CHECKED), np.linspace(0, height, _CHECKED))
+    _followed(slopes_of(np.stack([columns, rows], axis=-1), intrinsics), coefficients, _STEPS_OF_CHECK)
+
+
+def slopes_of(pixels: F64, intrinsics: F64) -> F64:
+    """Turn pixels of a pinhole camera, [..., 2] as (x, y), into slopes, [..., 2]."""
+    focal, centre = np.diag(intrinsics)[:2], intrinsics[:2, 2]
+    slopes: F64 = (pixels - centre) / focal
+    return slopes
+
+
+def pixels_of(slopes: F64, intrinsics: F64) -> F64:
+    """Turn slopes, [..., 2] as (x, y), into pixels of a pinhole camera, [..., 2]."""
+    pixels: F64 = slopes * np.diag(intrinsics)[:2] + intrinsics[:2, 2]
+    return pixels
+
+
+def _jacobian(slopes: F64, coefficients: F64) -> tuple[F64, F64, F64]:
+    """Differentiate `distorted`: ∂x'/∂x, ∂x'/∂y = ∂y'/∂x, ∂y'/∂y."""
+    k1, k2, p1, p2, k3 = (float(value) for value in coefficients)
+    x, y = slopes[..., 0], slopes[..., 1]
+    square = x * x + y * y
+    radial = 1 + square * (k1 + square * (k2 + square * k3))
+    slope = 2 * (k1 + square * (2 * k2 + square * 3 * k3))
+    return (
+        radial + x * x * slope + 2 * p1 * y + 6 * p2 * x,
+        x * y * slope + 2 * p1 * x + 2 * p2 * y,
+        radial + y * y * slope + 6 * p1 * y + 2 * p2 * x,
+    )
+
+
+def _followed(slopes: F64, coefficients: F64, steps: int) -> F64:
+    """Invert the map by following its solution from the axis outwards.
+
+    Raises:
+        InputError: It does not lead there.
+    """
+    rays = np.zeros(slopes.shape)
+    # Where there is no solution Newton's steps run away, which the checks below find.
+    with np.errstate(all="ignore"):
+        for step in range(1, steps + 1):
+            aim = slopes * (step / steps)
+            # The first of these is the tangent's prediction.
+            for _ in range(1 + (_LAST_CORRECTIONS if step == steps else _CORRECTIONS)):
+                xx, xy, yy = _jacobian(rays, coefficients)
+                left = aim - distorted(rays, coefficients)
+                turned = np.stack(
+                    [yy * left[..., 0] - xy * left[..., 1], xx * left[..., 1] - xy * left[..., 0]], axis=-1
+                )
+                rays = rays + turned / (xx * yy - xy * xy)[..., None]
+                if np.abs(left).max(initial=0.0) <= _CONVERGED:  # what is left now is the square of it
+                    break
+            least = stretch(rays, coefficients).min(initial=np.inf)
+            if not least >= LEAST_STRETCH:
+                _refuse(coefficients)
+        left = np.abs(distorted(rays, coefficients) - slopes)
+    if not (left <= _CONVERGED * (1 + np.abs(slopes))).all():
+        _refuse(coefficients)
+    return rays
+
+
+def _refuse(coefficients: F64) -> None:
+    named = ", ".join(f"{name} = {value:g}" for name, value in zip(COEFFICIENTS, coefficients, strict=True))
+    raise InputError(
+        f"the distortion ({named}) folds the picture over within the frame, or bends it too sharply to be undone",
+        allowed="a lens that shows each place of the scene once",
+        remedy="check that the coefficients stand in the order k1 k2 p1 p2 k3 and belong to this camera matrix",
+    )

@@ -1,0 +1,132 @@
+"""What a reconstruction hands over: what its stages left, as the record of a run.
+
+Here: the record's fields and notes. Not here: the stages and their judgement (`pipeline`), files (`gs2ci.evaluate`).
+For `gs2ci.reconstruct.pipeline`.
+"""
+
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, replace
+
+import torch
+
+from gs2ci.core.records import F32, Shot
+from gs2ci.core.run_records import CurvePoint, RunResult, Verdict
+from gs2ci.reconstruct.coding import Coding
+from gs2ci.reconstruct.first_look import FirstLook
+from gs2ci.reconstruct.fit.ensemble import Ensemble
+from gs2ci.reconstruct.geometry.initialise import Geometry
+from gs2ci.reconstruct.geometry.telemetry import Movement, movement
+from gs2ci.reconstruct.settings import Settings
+
+Score = Callable[[F32], float]
+
+
+@dataclass(frozen=True)
+class Recovered:
+    """The best of the candidates, and why."""
+
+    views: F32
+    verdict: Verdict
+    heldout_rms: dict[Verdict, float | None]
+    notes: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Left:
+    """What the stages left, in their order."""
+
+    doubts: tuple[str, ...]
+    look: FirstLook
+    geometry: Geometry
+    ensemble: Ensemble
+    depth: F32
+    recovered: Recovered
+
+
+def record(shot: Shot, settings: Settings, left: Left, score: Score | None, seconds: dict[str, float]) -> RunResult:
+    """Write a reconstruction down.
+
+    Args:
+        shot: The measurement as it was given.
+        settings: Of the reconstruction.
+        left: What its stages left.
+        score: Turns views into the curve's figure, in dB, or None.
+        seconds: Wall-clock time of each stage, and in total.
+
+    Raises:
+        Gs2ciError: The parts contradict one another, or are not finite.
+    """
+    geometry, fit, recovered = left.geometry, left.ensemble.best, left.recovered
+    moved, brightness = movement(geometry.world_to_camera, fit.world_to_camera), left.look.brightness
+    lit = replace(shot, weights=left.look.jury.shot.weights)
+    return RunResult(
+        views=recovered.views,
+        scene_views=fit.views,
+        decode=left.look.decoded,
+        depth=left.depth,
+        world_to_camera=fit.world_to_camera,
+        intrinsics=geometry.intrinsics,
+        distortion=shot.distortion,
+        predicted_measurement=Coding.of(lit).forward(torch.from_numpy(recovered.views)).numpy(),
+        curve=(*fit.curve, *_last_point(left, score, seconds["total"])),
+        stopped_because=fit.stopped_because,
+        seconds=seconds,
+        gaussians=len(fit.scene),
+        notes=_notes(left, settings, moved),
+        settings=asdict(settings),
+        seed=settings.seed,
+        verdict=recovered.verdict,
+        heldout_rms=recovered.heldout_rms,
+        geometry={**_summary(geometry, settings), "moved": asdict(moved)},
+        ensemble=left.ensemble.summary(),
+        disagreement=left.ensemble.disagreement,
+        brightness=None if brightness is None else brightness.tolist(),
+    ).check()
+
+
+def _notes(left: Left, settings: Settings, moved: Movement) -> tuple[str, ...]:
+    """Gather what every stage has to say, in their order."""
+    geometry, ensemble = left.geometry, left.ensemble
+    return (
+        *(*left.doubts, *left.look.notes, *geometry.notes, *ensemble.notes, *_fits_missing(ensemble, settings)),
+        *(*_notes_of(moved, geometry.source), *left.recovered.notes),
+    )
+
+
+def _fits_missing(ensemble: Ensemble, settings: Settings) -> tuple[str, ...]:
+    there = 1 + len(ensemble.others)
+    if there == settings.fits:
+        return ()
+    return (f"{there} of {settings.fits} fits came to an end: the others left the finite numbers, or found no time.",)
+
+
+def _last_point(left: Left, score: Score | None, seconds: float) -> tuple[CurvePoint, ...]:
+    """Return the point at which the mean of several fits ends the curve of one; none where it is no mean."""
+    fit, recovered = left.ensemble.best, left.recovered
+    if left.ensemble.averaged == 1 or recovered.verdict != "refined" or not fit.curve:
+        return ()
+    heldout, psnr_db = recovered.heldout_rms["refined"], None if score is None else score(recovered.views)
+    return (replace(fit.curve[-1], seconds=seconds, heldout=heldout, psnr_db=psnr_db),)
+
+
+def _notes_of(moved: Movement, source: str) -> tuple[str, ...]:
+    if source == "tracks":
+        return ()
+    share, rotation_deg = moved.share_of_path, moved.rotation_deg
+    return (f"The fit moved the poses of the {source} by {share:.1%} of the path and {rotation_deg:.3f}°.",)
+
+
+def _summary(geometry: Geometry, settings: Settings) -> dict[str, object]:
+    return {
+        "method": geometry.source,
+        "asked_for": settings.poses,
+        "proxy": settings.proxy,
+        "verdict": geometry.verdict,
+        "focal_px": float(geometry.intrinsics[0, 0]),
+        "focal_source": geometry.focal_source,
+        "tracks": geometry.tracks,
+        "reprojection_rms_px": geometry.reprojection_rms_px,
+        "parallax_px": geometry.parallax_px,
+        "path_error_expected": geometry.path_error_expected,
+        "reference": geometry.reference,
+    }

@@ -1,0 +1,113 @@
+"""The settings of a whole reconstruction: those of each stage, side by side.
+
+Here: their names, defaults and checks. Not here: what a stage does with its own (the stage's file), named settings
+(`presets`), the order of the stages (`pipeline`). Everybody above `gs2ci.reconstruct` may import this file.
+"""
+
+from dataclasses import dataclass, field, replace
+from typing import Final, get_args
+
+from gs2ci.core.errors import InputError
+from gs2ci.reconstruct.brightness import BrightnessSettings
+from gs2ci.reconstruct.decode.gap_tv import GapTvSettings
+from gs2ci.reconstruct.decode.residual import ResidualSettings
+from gs2ci.reconstruct.first_look import LookSettings
+from gs2ci.reconstruct.fit.coarse import CoarseSettings
+from gs2ci.reconstruct.fit.density.base import DensityRule
+from gs2ci.reconstruct.fit.density.osgr import Osgr
+from gs2ci.reconstruct.fit.ensemble import MOST_FITS
+from gs2ci.reconstruct.fit.fine import FineSettings
+from gs2ci.reconstruct.fit.rules import with_rule
+from gs2ci.reconstruct.fit.withheld import Withheld
+from gs2ci.reconstruct.geometry.initialise import GeometrySettings
+from gs2ci.reconstruct.proxies.routing import ProxyName
+from gs2ci.render.settings import RasterSettings
+
+PoseSource = str
+
+# Lists kept so long lose nothing beside the spread of seeds (−0.06 to 0.02 dB) and save a tenth of an iteration
+# (`python -m tests.benchmarks list_reuse`).
+_RELIST_EVERY: Final = 4
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Settings of every stage.
+
+    Args:
+        poses: Where the initial poses and depth come from: "tracks", "stage", "auto", "file:PATH"
+            (`geometry.choose`).
+        proxy: The views that the geometry stage looks at: those decoded by GAP-TV, or the proxies of the paper.
+        decode: Of the decoder that the geometry stage looks at.
+        geometry: Of tracks, motion and depth.
+        fit: Of the coarse stage.
+        fits: How many coarse fits run side by side; the views are their mean (`fit/ensemble.py`).
+        second_density: The density rule of every second of them; None: that of the first.
+        fine: Of the fine stage; None leaves it out.
+        residual: Of the last step, which decodes what the scene leaves unexplained.
+        stride_px: One first Gaussian for every so many pixels along rows and columns.
+        withheld: What of the geometry the fit does not get; for ablations.
+        backend: The renderer.
+        raster: What the renderer may leave out for speed.
+        brightness: Of the views' brightness, where the weights are wrong.
+        seed: Of every random draw.
+    """
+
+    poses: PoseSource = "tracks"
+    proxy: ProxyName = "gap-tv"
+    decode: GapTvSettings = field(default_factory=GapTvSettings)
+    geometry: GeometrySettings = field(default_factory=GeometrySettings)
+    fit: CoarseSettings = field(default_factory=CoarseSettings)
+    fits: int = 2
+    second_density: DensityRule | None = field(default_factory=Osgr.generous)
+    fine: FineSettings | None = None
+    residual: ResidualSettings = field(default_factory=ResidualSettings)
+    stride_px: int = 3
+    withheld: Withheld = field(default_factory=Withheld)
+    backend: str = "cpu"
+    raster: RasterSettings = field(default_factory=lambda: RasterSettings(relist_every=_RELIST_EVERY))
+    brightness: BrightnessSettings = field(default_factory=BrightnessSettings)
+    seed: int = 42
+
+    @property
+    def look(self) -> LookSettings:
+        """Get the settings of all that comes before the fit."""
+        return LookSettings(self.proxy, self.decode, self.geometry, self.brightness)
+
+    @property
+    def density_rules(self) -> tuple[DensityRule, ...]:
+        """Get the density rules that the fits take in turn."""
+        return (self.fit.density,) if self.second_density is None else (self.fit.density, self.second_density)
+
+    def with_density_rule(self, name: str) -> "Settings":
+        """Return settings in which every fit has the density rule of a name, unless the first has it already.
+
+        Raises:
+            InputError: There is no rule of that name.
+        """
+        fit = with_rule(self.fit, name)
+        return self if fit is self.fit else replace(self, fit=fit, second_density=None)
+
+    def check(self) -> "Settings":
+        """Return self if the numbers make sense.
+
+        Raises:
+            InputError: A stage's settings, the stride, the number of fits or the seed are out of range.
+        """
+        if self.proxy not in get_args(ProxyName):
+            raise InputError(f"proxy {self.proxy!r}", allowed=", ".join(get_args(ProxyName)))
+        if self.stride_px < 1 or not 0 <= self.seed < 2**63:
+            raise InputError(
+                f"stride {self.stride_px} px, seed {self.seed}", allowed="a stride >= 1 px and a seed in [0, 2^63)"
+            )
+        if not 1 <= self.fits <= MOST_FITS:
+            raise InputError(f"{self.fits} fits side by side", allowed=f"1 to {MOST_FITS}")
+        self.decode.check()
+        self.geometry.check()
+        self.brightness.check()
+        self.fit.check()
+        if self.fine is not None:
+            self.fine.check()
+        self.residual.steps()
+        self.raster.check()
+        return self

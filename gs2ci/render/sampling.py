@@ -1,0 +1,70 @@
+"""Where the pixels of an image look, if not at the lattice of a pinhole camera: behind a lens that distorts.
+
+A Gaussian has a value anywhere on the screen, so that a lens takes no resampling: each pixel is blended where its
+light would have fallen without the lens. Here: these places, and the pinhole's canvas that holds them all. Not here:
+the lens (`gs2ci.core.lens`). Anyone above `gs2ci.render` may import this file.
+"""
+
+from dataclasses import dataclass
+from typing import Any, Self
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from gs2ci.core.errors import InputError
+
+F64 = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Sampling:
+    """Places on a pinhole's canvas, one for each pixel of an image.
+
+    The canvas is a larger or smaller frame of the same pinhole camera: its pixel (0, 0) is the camera's pixel `origin`.
+
+    Args:
+        places: On the canvas as (x, y) in px, [H, W, 2] float64; pixel centres lie at +0.5.
+        origin: Column and row of the canvas's first pixel in the camera's frame; may be negative.
+        canvas: Height and width of the canvas, px.
+    """
+
+    places: F64
+    origin: tuple[int, int]
+    canvas: tuple[int, int]
+
+    @classmethod
+    def around(cls, places: F64, border: int = 0) -> Self:
+        """Lay a canvas around places in the camera's frame, [H, W, 2] px, with so many more pixels on each side.
+
+        Raises:
+            InputError: Not [H, W, 2], or not finite.
+        """
+        if places.ndim != 3 or places.shape[2] != 2 or not places.size or not np.isfinite(places).all():
+            raise InputError(f"places of pixels of shape {list(places.shape)}", allowed="finite numbers, [H, W, 2]")
+        low = np.floor(places.min(axis=(0, 1))).astype(int) - border
+        # A place on a whole number belongs to the pixel that begins there.
+        size = np.floor(places.max(axis=(0, 1))).astype(int) + 1 + border - low
+        return cls(places - low, (int(low[0]), int(low[1])), (int(size[1]), int(size[0])))
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Get height and width of the image, px."""
+        return int(self.places.shape[0]), int(self.places.shape[1])
+
+    def intrinsics_of_canvas(self, intrinsics: Tensor) -> Tensor:
+        """Return the camera matrix, [3, 3], as the canvas counts its pixels."""
+        moved = intrinsics.clone()
+        moved[:2, 2] -= torch.tensor(self.origin, dtype=intrinsics.dtype)
+        return moved
+
+
+def check_sampling(sampling: Sampling | None, size: tuple[Any, ...]) -> None:
+    """Accept a sampling of an image of this size, or none.
+
+    Raises:
+        InputError: It is that of an image of another size.
+    """
+    if sampling is not None and sampling.size != tuple(size):
+        raise InputError(f"places of {sampling.size} pixels for an image of {tuple(size)}", allowed="equal sizes")
