@@ -42,6 +42,9 @@ from gs2ci.render.gaussians import Gaussians
 
 FitOne = Callable[[Member, Progress, Pace | None], CoarseFit]
 
+# What is put back into a scene's views has to explain so much more, as a share of what they leave. In the dark a few
+# thousandths are chance, and what was put back is noise: it cost up to 6 dB.
+_LEAST_GAIN: Final = 0.01
 _UNJUDGED: Final = "No pixel was held out, so nothing tells whether the scene is better than the decode; both are kept."
 
 
@@ -208,6 +211,13 @@ def _recover(jury: Jury, decoded: F32, ensemble: Ensemble, refine: Refinement) -
 
 
 def _judge(heldout_rms: dict[Verdict, float | None]) -> Verdict:
-    """Name the candidate with the smallest held-out residual; without any held-out pixels, the scene itself."""
+    """Name the candidate with the smallest held-out residual; without any held-out pixels, the scene itself.
+
+    Refined views that hardly explain more than the scene's are not among them.
+    """
     known = {name: rms for name, rms in heldout_rms.items() if rms is not None}
-    return min(known, key=lambda name: known[name]) if known else "scene"
+    if not known:
+        return "scene"
+    if known["refined"] > (1 - _LEAST_GAIN) * known["scene"]:
+        del known["refined"]
+    return min(known, key=lambda name: known[name])

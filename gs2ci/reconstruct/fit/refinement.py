@@ -5,11 +5,10 @@ and the decode's (`pipeline`). For `gs2ci.reconstruct`.
 
 On real photographs the residual is mostly detail that the scene lacks, in a noisy measurement mostly noise. How much of
 what it decodes to belongs into the views is one number, from its least-squares share on pixels that no decode has seen.
-Pixels that were seen know more of their residual than those, so that the square root of this share is taken: with noise
-of 5 % it is far from all, without noise not far from it.
+Pixels that were seen know more of their residual than those, and a few pixels say little: so it is the largest share
+that they do not surely speak against. Where that is still too much, the choice between the candidates finds it out.
 """
 
-import math
 from typing import Final
 
 import numpy as np
@@ -18,8 +17,8 @@ from gs2ci.core.records import F32
 from gs2ci.reconstruct.decode.residual import ResidualSettings, decode_residual
 from gs2ci.reconstruct.fit.stopping import Jury
 
-# As many held-out pixels as a share of 1 counts for: it stands where a handful would have to judge.
-PRIOR_PIXELS: Final = 50.0
+# Of so many standard errors is what counts as sure.
+SURE: Final = 2.0
 
 
 class Refinement:
@@ -66,10 +65,10 @@ class Refinement:
         gained = self._jury.coded(added)[heldout].astype(np.float64)
         if not (np.isfinite(left).all() and np.isfinite(gained).all() and gained.any()):
             return 1.0
-        power, agreement = float((gained**2).sum()), float((gained * left).sum())
-        pixels = float(heldout.sum())
-        share = (agreement / power * pixels + PRIOR_PIXELS) / (pixels + PRIOR_PIXELS)
-        return math.sqrt(min(max(share, 0.0), 1.0))
+        power = float((gained**2).sum())
+        share = float((gained * left).sum()) / power
+        error = float(np.linalg.norm((gained * (left - share * gained)).sum(axis=1))) / power
+        return min(max(share + SURE * error, 0.0), 1.0)
 
 
 def _plus(views: F32, share: float, added: F32) -> F32:

@@ -8,7 +8,7 @@ import pytest
 from gs2ci.core.errors import InputError
 from gs2ci.core.records import Shot
 from gs2ci.reconstruct.decode.residual import ResidualSettings, decode_residual
-from gs2ci.reconstruct.fit.refinement import PRIOR_PIXELS, Refinement
+from gs2ci.reconstruct.fit.refinement import SURE, Refinement
 from gs2ci.reconstruct.fit.stopping import Jury, choose_heldout
 
 SETTINGS = ResidualSettings()
@@ -49,13 +49,21 @@ def test_of_a_residual_that_is_only_noise_little_is_put_back(truth):
     np.testing.assert_array_equal(Refinement(jury, SETTINGS).in_full(truth), wholly)
 
 
-def test_the_share_is_the_root_of_that_of_least_squares_drawn_to_one_by_its_prior(truth):
+def test_the_share_is_that_of_least_squares_where_nothing_is_left_open(truth):
     jury = jury_of(truth)
     lacking = np.float32(0.1) * np.sin(np.arange(truth.size)).reshape(truth.shape).astype(np.float32)
-    pixels = jury.heldout.sum()
-    for true_share in (0.3, 0.8):
+    for true_share in (0.0, 0.3, 0.8):
         share = Refinement(jury, SETTINGS).share(truth - np.float32(true_share) * lacking, lacking)
-        assert share**2 == pytest.approx((true_share * pixels + PRIOR_PIXELS) / (pixels + PRIOR_PIXELS), abs=1e-4)
+        assert share == pytest.approx(true_share, abs=1e-4)
+
+
+def test_the_share_is_rarely_less_than_the_true_one(truth):
+    lacking = np.float32(0.2) * np.sin(np.arange(truth.size)).reshape(truth.shape).astype(np.float32)
+    views = truth - np.float32(0.4) * lacking
+    shares = [Refinement(jury_of(truth, noise=0.3, seed=seed), SETTINGS).share(views, lacking) for seed in range(60)]
+    assert np.mean(np.array(shares) < 0.4) < 0.1
+    assert np.std(shares) > 0.02
+    assert np.median(shares) < 0.4 + 2 * SURE * np.std(shares)
 
 
 def test_the_share_stays_between_nothing_and_all(truth):
