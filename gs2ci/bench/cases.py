@@ -16,6 +16,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from gs2ci.core.crop import middle
 from gs2ci.core.errors import InputError
 from gs2ci.core.foreign.assemble import ImportOptions, import_shots
 from gs2ci.core.records import F32, MEASUREMENT_LIMIT, Shot, Truth
@@ -127,7 +128,7 @@ class Case:
     def _from_file(self, seed: int) -> Shot:
         shot = import_shots(Path(self.file), None, ImportOptions()).shots[0]
         if self.size is not None:
-            shot = middle(shot, self.size)
+            shot = middle(shot, self.size).check()
         if self.views is None and self.open_share is None and self.noise == 0 and not self.grey_masks:
             return shot
         views, rng = shot.views if self.views is None else self.views, np.random.default_rng(seed)
@@ -190,35 +191,6 @@ def without_focal(shot: Shot) -> Shot:
             f"{shot.name} holds no camera matrix to leave out", remedy="look at the line of the case as it is"
         )
     return replace(shot, intrinsics=None, distortion=None)
-
-
-def middle(shot: Shot, size: tuple[int, int]) -> Shot:
-    """Cut away all but the middle of a measurement.
-
-    Args:
-        shot: At least as large.
-        size: Height and width that are left, px. A colour mosaic begins with the same colour as before.
-
-    Raises:
-        InputError: The measurement is smaller, or a side is no count of pixels.
-    """
-    if not (0 < size[0] <= shot.size[0] and 0 < size[1] <= shot.size[1]):
-        raise InputError(
-            f"the middle {size[0]} x {size[1]} px of {shot.name}, which has {shot.size[0]} x {shot.size[1]} px",
-            allowed="sides of at least 1 px and no larger than the measurement's",
-        )
-    top, left = ((whole - part) // 4 * 2 for whole, part in zip(shot.size, size, strict=True))
-    rows, columns = slice(top, top + size[0]), slice(left, left + size[1])
-    intrinsics, seen = shot.intrinsics, shot.truth.views
-    return replace(
-        shot,
-        measurement=shot.measurement[rows, columns],
-        masks=shot.masks[:, rows, columns],
-        saturated=None if shot.saturated is None else shot.saturated[rows, columns],
-        intrinsics=None if intrinsics is None else intrinsics - [[0, 0, left], [0, 0, top], [0, 0, 0]],
-        truth=replace(shot.truth, views=None if seen is None else seen[:, rows, columns]),
-        provenance={**shot.provenance, "middle": f"{size[0]} x {size[1]} px"},
-    ).check()
 
 
 def recoded(

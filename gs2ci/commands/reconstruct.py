@@ -24,12 +24,12 @@ from gs2ci.evaluate.run_folder import check_destination, write_run
 from gs2ci.reconstruct import ablation
 from gs2ci.reconstruct.budget import Adapt, Plan, plan_within
 from gs2ci.reconstruct.costs import probe
+from gs2ci.reconstruct.fit.coarse import Score
 from gs2ci.reconstruct.fit.fine import FineSettings
 from gs2ci.reconstruct.fit.rules import RuleName
 from gs2ci.reconstruct.pipeline import reconstruct
 from gs2ci.reconstruct.presets import PRESETS, PresetName
 from gs2ci.reconstruct.proxies.routing import ProxyName
-from gs2ci.reconstruct.record import Score
 from gs2ci.reconstruct.settings import PoseSource, Settings
 from gs2ci.render.backend import needs_compiling
 

@@ -64,8 +64,10 @@ def relit(jury: Jury, carried: F32, least_gain: float) -> Jury | None:
         The measurement with other weights, of the same mean over its masks' light; None where nothing is to be
         corrected, or nothing tells.
     """
+    if not jury.heldout.any():  # nobody to agree
+        return None
     brightness = view_brightness(jury.seen, carried)
-    if brightness is None or not jury.heldout.any():
+    if brightness is None:
         return None
     weights = (jury.shot.weights * brightness).astype(np.float32)
     corrected = Jury(replace(jury.shot, weights=weights), jury.heldout)

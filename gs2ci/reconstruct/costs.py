@@ -27,6 +27,7 @@ import numba
 import numpy as np
 from scipy.ndimage import gaussian_filter, shift
 
+from gs2ci.core.crop import middle
 from gs2ci.core.errors import InputError
 from gs2ci.core.progress import Silent
 from gs2ci.core.records import F32, Shot, Truth
@@ -294,13 +295,9 @@ def _crop(shot: Shot, view_pixels: int) -> Shot:
     """Cut the middle out of a shot, so that its views have about so many pixels together."""
     height, width = shot.size
     shrink = min(1.0, (view_pixels / (shot.views * height * width)) ** 0.5)
-    # Even places keep a colour mosaic's phase.
-    rows, columns = (_middle(side, max(min(side, _LEAST_SIDE), round(side * shrink))) for side in (height, width))
+    rows, columns = (max(min(side, _LEAST_SIDE), round(side * shrink)) for side in (height, width))
     cropped = replace(
-        shot,
-        measurement=np.ascontiguousarray(shot.measurement[rows, columns]),
-        masks=np.ascontiguousarray(shot.masks[:, rows, columns]),
-        saturated=None if shot.saturated is None else shot.saturated[rows, columns],
+        middle(shot, (rows, columns)),
         intrinsics=None,
         distortion=None,
         telemetry_world_to_camera=None,
@@ -310,11 +307,6 @@ def _crop(shot: Shot, view_pixels: int) -> Shot:
         return cropped.check()
     except InputError:  # a crop whose masks are all closed: the whole shot is dark there, and its size is what counts
         return replace(cropped, masks=np.ones_like(cropped.masks)).check()
-
-
-def _middle(side: int, length: int) -> slice:
-    begin = (side - length) // 2 // 2 * 2
-    return slice(begin, begin + length)
 
 
 def _timed(work: Callable[[], object]) -> float:

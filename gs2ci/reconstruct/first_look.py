@@ -2,8 +2,8 @@
 
     decode ─► geometry ─► brightness of the views ─► (where the weights were wrong: all of it again)
 
-Here: the order of these stages. Not here: any of them; all settings together (`settings`). The pipeline and
-`gs2ci.bench` import this file.
+Here: the order of these stages. Not here: any of them; all settings together (`settings`). The pipeline, its
+settings and its record import this file.
 """
 
 from collections.abc import Callable

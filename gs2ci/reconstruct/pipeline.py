@@ -18,7 +18,7 @@ from gs2ci.core.run_records import RunResult, Verdict
 from gs2ci.reconstruct.dead_lines import close_dead_lines
 from gs2ci.reconstruct.doubts import doubts_about, doubts_about_result
 from gs2ci.reconstruct.first_look import FirstLook, look
-from gs2ci.reconstruct.fit.coarse import CoarseFit, fit_coarse
+from gs2ci.reconstruct.fit.coarse import CoarseFit, Score, fit_coarse
 from gs2ci.reconstruct.fit.ensemble import Ensemble, Member, combined, fit_together, members
 from gs2ci.reconstruct.fit.fine import Fine, fit_fine
 from gs2ci.reconstruct.fit.pace import Pace
@@ -35,7 +35,7 @@ from gs2ci.reconstruct.holes import fill_holes
 from gs2ci.reconstruct.hot_pixels import close_hot_pixels
 from gs2ci.reconstruct.lens import Lens, straightened
 from gs2ci.reconstruct.one_thread import one_torch_thread
-from gs2ci.reconstruct.record import Left, Recovered, Score, record
+from gs2ci.reconstruct.record import Left, Recovered, record
 from gs2ci.reconstruct.settings import Settings
 from gs2ci.render.backend import Backend, load_backend
 from gs2ci.render.gaussians import Gaussians

@@ -4,7 +4,6 @@ Here: the record's fields and notes. Not here: the stages and their judgement (`
 For `gs2ci.reconstruct.pipeline`.
 """
 
-from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 
 import torch
@@ -13,12 +12,11 @@ from gs2ci.core.records import F32, Shot
 from gs2ci.core.run_records import CurvePoint, RunResult, Verdict
 from gs2ci.reconstruct.coding import Coding
 from gs2ci.reconstruct.first_look import FirstLook
+from gs2ci.reconstruct.fit.coarse import Score
 from gs2ci.reconstruct.fit.ensemble import Ensemble
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.geometry.telemetry import Movement, movement
 from gs2ci.reconstruct.settings import Settings
-
-Score = Callable[[F32], float]
 
 
 @dataclass(frozen=True)

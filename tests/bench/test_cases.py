@@ -5,7 +5,7 @@ from dataclasses import asdict, replace
 import numpy as np
 import pytest
 
-from gs2ci.bench.cases import Case, middle, noisy, recoded, reweighted, without_focal
+from gs2ci.bench.cases import Case, noisy, recoded, reweighted, without_focal
 from gs2ci.core.errors import InputError
 from gs2ci.core.records import Shot, Truth
 
@@ -63,27 +63,6 @@ def test_all_but_the_middle_of_a_file_is_cut_away(file, known):
     assert np.array_equal(shot.masks, known.masks[:, 4:12, 4:16])
     assert np.array_equal(shot.truth.views, known.truth.views[:, 4:12, 4:16])
     assert np.allclose(shot.measurement, known.measurement[4:12, 4:16], atol=1e-6)
-
-
-def test_the_middle_keeps_its_camera_matrix_its_mosaic_and_its_clipped_pixels(known):
-    mosaic = replace(
-        known,
-        measurement=known.measurement[..., :1],
-        cfa="RGGB",
-        intrinsics=np.array([[30.0, 0, 10], [0, 30, 8], [0, 0, 1]]),
-        saturated=known.measurement[..., 0] > 1,
-    )
-    left = middle(mosaic, (10, 10))  # 3 rows and 5 columns would go at either end: an even number begins it
-    assert np.array_equal(left.measurement, mosaic.measurement[2:12, 4:14])
-    assert np.array_equal(left.saturated, mosaic.saturated[2:12, 4:14])
-    assert left.intrinsics.tolist() == [[30, 0, 6], [0, 30, 6], [0, 0, 1]]
-    assert mosaic.intrinsics[0, 2] == 10
-
-
-@pytest.mark.parametrize("size", [(17, 20), (16, 21), (0, 20), (16, -1)])
-def test_a_middle_that_is_not_there_is_refused(known, size):
-    with pytest.raises(InputError, match="the middle"):
-        middle(known, size)
 
 
 def test_a_file_is_coded_anew_when_asked_for(file, known):

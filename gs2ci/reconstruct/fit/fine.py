@@ -9,7 +9,7 @@ any comes again: its mean is the paper's, at a fraction of its price.
 """
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -20,7 +20,7 @@ from gs2ci.core.errors import Gs2ciError, InputError, NumericsError
 from gs2ci.core.progress import Progress
 from gs2ci.core.records import F32
 from gs2ci.core.run_records import CurvePoint
-from gs2ci.reconstruct.fit.coarse import CoarseFit
+from gs2ci.reconstruct.fit.coarse import CoarseFit, Refine, Score
 from gs2ci.reconstruct.fit.losses import DataTerm, LossWeights, opacity_term, size_term
 from gs2ci.reconstruct.fit.optimiser import GaussianOptimiser, StepSizes
 from gs2ci.reconstruct.fit.perceptual import PerceptualDistance, load_distance
@@ -31,9 +31,6 @@ from gs2ci.reconstruct.fit.stopping import HoldOut, Jury, Watch
 from gs2ci.reconstruct.priors2d.base import ImagePrior, Question, Seen
 from gs2ci.reconstruct.priors2d.choose import load_prior
 from gs2ci.render.gaussians import Gaussians
-
-Score = Callable[[F32], float]
-Refine = Callable[[F32], F32]
 
 # Keeps the weighted mean defined where no pixel has any weight (ε of eq. 10); weights sum to thousands.
 _EPSILON = 1e-6
