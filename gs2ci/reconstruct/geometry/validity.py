@@ -9,6 +9,7 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from gs2ci.reconstruct.geometry.motion import Motion, wander_px
 from gs2ci.reconstruct.geometry.rotations import Rotations
@@ -40,6 +41,8 @@ class Criteria:
         parallax_px: Least parallax: what translation explains beyond the best rotations.
         displacement_px: Median displacement by the best rotations below which the camera counts as still.
         behind: Largest share of tracks that may lie behind a camera.
+        turn_deg: Largest turn of a view that sees tracks against the reference view. Patches that turn by less are lost
+            already; a motion that turns more stands on tracks that jumped along a repeating texture.
         path_error: Expected error of the path (`halves`), as a share of its extent, from which on it is doubted aloud.
             Simulated scenes with texture all over the frame stay below it; small boxes before plain walls, whose paths
             err by 7 to 20 %, do not.
@@ -68,6 +71,7 @@ class Criteria:
     parallax_px: float = 0.25
     displacement_px: float = 0.5
     behind: float = 0.05
+    turn_deg: float = 45.0
     path_error: float = 0.05
     registered: float = 1.0
     registered_before: float = 0.75
@@ -157,7 +161,17 @@ def judge(
         doubts.append(f"The motion explains the tracks to {motion.rms_px:.2f} px only; {criteria.rms_px} is needed.")
     if motion.behind_share > criteria.behind:
         doubts.append(f"The motion puts {motion.behind_share:.0%} of the points behind a camera.")
+    if (turn_deg := _largest_turn_deg(motion, tracks)) > criteria.turn_deg:
+        doubts.append(
+            f"The motion turns a view by {turn_deg:.0f}°; tracks can be followed over {criteria.turn_deg:.0f}° at most."
+        )
     return ("unsupported" if doubts else "full"), tuple(doubts)
+
+
+def _largest_turn_deg(motion: Motion, tracks: Tracks) -> float:
+    """Get the largest angle between the reference view and a view that sees tracks."""
+    turns = Rotation.from_matrix(motion.rotations[tracks.seen.any(axis=0)])
+    return float(np.degrees(np.max(turns.magnitude(), initial=0.0)))
 
 
 def doubts_about_path(expected_error: float | None, criteria: Criteria) -> tuple[str, ...]:

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -74,12 +76,35 @@ def test_a_parallax_as_large_as_the_noise_is_noticed(tracked, path):
         (Criteria(inliers=1.1), "explains only"),
         (Criteria(rms_px=1e-9), "px only"),
         (Criteria(behind=-1.0), "behind a camera"),
+        (Criteria(turn_deg=0.0), "turns a view by"),
     ],
 )
 def test_each_criterion_speaks(tracked, strict, complaint):
     found, reasons = verdict(tracked(noise_px=0.3), strict)
     assert found == "unsupported"
     assert any(complaint in reason for reason in reasons)
+
+
+def test_a_motion_that_turns_a_view_further_than_tracks_reach_is_refused(tracked):
+    scene = tracked()
+    motion, kept = estimate_motion(scene.tracks, scene.intrinsics)
+    rotations = motion.rotations.copy()
+    rotations[-1] = Rotation.from_euler("y", 98, degrees=True).as_matrix() @ rotations[-1]
+    turned = replace(motion, rotations=rotations)
+    found, (reason,) = judge(
+        len(scene.tracks), kept, turned, fit_rotations(kept, scene.intrinsics), Criteria(rms_px=np.inf)
+    )
+    assert found == "unsupported"
+    assert "turns a view by 9" in reason
+    assert "45°" in reason
+
+
+def test_a_view_that_no_track_supports_may_turn_as_it_likes(tracked):
+    scene = tracked()
+    motion, kept = estimate_motion(scene.tracks, scene.intrinsics)
+    motion.rotations[-1] = Rotation.from_euler("y", 98, degrees=True).as_matrix()
+    kept.positions[:, -1] = np.nan
+    assert judge(len(scene.tracks), kept, motion, fit_rotations(kept, scene.intrinsics), Criteria()) == ("full", ())
 
 
 def test_good_tracks_raise_no_doubts(tracked):
