@@ -55,6 +55,8 @@ class Case:
         weights_off: How far the weights that the measurement tells are off, as by a lamp that flickers: each by a
             factor drawn evenly from 1 ± this.
         focal_known: Whether the measurement tells its camera matrix; without it the solver looks for one.
+        stage_off: Tell where the camera was, as a stage reports it: each place off by this share of the path's extent,
+            root mean square, directions as they were. None tells nothing.
         stopped_down: Let the less light into a simulated scene the more masks are open, so that the sensor's well
             is as full as with 8 masks, a quarter open. Else many masks clip many readings.
         full_scale_photons: Light of a simulated scene; None as its file says.
@@ -71,6 +73,7 @@ class Case:
     grey_masks: bool = False
     weights_off: float = 0.0
     focal_known: bool = True
+    stage_off: float | None = None
     stopped_down: bool = False
     full_scale_photons: float | None = None
     feature_px: int = 1
@@ -86,7 +89,8 @@ class Case:
 
         Raises:
             InputError: Not exactly one of file and scene is named, the file cannot be read, it cannot be recoded, it
-                is smaller than asked for, it holds no camera matrix to leave out, or a value is out of range.
+                is smaller than asked for, it holds no camera matrix to leave out or no true path to tell, or a value is
+                out of range.
         """
         self._check()
         shot = self._simulated(seed) if self.scene else self._from_file(seed)
@@ -94,6 +98,8 @@ class Case:
             shot = reweighted(shot, self.weights_off, generator(seed, "weights"))
         if not self.focal_known:
             shot = without_focal(shot)
+        if self.stage_off is not None:
+            shot = staged(shot, self.stage_off, generator(seed, "stage"))
         return replace(shot, name=self.name)
 
     def _check(self) -> None:
@@ -102,6 +108,8 @@ class Case:
         check_noise(self.noise)
         if not 0 <= self.weights_off < 1:
             raise InputError(f"case {self.name!r} has weights off by {self.weights_off}", allowed="0 to less than 1")
+        if self.stage_off is not None and not 0 <= self.stage_off < 1:
+            raise InputError(f"case {self.name!r} has a stage off by {self.stage_off}", allowed="0 to less than 1")
         for switch in ("grey_masks", "focal_known", "stopped_down"):
             value = getattr(self, switch)
             if not isinstance(value, bool):
@@ -191,6 +199,28 @@ def without_focal(shot: Shot) -> Shot:
             f"{shot.name} holds no camera matrix to leave out", remedy="look at the line of the case as it is"
         )
     return replace(shot, intrinsics=None, distortion=None)
+
+
+def staged(shot: Shot, off: float, rng: np.random.Generator) -> Shot:
+    """Tell the true path as a stage would that errs in its places.
+
+    Args:
+        shot: With true poses.
+        off: Error of each place, root mean square, as a share of the path's extent.
+        rng: Where the errors come from.
+
+    Raises:
+        InputError: The shot has no true poses.
+    """
+    true = shot.truth.world_to_camera
+    if true is None:
+        raise InputError(f"{shot.name} holds no true poses for a stage to tell", remedy="leave the stage out")
+    centres = np.linalg.inv(true)[:, :3, 3]
+    errors = rng.standard_normal(centres.shape) / np.sqrt(3)
+    told = true.copy()
+    told[:, :3, 3] -= off * np.linalg.norm(np.ptp(centres, axis=0)) * np.einsum("nij,nj->ni", true[:, :3, :3], errors)
+    provenance = {**shot.provenance, "stage_off": off}
+    return replace(shot, telemetry_world_to_camera=told, provenance=provenance).check()
 
 
 def recoded(

@@ -30,6 +30,8 @@ CONDITIONS: Final[dict[str, dict[str, Any]]] = {
     **{f"{views} views": {"views": views, "stopped_down": True} for views in (16, 32)},
     **{f"weights off by {percent} %": {"weights_off": percent / 100} for percent in (10, 30)},
     "focal unknown": {"focal_known": False},
+    "with a stage": {"stage_off": 0.0},
+    **{f"with a stage off by {percent} %": {"stage_off": percent / 100} for percent in (1, 5)},
 }
 CALIBRATE: Final = "gs2ci.bench.calibration:calibrate_masks"
 
@@ -268,7 +270,7 @@ TABLES: Final[dict[str, Table]] = {
     ),
     "init": Table(
         "Geometry initialisation",
-        "First poses and depth, before any fit: from decoded views, from the paper's proxies, and chosen by evidence. "
+        "First poses and depth, before any fit: from decoded views and from the paper's proxies. "
         "Unexplained: what the middle view, carried through the geometry and coded, leaves of the measurement.",
         _variants(("default", *GEOMETRY), initialisation),
         INITIALISATION,
@@ -304,9 +306,10 @@ TABLES: Final[dict[str, Table]] = {
         "Hard conditions",
         "The measurement as it is, and with one condition of a real bench at a time: white noise, in shares of one "
         "view's full scale; masks that are more open, or grey; more views of the same path; a lamp that the weights do "
-        "not know of; no camera matrix. Where more masks are open the lens is stopped down, so that no more readings "
-        "clip. New noise, masks and views code a file's true views anew, without the noise it came with. A line that a "
-        "case cannot have says why.",
+        "not know of; no camera matrix; a stage that tells the path, its places off by a share of its extent. Where "
+        "more masks are open the lens is stopped down, so that no more readings clip. New noise, masks "
+        "and views code a file's true views anew, without the noise it came with. A line that a case cannot have says "
+        "why.",
         _changed(CONDITIONS),
         RECONSTRUCTION,
         condition_cases,

@@ -61,9 +61,8 @@ ABLATION: Final[dict[str, Change]] = {
 GEOMETRY: Final[dict[str, Change]] = {
     "eni": partial(_one_fit_with, proxy="eni"),
     "amdi": partial(_one_fit_with, proxy="amdi"),
-    "auto": partial(_one_fit_with, poses="auto"),
 }
-"""Where the geometry comes from: the paper's proxies instead of decoded views, and the choice by evidence."""
+"""Where tracks are sought: in the paper's proxies instead of decoded views."""
 
 FITS: Final[dict[str, Change]] = {
     "one fit": _one_fit,

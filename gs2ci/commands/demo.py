@@ -49,9 +49,6 @@ electrons_per_dn = {electrons_per_dn}
 kind = "zaber"
 port = "simulated"
 
-[stage.mount]
-x = [{direction}]
-
 [registration]
 superpixel = 2
 
@@ -75,6 +72,9 @@ width = {width}
 supersampling = 2
 tolerance_dn = 1.0  # less than a tenth of the shot noise
 seed = {seed}
+
+[world.mount]  # only the world knows how the stage carries the camera: the path is found in the picture
+x = [{direction}]
 """
 
 

@@ -40,7 +40,7 @@ def run(
     output: Annotated[Path, tyro.conf.arg(aliases=["-o"])] = Path("run"),
     *,
     index: int = 0,
-    geometry: PoseSource = "tracks",
+    geometry: PoseSource = "auto",
     proxy: ProxyName = "gap-tv",
     preset: PresetName = "standard",
     budget: str | None = None,
@@ -64,8 +64,8 @@ def run(
         index: Which shot of the file.
         geometry: Where the first poses come from: "tracks" finds them in the decoded views, "stage" takes those that
             the stage reported, "file:PATH" those of a COLMAP model's folder or a transforms.json, "vggt" (or
-            "vggt:FILE") those that a model of yours predicts; "auto" asks all there are and lets the measurement
-            choose. The fit refines them in any case.
+            "vggt:FILE") those that a model of yours predicts; "auto" takes the stage's where there are any and the
+            measurement does not speak against them, else the tracks'. The fit refines them in any case.
         proxy: The views that the geometry is found in: decoded by "gap-tv", or "eni" or "amdi", the paper's proxies.
         preset: How far to go: "draft" is a first look, "standard" the default, "fine" takes several times as long and
             ends with the fine stage, "paper" is the schedule of the GS2CI paper, 20,000 iterations without held-out

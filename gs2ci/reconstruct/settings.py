@@ -35,7 +35,7 @@ class Settings:
     """Settings of every stage.
 
     Args:
-        poses: Where the initial poses and depth come from: "tracks", "stage", "auto", "file:PATH"
+        poses: Where the initial poses and depth come from: "auto", "tracks", "stage", "file:PATH", "vggt"
             (`geometry.choose`).
         proxy: The views that the geometry stage looks at: those decoded by GAP-TV, or the proxies of the paper.
         decode: Of the decoder that the geometry stage looks at.
@@ -53,7 +53,7 @@ class Settings:
         seed: Of every random draw.
     """
 
-    poses: PoseSource = "tracks"
+    poses: PoseSource = "auto"
     proxy: ProxyName = "gap-tv"
     decode: GapTvSettings = field(default_factory=GapTvSettings)
     geometry: GeometrySettings = field(default_factory=GeometrySettings)

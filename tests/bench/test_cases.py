@@ -5,7 +5,7 @@ from dataclasses import asdict, replace
 import numpy as np
 import pytest
 
-from gs2ci.bench.cases import Case, noisy, recoded, reweighted, without_focal
+from gs2ci.bench.cases import Case, noisy, recoded, reweighted, staged, without_focal
 from gs2ci.core.errors import InputError
 from gs2ci.core.records import Shot, Truth
 
@@ -88,6 +88,28 @@ def test_weights_that_are_off_tell_of_another_lamp_and_change_nothing_else(known
 def test_weights_cannot_be_off_by_all_they_are(spread):
     with pytest.raises(InputError, match="weights off"):
         replace(TINY, weights_off=spread).shot(0)
+
+
+def test_a_stage_tells_the_true_path_as_far_as_it_is_right():
+    exact, off = replace(SMALL, stage_off=0.0).shot(0), replace(SMALL, stage_off=0.05).shot(0)
+    assert SMALL.shot(0).telemetry_world_to_camera is None
+    np.testing.assert_allclose(exact.telemetry_world_to_camera, exact.truth.world_to_camera, atol=1e-12)
+    true, told = (np.linalg.inv(each) for each in (off.truth.world_to_camera, off.telemetry_world_to_camera))
+    np.testing.assert_allclose(told[:, :3, :3], true[:, :3, :3], atol=1e-12)
+    error = np.sqrt(np.mean(np.sum((told - true)[:, :3, 3] ** 2, axis=1)))
+    extent = np.linalg.norm(np.ptp(true[:, :3, 3], axis=0))
+    assert 0.02 < error / extent < 0.1
+
+
+@pytest.mark.parametrize("share", [-0.1, 1.0, np.nan])
+def test_a_stage_cannot_be_off_by_the_whole_path(share):
+    with pytest.raises(InputError, match="stage off"):
+        replace(TINY, stage_off=share).shot(0)
+
+
+def test_a_shot_of_unknown_path_has_no_stage_to_tell_it(known):
+    with pytest.raises(InputError, match="no true poses for a stage"):
+        staged(replace(known, truth=Truth(known.truth.views)), 0.0, np.random.default_rng(0))
 
 
 def test_recoding_keeps_first_and_last_view_and_their_poses_and_resets_the_weights(known):

@@ -28,6 +28,7 @@ BENCHMARKS = {
     "disagreement": "tests.benchmarks.disagreement",
     "bundle_adjustment": "tests.benchmarks.bundle_adjustment",
     "path_error": "tests.benchmarks.path_error",
+    "stage_poses": "tests.benchmarks.stage_poses",
     "calibration_geometry": "tests.benchmarks.calibration_geometry",
     "calibrated_reconstruction": "tests.benchmarks.calibrated_reconstruction",
     "calibration_base": "tests.benchmarks.calibration_base",

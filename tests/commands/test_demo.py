@@ -37,8 +37,10 @@ def test_near_and_far_move_against_each_other_as_asked(shot):
     steps = np.diff(centres, axis=0)
     np.testing.assert_allclose(steps, np.tile(steps[0], (3, 1)), atol=1e-6)
     assert np.linalg.norm(centres[-1] - centres[0]) > 0.01
-    measured = np.linalg.inv(shot.telemetry_world_to_camera)[:, :3, 3]
-    np.testing.assert_allclose(np.diff(measured, axis=0), steps, atol=1e-4)
+
+
+def test_nothing_tells_the_solver_how_the_stage_carries_the_camera(shot):
+    assert shot.telemetry_world_to_camera is None
 
 
 def test_no_parallax_at_all_is_a_rig_too(tmp_path):

@@ -166,10 +166,27 @@ def test_a_source_that_fails_gives_way_to_the_tracks(request_for, error):
     assert found.notes[0] == f"Not from oracle: {error.problem}. The tracks were taken instead."
 
 
-def test_auto_keeps_the_tracks_where_nothing_else_is_known(request_for):
+def test_auto_takes_the_tracks_without_a_word_where_nothing_else_is_known(request_for):
     found = find("auto", request_for())
+    assert (found.source, found.notes) == ("tracks", ())
+    assert same_path(found, find("tracks", request_for()).world_to_camera, 1e-12)
+
+
+def test_auto_believes_a_stage_that_the_measurement_does_not_contradict(request_for, scene):
+    found = find("auto", request_for(telemetry_world_to_camera=moved(scene.poses)))
+    assert (found.source, len(found.notes)) == ("stage", 1)
+    assert found.notes[0].startswith("Geometry from stage: stage full, 0.")
+    assert "; tracks full, 0." in found.notes[0]
+    assert same_path(found, scene.poses, 1e-6)
+
+
+def test_auto_says_what_to_check_where_a_stage_leaves_clearly_more_than_the_tracks(request_for, scene):
+    """The stage reports its outer places too far and its inner ones too near."""
+    late = scene.poses.copy()
+    late[:, :3, 3] *= np.array([1.6, 0.4, 1, 1.6, 0.4])[:, None]
+    found = find("auto", request_for(telemetry_world_to_camera=late))
     assert found.source == "tracks"
-    assert found.notes[0].startswith("Geometry from tracks: tracks full, 0.")
+    assert "Check [stage.mount]" in found.notes[1]
 
 
 def test_auto_takes_the_stage_where_tracks_find_nothing(request_for, scene, monkeypatch):

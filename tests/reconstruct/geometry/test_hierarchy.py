@@ -267,7 +267,7 @@ def test_views_that_see_too_little_are_counted_more_strictly_after_the_adjustmen
 
 def test_auto_asks_vggt_where_it_is_known(make_vggt, request_for, scene, monkeypatch, tmp_path):
     monkeypatch.setenv("GS2CI_HOME", str(tmp_path / "home"))
-    assert "vggt" not in load_geometry_prior("auto")(request_for(), Silent()).notes[0]
+    assert load_geometry_prior("auto")(request_for(), Silent()).notes == ()
     model = make_vggt(scene)
     add_model("vggt", model)
     assert "vggt full" in load_geometry_prior("auto")(request_for(), Silent()).notes[0]
