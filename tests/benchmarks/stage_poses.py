@@ -54,7 +54,7 @@ def _pans(angle_deg: float) -> Callable[[Shot], Shot]:
         poses = _from_the_middle(shot)
         along = np.arange(shot.views) / (shot.views - 1) - 0.5
         turns = np.tile(np.eye(4), (shot.views, 1, 1))
-        turns[:, :3, :3] = Rotation.from_euler("y", angle_deg * along, degrees=True).as_matrix()
+        turns[:, :3, :3] = Rotation.from_rotvec(along[:, None] * (0, angle_deg, 0), degrees=True).as_matrix()
         return replace(shot, telemetry_world_to_camera=turns @ poses)
 
     return told

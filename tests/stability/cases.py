@@ -256,6 +256,15 @@ def _camera() -> Iterator[Case]:
         change = changes.telemetry(changes.translations(factor))
         says = ("Not from stage", "The tracks were taken instead") if name in ("mirrored", "at rest") else ()
         yield Case("stage", f"poses {name}", change=change, settings=stage_poses, says=says, quick=True)
+    for name, way in (("right", changes.astray(0.0)), ("off by 5 %", changes.astray(0.05))):
+        yield Case("stage", f"poses {name}, or tracks", change=changes.telemetry(way), says=("Geometry from",))
+    for name, way in (("off by half", changes.astray(0.5)), ("mirrored", changes.translations(-1.0))):
+        says = ("Geometry from tracks", "Check [stage.mount]")
+        yield Case("stage", f"poses {name}, or tracks", change=changes.telemetry(way), says=says, quick=True)
+    claimed = changes.telemetry(changes.moving(0.02))
+    yield Case(
+        "stage", "a move that was none, or tracks", Bench(path=still), claimed, says=("Geometry from",), quick=True
+    )
 
 
 def _shapes() -> Iterator[Case]:

@@ -218,6 +218,27 @@ def translations(factor: float) -> Callable[[np.ndarray], np.ndarray]:
     return change
 
 
+def astray(share: float) -> Callable[[np.ndarray], np.ndarray]:
+    """Misplace every pose by so much of the path's extent, root mean square."""
+
+    def change(poses: np.ndarray) -> np.ndarray:
+        extent = np.linalg.norm(np.ptp(np.linalg.inv(poses)[:, :3, 3], axis=0))
+        poses[:, :3, 3] += share * extent / np.sqrt(3) * np.random.default_rng(5).standard_normal((len(poses), 3))
+        return poses
+
+    return change
+
+
+def moving(step: float) -> Callable[[np.ndarray], np.ndarray]:
+    """Add a step to the right between any two views."""
+
+    def change(poses: np.ndarray) -> np.ndarray:
+        poses[:, 0, 3] -= step * np.arange(len(poses))
+        return poses
+
+    return change
+
+
 def stretched(poses: np.ndarray) -> np.ndarray:
     """Let the poses' rotations stretch by a tenth, as a scale that was left in does."""
     poses[:, :3, :3] *= 1.1

@@ -3,10 +3,10 @@
 Here: the names, and `auto`. Not here: the sources themselves. For the pipeline and the commands.
 
 `auto` asks every source that this shot and this machine have: the stage if it reported poses, the tracks always, VGGT
-if the user has added it. A source counts only if its verdict is full, and the measurement decides (`evidence`): one
-stands against those that are named after it, unless these leave clearly less unexplained. The stage is named first. No
-blur and no noise of the picture is in what it says, and it tells a pan from a shift, which a picture cannot where near
-and far shift by no more than tracks err. Where it lies, the measurement finds out
+if the user has added it. Of those that the tracks do not contradict, the measurement chooses (`evidence`): one stands
+against those that are named after it, unless these leave clearly less unexplained. The stage is named first. No blur
+and no noise of the picture is in what it says, and it tells a shift from a pan, which a picture cannot where near and
+far shift by no more than tracks err. Where it lies, the measurement finds out
 (`python -m tests.benchmarks stage_poses`).
 """
 
@@ -25,6 +25,7 @@ from gs2ci.reconstruct.geometry.sources import FromFile, FromStage, FromTracks
 from gs2ci.reconstruct.onnx_models import find_model, known_model
 
 _TRACKS: Final = "tracks"
+_STAGE: Final = "stage"
 _FILE: Final = "file:"
 _VGGT: Final = "vggt:"
 # Another source must leave this share of what the one that stands leaves, or less; above it, decode noise decides.
@@ -33,6 +34,8 @@ _DOUBTED: Final = (
     "The stage's poses were not taken. Check [stage.mount] and the unit, or measure the axes with "
     "`gs2ci calibrate stage`."
 )
+
+_UNSEEN: Final = "The stage reports a motion of which the views show nothing. See that it carries the camera."
 
 
 def load_geometry_prior(name: str) -> GeometryPrior:
@@ -48,7 +51,7 @@ def load_geometry_prior(name: str) -> GeometryPrior:
     """
     if name == _TRACKS:
         return FromTracks()
-    if name == "stage":
+    if name == _STAGE:
         return FromStage()
     if name == "auto":
         return Auto()
@@ -99,19 +102,21 @@ class Auto:
         stands = _standing(answers)
         chosen = tracks if stands is None or stands.geometry is None else stands.geometry
         notes = [f"Geometry from {chosen.source}: {'; '.join(answer.said for answer in answers)}."]
-        if stands is not None and stands.name == _TRACKS and "stage" in names:
+        if _STAGE in names and chosen.source == _TRACKS and stands is not None:
             notes.append(_DOUBTED)
+        elif chosen.source == _STAGE and tracks.verdict == "static":
+            notes.append(_UNSEEN)
         for note in notes:
             progress.say(note)
         return replace(chosen, notes=(*notes, *chosen.notes))
 
 
 def _standing(answers: Sequence[_Answer]) -> _Answer | None:
-    """Return the answer that stands against the others; None where none is a full one."""
+    """Return the answer that stands against the others; None where tracks can support none."""
     stands = None
     for answer in answers:
-        full = answer.geometry is not None and answer.geometry.verdict == "full"
-        if full and (stands is None or answer.left < _CLEARLY * stands.left):
+        borne_out = answer.geometry is not None and answer.geometry.verdict != "unsupported"
+        if borne_out and (stands is None or answer.left < _CLEARLY * stands.left):
             stands = answer
     return stands
 
@@ -119,7 +124,7 @@ def _standing(answers: Sequence[_Answer]) -> _Answer | None:
 def _sources(request: Request) -> Iterator[str]:
     """Name the sources that can be asked, the one that stands against the others first."""
     if request.shot.telemetry_world_to_camera is not None:
-        yield "stage"
+        yield _STAGE
     yield _TRACKS
     if known_model("vggt") is not None:
         yield "vggt"

@@ -24,6 +24,7 @@ from gs2ci.reconstruct.geometry.tracks import Tracks, TrackSettings, find_corner
 from gs2ci.reconstruct.geometry.validity import (
     Criteria,
     Verdict,
+    contradictions,
     doubts_about_path,
     doubts_about_tracks,
     judge,
@@ -279,10 +280,15 @@ def _moved(
 ) -> Geometry:
     """Enter what the motion shows: the whole of it, its rotations, or nothing but the reason why not.
 
-    Where the poses were given, so are those of views that see too little.
+    Poses that were given are taken whole unless the tracks contradict them: whether the camera moved is known then,
+    however little of it shows. So are those of views that see too little.
     """
     rotations = fit_rotations(tracks, geometry.intrinsics, settings.motion)
-    verdict, reasons = judge(candidates, tracks, motion, rotations, settings.criteria)
+    if posed:
+        reasons = contradictions(candidates, tracks, motion, settings.criteria)
+        verdict: Verdict = "unsupported" if reasons else "full"
+    else:
+        verdict, reasons = judge(candidates, tracks, motion, rotations, settings.criteria)
     notes = (*geometry.notes, *reasons, *(() if verdict == "full" else (_FLAT,)))
     poses = geometry.world_to_camera.copy()
     if verdict == "full":

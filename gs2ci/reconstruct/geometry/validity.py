@@ -154,6 +154,12 @@ def judge(
             doubt = "the camera only turned, or its parallax drowns in such errors, so depth cannot be found."
             return "rotation_only", (f"{explained}: {doubt}",)
         return "rotation_only", (f"{explained}: the camera only turned, so depth cannot be found.",)
+    doubts = contradictions(candidates, tracks, motion, criteria)
+    return ("unsupported" if doubts else "full"), doubts
+
+
+def contradictions(candidates: int, tracks: Tracks, motion: Motion, criteria: Criteria) -> tuple[str, ...]:
+    """Say how far the tracks contradict a motion; nothing if they bear it out. Arguments as for `judge`."""
     doubts = []
     if len(tracks) < max(criteria.inliers * candidates, criteria.tracks):
         doubts.append(f"The motion explains only {len(tracks)} of {candidates} tracks.")
@@ -165,7 +171,7 @@ def judge(
         doubts.append(
             f"The motion turns a view by {turn_deg:.0f}°; tracks can be followed over {criteria.turn_deg:.0f}° at most."
         )
-    return ("unsupported" if doubts else "full"), tuple(doubts)
+    return tuple(doubts)
 
 
 def _largest_turn_deg(motion: Motion, tracks: Tracks) -> float:

@@ -189,6 +189,17 @@ def test_auto_says_what_to_check_where_a_stage_leaves_clearly_more_than_the_trac
     assert "Check [stage.mount]" in found.notes[1]
 
 
+def test_auto_says_where_a_stage_reports_a_motion_of_which_nothing_shows(request_for, scene, monkeypatch):
+    still = from_tracks(request_for(np.repeat(scene.views[:1], len(scene.views), axis=0)), Silent())
+    assert still.verdict == "static"
+    crept = replace(still, verdict="full", source="stage", notes=())
+    monkeypatch.setattr(choose, "FromTracks", lambda: lambda request, progress: still)
+    monkeypatch.setattr(choose, "FromStage", lambda: lambda request, progress: crept)
+    found = find("auto", request_for(telemetry_world_to_camera=scene.poses))
+    assert found.source == "stage"
+    assert "See that it carries the camera" in found.notes[1]
+
+
 def test_auto_takes_the_stage_where_tracks_find_nothing(request_for, scene, monkeypatch):
     """The views that the tracks see are plain; the stage's own geometry is found in the true ones."""
     request = request_for(telemetry_world_to_camera=scene.poses)
