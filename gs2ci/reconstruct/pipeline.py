@@ -34,6 +34,7 @@ from gs2ci.reconstruct.geometry.prior import GeometryPrior
 from gs2ci.reconstruct.holes import fill_holes
 from gs2ci.reconstruct.hot_pixels import close_hot_pixels
 from gs2ci.reconstruct.lens import Lens, straightened
+from gs2ci.reconstruct.metric import in_given_unit
 from gs2ci.reconstruct.one_thread import one_torch_thread
 from gs2ci.reconstruct.record import Left, Recovered, record
 from gs2ci.reconstruct.settings import Settings
@@ -111,6 +112,7 @@ def reconstruct(
         clock.lap("fine")
     ensemble = combined(fits, jury, refine)
     recovered = _recover(jury, decoded, ensemble, refine)
+    geometry, ensemble = in_given_unit(geometry, ensemble)
     depth = renderer.depths(ensemble.best.scene, ensemble.best.world_to_camera)
     clock.lap("fit")
     left = Left(doubts, first, geometry, ensemble, depth, recovered)

@@ -127,4 +127,5 @@ def _summary(geometry: Geometry, settings: Settings) -> dict[str, object]:
         "parallax_px": geometry.parallax_px,
         "path_error_expected": geometry.path_error_expected,
         "reference": geometry.reference,
+        "unit_of": None if geometry.unit is None else geometry.source,
     }

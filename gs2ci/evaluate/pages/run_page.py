@@ -243,6 +243,7 @@ def _path(evidence: RunEvidence) -> Markup:
         ("error per step (RPE), rms", errors.get("rpe_t"), " true units"),
         ("rotation per step (RPE)", errors.get("rpe_r_deg"), "°"),
         ("poses started from", geometry.get("method"), ""),
+        ("lengths in the unit of", geometry.get("unit_of"), ""),
         ("tracked points", geometry.get("tracks"), ""),
         ("reprojection error, rms", geometry.get("reprojection_rms_px"), " px"),
         ("parallax, rms", geometry.get("parallax_px"), " px"),

@@ -80,6 +80,7 @@ class Geometry:
         source: Which geometry prior found it.
         path_error_expected: Error that halves of the tracks let expect of the path (`halves`), as a share of its
             extent; None where the path was given, or there is none.
+        unit: What a length of 1 is in the unit of the poses that were given; None where none were, or were not taken.
     """
 
     world_to_camera: F64
@@ -94,6 +95,7 @@ class Geometry:
     notes: tuple[str, ...]
     source: str = "tracks"
     path_error_expected: float | None = None
+    unit: float | None = None
 
 
 def initialise(
@@ -124,7 +126,7 @@ def initialise(
     _check(views, intrinsics)
     settings, progress = (settings or GeometrySettings()).check(), progress or Silent()
     progress.stage("geometry", 3)
-    size, reference, posed = (views.shape[1], views.shape[2]), len(views) // 2, known_poses is not None
+    size, reference = (views.shape[1], views.shape[2]), len(views) // 2
     corners = find_corners(views, reference, settings.tracks)
     tracks = _followed(views, corners, settings, seen)
     progress.step(1, tracks=len(tracks))
@@ -139,7 +141,7 @@ def initialise(
         geometry = found.geometry
         progress.step(2, tracks=geometry.tracks, rms_px=geometry.reprojection_rms_px)
         if geometry.verdict == "full":
-            geometry = geometry if posed else _doubted(found, settings)
+            geometry = _doubted(found, settings) if known_poses is None else _measured(geometry, known_poses)
             geometry = replace(geometry, inverse_depth=_depth(geometry, found.motion, views, settings.sweep))
     progress.step(3)
     for note in geometry.notes:
@@ -320,6 +322,13 @@ def _doubted(found: _Found, settings: GeometrySettings) -> Geometry:
     error = expected_path_error(found.motion, found.tracks, geometry.intrinsics, size, settings.motion)
     notes = (*geometry.notes, *doubts_about_path(error, settings.criteria))
     return replace(geometry, path_error_expected=error, notes=notes)
+
+
+def _measured(geometry: Geometry, known_poses: F64) -> Geometry:
+    """Enter what the geometry's lengths are in the unit of known poses."""
+    given = known_poses @ np.linalg.inv(known_poses[geometry.reference])
+    path, given_path = (np.linalg.norm(poses[:, :3, 3]) for poses in (geometry.world_to_camera, given))
+    return replace(geometry, unit=float(given_path / path) if path > 0 else None)
 
 
 def _with_missing_poses(world_to_camera: F64, missing: NDArray[np.int64]) -> F64:

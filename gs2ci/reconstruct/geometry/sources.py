@@ -103,6 +103,7 @@ def swept_between_points(request: Request, cameras: CameraFile, without: Geometr
         intrinsics=cameras.intrinsics,
         inverse_depth=sweep(request.views, poses, cameras.intrinsics, reference, span, request.settings.sweep),
         verdict="full",
+        unit=1 / unit,
         notes=(*without.notes, "Poses and the range of depths are the file's; the tracks could not check them."),
     )
 

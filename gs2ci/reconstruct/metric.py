@@ -1,0 +1,50 @@
+"""Lengths in the unit of the poses that a stage or a file gave: millimetres, on a bench.
+
+Here: the way back from the scale that the stages of a reconstruction work at, where the tracked points' median depth is
+1 and every epsilon is made for it. Not here: that scale (`geometry.telemetry`). For `gs2ci.reconstruct.pipeline`.
+"""
+
+import math
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+
+from gs2ci.core.records import F64
+from gs2ci.reconstruct.fit.ensemble import Ensemble
+from gs2ci.reconstruct.geometry.initialise import Geometry
+
+# What a median depth of 1 may become. Nearer, the renderer's near plane would cut into the scene (`NEAR` is 0.01);
+# farther, sixth powers of lengths, as in determinants of covariances, near the end of float32.
+_RANGE: Final = (0.1, 1e5)
+
+
+def in_given_unit(geometry: Geometry, ensemble: Ensemble) -> tuple[Geometry, Ensemble]:
+    """Return geometry and best fit with lengths in the unit of the given poses.
+
+    A fit that refines poses lets path and scene grow or shrink together, which no view shows; so the refined path is
+    made as long as the given one. As they are where no poses were given, or where their unit would put the scene beyond
+    what can be rendered: the geometry's `unit` is None then.
+    """
+    best = ensemble.best
+    before, after = _spread(geometry.world_to_camera), _spread(best.world_to_camera)
+    unit = geometry.unit
+    if unit is None or after == 0 or not _RANGE[0] <= unit * before / after <= _RANGE[1]:
+        return replace(geometry, unit=None), ensemble
+    grown = unit * before / after
+    scene = replace(best.scene, means=best.scene.means * grown, log_scales=best.scene.log_scales + math.log(grown))
+    best = replace(best, scene=scene, world_to_camera=_scaled(best.world_to_camera, grown))
+    poses, inverse_depth = _scaled(geometry.world_to_camera, unit), geometry.inverse_depth / unit
+    return replace(geometry, world_to_camera=poses, inverse_depth=inverse_depth), replace(ensemble, best=best)
+
+
+def _spread(world_to_camera: F64) -> float:
+    """Return how far the cameras are from their mean, root mean square."""
+    centres = np.linalg.inv(world_to_camera)[:, :3, 3]
+    return float(np.sqrt(((centres - centres.mean(axis=0)) ** 2).sum(axis=1).mean()))
+
+
+def _scaled(world_to_camera: F64, unit: float) -> F64:
+    scaled = world_to_camera.copy()
+    scaled[:, :3, 3] *= unit
+    return scaled
