@@ -7,7 +7,7 @@ Each stage runs for a moment on a crop of the shot with its own masks, twice wit
 with, so that both what is fixed and what grows are known:
 
     decode    steps × view-pixels
-    geometry  view-pixels × (fixed + planes of the sweep)
+    geometry  sources asked × view-pixels × (fixed + planes of the sweep)
     fit       iterations × (view-pixels + views × Gaussians)
     a look    view-pixels
 
@@ -100,6 +100,8 @@ class CostModel:
         gaussian: What each Gaussian adds to that.
         look: One look at the held-out pixels.
         threads: With how many an iteration was measured.
+        sources: How many sources of geometry a choice by evidence asks: two where a stage reported poses. A model that
+            the user added is not priced.
     """
 
     pixels: int
@@ -111,6 +113,7 @@ class CostModel:
     gaussian: float
     look: float
     threads: int = 1
+    sources: int = 1
 
     def predict(self, settings: Settings) -> Seconds:
         """Predict what a reconstruction of the shot takes."""
@@ -118,9 +121,10 @@ class CostModel:
         shares = (np.arange(32) + 0.5) / 32
         each = float(np.mean([self.iteration_s(settings, float(share)) for share in shares]))
         looks = math.ceil(fit.iterations / fit.hold_out.look_every)
+        asked = self.sources if settings.poses == "auto" else 1
         return Seconds(
             decode=settings.decode.iterations * self.decode_step,
-            geometry=self.geometry + settings.geometry.sweep.planes * self.plane,
+            geometry=asked * (self.geometry + settings.geometry.sweep.planes * self.plane),
             fit=fit.iterations * each + looks * self.look + self._fine_s(settings),
             finish=LOOKS_AFTERWARDS * self.look,
         )
@@ -181,6 +185,7 @@ def probe(shot: Shot, backend: str = "cpu") -> CostModel:
         gaussian=_THAN_A_PLANE * found.gaussian,
         look=_THAN_A_PLANE * larger * found.look,
         threads=numba.get_num_threads(),
+        sources=1 if shot.telemetry_world_to_camera is None else 2,
     )
 
 

@@ -54,6 +54,13 @@ def test_the_probe_looks_at_a_piece_of_a_large_shot_and_scales(monkeypatch):
     assert model.gaussian / MODEL.gaussian == pytest.approx(model.look / (larger * MODEL.look))
 
 
+def test_the_probe_counts_the_stage_among_the_sources(monkeypatch):
+    monkeypatch.setattr(costs, "_probe_crop", lambda crop, backend: MODEL)
+    given = shot()
+    assert probe(given).sources == 1
+    assert probe(replace(given, telemetry_world_to_camera=np.tile(np.eye(4), (given.views, 1, 1)))).sources == 2
+
+
 def test_a_crop_without_an_open_mask_is_priced_all_the_same():
     dark = shot(size=(300, 300))
     masks = np.zeros_like(dark.masks)
@@ -79,6 +86,13 @@ def test_the_price_grows_with_every_setting_that_costs():
     ]
     for one in dearer:
         assert MODEL.predict(one).total > MODEL.predict(base).total
+
+
+def test_a_stage_that_is_asked_beside_the_tracks_costs_as_much_again():
+    both = replace(MODEL, sources=2)
+    settings = PRESETS["standard"]
+    assert both.predict(settings).geometry == pytest.approx(2 * MODEL.predict(settings).geometry)
+    assert both.predict(replace(settings, poses="tracks")) == MODEL.predict(settings)
 
 
 def test_the_population_grows_from_the_first_points_to_the_cap():
