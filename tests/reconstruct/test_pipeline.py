@@ -442,4 +442,4 @@ def test_a_choice_by_evidence_is_explained_in_the_notes(shot):
     still = replace(shot, telemetry_world_to_camera=np.tile(np.eye(4), (VIEWS, 1, 1)))
     result = reconstruct(still, replace(SHORT, fit=replace(SHORT.fit, iterations=1))).result
     assert (result.geometry["asked_for"], result.geometry["method"]) == ("auto", "tracks")
-    assert any(note.startswith("Geometry from tracks: stage failed") for note in result.notes)
+    assert any(note.startswith("Geometry from tracks. Left unexplained: the stage failed") for note in result.notes)

@@ -101,7 +101,7 @@ class Auto:
         ]
         stands = _standing(answers)
         chosen = tracks if stands is None or stands.geometry is None else stands.geometry
-        notes = [f"Geometry from {chosen.source}: {'; '.join(answer.said for answer in answers)}."]
+        notes = [f"Geometry from {chosen.source}. Left unexplained: {', '.join(answer.said for answer in answers)}."]
         if _STAGE in names and chosen.source == _TRACKS and stands is not None:
             notes.append(_DOUBTED)
         elif chosen.source == _STAGE and tracks.verdict == "static":
@@ -134,9 +134,10 @@ def _asked(request: Request, name: str, progress: Progress) -> _Answer:
     try:
         return _judged(request, name, load_geometry_prior(name)(request, progress))
     except Gs2ciError as error:
-        return _Answer(name, None, float("inf"), f"{name} failed ({error.problem})")
+        return _Answer(name, None, float("inf"), f"the {name} failed ({error.problem})")
 
 
 def _judged(request: Request, name: str, geometry: Geometry) -> _Answer:
     left = unexplained(request.shot, request.views, geometry, request.lens)
-    return _Answer(name, geometry, left, f"{name} {geometry.verdict}, {left:.4f} unexplained")
+    verdict = "" if geometry.verdict == "full" else f" ({geometry.verdict.replace('_', ' ')})"
+    return _Answer(name, geometry, left, f"{left:.4f} by the {name}{verdict}")

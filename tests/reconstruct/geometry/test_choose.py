@@ -175,8 +175,8 @@ def test_auto_takes_the_tracks_without_a_word_where_nothing_else_is_known(reques
 def test_auto_believes_a_stage_that_the_measurement_does_not_contradict(request_for, scene):
     found = find("auto", request_for(telemetry_world_to_camera=moved(scene.poses)))
     assert (found.source, len(found.notes)) == ("stage", 1)
-    assert found.notes[0].startswith("Geometry from stage: stage full, 0.")
-    assert "; tracks full, 0." in found.notes[0]
+    assert found.notes[0].startswith("Geometry from stage. Left unexplained: 0.")
+    assert found.notes[0].endswith(" by the tracks.")
     assert same_path(found, scene.poses, 1e-6)
 
 
@@ -210,8 +210,8 @@ def test_auto_takes_the_stage_where_tracks_find_nothing(request_for, scene, monk
     monkeypatch.setattr(choose, "FromTracks", lambda: blind)
     found = find("auto", request)
     assert found.source == "stage"
-    assert "tracks unsupported" in found.notes[0]
-    assert "stage full" in found.notes[0]
+    assert "by the tracks (unsupported)" in found.notes[0]
+    assert "by the stage, " in found.notes[0]
 
 
 def test_auto_drops_a_stage_that_lies(request_for, scene):
@@ -219,7 +219,7 @@ def test_auto_drops_a_stage_that_lies(request_for, scene):
     backwards[:, :3, 3] *= -1
     found = find("auto", request_for(telemetry_world_to_camera=backwards))
     assert found.source == "tracks"
-    assert "stage failed (the known poses put most tracked points" in found.notes[0]
+    assert "the stage failed (the known poses put most tracked points" in found.notes[0]
 
 
 def test_auto_lets_the_measurement_decide(request_for, monkeypatch):

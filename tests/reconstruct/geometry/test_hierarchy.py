@@ -270,9 +270,9 @@ def test_auto_asks_vggt_where_it_is_known(make_vggt, request_for, scene, monkeyp
     assert load_geometry_prior("auto")(request_for(), Silent()).notes == ()
     model = make_vggt(scene)
     add_model("vggt", model)
-    assert "vggt full" in load_geometry_prior("auto")(request_for(), Silent()).notes[0]
+    assert "by the vggt." in load_geometry_prior("auto")(request_for(), Silent()).notes[0]
     assert load_geometry_prior("vggt").name == load_geometry_prior(f"vggt:{model}").name == "vggt"
     model.unlink()
-    assert "vggt failed (the vggt model" in load_geometry_prior("auto")(request_for(), Silent()).notes[0]
+    assert "the vggt failed (the vggt model" in load_geometry_prior("auto")(request_for(), Silent()).notes[0]
     with pytest.raises(InputError, match="is gone"):
         load_geometry_prior("vggt")
