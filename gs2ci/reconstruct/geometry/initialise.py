@@ -4,7 +4,9 @@ Here: the order of the steps and the fallbacks. Not here: any step itself. `gs2c
 import `Geometry` and `initialise` from this file.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -133,11 +135,11 @@ def initialise(
     doubts = doubts_about_tracks(tracks, size, settings.criteria)
     flat = geometry = _flat(len(views), size, _focal(intrinsics, tracks, size, bool(doubts), settings), doubts)
     if not doubts:
-        found = _found(flat, tracks, known_poses, settings)
-        if found.geometry.verdict == "full":
-            tracks = _second_look(found, tracks, views, corners, settings, seen)
-            second = _found(flat, tracks, known_poses, settings)
-            found = second if second.geometry.verdict == "full" else found
+        again = partial(_second_look, views=views, corners=corners, settings=settings, seen=seen)
+        found = _found_twice(flat, tracks, known_poses, settings, again, moved=known_poses is not None)
+        if found.geometry.verdict in ("rotation_only", "static"):
+            moved = _found_twice(flat, tracks, None, settings, again, moved=True)
+            found = moved if _halves_agree(moved, settings) else found
         geometry = found.geometry
         progress.step(2, tracks=geometry.tracks, rms_px=geometry.reprojection_rms_px)
         if geometry.verdict == "full":
@@ -167,18 +169,58 @@ class _Found:
     tracks: Tracks
 
 
-def _found(flat: Geometry, tracks: Tracks, known_poses: F64 | None, settings: GeometrySettings) -> _Found:
+def _found_twice(
+    flat: Geometry,
+    tracks: Tracks,
+    known_poses: F64 | None,
+    settings: GeometrySettings,
+    again: Callable[[_Found, Tracks], Tracks],
+    *,
+    moved: bool,
+) -> _Found:
+    """Find what the camera did, and once more from tracks that were sought where the first finding predicts them.
+
+    Args:
+        flat: What is assumed as long as nothing is known.
+        tracks: All usable ones.
+        known_poses: Poses to take, or None.
+        settings: Of every step.
+        again: Seeks the tracks.
+        moved: Take it for granted that the camera moved; else the tracks must show it.
+    """
+    first = _found(flat, tracks, known_poses, settings, moved=moved)
+    if first.geometry.verdict != "full":
+        return first
+    second = _found(flat, again(first, tracks), known_poses, settings, moved=moved)
+    return second if second.geometry.verdict == "full" else first
+
+
+def _halves_agree(found: _Found, settings: GeometrySettings) -> bool:
+    """Tell whether halves of the tracks find the same path, as they do where the camera moved.
+
+    A path that is made of the tracks' errors is another one in every half of them.
+    """
+    geometry, criteria = found.geometry, settings.criteria
+    if geometry.verdict != "full" or geometry.parallax_px < criteria.parallax_px:
+        return False
+    error = _expected_error(found, settings)
+    return error is not None and error <= criteria.agreement
+
+
+def _found(
+    flat: Geometry, tracks: Tracks, known_poses: F64 | None, settings: GeometrySettings, *, moved: bool
+) -> _Found:
     """Find what the camera did from all tracks, or from those that bear out the poses that are known."""
     how, candidates = settings.motion, len(tracks)
     if known_poses is not None:
         motion, kept = place_points(tracks, known_poses, flat.intrinsics, how.huber_px, how.outlier_px)
-        return _Found(_moved(flat, candidates, kept, motion, settings, posed=True), motion, kept)
+        return _Found(_moved(flat, candidates, kept, motion, settings, moved=True, posed=True), motion, kept)
     motion, kept = estimate_motion(tracks, flat.intrinsics, how)
-    first = _Found(_moved(flat, candidates, kept, motion, settings, posed=False), motion, kept)
-    return _freed(first, flat, candidates, settings) if first.geometry.verdict == "full" else first
+    first = _Found(_moved(flat, candidates, kept, motion, settings, moved=moved), motion, kept)
+    return _freed(first, flat, candidates, settings, moved=moved) if first.geometry.verdict == "full" else first
 
 
-def _freed(found: _Found, flat: Geometry, candidates: int, settings: GeometrySettings) -> _Found:
+def _freed(found: _Found, flat: Geometry, candidates: int, settings: GeometrySettings, *, moved: bool) -> _Found:
     """Adjust once more with points that may leave the rays of their corners; what was found, if that fails.
 
     The middle view's sightings err like all others, most of all by the residue of its mask. Over 38 first geometries
@@ -193,12 +235,12 @@ def _freed(found: _Found, flat: Geometry, candidates: int, settings: GeometrySet
         motion, kept = place_points(found.tracks, poses, flat.intrinsics, how.huber_px, how.outlier_px)
     except GeometryError:
         return found
-    freed = _Found(_moved(flat, candidates, kept, motion, settings, posed=False), motion, kept)
+    freed = _Found(_moved(flat, candidates, kept, motion, settings, moved=moved), motion, kept)
     return freed if freed.geometry.verdict == "full" else found
 
 
 def _second_look(
-    found: _Found, tracks: Tracks, views: F32, corners: F64, settings: GeometrySettings, seen: Bool | None
+    found: _Found, tracks: Tracks, *, views: F32, corners: F64, settings: GeometrySettings, seen: Bool | None
 ) -> Tracks:
     """Track all corners once more from where a rough depth map predicts them; the first tracks if that fails.
 
@@ -278,15 +320,22 @@ def _flat(
 
 
 def _moved(
-    geometry: Geometry, candidates: int, tracks: Tracks, motion: Motion, settings: GeometrySettings, posed: bool
+    geometry: Geometry,
+    candidates: int,
+    tracks: Tracks,
+    motion: Motion,
+    settings: GeometrySettings,
+    *,
+    moved: bool,
+    posed: bool = False,
 ) -> Geometry:
     """Enter what the motion shows: the whole of it, its rotations, or nothing but the reason why not.
 
-    Poses that were given are taken whole unless the tracks contradict them: whether the camera moved is known then,
-    however little of it shows. So are those of views that see too little.
+    Where it is known that the camera moved, its motion is taken whole unless the tracks contradict it, however little
+    of it shows. Where the poses were given, so are those of views that see too little.
     """
     rotations = fit_rotations(tracks, geometry.intrinsics, settings.motion)
-    if posed:
+    if moved:
         reasons = contradictions(candidates, tracks, motion, settings.criteria)
         verdict: Verdict = "unsupported" if reasons else "full"
     else:
@@ -317,11 +366,15 @@ def _moved(
 
 def _doubted(found: _Found, settings: GeometrySettings) -> Geometry:
     """Enter how far the path may be relied on."""
-    geometry = found.geometry
-    size = (geometry.inverse_depth.shape[0], geometry.inverse_depth.shape[1])
-    error = expected_path_error(found.motion, found.tracks, geometry.intrinsics, size, settings.motion)
+    geometry, error = found.geometry, _expected_error(found, settings)
     notes = (*geometry.notes, *doubts_about_path(error, settings.criteria))
     return replace(geometry, path_error_expected=error, notes=notes)
+
+
+def _expected_error(found: _Found, settings: GeometrySettings) -> float | None:
+    geometry = found.geometry
+    size = (geometry.inverse_depth.shape[0], geometry.inverse_depth.shape[1])
+    return expected_path_error(found.motion, found.tracks, geometry.intrinsics, size, settings.motion)
 
 
 def _measured(geometry: Geometry, known_poses: F64) -> Geometry:

@@ -38,6 +38,8 @@ class Criteria:
             cameras and 1.4 to 3.1 of moving ones, where there had been 0.97 to 1.02 and 1.4 to 2.7.
         unexplained_by_two: The same where no track has a second sighting to tell by: errors per degree of freedom.
             A translation explains one of their two components; decoded views of turned cameras gave 1.0 to 1.3.
+        agreement: Expected error of the path (`halves`), as a share of its extent, up to which it is taken for a motion
+            even if rotations leave hardly more along the tracks: their errors would give halves of them other paths.
         parallax_px: Least parallax: what translation explains beyond the best rotations.
         displacement_px: Median displacement by the best rotations below which the camera counts as still.
         behind: Largest share of tracks that may lie behind a camera.
@@ -68,6 +70,7 @@ class Criteria:
     rms_px: float = 2.0
     unexplained: float = 1.1
     unexplained_by_two: float = 1.6
+    agreement: float = 0.1
     parallax_px: float = 0.25
     displacement_px: float = 0.5
     behind: float = 0.05
