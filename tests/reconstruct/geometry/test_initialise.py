@@ -53,6 +53,17 @@ def test_path_and_depth_of_two_planes_are_found(seen, compare, channels):
     assert geometry.reprojection_rms_px < 1
 
 
+def test_a_path_whose_halves_agree_is_believed_though_rotations_explain_the_tracks_hardly_worse(seen):
+    """The criterion on what rotations leave is out of reach here, as it is where noise drowns the parallax."""
+    scene = seen()
+    drowned = Criteria(unexplained=1e9)
+    believed = initialise(scene.views, scene.intrinsics, replace(QUICK, criteria=drowned))
+    assert (believed.verdict, believed.notes) == ("full", ())
+    assert believed.path_error_expected < drowned.agreement
+    doubted = initialise(scene.views, scene.intrinsics, replace(QUICK, criteria=replace(drowned, agreement=0.0)))
+    assert doubted.verdict == "rotation_only"
+
+
 def test_where_freed_points_find_no_solution_the_path_with_fixed_ones_stands(seen, compare, monkeypatch):
     def none(*_args, **_options):
         raise GeometryError("no solution")
