@@ -28,6 +28,7 @@ BENCHMARKS = {
     "disagreement": "tests.benchmarks.disagreement",
     "bundle_adjustment": "tests.benchmarks.bundle_adjustment",
     "path_error": "tests.benchmarks.path_error",
+    "brightness": "tests.benchmarks.brightness",
     "no_motion": "tests.benchmarks.no_motion",
     "stage_poses": "tests.benchmarks.stage_poses",
     "calibration_geometry": "tests.benchmarks.calibration_geometry",

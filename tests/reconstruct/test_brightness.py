@@ -7,7 +7,7 @@ import pytest
 
 from gs2ci.core.errors import InputError
 from gs2ci.core.records import Shot
-from gs2ci.reconstruct.brightness import BrightnessSettings, relit, view_brightness
+from gs2ci.reconstruct.brightness import BrightnessSettings, brightness_gain, relit, view_brightness
 from gs2ci.reconstruct.fit.stopping import Jury, choose_heldout
 
 SIZE = (40, 48)
@@ -108,7 +108,7 @@ def test_brightness_beyond_any_lamp_is_not_believed():
     assert view_brightness(shot_of(views, np.array([1, 1, 1, 1, -0.5])), views) is None
 
 
-def test_wrong_weights_are_corrected_where_held_out_pixels_agree():
+def test_wrong_weights_are_corrected_and_pixels_that_were_not_asked_agree():
     views = views_of()
     jury = jury_of(shot_of(views))
     corrected = relit(jury, views, GAIN)
@@ -116,6 +116,15 @@ def test_wrong_weights_are_corrected_where_held_out_pixels_agree():
     assert corrected.shot.weights.dtype == np.float32
     np.testing.assert_array_equal(corrected.heldout, jury.heldout)
     assert corrected.residual_rms(views * 1) < 0.3 * jury.residual_rms(views)
+    assert brightness_gain(jury.seen, views) > 0.5
+
+
+def test_wrong_weights_are_corrected_though_the_views_explain_little_besides():
+    """What the carried views leave otherwise is ten times what the lamp changes, as with a path that is not known."""
+    views = views_of()
+    light = 1 + 0.3 * (LIGHT - LIGHT.mean())
+    corrected = relit(jury_of(shot_of(views, light, noise=0.4)), views, GAIN)
+    np.testing.assert_allclose(corrected.shot.weights / corrected.shot.weights.mean(), light / light.mean(), atol=0.05)
 
 
 def test_right_weights_stay_though_noise_would_have_them_a_little_otherwise():
@@ -123,20 +132,27 @@ def test_right_weights_stay_though_noise_would_have_them_a_little_otherwise():
     jury = jury_of(shot_of(views, np.ones(len(LIGHT)), noise=0.1))
     assert not np.array_equal(view_brightness(jury.seen, views), np.ones(len(LIGHT)))
     assert relit(jury, views, GAIN) is None
+    assert brightness_gain(jury.seen, views) < GAIN
 
 
-def test_held_out_pixels_that_disagree_keep_the_weights():
+def test_halves_that_disagree_keep_the_weights():
     views = views_of()
-    jury = jury_of(shot_of(views))
-    measurement = jury.shot.measurement.copy()
-    even = shot_of(views, np.ones(len(LIGHT))).measurement
-    measurement[jury.heldout] = even[jury.heldout]
-    assert relit(Jury(replace(jury.shot, measurement=measurement), jury.heldout), views, GAIN) is None
+    rows, columns = np.mgrid[: SIZE[0], : SIZE[1]]
+    first = (rows // 2 + columns // 2) % 2 == 0
+    one, other = (shot_of(views, light).measurement for light in (LIGHT, 2 - LIGHT))
+    torn = replace(shot_of(views), measurement=np.where(first[..., None], one, other))
+    assert brightness_gain(torn, views) == 0
+    assert relit(jury_of(torn), views, GAIN) is None
 
 
-def test_without_held_out_pixels_the_weights_stay():
+def test_one_half_that_tells_nothing_keeps_the_weights():
     views = views_of()
-    assert relit(jury_of(shot_of(views), share=0.0), views, GAIN) is None
+    shot = shot_of(views)
+    rows, columns = np.mgrid[: SIZE[0], : SIZE[1]]
+    lit = (rows // 2 + columns // 2) % 2 == 0
+    masks = shot.masks * np.where(lit, 1, shot.masks[:1])
+    masks[:, ~lit] = shot.masks[0][~lit]  # the dark half of the board sees all masks alike
+    assert brightness_gain(replace(shot, masks=masks.astype(np.float32)), np.repeat(views[:1], len(LIGHT), 0)) == 0
 
 
 @pytest.mark.parametrize(
