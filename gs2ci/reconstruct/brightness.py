@@ -37,9 +37,9 @@ class BrightnessSettings:
 
     Args:
         rounds: At most so often; 0 takes the weights as they are. Better weights give better views to find it from.
-        least_gain: Share by which the residual on pixels that were not asked must fall for a round to count, beside
-            being surely smaller. Where all weights were right it fell by up to 0.3 %, where they were 10 % off by 1.2
-            to 11 (`python -m tests.benchmarks brightness`).
+        least_gain: Share by which the residual on pixels that were not asked must fall for weights to be wrong, beside
+            being surely smaller, which is enough for them to be corrected further. Where all weights were right it fell
+            by up to 0.3 %, where they were 10 % off by 1.2 to 11 (`python -m tests.benchmarks brightness`).
     """
 
     rounds: int = 3
@@ -127,7 +127,7 @@ class _System:
     @classmethod
     def of(cls, shot: Shot, views: F32) -> "_System | None":
         """Set the system up; None with fewer than two lit views, or with views that are not finite."""
-        lit: Bool = (shot.weights[:, None, None] * shot.masks).any(axis=(1, 2))
+        lit = np.asarray((shot.weights[:, None, None] * shot.masks).any(axis=(1, 2)))
         if lit.sum() < 2 or not np.isfinite(views).all():
             return None
         counted = np.asarray(shot.masks.any(axis=0))
@@ -157,8 +157,7 @@ class _System:
         mean = float((found * self.light).sum() / self.light.sum())
         if mean <= 0 or not _RANGE[0] * mean <= found.min() <= found.max() <= _RANGE[1] * mean:
             return None
-        brightness: F64 = found / mean
-        return brightness
+        return np.asarray(found / mean, np.float64)
 
     def gain(self) -> float:
         """Return by which share each half's brightness lowers the other half's residual; 0 unless surely so."""

@@ -97,7 +97,8 @@ def look(
         corrected = None
         if rounds_left:
             carried = carried_views(straightened(decoded, lens), geometry, lens)
-            corrected = relit(jury, carried, settings.brightness.least_gain)
+            known_wrong = jury.shot.weights is not weights
+            corrected = relit(jury, carried, 0.0 if known_wrong else settings.brightness.least_gain)
         lap("geometry")
         if corrected is None:
             break

@@ -2,9 +2,9 @@
 
     python -m tests.benchmarks brightness
 
-For scenes of the simulator's library, and the files of `GS2CI_SHARED_DATA` where that is set: by which share brightness
-from one half of the pixels lowers the residual of the other half (`BrightnessSettings.least_gain` decides), with weights
-that are right, off by 10 % and by 30 %.
+For scenes of the simulator's library, and the files of `GS2CI_SHARED_DATA` where that is set: by which share
+brightness from one half of the pixels lowers the residual of the other half (`BrightnessSettings.least_gain` decides),
+with weights that are right, off by 10 % and by 30 %.
 """
 
 import os
