@@ -7,8 +7,11 @@ this file.
 
 import importlib
 import os
+import signal
 import sys
-from collections.abc import Callable
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from contextvars import copy_context
 from typing import Any, Final
 
@@ -43,6 +46,8 @@ COMMANDS: Final[dict[str, tuple[str, str]]] = {
 }
 EXIT_USER_ERROR: Final = 2
 EXIT_INTERRUPTED: Final = 130
+_ENDINGS: Final = (signal.SIGTERM, signal.SIGHUP)
+_SMALLER: Final = "close other programs, or take fewer pixels or masks"
 
 
 def main() -> int:
@@ -69,15 +74,45 @@ def _run(command: str, arguments: list[str]) -> int:
     import tyro  # noqa: PLC0415
 
     try:
-        run: Callable[..., Any] = importlib.import_module(COMMANDS[command][0]).run
-        tyro.cli(run, prog=f"gs2ci {command}", args=arguments)
+        with _unwound_when_told_to_end():
+            run: Callable[..., Any] = importlib.import_module(COMMANDS[command][0]).run
+            tyro.cli(run, prog=f"gs2ci {command}", args=arguments)
     except Gs2ciError as error:
         _print_error(error)
+        return EXIT_USER_ERROR
+    except OSError as error:
+        # Not every look at a path is guarded one by one: names too long, folders that may not be entered, ...
+        _print_error(Gs2ciError(str(error), remedy="check the name, the folder, its free space and its permissions"))
+        return EXIT_USER_ERROR
+    except MemoryError as error:
+        _print_error(Gs2ciError(f"the memory does not suffice: {error}", remedy=_SMALLER))
         return EXIT_USER_ERROR
     except KeyboardInterrupt:
         sys.stderr.write("interrupted; nothing half-written is left behind\n")
         return EXIT_INTERRUPTED
     return 0
+
+
+@contextmanager
+def _unwound_when_told_to_end() -> Iterator[None]:
+    """Let `kill`, or a terminal that is closed, unwind what is open, as Ctrl-C does.
+
+    By itself the process would die where it stands, with the lamp on and the stage on its way.
+    """
+
+    def end(number: int, _frame: object) -> None:
+        raise SystemExit(128 + number)
+
+    main = threading.current_thread() is threading.main_thread()
+    # A signal that is ignored (nohup) stays so.
+    taken = [number for number in _ENDINGS if main and signal.getsignal(number) is signal.SIG_DFL]
+    for number in taken:
+        signal.signal(number, end)
+    try:
+        yield
+    finally:
+        for number in taken:
+            signal.signal(number, signal.SIG_DFL)
 
 
 def _print_error(error: Gs2ciError) -> None:

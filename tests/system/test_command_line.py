@@ -1,9 +1,11 @@
 """The command line as a user meets it: a foreign file in, a run folder out, and refusals that say what to do."""
 
 import os
+import signal
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -110,6 +112,56 @@ def test_an_error_in_a_process_of_its_own_ends_with_status_2_and_without_a_trace
     assert "nowhere.npz" in refused.stderr
     assert "Traceback" not in refused.stderr
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("arguments", [["reconstruct", "s.h5", "-o", "a" * 300], ["import", "a" * 300, "-o", "s.h5"]])
+def test_a_name_that_the_disk_cannot_have_is_refused_without_a_traceback(arguments, monkeypatch, capsys):
+    assert typed(monkeypatch, *arguments) == 2
+    told = capsys.readouterr().err
+    assert "error: [Errno 36] File name too long" in told
+    assert "what to do: check the name" in told
+
+
+def test_memory_that_does_not_suffice_is_told_as_such(monkeypatch, capsys):
+    def run() -> None:
+        """Ask for more than any machine has."""
+        np.empty(2**60, np.uint8)
+
+    monkeypatch.setitem(sys.modules, "greedy", SimpleNamespace(run=run))
+    monkeypatch.setitem(cli.COMMANDS, "greedy", ("greedy", ""))
+    assert typed(monkeypatch, "greedy") == 2
+    assert "error: the memory does not suffice" in capsys.readouterr().err
+
+
+WAITING = """
+import sys, time
+from types import SimpleNamespace
+from gs2ci import cli
+
+def run() -> None:
+    "Wait."
+    try:
+        print("ready", flush=True)
+        time.sleep(60)
+    finally:
+        print("put to rest", flush=True)
+
+sys.modules["waiting"] = SimpleNamespace(run=run)
+cli.COMMANDS["wait"] = ("waiting", "")
+sys.argv = ["gs2ci", "wait"]
+sys.exit(cli.main())
+"""
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
+def test_a_command_that_is_told_to_end_puts_its_bench_to_rest_first(number):
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
+    with subprocess.Popen([sys.executable, "-c", WAITING], env=environment, stdout=subprocess.PIPE, text=True) as child:
+        assert child.stdout.readline() == "ready\n"
+        child.send_signal(number)
+        rest, _ = child.communicate(timeout=30)
+    assert rest == "put to rest\n"
+    assert child.returncode == 128 + number
 
 
 def test_an_unknown_command_is_refused_with_the_known_ones(monkeypatch, capsys):
