@@ -10,6 +10,7 @@ this file.
 """
 
 from collections.abc import Callable, Iterator
+from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -64,11 +65,12 @@ class Devices:
 
     def close(self) -> None:
         """Let go of all devices; never raises, may be called twice."""
-        for device in (self.stage, self.sensor, self.modulator):
-            if device is not None:
-                device.close()
-        for close in self.also_close:
-            close()
+        with ExitStack() as closing:  # each is closed, whatever comes of the others
+            for close in reversed(self.also_close):
+                closing.callback(close)
+            for device in (self.modulator, self.sensor, self.stage):
+                if device is not None:
+                    closing.callback(device.close)
 
     def incidents(self) -> list[str]:
         """Return and forget what the drivers rode out since the last call."""

@@ -138,6 +138,17 @@ def test_a_target_beyond_the_limits_is_refused_and_nothing_moves(bench: Bench, b
     assert bench.true_mm() == before
 
 
+@pytest.mark.parametrize("target", [float("nan"), float("inf"), -float("inf")])
+def test_a_target_that_is_no_number_is_refused_and_nothing_moves(bench: Bench, target: float) -> None:
+    before = bench.true_mm()
+    with pytest.raises(OutOfRangeError, match=r"stage0.*limits.*allowed"):
+        bench.stage.begin_move({bench.axis: target})
+    with pytest.raises(OutOfRangeError, match=r"stage0.*allowed"):
+        bench.stage.plan_sweep(bench.axis, bench.middle_mm(), target, 1.0)
+    bench.clock.sleep_s(1.0)
+    assert bench.true_mm() == before
+
+
 def test_an_unknown_axis_is_refused_with_those_there_are(bench: Bench) -> None:
     with pytest.raises(OutOfRangeError, match=r"axis 'q'.*allowed: x, y"):
         bench.stage.move_to({"q": 1.0})

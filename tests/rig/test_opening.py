@@ -8,7 +8,7 @@ from gs2ci.rig import discovery
 from gs2ci.rig.config import RigTable
 from gs2ci.rig.opening import Rig, load_rig
 from gs2ci.rig.simulated import build_bench
-from gs2ci_drivers.failures import AccessError, DisconnectedError
+from gs2ci_drivers.failures import AccessError, DisconnectedError, WrongStateError
 from gs2ci_sims.wires.v4l2 import V4l2Twin
 from gs2ci_sims.wires.v4l2_camera import CameraModel
 from gs2ci_sims.world import World
@@ -45,6 +45,22 @@ def test_what_was_opened_is_closed_again_when_a_later_port_fails(tmp_path):
         rig.open(tmp_path / "run")
     rig.bench.stage.plug_in()
     rig.open().close()  # the modulator's port was let go of, else it would be busy
+
+
+def test_a_device_that_fails_to_close_does_not_keep_the_others_open(tmp_path, monkeypatch):
+    rig = simulated(tmp_path, stage={"kind": "zaber"})
+    devices = rig.open()
+
+    def stuck():
+        raise OSError("stuck")
+
+    monkeypatch.setattr(devices.stage, "close", stuck)
+    with pytest.raises(OSError, match="stuck"):
+        devices.close()
+    with pytest.raises(WrongStateError, match="closed"):
+        devices.sensor.connect()
+    with pytest.raises(WrongStateError, match="closed"):
+        devices.modulator.connect()
 
 
 def test_a_device_that_is_in_use_says_so(tmp_path):

@@ -54,11 +54,10 @@ class ClaimedInterfaces:
         bus_port: str = "",
         find: Find = usb.core.find,
     ) -> None:
-        self._device = device
-        self.usb: Any = _find_one(device, vendor_id, product_id, bus_port, find)
         self._claimed: list[int] = []
         self._detached: list[int] = []
         with port_errors(device, "open"):
+            self.usb: Any = _find_one(device, vendor_id, product_id, bus_port, find)
             try:
                 for interface in interfaces:
                     self._claim(interface)
