@@ -17,9 +17,9 @@ M = TypeVar("M", bound=BaseModel)
 
 
 class Settings(BaseModel):
-    """Base of settings: unknown keys are errors, values are not changed afterwards."""
+    """Base of settings: unknown keys are errors, numbers are finite, values are not changed afterwards."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True, use_attribute_docstrings=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, use_attribute_docstrings=True)
 
 
 def read_settings(path: Path, model: type[M]) -> tuple[M, str]:
@@ -45,6 +45,8 @@ def read_settings(path: Path, model: type[M]) -> tuple[M, str]:
         raise InputError(f"{path} is not text in UTF-8 ({error.reason})") from error
     except tomllib.TOMLDecodeError as error:
         raise InputError(f"{path} is not TOML: {error}", remedy="mend the line named") from error
+    except RecursionError as error:
+        raise InputError(f"{path} is not TOML of ours: it nests too deep") from error
     try:
         return model.model_validate(data), text
     except ValidationError as error:
