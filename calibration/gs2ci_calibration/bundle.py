@@ -51,7 +51,7 @@ from gs2ci.core.errors import NumericsError, StorageError
 from gs2ci.core.hdf5 import check_text_heaps
 from gs2ci.core.storage.layout import to_json
 from gs2ci.core.storage.reader import CaptureFile
-from gs2ci.core.storage.sealing import partial_of, seal
+from gs2ci.core.storage.sealing import check_manifest_place, partial_of, seal
 from gs2ci_calibration.estimates import Estimate, Section
 from gs2ci_calibration.refusals import CalibrationError, Reason
 
@@ -130,19 +130,39 @@ def write_bundle(path: Path, bundle: Bundle) -> Path:
         NumericsError: A number is not finite.
         StorageError: The file cannot be written.
     """
-    if path.suffix != ".h5" or not path.parent.is_dir():
-        raise StorageError(f"{path}: not a place for a bundle", allowed="a name that ends in .h5, in a folder there is")
+    _check_place(path)
     for section in bundle.sections.values():
         _check_section(section)
     partial = partial_of(path)
     try:
         with h5py.File(partial, "w") as file:
             _write(file, bundle)
-    except OSError as error:
+    except BaseException as error:
         partial.unlink(missing_ok=True)
-        raise StorageError(f"{path}: cannot be written: {error}", remedy="free the disk, check the folder") from error
+        if isinstance(error, OSError | RuntimeError):  # HDF5 tells a full disk as either
+            raise StorageError(
+                f"{path}: cannot be written: {error}", remedy="free the disk, check the folder"
+            ) from error
+        raise
     seal(partial, path)
     return path
+
+
+def check_target(path: Path, provenance: Provenance, step: str) -> None:
+    """Accept a bundle that a section can be added to, before any frame is taken for it.
+
+    Args:
+        path: Of the bundle, which may be there or not.
+        provenance: Of the bench.
+        step: That will be measured, for messages.
+
+    Raises:
+        CalibrationError: The bundle belongs to other devices (`Reason.DOES_NOT_FIT`).
+        StorageError: No bundle can be written there, or what lies there is none.
+    """
+    _check_place(path)
+    if path.exists():
+        _check_devices(path, read_bundle(path), provenance, step)
 
 
 def add_section(path: Path, section: Section, provenance: Provenance) -> Bundle:
@@ -153,13 +173,7 @@ def add_section(path: Path, section: Section, provenance: Provenance) -> Bundle:
         NumericsError, StorageError: As `write_bundle` and `read_bundle`.
     """
     bundle = read_bundle(path) if path.exists() else Bundle(provenance)
-    if dict(bundle.provenance.devices) != dict(provenance.devices):
-        raise CalibrationError(
-            section.name,
-            Reason.DOES_NOT_FIT,
-            f"{path} belongs to {_named(bundle.provenance)}, the bench has {_named(provenance)}",
-            remedy="write to another bundle, and calibrate all of it",
-        )
+    _check_devices(path, bundle, provenance, section.name)
     whole = replace(bundle.with_section(section), provenance=provenance, path=path)
     write_bundle(path, whole)
     return whole
@@ -177,6 +191,22 @@ def read_bundle(path: Path) -> Bundle:
         created = file.attrs.get("created_utc", "")
         ordered = dict(sorted(sections.items(), key=lambda item: item[1].measured_utc))
         return Bundle(provenance, ordered, str(created), path)
+
+
+def _check_place(path: Path) -> None:
+    if path.suffix != ".h5" or not path.parent.is_dir():
+        raise StorageError(f"{path}: not a place for a bundle", allowed="a name that ends in .h5, in a folder there is")
+    check_manifest_place(path)
+
+
+def _check_devices(path: Path, bundle: Bundle, provenance: Provenance, step: str) -> None:
+    if dict(bundle.provenance.devices) != dict(provenance.devices):
+        raise CalibrationError(
+            step,
+            Reason.DOES_NOT_FIT,
+            f"{path} belongs to {_named(bundle.provenance)}, the bench has {_named(provenance)}",
+            remedy="write to another bundle, and calibrate all of it",
+        )
 
 
 def _named(provenance: Provenance) -> str:

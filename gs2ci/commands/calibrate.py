@@ -19,7 +19,7 @@ from gs2ci.core.progress import Progress
 from gs2ci.rig.calibrating import bench_of, operator_of, provenance_of
 from gs2ci.rig.opening import Rig, load_rig
 from gs2ci_calibration.bench import Bench
-from gs2ci_calibration.bundle import Bundle, Provenance, add_section, read_bundle
+from gs2ci_calibration.bundle import Bundle, Provenance, add_section, check_target, read_bundle
 from gs2ci_calibration.drift import changes_since
 from gs2ci_calibration.estimates import Section
 from gs2ci_calibration.fitting import fit
@@ -63,6 +63,7 @@ def run(
             if step == "check":
                 _check(console, bench, read_bundle(out), opened, provenance_of(opened, devices))
                 return out
+            check_target(out, provenance_of(opened, devices), step)
             for name in _every_step(devices, display) if step == "all" else (step,):
                 known = read_bundle(out) if out.exists() else Bundle()
                 section = _measured(bench, name, known)

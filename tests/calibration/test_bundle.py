@@ -174,3 +174,23 @@ def test_a_disk_that_refuses_leaves_nothing_half_written(path, monkeypatch):
     with pytest.raises(StorageError, match="cannot be written"):
         write_bundle(path, Bundle(BENCH, {"dark-flat": section()}))
     assert not list(path.parent.iterdir())
+
+
+@pytest.mark.parametrize("error", [RuntimeError("unable to write"), TypeError("what nobody foresaw")])
+def test_whatever_goes_wrong_while_writing_leaves_nothing_half_written(path, monkeypatch, error):
+    def fail(*arguments, **options):
+        raise error
+
+    monkeypatch.setattr(h5py.Group, "create_dataset", fail)
+    with pytest.raises(StorageError if isinstance(error, RuntimeError) else TypeError):
+        write_bundle(path, Bundle(BENCH, {"dark-flat": section()}))
+    assert not list(path.parent.iterdir())
+
+
+def test_a_file_of_the_users_in_the_manifests_place_is_not_replaced(path):
+    notes = path.with_suffix(".json")
+    notes.write_text('{"aperture": 5.6}')
+    with pytest.raises(StorageError, match="the manifest belongs there"):
+        write_bundle(path, Bundle(BENCH, {"dark-flat": section()}))
+    assert notes.read_text() == '{"aperture": 5.6}'
+    assert not path.exists()

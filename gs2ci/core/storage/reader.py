@@ -139,7 +139,7 @@ class CaptureFile:
         if not unfinished and int(complete) != 1:
             raise StorageError(
                 f"{self.path}: key 'complete': the capture was interrupted before its end",
-                remedy=f"save its finished rows with `gs2ci import {self.path} -o NEW.h5`",
+                remedy=f"save its finished rows with `gs2ci recover {self.path}`",
             )
 
     def valid_rows(self) -> NDArray[np.intp]:

@@ -1,7 +1,7 @@
 """Saving the finished rows of a capture whose writer died.
 
 Here: `recover`, which reads the `.partial` and writes a new file; the damaged one is never touched. Anyone may use
-it through `gs2ci.core.storage`; on the command line it is `gs2ci import NAME.h5.partial -o NEW.h5`.
+it through `gs2ci.core.storage`; on the command line it is `gs2ci recover NAME.h5.partial`.
 """
 
 import json

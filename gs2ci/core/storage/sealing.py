@@ -1,7 +1,8 @@
 """From `.partial` to the final name: fsync, rename, fsync of the folder, and the manifest beside the file.
 
 Here: paths, the rename that makes a capture count as finished, and the manifest `name.json` with its sha256. Not
-here: what is inside the file. Only the storage package imports this file; `check_manifest` is re-exported.
+here: what is inside the file. The storage package, calibration bundles (`gs2ci_calibration.bundle`) and commands that
+name a `.partial` import this file; `check_manifest` is re-exported.
 """
 
 import hashlib
@@ -12,6 +13,7 @@ from typing import Final
 
 from gs2ci.core.errors import StorageError
 from gs2ci.core.json_text import parse_json
+from gs2ci.core.whole_file import write_whole
 
 MANIFEST_SCHEMA: Final = "gs2ci.manifest/1"
 PARTIAL: Final = ".partial"
@@ -43,8 +45,17 @@ def check_target(path: Path, *, replace: bool) -> None:
     if partial.exists():
         raise StorageError(
             f"{partial}: an unfinished capture of that name lies there",
-            remedy=f"save its rows with `gs2ci import {partial} -o NEW.h5`, or delete it",
+            remedy=f"save its rows with `gs2ci recover {partial}`, or delete it",
         )
+    check_manifest_place(path)
+
+
+def check_manifest_place(path: Path) -> None:
+    """Accept a path beside which a manifest may be written: `seal` replaces what lies there.
+
+    Raises:
+        StorageError: A file of that name is somebody else's.
+    """
     manifest = manifest_of(path)
     if manifest.exists() and not _is_manifest(manifest):
         raise StorageError(
@@ -69,12 +80,7 @@ def seal(partial: Path, path: Path) -> None:
         os.replace(partial, path)
         _fsync_folder(path.parent)
         record = {"schema": MANIFEST_SCHEMA, "file": path.name, "bytes": size, "sha256": digest}
-        draft = partial_of(manifest)
-        with draft.open("w", encoding="utf-8") as out:
-            out.write(json.dumps(record, indent=2) + "\n")
-            out.flush()
-            os.fsync(out.fileno())
-        os.replace(draft, manifest)
+        write_whole(manifest, json.dumps(record, indent=2) + "\n", remedy=f"free the disk; the rows are in {path}")
         _fsync_folder(path.parent)
     except OSError as error:
         raise StorageError(

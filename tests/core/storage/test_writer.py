@@ -170,7 +170,7 @@ def test_leaving_without_finish_keeps_the_rows_in_the_partial(tmp_path, header):
     with ShotWriter(tmp_path / "shot.h5", header) as writer:
         writer.append(np.full((6, 8), 600, np.uint16))
     assert [p.name for p in tmp_path.iterdir()] == ["shot.h5.partial"]
-    with pytest.raises(StorageError, match=r"interrupted before its end.*gs2ci import"):
+    with pytest.raises(StorageError, match=r"interrupted before its end.*gs2ci recover"):
         read_shot(tmp_path / "shot.h5.partial")
     recover(tmp_path / "shot.h5.partial", tmp_path / "saved.h5")
     assert read_shot(tmp_path / "saved.h5").measurement[0, 0, 0] == 0.5
@@ -254,7 +254,7 @@ def test_a_capture_never_replaces_a_finished_file_or_an_unfinished_one(tmp_path,
         ShotWriter(tmp_path / "shot.h5", header)
     with ShotWriter(tmp_path / "other.h5", header):
         pass
-    with pytest.raises(StorageError, match=r"unfinished capture.*gs2ci import"):
+    with pytest.raises(StorageError, match=r"unfinished capture.*gs2ci recover"):
         write_shots(tmp_path / "other.h5", [make_shot()])
 
 
@@ -401,3 +401,20 @@ def test_a_killed_writer_leaves_every_finished_row_readable(tmp_path, delay_s):
     with h5py.File(tmp_path / "saved.h5") as file:
         assert b'"recovered"' in file["events"][-1]
         assert len(file["events"]) >= count
+
+
+def test_a_manifest_that_the_disk_refuses_leaves_the_whole_file_and_nothing_half_written(
+    tmp_path, make_shot, monkeypatch
+):
+    done = os.replace
+
+    def full(source, target):
+        if str(target).endswith(".json"):
+            raise OSError(28, "No space left on device")
+        done(source, target)
+
+    monkeypatch.setattr(os, "replace", full)
+    with pytest.raises(StorageError, match=r"shot.json cannot be written.*the rows are in .*shot.h5"):
+        write_shots(tmp_path / "shot.h5", [make_shot()])
+    assert [path.name for path in tmp_path.iterdir()] == ["shot.h5"]
+    assert count_shots(tmp_path / "shot.h5") == 1
