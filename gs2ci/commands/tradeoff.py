@@ -64,6 +64,8 @@ def run(
     Raises:
         Gs2ciError: The file or a value cannot be used.
     """
+    if seed < 0:
+        raise InputError(f"--seed {seed}", allowed="0 or more")
     most_s = parse_duration_s(most)
     trials = chosen_trials(knobs)
     measured = read_shot(shot, index)

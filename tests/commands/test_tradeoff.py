@@ -57,6 +57,8 @@ def test_a_limit_that_nothing_meets_and_an_unknown_knob_are_refused(measured, tr
         tradeoff.run(measured, tmp_path / "out", most="0.01s")
     with pytest.raises(InputError, match="no knob"):
         tradeoff.run(measured, tmp_path / "out", knobs=("luck",))
+    with pytest.raises(InputError, match="--seed -1"):
+        tradeoff.run(measured, tmp_path / "out", seed=-1)
     assert not (tmp_path / "out").exists()
 
 

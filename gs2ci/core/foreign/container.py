@@ -101,7 +101,8 @@ class Container:
         if self.entries[key].kind != "text":
             raise InputError(f"{self.where(key)}: holds {self.entries[key].kind}", allowed="a text")
         with damage_as_input_error(self.where(key)):
-            return str(np.asarray(self.load_values(key)).reshape(-1)[0]).strip()
+            text = np.asarray(self.load_values(key)).reshape(-1)[0]
+            return (text.decode("utf-8") if isinstance(text, bytes) else str(text)).strip()
 
     def listing(self) -> str:
         """Write down what the file holds."""

@@ -80,7 +80,12 @@ def clipped(readings: F64, said: float | None, guesses: list[str]) -> NDArray[np
 
     Returns:
         [K, H, W], or None where no pixel is clipped.
+
+    Raises:
+        InputError: The level is no reading.
     """
+    if said is not None and not 0 <= said < np.inf:
+        raise InputError(f"--saturation {said:g}", allowed="the reading from which on pixels are clipped; 0: none is")
     level = said
     if level is None:
         high = float(readings.max())

@@ -111,6 +111,13 @@ def test_a_pile_up_at_the_top_code_counts_as_clipped(scene, take):
     assert np.array_equal(told.saturated, (meas >= 100)[..., 0])
 
 
+@pytest.mark.parametrize("level", [np.nan, np.inf, -1.0])
+def test_a_level_of_clipping_that_is_no_reading_is_refused(scene, take, level):
+    made = scene(channels=1)
+    with pytest.raises(InputError, match="--saturation"):
+        take(ImportOptions(saturation=level), meas=made.meas, mask=made.masks)
+
+
 @pytest.mark.parametrize(
     ("given", "expected"),
     [
