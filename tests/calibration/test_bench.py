@@ -9,12 +9,13 @@ from gs2ci.core.errors import InputError
 from gs2ci.rig.calibrating import TerminalOperator
 from gs2ci.rig.config import RigTable
 from gs2ci.rig.random_benches import opened, random_table
-from gs2ci_calibration.bench import Setup
+from gs2ci_calibration.bench import Bench, Setup, Stack
 from gs2ci_calibration.bundle import Bundle
 from gs2ci_calibration.drift import changes_since
-from gs2ci_calibration.exposing import find_exposure
+from gs2ci_calibration.exposing import Level, find_exposure
 from gs2ci_calibration.frames import Dark
 from gs2ci_calibration.masks.taking import light_up, take
+from gs2ci_calibration.photon_transfer import _take_full
 from gs2ci_calibration.procedures import PROCEDURES
 from gs2ci_calibration.refusals import CalibrationError, Reason
 from gs2ci_drivers.failures import PlanRefusedError
@@ -170,3 +171,14 @@ def test_a_run_holds_as_many_patterns_as_the_modulator_has_room_for_at_their_dep
     )
     with opened(table) as (bench, _):
         assert (bench.capacity, at_depth(bench, 8).capacity) == (400, 50)
+
+
+def test_readings_that_still_grow_when_the_pixels_are_full_are_refused(bench, monkeypatch):
+    def unending(self, patterns, *, frames, exposure_s, **_):
+        level = 64 + 1e5 * np.log1p(exposure_s)  # a tone curve
+        return Stack(np.full((1, frames, *self.size), level, np.float32), np.zeros((1, frames)), exposure_s, None)
+
+    monkeypatch.setattr(Bench, "grab", unending)
+    with pytest.raises(CalibrationError, match="readings still grow by") as error:
+        _take_full(bench, dark_of(bench), Level(0.01, 1e5))
+    assert error.value.reason is Reason.NOT_LINEAR

@@ -84,6 +84,11 @@ def test_connecting_moves_nothing_and_is_idempotent(bench: Bench) -> None:
     assert bench.true_mm() == before
 
 
+def test_what_it_is_is_not_known_before_it_is_connected(unreferenced: Bench) -> None:
+    with pytest.raises(WrongStateError, match=r"info: not connected.*call connect\(\) first"):
+        _ = unreferenced.stage.info
+
+
 def test_limits_and_steps_are_sane(bench: Bench) -> None:
     for axis in bench.stage.info.axes.values():
         assert axis.min_mm < axis.max_mm

@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 
+from gs2ci_calibration.masks import registration_fit
 from gs2ci_calibration.masks.imaging import PixelMap, blurred, sharp
 from gs2ci_calibration.masks.registration import ORIENTATIONS, orientation, register, require_orientation, require_ratio
 from gs2ci_calibration.masks.texture import checker
@@ -137,3 +138,10 @@ def test_the_pixel_ratio_is_held_against_the_rig_file():
     with pytest.raises(CalibrationError, match="by the rig file 3") as caught:
         require_ratio(TRUTH, 3)
     assert caught.value.reason is Reason.NOT_REGISTERED
+
+
+def test_a_map_that_does_not_settle_is_refused(monkeypatch):
+    monkeypatch.setattr(registration_fit, "ITERATIONS_MAX", 2)
+    error = refusal(PATTERNS, seen(PATTERNS, TRUTH))
+    assert error.reason is Reason.NOT_REGISTERED
+    assert "after 2 steps it still moves by" in str(error)
