@@ -333,6 +333,7 @@ def test_a_control_that_the_camera_ignores_is_told_as_clamped(bench: Build) -> N
     b.faults.inject("v4l2.control_ignored", about="IO Mode")
     b.begin(controls={"io_mode": 3})
     assert b.sensor.applied_controls[-1].clamped
+    assert [note for note in b.sensor.incidents if "io_mode = 3 was asked for, " in note]
 
 
 def test_an_exposure_that_the_camera_ignores_is_seen_in_the_settings(bench: Build) -> None:
