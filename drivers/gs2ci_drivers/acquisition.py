@@ -5,8 +5,8 @@ the modulator shows nothing, the sensor does not stream, the stage rests; the er
 the device and the trigger that was being served. Rows handed on before it stay.
 
 Here: the order of things and the judgement of frames against triggers. Not here: what a plan is
-(`gs2ci_drivers.plan`, `planning`), files (the `sink` that is passed in), light. Commands and calibration import
-this file.
+(`gs2ci_drivers.plan`, `planning`), files (the `sink` that is passed in), light. `gs2ci.rig`, commands and
+calibration import this file.
 """
 
 from collections.abc import Callable, Iterator

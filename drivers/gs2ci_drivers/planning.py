@@ -2,7 +2,8 @@
 
 From the devices' own limits and the user's settings: one pass of masks, the sensor's exposure, the readout
 pause, the stage's sweep, and a figure for each check (reference section 5). Not here: the records
-(`gs2ci_drivers.plan`), doing it (`gs2ci_drivers.acquisition`). Commands and calibration import this file.
+(`gs2ci_drivers.plan`), doing it (`gs2ci_drivers.acquisition`, which imports this file as
+calibration does).
 """
 
 from math import ceil

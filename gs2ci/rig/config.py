@@ -1,8 +1,8 @@
 """What a rig file may say: one table per device, one for the capture, one for the simulated surroundings.
 
 Every table is a strict model: an unknown key is an error that names the nearest known one. `port = "simulated"`
-puts a device's twin below its driver. Not here: opening anything (`gs2ci.rig.opening`). Commands and calibration
-commands import this file.
+puts a device's twin below its driver. Not here: opening anything (`gs2ci.rig.opening`). The rest of `gs2ci.rig` and
+`gs2ci.bench` import this file.
 """
 
 from pathlib import Path
