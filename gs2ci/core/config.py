@@ -36,9 +36,23 @@ def read_settings(path: Path, model: type[M]) -> tuple[M, str]:
         InputError: The file cannot be read, is not TOML, or does not fit; names each key that is wrong and, where
             it is unknown, the nearest known one.
     """
+    data, text = read_toml(path)
+    try:
+        return model.model_validate(data), text
+    except ValidationError as error:
+        sentences = [_sentence(model, dict(problem)) for problem in error.errors()]
+        raise InputError(f"{path}: " + "; ".join(sentences)) from error
+
+
+def read_toml(path: Path) -> tuple[dict[str, Any], str]:
+    """Read a TOML file; return its tables and its text.
+
+    Raises:
+        InputError: The file cannot be read or is not TOML.
+    """
     try:
         text = path.read_text(encoding="utf-8")
-        data = tomllib.loads(text)
+        return tomllib.loads(text), text
     except OSError as error:
         raise InputError(f"{path} cannot be read ({error.strerror})") from error
     except UnicodeDecodeError as error:
@@ -47,11 +61,6 @@ def read_settings(path: Path, model: type[M]) -> tuple[M, str]:
         raise InputError(f"{path} is not TOML: {error}", remedy="mend the line named") from error
     except RecursionError as error:
         raise InputError(f"{path} is not TOML of ours: it nests too deep") from error
-    try:
-        return model.model_validate(data), text
-    except ValidationError as error:
-        sentences = [_sentence(model, dict(problem)) for problem in error.errors()]
-        raise InputError(f"{path}: " + "; ".join(sentences)) from error
 
 
 def _sentence(model: type[BaseModel], problem: dict[str, Any]) -> str:
