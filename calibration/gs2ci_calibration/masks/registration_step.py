@@ -60,7 +60,7 @@ def measure_registration(bench: Bench, known: Bundle) -> Section:
     start = register(patterns[:CHECKERS], shares[:CHECKERS], sharper.valid, coarse, light=light, degree=1)
     found = register(patterns, shares, sharper.valid, start.pixels, light=light)
     require_ratio(found.pixels, bench.options.superpixel)
-    if found.rms_se_px > ACCURACY_PX:
+    if not found.rms_se_px <= ACCURACY_PX:
         raise CalibrationError(
             STEP,
             Reason.NOT_REGISTERED,

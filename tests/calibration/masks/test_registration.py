@@ -112,6 +112,20 @@ def test_tiles_on_one_line_are_refused():
     assert "one line" in str(found)
 
 
+@pytest.mark.parametrize("columns", [2, 3])
+def test_tiles_in_too_few_columns_hold_no_cubic_map_but_a_straight_one(columns):
+    size = (200, 200)
+    truth = PixelMap(size, np.array([[230.0, 230.0], [200.0, 0.3], [-0.4, 200.0]]))
+    patterns = [checker((460, 460), 6, np.random.default_rng(seed)) for seed in range(2)]
+    shares = [blurred(sharp(pattern, truth)[0], 0.3) for pattern in patterns]
+    valid = np.zeros(size, bool)
+    valid[:, : 20 * columns] = True  # tiles are 20 pixels wide
+    with pytest.raises(CalibrationError, match="too few rows or columns") as caught:
+        register(patterns, shares, valid, truth, degree=3)
+    assert caught.value.reason is Reason.NOT_REGISTERED
+    assert register(patterns, shares, valid, truth).pixels.degree == 1
+
+
 @pytest.mark.parametrize("way", list(np.ndindex(2, 2, 2)))
 def test_every_way_round_has_a_name_of_its_own_and_is_refused_unless_wanted(way):
     transpose, flip_x, flip_y = (bool(one) for one in way)
