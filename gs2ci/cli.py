@@ -75,9 +75,24 @@ def _run(command: str, arguments: list[str]) -> int:
         _print_error(error)
         return EXIT_USER_ERROR
     except KeyboardInterrupt:
-        sys.stderr.write("interrupted; nothing half-written is left behind\n")
-        return EXIT_INTERRUPTED
+        return _interrupted()
+    except SystemError as error:
+        if not _stems_from_interruption(error):
+            raise
+        return _interrupted()
     return 0
+
+
+def _interrupted() -> int:
+    sys.stderr.write("interrupted; nothing half-written is left behind\n")
+    return EXIT_INTERRUPTED
+
+
+def _stems_from_interruption(error: BaseException | None) -> bool:
+    """Tell whether Ctrl-C came while compiled code was being entered: Numba makes it the cause of another error."""
+    while error is not None and not isinstance(error, KeyboardInterrupt):
+        error = error.__cause__ or error.__context__
+    return error is not None
 
 
 def _print_error(error: Gs2ciError) -> None:

@@ -52,6 +52,7 @@ from gs2ci.core.hdf5 import check_text_heaps
 from gs2ci.core.storage.layout import to_json
 from gs2ci.core.storage.reader import CaptureFile
 from gs2ci.core.storage.sealing import partial_of, seal
+from gs2ci.core.whole_file import check_place
 from gs2ci_calibration.estimates import Estimate, Section
 from gs2ci_calibration.refusals import CalibrationError, Reason
 
@@ -123,6 +124,17 @@ class Bundle:
         return replace(self, sections={**self.sections, section.name: section})
 
 
+def check_bundle_place(path: Path) -> None:
+    """Return if a bundle can be written there; to be asked before anything is measured.
+
+    Raises:
+        StorageError: No name or place for a bundle.
+    """
+    if path.suffix != ".h5" or not path.parent.is_dir():
+        raise StorageError(f"{path}: not a place for a bundle", allowed="a name that ends in .h5, in a folder there is")
+    check_place(path)
+
+
 def write_bundle(path: Path, bundle: Bundle) -> Path:
     """Write a bundle, whole or not at all; an older one of that name is replaced.
 
@@ -130,8 +142,7 @@ def write_bundle(path: Path, bundle: Bundle) -> Path:
         NumericsError: A number is not finite.
         StorageError: The file cannot be written.
     """
-    if path.suffix != ".h5" or not path.parent.is_dir():
-        raise StorageError(f"{path}: not a place for a bundle", allowed="a name that ends in .h5, in a folder there is")
+    check_bundle_place(path)
     for section in bundle.sections.values():
         _check_section(section)
     partial = partial_of(path)

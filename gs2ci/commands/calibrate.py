@@ -19,7 +19,7 @@ from gs2ci.core.progress import Progress
 from gs2ci.rig.calibrating import bench_of, operator_of, provenance_of
 from gs2ci.rig.opening import Rig, load_rig
 from gs2ci_calibration.bench import Bench
-from gs2ci_calibration.bundle import Bundle, Provenance, add_section, read_bundle
+from gs2ci_calibration.bundle import Bundle, Provenance, add_section, check_bundle_place, read_bundle
 from gs2ci_calibration.drift import changes_since
 from gs2ci_calibration.estimates import Section
 from gs2ci_calibration.fitting import fit
@@ -54,6 +54,8 @@ def run(
         The bundle.
     """
     console = Console()
+    if step != "check":
+        check_bundle_place(out)
     opened = load_rig(rig)
     devices = opened.open()
     try:

@@ -20,6 +20,7 @@ from gs2ci.commands.display import open_display
 from gs2ci.core.durations import parse_duration_s
 from gs2ci.core.errors import InputError
 from gs2ci.core.storage import read_shot
+from gs2ci.core.whole_file import check_place
 from gs2ci.evaluate.pages.run_evidence import check_same_shot
 from gs2ci.evaluate.pages.run_page import write_run_page
 from gs2ci.evaluate.tradeoff.pages import Tradeoff, markdown, record_of, write_pages
@@ -67,6 +68,7 @@ def run(
     most_s = parse_duration_s(most)
     trials = chosen_trials(knobs)
     measured = read_shot(shot, index)
+    check_place(output / "cells")
     if report is not None:
         check_same_shot(report, measured)
     with open_display() as display:

@@ -198,6 +198,32 @@ def test_an_interruption_is_said_in_one_line(monkeypatch, capsys):
     assert capsys.readouterr().err.count("\n") == 1
 
 
+def test_an_interruption_in_compiled_code_is_said_in_one_line_too(monkeypatch, capsys):
+    """Numba makes a SystemError of it, several deep."""
+
+    def interrupt(name):
+        try:
+            try:
+                raise KeyboardInterrupt
+            except KeyboardInterrupt as error:
+                raise SystemError("unpickle returned a result with an exception set") from error
+        except SystemError as error:
+            raise SystemError("dispatcher returned a result with an exception set") from error
+
+    monkeypatch.setattr(cli.importlib, "import_module", interrupt)
+    assert typed(monkeypatch, "demo") == cli.EXIT_INTERRUPTED
+    assert capsys.readouterr().err.count("\n") == 1
+
+
+def test_an_error_of_compiled_code_itself_is_not_taken_for_an_interruption(monkeypatch):
+    def fail(name):
+        raise SystemError("bad call")
+
+    monkeypatch.setattr(cli.importlib, "import_module", fail)
+    with pytest.raises(SystemError, match="bad call"):
+        typed(monkeypatch, "demo")
+
+
 def test_the_command_line_starts_without_torch(tmp_path):
     """Help and refusals must not wait for it."""
     program = "import sys, gs2ci.cli; sys.exit('torch' in sys.modules or 'numba' in sys.modules)"
