@@ -40,7 +40,7 @@ def read_settings(path: Path, model: type[M]) -> tuple[M, str]:
         text = path.read_text(encoding="utf-8")
         data = tomllib.loads(text)
     except OSError as error:
-        raise InputError(f"{path} cannot be read ({error.strerror})") from error
+        raise InputError(f"{path} cannot be read ({error.strerror})", remedy="check the path") from error
     except UnicodeDecodeError as error:
         raise InputError(f"{path} is not text in UTF-8 ({error.reason})") from error
     except tomllib.TOMLDecodeError as error:

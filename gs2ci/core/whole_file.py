@@ -78,8 +78,9 @@ def check_place(path: str | Path) -> None:
         # Permissions alone do not tell: a file system may be read-only, and to root everything seems allowed.
         os.rmdir(tempfile.mkdtemp(prefix=".", suffix=".partial", dir=above))
     except OSError as error:
+        reason = f"{above}: {error.strerror or error}" if above.is_dir() else f"{above} is not a folder"
         raise StorageError(
-            f"{path} cannot be written: {above}: {error.strerror or error}",
+            f"{path} cannot be written: {reason}",
             remedy="check the permissions of that folder, or choose another place with -o",
         ) from error
 

@@ -165,6 +165,8 @@ PARTS: Final[dict[str, type]] = {
     "timing": Timing,
     "sensor": Sensor,
 }
+# Tables that only the rig file of a bench has; the two kinds share other names.
+BENCH_ONLY: Final = frozenset({"stage", "registration", "capture", "calibration", "world"})
 CHOICES: Final[dict[str, type]] = {"scene": SceneChoice, "path": PathChoice, "plan": PlanChoice}
 
 
@@ -181,6 +183,12 @@ def read_rig_file(path: Path) -> Setup:
         raise InputError(f"rig file {path} cannot be read: {error.strerror}", remedy="check the path") from error
     except tomllib.TOMLDecodeError as error:
         raise InputError(f"rig file {path} is not TOML: {error}") from error
+    if tables.keys() & BENCH_ONLY:
+        raise InputError(
+            f"{path} describes a bench, not a simulation",
+            allowed="a simulation's file: docs/simulation.md",
+            remedy=f"for the plan of a bench's exposure: gs2ci capture --rig {path} --dry-run",
+        )
     return setup_from_tables(tables)
 
 

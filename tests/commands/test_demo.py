@@ -50,6 +50,6 @@ def test_no_parallax_at_all_is_a_rig_too(tmp_path):
 
 def test_a_file_where_the_folder_should_be_is_a_clear_error(tmp_path):
     (tmp_path / "file").write_text("in the way")
-    with pytest.raises(StorageError, match="there is no folder"):
+    with pytest.raises(StorageError, match="file is not a folder"):
         run(tmp_path / "file", views=2, height=68, width=100)
     assert [path.name for path in tmp_path.iterdir()] == ["file"]

@@ -212,7 +212,7 @@ def test_a_place_is_fit_before_the_work_and_left_as_it_was(tmp_path):
 
 def test_a_place_where_nothing_can_be_made_is_refused_before_the_work(tmp_path, monkeypatch):
     (tmp_path / "file").write_bytes(b"")
-    with pytest.raises(StorageError, match=r"file/run cannot be written: .*file: Not a directory; what to do: .*-o"):
+    with pytest.raises(StorageError, match=r"file/run cannot be written: .*file is not a folder; what to do: .*-o"):
         check_place(tmp_path / "file" / "run")
 
     def refuse(**_):

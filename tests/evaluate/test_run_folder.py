@@ -193,7 +193,7 @@ def test_a_file_in_the_way_is_refused(tmp_path):
 
 def test_a_place_that_cannot_be_written_is_refused_before_the_work(tmp_path):
     (tmp_path / "notes.txt").touch()
-    with pytest.raises(StorageError, match=r"cannot be written: .*Not a directory"):
+    with pytest.raises(StorageError, match=r"cannot be written: .*notes\.txt is not a folder"):
         check_destination(tmp_path / "notes.txt" / "run")
 
 

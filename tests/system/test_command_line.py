@@ -112,6 +112,56 @@ def test_an_error_in_a_process_of_its_own_ends_with_status_2_and_without_a_trace
     assert list(tmp_path.iterdir()) == []
 
 
+def test_a_folder_is_not_called_a_missing_file(tmp_path, monkeypatch, capsys):
+    """As when run folder and shot file are given in the wrong order."""
+    monkeypatch.chdir(tmp_path)
+    Path("run").mkdir()
+    assert typed(monkeypatch, "evaluate", "shot.h5", "run") == 2
+    assert "error: run: is a folder" in capsys.readouterr().err
+
+
+def test_a_missing_run_is_said_once_and_in_words(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert typed(monkeypatch, "report", "nowhere") == 2
+    assert "error: nowhere/report.json cannot be read: No such file or directory\n" in capsys.readouterr().err
+
+
+def test_help_fits_a_terminal_and_names_values_plainly(monkeypatch, capsys):
+    monkeypatch.setenv("COLUMNS", "80")
+    assert typed(monkeypatch, "help") == 0
+    assert max(map(len, capsys.readouterr().out.splitlines())) <= 80
+    assert typed(monkeypatch, "import", "--help") == 0
+    told = capsys.readouterr().out
+    assert "PATH [PATH]" in told
+    assert "--focal-px FLOAT" in told
+    assert "{None}|" not in told
+    # An argument's text is one paragraph, wherever the docstring's lines end.
+    assert typed(monkeypatch, "bench", "--help") == 0
+    assert "kept. For what would take hours." in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("value", ["None", "200"])
+def test_an_option_that_may_be_left_out_takes_its_value_or_none(bench, tmp_path, monkeypatch, value):
+    folder, _ = bench
+    monkeypatch.chdir(tmp_path)
+    source = folder / "measurement.npz"
+    assert typed(monkeypatch, "import", source, "-o", "a.h5", "--saturation", value) == 0
+
+
+def test_the_package_runs_as_the_command_does(tmp_path):
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
+    words = [sys.executable, "-m", "gs2ci", "--version"]
+    told = subprocess.run(words, cwd=tmp_path, env=environment, capture_output=True, text=True, check=True)
+    assert told.stdout == f"gs2ci {__version__}\n"
+
+
+@pytest.mark.parametrize(("written", "meant"), [("recon", "reconstruct"), ("recontruct", "reconstruct"), ("xyz", "")])
+def test_a_misspelt_command_is_answered_with_the_nearest(monkeypatch, capsys, written, meant):
+    assert typed(monkeypatch, written) == 2
+    told = capsys.readouterr().err
+    assert (f"did you mean {meant!r}?" in told) if meant else ("did you mean" not in told)
+
+
 def test_an_unknown_command_is_refused_with_the_known_ones(monkeypatch, capsys):
     assert typed(monkeypatch, "recontruct") == 2
     told = capsys.readouterr().err

@@ -1,6 +1,7 @@
 """Which format a file is, from its first bytes, not its name. Only `gs2ci.core.foreign` imports this file."""
 
 from pathlib import Path
+from typing import Final
 
 import h5py
 
@@ -11,6 +12,12 @@ from gs2ci.core.foreign.mat73 import read_mat73
 from gs2ci.core.foreign.npy import read_npy
 from gs2ci.core.foreign.npz import read_npz
 
+_FORMATS: Final = ".npz, .npy, .mat (version 5 to 7.3)"
+_PACK: Final = (
+    "save the measurement and its masks in one of these; pictures, in Python: numpy.savez('m.npz', "
+    "meas=cv2.imread(FILE, -1), masks=numpy.stack([cv2.imread(f, -1) for f in sorted(FILES)]))"
+)
+
 
 def open_foreign(path: Path) -> Container:
     """Open a foreign file.
@@ -18,6 +25,8 @@ def open_foreign(path: Path) -> Container:
     Raises:
         InputError: Missing, empty, of no known format, or damaged.
     """
+    if path.is_dir():
+        raise InputError(f"{path}: is a folder", allowed=_FORMATS, remedy=_PACK)
     if not path.is_file():
         raise InputError(f"{path}: no such file", remedy="check the name")
     with damage_as_input_error(str(path)):
@@ -34,6 +43,6 @@ def open_foreign(path: Path) -> Container:
         return read_mat5(path)
     raise InputError(
         f"{path}: {'empty' if not start else 'of no known format'}",
-        allowed=".npz, .npy, .mat (version 5 to 7.3)",
-        remedy="save the measurement and its masks in one of these",
+        allowed=_FORMATS,
+        remedy=_PACK,
     )

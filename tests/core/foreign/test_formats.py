@@ -238,6 +238,13 @@ def test_a_missing_file_is_named(tmp_path):
         open_foreign(tmp_path / "none.npz")
 
 
+def test_a_folder_of_pictures_or_a_picture_is_answered_with_how_to_pack_them(tmp_path):
+    (tmp_path / "meas.tif").write_bytes(b"II*\0" + bytes(20))
+    for path, problem in ((tmp_path, "is a folder"), (tmp_path / "meas.tif", "of no known format")):
+        with pytest.raises(InputError, match=rf"{problem}; allowed: \.npz.*numpy\.savez.*cv2\.imread"):
+            open_foreign(path)
+
+
 def test_two_arrays_of_one_name_are_refused(tmp_path):
     with zipfile.ZipFile(tmp_path / "a.npz", "w") as archive:
         archive.writestr("meas.npy", npy_header((0,)))
