@@ -87,6 +87,11 @@ def _run(command: str, arguments: list[str]) -> int:
     except Gs2ciError as error:
         _print_error(error)
         return EXIT_USER_ERROR
+    except MemoryError as error:
+        _print_error(
+            Gs2ciError(f"out of memory: {error}", remedy="take a smaller picture or fewer views, or a larger machine")
+        )
+        return EXIT_USER_ERROR
     except KeyboardInterrupt:
         return _interrupted()
     except SystemError as error:

@@ -248,6 +248,15 @@ def test_an_interruption_is_said_in_one_line(monkeypatch, capsys):
     assert capsys.readouterr().err.count("\n") == 1
 
 
+def test_a_machine_that_is_too_small_is_an_error_and_no_traceback(monkeypatch, capsys):
+    def exhaust(name):
+        raise MemoryError("Unable to allocate 38.6 GiB")
+
+    monkeypatch.setattr(cli.importlib, "import_module", exhaust)
+    assert typed(monkeypatch, "demo") == cli.EXIT_USER_ERROR
+    assert "error: out of memory: Unable to allocate 38.6 GiB\nwhat to do: " in capsys.readouterr().err
+
+
 def test_an_interruption_in_compiled_code_is_said_in_one_line_too(monkeypatch, capsys):
     """Numba makes a SystemError of it, several deep."""
 
