@@ -47,14 +47,14 @@ def run(
     index: int | None = None,
     overwrite: bool = False,
 ) -> Path:
-    """Turn a coded measurement and its masks (.npz, .npy, .mat) into a shot file.
+    """Turn a coded measurement and its masks (.npz, .npy, .mat, pictures) into a shot file.
 
     What is not said is guessed from the numbers, and every guess is printed. An interrupted capture
     (NAME.h5.partial) is recovered: its finished rows are copied into the new file.
 
     Args:
-        file: Measurement, with or without masks: .npz, .npy, .mat (v5, v7.3), or a .partial.
-        masks_file: Masks, if they lie in a file of their own.
+        file: Measurement, with or without masks: .npz, .npy, .mat (v5, v7.3), a PNG or TIFF, or a .partial.
+        masks_file: Masks, if they lie in a file of their own, or a folder of PNG or TIFF pictures.
         out: Shot file to write, ends in .h5.
         masks: Same as the second file.
         truth: File with the true views, for scoring only.

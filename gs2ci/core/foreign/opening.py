@@ -11,12 +11,9 @@ from gs2ci.core.foreign.mat5 import read_mat5
 from gs2ci.core.foreign.mat73 import read_mat73
 from gs2ci.core.foreign.npy import read_npy
 from gs2ci.core.foreign.npz import read_npz
+from gs2ci.core.foreign.pictures import is_picture, read_pictures
 
-_FORMATS: Final = ".npz, .npy, .mat (version 5 to 7.3)"
-_PACK: Final = (
-    "save the measurement and its masks in one of these; pictures, in Python: numpy.savez('m.npz', "
-    "meas=cv2.imread(FILE, -1), masks=numpy.stack([cv2.imread(f, -1) for f in sorted(FILES)]))"
-)
+_FORMATS: Final = ".npz, .npy, .mat (version 5 to 7.3), or pictures (PNG, TIFF, BMP, PGM, or a folder of them)"
 
 
 def open_foreign(path: Path) -> Container:
@@ -26,7 +23,7 @@ def open_foreign(path: Path) -> Container:
         InputError: Missing, empty, of no known format, or damaged.
     """
     if path.is_dir():
-        raise InputError(f"{path}: is a folder", allowed=_FORMATS, remedy=_PACK)
+        return read_pictures(path)
     if not path.is_file():
         raise InputError(f"{path}: no such file", remedy="check the name")
     with damage_as_input_error(str(path)):
@@ -41,8 +38,10 @@ def open_foreign(path: Path) -> Container:
         return read_mat73(path)
     if start.startswith(b"MATLAB"):
         return read_mat5(path)
+    if is_picture(start):
+        return read_pictures(path)
     raise InputError(
         f"{path}: {'empty' if not start else 'of no known format'}",
         allowed=_FORMATS,
-        remedy=_PACK,
+        remedy="save the measurement and its masks in one of these",
     )
