@@ -51,7 +51,7 @@ from gs2ci.core.errors import NumericsError, StorageError
 from gs2ci.core.hdf5 import check_text_heaps
 from gs2ci.core.storage.layout import to_json
 from gs2ci.core.storage.reader import CaptureFile
-from gs2ci.core.storage.sealing import partial_of, seal
+from gs2ci.core.storage.sealing import check_room, partial_of, seal
 from gs2ci.core.whole_file import check_place
 from gs2ci_calibration.estimates import Estimate, Section
 from gs2ci_calibration.refusals import CalibrationError, Reason
@@ -146,6 +146,7 @@ def write_bundle(path: Path, bundle: Bundle) -> Path:
     for section in bundle.sections.values():
         _check_section(section)
     partial = partial_of(path)
+    check_room(partial, _bytes_of(bundle))
     try:
         with h5py.File(partial, "w") as file:
             _write(file, bundle)
@@ -198,6 +199,14 @@ def _check_section(section: Section) -> None:
     for name, array in section.arrays.items():
         if array.dtype.kind not in "uif" or not np.isfinite(array).all():
             raise NumericsError(f"array {name!r} of section {section.name!r} is not made of finite numbers")
+
+
+def _bytes_of(bundle: Bundle) -> int:
+    """Return how much the numbers of a bundle take at most; packing makes it less."""
+    sections = bundle.sections.values()
+    estimates = [estimate for section in sections for estimate in section.estimates.values()]
+    arrays = [array for section in sections for array in section.arrays.values()]
+    return sum(one.value.nbytes + one.standard_error.nbytes for one in estimates) + sum(one.nbytes for one in arrays)
 
 
 def _write(file: h5py.File, bundle: Bundle) -> None:
