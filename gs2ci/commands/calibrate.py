@@ -10,7 +10,6 @@ from typing import Annotated, Literal
 import tyro
 from rich.console import Console
 from rich.markup import escape
-from rich.prompt import Prompt
 from rich.table import Table
 
 from gs2ci.commands.display import open_display
@@ -59,8 +58,8 @@ def run(
     opened = load_rig(rig)
     devices = opened.open()
     try:
-        operator = operator_of(opened, lambda request: Prompt.ask(f"{escape(request)}, then press Enter"))
         with open_display() as display:
+            operator = operator_of(opened, display.ask)
             bench = bench_of(opened, devices, operator, fast=fast, progress=display)
             if step == "check":
                 _check(console, bench, read_bundle(out), opened, provenance_of(opened, devices))
