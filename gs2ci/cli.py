@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 # Name on the command line -> module, and the line that `gs2ci --help` shows. Modules are imported when they are run.
 COMMANDS: Final[dict[str, tuple[str, str]]] = {
-    "import": ("gs2ci.commands.import_", "turn .npz, .npy or .mat measurements into a shot file"),
+    "import": ("gs2ci.commands.import_", "turn .npz, .npy, .mat or pictures into a shot file"),
     "reconstruct": ("gs2ci.commands.reconstruct", "recover views, camera path and scene from a shot file"),
     "report": ("gs2ci.commands.report", "build the page of a run again from its folder"),
     "view": ("gs2ci.commands.view", "show the scene of a run in a browser"),

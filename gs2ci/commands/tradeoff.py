@@ -17,7 +17,7 @@ from gs2ci.bench.cells import Cell
 from gs2ci.bench.store import Store
 from gs2ci.bench.workers import complete
 from gs2ci.commands.display import open_display
-from gs2ci.core.durations import parse_duration_s
+from gs2ci.core.durations import parse_duration_s, spoken_duration
 from gs2ci.core.errors import InputError
 from gs2ci.core.storage import read_shot
 from gs2ci.core.whole_file import check_place
@@ -78,6 +78,10 @@ def run(
         wanted = [trial for trial in trials if prices[trial.name] <= most_s]
         if not wanted:
             raise InputError(f"nothing can be tried in {most}", allowed=f"{min(prices.values()):.1f} s or more")
+        in_all_s = sum(prices[trial.name] for trial in wanted)
+        display.say(
+            f"{len(wanted)} trials, about {spoken_duration(in_all_s)} in all; finished ones are kept if it is interrupted."
+        )
         display.stage("trials", len(wanted))
         rows = complete(
             [_cell(shot, index, trial, seed) for trial in wanted],
