@@ -80,7 +80,7 @@ def run(
             raise InputError(f"nothing can be tried in {most}", allowed=f"{min(prices.values()):.1f} s or more")
         in_all_s = sum(prices[trial.name] for trial in wanted)
         display.say(
-            f"{len(wanted)} trials, about {spoken_duration(in_all_s)} in all; finished ones are kept if it is interrupted."
+            f"{len(wanted)} trials, about {spoken_duration(in_all_s)} in all; an interruption keeps those that are done."
         )
         display.stage("trials", len(wanted))
         rows = complete(
