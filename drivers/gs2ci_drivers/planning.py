@@ -216,7 +216,10 @@ def _light_figures(
         open_s = sequence.exposure_s * float(weights.max())
     else:
         # A white scene behind the mask pixels that are open longest; the last percent may clip and be marked.
-        shares = np.tensordot(weights, settings.masks.astype(np.float32) / top, axes=1)
+        # One mask after the other: all of them as floating-point numbers are gigabytes.
+        shares = np.zeros(settings.masks.shape[1:])
+        for weight, mask in zip(weights, settings.masks, strict=True):
+            shares += weight / top * mask
         open_s = sequence.exposure_s * float(np.quantile(shares[shares > 0], BRIGHT_SHARE)) if shares.any() else 0.0
     charge = rate * open_s
     well = setup.full_well_e

@@ -10,7 +10,6 @@ from typing import Annotated, Literal
 import tyro
 from rich.console import Console
 from rich.markup import escape
-from rich.prompt import Prompt
 from rich.table import Table
 
 from gs2ci.commands.display import open_display
@@ -18,7 +17,14 @@ from gs2ci.core.progress import Progress
 from gs2ci.rig.calibrating import bench_of, operator_of, provenance_of
 from gs2ci.rig.opening import Rig, load_rig
 from gs2ci_calibration.bench import Bench
-from gs2ci_calibration.bundle import Bundle, Provenance, add_section, check_target, read_bundle
+from gs2ci_calibration.bundle import (
+    Bundle,
+    Provenance,
+    add_section,
+    check_bundle_place,
+    check_target,
+    read_bundle,
+)
 from gs2ci_calibration.drift import changes_since
 from gs2ci_calibration.estimates import Section
 from gs2ci_calibration.fitting import fit
@@ -53,11 +59,13 @@ def run(
         The bundle.
     """
     console = Console()
+    if step != "check":
+        check_bundle_place(out)
     opened = load_rig(rig)
     devices = opened.open()
     try:
-        operator = operator_of(opened, lambda request: Prompt.ask(f"{escape(request)}, then press Enter"))
         with open_display() as display:
+            operator = operator_of(opened, display.ask)
             bench = bench_of(opened, devices, operator, fast=fast, progress=display)
             if step == "check":
                 _check(console, bench, read_bundle(out), opened, provenance_of(opened, devices))

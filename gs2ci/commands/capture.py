@@ -13,7 +13,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from gs2ci.commands.display import open_display
-from gs2ci.core.storage.sealing import partial_of
+from gs2ci.core.storage.sealing import check_target, partial_of
 from gs2ci.rig.calibrated import load
 from gs2ci.rig.opening import Rig, load_rig
 from gs2ci.rig.recording import Prepared, prepare, record
@@ -49,6 +49,8 @@ def run(
     Returns:
         The shot file; None for a dry run.
     """
+    if not dry_run:
+        check_target(out, replace=overwrite, remedy="choose another name with -o, or add --overwrite to replace it")
     opened = load_rig(rig)
     if shots is not None:
         opened.set_shots(shots)

@@ -54,7 +54,7 @@ def read_toml(path: Path) -> tuple[dict[str, Any], str]:
         text = path.read_text(encoding="utf-8")
         return tomllib.loads(text), text
     except OSError as error:
-        raise InputError(f"{path} cannot be read ({error.strerror})") from error
+        raise InputError(f"{path} cannot be read ({error.strerror})", remedy="check the path") from error
     except UnicodeDecodeError as error:
         raise InputError(f"{path} is not text in UTF-8 ({error.reason})") from error
     except tomllib.TOMLDecodeError as error:
@@ -65,7 +65,8 @@ def read_toml(path: Path) -> tuple[dict[str, Any], str]:
 
 def _sentence(model: type[BaseModel], problem: dict[str, Any]) -> str:
     where = problem["loc"]
-    table, known = _table(model, where[:-1])
+    table, models = _table(model, where[:-1])
+    known = sorted({name for one in models for name in one.model_fields})
     key = str(where[-1]) if where else ""
     place = f"[{table}]" if table else "the top of the file"
     if problem["type"] == "extra_forbidden":
@@ -75,7 +76,7 @@ def _sentence(model: type[BaseModel], problem: dict[str, Any]) -> str:
     if problem["type"] == "missing":
         return f"key {key!r} is missing in {place}"
     if problem["type"] in ("union_tag_invalid", "union_tag_not_found"):
-        allowed = problem.get("ctx", {}).get("expected_tags", "")
+        allowed = ", ".join(repr(_tag(one)) for one in _table(model, where)[1])
         return f"'kind' in [{_dotted(where)}] is missing or unknown; allowed: {allowed}"
     shown = repr(problem.get("input"))[:80]
     return f"{key!r} in {place} is {shown}: {problem['msg']}"
@@ -85,8 +86,8 @@ def _dotted(where: tuple[int | str, ...]) -> str:
     return ".".join(str(part) for part in where)
 
 
-def _table(model: type[BaseModel], where: tuple[int | str, ...]) -> tuple[str, list[str]]:
-    """Follow a location into the model; return the table's name without union tags, and the keys known there."""
+def _table(model: type[BaseModel], where: tuple[int | str, ...]) -> tuple[str, list[type[BaseModel]]]:
+    """Follow a location into the model; return the table's name without union tags, and what may stand there."""
     names: list[str] = []
     here: Any = model
     for part in where:
@@ -98,8 +99,7 @@ def _table(model: type[BaseModel], where: tuple[int | str, ...]) -> tuple[str, l
         names.append(str(part))
         owner = next((one for one in models if part in one.model_fields), None)
         here = owner.model_fields[str(part)].annotation if owner else None
-    known = sorted({name for one in _models(here) for name in one.model_fields})
-    return ".".join(names), known
+    return ".".join(names), _models(here)
 
 
 def _models(annotation: Any) -> list[type[BaseModel]]:

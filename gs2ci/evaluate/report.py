@@ -117,7 +117,8 @@ def read_report(folder: Path, schema: str = SCHEMA) -> dict[str, Any]:
     try:
         report = parse_json(path.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
-        raise StorageError(f"{path} cannot be read: {error}", remedy=remedy) from error
+        reason = (isinstance(error, OSError) and error.strerror) or error
+        raise StorageError(f"{path} cannot be read: {reason}", remedy=remedy) from error
     if not isinstance(report, dict) or report.get("schema") != schema:
         found = report.get("schema") if isinstance(report, dict) else type(report).__name__
         raise StorageError(f"{path} has schema {found!r}", allowed=schema, remedy=remedy)

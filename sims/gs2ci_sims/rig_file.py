@@ -171,6 +171,8 @@ PARTS: Final[dict[str, type]] = {
     "timing": Timing,
     "sensor": Sensor,
 }
+# Tables that only the rig file of a bench has; the two kinds share other names.
+BENCH_ONLY: Final = frozenset({"stage", "registration", "capture", "calibration", "world"})
 CHOICES: Final[dict[str, type]] = {"scene": SceneChoice, "path": PathChoice, "plan": PlanChoice}
 
 
@@ -181,6 +183,12 @@ def read_rig_file(path: Path) -> Setup:
         InputError: It is not there, not TOML, or holds a key or value that it may not.
     """
     tables, _ = read_toml(path)
+    if tables.keys() & BENCH_ONLY:
+        raise InputError(
+            f"{path} describes a bench, not a simulation",
+            allowed="a simulation's file: docs/simulation.md",
+            remedy=f"for the plan of a bench's exposure: gs2ci capture --rig {path} --dry-run",
+        )
     return setup_from_tables(tables)
 
 

@@ -1,11 +1,13 @@
 import os
 from dataclasses import replace
+from types import SimpleNamespace
 
 import h5py
 import numpy as np
 import pytest
 
 from gs2ci.core.errors import NumericsError, StorageError
+from gs2ci.core.storage import sealing
 from gs2ci_calibration.bundle import Bundle, Provenance, add_section, read_bundle, write_bundle
 from gs2ci_calibration.estimates import Estimate, Section
 from gs2ci_calibration.refusals import CalibrationError, Reason
@@ -127,6 +129,15 @@ def test_files_that_are_no_bundles_are_refused(path):
         file["complete"] = np.uint8(0)
     with pytest.raises(StorageError, match="never finished"):
         read_bundle(path)
+
+
+def test_a_disk_without_room_leaves_the_bundle_as_it_was(path, monkeypatch):
+    write_bundle(path, Bundle(BENCH, {"dark-flat": section()}))
+    before = path.read_bytes()
+    monkeypatch.setattr(sealing.shutil, "disk_usage", lambda _: SimpleNamespace(free=1_000_000))
+    with pytest.raises(StorageError, match=r"the disk has 1\.0 MB free"):
+        add_section(path, section("sensor"), BENCH)
+    assert path.read_bytes() == before
 
 
 def test_a_bundle_whose_records_are_no_objects_is_refused(path):

@@ -63,6 +63,13 @@ def test_a_refused_step_leaves_the_bundle_as_it_was(rig, capsys, gs2ci):
     assert rig.with_name("b.cal.h5").read_bytes() == written
 
 
+def test_a_place_without_a_folder_is_refused_before_anything_is_measured(rig, capsys, gs2ci):
+    assert gs2ci("calibrate", "dark-flat", "--rig", rig, "-o", "missing/b.cal.h5") == 2
+    told = capsys.readouterr()
+    assert told.out == ""
+    assert "not a place for a bundle" in told.err
+
+
 def test_check_without_a_bundle_says_how_to_make_one(rig, capsys, gs2ci):
     assert gs2ci("calibrate", "check", "--rig", rig, "-o", "b.cal.h5") == 2
     assert "gs2ci calibrate all" in capsys.readouterr().err

@@ -37,7 +37,9 @@ def test_the_ladder_is_tried_written_and_said(measured, tried, tmp_path, capsys)
     pages = tradeoff.run(measured, tmp_path / "out", knobs=("preset",), most="10h")
     assert [page.name for page in pages] == ["tradeoff.csv", "tradeoff.png", "tradeoff.md"]
     assert tried == ["decode", "draft", "standard", "fine", "paper"]
-    assert "next decibel" in capsys.readouterr().out.replace("\n", " ")
+    told = capsys.readouterr().out.replace("\n", " ")
+    assert "next decibel" in told
+    assert "5 trials, about " in told.split("next decibel")[0]
 
 
 def test_what_would_take_too_long_is_left_out_and_said(measured, tried, tmp_path):

@@ -57,11 +57,13 @@ class Container:
         path: The file.
         entries: What it holds, by key; a format without keys has one, "".
         load_values: Loads one key; may raise anything.
+        note: What was guessed on opening it, a sentence or nothing.
     """
 
     path: Path
     entries: dict[str, Entry]
     load_values: Callable[[str], NDArray[Any]]
+    note: str = ""
 
     def where(self, key: str) -> str:
         """Name a key for messages."""

@@ -30,6 +30,7 @@ import this file; `CaptureHeader` and `FrameRow` are re-exported.
 
 import hashlib
 import json
+import math
 import uuid
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -182,6 +183,16 @@ class CaptureHeader:
         """Get the shape of one reading as stored: [H, W], or [H, W, 3]."""
         height, width = self.masks.shape[1:]
         return (height, width, 3) if self.channels == 3 else (height, width)
+
+    @property
+    def row_bytes(self) -> int:
+        """Get how much one reading takes on the disk."""
+        return math.prod(self.row_shape) * np.dtype(self.reading).itemsize
+
+    @property
+    def static_bytes(self) -> int:
+        """Get how much masks and calibration take at most; grey masks shrink to a byte, and packing shrinks more."""
+        return self.masks.nbytes + sum(array.nbytes for array in self.calibration.values())
 
 
 def usable_per_pixel(calibration: Mapping[str, NDArray[Any] | None], size: tuple[int, ...]) -> bool:

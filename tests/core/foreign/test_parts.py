@@ -99,6 +99,16 @@ def test_a_pixel_without_any_good_neighbour_becomes_dark(take):
     assert shot.measurement[1, 1, 0] == 0
 
 
+def test_clipping_is_told_with_its_share_and_warned_of_where_it_is_much(scene, take, said):
+    made = scene(n=8, height=40, width=50, channels=1)
+    counts = np.rint(made.meas * 60)
+    few, many = (float(np.quantile(counts, 1 - share)) for share in (0.01, 0.5))
+    told = take(ImportOptions(saturation=few), meas=counts, mask=made.masks)
+    assert said(told, "of all) at")
+    assert not said(told, "WARNING")
+    assert said(take(ImportOptions(saturation=many), meas=counts, mask=made.masks), "WARNING: ")
+
+
 def test_a_pile_up_at_the_top_code_counts_as_clipped(scene, take):
     made = scene(n=8, height=40, width=50, channels=1)
     meas = np.minimum(np.rint(made.meas * 60), 254).astype(np.uint8)
