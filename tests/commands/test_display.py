@@ -220,6 +220,7 @@ def test_steps_before_any_stage_are_ignored():
     for console in (terminal(), pipe()):
         with open_display(console) as display:
             display.step(3, loss=1.0)
+        assert "loss" not in console.file.getvalue()
 
 
 @pytest.mark.parametrize(
