@@ -80,10 +80,8 @@ def run(
         wanted = [trial for trial in trials if prices[trial.name] <= most_s]
         if not wanted:
             raise InputError(f"nothing can be tried in {most}", allowed=f"{min(prices.values()):.1f} s or more")
-        in_all_s = sum(prices[trial.name] for trial in wanted)
-        display.say(
-            f"{len(wanted)} trials, about {spoken_duration(in_all_s)} in all; an interruption keeps those that are done."
-        )
+        in_all = spoken_duration(sum(prices[trial.name] for trial in wanted))
+        display.say(f"{len(wanted)} trials, about {in_all} in all; an interruption keeps those that are done.")
         display.stage("trials", len(wanted))
         rows = complete(
             [_cell(shot, index, trial, seed) for trial in wanted],
