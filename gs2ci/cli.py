@@ -5,12 +5,19 @@ argument names are parameter names, the help is the docstring). Not here: any wo
 this file.
 """
 
+import difflib
 import importlib
 import os
+import re
+import signal
 import sys
-from collections.abc import Callable
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from contextvars import copy_context
-from typing import Any, Final
+from dataclasses import replace
+from types import NoneType
+from typing import TYPE_CHECKING, Any, Final, Literal, get_args, get_origin
 
 # torch's and Numba's thread pools otherwise spin against each other (3-10x slower when anything else runs);
 # OpenMP reads this when it is first loaded, hence before any other import.
@@ -22,27 +29,31 @@ from gs2ci import __version__
 from gs2ci.core.clock import begin_command
 from gs2ci.core.errors import Gs2ciError
 
+if TYPE_CHECKING:
+    from tyro.constructors import ConstructorRegistry, PrimitiveConstructorSpec, PrimitiveTypeInfo
+
 # Name on the command line -> module, and the line that `gs2ci --help` shows. Modules are imported when they are run.
 COMMANDS: Final[dict[str, tuple[str, str]]] = {
-    "import": ("gs2ci.commands.import_", "turn .npz, .npy or .mat measurements into a shot file"),
+    "import": ("gs2ci.commands.import_", "turn .npz, .npy, .mat or pictures into a shot file"),
     "reconstruct": ("gs2ci.commands.reconstruct", "recover views, camera path and scene from a shot file"),
     "report": ("gs2ci.commands.report", "build the page of a run again from its folder"),
     "view": ("gs2ci.commands.view", "show the scene of a run in a browser"),
-    "decode": ("gs2ci.commands.decode", "recover views alone from a shot file: GAP-TV, plug-and-play, proxies"),
-    "evaluate": ("gs2ci.commands.evaluate", "judge a finished run by a truth, by noise, by views from elsewhere"),
-    "tradeoff": ("gs2ci.commands.tradeoff", "say what accuracy costs in time, for one shot on this machine"),
+    "decode": ("gs2ci.commands.decode", "recover views alone: GAP-TV, plug-and-play, proxies"),
+    "evaluate": ("gs2ci.commands.evaluate", "judge a run by a truth, by noise, by views from elsewhere"),
+    "tradeoff": ("gs2ci.commands.tradeoff", "say what accuracy costs in time, for one shot"),
     "models": ("gs2ci.commands.models", "turn trained weights into model files"),
-    "plan": ("gs2ci.commands.plan", "say which physical effects a simulation calls for, and why"),
+    "plan": ("gs2ci.commands.plan", "say which physical effects a simulation calls for"),
     "calibrate": ("gs2ci.commands.calibrate", "measure a bench: sensor, masks, geometry, timing"),
     "capture": ("gs2ci.commands.capture", "take coded exposures on a bench, real or simulated"),
     "recover": ("gs2ci.commands.recover", "save the finished rows of an interrupted capture"),
     "devices": ("gs2ci.commands.devices", "say what is connected and what it can do"),
-    "doctor": ("gs2ci.commands.doctor", "examine a bench: permissions, firmware, clocks, trigger line"),
-    "bench": ("gs2ci.commands.bench", "make tables of figures: methods, mask ratios, compression, seeds"),
-    "demo": ("gs2ci.commands.demo", "simulate an exposure of a real scene and reconstruct it"),
+    "doctor": ("gs2ci.commands.doctor", "examine a bench: permissions, clocks, trigger line"),
+    "bench": ("gs2ci.commands.bench", "make tables of figures: methods, mask ratios, seeds"),
+    "demo": ("gs2ci.commands.demo", "simulate an exposure of a real scene, reconstruct it"),
 }
 EXIT_USER_ERROR: Final = 2
 EXIT_INTERRUPTED: Final = 130
+_ENDINGS: Final = (signal.SIGTERM, signal.SIGHUP)
 
 
 def main() -> int:
@@ -53,14 +64,17 @@ def main() -> int:
 
 def _serve(arguments: list[str]) -> int:
     begin_command()
-    if not arguments or arguments[0] in ("-h", "--help"):
+    if not arguments or arguments[0] in ("-h", "--help", "help"):
         sys.stdout.write(_usage())
         return 0
     if arguments[0] == "--version":
         sys.stdout.write(f"gs2ci {__version__}\n")
         return 0
     if arguments[0] not in COMMANDS:
-        sys.stderr.write(f"gs2ci: unknown command {arguments[0]!r}; allowed: {', '.join(COMMANDS)}\n")
+        longer = [name for name in COMMANDS if name.startswith(arguments[0])]
+        near = longer or difflib.get_close_matches(arguments[0], COMMANDS, 1)
+        hint = f", did you mean {near[0]!r}?" if near else ""
+        sys.stderr.write(f"gs2ci: unknown command {arguments[0]!r}{hint}; allowed: {', '.join(COMMANDS)}\n")
         return EXIT_USER_ERROR
     return _run(arguments[0], arguments[1:])
 
@@ -69,15 +83,93 @@ def _run(command: str, arguments: list[str]) -> int:
     import tyro  # noqa: PLC0415
 
     try:
-        run: Callable[..., Any] = importlib.import_module(COMMANDS[command][0]).run
-        tyro.cli(run, prog=f"gs2ci {command}", args=arguments)
+        with _unwound_when_told_to_end(), _optional_values():
+            run: Callable[..., Any] = importlib.import_module(COMMANDS[command][0]).run
+            # The parser shows every line of an argument's text as a line of its own, broken again at the terminal's
+            # width.
+            run.__doc__ = re.sub(r"\n {12}", " ", run.__doc__ or "")
+            tyro.cli(run, prog=f"gs2ci {command}", args=arguments)
     except Gs2ciError as error:
         _print_error(error)
         return EXIT_USER_ERROR
+    except OSError as error:
+        # Not every look at a path is guarded one by one: names too long, folders that may not be entered, ...
+        _print_error(Gs2ciError(str(error), remedy="check the name, the folder, its free space and its permissions"))
+        return EXIT_USER_ERROR
+    except MemoryError as error:
+        _print_error(
+            Gs2ciError(f"out of memory: {error}", remedy="take a smaller picture or fewer views, or a larger machine")
+        )
+        return EXIT_USER_ERROR
     except KeyboardInterrupt:
-        sys.stderr.write("interrupted; nothing half-written is left behind\n")
-        return EXIT_INTERRUPTED
+        return _interrupted()
+    except SystemError as error:
+        if not _stems_from_interruption(error):
+            raise
+        return _interrupted()
     return 0
+
+
+@contextmanager
+def _unwound_when_told_to_end() -> Iterator[None]:
+    """Let `kill`, or a terminal that is closed, unwind what is open, as Ctrl-C does.
+
+    By itself the process would die where it stands, with the lamp on and the stage on its way.
+    """
+
+    def end(number: int, _frame: object) -> None:
+        raise SystemExit(128 + number)
+
+    main = threading.current_thread() is threading.main_thread()
+    # A signal that is ignored (nohup) stays so.
+    taken = [number for number in _ENDINGS if main and signal.getsignal(number) is signal.SIG_DFL]
+    for number in taken:
+        signal.signal(number, end)
+    try:
+        yield
+    finally:
+        for number in taken:
+            signal.signal(number, signal.SIG_DFL)
+
+
+def _optional_values() -> "ConstructorRegistry":
+    """Make the rule by which the value of an option that may be left out is shown as PATH, not as {None}|PATH."""
+    from tyro.constructors import (  # noqa: PLC0415
+        ConstructorRegistry,
+        PrimitiveConstructorSpec,
+        PrimitiveTypeInfo,
+    )
+
+    registry = ConstructorRegistry()
+
+    @registry.primitive_rule
+    def optional(info: "PrimitiveTypeInfo") -> "PrimitiveConstructorSpec[Any] | None":
+        kinds = [kind for kind in get_args(info.type) if kind is not NoneType]
+        if NoneType not in get_args(info.type) or len(kinds) != 1 or get_origin(kinds[0]) is Literal:
+            return None
+        given = ConstructorRegistry.get_primitive_spec(PrimitiveTypeInfo.make(kinds[0], info.markers))
+        if not isinstance(given, PrimitiveConstructorSpec):
+            return None
+        return replace(
+            given,
+            instance_from_str=lambda words: None if words == ["None"] else given.instance_from_str(words),
+            is_instance=lambda value: value is None or given.is_instance(value),
+            str_from_instance=lambda value: ["None"] if value is None else given.str_from_instance(value),
+        )
+
+    return registry
+
+
+def _interrupted() -> int:
+    sys.stderr.write("interrupted; nothing half-written is left behind\n")
+    return EXIT_INTERRUPTED
+
+
+def _stems_from_interruption(error: BaseException | None) -> bool:
+    """Tell whether Ctrl-C came while compiled code was being entered: Numba makes it the cause of another error."""
+    while error is not None and not isinstance(error, KeyboardInterrupt):
+        error = error.__cause__ or error.__context__
+    return error is not None
 
 
 def _print_error(error: Gs2ciError) -> None:
@@ -94,11 +186,12 @@ def _usage() -> str:
     lines = [f"  gs2ci {name:<{width}}  {what}" for name, (_, what) in COMMANDS.items()]
     return "\n".join(
         [
-            f"gs2ci {__version__}: snapshot compressive imaging, from one coded measurement to a 3D scene",
+            f"gs2ci {__version__}: snapshot compressive imaging, one coded measurement to a 3D scene",
             "",
             *lines,
             "",
-            "gs2ci COMMAND --help explains a command. Exit status: 0 done, 2 refused with a reason, 130 interrupted.",
+            "gs2ci COMMAND --help explains a command.",
+            "Exit status: 0 done, 2 refused with a reason, 130 interrupted.",
             "",
         ]
     )

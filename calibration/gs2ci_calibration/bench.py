@@ -6,7 +6,8 @@ estimators, and returns what it found or raises `CalibrationError`. It never wri
 a simulated bench. `known` holds the sections measured before (`known.need("dark-flat", step)`).
 
     bench.size, bench.modulator_size, bench.top_dn         sensor [H, W], modulator [Hm, Wm], largest reading
-    bench.flat_pattern(open=True)                          [Hm, Wm] all mirrors on, or off
+    bench.flat_pattern(is_open=True)                       [Hm, Wm] all mirrors on, or off, levels 0 and 1
+    bench.deep(patterns of 0 and 1)                        the same at the capture's bit depth
     bench.lay_out(codes)                                   masks [N, h, w] at the sensor's pixels -> [N, Hm, Wm]
     bench.grab(patterns [N, Hm, Wm], frames=k, exposure_s) -> Stack: DN [N, k, H, W], pattern by pattern within a pass
     bench.expose(patterns, mask_s=, exposure_s=, frames=k) -> Stack: DN [1, k, H, W], one frame integrates all patterns
@@ -191,12 +192,18 @@ class Bench:
 
     @property
     def capacity(self) -> int:
-        """Get how many binary patterns one `grab` can show."""
-        return self.devices.modulator.connect().capacity[1]
+        """Get how many patterns of the capture's depth one `grab` can show."""
+        # A depth that the modulator lacks is refused by the plan, with all that it has.
+        return self.devices.modulator.connect().capacity.get(self.capture.bit_depth, 1)
 
     def flat_pattern(self, *, is_open: bool) -> U8:
         """Return all mirrors on, or all off, [Hm, Wm] with levels 0 and 1."""
         return np.full(self.modulator_size, np.uint8(is_open))
+
+    def deep(self, patterns: U8) -> Patterns:
+        """Return patterns of 0 and 1 with the levels of the capture's depth: shut, and fully open."""
+        top = 2**self.capture.bit_depth - 1
+        return patterns * (np.uint8(top) if top < 256 else np.uint16(top))
 
     def please(self, setup: Setup, index: int = 0) -> None:
         """Ask for an arrangement and wait until it is there."""
@@ -234,7 +241,8 @@ class Bench:
             PlanRefusedError: Patterns, exposure or travel are beyond the devices.
             DriverError: A device failed; all are at rest.
         """
-        shown_s = max(shown_s, exposure_s + GUARD_S, self.devices.modulator.connect().min_exposure_s[bit_depth])
+        shortest_s = self.devices.modulator.connect().min_exposure_s.get(bit_depth, 0.0)  # else the plan refuses it
+        shown_s = max(shown_s, exposure_s + GUARD_S, shortest_s)
         settings = CaptureSettings(
             masks=patterns,
             bit_depth=bit_depth,

@@ -51,7 +51,8 @@ from gs2ci.core.errors import NumericsError, StorageError
 from gs2ci.core.hdf5 import check_text_heaps
 from gs2ci.core.storage.layout import to_json
 from gs2ci.core.storage.reader import CaptureFile
-from gs2ci.core.storage.sealing import partial_of, seal
+from gs2ci.core.storage.sealing import check_manifest_place, check_room, partial_of, seal
+from gs2ci.core.whole_file import check_place
 from gs2ci_calibration.estimates import Estimate, Section
 from gs2ci_calibration.refusals import CalibrationError, Reason
 
@@ -123,6 +124,18 @@ class Bundle:
         return replace(self, sections={**self.sections, section.name: section})
 
 
+def check_bundle_place(path: Path) -> None:
+    """Return if a bundle can be written there; to be asked before anything is measured.
+
+    Raises:
+        StorageError: No name or place for a bundle, or somebody else's file where its manifest belongs.
+    """
+    if path.suffix != ".h5" or not path.parent.is_dir():
+        raise StorageError(f"{path}: not a place for a bundle", allowed="a name that ends in .h5, in a folder there is")
+    check_manifest_place(path)
+    check_place(path)
+
+
 def write_bundle(path: Path, bundle: Bundle) -> Path:
     """Write a bundle, whole or not at all; an older one of that name is replaced.
 
@@ -130,19 +143,40 @@ def write_bundle(path: Path, bundle: Bundle) -> Path:
         NumericsError: A number is not finite.
         StorageError: The file cannot be written.
     """
-    if path.suffix != ".h5" or not path.parent.is_dir():
-        raise StorageError(f"{path}: not a place for a bundle", allowed="a name that ends in .h5, in a folder there is")
+    check_bundle_place(path)
     for section in bundle.sections.values():
         _check_section(section)
     partial = partial_of(path)
+    check_room(partial, _bytes_of(bundle))
     try:
         with h5py.File(partial, "w") as file:
             _write(file, bundle)
-    except OSError as error:
+    except BaseException as error:
         partial.unlink(missing_ok=True)
-        raise StorageError(f"{path}: cannot be written: {error}", remedy="free the disk, check the folder") from error
+        if isinstance(error, OSError | RuntimeError):  # HDF5 tells a full disk as either
+            raise StorageError(
+                f"{path}: cannot be written: {error}", remedy="free the disk, check the folder"
+            ) from error
+        raise
     seal(partial, path)
     return path
+
+
+def check_target(path: Path, provenance: Provenance, step: str) -> None:
+    """Accept a bundle that a section can be added to, before any frame is taken for it.
+
+    Args:
+        path: Of the bundle, which may be there or not.
+        provenance: Of the bench.
+        step: That will be measured, for messages.
+
+    Raises:
+        CalibrationError: The bundle belongs to other devices (`Reason.DOES_NOT_FIT`).
+        StorageError: No bundle can be written there, or what lies there is none.
+    """
+    check_bundle_place(path)
+    if path.exists():
+        _check_devices(path, read_bundle(path), provenance, step)
 
 
 def add_section(path: Path, section: Section, provenance: Provenance) -> Bundle:
@@ -153,13 +187,7 @@ def add_section(path: Path, section: Section, provenance: Provenance) -> Bundle:
         NumericsError, StorageError: As `write_bundle` and `read_bundle`.
     """
     bundle = read_bundle(path) if path.exists() else Bundle(provenance)
-    if dict(bundle.provenance.devices) != dict(provenance.devices):
-        raise CalibrationError(
-            section.name,
-            Reason.DOES_NOT_FIT,
-            f"{path} belongs to {_named(bundle.provenance)}, the bench has {_named(provenance)}",
-            remedy="write to another bundle, and calibrate all of it",
-        )
+    _check_devices(path, bundle, provenance, section.name)
     whole = replace(bundle.with_section(section), provenance=provenance, path=path)
     write_bundle(path, whole)
     return whole
@@ -179,6 +207,16 @@ def read_bundle(path: Path) -> Bundle:
         return Bundle(provenance, ordered, str(created), path)
 
 
+def _check_devices(path: Path, bundle: Bundle, provenance: Provenance, step: str) -> None:
+    if dict(bundle.provenance.devices) != dict(provenance.devices):
+        raise CalibrationError(
+            step,
+            Reason.DOES_NOT_FIT,
+            f"{path} belongs to {_named(bundle.provenance)}, the bench has {_named(provenance)}",
+            remedy="write to another bundle, and calibrate all of it",
+        )
+
+
 def _named(provenance: Provenance) -> str:
     return ", ".join(f"{model} {serial}".strip() for model, serial, _ in provenance.devices.values()) or "no device"
 
@@ -187,6 +225,14 @@ def _check_section(section: Section) -> None:
     for name, array in section.arrays.items():
         if array.dtype.kind not in "uif" or not np.isfinite(array).all():
             raise NumericsError(f"array {name!r} of section {section.name!r} is not made of finite numbers")
+
+
+def _bytes_of(bundle: Bundle) -> int:
+    """Return how much the numbers of a bundle take at most; packing makes it less."""
+    sections = bundle.sections.values()
+    estimates = [estimate for section in sections for estimate in section.estimates.values()]
+    arrays = [array for section in sections for array in section.arrays.values()]
+    return sum(one.value.nbytes + one.standard_error.nbytes for one in estimates) + sum(one.nbytes for one in arrays)
 
 
 def _write(file: h5py.File, bundle: Bundle) -> None:

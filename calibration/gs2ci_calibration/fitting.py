@@ -1,7 +1,7 @@
 """Whether a bundle still fits a bench: same devices, same masks, same set-up, not too old.
 
 Here: what can be told without taking a frame. Not here: looking (`probe`, `drift`), files (`bundle`). `gs2ci.rig`,
-procedures and tests import this file.
+`gs2ci calibrate`, procedures and tests import this file.
 """
 
 import hashlib

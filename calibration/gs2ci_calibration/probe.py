@@ -174,9 +174,7 @@ def judge(stack: Stack, masks: F64, leakage: F64, valid: Flags, index: int) -> P
 def _take(bench: Bench, index: int) -> Stack:
     """Take the frames, at an exposure at which nothing is clipped."""
     shut, unshut = (bench.flat_pattern(is_open=is_open) for is_open in (False, True))
-    top = 2**bench.capture.bit_depth - 1
-    mask = np.asarray(bench.capture.masks[index])
-    patterns = np.stack([shut * mask.dtype.type(top), mask, unshut * mask.dtype.type(top)])
+    patterns = np.stack([bench.deep(shut), bench.capture.masks[index], bench.deep(unshut)])
     shortest_s = max(SHORTEST_S, bench.exposure_limits_s[0])
     exposure_s = max(min(bench.capture.mask_s, bench.exposure_limits_s[1]) - GUARD_S, shortest_s)
     while True:

@@ -59,8 +59,6 @@ class Reason(Enum):
     STAGE_WRONG_WAY = "stage goes the wrong way"
     """An axis moves the camera in another direction, or by another distance, than the rig file says."""
     NO_STAGE = "no stage"
-    NO_TEXTURE = "no texture"
-    """What is before the camera shows nothing that motion could be read from."""
     NEEDS = "earlier step missing"
     """A section of the bundle that this step builds on is not there."""
     DOES_NOT_FIT = "bundle does not fit"

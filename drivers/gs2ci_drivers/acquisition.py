@@ -5,11 +5,12 @@ the modulator shows nothing, the sensor does not stream, the stage rests; the er
 the device and the trigger that was being served. Rows handed on before it stay.
 
 Here: the order of things and the judgement of frames against triggers. Not here: what a plan is
-(`gs2ci_drivers.plan`, `planning`), files (the `sink` that is passed in), light. Commands and calibration import
-this file.
+(`gs2ci_drivers.plan`, `planning`), files (the `sink` that is passed in), light. `gs2ci.rig`, commands and
+calibration import this file.
 """
 
 from collections.abc import Callable, Iterator
+from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -64,11 +65,12 @@ class Devices:
 
     def close(self) -> None:
         """Let go of all devices; never raises, may be called twice."""
-        for device in (self.stage, self.sensor, self.modulator):
-            if device is not None:
-                device.close()
-        for close in self.also_close:
-            close()
+        with ExitStack() as closing:  # each is closed, whatever comes of the others
+            for close in reversed(self.also_close):
+                closing.callback(close)
+            for device in (self.modulator, self.sensor, self.stage):
+                if device is not None:
+                    closing.callback(device.close)
 
     def incidents(self) -> list[str]:
         """Return and forget what the drivers rode out since the last call."""

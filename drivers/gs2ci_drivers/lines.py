@@ -12,6 +12,9 @@ LONGEST_LINE = 512
 """Bytes after which a line without an end is noise; every protocol here stays below 130."""
 CHUNK_BYTES = 256
 WRITE_TIMEOUT_S = 1.0
+MOST_READS = 64
+"""How often what has come already is read, to be drained or past a deadline: a line that babbles without end must not
+hold us."""
 NOISE = b"\x00\xff"
 """Bytes that a floating or resetting line gives; no protocol here uses them."""
 
@@ -32,6 +35,7 @@ class LineChannel:
         self._clock = clock
         self._end = end
         self._buffer = b""
+        self._late_reads = 0
 
     def send(self, data: bytes, asked: str) -> None:
         """Send bytes as they are.
@@ -40,6 +44,7 @@ class LineChannel:
             NoAnswerError: Not taken in time.
             DisconnectedError, AccessError: The port is gone.
         """
+        self._late_reads = 0
         with port_errors(self._device, asked, timeout_s=WRITE_TIMEOUT_S):
             self._port.write(data, WRITE_TIMEOUT_S)
 
@@ -61,9 +66,10 @@ class LineChannel:
             if line:
                 return line
             left_s = deadline_s - self._clock.now_s()
+            self._late_reads += left_s <= 0
             with port_errors(self._device, asked):
                 data = self._port.read(CHUNK_BYTES, max(left_s, 0.0))
-            if not data and self._clock.now_s() >= deadline_s:
+            if self._clock.now_s() >= deadline_s and (not data or self._late_reads > MOST_READS):
                 raise NoAnswerError(self._device, asked, max(self._clock.now_s() - begin_s, 0.0))
             self._buffer += data
             if len(self._buffer) > LONGEST_LINE and self._end not in self._buffer:
@@ -77,7 +83,7 @@ class LineChannel:
             DisconnectedError: The port is gone.
         """
         dropped, self._buffer = len(self._buffer), b""
-        for _ in range(64):  # a line that babbles without end must not hold us here
+        for _ in range(MOST_READS):
             with port_errors(self._device, asked):
                 data = self._port.read(CHUNK_BYTES, 0.0)
             if not data:

@@ -1,7 +1,7 @@
 """The records of a capture's plan: what the user wants, what will happen, line by line. Nothing moves here.
 
 Not here: laying a plan out and checking it (`gs2ci_drivers.planning`), doing it (`gs2ci_drivers.acquisition`).
-Commands and calibration import this file.
+`gs2ci.rig`, commands and calibration import this file.
 """
 
 from collections.abc import Sequence

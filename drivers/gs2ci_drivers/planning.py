@@ -2,7 +2,8 @@
 
 From the devices' own limits and the user's settings: one pass of masks, the sensor's exposure, the readout
 pause, the stage's sweep, and a figure for each check (reference section 5). Not here: the records
-(`gs2ci_drivers.plan`), doing it (`gs2ci_drivers.acquisition`). Commands and calibration import this file.
+(`gs2ci_drivers.plan`), doing it (`gs2ci_drivers.acquisition`, which imports this file as
+calibration does).
 """
 
 from math import ceil
@@ -215,7 +216,10 @@ def _light_figures(
         open_s = sequence.exposure_s * float(weights.max())
     else:
         # A white scene behind the mask pixels that are open longest; the last percent may clip and be marked.
-        shares = np.tensordot(weights, settings.masks.astype(np.float32) / top, axes=1)
+        # One mask after the other: all of them as floating-point numbers are gigabytes.
+        shares = np.zeros(settings.masks.shape[1:])
+        for weight, mask in zip(weights, settings.masks, strict=True):
+            shares += weight / top * mask
         open_s = sequence.exposure_s * float(np.quantile(shares[shares > 0], BRIGHT_SHARE)) if shares.any() else 0.0
     charge = rate * open_s
     well = setup.full_well_e

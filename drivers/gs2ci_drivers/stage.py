@@ -14,7 +14,7 @@ above the drivers may import this file.
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from math import copysign
+from math import copysign, isfinite
 
 from gs2ci.core.clock import Clock
 from gs2ci_drivers.failures import OutOfRangeError, ReferenceLostError, WrongStateError
@@ -46,8 +46,8 @@ class AxisInfo:
     acceleration_mm_s2: float
 
     def quantise_mm(self, position_mm: float) -> float:
-        """Return the nearest position that the axis can take."""
-        return round(position_mm / self.step_mm) * self.step_mm
+        """Return the nearest position that the axis can take; what is no number stays so, and is inside no limits."""
+        return round(position_mm / self.step_mm) * self.step_mm if isfinite(position_mm) else position_mm
 
     def quantise_speed_mm_s(self, speed_mm_s: float) -> float:
         """Return the nearest speed that the axis can keep, never zero."""

@@ -1,14 +1,12 @@
 """Steps that know how to undo themselves.
 
 Here: doing steps in order, and undoing those that were done in reverse, past their errors. Not here: what the
-steps of a capture are (`gs2ci_drivers.acquisition`). Acquisition and calibration import this file.
+steps of a capture are (`gs2ci_drivers.acquisition`). It alone imports this file.
 """
 
 from collections.abc import Callable
 from types import TracebackType
 from typing import Self, TypeVar
-
-from gs2ci.core.errors import Gs2ciError
 
 T = TypeVar("T")
 
@@ -16,8 +14,8 @@ T = TypeVar("T")
 class Steps:
     """A context in which every step done is undone at the end, in reverse, whatever happened.
 
-    An undo that fails is noted on the error that is under way (or raised, when there is none) and the others are
-    still run.
+    An undo that fails, or is interrupted, is noted on the error that is under way (or raised, when there is none) and
+    the others are still run: an impatient second Ctrl-C must not leave a stage on its way.
     """
 
     def __init__(self) -> None:
@@ -32,18 +30,18 @@ class Steps:
             self._undo.append((name, undo))
         return action()
 
-    def unwind(self, under_way: BaseException | None = None) -> list[Gs2ciError]:
+    def unwind(self, under_way: BaseException | None = None) -> list[BaseException]:
         """Undo everything that is owed, newest first; return the errors met on the way."""
-        met: list[Gs2ciError] = []
+        met: list[BaseException] = []
         while self._undo:
             name, undo = self._undo.pop()
             self.log.append(f"undo {name}")
             try:
                 undo()
-            except Gs2ciError as error:
+            except BaseException as error:
                 met.append(error)
                 if under_way is not None:
-                    under_way.add_note(f"undoing «{name}» failed too: {error}")
+                    under_way.add_note(f"undoing «{name}» failed too: {str(error) or type(error).__name__}")
         return met
 
     def __enter__(self) -> Self:

@@ -11,11 +11,13 @@ import base64
 import json
 import zlib
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TextIO, TypeVar
 
 from gs2ci.core.clock import Clock
+from gs2ci.core.errors import StorageError
 from gs2ci_drivers.ports import BytePort, HidPort, MappedMemory, SysPort
 
 T = TypeVar("T")
@@ -101,12 +103,20 @@ class Trace:
         device: Name of the device.
         port: Which port ("hid", "bytes", "sys").
         clock: The clock whose times are noted.
+
+    Raises:
+        StorageError: The file cannot be written, now or, from `note`, at any call; it is then closed, and calls pass
+            without being noted.
     """
 
     def __init__(self, path: Path, device: str, port: str, clock: Clock) -> None:
         self._clock = clock
-        self._file: TextIO = path.open("w", encoding="ascii", buffering=1)
-        self._file.write(json.dumps({"trace": SCHEMA, "device": device, "port": port}) + "\n")
+        self._path = path
+        try:
+            self._file: TextIO = path.open("w", encoding="ascii", buffering=1)
+        except OSError as error:
+            raise self._refused(error) from error
+        self._write(json.dumps({"trace": SCHEMA, "device": device, "port": port}))
 
     def note(self, call: Call, action: Callable[[], T], outcome: Callable[[T], None]) -> T:
         """Do `action`, let `outcome` put what came out into `call`, write it down, pass result or error on."""
@@ -121,11 +131,26 @@ class Trace:
         finally:
             call.t_s = self._clock.now_s()
             if not self._file.closed:
-                self._file.write(call.to_line() + "\n")
+                self._write(call.to_line())
 
     def close(self) -> None:
         """Close the file; a second call does nothing."""
-        self._file.close()
+        with suppress(OSError):  # a full disk was told when a line was written
+            self._file.close()
+
+    def _write(self, line: str) -> None:
+        try:
+            self._file.write(line + "\n")
+        except OSError as error:
+            self.close()
+            raise self._refused(error) from error
+
+    def _refused(self, error: OSError) -> StorageError:
+        """Make an error that nobody takes for one of the port."""
+        return StorageError(
+            f"the wire trace {self._path} cannot be written ({error.strerror})",
+            remedy="check the folder and its free space, or set trace = false in the rig file",
+        )
 
 
 class TracedHid:

@@ -156,7 +156,7 @@ def draw(table: Table, figures: Sequence[Figures]) -> Figure:
             fmt="o", color="#1f6f8b", ecolor="#9bbcc7", capsize=3,
         )  # fmt: skip
         axes.set_yticks(places, [one.line for one in lines])
-        axes.invert_yaxis()
+        axes.set_ylim(max(len(lines), 1) - 0.5, -0.5)  # the first line on top, and no point cut by the frame
         axes.set_title(case, loc="left", fontsize=10)
         axes.set_xlabel(measure.title)
         axes.grid(axis="x", color="#e4e4e4")

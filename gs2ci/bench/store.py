@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from gs2ci.core.errors import StorageError
+from gs2ci.core.json_text import parse_json
 from gs2ci.core.whole_file import write_whole
 
 # Whatever changes in these may change a figure.
@@ -38,7 +39,7 @@ class Store:
         if self._fresh:
             return None
         try:
-            row = json.loads(self._path(key).read_text(encoding="utf-8"))
+            row = parse_json(self._path(key).read_text(encoding="utf-8"))
         except (OSError, ValueError):
             return None
         return row if isinstance(row, dict) else None

@@ -6,9 +6,10 @@ Here: handing out cells, keeping each as soon as it is done. Not here: the work 
 import multiprocessing
 import os
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import closing
 from multiprocessing.connection import wait
 from typing import Any, Final
 
@@ -50,15 +51,16 @@ def complete(
     missing = {key: cell for key, cell in zip(keys, cells, strict=True) if key not in rows}
     heard = heard or (lambda _done, _total: None)
     heard(len(rows), len(set(keys)))
-    for key, row in _worked(missing, processes, scheduler):
-        rows[key] = _LOST if row is None else row
-        if row is not None:
-            store.put(key, row)
-        heard(len(rows), len(set(keys)))
+    with closing(_worked(missing, processes, scheduler)) as worked:
+        for key, row in worked:
+            rows[key] = _LOST if row is None else row
+            if row is not None:
+                store.put(key, row)
+            heard(len(rows), len(set(keys)))
     return [rows[key] for key in keys]
 
 
-def _worked(missing: dict[str, Cell], processes: int, scheduler: str) -> Iterator[tuple[str, Row | None]]:
+def _worked(missing: dict[str, Cell], processes: int, scheduler: str) -> Generator[tuple[str, Row | None], None, None]:
     if not missing:
         return
     if scheduler:
@@ -85,10 +87,12 @@ def _in_processes(missing: dict[str, Cell], processes: int) -> Iterator[tuple[st
 
 
 def _in_pool(cells: dict[str, Cell], processes: int, sharing: int = 0) -> Iterator[tuple[str, Row]]:
-    """Work until all is done or a process dies."""
+    """Work until all is done, a process dies, or nobody waits for the rows any more."""
     threads = max(1, (os.cpu_count() or 1) // (sharing or processes))
     context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(processes, context, initializer=_settle, initargs=(threads,)) as pool:
+    others = set(multiprocessing.active_children())
+    pool = ProcessPoolExecutor(processes, context, initializer=_settle, initargs=(threads,))
+    try:
         futures: dict[Future[Row], str] = {pool.submit(run, cell): key for key, cell in cells.items()}
         for future in as_completed(futures):
             try:
@@ -96,6 +100,13 @@ def _in_pool(cells: dict[str, Cell], processes: int, sharing: int = 0) -> Iterat
             except BrokenProcessPool:
                 continue
             yield futures[future], row
+    except BaseException:
+        # Whoever ends a table (Ctrl-C, a full disk) would else wait for every cell there is.
+        for worker in set(multiprocessing.active_children()) - others:
+            worker.terminate()
+        raise
+    finally:
+        pool.shutdown(cancel_futures=True)
 
 
 def _settle(threads: int) -> None:

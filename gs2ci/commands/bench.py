@@ -20,6 +20,7 @@ from gs2ci.bench.tables import TABLES, Options, resized
 from gs2ci.bench.workers import complete
 from gs2ci.commands.display import open_display
 from gs2ci.core.errors import InputError
+from gs2ci.core.whole_file import check_place
 
 
 def run(
@@ -74,6 +75,7 @@ def run(
         raise InputError(f"case {unknown[0]!r} is unknown", allowed=", ".join(one.name for one in known))
     options = Options(tuple(one for one in known if not cases or one.name in cases), seeds, lines)
     entries = chosen.entries(options)
+    check_place(output / "cells")
     with open_display() as display:
         display.stage(f"bench {table}", len(entries))
         rows = complete(

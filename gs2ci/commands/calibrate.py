@@ -10,16 +10,21 @@ from typing import Annotated, Literal
 import tyro
 from rich.console import Console
 from rich.markup import escape
-from rich.prompt import Prompt
 from rich.table import Table
 
 from gs2ci.commands.display import open_display
-from gs2ci.core.errors import InputError
 from gs2ci.core.progress import Progress
 from gs2ci.rig.calibrating import bench_of, operator_of, provenance_of
 from gs2ci.rig.opening import Rig, load_rig
 from gs2ci_calibration.bench import Bench
-from gs2ci_calibration.bundle import Bundle, Provenance, add_section, read_bundle
+from gs2ci_calibration.bundle import (
+    Bundle,
+    Provenance,
+    add_section,
+    check_bundle_place,
+    check_target,
+    read_bundle,
+)
 from gs2ci_calibration.drift import changes_since
 from gs2ci_calibration.estimates import Section
 from gs2ci_calibration.fitting import fit
@@ -54,15 +59,18 @@ def run(
         The bundle.
     """
     console = Console()
+    if step != "check":
+        check_bundle_place(out)
     opened = load_rig(rig)
     devices = opened.open()
     try:
-        operator = operator_of(opened, lambda request: Prompt.ask(f"{escape(request)}, then press Enter"))
         with open_display() as display:
+            operator = operator_of(opened, display.ask)
             bench = bench_of(opened, devices, operator, fast=fast, progress=display)
             if step == "check":
                 _check(console, bench, read_bundle(out), opened, provenance_of(opened, devices))
                 return out
+            check_target(out, provenance_of(opened, devices), step)
             for name in _every_step(devices, display) if step == "all" else (step,):
                 known = read_bundle(out) if out.exists() else Bundle()
                 section = _measured(bench, name, known)
@@ -82,8 +90,6 @@ def _every_step(devices: Devices, progress: Progress) -> list[str]:
 
 
 def _measured(bench: Bench, name: str, known: Bundle) -> Section:
-    if name not in PROCEDURES:
-        raise InputError(f"no step {name!r}", allowed=", ".join(PROCEDURES))
     bench.progress.say(f"{name}:")
     return PROCEDURES[name](bench, known)
 

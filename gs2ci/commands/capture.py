@@ -1,7 +1,7 @@
 """`gs2ci capture`: run a bench and write what it took into a shot file.
 
 Here: the arguments, the plan as a table, and where the file is. Not here: any of the work (`gs2ci.rig`). Only
-`gs2ci.cli` imports this file.
+`gs2ci.cli` and `gs2ci demo` import this file.
 """
 
 from pathlib import Path
@@ -13,7 +13,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from gs2ci.commands.display import open_display
-from gs2ci.core.storage.sealing import partial_of
+from gs2ci.core.storage.sealing import check_target, partial_of
 from gs2ci.rig.calibrated import load
 from gs2ci.rig.opening import Rig, load_rig
 from gs2ci.rig.recording import Prepared, prepare, record
@@ -49,6 +49,8 @@ def run(
     Returns:
         The shot file; None for a dry run.
     """
+    if not dry_run:
+        check_target(out, replace=overwrite, remedy="choose another name with -o, or add --overwrite to replace it")
     opened = load_rig(rig)
     if shots is not None:
         opened.set_shots(shots)

@@ -83,6 +83,8 @@ def run(
     Returns:
         The folder.
     """
+    if seed < 0:
+        raise InputError(f"--seed {seed}", allowed="0 or more")
     check_destination(output, overwrite=overwrite, schema=SCHEMA)
     decode = _decoder(_Choice(method, denoiser, iterations, coupling, seed))
     if all_shots and index is not None:

@@ -12,6 +12,7 @@ import numpy as np
 import tyro
 
 from gs2ci.commands import capture, reconstruct
+from gs2ci.core.errors import InputError
 from gs2ci.core.storage.sealing import partial_of
 from gs2ci.core.whole_file import write_whole
 from gs2ci.evaluate.run_folder import check_destination
@@ -26,6 +27,9 @@ MASK_S: Final = 0.02
 STAGE_SPEED_MM_S: Final = 12.5
 # The scene's depths are needed before the bench is built; an eighth of the picture knows them as well.
 PREVIEW: Final = 8
+# What the modulator holds at one bit; and two pixels of the preview.
+MOST_VIEWS: Final = 400
+LEAST_PX: Final = 16
 
 RIG: Final = """\
 # Written by `gs2ci demo`. Take another shot: gs2ci capture --rig {path} -o shot.h5
@@ -102,12 +106,22 @@ def run(
     Returns:
         The run folder.
     """
+    if not (1 <= views <= MOST_VIEWS and _fits(height, 2) and _fits(width, 4) and 0 <= parallax_px < np.inf):
+        raise InputError(
+            f"a demonstration of {views} views, {height} x {width} pixels, parallax {parallax_px:g} px",
+            allowed=f"1 to {MOST_VIEWS} views; a height that is a multiple of 2 and a width that is one of 4, both "
+            f"{LEAST_PX} or more; a parallax of 0 or more",
+        )
     check_destination(output / "run", overwrite=True)
     shot = output / "shot.h5"
     rig = write_rig(output / "rig.toml", views=views, size=(height, width), parallax_px=parallax_px, seed=seed)
     partial_of(shot).unlink(missing_ok=True)  # an interrupted demonstration is nobody's data
     capture.run(rig=rig, out=shot, overwrite=True)
     return reconstruct.run(shot, output / "run", overwrite=True)
+
+
+def _fits(length_px: int, step_px: int) -> bool:
+    return length_px >= LEAST_PX and length_px % step_px == 0
 
 
 def write_rig(path: Path, *, views: int, size: tuple[int, int], parallax_px: float, seed: int) -> Path:

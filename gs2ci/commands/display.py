@@ -19,6 +19,7 @@ from rich.text import Text
 from gs2ci.core import progress
 from gs2ci.core.clock import Clock, WallClock
 from gs2ci.core.durations import spoken_duration
+from gs2ci.core.errors import InputError
 from gs2ci.evaluate.report import read_report
 
 # Redrawing costs the fit about a thousandth at this rate; an eye needs no more.
@@ -30,6 +31,14 @@ _LABELS: Final = {"heldout": "held-out", "psnr_db": "PSNR"}
 
 class Display(progress.Progress, Protocol):
     """A progress listener that is opened, and closed when the work ends or fails."""
+
+    def ask(self, request: str) -> None:
+        """Show what a person is to do, and wait for Enter.
+
+        Raises:
+            InputError: Standard input has ended: nobody will press it.
+        """
+        ...
 
     def __enter__(self) -> Self: ...
 
@@ -86,6 +95,11 @@ class PlainDisplay:
     def say(self, text: str) -> None:
         """Write the sentence at once."""
         self._line(text)
+
+    def ask(self, request: str) -> None:
+        """Write the request and wait for Enter."""
+        self._line(f"{request}, then press Enter")
+        _wait_for_enter(request)
 
     def _end_stage(self) -> None:
         if not self._name:
@@ -147,6 +161,15 @@ class LiveDisplay:
         """Print the sentence above the bars."""
         self._bars.console.print(text, markup=False, highlight=False)
 
+    def ask(self, request: str) -> None:
+        """Print the request where no bar is drawn over it, and wait for Enter."""
+        self._bars.stop()
+        for task in [task.id for task in self._bars.tasks if task.finished and task.id != self._task]:
+            self._bars.remove_task(task)  # it stays as it was last drawn
+        self._bars.console.print(f"{request}, then press Enter ", end="", markup=False, highlight=False, soft_wrap=True)
+        _wait_for_enter(request)
+        self._bars.start()
+
     def _end_stage(self) -> None:
         if self._task is None:
             return
@@ -154,6 +177,13 @@ class LiveDisplay:
         done = int(self._bars.done_of(self._task)) or 1
         self._bars.update(self._task, total=done, completed=done)
         self._task = None
+
+
+def _wait_for_enter(request: str) -> None:
+    try:
+        input()
+    except EOFError as error:
+        raise InputError(f"{request}: nobody is there to press Enter", remedy="run it at a terminal") from error
 
 
 class _Bars(Progress):

@@ -7,12 +7,12 @@ imports this file.
 from pathlib import Path
 from typing import Annotated, Any
 
-import numpy as np
 import tyro
 from rich.console import Console
 from rich.table import Table
 
 from gs2ci.core.errors import InputError
+from gs2ci.core.foreign.assemble import load_single
 from gs2ci.core.records import F32
 from gs2ci.core.storage import read_shot
 from gs2ci.evaluate.evaluation import Evidence, evaluate, read_run, write_evaluation
@@ -98,10 +98,7 @@ def rows(found: dict[str, Any]) -> list[tuple[str, str]]:
 
 
 def _read_depth(path: Path) -> F32:
-    try:
-        depth = np.load(path, allow_pickle=False)
-    except (OSError, ValueError, EOFError) as error:
-        raise InputError(f"{path} cannot be read as depth: {error}", allowed="a .npy file of [N, H, W]") from error
-    if not isinstance(depth, np.ndarray) or depth.ndim not in (2, 3) or not np.issubdtype(depth.dtype, np.number):
-        raise InputError(f"{path} holds no depth", allowed="a .npy file of [N, H, W]")
-    return depth.astype(np.float32)
+    depth = load_single(path).values
+    if depth.ndim not in (2, 3):
+        raise InputError(f"{path} holds no depth but shape {list(depth.shape)}", allowed="a .npy file of [N, H, W]")
+    return depth.astype("f4")

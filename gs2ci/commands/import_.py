@@ -17,6 +17,7 @@ from gs2ci.core.foreign.assemble import Imported, ImportOptions, import_shots, l
 from gs2ci.core.foreign.container import Array
 from gs2ci.core.records import CfaPattern, Shot
 from gs2ci.core.storage import count_shots, recover, write_shots
+from gs2ci.core.storage.sealing import check_target
 
 
 def run(
@@ -44,15 +45,16 @@ def run(
     cfa: CfaPattern | None = None,
     bad_pixels: Literal["refuse", "median"] = "refuse",
     index: int | None = None,
+    overwrite: bool = False,
 ) -> Path:
-    """Turn a coded measurement and its masks (.npz, .npy, .mat) into a shot file.
+    """Turn a coded measurement and its masks (.npz, .npy, .mat, pictures) into a shot file.
 
     What is not said is guessed from the numbers, and every guess is printed. An interrupted capture
     (NAME.h5.partial) is recovered: its finished rows are copied into the new file.
 
     Args:
-        file: Measurement, with or without masks: .npz, .npy, .mat (v5, v7.3), or a .partial.
-        masks_file: Masks, if they lie in a file of their own.
+        file: Measurement, with or without masks: .npz, .npy, .mat (v5, v7.3), a PNG or TIFF, or a .partial.
+        masks_file: Masks, if they lie in a file of their own, or a folder of PNG or TIFF pictures.
         out: Shot file to write, ends in .h5.
         masks: Same as the second file.
         truth: File with the true views, for scoring only.
@@ -74,14 +76,17 @@ def run(
         cfa: Colour filter array of a Bayer measurement.
         bad_pixels: Refuse NaN in the measurement, or replace them from their neighbours.
         index: Keep only this one of several measurements, counted from 0.
+        overwrite: Replace a finished file of that name.
 
     Returns:
         The shot file.
     """
     console = Console()
+    check_target(out, replace=overwrite, remedy="choose another name with -o, or add --overwrite to replace it")
     if file.name.endswith(".partial"):
-        return _recovered(console, file, out)
+        return _recovered(console, file, out, overwrite)
     masks = _only_one(masks_file, masks)
+    _check_apart(out, file, masks, truth, poses)
     options = ImportOptions(
         meas_key=meas_key,
         mask_key=mask_key,
@@ -108,9 +113,9 @@ def run(
     return out
 
 
-def _recovered(console: Console, partial: Path, out: Path) -> Path:
+def _recovered(console: Console, partial: Path, out: Path, overwrite: bool) -> Path:
     """Save the finished rows of an interrupted capture."""
-    recover(partial, out)
+    recover(partial, out, replace=overwrite)
     console.print(f"{count_shots(out)} finished rows of {escape(partial.name)} saved in [bold]{escape(str(out))}[/]")
     return out
 
@@ -120,6 +125,12 @@ def _only_one(masks_file: Path | None, masks: Path | None) -> Path | None:
     if masks is not None and masks_file is not None:
         raise InputError(f"masks given twice: {masks_file} and --masks {masks}", remedy="give one of them")
     return masks or masks_file
+
+
+def _check_apart(out: Path, *files: Path | None) -> None:
+    """Return if what is to be written replaces nothing that is read: a measurement cannot be taken again."""
+    if any(file is not None and out.resolve() == file.resolve() for file in files):
+        raise InputError(f"{out}: would replace a file that it is made from", remedy="choose another name with -o")
 
 
 def _loaded(file: Path | None) -> Array | None:

@@ -19,7 +19,7 @@ def run(rig: tyro.conf.Positional[Path], *, tolerance_dn: Annotated[float | None
     """Print what would be simulated of a rig's effects: bound, decision, reason, sampling, share of the time.
 
     Args:
-        rig: A rig file (TOML).
+        rig: A simulation's rig file (TOML; docs/simulation.md), not a bench's.
         tolerance_dn: In total, DN rms; that of the rig file if not given.
 
     Returns:

@@ -17,9 +17,10 @@ from gs2ci.bench.cells import Cell
 from gs2ci.bench.store import Store
 from gs2ci.bench.workers import complete
 from gs2ci.commands.display import open_display
-from gs2ci.core.durations import parse_duration_s
+from gs2ci.core.durations import parse_duration_s, spoken_duration
 from gs2ci.core.errors import InputError
 from gs2ci.core.storage import read_shot
+from gs2ci.core.whole_file import check_place
 from gs2ci.evaluate.pages.run_evidence import check_same_shot
 from gs2ci.evaluate.pages.run_page import write_run_page
 from gs2ci.evaluate.tradeoff.pages import Tradeoff, markdown, record_of, write_pages
@@ -64,9 +65,12 @@ def run(
     Raises:
         Gs2ciError: The file or a value cannot be used.
     """
+    if seed < 0:
+        raise InputError(f"--seed {seed}", allowed="0 or more")
     most_s = parse_duration_s(most)
     trials = chosen_trials(knobs)
     measured = read_shot(shot, index)
+    check_place(output / "cells")
     if report is not None:
         check_same_shot(report, measured)
     with open_display() as display:
@@ -76,6 +80,8 @@ def run(
         wanted = [trial for trial in trials if prices[trial.name] <= most_s]
         if not wanted:
             raise InputError(f"nothing can be tried in {most}", allowed=f"{min(prices.values()):.1f} s or more")
+        in_all = spoken_duration(sum(prices[trial.name] for trial in wanted))
+        display.say(f"{len(wanted)} trials, about {in_all} in all; an interruption keeps those that are done.")
         display.stage("trials", len(wanted))
         rows = complete(
             [_cell(shot, index, trial, seed) for trial in wanted],

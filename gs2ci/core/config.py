@@ -17,9 +17,9 @@ M = TypeVar("M", bound=BaseModel)
 
 
 class Settings(BaseModel):
-    """Base of settings: unknown keys are errors, values are not changed afterwards."""
+    """Base of settings: unknown keys are errors, numbers are finite, values are not changed afterwards."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True, use_attribute_docstrings=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, use_attribute_docstrings=True)
 
 
 def read_settings(path: Path, model: type[M]) -> tuple[M, str]:
@@ -36,15 +36,7 @@ def read_settings(path: Path, model: type[M]) -> tuple[M, str]:
         InputError: The file cannot be read, is not TOML, or does not fit; names each key that is wrong and, where
             it is unknown, the nearest known one.
     """
-    try:
-        text = path.read_text(encoding="utf-8")
-        data = tomllib.loads(text)
-    except OSError as error:
-        raise InputError(f"{path} cannot be read ({error.strerror})") from error
-    except UnicodeDecodeError as error:
-        raise InputError(f"{path} is not text in UTF-8 ({error.reason})") from error
-    except tomllib.TOMLDecodeError as error:
-        raise InputError(f"{path} is not TOML: {error}", remedy="mend the line named") from error
+    data, text = read_toml(path)
     try:
         return model.model_validate(data), text
     except ValidationError as error:
@@ -52,9 +44,29 @@ def read_settings(path: Path, model: type[M]) -> tuple[M, str]:
         raise InputError(f"{path}: " + "; ".join(sentences)) from error
 
 
+def read_toml(path: Path) -> tuple[dict[str, Any], str]:
+    """Read a TOML file; return its tables and its text.
+
+    Raises:
+        InputError: The file cannot be read or is not TOML.
+    """
+    try:
+        text = path.read_text(encoding="utf-8")
+        return tomllib.loads(text), text
+    except OSError as error:
+        raise InputError(f"{path} cannot be read ({error.strerror})", remedy="check the path") from error
+    except UnicodeDecodeError as error:
+        raise InputError(f"{path} is not text in UTF-8 ({error.reason})") from error
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(f"{path} is not TOML: {error}", remedy="mend the line named") from error
+    except RecursionError as error:
+        raise InputError(f"{path} is not TOML of ours: it nests too deep") from error
+
+
 def _sentence(model: type[BaseModel], problem: dict[str, Any]) -> str:
     where = problem["loc"]
-    table, known = _table(model, where[:-1])
+    table, models = _table(model, where[:-1])
+    known = sorted({name for one in models for name in one.model_fields})
     key = str(where[-1]) if where else ""
     place = f"[{table}]" if table else "the top of the file"
     if problem["type"] == "extra_forbidden":
@@ -64,7 +76,7 @@ def _sentence(model: type[BaseModel], problem: dict[str, Any]) -> str:
     if problem["type"] == "missing":
         return f"key {key!r} is missing in {place}"
     if problem["type"] in ("union_tag_invalid", "union_tag_not_found"):
-        allowed = problem.get("ctx", {}).get("expected_tags", "")
+        allowed = ", ".join(repr(_tag(one)) for one in _table(model, where)[1])
         return f"'kind' in [{_dotted(where)}] is missing or unknown; allowed: {allowed}"
     shown = repr(problem.get("input"))[:80]
     return f"{key!r} in {place} is {shown}: {problem['msg']}"
@@ -74,8 +86,8 @@ def _dotted(where: tuple[int | str, ...]) -> str:
     return ".".join(str(part) for part in where)
 
 
-def _table(model: type[BaseModel], where: tuple[int | str, ...]) -> tuple[str, list[str]]:
-    """Follow a location into the model; return the table's name without union tags, and the keys known there."""
+def _table(model: type[BaseModel], where: tuple[int | str, ...]) -> tuple[str, list[type[BaseModel]]]:
+    """Follow a location into the model; return the table's name without union tags, and what may stand there."""
     names: list[str] = []
     here: Any = model
     for part in where:
@@ -87,8 +99,7 @@ def _table(model: type[BaseModel], where: tuple[int | str, ...]) -> tuple[str, l
         names.append(str(part))
         owner = next((one for one in models if part in one.model_fields), None)
         here = owner.model_fields[str(part)].annotation if owner else None
-    known = sorted({name for one in _models(here) for name in one.model_fields})
-    return ".".join(names), known
+    return ".".join(names), _models(here)
 
 
 def _models(annotation: Any) -> list[type[BaseModel]]:

@@ -1,6 +1,7 @@
 """A file of ours appears whole or not at all: whoever reads it sees the old content or the new, never half of it.
 
-Here: `write_whole`, for content that is in memory before it is written: JSON, pages, tables, pictures, scenes, models.
+Here: `write_whole`, for content that is in memory before it is written: JSON, pages, tables, pictures, scenes, models;
+and `check_place`, which a command asks before the work whether its result can be written after it.
 Not here: captures and calibration bundles, which grow on the disk and bear a manifest
 (`gs2ci.core.storage.sealing`; its rules are stronger: once it returns, the new file itself survives a power loss),
 and folders of many files (`gs2ci.evaluate.run_folder`). Anyone may import this file.
@@ -8,6 +9,7 @@ and folders of many files (`gs2ci.evaluate.run_folder`). Anyone may import this 
 
 import os
 import secrets
+import tempfile
 from contextlib import suppress
 from pathlib import Path
 from typing import Final
@@ -58,6 +60,29 @@ def write_whole(
     except OSError as error:
         raise StorageError(f"{path} cannot be written: {_reason(path, error)}", remedy=remedy) from error
     return path
+
+
+def check_place(path: str | Path) -> None:
+    """Return if a file or folder of that name can be made there; to be asked before the work, not after it.
+
+    Args:
+        path: Of what is to be made; folders above it may be missing.
+
+    Raises:
+        StorageError: The disk refuses: no permission, mounted for reading only, or a file where a folder should be.
+    """
+    above = Path(path).absolute().parent
+    while not above.exists() and above != above.parent:
+        above = above.parent
+    try:
+        # Permissions alone do not tell: a file system may be read-only, and to root everything seems allowed.
+        os.rmdir(tempfile.mkdtemp(prefix=".", suffix=".partial", dir=above))
+    except OSError as error:
+        reason = f"{above}: {error.strerror or error}" if above.is_dir() else f"{above} is not a folder"
+        raise StorageError(
+            f"{path} cannot be written: {reason}",
+            remedy="check the permissions of that folder, or choose another place with -o",
+        ) from error
 
 
 def _encoded(path: Path, text: str) -> bytes:

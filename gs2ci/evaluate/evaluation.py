@@ -90,7 +90,7 @@ def read_run(folder: Path) -> FinishedRun:
             depth=np.load(depth) if depth.is_file() else None,
             folder=folder,
         )
-    except (OSError, ValueError, KeyError, np.linalg.LinAlgError) as error:
+    except (OSError, ValueError, KeyError, TypeError, EOFError, np.linalg.LinAlgError) as error:
         raise StorageError(f"{folder} is no whole run: {error}", remedy="reconstruct again with --overwrite") from error
 
 

@@ -42,15 +42,12 @@ def read_novel_views(path: Path) -> NovelViews:
     try:
         # Opened here: numpy leaves a file that is cut short open.
         with path.open("rb") as file, np.load(file, allow_pickle=False) as arrays:
-            parts: dict[str, Any] = {key: arrays[key] for key in ("views", "world_to_camera")}
+            views, poses = arrays["views"], arrays["world_to_camera"].astype(np.float64)
+            views = (views / np.float32(255) if views.dtype == np.uint8 else views).astype(np.float32)
     except (OSError, ValueError, KeyError, EOFError, TypeError, BadZipFile) as error:
         raise InputError(
             f"{path} holds no novel views: {error}", allowed="an .npz file with views and world_to_camera"
         ) from error
-    views, poses = parts["views"], parts["world_to_camera"].astype(np.float64)
-    if views.dtype == np.uint8:
-        views = views / np.float32(255)
-    views = views.astype(np.float32)
     fits = views.ndim == 4 and len(views) and views.shape[3] in (1, 3) and poses.shape == (len(views), 4, 4)
     if not fits or not (np.isfinite(views).all() and np.isfinite(poses).all()):
         raise InputError(

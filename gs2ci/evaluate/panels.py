@@ -16,6 +16,7 @@ from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullLocato
 from numpy.typing import NDArray
 
 from gs2ci.core.records import F32, F64
+from gs2ci.evaluate.wording import told_apart
 
 INK: Final = "#1a1d21"
 MUTED: Final = "#6a7280"
@@ -84,7 +85,7 @@ def scaled_map(
     ticks = np.linspace(*limits, 5).tolist()
     bar = axes.figure.colorbar(shown, cax=below, orientation="horizontal", ticks=ticks)
     bar.outline.set_visible(False)
-    below.set_xticklabels([plain_number(reading(tick), 2) for tick in ticks])
+    below.set_xticklabels(told_apart([reading(tick) for tick in ticks], plain_number))
     below.tick_params(labelsize=TICK_PT, colors=MUTED, length=0, pad=4)
     labels = below.get_xticklabels()
     labels[0].set_horizontalalignment("left")

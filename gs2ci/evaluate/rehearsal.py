@@ -5,14 +5,14 @@ Here: the rehearsal. Not here: the report (`gs2ci.evaluate.run_folder`), the pla
 
 import tempfile
 import time
-from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
 import numpy as np
 import torch
 
-from gs2ci.core.records import Shot, Truth
+from gs2ci.core.crop import middle
+from gs2ci.core.records import Shot
 from gs2ci.core.run_records import VERDICTS, RunResult
 from gs2ci.evaluate.report import build_report
 from gs2ci.evaluate.run_folder import write_run
@@ -48,22 +48,9 @@ def _written(shot: Shot) -> float:
 
 def _crop(shot: Shot, view_pixels: int) -> Shot:
     """Cut the middle out of a shot, so that its views have about so many pixels together."""
-    rows, columns = _middle(shot.size, view_pixels / shot.views)
-    truth = shot.truth.views
-    return replace(
-        shot,
-        measurement=shot.measurement[rows, columns],
-        masks=shot.masks[:, rows, columns],
-        saturated=None if shot.saturated is None else shot.saturated[rows, columns],
-        truth=Truth(None if truth is None else truth[:, rows, columns], shot.truth.world_to_camera),
-    )
-
-
-def _middle(size: tuple[int, int], pixels: float) -> tuple[slice, slice]:
-    shrink = min(1.0, (pixels / (size[0] * size[1])) ** 0.5)
-    lengths = [max(1, round(side * shrink)) for side in size]
-    begins = [(side - length) // 2 for side, length in zip(size, lengths, strict=True)]
-    return slice(begins[0], begins[0] + lengths[0]), slice(begins[1], begins[1] + lengths[1])
+    height, width = shot.size
+    shrink = min(1.0, (view_pixels / (shot.views * height * width)) ** 0.5)
+    return middle(shot, (max(1, round(height * shrink)), max(1, round(width * shrink))))
 
 
 def _blank(shot: Shot) -> RunResult:

@@ -1,7 +1,8 @@
 """What `report.json` says: the figures of one run, as plain JSON values. Schema `gs2ci.report/1`.
 
 Here: the report's content and its reading. Not here: the run folder's other files (`gs2ci.evaluate.run_folder`),
-the picture (`gs2ci.evaluate.overview`). The commands and the rest of `gs2ci.evaluate` may import this file.
+the picture (`gs2ci.evaluate.overview`). The commands, `gs2ci.bench` and the rest of `gs2ci.evaluate` may
+import this file.
 """
 
 import math
@@ -116,7 +117,8 @@ def read_report(folder: Path, schema: str = SCHEMA) -> dict[str, Any]:
     try:
         report = parse_json(path.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
-        raise StorageError(f"{path} cannot be read: {error}", remedy=remedy) from error
+        reason = (isinstance(error, OSError) and error.strerror) or error
+        raise StorageError(f"{path} cannot be read: {reason}", remedy=remedy) from error
     if not isinstance(report, dict) or report.get("schema") != schema:
         found = report.get("schema") if isinstance(report, dict) else type(report).__name__
         raise StorageError(f"{path} has schema {found!r}", allowed=schema, remedy=remedy)

@@ -16,7 +16,7 @@
       colmap/sparse/0  the same cameras, and a thinned cloud of the Gaussians' centres
       tradeoff.json  only where `gs2ci tradeoff --report` added it: what accuracy costs for this shot
 
-Not here: the figures, the page, the picture. The commands may import this file.
+Not here: the figures, the page, the picture. The commands and the rest of `gs2ci.evaluate` may import this file.
 """
 
 import json
@@ -34,6 +34,7 @@ import torch
 from gs2ci.core.errors import StorageError
 from gs2ci.core.records import F32, Shot
 from gs2ci.core.run_records import RunResult
+from gs2ci.core.whole_file import check_place
 from gs2ci.evaluate.cameras import nerfstudio_transforms, view_names, write_colmap_model
 from gs2ci.evaluate.overview import write_overview
 from gs2ci.evaluate.pages.run_evidence import GIVEN_NAME, write_given
@@ -86,12 +87,20 @@ def check_destination(folder: Path, *, overwrite: bool = False, schema: str = SC
         schema: Of the report that an earlier run holds.
 
     Raises:
-        StorageError: The place holds a file, an earlier run that may not be replaced, or a folder that is no run.
+        StorageError: The place holds a file, an earlier run that may not be replaced, or a folder that is no run; or
+            nothing can be written there.
     """
+    # The new folder is made beside its place and renamed.
+    check_place(folder.resolve() if folder.is_symlink() else folder)
     if not folder.exists():
         return
     if not folder.is_dir():
         raise StorageError(f"{folder} is not a folder", remedy="choose another place with -o")
+    if folder.is_mount():
+        raise StorageError(
+            f"{folder} is where a disk or volume is mounted, and nothing can take its place",
+            remedy=f"choose a folder in it: -o {folder / 'run'}",
+        )
     if not any(folder.iterdir()):
         return
     if not overwrite:

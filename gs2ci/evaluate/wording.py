@@ -1,10 +1,11 @@
 """How figures are written for people: counts, numbers, nested settings as rows.
 
-Not here: which figures are shown. The commands and the rest of `gs2ci.evaluate` may import this file.
+Not here: which figures are shown. The commands, `gs2ci.bench` and the rest of `gs2ci.evaluate` may import this
+file.
 """
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, Final
 
 THIN_SPACE: Final = "\u2009"
@@ -36,6 +37,19 @@ def describe_number(value: float | None, digits: int = 4) -> str:
     if abs(value) >= 10 ** (digits - 1):
         return f"{value:,.0f}".replace(",", THIN_SPACE)
     return f"{value:.{digits}g}"
+
+
+def told_apart(values: Sequence[float], write: Callable[[float, int], str]) -> list[str]:
+    """Write the numbers of a scale with two significant digits, or with as many more, up to five, as tell them apart.
+
+    >>> told_apart([0, 0.1234, 0.5], describe_number), told_apart([0.984, 0.976], describe_number)
+    (['0', '0.12', '0.5'], ['0.984', '0.976'])
+    """
+    for digits in range(2, 6):
+        texts = [write(float(f"{value:.{digits}g}"), digits) for value in values]
+        if len(set(texts)) == len(texts):
+            break
+    return texts
 
 
 def describe_value(value: Any) -> str:

@@ -87,7 +87,7 @@ def _notes(left: Left, settings: Settings, moved: Movement) -> tuple[str, ...]:
     geometry, ensemble = left.geometry, left.ensemble
     return (
         *(*left.doubts, *left.look.notes, *geometry.notes, *ensemble.notes, *_fits_missing(ensemble, settings)),
-        *(*_notes_of(moved, geometry.source), *left.recovered.notes),
+        *(*_notes_of(moved, geometry), *left.recovered.notes),
     )
 
 
@@ -107,9 +107,14 @@ def _last_point(left: Left, score: Score | None, seconds: float) -> tuple[CurveP
     return (replace(fit.curve[-1], seconds=seconds, heldout=heldout, psnr_db=psnr_db),)
 
 
-def _notes_of(moved: Movement, source: str) -> tuple[str, ...]:
+def _notes_of(moved: Movement, geometry: Geometry) -> tuple[str, ...]:
+    source = geometry.source
     if source == "tracks":
         return ()
+    if geometry.verdict != "full":
+        return (
+            f"The poses of the {source} were not taken: the views do not bear out a path, and the fit began without.",
+        )
     share, rotation_deg = moved.share_of_path, moved.rotation_deg
     return (f"The fit moved the poses of the {source} by {share:.1%} of the path and {rotation_deg:.3f}°.",)
 

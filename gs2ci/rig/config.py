@@ -1,8 +1,8 @@
 """What a rig file may say: one table per device, one for the capture, one for the simulated surroundings.
 
 Every table is a strict model: an unknown key is an error that names the nearest known one. `port = "simulated"`
-puts a device's twin below its driver. Not here: opening anything (`gs2ci.rig.opening`). Commands and calibration
-commands import this file.
+puts a device's twin below its driver. Not here: opening anything (`gs2ci.rig.opening`). The rest of `gs2ci.rig` and
+`gs2ci.bench` import this file.
 """
 
 from pathlib import Path
@@ -18,7 +18,11 @@ SIMULATED = "simulated"
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Fraction = Annotated[float, Field(gt=0, lt=1)]
-Count = Annotated[int, Field(ge=1)]
+# A day and a million are far beyond every bench: what is more is a slip of the unit, and no clock or memory holds it.
+DAY_S = 86_400.0
+Duration = Annotated[float, Field(gt=0, le=DAY_S)]
+Delay = Annotated[float, Field(ge=0, le=DAY_S)]
+Count = Annotated[int, Field(ge=1, le=1_000_000)]
 Vector = tuple[float, float, float]
 Orientation = Literal[
     "upright",
@@ -44,7 +48,7 @@ class Dlpc900Table(Settings):
     compression: Literal["erle", "rle", "none"] = "erle"
     leds: Annotated[int, Field(ge=0, le=7)] = 7
     invert: bool = False
-    reply_timeout_s: Positive = 2.0
+    reply_timeout_s: Duration = 2.0
 
 
 class ScpiModulatorTable(Settings):
@@ -53,7 +57,7 @@ class ScpiModulatorTable(Settings):
     kind: Literal["scpi"]
     port: str = SIMULATED
     baud: Count = 115200
-    timeout_s: Positive = 2.0
+    timeout_s: Duration = 2.0
 
 
 class SantecTable(Settings):
@@ -77,16 +81,16 @@ class V4l2Table(Settings):
     """Four-character code ("Y10", "Y12", "RG12", ...); "" takes the device's present one."""
     gain_db: float | None = None
     buffers: Count = 4
-    warm_up_frames: Annotated[int, Field(ge=0)] = 0
+    warm_up_frames: Annotated[int, Field(ge=0, le=10_000)] = 0
     controls: dict[str, int] = Field(default_factory=dict)
     trigger_adapter: Literal["none", "module", "control"] = "control"
     trigger_module: str = "imx296"
     trigger_control: str = "trigger_mode"
     alignment: Literal["low", "high"] = "low"
     significant_bits: Annotated[int, Field(ge=0, le=16)] = 0
-    exposure_unit_s: Positive | None = None
-    readout_s: NotNegative | None = None
-    exposure_offset_s: float | None = None
+    exposure_unit_s: Duration | None = None
+    readout_s: Delay | None = None
+    exposure_offset_s: Annotated[float, Field(ge=-DAY_S, le=DAY_S)] | None = None
     black_level_dn: NotNegative = 0.0
     """Reading without light."""
     full_well_e: Positive | None = None
@@ -141,8 +145,8 @@ class CaptureTable(Settings):
     pattern_file: str = ""
     """An .npy file with mask codes [N, h, w] in 0 to 1 instead of random ones, beside the rig file."""
     bit_depth: Annotated[int, Field(ge=1, le=16)] = 1
-    mask_s: Positive = 0.01
-    dark_s: NotNegative = 0.0
+    mask_s: Duration = 0.01
+    dark_s: Delay = 0.0
     mode: Literal["per-exposure", "gate", "per-mask"] = "per-exposure"
     shots: Count = 1
     burst: Count = 1
@@ -150,8 +154,8 @@ class CaptureTable(Settings):
     """Axis that moves during an exposure; "" keeps the camera still."""
     from_mm: float = 0.0
     to_mm: float = 0.0
-    margin_s: NotNegative = 0.0
-    jitter_s: NotNegative = 20e-6
+    margin_s: Delay = 0.0
+    jitter_s: Delay = 20e-6
     retries: Annotated[int, Field(ge=0)] = 0
 
 
@@ -249,9 +253,9 @@ class WorldTable(Settings):
     width: Count = 600
     noise: bool = True
     stage_start_mm: float | None = None
-    trigger_latency_s: NotNegative = 0.0
-    trigger_jitter_s: NotNegative = 0.0
-    trigger_exposure_offset_s: float = 0.0
+    trigger_latency_s: Delay = 0.0
+    trigger_jitter_s: Delay = 0.0
+    trigger_exposure_offset_s: Annotated[float, Field(ge=-DAY_S, le=DAY_S)] = 0.0
     """By how much longer than set a triggered exposure truly is."""
     flat_radiance: Positive = 0.5
     """Brightness of the even light before which masks are calibrated; 1 is the white of a scene."""

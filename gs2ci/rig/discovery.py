@@ -1,13 +1,13 @@
 """What is plugged into this computer that a rig could use.
 
-Here: looking, without opening more than it takes to learn a name. Not here: using any of it. `gs2ci devices` and
-`gs2ci doctor` import this file.
+Here: looking, without opening more than it takes to learn a name. Not here: using any of it. `gs2ci devices` imports
+this file.
 """
 
 import usb.core
 from serial.tools import list_ports
 
-from gs2ci.rig.opening import DLPC900_PRODUCT, DLPC900_VENDOR
+from gs2ci_drivers.dlpc900.packets import PRODUCT_ID, VENDOR_ID
 from gs2ci_drivers.links.v4l2_sys import KernelSysPort
 from gs2ci_drivers.ports import SysPort
 from gs2ci_drivers.v4l2.driver import list_cameras
@@ -29,7 +29,7 @@ def find_devices(port: SysPort | None = None) -> list[tuple[str, str, str]]:
 
 def _modulators() -> list[tuple[str, str, str]]:
     try:
-        found = list(usb.core.find(find_all=True, idVendor=DLPC900_VENDOR, idProduct=DLPC900_PRODUCT))
+        found = list(usb.core.find(find_all=True, idVendor=VENDOR_ID, idProduct=PRODUCT_ID))
     except (usb.core.NoBackendError, usb.core.USBError):
         return []  # without libusb nothing can be seen; `gs2ci doctor` says so
     return [

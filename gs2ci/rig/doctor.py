@@ -14,9 +14,11 @@ from typing import Literal
 import numpy as np
 
 from gs2ci.core.errors import Gs2ciError
-from gs2ci.rig.config import SIMULATED, Dlpc900Table
-from gs2ci.rig.opening import DLPC900_PRODUCT, DLPC900_VENDOR, Rig
+from gs2ci.rig.config import SIMULATED, Dlpc900Table, SantecTable, ScpiModulatorTable
+from gs2ci.rig.opening import Rig
 from gs2ci_drivers.acquisition import Devices, Taken, capture, plan_capture
+from gs2ci_drivers.dlpc900 import packets
+from gs2ci_drivers.links import usb_bulk
 from gs2ci_drivers.links.usb_device import udev_rules
 from gs2ci_drivers.pattern_sequence import ModulatorInfo
 from gs2ci_drivers.plan import CaptureSettings, Mode
@@ -87,9 +89,10 @@ def _bad(what: str, error: Gs2ciError) -> Finding:
 
 def _permissions(rig: Rig) -> Iterator[Finding]:
     table = rig.table
-    if isinstance(table.modulator, Dlpc900Table):
+    usb = _usb_ids(table.modulator)
+    if usb is not None:
         if table.modulator.port != SIMULATED:
-            rules = udev_rules(DLPC900_VENDOR, DLPC900_PRODUCT)
+            rules = udev_rules(*usb)
             yield Finding(
                 "permissions for the modulator",
                 "note",
@@ -101,6 +104,13 @@ def _permissions(rig: Rig) -> Iterator[Finding]:
     yield from _node("sensor", table.sensor.port, VIDEO_RULE)
     if table.stage is not None:
         yield from _node("stage", table.stage.port, TTY_RULE)
+
+
+def _usb_ids(modulator: Dlpc900Table | ScpiModulatorTable | SantecTable) -> tuple[int, int] | None:
+    """Return vendor and product of a modulator that is reached by USB; None for one behind a tty."""
+    if isinstance(modulator, Dlpc900Table):
+        return packets.VENDOR_ID, packets.PRODUCT_ID
+    return (usb_bulk.VENDOR_ID, usb_bulk.PRODUCT_ID) if isinstance(modulator, SantecTable) else None
 
 
 def _node(device: str, port: str, rule: str) -> Iterator[Finding]:

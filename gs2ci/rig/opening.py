@@ -1,7 +1,8 @@
 """From a rig file to open devices: the only file that chooses between a device and its twin.
 
 Here: drivers on real ports or on twins, and wire traces round either. Not here: what the twins stand in
-(`gs2ci.rig.simulated`), what a rig file may say (`config`). Commands import this file.
+(`gs2ci.rig.simulated`), what a rig file may say (`config`). Commands and the rest of `gs2ci.rig`
+import this file.
 """
 
 from collections.abc import Callable
@@ -19,6 +20,7 @@ from gs2ci_drivers.display_slm.driver import DisplaySlm
 from gs2ci_drivers.dlpc900.driver import Dlpc900
 from gs2ci_drivers.dlpc900.firmware import DEFAULT_PROFILE
 from gs2ci_drivers.dlpc900.images import Compression
+from gs2ci_drivers.dlpc900.packets import PRODUCT_ID, VENDOR_ID
 from gs2ci_drivers.dlpc900.plan import Dlpc900Settings
 from gs2ci_drivers.grbl.driver import GrblStage
 from gs2ci_drivers.links.serial_line import SerialLine
@@ -36,9 +38,6 @@ from gs2ci_drivers.v4l2.options import V4l2Options
 from gs2ci_drivers.zaber.driver import ZaberStage
 
 T = TypeVar("T")
-
-DLPC900_VENDOR = 0x0451
-DLPC900_PRODUCT = 0xC900
 
 
 @dataclass
@@ -111,7 +110,7 @@ class Rig:
     def _hid(self, table: Dlpc900Table) -> HidPort:
         if self.bench is not None:
             return _opened("modulator", self.bench.modulator.open)  # type: ignore[return-value]
-        return UsbHid("modulator", DLPC900_VENDOR, DLPC900_PRODUCT, bus_port=_bus_port(table.port))
+        return UsbHid("modulator", VENDOR_ID, PRODUCT_ID, bus_port=_bus_port(table.port))
 
     def _fifo(self, table: SantecTable) -> BytePort:
         if self.bench is not None:

@@ -1,7 +1,8 @@
 """Mask codes and where they lie on the modulator.
 
 Here: drawing or reading codes at the sensor's resolution, and laying them out on the modulator's own pixels.
-Not here: measuring what the sensor really sees of them (`gs2ci_calibration`). The rig's commands import this.
+Not here: measuring what the sensor really sees of them (`gs2ci_calibration`). The rest of `gs2ci.rig`
+imports this file.
 """
 
 from pathlib import Path
@@ -10,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gs2ci.core.errors import InputError
+from gs2ci.core.foreign.assemble import load_single
 from gs2ci.rig.config import CaptureTable, RegistrationTable
 
 U16 = NDArray[np.uint16]
@@ -38,13 +40,13 @@ def draw_codes(table: CaptureTable, size: tuple[int, int], folder: Path) -> U16:
 
 def _read_codes(path: Path, size: tuple[int, int]) -> F32:
     try:
-        codes: NDArray[np.generic] = np.load(path, allow_pickle=False)
-    except (OSError, ValueError) as error:
-        raise InputError(f"pattern_file {path} cannot be read ({error})", allowed="an .npy file") from error
-    if codes.ndim != 3 or codes.shape[1:] != size or not np.issubdtype(codes.dtype, np.number):
+        codes = load_single(path).values
+    except InputError as error:
+        raise InputError(f"pattern_file {error.problem}", allowed=error.allowed, remedy=error.remedy) from error
+    if codes.ndim != 3 or codes.shape[1:] != size or not len(codes):
         raise InputError(
             f"pattern_file {path} holds {codes.dtype} of shape {list(codes.shape)}",
-            allowed=f"numbers of shape [N, {size[0]}, {size[1]}]",
+            allowed=f"numbers of shape [N, {size[0]}, {size[1]}], N of 1 or more",
         )
     shares: F32 = np.asarray(codes, dtype=np.float32)
     if not np.isfinite(shares).all() or shares.min() < 0 or shares.max() > 1:

@@ -5,6 +5,7 @@ layout (`gs2ci.core.storage`), poses from stage positions (`telemetry`), the ord
 (`gs2ci_drivers.acquisition`). Commands import this file.
 """
 
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from time import time_ns
@@ -13,6 +14,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from gs2ci.core.errors import StorageError
 from gs2ci.core.progress import Progress
 from gs2ci.core.records import Truth
 from gs2ci.core.storage import CaptureHeader, FrameRow, ShotWriter
@@ -225,9 +227,10 @@ class _Recorder:
         self._writer.event("plan", scale=scale, **{figure.what: figure.value for figure in plan.figures})
 
     def note_failure(self, error: Exception) -> None:
-        """Write why the capture ended; the rows before it stay."""
+        """Write why the capture ended; the rows before it stay. On a full disk that error is told, not this one."""
         notes = [str(note) for note in getattr(error, "__notes__", [])]
-        self._writer.event("failed", error=type(error).__name__, message=str(error), notes=notes)
+        with suppress(StorageError):
+            self._writer.event("failed", error=type(error).__name__, message=str(error), notes=notes)
 
     def take(self, taken: Taken) -> None:
         """Write one shot."""

@@ -1,7 +1,7 @@
 """What is true of a simulated bench, for tests and benchmarks of its calibration. No procedure reads it.
 
-Here: the true figures and maps behind a rig file's [world]. Not here: measuring them (`gs2ci_calibration`). Only tests
-and benchmarks import this file.
+Here: the true figures and maps behind a rig file's [world]. Not here: measuring them (`gs2ci_calibration`). Only tests,
+benchmarks and `random_benches` import this file.
 """
 
 from dataclasses import dataclass

@@ -2,7 +2,7 @@
 
 Here: the velocity profile of one axis as pieces of constant acceleration, and the mechanical errors between
 what the controller counts and where the carriage is. Not here: commands (`gs2ci_sims.wires.zaber`, `.grbl`).
-Stage twins import this file.
+Stage twins and `gs2ci.rig` import this file.
 """
 
 from bisect import bisect_right
@@ -129,17 +129,6 @@ class AxisMotion:
         self._pieces.append(_Piece(now_s, position_mm, 0.0, 0.0, 0.0, self._piece(now_s).astray_mm))
         self.ends_s = now_s
 
-    def time_at(self, position_mm: float, now_s: float) -> float | None:
-        """Return when the present motion will pass a position, or None if it will not."""
-        for i, piece in enumerate(self._pieces):
-            until_s = self._pieces[i + 1].start_s if i + 1 < len(self._pieces) else inf
-            if until_s <= now_s:
-                continue
-            when = _crossing(piece, position_mm, max(now_s, piece.start_s), until_s)
-            if when is not None:
-                return when
-        return None
-
     def _legs_to(self, target_mm: float, speed_mm_s: float, now_s: float) -> list[tuple[float, float]]:
         """Return accelerations and durations that end at rest on the target."""
         a, v0 = self.acceleration_mm_s2, self.speed_at(now_s)
@@ -195,15 +184,3 @@ class AxisMotion:
 
     def _piece(self, when_s: float) -> _Piece:
         return self._pieces[max(bisect_right(self._pieces, when_s, key=lambda piece: piece.start_s) - 1, 0)]
-
-
-def _crossing(piece: _Piece, position_mm: float, from_s: float, until_s: float) -> float | None:
-    """Return the first time in [from_s, until_s) at which a piece passes a position."""
-    a, v, x = piece.acceleration_mm_s2 / 2, piece.speed_mm_s, piece.position_mm - position_mm
-    if a == 0:
-        roots = [-x / v] if v else []
-    else:
-        inside = v * v - 4 * a * x
-        roots = [(-v - sqrt(inside)) / (2 * a), (-v + sqrt(inside)) / (2 * a)] if inside >= 0 else []
-    times = sorted(piece.start_s + root for root in roots)
-    return next((t for t in times if from_s <= t < until_s), None)

@@ -13,7 +13,6 @@ records themselves, the planner. For commands, twins and benchmarks.
 
 import dataclasses
 import difflib
-import tomllib
 import types
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -23,6 +22,7 @@ from typing import Any, Final, TypeVar, get_args, get_origin, get_type_hints
 import numpy as np
 from numpy.typing import NDArray
 
+from gs2ci.core.config import read_toml
 from gs2ci.core.errors import InputError
 from gs2ci_sims.effects.base import Effect
 from gs2ci_sims.effects.motion_blur import MotionBlur
@@ -83,7 +83,7 @@ class PathChoice:
     Args:
         parallax_px: How far near and far of the scene shift against each other over the exposure, at least 0.
         direction: Of the move, along the camera's axes (right, down, ahead).
-        wobble_deg: Amplitude of the stage's angular errors.
+        wobble_deg: Amplitude of the stage's angular errors; of a stage that does not turn back.
         turns: How often the stage turns back during the exposure, at least 0; it then covers its way several times.
     """
 
@@ -97,6 +97,12 @@ class PathChoice:
             raise InputError(
                 f"a path with a parallax of {self.parallax_px} px, {self.turns} turns, wobble {self.wobble_deg} deg",
                 allowed="parallax_px and turns 0 or more, finite numbers",
+            )
+        if self.turns and self.wobble_deg:
+            raise InputError(
+                f"a path with {self.turns} turns and a wobble of {self.wobble_deg} deg",
+                allowed="one of the two",
+                remedy="give vibrations as [effects.stage_vibration]",
             )
 
     def build(self, scene: Scene, exposure_s: float) -> CameraPath:
@@ -165,6 +171,8 @@ PARTS: Final[dict[str, type]] = {
     "timing": Timing,
     "sensor": Sensor,
 }
+# Tables that only the rig file of a bench has; the two kinds share other names.
+BENCH_ONLY: Final = frozenset({"stage", "registration", "capture", "calibration", "world"})
 CHOICES: Final[dict[str, type]] = {"scene": SceneChoice, "path": PathChoice, "plan": PlanChoice}
 
 
@@ -174,13 +182,13 @@ def read_rig_file(path: Path) -> Setup:
     Raises:
         InputError: It is not there, not TOML, or holds a key or value that it may not.
     """
-    try:
-        with path.open("rb") as file:
-            tables = tomllib.load(file)
-    except OSError as error:
-        raise InputError(f"rig file {path} cannot be read: {error.strerror}", remedy="check the path") from error
-    except tomllib.TOMLDecodeError as error:
-        raise InputError(f"rig file {path} is not TOML: {error}") from error
+    tables, _ = read_toml(path)
+    if tables.keys() & BENCH_ONLY:
+        raise InputError(
+            f"{path} describes a bench, not a simulation",
+            allowed="a simulation's file: docs/simulation.md",
+            remedy=f"for the plan of a bench's exposure: gs2ci capture --rig {path} --dry-run",
+        )
     return setup_from_tables(tables)
 
 

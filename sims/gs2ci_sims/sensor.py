@@ -40,10 +40,10 @@ class Sensor:
                 f"full well {self.full_well_e} e, read noise {self.read_noise_e} e, {self.bits} bits",
                 allowed="full_well_e > 0, read_noise_e >= 0, bits 1 to 32",
             )
-        if not self.electrons_per_dn > 0 or not 0 < self.quantum_efficiency <= 1:
+        if not 0 < self.electrons_per_dn < np.inf or not 0 < self.quantum_efficiency <= 1:
             raise InputError(
                 f"{self.electrons_per_dn} e/DN, quantum efficiency {self.quantum_efficiency}",
-                allowed="electrons_per_dn > 0, quantum_efficiency in (0, 1]",
+                allowed="electrons_per_dn > 0 and finite, quantum_efficiency in (0, 1]",
             )
         if not 0 <= self.black_level_dn < 2**self.bits - 1:
             raise InputError(f"black level {self.black_level_dn} DN", allowed=f"0 to {2**self.bits - 2}")

@@ -5,8 +5,8 @@ in order of time. The stage twin tells where the axes are at any time past, the 
 shows, and the sensor twin asks `World.integrate` what light a pixel array collects between two times.
 
 Here: the clock, the bus, the histories, the record of one exposure. Not here: light (`gs2ci_sims.light_path`
-behind the `LightPath` interface), protocols (`gs2ci_sims.wires`). Twins and `gs2ci.rig` import this file;
-drivers never do.
+behind the `LightPath` interface), protocols (`gs2ci_sims.wires`). Twins, `bench_light` and `gs2ci.rig`
+import this file; drivers never do.
 """
 
 import heapq

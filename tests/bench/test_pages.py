@@ -6,7 +6,7 @@ import cv2
 import pytest
 
 from gs2ci.bench.cells import Cell
-from gs2ci.bench.pages import as_csv, collect, markdown, write_pages
+from gs2ci.bench.pages import as_csv, collect, draw, markdown, write_pages
 from gs2ci.bench.tables import Entry, Measure, Table
 from gs2ci.core.errors import StorageError
 
@@ -71,6 +71,11 @@ def test_three_files_are_written(figures, tmp_path):
     paths = write_pages(tmp_path / "bench", "x", TABLE, figures, "gs2ci bench x")
     assert [path.name for path in paths] == ["x.md", "x.csv", "x.png"]
     assert cv2.imread(str(paths[2])) is not None
+
+
+def test_the_picture_shows_the_first_line_on_top_and_cuts_no_point(figures):
+    low, high = draw(TABLE, figures).axes[0].get_ylim()
+    assert (low, high) == (1.5, -0.5)
 
 
 def test_reasons_are_told_each_on_a_line_of_its_own():

@@ -18,9 +18,11 @@ def test_an_unknown_key_and_a_file_cut_short_count_as_undone(tmp_path):
     store = Store(tmp_path)
     (tmp_path / "short.json").write_text('{"psnr_db": 3')
     (tmp_path / "list.json").write_text("[1]")
+    (tmp_path / "deep.json").write_text("[" * 100_000)
     assert store.get("unknown") is None
     assert store.get("short") is None
     assert store.get("list") is None
+    assert store.get("deep") is None
 
 
 def test_a_fresh_store_forgets_what_is_there(tmp_path):

@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+import time
 
 import dask
 import psutil
@@ -11,7 +12,7 @@ from distributed import LocalCluster
 from gs2ci.bench.cells import Cell, run
 from gs2ci.bench.store import Store
 from gs2ci.bench.workers import complete
-from gs2ci.core.errors import InputError
+from gs2ci.core.errors import InputError, StorageError
 
 DEADLY = Cell("os:_exit", {"status": 1})
 
@@ -132,3 +133,20 @@ def test_a_scheduler_without_dask_says_what_to_install(store, monkeypatch):
 def test_no_process_at_all_is_refused(store):
     with pytest.raises(InputError, match="0 processes"):
         complete(counting([1]), store, processes=0)
+
+
+def test_a_table_that_is_ended_waits_for_none_of_its_cells(store, tmp_path):
+    marks = [tmp_path / name for name in "abc"]
+    for mark in marks:
+        mark.write_text(mark.name)  # else equal cells would be one
+    cells = [*counting([1]), *(Cell("signal:pause", {}, (str(mark),)) for mark in marks)]
+
+    def full(done, _):
+        if done:
+            raise StorageError("the disk is full")
+
+    began_s = time.monotonic()
+    with pytest.raises(StorageError, match="full"):
+        complete(cells, store, processes=2, heard=full)
+    assert not [child for child in psutil.Process().children() if "spawn_main" in " ".join(child.cmdline())]
+    assert time.monotonic() - began_s < 60

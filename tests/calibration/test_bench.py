@@ -9,13 +9,16 @@ from gs2ci.core.errors import InputError
 from gs2ci.rig.calibrating import TerminalOperator
 from gs2ci.rig.config import RigTable
 from gs2ci.rig.random_benches import opened, random_table
-from gs2ci_calibration.bench import Setup
+from gs2ci_calibration.bench import Bench, Setup, Stack
 from gs2ci_calibration.bundle import Bundle
 from gs2ci_calibration.drift import changes_since
-from gs2ci_calibration.exposing import find_exposure
+from gs2ci_calibration.exposing import Level, find_exposure
 from gs2ci_calibration.frames import Dark
+from gs2ci_calibration.masks.taking import light_up, take
+from gs2ci_calibration.photon_transfer import _take_full
 from gs2ci_calibration.procedures import PROCEDURES
 from gs2ci_calibration.refusals import CalibrationError, Reason
+from gs2ci_drivers.failures import PlanRefusedError
 
 
 @pytest.fixture
@@ -120,3 +123,62 @@ class _AlwaysDark:
 
     def please(self, setup, index):
         self.operator.please(Setup.DARK, index)
+
+
+def at_depth(bench, bits):
+    return replace(bench, capture=replace(bench.capture, bit_depth=bits))
+
+
+@pytest.mark.parametrize(("bits", "top", "kind"), [(1, 1, np.uint8), (8, 255, np.uint8), (10, 1023, np.uint16)])
+def test_patterns_are_laid_out_at_the_depth_of_the_capture(bench, bits, top, kind):
+    shown = at_depth(bench, bits).deep(bench.flat_pattern(is_open=True))
+    assert (shown.dtype, shown.min(), shown.max()) == (kind, top, top)
+    assert not at_depth(bench, bits).deep(bench.flat_pattern(is_open=False)).any()
+
+
+def test_masks_deeper_than_a_byte_are_measured_before_the_even_light():
+    table = RigTable.model_validate(
+        {
+            "modulator": {"kind": "santec"},
+            "sensor": {"kind": "v4l2", "format": "Y12", "black_level_dn": 64.0},
+            "capture": {"masks": 2, "bit_depth": 10, "mode": "per-mask", "mask_s": 0.2},
+            "calibration": {"frames": 4, "mask_frames": 2},
+            "world": {"scene": "planes", "height": 32, "width": 48, "flat_radiance": 0.1},
+        }
+    )
+    with opened(table) as (bench, _):
+        known = Bundle().with_section(PROCEDURES["dark-flat"](bench, Bundle()))
+        field = light_up(bench, known, "masks")
+        codes = np.full((1, *bench.codes.shape[1:]), 255, np.uint16)  # which a byte holds, unlike the references
+        seen = take(bench, field, bench.lay_out(codes), frames=1, step="masks").mean(0)
+    lit = field.references.valid
+    assert lit.mean() > 0.9
+    assert seen[lit].mean() / field.references.on[lit].mean() == pytest.approx(255 / 1023, abs=0.03)
+
+
+def test_a_depth_that_the_modulator_lacks_is_refused_with_those_it_has(bench):
+    with pytest.raises(PlanRefusedError, match="mask depth is 12 bits, allowed: 1, 8 bits"):
+        bench.grab(bench.flat_pattern(is_open=True)[None], frames=1, exposure_s=1e-3, bit_depth=12)
+
+
+def test_a_run_holds_as_many_patterns_as_the_modulator_has_room_for_at_their_depth():
+    table = RigTable.model_validate(
+        {
+            "modulator": {"kind": "dlpc900"},
+            "sensor": {"kind": "v4l2"},
+            "world": {"scene": "planes", "height": 32, "width": 48},
+        }
+    )
+    with opened(table) as (bench, _):
+        assert (bench.capacity, at_depth(bench, 8).capacity) == (400, 50)
+
+
+def test_readings_that_still_grow_when_the_pixels_are_full_are_refused(bench, monkeypatch):
+    def unending(self, patterns, *, frames, exposure_s, **_):
+        level = 64 + 1e5 * np.log1p(exposure_s)  # a tone curve
+        return Stack(np.full((1, frames, *self.size), level, np.float32), np.zeros((1, frames)), exposure_s, None)
+
+    monkeypatch.setattr(Bench, "grab", unending)
+    with pytest.raises(CalibrationError, match="readings still grow by") as error:
+        _take_full(bench, dark_of(bench), Level(0.01, 1e5))
+    assert error.value.reason is Reason.NOT_LINEAR

@@ -1,11 +1,13 @@
 import os
 from dataclasses import replace
+from types import SimpleNamespace
 
 import h5py
 import numpy as np
 import pytest
 
 from gs2ci.core.errors import NumericsError, StorageError
+from gs2ci.core.storage import sealing
 from gs2ci_calibration.bundle import Bundle, Provenance, add_section, read_bundle, write_bundle
 from gs2ci_calibration.estimates import Estimate, Section
 from gs2ci_calibration.refusals import CalibrationError, Reason
@@ -129,6 +131,15 @@ def test_files_that_are_no_bundles_are_refused(path):
         read_bundle(path)
 
 
+def test_a_disk_without_room_leaves_the_bundle_as_it_was(path, monkeypatch):
+    write_bundle(path, Bundle(BENCH, {"dark-flat": section()}))
+    before = path.read_bytes()
+    monkeypatch.setattr(sealing.shutil, "disk_usage", lambda _: SimpleNamespace(free=1_000_000))
+    with pytest.raises(StorageError, match=r"the disk has 1\.0 MB free"):
+        add_section(path, section("sensor"), BENCH)
+    assert path.read_bytes() == before
+
+
 def test_a_bundle_whose_records_are_no_objects_is_refused(path):
     write_bundle(path, Bundle(BENCH, {"dark-flat": section()}))
     with h5py.File(path, "r+") as file:
@@ -174,3 +185,23 @@ def test_a_disk_that_refuses_leaves_nothing_half_written(path, monkeypatch):
     with pytest.raises(StorageError, match="cannot be written"):
         write_bundle(path, Bundle(BENCH, {"dark-flat": section()}))
     assert not list(path.parent.iterdir())
+
+
+@pytest.mark.parametrize("error", [RuntimeError("unable to write"), TypeError("what nobody foresaw")])
+def test_whatever_goes_wrong_while_writing_leaves_nothing_half_written(path, monkeypatch, error):
+    def fail(*arguments, **options):
+        raise error
+
+    monkeypatch.setattr(h5py.Group, "create_dataset", fail)
+    with pytest.raises(StorageError if isinstance(error, RuntimeError) else TypeError):
+        write_bundle(path, Bundle(BENCH, {"dark-flat": section()}))
+    assert not list(path.parent.iterdir())
+
+
+def test_a_file_of_the_users_in_the_manifests_place_is_not_replaced(path):
+    notes = path.with_suffix(".json")
+    notes.write_text('{"aperture": 5.6}')
+    with pytest.raises(StorageError, match="the manifest belongs there"):
+        write_bundle(path, Bundle(BENCH, {"dark-flat": section()}))
+    assert notes.read_text() == '{"aperture": 5.6}'
+    assert not path.exists()

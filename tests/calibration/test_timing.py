@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
+from gs2ci_calibration import timing
 from gs2ci_calibration.refusals import CalibrationError, Reason
 from gs2ci_calibration.timing import Look, estimate, overlap
 from gs2ci_drivers.plan import CaptureSettings
@@ -83,3 +84,11 @@ def test_overlap_gives_each_mask_its_exposed_share():
     assert overlap(capture, 0.0, 0.0, 0.0) == pytest.approx([1, 1, 0.9])
     assert overlap(capture, 0.002, 0.0, 0.0005) == pytest.approx([0.75, 1, 1])
     assert overlap(capture, 0.0, 0.0005, 0.0) == pytest.approx([1, 1, 0.95])
+
+
+def test_a_sensor_that_begins_after_the_first_patterns_are_over_is_refused(monkeypatch):
+    rng = np.random.default_rng(0)
+    monkeypatch.setattr(timing, "_look", lambda bench, dark, pattern_s, *_: look(rng, pattern_s, shift_s=0.05))
+    with pytest.raises(CalibrationError, match=r"first 40 ms after the trigger.*up to 37 ms") as error:
+        timing._first_look(None, None)
+    assert error.value.reason is Reason.NO_LATENCY

@@ -1,6 +1,8 @@
 """`gs2ci calibrate` as a user types it, on a small simulated rig."""
 
-from gs2ci_calibration.bundle import read_bundle
+import pytest
+
+from gs2ci_calibration.bundle import Bundle, Provenance, read_bundle, write_bundle
 from gs2ci_calibration.procedures import PROCEDURES
 
 RIG = """
@@ -61,6 +63,13 @@ def test_a_refused_step_leaves_the_bundle_as_it_was(rig, capsys, gs2ci):
     assert rig.with_name("b.cal.h5").read_bytes() == written
 
 
+def test_a_place_without_a_folder_is_refused_before_anything_is_measured(rig, capsys, gs2ci):
+    assert gs2ci("calibrate", "dark-flat", "--rig", rig, "-o", "missing/b.cal.h5") == 2
+    told = capsys.readouterr()
+    assert told.out == ""
+    assert "not a place for a bundle" in told.err
+
+
 def test_check_without_a_bundle_says_how_to_make_one(rig, capsys, gs2ci):
     assert gs2ci("calibrate", "check", "--rig", rig, "-o", "b.cal.h5") == 2
     assert "gs2ci calibrate all" in capsys.readouterr().err
@@ -87,3 +96,17 @@ def test_all_runs_every_step_that_there_is_in_order_and_no_stage_where_there_is_
     assert [name for name, _ in done] == list(PROCEDURES_BEFORE)
     assert done[0] == ("dark-flat", ())
     assert "no stage: its step is left out" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("place", ["b.txt", "nowhere/b.cal.h5"])
+def test_a_place_that_cannot_hold_a_bundle_is_refused_before_any_frame_is_taken(rig, capsys, gs2ci, monkeypatch, place):
+    monkeypatch.setitem(PROCEDURES, "dark-flat", None)
+    assert gs2ci("calibrate", "dark-flat", "--rig", rig, "-o", place) == 2
+    assert "not a place for a bundle" in capsys.readouterr().err
+
+
+def test_a_bundle_of_other_devices_is_refused_before_any_frame_is_taken(rig, capsys, gs2ci, monkeypatch):
+    write_bundle(rig.with_name("b.cal.h5"), Bundle(Provenance(devices={"sensor": ("another", "7", "v1")})))
+    monkeypatch.setitem(PROCEDURES, "dark-flat", None)
+    assert gs2ci("calibrate", "dark-flat", "--rig", rig, "-o", "b.cal.h5") == 2
+    assert "belongs to another 7, the bench has" in capsys.readouterr().err

@@ -108,6 +108,7 @@ def test_a_proxy_may_be_asked_for_by_name(tmp_path, file, method):
         (["--coupling", "-1"], "coupling=-1"),
         (["--method", "pnp-admm", "--iterations", "0"], "iterations=0"),
         (["--all", "--index", "1"], "both --all and --index 1"),
+        (["--seed", "-1"], "--seed -1"),
     ],
 )
 def test_contradictions_are_refused_before_any_work(tmp_path, file, words, problem):

@@ -3,7 +3,7 @@ import pytest
 
 from gs2ci.commands import capture
 from gs2ci.commands.demo import run, write_rig
-from gs2ci.core.errors import StorageError
+from gs2ci.core.errors import InputError, StorageError
 from gs2ci.core.storage import read_shot
 
 
@@ -52,6 +52,17 @@ def test_no_parallax_at_all_is_a_rig_too(tmp_path):
 
 def test_a_file_where_the_folder_should_be_is_a_clear_error(tmp_path):
     (tmp_path / "file").write_text("in the way")
-    with pytest.raises(StorageError, match="there is no folder"):
+    with pytest.raises(StorageError, match="file is not a folder"):
         run(tmp_path / "file", views=2, height=68, width=100)
     assert [path.name for path in tmp_path.iterdir()] == ["file"]
+
+
+@pytest.mark.parametrize(
+    "wish",
+    [{"views": 0}, {"views": 5000}, {"height": 69}, {"width": 102}, {"height": 0}, {"parallax_px": -1.0}],
+    ids=str,
+)
+def test_what_no_demonstration_can_be_is_refused_in_its_own_words(tmp_path, wish):
+    with pytest.raises(InputError, match=r"a demonstration of .*allowed: 1 to 400 views; .* multiple of 2"):
+        run(tmp_path / "demo", **wish)
+    assert list(tmp_path.iterdir()) == []

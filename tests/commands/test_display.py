@@ -1,5 +1,6 @@
 import io
 import json
+import time
 
 import pytest
 from rich.console import Console
@@ -11,7 +12,7 @@ from gs2ci.commands.display import (
     open_display,
     print_summary,
 )
-from gs2ci.core.errors import StorageError
+from gs2ci.core.errors import InputError, StorageError
 from gs2ci.core.progress import Progress
 
 
@@ -55,6 +56,59 @@ def fail_in(display):
 
     with pytest.raises(RuntimeError):
         work()
+
+
+def test_a_request_is_not_drawn_over_while_it_waits(monkeypatch):
+    """The bars are redrawn in their place, which was where the request stood."""
+    console = terminal()
+    shown = []
+
+    def enter():
+        console.file.seek(0)
+        before = len(console.file.read())
+        time.sleep(0.6)
+        console.file.seek(0)
+        shown.append(console.file.read())
+        assert len(shown[-1]) == before
+
+    monkeypatch.setattr("builtins.input", enter)
+    with open_display(console) as display:
+        display.ask("Put the lens cap on")
+        display.stage("dark frames", 2)
+        display.step(2)
+        display.stage("flat frames", 2)
+        display.step(1)
+        display.ask("Take it off [now]")
+        display.step(2)
+        display.ask("Put it on again")
+        display.stage("last frames", 2)
+    assert shown[0].endswith("Put the lens cap on, then press Enter ")
+    assert shown[1].endswith("Take it off [now], then press Enter ")
+    after = console.file.getvalue()[len(shown[1]) :]
+    assert "flat frames" in after
+    assert "last frames" in after
+    assert "dark frames" not in after
+
+
+def test_a_request_in_plain_output_is_a_line(monkeypatch):
+    console = pipe()
+    monkeypatch.setattr("builtins.input", lambda: "")
+    with open_display(console) as display:
+        display.ask("Put the lens cap on")
+    assert console.file.getvalue() == "Put the lens cap on, then press Enter\n"
+
+
+@pytest.mark.parametrize("where", [terminal, pipe])
+def test_a_request_that_nobody_can_answer_is_a_clear_error(monkeypatch, where):
+    def ended():
+        raise EOFError
+
+    monkeypatch.setattr("builtins.input", ended)
+    with (
+        pytest.raises(InputError, match=r"lens cap on: nobody is there.*at a terminal"),
+        open_display(where()) as display,
+    ):
+        display.ask("Put the lens cap on")
 
 
 def test_plain_output_is_one_line_per_stage_and_sentence():
@@ -166,6 +220,7 @@ def test_steps_before_any_stage_are_ignored():
     for console in (terminal(), pipe()):
         with open_display(console) as display:
             display.step(3, loss=1.0)
+        assert "loss" not in console.file.getvalue()
 
 
 @pytest.mark.parametrize(

@@ -56,7 +56,7 @@ def test_the_result_goes_where_it_is_asked_to(finished, tmp_path):
     assert not (folder / "evaluation.json").exists()
 
 
-@pytest.mark.parametrize("content", [b"", b"no numbers", None])
+@pytest.mark.parametrize("content", [b"", b"no numbers", b"\x93NUMPY\x01\x00 and no more", None])
 def test_depth_that_cannot_be_read_is_refused(finished, tmp_path, content):
     shot, folder = finished
     path = tmp_path / "depth.npy"

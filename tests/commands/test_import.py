@@ -5,7 +5,7 @@ import pytest
 import tyro
 
 from gs2ci.commands.import_ import run
-from gs2ci.core.errors import InputError
+from gs2ci.core.errors import InputError, StorageError
 from gs2ci.core.records import Shot
 from gs2ci.core.storage import CaptureHeader, ShotWriter, check_manifest, count_shots, read_shot
 
@@ -62,7 +62,7 @@ def test_masks_and_everything_else_may_lie_in_files_of_their_own(tmp_path, array
 
 def test_the_camera_may_be_four_numbers_or_a_focal_length(tmp_path, arrays):
     np.savez(tmp_path / "a.npz", meas=arrays["meas"], masks=arrays["masks"])
-    out = ["-o", tmp_path / "shot.h5"]
+    out = ["-o", tmp_path / "shot.h5", "--overwrite"]
     shot = command(tmp_path / "a.npz", *out, "--intrinsics", 31, 32, 11.5, 9.5)
     assert np.array_equal(shot.intrinsics, [[31, 0, 11.5], [0, 32, 9.5], [0, 0, 1]])
     shot = command(tmp_path / "a.npz", *out, "--focal-px", 40)
@@ -96,12 +96,12 @@ def test_all_measurements_are_stored_or_the_one_that_was_asked_for(tmp_path, arr
     path = run(tmp_path / "a.npz", out=tmp_path / "shot.h5")
     assert count_shots(path) == 2
     assert np.array_equal(read_shot(path, 1).measurement, stack[1])
-    path = run(tmp_path / "a.npz", out=tmp_path / "shot.h5", index=1)
+    path = run(tmp_path / "a.npz", out=tmp_path / "shot.h5", index=1, overwrite=True)
     assert count_shots(path) == 1
     assert read_shot(path).provenance["measurement"] == 1
     for index in (2, -1):
         with pytest.raises(InputError, match=f"no measurement {index}; allowed: 0 to 1"):
-            run(tmp_path / "a.npz", out=tmp_path / "shot.h5", index=index)
+            run(tmp_path / "a.npz", out=tmp_path / "shot.h5", index=index, overwrite=True)
 
 
 def test_an_interrupted_capture_is_recovered(tmp_path, capsys):
@@ -126,6 +126,35 @@ def test_a_contradiction_writes_nothing_and_keeps_the_old_file(tmp_path, arrays)
     out = run(tmp_path / "good.npz", out=tmp_path / "shot.h5")
     before = out.read_bytes()
     with pytest.raises(InputError, match=r"bad\.npz, key 'masks': masks are negative"):
-        run(tmp_path / "bad.npz", out=out)
+        run(tmp_path / "bad.npz", out=out, overwrite=True)
     assert out.read_bytes() == before
     assert sorted(p.name for p in tmp_path.iterdir()) == ["bad.npz", "good.npz", "shot.h5", "shot.json"]
+
+
+def test_a_finished_file_is_replaced_only_when_asked(tmp_path, arrays):
+    """The shot that lies there may be a capture, which nobody can take again."""
+    np.savez(tmp_path / "a.npz", **arrays)
+    np.savez(tmp_path / "b.npz", **arrays)
+    out = run(tmp_path / "a.npz", out=tmp_path / "shot.h5")
+    before = out.read_bytes()
+    with pytest.raises(StorageError, match=r"shot\.h5: already exists; what to do: .*--overwrite"):
+        run(tmp_path / "b.npz", out=out)
+    assert out.read_bytes() == before
+    run(tmp_path / "b.npz", out=out, overwrite=True)
+    assert read_shot(out).name == "b"
+    with ShotWriter(tmp_path / "rig.h5", CaptureHeader(1, 1, np.ones((1, 4, 4), np.float32), np.ones(1, "f4"))) as rig:
+        rig.append(np.full((4, 4), 7, np.uint16))
+    run(tmp_path / "rig.h5.partial", out=out, overwrite=True)
+    assert read_shot(out).size == (4, 4)
+
+
+def test_what_is_imported_is_never_replaced(tmp_path, arrays):
+    np.savez(tmp_path / "a.npz", **arrays)
+    (tmp_path / "a.npz").rename(tmp_path / "data.h5")
+    before = (tmp_path / "data.h5").read_bytes()
+    with pytest.raises(InputError, match="would replace a file that it is made from"):
+        run(tmp_path / "data.h5", out=tmp_path / "data.h5", overwrite=True)
+    np.savez(tmp_path / "a.npz", **arrays)
+    with pytest.raises(StorageError, match=r"ends in \.h5"):
+        run(tmp_path / "a.npz", out=tmp_path / "a.npz", overwrite=True)
+    assert (tmp_path / "data.h5").read_bytes() == before

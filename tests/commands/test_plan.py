@@ -48,3 +48,10 @@ def test_a_forced_effect_that_is_not_there_is_refused(rig):
     rig.write_text(RIG.replace("read_noise", "red_noise"), encoding="utf-8")
     with pytest.raises(InputError, match="red_noise"):
         plan.run(rig)
+
+
+def test_the_rig_file_of_a_bench_is_answered_with_the_command_that_plans_it(tmp_path):
+    file = tmp_path / "bench.toml"
+    file.write_text('name = "bench"\n[capture]\nmasks = 8\n', encoding="utf-8")
+    with pytest.raises(InputError, match=r"describes a bench.*gs2ci capture --rig .*bench\.toml --dry-run"):
+        plan.run(file)

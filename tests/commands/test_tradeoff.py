@@ -37,7 +37,9 @@ def test_the_ladder_is_tried_written_and_said(measured, tried, tmp_path, capsys)
     pages = tradeoff.run(measured, tmp_path / "out", knobs=("preset",), most="10h")
     assert [page.name for page in pages] == ["tradeoff.csv", "tradeoff.png", "tradeoff.md"]
     assert tried == ["decode", "draft", "standard", "fine", "paper"]
-    assert "next decibel" in capsys.readouterr().out.replace("\n", " ")
+    told = capsys.readouterr().out.replace("\n", " ")
+    assert "next decibel" in told
+    assert "5 trials, about " in told.split("next decibel")[0]
 
 
 def test_what_would_take_too_long_is_left_out_and_said(measured, tried, tmp_path):
@@ -57,6 +59,8 @@ def test_a_limit_that_nothing_meets_and_an_unknown_knob_are_refused(measured, tr
         tradeoff.run(measured, tmp_path / "out", most="0.01s")
     with pytest.raises(InputError, match="no knob"):
         tradeoff.run(measured, tmp_path / "out", knobs=("luck",))
+    with pytest.raises(InputError, match="--seed -1"):
+        tradeoff.run(measured, tmp_path / "out", seed=-1)
     assert not (tmp_path / "out").exists()
 
 

@@ -124,6 +124,12 @@ def assert_shows(shown: list[MaskInterval], sequence: PatternSequence) -> None:
         assert not levels[:, 128:].any()
 
 
+@pytest.mark.parametrize("make", MAKERS.values(), ids=MAKERS.keys())
+def test_what_it_is_is_not_known_before_it_is_connected(make: Callable[[], Bench]) -> None:
+    with pytest.raises(WrongStateError, match=r"info: not connected.*call connect\(\) first"):
+        _ = make().modulator.info
+
+
 def test_connecting_is_idempotent_and_shows_nothing(bench: Bench) -> None:
     assert bench.modulator.connect() == bench.modulator.connect() == bench.modulator.info
     assert bench.dark_for(1.0)

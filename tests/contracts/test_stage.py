@@ -84,6 +84,11 @@ def test_connecting_moves_nothing_and_is_idempotent(bench: Bench) -> None:
     assert bench.true_mm() == before
 
 
+def test_what_it_is_is_not_known_before_it_is_connected(unreferenced: Bench) -> None:
+    with pytest.raises(WrongStateError, match=r"info: not connected.*call connect\(\) first"):
+        _ = unreferenced.stage.info
+
+
 def test_limits_and_steps_are_sane(bench: Bench) -> None:
     for axis in bench.stage.info.axes.values():
         assert axis.min_mm < axis.max_mm
@@ -134,6 +139,17 @@ def test_a_target_beyond_the_limits_is_refused_and_nothing_moves(bench: Bench, b
     with pytest.raises(OutOfRangeError, match=r"stage0.*limits.*allowed") as caught:
         bench.stage.move_to({bench.axis: target})
     assert f"{axis.max_mm:g}" in str(caught.value)
+    bench.clock.sleep_s(1.0)
+    assert bench.true_mm() == before
+
+
+@pytest.mark.parametrize("target", [float("nan"), float("inf"), -float("inf")])
+def test_a_target_that_is_no_number_is_refused_and_nothing_moves(bench: Bench, target: float) -> None:
+    before = bench.true_mm()
+    with pytest.raises(OutOfRangeError, match=r"stage0.*limits.*allowed"):
+        bench.stage.begin_move({bench.axis: target})
+    with pytest.raises(OutOfRangeError, match=r"stage0.*allowed"):
+        bench.stage.plan_sweep(bench.axis, bench.middle_mm(), target, 1.0)
     bench.clock.sleep_s(1.0)
     assert bench.true_mm() == before
 

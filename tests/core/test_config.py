@@ -48,7 +48,7 @@ def test_settings_and_their_text_are_returned(tmp_path):
         ),
         ('[pet]\nkind = "cat"\nqqq = 1', r"unknown key 'qqq' in \[pet\]; known are kind, purrs"),
         ('[pet]\nkind = "bird"', r"'kind' in \[pet\] is missing or unknown; allowed: 'cat', 'dog'"),
-        ("[pet]\npurrs = true", r"'kind' in \[pet\] is missing or unknown"),
+        ("[pet]\npurrs = true", r"'kind' in \[pet\] is missing or unknown; allowed: 'cat', 'dog'"),
         ("rooms = 3", r"key 'pet' is missing in the top of the file"),
         ('[pet]\nkind = "dog"\nbarks_per_s = -1.0', r"'barks_per_s' in \[pet\] is -1.0: .*greater than 0"),
         ("rooms = [", "is not TOML"),

@@ -23,6 +23,19 @@ def shot():
     return Shot(np.ones((4, 5, 1), np.float32), np.ones((2, 4, 5), np.float32), np.ones(2, np.float32)).check()
 
 
+@pytest.mark.parametrize("weights", [[-0.1, 1], [0, 0]])
+def test_weights_that_no_exposure_has_are_refused(shot, weights):
+    with pytest.raises(InputError, match="mask weights"):
+        replace(shot, weights=np.array(weights, np.float32)).check()
+
+
+def test_masks_of_which_those_with_a_weight_are_closed_are_refused(shot):
+    masks = shot.masks.copy()
+    masks[1] = 0
+    with pytest.raises(InputError, match="every mask is closed or has weight zero"):
+        replace(shot, masks=masks, weights=np.array([0, 1], np.float32)).check()
+
+
 def still():
     return np.repeat(np.eye(4)[None], 2, axis=0)
 
@@ -33,6 +46,12 @@ def test_a_measurement_far_beyond_full_scale_is_refused(shot, sign):
     replace(shot, measurement=most).check()
     with pytest.raises(InputError, match="full scales of a view"):
         replace(shot, measurement=2 * most).check()
+
+
+@pytest.mark.parametrize("shape", [(4, 5), (4, 5, 2), (0, 5, 1), (4, 0, 3), (2, 4, 5, 3)])
+def test_a_measurement_that_is_no_image_is_refused(shot, shape):
+    with pytest.raises(InputError, match="measurement has shape"):
+        replace(shot, measurement=np.ones(shape, np.float32), masks=np.ones((2, *shape[:2]), np.float32)).check()
 
 
 def test_masks_that_let_next_to_nothing_through_are_refused(shot):
@@ -84,6 +103,16 @@ def test_a_camera_out_of_range_is_refused(focal_px, centre_px):
     check_intrinsics(np.array([[50.0, 0, 3], [0, 50, 3], [0, 0, 1]]))
     with pytest.raises(InputError, match="intrinsics"):
         check_intrinsics(np.array([[focal_px, 0, centre_px], [0, 50, 0], [0, 0, 1]]))
+
+
+@pytest.mark.parametrize("place", [(0, 1), (1, 0)])
+def test_a_skew_is_refused_as_no_part_of_the_solver_knows_one(place):
+    matrix = np.array([[500.0, 0, 3], [0, 500, 3], [0, 0, 1]])
+    matrix[place] = 0.4  # what a calibration that fits it leaves by its noise
+    check_intrinsics(matrix)
+    matrix[place] = 4
+    with pytest.raises(InputError, match=r"intrinsics.*fx, 0, cx"):
+        check_intrinsics(matrix)
 
 
 LENS = np.array([-0.1, 0, 0, 0, 0])

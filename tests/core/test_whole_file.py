@@ -3,13 +3,14 @@
 import os
 import resource
 from concurrent.futures import ThreadPoolExecutor
-from errno import EACCES, ENOSPC
+from errno import EACCES, ENOSPC, EROFS
 from pathlib import Path
 
 import pytest
 
+from gs2ci.core import whole_file
 from gs2ci.core.errors import StorageError
-from gs2ci.core.whole_file import write_whole
+from gs2ci.core.whole_file import check_place, write_whole
 
 
 @pytest.fixture
@@ -201,3 +202,22 @@ def test_a_text_that_utf_8_cannot_hold_is_a_clear_error(path):
         write_whole(path, "gs2ci bench \udcff.npz")
     assert "not UTF-8" in caught.value.remedy
     assert path.read_bytes() == b"old"
+
+
+def test_a_place_is_fit_before_the_work_and_left_as_it_was(tmp_path):
+    check_place(tmp_path / "run")
+    check_place(tmp_path / "missing" / "deeper" / "run")
+    assert held(tmp_path) == []
+
+
+def test_a_place_where_nothing_can_be_made_is_refused_before_the_work(tmp_path, monkeypatch):
+    (tmp_path / "file").write_bytes(b"")
+    with pytest.raises(StorageError, match=r"file/run cannot be written: .*file is not a folder; what to do: .*-o"):
+        check_place(tmp_path / "file" / "run")
+
+    def refuse(**_):
+        raise OSError(EROFS, "Read-only file system")
+
+    monkeypatch.setattr(whole_file.tempfile, "mkdtemp", refuse)
+    with pytest.raises(StorageError, match=r"run cannot be written: .*Read-only file system"):
+        check_place(tmp_path / "missing" / "run")

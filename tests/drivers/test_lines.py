@@ -92,3 +92,35 @@ def test_what_a_port_raises_becomes_a_typed_error(error, expected):
 def test_the_guard_lets_everything_else_pass():
     with pytest.raises(KeyError), port_errors("dev0", "ask"):
         raise KeyError("not a port's error")
+
+
+class Babbler(Pieces):
+    """A port on which there is always something, as fast as it is read."""
+
+    def __init__(self, clock, text):
+        super().__init__(clock)
+        self.text, self.reads = text, 0
+
+    def read(self, max_bytes, timeout_s):
+        self.clock.sleep_s(1e-3)
+        self.reads += 1
+        assert self.reads < 5000, "this goes on for ever"
+        return self.text
+
+
+def wait_for_ok(lines, deadline_s):
+    while lines.line(deadline_s, "ask") != b"ok":
+        continue
+
+
+@pytest.mark.parametrize("text", [b"\r\n", b"hello\r\n"], ids=["empty lines", "lines that nobody asked for"])
+def test_a_device_that_babbles_without_end_does_not_hold_the_driver_beyond_its_deadline(text):
+    clock = VirtualClock()
+    port = Babbler(clock, text)
+    lines = LineChannel("dev0", port, clock)
+    for _ in range(2):  # a second exchange has as much patience as the first
+        lines.send(b"?", "ask")
+        deadline_s = clock.now_s() + 0.5
+        with pytest.raises(NoAnswerError, match="dev0: ask: no answer"):
+            wait_for_ok(lines, deadline_s)
+        assert deadline_s <= clock.now_s() < deadline_s + 0.1

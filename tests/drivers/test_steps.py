@@ -58,3 +58,22 @@ def test_an_undo_that_fails_after_success_is_raised_once_all_are_done():
     with pytest.raises(Gs2ciError, match="b is stuck"):
         run()
     assert done == ["a"]
+
+
+@pytest.mark.parametrize("trouble", [KeyboardInterrupt, ValueError])
+def test_undoing_goes_on_past_an_interruption_and_what_nobody_foresaw(trouble):
+    done = []
+
+    def interrupted():
+        raise trouble
+
+    def run():
+        with Steps() as steps:
+            steps.do("a", lambda: None, lambda: done.append("a"))
+            steps.do("b", lambda: None, interrupted)
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt) as caught:
+        run()
+    assert done == ["a"]
+    assert caught.value.__notes__ == [f"undoing «b» failed too: {trouble.__name__}"]

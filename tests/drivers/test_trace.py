@@ -1,10 +1,12 @@
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from gs2ci.core.errors import InputError
+from gs2ci.core.errors import InputError, StorageError
 from gs2ci_drivers.failures import NoAnswerError
+from gs2ci_drivers.ports import port_errors
 from gs2ci_drivers.replay import Replay, ReplayedBytes, ReplayedHid, ReplayedSys
 from gs2ci_drivers.sensor import SensorConfig, TriggerMode
 from gs2ci_drivers.trace import Trace, TracedBytes, TracedHid, TracedSys
@@ -167,3 +169,36 @@ def test_small_files_and_node_lists_are_recorded_too(tmp_path):
     assert replayed.list_nodes("/dev/video*") == nodes == ["/dev/video0"]
     assert replayed.read_file(path) == before
     replayed.write_file(path, b"1\n")
+
+
+class Line:
+    """A port that takes everything and says nothing."""
+
+    def write(self, data, timeout_s):
+        self.written = data
+
+    def close(self):
+        self.written = b""
+
+
+def test_a_trace_that_cannot_be_begun_is_refused_with_its_place(tmp_path):
+    with pytest.raises(StorageError, match=r"wire trace .*nowhere.x\.wire cannot be written"):
+        Trace(tmp_path / "nowhere" / "x.wire", "stage0", "bytes", VirtualClock())
+
+
+def test_a_full_disk_is_told_before_anything_is_opened():
+    with pytest.raises(StorageError, match="No space left"):
+        Trace(Path("/dev/full"), "stage0", "bytes", VirtualClock())
+
+
+def test_a_disk_that_fills_up_under_a_trace_is_not_taken_for_the_device(tmp_path, monkeypatch):
+    trace = Trace(tmp_path / "x.wire", "stage0", "bytes", VirtualClock())
+    port = TracedBytes(Line(), trace)
+    trace.close()
+    full = Path("/dev/full").open("w", buffering=1)  # noqa: SIM115  the trace closes it
+    monkeypatch.setattr(trace, "_file", full)
+    with pytest.raises(StorageError, match="No space left"), port_errors("stage0", "move"):
+        port.write(b"/1 home", 1.0)
+    port.write(b"/1 stop", 1.0)  # what puts a device to rest still gets through
+    port.close()
+    assert full.closed

@@ -116,6 +116,13 @@ def test_a_folder_that_is_no_whole_run_is_refused(make_run, tmp_path):
     (folder / "cameras.json").write_text("{}")
     with pytest.raises(StorageError, match="no whole run"):
         read_run(folder)
+    (folder / "cameras.json").write_text("[]")
+    with pytest.raises(StorageError, match="no whole run"):
+        read_run(folder)
+    write_run(folder, shot, result, one_gaussian(), overwrite=True)
+    (folder / "views.npy").write_bytes(b"")
+    with pytest.raises(StorageError, match="no whole run"):
+        read_run(folder)
     with pytest.raises(StorageError):
         read_run(tmp_path / "nowhere")
 

@@ -95,6 +95,8 @@ def test_a_file_of_bytes_or_floats_is_read(tmp_path):
     [
         {},
         {"views": np.zeros((2, 4, 5, 3))},
+        {"views": np.zeros((2, 4, 5, 3)), "world_to_camera": np.full((2, 4, 4), "a")},
+        {"views": np.full((2, 4, 5, 3), "a"), "world_to_camera": np.zeros((2, 4, 4))},
         {"views": np.zeros((2, 4, 5, 2)), "world_to_camera": np.zeros((2, 4, 4))},
         {"views": np.zeros((2, 4, 5, 3)), "world_to_camera": np.zeros((3, 4, 4))},
         {"views": np.zeros((0, 4, 5, 3)), "world_to_camera": np.zeros((0, 4, 4))},

@@ -113,13 +113,16 @@ def test_depth_where_nothing_is_seen_stays_pale(make_run):
 @pytest.mark.parametrize("depth", [0.0, 3.0])
 def test_a_flat_or_empty_depth_is_drawn(make_run, depth):
     shot, result = make_run()
-    drawn(shot, replace(result, depth=np.full_like(result.depth, depth)))
+    _, figure, axes = drawn(shot, replace(result, depth=np.full_like(result.depth, depth)))
+    assert bool(axes["Depth"].images) == (depth > 0)
+    assert_nothing_overlaps_or_leaves_the_page(figure)
 
 
 def test_a_camera_that_stands_still_is_drawn(make_run):
     shot, result = make_run()
     still = np.tile(np.eye(4), (8, 1, 1))
-    drawn(replace(shot, truth=Truth(shot.truth.views, still)), replace(result, world_to_camera=still))
+    _, figure, _ = drawn(replace(shot, truth=Truth(shot.truth.views, still)), replace(result, world_to_camera=still))
+    assert_nothing_overlaps_or_leaves_the_page(figure)
 
 
 @pytest.mark.parametrize("direction", [(0, 0, 1), (0, 1, 0)])
@@ -143,7 +146,8 @@ def test_a_curve_of_one_point_is_drawn(make_run, heldout):
 
 def test_a_measurement_of_zeros_and_a_perfect_result_are_drawn(make_run):
     shot, result = make_run()
-    drawn(replace(shot, measurement=0 * shot.measurement), replace(result, views=shot.truth.views))
+    _, figure, _ = drawn(replace(shot, measurement=0 * shot.measurement), replace(result, views=shot.truth.views))
+    assert_nothing_overlaps_or_leaves_the_page(figure)
 
 
 def test_long_names_and_notes_are_cut_and_dollars_mean_dollars(make_run):

@@ -191,6 +191,20 @@ def test_a_file_in_the_way_is_refused(tmp_path):
         check_destination(tmp_path / "run", overwrite=True)
 
 
+def test_a_place_that_cannot_be_written_is_refused_before_the_work(tmp_path):
+    (tmp_path / "notes.txt").touch()
+    with pytest.raises(StorageError, match=r"cannot be written: .*notes\.txt is not a folder"):
+        check_destination(tmp_path / "notes.txt" / "run")
+
+
+def test_a_mounted_volume_is_refused_before_the_work_and_a_folder_in_it_proposed(tmp_path, monkeypatch):
+    (tmp_path / "out").mkdir()
+    monkeypatch.setattr(Path, "is_mount", lambda path: path.name == "out")
+    with pytest.raises(StorageError, match=r"mounted.*-o .*out/run"):
+        check_destination(tmp_path / "out")
+    check_destination(tmp_path / "out" / "run")
+
+
 @pytest.mark.parametrize("error", [RuntimeError, KeyboardInterrupt])
 def test_nothing_half_written_is_left_when_writing_fails(tmp_path, make_run, scene, monkeypatch, error):
     def fail(*_):

@@ -2,7 +2,7 @@ import math
 
 import pytest
 
-from gs2ci.evaluate.wording import describe_number, describe_value, flat_rows, spoken_rows
+from gs2ci.evaluate.wording import describe_number, describe_value, flat_rows, spoken_rows, told_apart
 
 
 @pytest.mark.parametrize(
@@ -21,6 +21,13 @@ from gs2ci.evaluate.wording import describe_number, describe_value, flat_rows, s
 )
 def test_numbers_are_short_and_their_thousands_apart(value, text):
     assert describe_number(value) == text
+
+
+def test_no_two_numbers_of_a_scale_read_alike_unless_they_are():
+    assert told_apart([1.0, 0.984, 0.976], describe_number) == ["1", "0.984", "0.976"]
+    assert told_apart([0.1234, 0.5], describe_number) == ["0.12", "0.5"]
+    assert told_apart([0.3, 0.3], describe_number) == ["0.3", "0.3"]
+    assert told_apart([123456.0, 120001.0], describe_number) == ["123\u2009000", "120\u2009000"]
 
 
 def test_values_of_every_kind_are_text():

@@ -438,6 +438,17 @@ def test_without_poses_that_were_given_lengths_have_no_unit(found_soon):
     assert found_soon.result.geometry["unit_of"] is None
 
 
+def test_poses_that_the_views_do_not_bear_out_are_said_to_be_left_out(shot):
+    """Not that the fit hardly moved them."""
+    poses = np.tile(np.eye(4), (VIEWS, 1, 1))
+    poses[:, 0, 3] = np.linspace(0, 1, VIEWS)
+    dark = replace(shot, measurement=np.zeros_like(shot.measurement), telemetry_world_to_camera=poses)
+    settings = replace(SHORT, poses="stage", fit=replace(SHORT.fit, iterations=1))
+    notes = reconstruct(dark, settings).result.notes
+    assert any("poses of the stage were not taken" in note for note in notes)
+    assert not any("moved the poses" in note for note in notes)
+
+
 def test_a_choice_by_evidence_is_explained_in_the_notes(shot):
     still = replace(shot, telemetry_world_to_camera=np.tile(np.eye(4), (VIEWS, 1, 1)))
     result = reconstruct(still, replace(SHORT, fit=replace(SHORT.fit, iterations=1))).result

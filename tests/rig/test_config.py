@@ -40,6 +40,12 @@ def test_a_minimal_simulated_rig_is_enough(tmp_path):
         (MINIMAL + "[world]\n[stage.mont]\n", r"'kind' in \[stage\]"),
         (MINIMAL + '[world]\n[capture]\nmode = "gated"\n', "'mode' in .capture. is 'gated'"),
         (MINIMAL + "[world]\n[capture]\nmask_s = inf\n", "mask_s"),
+        (MINIMAL + "[world]\n[capture]\nfrom_mm = nan\n", "'from_mm' in .capture. is nan"),
+        (MINIMAL + "[world]\n[capture]\nmask_s = 1e5\n", "'mask_s' in .capture. is 100000.0.*equal to 86400"),
+        (MINIMAL + "[world]\n[capture]\ndark_s = 1e15\n", "'dark_s' in .capture. is 1000000000000000.0"),
+        (MINIMAL + "[world]\n[capture]\nshots = 1_000_000_000_000\n", "'shots' in .capture. is 1000000000000"),
+        (MINIMAL + '[world]\n[stage]\nkind = "zaber"\nmount = {x = [inf, 0.0, 0.0]}\n', "finite"),
+        (f"a = {'[' * 100_000}", "nests too deep"),
     ],
 )
 def test_a_rig_that_cannot_be_is_refused_with_a_sentence(tmp_path, text, complaint):

@@ -102,3 +102,12 @@ def test_clocks_that_disagree_are_found(stretch, verdict):
     stamps = [round(i * 0.05e9 * stretch) for i in range(8)]
     assert doctor._clock(True, lambda: stamps, 0.05).verdict == verdict
     assert doctor._clock(False, lambda: stamps, 0.05).verdict == "note"
+
+
+def test_a_panel_behind_usb_is_given_its_own_udev_rule(tmp_path):
+    table = RigTable.model_validate(
+        {"modulator": {"kind": "santec", "port": "usb"}, "sensor": {"kind": "v4l2", "port": str(tmp_path / "video9")}}
+    )
+    found = {finding.what: finding for finding in doctor._permissions(Rig(table, "", tmp_path))}
+    assert found["permissions for the modulator"].verdict == "note"
+    assert 'ATTRS{idVendor}=="0403"' in found["permissions for the modulator"].remedy

@@ -5,10 +5,12 @@ import pytest
 
 from gs2ci.core.errors import InputError
 from gs2ci.rig import discovery
+from gs2ci.rig.calibrating import operator_of
 from gs2ci.rig.config import RigTable
 from gs2ci.rig.opening import Rig, load_rig
 from gs2ci.rig.simulated import build_bench
-from gs2ci_drivers.failures import AccessError, DisconnectedError
+from gs2ci.rig.truth import truth_of
+from gs2ci_drivers.failures import AccessError, DisconnectedError, WrongStateError
 from gs2ci_sims.wires.v4l2 import V4l2Twin
 from gs2ci_sims.wires.v4l2_camera import CameraModel
 from gs2ci_sims.world import World
@@ -45,6 +47,22 @@ def test_what_was_opened_is_closed_again_when_a_later_port_fails(tmp_path):
         rig.open(tmp_path / "run")
     rig.bench.stage.plug_in()
     rig.open().close()  # the modulator's port was let go of, else it would be busy
+
+
+def test_a_device_that_fails_to_close_does_not_keep_the_others_open(tmp_path, monkeypatch):
+    rig = simulated(tmp_path, stage={"kind": "zaber"})
+    devices = rig.open()
+
+    def stuck():
+        raise OSError("stuck")
+
+    monkeypatch.setattr(devices.stage, "close", stuck)
+    with pytest.raises(OSError, match="stuck"):
+        devices.close()
+    with pytest.raises(WrongStateError, match="closed"):
+        devices.sensor.connect()
+    with pytest.raises(WrongStateError, match="closed"):
+        devices.modulator.connect()
 
 
 def test_a_device_that_is_in_use_says_so(tmp_path):
@@ -100,3 +118,11 @@ def test_a_computer_without_libusb_still_lists_the_rest(monkeypatch):
     monkeypatch.setattr(discovery.list_ports, "comports", list)
     monkeypatch.setattr(discovery.usb.core, "find", fail)
     assert [kind for kind, _, _ in discovery.find_devices(V4l2Twin(World(Dark()), CameraModel()))] == ["sensor"]
+
+
+def test_a_bench_whose_light_a_test_put_in_has_neither_operator_nor_truth(tmp_path):
+    rig = simulated(tmp_path)
+    with pytest.raises(InputError, match="no light to calibrate by"):
+        operator_of(rig, str)
+    with pytest.raises(InputError, match="has no truth"):
+        truth_of(rig.bench, 12)

@@ -32,12 +32,16 @@ def test_codes_from_a_file_are_scaled_to_levels(tmp_path):
         (np.zeros((2, 5, 5)), "shape"),
         (np.full((2, 4, 4), 1.5), r"outside \[0, 1\]"),
         (np.full((2, 4, 4), np.nan), r"outside \[0, 1\]"),
-        (np.full((2, 4, 4), "a"), "allowed: numbers"),
-        (None, "cannot be read"),
+        (np.full((2, 4, 4), "a"), "array of numbers"),
+        (np.zeros((0, 4, 4)), "N of 1 or more"),
+        (b"", "empty"),
+        (None, "pattern_file .*codes.npy: no such file"),
     ],
 )
 def test_pattern_files_that_cannot_be_used_are_refused(tmp_path, content, complaint):
-    if content is not None:
+    if isinstance(content, bytes):
+        (tmp_path / "codes.npy").write_bytes(content)
+    elif content is not None:
         np.save(tmp_path / "codes.npy", content)
     with pytest.raises(InputError, match=complaint):
         draw_codes(CaptureTable(pattern_file="codes.npy"), (4, 4), tmp_path)
@@ -59,3 +63,9 @@ def test_masks_that_do_not_fit_on_the_modulator_are_refused(tmp_path, table):
     codes = draw_codes(CaptureTable(masks=2), (10, 20), tmp_path)
     with pytest.raises(InputError, match="do not fit"):
         on_modulator(codes, table, (60, 100))
+
+
+def test_codes_may_be_flags_and_lie_in_an_archive(tmp_path):
+    wanted = np.random.default_rng(0).random((2, 4, 4)) < 0.5
+    np.savez(tmp_path / "codes.npz", masks=wanted)
+    assert np.array_equal(draw_codes(CaptureTable(pattern_file="codes.npz"), (4, 4), tmp_path), wanted)

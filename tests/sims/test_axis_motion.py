@@ -63,15 +63,6 @@ def test_a_given_speed_is_kept_until_told_otherwise():
     assert axis.position_at(ramp_ends_s + 10) - axis.position_at(ramp_ends_s) == pytest.approx(-50.0)
 
 
-def test_the_time_of_passing_a_position_is_found():
-    axis = AxisMotion(0.0, 10.0)
-    axis.move_to(20.0, 5.0, 0.0)
-    when_s = axis.time_at(12.0, 0.0)
-    assert axis.position_at(when_s) == pytest.approx(12.0)
-    assert axis.time_at(21.0, 0.0) is None
-    assert axis.time_at(1.0, when_s) is None
-
-
 def test_renaming_the_position_keeps_the_history():
     axis = AxisMotion(5.0, 10.0)
     axis.set_position(0.0, 1.0)

@@ -237,3 +237,8 @@ def test_pixels_behind_closed_elements_are_left_out_and_the_light_stays_the_same
     assert Counting.masked_views == 4 * (5 - 1)
     # The two kernels of the rasteriser stop at slightly different opacities.
     np.testing.assert_allclose(skipped.measurement, whole.measurement, atol=1e-4)
+
+
+def test_masks_of_another_number_than_the_rig_shows_are_refused(small_scene, masks):
+    with pytest.raises(InputError, match="3 masks on a rig that shows 4"):
+        expose(small_scene, STILL, masks[:3], rig_for(masks), effects=[], seed=0)

@@ -98,6 +98,8 @@ def test_a_stage_at_rest_is_one(tmp_path):
         ("[effects.bayer_filter]\npattern = 'XYZW'", "is 'XYZW'"),
         ("[path]\ndirection = [1.0]", "direction is \\[1.0\\]"),
         ("[path]\nturns = -1", "turns"),
+        ("[path]\nturns = 2\nwobble_deg = 0.1", "2 turns and a wobble of 0.1 deg"),
+        ("a = " + 5000 * "[", "nests too deep"),
         ("[scene]\nname = 'corridor'\nseed = 1", "for the scene 'planes' alone"),
         ("device_seed = -1", "device_seed -1"),
         ("light", "is not TOML"),
@@ -111,6 +113,13 @@ def test_what_a_rig_file_may_not_say_is_refused_by_name(tmp_path, text, words):
 def test_a_scene_that_is_not_there_is_refused_when_it_is_built(tmp_path):
     with pytest.raises(InputError, match="corridoor"):
         read(tmp_path, "[scene]\nname = 'corridoor'").scene.build()
+
+
+def test_a_file_in_another_encoding_is_refused(tmp_path):
+    file = tmp_path / "rig.toml"
+    file.write_bytes("# Größe\n".encode("latin-1"))
+    with pytest.raises(InputError, match="not text in UTF-8"):
+        read_rig_file(file)
 
 
 def test_a_file_that_is_not_there_is_refused(tmp_path):

@@ -64,6 +64,7 @@ def test_readings_and_electrons_convert_both_ways():
         {"read_noise_e": -1.0},
         {"bits": 0},
         {"electrons_per_dn": 0.0},
+        {"electrons_per_dn": float("inf")},
         {"quantum_efficiency": 0.0},
         {"quantum_efficiency": 1.1},
         {"black_level_dn": -1.0},

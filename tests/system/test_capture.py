@@ -6,8 +6,8 @@ import pytest
 
 from gs2ci.core.errors import StorageError
 from gs2ci.core.progress import Silent
-from gs2ci.core.storage import check_manifest, count_shots, read_shot, recover
-from gs2ci_drivers.failures import PlanRefusedError
+from gs2ci.core.storage import ShotWriter, check_manifest, count_shots, read_shot, recover
+from gs2ci_drivers.failures import NoAnswerError, PlanRefusedError
 
 
 @pytest.mark.parametrize("stage", ["zaber", "grbl"])
@@ -187,6 +187,20 @@ def test_whatever_ends_a_capture_leaves_the_devices_at_rest_and_the_row_safe(mak
     assert small.bench.stage.positions_mm_at(now_s) == small.bench.stage.positions_mm_at(now_s - 0.5)
     saved = recover(small.out.with_name("shot.h5.partial"), small.out.with_name("saved.h5"))
     assert count_shots(saved) == 1
+
+
+def test_a_disk_that_takes_no_reason_does_not_hide_the_reason(make_small, monkeypatch):
+    def refuse_failed(writer, name, **details):
+        if name == "failed":
+            raise StorageError("no space left")
+        return event(writer, name, **details)
+
+    event = ShotWriter.event
+    monkeypatch.setattr(ShotWriter, "event", refuse_failed)
+    small = make_small()
+    small.said = Interrupting(NoAnswerError("stage0", "move", 1.0))
+    with pytest.raises(NoAnswerError, match="stage0"):
+        small.capture()
 
 
 def test_an_interrupted_file_is_not_overwritten_by_the_next_capture(make_small):

@@ -1,6 +1,7 @@
 """The command line as a user meets it: a foreign file in, a run folder out, and refusals that say what to do."""
 
 import os
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -112,6 +113,95 @@ def test_an_error_in_a_process_of_its_own_ends_with_status_2_and_without_a_trace
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.parametrize("arguments", [["reconstruct", "s.h5", "-o", "a" * 300], ["import", "a" * 300, "-o", "s.h5"]])
+def test_a_name_that_the_disk_cannot_have_is_refused_without_a_traceback(arguments, monkeypatch, capsys):
+    assert typed(monkeypatch, *arguments) == 2
+    told = capsys.readouterr().err
+    assert "error: [Errno 36] File name too long" in told
+    assert "what to do: check the name" in told
+
+
+WAITING = """
+import sys, time
+from types import SimpleNamespace
+from gs2ci import cli
+
+def run() -> None:
+    "Wait."
+    try:
+        print("ready", flush=True)
+        time.sleep(60)
+    finally:
+        print("put to rest", flush=True)
+
+sys.modules["waiting"] = SimpleNamespace(run=run)
+cli.COMMANDS["wait"] = ("waiting", "")
+sys.argv = ["gs2ci", "wait"]
+sys.exit(cli.main())
+"""
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
+def test_a_command_that_is_told_to_end_puts_its_bench_to_rest_first(number):
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
+    with subprocess.Popen([sys.executable, "-c", WAITING], env=environment, stdout=subprocess.PIPE, text=True) as child:
+        assert child.stdout.readline() == "ready\n"
+        child.send_signal(number)
+        rest, _ = child.communicate(timeout=30)
+    assert rest == "put to rest\n"
+    assert child.returncode == 128 + number
+
+
+def test_a_folder_is_not_called_a_missing_file(tmp_path, monkeypatch, capsys):
+    """As when run folder and shot file are given in the wrong order."""
+    monkeypatch.chdir(tmp_path)
+    Path("run").mkdir()
+    assert typed(monkeypatch, "evaluate", "shot.h5", "run") == 2
+    assert "error: run: is a folder" in capsys.readouterr().err
+
+
+def test_a_missing_run_is_said_once_and_in_words(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert typed(monkeypatch, "report", "nowhere") == 2
+    assert "error: nowhere/report.json cannot be read: No such file or directory\n" in capsys.readouterr().err
+
+
+def test_help_fits_a_terminal_and_names_values_plainly(monkeypatch, capsys):
+    monkeypatch.setenv("COLUMNS", "80")
+    assert typed(monkeypatch, "help") == 0
+    assert max(map(len, capsys.readouterr().out.splitlines())) <= 80
+    assert typed(monkeypatch, "import", "--help") == 0
+    told = capsys.readouterr().out
+    assert "PATH [PATH]" in told
+    assert "--focal-px FLOAT" in told
+    assert "{None}|" not in told
+    # An argument's text is one paragraph, wherever the docstring's lines end.
+    assert typed(monkeypatch, "bench", "--help") == 0
+    assert "kept. For what would take hours." in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("value", ["None", "200"])
+def test_an_option_that_may_be_left_out_takes_its_value_or_none(bench, tmp_path, monkeypatch, value):
+    folder, _ = bench
+    monkeypatch.chdir(tmp_path)
+    source = folder / "measurement.npz"
+    assert typed(monkeypatch, "import", source, "-o", "a.h5", "--saturation", value) == 0
+
+
+def test_the_package_runs_as_the_command_does(tmp_path):
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
+    words = [sys.executable, "-m", "gs2ci", "--version"]
+    told = subprocess.run(words, cwd=tmp_path, env=environment, capture_output=True, text=True, check=True)
+    assert told.stdout == f"gs2ci {__version__}\n"
+
+
+@pytest.mark.parametrize(("written", "meant"), [("recon", "reconstruct"), ("recontruct", "reconstruct"), ("xyz", "")])
+def test_a_misspelt_command_is_answered_with_the_nearest(monkeypatch, capsys, written, meant):
+    assert typed(monkeypatch, written) == 2
+    told = capsys.readouterr().err
+    assert (f"did you mean {meant!r}?" in told) if meant else ("did you mean" not in told)
+
+
 def test_an_unknown_command_is_refused_with_the_known_ones(monkeypatch, capsys):
     assert typed(monkeypatch, "recontruct") == 2
     told = capsys.readouterr().err
@@ -196,6 +286,41 @@ def test_an_interruption_is_said_in_one_line(monkeypatch, capsys):
     monkeypatch.setattr(cli.importlib, "import_module", interrupt)
     assert typed(monkeypatch, "demo") == cli.EXIT_INTERRUPTED
     assert capsys.readouterr().err.count("\n") == 1
+
+
+def test_a_machine_that_is_too_small_is_an_error_and_no_traceback(monkeypatch, capsys):
+    def exhaust(name):
+        raise MemoryError("Unable to allocate 38.6 GiB")
+
+    monkeypatch.setattr(cli.importlib, "import_module", exhaust)
+    assert typed(monkeypatch, "demo") == cli.EXIT_USER_ERROR
+    assert "error: out of memory: Unable to allocate 38.6 GiB\nwhat to do: " in capsys.readouterr().err
+
+
+def test_an_interruption_in_compiled_code_is_said_in_one_line_too(monkeypatch, capsys):
+    """Numba makes a SystemError of it, several deep."""
+
+    def interrupt(name):
+        try:
+            try:
+                raise KeyboardInterrupt
+            except KeyboardInterrupt as error:
+                raise SystemError("unpickle returned a result with an exception set") from error
+        except SystemError as error:
+            raise SystemError("dispatcher returned a result with an exception set") from error
+
+    monkeypatch.setattr(cli.importlib, "import_module", interrupt)
+    assert typed(monkeypatch, "demo") == cli.EXIT_INTERRUPTED
+    assert capsys.readouterr().err.count("\n") == 1
+
+
+def test_an_error_of_compiled_code_itself_is_not_taken_for_an_interruption(monkeypatch):
+    def fail(name):
+        raise SystemError("bad call")
+
+    monkeypatch.setattr(cli.importlib, "import_module", fail)
+    with pytest.raises(SystemError, match="bad call"):
+        typed(monkeypatch, "demo")
 
 
 def test_the_command_line_starts_without_torch(tmp_path):

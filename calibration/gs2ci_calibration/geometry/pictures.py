@@ -28,6 +28,8 @@ NO_LIGHT_DN: Final = 4.0
 """White that is brighter than a closed modulator by less than this, at the longest exposure, is none."""
 HALF_LIMIT: Final = 0.56
 """Signal at half the exposure over that at the whole: above, the well or the converter is full."""
+FULL_SHARE: Final = 0.8
+"""Of the converter's range; pixels that read more with the modulator closed leave no room for the board's white."""
 LIMITS_S: Final = (0.2e-3, 1.0)
 START_S: Final = 10e-3
 ROUNDS: Final = 14
@@ -58,21 +60,30 @@ class Pictures:
         converter's top is found too.
 
         Raises:
-            CalibrationError: No light comes in, the modulator is inverted, or white is clipped at any exposure.
+            CalibrationError: No light comes in, the modulator is inverted, or white is clipped at any exposure, by
+                its own light or by what reaches the sensor past the modulator.
         """
         shortest_s, longest_s = self._limits_s()
         exposure_s = float(np.clip(START_S, shortest_s, longest_s))
         for _ in range(ROUNDS):
             signal_dn, room_dn = self._signal_dn(exposure_s)
             share = signal_dn / room_dn
+            filled = 1 - room_dn / self.bench.top_dn
+            if filled > FULL_SHARE and signal_dn > -NO_LIGHT_DN:
+                if exposure_s <= shortest_s:
+                    self._refuse_stray(filled, exposure_s)
+                exposure_s = max(exposure_s * 0.25, shortest_s)
+                continue
             clipped = share > BRIGHT_SHARE[0] and self._signal_dn(exposure_s / 2)[0] > HALF_LIMIT * signal_dn
             if clipped or share > BRIGHT_SHARE[1]:
                 if exposure_s <= shortest_s:
                     self._refuse_bright(signal_dn, exposure_s)
-                exposure_s = max(exposure_s * (0.25 if clipped else float(np.mean(BRIGHT_SHARE)) / share), shortest_s)
+                exposure_s = max(exposure_s * (0.25 if clipped else _factor(share, filled)), shortest_s)
             elif share < BRIGHT_SHARE[0] and exposure_s < longest_s:
-                wanted = float(np.mean(BRIGHT_SHARE)) / max(share, 1e-3)
-                exposure_s = min(exposure_s * min(wanted, 16.0), longest_s)
+                more = _factor(share, filled)
+                if more < 1.05:
+                    break
+                exposure_s = min(exposure_s * more, longest_s)
             else:
                 break
         self._require_light(*self._signal_dn(exposure_s), exposure_s)
@@ -120,6 +131,15 @@ class Pictures:
                 remedy="take the lens cap off, light the board, check that the modulator lets light through",
             )
 
+    def _refuse_stray(self, filled: float, exposure_s: float) -> None:
+        raise CalibrationError(
+            self.step,
+            Reason.SATURATED,
+            f"with the modulator closed, pixels are {filled:.0%} full after {exposure_s * 1e3:.3g} ms",
+            allowed=f"up to {FULL_SHARE:.0%}",
+            remedy="keep light that does not come by the modulator from the sensor, or dim it",
+        )
+
     def _refuse_bright(self, signal_dn: float, exposure_s: float) -> None:
         raise CalibrationError(
             self.step,
@@ -128,6 +148,13 @@ class Pictures:
             allowed="readings that follow the exposure",
             remedy="dim the light on the board or close the aperture",
         )
+
+
+def _factor(share: float, filled: float) -> float:
+    """Return how much longer to expose for white in the middle of `BRIGHT_SHARE`; stray light grows along with it."""
+    wanted = float(np.mean(BRIGHT_SHARE))
+    signal = max(share, 1e-3) * (1 - filled)
+    return min(wanted / (signal + wanted * filled), FULL_SHARE / max(filled, 0.01), 16.0)
 
 
 def require_any(step: str, sightings: Sequence[Sighting | None]) -> None:

@@ -76,11 +76,6 @@ class Registration:
         return float(np.sqrt(square) / np.mean(self.pixels.ratio))
 
     @property
-    def ratio_se(self) -> float:
-        """Get the standard error of the pixel ratio (of the larger of both axes)."""
-        return float(np.max(self.coefficient_se[1:3]) / self.pixels.unit_px)
-
-    @property
     def orientation(self) -> str:
         """Get how the modulator's image lies on the sensor, in words."""
         return orientation(self.pixels)

@@ -241,13 +241,15 @@ def _look(textures: Textures, pixels: PixelMap, variance: float, scale: float, o
                     sums[:, j, i] = sums[:, i, j]
     textured = _is_textured(textures, information, float(np.mean(pixels.ratio)))
     kept = textured & ~dropped
+    basis = pixels.basis(textures.x, textures.y)
     _require_tiles(textures, kept)
+    _require_hold(basis[kept])
     return Fitted(
         pixels=pixels,
         variance_px2=variance,
         scale=scale,
         offset=offset,
-        basis=pixels.basis(textures.x, textures.y),
+        basis=basis,
         information=information,
         gradient=gradient,
         light_information=light_information[kept].sum(axis=0),
@@ -286,6 +288,18 @@ def _require_tiles(textures: Textures, kept: Bools) -> None:
             Reason.NOT_REGISTERED,
             f"the {kept.sum()} tiles that show the pattern lie on one line",
             allowed="tiles all over the sensor, which alone fix an affine map",
+            remedy="light the whole field",
+        )
+
+
+def _require_hold(basis: F64) -> None:
+    """Refuse tiles [T, K] in too few rows or columns for the map's degree: between them it could be anything."""
+    if np.linalg.matrix_rank(basis) < basis.shape[1]:
+        raise CalibrationError(
+            "registration",
+            Reason.NOT_REGISTERED,
+            f"the {len(basis)} tiles that show the pattern lie in too few rows or columns for so bent a map",
+            allowed="tiles all over the sensor",
             remedy="light the whole field",
         )
 

@@ -52,16 +52,15 @@ def measure_registration(bench: Bench, known: Bundle) -> Section:
     coarse = _coarse(bench, field)
     require_orientation(coarse, bench.options.orientation)
     patterns = _textures(bench, coarse)
-    top = 2**bench.capture.bit_depth - 1
     frames = bench.options.mask_frames
-    sums = take(bench, field, patterns * top, frames=frames, step=STEP)
+    sums = take(bench, field, bench.deep(patterns), frames=frames, step=STEP)
     sharper = refined(field, sums).references
     shares = [sharper.shares(sums.mean(i)) for i in range(len(patterns))]
     light = sharper.on - sharper.off
     start = register(patterns[:CHECKERS], shares[:CHECKERS], sharper.valid, coarse, light=light, degree=1)
     found = register(patterns, shares, sharper.valid, start.pixels, light=light)
     require_ratio(found.pixels, bench.options.superpixel)
-    if found.rms_se_px > ACCURACY_PX:
+    if not found.rms_se_px <= ACCURACY_PX:
         raise CalibrationError(
             STEP,
             Reason.NOT_REGISTERED,
@@ -75,9 +74,8 @@ def measure_registration(bench: Bench, known: Bundle) -> Section:
 
 def _coarse(bench: Bench, field: Field) -> PixelMap:
     code = GrayCode(bench.modulator_size, STRIPE_PX * bench.options.superpixel)
-    top = 2**bench.capture.bit_depth - 1
     stripes = code.patterns()
-    sums = take(bench, field, stripes * top, frames=STRIPE_FRAMES, step=STEP)
+    sums = take(bench, field, bench.deep(stripes), frames=STRIPE_FRAMES, step=STEP)
     sharper = refined(field, sums).references
     shares = np.stack([sharper.shares(sums.mean(i)) for i in range(len(stripes))])
     return coarse_map(code, shares, sharper.valid)

@@ -103,8 +103,8 @@ def _why_not(bench: Bench, whole: NDArray[np.bool_]) -> str:
 def _light_of_slots(bench: Bench, field: Field, exposure_s: float, slots: tuple[int, ...]) -> F64:
     """Return the light of some slots in each of some exposures, [FRAMES, S] DN, mean over the pixels."""
     capture, valid = bench.capture, field.references.valid
-    top = 2**capture.bit_depth - 1
-    closed = np.zeros_like(capture.masks)
+    unshut = bench.deep(bench.flat_pattern(is_open=True))
+    closed = np.zeros(capture.masks.shape, unshut.dtype)
 
     def mean_light(patterns: NDArray[Any]) -> F64:
         stack = bench.expose(
@@ -116,6 +116,6 @@ def _light_of_slots(bench: Bench, field: Field, exposure_s: float, slots: tuple[
     light = []
     for slot in slots:
         patterns = closed.copy()
-        patterns[slot] = top
+        patterns[slot] = unshut
         light.append(mean_light(patterns) - dark)
     return np.stack(light, axis=1)

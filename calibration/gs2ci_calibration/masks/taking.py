@@ -62,8 +62,7 @@ def light_up(bench: Bench, known: Bundle, step: str) -> Field:
     dark_dn = dark.at(exposure_s)
     errors = [section.estimates[key].error for key in ("offset_dn", "dark_current_dn_per_s")]
     dark_se_dn = float(np.hypot(errors[0], exposure_s * errors[1]))
-    top = 2**bench.capture.bit_depth - 1
-    both = np.stack([bench.flat_pattern(is_open=is_open) * top for is_open in (True, False)])
+    both = bench.deep(np.stack([bench.flat_pattern(is_open=is_open) for is_open in (True, False)]))
     frames = max(REFERENCE_FRAMES, bench.options.mask_frames)
     stack = bench.grab(both, frames=frames, exposure_s=exposure_s, bit_depth=bench.capture.bit_depth)
     references = judge(
@@ -138,14 +137,14 @@ def _runs(masks: int, held_out: bool, capacity: int) -> list[tuple[int, ...]]:
 
 
 def _shown(bench: Bench, order: Sequence[int], masks: NDArray[Any], held_out: NDArray[Any] | None) -> NDArray[Any]:
-    top = 2**bench.capture.bit_depth - 1
-    shown = np.empty((len(order), *bench.modulator_size), masks.dtype)
+    shut, unshut = (bench.deep(bench.flat_pattern(is_open=is_open)) for is_open in (False, True))
+    shown = np.empty((len(order), *bench.modulator_size), np.result_type(masks, unshut))
     for place, kind in enumerate(order):
         match kind:
             case Kind.ON:
-                shown[place] = top
+                shown[place] = unshut
             case Kind.OFF:
-                shown[place] = 0
+                shown[place] = shut
             case Kind.HELD_OUT:
                 shown[place] = held_out
             case _:

@@ -79,15 +79,14 @@ class SlmLink:
             self._port.write(status_request(), WRITE_TIMEOUT_S)
             while True:
                 left_s = deadline_s - self._clock.now_s()
-                data = self._port.read(_BLOCK_BYTES, max(left_s, 0.0))
-                buffer += data
+                buffer += self._port.read(_BLOCK_BYTES, max(left_s, 0.0))
                 try:
                     word, buffer = find_status(buffer)
                 except MalformedReplyError as error:
                     raise BadReplyError(self._name, asked, buffer, error.problem, allowed=error.allowed) from error
                 if word is not None:
                     return word
-                if not data and self._clock.now_s() >= deadline_s:
+                if self._clock.now_s() >= deadline_s:
                     raise NoAnswerError(self._name, asked, STATUS_TIMEOUT_S)
 
     def _drain(self, asked: str) -> None:

@@ -1,6 +1,6 @@
 """What both run-length codings share: input checks, decode faults and the compiling decorator.
 
-Imported by `erle` and `rle` only.
+Imported by `erle`, `rle` and `images` only.
 """
 
 import enum

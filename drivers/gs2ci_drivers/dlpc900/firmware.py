@@ -2,7 +2,7 @@
 
 The programmer's guide contradicts itself between revisions about the second number of 0x1A31: revision F calls it
 repeats, revision J the number of patterns to show (entries × repeats). Which one a board obeys is found by
-counting its trigger pulses: `explain_pulses`. Imported by the driver and tests.
+counting its trigger pulses: `explain_pulses`. Imported by the driver, `gs2ci.rig` and tests.
 """
 
 import enum

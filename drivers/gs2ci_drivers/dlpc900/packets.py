@@ -1,7 +1,8 @@
 """DLPC900 messages as bytes: requests, 64-byte reports, replies, command and error codes. Pure.
 
 Here: the frame around every command. Not here: what the commands carry (`payloads`, `lut`, `images`), and the
-conversation (`driver`). Imported by the driver and tests; the wire twin frames with code of its own.
+conversation (`driver`). Imported by the driver, tests and, for its USB ids, `gs2ci.rig`; the wire twin
+frames with code of its own.
 
 Request ``[flags, sequence, length LE, command LE, data]``, where the length counts command and data; reply
 ``[flags, sequence, length LE, data]``, where it counts the data alone and no command is repeated. Only the first

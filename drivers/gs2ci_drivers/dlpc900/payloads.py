@@ -14,7 +14,6 @@ from gs2ci_drivers.dlpc900.packets import MalformedReplyError
 
 CHUNK_BYTES: Final = 504
 MAX_IMAGES: Final = 18
-MIN_TRIGGER_IN_DELAY_US: Final = 104
 MIN_PULSE_US: Final = 20
 TRIGGER_DELAY_RANGE_US: Final = (-20, 20_000)
 
@@ -78,22 +77,6 @@ class TriggerOut:
     def encode(self) -> bytes:
         """Return the five bytes of the setting."""
         return struct.pack("<Bhh", int(self.inverted), self.rise_us, self.fall_us)
-
-
-def encode_trigger_in_1(delay_us: int = 105, *, falling: bool = False) -> bytes:
-    """Return the setting of TRIG_IN_1, which advances entries that wait (0x1A35).
-
-    Raises:
-        InputError: The delay is below 104 µs or above 16 bits.
-    """
-    if not MIN_TRIGGER_IN_DELAY_US <= delay_us <= 0xFFFF:
-        raise InputError(f"trigger input 1: delay_us = {delay_us}", allowed=f"{MIN_TRIGGER_IN_DELAY_US} to {0xFFFF} µs")
-    return struct.pack("<HB", delay_us, int(falling))
-
-
-def encode_trigger_in_2(*, start_on_falling: bool = False) -> bytes:
-    """Return the setting of TRIG_IN_2, which starts and stops the sequence (0x1A36)."""
-    return bytes([int(start_on_falling)])
 
 
 def encode_lut_config(entries: int, count: int) -> bytes:

@@ -1,7 +1,7 @@
 """From a pattern sequence to what the DLPC900 is told: sequence entries, trigger settings, image blocks. Pure.
 
 Here: the translation and its settings. Not here: sending (`driver`), the encodings (`lut`, `images`). Imported by
-the driver and tests.
+the driver, `gs2ci.rig.opening` and tests.
 """
 
 import hashlib

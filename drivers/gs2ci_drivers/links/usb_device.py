@@ -1,7 +1,7 @@
 """Finding and claiming one interface of a USB device by pyusb, and giving it back as it was.
 
-Here: what the HID and the bulk link share. Not here: transfers (`usb_hid`, `usb_bulk`). Only those two and tests
-import this file.
+Here: what the HID and the bulk link share. Not here: transfers (`usb_hid`, `usb_bulk`). Those two, `gs2ci doctor`
+for the udev rules, and tests import this file.
 """
 
 import errno
@@ -54,11 +54,10 @@ class ClaimedInterfaces:
         bus_port: str = "",
         find: Find = usb.core.find,
     ) -> None:
-        self._device = device
-        self.usb: Any = _find_one(device, vendor_id, product_id, bus_port, find)
         self._claimed: list[int] = []
         self._detached: list[int] = []
         with port_errors(device, "open"):
+            self.usb: Any = _find_one(device, vendor_id, product_id, bus_port, find)
             try:
                 for interface in interfaces:
                     self._claim(interface)

@@ -1,7 +1,7 @@
 """Controls of a V4L2 node by name and number, and exposure in seconds on top of them.
 
 Here: `ControlTable` (what there is, read, set with clamping reported) and `ExposureControl` (seconds ↔ lines or
-100 µs units). Not here: trigger modes (`trigger`). Imported by `trigger` and `driver`.
+100 µs units). Not here: trigger modes (`trigger`). Imported by `setup`, `trigger` and `driver`.
 
 The V4L2 control framework rounds integers into their range and refuses menu entries that are not there; some
 drivers refuse with ERANGE instead. Both come out the same here.

@@ -85,6 +85,11 @@ class V4l2Sensor(Sensor):
         with self._noticing_loss():
             self._setup = self._open().apply(config)
         self._config = config
+        self.incidents += [
+            f"{self.name}: {one.control} = {one.requested} was asked for, {one.applied} is in force"
+            for one in self._setup.applied
+            if one.clamped
+        ]
         return self._setup.settings
 
     def _do_start(self) -> None:

@@ -85,7 +85,8 @@ class FrameJudge:
         """Count a frame that nobody wants to see."""
         number = taken.buffer.sequence
         if self._next is not None:
-            self.frame_index += (number + 1 - self._next) % _WRAP
+            ahead = (number + 1 - self._next) % _WRAP
+            self.frame_index += ahead if ahead < _WRAP // 2 else 0  # else it came before, or out of order
         self._next = (number + 1) % _WRAP
 
     def _check_number(self, taken: Taken) -> None:

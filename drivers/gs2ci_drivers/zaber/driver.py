@@ -83,6 +83,14 @@ class ZaberStage(Stage):
     def _read_axis(self, axis: str) -> AxisInfo:
         number, units = self._numbers[axis], self._units[axis]
         self._own_speed[axis] = self._speed[axis] = self._number(number, "maxspeed")
+        if self._own_speed[axis] < 1:
+            raise BadReplyError(
+                self.name,
+                "get maxspeed",
+                str(self._own_speed[axis]).encode(),
+                f"axis {axis} cannot move",
+                allowed="1 or more",
+            )
         return AxisInfo(
             name=axis,
             min_mm=units.mm(self._number(number, "limit.min")),

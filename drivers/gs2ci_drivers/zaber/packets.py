@@ -5,7 +5,7 @@ r"""Zaber ASCII lines: building requests and reading answers. Pure; no port, no 
     info     #DD A [ID] text
     alert    !DD A BUSY|IDLE WW [data]
 
-Source: Zaber ASCII protocol manual, "Message format"; reference section 3.1. The driver and its twin import this.
+Source: Zaber ASCII protocol manual, "Message format"; reference section 3.1. The driver imports this.
 """
 
 import re

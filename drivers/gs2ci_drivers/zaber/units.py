@@ -42,8 +42,3 @@ class Units:
     def acceleration_mm_s2(self, data: int) -> float:
         """Return an acceleration in mm/s²; data 0 means «no ramp» and counts as a very steep one."""
         return (data or NO_RAMP_DATA) * ACCELERATION_DIVISOR / self.speed_scale * self.microstep_mm
-
-    def acceleration_data(self, acceleration_mm_s2: float) -> int:
-        """Return the nearest acceleration data, at least 1."""
-        per_s2 = acceleration_mm_s2 / self.microstep_mm
-        return max(1, round(per_s2 * self.speed_scale / ACCELERATION_DIVISOR))

@@ -1,7 +1,7 @@
-"""Coded measurements from elsewhere: .npz, .npy, .mat (v5 and v7.3), turned into shots.
+"""Coded measurements from elsewhere: .npz, .npy, .mat (v5 and v7.3), pictures, turned into shots.
 
     container.py   a file as a set of named arrays that are loaded one by one, and its errors
-    npy.py npz.py mat5.py mat73.py   one format each
+    npy.py npz.py mat5.py mat73.py pictures.py   one format each
     opening.py     which format a file is, from its first bytes
     roles.py       which key is the measurement, which the masks, ...
     axes.py        which axis is which

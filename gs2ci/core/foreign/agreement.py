@@ -132,7 +132,7 @@ def check_closed_pixels(image: F64, multiplicity: F64, guesses: list[str]) -> No
     leak, typical = float(np.median(image[closed])), float(np.median(image[~closed]))
     if leak > 0.02 * abs(typical):
         guesses.append(
-            f"WARNING: pixels that no mask opens read {leak:.4g} (others {typical:.4g}): give --offset {leak:.4g} "
+            f"WARNING: pixels that no mask opens read {leak:.6g} (others {typical:.6g}): give --offset {leak:.6g} "
             "if that is the reading without light"
         )
 

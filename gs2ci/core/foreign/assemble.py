@@ -99,8 +99,8 @@ def import_shots(path: Path, masks_path: Path | None, options: ImportOptions) ->
     """Turn a foreign file into shots.
 
     Args:
-        path: .npz, .npy or .mat with the measurement and, unless given apart, its masks.
-        masks_path: File with the masks.
+        path: .npz, .npy, .mat or pictures with the measurement and, unless given apart, its masks.
+        masks_path: File or folder with the masks.
         options: What the user knows.
 
     Raises:
@@ -297,6 +297,7 @@ def _find(path: Path, masks_path: Path | None, options: ImportOptions, guesses: 
     keys = {"measurement": meas_key, "masks": mask_key, "truth": truth_key}
     if meas_key:
         guesses.append("keys: " + ", ".join(f"{key!r} ({role})" for role, key in keys.items() if key))
+    guesses += [f"{role}: {one.note}" for role, one in (("measurement", container), ("masks", holder)) if one.note]
     measurement, masks = container.load(meas_key), holder.load(mask_key)
     truth = options.truth if truth_key is None else container.load(truth_key)
     for array in (measurement, masks):

@@ -195,7 +195,10 @@ def _no_fit(measurement: Array, masks: Array, mask_axis: MaskAxis) -> InputError
         for m in _readings(shape, _MEASUREMENT_ORDERS)
         for k in _readings(mask_shape, _MASK_ORDERS)
     )
-    remedy = "check that masks and measurement belong together and have the same height and width"
+    remedy = (
+        "check that masks and measurement belong together; masks count in the sensor's pixels, as it sees them "
+        "(`gs2ci calibrate masks` measures that), not in the modulator's"
+    )
     if swapped:
         remedy = "height and width of the masks are exchanged: transpose the masks before saving"
     if mask_axis != "auto":

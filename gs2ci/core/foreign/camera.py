@@ -15,7 +15,7 @@ from gs2ci.core.errors import InputError
 from gs2ci.core.foreign.container import Array
 from gs2ci.core.foreign.pixels import LARGEST
 from gs2ci.core.lens import COEFFICIENTS
-from gs2ci.core.records import F64, check_intrinsics
+from gs2ci.core.records import F64, check_intrinsics, check_rigid
 
 FEWEST_COEFFICIENTS: Final = 4
 """OpenCV's smallest model."""
@@ -111,14 +111,11 @@ def poses_from(given: Array, count: int, *, camera_to_world: bool, guesses: list
     if np.allclose(values[:, :3, 3], 0) and not np.allclose(values[:, 3, :3], 0):
         values = values.transpose(0, 2, 1)
         guesses.append(f"{given.where}: pose matrices were transposed")
-    rotations = values[:, :3, :3]
-    rigid = np.allclose(rotations @ rotations.transpose(0, 2, 1), np.eye(3), atol=1e-3)
-    if not rigid or (np.linalg.det(rotations) < 0).any() or not np.allclose(values[:, 3], (0, 0, 0, 1)):
-        raise InputError(
-            f"{given.where}: poses are no rigid motions",
-            allowed="[R t; 0 0 0 1] with R a rotation, OpenCV axes (x right, y down, z forward)",
-            remedy="take out scales and axis flips, or leave the poses out",
-        )
+    try:
+        check_rigid("poses", values)
+    except InputError as error:
+        remedy = "take out scales and axis flips (x right, y down, z forward), or leave the poses out"
+        raise InputError(f"{given.where}: {error.problem}", allowed=error.allowed, remedy=remedy) from error
     if camera_to_world:
         guesses.append(f"{given.where}: camera-to-world, inverted")
         values = np.asarray(np.linalg.inv(values), np.float64)

@@ -2,7 +2,7 @@
 
 Here: `Container`, `Entry`, `Array` (numbers with the place they came from), and the two errors every format
 shares: a file that cannot be understood, and an array that is too large to be true. Not here: any format.
-Only `gs2ci.core.foreign` imports this file.
+Only `gs2ci.core.foreign` and `gs2ci import` import this file.
 """
 
 import math
@@ -57,11 +57,13 @@ class Container:
         path: The file.
         entries: What it holds, by key; a format without keys has one, "".
         load_values: Loads one key; may raise anything.
+        note: What was guessed on opening it, a sentence or nothing.
     """
 
     path: Path
     entries: dict[str, Entry]
     load_values: Callable[[str], NDArray[Any]]
+    note: str = ""
 
     def where(self, key: str) -> str:
         """Name a key for messages."""
@@ -101,7 +103,8 @@ class Container:
         if self.entries[key].kind != "text":
             raise InputError(f"{self.where(key)}: holds {self.entries[key].kind}", allowed="a text")
         with damage_as_input_error(self.where(key)):
-            return str(np.asarray(self.load_values(key)).reshape(-1)[0]).strip()
+            text = np.asarray(self.load_values(key)).reshape(-1)[0]
+            return (text.decode("utf-8") if isinstance(text, bytes) else str(text)).strip()
 
     def listing(self) -> str:
         """Write down what the file holds."""

@@ -1,6 +1,7 @@
 """Which format a file is, from its first bytes, not its name. Only `gs2ci.core.foreign` imports this file."""
 
 from pathlib import Path
+from typing import Final
 
 import h5py
 
@@ -10,6 +11,9 @@ from gs2ci.core.foreign.mat5 import read_mat5
 from gs2ci.core.foreign.mat73 import read_mat73
 from gs2ci.core.foreign.npy import read_npy
 from gs2ci.core.foreign.npz import read_npz
+from gs2ci.core.foreign.pictures import is_picture, read_pictures
+
+_FORMATS: Final = ".npz, .npy, .mat (version 5 to 7.3), or pictures (PNG, TIFF, BMP, PGM, or a folder of them)"
 
 
 def open_foreign(path: Path) -> Container:
@@ -18,6 +22,8 @@ def open_foreign(path: Path) -> Container:
     Raises:
         InputError: Missing, empty, of no known format, or damaged.
     """
+    if path.is_dir():
+        return read_pictures(path)
     if not path.is_file():
         raise InputError(f"{path}: no such file", remedy="check the name")
     with damage_as_input_error(str(path)):
@@ -32,8 +38,10 @@ def open_foreign(path: Path) -> Container:
         return read_mat73(path)
     if start.startswith(b"MATLAB"):
         return read_mat5(path)
+    if is_picture(start):
+        return read_pictures(path)
     raise InputError(
         f"{path}: {'empty' if not start else 'of no known format'}",
-        allowed=".npz, .npy, .mat (version 5 to 7.3)",
+        allowed=_FORMATS,
         remedy="save the measurement and its masks in one of these",
     )

@@ -18,6 +18,8 @@ MOST_BAD: Final = 0.1
 # Highest code of the usual converters, and the share of readings there that only clipping explains.
 TOP_CODES: Final = (255, 1023, 4095, 16383, 65535)
 PILE_UP: Final = 5e-4
+# Highlights may clip; a picture that clips over more than this was exposed for too long.
+MANY_CLIPPED: Final = 0.05
 
 
 def mend(measurement: Array, readings: F64, multiplicity: F64, how: BadPixels, guesses: list[str]) -> F64:
@@ -80,7 +82,12 @@ def clipped(readings: F64, said: float | None, guesses: list[str]) -> NDArray[np
 
     Returns:
         [K, H, W], or None where no pixel is clipped.
+
+    Raises:
+        InputError: The level is no reading.
     """
+    if said is not None and not 0 <= said < np.inf:
+        raise InputError(f"--saturation {said:g}", allowed="the reading from which on pixels are clipped; 0: none is")
     level = said
     if level is None:
         high = float(readings.max())
@@ -91,5 +98,8 @@ def clipped(readings: F64, said: float | None, guesses: list[str]) -> NDArray[np
     if level == 0:
         return None
     found: NDArray[np.bool_] = np.any(readings >= level, axis=3)
-    guesses.append(f"{int(found.sum())} pixels at {level:g} or above count as clipped")
+    warning = "WARNING: " if found.mean() > MANY_CLIPPED else ""
+    guesses.append(
+        f"{warning}{int(found.sum())} pixels ({found.mean():.2g} of all) at {level:.6g} or above count as clipped"
+    )
     return found if found.any() else None

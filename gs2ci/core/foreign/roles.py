@@ -84,6 +84,11 @@ def require_key(
     key = key_of(container, role, said, guesses)
     if key is not None:
         return key
+    if taken == "":
+        raise InputError(
+            f"{container.path}: {container.listing()}, which cannot be measurement and masks at once",
+            remedy="give the masks as a second file, or as a folder of pictures",
+        )
     known = {alias for aliases in ALIASES.values() for alias in aliases}
     free = [
         key

@@ -97,12 +97,15 @@ def _mask_sentences(values: F64, full: float, guessed: bool) -> list[str]:
         sentences.append(f"masks: {over} values a little above fully open were set to 1")
     dark = [i for i, mask in enumerate(values) if not mask.any()]
     if dark:
-        sentences.append(f"masks: mask(s) {dark} never open: their views cannot be recovered")
-    seen: dict[bytes, int] = {}
+        sentences.append(f"WARNING: masks {dark} never open: their views cannot be recovered")
+    alike: dict[bytes, list[int]] = {}
     for i, mask in enumerate(values):
-        other = seen.setdefault(mask.tobytes(), i)
-        if other != i:
-            sentences.append(f"masks: {other} and {i} are identical: their views cannot be told apart")
+        alike.setdefault(mask.tobytes(), []).append(i)
+    sentences += [
+        f"WARNING: masks {same} are identical: their views cannot be told apart"
+        for same in alike.values()
+        if len(same) > 1
+    ]
     return sentences
 
 
@@ -155,7 +158,7 @@ def guess_scale(measurement: Array, values: F64, multiplicity: F64, views: int) 
     low = float(np.quantile(values, 0.001))
     if low < -DARK * np.quantile(values, 0.999):
         raise InputError(
-            f"{measurement.where}: readings go down to {float(values.min()):.4g} (up to {high:.4g}), "
+            f"{measurement.where}: readings go down to {float(values.min()):.6g} (up to {high:.6g}), "
             "which no light gives",
             allowed="readings >= 0 apart from noise",
             remedy="give the reading without light as --offset",
@@ -165,7 +168,7 @@ def guess_scale(measurement: Array, values: F64, multiplicity: F64, views: int) 
         return found
     bound = float(multiplicity.max())
     raise InputError(
-        f"{measurement.where}: readings up to {high:.4g} where {bound:.3g} masks are open at most, "
+        f"{measurement.where}: readings up to {high:.6g} where at most {bound:.3g} of the masks are open, "
         f"{ratio:.4g} per open mask: no usual scale explains that",
         allowed=f"a full scale of {', '.join(f'{full:g}' for full in FULL_SCALES.values())}, per view or exposure",
         remedy="check that these are the masks of this measurement, or give the full scale of one view as --scale",

@@ -24,12 +24,13 @@
     /truth/world_to_camera       [S, N, 4, 4] f8, optional, NaN as above
     /frames/*          [S] what the sensor and the stage reported with each row
 
-S counts rows (one exposure each), N views. Only the storage package imports this file; `CaptureHeader` and
-`FrameRow` are re-exported.
+S counts rows (one exposure each), N views. Only the storage package, and for `to_json` calibration bundles,
+import this file; `CaptureHeader` and `FrameRow` are re-exported.
 """
 
 import hashlib
 import json
+import math
 import uuid
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -182,6 +183,16 @@ class CaptureHeader:
         """Get the shape of one reading as stored: [H, W], or [H, W, 3]."""
         height, width = self.masks.shape[1:]
         return (height, width, 3) if self.channels == 3 else (height, width)
+
+    @property
+    def row_bytes(self) -> int:
+        """Get how much one reading takes on the disk."""
+        return math.prod(self.row_shape) * np.dtype(self.reading).itemsize
+
+    @property
+    def static_bytes(self) -> int:
+        """Get how much masks and calibration take at most; grey masks shrink to a byte, and packing shrinks more."""
+        return self.masks.nbytes + sum(array.nbytes for array in self.calibration.values())
 
 
 def usable_per_pixel(calibration: Mapping[str, NDArray[Any] | None], size: tuple[int, ...]) -> bool:

@@ -83,6 +83,8 @@ def opened(path: Path, *, unfinished: bool = False) -> Iterator["CaptureFile"]:
     Raises:
         StorageError: Always this, whatever the bytes are.
     """
+    if path.is_dir():
+        raise StorageError(f"{path}: is a folder", allowed="a shot file", remedy="`gs2ci import` makes a shot file")
     if not path.is_file():
         raise StorageError(f"{path}: no such file", remedy="check the name; `gs2ci import` makes a shot file")
     try:
@@ -139,7 +141,7 @@ class CaptureFile:
         if not unfinished and int(complete) != 1:
             raise StorageError(
                 f"{self.path}: key 'complete': the capture was interrupted before its end",
-                remedy=f"save its finished rows with `gs2ci import {self.path} -o NEW.h5`",
+                remedy=f"save its finished rows with `gs2ci recover {self.path}`",
             )
 
     def valid_rows(self) -> NDArray[np.intp]:

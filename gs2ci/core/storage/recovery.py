@@ -1,7 +1,7 @@
 """Saving the finished rows of a capture whose writer died.
 
 Here: `recover`, which reads the `.partial` and writes a new file; the damaged one is never touched. Anyone may use
-it through `gs2ci.core.storage`; on the command line it is `gs2ci import NAME.h5.partial -o NEW.h5`.
+it through `gs2ci.core.storage`; on the command line it is `gs2ci recover NAME.h5.partial`.
 """
 
 import json
@@ -18,7 +18,7 @@ from gs2ci.core.storage.reader import CaptureFile, opened
 from gs2ci.core.storage.writer import ShotWriter
 
 
-def recover(partial: Path, out: Path) -> Path:
+def recover(partial: Path, out: Path, *, replace: bool = False) -> Path:
     """Copy every whole row of an interrupted capture into a new, finished file.
 
     Rows keep their order; a row that claims to be whole but cannot be read is left out and noted in `/events`, as
@@ -27,6 +27,7 @@ def recover(partial: Path, out: Path) -> Path:
     Args:
         partial: The `.partial`, or any capture file; opened for reading only.
         out: New file, ends in .h5.
+        replace: Whether a finished file of that name may be replaced.
 
     Returns:
         The new file.
@@ -40,7 +41,7 @@ def recover(partial: Path, out: Path) -> Path:
         rows = [int(row) for row in capture.valid_rows()]
         if not rows:
             raise StorageError(f"{partial}: holds no whole row", remedy="capture again and delete it")
-        writer = ShotWriter(out, _header(capture, rows))
+        writer = ShotWriter(out, _header(capture, rows), replace=replace)
         try:
             _copy(capture, writer, rows)
             return writer.finish()

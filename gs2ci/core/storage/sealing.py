@@ -1,20 +1,25 @@
 """From `.partial` to the final name: fsync, rename, fsync of the folder, and the manifest beside the file.
 
 Here: paths, the rename that makes a capture count as finished, and the manifest `name.json` with its sha256. Not
-here: what is inside the file. Only the storage package imports this file; `check_manifest` is re-exported.
+here: what is inside the file. The storage package, calibration bundles (`gs2ci_calibration.bundle`) and commands that
+name a `.partial` import this file; `check_manifest` is re-exported.
 """
 
 import hashlib
 import json
 import os
+import shutil
 from pathlib import Path
 from typing import Final
 
 from gs2ci.core.errors import StorageError
 from gs2ci.core.json_text import parse_json
+from gs2ci.core.whole_file import check_place, write_whole
 
 MANIFEST_SCHEMA: Final = "gs2ci.manifest/1"
 PARTIAL: Final = ".partial"
+# What HDF5 keeps about its arrays, the events and the manifest; a disk with less to spare is full for any purpose.
+SPARE_BYTES: Final = 1_000_000
 
 
 def partial_of(path: Path) -> Path:
@@ -27,29 +32,62 @@ def manifest_of(path: Path) -> Path:
     return path.with_suffix(".json")
 
 
-def check_target(path: Path, *, replace: bool) -> None:
+def check_target(path: Path, *, replace: bool, remedy: str = "choose another name or move it away") -> None:
     """Accept a path that a capture may be written to, before any work is done.
+
+    Args:
+        path: Of the finished file.
+        replace: Whether a finished file of that name may be replaced.
+        remedy: What the user can do where one lies there.
 
     Raises:
         StorageError: The folder is missing, the name is taken, or an unfinished capture of that name lies there.
     """
     if not path.parent.is_dir():
         raise StorageError(f"{path}: the folder {path.parent} does not exist", remedy="create it first")
-    if path.suffix in ("", ".json", PARTIAL):
+    if path.suffix != ".h5":
         raise StorageError(f"{path}: not a name for a capture file", allowed="a name that ends in .h5")
     if path.is_dir() or (path.exists() and not replace):
-        raise StorageError(f"{path}: already exists", remedy="choose another name or move it away")
+        raise StorageError(f"{path}: already exists", remedy=remedy)
     partial = partial_of(path)
     if partial.exists():
         raise StorageError(
             f"{partial}: an unfinished capture of that name lies there",
-            remedy=f"save its rows with `gs2ci import {partial} -o NEW.h5`, or delete it",
+            remedy=f"save its rows with `gs2ci recover {partial}`, or delete it",
         )
+    check_manifest_place(path)
+    check_place(path)
+
+
+def check_manifest_place(path: Path) -> None:
+    """Accept a path beside which a manifest may be written: `seal` replaces what lies there.
+
+    Raises:
+        StorageError: A file of that name is somebody else's.
+    """
     manifest = manifest_of(path)
     if manifest.exists() and not _is_manifest(manifest):
         raise StorageError(
             f"{manifest}: the manifest belongs there, but the file there is not one",
             remedy="choose another name or move it away",
+        )
+
+
+def check_room(path: Path, wanted_bytes: int) -> None:
+    """Return if the disk has room for that much more, and for what comes with it.
+
+    HDF5 cannot be left to find out: where its own write fails, closing the file fails as well, and the library then
+    ends the process by a segmentation fault when Python exits (HDF5 2.0.0).
+
+    Raises:
+        StorageError: It has not.
+    """
+    free_bytes = shutil.disk_usage(path.parent).free
+    if free_bytes < wanted_bytes + SPARE_BYTES:
+        raise StorageError(
+            f"{path}: the disk has {free_bytes / 1e6:.1f} MB free",
+            allowed=f"{(wanted_bytes + SPARE_BYTES) / 1e6:.1f} MB or more",
+            remedy="free the disk or choose another folder",
         )
 
 
@@ -69,12 +107,7 @@ def seal(partial: Path, path: Path) -> None:
         os.replace(partial, path)
         _fsync_folder(path.parent)
         record = {"schema": MANIFEST_SCHEMA, "file": path.name, "bytes": size, "sha256": digest}
-        draft = partial_of(manifest)
-        with draft.open("w", encoding="utf-8") as out:
-            out.write(json.dumps(record, indent=2) + "\n")
-            out.flush()
-            os.fsync(out.fileno())
-        os.replace(draft, manifest)
+        write_whole(manifest, json.dumps(record, indent=2) + "\n", remedy=f"free the disk; the rows are in {path}")
         _fsync_folder(path.parent)
     except OSError as error:
         raise StorageError(

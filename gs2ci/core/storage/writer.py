@@ -21,7 +21,7 @@ from gs2ci.core.errors import StorageError
 from gs2ci.core.records import F64, Shot, Truth
 from gs2ci.core.storage import layout
 from gs2ci.core.storage.layout import FRAME_COLUMNS, CaptureHeader, FrameRow
-from gs2ci.core.storage.sealing import check_target, partial_of, seal
+from gs2ci.core.storage.sealing import check_room, check_target, partial_of, seal
 
 
 class ShotWriter:
@@ -47,6 +47,8 @@ class ShotWriter:
         self.partial = partial_of(path)
         self.rows_written = 0
         self._header = header
+        # Readings are not compressed, so that all of them are known to be needed; better now than in the middle.
+        check_room(self.partial, header.static_bytes + header.rows * header.row_bytes)
         try:
             # Mode x: two writers of the same name cannot both believe that the file is theirs.
             self._file: h5py.File | None = h5py.File(self.partial, "x")
@@ -106,9 +108,13 @@ class ShotWriter:
         parts |= self._frame_columns(frame or FrameRow())
         origin = {"name": name or self._header.name, "provenance": provenance or {}}
         parts["provenance"] = layout.to_json(origin, "provenance")
+        check_room(self.partial, sum(np.asarray(value).nbytes for value in parts.values()))
         try:
             for key, value in parts.items():
-                file[key][row] = value
+                dataset = file[key]
+                dataset[row] = value
+                # A write that fails while h5py lets go of the dataset is printed and forgotten; here it is an error.
+                dataset.flush()
             # HDF5 writes what it has cached in an order of its own: with one flush for both, a process killed in it
             # leaves a flag without its data (seen with small frames under load).
             file.flush()

@@ -20,7 +20,7 @@ from gs2ci.evaluate.pages.pictures import (
     to_eight_bit,
 )
 from gs2ci.evaluate.pages.run_evidence import RunEvidence
-from gs2ci.evaluate.wording import describe_number
+from gs2ci.evaluate.wording import describe_number, told_apart
 
 # More views than this make all of them small; those shown lie evenly over the exposure.
 MOST_VIEWS: Final = 16
@@ -157,7 +157,7 @@ def _depth(evidence: RunEvidence, indices: Sequence[int]) -> tuple[list[U8], lis
     low, high = (float(value) for value in np.percentile(inverse[~empty], (1, 99)))
     if high - low < 1e-3 * high:
         low, high = 0.9 * low, 1.1 * high
-    ticks = [describe_number(float(f"{1 / value:.2g}"), 2) for value in np.linspace(low, high, TICKS)]
+    ticks = told_apart([float(1 / value) for value in np.linspace(low, high, TICKS)], describe_number)
     return list(colour(inverse, (low, high), "depth", empty=empty)), ticks
 
 
@@ -177,7 +177,7 @@ def _disagreement(evidence: RunEvidence, indices: Sequence[int]) -> tuple[list[U
 def _from_zero(values: NDArray[np.float64], name: str) -> tuple[list[U8], list[str]]:
     """Colour what is better the smaller it is; one scale for all views, which begins at zero."""
     ceiling = max(float(np.percentile(values, 99.5)), LEAST_ERROR_CEILING)
-    ticks = [describe_number(float(f"{value:.2g}"), 2) for value in np.linspace(0, ceiling, TICKS)]
+    ticks = told_apart(np.linspace(0, ceiling, TICKS).tolist(), describe_number)
     return list(colour(values, (0.0, ceiling), name, empty=np.zeros(values.shape, bool))), ticks
 
 

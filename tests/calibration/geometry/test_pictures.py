@@ -16,8 +16,8 @@ class Lamp:
     exposure_limits_s = (1e-5, 10.0)
     top_dn = 4095
 
-    def __init__(self, dn_per_s, well_dn=4095.0):
-        self.dn_per_s, self.well_dn = dn_per_s, well_dn
+    def __init__(self, dn_per_s, well_dn=4095.0, stray_dn_per_s=0.0):
+        self.dn_per_s, self.well_dn, self.stray_dn_per_s = dn_per_s, well_dn, stray_dn_per_s
 
     def flat_pattern(self, *, is_open):
         return np.full((4, 4), np.uint8(is_open))
@@ -26,7 +26,8 @@ class Lamp:
         shares = np.array([pattern.mean() for pattern in patterns])
         if self.dn_per_s < 0:
             shares = 1 - shares
-        light = np.minimum(BLACK_DN + abs(self.dn_per_s) * exposure_s * shares, self.well_dn)
+        rate_dn_per_s = self.stray_dn_per_s + abs(self.dn_per_s) * shares
+        light = np.minimum(BLACK_DN + rate_dn_per_s * exposure_s, self.well_dn)
         noise = np.random.default_rng(0).normal(0, 1, (len(patterns), frames, 20, 30))
         return SimpleNamespace(readings=(light[:, None, None, None] + noise).astype(np.float32))
 
@@ -64,6 +65,19 @@ def test_no_light_is_refused():
 
 def test_light_that_is_clipped_at_the_shortest_exposure_is_refused():
     assert refused(Lamp(1e9)).reason is Reason.SATURATED
+
+
+@pytest.mark.parametrize("stray_dn_per_s", [3e3, 3e5, 3e6])
+def test_stray_light_shortens_the_exposure_until_the_boards_white_has_room(stray_dn_per_s):
+    exposure_s = suited(Lamp(1e5, stray_dn_per_s=stray_dn_per_s))
+    assert BLACK_DN + (1e5 + stray_dn_per_s) * exposure_s < 4095
+    assert 1e5 * exposure_s > 50
+
+
+def test_stray_light_that_fills_the_sensor_at_any_exposure_is_refused():
+    error = refused(Lamp(1e5, stray_dn_per_s=1e9))
+    assert error.reason is Reason.SATURATED
+    assert "with the modulator closed, pixels are 100% full" in str(error)
 
 
 def test_a_modulator_that_darkens_when_it_opens_is_refused():

@@ -89,6 +89,12 @@ def test_a_map_that_is_not_known_well_enough_is_refused(bench_of_truth, dark_kno
     assert "known to" in str(found)
 
 
+def test_a_map_whose_error_is_no_number_is_refused(bench_of_truth, dark_known, monkeypatch):
+    monkeypatch.setattr(registration_step.Registration, "rms_se_px", float("nan"))
+    bench = bench_of_truth()
+    assert "known to nan px" in str(refusal(bench, dark_known(bench)))
+
+
 def test_a_modulator_with_little_memory_is_registered_in_several_runs(bench_of_truth, dark_known, monkeypatch):
     bench = bench_of_truth()
     monkeypatch.setattr(type(bench), "capacity", property(lambda self: 9))

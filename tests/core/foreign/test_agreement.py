@@ -58,6 +58,7 @@ def test_a_mosaic_is_recognised_through_its_true_colours_or_its_key(scene, take,
     assert take(meas=meas, mask=made.masks, truth=made.views).shots[0].cfa == cfa
     assert take(ImportOptions(cfa=cfa), meas=meas, mask=made.masks).shots[0].cfa == cfa
     assert take(meas=meas, mask=made.masks, bayer=cfa.lower()).shots[0].cfa == cfa
+    assert take(meas=meas, mask=made.masks, bayer=cfa.encode()).shots[0].cfa == cfa
 
 
 def test_a_mosaic_without_truth_is_doubted_to_be_mono(scene, take, said):

@@ -99,6 +99,12 @@ def test_exchanged_height_and_width_are_named(scene, take):
         take(meas=made.meas, mask=made.masks.transpose(0, 2, 1))
 
 
+def test_masks_as_the_modulator_has_them_are_told_how_to_become_the_sensors(scene, take):
+    made = scene()
+    with pytest.raises(InputError, match=r"in the sensor's pixels.*`gs2ci calibrate masks`"):
+        take(meas=made.meas, mask=np.kron(made.masks, np.ones((1, 2, 2), np.uint8)))
+
+
 def test_sizes_that_differ_are_refused_with_both_shapes(scene, take):
     made = scene()
     with pytest.raises(InputError, match=r"\[4, 20, 32\] fits the measurement's \[24, 32, 3\].*key 'meas'"):

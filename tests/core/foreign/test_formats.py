@@ -58,7 +58,7 @@ def test_a_pair_of_npy_files_gives_the_shot(tmp_path, scene):
     np.save(tmp_path / "mask.npy", made.masks)
     imported = import_shots(tmp_path / "meas.npy", tmp_path / "mask.npy", ImportOptions())
     assert np.array_equal(imported.shots[0].measurement, made.meas.astype(np.float32))
-    with pytest.raises(InputError, match=r"no key for the masks.*second file"):
+    with pytest.raises(InputError, match=r"measurement and masks at once.*second file"):
         import_shots(tmp_path / "meas.npy", None, ImportOptions())
 
 

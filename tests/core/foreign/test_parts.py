@@ -99,6 +99,16 @@ def test_a_pixel_without_any_good_neighbour_becomes_dark(take):
     assert shot.measurement[1, 1, 0] == 0
 
 
+def test_clipping_is_told_with_its_share_and_warned_of_where_it_is_much(scene, take, said):
+    made = scene(n=8, height=40, width=50, channels=1)
+    counts = np.rint(made.meas * 60)
+    few, many = (float(np.quantile(counts, 1 - share)) for share in (0.01, 0.5))
+    told = take(ImportOptions(saturation=few), meas=counts, mask=made.masks)
+    assert said(told, "of all) at")
+    assert not said(told, "WARNING")
+    assert said(take(ImportOptions(saturation=many), meas=counts, mask=made.masks), "WARNING: ")
+
+
 def test_a_pile_up_at_the_top_code_counts_as_clipped(scene, take):
     made = scene(n=8, height=40, width=50, channels=1)
     meas = np.minimum(np.rint(made.meas * 60), 254).astype(np.uint8)
@@ -109,6 +119,13 @@ def test_a_pile_up_at_the_top_code_counts_as_clipped(scene, take):
     assert take(ImportOptions(saturation=0.0), meas=meas, mask=made.masks).shots[0].saturated is None
     told = take(ImportOptions(saturation=100.0), meas=meas, mask=made.masks).shots[0]
     assert np.array_equal(told.saturated, (meas >= 100)[..., 0])
+
+
+@pytest.mark.parametrize("level", [np.nan, np.inf, -1.0])
+def test_a_level_of_clipping_that_is_no_reading_is_refused(scene, take, level):
+    made = scene(channels=1)
+    with pytest.raises(InputError, match="--saturation"):
+        take(ImportOptions(saturation=level), meas=made.meas, mask=made.masks)
 
 
 @pytest.mark.parametrize(

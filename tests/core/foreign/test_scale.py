@@ -93,6 +93,9 @@ def test_negative_readings_ask_for_an_offset(scene, take):
 def test_light_behind_closed_masks_hints_at_an_offset(scene, take, said):
     made = scene(n=3, ones=0.3)
     assert said(take(meas=made.meas + 0.2, mask=made.masks), "--offset 0.2")
+    # Counts are named to the last digit, so that what is proposed can be typed.
+    counts = np.rint(made.meas * 4000 + 12345).astype(np.uint16)
+    assert said(take(meas=counts, mask=made.masks), "--offset 12345 ")
     assert not said(take(meas=made.meas, mask=made.masks), "--offset")
 
 
@@ -147,11 +150,11 @@ def test_masks_that_are_no_transmissions_are_refused(scene, take, change, messag
 def test_blank_and_repeated_masks_are_named(scene, take, said):
     made = scene(n=5)
     made.masks[1] = 0
-    made.masks[4] = made.masks[2]
+    made.masks[3] = made.masks[4] = made.masks[2]
     meas = np.einsum("nhw,nhwc->hwc", made.masks, made.views / 255.0)
     imported = take(meas=meas, mask=made.masks)
-    assert said(imported, "mask(s) [1] never open")
-    assert said(imported, "2 and 4 are identical")
+    assert said(imported, "WARNING: masks [1] never open")
+    assert said(imported, "WARNING: masks [2, 3, 4] are identical")
 
 
 @pytest.mark.parametrize("factor", [1 / 255, 1.0, 4095 / 255])

@@ -25,8 +25,8 @@ def path(tmp_path, make_shot):
 
 
 def test_a_missing_file_and_a_folder_are_named(tmp_path):
-    for missing in (tmp_path / "none.h5", tmp_path):
-        with pytest.raises(StorageError, match="no such file"):
+    for missing, problem in ((tmp_path / "none.h5", "no such file"), (tmp_path, "is a folder")):
+        with pytest.raises(StorageError, match=problem):
             read_shot(missing)
 
 

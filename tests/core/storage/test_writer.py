@@ -6,6 +6,7 @@ import subprocess
 import sys
 import time
 from dataclasses import replace
+from types import SimpleNamespace
 
 import h5py
 import numpy as np
@@ -23,6 +24,7 @@ from gs2ci.core.storage import (
     read_calibration,
     read_shot,
     recover,
+    sealing,
     write_shots,
 )
 
@@ -170,7 +172,7 @@ def test_leaving_without_finish_keeps_the_rows_in_the_partial(tmp_path, header):
     with ShotWriter(tmp_path / "shot.h5", header) as writer:
         writer.append(np.full((6, 8), 600, np.uint16))
     assert [p.name for p in tmp_path.iterdir()] == ["shot.h5.partial"]
-    with pytest.raises(StorageError, match=r"interrupted before its end.*gs2ci import"):
+    with pytest.raises(StorageError, match=r"interrupted before its end.*gs2ci recover"):
         read_shot(tmp_path / "shot.h5.partial")
     recover(tmp_path / "shot.h5.partial", tmp_path / "saved.h5")
     assert read_shot(tmp_path / "saved.h5").measurement[0, 0, 0] == 0.5
@@ -254,11 +256,11 @@ def test_a_capture_never_replaces_a_finished_file_or_an_unfinished_one(tmp_path,
         ShotWriter(tmp_path / "shot.h5", header)
     with ShotWriter(tmp_path / "other.h5", header):
         pass
-    with pytest.raises(StorageError, match=r"unfinished capture.*gs2ci import"):
+    with pytest.raises(StorageError, match=r"unfinished capture.*gs2ci recover"):
         write_shots(tmp_path / "other.h5", [make_shot()])
 
 
-@pytest.mark.parametrize("name", ["missing/shot.h5", "shot", "shot.json", "shot.h5.partial"])
+@pytest.mark.parametrize("name", ["missing/shot.h5", "shot", "shot.json", "shot.npz", "shot.h5.partial"])
 def test_impossible_names_are_refused(tmp_path, make_shot, name):
     with pytest.raises(StorageError):
         write_shots(tmp_path / name, [make_shot()])
@@ -306,6 +308,50 @@ def test_a_refusing_disk_is_a_storage_error_that_names_the_row(tmp_path, header,
         with pytest.raises(StorageError, match="event 'fault' cannot be written"):
             writer.event("fault")
         assert writer.rows_written == 0
+
+
+def test_a_disk_without_room_is_refused_before_hdf5_meets_it(tmp_path, header, make_shot, monkeypatch):
+    """A write that fails inside HDF5 ends the process by a segmentation fault."""
+    free = SimpleNamespace(free=1_000_000)
+    monkeypatch.setattr(sealing.shutil, "disk_usage", lambda _: free)
+    with pytest.raises(StorageError, match=r"the disk has 1\.0 MB free; allowed: 1\.0 MB or more"):
+        write_shots(tmp_path / "shot.h5", [make_shot()])
+    assert list(tmp_path.iterdir()) == []
+    free.free = 10_000_000
+    with ShotWriter(tmp_path / "shot.h5", header) as writer:
+        writer.append(np.zeros((6, 8), np.uint16))
+        free.free = 1_000_000
+        with pytest.raises(StorageError, match="the disk has"):
+            writer.append(np.zeros((6, 8), np.uint16))
+    free.free = 10_000_000
+    assert count_shots(recover(tmp_path / "shot.h5.partial", tmp_path / "saved.h5")) == 1
+
+
+FULL_AFTER_ALL = """
+import os, resource, sys, numpy as np
+from pathlib import Path
+from gs2ci.core.errors import StorageError
+from gs2ci.core.storage import CaptureHeader, ShotWriter
+masks = np.ones((2, 480, 640), np.float32)
+writer = ShotWriter(Path(sys.argv[1]), CaptureHeader(9, 1, masks, np.ones(2, np.float32)))
+resource.setrlimit(resource.RLIMIT_FSIZE, (2_000_000, -1))
+try:
+    for row in range(9):
+        writer.append(np.full((480, 640), row, np.uint16))
+except StorageError as error:
+    print(writer.rows_written, error.problem, flush=True)
+os._exit(0)  # HDF5 would not survive the usual end
+"""
+
+
+def test_a_write_that_the_disk_refuses_after_all_is_an_error_and_no_valid_row(tmp_path):
+    words = [sys.executable, "-c", FULL_AFTER_ALL, str(tmp_path / "shot.h5")]
+    told = subprocess.run(words, capture_output=True, text=True, check=True).stdout
+    assert told.startswith("3 ")
+    assert "row 3 cannot be written" in told
+    recover(tmp_path / "shot.h5.partial", tmp_path / "saved.h5")
+    assert [read_shot(tmp_path / "saved.h5", row).measurement.max() for row in range(3)] == [0, 1, 2]
+    assert count_shots(tmp_path / "saved.h5") == 3
 
 
 def test_a_disk_that_refuses_the_rename_is_a_storage_error(tmp_path, header, monkeypatch):
@@ -401,3 +447,20 @@ def test_a_killed_writer_leaves_every_finished_row_readable(tmp_path, delay_s):
     with h5py.File(tmp_path / "saved.h5") as file:
         assert b'"recovered"' in file["events"][-1]
         assert len(file["events"]) >= count
+
+
+def test_a_manifest_that_the_disk_refuses_leaves_the_whole_file_and_nothing_half_written(
+    tmp_path, make_shot, monkeypatch
+):
+    done = os.replace
+
+    def full(source, target):
+        if str(target).endswith(".json"):
+            raise OSError(28, "No space left on device")
+        done(source, target)
+
+    monkeypatch.setattr(os, "replace", full)
+    with pytest.raises(StorageError, match=r"shot.json cannot be written.*the rows are in .*shot.h5"):
+        write_shots(tmp_path / "shot.h5", [make_shot()])
+    assert [path.name for path in tmp_path.iterdir()] == ["shot.h5"]
+    assert count_shots(tmp_path / "shot.h5") == 1

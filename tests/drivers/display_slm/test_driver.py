@@ -231,3 +231,23 @@ def test_a_power_cycle_empties_the_slots(bench: Bench) -> None:
     bench.reopen()
     assert not bench.twin.slots
     assert_shown(bench.run(SEQUENCE))
+
+
+def test_a_panel_that_babbles_without_end_does_not_hold_the_driver_beyond_its_deadline() -> None:
+    class Babbler:
+        def __init__(self) -> None:
+            self.reads = 0
+
+        def write(self, data: bytes, timeout_s: float) -> None: ...
+
+        def read(self, max_bytes: int, timeout_s: float) -> bytes:
+            world.clock.sleep_s(0.01)
+            self.reads += 1
+            assert self.reads < 2000, "this goes on for ever"
+            return b"noise"
+
+        def close(self) -> None: ...
+
+    world = World(Dark())
+    with pytest.raises(NoAnswerError, match="SN: no answer"):
+        DisplaySlm("slm0", Babbler(), world.clock).connect()

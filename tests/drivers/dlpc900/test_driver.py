@@ -507,3 +507,42 @@ def test_faults_of_the_trigger_output_are_seen_on_the_line(bench: Bench, fault: 
     bench.twin.faults.inject(fault)
     bench.run(SEQUENCE)
     assert len(bench.world.bus.rising("dmd0.out2")) == pulses
+
+
+# -- what no fault of the twin brings about ----------------------------------------------------------------------
+
+
+def test_a_register_shorter_than_it_is_and_an_error_register_that_refuses_are_bad_replies(bench: Bench) -> None:
+    reads = bench.twin.firmware._reads
+    reads[0x0205] = lambda: b"\1\2"
+    bench.reopen()
+    with pytest.raises(BadReplyError, match=r"firmware version.*2 bytes.*allowed: 16 bytes"):
+        bench.dmd.connect()
+    reads[0x0100] = lambda: b""
+    bench.reopen()
+    with pytest.raises(BadReplyError, match="refused to tell the error"):
+        bench.dmd.connect()
+
+
+def test_a_device_that_keeps_sending_unasked_is_given_up_in_time(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    bench.dmd.close()
+    port = bench.twin.open()
+    monkeypatch.setattr(port, "read", lambda timeout_s: bytes(64))
+    with pytest.raises(BadReplyError, match="keeps sending unasked"):
+        Dlpc900("dmd0", port, bench.world.clock).connect()
+
+
+def test_mirrors_that_are_parked_when_a_sequence_is_armed_are_a_fault(bench: Bench) -> None:
+    bench.dmd.upload(SEQUENCE)
+    bench.twin.firmware.parked = True
+    with pytest.raises(DeviceFaultError, match=r"arm: the device reports mirrors are parked.*check the controller"):
+        bench.dmd.arm()
+
+
+def test_a_fault_that_shows_at_the_end_of_a_sequence_spoils_it(bench: Bench) -> None:
+    bench.dmd.upload(replace(SEQUENCE, repeats=1))
+    bench.dmd.arm()
+    bench.dmd.start()
+    bench.twin.firmware._reads[0x1A0A] = lambda: bytes([0x81])
+    with pytest.raises(SequenceError, match=r"wait for the end.*sequencer error"):
+        bench.dmd.wait_done(60.0)

@@ -21,8 +21,6 @@ from gs2ci_drivers.dlpc900.payloads import (
     encode_image_chunks,
     encode_image_start,
     encode_lut_config,
-    encode_trigger_in_1,
-    encode_trigger_in_2,
 )
 
 
@@ -32,10 +30,6 @@ from gs2ci_drivers.dlpc900.payloads import (
         (TriggerOut(fall_us=20).encode(), "00 00 00 14 00"),
         (TriggerOut(rise_us=-20, fall_us=20000).encode(), "00 EC FF 20 4E"),
         (TriggerOut(inverted=True, rise_us=5, fall_us=-5).encode(), "01 05 00 FB FF"),
-        (encode_trigger_in_1(), "69 00 00"),
-        (encode_trigger_in_1(300, falling=True), "2C 01 01"),
-        (encode_trigger_in_2(), "00"),
-        (encode_trigger_in_2(start_on_falling=True), "01"),
         (encode_lut_config(400, 0), "90 01 00 00 00 00"),
         (encode_image_start(17, 6532), "11 00 84 19 00 00"),
         (encode_block_load(0, 14), "00 0E"),
@@ -51,8 +45,6 @@ def test_a_setting_is_these_bytes(payload: bytes, expected: str) -> None:
         lambda: TriggerOut(rise_us=-21, fall_us=0),
         lambda: TriggerOut(fall_us=20001),
         lambda: TriggerOut(rise_us=30, fall_us=20),
-        lambda: encode_trigger_in_1(103),
-        lambda: encode_trigger_in_1(65536),
         lambda: encode_lut_config(0, 1),
         lambda: encode_lut_config(1025, 1),
         lambda: encode_lut_config(1, -1),

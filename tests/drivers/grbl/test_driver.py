@@ -187,3 +187,37 @@ def test_a_line_that_babbles_gives_typed_errors_and_never_hangs(answers):
     with pytest.raises(DriverError):
         stage.connect()
     assert clock.now_s() - begin_s < 10.0
+
+
+def test_a_controller_that_does_not_obey_a_stop_is_reported_in_time():
+    clock, twin, stage = make()
+    stage.connect()
+    twin._report = lambda: b"<Jog|MPos:1.000,2.000,3.000|FS:0,0>\r\n"
+    begin_s = clock.now_s()
+    with pytest.raises(NoAnswerError, match=r"stop: no answer.*cut the stage's power"):
+        stage.stop()
+    assert clock.now_s() - begin_s < 10.0
+
+
+def test_a_refused_dwell_is_told_as_the_refusal_it_is():
+    clock = VirtualClock()
+    idle = b"<Idle|MPos:0.000,0.000,0.000|FS:0,0>\r\n"
+    stage = GrblStage("stage0", ScriptedPort(clock, [idle, b"error:1\r\n"]), clock, axes=("x",))
+    with pytest.raises(RefusedError, match=r"G4 P0.01: refused with error:1 \(expected a command letter\)"):
+        stage.wait_idle(1.0)
+
+
+def test_a_restart_instead_of_an_answer_is_a_lost_reference():
+    clock = VirtualClock()
+    idle = b"<Idle|MPos:0.000,0.000,0.000|FS:0,0>\r\n"
+    stage = GrblStage("stage0", ScriptedPort(clock, [idle, b"Grbl 1.1h ['$' for help]\r\n"]), clock, axes=("x",))
+    with pytest.raises(ReferenceLostError, match="the controller restarted"):
+        stage.wait_idle(1.0)
+
+
+def test_a_status_that_nobody_can_read_is_a_bad_reply_when_it_comes_twice():
+    _, twin, stage = make()
+    stage.connect()
+    twin._report = lambda: b"<Dreaming|MPos:1.000,2.000,3.000>\r\n"
+    with pytest.raises(BadReplyError, match=r"unknown state 'Dreaming'.*State.MPos"):
+        stage.positions_mm()

@@ -70,3 +70,24 @@ def test_a_closed_line_says_so_and_may_be_closed_again(terminal: tuple[int, str]
         line.write(b"x", 0.1)
     with pytest.raises(OSError, match="closed"):
         line.read(1, 0.1)
+
+
+def test_a_line_that_takes_nothing_is_a_timeout(terminal: tuple[int, str]) -> None:
+    line = SerialLine("stage0", terminal[1])
+    with pytest.raises(TimeoutError):
+        line.write(bytes(1 << 20), 0.05)  # nobody reads at the other end
+    line.close()
+
+
+def test_a_line_that_is_closed_while_it_is_read_is_gone(
+    terminal: tuple[int, str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    line = SerialLine("stage0", terminal[1])
+
+    def closed(count: int) -> bytes:
+        raise TypeError("'NoneType' object cannot be interpreted as an integer")
+
+    monkeypatch.setattr(line._port, "read", closed)
+    with pytest.raises(OSError, match="closed"):
+        line.read(10, 0.01)
+    line.close()

@@ -309,3 +309,14 @@ def test_a_fault_shows_in_the_status(bench: Bench) -> None:
     status = bench.lcos.status()
     assert status.state is ModulatorState.FAULT
     assert status.faults == ("over-temperature",)
+
+
+def test_an_error_queue_that_cannot_be_read_is_a_bad_reply(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    exchange = bench.lcos._link._exchange
+
+    def refused(chunks: list[bytes], asked: str) -> str:
+        return {"SEQ:STOP": "ERR", "SYST:ERR?": "what?"}.get(asked) or exchange(chunks, asked)
+
+    monkeypatch.setattr(bench.lcos._link, "_exchange", refused)
+    with pytest.raises(BadReplyError, match=r"SYST:ERR\?.*error entry 'what\?'"):
+        bench.lcos.disarm()

@@ -2,7 +2,9 @@
 
 import contextlib
 import errno
+import select
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -21,8 +23,13 @@ from gs2ci_drivers.failures import (
     RefusedError,
     TriggerTimeoutError,
     UnsupportedError,
+    WrongStateError,
 )
 from gs2ci_drivers.sensor import FrameFlag
+from gs2ci_drivers.v4l2 import abi
+from gs2ci_drivers.v4l2.node import Dequeued, VideoNode
+from gs2ci_drivers.v4l2.options import V4l2Options
+from gs2ci_drivers.v4l2.streaming import BufferQueue
 from gs2ci_sims.faults import known
 
 Build = Callable[..., Any]
@@ -326,6 +333,7 @@ def test_a_control_that_the_camera_ignores_is_told_as_clamped(bench: Build) -> N
     b.faults.inject("v4l2.control_ignored", about="IO Mode")
     b.begin(controls={"io_mode": 3})
     assert b.sensor.applied_controls[-1].clamped
+    assert [note for note in b.sensor.incidents if "io_mode = 3 was asked for, " in note]
 
 
 def test_an_exposure_that_the_camera_ignores_is_seen_in_the_settings(bench: Build) -> None:
@@ -384,3 +392,104 @@ def test_any_bytes_from_the_kernel_give_a_typed_error_or_a_frame(bench: Build, s
         capture(b)
     b.sensor.close()
     assert b.world.clock.now_s() - begin_s < 5.0
+
+
+# -- what no fault of the twin brings about ----------------------------------------------------------------------
+
+
+def test_a_warm_up_frame_that_never_comes_is_told_in_time_and_the_next_start_works(
+    bench: Build, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    b = bench()
+    b.sensor.connect()
+    b.sensor.configure(replace(b.config, warm_up_frames=2))
+    with monkeypatch.context() as patch:
+        patch.setattr(BufferQueue, "take", lambda queue, timeout_s: None)
+        with pytest.raises(TriggerTimeoutError, match="no frame 0 after"):
+            b.sensor.start()
+    b.capture_works()
+
+
+@pytest.mark.parametrize(
+    ("event", "error", "says"),
+    [
+        (select.POLLHUP, DisconnectedError, "POLLHUP"),
+        (select.POLLERR, DeviceFaultError, "the stream broke down"),
+    ],
+)
+def test_a_poll_that_reports_trouble_without_a_reason_is_a_typed_error(
+    bench: Build, monkeypatch: pytest.MonkeyPatch, event: int, error: type[DriverError], says: str
+) -> None:
+    b = bench()
+    b.begin()
+    monkeypatch.setattr(b.twin, "poll", lambda fd, events, timeout_s: event)
+    monkeypatch.setattr(VideoNode, "dequeue_buffer", lambda node: None)
+    with pytest.raises(error, match=says):
+        b.sensor.read(1.0)
+
+
+def test_a_buffer_that_was_never_given_out_is_a_fault(bench: Build, monkeypatch: pytest.MonkeyPatch) -> None:
+    b = bench()
+    b.begin()
+    got = VideoNode.dequeue_buffer
+
+    def another(node: VideoNode) -> Dequeued | None:
+        buffer = got(node)
+        return buffer and replace(buffer, index=77)
+
+    monkeypatch.setattr(VideoNode, "dequeue_buffer", another)
+    b.fire()
+    with pytest.raises(DeviceFaultError, match="buffer 77 of 4 came back"):
+        b.sensor.read(1.0)
+
+
+@pytest.mark.parametrize(
+    ("stated", "says"),
+    [
+        ({"stride": 3}, "3 bytes per line"),
+        ({"size_bytes": 10}, "buffers of 10 bytes for frames of"),
+    ],
+)
+def test_a_kernel_that_states_an_impossible_frame_is_a_fault(
+    bench: Build, monkeypatch: pytest.MonkeyPatch, stated: dict[str, int], says: str
+) -> None:
+    b = bench()
+    b.sensor.connect()
+    read = VideoNode._read_format
+    monkeypatch.setattr(VideoNode, "_read_format", lambda node, fmt: replace(read(node, fmt), **stated))
+    with pytest.raises(DeviceFaultError, match=says):
+        b.sensor.configure(b.config)
+
+
+def test_a_present_format_that_nobody_can_unpack_is_refused_with_those_there_are(
+    bench: Build, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    b = bench()
+    b.sensor.connect()
+    present = VideoNode.get_format
+    monkeypatch.setattr(VideoNode, "get_format", lambda node: replace(present(node), code="MJPG"))
+    with pytest.raises(UnsupportedError, match=r"'MJPG' cannot be unpacked; allowed: .*set `fourcc`"):
+        b.sensor.configure(replace(b.config, fourcc=""))
+
+
+def test_a_sensor_that_settles_on_another_bus_format_is_refused(bench: Build, monkeypatch: pytest.MonkeyPatch) -> None:
+    b = bench(V4l2Options(trigger_adapter="control", subdevice="/dev/v4l-subdev0"), on_subdevice=True)
+    b.sensor.connect()
+    call = VideoNode.call
+
+    def settled(node: VideoNode, request: int, argument: bytearray, *others: Any) -> None:
+        call(node, request, argument, *others)
+        if request == abi.SUBDEV_S_FMT:
+            abi.SubdevFormat.from_buffer(argument).format.code = 0x1234
+
+    monkeypatch.setattr(VideoNode, "call", settled)
+    with pytest.raises(RefusedError, match=r"refused with 0x1234.*settled on another bus format"):
+        b.sensor.configure(b.config)
+
+
+def test_a_node_that_was_closed_refuses_everything(bench: Build) -> None:
+    node = VideoNode(bench().twin, "/dev/video0", "cam0")
+    node.close()
+    for use in (node.identity, lambda: node.wait(0.1)):
+        with pytest.raises(WrongStateError, match="the node has been closed"):
+            use()

@@ -84,6 +84,15 @@ def test_an_axis_that_the_device_lacks_is_refused():
         stage.connect()
 
 
+@pytest.mark.parametrize("maxspeed", ["0", "-153600"])
+def test_an_axis_whose_own_speed_moves_nothing_is_a_bad_reply(maxspeed):
+    _, twin, stage = make()
+    original = twin._do_get
+    twin._do_get = lambda number, words: (True, maxspeed) if words == ["maxspeed"] else original(number, words)
+    with pytest.raises(BadReplyError, match="axis x cannot move"):
+        stage.connect()
+
+
 def test_a_warning_list_that_is_none_is_a_bad_reply():
     clock = VirtualClock()
     _, twin, stage = make()

@@ -103,6 +103,6 @@ def test_units_go_there_and_back():
     units = Units(0.000047625)
     assert units.mm(units.steps(25.4)) == pytest.approx(25.4, abs=0.00003)
     assert units.speed_mm_s(units.speed_data(12.5)) == pytest.approx(12.5, rel=1e-5)
-    assert units.acceleration_data(units.acceleration_mm_s2(1720)) == 1720
+    assert units.acceleration_mm_s2(1720) == pytest.approx(1720 * 1e4 / 1.6384 * 0.000047625)
     assert units.speed_data(0.0) == 1
     assert units.acceleration_mm_s2(0) > units.acceleration_mm_s2(32767)

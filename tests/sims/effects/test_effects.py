@@ -4,13 +4,14 @@ import numpy as np
 import pytest
 
 from gs2ci.core.errors import InputError
+from gs2ci_sims.effects.base import Bound
 from gs2ci_sims.effects.full_well import FullWell
 from gs2ci_sims.effects.motion_blur import MotionBlur
 from gs2ci_sims.effects.quantisation import Quantisation
 from gs2ci_sims.effects.read_noise import ReadNoise
 from gs2ci_sims.effects.shot_noise import ShotNoise
 from gs2ci_sims.moments import one_per_interval
-from gs2ci_sims.rig import Rig
+from gs2ci_sims.rig import Optics, Rig
 
 RIG = Rig()
 
@@ -89,3 +90,17 @@ def test_motion_blur_of_one_view_is_the_middle_of_the_interval():
 def test_figures_out_of_range_are_refused_when_the_effect_is_made(make):
     with pytest.raises(InputError, match="allowed"):
         make()
+
+
+@pytest.mark.parametrize(("rms_dn", "peak_dn"), [(-1, 1), (1, -1), (np.nan, 1), (1, np.nan)])
+def test_a_bound_that_bounds_nothing_is_refused(rms_dn, peak_dn):
+    with pytest.raises(InputError, match="0 or more, or infinite"):
+        Bound(rms_dn, peak_dn)
+
+
+@pytest.mark.parametrize(
+    "lens", [{"f_number": 0}, {"f_number": np.inf}, {"wavelength_nm": -1}, {"wavelength_nm": np.nan}]
+)
+def test_a_lens_that_cannot_be_is_refused(lens):
+    with pytest.raises(InputError, match="finite numbers above 0"):
+        Optics(**lens)

@@ -1,0 +1,109 @@
+"""Pictures as a laboratory has them: a frame of the camera, and the masks as they were sent to the modulator."""
+
+import cv2
+import numpy as np
+import pytest
+
+from gs2ci.core.errors import InputError
+from gs2ci.core.foreign.assemble import ImportOptions, import_shots
+from gs2ci.core.foreign.opening import open_foreign
+
+
+@pytest.fixture
+def laboratory(tmp_path, scene):
+    """A 16-bit frame and twelve masks of 0 and 255, whose names sort wrongly as texts; and what they show."""
+    made = scene(n=12, channels=1)
+    frame = np.rint(made.meas[..., 0] * 4095).astype(np.uint16)
+    cv2.imwrite(str(tmp_path / "frame.tif"), frame)
+    masks = tmp_path / "Masken für DMD"
+    masks.mkdir()
+    for i, mask in enumerate(made.masks):
+        (masks / f"mask{i}.png").write_bytes(cv2.imencode(".png", mask * 255)[1])
+    (masks / "notes.txt").write_text("order of exposure")
+    (masks / ".hidden.png").write_bytes(b"\x89PNG\r\n\x1a\n")
+    return tmp_path / "frame.tif", masks, made
+
+
+def test_a_frame_and_a_folder_of_masks_are_a_measurement_in_the_order_of_their_numbers(laboratory, said):
+    frame, folder, made = laboratory
+    imported = import_shots(frame, folder, ImportOptions(scale=4095.0))
+    (shot,) = imported.shots
+    assert np.array_equal(shot.masks, made.masks)
+    assert np.abs(shot.measurement - made.meas).max() < 1 / 4095
+    assert said(imported, "masks: 12 pictures, mask0.png to mask11.png")
+
+
+def test_the_pages_of_a_tiff_are_masks(laboratory, tmp_path):
+    frame, _, made = laboratory
+    cv2.imwritemulti(str(tmp_path / "masks.tif"), [mask * 255 for mask in made.masks])
+    assert np.array_equal(import_shots(frame, tmp_path / "masks.tif", ImportOptions()).shots[0].masks, made.masks)
+
+
+@pytest.mark.parametrize(
+    ("ending", "dtype"),
+    [(".bmp", np.uint8)]
+    + [(ending, dtype) for ending in (".png", ".pgm", ".tif") for dtype in (np.uint8, np.uint16)]
+    + [(".tif", np.float32)],
+)
+def test_numbers_stay_as_they_are_stored(tmp_path, dtype, ending):
+    picture = (np.arange(6 * 8).reshape(6, 8) * 5).astype(dtype)
+    cv2.imwrite(str(tmp_path / f"a{ending}"), picture)
+    values = open_foreign(tmp_path / f"a{ending}").load("").values
+    assert values.dtype == dtype
+    assert np.array_equal(values, picture)
+
+
+def test_colours_stand_in_their_order_and_grey_saved_as_colour_is_grey(tmp_path):
+    picture = np.random.default_rng(0).integers(0, 255, (6, 8, 3), np.uint8)
+    cv2.imwrite(str(tmp_path / "a.png"), picture[..., ::-1])
+    assert np.array_equal(open_foreign(tmp_path / "a.png").load("").values, picture)
+    grey = np.repeat(picture[..., :1], 3, axis=2)
+    cv2.imwrite(str(tmp_path / "b.png"), np.dstack([grey, np.full((6, 8), 255, np.uint8)]))
+    assert np.array_equal(open_foreign(tmp_path / "b.png").load("").values, picture[..., 0])
+
+
+def test_a_folder_of_one_picture_is_one_mask(tmp_path):
+    cv2.imwrite(str(tmp_path / "a.png"), np.ones((6, 8), np.uint8))
+    assert open_foreign(tmp_path).entries[""].shape == (1, 6, 8)
+
+
+def test_a_jpeg_is_refused_because_its_numbers_are_no_light(tmp_path):
+    cv2.imwrite(str(tmp_path / "a.jpg"), np.ones((6, 8), np.uint8))
+    for path in (tmp_path / "a.jpg", tmp_path):
+        with pytest.raises(InputError, match=r"a JPEG, .*proportional to light.*16-bit PNG or TIFF"):
+            open_foreign(path)
+
+
+def test_pictures_that_do_not_go_together_are_refused_by_name(tmp_path):
+    cv2.imwrite(str(tmp_path / "a.png"), np.ones((6, 8), np.uint8))
+    for odd in (np.ones((6, 9), np.uint8), np.ones((6, 8), np.uint16)):
+        cv2.imwrite(str(tmp_path / "b.png"), odd)
+        with pytest.raises(InputError, match=r"b\.png: 6 x .* pixels of .*, but a\.png has 6 x 8 pixels of uint8"):
+            open_foreign(tmp_path)
+
+
+def test_a_picture_that_is_partly_transparent_is_refused(tmp_path):
+    picture = np.full((6, 8, 4), 255, np.uint8)
+    picture[0, 0, 3] = 0
+    cv2.imwrite(str(tmp_path / "a.png"), picture)
+    with pytest.raises(InputError, match="partly transparent"):
+        open_foreign(tmp_path / "a.png")
+
+
+def test_too_many_pictures_are_refused_before_they_fill_the_memory(tmp_path, monkeypatch):
+    for name in ("a.png", "b.png"):
+        cv2.imwrite(str(tmp_path / name), np.ones((6, 8), np.uint8))
+    monkeypatch.setattr("gs2ci.core.foreign.pictures.LIMIT_BYTES", 90)
+    with pytest.raises(InputError, match="more than 90 bytes"):
+        open_foreign(tmp_path)
+
+
+def test_a_folder_without_pictures_and_a_damaged_picture_are_named(tmp_path, capfd):
+    with pytest.raises(InputError, match=r"no picture in this folder; allowed: PNG, TIFF"):
+        open_foreign(tmp_path)
+    whole = cv2.imencode(".png", np.random.default_rng(0).integers(0, 255, (60, 80), np.uint8))[1].tobytes()
+    for content in (whole[:40], whole[:3000], b"II*\0" + bytes(20), b"P5 broken", b"BM"):
+        (tmp_path / "a.png").write_bytes(content)
+        with pytest.raises(InputError, match=r"a\.png: (no picture can be read in it|cannot be read)"):
+            open_foreign(tmp_path / "a.png")
+    assert capfd.readouterr().err == ""
