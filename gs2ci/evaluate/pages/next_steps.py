@@ -96,15 +96,15 @@ def fit_failed(report: Report) -> Step | None:
 
 
 def stage_knows_the_path(report: Report) -> Step | None:
-    """The tracks gave no path, and the stage reported one."""
+    """The tracks gave no path, and the stage, which reported one, was not asked."""
     geometry = _geometry(report)
-    lost = geometry.get("method") == "tracks" and geometry.get("verdict") != "full"
+    lost = geometry.get("asked_for") == "tracks" and geometry.get("verdict") != "full"
     if not (lost and _measured(report).get("telemetry")):
         return None
     return Step(
         "Start from the stage's poses",
         "The tracked points do not give a camera path, and this shot holds the one that the stage reported.",
-        "gs2ci reconstruct SHOT.h5 -o RUN --geometry stage",
+        "gs2ci reconstruct SHOT.h5 -o RUN --geometry auto",
     )
 
 

@@ -40,7 +40,7 @@ class Criteria:
             A translation explains one of their two components; decoded views of turned cameras gave 1.0 to 1.3.
         agreement: Expected error of the path (`halves`), as a share of its extent, up to which it is taken for a motion
             even if rotations leave hardly more along the tracks: their errors would give halves of them other paths.
-            Of cameras that did not move or only turned it was 0.13 to 0.29, once 0.09
+            Of cameras that did not move or only turned it was 0.11 to 0.31, once 0.10
             (`python -m tests.benchmarks no_motion`).
         parallax_px: Least parallax: what translation explains beyond the best rotations.
         displacement_px: Median displacement by the best rotations below which the camera counts as still.

@@ -52,7 +52,7 @@ def improving():
 
 CASES = {
     "fit_failed": report(stopped_because="numbers ran away 4 times; kept the state of iteration 50"),
-    "stage_knows_the_path": report(geometry__verdict="unsupported"),
+    "stage_knows_the_path": report(geometry__verdict="unsupported", geometry__asked_for="tracks"),
     "camera_did_not_translate": report(geometry__verdict="rotation_only"),
     "too_little_to_track": report(geometry__verdict="unsupported", geometry__tracks=7),
     "scene_lost": report(verdict="decode"),
