@@ -122,9 +122,11 @@ def test_a_name_that_the_disk_cannot_have_is_refused_without_a_traceback(argumen
 
 
 WAITING = """
-import sys, time
+import signal, sys, time
 from types import SimpleNamespace
 from gs2ci import cli
+
+signal.signal(signal.SIGHUP, signal.SIG_DFL)  # under nohup it is ignored, and stays so
 
 def run() -> None:
     "Wait."

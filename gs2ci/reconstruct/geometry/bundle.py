@@ -4,6 +4,8 @@ Here: tracks and poses into a COLMAP model, its adjustment, and back. Not here: 
 (`motion`), what the result is worth (`hierarchy`). Only `gs2ci.reconstruct.geometry` imports this file.
 """
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -65,7 +67,8 @@ def adjust_bundle(
     for i in seeing:
         config.add_image(i + 1)
     config.fix_gauge(pycolmap.BundleAdjustmentGauge.TWO_CAMS_FROM_WORLD)
-    summary = pycolmap.create_default_bundle_adjuster(options, config, model).solve()
+    with _quietly():
+        summary = pycolmap.create_default_bundle_adjuster(options, config, model).solve()
     poses = start.world_to_camera.copy()
     for i in seeing:
         poses[i, :3] = model.images[i + 1].cam_from_world().matrix()
@@ -77,6 +80,17 @@ def adjust_bundle(
     relative = poses @ np.linalg.inv(poses[tracks.reference])
     relative[tracks.reference] = np.eye(4)  # rounding leaves a hair
     return Bundle(relative, adjusted)
+
+
+@contextmanager
+def _quietly() -> Iterator[None]:
+    """Keep the solver's warnings about single steps off the terminal: what comes of them is judged here."""
+    level = pycolmap.logging.minloglevel
+    pycolmap.logging.minloglevel = int(pycolmap.logging.ERROR)
+    try:
+        yield
+    finally:
+        pycolmap.logging.minloglevel = level
 
 
 def _model(start: Motion, tracks: Tracks, intrinsics: F64, ratio: float, chosen: Any) -> Any:

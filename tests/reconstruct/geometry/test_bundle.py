@@ -143,3 +143,15 @@ def test_errors_in_the_middle_view_harm_less_than_where_its_sightings_are_taken_
         anchored.append(trajectory_errors(motion.world_to_camera, scene.poses).nate)
         freed.append(trajectory_errors(found.world_to_camera, scene.poses).nate)
     assert np.median(np.array(freed) / np.array(anchored)) < 0.9
+
+
+def test_what_the_solver_thinks_of_a_step_stays_off_the_terminal(capfd):
+    """Cameras that all but stand in one place leave it no two to fix the gauge by, which it has a warning for."""
+    rng = np.random.default_rng(0)
+    intrinsics = np.array([[300.0, 0, 160], [0, 300.0, 120], [0, 0, 1]])
+    poses = np.tile(np.eye(4), (3, 1, 1))
+    poses[:, 0, 3] = (1e-10, 0.0, -1e-10)
+    corners = rng.uniform((5, 5), (315, 235), (60, 2))
+    tracks = Tracks(predict_positions(corners, rng.uniform(0.5, 1.5, 60), poses, intrinsics), 1)
+    adjust_bundle(tracks, poses, intrinsics, 1.0, refine_focal=False)
+    assert capfd.readouterr().err == ""
