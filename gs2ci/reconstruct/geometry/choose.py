@@ -74,7 +74,7 @@ class _Answer:
     Args:
         name: Its name.
         geometry: What it found; None where it failed.
-        left: Share of the measurement that this leaves unexplained.
+        left: What it leaves of the measurement (`unexplained`); infinite where it failed.
         said: The same in words.
     """
 

@@ -194,7 +194,9 @@ def _supported(
             reasons = (error.problem,)
         if not reasons:
             note = f"VGGT's poses were taken {step}, views {order}{_after(said)}."
-            return replace(found, source="vggt", focal_source=camera.source, notes=(note, *camera.notes, *found.notes))
+            notes = (note, *camera.notes, *found.notes)
+            # A model's lengths have no unit.
+            return replace(found, source="vggt", focal_source=camera.source, unit=None, notes=notes)
         said.append(f"{order}, {step}: {' '.join(reasons).rstrip('.')}")
     return None
 

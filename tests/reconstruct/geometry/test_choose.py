@@ -92,6 +92,8 @@ def test_a_stage_gives_its_poses(request_for, scene):
     found = find("stage", request_for(telemetry_world_to_camera=moved(scene.poses)))
     assert (found.source, found.verdict) == ("stage", "full")
     assert same_path(found, scene.poses, 1e-6)
+    centres, told = (np.linalg.inv(poses)[:, :3, 3] for poses in (found.world_to_camera, moved(scene.poses)))
+    assert found.unit == pytest.approx(np.linalg.norm(told[-1] - told[0]) / np.linalg.norm(centres[-1] - centres[0]))
 
 
 def test_a_stage_that_reported_nothing_is_an_error(request_for):

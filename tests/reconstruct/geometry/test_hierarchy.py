@@ -136,7 +136,7 @@ def test_plain_views_are_taken_on_the_models_word(make_vggt, seen, expose):
     scene = seen()
     plain = replace(scene, views=np.stack([np.full_like(view, 0.4 + 0.05 * i) for i, view in enumerate(scene.views)]))
     found = find(make_vggt(plain), Request(expose(scene), plain.views, QUICK))
-    assert (found.source, found.verdict) == ("vggt", "full")
+    assert (found.source, found.verdict, found.unit) == ("vggt", "full", None)
     assert "too few tracks to check them" in found.notes[0]
 
 
