@@ -213,7 +213,7 @@ def _depth_panel(axes: Axes, result: RunResult, view: int) -> None:
     if high - low < 1e-3 * high:
         low, high = 0.9 * low, 1.1 * high
     panels.scaled_map(axes, inverse, (low, high), colormap="viridis", reading=lambda value: 1 / value)
-    panels.title(axes, "Depth", f"view {view + 1}, scene units")
+    panels.title(axes, "Depth", f"view {view + 1}, {result.geometry.get('unit_of') or 'scene'} units")
 
 
 def _path_panel(axes: Axes, shot: Shot, result: RunResult, report: dict[str, Any]) -> None:

@@ -9,7 +9,7 @@
       views/         the same as 8-bit pictures, clamped to [0, 1]; mono stays grey
       decode.npy     what the decode alone gave, as views.npy
       scene_views.npy  what the Gaussians alone show, as views.npy
-      depth.npy      [N, H, W] float32, scene units, 0 where nothing is seen; absent where no depth was found
+      depth.npy      [N, H, W] float32, the unit of the path, 0 where nothing is seen; absent where no depth was found
       disagreement.npy  [N, H, W] float32, full scale 1: where several fits differ; absent where there was one
       scene.ply      the Gaussians, 3DGS convention
       cameras.json   nerfstudio transforms

@@ -166,3 +166,10 @@ def test_a_bayer_measurement_is_named_by_its_pattern(make_run):
     bayer = replace(result, predicted_measurement=result.predicted_measurement[..., :1])
     _, _, axes = drawn(mosaic, bayer)
     assert axes["Measurement"].get_title("right").startswith("RGGB mosaic")
+
+
+@pytest.mark.parametrize(("unit_of", "said"), [(None, "scene units"), ("stage", "stage units")])
+def test_depth_is_told_in_the_unit_that_it_has(make_run, unit_of, said):
+    shot, result = make_run()
+    _, _, axes = drawn(shot, replace(result, geometry={**result.geometry, "unit_of": unit_of}))
+    assert axes["Depth"].get_title("right").endswith(said)

@@ -32,7 +32,7 @@ FILES: Final = (
     ("views.npy, views/", "the recovered views, exact and as pictures"),
     ("scene.ply", "the Gaussians, for any 3DGS viewer"),
     ("cameras.json, colmap/", "the cameras, for nerfstudio and COLMAP"),
-    ("depth.npy", "distance along the optical axis, in scene units"),
+    ("depth.npy", "distance along the optical axis, in the unit of the path"),
     ("disagreement.npy", "where several fits differ, full scale 1"),
     ("decode.npy, scene_views.npy", "the two candidates: without a scene, and the scene alone"),
     ("overview.png", "one picture of all this"),

@@ -124,7 +124,9 @@ def collect_pictures(evidence: RunEvidence) -> RunPictures:
     )
 
 
-_DEPTH: Final = "Depth along the optical axis, in scene units, evenly coloured in its inverse; grey: nothing is seen."
+_DEPTH: Final = (
+    "Depth along the optical axis, in the unit of the path, evenly coloured in its inverse; grey: nothing is seen."
+)
 _ERROR: Final = "Error: mean over the colours of |recovered − true|, full scale 1."
 _DISAGREEMENT: Final = (
     "How far the fits' views are from their mean, full scale 1: where it is high the measurement leaves more open, and "
