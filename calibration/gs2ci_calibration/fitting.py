@@ -5,10 +5,11 @@ Here: what can be told without taking a frame. Not here: looking (`probe`, `drif
 """
 
 import hashlib
+import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -75,12 +76,23 @@ def fit(bundle: Bundle, bench: Bench, provenance: Provenance, max_age_days: floa
     if "masks" in bundle:
         misfits += _masks(bundle.sections["masks"], bench)
     notes = []
-    if bundle.provenance.rig_sha256 != provenance.rig_sha256:
+    if _said_of_the_bench(bundle.provenance.rig) != _said_of_the_bench(provenance.rig):
         notes.append("the rig file has changed since the calibration")
     before, after = bundle.provenance.temperature_c, provenance.temperature_c
     if before is not None and after is not None and abs(before - after) > 5:
         notes.append(f"the sensor was at {before:.0f} °C and is at {after:.0f} °C: its dark current is another")
     return Fit(tuple(misfits), tuple(notes))
+
+
+def _said_of_the_bench(rig: str) -> Any:
+    """Return what a rig file's text says, without comments and the bundle's own name, which is entered afterwards."""
+    try:
+        tables = tomllib.loads(rig)
+    except (tomllib.TOMLDecodeError, RecursionError):  # of another time
+        return rig
+    about = tables.get("calibration", {})
+    rest = {key: value for key, value in about.items() if key != "bundle"} if isinstance(about, dict) else about
+    return {**tables, "calibration": rest}
 
 
 def _devices(then: Provenance, now: Provenance) -> Sequence[str]:

@@ -209,5 +209,19 @@ def test_a_bundle_without_masks_cannot_be_captured_with(tmp_path, calibrate, loa
 def test_a_changed_rig_file_is_told_and_not_refused(rig, tmp_path, calibrate, loaded):
     path = tmp_path / "bench.cal.h5"
     calibrate(path)
-    rig.write_text(RIG + "\n# a comment\n")
+    rig.write_text(RIG.replace('name = "', 'name = "another '))
+    assert loaded(path, probe=False).notes == ("the rig file has changed since the calibration",)
+
+
+def test_a_comment_and_the_name_of_the_bundle_change_nothing_in_a_rig(rig, tmp_path, calibrate, loaded):
+    path = tmp_path / "bench.cal.h5"
+    calibrate(path)
+    rig.write_text(RIG.replace("[calibration]", '# of today\n[calibration]\nbundle = "bench.cal.h5"'))
+    assert loaded(path, probe=False).notes == ()
+
+
+def test_a_rig_file_of_another_time_that_is_no_toml_has_changed(tmp_path, calibrate, loaded):
+    path = tmp_path / "bench.cal.h5"
+    bundle = calibrate(path)
+    write_bundle(path, replace(bundle, provenance=replace(bundle.provenance, rig="= [")))
     assert loaded(path, probe=False).notes == ("the rig file has changed since the calibration",)
