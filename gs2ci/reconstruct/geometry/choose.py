@@ -72,13 +72,11 @@ class _Answer:
     """What a source said.
 
     Args:
-        name: Its name.
         geometry: What it found; None where it failed.
         left: What it leaves of the measurement (`unexplained`); infinite where it failed.
         said: The same in words.
     """
 
-    name: str
     geometry: Geometry | None
     left: float
     said: str
@@ -99,10 +97,10 @@ class Auto:
         answers = [
             _judged(request, _TRACKS, tracks) if name == _TRACKS else _asked(request, name, progress) for name in names
         ]
-        stands = _standing(answers)
-        chosen = tracks if stands is None or stands.geometry is None else stands.geometry
+        standing = _standing(answers)
+        chosen = tracks if standing is None else standing
         notes = [f"Geometry from {chosen.source}. Left unexplained: {', '.join(answer.said for answer in answers)}."]
-        if _STAGE in names and chosen.source == _TRACKS and stands is not None:
+        if _STAGE in names and standing is tracks:
             notes.append(_DOUBTED)
         elif chosen.source == _STAGE and tracks.verdict == "static":
             notes.append(_UNSEEN)
@@ -111,14 +109,14 @@ class Auto:
         return replace(chosen, notes=(*notes, *chosen.notes))
 
 
-def _standing(answers: Sequence[_Answer]) -> _Answer | None:
-    """Return the answer that stands against the others; None where tracks can support none."""
-    stands = None
+def _standing(answers: Sequence[_Answer]) -> Geometry | None:
+    """Return the geometry that stands against the others; None where tracks can support none."""
+    standing, least = None, float("inf")
     for answer in answers:
         borne_out = answer.geometry is not None and answer.geometry.verdict != "unsupported"
-        if borne_out and (stands is None or answer.left < _CLEARLY * stands.left):
-            stands = answer
-    return stands
+        if borne_out and (standing is None or answer.left < _CLEARLY * least):
+            standing, least = answer.geometry, answer.left
+    return standing
 
 
 def _sources(request: Request) -> Iterator[str]:
@@ -134,10 +132,10 @@ def _asked(request: Request, name: str, progress: Progress) -> _Answer:
     try:
         return _judged(request, name, load_geometry_prior(name)(request, progress))
     except Gs2ciError as error:
-        return _Answer(name, None, float("inf"), f"the {name} failed ({error.problem})")
+        return _Answer(None, float("inf"), f"the {name} failed ({error.problem})")
 
 
 def _judged(request: Request, name: str, geometry: Geometry) -> _Answer:
     left = unexplained(request.shot, request.views, geometry, request.lens)
     verdict = "" if geometry.verdict == "full" else f" ({geometry.verdict.replace('_', ' ')})"
-    return _Answer(name, geometry, left, f"{left:.4f} by the {name}{verdict}")
+    return _Answer(geometry, left, f"{left:.4f} by the {name}{verdict}")
