@@ -31,6 +31,7 @@ BENCHMARKS = {
     "brightness": "tests.benchmarks.brightness",
     "no_motion": "tests.benchmarks.no_motion",
     "stage_poses": "tests.benchmarks.stage_poses",
+    "direct": "tests.benchmarks.direct",
     "calibration_geometry": "tests.benchmarks.calibration_geometry",
     "calibrated_reconstruction": "tests.benchmarks.calibrated_reconstruction",
     "calibration_base": "tests.benchmarks.calibration_base",

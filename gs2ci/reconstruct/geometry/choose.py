@@ -7,7 +7,8 @@ if the user has added it. Of those that the tracks do not contradict, the measur
 against those that are named after it, unless these leave clearly less unexplained. The stage is named first. No blur
 and no noise of the picture is in what it says, and it tells a shift from a pan, which a picture cannot where near and
 far shift by no more than tracks err. Where it lies, the measurement finds out
-(`python -m tests.benchmarks stage_poses`).
+(`python -m tests.benchmarks stage_poses`). Where only tracks are left that give no path or a doubtful one, a uniform
+motion is sought without them (`python -m tests.benchmarks direct`).
 """
 
 from collections.abc import Iterator, Sequence
@@ -21,11 +22,13 @@ from gs2ci.reconstruct.geometry.evidence import unexplained
 from gs2ci.reconstruct.geometry.hierarchy import FromVggt
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.geometry.prior import GeometryPrior, Request
-from gs2ci.reconstruct.geometry.sources import FromFile, FromStage, FromTracks
+from gs2ci.reconstruct.geometry.sources import FromFile, FromStage, FromTracks, FromUniform, uniform_motion
+from gs2ci.reconstruct.geometry.validity import Criteria, doubts_about_path
 from gs2ci.reconstruct.onnx_models import find_model, known_model
 
 _TRACKS: Final = "tracks"
 _STAGE: Final = "stage"
+_UNIFORM: Final = "uniform"
 _FILE: Final = "file:"
 _VGGT: Final = "vggt:"
 # Another source must leave this share of what the one that stands leaves, or less; above it, decode noise decides.
@@ -42,8 +45,8 @@ def load_geometry_prior(name: str) -> GeometryPrior:
     """Load a geometry prior.
 
     Args:
-        name: "tracks"; "stage"; "auto"; "file:PATH" (a COLMAP model's folder or a transforms.json); "vggt", the model
-            added under that name; or "vggt:FILE".
+        name: "tracks"; "stage"; "uniform"; "auto"; "file:PATH" (a COLMAP model's folder or a transforms.json); "vggt",
+            the model added under that name; or "vggt:FILE".
 
     Raises:
         InputError: No such name, no such file, or a model file that cannot be used.
@@ -53,6 +56,8 @@ def load_geometry_prior(name: str) -> GeometryPrior:
         return FromTracks()
     if name == _STAGE:
         return FromStage()
+    if name == _UNIFORM:
+        return FromUniform()
     if name == "auto":
         return Auto()
     if name.startswith(_FILE):
@@ -64,7 +69,7 @@ def load_geometry_prior(name: str) -> GeometryPrior:
         return FromVggt(find_model("vggt"))
     if name.startswith(_VGGT):
         return FromVggt(Path(name.removeprefix(_VGGT)))
-    raise InputError(f"geometry {name!r}", allowed="tracks, stage, auto, file:PATH, vggt or vggt:FILE")
+    raise InputError(f"geometry {name!r}", allowed="tracks, stage, uniform, auto, file:PATH, vggt or vggt:FILE")
 
 
 @dataclass(frozen=True)
@@ -91,22 +96,30 @@ class Auto:
     def __call__(self, request: Request, progress: Progress) -> Geometry:
         """Find the geometry; see `GeometryPrior`."""
         tracks = FromTracks()(request, progress)
-        names = tuple(_sources(request))
-        if names == (_TRACKS,):
+        names, lost = tuple(_sources(request)), _lost(tracks, request.settings.criteria)
+        if names == (_TRACKS,) and not lost:
             return tracks
         answers = [
             _judged(request, _TRACKS, tracks) if name == _TRACKS else _asked(request, name, progress) for name in names
         ]
         standing = _standing(answers)
+        if lost and (standing is None or standing is tracks):
+            answers.append(_judged(request, "uniform motion", uniform_motion(request, tracks)))
+            standing = _standing(answers)
         chosen = tracks if standing is None else standing
         notes = [f"Geometry from {chosen.source}. Left unexplained: {', '.join(answer.said for answer in answers)}."]
-        if _STAGE in names and standing is tracks:
+        if _STAGE in names and standing is not None and standing.source != _STAGE:
             notes.append(_DOUBTED)
         elif chosen.source == _STAGE and tracks.verdict == "static":
             notes.append(_UNSEEN)
         for note in notes:
             progress.say(note)
         return replace(chosen, notes=(*notes, *chosen.notes))
+
+
+def _lost(tracks: Geometry, criteria: Criteria) -> bool:
+    """Tell whether tracks give no path, or one that halves of them do not bear out."""
+    return tracks.verdict == "unsupported" or bool(doubts_about_path(tracks.path_error_expected, criteria))
 
 
 def _standing(answers: Sequence[_Answer]) -> Geometry | None:

@@ -2,18 +2,17 @@
 
 The middle view, carried along the poses through its depth, should look like the other views; coded by the masks, it
 should give the measurement. What is left over compares geometries of any origin on equal terms: wrong poses and wrong
-depths smear it. Here: the carrying, and that number. Not here: the choice (`choose`). For `gs2ci.reconstruct`; tables
-of first geometries print the number.
+depths smear it. Here: the carrying, and that number. Not here: the choice (`choose`), geometries sought by that number
+(`direct`). For `gs2ci.reconstruct`; tables of first geometries print the number.
 """
 
 from typing import Final
 
 import cv2
 import numpy as np
-import torch
 
 from gs2ci.core.records import F32, F64, Shot
-from gs2ci.reconstruct.coding import Coding
+from gs2ci.reconstruct.coding import cfa_channels
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.lens import Lens
 
@@ -21,24 +20,55 @@ from gs2ci.reconstruct.lens import Lens
 _STEPS: Final = 4
 # Farther outside than this, a coordinate says nothing more; OpenCV's fixed point would overflow.
 _OUTSIDE_PX: Final = 1e4
+# OpenCV looks up fewer places than this at once.
+_MOST_AT_ONCE: Final = 32_000
 
 
-def unexplained(shot: Shot, views: F32, geometry: Geometry, lens: Lens | None = None) -> float:
-    """Return the root mean square of the measurement that the carried middle view leaves, in the measurement's unit.
+class Evidence:
+    """Pixels of a measurement that judge geometries.
 
     Args:
         shot: The measurement as far as it may be seen.
         views: Proxy views, [N, H, W, C]; the middle one is looked at.
-        geometry: What to judge. Pixels that it sends outside take the nearest at the rim, so that a path that looks
-            elsewhere gains nothing by it.
-        lens: Through which the measurement was taken; views and geometry are then its canvas's.
+        lens: Through which the measurement was taken; views and geometries are then its canvas's.
+        most_pixels: Ask so many of the pixels at most, drawn once; None asks all.
     """
-    carried = carried_views(views, geometry, lens)
-    left = Coding.of(shot).forward(torch.from_numpy(carried)).numpy() - shot.measurement
-    coded = (shot.masks * shot.weights[:, None, None]).any(axis=0)
-    if shot.saturated is not None:
-        coded &= ~shot.saturated
-    return float(np.sqrt(np.mean(left[coded] ** 2, dtype=np.float64))) if coded.any() else 0.0
+
+    def __init__(self, shot: Shot, views: F32, lens: Lens | None = None, most_pixels: int | None = None) -> None:
+        transmissions = shot.masks * shot.weights[:, None, None]
+        coded = transmissions.any(axis=0)
+        if shot.saturated is not None:
+            coded &= ~shot.saturated
+        rows, columns = np.nonzero(coded)
+        if most_pixels is not None and len(rows) > most_pixels:
+            asked = np.sort(np.random.default_rng(0).choice(len(rows), most_pixels, replace=False))
+            rows, columns = rows[asked], columns[asked]
+        self._views = views
+        self._measured = shot.measurement[rows, columns]
+        self._transmissions = transmissions[:, rows, columns]
+        self._places = _centres(shot.size)[rows, columns] if lens is None else lens.sampling.places[rows, columns]
+        self._channels = None if shot.cfa is None else cfa_channels(shot.cfa, shot.size).numpy()[rows, columns]
+
+    def left(self, geometry: Geometry) -> float:
+        """Return the root mean square of the measurement that the carried middle view leaves, in its unit.
+
+        Pixels that the geometry sends outside take the nearest at the rim, so that a path that looks elsewhere gains
+        nothing by it.
+        """
+        reference = self._views[geometry.reference]
+        left = -self._measured.astype(np.float32)
+        for view, transmissions in enumerate(self._transmissions):
+            lit = np.flatnonzero(transmissions)
+            carried = _carried(reference, geometry, view, self._places[lit])
+            if self._channels is not None:
+                carried = np.take_along_axis(carried, self._channels[lit, None], axis=1)
+            left[lit] += transmissions[lit, None] * carried
+        return float(np.sqrt(np.mean(left**2, dtype=np.float64))) if left.size else 0.0
+
+
+def unexplained(shot: Shot, views: F32, geometry: Geometry, lens: Lens | None = None) -> float:
+    """Return what a geometry leaves of a whole measurement; see `Evidence`."""
+    return Evidence(shot, views, lens).left(geometry)
 
 
 def carried_views(views: F32, geometry: Geometry, lens: Lens | None = None) -> F32:
@@ -53,30 +83,47 @@ def carried_views(views: F32, geometry: Geometry, lens: Lens | None = None) -> F
 def carried_view(reference: F32, geometry: Geometry, view: int) -> F32:
     """Show the middle view, [H, W, C], as it should look from another pose, by its depth and without occlusion."""
     height, width = reference.shape[:2]
-    y, x = np.mgrid[:height, :width] + 0.5
-    rays = np.stack([x, y, np.ones_like(x)], axis=-1) @ np.linalg.inv(geometry.intrinsics).T
+    places = _centres((height, width)).reshape(-1, 2)
+    return _carried(reference, geometry, view, places).reshape(reference.shape)
+
+
+def _centres(size: tuple[int, int]) -> F64:
+    """List the pixel centres of an image as (x, y), [H, W, 2]."""
+    y, x = np.mgrid[: size[0], : size[1]] + 0.5
+    return np.stack([x, y], axis=-1)
+
+
+def _carried(reference: F32, geometry: Geometry, view: int, places: F64) -> F32:
+    """Show the middle view, [H, W, C], at places of another, [P, 2] px; [P, C]."""
+    rays = np.concatenate([places, np.ones_like(places[:, :1])], axis=1) @ np.linalg.inv(geometry.intrinsics).T
     pose = geometry.world_to_camera[view]
-    at = np.stack([x, y], axis=-1)
+    at = places.copy()
     for _ in range(_STEPS):
         depth = _depth_in_view(geometry.inverse_depth, at, pose, geometry.intrinsics)
-        points = (rays * depth[..., None] - pose[:3, 3]) @ pose[:3, :3] @ geometry.intrinsics.T
+        points = (rays * depth[:, None] - pose[:3, 3]) @ pose[:3, :3] @ geometry.intrinsics.T
         # A point behind the middle view is nowhere in it: it keeps its place.
-        ahead = points[..., 2] > 0
-        at = np.where(ahead[..., None], points[..., :2] / np.where(ahead, points[..., 2], 1.0)[..., None], at)
+        ahead = points[:, 2] > 0
+        at = np.where(ahead[:, None], points[:, :2] / np.where(ahead, points[:, 2], 1.0)[:, None], at)
         at = np.clip(at, -_OUTSIDE_PX, _OUTSIDE_PX)
     # OpenCV's first pixel has its centre at 0, ours at 0.5.
-    map_x, map_y = (np.ascontiguousarray(at[..., k] - 0.5, np.float32) for k in (0, 1))
-    carried: F32 = cv2.remap(reference, map_x, map_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    return carried.reshape(reference.shape)
+    wanted = (at - 0.5).astype(np.float32)
+    pieces = [
+        cv2.remap(
+            reference, wanted[i : i + _MOST_AT_ONCE, None], None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
+        )
+        for i in range(0, len(wanted), _MOST_AT_ONCE)
+    ]
+    shown: F32 = np.concatenate(pieces) if pieces else np.zeros((0, 1), np.float32)
+    return shown.reshape(len(wanted), reference.shape[2])
 
 
 def _depth_in_view(inverse_depth: F32, at: F64, pose: F64, intrinsics: F64) -> F64:
-    """Take the depths at pixels of the middle view, [H, W, 2], along the axis of a view at `pose`; at least a hair."""
+    """Take the depths at places of the middle view, [P, 2], along the axis of a view at `pose`; at least a hair."""
     height, width = inverse_depth.shape
-    columns, rows = (at[..., 0].clip(0, width - 1).astype(int), at[..., 1].clip(0, height - 1).astype(int))
+    columns, rows = (at[:, 0].clip(0, width - 1).astype(int), at[:, 1].clip(0, height - 1).astype(int))
     depth = 1 / inverse_depth[rows, columns].astype(np.float64)
-    homogeneous = np.concatenate([at, np.ones_like(at[..., :1])], axis=-1)
-    points = homogeneous @ np.linalg.inv(intrinsics).T * depth[..., None]
+    homogeneous = np.concatenate([at, np.ones_like(at[:, :1])], axis=1)
+    points = homogeneous @ np.linalg.inv(intrinsics).T * depth[:, None]
     along: F64 = points @ pose[2, :3] + pose[2, 3]
     ahead: F64 = np.maximum(along, 1e-3 * depth)
     return ahead

@@ -40,7 +40,7 @@ Bool = NDArray[np.bool_]
 
 # A point counts if at least this share of the views see it.
 _LEAST_SHARE_OF_VIEWS = 0.6
-_FLAT = "The scene starts as a plane, and the fit has to find its depth alone."
+PLANE_NOTE = "The scene starts as a plane, and the fit has to find its depth alone."
 
 
 @dataclass(frozen=True)
@@ -143,7 +143,7 @@ def initialise(
         geometry = found.geometry
         progress.step(2, tracks=geometry.tracks, rms_px=geometry.reprojection_rms_px)
         if geometry.verdict == "full":
-            geometry = _doubted(found, settings) if known_poses is None else _measured(geometry, known_poses)
+            geometry = _doubted(found, settings) if known_poses is None else measured(geometry, known_poses)
             geometry = replace(geometry, inverse_depth=_depth(geometry, found.motion, views, settings.sweep))
     progress.step(3)
     for note in geometry.notes:
@@ -315,7 +315,7 @@ def _flat(
         reprojection_rms_px=0.0,
         parallax_px=0.0,
         verdict="unsupported",
-        notes=(*notes, *doubts, *((_FLAT,) if doubts else ())),
+        notes=(*notes, *doubts, *((PLANE_NOTE,) if doubts else ())),
     )
 
 
@@ -340,7 +340,7 @@ def _moved(
         verdict: Verdict = "unsupported" if reasons else "full"
     else:
         verdict, reasons = judge(candidates, tracks, motion, rotations, settings.criteria)
-    notes = (*geometry.notes, *reasons, *(() if verdict == "full" else (_FLAT,)))
+    notes = (*geometry.notes, *reasons, *(() if verdict == "full" else (PLANE_NOTE,)))
     poses = geometry.world_to_camera.copy()
     if verdict == "full":
         poses = motion.world_to_camera
@@ -377,7 +377,7 @@ def _expected_error(found: _Found, settings: GeometrySettings) -> float | None:
     return expected_path_error(found.motion, found.tracks, geometry.intrinsics, size, settings.motion)
 
 
-def _measured(geometry: Geometry, known_poses: F64) -> Geometry:
+def measured(geometry: Geometry, known_poses: F64) -> Geometry:
     """Enter what the geometry's lengths are in the unit of known poses."""
     given = known_poses @ np.linalg.inv(known_poses[geometry.reference])
     path, given_path = (np.linalg.norm(poses[:, :3, 3]) for poses in (geometry.world_to_camera, given))

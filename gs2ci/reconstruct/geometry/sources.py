@@ -1,6 +1,6 @@
-"""Sources of first poses that need no model: the views' own tracks, the stage's report, a file of cameras.
+"""Sources of first poses that need no model: the views' own tracks, the stage's report, a uniform motion, a file.
 
-Here: these three. Not here: a learned source (`vggt`), the choice among them (`choose`), tracks and depth themselves
+Here: these four. Not here: a learned source (`vggt`), the choice among them (`choose`), tracks and depth themselves
 (`initialise`). For `geometry.choose`.
 """
 
@@ -14,13 +14,18 @@ from gs2ci.core.errors import GeometryError
 from gs2ci.core.progress import Progress
 from gs2ci.core.records import F64
 from gs2ci.reconstruct.geometry.camera_files import CameraFile, read_cameras
-from gs2ci.reconstruct.geometry.initialise import Geometry, initialise
+from gs2ci.reconstruct.geometry.direct import Direct
+from gs2ci.reconstruct.geometry.initialise import Geometry, initialise, measured
 from gs2ci.reconstruct.geometry.prior import Request, from_tracks
 from gs2ci.reconstruct.geometry.sweep import inverse_depth_range, sweep
 from gs2ci.reconstruct.geometry.telemetry import poses_of_stage
 
 # From this relative difference on, two focal lengths are worth a word.
 _FOCAL_DOUBT: Final = 0.05
+_BORNE_OUT: Final = "The range of depths is the one by which the given poses explain the measurement best."
+_NOT_BORNE_OUT: Final = (
+    "The given poses were not taken: reversed, or at rest, the camera explains the measurement about as well."
+)
 
 
 @dataclass(frozen=True)
@@ -44,7 +49,20 @@ class FromStage:
         """Find the geometry; see `GeometryPrior`."""
         poses = poses_of_stage(request.shot)
         found = initialise(request.views, request.intrinsics, request.settings, progress, poses, request.seen)
+        if not found.tracks:
+            found = _without_tracks(request, poses, found)
         return replace(found, source=self.name)
+
+
+@dataclass(frozen=True)
+class FromUniform:
+    """The uniform motion by which the measurement is explained best, without tracks."""
+
+    name: str = "uniform"
+
+    def __call__(self, request: Request, progress: Progress) -> Geometry:
+        """Find the geometry; see `GeometryPrior`."""
+        return uniform_motion(request, from_tracks(request, progress))
 
 
 @dataclass(frozen=True)
@@ -61,7 +79,8 @@ class FromFile:
     def __call__(self, request: Request, progress: Progress) -> Geometry:
         """Find the geometry; see `GeometryPrior`.
 
-        The tracks give the scale of the depths; where there are too few of them, the file's points do.
+        The tracks give the scale of the depths; where there are too few of them, the file's points do, or else the
+        measurement.
         """
         cameras = read_cameras(self.path, request.shot.views, request.shot.size, request.shot.distortion)
         notes = _focal_notes(cameras.intrinsics, request.shot.intrinsics, straight=request.lens is None)
@@ -71,7 +90,22 @@ class FromFile:
         found = initialise(request.views, cameras.intrinsics, request.settings, progress, poses, request.seen)
         if found.verdict != "full" and len(cameras.points):
             found = swept_between_points(request, cameras, found)
+        elif not found.tracks:
+            found = _without_tracks(request, poses, found)
         return replace(found, source=self.name, notes=(*notes, *found.notes))
+
+
+def uniform_motion(request: Request, tracks: Geometry) -> Geometry:
+    """Find the uniform motion, where the tracks' geometry knows no more than the camera matrix."""
+    return replace(Direct(request, tracks).uniform(), source=FromUniform.name)
+
+
+def _without_tracks(request: Request, poses: F64, found: Geometry) -> Geometry:
+    """Find the depths along given poses by the measurement, where there are too few tracks to say anything of them."""
+    swept = Direct(request, found).along(poses)
+    if swept is None:
+        return replace(found, notes=(*found.notes, _NOT_BORNE_OUT))
+    return replace(measured(swept, poses), notes=(*swept.notes, _BORNE_OUT))
 
 
 def swept_between_points(request: Request, cameras: CameraFile, without: Geometry) -> Geometry:

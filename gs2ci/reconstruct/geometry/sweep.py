@@ -84,7 +84,7 @@ def sweep(
         Inverse depth, [H, W] float32, within `span`.
     """
     height, width = views.shape[1:3]
-    small = _reduced(views, settings.most_pixels)
+    small = reduced(views, settings.most_pixels)
     scale = np.array([small.shape[2] / width, small.shape[1] / height, 1.0])
     features = np.stack([_features(view) for view in small])
     others = [i for i in range(len(views)) if i != reference]
@@ -102,7 +102,7 @@ def sweep(
     return inverse_depth
 
 
-def _reduced(views: F32, most_pixels: int) -> F32:
+def reduced(views: F32, most_pixels: int) -> F32:
     """Shrink views to at most so many pixels, or grow them to the least size that the sweep can work on."""
     height, width = views.shape[1:3]
     shrink = min(1.0, (most_pixels / (height * width)) ** 0.5)

@@ -15,6 +15,7 @@ from gs2ci.reconstruct.geometry.choose import load_geometry_prior
 from gs2ci.reconstruct.geometry.initialise import GeometrySettings
 from gs2ci.reconstruct.geometry.prior import Request, find_geometry, from_tracks
 from gs2ci.reconstruct.geometry.sweep import SweepSettings
+from gs2ci.reconstruct.geometry.validity import Criteria
 
 # A coarse sweep: these tests are about poses.
 QUICK = GeometrySettings(sweep=SweepSettings(planes=24))
@@ -222,6 +223,63 @@ def test_auto_drops_a_stage_that_lies(request_for, scene):
     found = find("auto", request_for(telemetry_world_to_camera=backwards))
     assert found.source == "tracks"
     assert "the stage failed (the known poses put most tracked points" in found.notes[0]
+
+
+@pytest.fixture
+def lost_request(seen, expose):
+    """Make a request about a uniform motion in which no track is believed."""
+    poses = np.tile(np.eye(4), (5, 1, 1))
+    poses[:, :3, 3] = (np.arange(5) - 2)[:, None] * (0.03, 0.01, 0)
+    scene = seen(poses=poses)
+    settings = replace(QUICK, criteria=Criteria(tracks=100_000))
+    return lambda **parts: Request(expose(scene, **parts), scene.views, settings)
+
+
+def test_auto_seeks_a_uniform_motion_where_tracks_give_no_path(lost_request):
+    found = find("auto", lost_request())
+    assert (found.source, found.verdict) == ("uniform", "full")
+    assert "by the tracks (unsupported), " in found.notes[0]
+    assert found.notes[0].endswith(" by the uniform motion.")
+    assert "no tracked points bear it out" in found.notes[-1]
+    by_name = find("uniform", lost_request())
+    assert np.array_equal(found.world_to_camera, by_name.world_to_camera)
+
+
+def test_auto_seeks_a_uniform_motion_where_halves_of_the_tracks_disagree(request_for, monkeypatch):
+    doubted = replace(from_tracks(request_for(), Silent()), path_error_expected=0.2)
+    monkeypatch.setattr(choose, "FromTracks", lambda: lambda request, progress: doubted)
+    found = find("auto", request_for())
+    # The bent path of the tracks is the right one here, and explains more.
+    assert found.source == "tracks"
+    assert "by the uniform motion" in found.notes[0]
+
+
+def test_without_tracks_the_measurement_bears_out_a_stage_or_not(lost_request):
+    poses = np.tile(np.eye(4), (5, 1, 1))
+    poses[:, :3, 3] = (np.arange(5) - 2)[:, None] * (7.5, 2.5, 0)
+    found = find("auto", lost_request(telemetry_world_to_camera=poses))
+    assert (found.source, found.verdict) == ("stage", "full")
+    assert not any("uniform" in note for note in found.notes)
+    assert found.unit == pytest.approx(
+        np.linalg.norm(poses[4, :3, 3]) / np.linalg.norm(found.world_to_camera[4, :3, 3])
+    )
+    assert "explain the measurement best" in found.notes[-1]
+
+    wrong_way = find(
+        "stage", lost_request(telemetry_world_to_camera=poses * np.float64([1, 1, 1, -1]) + 2 * np.diag([0, 0, 0, 1.0]))
+    )
+    assert wrong_way.verdict == "unsupported"
+    assert "reversed, or at rest" in wrong_way.notes[-1]
+
+
+def test_without_tracks_the_measurement_bears_out_the_poses_of_a_file(lost_request, tmp_path):
+    request = lost_request()
+    poses = np.tile(np.eye(4), (5, 1, 1))
+    poses[:, :3, 3] = (np.arange(5) - 2)[:, None] * (0.03, 0.01, 0)
+    path = tmp_path / "transforms.json"
+    path.write_text(json.dumps(nerfstudio_transforms(poses, request.shot.intrinsics, (90, 120))))
+    found = find(f"file:{path}", request)
+    assert (found.source, found.verdict) == ("file", "full")
 
 
 def test_auto_lets_the_measurement_decide(request_for, monkeypatch):

@@ -2,9 +2,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import torch
 
-from gs2ci.reconstruct.geometry.evidence import carried_view, unexplained
+from gs2ci.reconstruct.coding import Coding
+from gs2ci.reconstruct.geometry.evidence import Evidence, carried_view, carried_views, unexplained
 from gs2ci.reconstruct.geometry.initialise import Geometry
+from gs2ci.reconstruct.lens import Lens
 
 
 def true_geometry(scene, **changed):
@@ -76,3 +79,53 @@ def test_a_scene_behind_a_camera_gives_a_finite_number(seen, expose):
     turned = scene.poses.copy()
     turned[1, :3, :3] = np.diag([-1.0, 1, -1])
     assert np.isfinite(unexplained(expose(scene), scene.views, true_geometry(scene, world_to_camera=turned)))
+
+
+def test_a_part_of_the_pixels_tells_about_the_same_and_always_the_same_part(seen, expose):
+    scene = seen()
+    shot, geometry = expose(scene), true_geometry(scene)
+    whole = unexplained(shot, scene.views, geometry)
+    part, again = (Evidence(shot, scene.views, most_pixels=2_000).left(geometry) for _ in range(2))
+    assert part == again
+    assert part != whole
+    assert part == pytest.approx(whole, rel=0.1)
+
+
+def test_what_is_left_is_what_the_carried_views_leave_behind_a_mosaic_too(seen, expose):
+    """Against the whole way by `carried_views` and the measurement model."""
+    scene = seen()
+    plain = expose(scene)
+    mosaic = replace(plain, measurement=np.ascontiguousarray(plain.measurement[..., :1]), cfa="BGGR").check()
+    for shot in (plain, mosaic):
+        geometry = true_geometry(scene)
+        carried = torch.from_numpy(carried_views(scene.views, geometry))
+        left = Coding.of(shot).forward(carried).numpy() - shot.measurement
+        coded = shot.masks.any(axis=0)
+        wanted = np.sqrt(np.mean(left[coded].astype(np.float64) ** 2))
+        assert unexplained(shot, scene.views, geometry) == pytest.approx(wanted, rel=1e-5)
+
+
+def behind(scene, shot):
+    """Show a scene's views and a wall at its poses behind the lens of a shot."""
+    lens = Lens.of(shot)
+    assert lens is not None
+    views = lens.straightened(scene.views)
+    wall = np.full(views.shape[1:3], 0.8, np.float32)
+    return views, true_geometry(scene, intrinsics=lens.canvas_intrinsics, inverse_depth=wall), lens
+
+
+def test_behind_a_lens_pixels_look_where_the_lens_sends_them(seen, expose):
+    scene = seen()
+    shot, other = (replace(expose(scene), distortion=np.array([k1, 0, 0, 0, 0.0])).check() for k1 in (-0.05, -0.02))
+    views, geometry, lens = behind(scene, shot)
+    exposed = Coding.of(shot).forward(torch.from_numpy(carried_views(views, geometry, lens))).numpy()
+    taken = replace(shot, measurement=exposed)
+    # What is left is the blur of interpolating once more.
+    assert unexplained(taken, views, geometry, lens) < 0.5 * unexplained(taken, *behind(scene, other))
+
+
+def test_a_measurement_without_light_leaves_nothing(seen, expose):
+    scene = seen()
+    shot = expose(scene)
+    dark = replace(shot, masks=np.zeros_like(shot.masks), measurement=np.zeros_like(shot.measurement))
+    assert unexplained(dark, scene.views, true_geometry(scene)) == 0

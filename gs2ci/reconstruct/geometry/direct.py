@@ -1,0 +1,220 @@
+"""Geometry without tracks: the path and the depths that leave least of the measurement unexplained.
+
+Tracks need points that can be followed from view to view. Where decoded views are too poor for that, because masks are
+many or the scene is plain, the measurement still tells a path from no path: carried along the right one, the middle
+view explains it clearly better than along the same path reversed, by turning alone, or at rest. Here: the range of
+depths along poses that were given, and the uniform motion of a camera that nobody told about. Not here: the number
+(`evidence`), the sweep (`sweep`), when to ask (`sources`, `choose`). For `gs2ci.reconstruct.geometry`.
+
+Direct methods, in the sense of Irani and Anandan 1999: parameters are found from brightness itself, not from points.
+"""
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Final
+
+import cv2
+import numpy as np
+from scipy.optimize import minimize
+from scipy.spatial.transform import Rotation
+
+from gs2ci.core.records import F32, F64
+from gs2ci.reconstruct.geometry.evidence import Evidence
+from gs2ci.reconstruct.geometry.initialise import PLANE_NOTE, Geometry
+from gs2ci.reconstruct.geometry.prior import Request
+from gs2ci.reconstruct.geometry.sweep import reduced, sweep
+
+# How far the nearest plane shifts between the middle view and the farthest, as shares of the picture's longer side:
+# what shifts by a third of it is seen by few views.
+_NEAREST: Final = (0.02, 0.04, 0.08, 0.16, 0.32)
+_NEAREST_AT_FIRST: Final = (0.04, 0.16)
+# A path must leave this share or less of what its reverse, turning alone and a camera at rest leave
+# (`python -m tests.benchmarks direct`).
+_CLEARLY: Final = 0.98
+# Rough maps of depth tell one path from another: so many planes, pixels and views, judged by so many pixels of the
+# measurement.
+_ROUGH_PLANES: Final = 20
+_ROUGH_PIXELS: Final = 2_500
+_ROUGH_VIEWS: Final = 7
+_ASKED_PIXELS: Final = 6_000
+# Where a search begins: to eight sides, forwards and backwards.
+_DIRECTIONS: Final = (
+    *((float(np.cos(angle)), float(np.sin(angle)), 0.0) for angle in np.arange(8) * np.pi / 4),
+    (0.0, 0.0, 1.0),
+    (0.0, 0.0, -1.0),
+)
+# First steps of the search: of the direction, and of the turn, in which 1 shifts the picture by its longer side.
+_DIRECTION_STEP: Final = 0.4
+_TURN_STEP: Final = 0.03
+_MOST_TRIALS: Final = 100
+# It ends where steps change neither the motion nor what it leaves by more than this.
+_SETTLED: Final = 1e-3
+_UNIFORM: Final = (
+    "The camera path is the uniform motion that explains the measurement best; no tracked points bear it out. It "
+    "leaves {share:.0%} of what a camera at rest leaves."
+)
+_TURNED: Final = "Turning explains the measurement, and a motion hardly more of it, so depth cannot be found."
+
+
+class Direct:
+    """Judges paths by the measurement.
+
+    Args:
+        request: The measurement and its views.
+        found: What tracks found; its camera matrix and middle view are taken.
+    """
+
+    def __init__(self, request: Request, found: Geometry) -> None:
+        views, reference = len(request.views), found.reference
+        self._request = request
+        self._at_rest = _at_rest(found)
+        self._evidence = Evidence(request.shot, request.views, request.lens, _ASKED_PIXELS)
+        spread = np.linspace(0, views - 1, min(views, _ROUGH_VIEWS)).round().astype(int)
+        self._looked_at = np.union1d(spread, [reference])
+        self._small = reduced(request.views[self._looked_at], _ROUGH_PIXELS)
+        # Along a path whose farthest view is so far from the middle one, a plane at inverse depth ρ shifts by ρ sides.
+        self._reach = max(request.size) / float(found.intrinsics[0, 0])
+        self._still = self._evidence.left(self._at_rest)
+
+    def along(self, world_to_camera: F64) -> Geometry | None:
+        """Find the depths along poses that were given, [N, 4, 4], in any frame and unit.
+
+        Returns:
+            The geometry; None where the path reversed or a camera at rest explains the measurement about as well.
+        """
+        poses = world_to_camera @ np.linalg.inv(world_to_camera[self._at_rest.reference])
+        farthest = float(np.linalg.norm(poses[:, :3, 3], axis=1).max())
+        if farthest == 0:
+            return None
+        poses[:, :3, 3] *= self._reach / farthest
+        left = self._least(poses, _NEAREST)
+        if left > _CLEARLY * min(self._still, self._least(_reversed(poses), _NEAREST)):
+            return None
+        return self._swept(poses)
+
+    def uniform(self) -> Geometry:
+        """Find the uniform motion: straight at an even speed, turning evenly.
+
+        Returns:
+            The geometry; a camera that only turned, with its reason, where that explains about as much; a camera at
+            rest, unsupported, where nothing explains clearly more.
+        """
+        first = {way: self._least(self._motion(np.array(way)), _NEAREST_AT_FIRST) for way in _DIRECTIONS}
+        way = min(first, key=lambda one: first[one])
+        turn, turned = self._turned()
+        motion, left = self._refined(np.array(way))
+        if left <= _CLEARLY * min(self._still, turned) and first[way] <= _CLEARLY * self._least(
+            self._motion(-np.array(way)), _NEAREST_AT_FIRST
+        ):
+            found = self._swept(motion)
+            return replace(found, notes=(*found.notes, _UNIFORM.format(share=left / self._still)))
+        if turned <= _CLEARLY * self._still:
+            only_turned = replace(
+                self._at_rest, world_to_camera=self._motion(np.zeros(3), turn), verdict="rotation_only"
+            )
+            return replace(only_turned, notes=(*only_turned.notes, _TURNED, PLANE_NOTE))
+        return replace(self._at_rest, notes=(*self._at_rest.notes, PLANE_NOTE))
+
+    def _refined(self, way: F64) -> tuple[F64, float]:
+        """Search the uniform motion about a direction; return its poses, and what they leave."""
+        near = min(_NEAREST_AT_FIRST, key=lambda near: self._left(self._motion(way), near))
+        across = np.linalg.svd(way[None])[2][1:]  # two directions at right angles to the first
+
+        def motion(change: F64) -> F64:
+            direction = way + change[:2] @ across
+            return self._motion(direction / np.linalg.norm(direction), change[2:])
+
+        steps = (_DIRECTION_STEP, _DIRECTION_STEP, _TURN_STEP, _TURN_STEP, _TURN_STEP)
+        change, left = self._search(lambda change: self._left(motion(change), near), steps)
+        return motion(change), left
+
+    def _turned(self) -> tuple[F64, float]:
+        """Search the turn of a camera that stays in its place; return it, and what it leaves."""
+        at_rest, place = self._at_rest, np.zeros(3)
+        return self._search(
+            lambda turn: self._evidence.left(replace(at_rest, world_to_camera=self._motion(place, turn))),
+            (_TURN_STEP, _TURN_STEP, _TURN_STEP),
+        )
+
+    def _search(self, left: Callable[[F64], float], steps: tuple[float, ...]) -> tuple[F64, float]:
+        """Descend from zero by Nelder and Mead's simplex: what is left has steps, as planes of depth have."""
+        simplex = np.vstack([np.zeros(len(steps)), np.diag(steps)])
+        found = minimize(
+            left,
+            simplex[0],
+            method="Nelder-Mead",
+            options={
+                "initial_simplex": simplex,
+                "maxfev": _MOST_TRIALS,
+                "xatol": _SETTLED,
+                "fatol": _SETTLED * self._still,
+            },
+        )
+        return found.x, float(found.fun)
+
+    def _motion(self, direction: F64, turn: F64 | None = None) -> F64:
+        """Make the poses of a uniform motion, [N, 4, 4].
+
+        Args:
+            direction: Where points go in the camera's frame, of length 1; zero for a camera that stays.
+            turn: Of the farthest view against the middle one, as a rotation vector over `_reach`.
+        """
+        views, reference = len(self._request.views), self._at_rest.reference
+        time = (np.arange(views) - reference) / max(reference, views - 1 - reference, 1)
+        poses = np.tile(np.eye(4), (views, 1, 1))
+        if turn is not None:
+            poses[:, :3, :3] = Rotation.from_rotvec(time[:, None] * turn * self._reach).as_matrix()
+        poses[:, :3, 3] = time[:, None] * direction * self._reach
+        return poses
+
+    def _least(self, poses: F64, nearest: tuple[float, ...]) -> float:
+        return min(self._left(poses, near) for near in nearest)
+
+    def _left(self, poses: F64, near: float) -> float:
+        """Return what poses with a rough map of their depths leave of the measurement."""
+        looked_at, (height, width) = self._looked_at, self._request.size
+        scale = np.array([self._small.shape[2] / width, self._small.shape[1] / height, 1.0])
+        settings = replace(self._request.settings.sweep, planes=_ROUGH_PLANES)
+        reference = int(np.searchsorted(looked_at, self._at_rest.reference))
+        intrinsics = scale[:, None] * self._at_rest.intrinsics
+        rough = sweep(self._small, poses[looked_at], intrinsics, reference, self._span(near), settings)
+        depth: F32 = cv2.resize(rough, (width, height), interpolation=cv2.INTER_LINEAR)
+        return self._evidence.left(replace(self._at_rest, world_to_camera=poses, inverse_depth=depth))
+
+    def _swept(self, poses: F64) -> Geometry:
+        """Sweep depth over the range that leaves least, and bring its median to 1, as that of tracks is."""
+        request, at_rest = self._request, self._at_rest
+        near = min(_NEAREST, key=lambda near: self._left(poses, near))
+        depth = sweep(
+            request.views, poses, at_rest.intrinsics, at_rest.reference, self._span(near), request.settings.sweep
+        )
+        median = float(np.median(depth))
+        scaled = poses.copy()
+        scaled[:, :3, 3] *= median
+        return replace(at_rest, world_to_camera=scaled, inverse_depth=depth / np.float32(median), verdict="full")
+
+    def _span(self, near: float) -> tuple[float, float]:
+        return self._request.settings.sweep.far_share * near, near
+
+
+def _at_rest(found: Geometry) -> Geometry:
+    """Forget motion and depth, and what was said of them as a plane."""
+    return replace(
+        found,
+        world_to_camera=np.tile(np.eye(4), (len(found.world_to_camera), 1, 1)),
+        inverse_depth=np.ones_like(found.inverse_depth),
+        tracks=0,
+        reprojection_rms_px=0.0,
+        parallax_px=0.0,
+        verdict="unsupported",
+        notes=tuple(note for note in found.notes if note != PLANE_NOTE),
+        path_error_expected=None,
+        unit=None,
+    )
+
+
+def _reversed(poses: F64) -> F64:
+    """Let the camera go the other way and turn as it did."""
+    back = poses.copy()
+    back[:, :3, 3] *= -1
+    return back

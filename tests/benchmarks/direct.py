@@ -1,0 +1,68 @@
+"""Does a geometry without tracks find motions, and none where there is none?
+
+    python -m tests.benchmarks direct
+
+For scenes and numbers of views, and a camera that moves, stays or only turns: what the tracks find; the uniform motion,
+what it leaves of the measurement as a multiple of what the tracks' geometry and a camera at rest leave, and the error
+of its rotations; and what is left along the true path, whose depths are found without tracks as well.
+"""
+
+from dataclasses import replace
+from itertools import product
+
+import numpy as np
+
+from gs2ci.core.progress import Silent
+from gs2ci.core.records import Shot
+from gs2ci.evaluate.trajectory import trajectory_errors
+from gs2ci.reconstruct.decode.gap_tv import gap_tv
+from gs2ci.reconstruct.fit.stopping import Jury, choose_heldout
+from gs2ci.reconstruct.geometry.direct import Direct
+from gs2ci.reconstruct.geometry.evidence import unexplained
+from gs2ci.reconstruct.geometry.initialise import Geometry
+from gs2ci.reconstruct.geometry.prior import Request, from_tracks
+from gs2ci.reconstruct.geometry.sources import uniform_motion
+from gs2ci.reconstruct.settings import Settings
+from tests.stability.benches import Bench, ahead, still, turning
+
+SCENES = ("boxes", "thicket", "motorcycle", "ball")
+SIZE = (96, 128)
+PATHS = {
+    "moves": None,
+    "forwards": ahead(0.2),
+    "at rest": still,
+    **{f"turns by {degrees:g}°": turning(degrees) for degrees in (0.5, 3, 10)},
+}
+VIEWS = (8, 16, 32)
+SEED = 0
+
+
+def run() -> None:
+    print(f"{'':34} {'tracks':>13} {'uniform':>13} {'of tracks':>9} {'of rest':>8} {'turn, °':>8} {'true path':>9}")
+    for scene, (path, camera), views in product(SCENES, PATHS.items(), VIEWS):
+        shot = Bench(scene=scene, path=camera, views=views).expose(SIZE)
+        print(f"{f'{scene}, {views} views, {path}':34} {_found(shot)}", flush=True)
+
+
+def _found(shot: Shot) -> str:
+    settings = Settings()
+    seen = Jury(shot, choose_heldout(shot, settings.fit.hold_out.share, SEED)).seen
+    request = Request.of(seen, gap_tv(seen, settings.decode, Silent()), settings.geometry, None)
+    tracks = from_tracks(request, Silent())
+    uniform = uniform_motion(request, tracks)
+    rest = replace(
+        tracks,
+        world_to_camera=np.tile(np.eye(4), (shot.views, 1, 1)),
+        inverse_depth=np.ones_like(tracks.inverse_depth),
+    )
+    truth = shot.truth.world_to_camera
+    assert truth is not None
+    along = Direct(request, tracks).along(truth)
+
+    def left(geometry: Geometry) -> float:
+        return unexplained(seen, request.views, geometry)
+
+    turn_deg = trajectory_errors(uniform.world_to_camera, truth).rpe_r_deg
+    told = "none" if along is None else f"{left(along) / left(rest):.3f}"
+    shares = f"{left(uniform) / left(tracks):9.3f} {left(uniform) / left(rest):8.3f}"
+    return f"{tracks.verdict:>13} {uniform.verdict:>13} {shares} {turn_deg:8.3f} {told:>9}"
