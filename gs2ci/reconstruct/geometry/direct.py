@@ -88,7 +88,7 @@ class Direct:
             return None
         poses[:, :3, 3] *= self._reach / farthest
         left = self._least(poses, _NEAREST)
-        if left > _CLEARLY * min(self._still, self._least(_reversed(poses), _NEAREST)):
+        if left >= _CLEARLY * min(self._still, self._least(_reversed(poses), _NEAREST)):
             return None
         return self._swept(poses)
 
@@ -103,12 +103,11 @@ class Direct:
         way = min(first, key=lambda one: first[one])
         turn, turned = self._turned()
         motion, left = self._refined(np.array(way))
-        if left <= _CLEARLY * min(self._still, turned) and first[way] <= _CLEARLY * self._least(
-            self._motion(-np.array(way)), _NEAREST_AT_FIRST
-        ):
+        back = self._least(self._motion(-np.array(way)), _NEAREST_AT_FIRST)
+        if first[way] < _CLEARLY * back and left < _CLEARLY * min(self._still, turned):
             found = self._swept(motion)
             return replace(found, notes=(*found.notes, _UNIFORM.format(share=left / self._still)))
-        if turned <= _CLEARLY * self._still:
+        if turned < _CLEARLY * self._still:
             only_turned = replace(
                 self._at_rest, world_to_camera=self._motion(np.zeros(3), turn), verdict="rotation_only"
             )
