@@ -12,9 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from gs2ci.core.arrays import Bool
 from gs2ci.core.errors import NumericsError
-
-F64 = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -61,7 +60,7 @@ class Estimate:
         """Get the standard error of a single number, or the rms of an array's."""
         return float(np.sqrt(np.mean(np.square(self.standard_error, dtype=np.float64))))
 
-    def agrees(self, truth: ArrayLike, sigmas: float = 2.0) -> NDArray[np.bool_]:
+    def agrees(self, truth: ArrayLike, sigmas: float = 2.0) -> Bool:
         """Return whether a truth lies within so many standard errors of the value, elementwise."""
         return np.asarray(np.abs(self.value - np.asarray(truth)) <= sigmas * self.standard_error)
 

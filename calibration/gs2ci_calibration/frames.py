@@ -8,14 +8,10 @@ from dataclasses import dataclass
 from typing import Final, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gs2ci.core.arrays import F32, F64, Bool
 from gs2ci_calibration.estimates import Section
 from gs2ci_calibration.refusals import CalibrationError, Reason
-
-F32 = NDArray[np.float32]
-F64 = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 FLICKER_LIMIT: Final = 0.005
 """Largest rms change of the light from frame to frame, relative, beyond its own noise."""
@@ -44,8 +40,8 @@ class Dark:
 
     offset_dn: F64
     current_dn_per_s: F64
-    dead: Flags
-    hot: Flags
+    dead: Bool
+    hot: Bool
 
     @classmethod
     def of(cls, section: Section) -> Self:
@@ -58,7 +54,7 @@ class Dark:
         )
 
     @property
-    def good(self) -> Flags:
+    def good(self) -> Bool:
         """Get the pixels that are neither dead nor hot, [H, W]."""
         return ~(self.dead | self.hot)
 
@@ -239,7 +235,7 @@ def check_drift(step: str, drift: float, frames: int) -> None:
         )
 
 
-def check_dead(step: str, dead: Flags) -> None:
+def check_dead(step: str, dead: Bool) -> None:
     """Accept a map of dead pixels [H, W].
 
     Raises:

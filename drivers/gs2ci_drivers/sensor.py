@@ -16,13 +16,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import Enum, IntFlag, unique
 
-import numpy as np
-from numpy.typing import NDArray
-
+from gs2ci.core.arrays import U16
 from gs2ci.core.clock import Clock
 from gs2ci_drivers.failures import OutOfRangeError, UnsupportedError, WrongStateError
-
-U16 = NDArray[np.uint16]
 
 
 @unique

@@ -14,6 +14,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from gs2ci.core.arrays import F32, F64
 from gs2ci.core.errors import InputError
 from gs2ci.core.progress import Progress, Silent
 from gs2ci.core.records import Shot, Truth
@@ -29,10 +30,8 @@ from gs2ci_sims.rig import Rig
 from gs2ci_sims.scenes.base import Scene
 from gs2ci_sims.signals import Slices, View, nominal_slices
 
-F32 = NDArray[np.float32]
 # From this share of closed pixels on, rendering the open ones alone is faster than rendering all.
 CLOSED_SHARE_MIN: Final = 0.5
-F64 = NDArray[np.float64]
 
 
 def expose(

@@ -13,9 +13,7 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
-import numpy as np
-from numpy.typing import NDArray
-
+from gs2ci.core.arrays import F32
 from gs2ci.core.errors import InputError
 from gs2ci_sims.effects.base import Bound, Effect, KernelEffect, Stage
 from gs2ci_sims.effects.full_well import FullWell
@@ -30,8 +28,6 @@ from gs2ci_sims.rig import Rig
 from gs2ci_sims.sampling import Sampling, choose_sampling
 from gs2ci_sims.scenes.base import Scene
 from gs2ci_sims.signals import Slices
-
-F32 = NDArray[np.float32]
 
 DEFAULT_TOLERANCE_DN: Final = 0.25
 # Effects left out may use up half of the tolerance, kernels that are cut off a tenth, sampling in time the rest.

@@ -20,8 +20,8 @@ from pathlib import Path
 from typing import Any, Final, TypeVar, get_args, get_origin, get_type_hints
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gs2ci.core.arrays import F32
 from gs2ci.core.config import read_toml
 from gs2ci.core.errors import InputError
 from gs2ci_sims.effects.base import Effect
@@ -36,7 +36,6 @@ from gs2ci_sims.scenes.files import load_scene
 from gs2ci_sims.scenes.planes import planes
 from gs2ci_sims.sensor import Sensor
 
-F32 = NDArray[np.float32]
 Record = TypeVar("Record")
 
 

@@ -18,13 +18,9 @@ from itertools import count
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gs2ci.core.arrays import F64, U8, U16
 from gs2ci.core.errors import InputError
-
-U8 = NDArray[np.uint8]
-U16 = NDArray[np.uint16]
-F64 = NDArray[np.float64]
 
 BOOT_S = 1000.0
 """What the clock shows when a world begins: an uptime, so that times before it are positive too."""

@@ -15,12 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
+from gs2ci.core.arrays import F64, Bool
 from gs2ci_calibration.masks.imaging import PixelMap
 from gs2ci_calibration.masks.registration_fit import Fitted, Textures, fit
 from gs2ci_calibration.refusals import CalibrationError, Reason
-
-F64 = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 DEGREES: Final = (1, 3, 5)
 """Of the map: affine first; a cubic and a quintic only where tiles leave no doubt that they are needed."""
@@ -164,7 +162,7 @@ def require_ratio(pixels: PixelMap, superpixel: int) -> None:
 def register(
     patterns: Sequence[NDArray[Any]] | NDArray[Any],
     shares: Sequence[F64],
-    valid: Bools,
+    valid: Bool,
     coarse: PixelMap,
     *,
     light: F64 | None = None,

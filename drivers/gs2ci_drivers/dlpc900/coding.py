@@ -9,12 +9,9 @@ from typing import Any, NoReturn, TypeVar, cast
 
 import numba
 import numpy as np
-from numpy.typing import NDArray
 
+from gs2ci.core.arrays import U32
 from gs2ci.core.errors import DeviceError, InputError
-
-U8 = NDArray[np.uint8]
-U32 = NDArray[np.uint32]
 
 # The widest run that two count bytes can carry: seven bits and eight.
 MAX_WIDTH = 0x7FFF

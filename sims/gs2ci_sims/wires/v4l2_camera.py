@@ -14,14 +14,11 @@ from enum import Enum, unique
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gs2ci.core.arrays import U8, U16
 from gs2ci.core.errors import InputError
 from gs2ci_sims.faults import FaultSet, declare
 from gs2ci_sims.world import Edge, Event, World
-
-U8 = NDArray[np.uint8]
-U16 = NDArray[np.uint16]
 
 TRIGGER_MISSED = declare("v4l2.trigger_missed", "the sensor does not see a trigger edge")
 TRIGGER_DOUBLED = declare("v4l2.trigger_doubled", "ringing on the line: the sensor exposes again after the frame")
