@@ -13,10 +13,10 @@ from gs2ci.core.progress import Silent
 from gs2ci.evaluate.report import build_report
 from gs2ci.evaluate.trajectory import trajectory_errors
 from gs2ci.reconstruct.decode.gap_tv import gap_tv
-from gs2ci.reconstruct.fit.stopping import Jury, choose_heldout
 from gs2ci.reconstruct.geometry.choose import load_geometry_prior
 from gs2ci.reconstruct.geometry.evidence import unexplained
 from gs2ci.reconstruct.geometry.prior import Request, find_geometry
+from gs2ci.reconstruct.jury import Jury
 from gs2ci.reconstruct.lens import Lens, straightened
 from gs2ci.reconstruct.pipeline import reconstruct
 from gs2ci.reconstruct.proxies.routing import geometry_views
@@ -64,7 +64,7 @@ def initialise_case(case: dict[str, Any], variant: str, seed: int) -> Row:
     shot, settings = Case.of(case).shot(seed), settings_of(variant, seed).check()
     prior = load_geometry_prior(settings.poses)
     began_s = time.monotonic()
-    seen = Jury(shot, choose_heldout(shot, settings.fit.hold_out.share, settings.seed)).seen
+    seen = Jury.of(shot, settings.fit.hold_out.share, settings.seed).seen
     decoded = gap_tv(seen, settings.decode, Silent())
     views = geometry_views(seen, decoded, settings.proxy)
     request = Request.of(seen, views, settings.geometry, Lens.of(shot))

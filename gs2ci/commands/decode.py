@@ -16,9 +16,10 @@ import tyro
 from rich.console import Console
 
 from gs2ci.commands.display import open_display
+from gs2ci.core.arrays import F32
 from gs2ci.core.errors import InputError
 from gs2ci.core.progress import Progress
-from gs2ci.core.records import F32, Shot
+from gs2ci.core.records import Shot
 from gs2ci.core.storage import count_shots, read_shot
 from gs2ci.evaluate.decode_folder import SCHEMA, Decoded, write_decoded
 from gs2ci.evaluate.run_folder import check_destination

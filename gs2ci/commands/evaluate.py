@@ -11,9 +11,9 @@ import tyro
 from rich.console import Console
 from rich.table import Table
 
+from gs2ci.core.arrays import F32
 from gs2ci.core.errors import InputError
 from gs2ci.core.foreign.assemble import load_single
-from gs2ci.core.records import F32
 from gs2ci.core.storage import read_shot
 from gs2ci.evaluate.evaluation import Evidence, evaluate, read_run, write_evaluation
 from gs2ci.evaluate.noise import NoiseModel

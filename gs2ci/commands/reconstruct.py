@@ -13,10 +13,11 @@ import numpy as np
 import tyro
 
 from gs2ci.commands.display import Display, open_display, print_summary
+from gs2ci.core.arrays import F32, F64
 from gs2ci.core.clock import command_age_s
 from gs2ci.core.durations import parse_duration_s
 from gs2ci.core.errors import InputError
-from gs2ci.core.records import F32, F64, Shot
+from gs2ci.core.records import Shot
 from gs2ci.core.storage import read_shot
 from gs2ci.evaluate.metrics import psnr_per_view
 from gs2ci.evaluate.rehearsal import report_seconds
@@ -24,8 +25,8 @@ from gs2ci.evaluate.run_folder import check_destination, write_run
 from gs2ci.reconstruct import ablation
 from gs2ci.reconstruct.budget import Adapt, Plan, plan_within
 from gs2ci.reconstruct.costs import probe
-from gs2ci.reconstruct.fit.coarse import Score
 from gs2ci.reconstruct.fit.fine import FineSettings
+from gs2ci.reconstruct.fit.looks import Score
 from gs2ci.reconstruct.fit.rules import RuleName
 from gs2ci.reconstruct.pipeline import reconstruct
 from gs2ci.reconstruct.presets import PRESETS, PresetName

@@ -17,8 +17,9 @@ from typing import Any, Final
 import cv2
 import numpy as np
 
+from gs2ci.core.arrays import F32
 from gs2ci.core.errors import InputError, NumericsError, StorageError
-from gs2ci.core.records import F32, Shot
+from gs2ci.core.records import Shot
 from gs2ci.evaluate import environment
 from gs2ci.evaluate.cameras import view_names
 from gs2ci.evaluate.metrics import measurement_residual, psnr_per_view, ssim_per_view

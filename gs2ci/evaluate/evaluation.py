@@ -13,13 +13,14 @@ from typing import Any, Final
 import numpy as np
 import torch
 
+from gs2ci.core.arrays import F32, F64
 from gs2ci.core.errors import InputError, StorageError
 from gs2ci.core.json_text import parse_json
-from gs2ci.core.records import F32, F64, Shot
+from gs2ci.core.records import Shot
 from gs2ci.core.whole_file import write_whole
 from gs2ci.evaluate.cameras import poses_of_transforms
 from gs2ci.evaluate.depth import depth_errors
-from gs2ci.evaluate.metrics import measurement_residual, psnr_per_view, ssim_per_view
+from gs2ci.evaluate.metrics import image_scores, measurement_residual
 from gs2ci.evaluate.noise import NoiseModel, chi_squared_per_pixel
 from gs2ci.evaluate.novel_views import NovelViews, score_novel_views
 from gs2ci.evaluate.report import plain_json, read_report
@@ -113,7 +114,7 @@ def evaluate(run: FinishedRun, evidence: Evidence) -> dict[str, Any]:
     found = {
         "schema": SCHEMA,
         "name": shot.name,
-        **_images(views, shot.truth.views),
+        **image_scores(views, shot.truth.views),
         "lpips": _perceptual(views, shot.truth.views, evidence.lpips),
         "trajectory": None if true_path is None else asdict(trajectory_errors(run.world_to_camera, true_path)),
         "depth": None if evidence.depth is None or run.depth is None else _depth(run.depth, evidence.depth),
@@ -146,13 +147,6 @@ def _predicted(shot: Shot, views: F32, brightness: Sequence[float] | None) -> F3
         Coding.of(replace(shot, weights=weights)).forward(torch.from_numpy(np.ascontiguousarray(views))).numpy()
     )
     return predicted
-
-
-def _images(views: F32, truth: F32 | None) -> dict[str, Any]:
-    if truth is None:
-        return {"psnr_db": None, "ssim": None}
-    scores = {"psnr_db": psnr_per_view(views, truth), "ssim": ssim_per_view(views, truth)}
-    return {key: {"mean": float(np.mean(each)), "per_view": each} for key, each in scores.items()}
 
 
 def _perceptual(views: F32, truth: F32 | None, distance: PerceptualDistance | None) -> dict[str, Any] | None:

@@ -12,8 +12,8 @@ from zipfile import BadZipFile
 import numpy as np
 import torch
 
+from gs2ci.core.arrays import F32, F64
 from gs2ci.core.errors import InputError
-from gs2ci.core.records import F32, F64
 from gs2ci.evaluate.metrics import psnr_per_view, ssim_per_view
 from gs2ci.evaluate.trajectory import Alignment
 from gs2ci.render.backend import load_backend

@@ -11,6 +11,7 @@ from typing import Final
 import numpy as np
 import torch
 
+from gs2ci.core.cameras import pinhole
 from gs2ci.core.crop import middle
 from gs2ci.core.records import Shot
 from gs2ci.core.run_records import VERDICTS, RunResult
@@ -62,7 +63,7 @@ def _blank(shot: Shot) -> RunResult:
         scene_views=grey,
         depth=grey[..., 0],
         world_to_camera=np.tile(np.eye(4), (shot.views, 1, 1)),
-        intrinsics=np.array([[width, 0, width / 2], [0, width, height / 2], [0, 0, 1.0]]),
+        intrinsics=pinhole(width, shot.size),
         decode=grey,
         predicted_measurement=shot.measurement,
         curve=(),

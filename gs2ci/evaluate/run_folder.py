@@ -31,8 +31,9 @@ import cv2
 import numpy as np
 import torch
 
+from gs2ci.core.arrays import F32
 from gs2ci.core.errors import StorageError
-from gs2ci.core.records import F32, Shot
+from gs2ci.core.records import Shot
 from gs2ci.core.run_records import RunResult
 from gs2ci.core.whole_file import check_place
 from gs2ci.evaluate.cameras import nerfstudio_transforms, view_names, write_colmap_model

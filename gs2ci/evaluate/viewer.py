@@ -14,9 +14,9 @@ import numpy as np
 import torch
 from scipy.spatial.transform import Rotation
 
+from gs2ci.core.arrays import F32, F64, U8
 from gs2ci.core.errors import InputError
-from gs2ci.core.records import F32, F64
-from gs2ci.evaluate.pages.pictures import U8, to_eight_bit
+from gs2ci.evaluate.pages.pictures import to_eight_bit
 from gs2ci.evaluate.pages.run_evidence import read_evidence
 from gs2ci.render.gaussians import rotation_matrices
 from gs2ci.render.ply import read_ply

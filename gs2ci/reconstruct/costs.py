@@ -27,19 +27,22 @@ import numba
 import numpy as np
 from scipy.ndimage import gaussian_filter, shift
 
+from gs2ci.core.arrays import F32
+from gs2ci.core.cameras import pinhole
 from gs2ci.core.crop import middle
 from gs2ci.core.errors import InputError
 from gs2ci.core.progress import Silent
-from gs2ci.core.records import F32, Shot, Truth
+from gs2ci.core.records import Shot, Truth
 from gs2ci.reconstruct.decode.gap_tv import GapTvSettings, gap_tv
 from gs2ci.reconstruct.decode.residual import ResidualSettings, decode_residual
 from gs2ci.reconstruct.fit.coarse import CoarseSettings, fit_coarse
 from gs2ci.reconstruct.fit.pace import LOOKS_AFTERWARDS, Pace
 from gs2ci.reconstruct.fit.start import first_gaussians
-from gs2ci.reconstruct.fit.stopping import HoldOut, Jury, choose_heldout
+from gs2ci.reconstruct.fit.stopping import HoldOut
 from gs2ci.reconstruct.geometry.initialise import Geometry, GeometrySettings, initialise
 from gs2ci.reconstruct.geometry.points import seed_points
 from gs2ci.reconstruct.geometry.sweep import SweepSettings, sweep
+from gs2ci.reconstruct.jury import HELDOUT_SHARE, Jury
 from gs2ci.reconstruct.settings import Settings
 from gs2ci.render.backend import Backend, load_backend
 
@@ -245,7 +248,7 @@ def _probe_fit(shot: Shot, views: F32, stride: int, backend: Backend) -> tuple[i
     start = first_gaussians(seed_points(geometry, views, stride))
     watch = _StopWatch()
     fit_coarse(
-        jury=Jury(shot, choose_heldout(shot, 0.02, 0)),
+        jury=Jury.of(shot, HELDOUT_SHARE, 0),
         start=start,
         geometry=geometry,
         backend=backend,
@@ -261,13 +264,11 @@ def _probe_fit(shot: Shot, views: F32, stride: int, backend: Backend) -> tuple[i
 
 def _plane(shot: Shot) -> Geometry:
     """Put the shot's scene on a plane before a camera that stands still."""
-    height, width = shot.size
-    focal = float(max(height, width))
     return Geometry(
         world_to_camera=np.tile(np.eye(4), (shot.views, 1, 1)),
-        intrinsics=np.array([[focal, 0, width / 2], [0, focal, height / 2], [0, 0, 1.0]]),
+        intrinsics=pinhole(max(shot.size), shot.size),
         focal_source="default",
-        inverse_depth=np.ones((height, width), np.float32),
+        inverse_depth=np.ones(shot.size, np.float32),
         reference=shot.views // 2,
         tracks=0,
         reprojection_rms_px=0.0,

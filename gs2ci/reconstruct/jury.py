@@ -1,54 +1,27 @@
-"""When a fit ends: the pixels of the measurement that no stage sees, and what they say of the views.
+"""The pixels of the measurement that no stage sees, and what they say of views.
 
-Here: which pixels are held out, how views are judged by them, and the watch that follows the judgements. Not here:
-the loop (`coarse.py`). For `gs2ci.reconstruct`.
+Here: which pixels are held out, how views are judged by them, and when a difference is sure. Not here: what follows
+from a judgement (`pipeline`, `fit/stopping.py`). For `gs2ci.reconstruct`, and whoever compares reconstructions.
 """
 
-from dataclasses import dataclass, replace
-from typing import Final
+import math
+from typing import Final, Self
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 
-from gs2ci.core.errors import InputError
-from gs2ci.core.records import F32, F64, Shot
-from gs2ci.reconstruct.coding import MOST_OUTLIERS, Coding, beyond_white
+from gs2ci.core.arrays import F32, F64, Bool
+from gs2ci.core.records import Shot
+from gs2ci.reconstruct.coding import MOST_OUTLIERS, Coding, beyond_white, without_pixels
 
 _HELDOUT_STREAM: Final = 0x4E1D  # keeps this draw apart from every other one of the same seed
+# Of the pixels that can judge, so many do where nothing else is asked for: enough to tell, too few to be missed.
+HELDOUT_SHARE: Final = 0.02
+# Of so many standard errors is what counts as sure.
+SURE: Final = 2.0
 
 
-@dataclass(frozen=True)
-class HoldOut:
-    """How much of the measurement is held out, and how long the fit waits for it.
-
-    Args:
-        share: Share of the coded pixels that no stage sees.
-        look_every: Iterations between looks at them.
-        patience: Iterations without improvement after which the fit ends.
-        growth_patience: Iterations without improvement after which the population no longer grows: more Gaussians
-            would only fit what the loss sees.
-        improvement: Relative decrease of the residual that counts as one.
-    """
-
-    share: float = 0.02
-    look_every: int = 50
-    patience: int = 150
-    growth_patience: int = 50
-    improvement: float = 1e-3
-
-    def check(self) -> "HoldOut":
-        """Return self if the numbers make sense.
-
-        Raises:
-            InputError: A share outside [0, 0.5], or a count below 1.
-        """
-        if not 0 <= self.share <= 0.5 or min(self.look_every, self.patience, self.growth_patience) < 1:
-            raise InputError(f"hold-out settings {self}", allowed="a share in [0, 0.5] and counts of at least 1")
-        return self
-
-
-def choose_heldout(shot: Shot, share: float, seed: int) -> NDArray[np.bool_]:
+def choose_heldout(shot: Shot, share: float, seed: int) -> Bool:
     """Choose the pixels to hold out, [H, W] bool.
 
     Only pixels that light reached through some mask and that are not saturated can judge a prediction. Nor do the few
@@ -56,7 +29,7 @@ def choose_heldout(shot: Shot, share: float, seed: int) -> NDArray[np.bool_]:
     judge alike.) Of the others a share is drawn, at least one and never more than half. With fewer than two of them,
     or a share of zero, none is held out.
     """
-    useful = shot.masks[shot.weights > 0].any(axis=0)
+    useful = shot.lit
     if shot.saturated is not None:
         useful &= ~shot.saturated
     odd = beyond_white(shot) & useful
@@ -80,21 +53,22 @@ class Jury:
         heldout: Its held-out pixels, [H, W] bool.
     """
 
-    def __init__(self, shot: Shot, heldout: NDArray[np.bool_]) -> None:
+    def __init__(self, shot: Shot, heldout: Bool) -> None:
         self.shot = shot
         self.heldout = heldout
         self._coding = Coding.of(shot)
+
+    @classmethod
+    def of(cls, shot: Shot, share: float, seed: int) -> Self:
+        """Hold out a share of a shot's pixels, drawn as `choose_heldout` says."""
+        return cls(shot, choose_heldout(shot, share, seed))
 
     @property
     def seen(self) -> Shot:
         """Get the shot with every mask closed over the held-out pixels, so that no stage can see them."""
         if not self.heldout.any():
             return self.shot
-        return replace(
-            self.shot,
-            masks=self.shot.masks * ~self.heldout,
-            measurement=self.shot.measurement * ~self.heldout[..., None],
-        )
+        return without_pixels(self.shot, self.heldout)
 
     def coded(self, views: F32) -> F32:
         """Return the measurement, [H, W, C], that views [N, H, W, C] would give."""
@@ -131,36 +105,17 @@ class Jury:
         return float(np.sqrt(np.mean((measured - level * light) ** 2)))
 
 
-class Watch:
-    """Follows the held-out residual: tells a new best, and when it has stopped improving."""
+def surely_larger(one: F64, other: F64) -> bool:
+    """Tell whether the mean of the first exceeds that of the second by more than `SURE` standard errors.
 
-    def __init__(self, settings: HoldOut) -> None:
-        self._settings = settings
-        self._best = float("inf")
-        self.best_iteration = 0
-        self._reference = float("inf")
-        self._reference_iteration = 0
+    By squares, the mean of several predictions is never worse than they are on average; that one of them beats it on
+    a few hundred pixels is often luck, and the luckiest was chosen.
 
-    def note(self, residual_rms: float | None, iteration: int) -> bool:
-        """Take a look's residual; return True if it is the best so far (always, where nothing is held out)."""
-        if residual_rms is None:
-            self.best_iteration = self._reference_iteration = iteration
-            return True
-        if residual_rms < self._reference * (1 - self._settings.improvement):
-            self._reference, self._reference_iteration = residual_rms, iteration
-        if residual_rms < self._best:
-            self._best, self.best_iteration = residual_rms, iteration
-            return True
+    Args:
+        one: Squared residuals, [K].
+        other: Those of the same pixels, [K].
+    """
+    difference = one - other
+    if len(difference) < 2:
         return False
-
-    def set_back(self, iteration: int) -> None:
-        """Expect the residual to rise now and to recover: improvement counts anew, the best state stays the best."""
-        self._reference, self._reference_iteration = float("inf"), iteration
-
-    def may_grow(self, iteration: int) -> bool:
-        """Tell whether the residual has improved lately, so that more Gaussians are worth having."""
-        return iteration - self._reference_iteration <= self._settings.growth_patience
-
-    def stalled(self, iteration: int) -> bool:
-        """Tell whether nothing has improved for as long as patience lasts."""
-        return iteration - self._reference_iteration >= self._settings.patience
+    return bool(difference.mean() > SURE * difference.std(ddof=1) / math.sqrt(len(difference)))

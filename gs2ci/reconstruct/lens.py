@@ -15,15 +15,13 @@ from typing import Final, Literal, Self
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates
 
+from gs2ci.core.arrays import F32, F64, Bool
 from gs2ci.core.errors import InputError
 from gs2ci.core.lens import LEAST_STRETCH, distorted, pixels_of, slopes_of, stretch, undistorted
-from gs2ci.core.records import F32, F64, Shot
+from gs2ci.core.records import Shot
 from gs2ci.render.sampling import Sampling
-
-Bool = NDArray[np.bool_]
 
 # A lens that moves no pixel by more than this is a pinhole: corners in decoded views are found to a tenth of a pixel at
 # best, and boards give coefficients other than 0 for every lens.

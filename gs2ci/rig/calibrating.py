@@ -7,9 +7,7 @@ rest of `gs2ci.rig` and tests import this file.
 
 from collections.abc import Callable
 
-import numpy as np
-from numpy.typing import NDArray
-
+from gs2ci.core.arrays import U16
 from gs2ci.core.errors import InputError
 from gs2ci.core.progress import Progress, Silent
 from gs2ci.rig.config import CalibrationTable, RigTable, WorldTable
@@ -112,7 +110,7 @@ def bench_of(
     modulator = devices.modulator.connect()
     size = (modulator.height, modulator.width)
 
-    def lay_out(drawn: NDArray[np.uint16]) -> Patterns:
+    def lay_out(drawn: U16) -> Patterns:
         return on_modulator(drawn, rig.table.registration, size)
 
     return Bench(

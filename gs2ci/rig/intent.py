@@ -5,17 +5,15 @@ Not here: planning and taking it (`recording`), calibrating for it (`calibrating
 
 from typing import Any
 
-import numpy as np
 from numpy.typing import NDArray
 
+from gs2ci.core.arrays import U16
 from gs2ci.rig.opening import Rig
 from gs2ci.rig.patterns import draw_codes, on_modulator
 from gs2ci_drivers.acquisition import Devices
 from gs2ci_drivers.plan import CaptureSettings, Mode, Optics, Travel
 from gs2ci_drivers.sensor import SensorConfig
 from gs2ci_sims.bench_light import BenchLight
-
-U16 = NDArray[np.uint16]
 
 
 def intended(rig: Rig, devices: Devices) -> tuple[U16, CaptureSettings, SensorConfig]:

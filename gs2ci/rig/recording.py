@@ -12,8 +12,9 @@ from time import time_ns
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gs2ci.core.arrays import F64, U16
+from gs2ci.core.cameras import pinhole
 from gs2ci.core.errors import StorageError
 from gs2ci.core.progress import Progress
 from gs2ci.core.records import Truth
@@ -30,10 +31,6 @@ from gs2ci_drivers.plan import Mode, Plan
 from gs2ci_drivers.sensor import Frame
 from gs2ci_sims.bench_light import BenchLight
 from gs2ci_sims.world import Exposure
-
-F32 = NDArray[np.float32]
-F64 = NDArray[np.float64]
-U16 = NDArray[np.uint16]
 
 GUESSED_OPEN_SHARE: Final = 0.5
 """Without any word on the light, the range is taken to be filled by half of the masks being open."""
@@ -185,10 +182,8 @@ def _saturation_dn(table: RigTable, top: int) -> float:
 
 
 def _intrinsics(table: RigTable, size: tuple[int, ...]) -> F64 | None:
-    focal = table.optics.focal_px
-    if focal is None:
-        return None
-    return np.array([[focal, 0.0, size[1] / 2], [0.0, focal, size[0] / 2], [0.0, 0.0, 1.0]])
+    focal_px = table.optics.focal_px
+    return None if focal_px is None else pinhole(focal_px, size)
 
 
 def _carriage(rig: Rig, prepared: Prepared) -> Carriage | None:

@@ -14,9 +14,10 @@ from pathlib import Path
 
 import numpy as np
 
+from gs2ci.core.arrays import F32
 from gs2ci.core.errors import GeometryError
 from gs2ci.core.progress import Silent
-from gs2ci.core.records import F32, Shot
+from gs2ci.core.records import Shot
 from gs2ci.core.storage import read_shot
 from gs2ci.evaluate.metrics import psnr_per_view
 from gs2ci.reconstruct.decode.gap_tv import gap_tv

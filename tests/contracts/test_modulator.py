@@ -5,8 +5,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from gs2ci.core.arrays import U16
 from gs2ci_drivers.display_slm.driver import DisplaySlm
 from gs2ci_drivers.dlpc900.driver import Dlpc900
 from gs2ci_drivers.failures import (
@@ -31,7 +31,7 @@ Twin = Dlpc900Twin | ScpiModulatorTwin | DisplaySlmTwin
 class Dark:
     """A light path without light."""
 
-    def collect(self, exposure: Exposure) -> NDArray[np.uint16]:
+    def collect(self, exposure: Exposure) -> U16:
         return np.zeros((exposure.height, exposure.width), np.uint16)
 
 

@@ -13,10 +13,11 @@ from typing import Final
 import numpy as np
 from scipy import ndimage
 
+from gs2ci.core.arrays import F32, F64
 from gs2ci.core.errors import InputError
 from gs2ci.core.foreign.container import Array
 from gs2ci.core.foreign.scale import FULL_SCALES, Scale
-from gs2ci.core.records import CFA_PATTERNS, F32, F64, CfaPattern
+from gs2ci.core.records import CFA_PATTERNS, CfaPattern
 
 # Correlations of the fine pattern seen on real and simulated files: 0.68 to 0.92 where masks fit, below 0.01 where
 # they do not.

@@ -13,10 +13,10 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from gs2ci.core.arrays import F32, F64
 from gs2ci.core.errors import InputError
 from gs2ci.core.foreign.container import Array
 from gs2ci.core.foreign.pixels import LARGEST
-from gs2ci.core.records import F32, F64
 
 FULL_SCALES: Final[dict[str, float]] = {
     "unit": 1.0,

@@ -42,8 +42,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gs2ci import __version__
+from gs2ci.core.arrays import F32, F64
 from gs2ci.core.errors import InputError, StorageError
-from gs2ci.core.records import F32, F64, CfaPattern, Shot
+from gs2ci.core.records import CfaPattern, Shot
 
 SCHEMA: Final = "gs2ci.capture/1"
 UNITS: Final = "SI with the unit in the name; lengths of stages in mm; images: full scale of one view = 1"

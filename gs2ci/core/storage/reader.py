@@ -17,9 +17,10 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
+from gs2ci.core.arrays import F32, F64, Bool
 from gs2ci.core.errors import Gs2ciError, StorageError
 from gs2ci.core.hdf5 import check_text_heaps
-from gs2ci.core.records import F64, Shot, Truth
+from gs2ci.core.records import Shot, Truth
 from gs2ci.core.storage.layout import CALIBRATION, NO_MAP, SCHEMA, unpack, usable_per_pixel
 from gs2ci.core.storage.sealing import PARTIAL
 
@@ -228,7 +229,7 @@ class CaptureFile:
             remedy="the file was not written by gs2ci, or is damaged: write it again from its source",
         )
 
-    def _measurement(self, row: int) -> tuple[NDArray[np.float32], NDArray[np.bool_] | None]:
+    def _measurement(self, row: int) -> tuple[F32, Bool | None]:
         reading = self.array("meas", axes=self._dataset("meas").ndim, row=row)
         if reading is None or reading.ndim not in (2, 3):
             raise self.wrong("meas", "not a stack of images", "[S, H, W] or [S, H, W, 3]")
@@ -243,7 +244,7 @@ class CaptureFile:
             measurement = reading.astype(np.float32)
         else:
             measurement = ((reading.astype(np.float64) - offset_dn) / scale_dn).astype(np.float32)
-        clipped: NDArray[np.bool_] | None = None
+        clipped: Bool | None = None
         stored_map = self.array("saturated", axes=3, row=row)
         saturation_dn = self.number("meas", "saturation_dn", float("nan"))
         if not np.isnan(saturation_dn):
@@ -276,7 +277,7 @@ class CaptureFile:
             for row in range(min(dataset.shape[0], self._file_bytes)):
                 yield self.text(key, row) or ""
 
-    def true_views(self, row: int) -> NDArray[np.float32] | None:
+    def true_views(self, row: int) -> F32 | None:
         """Read the true views of a row, [N, H, W, C], if it brought them."""
         valid = self.array("truth/views_valid", axes=1)
         if valid is None:

@@ -10,7 +10,7 @@ from typing import Any, Final
 import numpy as np
 from markupsafe import Markup
 
-from gs2ci.core.records import F64
+from gs2ci.core.arrays import F64
 from gs2ci.evaluate.pages.charts import Colour
 from gs2ci.evaluate.pages.frame import environment
 from gs2ci.evaluate.panels import seen_from_above

@@ -14,9 +14,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from gs2ci.core.arrays import U8, Bool
 from gs2ci.core.errors import InputError
-
-U8 = NDArray[np.uint8]
 
 # Of all pictures of one page, as written into it; style, text and charts take about 0.2 MB more.
 BUDGET_BYTES: Final = 2_300_000
@@ -59,7 +58,7 @@ def to_eight_bit(image: NDArray[Any]) -> U8:
     return np.asarray(np.round(255 * np.clip(np.nan_to_num(image), 0, 1)), np.uint8)
 
 
-def colour(values: NDArray[Any], limits: tuple[float, float], colormap: str, *, empty: NDArray[np.bool_]) -> U8:
+def colour(values: NDArray[Any], limits: tuple[float, float], colormap: str, *, empty: Bool) -> U8:
     """Colour a map [..., H, W]; pixels of `empty` become grey.
 
     Args:

@@ -19,10 +19,10 @@ from typing import Any, Final
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor
 from torch.nn import functional
 
+from gs2ci.core.arrays import F32, F64
 from gs2ci.core.errors import InputError
 from gs2ci.core.whole_file import write_whole
 
@@ -184,10 +184,10 @@ def _resolve(network: FfdNet) -> FfdNet | None:
     return best
 
 
-def _probe_image() -> NDArray[np.float64]:
+def _probe_image() -> F64:
     y, x = np.mgrid[:64, :64] / 64
     disc = np.hypot(x - 0.4, y - 0.6) < 0.25
-    image: NDArray[np.float64] = 0.3 + 0.3 * x + 0.1 * np.sin(6 * y) + 0.2 * disc
+    image: F64 = 0.3 + 0.3 * x + 0.1 * np.sin(6 * y) + 0.2 * disc
     return image
 
 
@@ -236,6 +236,6 @@ def _graph(network: FfdNet) -> Any:
     return model
 
 
-def _unshuffle(channels: int) -> NDArray[np.float32]:
+def _unshuffle(channels: int) -> F32:
     """Make the 2 × 2 kernels that pick the four sub-images, in the order of torch's pixel_unshuffle."""
     return np.eye(4 * channels, dtype=np.float32).reshape(4 * channels, channels, 2, 2)

@@ -8,7 +8,6 @@ Here: how fits are made to differ, that they run at the same time, and what is h
 fit (`coarse.py`). For `gs2ci.reconstruct.pipeline`.
 """
 
-import math
 import threading
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -21,13 +20,14 @@ import numpy as np
 import torch
 from scipy.ndimage import gaussian_filter
 
+from gs2ci.core.arrays import F32, F64
 from gs2ci.core.errors import NumericsError
 from gs2ci.core.progress import Progress, Silent
-from gs2ci.core.records import F32, F64
-from gs2ci.reconstruct.fit.coarse import CoarseFit, Refine
+from gs2ci.reconstruct.fit.coarse import CoarseFit
 from gs2ci.reconstruct.fit.density.base import DensityRule
+from gs2ci.reconstruct.fit.looks import Refine
 from gs2ci.reconstruct.fit.pace import Pace
-from gs2ci.reconstruct.fit.stopping import Jury
+from gs2ci.reconstruct.jury import Jury, surely_larger
 from gs2ci.render.gaussians import Gaussians
 
 _STREAM: Final = 0x3A7E  # keeps these draws apart from every other one of the same seed
@@ -241,19 +241,3 @@ def _disagreement(fits: tuple[CoarseFit, ...], mean: F64) -> F32:
     smooth = gaussian_filter(squares, (0, _NEIGHBOURHOOD_PX, _NEIGHBOURHOOD_PX))
     found: F32 = np.sqrt(smooth).astype(np.float32)
     return found
-
-
-def surely_larger(one: F64, other: F64) -> bool:
-    """Tell whether the mean of the first exceeds that of the second by more than two standard errors.
-
-    By squares, the mean of several predictions is never worse than they are on average; that one of them beats it on
-    a few hundred pixels is often luck, and the luckiest was chosen.
-
-    Args:
-        one: Squared residuals, [K].
-        other: Those of the same pixels, [K].
-    """
-    difference = one - other
-    if len(difference) < 2:
-        return False
-    return bool(difference.mean() > 2 * difference.std(ddof=1) / math.sqrt(len(difference)))

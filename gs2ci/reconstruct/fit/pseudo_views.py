@@ -11,8 +11,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from gs2ci.core.arrays import F64
 from gs2ci.core.errors import InputError
-from gs2ci.core.records import F64
 from gs2ci.render import se3
 
 

@@ -9,7 +9,7 @@ from typing import Final
 
 import numpy as np
 
-from gs2ci.core.records import F32
+from gs2ci.core.arrays import F32
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.geometry.points import Seeds, seed_points
 

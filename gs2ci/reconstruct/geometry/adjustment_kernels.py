@@ -6,10 +6,8 @@ blocks to JᵀWJ of the Jacobian in `motion`, and that to finite differences.
 
 import numba
 import numpy as np
-from numpy.typing import NDArray
 
-F64 = NDArray[np.float64]
-Bool = NDArray[np.bool_]
+from gs2ci.core.arrays import F64, Bool
 
 # Depth, relative to that in the reference view, at or below which a point counts as behind a camera; the cost goes on
 # from there as if the depth did not fall further.

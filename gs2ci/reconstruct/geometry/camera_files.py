@@ -16,10 +16,11 @@ from typing import Any, Final
 import numpy as np
 import pycolmap
 
+from gs2ci.core.arrays import F64
 from gs2ci.core.errors import InputError
 from gs2ci.core.json_text import parse_json
 from gs2ci.core.lens import COEFFICIENTS
-from gs2ci.core.records import F64, check_intrinsics
+from gs2ci.core.records import check_intrinsics
 
 # nerfstudio and OpenGL look along −z with y up; OpenCV and COLMAP look along +z with y down.
 _OPENGL_FROM_OPENCV: Final = np.diag([1.0, -1.0, -1.0, 1.0])

@@ -12,7 +12,8 @@ import cv2
 import numpy as np
 import torch
 
-from gs2ci.core.records import F32, F64, Shot
+from gs2ci.core.arrays import F32, F64
+from gs2ci.core.records import Shot
 from gs2ci.reconstruct.coding import Coding
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.lens import Lens
@@ -35,7 +36,7 @@ def unexplained(shot: Shot, views: F32, geometry: Geometry, lens: Lens | None = 
     """
     carried = carried_views(views, geometry, lens)
     left = Coding.of(shot).forward(torch.from_numpy(carried)).numpy() - shot.measurement
-    coded = (shot.masks * shot.weights[:, None, None]).any(axis=0)
+    coded = shot.lit
     if shot.saturated is not None:
         coded &= ~shot.saturated
     return float(np.sqrt(np.mean(left[coded] ** 2, dtype=np.float64))) if coded.any() else 0.0

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from gs2ci.core.arrays import F64, Bool
 from gs2ci.reconstruct.geometry.adjustment_kernels import (
     LEAST_RELATIVE_DEPTH,
     depth_steps,
@@ -26,9 +27,6 @@ from gs2ci.reconstruct.geometry.adjustment_kernels import (
     normal_blocks,
 )
 from gs2ci.reconstruct.geometry.tracks import Tracks
-
-F64 = NDArray[np.float64]
-Bool = NDArray[np.bool_]
 
 # Inverse depths stay within this range of their common scale 1: farther is infinity, nearer is the lens.
 INVERSE_DEPTH_RANGE = (0.02, 20.0)

@@ -7,14 +7,12 @@ Here: the best rotations for given tracks. Not here: the decision that they suff
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from gs2ci.core.arrays import F64
 from gs2ci.reconstruct.geometry.adjustment_kernels import LEAST_RELATIVE_DEPTH
 from gs2ci.reconstruct.geometry.motion import MotionSettings, rays, rms_px
 from gs2ci.reconstruct.geometry.tracks import Tracks
-
-F64 = NDArray[np.float64]
 
 # Rotations of some degrees converge quadratically; ten steps are ample.
 _STEPS = 10

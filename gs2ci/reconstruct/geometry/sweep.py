@@ -8,14 +8,11 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from gs2ci.core.arrays import F32, F64
 from gs2ci.core.errors import InputError
 from gs2ci.reconstruct.geometry.kernels import FEATURES, best_plane, matching_cost, sum_along_rows
 from gs2ci.reconstruct.windows import check_window
-
-F32 = NDArray[np.float32]
-F64 = NDArray[np.float64]
 
 _BLUR_PX = 0.8
 _GRADIENT_WEIGHT = 4.0

@@ -8,13 +8,9 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from gs2ci.core.arrays import F32, F64, U8, Bool
 from gs2ci.reconstruct.windows import check_window
-
-F32 = NDArray[np.float32]
-F64 = NDArray[np.float64]
-Bool = NDArray[np.bool_]
 
 # OpenCV puts the centre of the first pixel at 0, the renderer at 0.5.
 _CENTRE_OFFSET = 0.5
@@ -83,7 +79,7 @@ class Tracks:
         return self.keep(self.seen.sum(1) >= views)
 
 
-def grey_levels(views: F32) -> list[NDArray[np.uint8]]:
+def grey_levels(views: F32) -> list[U8]:
     """Turn views, [N, H, W, C] in [0, 1], into slightly blurred 8-bit luminance, N times [H, W]."""
     images = []
     for view in views:
@@ -169,9 +165,7 @@ def within(tracks: Tracks, shown: Bool) -> Tracks:
     return Tracks(positions, tracks.reference).keep(~np.isnan(positions[:, tracks.reference, 0]))
 
 
-def _follow(
-    images: list[NDArray[np.uint8]], reference: int, order: range, positions: F64, settings: TrackSettings
-) -> None:
+def _follow(images: list[U8], reference: int, order: range, positions: F64, settings: TrackSettings) -> None:
     """Fill `positions` of the views in `order`, each reached from the one before."""
     start = (positions[:, reference] - _CENTRE_OFFSET).astype(np.float32)
     previous, points, alive = reference, start, np.ones(len(start), np.bool_)
@@ -188,15 +182,15 @@ def _follow(
         previous = i
 
 
-def _inside(points: F32, image: NDArray[np.uint8]) -> Bool:
+def _inside(points: F32, image: U8) -> Bool:
     height, width = image.shape
     inside = (points >= 0) & (points <= (width - 1, height - 1))
     return inside[:, 0] & inside[:, 1]
 
 
 def _flow(
-    source: NDArray[np.uint8],
-    target: NDArray[np.uint8],
+    source: U8,
+    target: U8,
     points: F32,
     window_px: int,
     guess: F32 | None = None,

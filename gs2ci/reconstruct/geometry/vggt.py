@@ -23,8 +23,8 @@ import cv2
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from gs2ci.core.arrays import F32, F64
 from gs2ci.core.errors import InputError, NumericsError
-from gs2ci.core.records import F32, F64
 from gs2ci.reconstruct.onnx_models import fixed_side, open_model, run_model, signature
 
 _PATCH: Final = 14

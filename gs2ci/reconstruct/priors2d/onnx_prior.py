@@ -12,8 +12,8 @@ from typing import Final
 
 import numpy as np
 
+from gs2ci.core.arrays import F32
 from gs2ci.core.errors import InputError
-from gs2ci.core.records import F32
 from gs2ci.reconstruct.onnx_models import fixed_side, open_model, run_model, signature
 from gs2ci.reconstruct.priors2d.base import Question, check_targets
 

@@ -9,8 +9,9 @@ from typing import Final, Literal
 
 import numpy as np
 
+from gs2ci.core.arrays import F32
 from gs2ci.core.errors import InputError
-from gs2ci.core.records import F32, Shot
+from gs2ci.core.records import Shot
 from gs2ci.reconstruct.proxies.amdi import mask_decoded_views
 from gs2ci.reconstruct.proxies.eni import energy_normalised_views
 

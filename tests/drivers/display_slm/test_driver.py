@@ -5,8 +5,8 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from gs2ci.core.arrays import U8, U16
 from gs2ci.core.errors import InputError
 from gs2ci_drivers.display_slm.driver import DisplaySlm, DisplaySlmSettings
 from gs2ci_drivers.failures import (
@@ -23,13 +23,11 @@ from gs2ci_drivers.pattern_sequence import PatternSequence, TriggerOut
 from gs2ci_sims.wires.display_slm import DisplaySlmTwin
 from gs2ci_sims.world import Exposure, MaskInterval, World
 
-U8 = NDArray[np.uint8]
-
 
 class Dark:
     """A light path without light."""
 
-    def collect(self, exposure: Exposure) -> NDArray[np.uint16]:
+    def collect(self, exposure: Exposure) -> U16:
         return np.zeros((exposure.height, exposure.width), np.uint16)
 
 

@@ -5,8 +5,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from gs2ci.core.arrays import U8, U16
 from gs2ci.core.errors import InputError
 from gs2ci_drivers.dlpc900.driver import Dlpc900
 from gs2ci_drivers.dlpc900.images import Compression
@@ -29,13 +29,11 @@ from gs2ci_drivers.pattern_sequence import PatternSequence, TriggerOut
 from gs2ci_sims.wires.dlpc900 import Dlpc900Twin
 from gs2ci_sims.world import Exposure, MaskInterval, World
 
-U8 = NDArray[np.uint8]
-
 
 class Dark:
     """A light path without light."""
 
-    def collect(self, exposure: Exposure) -> NDArray[np.uint16]:
+    def collect(self, exposure: Exposure) -> U16:
         return np.zeros((exposure.height, exposure.width), np.uint16)
 
 

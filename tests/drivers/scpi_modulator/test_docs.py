@@ -5,8 +5,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from gs2ci.core.arrays import U16
 from gs2ci_drivers.scpi_modulator.packets import PROTOCOL, VERSION, block_request, request
 from gs2ci_sims.wires.scpi_modulator import ScpiModulatorTwin, ScpiPanel
 from gs2ci_sims.world import Exposure, World
@@ -18,7 +18,7 @@ SESSION = PAGE.rsplit("```", 2)[1].strip().splitlines()
 class Dark:
     """A light path without light."""
 
-    def collect(self, exposure: Exposure) -> NDArray[np.uint16]:
+    def collect(self, exposure: Exposure) -> U16:
         return np.zeros((exposure.height, exposure.width), np.uint16)
 
 

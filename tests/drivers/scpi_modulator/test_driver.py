@@ -4,8 +4,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from gs2ci.core.arrays import U8, U16
 from gs2ci_drivers.failures import (
     BadReplyError,
     DeviceFaultError,
@@ -22,13 +22,11 @@ from gs2ci_drivers.scpi_modulator.driver import ScpiModulator
 from gs2ci_sims.wires.scpi_modulator import ScpiModulatorTwin, ScpiPanel
 from gs2ci_sims.world import Exposure, MaskInterval, World
 
-U8 = NDArray[np.uint8]
-
 
 class Dark:
     """A light path without light."""
 
-    def collect(self, exposure: Exposure) -> NDArray[np.uint16]:
+    def collect(self, exposure: Exposure) -> U16:
         return np.zeros((exposure.height, exposure.width), np.uint16)
 
 

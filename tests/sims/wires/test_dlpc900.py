@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
+from gs2ci.core.arrays import U16
 from gs2ci_sims.faults import FaultSet
 from gs2ci_sims.wires.dlpc900 import Dlpc900Twin
 from gs2ci_sims.world import Exposure, World
@@ -16,7 +16,7 @@ from gs2ci_sims.world import Exposure, World
 class Dark:
     """A light path without light."""
 
-    def collect(self, exposure: Exposure) -> NDArray[np.uint16]:
+    def collect(self, exposure: Exposure) -> U16:
         return np.zeros((exposure.height, exposure.width), np.uint16)
 
 

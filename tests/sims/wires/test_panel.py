@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from gs2ci.core.arrays import U16
 from gs2ci_sims.faults import FaultSet
 from gs2ci_sims.wires.panel import Out, Panel, Show
 from gs2ci_sims.world import Exposure, World
@@ -14,7 +14,7 @@ MASKS = [np.full((2, 3), level, np.uint8) for level in (255, 0, 51)]
 class Dark:
     """A light path without light."""
 
-    def collect(self, exposure: Exposure) -> NDArray[np.uint16]:
+    def collect(self, exposure: Exposure) -> U16:
         return np.zeros((exposure.height, exposure.width), np.uint16)
 
 
