@@ -199,6 +199,14 @@ class LightPath(Protocol):
         ...
 
 
+class Darkness:
+    """A light path without light, for twins whose pictures nobody looks at."""
+
+    def collect(self, exposure: Exposure) -> U16:
+        """Return zeros; see `LightPath`."""
+        return np.zeros((exposure.height, exposure.width), np.uint16)
+
+
 class Motion(Protocol):
     """Something that knows where its axes were: a stage twin."""
 
@@ -245,14 +253,14 @@ class World:
     """One rig's surroundings; twins are given it, drivers never are.
 
     Args:
-        light: What turns an exposure into pixels.
+        light: What turns an exposure into pixels; None: darkness.
         mount: How the stage carries the camera.
     """
 
-    def __init__(self, light: LightPath, mount: Mount | None = None) -> None:
+    def __init__(self, light: LightPath | None = None, mount: Mount | None = None) -> None:
         self.clock = VirtualClock()
         self.bus = TriggerBus(self.clock)
-        self.light = light
+        self.light = light or Darkness()
         self.mount = mount or Mount()
         self.exposures: list[Exposure] = []
         self._motion: Motion | None = None

@@ -7,31 +7,15 @@ import pytest
 
 from gs2ci.core.crop import middle
 from gs2ci.core.errors import InputError
-from gs2ci.core.records import Shot, Truth
 
 
-@pytest.fixture
-def known():
-    draws = np.random.default_rng(0)
-    views = draws.random((6, 16, 20, 3), dtype=np.float32)
-    masks = (draws.random((6, 16, 20)) < 0.5).astype(np.float32)
-    poses = np.tile(np.eye(4), (6, 1, 1))
-    poses[:, 0, 3] = np.arange(6)
-    return Shot(
-        measurement=np.einsum("nhw,nhwc->hwc", masks, views),
-        masks=masks,
-        weights=np.full(6, 0.5, np.float32),
-        truth=Truth(views, poses),
-    )
-
-
-def test_the_middle_keeps_its_camera_matrix_its_mosaic_and_its_clipped_pixels(known):
+def test_the_middle_keeps_its_camera_matrix_its_mosaic_and_its_clipped_pixels(random_shot):
     mosaic = replace(
-        known,
-        measurement=known.measurement[..., :1],
+        random_shot,
+        measurement=random_shot.measurement[..., :1],
         cfa="RGGB",
         intrinsics=np.array([[30.0, 0, 10], [0, 30, 8], [0, 0, 1]]),
-        saturated=known.measurement[..., 0] > 1,
+        saturated=random_shot.measurement[..., 0] > 1,
     )
     left = middle(mosaic, (10, 10))  # 3 rows and 5 columns would go at either end: an even number begins it
     assert np.array_equal(left.measurement, mosaic.measurement[2:12, 4:14])
@@ -41,6 +25,6 @@ def test_the_middle_keeps_its_camera_matrix_its_mosaic_and_its_clipped_pixels(kn
 
 
 @pytest.mark.parametrize("size", [(17, 20), (16, 21), (0, 20), (16, -1)])
-def test_a_middle_that_is_not_there_is_refused(known, size):
+def test_a_middle_that_is_not_there_is_refused(random_shot, size):
     with pytest.raises(InputError, match="the middle"):
-        middle(known, size)
+        middle(random_shot, size)

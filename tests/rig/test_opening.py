@@ -1,6 +1,5 @@
 import types
 
-import numpy as np
 import pytest
 
 from gs2ci.core.errors import InputError
@@ -13,19 +12,14 @@ from gs2ci.rig.truth import truth_of
 from gs2ci_drivers.failures import AccessError, DisconnectedError, WrongStateError
 from gs2ci_sims.wires.v4l2 import V4l2Twin
 from gs2ci_sims.wires.v4l2_camera import CameraModel
-from gs2ci_sims.world import World
-
-
-class Dark:
-    def collect(self, exposure):
-        return np.zeros((exposure.height, exposure.width), np.uint16)
+from gs2ci_sims.world import Darkness, World
 
 
 def simulated(tmp_path, **tables):
     table = RigTable.model_validate(
         {"modulator": {"kind": "dlpc900"}, "sensor": {"kind": "v4l2"}, "world": {"height": 8, "width": 16}} | tables
     )
-    return Rig(table, "", tmp_path, build_bench(table, Dark()))
+    return Rig(table, "", tmp_path, build_bench(table, Darkness()))
 
 
 @pytest.mark.parametrize("modulator", ["dlpc900", "scpi", "santec"])
@@ -103,7 +97,7 @@ def test_cameras_serial_ports_and_modulators_are_found(monkeypatch):
     board = types.SimpleNamespace(bus=1, port_numbers=(2, 3))
     monkeypatch.setattr(discovery.list_ports, "comports", lambda: [port])
     monkeypatch.setattr(discovery.usb.core, "find", lambda **ids: [board])
-    found = discovery.find_devices(V4l2Twin(World(Dark()), CameraModel()))
+    found = discovery.find_devices(V4l2Twin(World(), CameraModel()))
     assert found == [
         ("modulator", "usb:1-2.3", "TI DLPC900"),
         ("sensor", "/dev/video0", "Twin camera (twin)"),
@@ -117,7 +111,7 @@ def test_a_computer_without_libusb_still_lists_the_rest(monkeypatch):
 
     monkeypatch.setattr(discovery.list_ports, "comports", list)
     monkeypatch.setattr(discovery.usb.core, "find", fail)
-    assert [kind for kind, _, _ in discovery.find_devices(V4l2Twin(World(Dark()), CameraModel()))] == ["sensor"]
+    assert [kind for kind, _, _ in discovery.find_devices(V4l2Twin(World(), CameraModel()))] == ["sensor"]
 
 
 def test_a_bench_whose_light_a_test_put_in_has_neither_operator_nor_truth(tmp_path):

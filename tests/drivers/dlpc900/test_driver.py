@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
-from gs2ci.core.arrays import U8, U16
+from gs2ci.core.arrays import U8
 from gs2ci.core.errors import InputError
 from gs2ci_drivers.dlpc900.driver import Dlpc900
 from gs2ci_drivers.dlpc900.images import Compression
@@ -27,14 +27,7 @@ from gs2ci_drivers.failures import (
 from gs2ci_drivers.modulator import ModulatorState
 from gs2ci_drivers.pattern_sequence import PatternSequence, TriggerOut
 from gs2ci_sims.wires.dlpc900 import Dlpc900Twin
-from gs2ci_sims.world import Exposure, MaskInterval, World
-
-
-class Dark:
-    """A light path without light."""
-
-    def collect(self, exposure: Exposure) -> U16:
-        return np.zeros((exposure.height, exposure.width), np.uint16)
+from gs2ci_sims.world import MaskInterval, World
 
 
 @dataclass
@@ -63,7 +56,7 @@ class Bench:
 
 
 def make_bench(dmd: int = 5, settings: Dlpc900Settings | None = None, *, counts_repeats: bool = False) -> Bench:
-    world = World(Dark())
+    world = World()
     twin = Dlpc900Twin(world, dmd=dmd, counts_repeats=counts_repeats)
     settings = settings or Dlpc900Settings()
     return Bench(world, twin, Dlpc900("dmd0", twin.open(), world.clock, settings), settings)
