@@ -2,13 +2,14 @@ import copy
 import importlib
 import inspect
 import re
+from dataclasses import asdict
 
 import pytest
 
 from gs2ci import cli
 from gs2ci.evaluate.pages import next_steps as module
 from gs2ci.evaluate.pages.next_steps import RULES, next_steps, outcome
-from gs2ci.reconstruct.geometry.validity import Criteria
+from gs2ci.reconstruct.settings import Settings
 
 GOOD = {
     "verdict": "refined",
@@ -30,6 +31,7 @@ GOOD = {
     "curve": [{"iteration": 50 * i, "heldout": 0.1 - 0.01 * i + 0.002 * max(0, i - 5) ** 2} for i in range(11)],
     "provenance": {"plan": {"error_dn": 0.8, "tolerance_dn": 1.0}},
     "ensemble": {"fits": 4, "averaged": 4, "spread": 0.01},
+    "settings": asdict(Settings()),
 }
 
 
@@ -105,10 +107,13 @@ def test_what_is_told_is_read_from_the_report():
     assert "290 px" in module.focal_was_assumed(report(geometry__focal_source="estimated")).because
 
 
-def test_a_path_is_doubted_from_where_the_geometry_stage_doubts_it():
-    assert Criteria().path_error == module.PATH_ERROR
-    assert module.uncertain_path(report(geometry__path_error_expected=module.PATH_ERROR)) is None
+def test_a_path_is_doubted_from_where_its_run_doubted_it():
+    most = 0.07
+    doubted = {"settings__geometry__criteria__path_error": most}
+    assert module.uncertain_path(report(geometry__path_error_expected=most, **doubted)) is None
+    assert module.uncertain_path(report(geometry__path_error_expected=most + 0.001, **doubted)) is not None
     assert module.uncertain_path(report(geometry__path_error_expected=None)) is None
+    assert module.uncertain_path(report(geometry__path_error_expected=0.5, settings={})) is None
 
 
 def test_commands_are_ours():
