@@ -197,7 +197,7 @@ class Bench:
         return np.full(self.modulator_size, np.uint8(is_open))
 
     def deep(self, patterns: U8) -> Patterns:
-        """Return patterns of 0 and 1 with the levels of the capture's depth: shut, and fully open."""
+        """Return patterns of 0 and 1, [N, Hm, Wm], with the levels of the capture's depth: shut, and fully open."""
         top = 2**self.capture.bit_depth - 1
         return patterns * (np.uint8(top) if top < 256 else np.uint16(top))
 

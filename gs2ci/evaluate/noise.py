@@ -36,7 +36,7 @@ class NoiseModel:
             raise InputError("a read noise of 0", allowed="above 0: a dark pixel would have no noise at all")
 
     def variance(self, signal: F32) -> F64:
-        """Return σ² of every sample for its expected signal, in squared full scales."""
+        """Return σ² of every sample, in squared full scales, for its expected signal, [H, W, C]."""
         return self.read**2 + np.maximum(signal.astype(np.float64), 0) / self.electrons
 
 

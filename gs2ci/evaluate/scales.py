@@ -22,7 +22,7 @@ _LEAST_ERROR_CEILING: Final = 0.02
 
 
 def white_level(measurement: NDArray[Any]) -> float:
-    """Choose the reading that is shown white, in the measurement's unit."""
+    """Choose the reading of a measurement, [H, W, C], that is shown white, in its unit."""
     return max(float(np.percentile(measurement, _BRIGHT_PERCENTILE)), _LEAST_WHITE)
 
 
@@ -38,5 +38,5 @@ def inverse_depth_limits(inverse: NDArray[Any]) -> tuple[float, float]:
 
 
 def error_ceiling(errors: NDArray[Any]) -> float:
-    """Choose where a scale of errors that begins at zero ends."""
+    """Choose where a scale of errors, of any shape, that begins at zero ends."""
     return max(float(np.percentile(errors, _BRIGHT_PERCENTILE)), _LEAST_ERROR_CEILING)

@@ -96,7 +96,7 @@ class Lens:
 
 
 def straightened(views: F32, lens: Lens | None) -> F32:
-    """Show views as a pinhole sees them: unchanged without a lens."""
+    """Show views, [N, H, W, C], as a pinhole sees them, [N, Hc, Wc, C]: unchanged without a lens."""
     return views if lens is None else lens.straightened(views)
 
 

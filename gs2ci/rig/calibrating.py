@@ -57,6 +57,9 @@ class SimulatedOperator:
         bench: Whose world.
         table: The rig's [world].
         board: The board that it has at hand.
+
+    Raises:
+        InputError: The bench was given another light than a rig file's.
     """
 
     def __init__(self, bench: SimulatedBench, table: WorldTable, board: BoardSpec) -> None:

@@ -176,7 +176,7 @@ class Preview:
         return self.of_readings(total * self.full_scale_dn)
 
     def of_readings(self, change_dn: F64) -> Bound:
-        """Bound a change of readings that the preview predicts pixel by pixel."""
+        """Bound a change of readings, [H, W, C] in DN, that the preview predicts pixel by pixel."""
         return Bound(HEADROOM * float(np.sqrt(np.square(change_dn).mean())), HEADROOM * float(np.abs(change_dn).max()))
 
     def with_motion(self, steady: Bound, share: float) -> Bound:

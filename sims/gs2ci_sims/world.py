@@ -232,7 +232,7 @@ class Mount:
     rest_mm: Mapping[str, float] = field(default_factory=dict)
 
     def world_to_camera(self, positions_mm: Mapping[str, float]) -> F64:
-        """Return the camera's pose for these positions: moving the camera by d moves the scene by −d."""
+        """Return the camera's pose, [4, 4], for these positions: moving the camera by d moves the scene by −d."""
         shift = np.zeros(3)
         for axis, position in positions_mm.items():
             if axis in self.directions:
@@ -275,7 +275,7 @@ class World:
         return self.mount.world_to_camera(self._motion.positions_mm_at(when_s) if self._motion else {})
 
     def show_mask(self, levels: U8 | U16 | None, top: int = 1) -> None:
-        """Show a mask from now on; None is dark. The array must not be changed afterwards.
+        """Show a mask, [H, W], from now on; None is dark. The array must not be changed afterwards.
 
         Raises:
             InputError: Not two-dimensional, or `top` below 1.

@@ -197,7 +197,7 @@ def take_plane(words: U32, bit_position: int, depth_bits: int = 1) -> U8:
 
 
 def split_halves(words: U32) -> tuple[U32, U32]:
-    """Split an image between primary (left) and secondary (right) controller.
+    """Split an image, [H, W], between primary (left) and secondary (right) controller, [H, W / 2] each.
 
     Raises:
         InputError: The width is odd.

@@ -59,7 +59,7 @@ def intrinsics_from(given: Array, size: tuple[int, ...], guesses: list[str]) -> 
 
 
 def distortion_from(given: Array, guesses: list[str]) -> F64:
-    """Take the coefficients of a lens in OpenCV's order, k1 k2 p1 p2 k3; those of models with more must be zero.
+    """Take a lens's coefficients, [5], in OpenCV's order, k1 k2 p1 p2 k3; those of models with more must be zero.
 
     Raises:
         InputError: Fewer than four numbers, or more than five that matter.

@@ -117,7 +117,11 @@ class Container:
 
 @contextmanager
 def damage_as_input_error(where: str) -> Iterator[None]:
-    """Turn whatever a parser of foreign bytes throws into one InputError."""
+    """Turn whatever a parser of foreign bytes throws into one error.
+
+    Raises:
+        InputError: Something was thrown.
+    """
     try:
         yield
     except Gs2ciError:

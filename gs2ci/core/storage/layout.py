@@ -296,7 +296,7 @@ def fits_bytes(values: F32, full_scale: float = 255.0) -> bool:
 
 
 def unpack(stored: NDArray[Any], full_scale: float) -> F32:
-    """Turn stored masks or views back into float32 numbers with full scale 1."""
+    """Turn stored masks or views, of any shape, back into float32 numbers with full scale 1."""
     if full_scale == 1.0:
         return stored.astype(np.float32)
     return stored.astype(np.float32) / np.float32(full_scale)

@@ -129,7 +129,11 @@ class CaptureFile:
         self._file_bytes = path.stat().st_size
 
     def check_kind(self, *, unfinished: bool) -> None:
-        """Return if this is a capture file of the known version, and finished or allowed not to be."""
+        """Return if this is a capture file of the known version, and finished or allowed not to be.
+
+        Raises:
+            StorageError: It is not.
+        """
         schema = self._attribute(self.file, "schema", "/")
         if schema != SCHEMA:
             known = isinstance(schema, str) and schema.startswith("gs2ci.capture/")
@@ -146,7 +150,11 @@ class CaptureFile:
             )
 
     def valid_rows(self) -> NDArray[np.intp]:
-        """Get the indices of the rows whose last write happened."""
+        """Get the indices of the rows whose last write happened, [R].
+
+        Raises:
+            StorageError: The file has no flags, or not one for each row.
+        """
         valid = self.require("meas_valid", axes=1)
         if len(valid) != self._dataset("meas").shape[0]:
             raise self.wrong("meas_valid", f"{len(valid)} flags for {self._dataset('meas').shape[0]} rows of /meas")
@@ -191,14 +199,22 @@ class CaptureFile:
         return values.astype(values.dtype.newbyteorder("="), copy=False)
 
     def require(self, key: str, *, axes: int) -> NDArray[Any]:
-        """Read a numeric dataset that every capture file has."""
+        """Read a numeric dataset that every capture file has.
+
+        Raises:
+            StorageError: It is missing; or as `array`.
+        """
         values = self.array(key, axes=axes)
         if values is None:
             raise self.wrong(key, "missing")
         return values
 
     def text(self, key: str, row: int | None = None) -> str | None:
-        """Read a text, or one row of a list of texts; None where the file has no such key."""
+        """Read a text, or one row of a list of texts; None where the file has no such key.
+
+        Raises:
+            StorageError: Not a text, or longer than any of ours.
+        """
         dataset = self._dataset(key, optional=True)
         if dataset is None:
             return None
@@ -212,7 +228,11 @@ class CaptureFile:
         return value.decode("utf-8")
 
     def number(self, key: str, attribute: str, default: float) -> float:
-        """Read a numeric attribute of a dataset; NaN counts as absent where the default is NaN."""
+        """Read a numeric attribute of a dataset; NaN counts as absent where the default is NaN.
+
+        Raises:
+            StorageError: The dataset is missing, or its attribute is no finite number.
+        """
         value = self._attribute(self._dataset(key), attribute, key)
         value = default if value is None else value
         if not isinstance(value, int | float | np.integer | np.floating):
@@ -278,7 +298,11 @@ class CaptureFile:
                 yield self.text(key, row) or ""
 
     def true_views(self, row: int) -> F32 | None:
-        """Read the true views of a row, [N, H, W, C], if it brought them."""
+        """Read the true views of a row, [N, H, W, C], if it brought them.
+
+        Raises:
+            StorageError: The row is missing, or its views are no numbers.
+        """
         valid = self.array("truth/views_valid", axes=1)
         if valid is None:
             return None
@@ -293,7 +317,11 @@ class CaptureFile:
         return None if poses is None or np.isnan(poses).all() else poses.astype(np.float64)
 
     def record(self, row: int) -> dict[str, Any]:
-        """Read the name and the provenance of a row."""
+        """Read the name and the provenance of a row.
+
+        Raises:
+            StorageError: They are no JSON object.
+        """
         record = json.loads(self.text("provenance", row) or "{}")
         if not isinstance(record, dict):
             raise self.wrong("provenance", "not a JSON object")

@@ -168,7 +168,11 @@ class ShotWriter:
         return self.path
 
     def close(self) -> None:
-        """Close the file as it is; without `finish()` it stays a `.partial`. May be called twice."""
+        """Close the file as it is; without `finish()` it stays a `.partial`. May be called twice.
+
+        Raises:
+            StorageError: The disk refuses the last bytes.
+        """
         if self._file is not None:
             file, self._file = self._file, None
             try:

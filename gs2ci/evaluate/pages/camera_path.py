@@ -35,7 +35,7 @@ class Paths:
     stage: F64 | None = None
 
     def together(self) -> dict[str, F64]:
-        """Bring the paths into one frame, the true one's or the stage's; return camera-to-world poses by name."""
+        """Bring the paths into one frame, the true one's or the stage's; return camera-to-world, [N, 4, 4], by name."""
         name, reference = next(
             (name, poses)
             for name, poses in (("true", self.true), ("stage", self.stage), ("recovered", self.recovered))

@@ -82,7 +82,11 @@ def scale_strip(colormap: str) -> Picture:
 
 
 def encode(image: U8, *, quality: int | None) -> Picture:
-    """Encode an image [H, W, 3] (RGB) or [H, W, 1]: as WebP of a quality in 1 to 100, or as PNG if None."""
+    """Encode an image [H, W, 3] (RGB) or [H, W, 1]: as WebP of a quality in 1 to 100, or as PNG if None.
+
+    Raises:
+        InputError: The encoder refuses its size.
+    """
     height, width = image.shape[:2]
     extension, options = (".png", []) if quality is None else (".webp", [cv2.IMWRITE_WEBP_QUALITY, quality])
     ordered = np.ascontiguousarray(image[..., ::-1] if image.shape[2] == 3 else image)

@@ -108,7 +108,7 @@ class _DataTermFunction(torch.autograd.Function):
 
 
 def regulated(loss: Tensor, scene: Gaussians, weights: LossWeights) -> Tensor:
-    """Add to a loss what its weights ask of a scene's opacities and sizes."""
+    """Add to a scalar loss what its weights ask of a scene's opacities and sizes."""
     loss = loss + weights.opacity * opacity_term(scene.opacity_logits)
     return loss + weights.size * size_term(scene.log_scales) if weights.size else loss
 

@@ -87,11 +87,11 @@ class PoseCorrections:
         return self._twists.grad is None or bool(torch.isfinite(self._twists.grad).all())
 
     def snapshot(self) -> Tensor:
-        """Return a copy of the twists."""
+        """Return a copy of the twists, [N, 6]."""
         return self._twists.detach().clone()
 
     def restore(self, twists: Tensor) -> None:
-        """Go back to a snapshot; the optimiser forgets its momentum, which led away from it."""
+        """Go back to a snapshot, [N, 6]; the optimiser forgets its momentum, which led away from it."""
         with torch.no_grad():
             self._twists.copy_(twists)
         self.forget_gradient()

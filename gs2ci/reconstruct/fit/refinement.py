@@ -59,7 +59,7 @@ class Refinement:
         return _plus(views, share, decode_residual(self._jury.shot, views, self._settings))
 
     def share(self, views: F32, added: F32) -> float:
-        """Return how much of `added` is to be put back, from 0 to 1; 1 where no pixel is held out."""
+        """Return how much of `added` belongs into `views`, [N, H, W, C], from 0 to 1; 1 where no pixel is held out."""
         heldout = self._jury.heldout
         if not heldout.any():
             return 1.0

@@ -211,7 +211,7 @@ def shortcomings(
     size: tuple[int, int],
     settings: GeometrySettings,
 ) -> tuple[str, ...]:
-    """Say what poses fall short of: the criteria of the two track-supported steps; nothing if they pass.
+    """Say what poses, [N, 4, 4], fall short of: the criteria of the two track-supported steps; nothing if they pass.
 
     All tracks begin in the middle view, so the graph of views that see points together is connected as soon as every
     view sees enough of them.

@@ -303,7 +303,7 @@ def reversed_depth(motion: Motion) -> Motion:
 
 
 def adjust_both_ways(tracks: Tracks, intrinsics: F64, settings: MotionSettings | None = None) -> Motion:
-    """Adjust from a still camera, then from the depth-reversed result, and keep the better.
+    """Adjust from a still camera, then from the depth-reversed result, and keep the better; arguments as for `adjust`.
 
     The cost has a minimum near either; a flat start may lead into the wrong one.
     """
