@@ -19,7 +19,7 @@ from gs2ci.core.records import CFA_PATTERNS, CfaPattern, Shot
 
 _CHANNEL: Final = {"R": 0, "G": 1, "B": 2}
 # Noise of the dark level alone puts half of the closed pixels above zero, but not by this much of a view's full scale.
-_EXCESS: Final = 0.05
+EXCESS: Final = 0.05
 # More readings beyond white than this are no outliers: the unit or the masks are wrong.
 MOST_OUTLIERS: Final = 0.1
 
@@ -83,7 +83,7 @@ def beyond_white(shot: Shot) -> Bool:
 
     Hot pixels, lamps and glints do; many of them tell of wrong masks or a wrong unit.
     """
-    most = (1 + _EXCESS) * white_reading(shot)[..., None] + _EXCESS
+    most = (1 + EXCESS) * white_reading(shot)[..., None] + EXCESS
     found: Bool = np.any(shot.measurement > most, axis=2)
     return found
 

@@ -29,7 +29,7 @@ from scipy.ndimage import gaussian_filter, shift
 
 from gs2ci.core.arrays import F32
 from gs2ci.core.cameras import pinhole
-from gs2ci.core.crop import middle
+from gs2ci.core.crop import middle_of
 from gs2ci.core.errors import InputError
 from gs2ci.core.progress import Silent
 from gs2ci.core.records import Shot, Truth
@@ -298,12 +298,9 @@ def _moving_texture(shape: tuple[int, int, int, int]) -> F32:
 
 
 def _crop(shot: Shot, view_pixels: int) -> Shot:
-    """Cut the middle out of a shot, so that its views have about so many pixels together."""
-    height, width = shot.size
-    shrink = min(1.0, (view_pixels / (shot.views * height * width)) ** 0.5)
-    rows, columns = (max(min(side, _LEAST_SIDE), round(side * shrink)) for side in (height, width))
+    """Cut the middle out of a shot, without what the stages would go by instead of looking."""
     cropped = replace(
-        middle(shot, (rows, columns)),
+        middle_of(shot, view_pixels, _LEAST_SIDE),
         intrinsics=None,
         distortion=None,
         telemetry_world_to_camera=None,

@@ -12,19 +12,20 @@ import numpy as np
 from gs2ci.core.arrays import F32
 from gs2ci.core.records import Shot
 from gs2ci.reconstruct.brightness import TOO_ALIKE
-from gs2ci.reconstruct.coding import beyond_white, white_reading
+from gs2ci.reconstruct.coding import EXCESS, beyond_white, white_reading
 from gs2ci.reconstruct.jury import Jury
 
 # A few clipped highlights are normal, and cost nothing where their neighbours are not clipped.
 _SATURATION_WORTH_SAYING: Final = 0.01
-_BELOW_BLACK: Final = 0.05
+# Lamps, glints and broken pixels are fewer than this share of a picture.
 _EXCESS_WORTH_SAYING: Final = 0.02
 # A scene may be dark; one whose brightest point is darker than this uses less than three bits of an eight-bit sensor.
 _DARK: Final = 0.02
+# Of the light of the brightest view: less than a step of an eight-bit sensor.
 _FAINT_VIEW: Final = 1e-3
 # What a lamp or a moving view may well do, in shares of the middle view's brightness, and standard errors beside it.
 _BRIGHTER: Final = 0.1
-_SURE: Final = 4.0
+_STANDARD_ERRORS: Final = 4.0
 _MOSTLY_DARK: Final = 0.5
 # Of the residual that an even grey leaves. Right masks and little noise leave 0.1 to 0.4 of it.
 _UNEXPLAINED_WORTH_SAYING: Final = 0.6
@@ -50,7 +51,7 @@ def _doubts_about_light(shot: Shot) -> list[str]:
 def _doubts_about_scale(shot: Shot) -> list[str]:
     """Compare the readings with those of a black and of a white scene."""
     doubts = []
-    under, over = float((shot.measurement < -_BELOW_BLACK).any(axis=2).mean()), float(beyond_white(shot).mean())
+    under, over = float((shot.measurement < -EXCESS).any(axis=2).mean()), float(beyond_white(shot).mean())
     if under >= _EXCESS_WORTH_SAYING:
         doubts.append(
             f"{under:.0%} of the pixels read clearly less than no light: too much of a dark level was subtracted, or "
@@ -85,7 +86,7 @@ def _doubts_about_brightness(shot: Shot) -> list[str]:
     error = float(np.sqrt(variance * np.diag(np.linalg.inv(gram)).max()))
     middle = float(np.median(brightness))
     apart = float(np.abs(brightness - middle).max())
-    if middle <= 0 or apart < max(_BRIGHTER * middle, _SURE * error):
+    if middle <= 0 or apart < max(_BRIGHTER * middle, _STANDARD_ERRORS * error):
         return []
     return [
         f"Views seem to be {brightness.min() / middle:.2f} to {brightness.max() / middle:.2f} times as bright as the "

@@ -22,6 +22,8 @@ from gs2ci.core.whole_file import write_whole
 
 ModelName = Literal["vggt", "difix", "lpips"]
 MODEL_NAMES: Final = get_args(ModelName)
+# The operator set of files that are written here: old enough for any ONNX Runtime since 2022.
+OPSET: Final = 17
 
 
 def open_model(path: Path, remedy: str) -> Any:

@@ -25,9 +25,9 @@ from torch.nn import functional
 from gs2ci.core.arrays import F32, F64
 from gs2ci.core.errors import InputError
 from gs2ci.core.whole_file import write_whole
+from gs2ci.reconstruct.onnx_models import OPSET
 
-# Old enough for any ONNX Runtime since 2022.
-OPSET: Final = 17
+# Of the file format: that of the operators' time.
 IR_VERSION: Final = 8
 _BATCH_NORM_EPSILON: Final = 1e-5
 _BATCH_NORM: Final = ("weight", "bias", "running_mean", "running_var")

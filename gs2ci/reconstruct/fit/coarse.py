@@ -196,6 +196,7 @@ class _Fit:
         self._meet_others()
 
 
+# Each halves the step: what runs away with an eighth of it does not do so for its length.
 MAX_ROLLBACKS = 3
 # A loss so many times the least one since the population last changed, and at least this share of the first, is a step
 # that exploded, however finite: the scene has left the frame, or its colours the range of light. (A density rule may

@@ -35,7 +35,7 @@ _START_SPREAD = 0.05
 _DAMPING_START, _DAMPING_LEAST, _DAMPING_MOST = 1e-3, 1e-8, 1e8
 # Keeps the normal equations of a view without tracks, or of a point without parallax, solvable; far below any of
 # their true entries, which count pixels squared.
-_REGULAR = 1e-9
+REGULAR = 1e-9
 
 
 @dataclass(frozen=True)
@@ -382,8 +382,8 @@ class _NormalEquations:
     def step(self, motion: Motion, damping: float) -> Motion:
         """Solve with damping and move; inverse depths stay within their range."""
         diagonal = np.einsum("nii->ni", self.A)
-        A = self.A + (damping * diagonal + _REGULAR)[..., None] * np.eye(6)
-        C = self.C * (1 + damping) + _REGULAR
+        A = self.A + (damping * diagonal + REGULAR)[..., None] * np.eye(6)
+        C = self.C * (1 + damping) + REGULAR
         system, right = eliminate_depths(A, self.b, C, self.d, self.E)
         pose_step = np.zeros(len(right))
         pose_step[self.moving] = np.linalg.solve(system[np.ix_(self.moving, self.moving)], right[self.moving])

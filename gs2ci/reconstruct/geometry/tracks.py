@@ -15,7 +15,7 @@ from gs2ci.reconstruct.windows import check_window
 # OpenCV puts the centre of the first pixel at 0, the renderer at 0.5.
 _CENTRE_OFFSET = 0.5
 # Decoded views carry pixel-sized residue of the masks; this much blur removes it and leaves corners standing.
-_BLUR_PX = 0.8
+RESIDUE_BLUR_PX = 0.8
 _DRIFT_LIMIT_PX = 3.0
 _LEAST_WINDOW_PX = 3  # OpenCV takes no smaller one
 _PYRAMID_LEVELS = 4
@@ -84,7 +84,7 @@ def grey_levels(views: F32) -> list[U8]:
     images = []
     for view in views:
         eight_bit = np.clip(view * 255, 0, 255).astype(np.uint8)
-        blurred = cv2.GaussianBlur(eight_bit, (0, 0), _BLUR_PX)
+        blurred = cv2.GaussianBlur(eight_bit, (0, 0), RESIDUE_BLUR_PX)
         images.append(cv2.cvtColor(blurred, cv2.COLOR_RGB2GRAY) if view.shape[2] == 3 else blurred)
     return images
 

@@ -28,7 +28,7 @@ from gs2ci.core.errors import InputError, NumericsError
 from gs2ci.reconstruct.onnx_models import fixed_side, open_model, run_model, signature
 
 _PATCH: Final = 14
-_WIDTH: Final = 518  # what it was trained at: the longer side
+LONGER_SIDE: Final = 518  # what it was trained at: the longer side
 _CALLED: Final = (
     "images [S, 3, H, W] or [1, S, 3, H, W] float32; pose_enc (or extrinsics and intrinsics), depth, depth_conf"
 )
@@ -168,10 +168,10 @@ class _Frame:
         """Fit a view into sides that are fixed, or choose multiples of the patch where they are open."""
         height, width = size
         if rows is None and columns is None:
-            shrink = _WIDTH / max(height, width)
+            shrink = LONGER_SIDE / max(height, width)
             inner = tuple(max(_PATCH, round(side * shrink / _PATCH) * _PATCH) for side in (height, width))
             return cls((height, width), (inner[0], inner[1]), (inner[0], inner[1]))
-        total = (rows or _WIDTH, columns or _WIDTH)
+        total = (rows or LONGER_SIDE, columns or LONGER_SIDE)
         shrink = min(total[0] / height, total[1] / width)
         return cls((height, width), (max(1, round(height * shrink)), max(1, round(width * shrink))), total)
 
