@@ -20,9 +20,11 @@ from enum import Enum, unique
 
 from gs2ci.core.clock import Clock
 from gs2ci_drivers.device import Device
-from gs2ci_drivers.failures import WrongStateError
+from gs2ci_drivers.failures import NoAnswerError, WrongStateError
 from gs2ci_drivers.pattern_sequence import ModulatorInfo, PatternSequence, check_sequence
 
+POLL_S = 0.02
+"""How often a device is asked whether it still runs: rarely beside an exchange, often beside what people notice."""
 UploadProgress = Callable[[float], None]
 """Called with the share of the upload that is done, 0 to 1."""
 
@@ -187,6 +189,17 @@ class Modulator(Device[ModulatorInfo, ModulatorStatus]):
         self._require_open("disarm")
         self._armed = False
         self._do_disarm()
+
+    def _wait_while(self, running: Callable[[], bool], timeout_s: float, asked: str) -> None:
+        """Look until a sequence no longer runs, or raise NoAnswerError: for devices that can only be asked."""
+        until_s = self.clock.now_s() + timeout_s
+        while running():
+            left_s = until_s - self.clock.now_s()
+            if left_s <= 0:
+                raise NoAnswerError(
+                    self.name, asked, timeout_s, remedy="wait longer, or disarm a sequence that runs for ever"
+                )
+            self.clock.sleep_s(min(POLL_S, left_s))
 
     @abstractmethod
     def _do_upload_eta_s(self, sequence: PatternSequence) -> float:
