@@ -1,12 +1,17 @@
-"""What everybody needs of cameras: the matrix of an ideal one, and where they stand.
+"""What everybody needs of cameras: the matrix of an ideal one, where they stand, and two ways to call their axes.
 
 Here: numpy alone. Not here: lenses that distort (`gs2ci.core.lens`), checks (`gs2ci.core.records`), paths compared
 (`gs2ci.evaluate.trajectory`). Anyone may import this file.
 """
 
+from typing import Final
+
 import numpy as np
 
 from gs2ci.core.arrays import F64
+
+# nerfstudio and OpenGL look along −z with y up; OpenCV and COLMAP look along +z with y down. Its own inverse.
+OPENCV_FROM_OPENGL: Final = np.diag([1.0, -1.0, -1.0, 1.0])
 
 
 def pinhole(focal_px: float, size: tuple[int, ...]) -> F64:

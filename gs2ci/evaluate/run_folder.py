@@ -167,11 +167,19 @@ def _write_images(folder: Path, result: RunResult) -> None:
         np.save(folder / "depth.npy", result.depth.astype(np.float32))
     if result.disagreement is not None:
         np.save(folder / "disagreement.npy", result.disagreement.astype(np.float32))
-    pictures = folder / "views"
-    pictures.mkdir()
-    for name, view in zip(view_names(len(result.views)), result.views, strict=True):
+    write_pictures(folder / "views", result.views)
+
+
+def write_pictures(folder: Path, views: F32) -> None:
+    """Make a folder of 8-bit pictures of views, [N, H, W, C], clamped to [0, 1].
+
+    Raises:
+        StorageError: The disk refuses.
+    """
+    folder.mkdir()
+    for name, view in zip(view_names(len(views)), views, strict=True):
         eight_bit = np.round(255 * np.clip(view, 0, 1)).astype(np.uint8)
-        if not cv2.imwrite(str(pictures / name), eight_bit[..., ::-1]):
+        if not cv2.imwrite(str(folder / name), eight_bit[..., ::-1]):
             raise StorageError(f"{name} cannot be written", remedy="check the free space and the permissions")
 
 
