@@ -133,15 +133,15 @@ def encode_all(stacks: Mapping[str, Sequence[U8]], *, budget_bytes: int = BUDGET
 
 
 def _encode_at(stacks: Mapping[str, Sequence[U8]], side: int, quality: int | None) -> dict[str, list[Picture]]:
-    return {name: [encode(_shrink(image, side), quality=quality) for image in stack] for name, stack in stacks.items()}
+    return {name: [encode(shrink(image, side), quality=quality) for image in stack] for name, stack in stacks.items()}
 
 
 def _weight(found: Mapping[str, Sequence[Picture]]) -> int:
     return round(BASE64 * sum(len(picture.content) for stack in found.values() for picture in stack))
 
 
-def _shrink(image: U8, side: int) -> U8:
-    """Bring an image to at most `side` pixels, each the mean of those it replaces."""
+def shrink(image: U8, side: int) -> U8:
+    """Bring an image, [H, W, C], to at most `side` pixels a side, each the mean of those it replaces."""
     height, width = image.shape[:2]
     share = side / max(height, width)
     if share >= 1:
