@@ -33,7 +33,7 @@ class ShotRenderer:
         self.intrinsics = torch.from_numpy(intrinsics).float()
         self.transmissions = torch.from_numpy(shot.masks * shot.weights[:, None, None])
         self._backend = backend
-        self._coding = backend.code(self.transmissions)
+        self._mask_set = backend.code(self.transmissions)
         self._channels = coding.cfa_channels(shot.cfa, shot.size) if shot.cfa else None
         self._mono = shot.channels == 1
 
@@ -52,7 +52,7 @@ class ShotRenderer:
 
         What may be shared with other renderings, and who records what the screen saw: see `Backend.coded`.
         """
-        image = self._backend.coded(scene, world_to_camera, self.intrinsics, self._coding, screen, reuse)
+        image = self._backend.coded(scene, world_to_camera, self.intrinsics, self._mask_set, screen, reuse)
         if self._channels is not None:
             return coding.select(image, self._channels)
         return image.mean(dim=2, keepdim=True) if self._mono else image
