@@ -21,11 +21,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gs2ci.core.errors import StorageError
+from gs2ci.core.limits import DEFLATE_LIMIT, LIMIT_BYTES
 
-LIMIT_BYTES: Final = 4 * 2**30
-# Deflate cannot shrink more than 1032:1 (its longest match is 258 bytes, coded in 2 bits), so an array that claims
-# more bytes than this times the whole file was never written by us.
-DEFLATE_LIMIT: Final = 1032
 TEXT_LIMIT_BYTES: Final = 16 * 2**20
 # Format specification, section III.E: signature, version 1, three zeros, size; then objects of index, count, four
 # zeros and size; object 0 is the free rest.

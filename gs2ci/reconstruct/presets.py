@@ -6,7 +6,7 @@ stage's own file), nor which preset suits a number of seconds (`gs2ci.reconstruc
 """
 
 from dataclasses import replace
-from typing import Final, Literal, get_args
+from typing import Final, Literal
 
 from gs2ci.core.errors import InputError
 from gs2ci.reconstruct.fit.coarse import CoarseSettings
@@ -16,7 +16,6 @@ from gs2ci.reconstruct.fit.paper import paper_settings
 from gs2ci.reconstruct.settings import Settings
 
 PresetName = Literal["draft", "standard", "fine", "paper"]
-PRESET_NAMES: Final = get_args(PresetName)
 
 # The step sizes of `CoarseSettings` are those of its own schedule.
 _NATURAL_ITERATIONS: Final = CoarseSettings.iterations

@@ -35,6 +35,9 @@ from gs2ci_sims.world import Exposure
 GUESSED_OPEN_SHARE: Final = 0.5
 """Without any word on the light, the range is taken to be filled by half of the masks being open."""
 
+FULL_WELL_SHARE: Final = 0.998
+"""Readings of a full well from here on count as clipped: their noise carries some of them below its end."""
+
 
 @dataclass(frozen=True)
 class Prepared:
@@ -177,7 +180,7 @@ def _saturation_dn(table: RigTable, top: int) -> float:
     """Return the reading from which on a pixel may be clipped: the well's end or the converter's top."""
     sensor = table.sensor
     if sensor.full_well_e and sensor.electrons_per_dn:
-        return min(float(top), sensor.black_level_dn + 0.998 * sensor.full_well_e / sensor.electrons_per_dn)
+        return min(float(top), sensor.black_level_dn + FULL_WELL_SHARE * sensor.full_well_e / sensor.electrons_per_dn)
     return float(top)
 
 

@@ -18,15 +18,8 @@ from numpy.typing import NDArray
 
 from gs2ci.core.arrays import U8
 from gs2ci.core.errors import InputError
-from gs2ci.core.foreign.container import (
-    DEFLATE_LIMIT,
-    ENTRY_LIMIT,
-    LIMIT_BYTES,
-    Container,
-    Entry,
-    check_bytes,
-    damage_as_input_error,
-)
+from gs2ci.core.foreign.container import ENTRY_LIMIT, Container, Entry, check_bytes, damage_as_input_error
+from gs2ci.core.limits import DEFLATE_LIMIT, LIMIT_BYTES
 
 HEADER_BYTES: Final = 128
 _MATRIX, _COMPRESSED = 14, 15
