@@ -477,6 +477,15 @@ def test_a_device_that_does_not_obey_a_stop_is_reported(bench: Bench) -> None:
     assert bench.dmd.status().state is ModulatorState.LOADED
 
 
+def test_a_controller_that_reports_a_fault_is_not_armed(bench: Bench) -> None:
+    bench.dmd.upload(SEQUENCE)
+    bench.twin.firmware.sequencer.aborted = True
+    with pytest.raises(DeviceFaultError, match=r"arm: .*sequencer"):
+        bench.dmd.arm()
+    with pytest.raises(WrongStateError, match="not armed"):
+        bench.dmd.start()
+
+
 def test_a_fault_shows_in_the_status(bench: Bench) -> None:
     bench.twin.faults.inject("dlpc900.parked")
     status = bench.dmd.status()
