@@ -221,7 +221,7 @@ def _sweep(views: F32, geometry: Geometry) -> None:
     sweep(views, geometry.world_to_camera, geometry.intrinsics, geometry.reference, (0.5, 1.5), _SWEEP)
 
 
-class _StopWatch:
+class _TimedPace:
     """A pace that ends after a few iterations and keeps their times."""
 
     def __init__(self) -> None:
@@ -246,7 +246,7 @@ def _probe_fit(shot: Shot, views: F32, stride: int, backend: Backend) -> tuple[i
     """Fit a plane for a few iterations; return Gaussians, the shortest seconds of an iteration, those of a look."""
     geometry = _plane(shot)
     start = first_gaussians(seed_points(geometry, views, stride))
-    watch = _StopWatch()
+    watch = _TimedPace()
     fit_coarse(
         jury=Jury.of(shot, HELDOUT_SHARE, 0),
         start=start,

@@ -1,7 +1,7 @@
 """A rig as calibration sees it: its devices, and somebody who sets things up before the camera.
 
 Here: the bench of a rig file, the simulated operator and the one at the terminal, the bundle's provenance. Not here:
-the procedures (`gs2ci_calibration`), the truth of a simulated bench (`truth`). Commands, the
+the procedures (`gs2ci_calibration`), the truth of a simulated bench (`gs2ci.bench.truth`). Commands, the
 rest of `gs2ci.rig` and tests import this file.
 """
 
