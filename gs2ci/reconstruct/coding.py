@@ -2,8 +2,8 @@
 
 Here: the linear map from N views to one coded image, its adjoint, what a white scene would read and which readings are
 beyond it, how pixels are left out, and the geometry of colour filter arrays.
-Not here: any inversion (`gs2ci.reconstruct.decode`), noise (`gs2ci_sims`). Everything in `gs2ci.reconstruct` may
-import this file.
+Not here: any inversion (`gs2ci.reconstruct.decode`), noise (`gs2ci_sims`). Everything in `gs2ci.reconstruct`
+and above it may import this file.
 """
 
 from dataclasses import dataclass, replace

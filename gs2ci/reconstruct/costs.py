@@ -1,7 +1,7 @@
 """What a reconstruction will cost in seconds on this machine: measured on a piece of the shot itself, then scaled.
 
 Here: the probe and the model. Not here: which settings a number of seconds buys (`gs2ci.reconstruct.budget`).
-`gs2ci.reconstruct.budget` and `gs2ci.evaluate` import this file.
+`gs2ci.reconstruct.budget`, `gs2ci.evaluate` and the commands import this file.
 
 Each stage runs for a moment on a crop of the shot with its own masks, twice with different sizes of what it scales
 with, so that both what is fixed and what grows are known:

@@ -4,7 +4,8 @@
     ─► their mean ─► residual ─► judge by the held-out
 
 Here: the order, the clock, and the judgement. Not here: any stage itself, its settings (`settings`), the record that is
-handed over (`record`), files and metrics (`gs2ci.evaluate`). The commands import this file.
+handed over (`record`), files and metrics (`gs2ci.evaluate`). Whoever
+reconstructs imports this file.
 """
 
 import time

@@ -1,7 +1,7 @@
 """The simulated surroundings of a rig: one world, and one twin per device.
 
-Here: building them from the rig file. Not here: deciding whether to (`gs2ci.rig.opening`). Only `gs2ci.rig`
-and tests import this file.
+Here: building them from the rig file. Not here: deciding whether to (`gs2ci.rig.opening`). Only `gs2ci.rig`,
+`gs2ci.bench` and tests import this file.
 """
 
 import re

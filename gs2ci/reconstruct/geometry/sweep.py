@@ -1,7 +1,8 @@
 """Dense depth of the reference view: a plane sweep over inverse depth with semi-global smoothing.
 
 Here: the range of planes, features, homographies, image size. Not here: the inner loops (`kernels`). Only
-`gs2ci.reconstruct.geometry` imports this file. Semi-global matching: Hirschmüller 2008, four directions.
+`gs2ci.reconstruct.geometry` and `gs2ci.reconstruct.costs` import this file. Semi-global matching: Hirschmüller 2008,
+four directions.
 """
 
 from dataclasses import dataclass

@@ -1,8 +1,8 @@
 """Camera poses as the stage reported them, the points that tracks then have, and how far a fit moved them.
 
 Here: the triangulation under known poses. Not here: their refinement, which is the fit's (`fit/poses.py`), and the
-way from tracks to depth, which is the same for every source of poses (`initialise`). `initialise` and the pipeline
-import this file.
+way from tracks to depth, which is the same for every source of poses (`initialise`). For
+`gs2ci.reconstruct`.
 """
 
 from dataclasses import dataclass, replace

@@ -2,7 +2,7 @@
 
 Here: the model's signature, the way from our views to its images and back, and every way in which a file or its answer
 can be wrong. Not here: how far its answer is believed (`hierarchy`), how such a file is made (`vggt_export`). Only
-`gs2ci.reconstruct.geometry` imports this file.
+`gs2ci.reconstruct.geometry` and `gs2ci.commands.models` import this file.
 
 A model takes images [S, 3, H, W] or [1, S, 3, H, W], float32 in [0, 1], sides multiples of 14, and returns, by name,
 with or without the leading 1:
