@@ -17,7 +17,7 @@ from gs2ci.core.progress import Progress
 from gs2ci.core.run_records import CurvePoint
 from gs2ci.reconstruct.fit.density.base import DensityRule
 from gs2ci.reconstruct.fit.density.osgr import Osgr
-from gs2ci.reconstruct.fit.evidence import Gathering
+from gs2ci.reconstruct.fit.gathering import Gathering
 from gs2ci.reconstruct.fit.looks import Looks, Refine, Score
 from gs2ci.reconstruct.fit.losses import DataTerm, LossWeights, regulated
 from gs2ci.reconstruct.fit.optimiser import GaussianOptimiser, StepSizes

@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from gs2ci.core.records import Shot
-from gs2ci.reconstruct.fit.evidence import Gathering
+from gs2ci.reconstruct.fit.gathering import Gathering
 from gs2ci.reconstruct.fit.rendering import ShotRenderer
 from gs2ci.render.cpu.backend import CpuBackend
 from gs2ci.render.reference import ReferenceBackend
