@@ -81,6 +81,8 @@ class Table:
         measures: Its columns; the first is drawn.
         known: The cases there are: from a folder, or of our own without one.
         axis: What lines that begin with a number are drawn against, on logarithmic axes; "" draws them side by side.
+        takes_data: Whether its cases may be the files of a folder.
+        takes_size: Whether its cases are measurements, which may be had at another size.
     """
 
     title: str
@@ -89,6 +91,8 @@ class Table:
     measures: tuple[Measure, ...]
     known: Callable[[Path | None], tuple[Case, ...]] = field(default_factory=lambda: measurements)
     axis: str = ""
+    takes_data: bool = True
+    takes_size: bool = True
 
 
 RECONSTRUCTION: Final = (
@@ -138,6 +142,32 @@ def file_cases(folder: Path) -> tuple[Case, ...]:
     return tuple(Case(file.stem, file=str(file.resolve())) for file in files)
 
 
+def known_cases(name: str, folder: Path | None, size: tuple[int, int] | None) -> tuple[Case, ...]:
+    """Return the cases that a table has, from a folder or of its own, at their size or another.
+
+    Args:
+        name: Of the table.
+        folder: Where its files are; None for its own.
+        size: Height and width, px; None for their own.
+
+    Raises:
+        InputError: The table takes no folder or no size, the folder holds no file of its kind, or a side is no count
+            of pixels.
+    """
+    for option, given, takers in (
+        ("--data", folder, [other for other, one in TABLES.items() if one.takes_data]),
+        ("--size", size, [other for other, one in TABLES.items() if one.takes_size]),
+    ):
+        if given is not None and name not in takers:
+            raise InputError(
+                f"{option} for the table {name}",
+                allowed=f"for the tables {', '.join(takers)}",
+                remedy=f"leave {option} out",
+            )
+    cases = TABLES[name].known(folder)
+    return cases if size is None else resized(cases, size)
+
+
 def resized(cases: Sequence[Case], size: tuple[int, int]) -> tuple[Case, ...]:
     """Return scenes at another size, and files with all but their middle cut away.
 
@@ -146,15 +176,10 @@ def resized(cases: Sequence[Case], size: tuple[int, int]) -> tuple[Case, ...]:
         size: Height and width, px.
 
     Raises:
-        InputError: One of them is something else, or a side is no count of pixels.
+        InputError: A side is no count of pixels.
     """
-    others = [case.name for case in cases if not (case.scene or case.file.endswith(".npz"))]
-    if others or min(size) < 1:
-        raise InputError(
-            f"size {size[0]} x {size[1]} px for {others[0] if others else 'a measurement'}",
-            allowed="measurements, at sides of at least 1 px",
-            remedy="leave --size out" if others else "",
-        )
+    if min(size) < 1:
+        raise InputError(f"size {size[0]} x {size[1]} px", allowed="sides of at least 1 px")
     return tuple(replace(case, size=size) for case in cases)
 
 
@@ -220,14 +245,8 @@ def _simulation(case: Case, tolerance_dn: float | None, seed: int) -> Cell:
     return Cell("gs2ci.bench.simulation:simulate_rig", arguments, (case.file,))
 
 
-def bench_cases(folder: Path | None) -> tuple[Case, ...]:
-    """Return the simulated benches that are calibrated, by their names alone.
-
-    Raises:
-        InputError: A folder is given; there are no others.
-    """
-    if folder is not None:
-        raise InputError(f"benches from {folder}", allowed="the simulated ones", remedy="leave --data out")
+def bench_cases(_folder: Path | None) -> tuple[Case, ...]:
+    """Return the simulated benches that are calibrated, by their names alone; there are no others."""
     return tuple(Case(name) for name in BENCHES)
 
 
@@ -336,6 +355,7 @@ TABLES: Final[dict[str, Table]] = {
         ),
         rig_cases,
         "tolerance, DN rms in total",
+        takes_size=False,
     ),
     "calibrate": Table(
         "What calibrated masks cost",
@@ -344,5 +364,7 @@ TABLES: Final[dict[str, Table]] = {
         _calibrations,
         CALIBRATION,
         bench_cases,
+        takes_data=False,
+        takes_size=False,
     ),
 }

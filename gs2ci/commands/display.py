@@ -20,7 +20,6 @@ from gs2ci.core import progress
 from gs2ci.core.clock import Clock, WallClock
 from gs2ci.core.durations import spoken_duration
 from gs2ci.core.errors import InputError
-from gs2ci.evaluate.report import read_report
 
 # Redrawing costs the fit about a thousandth at this rate; an eye needs no more.
 REDRAWS_PER_SECOND: Final = 4
@@ -38,6 +37,10 @@ class Display(progress.Progress, Protocol):
         Raises:
             InputError: Standard input has ended: nobody will press it.
         """
+        ...
+
+    def finish(self) -> None:
+        """End the running stage: what is done until the next one begins is no part of it."""
         ...
 
     def __enter__(self) -> Self: ...
@@ -75,11 +78,11 @@ class PlainDisplay:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self._end_stage()
+        self.finish()
 
     def stage(self, name: str, total: int | None = None) -> None:
         """Write the last stage's line; begin another."""
-        self._end_stage()
+        self.finish()
         self._name, self._total, self._done, self._figures = name, total, 0, ""
         self._began_s = self._clock.now_s()
 
@@ -101,7 +104,8 @@ class PlainDisplay:
         self._line(f"{request}, then press Enter")
         _wait_for_enter(request)
 
-    def _end_stage(self) -> None:
+    def finish(self) -> None:
+        """Write the running stage's line."""
         if not self._name:
             return
         steps = f"{self._done} of {self._total}" if self._total and self._done != self._total else f"{self._done}"
@@ -137,12 +141,12 @@ class LiveDisplay:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         if kind is None:
-            self._end_stage()
+            self.finish()
         self._bars.stop()
 
     def stage(self, name: str, total: int | None = None) -> None:
         """Finish the last stage's bar; begin another."""
-        self._end_stage()
+        self.finish()
         self._bars.figures = ""
         self._task = self._bars.add_task(name, total=total)
 
@@ -170,7 +174,8 @@ class LiveDisplay:
         _wait_for_enter(request)
         self._bars.start()
 
-    def _end_stage(self) -> None:
+    def finish(self) -> None:
+        """Fill the running stage's bar."""
         if self._task is None:
             return
         # A stage may end early, having converged: its bar is full all the same, at the steps it took.
@@ -237,6 +242,8 @@ def print_summary(folder: Path, console: Console | None = None) -> None:
     Raises:
         StorageError: The folder holds no readable report.
     """
+    from gs2ci.evaluate.report import read_report
+
     report = read_report(folder)
     console = console or Console(highlight=False)
     table = Table(

@@ -5,19 +5,21 @@ Here: the command's arguments and what it prints. Not here: any guess (`gs2ci.co
 """
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import numpy as np
 import tyro
 from rich.console import Console
 from rich.markup import escape
 
+from gs2ci.commands.options import check_number, check_whole
+from gs2ci.commands.recover import save_finished_rows
 from gs2ci.core.errors import InputError
-from gs2ci.core.foreign.assemble import Imported, ImportOptions, import_shots, load_single
-from gs2ci.core.foreign.container import Array
-from gs2ci.core.records import CfaPattern, Shot
-from gs2ci.core.storage import count_shots, recover, write_shots
-from gs2ci.core.storage.sealing import check_target
+from gs2ci.core.records import FOCAL_RANGE_PX, CfaPattern, Shot
+
+if TYPE_CHECKING:
+    from gs2ci.core.foreign.assemble import Imported
+    from gs2ci.core.foreign.container import Array
 
 
 def run(
@@ -81,10 +83,23 @@ def run(
     Returns:
         The shot file.
     """
+    check_whole("--views", views, 1)
+    check_number("--focal-px", focal_px, *FOCAL_RANGE_PX)
+    check_number("--mask-scale", mask_scale, above=0)
+    check_number("--scale", scale, above=0)
+    check_number("--offset", offset)
+    check_number("--saturation", saturation, 0)
+    for coefficient in distortion:
+        check_number("--distortion", coefficient)
+    from gs2ci.core.foreign.assemble import ImportOptions, import_shots
+    from gs2ci.core.foreign.container import Array
+    from gs2ci.core.storage import write_shots
+    from gs2ci.core.storage.sealing import check_target
+
     console = Console()
     check_target(out, replace=overwrite, remedy="choose another name with -o, or add --overwrite to replace it")
     if file.name.endswith(".partial"):
-        return _recovered(console, file, out, overwrite)
+        return save_finished_rows(file, out, replace=overwrite)
     masks = _only_one(masks_file, masks)
     _check_apart(out, file, masks, truth, poses)
     options = ImportOptions(
@@ -113,13 +128,6 @@ def run(
     return out
 
 
-def _recovered(console: Console, partial: Path, out: Path, overwrite: bool) -> Path:
-    """Save the finished rows of an interrupted capture."""
-    recover(partial, out, replace=overwrite)
-    console.print(f"{count_shots(out)} finished rows of {escape(partial.name)} saved in [bold]{escape(str(out))}[/]")
-    return out
-
-
 def _only_one(masks_file: Path | None, masks: Path | None) -> Path | None:
     """Return the file with the masks, which may be given in either of two ways."""
     if masks is not None and masks_file is not None:
@@ -133,11 +141,16 @@ def _check_apart(out: Path, *files: Path | None) -> None:
         raise InputError(f"{out}: would replace a file that it is made from", remedy="choose another name with -o")
 
 
-def _loaded(file: Path | None) -> Array | None:
+def _loaded(file: Path | None) -> "Array | None":
+    from gs2ci.core.foreign.assemble import load_single
+
     return None if file is None else load_single(file)
 
 
-def _camera(words: tuple[str, ...]) -> Array | None:
+def _camera(words: tuple[str, ...]) -> "Array | None":
+    from gs2ci.core.foreign.assemble import load_single
+    from gs2ci.core.foreign.container import Array
+
     if not words:
         return None
     if len(words) == 1:
@@ -151,7 +164,7 @@ def _camera(words: tuple[str, ...]) -> Array | None:
     return Array("--intrinsics", values)
 
 
-def _picked(imported: Imported, index: int | None, file: Path) -> list[Shot]:
+def _picked(imported: "Imported", index: int | None, file: Path) -> list[Shot]:
     shots = imported.shots
     if index is None:
         return shots
@@ -160,7 +173,7 @@ def _picked(imported: Imported, index: int | None, file: Path) -> list[Shot]:
     return [shots[index]]
 
 
-def _print(console: Console, file: Path, out: Path, imported: Imported, index: int | None) -> None:
+def _print(console: Console, file: Path, out: Path, imported: "Imported", index: int | None) -> None:
     console.print(f"[bold]{escape(file.name)}[/]")
     for guess in imported.guesses:
         style = "yellow" if guess.startswith("WARNING") else ""
