@@ -17,7 +17,7 @@ from contextlib import contextmanager
 from contextvars import copy_context
 from dataclasses import replace
 from types import NoneType
-from typing import TYPE_CHECKING, Any, Final, Literal, get_args, get_origin
+from typing import TYPE_CHECKING, Any, Final, get_args
 
 # torch's and Numba's thread pools otherwise spin against each other (3-10x slower when anything else runs);
 # OpenMP reads this when it is first loaded, hence before any other import.
@@ -145,7 +145,7 @@ def _optional_values() -> "ConstructorRegistry":
     @registry.primitive_rule
     def optional(info: "PrimitiveTypeInfo") -> "PrimitiveConstructorSpec[Any] | None":
         kinds = [kind for kind in get_args(info.type) if kind is not NoneType]
-        if NoneType not in get_args(info.type) or len(kinds) != 1 or get_origin(kinds[0]) is Literal:
+        if NoneType not in get_args(info.type) or len(kinds) != 1:
             return None
         given = ConstructorRegistry.get_primitive_spec(PrimitiveTypeInfo.make(kinds[0], info.markers))
         if not isinstance(given, PrimitiveConstructorSpec):

@@ -267,7 +267,7 @@ def _calibrations(options: Options) -> list[Entry]:
 def _chosen(lines: Sequence[str], wanted: Sequence[str]) -> tuple[str, ...]:
     unknown = [line for line in wanted if line not in lines]
     if unknown:
-        raise InputError(f"line {unknown[0]!r} is not in this table", allowed=", ".join(lines))
+        raise InputError(f"line {unknown[0]!r} is not in this table", allowed=", ".join(map(repr, lines)))
     return tuple(wanted or lines)
 
 

@@ -71,7 +71,7 @@ def run(
     from gs2ci.bench.workers import complete
 
     if table not in TABLES:
-        raise InputError(f"table {table!r}", allowed=", ".join(TABLES))
+        raise InputError(f"no table {table!r}", allowed=", ".join(TABLES))
     chosen = TABLES[table]
     known = known_cases(table, data, size)
     unknown = [case for case in cases if case not in {one.name for one in known}]

@@ -82,7 +82,8 @@ def run(
         console.print(f"the light path {last.summary()}", markup=False, highlight=False, soft_wrap=True)
     if calibrated is not None:
         console.print(f"masks from {calibrated.bundle.path}", markup=False, highlight=False, soft_wrap=True)
-    console.print(f"{prepared.plan.settings.shots} shots in [bold]{escape(str(out))}[/]", soft_wrap=True)
+    count = prepared.plan.settings.shots
+    console.print(f"{count} shot{'s' if count > 1 else ''} in [bold]{escape(str(out))}[/]", soft_wrap=True)
     return out
 
 

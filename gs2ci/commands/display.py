@@ -25,7 +25,9 @@ from gs2ci.core.errors import InputError
 REDRAWS_PER_SECOND: Final = 4
 STAGE_WIDTH: Final = 12
 
-_LABELS: Final = {"heldout": "held-out", "psnr_db": "PSNR"}
+_LABELS: Final = {"heldout": "held-out", "psnr": "PSNR"}
+# How names of figures end, as everywhere in the code, and how the unit is written.
+_UNITS: Final = {"db": "dB", "dn": "DN", "ms": "ms", "us": "µs", "px": "px"}
 
 
 class Display(progress.Progress, Protocol):
@@ -141,13 +143,12 @@ class LiveDisplay:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         if kind is None:
-            self.finish()
+            self._fill_bar()
         self._bars.stop()
 
     def stage(self, name: str, total: int | None = None) -> None:
         """Finish the last stage's bar; begin another."""
         self.finish()
-        self._bars.figures = ""
         self._task = self._bars.add_task(name, total=total)
 
     def expect(self, total: int) -> None:
@@ -175,7 +176,11 @@ class LiveDisplay:
         self._bars.start()
 
     def finish(self) -> None:
-        """Fill the running stage's bar."""
+        """Fill the running stage's bar; its figures are no longer shown."""
+        self._fill_bar()
+        self._bars.figures = ""
+
+    def _fill_bar(self) -> None:
         if self._task is None:
             return
         # A stage may end early, having converged: its bar is full all the same, at the steps it took.
@@ -315,14 +320,21 @@ def _trajectory_rows(errors: dict[str, Any] | None) -> list[tuple[str, str, str]
 
 
 def _describe_figure(name: str, value: float | str) -> str:
-    label = _LABELS.get(name, name.replace("_", " "))
+    stem, _, ending = name.rpartition("_")
+    unit = _UNITS.get(ending, "")
+    stem = stem if unit else name
+    label = _LABELS.get(stem, stem.replace("_", " "))
     if isinstance(value, str):
         return f"{label} {value}"
     if name == "gaussians":
         return f"{value:,} Gaussians".replace(",", " ")
-    if name == "psnr_db":
-        return f"{label} {value:.2f} dB"
+    return f"{label} {_number(value, 2 if unit else 4)} {unit}".rstrip()
+
+
+def _number(value: float, decimals: int) -> str:
+    """Write a running figure; fixed decimals keep it from jumping about."""
     if isinstance(value, int):
-        return f"{label} {value}"
-    # Fixed decimals keep a running figure from jumping about.
-    return f"{label} {value:.4f}" if 1e-3 <= abs(value) < 100 else f"{label} {value:.3g}"
+        return str(value)
+    if 100 <= abs(value) < 1e7:
+        return f"{value:.0f}"
+    return f"{value:.{decimals}f}" if 10.0 ** (1 - decimals) <= abs(value) < 100 else f"{value:.3g}"

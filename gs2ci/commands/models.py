@@ -53,6 +53,8 @@ def run(
     call, count = _CALLS[action]
     if len(what) != count:
         raise InputError(f"{action} with {len(what)} arguments", allowed=call)
+    if action in ("add", "list") and (output is not None or overwrite):
+        raise InputError(f"-o or --overwrite with {action}", allowed="with export-ffdnet and export-vggt", remedy=call)
     if action == "list":
         _list()
         return None

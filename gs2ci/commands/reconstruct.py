@@ -56,7 +56,7 @@ def run(
         budget: Instead of a preset, the time that everything together may take, as in 60s or 5min: the best that
             this machine can do by then.
         density: The rule by which Gaussians are added and removed, with the terms of the objective that belong to it;
-            none leaves the settings' own.
+            the preset's own when not given.
         without: Components of the method to do without, for comparisons: points, poses, opacity-split,
             opacity-regulation, count-cap, pose-refinement.
         iterations: At most so many iterations of the fit; it ends earlier when held-out pixels stop improving.

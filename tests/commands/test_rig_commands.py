@@ -76,7 +76,7 @@ def test_a_plan_that_breaks_limits_is_printed_and_refused(rig, capsys, gs2ci):
 
 def test_another_number_of_shots_can_be_asked_for(rig, capsys, gs2ci):
     assert gs2ci("capture", "--rig", rig, "-o", "one.h5", "--shots", "1") == 0
-    assert "1 shots in one.h5" in capsys.readouterr().out
+    assert "1 shot in one.h5" in capsys.readouterr().out
     assert gs2ci("capture", "--rig", rig, "--shots", "0") == 2
 
 

@@ -177,6 +177,7 @@ def test_help_fits_a_terminal_and_names_values_plainly(monkeypatch, capsys):
     assert "PATH [PATH]" in told
     assert "--focal-px FLOAT" in told
     assert "{None}|" not in told
+    assert "--cfa {RGGB,BGGR,GRBG,GBRG}" in told
     # An argument's text is one paragraph, wherever the docstring's lines end.
     assert typed(monkeypatch, "bench", "--help") == 0
     assert "kept. For what would take hours." in capsys.readouterr().out
