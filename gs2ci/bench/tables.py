@@ -11,6 +11,7 @@ from typing import Any, Final
 from gs2ci.bench.calibration import BENCHES, FRAMES
 from gs2ci.bench.cases import Case
 from gs2ci.bench.cells import Cell
+from gs2ci.bench.names import TableName
 from gs2ci.bench.simulation import EVERYTHING, TOLERANCES_DN, rig_cases
 from gs2ci.bench.variants import ABLATION, GEOMETRY, RULES, VARIANTS
 from gs2ci.core.errors import InputError
@@ -142,7 +143,7 @@ def file_cases(folder: Path) -> tuple[Case, ...]:
     return tuple(Case(file.stem, file=str(file.resolve())) for file in files)
 
 
-def known_cases(name: str, folder: Path | None, size: tuple[int, int] | None) -> tuple[Case, ...]:
+def known_cases(name: TableName, folder: Path | None, size: tuple[int, int] | None) -> tuple[Case, ...]:
     """Return the cases that a table has, from a folder or of its own, at their size or another.
 
     Args:
@@ -279,7 +280,7 @@ CALIBRATION: Final = (
     Measure("registration_seconds", "its bench s", 1, more_is_better=False),
 )
 
-TABLES: Final[dict[str, Table]] = {
+TABLES: Final[dict[TableName, Table]] = {
     "methods": Table(
         "Methods",
         "The default way, which is the mean of two fits; one fit, and one thing changed at a time in one fit; the "

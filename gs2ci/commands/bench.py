@@ -13,6 +13,7 @@ import tyro
 from rich.console import Console
 from rich.markdown import Markdown
 
+from gs2ci.bench.names import TableName
 from gs2ci.commands.display import open_display
 from gs2ci.commands.options import check_whole
 from gs2ci.core.errors import InputError
@@ -20,7 +21,7 @@ from gs2ci.core.whole_file import check_place
 
 
 def run(
-    table: Annotated[str, tyro.conf.Positional],
+    table: Annotated[TableName, tyro.conf.Positional],
     /,
     output: Annotated[Path, tyro.conf.arg(aliases=["-o"])] = Path("bench"),
     *,
@@ -40,8 +41,7 @@ def run(
     quiet machine.
 
     Args:
-        table: Which one: methods, init, density, ablation, mask-ratio, compression, conditions, seeds,
-            calibrate, simulate.
+        table: Which one.
         output: Folder for the pages and the finished cells.
         data: Folder of .npz measurements to use instead of simulated scenes; of rig files (.toml) for simulate.
         size: Height and width, px: of the simulated scenes, instead of 192 256; of files, the middle that is kept.

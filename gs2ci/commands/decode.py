@@ -55,14 +55,16 @@ def run(
     check_number("--coupling", coupling, 0, 1e6, remedy="leave --coupling out, and held-out pixels choose it")
     if all_shots and index is not None:
         raise InputError(f"both --all and --index {index}", remedy="give one of them")
-    from gs2ci.commands.decoders import Choice, decoded_by, decoder_of
     from gs2ci.core.storage import count_shots, read_shot
+
+    count = count_shots(shot)
+    from gs2ci.commands.decoders import Choice, decoded_by, decoder_of
     from gs2ci.evaluate.decode_folder import SCHEMA, write_decoded
     from gs2ci.evaluate.run_folder import check_destination
 
     check_destination(output, overwrite=overwrite, schema=SCHEMA)
     decode = decoder_of(Choice(method, denoiser, iterations, coupling, seed))
-    wanted = range(count_shots(shot)) if all_shots else (index or 0,)
+    wanted = range(count) if all_shots else (index or 0,)
     with open_display() as display:
         decoded = [decoded_by(decode, read_shot(shot, i), display) for i in wanted]
     report = write_decoded(output, decoded, overwrite=overwrite)

@@ -57,6 +57,8 @@ def run(
     if electrons is not None and read_noise is None:
         raise InputError("--electrons without --read-noise", remedy="give both, for χ² per pixel")
     from gs2ci.core.storage import read_shot
+
+    measured = read_shot(shot, index)
     from gs2ci.evaluate.evaluation import Evidence, evaluate, read_run, write_evaluation
     from gs2ci.evaluate.noise import NoiseModel
     from gs2ci.evaluate.novel_views import read_novel_views
@@ -64,7 +66,6 @@ def run(
     from gs2ci.reconstruct.fit.perceptual import load_distance
 
     noise = None if read_noise is None else NoiseModel(read_noise, math.inf if electrons is None else electrons)
-    measured = read_shot(shot, index)
     check_same_shot(folder, measured)
     evidence = Evidence(
         measured,

@@ -4,6 +4,7 @@ Here: the command's arguments and what it prints. Not here: any guess (`gs2ci.co
 (`gs2ci.core.storage`). Only `gs2ci.cli` imports this file.
 """
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -96,12 +97,7 @@ def run(
     from gs2ci.core.storage import write_shots
     from gs2ci.core.storage.sealing import check_target
 
-    console = Console()
     check_target(out, replace=overwrite, remedy="choose another name with -o, or add --overwrite to replace it")
-    if file.name.endswith(".partial"):
-        return save_finished_rows(file, out, replace=overwrite)
-    masks = _only_one(masks_file, masks)
-    _check_apart(out, file, masks, truth, poses)
     options = ImportOptions(
         meas_key=meas_key,
         mask_key=mask_key,
@@ -115,17 +111,30 @@ def run(
         offset=offset,
         saturation=saturation,
         cfa=cfa,
-        intrinsics=_camera(intrinsics),
         focal_px=focal_px,
         distortion=Array("--distortion", np.array(distortion)) if distortion else None,
-        world_to_camera=_loaded(poses),
-        truth=_loaded(truth),
         bad_pixels=bad_pixels,
     )
+    if file.name.endswith(".partial"):
+        _check_alone(file, masks_file, masks, truth, poses, intrinsics, index is not None, options != ImportOptions())
+        return save_finished_rows(file, out, replace=overwrite)
+    masks = _only_one(masks_file, masks)
+    _check_apart(out, file, masks, truth, poses)
+    options = replace(options, intrinsics=_camera(intrinsics), world_to_camera=_loaded(poses), truth=_loaded(truth))
     imported = import_shots(file, masks, options)
     write_shots(out, _picked(imported, index, file))
-    _print(console, file, out, imported, index)
+    _print(Console(), file, out, imported, index)
     return out
+
+
+def _check_alone(partial: Path, *given: object) -> None:
+    """Return if nothing else was given that an interrupted capture could not heed."""
+    if any(given):
+        raise InputError(
+            f"options beside {partial}, an interrupted capture, which tells all by itself",
+            allowed="-o and --overwrite",
+            remedy="leave the others out",
+        )
 
 
 def _only_one(masks_file: Path | None, masks: Path | None) -> Path | None:

@@ -5,7 +5,7 @@ Here: the table. Not here: the reckoning (`gs2ci_sims.planner`). Only `gs2ci.cli
 
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import tyro
 from rich.console import Console
@@ -56,7 +56,8 @@ def print_plan(decided: "Plan", console: Console) -> None:
     """Print a plan as a table, one effect per line in physical order, and its one-line summary."""
     table = Table(box=None, padding=(0, 2, 0, 0), header_style="bold")
     for title in ("effect", "DN rms", "simulated", "why", "samples", "time"):
-        table.add_column(title, justify="right" if title in ("DN rms", "time") else "left", no_wrap=title != "samples")
+        side: Literal["left", "right"] = "right" if title in ("DN rms", "time") else "left"
+        table.add_column(title, justify=side, no_wrap=title != "samples", min_width=len(title))
     table.add_row("(views)", "", "yes", "what is seen", f"{decided.views}", _share(decided.render_seconds, decided))
     for decision in decided.decisions:
         bound = decision.bound.rms_dn

@@ -84,7 +84,10 @@ def run(
     check_whole("--fits", fits, 1, MOST_FITS)
     check_number("--focal-px", focal_px, *FOCAL_RANGE_PX)
     check_seed(seed)
-    from gs2ci.commands.wishes import Wishes, budget_seconds, measured_shot, planned, score_against_truth
+    from gs2ci.core.storage import read_shot
+
+    measured = read_shot(shot, index)
+    from gs2ci.commands.wishes import Wishes, budget_seconds, planned, score_against_truth, with_focal
     from gs2ci.evaluate.run_folder import check_destination, write_run
     from gs2ci.reconstruct.pipeline import reconstruct
     from gs2ci.reconstruct.presets import PRESETS
@@ -93,7 +96,7 @@ def run(
     wishes = Wishes(geometry, proxy, density, without, iterations, fits, fine, prior, distance, trust_weights, seed)
     budget_s = budget_seconds(budget, preset, wishes)
     check_destination(output, overwrite=overwrite)
-    measured = measured_shot(shot, index, focal_px)
+    measured = with_focal(focal_px, measured)
     settings, pace = wishes.on(PRESETS[preset]), None
     with open_display() as display:
         if needs_compiling(settings.backend):

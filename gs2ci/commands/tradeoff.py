@@ -63,9 +63,11 @@ def run(
     """
     check_seed(seed)
     most_s = parse_duration_s(most)
+    from gs2ci.core.storage import read_shot
+
+    measured = read_shot(shot, index)
     from gs2ci.bench.store import Store
     from gs2ci.bench.workers import complete
-    from gs2ci.core.storage import read_shot
     from gs2ci.evaluate.pages.run_evidence import check_same_shot
     from gs2ci.evaluate.pages.run_page import write_run_page
     from gs2ci.evaluate.tradeoff.pages import Tradeoff, markdown, record_of, write_pages
@@ -74,7 +76,6 @@ def run(
     from gs2ci.reconstruct.costs import probe
 
     trials = chosen_trials(knobs or KNOBS)
-    measured = read_shot(shot, index)
     check_place(output / "cells")
     if report is not None:
         check_same_shot(report, measured)

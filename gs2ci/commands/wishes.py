@@ -7,15 +7,13 @@ file, when it runs.
 
 import time
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 
 from gs2ci.commands.display import Display
 from gs2ci.core.durations import parse_duration_s
 from gs2ci.core.errors import InputError
-from gs2ci.core.records import F32, F64, Shot
-from gs2ci.core.storage import read_shot
+from gs2ci.core.records import F32, Shot
 from gs2ci.evaluate.metrics import psnr_per_view
 from gs2ci.evaluate.rehearsal import report_seconds
 from gs2ci.reconstruct import ablation
@@ -89,14 +87,23 @@ def budget_seconds(budget: str | None, preset: PresetName, wishes: Wishes) -> fl
     return budget_s
 
 
-def measured_shot(file: Path, index: int, focal_px: float | None) -> Shot:
-    """Read a shot, with the focal length that the user knows better.
+def with_focal(focal_px: float | None, shot: Shot) -> Shot:
+    """Return a shot with another focal length; its principal point and pixel shape stay.
 
-    Raises:
-        StorageError: The file cannot be read, or holds no such shot.
+    Args:
+        focal_px: Along the rows; None leaves the shot's.
+        shot: With a camera matrix or without.
     """
-    shot = read_shot(file, index)
-    return shot if focal_px is None else replace(shot, intrinsics=_with_focal(focal_px, shot)).check()
+    if focal_px is None:
+        return shot
+    height, width = shot.size
+    if shot.intrinsics is None:
+        intrinsics = np.array([[focal_px, 0, width / 2], [0, focal_px, height / 2], [0, 0, 1]])
+    else:
+        intrinsics = shot.intrinsics.astype(np.float64)
+        intrinsics[1, 1] *= focal_px / intrinsics[0, 0]
+        intrinsics[0, 0] = focal_px
+    return replace(shot, intrinsics=intrinsics).check()
 
 
 def planned(budget_s: float, began_s: float, shot: Shot, adapt: Adapt, display: Display) -> Plan:
@@ -123,14 +130,3 @@ def score_against_truth(shot: Shot) -> Score | None:
         return float(np.mean(psnr_per_view(views, truth)))
 
     return score
-
-
-def _with_focal(focal_px: float, shot: Shot) -> F64:
-    """Return the shot's camera matrix with another focal length; its principal point and pixel shape stay."""
-    height, width = shot.size
-    if shot.intrinsics is None:
-        return np.array([[focal_px, 0, width / 2], [0, focal_px, height / 2], [0, 0, 1]])
-    intrinsics = shot.intrinsics.astype(np.float64)
-    intrinsics[1, 1] *= focal_px / intrinsics[0, 0]
-    intrinsics[0, 0] = focal_px
-    return intrinsics

@@ -3,6 +3,7 @@
 import itertools
 from dataclasses import replace
 from pathlib import Path
+from typing import get_args
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ import pytest
 from gs2ci.bench.calibration import BENCHES, FRAMES
 from gs2ci.bench.cases import Case
 from gs2ci.bench.cells import run
+from gs2ci.bench.names import TableName
 from gs2ci.bench.tables import (
     CONDITIONS,
     RATIOS,
@@ -48,6 +50,10 @@ def test_a_table_has_a_cell_for_each_case_line_and_seed(name, lines):
     assert len(entries) == len(CASES) * len(lines) * 2
     assert len({(entry.case, entry.line, entry.cell.arguments["seed"]) for entry in entries}) == len(entries)
     assert len({entry.cell.key for entry in entries}) == len(entries)
+
+
+def test_every_table_can_be_asked_for_by_its_name():
+    assert tuple(TABLES) == get_args(TableName)
 
 
 def test_a_line_changes_what_it_says():

@@ -1,5 +1,7 @@
 """The import command: its arguments, what it prints, what it writes, and that errors write nothing."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 import tyro
@@ -113,6 +115,16 @@ def test_an_interrupted_capture_is_recovered(tmp_path, capsys):
     assert read_shot(path, 1).measurement[0, 0, 0] == 8
     assert "2 finished rows of rig.h5.partial saved in" in capsys.readouterr().out
     assert (tmp_path / "rig.h5.partial").exists()
+
+
+@pytest.mark.parametrize(
+    "options",
+    [{"index": 0}, {"masks": Path("m.npy")}, {"intrinsics": ("K.npy",)}, {"scale": 2.0}, {"distortion": (0.1,)}],
+)
+def test_options_that_an_interrupted_capture_cannot_heed_are_refused(tmp_path, options):
+    with pytest.raises(InputError, match=r"options beside .*rig\.h5\.partial.*allowed: -o and --overwrite"):
+        run(tmp_path / "rig.h5.partial", out=tmp_path / "saved.h5", **options)
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_masks_given_twice_are_refused(tmp_path):

@@ -40,6 +40,12 @@ def test_every_effect_is_listed_with_its_bound_decision_and_reason(rig):
     assert "within" in lines["simulates"]
 
 
+def test_no_title_is_cut_on_a_narrow_terminal(rig):
+    console = Console(file=io.StringIO(), width=80)
+    plan.print_plan(plan.plan_of(rig), console)
+    assert console.file.getvalue().split()[:7] == ["effect", "DN", "rms", "simulated", "why", "samples", "time"]
+
+
 def test_a_coarser_tolerance_on_the_command_line_goes_before_the_files(rig):
     assert len(plan.plan_of(rig, 100.0).effects) < len(plan.plan_of(rig).effects)
 
