@@ -64,6 +64,8 @@ def main() -> int:
 
 def _serve(arguments: list[str]) -> int:
     begin_command()
+    if arguments[:1] == ["help"] and arguments[1:]:
+        arguments = [arguments[1], "--help"]
     if not arguments or arguments[0] in ("-h", "--help", "help"):
         sys.stdout.write(_usage())
         return 0

@@ -278,6 +278,13 @@ def test_every_command_explains_itself(command, monkeypatch, capsys):
     assert len(told.splitlines()) > 5
 
 
+def test_help_on_a_command_may_be_asked_for_in_either_order(monkeypatch, capsys):
+    assert typed(monkeypatch, "help", "decode") == 0
+    told = capsys.readouterr().out
+    assert typed(monkeypatch, "decode", "--help") == 0
+    assert capsys.readouterr().out == told
+
+
 def test_the_version_is_the_packages(tmp_path):
     told = gs2ci("--version", folder=tmp_path)
     assert told.returncode == 0
