@@ -6,7 +6,7 @@ imports this file.
 
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import tyro
 from rich.console import Console
@@ -17,6 +17,10 @@ from gs2ci.core.errors import InputError
 
 if TYPE_CHECKING:
     from gs2ci.core.records import F32
+
+# Beyond what any sensor has; their squares and quotients stay numbers.
+READ_NOISE_RANGE: Final = (1e-9, 1e3)
+ELECTRONS_RANGE: Final = (1e-3, 1e12)
 
 
 def run(
@@ -52,8 +56,8 @@ def run(
     Raises:
         Gs2ciError: A file or a value cannot be used, or the shot is of another measurement than the run.
     """
-    check_number("--read-noise", read_noise, above=0, remedy="leave --read-noise out, and χ² with it")
-    check_number("--electrons", electrons, above=0, remedy="leave --electrons out where there is no shot noise")
+    check_number("--read-noise", read_noise, *READ_NOISE_RANGE, remedy="leave --read-noise out, and χ² with it")
+    check_number("--electrons", electrons, *ELECTRONS_RANGE, remedy="leave --electrons out, and shot noise with it")
     if electrons is not None and read_noise is None:
         raise InputError("--electrons without --read-noise", remedy="give both, for χ² per pixel")
     from gs2ci.core.storage import read_shot

@@ -16,7 +16,7 @@ from rich.markup import escape
 from gs2ci.commands.options import check_number, check_whole
 from gs2ci.commands.recover import save_finished_rows
 from gs2ci.core.errors import InputError
-from gs2ci.core.records import FOCAL_RANGE_PX, CfaPattern, Shot
+from gs2ci.core.records import FOCAL_RANGE_PX, MEASUREMENT_LIMIT, CfaPattern, Shot
 
 if TYPE_CHECKING:
     from gs2ci.core.foreign.assemble import Imported
@@ -86,10 +86,10 @@ def run(
     """
     check_whole("--views", views, 1)
     check_number("--focal-px", focal_px, *FOCAL_RANGE_PX)
-    check_number("--mask-scale", mask_scale, above=0)
-    check_number("--scale", scale, above=0)
-    check_number("--offset", offset)
-    check_number("--saturation", saturation, 0)
+    for option, reading in (("--mask-scale", mask_scale), ("--scale", scale)):
+        check_number(option, reading, 1 / MEASUREMENT_LIMIT, MEASUREMENT_LIMIT)
+    check_number("--offset", offset, -MEASUREMENT_LIMIT, MEASUREMENT_LIMIT)
+    check_number("--saturation", saturation, 0, MEASUREMENT_LIMIT)
     for coefficient in distortion:
         check_number("--distortion", coefficient)
     from gs2ci.core.foreign.assemble import ImportOptions, import_shots

@@ -124,6 +124,7 @@ def test_other_masks_or_another_scale_of_the_same_measurement_are_said(finished,
     [
         ({"read_noise": 0.0}, "--read-noise 0"),
         ({"read_noise": float("nan")}, "--read-noise nan"),
+        ({"read_noise": 1e300}, r"--read-noise 1e\+300"),
         ({"read_noise": 0.1, "electrons": -1.0}, "--electrons -1"),
         ({"electrons": 1e4}, "--electrons without --read-noise"),
     ],

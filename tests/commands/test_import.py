@@ -180,6 +180,8 @@ def test_what_is_imported_is_never_replaced(tmp_path, arrays):
         (["--mask-scale", 0], "--mask-scale 0"),
         (["--scale", -2], "--scale -2"),
         (["--offset", "inf"], "--offset inf"),
+        (["--offset", "1e300"], "--offset 1e+300"),
+        (["--scale", "1e-300"], "--scale 1e-300"),
         (["--saturation", -1], "--saturation -1"),
         (["--distortion", "0.1", "nan", 0, 0], "--distortion nan"),
     ],
