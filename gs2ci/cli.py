@@ -7,10 +7,13 @@ this file.
 
 import difflib
 import importlib
+import inspect
 import os
 import re
+import shutil
 import signal
 import sys
+import textwrap
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -53,13 +56,22 @@ COMMANDS: Final[dict[str, tuple[str, str]]] = {
 }
 EXIT_USER_ERROR: Final = 2
 EXIT_INTERRUPTED: Final = 130
+EXIT_UNREAD: Final = 141
 _ENDINGS: Final = (signal.SIGTERM, signal.SIGHUP)
 
 
 def main() -> int:
-    """Run the command line; return the exit status: 0, 2 for an error of ours, 130 when interrupted."""
-    # In a context of its own, so that nothing of one command is left for whoever calls a second one.
-    return copy_context().run(_serve, sys.argv[1:])
+    """Run the command line; return the exit status: 0, 2 for an error of ours, 130 when interrupted, 141 unread."""
+    try:
+        try:
+            # In a context of its own, so that nothing of one command is left for whoever calls a second one.
+            return copy_context().run(_serve, sys.argv[1:])
+        finally:
+            sys.stdout.flush()
+    except BrokenPipeError:
+        # Whoever read along has seen enough, as `| head` has. The interpreter flushes once more when it ends.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return EXIT_UNREAD
 
 
 def _serve(arguments: list[str]) -> int:
@@ -90,10 +102,12 @@ def _run(command: str, arguments: list[str]) -> int:
             # The parser shows every line of an argument's text as a line of its own, broken again at the terminal's
             # width.
             run.__doc__ = re.sub(r"\n {12}", " ", run.__doc__ or "")
-            tyro.cli(run, prog=f"gs2ci {command}", args=arguments)
+            tyro.cli(run, prog=f"gs2ci {command}", description=_about(run.__doc__), args=arguments)
     except Gs2ciError as error:
         _print_error(error)
         return EXIT_USER_ERROR
+    except BrokenPipeError:
+        raise
     except OSError as error:
         # Not every look at a path is guarded one by one: names too long, folders that may not be entered, ...
         _print_error(Gs2ciError(str(error), remedy="check the name, the folder, its free space and its permissions"))
@@ -110,6 +124,16 @@ def _run(command: str, arguments: list[str]) -> int:
             raise
         return _interrupted()
     return 0
+
+
+def _about(docstring: str) -> str:
+    """Lay out what a docstring says before its arguments, in paragraphs that end at the terminal's width.
+
+    The parser joins a paragraph's lines unless they are indented; so all but the first are.
+    """
+    text = re.split(r"\n\n(?:Args|Returns|Raises):", inspect.cleandoc(docstring))[0]
+    lines = textwrap.TextWrapper(shutil.get_terminal_size().columns, subsequent_indent="  ")
+    return "\n\n".join(lines.fill(" ".join(part.split())) for part in text.split("\n\n"))
 
 
 @contextmanager

@@ -113,6 +113,15 @@ def test_an_error_in_a_process_of_its_own_ends_with_status_2_and_without_a_trace
     assert list(tmp_path.iterdir()) == []
 
 
+def test_nobody_hears_of_a_reader_that_has_seen_enough():
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
+    words = [sys.executable, "-m", "gs2ci", "import", "--help"]
+    with subprocess.Popen(words, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as child:
+        child.stdout.close()
+        assert child.stderr.read() == ""
+    assert child.returncode == cli.EXIT_UNREAD
+
+
 @pytest.mark.parametrize("arguments", [["reconstruct", "a" * 300], ["import", "a" * 300, "-o", "s.h5"]])
 def test_a_name_that_the_disk_cannot_have_is_refused_without_a_traceback(arguments, monkeypatch, capsys):
     assert typed(monkeypatch, *arguments) == 2
@@ -178,6 +187,10 @@ def test_help_fits_a_terminal_and_names_values_plainly(monkeypatch, capsys):
     assert "--focal-px FLOAT" in told
     assert "{None}|" not in told
     assert "--cfa {RGGB,BGGR,GRBG,GBRG}" in told
+    # What stands before the arguments ends at the terminal's width, between words.
+    about = [line for line in told.split("\n\n")[1:3] for line in line.splitlines()]
+    assert len(about) > 3
+    assert max(map(len, about)) <= 80
     # An argument's text is one paragraph, wherever the docstring's lines end.
     assert typed(monkeypatch, "bench", "--help") == 0
     told = capsys.readouterr().out
