@@ -6,6 +6,7 @@
     works.py      the kinds of work there are; simulation.py and calibration.py hold two more
     store.py      finished cells on disk
     workers.py    who does the work: this process, local processes, or a Dask cluster
+    names.py      what the tables are called
     tables.py     which cells make which table, and how they are laid out
     pages.py      means and spreads; markdown, CSV and a picture
     html_page.py  the same as one HTML page

@@ -5,7 +5,7 @@ is (`gs2ci.rig.calibrating`). Only `gs2ci.cli` imports this file.
 """
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 from rich.console import Console
@@ -14,23 +14,13 @@ from rich.table import Table
 
 from gs2ci.commands.display import open_display
 from gs2ci.core.progress import Progress
-from gs2ci.rig.calibrating import bench_of, operator_of, provenance_of
-from gs2ci.rig.opening import Rig, load_rig
-from gs2ci_calibration.bench import Bench
-from gs2ci_calibration.bundle import (
-    Bundle,
-    Provenance,
-    add_section,
-    check_bundle_place,
-    check_target,
-    read_bundle,
-)
-from gs2ci_calibration.drift import changes_since
-from gs2ci_calibration.estimates import Section
-from gs2ci_calibration.fitting import fit
-from gs2ci_calibration.procedures import PROCEDURES
-from gs2ci_calibration.refusals import CalibrationError, Reason
-from gs2ci_drivers.acquisition import Devices
+
+if TYPE_CHECKING:
+    from gs2ci.rig.opening import Rig
+    from gs2ci_calibration.bench import Bench
+    from gs2ci_calibration.bundle import Bundle, Provenance
+    from gs2ci_calibration.estimates import Section
+    from gs2ci_drivers.acquisition import Devices
 
 Step = Literal["dark-flat", "sensor", "timing", "registration", "masks", "camera", "stage", "all", "check"]
 
@@ -58,6 +48,10 @@ def run(
     Returns:
         The bundle.
     """
+    from gs2ci.rig.calibrating import bench_of, operator_of, provenance_of
+    from gs2ci.rig.opening import load_rig
+    from gs2ci_calibration.bundle import Bundle, add_section, check_bundle_place, check_target, read_bundle
+
     console = Console()
     if step != "check":
         check_bundle_place(out)
@@ -74,6 +68,7 @@ def run(
             for name in _every_step(devices, display) if step == "all" else (step,):
                 known = read_bundle(out) if out.exists() else Bundle()
                 section = _measured(bench, name, known)
+                display.finish()
                 add_section(out, section, provenance_of(opened, devices))
                 _print_section(console, section)
     finally:
@@ -82,24 +77,32 @@ def run(
     return out
 
 
-def _every_step(devices: Devices, progress: Progress) -> list[str]:
+def _every_step(devices: "Devices", progress: Progress) -> list[str]:
     """Return all steps in order, without `stage` where there is none."""
+    from gs2ci_calibration.procedures import PROCEDURES
+
     if devices.stage is None:
         progress.say("the rig has no stage: its step is left out")
     return [name for name in PROCEDURES if name != "stage" or devices.stage is not None]
 
 
-def _measured(bench: Bench, name: str, known: Bundle) -> Section:
+def _measured(bench: "Bench", name: str, known: "Bundle") -> "Section":
+    from gs2ci_calibration.procedures import PROCEDURES
+
     bench.progress.say(f"{name}:")
     return PROCEDURES[name](bench, known)
 
 
-def _check(console: Console, bench: Bench, bundle: Bundle, rig: Rig, provenance: Provenance) -> None:
+def _check(console: Console, bench: "Bench", bundle: "Bundle", rig: "Rig", provenance: "Provenance") -> None:
     """Tell the drift since a calibration.
 
     Raises:
         CalibrationError: The bundle does not fit any more.
     """
+    from gs2ci_calibration.drift import changes_since
+    from gs2ci_calibration.fitting import fit
+    from gs2ci_calibration.refusals import CalibrationError, Reason
+
     found = fit(bundle, bench, provenance, rig.table.calibration.max_age_days)
     found.require(bundle)
     changes = changes_since(bench, bundle)
@@ -126,7 +129,7 @@ def _check(console: Console, bench: Bench, bundle: Bundle, rig: Rig, provenance:
         )
 
 
-def _print_section(console: Console, section: Section) -> None:
+def _print_section(console: Console, section: "Section") -> None:
     grid = Table(box=None, pad_edge=False, title=section.name, title_justify="left", title_style="bold")
     for heading in ("found", "value ± standard error"):
         grid.add_column(heading)

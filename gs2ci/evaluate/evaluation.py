@@ -5,7 +5,7 @@ Here: which figures follow from which files. Not here: the metrics (one file eac
 """
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, Final
@@ -23,13 +23,15 @@ from gs2ci.evaluate.depth import depth_errors
 from gs2ci.evaluate.metrics import image_scores, measurement_residual
 from gs2ci.evaluate.noise import NoiseModel, chi_squared_per_pixel
 from gs2ci.evaluate.novel_views import NovelViews, score_novel_views
-from gs2ci.evaluate.report import plain_json, read_report
+from gs2ci.evaluate.report import masks_digest, plain_json, read_report
 from gs2ci.evaluate.trajectory import align, trajectory_errors
 from gs2ci.reconstruct.coding import Coding
 from gs2ci.reconstruct.fit.perceptual import PerceptualDistance
 from gs2ci.render.ply import read_ply
 
 SCHEMA: Final = "gs2ci.evaluation/1"
+SAME_SCALE: Final = 1e-3
+"""Measurements whose means differ by less, relatively, are at one scale: as decibels, the difference is 0.009."""
 
 
 @dataclass(frozen=True)
@@ -125,6 +127,7 @@ def evaluate(run: FinishedRun, evidence: Evidence) -> dict[str, Any]:
             else chi_squared_per_pixel(predicted, shot.measurement, evidence.noise, shot.saturated),
         },
         "novel_views": None if evidence.novel is None else _novel(run, shot, evidence.novel),
+        "notes": _notes(run.report.get("measured", {}), shot),
     }
     plain: dict[str, Any] = plain_json(found)
     return plain
@@ -147,6 +150,21 @@ def _predicted(shot: Shot, views: F32, brightness: Sequence[float] | None) -> F3
         Coding.of(replace(shot, weights=weights)).forward(torch.from_numpy(np.ascontiguousarray(views))).numpy()
     )
     return predicted
+
+
+def _notes(measured: Mapping[str, Any], shot: Shot) -> list[str]:
+    """Say in what the shot is not as the run saw it, as far as the report tells (those of earlier versions do not)."""
+    notes = []
+    mean, digest = measured.get("mean"), measured.get("masks_sha256")
+    ratio = float(shot.measurement.mean(dtype=np.float64)) / mean if mean else 1.0
+    if abs(ratio - 1) > SAME_SCALE:
+        notes.append(
+            f"The shot's readings are {ratio:.3g} times those that were reconstructed, as if it was imported with "
+            "another scale: views and residual are off by as much."
+        )
+    if digest is not None and digest != masks_digest(shot):
+        notes.append("The shot's masks are not those of the reconstruction: the residual is that of the shot's.")
+    return notes
 
 
 def _perceptual(views: F32, truth: F32 | None, distance: PerceptualDistance | None) -> dict[str, Any] | None:

@@ -5,6 +5,7 @@ the picture (`gs2ci.evaluate.overview`). The commands, `gs2ci.bench` and the res
 import this file.
 """
 
+import hashlib
 import math
 from collections.abc import Mapping
 from dataclasses import asdict, is_dataclass
@@ -125,9 +126,16 @@ def read_report(folder: Path, schema: str = SCHEMA) -> dict[str, Any]:
     return report
 
 
+def masks_digest(shot: Shot) -> str:
+    """Digest the masks, so that a report tells which they were."""
+    return hashlib.sha256(np.ascontiguousarray(shot.masks, "<f4").tobytes()).hexdigest()
+
+
 def _measured(shot: Shot) -> dict[str, Any]:
     """Say what the measurement and its masks are like, before anything is solved."""
     return {
+        "mean": float(shot.measurement.mean(dtype=np.float64)),
+        "masks_sha256": masks_digest(shot),
         "open_share": float(shot.masks.mean(dtype=np.float64)),
         "grey_share": float(np.mean((shot.masks > 0) & (shot.masks < shot.masks.max()))),
         "closed_share": float(np.mean(~shot.lit)),

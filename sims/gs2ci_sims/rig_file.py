@@ -182,7 +182,8 @@ def read_rig_file(path: Path) -> Setup:
         InputError: It is not there, not TOML, or holds a key or value that it may not.
     """
     tables, _ = read_toml(path)
-    if tables.keys() & BENCH_ONLY:
+    kinds = [name for name in ("modulator", "sensor") if "kind" in _table(tables, name)]
+    if tables.keys() & BENCH_ONLY or kinds:
         raise InputError(
             f"{path} describes a bench, not a simulation",
             allowed="a simulation's file: docs/simulation.md",

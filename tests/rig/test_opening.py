@@ -1,4 +1,8 @@
+import os
+import subprocess
+import sys
 import types
+from pathlib import Path
 
 import pytest
 
@@ -90,6 +94,25 @@ def test_a_rig_file_is_loaded_with_its_bench(tmp_path):
         rig.set_shots(0)
     rig.set_shots(7)
     assert rig.table.capture.shots == 7
+
+
+REAL = """
+import sys
+from pathlib import Path
+import gs2ci.rig.calibrated, gs2ci.rig.calibrating, gs2ci.rig.doctor, gs2ci.rig.recording
+from gs2ci.rig.opening import load_rig
+
+assert load_rig(Path(sys.argv[1])).bench is None
+sys.exit(" ".join(name for name in ("gs2ci_sims", "gs2ci.rig.simulated") if name in sys.modules) or None)
+"""
+
+
+def test_a_real_bench_does_without_the_simulator():
+    rig = Path(__file__).parents[2] / "docs" / "rigs" / "real.toml"
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
+    words = [sys.executable, "-c", REAL, str(rig)]
+    done = subprocess.run(words, env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
 
 
 def test_cameras_serial_ports_and_modulators_are_found(monkeypatch):

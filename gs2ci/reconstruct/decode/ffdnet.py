@@ -29,6 +29,8 @@ from gs2ci.reconstruct.onnx_models import OPSET
 
 # Of the file format: that of the operators' time.
 IR_VERSION: Final = 8
+# How files of PyTorch begin: the archives of today, and pickles of before.
+_OF_PYTORCH: Final = (b"PK\x03\x04", b"\x80")
 _BATCH_NORM_EPSILON: Final = 1e-5
 _BATCH_NORM: Final = ("weight", "bias", "running_mean", "running_var")
 _PROBE_SIGMA: Final = 25 / 255
@@ -119,14 +121,29 @@ def _state(path: Path) -> dict[str, Tensor]:
     try:
         state = torch.load(path, map_location="cpu", weights_only=True)
     except (pickle.UnpicklingError, RuntimeError, EOFError, ValueError, KeyError) as error:
-        reason = (str(error) or type(error).__name__).split("\n", maxsplit=1)[0][:200]
-        raise InputError(f"{path} is no PyTorch weight file: {reason}") from error
+        raise InputError(
+            f"{path} is no PyTorch weight file: {_what_is_wrong(path, error)}",
+            allowed="what torch.save wrote of a state dictionary: names and tensors (.pth, .pt)",
+            remedy="check that it is the file of the weights, and whole",
+        ) from error
     for key in ("state_dict", "params"):  # training scripts often put the weights beside other things
         if isinstance(state, dict) and isinstance(state.get(key), dict):
             state = state[key]
     if not isinstance(state, dict) or not all(isinstance(value, Tensor) for value in state.values()):
         raise InputError(f"{path} holds no state dictionary", allowed="names and tensors")
     return {name: value.float() for name, value in state.items()}
+
+
+def _what_is_wrong(path: Path, error: Exception) -> str:
+    """Say what was found in a file that PyTorch refuses; its own word only where it is a file of its kind."""
+    with path.open("rb") as stream:
+        head = stream.read(24)
+    if not head:
+        return "it is empty"
+    if head.startswith(_OF_PYTORCH):
+        reason = (str(error) or type(error).__name__).split("\n", maxsplit=1)[0][:200]
+        return f"it is damaged, or holds more than tensors ({reason})"
+    return f"it begins with {head.decode('ascii')!r}" if head.isascii() else f"it begins with bytes {head[:8].hex(' ')}"
 
 
 def _layers(state: dict[str, Tensor], path: Path) -> tuple[Convolution, ...]:

@@ -38,8 +38,6 @@ make fits differ from the first iteration on, too little to spoil what the geome
 
 _NEIGHBOURHOOD_PX: Final = 1.0
 """That a few fits agree in one pixel is often chance; over a few pixels it tells more of the error."""
-MOST_FITS: Final = 64
-"""Each holds a scene and its optimiser's state; what more of them would gain is not worth the memory."""
 
 
 @dataclass(frozen=True)
