@@ -157,12 +157,10 @@ class Lamp:
     Args:
         flicker: Rms change from frame to frame, relative.
         drift: Steady change over the stack, relative.
-        flicker_error: Standard error of the rms, from the number of frames.
     """
 
     flicker: float
     drift: float
-    flicker_error: float
 
 
 def judge_lamp(step: str, frames: F32, dark: F64) -> Lamp:
@@ -186,7 +184,7 @@ def judge_lamp(step: str, frames: F32, dark: F64) -> Lamp:
     error = float(np.sqrt((noise + excess) / (2 * freedom))) / mean
     check_flicker(step, flicker, error)
     check_drift(step, slope / mean, len(levels))
-    return Lamp(flicker, slope / mean, error)
+    return Lamp(flicker, slope / mean)
 
 
 def refuse_dark(step: str, signal_dn: float) -> None:

@@ -42,7 +42,6 @@ class Registration:
         residual_rms_px: By how much the tiles' own shifts scatter about the map.
         tiles: How many tiles the fit rests on.
         dropped: How many were left out because they show something else.
-        likeness: Scale of the measured pattern against the predicted one; 1 is perfect.
     """
 
     pixels: PixelMap
@@ -52,7 +51,6 @@ class Registration:
     residual_rms_px: float
     tiles: int
     dropped: int
-    likeness: float
 
     @property
     def sigma_px(self) -> float:
@@ -121,12 +119,8 @@ def orientation(pixels: PixelMap) -> str:
     return _ORIENTATIONS.get(key, "turned by nearly 45 degrees")
 
 
-ORIENTATIONS: Final = (*_ORIENTATIONS.values(), "any")
-"""How the modulator's image may lie, in words; "any" takes it as it is found."""
-
-
 def require_orientation(pixels: PixelMap, wanted: str) -> None:
-    """Hold the way round in which the modulator's image lies against one of `ORIENTATIONS`.
+    """Hold the way round in which the modulator's image lies against the one wanted, in words; "any" takes it as it is.
 
     Raises:
         CalibrationError: It lies another way round.
@@ -196,7 +190,6 @@ def register(
         residual_rms_px=fitted.scatter_px(),
         tiles=int(fitted.kept.sum()),
         dropped=fitted.dropped,
-        likeness=fitted.scale,
     )
 
 
