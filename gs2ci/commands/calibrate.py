@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from gs2ci.rig.opening import Rig
     from gs2ci_calibration.bench import Bench
     from gs2ci_calibration.bundle import Bundle, Provenance
+    from gs2ci_calibration.drift import Change
     from gs2ci_calibration.estimates import Section
     from gs2ci_drivers.acquisition import Devices
 
@@ -62,7 +63,9 @@ def run(
             operator = operator_of(opened, display.ask)
             bench = bench_of(opened, devices, operator, fast=fast, progress=display)
             if step == "check":
-                _check(console, bench, read_bundle(out), opened, provenance_of(opened, devices))
+                found = _drift(bench, read_bundle(out), opened, provenance_of(opened, devices))
+                display.finish()
+                _print_drift(console, *found)
                 return out
             check_target(out, provenance_of(opened, devices), step)
             for name in _every_step(devices, display) if step == "all" else (step,):
@@ -93,19 +96,30 @@ def _measured(bench: "Bench", name: str, known: "Bundle") -> "Section":
     return PROCEDURES[name](bench, known)
 
 
-def _check(console: Console, bench: "Bench", bundle: "Bundle", rig: "Rig", provenance: "Provenance") -> None:
-    """Tell the drift since a calibration.
+def _drift(
+    bench: "Bench", bundle: "Bundle", rig: "Rig", provenance: "Provenance"
+) -> tuple[list["Change"], tuple[str, ...]]:
+    """Measure the drift since a calibration; return it, and what is worth knowing of how the bundle fits.
 
     Raises:
         CalibrationError: The bundle does not fit any more.
     """
     from gs2ci_calibration.drift import changes_since
     from gs2ci_calibration.fitting import fit
-    from gs2ci_calibration.refusals import CalibrationError, Reason
 
     found = fit(bundle, bench, provenance, rig.table.calibration.max_age_days)
     found.require(bundle)
-    changes = changes_since(bench, bundle)
+    return changes_since(bench, bundle), found.notes
+
+
+def _print_drift(console: Console, changes: list["Change"], notes: tuple[str, ...]) -> None:
+    """Tell the drift since a calibration.
+
+    Raises:
+        CalibrationError: Something changed by more than allowed.
+    """
+    from gs2ci_calibration.refusals import CalibrationError, Reason
+
     grid = Table(box=None, pad_edge=False)
     for heading in ("since the calibration", "change ± standard error", "allowed", ""):
         grid.add_column(heading)
@@ -116,7 +130,7 @@ def _check(console: Console, bench: "Bench", bundle: "Bundle", rig: "Rig", prove
         value = f"{change.value:+.3g} ± {change.error:.1g}{unit}"
         grid.add_row(change.what, value, limit, verdict, style="bold red" if change.too_far else "")
     console.print(grid)
-    for note in found.notes:
+    for note in notes:
         console.print(note, markup=False, soft_wrap=True)
     drifted = [change for change in changes if change.too_far]
     if drifted:

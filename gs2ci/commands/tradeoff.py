@@ -4,6 +4,7 @@ Here: the arguments, and the order price → try → say. Not here: any of the t
 what is finished (`gs2ci.bench`). Only `gs2ci.cli` imports this file.
 """
 
+import math
 import shlex
 import sys
 from pathlib import Path
@@ -82,12 +83,15 @@ def run(
     with open_display() as display:
         display.stage("measuring this machine")
         model = probe(measured)
+        display.finish()
         prices = {trial.name: predicted_seconds(trial, model) for trial in trials}
         wanted = [trial for trial in trials if prices[trial.name] <= most_s]
         if not wanted:
-            raise InputError(f"nothing can be tried in {most}", allowed=f"{min(prices.values()):.1f} s or more")
+            least_s = math.ceil(100 * min(prices.values())) / 100
+            raise InputError(f"nothing can be tried in {most}", allowed=f"{least_s:g} s or more", remedy="raise --most")
         in_all = spoken_duration(sum(prices[trial.name] for trial in wanted))
-        display.say(f"{len(wanted)} trials, about {in_all} in all; an interruption keeps those that are done.")
+        count = f"{len(wanted)} trial{'s' if len(wanted) > 1 else ''}"
+        display.say(f"{count}, about {in_all} in all; an interruption keeps those that are done.")
         display.stage("trials", len(wanted))
         rows = complete(
             [_cell(shot, index, trial, seed) for trial in wanted],

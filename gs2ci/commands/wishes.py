@@ -116,6 +116,7 @@ def planned(budget_s: float, began_s: float, shot: Shot, adapt: Adapt, display: 
     display.stage("measuring this machine")
     model = probe(shot, adapt(PRESETS["draft"]).backend)
     report_s = report_seconds(shot)
+    display.finish()
     plan = plan_within(budget_s, model, report_s=report_s, spent_s=time.monotonic() - began_s, adapt=adapt)
     display.say(plan.sentence)
     return plan
