@@ -16,7 +16,7 @@ from gs2ci.reconstruct.coding import EXCESS, beyond_white, white_reading
 from gs2ci.reconstruct.jury import Jury
 
 # A few clipped highlights are normal, and cost nothing where their neighbours are not clipped.
-_SATURATION_WORTH_SAYING: Final = 0.01
+SATURATION_WORTH_SAYING: Final = 0.01
 # Lamps, glints and broken pixels are fewer than this share of a picture.
 _EXCESS_WORTH_SAYING: Final = 0.02
 # A scene may be dark; one whose brightest point is darker than this uses less than three bits of an eight-bit sensor.
@@ -43,7 +43,7 @@ def _doubts_about_light(shot: Shot) -> list[str]:
         what = "zero" if highest == 0 else f"{highest:.4g}"
         doubts.append(f"The measurement is {what} everywhere: it shows no scene.")
     clipped = 0.0 if shot.saturated is None else float(shot.saturated.mean())
-    if clipped >= _SATURATION_WORTH_SAYING:
+    if clipped >= SATURATION_WORTH_SAYING:
         doubts.append(f"{clipped:.0%} of the pixels are saturated and say only «at least»; use less light.")
     return [*doubts, *_doubts_about_scale(shot), *_doubts_about_brightness(shot)]
 

@@ -20,9 +20,9 @@ MOST_STEPS: Final = 4
 
 # A fit whose best look lies in its last so many looks was still improving when its iterations ran out.
 FRESH_LOOKS: Final = 2
-# Preset `fine` averages so many fits.
+# Preset `fine` averages so many fits. A page is made without loading what fits: a test holds this one to the preset.
 FEW_FITS: Final = 4
-# Saturated pixels say only «at least»; pixels that no mask opens say nothing.
+# Saturated pixels say only «at least», and a run doubts from the same share on; pixels that no mask opens say nothing.
 SATURATED_SHARE: Final = 0.01
 CLOSED_SHARE: Final = 0.05
 # Tracks of decoded views scatter by about a pixel; geometry refuses 2. In between, something else moves or is wrong.

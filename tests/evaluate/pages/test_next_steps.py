@@ -9,6 +9,8 @@ import pytest
 from gs2ci import cli
 from gs2ci.evaluate.pages import next_steps as module
 from gs2ci.evaluate.pages.next_steps import RULES, next_steps, outcome
+from gs2ci.reconstruct.doubts import SATURATION_WORTH_SAYING
+from gs2ci.reconstruct.presets import preset
 from gs2ci.reconstruct.settings import Settings
 
 GOOD = {
@@ -150,6 +152,12 @@ def test_only_so_many_are_told_the_most_telling_first():
 def test_a_fit_that_stopped_by_itself_is_not_told_to_run_longer():
     assert module.still_improving(report(curve=CASES["still_improving"]["curve"])) is None
     assert module.still_improving({**improving(), "curve": GOOD["curve"]}) is None
+
+
+def test_the_page_and_the_run_agree_on_what_is_worth_saying():
+    """A page is written without what fits, so its numbers cannot be read from there."""
+    assert preset("fine").fits == module.FEW_FITS
+    assert module.SATURATED_SHARE == SATURATION_WORTH_SAYING
 
 
 def test_the_mean_at_the_end_of_the_curve_is_no_look_of_the_fit():
