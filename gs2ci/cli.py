@@ -7,17 +7,20 @@ this file.
 
 import difflib
 import importlib
+import inspect
 import os
 import re
+import shutil
 import signal
 import sys
+import textwrap
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from contextvars import copy_context
 from dataclasses import replace
 from types import NoneType
-from typing import TYPE_CHECKING, Any, Final, Literal, get_args, get_origin
+from typing import TYPE_CHECKING, Any, Final, get_args
 
 # torch's and Numba's thread pools otherwise spin against each other (3-10x slower when anything else runs);
 # OpenMP reads this when it is first loaded, hence before any other import.
@@ -53,17 +56,28 @@ COMMANDS: Final[dict[str, tuple[str, str]]] = {
 }
 EXIT_USER_ERROR: Final = 2
 EXIT_INTERRUPTED: Final = 130
+EXIT_UNREAD: Final = 141
 _ENDINGS: Final = (signal.SIGTERM, signal.SIGHUP)
 
 
 def main() -> int:
-    """Run the command line; return the exit status: 0, 2 for an error of ours, 130 when interrupted."""
-    # In a context of its own, so that nothing of one command is left for whoever calls a second one.
-    return copy_context().run(_serve, sys.argv[1:])
+    """Run the command line; return the exit status: 0, 2 for an error of ours, 130 when interrupted, 141 unread."""
+    try:
+        try:
+            # In a context of its own, so that nothing of one command is left for whoever calls a second one.
+            return copy_context().run(_serve, sys.argv[1:])
+        finally:
+            sys.stdout.flush()
+    except BrokenPipeError:
+        # Whoever read along has seen enough, as `| head` has. The interpreter flushes once more when it ends.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return EXIT_UNREAD
 
 
 def _serve(arguments: list[str]) -> int:
     begin_command()
+    if arguments[:1] == ["help"] and arguments[1:]:
+        arguments = [arguments[1], "--help"]
     if not arguments or arguments[0] in ("-h", "--help", "help"):
         sys.stdout.write(_usage())
         return 0
@@ -88,10 +102,12 @@ def _run(command: str, arguments: list[str]) -> int:
             # The parser shows every line of an argument's text as a line of its own, broken again at the terminal's
             # width.
             run.__doc__ = re.sub(r"\n {12}", " ", run.__doc__ or "")
-            tyro.cli(run, prog=f"gs2ci {command}", args=arguments)
+            tyro.cli(run, prog=f"gs2ci {command}", description=_about(run.__doc__), args=arguments)
     except Gs2ciError as error:
         _print_error(error)
         return EXIT_USER_ERROR
+    except BrokenPipeError:
+        raise
     except OSError as error:
         # Not every look at a path is guarded one by one: names too long, folders that may not be entered, ...
         _print_error(Gs2ciError(str(error), remedy="check the name, the folder, its free space and its permissions"))
@@ -108,6 +124,16 @@ def _run(command: str, arguments: list[str]) -> int:
             raise
         return _interrupted()
     return 0
+
+
+def _about(docstring: str) -> str:
+    """Lay out what a docstring says before its arguments, in paragraphs that end at the terminal's width.
+
+    The parser joins a paragraph's lines unless they are indented; so all but the first are.
+    """
+    text = re.split(r"\n\n(?:Args|Returns|Raises):", inspect.cleandoc(docstring))[0]
+    lines = textwrap.TextWrapper(shutil.get_terminal_size().columns, subsequent_indent="  ")
+    return "\n\n".join(lines.fill(" ".join(part.split())) for part in text.split("\n\n"))
 
 
 @contextmanager
@@ -145,7 +171,7 @@ def _optional_values() -> "ConstructorRegistry":
     @registry.primitive_rule
     def optional(info: "PrimitiveTypeInfo") -> "PrimitiveConstructorSpec[Any] | None":
         kinds = [kind for kind in get_args(info.type) if kind is not NoneType]
-        if NoneType not in get_args(info.type) or len(kinds) != 1 or get_origin(kinds[0]) is Literal:
+        if NoneType not in get_args(info.type) or len(kinds) != 1:
             return None
         given = ConstructorRegistry.get_primitive_spec(PrimitiveTypeInfo.make(kinds[0], info.markers))
         if not isinstance(given, PrimitiveConstructorSpec):

@@ -1,14 +1,16 @@
-"""Options of the whole test suite, how many threads each of its processes takes, and commands as a user types them."""
+"""Options of the whole test suite, how many threads each of its processes takes, a small shot, commands as typed."""
 
 import os
 import sys
 from pathlib import Path
 
 import numba
+import numpy as np
 import pytest
 import torch
 
 from gs2ci import cli
+from gs2ci.core.records import Shot, Truth
 from gs2ci.evaluate.environment import machine
 
 
@@ -48,3 +50,19 @@ def gs2ci(monkeypatch):
         return cli.main()
 
     return run
+
+
+@pytest.fixture
+def random_shot():
+    """A shot of six random views, 16 x 20 px, whose views and path are known."""
+    draws = np.random.default_rng(0)
+    views = draws.random((6, 16, 20, 3), dtype=np.float32)
+    masks = (draws.random((6, 16, 20)) < 0.5).astype(np.float32)
+    poses = np.tile(np.eye(4), (6, 1, 1))
+    poses[:, 0, 3] = np.arange(6)
+    return Shot(
+        measurement=np.einsum("nhw,nhwc->hwc", masks, views),
+        masks=masks,
+        weights=np.full(6, 0.5, np.float32),
+        truth=Truth(views, poses),
+    )

@@ -1,6 +1,7 @@
 """What is written for users keeps up with what there is."""
 
 import re
+import sys
 from pathlib import Path
 
 import pytest
@@ -21,6 +22,19 @@ PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 @pytest.mark.parametrize("command", cli.COMMANDS)
 def test_readme_or_docs_tell_of_every_command(command):
     assert any(f"gs2ci {command}" in page.read_text(encoding="utf-8") for page in PAGES)
+
+
+@pytest.mark.parametrize("command", cli.COMMANDS)
+def test_every_command_has_a_page_that_names_each_of_its_options(command, monkeypatch, capsys):
+    monkeypatch.setattr(sys, "argv", ["gs2ci", command, "--help"])
+    monkeypatch.setenv("COLUMNS", "200")
+    with pytest.raises(SystemExit):
+        cli.main()
+    lines = re.findall(r"^[ │]*(--?\w.*)", capsys.readouterr().out, re.MULTILINE)
+    options = [re.findall(r"--?[a-z][\w-]*", line) for line in lines]
+    page = (ROOT / "docs" / "commands" / f"{command}.md").read_text(encoding="utf-8")
+    named = set(re.findall(r"(?<![\w-])--?[a-z][\w-]*", page)) | {"--help"}
+    assert [names for names in options if not named & set(names)] == []
 
 
 def test_readme_and_docs_name_no_command_that_does_not_exist():

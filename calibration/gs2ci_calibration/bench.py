@@ -25,8 +25,8 @@ from enum import Enum, unique
 from typing import Final, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gs2ci.core.arrays import F32, F64, U8, U16
 from gs2ci.core.errors import InputError
 from gs2ci.core.progress import Progress, Silent
 from gs2ci_calibration.refusals import CalibrationError, Reason
@@ -35,11 +35,7 @@ from gs2ci_drivers.plan import CaptureSettings, Mode, Plan, Travel
 from gs2ci_drivers.sensor import SensorConfig
 from gs2ci_drivers.stage import Stage
 
-F32 = NDArray[np.float32]
-F64 = NDArray[np.float64]
-U8 = NDArray[np.uint8]
-U16 = NDArray[np.uint16]
-Patterns = NDArray[np.uint8] | NDArray[np.uint16]
+Patterns = U8 | U16
 
 GUARD_S: Final = 1e-3
 """A pattern is on show this much longer than the sensor exposes: latency and jitter then cost no light."""
@@ -201,7 +197,7 @@ class Bench:
         return np.full(self.modulator_size, np.uint8(is_open))
 
     def deep(self, patterns: U8) -> Patterns:
-        """Return patterns of 0 and 1 with the levels of the capture's depth: shut, and fully open."""
+        """Return patterns of 0 and 1, [N, Hm, Wm], with the levels of the capture's depth: shut, and fully open."""
         top = 2**self.capture.bit_depth - 1
         return patterns * (np.uint8(top) if top < 256 else np.uint16(top))
 

@@ -48,9 +48,8 @@ from numpy.typing import NDArray
 
 from gs2ci import __version__
 from gs2ci.core.errors import NumericsError, StorageError
-from gs2ci.core.hdf5 import check_text_heaps
+from gs2ci.core.hdf5 import SuspectFile, check_text_heaps
 from gs2ci.core.storage.layout import to_json
-from gs2ci.core.storage.reader import CaptureFile
 from gs2ci.core.storage.sealing import check_manifest_place, check_room, partial_of, seal
 from gs2ci.core.whole_file import check_place
 from gs2ci_calibration.estimates import Estimate, Section
@@ -199,10 +198,10 @@ def read_bundle(path: Path) -> Bundle:
     Raises:
         StorageError: Missing, cut short, damaged, of another schema, or with a number that is not finite.
     """
-    with _opened(path) as (file, reader):
+    with _opened(path) as reader:
         provenance = _provenance(_json(reader, "provenance"))
-        sections = {name: _read_section(file, reader, name) for name in _keys(file, "sections")}
-        created = file.attrs.get("created_utc", "")
+        sections = {name: _read_section(reader, name) for name in reader.keys("sections")}
+        created = reader.file.attrs.get("created_utc", "")
         ordered = dict(sorted(sections.items(), key=lambda item: item[1].measured_utc))
         return Bundle(provenance, ordered, str(created), path)
 
@@ -280,7 +279,7 @@ def _numbers(group: h5py.Group, key: str, array: NDArray[Any]) -> None:
 
 
 @contextmanager
-def _opened(path: Path) -> Iterator[tuple[h5py.File, CaptureFile]]:
+def _opened(path: Path) -> Iterator[SuspectFile]:
     """Open a bundle; turn whatever goes wrong inside into a StorageError."""
     if not path.is_file():
         raise StorageError(f"{path}: no such bundle", remedy="make one with `gs2ci calibrate all`")
@@ -292,10 +291,10 @@ def _opened(path: Path) -> Iterator[tuple[h5py.File, CaptureFile]]:
             schema = file.attrs.get("schema")
             if schema != SCHEMA:
                 raise StorageError(f"{path}: schema {schema!r}", allowed=f"schema {SCHEMA}", remedy=REMEDY)
-            reader = CaptureFile(path, file)
+            reader = SuspectFile(path, file)
             if int(reader.require("complete", axes=0)) != 1:
                 raise StorageError(f"{path}: never finished", remedy=REMEDY)
-            yield file, reader
+            yield reader
     except StorageError:
         raise
     except NumericsError as error:
@@ -306,7 +305,7 @@ def _opened(path: Path) -> Iterator[tuple[h5py.File, CaptureFile]]:
         raise StorageError(f"{path}: cut short, damaged or locked: {detail}", remedy=REMEDY) from error
 
 
-def _json(reader: CaptureFile, key: str) -> dict[str, Any]:
+def _json(reader: SuspectFile, key: str) -> dict[str, Any]:
     record = json.loads(reader.text(key) or "null")
     if not isinstance(record, dict):
         raise reader.wrong(key, "not a JSON object")
@@ -324,7 +323,7 @@ def _provenance(record: Mapping[str, Any]) -> Provenance:
     )
 
 
-def _read_section(file: h5py.File, reader: CaptureFile, name: str) -> Section:
+def _read_section(reader: SuspectFile, name: str) -> Section:
     at = f"sections/{name}"
     record = _json(reader, f"{at}/record")
     units = record.get("units", {})
@@ -334,9 +333,9 @@ def _read_section(file: h5py.File, reader: CaptureFile, name: str) -> Section:
             _array(reader, f"{at}/estimates/{key}/standard_error"),
             str(units.get(key, "1")),
         )
-        for key in _keys(file, f"{at}/estimates")
+        for key in reader.keys(f"{at}/estimates")
     }
-    arrays = {key: _array(reader, f"{at}/arrays/{key}") for key in _keys(file, f"{at}/arrays")}
+    arrays = {key: _array(reader, f"{at}/arrays/{key}") for key in reader.keys(f"{at}/arrays")}
     section = Section(
         name=name,
         estimates=estimates,
@@ -349,17 +348,7 @@ def _read_section(file: h5py.File, reader: CaptureFile, name: str) -> Section:
     return section
 
 
-def _keys(file: h5py.File, at: str) -> list[str]:
-    """List what is in a group, reached along hard links only: a link could lead into any file of this machine."""
-    node: Any = file
-    for part in at.split("/"):
-        if not isinstance(node, h5py.Group) or not isinstance(node.get(part, getlink=True), h5py.HardLink):
-            return []
-        node = node[part]
-    return sorted(node) if isinstance(node, h5py.Group) else []
-
-
-def _array(reader: CaptureFile, key: str) -> NDArray[Any]:
+def _array(reader: SuspectFile, key: str) -> NDArray[Any]:
     dataset = reader.numbers(key)
     axes = AXES_MAX if dataset is None else min(dataset.ndim, AXES_MAX)
     return reader.require(key, axes=axes)

@@ -9,8 +9,8 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gs2ci.core.arrays import F32, F64, U8, Bool
 from gs2ci_calibration.bench import Bench, Setup, Stack
 from gs2ci_calibration.bundle import Bundle
 from gs2ci_calibration.estimates import Estimate, Section
@@ -19,7 +19,6 @@ from gs2ci_calibration.frames import (
     PRIOR_FREEDOM,
     SIGNIFICANT,
     Dark,
-    Flags,
     check_dead,
     check_stack,
     judge_lamp,
@@ -30,9 +29,6 @@ from gs2ci_calibration.frames import (
     trimmed_mean,
 )
 from gs2ci_calibration.refusals import CalibrationError, Reason
-
-F32 = NDArray[np.float32]
-F64 = NDArray[np.float64]
 
 STEP: Final = "dark-flat"
 FLAT_SHARE: Final = 0.5
@@ -136,7 +132,7 @@ class ResponseEstimate:
 
     response: F64
     error: F64
-    dead: Flags
+    dead: Bool
     rate_dn_per_s: tuple[float, float]
     prnu: tuple[float, float]
     flicker: float
@@ -235,7 +231,7 @@ def _take_darks(bench: Bench) -> Darks:
     bench.progress.stage("dark frames", 2 * (frames + few))
     taken = 0
 
-    def take(pattern: NDArray[np.uint8], count: int, exposure_s: float) -> Stack:
+    def take(pattern: U8, count: int, exposure_s: float) -> Stack:
         nonlocal taken
         stack = bench.grab(pattern, frames=count, exposure_s=exposure_s)
         taken += count
@@ -292,7 +288,7 @@ def _check_shut(darks: Darks) -> None:
         )
 
 
-def _currents(darks: Darks, top_dn: int) -> tuple[F64, F64, Flags]:
+def _currents(darks: Darks, top_dn: int) -> tuple[F64, F64, Bool]:
     """Return each pixel's dark current, its standard error, and whether the pixel is full after the long exposure."""
     short_s, middle_s, long_s = darks.exposures_s
     stacks = (darks.short, darks.middle, darks.long)
@@ -301,7 +297,7 @@ def _currents(darks: Darks, top_dn: int) -> tuple[F64, F64, Flags]:
     # What the middle exposure foretells of the long one is not reached by a pixel that has overflowed.
     foretold = short + (middle - short) * (long_s - short_s) / (middle_s - short_s)
     doubt = np.hypot(np.hypot(middle_error, short_error) * (long_s / middle_s), long_error)
-    full: Flags = (long - foretold < -SIGNIFICANT * doubt) | (darks.long == top_dn).any(axis=0)
+    full: Bool = (long - foretold < -SIGNIFICANT * doubt) | (darks.long == top_dn).any(axis=0)
     span_s = np.where(full, middle_s, long_s) - short_s
     current = np.where(full, middle - short, long - short) / span_s
     return current, np.hypot(np.where(full, middle_error, long_error), short_error) / span_s, full
@@ -313,10 +309,10 @@ def _error(frames: F32) -> F64:
     return np.hypot(mean_error(variance, len(frames)), rounding_bias_dn(float(np.sqrt(trimmed_mean(variance)))))
 
 
-def _hot(current: F64, error: F64) -> Flags:
+def _hot(current: F64, error: F64) -> Bool:
     typical = float(np.median(current))
     spread = 1.4826 * float(np.median(np.abs(current - typical)))  # of a normal law, from its median deviation
-    hot: Flags = current - typical > np.maximum(HOT_SIGMAS * spread, SIGNIFICANT * error)
+    hot: Bool = current - typical > np.maximum(HOT_SIGMAS * spread, SIGNIFICANT * error)
     share = float(hot.mean())
     if share > HOT_SHARE:
         raise CalibrationError(
@@ -340,7 +336,7 @@ def _pooled(variances: F64, freedom: int) -> tuple[float, float]:
     return root(mean, mean * float(np.sqrt(2 / (variances.size * freedom))))
 
 
-def _spread(values: F64, errors: F64, good: Flags) -> tuple[float, float]:
+def _spread(values: F64, errors: F64, good: Bool) -> tuple[float, float]:
     """Return the standard deviation of a map between neighbours, less its noise, with its standard error."""
     rows, columns = (np.linspace(-1, 1, side) for side in values.shape)
     terms = np.polynomial.legendre.legvander2d(*np.meshgrid(rows, columns, indexing="ij"), [SMOOTH_DEGREE] * 2)[good]

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from gs2ci_calibration.bench import Bench, Setup, Stack
 from gs2ci_calibration.bundle import Bundle
@@ -16,8 +15,6 @@ from gs2ci_calibration.estimates import Section
 from gs2ci_calibration.exposing import NO_LIGHT_DN
 from gs2ci_calibration.frames import Dark, check_stack, refuse_dark
 from gs2ci_calibration.probe import DIFFERENCE_LIMIT, SHIFT_LIMIT_PX, probe_mask
-
-F64 = NDArray[np.float64]
 
 STEP: Final = "check"
 FRAMES: Final = 8

@@ -4,17 +4,23 @@ Here: `Estimate`, `Section`. Not here: files (`bundle`), how anything is estimat
 this package may import this file.
 """
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from gs2ci.core.arrays import Bool
 from gs2ci.core.errors import NumericsError
 
-F64 = NDArray[np.float64]
+# Of an array, so many numbers are shown; of more, their median.
+MOST_SHOWN: Final = 6
+# Powers of ten between which numbers are written out.
+LEAST_POWER: Final = -4
+MOST_POWER: Final = 6
 
 
 @dataclass(frozen=True)
@@ -61,17 +67,43 @@ class Estimate:
         """Get the standard error of a single number, or the rms of an array's."""
         return float(np.sqrt(np.mean(np.square(self.standard_error, dtype=np.float64))))
 
-    def agrees(self, truth: ArrayLike, sigmas: float = 2.0) -> NDArray[np.bool_]:
+    def agrees(self, truth: ArrayLike, sigmas: float = 2.0) -> Bool:
         """Return whether a truth lies within so many standard errors of the value, elementwise."""
         return np.asarray(np.abs(self.value - np.asarray(truth)) <= sigmas * self.standard_error)
 
     def __str__(self) -> str:
         unit = "" if self.unit == "1" else f" {self.unit}"
         if self.value.shape == ():
-            return f"{float(self.value):.6g} ± {float(self.standard_error):.2g}{unit}"
-        median = float(np.median(self.value))
+            return f"{with_error(float(self.value), float(self.standard_error))}{unit}"
         shape = " × ".join(str(side) for side in self.value.shape)
-        return f"median {median:.6g} ± {self.error:.2g}{unit} [{shape}]"
+        errors = np.broadcast_to(self.standard_error, self.value.shape)
+        # What is exact by definition, as a camera matrix's zeros and its one, was not found.
+        found = list(zip(self.value[errors > 0].tolist(), errors[errors > 0].tolist(), strict=True))
+        if 0 < len(found) <= MOST_SHOWN:
+            return f"{', '.join(with_error(*one) for one in found)}{unit} [{shape}]"
+        return f"median {with_error(float(np.median(self.value)), self.error)}{unit} [{shape}]"
+
+
+def with_error(value: float, error: float) -> str:
+    """Write a number as far as its standard error lets it be known: both to the error's second digit.
+
+    Args:
+        value: Finite.
+        error: Its standard error, 0 or more; 0 for what is exact.
+    """
+    if error == 0:
+        return f"{value:.6g} ± 0"
+    decimals = 1 - math.floor(math.log10(error))
+    power = math.floor(math.log10(max(abs(value), error)))
+    if LEAST_POWER <= power <= MOST_POWER:
+        return f"{_rounded(value, decimals)} ± {_rounded(error, decimals)}"
+    decimals += power
+    return f"({_rounded(value / 10.0**power, decimals)} ± {_rounded(error / 10.0**power, decimals)})e{power:+03d}"
+
+
+def _rounded(value: float, decimals: int) -> str:
+    """Write a number to so many decimals, without the sign of a zero; below 0, tens and hundreds are rounded."""
+    return f"{round(value, decimals) + 0.0:.{max(decimals, 0)}f}"
 
 
 def _floats(values: ArrayLike) -> NDArray[np.floating]:

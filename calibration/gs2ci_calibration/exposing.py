@@ -7,14 +7,11 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter
 
 from gs2ci_calibration.bench import Bench
 from gs2ci_calibration.frames import Dark
 from gs2ci_calibration.refusals import CalibrationError, Reason
-
-F64 = NDArray[np.float64]
 
 SHORTEST_S: Final = 0.5e-3
 """Below this the jitter of a trigger, some microseconds, would change the light by more than flicker may."""

@@ -12,15 +12,12 @@ from datetime import UTC, datetime, timedelta
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gs2ci.core.arrays import U8, U16
 from gs2ci_calibration.bench import Bench
 from gs2ci_calibration.bundle import Bundle, Provenance
 from gs2ci_calibration.estimates import Section
 from gs2ci_calibration.refusals import CalibrationError, Reason
-
-U8 = NDArray[np.uint8]
-U16 = NDArray[np.uint16]
 
 STEP: Final = "check"
 TIME_TOLERANCE: Final = 1e-3

@@ -1,21 +1,17 @@
 """What every procedure asks of a stack of frames before it believes it, and means over its pixels and frames.
 
 Pure: arrays in, numbers out, `CalibrationError` where they are no good. Not here: taking frames (`bench`), the
-procedures. For this package.
+procedures. For this package and `gs2ci.rig`.
 """
 
 from dataclasses import dataclass
 from typing import Final, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gs2ci.core.arrays import F32, F64, Bool
 from gs2ci_calibration.estimates import Section
 from gs2ci_calibration.refusals import CalibrationError, Reason
-
-F32 = NDArray[np.float32]
-F64 = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 FLICKER_LIMIT: Final = 0.005
 """Largest rms change of the light from frame to frame, relative, beyond its own noise."""
@@ -44,8 +40,8 @@ class Dark:
 
     offset_dn: F64
     current_dn_per_s: F64
-    dead: Flags
-    hot: Flags
+    dead: Bool
+    hot: Bool
 
     @classmethod
     def of(cls, section: Section) -> Self:
@@ -58,7 +54,7 @@ class Dark:
         )
 
     @property
-    def good(self) -> Flags:
+    def good(self) -> Bool:
         """Get the pixels that are neither dead nor hot, [H, W]."""
         return ~(self.dead | self.hot)
 
@@ -161,12 +157,10 @@ class Lamp:
     Args:
         flicker: Rms change from frame to frame, relative.
         drift: Steady change over the stack, relative.
-        flicker_error: Standard error of the rms, from the number of frames.
     """
 
     flicker: float
     drift: float
-    flicker_error: float
 
 
 def judge_lamp(step: str, frames: F32, dark: F64) -> Lamp:
@@ -190,7 +184,7 @@ def judge_lamp(step: str, frames: F32, dark: F64) -> Lamp:
     error = float(np.sqrt((noise + excess) / (2 * freedom))) / mean
     check_flicker(step, flicker, error)
     check_drift(step, slope / mean, len(levels))
-    return Lamp(flicker, slope / mean, error)
+    return Lamp(flicker, slope / mean)
 
 
 def refuse_dark(step: str, signal_dn: float) -> None:
@@ -239,7 +233,7 @@ def check_drift(step: str, drift: float, frames: int) -> None:
         )
 
 
-def check_dead(step: str, dead: Flags) -> None:
+def check_dead(step: str, dead: Bool) -> None:
     """Accept a map of dead pixels [H, W].
 
     Raises:

@@ -7,8 +7,8 @@ this builds). `procedures` and tests import this file.
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gs2ci.core.arrays import F64
 from gs2ci_calibration.bench import Bench, Setup, Stack
 from gs2ci_calibration.bundle import Bundle
 from gs2ci_calibration.dark_flat import UNEVEN_LIMIT
@@ -17,8 +17,6 @@ from gs2ci_calibration.exposing import Level, find_exposure, limits_s
 from gs2ci_calibration.frames import Dark
 from gs2ci_calibration.refusals import CalibrationError, Reason
 from gs2ci_calibration.transfer_curve import LEVELS, STEP, Full, SensorEstimate, Sweep, estimate
-
-F64 = NDArray[np.float64]
 
 START_SHARE: Final = 0.5
 LOWEST_SHARE: Final = 0.04

@@ -12,16 +12,13 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import spline_filter1d
 
+from gs2ci.core.arrays import F64, Bool
 from gs2ci_calibration.bench import GUARD_S, Bench, Stack
 from gs2ci_calibration.estimates import Section
 from gs2ci_calibration.exposing import SHORTEST_S
 from gs2ci_calibration.refusals import CalibrationError, Reason
-
-F64 = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 STEP: Final = "check"
 FRAMES: Final = 4
@@ -122,7 +119,7 @@ def probe_mask(bench: Bench, masks: Section, index: int = 0) -> Probe:
     )
 
 
-def judge(stack: Stack, masks: F64, leakage: F64, valid: Flags, index: int) -> Probe:
+def judge(stack: Stack, masks: F64, leakage: F64, valid: Bool, index: int) -> Probe:
     """Compare frames with a bundle's masks.
 
     Args:
@@ -185,7 +182,7 @@ def _take(bench: Bench, index: int) -> Stack:
         exposure_s = max(exposure_s / 2, shortest_s)
 
 
-def _shift(foretold: F64, lit: Flags, rest: F64, noise: F64) -> tuple[tuple[float, float], tuple[float, float]]:
+def _shift(foretold: F64, lit: Bool, rest: F64, noise: F64) -> tuple[tuple[float, float], tuple[float, float]]:
     """Return how far the mask has moved, right and down, by least squares on its slopes; errors from what is left."""
     # Slopes of a cubic spline: differences of neighbours alone are half too flat for a mask random at each pixel.
     down, right = (np.gradient(spline_filter1d(foretold, axis=axis), axis=axis) for axis in (0, 1))

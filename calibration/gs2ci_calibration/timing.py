@@ -20,8 +20,8 @@ from math import ceil
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gs2ci.core.arrays import F64
 from gs2ci_calibration.bench import Bench, Patterns, Setup
 from gs2ci_calibration.bundle import Bundle
 from gs2ci_calibration.estimates import Estimate, Section
@@ -30,8 +30,6 @@ from gs2ci_calibration.refusals import CalibrationError, Reason
 from gs2ci_drivers.pattern_sequence import PatternSequence
 from gs2ci_drivers.plan import CaptureSettings, Mode
 from gs2ci_drivers.planning import overlap_weights, sensor_exposure_s
-
-F64 = NDArray[np.float64]
 
 STEP: Final = "timing"
 OPEN: Final = {

@@ -11,14 +11,13 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import nnls
 
+from gs2ci.core.arrays import F32, F64, Bool
 from gs2ci_calibration.frames import (
     QUANTISATION_VARIANCE,
     SIGNIFICANT,
     Dark,
-    Flags,
     check_drift,
     check_flicker,
     check_stack,
@@ -26,9 +25,6 @@ from gs2ci_calibration.frames import (
     rounding_variance_bias,
 )
 from gs2ci_calibration.refusals import CalibrationError, Reason
-
-F32 = NDArray[np.float32]
-F64 = NDArray[np.float64]
 
 STEP: Final = "sensor"
 LEVELS: Final = 12
@@ -120,7 +116,7 @@ class _Points:
     fluctuation: F64
     frames: F64
     spread: F64
-    clear: Flags
+    clear: Bool
 
 
 @dataclass(frozen=True)

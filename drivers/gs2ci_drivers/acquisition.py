@@ -14,8 +14,8 @@ from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gs2ci.core.arrays import F64
 from gs2ci.core.clock import Clock
 from gs2ci.core.progress import Progress, Silent
 from gs2ci_drivers.failures import DriverError, ExtraFrameError, FrameError, SequenceError, TriggerTimeoutError
@@ -25,8 +25,6 @@ from gs2ci_drivers.planning import lay_out, sensor_exposure_s
 from gs2ci_drivers.sensor import Frame, FrameFlag, Sensor, SensorConfig
 from gs2ci_drivers.stage import Stage
 from gs2ci_drivers.steps import Steps
-
-F64 = NDArray[np.float64]
 
 FRAME_PATIENCE_S = 1.0
 """How long after its readout a frame may still arrive: USB transfer and a busy host."""

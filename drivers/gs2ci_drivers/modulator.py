@@ -13,15 +13,18 @@ bytes (each driver's package), how shots are put together (`gs2ci_drivers.acquis
 the drivers may import this file.
 """
 
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from enum import Enum, unique
 
 from gs2ci.core.clock import Clock
-from gs2ci_drivers.failures import WrongStateError
+from gs2ci_drivers.device import Device
+from gs2ci_drivers.failures import NoAnswerError, WrongStateError
 from gs2ci_drivers.pattern_sequence import ModulatorInfo, PatternSequence, check_sequence
 
+POLL_S = 0.02
+"""How often a device is asked whether it still runs: rarely beside an exchange, often beside what people notice."""
 UploadProgress = Callable[[float], None]
 """Called with the share of the upload that is done, 0 to 1."""
 
@@ -71,52 +74,21 @@ class ModulatorStatus:
     notes: Mapping[str, str] = field(default_factory=dict)
 
 
-class Modulator(ABC):
+class Modulator(Device[ModulatorInfo, ModulatorStatus]):
     """A device that shows masks in a timed sequence.
 
-    Args:
-        name: Name of the device in the rig file, for messages.
-        clock: The clock on which deadlines and waits are kept.
+    Closing it does not stop a running sequence.
     """
 
     def __init__(self, name: str, clock: Clock) -> None:
-        self.name = name
-        self.clock = clock
-        self._info: ModulatorInfo | None = None
+        super().__init__(name, clock)
         self._loaded: PatternSequence | None = None
         self._armed = False
-        self._closed = False
-        self.incidents: list[str] = []
-        """What was ridden out without an error (a lost reply asked for again, ...), for the shot's log."""
-
-    @property
-    def info(self) -> ModulatorInfo:
-        """Get what the device is and can do.
-
-        Raises:
-            WrongStateError: Not connected.
-        """
-        self._require_open("info")
-        if self._info is None:
-            raise WrongStateError(self.name, "not connected", asked="info", remedy="call connect() first")
-        return self._info
 
     @property
     def loaded(self) -> PatternSequence | None:
         """Get the sequence on the device with its quantised times, or None."""
         return self._loaded
-
-    def connect(self) -> ModulatorInfo:
-        """Read who the device is; a second call returns the same. Nothing is changed on the device.
-
-        Raises:
-            LinkError: No usable answer.
-            WrongStateError: Closed before.
-        """
-        self._require_open("connect")
-        if self._info is None:
-            self._info = self._do_connect()
-        return self._info
 
     def check(self, sequence: PatternSequence) -> PatternSequence:
         """Return the sequence with the times that the device will really keep.
@@ -218,29 +190,16 @@ class Modulator(ABC):
         self._armed = False
         self._do_disarm()
 
-    def status(self) -> ModulatorStatus:
-        """Read how the device is.
-
-        Raises:
-            LinkError: No usable answer.
-        """
-        self._require_open("status")
-        return self._do_status()
-
-    def close(self) -> None:
-        """Let go of the port; never raises, may be called twice. A running sequence is not stopped by this."""
-        if not self._closed:
-            self._closed = True
-            self._armed = False
-            self._do_close()
-
-    def _require_open(self, asked: str) -> None:
-        if self._closed:
-            raise WrongStateError(self.name, "closed", asked=asked, remedy="open the rig again")
-
-    @abstractmethod
-    def _do_connect(self) -> ModulatorInfo:
-        """Read identity and limits; change nothing; survive stale answers of an earlier session."""
+    def _wait_while(self, running: Callable[[], bool], timeout_s: float, asked: str) -> None:
+        """Look until a sequence no longer runs, or raise NoAnswerError: for devices that can only be asked."""
+        until_s = self.clock.now_s() + timeout_s
+        while running():
+            left_s = until_s - self.clock.now_s()
+            if left_s <= 0:
+                raise NoAnswerError(
+                    self.name, asked, timeout_s, remedy="wait longer, or disarm a sequence that runs for ever"
+                )
+            self.clock.sleep_s(min(POLL_S, left_s))
 
     @abstractmethod
     def _do_upload_eta_s(self, sequence: PatternSequence) -> float:
@@ -269,11 +228,3 @@ class Modulator(ABC):
     @abstractmethod
     def _do_disarm(self) -> None:
         """Stop, whatever the state; first drain what an interrupted exchange may have left."""
-
-    @abstractmethod
-    def _do_status(self) -> ModulatorStatus:
-        """Read state and faults."""
-
-    @abstractmethod
-    def _do_close(self) -> None:
-        """Release the port without raising."""

@@ -10,13 +10,9 @@ from dataclasses import dataclass
 from enum import Enum, unique
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gs2ci.core.arrays import F64, U8, U16
 from gs2ci_drivers.failures import OutOfRangeError, UnsupportedError
-
-U8 = NDArray[np.uint8]
-U16 = NDArray[np.uint16]
-F64 = NDArray[np.float64]
 
 
 @unique

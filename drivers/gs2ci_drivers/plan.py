@@ -9,15 +9,11 @@ from dataclasses import dataclass, field, replace
 from enum import Enum, unique
 from math import ceil
 
-import numpy as np
-from numpy.typing import NDArray
-
+from gs2ci.core.arrays import F64, U8, U16
 from gs2ci_drivers.failures import PlanRefusedError
 from gs2ci_drivers.pattern_sequence import PatternSequence, TriggerOut
 from gs2ci_drivers.sensor import TriggerMode
 from gs2ci_drivers.stage import Sweep
-
-F64 = NDArray[np.float64]
 
 
 @unique
@@ -97,7 +93,7 @@ class CaptureSettings:
         optics: What is known of light and scene.
     """
 
-    masks: NDArray[np.uint8] | NDArray[np.uint16]
+    masks: U8 | U16
     bit_depth: int = 1
     mask_s: float = 0.01
     dark_s: float = 0.0

@@ -10,9 +10,10 @@ from math import ceil
 
 import numpy as np
 
+from gs2ci.core.arrays import F64
 from gs2ci_drivers.failures import DriverError
 from gs2ci_drivers.pattern_sequence import ModulatorInfo, PatternSequence
-from gs2ci_drivers.plan import F64, CaptureSettings, Figure, Mode, Plan
+from gs2ci_drivers.plan import CaptureSettings, Figure, Mode, Plan
 from gs2ci_drivers.sensor import SensorInfo, SensorSettings, TriggerMode
 from gs2ci_drivers.stage import StageInfo, Sweep, plan_sweep
 

@@ -11,18 +11,15 @@ waits beyond its deadline; a lost, corrupt or stale frame is an error of its own
 Here: the records and the abstract class. Not here: ioctls (`gs2ci_drivers.v4l2`). Anyone above may import this.
 """
 
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import Enum, IntFlag, unique
 
-import numpy as np
-from numpy.typing import NDArray
-
+from gs2ci.core.arrays import U16
 from gs2ci.core.clock import Clock
+from gs2ci_drivers.device import Device
 from gs2ci_drivers.failures import OutOfRangeError, UnsupportedError, WrongStateError
-
-U16 = NDArray[np.uint16]
 
 
 @unique
@@ -195,35 +192,16 @@ class SensorStatus:
     faults: tuple[str, ...] = ()
 
 
-class Sensor(ABC):
+class Sensor(Device[SensorInfo, SensorStatus]):
     """A triggered camera.
 
-    Args:
-        name: Name of the device in the rig file, for messages.
-        clock: The clock on which waits are kept.
+    Closing it ends its stream.
     """
 
     def __init__(self, name: str, clock: Clock) -> None:
-        self.name = name
-        self.clock = clock
-        self._info: SensorInfo | None = None
+        super().__init__(name, clock)
         self._settings: SensorSettings | None = None
         self._streaming = False
-        self._closed = False
-        self.incidents: list[str] = []
-        """What was ridden out without an error (a lost reply asked for again, ...), for the shot's log."""
-
-    @property
-    def info(self) -> SensorInfo:
-        """Get what the device is and can do.
-
-        Raises:
-            WrongStateError: Not connected.
-        """
-        self._require_open("info")
-        if self._info is None:
-            raise WrongStateError(self.name, "not connected", asked="info", remedy="call connect() first")
-        return self._info
 
     @property
     def settings(self) -> SensorSettings:
@@ -236,18 +214,6 @@ class Sensor(ABC):
         if self._settings is None:
             raise WrongStateError(self.name, "not configured", asked="settings", remedy="call configure() first")
         return self._settings
-
-    def connect(self) -> SensorInfo:
-        """Read who the device is; a second call returns the same. Nothing is changed on the device.
-
-        Raises:
-            LinkError: No usable answer, or the node cannot be opened.
-            UnsupportedError: Not a capture device.
-        """
-        self._require_open("connect")
-        if self._info is None:
-            self._info = self._do_connect()
-        return self._info
 
     def configure(self, config: SensorConfig) -> SensorSettings:
         """Set format, exposure and trigger; return what the device made of it.
@@ -318,30 +284,6 @@ class Sensor(ABC):
             self._streaming = False
             self._do_stop()
 
-    def status(self) -> SensorStatus:
-        """Read how the device is.
-
-        Raises:
-            LinkError: No usable answer.
-        """
-        self._require_open("status")
-        return self._do_status()
-
-    def close(self) -> None:
-        """Stop and let go of the node; never raises, may be called twice."""
-        if not self._closed:
-            self._closed = True
-            self._streaming = False
-            self._do_close()
-
-    def _require_open(self, asked: str) -> None:
-        if self._closed:
-            raise WrongStateError(self.name, "closed", asked=asked, remedy="open the rig again")
-
-    @abstractmethod
-    def _do_connect(self) -> SensorInfo:
-        """Read identity, formats and limits; change nothing."""
-
     @abstractmethod
     def _do_configure(self, config: SensorConfig) -> SensorSettings:
         """Set a checked configuration and read back what came of it."""
@@ -361,14 +303,6 @@ class Sensor(ABC):
     @abstractmethod
     def _do_stop(self) -> None:
         """Stop streaming and release the buffers, going on past errors; raise the first at the end."""
-
-    @abstractmethod
-    def _do_status(self) -> SensorStatus:
-        """Read counters and faults."""
-
-    @abstractmethod
-    def _do_close(self) -> None:
-        """Stop if streaming and release the node without raising."""
 
 
 def check_config(device: str, info: SensorInfo, config: SensorConfig) -> None:

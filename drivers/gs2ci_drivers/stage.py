@@ -11,12 +11,12 @@ Here: the records, the sweep's arithmetic, the abstract class. Not here: bytes (
 above the drivers may import this file.
 """
 
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from math import copysign, isfinite
 
-from gs2ci.core.clock import Clock
+from gs2ci_drivers.device import Device
 from gs2ci_drivers.failures import OutOfRangeError, ReferenceLostError, WrongStateError
 
 RAMP_MARGIN = 1.1
@@ -122,44 +122,11 @@ class Sweep:
         return self.from_mm + copysign(self.speed_mm_s, self.to_mm - self.from_mm) * since_from_s
 
 
-class Stage(ABC):
+class Stage(Device[StageInfo, StageStatus]):
     """A device that moves the camera.
 
-    Args:
-        name: Name of the device in the rig file, for messages.
-        clock: The clock on which waits are kept.
+    Closing it does not stop a move.
     """
-
-    def __init__(self, name: str, clock: Clock) -> None:
-        self.name = name
-        self.clock = clock
-        self._info: StageInfo | None = None
-        self._closed = False
-        self.incidents: list[str] = []
-        """What was ridden out without an error (a lost reply asked for again, ...), for the shot's log."""
-
-    @property
-    def info(self) -> StageInfo:
-        """Get what the device is and can do.
-
-        Raises:
-            WrongStateError: Not connected.
-        """
-        self._require_open("info")
-        if self._info is None:
-            raise WrongStateError(self.name, "not connected", asked="info", remedy="call connect() first")
-        return self._info
-
-    def connect(self) -> StageInfo:
-        """Read who the device is; a second call returns the same. Nothing moves and nothing is reset.
-
-        Raises:
-            LinkError: No usable answer.
-        """
-        self._require_open("connect")
-        if self._info is None:
-            self._info = self._do_connect()
-        return self._info
 
     def home(self, axes: Sequence[str] = (), *, timeout_s: float = 120.0) -> dict[str, float]:
         """Find the reference of these axes (all when none are named); return all positions in mm.
@@ -279,21 +246,6 @@ class Stage(ABC):
         self._require_open("stop")
         self._do_stop()
 
-    def status(self) -> StageStatus:
-        """Read how the device is.
-
-        Raises:
-            LinkError: No usable answer.
-        """
-        self._require_open("status")
-        return self._do_status()
-
-    def close(self) -> None:
-        """Let go of the port; never raises, may be called twice."""
-        if not self._closed:
-            self._closed = True
-            self._do_close()
-
     def check_targets(self, targets_mm: Mapping[str, float]) -> dict[str, float]:
         """Return the quantised targets.
 
@@ -348,14 +300,6 @@ class Stage(ABC):
             )
         return speed_mm_s
 
-    def _require_open(self, asked: str) -> None:
-        if self._closed:
-            raise WrongStateError(self.name, "closed", asked=asked, remedy="open the rig again")
-
-    @abstractmethod
-    def _do_connect(self) -> StageInfo:
-        """Read identity and limits; move nothing, reset nothing."""
-
     @abstractmethod
     def _do_home(self, axes: tuple[str, ...], timeout_s: float) -> None:
         """Find the reference and wait for it."""
@@ -375,14 +319,6 @@ class Stage(ABC):
     @abstractmethod
     def _do_stop(self) -> None:
         """Stop with deceleration, whatever the state."""
-
-    @abstractmethod
-    def _do_status(self) -> StageStatus:
-        """Read motion, reference, faults."""
-
-    @abstractmethod
-    def _do_close(self) -> None:
-        """Release the port without raising."""
 
 
 def trapezoid_time_s(distance_mm: float, speed_mm_s: float, acceleration_mm_s2: float) -> float:

@@ -9,16 +9,14 @@ from dataclasses import replace
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gs2ci.bench.random_benches import opened
 from gs2ci.bench.store import Row
+from gs2ci.core.arrays import F64
 from gs2ci.core.errors import InputError
 from gs2ci.rig.config import RigTable
-from gs2ci.rig.random_benches import opened
 from gs2ci_calibration.bundle import Bundle
 from gs2ci_calibration.procedures import PROCEDURES
-
-F64 = NDArray[np.float64]
 
 SIZE: Final = (64, 96)
 MASKS: Final = 8

@@ -16,10 +16,12 @@ from typing import Any, Final
 
 import numpy as np
 
+from gs2ci.core.arrays import F32
+from gs2ci.core.cameras import camera_centres
 from gs2ci.core.crop import middle
 from gs2ci.core.errors import InputError
 from gs2ci.core.foreign.assemble import ImportOptions, import_shots
-from gs2ci.core.records import F32, MEASUREMENT_LIMIT, Shot, Truth
+from gs2ci.core.records import MEASUREMENT_LIMIT, Shot, Truth
 from gs2ci_sims.effects.motion_blur import MotionBlur
 from gs2ci_sims.exposure import expose
 from gs2ci_sims.light_path import generator, sensor_effects
@@ -215,7 +217,7 @@ def staged(shot: Shot, off: float, rng: np.random.Generator) -> Shot:
     true = shot.truth.world_to_camera
     if true is None:
         raise InputError(f"{shot.name} holds no true poses for a stage to tell", remedy="leave the stage out")
-    centres = np.linalg.inv(true)[:, :3, 3]
+    centres = camera_centres(true)
     errors = rng.standard_normal(centres.shape) / np.sqrt(3)
     told = true.copy()
     told[:, :3, 3] -= off * np.linalg.norm(np.ptp(centres, axis=0)) * np.einsum("nij,nj->ni", true[:, :3, :3], errors)

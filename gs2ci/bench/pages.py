@@ -180,7 +180,9 @@ def _draw_curves(table: Table, figures: Sequence[Figures]) -> Figure:
         axes.plot([number for number, _ in curve], [value for _, value in curve], "o-", color=colour, ms=3, label=case)
         dashes = [value for number, value in known if number is None]
         axes.plot([left] * len(dashes), dashes, "_", color=colour, markersize=12)
-    axes.set(xscale="log", yscale="log", xlabel=table.axis, ylabel=table.measures[0].title + others)
+    # Nothing can be on a logarithmic axis of nothing, as where every cell failed.
+    scale = "log" if any(one.means[0] for one in figures) else "linear"
+    axes.set(xscale=scale, yscale=scale, xlabel=table.axis, ylabel=table.measures[0].title + others)
     axes.grid(color="#e4e4e4")
     axes.spines[["top", "right"]].set_visible(False)
     axes.legend(fontsize=7, ncols=2)

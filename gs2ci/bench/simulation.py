@@ -12,8 +12,8 @@ from typing import Final
 
 from gs2ci.bench.cases import Case
 from gs2ci.bench.store import Row
+from gs2ci.core.arrays import F32, F64
 from gs2ci.core.errors import InputError
-from gs2ci.core.records import F32, F64
 from gs2ci_sims.brute_force import BruteForce, deviation_dn, simulate_everything
 from gs2ci_sims.exposure import integrate, read_out
 from gs2ci_sims.light_path import EffectChain

@@ -11,6 +11,7 @@ from typing import Any, Final
 from gs2ci.bench.calibration import BENCHES, FRAMES
 from gs2ci.bench.cases import Case
 from gs2ci.bench.cells import Cell
+from gs2ci.bench.names import TableName
 from gs2ci.bench.simulation import EVERYTHING, TOLERANCES_DN, rig_cases
 from gs2ci.bench.variants import ABLATION, GEOMETRY, RULES, VARIANTS
 from gs2ci.core.errors import InputError
@@ -81,6 +82,8 @@ class Table:
         measures: Its columns; the first is drawn.
         known: The cases there are: from a folder, or of our own without one.
         axis: What lines that begin with a number are drawn against, on logarithmic axes; "" draws them side by side.
+        takes_data: Whether its cases may be the files of a folder.
+        takes_size: Whether its cases are measurements, which may be had at another size.
     """
 
     title: str
@@ -89,6 +92,8 @@ class Table:
     measures: tuple[Measure, ...]
     known: Callable[[Path | None], tuple[Case, ...]] = field(default_factory=lambda: measurements)
     axis: str = ""
+    takes_data: bool = True
+    takes_size: bool = True
 
 
 RECONSTRUCTION: Final = (
@@ -138,6 +143,32 @@ def file_cases(folder: Path) -> tuple[Case, ...]:
     return tuple(Case(file.stem, file=str(file.resolve())) for file in files)
 
 
+def known_cases(name: TableName, folder: Path | None, size: tuple[int, int] | None) -> tuple[Case, ...]:
+    """Return the cases that a table has, from a folder or of its own, at their size or another.
+
+    Args:
+        name: Of the table.
+        folder: Where its files are; None for its own.
+        size: Height and width, px; None for their own.
+
+    Raises:
+        InputError: The table takes no folder or no size, the folder holds no file of its kind, or a side is no count
+            of pixels.
+    """
+    for option, given, takers in (
+        ("--data", folder, [other for other, one in TABLES.items() if one.takes_data]),
+        ("--size", size, [other for other, one in TABLES.items() if one.takes_size]),
+    ):
+        if given is not None and name not in takers:
+            raise InputError(
+                f"{option} for the table {name}",
+                allowed=f"for the tables {', '.join(takers)}",
+                remedy=f"leave {option} out",
+            )
+    cases = TABLES[name].known(folder)
+    return cases if size is None else resized(cases, size)
+
+
 def resized(cases: Sequence[Case], size: tuple[int, int]) -> tuple[Case, ...]:
     """Return scenes at another size, and files with all but their middle cut away.
 
@@ -146,15 +177,10 @@ def resized(cases: Sequence[Case], size: tuple[int, int]) -> tuple[Case, ...]:
         size: Height and width, px.
 
     Raises:
-        InputError: One of them is something else, or a side is no count of pixels.
+        InputError: A side is no count of pixels.
     """
-    others = [case.name for case in cases if not (case.scene or case.file.endswith(".npz"))]
-    if others or min(size) < 1:
-        raise InputError(
-            f"size {size[0]} x {size[1]} px for {others[0] if others else 'a measurement'}",
-            allowed="measurements, at sides of at least 1 px",
-            remedy="leave --size out" if others else "",
-        )
+    if min(size) < 1:
+        raise InputError(f"size {size[0]} x {size[1]} px", allowed="sides of at least 1 px")
     return tuple(replace(case, size=size) for case in cases)
 
 
@@ -220,14 +246,8 @@ def _simulation(case: Case, tolerance_dn: float | None, seed: int) -> Cell:
     return Cell("gs2ci.bench.simulation:simulate_rig", arguments, (case.file,))
 
 
-def bench_cases(folder: Path | None) -> tuple[Case, ...]:
-    """Return the simulated benches that are calibrated, by their names alone.
-
-    Raises:
-        InputError: A folder is given; there are no others.
-    """
-    if folder is not None:
-        raise InputError(f"benches from {folder}", allowed="the simulated ones", remedy="leave --data out")
+def bench_cases(_folder: Path | None) -> tuple[Case, ...]:
+    """Return the simulated benches that are calibrated, by their names alone; there are no others."""
     return tuple(Case(name) for name in BENCHES)
 
 
@@ -248,7 +268,7 @@ def _calibrations(options: Options) -> list[Entry]:
 def _chosen(lines: Sequence[str], wanted: Sequence[str]) -> tuple[str, ...]:
     unknown = [line for line in wanted if line not in lines]
     if unknown:
-        raise InputError(f"line {unknown[0]!r} is not in this table", allowed=", ".join(lines))
+        raise InputError(f"line {unknown[0]!r} is not in this table", allowed=", ".join(map(repr, lines)))
     return tuple(wanted or lines)
 
 
@@ -260,7 +280,7 @@ CALIBRATION: Final = (
     Measure("registration_seconds", "its bench s", 1, more_is_better=False),
 )
 
-TABLES: Final[dict[str, Table]] = {
+TABLES: Final[dict[TableName, Table]] = {
     "methods": Table(
         "Methods",
         "The default way, which is the mean of two fits; one fit, and one thing changed at a time in one fit; the "
@@ -336,6 +356,7 @@ TABLES: Final[dict[str, Table]] = {
         ),
         rig_cases,
         "tolerance, DN rms in total",
+        takes_size=False,
     ),
     "calibrate": Table(
         "What calibrated masks cost",
@@ -344,5 +365,7 @@ TABLES: Final[dict[str, Table]] = {
         _calibrations,
         CALIBRATION,
         bench_cases,
+        takes_data=False,
+        takes_size=False,
     ),
 }

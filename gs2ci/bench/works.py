@@ -4,6 +4,7 @@ Not here: which of them a table needs (`tables`). Cells name these functions; no
 """
 
 import time
+from dataclasses import replace
 from typing import Any
 
 from gs2ci.bench.cases import Case
@@ -12,14 +13,13 @@ from gs2ci.bench.variants import settings_of
 from gs2ci.core.progress import Silent
 from gs2ci.evaluate.report import build_report
 from gs2ci.evaluate.trajectory import trajectory_errors
-from gs2ci.reconstruct.decode.gap_tv import gap_tv
-from gs2ci.reconstruct.fit.stopping import Jury, choose_heldout
+from gs2ci.reconstruct.brightness import BrightnessSettings
+from gs2ci.reconstruct.first_look import look
 from gs2ci.reconstruct.geometry.choose import load_geometry_prior
 from gs2ci.reconstruct.geometry.evidence import unexplained
-from gs2ci.reconstruct.geometry.prior import Request, find_geometry
+from gs2ci.reconstruct.jury import Jury
 from gs2ci.reconstruct.lens import Lens, straightened
 from gs2ci.reconstruct.pipeline import reconstruct
-from gs2ci.reconstruct.proxies.routing import geometry_views
 
 
 def reconstruct_case(case: dict[str, Any], variant: str, seed: int) -> Row:
@@ -62,20 +62,19 @@ def initialise_case(case: dict[str, Any], variant: str, seed: int) -> Row:
         Gs2ciError: The case cannot be made, or no geometry be sought.
     """
     shot, settings = Case.of(case).shot(seed), settings_of(variant, seed).check()
-    prior = load_geometry_prior(settings.poses)
+    prior, lens = load_geometry_prior(settings.poses), Lens.of(shot)
     began_s = time.monotonic()
-    seen = Jury(shot, choose_heldout(shot, settings.fit.hold_out.share, settings.seed)).seen
-    decoded = gap_tv(seen, settings.decode, Silent())
-    views = geometry_views(seen, decoded, settings.proxy)
-    request = Request.of(seen, views, settings.geometry, Lens.of(shot))
-    geometry = find_geometry(prior, request, Silent())
+    jury = Jury.of(shot, settings.fit.hold_out.share, settings.seed)
+    once = replace(settings.look, brightness=BrightnessSettings(rounds=0))
+    first = look(jury, lens, prior, once, Silent(), lambda _: None)
     seconds = time.monotonic() - began_s
+    geometry = first.geometry
     truth = shot.truth.world_to_camera
     errors = None if truth is None else trajectory_errors(geometry.world_to_camera, truth)
     return {
         "nate": errors and errors.nate,
         "rpe_r_deg": errors and errors.rpe_r_deg,
-        "unexplained": unexplained(seen, straightened(decoded, request.lens), geometry, request.lens),
+        "unexplained": unexplained(jury.seen, straightened(first.decoded, lens), geometry, lens),
         "tracks": geometry.tracks,
         "path_error_expected": geometry.path_error_expected,
         "full": float(geometry.verdict == "full"),

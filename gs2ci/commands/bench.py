@@ -13,18 +13,15 @@ import tyro
 from rich.console import Console
 from rich.markdown import Markdown
 
-from gs2ci.bench.html_page import write_html_page
-from gs2ci.bench.pages import collect, markdown, write_pages
-from gs2ci.bench.store import Store
-from gs2ci.bench.tables import TABLES, Options, resized
-from gs2ci.bench.workers import complete
+from gs2ci.bench.names import TableName
 from gs2ci.commands.display import open_display
+from gs2ci.commands.options import check_whole
 from gs2ci.core.errors import InputError
 from gs2ci.core.whole_file import check_place
 
 
 def run(
-    table: Annotated[str, tyro.conf.Positional],
+    table: Annotated[TableName, tyro.conf.Positional],
     /,
     output: Annotated[Path, tyro.conf.arg(aliases=["-o"])] = Path("bench"),
     *,
@@ -44,8 +41,7 @@ def run(
     quiet machine.
 
     Args:
-        table: Which one: methods, init, density, ablation, mask-ratio, compression, conditions, seeds,
-            calibrate, simulate.
+        table: Which one.
         output: Folder for the pages and the finished cells.
         data: Folder of .npz measurements to use instead of simulated scenes; of rig files (.toml) for simulate.
         size: Height and width, px: of the simulated scenes, instead of 192 256; of files, the middle that is kept.
@@ -64,12 +60,20 @@ def run(
         Gs2ciError: A name is unknown, a file cannot be read, a table has no files or no size to choose, or no
             scheduler answers.
     """
+    check_whole("--seeds", seeds, 1, 1000)
+    check_whole("--processes", processes, 1, 1000)
+    for side_px in size or ():
+        check_whole("--size", side_px, 1, 100_000)
+    from gs2ci.bench.html_page import write_html_page
+    from gs2ci.bench.pages import collect, markdown, write_pages
+    from gs2ci.bench.store import Store
+    from gs2ci.bench.tables import TABLES, Options, known_cases
+    from gs2ci.bench.workers import complete
+
     if table not in TABLES:
-        raise InputError(f"table {table!r}", allowed=", ".join(TABLES))
-    if seeds < 1:
-        raise InputError(f"{seeds} seeds", allowed="1 or more")
+        raise InputError(f"no table {table!r}", allowed=", ".join(TABLES))
     chosen = TABLES[table]
-    known = chosen.known(data) if size is None else resized(chosen.known(data), size)
+    known = known_cases(table, data, size)
     unknown = [case for case in cases if case not in {one.name for one in known}]
     if unknown:
         raise InputError(f"case {unknown[0]!r} is unknown", allowed=", ".join(one.name for one in known))

@@ -5,7 +5,7 @@ is (`gs2ci.rig.calibrating`). Only `gs2ci.cli` imports this file.
 """
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 from rich.console import Console
@@ -14,23 +14,14 @@ from rich.table import Table
 
 from gs2ci.commands.display import open_display
 from gs2ci.core.progress import Progress
-from gs2ci.rig.calibrating import bench_of, operator_of, provenance_of
-from gs2ci.rig.opening import Rig, load_rig
-from gs2ci_calibration.bench import Bench
-from gs2ci_calibration.bundle import (
-    Bundle,
-    Provenance,
-    add_section,
-    check_bundle_place,
-    check_target,
-    read_bundle,
-)
-from gs2ci_calibration.drift import changes_since
-from gs2ci_calibration.estimates import Section
-from gs2ci_calibration.fitting import fit
-from gs2ci_calibration.procedures import PROCEDURES
-from gs2ci_calibration.refusals import CalibrationError, Reason
-from gs2ci_drivers.acquisition import Devices
+
+if TYPE_CHECKING:
+    from gs2ci.rig.opening import Rig
+    from gs2ci_calibration.bench import Bench
+    from gs2ci_calibration.bundle import Bundle, Provenance
+    from gs2ci_calibration.drift import Change
+    from gs2ci_calibration.estimates import Section
+    from gs2ci_drivers.acquisition import Devices
 
 Step = Literal["dark-flat", "sensor", "timing", "registration", "masks", "camera", "stage", "all", "check"]
 
@@ -58,6 +49,10 @@ def run(
     Returns:
         The bundle.
     """
+    from gs2ci.rig.calibrating import bench_of, operator_of, provenance_of
+    from gs2ci.rig.opening import load_rig
+    from gs2ci_calibration.bundle import Bundle, add_section, check_bundle_place, check_target, read_bundle
+
     console = Console()
     if step != "check":
         check_bundle_place(out)
@@ -68,12 +63,15 @@ def run(
             operator = operator_of(opened, display.ask)
             bench = bench_of(opened, devices, operator, fast=fast, progress=display)
             if step == "check":
-                _check(console, bench, read_bundle(out), opened, provenance_of(opened, devices))
+                found = _drift(bench, read_bundle(out), opened, provenance_of(opened, devices))
+                display.finish()
+                _print_drift(console, *found)
                 return out
             check_target(out, provenance_of(opened, devices), step)
             for name in _every_step(devices, display) if step == "all" else (step,):
                 known = read_bundle(out) if out.exists() else Bundle()
                 section = _measured(bench, name, known)
+                display.finish()
                 add_section(out, section, provenance_of(opened, devices))
                 _print_section(console, section)
     finally:
@@ -82,27 +80,46 @@ def run(
     return out
 
 
-def _every_step(devices: Devices, progress: Progress) -> list[str]:
+def _every_step(devices: "Devices", progress: Progress) -> list[str]:
     """Return all steps in order, without `stage` where there is none."""
+    from gs2ci_calibration.procedures import PROCEDURES
+
     if devices.stage is None:
         progress.say("the rig has no stage: its step is left out")
     return [name for name in PROCEDURES if name != "stage" or devices.stage is not None]
 
 
-def _measured(bench: Bench, name: str, known: Bundle) -> Section:
+def _measured(bench: "Bench", name: str, known: "Bundle") -> "Section":
+    from gs2ci_calibration.procedures import PROCEDURES
+
     bench.progress.say(f"{name}:")
     return PROCEDURES[name](bench, known)
 
 
-def _check(console: Console, bench: Bench, bundle: Bundle, rig: Rig, provenance: Provenance) -> None:
-    """Tell the drift since a calibration.
+def _drift(
+    bench: "Bench", bundle: "Bundle", rig: "Rig", provenance: "Provenance"
+) -> tuple[list["Change"], tuple[str, ...]]:
+    """Measure the drift since a calibration; return it, and what is worth knowing of how the bundle fits.
 
     Raises:
         CalibrationError: The bundle does not fit any more.
     """
+    from gs2ci_calibration.drift import changes_since
+    from gs2ci_calibration.fitting import fit
+
     found = fit(bundle, bench, provenance, rig.table.calibration.max_age_days)
     found.require(bundle)
-    changes = changes_since(bench, bundle)
+    return changes_since(bench, bundle), found.notes
+
+
+def _print_drift(console: Console, changes: list["Change"], notes: tuple[str, ...]) -> None:
+    """Tell the drift since a calibration.
+
+    Raises:
+        CalibrationError: Something changed by more than allowed.
+    """
+    from gs2ci_calibration.refusals import CalibrationError, Reason
+
     grid = Table(box=None, pad_edge=False)
     for heading in ("since the calibration", "change ± standard error", "allowed", ""):
         grid.add_column(heading)
@@ -113,7 +130,7 @@ def _check(console: Console, bench: Bench, bundle: Bundle, rig: Rig, provenance:
         value = f"{change.value:+.3g} ± {change.error:.1g}{unit}"
         grid.add_row(change.what, value, limit, verdict, style="bold red" if change.too_far else "")
     console.print(grid)
-    for note in found.notes:
+    for note in notes:
         console.print(note, markup=False, soft_wrap=True)
     drifted = [change for change in changes if change.too_far]
     if drifted:
@@ -126,7 +143,7 @@ def _check(console: Console, bench: Bench, bundle: Bundle, rig: Rig, provenance:
         )
 
 
-def _print_section(console: Console, section: Section) -> None:
+def _print_section(console: Console, section: "Section") -> None:
     grid = Table(box=None, pad_edge=False, title=section.name, title_justify="left", title_style="bold")
     for heading in ("found", "value ± standard error"):
         grid.add_column(heading)

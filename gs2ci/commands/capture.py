@@ -5,7 +5,7 @@ Here: the arguments, the plan as a table, and where the file is. Not here: any o
 """
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import tyro
 from rich.console import Console
@@ -13,13 +13,12 @@ from rich.markup import escape
 from rich.table import Table
 
 from gs2ci.commands.display import open_display
-from gs2ci.core.storage.sealing import check_target, partial_of
-from gs2ci.rig.calibrated import load
-from gs2ci.rig.opening import Rig, load_rig
-from gs2ci.rig.recording import Prepared, prepare, record
-from gs2ci_drivers.acquisition import Devices
-from gs2ci_drivers.plan import table
-from gs2ci_sims.bench_light import BenchLight
+from gs2ci.commands.options import check_whole
+
+if TYPE_CHECKING:
+    from gs2ci.rig.opening import Rig
+    from gs2ci.rig.recording import Prepared
+    from gs2ci_drivers.acquisition import Devices
 
 
 def run(
@@ -49,6 +48,12 @@ def run(
     Returns:
         The shot file; None for a dry run.
     """
+    check_whole("--shots", shots, 1, remedy="leave --shots out for the rig file's number")
+    from gs2ci.core.storage.sealing import check_target
+    from gs2ci.rig.calibrated import load
+    from gs2ci.rig.opening import load_rig
+    from gs2ci.rig.recording import prepare, record
+
     if not dry_run:
         check_target(out, replace=overwrite, remedy="choose another name with -o, or add --overwrite to replace it")
     opened = load_rig(rig)
@@ -71,18 +76,21 @@ def run(
         raise
     finally:
         devices.close()
-    light = opened.bench.world.light if opened.bench else None
-    if isinstance(light, BenchLight) and light.plans:
+    light = opened.bench.light if opened.bench else None
+    if light is not None and light.plans:
         last = light.plans[max(light.plans)]
         console.print(f"the light path {last.summary()}", markup=False, highlight=False, soft_wrap=True)
     if calibrated is not None:
         console.print(f"masks from {calibrated.bundle.path}", markup=False, highlight=False, soft_wrap=True)
-    console.print(f"{prepared.plan.settings.shots} shots in [bold]{escape(str(out))}[/]", soft_wrap=True)
+    count = prepared.plan.settings.shots
+    console.print(f"{count} shot{'s' if count > 1 else ''} in [bold]{escape(str(out))}[/]", soft_wrap=True)
     return out
 
 
 def _say_what_is_safe(out: Path) -> None:
     """Tell where the shots are that were taken before a capture ended early."""
+    from gs2ci.core.storage.sealing import partial_of
+
     partial = partial_of(out)
     if partial.exists():
         Console(stderr=True).print(
@@ -90,7 +98,9 @@ def _say_what_is_safe(out: Path) -> None:
         )
 
 
-def _print_plan(console: Console, rig: Rig, devices: Devices, prepared: Prepared) -> None:
+def _print_plan(console: Console, rig: "Rig", devices: "Devices", prepared: "Prepared") -> None:
+    from gs2ci_drivers.plan import table
+
     stage = devices.stage
     names = [devices.modulator.info.model, devices.sensor.info.model, stage.info.model if stage else "no stage"]
     kind = "simulated" if rig.bench else "real"

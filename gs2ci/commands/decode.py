@@ -1,53 +1,20 @@
 """`gs2ci decode`: from a shot file to views, without geometry.
 
-Here: the arguments, and the order read → decode → write → tell. Not here: any of the four. Only `gs2ci.cli` imports
-this file.
+Here: the arguments, and the order read → decode → write → tell. Not here: any of the four; which words name which
+decoder (`decoders`). Only `gs2ci.cli` imports this file.
 """
 
-import time
-from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from statistics import fmean
+from typing import Annotated, Any
 
-import numpy as np
-import torch
 import tyro
 from rich.console import Console
 
 from gs2ci.commands.display import open_display
+from gs2ci.commands.options import check_number, check_seed, check_whole
 from gs2ci.core.errors import InputError
-from gs2ci.core.progress import Progress
-from gs2ci.core.records import F32, Shot
-from gs2ci.core.storage import count_shots, read_shot
-from gs2ci.evaluate.decode_folder import SCHEMA, Decoded, write_decoded
-from gs2ci.evaluate.run_folder import check_destination
-from gs2ci.reconstruct.coding import Coding
-from gs2ci.reconstruct.decode.coupling import choose_coupling
-from gs2ci.reconstruct.decode.denoisers import Denoiser, NonLocalMeans, TotalVariation
-from gs2ci.reconstruct.decode.gap_tv import GapTvSettings, gap_tv
-from gs2ci.reconstruct.decode.onnx_denoiser import OnnxDenoiser
-from gs2ci.reconstruct.decode.pnp import PlugAndPlaySettings, plug_and_play
-from gs2ci.reconstruct.proxies.routing import build_proxies
-
-Method = Literal["gap-tv", "pnp-gap", "pnp-admm", "proxies", "eni", "amdi"]
-# Views, what was done as plain values, and sentences about it.
-_Outcome = tuple[F32, Mapping[str, Any], tuple[str, ...]]
-_Decoder = Callable[[Shot, Progress], _Outcome]
-
-# The published schedule of GAP-TV. The pipeline, which decodes to track, smooths less (GapTvSettings).
-_GAP_TV_WEIGHT = 0.3
-
-
-@dataclass(frozen=True)
-class _Choice:
-    """What the command line says about the decoder."""
-
-    method: Method
-    denoiser: str | None
-    iterations: int | None
-    coupling: float | None
-    seed: int
+from gs2ci.reconstruct.choices import DecodeMethod
 
 
 def run(
@@ -55,7 +22,7 @@ def run(
     /,
     output: Annotated[Path, tyro.conf.arg(aliases=["-o"])] = Path("decoded"),
     *,
-    method: Method = "gap-tv",
+    method: DecodeMethod = "gap-tv",
     denoiser: str | None = None,
     iterations: int | None = None,
     coupling: float | None = None,
@@ -83,94 +50,26 @@ def run(
     Returns:
         The folder.
     """
-    if seed < 0:
-        raise InputError(f"--seed {seed}", allowed="0 or more")
-    check_destination(output, overwrite=overwrite, schema=SCHEMA)
-    decode = _decoder(_Choice(method, denoiser, iterations, coupling, seed))
+    check_seed(seed)
+    check_whole("--iterations", iterations, 1, remedy="leave --iterations out for the method's own number")
+    check_number("--coupling", coupling, 0, 1e6, remedy="leave --coupling out, and held-out pixels choose it")
     if all_shots and index is not None:
         raise InputError(f"both --all and --index {index}", remedy="give one of them")
-    wanted = range(count_shots(shot)) if all_shots else (index or 0,)
+    from gs2ci.core.storage import count_shots, read_shot
+
+    count = count_shots(shot)
+    from gs2ci.commands.decoders import Choice, decoded_by, decoder_of
+    from gs2ci.evaluate.decode_folder import SCHEMA, write_decoded
+    from gs2ci.evaluate.run_folder import check_destination
+
+    check_destination(output, overwrite=overwrite, schema=SCHEMA)
+    decode = decoder_of(Choice(method, denoiser, iterations, coupling, seed))
+    wanted = range(count) if all_shots else (index or 0,)
     with open_display() as display:
-        decoded = [_decoded(read_shot(shot, i), decode, display) for i in wanted]
+        decoded = [decoded_by(decode, read_shot(shot, i), display) for i in wanted]
     report = write_decoded(output, decoded, overwrite=overwrite)
     _print(output, report)
     return output
-
-
-def _decoded(shot: Shot, decode: _Decoder, progress: Progress) -> Decoded:
-    began_s = time.monotonic()
-    views, method, notes = decode(shot, progress)
-    seconds = time.monotonic() - began_s
-    predicted = Coding.of(shot).forward(torch.from_numpy(views)).numpy()
-    return Decoded(shot, views, predicted, seconds, method, notes)
-
-
-def _decoder(choice: _Choice) -> _Decoder:
-    """Choose the decoder; a model file is loaded now, before any work."""
-    plug = choice.method in ("pnp-gap", "pnp-admm")
-    if choice.denoiser is not None and not plug:
-        raise InputError(f"--denoiser with --method {choice.method}", allowed="with pnp-gap and pnp-admm")
-    if choice.coupling is not None and choice.method != "gap-tv":
-        raise InputError(f"--coupling with --method {choice.method}", allowed="with gap-tv")
-    if plug:
-        return _plug_and_play_decoder(choice)
-    if choice.method == "gap-tv":
-        return _gap_tv_decoder(choice)
-    if choice.iterations is not None:
-        raise InputError(f"--iterations with --method {choice.method}", allowed="with methods that iterate")
-    return _proxy_decoder(choice.method)
-
-
-def _gap_tv_decoder(choice: _Choice) -> _Decoder:
-    settings = GapTvSettings(weight=_GAP_TV_WEIGHT)
-    if choice.iterations is not None:
-        settings = replace(settings, iterations=choice.iterations)
-    fixed = replace(settings, coupling=choice.coupling).check() if choice.coupling is not None else None
-    settings.check()
-
-    def decode(shot: Shot, progress: Progress) -> _Outcome:
-        used = fixed or choose_coupling(shot, settings, choice.seed)
-        return gap_tv(shot, used, progress), {"name": "gap-tv", **asdict(used)}, ()
-
-    return decode
-
-
-def _plug_and_play_decoder(choice: _Choice) -> _Decoder:
-    settings = PlugAndPlaySettings(scheme="gap" if choice.method == "pnp-gap" else "admm")
-    if choice.iterations is not None:
-        settings = replace(settings, iterations=choice.iterations)
-    settings.check()
-    name = choice.denoiser or "tv"
-    denoise = _denoiser(name)
-    said = f"onnx:{Path(name[5:]).name}" if name.startswith("onnx:") else name
-
-    def decode(shot: Shot, progress: Progress) -> _Outcome:
-        views = np.clip(plug_and_play(shot, denoise, settings, progress), 0, 1)
-        return views, {"name": choice.method, "denoiser": said, **asdict(settings)}, ()
-
-    return decode
-
-
-def _proxy_decoder(method: Method) -> _Decoder:
-    wanted: Literal["auto", "eni", "amdi"] = "eni" if method == "eni" else "amdi" if method == "amdi" else "auto"
-
-    def decode(shot: Shot, progress: Progress) -> _Outcome:
-        progress.stage("proxies")
-        proxies = build_proxies(shot, wanted)
-        said = {"name": proxies.method, "multiplicity": proxies.multiplicity}
-        return proxies.views, said, (proxies.note,) if proxies.note else ()
-
-    return decode
-
-
-def _denoiser(name: str) -> Denoiser:
-    if name == "tv":
-        return TotalVariation()
-    if name == "nlm":
-        return NonLocalMeans()
-    if name.startswith("onnx:"):
-        return OnnxDenoiser(Path(name.removeprefix("onnx:")))
-    raise InputError(f"denoiser {name!r}", allowed="tv, nlm, onnx:FILE")
 
 
 def _print(output: Path, report: dict[str, Any]) -> None:
@@ -184,7 +83,7 @@ def _print(output: Path, report: dict[str, Any]) -> None:
     )
     if report["psnr_db"] is not None:
         console.print(f"PSNR {report['psnr_db']:.2f} dB, SSIM {report['ssim']:.4f} (means over views)")
-    rms = float(np.mean([shot["residual"]["rms"] for shot in report["shots"]]))
+    rms = fmean(shot["residual"]["rms"] for shot in report["shots"])
     console.print(f"residual {rms:.4f} rms, in units of a view's full scale")
     for note in dict.fromkeys(note for shot in report["shots"] for note in shot["notes"]):
         console.print(note, markup=False, soft_wrap=True)

@@ -8,17 +8,12 @@ this file.
 from pathlib import Path
 from typing import Annotated, Final
 
-import numpy as np
 import tyro
 
 from gs2ci.commands import capture, reconstruct
+from gs2ci.commands.options import check_number, check_seed, check_whole
 from gs2ci.core.errors import InputError
-from gs2ci.core.storage.sealing import partial_of
 from gs2ci.core.whole_file import write_whole
-from gs2ci.evaluate.run_folder import check_destination
-from gs2ci_sims.path import stage_move_for_parallax
-from gs2ci_sims.scenes.rgbd import motorcycle
-from gs2ci_sims.sensor import Sensor
 
 # About two masks of eight are open at a pixel, so four times full scale still fits the sensor's well.
 OPEN_SHARE: Final = 0.25
@@ -27,9 +22,10 @@ MASK_S: Final = 0.02
 STAGE_SPEED_MM_S: Final = 12.5
 # The scene's depths are needed before the bench is built; an eighth of the picture knows them as well.
 PREVIEW: Final = 8
-# What the modulator holds at one bit; and two pixels of the preview.
+# What the modulator holds at one bit; two pixels of the preview; and half of its own pixels along either side.
 MOST_VIEWS: Final = 400
 LEAST_PX: Final = 16
+MOST_PX: Final = (540, 960)
 
 RIG: Final = """\
 # Written by `gs2ci demo`. Take another shot: gs2ci capture --rig {path} -o shot.h5
@@ -106,12 +102,14 @@ def run(
     Returns:
         The run folder.
     """
-    if not (1 <= views <= MOST_VIEWS and _fits(height, 2) and _fits(width, 4) and 0 <= parallax_px < np.inf):
-        raise InputError(
-            f"a demonstration of {views} views, {height} x {width} pixels, parallax {parallax_px:g} px",
-            allowed=f"1 to {MOST_VIEWS} views; a height that is a multiple of 2 and a width that is one of 4, both "
-            f"{LEAST_PX} or more; a parallax of 0 or more",
-        )
+    check_whole("--views", views, 1, MOST_VIEWS)
+    _check_side("--height", height, 2, MOST_PX[0])
+    _check_side("--width", width, 4, MOST_PX[1])
+    check_number("--parallax-px", parallax_px, 0, width)
+    check_seed(seed)
+    from gs2ci.core.storage.sealing import partial_of
+    from gs2ci.evaluate.run_folder import check_destination
+
     check_destination(output / "run", overwrite=True)
     shot = output / "shot.h5"
     rig = write_rig(output / "rig.toml", views=views, size=(height, width), parallax_px=parallax_px, seed=seed)
@@ -120,8 +118,14 @@ def run(
     return reconstruct.run(shot, output / "run", overwrite=True)
 
 
-def _fits(length_px: int, step_px: int) -> bool:
-    return length_px >= LEAST_PX and length_px % step_px == 0
+def _check_side(option: str, length_px: int, step_px: int, most_px: int) -> None:
+    """Accept a side of the picture, which is a mosaic."""
+    if not LEAST_PX <= length_px <= most_px or length_px % step_px:
+        raise InputError(
+            f"{option} {length_px}",
+            allowed=f"a multiple of {step_px} from {LEAST_PX} to {most_px}",
+            remedy=f"leave {option} out for the demonstration's own size",
+        )
 
 
 def write_rig(path: Path, *, views: int, size: tuple[int, int], parallax_px: float, seed: int) -> Path:
@@ -130,6 +134,12 @@ def write_rig(path: Path, *, views: int, size: tuple[int, int], parallax_px: flo
     Raises:
         StorageError: The disk refuses.
     """
+    import numpy as np
+
+    from gs2ci_sims.path import stage_move_for_parallax
+    from gs2ci_sims.scenes.rgbd import motorcycle
+    from gs2ci_sims.sensor import Sensor
+
     sensor = Sensor()
     duration_s = views * MASK_S
     preview = motorcycle((size[0] // PREVIEW, size[1] // PREVIEW))

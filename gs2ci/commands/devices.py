@@ -5,17 +5,17 @@ Here: the arguments and the printing. Not here: opening devices (`gs2ci.rig.open
 """
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from gs2ci.rig.discovery import find_devices
-from gs2ci.rig.opening import load_rig
-from gs2ci_drivers.acquisition import Devices
-from gs2ci_drivers.modulator import Modulator
-from gs2ci_drivers.sensor import Sensor
-from gs2ci_drivers.stage import Stage
+if TYPE_CHECKING:
+    from gs2ci_drivers.acquisition import Devices
+    from gs2ci_drivers.modulator import Modulator
+    from gs2ci_drivers.sensor import Sensor
+    from gs2ci_drivers.stage import Stage
 
 
 def run(*, rig: Path | None = None, home: bool = False) -> None:
@@ -29,6 +29,8 @@ def run(*, rig: Path | None = None, home: bool = False) -> None:
     if rig is None:
         _print_found(console)
         return
+    from gs2ci.rig.opening import load_rig
+
     devices = load_rig(rig).open()
     try:
         _print_devices(console, devices)
@@ -42,6 +44,8 @@ def run(*, rig: Path | None = None, home: bool = False) -> None:
 
 
 def _print_found(console: Console) -> None:
+    from gs2ci.rig.discovery import find_devices
+
     found = find_devices()
     if not found:
         console.print("no camera, serial port or modulator was found; `gs2ci doctor` says what may be missing")
@@ -49,7 +53,7 @@ def _print_found(console: Console) -> None:
         console.print(f"{kind:<10} port = {port!r}  {escape(name)}", highlight=False, soft_wrap=True)
 
 
-def _print_devices(console: Console, devices: Devices) -> None:
+def _print_devices(console: Console, devices: "Devices") -> None:
     for rows in (_modulator(devices.modulator), _sensor(devices.sensor), _stage(devices.stage)):
         grid = Table(box=None, show_header=False, pad_edge=False)
         for row in rows:
@@ -58,7 +62,7 @@ def _print_devices(console: Console, devices: Devices) -> None:
         console.print()
 
 
-def _modulator(modulator: Modulator) -> list[tuple[str, str]]:
+def _modulator(modulator: "Modulator") -> list[tuple[str, str]]:
     info = modulator.connect()
     status = modulator.status()
     depths = ", ".join(
@@ -75,7 +79,7 @@ def _modulator(modulator: Modulator) -> list[tuple[str, str]]:
     ]
 
 
-def _sensor(sensor: Sensor) -> list[tuple[str, str]]:
+def _sensor(sensor: "Sensor") -> list[tuple[str, str]]:
     info = sensor.connect()
     formats = ", ".join(f"{fmt.fourcc} {fmt.height} x {fmt.width} ({fmt.bits} bit)" for fmt in info.formats)
     return [
@@ -88,7 +92,7 @@ def _sensor(sensor: Sensor) -> list[tuple[str, str]]:
     ]
 
 
-def _stage(stage: Stage | None) -> list[tuple[str, str]]:
+def _stage(stage: "Stage | None") -> list[tuple[str, str]]:
     if stage is None:
         return [("stage", "none in the rig file")]
     info = stage.connect()

@@ -20,13 +20,14 @@ from gs2ci.core import progress
 from gs2ci.core.clock import Clock, WallClock
 from gs2ci.core.durations import spoken_duration
 from gs2ci.core.errors import InputError
-from gs2ci.evaluate.report import read_report
 
 # Redrawing costs the fit about a thousandth at this rate; an eye needs no more.
 REDRAWS_PER_SECOND: Final = 4
 STAGE_WIDTH: Final = 12
 
-_LABELS: Final = {"heldout": "held-out", "psnr_db": "PSNR"}
+_LABELS: Final = {"heldout": "held-out", "psnr": "PSNR"}
+# How names of figures end, as everywhere in the code, and how the unit is written.
+_UNITS: Final = {"db": "dB", "dn": "DN", "ms": "ms", "us": "µs", "px": "px"}
 
 
 class Display(progress.Progress, Protocol):
@@ -38,6 +39,10 @@ class Display(progress.Progress, Protocol):
         Raises:
             InputError: Standard input has ended: nobody will press it.
         """
+        ...
+
+    def finish(self) -> None:
+        """End the running stage: what is done until the next one begins is no part of it."""
         ...
 
     def __enter__(self) -> Self: ...
@@ -75,11 +80,11 @@ class PlainDisplay:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self._end_stage()
+        self.finish()
 
     def stage(self, name: str, total: int | None = None) -> None:
         """Write the last stage's line; begin another."""
-        self._end_stage()
+        self.finish()
         self._name, self._total, self._done, self._figures = name, total, 0, ""
         self._began_s = self._clock.now_s()
 
@@ -101,7 +106,8 @@ class PlainDisplay:
         self._line(f"{request}, then press Enter")
         _wait_for_enter(request)
 
-    def _end_stage(self) -> None:
+    def finish(self) -> None:
+        """Write the running stage's line."""
         if not self._name:
             return
         steps = f"{self._done} of {self._total}" if self._total and self._done != self._total else f"{self._done}"
@@ -137,13 +143,12 @@ class LiveDisplay:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         if kind is None:
-            self._end_stage()
+            self._fill_bar()
         self._bars.stop()
 
     def stage(self, name: str, total: int | None = None) -> None:
         """Finish the last stage's bar; begin another."""
-        self._end_stage()
-        self._bars.figures = ""
+        self.finish()
         self._task = self._bars.add_task(name, total=total)
 
     def expect(self, total: int) -> None:
@@ -170,7 +175,12 @@ class LiveDisplay:
         _wait_for_enter(request)
         self._bars.start()
 
-    def _end_stage(self) -> None:
+    def finish(self) -> None:
+        """Fill the running stage's bar; its figures are no longer shown."""
+        self._fill_bar()
+        self._bars.figures = ""
+
+    def _fill_bar(self) -> None:
         if self._task is None:
             return
         # A stage may end early, having converged: its bar is full all the same, at the steps it took.
@@ -237,6 +247,8 @@ def print_summary(folder: Path, console: Console | None = None) -> None:
     Raises:
         StorageError: The folder holds no readable report.
     """
+    from gs2ci.evaluate.report import read_report
+
     report = read_report(folder)
     console = console or Console(highlight=False)
     table = Table(
@@ -308,14 +320,21 @@ def _trajectory_rows(errors: dict[str, Any] | None) -> list[tuple[str, str, str]
 
 
 def _describe_figure(name: str, value: float | str) -> str:
-    label = _LABELS.get(name, name.replace("_", " "))
+    stem, _, ending = name.rpartition("_")
+    unit = _UNITS.get(ending, "")
+    stem = stem if unit else name
+    label = _LABELS.get(stem, stem.replace("_", " "))
     if isinstance(value, str):
         return f"{label} {value}"
     if name == "gaussians":
         return f"{value:,} Gaussians".replace(",", " ")
-    if name == "psnr_db":
-        return f"{label} {value:.2f} dB"
+    return f"{label} {_number(value, 2 if unit else 4)} {unit}".rstrip()
+
+
+def _number(value: float, decimals: int) -> str:
+    """Write a running figure; fixed decimals keep it from jumping about."""
     if isinstance(value, int):
-        return f"{label} {value}"
-    # Fixed decimals keep a running figure from jumping about.
-    return f"{label} {value:.4f}" if 1e-3 <= abs(value) < 100 else f"{label} {value:.3g}"
+        return str(value)
+    if 100 <= abs(value) < 1e7:
+        return f"{value:.0f}"
+    return f"{value:.{decimals}f}" if 10.0 ** (1 - decimals) <= abs(value) < 100 else f"{value:.3g}"

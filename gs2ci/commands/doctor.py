@@ -10,8 +10,6 @@ from rich.console import Console
 from rich.markup import escape
 
 from gs2ci.core.errors import Gs2ciError
-from gs2ci.rig.doctor import examine
-from gs2ci.rig.opening import load_rig
 
 MARKS = {"ok": "[green]ok  [/]", "note": "[yellow]note[/]", "bad": "[bold red]BAD [/]"}
 
@@ -24,6 +22,9 @@ def run(*, rig: Path, trigger_loop: bool = True) -> None:
         trigger_loop: Show eight masks and count the frames that they trigger; replaces what is loaded on the
             modulator.
     """
+    from gs2ci.rig.doctor import examine
+    from gs2ci.rig.opening import load_rig
+
     console = Console(highlight=False)
     bad = 0
     for finding in examine(load_rig(rig), trigger_loop=trigger_loop):

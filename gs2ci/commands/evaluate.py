@@ -4,21 +4,23 @@ Here: the arguments, and the table that is printed. Not here: any figure (`gs2ci
 imports this file.
 """
 
+import math
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import tyro
 from rich.console import Console
 from rich.table import Table
 
+from gs2ci.commands.options import check_number
 from gs2ci.core.errors import InputError
-from gs2ci.core.foreign.assemble import load_single
-from gs2ci.core.records import F32
-from gs2ci.core.storage import read_shot
-from gs2ci.evaluate.evaluation import Evidence, evaluate, read_run, write_evaluation
-from gs2ci.evaluate.noise import NoiseModel
-from gs2ci.evaluate.novel_views import read_novel_views
-from gs2ci.reconstruct.fit.perceptual import load_distance
+
+if TYPE_CHECKING:
+    from gs2ci.core.arrays import F32
+
+# Beyond what any sensor has; their squares and quotients stay numbers.
+READ_NOISE_RANGE: Final = (1e-9, 1e3)
+ELECTRONS_RANGE: Final = (1e-3, 1e12)
 
 
 def run(
@@ -31,7 +33,7 @@ def run(
     depth: Path | None = None,
     novel: Path | None = None,
     read_noise: float | None = None,
-    electrons: float = float("inf"),
+    electrons: float | None = None,
     lpips: str | None = None,
 ) -> Path:
     """Judge a finished run by what is known of its shot.
@@ -44,18 +46,33 @@ def run(
         depth: True depth along the optical axis, a .npy file of [N, H, W] in any unit, 0 where unknown.
         novel: True views from other places, an .npz file of `views` and `world_to_camera` in the true path's world.
         read_noise: Standard deviation of the sensor in the dark, in full scales of one view, for chi-squared.
-        electrons: Electrons of a pixel at the full scale of one view, for the shot noise in chi-squared.
+        electrons: Electrons of a pixel at the full scale of one view, for the shot noise in chi-squared; without it
+            none is counted.
         lpips: "lpips" for the model added by `gs2ci models add lpips`, or an ONNX file of your own.
 
     Returns:
         The JSON file.
 
     Raises:
-        Gs2ciError: A file or a value cannot be used.
+        Gs2ciError: A file or a value cannot be used, or the shot is of another measurement than the run.
     """
-    noise = None if read_noise is None else NoiseModel(read_noise, electrons)
+    check_number("--read-noise", read_noise, *READ_NOISE_RANGE, remedy="leave --read-noise out, and χ² with it")
+    check_number("--electrons", electrons, *ELECTRONS_RANGE, remedy="leave --electrons out, and shot noise with it")
+    if electrons is not None and read_noise is None:
+        raise InputError("--electrons without --read-noise", remedy="give both, for χ² per pixel")
+    from gs2ci.core.storage import read_shot
+
+    measured = read_shot(shot, index)
+    from gs2ci.evaluate.evaluation import Evidence, evaluate, read_run, write_evaluation
+    from gs2ci.evaluate.noise import NoiseModel
+    from gs2ci.evaluate.novel_views import read_novel_views
+    from gs2ci.evaluate.pages.run_evidence import check_same_shot
+    from gs2ci.reconstruct.fit.perceptual import load_distance
+
+    noise = None if read_noise is None else NoiseModel(read_noise, math.inf if electrons is None else electrons)
+    check_same_shot(folder, measured)
     evidence = Evidence(
-        read_shot(shot, index),
+        measured,
         None if depth is None else _read_depth(depth),
         None if novel is None else read_novel_views(novel),
         noise,
@@ -68,6 +85,8 @@ def run(
         table.add_row(name, value)
     console = Console()
     console.print(table)
+    for note in found["notes"]:
+        console.print(note, markup=False, soft_wrap=True)
     console.print(str(written), soft_wrap=True)
     return written
 
@@ -97,7 +116,9 @@ def rows(found: dict[str, Any]) -> list[tuple[str, str]]:
     return said
 
 
-def _read_depth(path: Path) -> F32:
+def _read_depth(path: Path) -> "F32":
+    from gs2ci.core.foreign.assemble import load_single
+
     depth = load_single(path).values
     if depth.ndim not in (2, 3):
         raise InputError(f"{path} holds no depth but shape {list(depth.shape)}", allowed="a .npy file of [N, H, W]")

@@ -4,20 +4,23 @@ Here: the command's arguments and what it prints. Not here: any guess (`gs2ci.co
 (`gs2ci.core.storage`). Only `gs2ci.cli` imports this file.
 """
 
+from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import numpy as np
 import tyro
 from rich.console import Console
 from rich.markup import escape
 
+from gs2ci.commands.options import check_number, check_whole
+from gs2ci.commands.recover import save_finished_rows
 from gs2ci.core.errors import InputError
-from gs2ci.core.foreign.assemble import Imported, ImportOptions, import_shots, load_single
-from gs2ci.core.foreign.container import Array
-from gs2ci.core.records import CfaPattern, Shot
-from gs2ci.core.storage import count_shots, recover, write_shots
-from gs2ci.core.storage.sealing import check_target
+from gs2ci.core.records import FOCAL_RANGE_PX, MEASUREMENT_LIMIT, CfaPattern, Shot
+
+if TYPE_CHECKING:
+    from gs2ci.core.foreign.assemble import Imported
+    from gs2ci.core.foreign.container import Array
 
 
 def run(
@@ -81,12 +84,20 @@ def run(
     Returns:
         The shot file.
     """
-    console = Console()
+    check_whole("--views", views, 1)
+    check_number("--focal-px", focal_px, *FOCAL_RANGE_PX)
+    for option, reading in (("--mask-scale", mask_scale), ("--scale", scale)):
+        check_number(option, reading, 1 / MEASUREMENT_LIMIT, MEASUREMENT_LIMIT)
+    check_number("--offset", offset, -MEASUREMENT_LIMIT, MEASUREMENT_LIMIT)
+    check_number("--saturation", saturation, 0, MEASUREMENT_LIMIT)
+    for coefficient in distortion:
+        check_number("--distortion", coefficient)
+    from gs2ci.core.foreign.assemble import ImportOptions, import_shots
+    from gs2ci.core.foreign.container import Array
+    from gs2ci.core.storage import write_shots
+    from gs2ci.core.storage.sealing import check_target
+
     check_target(out, replace=overwrite, remedy="choose another name with -o, or add --overwrite to replace it")
-    if file.name.endswith(".partial"):
-        return _recovered(console, file, out, overwrite)
-    masks = _only_one(masks_file, masks)
-    _check_apart(out, file, masks, truth, poses)
     options = ImportOptions(
         meas_key=meas_key,
         mask_key=mask_key,
@@ -100,24 +111,30 @@ def run(
         offset=offset,
         saturation=saturation,
         cfa=cfa,
-        intrinsics=_camera(intrinsics),
         focal_px=focal_px,
         distortion=Array("--distortion", np.array(distortion)) if distortion else None,
-        world_to_camera=_loaded(poses),
-        truth=_loaded(truth),
         bad_pixels=bad_pixels,
     )
+    if file.name.endswith(".partial"):
+        _check_alone(file, masks_file, masks, truth, poses, intrinsics, index is not None, options != ImportOptions())
+        return save_finished_rows(file, out, replace=overwrite)
+    masks = _only_one(masks_file, masks)
+    _check_apart(out, file, masks, truth, poses)
+    options = replace(options, intrinsics=_camera(intrinsics), world_to_camera=_loaded(poses), truth=_loaded(truth))
     imported = import_shots(file, masks, options)
     write_shots(out, _picked(imported, index, file))
-    _print(console, file, out, imported, index)
+    _print(Console(), file, out, imported, index)
     return out
 
 
-def _recovered(console: Console, partial: Path, out: Path, overwrite: bool) -> Path:
-    """Save the finished rows of an interrupted capture."""
-    recover(partial, out, replace=overwrite)
-    console.print(f"{count_shots(out)} finished rows of {escape(partial.name)} saved in [bold]{escape(str(out))}[/]")
-    return out
+def _check_alone(partial: Path, *given: object) -> None:
+    """Return if nothing else was given that an interrupted capture could not heed."""
+    if any(given):
+        raise InputError(
+            f"options beside {partial}, an interrupted capture, which tells all by itself",
+            allowed="-o and --overwrite",
+            remedy="leave the others out",
+        )
 
 
 def _only_one(masks_file: Path | None, masks: Path | None) -> Path | None:
@@ -133,11 +150,16 @@ def _check_apart(out: Path, *files: Path | None) -> None:
         raise InputError(f"{out}: would replace a file that it is made from", remedy="choose another name with -o")
 
 
-def _loaded(file: Path | None) -> Array | None:
+def _loaded(file: Path | None) -> "Array | None":
+    from gs2ci.core.foreign.assemble import load_single
+
     return None if file is None else load_single(file)
 
 
-def _camera(words: tuple[str, ...]) -> Array | None:
+def _camera(words: tuple[str, ...]) -> "Array | None":
+    from gs2ci.core.foreign.assemble import load_single
+    from gs2ci.core.foreign.container import Array
+
     if not words:
         return None
     if len(words) == 1:
@@ -151,7 +173,7 @@ def _camera(words: tuple[str, ...]) -> Array | None:
     return Array("--intrinsics", values)
 
 
-def _picked(imported: Imported, index: int | None, file: Path) -> list[Shot]:
+def _picked(imported: "Imported", index: int | None, file: Path) -> list[Shot]:
     shots = imported.shots
     if index is None:
         return shots
@@ -160,7 +182,7 @@ def _picked(imported: Imported, index: int | None, file: Path) -> list[Shot]:
     return [shots[index]]
 
 
-def _print(console: Console, file: Path, out: Path, imported: Imported, index: int | None) -> None:
+def _print(console: Console, file: Path, out: Path, imported: "Imported", index: int | None) -> None:
     console.print(f"[bold]{escape(file.name)}[/]")
     for guess in imported.guesses:
         style = "yellow" if guess.startswith("WARNING") else ""

@@ -3,27 +3,19 @@
 Here: the arguments and what is printed. Not here: any network. Only `gs2ci.cli` imports this file.
 """
 
-from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated, Any, Final, Literal, get_args
+from typing import Annotated, Any, Final, Literal
 
 import tyro
 from rich.console import Console
 from rich.markup import escape
 
+from gs2ci.commands.options import check_whole
 from gs2ci.core.errors import Gs2ciError, InputError
-from gs2ci.reconstruct.decode.ffdnet import export_ffdnet, read_ffdnet
-from gs2ci.reconstruct.decode.onnx_denoiser import OnnxDenoiser
-from gs2ci.reconstruct.fit.lpips import Lpips
-from gs2ci.reconstruct.geometry.vggt import Vggt
-from gs2ci.reconstruct.geometry.vggt_export import export_vggt, load_vggt
-from gs2ci.reconstruct.onnx_models import MODEL_NAMES, ModelName, add_model, find_model, known_model
-from gs2ci.reconstruct.priors2d.onnx_prior import OnnxPrior
+from gs2ci.reconstruct.choices import MODEL_NAMES, ModelName
 
 Action = Literal["export-ffdnet", "export-vggt", "add", "list"]
 
-# What a file must be to bear a name.
-_OPEN: Final[dict[ModelName, Callable[[Path], Any]]] = {"vggt": Vggt, "difix": OnnxPrior, "lpips": Lpips}
 _CALLS: Final[dict[str, tuple[str, int]]] = {
     "export-ffdnet": ("gs2ci models export-ffdnet WEIGHTS -o FILE", 1),
     "export-vggt": ("gs2ci models export-vggt WEIGHTS -o FILE", 1),
@@ -57,9 +49,12 @@ def run(
     Raises:
         Gs2ciError: A file or a name cannot be used; nothing is then written.
     """
+    check_whole("--views", views, 2, 1000)
     call, count = _CALLS[action]
     if len(what) != count:
         raise InputError(f"{action} with {len(what)} arguments", allowed=call)
+    if action in ("add", "list") and (output is not None or overwrite):
+        raise InputError(f"-o or --overwrite with {action}", allowed="with export-ffdnet and export-vggt", remedy=call)
     if action == "list":
         _list()
         return None
@@ -72,6 +67,9 @@ def run(
 
 
 def _export_ffdnet(weights: Path, output: Path) -> Path:
+    from gs2ci.reconstruct.decode.ffdnet import export_ffdnet, read_ffdnet
+    from gs2ci.reconstruct.decode.onnx_denoiser import OnnxDenoiser
+
     network = read_ffdnet(weights)
     path = export_ffdnet(network, output)
     OnnxDenoiser(path)  # what was written must be readable
@@ -81,6 +79,9 @@ def _export_ffdnet(weights: Path, output: Path) -> Path:
 
 
 def _export_vggt(weights: Path, output: Path, views: int) -> Path:
+    from gs2ci.reconstruct.geometry.vggt import Vggt
+    from gs2ci.reconstruct.geometry.vggt_export import export_vggt, load_vggt
+
     path = export_vggt(load_vggt(weights), output, views)
     _say(f"VGGT, {Vggt(path).taken}, in [bold]{escape(str(path))}[/]")
     return path
@@ -90,14 +91,27 @@ def _add(name: str, path: Path) -> Path:
     chosen = next((known for known in MODEL_NAMES if known == name), None)
     if chosen is None:
         raise InputError(f"model name {name!r}", allowed=", ".join(MODEL_NAMES))
-    _OPEN[chosen](path)  # a file of another kind must not bear the name
+    from gs2ci.reconstruct.onnx_models import add_model
+
+    _open(chosen, path)  # a file of another kind must not bear the name
     added = add_model(chosen, path)
     _say(f"{name}: [bold]{escape(str(added.path))}[/]\nsha256 {added.sha256}")
     return added.path
 
 
+def _open(name: ModelName, path: Path) -> Any:
+    """Load a file as what its name says that it is."""
+    from gs2ci.reconstruct.fit.lpips import Lpips
+    from gs2ci.reconstruct.geometry.vggt import Vggt
+    from gs2ci.reconstruct.priors2d.onnx_prior import OnnxPrior
+
+    return {"vggt": Vggt, "difix": OnnxPrior, "lpips": Lpips}[name](path)
+
+
 def _list() -> None:
-    for name in get_args(ModelName):
+    from gs2ci.reconstruct.onnx_models import find_model, known_model
+
+    for name in MODEL_NAMES:
         known = known_model(name)
         if known is None:
             _say(f"{name}: none")

@@ -5,29 +5,41 @@ Here: the table. Not here: the reckoning (`gs2ci_sims.planner`). Only `gs2ci.cli
 
 import math
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Literal
 
 import tyro
 from rich.console import Console
 from rich.table import Table
 
-from gs2ci_sims.planner import Plan, plan
-from gs2ci_sims.rig_file import read_rig_file
+from gs2ci.commands.options import check_number
+
+if TYPE_CHECKING:
+    from gs2ci_sims.planner import Plan
 
 
-def run(rig: tyro.conf.Positional[Path], *, tolerance_dn: Annotated[float | None, tyro.conf.arg()] = None) -> Plan:
+def run(rig: tyro.conf.Positional[Path], *, tolerance_dn: float | None = None) -> None:
     """Print what would be simulated of a rig's effects: bound, decision, reason, sampling, share of the time.
 
     Args:
         rig: A simulation's rig file (TOML; docs/simulation.md), not a bench's.
         tolerance_dn: In total, DN rms; that of the rig file if not given.
-
-    Returns:
-        The plan.
     """
+    check_number("--tolerance-dn", tolerance_dn, above=0, remedy="leave --tolerance-dn out for the rig file's number")
+    print_plan(plan_of(rig, tolerance_dn), Console(highlight=False))
+
+
+def plan_of(rig: Path, tolerance_dn: float | None = None) -> "Plan":
+    """Plan the exposure of a simulation's rig file, with its own tolerance or another.
+
+    Raises:
+        InputError: The file cannot be read, or describes a bench.
+    """
+    from gs2ci_sims.planner import plan
+    from gs2ci_sims.rig_file import read_rig_file
+
     setup = read_rig_file(rig)
     scene = setup.scene.build()
-    decided = plan(
+    return plan(
         scene,
         setup.path.build(scene, setup.rig.exposure_s),
         setup.masks(),
@@ -38,15 +50,14 @@ def run(rig: tyro.conf.Positional[Path], *, tolerance_dn: Annotated[float | None
         off=setup.plan.off,
         seed=setup.seed,
     )
-    print_plan(decided, Console(highlight=False))
-    return decided
 
 
-def print_plan(decided: Plan, console: Console) -> None:
+def print_plan(decided: "Plan", console: Console) -> None:
     """Print a plan as a table, one effect per line in physical order, and its one-line summary."""
     table = Table(box=None, padding=(0, 2, 0, 0), header_style="bold")
     for title in ("effect", "DN rms", "simulated", "why", "samples", "time"):
-        table.add_column(title, justify="right" if title in ("DN rms", "time") else "left", no_wrap=title != "samples")
+        side: Literal["left", "right"] = "right" if title in ("DN rms", "time") else "left"
+        table.add_column(title, justify=side, no_wrap=title != "samples", min_width=len(title))
     table.add_row("(views)", "", "yes", "what is seen", f"{decided.views}", _share(decided.render_seconds, decided))
     for decision in decided.decisions:
         bound = decision.bound.rms_dn
@@ -63,5 +74,5 @@ def print_plan(decided: Plan, console: Console) -> None:
     console.print(decided.summary(), markup=False, soft_wrap=True)
 
 
-def _share(seconds: float, decided: Plan) -> str:
+def _share(seconds: float, decided: "Plan") -> str:
     return f"{100 * seconds / max(decided.seconds, 1e-12):.1f} %"

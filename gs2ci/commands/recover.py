@@ -1,6 +1,7 @@
 """`gs2ci recover`: save the finished rows of an interrupted capture.
 
-Here: the arguments. Not here: the copying (`gs2ci.core.storage`). Only `gs2ci.cli` imports this file.
+Here: the arguments, and saving with a word on what was saved. Not here: the copying (`gs2ci.core.storage`). Only
+`gs2ci.cli` and `gs2ci.commands.import_` import this file.
 """
 
 from pathlib import Path
@@ -9,8 +10,6 @@ from typing import Annotated
 import tyro
 from rich.console import Console
 from rich.markup import escape
-
-from gs2ci.core.storage import count_shots, recover
 
 
 def run(
@@ -30,10 +29,25 @@ def run(
     Returns:
         The new shot file.
     """
-    target = out or partial.with_name(partial.name.removesuffix(".partial").removesuffix(".h5") + ".recovered.h5")
-    recover(partial, target)
+    name = partial.name.removesuffix(".partial").removesuffix(".h5")
+    return save_finished_rows(partial, out or partial.with_name(f"{name}.recovered.h5"))
+
+
+def save_finished_rows(partial: Path, target: Path, *, replace: bool = False) -> Path:
+    """Copy the finished rows of an interrupted capture into a shot file, and say how many they were.
+
+    Args:
+        partial: The interrupted capture.
+        target: The shot file to write.
+        replace: Whether a finished file of that name may be replaced.
+
+    Returns:
+        The shot file.
+    """
+    from gs2ci.core.storage import count_shots, recover
+
+    recover(partial, target, replace=replace)
     count = count_shots(target)
-    Console().print(
-        f"{count} finished row{'s' if count != 1 else ''} saved in [bold]{escape(str(target))}[/]", soft_wrap=True
-    )
+    rows = f"{count} finished row{'s' if count != 1 else ''}"
+    Console().print(f"{rows} of {escape(partial.name)} saved in [bold]{escape(str(target))}[/]", soft_wrap=True)
     return target

@@ -11,8 +11,6 @@ import tyro
 from rich.console import Console
 from rich.text import Text
 
-from gs2ci.evaluate.pages.run_page import write_run_page
-
 
 def run(
     folder: Annotated[Path, tyro.conf.Positional],
@@ -34,6 +32,8 @@ def run(
     Raises:
         Gs2ciError: The folder is no run, a part of it is damaged, or the page cannot be written.
     """
+    from gs2ci.evaluate.pages.run_page import write_run_page
+
     page = write_run_page(folder, output)
     line = Text(str(page), style="bold").append(f"  {page.stat().st_size / 1e6:.1f} MB, one file", style="dim")
     Console().print(line, soft_wrap=True)

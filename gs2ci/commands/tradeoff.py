@@ -4,29 +4,25 @@ Here: the arguments, and the order price → try → say. Not here: any of the t
 what is finished (`gs2ci.bench`). Only `gs2ci.cli` imports this file.
 """
 
+import math
 import shlex
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import tyro
 from rich.console import Console
 from rich.markdown import Markdown
 
-from gs2ci.bench.cells import Cell
-from gs2ci.bench.store import Store
-from gs2ci.bench.workers import complete
 from gs2ci.commands.display import open_display
+from gs2ci.commands.options import check_seed
 from gs2ci.core.durations import parse_duration_s, spoken_duration
 from gs2ci.core.errors import InputError
-from gs2ci.core.storage import read_shot
 from gs2ci.core.whole_file import check_place
-from gs2ci.evaluate.pages.run_evidence import check_same_shot
-from gs2ci.evaluate.pages.run_page import write_run_page
-from gs2ci.evaluate.tradeoff.pages import Tradeoff, markdown, record_of, write_pages
-from gs2ci.evaluate.tradeoff.record import write_record
-from gs2ci.evaluate.tradeoff.trials import KNOBS, Trial, chosen_trials, predicted_seconds
-from gs2ci.reconstruct.costs import probe
+
+if TYPE_CHECKING:
+    from gs2ci.bench.cells import Cell
+    from gs2ci.evaluate.tradeoff.trials import Trial
 
 
 def run(
@@ -35,7 +31,7 @@ def run(
     output: Annotated[Path, tyro.conf.arg(aliases=["-o"])] = Path("tradeoff"),
     *,
     index: int = 0,
-    knobs: tuple[str, ...] = KNOBS,
+    knobs: tuple[str, ...] = (),
     most: str = "15min",
     seed: int = 42,
     report: Path | None = None,
@@ -52,7 +48,8 @@ def run(
         output: Folder for CSV, picture, section and the finished trials.
         index: Which shot of the file.
         knobs: What to vary, one thing at a time: preset (decode only, draft, standard, fine, paper), resolution,
-            fits, iterations, population, start, "decode steps", "depth planes", windows, "list reuse", precision.
+            fits, iterations, population, start, "decode steps", "depth planes", windows, "list reuse", precision;
+            all of them when not given.
         most: Leave out what is expected to take longer than this, by costs measured on the shot beforehand.
         seed: Of every random draw.
         report: A run folder of the same shot: its report.html gets a section on what accuracy costs, and keeps it
@@ -65,23 +62,36 @@ def run(
     Raises:
         Gs2ciError: The file or a value cannot be used.
     """
-    if seed < 0:
-        raise InputError(f"--seed {seed}", allowed="0 or more")
+    check_seed(seed)
     most_s = parse_duration_s(most)
-    trials = chosen_trials(knobs)
+    from gs2ci.core.storage import read_shot
+
     measured = read_shot(shot, index)
+    from gs2ci.bench.store import Store
+    from gs2ci.bench.workers import complete
+    from gs2ci.evaluate.pages.run_evidence import check_same_shot
+    from gs2ci.evaluate.pages.run_page import write_run_page
+    from gs2ci.evaluate.tradeoff.pages import Tradeoff, markdown, record_of, write_pages
+    from gs2ci.evaluate.tradeoff.record import write_record
+    from gs2ci.evaluate.tradeoff.trials import KNOBS, chosen_trials, predicted_seconds
+    from gs2ci.reconstruct.costs import probe
+
+    trials = chosen_trials(knobs or KNOBS)
     check_place(output / "cells")
     if report is not None:
         check_same_shot(report, measured)
     with open_display() as display:
         display.stage("measuring this machine")
         model = probe(measured)
+        display.finish()
         prices = {trial.name: predicted_seconds(trial, model) for trial in trials}
         wanted = [trial for trial in trials if prices[trial.name] <= most_s]
         if not wanted:
-            raise InputError(f"nothing can be tried in {most}", allowed=f"{min(prices.values()):.1f} s or more")
+            least_s = math.ceil(100 * min(prices.values())) / 100
+            raise InputError(f"nothing can be tried in {most}", allowed=f"{least_s:g} s or more", remedy="raise --most")
         in_all = spoken_duration(sum(prices[trial.name] for trial in wanted))
-        display.say(f"{len(wanted)} trials, about {in_all} in all; an interruption keeps those that are done.")
+        count = f"{len(wanted)} trial{'s' if len(wanted) > 1 else ''}"
+        display.say(f"{count}, about {in_all} in all; an interruption keeps those that are done.")
         display.stage("trials", len(wanted))
         rows = complete(
             [_cell(shot, index, trial, seed) for trial in wanted],
@@ -102,7 +112,9 @@ def run(
     return pages
 
 
-def _cell(shot: Path, index: int, trial: Trial, seed: int) -> Cell:
+def _cell(shot: Path, index: int, trial: "Trial", seed: int) -> "Cell":
+    from gs2ci.bench.cells import Cell
+
     file = str(shot.resolve())
     arguments = {"file": file, "index": index, "trial": trial.name, "seed": seed}
     return Cell("gs2ci.evaluate.tradeoff.trials:run_trial", arguments, (file,))

@@ -12,7 +12,7 @@ from typing import Annotated
 import tyro
 from rich.console import Console
 
-from gs2ci.evaluate.viewer import load_scene, serve
+from gs2ci.commands.options import check_whole
 
 
 def run(
@@ -34,6 +34,9 @@ def run(
     Raises:
         Gs2ciError: viser is not installed, the folder is no run or damaged, or no port can be had.
     """
+    check_whole("--port", port, 0, 65_535, remedy="leave --port out, or give 0 for any that is free")
+    from gs2ci.evaluate.viewer import load_scene, serve
+
     scene = load_scene(folder)
     server = serve(scene, host=host, port=port)
     address = f"http://{'localhost' if host == '0.0.0.0' else host}:{server.get_port()}"  # noqa: S104

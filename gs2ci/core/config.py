@@ -7,13 +7,16 @@ import tomllib
 from difflib import get_close_matches
 from pathlib import Path
 from types import UnionType
-from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin
+from typing import Annotated, Any, Final, Literal, TypeVar, Union, get_args, get_origin
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from gs2ci.core.errors import InputError
 
 M = TypeVar("M", bound=BaseModel)
+
+MOST_TOLD: Final = 8
+"""Problems of one file, a line each; whoever has more has another kind of file at hand."""
 
 
 class Settings(BaseModel):
@@ -40,8 +43,12 @@ def read_settings(path: Path, model: type[M]) -> tuple[M, str]:
     try:
         return model.model_validate(data), text
     except ValidationError as error:
-        sentences = [_sentence(model, dict(problem)) for problem in error.errors()]
-        raise InputError(f"{path}: " + "; ".join(sentences)) from error
+        problems = error.errors()
+        sentences = [_sentence(model, dict(problem)) for problem in problems[:MOST_TOLD]]
+        if len(problems) > MOST_TOLD:
+            sentences.append(f"and {len(problems) - MOST_TOLD} more like these")
+        told = f" {sentences[0]}" if len(sentences) == 1 else "".join(f"\n  {sentence}" for sentence in sentences)
+        raise InputError(f"{path}:{told}") from error
 
 
 def read_toml(path: Path) -> tuple[dict[str, Any], str]:

@@ -1,6 +1,7 @@
 """The middle of a measurement, where the whole would take too long.
 
-Here: `middle`. Not here: what it is wanted for. Anyone may import this file.
+Here: `middle`, and the size of it that a number of pixels affords. Not here: what it is wanted for. Anyone may import
+this file.
 """
 
 from dataclasses import replace
@@ -42,3 +43,20 @@ def middle(shot: Shot, size: tuple[int, int]) -> Shot:
         truth=replace(shot.truth, views=None if seen is None else seen[:, rows, columns]),
         provenance={**shot.provenance, "middle": f"{size[0]} x {size[1]} px"},
     )
+
+
+def middle_of(shot: Shot, view_pixels: int, least_side: int = 1) -> Shot:
+    """Cut away all but the middle, so that the views have about so many pixels together.
+
+    Args:
+        shot: What is no larger stays whole.
+        view_pixels: Of all views together.
+        least_side: Sides stay this long, px, as far as they are.
+
+    Returns:
+        The middle, unchecked: its masks may all be closed.
+    """
+    height, width = shot.size
+    shrink = min(1.0, (view_pixels / (shot.views * height * width)) ** 0.5)
+    rows, columns = (max(min(side, least_side), round(side * shrink)) for side in (height, width))
+    return middle(shot, (rows, columns))

@@ -15,9 +15,8 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from gs2ci.core.arrays import F64
 from gs2ci.core.errors import InputError
-
-F64 = NDArray[np.float64]
 
 COEFFICIENTS: Final = ("k1", "k2", "p1", "p2", "k3")
 # The least that the map may stretch area: where this reaches 0 the picture folds over. A lens that squeezes a patch

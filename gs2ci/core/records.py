@@ -10,11 +10,9 @@ from typing import Any, Final, Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from gs2ci.core.arrays import F32, F64, Bool
 from gs2ci.core.errors import InputError
 from gs2ci.core.lens import check_distortion
-
-F32 = NDArray[np.float32]
-F64 = NDArray[np.float64]
 
 CfaPattern = Literal["RGGB", "BGGR", "GRBG", "GBRG"]
 CFA_PATTERNS: Final = get_args(CfaPattern)
@@ -75,7 +73,7 @@ class Shot:
     distortion: F64 | None = None
     truth: Truth = field(default_factory=Truth)
     telemetry_world_to_camera: F64 | None = None
-    saturated: NDArray[np.bool_] | None = None
+    saturated: Bool | None = None
     name: str = "shot"
     provenance: dict[str, Any] = field(default_factory=dict)
 
@@ -88,6 +86,11 @@ class Shot:
     def size(self) -> tuple[int, int]:
         """Get height and width in pixels."""
         return int(self.masks.shape[1]), int(self.masks.shape[2])
+
+    @property
+    def lit(self) -> Bool:
+        """Get the pixels that light reached through some mask, [H, W]."""
+        return np.asarray(self.masks[self.weights > 0].any(axis=0))
 
     @property
     def channels(self) -> int:
@@ -184,7 +187,7 @@ def _check_masks(shot: Shot) -> None:
             allowed=f"{least:g} to {most:g}; 1 for a mask exposed during the whole of its interval",
             remedy="see the timing",
         )
-    if not masks[shot.weights > 0].any():
+    if not shot.lit.any():
         raise InputError("every mask is closed or has weight zero", remedy="see the timing")
 
 

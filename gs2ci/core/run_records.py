@@ -12,9 +12,10 @@ from typing import Any, Final, Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from gs2ci.core.arrays import F32, F64
 from gs2ci.core.errors import InputError, NumericsError
 from gs2ci.core.lens import check_distortion
-from gs2ci.core.records import F32, F64, check_intrinsics
+from gs2ci.core.records import check_intrinsics
 
 Verdict = Literal["refined", "scene", "decode"]
 VERDICTS: Final = get_args(Verdict)

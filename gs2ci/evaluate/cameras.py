@@ -11,11 +11,10 @@ from typing import Any, Final
 import numpy as np
 import pycolmap
 
+from gs2ci.core.arrays import F32, F64
+from gs2ci.core.cameras import OPENCV_FROM_OPENGL
 from gs2ci.core.lens import COEFFICIENTS
-from gs2ci.core.records import F32, F64
 
-# nerfstudio and OpenGL look along −z with y up; OpenCV and COLMAP look along +z with y down.
-OPENCV_FROM_OPENGL: Final = np.diag([1.0, -1.0, -1.0, 1.0])
 CAMERA_ID: Final = 1
 
 

@@ -14,16 +14,15 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Final
 
-import cv2
 import numpy as np
 
-from gs2ci.core.errors import InputError, NumericsError, StorageError
-from gs2ci.core.records import F32, Shot
+from gs2ci.core.arrays import F32
+from gs2ci.core.errors import InputError, NumericsError
+from gs2ci.core.records import Shot
 from gs2ci.evaluate import environment
-from gs2ci.evaluate.cameras import view_names
 from gs2ci.evaluate.metrics import measurement_residual, psnr_per_view, ssim_per_view
 from gs2ci.evaluate.report import REPORT_NAME
-from gs2ci.evaluate.run_folder import whole_folder
+from gs2ci.evaluate.run_folder import whole_folder, write_pictures
 
 SCHEMA: Final = "gs2ci.decode/1"
 
@@ -73,12 +72,7 @@ def write_decoded(folder: Path, decoded: Sequence[Decoded], *, overwrite: bool =
     report = _report(decoded)
     with whole_folder(Path(folder), overwrite=overwrite, schema=SCHEMA) as partial:
         np.save(partial / "views.npy", views.astype(np.float32, copy=False))
-        pictures = partial / "views"
-        pictures.mkdir()
-        for name, view in zip(view_names(len(views)), views, strict=True):
-            eight_bit = np.round(255 * np.clip(view, 0, 1)).astype(np.uint8)
-            if not cv2.imwrite(str(pictures / name), eight_bit[..., ::-1]):
-                raise StorageError(f"{name} cannot be written", remedy="check the free space and the permissions")
+        write_pictures(partial / "views", views)
         (partial / REPORT_NAME).write_text(json.dumps(report, indent=1, allow_nan=False) + "\n", encoding="utf-8")
     return report
 

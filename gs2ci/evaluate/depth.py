@@ -8,10 +8,9 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gs2ci.core.arrays import F32, Bool
 from gs2ci.core.errors import InputError
-from gs2ci.core.records import F32
 
 _CLOSE_RATIO: Final = 1.25  # Eigen, Puhrsch and Fergus (NIPS 2014), section 4.1
 
@@ -74,5 +73,5 @@ def depth_errors(estimate: F32, truth: F32) -> DepthErrors | None:
     )
 
 
-def _known(depth: F32) -> NDArray[np.bool_]:
+def _known(depth: F32) -> Bool:
     return np.isfinite(depth) & (depth > 0)

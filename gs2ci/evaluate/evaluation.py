@@ -5,7 +5,7 @@ Here: which figures follow from which files. Not here: the metrics (one file eac
 """
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, Final
@@ -13,22 +13,25 @@ from typing import Any, Final
 import numpy as np
 import torch
 
+from gs2ci.core.arrays import F32, F64
 from gs2ci.core.errors import InputError, StorageError
 from gs2ci.core.json_text import parse_json
-from gs2ci.core.records import F32, F64, Shot
+from gs2ci.core.records import Shot
 from gs2ci.core.whole_file import write_whole
 from gs2ci.evaluate.cameras import poses_of_transforms
 from gs2ci.evaluate.depth import depth_errors
-from gs2ci.evaluate.metrics import measurement_residual, psnr_per_view, ssim_per_view
+from gs2ci.evaluate.metrics import image_scores, measurement_residual
 from gs2ci.evaluate.noise import NoiseModel, chi_squared_per_pixel
 from gs2ci.evaluate.novel_views import NovelViews, score_novel_views
-from gs2ci.evaluate.report import plain_json, read_report
+from gs2ci.evaluate.report import masks_digest, plain_json, read_report
 from gs2ci.evaluate.trajectory import align, trajectory_errors
 from gs2ci.reconstruct.coding import Coding
 from gs2ci.reconstruct.fit.perceptual import PerceptualDistance
 from gs2ci.render.ply import read_ply
 
 SCHEMA: Final = "gs2ci.evaluation/1"
+SAME_SCALE: Final = 1e-3
+"""Measurements whose means differ by less, relatively, are at one scale: as decibels, the difference is 0.009."""
 
 
 @dataclass(frozen=True)
@@ -113,7 +116,7 @@ def evaluate(run: FinishedRun, evidence: Evidence) -> dict[str, Any]:
     found = {
         "schema": SCHEMA,
         "name": shot.name,
-        **_images(views, shot.truth.views),
+        **image_scores(views, shot.truth.views),
         "lpips": _perceptual(views, shot.truth.views, evidence.lpips),
         "trajectory": None if true_path is None else asdict(trajectory_errors(run.world_to_camera, true_path)),
         "depth": None if evidence.depth is None or run.depth is None else _depth(run.depth, evidence.depth),
@@ -124,6 +127,7 @@ def evaluate(run: FinishedRun, evidence: Evidence) -> dict[str, Any]:
             else chi_squared_per_pixel(predicted, shot.measurement, evidence.noise, shot.saturated),
         },
         "novel_views": None if evidence.novel is None else _novel(run, shot, evidence.novel),
+        "notes": _notes(run.report.get("measured", {}), shot),
     }
     plain: dict[str, Any] = plain_json(found)
     return plain
@@ -148,11 +152,19 @@ def _predicted(shot: Shot, views: F32, brightness: Sequence[float] | None) -> F3
     return predicted
 
 
-def _images(views: F32, truth: F32 | None) -> dict[str, Any]:
-    if truth is None:
-        return {"psnr_db": None, "ssim": None}
-    scores = {"psnr_db": psnr_per_view(views, truth), "ssim": ssim_per_view(views, truth)}
-    return {key: {"mean": float(np.mean(each)), "per_view": each} for key, each in scores.items()}
+def _notes(measured: Mapping[str, Any], shot: Shot) -> list[str]:
+    """Say in what the shot is not as the run saw it, as far as the report tells (those of earlier versions do not)."""
+    notes = []
+    mean, digest = measured.get("mean"), measured.get("masks_sha256")
+    ratio = float(shot.measurement.mean(dtype=np.float64)) / mean if mean else 1.0
+    if abs(ratio - 1) > SAME_SCALE:
+        notes.append(
+            f"The shot's readings are {ratio:.3g} times those that were reconstructed, as if it was imported with "
+            "another scale: views and residual are off by as much."
+        )
+    if digest is not None and digest != masks_digest(shot):
+        notes.append("The shot's masks are not those of the reconstruction: the residual is that of the shot's.")
+    return notes
 
 
 def _perceptual(views: F32, truth: F32 | None, distance: PerceptualDistance | None) -> dict[str, Any] | None:

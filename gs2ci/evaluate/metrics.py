@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 from skimage.metrics import structural_similarity
 
+from gs2ci.core.arrays import F32, Bool
 from gs2ci.core.errors import InputError
-from gs2ci.core.records import F32
 
 # Identical images have no finite PSNR, and JSON has no infinity: what is closer than this mean squared error
 # counts as this close, so that no figure exceeds 100 dB. Sixteen-bit quantisation alone is at 107 dB.
@@ -88,7 +88,19 @@ def ssim_per_view(estimate: F32, truth: F32) -> list[float]:
     ]
 
 
-def measurement_residual(predicted: F32, measurement: F32, saturated: NDArray[np.bool_] | None = None) -> Residual:
+def image_scores(views: F32, truth: F32 | None) -> dict[str, Any]:
+    """Score views, [N, H, W, C], as reports tell it: `psnr_db` and `ssim`, each with its mean; None without a truth.
+
+    Raises:
+        InputError: The shapes differ, or hold no view.
+    """
+    if truth is None:
+        return {"psnr_db": None, "ssim": None}
+    scores = {"psnr_db": psnr_per_view(views, truth), "ssim": ssim_per_view(views, truth)}
+    return {key: {"mean": float(np.mean(each)), "per_view": each} for key, each in scores.items()}
+
+
+def measurement_residual(predicted: F32, measurement: F32, saturated: Bool | None = None) -> Residual:
     """Measure what a prediction leaves of a measurement unexplained.
 
     A saturated pixel says only «at least»: predictions above its reading count as exact there.

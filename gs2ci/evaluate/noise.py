@@ -7,10 +7,9 @@ in the measurement's own unit (`gs2ci.evaluate.metrics`). The commands and the r
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gs2ci.core.arrays import F32, F64, Bool
 from gs2ci.core.errors import InputError
-from gs2ci.core.records import F32
 
 
 @dataclass(frozen=True)
@@ -36,13 +35,13 @@ class NoiseModel:
         if self.read == 0:
             raise InputError("a read noise of 0", allowed="above 0: a dark pixel would have no noise at all")
 
-    def variance(self, signal: F32) -> NDArray[np.float64]:
-        """Return σ² of every sample for its expected signal, in squared full scales."""
+    def variance(self, signal: F32) -> F64:
+        """Return σ² of every sample, in squared full scales, for its expected signal, [H, W, C]."""
         return self.read**2 + np.maximum(signal.astype(np.float64), 0) / self.electrons
 
 
 def chi_squared_per_pixel(
-    predicted: F32, measurement: F32, noise: NoiseModel, saturated: NDArray[np.bool_] | None = None
+    predicted: F32, measurement: F32, noise: NoiseModel, saturated: Bool | None = None
 ) -> float | None:
     """Measure the mean squared residual in units of the noise that the prediction implies.
 

@@ -12,9 +12,9 @@ from zipfile import BadZipFile
 import numpy as np
 import torch
 
+from gs2ci.core.arrays import F32, F64
 from gs2ci.core.errors import InputError
-from gs2ci.core.records import F32, F64
-from gs2ci.evaluate.metrics import psnr_per_view, ssim_per_view
+from gs2ci.evaluate.metrics import image_scores
 from gs2ci.evaluate.trajectory import Alignment
 from gs2ci.render.backend import load_backend
 from gs2ci.render.gaussians import Gaussians
@@ -84,5 +84,4 @@ def score_novel_views(scene: Gaussians, alignment: Alignment, intrinsics: F64, n
     with torch.no_grad():
         images, _ = load_backend().views(scene, poses, torch.from_numpy(intrinsics).float(), (height, width))
     shown = images.numpy() if channels == 3 else images.mean(dim=3, keepdim=True).numpy()
-    scores = {"psnr_db": psnr_per_view(shown, novel.views), "ssim": ssim_per_view(shown, novel.views)}
-    return {key: {"mean": float(np.mean(each)), "per_view": each} for key, each in scores.items()}
+    return image_scores(shown, novel.views)

@@ -19,9 +19,11 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.text import Text
 
-from gs2ci.core.records import F32, F64, Shot
+from gs2ci.core.arrays import F32, F64
+from gs2ci.core.records import Shot
 from gs2ci.core.run_records import RunResult
 from gs2ci.evaluate import panels
+from gs2ci.evaluate.scales import error_ceiling, inverse_depth_limits, white_level
 from gs2ci.evaluate.trajectory import align
 
 DPI: Final = 120
@@ -178,7 +180,7 @@ def _headline(report: dict[str, Any]) -> list[tuple[str, str]]:
 
 def _image_panels(panel: dict[str, Axes], shot: Shot, result: RunResult, report: dict[str, Any], *, view: int) -> None:
     of_all = f"view {view + 1} of {result.views.shape[0]}"
-    bright = max(float(np.percentile(shot.measurement, 99.5)), 1e-6)
+    bright = white_level(shot.measurement)
     kind = f"{shot.cfa} mosaic" if shot.cfa else "RGB" if shot.channels == 3 else "mono"
     panels.image(panel["measurement"], shot.measurement / np.float32(bright))
     panels.title(panel["measurement"], "Measurement", f"{kind}, white at {bright:.2f}")
@@ -195,9 +197,7 @@ def _image_panels(panel: dict[str, Axes], shot: Shot, result: RunResult, report:
 
 def _error_panel(axes: Axes, recovered: F32, truth: F32) -> None:
     error = np.abs(np.clip(recovered, 0, 1) - np.clip(truth, 0, 1)).mean(-1)
-    # A ceiling of at least 2 %: below it an almost perfect result would look as bad as any other.
-    ceiling = max(float(np.percentile(error, 99.5)), 0.02)
-    panels.scaled_map(axes, error, (0, ceiling), colormap="inferno")
+    panels.scaled_map(axes, error, (0, error_ceiling(error)), colormap="inferno")
     panels.title(axes, "Error", "mean |result − truth|")
 
 
@@ -207,12 +207,9 @@ def _depth_panel(axes: Axes, result: RunResult, view: int) -> None:
         panels.title(axes, "Depth")
         panels.message(axes, "no depth was found")
         return
-    # Inverse depth is what the images determine evenly: parallax is proportional to it.
     inverse = 1 / np.ma.masked_less_equal(depth.astype(np.float64), 0)
-    low, high = (float(value) for value in np.percentile(inverse.compressed(), (1, 99)))
-    if high - low < 1e-3 * high:
-        low, high = 0.9 * low, 1.1 * high
-    panels.scaled_map(axes, inverse, (low, high), colormap="viridis", reading=lambda value: 1 / value)
+    limits = inverse_depth_limits(inverse.compressed())
+    panels.scaled_map(axes, inverse, limits, colormap="viridis", reading=lambda value: 1 / value)
     panels.title(axes, "Depth", f"view {view + 1}, {result.geometry.get('unit_of') or 'scene'} units")
 
 

@@ -15,7 +15,7 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullLocator
 from numpy.typing import NDArray
 
-from gs2ci.core.records import F32, F64
+from gs2ci.core.arrays import F32, F64
 from gs2ci.evaluate.wording import told_apart
 
 INK: Final = "#1a1d21"

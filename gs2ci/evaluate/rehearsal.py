@@ -11,7 +11,8 @@ from typing import Final
 import numpy as np
 import torch
 
-from gs2ci.core.crop import middle
+from gs2ci.core.cameras import pinhole
+from gs2ci.core.crop import middle_of
 from gs2ci.core.records import Shot
 from gs2ci.core.run_records import VERDICTS, RunResult
 from gs2ci.evaluate.report import build_report
@@ -27,8 +28,8 @@ def report_seconds(shot: Shot) -> float:
 
     What is written is of the same kinds and sizes; figures that need the truth are taken where it is known.
     """
-    _written(_crop(shot, _WARM_VIEW_PIXELS))  # loads what draws
-    crop = _crop(shot, _VIEW_PIXELS)
+    _written(middle_of(shot, _WARM_VIEW_PIXELS))  # loads what draws
+    crop = middle_of(shot, _VIEW_PIXELS)
     whole_s = _written(crop)
     # Drawing and packing cost the same for every size; figures grow with the pixels.
     began_s = time.monotonic()
@@ -46,13 +47,6 @@ def _written(shot: Shot) -> float:
     return time.monotonic() - began_s
 
 
-def _crop(shot: Shot, view_pixels: int) -> Shot:
-    """Cut the middle out of a shot, so that its views have about so many pixels together."""
-    height, width = shot.size
-    shrink = min(1.0, (view_pixels / (shot.views * height * width)) ** 0.5)
-    return middle(shot, (max(1, round(height * shrink)), max(1, round(width * shrink))))
-
-
 def _blank(shot: Shot) -> RunResult:
     """Make the result of a run that recovered a grey wall."""
     height, width = shot.size
@@ -62,7 +56,7 @@ def _blank(shot: Shot) -> RunResult:
         scene_views=grey,
         depth=grey[..., 0],
         world_to_camera=np.tile(np.eye(4), (shot.views, 1, 1)),
-        intrinsics=np.array([[width, 0, width / 2], [0, width, height / 2], [0, 0, 1.0]]),
+        intrinsics=pinhole(width, shot.size),
         decode=grey,
         predicted_measurement=shot.measurement,
         curve=(),

@@ -5,6 +5,7 @@ the picture (`gs2ci.evaluate.overview`). The commands, `gs2ci.bench` and the res
 import this file.
 """
 
+import hashlib
 import math
 from collections.abc import Mapping
 from dataclasses import asdict, is_dataclass
@@ -15,10 +16,10 @@ import numpy as np
 
 from gs2ci.core.errors import StorageError
 from gs2ci.core.json_text import parse_json
-from gs2ci.core.records import F32, Shot
+from gs2ci.core.records import Shot
 from gs2ci.core.run_records import RunResult
 from gs2ci.evaluate import environment
-from gs2ci.evaluate.metrics import measurement_residual, psnr_per_view, ssim_per_view
+from gs2ci.evaluate.metrics import image_scores, measurement_residual
 from gs2ci.evaluate.trajectory import trajectory_errors
 
 SCHEMA: Final = "gs2ci.report/1"
@@ -47,7 +48,7 @@ def build_report(shot: Shot, result: RunResult) -> dict[str, Any]:
     """
     n, height, width, channels = result.views.shape
     recovered, scene, decode = (
-        _image_scores(views, shot.truth.views) for views in (result.views, result.scene_views, result.decode)
+        image_scores(views, shot.truth.views) for views in (result.views, result.scene_views, result.decode)
     )
     trajectory, sentences = _trajectory(shot, result)
     residual = measurement_residual(result.predicted_measurement, shot.measurement, shot.saturated)
@@ -125,24 +126,23 @@ def read_report(folder: Path, schema: str = SCHEMA) -> dict[str, Any]:
     return report
 
 
+def masks_digest(shot: Shot) -> str:
+    """Digest the masks, so that a report tells which they were."""
+    return hashlib.sha256(np.ascontiguousarray(shot.masks, "<f4").tobytes()).hexdigest()
+
+
 def _measured(shot: Shot) -> dict[str, Any]:
     """Say what the measurement and its masks are like, before anything is solved."""
-    exposed = shot.masks[shot.weights > 0]
     return {
+        "mean": float(shot.measurement.mean(dtype=np.float64)),
+        "masks_sha256": masks_digest(shot),
         "open_share": float(shot.masks.mean(dtype=np.float64)),
         "grey_share": float(np.mean((shot.masks > 0) & (shot.masks < shot.masks.max()))),
-        "closed_share": float(np.mean(~exposed.any(axis=0))),
+        "closed_share": float(np.mean(~shot.lit)),
         "saturated_share": None if shot.saturated is None else float(shot.saturated.mean()),
         "weights": [float(shot.weights.min()), float(shot.weights.max())],
         "telemetry": shot.telemetry_world_to_camera is not None,
     }
-
-
-def _image_scores(views: F32, truth: F32 | None) -> dict[str, Any]:
-    if truth is None:
-        return {"psnr_db": None, "ssim": None}
-    scores = {"psnr_db": psnr_per_view(views, truth), "ssim": ssim_per_view(views, truth)}
-    return {key: {"mean": float(np.mean(each)), "per_view": each} for key, each in scores.items()}
 
 
 def _trajectory(shot: Shot, result: RunResult) -> tuple[dict[str, float | None] | None, list[str]]:

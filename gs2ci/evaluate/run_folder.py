@@ -31,8 +31,9 @@ import cv2
 import numpy as np
 import torch
 
+from gs2ci.core.arrays import F32
 from gs2ci.core.errors import StorageError
-from gs2ci.core.records import F32, Shot
+from gs2ci.core.records import Shot
 from gs2ci.core.run_records import RunResult
 from gs2ci.core.whole_file import check_place
 from gs2ci.evaluate.cameras import nerfstudio_transforms, view_names, write_colmap_model
@@ -166,11 +167,19 @@ def _write_images(folder: Path, result: RunResult) -> None:
         np.save(folder / "depth.npy", result.depth.astype(np.float32))
     if result.disagreement is not None:
         np.save(folder / "disagreement.npy", result.disagreement.astype(np.float32))
-    pictures = folder / "views"
-    pictures.mkdir()
-    for name, view in zip(view_names(len(result.views)), result.views, strict=True):
+    write_pictures(folder / "views", result.views)
+
+
+def write_pictures(folder: Path, views: F32) -> None:
+    """Make a folder of 8-bit pictures of views, [N, H, W, C], clamped to [0, 1].
+
+    Raises:
+        StorageError: The disk refuses.
+    """
+    folder.mkdir()
+    for name, view in zip(view_names(len(views)), views, strict=True):
         eight_bit = np.round(255 * np.clip(view, 0, 1)).astype(np.uint8)
-        if not cv2.imwrite(str(pictures / name), eight_bit[..., ::-1]):
+        if not cv2.imwrite(str(folder / name), eight_bit[..., ::-1]):
             raise StorageError(f"{name} cannot be written", remedy="check the free space and the permissions")
 
 

@@ -15,8 +15,8 @@ from typing import Final, Literal
 
 import numpy as np
 
+from gs2ci.core.arrays import F64
 from gs2ci.core.errors import InputError
-from gs2ci.core.records import F64
 
 Free = Literal["nothing", "roll", "rotation"]
 

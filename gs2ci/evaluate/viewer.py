@@ -9,14 +9,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
-import cv2
 import numpy as np
 import torch
 from scipy.spatial.transform import Rotation
 
+from gs2ci.core.arrays import F32, F64, U8
 from gs2ci.core.errors import InputError
-from gs2ci.core.records import F32, F64
-from gs2ci.evaluate.pages.pictures import U8, to_eight_bit
+from gs2ci.evaluate.pages.pictures import shrink, to_eight_bit
 from gs2ci.evaluate.pages.run_evidence import read_evidence
 from gs2ci.render.gaussians import rotation_matrices
 from gs2ci.render.ply import read_ply
@@ -87,7 +86,7 @@ def load_scene(folder: Path) -> ViewerScene:
         opacities=torch.sigmoid(gaussians.opacity_logits)[:, None].numpy(),
         camera_to_world=poses,
         fov=2 * float(np.arctan(height / (2 * evidence.focal_y_px))),
-        pictures=[_small(to_eight_bit(view)) for view in evidence.views],
+        pictures=[shrink(to_eight_bit(view), PICTURE_SIDE_PX) for view in evidence.views],
     )
 
 
@@ -174,10 +173,3 @@ def _typical_depth(means: F32, world_to_camera: F64) -> float:
     depth = means @ pose[2, :3] + pose[2, 3]
     ahead = depth[depth > 0]
     return float(np.median(ahead)) if len(ahead) else 1.0
-
-
-def _small(picture: U8) -> U8:
-    height, width = picture.shape[:2]
-    share = min(1.0, PICTURE_SIDE_PX / max(height, width))
-    size = (max(1, round(share * width)), max(1, round(share * height)))
-    return np.asarray(cv2.resize(picture, size, interpolation=cv2.INTER_AREA), np.uint8)

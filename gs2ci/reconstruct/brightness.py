@@ -13,18 +13,15 @@ from typing import Final
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 
+from gs2ci.core.arrays import F32, F64, Bool
 from gs2ci.core.errors import InputError
-from gs2ci.core.records import F32, F64, Shot
+from gs2ci.core.records import Shot
 from gs2ci.reconstruct.coding import Coding
-from gs2ci.reconstruct.fit.ensemble import surely_larger
-from gs2ci.reconstruct.fit.stopping import Jury
+from gs2ci.reconstruct.jury import Jury, surely_larger
 
-Bool = NDArray[np.bool_]
-
-# Masks that are this nearly alike do not tell their views' brightness apart.
-_CONDITION: Final = 1e8
+# Masks whose normal equations are conditioned worse than this do not tell their views' brightness apart.
+TOO_ALIKE: Final = 1e8
 # No lamp that anything can be seen by does more between two masks of an exposure.
 _RANGE: Final = (0.1, 10.0)
 # Halves are a chequerboard of squares this wide: with every colour of a mosaic, and of the scene, in both.
@@ -71,7 +68,7 @@ def relit(jury: Jury, carried: F32, least_gain: float) -> Jury | None:
         The measurement with other weights, of the same mean over its masks' light; None where nothing is to be
         corrected, or nothing tells.
     """
-    system = _System.of(jury.seen, carried)
+    system = LinearSystem.of(jury.seen, carried)
     if system is None or system.gain() <= least_gain:
         return None
     found = system.solve()
@@ -81,34 +78,11 @@ def relit(jury: Jury, carried: F32, least_gain: float) -> Jury | None:
     return Jury(replace(jury.shot, weights=weights), jury.heldout)
 
 
-def view_brightness(shot: Shot, views: F32) -> F64 | None:
-    """Fit the brightness of each view to the measurement.
-
-    Args:
-        shot: The measurement as far as it may be seen; saturated pixels do not count.
-        views: [N, H, W, C].
-
-    Returns:
-        Factors, [N], of mean 1 over the light that the masks let through; 1 for views that no light reached. None where
-        the masks do not tell the views apart, or a factor is beyond what a lamp does.
-    """
-    system = _System.of(shot, views)
-    found = None if system is None else system.solve()
-    return None if system is None or found is None else system.of_all_views(found)
-
-
-def brightness_gain(shot: Shot, views: F32) -> float:
-    """Return by which share brightness from one half of the pixels lowers the residual of the other half.
-
-    0 where it lowers nothing for sure, or nothing tells. Arguments as for `view_brightness`.
-    """
-    system = _System.of(shot, views)
-    return 0.0 if system is None else system.gain()
-
-
 @dataclass(frozen=True)
-class _System:
+class LinearSystem:
     """The linear system that the views' brightness solves.
+
+    Build it with `of`.
 
     Args:
         parts: What each lit view adds to each pixel that counts, [L, P, C].
@@ -125,8 +99,13 @@ class _System:
     half: Bool
 
     @classmethod
-    def of(cls, shot: Shot, views: F32) -> "_System | None":
-        """Set the system up; None with fewer than two lit views, or with views that are not finite."""
+    def of(cls, shot: Shot, views: F32) -> "LinearSystem | None":
+        """Set the system up; None with fewer than two lit views, or with views that are not finite.
+
+        Args:
+            shot: The measurement as far as it may be seen; saturated pixels do not count.
+            views: What every view should look like, [N, H, W, C].
+        """
         lit = np.asarray((shot.weights[:, None, None] * shot.masks).any(axis=(1, 2)))
         if lit.sum() < 2 or not np.isfinite(views).all():
             return None
@@ -151,7 +130,7 @@ class _System:
         """
         parts = self.parts[:, pixels].reshape(len(self.parts), -1)
         normal = parts @ parts.T
-        if not np.isfinite(normal).all() or np.linalg.cond(normal) > _CONDITION:
+        if not np.isfinite(normal).all() or np.linalg.cond(normal) > TOO_ALIKE:
             return None
         found = np.linalg.solve(normal, parts @ self.readings[pixels].ravel())
         mean = float((found * self.light).sum() / self.light.sum())
@@ -178,7 +157,7 @@ class _System:
         return squares
 
     def of_all_views(self, found: F64) -> F64:
-        """Return the brightness of all views, [N]; 1 where no light was."""
+        """Return the brightness of all views, [N], from that of the lit ones; 1 where no light was."""
         brightness = np.ones(len(self.lit))
         brightness[self.lit] = found
         return brightness

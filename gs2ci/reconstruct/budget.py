@@ -16,9 +16,10 @@ from typing import Final
 
 from gs2ci.core.durations import spoken_duration
 from gs2ci.core.errors import InputError
+from gs2ci.reconstruct.choices import PresetName
 from gs2ci.reconstruct.costs import CostModel
 from gs2ci.reconstruct.fit.pace import Deadline
-from gs2ci.reconstruct.presets import PRESETS, PresetName, rescheduled
+from gs2ci.reconstruct.presets import PRESETS, rescheduled
 from gs2ci.reconstruct.settings import Settings
 
 Adapt = Callable[[Settings], Settings]

@@ -1,25 +1,25 @@
 """The measurement model of snapshot compressive imaging: y = Σᵢ wᵢ Mᵢ ⊙ Xᵢ, seen through a colour filter array.
 
-Here: the linear map from N views to one coded image, its adjoint, readings that no scene of full scale explains,
-and the geometry of colour filter arrays.
-Not here: any inversion (`gs2ci.reconstruct.decode`), noise (`gs2ci_sims`). Everything in `gs2ci.reconstruct` may
-import this file.
+Here: the linear map from N views to one coded image, its adjoint, what a white scene would read and which readings are
+beyond it, how pixels are left out, and the geometry of colour filter arrays.
+Not here: any inversion (`gs2ci.reconstruct.decode`), noise (`gs2ci_sims`). Everything in `gs2ci.reconstruct`
+and above it may import this file.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor
 
+from gs2ci.core.arrays import F64, Bool
 from gs2ci.core.errors import InputError
 from gs2ci.core.records import CFA_PATTERNS, CfaPattern, Shot
 
 _CHANNEL: Final = {"R": 0, "G": 1, "B": 2}
 # Noise of the dark level alone puts half of the closed pixels above zero, but not by this much of a view's full scale.
-_EXCESS: Final = 0.05
+EXCESS: Final = 0.05
 # More readings beyond white than this are no outliers: the unit or the masks are wrong.
 MOST_OUTLIERS: Final = 0.1
 
@@ -72,14 +72,26 @@ def spread(mosaic: Tensor, channels: Tensor) -> Tensor:
     return torch.zeros(*mosaic.shape[:-1], 3, dtype=mosaic.dtype, device=mosaic.device).scatter(-1, index, mosaic)
 
 
-def beyond_white(shot: Shot) -> NDArray[np.bool_]:
+def white_reading(shot: Shot) -> F64:
+    """Return what each pixel would read of a white scene, [H, W], in full scales of one view."""
+    white: F64 = np.tensordot(shot.weights.astype(np.float64), shot.masks, axes=1)
+    return white
+
+
+def beyond_white(shot: Shot) -> Bool:
     """Find the pixels, [H, W], that read clearly more light than a white scene would send through their masks.
 
     Hot pixels, lamps and glints do; many of them tell of wrong masks or a wrong unit.
     """
-    white = np.tensordot(shot.weights.astype(np.float64), shot.masks, axes=1)[..., None]
-    found: NDArray[np.bool_] = np.any(shot.measurement > (1 + _EXCESS) * white + _EXCESS, axis=2)
+    most = (1 + EXCESS) * white_reading(shot)[..., None] + EXCESS
+    found: Bool = np.any(shot.measurement > most, axis=2)
     return found
+
+
+def without_pixels(shot: Shot, pixels: Bool) -> Shot:
+    """Close every mask over some pixels, [H, W], and forget their readings, so that nothing is concluded from them."""
+    measurement = np.where(pixels[..., None], np.float32(0), shot.measurement)
+    return replace(shot, masks=shot.masks * ~pixels, measurement=measurement)
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,7 @@
 """What a reconstruction will cost in seconds on this machine: measured on a piece of the shot itself, then scaled.
 
 Here: the probe and the model. Not here: which settings a number of seconds buys (`gs2ci.reconstruct.budget`).
-`gs2ci.reconstruct.budget` and `gs2ci.evaluate` import this file.
+`gs2ci.reconstruct.budget`, `gs2ci.evaluate` and the commands import this file.
 
 Each stage runs for a moment on a crop of the shot with its own masks, twice with different sizes of what it scales
 with, so that both what is fixed and what grows are known:
@@ -27,19 +27,22 @@ import numba
 import numpy as np
 from scipy.ndimage import gaussian_filter, shift
 
-from gs2ci.core.crop import middle
+from gs2ci.core.arrays import F32
+from gs2ci.core.cameras import pinhole
+from gs2ci.core.crop import middle_of
 from gs2ci.core.errors import InputError
 from gs2ci.core.progress import Silent
-from gs2ci.core.records import F32, Shot, Truth
+from gs2ci.core.records import Shot, Truth
 from gs2ci.reconstruct.decode.gap_tv import GapTvSettings, gap_tv
 from gs2ci.reconstruct.decode.residual import ResidualSettings, decode_residual
 from gs2ci.reconstruct.fit.coarse import CoarseSettings, fit_coarse
 from gs2ci.reconstruct.fit.pace import LOOKS_AFTERWARDS, Pace
 from gs2ci.reconstruct.fit.start import first_gaussians
-from gs2ci.reconstruct.fit.stopping import HoldOut, Jury, choose_heldout
+from gs2ci.reconstruct.fit.stopping import HoldOut
 from gs2ci.reconstruct.geometry.initialise import Geometry, GeometrySettings, initialise
 from gs2ci.reconstruct.geometry.points import seed_points
 from gs2ci.reconstruct.geometry.sweep import SweepSettings, sweep
+from gs2ci.reconstruct.jury import HELDOUT_SHARE, Jury
 from gs2ci.reconstruct.settings import Settings
 from gs2ci.render.backend import Backend, load_backend
 
@@ -218,7 +221,7 @@ def _sweep(views: F32, geometry: Geometry) -> None:
     sweep(views, geometry.world_to_camera, geometry.intrinsics, geometry.reference, (0.5, 1.5), _SWEEP)
 
 
-class _StopWatch:
+class _TimedPace:
     """A pace that ends after a few iterations and keeps their times."""
 
     def __init__(self) -> None:
@@ -243,9 +246,9 @@ def _probe_fit(shot: Shot, views: F32, stride: int, backend: Backend) -> tuple[i
     """Fit a plane for a few iterations; return Gaussians, the shortest seconds of an iteration, those of a look."""
     geometry = _plane(shot)
     start = first_gaussians(seed_points(geometry, views, stride))
-    watch = _StopWatch()
+    watch = _TimedPace()
     fit_coarse(
-        jury=Jury(shot, choose_heldout(shot, 0.02, 0)),
+        jury=Jury.of(shot, HELDOUT_SHARE, 0),
         start=start,
         geometry=geometry,
         backend=backend,
@@ -261,13 +264,11 @@ def _probe_fit(shot: Shot, views: F32, stride: int, backend: Backend) -> tuple[i
 
 def _plane(shot: Shot) -> Geometry:
     """Put the shot's scene on a plane before a camera that stands still."""
-    height, width = shot.size
-    focal = float(max(height, width))
     return Geometry(
         world_to_camera=np.tile(np.eye(4), (shot.views, 1, 1)),
-        intrinsics=np.array([[focal, 0, width / 2], [0, focal, height / 2], [0, 0, 1.0]]),
+        intrinsics=pinhole(max(shot.size), shot.size),
         focal_source="default",
-        inverse_depth=np.ones((height, width), np.float32),
+        inverse_depth=np.ones(shot.size, np.float32),
         reference=shot.views // 2,
         tracks=0,
         reprojection_rms_px=0.0,
@@ -297,12 +298,9 @@ def _moving_texture(shape: tuple[int, int, int, int]) -> F32:
 
 
 def _crop(shot: Shot, view_pixels: int) -> Shot:
-    """Cut the middle out of a shot, so that its views have about so many pixels together."""
-    height, width = shot.size
-    shrink = min(1.0, (view_pixels / (shot.views * height * width)) ** 0.5)
-    rows, columns = (max(min(side, _LEAST_SIDE), round(side * shrink)) for side in (height, width))
+    """Cut the middle out of a shot, without what the stages would go by instead of looking."""
     cropped = replace(
-        middle(shot, (rows, columns)),
+        middle_of(shot, view_pixels, _LEAST_SIDE),
         intrinsics=None,
         distortion=None,
         telemetry_world_to_camera=None,

@@ -4,13 +4,13 @@ Here: `close_dead_lines`. Not here: single hot pixels (`hot_pixels`), other doub
 (`doubts`). For `gs2ci.reconstruct.pipeline`.
 """
 
-from dataclasses import replace
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gs2ci.core.arrays import Bool
 from gs2ci.core.records import Shot
+from gs2ci.reconstruct.coding import without_pixels
 
 # Fewer pixels may well read the same by chance.
 _SHORTEST: Final = 8
@@ -23,7 +23,7 @@ def close_dead_lines(shot: Shot) -> tuple[Shot, tuple[str, ...]]:
     Light makes neighbours differ, if only by noise. Lines along the picture's border are left as they are: there, one
     value throughout may as well be the black bars of a film.
     """
-    opened: NDArray[np.bool_] = np.any(shot.masks > 0, axis=0)
+    opened: Bool = np.any(shot.masks > 0, axis=0)
     sound = opened.copy()
     notes = []
     for axis, name in _AXES:
@@ -41,26 +41,25 @@ def close_dead_lines(shot: Shot) -> tuple[Shot, tuple[str, ...]]:
                 )
     if (sound == opened).all():
         return shot, tuple(notes)
-    measurement = np.where(sound[..., None], shot.measurement, np.float32(0))
-    return replace(shot, masks=shot.masks * sound, measurement=measurement), tuple(notes)
+    return without_pixels(shot, ~sound), tuple(notes)
 
 
-def _stuck(shot: Shot, opened: NDArray[np.bool_], axis: int) -> NDArray[np.bool_]:
+def _stuck(shot: Shot, opened: Bool, axis: int) -> Bool:
     """Find lines whose every reading is the same, though masks opened there and no clipping explains it."""
     measured = shot.measurement
     if measured.shape[axis] < _SHORTEST or measured.min() == measured.max():
         return np.zeros(measured.shape[1 - axis], bool)
     same = np.all(measured.max(axis=axis) == measured.min(axis=axis), axis=1)
     clipped = np.zeros_like(same) if shot.saturated is None else np.any(shot.saturated, axis=axis)
-    found: NDArray[np.bool_] = same & np.any(opened, axis=axis) & ~clipped
+    found: Bool = same & np.any(opened, axis=axis) & ~clipped
     return found
 
 
-def _along_border(stuck: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def _along_border(stuck: Bool) -> Bool:
     """Mark the runs of lines that touch the first or the last."""
     live = np.flatnonzero(~stuck)
     if not len(live):
         return np.ones_like(stuck)
     index = np.arange(len(stuck))
-    outside: NDArray[np.bool_] = np.logical_or(index < live[0], index > live[-1])
+    outside: Bool = np.logical_or(index < live[0], index > live[-1])
     return outside

@@ -9,21 +9,23 @@ from typing import Final
 
 import numpy as np
 
-from gs2ci.core.records import F32, Shot
-from gs2ci.reconstruct.coding import beyond_white
-from gs2ci.reconstruct.fit.stopping import Jury
+from gs2ci.core.arrays import F32
+from gs2ci.core.records import Shot
+from gs2ci.reconstruct.brightness import TOO_ALIKE
+from gs2ci.reconstruct.coding import EXCESS, beyond_white, white_reading
+from gs2ci.reconstruct.jury import Jury
 
 # A few clipped highlights are normal, and cost nothing where their neighbours are not clipped.
-_SATURATION_WORTH_SAYING: Final = 0.01
-_BELOW_BLACK: Final = 0.05
+SATURATION_WORTH_SAYING: Final = 0.01
+# Lamps, glints and broken pixels are fewer than this share of a picture.
 _EXCESS_WORTH_SAYING: Final = 0.02
 # A scene may be dark; one whose brightest point is darker than this uses less than three bits of an eight-bit sensor.
 _DARK: Final = 0.02
+# Of the light of the brightest view: less than a step of an eight-bit sensor.
 _FAINT_VIEW: Final = 1e-3
 # What a lamp or a moving view may well do, in shares of the middle view's brightness, and standard errors beside it.
 _BRIGHTER: Final = 0.1
-_SURE: Final = 4.0
-_CONDITION: Final = 1e8
+_STANDARD_ERRORS: Final = 4.0
 _MOSTLY_DARK: Final = 0.5
 # Of the residual that an even grey leaves. Right masks and little noise leave 0.1 to 0.4 of it.
 _UNEXPLAINED_WORTH_SAYING: Final = 0.6
@@ -41,7 +43,7 @@ def _doubts_about_light(shot: Shot) -> list[str]:
         what = "zero" if highest == 0 else f"{highest:.4g}"
         doubts.append(f"The measurement is {what} everywhere: it shows no scene.")
     clipped = 0.0 if shot.saturated is None else float(shot.saturated.mean())
-    if clipped >= _SATURATION_WORTH_SAYING:
+    if clipped >= SATURATION_WORTH_SAYING:
         doubts.append(f"{clipped:.0%} of the pixels are saturated and say only «at least»; use less light.")
     return [*doubts, *_doubts_about_scale(shot), *_doubts_about_brightness(shot)]
 
@@ -49,7 +51,7 @@ def _doubts_about_light(shot: Shot) -> list[str]:
 def _doubts_about_scale(shot: Shot) -> list[str]:
     """Compare the readings with those of a black and of a white scene."""
     doubts = []
-    under, over = float((shot.measurement < -_BELOW_BLACK).any(axis=2).mean()), float(beyond_white(shot).mean())
+    under, over = float((shot.measurement < -EXCESS).any(axis=2).mean()), float(beyond_white(shot).mean())
     if under >= _EXCESS_WORTH_SAYING:
         doubts.append(
             f"{under:.0%} of the pixels read clearly less than no light: too much of a dark level was subtracted, or "
@@ -60,8 +62,7 @@ def _doubts_about_scale(shot: Shot) -> list[str]:
             f"{over:.0%} of the pixels read more light than a white scene would send through their masks: the masks "
             "are not those of this exposure, the unit is not the full scale of one view, or there is much noise."
         )
-    white = np.tensordot(shot.weights.astype(np.float64), shot.masks, axes=1)
-    share = float(np.quantile(shot.measurement, 0.999)) / float(white.max())
+    share = float(np.quantile(shot.measurement, 0.999)) / float(white_reading(shot).max())
     if 0 < share < _DARK:
         doubts.append(
             f"The brightest readings are {share:.2g} of those of a white scene: the scene is very dark, or the unit is "
@@ -77,7 +78,7 @@ def _doubts_about_brightness(shot: Shot) -> list[str]:
     """
     coded = (shot.masks * shot.weights[:, None, None]).reshape(shot.views, -1).astype(np.float64)
     gram = coded @ coded.T
-    if shot.views < 2 or np.linalg.cond(gram) > _CONDITION:
+    if shot.views < 2 or np.linalg.cond(gram) > TOO_ALIKE:
         return []
     reading = shot.measurement.mean(axis=2, dtype=np.float64).reshape(-1)
     brightness = np.linalg.solve(gram, coded @ reading)
@@ -85,7 +86,7 @@ def _doubts_about_brightness(shot: Shot) -> list[str]:
     error = float(np.sqrt(variance * np.diag(np.linalg.inv(gram)).max()))
     middle = float(np.median(brightness))
     apart = float(np.abs(brightness - middle).max())
-    if middle <= 0 or apart < max(_BRIGHTER * middle, _SURE * error):
+    if middle <= 0 or apart < max(_BRIGHTER * middle, _STANDARD_ERRORS * error):
         return []
     return [
         f"Views seem to be {brightness.min() / middle:.2f} to {brightness.max() / middle:.2f} times as bright as the "
@@ -106,11 +107,11 @@ def _doubts_about_masks(shot: Shot) -> list[str]:
         doubts.append(f"Hardly any light reached views {np.flatnonzero(faint).tolist()}: little can be known of them.")
     if shot.views > 1 and (shot.masks == shot.masks[0]).all():
         doubts.append("All masks are the same: the measurement is one long exposure, and does not tell views apart.")
-    opened = shot.masks[exposed].any(axis=0)
-    dark = int((~opened).sum())
+    lit = shot.lit
+    dark = int((~lit).sum())
     if dark:
-        doubts.append(f"No mask opens {dark} of {opened.size} pixels: there the views follow from their surroundings.")
-    if dark > _MOSTLY_DARK * opened.size:
+        doubts.append(f"No mask opens {dark} of {lit.size} pixels: there the views follow from their surroundings.")
+    if dark > _MOSTLY_DARK * lit.size:
         doubts.append("That is most of the picture: show more masks, or masks with more open elements.")
     return doubts
 

@@ -11,16 +11,17 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from gs2ci.core.arrays import F32, F64
 from gs2ci.core.progress import Progress
-from gs2ci.core.records import F32, F64
 from gs2ci.reconstruct.brightness import BrightnessSettings, relit
+from gs2ci.reconstruct.choices import ProxyName
 from gs2ci.reconstruct.decode.gap_tv import GapTvSettings, gap_tv
-from gs2ci.reconstruct.fit.stopping import Jury
 from gs2ci.reconstruct.geometry.evidence import carried_views
 from gs2ci.reconstruct.geometry.initialise import Geometry, GeometrySettings
 from gs2ci.reconstruct.geometry.prior import GeometryPrior, Request, find_geometry
+from gs2ci.reconstruct.jury import Jury
 from gs2ci.reconstruct.lens import Lens, straightened
-from gs2ci.reconstruct.proxies.routing import ProxyName, geometry_views
+from gs2ci.reconstruct.proxies.routing import geometry_views
 
 
 @dataclass(frozen=True)

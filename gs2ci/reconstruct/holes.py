@@ -9,10 +9,10 @@ from typing import Final
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 
-from gs2ci.core.records import F32, Shot
+from gs2ci.core.arrays import F32
+from gs2ci.core.records import Shot
 from gs2ci.reconstruct.coding import Coding
 
 # First Gaussians stand three pixels apart: what is nearer to an open pixel than this is held by its light.
@@ -26,11 +26,10 @@ def fill_holes(shot: Shot, decoded: F32) -> Shot:
     whatever surrounds it. Masks are set to their mean over the open pixels there, so that the brightness of the
     measurement does not jump at the rim.
     """
-    opened: NDArray[np.bool_] = np.any(shot.masks * shot.weights[:, None, None], axis=0)
-    hole = distance_transform_edt(~opened) > _REACH_PX
+    hole = distance_transform_edt(~shot.lit) > _REACH_PX
     if not hole.any():
         return shot
-    level = np.float32(shot.masks[:, opened].mean())
+    level = np.float32(shot.masks[:, shot.lit].mean())
     filled = replace(shot, masks=np.where(hole, level, shot.masks))
     expected = Coding.of(filled).forward(torch.from_numpy(decoded)).numpy()
     return replace(filled, measurement=np.where(hole[..., None], expected, shot.measurement))

@@ -4,15 +4,15 @@ Here: `close_hot_pixels`. Not here: dead rows and columns (`dead_lines`), what m
 (`doubts`), pixels that a calibration knows to be bad (`gs2ci import --bad-pixels`). For `gs2ci.reconstruct.pipeline`.
 """
 
-from dataclasses import replace
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter
 
+from gs2ci.core.arrays import Bool
 from gs2ci.core.records import Shot
-from gs2ci.reconstruct.coding import MOST_OUTLIERS, beyond_white
+from gs2ci.reconstruct.coding import MOST_OUTLIERS, beyond_white, without_pixels
 
 _SIDE: Final = 3
 # Of the pixels around, so many may be hot as well: with one in twenty hot, all but one in a hundred of the hot ones
@@ -35,19 +35,14 @@ def close_hot_pixels(shot: Shot) -> tuple[Shot, tuple[str, ...]]:
     hot = odd & (_among(odd) <= _NEIGHBOURS + 1)
     if not hot.any():
         return shot, ()
-    sound = replace(
-        shot,
-        masks=shot.masks * ~hot,
-        measurement=np.where(hot[..., None], np.float32(0), shot.measurement),
-    )
     count = int(hot.sum())
     read = f"{count} pixels read" if count > 1 else "1 pixel reads"
-    return sound, (
+    return without_pixels(shot, hot), (
         f"{read} more light than a white scene would send through the masks, while those around do not: left out.",
     )
 
 
-def _among(odd: NDArray[np.bool_]) -> NDArray[np.int64]:
+def _among(odd: Bool) -> NDArray[np.int64]:
     """Count the odd ones in the square around each pixel, itself included."""
     share = uniform_filter(odd.astype(np.float64), _SIDE, mode="constant")
     return np.rint(share * _SIDE**2).astype(np.int64)

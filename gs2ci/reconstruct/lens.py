@@ -7,7 +7,8 @@
 
 The Gaussians know nothing of a lens: their renderer blends each pixel where it looks (`gs2ci.render.sampling`), so that
 no view is resampled on its way into the measurement. Here: the canvas, and resampling for the geometry stage. Not
-here: the formula (`gs2ci.core.lens`), the renderer (`fit/through_lens.py`). `gs2ci.reconstruct` imports this file.
+here: the formula (`gs2ci.core.lens`), the renderer (`fit/through_lens.py`). `gs2ci.reconstruct` and
+`gs2ci.bench` import this file.
 """
 
 from dataclasses import dataclass
@@ -15,15 +16,13 @@ from typing import Final, Literal, Self
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates
 
+from gs2ci.core.arrays import F32, F64, Bool
 from gs2ci.core.errors import InputError
 from gs2ci.core.lens import LEAST_STRETCH, distorted, pixels_of, slopes_of, stretch, undistorted
-from gs2ci.core.records import F32, F64, Shot
+from gs2ci.core.records import Shot
 from gs2ci.render.sampling import Sampling
-
-Bool = NDArray[np.bool_]
 
 # A lens that moves no pixel by more than this is a pinhole: corners in decoded views are found to a tenth of a pixel at
 # best, and boards give coefficients other than 0 for every lens.
@@ -98,7 +97,7 @@ class Lens:
 
 
 def straightened(views: F32, lens: Lens | None) -> F32:
-    """Show views as a pinhole sees them: unchanged without a lens."""
+    """Show views, [N, H, W, C], as a pinhole sees them, [N, Hc, Wc, C]: unchanged without a lens."""
     return views if lens is None else lens.straightened(views)
 
 

@@ -10,7 +10,8 @@ from typing import Final
 
 import numpy as np
 
-from gs2ci.core.records import F64
+from gs2ci.core.arrays import F64
+from gs2ci.core.cameras import camera_centres
 from gs2ci.reconstruct.fit.ensemble import Ensemble
 from gs2ci.reconstruct.geometry.initialise import Geometry
 
@@ -40,7 +41,7 @@ def in_given_unit(geometry: Geometry, ensemble: Ensemble) -> tuple[Geometry, Ens
 
 def _spread(world_to_camera: F64) -> float:
     """Return how far the cameras are from their mean, root mean square."""
-    centres = np.linalg.inv(world_to_camera)[:, :3, 3]
+    centres = camera_centres(world_to_camera)
     return float(np.sqrt(((centres - centres.mean(axis=0)) ** 2).sum(axis=1).mean()))
 
 

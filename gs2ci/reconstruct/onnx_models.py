@@ -11,7 +11,7 @@ import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final, Literal, get_args
+from typing import Any, Final
 
 import numpy as np
 import torch
@@ -19,9 +19,10 @@ import torch
 from gs2ci.core.errors import InputError, NumericsError, StorageError
 from gs2ci.core.json_text import parse_json
 from gs2ci.core.whole_file import write_whole
+from gs2ci.reconstruct.choices import ModelName
 
-ModelName = Literal["vggt", "difix", "lpips"]
-MODEL_NAMES: Final = get_args(ModelName)
+# The operator set of files that are written here: old enough for any ONNX Runtime since 2022.
+OPSET: Final = 17
 
 
 def open_model(path: Path, remedy: str) -> Any:

@@ -4,28 +4,29 @@
     ─► their mean ─► residual ─► judge by the held-out
 
 Here: the order, the clock, and the judgement. Not here: any stage itself, its settings (`settings`), the record that is
-handed over (`record`), files and metrics (`gs2ci.evaluate`). The commands import this file.
+handed over (`record`), files and metrics (`gs2ci.evaluate`). Whoever
+reconstructs imports this file.
 """
 
 import time
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Final
 
+from gs2ci.core.arrays import F32
 from gs2ci.core.progress import Progress, Silent
-from gs2ci.core.records import F32, Shot
+from gs2ci.core.records import Shot
 from gs2ci.core.run_records import RunResult, Verdict
 from gs2ci.reconstruct.dead_lines import close_dead_lines
 from gs2ci.reconstruct.doubts import doubts_about, doubts_about_result
 from gs2ci.reconstruct.first_look import FirstLook, look
-from gs2ci.reconstruct.fit.coarse import CoarseFit, Score, fit_coarse
-from gs2ci.reconstruct.fit.ensemble import Ensemble, Member, combined, fit_together, members
+from gs2ci.reconstruct.fit.coarse import CoarseFit, fit_coarse
+from gs2ci.reconstruct.fit.ensemble import Ensemble, FitOne, Member, combined, fit_together, members
 from gs2ci.reconstruct.fit.fine import Fine, fit_fine
+from gs2ci.reconstruct.fit.looks import Score
 from gs2ci.reconstruct.fit.pace import Pace
 from gs2ci.reconstruct.fit.refinement import Refinement
 from gs2ci.reconstruct.fit.rendering import ShotRenderer
 from gs2ci.reconstruct.fit.start import first_gaussians
-from gs2ci.reconstruct.fit.stopping import Jury, choose_heldout
 from gs2ci.reconstruct.fit.through_lens import through
 from gs2ci.reconstruct.fit.withheld import first_points, first_poses
 from gs2ci.reconstruct.geometry.choose import load_geometry_prior
@@ -33,6 +34,7 @@ from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.geometry.prior import GeometryPrior
 from gs2ci.reconstruct.holes import fill_holes
 from gs2ci.reconstruct.hot_pixels import close_hot_pixels
+from gs2ci.reconstruct.jury import Jury
 from gs2ci.reconstruct.lens import Lens, straightened
 from gs2ci.reconstruct.metric import in_given_unit
 from gs2ci.reconstruct.one_thread import one_torch_thread
@@ -40,8 +42,6 @@ from gs2ci.reconstruct.record import Left, Recovered, record
 from gs2ci.reconstruct.settings import Settings
 from gs2ci.render.backend import Backend, load_backend
 from gs2ci.render.gaussians import Gaussians
-
-FitOne = Callable[[Member, Progress, Pace | None], CoarseFit]
 
 # What is put back into a scene's views has to explain so much more, as a share of what they leave. In the dark a few
 # thousandths are chance, and what was put back is noise: it cost up to 6 dB.
@@ -89,7 +89,7 @@ def reconstruct(
     tools = _Tools.load(settings)
     clock = _Stopwatch()
     sound, doubts = _examined(shot, progress)
-    jury = Jury(sound, choose_heldout(sound, settings.fit.hold_out.share, settings.seed))
+    jury = Jury.of(sound, settings.fit.hold_out.share, settings.seed)
 
     first = look(jury, lens, tools.geometry_prior, settings.look, progress, clock.lap)
     jury, decoded = first.jury, first.decoded
@@ -199,16 +199,13 @@ class _Stopwatch:
 
 def _recover(jury: Jury, decoded: F32, ensemble: Ensemble, refine: Refinement) -> Recovered:
     """Let the held-out pixels choose between the refined views, the best scene's and the decode."""
-    candidates: dict[Verdict, F32] = {
-        "refined": refine(ensemble.views),
-        "scene": ensemble.best.views,
-        "decode": decoded,
-    }
+    refined, share = refine.with_share(ensemble.views)
+    candidates: dict[Verdict, F32] = {"refined": refined, "scene": ensemble.best.views, "decode": decoded}
     heldout_rms = {name: jury.residual_rms(views) for name, views in candidates.items()}
     verdict = _judge(heldout_rms)
     notes = doubts_about_result(jury, candidates[verdict]) if jury.heldout.any() else (_UNJUDGED,)
     if verdict == "refined":  # the pixels that judged may now help as well
-        candidates["refined"] = refine.by_all_pixels(ensemble.views)
+        candidates["refined"] = refine.by_all_pixels(ensemble.views, share)
     return Recovered(candidates[verdict], verdict, heldout_rms, notes)
 
 

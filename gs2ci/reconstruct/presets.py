@@ -6,17 +6,15 @@ stage's own file), nor which preset suits a number of seconds (`gs2ci.reconstruc
 """
 
 from dataclasses import replace
-from typing import Final, Literal, get_args
+from typing import Final
 
 from gs2ci.core.errors import InputError
+from gs2ci.reconstruct.choices import PresetName
 from gs2ci.reconstruct.fit.coarse import CoarseSettings
 from gs2ci.reconstruct.fit.fine import FineSettings
 from gs2ci.reconstruct.fit.optimiser import StepSizes
 from gs2ci.reconstruct.fit.paper import paper_settings
 from gs2ci.reconstruct.settings import Settings
-
-PresetName = Literal["draft", "standard", "fine", "paper"]
-PRESET_NAMES: Final = get_args(PresetName)
 
 # The step sizes of `CoarseSettings` are those of its own schedule.
 _NATURAL_ITERATIONS: Final = CoarseSettings.iterations

@@ -8,12 +8,13 @@ from dataclasses import asdict, dataclass, replace
 
 import torch
 
-from gs2ci.core.records import F32, Shot
+from gs2ci.core.arrays import F32
+from gs2ci.core.records import Shot
 from gs2ci.core.run_records import CurvePoint, RunResult, Verdict
 from gs2ci.reconstruct.coding import Coding
 from gs2ci.reconstruct.first_look import FirstLook
-from gs2ci.reconstruct.fit.coarse import Score
 from gs2ci.reconstruct.fit.ensemble import Ensemble
+from gs2ci.reconstruct.fit.looks import Score
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.geometry.telemetry import Movement, movement
 from gs2ci.reconstruct.settings import Settings
@@ -87,7 +88,7 @@ def _notes(left: Left, settings: Settings, moved: Movement) -> tuple[str, ...]:
     geometry, ensemble = left.geometry, left.ensemble
     return (
         *(*left.doubts, *left.look.notes, *geometry.notes, *ensemble.notes, *_fits_missing(ensemble, settings)),
-        *(*_notes_of(moved, geometry), *left.recovered.notes),
+        *(*_notes_on_poses(moved, geometry), *left.recovered.notes),
     )
 
 
@@ -107,7 +108,7 @@ def _last_point(left: Left, score: Score | None, seconds: float) -> tuple[CurveP
     return (replace(fit.curve[-1], seconds=seconds, heldout=heldout, psnr_db=psnr_db),)
 
 
-def _notes_of(moved: Movement, geometry: Geometry) -> tuple[str, ...]:
+def _notes_on_poses(moved: Movement, geometry: Geometry) -> tuple[str, ...]:
     source = geometry.source
     if source == "tracks":
         return ()

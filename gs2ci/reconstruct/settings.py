@@ -9,21 +9,18 @@ from typing import Final, get_args
 
 from gs2ci.core.errors import InputError
 from gs2ci.reconstruct.brightness import BrightnessSettings
+from gs2ci.reconstruct.choices import MOST_FITS, PoseSource, ProxyName
 from gs2ci.reconstruct.decode.gap_tv import GapTvSettings
 from gs2ci.reconstruct.decode.residual import ResidualSettings
 from gs2ci.reconstruct.first_look import LookSettings
 from gs2ci.reconstruct.fit.coarse import CoarseSettings
 from gs2ci.reconstruct.fit.density.base import DensityRule
 from gs2ci.reconstruct.fit.density.osgr import Osgr
-from gs2ci.reconstruct.fit.ensemble import MOST_FITS
 from gs2ci.reconstruct.fit.fine import FineSettings
 from gs2ci.reconstruct.fit.rules import with_rule
 from gs2ci.reconstruct.fit.withheld import Withheld
 from gs2ci.reconstruct.geometry.initialise import GeometrySettings
-from gs2ci.reconstruct.proxies.routing import ProxyName
 from gs2ci.render.settings import RasterSettings
-
-PoseSource = str
 
 # Lists kept so long lose nothing beside the spread of seeds (−0.06 to 0.02 dB) and save a tenth of an iteration
 # (`python -m tests.benchmarks list_reuse`).

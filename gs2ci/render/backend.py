@@ -19,7 +19,7 @@ from gs2ci.render.settings import RasterSettings
 
 
 @dataclass(frozen=True)
-class Coding:
+class MaskSet:
     """A mask set as a backend prepared it; what else is in it is the backend's own business.
 
     Args:
@@ -53,7 +53,7 @@ class Backend(Protocol):
         """Get the name under which `load_backend` knows it."""
         ...
 
-    def code(self, masks: Tensor, sampling: Sampling | None = None) -> Coding:
+    def code(self, masks: Tensor, sampling: Sampling | None = None) -> MaskSet:
         """Prepare a mask set, once.
 
         Args:
@@ -74,7 +74,7 @@ class Backend(Protocol):
         scene: Gaussians,
         world_to_camera: Tensor,
         intrinsics: Tensor,
-        coding: Coding,
+        mask_set: MaskSet,
         screen: ScreenStatistics | None = None,
         reuse: Reuse | None = None,
     ) -> Tensor:
@@ -84,7 +84,7 @@ class Backend(Protocol):
             scene: The Gaussians.
             world_to_camera: The pose under each mask, [N, 4, 4].
             intrinsics: Camera matrix in pixels, [3, 3]; of the pinhole, where pixels look elsewhere.
-            coding: From `code`.
+            mask_set: From `code`.
             screen: Filled during the backward pass through this rendering, if given.
             reuse: From `reuse`: work that earlier renderings of these Gaussians did, as far as the backend's settings
                 allow; None shares nothing.
@@ -93,7 +93,7 @@ class Backend(Protocol):
             Y, [H, W, 3] float32, in the unit of the colours.
 
         Raises:
-            InputError: Shapes disagree, a number is not finite, coding or `reuse` is another backend's, or `screen`
+            InputError: Shapes disagree, a number is not finite, mask set or `reuse` is another backend's, or `screen`
                 is that of another number of Gaussians.
         """
         ...

@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 
 from gs2ci.core.errors import InputError
-from gs2ci.render.backend import Coding, Reuse
+from gs2ci.render.backend import MaskSet, Reuse
 from gs2ci.render.conventions import (
     ALPHA_MAX,
     ALPHA_MIN,
@@ -175,7 +175,7 @@ def watch(splats: Splats, size: tuple[int, int], screen: ScreenStatistics) -> No
 
 
 @dataclass(frozen=True)
-class ReferenceCoding(Coding):
+class ReferenceMaskSet(MaskSet):
     """The masks, [N, H, W] float64, and where their pixels look."""
 
     masks: Tensor
@@ -203,12 +203,12 @@ class ReferenceBackend:
         (settings or RasterSettings()).check()
         self.margin = float("inf")
 
-    def code(self, masks: Tensor, sampling: Sampling | None = None) -> ReferenceCoding:
+    def code(self, masks: Tensor, sampling: Sampling | None = None) -> ReferenceMaskSet:
         """Keep the masks; see `Backend.code`."""
         check_masks(masks)
         views, height, width = masks.shape
         check_sampling(sampling, (height, width))
-        return ReferenceCoding(views, (height, width), masks.detach().to(torch.float64), sampling)
+        return ReferenceMaskSet(views, (height, width), masks.detach().to(torch.float64), sampling)
 
     def reuse(self) -> Reuse:
         """Share nothing; see `Backend.reuse`."""
@@ -219,24 +219,24 @@ class ReferenceBackend:
         scene: Gaussians,
         world_to_camera: Tensor,
         intrinsics: Tensor,
-        coding: Coding,
+        mask_set: MaskSet,
         screen: ScreenStatistics | None = None,
         reuse: Reuse | None = None,
     ) -> Tensor:
         """Render the coded sum; see `Backend.coded`. Nothing is shared, whatever `reuse`."""
         del reuse
-        if not isinstance(coding, ReferenceCoding):
+        if not isinstance(mask_set, ReferenceMaskSet):
             raise InputError(
-                f"a coding of type {type(coding).__name__} given to the reference backend",
+                f"a mask set of type {type(mask_set).__name__} given to the reference backend",
                 allowed="what this backend's code(masks) returned",
             )
-        check_rendering(scene, world_to_camera, intrinsics, views=coding.views)
+        check_rendering(scene, world_to_camera, intrinsics, views=mask_set.views)
         check_screen(screen, scene)
         scene = scene.map(torch.Tensor.double)
-        intrinsics, frame, pixels = looked_at(intrinsics.double(), coding.size, coding.sampling)
+        intrinsics, frame, pixels = looked_at(intrinsics.double(), mask_set.size, mask_set.sampling)
         total = torch.zeros(len(pixels), 3, dtype=torch.float64)
         self.margin = float("inf")
-        for pose, mask in zip(world_to_camera.double(), coding.masks, strict=True):
+        for pose, mask in zip(world_to_camera.double(), mask_set.masks, strict=True):
             opened = mask.reshape(-1).nonzero().squeeze(1)
             splats = project(scene, pose, intrinsics, frame, scene.colours)
             if screen is not None:
@@ -244,7 +244,7 @@ class ReferenceBackend:
             colours, _, margin = composite(splats, pixels[opened])
             total = total.index_add(0, opened, mask.reshape(-1)[opened, None] * colours)
             self.margin = min(self.margin, margin)
-        return total.reshape(*coding.size, 3)
+        return total.reshape(*mask_set.size, 3)
 
     def views(
         self,

@@ -10,12 +10,10 @@ from typing import Any, Self
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor
 
+from gs2ci.core.arrays import F64
 from gs2ci.core.errors import InputError
-
-F64 = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

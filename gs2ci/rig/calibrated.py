@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from gs2ci.core.arrays import F32, F64, Bool
 from gs2ci.core.progress import Progress, Silent
 from gs2ci.rig.calibrating import TerminalOperator, bench_of, provenance_of
 from gs2ci.rig.opening import Rig
@@ -21,9 +22,6 @@ from gs2ci_calibration.fitting import STEP, fit
 from gs2ci_calibration.frames import Dark
 from gs2ci_calibration.probe import Probe, probe_mask
 from gs2ci_drivers.acquisition import Devices
-
-F32 = NDArray[np.float32]
-F64 = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -79,7 +77,7 @@ class Calibrated:
         return section.array("weights").astype(np.float32) if "weights" in section.estimates else None
 
     @property
-    def unusable(self) -> NDArray[np.bool_]:
+    def unusable(self) -> Bool:
         """Get the pixels of which readings mean nothing: dead, hot, or without a known mask, [H, W]."""
         dark = self._dark
         bad = ~self._known
@@ -152,7 +150,7 @@ class Calibrated:
         return Dark.of(self.bundle.sections["dark-flat"]) if "dark-flat" in self.bundle else None
 
     @property
-    def _known(self) -> NDArray[np.bool_]:
+    def _known(self) -> Bool:
         section = self.bundle.sections["masks"]
         shape = section.array("masks").shape[1:]
         return section.arrays["valid"] > 0 if "valid" in section.arrays else np.ones(shape, np.bool_)

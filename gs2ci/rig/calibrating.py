@@ -1,27 +1,21 @@
 """A rig as calibration sees it: its devices, and somebody who sets things up before the camera.
 
-Here: the bench of a rig file, the simulated operator and the one at the terminal, the bundle's provenance. Not here:
-the procedures (`gs2ci_calibration`), the truth of a simulated bench (`truth`). Commands, the
-rest of `gs2ci.rig` and tests import this file.
+Here: the bench of a rig file, the operator at the terminal, the bundle's provenance. Not here: the simulated operator
+(`simulated_operator`), the procedures (`gs2ci_calibration`), the truth of a simulated bench (`gs2ci.bench.truth`).
+Commands, the rest of `gs2ci.rig` and tests import this file.
 """
 
 from collections.abc import Callable
 
-import numpy as np
-from numpy.typing import NDArray
-
-from gs2ci.core.errors import InputError
+from gs2ci.core.arrays import U16
 from gs2ci.core.progress import Progress, Silent
 from gs2ci.rig.config import CalibrationTable, RigTable, WorldTable
 from gs2ci.rig.intent import intended
 from gs2ci.rig.opening import Rig
 from gs2ci.rig.patterns import on_modulator, origin
-from gs2ci.rig.simulated import SimulatedBench
 from gs2ci_calibration.bench import Bench, BoardSpec, Operator, Options, Patterns, Setup
 from gs2ci_calibration.bundle import Provenance
 from gs2ci_drivers.acquisition import Devices
-from gs2ci_sims.bench_light import BenchLight
-from gs2ci_sims.targets import BoardPlane
 
 REQUESTS = {
     Setup.DARK: "put the lens cap on",
@@ -52,45 +46,13 @@ class TerminalOperator:
             self._now = (setup, index)
 
 
-class SimulatedOperator:
-    """Puts things before the camera of a simulated bench.
-
-    Args:
-        bench: Whose world.
-        table: The rig's [world].
-        board: The board that it has at hand.
-    """
-
-    def __init__(self, bench: SimulatedBench, table: WorldTable, board: BoardSpec) -> None:
-        light = bench.world.light
-        if not isinstance(light, BenchLight):
-            raise InputError("this simulated bench has no light to calibrate by", remedy="build it from a rig file")
-        self._light = light
-        self._table = table
-        unit = table.scene_units_per_mm
-        self._board = BoardPlane(
-            board.columns, board.rows, board.square_mm * unit, board.marker_mm * unit, board.dictionary
-        )
-
-    def please(self, setup: Setup, index: int) -> None:
-        """Set up what is asked for, or what [world] `always` says instead."""
-        match Setup(self._table.always or setup):
-            case Setup.DARK:
-                self._light.look_at_nothing()
-            case Setup.FLAT:
-                self._light.look_at_even_light(self._table.flat_radiance)
-            case Setup.BOARD:
-                self._light.look_at_board(self._board, index)
-            case Setup.FIXED_BOARD:
-                self._light.look_at_board(self._board, index, fixed=True)
-            case Setup.SCENE:
-                self._light.look_at_scene()
-
-
 def operator_of(rig: Rig, ask: Callable[[str], object]) -> Operator:
     """Return who sets things up on this rig."""
     if rig.bench is None:
         return TerminalOperator(ask)
+    # A real bench does without the simulator.
+    from gs2ci.rig.simulated_operator import SimulatedOperator  # noqa: PLC0415
+
     return SimulatedOperator(rig.bench, rig.table.world or WorldTable(), board_of(rig.table.calibration))
 
 
@@ -112,7 +74,7 @@ def bench_of(
     modulator = devices.modulator.connect()
     size = (modulator.height, modulator.width)
 
-    def lay_out(drawn: NDArray[np.uint16]) -> Patterns:
+    def lay_out(drawn: U16) -> Patterns:
         return on_modulator(drawn, rig.table.registration, size)
 
     return Bench(

@@ -10,10 +10,14 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, model_validator
 
-from gs2ci.core.config import Settings, read_settings
+from gs2ci.core.config import Settings, read_settings, read_toml
 from gs2ci.core.errors import InputError
 
 SIMULATED = "simulated"
+# Tables of a simulation's rig file that no bench's has; `gs2ci_sims.rig_file` knows those that only a bench's has.
+SIMULATION_ONLY = frozenset({"scene", "path", "light", "timing", "plan", "effects", "device_seed"})
+# Tables that both may have.
+SHARED = frozenset({"modulator", "sensor", "optics"})
 
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
@@ -306,9 +310,16 @@ def read_rig(path: Path) -> tuple[RigTable, str]:
         The rig, and the file's text for keeping in shot files.
 
     Raises:
-        InputError: It cannot be read, a key is unknown or a value cannot be; or simulated and real devices are
-            mixed, which cannot share one time; or simulated ones have no [world].
+        InputError: It cannot be read, describes a simulation and no bench, a key is unknown or a value cannot be; or
+            simulated and real devices are mixed, which cannot share one time; or simulated ones have no [world].
     """
+    keys = read_toml(path)[0].keys()
+    if keys & SIMULATION_ONLY and not keys & (RigTable.model_fields.keys() - SHARED):
+        raise InputError(
+            f"{path} describes a simulation, not a bench",
+            allowed="a bench's rig file: docs/bench.md, docs/rigs/simulated.toml",
+            remedy=f"for what it would simulate: gs2ci plan {path}",
+        )
     rig, text = read_settings(path, RigTable)
     devices = 2 + (rig.stage is not None)
     if rig.simulated and len(rig.simulated) != devices:

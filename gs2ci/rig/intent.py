@@ -5,17 +5,14 @@ Not here: planning and taking it (`recording`), calibrating for it (`calibrating
 
 from typing import Any
 
-import numpy as np
 from numpy.typing import NDArray
 
+from gs2ci.core.arrays import U16
 from gs2ci.rig.opening import Rig
 from gs2ci.rig.patterns import draw_codes, on_modulator
 from gs2ci_drivers.acquisition import Devices
 from gs2ci_drivers.plan import CaptureSettings, Mode, Optics, Travel
 from gs2ci_drivers.sensor import SensorConfig
-from gs2ci_sims.bench_light import BenchLight
-
-U16 = NDArray[np.uint16]
 
 
 def intended(rig: Rig, devices: Devices) -> tuple[U16, CaptureSettings, SensorConfig]:
@@ -47,8 +44,8 @@ def _optics(rig: Rig) -> Optics:
     """Return what is known of lens and scene; of a rendered scene it is known without being told."""
     optics = rig.table.optics
     known = Optics(optics.full_scale_e_per_s, optics.focal_px, optics.nearest_mm, optics.farthest_mm)
-    light = rig.bench.world.light if rig.bench else None
-    if not isinstance(light, BenchLight) or rig.table.world is None or known.focal_px or known.nearest_mm:
+    light = rig.bench.light if rig.bench else None
+    if light is None or rig.table.world is None or known.focal_px or known.nearest_mm:
         return known
     nearest, farthest = light.scene.depth_range()
     unit = rig.table.world.scene_units_per_mm

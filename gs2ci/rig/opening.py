@@ -9,12 +9,11 @@ from collections.abc import Callable
 from contextlib import ExitStack, closing
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 from gs2ci.core.clock import Clock, WallClock
 from gs2ci.core.errors import InputError
 from gs2ci.rig.config import Dlpc900Table, RigTable, SantecTable, V4l2Table, ZaberTable, read_rig
-from gs2ci.rig.simulated import NODE, SimulatedBench, build_bench
 from gs2ci_drivers.acquisition import Devices
 from gs2ci_drivers.display_slm.driver import DisplaySlm
 from gs2ci_drivers.dlpc900.driver import Dlpc900
@@ -37,6 +36,9 @@ from gs2ci_drivers.v4l2.driver import V4l2Sensor
 from gs2ci_drivers.v4l2.options import V4l2Options
 from gs2ci_drivers.zaber.driver import ZaberStage
 
+if TYPE_CHECKING:
+    from gs2ci.rig.simulated import SimulatedBench
+
 T = TypeVar("T")
 
 
@@ -54,7 +56,7 @@ class Rig:
     table: RigTable
     text: str
     folder: Path
-    bench: SimulatedBench | None = None
+    bench: "SimulatedBench | None" = None
 
     @property
     def clock(self) -> Clock:
@@ -119,7 +121,7 @@ class Rig:
 
     def _sensor(self, clock: Clock, traces: "_Traces") -> Sensor:
         port: SysPort = self.bench.sys_port() if self.bench else KernelSysPort()
-        options = _options(self.table.sensor, simulated=self.bench is not None)
+        options = _options(self.table.sensor, self.bench.node if self.bench else self.table.sensor.port)
         return V4l2Sensor("sensor", traces.sys("sensor", port), clock, options)
 
     def _stage(self, clock: Clock, traces: "_Traces") -> Stage | None:
@@ -156,7 +158,12 @@ def load_rig(path: Path) -> Rig:
         InputError: As `gs2ci.rig.config.read_rig` and `gs2ci.rig.simulated.build_bench`.
     """
     table, text = read_rig(path)
-    return Rig(table, text, path.parent, build_bench(table) if table.simulated else None)
+    if not table.simulated:
+        return Rig(table, text, path.parent)
+    # A real bench does without the simulator.
+    from gs2ci.rig.simulated import build_bench  # noqa: PLC0415
+
+    return Rig(table, text, path.parent, build_bench(table))
 
 
 def _bus_port(port: str) -> str:
@@ -169,9 +176,9 @@ def _opened(device: str, action: Callable[[], T]) -> T:
         return action()
 
 
-def _options(table: V4l2Table, *, simulated: bool) -> V4l2Options:
+def _options(table: V4l2Table, path: str) -> V4l2Options:
     return V4l2Options(
-        path=NODE if simulated else table.port,
+        path=path,
         subdevice=table.subdevice,
         trigger_adapter=table.trigger_adapter,
         trigger_module=table.trigger_module,

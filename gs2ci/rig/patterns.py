@@ -8,14 +8,11 @@ imports this file.
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gs2ci.core.arrays import F32, U8, U16
 from gs2ci.core.errors import InputError
 from gs2ci.core.foreign.assemble import load_single
 from gs2ci.rig.config import CaptureTable, RegistrationTable
-
-U16 = NDArray[np.uint16]
-F32 = NDArray[np.float32]
 
 
 def draw_codes(table: CaptureTable, size: tuple[int, int], folder: Path) -> U16:
@@ -74,7 +71,7 @@ def origin(table: RegistrationTable, size: tuple[int, int], modulator: tuple[int
     return first[0], first[1]
 
 
-def on_modulator(codes: U16, table: RegistrationTable, modulator: tuple[int, int]) -> NDArray[np.uint8] | U16:
+def on_modulator(codes: U16, table: RegistrationTable, modulator: tuple[int, int]) -> U8 | U16:
     """Lay codes out on the modulator's pixels; what the sensor does not see stays closed.
 
     Args:

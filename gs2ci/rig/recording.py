@@ -9,11 +9,12 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from time import time_ns
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gs2ci.core.arrays import F64, U16
+from gs2ci.core.cameras import pinhole
 from gs2ci.core.errors import StorageError
 from gs2ci.core.progress import Progress
 from gs2ci.core.records import Truth
@@ -22,21 +23,21 @@ from gs2ci.rig.calibrated import Calibrated
 from gs2ci.rig.config import RigTable
 from gs2ci.rig.intent import intended
 from gs2ci.rig.opening import Rig
-from gs2ci.rig.simulated import SimulatedBench
 from gs2ci.rig.telemetry import Carriage, carriage_of
 from gs2ci_drivers.acquisition import Devices, Taken, capture, plan_capture
 from gs2ci_drivers.failures import UnsupportedError
 from gs2ci_drivers.plan import Mode, Plan
 from gs2ci_drivers.sensor import Frame
-from gs2ci_sims.bench_light import BenchLight
-from gs2ci_sims.world import Exposure
 
-F32 = NDArray[np.float32]
-F64 = NDArray[np.float64]
-U16 = NDArray[np.uint16]
+if TYPE_CHECKING:
+    from gs2ci.rig.simulated import SimulatedBench
+    from gs2ci_sims.world import Exposure
 
 GUESSED_OPEN_SHARE: Final = 0.5
 """Without any word on the light, the range is taken to be filled by half of the masks being open."""
+
+FULL_WELL_SHARE: Final = 0.998
+"""Readings of a full well from here on count as clipped: their noise carries some of them below its end."""
 
 
 @dataclass(frozen=True)
@@ -123,8 +124,8 @@ def _header(rig: Rig, devices: Devices, prepared: Prepared) -> CaptureHeader:
     table, plan, calibrated = rig.table, prepared.plan, prepared.calibrated
     picture = devices.sensor.settings.format
     stage = devices.stage
-    light = rig.bench.world.light if rig.bench else None
-    truth = isinstance(light, BenchLight) and plan.settings.mode is not Mode.PER_MASK
+    light = rig.bench.light if rig.bench else None
+    truth = light is not None and plan.settings.mode is not Mode.PER_MASK
     cfa: Any = picture.cfa
     masks = prepared.codes.astype(np.float32) / np.float32(2**table.capture.bit_depth - 1)
     header = CaptureHeader(
@@ -137,8 +138,8 @@ def _header(rig: Rig, devices: Devices, prepared: Prepared) -> CaptureHeader:
         scale_dn=_scale_dn(table, plan, picture.top)[0],
         saturation_dn=float(_saturation_dn(table, picture.top)),
         cfa=cfa,
-        intrinsics=light.scene.intrinsics if isinstance(light, BenchLight) else _intrinsics(table, masks.shape[1:]),
-        distortion=light.lens.coefficients if isinstance(light, BenchLight) and light.lens else None,
+        intrinsics=light.scene.intrinsics if light is not None else _intrinsics(table, masks.shape[1:]),
+        distortion=light.lens.coefficients if light is not None and light.lens else None,
         stage_axes=len(stage.info.axes) if stage is not None else 0,
         telemetry=_carriage(rig, prepared) is not None,
         truth_views="f4" if truth else "",
@@ -180,15 +181,13 @@ def _saturation_dn(table: RigTable, top: int) -> float:
     """Return the reading from which on a pixel may be clipped: the well's end or the converter's top."""
     sensor = table.sensor
     if sensor.full_well_e and sensor.electrons_per_dn:
-        return min(float(top), sensor.black_level_dn + 0.998 * sensor.full_well_e / sensor.electrons_per_dn)
+        return min(float(top), sensor.black_level_dn + FULL_WELL_SHARE * sensor.full_well_e / sensor.electrons_per_dn)
     return float(top)
 
 
 def _intrinsics(table: RigTable, size: tuple[int, ...]) -> F64 | None:
-    focal = table.optics.focal_px
-    if focal is None:
-        return None
-    return np.array([[focal, 0.0, size[1] / 2], [0.0, focal, size[0] / 2], [0.0, 0.0, 1.0]])
+    focal_px = table.optics.focal_px
+    return None if focal_px is None else pinhole(focal_px, size)
 
 
 def _carriage(rig: Rig, prepared: Prepared) -> Carriage | None:
@@ -271,8 +270,8 @@ class _Recorder:
             origin["telemetry"] = dict(self._carriage.told)
         bench = self._rig.bench
         exposure = _exposure_of(bench, frame) if bench else None
-        if bench and exposure and isinstance(bench.world.light, BenchLight):
-            simulated = bench.world.light.plans.get(exposure.index)
+        if bench and bench.light and exposure:
+            simulated = bench.light.plans.get(exposure.index)
             origin |= {"plan": simulated.record()} if simulated else {}
         return origin
 
@@ -288,8 +287,8 @@ class _Recorder:
         bench = self._rig.bench
         if bench is None or self._prepared.plan.settings.mode is Mode.PER_MASK:
             return None
-        light, exposure = bench.world.light, _exposure_of(bench, frame)
-        if not isinstance(light, BenchLight) or exposure is None:
+        light, exposure = bench.light, _exposure_of(bench, frame)
+        if light is None or exposure is None:
             return None
         if len(exposure.masks) != self._prepared.plan.sequence.count:
             return None
@@ -297,7 +296,7 @@ class _Recorder:
         return Truth(views=views, world_to_camera=poses)
 
 
-def _exposure_of(bench: SimulatedBench, frame: Frame) -> Exposure | None:
+def _exposure_of(bench: "SimulatedBench", frame: Frame) -> "Exposure | None":
     """Return the exposure that a frame came from: the one that began when it was stamped."""
     stamp_s = frame.t_kernel_ns * 1e-9
     return min(bench.world.exposures, key=lambda exposure: abs(exposure.start_s - stamp_s), default=None)

@@ -1,7 +1,8 @@
 """The simulated surroundings of a rig: one world, and one twin per device.
 
-Here: building them from the rig file. Not here: deciding whether to (`gs2ci.rig.opening`). Only `gs2ci.rig`
-and tests import this file.
+Here: building them from the rig file. Not here: deciding whether to (`gs2ci.rig.opening`), who sets things up in that
+world (`simulated_operator`). Only `gs2ci.rig`, `gs2ci.bench` and tests import this file, and `gs2ci.rig` only where a
+rig file names a twin: a real bench does without the simulator.
 """
 
 import re
@@ -57,6 +58,7 @@ class SimulatedBench:
         sensor: The camera's and its kernel's twin.
         stage: The stage's twin, or None.
         faults: What each twin was told to suffer.
+        node: The camera's capture node on the simulated computer.
     """
 
     world: World
@@ -64,6 +66,13 @@ class SimulatedBench:
     sensor: V4l2Twin
     stage: ZaberTwin | GrblTwin | None
     faults: dict[str, FaultSet]
+    node: str = NODE
+
+    @property
+    def light(self) -> BenchLight | None:
+        """Get what exposes the scene of [world], or None where a test put another light in."""
+        light = self.world.light
+        return light if isinstance(light, BenchLight) else None
 
     def sys_port(self) -> SysPort:
         """Return the system calls of the simulated computer."""

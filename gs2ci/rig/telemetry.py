@@ -10,13 +10,11 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gs2ci.core.arrays import F64
 from gs2ci.rig.calibrated import Calibrated, MeasuredAxis
 from gs2ci.rig.config import RigTable
 from gs2ci_drivers.plan import Travel
-
-F64 = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -14,6 +14,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from gs2ci.core.arrays import F32, F64, U16
 from gs2ci.core.errors import InputError
 from gs2ci.core.records import CfaPattern
 from gs2ci_sims.effects.base import Effect, Stage
@@ -32,10 +33,6 @@ from gs2ci_sims.sensor import Sensor
 from gs2ci_sims.signals import Slices
 from gs2ci_sims.targets import BoardPlane, EvenLight, board_scene
 from gs2ci_sims.world import BOOT_S, Exposure
-
-F32 = NDArray[np.float32]
-F64 = NDArray[np.float64]
-U16 = NDArray[np.uint16]
 
 # Moments at which the camera's pose is asked for during an exposure; between them it is interpolated.
 POSES_FOLLOWED: Final = 257

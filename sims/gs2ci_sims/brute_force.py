@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gs2ci.core.arrays import F32, F64
 from gs2ci.core.errors import NumericsError
 from gs2ci_sims.effects.base import Effect
 from gs2ci_sims.effects.motion_blur import MotionBlur
@@ -25,9 +25,6 @@ from gs2ci_sims.path import CameraPath
 from gs2ci_sims.radiance import Renderer
 from gs2ci_sims.rig import Rig
 from gs2ci_sims.scenes.base import Scene
-
-F32 = NDArray[np.float32]
-F64 = NDArray[np.float64]
 
 PARTS_MAX: Final = 1024
 # Counting and rounding: what the tolerance of a plan is stated before.

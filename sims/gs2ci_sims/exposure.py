@@ -1,7 +1,8 @@
 """One coded exposure: light is integrated over time behind changing masks, counted, and read out.
 
 Here: the integral over time, the read-out, and `expose`, which is both. Not here: effects and their order
-(`light_path`), which of them are needed (`planner`), poses (`path`), masks (`masks`). For commands, twins and tests.
+(`light_path`), which of them are needed (`planner`), poses (`path`), masks (`masks`). For this package,
+`gs2ci.bench` and tests.
 
 The forward model is the bench's, not the solver's: photons arrive at a rate while the camera moves, through
 whatever mask is on show at that moment, and one sensor collects them all. Nothing is imported from the solver.
@@ -14,6 +15,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from gs2ci.core.arrays import F32, F64
 from gs2ci.core.errors import InputError
 from gs2ci.core.progress import Progress, Silent
 from gs2ci.core.records import Shot, Truth
@@ -29,10 +31,8 @@ from gs2ci_sims.rig import Rig
 from gs2ci_sims.scenes.base import Scene
 from gs2ci_sims.signals import Slices, View, nominal_slices
 
-F32 = NDArray[np.float32]
 # From this share of closed pixels on, rendering the open ones alone is faster than rendering all.
 CLOSED_SHARE_MIN: Final = 0.5
-F64 = NDArray[np.float64]
 
 
 def expose(

@@ -8,14 +8,13 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from gs2ci.core.arrays import F32
 from gs2ci.core.errors import InputError
 from gs2ci_sims.effects.base import Effect
 from gs2ci_sims.effects.finite_contrast import FiniteContrast
 from gs2ci_sims.effects.mask_edges import MaskEdges
 from gs2ci_sims.effects.misregistration import Misregistration
 from gs2ci_sims.rig import Rig
-
-F32 = NDArray[np.float32]
 
 # Elements of two pixels, not quite on the pixel grid, blurred, and leaking. Leakage of 60:1 and what blur spills into
 # closed elements make up the 25:1 that is measured in all.

@@ -14,10 +14,9 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
+from gs2ci.core.arrays import F64
 from gs2ci.core.errors import InputError
 from gs2ci_sims.signals import Slices
-
-F64 = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -3,13 +3,11 @@
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gs2ci.core.arrays import F64
 from gs2ci_sims.moments import gauss_nodes, gauss_weights, lagrange
 from gs2ci_sims.path import CameraPath, highest_hz
 from gs2ci_sims.scenes.base import Scene
-
-F64 = NDArray[np.float64]
 
 # Steps in which an interval is followed, and at least so many per period of what shakes the camera, up to a bound
 # beyond which only the amplitude counts.

@@ -13,9 +13,7 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
-import numpy as np
-from numpy.typing import NDArray
-
+from gs2ci.core.arrays import F32
 from gs2ci.core.errors import InputError
 from gs2ci_sims.effects.base import Bound, Effect, KernelEffect, Stage
 from gs2ci_sims.effects.full_well import FullWell
@@ -31,9 +29,9 @@ from gs2ci_sims.sampling import Sampling, choose_sampling
 from gs2ci_sims.scenes.base import Scene
 from gs2ci_sims.signals import Slices
 
-F32 = NDArray[np.float32]
-
 DEFAULT_TOLERANCE_DN: Final = 0.25
+# As many readings as the widest converter has: beyond, every simulation would do.
+MOST_TOLERANCE_DN: Final = 2.0**16
 # Effects left out may use up half of the tolerance, kernels that are cut off a tenth, sampling in time the rest.
 OMISSION_SHARE: Final = 0.5
 KERNEL_SHARE: Final = 0.1
@@ -136,7 +134,7 @@ def plan(
         masks: As nominally shown, [N, H, W].
         rig: The figures.
         effects: All that the rig has.
-        tolerance_dn: In total, rms over the pixels, more than 0.
+        tolerance_dn: In total, rms over the pixels, more than 0 and no more than there are readings.
         on: Names of effects to simulate whatever their bounds.
         off: Names of effects to leave out whatever their bounds; they do not count against the tolerance.
         seed: The exposure's: effects that shake the camera draw from it.
@@ -180,8 +178,8 @@ def plan(
 
 
 def _check(effects: Sequence[Effect], tolerance_dn: float, on: Collection[str], off: Collection[str]) -> None:
-    if not 0 < tolerance_dn < math.inf:
-        raise InputError(f"a tolerance of {tolerance_dn} DN", allowed="more than 0, finite")
+    if not 0 < tolerance_dn <= MOST_TOLERANCE_DN:
+        raise InputError(f"a tolerance of {tolerance_dn:g} DN", allowed=f"more than 0, at most {MOST_TOLERANCE_DN:g}")
     known = {effect.name for effect in effects}
     for name in (*on, *off):
         if name not in known:

@@ -14,18 +14,15 @@ from typing import Final
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from scipy.fft import dctn
 
+from gs2ci.core.arrays import F32, F64
 from gs2ci_sims.effects.base import Bound
 from gs2ci_sims.motion import image_motion_px, image_travel_px
 from gs2ci_sims.path import CameraPath
 from gs2ci_sims.radiance import Renderer, binned
 from gs2ci_sims.rig import Rig
 from gs2ci_sims.scenes.base import Scene
-
-F32 = NDArray[np.float32]
-F64 = NDArray[np.float64]
 
 # Begin, middle and end of the exposure are looked at; of an image that moves by less than this, the middle alone.
 MOMENTS: Final = 3
@@ -179,7 +176,7 @@ class Preview:
         return self.of_readings(total * self.full_scale_dn)
 
     def of_readings(self, change_dn: F64) -> Bound:
-        """Bound a change of readings that the preview predicts pixel by pixel."""
+        """Bound a change of readings, [H, W, C] in DN, that the preview predicts pixel by pixel."""
         return Bound(HEADROOM * float(np.sqrt(np.square(change_dn).mean())), HEADROOM * float(np.abs(change_dn).max()))
 
     def with_motion(self, steady: Bound, share: float) -> Bound:

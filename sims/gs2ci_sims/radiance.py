@@ -1,7 +1,7 @@
 """What light a scene sends to the camera: linear radiance images, integrated over each pixel's area.
 
 Here: the renderer with supersampling, and depth maps. Not here: time, masks, electrons (`exposure`). For this
-package.
+package and `gs2ci.rig`.
 """
 
 from collections.abc import Iterator
@@ -10,16 +10,13 @@ from typing import Final
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 
+from gs2ci.core.arrays import F32, F64
 from gs2ci.core.errors import InputError
 from gs2ci.render.backend import load_backend
 from gs2ci.render.gaussians import Gaussians
 from gs2ci.render.harmonics import colours_seen
 from gs2ci_sims.scenes.base import Scene
-
-F32 = NDArray[np.float32]
-F64 = NDArray[np.float64]
 
 # Poses per call of the rasteriser: bounds the memory of supersampled views.
 VIEWS_AT_ONCE: Final = 8

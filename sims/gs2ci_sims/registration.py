@@ -11,11 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates
 
+from gs2ci.core.arrays import F32, F64
 from gs2ci.core.errors import InputError
 from gs2ci_sims.world import MaskInterval
-
-F32 = NDArray[np.float32]
-F64 = NDArray[np.float64]
 
 # A sensor pixel's square, turned by this much, is integrated as an upright one: the corners are then off by less
 # than 0.03 of its side.

@@ -7,12 +7,10 @@ Not here: imperfections (`effects`; their tables are `[effects.*]`), devices and
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gs2ci.core.arrays import F64
 from gs2ci.core.errors import InputError
 from gs2ci_sims.sensor import Sensor
-
-F64 = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -20,8 +20,8 @@ from pathlib import Path
 from typing import Any, Final, TypeVar, get_args, get_origin, get_type_hints
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gs2ci.core.arrays import F32
 from gs2ci.core.config import read_toml
 from gs2ci.core.errors import InputError
 from gs2ci_sims.effects.base import Effect
@@ -36,7 +36,6 @@ from gs2ci_sims.scenes.files import load_scene
 from gs2ci_sims.scenes.planes import planes
 from gs2ci_sims.sensor import Sensor
 
-F32 = NDArray[np.float32]
 Record = TypeVar("Record")
 
 
@@ -183,7 +182,8 @@ def read_rig_file(path: Path) -> Setup:
         InputError: It is not there, not TOML, or holds a key or value that it may not.
     """
     tables, _ = read_toml(path)
-    if tables.keys() & BENCH_ONLY:
+    kinds = [name for name in ("modulator", "sensor") if "kind" in _table(tables, name)]
+    if tables.keys() & BENCH_ONLY or kinds:
         raise InputError(
             f"{path} describes a bench, not a simulation",
             allowed="a simulation's file: docs/simulation.md",

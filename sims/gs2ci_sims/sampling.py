@@ -9,16 +9,14 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gs2ci.core.arrays import F64
 from gs2ci_sims.effects.base import Effect, Stage
 from gs2ci_sims.effects.motion_blur import MotionBlur, even_panel_rms_dn, panel_bound
 from gs2ci_sims.light_path import EffectChain
 from gs2ci_sims.motion import net_motion_px
 from gs2ci_sims.preview import Preview
 from gs2ci_sims.signals import Slices, nominal_slices
-
-F64 = NDArray[np.float64]
 
 # Panels within a mask interval and views within a panel; odd, so that one view is the middle of the interval, where
 # the true view of a shot is.

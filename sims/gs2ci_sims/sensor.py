@@ -6,11 +6,9 @@ Not here: the effects that it implies (`effects`, listed by `light_path.sensor_e
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gs2ci.core.arrays import F64
 from gs2ci.core.errors import InputError
-
-F64 = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

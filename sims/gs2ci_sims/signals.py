@@ -9,9 +9,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from gs2ci.core.arrays import F64
 from gs2ci.render.gaussians import Gaussians
 
-F64 = NDArray[np.float64]
 Index = NDArray[np.intp]
 
 MovingScene = Callable[[float], Gaussians]

@@ -11,17 +11,14 @@ from typing import Final
 import cv2
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from gs2ci.core.arrays import F32, F64
 from gs2ci.core.errors import InputError
 from gs2ci.render.gaussians import Gaussians
 from gs2ci_sims.effects.lens_distortion import LensDistortion
 from gs2ci_sims.radiance import Renderer, binned, with_margin
 from gs2ci_sims.scenes.base import Scene
-
-F32 = NDArray[np.float32]
-F64 = NDArray[np.float64]
 
 # Radiance of the board's paper and ink, and of what is behind it; 1 is white.
 PAPER: Final = 0.85

@@ -18,13 +18,9 @@ from itertools import count
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gs2ci.core.arrays import F64, U8, U16
 from gs2ci.core.errors import InputError
-
-U8 = NDArray[np.uint8]
-U16 = NDArray[np.uint16]
-F64 = NDArray[np.float64]
 
 BOOT_S = 1000.0
 """What the clock shows when a world begins: an uptime, so that times before it are positive too."""
@@ -203,6 +199,14 @@ class LightPath(Protocol):
         ...
 
 
+class Darkness:
+    """A light path without light, for twins whose pictures nobody looks at."""
+
+    def collect(self, exposure: Exposure) -> U16:
+        """Return zeros; see `LightPath`."""
+        return np.zeros((exposure.height, exposure.width), np.uint16)
+
+
 class Motion(Protocol):
     """Something that knows where its axes were: a stage twin."""
 
@@ -228,7 +232,7 @@ class Mount:
     rest_mm: Mapping[str, float] = field(default_factory=dict)
 
     def world_to_camera(self, positions_mm: Mapping[str, float]) -> F64:
-        """Return the camera's pose for these positions: moving the camera by d moves the scene by −d."""
+        """Return the camera's pose, [4, 4], for these positions: moving the camera by d moves the scene by −d."""
         shift = np.zeros(3)
         for axis, position in positions_mm.items():
             if axis in self.directions:
@@ -249,14 +253,14 @@ class World:
     """One rig's surroundings; twins are given it, drivers never are.
 
     Args:
-        light: What turns an exposure into pixels.
+        light: What turns an exposure into pixels; None: darkness.
         mount: How the stage carries the camera.
     """
 
-    def __init__(self, light: LightPath, mount: Mount | None = None) -> None:
+    def __init__(self, light: LightPath | None = None, mount: Mount | None = None) -> None:
         self.clock = VirtualClock()
         self.bus = TriggerBus(self.clock)
-        self.light = light
+        self.light = light or Darkness()
         self.mount = mount or Mount()
         self.exposures: list[Exposure] = []
         self._motion: Motion | None = None
@@ -271,7 +275,7 @@ class World:
         return self.mount.world_to_camera(self._motion.positions_mm_at(when_s) if self._motion else {})
 
     def show_mask(self, levels: U8 | U16 | None, top: int = 1) -> None:
-        """Show a mask from now on; None is dark. The array must not be changed afterwards.
+        """Show a mask, [H, W], from now on; None is dark. The array must not be changed afterwards.
 
         Raises:
             InputError: Not two-dimensional, or `top` below 1.

@@ -7,31 +7,16 @@ import pytest
 
 from gs2ci.bench.cases import Case, noisy, recoded, reweighted, staged, without_focal
 from gs2ci.core.errors import InputError
-from gs2ci.core.records import Shot, Truth
+from gs2ci.core.records import Truth
 
 SMALL = Case("small", scene="boxes", size=(32, 48), views=4)
 TINY = Case("tiny", scene="planes", size=(24, 32), views=4)
 
 
 @pytest.fixture
-def known():
-    draws = np.random.default_rng(0)
-    views = draws.random((6, 16, 20, 3), dtype=np.float32)
-    masks = (draws.random((6, 16, 20)) < 0.5).astype(np.float32)
-    poses = np.tile(np.eye(4), (6, 1, 1))
-    poses[:, 0, 3] = np.arange(6)
-    return Shot(
-        measurement=np.einsum("nhw,nhwc->hwc", masks, views),
-        masks=masks,
-        weights=np.full(6, 0.5, np.float32),
-        truth=Truth(views, poses),
-    )
-
-
-@pytest.fixture
-def file(known, tmp_path):
+def file(random_shot, tmp_path):
     path = tmp_path / "known.npz"
-    np.savez(path, meas=known.measurement, masks=known.masks, truth=known.truth.views)
+    np.savez(path, meas=random_shot.measurement, masks=random_shot.masks, truth=random_shot.truth.views)
     return str(path)
 
 
@@ -52,32 +37,32 @@ def test_a_case_travels_as_plain_values():
     assert Case.of({**asdict(SMALL), "size": [32, 48]}) == SMALL
 
 
-def test_a_file_is_taken_as_it_is(file, known):
+def test_a_file_is_taken_as_it_is(file, random_shot):
     shot = Case("known", file=file).shot(3)
-    assert np.allclose(shot.measurement, known.measurement, atol=1e-6)
-    assert np.array_equal(shot.masks, known.masks)
+    assert np.allclose(shot.measurement, random_shot.measurement, atol=1e-6)
+    assert np.array_equal(shot.masks, random_shot.masks)
 
 
-def test_all_but_the_middle_of_a_file_is_cut_away(file, known):
+def test_all_but_the_middle_of_a_file_is_cut_away(file, random_shot):
     shot = Case("known", file=file, size=(8, 12)).shot(0)
-    assert np.array_equal(shot.masks, known.masks[:, 4:12, 4:16])
-    assert np.array_equal(shot.truth.views, known.truth.views[:, 4:12, 4:16])
-    assert np.allclose(shot.measurement, known.measurement[4:12, 4:16], atol=1e-6)
+    assert np.array_equal(shot.masks, random_shot.masks[:, 4:12, 4:16])
+    assert np.array_equal(shot.truth.views, random_shot.truth.views[:, 4:12, 4:16])
+    assert np.allclose(shot.measurement, random_shot.measurement[4:12, 4:16], atol=1e-6)
 
 
-def test_a_file_is_coded_anew_when_asked_for(file, known):
+def test_a_file_is_coded_anew_when_asked_for(file, random_shot):
     shot = Case("known", file=file, views=3, open_share=0.2).shot(0)
     assert shot.views == 3
-    assert np.array_equal(shot.truth.views, known.truth.views[[0, 2, 5]])
+    assert np.array_equal(shot.truth.views, random_shot.truth.views[[0, 2, 5]])
     assert np.allclose(shot.measurement, np.einsum("nhw,nhwc->hwc", shot.masks, shot.truth.views), atol=1e-6)
 
 
-def test_weights_that_are_off_tell_of_another_lamp_and_change_nothing_else(known):
-    told = reweighted(known, 0.3, np.random.default_rng(0))
-    factors = told.weights / known.weights
+def test_weights_that_are_off_tell_of_another_lamp_and_change_nothing_else(random_shot):
+    told = reweighted(random_shot, 0.3, np.random.default_rng(0))
+    factors = told.weights / random_shot.weights
     assert np.ptp(factors) > 0.2
     assert factors.min() > 0.5
-    assert np.array_equal(told.measurement, known.measurement)
+    assert np.array_equal(told.measurement, random_shot.measurement)
     small = replace(SMALL, weights_off=0.3)
     assert np.array_equal(small.shot(0).measurement, SMALL.shot(0).measurement)
     assert np.array_equal(small.shot(0).weights, small.shot(0).weights)
@@ -107,41 +92,41 @@ def test_a_stage_cannot_be_off_by_the_whole_path(share):
         replace(TINY, stage_off=share).shot(0)
 
 
-def test_a_shot_of_unknown_path_has_no_stage_to_tell_it(known):
+def test_a_shot_of_unknown_path_has_no_stage_to_tell_it(random_shot):
     with pytest.raises(InputError, match="no true poses for a stage"):
-        staged(replace(known, truth=Truth(known.truth.views)), 0.0, np.random.default_rng(0))
+        staged(replace(random_shot, truth=Truth(random_shot.truth.views)), 0.0, np.random.default_rng(0))
 
 
-def test_recoding_keeps_first_and_last_view_and_their_poses_and_resets_the_weights(known):
-    shot = recoded(known, 2, None, 0.0, np.random.default_rng(0))
-    assert np.array_equal(shot.masks, known.masks[[0, 5]])
+def test_recoding_keeps_first_and_last_view_and_their_poses_and_resets_the_weights(random_shot):
+    shot = recoded(random_shot, 2, None, 0.0, np.random.default_rng(0))
+    assert np.array_equal(shot.masks, random_shot.masks[[0, 5]])
     assert shot.truth.world_to_camera[:, 0, 3].tolist() == [0, 5]
     assert shot.weights.tolist() == [1, 1]
 
 
-def test_noise_is_added_to_the_sum(known):
-    plain = recoded(known, 6, None, 0.0, np.random.default_rng(0)).measurement
-    noisy = recoded(known, 6, None, 0.1, np.random.default_rng(0)).measurement
+def test_noise_is_added_to_the_sum(random_shot):
+    plain = recoded(random_shot, 6, None, 0.0, np.random.default_rng(0)).measurement
+    noisy = recoded(random_shot, 6, None, 0.1, np.random.default_rng(0)).measurement
     assert np.std(noisy - plain) == pytest.approx(0.1, rel=0.1)
 
 
-def test_a_shot_without_truth_cannot_be_coded_anew(known):
+def test_a_shot_without_truth_cannot_be_coded_anew(random_shot):
     with pytest.raises(InputError, match="no true views"):
-        recoded(replace(known, truth=Truth()), 2, None, 0.0, np.random.default_rng(0))
+        recoded(replace(random_shot, truth=Truth()), 2, None, 0.0, np.random.default_rng(0))
 
 
 @pytest.mark.parametrize("views", [0, 7])
-def test_more_views_than_there_are_or_none_are_refused(known, views):
+def test_more_views_than_there_are_or_none_are_refused(random_shot, views):
     with pytest.raises(InputError, match="1 to 6 views"):
-        recoded(known, views, None, 0.0, np.random.default_rng(0))
+        recoded(random_shot, views, None, 0.0, np.random.default_rng(0))
 
 
 @pytest.mark.parametrize("noise", [-1.0, np.nan, np.inf, 1e13])
-def test_impossible_noise_is_refused(known, noise):
+def test_impossible_noise_is_refused(random_shot, noise):
     with pytest.raises(InputError, match="noise of"):
-        recoded(known, 2, None, noise, np.random.default_rng(0))
+        recoded(random_shot, 2, None, noise, np.random.default_rng(0))
     with pytest.raises(InputError, match="noise of"):
-        noisy(known, noise, np.random.default_rng(0))
+        noisy(random_shot, noise, np.random.default_rng(0))
     with pytest.raises(InputError, match="noise of"):
         replace(TINY, noise=noise).shot(0)
 
@@ -179,12 +164,12 @@ def test_a_simulated_measurements_noise_is_the_seeds():
     assert abs(np.corrcoef(added.ravel(), of_the_masks.ravel())[0, 1]) < 0.1
 
 
-def test_noise_leaves_clipped_readings_and_their_marks(known):
-    clipped = np.zeros(known.size, np.bool_)
+def test_noise_leaves_clipped_readings_and_their_marks(random_shot):
+    clipped = np.zeros(random_shot.size, np.bool_)
     clipped[3, 4:8] = True
-    shot = noisy(replace(known, saturated=clipped), 0.1, np.random.default_rng(0))
-    assert np.array_equal(shot.measurement[clipped], known.measurement[clipped])
-    assert (shot.measurement[~clipped] != known.measurement[~clipped]).all()
+    shot = noisy(replace(random_shot, saturated=clipped), 0.1, np.random.default_rng(0))
+    assert np.array_equal(shot.measurement[clipped], random_shot.measurement[clipped])
+    assert (shot.measurement[~clipped] != random_shot.measurement[~clipped]).all()
     assert np.array_equal(shot.saturated, clipped)
 
 
@@ -203,8 +188,8 @@ def test_what_grey_masks_let_through_is_what_is_measured():
     assert np.corrcoef(coded.ravel(), shot.measurement.ravel())[0, 1] > 0.98
 
 
-def test_a_files_grey_masks_are_as_open_as_its_own_or_as_asked_for(file, known):
-    for share, expected in ((None, float(known.masks.mean())), (0.3, 0.3)):
+def test_a_files_grey_masks_are_as_open_as_its_own_or_as_asked_for(file, random_shot):
+    for share, expected in ((None, float(random_shot.masks.mean())), (0.3, 0.3)):
         shot = Case("known", file=file, open_share=share, grey_masks=True).shot(0)
         assert np.mean((shot.masks > 0) & (shot.masks < 1)) > 0.9
         assert shot.masks.mean() == pytest.approx(expected, abs=0.03)
@@ -218,9 +203,9 @@ def test_a_case_may_keep_its_focal_length_to_itself_and_changes_nothing_else():
     assert np.array_equal(told.measurement, untold.measurement)
 
 
-def test_a_shot_without_a_camera_matrix_has_none_to_leave_out(known, file):
+def test_a_shot_without_a_camera_matrix_has_none_to_leave_out(random_shot, file):
     with pytest.raises(InputError, match="no camera matrix"):
-        without_focal(known)
+        without_focal(random_shot)
     with pytest.raises(InputError, match="no camera matrix"):
         Case("known", file=file, focal_known=False).shot(0)
 

@@ -1,6 +1,7 @@
 """Means, spreads and the three files."""
 
 import csv
+from dataclasses import replace
 
 import cv2
 import pytest
@@ -88,3 +89,11 @@ def test_a_folder_that_cannot_be_made_is_a_clear_error(figures, tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(StorageError, match="cannot be written"):
         write_pages(tmp_path / "file", "x", TABLE, figures, "gs2ci bench x")
+
+
+def test_a_table_against_an_axis_is_drawn_even_where_every_cell_failed(tmp_path):
+    table = replace(TABLE, axis="tolerance, DN")
+    entries = [Entry("one", line, CELL) for line in ("everything", "0.5 DN")]
+    figures = collect(table, entries, [{"error": "no rig"}] * 2)
+    pages = write_pages(tmp_path, "table", table, figures, "gs2ci bench x")
+    assert all(page.stat().st_size for page in pages)

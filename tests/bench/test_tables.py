@@ -2,6 +2,8 @@
 
 import itertools
 from dataclasses import replace
+from pathlib import Path
+from typing import get_args
 
 import numpy as np
 import pytest
@@ -9,7 +11,18 @@ import pytest
 from gs2ci.bench.calibration import BENCHES, FRAMES
 from gs2ci.bench.cases import Case
 from gs2ci.bench.cells import run
-from gs2ci.bench.tables import CONDITIONS, RATIOS, TABLES, VIEWS, Options, file_cases, resized, simulated_cases
+from gs2ci.bench.names import TableName
+from gs2ci.bench.tables import (
+    CONDITIONS,
+    RATIOS,
+    TABLES,
+    VIEWS,
+    Options,
+    file_cases,
+    known_cases,
+    resized,
+    simulated_cases,
+)
 from gs2ci.bench.variants import ABLATION, FINE, GEOMETRY, RULES, VARIANTS, settings_of
 from gs2ci.core.errors import InputError
 from gs2ci.reconstruct.ablation import COMPONENTS
@@ -37,6 +50,10 @@ def test_a_table_has_a_cell_for_each_case_line_and_seed(name, lines):
     assert len(entries) == len(CASES) * len(lines) * 2
     assert len({(entry.case, entry.line, entry.cell.arguments["seed"]) for entry in entries}) == len(entries)
     assert len({entry.cell.key for entry in entries}) == len(entries)
+
+
+def test_every_table_can_be_asked_for_by_its_name():
+    assert tuple(TABLES) == get_args(TableName)
 
 
 def test_a_line_changes_what_it_says():
@@ -185,17 +202,32 @@ def test_of_files_the_middle_is_left(tmp_path):
     assert {case.shot(0).size for case in resized(file_cases(tmp_path), (4, 6))} == {(4, 6)}
 
 
-@pytest.mark.parametrize(
-    ("cases", "size"), [((Case("a", file="a.toml"),), (24, 32)), ((Case("a"),), (24, 32)), (CASES, (0, 32))]
-)
-def test_a_size_is_refused_for_what_has_none_and_where_no_pixel_is_left(cases, size):
+def test_a_size_is_refused_where_no_pixel_is_left():
     with pytest.raises(InputError, match="size"):
-        resized(cases, size)
+        resized(CASES, (0, 32))
 
 
-def test_benches_are_calibrated_by_name_and_there_are_no_others(tmp_path):
-    benches = TABLES["calibrate"].known(None)
+@pytest.mark.parametrize(
+    ("table", "options", "option"),
+    [
+        ("calibrate", {"size": (24, 32)}, "--size"),
+        ("simulate", {"size": (24, 32)}, "--size"),
+        ("calibrate", {"folder": Path("benches")}, "--data"),
+    ],
+)
+def test_an_option_that_a_table_cannot_heed_is_refused_with_the_tables_that_can(table, options, option):
+    with pytest.raises(InputError, match=f"{option} for the table {table}") as caught:
+        known_cases(table, **{"folder": None, "size": None, **options})
+    assert "methods, init, density" in caught.value.allowed
+    assert table not in caught.value.allowed
+
+
+def test_the_cases_of_a_table_are_had_at_another_size():
+    assert {case.size for case in known_cases("methods", None, (24, 32))} == {(24, 32)}
+    assert known_cases("methods", None, None) == simulated_cases()
+
+
+def test_benches_are_calibrated_by_name():
+    benches = known_cases("calibrate", None, None)
     entries = TABLES["calibrate"].entries(Options(benches[:1], 1))
     assert {entry.cell.arguments["bench"] for entry in entries} == {benches[0].name}
-    with pytest.raises(InputError, match="the simulated ones"):
-        TABLES["calibrate"].known(tmp_path)

@@ -2,7 +2,6 @@
 
 import subprocess
 import sys
-import time
 
 import dask
 import psutil
@@ -145,8 +144,6 @@ def test_a_table_that_is_ended_waits_for_none_of_its_cells(store, tmp_path):
         if done:
             raise StorageError("the disk is full")
 
-    began_s = time.monotonic()
     with pytest.raises(StorageError, match="full"):
         complete(cells, store, processes=2, heard=full)
     assert not [child for child in psutil.Process().children() if "spawn_main" in " ".join(child.cmdline())]
-    assert time.monotonic() - began_s < 60

@@ -14,11 +14,11 @@ from pathlib import Path
 from gs2ci.bench.cases import Case
 from gs2ci.bench.tables import TEXTURELESS, file_cases, simulated_cases
 from gs2ci.core.progress import Silent
-from gs2ci.reconstruct.brightness import brightness_gain
+from gs2ci.reconstruct.brightness import LinearSystem
 from gs2ci.reconstruct.decode.gap_tv import gap_tv
-from gs2ci.reconstruct.fit.stopping import Jury, choose_heldout
 from gs2ci.reconstruct.geometry.evidence import carried_views
 from gs2ci.reconstruct.geometry.prior import Request, from_tracks
+from gs2ci.reconstruct.jury import Jury
 from gs2ci.reconstruct.settings import Settings
 
 SIZE = (96, 128)
@@ -28,10 +28,11 @@ OFF = (0.0, 0.1, 0.3)
 
 def _gain(case: Case, seed: int) -> float:
     shot, settings = case.shot(seed), Settings()
-    seen = Jury(shot, choose_heldout(shot, settings.fit.hold_out.share, seed)).seen
+    seen = Jury.of(shot, settings.fit.hold_out.share, seed).seen
     decoded = gap_tv(seen, settings.decode, Silent())
     geometry = from_tracks(Request.of(seen, decoded, settings.geometry, None), Silent())
-    return brightness_gain(seen, carried_views(decoded, geometry))
+    system = LinearSystem.of(seen, carried_views(decoded, geometry))
+    return 0.0 if system is None else system.gain()
 
 
 def run() -> None:

@@ -22,7 +22,8 @@ from rich.console import Console
 from rich.table import Table
 from scipy.spatial.transform import Rotation
 
-from gs2ci.core.records import F64, Shot
+from gs2ci.core.arrays import F64
+from gs2ci.core.records import Shot
 from gs2ci.evaluate.trajectory import trajectory_errors
 from gs2ci.reconstruct.decode.gap_tv import gap_tv
 from gs2ci.reconstruct.geometry.bundle import adjust_bundle

@@ -14,9 +14,11 @@ from pathlib import Path
 
 import numpy as np
 
+from gs2ci.bench.truth import truth_of
+from gs2ci.core.arrays import F32
 from gs2ci.core.errors import GeometryError
 from gs2ci.core.progress import Silent
-from gs2ci.core.records import F32, Shot
+from gs2ci.core.records import Shot
 from gs2ci.core.storage import read_shot
 from gs2ci.evaluate.metrics import psnr_per_view
 from gs2ci.reconstruct.decode.gap_tv import gap_tv
@@ -28,7 +30,6 @@ from gs2ci.rig.intent import intended
 from gs2ci.rig.opening import Rig
 from gs2ci.rig.recording import prepare, record
 from gs2ci.rig.simulated import build_bench
-from gs2ci.rig.truth import truth_of
 from gs2ci_calibration.bench import Setup
 from gs2ci_calibration.bundle import Bundle, add_section
 from gs2ci_calibration.procedures import PROCEDURES

@@ -11,8 +11,8 @@ from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from gs2ci.core.arrays import F64
 from gs2ci.rig.calibrating import bench_of, operator_of
 from gs2ci.rig.config import RigTable
 from gs2ci.rig.opening import Rig
@@ -27,7 +27,6 @@ from gs2ci_calibration.geometry.stage import measure_stage
 from gs2ci_sims.bench_light import BenchLight
 from gs2ci_sims.targets import board_scene
 
-F64 = NDArray[np.float64]
 Rows = dict[str, list[tuple[float, float]]]
 
 BENCHES = 24

@@ -11,7 +11,8 @@ from dataclasses import replace
 import numpy as np
 import torch
 
-from gs2ci.core.records import F32, Shot
+from gs2ci.core.arrays import F32
+from gs2ci.core.records import Shot
 from gs2ci.evaluate.metrics import psnr_per_view
 from gs2ci.reconstruct.fit.coarse import CoarseSettings
 from gs2ci.reconstruct.fit.stopping import HoldOut

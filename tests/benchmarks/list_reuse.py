@@ -17,8 +17,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from gs2ci.bench.cases import Case
+from gs2ci.core.arrays import F32
 from gs2ci.core.progress import Silent
-from gs2ci.core.records import F32
 from gs2ci.core.run_records import CurvePoint
 from gs2ci.evaluate.metrics import psnr_per_view
 from gs2ci.reconstruct.fit.coarse import CoarseSettings

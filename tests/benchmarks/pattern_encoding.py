@@ -7,15 +7,13 @@ import time
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table
 
+from gs2ci.core.arrays import U8
 from gs2ci_drivers.dlpc900.images import HEADER_BYTES, Compression, encode_block, pack_planes
 from gs2ci_drivers.dlpc900.timing import upload_s
 from gs2ci_sims.wires.dlpc900_images import read_image
-
-U8 = NDArray[np.uint8]
 
 HEIGHT, WIDTH, PLANES = 1080, 1920, 24
 _ROUNDS = 5

@@ -15,16 +15,17 @@ from scipy.spatial.transform import Rotation
 
 from gs2ci.bench.cases import Case, staged
 from gs2ci.bench.tables import SIMULATED, TEXTURELESS
+from gs2ci.core.arrays import F64
 from gs2ci.core.errors import GeometryError
 from gs2ci.core.progress import Silent
-from gs2ci.core.records import F64, Shot
+from gs2ci.core.records import Shot
 from gs2ci.evaluate.trajectory import trajectory_errors
 from gs2ci.reconstruct.decode.gap_tv import gap_tv
-from gs2ci.reconstruct.fit.stopping import Jury, choose_heldout
 from gs2ci.reconstruct.geometry.choose import load_geometry_prior
 from gs2ci.reconstruct.geometry.evidence import unexplained
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.geometry.prior import Request
+from gs2ci.reconstruct.jury import Jury
 from gs2ci.reconstruct.settings import Settings
 
 SEED = 0
@@ -91,7 +92,7 @@ def run() -> None:
     print(f"{'':44} {'left':>7} {'taken':>8} {'nATE':>8} {'turn, °':>7}")
     for name in (*SIMULATED, TEXTURELESS):
         shot = Case(name, scene=name).shot(SEED)
-        jury = Jury(shot, choose_heldout(shot, settings.fit.hold_out.share, SEED))
+        jury = Jury.of(shot, settings.fit.hold_out.share, SEED)
         views = gap_tv(jury.seen, settings.decode, Silent())
         plain = Request.of(jury.seen, views, settings.geometry, None)
         tracks = _ask("tracks", plain)

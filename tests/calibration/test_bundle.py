@@ -97,8 +97,34 @@ def test_estimates_refuse_negative_errors_and_shapes_that_disagree():
     with pytest.raises(NumericsError, match="one for each value"):
         Estimate([1.0, 2.0], [0.1, 0.1, 0.1], "s")
     assert Estimate([1.0, 2.0], 0.5, "s").agrees([1.9, 3.1]).tolist() == [True, False]
-    assert str(Estimate(1.0, 0.1, "1")) == "1 ± 0.1"
-    assert str(Estimate([1.0, 3.0], 0.1, "px")) == "median 2 ± 0.1 px [2]"
+
+
+@pytest.mark.parametrize(
+    ("value", "error", "text"),
+    [
+        (1.0, 0.1, "1.00 ± 0.10"),
+        (3801.18, 170.3, "3800 ± 170"),
+        (18518.5123, 1.94, "18518.5 ± 1.9"),
+        (-2.82e-6, 4.3e-6, "(-2.8 ± 4.3)e-06"),
+        (-1e-9, 2e-3, "0.0000 ± 0.0020"),
+        (8.0, 0.0, "8 ± 0"),
+        (4.5678e9, 1.2e7, "(4.568 ± 0.012)e+09"),
+        (0.0, 0.0, "0 ± 0"),
+        (0.1, 1e-12, "0.1000000000000 ± 0.0000000000010"),
+    ],
+)
+def test_estimates_are_written_as_far_as_their_error_lets_them_be_known(value, error, text):
+    assert str(Estimate(value, error, "s")) == f"{text} s"
+
+
+def test_an_array_is_written_as_what_was_found_of_it_or_as_median_and_rms_error():
+    assert str(Estimate(1.0, 0.1, "1")) == "1.00 ± 0.10"
+    assert str(Estimate([1.0, 3.0], 0.1, "px")) == "1.00 ± 0.10, 3.00 ± 0.10 px [2]"
+    matrix, errors = [[50.0, 0, 8], [0, 50, 6], [0, 0, 1]], [[0.1, 0, 0.2], [0, 0.1, 0.2], [0, 0, 0]]
+    said = "50.00 ± 0.10, 8.00 ± 0.20, 50.00 ± 0.10, 6.00 ± 0.20 px [3 × 3]"
+    assert str(Estimate(matrix, errors, "px")) == said
+    assert str(Estimate(np.arange(9.0), 0.1, "px")) == "median 4.00 ± 0.10 px [9]"
+    assert str(Estimate([1.0, 3.0], 0.0, "px")) == "median 2 ± 0 px [2]"
 
 
 def test_a_number_that_is_not_finite_in_a_file_is_refused(path):

@@ -49,7 +49,10 @@ def test_measurements_of_a_folder_replace_the_simulated_ones(quick, tmp_path):
     ("arguments", "message"),
     [
         ({"table": "none"}, "table 'none'"),
-        ({"table": "seeds", "seeds": 0}, "0 seeds"),
+        ({"table": "seeds", "seeds": 0}, "--seeds 0"),
+        ({"table": "seeds", "processes": -1}, "--processes -1"),
+        ({"table": "seeds", "size": (0, 8)}, "--size 0"),
+        ({"table": "calibrate", "size": (8, 8)}, "--size for the table calibrate"),
         ({"table": "seeds", "cases": ("nowhere",)}, "case 'nowhere'"),
     ],
 )

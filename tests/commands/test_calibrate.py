@@ -40,8 +40,16 @@ def test_steps_fill_a_bundle_and_check_finds_no_drift(rig, capsys, gs2ci):
     assert set(bundle.provenance.devices) == {"modulator", "sensor"}
     written = rig.with_name("b.cal.h5").read_bytes()
     assert gs2ci("calibrate", "check", "--rig", rig, "-o", "b.cal.h5") == 0
-    assert "black level" in capsys.readouterr().out
+    told = capsys.readouterr().out
+    assert told.index("flat frames: ") < told.index("since the calibration") < told.index("black level")
     assert rig.with_name("b.cal.h5").read_bytes() == written
+
+
+def test_what_a_step_took_is_said_before_what_it_found(rig, capsys, gs2ci):
+    """Not under the name of the step that runs next."""
+    assert gs2ci("calibrate", "dark-flat", "--rig", rig, "-o", "b.cal.h5") == 0
+    said = capsys.readouterr().out
+    assert said.index("dark-flat:") < said.index("flat frames: ") < said.index("value ± standard error")
 
 
 def test_check_ends_with_an_error_that_names_what_to_measure_again(rig, capsys, gs2ci):

@@ -59,10 +59,14 @@ def test_a_file_where_the_folder_should_be_is_a_clear_error(tmp_path):
 
 @pytest.mark.parametrize(
     "wish",
-    [{"views": 0}, {"views": 5000}, {"height": 69}, {"width": 102}, {"height": 0}, {"parallax_px": -1.0}],
+    [
+        {"views": 0}, {"views": 5000}, {"height": 69}, {"width": 102}, {"height": 0}, {"height": 542}, {"width": 964},
+        {"parallax_px": -1.0}, {"parallax_px": float("nan")}, {"seed": -1},
+    ],
     ids=str,
-)
-def test_what_no_demonstration_can_be_is_refused_in_its_own_words(tmp_path, wish):
-    with pytest.raises(InputError, match=r"a demonstration of .*allowed: 1 to 400 views; .* multiple of 2"):
+)  # fmt: skip
+def test_what_no_demonstration_can_be_is_refused_by_its_option(tmp_path, wish):
+    ((name, value),) = wish.items()
+    with pytest.raises(InputError, match=f"--{name.replace('_', '-')} {value:g}; allowed: a .* what to do: "):
         run(tmp_path / "demo", **wish)
     assert list(tmp_path.iterdir()) == []

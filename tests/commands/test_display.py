@@ -123,6 +123,23 @@ def test_plain_output_is_one_line_per_stage_and_sentence():
     ]
 
 
+def test_what_is_done_after_a_stage_was_finished_is_not_its_own():
+    console = pipe()
+    with PlainDisplay(console, StepClock()) as display:
+        display.stage("masks", 8)
+        display.step(8)
+        display.finish()
+        display.say("camera:")
+        display.finish()
+    assert console.file.getvalue().splitlines() == ["masks: 1.0 s, 8 steps", "camera:"]
+    with open_display(terminal()) as live:
+        live.finish()
+        live.stage("masks", 8)
+        live.finish()
+        live.step(3)
+        assert [task.finished for task in live._bars.tasks] == [True]
+
+
 def test_a_stage_may_turn_out_longer_or_shorter_than_it_was_said_to_be():
     console = pipe()
     with PlainDisplay(console, StepClock()) as display:
@@ -231,7 +248,10 @@ def test_steps_before_any_stage_are_ignored():
         ({"tracks": 812, "motion_model": "affine"}, "tracks 812 · motion model affine"),
         ({"gaussians": 1234567}, "1 234 567 Gaussians"),
         ({"loss": 1.234e-5}, "loss 1.23e-05"),
-        ({"loss": 4321.0}, "loss 4.32e+03"),
+        ({"loss": 4321.0}, "loss 4321"),
+        ({"loss": 4.321e8}, "loss 4.32e+08"),
+        ({"mean_dn": 2053.4, "exposure_ms": 8.51}, "mean 2053 DN · exposure 8.51 ms"),
+        ({"rms_px": 0.0123, "latency_us": 12}, "rms 0.0123 px · latency 12 µs"),
     ],
 )
 def test_figures_read_as_a_person_writes_them(figures, text):

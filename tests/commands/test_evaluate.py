@@ -1,4 +1,5 @@
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,8 +9,9 @@ from gs2ci.commands import evaluate
 from gs2ci.core.errors import InputError
 from gs2ci.core.records import Shot, Truth
 from gs2ci.core.run_records import VERDICTS, RunResult
-from gs2ci.core.storage import write_shots
+from gs2ci.core.storage import read_shot, write_shots
 from gs2ci.evaluate.run_folder import write_run
+from gs2ci.reconstruct.fit import perceptual
 from gs2ci.render.gaussians import Gaussians
 
 SIZE = (12, 16)
@@ -82,8 +84,52 @@ def test_a_perceptual_distance_is_printed_beside_the_others(finished, monkeypatc
         asked.append(name)
         return lambda image, target: (image - target).abs().mean()
 
-    monkeypatch.setattr(evaluate, "load_distance", load)
+    monkeypatch.setattr(perceptual, "load_distance", load)
     evaluate.run(folder, shot, lpips="lpips")
     evaluate.run(folder, shot, lpips="mine.onnx")
     assert asked == ["lpips", "lpips:mine.onnx"]
     assert "LPIPS" in capsys.readouterr().out
+
+
+def changed(tmp_path, shot, **parts):
+    """Write the shot again, with something else in it."""
+    return write_shots(tmp_path / "other.h5", [replace(read_shot(shot), **parts)])
+
+
+def test_the_truth_may_lie_in_another_file_of_the_same_measurement(finished, tmp_path, capsys):
+    shot, folder = finished
+    other = changed(tmp_path, shot, name="another name", provenance={"from": "elsewhere"})
+    assert json.loads(evaluate.run(folder, other).read_text())["notes"] == []
+    assert "PSNR" in capsys.readouterr().out
+
+
+def test_a_shot_of_another_measurement_is_refused_and_nothing_is_written(finished, tmp_path):
+    shot, folder = finished
+    slope = np.linspace(0, 2, SIZE[0] * SIZE[1] * 3, dtype=np.float32).reshape(*SIZE, 3)
+    with pytest.raises(InputError, match=r"of another measurement.*check the file and --index"):
+        evaluate.run(folder, changed(tmp_path, shot, measurement=slope))
+    assert not (folder / "evaluation.json").exists()
+
+
+def test_other_masks_or_another_scale_of_the_same_measurement_are_said(finished, tmp_path, capsys):
+    shot, folder = finished
+    evaluate.run(folder, changed(tmp_path, shot, masks=np.full((2, *SIZE), 0.5, np.float32)))
+    assert "masks are not those of the reconstruction" in capsys.readouterr().out
+    evaluate.run(folder, changed(tmp_path, shot, measurement=np.full((*SIZE, 3), 1.5, np.float32)))
+    assert "readings are 1.5 times those" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("options", "problem"),
+    [
+        ({"read_noise": 0.0}, "--read-noise 0"),
+        ({"read_noise": float("nan")}, "--read-noise nan"),
+        ({"read_noise": 1e300}, r"--read-noise 1e\+300"),
+        ({"read_noise": 0.1, "electrons": -1.0}, "--electrons -1"),
+        ({"electrons": 1e4}, "--electrons without --read-noise"),
+    ],
+)
+def test_noise_that_cannot_be_is_refused_by_its_option(finished, options, problem):
+    shot, folder = finished
+    with pytest.raises(InputError, match=problem):
+        evaluate.run(folder, shot, **options)

@@ -1,5 +1,7 @@
 """The import command: its arguments, what it prints, what it writes, and that errors write nothing."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 import tyro
@@ -111,8 +113,18 @@ def test_an_interrupted_capture_is_recovered(tmp_path, capsys):
         writer.append(np.full((4, 4), 8, np.uint16))
     path = run(tmp_path / "rig.h5.partial", out=tmp_path / "saved.h5")
     assert read_shot(path, 1).measurement[0, 0, 0] == 8
-    assert "2 finished rows" in capsys.readouterr().out
+    assert "2 finished rows of rig.h5.partial saved in" in capsys.readouterr().out
     assert (tmp_path / "rig.h5.partial").exists()
+
+
+@pytest.mark.parametrize(
+    "options",
+    [{"index": 0}, {"masks": Path("m.npy")}, {"intrinsics": ("K.npy",)}, {"scale": 2.0}, {"distortion": (0.1,)}],
+)
+def test_options_that_an_interrupted_capture_cannot_heed_are_refused(tmp_path, options):
+    with pytest.raises(InputError, match=r"options beside .*rig\.h5\.partial.*allowed: -o and --overwrite"):
+        run(tmp_path / "rig.h5.partial", out=tmp_path / "saved.h5", **options)
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_masks_given_twice_are_refused(tmp_path):
@@ -158,3 +170,24 @@ def test_what_is_imported_is_never_replaced(tmp_path, arrays):
     with pytest.raises(StorageError, match=r"ends in \.h5"):
         run(tmp_path / "a.npz", out=tmp_path / "a.npz", overwrite=True)
     assert (tmp_path / "data.h5").read_bytes() == before
+
+
+@pytest.mark.parametrize(
+    ("words", "problem"),
+    [
+        (["--views", 0], "--views 0"),
+        (["--focal-px", "nan"], "--focal-px nan"),
+        (["--mask-scale", 0], "--mask-scale 0"),
+        (["--scale", -2], "--scale -2"),
+        (["--offset", "inf"], "--offset inf"),
+        (["--offset", "1e300"], "--offset 1e+300"),
+        (["--scale", "1e-300"], "--scale 1e-300"),
+        (["--saturation", -1], "--saturation -1"),
+        (["--distortion", "0.1", "nan", 0, 0], "--distortion nan"),
+    ],
+)
+def test_a_number_out_of_range_is_refused_by_its_option(tmp_path, words, problem):
+    with pytest.raises(InputError) as caught:
+        command(tmp_path / "a.npz", "-o", tmp_path / "shot.h5", *words)
+    assert caught.value.problem == problem
+    assert "finite number" in caught.value.allowed or "whole number" in caught.value.allowed

@@ -1,4 +1,5 @@
 import hashlib
+from pathlib import Path
 
 import pytest
 import torch
@@ -91,6 +92,13 @@ def test_too_few_or_too_many_arguments_are_answered_with_the_call(call):
     with pytest.raises(InputError, match="arguments") as caught:
         run(*call)
     assert f"gs2ci models {call[0]}" in caught.value.allowed
+
+
+@pytest.mark.parametrize("options", [{"output": Path("x.onnx")}, {"overwrite": True}])
+@pytest.mark.parametrize("call", [("list",), ("add", "lpips", Path("x.onnx"))])
+def test_where_to_write_is_no_question_where_nothing_is_written(call, options):
+    with pytest.raises(InputError, match="with export-ffdnet and export-vggt"):
+        run(*call, **options)
 
 
 def test_a_name_that_is_not_known_is_refused(negation):

@@ -31,7 +31,7 @@ def rig(tmp_path):
 
 def test_every_effect_is_listed_with_its_bound_decision_and_reason(rig):
     console = Console(file=io.StringIO(), width=140)
-    plan.print_plan(plan.run(rig), console)
+    plan.print_plan(plan.plan_of(rig), console)
     lines = {line.split()[0]: line for line in console.file.getvalue().splitlines() if line.strip()}
     assert "exceeds its share" in lines["vignetting"]
     assert " no " in lines["optics_psf"]
@@ -40,8 +40,14 @@ def test_every_effect_is_listed_with_its_bound_decision_and_reason(rig):
     assert "within" in lines["simulates"]
 
 
+def test_no_title_is_cut_on_a_narrow_terminal(rig):
+    console = Console(file=io.StringIO(), width=80)
+    plan.print_plan(plan.plan_of(rig), console)
+    assert console.file.getvalue().split()[:7] == ["effect", "DN", "rms", "simulated", "why", "samples", "time"]
+
+
 def test_a_coarser_tolerance_on_the_command_line_goes_before_the_files(rig):
-    assert len(plan.run(rig, tolerance_dn=100.0).effects) < len(plan.run(rig).effects)
+    assert len(plan.plan_of(rig, 100.0).effects) < len(plan.plan_of(rig).effects)
 
 
 def test_a_forced_effect_that_is_not_there_is_refused(rig):
@@ -50,8 +56,15 @@ def test_a_forced_effect_that_is_not_there_is_refused(rig):
         plan.run(rig)
 
 
-def test_the_rig_file_of_a_bench_is_answered_with_the_command_that_plans_it(tmp_path):
+@pytest.mark.parametrize("bench", ['name = "bench"\n[capture]\nmasks = 8\n', '[sensor]\nkind = "v4l2"\n'])
+def test_the_rig_file_of_a_bench_is_answered_with_the_command_that_plans_it(tmp_path, bench):
     file = tmp_path / "bench.toml"
-    file.write_text('name = "bench"\n[capture]\nmasks = 8\n', encoding="utf-8")
+    file.write_text(bench, encoding="utf-8")
     with pytest.raises(InputError, match=r"describes a bench.*gs2ci capture --rig .*bench\.toml --dry-run"):
         plan.run(file)
+
+
+@pytest.mark.parametrize("tolerance_dn", [0.0, -1.0, float("nan"), float("inf")])
+def test_a_tolerance_that_is_none_is_refused_by_its_option(rig, tolerance_dn):
+    with pytest.raises(InputError, match="--tolerance-dn"):
+        plan.run(rig, tolerance_dn=tolerance_dn)

@@ -4,7 +4,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gs2ci.commands import reconstruct
+from gs2ci.commands import reconstruct, wishes
 from gs2ci.core.errors import InputError, StorageError
 from gs2ci.core.records import Shot, Truth
 from gs2ci.core.storage import write_shots
@@ -13,6 +13,7 @@ from gs2ci.reconstruct.brightness import BrightnessSettings
 from gs2ci.reconstruct.costs import CostModel
 from gs2ci.reconstruct.presets import PRESETS
 from gs2ci.reconstruct.settings import Settings
+from gs2ci.render import backend
 
 SIZE = (24, 32)
 CAMERA = np.array([[30.0, 0, 15], [0, 33, 13], [0, 0, 1]])
@@ -50,7 +51,7 @@ def test_it_returns_the_folder_it_wrote_and_prints_the_figures(measured, tmp_pat
 
 
 def test_a_first_run_says_what_it_waits_for(measured, tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(reconstruct, "needs_compiling", lambda backend: backend == "cpu")
+    monkeypatch.setattr(backend, "needs_compiling", lambda name: name == "cpu")
     reconstruct.run(measured, tmp_path / "run", iterations=1)
     assert "compiles the rasteriser" in capsys.readouterr().out
 
@@ -89,7 +90,7 @@ def test_a_focal_length_where_the_file_has_none_puts_the_principal_point_in_the_
 
 @pytest.mark.parametrize("focal_px", [0.0, -3.0, float("nan"), float("inf")])
 def test_a_focal_length_that_is_none_is_refused(measured, tmp_path, focal_px):
-    with pytest.raises(InputError, match="intrinsics"):
+    with pytest.raises(InputError, match="--focal-px"):
         reconstruct.run(measured, tmp_path / "run", focal_px=focal_px)
     assert not (tmp_path / "run").exists()
 
@@ -110,7 +111,7 @@ def test_a_preset_sets_every_stage_and_options_override_it(measured, tmp_path):
 
 def test_a_budget_is_measured_planned_and_said(measured, tmp_path, capsys, monkeypatch):
     slow = CostModel(768, 3, decode_step=0.1, geometry=5, plane=0.1, iteration=1.0, gaussian=1e-3, look=1.0)
-    monkeypatch.setattr(reconstruct, "probe", lambda shot, backend: slow)
+    monkeypatch.setattr(wishes, "probe", lambda shot, backend: slow)
     report = read_report(reconstruct.run(measured, tmp_path / "run", budget="2min"))
     said = capsys.readouterr().out.replace("\n", " ")
     assert "Of 2 min 00 s" in said

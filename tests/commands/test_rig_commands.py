@@ -2,8 +2,8 @@
 
 import h5py
 
-from gs2ci.commands import devices
 from gs2ci.core.storage import read_shot
+from gs2ci.rig import discovery
 
 RIG = """
 name = "tiny"
@@ -76,7 +76,7 @@ def test_a_plan_that_breaks_limits_is_printed_and_refused(rig, capsys, gs2ci):
 
 def test_another_number_of_shots_can_be_asked_for(rig, capsys, gs2ci):
     assert gs2ci("capture", "--rig", rig, "-o", "one.h5", "--shots", "1") == 0
-    assert "1 shots in one.h5" in capsys.readouterr().out
+    assert "1 shot in one.h5" in capsys.readouterr().out
     assert gs2ci("capture", "--rig", rig, "--shots", "0") == 2
 
 
@@ -95,14 +95,14 @@ def test_a_capture_that_fails_later_says_how_to_save_what_was_taken(rig, capsys,
     assert gs2ci("capture", "--rig", rig, "-o", "shot.h5") == 2
     assert "gs2ci recover shot.h5.partial" in capsys.readouterr().err
     assert gs2ci("recover", "shot.h5.partial") == 0
-    assert "1 finished row saved in shot.recovered.h5" in capsys.readouterr().out
+    assert "1 finished row of shot.h5.partial saved in shot.recovered.h5" in capsys.readouterr().out
 
 
 def test_recover_takes_the_name_from_the_interrupted_file(rig, capsys, gs2ci):
     assert gs2ci("capture", "--rig", rig, "-o", "shot.h5") == 0
     rig.with_name("shot.h5").rename(rig.with_name("late.h5.partial"))
     assert gs2ci("recover", "late.h5.partial") == 0
-    assert "2 finished rows saved in late.recovered.h5" in capsys.readouterr().out
+    assert "2 finished rows of late.h5.partial saved in late.recovered.h5" in capsys.readouterr().out
 
 
 def test_an_unknown_fault_in_the_rig_file_names_the_nearest(rig, capsys, gs2ci):
@@ -122,10 +122,10 @@ def test_devices_says_what_each_can_do_and_homes_only_when_asked(rig, capsys, gs
 
 
 def test_devices_without_a_rig_looks_at_this_computer(rig, monkeypatch, capsys, gs2ci):
-    monkeypatch.setattr(devices, "find_devices", lambda: [("sensor", "/dev/video3", "a camera")])
+    monkeypatch.setattr(discovery, "find_devices", lambda: [("sensor", "/dev/video3", "a camera")])
     assert gs2ci("devices") == 0
     assert "port = '/dev/video3'  a camera" in capsys.readouterr().out
-    monkeypatch.setattr(devices, "find_devices", list)
+    monkeypatch.setattr(discovery, "find_devices", list)
     assert gs2ci("devices") == 0
     assert "gs2ci doctor" in capsys.readouterr().out
 

@@ -6,6 +6,7 @@ import tyro
 
 from gs2ci.commands import view
 from gs2ci.core.errors import StorageError
+from gs2ci.evaluate import viewer
 
 
 class Server:
@@ -28,8 +29,8 @@ def served(monkeypatch):
     def interrupt(_event):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(view, "load_scene", lambda folder: SimpleNamespace(means=[0] * 5, camera_to_world=[0] * 3))
-    monkeypatch.setattr(view, "serve", lambda _, **where: calls.append(where) or server)
+    monkeypatch.setattr(viewer, "load_scene", lambda folder: SimpleNamespace(means=[0] * 5, camera_to_world=[0] * 3))
+    monkeypatch.setattr(viewer, "serve", lambda _, **where: calls.append(where) or server)
     monkeypatch.setattr(view.threading.Event, "wait", interrupt)
     return calls, server
 

@@ -5,7 +5,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from gs2ci_drivers.display_slm.driver import DisplaySlm
 from gs2ci_drivers.dlpc900.driver import Dlpc900
@@ -23,16 +22,9 @@ from gs2ci_drivers.scpi_modulator.driver import ScpiModulator
 from gs2ci_sims.wires.display_slm import DisplaySlmTwin
 from gs2ci_sims.wires.dlpc900 import Dlpc900Twin
 from gs2ci_sims.wires.scpi_modulator import ScpiModulatorTwin, ScpiPanel
-from gs2ci_sims.world import Exposure, MaskInterval, World
+from gs2ci_sims.world import MaskInterval, World
 
 Twin = Dlpc900Twin | ScpiModulatorTwin | DisplaySlmTwin
-
-
-class Dark:
-    """A light path without light."""
-
-    def collect(self, exposure: Exposure) -> NDArray[np.uint16]:
-        return np.zeros((exposure.height, exposure.width), np.uint16)
 
 
 @dataclass
@@ -73,7 +65,7 @@ class Bench:
 
 
 def _dlpc900() -> Bench:
-    world = World(Dark())
+    world = World()
     twin = Dlpc900Twin(world, dmd=5)
 
     def reopen() -> Modulator:
@@ -83,7 +75,7 @@ def _dlpc900() -> Bench:
 
 
 def _scpi() -> Bench:
-    world = World(Dark())
+    world = World()
     twin = ScpiModulatorTwin(world, panel=ScpiPanel(height=96, width=128))
 
     def reopen() -> Modulator:
@@ -93,7 +85,7 @@ def _scpi() -> Bench:
 
 
 def _display_slm() -> Bench:
-    world = World(Dark())
+    world = World()
     twin = DisplaySlmTwin(world)
 
     def reopen() -> Modulator:

@@ -21,14 +21,9 @@ from gs2ci_drivers.modulator import ModulatorState
 from gs2ci_drivers.pattern_sequence import PatternSequence, TriggerOut
 from gs2ci_drivers.plan import CaptureSettings, Mode
 from gs2ci_drivers.sensor import SensorConfig, TriggerMode
-from gs2ci_sims.world import Exposure
+from gs2ci_sims.world import Darkness
 
 MASK_S = 0.03
-
-
-class Dark:
-    def collect(self, exposure: Exposure) -> np.ndarray:
-        return np.zeros((exposure.height, exposure.width), np.uint16)
 
 
 def _simulated(stage: str, modulator: str) -> Rig:
@@ -40,7 +35,7 @@ def _simulated(stage: str, modulator: str) -> Rig:
             "world": {"height": 48, "width": 64},
         }
     )
-    return Rig(table, "", Path(), build_bench(table, Dark()))
+    return Rig(table, "", Path(), build_bench(table, Darkness()))
 
 
 RIGS = {

@@ -3,7 +3,7 @@ from typing import Annotated, Literal
 import pytest
 from pydantic import Field
 
-from gs2ci.core.config import Settings, read_settings
+from gs2ci.core.config import MOST_TOLD, Settings, read_settings
 from gs2ci.core.errors import InputError
 
 
@@ -60,9 +60,19 @@ def test_every_mistake_is_one_sentence_that_names_file_table_and_key(tmp_path, t
     assert "house.toml" in str(caught.value)
 
 
-def test_all_mistakes_are_named_at_once(tmp_path):
-    with pytest.raises(InputError, match=r"barks_per_sec.*roms"):
+def test_all_mistakes_are_named_at_once_on_a_line_each(tmp_path):
+    with pytest.raises(InputError) as caught:
         read(tmp_path, 'roms = 2\n[pet]\nkind = "dog"\nbarks_per_sec = 2')
+    first, *others = caught.value.problem.splitlines()
+    assert first == f"{tmp_path / 'house.toml'}:"
+    assert [line.split("'")[1] for line in others] == ["barks_per_sec", "roms"]
+
+
+def test_of_many_mistakes_the_first_are_named_and_the_others_counted(tmp_path):
+    with pytest.raises(InputError) as caught:
+        read(tmp_path, "".join(f"key{i} = 1\n" for i in range(20)) + '[pet]\nkind = "cat"')
+    assert len(caught.value.problem.splitlines()) == 1 + MOST_TOLD + 1
+    assert caught.value.problem.endswith(f"and {20 - MOST_TOLD} more like these")
 
 
 def test_files_that_cannot_be_read_are_refused(tmp_path):

@@ -129,3 +129,10 @@ def test_a_lens_that_folds_the_frame_is_refused(shot):
     camera = np.array([[1.0, 0, 2.5], [0, 1, 2], [0, 0, 1]])
     with pytest.raises(InputError, match="folds the picture over"):
         replace(shot, intrinsics=camera, distortion=LENS).check()
+
+
+def test_lit_are_the_pixels_that_light_reached_through_a_mask_of_some_weight(shot):
+    masks = np.zeros_like(shot.masks)
+    masks[0, :2], masks[1, :, :3] = 1, 0.25
+    lit = replace(shot, masks=masks, weights=np.array([0, 1], np.float32)).lit
+    np.testing.assert_array_equal(lit, masks[1] > 0)

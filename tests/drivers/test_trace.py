@@ -21,7 +21,7 @@ from gs2ci_sims.world import VirtualClock, World
 AXES = {"axes": {"x": 1}, "microstep_mm": {"x": 0.000047625}}
 
 
-class Dark:
+class EvenLight:
     def collect(self, exposure):
         return np.full((exposure.height, exposure.width), 7, np.uint16)
 
@@ -120,7 +120,7 @@ def test_a_damaged_line_in_the_middle_is_refused(tmp_path):
 
 
 def test_hid_reports_are_recorded_and_replayed(tmp_path):
-    world = World(Dark())
+    world = World(EvenLight())
     port = TracedHid(Dlpc900Twin(world).open(), Trace(tmp_path / "m.wire", "dmd0", "hid", world.clock))
     request = bytes.fromhex("c0040200 0c1a").ljust(64, b"\0")
     port.write(request, 1.0)
@@ -144,7 +144,7 @@ def test_a_camera_replays_with_its_pixels_and_controls(tmp_path):
         sensor.close()
         return frames
 
-    world = World(Dark())
+    world = World(EvenLight())
     trace = Trace(tmp_path / "c.wire", "cam0", "sys", world.clock)
     recorded = use(V4l2Sensor("cam0", TracedSys(V4l2Twin(world, CameraModel()), trace), world.clock))
     trace.close()
@@ -157,7 +157,7 @@ def test_a_camera_replays_with_its_pixels_and_controls(tmp_path):
 
 
 def test_small_files_and_node_lists_are_recorded_too(tmp_path):
-    world = World(Dark())
+    world = World(EvenLight())
     twin = V4l2Twin(world, CameraModel(trigger="module"))
     trace = Trace(tmp_path / "s.wire", "cam0", "sys", world.clock)
     port = TracedSys(twin, trace)

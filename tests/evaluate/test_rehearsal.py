@@ -1,10 +1,8 @@
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 from gs2ci.core.records import Shot, Truth
-from gs2ci.evaluate.rehearsal import _crop, report_seconds
+from gs2ci.evaluate.rehearsal import report_seconds
 
 
 @pytest.mark.parametrize("cfa", [None, "GRBG"])
@@ -21,11 +19,3 @@ def test_a_report_takes_some_time_whatever_the_shot_knows(cfa, known):
         truth=Truth(views, np.tile(np.eye(4), (2, 1, 1))) if known else Truth(),
     ).check()
     assert 0 < report_seconds(shot) < 600
-
-
-def test_what_is_rehearsed_has_the_phase_of_the_mosaic_and_about_the_pixels_asked_for():
-    shot = Shot(np.zeros((90, 130, 1), np.float32), np.ones((2, 90, 130), np.float32), np.ones(2, np.float32), "RGGB")
-    rows, columns = np.mgrid[:90, :130]
-    crop = _crop(replace(shot, measurement=(rows % 2 + columns % 2).astype(np.float32)[..., None]), 2000)
-    assert 1700 < crop.views * crop.size[0] * crop.size[1] < 2300
-    assert crop.measurement[0, 0, 0] == 0

@@ -7,8 +7,8 @@ import pytest
 
 from gs2ci.core.errors import InputError
 from gs2ci.core.records import Shot
-from gs2ci.reconstruct.brightness import BrightnessSettings, brightness_gain, relit, view_brightness
-from gs2ci.reconstruct.fit.stopping import Jury, choose_heldout
+from gs2ci.reconstruct.brightness import BrightnessSettings, LinearSystem, relit
+from gs2ci.reconstruct.jury import Jury
 
 SIZE = (40, 48)
 LIGHT = np.array([0.7, 1.0, 1.3, 1.1, 0.9])
@@ -28,7 +28,17 @@ def shot_of(views, light=LIGHT, *, grey=False, noise=0.0, **parts):
 
 
 def jury_of(shot, share=0.05):
-    return Jury(shot, choose_heldout(shot, share, 0))
+    return Jury.of(shot, share, 0)
+
+
+def view_brightness(shot, views):
+    system = LinearSystem.of(shot, views)
+    found = None if system is None else system.solve()
+    return None if found is None else system.of_all_views(found)
+
+
+def gain_of(shot, views):
+    return LinearSystem.of(shot, views).gain()
 
 
 @pytest.mark.parametrize("grey", [False, True])
@@ -116,7 +126,7 @@ def test_wrong_weights_are_corrected_and_pixels_that_were_not_asked_agree():
     assert corrected.shot.weights.dtype == np.float32
     np.testing.assert_array_equal(corrected.heldout, jury.heldout)
     assert corrected.residual_rms(views * 1) < 0.3 * jury.residual_rms(views)
-    assert brightness_gain(jury.seen, views) > 0.5
+    assert gain_of(jury.seen, views) > 0.5
 
 
 def test_wrong_weights_are_corrected_though_the_views_explain_little_besides():
@@ -132,7 +142,7 @@ def test_right_weights_stay_though_noise_would_have_them_a_little_otherwise():
     jury = jury_of(shot_of(views, np.ones(len(LIGHT)), noise=0.1))
     assert not np.array_equal(view_brightness(jury.seen, views), np.ones(len(LIGHT)))
     assert relit(jury, views, GAIN) is None
-    assert brightness_gain(jury.seen, views) < GAIN
+    assert gain_of(jury.seen, views) < GAIN
 
 
 def test_halves_that_disagree_keep_the_weights():
@@ -141,7 +151,7 @@ def test_halves_that_disagree_keep_the_weights():
     first = (rows // 2 + columns // 2) % 2 == 0
     one, other = (shot_of(views, light).measurement for light in (LIGHT, 2 - LIGHT))
     torn = replace(shot_of(views), measurement=np.where(first[..., None], one, other))
-    assert brightness_gain(torn, views) == 0
+    assert gain_of(torn, views) == 0
     assert relit(jury_of(torn), views, GAIN) is None
 
 
@@ -152,7 +162,7 @@ def test_one_half_that_tells_nothing_keeps_the_weights():
     lit = (rows // 2 + columns // 2) % 2 == 0
     masks = shot.masks * np.where(lit, 1, shot.masks[:1])
     masks[:, ~lit] = shot.masks[0][~lit]  # the dark half of the board sees all masks alike
-    assert brightness_gain(replace(shot, masks=masks.astype(np.float32)), np.repeat(views[:1], len(LIGHT), 0)) == 0
+    assert gain_of(replace(shot, masks=masks.astype(np.float32)), np.repeat(views[:1], len(LIGHT), 0)) == 0
 
 
 @pytest.mark.parametrize(

@@ -4,7 +4,15 @@ import torch
 
 from gs2ci.core.errors import InputError
 from gs2ci.core.records import CFA_PATTERNS, Shot
-from gs2ci.reconstruct.coding import Coding, cfa_channels, select, spread
+from gs2ci.reconstruct.coding import (
+    Coding,
+    beyond_white,
+    cfa_channels,
+    select,
+    spread,
+    white_reading,
+    without_pixels,
+)
 
 SIZE = (5, 7)
 
@@ -86,3 +94,25 @@ def test_forward_refuses_mono_views_behind_a_colour_filter_array():
 def test_adjoint_refuses_a_colour_image_behind_a_colour_filter_array():
     with pytest.raises(InputError, match="coded image"):
         coding("RGGB", torch.float32).adjoint(torch.zeros(*SIZE, 3))
+
+
+def test_a_white_scene_reads_what_its_coding_says_and_nothing_of_it_is_beyond_white():
+    rng = np.random.default_rng(0)
+    masks, weights = rng.random((3, *SIZE)).astype(np.float32), np.array([0.5, 1, 2], np.float32)
+    white = np.einsum("n,nhw->hw", weights, masks)[..., None]
+    shot = Shot(white, masks, weights)
+    np.testing.assert_allclose(white_reading(shot)[..., None], white, rtol=1e-6)
+    assert not beyond_white(shot).any()
+    white[2, 3] = 1.05 * white[2, 3] + 0.06
+    assert np.argwhere(beyond_white(shot)).tolist() == [[2, 3]]
+
+
+def test_pixels_that_are_left_out_have_no_mask_and_no_reading():
+    rng = np.random.default_rng(1)
+    shot = Shot(rng.normal(size=(*SIZE, 3)).astype(np.float32), np.ones((2, *SIZE), np.float32), np.ones(2, np.float32))
+    gone = rng.random(SIZE) < 0.3
+    left = without_pixels(shot, gone)
+    assert not left.lit[gone].any()
+    assert not left.measurement[gone].any()
+    np.testing.assert_array_equal(left.measurement[~gone], shot.measurement[~gone])
+    np.testing.assert_array_equal(left.masks[:, ~gone], shot.masks[:, ~gone])

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from gs2ci.reconstruct.doubts import doubts_about, doubts_about_result
-from gs2ci.reconstruct.fit.stopping import Jury, choose_heldout
+from gs2ci.reconstruct.jury import Jury
 
 
 def said_of(shot):
@@ -13,7 +13,7 @@ def said_of(shot):
 
 @pytest.fixture
 def jury(smooth_shot):
-    return Jury(smooth_shot, choose_heldout(smooth_shot, 0.1, seed=0))
+    return Jury.of(smooth_shot, 0.1, seed=0)
 
 
 def test_an_ordinary_shot_raises_no_doubt_but_that_some_pixels_stay_dark(smooth_shot):
@@ -86,4 +86,4 @@ def test_without_held_out_pixels_nothing_is_said_of_the_result(smooth_shot):
 def test_the_best_grey_leaves_nothing_of_a_grey_scene(smooth_shot):
     measurement = 0.3 * smooth_shot.masks.sum(axis=0)[..., None].repeat(3, axis=2).astype(np.float32)
     shot = replace(smooth_shot, measurement=measurement)
-    assert Jury(shot, choose_heldout(shot, 0.1, seed=0)).grey_rms() == pytest.approx(0, abs=1e-6)
+    assert Jury.of(shot, 0.1, seed=0).grey_rms() == pytest.approx(0, abs=1e-6)

@@ -10,8 +10,8 @@ from gs2ci.core.progress import Silent
 from gs2ci.reconstruct.brightness import BrightnessSettings
 from gs2ci.reconstruct.decode.gap_tv import gap_tv
 from gs2ci.reconstruct.first_look import LookSettings, look
-from gs2ci.reconstruct.fit.stopping import Jury, choose_heldout
 from gs2ci.reconstruct.geometry.choose import load_geometry_prior
+from gs2ci.reconstruct.jury import Jury
 from gs2ci.reconstruct.proxies.routing import geometry_views
 
 FLICKER = np.array([0.75, 1.2, 0.9, 1.1, 0.8, 1.25], np.float32)
@@ -25,7 +25,7 @@ def shot():
 def seen_by_a_jury(shot, light=None):
     """The shot with weights that do not know how its lamp flickered."""
     known = shot if light is None else replace(shot, weights=(shot.weights / light).astype(np.float32))
-    return Jury(known, choose_heldout(known, 0.1, 0))
+    return Jury.of(known, 0.1, 0)
 
 
 def look_at(jury, listener=None, **settings):

@@ -1,17 +1,21 @@
 from dataclasses import fields, replace
+from typing import get_args
 
 import pytest
 
 from gs2ci.core.errors import InputError
+from gs2ci.reconstruct.choices import PresetName
 from gs2ci.reconstruct.fit.coarse import CoarseSettings
 from gs2ci.reconstruct.fit.optimiser import StepSizes
-from gs2ci.reconstruct.presets import PRESET_NAMES, PRESETS, preset, rescheduled
+from gs2ci.reconstruct.presets import PRESETS, preset, rescheduled
 from gs2ci.reconstruct.settings import Settings
+
+NAMES = get_args(PresetName)
 
 
 def test_every_name_has_settings_that_make_sense():
-    assert set(PRESETS) == set(PRESET_NAMES)
-    for name in PRESET_NAMES:
+    assert set(PRESETS) == set(NAMES)
+    for name in NAMES:
         assert preset(name).check() is PRESETS[name]
 
 
@@ -20,7 +24,7 @@ def test_standard_is_what_the_pipeline_does_without_being_asked():
 
 
 def test_presets_go_further_one_after_the_other():
-    iterations = [PRESETS[name].fit.iterations for name in PRESET_NAMES]
+    iterations = [PRESETS[name].fit.iterations for name in NAMES]
     assert iterations == sorted(iterations)
     assert PRESETS["paper"].fit.iterations == 20_000
 

@@ -36,10 +36,10 @@ def test_coding_tells_views_and_size(name, make):
 
 
 @pytest.mark.parametrize(("name", "other"), [("cpu", "reference"), ("reference", "cpu")])
-def test_coding_of_another_backend_is_refused(name, other, make):
+def test_a_mask_set_of_another_backend_is_refused(name, other, make):
     case = make()
     coding = load_backend(other).code(case.masks)
-    with pytest.raises(InputError, match="coding of type"):
+    with pytest.raises(InputError, match="mask set of type"):
         load_backend(name).coded(case.scene, case.poses, case.intrinsics, coding)
 
 

@@ -5,6 +5,7 @@ import pytest
 from gs2ci.core.errors import InputError
 from gs2ci.rig.config import read_rig
 from gs2ci.rig.opening import load_rig
+from gs2ci_sims.rigs import library
 
 RIGS = Path(__file__).parents[2] / "docs" / "rigs"
 MINIMAL = '[modulator]\nkind = "dlpc900"\n[sensor]\nkind = "v4l2"\n'
@@ -51,6 +52,18 @@ def test_a_minimal_simulated_rig_is_enough(tmp_path):
 def test_a_rig_that_cannot_be_is_refused_with_a_sentence(tmp_path, text, complaint):
     with pytest.raises(InputError, match=complaint):
         read(tmp_path, text)
+
+
+@pytest.mark.parametrize("path", library(), ids=lambda path: path.name)
+def test_the_rig_file_of_a_simulation_is_answered_with_the_command_that_takes_it(path):
+    with pytest.raises(InputError, match=r"describes a simulation, not a bench") as caught:
+        read_rig(path)
+    assert f"gs2ci plan {path}" in caught.value.remedy
+
+
+def test_a_table_of_a_simulation_in_a_benchs_file_is_an_unknown_key(tmp_path):
+    with pytest.raises(InputError, match="unknown key 'light'"):
+        read(tmp_path, MINIMAL + "[world]\n[light]\n")
 
 
 def test_a_fault_that_names_no_device_is_refused(tmp_path):

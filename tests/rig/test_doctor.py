@@ -1,4 +1,3 @@
-import numpy as np
 import pytest
 
 from gs2ci.rig import doctor
@@ -6,6 +5,7 @@ from gs2ci.rig.config import RigTable
 from gs2ci.rig.doctor import examine
 from gs2ci.rig.opening import Rig
 from gs2ci.rig.simulated import build_bench
+from gs2ci_sims.world import Darkness
 
 TABLES = {
     "modulator": {"kind": "dlpc900", "reply_timeout_s": 1.0},
@@ -15,14 +15,9 @@ TABLES = {
 }
 
 
-class Dark:
-    def collect(self, exposure):
-        return np.zeros((exposure.height, exposure.width), np.uint16)
-
-
 def make(tmp_path, **changes):
     table = RigTable.model_validate({name: {**rows, **changes.get(name, {})} for name, rows in TABLES.items()})
-    return Rig(table, "", tmp_path, build_bench(table, Dark()))
+    return Rig(table, "", tmp_path, build_bench(table, Darkness()))
 
 
 def verdicts(rig, **options):

@@ -1,31 +1,29 @@
+import os
+import subprocess
+import sys
 import types
+from pathlib import Path
 
-import numpy as np
 import pytest
 
+from gs2ci.bench.truth import truth_of
 from gs2ci.core.errors import InputError
 from gs2ci.rig import discovery
 from gs2ci.rig.calibrating import operator_of
 from gs2ci.rig.config import RigTable
 from gs2ci.rig.opening import Rig, load_rig
 from gs2ci.rig.simulated import build_bench
-from gs2ci.rig.truth import truth_of
 from gs2ci_drivers.failures import AccessError, DisconnectedError, WrongStateError
 from gs2ci_sims.wires.v4l2 import V4l2Twin
 from gs2ci_sims.wires.v4l2_camera import CameraModel
-from gs2ci_sims.world import World
-
-
-class Dark:
-    def collect(self, exposure):
-        return np.zeros((exposure.height, exposure.width), np.uint16)
+from gs2ci_sims.world import Darkness, World
 
 
 def simulated(tmp_path, **tables):
     table = RigTable.model_validate(
         {"modulator": {"kind": "dlpc900"}, "sensor": {"kind": "v4l2"}, "world": {"height": 8, "width": 16}} | tables
     )
-    return Rig(table, "", tmp_path, build_bench(table, Dark()))
+    return Rig(table, "", tmp_path, build_bench(table, Darkness()))
 
 
 @pytest.mark.parametrize("modulator", ["dlpc900", "scpi", "santec"])
@@ -98,12 +96,31 @@ def test_a_rig_file_is_loaded_with_its_bench(tmp_path):
     assert rig.table.capture.shots == 7
 
 
+REAL = """
+import sys
+from pathlib import Path
+import gs2ci.rig.calibrated, gs2ci.rig.calibrating, gs2ci.rig.doctor, gs2ci.rig.recording
+from gs2ci.rig.opening import load_rig
+
+assert load_rig(Path(sys.argv[1])).bench is None
+sys.exit(" ".join(name for name in ("gs2ci_sims", "gs2ci.rig.simulated") if name in sys.modules) or None)
+"""
+
+
+def test_a_real_bench_does_without_the_simulator():
+    rig = Path(__file__).parents[2] / "docs" / "rigs" / "real.toml"
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
+    words = [sys.executable, "-c", REAL, str(rig)]
+    done = subprocess.run(words, env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+
+
 def test_cameras_serial_ports_and_modulators_are_found(monkeypatch):
     port = types.SimpleNamespace(device="/dev/ttyUSB3", description="a bridge")
     board = types.SimpleNamespace(bus=1, port_numbers=(2, 3))
     monkeypatch.setattr(discovery.list_ports, "comports", lambda: [port])
     monkeypatch.setattr(discovery.usb.core, "find", lambda **ids: [board])
-    found = discovery.find_devices(V4l2Twin(World(Dark()), CameraModel()))
+    found = discovery.find_devices(V4l2Twin(World(), CameraModel()))
     assert found == [
         ("modulator", "usb:1-2.3", "TI DLPC900"),
         ("sensor", "/dev/video0", "Twin camera (twin)"),
@@ -117,7 +134,7 @@ def test_a_computer_without_libusb_still_lists_the_rest(monkeypatch):
 
     monkeypatch.setattr(discovery.list_ports, "comports", list)
     monkeypatch.setattr(discovery.usb.core, "find", fail)
-    assert [kind for kind, _, _ in discovery.find_devices(V4l2Twin(World(Dark()), CameraModel()))] == ["sensor"]
+    assert [kind for kind, _, _ in discovery.find_devices(V4l2Twin(World(), CameraModel()))] == ["sensor"]
 
 
 def test_a_bench_whose_light_a_test_put_in_has_neither_operator_nor_truth(tmp_path):

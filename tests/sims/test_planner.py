@@ -182,7 +182,8 @@ def test_the_same_plan_comes_of_the_same_question(scene):
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ({"tolerance_dn": 0.0}, "tolerance of 0.0"),
+        ({"tolerance_dn": 0.0}, "tolerance of 0 DN"),
+        ({"tolerance_dn": 1e300}, "at most 65536"),
         ({"tolerance_dn": float("nan")}, "tolerance of nan"),
         ({"on": ["glow"]}, "no effect 'glow'"),
         ({"off": ["glow"]}, "no effect 'glow'"),

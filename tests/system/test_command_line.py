@@ -113,7 +113,16 @@ def test_an_error_in_a_process_of_its_own_ends_with_status_2_and_without_a_trace
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize("arguments", [["reconstruct", "s.h5", "-o", "a" * 300], ["import", "a" * 300, "-o", "s.h5"]])
+def test_nobody_hears_of_a_reader_that_has_seen_enough():
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
+    words = [sys.executable, "-m", "gs2ci", "import", "--help"]
+    with subprocess.Popen(words, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as child:
+        child.stdout.close()
+        assert child.stderr.read() == ""
+    assert child.returncode == cli.EXIT_UNREAD
+
+
+@pytest.mark.parametrize("arguments", [["reconstruct", "a" * 300], ["import", "a" * 300, "-o", "s.h5"]])
 def test_a_name_that_the_disk_cannot_have_is_refused_without_a_traceback(arguments, monkeypatch, capsys):
     assert typed(monkeypatch, *arguments) == 2
     told = capsys.readouterr().err
@@ -177,9 +186,16 @@ def test_help_fits_a_terminal_and_names_values_plainly(monkeypatch, capsys):
     assert "PATH [PATH]" in told
     assert "--focal-px FLOAT" in told
     assert "{None}|" not in told
+    assert "--cfa {RGGB,BGGR,GRBG,GBRG}" in told
+    # What stands before the arguments ends at the terminal's width, between words.
+    about = [line for line in told.split("\n\n")[1:3] for line in line.splitlines()]
+    assert len(about) > 3
+    assert max(map(len, about)) <= 80
     # An argument's text is one paragraph, wherever the docstring's lines end.
     assert typed(monkeypatch, "bench", "--help") == 0
-    assert "kept. For what would take hours." in capsys.readouterr().out
+    told = capsys.readouterr().out
+    assert "that is kept. For" in " ".join(told.split())
+    assert not any(line.rstrip(" │").endswith("that is kept.") for line in told.splitlines())
 
 
 @pytest.mark.parametrize("value", ["None", "200"])
@@ -275,6 +291,13 @@ def test_every_command_explains_itself(command, monkeypatch, capsys):
     assert len(told.splitlines()) > 5
 
 
+def test_help_on_a_command_may_be_asked_for_in_either_order(monkeypatch, capsys):
+    assert typed(monkeypatch, "help", "decode") == 0
+    told = capsys.readouterr().out
+    assert typed(monkeypatch, "decode", "--help") == 0
+    assert capsys.readouterr().out == told
+
+
 def test_the_version_is_the_packages(tmp_path):
     told = gs2ci("--version", folder=tmp_path)
     assert told.returncode == 0
@@ -325,8 +348,25 @@ def test_an_error_of_compiled_code_itself_is_not_taken_for_an_interruption(monke
         typed(monkeypatch, "demo")
 
 
-def test_the_command_line_starts_without_torch(tmp_path):
-    """Help and refusals must not wait for it."""
-    program = "import sys, gs2ci.cli; sys.exit('torch' in sys.modules or 'numba' in sys.modules)"
+HELPED = """
+import sys
+from gs2ci import cli
+
+for words in [[], *([name, "--help"] for name in cli.COMMANDS), ["decode", "shot.h5", "--iterations", "0"],
+              ["reconstruct", "--nonsense"], ["capture", "--rig", "rig.toml", "--shots", "-1"], ["bench", "nonsense"],
+              *([name, "nowhere.h5"] for name in ("reconstruct", "decode", "tradeoff", "recover"))]:
+    sys.argv = ["gs2ci", *words]
+    try:
+        cli.main()
+    except SystemExit:
+        pass
+heavy = "torch numba scipy cv2 skimage matplotlib pycolmap onnxruntime pydantic gs2ci_sims gs2ci_calibration"
+sys.exit(" ".join(name for name in heavy.split() if name in sys.modules) or None)
+"""
+
+
+def test_help_refused_options_and_missing_files_load_nothing_that_does_the_work():
+    """Loading it takes seconds, for which nobody waits who only asks."""
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
-    assert subprocess.run([sys.executable, "-c", program], env=environment, check=False).returncode == 0
+    done = subprocess.run([sys.executable, "-c", HELPED], env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr

@@ -11,16 +11,14 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import t as student
 
+from gs2ci.core.arrays import F64
 from gs2ci_calibration.geometry.axis_checks import STEP, FittedAxis, Measured, require_faithful, require_moving
 from gs2ci_calibration.geometry.board import Sighting
 from gs2ci_calibration.geometry.intrinsics import CameraEstimate
 from gs2ci_calibration.geometry.places import Places, find_places
 from gs2ci_calibration.refusals import CalibrationError, Reason
-
-F64 = NDArray[np.float64]
 
 TARGETS_MIN: Final = 4
 """A line has two unknowns in each direction; two further targets leave a scatter to judge it by."""

@@ -12,11 +12,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from gs2ci.core.arrays import F32, F64
 from gs2ci.core.errors import InputError
 from gs2ci_calibration.bench import BoardSpec
 from gs2ci_calibration.geometry.corners import refine_corners
-
-F64 = NDArray[np.float64]
 
 DICTIONARIES: Final = tuple(sorted(name for name in dir(cv2.aruco) if name.startswith("DICT_") and "X" in name))
 CORNERS_MIN: Final = 6
@@ -97,7 +96,7 @@ class Board:
             return None
         return Sighting(found[good], corners_px[good], on_board[good], float(np.median(blur_px[good])))
 
-    def _detected(self, grey: NDArray[np.float32]) -> tuple[NDArray[np.int_], F64]:
+    def _detected(self, grey: F32) -> tuple[NDArray[np.int_], F64]:
         """Return the corners' numbers [K] and rough places [K, 2], at the enlargement that shows most of them."""
         smallest = max(1, int(np.ceil(DETECTION_PX / min(grey.shape))))
         best: tuple[NDArray[np.int_], F64] = (np.zeros(0, int), np.zeros((0, 2)))
@@ -147,7 +146,7 @@ class Sighting:
         return bool(extents[1] < FLATNESS_MIN * extents[0])
 
 
-def _stretched(image: NDArray[Any]) -> NDArray[np.float32]:
+def _stretched(image: NDArray[Any]) -> F32:
     """Stretch the image's range to 0 to 255, as float32; an even image becomes 0."""
     low, high = np.percentile(image, (0.5, 99.5))
     scale = 255.0 / (high - low) if high > low else 0.0

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import erf
 
-F64 = NDArray[np.float64]
+from gs2ci.core.arrays import F64
 
 ARM: Final = 0.42
 """How far along the edges pixels are used, in squares: short of the next corner and its blur."""

@@ -11,13 +11,11 @@ from typing import Final
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import t as student
 
+from gs2ci.core.arrays import F64
 from gs2ci_calibration.geometry.board import PIXEL_CENTRE, Sighting
 from gs2ci_calibration.refusals import CalibrationError, Reason
-
-F64 = NDArray[np.float64]
 
 STEP: Final = "camera"
 

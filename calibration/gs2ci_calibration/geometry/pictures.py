@@ -9,15 +9,12 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter
 
+from gs2ci.core.arrays import U8
 from gs2ci_calibration.bench import Bench
 from gs2ci_calibration.geometry.board import Board, Sighting
 from gs2ci_calibration.refusals import CalibrationError, Reason
-
-F32 = NDArray[np.float32]
-F64 = NDArray[np.float64]
 
 BRIGHT_SHARE: Final = (0.3, 0.6)
 """Where the board's white should lie, of the range from black to the converter's top."""
@@ -95,7 +92,7 @@ class Pictures:
         return self.board.find(stack.readings[0].mean(axis=0))
 
     @property
-    def _open(self) -> NDArray[np.uint8]:
+    def _open(self) -> U8:
         return self.bench.flat_pattern(is_open=True)[None]
 
     def _limits_s(self) -> tuple[float, float]:

@@ -10,13 +10,11 @@ from typing import Final
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from gs2ci.core.arrays import F64
 from gs2ci_calibration.geometry.board import PIXEL_CENTRE, Sighting
 from gs2ci_calibration.geometry.intrinsics import project
 from gs2ci_calibration.refusals import CalibrationError, Reason
-
-F64 = NDArray[np.float64]
 
 STEP: Final = "stage"
 

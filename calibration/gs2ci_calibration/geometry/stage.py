@@ -88,6 +88,7 @@ def measure_stage(bench: Bench, known: Bundle) -> Section:
         low_mm, high_mm = _ends(axis, begin_mm, room)
         rest += _at_rest(pictures, stage, axis, (low_mm, high_mm), exposure_s, done=len(rest) + len(sweeps))
         sweeps += _sweep(pictures, axis, (low_mm, high_mm), exposure_s, room)
+        bench.progress.step(len(rest) + len(sweeps))
         bench.move({axis.name: begin_mm})
     require_sharp(STEP, [picture.sighting for picture in rest])
     found = estimate_stage(rest, sweeps, camera, bench.options.directions)

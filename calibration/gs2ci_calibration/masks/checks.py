@@ -10,12 +10,10 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from gs2ci.core.arrays import F64, Bool
 from gs2ci_calibration.masks.predicted import Relay
 from gs2ci_calibration.masks.registration import orientation
 from gs2ci_calibration.refusals import CalibrationError, Reason
-
-F64 = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 LIKE: Final = 0.5
 """Correlation from which on a measured mask is taken for a predicted one; unlike random masks stay below 0.2."""
@@ -36,7 +34,7 @@ def correlations(seen: NDArray[np.floating], expected: NDArray[np.floating]) -> 
 
 
 def require_order(
-    seen: NDArray[np.floating], relay: Relay, patterns: NDArray[Any], top: int, valid: Bools, step: str
+    seen: NDArray[np.floating], relay: Relay, patterns: NDArray[Any], top: int, valid: Bool, step: str
 ) -> F64:
     """Tell by their images that masks are the patterns that were sent, in order, upright and not inverted.
 
@@ -84,7 +82,7 @@ def require_order(
     )
 
 
-def require_held_out(seen: NDArray[np.floating], foreseen: NDArray[np.floating], valid: Bools, step: str) -> float:
+def require_held_out(seen: NDArray[np.floating], foreseen: NDArray[np.floating], valid: Bool, step: str) -> float:
     """Compare the held-out mask [H, W] with its prediction; return how alike they are.
 
     Raises:
@@ -134,7 +132,7 @@ def _among_the_masks(alike: F64, first: int, step: str) -> CalibrationError | No
 
 
 def _turned(
-    seen: NDArray[np.floating], relay: Relay, patterns: NDArray[Any], top: int, valid: Bools, step: str
+    seen: NDArray[np.floating], relay: Relay, patterns: NDArray[Any], top: int, valid: Bool, step: str
 ) -> CalibrationError | None:
     """Return that the masks fit their patterns another way round, if they do."""
     for transpose, flip_x, flip_y in np.ndindex(2, 2, 2):

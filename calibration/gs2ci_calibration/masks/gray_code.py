@@ -11,12 +11,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from gs2ci.core.arrays import F64, U8, Bool
 from gs2ci_calibration.masks.imaging import PixelMap
 from gs2ci_calibration.refusals import CalibrationError, Reason
-
-U8 = NDArray[np.uint8]
-F64 = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 # A stripe's pixel counts as clear when it is this far from half open; next to an edge one bit is not.
 CLEAR: Final = 0.2
@@ -54,7 +51,7 @@ class GrayCode:
         along = [np.broadcast_to(_bit(width, self.finest, columns, b)[None, :], self.size) for b in range(columns)]
         return np.stack([*across, *along]).astype(np.uint8)
 
-    def decode(self, shares: NDArray[np.floating], valid: Bools) -> tuple[F64, F64, Bools]:
+    def decode(self, shares: NDArray[np.floating], valid: Bool) -> tuple[F64, F64, Bool]:
         """Read the stripes at each pixel.
 
         Args:
@@ -75,7 +72,7 @@ class GrayCode:
         return u, v, readable
 
 
-def coarse_map(code: GrayCode, shares: NDArray[np.floating], valid: Bools) -> PixelMap:
+def coarse_map(code: GrayCode, shares: NDArray[np.floating], valid: Bool) -> PixelMap:
     """Fit the map from sensor to modulator to what the stripes say.
 
     Args:
@@ -115,7 +112,7 @@ def _bit(length: int, finest: int, bits: int, place: int) -> U8:
     return np.asarray((number ^ (number >> 1)) >> (bits - 1 - place) & 1, dtype=np.uint8)
 
 
-def _number(is_open: Bools) -> F64:
+def _number(is_open: Bool) -> F64:
     """Turn Gray bits [B, ...], the most significant first, into numbers."""
     binary = np.logical_xor.accumulate(is_open, axis=0)
     places = 2 ** np.arange(len(is_open) - 1, -1, -1)

@@ -15,10 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ive
 
+from gs2ci.core.arrays import F64
 from gs2ci_calibration.masks.imaging_kernels import sample_boxes
-
-F32 = NDArray[np.float32]
-F64 = NDArray[np.float64]
 
 # Where the discrete Gaussian is cut off, in standard deviations: beyond lies less than 1e-6 of it.
 REACH: Final = 5.0

@@ -8,11 +8,8 @@ from typing import Final
 
 import numba
 import numpy as np
-from numpy.typing import NDArray
 
-F32 = NDArray[np.float32]
-F64 = NDArray[np.float64]
-
+from gs2ci.core.arrays import F32, F64
 
 SMOOTHED: Final = 0.05
 """Half the width, in boxes, over which derivatives are averaged. They jump where an edge of the box meets an edge of

@@ -10,9 +10,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from gs2ci.core.arrays import F64
 from gs2ci_calibration.refusals import CalibrationError, Reason
-
-F64 = NDArray[np.float64]
 
 DRIFT_MAX: Final = 0.25
 """Change of the lamp's level over a procedure beyond which it has not warmed up, or somebody touched the bench."""

@@ -10,6 +10,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from gs2ci.core.arrays import F32
 from gs2ci_calibration.bench import Bench
 from gs2ci_calibration.bundle import Bundle
 from gs2ci_calibration.estimates import Estimate, Section
@@ -21,9 +22,6 @@ from gs2ci_calibration.masks.predicted import Relay, model_error, relay_of, tran
 from gs2ci_calibration.masks.slot_weights import SlotWeights, measure_slots
 from gs2ci_calibration.masks.taking import Field, light_up, saturation_of, take
 from gs2ci_calibration.refusals import CalibrationError, Reason
-
-F32 = NDArray[np.float32]
-F64 = NDArray[np.float64]
 
 Found = tuple[MeasuredMasks, F32, F32, tuple[float, float]]
 """What was measured; the masks and their errors; how far predictions are off, rms, and the error of that."""

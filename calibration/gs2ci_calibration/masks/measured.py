@@ -15,14 +15,11 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from gs2ci.core.arrays import F32, F64, Bool
 from gs2ci.core.errors import InputError
 from gs2ci_calibration.masks.lamp import LampRecord, burst_levels
 from gs2ci_calibration.masks.noise_model import NoiseModel, fit_noise, own_variance, rounding_variance_dn2
 from gs2ci_calibration.masks.references import References
-
-F32 = NDArray[np.float32]
-F64 = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 REFERENCE_EVERY: Final = 4
 """After so many masks the lamp is looked at again."""
@@ -159,7 +156,7 @@ class MeasuredMasks:
     held_out_se: F64
     leakage: F64
     leakage_se: F64
-    valid: Bools
+    valid: Bool
     noise: NoiseModel
     lamp: LampRecord
 

@@ -12,10 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import nnls
 
+from gs2ci.core.arrays import F64
 from gs2ci_calibration.refusals import CalibrationError, Reason
-
-F64 = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 BINS: Final = 24
 # Pixels whose frames vary more than this many times as much as the line says keep their own variance: they blink.

@@ -11,13 +11,10 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from gs2ci.core.arrays import F32, F64, Bool
 from gs2ci_calibration.estimates import Section
 from gs2ci_calibration.masks.imaging import PixelMap, blurred, convolved, sharp
 from gs2ci_calibration.refusals import CalibrationError, Reason
-
-F32 = NDArray[np.float32]
-F64 = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 RADIUS: Final = (2, 5)
 """Smallest and largest radius of the kernel: three standard deviations of the blur, and one pixel more."""
@@ -45,7 +42,7 @@ def fit_kernel(
     variance_px2: float,
     patterns: Sequence[NDArray[Any]] | NDArray[Any],
     shares: Sequence[F64],
-    valid: Bools,
+    valid: Bool,
 ) -> Kernel:
     """Fit the kernel to images of known patterns by least squares.
 
@@ -85,7 +82,7 @@ def fit_kernel(
     )
 
 
-def _inner(valid: Bools, radius: int, images: int) -> NDArray[np.intp]:
+def _inner(valid: Bool, radius: int, images: int) -> NDArray[np.intp]:
     """Choose pixels: valid ones away from the rim, which knows nothing of what lies beyond it."""
     inner = np.zeros_like(valid)
     inner[radius:-radius, radius:-radius] = valid[radius:-radius, radius:-radius]

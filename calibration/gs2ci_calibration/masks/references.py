@@ -11,11 +11,8 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from gs2ci.core.arrays import F64, Bool
 from gs2ci_calibration.refusals import CalibrationError, Reason
-
-F32 = NDArray[np.float32]
-F64 = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 # Fewest frames of each reference: from one alone no noise can be told.
 FRAMES_MIN: Final = 2
@@ -49,7 +46,7 @@ class References:
 
     on: F64
     off: F64
-    valid: Bools
+    valid: Bool
     noise_dn: float
 
     @property
@@ -107,7 +104,7 @@ def judge(
     return references
 
 
-def _require_sound(on_frames: NDArray[Any], off_frames: NDArray[Any], saturation_dn: float, step: str) -> Bools:
+def _require_sound(on_frames: NDArray[Any], off_frames: NDArray[Any], saturation_dn: float, step: str) -> Bool:
     """Refuse too few frames and a saturated field; return the pixels that are clipped, [H, W]."""
     for what, frames in (("on", on_frames), ("off", off_frames)):
         if frames.ndim != 3 or len(frames) < FRAMES_MIN:

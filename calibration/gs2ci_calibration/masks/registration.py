@@ -15,12 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
+from gs2ci.core.arrays import F64, Bool
 from gs2ci_calibration.masks.imaging import PixelMap
 from gs2ci_calibration.masks.registration_fit import Fitted, Textures, fit
 from gs2ci_calibration.refusals import CalibrationError, Reason
-
-F64 = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 DEGREES: Final = (1, 3, 5)
 """Of the map: affine first; a cubic and a quintic only where tiles leave no doubt that they are needed."""
@@ -44,7 +42,6 @@ class Registration:
         residual_rms_px: By how much the tiles' own shifts scatter about the map.
         tiles: How many tiles the fit rests on.
         dropped: How many were left out because they show something else.
-        likeness: Scale of the measured pattern against the predicted one; 1 is perfect.
     """
 
     pixels: PixelMap
@@ -54,7 +51,6 @@ class Registration:
     residual_rms_px: float
     tiles: int
     dropped: int
-    likeness: float
 
     @property
     def sigma_px(self) -> float:
@@ -123,12 +119,8 @@ def orientation(pixels: PixelMap) -> str:
     return _ORIENTATIONS.get(key, "turned by nearly 45 degrees")
 
 
-ORIENTATIONS: Final = (*_ORIENTATIONS.values(), "any")
-"""How the modulator's image may lie, in words; "any" takes it as it is found."""
-
-
 def require_orientation(pixels: PixelMap, wanted: str) -> None:
-    """Hold the way round in which the modulator's image lies against one of `ORIENTATIONS`.
+    """Hold the way round in which the modulator's image lies against the one wanted, in words; "any" takes it as it is.
 
     Raises:
         CalibrationError: It lies another way round.
@@ -164,7 +156,7 @@ def require_ratio(pixels: PixelMap, superpixel: int) -> None:
 def register(
     patterns: Sequence[NDArray[Any]] | NDArray[Any],
     shares: Sequence[F64],
-    valid: Bools,
+    valid: Bool,
     coarse: PixelMap,
     *,
     light: F64 | None = None,
@@ -198,7 +190,6 @@ def register(
         residual_rms_px=fitted.scatter_px(),
         tiles=int(fitted.kept.sum()),
         dropped=fitted.dropped,
-        likeness=fitted.scale,
     )
 
 

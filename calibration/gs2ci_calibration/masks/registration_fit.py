@@ -14,11 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import laplace
 
+from gs2ci.core.arrays import F64, Bool
 from gs2ci_calibration.masks.imaging import PixelMap, blurred, monomials, sharp
 from gs2ci_calibration.refusals import CalibrationError, Reason
-
-F64 = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 ITERATIONS_MAX: Final = 30
 CONVERGED_PX: Final = 2e-5
@@ -61,7 +59,7 @@ class Textures:
         self,
         patterns: Sequence[NDArray[Any]] | NDArray[Any],
         shares: Sequence[F64],
-        valid: Bools,
+        valid: Bool,
         light: F64 | None = None,
     ) -> None:
         self.patterns = [np.ascontiguousarray(pattern, dtype=np.float32) for pattern in patterns]
@@ -81,7 +79,7 @@ class Textures:
         return np.asarray(np.add.reduceat(down, self._columns, axis=1)).ravel()
 
 
-def _smooth(light: F64, valid: Bools) -> F64:
+def _smooth(light: F64, valid: Bool) -> F64:
     """Return the field's smooth part by a polynomial, so that single pixels' response does not count; its mean is 1."""
     height, width = light.shape
     y, x = np.mgrid[:height, :width]
@@ -119,7 +117,7 @@ class Fitted:
     gradient: F64
     light_information: F64
     light_gradient: F64
-    kept: Bools
+    kept: Bool
     dropped: int
 
     @property
@@ -217,7 +215,7 @@ def fit(textures: Textures, start: PixelMap, variance_px2: float = VARIANCE_STAR
     )
 
 
-def _look(textures: Textures, pixels: PixelMap, variance: float, scale: float, offset: float, dropped: Bools) -> Fitted:
+def _look(textures: Textures, pixels: PixelMap, variance: float, scale: float, offset: float, dropped: Bool) -> Fitted:
     """Predict all images and gather what the tiles say."""
     tiles = len(textures.filled)
     information, gradient = np.zeros((tiles, 2, 2)), np.zeros((tiles, 2))
@@ -259,19 +257,19 @@ def _look(textures: Textures, pixels: PixelMap, variance: float, scale: float, o
     )
 
 
-def _is_textured(textures: Textures, information: F64, ratio: float) -> Bools:
+def _is_textured(textures: Textures, information: F64, ratio: float) -> Bool:
     """Return the tiles that say where they are in both directions, [T]."""
     pixels = np.maximum(textures.sums(textures.valid), 1.0) * len(textures.patterns)
     weakest = np.linalg.eigvalsh(information)[:, 0] / pixels * ratio**2
     return np.asarray((textures.filled > TILE_VALID_MIN) & (weakest > TEXTURE_MIN))
 
 
-def _outlying(state: Fitted) -> Bools:
+def _outlying(state: Fitted) -> Bool:
     misfit = state.misfit
     return np.asarray(state.kept & (misfit > OUTLYING * float(np.median(misfit[state.kept]))))
 
 
-def _require_tiles(textures: Textures, kept: Bools) -> None:
+def _require_tiles(textures: Textures, kept: Bool) -> None:
     if kept.sum() < TILES_MIN:
         raise CalibrationError(
             "registration",

@@ -10,6 +10,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from gs2ci.core.arrays import F64, U8
 from gs2ci_calibration.bench import Bench
 from gs2ci_calibration.bundle import Bundle
 from gs2ci_calibration.estimates import Estimate, Section
@@ -20,9 +21,6 @@ from gs2ci_calibration.masks.registration import Registration, register, require
 from gs2ci_calibration.masks.taking import Field, light_up, refined, take
 from gs2ci_calibration.masks.texture import checker
 from gs2ci_calibration.refusals import CalibrationError, Reason
-
-F64 = NDArray[np.float64]
-U8 = NDArray[np.uint8]
 
 STEP: Final = "registration"
 STRIPE_PX: Final = 4

@@ -12,13 +12,12 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from gs2ci.core.arrays import F64, Bool
 from gs2ci_calibration.bench import Bench
 from gs2ci_calibration.estimates import Estimate
 from gs2ci_calibration.masks.taking import Field
 from gs2ci_calibration.refusals import CalibrationError, Reason
 from gs2ci_drivers.plan import Mode
-
-F64 = NDArray[np.float64]
 
 FRAMES: Final = 8
 WHOLE: Final = 1 - 1e-9
@@ -90,7 +89,7 @@ def measure_slots(bench: Bench, field: Field, saturation_dn: float, step: str) -
     )
 
 
-def _why_not(bench: Bench, whole: NDArray[np.bool_]) -> str:
+def _why_not(bench: Bench, whole: Bool) -> str:
     if bench.capture.mode is not Mode.PER_EXPOSURE:
         return f"in the mode {bench.capture.mode.value} no exposure spans several masks by the sensor's own clock"
     if bench.capture.dark_s > 0:

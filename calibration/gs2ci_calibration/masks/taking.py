@@ -11,14 +11,13 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from gs2ci.core.arrays import F64
 from gs2ci_calibration.bench import Bench, Setup, Stack
 from gs2ci_calibration.bundle import Bundle
 from gs2ci_calibration.exposing import find_exposure
 from gs2ci_calibration.frames import Dark
 from gs2ci_calibration.masks.measured import Kind, MaskSums, pass_order
 from gs2ci_calibration.masks.references import References, judge, require_in_place
-
-F64 = NDArray[np.float64]
 
 FILL: Final = 0.6
 """Share of the sensor's range to which the open field is exposed: far from clipping, and not far below the best."""

@@ -1,9 +1,8 @@
 """Patterns with edges everywhere, for registration: random checkers. For this package and tests."""
 
 import numpy as np
-from numpy.typing import NDArray
 
-U8 = NDArray[np.uint8]
+from gs2ci.core.arrays import U8
 
 
 def checker(size: tuple[int, int], cell: int, rng: np.random.Generator, *, start: tuple[int, int] = (0, 0)) -> U8:

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gs2ci.core.arrays import U8, U16
 from gs2ci.core.clock import Clock
 from gs2ci.core.errors import InputError
 from gs2ci_drivers.display_slm.link import SlmLink
@@ -98,7 +98,7 @@ class DisplaySlm(Modulator):
             experimental=True,
         )
 
-    def levels(self, mask: NDArray[np.uint8] | NDArray[np.uint16], bit_depth: int) -> NDArray[np.uint16]:
+    def levels(self, mask: U8 | U16, bit_depth: int) -> U16:
         """Return the panel's grey levels of a mask, [1200, 1920] uint16."""
         dark, bright = self.settings.dark_level, self.settings.bright_level
         table = np.rint(np.linspace(dark, bright, 1 << bit_depth)).astype(np.uint16)

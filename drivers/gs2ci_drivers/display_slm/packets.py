@@ -11,8 +11,8 @@ import struct
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gs2ci.core.arrays import U16
 from gs2ci.core.errors import DeviceError, InputError
 
 HEIGHT: Final = 1200
@@ -59,7 +59,7 @@ def status_request() -> bytes:
     return _HEADER.pack(_SIGNATURE, 0, Kind.STATUS_REQUEST, 0)
 
 
-def image(levels: NDArray[np.uint16]) -> bytes:
+def image(levels: U16) -> bytes:
     """Build the frames of one image: a row each, and the sum of all pixels in the last four bytes.
 
     Args:

@@ -9,12 +9,9 @@ from typing import Any, NoReturn, TypeVar, cast
 
 import numba
 import numpy as np
-from numpy.typing import NDArray
 
+from gs2ci.core.arrays import U32
 from gs2ci.core.errors import DeviceError, InputError
-
-U8 = NDArray[np.uint8]
-U32 = NDArray[np.uint32]
 
 # The widest run that two count bytes can carry: seven bits and eight.
 MAX_WIDTH = 0x7FFF
@@ -59,7 +56,11 @@ def compiled(function: AnyFunction) -> AnyFunction:
 
 
 def check_words(words: U32) -> None:
-    """Raise `InputError` unless `words` is a non-empty [H, W] uint32 array of 24-bit words of codable width."""
+    """Accept words, [H, W] uint32, that can be coded.
+
+    Raises:
+        InputError: None at all, another shape or type, more than 24 bits, or rows too wide.
+    """
     if words.ndim != 2 or words.size == 0 or words.dtype != np.uint32 or words.shape[1] > MAX_WIDTH:
         raise InputError(
             f"a pattern image of shape {words.shape} and type {words.dtype} cannot be coded",
@@ -73,7 +74,11 @@ def check_words(words: U32) -> None:
 
 
 def raise_fault(coding: str, fault: DecodeFault, at: int) -> NoReturn:
-    """Raise `PatternImageError` naming the fault and the byte where it was seen."""
+    """Name the fault and the byte where it was seen.
+
+    Raises:
+        PatternImageError: Always.
+    """
     raise PatternImageError(
         f"{coding} stream, byte {at}: {_SENTENCES[fault]}",
         remedy="encode the image again; a stream that was read back is damaged",

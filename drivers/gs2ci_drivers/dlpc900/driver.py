@@ -38,13 +38,12 @@ from gs2ci_drivers.failures import (
     UnsupportedError,
     WrongStateError,
 )
-from gs2ci_drivers.modulator import Modulator, ModulatorState, ModulatorStatus, UploadProgress
+from gs2ci_drivers.modulator import POLL_S, Modulator, ModulatorState, ModulatorStatus, UploadProgress
 from gs2ci_drivers.pattern_sequence import ModulatorInfo, PatternSequence, TriggerOut
 from gs2ci_drivers.ports import HidPort
 
 _US: Final = 1e-6
 _NOT_ALLOWED: Final = 5
-_POLL_S: Final = 0.02
 _STOP_TIMEOUT_S: Final = 2.0
 # A sequence of 105 µs masks ends before the first look; from here on a look must find it running.
 _SEEN_RUNNING_FROM_S: Final = 0.1
@@ -285,14 +284,7 @@ class Dlpc900(Modulator):
         sequence = self._running
         if sequence is None:
             return
-        begin_s = self.clock.now_s()
-        while self._is_running(asked):
-            left_s = begin_s + timeout_s - self.clock.now_s()
-            if left_s <= 0:
-                raise NoAnswerError(
-                    self.name, asked, timeout_s, remedy="wait longer, or disarm a sequence that runs for ever"
-                )
-            self.clock.sleep_s(min(_POLL_S, left_s))
+        self._wait_while(lambda: self._is_running(asked), timeout_s, asked)
         ran_s = self.clock.now_s() - self._started_s
         if ran_s < sequence.duration_s * (1 - _CLOCK_TOLERANCE) - _EXCHANGE_JITTER_S:
             self._raise_stopped(asked)
@@ -339,7 +331,7 @@ class Dlpc900(Modulator):
                 raise NoAnswerError(
                     self.name, asked, _STOP_TIMEOUT_S, remedy="power-cycle the controller: it does not obey"
                 )
-            self.clock.sleep_s(_POLL_S)
+            self.clock.sleep_s(POLL_S)
 
     def _is_running(self, asked: str) -> bool:
         return MainStatus.decode(self._channel.read(Command.MAIN_STATUS, asked)).running

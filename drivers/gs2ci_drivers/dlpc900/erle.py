@@ -18,7 +18,8 @@ from typing import Final
 
 import numpy as np
 
-from gs2ci_drivers.dlpc900.coding import U8, U32, DecodeFault, check_words, compiled, raise_fault
+from gs2ci.core.arrays import U8, U32
+from gs2ci_drivers.dlpc900.coding import DecodeFault, check_words, compiled, raise_fault
 
 # Fault codes as plain integers: Numba freezes module constants into the kernel.
 _NONE: Final = int(DecodeFault.NONE)

@@ -10,11 +10,11 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gs2ci.core.arrays import U8, U32
 from gs2ci.core.errors import InputError
 from gs2ci_drivers.dlpc900 import erle, rle
-from gs2ci_drivers.dlpc900.coding import U8, U32, PatternImageError, check_words
+from gs2ci_drivers.dlpc900.coding import PatternImageError, check_words
 
 HEADER_BYTES: Final = 48
 BITS_PER_WORD: Final = 24
@@ -191,13 +191,13 @@ def place_of(mask_index: int, depth_bits: int = 1) -> tuple[int, int]:
     return image, slot * depth_bits
 
 
-def take_plane(words: U32, bit_position: int, depth_bits: int = 1) -> NDArray[np.uint8]:
+def take_plane(words: U32, bit_position: int, depth_bits: int = 1) -> U8:
     """Take one mask's levels out of an image: [H, W] uint8."""
     return (words >> bit_position & ((1 << depth_bits) - 1)).astype(np.uint8)
 
 
 def split_halves(words: U32) -> tuple[U32, U32]:
-    """Split an image between primary (left) and secondary (right) controller.
+    """Split an image, [H, W], between primary (left) and secondary (right) controller, [H, W / 2] each.
 
     Raises:
         InputError: The width is odd.

@@ -9,8 +9,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gs2ci.core.arrays import U8
 from gs2ci_drivers.dlpc900 import firmware, timing
 from gs2ci_drivers.dlpc900.images import Compression, encode_block, pack_planes, place_of, split_halves
 from gs2ci_drivers.dlpc900.lut import ALL_LEDS, LutEntry
@@ -117,7 +117,7 @@ def encode_images(sequence: PatternSequence, settings: Dlpc900Settings, *, dual:
         settings: Compression and firmware profile.
         dual: Whether two controllers drive half the columns each.
     """
-    levels: NDArray[np.uint8] = sequence.masks.astype(np.uint8, copy=False)
+    levels: U8 = sequence.masks.astype(np.uint8, copy=False)
     pixel_format = firmware.profile(settings.firmware).pixel_format
     primary, secondary = [], []
     for words in pack_planes(levels, sequence.bit_depth):

@@ -17,7 +17,8 @@ from typing import Final
 
 import numpy as np
 
-from gs2ci_drivers.dlpc900.coding import U8, U32, DecodeFault, check_words, compiled, raise_fault
+from gs2ci.core.arrays import U8, U32
+from gs2ci_drivers.dlpc900.coding import DecodeFault, check_words, compiled, raise_fault
 
 _MAX_RUN: Final = 255
 _NONE: Final = int(DecodeFault.NONE)

@@ -49,6 +49,9 @@ class GrblStage(Stage):
         port: The serial line.
         clock: Where waits are kept.
         axes: Which of x, y, z are used.
+
+    Raises:
+        UnsupportedError: None of them, or others.
     """
 
     def __init__(self, name: str, port: BytePort, clock: Clock, *, axes: tuple[str, ...] = LETTERS) -> None:

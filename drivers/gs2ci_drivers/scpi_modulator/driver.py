@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from gs2ci.core.clock import Clock
-from gs2ci_drivers.failures import BadReplyError, DeviceFaultError, NoAnswerError, SequenceError, UnsupportedError
+from gs2ci_drivers.failures import BadReplyError, DeviceFaultError, SequenceError, UnsupportedError
 from gs2ci_drivers.modulator import Modulator, ModulatorState, ModulatorStatus, UploadProgress
 from gs2ci_drivers.pattern_sequence import ModulatorInfo, PatternSequence, TriggerOut
 from gs2ci_drivers.ports import BytePort
@@ -23,7 +23,6 @@ from gs2ci_drivers.scpi_modulator.packets import (
 )
 
 _US: Final = 1e-6
-_POLL_S: Final = 0.02
 _OUTS: Final = {
     "NONE": TriggerOut.NONE,
     "EXPOSURE": TriggerOut.PER_EXPOSURE,
@@ -151,14 +150,7 @@ class ScpiModulator(Modulator):
         sequence = self._running
         if sequence is None:
             return
-        begin_s = self.clock.now_s()
-        while self._state()[0] is ModulatorState.RUNNING:
-            left_s = begin_s + timeout_s - self.clock.now_s()
-            if left_s <= 0:
-                raise NoAnswerError(
-                    self.name, asked, timeout_s, remedy="wait longer, or disarm a sequence that runs for ever"
-                )
-            self.clock.sleep_s(min(_POLL_S, left_s))
+        self._wait_while(lambda: self._state()[0] is ModulatorState.RUNNING, timeout_s, asked)
         self._running = None
         self._require_well(asked)
         shown, planned = self._integers("SEQ:SHOWN?", 1)[0], sequence.count * sequence.repeats

@@ -17,8 +17,8 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gs2ci.core.arrays import U8, U16
 from gs2ci.core.errors import DeviceError, InputError
 
 PROTOCOL: Final = "GS2CI-MOD"
@@ -118,7 +118,7 @@ def parse_integers(body: str, count: int | None = None) -> tuple[int, ...]:
     return tuple(int(field) for field in fields)
 
 
-def pack_mask(levels: NDArray[np.uint8] | NDArray[np.uint16], bits: int) -> bytes:
+def pack_mask(levels: U8 | U16, bits: int) -> bytes:
     """Pack one mask [H, W] for the wire, rows from the top.
 
     1 bit: eight pixels a byte, leftmost in the highest bit, each row padded to whole bytes. 2 to 8 bits: one byte

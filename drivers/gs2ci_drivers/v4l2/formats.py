@@ -14,14 +14,13 @@ from dataclasses import dataclass
 from typing import Final, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gs2ci.core.arrays import U8, U16
 from gs2ci.core.errors import InputError
 from gs2ci.core.records import CfaPattern
 
-U16 = NDArray[np.uint16]
 Alignment = Literal["low", "high"]
-RawBytes = bytes | bytearray | memoryview | NDArray[np.uint8]
+RawBytes = bytes | bytearray | memoryview | U8
 
 
 @enum.unique
@@ -195,13 +194,13 @@ def unpack(data: RawBytes, geometry: FrameGeometry) -> U16:
     return values
 
 
-def _rows(raw: NDArray[np.uint8], geometry: FrameGeometry, size: int) -> NDArray[np.uint8]:
+def _rows(raw: U8, geometry: FrameGeometry, size: int) -> U8:
     """View the bytes as [H, groups, size] without copying, the padding at row ends left out."""
     groups = geometry.pixel.row_bytes(geometry.width) // size
     return np.ndarray((geometry.height, groups, size), np.uint8, raw, strides=(geometry.stride, size, 1))
 
 
-def _words(raw: NDArray[np.uint8], geometry: FrameGeometry) -> U16:
+def _words(raw: U8, geometry: FrameGeometry) -> U16:
     view = np.ndarray((geometry.height, geometry.width), "<u2", raw, strides=(geometry.stride, 2))
     return view.astype(np.uint16)
 
@@ -222,7 +221,7 @@ def _aligned(words: U16, geometry: FrameGeometry) -> U16:
     return words >> np.uint16(spare)
 
 
-def _mipi10(groups: NDArray[np.uint8], width: int) -> U16:
+def _mipi10(groups: U8, width: int) -> U16:
     """Unpack [H, G, 5] bytes: four high bytes, then four pairs of low bits, pixel 0 lowest (pixfmt-y10p)."""
     out = np.empty((groups.shape[0], groups.shape[1], 4), np.uint16)
     low = groups[:, :, 4]
@@ -233,7 +232,7 @@ def _mipi10(groups: NDArray[np.uint8], width: int) -> U16:
     return np.ascontiguousarray(out.reshape(groups.shape[0], -1)[:, :width])
 
 
-def _mipi12(groups: NDArray[np.uint8], width: int) -> U16:
+def _mipi12(groups: U8, width: int) -> U16:
     """Unpack [H, G, 3] bytes: two high bytes, then two nibbles, pixel 0 in the low one (pixfmt-srggb12p)."""
     out = np.empty((groups.shape[0], groups.shape[1], 2), np.uint16)
     low = groups[:, :, 2]

@@ -271,7 +271,12 @@ class VideoNode:
         return NodeFormat(abi.fourcc_name(pix.pixelformat), pix.width, pix.height, stride, size, planes)
 
     def set_bus_format(self, bus_code: int, width: int, height: int) -> tuple[int, int]:
-        """Set the format on pad 0 of a sub-device; return the width and height that it settled on."""
+        """Set the format on pad 0 of a sub-device; return the width and height that it settled on.
+
+        Raises:
+            RefusedError: It settled on another bus format, or refused.
+            LinkError: It does not answer.
+        """
         fmt, raw = allocate(abi.SubdevFormat)
         fmt.which, fmt.pad = abi.FORMAT_ACTIVE, 0
         fmt.format.width, fmt.format.height, fmt.format.code = width, height, bus_code
@@ -370,7 +375,12 @@ class VideoNode:
         return int(event.type)
 
     def wait(self, timeout_s: float) -> int:
-        """Wait for a frame or an event; return poll's mask (POLLIN, POLLPRI, POLLERR, POLLHUP), 0 in time."""
+        """Wait for a frame or an event; return poll's mask (POLLIN, POLLPRI, POLLERR, POLLHUP), 0 after `timeout_s`.
+
+        Raises:
+            WrongStateError: The node has been closed.
+            LinkError: The wait failed.
+        """
         if self._fd < 0:
             raise WrongStateError(self.device, "the node has been closed", asked="poll")
         with errno_errors(self.device, "poll"):

@@ -118,7 +118,11 @@ class BufferQueue:
         return data[buffer.data_offset :]
 
     def release(self) -> None:
-        """Stop streaming, unmap and free; goes on past errors and raises the first at the end."""
+        """Stop streaming, unmap and free.
+
+        Raises:
+            DriverError: The first that went wrong, after the rest was done.
+        """
         error = self._give_back()
         if error is not None:
             raise error

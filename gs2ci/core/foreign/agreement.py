@@ -13,10 +13,11 @@ from typing import Final
 import numpy as np
 from scipy import ndimage
 
+from gs2ci.core.arrays import F32, F64
 from gs2ci.core.errors import InputError
 from gs2ci.core.foreign.container import Array
 from gs2ci.core.foreign.scale import FULL_SCALES, Scale
-from gs2ci.core.records import CFA_PATTERNS, F32, F64, CfaPattern
+from gs2ci.core.records import CFA_PATTERNS, CfaPattern
 
 # Correlations of the fine pattern seen on real and simulated files: 0.68 to 0.92 where masks fit, below 0.01 where
 # they do not.
@@ -80,7 +81,7 @@ def mosaic(image: F64, cfa: CfaPattern) -> F64:
 
 
 def fit(measurement: F64, model: F64) -> tuple[float, float]:
-    """Find the factor s that brings s · model closest to the measurement, and the relative residual left."""
+    """Find the factor s that brings s · model closest to a measurement of its shape, and the relative residual left."""
     energy, total = float((model**2).sum()), float((measurement**2).sum())
     if energy == 0 or total == 0:
         return 0.0, 0.0 if energy == total else 1.0
@@ -125,7 +126,7 @@ def check_pattern(measurement: Array, masks: Array, image: F64, multiplicity: F6
 
 
 def check_closed_pixels(image: F64, multiplicity: F64, guesses: list[str]) -> None:
-    """Say so if pixels that no mask opens read light, which hints at an offset."""
+    """Say so if pixels, [H, W], that no mask opens read light, which hints at an offset."""
     closed = multiplicity == 0
     if closed.sum() < 50:
         return
@@ -138,7 +139,7 @@ def check_closed_pixels(image: F64, multiplicity: F64, guesses: list[str]) -> No
 
 
 def doubt_mono(image: F64, guesses: list[str]) -> None:
-    """Say so if a single-channel measurement has the pattern of a colour mosaic."""
+    """Say so if a single-channel measurement, [H, W], has the pattern of a colour mosaic."""
     height, width = image.shape[0] // 2 * 2, image.shape[1] // 2 * 2
     if min(height, width) < 8:
         return

@@ -11,12 +11,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from gs2ci.core.arrays import F32, F64
 from gs2ci.core.errors import InputError
 from gs2ci.core.foreign import agreement, axes, camera, pixels, roles, scale
 from gs2ci.core.foreign.agreement import Coding
 from gs2ci.core.foreign.container import Array, Container
 from gs2ci.core.foreign.opening import open_foreign
-from gs2ci.core.records import CFA_PATTERNS, F32, F64, CfaPattern, Shot, Truth
+from gs2ci.core.records import CFA_PATTERNS, CfaPattern, Shot, Truth
 
 
 @dataclass(frozen=True)

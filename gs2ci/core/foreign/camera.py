@@ -11,11 +11,13 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from gs2ci.core.arrays import F64
+from gs2ci.core.cameras import pinhole
 from gs2ci.core.errors import InputError
 from gs2ci.core.foreign.container import Array
 from gs2ci.core.foreign.pixels import LARGEST
 from gs2ci.core.lens import COEFFICIENTS
-from gs2ci.core.records import F64, check_intrinsics, check_rigid
+from gs2ci.core.records import check_intrinsics, check_rigid
 
 FEWEST_COEFFICIENTS: Final = 4
 """OpenCV's smallest model."""
@@ -38,7 +40,7 @@ def intrinsics_from(given: Array, size: tuple[int, ...], guesses: list[str]) -> 
             raise InputError(f"{given.where}: intrinsics change from view to view", allowed="one camera: [3, 3]")
         values = values[0]
     if values.ndim == 0:
-        values = centred(float(values), size)
+        values = pinhole(float(values), size)
     elif values.shape == (4,):
         fx, fy, cx, cy = values
         values = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1.0]])
@@ -56,14 +58,8 @@ def intrinsics_from(given: Array, size: tuple[int, ...], guesses: list[str]) -> 
     return values
 
 
-def centred(focal_px: float, size: tuple[int, ...]) -> F64:
-    """Make the camera matrix of square pixels and a centred principal point."""
-    height, width = size
-    return np.array([[focal_px, 0, width / 2], [0, focal_px, height / 2], [0, 0, 1.0]])
-
-
 def distortion_from(given: Array, guesses: list[str]) -> F64:
-    """Take the coefficients of a lens in OpenCV's order, k1 k2 p1 p2 k3; those of models with more must be zero.
+    """Take a lens's coefficients, [5], in OpenCV's order, k1 k2 p1 p2 k3; those of models with more must be zero.
 
     Raises:
         InputError: Fewer than four numbers, or more than five that matter.

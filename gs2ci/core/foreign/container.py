@@ -16,10 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gs2ci.core.errors import Gs2ciError, InputError
+from gs2ci.core.limits import LIMIT_BYTES
 
-LIMIT_BYTES: Final = 4 * 2**30
-# Deflate, in .npz and .mat alike, cannot shrink more than this (258 bytes in 2 bits).
-DEFLATE_LIMIT: Final = 1032
 ENTRY_LIMIT: Final = 10_000
 
 
@@ -117,7 +115,11 @@ class Container:
 
 @contextmanager
 def damage_as_input_error(where: str) -> Iterator[None]:
-    """Turn whatever a parser of foreign bytes throws into one InputError."""
+    """Turn whatever a parser of foreign bytes throws into one error.
+
+    Raises:
+        InputError: Something was thrown.
+    """
     try:
         yield
     except Gs2ciError:

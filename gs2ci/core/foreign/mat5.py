@@ -16,16 +16,10 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from gs2ci.core.arrays import U8
 from gs2ci.core.errors import InputError
-from gs2ci.core.foreign.container import (
-    DEFLATE_LIMIT,
-    ENTRY_LIMIT,
-    LIMIT_BYTES,
-    Container,
-    Entry,
-    check_bytes,
-    damage_as_input_error,
-)
+from gs2ci.core.foreign.container import ENTRY_LIMIT, Container, Entry, check_bytes, damage_as_input_error
+from gs2ci.core.limits import DEFLATE_LIMIT, LIMIT_BYTES
 
 HEADER_BYTES: Final = 128
 _MATRIX, _COMPRESSED = 14, 15
@@ -127,14 +121,14 @@ def read_mat5(path: Path) -> Container:
     return Container(path, entries, lambda key: _load(path, places[key], order))
 
 
-def _byte_order(data: NDArray[np.uint8], path: Path) -> str:
+def _byte_order(data: U8, path: Path) -> str:
     mark = bytes(data[126:128])
     if len(data) < HEADER_BYTES or mark not in (b"IM", b"MI"):
         raise InputError(f"{path}: no byte order mark in its header", remedy="the file is damaged: save it again")
     return "<" if mark == b"IM" else ">"
 
 
-def _head(data: NDArray[np.uint8], place: _Place) -> bytes:
+def _head(data: U8, place: _Place) -> bytes:
     if not place.compressed:
         return bytes(data[place.at : place.at + min(place.count, _HEAD_BYTES)])
     # A compressed element holds a whole array element, with its own type and length in front.

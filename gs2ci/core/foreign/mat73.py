@@ -12,15 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gs2ci.core.errors import InputError
-from gs2ci.core.foreign.container import (
-    DEFLATE_LIMIT,
-    ENTRY_LIMIT,
-    Container,
-    Entry,
-    check_bytes,
-    damage_as_input_error,
-)
+from gs2ci.core.foreign.container import ENTRY_LIMIT, Container, Entry, check_bytes, damage_as_input_error
 from gs2ci.core.hdf5 import check_text_heaps
+from gs2ci.core.limits import DEFLATE_LIMIT
 
 
 def read_mat73(path: Path) -> Container:

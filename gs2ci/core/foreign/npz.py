@@ -7,8 +7,9 @@ from typing import Any
 from numpy.typing import NDArray
 
 from gs2ci.core.errors import InputError
-from gs2ci.core.foreign.container import DEFLATE_LIMIT, ENTRY_LIMIT, Container, Entry, damage_as_input_error
+from gs2ci.core.foreign.container import ENTRY_LIMIT, Container, Entry, damage_as_input_error
 from gs2ci.core.foreign.npy import describe, load_array
+from gs2ci.core.limits import DEFLATE_LIMIT
 
 
 def read_npz(path: Path) -> Container:

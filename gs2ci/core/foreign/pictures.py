@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gs2ci.core.errors import InputError
-from gs2ci.core.foreign.container import LIMIT_BYTES, Container, Entry, damage_as_input_error
+from gs2ci.core.foreign.container import Container, Entry, damage_as_input_error
+from gs2ci.core.limits import LIMIT_BYTES
 
 SIGNATURES: Final = (b"\x89PNG\r\n\x1a\n", b"II*\0", b"MM\0*", b"II+\0", b"MM\0+", b"BM", b"P5")
 JPEG: Final = b"\xff\xd8\xff"

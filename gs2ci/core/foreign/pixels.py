@@ -3,11 +3,10 @@
 from typing import Final, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gs2ci.core.arrays import F64, Bool
 from gs2ci.core.errors import InputError
 from gs2ci.core.foreign.container import Array
-from gs2ci.core.records import F64
 
 BadPixels = Literal["refuse", "median"]
 
@@ -72,7 +71,7 @@ def _mend_plane(plane: F64, multiplicity: F64) -> None:
             plane[row, column] = 0.0
 
 
-def clipped(readings: F64, said: float | None, guesses: list[str]) -> NDArray[np.bool_] | None:
+def clipped(readings: F64, said: float | None, guesses: list[str]) -> Bool | None:
     """Find readings that say only «at least».
 
     Args:
@@ -97,7 +96,7 @@ def clipped(readings: F64, said: float | None, guesses: list[str]) -> NDArray[np
         level = high
     if level == 0:
         return None
-    found: NDArray[np.bool_] = np.any(readings >= level, axis=3)
+    found: Bool = np.any(readings >= level, axis=3)
     warning = "WARNING: " if found.mean() > MANY_CLIPPED else ""
     guesses.append(
         f"{warning}{int(found.sum())} pixels ({found.mean():.2g} of all) at {level:.6g} or above count as clipped"

@@ -13,10 +13,10 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from gs2ci.core.arrays import F32, F64
 from gs2ci.core.errors import InputError
 from gs2ci.core.foreign.container import Array
 from gs2ci.core.foreign.pixels import LARGEST
-from gs2ci.core.records import F32, F64
 
 FULL_SCALES: Final[dict[str, float]] = {
     "unit": 1.0,
@@ -110,7 +110,7 @@ def _mask_sentences(values: F64, full: float, guessed: bool) -> list[str]:
 
 
 def scale_views(truth: Array, views: NDArray[Any], guesses: list[str]) -> F32:
-    """Turn true views into float32 with full scale 1.
+    """Turn true views, [N, H, W, C], into float32 with full scale 1.
 
     Raises:
         InputError: NaN, or negative beyond noise.
@@ -201,7 +201,7 @@ def _per_exposure(ratio: float, high: float, multiplicity: F64, views: int) -> S
 
 
 def brightest_ratio(values: F64, multiplicity: F64) -> float:
-    """Get the reading per open mask that all but a thousandth of the well covered pixels stay below."""
+    """Get the reading per open mask that all but a thousandth of the well covered pixels, [H, W], stay below."""
     covered = multiplicity >= 0.5 * np.median(multiplicity[multiplicity > 0])
     per_mask = values[:, covered, :] / multiplicity[covered][:, None]
     return float(np.quantile(per_mask, 0.999))

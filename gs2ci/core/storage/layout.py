@@ -42,8 +42,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gs2ci import __version__
+from gs2ci.core.arrays import F32, F64
 from gs2ci.core.errors import InputError, StorageError
-from gs2ci.core.records import F32, F64, CfaPattern, Shot
+from gs2ci.core.records import CfaPattern, Shot
 
 SCHEMA: Final = "gs2ci.capture/1"
 UNITS: Final = "SI with the unit in the name; lengths of stages in mm; images: full scale of one view = 1"
@@ -295,7 +296,7 @@ def fits_bytes(values: F32, full_scale: float = 255.0) -> bool:
 
 
 def unpack(stored: NDArray[Any], full_scale: float) -> F32:
-    """Turn stored masks or views back into float32 numbers with full scale 1."""
+    """Turn stored masks or views, of any shape, back into float32 numbers with full scale 1."""
     if full_scale == 1.0:
         return stored.astype(np.float32)
     return stored.astype(np.float32) / np.float32(full_scale)

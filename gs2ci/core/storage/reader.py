@@ -1,33 +1,27 @@
 """Reading capture files that may be anything: unfinished, damaged, from elsewhere, or made to do harm.
 
 Here: `read_shot`, `count_shots`, `read_calibration`, and `CaptureFile`, through which all of them (and `recover`)
-look at a file. Whatever is wrong ends in one StorageError that names file and key. A reader follows no links,
-opens no second file, and knows how many bytes an array takes before it makes room for them.
+look at a file. Whatever is wrong ends in one StorageError that names file and key. Not here: how any HDF5 file is
+looked into (`gs2ci.core.hdf5`).
 Anyone may use the functions through `gs2ci.core.storage`; `CaptureFile` is for that package alone.
 """
 
 import json
-import math
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 import h5py
 import numpy as np
 from numpy.typing import NDArray
 
+from gs2ci.core.arrays import F32, F64, Bool
 from gs2ci.core.errors import Gs2ciError, StorageError
-from gs2ci.core.hdf5 import check_text_heaps
-from gs2ci.core.records import F64, Shot, Truth
+from gs2ci.core.hdf5 import SuspectFile, check_text_heaps
+from gs2ci.core.records import Shot, Truth
 from gs2ci.core.storage.layout import CALIBRATION, NO_MAP, SCHEMA, unpack, usable_per_pixel
 from gs2ci.core.storage.sealing import PARTIAL
-
-LIMIT_BYTES: Final = 4 * 2**30
-# Deflate cannot shrink more than 1032:1 (its longest match is 258 bytes, coded in 2 bits), so an array that claims
-# more bytes than this times the whole file was never written by us.
-DEFLATE_LIMIT: Final = 1032
-TEXT_LIMIT_BYTES: Final = 16 * 2**20
 
 
 def count_shots(path: Path) -> int:
@@ -114,22 +108,16 @@ def opened(path: Path, *, unfinished: bool = False) -> Iterator["CaptureFile"]:
         ) from error
 
 
-class CaptureFile:
-    """An open capture file and the only ways to look into it.
-
-    Args:
-        path: For messages.
-        file: Opened for reading.
-    """
-
-    def __init__(self, path: Path, file: h5py.File) -> None:
-        self.path = path
-        self.file = file
-        self._file_bytes = path.stat().st_size
+class CaptureFile(SuspectFile):
+    """An open capture file."""
 
     def check_kind(self, *, unfinished: bool) -> None:
-        """Return if this is a capture file of the known version, and finished or allowed not to be."""
-        schema = self._attribute(self.file, "schema", "/")
+        """Return if this is a capture file of the known version, and finished or allowed not to be.
+
+        Raises:
+            StorageError: It is not.
+        """
+        schema = self.attribute(self.file, "schema", "/")
         if schema != SCHEMA:
             known = isinstance(schema, str) and schema.startswith("gs2ci.capture/")
             raise StorageError(
@@ -145,10 +133,14 @@ class CaptureFile:
             )
 
     def valid_rows(self) -> NDArray[np.intp]:
-        """Get the indices of the rows whose last write happened."""
+        """Get the indices of the rows whose last write happened, [R].
+
+        Raises:
+            StorageError: The file has no flags, or not one for each row.
+        """
         valid = self.require("meas_valid", axes=1)
-        if len(valid) != self._dataset("meas").shape[0]:
-            raise self.wrong("meas_valid", f"{len(valid)} flags for {self._dataset('meas').shape[0]} rows of /meas")
+        if len(valid) != self.dataset("meas").shape[0]:
+            raise self.wrong("meas_valid", f"{len(valid)} flags for {self.dataset('meas').shape[0]} rows of /meas")
         return np.flatnonzero(valid == 1)
 
     def shot(self, row: int) -> Shot:
@@ -171,65 +163,8 @@ class CaptureFile:
             provenance=record["provenance"],
         ).check()
 
-    def array(self, key: str, *, axes: int, row: int | None = None) -> NDArray[Any] | None:
-        """Read a numeric dataset, or one row of it; None where the file has no such key.
-
-        Raises:
-            StorageError: Not a dataset of numbers with that many axes, or larger than the file can hold.
-        """
-        dataset = self._dataset(key, optional=True)
-        if dataset is None:
-            return None
-        if dataset.dtype.kind not in "uif" or dataset.ndim != axes:
-            raise self.wrong(key, f"{dataset.dtype} with {dataset.ndim} axes", f"numbers with {axes} axes")
-        if row is not None and not 0 <= row < dataset.shape[0]:
-            raise self.wrong(key, f"{dataset.shape[0]} rows, row {row} is missing")
-        shape = dataset.shape if row is None else dataset.shape[1:]
-        self._check_bytes(key, shape, dataset)
-        values = np.asarray(dataset[()] if row is None else dataset[row])
-        return values.astype(values.dtype.newbyteorder("="), copy=False)
-
-    def require(self, key: str, *, axes: int) -> NDArray[Any]:
-        """Read a numeric dataset that every capture file has."""
-        values = self.array(key, axes=axes)
-        if values is None:
-            raise self.wrong(key, "missing")
-        return values
-
-    def text(self, key: str, row: int | None = None) -> str | None:
-        """Read a text, or one row of a list of texts; None where the file has no such key."""
-        dataset = self._dataset(key, optional=True)
-        if dataset is None:
-            return None
-        if h5py.check_string_dtype(dataset.dtype) is None or dataset.ndim != (0 if row is None else 1):
-            raise self.wrong(key, f"{dataset.dtype} with {dataset.ndim} axes", "text")
-        if dataset.dtype.itemsize > TEXT_LIMIT_BYTES:
-            raise self.wrong(key, f"a text of {dataset.dtype.itemsize} bytes", f"up to {TEXT_LIMIT_BYTES}")
-        value = dataset[()] if row is None else dataset[row]
-        if not isinstance(value, bytes):
-            raise self.wrong(key, "not a text")
-        return value.decode("utf-8")
-
-    def number(self, key: str, attribute: str, default: float) -> float:
-        """Read a numeric attribute of a dataset; NaN counts as absent where the default is NaN."""
-        value = self._attribute(self._dataset(key), attribute, key)
-        value = default if value is None else value
-        if not isinstance(value, int | float | np.integer | np.floating):
-            raise self.wrong(key, f"attribute {attribute} = {value!r}", "a number")
-        if not np.isfinite(value) and not np.isnan(default):
-            raise self.wrong(key, f"attribute {attribute} = {value}", "a finite number")
-        return float(value)
-
-    def wrong(self, key: str, problem: str, allowed: str = "") -> StorageError:
-        """Make the error for a key of this file."""
-        return StorageError(
-            f"{self.path}: key {key!r}: {problem}",
-            allowed=allowed,
-            remedy="the file was not written by gs2ci, or is damaged: write it again from its source",
-        )
-
-    def _measurement(self, row: int) -> tuple[NDArray[np.float32], NDArray[np.bool_] | None]:
-        reading = self.array("meas", axes=self._dataset("meas").ndim, row=row)
+    def _measurement(self, row: int) -> tuple[F32, Bool | None]:
+        reading = self.array("meas", axes=self.dataset("meas").ndim, row=row)
         if reading is None or reading.ndim not in (2, 3):
             raise self.wrong("meas", "not a stack of images", "[S, H, W] or [S, H, W, 3]")
         reading = reading[..., None] if reading.ndim == 2 else reading
@@ -243,7 +178,7 @@ class CaptureFile:
             measurement = reading.astype(np.float32)
         else:
             measurement = ((reading.astype(np.float64) - offset_dn) / scale_dn).astype(np.float32)
-        clipped: NDArray[np.bool_] | None = None
+        clipped: Bool | None = None
         stored_map = self.array("saturated", axes=3, row=row)
         saturation_dn = self.number("meas", "saturation_dn", float("nan"))
         if not np.isnan(saturation_dn):
@@ -265,19 +200,12 @@ class CaptureFile:
         dark, flat = (self.require(key, axes=2).astype(np.float64)[..., None] for key in maps)
         return dark, flat
 
-    def numbers(self, key: str) -> Any:
-        """Get an h5py dataset for its shape and dtype, or None; its values are read through `array`."""
-        return self._dataset(key, optional=True)
+    def true_views(self, row: int) -> F32 | None:
+        """Read the true views of a row, [N, H, W, C], if it brought them.
 
-    def texts(self, key: str) -> Iterator[str]:
-        """Read a list of texts, one by one; none where the file has no such key."""
-        dataset = self._dataset(key, optional=True)
-        if dataset is not None and dataset.ndim == 1:
-            for row in range(min(dataset.shape[0], self._file_bytes)):
-                yield self.text(key, row) or ""
-
-    def true_views(self, row: int) -> NDArray[np.float32] | None:
-        """Read the true views of a row, [N, H, W, C], if it brought them."""
+        Raises:
+            StorageError: The row is missing, or its views are no numbers.
+        """
         valid = self.array("truth/views_valid", axes=1)
         if valid is None:
             return None
@@ -292,7 +220,11 @@ class CaptureFile:
         return None if poses is None or np.isnan(poses).all() else poses.astype(np.float64)
 
     def record(self, row: int) -> dict[str, Any]:
-        """Read the name and the provenance of a row."""
+        """Read the name and the provenance of a row.
+
+        Raises:
+            StorageError: They are no JSON object.
+        """
         record = json.loads(self.text("provenance", row) or "{}")
         if not isinstance(record, dict):
             raise self.wrong("provenance", "not a JSON object")
@@ -300,39 +232,3 @@ class CaptureFile:
         if not isinstance(name, str) or not isinstance(provenance, dict):
             raise self.wrong("provenance", "not a name and an object")
         return {"name": name, "provenance": provenance}
-
-    def _dataset(self, key: str, *, optional: bool = False) -> Any:
-        """Walk to a dataset along hard links only; a link could lead into any file of this machine."""
-        node: Any = self.file
-        for part in key.split("/"):
-            if not isinstance(node, h5py.Group):
-                raise self.wrong(key, "its parent is not a group")
-            link = node.get(part, getlink=True)
-            if link is None:
-                if optional:
-                    return None
-                raise self.wrong(key, "missing")
-            if not isinstance(link, h5py.HardLink):
-                raise self.wrong(key, "a link to elsewhere", "data inside the file")
-            node = node[part]
-        if not isinstance(node, h5py.Dataset):
-            raise self.wrong(key, "not a dataset")
-        if node.is_virtual or node.external:
-            raise self.wrong(key, "its data lie in another file", "data inside the file")
-        return node
-
-    def _attribute(self, node: Any, name: str, key: str) -> object:
-        if name not in node.attrs:
-            return None
-        attribute = node.attrs.get_id(name)
-        if attribute.shape != () or attribute.dtype.itemsize > TEXT_LIMIT_BYTES:
-            raise self.wrong(key, f"attribute {name} is no single value")
-        value: object = node.attrs[name]
-        return value
-
-    def _check_bytes(self, key: str, shape: tuple[int, ...], dataset: Any) -> None:
-        # One chunk is decompressed whole, however little of it is asked for.
-        wanted = dataset.dtype.itemsize * max(math.prod(shape), math.prod(dataset.chunks or ()))
-        allowed = min(LIMIT_BYTES, DEFLATE_LIMIT * self._file_bytes)
-        if wanted > allowed:
-            raise self.wrong(key, f"claims {wanted} bytes in a file of {self._file_bytes}", f"at most {allowed}")

@@ -17,8 +17,9 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
+from gs2ci.core.arrays import F64, Bool
 from gs2ci.core.errors import StorageError
-from gs2ci.core.records import F64, Shot, Truth
+from gs2ci.core.records import Shot, Truth
 from gs2ci.core.storage import layout
 from gs2ci.core.storage.layout import FRAME_COLUMNS, CaptureHeader, FrameRow
 from gs2ci.core.storage.sealing import check_room, check_target, partial_of, seal
@@ -74,7 +75,7 @@ class ShotWriter:
         frame: FrameRow | None = None,
         telemetry_world_to_camera: F64 | None = None,
         truth: Truth | None = None,
-        saturated: NDArray[np.bool_] | None = None,
+        saturated: Bool | None = None,
         name: str = "",
         provenance: dict[str, Any] | None = None,
     ) -> int:
@@ -167,7 +168,11 @@ class ShotWriter:
         return self.path
 
     def close(self) -> None:
-        """Close the file as it is; without `finish()` it stays a `.partial`. May be called twice."""
+        """Close the file as it is; without `finish()` it stays a `.partial`. May be called twice.
+
+        Raises:
+            StorageError: The disk refuses the last bytes.
+        """
         if self._file is not None:
             file, self._file = self._file, None
             try:
@@ -206,9 +211,7 @@ class ShotWriter:
     def _refuse(self, what: str, problem: str, allowed: str) -> None:
         raise StorageError(f"{self.partial}: row {self.rows_written}, {what}: {problem}", allowed=allowed)
 
-    def _optional_parts(
-        self, telemetry: F64 | None, truth: Truth, saturated: NDArray[np.bool_] | None
-    ) -> dict[str, Any]:
+    def _optional_parts(self, telemetry: F64 | None, truth: Truth, saturated: Bool | None) -> dict[str, Any]:
         header, (views, height, width) = self._header, self._header.masks.shape
         channels = 3 if header.cfa else header.channels
         wanted: list[tuple[str, bool, NDArray[Any] | None, tuple[int, ...]]] = [

@@ -10,7 +10,7 @@ from typing import Any, Final
 import numpy as np
 from markupsafe import Markup
 
-from gs2ci.core.records import F64
+from gs2ci.core.arrays import F64
 from gs2ci.evaluate.pages.charts import Colour
 from gs2ci.evaluate.pages.frame import environment
 from gs2ci.evaluate.panels import seen_from_above
@@ -35,7 +35,7 @@ class Paths:
     stage: F64 | None = None
 
     def together(self) -> dict[str, F64]:
-        """Bring the paths into one frame, the true one's or the stage's; return camera-to-world poses by name."""
+        """Bring the paths into one frame, the true one's or the stage's; return camera-to-world, [N, 4, 4], by name."""
         name, reference = next(
             (name, poses)
             for name, poses in (("true", self.true), ("stage", self.stage), ("recovered", self.recovered))

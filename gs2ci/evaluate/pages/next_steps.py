@@ -20,17 +20,15 @@ MOST_STEPS: Final = 4
 
 # A fit whose best look lies in its last so many looks was still improving when its iterations ran out.
 FRESH_LOOKS: Final = 2
-# Preset `fine` averages so many fits.
+# Preset `fine` averages so many fits. A page is made without loading what fits: a test holds this one to the preset.
 FEW_FITS: Final = 4
-# Saturated pixels say only «at least»; pixels that no mask opens say nothing.
+# Saturated pixels say only «at least», and a run doubts from the same share on; pixels that no mask opens say nothing.
 SATURATED_SHARE: Final = 0.01
 CLOSED_SHARE: Final = 0.05
 # Tracks of decoded views scatter by about a pixel; geometry refuses 2. In between, something else moves or is wrong.
 REPROJECTION_PX: Final = 1.5
 # What translation explains of the tracks, against their scatter; below this, path and depth are at the noise's mercy.
 PARALLAX_TO_SCATTER: Final = 1.5
-# Share of its extent by which the path may err before it is doubted: the criterion of the geometry stage.
-PATH_ERROR: Final = 0.05
 
 
 @dataclass(frozen=True)
@@ -310,8 +308,10 @@ def _ran_away(report: Report) -> bool:
 
 
 def _path_is_uncertain(report: Report) -> bool:
-    error = _geometry(report).get("path_error_expected")
-    return isinstance(error, int | float) and error > PATH_ERROR
+    """Tell whether the path is expected to err by more than the run's own criterion allows."""
+    settings = _mapping(_mapping(report.get("settings")).get("geometry"))
+    error, most = _geometry(report).get("path_error_expected"), _mapping(settings.get("criteria")).get("path_error")
+    return isinstance(error, int | float) and isinstance(most, int | float) and error > most
 
 
 def _geometry(report: Report) -> Mapping[str, Any]:

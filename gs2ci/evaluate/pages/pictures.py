@@ -14,9 +14,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from gs2ci.core.arrays import U8, Bool
 from gs2ci.core.errors import InputError
-
-U8 = NDArray[np.uint8]
 
 # Of all pictures of one page, as written into it; style, text and charts take about 0.2 MB more.
 BUDGET_BYTES: Final = 2_300_000
@@ -59,7 +58,7 @@ def to_eight_bit(image: NDArray[Any]) -> U8:
     return np.asarray(np.round(255 * np.clip(np.nan_to_num(image), 0, 1)), np.uint8)
 
 
-def colour(values: NDArray[Any], limits: tuple[float, float], colormap: str, *, empty: NDArray[np.bool_]) -> U8:
+def colour(values: NDArray[Any], limits: tuple[float, float], colormap: str, *, empty: Bool) -> U8:
     """Colour a map [..., H, W]; pixels of `empty` become grey.
 
     Args:
@@ -83,7 +82,11 @@ def scale_strip(colormap: str) -> Picture:
 
 
 def encode(image: U8, *, quality: int | None) -> Picture:
-    """Encode an image [H, W, 3] (RGB) or [H, W, 1]: as WebP of a quality in 1 to 100, or as PNG if None."""
+    """Encode an image [H, W, 3] (RGB) or [H, W, 1]: as WebP of a quality in 1 to 100, or as PNG if None.
+
+    Raises:
+        InputError: The encoder refuses its size.
+    """
     height, width = image.shape[:2]
     extension, options = (".png", []) if quality is None else (".webp", [cv2.IMWRITE_WEBP_QUALITY, quality])
     ordered = np.ascontiguousarray(image[..., ::-1] if image.shape[2] == 3 else image)
@@ -130,15 +133,15 @@ def encode_all(stacks: Mapping[str, Sequence[U8]], *, budget_bytes: int = BUDGET
 
 
 def _encode_at(stacks: Mapping[str, Sequence[U8]], side: int, quality: int | None) -> dict[str, list[Picture]]:
-    return {name: [encode(_shrink(image, side), quality=quality) for image in stack] for name, stack in stacks.items()}
+    return {name: [encode(shrink(image, side), quality=quality) for image in stack] for name, stack in stacks.items()}
 
 
 def _weight(found: Mapping[str, Sequence[Picture]]) -> int:
     return round(BASE64 * sum(len(picture.content) for stack in found.values() for picture in stack))
 
 
-def _shrink(image: U8, side: int) -> U8:
-    """Bring an image to at most `side` pixels, each the mean of those it replaces."""
+def shrink(image: U8, side: int) -> U8:
+    """Bring an image, [H, W, C], to at most `side` pixels a side, each the mean of those it replaces."""
     height, width = image.shape[:2]
     share = side / max(height, width)
     if share >= 1:

@@ -14,18 +14,18 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from gs2ci.core.arrays import F64, U8
 from gs2ci.core.errors import Gs2ciError, InputError, StorageError
 from gs2ci.core.json_text import parse_json
-from gs2ci.core.records import F64, Shot
+from gs2ci.core.records import Shot
 from gs2ci.evaluate.cameras import poses_of_transforms
-from gs2ci.evaluate.pages.pictures import U8, to_eight_bit
+from gs2ci.evaluate.pages.pictures import to_eight_bit
 from gs2ci.evaluate.report import read_report
+from gs2ci.evaluate.scales import white_level
 
 GIVEN_NAME: Final = "given.npz"
 # An archive may claim any size; ours hold a few images.
 LIMIT_BYTES: Final = 2**30
-# The measurement is shown so that all but its brightest samples keep their contrast.
-WHITE_PERCENTILE: Final = 99.5
 
 
 @dataclass(frozen=True)
@@ -116,8 +116,7 @@ def check_same_shot(folder: Path, shot: Shot) -> None:
 
 
 def _shown_measurement(shot: Shot) -> U8:
-    white = max(float(np.percentile(shot.measurement, WHITE_PERCENTILE)), 1e-6)
-    return to_eight_bit(shot.measurement / white)
+    return to_eight_bit(shot.measurement / white_level(shot.measurement))
 
 
 def _read(folder: Path, report: dict[str, Any]) -> RunEvidence:

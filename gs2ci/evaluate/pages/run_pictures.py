@@ -10,8 +10,8 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from gs2ci.core.arrays import F64, U8
 from gs2ci.evaluate.pages.pictures import (
-    U8,
     Picture,
     colour,
     encode_all,
@@ -20,12 +20,11 @@ from gs2ci.evaluate.pages.pictures import (
     to_eight_bit,
 )
 from gs2ci.evaluate.pages.run_evidence import RunEvidence
+from gs2ci.evaluate.scales import error_ceiling, inverse_depth_limits
 from gs2ci.evaluate.wording import describe_number, told_apart
 
 # More views than this make all of them small; those shown lie evenly over the exposure.
 MOST_VIEWS: Final = 16
-# An almost perfect result would otherwise look as bad as any other.
-LEAST_ERROR_CEILING: Final = 0.02
 TICKS: Final = 5
 
 
@@ -148,7 +147,7 @@ def _layers(encoded: dict[str, list[Picture]], verdict: str) -> list[Layer]:
 
 
 def _depth(evidence: RunEvidence, indices: Sequence[int]) -> tuple[list[U8], list[str]] | None:
-    """Colour depth by its inverse, which images determine evenly; one scale for all views."""
+    """Colour depth by its inverse; one scale for all views."""
     if evidence.depth is None:
         return None
     depth = np.stack([evidence.depth[i] for i in indices]).astype(np.float64)
@@ -156,9 +155,7 @@ def _depth(evidence: RunEvidence, indices: Sequence[int]) -> tuple[list[U8], lis
     if empty.all():
         return None
     inverse = 1 / np.where(empty, 1.0, depth)
-    low, high = (float(value) for value in np.percentile(inverse[~empty], (1, 99)))
-    if high - low < 1e-3 * high:
-        low, high = 0.9 * low, 1.1 * high
+    low, high = inverse_depth_limits(inverse[~empty])
     ticks = told_apart([float(1 / value) for value in np.linspace(low, high, TICKS)], describe_number)
     return list(colour(inverse, (low, high), "depth", empty=empty)), ticks
 
@@ -176,14 +173,14 @@ def _disagreement(evidence: RunEvidence, indices: Sequence[int]) -> tuple[list[U
     return _from_zero(np.nan_to_num(values), "disagreement")
 
 
-def _from_zero(values: NDArray[np.float64], name: str) -> tuple[list[U8], list[str]]:
+def _from_zero(values: F64, name: str) -> tuple[list[U8], list[str]]:
     """Colour what is better the smaller it is; one scale for all views, which begins at zero."""
-    ceiling = max(float(np.percentile(values, 99.5)), LEAST_ERROR_CEILING)
+    ceiling = error_ceiling(values)
     ticks = told_apart(np.linspace(0, ceiling, TICKS).tolist(), describe_number)
     return list(colour(values, (0.0, ceiling), name, empty=np.zeros(values.shape, bool))), ticks
 
 
-def _absolute_error(view: NDArray[Any], truth: U8) -> NDArray[np.float64]:
+def _absolute_error(view: NDArray[Any], truth: U8) -> F64:
     """Average |view − truth| over the colours, [H, W]; a mono truth stands for all three."""
     difference = np.clip(view, 0, 1).astype(np.float64) - truth / 255
     return np.asarray(np.abs(difference).mean(-1), np.float64)

@@ -9,8 +9,9 @@ from dataclasses import replace
 import cv2
 import numpy as np
 
+from gs2ci.core.arrays import F32
 from gs2ci.core.errors import InputError
-from gs2ci.core.records import F32, Shot, Truth
+from gs2ci.core.records import Shot, Truth
 
 
 def shrunk(shot: Shot, factor: int) -> Shot:

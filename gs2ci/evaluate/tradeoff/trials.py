@@ -17,15 +17,16 @@ from typing import Any, Final
 
 import numpy as np
 
+from gs2ci.core.arrays import F32
 from gs2ci.core.errors import InputError
-from gs2ci.core.records import F32, Shot
+from gs2ci.core.records import Shot
 from gs2ci.core.storage import read_shot
 from gs2ci.evaluate.metrics import psnr_per_view, ssim_per_view
 from gs2ci.evaluate.tradeoff.shrinking import enlarged, shrunk
 from gs2ci.evaluate.trajectory import trajectory_errors
 from gs2ci.reconstruct.costs import CostModel
 from gs2ci.reconstruct.decode.gap_tv import gap_tv
-from gs2ci.reconstruct.fit.stopping import Jury, choose_heldout
+from gs2ci.reconstruct.jury import Jury
 from gs2ci.reconstruct.pipeline import reconstruct
 from gs2ci.reconstruct.presets import PRESETS, rescheduled
 from gs2ci.reconstruct.settings import Settings
@@ -168,7 +169,7 @@ def tried(shot: Shot, trial: Trial, seed: int, clock: Callable[[], float] = time
     error of the predicted measurement on pixels that the trial did not see, in full scales of one view: it cannot rise
     above the measurement's own noise.
     """
-    jury = Jury(shot, choose_heldout(shot, JUDGED_SHARE, seed ^ _JUDGES))
+    jury = Jury.of(shot, JUDGED_SHARE, seed ^ _JUDGES)
     began_s = clock()
     views, details = _treated(jury.seen, trial, seed)
     seconds = clock() - began_s

@@ -10,10 +10,9 @@ from typing import Final
 
 from gs2ci.core.records import Shot
 from gs2ci.reconstruct.decode.gap_tv import GapTvSettings, decode_signed
-from gs2ci.reconstruct.fit.stopping import Jury, choose_heldout
+from gs2ci.reconstruct.jury import HELDOUT_SHARE, Jury
 
 COUPLINGS: Final = (0.0, 0.3, 0.6)
-_HELDOUT_SHARE: Final = 0.02
 
 
 def choose_coupling(
@@ -30,7 +29,7 @@ def choose_coupling(
     Raises:
         InputError: The settings make no sense.
     """
-    jury = Jury(shot, choose_heldout(shot, _HELDOUT_SHARE, seed))
+    jury = Jury.of(shot, HELDOUT_SHARE, seed)
     choices = [replace(settings, coupling=coupling).check() for coupling in candidates]
 
     def unexplained(choice: GapTvSettings) -> float:

@@ -12,8 +12,8 @@ import numpy as np
 import torch
 from skimage.restoration import denoise_nl_means
 
+from gs2ci.core.arrays import F32
 from gs2ci.core.errors import InputError
-from gs2ci.core.records import F32
 from gs2ci.reconstruct.decode.kernels import denoise_coupled, denoise_planes
 
 

@@ -19,16 +19,18 @@ from typing import Any, Final
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor
 from torch.nn import functional
 
+from gs2ci.core.arrays import F32, F64
 from gs2ci.core.errors import InputError
 from gs2ci.core.whole_file import write_whole
+from gs2ci.reconstruct.onnx_models import OPSET
 
-# Old enough for any ONNX Runtime since 2022.
-OPSET: Final = 17
+# Of the file format: that of the operators' time.
 IR_VERSION: Final = 8
+# How files of PyTorch begin: the archives of today, and pickles of before.
+_OF_PYTORCH: Final = (b"PK\x03\x04", b"\x80")
 _BATCH_NORM_EPSILON: Final = 1e-5
 _BATCH_NORM: Final = ("weight", "bias", "running_mean", "running_var")
 _PROBE_SIGMA: Final = 25 / 255
@@ -119,14 +121,29 @@ def _state(path: Path) -> dict[str, Tensor]:
     try:
         state = torch.load(path, map_location="cpu", weights_only=True)
     except (pickle.UnpicklingError, RuntimeError, EOFError, ValueError, KeyError) as error:
-        reason = (str(error) or type(error).__name__).split("\n", maxsplit=1)[0][:200]
-        raise InputError(f"{path} is no PyTorch weight file: {reason}") from error
+        raise InputError(
+            f"{path} is no PyTorch weight file: {_what_is_wrong(path, error)}",
+            allowed="what torch.save wrote of a state dictionary: names and tensors (.pth, .pt)",
+            remedy="check that it is the file of the weights, and whole",
+        ) from error
     for key in ("state_dict", "params"):  # training scripts often put the weights beside other things
         if isinstance(state, dict) and isinstance(state.get(key), dict):
             state = state[key]
     if not isinstance(state, dict) or not all(isinstance(value, Tensor) for value in state.values()):
         raise InputError(f"{path} holds no state dictionary", allowed="names and tensors")
     return {name: value.float() for name, value in state.items()}
+
+
+def _what_is_wrong(path: Path, error: Exception) -> str:
+    """Say what was found in a file that PyTorch refuses; its own word only where it is a file of its kind."""
+    with path.open("rb") as stream:
+        head = stream.read(24)
+    if not head:
+        return "it is empty"
+    if head.startswith(_OF_PYTORCH):
+        reason = (str(error) or type(error).__name__).split("\n", maxsplit=1)[0][:200]
+        return f"it is damaged, or holds more than tensors ({reason})"
+    return f"it begins with {head.decode('ascii')!r}" if head.isascii() else f"it begins with bytes {head[:8].hex(' ')}"
 
 
 def _layers(state: dict[str, Tensor], path: Path) -> tuple[Convolution, ...]:
@@ -184,10 +201,10 @@ def _resolve(network: FfdNet) -> FfdNet | None:
     return best
 
 
-def _probe_image() -> NDArray[np.float64]:
+def _probe_image() -> F64:
     y, x = np.mgrid[:64, :64] / 64
     disc = np.hypot(x - 0.4, y - 0.6) < 0.25
-    image: NDArray[np.float64] = 0.3 + 0.3 * x + 0.1 * np.sin(6 * y) + 0.2 * disc
+    image: F64 = 0.3 + 0.3 * x + 0.1 * np.sin(6 * y) + 0.2 * disc
     return image
 
 
@@ -236,6 +253,6 @@ def _graph(network: FfdNet) -> Any:
     return model
 
 
-def _unshuffle(channels: int) -> NDArray[np.float32]:
+def _unshuffle(channels: int) -> F32:
     """Make the 2 × 2 kernels that pick the four sub-images, in the order of torch's pixel_unshuffle."""
     return np.eye(4 * channels, dtype=np.float32).reshape(4 * channels, channels, 2, 2)

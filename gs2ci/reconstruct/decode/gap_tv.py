@@ -8,9 +8,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from gs2ci.core.arrays import F32
 from gs2ci.core.errors import InputError
 from gs2ci.core.progress import Progress
-from gs2ci.core.records import F32, Shot
+from gs2ci.core.records import Shot
 from gs2ci.reconstruct.decode.denoisers import TotalVariation
 from gs2ci.reconstruct.decode.pnp import PlugAndPlaySettings, plug_and_play
 

@@ -7,10 +7,8 @@ for any number of threads. The readable float64 statement of the same steps is i
 
 import numba
 import numpy as np
-from numpy.typing import NDArray
 
-F32 = NDArray[np.float32]
-F64 = NDArray[np.float64]
+from gs2ci.core.arrays import F32, F64
 
 _ONE = np.float32(1.0)
 

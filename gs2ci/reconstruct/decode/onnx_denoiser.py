@@ -13,8 +13,8 @@ from typing import Final
 
 import numpy as np
 
+from gs2ci.core.arrays import F32
 from gs2ci.core.errors import InputError, NumericsError
-from gs2ci.core.records import F32
 from gs2ci.reconstruct.onnx_models import fixed_side, open_model, run_model, signature
 
 # Networks halve their images up to three times: sides are padded to a multiple of this, by reflection, where the

@@ -11,11 +11,11 @@ from typing import Final, Literal
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from gs2ci.core.arrays import F32, F64, Bool
 from gs2ci.core.errors import InputError, NumericsError
 from gs2ci.core.progress import Progress, Silent
-from gs2ci.core.records import F32, CfaPattern, Shot
+from gs2ci.core.records import CfaPattern, Shot
 from gs2ci.reconstruct.coding import cfa_channels
 from gs2ci.reconstruct.decode.demosaic import Demosaicer
 from gs2ci.reconstruct.decode.denoisers import Denoiser
@@ -145,12 +145,12 @@ def _admm(
     return seen
 
 
-def _relative(row_energy: NDArray[np.float64], measured: F32) -> float:
+def _relative(row_energy: F64, measured: F32) -> float:
     scale = max(float(np.square(measured, dtype=np.float64).sum()), np.finfo(np.float32).tiny)
     return float(np.sqrt(row_energy.sum() / scale))
 
 
-def _inverse_energy(masks: F32, saturated: NDArray[np.bool_] | None, gamma: float) -> F32:
+def _inverse_energy(masks: F32, saturated: Bool | None, gamma: float) -> F32:
     """Invert the diagonal of ΦΦᵀ + γ, [H, W], damped where it is small; 0 where a pixel shall not count."""
     energy = (masks.astype(np.float64) ** 2).sum(0)
     inverse = 1.0 / (np.maximum(energy, _ENERGY_FLOOR * energy.mean()) + gamma)
@@ -160,7 +160,7 @@ def _inverse_energy(masks: F32, saturated: NDArray[np.bool_] | None, gamma: floa
     return np.where(counts, inverse, 0.0).astype(np.float32)
 
 
-def _average_exposure(masks: F32, measured: F32, counts: NDArray[np.bool_]) -> F32:
+def _average_exposure(masks: F32, measured: F32, counts: Bool) -> F32:
     """Start every view from the measurement divided by its total exposure, [N, C, H, W].
 
     Pixels that do not count start from a mean of those near them, or of all where none is near: smoothing alone would

@@ -11,7 +11,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 import torch
 
-from gs2ci.core.records import F32, Shot
+from gs2ci.core.arrays import F32
+from gs2ci.core.records import Shot
 from gs2ci.reconstruct.coding import Coding
 from gs2ci.reconstruct.decode.gap_tv import GapTvSettings, decode_signed
 

@@ -1,36 +1,34 @@
 """The coarse stage: Gaussians and poses are fitted to the measurement together (paper, sections III-C and III-E).
 
 Here: the loop, its bookkeeping and its safety net. Not here: what the loop is made of (losses, optimiser, poses,
-density rules, stopping: one file each), nor the initial scene (`reconstruct.geometry`). For `reconstruct.pipeline`.
+density rules, stopping: one file each), nor the initial scene (`reconstruct.geometry`). For `gs2ci.reconstruct`.
 """
 
 import time
-from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
 import torch
 from torch import Tensor
 
+from gs2ci.core.arrays import F32, F64
 from gs2ci.core.errors import InputError, NumericsError
 from gs2ci.core.progress import Progress
-from gs2ci.core.records import F32, F64
 from gs2ci.core.run_records import CurvePoint
-from gs2ci.reconstruct import coding
 from gs2ci.reconstruct.fit.density.base import DensityRule
 from gs2ci.reconstruct.fit.density.osgr import Osgr
-from gs2ci.reconstruct.fit.evidence import Gathering
-from gs2ci.reconstruct.fit.losses import DataTerm, LossWeights, opacity_term, size_term
+from gs2ci.reconstruct.fit.gathering import Gathering
+from gs2ci.reconstruct.fit.looks import Looks, Refine, Score
+from gs2ci.reconstruct.fit.losses import DataTerm, LossWeights, regulated
 from gs2ci.reconstruct.fit.optimiser import GaussianOptimiser, StepSizes
 from gs2ci.reconstruct.fit.pace import Fixed, Pace
 from gs2ci.reconstruct.fit.poses import PoseCorrections, PoseSettings, path_extent
-from gs2ci.reconstruct.fit.stopping import HoldOut, Jury, Watch
+from gs2ci.reconstruct.fit.rendering import ShotRenderer
+from gs2ci.reconstruct.fit.stopping import HoldOut, Watch
 from gs2ci.reconstruct.geometry.initialise import Geometry
+from gs2ci.reconstruct.jury import Jury
 from gs2ci.render.backend import Backend
 from gs2ci.render.gaussians import Gaussians
-
-Score = Callable[[F32], float]
-Refine = Callable[[F32], F32]
 
 
 @dataclass(frozen=True)
@@ -118,15 +116,9 @@ class _Fit:
     ) -> None:
         shot = jury.shot
         self.settings = settings
-        self._backend = backend
-        self._channels = coding.cfa_channels(shot.cfa, shot.size) if shot.cfa else None
-        self._mono = shot.channels == 1
-        self.size = shot.size
-        self._intrinsics = torch.from_numpy(geometry.intrinsics).float()
-        masks = torch.from_numpy(shot.masks * shot.weights[:, None, None])
-        self._coding = backend.code(masks)
-        self._gathering = Gathering(backend, masks, self._intrinsics, len(start))
-        self._reuse = backend.reuse()
+        self._renderer = ShotRenderer(shot, geometry.intrinsics, backend)
+        self._gathering = Gathering(self._renderer, len(start))
+        self._reuse = self._renderer.reuse()
         self.extent = path_extent(geometry.world_to_camera)
         self.cap = max(len(start), int(settings.gaussians_per_pixel * shot.size[0] * shot.size[1]))
         self._bounded = False
@@ -138,27 +130,17 @@ class _Fit:
     def predict(self) -> Tensor:
         """Render the measurement that the present scene and poses would give, [H, W, C]."""
         scene, poses = self.optimiser.scene, self.poses.world_to_camera()
-        image = self._backend.coded(scene, poses, self._intrinsics, self._coding, self._gathering.screen, self._reuse)
-        if self._channels is not None:
-            return coding.select(image, self._channels)
-        return image.mean(dim=2, keepdim=True) if self._mono else image
+        return self._renderer.measurement(scene, poses, self._reuse, self._gathering.screen)
 
     def views(self) -> F32:
         """Render the views, [N, H, W, C] float32, not clamped."""
-        with torch.no_grad():
-            images, _ = self._backend.views(
-                self.optimiser.scene, self.poses.world_to_camera(), self._intrinsics, self.size
-            )
-        return (images.mean(dim=3, keepdim=True) if self._mono else images).numpy()
+        return self._renderer.views(self.optimiser.scene, self.poses.world_to_camera())
 
     def backward(self) -> float:
         """Accumulate gradients of the objective; return the loss, NaN where a parameter is not finite."""
         if not self.optimiser.scene_is_finite():
             return float("nan")
-        scene, weights = self.optimiser.scene, self.settings.loss
-        loss = self.data_term(self.predict()) + weights.opacity * opacity_term(scene.opacity_logits)
-        if weights.size:
-            loss = loss + weights.size * size_term(scene.log_scales)
+        loss = regulated(self.data_term(self.predict()), self.optimiser.scene, self.settings.loss)
         loss.backward()  # type: ignore[no-untyped-call]
         return float(loss.detach())
 
@@ -195,7 +177,7 @@ class _Fit:
     def _meet_others(self) -> None:
         """Forget what was seen of the Gaussians and what their renderings shared: they are others now."""
         self._gathering.start_again(len(self.optimiser.scene))
-        self._reuse = self._backend.reuse()
+        self._reuse = self._renderer.reuse()
 
     def _dissimilarity(self) -> Tensor:
         """Return what is wrong with the present prediction, [H, W]."""
@@ -214,6 +196,7 @@ class _Fit:
         self._meet_others()
 
 
+# Each halves the step: what runs away with an eighth of it does not do so for its length.
 MAX_ROLLBACKS = 3
 # A loss so many times the least one since the population last changed, and at least this share of the first, is a step
 # that exploded, however finite: the scene has left the frame, or its colours the range of light. (A density rule may
@@ -258,16 +241,16 @@ def fit_coarse(
         NumericsError: The very first iteration is not finite.
     """
     settings.check()
-    origin_s = time.monotonic() if since_s is None else since_s
     fit = _Fit(jury, start, geometry, backend, settings, seed)
-    loop = _Loop(fit, jury, refine, progress, score, origin_s, pace or Fixed(settings.iterations))
+    looks = Looks(jury, refine, score, since_s)
+    loop = _Loop(fit, looks, progress, pace or Fixed(settings.iterations), judged=bool(jury.heldout.any()))
     stopped_because = loop.run()
     fit.restore(loop.best)
     return CoarseFit(
         scene=loop.best.scene,
         world_to_camera=fit.poses.world_to_camera().detach().double().numpy(),
         views=fit.views(),
-        curve=tuple(loop.curve),
+        curve=tuple(looks.curve),
         stopped_because=stopped_because,
         notes=tuple(loop.notes),
     )
@@ -276,27 +259,15 @@ def fit_coarse(
 class _Loop:
     """The iterations: step, densify, look, stop; and back to the last good state when numbers run away."""
 
-    def __init__(
-        self,
-        fit: _Fit,
-        jury: Jury,
-        refine: Refine,
-        progress: Progress,
-        score: Score | None,
-        origin_s: float,
-        pace: Pace,
-    ) -> None:
+    def __init__(self, fit: _Fit, looks: Looks, progress: Progress, pace: Pace, *, judged: bool) -> None:
         self.fit = fit
         self.settings = fit.settings
         self.best = fit.snapshot(0)
-        self.curve: list[CurvePoint] = []
         self.notes: list[str] = []
-        self._jury = jury
-        self._refine = refine
+        self._looks = looks
         self._progress = progress
-        self._score = score
-        self._origin_s = origin_s
         self._pace = pace
+        self._judged = judged
         self._watch = Watch(fit.settings.hold_out)
         self._damping = 1.0
         self._rollbacks = 0
@@ -326,7 +297,7 @@ class _Loop:
             self._progress.step(iteration, loss=loss, **self._figures())
             if looks and self._watch.stalled(iteration):
                 return f"held-out pixels stopped improving at iteration {self._watch.best_iteration}"
-        if not self._jury.heldout.any():
+        if not self._judged:
             return f"{self._pace.ending(iteration)}, no pixels held out to judge them"
         return f"{self._pace.ending(iteration)}, held-out pixels best at iteration {self._watch.best_iteration}"
 
@@ -345,30 +316,17 @@ class _Loop:
     def _look(self, iteration: int, loss: float) -> None:
         """Judge the views as they would be handed over now, and remember the state if it is the best."""
         began_s = time.monotonic()
-        views = self._refine(self.fit.views())
-        heldout = self._jury.residual_rms(views)
+        heldout = self._looks.take(self.fit.views(), iteration, loss, len(self.fit.optimiser.scene))
         if self._watch.note(heldout, iteration):
             self.best = self.fit.snapshot(iteration)
-        self.curve.append(
-            CurvePoint(
-                seconds=time.monotonic() - self._origin_s,
-                iteration=iteration,
-                loss=loss,
-                heldout=heldout,
-                psnr_db=None if self._score is None else self._score(views),
-                gaussians=len(self.fit.optimiser.scene),
-            )
-        )
         self._pace.looked(time.monotonic() - began_s)
 
     def _figures(self) -> dict[str, float | int]:
         """Return what the last look found, for the display."""
-        figures: dict[str, float | int] = {}
-        if self.curve and self.curve[-1].heldout is not None:
-            figures["heldout"] = self.curve[-1].heldout
-        if self.curve and self.curve[-1].psnr_db is not None:
-            figures["psnr_db"] = self.curve[-1].psnr_db
-        return {**figures, "gaussians": len(self.fit.optimiser.scene)}
+        curve = self._looks.curve
+        found = {"heldout": curve[-1].heldout, "psnr_db": curve[-1].psnr_db} if curve else {}
+        known = {name: figure for name, figure in found.items() if figure is not None}
+        return {**known, "gaussians": len(self.fit.optimiser.scene)}
 
     def _how_it_ran_away(self, loss: float) -> str:
         """Say what is wrong with the present iteration; nothing if it may be taken."""

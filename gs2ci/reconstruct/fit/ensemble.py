@@ -5,10 +5,9 @@ begins a little differently fills it in differently. What fits agree on is in th
 mean is nearer the truth than any of them (the mean of posterior samples has the least expected squared error).
 
 Here: how fits are made to differ, that they run at the same time, and what is handed over in the end. Not here: a
-fit (`coarse.py`). For `gs2ci.reconstruct.pipeline`.
+fit (`coarse.py`). For `gs2ci.reconstruct`.
 """
 
-import math
 import threading
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -21,13 +20,14 @@ import numpy as np
 import torch
 from scipy.ndimage import gaussian_filter
 
+from gs2ci.core.arrays import F32, F64
 from gs2ci.core.errors import NumericsError
 from gs2ci.core.progress import Progress, Silent
-from gs2ci.core.records import F32, F64
-from gs2ci.reconstruct.fit.coarse import CoarseFit, Refine
+from gs2ci.reconstruct.fit.coarse import CoarseFit
 from gs2ci.reconstruct.fit.density.base import DensityRule
+from gs2ci.reconstruct.fit.looks import Refine
 from gs2ci.reconstruct.fit.pace import Pace
-from gs2ci.reconstruct.fit.stopping import Jury
+from gs2ci.reconstruct.jury import Jury, surely_larger
 from gs2ci.render.gaussians import Gaussians
 
 _STREAM: Final = 0x3A7E  # keeps these draws apart from every other one of the same seed
@@ -38,8 +38,6 @@ make fits differ from the first iteration on, too little to spoil what the geome
 
 _NEIGHBOURHOOD_PX: Final = 1.0
 """That a few fits agree in one pixel is often chance; over a few pixels it tells more of the error."""
-MOST_FITS: Final = 64
-"""Each holds a scene and its optimiser's state; what more of them would gain is not worth the memory."""
 
 
 @dataclass(frozen=True)
@@ -241,19 +239,3 @@ def _disagreement(fits: tuple[CoarseFit, ...], mean: F64) -> F32:
     smooth = gaussian_filter(squares, (0, _NEIGHBOURHOOD_PX, _NEIGHBOURHOOD_PX))
     found: F32 = np.sqrt(smooth).astype(np.float32)
     return found
-
-
-def surely_larger(one: F64, other: F64) -> bool:
-    """Tell whether the mean of the first exceeds that of the second by more than two standard errors.
-
-    By squares, the mean of several predictions is never worse than they are on average; that one of them beats it on
-    a few hundred pixels is often luck, and the luckiest was chosen.
-
-    Args:
-        one: Squared residuals, [K].
-        other: Those of the same pixels, [K].
-    """
-    difference = one - other
-    if len(difference) < 2:
-        return False
-    return bool(difference.mean() > 2 * difference.std(ddof=1) / math.sqrt(len(difference)))

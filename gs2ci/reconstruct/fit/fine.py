@@ -2,13 +2,13 @@
 
 Here: the loss on pseudo-views (eqs. 10 and 11), the loop, and the gate: what it makes is kept only if the held-out
 pixels of the measurement agree with it at least as well as before. Not here: the poses and weights (`pseudo_views`),
-the priors (`reconstruct.priors2d`), the coarse stage. For `reconstruct.pipeline`.
+the priors (`reconstruct.priors2d`), the coarse stage. For `gs2ci.reconstruct`, and
+whoever chooses its settings.
 
 The sum over all pseudo-views is estimated by one of them in each iteration, in an order that takes each once before
 any comes again: its mean is the paper's, at a fraction of its price.
 """
 
-import time
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 
@@ -16,18 +16,19 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from gs2ci.core.arrays import F32
 from gs2ci.core.errors import Gs2ciError, InputError, NumericsError
 from gs2ci.core.progress import Progress
-from gs2ci.core.records import F32
-from gs2ci.core.run_records import CurvePoint
-from gs2ci.reconstruct.fit.coarse import CoarseFit, Refine, Score
-from gs2ci.reconstruct.fit.losses import DataTerm, LossWeights, opacity_term, size_term
+from gs2ci.reconstruct.fit.coarse import CoarseFit
+from gs2ci.reconstruct.fit.looks import Looks, Refine, Score
+from gs2ci.reconstruct.fit.losses import DataTerm, LossWeights, regulated
 from gs2ci.reconstruct.fit.optimiser import GaussianOptimiser, StepSizes
 from gs2ci.reconstruct.fit.perceptual import PerceptualDistance, load_distance
 from gs2ci.reconstruct.fit.poses import path_extent
 from gs2ci.reconstruct.fit.pseudo_views import SupportSettings, support_weights, synthesised_poses
 from gs2ci.reconstruct.fit.rendering import ShotRenderer
-from gs2ci.reconstruct.fit.stopping import HoldOut, Jury, Watch
+from gs2ci.reconstruct.fit.stopping import HoldOut, Watch
+from gs2ci.reconstruct.jury import Jury
 from gs2ci.reconstruct.priors2d.base import ImagePrior, Question, Seen
 from gs2ci.reconstruct.priors2d.choose import load_prior
 from gs2ci.render.gaussians import Gaussians
@@ -200,9 +201,10 @@ def fit_fine(
     except Gs2ciError as error:
         return _unchanged(coarse, error.problem, progress)
     fit = _Fit(jury, coarse, renderer, pseudo_loss, fine, seed)
-    loop = _Loop(fit, jury, coarse, refine, progress, score, time.monotonic() if since_s is None else since_s)
+    looks = Looks(jury, refine, score, since_s)
+    loop = _Loop(fit, looks, progress, first=coarse.curve[-1].iteration if coarse.curve else 0)
     after = loop.run(before)
-    curve = (*coarse.curve, *loop.curve)
+    curve = (*coarse.curve, *looks.curve)
     if loop.best is None:
         kept = _unchanged(coarse, "held-out pixels did not agree better with anything it made", progress)
         return replace(kept, curve=curve)
@@ -298,9 +300,7 @@ class _Fit:
         """Accumulate the gradients of the objective (eq. 11); return the loss."""
         scene = self.optimiser.scene
         loss = self._data_term(self._renderer.measurement(scene, self.poses, self._reuse))
-        loss = loss + self._loss.opacity * opacity_term(scene.opacity_logits)
-        if self._loss.size:
-            loss = loss + self._loss.size * size_term(scene.log_scales)
+        loss = regulated(loss, scene, self._loss)
         if self._pseudo_loss is not None:
             view = next(self._order)
             images, alphas = self._renderer.images(scene, self._pseudo_loss.poses[view : view + 1])
@@ -328,27 +328,14 @@ def _rounds(count: int, generator: torch.Generator) -> Iterator[int]:
 
 
 class _Loop:
-    """The iterations: step, look, stop."""
+    """The iterations, counted on from those of the coarse stage: step, look, stop."""
 
-    def __init__(
-        self,
-        fit: _Fit,
-        jury: Jury,
-        coarse: CoarseFit,
-        refine: Refine,
-        progress: Progress,
-        score: Score | None,
-        origin_s: float,
-    ) -> None:
+    def __init__(self, fit: _Fit, looks: Looks, progress: Progress, first: int) -> None:
         self.best: Gaussians | None = None
-        self.curve: list[CurvePoint] = []
         self._fit = fit
-        self._jury = jury
-        self._refine = refine
+        self._looks = looks
         self._progress = progress
-        self._score = score
-        self._origin_s = origin_s
-        self._first = coarse.curve[-1].iteration if coarse.curve else 0
+        self._first = first
 
     def run(self, before: float | None) -> float | None:
         """Iterate until something says stop; return the best held-out residual, `before` if none was better."""
@@ -366,25 +353,11 @@ class _Loop:
             warm = min(1.0, iteration / settings.hold_out.look_every)
             self._fit.optimiser.step(iteration / settings.iterations, settings.damping * warm)
             if iteration % settings.hold_out.look_every == 0 or iteration == settings.iterations:
-                residual = self._look(iteration, loss)
+                gaussians = len(self._fit.optimiser.scene)
+                residual = self._looks.take(self._fit.views(), self._first + iteration, loss, gaussians)
                 if watch.note(residual if settings.gated else None, iteration):
                     best, self.best = residual, self._fit.snapshot()
                 if watch.stalled(iteration):
                     break
             self._progress.step(iteration, loss=loss)
         return best
-
-    def _look(self, iteration: int, loss: float) -> float | None:
-        views = self._refine(self._fit.views())
-        residual = self._jury.residual_rms(views)
-        self.curve.append(
-            CurvePoint(
-                seconds=time.monotonic() - self._origin_s,
-                iteration=self._first + iteration,
-                loss=loss,
-                heldout=residual,
-                psnr_db=None if self._score is None else self._score(views),
-                gaussians=len(self._fit.optimiser.scene),
-            )
-        )
-        return residual

@@ -12,9 +12,10 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from gs2ci.core.records import F32
+from gs2ci.core.arrays import F32, Bool
 from gs2ci.reconstruct.fit.ssim import LEAST_WINDOW, WINDOW, SimilarityTo
 from gs2ci.reconstruct.windows import check_window
+from gs2ci.render.gaussians import Gaussians
 
 
 @dataclass(frozen=True)
@@ -56,9 +57,7 @@ class DataTerm:
         weights: λ and the window, as `similarity` and `window_px`.
     """
 
-    def __init__(
-        self, measurement: F32, fitted: NDArray[np.bool_], saturated: NDArray[np.bool_] | None, weights: LossWeights
-    ) -> None:
+    def __init__(self, measurement: F32, fitted: Bool, saturated: Bool | None, weights: LossWeights) -> None:
         self._fitted = fitted[..., None].astype(np.float32)
         self._target = measurement * self._fitted
         self._saturated = None if saturated is None or not saturated.any() else saturated[..., None]
@@ -106,6 +105,12 @@ class _DataTermFunction(torch.autograd.Function):
     @staticmethod
     def backward(ctx: Any, upstream: Tensor) -> tuple[Tensor, None]:
         return ctx.gradient * upstream, None
+
+
+def regulated(loss: Tensor, scene: Gaussians, weights: LossWeights) -> Tensor:
+    """Add to a scalar loss what its weights ask of a scene's opacities and sizes."""
+    loss = loss + weights.opacity * opacity_term(scene.opacity_logits)
+    return loss + weights.size * size_term(scene.log_scales) if weights.size else loss
 
 
 def opacity_term(opacity_logits: Tensor) -> Tensor:

@@ -44,7 +44,7 @@ class Lpips:
 
     def __init__(self, path: Path) -> None:
         self.path = Path(path)
-        session = open_model(self.path, "`gs2ci models add lpips FILE`, or take --distance structure")
+        session = open_model(self.path, "name the ONNX file of an LPIPS of yours, or do without it")
         inputs = session.get_inputs()
         if len(inputs) != 2 or any(one.type != "tensor(float)" or len(one.shape) != 4 for one in inputs):
             raise InputError(f"{self.path} is no LPIPS: it takes {signature(session)}", allowed=_CALLED)

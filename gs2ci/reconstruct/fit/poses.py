@@ -10,7 +10,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from gs2ci.core.records import F64
+from gs2ci.core.arrays import F64
+from gs2ci.core.cameras import camera_centres
 from gs2ci.render import se3
 
 
@@ -38,7 +39,7 @@ def path_extent(world_to_camera: F64) -> float:
     Depths are about one (`geometry` normalises them), so the floor is 2 % of the depth: without it nothing could
     move along a ray when the path is short.
     """
-    centres = np.linalg.inv(world_to_camera)[:, :3, 3]
+    centres = camera_centres(world_to_camera)
     return max(float(np.linalg.norm(centres.max(axis=0) - centres.min(axis=0))), 0.02)
 
 
@@ -86,11 +87,11 @@ class PoseCorrections:
         return self._twists.grad is None or bool(torch.isfinite(self._twists.grad).all())
 
     def snapshot(self) -> Tensor:
-        """Return a copy of the twists."""
+        """Return a copy of the twists, [N, 6]."""
         return self._twists.detach().clone()
 
     def restore(self, twists: Tensor) -> None:
-        """Go back to a snapshot; the optimiser forgets its momentum, which led away from it."""
+        """Go back to a snapshot, [N, 6]; the optimiser forgets its momentum, which led away from it."""
         with torch.no_grad():
             self._twists.copy_(twists)
         self.forget_gradient()

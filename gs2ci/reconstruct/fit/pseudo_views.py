@@ -11,8 +11,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from gs2ci.core.arrays import F64
 from gs2ci.core.errors import InputError
-from gs2ci.core.records import F64
 from gs2ci.render import se3
 
 
@@ -82,7 +82,7 @@ def interpolated(a: Tensor, b: Tensor, share: Tensor | float) -> Tensor:
 
 
 def beyond(before: Tensor, last: Tensor) -> Tensor:
-    """Continue a path by one step: the transform from `before` to `last`, applied to `last` once more."""
+    """Continue a path by one step: the transform from pose `before` to `last`, [4, 4], applied to `last` once more."""
     return last @ se3.inverse(before) @ last
 
 

@@ -9,16 +9,11 @@ Pixels that were seen know more of their residual than those, and a few pixels s
 that they do not surely speak against. Where that is still too much, the choice between the candidates finds it out.
 """
 
-from typing import Final
-
 import numpy as np
 
-from gs2ci.core.records import F32
+from gs2ci.core.arrays import F32
 from gs2ci.reconstruct.decode.residual import ResidualSettings, decode_residual
-from gs2ci.reconstruct.fit.stopping import Jury
-
-# Of so many standard errors is what counts as sure.
-SURE: Final = 2.0
+from gs2ci.reconstruct.jury import SURE, Jury
 
 
 class Refinement:
@@ -40,8 +35,13 @@ class Refinement:
 
     def __call__(self, views: F32) -> F32:
         """Refine views, [N, H, W, C] float32; the held-out pixels stay unseen, so that they may judge the result."""
+        return self.with_share(views)[0]
+
+    def with_share(self, views: F32) -> tuple[F32, float]:
+        """Refine views, [N, H, W, C] float32; tell as well which share was put back, from 0 to 1."""
         added = decode_residual(self._seen, views, self._settings)
-        return _plus(views, self.share(views, added), added)
+        share = self.share(views, added)
+        return _plus(views, share, added), share
 
     def in_full(self, views: F32) -> F32:
         """Refine views, [N, H, W, C] float32, by all that their residual decodes to.
@@ -51,13 +51,15 @@ class Refinement:
         """
         return _plus(views, 1.0, decode_residual(self._seen, views, self._settings))
 
-    def by_all_pixels(self, views: F32) -> F32:
-        """Refine views, [N, H, W, C] float32, by the whole measurement, where nothing is left to judge."""
-        share = self.share(views, decode_residual(self._seen, views, self._settings))
+    def by_all_pixels(self, views: F32, share: float) -> F32:
+        """Refine views, [N, H, W, C] float32, by this share of what the whole measurement's residual decodes to.
+
+        For the end, where nothing is left to judge; the share is that of the pixels that were seen (`with_share`).
+        """
         return _plus(views, share, decode_residual(self._jury.shot, views, self._settings))
 
     def share(self, views: F32, added: F32) -> float:
-        """Return how much of `added` is to be put back, from 0 to 1; 1 where no pixel is held out."""
+        """Return how much of `added` belongs into `views`, [N, H, W, C], from 0 to 1; 1 where no pixel is held out."""
         heldout = self._jury.heldout
         if not heldout.any():
             return 1.0

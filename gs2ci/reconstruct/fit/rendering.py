@@ -8,10 +8,12 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from gs2ci.core.records import F32, F64, Shot
+from gs2ci.core.arrays import F32, F64
+from gs2ci.core.records import Shot
 from gs2ci.reconstruct import coding
 from gs2ci.render.backend import Backend, Reuse
 from gs2ci.render.gaussians import Gaussians
+from gs2ci.render.screen import ScreenStatistics
 
 _OPAQUE = 0.5  # a mean depth is one surface's where at least half of the light is stopped
 
@@ -20,7 +22,7 @@ class ShotRenderer:
     """Renders scenes as one shot's sensor sees them.
 
     Args:
-        shot: The measurement.
+        shot: The measurement; of its masks and weights, `transmissions` are the products wᵢ Mᵢ, [N, H, W].
         intrinsics: Camera matrix in px, [3, 3].
         backend: The renderer.
     """
@@ -29,8 +31,9 @@ class ShotRenderer:
         self.size = shot.size
         self.distortion = shot.distortion
         self.intrinsics = torch.from_numpy(intrinsics).float()
+        self.transmissions = torch.from_numpy(shot.masks * shot.weights[:, None, None])
         self._backend = backend
-        self._coding = backend.code(torch.from_numpy(shot.masks * shot.weights[:, None, None]))
+        self._mask_set = backend.code(self.transmissions)
         self._channels = coding.cfa_channels(shot.cfa, shot.size) if shot.cfa else None
         self._mono = shot.channels == 1
 
@@ -38,9 +41,18 @@ class ShotRenderer:
         """Return what the renderings of a population may share from now on."""
         return self._backend.reuse()
 
-    def measurement(self, scene: Gaussians, world_to_camera: Tensor, reuse: Reuse | None = None) -> Tensor:
-        """Render the coded measurement, [H, W, C], from the poses under the masks, [N, 4, 4]; differentiable."""
-        image = self._backend.coded(scene, world_to_camera, self.intrinsics, self._coding, reuse=reuse)
+    def measurement(
+        self,
+        scene: Gaussians,
+        world_to_camera: Tensor,
+        reuse: Reuse | None = None,
+        screen: ScreenStatistics | None = None,
+    ) -> Tensor:
+        """Render the coded measurement, [H, W, C], from the poses under the masks, [N, 4, 4]; differentiable.
+
+        What may be shared with other renderings, and who records what the screen saw: see `Backend.coded`.
+        """
+        image = self._backend.coded(scene, world_to_camera, self.intrinsics, self._mask_set, screen, reuse)
         if self._channels is not None:
             return coding.select(image, self._channels)
         return image.mean(dim=2, keepdim=True) if self._mono else image
@@ -51,9 +63,12 @@ class ShotRenderer:
             images, _ = self.images(scene, world_to_camera)
         return (images.mean(dim=3, keepdim=True) if self._mono else images).numpy()
 
-    def images(self, scene: Gaussians, world_to_camera: Tensor) -> tuple[Tensor, Tensor]:
-        """Render images [V, H, W, 3] and alphas [V, H, W] from any poses [V, 4, 4]; differentiable."""
-        return self._backend.views(scene, world_to_camera, self.intrinsics, self.size)
+    def images(self, scene: Gaussians, world_to_camera: Tensor, colours: Tensor | None = None) -> tuple[Tensor, Tensor]:
+        """Render images [V, H, W, 3] and alphas [V, H, W] from any poses [V, 4, 4]; differentiable.
+
+        `colours`, [V, G, 3], stand for the scene's own where they are given.
+        """
+        return self._backend.views(scene, world_to_camera, self.intrinsics, self.size, colours=colours)
 
     def depths(self, scene: Gaussians, world_to_camera: F64) -> F32:
         """Render mean depths along the optical axis, [V, H, W]; zero where less than half of the light is stopped."""
@@ -61,5 +76,5 @@ class ShotRenderer:
         along_axis = scene.means @ poses[:, 2, :3].T + poses[:, 2, 3]
         as_colour = along_axis.T[..., None].expand(-1, -1, 3).contiguous()
         with torch.no_grad():
-            depths, alphas = self._backend.views(scene, poses, self.intrinsics, self.size, colours=as_colour)
+            depths, alphas = self.images(scene, poses, as_colour)
         return torch.where(alphas >= _OPAQUE, depths[..., 0] / alphas.clamp(min=_OPAQUE), 0.0).numpy()

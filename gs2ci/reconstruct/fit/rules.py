@@ -5,7 +5,7 @@ Here: the choice. Not here: the rules (`density/`). The commands and `gs2ci.benc
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Final, Literal
+from typing import Final
 
 from gs2ci.core.errors import InputError
 from gs2ci.reconstruct.fit.coarse import CoarseSettings
@@ -14,8 +14,6 @@ from gs2ci.reconstruct.fit.density.base import DensityRule
 from gs2ci.reconstruct.fit.density.mcmc import Mcmc
 from gs2ci.reconstruct.fit.density.osgr import Osgr
 from gs2ci.reconstruct.fit.density.revised import Revised
-
-RuleName = Literal["osgr", "adc", "mcmc", "revised"]
 
 
 @dataclass(frozen=True)

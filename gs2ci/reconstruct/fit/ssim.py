@@ -12,7 +12,7 @@ from typing import Any, Final
 import numpy as np
 from numba import njit, prange
 
-from gs2ci.core.records import F32, F64
+from gs2ci.core.arrays import F32, F64
 
 WINDOW: Final = 11  # pixels; Wang et al., "Image quality assessment" (IEEE TIP 2004), section III-B
 SIGMA_PX: Final = 1.5  # of that window; others are scaled with it

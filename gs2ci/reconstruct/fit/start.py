@@ -10,7 +10,7 @@ import numpy as np
 import torch
 from scipy.spatial import cKDTree
 
-from gs2ci.core.records import F32
+from gs2ci.core.arrays import F32
 from gs2ci.reconstruct.geometry.points import Seeds
 from gs2ci.render.gaussians import Gaussians, logit
 

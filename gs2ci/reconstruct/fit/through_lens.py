@@ -10,7 +10,7 @@ from torch import Tensor
 
 from gs2ci.core.errors import InputError
 from gs2ci.reconstruct.lens import Lens
-from gs2ci.render.backend import Backend, Coding, Reuse
+from gs2ci.render.backend import Backend, MaskSet, Reuse
 from gs2ci.render.gaussians import Gaussians
 from gs2ci.render.sampling import Sampling
 from gs2ci.render.screen import ScreenStatistics
@@ -33,7 +33,7 @@ class ThroughLens:
         """Get the renderer's name."""
         return self.backend.name
 
-    def code(self, masks: Tensor, sampling: Sampling | None = None) -> Coding:
+    def code(self, masks: Tensor, sampling: Sampling | None = None) -> MaskSet:
         """Prepare a mask set; see `Backend.code`."""
         return self.backend.code(masks, self._only(sampling))
 
@@ -46,12 +46,12 @@ class ThroughLens:
         scene: Gaussians,
         world_to_camera: Tensor,
         intrinsics: Tensor,
-        coding: Coding,
+        mask_set: MaskSet,
         screen: ScreenStatistics | None = None,
         reuse: Reuse | None = None,
     ) -> Tensor:
         """Render the coded sum; see `Backend.coded`."""
-        return self.backend.coded(scene, world_to_camera, intrinsics, coding, screen, reuse)
+        return self.backend.coded(scene, world_to_camera, intrinsics, mask_set, screen, reuse)
 
     def views(
         self,

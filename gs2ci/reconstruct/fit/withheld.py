@@ -1,7 +1,7 @@
 """A fit that is not told what the geometry stage found, to show what knowing it is worth (paper, Table VII).
 
 Here: first poses and first points that know nothing. Not here: the geometry (`reconstruct.geometry`), nor the other
-components that can be switched off (`reconstruct.ablation`). For `gs2ci.reconstruct.pipeline`.
+components that can be switched off (`reconstruct.ablation`). For `gs2ci.reconstruct`.
 """
 
 from dataclasses import dataclass, replace
@@ -9,7 +9,7 @@ from typing import Final
 
 import numpy as np
 
-from gs2ci.core.records import F32
+from gs2ci.core.arrays import F32
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.geometry.points import Seeds, seed_points
 

@@ -1,4 +1,6 @@
-"""Numba kernels of the bundle adjustment: its cost, and the blocks of its normal equations. Only `motion` imports this.
+"""Numba kernels of the bundle adjustment: its cost, and the blocks of its normal equations.
+
+Only `motion` and `rotations` import this file.
 
 One thread, float64, sums in the order of views and points: the same input gives the same bits. The tests hold the
 blocks to JᵀWJ of the Jacobian in `motion`, and that to finite differences.
@@ -6,10 +8,8 @@ blocks to JᵀWJ of the Jacobian in `motion`, and that to finite differences.
 
 import numba
 import numpy as np
-from numpy.typing import NDArray
 
-F64 = NDArray[np.float64]
-Bool = NDArray[np.bool_]
+from gs2ci.core.arrays import F64, Bool
 
 # Depth, relative to that in the reference view, at or below which a point counts as behind a camera; the cost goes on
 # from there as if the depth did not fall further.

@@ -12,8 +12,8 @@ from typing import Any, Final
 import numpy as np
 import pycolmap
 
+from gs2ci.core.arrays import F64
 from gs2ci.core.errors import GeometryError
-from gs2ci.core.records import F64
 from gs2ci.reconstruct.geometry.motion import Motion, rays
 from gs2ci.reconstruct.geometry.telemetry import place_points
 from gs2ci.reconstruct.geometry.tracks import Tracks

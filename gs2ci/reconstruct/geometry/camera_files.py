@@ -16,13 +16,13 @@ from typing import Any, Final
 import numpy as np
 import pycolmap
 
+from gs2ci.core.arrays import F64
+from gs2ci.core.cameras import OPENCV_FROM_OPENGL
 from gs2ci.core.errors import InputError
 from gs2ci.core.json_text import parse_json
 from gs2ci.core.lens import COEFFICIENTS
-from gs2ci.core.records import F64, check_intrinsics
+from gs2ci.core.records import check_intrinsics
 
-# nerfstudio and OpenGL look along −z with y up; OpenCV and COLMAP look along +z with y down.
-_OPENGL_FROM_OPENCV: Final = np.diag([1.0, -1.0, -1.0, 1.0])
 _PINHOLES: Final = ("PINHOLE", "SIMPLE_PINHOLE")
 # In COLMAP's order of parameters after the camera matrix, which is OpenCV's.
 _LENSES: Final = {"OPENCV": 4, "FULL_OPENCV": 8}
@@ -155,7 +155,7 @@ def _transforms(path: Path, size: tuple[int, int]) -> CameraFile:
             ]
         )
         lens = np.array([float(held.get(key, 0)) for key in (*COEFFICIENTS, *_MORE_COEFFICIENTS)])
-        poses = _OPENGL_FROM_OPENCV @ np.linalg.inv(camera_to_world)
+        poses = OPENCV_FROM_OPENGL @ np.linalg.inv(camera_to_world)
     except (OSError, ValueError, KeyError, TypeError, AttributeError, np.linalg.LinAlgError) as error:
         raise InputError(
             f"{path} is no transforms.json: {type(error).__name__}: {error}",

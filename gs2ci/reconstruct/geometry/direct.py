@@ -18,7 +18,7 @@ import numpy as np
 from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
 
-from gs2ci.core.records import F32, F64
+from gs2ci.core.arrays import F32, F64
 from gs2ci.reconstruct.geometry.evidence import Evidence
 from gs2ci.reconstruct.geometry.initialise import PLANE_NOTE, Geometry
 from gs2ci.reconstruct.geometry.prior import Request

@@ -11,7 +11,8 @@ from typing import Final
 import cv2
 import numpy as np
 
-from gs2ci.core.records import F32, F64, Shot
+from gs2ci.core.arrays import F32, F64
+from gs2ci.core.records import Shot
 from gs2ci.reconstruct.coding import cfa_channels
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.lens import Lens
@@ -35,8 +36,7 @@ class Evidence:
     """
 
     def __init__(self, shot: Shot, views: F32, lens: Lens | None = None, most_pixels: int | None = None) -> None:
-        transmissions = shot.masks * shot.weights[:, None, None]
-        coded = transmissions.any(axis=0)
+        coded = shot.lit
         if shot.saturated is not None:
             coded &= ~shot.saturated
         rows, columns = np.nonzero(coded)
@@ -45,7 +45,7 @@ class Evidence:
             rows, columns = rows[asked], columns[asked]
         self._views = views
         self._measured = shot.measurement[rows, columns]
-        self._transmissions = transmissions[:, rows, columns]
+        self._transmissions = shot.masks[:, rows, columns] * shot.weights[:, None]
         self._places = _centres(shot.size)[rows, columns] if lens is None else lens.sampling.places[rows, columns]
         self._channels = None if shot.cfa is None else cfa_channels(shot.cfa, shot.size).numpy()[rows, columns]
 

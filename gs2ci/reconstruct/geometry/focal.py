@@ -9,12 +9,11 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gs2ci.core.arrays import F64
+from gs2ci.core.cameras import pinhole
 from gs2ci.reconstruct.geometry.motion import MotionSettings, adjust_both_ways
 from gs2ci.reconstruct.geometry.tracks import Tracks
-
-F64 = NDArray[np.float64]
 
 # Points of the interpolated probability.
 _FINE = 400
@@ -56,12 +55,6 @@ class Focal:
     intrinsics: F64
     source: Literal["estimated", "default"]
     note: str
-
-
-def pinhole(focal_px: float, size: tuple[int, int]) -> F64:
-    """Build a camera matrix, [3, 3], with square pixels and the principal point in the middle of the image."""
-    height, width = size
-    return np.array([[focal_px, 0, width / 2], [0, focal_px, height / 2], [0, 0, 1.0]])
 
 
 def focal_from_view_angle(angle_deg: float, width: int) -> float:

@@ -21,10 +21,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from gs2ci.core.arrays import F64, Bool
 from gs2ci.reconstruct.geometry.motion import Motion, MotionSettings, adjust
 from gs2ci.reconstruct.geometry.tracks import Tracks
-
-F64 = NDArray[np.float64]
 
 # More ways to halve the tracks changed the number by a tenth as a rule; three take a third of the path's own time.
 HALVINGS: Final = 3
@@ -106,9 +105,7 @@ def _cells(tracks: Tracks, size: tuple[int, int]) -> NDArray[np.int64]:
     return np.asarray(row.clip(0, CELLS - 1) * CELLS + column.clip(0, CELLS - 1))
 
 
-def _found_again(
-    motion: Motion, tracks: Tracks, chosen: NDArray[np.bool_], intrinsics: F64, settings: MotionSettings | None
-) -> F64:
+def _found_again(motion: Motion, tracks: Tracks, chosen: Bool, intrinsics: F64, settings: MotionSettings | None) -> F64:
     """Find camera centres from some of the tracks, [N, 3], beginning where all of them led.
 
     A view that none of them sees stays where it was.

@@ -17,11 +17,12 @@ from typing import Final, Literal
 
 import numpy as np
 
+from gs2ci.core.arrays import F32, F64
+from gs2ci.core.cameras import camera_centres, pinhole
 from gs2ci.core.errors import GeometryError, NumericsError
 from gs2ci.core.progress import Progress
-from gs2ci.core.records import F32, F64
 from gs2ci.reconstruct.geometry.bundle import adjust_bundle
-from gs2ci.reconstruct.geometry.focal import Focal, default_focal, estimate_focal, focal_from_view_angle, pinhole
+from gs2ci.reconstruct.geometry.focal import Focal, default_focal, estimate_focal, focal_from_view_angle
 from gs2ci.reconstruct.geometry.initialise import Geometry, GeometrySettings, initialise, usable_tracks
 from gs2ci.reconstruct.geometry.motion import INVERSE_DEPTH_RANGE, predict_positions
 from gs2ci.reconstruct.geometry.prior import Request
@@ -210,7 +211,7 @@ def shortcomings(
     size: tuple[int, int],
     settings: GeometrySettings,
 ) -> tuple[str, ...]:
-    """Say what poses fall short of: the criteria of the two track-supported steps; nothing if they pass.
+    """Say what poses, [N, 4, 4], fall short of: the criteria of the two track-supported steps; nothing if they pass.
 
     All tracks begin in the middle view, so the graph of views that see points together is connected as soon as every
     view sees enough of them.
@@ -259,7 +260,7 @@ def _dense(request: Request, prediction: Prediction, camera: Camera, tracks: Tra
         checked = f"the tracks lie {error:.1f} px from them"
     else:
         checked = "there are too few tracks to check them"
-        if np.ptp(np.linalg.inv(poses)[:, :3, 3], axis=0).max(initial=0) < criteria.dense_path:
+        if np.ptp(camera_centres(poses), axis=0).max(initial=0) < criteria.dense_path:
             raise GeometryError(f"its camera does not move{tried}")
     note = f"VGGT's own cameras and depth were taken; {checked}{tried}."
     return Geometry(

@@ -9,8 +9,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-F32 = NDArray[np.float32]
-F64 = NDArray[np.float64]
+from gs2ci.core.arrays import F32, F64
 
 # Features of a pixel are padded with zeros to eight, which fill one vector register.
 FEATURES = 8

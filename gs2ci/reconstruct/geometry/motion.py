@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from gs2ci.core.arrays import F64, Bool
 from gs2ci.reconstruct.geometry.adjustment_kernels import (
     LEAST_RELATIVE_DEPTH,
     depth_steps,
@@ -27,9 +28,6 @@ from gs2ci.reconstruct.geometry.adjustment_kernels import (
 )
 from gs2ci.reconstruct.geometry.tracks import Tracks
 
-F64 = NDArray[np.float64]
-Bool = NDArray[np.bool_]
-
 # Inverse depths stay within this range of their common scale 1: farther is infinity, nearer is the lens.
 INVERSE_DEPTH_RANGE = (0.02, 20.0)
 # A spread of starting depths, as with all equal no translation could be told from a rotation.
@@ -37,7 +35,7 @@ _START_SPREAD = 0.05
 _DAMPING_START, _DAMPING_LEAST, _DAMPING_MOST = 1e-3, 1e-8, 1e8
 # Keeps the normal equations of a view without tracks, or of a point without parallax, solvable; far below any of
 # their true entries, which count pixels squared.
-_REGULAR = 1e-9
+REGULAR = 1e-9
 
 
 @dataclass(frozen=True)
@@ -305,7 +303,7 @@ def reversed_depth(motion: Motion) -> Motion:
 
 
 def adjust_both_ways(tracks: Tracks, intrinsics: F64, settings: MotionSettings | None = None) -> Motion:
-    """Adjust from a still camera, then from the depth-reversed result, and keep the better.
+    """Adjust from a still camera, then from the depth-reversed result, and keep the better; arguments as for `adjust`.
 
     The cost has a minimum near either; a flat start may lead into the wrong one.
     """
@@ -384,8 +382,8 @@ class _NormalEquations:
     def step(self, motion: Motion, damping: float) -> Motion:
         """Solve with damping and move; inverse depths stay within their range."""
         diagonal = np.einsum("nii->ni", self.A)
-        A = self.A + (damping * diagonal + _REGULAR)[..., None] * np.eye(6)
-        C = self.C * (1 + damping) + _REGULAR
+        A = self.A + (damping * diagonal + REGULAR)[..., None] * np.eye(6)
+        C = self.C * (1 + damping) + REGULAR
         system, right = eliminate_depths(A, self.b, C, self.d, self.E)
         pose_step = np.zeros(len(right))
         pose_step[self.moving] = np.linalg.solve(system[np.ix_(self.moving, self.moving)], right[self.moving])

@@ -8,12 +8,9 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from gs2ci.core.arrays import F32, F64, Bool
 from gs2ci.reconstruct.geometry.initialise import Geometry
-
-F32 = NDArray[np.float32]
-F64 = NDArray[np.float64]
 
 # Beyond the rim nothing was measured: the depth there continues that of the rim, smoothed over so many pixels.
 _RIM_BLUR_PX = 8.0
@@ -91,7 +88,7 @@ def _project(geometry: Geometry, points: F64, view: int) -> tuple[F64, F64]:
     return in_camera[:, :2] / np.where(depth > 0, depth, np.nan)[:, None], depth
 
 
-def _sees(geometry: Geometry, points: F64, view: int) -> NDArray[np.bool_]:
+def _sees(geometry: Geometry, points: F64, view: int) -> Bool:
     height, width = geometry.inverse_depth.shape
     pixels, _ = _project(geometry, points, view)
     # A comparison with NaN is False: a point behind the camera is not seen.

@@ -7,11 +7,12 @@ sources (`sources`, `vggt`), which of them to take (`choose`). For `gs2ci.recons
 from dataclasses import dataclass, field, replace
 from typing import Protocol
 
+from gs2ci.core.arrays import F32, F64, Bool
 from gs2ci.core.errors import GeometryError, NumericsError
 from gs2ci.core.progress import Progress
-from gs2ci.core.records import F32, F64, Shot
+from gs2ci.core.records import Shot
 from gs2ci.reconstruct.geometry.initialise import Geometry, GeometrySettings, initialise
-from gs2ci.reconstruct.lens import Bool, Lens, straightened
+from gs2ci.reconstruct.lens import Lens, straightened
 
 
 @dataclass(frozen=True)

@@ -7,19 +7,15 @@ Here: the best rotations for given tracks. Not here: the decision that they suff
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from gs2ci.core.arrays import F64
 from gs2ci.reconstruct.geometry.adjustment_kernels import LEAST_RELATIVE_DEPTH
-from gs2ci.reconstruct.geometry.motion import MotionSettings, rays, rms_px
+from gs2ci.reconstruct.geometry.motion import REGULAR, MotionSettings, rays, rms_px
 from gs2ci.reconstruct.geometry.tracks import Tracks
-
-F64 = NDArray[np.float64]
 
 # Rotations of some degrees converge quadratically; ten steps are ample.
 _STEPS = 10
-# Keeps the normal equations of a view without tracks solvable; far below their true entries, in px².
-_REGULAR = 1e-9
 
 
 @dataclass(frozen=True)
@@ -63,7 +59,7 @@ def fit_rotations(tracks: Tracks, intrinsics: F64, settings: MotionSettings | No
         distance = np.linalg.norm(error, axis=-1)
         weight = np.where(distance < huber_px, 1.0, huber_px / np.maximum(distance, huber_px)) * seen
         weighted = jacobian * weight[..., None, None]
-        normal = np.einsum("npai,npaj->nij", weighted, jacobian) + _REGULAR * np.eye(3)
+        normal = np.einsum("npai,npaj->nij", weighted, jacobian) + REGULAR * np.eye(3)
         turn = -np.linalg.solve(normal, np.einsum("npai,npa->ni", weighted, error)[..., None])[..., 0]
         rotations = Rotation.from_rotvec(turn).as_matrix() @ rotations
     predicted, _ = _predict(rotations, directions, intrinsics)

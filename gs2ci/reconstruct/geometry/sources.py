@@ -10,9 +10,9 @@ from typing import Final
 
 import numpy as np
 
+from gs2ci.core.arrays import F64
 from gs2ci.core.errors import GeometryError
 from gs2ci.core.progress import Progress
-from gs2ci.core.records import F64
 from gs2ci.reconstruct.geometry.camera_files import CameraFile, read_cameras
 from gs2ci.reconstruct.geometry.direct import Direct
 from gs2ci.reconstruct.geometry.initialise import Geometry, initialise, measured

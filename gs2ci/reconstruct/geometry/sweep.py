@@ -1,23 +1,21 @@
 """Dense depth of the reference view: a plane sweep over inverse depth with semi-global smoothing.
 
 Here: the range of planes, features, homographies, image size. Not here: the inner loops (`kernels`). Only
-`gs2ci.reconstruct.geometry` imports this file. Semi-global matching: Hirschmüller 2008, four directions.
+`gs2ci.reconstruct.geometry` and `gs2ci.reconstruct.costs` import this file. Semi-global matching: Hirschmüller 2008,
+four directions.
 """
 
 from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from gs2ci.core.arrays import F32, F64
 from gs2ci.core.errors import InputError
 from gs2ci.reconstruct.geometry.kernels import FEATURES, best_plane, matching_cost, sum_along_rows
+from gs2ci.reconstruct.geometry.tracks import RESIDUE_BLUR_PX
 from gs2ci.reconstruct.windows import check_window
 
-F32 = NDArray[np.float32]
-F64 = NDArray[np.float64]
-
-_BLUR_PX = 0.8
 _GRADIENT_WEIGHT = 4.0
 _LEAST_VIEWS_KEPT = 3
 # A parabola needs three.
@@ -116,7 +114,7 @@ def reduced(views: F32, most_pixels: int) -> F32:
 def _features(view: F32) -> F32:
     """Describe each pixel by its colour, weighing 3 in all, and its luminance gradient; zeros up to [H, W, 8]."""
     height, width, channels = view.shape
-    blurred = cv2.GaussianBlur(view, (0, 0), _BLUR_PX).reshape(view.shape)
+    blurred = cv2.GaussianBlur(view, (0, 0), RESIDUE_BLUR_PX).reshape(view.shape)
     grey = cv2.cvtColor(blurred, cv2.COLOR_RGB2GRAY) if channels == 3 else blurred[..., 0]
     features = np.zeros((height, width, FEATURES), np.float32)
     features[..., :channels] = blurred * (3 / channels)

@@ -1,8 +1,8 @@
 """Camera poses as the stage reported them, the points that tracks then have, and how far a fit moved them.
 
 Here: the triangulation under known poses. Not here: their refinement, which is the fit's (`fit/poses.py`), and the
-way from tracks to depth, which is the same for every source of poses (`initialise`). `initialise` and the pipeline
-import this file.
+way from tracks to depth, which is the same for every source of poses (`initialise`). For
+`gs2ci.reconstruct`.
 """
 
 from dataclasses import dataclass, replace
@@ -11,8 +11,10 @@ from typing import Final
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from gs2ci.core.arrays import F64
+from gs2ci.core.cameras import camera_centres
 from gs2ci.core.errors import GeometryError, InputError
-from gs2ci.core.records import F64, Shot, check_rigid
+from gs2ci.core.records import Shot, check_rigid
 from gs2ci.reconstruct.geometry.motion import INVERSE_DEPTH_RANGE, Motion, Sightings, start_motion, with_errors
 from gs2ci.reconstruct.geometry.tracks import Tracks
 
@@ -52,7 +54,7 @@ def movement(before: F64, after: F64) -> Movement:
     """Compare world-to-camera poses, [N, 4, 4], up to a common change, which is one of the world's frame."""
     reference = len(before) // 2
     change = (after @ np.linalg.inv(after[reference])) @ np.linalg.inv(before @ np.linalg.inv(before[reference]))
-    centres = np.linalg.inv(before)[:, :3, 3]
+    centres = camera_centres(before)
     extent = float(np.linalg.norm(np.ptp(centres, axis=0)))
     shift = float(np.sqrt((change[:, :3, 3] ** 2).sum(axis=1).mean()))
     angles = Rotation.from_matrix(change[:, :3, :3]).magnitude()

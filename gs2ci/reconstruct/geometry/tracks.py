@@ -8,18 +8,14 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from gs2ci.core.arrays import F32, F64, U8, Bool
 from gs2ci.reconstruct.windows import check_window
-
-F32 = NDArray[np.float32]
-F64 = NDArray[np.float64]
-Bool = NDArray[np.bool_]
 
 # OpenCV puts the centre of the first pixel at 0, the renderer at 0.5.
 _CENTRE_OFFSET = 0.5
 # Decoded views carry pixel-sized residue of the masks; this much blur removes it and leaves corners standing.
-_BLUR_PX = 0.8
+RESIDUE_BLUR_PX = 0.8
 _DRIFT_LIMIT_PX = 3.0
 _LEAST_WINDOW_PX = 3  # OpenCV takes no smaller one
 _PYRAMID_LEVELS = 4
@@ -83,12 +79,12 @@ class Tracks:
         return self.keep(self.seen.sum(1) >= views)
 
 
-def grey_levels(views: F32) -> list[NDArray[np.uint8]]:
+def grey_levels(views: F32) -> list[U8]:
     """Turn views, [N, H, W, C] in [0, 1], into slightly blurred 8-bit luminance, N times [H, W]."""
     images = []
     for view in views:
         eight_bit = np.clip(view * 255, 0, 255).astype(np.uint8)
-        blurred = cv2.GaussianBlur(eight_bit, (0, 0), _BLUR_PX)
+        blurred = cv2.GaussianBlur(eight_bit, (0, 0), RESIDUE_BLUR_PX)
         images.append(cv2.cvtColor(blurred, cv2.COLOR_RGB2GRAY) if view.shape[2] == 3 else blurred)
     return images
 
@@ -169,9 +165,7 @@ def within(tracks: Tracks, shown: Bool) -> Tracks:
     return Tracks(positions, tracks.reference).keep(~np.isnan(positions[:, tracks.reference, 0]))
 
 
-def _follow(
-    images: list[NDArray[np.uint8]], reference: int, order: range, positions: F64, settings: TrackSettings
-) -> None:
+def _follow(images: list[U8], reference: int, order: range, positions: F64, settings: TrackSettings) -> None:
     """Fill `positions` of the views in `order`, each reached from the one before."""
     start = (positions[:, reference] - _CENTRE_OFFSET).astype(np.float32)
     previous, points, alive = reference, start, np.ones(len(start), np.bool_)
@@ -188,15 +182,15 @@ def _follow(
         previous = i
 
 
-def _inside(points: F32, image: NDArray[np.uint8]) -> Bool:
+def _inside(points: F32, image: U8) -> Bool:
     height, width = image.shape
     inside = (points >= 0) & (points <= (width - 1, height - 1))
     return inside[:, 0] & inside[:, 1]
 
 
 def _flow(
-    source: NDArray[np.uint8],
-    target: NDArray[np.uint8],
+    source: U8,
+    target: U8,
     points: F32,
     window_px: int,
     guess: F32 | None = None,

@@ -8,15 +8,12 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from gs2ci.core.arrays import Bool
 from gs2ci.reconstruct.geometry.motion import Motion, wander_px
 from gs2ci.reconstruct.geometry.rotations import Rotations
 from gs2ci.reconstruct.geometry.tracks import Tracks
-
-F64 = NDArray[np.float64]
-Bool = NDArray[np.bool_]
 
 Verdict = Literal["full", "rotation_only", "static", "unsupported"]
 

@@ -2,7 +2,7 @@
 
 Here: the model's signature, the way from our views to its images and back, and every way in which a file or its answer
 can be wrong. Not here: how far its answer is believed (`hierarchy`), how such a file is made (`vggt_export`). Only
-`gs2ci.reconstruct.geometry` imports this file.
+`gs2ci.reconstruct.geometry` and `gs2ci.commands.models` import this file.
 
 A model takes images [S, 3, H, W] or [1, S, 3, H, W], float32 in [0, 1], sides multiples of 14, and returns, by name,
 with or without the leading 1:
@@ -23,12 +23,12 @@ import cv2
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from gs2ci.core.arrays import F32, F64
 from gs2ci.core.errors import InputError, NumericsError
-from gs2ci.core.records import F32, F64
 from gs2ci.reconstruct.onnx_models import fixed_side, open_model, run_model, signature
 
 _PATCH: Final = 14
-_WIDTH: Final = 518  # what it was trained at: the longer side
+LONGER_SIDE: Final = 518  # what it was trained at: the longer side
 _CALLED: Final = (
     "images [S, 3, H, W] or [1, S, 3, H, W] float32; pose_enc (or extrinsics and intrinsics), depth, depth_conf"
 )
@@ -168,10 +168,10 @@ class _Frame:
         """Fit a view into sides that are fixed, or choose multiples of the patch where they are open."""
         height, width = size
         if rows is None and columns is None:
-            shrink = _WIDTH / max(height, width)
+            shrink = LONGER_SIDE / max(height, width)
             inner = tuple(max(_PATCH, round(side * shrink / _PATCH) * _PATCH) for side in (height, width))
             return cls((height, width), (inner[0], inner[1]), (inner[0], inner[1]))
-        total = (rows or _WIDTH, columns or _WIDTH)
+        total = (rows or LONGER_SIDE, columns or LONGER_SIDE)
         shrink = min(total[0] / height, total[1] / width)
         return cls((height, width), (max(1, round(height * shrink)), max(1, round(width * shrink))), total)
 

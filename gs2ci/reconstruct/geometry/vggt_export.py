@@ -17,10 +17,9 @@ import torch
 from torch import Tensor
 
 from gs2ci.core.errors import InputError, NumericsError, StorageError
-from gs2ci.reconstruct.geometry.vggt import Vggt
+from gs2ci.reconstruct.geometry.vggt import LONGER_SIDE, Vggt
+from gs2ci.reconstruct.onnx_models import OPSET
 
-OPSET: Final = 17
-_SIDE: Final = 518
 # A protobuf holds 2 GB at most; larger weights lie in a second file beside it.
 _ONE_FILE_BYTES: Final = 1_500_000_000
 # Twenty-four layers of attention in float32, summed in another order.
@@ -69,7 +68,7 @@ class _PosesAndDepth(torch.nn.Module):
         return poses[0], depth[0]
 
 
-def export_vggt(network: torch.nn.Module, path: Path, views: int = 8, side: int = _SIDE) -> Path:
+def export_vggt(network: torch.nn.Module, path: Path, views: int = 8, side: int = LONGER_SIDE) -> Path:
     """Write the network as an ONNX file with a dynamic view axis if it traces so, else for exactly `views` views.
 
     Args:

@@ -9,8 +9,8 @@ from typing import Protocol
 
 import numpy as np
 
+from gs2ci.core.arrays import F32, F64
 from gs2ci.core.errors import NumericsError
-from gs2ci.core.records import F32, F64
 
 
 @dataclass(frozen=True)

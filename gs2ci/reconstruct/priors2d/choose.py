@@ -1,4 +1,4 @@
-"""From the name of a prior to the prior. For the pipeline and the commands."""
+"""From the name of a prior to the prior. For the fine stage."""
 
 from pathlib import Path
 from typing import Final

@@ -12,11 +12,11 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from gs2ci.core.arrays import F32, F64, Bool
+from gs2ci.core.cameras import camera_centres
 from gs2ci.core.errors import InputError
 from gs2ci.core.lens import distorted, undistorted
-from gs2ci.core.records import F32, F64
 from gs2ci.reconstruct.priors2d.base import Question, check_targets
 
 
@@ -40,10 +40,9 @@ class ConsistentDetail:
     def __call__(self, question: Question) -> F32:
         """Return pseudo-views with the agreed detail added; arguments as for `ImagePrior`."""
         images = question.pseudo.images
-        centres = np.linalg.inv(question.recovered.world_to_camera)[:, :3, 3]
+        centres = camera_centres(question.recovered.world_to_camera)
         targets = images.copy()
-        for i in range(len(targets)):
-            here = np.linalg.inv(question.pseudo.world_to_camera[i])[:3, 3]
+        for i, here in enumerate(camera_centres(question.pseudo.world_to_camera)):
             nearest = np.argsort(np.linalg.norm(centres - here, axis=1), kind="stable")[: self.neighbours]
             details = np.stack([self._seen_from(question, i, int(camera)) for camera in nearest])
             targets[i] += _median(details)
@@ -57,7 +56,7 @@ class ConsistentDetail:
         found = cv2.remap(question.recovered.depths[camera], x, y, cv2.INTER_NEAREST, **border)
         detail: F32 = cv2.remap(question.details[camera], x, y, cv2.INTER_LINEAR, **border)
         # Depth 0, outside or where no light is stopped, agrees with nothing; NaN compares as False.
-        same: NDArray[np.bool_] = np.abs(found - depth) < self.depth_tolerance * depth
+        same: Bool = np.abs(found - depth) < self.depth_tolerance * depth
         return np.where(same[..., None], detail, np.float32(np.nan))
 
 

@@ -9,8 +9,8 @@ from typing import Final
 import cv2
 import numpy as np
 
+from gs2ci.core.arrays import F32
 from gs2ci.core.errors import InputError
-from gs2ci.core.records import F32
 from gs2ci.reconstruct.decode.denoisers import NonLocalMeans
 from gs2ci.reconstruct.priors2d.base import Question, check_targets
 

@@ -1,7 +1,7 @@
 """A prior in an ONNX file: an image-to-image network, such as an export of Difix.
 
 Here: the signature, and every way in which a file or its answer can be wrong. Not here: the network; the prompt and
-the diffusion timestep are baked in when it is exported. For `priors2d.choose`.
+the diffusion timestep are baked in when it is exported. For `priors2d.choose` and `gs2ci models`.
 
 A model takes images, [B, 3, H, W] float32 in [−1, 1], and, if its encoder draws at random, a seed: one integer, [] or
 [1]. It returns images of the same shape and range. Open sides are padded to multiples of 8 and cropped again.
@@ -12,8 +12,8 @@ from typing import Final
 
 import numpy as np
 
+from gs2ci.core.arrays import F32
 from gs2ci.core.errors import InputError
-from gs2ci.core.records import F32
 from gs2ci.reconstruct.onnx_models import fixed_side, open_model, run_model, signature
 from gs2ci.reconstruct.priors2d.base import Question, check_targets
 

@@ -16,8 +16,9 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from gs2ci.core.arrays import F32, F64, Bool
 from gs2ci.core.errors import InputError
-from gs2ci.core.records import F32, F64, Shot
+from gs2ci.core.records import Shot
 from gs2ci.reconstruct.proxies.planes import CodedPlane, coded_planes
 
 _Ints = NDArray[np.int64]
@@ -93,7 +94,7 @@ def window_sizes(size: tuple[int, int]) -> tuple[int, ...]:
     return (*(s for s in sizes if s < whole), max(whole, WINDOW_SIZES[0]))
 
 
-def admissible(grams: F64, kappa_limit: float) -> NDArray[np.bool_]:
+def admissible(grams: F64, kappa_limit: float) -> Bool:
     """Tell which normal matrices have full numerical rank, λ_min ≥ 1 and a condition number within the limit.
 
     Args:
@@ -108,7 +109,7 @@ def admissible(grams: F64, kappa_limit: float) -> NDArray[np.bool_]:
     # which max(1, λ_max / limit) cannot be subtracted on the diagonal fails for certain; the rest are looked at.
     floor = np.maximum(LAMBDA_MIN, grams.sum(axis=(1, 2)) / (n * kappa_limit)) * (1 - 1e-6)
     shifted = torch.from_numpy(grams - floor[:, None, None] * np.eye(n))
-    passes: NDArray[np.bool_] = torch.linalg.cholesky_ex(shifted).info.numpy() == 0
+    passes: Bool = torch.linalg.cholesky_ex(shifted).info.numpy() == 0
     eigenvalues = np.linalg.eigvalsh(grams[passes])
     smallest, largest = eigenvalues[:, 0], eigenvalues[:, -1]
     passes[passes] = (

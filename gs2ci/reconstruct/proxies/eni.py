@@ -10,16 +10,16 @@ from typing import Final
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from scipy.interpolate import LinearNDInterpolator
 from scipy.ndimage import distance_transform_edt
 from scipy.spatial import Delaunay, QhullError
 
+from gs2ci.core.arrays import F32, F64, Bool
 from gs2ci.core.errors import InputError
-from gs2ci.core.records import F32, F64, Shot
+from gs2ci.core.records import Shot
 from gs2ci.reconstruct.proxies.planes import coded_planes
 
-_Mask = NDArray[np.bool_]
+_Mask = Bool
 
 # A grey mask opens a pixel, and the pixel is a sample of its view, from half of the mask's open level on. The open
 # level is a high percentile and not the maximum, so that one bright calibration pixel cannot move it.

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gs2ci.core.records import F64, Shot
+from gs2ci.core.arrays import F64
+from gs2ci.core.records import Shot
 from gs2ci.reconstruct.coding import cfa_channels
 
 

@@ -9,13 +9,14 @@ from typing import Final, Literal
 
 import numpy as np
 
+from gs2ci.core.arrays import F32
 from gs2ci.core.errors import InputError
-from gs2ci.core.records import F32, Shot
+from gs2ci.core.records import Shot
+from gs2ci.reconstruct.choices import ProxyName
 from gs2ci.reconstruct.proxies.amdi import mask_decoded_views
 from gs2ci.reconstruct.proxies.eni import energy_normalised_views
 
 ProxyMethod = Literal["eni", "amdi"]
-ProxyName = Literal["gap-tv", "eni", "amdi"]
 
 # τ_μ: from so many views in a pixel on, a normalised sample is a mixture and no longer a view.
 MULTIPLICITY_THRESHOLD: Final = 4.0

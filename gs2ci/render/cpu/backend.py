@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from gs2ci.core.errors import InputError
-from gs2ci.render.backend import Coding, Reuse
+from gs2ci.render.backend import MaskSet, Reuse
 from gs2ci.render.cpu.function import CodedSum, Job, Rasterise, Target, ViewImages
 from gs2ci.render.cpu.layout import Layout, lay_out
 from gs2ci.render.cpu.lists import CpuReuse
@@ -25,7 +25,7 @@ _FULL_LAYOUTS_KEPT: Final = 4
 
 
 @dataclass(frozen=True)
-class CpuCoding(Coding):
+class CpuMaskSet(MaskSet):
     """A mask set compacted into cells."""
 
     layout: Layout
@@ -61,13 +61,13 @@ class CpuBackend:
         """Get how many workspaces wait for the next lists that outlive a rendering."""
         return self._list_pool.idle
 
-    def code(self, masks: Tensor, sampling: Sampling | None = None) -> CpuCoding:
+    def code(self, masks: Tensor, sampling: Sampling | None = None) -> CpuMaskSet:
         """Compact the open pixels of a mask set; see `Backend.code`."""
         check_masks(masks)
         values = np.ascontiguousarray(masks.detach().numpy(), dtype=np.float32)
         views, height, width = values.shape
         check_sampling(sampling, (height, width))
-        return CpuCoding(views, (height, width), lay_out(values, sampling=sampling), sampling)
+        return CpuMaskSet(views, (height, width), lay_out(values, sampling=sampling), sampling)
 
     def reuse(self) -> CpuReuse:
         """Share lists of Gaussians among renderings; see `Backend.reuse`."""
@@ -78,14 +78,14 @@ class CpuBackend:
         scene: Gaussians,
         world_to_camera: Tensor,
         intrinsics: Tensor,
-        coding: Coding,
+        mask_set: MaskSet,
         screen: ScreenStatistics | None = None,
         reuse: Reuse | None = None,
     ) -> Tensor:
         """Render the coded sum; see `Backend.coded`."""
-        if not isinstance(coding, CpuCoding):
+        if not isinstance(mask_set, CpuMaskSet):
             raise InputError(
-                f"a coding of type {type(coding).__name__} given to the cpu backend",
+                f"a mask set of type {type(mask_set).__name__} given to the cpu backend",
                 allowed="what this backend's code(masks) returned",
             )
         if reuse is not None and not isinstance(reuse, CpuReuse):
@@ -93,12 +93,12 @@ class CpuBackend:
                 f"shared work of type {type(reuse).__name__} given to the cpu backend",
                 allowed="what this backend's reuse() returned",
             )
-        check_rendering(scene, world_to_camera, intrinsics, views=coding.views)
+        check_rendering(scene, world_to_camera, intrinsics, views=mask_set.views)
         check_screen(screen, scene)
-        target = CodedSum(coding.layout)
+        target = CodedSum(mask_set.layout)
         # Lists that serve once lie in the rendering's own workspace, without a margin.
         kept = reuse if self._settings.relist_every > 1 else None
-        camera = _on_canvas(intrinsics, coding.sampling)
+        camera = _on_canvas(intrinsics, mask_set.sampling)
         return self._run(target, scene, scene.colours, world_to_camera, camera, screen, kept)[0]
 
     def views(

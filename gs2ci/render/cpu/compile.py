@@ -2,8 +2,8 @@
 
 Numba caches compiled kernels on disk and takes a cached kernel for fresh as long as *its own* file is unchanged.
 Ours call helpers from neighbouring files, so an edited helper would go on running in its old form. Hence the cache
-lives in a folder named after a digest of all sources that kernels are made of. Only `gs2ci.render.cpu` imports
-this file.
+lives in a folder named after a digest of all sources that kernels are made of. Only `gs2ci.render` imports this
+file.
 """
 
 import hashlib

@@ -12,6 +12,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from gs2ci.core.arrays import F32
 from gs2ci.render.cpu.blend import CELL
 from gs2ci.render.cpu.gather import (
     cells_to_coded,
@@ -21,7 +22,7 @@ from gs2ci.render.cpu.gather import (
 )
 from gs2ci.render.cpu.layout import Layout
 from gs2ci.render.cpu.lists import CpuReuse
-from gs2ci.render.cpu.passes import F32, Inputs, differentiate_cells, render_cells
+from gs2ci.render.cpu.passes import Inputs, differentiate_cells, render_cells
 from gs2ci.render.cpu.workspace import Pool, Workspace
 from gs2ci.render.screen import ScreenStatistics
 

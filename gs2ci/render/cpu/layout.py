@@ -15,6 +15,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from gs2ci.core.arrays import F32, F64
 from gs2ci.render.cpu.vector import LANES
 from gs2ci.render.sampling import Sampling
 
@@ -53,10 +54,10 @@ class Layout:
     margin_px: float
     strip_rows: int
     cell_start: NDArray[np.int64]
-    x: NDArray[np.float32]
-    y: NDArray[np.float32]
+    x: F32
+    y: F32
     pixel: NDArray[np.int32]
-    weight: NDArray[np.float32]
+    weight: F32
     first: NDArray[np.int32]
     last: NDArray[np.int32]
 
@@ -85,7 +86,7 @@ def strip_rows_for(open_share: float) -> int:
     return int(np.clip(round(square), *STRIP_ROWS_RANGE))
 
 
-def lay_out(masks: NDArray[np.float32], strip_rows: int | None = None, sampling: Sampling | None = None) -> Layout:
+def lay_out(masks: F32, strip_rows: int | None = None, sampling: Sampling | None = None) -> Layout:
     """Compact the pixels with a positive mask value.
 
     Args:
@@ -103,7 +104,7 @@ def lay_out(masks: NDArray[np.float32], strip_rows: int | None = None, sampling:
     slot = y.astype(np.int64) // rows * width + x.astype(np.int64)
     order = np.lexsort((y, slot))
     pixels: list[NDArray[np.int64]] = []
-    weights: list[NDArray[np.float32]] = []
+    weights: list[F32] = []
     for view in range(views):
         values = masks[view].reshape(-1)
         opened = order[values[order] > 0]
@@ -136,7 +137,7 @@ def lay_out(masks: NDArray[np.float32], strip_rows: int | None = None, sampling:
     )
 
 
-def _places(size: tuple[int, ...], sampling: Sampling | None) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _places(size: tuple[int, ...], sampling: Sampling | None) -> tuple[F64, F64]:
     """Return where the pixels of an image look, row by row: x and y, [H * W]."""
     if sampling is not None:
         return sampling.places[..., 0].reshape(-1), sampling.places[..., 1].reshape(-1)
@@ -144,9 +145,7 @@ def _places(size: tuple[int, ...], sampling: Sampling | None) -> tuple[NDArray[n
     return pixel % size[1] + 0.5, pixel // size[1] + 0.5
 
 
-def _whole_cells(
-    listed: NDArray[np.int64], values: NDArray[np.float32]
-) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
+def _whole_cells(listed: NDArray[np.int64], values: F32) -> tuple[NDArray[np.int64], F32]:
     """Fill a strip's pixels up to whole cells; also their mask values, 0 for what was filled up."""
     weights = values[listed]
     spare = -len(listed) % LANES

@@ -13,13 +13,12 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from gs2ci.core.arrays import F32
 from gs2ci.render.backend import Reuse
 from gs2ci.render.cpu.bins import OVERFLOW, SPAN, count_entries, fill_entries
 from gs2ci.render.cpu.layout import Layout
 from gs2ci.render.cpu.vector import LANES
 from gs2ci.render.cpu.workspace import Lease, Pool, Workspace
-
-F32 = NDArray[np.float32]
 
 _SPANS_PER_GAUSSIAN: Final = 4
 """First guess of the span buffer's size; it doubles until it suffices."""

@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gs2ci.core.arrays import F32, F64
 from gs2ci.render.conventions import FRUSTUM_MARGIN
 from gs2ci.render.cpu.blend import CELL, blend, differentiate_blend
 from gs2ci.render.cpu.layout import Layout
@@ -20,8 +20,6 @@ from gs2ci.render.cpu.record import CAMERA_FIELDS, FIELDS
 from gs2ci.render.cpu.sighting import COLUMNS
 from gs2ci.render.cpu.vector import LANES
 from gs2ci.render.cpu.workspace import Lease, Workspace
-
-F32 = NDArray[np.float32]
 
 BACKWARD_TASKS_MIN: Final = 8
 """A few views are cut into bands until there are this many tasks. A constant, not the number of threads: bands
@@ -91,7 +89,7 @@ class Rendered:
     lease: Lease | None
 
 
-def camera_fields(intrinsics: NDArray[np.float64], height: int, width: int) -> F32:
+def camera_fields(intrinsics: F64, height: int, width: int) -> F32:
     """Pack the intrinsics [3, 3], the image size and the bounds of the linearisation for the kernels."""
     fx, fy, cx, cy = intrinsics[0, 0], intrinsics[1, 1], intrinsics[0, 2], intrinsics[1, 2]
     margin_u, margin_v = FRUSTUM_MARGIN * width / fx, FRUSTUM_MARGIN * height / fy

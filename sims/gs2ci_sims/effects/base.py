@@ -12,15 +12,13 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol, runtime_checkable
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gs2ci.core.arrays import F64
 from gs2ci.core.errors import InputError
 
 if TYPE_CHECKING:
     from gs2ci_sims.preview import Preview
     from gs2ci_sims.rig import Rig
-
-F64 = NDArray[np.float64]
 
 
 @enum.unique
@@ -109,6 +107,6 @@ class ViewEffect(Effect, Protocol):
 
     needs_depth: ClassVar[bool]
 
-    def margin_px(self, rig: "Rig", size: tuple[int, int], intrinsics: "F64") -> int:
+    def margin_px(self, rig: "Rig", size: tuple[int, int], intrinsics: F64) -> int:
         """Return how many pixels beyond the rim of an image of this size the effect looks."""
         ...

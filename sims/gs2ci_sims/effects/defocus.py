@@ -5,8 +5,8 @@ from typing import TYPE_CHECKING, ClassVar, Final
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from gs2ci.core.arrays import F64
 from gs2ci.core.errors import InputError
 from gs2ci_sims.effects.base import Bound, Stage
 from gs2ci_sims.effects.kernels import disc, disc_transfer
@@ -16,7 +16,6 @@ if TYPE_CHECKING:
     from gs2ci_sims.preview import Preview
     from gs2ci_sims.rig import Rig
 
-F64 = NDArray[np.float64]
 
 # Diameters for which the view is blurred lie this far apart; between them the blurred views are interpolated.
 LAYER_STEP_PX: Final = 0.5

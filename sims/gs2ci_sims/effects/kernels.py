@@ -4,10 +4,9 @@ from typing import Final
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import ive, j1
 
-F64 = NDArray[np.float64]
+from gs2ci.core.arrays import F64
 
 # Sub-samples per pixel side when a disc is drawn: its area is then off by less than 0.1 %.
 DISC_OVERSAMPLING: Final = 16

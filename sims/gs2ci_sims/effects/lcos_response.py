@@ -4,8 +4,8 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, ClassVar, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gs2ci.core.arrays import F64
 from gs2ci.core.errors import InputError
 from gs2ci_sims.effects.base import Bound, Stage
 from gs2ci_sims.signals import Slices
@@ -14,7 +14,6 @@ if TYPE_CHECKING:
     from gs2ci_sims.preview import Preview
     from gs2ci_sims.rig import Rig
 
-F64 = NDArray[np.float64]
 
 # Where slices are cut, in time constants: the weight of the old mask falls by at most a quarter from cut to cut.
 CUTS: Final = np.array([0.0625, 0.125, 0.25, 0.5, 0.75, 1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0])

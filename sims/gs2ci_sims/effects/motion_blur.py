@@ -5,8 +5,8 @@ from functools import cache
 from typing import TYPE_CHECKING, ClassVar, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gs2ci.core.arrays import F64
 from gs2ci.core.errors import InputError
 from gs2ci_sims.effects.base import Bound, Stage
 from gs2ci_sims.moments import Moments, gauss_nodes, gauss_weights, lagrange
@@ -16,7 +16,6 @@ if TYPE_CHECKING:
     from gs2ci_sims.preview import Preview
     from gs2ci_sims.rig import Rig
 
-F64 = NDArray[np.float64]
 
 # Phases over a panel, radians, for which the errors of interpolation and quadrature are tabulated; a frequency at
 # the pixel's Nyquist limit turns by pi per pixel of motion.

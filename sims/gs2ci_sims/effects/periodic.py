@@ -3,11 +3,8 @@
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from gs2ci_sims.signals import Slices
-
-F64 = NDArray[np.float64]
 
 # Pieces per period, so that a swing is followed within a mask; of swings much faster than the masks only the mean
 # over each piece matters, and that is exact.

@@ -4,16 +4,14 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gs2ci.core.arrays import F64
 from gs2ci.core.errors import InputError
 from gs2ci_sims.effects.base import Bound, Stage
 
 if TYPE_CHECKING:
     from gs2ci_sims.preview import Preview
     from gs2ci_sims.rig import Rig
-
-F64 = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -68,7 +66,11 @@ class Persistence:
         return Bound(rig.dn_per_e * rms_e, rig.dn_per_e * peak_e)
 
     def apply(self, signal: F64, rig: "Rig", rng: np.random.Generator) -> F64:
-        """Add to mean electrons [H, W, C]."""
+        """Add to mean electrons [H, W, C].
+
+        Raises:
+            InputError: The earlier image has another shape.
+        """
         released_e = self.released_share(rig.exposure_s) * np.asarray(self.earlier_e)
         try:
             return np.asarray(signal + np.broadcast_to(released_e, signal.shape))

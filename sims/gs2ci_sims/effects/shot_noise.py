@@ -4,9 +4,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import ndtri, pdtr
 
+from gs2ci.core.arrays import F64
 from gs2ci_sims.effects.base import Bound, Stage
 from gs2ci_sims.preview import HEADROOM
 
@@ -14,7 +14,6 @@ if TYPE_CHECKING:
     from gs2ci_sims.preview import Preview
     from gs2ci_sims.rig import Rig
 
-F64 = NDArray[np.float64]
 
 # Above this mean the third-order expansion of the quantile is off by less than a tenth of an electron anywhere within
 # eight standard deviations, so its rounding alone is used.

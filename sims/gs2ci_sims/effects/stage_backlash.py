@@ -5,8 +5,8 @@ from functools import cached_property
 from typing import TYPE_CHECKING, ClassVar, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gs2ci.core.arrays import F64
 from gs2ci.core.errors import InputError
 from gs2ci_sims.effects.base import NOTHING, Bound, Stage
 from gs2ci_sims.path import CameraPath, highest_hz
@@ -15,7 +15,6 @@ if TYPE_CHECKING:
     from gs2ci_sims.preview import Preview
     from gs2ci_sims.rig import Rig
 
-F64 = NDArray[np.float64]
 
 # The path is followed in so many steps to find its reversals.
 STEPS: Final = 1024

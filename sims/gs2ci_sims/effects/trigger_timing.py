@@ -4,7 +4,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from gs2ci.core.errors import InputError
 from gs2ci_sims.effects.base import Bound, Stage
@@ -14,7 +13,6 @@ if TYPE_CHECKING:
     from gs2ci_sims.preview import Preview
     from gs2ci_sims.rig import Rig
 
-F64 = NDArray[np.float64]
 
 # Jitter is taken to stay within so many standard deviations: one exposure in 370 does not.
 JITTER_SIGMAS: Final = 3.0

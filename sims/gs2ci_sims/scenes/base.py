@@ -9,15 +9,14 @@ from functools import cached_property
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 
+from gs2ci.core.arrays import F64
+from gs2ci.core.cameras import pinhole
 from gs2ci.core.errors import InputError
 from gs2ci.core.records import check_intrinsics
 from gs2ci.render.gaussians import Gaussians
 from gs2ci.render.harmonics import check_harmonics
 from gs2ci_sims.scenes.surfels import Surfels
-
-F64 = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -104,6 +103,4 @@ def camera_looking_ahead(size: tuple[int, int], field_of_view_deg: float) -> F64
     """
     if not 0 < field_of_view_deg < 180:
         raise InputError(f"field of view of {field_of_view_deg} degrees", allowed="more than 0, less than 180")
-    height, width = size
-    focal = 0.5 * width / np.tan(0.5 * np.deg2rad(field_of_view_deg))
-    return np.array([[focal, 0, 0.5 * width], [0, focal, 0.5 * height], [0, 0, 1]])
+    return pinhole(0.5 * size[1] / np.tan(0.5 * np.deg2rad(field_of_view_deg)), size)

@@ -5,14 +5,11 @@ Here: what stands where. Not here: floor and wall (`stage`), faces (`rectangles`
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
 from gs2ci.core.errors import InputError
 from gs2ci_sims.scenes.base import Scene
 from gs2ci_sims.scenes.rectangles import Rectangle, box, rotation
 from gs2ci_sims.scenes.stage import Frame, floor_y, painted, room, staged
-
-F64 = NDArray[np.float64]
 
 
 def boxes(rng: np.random.Generator, frame: Frame, *, count: int = 7, backdrop: float = 6.0) -> Scene:

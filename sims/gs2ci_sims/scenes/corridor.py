@@ -4,15 +4,13 @@ Here: walls, floor, ceiling and the end. Not here: strips and their discs (`rect
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gs2ci.core.arrays import F64
 from gs2ci.core.errors import InputError
 from gs2ci_sims.scenes.base import Scene
 from gs2ci_sims.scenes.rectangles import Rectangle, chequered, coloured, grain, receding, strip_samples
 from gs2ci_sims.scenes.stage import FLOOR_COLOURS, Frame, painted, staged
 from gs2ci_sims.scenes.surfels import Surfels
-
-F64 = NDArray[np.float64]
 
 
 def corridor(

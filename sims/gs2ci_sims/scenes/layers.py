@@ -16,11 +16,10 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from gs2ci.core.arrays import F64, Bool
 from gs2ci.core.errors import InputError
 
-F64 = NDArray[np.float64]
 Index = NDArray[np.intp]
-Mask = NDArray[np.bool_]
 
 NEIGHBOURS: Final = ((0, 1), (0, -1), (1, 0), (-1, 0), (1, 1), (1, -1), (-1, 1), (-1, -1))
 # Pixels this close to a depth edge, on the far side, may show the near surface: lens and pixel blur, and
@@ -42,7 +41,7 @@ class Layer:
 
     disparity: F64
     colour: F64
-    present: Mask
+    present: Bool
 
 
 def without_flying_pixels(disparity: F64, jump: float) -> F64:
@@ -91,7 +90,7 @@ def fill_holes(disparity: F64, colour: F64, jump: float) -> F64:
     return filled if np.isfinite(filled).all() else fill_holes(filled, colour, jump)
 
 
-def _measured_beside(known: Mask) -> Index:
+def _measured_beside(known: Bool) -> Index:
     """Get flat indices of the nearest known pixels left, right, above and below, [4, H, W]; -1 for none."""
     here = np.arange(known.size).reshape(known.shape)
     return np.stack(
@@ -104,7 +103,7 @@ def _measured_beside(known: Mask) -> Index:
     )
 
 
-def _carried(known: Mask, values: Index) -> Index:
+def _carried(known: Bool, values: Index) -> Index:
     """Get for each pixel the value at the last known pixel of its row, itself included; -1 where there is none."""
     last = np.maximum.accumulate(np.where(known, np.arange(known.shape[1]), -1), axis=1)
     return np.where(last >= 0, np.take_along_axis(values, np.maximum(last, 0), axis=1), -1)
@@ -121,7 +120,7 @@ def clean_rims(front: Layer, jump: float) -> Layer:
             steps = RIM_PX + 1 - away
             beyond = np.clip(rows + steps * dy, 0, height - 1), np.clip(columns + steps * dx, 0, width - 1)
             farther = front.disparity[before] - front.disparity > jump
-            rim: Mask = farther & (np.abs(front.disparity[beyond] - front.disparity) <= jump)
+            rim: Bool = farther & (np.abs(front.disparity[beyond] - front.disparity) <= jump)
             colour[rim] = front.colour[beyond][rim]
     return Layer(front.disparity, colour, front.present)
 
@@ -170,7 +169,7 @@ def _flood(disparity: F64, jump: float, reach: float) -> Index:
     return source
 
 
-def _neighbour(at: Index, step: tuple[int, int], shape: tuple[int, int]) -> tuple[Index, Mask]:
+def _neighbour(at: Index, step: tuple[int, int], shape: tuple[int, int]) -> tuple[Index, Bool]:
     """Get each flat index's neighbour (clipped to the image) and whether it lies inside."""
     y, x = at // shape[1] + step[0], at % shape[1] + step[1]
     inside = (y >= 0) & (y < shape[0]) & (x >= 0) & (x < shape[1])
@@ -199,7 +198,7 @@ def _relax(disparity: F64, colour: F64, at: Index, source: Index, jump: float) -
         background = np.abs(d[to] - d[at]) <= 2 * jump
         neighbours[:, k], weights[:, k] = to, inside & ((source[to] >= 0) | background)
     weights /= np.maximum(weights.sum(1, keepdims=True), 1)
-    alone: Mask = weights.sum(1) == 0
+    alone: Bool = weights.sum(1) == 0
     for _ in range(MEMBRANE_ROUNDS):
         d[at] = np.where(alone, d[at], np.sum(weights * d[neighbours], axis=1))
     for _ in range(COLOUR_ROUNDS):

@@ -1,4 +1,4 @@
-"""Scenes from Gaussian PLY files, as fitted from real photographs. For commands and tests.
+"""Scenes from Gaussian PLY files, as fitted from real photographs. For `scenes.geometry` and tests.
 
 Here: the file and a camera to look at it. Not here: the format (`gs2ci.render.ply`).
 """
@@ -7,13 +7,11 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gs2ci.core.arrays import F64
 from gs2ci.render.ply import read_ply_scene
 from gs2ci_sims.radiance import rendered_depth
 from gs2ci_sims.scenes.base import Scene, camera_looking_ahead
-
-F64 = NDArray[np.float64]
 
 FIELD_OF_VIEW_DEG: Final = 60.0
 

@@ -9,11 +9,9 @@ from itertools import pairwise
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gs2ci.core.arrays import F64
 from gs2ci_sims.scenes.surfels import Surfels, from_tangents
-
-F64 = NDArray[np.float64]
 
 # Distance between samples in pixels of the suggested camera: finer than a pixel, so that textures reach its limit.
 SPACING_PX: Final = 0.6

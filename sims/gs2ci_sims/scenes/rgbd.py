@@ -8,16 +8,15 @@ from dataclasses import dataclass
 from typing import Final, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from skimage import data
 
+from gs2ci.core.arrays import F64
 from gs2ci.core.errors import InputError
 from gs2ci.core.records import check_intrinsics
 from gs2ci_sims.scenes.base import Scene, gaussians_from_surfels
 from gs2ci_sims.scenes.layers import Layer, clean_rims, fill_holes, hidden_layer, without_flying_pixels
 from gs2ci_sims.scenes.surfels import from_inverse_depth, join
 
-F64 = NDArray[np.float64]
 Encoding = Literal["linear", "srgb"]
 
 # A step of one pixel of disparity between neighbours is a depth edge: the two come apart by one pixel when the

@@ -8,8 +8,8 @@ from functools import cached_property
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gs2ci.core.arrays import F64
 from gs2ci.core.errors import InputError
 from gs2ci_sims.scenes.base import Scene, camera_looking_ahead, gaussians_from_surfels
 from gs2ci_sims.scenes.rectangles import (
@@ -24,8 +24,6 @@ from gs2ci_sims.scenes.rectangles import (
     shade,
 )
 from gs2ci_sims.scenes.surfels import Surfels, join
-
-F64 = NDArray[np.float64]
 
 # The wall extends this much past the frame, for the camera to move and turn into.
 OVERSIZE: Final = 1.25

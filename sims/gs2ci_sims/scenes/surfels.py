@@ -8,13 +8,10 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from gs2ci.core.arrays import F64, Bool
 from gs2ci.core.errors import InputError
-
-F64 = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 # Standard deviation of a disc in units of the sample spacing: at 0.6 the sum of a unit grid of Gaussians is even
 # to 0.4 % (Poisson summation: 4 exp(-2 π² 0.6²)). Narrower discs let light through between them, wider ones blur.
@@ -94,7 +91,7 @@ def from_tangents(points: F64, along_u: F64, along_v: F64, radiances: F64) -> Su
     )
 
 
-def from_inverse_depth(inverse_depth: F64, radiance: F64, present: Mask, intrinsics: F64, jump: float) -> Surfels:
+def from_inverse_depth(inverse_depth: F64, radiance: F64, present: Bool, intrinsics: F64, jump: float) -> Surfels:
     """Lay one disc on each pixel of an inverse-depth map.
 
     Args:
@@ -118,7 +115,7 @@ def from_inverse_depth(inverse_depth: F64, radiance: F64, present: Mask, intrins
     return from_tangents(depth[:, None] * rays, tangents[0], tangents[1], radiance[rows, columns])
 
 
-def surface_slope(values: F64, present: Mask, axis: int, jump: float) -> F64:
+def surface_slope(values: F64, present: Bool, axis: int, jump: float) -> F64:
     """Differentiate along `axis` without stepping over an edge of the surface, [H, W] per pixel.
 
     The mean of the one-sided differences that stay on the surface (both pixels present, no jump); 0 where none

@@ -7,8 +7,8 @@ a room with texture (`stage`).
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gs2ci.core.arrays import F64
 from gs2ci.core.errors import InputError
 from gs2ci_sims.scenes.base import Scene
 from gs2ci_sims.scenes.rectangles import (
@@ -24,8 +24,6 @@ from gs2ci_sims.scenes.rectangles import (
 )
 from gs2ci_sims.scenes.stage import OVERSIZE, Frame, floor_y, painted, staged
 from gs2ci_sims.scenes.surfels import Surfels
-
-F64 = NDArray[np.float64]
 
 # The side walls meet the back wall within the frame, this far out, as a share of half its breadth.
 CORNER: Final = 0.8

@@ -4,15 +4,13 @@ Here: what grows where. Not here: floor and wall (`stage`), ribbons as rectangle
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gs2ci.core.arrays import F64
 from gs2ci.core.errors import InputError
 from gs2ci_sims.scenes.base import Scene
 from gs2ci_sims.scenes.rectangles import SPACING_PX, Rectangle, coloured, samples
 from gs2ci_sims.scenes.stage import Frame, floor_y, room, staged
 from gs2ci_sims.scenes.surfels import Surfels
-
-F64 = NDArray[np.float64]
 
 
 def thicket(

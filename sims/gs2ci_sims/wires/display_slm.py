@@ -7,8 +7,8 @@ Here: frames, commands, slots. Not here: bytes on the line (`serial_twin`, at US
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gs2ci.core.arrays import U16
 from gs2ci_sims.faults import FaultSet, declare
 from gs2ci_sims.wires.panel import Panel
 from gs2ci_sims.wires.serial_twin import SerialTwin
@@ -61,7 +61,7 @@ class DisplaySlmTwin(SerialTwin):
     def _restart(self) -> None:
         self.panel.stop()
         self._input.clear()
-        self.slots: dict[int, NDArray[np.uint16]] = {}
+        self.slots: dict[int, U16] = {}
         self._target = 0
         self._pulses = False
         self._from_memory = False

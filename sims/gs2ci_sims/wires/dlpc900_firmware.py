@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gs2ci.core.arrays import U8, U32
 from gs2ci_sims.faults import FaultSet, declare
 from gs2ci_sims.wires.dlpc900_images import BadImageError, read_image
 from gs2ci_sims.wires.dlpc900_sequencer import Output, Sequencer, Step
@@ -112,8 +112,8 @@ class Firmware:
         self.sequencer.outputs = [Output(), Output()]
         self.parked = False
         self.table: dict[int, Entry] = {}
-        self.images: tuple[dict[int, NDArray[np.uint32]], ...] = ({}, {})
-        self._planes: dict[tuple[int, int, int], NDArray[np.uint8]] = {}
+        self.images: tuple[dict[int, U32], ...] = ({}, {})
+        self._planes: dict[tuple[int, int, int], U8] = {}
         self._loading: list[Loading | None] = [None, None]
         self._entries = 0
         self._count = 0
@@ -333,7 +333,7 @@ class Firmware:
             waits=entry.waits,
         )
 
-    def _plane(self, entry: Entry) -> NDArray[np.uint8]:
+    def _plane(self, entry: Entry) -> U8:
         """Return the mirrors' levels of an entry, from the decoded image."""
         key = (entry.image, entry.bit, entry.depth)
         if key not in self._planes:
@@ -348,7 +348,7 @@ class Firmware:
             levels = np.zeros_like(levels)
         return self._only_blocks(levels)
 
-    def _only_blocks(self, levels: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    def _only_blocks(self, levels: U8) -> U8:
         first, last = self._settings[0x1A40]
         if not self.mirrors.blocks or last - first + 1 == self.mirrors.blocks:
             return levels

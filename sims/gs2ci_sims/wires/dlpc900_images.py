@@ -9,10 +9,8 @@ from typing import Any, cast
 
 import numba
 import numpy as np
-from numpy.typing import NDArray
 
-U8 = NDArray[np.uint8]
-U32 = NDArray[np.uint32]
+from gs2ci.core.arrays import U8, U32
 
 HEADER_BYTES = 48
 _MAX_SLACK_BYTES = 3

@@ -7,9 +7,7 @@ this file.
 from collections.abc import Callable
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
+from gs2ci.core.arrays import U8
 from gs2ci_sims.faults import FaultSet, declare
 from gs2ci_sims.world import Event, World
 
@@ -38,7 +36,7 @@ class Step:
         waits: Whether trigger input 1 must rise first.
     """
 
-    levels: NDArray[np.uint8]
+    levels: U8
     top: int
     exposure_s: float
     dark_s: float

@@ -10,8 +10,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gs2ci.core.arrays import F32, U8, U16
 from gs2ci_sims.faults import FaultSet, declare
 from gs2ci_sims.world import Event, World
 
@@ -20,7 +20,7 @@ MASK_SKIPPED = declare("panel.mask_skipped", "a mask is not shown, its time pass
 PULSE_LOST = declare("panel.pulse_lost", "a trigger pulse is missing")
 PULSE_TWICE = declare("panel.pulse_twice", "the trigger line pulses twice, `value` seconds apart (60 µs)")
 
-Levels = NDArray[np.uint8] | NDArray[np.uint16]
+Levels = U8 | U16
 
 PULSE_S = 50e-6
 _TOP_16 = 0xFFFF
@@ -173,7 +173,7 @@ class Panel:
         self._next = self.world.clock.after(delay_s, action)
 
 
-def _share(shown: tuple[Levels, int] | None) -> NDArray[np.float32] | float:
+def _share(shown: tuple[Levels, int] | None) -> F32 | float:
     return shown[0].astype(np.float32) / np.float32(shown[1]) if shown else 0.0
 
 

@@ -157,7 +157,12 @@ class SerialSession:
         self._open = True
 
     def write(self, data: bytes, timeout_s: float) -> None:
-        """Send bytes to the twin; takes as long as the baud rate says."""
+        """Send bytes to the twin; takes as long as the baud rate says.
+
+        Raises:
+            OSError: The device is not there, or is unplugged now.
+            TimeoutError: The line is stuck.
+        """
         twin = self._twin
         self._require_alive()
         about = data.decode("ascii", "replace")

@@ -1,8 +1,8 @@
 """The camera behind the V4L2 twin: what it is made of, when it exposes, and the bytes it sends.
 
 Here: `CameraModel` (a data sheet), `Shutter` (triggers and exposures on the world's clock) and `pack_frame`. Not
-here: ioctls and buffers (`v4l2`, `v4l2_queue`), controls (`v4l2_controls`). Only those modules, `gs2ci.rig` and
-tests import this file.
+here: ioctls and buffers (`v4l2`, `v4l2_queue`), controls (`v4l2_controls`). Those modules, `gs2ci.rig`, `gs2ci.bench`
+and tests import this file.
 
 Timing of an edge-triggered sensor without overlap: edge, latency, exposure, readout, transfer; an edge that comes
 before the readout has ended is lost without a trace in the frame numbers.
@@ -14,14 +14,11 @@ from enum import Enum, unique
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gs2ci.core.arrays import U8, U16
 from gs2ci.core.errors import InputError
 from gs2ci_sims.faults import FaultSet, declare
 from gs2ci_sims.world import Edge, Event, World
-
-U8 = NDArray[np.uint8]
-U16 = NDArray[np.uint16]
 
 TRIGGER_MISSED = declare("v4l2.trigger_missed", "the sensor does not see a trigger edge")
 TRIGGER_DOUBLED = declare("v4l2.trigger_doubled", "ringing on the line: the sensor exposes again after the frame")

@@ -10,8 +10,7 @@ from collections import deque
 from dataclasses import dataclass, field
 from errno import EAGAIN, EBUSY, EFAULT, EINVAL, EIO, EPIPE
 
-import numpy as np
-from numpy.typing import NDArray
+from gs2ci.core.arrays import U8
 
 MMAP_MEMORY = 1
 FLAG_MAPPED, FLAG_QUEUED, FLAG_DONE, FLAG_ERROR = 0x1, 0x2, 0x4, 0x40
@@ -163,7 +162,7 @@ class BufferRing:
         for slot in self._slots:
             slot.queued, slot.filled = False, None
 
-    def fill(self, data: NDArray[np.uint8], filled: Filled) -> bool:
+    def fill(self, data: U8, filled: Filled) -> bool:
         """Put a frame into the oldest waiting buffer; return False where none waits."""
         if not self._waiting:
             return False

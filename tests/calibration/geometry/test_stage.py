@@ -3,6 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from gs2ci.core.progress import Silent
 from gs2ci_calibration.bundle import Bundle
 from gs2ci_calibration.geometry import stage as steps
 from gs2ci_calibration.geometry.camera import section_of
@@ -11,6 +12,16 @@ from gs2ci_calibration.geometry.stage import measure_stage
 from gs2ci_calibration.refusals import Reason
 from gs2ci_drivers.stage import AxisInfo
 from tests.benchmarks.calibration_geometry import stage_errors
+
+
+class Counted(Silent):
+    """Remembers how far the running stage is."""
+
+    def stage(self, name, total=None):
+        self.total, self.done = total, 0
+
+    def step(self, done, **figures):
+        self.done = done
 
 
 @pytest.fixture
@@ -31,6 +42,7 @@ def with_camera(cameras, bench):
 def test_an_axis_of_a_bench_is_found_through_its_drivers(with_camera, monkeypatch):
     monkeypatch.setattr(steps, "TARGETS", 5)
     made, truth, known = with_camera(2)
+    made = replace(made, progress=Counted())
     before_mm = made.devices.stage.connect() and made.devices.stage.positions_mm()
     section = measure_stage(made, known)
     errors = stage_errors(section, truth, "x")
@@ -39,6 +51,7 @@ def test_an_axis_of_a_bench_is_found_through_its_drivers(with_camera, monkeypatc
     assert all(abs(error) <= 3 * stated for error, stated in errors.values())
     assert made.devices.stage.positions_mm() == pytest.approx(before_mm, abs=1e-3)
     assert section.facts["pictures"] == 2 * steps.TARGETS * steps.VISITS + steps.SWEEP_PICTURES
+    assert made.progress.done == made.progress.total == section.facts["pictures"]
 
 
 def test_a_board_out_of_view_is_refused(with_camera, refusal):

@@ -1,9 +1,12 @@
+from typing import get_args
+
 import numpy as np
 import pytest
 
+from gs2ci.rig.config import Orientation
 from gs2ci_calibration.masks import registration_fit
 from gs2ci_calibration.masks.imaging import PixelMap, blurred, sharp
-from gs2ci_calibration.masks.registration import ORIENTATIONS, orientation, register, require_orientation, require_ratio
+from gs2ci_calibration.masks.registration import orientation, register, require_orientation, require_ratio
 from gs2ci_calibration.masks.texture import checker
 from gs2ci_calibration.refusals import CalibrationError, Reason
 
@@ -131,7 +134,7 @@ def test_every_way_round_has_a_name_of_its_own_and_is_refused_unless_wanted(way)
     transpose, flip_x, flip_y = (bool(one) for one in way)
     turned = TRUTH.turned(transpose=transpose, flip_x=flip_x, flip_y=flip_y)
     name = orientation(turned)
-    assert name in ORIENTATIONS
+    assert name in get_args(Orientation)
     assert (name == "upright") == (not any(way))
     for wanted in (name, "any"):
         require_orientation(turned, wanted)

@@ -383,6 +383,16 @@ def test_a_file_that_cannot_be_created_or_laid_out_is_a_storage_error(tmp_path, 
     assert list((tmp_path / "locked").iterdir()) == []
 
 
+def test_whatever_else_goes_wrong_in_laying_out_leaves_no_file(tmp_path, header, monkeypatch):
+    def stop(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(layout, "create", stop)
+    with pytest.raises(KeyboardInterrupt):
+        ShotWriter(tmp_path / "shot.h5", header)
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_a_disk_that_refuses_the_end_is_a_storage_error(tmp_path, header, monkeypatch):
     def full() -> None:
         raise OSError(28, "No space left on device")

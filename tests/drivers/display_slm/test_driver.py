@@ -5,8 +5,8 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from gs2ci.core.arrays import U8
 from gs2ci.core.errors import InputError
 from gs2ci_drivers.display_slm.driver import DisplaySlm, DisplaySlmSettings
 from gs2ci_drivers.failures import (
@@ -21,16 +21,7 @@ from gs2ci_drivers.failures import (
 from gs2ci_drivers.modulator import ModulatorState
 from gs2ci_drivers.pattern_sequence import PatternSequence, TriggerOut
 from gs2ci_sims.wires.display_slm import DisplaySlmTwin
-from gs2ci_sims.world import Exposure, MaskInterval, World
-
-U8 = NDArray[np.uint8]
-
-
-class Dark:
-    """A light path without light."""
-
-    def collect(self, exposure: Exposure) -> NDArray[np.uint16]:
-        return np.zeros((exposure.height, exposure.width), np.uint16)
+from gs2ci_sims.world import MaskInterval, World
 
 
 @dataclass
@@ -57,7 +48,7 @@ class Bench:
 
 
 def make_bench(settings: DisplaySlmSettings | None = None) -> Bench:
-    world = World(Dark())
+    world = World()
     twin = DisplaySlmTwin(world)
     return Bench(world, twin, DisplaySlm("slm0", twin.open(), world.clock, settings))
 
@@ -248,6 +239,6 @@ def test_a_panel_that_babbles_without_end_does_not_hold_the_driver_beyond_its_de
 
         def close(self) -> None: ...
 
-    world = World(Dark())
+    world = World()
     with pytest.raises(NoAnswerError, match="SN: no answer"):
         DisplaySlm("slm0", Babbler(), world.clock).connect()

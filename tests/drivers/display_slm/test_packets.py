@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
+from gs2ci.core.arrays import U16
 from gs2ci.core.errors import InputError
 from gs2ci_drivers.display_slm.packets import MalformedReplyError, control, find_status, image, status_request
 
@@ -36,7 +36,7 @@ def test_an_image_is_a_frame_per_row_and_the_sum_in_the_last_four_bytes() -> Non
 
 
 @pytest.mark.parametrize("levels", [np.zeros((2, 2), np.uint16), np.full((1200, 1920), 1024, np.uint16)])
-def test_an_image_that_does_not_fit_is_refused(levels: NDArray[np.uint16]) -> None:
+def test_an_image_that_does_not_fit_is_refused(levels: U16) -> None:
     with pytest.raises(InputError, match="1023"):
         image(levels)
 

@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
-U32 = NDArray[np.uint32]
+from gs2ci.core.arrays import U32
 
 
 def _images() -> dict[str, U32]:

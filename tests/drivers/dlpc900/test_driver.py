@@ -5,8 +5,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from gs2ci.core.arrays import U8
 from gs2ci.core.errors import InputError
 from gs2ci_drivers.dlpc900.driver import Dlpc900
 from gs2ci_drivers.dlpc900.images import Compression
@@ -27,16 +27,7 @@ from gs2ci_drivers.failures import (
 from gs2ci_drivers.modulator import ModulatorState
 from gs2ci_drivers.pattern_sequence import PatternSequence, TriggerOut
 from gs2ci_sims.wires.dlpc900 import Dlpc900Twin
-from gs2ci_sims.world import Exposure, MaskInterval, World
-
-U8 = NDArray[np.uint8]
-
-
-class Dark:
-    """A light path without light."""
-
-    def collect(self, exposure: Exposure) -> NDArray[np.uint16]:
-        return np.zeros((exposure.height, exposure.width), np.uint16)
+from gs2ci_sims.world import MaskInterval, World
 
 
 @dataclass
@@ -65,7 +56,7 @@ class Bench:
 
 
 def make_bench(dmd: int = 5, settings: Dlpc900Settings | None = None, *, counts_repeats: bool = False) -> Bench:
-    world = World(Dark())
+    world = World()
     twin = Dlpc900Twin(world, dmd=dmd, counts_repeats=counts_repeats)
     settings = settings or Dlpc900Settings()
     return Bench(world, twin, Dlpc900("dmd0", twin.open(), world.clock, settings), settings)
@@ -484,6 +475,15 @@ def test_a_device_that_does_not_obey_a_stop_is_reported(bench: Bench) -> None:
         bench.dmd.disarm()
     bench.dmd.disarm()
     assert bench.dmd.status().state is ModulatorState.LOADED
+
+
+def test_a_controller_that_reports_a_fault_is_not_armed(bench: Bench) -> None:
+    bench.dmd.upload(SEQUENCE)
+    bench.twin.firmware.sequencer.aborted = True
+    with pytest.raises(DeviceFaultError, match=r"arm: .*sequencer"):
+        bench.dmd.arm()
+    with pytest.raises(WrongStateError, match="not armed"):
+        bench.dmd.start()
 
 
 def test_a_fault_shows_in_the_status(bench: Bench) -> None:

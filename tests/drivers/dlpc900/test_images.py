@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
+from gs2ci.core.arrays import U8
 from gs2ci.core.errors import InputError
 from gs2ci_drivers.dlpc900.coding import PatternImageError
 from gs2ci_drivers.dlpc900.images import (
@@ -21,8 +21,6 @@ from gs2ci_drivers.dlpc900.images import (
     take_plane,
 )
 from gs2ci_sims.wires.dlpc900_images import BadImageError, read_image
-
-U8 = NDArray[np.uint8]
 
 
 def test_the_reference_header_is_these_48_bytes() -> None:

@@ -6,13 +6,11 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
+from gs2ci.core.arrays import U32
 from gs2ci_drivers.dlpc900 import erle, rle
 from gs2ci_drivers.dlpc900.coding import PatternImageError
 from gs2ci_sims.wires.dlpc900_images import BadImageError, read_image
-
-U32 = NDArray[np.uint32]
 
 
 def firmware_reads(stream: bytes, width: int, height: int) -> U32:

@@ -3,23 +3,14 @@
 import re
 from pathlib import Path
 
-import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from gs2ci_drivers.scpi_modulator.packets import PROTOCOL, VERSION, block_request, request
 from gs2ci_sims.wires.scpi_modulator import ScpiModulatorTwin, ScpiPanel
-from gs2ci_sims.world import Exposure, World
+from gs2ci_sims.world import World
 
 PAGE = (Path(__file__).parents[3] / "docs" / "scpi-modulator.md").read_text(encoding="utf-8")
 SESSION = PAGE.rsplit("```", 2)[1].strip().splitlines()
-
-
-class Dark:
-    """A light path without light."""
-
-    def collect(self, exposure: Exposure) -> NDArray[np.uint16]:
-        return np.zeros((exposure.height, exposure.width), np.uint16)
 
 
 def _bytes(line: str) -> bytes:
@@ -27,7 +18,7 @@ def _bytes(line: str) -> bytes:
 
 
 def test_the_documented_session_is_what_the_reference_device_says() -> None:
-    world = World(Dark())
+    world = World()
     port = ScpiModulatorTwin(world, panel=ScpiPanel(height=2, width=4)).open()
     assert len(SESSION) > 30
     for line in SESSION:
@@ -53,6 +44,6 @@ def test_the_page_names_the_version_and_every_error_of_the_reference_device() ->
         assert f"| {str(code).replace('-', '−')} | {text} |" in PAGE
 
 
-@pytest.mark.parametrize("command", sorted(ScpiModulatorTwin(World(Dark()))._commands))
+@pytest.mark.parametrize("command", sorted(ScpiModulatorTwin(World())._commands))
 def test_the_page_names_every_command_of_the_reference_device(command: str) -> None:
     assert re.search(rf"`{re.escape(command)}[` ]", PAGE)

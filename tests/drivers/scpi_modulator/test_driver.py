@@ -4,8 +4,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from gs2ci.core.arrays import U8
 from gs2ci_drivers.failures import (
     BadReplyError,
     DeviceFaultError,
@@ -20,16 +20,7 @@ from gs2ci_drivers.modulator import ModulatorState
 from gs2ci_drivers.pattern_sequence import PatternSequence, TriggerOut
 from gs2ci_drivers.scpi_modulator.driver import ScpiModulator
 from gs2ci_sims.wires.scpi_modulator import ScpiModulatorTwin, ScpiPanel
-from gs2ci_sims.world import Exposure, MaskInterval, World
-
-U8 = NDArray[np.uint8]
-
-
-class Dark:
-    """A light path without light."""
-
-    def collect(self, exposure: Exposure) -> NDArray[np.uint16]:
-        return np.zeros((exposure.height, exposure.width), np.uint16)
+from gs2ci_sims.world import MaskInterval, World
 
 
 @dataclass
@@ -56,7 +47,7 @@ class Bench:
 
 
 def make_bench(panel: ScpiPanel | None = None) -> Bench:
-    world = World(Dark())
+    world = World()
     twin = ScpiModulatorTwin(world, panel=panel or ScpiPanel(height=30, width=44))
     return Bench(world, twin, ScpiModulator("lcos0", twin.open(), world.clock))
 

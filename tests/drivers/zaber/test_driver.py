@@ -158,3 +158,14 @@ def test_a_line_that_babbles_gives_typed_errors_and_never_hangs(answers):
     with pytest.raises(DriverError):
         stage.connect()
     assert clock.now_s() - begin_s < 5.0
+
+
+def test_a_port_that_was_closed_neither_takes_nor_gives():
+    _, twin, stage = make()
+    stage.close()
+    port = twin.open()
+    port.close()
+    with pytest.raises(OSError, match="the port is closed"):
+        port.write(b"/1\n", 1.0)
+    with pytest.raises(OSError, match="the port is closed"):
+        port.read(10, 1.0)

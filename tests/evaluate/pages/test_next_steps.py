@@ -2,13 +2,16 @@ import copy
 import importlib
 import inspect
 import re
+from dataclasses import asdict
 
 import pytest
 
 from gs2ci import cli
 from gs2ci.evaluate.pages import next_steps as module
 from gs2ci.evaluate.pages.next_steps import RULES, next_steps, outcome
-from gs2ci.reconstruct.geometry.validity import Criteria
+from gs2ci.reconstruct.doubts import SATURATION_WORTH_SAYING
+from gs2ci.reconstruct.presets import preset
+from gs2ci.reconstruct.settings import Settings
 
 GOOD = {
     "verdict": "refined",
@@ -30,6 +33,7 @@ GOOD = {
     "curve": [{"iteration": 50 * i, "heldout": 0.1 - 0.01 * i + 0.002 * max(0, i - 5) ** 2} for i in range(11)],
     "provenance": {"plan": {"error_dn": 0.8, "tolerance_dn": 1.0}},
     "ensemble": {"fits": 4, "averaged": 4, "spread": 0.01},
+    "settings": asdict(Settings()),
 }
 
 
@@ -105,10 +109,13 @@ def test_what_is_told_is_read_from_the_report():
     assert "290 px" in module.focal_was_assumed(report(geometry__focal_source="estimated")).because
 
 
-def test_a_path_is_doubted_from_where_the_geometry_stage_doubts_it():
-    assert Criteria().path_error == module.PATH_ERROR
-    assert module.uncertain_path(report(geometry__path_error_expected=module.PATH_ERROR)) is None
+def test_a_path_is_doubted_from_where_its_run_doubted_it():
+    most = 0.07
+    doubted = {"settings__geometry__criteria__path_error": most}
+    assert module.uncertain_path(report(geometry__path_error_expected=most, **doubted)) is None
+    assert module.uncertain_path(report(geometry__path_error_expected=most + 0.001, **doubted)) is not None
     assert module.uncertain_path(report(geometry__path_error_expected=None)) is None
+    assert module.uncertain_path(report(geometry__path_error_expected=0.5, settings={})) is None
 
 
 def test_commands_are_ours():
@@ -145,6 +152,12 @@ def test_only_so_many_are_told_the_most_telling_first():
 def test_a_fit_that_stopped_by_itself_is_not_told_to_run_longer():
     assert module.still_improving(report(curve=CASES["still_improving"]["curve"])) is None
     assert module.still_improving({**improving(), "curve": GOOD["curve"]}) is None
+
+
+def test_the_page_and_the_run_agree_on_what_is_worth_saying():
+    """A page is written without what fits, so its numbers cannot be read from there."""
+    assert preset("fine").fits == module.FEW_FITS
+    assert module.SATURATED_SHARE == SATURATION_WORTH_SAYING
 
 
 def test_the_mean_at_the_end_of_the_curve_is_no_look_of_the_fit():

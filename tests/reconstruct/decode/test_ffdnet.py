@@ -105,11 +105,20 @@ def test_a_missing_file_is_named(tmp_path):
         read_ffdnet(tmp_path / "absent.pth")
 
 
-@pytest.mark.parametrize("content", [b"", b"plain text, no weights", b"PK\x03\x04 cut short"])
-def test_a_file_that_is_no_weight_file_is_named(tmp_path, content):
+@pytest.mark.parametrize(
+    ("content", "found"),
+    [
+        (b"", "it is empty"),
+        (b"plain text, no weights", "it begins with 'plain text, no weights'"),
+        (b"\xff\xd8\xff\xe0 a picture", "it begins with bytes ff d8 ff e0"),
+        (b"PK\x03\x04 cut short", "it is damaged, or holds more than tensors"),
+    ],
+)
+def test_a_file_that_is_no_weight_file_is_named_with_what_was_found_and_what_is_wanted(tmp_path, content, found):
     (tmp_path / "weights.pth").write_bytes(content)
-    with pytest.raises(InputError, match="is no PyTorch weight file"):
+    with pytest.raises(InputError, match=f"is no PyTorch weight file: {found}") as caught:
         read_ffdnet(tmp_path / "weights.pth")
+    assert "torch.save" in caught.value.allowed
 
 
 class Hostile:

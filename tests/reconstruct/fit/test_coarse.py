@@ -17,8 +17,9 @@ from gs2ci.reconstruct.fit.paper import paper_settings
 from gs2ci.reconstruct.fit.poses import PoseSettings
 from gs2ci.reconstruct.fit.rules import RULE_NAMES, with_rule
 from gs2ci.reconstruct.fit.start import first_gaussians
-from gs2ci.reconstruct.fit.stopping import HoldOut, Jury, choose_heldout
+from gs2ci.reconstruct.fit.stopping import HoldOut
 from gs2ci.reconstruct.geometry.points import seed_points
+from gs2ci.reconstruct.jury import Jury, choose_heldout
 from gs2ci.render.cpu.backend import CpuBackend
 from gs2ci.render.settings import RasterSettings
 
@@ -29,7 +30,7 @@ UNJUDGED = HoldOut(share=0.0, look_every=10, patience=10**6, growth_patience=10*
 def run(moving_plane, settings=QUICK, *, backend=None, seed=0, listener=None, score=None, shot=None, pace=None):
     given, geometry = moving_plane
     shot = shot or given
-    jury = Jury(shot, choose_heldout(shot, settings.hold_out.share, seed))
+    jury = Jury.of(shot, settings.hold_out.share, seed)
     grey = np.full((*shot.masks.shape, shot.channels), 0.5, np.float32)
     fit = fit_coarse(
         jury=jury,

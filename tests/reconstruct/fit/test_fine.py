@@ -13,8 +13,9 @@ from gs2ci.reconstruct.fit.perceptual import StructuralDissimilarity
 from gs2ci.reconstruct.fit.pseudo_views import support_weights
 from gs2ci.reconstruct.fit.rendering import ShotRenderer
 from gs2ci.reconstruct.fit.start import first_gaussians
-from gs2ci.reconstruct.fit.stopping import HoldOut, Jury, choose_heldout
+from gs2ci.reconstruct.fit.stopping import HoldOut
 from gs2ci.reconstruct.geometry.points import seed_points
+from gs2ci.reconstruct.jury import Jury
 from gs2ci.render.cpu.backend import CpuBackend
 from gs2ci.render.settings import RasterSettings
 
@@ -38,7 +39,7 @@ class Prior:
 def coarse(moving_plane):
     """A fit that has been stopped early, so that there is something left to refine."""
     shot, geometry = moving_plane
-    jury = Jury(shot, choose_heldout(shot, 0.05, 0))
+    jury = Jury.of(shot, 0.05, 0)
     fit = fit_coarse(
         jury=jury,
         start=first_gaussians(seed_points(geometry, np.full((4, 32, 40, 3), 0.5, np.float32), 2)),

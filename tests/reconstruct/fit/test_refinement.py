@@ -8,8 +8,8 @@ import pytest
 from gs2ci.core.errors import InputError
 from gs2ci.core.records import Shot
 from gs2ci.reconstruct.decode.residual import ResidualSettings, decode_residual
-from gs2ci.reconstruct.fit.refinement import SURE, Refinement
-from gs2ci.reconstruct.fit.stopping import Jury, choose_heldout
+from gs2ci.reconstruct.fit.refinement import Refinement
+from gs2ci.reconstruct.jury import SURE, Jury
 
 SETTINGS = ResidualSettings()
 SIZE = (64, 80)
@@ -27,7 +27,7 @@ def jury_of(truth, *, noise=0.0, share=0.1, seed=0):
     masks = (rng.random((4, *SIZE)) < 0.4).astype(np.float32)
     measurement = (masks[..., None] * truth).sum(axis=0) + noise * rng.standard_normal((*SIZE, 3))
     shot = Shot(measurement.astype(np.float32), masks, np.ones(4, np.float32)).check()
-    return Jury(shot, choose_heldout(shot, share, 0))
+    return Jury.of(shot, share, 0)
 
 
 def rms(error):
@@ -81,7 +81,7 @@ def test_without_held_out_pixels_all_is_put_back(truth):
     jury, views = jury_of(truth, share=0.0), truth - np.float32(0.1)
     expected = views + decode_residual(jury.shot, views, SETTINGS)
     np.testing.assert_array_equal(Refinement(jury, SETTINGS)(views), expected)
-    np.testing.assert_array_equal(Refinement(jury, SETTINGS).by_all_pixels(views), expected)
+    np.testing.assert_array_equal(Refinement(jury, SETTINGS).by_all_pixels(views, 1.0), expected)
 
 
 def test_held_out_pixels_decide_the_share_and_are_seen_only_where_nothing_is_left_to_judge(truth):
@@ -94,7 +94,8 @@ def test_held_out_pixels_decide_the_share_and_are_seen_only_where_nothing_is_lef
     low, high = Refinement(other, SETTINGS).share(views, added), Refinement(jury, SETTINGS).share(views, added)
     assert low < 0.4 < high
     grain = 0.1 * np.random.default_rng(1).standard_normal((*SIZE, 1)).astype(np.float32)  # no neighbour tells of it
-    unseen, seen = Refinement(jury, SETTINGS)(truth - grain), Refinement(jury, SETTINGS).by_all_pixels(truth - grain)
+    unseen, share = Refinement(jury, SETTINGS).with_share(truth - grain)
+    seen = Refinement(jury, SETTINGS).by_all_pixels(truth - grain, share)
     assert rms((seen - truth)[:, jury.heldout]) < 0.97 * rms((unseen - truth)[:, jury.heldout])
 
 

@@ -9,6 +9,7 @@ import pytest
 from onnx import numpy_helper
 from scipy.spatial.transform import Rotation
 
+from gs2ci.core.cameras import pinhole
 from gs2ci.core.records import Shot
 from gs2ci.evaluate.cameras import nerfstudio_transforms
 from gs2ci.reconstruct.geometry.motion import predict_positions
@@ -30,10 +31,6 @@ def bent_path(views, rng, length=0.05, turn=0.012):
     poses[:, :3, :3] = Rotation.from_rotvec(turns).as_matrix()
     poses[:, :3, 3] = -np.einsum("nij,nj->ni", poses[:, :3, :3], centres)
     return poses
-
-
-def pinhole(focal, size):
-    return np.array([[focal, 0, size[1] / 2], [0, focal, size[0] / 2], [0, 0, 1.0]])
 
 
 def rotation_error_deg(a, b):

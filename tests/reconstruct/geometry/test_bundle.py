@@ -1,6 +1,7 @@
 """Bundle adjustment from given poses, against the poses and focal lengths that the tracks were made with."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -8,8 +9,10 @@ from scipy.spatial.transform import Rotation
 
 from gs2ci.core.errors import GeometryError
 from gs2ci.evaluate.trajectory import trajectory_errors
+from gs2ci.reconstruct.geometry import bundle
 from gs2ci.reconstruct.geometry.bundle import adjust_bundle
 from gs2ci.reconstruct.geometry.motion import estimate_motion, predict_positions
+from gs2ci.reconstruct.geometry.telemetry import place_points
 from gs2ci.reconstruct.geometry.tracks import Tracks
 
 
@@ -155,3 +158,22 @@ def test_what_the_solver_thinks_of_a_step_stays_off_the_terminal(capfd):
     tracks = Tracks(predict_positions(corners, rng.uniform(0.5, 1.5, 60), poses, intrinsics), 1)
     adjust_bundle(tracks, poses, intrinsics, 1.0, refine_focal=False)
     assert capfd.readouterr().err == ""
+
+
+def test_points_that_all_lie_behind_a_camera_are_refused(tracked, monkeypatch):
+    scene = tracked()
+
+    def behind(*arguments):
+        start, kept = place_points(*arguments)
+        return replace(start, least_depth=-start.least_depth), kept
+
+    monkeypatch.setattr(bundle, "place_points", behind)
+    with pytest.raises(GeometryError, match="every tracked point behind a camera"):
+        adjust_bundle(scene.tracks, scene.poses, scene.intrinsics, 1.0, refine_focal=False)
+
+
+def test_a_solver_that_gives_up_is_refused(tracked, monkeypatch):
+    scene, helpless = tracked(), SimpleNamespace(solve=lambda: SimpleNamespace(is_solution_usable=lambda: False))
+    monkeypatch.setattr(bundle.pycolmap, "create_default_bundle_adjuster", lambda *_: helpless)
+    with pytest.raises(GeometryError, match="no finite solution"):
+        adjust_bundle(scene.tracks, scene.poses, scene.intrinsics, 1.0, refine_focal=False)

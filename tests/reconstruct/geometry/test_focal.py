@@ -6,7 +6,6 @@ from gs2ci.reconstruct.geometry.focal import (
     default_focal,
     estimate_focal,
     focal_from_view_angle,
-    pinhole,
 )
 from gs2ci.reconstruct.geometry.motion import MotionSettings
 
@@ -15,10 +14,6 @@ SIZE = (240, 320)
 
 def estimate(scene, **settings):
     return estimate_focal(scene.tracks, SIZE, FocalSettings(**settings), MotionSettings())
-
-
-def test_pinhole_has_its_principal_point_in_the_middle():
-    np.testing.assert_array_equal(pinhole(300, SIZE), [[300, 0, 160], [0, 300, 120], [0, 0, 1]])
 
 
 def test_view_angle_and_focal_length_belong_together():

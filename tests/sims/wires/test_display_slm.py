@@ -2,28 +2,19 @@
 
 import struct
 
-import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
 from gs2ci_sims.wires.display_slm import DisplaySlmTwin
-from gs2ci_sims.world import Exposure, World
-
-
-class Dark:
-    """A light path without light."""
-
-    def collect(self, exposure: Exposure) -> NDArray[np.uint16]:
-        return np.zeros((exposure.height, exposure.width), np.uint16)
+from gs2ci_sims.world import World
 
 
 class Host:
     """Frames by hand."""
 
     def __init__(self) -> None:
-        self.world = World(Dark())
+        self.world = World()
         self.twin = DisplaySlmTwin(self.world)
         self.port = self.twin.open()
 

@@ -2,29 +2,20 @@
 
 from errno import EBUSY, ENODEV
 
-import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
 from gs2ci_sims.faults import FaultSet
 from gs2ci_sims.wires.dlpc900 import Dlpc900Twin
-from gs2ci_sims.world import Exposure, World
-
-
-class Dark:
-    """A light path without light."""
-
-    def collect(self, exposure: Exposure) -> NDArray[np.uint16]:
-        return np.zeros((exposure.height, exposure.width), np.uint16)
+from gs2ci_sims.world import World
 
 
 class Host:
     """Reports by hand, typed from the programmer's guide."""
 
     def __init__(self, dmd: int = 5) -> None:
-        self.world = World(Dark())
+        self.world = World()
         self.faults = FaultSet()
         self.twin = Dlpc900Twin(self.world, self.faults, dmd=dmd)
         self.port = self.twin.open()

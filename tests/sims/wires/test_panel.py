@@ -2,20 +2,12 @@
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from gs2ci_sims.faults import FaultSet
 from gs2ci_sims.wires.panel import Out, Panel, Show
-from gs2ci_sims.world import Exposure, World
+from gs2ci_sims.world import World
 
 MASKS = [np.full((2, 3), level, np.uint8) for level in (255, 0, 51)]
-
-
-class Dark:
-    """A light path without light."""
-
-    def collect(self, exposure: Exposure) -> NDArray[np.uint16]:
-        return np.zeros((exposure.height, exposure.width), np.uint16)
 
 
 def transmitted_s(world: World, begin_s: float, end_s: float) -> float:
@@ -27,7 +19,7 @@ def transmitted_s(world: World, begin_s: float, end_s: float) -> float:
 
 
 def test_without_response_time_a_mask_is_there_at_once_as_it_was_given() -> None:
-    world = World(Dark())
+    world = World()
     Panel(world, "p.out", FaultSet()).set(MASKS[2], 255)
     world.clock.sleep_s(1.0)
     (shown,) = world.masks_between(0.0, world.clock.now_s())
@@ -35,7 +27,7 @@ def test_without_response_time_a_mask_is_there_at_once_as_it_was_given() -> None
 
 
 def test_the_response_is_first_order_with_its_time_constant() -> None:
-    world = World(Dark())
+    world = World()
     panel = Panel(world, "p.out", FaultSet(), response_s=0.01)
     begin_s = world.clock.now_s()
     panel.set(MASKS[0], 255)
@@ -50,7 +42,7 @@ def test_the_response_is_first_order_with_its_time_constant() -> None:
 
 
 def test_a_mask_that_comes_before_the_last_has_settled_takes_over() -> None:
-    world = World(Dark())
+    world = World()
     panel = Panel(world, "p.out", FaultSet(), response_s=0.01)
     panel.set(MASKS[0], 255)
     world.clock.sleep_s(0.005)
@@ -63,7 +55,7 @@ def test_a_mask_that_comes_before_the_last_has_settled_takes_over() -> None:
 
 @pytest.mark.parametrize(("out", "rises"), [(Out.NONE, 0), (Out.EXPOSURE, 2), (Out.GATE, 2), (Out.MASK, 6)])
 def test_a_sequence_is_played_with_its_trigger(out: Out, rises: int) -> None:
-    world = World(Dark())
+    world = World()
     panel = Panel(world, "p.out", FaultSet())
     panel.play(Show(MASKS, 255, 1e-3, 1e-4, 5e-4, 2, out), 1e-3)
     begin_s = world.clock.now_s()
@@ -78,7 +70,7 @@ def test_a_sequence_is_played_with_its_trigger(out: Out, rises: int) -> None:
 
 
 def test_stopping_a_gate_lowers_it() -> None:
-    world = World(Dark())
+    world = World()
     panel = Panel(world, "p.out", FaultSet())
     panel.play(Show(MASKS, 255, 1e-3, 0.0, 0.0, 0, Out.GATE), 0.0)
     world.clock.sleep_s(1.5e-3)
@@ -91,7 +83,7 @@ def test_stopping_a_gate_lowers_it() -> None:
 
 @pytest.mark.parametrize(("fault", "rises"), [("panel.pulse_lost", 5), ("panel.pulse_twice", 7)])
 def test_pulses_are_lost_and_doubled_as_told(fault: str, rises: int) -> None:
-    world = World(Dark())
+    world = World()
     faults = FaultSet()
     faults.inject(fault, skip=2)
     Panel(world, "p.out", faults).play(Show(MASKS, 255, 1e-3, 0.0, 0.0, 2, Out.MASK), 0.0)

@@ -2,28 +2,19 @@
 
 import zlib
 
-import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
 from gs2ci_sims.wires.scpi_modulator import ScpiModulatorTwin, ScpiPanel
-from gs2ci_sims.world import Exposure, World
-
-
-class Dark:
-    """A light path without light."""
-
-    def collect(self, exposure: Exposure) -> NDArray[np.uint16]:
-        return np.zeros((exposure.height, exposure.width), np.uint16)
+from gs2ci_sims.world import World
 
 
 class Terminal:
     """A person at a terminal."""
 
     def __init__(self, panel: ScpiPanel | None = None) -> None:
-        self.world = World(Dark())
+        self.world = World()
         self.twin = ScpiModulatorTwin(self.world, panel=panel or ScpiPanel(height=2, width=9))
         self.port = self.twin.open()
 

@@ -17,7 +17,8 @@ from gs2ci_sims.world import Exposure, World
 QUERYCAP, S_FMT, REQBUFS, QUERYBUF = 0x80685600, 0xC0D05605, 0xC0145608, 0xC0585609
 QBUF, DQBUF, STREAMON, STREAMOFF = 0xC058560F, 0xC0585611, 0x40045612, 0x40045613
 S_EXT_CTRLS, QUERY_EXT_CTRL, SUBSCRIBE, DQEVENT = 0xC0205648, 0xC0E85667, 0x4020565A, 0x80885659
-TRIGGER_MODE, PIXEL_RATE = 0x009819F0, 0x009F0902
+G_EXT_CTRLS, SUBDEV_S_FMT = 0xC0205647, 0xC0585605
+TRIGGER_MODE, SINGLE_TRIGGER, PIXEL_RATE, EXPOSURE_AUTO = 0x009819F0, 0x009819F1, 0x009F0902, 0x009A0901
 LINE = "dmd0.out2"
 
 
@@ -102,6 +103,43 @@ def test_wrong_calls_fail_as_the_kernel_fails_them() -> None:
     assert code_of(lambda: twin.read_file("/sys/module/imx296/parameters/trigger_mode")) == "ENOENT"
     assert twin.poll(99, select.POLLIN, 1.0) == select.POLLNVAL
     assert twin.poll(fd, select.POLLIN, 1.0) == select.POLLERR
+
+
+def test_wrong_structures_fail_as_the_kernel_fails_them() -> None:
+    k = Kernel()
+    one = bytearray(32)
+    struct.pack_into("<II", one, 0, 0, 1)
+    struct.pack_into("<Q", one, 24, 0x1000)
+    assert code_of(lambda: k.twin.ioctl(k.fd, S_EXT_CTRLS, one, None)) == "EFAULT"
+    trigger = bytearray(struct.pack("<IIIq", SINGLE_TRIGGER, 0, 0, 0))
+    assert code_of(lambda: k.twin.ioctl(k.fd, G_EXT_CTRLS, one, trigger)) == "EACCES"
+    k.reqbufs(1)
+    assert code_of(lambda: k.twin.ioctl(k.fd, STREAMON, bytearray(struct.pack("<I", 9)))) == "EINVAL"
+    uvc = Kernel(exposure="absolute")
+    assert code_of(lambda: uvc.control(EXPOSURE_AUTO, 2)) == "EINVAL"  # a hole in the menu
+    module = Kernel(trigger="module")
+    assert code_of(lambda: module.twin.write_file("/sys/module/imx296/parameters/trigger_mode", b"2")) == "EINVAL"
+
+
+def test_a_multi_plane_buffer_needs_room_for_its_plane() -> None:
+    k = Kernel(multi_plane=True)
+    k.twin.ioctl(k.fd, REQBUFS, bytearray(struct.pack("<IIIII", 1, 9, 1, 0, 0)))
+    argument = bytearray(88)
+    struct.pack_into("<II", argument, 0, 0, 9)
+    assert code_of(lambda: k.twin.ioctl(k.fd, QUERYBUF, argument)) == "EFAULT"
+
+
+def test_a_sub_device_has_one_pad_and_sets_the_size_of_what_streams() -> None:
+    k = Kernel(on_subdevice=True)
+    sensor = k.twin.open("/dev/v4l-subdev0")
+    wanted = bytearray(88)
+    struct.pack_into("<IIII", wanted, 0, 1, 1, 16, 8)
+    assert code_of(lambda: k.twin.ioctl(sensor, SUBDEV_S_FMT, wanted)) == "EINVAL"
+    struct.pack_into("<IIII", wanted, 0, 1, 0, 16, 8)
+    k.twin.ioctl(sensor, SUBDEV_S_FMT, wanted)
+    k.reqbufs(1)
+    k.buffer(QBUF)
+    assert code_of(lambda: k.stream(STREAMON)) == "EPIPE"
 
 
 def test_buffers_keep_the_rules_of_videobuf2() -> None:

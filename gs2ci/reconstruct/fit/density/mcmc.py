@@ -76,7 +76,7 @@ class Mcmc:
         return Change(whole.map(lambda tensor: tensor[row]), kept)
 
     def shake(self, scene: Gaussians, rate: float, generator: torch.Generator) -> Tensor:
-        """Return a draw from each Gaussian's own covariance, faded out above the opacity at which it is faint."""
+        """Return a draw from each Gaussian's covariance, [G, 3], faded out above the opacity at which it is faint."""
         present = scene.detach()
         fade = torch.sigmoid(_STEEPNESS * (self.transparent - torch.sigmoid(present.opacity_logits)))
         draw = torch.randn(len(scene), 3, generator=generator) * fade[:, None]

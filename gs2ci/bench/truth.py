@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from gs2ci.core.arrays import F32, F64
 from gs2ci.core.errors import InputError
 from gs2ci.rig.simulated import SimulatedBench
 from gs2ci_sims.bench_light import BenchLight
@@ -24,9 +25,6 @@ from gs2ci_sims.effects.prnu import Prnu
 from gs2ci_sims.effects.vignetting import Vignetting
 from gs2ci_sims.rig import Rig as SimulatedRig
 from gs2ci_sims.wires.v4l2_camera import CameraModel
-
-F32 = NDArray[np.float32]
-F64 = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -187,7 +185,7 @@ def truth_of(bench: SimulatedBench, bits: int) -> BenchTruth:
     Raises:
         InputError: The bench's light was put in by a test.
     """
-    light = bench.world.light
-    if not isinstance(light, BenchLight):
+    light = bench.light
+    if light is None:
         raise InputError("a bench without a rendered light has no truth", remedy="build it from a rig file")
     return BenchTruth(light, bench.sensor.model, light.nominal_rig(bits))

@@ -1,9 +1,12 @@
 """What a rule decides on, against its definitions."""
 
+import numpy as np
 import pytest
 import torch
 
-from gs2ci.reconstruct.fit.evidence import Gathering
+from gs2ci.core.records import Shot
+from gs2ci.reconstruct.fit.gathering import Gathering
+from gs2ci.reconstruct.fit.rendering import ShotRenderer
 from gs2ci.render.cpu.backend import CpuBackend
 from gs2ci.render.reference import ReferenceBackend
 
@@ -18,7 +21,8 @@ def poses(views):
 
 
 def gathering(masks, count, backend=None):
-    return Gathering(backend or CpuBackend(), masks, INTRINSICS, count)
+    shot = Shot(np.zeros((*SIZE, 3), np.float32), masks.numpy(), np.ones(len(masks), np.float32))
+    return Gathering(ShotRenderer(shot, INTRINSICS.numpy(), backend or CpuBackend()), count)
 
 
 def shared_evidence(gathered, scene, error=None):
@@ -26,7 +30,9 @@ def shared_evidence(gathered, scene, error=None):
         assert error is not None
         return error
 
-    return gathered.evidence(scene, poses(len(gathered._masks)), look_up, extent=0.3, cap=7, iteration=11)
+    return gathered.evidence(
+        scene, poses(len(gathered._renderer.transmissions)), look_up, extent=0.3, cap=7, iteration=11
+    )
 
 
 def test_a_share_of_open_pixels_does_not_change_the_unit_of_gradients(scattered):

@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from gs2ci.reconstruct.fit.density.base import Evidence
-from gs2ci.render.backend import Backend
+from gs2ci.reconstruct.fit.rendering import ShotRenderer
 from gs2ci.render.gaussians import Gaussians
 from gs2ci.render.screen import ScreenStatistics
 
@@ -19,16 +19,13 @@ class Gathering:
     """Keeps the record of the screen, and knows in which unit rules want it.
 
     Args:
-        backend: The renderer.
-        masks: Mask value times slot weight, [N, H, W].
-        intrinsics: Camera matrix, [3, 3].
+        renderer: Renders for the shot.
         count: Number of Gaussians at the start.
     """
 
-    def __init__(self, backend: Backend, masks: Tensor, intrinsics: Tensor, count: int) -> None:
-        self._backend = backend
-        self._masks = masks
-        self._intrinsics = intrinsics
+    def __init__(self, renderer: ShotRenderer, count: int) -> None:
+        self._renderer = renderer
+        masks = renderer.transmissions
         # A view that opens a quarter of the pixels of a mean over all receives a quarter of the gradient that the
         # rules' thresholds were found with, on photographs.
         self._per_open_share = 1.0 / max(float(masks.mean()), torch.finfo(masks.dtype).tiny)
@@ -60,7 +57,7 @@ class Gathering:
         """
         return Evidence(
             screen_gradient=self.screen.mean_gradient() * self._per_open_share,
-            screen_radius=self.screen.radius_px / max(self._masks.shape[1:]),
+            screen_radius=self.screen.radius_px / max(self._renderer.size),
             blended_error=lambda: self._blended(scene.detach(), world_to_camera.detach(), error()),
             extent=extent,
             cap=cap,
@@ -75,9 +72,8 @@ class Gathering:
         """
         views = len(world_to_camera)
         colours = torch.zeros(views, len(scene), 3, requires_grad=True)
-        size = (int(error.shape[0]), int(error.shape[1]))
-        images, _ = self._backend.views(scene, world_to_camera, self._intrinsics, size, colours=colours)
-        open_pixels = (self._masks > 0).to(images.dtype)
+        images, _ = self._renderer.images(scene, world_to_camera, colours)
+        open_pixels = (self._renderer.transmissions > 0).to(images.dtype)
         torch.autograd.backward((images[..., 0] * open_pixels * error.to(images.dtype)).sum())
         assert colours.grad is not None
         return colours.grad[..., 0].amax(dim=0)

@@ -12,11 +12,11 @@ from typing import Any, Final
 
 import numpy as np
 
+from gs2ci.bench.truth import BenchTruth, truth_of
 from gs2ci.rig.calibrating import bench_of, operator_of
 from gs2ci.rig.config import RigTable
 from gs2ci.rig.opening import Rig
 from gs2ci.rig.simulated import build_bench
-from gs2ci.rig.truth import BenchTruth, truth_of
 from gs2ci_calibration.bench import Bench
 from gs2ci_calibration.estimates import Section
 from gs2ci_calibration.refusals import Reason

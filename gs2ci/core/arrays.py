@@ -1,0 +1,14 @@
+"""The types of arrays by their short names; shapes and units stand in the docstring beside them.
+
+Anyone may import this file.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+F32 = NDArray[np.float32]
+F64 = NDArray[np.float64]
+U8 = NDArray[np.uint8]
+U16 = NDArray[np.uint16]
+U32 = NDArray[np.uint32]
+Bool = NDArray[np.bool_]

@@ -1,0 +1,30 @@
+"""What everybody needs of cameras: the matrix of an ideal one, where they stand, and two ways to call their axes.
+
+Here: numpy alone. Not here: lenses that distort (`gs2ci.core.lens`), checks (`gs2ci.core.records`), paths compared
+(`gs2ci.evaluate.trajectory`). Anyone may import this file.
+"""
+
+from typing import Final
+
+import numpy as np
+
+from gs2ci.core.arrays import F64
+
+# nerfstudio and OpenGL look along −z with y up; OpenCV and COLMAP look along +z with y down. Its own inverse.
+OPENCV_FROM_OPENGL: Final = np.diag([1.0, -1.0, -1.0, 1.0])
+
+
+def pinhole(focal_px: float, size: tuple[int, ...]) -> F64:
+    """Make the camera matrix, [3, 3], of square pixels with the principal point in the middle of the image.
+
+    Args:
+        focal_px: Focal length in px.
+        size: Height and width in px; pixel centres lie at +0.5.
+    """
+    height, width = size
+    return np.array([[focal_px, 0, width / 2], [0, focal_px, height / 2], [0, 0, 1.0]])
+
+
+def camera_centres(world_to_camera: F64) -> F64:
+    """Return where cameras stand in the world, [N, 3], in its unit, from their poses, [N, 4, 4]."""
+    return np.asarray(np.linalg.inv(world_to_camera)[:, :3, 3], np.float64)

@@ -1,0 +1,25 @@
+"""The words and limits by which a user chooses settings: what a command line needs to know of a reconstruction.
+
+Here: names alone, so that help and refusals need not wait for the libraries that do the work. Not here: what a name
+stands for (`presets`, `proxies.routing`, `fit.rules`, `onnx_models`). `gs2ci.reconstruct` and everybody above it may
+import this file; it imports nothing of ours.
+"""
+
+from typing import Final, Literal, get_args
+
+PresetName = Literal["draft", "standard", "fine", "paper"]
+
+PoseSource = str
+"""auto, tracks, stage, file:PATH, vggt or vggt:FILE."""
+
+ProxyName = Literal["gap-tv", "eni", "amdi"]
+
+DecodeMethod = Literal["gap-tv", "pnp-gap", "pnp-admm", "proxies", "eni", "amdi"]
+
+RuleName = Literal["osgr", "adc", "mcmc", "revised"]
+
+ModelName = Literal["vggt", "difix", "lpips"]
+MODEL_NAMES: Final = get_args(ModelName)
+
+MOST_FITS: Final = 64
+"""Each holds a scene and its optimiser's state; what more of them would gain is not worth the memory."""

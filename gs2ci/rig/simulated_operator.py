@@ -1,0 +1,46 @@
+"""Somebody who sets things up before the camera of a simulated bench, as calibration asks for.
+
+Here: the operator. Not here: the one at a terminal (`gs2ci.rig.calibrating`), the world (`simulated`). Only
+`gs2ci.rig.calibrating` imports this file, and only for a bench of twins.
+"""
+
+from gs2ci.core.errors import InputError
+from gs2ci.rig.config import WorldTable
+from gs2ci.rig.simulated import SimulatedBench
+from gs2ci_calibration.bench import BoardSpec, Setup
+from gs2ci_sims.targets import BoardPlane
+
+
+class SimulatedOperator:
+    """Puts things before the camera of a simulated bench.
+
+    Args:
+        bench: Whose world.
+        table: The rig's [world].
+        board: The board that it has at hand.
+    """
+
+    def __init__(self, bench: SimulatedBench, table: WorldTable, board: BoardSpec) -> None:
+        light = bench.light
+        if light is None:
+            raise InputError("this simulated bench has no light to calibrate by", remedy="build it from a rig file")
+        self._light = light
+        self._table = table
+        unit = table.scene_units_per_mm
+        self._board = BoardPlane(
+            board.columns, board.rows, board.square_mm * unit, board.marker_mm * unit, board.dictionary
+        )
+
+    def please(self, setup: Setup, index: int) -> None:
+        """Set up what is asked for, or what [world] `always` says instead."""
+        match Setup(self._table.always or setup):
+            case Setup.DARK:
+                self._light.look_at_nothing()
+            case Setup.FLAT:
+                self._light.look_at_even_light(self._table.flat_radiance)
+            case Setup.BOARD:
+                self._light.look_at_board(self._board, index)
+            case Setup.FIXED_BOARD:
+                self._light.look_at_board(self._board, index, fixed=True)
+            case Setup.SCENE:
+                self._light.look_at_scene()
