@@ -47,8 +47,9 @@ def run(
         index: Which shot of the file.
         geometry: Where the first poses come from: "tracks" finds them in the decoded views, "stage" takes those that
             the stage reported, "file:PATH" those of a COLMAP model's folder or a transforms.json, "vggt" (or
-            "vggt:FILE") those that a model of yours predicts; "auto" takes the stage's where there are any and the
-            measurement does not speak against them, else the tracks'. The fit refines them in any case.
+            "vggt:FILE") those that a model of yours predicts, "uniform" seeks an even motion without tracks; "auto"
+            takes the stage's where there are any and the measurement does not speak against them, else the tracks',
+            else an even motion. The fit refines them in any case.
         proxy: The views that the geometry is found in: decoded by "gap-tv", or "eni" or "amdi", the paper's proxies.
         preset: How far to go: "draft" is a first look, "standard" the default, "fine" takes several times as long and
             ends with the fine stage, "paper" is the schedule of the GS2CI paper, 20,000 iterations without held-out

@@ -10,7 +10,7 @@ from typing import Final, Literal, get_args
 PresetName = Literal["draft", "standard", "fine", "paper"]
 
 PoseSource = str
-"""auto, tracks, stage, file:PATH, vggt or vggt:FILE."""
+"""auto, tracks, stage, uniform, file:PATH, vggt or vggt:FILE."""
 
 ProxyName = Literal["gap-tv", "eni", "amdi"]
 

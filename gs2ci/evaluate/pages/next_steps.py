@@ -222,10 +222,17 @@ def loose_tracks(report: Report) -> Step | None:
 
 
 def uncertain_path(report: Report) -> Step | None:
-    """The tracks leave the camera path open, however well they are explained."""
+    """The tracks leave the camera path open, however well they are explained; or there are too few to tell."""
     geometry = _geometry(report)
     if not _path_is_uncertain(report):
         return None
+    if _path_is_untracked(report):
+        return Step(
+            "Do not rely on the camera path",
+            "Too few points could be followed to find it, so that it began as the uniform motion by which the "
+            "measurement is explained best. More light, fewer masks in one exposure, or a stage that reports its poses "
+            "helps.",
+        )
     count, error = describe_number(geometry.get("tracks")), geometry["path_error_expected"]
     return Step(
         "Do not rely on the camera path",
@@ -307,8 +314,15 @@ def _ran_away(report: Report) -> bool:
     return re.match(r"numbers ran away", str(report["stopped_because"])) is not None
 
 
+def _path_is_untracked(report: Report) -> bool:
+    """Tell whether the path is one that no tracked points bear out and nobody reported."""
+    return _geometry(report).get("method") == "uniform"
+
+
 def _path_is_uncertain(report: Report) -> bool:
-    """Tell whether the path is expected to err by more than the run's own criterion allows."""
+    """Tell whether the path is expected to err by more than the run's own criterion allows, or nobody can tell."""
+    if _path_is_untracked(report):
+        return True
     settings = _mapping(_mapping(report.get("settings")).get("geometry"))
     error, most = _geometry(report).get("path_error_expected"), _mapping(settings.get("criteria")).get("path_error")
     return isinstance(error, int | float) and isinstance(most, int | float) and error > most

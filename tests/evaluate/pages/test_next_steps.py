@@ -116,6 +116,8 @@ def test_a_path_is_doubted_from_where_its_run_doubted_it():
     assert module.uncertain_path(report(geometry__path_error_expected=most + 0.001, **doubted)) is not None
     assert module.uncertain_path(report(geometry__path_error_expected=None)) is None
     assert module.uncertain_path(report(geometry__path_error_expected=0.5, settings={})) is None
+    untracked = module.uncertain_path(report(geometry__path_error_expected=None, geometry__method="uniform"))
+    assert "Too few points could be followed" in untracked.because
 
 
 def test_commands_are_ours():
@@ -178,6 +180,7 @@ def test_the_mean_at_the_end_of_the_curve_is_no_look_of_the_fit():
         ({"geometry__verdict": "unsupported"}, "Views, no depth", "mixed"),
         ({"stopped_because": "numbers ran away 4 times; kept the state of iteration 50"}, "With doubts", "mixed"),
         ({"geometry__path_error_expected": 0.1}, "With doubts", "mixed"),
+        ({"geometry__method": "uniform", "geometry__path_error_expected": None}, "With doubts", "mixed"),
         ({"verdict": "decode"}, "Views only", "poor"),
     ],
 )
