@@ -16,12 +16,12 @@ from gs2ci.core.progress import Silent
 from gs2ci.core.records import Shot
 from gs2ci.evaluate.trajectory import trajectory_errors
 from gs2ci.reconstruct.decode.gap_tv import gap_tv
-from gs2ci.reconstruct.fit.stopping import Jury, choose_heldout
 from gs2ci.reconstruct.geometry.direct import Direct
 from gs2ci.reconstruct.geometry.evidence import unexplained
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.geometry.prior import Request, from_tracks
 from gs2ci.reconstruct.geometry.sources import uniform_motion
+from gs2ci.reconstruct.jury import Jury
 from gs2ci.reconstruct.settings import Settings
 from tests.stability.benches import Bench, ahead, still, turning
 
@@ -46,7 +46,7 @@ def run() -> None:
 
 def _found(shot: Shot) -> str:
     settings = Settings()
-    seen = Jury(shot, choose_heldout(shot, settings.fit.hold_out.share, SEED)).seen
+    seen = Jury.of(shot, settings.fit.hold_out.share, SEED).seen
     request = Request.of(seen, gap_tv(seen, settings.decode, Silent()), settings.geometry, None)
     tracks = from_tracks(request, Silent())
     uniform = uniform_motion(request, tracks)
