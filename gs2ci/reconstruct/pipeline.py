@@ -1,7 +1,7 @@
 """From one coded measurement to views, camera path and Gaussian scene: the whole way on one page.
 
-    hold out some pixels ─► first look (decode, geometry, brightness) ─► first Gaussians ─► coarse fits (─► fine fit)
-    ─► their mean ─► residual ─► judge by the held-out
+    hold out some pixels ─► first look (decode, geometry, brightness) ─► first Gaussians ─► coarse fits (─► second look
+    ─► coarse fits) (─► fine fit) ─► their mean ─► residual ─► judge by the held-out
 
 Here: the order, the clock, and the judgement. Not here: any stage itself, its settings (`settings`), the record that is
 handed over (`record`), files and metrics (`gs2ci.evaluate`). Whoever
@@ -39,6 +39,7 @@ from gs2ci.reconstruct.lens import Lens, straightened
 from gs2ci.reconstruct.metric import in_given_unit
 from gs2ci.reconstruct.one_thread import one_torch_thread
 from gs2ci.reconstruct.record import Left, Recovered, record
+from gs2ci.reconstruct.second_look import is_wanted, second_look
 from gs2ci.reconstruct.settings import Settings
 from gs2ci.render.backend import Backend, load_backend
 from gs2ci.render.gaussians import Gaussians
@@ -93,17 +94,26 @@ def reconstruct(
 
     first = look(jury, lens, tools.geometry_prior, settings.look, progress, clock.lap)
     jury, decoded = first.jury, first.decoded
-    geometry, start = _beginning(first, lens, settings)
-    clock.lap("geometry")
-
     fitted = Jury(fill_holes(jury.shot, decoded), jury.heldout)
     refine = Refinement(jury, settings.residual)
 
-    fit_one = _fit_one(fitted, geometry, lens, settings, refine, score, clock)
-    fits = fit_together(fit_one, members(start, settings.density_rules, settings.fits, settings.seed), progress, pace)
+    def attempt(look: FirstLook, views: F32) -> _Attempt:
+        geometry, start = _beginning(look, views, lens, settings)
+        clock.lap("geometry")
+        fit_one = _fit_one(fitted, geometry, lens, settings, refine, score, clock)
+        team = members(start, settings.density_rules, settings.fits, settings.seed)
+        fits = fit_together(fit_one, team, progress, pace)
+        clock.lap("fit")
+        return _Attempt(look, geometry, fits)
+
+    tried = attempt(first, decoded)
+    if pace is None and settings.may_look_again and is_wanted(first.geometry, settings.geometry.criteria):
+        views = refine(combined(tried.fits, jury, refine).views)
+        again = second_look(first, views, lens, settings.look, progress)
+        tried = tried if again is None else _better(tried, attempt(again, views), jury, refine)
+    geometry, fits = tried.geometry, tried.fits
     renderer = ShotRenderer(fitted.shot, geometry.intrinsics, through(lens, tools.backend))
     if tools.fine is not None:
-        clock.lap("fit")
         best = combined(fits, jury, refine).best
         fined = fit_fine(
             fitted, best, renderer, tools.fine, settings.seed, refine.in_full, progress, score, clock.began_s
@@ -115,7 +125,7 @@ def reconstruct(
     geometry, ensemble = in_given_unit(geometry, ensemble)
     depth = renderer.depths(ensemble.best.scene, ensemble.best.world_to_camera)
     clock.lap("fit")
-    left = Left(doubts, first, geometry, ensemble, depth, recovered)
+    left = Left(doubts, tried.look, geometry, ensemble, depth, recovered)
     return Reconstruction(record(shot, settings, left, score, clock.seconds()), ensemble.best.scene)
 
 
@@ -134,6 +144,21 @@ class _Tools:
         return cls(backend, fine, load_geometry_prior(settings.poses))
 
 
+@dataclass(frozen=True)
+class _Attempt:
+    """Fits, and the look and the geometry that they began with."""
+
+    look: FirstLook
+    geometry: Geometry
+    fits: tuple[CoarseFit, ...]
+
+
+def _better(first: _Attempt, second: _Attempt, jury: Jury, refine: Refinement) -> _Attempt:
+    """Return the attempt whose refined views predict the held-out pixels better."""
+    one, other = (jury.residual_rms(refine(combined(tried.fits, jury, refine).views)) for tried in (first, second))
+    return second if one is not None and other is not None and other < one else first
+
+
 def _examined(shot: Shot, progress: Progress) -> tuple[Shot, tuple[str, ...]]:
     """Return the shot with its dead lines and hot pixels closed, and what is to be doubted about it."""
     alive, dead = close_dead_lines(shot)
@@ -144,9 +169,16 @@ def _examined(shot: Shot, progress: Progress) -> tuple[Shot, tuple[str, ...]]:
     return sound, doubts
 
 
-def _beginning(first: FirstLook, lens: Lens | None, settings: Settings) -> tuple[Geometry, Gaussians]:
-    """Return poses, and the Gaussians to start from, as far as the settings do not withhold them."""
-    geometry, views = first_poses(first.geometry, settings.withheld), straightened(first.decoded, lens)
+def _beginning(look: FirstLook, views: F32, lens: Lens | None, settings: Settings) -> tuple[Geometry, Gaussians]:
+    """Return poses, and the Gaussians to start from, as far as the settings do not withhold them.
+
+    Args:
+        look: What was found.
+        views: They give the Gaussians their colours, [N, H, W, C].
+        lens: The shot's.
+        settings: What is withheld, and how far apart the Gaussians begin.
+    """
+    geometry, views = first_poses(look.geometry, settings.withheld), straightened(views, lens)
     start = first_gaussians(first_points(geometry, views, settings.stride_px, settings.withheld, settings.seed))
     # What is fitted and handed over counts the sensor's pixels, and no longer the canvas's.
     return (geometry if lens is None else replace(geometry, intrinsics=lens.intrinsics)), start

@@ -47,6 +47,8 @@ class Settings:
         backend: The renderer.
         raster: What the renderer may leave out for speed.
         brightness: Of the views' brightness, where the weights are wrong.
+        look_again: Whether a doubtful first path is sought again in the fitted views, and fitted once more
+            (`second_look`). Not within a budget.
         seed: Of every random draw.
     """
 
@@ -64,12 +66,18 @@ class Settings:
     backend: str = "cpu"
     raster: RasterSettings = field(default_factory=lambda: RasterSettings(relist_every=_RELIST_EVERY))
     brightness: BrightnessSettings = field(default_factory=BrightnessSettings)
+    look_again: bool = True
     seed: int = 42
 
     @property
     def look(self) -> LookSettings:
         """Get the settings of all that comes before the fit."""
         return LookSettings(self.proxy, self.decode, self.geometry, self.brightness)
+
+    @property
+    def may_look_again(self) -> bool:
+        """Get whether a second look may be taken: held-out pixels can judge it, nothing of the first is withheld."""
+        return self.look_again and self.fit.hold_out.share > 0 and self.withheld == Withheld()
 
     @property
     def density_rules(self) -> tuple[DensityRule, ...]:

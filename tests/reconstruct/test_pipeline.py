@@ -19,6 +19,7 @@ from gs2ci.reconstruct.decode.residual import ResidualSettings
 from gs2ci.reconstruct.fit.coarse import CoarseSettings
 from gs2ci.reconstruct.fit.fine import FineSettings
 from gs2ci.reconstruct.fit.losses import LossWeights
+from gs2ci.reconstruct.fit.pace import Fixed
 from gs2ci.reconstruct.fit.stopping import HoldOut
 from gs2ci.reconstruct.geometry.initialise import GeometrySettings
 from gs2ci.reconstruct.geometry.sweep import SweepSettings
@@ -33,6 +34,7 @@ QUICK = Settings(
     fit=CoarseSettings(iterations=300, densify_every=50, hold_out=HoldOut(look_every=20)),
     fits=1,
     poses="tracks",
+    look_again=False,
     seed=1,
 )
 SHORT = replace(QUICK, fit=replace(QUICK.fit, iterations=60, densify_every=20), fits=2)
@@ -448,6 +450,23 @@ def test_poses_that_the_views_do_not_bear_out_are_said_to_be_left_out(shot):
     notes = reconstruct(dark, settings).result.notes
     assert any("poses of the stage were not taken" in note for note in notes)
     assert not any("moved the poses" in note for note in notes)
+
+
+def test_a_second_look_is_handed_over_where_held_out_pixels_prefer_it(shot, found_soon):
+    """Every path is doubtful by this criterion; the first attempt is that of `found_soon`."""
+    strict = replace(SHORT.geometry, criteria=replace(SHORT.geometry.criteria, path_error=0.0))
+    again = reconstruct(shot, replace(SHORT, look_again=True, geometry=strict)).result
+    before, after = (min(one.heldout_rms.values()) for one in (found_soon.result, again))
+    assert after <= before
+    assert any("found again in the views of a first fit" in note for note in again.notes) == (after < before)
+    assert again.geometry["path_error_expected"] == found_soon.result.geometry["path_error_expected"]
+
+
+def test_a_budget_leaves_no_time_for_a_second_look(shot, monkeypatch):
+    monkeypatch.setattr(pipeline, "second_look", lambda *_: pytest.fail("looked again"))
+    strict = replace(SHORT.geometry, criteria=replace(SHORT.geometry.criteria, path_error=0.0))
+    settings = replace(SHORT, look_again=True, geometry=strict, fit=replace(SHORT.fit, iterations=2))
+    assert reconstruct(shot, settings, pace=Fixed(2)).result.views.shape == shot.truth.views.shape
 
 
 def test_a_choice_by_evidence_is_explained_in_the_notes(shot):

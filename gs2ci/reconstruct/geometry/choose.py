@@ -96,14 +96,14 @@ class Auto:
     def __call__(self, request: Request, progress: Progress) -> Geometry:
         """Find the geometry; see `GeometryPrior`."""
         tracks = FromTracks()(request, progress)
-        names, lost = tuple(_sources(request)), _lost(tracks, request.settings.criteria)
-        if names == (_TRACKS,) and not lost:
+        names, doubtful = tuple(_sources(request)), is_doubtful(tracks, request.settings.criteria)
+        if names == (_TRACKS,) and not doubtful:
             return tracks
         answers = [
             _judged(request, _TRACKS, tracks) if name == _TRACKS else _asked(request, name, progress) for name in names
         ]
         standing = _standing(answers)
-        if lost and (standing is None or standing is tracks):
+        if doubtful and (standing is None or standing is tracks):
             answers.append(_judged(request, "uniform motion", uniform_motion(request, tracks)))
             standing = _standing(answers)
         chosen = tracks if standing is None else standing
@@ -117,9 +117,13 @@ class Auto:
         return replace(chosen, notes=(*notes, *chosen.notes))
 
 
-def _lost(tracks: Geometry, criteria: Criteria) -> bool:
-    """Tell whether tracks give no path, or one that halves of them do not bear out."""
-    return tracks.verdict == "unsupported" or bool(doubts_about_path(tracks.path_error_expected, criteria))
+def is_doubtful(geometry: Geometry, criteria: Criteria) -> bool:
+    """Tell whether nothing bears out a path: there is none, or halves of the tracks disagree, or none were asked."""
+    return (
+        geometry.verdict == "unsupported"
+        or geometry.source == _UNIFORM
+        or bool(doubts_about_path(geometry.path_error_expected, criteria))
+    )
 
 
 def _standing(answers: Sequence[_Answer]) -> Geometry | None:

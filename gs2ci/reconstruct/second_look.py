@@ -1,0 +1,57 @@
+"""A doubtful first path, sought once more in the views of a fit.
+
+    first look ─► fits ─► second look ─► fits ─► the better of both
+
+Decoded views are poor where masks are many or light is little, and so is a path that is found in them. The views of a
+fit, refined by its residual, are far better: in them points can be followed that the decode had drowned. Here: when to
+look again, and what is found. Not here: the fits and the choice between them (`pipeline`). For
+`gs2ci.reconstruct.pipeline`.
+"""
+
+from dataclasses import replace
+from typing import Final
+
+from gs2ci.core.arrays import F32
+from gs2ci.core.progress import Progress
+from gs2ci.reconstruct.first_look import FirstLook, LookSettings
+from gs2ci.reconstruct.geometry.choose import is_doubtful
+from gs2ci.reconstruct.geometry.initialise import Geometry
+from gs2ci.reconstruct.geometry.prior import Request, from_tracks
+from gs2ci.reconstruct.geometry.validity import Criteria
+from gs2ci.reconstruct.lens import Lens
+
+_AGAIN: Final = "The first camera path was doubtful; it was found again in the views of a first fit, and fitted again."
+
+
+def is_wanted(first: Geometry, criteria: Criteria) -> bool:
+    """Tell whether a first geometry is worth a second look: it found a path, which nothing bears out."""
+    return first.verdict == "full" and is_doubtful(first, criteria)
+
+
+def second_look(
+    first: FirstLook, views: F32, lens: Lens | None, settings: LookSettings, progress: Progress
+) -> FirstLook | None:
+    """Find the geometry again in fitted views; None where they show none.
+
+    Whatever tracks say of such views, they say of a scene that was fitted along the first path: that halves of them
+    agree proves nothing. So the doubts of the first path stay.
+
+    Args:
+        first: What was found in the decoded views.
+        views: Those of a fit, refined, [N, H, W, C].
+        lens: Through which the measurement was taken, unless it is a pinhole.
+        settings: Of the stages before a fit.
+        progress: Told of every step.
+    """
+    before = first.geometry
+    progress.say("The camera path is doubtful: it is sought again in the views of the fit.")
+    found = from_tracks(Request.of(first.jury.seen, views, settings.geometry, lens), progress)
+    if found.verdict != "full":
+        return None
+    geometry = replace(
+        found,
+        source=before.source,
+        path_error_expected=before.path_error_expected,
+        notes=(*before.notes, _AGAIN),
+    )
+    return replace(first, geometry=geometry)
