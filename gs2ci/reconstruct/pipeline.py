@@ -107,7 +107,7 @@ def reconstruct(
         return _Attempt(look, geometry, fits)
 
     tried = attempt(first, decoded)
-    if pace is None and settings.may_look_again and is_wanted(first.geometry, settings.geometry.criteria):
+    if pace is None and settings.may_look_again and is_wanted(first.geometry, settings.geometry):
         views = refine(combined(tried.fits, jury, refine).views)
         again = second_look(first, views, lens, settings.look, progress)
         tried = tried if again is None else _better(tried, attempt(again, views), jury, refine)

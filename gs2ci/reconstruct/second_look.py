@@ -15,17 +15,16 @@ from gs2ci.core.arrays import F32
 from gs2ci.core.progress import Progress
 from gs2ci.reconstruct.first_look import FirstLook, LookSettings
 from gs2ci.reconstruct.geometry.choose import is_doubtful
-from gs2ci.reconstruct.geometry.initialise import Geometry
+from gs2ci.reconstruct.geometry.initialise import Geometry, GeometrySettings
 from gs2ci.reconstruct.geometry.prior import Request, from_tracks
-from gs2ci.reconstruct.geometry.validity import Criteria
 from gs2ci.reconstruct.lens import Lens
 
 _AGAIN: Final = "The first camera path was doubtful; it was found again in the views of a first fit, and fitted again."
 
 
-def is_wanted(first: Geometry, criteria: Criteria) -> bool:
+def is_wanted(first: Geometry, settings: GeometrySettings) -> bool:
     """Tell whether a first geometry is worth a second look: it found a path, which nothing bears out."""
-    return first.verdict == "full" and is_doubtful(first, criteria)
+    return first.verdict == "full" and is_doubtful(first, settings.criteria)
 
 
 def second_look(

@@ -9,8 +9,7 @@ from gs2ci.core.progress import Silent
 from gs2ci.core.records import Shot
 from gs2ci.reconstruct.first_look import FirstLook, LookSettings
 from gs2ci.reconstruct.fit.withheld import Withheld
-from gs2ci.reconstruct.geometry.initialise import Geometry
-from gs2ci.reconstruct.geometry.validity import Criteria
+from gs2ci.reconstruct.geometry.initialise import Geometry, GeometrySettings
 from gs2ci.reconstruct.jury import Jury
 from gs2ci.reconstruct.second_look import is_wanted, second_look
 from gs2ci.reconstruct.settings import Settings
@@ -46,7 +45,7 @@ def geometry(**parts):
     ],
 )
 def test_a_path_that_nothing_bears_out_is_worth_a_second_look(parts, wanted):
-    assert is_wanted(geometry(**parts), Criteria()) is wanted
+    assert is_wanted(geometry(**parts), GeometrySettings()) is wanted
 
 
 def test_it_is_left_out_where_nothing_could_judge_it_or_parts_are_withheld():

@@ -97,8 +97,11 @@ class Direct:
 
         Returns:
             The geometry; a camera that only turned, with its reason, where that explains about as much; a camera at
-            rest, unsupported, where nothing explains clearly more.
+            rest, unsupported, where nothing explains clearly more, or there is one view alone.
         """
+        at_rest = replace(self._at_rest, notes=(*self._at_rest.notes, PLANE_NOTE))
+        if len(self._request.views) < 2:
+            return at_rest
         first = {way: self._least(self._motion(np.array(way)), _NEAREST_AT_FIRST) for way in _DIRECTIONS}
         way = min(first, key=lambda one: first[one])
         turn, turned = self._turned()
@@ -112,7 +115,7 @@ class Direct:
                 self._at_rest, world_to_camera=self._motion(np.zeros(3), turn), verdict="rotation_only"
             )
             return replace(only_turned, notes=(*only_turned.notes, _TURNED, PLANE_NOTE))
-        return replace(self._at_rest, notes=(*self._at_rest.notes, PLANE_NOTE))
+        return at_rest
 
     def _refined(self, way: F64) -> tuple[F64, float]:
         """Search the uniform motion about a direction; return its poses, and what they leave."""

@@ -98,6 +98,16 @@ def test_a_camera_that_stayed_is_left_at_rest(trackless):
     assert still.notes[-1] == PLANE_NOTE
 
 
+def test_one_view_moves_nowhere(trackless, expose):
+    scene, request, found = trackless()
+    alone = replace(scene, views=scene.views[:1], poses=scene.poses[:1])
+    request = Request(expose(alone), alone.views, TRACKLESS)
+    found = initialise(alone.views, scene.intrinsics, TRACKLESS)
+    assert Direct(request, found).along(alone.poses) is None
+    still = Direct(request, found).uniform()
+    assert (still.verdict, still.notes[-1]) == ("unsupported", PLANE_NOTE)
+
+
 def test_a_lens_and_a_mosaic_are_seen_through(trackless):
     """The picture is not bent: only that the canvas and the mosaic's pixels are gone through is looked at."""
     scene, request, found = trackless()
