@@ -69,8 +69,9 @@ FITS: Final[dict[str, Change]] = {
     "one generous fit": partial(_with_osgr, Osgr.generous()),
     "two sparing fits": lambda settings: replace(settings, second_density=None),
     "four fits": lambda settings: replace(settings, fits=4),
+    "one look": lambda settings: replace(settings, look_again=False),
 }
-"""How many fits are averaged, and how they differ."""
+"""How many fits are averaged, how they differ, and whether a doubtful path is sought twice."""
 
 FINE: Final[dict[str, Change]] = {
     "fine": partial(_one_fit_with, fine=FineSettings()),
