@@ -1,8 +1,7 @@
 """One piece of work: what is done, with which arguments, and the row of figures that comes out.
 
 Here: `Cell`, and doing one. Not here: what is done (`works`), who does it (`workers`), keeping it (`store`), which
-cells are needed (`tables`). For this package
-and the commands.
+cells are needed (`tables`). For this package and the commands.
 """
 
 import time

@@ -67,13 +67,13 @@ class Lens:
         if shot.distortion is None or shot.intrinsics is None:
             return None
         intrinsics, coefficients = shot.intrinsics.astype(np.float64), shot.distortion.astype(np.float64)
-        pixels = _centres(shot.size)
+        pixels = pixel_centres(shot.size)
         places = pixels_of(undistorted(slopes_of(pixels, intrinsics), coefficients), intrinsics)
         if np.abs(places - pixels).max() <= LEAST_SHIFT_PX:
             return None
         _check_canvas(places, shot.size)
         sampling = Sampling.around(places, _BORDER_PX)
-        rays = slopes_of(_centres(sampling.canvas) + sampling.origin, intrinsics)
+        rays = slopes_of(pixel_centres(sampling.canvas) + sampling.origin, intrinsics)
         seen_at = pixels_of(distorted(rays, coefficients), intrinsics)
         frame = np.array([shot.size[1], shot.size[0]], np.float64)
         seen_at = np.clip(seen_at, -frame, 2 * frame)  # farther outside, a coordinate says nothing more
@@ -112,7 +112,7 @@ def _check_canvas(places: F64, size: tuple[int, int]) -> None:
         )
 
 
-def _centres(size: tuple[int, int]) -> F64:
+def pixel_centres(size: tuple[int, int]) -> F64:
     """List the pixel centres of an image as (x, y), [H, W, 2]."""
     rows, columns = np.mgrid[: size[0], : size[1]] + 0.5
     return np.stack([columns, rows], axis=-1)

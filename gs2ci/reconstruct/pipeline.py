@@ -103,24 +103,26 @@ def reconstruct(
         fit_one = _fit_one(fitted, geometry, lens, settings, refine, score, clock)
         team = members(start, settings.density_rules, settings.fits, settings.seed)
         fits = fit_together(fit_one, team, progress, pace)
+        ensemble = combined(fits, jury, refine)
         clock.lap("fit")
-        return _Attempt(look, geometry, fits)
+        return _Attempt(look, geometry, fits, ensemble)
 
     tried = attempt(first, decoded)
     if pace is None and settings.may_look_again and is_wanted(first.geometry, settings.geometry):
-        views = refine(combined(tried.fits, jury, refine).views)
+        views = refine(tried.ensemble.views)
         again = second_look(first, views, lens, settings.look, progress)
-        tried = tried if again is None else _better(tried, attempt(again, views), jury, refine)
-    geometry, fits = tried.geometry, tried.fits
+        if again is not None:
+            second = attempt(again, views)
+            tried = second if _is_better(refine(second.ensemble.views), views, jury) else tried
+    geometry, ensemble = tried.geometry, tried.ensemble
     renderer = ShotRenderer(fitted.shot, geometry.intrinsics, through(lens, tools.backend))
     if tools.fine is not None:
-        best = combined(fits, jury, refine).best
+        best = ensemble.best
         fined = fit_fine(
             fitted, best, renderer, tools.fine, settings.seed, refine.in_full, progress, score, clock.began_s
         )
-        fits = tuple(fined if fit is best else fit for fit in fits)
+        ensemble = combined(tuple(fined if fit is best else fit for fit in tried.fits), jury, refine)
         clock.lap("fine")
-    ensemble = combined(fits, jury, refine)
     recovered = _recover(jury, decoded, ensemble, refine)
     geometry, ensemble = in_given_unit(geometry, ensemble)
     depth = renderer.depths(ensemble.best.scene, ensemble.best.world_to_camera)
@@ -151,12 +153,13 @@ class _Attempt:
     look: FirstLook
     geometry: Geometry
     fits: tuple[CoarseFit, ...]
+    ensemble: Ensemble
 
 
-def _better(first: _Attempt, second: _Attempt, jury: Jury, refine: Refinement) -> _Attempt:
-    """Return the attempt whose refined views predict the held-out pixels better."""
-    one, other = (jury.residual_rms(refine(combined(tried.fits, jury, refine).views)) for tried in (first, second))
-    return second if one is not None and other is not None and other < one else first
+def _is_better(views: F32, than: F32, jury: Jury) -> bool:
+    """Tell whether views, [N, H, W, C], predict the held-out pixels better than others; no, where there are none."""
+    one, other = jury.residual_rms(views), jury.residual_rms(than)
+    return one is not None and other is not None and one < other
 
 
 def _examined(shot: Shot, progress: Progress) -> tuple[Shot, tuple[str, ...]]:

@@ -7,16 +7,13 @@ what it leaves of the measurement as a multiple of what the tracks' geometry and
 of its rotations; and what is left along the true path, whose depths are found without tracks as well.
 """
 
-from dataclasses import replace
 from itertools import product
-
-import numpy as np
 
 from gs2ci.core.progress import Silent
 from gs2ci.core.records import Shot
 from gs2ci.evaluate.trajectory import trajectory_errors
 from gs2ci.reconstruct.decode.gap_tv import gap_tv
-from gs2ci.reconstruct.geometry.direct import Direct
+from gs2ci.reconstruct.geometry.direct import Direct, at_rest
 from gs2ci.reconstruct.geometry.evidence import unexplained
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.geometry.prior import Request, from_tracks
@@ -50,11 +47,7 @@ def _found(shot: Shot) -> str:
     request = Request.of(seen, gap_tv(seen, settings.decode, Silent()), settings.geometry, None)
     tracks = from_tracks(request, Silent())
     uniform = uniform_motion(request, tracks)
-    rest = replace(
-        tracks,
-        world_to_camera=np.tile(np.eye(4), (shot.views, 1, 1)),
-        inverse_depth=np.ones_like(tracks.inverse_depth),
-    )
+    rest = at_rest(tracks)
     truth = shot.truth.world_to_camera
     assert truth is not None
     along = Direct(request, tracks).along(truth)

@@ -67,7 +67,7 @@ class Direct:
     def __init__(self, request: Request, found: Geometry) -> None:
         views, reference = len(request.views), found.reference
         self._request = request
-        self._at_rest = _at_rest(found)
+        self._at_rest = at_rest(found)
         self._evidence = Evidence(request.shot, request.views, request.lens, _ASKED_PIXELS)
         spread = np.linspace(0, views - 1, min(views, _ROUGH_VIEWS)).round().astype(int)
         self._looked_at = np.union1d(spread, [reference])
@@ -87,10 +87,10 @@ class Direct:
         if farthest == 0:
             return None
         poses[:, :3, 3] *= self._reach / farthest
-        left = self._least(poses, _NEAREST)
-        if left >= _CLEARLY * min(self._still, self._least(_reversed(poses), _NEAREST)):
+        left, near = self._best(poses, _NEAREST)
+        if left >= _CLEARLY * min(self._still, self._best(_reversed(poses), _NEAREST)[0]):
             return None
-        return self._swept(poses)
+        return self._swept(poses, near)
 
     def uniform(self) -> Geometry:
         """Find the uniform motion: straight at an even speed, turning evenly.
@@ -99,27 +99,27 @@ class Direct:
             The geometry; a camera that only turned, with its reason, where that explains about as much; a camera at
             rest, unsupported, where nothing explains clearly more, or there is one view alone.
         """
-        at_rest = replace(self._at_rest, notes=(*self._at_rest.notes, PLANE_NOTE))
+        still = replace(self._at_rest, notes=(*self._at_rest.notes, PLANE_NOTE))
         if len(self._request.views) < 2:
-            return at_rest
-        first = {way: self._least(self._motion(np.array(way)), _NEAREST_AT_FIRST) for way in _DIRECTIONS}
-        way = min(first, key=lambda one: first[one])
+            return still
+        first = {way: self._best(self._motion(np.array(way)), _NEAREST_AT_FIRST) for way in _DIRECTIONS}
+        way = min(first, key=lambda one: first[one][0])
+        there, near = first[way]
+        back, _ = self._best(self._motion(-np.array(way)), _NEAREST_AT_FIRST)
         turn, turned = self._turned()
-        motion, left = self._refined(np.array(way))
-        back = self._least(self._motion(-np.array(way)), _NEAREST_AT_FIRST)
-        if first[way] < _CLEARLY * back and left < _CLEARLY * min(self._still, turned):
-            found = self._swept(motion)
+        motion, left = self._refined(np.array(way), near)
+        if there < _CLEARLY * back and left < _CLEARLY * min(self._still, turned):
+            found = self._swept(motion, self._best(motion, _NEAREST)[1])
             return replace(found, notes=(*found.notes, _UNIFORM.format(share=left / self._still)))
         if turned < _CLEARLY * self._still:
             only_turned = replace(
                 self._at_rest, world_to_camera=self._motion(np.zeros(3), turn), verdict="rotation_only"
             )
             return replace(only_turned, notes=(*only_turned.notes, _TURNED, PLANE_NOTE))
-        return at_rest
+        return still
 
-    def _refined(self, way: F64) -> tuple[F64, float]:
+    def _refined(self, way: F64, near: float) -> tuple[F64, float]:
         """Search the uniform motion about a direction; return its poses, and what they leave."""
-        near = min(_NEAREST_AT_FIRST, key=lambda near: self._left(self._motion(way), near))
         across = np.linalg.svd(way[None])[2][1:]  # two directions at right angles to the first
 
         def motion(change: F64) -> F64:
@@ -132,9 +132,9 @@ class Direct:
 
     def _turned(self) -> tuple[F64, float]:
         """Search the turn of a camera that stays in its place; return it, and what it leaves."""
-        at_rest, place = self._at_rest, np.zeros(3)
+        still, place = self._at_rest, np.zeros(3)
         return self._search(
-            lambda turn: self._evidence.left(replace(at_rest, world_to_camera=self._motion(place, turn))),
+            lambda turn: self._evidence.left(replace(still, world_to_camera=self._motion(place, turn))),
             (_TURN_STEP, _TURN_STEP, _TURN_STEP),
         )
 
@@ -169,8 +169,9 @@ class Direct:
         poses[:, :3, 3] = time[:, None] * direction * self._reach
         return poses
 
-    def _least(self, poses: F64, nearest: tuple[float, ...]) -> float:
-        return min(self._left(poses, near) for near in nearest)
+    def _best(self, poses: F64, nearest: tuple[float, ...]) -> tuple[float, float]:
+        """Return what the best of several ranges of depth leaves, and its nearest plane."""
+        return min((self._left(poses, near), near) for near in nearest)
 
     def _left(self, poses: F64, near: float) -> float:
         """Return what poses with a rough map of their depths leave of the measurement."""
@@ -183,24 +184,21 @@ class Direct:
         depth: F32 = cv2.resize(rough, (width, height), interpolation=cv2.INTER_LINEAR)
         return self._evidence.left(replace(self._at_rest, world_to_camera=poses, inverse_depth=depth))
 
-    def _swept(self, poses: F64) -> Geometry:
-        """Sweep depth over the range that leaves least, and bring its median to 1, as that of tracks is."""
-        request, at_rest = self._request, self._at_rest
-        near = min(_NEAREST, key=lambda near: self._left(poses, near))
-        depth = sweep(
-            request.views, poses, at_rest.intrinsics, at_rest.reference, self._span(near), request.settings.sweep
-        )
+    def _swept(self, poses: F64, near: float) -> Geometry:
+        """Sweep depth finely, and bring its median to 1, as that of tracks is."""
+        request, still = self._request, self._at_rest
+        depth = sweep(request.views, poses, still.intrinsics, still.reference, self._span(near), request.settings.sweep)
         median = float(np.median(depth))
         scaled = poses.copy()
         scaled[:, :3, 3] *= median
-        return replace(at_rest, world_to_camera=scaled, inverse_depth=depth / np.float32(median), verdict="full")
+        return replace(still, world_to_camera=scaled, inverse_depth=depth / np.float32(median), verdict="full")
 
     def _span(self, near: float) -> tuple[float, float]:
         return self._request.settings.sweep.far_share * near, near
 
 
-def _at_rest(found: Geometry) -> Geometry:
-    """Forget motion and depth, and what was said of them as a plane."""
+def at_rest(found: Geometry) -> Geometry:
+    """Return a camera at rest before a plane: a geometry without motion and depth, and what was said of them."""
     return replace(
         found,
         world_to_camera=np.tile(np.eye(4), (len(found.world_to_camera), 1, 1)),

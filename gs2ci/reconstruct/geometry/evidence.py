@@ -15,7 +15,7 @@ from gs2ci.core.arrays import F32, F64
 from gs2ci.core.records import Shot
 from gs2ci.reconstruct.coding import cfa_channels
 from gs2ci.reconstruct.geometry.initialise import Geometry
-from gs2ci.reconstruct.lens import Lens
+from gs2ci.reconstruct.lens import Lens, pixel_centres
 
 # A pixel's place in the middle view and the depth there depend on each other; the motion is small, so they settle.
 _STEPS: Final = 4
@@ -46,7 +46,7 @@ class Evidence:
         self._views = views
         self._measured = shot.measurement[rows, columns]
         self._transmissions = shot.masks[:, rows, columns] * shot.weights[:, None]
-        self._places = _centres(shot.size)[rows, columns] if lens is None else lens.sampling.places[rows, columns]
+        self._places = pixel_centres(shot.size)[rows, columns] if lens is None else lens.sampling.places[rows, columns]
         self._channels = None if shot.cfa is None else cfa_channels(shot.cfa, shot.size).numpy()[rows, columns]
 
     def left(self, geometry: Geometry) -> float:
@@ -83,14 +83,8 @@ def carried_views(views: F32, geometry: Geometry, lens: Lens | None = None) -> F
 def carried_view(reference: F32, geometry: Geometry, view: int) -> F32:
     """Show the middle view, [H, W, C], as it should look from another pose, by its depth and without occlusion."""
     height, width = reference.shape[:2]
-    places = _centres((height, width)).reshape(-1, 2)
+    places = pixel_centres((height, width)).reshape(-1, 2)
     return _carried(reference, geometry, view, places).reshape(reference.shape)
-
-
-def _centres(size: tuple[int, int]) -> F64:
-    """List the pixel centres of an image as (x, y), [H, W, 2]."""
-    y, x = np.mgrid[: size[0], : size[1]] + 0.5
-    return np.stack([x, y], axis=-1)
 
 
 def _carried(reference: F32, geometry: Geometry, view: int, places: F64) -> F32:
