@@ -6,7 +6,7 @@ STAMP := $(VENV)/.installed
 # torch's and Numba's thread pools spin against each other otherwise (3-10x slower when anything else runs).
 export OMP_WAIT_POLICY := PASSIVE
 
-.PHONY: help install demo test stability kernel check bench clean
+.PHONY: help install demo test stability kernel check benchmarks clean
 
 help:
 	@echo "make demo   simulate an exposure of a real scene and reconstruct it (about two minutes once installed)"
@@ -14,7 +14,7 @@ help:
 	@echo "make stability  every hard case end to end; writes docs/stability.md"
 	@echo "make kernel the drivers against a real kernel; RIG=path names the script that boots the guest"
 	@echo "make check  ruff, mypy, import-linter"
-	@echo "make bench  the measured figures: rasteriser against torch, bundle adjustments against each other"
+	@echo "make benchmarks  the measured figures: rasteriser against torch, bundle adjustments against each other"
 	@echo "make clean  remove .venv, caches and runs"
 
 install: $(STAMP)
@@ -42,7 +42,7 @@ check: install
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
-bench: install
+benchmarks: install
 	$(BIN)/python -m tests.benchmarks
 
 clean:

@@ -1,4 +1,4 @@
-"""`python -m gs2ci` is `gs2ci`, for where the console script is not on the path. Nobody imports this file."""
+"""`python -m gs2ci` is `gs2ci`, for where the console script is not on the path."""
 
 import sys
 

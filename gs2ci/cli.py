@@ -1,8 +1,7 @@
 """The command line: which subcommands there are, and what their errors look like. Parsing only.
 
 Each subcommand is one file in `gs2ci.commands` with one `run`, whose signature is its command line (tyro reads it:
-argument names are parameter names, the help is the docstring). Not here: any work. Only the console script imports
-this file.
+argument names are parameter names, the help is the docstring). Not here: any work.
 """
 
 import difflib
@@ -51,9 +50,11 @@ COMMANDS: Final[dict[str, tuple[str, str]]] = {
     "recover": ("gs2ci.commands.recover", "save the finished rows of an interrupted capture"),
     "devices": ("gs2ci.commands.devices", "say what is connected and what it can do"),
     "doctor": ("gs2ci.commands.doctor", "examine a bench: permissions, clocks, trigger line"),
-    "bench": ("gs2ci.commands.bench", "make tables of figures: methods, mask ratios, seeds"),
+    "tables": ("gs2ci.commands.tables", "make tables of figures: methods, mask ratios, seeds"),
     "demo": ("gs2ci.commands.demo", "simulate an exposure of a real scene, reconstruct it"),
 }
+# Names that commands had before -> what they are called now. Refused, naming the new one.
+RENAMED: Final[dict[str, str]] = {"bench": "tables"}
 EXIT_USER_ERROR: Final = 2
 EXIT_INTERRUPTED: Final = 130
 EXIT_UNREAD: Final = 141
@@ -84,6 +85,9 @@ def _serve(arguments: list[str]) -> int:
     if arguments[0] == "--version":
         sys.stdout.write(f"gs2ci {__version__}\n")
         return 0
+    if arguments[0] in RENAMED:
+        sys.stderr.write(f"gs2ci: {arguments[0]!r} is now called {RENAMED[arguments[0]]!r}; nothing was done\n")
+        return EXIT_USER_ERROR
     if arguments[0] not in COMMANDS:
         longer = [name for name in COMMANDS if name.startswith(arguments[0])]
         near = longer or difflib.get_close_matches(arguments[0], COMMANDS, 1)

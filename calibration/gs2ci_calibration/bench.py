@@ -15,8 +15,7 @@ a simulated bench. `known` holds the sections measured before (`known.need("dark
     bench.codes, bench.capture                             what `gs2ci capture` will show, and how
     bench.options, bench.progress                          settings of the procedures; hears what they are at
 
-Not here: opening devices and the simulated operator (`gs2ci.rig`), files (`bundle`). Procedures, `gs2ci.rig` and
-`gs2ci.commands.calibrate` import this file.
+Not here: opening devices and the simulated operator (`gs2ci.rig`), files (`bundle`).
 """
 
 from collections.abc import Callable, Mapping

@@ -30,7 +30,6 @@ The sections, and what other parts read from them (shapes: H, W sensor; Hm, Wm m
                   velocity_error_A
 
 Here: the file. Not here: what goes into a section (the procedures), whether a bundle still fits a bench (`fitting`).
-Anyone above this package may import this file.
 """
 
 import hashlib

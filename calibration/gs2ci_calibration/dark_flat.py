@@ -1,8 +1,7 @@
 """Dark and flat frames: each pixel's offset, dark current, temporal noise and response, and which pixels are bad.
 
-Here: the procedure `measure` and its pure estimators. Not here: electrons (`photon_transfer`), masks. `procedures`,
-`photon_transfer` and tests import this file. Terms and figures of merit are those of EMVA Standard 1288, Release 3.1,
-sections 2 to 4.
+Here: the procedure `measure` and its pure estimators. Not here: electrons (`photon_transfer`), masks. Terms and figures
+of merit are those of EMVA Standard 1288, Release 3.1, sections 2 to 4.
 """
 
 from dataclasses import dataclass, replace

@@ -1,7 +1,7 @@
 """How far a bench has drifted since it was calibrated: a few frames against the bundle.
 
 Here: `changes_since`, behind `gs2ci calibrate check`. Not here: what needs no frame (`fitting`), the one mask (`probe`,
-which is used). `gs2ci.commands.calibrate` and tests import this file.
+which is used).
 """
 
 from dataclasses import dataclass

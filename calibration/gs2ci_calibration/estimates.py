@@ -1,7 +1,6 @@
 """A number with its standard error and unit, and the section of a bundle that a procedure hands over.
 
-Here: `Estimate`, `Section`. Not here: files (`bundle`), how anything is estimated (the procedures). Anyone above
-this package may import this file.
+Here: `Estimate`, `Section`. Not here: files (`bundle`), how anything is estimated (the procedures).
 """
 
 import math

@@ -1,6 +1,6 @@
 """Finding an exposure at which the even light fills a share of the sensor's range.
 
-Here: the search. Not here: what is measured then. The procedures of this package import this file.
+Here: the search. Not here: what is measured then.
 """
 
 from dataclasses import dataclass

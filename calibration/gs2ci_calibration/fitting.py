@@ -1,7 +1,6 @@
 """Whether a bundle still fits a bench: same devices, same masks, same set-up, not too old.
 
-Here: what can be told without taking a frame. Not here: looking (`probe`, `drift`), files (`bundle`). `gs2ci.rig`,
-`gs2ci calibrate`, procedures and tests import this file.
+Here: what can be told without taking a frame. Not here: looking (`probe`, `drift`), files (`bundle`).
 """
 
 import hashlib

@@ -1,7 +1,7 @@
 """The step `sensor`: an exposure sweep before an even light, for the photon transfer curve.
 
 Here: taking it and the section. Not here: what follows from it (`transfer_curve`), single pixels (`dark_flat`, on which
-this builds). `procedures` and tests import this file.
+this builds).
 """
 
 from typing import Final

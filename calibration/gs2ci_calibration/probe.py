@@ -1,7 +1,6 @@
 """A quick look at one mask, before whatever is there: is it where and what the bundle says?
 
-Here: taking it and judging it. Not here: measuring masks (their own step). `gs2ci.rig`, `drift` and tests import this
-file.
+Here: taking it and judging it. Not here: measuring masks (their own step).
 
 With the mask, all on and all off, (mask − off)/(on − off) is the mask itself, whatever scene is at rest before the
 camera, as long as it is lit. What the bundle foretells follows from its masks M, which include the leakage c:

@@ -1,6 +1,6 @@
 """Which calibration steps there are, in the order in which `all` runs them: one line each.
 
-Not here: the steps. `gs2ci.commands.calibrate`, `gs2ci.bench` and tests import this file.
+Not here: the steps.
 """
 
 from collections.abc import Callable

@@ -1,8 +1,7 @@
 """Why a calibration is refused: one error, and the list of reasons that tests and users can tell apart.
 
-A procedure that cannot trust what it sees raises `CalibrationError` with the reason, what was seen, what would be
-good enough and what to do; nothing is then written. Not here: any test of goodness (the procedures). Anyone above
-this package may import this file.
+A procedure that cannot trust what it sees raises `CalibrationError` with the reason, what was seen, what would be good
+enough and what to do; nothing is then written. Not here: any test of goodness (the procedures).
 """
 
 from enum import Enum, unique

@@ -1,7 +1,7 @@
 """When a triggered exposure begins and ends: latency, jitter and length, and which masks it overlaps.
 
 Here: the procedure `measure` and its pure estimators. Not here: how masks are weighted in a capture
-(`gs2ci_drivers.planning.overlap_weights`, which is used). `procedures` and tests import this file.
+(`gs2ci_drivers.planning.overlap_weights`, which is used).
 
 Method. Four patterns of τ each follow each other while the sensor exposes once for E = 2 τ + h from its trigger at the
 first one's appearance, that is from L to L + E + o. What light gets through tells the times, whatever its brightness r:

@@ -4,9 +4,8 @@ The plan is checked before anything moves. Whatever goes wrong on the way, every
 the modulator shows nothing, the sensor does not stream, the stage rests; the error that reaches the caller names
 the device and the trigger that was being served. Rows handed on before it stay.
 
-Here: the order of things and the judgement of frames against triggers. Not here: what a plan is
-(`gs2ci_drivers.plan`, `planning`), files (the `sink` that is passed in), light. `gs2ci.rig`, commands and
-calibration import this file.
+Here: the order of things and the judgement of frames against triggers. Not here: what a plan is (`gs2ci_drivers.plan`,
+`planning`), files (the `sink` that is passed in), light.
 """
 
 from collections.abc import Callable, Iterator

@@ -1,7 +1,7 @@
 """What every device has in common, whatever it does: a name, a clock, and a life from `connect` to `close`.
 
 Here: the base of the three interfaces. Not here: what a modulator, a sensor, a stage do (`modulator`, `sensor`,
-`stage`). Only these three import this file.
+`stage`).
 """
 
 from abc import ABC, abstractmethod

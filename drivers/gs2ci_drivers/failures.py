@@ -23,8 +23,7 @@
             ├── FrameStaleError      the frame is older than its trigger
             └── ExtraFrameError      more frames than triggers were sent
 
-Here: the classes. Not here: any decision on what to do about them (`gs2ci_drivers.acquisition`). Anyone may
-import this file.
+Here: the classes. Not here: any decision on what to do about them (`gs2ci_drivers.acquisition`).
 """
 
 from collections.abc import Sequence

@@ -1,7 +1,7 @@
 """Lines over a stream of bytes: what the serial drivers (Zaber, GRBL, SCPI) share.
 
-Here: sending a line, waiting for one with a deadline, throwing away what is left of an earlier exchange. Not
-here: what the lines mean. Drivers import this file.
+Here: sending a line, waiting for one with a deadline, throwing away what is left of an earlier exchange. Not here: what
+the lines mean.
 """
 
 from gs2ci.core.clock import Clock

@@ -9,8 +9,7 @@ nothing on the device; `disarm` may be called in any state and more than once; `
 wait has a deadline on the driver's clock; a failed call leaves a state from which `disarm` and `upload` work.
 
 Here: the abstract class, its states and reports. Not here: what it is asked to show (`gs2ci_drivers.pattern_sequence`),
-bytes (each driver's package), how shots are put together (`gs2ci_drivers.acquisition`). Anyone above
-the drivers may import this file.
+bytes (each driver's package), how shots are put together (`gs2ci_drivers.acquisition`).
 """
 
 from abc import abstractmethod

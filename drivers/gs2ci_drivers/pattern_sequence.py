@@ -1,8 +1,7 @@
 """What a modulator is asked to show, what it can show, and whether the one fits the other.
 
 Here: the records `PatternSequence`, `TriggerOut` and `ModulatorInfo`, and the check. Not here: the device that shows
-them (`gs2ci_drivers.modulator`), masks from files or from draws (`gs2ci.rig.patterns`). Anyone above the drivers may
-import this file.
+them (`gs2ci_drivers.modulator`), masks from files or from draws (`gs2ci.rig.patterns`).
 """
 
 from collections.abc import Mapping

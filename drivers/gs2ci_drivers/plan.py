@@ -1,7 +1,6 @@
 """The records of a capture's plan: what the user wants, what will happen, line by line. Nothing moves here.
 
 Not here: laying a plan out and checking it (`gs2ci_drivers.planning`), doing it (`gs2ci_drivers.acquisition`).
-`gs2ci.rig`, commands and calibration import this file.
 """
 
 from collections.abc import Sequence

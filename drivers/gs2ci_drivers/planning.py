@@ -1,9 +1,8 @@
 """Laying a capture out and checking it against what the devices can do. Nothing moves here.
 
-From the devices' own limits and the user's settings: one pass of masks, the sensor's exposure, the readout
-pause, the stage's sweep, and a figure for each check (reference section 5). Not here: the records
-(`gs2ci_drivers.plan`), doing it (`gs2ci_drivers.acquisition`, which imports this file as
-calibration does).
+From the devices' own limits and the user's settings: one pass of masks, the sensor's exposure, the readout pause, the
+stage's sweep, and a figure for each check (reference section 5). Not here: the records (`gs2ci_drivers.plan`), doing
+it (`gs2ci_drivers.acquisition`).
 """
 
 from math import ceil

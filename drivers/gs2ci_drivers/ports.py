@@ -13,8 +13,7 @@ Rules every implementation keeps, the twins' included:
 - `close` may be called twice and never raises.
 
 Here: the interfaces and the port guard that translates errors. Not here: recording and replaying what passed
-(`gs2ci_drivers.trace`), the real ports (`gs2ci_drivers.links`). Drivers, links, twins and `gs2ci.rig`
-import this file.
+(`gs2ci_drivers.trace`), the real ports (`gs2ci_drivers.links`).
 """
 
 import errno

@@ -7,8 +7,7 @@ resets nothing; homing happens only when asked; a target beyond the limits is re
 are in mm and the quantised value is what is returned; a move that did not arrive is an error; `stop` may be
 called in any state and more than once; `close` may be called twice and does not stop a move.
 
-Here: the records, the sweep's arithmetic, the abstract class. Not here: bytes (each driver's package). Anyone
-above the drivers may import this file.
+Here: the records, the sweep's arithmetic, the abstract class. Not here: bytes (each driver's package).
 """
 
 from abc import abstractmethod

@@ -1,7 +1,7 @@
 """Steps that know how to undo themselves.
 
-Here: doing steps in order, and undoing those that were done in reverse, past their errors. Not here: what the
-steps of a capture are (`gs2ci_drivers.acquisition`). It alone imports this file.
+Here: doing steps in order, and undoing those that were done in reverse, past their errors. Not here: what the steps of
+a capture are (`gs2ci_drivers.acquisition`).
 """
 
 from collections.abc import Callable

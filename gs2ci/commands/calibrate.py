@@ -1,7 +1,7 @@
 """`gs2ci calibrate`: measure a bench step by step into a calibration bundle.
 
-Here: the arguments, the order of steps, what is shown. Not here: any measurement (`gs2ci_calibration`), what a bench
-is (`gs2ci.rig.calibrating`). Only `gs2ci.cli` imports this file.
+Here: the arguments, the order of steps, what is shown. Not here: any measurement (`gs2ci_calibration`), what a bench is
+(`gs2ci.rig.calibrating`).
 """
 
 from pathlib import Path

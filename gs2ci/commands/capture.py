@@ -1,7 +1,6 @@
 """`gs2ci capture`: run a bench and write what it took into a shot file.
 
-Here: the arguments, the plan as a table, and where the file is. Not here: any of the work (`gs2ci.rig`). Only
-`gs2ci.cli` and `gs2ci demo` import this file.
+Here: the arguments, the plan as a table, and where the file is. Not here: any of the work (`gs2ci.rig`).
 """
 
 from pathlib import Path

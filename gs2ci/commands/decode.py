@@ -1,7 +1,7 @@
 """`gs2ci decode`: from a shot file to views, without geometry.
 
 Here: the arguments, and the order read → decode → write → tell. Not here: any of the four; which words name which
-decoder (`decoders`). Only `gs2ci.cli` imports this file.
+decoder (`decoders`).
 """
 
 from pathlib import Path

@@ -1,7 +1,6 @@
 """From the words of `gs2ci decode` to a decoder.
 
-Here: which words go together and what they name. Not here: any decoding (`gs2ci.reconstruct.decode`, `proxies`). Only
-`gs2ci.commands.decode` imports this file, when it runs.
+Here: which words go together and what they name. Not here: any decoding (`gs2ci.reconstruct.decode`, `proxies`).
 """
 
 import time
@@ -19,13 +18,13 @@ from gs2ci.core.progress import Progress
 from gs2ci.core.records import Shot
 from gs2ci.evaluate.decode_folder import Decoded
 from gs2ci.reconstruct.choices import DecodeMethod
-from gs2ci.reconstruct.coding import Coding
 from gs2ci.reconstruct.decode.coupling import choose_coupling
 from gs2ci.reconstruct.decode.denoisers import Denoiser, NonLocalMeans, TotalVariation
 from gs2ci.reconstruct.decode.gap_tv import GapTvSettings, gap_tv
-from gs2ci.reconstruct.decode.onnx_denoiser import OnnxDenoiser
 from gs2ci.reconstruct.decode.pnp import PlugAndPlaySettings, plug_and_play
-from gs2ci.reconstruct.proxies.routing import build_proxies
+from gs2ci.reconstruct.decode.proxies.routing import build_proxies
+from gs2ci.reconstruct.learned.onnx_denoiser import OnnxDenoiser
+from gs2ci.reconstruct.measurement.coding import Coding
 
 # Views, what was done as plain values, and sentences about it.
 _Outcome = tuple[F32, Mapping[str, Any], tuple[str, ...]]

@@ -1,7 +1,7 @@
 """`gs2ci devices`: what is connected and what it can do.
 
 Here: the arguments and the printing. Not here: opening devices (`gs2ci.rig.opening`), looking for them
-(`gs2ci.rig.discovery`). Only `gs2ci.cli` imports this file.
+(`gs2ci.rig.discovery`).
 """
 
 from pathlib import Path

@@ -1,8 +1,7 @@
 """What a person at a terminal sees of a long computation: the live display, and the closing table of a run.
 
 Here: the two listeners that implement `gs2ci.core.progress.Progress`, one drawing on a terminal, one writing plain
-lines where output goes to a file or a pipe, and `print_summary`. Not here: any figure's computation. Only
-`gs2ci.commands` imports this file.
+lines where output goes to a file or a pipe, and `print_summary`. Not here: any figure's computation.
 """
 
 from collections.abc import Iterable

@@ -1,7 +1,6 @@
 """`gs2ci doctor`: what may be wrong with a bench, each finding with its remedy.
 
-Here: the arguments and the printing. Not here: the examination (`gs2ci.rig.doctor`). Only `gs2ci.cli` imports
-this file.
+Here: the arguments and the printing. Not here: the examination (`gs2ci.rig.doctor`).
 """
 
 from pathlib import Path

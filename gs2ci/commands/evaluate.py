@@ -1,7 +1,6 @@
 """`gs2ci evaluate`: judge a finished run by a truth, by the sensor's noise, by views from elsewhere.
 
-Here: the arguments, and the table that is printed. Not here: any figure (`gs2ci.evaluate.evaluation`). Only `gs2ci.cli`
-imports this file.
+Here: the arguments, and the table that is printed. Not here: any figure (`gs2ci.evaluate.evaluation`).
 """
 
 import math

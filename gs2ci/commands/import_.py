@@ -1,7 +1,7 @@
 """`gs2ci import`: a foreign file, or an interrupted capture, becomes a shot file.
 
 Here: the command's arguments and what it prints. Not here: any guess (`gs2ci.core.foreign`) or file layout
-(`gs2ci.core.storage`). Only `gs2ci.cli` imports this file.
+(`gs2ci.core.storage`).
 """
 
 from dataclasses import replace

@@ -1,6 +1,6 @@
 """`gs2ci models`: trained weights become model files, and model files get names.
 
-Here: the arguments and what is printed. Not here: any network. Only `gs2ci.cli` imports this file.
+Here: the arguments and what is printed. Not here: any network.
 """
 
 from pathlib import Path
@@ -67,8 +67,8 @@ def run(
 
 
 def _export_ffdnet(weights: Path, output: Path) -> Path:
-    from gs2ci.reconstruct.decode.ffdnet import export_ffdnet, read_ffdnet
-    from gs2ci.reconstruct.decode.onnx_denoiser import OnnxDenoiser
+    from gs2ci.reconstruct.learned.ffdnet import export_ffdnet, read_ffdnet
+    from gs2ci.reconstruct.learned.onnx_denoiser import OnnxDenoiser
 
     network = read_ffdnet(weights)
     path = export_ffdnet(network, output)
@@ -79,8 +79,8 @@ def _export_ffdnet(weights: Path, output: Path) -> Path:
 
 
 def _export_vggt(weights: Path, output: Path, views: int) -> Path:
-    from gs2ci.reconstruct.geometry.vggt import Vggt
-    from gs2ci.reconstruct.geometry.vggt_export import export_vggt, load_vggt
+    from gs2ci.reconstruct.learned.vggt import Vggt
+    from gs2ci.reconstruct.learned.vggt_export import export_vggt, load_vggt
 
     path = export_vggt(load_vggt(weights), output, views)
     _say(f"VGGT, {Vggt(path).taken}, in [bold]{escape(str(path))}[/]")
@@ -91,7 +91,7 @@ def _add(name: str, path: Path) -> Path:
     chosen = next((known for known in MODEL_NAMES if known == name), None)
     if chosen is None:
         raise InputError(f"model name {name!r}", allowed=", ".join(MODEL_NAMES))
-    from gs2ci.reconstruct.onnx_models import add_model
+    from gs2ci.reconstruct.learned.onnx_models import add_model
 
     _open(chosen, path)  # a file of another kind must not bear the name
     added = add_model(chosen, path)
@@ -101,15 +101,15 @@ def _add(name: str, path: Path) -> Path:
 
 def _open(name: ModelName, path: Path) -> Any:
     """Load a file as what its name says that it is."""
-    from gs2ci.reconstruct.fit.lpips import Lpips
-    from gs2ci.reconstruct.geometry.vggt import Vggt
-    from gs2ci.reconstruct.priors2d.onnx_prior import OnnxPrior
+    from gs2ci.reconstruct.learned.lpips import Lpips
+    from gs2ci.reconstruct.learned.onnx_prior import OnnxPrior
+    from gs2ci.reconstruct.learned.vggt import Vggt
 
     return {"vggt": Vggt, "difix": OnnxPrior, "lpips": Lpips}[name](path)
 
 
 def _list() -> None:
-    from gs2ci.reconstruct.onnx_models import find_model, known_model
+    from gs2ci.reconstruct.learned.onnx_models import find_model, known_model
 
     for name in MODEL_NAMES:
         known = known_model(name)

@@ -1,7 +1,7 @@
 """Numbers as a user types them after an option: which are allowed, said in one way by every command.
 
 Here: the refusal, made before anything is loaded, opened or computed. Not here: what a number does; nor bounds that
-only a file or a device can tell. Only `gs2ci.commands` imports this file.
+only a file or a device can tell.
 """
 
 import math

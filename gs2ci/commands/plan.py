@@ -1,6 +1,6 @@
 """`gs2ci plan`: which physical effects a simulated exposure calls for, and why. Nothing is exposed.
 
-Here: the table. Not here: the reckoning (`gs2ci_sims.planner`). Only `gs2ci.cli` imports this file.
+Here: the table. Not here: the reckoning (`gs2ci_sims.planner`).
 """
 
 import math

@@ -1,7 +1,7 @@
 """`gs2ci reconstruct`: from a shot file to a run folder.
 
 Here: the arguments, and the order read → plan → reconstruct → write → tell. Not here: any of the five; what the
-arguments mean for settings and shot (`wishes`). Only `gs2ci.cli` and `gs2ci.commands.demo` import this file.
+arguments mean for settings and shot (`wishes`).
 """
 
 import time

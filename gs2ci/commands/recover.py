@@ -1,7 +1,6 @@
 """`gs2ci recover`: save the finished rows of an interrupted capture.
 
-Here: the arguments, and saving with a word on what was saved. Not here: the copying (`gs2ci.core.storage`). Only
-`gs2ci.cli` and `gs2ci.commands.import_` import this file.
+Here: the arguments, and saving with a word on what was saved. Not here: the copying (`gs2ci.core.storage`).
 """
 
 from pathlib import Path

@@ -1,7 +1,6 @@
 """`gs2ci report`: a run folder's page, built again.
 
-Here: the arguments and what is printed. Not here: the page (`gs2ci.evaluate.pages`). Only `gs2ci.cli` imports this
-file.
+Here: the arguments and what is printed. Not here: the page (`gs2ci.evaluate.pages`).
 """
 
 from pathlib import Path

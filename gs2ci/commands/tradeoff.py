@@ -1,7 +1,7 @@
 """`gs2ci tradeoff`: what accuracy costs in time, for one shot on this machine.
 
 Here: the arguments, and the order price → try → say. Not here: any of the three (`gs2ci.evaluate.tradeoff`), keeping
-what is finished (`gs2ci.bench`). Only `gs2ci.cli` imports this file.
+what is finished (`gs2ci.tables`).
 """
 
 import math
@@ -21,8 +21,8 @@ from gs2ci.core.errors import InputError
 from gs2ci.core.whole_file import check_place
 
 if TYPE_CHECKING:
-    from gs2ci.bench.cells import Cell
     from gs2ci.evaluate.tradeoff.trials import Trial
+    from gs2ci.tables.cells import Cell
 
 
 def run(
@@ -67,14 +67,14 @@ def run(
     from gs2ci.core.storage import read_shot
 
     measured = read_shot(shot, index)
-    from gs2ci.bench.store import Store
-    from gs2ci.bench.workers import complete
     from gs2ci.evaluate.pages.run_evidence import check_same_shot
     from gs2ci.evaluate.pages.run_page import write_run_page
     from gs2ci.evaluate.tradeoff.pages import Tradeoff, markdown, record_of, write_pages
     from gs2ci.evaluate.tradeoff.record import write_record
     from gs2ci.evaluate.tradeoff.trials import KNOBS, chosen_trials, predicted_seconds
-    from gs2ci.reconstruct.costs import probe
+    from gs2ci.reconstruct.budget.costs import probe
+    from gs2ci.tables.store import Store
+    from gs2ci.tables.workers import complete
 
     trials = chosen_trials(knobs or KNOBS)
     check_place(output / "cells")
@@ -113,7 +113,7 @@ def run(
 
 
 def _cell(shot: Path, index: int, trial: "Trial", seed: int) -> "Cell":
-    from gs2ci.bench.cells import Cell
+    from gs2ci.tables.cells import Cell
 
     file = str(shot.resolve())
     arguments = {"file": file, "index": index, "trial": trial.name, "seed": seed}

@@ -1,7 +1,6 @@
 """`gs2ci view`: a run's scene and cameras in a browser.
 
-Here: the arguments, and serving until the user stops it. Not here: what is shown (`gs2ci.evaluate.viewer`). Only
-`gs2ci.cli` imports this file.
+Here: the arguments, and serving until the user stops it. Not here: what is shown (`gs2ci.evaluate.viewer`).
 """
 
 import contextlib

@@ -1,8 +1,7 @@
 """What the arguments of `gs2ci reconstruct` mean: for the settings, for the shot, and within a budget of seconds.
 
 Here: settings changed as wished, a shot with the focal length that its user knows, the plan of a budget. Not here: the
-settings (`gs2ci.reconstruct`), the order of the work (`reconstruct`). Only `gs2ci.commands.reconstruct` imports this
-file, when it runs.
+settings (`gs2ci.reconstruct`), the order of the work (`reconstruct`).
 """
 
 import time
@@ -18,9 +17,9 @@ from gs2ci.core.records import Shot
 from gs2ci.evaluate.metrics import psnr_per_view
 from gs2ci.evaluate.rehearsal import report_seconds
 from gs2ci.reconstruct import ablation
-from gs2ci.reconstruct.budget import Adapt, Plan, plan_within
+from gs2ci.reconstruct.budget.costs import probe
+from gs2ci.reconstruct.budget.plan import Adapt, Plan, plan_within
 from gs2ci.reconstruct.choices import PoseSource, PresetName, ProxyName, RuleName
-from gs2ci.reconstruct.costs import probe
 from gs2ci.reconstruct.fit.fine import FineSettings
 from gs2ci.reconstruct.fit.looks import Score
 from gs2ci.reconstruct.presets import PRESETS

@@ -1,7 +1,4 @@
-"""The types of arrays by their short names; shapes and units stand in the docstring beside them.
-
-Anyone may import this file.
-"""
+"""The types of arrays by their short names; shapes and units stand in the docstring beside them."""
 
 import numpy as np
 from numpy.typing import NDArray

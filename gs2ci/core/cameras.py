@@ -1,7 +1,7 @@
 """What everybody needs of cameras: the matrix of an ideal one, where they stand, and two ways to call their axes.
 
 Here: numpy alone. Not here: lenses that distort (`gs2ci.core.lens`), checks (`gs2ci.core.records`), paths compared
-(`gs2ci.evaluate.trajectory`). Anyone may import this file.
+(`gs2ci.evaluate.trajectory`).
 """
 
 from typing import Final

@@ -1,7 +1,6 @@
 """Time as a parameter: a clock that code waits on, so that a simulated second need not cost a real one.
 
 Here: the interface and the wall clock. Not here: the simulated world's clock (`gs2ci_sims.world`).
-Anyone may import this file.
 """
 
 import time

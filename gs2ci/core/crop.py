@@ -1,7 +1,6 @@
 """The middle of a measurement, where the whole would take too long.
 
-Here: `middle`, and the size of it that a number of pixels affords. Not here: what it is wanted for. Anyone may import
-this file.
+Here: `middle`, and the size of it that a number of pixels affords. Not here: what it is wanted for.
 """
 
 from dataclasses import replace

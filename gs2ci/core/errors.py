@@ -7,7 +7,7 @@
     ├── NumericsError     a computation left the finite numbers and could not be rolled back
     └── DeviceError       a device failed, refused or did not answer in time
 
-Every message says what was wrong, what is allowed and what to do, in that order. Anyone may import this file.
+Every message says what was wrong, what is allowed and what to do, in that order.
 """
 
 

@@ -2,8 +2,7 @@
 
 Here: `check_text_heaps`, to be asked before the library opens a file, and `SuspectFile`, through which it is looked
 into. A reader follows no links, opens no second file, and knows how many bytes an array takes before it makes room for
-them. Not here: what a file holds (`gs2ci.core.storage`, `gs2ci.core.foreign`, `gs2ci_calibration.bundle`, which import
-this file).
+them. Not here: what a file holds (`gs2ci.core.storage`, `gs2ci.core.foreign`, `gs2ci_calibration.bundle`).
 
 Variable-length texts lie in «global heaps». The library walks a heap from object to object by the sizes it finds
 there, and a damaged size of zero keeps it walking for ever (HDF5 2.0.0, `H5HG__cache_heap_deserialize`): seen on a

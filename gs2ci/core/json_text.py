@@ -1,6 +1,6 @@
 """JSON that a stranger may have written: whatever is wrong with it is a ValueError.
 
-Here: `parse_json`. Not here: what the values mean, which is for those who asked for them. Anybody may import this file.
+Here: `parse_json`. Not here: what the values mean, which is for those who asked for them.
 """
 
 import json

@@ -7,7 +7,7 @@ With x = X/Z and y = Y/Z the slopes of a ray, r² = x² + y² and coefficients k
 
 in the same unit, of which the camera matrix makes pixels (Brown, Photogrammetric Engineering 32 (1966) 444; OpenCV,
 "Camera Calibration and 3D Reconstruction"). Here: this map, its inverse, the check. Not here: pictures
-(`gs2ci.reconstruct.lens`), measuring the coefficients (`gs2ci_calibration`). Anyone may import this file.
+(`gs2ci.reconstruct.measurement.lens`), measuring the coefficients (`gs2ci_calibration`).
 """
 
 from typing import Any, Final

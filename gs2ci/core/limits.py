@@ -1,4 +1,4 @@
-"""How large an array in a file may claim to be, before any room is made for it. Anyone may import this file."""
+"""How large an array in a file may claim to be, before any room is made for it."""
 
 from typing import Final
 

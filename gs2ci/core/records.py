@@ -1,4 +1,4 @@
-"""The data that stages hand to each other, as plain numpy records. Anyone may import this file.
+"""The data that stages hand to each other, as plain numpy records.
 
 Here: `Shot`, one coded measurement with all that is known about it, and its checks. Not here: files
 (`gs2ci.core.storage`), torch.

@@ -1,4 +1,4 @@
-"""What a finished reconstruction hands over, as plain numpy records. Anyone may import this file.
+"""What a finished reconstruction hands over, as plain numpy records.
 
 Here: `RunResult` with its curve, and the checks that keep half-made results out of run folders. Not here: the
 run folder itself (`gs2ci.evaluate.run_folder`), the Gaussians (`gs2ci.render`), the measurement

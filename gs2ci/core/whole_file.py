@@ -1,10 +1,10 @@
 """A file of ours appears whole or not at all: whoever reads it sees the old content or the new, never half of it.
 
 Here: `write_whole`, for content that is in memory before it is written: JSON, pages, tables, pictures, scenes, models;
-and `check_place`, which a command asks before the work whether its result can be written after it.
-Not here: captures and calibration bundles, which grow on the disk and bear a manifest
-(`gs2ci.core.storage.sealing`; its rules are stronger: once it returns, the new file itself survives a power loss),
-and folders of many files (`gs2ci.evaluate.run_folder`). Anyone may import this file.
+and `check_place`, which a command asks before the work whether its result can be written after it. Not here: captures
+and calibration bundles, which grow on the disk and bear a manifest (`gs2ci.core.storage.sealing`; its rules are
+stronger: once it returns, the new file itself survives a power loss), and folders of many files
+(`gs2ci.evaluate.run_folder`).
 """
 
 import os

@@ -1,7 +1,6 @@
 """Cameras as other programs read them: nerfstudio's transforms.json and a COLMAP model.
 
-Both name the pictures in the run folder's `views/`. Not here: images, Gaussians. Only `gs2ci.evaluate` imports
-this file.
+Both name the pictures in the run folder's `views/`. Not here: images, Gaussians.
 """
 
 from collections.abc import Sequence

@@ -5,7 +5,7 @@
       views.npy      the views of all shots in order of exposure, [S * N, H, W, C] float32, full scale 1
       views/         the same as 8-bit pictures, clamped to [0, 1]
 
-Not here: decoding. The commands may import this file.
+Not here: decoding.
 """
 
 import json

@@ -1,7 +1,6 @@
 """How close recovered depth is to the truth, after the scale that no image can reveal is removed.
 
-Here: the errors of depth maps. Not here: files, camera paths (`gs2ci.evaluate.trajectory`). The commands and the rest
-of `gs2ci.evaluate` may import this file.
+Here: the errors of depth maps. Not here: files, camera paths (`gs2ci.evaluate.trajectory`).
 """
 
 from dataclasses import dataclass

@@ -1,7 +1,6 @@
 """What a run was made with: versions, machine, peak memory; so that its figures can be judged years later.
 
-Nothing here identifies a person: no host name, no user, no path. The rest of `gs2ci.evaluate`, `gs2ci.bench` and
-the commands may import this file.
+Nothing here identifies a person: no host name, no user, no path.
 """
 
 import os

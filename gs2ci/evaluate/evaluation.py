@@ -1,7 +1,7 @@
 """A finished run judged after the fact: by a truth that came later, by the sensor's noise, by views from elsewhere.
 
 Here: which figures follow from which files. Not here: the metrics (one file each), the run's own report
-(`gs2ci.evaluate.report`). The commands import this file. Schema `gs2ci.evaluation/1`.
+(`gs2ci.evaluate.report`). Schema `gs2ci.evaluation/1`.
 """
 
 import json
@@ -25,8 +25,8 @@ from gs2ci.evaluate.noise import NoiseModel, chi_squared_per_pixel
 from gs2ci.evaluate.novel_views import NovelViews, score_novel_views
 from gs2ci.evaluate.report import masks_digest, plain_json, read_report
 from gs2ci.evaluate.trajectory import align, trajectory_errors
-from gs2ci.reconstruct.coding import Coding
 from gs2ci.reconstruct.fit.perceptual import PerceptualDistance
+from gs2ci.reconstruct.measurement.coding import Coding
 from gs2ci.render.ply import read_ply
 
 SCHEMA: Final = "gs2ci.evaluation/1"

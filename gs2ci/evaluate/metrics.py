@@ -1,7 +1,7 @@
 """How close images are to the truth, and a prediction to its measurement.
 
-Here: PSNR and SSIM per view, and the measurement residual. Not here: camera paths (`gs2ci.evaluate.trajectory`),
-depth, files. The commands and the rest of `gs2ci.evaluate` may import this file.
+Here: PSNR and SSIM per view, and the measurement residual. Not here: camera paths (`gs2ci.evaluate.trajectory`), depth,
+files.
 """
 
 from dataclasses import dataclass

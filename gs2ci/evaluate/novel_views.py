@@ -1,7 +1,7 @@
 """How well a recovered scene shows what the measurement never saw: true views from other places.
 
 Here: where such a view lies in the recovered world, and its score. Not here: alignment (`gs2ci.evaluate.trajectory`),
-image metrics (`gs2ci.evaluate.metrics`). The commands and the rest of `gs2ci.evaluate` may import this file.
+image metrics (`gs2ci.evaluate.metrics`).
 """
 
 from dataclasses import dataclass

@@ -5,8 +5,8 @@
     (error)       depth         path       accuracy against time
     notes
 
-Here: which panels there are, and where they stand. Not here: how a panel is drawn (`gs2ci.evaluate.panels`). No
-global plotting state is touched. The commands and the rest of `gs2ci.evaluate` may import this file.
+Here: which panels there are, and where they stand. Not here: how a panel is drawn (`gs2ci.evaluate.panels`). No global
+plotting state is touched.
 """
 
 import textwrap

@@ -1,8 +1,7 @@
 """The single panels of a figure: an image, a map with its scale, a camera path, a curve.
 
-Each function draws into axes that it is given and owns nothing. Here too: the colours and type sizes that all
-figures share. Not here: which panels a figure has (`gs2ci.evaluate.overview`). Only `gs2ci.evaluate` imports this
-file.
+Each function draws into axes that it is given and owns nothing. Here too: the colours and type sizes that all figures
+share. Not here: which panels a figure has (`gs2ci.evaluate.overview`).
 """
 
 from collections.abc import Callable, Sequence

@@ -1,6 +1,6 @@
 """How long the report of a run will take: found by writing small ones. For `--budget`; the commands import it.
 
-Here: the rehearsal. Not here: the report (`gs2ci.evaluate.run_folder`), the plan (`gs2ci.reconstruct.budget`).
+Here: the rehearsal. Not here: the report (`gs2ci.evaluate.run_folder`), the plan (`gs2ci.reconstruct.budget.plan`).
 """
 
 import tempfile

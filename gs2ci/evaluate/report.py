@@ -1,8 +1,7 @@
 """What `report.json` says: the figures of one run, as plain JSON values. Schema `gs2ci.report/1`.
 
-Here: the report's content and its reading. Not here: the run folder's other files (`gs2ci.evaluate.run_folder`),
-the picture (`gs2ci.evaluate.overview`). The commands, `gs2ci.bench` and the rest of `gs2ci.evaluate` may
-import this file.
+Here: the report's content and its reading. Not here: the run folder's other files (`gs2ci.evaluate.run_folder`), the
+picture (`gs2ci.evaluate.overview`).
 """
 
 import hashlib

@@ -16,7 +16,7 @@
       colmap/sparse/0  the same cameras, and a thinned cloud of the Gaussians' centres
       tradeoff.json  only where `gs2ci tradeoff --report` added it: what accuracy costs for this shot
 
-Not here: the figures, the page, the picture. The commands and the rest of `gs2ci.evaluate` may import this file.
+Not here: the figures, the page, the picture.
 """
 
 import json

@@ -1,6 +1,6 @@
 """Where the scales of pictures begin and end: the white of a measurement, depths, errors.
 
-Not here: how they are coloured (`panels.py`, `pages/pictures.py`). Only `gs2ci.evaluate` imports this file.
+Not here: how they are coloured (`panels.py`, `pages/pictures.py`).
 """
 
 from typing import Any, Final

@@ -1,8 +1,7 @@
 """How close a recovered camera path is to the true one, after the similarity that no image can reveal is removed.
 
-Here: the alignment of two paths, also where a path leaves part of it free, and the errors ATE, nATE, rotation and
-RPE. Not here: files, drawing. The commands, `gs2ci.bench` and the rest of `gs2ci.evaluate` may
-import this file.
+Here: the alignment of two paths, also where a path leaves part of it free, and the errors ATE, nATE, rotation and RPE.
+Not here: files, drawing.
 
 A straight stage move is the usual case of this instrument, and it leaves the rotation about its own line to
 chance: on the published straight paths (cozy2room, vender, factory) the textbook alignment returns mean rotation

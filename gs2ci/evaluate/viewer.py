@@ -1,7 +1,7 @@
 """A run's scene and cameras, served to a browser by viser.
 
-Here: what is shown, and the server. Not here: how long it is served (`gs2ci.commands.view`). The commands may import
-this file; viser, an extra of the package, is imported only when something is served.
+Here: what is shown, and the server. Not here: how long it is served (`gs2ci.commands.view`). viser, an extra of the
+package, is imported only when something is served.
 """
 
 import socket

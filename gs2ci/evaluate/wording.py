@@ -1,7 +1,6 @@
 """How figures are written for people: counts, numbers, nested settings as rows.
 
-Not here: which figures are shown. The commands, `gs2ci.bench` and the rest of `gs2ci.evaluate` may import this
-file.
+Not here: which figures are shown.
 """
 
 import math

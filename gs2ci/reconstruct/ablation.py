@@ -1,7 +1,7 @@
 """The components of the method, each of which can be switched off by name (paper, Table VII).
 
-Here: the names, and what switching off does to the settings. Not here: what a component is (its stage's own file),
-nor the table (`gs2ci bench ablation`). The commands and `gs2ci.bench` import this file.
+Here: the names, and what switching off does to the settings. Not here: what a component is (its stage's own file), nor
+the table (`gs2ci tables ablation`).
 """
 
 from collections.abc import Callable, Iterable

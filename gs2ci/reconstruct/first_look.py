@@ -2,8 +2,7 @@
 
     decode ─► geometry ─► brightness of the views ─► (where the weights were wrong: all of it again)
 
-Here: the order of these stages. Not here: any of them; all settings together (`settings`). The pipeline, its
-settings and its record import this file.
+Here: the order of these stages. Not here: any of them; all settings together (`settings`).
 """
 
 from collections.abc import Callable
@@ -13,15 +12,15 @@ import numpy as np
 
 from gs2ci.core.arrays import F32, F64
 from gs2ci.core.progress import Progress
-from gs2ci.reconstruct.brightness import BrightnessSettings, relit
 from gs2ci.reconstruct.choices import ProxyName
 from gs2ci.reconstruct.decode.gap_tv import GapTvSettings, gap_tv
+from gs2ci.reconstruct.decode.proxies.routing import geometry_views
 from gs2ci.reconstruct.geometry.evidence import carried_views
 from gs2ci.reconstruct.geometry.initialise import Geometry, GeometrySettings
 from gs2ci.reconstruct.geometry.prior import GeometryPrior, Request, find_geometry
-from gs2ci.reconstruct.jury import Jury
-from gs2ci.reconstruct.lens import Lens, straightened
-from gs2ci.reconstruct.proxies.routing import geometry_views
+from gs2ci.reconstruct.measurement.brightness import BrightnessSettings, relit
+from gs2ci.reconstruct.measurement.jury import Jury
+from gs2ci.reconstruct.measurement.lens import Lens, straightened
 
 
 @dataclass(frozen=True)

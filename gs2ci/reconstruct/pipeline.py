@@ -4,8 +4,7 @@
     ─► coarse fits) (─► fine fit) ─► their mean ─► residual ─► judge by the held-out
 
 Here: the order, the clock, and the judgement. Not here: any stage itself, its settings (`settings`), the record that is
-handed over (`record`), files and metrics (`gs2ci.evaluate`). Whoever
-reconstructs imports this file.
+handed over (`record`), files and metrics (`gs2ci.evaluate`).
 """
 
 import time
@@ -16,13 +15,12 @@ from gs2ci.core.arrays import F32
 from gs2ci.core.progress import Progress, Silent
 from gs2ci.core.records import Shot
 from gs2ci.core.run_records import RunResult, Verdict
-from gs2ci.reconstruct.dead_lines import close_dead_lines
-from gs2ci.reconstruct.doubts import doubts_about, doubts_about_result
 from gs2ci.reconstruct.first_look import FirstLook, look
 from gs2ci.reconstruct.fit.coarse import CoarseFit, fit_coarse
 from gs2ci.reconstruct.fit.ensemble import Ensemble, FitOne, Member, combined, fit_together, members
 from gs2ci.reconstruct.fit.fine import Fine, fit_fine
 from gs2ci.reconstruct.fit.looks import Score
+from gs2ci.reconstruct.fit.metric import in_given_unit
 from gs2ci.reconstruct.fit.pace import Pace
 from gs2ci.reconstruct.fit.refinement import Refinement
 from gs2ci.reconstruct.fit.rendering import ShotRenderer
@@ -32,17 +30,19 @@ from gs2ci.reconstruct.fit.withheld import first_points, first_poses
 from gs2ci.reconstruct.geometry.choose import load_geometry_prior
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.geometry.prior import GeometryPrior
-from gs2ci.reconstruct.holes import fill_holes
-from gs2ci.reconstruct.hot_pixels import close_hot_pixels
-from gs2ci.reconstruct.jury import Jury
-from gs2ci.reconstruct.lens import Lens, straightened
-from gs2ci.reconstruct.metric import in_given_unit
+from gs2ci.reconstruct.measurement.dead_lines import close_dead_lines
+from gs2ci.reconstruct.measurement.doubts import doubts_about, doubts_about_result
+from gs2ci.reconstruct.measurement.holes import fill_holes
+from gs2ci.reconstruct.measurement.hot_pixels import close_hot_pixels
+from gs2ci.reconstruct.measurement.jury import Jury
+from gs2ci.reconstruct.measurement.lens import Lens, straightened
 from gs2ci.reconstruct.one_thread import one_torch_thread
 from gs2ci.reconstruct.record import Left, Recovered, record
 from gs2ci.reconstruct.second_look import is_wanted, second_look
 from gs2ci.reconstruct.settings import Settings
-from gs2ci.render.backend import Backend, load_backend
+from gs2ci.render.backend import load_backend
 from gs2ci.render.gaussians import Gaussians
+from gs2ci.render.interface import Backend
 
 # What is put back into a scene's views has to explain so much more, as a share of what they leave. In the dark a few
 # thousandths are chance, and what was put back is noise: it cost up to 6 dB.

@@ -11,12 +11,12 @@ import torch
 from gs2ci.core.arrays import F32
 from gs2ci.core.records import Shot
 from gs2ci.core.run_records import CurvePoint, RunResult, Verdict
-from gs2ci.reconstruct.coding import Coding
 from gs2ci.reconstruct.first_look import FirstLook
 from gs2ci.reconstruct.fit.ensemble import Ensemble
 from gs2ci.reconstruct.fit.looks import Score
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.geometry.telemetry import Movement, movement
+from gs2ci.reconstruct.measurement.coding import Coding
 from gs2ci.reconstruct.settings import Settings
 
 

@@ -17,7 +17,7 @@ from gs2ci.reconstruct.first_look import FirstLook, LookSettings
 from gs2ci.reconstruct.geometry.choose import is_doubtful
 from gs2ci.reconstruct.geometry.initialise import Geometry, GeometrySettings
 from gs2ci.reconstruct.geometry.prior import Request, from_tracks
-from gs2ci.reconstruct.lens import Lens
+from gs2ci.reconstruct.measurement.lens import Lens
 
 _AGAIN: Final = "The first camera path was doubtful; it was found again in the views of a first fit, and fitted again."
 

@@ -1,14 +1,13 @@
 """The settings of a whole reconstruction: those of each stage, side by side.
 
 Here: their names, defaults and checks. Not here: what a stage does with its own (the stage's file), named settings
-(`presets`), the order of the stages (`pipeline`). Everybody above `gs2ci.reconstruct` may import this file.
+(`presets`), the order of the stages (`pipeline`).
 """
 
 from dataclasses import dataclass, field, replace
 from typing import Final, get_args
 
 from gs2ci.core.errors import InputError
-from gs2ci.reconstruct.brightness import BrightnessSettings
 from gs2ci.reconstruct.choices import MOST_FITS, PoseSource, ProxyName
 from gs2ci.reconstruct.decode.gap_tv import GapTvSettings
 from gs2ci.reconstruct.decode.residual import ResidualSettings
@@ -20,6 +19,7 @@ from gs2ci.reconstruct.fit.fine import FineSettings
 from gs2ci.reconstruct.fit.rules import with_rule
 from gs2ci.reconstruct.fit.withheld import Withheld
 from gs2ci.reconstruct.geometry.initialise import GeometrySettings
+from gs2ci.reconstruct.measurement.brightness import BrightnessSettings
 from gs2ci.render.settings import RasterSettings
 
 # Lists kept so long lose nothing beside the spread of seeds (−0.06 to 0.02 dB) and save a tenth of an iteration

@@ -1,7 +1,7 @@
 """A scene of 3D Gaussians as optimisable parameters, and the sound arithmetic of opacities and rotations.
 
 Here: the parameters, their checks and conversions. Not here: files (`ply.py`), rendering, densification rules
-(`gs2ci.reconstruct.fit.density`). Anyone above `gs2ci.render` may import this file.
+(`gs2ci.reconstruct.fit.density`).
 """
 
 from collections.abc import Callable

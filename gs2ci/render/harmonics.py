@@ -1,8 +1,7 @@
 """Colours that change with the direction they are seen from: real spherical harmonics up to degree 3.
 
 Here: the basis and the step from coefficients to the colours that one view sees, in the convention of 3D Gaussian
-splatting files. Not here: files (`ply`), blending (backends take colours per view). Anyone above `gs2ci.render` may
-import this file.
+splatting files. Not here: files (`ply`), blending (backends take colours per view).
 """
 
 import math

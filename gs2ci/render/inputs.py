@@ -1,4 +1,4 @@
-"""Checks of what a renderer is given, shared by all backends. Only `gs2ci.render` imports this file."""
+"""Checks of what a renderer is given, shared by all backends."""
 
 import torch
 from torch import Tensor

@@ -1,11 +1,10 @@
 """Gaussian scenes as PLY files, in the convention of 3D Gaussian splatting that viewers open.
 
-One element `vertex` with x y z, nx ny nz (zero, some readers insist on them), f_dc_0..2, opacity, scale_0..2,
-rot_0..3: opacity is a logit, scales are natural logs, rotations are (w, x, y, z), and the colour is
-0.5 + SH_DC f_dc, SH_DC being the constant spherical harmonic. Higher harmonics, f_rest_0 ..., run over their
-K = 3, 8 or 15 coefficients of red, then green, then blue; our reconstructions have none, and `read_ply` drops them.
-Format: Greg Turk, "The PLY polygon file format" (1994). Anyone above
-`gs2ci.render` may import this file.
+One element `vertex` with x y z, nx ny nz (zero, some readers insist on them), f_dc_0..2, opacity, scale_0..2, rot_0..3:
+opacity is a logit, scales are natural logs, rotations are (w, x, y, z), and the colour is 0.5 + SH_DC f_dc, SH_DC being
+the constant spherical harmonic. Higher harmonics, f_rest_0 ..., run over their K = 3, 8 or 15 coefficients of red, then
+green, then blue; our reconstructions have none, and `read_ply` drops them. Format: Greg Turk, "The PLY polygon file
+format" (1994).
 """
 
 from dataclasses import dataclass

@@ -1,8 +1,7 @@
 """The definition of the image model: every pixel against every Gaussian, in torch float64.
 
-It is written to be read and to be differentiated by autograd, and holds the fast paths to account. It never
-stops early and skips nothing, so it is for tests and small scenes. Anyone above `gs2ci.render` may import this
-file, and gets it from `load_backend("reference")`.
+It is written to be read and to be differentiated by autograd, and holds the fast paths to account. It never stops early
+and skips nothing, so it is for tests and small scenes.
 """
 
 from dataclasses import dataclass
@@ -11,7 +10,6 @@ import torch
 from torch import Tensor
 
 from gs2ci.core.errors import InputError
-from gs2ci.render.backend import MaskSet, Reuse
 from gs2ci.render.conventions import (
     ALPHA_MAX,
     ALPHA_MIN,
@@ -23,6 +21,7 @@ from gs2ci.render.conventions import (
 )
 from gs2ci.render.gaussians import Gaussians, rotation_matrices
 from gs2ci.render.inputs import check_masks, check_rendering, check_screen, check_size
+from gs2ci.render.interface import MaskSet, Reuse
 from gs2ci.render.sampling import Sampling, check_sampling
 from gs2ci.render.screen import RADIUS_SIGMAS, ScreenStatistics
 from gs2ci.render.settings import RasterSettings

@@ -1,8 +1,8 @@
 """Where the pixels of an image look, if not at the lattice of a pinhole camera: behind a lens that distorts.
 
-A Gaussian has a value anywhere on the screen, so that a lens takes no resampling: each pixel is blended where its
-light would have fallen without the lens. Here: these places, and the pinhole's canvas that holds them all. Not here:
-the lens (`gs2ci.core.lens`). Anyone above `gs2ci.render` may import this file.
+A Gaussian has a value anywhere on the screen, so that a lens takes no resampling: each pixel is blended where its light
+would have fallen without the lens. Here: these places, and the pinhole's canvas that holds them all. Not here: the lens
+(`gs2ci.core.lens`).
 """
 
 from dataclasses import dataclass

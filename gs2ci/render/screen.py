@@ -1,7 +1,7 @@
 """What renderings show of each Gaussian on the screen: how the loss pulls at it there, and how large it appears.
 
 Here: the record, which a backend fills during its backward pass when it was given one. Not here: decisions on it
-(`gs2ci.reconstruct.fit.density`). Anyone above `gs2ci.render` may import this file.
+(`gs2ci.reconstruct.fit.density`).
 """
 
 from dataclasses import dataclass

@@ -1,10 +1,9 @@
 """Rigid motions and their tangent vectors: exp and log of SO(3) and SE(3), in torch, any dtype.
 
-A tangent vector is xi = (rho, phi), translation first, rotation vector second; `exp(xi)` is a 4 x 4 matrix that
-moves points. Values and first derivatives are finite and accurate at every angle in [0, pi): small angles go
-through Taylor series, and angles near pi through the quaternion, where neither the sine nor the trace is divided
-by. Equations: Sola, Deray, Atchuthan, "A micro Lie theory for state estimation in robotics" (2018), eqs. 132-174.
-Anyone above `gs2ci.render` may import this file.
+A tangent vector is xi = (rho, phi), translation first, rotation vector second; `exp(xi)` is a 4 x 4 matrix that moves
+points. Values and first derivatives are finite and accurate at every angle in [0, pi): small angles go through Taylor
+series, and angles near pi through the quaternion, where neither the sine nor the trace is divided by. Equations: Sola,
+Deray, Atchuthan, "A micro Lie theory for state estimation in robotics" (2018), eqs. 132-174.
 """
 
 import math

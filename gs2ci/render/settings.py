@@ -1,7 +1,6 @@
 """How exactly a fast renderer works: what it may leave out for speed. Data alone.
 
-Here: `RasterSettings`. Not here: which renderer (`backend.py`), nor the image model's own constants
-(`conventions.py`). Anyone above `gs2ci.render` may import this file.
+Here: `RasterSettings`. Not here: which renderer (`backend.py`), nor the image model's own constants (`conventions.py`).
 """
 
 from dataclasses import dataclass

@@ -1,8 +1,7 @@
 """The calibration bundle that a capture uses: found, checked against the bench, and turned into what a shot file holds.
 
 Here: `load` (which bundle, does it fit, a probe of one mask) and `Calibrated`, which `recording` writes. Not here:
-measuring (`gs2ci_calibration`), the file's layout (`gs2ci.core.storage`). `recording`, `telemetry` and commands import
-this file.
+measuring (`gs2ci_calibration`), the file's layout (`gs2ci.core.storage`).
 """
 
 from dataclasses import dataclass

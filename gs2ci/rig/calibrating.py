@@ -1,8 +1,7 @@
 """A rig as calibration sees it: its devices, and somebody who sets things up before the camera.
 
 Here: the bench of a rig file, the operator at the terminal, the bundle's provenance. Not here: the simulated operator
-(`simulated_operator`), the procedures (`gs2ci_calibration`), the truth of a simulated bench (`gs2ci.bench.truth`).
-Commands, the rest of `gs2ci.rig` and tests import this file.
+(`simulated_operator`), the procedures (`gs2ci_calibration`), the truth of a simulated bench (`gs2ci.tables.truth`).
 """
 
 from collections.abc import Callable

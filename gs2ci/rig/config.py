@@ -1,8 +1,7 @@
 """What a rig file may say: one table per device, one for the capture, one for the simulated surroundings.
 
-Every table is a strict model: an unknown key is an error that names the nearest known one. `port = "simulated"`
-puts a device's twin below its driver. Not here: opening anything (`gs2ci.rig.opening`). The rest of `gs2ci.rig` and
-`gs2ci.bench` import this file.
+Every table is a strict model: an unknown key is an error that names the nearest known one. `port = "simulated"` puts a
+device's twin below its driver. Not here: opening anything (`gs2ci.rig.opening`).
 """
 
 from pathlib import Path
@@ -317,7 +316,7 @@ def read_rig(path: Path) -> tuple[RigTable, str]:
     if keys & SIMULATION_ONLY and not keys & (RigTable.model_fields.keys() - SHARED):
         raise InputError(
             f"{path} describes a simulation, not a bench",
-            allowed="a bench's rig file: docs/bench.md, docs/rigs/simulated.toml",
+            allowed="a bench's rig file: docs/tables.md, docs/rigs/simulated.toml",
             remedy=f"for what it would simulate: gs2ci plan {path}",
         )
     rig, text = read_settings(path, RigTable)

@@ -1,7 +1,6 @@
 """What is plugged into this computer that a rig could use.
 
-Here: looking, without opening more than it takes to learn a name. Not here: using any of it. `gs2ci devices` imports
-this file.
+Here: looking, without opening more than it takes to learn a name. Not here: using any of it.
 """
 
 import usb.core

@@ -2,7 +2,6 @@
 
 Here: the examination: ports and permissions, who answers, faults, clocks, and the trigger loop from modulator to
 sensor. The stage is asked and not moved. Not here: printing (`gs2ci.commands.doctor`), the devices' own checks.
-`gs2ci doctor` and tests import this file.
 """
 
 import os

@@ -1,6 +1,6 @@
 """What a rig file wants captured, in the drivers' terms: mask codes, capture settings, the sensor's set-up.
 
-Not here: planning and taking it (`recording`), calibrating for it (`calibrating`). These two import this file.
+Not here: planning and taking it (`recording`), calibrating for it (`calibrating`).
 """
 
 from typing import Any

@@ -1,8 +1,7 @@
 """From a rig file to open devices: the only file that chooses between a device and its twin.
 
 Here: drivers on real ports or on twins, and wire traces round either. Not here: what the twins stand in
-(`gs2ci.rig.simulated`), what a rig file may say (`config`). Commands and the rest of `gs2ci.rig`
-import this file.
+(`gs2ci.rig.simulated`), what a rig file may say (`config`).
 """
 
 from collections.abc import Callable

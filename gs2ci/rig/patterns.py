@@ -1,8 +1,7 @@
 """Mask codes and where they lie on the modulator.
 
-Here: drawing or reading codes at the sensor's resolution, and laying them out on the modulator's own pixels.
-Not here: measuring what the sensor really sees of them (`gs2ci_calibration`). The rest of `gs2ci.rig`
-imports this file.
+Here: drawing or reading codes at the sensor's resolution, and laying them out on the modulator's own pixels. Not here:
+measuring what the sensor really sees of them (`gs2ci_calibration`).
 """
 
 from pathlib import Path

@@ -2,7 +2,7 @@
 
 Here: the capture of a rig file from the plan to the finished file, the file's header, the rows. Not here: the file's
 layout (`gs2ci.core.storage`), poses from stage positions (`telemetry`), the order of things on the bench
-(`gs2ci_drivers.acquisition`). Commands import this file.
+(`gs2ci_drivers.acquisition`).
 """
 
 from contextlib import suppress

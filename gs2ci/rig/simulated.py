@@ -1,8 +1,7 @@
 """The simulated surroundings of a rig: one world, and one twin per device.
 
 Here: building them from the rig file. Not here: deciding whether to (`gs2ci.rig.opening`), who sets things up in that
-world (`simulated_operator`). Only `gs2ci.rig`, `gs2ci.bench` and tests import this file, and `gs2ci.rig` only where a
-rig file names a twin: a real bench does without the simulator.
+world (`simulated_operator`).
 """
 
 import re

@@ -1,7 +1,6 @@
 """Somebody who sets things up before the camera of a simulated bench, as calibration asks for.
 
-Here: the operator. Not here: the one at a terminal (`gs2ci.rig.calibrating`), the world (`simulated`). Only
-`gs2ci.rig.calibrating` imports this file, and only for a bench of twins.
+Here: the operator. Not here: the one at a terminal (`gs2ci.rig.calibrating`), the world (`simulated`).
 """
 
 from gs2ci.core.errors import InputError

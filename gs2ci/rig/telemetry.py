@@ -1,8 +1,7 @@
 """Camera poses from what the stage reports: by the calibration where it measured the axes, else as the rig file says.
 
 Here: how a capture's stage carries the camera, and the poses of a row. Not here: measuring it (the step `stage`,
-`gs2ci_calibration.geometry`), where the stage is at each mask (`gs2ci_drivers.acquisition`). `recording` imports this
-file.
+`gs2ci_calibration.geometry`), where the stage is at each mask (`gs2ci_drivers.acquisition`).
 """
 
 from collections.abc import Mapping

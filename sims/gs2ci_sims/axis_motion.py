@@ -1,8 +1,7 @@
 """How an axis really moves: ramps of constant acceleration, remembered, and the ways in which truth differs.
 
-Here: the velocity profile of one axis as pieces of constant acceleration, and the mechanical errors between
-what the controller counts and where the carriage is. Not here: commands (`gs2ci_sims.wires.zaber`, `.grbl`).
-Stage twins and `gs2ci.rig` import this file.
+Here: the velocity profile of one axis as pieces of constant acceleration, and the mechanical errors between what the
+controller counts and where the carriage is. Not here: commands (`gs2ci_sims.wires.zaber`, `.grbl`).
 """
 
 from bisect import bisect_right

@@ -3,8 +3,7 @@
 It joins the world of the twins (`world`) to the light path (`exposure`, `light_path`): the masks come from the
 modulator's own pixels through the registration, the poses from the stage twin's motion, the times from the sensor
 twin's shutter. For calibration, something else can be put before the camera (`look_at_*`); of a scene the planner
-chooses what is simulated, of such targets everything is. Not here: effects, rendering, protocols. `gs2ci.rig`,
-`gs2ci capture` and tests import this file.
+chooses what is simulated, of such targets everything is. Not here: effects, rendering, protocols.
 """
 
 from collections.abc import Sequence

@@ -3,8 +3,7 @@
 A twin's module declares the faults it knows with `declare`; a test or a rig file injects them by name into the
 `FaultSet` that the twin was given; the twin calls `take` wherever the fault could strike.
 
-Here: names, counting, the record. Not here: what a fault does (each twin in `gs2ci_sims.wires`). Twins, tests
-and `gs2ci.rig` import this file.
+Here: names, counting, the record. Not here: what a fault does (each twin in `gs2ci_sims.wires`).
 """
 
 from collections.abc import Iterator

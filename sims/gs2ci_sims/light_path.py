@@ -2,7 +2,7 @@
 
 Here: `LIGHT_PATH`, from the scene to the file, and the chain of those effects that are switched on. Not here:
 what an effect does (`effects`), which ones a measurement needs (`planner`), the exposure itself (`exposure`). For
-this package and `gs2ci.bench`.
+this package and `gs2ci.tables`.
 """
 
 import zlib

@@ -1,7 +1,7 @@
 """Where the modulator's pixels fall on the sensor, and what of them each sensor pixel sees.
 
 Here: the true map between the two grids and the integral over each sensor pixel's square. Not here: blur, leakage
-(`effects`), measuring the map (`gs2ci_calibration`). `bench_light`, `gs2ci.rig` and tests import this file.
+(`effects`), measuring the map (`gs2ci_calibration`).
 """
 
 from dataclasses import dataclass

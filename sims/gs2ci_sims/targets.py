@@ -1,7 +1,7 @@
 """What is put before the camera to calibrate it: an even light, a ChArUco board. Drawn without the rasteriser.
 
 Both are `Renderer`s, so that the light path takes them for the scene. Not here: the light path (`exposure`), what is
-asked for when (`gs2ci_calibration`). `bench_light`, `gs2ci.rig` and tests import this file.
+asked for when (`gs2ci_calibration`).
 """
 
 from dataclasses import dataclass, field, replace

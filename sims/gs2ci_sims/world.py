@@ -4,9 +4,8 @@ Time is virtual and passes only while somebody waits on the clock; what twins ha
 in order of time. The stage twin tells where the axes are at any time past, the modulator twin which mask it
 shows, and the sensor twin asks `World.integrate` what light a pixel array collects between two times.
 
-Here: the clock, the bus, the histories, the record of one exposure. Not here: light (`gs2ci_sims.light_path`
-behind the `LightPath` interface), protocols (`gs2ci_sims.wires`). Twins, `bench_light` and `gs2ci.rig`
-import this file; drivers never do.
+Here: the clock, the bus, the histories, the record of one exposure. Not here: light (`gs2ci_sims.light_path` behind the
+`LightPath` interface), protocols (`gs2ci_sims.wires`). drivers never do.
 """
 
 import heapq

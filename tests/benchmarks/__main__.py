@@ -1,4 +1,4 @@
-"""`make bench`: run the benchmarks and print their figures. Nothing is asserted: timings belong to a machine.
+"""`make benchmarks`: run the benchmarks and print their figures. Nothing is asserted: timings belong to a machine.
 
     python -m tests.benchmarks            those that take minutes
     python -m tests.benchmarks long_fits  any by name, also those of `LONG`

@@ -11,15 +11,15 @@ import os
 from dataclasses import replace
 from pathlib import Path
 
-from gs2ci.bench.cases import Case
-from gs2ci.bench.tables import TEXTURELESS, file_cases, simulated_cases
 from gs2ci.core.progress import Silent
-from gs2ci.reconstruct.brightness import LinearSystem
 from gs2ci.reconstruct.decode.gap_tv import gap_tv
 from gs2ci.reconstruct.geometry.evidence import carried_views
 from gs2ci.reconstruct.geometry.prior import Request, from_tracks
-from gs2ci.reconstruct.jury import Jury
+from gs2ci.reconstruct.measurement.brightness import LinearSystem
+from gs2ci.reconstruct.measurement.jury import Jury
 from gs2ci.reconstruct.settings import Settings
+from gs2ci.tables.cases import Case
+from gs2ci.tables.catalogue import TEXTURELESS, file_cases, simulated_cases
 
 SIZE = (96, 128)
 SEEDS = range(2)

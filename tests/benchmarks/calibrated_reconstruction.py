@@ -14,7 +14,6 @@ from pathlib import Path
 
 import numpy as np
 
-from gs2ci.bench.truth import truth_of
 from gs2ci.core.arrays import F32
 from gs2ci.core.errors import GeometryError
 from gs2ci.core.progress import Silent
@@ -30,6 +29,7 @@ from gs2ci.rig.intent import intended
 from gs2ci.rig.opening import Rig
 from gs2ci.rig.recording import prepare, record
 from gs2ci.rig.simulated import build_bench
+from gs2ci.tables.truth import truth_of
 from gs2ci_calibration.bench import Setup
 from gs2ci_calibration.bundle import Bundle, add_section
 from gs2ci_calibration.procedures import PROCEDURES

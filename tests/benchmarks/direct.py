@@ -18,7 +18,7 @@ from gs2ci.reconstruct.geometry.evidence import unexplained
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.geometry.prior import Request, from_tracks
 from gs2ci.reconstruct.geometry.sources import uniform_motion
-from gs2ci.reconstruct.jury import Jury
+from gs2ci.reconstruct.measurement.jury import Jury
 from gs2ci.reconstruct.settings import Settings
 from tests.stability.benches import Bench, ahead, still, turning
 

@@ -9,9 +9,9 @@ correlation (Spearman) of disagreement and error over pixels.
 import numpy as np
 from scipy.stats import spearmanr
 
-from gs2ci.bench.tables import simulated_cases
 from gs2ci.reconstruct.pipeline import reconstruct
 from gs2ci.reconstruct.settings import Settings
+from gs2ci.tables.catalogue import simulated_cases
 
 FIFTHS = 5
 SEED = 0

@@ -12,13 +12,13 @@ import statistics
 from dataclasses import asdict
 from pathlib import Path
 
-from gs2ci.bench.cases import Case
-from gs2ci.bench.cells import Cell
-from gs2ci.bench.store import Row, Store
-from gs2ci.bench.tables import file_cases, resized, simulated_cases
-from gs2ci.bench.workers import complete
 from gs2ci.evaluate.tradeoff.front import agreement
 from gs2ci.evaluate.tradeoff.trials import TRIALS, tried
+from gs2ci.tables.cases import Case
+from gs2ci.tables.catalogue import file_cases, resized, simulated_cases
+from gs2ci.tables.cells import Cell
+from gs2ci.tables.store import Row, Store
+from gs2ci.tables.workers import complete
 
 NAMES = (
     "decode",

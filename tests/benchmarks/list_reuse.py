@@ -16,7 +16,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gs2ci.bench.cases import Case
 from gs2ci.core.arrays import F32
 from gs2ci.core.progress import Silent
 from gs2ci.core.run_records import CurvePoint
@@ -26,6 +25,7 @@ from gs2ci.reconstruct.fit.stopping import HoldOut, Watch
 from gs2ci.reconstruct.pipeline import reconstruct
 from gs2ci.reconstruct.settings import Settings
 from gs2ci.render.settings import RasterSettings
+from gs2ci.tables.cases import Case
 
 CASES = (Case("boxes", scene="boxes"), Case("motorcycle", scene="motorcycle"))
 EVERY = (1, 4, 8)

@@ -10,12 +10,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from gs2ci.bench.cases import Case
 from gs2ci.core.arrays import F32
 from gs2ci.evaluate.metrics import psnr_per_view
-from gs2ci.reconstruct.fit.paper import paper_settings
 from gs2ci.reconstruct.fit.rules import RULE_NAMES, with_rule
 from gs2ci.reconstruct.pipeline import reconstruct
+from gs2ci.reconstruct.presets import paper_settings
+from gs2ci.tables.cases import Case
 
 CASE = Case("boxes", scene="boxes", size=(32, 40))
 SEEDS = range(3)

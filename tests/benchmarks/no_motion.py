@@ -16,7 +16,7 @@ from gs2ci.core.progress import Silent
 from gs2ci.reconstruct.decode.gap_tv import gap_tv
 from gs2ci.reconstruct.geometry.prior import Request, from_tracks
 from gs2ci.reconstruct.geometry.validity import Criteria
-from gs2ci.reconstruct.jury import Jury
+from gs2ci.reconstruct.measurement.jury import Jury
 from gs2ci.reconstruct.settings import Settings
 from tests.stability.benches import Bench, still, turning
 

@@ -14,9 +14,9 @@ from dataclasses import asdict
 import numpy as np
 from scipy.stats import gmean, spearmanr
 
-from gs2ci.bench.cases import Case
-from gs2ci.bench.works import initialise_case
 from gs2ci.reconstruct.geometry.validity import Criteria
+from gs2ci.tables.cases import Case
+from gs2ci.tables.works import initialise_case
 
 SCENES = ("ball", "boxes", "corridor", "motorcycle", "planes", "textureless", "thicket")
 FIRST = [(Case(name, scene=name), seed) for name in SCENES for seed in range(3)]

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from gs2ci.bench.random_benches import BLACK_DN, opened
 from gs2ci.rig.config import RigTable
+from gs2ci.tables.random_benches import BLACK_DN, opened
 from gs2ci_calibration.bundle import Bundle
 from gs2ci_calibration.procedures import PROCEDURES
 

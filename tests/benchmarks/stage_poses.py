@@ -13,8 +13,6 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from gs2ci.bench.cases import Case, staged
-from gs2ci.bench.tables import SIMULATED, TEXTURELESS
 from gs2ci.core.arrays import F64
 from gs2ci.core.errors import GeometryError
 from gs2ci.core.progress import Silent
@@ -25,8 +23,10 @@ from gs2ci.reconstruct.geometry.choose import load_geometry_prior
 from gs2ci.reconstruct.geometry.evidence import unexplained
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.geometry.prior import Request
-from gs2ci.reconstruct.jury import Jury
+from gs2ci.reconstruct.measurement.jury import Jury
 from gs2ci.reconstruct.settings import Settings
+from gs2ci.tables.cases import Case, staged
+from gs2ci.tables.catalogue import SIMULATED, TEXTURELESS
 
 SEED = 0
 

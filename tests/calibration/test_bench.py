@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gs2ci.bench.random_benches import opened, random_table
 from gs2ci.core.errors import InputError
 from gs2ci.rig.calibrating import TerminalOperator
 from gs2ci.rig.config import RigTable
+from gs2ci.tables.random_benches import opened, random_table
 from gs2ci_calibration.bench import Bench, Setup, Stack
 from gs2ci_calibration.bundle import Bundle
 from gs2ci_calibration.drift import changes_since

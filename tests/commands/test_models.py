@@ -8,7 +8,7 @@ from onnx import TensorProto, helper, save
 
 from gs2ci.commands.models import run
 from gs2ci.core.errors import InputError
-from gs2ci.reconstruct.decode.onnx_denoiser import OnnxDenoiser
+from gs2ci.reconstruct.learned.onnx_denoiser import OnnxDenoiser
 
 
 @pytest.fixture

@@ -9,8 +9,8 @@ from gs2ci.core.errors import InputError, StorageError
 from gs2ci.core.records import Shot, Truth
 from gs2ci.core.storage import write_shots
 from gs2ci.evaluate.report import read_report
-from gs2ci.reconstruct.brightness import BrightnessSettings
-from gs2ci.reconstruct.costs import CostModel
+from gs2ci.reconstruct.budget.costs import CostModel
+from gs2ci.reconstruct.measurement.brightness import BrightnessSettings
 from gs2ci.reconstruct.presets import PRESETS
 from gs2ci.reconstruct.settings import Settings
 from gs2ci.render import backend

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gs2ci.bench.random_benches import opened, random_table
+from gs2ci.tables.random_benches import opened, random_table
 from gs2ci_drivers.acquisition import capture, plan_capture
 from gs2ci_drivers.failures import ExtraFrameError, NoAnswerError, TriggerTimeoutError
 from gs2ci_drivers.plan import CaptureSettings, Mode

@@ -9,10 +9,10 @@ from scipy.io import loadmat
 
 from gs2ci.core.records import Shot
 from gs2ci.evaluate.trajectory import trajectory_errors
-from gs2ci.reconstruct.coding import cfa_channels, select
 from gs2ci.reconstruct.decode.gap_tv import gap_tv
 from gs2ci.reconstruct.geometry.initialise import initialise
 from gs2ci.reconstruct.geometry.points import seed_points
+from gs2ci.reconstruct.measurement.coding import cfa_channels, select
 
 
 def load(folder, name):

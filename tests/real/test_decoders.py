@@ -7,9 +7,9 @@ from scipy.ndimage import gaussian_filter
 from gs2ci.core.foreign.assemble import ImportOptions, import_shots
 from gs2ci.evaluate.metrics import psnr_per_view
 from gs2ci.reconstruct.decode.coupling import choose_coupling
-from gs2ci.reconstruct.decode.ffdnet import export_ffdnet, read_ffdnet
 from gs2ci.reconstruct.decode.gap_tv import GapTvSettings, gap_tv
-from gs2ci.reconstruct.decode.onnx_denoiser import OnnxDenoiser
+from gs2ci.reconstruct.learned.ffdnet import export_ffdnet, read_ffdnet
+from gs2ci.reconstruct.learned.onnx_denoiser import OnnxDenoiser
 
 
 def shots_of(path):

@@ -6,7 +6,7 @@ import pytest
 
 from gs2ci.core.errors import InputError
 from gs2ci.reconstruct.ablation import COMPONENTS, without
-from gs2ci.reconstruct.fit.paper import paper_settings
+from gs2ci.reconstruct.presets import paper_settings
 from gs2ci.reconstruct.settings import Settings
 
 CHANGED = {

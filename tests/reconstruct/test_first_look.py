@@ -5,14 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gs2ci.bench.cases import Case
 from gs2ci.core.progress import Silent
-from gs2ci.reconstruct.brightness import BrightnessSettings
 from gs2ci.reconstruct.decode.gap_tv import gap_tv
+from gs2ci.reconstruct.decode.proxies.routing import geometry_views
 from gs2ci.reconstruct.first_look import LookSettings, look
 from gs2ci.reconstruct.geometry.choose import load_geometry_prior
-from gs2ci.reconstruct.jury import Jury
-from gs2ci.reconstruct.proxies.routing import geometry_views
+from gs2ci.reconstruct.measurement.brightness import BrightnessSettings
+from gs2ci.reconstruct.measurement.jury import Jury
+from gs2ci.tables.cases import Case
 
 FLICKER = np.array([0.75, 1.2, 0.9, 1.1, 0.8, 1.25], np.float32)
 

@@ -10,7 +10,7 @@ from gs2ci.core.records import Shot
 from gs2ci.reconstruct.first_look import FirstLook, LookSettings
 from gs2ci.reconstruct.fit.withheld import Withheld
 from gs2ci.reconstruct.geometry.initialise import Geometry, GeometrySettings
-from gs2ci.reconstruct.jury import Jury
+from gs2ci.reconstruct.measurement.jury import Jury
 from gs2ci.reconstruct.second_look import is_wanted, second_look
 from gs2ci.reconstruct.settings import Settings
 

@@ -8,9 +8,9 @@ import pytest
 import torch
 from torch import Tensor
 
-from gs2ci.render.backend import Backend
 from gs2ci.render.cpu.backend import CpuBackend
 from gs2ci.render.gaussians import Gaussians
+from gs2ci.render.interface import Backend
 from gs2ci.render.reference import ReferenceBackend
 from gs2ci.render.settings import RasterSettings
 

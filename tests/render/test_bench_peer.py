@@ -1,4 +1,4 @@
-"""The torch rasteriser that `make bench` compares with must solve the same problem to be a fair peer."""
+"""The torch rasteriser that `make benchmarks` compares with must solve the same problem to be a fair peer."""
 
 import torch
 

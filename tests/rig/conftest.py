@@ -5,10 +5,10 @@ from contextlib import contextmanager
 import numpy as np
 import pytest
 
-from gs2ci.bench.truth import truth_of
 from gs2ci.rig.calibrated import load
 from gs2ci.rig.calibrating import bench_of, operator_of, provenance_of
 from gs2ci.rig.opening import load_rig
+from gs2ci.tables.truth import truth_of
 from gs2ci_calibration.bundle import Bundle, read_bundle, write_bundle
 from gs2ci_calibration.estimates import Estimate, Section
 from gs2ci_calibration.fitting import codes_sha256

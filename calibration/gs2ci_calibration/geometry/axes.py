@@ -3,7 +3,7 @@
 A board at rest is seen from many positions of the stage. A stage that only shifts the camera shows it in one
 orientation, so that all pictures share one rotation and each gives the camera's place. Here: the fit of the axes. Not
 here: the pictures (`stage`), the camera's own figures, which come in with their covariance (`intrinsics`), what an axis
-is refused for (`axis_checks`). `stage` and tests import this file.
+is refused for (`axis_checks`).
 """
 
 from collections.abc import Callable, Mapping, Sequence

@@ -1,6 +1,6 @@
 """An axis of the stage as fitted to pictures, and what it is refused for: standing still, slipping, going elsewhere.
 
-Here: the record and the tests of goodness. Not here: the fit (`axes`, which imports this file, as tests do).
+Here: the record and the tests of goodness. Not here: the fit (`axes`).
 """
 
 from dataclasses import dataclass

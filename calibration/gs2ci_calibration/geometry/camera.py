@@ -1,7 +1,6 @@
 """The step `camera`: pictures of a ChArUco board in several poses, and what they say of the camera.
 
 Here: the pictures and the bundle's section, both ways. Not here: the estimate (`intrinsics`), corners (`board`).
-`procedures` and `stage` import this file.
 """
 
 from typing import Final

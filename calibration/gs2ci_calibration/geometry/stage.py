@@ -1,7 +1,7 @@
 """The step `stage`: pictures of a board at rest from along each axis, from both sides and on the move.
 
 Here: where to go, the pictures, the bundle's section. Not here: the fit (`axes`), the camera (step `camera`, whose
-section this one needs). `procedures` and tests import this file.
+section this one needs).
 """
 
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""Numba kernel: what a sensor pixel sees of a pattern of square mirrors. Only `imaging` imports this file.
+"""Numba kernel: what a sensor pixel sees of a pattern of square mirrors.
 
 The readable statement of the same in numpy float64 is in `tests/calibration/masks/test_imaging.py`, which holds the
 kernel to it. Every pixel is computed alone, so the result does not depend on the number of threads.

@@ -1,7 +1,7 @@
 """The step `masks`: what every mask lets through at every pixel, measured one by one, or foreseen from a few frames.
 
 Here: the order of things in both modes, and the section. Not here: the sums (`measured`), predictions (`predicted`),
-which mask is which (`checks`). `gs2ci_calibration.procedures` and tests import this file.
+which mask is which (`checks`).
 """
 
 from dataclasses import dataclass

@@ -3,7 +3,6 @@
 Every tile of the sensor tells by how much predicted and measured image are shifted there, and how surely: a gradient
 and a 2 x 2 information matrix. The map's polynomial is fitted to these; the scatter between tiles, which holds
 everything that the noise of single pixels does not (leakage, dust, a blur that is no Gaussian), gives its errors.
-Only `registration` imports this file.
 """
 
 from collections.abc import Sequence

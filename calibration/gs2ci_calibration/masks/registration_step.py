@@ -1,8 +1,7 @@
 """The step `registration`: find the modulator on the sensor, whichever way round, to thousandths of a pixel.
 
 Stripes of a Gray code, then textures cut to what the sensor sees of the modulator. Here: which patterns are shown and
-what is refused. Not here: decoding (`gray_code`), the fit (`registration`). `gs2ci_calibration.procedures` and tests
-import this file.
+what is refused. Not here: decoding (`gray_code`), the fit (`registration`).
 """
 
 from typing import Any, Final

@@ -1,7 +1,6 @@
 """A Santec SLM-200 class panel as a `Modulator`: grey-level masks, stepped by the host. EXPERIMENTAL.
 
 Here: slots, grey levels, the host's timetable. Not here: the exchange (`link`), the bytes (`packets`).
-`gs2ci.rig`, the contract suite and tests import this file.
 
 Masks lie in the panel's memory slots; the host shows them one by one (`keep_time`, `wait_done`), and the panel
 pulses its trigger output at each change. Between masks and after disarming it shows its dark level.

@@ -1,6 +1,6 @@
 """One command, then polling until the panel says what became of it. EXPERIMENTAL, as the package says.
 
-Here: the exchange. Not here: what is asked (`driver`), the bytes (`packets`). Only the driver imports this file.
+Here: the exchange. Not here: what is asked (`driver`), the bytes (`packets`).
 """
 
 from typing import Final

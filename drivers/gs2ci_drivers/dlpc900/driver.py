@@ -1,7 +1,7 @@
 """The DLPC900 as a modulator: pattern-on-the-fly over USB HID, in the order that the firmware wants.
 
-Here: who says what when. Not here: bytes (`packets`, `payloads`, `lut`, `images`), the single exchange
-(`channel`), the translation of a sequence (`plan`). `gs2ci.rig`, the contract suite and tests import this file.
+Here: who says what when. Not here: bytes (`packets`, `payloads`, `lut`, `images`), the single exchange (`channel`), the
+translation of a sequence (`plan`).
 
 Order of an upload (DLPU018, chapter 4): stop, mode on-the-fly, stop, triggers, entries, entry count, images from
 the last to the first, entry count again. TRIG_OUT_2 carries the pulses (one per exposure, or one per mask),

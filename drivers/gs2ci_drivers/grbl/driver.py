@@ -4,7 +4,7 @@ Every motion is a jog (`$J=`): it leaves the parser's modes alone, is refused as
 travel, and can be cancelled without losing the position. Completion is two-fold (grbl issue 1115: Idle can be
 reported early): the state is Idle, then a `G4` dwell, which the planner executes last, is acknowledged.
 
-Here: what a stage does. Not here: lines (`link`), formats (`packets`). `gs2ci.rig` imports this file.
+Here: what a stage does. Not here: lines (`link`), formats (`packets`).
 """
 
 from collections.abc import Mapping

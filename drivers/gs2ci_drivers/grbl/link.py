@@ -1,6 +1,6 @@
 """Requests to a GRBL controller and what comes back: `ok`, `error:n`, reports, alarms, banners, in any mix.
 
-Here: the exchange. Not here: what a stage does with it (`driver`). Only the driver imports this file.
+Here: the exchange. Not here: what a stage does with it (`driver`).
 """
 
 from gs2ci.core.clock import Clock

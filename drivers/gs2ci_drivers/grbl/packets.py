@@ -1,7 +1,6 @@
 """GRBL 1.1 lines: status reports, settings, banners, alarms, errors. Pure; no port, no time.
 
-Source: gnea/grbl doc/markdown/interface.md, settings.md, commands.md and doc/csv; reference section
-3.3. The driver imports this file.
+Source: gnea/grbl doc/markdown/interface.md, settings.md, commands.md and doc/csv; reference section 3.3.
 """
 
 import re

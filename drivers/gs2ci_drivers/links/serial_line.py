@@ -1,6 +1,6 @@
 """A serial line of the computer as a `BytePort`, by pyserial.
 
-Here: opening, reading, writing with timeouts. Not here: any protocol. `gs2ci.rig` imports this file.
+Here: opening, reading, writing with timeouts. Not here: any protocol.
 """
 
 import errno

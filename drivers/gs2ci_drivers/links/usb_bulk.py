@@ -1,7 +1,7 @@
 """The FIFO of an FTDI FT600/FT601 USB 3 bridge as a `BytePort`, by pyusb: the link of Santec SLM-200 class panels.
 
-Here: bulk transfers with timeouts, and the bridge's read requests. Not here: finding and claiming (`usb_device`),
-any protocol. `gs2ci.rig` imports this file.
+Here: bulk transfers with timeouts, and the bridge's read requests. Not here: finding and claiming (`usb_device`), any
+protocol.
 
 Experimental: written from public knowledge of the bridge (data on 0x02/0x82 of interface 1; before data flows in,
 the host asks for it with a 20-byte request on 0x01 of interface 0), not confirmed on hardware.

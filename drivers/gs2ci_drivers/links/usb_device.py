@@ -1,7 +1,6 @@
 """Finding and claiming one interface of a USB device by pyusb, and giving it back as it was.
 
-Here: what the HID and the bulk link share. Not here: transfers (`usb_hid`, `usb_bulk`). Those two, `gs2ci doctor`
-for the udev rules, and tests import this file.
+Here: what the HID and the bulk link share. Not here: transfers (`usb_hid`, `usb_bulk`).
 """
 
 import errno

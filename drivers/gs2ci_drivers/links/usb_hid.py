@@ -1,7 +1,6 @@
 """A USB HID interface with 64-byte reports as a `HidPort`, by pyusb (libusb, no hidraw, no report ids).
 
-Here: interrupt transfers with timeouts. Not here: finding and claiming (`usb_device`), any protocol. `usb_bulk`
-and `gs2ci.rig` import this file.
+Here: interrupt transfers with timeouts. Not here: finding and claiming (`usb_device`), any protocol.
 """
 
 import errno

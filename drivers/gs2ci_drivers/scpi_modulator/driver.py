@@ -1,7 +1,7 @@
 """A modulator that speaks the open SCPI-style protocol, as a `Modulator`.
 
 Here: the order of commands, capabilities, times in µs. Not here: the exchange (`link`), the bytes (`packets`), the
-protocol's text (docs/scpi-modulator.md). `gs2ci.rig`, the contract suite and tests import this file.
+protocol's text (docs/scpi-modulator.md).
 """
 
 from dataclasses import dataclass

@@ -1,6 +1,6 @@
 """One tagged request, its one reply, with deadlines, repetition of what may be repeated, and resynchronisation.
 
-Here: the exchange. Not here: what is asked (`driver`), the bytes (`packets`). Only the driver imports this file.
+Here: the exchange. Not here: what is asked (`driver`), the bytes (`packets`).
 """
 
 from typing import Final

@@ -1,8 +1,8 @@
 """The V4L2 ABI of 64-bit Linux: structures, ioctl numbers, control ids and flags, exactly those the driver uses.
 
-Here: layouts and numbers (linux/videodev2.h, linux/v4l2-controls.h, linux/v4l2-subdev.h), no behaviour. Not here:
-pixel layouts (`formats`), calls (`node`). The driver package and its tests import this file; the simulated
-kernel builds the same bytes on its own, so that an error here cannot cancel itself.
+Here: layouts and numbers (linux/videodev2.h, linux/v4l2-controls.h, linux/v4l2-subdev.h), no behaviour. Not here: pixel
+layouts (`formats`), calls (`node`). the simulated kernel builds the same bytes on its own, so that an error here cannot
+cancel itself.
 """
 
 import ctypes

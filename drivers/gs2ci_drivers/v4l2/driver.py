@@ -1,7 +1,7 @@
 """A V4L2 camera as a `Sensor`: the order of calls that kernel drivers expect, and life after an unplug.
 
 Here: `V4l2Sensor` and `list_cameras`. Not here: setting up (`setup`), buffers (`streaming`), what a frame is worth
-(`judge`), requests (`node`). `gs2ci.rig`, `gs2ci devices` and tests import this file.
+(`judge`), requests (`node`).
 
 Order: open, QUERYCAP, S_FMT (re-read: the driver may change everything), controls (automatic ones off first),
 REQBUFS, QUERYBUF + mmap, QBUF of all, SUBSCRIBE_EVENT, STREAMON, STREAMOFF, STREAMON (old frames are gone, frame

@@ -1,7 +1,7 @@
 """Pixel layouts of mono and Bayer sensors, and their unpacking to u16; pure numpy.
 
-Here: what a four-character code means (bits, packing, mosaic), the geometry of a frame as the kernel stated it,
-and `unpack`. Not here: ioctls. The driver and tests import this file.
+Here: what a four-character code means (bits, packing, mosaic), the geometry of a frame as the kernel stated it, and
+`unpack`. Not here: ioctls.
 
 Layouts (linux/Documentation/userspace-api/media/v4l/pixfmt-*): 8-bit containers; 16-bit little-endian containers,
 the value in the low bits unless told otherwise; MIPI CSI-2 packing, 4 pixels in 5 bytes (10 bit) or 2 in

@@ -1,7 +1,6 @@
 """Zaber stages as a `Stage`.
 
-Here: what a stage does, in Zaber's commands. Not here: lines and ids (`link`), numbers (`units`), tables
-(`flags`). `gs2ci.rig` imports this file.
+Here: what a stage does, in Zaber's commands. Not here: lines and ids (`link`), numbers (`units`), tables (`flags`).
 
 Speeds: firmware before 7.25 has no speed argument of `move`, so the speed is set by `set maxspeed` and the
 device's own value is put back when the stage rests, stops or is closed.

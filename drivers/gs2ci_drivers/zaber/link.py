@@ -1,7 +1,6 @@
 """One request, its one reply: ids, checksums, alerts in between, late answers, deadlines.
 
-Here: the exchange of messages with a Zaber chain. Not here: what a stage does with them (`driver`). Only the
-driver imports this file.
+Here: the exchange of messages with a Zaber chain. Not here: what a stage does with them (`driver`).
 """
 
 from gs2ci.core.clock import Clock

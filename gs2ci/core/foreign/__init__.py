@@ -13,5 +13,4 @@
 
 Every guess is a sentence for the user; what contradicts itself is one InputError that names file, key and remedy.
 Python objects (pickles) are never loaded. Not here: our own files (`gs2ci.core.storage`), printing.
-Anyone may import this package.
 """

@@ -1,7 +1,7 @@
 """A foreign file in, shots and the list of guesses out.
 
-Here: what the user may fix beforehand (`ImportOptions`) and the order in which everything else is found out. Not
-here: the single guesses (the files beside this one), writing (`gs2ci.core.storage`). Anyone may import this file.
+Here: what the user may fix beforehand (`ImportOptions`) and the order in which everything else is found out. Not here:
+the single guesses (the files beside this one), writing (`gs2ci.core.storage`).
 """
 
 from dataclasses import dataclass

@@ -1,8 +1,8 @@
 """Which axis is which: measurement, masks and true views brought into the order of the house.
 
-Every order of axes that is in use is a candidate; those in which heights and widths agree are possible; of these
-the one with the most pixels wins (a mask stack has more pixels than masks), and what still differs is an error or,
-where a default exists, a printed guess. Only `gs2ci.core.foreign` imports this file.
+Every order of axes that is in use is a candidate; those in which heights and widths agree are possible; of these the
+one with the most pixels wins (a mask stack has more pixels than masks), and what still differs is an error or, where a
+default exists, a printed guess.
 """
 
 from collections.abc import Iterator

@@ -2,8 +2,7 @@
 
 Accepted: [3, 3] (or transposed), four numbers fx fy cx cy, or a focal length with a centred principal point; OpenCV's
 coefficients of distortion; poses [N, 4, 4], [N, 3, 4] or with the counting axis last, world-to-camera or
-camera-to-world, OpenCV axes. Pixel centres lie at +0.5, so a centred principal point is (W/2, H/2). Only
-`gs2ci.core.foreign` imports this file.
+camera-to-world, OpenCV axes. Pixel centres lie at +0.5, so a centred principal point is (W/2, H/2).
 """
 
 from typing import Any, Final

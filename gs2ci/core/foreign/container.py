@@ -1,8 +1,7 @@
 """A foreign file as a set of named arrays, described before they are loaded.
 
-Here: `Container`, `Entry`, `Array` (numbers with the place they came from), and the two errors every format
-shares: a file that cannot be understood, and an array that is too large to be true. Not here: any format.
-Only `gs2ci.core.foreign` and `gs2ci import` import this file.
+Here: `Container`, `Entry`, `Array` (numbers with the place they came from), and the two errors every format shares: a
+file that cannot be understood, and an array that is too large to be true. Not here: any format.
 """
 
 import math

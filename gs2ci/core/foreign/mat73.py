@@ -1,7 +1,7 @@
 """Reading .mat of version 7.3, which is HDF5, with axes as MATLAB users see them.
 
-MATLAB stores arrays column by column and its HDF5 files name the axes in that order, so arrays are transposed
-here. No link is followed. Only `gs2ci.core.foreign` imports this file.
+MATLAB stores arrays column by column and its HDF5 files name the axes in that order, so arrays are transposed here. No
+link is followed.
 """
 
 from pathlib import Path

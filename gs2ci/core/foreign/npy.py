@@ -1,7 +1,6 @@
 """Reading .npy: one array without a name, under the key "".
 
-Here also: `describe`, the header of such an array wherever it lies (.npz holds many). Only `gs2ci.core.foreign`
-imports this file.
+Here also: `describe`, the header of such an array wherever it lies (.npz holds many).
 """
 
 import warnings

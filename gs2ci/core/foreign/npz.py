@@ -1,4 +1,4 @@
-"""Reading .npz: a zip archive of .npy members. Only `gs2ci.core.foreign` imports this file."""
+"""Reading .npz: a zip archive of .npy members."""
 
 import zipfile
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Which format a file is, from its first bytes, not its name. Only `gs2ci.core.foreign` imports this file."""
+"""Which format a file is, from its first bytes, not its name."""
 
 from pathlib import Path
 from typing import Final

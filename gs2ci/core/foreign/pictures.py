@@ -1,6 +1,6 @@
 """Reading pictures: one PNG, TIFF (of one page or many), BMP or PGM, or a folder of them, as one array without a name.
 
-Numbers are taken as they are stored: 8 or 16 bits, or floating point. Only `gs2ci.core.foreign` imports this file.
+Numbers are taken as they are stored: 8 or 16 bits, or floating point.
 """
 
 import math

@@ -1,4 +1,4 @@
-"""Single pixels that need care: unreadable ones and clipped ones. Only `gs2ci.core.foreign` imports this file."""
+"""Single pixels that need care: unreadable ones and clipped ones."""
 
 from typing import Final, Literal
 

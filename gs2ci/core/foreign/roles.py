@@ -1,7 +1,6 @@
 """Which key of a file is the measurement, which the masks, the truth, the camera.
 
-Here: the names in use (SCINeRF, PnP-SCI, EfficientSCI, cacti and our own) and the choice between them. Only
-`gs2ci.core.foreign` imports this file.
+Here: the names in use (SCINeRF, PnP-SCI, EfficientSCI, cacti and our own) and the choice between them.
 """
 
 from typing import Final, Literal

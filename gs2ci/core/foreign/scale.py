@@ -1,10 +1,10 @@
 """What reading stands for full scale: of the masks, of the true views, of the measurement.
 
 Masks come as {0, 1}, {0, 255}, grey bytes or calibrated floats; measurements in units of one view's full scale, in
-camera counts, or squeezed into the range of a camera that exposed all masks at once. Under masks of multiplicity
-a(p) = Σ wᵢ Mᵢ(p) (what a white scene would measure) a pixel reads at most a(p) times the full scale S of one view,
-and the brightest parts of a scene read a good share of that: so the ratio reading / a(p) tells S among the usual
-ones. Not here: the test against a known truth (`agreement.py`). Only `gs2ci.core.foreign` imports this file.
+camera counts, or squeezed into the range of a camera that exposed all masks at once. Under masks of multiplicity a(p) =
+Σ wᵢ Mᵢ(p) (what a white scene would measure) a pixel reads at most a(p) times the full scale S of one view, and the
+brightest parts of a scene read a good share of that: so the ratio reading / a(p) tells S among the usual ones. Not
+here: the test against a known truth (`agreement.py`).
 """
 
 from dataclasses import dataclass

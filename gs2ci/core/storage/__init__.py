@@ -6,7 +6,7 @@
     recovery.py  recover: the finished rows of a killed capture, in a new file
     sealing.py   from `.partial` to the final name, and the manifest beside it
 
-Not here: foreign formats (`gs2ci.core.foreign`). Anyone may import this package; torch is not needed.
+Not here: foreign formats (`gs2ci.core.foreign`). torch is not needed.
 """
 
 from gs2ci.core.storage.layout import SCHEMA, CaptureHeader, FrameRow

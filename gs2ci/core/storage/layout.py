@@ -24,8 +24,7 @@
     /truth/world_to_camera       [S, N, 4, 4] f8, optional, NaN as above
     /frames/*          [S] what the sensor and the stage reported with each row
 
-S counts rows (one exposure each), N views. Only the storage package, and for `to_json` calibration bundles,
-import this file; `CaptureHeader` and `FrameRow` are re-exported.
+S counts rows (one exposure each), N views. `CaptureHeader` and `FrameRow` are re-exported.
 """
 
 import hashlib

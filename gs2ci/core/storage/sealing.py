@@ -1,8 +1,7 @@
 """From `.partial` to the final name: fsync, rename, fsync of the folder, and the manifest beside the file.
 
-Here: paths, the rename that makes a capture count as finished, and the manifest `name.json` with its sha256. Not
-here: what is inside the file. The storage package, calibration bundles (`gs2ci_calibration.bundle`) and commands that
-name a `.partial` import this file; `check_manifest` is re-exported.
+Here: paths, the rename that makes a capture count as finished, and the manifest `name.json` with its sha256. Not here:
+what is inside the file. `check_manifest` is re-exported.
 """
 
 import hashlib

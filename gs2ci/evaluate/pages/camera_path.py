@@ -1,7 +1,6 @@
 """A camera path from above as SVG: the recovered one, the true one and the stage's where they are known.
 
-Here: bringing the paths together and onto the page. Not here: the alignment (`gs2ci.evaluate.trajectory`). Only
-`gs2ci.evaluate` imports this file.
+Here: bringing the paths together and onto the page. Not here: the alignment (`gs2ci.evaluate.trajectory`).
 """
 
 from dataclasses import dataclass

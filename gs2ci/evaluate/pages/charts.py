@@ -1,7 +1,7 @@
 """Charts as SVG whose colours and types are the page's own, so that they follow it into the dark and onto paper.
 
-Here: lines and dots over linear or logarithmic axes, bars of parts, means with their spreads. Not here: how they
-stand on the page (`pieces.py`). `gs2ci.evaluate` and `gs2ci.bench` import this file.
+Here: lines and dots over linear or logarithmic axes, bars of parts, means with their spreads. Not here: how they stand
+on the page (`pieces.py`).
 """
 
 import math

@@ -1,7 +1,6 @@
 """A page in one file: its frame, and the policy that keeps everything else out.
 
-Here: `page`, `Section`, the template environment. Not here: what stands in a section (`pieces.py`). The commands,
-`gs2ci.bench` and the rest of `gs2ci.evaluate` may import this file.
+Here: `page`, `Section`, the template environment. Not here: what stands in a section (`pieces.py`).
 
 Names come from files that anybody may have made. Escaping keeps them text; and should it ever fail, the page's
 Content-Security-Policy names its one style and its one script by their hashes and forbids all else.

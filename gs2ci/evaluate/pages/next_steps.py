@@ -4,7 +4,7 @@ A rule looks at one report and answers with a step, or with None. It never guess
 there, and `because` says what. Commands are those of `gs2ci --help`, with capitals where the reader's own file or
 number belongs.
 
-Not here: how steps look (`templates/pieces.html`). The rest of `gs2ci.evaluate` and the commands may import this file.
+Not here: how steps look (`templates/pieces.html`).
 """
 
 import re

@@ -1,7 +1,6 @@
 """Arrays as pictures inside a page, as small as its budget of bytes asks for.
 
-Here: pictures as data URIs, colour maps, and the choice of size and quality. Not here: which pictures a page
-shows. Only `gs2ci.evaluate` imports this file.
+Here: pictures as data URIs, colour maps, and the choice of size and quality. Not here: which pictures a page shows.
 """
 
 import base64

@@ -10,8 +10,7 @@
     steps       what to do next: what, why, the command
     columns     two pieces beside each other where there is room
 
-Not here: the page (`frame.py`), what a run's sections say (`run_page.py`). The commands, `gs2ci.bench` and
-the rest of `gs2ci.evaluate` may import this file.
+Not here: the page (`frame.py`), what a run's sections say (`run_page.py`).
 """
 
 from collections.abc import Container, Iterable, Mapping, Sequence

@@ -2,7 +2,7 @@
 
 Here: `RunEvidence` and its reading; `write_given`, the pictures and poses that the page needs of the shot; whether a
 run is of a shot. Not here: the trade-off that may lie beside it (`gs2ci.evaluate.tradeoff.record`), the page
-(`run_page.py`). Only `gs2ci.evaluate`, the view command and the tradeoff command import this file.
+(`run_page.py`).
 """
 
 import math

@@ -1,8 +1,7 @@
 """The page of a run, `run/report.html`: verdict first, then the pictures, then how it came about.
 
 Here: what its sections are and what they say. Not here: what they are made of (`pieces.py`), what to try next
-(`next_steps.py`), reading the folder (`run_evidence.py`). The commands and `gs2ci.evaluate.run_folder` may import
-this file.
+(`next_steps.py`), reading the folder (`run_evidence.py`).
 """
 
 from collections.abc import Mapping

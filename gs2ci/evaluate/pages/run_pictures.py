@@ -1,6 +1,6 @@
 """Which pictures of a run its page shows, and how they are coloured, all within one budget of bytes.
 
-Not here: encoding (`pictures.py`), the page (`run_page.py`). Only `run_page.py` imports this file.
+Not here: encoding (`pictures.py`), the page (`run_page.py`).
 """
 
 from collections.abc import Sequence

@@ -1,7 +1,7 @@
 """What accuracy costs, as a section of a run's page: in words, as a chart with the front marked, as a table.
 
 Here: the section's layout. Not here: the record and its reading (`gs2ci.evaluate.tradeoff.record`), what is said and
-tried (the rest of `gs2ci.evaluate.tradeoff`). Only `run_page.py` imports this file.
+tried (the rest of `gs2ci.evaluate.tradeoff`).
 """
 
 from collections.abc import Sequence

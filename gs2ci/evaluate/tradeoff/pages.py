@@ -1,7 +1,7 @@
 """The trials of a shot as CSV, as a picture, as a section in markdown, and as the record of which a page is made.
 
 Here: the layout. Not here: what is said (`front.py`), what was tried (`trials.py`), the section of a run's page
-(`gs2ci.evaluate.pages.tradeoff_section`). The commands import this file.
+(`gs2ci.evaluate.pages.tradeoff_section`).
 """
 
 import csv

@@ -1,7 +1,7 @@
 """A shot at a fraction of its resolution, and its views back at full size.
 
 Averaged over blocks, y = Σ Mᵢ Xᵢ stays nearly the same equation with the averaged masks, as far as views are smooth
-within a block: an approximation that buys speed. Only `gs2ci.evaluate.tradeoff` imports this file.
+within a block: an approximation that buys speed.
 """
 
 from dataclasses import replace

@@ -24,9 +24,9 @@ from gs2ci.core.storage import read_shot
 from gs2ci.evaluate.metrics import psnr_per_view, ssim_per_view
 from gs2ci.evaluate.tradeoff.shrinking import enlarged, shrunk
 from gs2ci.evaluate.trajectory import trajectory_errors
-from gs2ci.reconstruct.costs import CostModel
+from gs2ci.reconstruct.budget.costs import CostModel
 from gs2ci.reconstruct.decode.gap_tv import gap_tv
-from gs2ci.reconstruct.jury import Jury
+from gs2ci.reconstruct.measurement.jury import Jury
 from gs2ci.reconstruct.pipeline import reconstruct
 from gs2ci.reconstruct.presets import PRESETS, rescheduled
 from gs2ci.reconstruct.settings import Settings

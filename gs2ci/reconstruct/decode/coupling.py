@@ -10,7 +10,7 @@ from typing import Final
 
 from gs2ci.core.records import Shot
 from gs2ci.reconstruct.decode.gap_tv import GapTvSettings, decode_signed
-from gs2ci.reconstruct.jury import HELDOUT_SHARE, Jury
+from gs2ci.reconstruct.measurement.jury import HELDOUT_SHARE, Jury
 
 COUPLINGS: Final = (0.0, 0.3, 0.6)
 

@@ -1,7 +1,6 @@
 """Full colour from a mosaic by bilinear green and bilinear colour differences.
 
-Linear, so that a decoder may call it in each iteration. Only decoders import this file: a fit never demosaics, it
-compares on the mosaic itself.
+Linear, so that a decoder may call it in each iteration.
 """
 
 import cv2

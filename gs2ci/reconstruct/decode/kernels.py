@@ -1,4 +1,4 @@
-"""Numba kernels of the decoders, on planar float32 stacks. Only `gs2ci.reconstruct.decode` imports this file.
+"""Numba kernels of the decoders, on planar float32 stacks.
 
 Every task of a parallel loop writes its own plane or row and no sum crosses tasks, so the result is bitwise the same
 for any number of threads. The readable float64 statement of the same steps is in the tests

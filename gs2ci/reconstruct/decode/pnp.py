@@ -1,8 +1,8 @@
 """Plug-and-play decoding: projections onto the measurement in turn with any denoiser (Yuan 2020).
 
 Here: the two schemes, GAP and ADMM, for every kind of shot. Not here: their inner loop (`kernels`), the denoisers
-(`denoisers`, `onnx_denoiser`). Decoders and commands import this file. The views are approximate: good enough to track
-and to look at, never a photometric target of a fit.
+(`denoisers`, `onnx_denoiser`). The views are approximate: good enough to track and to look at, never a photometric
+target of a fit.
 """
 
 from collections.abc import Callable, Sequence
@@ -16,10 +16,10 @@ from gs2ci.core.arrays import F32, F64, Bool
 from gs2ci.core.errors import InputError, NumericsError
 from gs2ci.core.progress import Progress, Silent
 from gs2ci.core.records import CfaPattern, Shot
-from gs2ci.reconstruct.coding import cfa_channels
 from gs2ci.reconstruct.decode.demosaic import Demosaicer
 from gs2ci.reconstruct.decode.denoisers import Denoiser
 from gs2ci.reconstruct.decode.kernels import project_onto_measurement
+from gs2ci.reconstruct.measurement.coding import cfa_channels
 
 Scheme = Literal["gap", "admm"]
 # From views as they are measured, [N, C or mosaic, H, W], to denoised views as they are measured and as they are seen.

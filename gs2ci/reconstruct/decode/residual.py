@@ -13,8 +13,8 @@ import torch
 
 from gs2ci.core.arrays import F32
 from gs2ci.core.records import Shot
-from gs2ci.reconstruct.coding import Coding
 from gs2ci.reconstruct.decode.gap_tv import GapTvSettings, decode_signed
+from gs2ci.reconstruct.measurement.coding import Coding
 
 
 @dataclass(frozen=True)

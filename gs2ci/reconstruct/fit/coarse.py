@@ -26,9 +26,9 @@ from gs2ci.reconstruct.fit.poses import PoseCorrections, PoseSettings, path_exte
 from gs2ci.reconstruct.fit.rendering import ShotRenderer
 from gs2ci.reconstruct.fit.stopping import HoldOut, Watch
 from gs2ci.reconstruct.geometry.initialise import Geometry
-from gs2ci.reconstruct.jury import Jury
-from gs2ci.render.backend import Backend
+from gs2ci.reconstruct.measurement.jury import Jury
 from gs2ci.render.gaussians import Gaussians
+from gs2ci.render.interface import Backend
 
 
 @dataclass(frozen=True)

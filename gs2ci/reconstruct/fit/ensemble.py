@@ -27,7 +27,7 @@ from gs2ci.reconstruct.fit.coarse import CoarseFit
 from gs2ci.reconstruct.fit.density.base import DensityRule
 from gs2ci.reconstruct.fit.looks import Refine
 from gs2ci.reconstruct.fit.pace import Pace
-from gs2ci.reconstruct.jury import Jury, surely_larger
+from gs2ci.reconstruct.measurement.jury import Jury, surely_larger
 from gs2ci.render.gaussians import Gaussians
 
 _STREAM: Final = 0x3A7E  # keeps these draws apart from every other one of the same seed

@@ -28,7 +28,7 @@ from gs2ci.reconstruct.fit.poses import path_extent
 from gs2ci.reconstruct.fit.pseudo_views import SupportSettings, support_weights, synthesised_poses
 from gs2ci.reconstruct.fit.rendering import ShotRenderer
 from gs2ci.reconstruct.fit.stopping import HoldOut, Watch
-from gs2ci.reconstruct.jury import Jury
+from gs2ci.reconstruct.measurement.jury import Jury
 from gs2ci.reconstruct.priors2d.base import ImagePrior, Question, Seen
 from gs2ci.reconstruct.priors2d.choose import load_prior
 from gs2ci.render.gaussians import Gaussians

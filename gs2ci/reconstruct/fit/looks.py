@@ -9,7 +9,7 @@ from collections.abc import Callable
 
 from gs2ci.core.arrays import F32
 from gs2ci.core.run_records import CurvePoint
-from gs2ci.reconstruct.jury import Jury
+from gs2ci.reconstruct.measurement.jury import Jury
 
 Score = Callable[[F32], float]
 Refine = Callable[[F32], F32]

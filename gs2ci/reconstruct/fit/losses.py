@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from gs2ci.core.arrays import F32, Bool
+from gs2ci.core.windows import check_window
 from gs2ci.reconstruct.fit.ssim import LEAST_WINDOW, WINDOW, SimilarityTo
-from gs2ci.reconstruct.windows import check_window
 from gs2ci.render.gaussians import Gaussians
 
 

@@ -1,7 +1,7 @@
 """How many iterations a fit has: a number given beforehand, or as many as fit before a moment in time.
 
 Here: the two paces. Not here: the loop that keeps to them (`coarse.py`), nor where a deadline comes from
-(`gs2ci.reconstruct.budget`). For `gs2ci.reconstruct`.
+(`gs2ci.reconstruct.budget.plan`). For `gs2ci.reconstruct`.
 """
 
 import time

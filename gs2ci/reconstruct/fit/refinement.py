@@ -13,7 +13,7 @@ import numpy as np
 
 from gs2ci.core.arrays import F32
 from gs2ci.reconstruct.decode.residual import ResidualSettings, decode_residual
-from gs2ci.reconstruct.jury import SURE, Jury
+from gs2ci.reconstruct.measurement.jury import SURE, Jury
 
 
 class Refinement:

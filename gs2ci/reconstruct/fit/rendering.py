@@ -1,7 +1,7 @@
 """A scene as the shot's camera shows it: the coded measurement, the views, and the depths in them.
 
 Here: the renderer with what a shot says of the sensor (masks, weights, mono or mosaic) and a camera matrix. Not here:
-any fitting. `gs2ci.reconstruct.fit` and the pipeline import this file.
+any fitting.
 """
 
 import numpy as np
@@ -10,9 +10,9 @@ from torch import Tensor
 
 from gs2ci.core.arrays import F32, F64
 from gs2ci.core.records import Shot
-from gs2ci.reconstruct import coding
-from gs2ci.render.backend import Backend, Reuse
+from gs2ci.reconstruct.measurement import coding
 from gs2ci.render.gaussians import Gaussians
+from gs2ci.render.interface import Backend, Reuse
 from gs2ci.render.screen import ScreenStatistics
 
 _OPAQUE = 0.5  # a mean depth is one surface's where at least half of the light is stopped

@@ -1,6 +1,6 @@
 """Density rules by name, each with the terms of the objective that belong to it.
 
-Here: the choice. Not here: the rules (`density/`). The commands and `gs2ci.bench` import this file.
+Here: the choice. Not here: the rules (`density/`).
 """
 
 from collections.abc import Callable

@@ -7,7 +7,7 @@ For `gs2ci.reconstruct`.
 from dataclasses import dataclass
 
 from gs2ci.core.errors import InputError
-from gs2ci.reconstruct.jury import HELDOUT_SHARE
+from gs2ci.reconstruct.measurement.jury import HELDOUT_SHARE
 
 
 @dataclass(frozen=True)

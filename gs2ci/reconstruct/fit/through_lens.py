@@ -9,9 +9,9 @@ from dataclasses import dataclass
 from torch import Tensor
 
 from gs2ci.core.errors import InputError
-from gs2ci.reconstruct.lens import Lens
-from gs2ci.render.backend import Backend, MaskSet, Reuse
+from gs2ci.reconstruct.measurement.lens import Lens
 from gs2ci.render.gaussians import Gaussians
+from gs2ci.render.interface import Backend, MaskSet, Reuse
 from gs2ci.render.sampling import Sampling
 from gs2ci.render.screen import ScreenStatistics
 

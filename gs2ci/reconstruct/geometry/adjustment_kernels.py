@@ -1,7 +1,5 @@
 """Numba kernels of the bundle adjustment: its cost, and the blocks of its normal equations.
 
-Only `motion` and `rotations` import this file.
-
 One thread, float64, sums in the order of views and points: the same input gives the same bits. The tests hold the
 blocks to JᵀWJ of the Jacobian in `motion`, and that to finite differences.
 """

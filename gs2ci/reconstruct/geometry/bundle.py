@@ -1,7 +1,7 @@
 """Bundle adjustment of poses, points and, if wanted, one focal length, from given poses; by pycolmap.
 
 Here: tracks and poses into a COLMAP model, its adjustment, and back. Not here: the adjustment that starts from nothing
-(`motion`), what the result is worth (`hierarchy`). Only `gs2ci.reconstruct.geometry` imports this file.
+(`motion`), what the result is worth (`hierarchy`).
 """
 
 from collections.abc import Iterator

@@ -1,8 +1,7 @@
 """Cameras that another program found: a COLMAP model, or nerfstudio's transforms.json.
 
 Here: reading them, as world-to-camera matrices with OpenCV axes in the order of the file names. Not here: writing
-(`gs2ci.evaluate.cameras`), what a geometry makes of them (`sources`). Only `gs2ci.reconstruct.geometry` imports this
-file.
+(`gs2ci.evaluate.cameras`), what a geometry makes of them (`sources`).
 
 Both formats name pictures, and list them in any order; a coded measurement knows views by their number. So views are
 taken in the natural order of the names: view_2 before view_10.

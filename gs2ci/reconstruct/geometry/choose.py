@@ -24,7 +24,7 @@ from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.geometry.prior import GeometryPrior, Request
 from gs2ci.reconstruct.geometry.sources import FromFile, FromStage, FromTracks, FromUniform, uniform_motion
 from gs2ci.reconstruct.geometry.validity import Criteria, doubts_about_path
-from gs2ci.reconstruct.onnx_models import find_model, known_model
+from gs2ci.reconstruct.learned.onnx_models import find_model, known_model
 
 _TRACKS: Final = "tracks"
 _STAGE: Final = "stage"

@@ -13,9 +13,9 @@ import numpy as np
 
 from gs2ci.core.arrays import F32, F64
 from gs2ci.core.records import Shot
-from gs2ci.reconstruct.coding import cfa_channels
 from gs2ci.reconstruct.geometry.initialise import Geometry
-from gs2ci.reconstruct.lens import Lens, pixel_centres
+from gs2ci.reconstruct.measurement.coding import cfa_channels
+from gs2ci.reconstruct.measurement.lens import Lens, pixel_centres
 
 # A pixel's place in the middle view and the depth there depend on each other; the motion is small, so they settle.
 _STEPS: Final = 4

@@ -1,7 +1,6 @@
 """The focal length where no file tells it: a search over one number, by the bundle adjustment's own robust cost.
 
-Here: the search and the gate that refuses what it cannot tell. Not here: the adjustment (`motion`). Only
-`gs2ci.reconstruct.geometry` imports this file.
+Here: the search and the gate that refuses what it cannot tell. Not here: the adjustment (`motion`).
 """
 
 from collections.abc import Callable

@@ -3,7 +3,6 @@
 The path is adjusted again to halves of the tracks. What the halves disagree about, the tracks do not determine: few
 points, points on a small part of the frame (where a turn of the camera looks like a shift), little parallax, much
 residue of the masks. Here: that disagreement as one number. Not here: how much of it is worth a word (`validity`).
-Only `gs2ci.reconstruct.geometry` imports this file.
 
 If one half errs independently of the other, it differs from the whole by as much as the whole from the truth (the
 delete-half jackknife: Shao and Wu 1989). Neighbouring tracks do not err independently, as they see the same residue.

@@ -30,7 +30,7 @@ from gs2ci.reconstruct.geometry.rotations import fit_rotations
 from gs2ci.reconstruct.geometry.telemetry import place_points
 from gs2ci.reconstruct.geometry.tracks import Tracks
 from gs2ci.reconstruct.geometry.validity import Criteria, doubts_about_tracks, judge, supported_views
-from gs2ci.reconstruct.geometry.vggt import Prediction, Vggt
+from gs2ci.reconstruct.learned.vggt import Prediction, Vggt
 
 Step = Literal["after adjustment", "before adjustment"]
 

@@ -1,4 +1,4 @@
-"""Numba kernels of the plane sweep: matching cost and semi-global smoothing. Only `sweep` imports this file.
+"""Numba kernels of the plane sweep: matching cost and semi-global smoothing.
 
 Every task writes its own rows or columns and nothing is summed across tasks, so the result is bitwise the same for
 any number of threads. The readable statement of the same steps, in numpy float64, is in the tests

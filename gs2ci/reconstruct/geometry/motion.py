@@ -2,7 +2,7 @@
 
 Here: the model, its Jacobian, and the robust Levenberg-Marquardt loop (float64). Not here: its sums
 (`adjustment_kernels`), what the result is worth (`validity`), the focal length (`focal`), a camera that only turned
-(`rotations`), known poses (`telemetry`). Only `gs2ci.reconstruct.geometry` imports this file.
+(`rotations`), known poses (`telemetry`).
 
 The camera moves little during one exposure. So every pose may start at the identity and every inverse depth at one,
 and no pair of views has to be found to begin with (Yu and Gallup 2014). Each point lies on the ray of its corner in

@@ -1,7 +1,6 @@
 """Where the first Gaussians stand: the pixels of the middle view at their depths, and the rims that it does not see.
 
-Here: positions, colours and spacing. Not here: opacity, size and orientation, which belong to the fit. The fit
-imports this file.
+Here: positions, colours and spacing. Not here: opacity, size and orientation, which belong to the fit.
 """
 
 from dataclasses import dataclass

@@ -12,7 +12,7 @@ from gs2ci.core.errors import GeometryError, NumericsError
 from gs2ci.core.progress import Progress
 from gs2ci.core.records import Shot
 from gs2ci.reconstruct.geometry.initialise import Geometry, GeometrySettings, initialise
-from gs2ci.reconstruct.lens import Lens, straightened
+from gs2ci.reconstruct.measurement.lens import Lens, straightened
 
 
 @dataclass(frozen=True)

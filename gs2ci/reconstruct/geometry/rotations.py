@@ -1,7 +1,6 @@
 """Poses of a camera that only turned: what is left to say about a path when no depth can be found.
 
-Here: the best rotations for given tracks. Not here: the decision that they suffice (`validity`). Only
-`gs2ci.reconstruct.geometry` imports this file.
+Here: the best rotations for given tracks. Not here: the decision that they suffice (`validity`).
 """
 
 from dataclasses import dataclass

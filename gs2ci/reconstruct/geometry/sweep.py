@@ -1,8 +1,7 @@
 """Dense depth of the reference view: a plane sweep over inverse depth with semi-global smoothing.
 
-Here: the range of planes, features, homographies, image size. Not here: the inner loops (`kernels`). Only
-`gs2ci.reconstruct.geometry` and `gs2ci.reconstruct.costs` import this file. Semi-global matching: Hirschmüller 2008,
-four directions.
+Here: the range of planes, features, homographies, image size. Not here: the inner loops (`kernels`). Semi-global
+matching: Hirschmüller 2008, four directions.
 """
 
 from dataclasses import dataclass
@@ -12,9 +11,9 @@ import numpy as np
 
 from gs2ci.core.arrays import F32, F64
 from gs2ci.core.errors import InputError
+from gs2ci.core.windows import check_window
 from gs2ci.reconstruct.geometry.kernels import FEATURES, best_plane, matching_cost, sum_along_rows
 from gs2ci.reconstruct.geometry.tracks import RESIDUE_BLUR_PX
-from gs2ci.reconstruct.windows import check_window
 
 _GRADIENT_WEIGHT = 4.0
 _LEAST_VIEWS_KEPT = 3

@@ -1,7 +1,7 @@
 """Feature tracks from the reference view to every other view by pyramidal Lucas-Kanade.
 
-Here: detection, tracking and its two checks. Not here: any camera model. Only `gs2ci.reconstruct.geometry` imports
-this file. Positions follow the renderer: the centre of the pixel in row r and column c lies at (c + 0.5, r + 0.5).
+Here: detection, tracking and its two checks. Not here: any camera model. Positions follow the renderer: the centre of
+the pixel in row r and column c lies at (c + 0.5, r + 0.5).
 """
 
 from dataclasses import dataclass
@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 
 from gs2ci.core.arrays import F32, F64, U8, Bool
-from gs2ci.reconstruct.windows import check_window
+from gs2ci.core.windows import check_window
 
 # OpenCV puts the centre of the first pixel at 0, the renderer at 0.5.
 _CENTRE_OFFSET = 0.5

@@ -1,7 +1,6 @@
 """When a geometry may be believed: every criterion, written down once.
 
-Here: the criteria and the verdict on tracks and motion. Not here: finding either, or what to do without
-(`initialise`). Only `gs2ci.reconstruct.geometry` imports this file.
+Here: the criteria and the verdict on tracks and motion. Not here: finding either, or what to do without (`initialise`).
 """
 
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""What a prior on images is given and what it returns. Anyone in `gs2ci.reconstruct` may import this file.
+"""What a prior on images is given and what it returns.
 
 A prior is frozen: it is asked once, before the fine stage, and its answers are targets of small weight. Whether they
 did any good is not its own judgement but that of held-out pixels (`fit/fine.py`).

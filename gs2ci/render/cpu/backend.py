@@ -9,7 +9,6 @@ import torch
 from torch import Tensor
 
 from gs2ci.core.errors import InputError
-from gs2ci.render.backend import MaskSet, Reuse
 from gs2ci.render.cpu.function import CodedSum, Job, Rasterise, Target, ViewImages
 from gs2ci.render.cpu.layout import Layout, lay_out
 from gs2ci.render.cpu.lists import CpuReuse
@@ -17,6 +16,7 @@ from gs2ci.render.cpu.passes import camera_fields
 from gs2ci.render.cpu.workspace import Pool
 from gs2ci.render.gaussians import Gaussians
 from gs2ci.render.inputs import check_masks, check_rendering, check_screen, check_size
+from gs2ci.render.interface import MaskSet, Reuse
 from gs2ci.render.sampling import Sampling, check_sampling
 from gs2ci.render.screen import ScreenStatistics
 from gs2ci.render.settings import RasterSettings

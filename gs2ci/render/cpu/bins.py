@@ -1,9 +1,9 @@
 """Which Gaussians touch which cell, front to back.
 
 Per view: the Gaussians that are visible, or nearly so, are sorted by depth (stable radix sort: equal depths keep the
-order of the parameters). In that order, sixteen at a time, their spans are found: the cells that a footprint touches
-in each strip of rows. One more pass over the spans appends each Gaussian to its cells' lists, which thus come out
-sorted without ever sorting (cell, depth) pairs. Views are independent tasks. Only `gs2ci.render.cpu` imports this file.
+order of the parameters). In that order, sixteen at a time, their spans are found: the cells that a footprint touches in
+each strip of rows. One more pass over the spans appends each Gaussian to its cells' lists, which thus come out sorted
+without ever sorting (cell, depth) pairs. Views are independent tasks.
 """
 
 import numpy as np

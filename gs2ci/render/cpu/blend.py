@@ -1,8 +1,7 @@
 """Blending, forward and backward: a cell of 16 pixels against its list of Gaussians, front to back.
 
-With alpha_i the opacity of Gaussian i at a pixel, T_i = prod_{j<i} (1 - alpha_j) the light that reaches it and
-w_i = alpha_i T_i its weight, a pixel is sum_i w_i c_i over black, and its transmittance is T_end. Only
-`gs2ci.render.cpu` imports this file.
+With alpha_i the opacity of Gaussian i at a pixel, T_i = prod_{j<i} (1 - alpha_j) the light that reaches it and w_i =
+alpha_i T_i its weight, a pixel is sum_i w_i c_i over black, and its transmittance is T_end.
 
 Gradient. With v = dL/d(pixel colour), u = dL/d(transmittance), q_i = c_i . v and the light still to come
 S_i = sum_{j>i} w_j q_j + T_end u,

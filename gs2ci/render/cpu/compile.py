@@ -1,9 +1,8 @@
 """How kernels are compiled: the one decorator that all kernels of this folder use.
 
-Numba caches compiled kernels on disk and takes a cached kernel for fresh as long as *its own* file is unchanged.
-Ours call helpers from neighbouring files, so an edited helper would go on running in its old form. Hence the cache
-lives in a folder named after a digest of all sources that kernels are made of. Only `gs2ci.render` imports this
-file.
+Numba caches compiled kernels on disk and takes a cached kernel for fresh as long as *its own* file is unchanged. Ours
+call helpers from neighbouring files, so an edited helper would go on running in its old form. Hence the cache lives in
+a folder named after a digest of all sources that kernels are made of.
 """
 
 import hashlib

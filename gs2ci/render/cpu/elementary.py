@@ -1,7 +1,6 @@
 """exp, log and the blending exponential on 16-lane vectors, accurate to float32 rounding or stated otherwise.
 
-All polynomials are derived here from series or interpolation; none is a table of numbers to be believed. Only
-`gs2ci.render.cpu` imports this file.
+All polynomials are derived here from series or interpolation; none is a table of numbers to be believed.
 """
 
 import math

@@ -1,7 +1,6 @@
 """The rasteriser as a differentiable torch function.
 
-Only `gs2ci.render.cpu` imports this file. Not twice differentiable. Gradients reach all scene parameters and the
-poses; the intrinsics get none.
+Not twice differentiable. Gradients reach all scene parameters and the poses; the intrinsics get none.
 """
 
 from dataclasses import dataclass

@@ -1,7 +1,6 @@
 """From cells to images or to the coded sum, and gradients the other way.
 
-Rendered cells hold the pixels that a mask opens, in the order of the layout. Only `gs2ci.render.cpu` imports this
-file.
+Rendered cells hold the pixels that a mask opens, in the order of the layout.
 """
 
 import numpy as np

@@ -1,7 +1,7 @@
 """Moving values between lanes: 16 x 16 transposes in registers, and sums over transposed columns.
 
-Projection works on 16 Gaussians at a time (lanes = Gaussians), blending on 16 pixels (lanes = pixels). These
-functions are where one becomes the other. Only `gs2ci.render.cpu` imports this file.
+Projection works on 16 Gaussians at a time (lanes = Gaussians), blending on 16 pixels (lanes = pixels). These functions
+are where one becomes the other.
 """
 
 from typing import Any, Final

@@ -1,10 +1,10 @@
 """Where the pixels that count lie in memory: cells of 16 active pixels.
 
 A mask set opens a quarter of the pixels, scattered; a vector of 16 neighbouring pixels would waste twelve lanes on
-closed ones. So the open pixels are compacted, once per mask set: each view is cut into strips of a few rows, the
-open pixels of a strip are listed column by column, and the list is cut into cells of exactly 16. An interval of
-columns in a strip is then a contiguous range of cells. Behind a lens, strips and columns are those of the canvas on
-which the pixels look. Only `gs2ci.render.cpu` imports this file.
+closed ones. So the open pixels are compacted, once per mask set: each view is cut into strips of a few rows, the open
+pixels of a strip are listed column by column, and the list is cut into cells of exactly 16. An interval of columns in a
+strip is then a contiguous range of cells. Behind a lens, strips and columns are those of the canvas on which the pixels
+look.
 """
 
 import math

@@ -1,9 +1,9 @@
 """Each cell's Gaussians, front to back: making these lists, and keeping them for the next renderings.
 
 Between neighbouring iterations of a fit Gaussians move by hundredths of a pixel, and listing them is a quarter of the
-work. So a rendering may take over the lists of an earlier one of the same population, made with every footprint
-widened by a margin. Blending tests each pixel by itself: entries too many change nothing, and only what has left its
-margin, or changed places in depth, is not as a fresh listing has it. Only `gs2ci.render.cpu` imports this file.
+work. So a rendering may take over the lists of an earlier one of the same population, made with every footprint widened
+by a margin. Blending tests each pixel by itself: entries too many change nothing, and only what has left its margin, or
+changed places in depth, is not as a fresh listing has it.
 """
 
 from collections.abc import Callable
@@ -14,11 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gs2ci.core.arrays import F32
-from gs2ci.render.backend import Reuse
 from gs2ci.render.cpu.bins import OVERFLOW, SPAN, count_entries, fill_entries
 from gs2ci.render.cpu.layout import Layout
 from gs2ci.render.cpu.vector import LANES
 from gs2ci.render.cpu.workspace import Lease, Pool, Workspace
+from gs2ci.render.interface import Reuse
 
 _SPANS_PER_GAUSSIAN: Final = 4
 """First guess of the span buffer's size; it doubles until it suffices."""

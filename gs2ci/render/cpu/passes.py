@@ -1,7 +1,6 @@
 """The two passes over the kernels, on numpy arrays: parameters to cells, and gradients of cells to gradients.
 
-Here buffers are sized and kernels called in order. What the cells mean (views or a coded sum) is decided by the
-caller. Only `gs2ci.render.cpu` imports this file.
+Here buffers are sized and kernels called in order. What the cells mean (views or a coded sum) is decided by the caller.
 """
 
 from dataclasses import dataclass, replace

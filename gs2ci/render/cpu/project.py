@@ -1,7 +1,7 @@
 """Projection, forward: Gaussians and poses in, one record per Gaussian and view out.
 
 Sixteen Gaussians at a time, all views in the inner loop, so that parameters are read once. The geometry is in
-`projection.py`, the record in `record.py`. Only `gs2ci.render.cpu` imports this file.
+`projection.py`, the record in `record.py`.
 """
 
 import numpy as np

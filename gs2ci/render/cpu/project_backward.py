@@ -13,7 +13,7 @@ and through C = A A^T + DILATION I, with rows a and b of A and the residual e = 
     dL/db = SHEAR dL/da + h e + (Syy / Z^2) b.
 
 e is what is left of a after projecting it on b: it is formed as (b x (a x b) + DILATION a) / Z, without the
-subtraction. Only `gs2ci.render.cpu` imports this file.
+subtraction.
 """
 
 from typing import Any, NamedTuple

@@ -5,8 +5,8 @@ the pose and J the Jacobian of the pinhole camera at the centre, the 2D covarian
 
     C = A A^T + DILATION I,      A = J W M   [2, 3], rows a and b.
 
-Its determinant is then a sum of squares, |a x b|^2 + DILATION (|a|^2 + |b|^2) + DILATION^2 (Cauchy-Binet), and
-cannot cancel however thin the Gaussian is. Only `gs2ci.render.cpu` imports this file.
+Its determinant is then a sum of squares, |a x b|^2 + DILATION (|a|^2 + |b|^2) + DILATION^2 (Cauchy-Binet), and cannot
+cancel however thin the Gaussian is.
 """
 
 from typing import Any, NamedTuple

@@ -1,8 +1,7 @@
 """What the kernels hand to each other: the fields of a projected Gaussian, of its gradient, and of the camera.
 
-A projected Gaussian fills one 64-byte cache line of 16 float32; so does its gradient. They are kept as
-[V, blocks, 16, 16]: for each view, blocks of 16 Gaussians, each with 16 fields. Only `gs2ci.render.cpu` imports
-this file.
+A projected Gaussian fills one 64-byte cache line of 16 float32; so does its gradient. They are kept as [V, blocks, 16,
+16]: for each view, blocks of 16 Gaussians, each with 16 fields.
 
 The 2D covariance C = [[Cxx, Cxy], [Cxy, Cyy]] is never inverted. Its quadratic form is kept as the Gaussian of y
 times the Gaussian of x given y:

@@ -1,6 +1,6 @@
 """From dL/dM, M = R(q) diag(exp s), to log scales and quaternions, and writing gradients of 16 Gaussians.
 
-The second half of `project_backward.py`. Only `gs2ci.render.cpu` imports this file.
+The second half of `project_backward.py`.
 """
 
 import numpy as np

@@ -1,7 +1,4 @@
-"""What one view shows of 16 Gaussians on the screen; see `gs2ci.render.screen`.
-
-Only `gs2ci.render.cpu` imports this file.
-"""
+"""What one view shows of 16 Gaussians on the screen; see `gs2ci.render.screen`."""
 
 import numpy as np
 

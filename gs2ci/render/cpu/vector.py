@@ -1,9 +1,8 @@
 """A vector of 16 float32 lanes for Numba kernels: its type, arithmetic, comparison and memory access.
 
 Each operation emits one LLVM instruction on <16 x float>, which LLVM turns into what the host has (one AVX-512
-register, two AVX2, four NEON). Kernels so written need no auto-vectoriser and run at the same speed from one
-compiler version to the next. Not here: exp and log (`elementary.py`), transposes (`lanes.py`). Only
-`gs2ci.render.cpu` imports this file.
+register, two AVX2, four NEON). Kernels so written need no auto-vectoriser and run at the same speed from one compiler
+version to the next. Not here: exp and log (`elementary.py`), transposes (`lanes.py`).
 
 In kernels, `a + b`, `a * 2.0`, `1.0 / a` mean what they say; scalars are spread over all lanes. The functions
 below read as follows: `array` is a one-dimensional C-contiguous array, an offset counts its elements, and nothing

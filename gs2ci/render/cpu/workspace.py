@@ -1,9 +1,8 @@
 """Buffers that outlive an iteration.
 
-A rendering needs some tens of megabytes. Fresh memory of that size is handed out page by page by the system and
-costs milliseconds per iteration, so buffers are kept and only ever grow. Each rendering whose gradient is still
-wanted leases a workspace of its own; a pool takes back what is released. Only `gs2ci.render.cpu` imports
-this file.
+A rendering needs some tens of megabytes. Fresh memory of that size is handed out page by page by the system and costs
+milliseconds per iteration, so buffers are kept and only ever grow. Each rendering whose gradient is still wanted leases
+a workspace of its own; a pool takes back what is released.
 """
 
 import threading

@@ -1,7 +1,7 @@
 """A Santec SLM-200 class panel, as its controller would answer: frames, memory slots, a slow liquid crystal.
 
-Here: frames, commands, slots. Not here: bytes on the line (`serial_twin`, at USB speed), pixels (`panel`).
-`gs2ci.rig` and tests import this file. It shares no code with the driver.
+Here: frames, commands, slots. Not here: bytes on the line (`serial_twin`, at USB speed), pixels (`panel`). It shares no
+code with the driver.
 """
 
 from typing import Final

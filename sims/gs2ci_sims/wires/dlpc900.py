@@ -1,8 +1,8 @@
 """The DLPC900's firmware behind a HID port: answers reports, keeps patterns, runs sequences in the world.
 
-Here: the USB side (64-byte reports, one shared buffer, numbering) and what can befall it. Not here: what commands
-do (`dlpc900_firmware`), how images are read (`dlpc900_images`) and shown (`dlpc900_sequencer`). `gs2ci.rig`
-and tests import this file. It shares no code with the driver.
+Here: the USB side (64-byte reports, one shared buffer, numbering) and what can befall it. Not here: what commands do
+(`dlpc900_firmware`), how images are read (`dlpc900_images`) and shown (`dlpc900_sequencer`). It shares no code with the
+driver.
 """
 
 from errno import EBUSY, ENODEV

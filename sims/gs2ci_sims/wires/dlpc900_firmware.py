@@ -1,9 +1,8 @@
 """What the DLPC900's commands do: modes, sequence table, image memory, status and error registers.
 
-Here: the state machine off → standby or normal; video, flash, video-pattern or on-the-fly; empty → table →
-configured → loading → ready → running ⇄ paused. Not here: reports (`dlpc900`), image codings
-(`dlpc900_images`), time (`dlpc900_sequencer`). Only the twin imports this file; numbers are the programmer's
-guide's, typed in anew.
+Here: the state machine off → standby or normal; video, flash, video-pattern or on-the-fly; empty → table → configured →
+loading → ready → running ⇄ paused. Not here: reports (`dlpc900`), image codings (`dlpc900_images`), time
+(`dlpc900_sequencer`). numbers are the programmer's guide's, typed in anew.
 """
 
 from collections.abc import Callable

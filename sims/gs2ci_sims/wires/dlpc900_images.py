@@ -1,7 +1,7 @@
 """How the DLPC900's firmware reads an uploaded pattern image: header, then one of three codings, strictly.
 
-Here: bytes → 24-bit words, or the reason why not. Not here: loading, memory, showing (`dlpc900`). Only that twin
-and tests import this file. It shares no line with the driver's encoder: an error there must be seen here.
+Here: bytes → 24-bit words, or the reason why not. Not here: loading, memory, showing (`dlpc900`). It shares no line
+with the driver's encoder: an error there must be seen here.
 """
 
 from collections.abc import Callable

@@ -1,7 +1,6 @@
 """The DLPC900's sequencer in the world: shows bit-planes, keeps their times, drives the two trigger outputs.
 
-Here: one run from start to stop. Not here: commands and image memory (`dlpc900_firmware`), which alone imports
-this file.
+Here: one run from start to stop. Not here: commands and image memory (`dlpc900_firmware`).
 """
 
 from collections.abc import Callable

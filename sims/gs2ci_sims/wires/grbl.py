@@ -1,8 +1,8 @@
 """The twin of a GRBL 1.1 controller with three axes: real-time bytes, line replies, jogs, homing, alarms.
 
-It has its own reading of lines. States, alarms, early Idle, reboot and locking as in reference 3.3. The motors
-are open loop: when an axis is blocked the controller goes on counting, and only the carriage stands still. Not
-here: the byte level (`serial_twin`), the driver. `gs2ci.rig` and tests import this file.
+It has its own reading of lines. States, alarms, early Idle, reboot and locking as in reference 3.3. The motors are open
+loop: when an axis is blocked the controller goes on counting, and only the carriage stands still. Not here: the byte
+level (`serial_twin`), the driver.
 """
 
 import re

@@ -1,7 +1,7 @@
 """A light modulator panel in the world: shows masks with a response time, plays timed sequences, drives one line.
 
-Here: what the LCoS-like twins have in common. Not here: any protocol (`scpi_modulator`, `display_slm`), the
-mirrors of the DLPC900, which switch at once. Only twins import this file.
+Here: what the LCoS-like twins have in common. Not here: any protocol (`scpi_modulator`, `display_slm`), the mirrors of
+the DLPC900, which switch at once.
 """
 
 import enum

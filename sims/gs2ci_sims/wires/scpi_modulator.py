@@ -1,7 +1,7 @@
 """A modulator that speaks the open SCPI-style protocol, as its firmware would: the protocol's reference device.
 
 Here: lines, blocks, error queue, the sequence's states (docs/scpi-modulator.md). Not here: bytes on the line
-(`serial_twin`), pixels (`panel`). `gs2ci.rig` and tests import this file. It shares no code with the driver.
+(`serial_twin`), pixels (`panel`). It shares no code with the driver.
 """
 
 import binascii

@@ -4,8 +4,7 @@ A twin's firmware gets each line as it is complete (`_line`) and each byte that 
 answers with `_reply`. The line itself can lose, delay, repeat, cut, join and spoil what passes, vanish and
 come back.
 
-Here: the byte level. Not here: any protocol. Only the twins in this package import this file; `gs2ci.rig` and
-tests call `open`, `plug_in` and the fault set.
+Here: the byte level. Not here: any protocol. `gs2ci.rig` and tests call `open`, `plug_in` and the fault set.
 """
 
 from abc import ABC, abstractmethod

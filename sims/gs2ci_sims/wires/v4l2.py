@@ -4,7 +4,7 @@ It answers system calls as Linux does. Time is the world's: a trigger edge on th
 world's light falls on the sensor between the begin and the end of that exposure.
 
 Here: `V4l2Twin`: nodes, descriptors, poll, the module's parameter, the plug. Not here: what a request does
-(`v4l2_device`). `gs2ci.rig` and tests import this file; drivers never do.
+(`v4l2_device`). drivers never do.
 """
 
 import fnmatch

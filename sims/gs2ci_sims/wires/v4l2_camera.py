@@ -1,8 +1,7 @@
 """The camera behind the V4L2 twin: what it is made of, when it exposes, and the bytes it sends.
 
-Here: `CameraModel` (a data sheet), `Shutter` (triggers and exposures on the world's clock) and `pack_frame`. Not
-here: ioctls and buffers (`v4l2`, `v4l2_queue`), controls (`v4l2_controls`). Those modules, `gs2ci.rig`, `gs2ci.bench`
-and tests import this file.
+Here: `CameraModel` (a data sheet), `Shutter` (triggers and exposures on the world's clock) and `pack_frame`. Not here:
+ioctls and buffers (`v4l2`, `v4l2_queue`), controls (`v4l2_controls`).
 
 Timing of an edge-triggered sensor without overlap: edge, latency, exposure, readout, transfer; an edge that comes
 before the readout has ended is lost without a trace in the frame numbers.

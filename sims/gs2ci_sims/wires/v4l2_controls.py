@@ -3,8 +3,7 @@
 Integers are rounded into their range, menu entries that are not there are refused (ERANGE beyond the menu, EINVAL
 in a hole), read-only and grabbed controls say EACCES and EBUSY. Structures are read and written as plain bytes.
 
-Here: `TwinControl`, `ControlBank`. Not here: what a control does to the camera (`v4l2_device`). Only twins import
-this file.
+Here: `TwinControl`, `ControlBank`. Not here: what a control does to the camera (`v4l2_device`).
 """
 
 import struct

@@ -4,7 +4,7 @@ Requests come as bytes and are answered as bytes, at the offsets of linux/videod
 time: nothing is shared with the driver package, so an error in a layout cannot cancel itself.
 
 Here: `CaptureDevice`. Not here: descriptors, files and poll (`v4l2`), exposures (`v4l2_camera`), controls
-(`v4l2_controls`), buffers (`v4l2_queue`). Only `v4l2` imports this file.
+(`v4l2_controls`), buffers (`v4l2_queue`).
 """
 
 import struct

@@ -1,7 +1,7 @@
 """The frame buffers of the V4L2 twin: memory, queue and states, as the kernel's videobuf2 keeps them.
 
 Here: `BufferRing`, which answers the requests about buffers on plain bytes. Not here: formats, controls, timing
-(`v4l2`). Only twins import this file.
+(`v4l2`).
 """
 
 import mmap

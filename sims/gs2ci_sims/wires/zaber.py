@@ -1,8 +1,8 @@
 """The twin of a Zaber stage: its firmware's ASCII protocol over a `SerialTwin`, its axes as `AxisMotion`.
 
-It has its own reading and writing of messages, so that a mistake in the driver's is not shared. Settings,
-warning flags, rejections, alerts, pre-emption and faults as in reference 3.1 and 3.5. Not here: the byte level
-(`serial_twin`), the driver. `gs2ci.rig` and tests import this file.
+It has its own reading and writing of messages, so that a mistake in the driver's is not shared. Settings, warning
+flags, rejections, alerts, pre-emption and faults as in reference 3.1 and 3.5. Not here: the byte level (`serial_twin`),
+the driver.
 """
 
 from collections.abc import Mapping

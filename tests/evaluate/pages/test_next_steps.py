@@ -9,7 +9,7 @@ import pytest
 from gs2ci import cli
 from gs2ci.evaluate.pages import next_steps as module
 from gs2ci.evaluate.pages.next_steps import RULES, next_steps, outcome
-from gs2ci.reconstruct.doubts import SATURATION_WORTH_SAYING
+from gs2ci.reconstruct.measurement.doubts import SATURATION_WORTH_SAYING
 from gs2ci.reconstruct.presets import preset
 from gs2ci.reconstruct.settings import Settings
 

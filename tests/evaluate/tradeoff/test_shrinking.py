@@ -6,7 +6,7 @@ import pytest
 from gs2ci.core.errors import InputError
 from gs2ci.core.records import Shot, Truth
 from gs2ci.evaluate.tradeoff.shrinking import enlarged, shrunk
-from gs2ci.reconstruct.coding import Coding
+from gs2ci.reconstruct.measurement.coding import Coding
 
 CAMERA = np.array([[80.0, 0, 21], [0, 84, 11], [0, 0, 1]])
 

@@ -3,8 +3,8 @@ import pytest
 import torch
 
 from gs2ci.core.records import CFA_PATTERNS
-from gs2ci.reconstruct.coding import cfa_channels, select
 from gs2ci.reconstruct.decode.demosaic import Demosaicer
+from gs2ci.reconstruct.measurement.coding import cfa_channels, select
 
 
 def mosaic_of(image, pattern):

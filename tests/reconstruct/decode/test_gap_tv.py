@@ -8,9 +8,9 @@ import torch
 from gs2ci.core.errors import InputError
 from gs2ci.core.progress import Silent
 from gs2ci.core.records import Shot
-from gs2ci.reconstruct.coding import Coding
 from gs2ci.reconstruct.decode.gap_tv import GapTvSettings, gap_tv
 from gs2ci.reconstruct.decode.kernels import denoise_planes
+from gs2ci.reconstruct.measurement.coding import Coding
 
 
 def divergence(dual_y, dual_x):

@@ -3,9 +3,9 @@ import pytest
 
 from gs2ci.core.errors import InputError, NumericsError
 from gs2ci.evaluate.metrics import psnr_per_view
-from gs2ci.reconstruct.coding import cfa_channels
 from gs2ci.reconstruct.decode.denoisers import NonLocalMeans, TotalVariation
 from gs2ci.reconstruct.decode.pnp import PlugAndPlaySettings, plug_and_play
+from gs2ci.reconstruct.measurement.coding import cfa_channels
 
 
 def halfway(views, sigma):

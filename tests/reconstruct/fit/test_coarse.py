@@ -13,13 +13,13 @@ from gs2ci.reconstruct.fit.density.osgr import Osgr
 from gs2ci.reconstruct.fit.losses import LossWeights
 from gs2ci.reconstruct.fit.optimiser import GaussianOptimiser
 from gs2ci.reconstruct.fit.pace import Fixed
-from gs2ci.reconstruct.fit.paper import paper_settings
 from gs2ci.reconstruct.fit.poses import PoseSettings
 from gs2ci.reconstruct.fit.rules import RULE_NAMES, with_rule
 from gs2ci.reconstruct.fit.start import first_gaussians
 from gs2ci.reconstruct.fit.stopping import HoldOut
 from gs2ci.reconstruct.geometry.points import seed_points
-from gs2ci.reconstruct.jury import Jury, choose_heldout
+from gs2ci.reconstruct.measurement.jury import Jury, choose_heldout
+from gs2ci.reconstruct.presets import paper_settings
 from gs2ci.render.cpu.backend import CpuBackend
 from gs2ci.render.settings import RasterSettings
 

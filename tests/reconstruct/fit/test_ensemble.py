@@ -12,7 +12,7 @@ from gs2ci.reconstruct.fit.coarse import CoarseFit
 from gs2ci.reconstruct.fit.density.osgr import Osgr
 from gs2ci.reconstruct.fit.ensemble import combined, fit_together, members
 from gs2ci.reconstruct.fit.pace import Fixed
-from gs2ci.reconstruct.jury import Jury
+from gs2ci.reconstruct.measurement.jury import Jury
 
 RULES = (Osgr.sparing(), Osgr.generous())
 

@@ -15,7 +15,7 @@ from gs2ci.reconstruct.fit.rendering import ShotRenderer
 from gs2ci.reconstruct.fit.start import first_gaussians
 from gs2ci.reconstruct.fit.stopping import HoldOut
 from gs2ci.reconstruct.geometry.points import seed_points
-from gs2ci.reconstruct.jury import Jury
+from gs2ci.reconstruct.measurement.jury import Jury
 from gs2ci.render.cpu.backend import CpuBackend
 from gs2ci.render.settings import RasterSettings
 

@@ -7,7 +7,7 @@ import pytest
 
 from gs2ci.core.records import Shot
 from gs2ci.reconstruct.fit.looks import Looks
-from gs2ci.reconstruct.jury import Jury
+from gs2ci.reconstruct.measurement.jury import Jury
 
 
 @pytest.fixture

@@ -9,7 +9,7 @@ from gs2ci.core.errors import InputError
 from gs2ci.core.records import Shot
 from gs2ci.reconstruct.decode.residual import ResidualSettings, decode_residual
 from gs2ci.reconstruct.fit.refinement import Refinement
-from gs2ci.reconstruct.jury import SURE, Jury
+from gs2ci.reconstruct.measurement.jury import SURE, Jury
 
 SETTINGS = ResidualSettings()
 SIZE = (64, 80)

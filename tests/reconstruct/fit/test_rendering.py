@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 import torch
 
-from gs2ci.reconstruct.coding import Coding
 from gs2ci.reconstruct.fit.rendering import ShotRenderer
+from gs2ci.reconstruct.measurement.coding import Coding
 from gs2ci.render.cpu.backend import CpuBackend
 
 

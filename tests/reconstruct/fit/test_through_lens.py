@@ -8,10 +8,10 @@ import torch
 
 from gs2ci.core.errors import InputError
 from gs2ci.core.lens import distorted, pixels_of
-from gs2ci.reconstruct.coding import Coding
 from gs2ci.reconstruct.fit.rendering import ShotRenderer
 from gs2ci.reconstruct.fit.through_lens import ThroughLens, through
-from gs2ci.reconstruct.lens import Lens
+from gs2ci.reconstruct.measurement.coding import Coding
+from gs2ci.reconstruct.measurement.lens import Lens
 from gs2ci.render.cpu.backend import CpuBackend
 
 DISTORTION = np.array([-0.3, 0.02, 0, 0, 0])

@@ -12,7 +12,7 @@ from gs2ci.reconstruct.geometry.initialise import PLANE_NOTE, GeometrySettings, 
 from gs2ci.reconstruct.geometry.prior import Request
 from gs2ci.reconstruct.geometry.sweep import SweepSettings
 from gs2ci.reconstruct.geometry.validity import Criteria
-from gs2ci.reconstruct.lens import Lens
+from gs2ci.reconstruct.measurement.lens import Lens
 
 # More points than there are: tracks say nothing.
 TRACKLESS = GeometrySettings(sweep=SweepSettings(planes=48), criteria=Criteria(tracks=100_000))

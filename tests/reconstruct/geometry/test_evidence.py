@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 import torch
 
-from gs2ci.reconstruct.coding import Coding
 from gs2ci.reconstruct.geometry.evidence import Evidence, carried_view, carried_views, unexplained
 from gs2ci.reconstruct.geometry.initialise import Geometry
-from gs2ci.reconstruct.lens import Lens
+from gs2ci.reconstruct.measurement.coding import Coding
+from gs2ci.reconstruct.measurement.lens import Lens
 
 
 def true_geometry(scene, **changed):

@@ -16,8 +16,8 @@ from gs2ci.reconstruct.geometry.initialise import GeometrySettings
 from gs2ci.reconstruct.geometry.prior import Request, find_geometry
 from gs2ci.reconstruct.geometry.sweep import SweepSettings
 from gs2ci.reconstruct.geometry.tracks import Tracks
-from gs2ci.reconstruct.geometry.vggt import Prediction
-from gs2ci.reconstruct.onnx_models import add_model
+from gs2ci.reconstruct.learned.onnx_models import add_model
+from gs2ci.reconstruct.learned.vggt import Prediction
 
 # A coarse sweep: these tests are about poses.
 QUICK = GeometrySettings(sweep=SweepSettings(planes=24))

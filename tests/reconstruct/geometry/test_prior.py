@@ -11,7 +11,7 @@ from gs2ci.reconstruct.geometry.initialise import GeometrySettings, initialise
 from gs2ci.reconstruct.geometry.prior import Request, from_tracks
 from gs2ci.reconstruct.geometry.sources import FromFile, FromStage
 from gs2ci.reconstruct.geometry.sweep import SweepSettings
-from gs2ci.reconstruct.lens import Lens
+from gs2ci.reconstruct.measurement.lens import Lens
 
 QUICK = GeometrySettings(sweep=SweepSettings(planes=24))
 DISTORTION = np.array([-0.2, 0, 0, 0, 0])

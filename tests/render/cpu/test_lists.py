@@ -8,9 +8,9 @@ import pytest
 import torch
 
 from gs2ci.core.errors import InputError
-from gs2ci.render.backend import Reuse
 from gs2ci.render.conventions import TERMINATION_TRANSMITTANCE
 from gs2ci.render.cpu.backend import CpuBackend
+from gs2ci.render.interface import Reuse
 from gs2ci.render.screen import ScreenStatistics
 from gs2ci.render.settings import RasterSettings
 

@@ -1,0 +1,324 @@
+"""What a reconstruction will cost in seconds on this machine: measured on a piece of the shot itself, then scaled.
+
+Here: the probe and the model. Not here: which settings a number of seconds buys (`gs2ci.reconstruct.budget.plan`).
+
+Each stage runs for a moment on a crop of the shot with its own masks, twice with different sizes of what it scales
+with, so that both what is fixed and what grows are known:
+
+    decode    steps × view-pixels
+    geometry  sources asked × view-pixels × (fixed + planes of the sweep)
+    fit       iterations × (view-pixels + views × Gaussians)
+    a look    view-pixels
+
+Fits side by side share the threads that one fit was measured with, as far as an iteration uses more than one.
+Windows, and what the rasteriser may leave out (`RasterSettings`), are not in the model: settings that differ in these
+alone are predicted alike. Reusing lists of Gaussians makes an iteration up to a fifth cheaper than predicted.
+"""
+
+import math
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Final
+
+import numba
+import numpy as np
+from scipy.ndimage import gaussian_filter, shift
+
+from gs2ci.core.arrays import F32
+from gs2ci.core.cameras import pinhole
+from gs2ci.core.crop import middle_of
+from gs2ci.core.errors import InputError
+from gs2ci.core.progress import Silent
+from gs2ci.core.records import Shot, Truth
+from gs2ci.reconstruct.decode.gap_tv import GapTvSettings, gap_tv
+from gs2ci.reconstruct.decode.residual import ResidualSettings, decode_residual
+from gs2ci.reconstruct.fit.coarse import CoarseSettings, fit_coarse
+from gs2ci.reconstruct.fit.pace import LOOKS_AFTERWARDS, Pace
+from gs2ci.reconstruct.fit.start import first_gaussians
+from gs2ci.reconstruct.fit.stopping import HoldOut
+from gs2ci.reconstruct.geometry.initialise import Geometry, GeometrySettings, initialise
+from gs2ci.reconstruct.geometry.points import seed_points
+from gs2ci.reconstruct.geometry.sweep import SweepSettings, sweep
+from gs2ci.reconstruct.measurement.jury import HELDOUT_SHARE, Jury
+from gs2ci.reconstruct.settings import Settings
+from gs2ci.render.backend import load_backend
+from gs2ci.render.interface import Backend
+
+# Large enough to fill every thread, small enough for the whole probe to take a second or two.
+_CROP_VIEW_PIXELS: Final = 400_000
+_WARM_VIEW_PIXELS: Final = 20_000
+_LEAST_SIDE: Final = 32
+_STRIDES: Final = (6, 2)
+_STEPS: Final = (1, 5)
+_SWEEP: Final = SweepSettings(planes=24)
+_ITERATIONS: Final = 4
+# A plane at rest, as the probe fits it, renders faster than a scene that has been fitted: per iteration by 1.35 to
+# 1.8 in processor time, on a scene of 18,000 to 37,000 Gaussians.
+_THAN_A_PLANE: Final = 1.5
+# What of an iteration more threads do not make quicker: two take 0.65 of one's time.
+_ON_ONE_THREAD: Final = 0.3
+# An iteration of the fine stage, in iterations of the coarse stage with as many Gaussians.
+_FINE_ITERATION: Final = 2.0
+# A population grows by about a fifth at each turn of the density rule, until it reaches its cap.
+_GROWTH_PER_TURN: Final = 1.18
+# First Gaussians for each pixel of the stride's grid: the grid, and the rims that only other views see.
+_RIMS: Final = 1.1
+
+
+@dataclass(frozen=True)
+class Seconds:
+    """What the parts of a reconstruction are expected to take, in seconds.
+
+    Args:
+        decode: The decode.
+        geometry: Tracks, motion and depth.
+        fit: The iterations and the looks at held-out pixels, if the fit runs to its end, and the fine stage.
+        finish: What follows the last look, without the report.
+    """
+
+    decode: float
+    geometry: float
+    fit: float
+    finish: float
+
+    @property
+    def total(self) -> float:
+        """Get the sum."""
+        return self.decode + self.geometry + self.fit + self.finish
+
+
+@dataclass(frozen=True)
+class CostModel:
+    """Measured unit costs, in seconds, for one shot on this machine.
+
+    Args:
+        pixels: Of one view of the shot.
+        views: N.
+        decode_step: One GAP step on all views.
+        geometry: Of the whole shot without planes.
+        plane: One plane of the sweep on the whole shot.
+        iteration: One of the fit without Gaussians.
+        gaussian: What each Gaussian adds to that.
+        look: One look at the held-out pixels.
+        threads: With how many an iteration was measured.
+        sources: How many sources of geometry a choice by evidence asks: two where a stage reported poses. A model that
+            the user added is not priced.
+    """
+
+    pixels: int
+    views: int
+    decode_step: float
+    geometry: float
+    plane: float
+    iteration: float
+    gaussian: float
+    look: float
+    threads: int = 1
+    sources: int = 1
+
+    def predict(self, settings: Settings) -> Seconds:
+        """Predict what a reconstruction of the shot takes."""
+        fit = settings.fit
+        shares = (np.arange(32) + 0.5) / 32
+        each = float(np.mean([self.iteration_s(settings, float(share)) for share in shares]))
+        looks = math.ceil(fit.iterations / fit.hold_out.look_every)
+        asked = self.sources if settings.poses == "auto" else 1
+        return Seconds(
+            decode=settings.decode.iterations * self.decode_step,
+            geometry=asked * (self.geometry + settings.geometry.sweep.planes * self.plane),
+            fit=fit.iterations * each + looks * self.look + self._fine_s(settings),
+            finish=LOOKS_AFTERWARDS * self.look,
+        )
+
+    def _fine_s(self, settings: Settings) -> float:
+        """Predict what the fine stage takes: beside the measurement, each iteration renders one whole view."""
+        if settings.fine is None:
+            return 0.0
+        looks = math.ceil(settings.fine.iterations / settings.fine.hold_out.look_every)
+        return settings.fine.iterations * _FINE_ITERATION * self.iteration_s(settings, 1.0) + looks * self.look
+
+    def iteration_s(self, settings: Settings, share: float) -> float:
+        """Predict what one iteration takes when a share of the schedule is done, without looks.
+
+        With several fits side by side, one of each.
+        """
+        alone = self.iteration + self.population(settings, share) * self.gaussian
+        return alone * self._slower_beside(settings.fits)
+
+    def _slower_beside(self, fits: int) -> float:
+        """Return how much longer an iteration takes with that many fits side by side (Amdahl's law)."""
+        own = self.threads / fits
+        return (_ON_ONE_THREAD + (1 - _ON_ONE_THREAD) / own if own >= 1 else 1 / own) / (
+            _ON_ONE_THREAD + (1 - _ON_ONE_THREAD) / self.threads
+        )
+
+    def population(self, settings: Settings, share: float) -> float:
+        """Predict how many Gaussians there are when a share of the schedule is done."""
+        fit = settings.fit
+        first = _RIMS * self.pixels / settings.stride_px**2
+        last = max(first, fit.gaussians_per_pixel * self.pixels)
+        growing = max(0.0, min(share, fit.densify_until) - fit.densify_from)
+        turns = growing * fit.iterations / fit.densify_every
+        # Beyond some thousand turns every population has met its cap, and powers overflow.
+        return float(min(last, first * _GROWTH_PER_TURN ** min(turns, 1000.0)))
+
+
+def probe(shot: Shot, backend: str = "cpu") -> CostModel:
+    """Measure the unit costs on a crop of a shot, in a second or two; kernels not yet compiled add their time.
+
+    Raises:
+        InputError: The shot's parts do not fit together, or there is no such backend.
+    """
+    shot.check()
+    renderer = load_backend(backend)
+    _probe_crop(_crop(shot, _WARM_VIEW_PIXELS), renderer)  # loads kernels and libraries
+    crop = _crop(shot, _CROP_VIEW_PIXELS)
+    found = _probe_crop(crop, renderer)
+    pixels = shot.size[0] * shot.size[1]
+    larger = pixels / found.pixels
+    return CostModel(
+        pixels=pixels,
+        views=shot.views,
+        decode_step=larger * found.decode_step,
+        geometry=larger * found.geometry,
+        plane=larger * found.plane,
+        iteration=_THAN_A_PLANE * larger * found.iteration,
+        gaussian=_THAN_A_PLANE * found.gaussian,
+        look=_THAN_A_PLANE * larger * found.look,
+        threads=numba.get_num_threads(),
+        sources=1 if shot.telemetry_world_to_camera is None else 2,
+    )
+
+
+def _probe_crop(shot: Shot, backend: Backend) -> CostModel:
+    """Measure every stage on a small shot."""
+    decode_s = [_timed(partial(gap_tv, shot, GapTvSettings(iterations=steps))) for steps in _STEPS]
+    views = _moving_texture((shot.views, *shot.size, shot.channels))
+    geometry = _plane(shot)
+    found_s = _timed(lambda: initialise(views, geometry.intrinsics, GeometrySettings(sweep=_SWEEP)))
+    swept_s = _timed(lambda: _sweep(views, geometry))
+    fits = [_probe_fit(shot, views, stride, backend) for stride in _STRIDES]
+    (few, few_s, _), (many, many_s, look_s) = fits
+    decode_step = _slope(decode_s, _STEPS)
+    gaussian = max(0.0, many_s - few_s) / max(1, many - few)
+    return CostModel(
+        pixels=shot.size[0] * shot.size[1],
+        views=shot.views,
+        decode_step=decode_step,
+        geometry=max(0.0, found_s - swept_s),
+        plane=swept_s / _SWEEP.planes,
+        iteration=max(few_s - few * gaussian, 0.1 * few_s),
+        gaussian=gaussian,
+        look=look_s,
+    )
+
+
+def _sweep(views: F32, geometry: Geometry) -> None:
+    if len(views) < 2:  # a single view is not swept
+        return
+    sweep(views, geometry.world_to_camera, geometry.intrinsics, geometry.reference, (0.5, 1.5), _SWEEP)
+
+
+class _TimedPace:
+    """A pace that ends after a few iterations and keeps their times."""
+
+    def __init__(self) -> None:
+        self.moments_s: list[float] = []
+        self.look_s = 0.0
+
+    def total(self, done: int) -> int:
+        self.moments_s.append(time.monotonic())
+        return _ITERATIONS
+
+    def looked(self, seconds: float) -> None:
+        self.look_s = seconds
+
+    def ending(self, done: int) -> str:
+        return f"all {done} iterations done"
+
+    def beside(self) -> Pace:
+        return self
+
+
+def _probe_fit(shot: Shot, views: F32, stride: int, backend: Backend) -> tuple[int, float, float]:
+    """Fit a plane for a few iterations; return Gaussians, the shortest seconds of an iteration, those of a look."""
+    geometry = _plane(shot)
+    start = first_gaussians(seed_points(geometry, views, stride))
+    watch = _TimedPace()
+    fit_coarse(
+        jury=Jury.of(shot, HELDOUT_SHARE, 0),
+        start=start,
+        geometry=geometry,
+        backend=backend,
+        settings=CoarseSettings(iterations=_ITERATIONS, densify_from=1.0, hold_out=HoldOut(look_every=_ITERATIONS)),
+        seed=0,
+        refine=lambda scene: scene + decode_residual(shot, scene, ResidualSettings()),
+        progress=Silent(),
+        pace=watch,
+    )
+    # The first iteration makes room for everything that the others find made.
+    return len(start), float(np.median(np.diff(watch.moments_s)[1:])), watch.look_s
+
+
+def _plane(shot: Shot) -> Geometry:
+    """Put the shot's scene on a plane before a camera that stands still."""
+    return Geometry(
+        world_to_camera=np.tile(np.eye(4), (shot.views, 1, 1)),
+        intrinsics=pinhole(max(shot.size), shot.size),
+        focal_source="default",
+        inverse_depth=np.ones(shot.size, np.float32),
+        reference=shot.views // 2,
+        tracks=0,
+        reprojection_rms_px=0.0,
+        parallax_px=0.0,
+        verdict="static",
+        notes=(),
+    )
+
+
+def _moving_texture(shape: tuple[int, int, int, int]) -> F32:
+    """Make views of textured stripes at two depths, [N, H, W, C], in which the geometry stage finds its way."""
+    count, height, width, channels = shape
+    rng = np.random.default_rng(0)
+    texture = gaussian_filter(rng.random((2, height, width)), (0, 1.5, 1.5))
+    texture = (texture - texture.min()) / max(np.ptp(texture), 1e-9)
+    near = (np.arange(height) // 16 % 2 == 0)[:, None]
+    moves = 0.5 * (np.arange(count) - count // 2)
+    views = [
+        np.where(
+            near,
+            shift(texture[0], (0, -3 * move), order=1, mode="wrap"),
+            shift(texture[1], (0, -move), order=1, mode="wrap"),
+        )
+        for move in moves
+    ]
+    return np.repeat(np.stack(views)[..., None], channels, axis=3).astype(np.float32)
+
+
+def _crop(shot: Shot, view_pixels: int) -> Shot:
+    """Cut the middle out of a shot, without what the stages would go by instead of looking."""
+    cropped = replace(
+        middle_of(shot, view_pixels, _LEAST_SIDE),
+        intrinsics=None,
+        distortion=None,
+        telemetry_world_to_camera=None,
+        truth=Truth(),
+    )
+    try:
+        return cropped.check()
+    except InputError:  # a crop whose masks are all closed: the whole shot is dark there, and its size is what counts
+        return replace(cropped, masks=np.ones_like(cropped.masks)).check()
+
+
+def _timed(work: Callable[[], object]) -> float:
+    began_s = time.monotonic()
+    work()
+    return time.monotonic() - began_s
+
+
+def _slope(seconds: list[float], sizes: tuple[int, int]) -> float:
+    """Return seconds per unit of size, a hundredth of the larger's mean at least: noise may turn the slope round."""
+    rise = (seconds[1] - seconds[0]) / (sizes[1] - sizes[0])
+    return max(rise, 0.01 * seconds[1] / sizes[1])

@@ -1,0 +1,1 @@
+"""All that needs trained weights: denoisers, image priors, perceptual distance, VGGT, and their conversion to ONNX."""

@@ -1,0 +1,257 @@
+"""FFDNet (Zhang, Zuo, Zhang 2018): reading a user's trained weights and writing them as an ONNX denoiser.
+
+Here: the network as its paper describes it, the layouts of weight files, and the ONNX graph. Not here: running the
+model (`onnx_denoiser`). the package `onnx` is needed to write a graph and imported only then.
+
+The network rearranges an image into four half-sized ones, adds a map of sigma, runs 3 × 3 convolutions with ReLU in
+between at that size, and rearranges back. Batch normalisations are folded into the convolutions before them. Files
+say neither whether the map comes before the image or after it, nor whether the last layer gives the image or its
+noise: both are decided by trying which of the four denoises.
+"""
+
+import pickle
+import re
+from dataclasses import dataclass, replace
+from itertools import pairwise, product
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import torch
+from torch import Tensor
+from torch.nn import functional
+
+from gs2ci.core.arrays import F32, F64
+from gs2ci.core.errors import InputError
+from gs2ci.core.whole_file import write_whole
+from gs2ci.reconstruct.learned.onnx_models import OPSET
+
+# Of the file format: that of the operators' time.
+IR_VERSION: Final = 8
+# How files of PyTorch begin: the archives of today, and pickles of before.
+_OF_PYTORCH: Final = (b"PK\x03\x04", b"\x80")
+_BATCH_NORM_EPSILON: Final = 1e-5
+_BATCH_NORM: Final = ("weight", "bias", "running_mean", "running_var")
+_PROBE_SIGMA: Final = 25 / 255
+# The right order and sign leave less than a fifth of the noise of a smooth image, each wrong one more than twice of it.
+_PROBE_SHARE_LEFT: Final = 0.75
+
+
+@dataclass(frozen=True)
+class Convolution:
+    """One layer: weight, [O, I, 3, 3], and bias, [O], float32."""
+
+    weight: Tensor
+    bias: Tensor
+
+
+@dataclass(frozen=True)
+class FfdNet:
+    """The network of one weight file.
+
+    Args:
+        layers: Its convolutions; a ReLU stands between two.
+        map_first: Whether the map of sigma comes before the four sub-images, or after them.
+        predicts_noise: Whether the last layer gives the noise, or the denoised image.
+    """
+
+    layers: tuple[Convolution, ...]
+    map_first: bool = False
+    predicts_noise: bool = False
+
+    @property
+    def channels(self) -> int:
+        """Get how many channels an image has: 1 or 3."""
+        return int(self.layers[-1].weight.shape[0]) // 4
+
+    def __call__(self, images: Tensor, sigma: Tensor) -> Tensor:
+        """Denoise images, [N, C, H, W] with even H and W, of noise sigma, [N]: the readable statement of the graph."""
+        small = functional.pixel_unshuffle(images, 2)
+        level = sigma.reshape(-1, 1, 1, 1).expand(len(images), 1, *small.shape[2:])
+        x = torch.cat([level, small] if self.map_first else [small, level], dim=1)
+        for i, layer in enumerate(self.layers):
+            x = functional.conv2d(functional.relu(x) if i else x, layer.weight, layer.bias, padding=1)
+        restored = functional.pixel_shuffle(x, 2)
+        return images - restored if self.predicts_noise else restored
+
+
+def read_ffdnet(path: Path) -> FfdNet:
+    """Read a weight file.
+
+    Args:
+        path: A PyTorch state dictionary: convolutions, with or without bias, each with or without a batch
+            normalisation after it, numbered in their keys.
+
+    Raises:
+        InputError: No such file, not a state dictionary, not the layers of an FFDNet, or weights that do not denoise.
+
+    Only tensors are unpickled: a weight file cannot run code.
+    """
+    layers = _layers(_state(Path(path)), Path(path))
+    network = _resolve(FfdNet(layers))
+    if network is None:
+        raise InputError(
+            f"the weights in {path} do not denoise, in whatever order their inputs are taken",
+            allowed="trained FFDNet weights, for images with full scale 1",
+        )
+    return network
+
+
+def export_ffdnet(network: FfdNet, path: Path) -> Path:
+    """Write the network as an ONNX model: `noisy` [n, C, h, w] and `sigma` [n] to `denoised` [n, C, h, w].
+
+    Height and width must be even; `OnnxDenoiser` pads others.
+
+    Args:
+        network: What `read_ffdnet` returned.
+        path: The file to write; it appears whole or not at all.
+
+    Raises:
+        InputError: The package `onnx` is not installed.
+        StorageError: The file cannot be written.
+    """
+    content: bytes = _graph(network).SerializeToString()
+    return write_whole(path, content, parents=True)
+
+
+def _state(path: Path) -> dict[str, Tensor]:
+    if not path.is_file():
+        raise InputError(f"no weight file {path}", remedy="give the .pth file of a trained FFDNet")
+    try:
+        state = torch.load(path, map_location="cpu", weights_only=True)
+    except (pickle.UnpicklingError, RuntimeError, EOFError, ValueError, KeyError) as error:
+        raise InputError(
+            f"{path} is no PyTorch weight file: {_what_is_wrong(path, error)}",
+            allowed="what torch.save wrote of a state dictionary: names and tensors (.pth, .pt)",
+            remedy="check that it is the file of the weights, and whole",
+        ) from error
+    for key in ("state_dict", "params"):  # training scripts often put the weights beside other things
+        if isinstance(state, dict) and isinstance(state.get(key), dict):
+            state = state[key]
+    if not isinstance(state, dict) or not all(isinstance(value, Tensor) for value in state.values()):
+        raise InputError(f"{path} holds no state dictionary", allowed="names and tensors")
+    return {name: value.float() for name, value in state.items()}
+
+
+def _what_is_wrong(path: Path, error: Exception) -> str:
+    """Say what was found in a file that PyTorch refuses; its own word only where it is a file of its kind."""
+    with path.open("rb") as stream:
+        head = stream.read(24)
+    if not head:
+        return "it is empty"
+    if head.startswith(_OF_PYTORCH):
+        reason = (str(error) or type(error).__name__).split("\n", maxsplit=1)[0][:200]
+        return f"it is damaged, or holds more than tensors ({reason})"
+    return f"it begins with {head.decode('ascii')!r}" if head.isascii() else f"it begins with bytes {head[:8].hex(' ')}"
+
+
+def _layers(state: dict[str, Tensor], path: Path) -> tuple[Convolution, ...]:
+    """Sort the tensors by the numbers in their names; fold each batch normalisation into the layer before it."""
+    modules: dict[int, dict[str, Tensor]] = {}
+    for name, tensor in state.items():
+        if match := re.search(r"(\d+)\.(weight|bias|running_mean|running_var)$", name):
+            modules.setdefault(int(match[1]), {})[match[2]] = tensor
+    layers: list[Convolution] = []
+    for _, module in sorted(modules.items()):
+        weight = module.get("weight")
+        if weight is not None and weight.ndim == 4:
+            layers.append(Convolution(weight, module.get("bias", torch.zeros(len(weight)))))
+        elif layers and all(part in module and module[part].shape == layers[-1].bias.shape for part in _BATCH_NORM):
+            layers[-1] = _fold(layers[-1], *(module[part] for part in _BATCH_NORM))
+        else:
+            layers.clear()
+            break
+    if not _chained(layers):
+        raise InputError(
+            f"{path} does not hold the layers of an FFDNet",
+            allowed="3 x 3 convolutions from 5 (grey) or 13 (colour) channels back to 4 or 12",
+        )
+    return tuple(layers)
+
+
+def _chained(layers: list[Convolution]) -> bool:
+    """Tell whether each layer takes what the one before gives, and the whole what FFDNet takes and gives."""
+    if len(layers) < 2:
+        return False
+    shapes = [layer.weight.shape for layer in layers]
+    through = all(before[0] == after[1] for before, after in pairwise(shapes))
+    kernels = all(shape[2:] == (3, 3) for shape in shapes)
+    return through and kernels and (shapes[0][1], shapes[-1][0]) in ((5, 4), (13, 12))
+
+
+def _fold(layer: Convolution, gain: Tensor, shift: Tensor, mean: Tensor, variance: Tensor) -> Convolution:
+    scale = gain.double() / torch.sqrt(variance.double() + _BATCH_NORM_EPSILON)
+    weight = layer.weight.double() * scale[:, None, None, None]
+    return Convolution(weight.float(), ((layer.bias.double() - mean.double()) * scale + shift.double()).float())
+
+
+def _resolve(network: FfdNet) -> FfdNet | None:
+    """Find the order of inputs and the meaning of the output with which the weights denoise, or None."""
+    clean = torch.from_numpy(_probe_image()).float().expand(1, network.channels, -1, -1)
+    noise = np.random.default_rng(0).normal(0, _PROBE_SIGMA, clean.shape)
+    noisy, sigma = clean + torch.from_numpy(noise).float(), torch.tensor([_PROBE_SIGMA])
+    best, least = None, _PROBE_SHARE_LEFT * _PROBE_SIGMA
+    for map_first, predicts_noise in product((False, True), repeat=2):
+        candidate = replace(network, map_first=map_first, predicts_noise=predicts_noise)
+        with torch.no_grad():
+            left = float((candidate(noisy, sigma) - clean).square().mean().sqrt())
+        if left < least:  # false for NaN
+            best, least = candidate, left
+    return best
+
+
+def _probe_image() -> F64:
+    y, x = np.mgrid[:64, :64] / 64
+    disc = np.hypot(x - 0.4, y - 0.6) < 0.25
+    image: F64 = 0.3 + 0.3 * x + 0.1 * np.sin(6 * y) + 0.2 * disc
+    return image
+
+
+def _graph(network: FfdNet) -> Any:
+    try:
+        from onnx import TensorProto, checker, helper, numpy_helper  # noqa: PLC0415
+    except ImportError as error:
+        raise InputError("writing ONNX models needs the package onnx", remedy="pip install 'gs2ci[export]'") from error
+
+    node = helper.make_node
+    parts = ["sigma_map", "small"] if network.map_first else ["small", "sigma_map"]
+    nodes = [
+        node("Conv", ["noisy", "unshuffle"], ["small"], strides=[2, 2]),
+        node("Shape", ["small"], ["images"], start=0, end=1),
+        node("Shape", ["small"], ["sides"], start=2, end=4),
+        node("Concat", ["images", "one", "sides"], ["map_shape"], axis=0),
+        node("Reshape", ["sigma", "per_image"], ["sigma_4d"]),
+        node("Expand", ["sigma_4d", "map_shape"], ["sigma_map"]),
+        node("Concat", parts, ["x0"], axis=1),
+    ]
+    constants = {"unshuffle": _unshuffle(network.channels), "one": np.array([1]), "per_image": np.array([-1, 1, 1, 1])}
+    last = len(network.layers) - 1
+    for i, layer in enumerate(network.layers):
+        constants |= {f"weight{i}": layer.weight.numpy(), f"bias{i}": layer.bias.numpy()}
+        nodes.append(node("Conv", [f"x{i}", f"weight{i}", f"bias{i}"], [f"y{i}"], pads=[1, 1, 1, 1]))
+        if i < last:
+            nodes.append(node("Relu", [f"y{i}"], [f"x{i + 1}"]))
+    restored = "restored" if network.predicts_noise else "denoised"
+    nodes.append(node("DepthToSpace", [f"y{last}"], [restored], blocksize=2, mode="CRD"))
+    if network.predicts_noise:
+        nodes.append(node("Sub", ["noisy", restored], ["denoised"]))
+    image: list[str | int | None] = ["n", network.channels, "h", "w"]
+    graph = helper.make_graph(
+        nodes,
+        "FFDNet",
+        [
+            helper.make_tensor_value_info("noisy", TensorProto.FLOAT, image),
+            helper.make_tensor_value_info("sigma", TensorProto.FLOAT, ["n"]),
+        ],
+        [helper.make_tensor_value_info("denoised", TensorProto.FLOAT, image)],
+        [numpy_helper.from_array(np.ascontiguousarray(value), name) for name, value in constants.items()],
+    )
+    model = helper.make_model(graph, producer_name="gs2ci", opset_imports=[helper.make_opsetid("", OPSET)])
+    model.ir_version = IR_VERSION
+    checker.check_model(model)
+    return model
+
+
+def _unshuffle(channels: int) -> F32:
+    """Make the 2 × 2 kernels that pick the four sub-images, in the order of torch's pixel_unshuffle."""
+    return np.eye(4 * channels, dtype=np.float32).reshape(4 * channels, channels, 2, 2)

@@ -1,0 +1,194 @@
+"""LPIPS (Zhang et al. 2018) from an ONNX file that the user supplies, differentiable.
+
+Here: the few operators that such a network is made of, run by torch, so that the distance has a gradient, which ONNX
+Runtime does not give; and the check against ONNX Runtime that they mean the same. Not here: any weights. For
+`fit.perceptual.load_distance`.
+
+The file is the plain export of the original module: two images, [1, 3, H, W] float32 in [−1, 1], and one number.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import torch
+from torch import Tensor
+from torch.nn import functional
+
+from gs2ci.core.errors import InputError
+from gs2ci.reconstruct.learned.onnx_models import fixed_side, open_model, run_model, signature
+
+_CALLED: Final = "two images [1, 3, H, W] float32 in [-1, 1]; one number comes out"
+_TRIAL_SIDE: Final = 64  # four halvings leave four pixels
+# Convolutions sum in another order in torch than in ONNX Runtime: float32, a million terms.
+_AGREEMENT: Final = 1e-3
+
+Attributes = Mapping[str, Any]
+Operator = Callable[[Sequence[Tensor], Attributes], Tensor]
+
+
+class Lpips:
+    """A learned perceptual distance.
+
+    Args:
+        path: The file.
+
+    Raises:
+        InputError: No such file, the package onnx is not installed, ONNX Runtime refuses the file, it is not two
+            images in and one number out, it holds an operator that is not known here, or one that is understood in
+            another way than ONNX Runtime does.
+    """
+
+    name = "LPIPS"
+
+    def __init__(self, path: Path) -> None:
+        self.path = Path(path)
+        session = open_model(self.path, "name the ONNX file of an LPIPS of yours, or do without it")
+        inputs = session.get_inputs()
+        if len(inputs) != 2 or any(one.type != "tensor(float)" or len(one.shape) != 4 for one in inputs):
+            raise InputError(f"{self.path} is no LPIPS: it takes {signature(session)}", allowed=_CALLED)
+        self._sides = tuple(fixed_side(side) for side in inputs[0].shape[2:])
+        self._graph = _Graph(self.path)
+        self._check_against(session)
+
+    def __call__(self, image: Tensor, target: Tensor) -> Tensor:
+        """Compare images [H, W, 3], full scale 1; the gradient reaches `image` only.
+
+        Raises:
+            InputError: The file's image size is fixed, and another.
+        """
+        if any(side not in (None, had) for side, had in zip(self._sides, image.shape[:2], strict=True)):
+            raise InputError(
+                f"{self.path.name} compares images of {self._sides[0]} x {self._sides[1]} pixels, not of "
+                f"{image.shape[0]} x {image.shape[1]}",
+                remedy="export it with dynamic height and width",
+            )
+        planes = [part.permute(2, 0, 1)[None] * 2 - 1 for part in (image, target.detach())]
+        return self._graph.run(planes).sum()
+
+    def _check_against(self, session: Any) -> None:
+        generator = torch.Generator().manual_seed(0)
+        sides = [side or _TRIAL_SIDE for side in self._sides]
+        trial = [torch.rand(1, 3, *sides, generator=generator) * 2 - 1 for _ in range(2)]
+        names = [one.name for one in session.get_inputs()]
+        feed = {name: part.numpy() for name, part in zip(names, trial, strict=True)}
+        answers = run_model(session, self.path.name, feed, "export it with dynamic height and width")
+        wanted = np.asarray(answers[session.get_outputs()[0].name])
+        with torch.no_grad():
+            found = self._graph.run(trial).numpy()
+        if wanted.size != 1 or not np.isfinite(wanted).all():
+            raise InputError(f"{self.path.name} returns {list(wanted.shape)} of two images", allowed=_CALLED)
+        if abs(float(found.sum()) - float(wanted.sum())) > _AGREEMENT * max(1e-3, abs(float(wanted.sum()))):
+            raise InputError(
+                f"{self.path.name} is understood here as {float(found.sum()):.6g} where ONNX Runtime finds "
+                f"{float(wanted.sum()):.6g}",
+                remedy="export the original module without training-time operators (eval())",
+            )
+
+
+class _Graph:
+    """A chain of operators as torch runs it."""
+
+    def __init__(self, path: Path) -> None:
+        try:
+            import onnx  # noqa: PLC0415
+        except ImportError as error:
+            raise InputError(
+                "reading an LPIPS model needs the package onnx", remedy="pip install 'gs2ci[export]'"
+            ) from error
+        graph = onnx.load(str(path)).graph
+        self._constants: dict[str, Tensor] = {
+            one.name: _tensor(onnx.numpy_helper.to_array(one)) for one in graph.initializer
+        }
+        self._nodes: list[tuple[Operator, list[str], str, Attributes]] = []
+        for node in graph.node:
+            attributes = {one.name: onnx.helper.get_attribute_value(one) for one in node.attribute}
+            if node.op_type == "Constant":
+                kind, value = next(iter(attributes.items()))  # "value" is a tensor; "value_floats" and the like are not
+                self._constants[node.output[0]] = _tensor(
+                    onnx.numpy_helper.to_array(value) if kind == "value" else value
+                )
+            elif node.op_type in _OPERATORS:
+                self._nodes.append((_OPERATORS[node.op_type], list(node.input), node.output[0], attributes))
+            else:
+                raise InputError(
+                    f"{path.name} holds the operator {node.op_type}",
+                    allowed=", ".join(sorted((*_OPERATORS, "Constant"))),
+                    remedy="export the original LPIPS module in eval mode",
+                )
+        self._inputs = [one.name for one in graph.input if one.name not in self._constants]
+        self._output = graph.output[0].name
+
+    def run(self, images: Sequence[Tensor]) -> Tensor:
+        values: dict[str, Tensor] = {**self._constants, **dict(zip(self._inputs, images, strict=True))}
+        for operator, inputs, output, attributes in self._nodes:
+            values[output] = operator([values[name] for name in inputs if name], attributes)
+        return values[self._output]
+
+
+def _tensor(array: Any) -> Tensor:
+    return torch.from_numpy(np.array(array))
+
+
+def _conv(parts: Sequence[Tensor], attributes: Attributes) -> Tensor:
+    bias = parts[2] if len(parts) > 2 else None
+    return functional.conv2d(
+        _padded(parts[0], attributes, 0.0),
+        parts[1],
+        bias,
+        stride=attributes.get("strides", [1, 1]),
+        dilation=attributes.get("dilations", [1, 1]),
+        groups=attributes.get("group", 1),
+    )
+
+
+def _max_pool(parts: Sequence[Tensor], attributes: Attributes) -> Tensor:
+    pooled: Tensor = functional.max_pool2d(
+        _padded(parts[0], attributes, float("-inf")),
+        attributes["kernel_shape"],
+        stride=attributes.get("strides", [1, 1]),
+        ceil_mode=bool(attributes.get("ceil_mode", 0)),
+    )
+    return pooled
+
+
+def _padded(image: Tensor, attributes: Attributes, value: float) -> Tensor:
+    top, left, bottom, right = attributes.get("pads", [0, 0, 0, 0])
+    return functional.pad(image, (left, right, top, bottom), value=value)
+
+
+def _axes(parts: Sequence[Tensor], attributes: Attributes) -> list[int]:
+    """Return the axes to reduce: an attribute up to operator set 12 or 17, an input from then on."""
+    if len(parts) > 1:
+        return [int(axis) for axis in parts[1]]
+    return list(attributes.get("axes", range(parts[0].ndim)))
+
+
+def _reducer(reduce: Callable[..., Tensor]) -> Operator:
+    def run(parts: Sequence[Tensor], attributes: Attributes) -> Tensor:
+        reduced: Tensor = reduce(parts[0], dim=_axes(parts, attributes), keepdim=bool(attributes.get("keepdims", 1)))
+        return reduced
+
+    return run
+
+
+def _root(parts: Sequence[Tensor], _: Attributes) -> Tensor:
+    # The derivative of a root at zero is infinite, and zero times infinite is NaN: dead features give such zeros.
+    return parts[0].clamp(min=torch.finfo(torch.float32).tiny).sqrt()
+
+
+_OPERATORS: Final[dict[str, Operator]] = {
+    "Conv": _conv,
+    "MaxPool": _max_pool,
+    "Relu": lambda parts, _: functional.relu(parts[0]),
+    "Identity": lambda parts, _: parts[0],
+    "Add": lambda parts, _: parts[0] + parts[1],
+    "Sub": lambda parts, _: parts[0] - parts[1],
+    "Mul": lambda parts, _: parts[0] * parts[1],
+    "Div": lambda parts, _: parts[0] / parts[1],
+    "Pow": lambda parts, _: parts[0] ** parts[1],
+    "Sqrt": _root,
+    "ReduceSum": _reducer(torch.sum),
+    "ReduceMean": _reducer(torch.mean),
+}

@@ -1,0 +1,202 @@
+"""VGGT (Wang et al. 2025) by ONNX Runtime: poses and depth of a few views at once, from a file of the user.
+
+Here: the model's signature, the way from our views to its images and back, and every way in which a file or its answer
+can be wrong. Not here: how far its answer is believed (`hierarchy`), how such a file is made (`vggt_export`).
+
+A model takes images [S, 3, H, W] or [1, S, 3, H, W], float32 in [0, 1], sides multiples of 14, and returns, by name,
+with or without the leading 1:
+
+    pose_enc or pose_encoding   [S, 9]: translation, quaternion xyzw, vertical and horizontal field of view
+      or extrinsics [S, 3, 4] and intrinsics [S, 3, 3]; world to camera, OpenCV axes
+    depth or depth_map          [S, H, W, 1] or [S, H, W]
+
+Other outputs are not looked at.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import cv2
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from gs2ci.core.arrays import F32, F64
+from gs2ci.core.errors import InputError, NumericsError
+from gs2ci.reconstruct.learned.onnx_models import fixed_side, open_model, run_model, signature
+
+_PATCH: Final = 14
+LONGER_SIDE: Final = 518  # what it was trained at: the longer side
+_CALLED: Final = (
+    "images [S, 3, H, W] or [1, S, 3, H, W] float32; pose_enc (or extrinsics and intrinsics), depth, depth_conf"
+)
+_REMEDY: Final = "export it again with `gs2ci models export-vggt`, or take --geometry tracks"
+_POSES: Final = ("pose_enc", "pose_encoding")
+_DEPTHS: Final = ("depth", "depth_map")
+# Half precision inside the network leaves about three digits.
+_ROTATION_TOLERANCE: Final = 0.05
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """What the model says of views, in their own order and size.
+
+    Args:
+        world_to_camera: [N, 4, 4], rigid; in whatever frame and unit the model chose.
+        focal_px: Of each view, [N].
+        depth: Along the optical axis, [N, H, W], not checked for its sign.
+    """
+
+    world_to_camera: F64
+    focal_px: F64
+    depth: F32
+
+
+class Vggt:
+    """A VGGT model in an ONNX file.
+
+    Args:
+        path: The file.
+
+    Raises:
+        InputError: No such file, a file that ONNX Runtime refuses, or inputs and outputs other than those of VGGT.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = Path(path)
+        self._session = open_model(self.path, "`gs2ci models export-vggt` makes one; `gs2ci models add vggt FILE`")
+        inputs = self._session.get_inputs()
+        outputs = {one.name for one in self._session.get_outputs()}
+        posed = outputs.intersection(_POSES) or {"extrinsics", "intrinsics"} <= outputs
+        if (
+            len(inputs) != 1
+            or inputs[0].type != "tensor(float)"
+            or len(inputs[0].shape) not in (4, 5)
+            or not (posed and outputs.intersection(_DEPTHS))
+        ):
+            raise InputError(
+                f"{self.path} is no VGGT: it takes {signature(self._session)} and returns {', '.join(sorted(outputs))}",
+                allowed=_CALLED,
+                remedy=_REMEDY,
+            )
+        self._images = inputs[0]
+
+    @property
+    def taken(self) -> str:
+        """Get how many views it takes, in words."""
+        count = fixed_side(self._images.shape[-4])
+        return "any number of views" if count is None else f"exactly {count} views"
+
+    def predict(self, views: F32, order: Sequence[int]) -> Prediction:
+        """Ask about views, [N, H, W, C] in [0, 1], shown in some order; the answer is in the order of `views`.
+
+        Raises:
+            InputError: The file's number of views is fixed, and another.
+            NumericsError: The model failed, an output has another shape, is not finite, or is no rotation.
+        """
+        shape = self._images.shape[-4:]
+        wanted = fixed_side(shape[0])
+        if wanted not in (None, len(views)):
+            raise InputError(
+                f"{self.path.name} takes {wanted} views, not {len(views)}",
+                remedy="export the model with a dynamic view axis",
+            )
+        frame = _Frame.of(views.shape[1:3], fixed_side(shape[2]), fixed_side(shape[3]))
+        images = np.stack([frame.filled(views[i]) for i in order]).transpose(0, 3, 1, 2)
+        fed = np.ascontiguousarray(images if len(self._images.shape) == 4 else images[None], np.float32)
+        answer = run_model(self._session, self.path.name, {self._images.name: fed}, _REMEDY)
+        back = np.argsort(order)
+        count, (rows, columns) = len(views), frame.total
+        poses, focal = self._cameras(answer, count, frame)
+        depth = self._output(answer, _DEPTHS, (count, rows, columns))
+        return Prediction(poses[back], focal[back], frame.restored(depth[back]))
+
+    def _cameras(self, answer: Mapping[str, Any], count: int, frame: "_Frame") -> tuple[F64, F64]:
+        """Read world-to-camera matrices, [S, 4, 4], and focal lengths in px of our views, [S]."""
+        poses = np.tile(np.eye(4), (count, 1, 1))
+        if any(name in answer for name in _POSES):
+            encoded = self._output(answer, _POSES, (count, 9)).astype(np.float64)
+            lengths = np.linalg.norm(encoded[:, 3:7], axis=1)
+            if not (lengths > _ROTATION_TOLERANCE).all():
+                raise NumericsError(f"{self.path.name} returned a quaternion of length zero", remedy=_REMEDY)
+            poses[:, :3, :3] = Rotation.from_quat(encoded[:, 3:7]).as_matrix()
+            poses[:, :3, 3] = encoded[:, :3]
+            half = np.tan(np.clip(encoded[:, 7:], 1e-3, np.pi - 1e-3) / 2)
+            focal = np.array(frame.total) / 2 / half
+            return poses, (focal / np.array(frame.scale)).mean(axis=1)
+        extrinsics = self._output(answer, ("extrinsics",), (count, 3, 4)).astype(np.float64)
+        matrices = self._output(answer, ("intrinsics",), (count, 3, 3)).astype(np.float64)
+        u, _, vt = np.linalg.svd(extrinsics[:, :, :3])
+        rotations = u @ vt
+        if np.abs(rotations - extrinsics[:, :, :3]).max() > _ROTATION_TOLERANCE or (np.linalg.det(rotations) < 0).any():
+            raise NumericsError(f"{self.path.name} returned matrices that are no rotations", remedy=_REMEDY)
+        poses[:, :3, :3], poses[:, :3, 3] = rotations, extrinsics[:, :, 3]
+        return poses, (matrices[:, [1, 0], [1, 0]] / np.array(frame.scale)).mean(axis=1)
+
+    def _output(self, answer: Mapping[str, Any], names: Sequence[str], shape: tuple[int, ...]) -> F32:
+        """Take an output by one of its names, without axes of length one that the shape does not have."""
+        name = next(name for name in names if name in answer)
+        value = np.asarray(answer[name])
+        if value.size != int(np.prod(shape)) or [s for s in value.shape if s > 1] != [s for s in shape if s > 1]:
+            raise NumericsError(
+                f"{self.path.name} returned {name} {list(value.shape)}", allowed=str(list(shape)), remedy=_REMEDY
+            )
+        if not np.isfinite(value).all():
+            raise NumericsError(f"{self.path.name} returned {name} that is not finite", remedy=_REMEDY)
+        found: F32 = value.reshape(shape).astype(np.float32, copy=False)
+        return found
+
+
+@dataclass(frozen=True)
+class _Frame:
+    """Where a view lies in the model's image.
+
+    Args:
+        size: Of the view, height and width.
+        inner: The size to which it is brought.
+        total: Of the model's image; the view lies in its middle, white around it as in training.
+    """
+
+    size: tuple[int, int]
+    inner: tuple[int, int]
+    total: tuple[int, int]
+
+    @classmethod
+    def of(cls, size: tuple[int, ...], rows: int | None, columns: int | None) -> "_Frame":
+        """Fit a view into sides that are fixed, or choose multiples of the patch where they are open."""
+        height, width = size
+        if rows is None and columns is None:
+            shrink = LONGER_SIDE / max(height, width)
+            inner = tuple(max(_PATCH, round(side * shrink / _PATCH) * _PATCH) for side in (height, width))
+            return cls((height, width), (inner[0], inner[1]), (inner[0], inner[1]))
+        total = (rows or LONGER_SIDE, columns or LONGER_SIDE)
+        shrink = min(total[0] / height, total[1] / width)
+        return cls((height, width), (max(1, round(height * shrink)), max(1, round(width * shrink))), total)
+
+    @property
+    def scale(self) -> tuple[float, float]:
+        """Get the model's pixels per pixel of the view, along rows and columns of the matrix."""
+        return self.inner[0] / self.size[0], self.inner[1] / self.size[1]
+
+    @property
+    def _corner(self) -> tuple[int, int]:
+        return (self.total[0] - self.inner[0]) // 2, (self.total[1] - self.inner[1]) // 2
+
+    def filled(self, view: F32) -> F32:
+        """Bring a view, [H, W, C], into the model's image, [rows, columns, 3]."""
+        shrinks = self.inner[0] < self.size[0]
+        resized = cv2.resize(
+            view, self.inner[::-1], interpolation=cv2.INTER_AREA if shrinks else cv2.INTER_CUBIC
+        ).reshape(*self.inner, -1)
+        image = np.ones((*self.total, 3), np.float32)
+        top, left = self._corner
+        image[top : top + self.inner[0], left : left + self.inner[1]] = np.clip(resized, 0, 1)
+        return image
+
+    def restored(self, maps: F32) -> F32:
+        """Bring maps of the model's image, [N, rows, columns], back to the size of the views."""
+        top, left = self._corner
+        inner = maps[:, top : top + self.inner[0], left : left + self.inner[1]]
+        resized = [cv2.resize(one, self.size[::-1], interpolation=cv2.INTER_LINEAR) for one in inner]
+        return np.stack(resized)

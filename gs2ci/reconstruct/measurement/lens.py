@@ -1,0 +1,127 @@
+"""A shot's lens: where its sensor's pixels look on the canvas of a pinhole, and pictures from the one to the other.
+
+    sensor    what was measured: masks, measurement, decoded and recovered views, depth
+    canvas    what a pinhole with the same focal lengths and optical axis would see of it: straight lines stay straight.
+              There corners are tracked, poses found and depth swept. It is as large as it must be for every pixel of
+              the sensor to lie in it; a barrel's corners see more than the frame.
+
+The Gaussians know nothing of a lens: their renderer blends each pixel where it looks (`gs2ci.render.sampling`), so that
+no view is resampled on its way into the measurement. Here: the canvas, and resampling for the geometry stage. Not here:
+the formula (`gs2ci.core.lens`), the renderer (`fit/through_lens.py`).
+"""
+
+from dataclasses import dataclass
+from typing import Final, Literal, Self
+
+import numpy as np
+import torch
+from scipy.ndimage import map_coordinates
+
+from gs2ci.core.arrays import F32, F64, Bool
+from gs2ci.core.errors import InputError
+from gs2ci.core.lens import LEAST_STRETCH, distorted, pixels_of, slopes_of, stretch, undistorted
+from gs2ci.core.records import Shot
+from gs2ci.render.sampling import Sampling
+
+# A lens that moves no pixel by more than this is a pinhole: corners in decoded views are found to a tenth of a pixel at
+# best, and boards give coefficients other than 0 for every lens.
+LEAST_SHIFT_PX: Final = 0.05
+# More canvas than that holds little but the rim of a wide lens, stretched; its memory and time are the user's.
+LARGEST_CANVAS: Final = 2.0
+# Less canvas than that cannot hold the detail of the sensor, and coefficients so large are a mistake.
+SMALLEST_CANVAS: Final = 0.5
+# So that interpolation finds neighbours about every place.
+_BORDER_PX: Final = 1
+# SciPy puts the centre of the first pixel at 0, the house at 0.5.
+_CENTRE_OFFSET: Final = 0.5
+# Orders of splines. A cubic one shifts what it shows by less than a hundredth of a pixel; OpenCV's cubic kernel shifts
+# it by up to 0.06 px, here one way and there another.
+_CUBIC: Final[Literal[3]] = 3
+_LINEAR: Final[Literal[1]] = 1
+
+
+@dataclass(frozen=True, eq=False)
+class Lens:
+    """A lens that distorts, as one sensor sees through it.
+
+    Args:
+        intrinsics: Camera matrix of the pinhole in the sensor's pixels, [3, 3].
+        sampling: Where each of the sensor's pixels looks on the canvas.
+        seen_at: Where the sensor sees each pixel of the canvas, as (x, y) in px, [Hc, Wc, 2].
+        seen: Whether it sees it, [Hc, Wc].
+    """
+
+    intrinsics: F64
+    sampling: Sampling
+    seen_at: F64
+    seen: Bool
+
+    @classmethod
+    def of(cls, shot: Shot) -> Self | None:
+        """Take a shot's lens; None where it shifts nothing that could be noticed.
+
+        Raises:
+            InputError: It folds the picture over, or its canvas would be far larger or smaller than the sensor.
+        """
+        if shot.distortion is None or shot.intrinsics is None:
+            return None
+        intrinsics, coefficients = shot.intrinsics.astype(np.float64), shot.distortion.astype(np.float64)
+        pixels = pixel_centres(shot.size)
+        places = pixels_of(undistorted(slopes_of(pixels, intrinsics), coefficients), intrinsics)
+        if np.abs(places - pixels).max() <= LEAST_SHIFT_PX:
+            return None
+        _check_canvas(places, shot.size)
+        sampling = Sampling.around(places, _BORDER_PX)
+        rays = slopes_of(pixel_centres(sampling.canvas) + sampling.origin, intrinsics)
+        seen_at = pixels_of(distorted(rays, coefficients), intrinsics)
+        frame = np.array([shot.size[1], shot.size[0]], np.float64)
+        seen_at = np.clip(seen_at, -frame, 2 * frame)  # farther outside, a coordinate says nothing more
+        inside = (seen_at >= 0) & (seen_at <= frame)
+        seen = inside.all(axis=-1) & (stretch(rays, coefficients) >= LEAST_STRETCH)
+        return cls(intrinsics, sampling, seen_at, seen)
+
+    @property
+    def canvas_intrinsics(self) -> F64:
+        """Get the camera matrix of the canvas, [3, 3]: the pinhole's, its pixels counted from the canvas's corner."""
+        moved: F64 = self.sampling.intrinsics_of_canvas(torch.from_numpy(self.intrinsics)).numpy()
+        return moved
+
+    def straightened(self, views: F32) -> F32:
+        """Show the sensor's views, [N, H, W, C], on the canvas, [N, Hc, Wc, C]; what is not seen repeats the rim."""
+        return _resampled(views, self.seen_at, _CUBIC)
+
+    def bent(self, views: F32) -> F32:
+        """Show views of the canvas, [N, Hc, Wc, C], as the sensor sees them, [N, H, W, C]."""
+        return _resampled(views, self.sampling.places, _LINEAR)
+
+
+def straightened(views: F32, lens: Lens | None) -> F32:
+    """Show views, [N, H, W, C], as a pinhole sees them, [N, Hc, Wc, C]: unchanged without a lens."""
+    return views if lens is None else lens.straightened(views)
+
+
+def _check_canvas(places: F64, size: tuple[int, int]) -> None:
+    wide, high = np.ptp(places, axis=(0, 1)) + 1
+    shares = high / size[0], wide / size[1]
+    if max(shares) > LARGEST_CANVAS or min(shares) < SMALLEST_CANVAS:
+        raise InputError(
+            f"without its distortion this lens sees {high:.0f} x {wide:.0f} px with a sensor of {size[0]} x {size[1]}",
+            allowed=f"{SMALLEST_CANVAS:g} to {LARGEST_CANVAS:g} times the sensor along each side",
+            remedy="check the coefficients, or crop masks, measurement and camera matrix to the middle of the frame",
+        )
+
+
+def pixel_centres(size: tuple[int, int]) -> F64:
+    """List the pixel centres of an image as (x, y), [H, W, 2]."""
+    rows, columns = np.mgrid[: size[0], : size[1]] + 0.5
+    return np.stack([columns, rows], axis=-1)
+
+
+def _resampled(views: F32, places: F64, order: Literal[1, 3]) -> F32:
+    """Read views, [N, H, W, C], at places, [h, w, 2]; beyond the rim it repeats."""
+    at = np.moveaxis(places, -1, 0)[::-1] - _CENTRE_OFFSET
+    shown = np.empty((len(views), *places.shape[:2], views.shape[3]), np.float32)
+    for view, channel in np.ndindex(len(views), views.shape[3]):
+        shown[view, ..., channel] = map_coordinates(views[view, ..., channel], at, order=order, mode="nearest")
+    # Splines overshoot beside edges; no view is brighter or darker for being shown elsewhere.
+    return np.clip(shown, views.min(), views.max(), out=shown)

@@ -1,0 +1,122 @@
+"""The interface behind which renderers are exchangeable.
+
+A backend renders whole views, and the coded sum of views without making images of them. Not here: the renderers that
+there are (`gs2ci.render.backend`).
+"""
+
+from dataclasses import dataclass
+from typing import Protocol
+
+from torch import Tensor
+
+from gs2ci.render.gaussians import Gaussians
+from gs2ci.render.sampling import Sampling
+from gs2ci.render.screen import ScreenStatistics
+
+
+@dataclass(frozen=True)
+class MaskSet:
+    """A mask set as a backend prepared it; what else is in it is the backend's own business.
+
+    Args:
+        views: N.
+        size: Height and width, px.
+    """
+
+    views: int
+    size: tuple[int, int]
+
+
+class Reuse:
+    """What renderings of one population of Gaussians may share; what is in it is the backend's own business.
+
+    It belongs to a population: whoever adds, removes or reorders Gaussians, or puts others in their place, takes a new
+    one. It serves one rendering at a time.
+    """
+
+
+class Backend(Protocol):
+    """A differentiable renderer of Gaussian scenes over a black background.
+
+    World-to-camera matrices have OpenCV axes (x right, y down, z forward); pixel centres lie at +0.5. Gradients
+    reach all fields of the scene, per-view colours and the upper three rows of the poses; as a pose's gradient is
+    that of its twelve numbers, compose it with `se3.exp` to stay among rigid motions. The intrinsics get no
+    gradient.
+    """
+
+    @property
+    def name(self) -> str:
+        """Get the name under which `gs2ci.render.backend.load_backend` knows it."""
+        ...
+
+    def code(self, masks: Tensor, sampling: Sampling | None = None) -> MaskSet:
+        """Prepare a mask set, once.
+
+        Args:
+            masks: Mask value times slot weight, [N, H, W] float32, not negative; pixels at 0 are never rendered.
+            sampling: Where the pixels look, behind a lens; None is the pinhole's own lattice.
+
+        Raises:
+            InputError: Not [N, H, W], negative or not finite, or a sampling of another size.
+        """
+        ...
+
+    def reuse(self) -> Reuse:
+        """Return what the renderings of a population may share from now on."""
+        ...
+
+    def coded(
+        self,
+        scene: Gaussians,
+        world_to_camera: Tensor,
+        intrinsics: Tensor,
+        mask_set: MaskSet,
+        screen: ScreenStatistics | None = None,
+        reuse: Reuse | None = None,
+    ) -> Tensor:
+        """Render the coded measurement Y = sum_i M_i * X_i (paper, eq. 1, without noise).
+
+        Args:
+            scene: The Gaussians.
+            world_to_camera: The pose under each mask, [N, 4, 4].
+            intrinsics: Camera matrix in pixels, [3, 3]; of the pinhole, where pixels look elsewhere.
+            mask_set: From `code`.
+            screen: Filled during the backward pass through this rendering, if given.
+            reuse: From `reuse`: work that earlier renderings of these Gaussians did, as far as the backend's settings
+                allow; None shares nothing.
+
+        Returns:
+            Y, [H, W, 3] float32, in the unit of the colours.
+
+        Raises:
+            InputError: Shapes disagree, a number is not finite, mask set or `reuse` is another backend's, or `screen`
+                is that of another number of Gaussians.
+        """
+        ...
+
+    def views(
+        self,
+        scene: Gaussians,
+        world_to_camera: Tensor,
+        intrinsics: Tensor,
+        size: tuple[int, int],
+        colours: Tensor | None = None,
+        sampling: Sampling | None = None,
+    ) -> tuple[Tensor, Tensor]:
+        """Render whole views.
+
+        Args:
+            scene: The Gaussians.
+            world_to_camera: Poses, [V, 4, 4].
+            intrinsics: Camera matrix in pixels, [3, 3].
+            size: Height and width, px.
+            colours: Colours that differ from view to view, [V, G, 3]; None takes the scene's.
+            sampling: Where the pixels look, behind a lens; None is the pinhole's own lattice.
+
+        Returns:
+            Images [V, H, W, 3] and alphas [V, H, W] (1 where no light passes), float32.
+
+        Raises:
+            InputError: Shapes disagree or a number is not finite.
+        """
+        ...

@@ -1,0 +1,371 @@
+"""Which cells make which table, and how its figures are laid out.
+
+Here: `Table`, and the tables by name. Not here: the work (`works`), pages (`pages`). For this package.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from typing import Any, Final
+
+from gs2ci.core.errors import InputError
+from gs2ci.tables.calibration import BENCHES, FRAMES
+from gs2ci.tables.cases import Case
+from gs2ci.tables.cells import Cell
+from gs2ci.tables.names import TableName
+from gs2ci.tables.simulation import EVERYTHING, TOLERANCES_DN, rig_cases
+from gs2ci.tables.variants import ABLATION, GEOMETRY, RULES, VARIANTS
+
+SIMULATED: Final = ("boxes", "thicket", "motorcycle", "corridor")
+TEXTURELESS: Final = "textureless"
+RATIOS: Final = (0.1, 0.25, 0.5, 0.75, 0.9)
+VIEWS: Final = (4, 8, 16, 24, 32)
+# Fields of a `Case`, against the case untouched. Where more light would reach the sensor, the lens is stopped down:
+# else the line would show what clipped readings cost (of 32 views, up to half of all).
+CONDITIONS: Final[dict[str, dict[str, Any]]] = {
+    "as it is": {},
+    **{f"noise {percent} %": {"noise": percent / 100} for percent in (1, 2, 5)},
+    "half open": {"open_share": 0.5, "stopped_down": True},
+    "three quarters open": {"open_share": 0.75, "stopped_down": True},
+    "grey masks": {"grey_masks": True},
+    **{f"{views} views": {"views": views, "stopped_down": True} for views in (16, 32)},
+    **{f"weights off by {percent} %": {"weights_off": percent / 100} for percent in (10, 30)},
+    "focal unknown": {"focal_known": False},
+    "with a stage": {"stage_off": 0.0},
+    **{f"with a stage off by {percent} %": {"stage_off": percent / 100} for percent in (1, 5)},
+}
+CALIBRATE: Final = "gs2ci.tables.calibration:calibrate_masks"
+
+
+@dataclass(frozen=True)
+class Measure:
+    """One column: the key in a cell's row, its title, decimals, and whether more is better."""
+
+    key: str
+    title: str
+    digits: int
+    more_is_better: bool = True
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One cell and where its figures go: one line of one case's table; seeds share a line."""
+
+    case: str
+    line: str
+    cell: Cell
+
+
+@dataclass(frozen=True)
+class Options:
+    """What a table is made of.
+
+    Args:
+        cases: The measurements.
+        seeds: How many seeds, from 0 on.
+        lines: Only these lines of the table; () takes all.
+    """
+
+    cases: tuple[Case, ...]
+    seeds: int = 3
+    lines: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table of figures.
+
+    Args:
+        title: Over the page.
+        about: What is compared, in a sentence or two.
+        entries: Its cells, from the options.
+        measures: Its columns; the first is drawn.
+        known: The cases there are: from a folder, or of our own without one.
+        axis: What lines that begin with a number are drawn against, on logarithmic axes; "" draws them side by side.
+        takes_data: Whether its cases may be the files of a folder.
+        takes_size: Whether its cases are measurements, which may be had at another size.
+    """
+
+    title: str
+    about: str
+    entries: Callable[[Options], list[Entry]]
+    measures: tuple[Measure, ...]
+    known: Callable[[Path | None], tuple[Case, ...]] = field(default_factory=lambda: measurements)
+    axis: str = ""
+    takes_data: bool = True
+    takes_size: bool = True
+
+
+RECONSTRUCTION: Final = (
+    Measure("psnr_db", "PSNR, dB", 2),
+    Measure("ssim", "SSIM", 4),
+    Measure("nate", "nATE", 4, more_is_better=False),
+    Measure("seconds", "s", 1, more_is_better=False),
+)
+POPULATION: Final = (*RECONSTRUCTION, Measure("gaussians", "Gaussians", 0, more_is_better=False))
+
+INITIALISATION: Final = (
+    Measure("nate", "nATE", 4, more_is_better=False),
+    Measure("rpe_r_deg", "turn between views, °", 3, more_is_better=False),
+    Measure("unexplained", "unexplained", 4, more_is_better=False),
+    Measure("tracks", "tracks", 0),
+    Measure("full", "depth found", 2),
+    Measure("seconds", "s", 1, more_is_better=False),
+)
+
+
+def simulated_cases() -> tuple[Case, ...]:
+    """Return scenes of the simulator's library, exposed by its light path."""
+    return tuple(Case(name, scene=name) for name in SIMULATED)
+
+
+def condition_cases(folder: Path | None) -> tuple[Case, ...]:
+    """Return the measurements of a folder, or simulated ones, and among these one that is hard by itself.
+
+    Raises:
+        InputError: The folder holds none.
+    """
+    if folder is not None:
+        return file_cases(folder)
+    easy = simulated_cases()
+    return (*easy, replace(easy[0], name=TEXTURELESS, scene=TEXTURELESS))
+
+
+def file_cases(folder: Path) -> tuple[Case, ...]:
+    """Return a case for each .npz file of a folder.
+
+    Raises:
+        InputError: There are none.
+    """
+    files = sorted(folder.glob("*.npz"))
+    if not files:
+        raise InputError(f"{folder} holds no .npz file", remedy="name a folder of measurements, or leave --data out")
+    return tuple(Case(file.stem, file=str(file.resolve())) for file in files)
+
+
+def known_cases(name: TableName, folder: Path | None, size: tuple[int, int] | None) -> tuple[Case, ...]:
+    """Return the cases that a table has, from a folder or of its own, at their size or another.
+
+    Args:
+        name: Of the table.
+        folder: Where its files are; None for its own.
+        size: Height and width, px; None for their own.
+
+    Raises:
+        InputError: The table takes no folder or no size, the folder holds no file of its kind, or a side is no count
+            of pixels.
+    """
+    for option, given, takers in (
+        ("--data", folder, [other for other, one in TABLES.items() if one.takes_data]),
+        ("--size", size, [other for other, one in TABLES.items() if one.takes_size]),
+    ):
+        if given is not None and name not in takers:
+            raise InputError(
+                f"{option} for the table {name}",
+                allowed=f"for the tables {', '.join(takers)}",
+                remedy=f"leave {option} out",
+            )
+    cases = TABLES[name].known(folder)
+    return cases if size is None else resized(cases, size)
+
+
+def resized(cases: Sequence[Case], size: tuple[int, int]) -> tuple[Case, ...]:
+    """Return scenes at another size, and files with all but their middle cut away.
+
+    Args:
+        cases: Measurements.
+        size: Height and width, px.
+
+    Raises:
+        InputError: A side is no count of pixels.
+    """
+    if min(size) < 1:
+        raise InputError(f"size {size[0]} x {size[1]} px", allowed="sides of at least 1 px")
+    return tuple(replace(case, size=size) for case in cases)
+
+
+def measurements(folder: Path | None) -> tuple[Case, ...]:
+    """Return the measurements of a folder, or simulated ones without it.
+
+    Raises:
+        InputError: The folder holds none.
+    """
+    return simulated_cases() if folder is None else file_cases(folder)
+
+
+def reconstruction(case: Case, variant: str, seed: int) -> Cell:
+    """Make the cell that reconstructs a case with a variant of the settings."""
+    files = (case.file,) if case.file else ()
+    arguments = {"case": asdict(case), "variant": variant, "seed": seed}
+    return Cell("gs2ci.tables.works:reconstruct_case", arguments, files)
+
+
+def initialisation(case: Case, variant: str, seed: int) -> Cell:
+    """Make the cell that finds a case's first geometry with a variant of the settings."""
+    return replace(reconstruction(case, variant, seed), work="gs2ci.tables.works:initialise_case")
+
+
+def _variants(
+    names: Sequence[str], cell: Callable[[Case, str, int], Cell] = reconstruction
+) -> Callable[[Options], list[Entry]]:
+    def entries(options: Options) -> list[Entry]:
+        return [
+            Entry(case.name, name, cell(case, name, seed))
+            for case in options.cases
+            for name in _chosen(names, options.lines)
+            for seed in range(options.seeds)
+        ]
+
+    return entries
+
+
+def _changed(lines: Mapping[str, Mapping[str, Any]]) -> Callable[[Options], list[Entry]]:
+    def entries(options: Options) -> list[Entry]:
+        return [
+            Entry(case.name, line, reconstruction(replace(case, **lines[line]), "default", seed))
+            for case in options.cases
+            for line in _chosen(tuple(lines), options.lines)
+            for seed in range(options.seeds)
+        ]
+
+    return entries
+
+
+def _tolerances(options: Options) -> list[Entry]:
+    lines: dict[str, float | None] = {EVERYTHING: None, **{f"{dn:g} DN": dn for dn in TOLERANCES_DN}}
+    return [
+        Entry(case.name, line, _simulation(case, lines[line], seed))
+        for case in options.cases
+        for seed in range(options.seeds)
+        for line in _chosen(tuple(lines), options.lines)
+    ]
+
+
+def _simulation(case: Case, tolerance_dn: float | None, seed: int) -> Cell:
+    arguments = {"file": case.file, "tolerance_dn": tolerance_dn, "seed": seed}
+    return Cell("gs2ci.tables.simulation:simulate_rig", arguments, (case.file,))
+
+
+def bench_cases(_folder: Path | None) -> tuple[Case, ...]:
+    """Return the simulated benches that are calibrated, by their names alone; there are no others."""
+    return tuple(Case(name) for name in BENCHES)
+
+
+def _calibrations(options: Options) -> list[Entry]:
+    """Calibrate masks with more and more frames, and predict them."""
+    ways: dict[str, dict[str, int | bool]] = {
+        f"measured, {frames} frames": {"frames": frames, "fast": False} for frames in FRAMES
+    }
+    ways |= {f"predicted, {frames} frames": {"frames": frames, "fast": True} for frames in FRAMES}
+    return [
+        Entry(case.name, line, Cell(CALIBRATE, {"bench": case.name, "seed": seed, **ways[line]}))
+        for case in options.cases
+        for line in _chosen(tuple(ways), options.lines)
+        for seed in range(options.seeds)
+    ]
+
+
+def _chosen(lines: Sequence[str], wanted: Sequence[str]) -> tuple[str, ...]:
+    unknown = [line for line in wanted if line not in lines]
+    if unknown:
+        raise InputError(f"line {unknown[0]!r} is not in this table", allowed=", ".join(map(repr, lines)))
+    return tuple(wanted or lines)
+
+
+CALIBRATION: Final = (
+    Measure("mask_error_pct", "mask error, % rms", 3, more_is_better=False),
+    Measure("stated_pct", "stated, % rms", 3, more_is_better=False),
+    Measure("seconds", "bench s", 1, more_is_better=False),
+    Measure("registration_px", "registration, px", 5, more_is_better=False),
+    Measure("registration_seconds", "its bench s", 1, more_is_better=False),
+)
+
+TABLES: Final[dict[TableName, Table]] = {
+    "methods": Table(
+        "Methods",
+        "The default way, which is the mean of two fits; one fit, and one thing changed at a time in one fit; the "
+        "paper's own schedule.",
+        _variants(tuple(VARIANTS)),
+        RECONSTRUCTION,
+    ),
+    "init": Table(
+        "Geometry initialisation",
+        "First poses and depth, before any fit: from decoded views and from the paper's proxies. "
+        "Unexplained: what the middle view, carried through the geometry and coded, leaves of the measurement.",
+        _variants(("default", *GEOMETRY), initialisation),
+        INITIALISATION,
+    ),
+    "density": Table(
+        "Density rules",
+        "Where Gaussians are added and removed in one fit; all else, the number of iterations included, is the "
+        "default's.",
+        _variants(("default", "one fit", *RULES)),
+        POPULATION,
+    ),
+    "ablation": Table(
+        "Components",
+        "One component of the method switched off at a time in one fit, as the paper's Table VII does.",
+        _variants(("default", "one fit", *ABLATION)),
+        POPULATION,
+    ),
+    "mask-ratio": Table(
+        "Share of open mask pixels",
+        "Random binary masks; from files, true views are coded anew. Where more masks are open the lens of a scene is "
+        "stopped down, so that no more readings clip.",
+        _changed({f"{ratio:.0%} open": {"open_share": ratio, "stopped_down": True} for ratio in RATIOS}),
+        RECONSTRUCTION,
+    ),
+    "compression": Table(
+        "Views in one measurement",
+        "As many masks as views, a quarter open. A file's views are thinned, so its compression ends at its own count. "
+        "Where more masks are open the lens of a scene is stopped down, so that no more readings clip.",
+        _changed({f"{views} views": {"views": views, "open_share": 0.25, "stopped_down": True} for views in VIEWS}),
+        RECONSTRUCTION,
+    ),
+    "conditions": Table(
+        "Hard conditions",
+        "The measurement as it is, and with one condition of a real bench at a time: white noise, in shares of one "
+        "view's full scale; masks that are more open, or grey; more views of the same path; a lamp that the weights do "
+        "not know of; no camera matrix; a stage that tells the path, its places off by a share of its extent. Where "
+        "more masks are open the lens is stopped down, so that no more readings clip. New noise, masks "
+        "and views code a file's true views anew, without the noise it came with. A line that a case cannot have says "
+        "why.",
+        _changed(CONDITIONS),
+        RECONSTRUCTION,
+        condition_cases,
+    ),
+    "seeds": Table(
+        "Seeds",
+        "The default way under different masks, noise and draws.",
+        _variants(("default",)),
+        RECONSTRUCTION,
+    ),
+    "simulate": Table(
+        "What accuracy costs the simulator",
+        "Planned simulations against simulating everything, with ever more views until the readings settle. «Off» is "
+        "the difference before counting and rounding, «bound» what the plan promised; seconds include planning.",
+        _tolerances,
+        (
+            Measure("seconds", "s", 3, more_is_better=False),
+            Measure("off_dn", "off, DN rms", 3, more_is_better=False),
+            Measure("bound_dn", "bound, DN rms", 3, more_is_better=False),
+            Measure("views", "views", 0, more_is_better=False),
+            Measure("effects", "effects", 0, more_is_better=False),
+            Measure("faster", "times faster than its last round", 1),
+            Measure("faster_than_all_rounds", "than all its rounds", 1),
+        ),
+        rig_cases,
+        "tolerance, DN rms in total",
+        takes_size=False,
+    ),
+    "calibrate": Table(
+        "What calibrated masks cost",
+        "Masks measured with more and more frames of each, and predicted from a registration with as many; errors "
+        "against the truth of simulated benches, time by their own clock, upload included.",
+        _calibrations,
+        CALIBRATION,
+        bench_cases,
+        takes_data=False,
+        takes_size=False,
+    ),
+}

@@ -1,0 +1,19 @@
+"""The names of the tables, so that help and a misspelt name need not wait for what makes them.
+
+Not here: the tables (`tables`).
+"""
+
+from typing import Literal
+
+TableName = Literal[
+    "methods",
+    "init",
+    "density",
+    "ablation",
+    "mask-ratio",
+    "compression",
+    "conditions",
+    "seeds",
+    "simulate",
+    "calibrate",
+]

@@ -1,0 +1,190 @@
+"""What is true of a simulated bench, for tests and benchmarks of its calibration. No procedure reads it.
+
+Here: the true figures and maps behind a rig file's [world]. Not here: measuring them (`gs2ci_calibration`).
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gs2ci.core.arrays import F32, F64
+from gs2ci.core.errors import InputError
+from gs2ci.rig.simulated import SimulatedBench
+from gs2ci_sims.bench_light import BenchLight
+from gs2ci_sims.effects.base import Effect
+from gs2ci_sims.effects.dark_current import DarkCurrent
+from gs2ci_sims.effects.dsnu import Dsnu
+from gs2ci_sims.effects.gain_nonlinearity import GainNonlinearity
+from gs2ci_sims.effects.hot_pixels import HotPixels
+from gs2ci_sims.effects.lens_distortion import LensDistortion
+from gs2ci_sims.effects.modulator_psf import ModulatorPsf
+from gs2ci_sims.effects.prnu import Prnu
+from gs2ci_sims.effects.vignetting import Vignetting
+from gs2ci_sims.rig import Rig as SimulatedRig
+from gs2ci_sims.wires.v4l2_camera import CameraModel
+
+
+@dataclass(frozen=True)
+class BenchTruth:
+    """The truth of a simulated bench at one bit depth of its sensor.
+
+    Args:
+        light: Its light path.
+        camera: Its camera's data sheet.
+        rig: Its figures at this bit depth, for an exposure of one second.
+    """
+
+    light: BenchLight
+    camera: CameraModel
+    rig: SimulatedRig
+
+    @property
+    def gain_e_per_dn(self) -> float:
+        """Get the electrons of one DN: of the range from black to saturation over its readings."""
+        return self.full_well_e / self._range_dn
+
+    @property
+    def read_noise_e(self) -> float:
+        """Get the temporal dark noise before quantisation, as electrons of that gain."""
+        return self.rig.sensor.read_noise_e * self.gain_e_per_dn / self.rig.sensor.electrons_per_dn
+
+    @property
+    def full_well_e(self) -> float:
+        """Get the saturation capacity: the electrons at which readings end, by the well or by the converter."""
+        sensor = self.rig.sensor
+        top_e = (2.0**sensor.bits - 1 - sensor.black_level_dn) * sensor.electrons_per_dn
+        charge_e = min(sensor.full_well_e, top_e)
+        for _ in range(20 if top_e < sensor.full_well_e else 0):  # contracts by 4 d at each turn
+            charge_e = top_e / (1 + 4 * self._bend * (1 - charge_e / sensor.full_well_e))
+        return min(charge_e, sensor.full_well_e)
+
+    @property
+    def linearity_error(self) -> float:
+        """Get the largest departure from the line between black and saturation, as a share of that range."""
+        # The chord of a parabola over a part of its range: its arrow goes with the square of that part.
+        sensor = self.rig.sensor
+        arrow_e = self._bend * self.full_well_e**2 / sensor.full_well_e
+        return arrow_e / (self._range_dn * sensor.electrons_per_dn)
+
+    @property
+    def dark_noise_dn(self) -> float:
+        """Get the temporal noise of dark readings, rounding included."""
+        sensor = self.rig.sensor
+        return float(np.sqrt((sensor.read_noise_e / sensor.electrons_per_dn) ** 2 + 1 / 12))
+
+    @property
+    def dsnu_dn(self) -> float:
+        """Get the spread of the offsets."""
+        effect = self._effect(Dsnu)
+        return 0.0 if effect is None else effect.sigma_e / self.rig.sensor.electrons_per_dn
+
+    @property
+    def prnu(self) -> float:
+        """Get the spread of the pixels' sensitivities."""
+        effect = self._effect(Prnu)
+        return 0.0 if effect is None else effect.spread
+
+    @property
+    def latency_s(self) -> float:
+        """Get the mean time from the trigger's edge to the start of exposure."""
+        return self.camera.latency_s
+
+    @property
+    def jitter_s(self) -> float:
+        """Get the standard deviation of that time."""
+        return self.camera.jitter_s
+
+    @property
+    def exposure_offset_s(self) -> float:
+        """Get by how much longer than set a triggered exposure is."""
+        return self.camera.exposure_offset_s
+
+    @property
+    def sensor_from_modulator(self) -> F64:
+        """Get the map from modulator to sensor points, [2, 3]; x right, y down, pixel centres at +0.5."""
+        return self.light.registration.sensor_from_modulator(*self.light.scene.size)
+
+    @property
+    def psf_sigma_px(self) -> float:
+        """Get the standard deviation of the relay's blur, diffraction included; 0 without the effect."""
+        effect = self._effect(ModulatorPsf)
+        return 0.0 if effect is None else effect.total_sigma_px(self.rig)
+
+    @property
+    def intrinsics(self) -> F64:
+        """Get the camera matrix, [3, 3]; pixel centres at +0.5."""
+        return self.light.scene.intrinsics
+
+    @property
+    def distortion(self) -> tuple[float, float]:
+        """Get k1 and k2 of the lens."""
+        effect = self._effect(LensDistortion)
+        return (0.0, 0.0) if effect is None else (effect.k1, effect.k2)
+
+    @property
+    def offset_dn(self) -> F64:
+        """Get each pixel's reading without light in no time, [H, W]."""
+        dark = np.zeros((*self.light.scene.size, 1))
+        return self.rig.sensor.black_level_dn + self._through(dark, Dsnu)[..., 0] * self.rig.dn_per_e
+
+    @property
+    def dark_current_dn_per_s(self) -> F64:
+        """Get each pixel's mean dark current, hot pixels and the bend of the response included, [H, W]."""
+        dark = np.zeros((*self.light.scene.size, 1))
+        return self._through(dark, DarkCurrent, HotPixels, GainNonlinearity)[..., 0] * self.rig.dn_per_e
+
+    @property
+    def response(self) -> F64:
+        """Get each pixel's sensitivity to an even light over the mean one, fall-off and bend included, [H, W].
+
+        At half of the range, for a response that bends is another at each level.
+        """
+        ones = self._through(np.ones((*self.light.scene.size, 1)), Prnu)[..., 0]
+        falling = self._effect(Vignetting)
+        if falling is not None:
+            ones = ones * falling.transmission(self.light.scene.size, self.light.scene.intrinsics)
+        half_e = 0.5 * self.full_well_e * ones / ones.max()
+        bent = self._through(half_e[..., None], GainNonlinearity)[..., 0]
+        return np.asarray(bent / bent.mean())
+
+    def masks(self, patterns: NDArray[Any], top: int = 1) -> F32:
+        """Return patterns [N, Hm, Wm] as they fall on the sensor, leakage and blur included, [N, H, W] in [0, 1]."""
+        return self.light.true_masks(patterns, top)
+
+    @property
+    def _bend(self) -> float:
+        effect = self._effect(GainNonlinearity)
+        return 0.0 if effect is None else float(effect.departure)
+
+    @property
+    def _range_dn(self) -> float:
+        """Get the readings from black to saturation; at the full well the bend is none."""
+        sensor = self.rig.sensor
+        return min(sensor.full_well_e / sensor.electrons_per_dn, 2.0**sensor.bits - 1 - sensor.black_level_dn)
+
+    def _through(self, signal: F64, *kinds: type[Effect]) -> F64:
+        for effect in self.light.effects:
+            if isinstance(effect, kinds):
+                signal = self.light.fixed_pattern(effect, signal, self.rig)
+        return signal
+
+    def _effect(self, kind: type[Any]) -> Any:
+        return next((effect for effect in self.light.effects if isinstance(effect, kind)), None)
+
+
+def truth_of(bench: SimulatedBench, bits: int) -> BenchTruth:
+    """Return the truth of a simulated bench.
+
+    Args:
+        bench: It.
+        bits: Of the format in which the sensor is read: the truth in DN depends on it.
+
+    Raises:
+        InputError: The bench's light was put in by a test.
+    """
+    light = bench.light
+    if light is None:
+        raise InputError("a bench without a rendered light has no truth", remedy="build it from a rig file")
+    return BenchTruth(light, bench.sensor.model, light.nominal_rig(bits))

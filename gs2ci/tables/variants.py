@@ -1,0 +1,102 @@
+"""What a table compares: named changes to the settings of a reconstruction.
+
+The default is the mean of two fits. A line that changes one thing changes it in one fit, and is to be read against
+the line `one fit`: what a change does shows there at two thirds of the price.
+
+Here: the names, and settings from a name. Not here: what a setting does. For this package.
+"""
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+from typing import Any, Final
+
+from gs2ci.core.errors import InputError
+from gs2ci.reconstruct.ablation import COMPONENTS, without
+from gs2ci.reconstruct.fit.density.osgr import Osgr
+from gs2ci.reconstruct.fit.fine import FineSettings
+from gs2ci.reconstruct.fit.rules import RULE_NAMES
+from gs2ci.reconstruct.presets import paper_settings
+from gs2ci.reconstruct.settings import Settings
+
+Change = Callable[[Settings], Settings]
+
+
+def _one_fit(settings: Settings) -> Settings:
+    return replace(settings, fits=1)
+
+
+def _one_fit_with(settings: Settings, **changes: Any) -> Settings:
+    return replace(_one_fit(settings), **changes)
+
+
+def _with_rule(name: str, settings: Settings) -> Settings:
+    return _one_fit(settings).with_density_rule(name)
+
+
+def _paper(settings: Settings) -> Settings:
+    return replace(paper_settings(), seed=settings.seed)
+
+
+def _without(names: tuple[str, ...], settings: Settings) -> Settings:
+    return without(_one_fit(settings), names)
+
+
+def _with_osgr(density: Osgr, settings: Settings) -> Settings:
+    return _one_fit_with(settings, fit=replace(settings.fit, density=density))
+
+
+RULES: Final[dict[str, Change]] = {
+    "osgr by the book": partial(_with_osgr, Osgr()),
+    **{name: partial(_with_rule, name) for name in RULE_NAMES if name != Settings().fit.density.name},
+}
+"""The default's density rule with the criteria of the literature, and the other rules, on the default's schedule."""
+
+ABLATION: Final[dict[str, Change]] = {
+    **{f"without {name}": partial(_without, (name,)) for name in COMPONENTS},
+    "without all six": partial(_without, tuple(COMPONENTS)),
+}
+"""One fit without a component, by its name in `gs2ci.reconstruct.ablation`."""
+
+GEOMETRY: Final[dict[str, Change]] = {
+    "eni": partial(_one_fit_with, proxy="eni"),
+    "amdi": partial(_one_fit_with, proxy="amdi"),
+}
+"""Where tracks are sought: in the paper's proxies instead of decoded views."""
+
+FITS: Final[dict[str, Change]] = {
+    "one fit": _one_fit,
+    "one generous fit": partial(_with_osgr, Osgr.generous()),
+    "two sparing fits": lambda settings: replace(settings, second_density=None),
+    "four fits": lambda settings: replace(settings, fits=4),
+    "one look": lambda settings: replace(settings, look_again=False),
+}
+"""How many fits are averaged, how they differ, and whether a doubtful path is sought twice."""
+
+FINE: Final[dict[str, Change]] = {
+    "fine": partial(_one_fit_with, fine=FineSettings()),
+    "fine, non-local means": partial(_one_fit_with, fine=FineSettings(prior="nlm")),
+    "fine, no prior": partial(_one_fit_with, fine=FineSettings(prior="none")),
+}
+"""The fine stage with each prior that needs no weights, and with none: what its iterations alone are worth."""
+
+VARIANTS: Final[dict[str, Change]] = {
+    "default": lambda settings: settings,
+    **FITS,
+    **GEOMETRY,
+    **FINE,
+    **RULES,
+    "paper": _paper,
+    **ABLATION,
+}
+
+
+def settings_of(variant: str, seed: int) -> Settings:
+    """Return the settings of a variant.
+
+    Raises:
+        InputError: There is no such variant.
+    """
+    if variant not in VARIANTS:
+        raise InputError(f"variant {variant!r}", allowed=", ".join(VARIANTS))
+    return VARIANTS[variant](Settings(seed=seed))

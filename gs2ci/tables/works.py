@@ -1,0 +1,85 @@
+"""What cells do: plain arguments in, a row of figures out.
+
+Not here: which of them a table needs (`tables`). Cells name these functions; nothing else calls them.
+"""
+
+import time
+from dataclasses import replace
+from typing import Any
+
+from gs2ci.core.progress import Silent
+from gs2ci.evaluate.report import build_report
+from gs2ci.evaluate.trajectory import trajectory_errors
+from gs2ci.reconstruct.first_look import look
+from gs2ci.reconstruct.geometry.choose import load_geometry_prior
+from gs2ci.reconstruct.geometry.evidence import unexplained
+from gs2ci.reconstruct.measurement.brightness import BrightnessSettings
+from gs2ci.reconstruct.measurement.jury import Jury
+from gs2ci.reconstruct.measurement.lens import Lens, straightened
+from gs2ci.reconstruct.pipeline import reconstruct
+from gs2ci.tables.cases import Case
+from gs2ci.tables.store import Row
+from gs2ci.tables.variants import settings_of
+
+
+def reconstruct_case(case: dict[str, Any], variant: str, seed: int) -> Row:
+    """Reconstruct a case; figures in dB, full scales and seconds, None where no truth tells.
+
+    Args:
+        case: Fields of a `Case`.
+        variant: A name in `variants.VARIANTS`.
+        seed: Of masks, noise and the reconstruction's own draws.
+
+    Raises:
+        Gs2ciError: The case cannot be made, or not be reconstructed.
+    """
+    shot = Case.of(case).shot(seed)
+    report = build_report(shot, reconstruct(shot, settings_of(variant, seed)).result)
+    psnr, ssim, trajectory = report["psnr_db"], report["ssim"], report["trajectory"]
+    decode_psnr = report["decode"]["psnr_db"]
+    return {
+        "psnr_db": psnr and psnr["mean"],
+        "ssim": ssim and ssim["mean"],
+        "nate": trajectory and trajectory["nate"],
+        "decode_psnr_db": decode_psnr and decode_psnr["mean"],
+        "heldout_rms": report["residual"]["heldout_rms"][report["verdict"]],
+        "seconds": report["seconds"]["total"],
+        "gaussians": report["gaussians"],
+        "verdict": report["verdict"],
+        "stopped_because": report["stopped_because"],
+    }
+
+
+def initialise_case(case: dict[str, Any], variant: str, seed: int) -> Row:
+    """Find the first geometry of a case; figures against the truth are None where no truth tells.
+
+    Args:
+        case: Fields of a `Case`.
+        variant: A name in `variants.VARIANTS`.
+        seed: Of masks and noise, and of the pixels that are held out.
+
+    Raises:
+        Gs2ciError: The case cannot be made, or no geometry be sought.
+    """
+    shot, settings = Case.of(case).shot(seed), settings_of(variant, seed).check()
+    prior, lens = load_geometry_prior(settings.poses), Lens.of(shot)
+    began_s = time.monotonic()
+    jury = Jury.of(shot, settings.fit.hold_out.share, settings.seed)
+    once = replace(settings.look, brightness=BrightnessSettings(rounds=0))
+    first = look(jury, lens, prior, once, Silent(), lambda _: None)
+    seconds = time.monotonic() - began_s
+    geometry = first.geometry
+    truth = shot.truth.world_to_camera
+    errors = None if truth is None else trajectory_errors(geometry.world_to_camera, truth)
+    return {
+        "nate": errors and errors.nate,
+        "rpe_r_deg": errors and errors.rpe_r_deg,
+        "unexplained": unexplained(jury.seen, straightened(first.decoded, lens), geometry, lens),
+        "tracks": geometry.tracks,
+        "path_error_expected": geometry.path_error_expected,
+        "full": float(geometry.verdict == "full"),
+        "seconds": seconds,
+        "source": geometry.source,
+        "verdict": geometry.verdict,
+        "notes": list(geometry.notes),
+    }

@@ -1,0 +1,68 @@
+"""`gs2ci tables`: from a table's name to its pages."""
+
+import pytest
+
+from gs2ci.commands import tables as bench
+from gs2ci.core.errors import InputError
+from gs2ci.tables import catalogue as tables
+from gs2ci.tables.cases import Case
+from gs2ci.tables.catalogue import Entry, Measure, Table
+from gs2ci.tables.cells import Cell
+
+
+@pytest.fixture
+def quick(monkeypatch):
+    """A table whose work takes no time."""
+
+    def entries(options):
+        return [
+            Entry(case.name, "line", Cell("builtins:dict", {"case": case.name, "value": float(seed)}))
+            for case in options.cases
+            for seed in range(options.seeds)
+        ]
+
+    monkeypatch.setitem(tables.TABLES, "quick", Table("Quick", "About.", entries, (Measure("value", "value", 1),)))
+    return "quick"
+
+
+def test_pages_are_written_and_the_table_is_printed(quick, tmp_path, capsys):
+    pages = bench.run(quick, tmp_path, seeds=2, cases=("boxes",))
+    assert [page.name for page in pages] == ["quick.md", "quick.csv", "quick.png", "quick.html"]
+    assert "0.5 ± 0.7" in pages[0].read_text()
+    assert "boxes" in capsys.readouterr().out
+
+
+def test_finished_cells_are_found_again_and_fresh_forgets_them(quick, tmp_path):
+    bench.run(quick, tmp_path, seeds=1, cases=("boxes",))
+    (cell,) = (tmp_path / "cells").iterdir()
+    cell.write_text('{"value": 7.0}')
+    assert "7.0" in bench.run(quick, tmp_path, seeds=1, cases=("boxes",))[0].read_text()
+    assert "7.0" not in bench.run(quick, tmp_path, seeds=1, cases=("boxes",), fresh=True)[0].read_text()
+
+
+def test_measurements_of_a_folder_replace_the_simulated_ones(quick, tmp_path):
+    (tmp_path / "mine.npz").write_bytes(b"")
+    assert "## mine" in bench.run(quick, tmp_path / "out", data=tmp_path, seeds=1)[0].read_text()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"table": "none"}, "table 'none'"),
+        ({"table": "seeds", "seeds": 0}, "--seeds 0"),
+        ({"table": "seeds", "processes": -1}, "--processes -1"),
+        ({"table": "seeds", "size": (0, 8)}, "--size 0"),
+        ({"table": "calibrate", "size": (8, 8)}, "--size for the table calibrate"),
+        ({"table": "seeds", "cases": ("nowhere",)}, "case 'nowhere'"),
+    ],
+)
+def test_what_does_not_exist_is_refused(arguments, message, tmp_path):
+    table = arguments.pop("table")
+    with pytest.raises(InputError, match=message):
+        bench.run(table, tmp_path, **arguments)
+
+
+def test_a_small_case_goes_all_the_way(tmp_path, monkeypatch):
+    monkeypatch.setattr(tables, "simulated_cases", lambda: (Case("small", scene="boxes", size=(32, 48), views=3),))
+    pages = bench.run("seeds", tmp_path, seeds=1)
+    assert "| default |" in pages[0].read_text()

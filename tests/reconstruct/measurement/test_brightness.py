@@ -1,0 +1,173 @@
+"""The brightness of views, against measurements that were lit otherwise than their weights say."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from gs2ci.core.errors import InputError
+from gs2ci.core.records import Shot
+from gs2ci.reconstruct.measurement.brightness import BrightnessSettings, LinearSystem, relit
+from gs2ci.reconstruct.measurement.jury import Jury
+
+SIZE = (40, 48)
+LIGHT = np.array([0.7, 1.0, 1.3, 1.1, 0.9])
+GAIN = BrightnessSettings().least_gain
+
+
+def views_of(channels=3, seed=0):
+    return np.random.default_rng(seed).uniform(0.1, 0.9, (len(LIGHT), *SIZE, channels)).astype(np.float32)
+
+
+def shot_of(views, light=LIGHT, *, grey=False, noise=0.0, **parts):
+    rng = np.random.default_rng(1)
+    drawn = rng.random((len(views), *SIZE))
+    masks = (drawn if grey else drawn < 0.4).astype(np.float32)
+    measurement = np.einsum("n,nhw,nhwc->hwc", light, masks, views) + noise * rng.standard_normal(views.shape[1:])
+    return replace(Shot(measurement.astype(np.float32), masks, np.ones(len(views), np.float32)), **parts).check()
+
+
+def jury_of(shot, share=0.05):
+    return Jury.of(shot, share, 0)
+
+
+def view_brightness(shot, views):
+    system = LinearSystem.of(shot, views)
+    found = None if system is None else system.solve()
+    return None if found is None else system.of_all_views(found)
+
+
+def gain_of(shot, views):
+    return LinearSystem.of(shot, views).gain()
+
+
+@pytest.mark.parametrize("grey", [False, True])
+@pytest.mark.parametrize("channels", [1, 3])
+def test_brightness_is_found_up_to_its_mean(grey, channels):
+    views = views_of(channels)
+    found = view_brightness(shot_of(views, grey=grey), views)
+    np.testing.assert_allclose(found / found.mean(), LIGHT / LIGHT.mean(), rtol=1e-5)
+
+
+def test_the_mean_over_the_light_of_the_masks_stays_what_the_weights_say():
+    views = views_of()
+    weights = np.array([1.0, 0.5, 2.0, 1.0, 1.5], np.float32)
+    shot = shot_of(views, weights=weights)
+    light = weights * shot.masks.sum(axis=(1, 2))
+    assert (view_brightness(shot, views) * light).sum() == pytest.approx(light.sum())
+
+
+def test_a_colour_mosaic_tells_as_well():
+    views = views_of()
+    plain = shot_of(views)
+    rows, columns = np.mgrid[: SIZE[0], : SIZE[1]]
+    channel = (rows % 2) + (columns % 2)  # RGGB
+    mosaic = np.take_along_axis(plain.measurement, channel[..., None], axis=2)
+    found = view_brightness(replace(plain, measurement=mosaic, cfa="RGGB").check(), views)
+    np.testing.assert_allclose(found / found.mean(), LIGHT / LIGHT.mean(), rtol=1e-5)
+
+
+def test_noise_leaves_the_brightness_within_its_standard_errors():
+    views = views_of()
+    found = view_brightness(shot_of(views, noise=0.1), views)
+    np.testing.assert_allclose(found / found.mean(), LIGHT / LIGHT.mean(), atol=0.02)
+
+
+def test_saturated_pixels_do_not_count():
+    views = views_of()
+    shot = shot_of(views)
+    saturated = np.zeros(SIZE, bool)
+    saturated[:20] = True
+    clipped = np.where(saturated[..., None], np.float32(0.2), shot.measurement)
+    found = view_brightness(replace(shot, measurement=clipped, saturated=saturated), views)
+    np.testing.assert_allclose(found / found.mean(), LIGHT / LIGHT.mean(), rtol=1e-5)
+
+
+def test_a_view_that_no_light_reached_keeps_its_weight():
+    views = views_of()
+    shot = shot_of(views)
+    masks = shot.masks.copy()
+    masks[2] = 0
+    measurement = np.einsum("n,nhw,nhwc->hwc", LIGHT, masks, views).astype(np.float32)
+    found = view_brightness(replace(shot, masks=masks, measurement=measurement), views)
+    others = [0, 1, 3, 4]
+    assert found[2] == 1
+    np.testing.assert_allclose(found[others] / found[others].mean(), LIGHT[others] / LIGHT[others].mean(), rtol=1e-5)
+
+
+def test_masks_that_do_not_tell_views_apart_tell_no_brightness():
+    views = np.repeat(views_of()[:1], len(LIGHT), axis=0)
+    shot = shot_of(views)
+    alike = replace(shot, masks=np.repeat(shot.masks[:1], len(LIGHT), axis=0))
+    assert view_brightness(alike, views) is None
+
+
+def test_black_views_an_even_black_measurement_and_a_single_view_tell_none():
+    views = views_of()
+    shot = shot_of(views)
+    assert view_brightness(shot, np.zeros_like(views)) is None
+    assert view_brightness(replace(shot, measurement=np.zeros_like(shot.measurement)), views) is None
+    one = replace(shot, masks=shot.masks[:1], weights=shot.weights[:1])
+    assert view_brightness(one, views[:1]) is None
+    assert view_brightness(shot, np.full_like(views, np.nan)) is None
+
+
+def test_brightness_beyond_any_lamp_is_not_believed():
+    views = views_of()
+    assert view_brightness(shot_of(views, np.array([1, 1, 1, 1, 0.01])), views) is None
+    assert view_brightness(shot_of(views, np.array([1, 1, 1, 1, -0.5])), views) is None
+
+
+def test_wrong_weights_are_corrected_and_pixels_that_were_not_asked_agree():
+    views = views_of()
+    jury = jury_of(shot_of(views))
+    corrected = relit(jury, views, GAIN)
+    np.testing.assert_allclose(corrected.shot.weights / corrected.shot.weights.mean(), LIGHT / LIGHT.mean(), rtol=1e-3)
+    assert corrected.shot.weights.dtype == np.float32
+    np.testing.assert_array_equal(corrected.heldout, jury.heldout)
+    assert corrected.residual_rms(views * 1) < 0.3 * jury.residual_rms(views)
+    assert gain_of(jury.seen, views) > 0.5
+
+
+def test_wrong_weights_are_corrected_though_the_views_explain_little_besides():
+    """What the carried views leave otherwise is ten times what the lamp changes, as with a path that is not known."""
+    views = views_of()
+    light = 1 + 0.3 * (LIGHT - LIGHT.mean())
+    corrected = relit(jury_of(shot_of(views, light, noise=0.4)), views, GAIN)
+    np.testing.assert_allclose(corrected.shot.weights / corrected.shot.weights.mean(), light / light.mean(), atol=0.05)
+
+
+def test_right_weights_stay_though_noise_would_have_them_a_little_otherwise():
+    views = views_of()
+    jury = jury_of(shot_of(views, np.ones(len(LIGHT)), noise=0.1))
+    assert not np.array_equal(view_brightness(jury.seen, views), np.ones(len(LIGHT)))
+    assert relit(jury, views, GAIN) is None
+    assert gain_of(jury.seen, views) < GAIN
+
+
+def test_halves_that_disagree_keep_the_weights():
+    views = views_of()
+    rows, columns = np.mgrid[: SIZE[0], : SIZE[1]]
+    first = (rows // 2 + columns // 2) % 2 == 0
+    one, other = (shot_of(views, light).measurement for light in (LIGHT, 2 - LIGHT))
+    torn = replace(shot_of(views), measurement=np.where(first[..., None], one, other))
+    assert gain_of(torn, views) == 0
+    assert relit(jury_of(torn), views, GAIN) is None
+
+
+def test_one_half_that_tells_nothing_keeps_the_weights():
+    views = views_of()
+    shot = shot_of(views)
+    rows, columns = np.mgrid[: SIZE[0], : SIZE[1]]
+    lit = (rows // 2 + columns // 2) % 2 == 0
+    masks = shot.masks * np.where(lit, 1, shot.masks[:1])
+    masks[:, ~lit] = shot.masks[0][~lit]  # the dark half of the board sees all masks alike
+    assert gain_of(replace(shot, masks=masks.astype(np.float32)), np.repeat(views[:1], len(LIGHT), 0)) == 0
+
+
+@pytest.mark.parametrize(
+    "settings", [{"rounds": -1}, {"least_gain": -0.1}, {"least_gain": 1.1}, {"least_gain": np.nan}]
+)
+def test_settings_that_make_no_sense_are_refused(settings):
+    with pytest.raises(InputError, match="rounds for brightness"):
+        BrightnessSettings(**settings).check()

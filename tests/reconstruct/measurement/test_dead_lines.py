@@ -1,0 +1,72 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from gs2ci.reconstruct.measurement.dead_lines import close_dead_lines
+
+
+def with_lines(shot, rows=(), columns=(), reading=0.0):
+    measurement = shot.measurement.copy()
+    measurement[list(rows)] = reading
+    measurement[:, list(columns)] = reading
+    return replace(shot, measurement=measurement)
+
+
+def test_a_sound_measurement_is_left_alone(smooth_shot):
+    assert close_dead_lines(smooth_shot) == (smooth_shot, ())
+
+
+@pytest.mark.parametrize("reading", [0.0, 1.0])
+def test_dead_rows_and_columns_are_closed_and_named(smooth_shot, reading):
+    closed, notes = close_dead_lines(with_lines(smooth_shot, (5, 9, 10), (20,), reading))
+    dead = np.zeros(smooth_shot.size, bool)
+    dead[[5, 9, 10]], dead[:, 20] = True, True
+    np.testing.assert_array_equal(closed.masks, smooth_shot.masks * ~dead)
+    assert (closed.measurement[dead] == 0).all()
+    np.testing.assert_array_equal(closed.measurement[~dead], smooth_shot.measurement[~dead])
+    assert notes == (
+        "3 of 32 rows read one value throughout, the first of them number 5: left out as dead.",
+        "1 of 40 columns read one value throughout, the first of them number 20: left out as dead.",
+    )
+
+
+def test_black_bars_along_the_border_are_told_and_kept(smooth_shot):
+    shot = with_lines(smooth_shot, (0, 1, 30, 31))
+    kept, notes = close_dead_lines(shot)
+    assert kept is shot
+    assert notes == (
+        "4 of 32 rows read one value throughout, the first of them number 0: "
+        "close the masks there if the sensor is dead.",
+    )
+
+
+def test_a_constant_measurement_has_no_dead_lines(smooth_shot):
+    shot = replace(smooth_shot, measurement=np.full_like(smooth_shot.measurement, 0.5))
+    assert close_dead_lines(shot) == (shot, ())
+
+
+def test_clipped_rows_are_not_dead(smooth_shot):
+    shot = with_lines(smooth_shot, (7,), reading=2.0)
+    saturated = np.zeros(shot.size, bool)
+    saturated[7] = True
+    assert close_dead_lines(replace(shot, saturated=saturated))[1] == ()
+
+
+def test_rows_where_no_mask_opens_are_not_dead(smooth_shot):
+    shot = with_lines(smooth_shot, (7,))
+    masks = shot.masks.copy()
+    masks[:, 7] = 0
+    assert close_dead_lines(replace(shot, masks=masks))[1] == ()
+
+
+def test_lines_of_few_pixels_are_never_dead(smooth_shot):
+    narrow = replace(smooth_shot, measurement=smooth_shot.measurement[:, :4], masks=smooth_shot.masks[:, :, :4])
+    assert close_dead_lines(with_lines(narrow, (7,)))[1] == ()
+
+
+def test_bars_that_meet_no_live_line_are_kept(smooth_shot):
+    """Every row reads one value, each its own."""
+    measurement = np.broadcast_to(np.arange(32, dtype=np.float32)[:, None, None], smooth_shot.measurement.shape)
+    shot = replace(smooth_shot, measurement=measurement)
+    assert close_dead_lines(shot)[0] is shot

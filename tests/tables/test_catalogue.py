@@ -1,0 +1,233 @@
+"""Which cells make which table."""
+
+import itertools
+from dataclasses import replace
+from pathlib import Path
+from typing import get_args
+
+import numpy as np
+import pytest
+
+from gs2ci.core.errors import InputError
+from gs2ci.reconstruct.ablation import COMPONENTS
+from gs2ci.reconstruct.presets import paper_settings
+from gs2ci.tables.calibration import BENCHES, FRAMES
+from gs2ci.tables.cases import Case
+from gs2ci.tables.catalogue import (
+    CONDITIONS,
+    RATIOS,
+    TABLES,
+    VIEWS,
+    Options,
+    file_cases,
+    known_cases,
+    resized,
+    simulated_cases,
+)
+from gs2ci.tables.cells import run
+from gs2ci.tables.names import TableName
+from gs2ci.tables.variants import ABLATION, FINE, GEOMETRY, RULES, VARIANTS, settings_of
+from gs2ci_sims.scenes.files import scene_names
+
+CASES = (Case("a", scene="boxes"), Case("b", scene="ball"))
+TINY = Case("tiny", scene="planes", size=(24, 32))
+
+
+LINES = {
+    "methods": VARIANTS,
+    "density": ("default", "one fit", "osgr by the book", "adc", "mcmc", "revised"),
+    "ablation": ("default", "one fit", *(f"without {name}" for name in COMPONENTS), "without all six"),
+    "mask-ratio": RATIOS,
+    "compression": VIEWS,
+    "conditions": CONDITIONS,
+    "seeds": ("default",),
+}
+
+
+@pytest.mark.parametrize(("name", "lines"), LINES.items())
+def test_a_table_has_a_cell_for_each_case_line_and_seed(name, lines):
+    entries = TABLES[name].entries(Options(CASES, seeds=2))
+    assert len(entries) == len(CASES) * len(lines) * 2
+    assert len({(entry.case, entry.line, entry.cell.arguments["seed"]) for entry in entries}) == len(entries)
+    assert len({entry.cell.key for entry in entries}) == len(entries)
+
+
+def test_every_table_can_be_asked_for_by_its_name():
+    assert tuple(TABLES) == get_args(TableName)
+
+
+def test_a_line_changes_what_it_says():
+    entries = TABLES["mask-ratio"].entries(Options(CASES[:1], seeds=1))
+    assert [entry.cell.arguments["case"]["open_share"] for entry in entries] == list(RATIOS)
+    entries = TABLES["compression"].entries(Options(CASES[:1], seeds=1))
+    assert [entry.cell.arguments["case"]["views"] for entry in entries] == list(VIEWS)
+
+
+@pytest.fixture(scope="module")
+def conditions():
+    """The shot of each line of the table of hard conditions."""
+    entries = TABLES["conditions"].entries(Options((TINY,), seeds=1))
+    return {entry.line: Case.of(entry.cell.arguments["case"]).shot(0) for entry in entries}
+
+
+def test_the_line_as_it_is_is_the_case_untouched(conditions):
+    easy = conditions["as it is"]
+    assert np.array_equal(easy.measurement, TINY.shot(0).measurement)
+    assert easy.intrinsics is not None
+
+
+@pytest.mark.parametrize("percent", [1, 2, 5])
+def test_a_line_of_noise_has_that_share_of_full_scale(conditions, percent):
+    easy, noisy = conditions["as it is"], conditions[f"noise {percent} %"]
+    added = (noisy.measurement - easy.measurement)[~easy.saturated]
+    assert added.std() == pytest.approx(percent / 100, rel=0.05)
+
+
+@pytest.mark.parametrize(("line", "share"), [("half open", 0.5), ("three quarters open", 0.75), ("grey masks", 0.25)])
+def test_a_line_of_masks_is_as_open_as_it_says(conditions, line, share):
+    assert conditions[line].masks.mean() == pytest.approx(share, abs=0.02)
+    assert (len(np.unique(conditions[line].masks)) > 2) == (line == "grey masks")
+
+
+@pytest.mark.parametrize("views", [16, 32])
+def test_a_line_of_views_has_so_many(conditions, views):
+    shot = conditions[f"{views} views"]
+    assert shot.views == len(shot.truth.views) == len(shot.truth.world_to_camera) == views
+
+
+def test_only_the_line_without_a_focal_length_tells_no_camera_matrix(conditions):
+    assert [line for line, shot in conditions.items() if shot.intrinsics is None] == ["focal unknown"]
+
+
+def test_no_line_shows_clipped_readings_instead_of_its_condition(conditions):
+    assert max(shot.saturated.mean() for shot in conditions.values()) < 0.03
+
+
+def test_a_line_that_a_file_cannot_have_says_why(tmp_path):
+    views, masks = np.full((4, 8, 8, 3), 0.5, np.float32), np.ones((4, 8, 8), np.float32)
+    np.savez(tmp_path / "four.npz", meas=views.sum(axis=0), masks=masks, truth=views)
+    options = Options(file_cases(tmp_path), seeds=1, lines=("16 views", "focal unknown", "grey masks"))
+    rows = [run(entry.cell) for entry in TABLES["conditions"].entries(options)]
+    for row, why in zip(rows, ("1 to 4 views", "no camera matrix", "transmission of 1"), strict=True):
+        assert why in row["error"]
+
+
+def test_hard_conditions_come_with_a_scene_that_is_hard_by_itself_and_files_with_none(tmp_path):
+    simulated = TABLES["conditions"].known(None)
+    assert [case.name for case in simulated] == [*(case.name for case in simulated_cases()), "textureless"]
+    assert simulated[-1].scene in scene_names()
+    (tmp_path / "a.npz").write_bytes(b"")
+    assert [case.name for case in TABLES["conditions"].known(tmp_path)] == ["a"]
+
+
+def test_calibration_has_its_own_benches_measured_and_predicted():
+    table = TABLES["calibrate"]
+    entries = table.entries(Options(table.known(None), seeds=1))
+    assert {entry.case for entry in entries} == set(BENCHES)
+    assert len({entry.line for entry in entries}) == 2 * len(FRAMES)
+    assert len({entry.cell.key for entry in entries}) == len(entries) == len(BENCHES) * 2 * len(FRAMES)
+
+
+def test_only_the_lines_asked_for_are_made():
+    entries = TABLES["mask-ratio"].entries(Options(CASES, seeds=1, lines=("50% open",)))
+    assert {entry.line for entry in entries} == {"50% open"}
+
+
+def test_an_unknown_line_is_refused():
+    with pytest.raises(InputError, match="line '51% open'"):
+        TABLES["mask-ratio"].entries(Options(CASES, lines=("51% open",)))
+
+
+def test_cells_of_files_depend_on_the_file(tmp_path):
+    for name in ("b", "a"):
+        (tmp_path / f"{name}.npz").write_bytes(b"")
+    cases = file_cases(tmp_path)
+    assert [case.name for case in cases] == ["a", "b"]
+    assert all(entry.cell.files for entry in TABLES["seeds"].entries(Options(cases)))
+
+
+def test_a_folder_without_measurements_is_refused(tmp_path):
+    with pytest.raises(InputError, match=r"no \.npz file"):
+        file_cases(tmp_path)
+
+
+def test_simulated_cases_name_scenes_of_the_library():
+    assert all(case.scene and not case.file for case in simulated_cases())
+
+
+def test_the_table_of_first_geometries_fits_nothing():
+    entries = TABLES["init"].entries(Options(CASES[:1], seeds=1))
+    assert [entry.line for entry in entries] == ["default", *GEOMETRY]
+    assert {entry.cell.work for entry in entries} == {"gs2ci.tables.works:initialise_case"}
+
+
+@pytest.mark.parametrize("variant", VARIANTS)
+def test_every_variant_makes_settings_that_check(variant):
+    assert settings_of(variant, 7).check().seed == 7
+
+
+def test_variants_of_one_kind_differ_from_the_default_and_from_each_other():
+    settings = [settings_of(variant, 7) for variant in VARIANTS]
+    assert all(a != b for a, b in itertools.combinations(settings, 2))
+
+
+@pytest.mark.parametrize("variant", [*GEOMETRY, *FINE, *RULES, *ABLATION, "paper"])
+def test_what_changes_one_thing_changes_it_in_one_fit(variant):
+    assert settings_of(variant, 7).fits == settings_of("one fit", 7).fits == 1
+
+
+@pytest.mark.parametrize("rule", ["adc", "mcmc", "revised"])
+def test_a_rules_variant_has_that_rule_on_the_schedule_of_the_default(rule):
+    fit, default = settings_of(rule, 7).fit, settings_of("default", 7).fit
+    assert fit.density.name == rule
+    assert (fit.iterations, fit.gaussians_per_pixel) == (default.iterations, default.gaussians_per_pixel)
+
+
+def test_the_papers_variant_is_the_papers_settings():
+    assert settings_of("paper", 7) == replace(paper_settings(), seed=7)
+
+
+def test_an_unknown_variant_is_refused():
+    with pytest.raises(InputError, match="variant 'x'"):
+        settings_of("x", 0)
+
+
+def test_scenes_are_simulated_at_the_size_that_is_asked_for():
+    assert {case.shot(0).size for case in resized(CASES[:1], (24, 32))} == {(24, 32)}
+
+
+def test_of_files_the_middle_is_left(tmp_path):
+    masks = np.ones((2, 8, 12), np.float32)
+    np.savez(tmp_path / "a.npz", meas=np.ones((8, 12, 3), np.float32), masks=masks)
+    assert {case.shot(0).size for case in resized(file_cases(tmp_path), (4, 6))} == {(4, 6)}
+
+
+def test_a_size_is_refused_where_no_pixel_is_left():
+    with pytest.raises(InputError, match="size"):
+        resized(CASES, (0, 32))
+
+
+@pytest.mark.parametrize(
+    ("table", "options", "option"),
+    [
+        ("calibrate", {"size": (24, 32)}, "--size"),
+        ("simulate", {"size": (24, 32)}, "--size"),
+        ("calibrate", {"folder": Path("benches")}, "--data"),
+    ],
+)
+def test_an_option_that_a_table_cannot_heed_is_refused_with_the_tables_that_can(table, options, option):
+    with pytest.raises(InputError, match=f"{option} for the table {table}") as caught:
+        known_cases(table, **{"folder": None, "size": None, **options})
+    assert "methods, init, density" in caught.value.allowed
+    assert table not in caught.value.allowed
+
+
+def test_the_cases_of_a_table_are_had_at_another_size():
+    assert {case.size for case in known_cases("methods", None, (24, 32))} == {(24, 32)}
+    assert known_cases("methods", None, None) == simulated_cases()
+
+
+def test_benches_are_calibrated_by_name():
+    benches = known_cases("calibrate", None, None)
+    entries = TABLES["calibrate"].entries(Options(benches[:1], 1))
+    assert {entry.cell.arguments["bench"] for entry in entries} == {benches[0].name}

@@ -1,0 +1,99 @@
+"""Means, spreads and the three files."""
+
+import csv
+from dataclasses import replace
+
+import cv2
+import pytest
+
+from gs2ci.core.errors import StorageError
+from gs2ci.tables.catalogue import Entry, Measure, Table
+from gs2ci.tables.cells import Cell
+from gs2ci.tables.pages import as_csv, collect, draw, markdown, write_pages
+
+TABLE = Table(
+    "Title",
+    "About.",
+    lambda _options: [],
+    (Measure("psnr_db", "PSNR, dB", 2), Measure("seconds", "s", 0, more_is_better=False)),
+)
+CELL = Cell("builtins:dict", {})
+ENTRIES = [Entry("one", line, CELL) for line in ("default", "default", "other", "broken")]
+ROWS = [
+    {"psnr_db": 30.0, "seconds": 10.0},
+    {"psnr_db": 31.0, "seconds": 12.0},
+    {"psnr_db": 29.0, "seconds": None},
+    {"error": "no depth"},
+]
+
+
+@pytest.fixture
+def figures():
+    return collect(TABLE, ENTRIES, ROWS)
+
+
+def test_seeds_share_a_line_with_mean_and_sample_standard_deviation(figures):
+    assert [one.line for one in figures] == ["default", "other", "broken"]
+    assert figures[0].means == (30.5, 11.0)
+    assert figures[0].spreads[0] == pytest.approx(0.5**0.5)
+    assert figures[1].spreads == (None, None)
+
+
+def test_what_failed_or_is_unknown_has_no_figure_and_its_reason_is_told(figures):
+    assert figures[1].means == (29.0, None)
+    assert figures[2].means == (None, None)
+    assert figures[2].errors == ("no depth",)
+    text = markdown(TABLE, figures, "gs2ci tables x")
+    assert "broken: no depth" in text
+    assert "| broken | – | – |" in text
+
+
+def test_markdown_marks_the_best_and_names_the_command(figures):
+    text = markdown(TABLE, figures, "gs2ci tables x")
+    assert "`gs2ci tables x`" in text
+    assert "| default | **30.50** ± 0.71 | 11 ± 1 |" in text
+    assert "| other | 29.00 | – |" in text
+
+
+def test_less_is_better_where_the_measure_says_so():
+    entries = [Entry("one", line, CELL) for line in ("slow", "fast")]
+    figures = collect(TABLE, entries, [{"psnr_db": 1.0, "seconds": 9.0}, {"psnr_db": 2.0, "seconds": 3.0}])
+    assert "| fast | **2.00** | **3** |" in markdown(TABLE, figures, "")
+
+
+def test_csv_holds_all_digits(figures):
+    rows = list(csv.DictReader(as_csv(TABLE, figures).splitlines()))
+    assert rows[0]["psnr_db"] == "30.5"
+    assert float(rows[0]["psnr_db_sd"]) == pytest.approx(0.5**0.5)
+    assert (rows[2]["cells"], rows[2]["psnr_db"], rows[2]["errors"]) == ("0", "", "no depth")
+
+
+def test_three_files_are_written(figures, tmp_path):
+    paths = write_pages(tmp_path / "bench", "x", TABLE, figures, "gs2ci tables x")
+    assert [path.name for path in paths] == ["x.md", "x.csv", "x.png"]
+    assert cv2.imread(str(paths[2])) is not None
+
+
+def test_the_picture_shows_the_first_line_on_top_and_cuts_no_point(figures):
+    low, high = draw(TABLE, figures).axes[0].get_ylim()
+    assert (low, high) == (1.5, -0.5)
+
+
+def test_reasons_are_told_each_on_a_line_of_its_own():
+    entries = [Entry("one", line, CELL) for line in ("16 views", "32 views")]
+    text = markdown(TABLE, collect(TABLE, entries, [{"error": "holds 8"}, {"error": "holds 8"}]), "")
+    assert "\n\n- 16 views: holds 8\n- 32 views: holds 8\n" in text
+
+
+def test_a_folder_that_cannot_be_made_is_a_clear_error(figures, tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(StorageError, match="cannot be written"):
+        write_pages(tmp_path / "file", "x", TABLE, figures, "gs2ci tables x")
+
+
+def test_a_table_against_an_axis_is_drawn_even_where_every_cell_failed(tmp_path):
+    table = replace(TABLE, axis="tolerance, DN")
+    entries = [Entry("one", line, CELL) for line in ("everything", "0.5 DN")]
+    figures = collect(table, entries, [{"error": "no rig"}] * 2)
+    pages = write_pages(tmp_path, "table", table, figures, "gs2ci tables x")
+    assert all(page.stat().st_size for page in pages)

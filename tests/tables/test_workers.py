@@ -1,0 +1,149 @@
+"""Who does the work, and what a death costs."""
+
+import subprocess
+import sys
+
+import dask
+import psutil
+import pytest
+from distributed import LocalCluster
+
+from gs2ci.core.errors import InputError, StorageError
+from gs2ci.tables.cells import Cell, run
+from gs2ci.tables.store import Store
+from gs2ci.tables.workers import complete
+
+DEADLY = Cell("os:_exit", {"status": 1})
+
+
+def counting(values):
+    return [Cell("builtins:dict", {"value": value}) for value in values]
+
+
+@pytest.fixture
+def store(tmp_path):
+    return Store(tmp_path / "cells")
+
+
+@pytest.fixture
+def cluster():
+    settings = {"distributed.scheduler.allowed-failures": 0, "distributed.admin.log-level": "error"}
+    with (
+        dask.config.set(settings),
+        LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address=None, silence_logs=50) as cluster,
+    ):
+        yield cluster.scheduler_address
+
+
+def test_rows_come_in_the_order_of_the_cells(store):
+    assert [row["value"] for row in complete(counting([3, 1, 2]), store)] == [3, 1, 2]
+
+
+def test_what_is_in_the_store_is_not_done_again(store):
+    cells = counting([1, 2])
+    store.put(cells[0].key, {"value": "kept"})
+    assert [row["value"] for row in complete(cells, store)] == ["kept", 2]
+
+
+def test_every_row_is_kept_as_soon_as_it_is_done(store):
+    cells = [*counting([1, 2]), Cell("builtins:divmod", {})]
+    with pytest.raises(TypeError):
+        complete(cells, store)
+    assert [store.get(cell.key)["value"] for cell in cells[:2]] == [1, 2]
+
+
+def test_equal_cells_are_done_once(store):
+    heard = []
+    complete(counting([1, 1, 2]), store, heard=lambda done, total: heard.append((done, total)))
+    assert heard == [(0, 2), (1, 2), (2, 2)]
+
+
+def test_an_error_of_ours_becomes_a_row_that_says_so():
+    row = run(
+        Cell(
+            "gs2ci.tables.works:reconstruct_case",
+            {"case": {"name": "x", "size": [8, 8]}, "variant": "default", "seed": 0},
+        )
+    )
+    assert "case 'x' names" in row["error"]
+    assert row["arguments"]["seed"] == 0
+
+
+def test_local_processes_give_the_same_rows_as_this_one(store):
+    assert [row["value"] for row in complete(counting(range(4)), store, processes=2)] == [0, 1, 2, 3]
+
+
+def test_a_process_that_dies_costs_only_its_cell(store):
+    rows = complete([DEADLY, *counting([1, 2])], store, processes=2)
+    assert "died" in rows[0]["error"]
+    assert [row["value"] for row in rows[1:]] == [1, 2]
+    assert store.get(DEADLY.key) is None  # so the next run tries it again
+
+
+WAITING = """
+from pathlib import Path
+from gs2ci.tables.cells import Cell
+from gs2ci.tables.store import Store
+from gs2ci.tables.workers import complete
+
+if __name__ == "__main__":
+    cells = [Cell("signal:pause", {}), Cell("signal:pause", {}, ("waiting.py",))]
+    complete(cells, Store(Path("cells")), processes=2)
+"""
+
+
+def test_no_process_outlives_a_killed_parent(tmp_path):
+    (tmp_path / "waiting.py").write_text(WAITING)
+    parent = psutil.Popen([sys.executable, "waiting.py"], cwd=tmp_path, stderr=subprocess.DEVNULL)
+    workers = []
+    while len(workers) < 2 or min(worker.num_threads() for worker in workers) < 2:
+        assert parent.poll() is None
+        workers = [child for child in parent.children() if "spawn_main" in " ".join(child.cmdline())]
+    parent.kill()
+    parent.wait()
+    _, alive = psutil.wait_procs(workers, timeout=60)
+    assert not alive
+
+
+def test_a_cluster_gives_the_same_rows_and_a_dead_worker_costs_only_its_cell(store, cluster):
+    rows = complete([DEADLY, *counting([1, 2])], store, scheduler=cluster)
+    assert "died" in rows[0]["error"]
+    assert [row["value"] for row in rows[1:]] == [1, 2]
+
+
+def test_a_cluster_is_not_asked_for_what_is_kept(store):
+    cells = counting([1])
+    store.put(cells[0].key, {"value": 1})
+    assert complete(cells, store, scheduler="tcp://127.0.0.1:9")[0]["value"] == 1
+
+
+def test_a_scheduler_that_does_not_answer_is_refused(store, monkeypatch):
+    monkeypatch.setattr("gs2ci.tables.workers.CONNECT_S", 0.2)
+    with pytest.raises(InputError, match=r"no Dask scheduler answers at tcp://127\.0\.0\.1:9"):
+        complete(counting([1]), store, scheduler="tcp://127.0.0.1:9")
+
+
+def test_a_scheduler_without_dask_says_what_to_install(store, monkeypatch):
+    monkeypatch.setitem(__import__("sys").modules, "dask", None)
+    with pytest.raises(InputError, match="gs2ci\\[cluster\\]"):
+        complete(counting([1]), store, scheduler="tcp://127.0.0.1:9")
+
+
+def test_no_process_at_all_is_refused(store):
+    with pytest.raises(InputError, match="0 processes"):
+        complete(counting([1]), store, processes=0)
+
+
+def test_a_table_that_is_ended_waits_for_none_of_its_cells(store, tmp_path):
+    marks = [tmp_path / name for name in "abc"]
+    for mark in marks:
+        mark.write_text(mark.name)  # else equal cells would be one
+    cells = [*counting([1]), *(Cell("signal:pause", {}, (str(mark),)) for mark in marks)]
+
+    def full(done, _):
+        if done:
+            raise StorageError("the disk is full")
+
+    with pytest.raises(StorageError, match="full"):
+        complete(cells, store, processes=2, heard=full)
+    assert not [child for child in psutil.Process().children() if "spawn_main" in " ".join(child.cmdline())]
