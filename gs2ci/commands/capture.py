@@ -32,8 +32,9 @@ def run(
 ) -> Path | None:
     """Take coded exposures on the bench that a rig file describes.
 
-    The plan is checked against the devices' limits and printed before anything moves. Each shot is safe in
-    NAME.partial as soon as it is taken; the file gets its name when all are.
+    The plan is checked against the devices' limits and printed before anything moves. Each shot is
+    written to NAME.partial as soon as it is taken, where it survives the end of the program and a disk that is full;
+    the file gets its name when all are.
 
     Args:
         rig: The rig file (TOML); docs/rigs has a simulated bench and a real one, with comments.
@@ -71,7 +72,7 @@ def run(
         with open_display() as display:
             record(opened, devices, prepared, out, replace=overwrite, progress=display)
     except BaseException:
-        _say_what_is_safe(out)
+        _say_what_can_be_saved(out)
         raise
     finally:
         devices.close()
@@ -86,14 +87,14 @@ def run(
     return out
 
 
-def _say_what_is_safe(out: Path) -> None:
+def _say_what_can_be_saved(out: Path) -> None:
     """Tell where the shots are that were taken before a capture ended early."""
     from gs2ci.core.storage.sealing import partial_of
 
     partial = partial_of(out)
     if partial.exists():
         Console(stderr=True).print(
-            f"the shots taken before are safe: gs2ci recover {escape(str(partial))}", soft_wrap=True, highlight=False
+            f"the shots taken before can be saved: gs2ci recover {escape(str(partial))}", soft_wrap=True, highlight=False
         )
 
 

@@ -316,7 +316,7 @@ def read_rig(path: Path) -> tuple[RigTable, str]:
     if keys & SIMULATION_ONLY and not keys & (RigTable.model_fields.keys() - SHARED):
         raise InputError(
             f"{path} describes a simulation, not a bench",
-            allowed="a bench's rig file: docs/tables.md, docs/rigs/simulated.toml",
+            allowed="a bench's rig file: docs/bench.md, docs/rigs/simulated.toml",
             remedy=f"for what it would simulate: gs2ci plan {path}",
         )
     rig, text = read_settings(path, RigTable)

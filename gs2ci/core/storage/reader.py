@@ -3,14 +3,13 @@
 Here: `read_shot`, `count_shots`, `read_calibration`, and `CaptureFile`, through which all of them (and `recover`)
 look at a file. Whatever is wrong ends in one StorageError that names file and key. Not here: how any HDF5 file is
 looked into (`gs2ci.core.hdf5`).
-Anyone may use the functions through `gs2ci.core.storage`; `CaptureFile` is for that package alone.
 """
 
 import json
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import h5py
 import numpy as np
@@ -21,7 +20,11 @@ from gs2ci.core.errors import Gs2ciError, StorageError
 from gs2ci.core.hdf5 import SuspectFile, check_text_heaps
 from gs2ci.core.records import Shot, Truth
 from gs2ci.core.storage.layout import CALIBRATION, NO_MAP, SCHEMA, unpack, usable_per_pixel
+from gs2ci.core.storage.padding import PaddedFile, stored_end
 from gs2ci.core.storage.sealing import PARTIAL
+
+# A file that claims to lack more than this was not cut by a disk that refused a row, but damaged or made to do harm.
+_LONGEST_MISSING_BYTES: Final = 2**40
 
 
 def count_shots(path: Path) -> int:
@@ -87,7 +90,7 @@ def opened(path: Path, *, unfinished: bool = False) -> Iterator["CaptureFile"]:
                 f"{path}: not an HDF5 file", remedy="turn .npz, .npy or .mat files into a shot with `gs2ci import`"
             )
         check_text_heaps(path)
-        with h5py.File(path, "r") as file:
+        with _file(path, unfinished=unfinished) as file:
             capture = CaptureFile(path, file)
             capture.check_kind(unfinished=unfinished)
             yield capture
@@ -106,6 +109,18 @@ def opened(path: Path, *, unfinished: bool = False) -> Iterator["CaptureFile"]:
             f"{path}: truncated, damaged or locked: {detail}",
             remedy=f"copy it again from its source; an interrupted capture still lies in its {PARTIAL} file",
         ) from error
+
+
+@contextmanager
+def _file(path: Path, *, unfinished: bool) -> Iterator[h5py.File]:
+    """Open with the library; an unfinished file whose end is missing as if its end were zeros."""
+    end = stored_end(path) if unfinished else None
+    if end is None or not path.stat().st_size < end <= path.stat().st_size + _LONGEST_MISSING_BYTES:
+        with h5py.File(path, "r") as file:
+            yield file
+        return
+    with PaddedFile(path, end) as padded, h5py.File(padded, "r") as file:
+        yield file
 
 
 class CaptureFile(SuspectFile):

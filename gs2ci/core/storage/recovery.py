@@ -1,21 +1,31 @@
 """Saving the finished rows of a capture whose writer died.
 
-Here: `recover`, which reads the `.partial` and writes a new file; the damaged one is never touched. Anyone may use
-it through `gs2ci.core.storage`; on the command line it is `gs2ci recover NAME.h5.partial`.
+Here: `recover`, which reads the `.partial` and writes a new file; the damaged one is never touched. On the command
+line it is `gs2ci recover NAME.h5.partial`.
 """
 
 import json
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
 from gs2ci.core.errors import StorageError
 from gs2ci.core.records import Truth
 from gs2ci.core.storage.layout import CALIBRATION, FRAME_COLUMNS, NO_MAP, CaptureHeader, FrameRow, unpack
+from gs2ci.core.storage.padding import row_end
 from gs2ci.core.storage.reader import CaptureFile, opened
 from gs2ci.core.storage.writer import ShotWriter
+
+_IN_ROWS: Final = (
+    "meas",
+    "saturated",
+    "telemetry/world_to_camera",
+    "truth/world_to_camera",
+    "truth/views",
+    *(f"frames/{column}" for column in (*FRAME_COLUMNS, "stage_pos", "stage_target")),
+)
 
 
 def recover(partial: Path, out: Path, *, replace: bool = False) -> Path:
@@ -57,6 +67,7 @@ def _copy(capture: CaptureFile, writer: ShotWriter, rows: list[int]) -> None:
         writer.event(str(line.pop("kind", "event")), **line)
     for row in rows:
         try:
+            _check_there(capture, row)
             parts = _row(capture, row)
         except Exception as error:
             # Damage shows as almost any exception; the other rows are worth having all the same.
@@ -70,6 +81,19 @@ def _copy(capture: CaptureFile, writer: ShotWriter, rows: list[int]) -> None:
         source_rows=rows,
         lost=lost,
     )
+
+
+def _check_there(capture: CaptureFile, row: int) -> None:
+    """Return if all that was stored of a row lies in the file as it is.
+
+    Raises:
+        StorageError: Some of it lay in the end that is missing.
+    """
+    present = capture.path.stat().st_size
+    for key in _IN_ROWS:
+        dataset = capture.numbers(key)
+        if dataset is not None and row_end(dataset, row) > present:
+            raise StorageError(f"{capture.path}: row {row}, {key}: lies in the end of the file that is missing")
 
 
 def _events(capture: CaptureFile) -> Iterator[dict[str, Any]]:

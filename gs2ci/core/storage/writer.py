@@ -1,14 +1,19 @@
 """Writing capture files: row by row while a rig is running, or finished measurements at once.
 
 Here: `ShotWriter`, whose finished rows survive the death of the process at any moment, and `write_shots`. Not
-here: what stands where (`layout.py`), the rename at the end (`sealing.py`). Anyone may use both through
-`gs2ci.core.storage`.
+here: what stands where (`layout.py`), the rename at the end (`sealing.py`).
 
 The order of a row is what makes it crash-tolerant: data, then everything said about it, then `/meas_valid[i]` = 1,
-then File.flush(). With HDF5's default library version a killed writer then leaves a file that opens plainly.
+then File.flush(). With HDF5's default library version a killed writer then leaves a file that opens plainly. Writes
+that the disk refuses are kept from the library (`guarded_file`), which would end the process by them.
+
+A row that `append` has returned survives the death of the process and every later write that fails. It survives a
+loss of power only where `sync` is on: otherwise it lies in the operating system's memory for some seconds more.
 """
 
+import weakref
 from collections.abc import Sequence
+from contextlib import closing, suppress
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -21,6 +26,7 @@ from gs2ci.core.arrays import F64, Bool
 from gs2ci.core.errors import StorageError
 from gs2ci.core.records import Shot, Truth
 from gs2ci.core.storage import layout
+from gs2ci.core.storage.guarded_file import GuardedFile
 from gs2ci.core.storage.layout import FRAME_COLUMNS, CaptureHeader, FrameRow
 from gs2ci.core.storage.sealing import check_room, check_target, partial_of, seal
 
@@ -35,32 +41,39 @@ class ShotWriter:
         path: Final name, ends in .h5.
         header: Everything known before the first row.
         replace: Whether a finished file of that name may be replaced.
+        sync: Wait after each row until the storage device has it, some milliseconds to tenths of a second.
 
     Raises:
         InputError: The header could belong to no shot.
         StorageError: The file cannot be created there.
     """
 
-    def __init__(self, path: Path, header: CaptureHeader, *, replace: bool = False) -> None:
+    def __init__(self, path: Path, header: CaptureHeader, *, replace: bool = False, sync: bool = False) -> None:
         header.check()
         check_target(path, replace=replace)
         self.path = path
         self.partial = partial_of(path)
         self.rows_written = 0
         self._header = header
+        self._sync = sync
         # Readings are not compressed, so that all of them are known to be needed; better now than in the middle.
         check_room(self.partial, header.static_bytes + header.rows * header.row_bytes)
         try:
             # Mode x: two writers of the same name cannot both believe that the file is theirs.
-            self._file: h5py.File | None = h5py.File(self.partial, "x")
+            self._disk = GuardedFile(self.partial)
         except OSError as error:
             raise StorageError(f"{self.partial}: cannot be created: {error}", remedy="check the folder") from error
+        self._file: h5py.File | None = None
         try:
+            self._file = h5py.File(self._disk, "w")
+            # The library must not be left to close it after Python is gone, on which `GuardedFile` stands.
+            weakref.finalize(self, _let_go, self._file)
             layout.create(self._file, header)
-            self._file.flush()
+            self._flush(self._file)
         except BaseException as error:
             # Nothing is in it yet that could be lost.
-            self.close()
+            with suppress(StorageError):
+                self.close()
             self.partial.unlink(missing_ok=True)
             if isinstance(error, OSError | RuntimeError):
                 raise StorageError(
@@ -79,7 +92,7 @@ class ShotWriter:
         name: str = "",
         provenance: dict[str, Any] | None = None,
     ) -> int:
-        """Store one exposure; when this returns, it survives the death of the process.
+        """Store one exposure; when this returns, it survives the death of the process (with `sync`, loss of power).
 
         Args:
             reading: Counts or values, [H, W] or [H, W, 1] or [H, W, 3], dtype as the header says.
@@ -114,17 +127,18 @@ class ShotWriter:
             for key, value in parts.items():
                 dataset = file[key]
                 dataset[row] = value
-                # A write that fails while h5py lets go of the dataset is printed and forgotten; here it is an error.
                 dataset.flush()
             # HDF5 writes what it has cached in an order of its own: with one flush for both, a process killed in it
             # leaves a flag without its data (seen with small frames under load).
-            file.flush()
+            self._flush(file)
             file["meas_valid"][row] = 1
-            file.flush()
+            self._flush(file)
+            if self._sync:
+                self._disk.sync()
         except (OSError, RuntimeError, ValueError) as error:
             raise StorageError(
                 f"{self.partial}: row {row} cannot be written: {error}",
-                remedy="free the disk; the rows before it are safe",
+                remedy=f"free the disk; save the {row} rows before it with `gs2ci recover {self.partial}`",
             ) from error
         self.rows_written = row + 1
         return row
@@ -142,7 +156,7 @@ class ShotWriter:
             events = file["events"]
             events.resize((len(events) + 1,))
             events[-1] = line
-            file.flush()
+            self._flush(file)
         except (OSError, RuntimeError, ValueError) as error:
             raise StorageError(f"{self.partial}: event {kind!r} cannot be written: {error}") from error
 
@@ -159,8 +173,9 @@ class ShotWriter:
         if not self.rows_written:
             raise StorageError(f"{self.partial}: no row was written", remedy="delete it and capture again")
         try:
-            file.flush()  # everything else is on its way before the mark that says so
+            self._flush(file)  # everything else is on its way before the mark that says so
             file["complete"][()] = 1
+            self._flush(file)
         except (OSError, RuntimeError, ValueError) as error:
             raise StorageError(f"{self.partial}: cannot be finished: {error}", remedy="free the disk") from error
         self.close()
@@ -176,7 +191,10 @@ class ShotWriter:
         if self._file is not None:
             file, self._file = self._file, None
             try:
+                # Where this fails, the library goes on holding what is below it.
                 file.close()
+                with closing(self._disk):
+                    self._disk.check()
             except (OSError, RuntimeError) as error:
                 raise StorageError(f"{self.partial}: cannot be closed: {error}", remedy="free the disk") from error
 
@@ -186,7 +204,21 @@ class ShotWriter:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self.close()
+        try:
+            self.close()
+        except StorageError:
+            # What went wrong first is what is told.
+            if error is None:
+                raise
+
+    def _flush(self, file: h5py.File) -> None:
+        """Hand everything to the operating system.
+
+        Raises:
+            OSError: It refused this or an earlier write.
+        """
+        file.flush()
+        self._disk.check()
 
     def _open_file(self) -> h5py.File:
         if self._file is None:
@@ -250,6 +282,11 @@ class ShotWriter:
                 self._refuse(key, f"shape {list(position_mm.shape)}", f"[{axes}] or [{views}, {axes}]")
             parts[f"frames/{key}"] = position_mm
         return parts
+
+
+def _let_go(file: h5py.File) -> None:
+    if file:
+        file.close()
 
 
 def write_shots(path: Path, shots: Sequence[Shot], *, config: str = "") -> Path:

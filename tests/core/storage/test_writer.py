@@ -27,6 +27,8 @@ from gs2ci.core.storage import (
     sealing,
     write_shots,
 )
+from gs2ci.core.storage.guarded_file import GuardedFile
+from gs2ci.core.storage.padding import stored_end
 
 
 @pytest.fixture
@@ -339,19 +341,73 @@ try:
     for row in range(9):
         writer.append(np.full((480, 640), row, np.uint16))
 except StorageError as error:
-    print(writer.rows_written, error.problem, flush=True)
-os._exit(0)  # HDF5 would not survive the usual end
+    print(writer.rows_written, error.problem, error.remedy, flush=True)
 """
 
 
-def test_a_write_that_the_disk_refuses_after_all_is_an_error_and_no_valid_row(tmp_path):
-    words = [sys.executable, "-c", FULL_AFTER_ALL, str(tmp_path / "shot.h5")]
-    told = subprocess.run(words, capture_output=True, text=True, check=True).stdout
-    assert told.startswith("3 ")
-    assert "row 3 cannot be written" in told
+@pytest.mark.parametrize("end", ["", "writer.close()", "writer.event('failed')", "writer.finish()"])
+def test_a_write_that_the_disk_refuses_after_all_is_an_error_and_no_valid_row(tmp_path, end):
+    """A limit on the size of files, as a quota sets one, is met in the middle of a row; the process ends as usual."""
+    closing = f"try:\n    {end}\nexcept StorageError as error:\n    print(error.problem)\n" if end else ""
+    words = [sys.executable, "-c", FULL_AFTER_ALL + closing, str(tmp_path / "shot.h5")]
+    ended = subprocess.run(words, capture_output=True, text=True, check=False)
+    assert ended.returncode == 0, ended.stderr
+    assert not ended.stderr
+    assert ended.stdout.startswith("3 ")
+    assert "row 3 cannot be written" in ended.stdout
+    assert f"gs2ci recover {tmp_path / 'shot.h5.partial'}" in ended.stdout
+    if end:
+        assert len(ended.stdout.splitlines()) == 2
     recover(tmp_path / "shot.h5.partial", tmp_path / "saved.h5")
     assert [read_shot(tmp_path / "saved.h5", row).measurement.max() for row in range(3)] == [0, 1, 2]
     assert count_shots(tmp_path / "saved.h5") == 3
+
+
+@pytest.mark.parametrize("cut", [1, 1000, 614_404, 614_405, 1_800_000])
+def test_rows_before_a_missing_end_are_saved_from_a_file_that_hdf5_refuses(tmp_path, cut):
+    masks, size = np.ones((2, 480, 640), np.float32), (480, 640)
+    with ShotWriter(tmp_path / "shot.h5", CaptureHeader(6, 1, masks, np.ones(2, np.float32))) as writer:
+        for row in range(6):
+            writer.append(np.full(size, row + 1, np.uint16))
+    partial = tmp_path / "shot.h5.partial"
+    whole = partial.stat().st_size
+    os.truncate(partial, whole - cut)
+    with pytest.raises(OSError, match="truncated"):
+        h5py.File(partial)
+    recover(partial, tmp_path / "saved.h5")
+    assert partial.stat().st_size == whole - cut
+    saved = count_shots(tmp_path / "saved.h5")
+    assert saved == 6 - -(-cut // 614_404)  # a reading and its checksum
+    # The zeros that stand for the missing end are nobody's reading.
+    for row in range(saved):
+        assert np.unique(read_shot(tmp_path / "saved.h5", row).measurement) == [row + 1]
+
+
+def test_a_file_that_claims_to_lack_more_than_any_disk_holds_is_damaged(tmp_path, header):
+    with ShotWriter(tmp_path / "shot.h5", header) as writer:
+        writer.append(np.zeros((6, 8), np.uint16))
+    partial = tmp_path / "shot.h5.partial"
+    data = bytearray(partial.read_bytes())
+    assert stored_end(partial) == len(data)
+    data[40:48] = (2**60).to_bytes(8, "little")
+    partial.write_bytes(data)
+    with pytest.raises(StorageError, match="truncated, damaged or locked"):
+        recover(partial, tmp_path / "saved.h5")
+
+
+def test_rows_are_synchronised_with_the_storage_device_where_that_is_asked_for(tmp_path, header, monkeypatch):
+    synchronised = []
+
+    def sync_it(file):
+        synchronised.append(file)
+
+    monkeypatch.setattr(GuardedFile, "sync", sync_it)
+    for sync in (False, True):
+        with ShotWriter(tmp_path / "shot.h5", header, replace=True, sync=sync) as writer:
+            writer.append(np.zeros((6, 8), np.uint16))
+            writer.append(np.zeros((6, 8), np.uint16))
+        writer.partial.unlink()
+        assert len(synchronised) == 2 * sync
 
 
 def test_a_disk_that_refuses_the_rename_is_a_storage_error(tmp_path, header, monkeypatch):
@@ -373,7 +429,7 @@ def test_a_file_that_cannot_be_created_or_laid_out_is_a_storage_error(tmp_path, 
         raise OSError(13, "Permission denied")
 
     with monkeypatch.context() as patch:
-        patch.setattr(h5py, "File", refuse)
+        patch.setattr(os, "open", refuse)
         with pytest.raises(StorageError, match=r"cannot be created: .*Permission denied"):
             ShotWriter(tmp_path / "locked" / "shot.h5", header)
     with monkeypatch.context() as patch:
