@@ -94,7 +94,7 @@ def _say_what_can_be_saved(out: Path) -> None:
     partial = partial_of(out)
     if partial.exists():
         Console(stderr=True).print(
-            f"the shots taken before can be saved: gs2ci recover {escape(str(partial))}", soft_wrap=True, highlight=False
+            f"save the shots taken before: gs2ci recover {escape(str(partial))}", soft_wrap=True, highlight=False
         )
 
 
