@@ -16,6 +16,7 @@ import numpy as np
 import torch
 
 BENCHMARKS = {
+    "first_table": "tests.benchmarks.first_table",
     "rasteriser": "tests.benchmarks.rasteriser",
     "list_reuse": "tests.benchmarks.list_reuse",
     "simulated_capture": "tests.benchmarks.simulated_capture",
@@ -40,6 +41,7 @@ BENCHMARKS = {
 }
 
 LONG = (
+    "first_table",
     "list_reuse",
     "scaling",
     "heldout_order",

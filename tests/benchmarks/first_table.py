@@ -1,0 +1,98 @@
+"""What a stranger would meet: the README's first table.
+
+    GS2CI_SHARED_DATA=FOLDER python -m tests.benchmarks first_table
+
+Every row says what its data are. Those that anybody can make again: scikit-image's photographs on planes, and a
+simulated bench with noise, blur and errors of calibration, calibrated and captured through its drivers. Those of the
+folder, where there is one: eight real photographs far apart, a path-traced light field, a real hardware exposure (no
+truth: what its views leave of the measurement, beside GAP-TV's), and last the noise-free renderings of a Gaussian
+scene, the solver's own model class.
+"""
+
+import os
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from gs2ci.core.arrays import F32, F64
+from gs2ci.core.errors import Gs2ciError
+from gs2ci.core.foreign.assemble import ImportOptions, import_shots
+from gs2ci.core.records import Shot
+from gs2ci.evaluate.metrics import measurement_residual, psnr_per_view
+from gs2ci.evaluate.novel_views import NovelViews, score_novel_views
+from gs2ci.evaluate.trajectory import align
+from gs2ci.reconstruct.decode.gap_tv import gap_tv
+from gs2ci.reconstruct.pipeline import Reconstruction, reconstruct
+from tests.benchmarks.calibrated_reconstruction import BENCHES, take
+from tests.benchmarks.photographs import expose
+
+FOLDER = Path(os.environ.get("GS2CI_SHARED_DATA", Path(__file__).resolve().parents[3] / "shared" / "data"))
+
+
+def _read(name: str) -> Shot:
+    return import_shots(FOLDER / name, None, ImportOptions()).shots[0]
+
+
+def _between(name: str, poses: F64) -> NovelViews:
+    """Return the light field's uncoded view, half way between the fourth and the fifth pose."""
+    with np.load(FOLDER / name) as arrays:
+        view = arrays["view"]
+    view = (view / np.float32(255) if view.dtype == np.uint8 else view).astype(np.float32)
+    pose = poses[3].copy()
+    pose[:3, 3] = (poses[3, :3, 3] + poses[4, :3, 3]) / 2
+    return NovelViews(view[None], pose[None])
+
+
+def rows() -> Iterator[tuple[str, str, Shot, NovelViews | None]]:
+    """Yield name, what the data are, the shot, and views from elsewhere."""
+    for which in range(3):
+        shot, _, (images, poses) = expose(which, seed=which, noise=0.01)
+        yield f"photographs on planes {which}", "cast rays, 1 % noise", shot, NovelViews(images, poses)
+    bench = take(BENCHES["off"], seed=1)
+    yield "simulated bench, calibrated", "Gaussian scene, sensor noise, blur", bench.shots["calibrated"], None
+    if not FOLDER.is_dir():
+        print(f"(no folder of measurements at GS2CI_SHARED_DATA={FOLDER}: its rows are left out)")
+        return
+    yield "photographs far apart", "real photographs, no noise", _read("fern_photos_wide.npz"), None
+    shot = _read("lightfield/antinous.npz")
+    poses = shot.truth.world_to_camera
+    assert poses is not None
+    yield "light field", "path-traced, no noise", shot, _between("lightfield/antinous_between.npz", poses)
+    yield "turning fan", "real hardware exposure, no truth", _read("real_cacti/4fan14_cacti.mat"), None
+    for name in ("fern_smooth", "fern_smooth_cr16", "fern_smooth_r50"):
+        yield name, "rendered from a Gaussian scene, no noise", _read(f"{name}.npz"), None
+
+
+def _mean_db(views: F32, shot: Shot) -> str:
+    return "–" if shot.truth.views is None else f"{np.mean(psnr_per_view(views, shot.truth.views)):.1f}"
+
+
+def _elsewhere_db(run: Reconstruction, shot: Shot, novel: NovelViews | None) -> list[str]:
+    """Return PSNR between and beyond, of the scene alone."""
+    if novel is None or shot.truth.world_to_camera is None:
+        return ["–", "–"]
+    alignment = align(run.result.world_to_camera, shot.truth.world_to_camera)
+    told = score_novel_views(run.scene, alignment, run.result.intrinsics, novel)["psnr_db"]["per_view"]
+    return [f"{figure:.1f}" for figure in told] + ["–"] * (2 - len(told))
+
+
+def run() -> None:
+    """Reconstruct each with default settings and print the table."""
+    print("| measurement | data | decode | delivered views | scene alone | between | beyond | left of the measurement, rms | s |")
+    print("|---|---|---:|---:|---:|---:|---:|---:|---:|")
+    for name, data, shot, novel in rows():
+        begin_s = time.monotonic()
+        try:
+            done = reconstruct(shot)
+        except Gs2ciError as error:
+            print(f"| {name} | {data} | refused: {error.problem} | | | | | | |", flush=True)
+            continue
+        seconds = time.monotonic() - begin_s
+        result = done.result
+        figures = [_mean_db(gap_tv(shot), shot), _mean_db(result.views, shot)]
+        figures += ["–" if result.scene_views is None else _mean_db(result.scene_views, shot)]
+        figures += _elsewhere_db(done, shot, novel)
+        left = measurement_residual(result.predicted_measurement, shot.measurement, shot.saturated).rms
+        print(f"| {name} | {data} | {' | '.join(figures)} | {left:.4f} | {seconds:.0f} |", flush=True)
