@@ -4,9 +4,9 @@
 
 Every row says what its data are. Those that anybody can make again: scikit-image's photographs on planes, and a
 simulated bench with noise, blur and errors of calibration, calibrated and captured through its drivers. Those of the
-folder, where there is one: eight real photographs far apart, a path-traced light field, a real hardware exposure (no
-truth: what its views leave of the measurement, beside GAP-TV's), and last the noise-free renderings of a Gaussian
-scene, the solver's own model class.
+folder, where there is one: eight real photographs far apart, a path-traced light field, a real hardware exposure
+(without a truth), and last the noise-free renderings of a Gaussian scene, the solver's own model class. "Left" is the
+root mean square of what the delivered views leave of the measurement, in full scales of one view.
 """
 
 import os
@@ -80,7 +80,7 @@ def _elsewhere_db(run: Reconstruction, shot: Shot, novel: NovelViews | None) -> 
 
 def run() -> None:
     """Reconstruct each with default settings and print the table."""
-    print("| measurement | data | decode | delivered views | scene alone | between | beyond | left of the measurement, rms | s |")
+    print("| measurement | data | decode | delivered views | scene alone | between | beyond | left, rms | s |")
     print("|---|---|---:|---:|---:|---:|---:|---:|---:|")
     for name, data, shot, novel in rows():
         begin_s = time.monotonic()
