@@ -9,7 +9,7 @@ export OMP_WAIT_POLICY := PASSIVE
 .PHONY: help install demo test stability kernel check benchmarks clean
 
 help:
-	@echo "make demo   simulate an exposure of a real scene and reconstruct it (about two minutes once installed)"
+	@echo "make demo   simulate an exposure of a photographed scene and reconstruct it (about two minutes once installed)"
 	@echo "make test   the tests"
 	@echo "make stability  every hard case end to end; writes docs/stability.md"
 	@echo "make kernel the drivers against a real kernel; RIG=path names the script that boots the guest"

@@ -51,7 +51,7 @@ COMMANDS: Final[dict[str, tuple[str, str]]] = {
     "devices": ("gs2ci.commands.devices", "say what is connected and what it can do"),
     "doctor": ("gs2ci.commands.doctor", "examine a bench: permissions, clocks, trigger line"),
     "tables": ("gs2ci.commands.tables", "make tables of figures: methods, mask ratios, seeds"),
-    "demo": ("gs2ci.commands.demo", "simulate an exposure of a real scene, reconstruct it"),
+    "demo": ("gs2ci.commands.demo", "simulate an exposure, reconstruct it"),
 }
 # Names that commands had before -> what they are called now. Refused, naming the new one.
 RENAMED: Final[dict[str, str]] = {"bench": "tables"}

@@ -93,3 +93,23 @@ def test_benchmarks_that_are_named_anywhere_exist():
         for words in re.findall(r"`python\s+-m\s+tests\.benchmarks\s+([^`]*)`", path.read_text(encoding="utf-8")):
             for name in words.partition(" --")[0].split():
                 assert (ROOT / "tests" / "benchmarks" / f"{name}.py").is_file(), f"{path.name} names {name}"
+
+
+DECISIONS = [path for path in sorted((ROOT / "docs" / "decisions").glob("*.md")) if path.name != "README.md"]
+
+
+@pytest.mark.parametrize("page", DECISIONS, ids=lambda page: page.name)
+def test_a_decision_gives_context_decision_evidence_and_status(page):
+    headings = re.findall(r"^## (.*)$", page.read_text(encoding="utf-8"), re.MULTILINE)
+    assert headings == ["Context", "Decision", "Evidence", "Status"]
+
+
+def test_numbered_decisions_have_one_number_each_and_stand_in_the_index():
+    numbered = [page.name for page in DECISIONS if page.name[:4].isdigit()]
+    assert [int(name[:4]) for name in numbered] == list(range(1, len(numbered) + 1))
+    index = (ROOT / "docs" / "decisions" / "README.md").read_text(encoding="utf-8")
+    assert [name for name in numbered if f"({name})" not in index] == []
+
+
+def test_the_architecture_is_read_in_five_minutes():
+    assert len((ROOT / "ARCHITECTURE.md").read_text(encoding="utf-8").splitlines()) <= 150

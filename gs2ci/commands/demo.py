@@ -1,4 +1,4 @@
-"""`gs2ci demo`: a simulated bench takes one exposure of a real scene, and what can be recovered from it.
+"""`gs2ci demo`: a simulated bench takes one exposure of a photographed scene, and what can be recovered from it.
 
 Here: the rig file that the demonstration writes for itself: which scene, camera move, masks and light. Not here: the
 bench (`gs2ci.commands.capture`), the reconstruction (`gs2ci.commands.reconstruct`).

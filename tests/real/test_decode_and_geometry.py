@@ -1,4 +1,4 @@
-"""Decode and geometry of real and rendered fern measurements: the figures that the method was chosen by."""
+"""Decode and geometry of coded renderings and photographs of a fern: the figures that the method was chosen by."""
 
 from dataclasses import replace
 

@@ -18,7 +18,7 @@ class StepSizes:
 
     Adam moves a parameter by at most its step in an iteration, so that a schedule of 600 instead of 30,000 has to
     stride: places eighty times as far as the literature's, shapes five to nine times, opacities and colours one and a
-    half times (ARCHITECTURE.md has the figures).
+    half times (docs/decisions/0019-long-steps-for-short-schedules.md).
 
     Args:
         means: In units of the scene's extent, at the start.

@@ -3,7 +3,7 @@
 Here: how much of it. Not here: the decode (`decode.residual`), nor the choice between the refined views, the scene's
 and the decode's (`pipeline`). For `gs2ci.reconstruct`.
 
-On real photographs the residual is mostly detail that the scene lacks, in a noisy measurement mostly noise. How much of
+Without noise the residual is mostly detail that the scene lacks, in a noisy measurement mostly noise. How much of
 what it decodes to belongs into the views is one number, from its least-squares share on pixels that no decode has seen.
 Pixels that were seen know more of their residual than those, and a few pixels say little: so it is the largest share
 that they do not surely speak against. Where that is still too much, the choice between the candidates finds it out.
@@ -47,7 +47,7 @@ class Refinement:
         """Refine views, [N, H, W, C] float32, by all that their residual decodes to.
 
         So a fit is watched: a share that makes up for what an early scene lacks would hide how the scene improves, and
-        ended fits of real photographs at their first look.
+        ended a fit of photographs (`fern_photos_wide`) at its first look.
         """
         return _plus(views, 1.0, decode_residual(self._seen, views, self._settings))
 
