@@ -1,6 +1,6 @@
 """What cells do: plain arguments in, a row of figures out.
 
-Not here: which of them a table needs (`tables`). Cells name these functions; nothing else calls them.
+Not here: which of them a table needs (`catalogue`).
 """
 
 import time
