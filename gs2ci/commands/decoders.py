@@ -102,7 +102,7 @@ def _proxy_decoder(method: DecodeMethod) -> Decoder:
         progress.stage("proxies")
         proxies = build_proxies(shot, wanted)
         said = {"name": proxies.method, "multiplicity": proxies.multiplicity}
-        return proxies.views, said, (proxies.note,) if proxies.note else ()
+        return proxies.views, said, (proxies.note.advice,) if proxies.note else ()
 
     return decode
 

@@ -7,7 +7,7 @@ lines where output goes to a file or a pipe, and `print_summary`. Not here: any 
 from collections.abc import Iterable
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Final, Protocol, Self
+from typing import TYPE_CHECKING, Any, Final, Protocol, Self
 
 from rich.console import Console, RenderableType
 from rich.padding import Padding
@@ -19,6 +19,9 @@ from gs2ci.core import progress
 from gs2ci.core.clock import Clock, WallClock
 from gs2ci.core.durations import spoken_duration
 from gs2ci.core.errors import InputError
+
+if TYPE_CHECKING:
+    from gs2ci.evaluate.report import Report, Trajectory
 
 # Redrawing costs the fit about a thousandth at this rate; an eye needs no more.
 REDRAWS_PER_SECOND: Final = 4
@@ -251,7 +254,7 @@ def print_summary(folder: Path, console: Console | None = None) -> None:
     report = read_report(folder)
     console = console or Console(highlight=False)
     table = Table(
-        title=Text(f"{report['name']}: {report['views']} views from one exposure", style="bold"),
+        title=Text(f"{report.name}: {report.views} views from one exposure", style="bold"),
         title_justify="left",
         show_header=False,
         box=None,
@@ -265,9 +268,8 @@ def print_summary(folder: Path, console: Console | None = None) -> None:
     console.print()
     console.print(table)
     console.print()
-    stopped = f"The fit stopped because: {report['stopped_because']}."
-    for note in (stopped, *report["notes"]):
-        console.print(note, markup=False, highlight=False)
+    for found in (report.stopped, *report.notes):
+        console.print(found.advice, markup=False, highlight=False)
     for name, what in (
         ("report.html", "look here first"),
         ("overview.png", "the same in one picture"),
@@ -278,43 +280,39 @@ def print_summary(folder: Path, console: Console | None = None) -> None:
         console.print(line.append(f"  {what}" if what else "", style="dim"), soft_wrap=True)
 
 
-def _summary_rows(report: dict[str, Any]) -> list[tuple[str, str, str]]:
+def _summary_rows(report: "Report") -> list[tuple[str, str, str]]:
     """Collect name, value and remark of every figure that is known."""
     rows = []
-    for key, name, form, unit in (("psnr_db", "PSNR", "{:.2f}", " dB"), ("ssim", "SSIM", "{:.4f}", "")):
-        if report[key] is not None:
-            low, mean, high, decode = (
-                form.format(value)
-                for value in (
-                    min(report[key]["per_view"]),
-                    report[key]["mean"],
-                    max(report[key]["per_view"]),
-                    report["decode"][key]["mean"],
-                )
-            )
-            rows.append((name, mean + unit, f"decode {decode}; views {low} to {high}"))
-    rows += _trajectory_rows(report["trajectory"])
-    residual = report["residual"]
-    rows.append(("residual", f"{residual['rms']:.4f} rms", f"{residual['mean_abs']:.4f} mean absolute"))
-    heldout = residual["heldout_rms"]
-    if heldout[report["verdict"]] is not None:
-        others = ", ".join(f"{name} {rms:.4f}" for name, rms in heldout.items() if name != report["verdict"])
-        rows.append(("held-out", f"{heldout[report['verdict']]:.4f} rms", others))
-    seconds = report["seconds"]
+    for own, decode, name, form, unit in (
+        (report.psnr_db, report.decode.psnr_db, "PSNR", "{:.2f}", " dB"),
+        (report.ssim, report.decode.ssim, "SSIM", "{:.4f}", ""),
+    ):
+        if own is not None and decode is not None:
+            values = (min(own.per_view), own.mean, max(own.per_view), decode.mean)
+            low, mean, high, of_decode = (form.format(value) for value in values)
+            rows.append((name, mean + unit, f"decode {of_decode}; views {low} to {high}"))
+    rows += _trajectory_rows(report.trajectory)
+    residual = report.residual
+    rows.append(("residual", f"{residual.rms:.4f} rms", f"{residual.mean_abs:.4f} mean absolute"))
+    if report.heldout_rms is not None:
+        others = [(name, rms) for name, rms in residual.heldout_rms if name != report.verdict]
+        remark = ", ".join(f"{name} {rms:.4f}" for name, rms in others if rms is not None)
+        rows.append(("held-out", f"{report.heldout_rms:.4f} rms", remark))
+    seconds = report.seconds
     stages = ", ".join(f"{stage} {seconds[stage]:.1f} s" for stage in ("decode", "geometry", "fit"))
     rows.append(("time", spoken_duration(seconds["total"]), stages))
-    rows.append(("Gaussians", f"{report['gaussians']}", f"peak memory {report['peak_mib']:.0f} MiB"))
+    rows.append(("Gaussians", f"{report.gaussians}", f"peak memory {report.peak_mib:.0f} MiB"))
     return rows
 
 
-def _trajectory_rows(errors: dict[str, Any] | None) -> list[tuple[str, str, str]]:
+def _trajectory_rows(errors: "Trajectory | None") -> list[tuple[str, str, str]]:
     if errors is None:
         return []
     rows = []
-    if errors["nate"] is not None:
-        rows.append(("nATE", f"{errors['nate']:.4f}", f"ATE {errors['ate']:.4g}"))
-    remark = "" if errors["rpe_r_deg"] is None else f"RPE {errors['rpe_t']:.4g}, {errors['rpe_r_deg']:.3f}°"
-    rows.append(("rotation", f"{errors['rotation_deg']:.3f}°", remark))
+    if errors.nate is not None:
+        rows.append(("nATE", f"{errors.nate:.4f}", f"ATE {errors.ate:.4g}"))
+    remark = "" if errors.rpe_r_deg is None else f"RPE {errors.rpe_t:.4g}, {errors.rpe_r_deg:.3f}°"
+    rows.append(("rotation", f"{errors.rotation_deg:.3f}°", remark))
     return rows
 
 

@@ -85,7 +85,7 @@ def run(
     console = Console()
     console.print(table)
     for note in found["notes"]:
-        console.print(note, markup=False, soft_wrap=True)
+        console.print(note["sentence"], markup=False, soft_wrap=True)
     console.print(str(written), soft_wrap=True)
     return written
 

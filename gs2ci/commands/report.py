@@ -18,8 +18,8 @@ def run(
 ) -> Path:
     """Build the page of a run again from what its folder holds.
 
-    The same page is written at the end of `gs2ci reconstruct`; this is for folders of older versions and for pages
-    elsewhere.
+    The same page is written at the end of `gs2ci reconstruct`; this is for a page that has become
+    better since, and for pages elsewhere.
 
     Args:
         folder: A run folder, as `gs2ci reconstruct` writes it.

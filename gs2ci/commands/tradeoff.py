@@ -113,8 +113,9 @@ def run(
 
 
 def _cell(shot: Path, index: int, trial: "Trial", seed: int) -> "Cell":
+    from gs2ci.evaluate.tradeoff.trials import run_trial
     from gs2ci.tables.cells import Cell
 
     file = str(shot.resolve())
     arguments = {"file": file, "index": index, "trial": trial.name, "seed": seed}
-    return Cell("gs2ci.evaluate.tradeoff.trials:run_trial", arguments, (file,))
+    return Cell(run_trial, arguments, (file,))

@@ -1,10 +1,39 @@
-"""JSON that a stranger may have written: whatever is wrong with it is a ValueError.
+"""JSON: values made fit for it, and text that a stranger may have written, whose every fault is a ValueError.
 
-Here: `parse_json`. Not here: what the values mean, which is for those who asked for them.
+Here: `plain_json`, `as_json`, `parse_json`. Not here: what the values mean, which is for those who asked for them.
 """
 
 import json
+import math
+from collections.abc import Mapping
+from dataclasses import asdict, is_dataclass
 from typing import Any
+
+import numpy as np
+
+
+def plain_json(value: Any) -> Any:
+    """Reduce a value to what JSON can hold; a number that is not finite becomes None, the unknown its text."""
+    match value:
+        case None | bool() | int() | str():
+            return value
+        case float():
+            return value if math.isfinite(value) else None
+        case np.generic() | np.ndarray():
+            return plain_json(value.tolist())
+        case Mapping():
+            return {str(key): plain_json(item) for key, item in value.items()}
+        case list() | tuple():
+            return [plain_json(item) for item in value]
+        case _ if is_dataclass(value) and not isinstance(value, type):
+            return plain_json(asdict(value))
+        case _:
+            return str(value)
+
+
+def as_json(value: Any) -> str:
+    """Write a value as text, after `plain_json`."""
+    return json.dumps(plain_json(value), indent=1, allow_nan=False) + "\n"
 
 
 def parse_json(text: str) -> Any:

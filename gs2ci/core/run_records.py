@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from gs2ci.core.arrays import F32, F64
 from gs2ci.core.errors import InputError, NumericsError
+from gs2ci.core.findings import Finding
 from gs2ci.core.lens import check_distortion
 from gs2ci.core.records import check_intrinsics
 
@@ -59,10 +60,10 @@ class RunResult:
         decode: The views as decoded without a scene, [N, H, W, C] float32.
         predicted_measurement: What the verdict's views would have measured, [H, W, Cm] float32.
         curve: The fit's course, earliest first; empty where nothing was fitted.
-        stopped_because: One phrase.
+        stopped: Why the fit ended.
         seconds: Wall-clock time of `total`, `decode`, `geometry` and `fit`.
         gaussians: Size of the final population.
-        notes: Sentences that a user should read: guesses, fallbacks, doubts.
+        notes: What a user should know: guesses, fallbacks, doubts.
         settings: The settings used, as plain values.
         seed: Seed of every random draw.
         verdict: Which of the three explains the held-out pixels best: the scenes' mean views refined by their residual,
@@ -85,10 +86,10 @@ class RunResult:
     decode: F32
     predicted_measurement: F32
     curve: Sequence[CurvePoint]
-    stopped_because: str
+    stopped: Finding
     seconds: Mapping[str, float]
     gaussians: int
-    notes: Sequence[str]
+    notes: Sequence[Finding]
     settings: Mapping[str, Any]
     seed: int
     verdict: Verdict

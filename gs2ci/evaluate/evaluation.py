@@ -1,11 +1,11 @@
 """A finished run judged after the fact: by a truth that came later, by the sensor's noise, by views from elsewhere.
 
 Here: which figures follow from which files. Not here: the metrics (one file each), the run's own report
-(`gs2ci.evaluate.report`). Schema `gs2ci.evaluation/1`.
+(`gs2ci.evaluate.report`). Schema `gs2ci.evaluation/2`.
 """
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, Final
@@ -15,7 +15,8 @@ import torch
 
 from gs2ci.core.arrays import F32, F64
 from gs2ci.core.errors import InputError, StorageError
-from gs2ci.core.json_text import parse_json
+from gs2ci.core.findings import Code, Finding, finding
+from gs2ci.core.json_text import parse_json, plain_json
 from gs2ci.core.records import Shot
 from gs2ci.core.whole_file import write_whole
 from gs2ci.evaluate.cameras import poses_of_transforms
@@ -23,13 +24,14 @@ from gs2ci.evaluate.depth import depth_errors
 from gs2ci.evaluate.metrics import image_scores, measurement_residual
 from gs2ci.evaluate.noise import NoiseModel, chi_squared_per_pixel
 from gs2ci.evaluate.novel_views import NovelViews, score_novel_views
-from gs2ci.evaluate.report import masks_digest, plain_json, read_report
+from gs2ci.evaluate.report import Measured, Report, read_report
+from gs2ci.evaluate.run_report import masks_digest
 from gs2ci.evaluate.trajectory import align, trajectory_errors
 from gs2ci.reconstruct.fit.perceptual import PerceptualDistance
 from gs2ci.reconstruct.measurement.coding import Coding
 from gs2ci.render.ply import read_ply
 
-SCHEMA: Final = "gs2ci.evaluation/1"
+SCHEMA: Final = "gs2ci.evaluation/2"
 SAME_SCALE: Final = 1e-3
 """Measurements whose means differ by less, relatively, are at one scale: as decibels, the difference is 0.009."""
 
@@ -47,7 +49,7 @@ class FinishedRun:
         folder: Where it lies.
     """
 
-    report: dict[str, Any]
+    report: Report
     views: F32
     world_to_camera: F64
     intrinsics: F64
@@ -110,7 +112,7 @@ def evaluate(run: FinishedRun, evidence: Evidence) -> dict[str, Any]:
             f"a run of views {list(run.views.shape)} beside a shot of {shot.views} views, {list(shot.size)}",
             allowed="the shot that was reconstructed",
         )
-    predicted = _predicted(shot, views, run.report.get("brightness"))
+    predicted = _predicted(shot, views, run.report.brightness)
     residual = measurement_residual(predicted, shot.measurement, shot.saturated)
     true_path = shot.truth.world_to_camera
     found = {
@@ -127,7 +129,7 @@ def evaluate(run: FinishedRun, evidence: Evidence) -> dict[str, Any]:
             else chi_squared_per_pixel(predicted, shot.measurement, evidence.noise, shot.saturated),
         },
         "novel_views": None if evidence.novel is None else _novel(run, shot, evidence.novel),
-        "notes": _notes(run.report.get("measured", {}), shot),
+        "notes": _notes(run.report.measured, shot),
     }
     plain: dict[str, Any] = plain_json(found)
     return plain
@@ -144,7 +146,7 @@ def write_evaluation(path: Path, evaluation: dict[str, Any]) -> Path:
 
 
 def _predicted(shot: Shot, views: F32, brightness: Sequence[float] | None) -> F32:
-    """Code views as the run did: with the weights that it corrected, if it did (runs of earlier versions did not)."""
+    """Code views as the run did: with the weights that it corrected, if it did."""
     weights = shot.weights if brightness is None else (shot.weights * np.array(brightness)).astype(np.float32)
     predicted: F32 = (
         Coding.of(replace(shot, weights=weights)).forward(torch.from_numpy(np.ascontiguousarray(views))).numpy()
@@ -152,18 +154,14 @@ def _predicted(shot: Shot, views: F32, brightness: Sequence[float] | None) -> F3
     return predicted
 
 
-def _notes(measured: Mapping[str, Any], shot: Shot) -> list[str]:
-    """Say in what the shot is not as the run saw it, as far as the report tells (those of earlier versions do not)."""
+def _notes(measured: Measured, shot: Shot) -> list[Finding]:
+    """Say in what the shot is not as the run saw it."""
     notes = []
-    mean, digest = measured.get("mean"), measured.get("masks_sha256")
-    ratio = float(shot.measurement.mean(dtype=np.float64)) / mean if mean else 1.0
+    ratio = float(shot.measurement.mean(dtype=np.float64)) / measured.mean if measured.mean else 1.0
     if abs(ratio - 1) > SAME_SCALE:
-        notes.append(
-            f"The shot's readings are {ratio:.3g} times those that were reconstructed, as if it was imported with "
-            "another scale: views and residual are off by as much."
-        )
-    if digest is not None and digest != masks_digest(shot):
-        notes.append("The shot's masks are not those of the reconstruction: the residual is that of the shot's.")
+        notes.append(finding(Code.OTHER_SCALE, ratio=ratio))
+    if measured.masks_sha256 != masks_digest(shot):
+        notes.append(finding(Code.OTHER_MASKS))
     return notes
 
 

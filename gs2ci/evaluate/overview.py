@@ -10,6 +10,7 @@ plotting state is touched.
 """
 
 import textwrap
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -20,9 +21,11 @@ from matplotlib.figure import Figure
 from matplotlib.text import Text
 
 from gs2ci.core.arrays import F32, F64
+from gs2ci.core.findings import Finding
 from gs2ci.core.records import Shot
 from gs2ci.core.run_records import RunResult
 from gs2ci.evaluate import panels
+from gs2ci.evaluate.report import OfViews, Report
 from gs2ci.evaluate.scales import error_ceiling, inverse_depth_limits, white_level
 from gs2ci.evaluate.trajectory import align
 
@@ -44,7 +47,7 @@ CHART_HEIGHT: Final = 2.2
 MAX_NOTE_LINES: Final = 4
 
 
-def write_overview(path: Path, shot: Shot, result: RunResult, report: dict[str, Any]) -> None:
+def write_overview(path: Path, shot: Shot, result: RunResult, report: Report) -> None:
     """Draw a run's overview and write it as PNG.
 
     Args:
@@ -56,7 +59,7 @@ def write_overview(path: Path, shot: Shot, result: RunResult, report: dict[str, 
     draw_overview(shot, result, report).savefig(path, dpi=DPI)
 
 
-def draw_overview(shot: Shot, result: RunResult, report: dict[str, Any]) -> Figure:
+def draw_overview(shot: Shot, result: RunResult, report: Report) -> Figure:
     """Draw a run's overview.
 
     Args:
@@ -68,7 +71,7 @@ def draw_overview(shot: Shot, result: RunResult, report: dict[str, Any]) -> Figu
     height, width = shot.size
     panel_width = float(np.clip(PANEL_HEIGHTS[1] * width / height, *PANEL_WIDTHS))
     panel_height = float(np.clip(panel_width * height / width, *PANEL_HEIGHTS))
-    notes = _note_lines(report["notes"], columns * panel_width)
+    notes = _note_lines(report.notes, columns * panel_width)
     page = _Page(columns, (panel_width, panel_height), len(notes))
     _header(page, report)
     panel = page.panels()
@@ -145,50 +148,49 @@ class _Page:
             width = self.width_of(text)
 
 
-def _header(page: _Page, report: dict[str, Any]) -> None:
+def _header(page: _Page, report: Report) -> None:
     top, right = page.height - 0.62, page.width - MARGIN
     for value, label in reversed(_headline(report)):
         number = page.text(right, top, value, fontsize=17, fontweight="bold", color=panels.INK, ha="right")
         below = page.text(right, top - 0.27, label, fontsize=panels.LABEL_PT, color=panels.MUTED, ha="right")
         right -= max(page.width_of(number), page.width_of(below)) + STAT_GAP
     room = right - MARGIN
-    name = " ".join(str(report["name"]).split())
+    name = " ".join(report.name.split())
     page.shorten(page.text(MARGIN, top, name, fontsize=20, fontweight="bold", color=panels.INK), room)
-    height, width = report["size"]
-    colors = report["cfa"] or ("RGB" if report["channels"] == 3 else "mono")
-    count = f"{report['gaussians']:,}".replace(",", "\u2009")
-    facts = [f"{report['views']} views from one exposure", f"{width} × {height}", colors, f"{count} Gaussians"]
+    height, width = report.size
+    colors = report.cfa or ("RGB" if report.channels == 3 else "mono")
+    count = f"{report.gaussians:,}".replace(",", "\u2009")
+    facts = [f"{report.views} views from one exposure", f"{width} × {height}", colors, f"{count} Gaussians"]
     style = {"fontsize": panels.LABEL_PT, "color": panels.MUTED}
     page.shorten(page.text(MARGIN, top - 0.27, "  ·  ".join(facts), **style), room)
-    stopped = page.text(MARGIN, top - 0.5, f"stopped: {report['stopped_because']}", **style)
+    stopped = page.text(MARGIN, top - 0.5, report.stopped.sentence, **style)
     page.shorten(stopped, page.width - 2 * MARGIN)
 
 
-def _headline(report: dict[str, Any]) -> list[tuple[str, str]]:
+def _headline(report: Report) -> list[tuple[str, str]]:
     """Choose the figures that matter most: value and label."""
     stats = []
-    if report["psnr_db"] is not None:
-        stats += [(f"{report['psnr_db']['mean']:.2f} dB", "PSNR"), (f"{report['ssim']['mean']:.3f}", "SSIM")]
-    if report["trajectory"] is not None and report["trajectory"]["nate"] is not None:
-        stats += [(f"{report['trajectory']['nate']:.4f}", "nATE")]
-    if report["psnr_db"] is None:
-        stats += [(f"{report['residual']['rms']:.4f}", "residual rms")]
-        heldout = report["residual"]["heldout_rms"][report["verdict"]]
-        stats += [] if heldout is None else [(f"{heldout:.4f}", "held-out rms")]
-    return [*stats, (f"{report['seconds']['total']:.0f} s", "in all")]
+    if report.psnr_db is not None and report.ssim is not None:
+        stats += [(f"{report.psnr_db.mean:.2f} dB", "PSNR"), (f"{report.ssim.mean:.3f}", "SSIM")]
+    if report.trajectory is not None and report.trajectory.nate is not None:
+        stats += [(f"{report.trajectory.nate:.4f}", "nATE")]
+    if report.psnr_db is None:
+        stats += [(f"{report.residual.rms:.4f}", "residual rms")]
+        stats += [] if report.heldout_rms is None else [(f"{report.heldout_rms:.4f}", "held-out rms")]
+    return [*stats, (f"{report.seconds['total']:.0f} s", "in all")]
 
 
-def _image_panels(panel: dict[str, Axes], shot: Shot, result: RunResult, report: dict[str, Any], *, view: int) -> None:
+def _image_panels(panel: dict[str, Axes], shot: Shot, result: RunResult, report: Report, *, view: int) -> None:
     of_all = f"view {view + 1} of {result.views.shape[0]}"
     bright = white_level(shot.measurement)
     kind = f"{shot.cfa} mosaic" if shot.cfa else "RGB" if shot.channels == 3 else "mono"
     panels.image(panel["measurement"], shot.measurement / np.float32(bright))
     panels.title(panel["measurement"], "Measurement", f"{kind}, white at {bright:.2f}")
     panels.image(panel["decode"], result.decode[view])
-    panels.title(panel["decode"], "Decode", of_all + _decibels(report["decode"], view))
+    panels.title(panel["decode"], "Decode", of_all + _decibels(report.decode.psnr_db, view))
     panels.image(panel["result"], result.views[view])
     name = "Result = decode" if result.verdict == "decode" else "Result"
-    panels.title(panel["result"], name, of_all + _decibels(report, view))
+    panels.title(panel["result"], name, of_all + _decibels(report.psnr_db, view))
     if shot.truth.views is not None:
         panels.image(panel["truth"], shot.truth.views[view])
         panels.title(panel["truth"], "Truth", of_all)
@@ -213,31 +215,34 @@ def _depth_panel(axes: Axes, result: RunResult, view: int) -> None:
     panels.title(axes, "Depth", f"view {view + 1}, {result.geometry.get('unit_of') or 'scene'} units")
 
 
-def _path_panel(axes: Axes, shot: Shot, result: RunResult, report: dict[str, Any]) -> None:
+def _path_panel(axes: Axes, shot: Shot, result: RunResult, report: Report) -> None:
     truth, recovered = shot.truth.world_to_camera, result.world_to_camera
     if truth is None:
         panels.title(axes, "Camera path", "from above")
         panels.camera_path(axes, _inverse(recovered), None)
         return
-    errors = report["trajectory"]
-    nate = "" if errors["nate"] is None else f"nATE {errors['nate']:.4f}  ·  "
-    panels.title(axes, "Camera path", f"{nate}{errors['rotation_deg']:.2f}°")
+    errors = report.trajectory
+    if errors is not None:
+        nate = "" if errors.nate is None else f"nATE {errors.nate:.4f}  ·  "
+        panels.title(axes, "Camera path", f"{nate}{errors.rotation_deg:.2f}°")
     panels.camera_path(axes, _inverse(align(recovered, truth).apply(recovered)), _inverse(truth))
 
 
-def _curve_panel(axes: Axes, report: dict[str, Any]) -> None:
-    if report["psnr_db"] is not None:
+def _curve_panel(axes: Axes, report: Report) -> None:
+    decode: float | None
+    if report.decode.psnr_db is not None:
         name, key, label = "Accuracy against time", "psnr_db", "PSNR, dB"
-        decode = report["decode"]["psnr_db"]["mean"]
+        decode = report.decode.psnr_db.mean
     else:
         name, key, label = "Held-out residual", "heldout", "held-out residual, rms"
-        decode = report["residual"]["heldout_rms"]["decode"]
+        decode = report.residual.heldout_rms.decode
     panels.title(axes, name)
-    rows = [row for row in report["curve"] if row[key] is not None and row["seconds"] > 0]
+    rows = [(look.seconds, value) for look in report.curve if (value := getattr(look, key)) is not None]
+    rows = [(seconds, value) for seconds, value in rows if seconds > 0]
     if not rows:
         panels.message(axes, "nothing was fitted")
         return
-    course = panels.Series([row["seconds"] for row in rows], [row[key] for row in rows])
+    course = panels.Series([seconds for seconds, _ in rows], [value for _, value in rows])
     level = None if decode is None else ("decode", decode)
     positive = min([*course.values, *([] if decode is None else [decode])]) > 0
     panels.time_curve(axes, course, label=label, level=level, log_values=key == "heldout" and positive)
@@ -247,14 +252,14 @@ def _inverse(poses: F64) -> F64:
     return np.asarray(np.linalg.inv(poses), dtype=np.float64)
 
 
-def _decibels(scores: dict[str, Any], view: int) -> str:
-    return "" if scores["psnr_db"] is None else f"  ·  {scores['psnr_db']['per_view'][view]:.2f} dB"
+def _decibels(psnr_db: OfViews | None, view: int) -> str:
+    return "" if psnr_db is None else f"  ·  {psnr_db.per_view[view]:.2f} dB"
 
 
-def _note_lines(notes: list[str], room: float) -> list[str]:
+def _note_lines(notes: Sequence[Finding], room: float) -> list[str]:
     """Break the notes into lines of `room` inches; what does not fit is left to the report, and said so."""
     # 9 pt DejaVu Sans sets 14 characters to the inch.
-    lines = [line for note in notes for line in textwrap.wrap(note, width=int(room * 14))]
+    lines = [line for note in notes for line in textwrap.wrap(note.sentence, width=int(room * 14))]
     if len(lines) > MAX_NOTE_LINES:
         lines = [*lines[: MAX_NOTE_LINES - 1], "More notes are in report.json."]
     return lines

@@ -13,10 +13,11 @@ import torch
 
 from gs2ci.core.cameras import pinhole
 from gs2ci.core.crop import middle_of
+from gs2ci.core.findings import Code, finding
 from gs2ci.core.records import Shot
 from gs2ci.core.run_records import VERDICTS, RunResult
-from gs2ci.evaluate.report import build_report
 from gs2ci.evaluate.run_folder import write_run
+from gs2ci.evaluate.run_report import build_report
 from gs2ci.render.gaussians import Gaussians
 
 _WARM_VIEW_PIXELS: Final = 20_000
@@ -60,7 +61,7 @@ def _blank(shot: Shot) -> RunResult:
         decode=grey,
         predicted_measurement=shot.measurement,
         curve=(),
-        stopped_because="this was a rehearsal",
+        stopped=finding(Code.FIT_ALL_DONE_UNJUDGED, iterations=0),
         seconds={"total": 0.0, "decode": 0.0, "geometry": 0.0, "fit": 0.0},
         gaussians=1,
         notes=(),

@@ -1,153 +1,280 @@
-"""What `report.json` says: the figures of one run, as plain JSON values. Schema `gs2ci.report/1`.
+"""What `report.json` holds: one typed model, each of its sections a model of its own. Schema `gs2ci.report/2`.
 
-Here: the report's content and its reading. Not here: the run folder's other files (`gs2ci.evaluate.run_folder`), the
-picture (`gs2ci.evaluate.overview`).
+A new section is a `Section` and an optional field of `Report`; `gs2ci.evaluate.run_report` fills it in. The JSON schema
+lies in `docs/report.schema.json` (`python -m tests.docs` writes it). Here: the model and its reading. Not here: where
+the figures come from (`gs2ci.evaluate.run_report`), the run folder's other files (`gs2ci.evaluate.run_folder`), what
+can be found and said (`gs2ci.core.findings`).
 """
 
-import hashlib
-import math
-from collections.abc import Mapping
-from dataclasses import asdict, is_dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Annotated, Any, Final, Literal, Self
 
-import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, JsonValue, ValidationError, model_validator
 
 from gs2ci.core.errors import StorageError
+from gs2ci.core.findings import Code, Finding
 from gs2ci.core.json_text import parse_json
-from gs2ci.core.records import Shot
-from gs2ci.core.run_records import RunResult
-from gs2ci.evaluate import environment
-from gs2ci.evaluate.metrics import image_scores, measurement_residual
-from gs2ci.evaluate.trajectory import trajectory_errors
+from gs2ci.core.run_records import SECONDS_KEYS, Verdict
 
-SCHEMA: Final = "gs2ci.report/1"
+SCHEMA: Final = "gs2ci.report/2"
 REPORT_NAME: Final = "report.json"
 
-_DECODE_SENTENCE: Final = (
-    "The scene does not explain the measurement better than the decode does: views.npy and the figures are the "
-    "decode's, what the scene shows is in scene_views.npy."
-)
-_FREE_SENTENCES: Final = {
-    "roll": "The camera path is too straight for its positions to tell the rotation about it to a degree; "
-    "rotation_deg takes that roll from the cameras' own orientations.",
-    "rotation": "A camera that stands still leaves the alignment without scale and rotation; rotation_deg takes "
-    "the rotation from the cameras' own orientations, and ate is at the estimate's own scale.",
-}
+# No figure of ours comes near, and what is drawn and written stays within the floating-point numbers.
+Number = Annotated[float, Field(ge=-1e100, le=1e100)]
+Count = Annotated[int, Field(ge=0, le=10**15)]
+
+_REMEDY: Final = "give the folder that `gs2ci reconstruct -o` wrote"
 
 
-def build_report(shot: Shot, result: RunResult) -> dict[str, Any]:
-    """Collect the figures of one run; what needs an unknown truth is None.
+class Section(BaseModel):
+    """Part of a report: no keys but its own, no value of another kind, no number that is not finite."""
 
-    `psnr_db`, `ssim` and `residual` speak of the recovered views; `scene` and `decode` of what these two alone give.
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
 
-    Args:
-        shot: The measurement, with its truth if there is one.
-        result: What was recovered from it.
+
+class OfViews(Section):
+    """A figure of every view, and its mean over them."""
+
+    mean: Number
+    per_view: list[Number]
+
+
+class Scores(Section):
+    """How close views are to the true ones; None where these are not known."""
+
+    psnr_db: OfViews | None
+    ssim: OfViews | None
+
+
+class Trajectory(Section):
+    """Errors of the camera path (`gs2ci.evaluate.trajectory`); None where the path is too short or stands still."""
+
+    ate: Number
+    nate: Number | None
+    translation_mean: Number
+    rotation_deg: Number
+    rpe_t: Number | None
+    rpe_r_deg: Number | None
+
+
+class HeldOut(Section):
+    """Residual of each candidate on the held-out pixels, rms in full scales; None where none were held out."""
+
+    refined: Number | None
+    scene: Number | None
+    decode: Number | None
+
+    def of(self, verdict: Verdict) -> float | None:
+        """Return that of one candidate."""
+        return {"refined": self.refined, "scene": self.scene, "decode": self.decode}[verdict]
+
+
+class ResidualSection(Section):
+    """What the result leaves of the measurement unexplained, in full scales of one view."""
+
+    rms: Number
+    mean_abs: Number
+    heldout_rms: HeldOut
+
+
+class Look(Section):
+    """One look at a running fit (`gs2ci.core.run_records.CurvePoint`)."""
+
+    seconds: Number
+    iteration: Count
+    loss: Number | None
+    heldout: Number | None
+    psnr_db: Number | None
+    gaussians: Count
+
+
+class Moved(Section):
+    """How far the fit moved the first poses, rms over the views."""
+
+    rotation_deg: Number
+    share_of_path: Number
+
+
+class GeometrySection(Section):
+    """The first camera path, and how far to believe it (`gs2ci.reconstruct.geometry`).
+
+    `method` found it, `asked_for` was asked; `path_error_expected` is a share of the path's extent, `unit_of` names
+    whose unit the lengths have, None for the scene's own.
     """
-    n, height, width, channels = result.views.shape
-    recovered, scene, decode = (
-        image_scores(views, shot.truth.views) for views in (result.views, result.scene_views, result.decode)
-    )
-    trajectory, sentences = _trajectory(shot, result)
-    residual = measurement_residual(result.predicted_measurement, shot.measurement, shot.saturated)
-    report = {
-        "schema": SCHEMA,
-        "name": shot.name,
-        "views": n,
-        "size": [height, width],
-        "channels": channels,
-        "cfa": shot.cfa,
-        "verdict": result.verdict,
-        "notes": [*([_DECODE_SENTENCE] if result.verdict == "decode" else []), *result.notes, *sentences],
-        **recovered,
-        "scene": scene,
-        "decode": decode,
-        "trajectory": trajectory,
-        "residual": {
-            **asdict(residual),
-            "heldout_rms": dict(result.heldout_rms),
-        },
-        "seconds": dict(result.seconds),
-        "curve": [asdict(point) for point in result.curve],
-        "gaussians": result.gaussians,
-        "stopped_because": result.stopped_because,
-        "ensemble": dict(result.ensemble),
-        "geometry": dict(result.geometry),
-        "brightness": result.brightness,
-        "measured": _measured(shot),
-        "peak_mib": round(environment.peak_mib(), 1),
-        "settings": dict(result.settings),
-        "seed": result.seed,
-        "versions": environment.versions(),
-        "machine": environment.machine(),
-        "provenance": shot.provenance,
-    }
-    plain: dict[str, Any] = plain_json(report)
-    return plain
+
+    method: str
+    asked_for: str
+    proxy: str
+    verdict: Literal["full", "rotation_only", "static", "unsupported"]
+    focal_px: Number
+    focal_source: Literal["file", "estimated", "default"]
+    tracks: Count
+    reprojection_rms_px: Number
+    parallax_px: Number
+    path_error_expected: Number | None
+    reference: Count
+    unit_of: str | None
+    moved: Moved
 
 
-def plain_json(value: Any) -> Any:
-    """Reduce a value to what JSON can hold; a number that is not finite becomes None, the unknown its text."""
-    match value:
-        case None | bool() | int() | str():
-            return value
-        case float():
-            return value if math.isfinite(value) else None
-        case np.generic() | np.ndarray():
-            return plain_json(value.tolist())
-        case Mapping():
-            return {str(key): plain_json(item) for key, item in value.items()}
-        case list() | tuple():
-            return [plain_json(item) for item in value]
-        case _ if is_dataclass(value) and not isinstance(value, type):
-            return plain_json(asdict(value))
-        case _:
-            return str(value)
+class EnsembleSection(Section):
+    """How many fits there were, how many the views are the mean of, and how far apart their views lie, full scale 1."""
+
+    fits: Count
+    averaged: Count
+    spread: Number | None
 
 
-def read_report(folder: Path, schema: str = SCHEMA) -> dict[str, Any]:
-    """Read the report of a run folder, or of another folder of ours with a report of another schema.
+class Measured(Section):
+    """What the measurement and its masks are like, before anything is solved; shares are of pixels."""
+
+    mean: Number
+    masks_sha256: str
+    open_share: Number
+    grey_share: Number
+    closed_share: Number
+    saturated_share: Number | None
+    weights: tuple[Number, Number]
+    telemetry: bool
+
+
+class SimulatedEffect(Section):
+    """What the simulator decided about one effect; the bound is what leaving it out would change, DN rms."""
+
+    bound_rms_dn: Number | Literal["unavoidable"]
+    simulated: bool
+    why: str
+    sampling: str
+
+
+class Simulation(Section):
+    """How a simulated exposure was made (`gs2ci_sims.planner`)."""
+
+    tolerance_dn: Number
+    error_dn: Number
+    views: Count
+    effects: dict[str, SimulatedEffect]
+
+
+class Machine(Section):
+    """What decides the seconds (`gs2ci.evaluate.environment`)."""
+
+    processor: str
+    architecture: str
+    usable_cores: Count
+    memory_mib: Count
+    system: str
+
+
+class Report(Section):
+    """One run.
+
+    `psnr_db`, `ssim` and `residual` speak of the recovered views, `verdict` says whose they are; `scene` and `decode`
+    of what these two alone give. What needs an unknown truth is None.
+    """
+
+    schema_name: Literal["gs2ci.report/2"] = Field(SCHEMA, alias="schema")
+    name: str
+    views: Count = Field(ge=1)
+    size: tuple[Count, Count]
+    channels: Count
+    cfa: str | None
+    verdict: Verdict
+    notes: list[Finding]
+    psnr_db: OfViews | None
+    ssim: OfViews | None
+    scene: Scores
+    decode: Scores
+    trajectory: Trajectory | None
+    residual: ResidualSection
+    seconds: dict[str, Number]
+    curve: list[Look]
+    gaussians: Count
+    stopped: Finding
+    ensemble: EnsembleSection | None = None
+    geometry: GeometrySection | None = None
+    brightness: list[Number] | None = None
+    measured: Measured
+    simulation: Simulation | None = None
+    peak_mib: Number
+    settings: dict[str, JsonValue]
+    seed: int
+    versions: dict[str, str]
+    machine: Machine
+    provenance: dict[str, JsonValue]
+
+    @model_validator(mode="after")
+    def _agrees_with_itself(self) -> Self:
+        """Refuse a report whose parts contradict each other.
+
+        Raises:
+            ValueError: A time is missing, or scores are of another number of views, or of some candidates only.
+        """
+        missing = [key for key in SECONDS_KEYS if key not in self.seconds]
+        if missing:
+            raise ValueError(f"seconds of {', '.join(missing)} are missing")
+        own = Scores(psnr_db=self.psnr_db, ssim=self.ssim)
+        every = [found for scores in (own, self.scene, self.decode) for found in (scores.psnr_db, scores.ssim)]
+        if any((found is None) != (every[0] is None) for found in every):
+            raise ValueError("some candidates are scored against the truth, and some are not")
+        if any(found is not None and len(found.per_view) != self.views for found in every):
+            raise ValueError(f"scores of another number of views than {self.views}")
+        return self
+
+    @property
+    def heldout_rms(self) -> float | None:
+        """Get the residual of the recovered views on the held-out pixels."""
+        return self.residual.heldout_rms.of(self.verdict)
+
+    def found(self, code: Code) -> Finding | None:
+        """Return the first finding of a kind; None where there is none."""
+        return next((note for note in (self.stopped, *self.notes) if note.code is code), None)
+
+    def text(self) -> str:
+        """Write it as JSON, a line for each value."""
+        return self.model_dump_json(by_alias=True, indent=1) + "\n"
+
+
+def read_report(folder: Path) -> Report:
+    """Read the report of a run folder.
 
     Raises:
-        StorageError: There is none, it is cut short, or its schema is another.
+        StorageError: There is none, it is cut short, of another version, or not what its schema promises.
     """
     path = Path(folder) / REPORT_NAME
-    remedy = "give the folder that `gs2ci reconstruct -o` wrote" if schema == SCHEMA else ""
+    found = schema_of(folder)
+    if found != SCHEMA:
+        ours = isinstance(found, str) and found.startswith("gs2ci.report/")
+        remedy = "reconstruct again, or read it with the version of gs2ci that wrote it" if ours else _REMEDY
+        raise StorageError(f"{path} has schema {found!r}", allowed=SCHEMA, remedy=remedy)
+    try:
+        return Report.model_validate_json(path.read_bytes())
+    except (OSError, ValidationError) as error:
+        raise StorageError(
+            f"{path} does not hold what its schema promises: {_first_of(error)}",
+            allowed="what docs/report.schema.json describes",
+            remedy="reconstruct again",
+        ) from error
+
+
+def schema_of(folder: Path) -> Any:
+    """Return the name of the schema of a folder's report, whatever else it holds.
+
+    Raises:
+        StorageError: There is no report, or it is no JSON.
+    """
+    path = Path(folder) / REPORT_NAME
     try:
         report = parse_json(path.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
         reason = (isinstance(error, OSError) and error.strerror) or error
-        raise StorageError(f"{path} cannot be read: {reason}", remedy=remedy) from error
-    if not isinstance(report, dict) or report.get("schema") != schema:
-        found = report.get("schema") if isinstance(report, dict) else type(report).__name__
-        raise StorageError(f"{path} has schema {found!r}", allowed=schema, remedy=remedy)
-    return report
+        raise StorageError(f"{path} cannot be read: {reason}", remedy=_REMEDY) from error
+    return report.get("schema") if isinstance(report, dict) else None
 
 
-def masks_digest(shot: Shot) -> str:
-    """Digest the masks, so that a report tells which they were."""
-    return hashlib.sha256(np.ascontiguousarray(shot.masks, "<f4").tobytes()).hexdigest()
-
-
-def _measured(shot: Shot) -> dict[str, Any]:
-    """Say what the measurement and its masks are like, before anything is solved."""
-    return {
-        "mean": float(shot.measurement.mean(dtype=np.float64)),
-        "masks_sha256": masks_digest(shot),
-        "open_share": float(shot.masks.mean(dtype=np.float64)),
-        "grey_share": float(np.mean((shot.masks > 0) & (shot.masks < shot.masks.max()))),
-        "closed_share": float(np.mean(~shot.lit)),
-        "saturated_share": None if shot.saturated is None else float(shot.saturated.mean()),
-        "weights": [float(shot.weights.min()), float(shot.weights.max())],
-        "telemetry": shot.telemetry_world_to_camera is not None,
-    }
-
-
-def _trajectory(shot: Shot, result: RunResult) -> tuple[dict[str, float | None] | None, list[str]]:
-    truth = shot.truth.world_to_camera
-    if truth is None:
-        return None, []
-    errors = asdict(trajectory_errors(result.world_to_camera, truth))
-    free = errors.pop("free")
-    return errors, [_FREE_SENTENCES[free]] if free in _FREE_SENTENCES else []
+def _first_of(error: OSError | ValidationError) -> str:
+    """Say where the first contradiction lies, and what it is."""
+    if isinstance(error, OSError):
+        return str(error)
+    first = error.errors(include_url=False, include_input=False)[0]
+    return f"{'.'.join(str(part) for part in first['loc']) or 'the whole'}: {first['msg']}"

@@ -1,7 +1,7 @@
 """The run folder: everything one reconstruction leaves behind, written whole or not at all.
 
     run/
-      report.json    the figures, schema gs2ci.report/1 (gs2ci.evaluate.report)
+      report.json    the figures, schema gs2ci.report/2 (gs2ci.evaluate.report)
       report.html    the page to look at first (gs2ci.evaluate.pages)
       overview.png   one picture of the run
       given.npz      what the page shows of the shot: 8-bit measurement and truth, true and stage's poses
@@ -40,7 +40,8 @@ from gs2ci.evaluate.cameras import nerfstudio_transforms, view_names, write_colm
 from gs2ci.evaluate.overview import write_overview
 from gs2ci.evaluate.pages.run_evidence import GIVEN_NAME, write_given
 from gs2ci.evaluate.pages.run_page import write_run_page
-from gs2ci.evaluate.report import REPORT_NAME, SCHEMA, build_report, read_report
+from gs2ci.evaluate.report import REPORT_NAME, SCHEMA, schema_of
+from gs2ci.evaluate.run_report import build_report
 from gs2ci.render.gaussians import Gaussians
 from gs2ci.render.ply import write_ply
 
@@ -73,7 +74,7 @@ def write_run(folder: Path, shot: Shot, result: RunResult, scene: Gaussians, *, 
         _write_images(partial, result)
         _write_scene(partial, result, scene)
         write_overview(partial / "overview.png", shot, result, report)
-        (partial / REPORT_NAME).write_text(json.dumps(report, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+        (partial / REPORT_NAME).write_text(report.text(), encoding="utf-8")
         write_given(partial / GIVEN_NAME, shot)
         write_run_page(partial)
     return folder
@@ -85,7 +86,7 @@ def check_destination(folder: Path, *, overwrite: bool = False, schema: str = SC
     Args:
         folder: The place.
         overwrite: Whether an earlier run may be replaced.
-        schema: Of the report that an earlier run holds.
+        schema: Of the report that an earlier run holds, of whatever version.
 
     Raises:
         StorageError: The place holds a file, an earlier run that may not be replaced, or a folder that is no run; or
@@ -110,14 +111,21 @@ def check_destination(folder: Path, *, overwrite: bool = False, schema: str = SC
             allowed="a new or an empty folder",
             remedy="choose another place with -o, or add --overwrite to replace an earlier run",
         )
-    try:
-        read_report(folder, schema)
-    except StorageError as error:
+    if not _holds(folder, schema.partition("/")[0]):
         raise StorageError(
             f"{folder} holds something other than a run, which is not replaced",
             allowed="a folder with a report.json of ours",
             remedy="choose another place with -o",
-        ) from error
+        )
+
+
+def _holds(folder: Path, kind: str) -> bool:
+    """Tell whether a folder holds a report of a kind, of whatever version."""
+    try:
+        found = schema_of(folder)
+    except StorageError:
+        return False
+    return isinstance(found, str) and found.partition("/")[0] == kind
 
 
 @contextmanager

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from gs2ci.core.arrays import F32, F64
+from gs2ci.core.findings import Code, Finding, finding
 from gs2ci.core.progress import Progress
 from gs2ci.reconstruct.choices import ProxyName
 from gs2ci.reconstruct.decode.gap_tv import GapTvSettings, gap_tv
@@ -57,14 +58,12 @@ class FirstLook:
     brightness: F64 | None
 
     @property
-    def notes(self) -> tuple[str, ...]:
+    def notes(self) -> tuple[Finding, ...]:
         """Get what is to be said of the brightness."""
         if self.brightness is None:
             return ()
-        return (
-            f"Views were {self.brightness.min():.2f} to {self.brightness.max():.2f} times as bright as their weights "
-            "say; the weights were corrected by what the measurement shows.",
-        )
+        least, most = float(self.brightness.min()), float(self.brightness.max())
+        return (finding(Code.WEIGHTS_CORRECTED, least=least, most=most),)
 
 
 def look(
@@ -106,7 +105,7 @@ def look(
     brightness = None if jury.shot.weights is weights else _ratio(jury.shot.weights, weights)
     found = FirstLook(jury, decoded, geometry, brightness)
     for note in found.notes:
-        progress.say(note)
+        progress.say(note.sentence)
     return found
 
 

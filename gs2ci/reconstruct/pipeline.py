@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 from gs2ci.core.arrays import F32
+from gs2ci.core.findings import Code, Finding, finding
 from gs2ci.core.progress import Progress, Silent
 from gs2ci.core.records import Shot
 from gs2ci.core.run_records import RunResult, Verdict
@@ -47,7 +48,6 @@ from gs2ci.render.interface import Backend
 # What is put back into a scene's views has to explain so much more, as a share of what they leave. In the dark a few
 # thousandths are chance, and what was put back is noise: it cost up to 6 dB.
 _LEAST_GAIN: Final = 0.01
-_UNJUDGED: Final = "No pixel was held out, so nothing tells whether the scene is better than the decode; both are kept."
 
 
 @dataclass(frozen=True)
@@ -162,13 +162,13 @@ def _is_better(views: F32, than: F32, jury: Jury) -> bool:
     return one is not None and other is not None and one < other
 
 
-def _examined(shot: Shot, progress: Progress) -> tuple[Shot, tuple[str, ...]]:
+def _examined(shot: Shot, progress: Progress) -> tuple[Shot, tuple[Finding, ...]]:
     """Return the shot with its dead lines and hot pixels closed, and what is to be doubted about it."""
     alive, dead = close_dead_lines(shot)
     sound, hot = close_hot_pixels(alive)
     doubts = (*doubts_about(shot), *dead, *hot)
     for doubt in doubts:
-        progress.say(doubt)
+        progress.say(doubt.sentence)
     return sound, doubts
 
 
@@ -238,7 +238,7 @@ def _recover(jury: Jury, decoded: F32, ensemble: Ensemble, refine: Refinement) -
     candidates: dict[Verdict, F32] = {"refined": refined, "scene": ensemble.best.views, "decode": decoded}
     heldout_rms = {name: jury.residual_rms(views) for name, views in candidates.items()}
     verdict = _judge(heldout_rms)
-    notes = doubts_about_result(jury, candidates[verdict]) if jury.heldout.any() else (_UNJUDGED,)
+    notes = doubts_about_result(jury, candidates[verdict]) if jury.heldout.any() else (finding(Code.UNJUDGED),)
     if verdict == "refined":  # the pixels that judged may now help as well
         candidates["refined"] = refine.by_all_pixels(ensemble.views, share)
     return Recovered(candidates[verdict], verdict, heldout_rms, notes)

@@ -9,6 +9,7 @@ from dataclasses import asdict, dataclass, replace
 import torch
 
 from gs2ci.core.arrays import F32
+from gs2ci.core.findings import Code, Finding, finding
 from gs2ci.core.records import Shot
 from gs2ci.core.run_records import CurvePoint, RunResult, Verdict
 from gs2ci.reconstruct.first_look import FirstLook
@@ -27,14 +28,14 @@ class Recovered:
     views: F32
     verdict: Verdict
     heldout_rms: dict[Verdict, float | None]
-    notes: tuple[str, ...]
+    notes: tuple[Finding, ...]
 
 
 @dataclass(frozen=True)
 class Left:
     """What the stages left, in their order."""
 
-    doubts: tuple[str, ...]
+    doubts: tuple[Finding, ...]
     look: FirstLook
     geometry: Geometry
     ensemble: Ensemble
@@ -68,7 +69,7 @@ def record(shot: Shot, settings: Settings, left: Left, score: Score | None, seco
         distortion=shot.distortion,
         predicted_measurement=Coding.of(lit).forward(torch.from_numpy(recovered.views)).numpy(),
         curve=(*fit.curve, *_last_point(left, score, seconds["total"])),
-        stopped_because=fit.stopped_because,
+        stopped=fit.stopped,
         seconds=seconds,
         gaussians=len(fit.scene),
         notes=_notes(left, settings, moved),
@@ -83,7 +84,7 @@ def record(shot: Shot, settings: Settings, left: Left, score: Score | None, seco
     ).check()
 
 
-def _notes(left: Left, settings: Settings, moved: Movement) -> tuple[str, ...]:
+def _notes(left: Left, settings: Settings, moved: Movement) -> tuple[Finding, ...]:
     """Gather what every stage has to say, in their order."""
     geometry, ensemble = left.geometry, left.ensemble
     return (
@@ -92,11 +93,11 @@ def _notes(left: Left, settings: Settings, moved: Movement) -> tuple[str, ...]:
     )
 
 
-def _fits_missing(ensemble: Ensemble, settings: Settings) -> tuple[str, ...]:
+def _fits_missing(ensemble: Ensemble, settings: Settings) -> tuple[Finding, ...]:
     there = 1 + len(ensemble.others)
     if there == settings.fits:
         return ()
-    return (f"{there} of {settings.fits} fits came to an end: the others left the finite numbers, or found no time.",)
+    return (finding(Code.FITS_MISSING, fits=there, of=settings.fits),)
 
 
 def _last_point(left: Left, score: Score | None, seconds: float) -> tuple[CurvePoint, ...]:
@@ -108,16 +109,14 @@ def _last_point(left: Left, score: Score | None, seconds: float) -> tuple[CurveP
     return (replace(fit.curve[-1], seconds=seconds, heldout=heldout, psnr_db=psnr_db),)
 
 
-def _notes_on_poses(moved: Movement, geometry: Geometry) -> tuple[str, ...]:
+def _notes_on_poses(moved: Movement, geometry: Geometry) -> tuple[Finding, ...]:
     source = geometry.source
     if source == "tracks":
         return ()
     if geometry.verdict != "full":
-        return (
-            f"The poses of the {source} were not taken: the views do not bear out a path, and the fit began without.",
-        )
+        return (finding(Code.POSES_NOT_TAKEN, source=source),)
     share, rotation_deg = moved.share_of_path, moved.rotation_deg
-    return (f"The fit moved the poses of the {source} by {share:.1%} of the path and {rotation_deg:.3f}°.",)
+    return (finding(Code.POSES_MOVED, source=source, share=share, rotation_deg=rotation_deg),)
 
 
 def _summary(geometry: Geometry, settings: Settings) -> dict[str, object]:

@@ -9,17 +9,15 @@ look again, and what is found. Not here: the fits and the choice between them (`
 """
 
 from dataclasses import replace
-from typing import Final
 
 from gs2ci.core.arrays import F32
+from gs2ci.core.findings import Code, finding
 from gs2ci.core.progress import Progress
 from gs2ci.reconstruct.first_look import FirstLook, LookSettings
 from gs2ci.reconstruct.geometry.choose import is_doubtful
 from gs2ci.reconstruct.geometry.initialise import Geometry, GeometrySettings
 from gs2ci.reconstruct.geometry.prior import Request, from_tracks
 from gs2ci.reconstruct.measurement.lens import Lens
-
-_AGAIN: Final = "The first camera path was doubtful; it was found again in the views of a first fit, and fitted again."
 
 
 def is_wanted(first: Geometry, settings: GeometrySettings) -> bool:
@@ -51,6 +49,6 @@ def second_look(
         found,
         source=before.source,
         path_error_expected=before.path_error_expected,
-        notes=(*before.notes, _AGAIN),
+        notes=(*before.notes, finding(Code.PATH_FOUND_AGAIN)),
     )
     return replace(first, geometry=geometry)

@@ -1,7 +1,6 @@
 """What mask calibration costs: simulated benches of known truth, calibrated through their drivers.
 
 Here: the benches, and the work of one cell. Not here: the table (`tables`), the calibration (`gs2ci_calibration`).
-Cells name `calibrate_masks`.
 """
 
 from collections.abc import Mapping

@@ -9,12 +9,13 @@ from pathlib import Path
 from typing import Any, Final
 
 from gs2ci.core.errors import InputError
-from gs2ci.tables.calibration import BENCHES, FRAMES
+from gs2ci.tables.calibration import BENCHES, FRAMES, calibrate_masks
 from gs2ci.tables.cases import Case
 from gs2ci.tables.cells import Cell
 from gs2ci.tables.names import TableName
-from gs2ci.tables.simulation import EVERYTHING, TOLERANCES_DN, rig_cases
+from gs2ci.tables.simulation import EVERYTHING, TOLERANCES_DN, rig_cases, simulate_rig
 from gs2ci.tables.variants import ABLATION, GEOMETRY, RULES, VARIANTS
+from gs2ci.tables.works import initialise_case, reconstruct_case
 
 SIMULATED: Final = ("boxes", "thicket", "motorcycle", "corridor")
 TEXTURELESS: Final = "textureless"
@@ -34,7 +35,6 @@ CONDITIONS: Final[dict[str, dict[str, Any]]] = {
     "with a stage": {"stage_off": 0.0},
     **{f"with a stage off by {percent} %": {"stage_off": percent / 100} for percent in (1, 5)},
 }
-CALIBRATE: Final = "gs2ci.tables.calibration:calibrate_masks"
 
 
 @dataclass(frozen=True)
@@ -197,12 +197,12 @@ def reconstruction(case: Case, variant: str, seed: int) -> Cell:
     """Make the cell that reconstructs a case with a variant of the settings."""
     files = (case.file,) if case.file else ()
     arguments = {"case": asdict(case), "variant": variant, "seed": seed}
-    return Cell("gs2ci.tables.works:reconstruct_case", arguments, files)
+    return Cell(reconstruct_case, arguments, files)
 
 
 def initialisation(case: Case, variant: str, seed: int) -> Cell:
     """Make the cell that finds a case's first geometry with a variant of the settings."""
-    return replace(reconstruction(case, variant, seed), work="gs2ci.tables.works:initialise_case")
+    return replace(reconstruction(case, variant, seed), work=initialise_case)
 
 
 def _variants(
@@ -243,7 +243,7 @@ def _tolerances(options: Options) -> list[Entry]:
 
 def _simulation(case: Case, tolerance_dn: float | None, seed: int) -> Cell:
     arguments = {"file": case.file, "tolerance_dn": tolerance_dn, "seed": seed}
-    return Cell("gs2ci.tables.simulation:simulate_rig", arguments, (case.file,))
+    return Cell(simulate_rig, arguments, (case.file,))
 
 
 def bench_cases(_folder: Path | None) -> tuple[Case, ...]:
@@ -258,7 +258,7 @@ def _calibrations(options: Options) -> list[Entry]:
     }
     ways |= {f"predicted, {frames} frames": {"frames": frames, "fast": True} for frames in FRAMES}
     return [
-        Entry(case.name, line, Cell(CALIBRATE, {"bench": case.name, "seed": seed, **ways[line]}))
+        Entry(case.name, line, Cell(calibrate_masks, {"bench": case.name, "seed": seed, **ways[line]}))
         for case in options.cases
         for line in _chosen(tuple(ways), options.lines)
         for seed in range(options.seeds)

@@ -1,16 +1,15 @@
 """One piece of work: what is done, with which arguments, and the row of figures that comes out.
 
 Here: `Cell`, and doing one. Not here: what is done (`works`), who does it (`workers`), keeping it (`store`), which
-cells are needed (`tables`). For this package and the commands.
+cells are needed (`catalogue`).
 """
 
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from pkgutil import resolve_name
 from typing import Any
 
-from gs2ci.core.errors import Gs2ciError
+from gs2ci.core.errors import Gs2ciError, InputError
 from gs2ci.tables.store import Row, content_key
 
 
@@ -19,14 +18,29 @@ class Cell:
     """One piece of work.
 
     Args:
-        work: "module:function" of what is called; it returns the row.
+        work: What is called; it returns the row. A function of a module, which other processes and machines find by
+            its name, and which the result on disk is named by.
         arguments: Its arguments: plain values, such as JSON holds.
         files: Paths of the files it reads.
     """
 
-    work: str
+    work: Callable[..., Row]
     arguments: Mapping[str, Any]
     files: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        """Refuse what no other process would find.
+
+        Raises:
+            InputError: The function is no module's own: a lambda, a method, or made within another.
+        """
+        if not self.work.__qualname__.isidentifier():
+            raise InputError(f"{self.name} as the work of a cell", allowed="a function of a module")
+
+    @property
+    def name(self) -> str:
+        """Get the name of its work."""
+        return f"{self.work.__module__}:{self.work.__qualname__}"
 
     @property
     def key(self) -> str:
@@ -35,14 +49,14 @@ class Cell:
         Raises:
             StorageError: A file cannot be read.
         """
-        return content_key(self.work, self.arguments, self.files)
+        return content_key(self.name, self.arguments, self.files)
 
 
 def run(cell: Cell) -> Row:
     """Do the work; an error of ours becomes a row that says so, so that one bad cell does not cost the table."""
     began_s = time.monotonic()
     try:
-        row = resolve_name(cell.work)(**cell.arguments)
+        row = cell.work(**cell.arguments)
     except Gs2ciError as error:
         row = {"error": str(error)}
     return {**row, "cell_seconds": time.monotonic() - began_s, "arguments": dict(cell.arguments)}

@@ -1,6 +1,6 @@
 """What cells do: plain arguments in, a row of figures out.
 
-Not here: which of them a table needs (`tables`). Cells name these functions; nothing else calls them.
+Not here: which of them a table needs (`catalogue`).
 """
 
 import time
@@ -8,7 +8,7 @@ from dataclasses import replace
 from typing import Any
 
 from gs2ci.core.progress import Silent
-from gs2ci.evaluate.report import build_report
+from gs2ci.evaluate.run_report import build_report
 from gs2ci.evaluate.trajectory import trajectory_errors
 from gs2ci.reconstruct.first_look import look
 from gs2ci.reconstruct.geometry.choose import load_geometry_prior
@@ -35,18 +35,18 @@ def reconstruct_case(case: dict[str, Any], variant: str, seed: int) -> Row:
     """
     shot = Case.of(case).shot(seed)
     report = build_report(shot, reconstruct(shot, settings_of(variant, seed)).result)
-    psnr, ssim, trajectory = report["psnr_db"], report["ssim"], report["trajectory"]
-    decode_psnr = report["decode"]["psnr_db"]
+    psnr, ssim, trajectory = report.psnr_db, report.ssim, report.trajectory
+    decode_psnr = report.decode.psnr_db
     return {
-        "psnr_db": psnr and psnr["mean"],
-        "ssim": ssim and ssim["mean"],
-        "nate": trajectory and trajectory["nate"],
-        "decode_psnr_db": decode_psnr and decode_psnr["mean"],
-        "heldout_rms": report["residual"]["heldout_rms"][report["verdict"]],
-        "seconds": report["seconds"]["total"],
-        "gaussians": report["gaussians"],
-        "verdict": report["verdict"],
-        "stopped_because": report["stopped_because"],
+        "psnr_db": psnr and psnr.mean,
+        "ssim": ssim and ssim.mean,
+        "nate": trajectory and trajectory.nate,
+        "decode_psnr_db": decode_psnr and decode_psnr.mean,
+        "heldout_rms": report.heldout_rms,
+        "seconds": report.seconds["total"],
+        "gaussians": report.gaussians,
+        "verdict": report.verdict,
+        "stopped": report.stopped.code.value,
     }
 
 
@@ -81,5 +81,5 @@ def initialise_case(case: dict[str, Any], variant: str, seed: int) -> Row:
         "seconds": seconds,
         "source": geometry.source,
         "verdict": geometry.verdict,
-        "notes": list(geometry.notes),
+        "notes": [note.sentence for note in geometry.notes],
     }

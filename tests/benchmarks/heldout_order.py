@@ -49,7 +49,7 @@ def run() -> None:
     for case in cases:
         arguments = [{"case": asdict(case), "trial": name, "seed": 0} for name in NAMES]
         files = (case.file,) if case.file else ()
-        cells = [Cell("tests.benchmarks.heldout_order:tried_on_case", one, files) for one in arguments]
+        cells = [Cell(tried_on_case, one, files) for one in arguments]
         rows = [row for row in complete(cells, Store(KEPT)) if "error" not in row]
         found = agreement(rows)
         if found is None or found.tau is None:

@@ -38,7 +38,7 @@ def run() -> None:
             assert truth is not None
             values = [*found.scene.parameters().values()]
             finite = all(bool(tensor.isfinite().all()) for tensor in values) and bool(np.isfinite(result.views).all())
-            went_back = sum("back to iteration" in note for note in result.notes)
+            went_back = sum("back to iteration" in note.sentence for note in result.notes)
             print(
                 f"{name:8} {seed:4}  {result.curve[-1].iteration:10}  {went_back:9}  {'yes' if finite else 'NO':6}"
                 f"  {result.gaussians:9}  {_psnr_db(result.scene_views, truth):8.2f}  {result.seconds['total']:6.1f}",

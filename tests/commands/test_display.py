@@ -1,5 +1,4 @@
 import io
-import json
 import time
 
 import pytest
@@ -13,7 +12,9 @@ from gs2ci.commands.display import (
     print_summary,
 )
 from gs2ci.core.errors import InputError, StorageError
+from gs2ci.core.findings import Code, finding
 from gs2ci.core.progress import Progress
+from tests.evaluate.reports import a_report
 
 
 class StepClock:
@@ -258,29 +259,24 @@ def test_figures_read_as_a_person_writes_them(figures, text):
     assert describe_figures(figures) == text
 
 
-REPORT = {
-    "schema": "gs2ci.report/1",
+FOCAL = finding(Code.FOCAL_ASSUMED, why="[nobody] told it", view_angle_deg=60.0)
+SCORES = {
     "name": "fern [smooth]",
     "views": 2,
-    "verdict": "refined",
-    "notes": ["The focal length was [estimated]."],
     "psnr_db": {"mean": 31.02, "per_view": [30.9, 31.14]},
     "ssim": {"mean": 0.9421, "per_view": [0.94, 0.9442]},
+    "scene": {"psnr_db": {"mean": 30.0, "per_view": [30.0] * 2}, "ssim": {"mean": 0.93, "per_view": [0.93] * 2}},
     "decode": {
         "psnr_db": {"mean": 24.17, "per_view": [24, 24.34]},
         "ssim": {"mean": 0.71, "per_view": [0.7, 0.72]},
     },
-    "trajectory": {"ate": 0.004, "nate": 0.001, "rotation_deg": 0.1, "rpe_t": 0.003, "rpe_r_deg": 0.02},
-    "residual": {"rms": 0.03, "mean_abs": 0.02, "heldout_rms": {"refined": 0.03, "scene": 0.031, "decode": 0.052}},
-    "seconds": {"total": 86.2, "decode": 4.0, "geometry": 4.2, "fit": 78.0},
-    "gaussians": 13000,
-    "peak_mib": 812.3,
-    "stopped_because": "the held-out pixels stopped improving",
+    "residual__heldout_rms": {"refined": 0.03, "scene": 0.031, "decode": 0.052},
 }
 
 
 def summary(tmp_path, **changes):
-    (tmp_path / "report.json").write_text(json.dumps({**REPORT, **changes}))
+    report = a_report(FOCAL, finding(Code.SATURATED, share=0.2), **{**SCORES, **changes})
+    (tmp_path / "report.json").write_text(report.text())
     console = pipe()
     print_summary(tmp_path, console)
     return console.file.getvalue()
@@ -299,25 +295,26 @@ def test_the_summary_says_how_good_how_long_and_where(tmp_path):
         "decode 4.0 s, geometry 4.2 s, fit 78.0 s",
         "held-out",
         "scene 0.0310, decode 0.0520",
-        "The fit stopped because: the held-out pixels stopped improving.",
-        "The focal length was [estimated].",
+        "The fit ended because the held-out pixels stopped improving; they were best at iteration 500.",
+        "The focal length is not known and [nobody] told it; a horizontal",
+        "Give it if you know it: `gs2ci reconstruct --focal-px`.",
+        "say only «at least». Use less light",
         "report.html",
     ):
-        assert part in text
+        assert part in " ".join(text.split())
     assert "\x1b" not in text
 
 
 def test_the_summary_leaves_out_what_is_not_known(tmp_path):
-    residual = {**REPORT["residual"], "heldout_rms": {"refined": None, "scene": None, "decode": None}}
-    text = summary(tmp_path, psnr_db=None, ssim=None, trajectory=None, residual=residual)
+    nobody, unscored = {"refined": None, "scene": None, "decode": None}, {"psnr_db": None, "ssim": None}
+    text = summary(tmp_path, **unscored, scene=unscored, decode=unscored, trajectory=None, residual__heldout_rms=nobody)
     for part in ("PSNR", "SSIM", "nATE", "rotation", "held-out  ", "None"):
         assert part not in text
     assert "0.0300 rms" in text
 
 
 def test_the_summary_of_a_camera_that_stands_still_has_no_nate(tmp_path):
-    errors = {"ate": 0.1, "nate": None, "rotation_deg": 0.1, "rpe_t": None, "rpe_r_deg": None}
-    text = summary(tmp_path, trajectory=errors)
+    text = summary(tmp_path, trajectory__nate=None, trajectory__rpe_t=None, trajectory__rpe_r_deg=None)
     assert "nATE" not in text
     assert "0.100°" in text
 

@@ -7,6 +7,7 @@ import torch
 
 from gs2ci.commands import evaluate
 from gs2ci.core.errors import InputError
+from gs2ci.core.findings import Code, finding
 from gs2ci.core.records import Shot, Truth
 from gs2ci.core.run_records import VERDICTS, RunResult
 from gs2ci.core.storage import read_shot, write_shots
@@ -28,7 +29,8 @@ def finished(tmp_path):
     result = RunResult(
         views=grey + np.float32(0.01), scene_views=grey, depth=grey[..., 0], world_to_camera=poses,
         intrinsics=np.array([[20.0, 0, 8], [0, 20, 6], [0, 0, 1]]), decode=grey, predicted_measurement=2 * grey[0],
-        curve=(), stopped_because="it was done", seconds=dict.fromkeys(("total", "decode", "geometry", "fit"), 1.0),
+        curve=(), stopped=finding(Code.FIT_STALLED, best=1),
+        seconds=dict.fromkeys(("total", "decode", "geometry", "fit"), 1.0),
         gaussians=1, notes=(), settings={}, seed=0, verdict="refined", heldout_rms=dict.fromkeys(VERDICTS),
     )  # fmt: skip
     one = torch.zeros(1, 3)

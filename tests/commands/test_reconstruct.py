@@ -46,7 +46,7 @@ def camera_of(folder):
 def test_it_returns_the_folder_it_wrote_and_prints_the_figures(measured, tmp_path, capsys):
     folder = reconstruct.run(measured, tmp_path / "deep" / "run", iterations=2)
     assert folder == tmp_path / "deep" / "run"
-    assert read_report(folder)["name"] == "noise 0"
+    assert read_report(folder).name == "noise 0"
     assert str(folder / "overview.png") in capsys.readouterr().out
 
 
@@ -57,7 +57,7 @@ def test_a_first_run_says_what_it_waits_for(measured, tmp_path, monkeypatch, cap
 
 
 def test_the_index_chooses_the_shot(measured, tmp_path):
-    assert read_report(reconstruct.run(measured, tmp_path / "run", index=1, iterations=2))["name"] == "noise 1"
+    assert read_report(reconstruct.run(measured, tmp_path / "run", index=1, iterations=2)).name == "noise 1"
 
 
 def test_an_earlier_run_is_replaced_only_when_asked(measured, tmp_path):
@@ -65,16 +65,16 @@ def test_an_earlier_run_is_replaced_only_when_asked(measured, tmp_path):
     with pytest.raises(StorageError, match="not empty"):
         reconstruct.run(measured, folder, iterations=2)
     reconstruct.run(measured, folder, index=1, iterations=2, overwrite=True)
-    assert read_report(folder)["name"] == "noise 1"
+    assert read_report(folder).name == "noise 1"
 
 
 def test_the_curve_is_scored_only_where_the_truth_is_known(measured, tmp_path):
     with_truth = read_report(reconstruct.run(measured, tmp_path / "run", iterations=2))
-    assert with_truth["curve"][-1]["psnr_db"] is not None
+    assert with_truth.curve[-1].psnr_db is not None
     blind = write_shots(tmp_path / "blind.h5", [shot(truth=Truth())])
     without = read_report(reconstruct.run(blind, tmp_path / "blind", iterations=2))
-    assert without["curve"][-1]["psnr_db"] is None
-    assert without["psnr_db"] is None
+    assert without.curve[-1].psnr_db is None
+    assert without.psnr_db is None
 
 
 def test_a_focal_length_replaces_the_files_and_keeps_its_principal_point_and_pixel_shape(measured, tmp_path):
@@ -98,15 +98,15 @@ def test_a_focal_length_that_is_none_is_refused(measured, tmp_path, focal_px):
 def test_settings_other_than_the_iterations_are_the_standard_ones(measured, tmp_path):
     report = read_report(reconstruct.run(measured, tmp_path / "run", iterations=2))
     standard = Settings()
-    assert report["settings"]["fit"]["iterations"] == 2
-    assert report["settings"]["decode"]["iterations"] == standard.decode.iterations
-    assert report["settings"]["seed"] == standard.seed == 42
+    assert report.settings["fit"]["iterations"] == 2
+    assert report.settings["decode"]["iterations"] == standard.decode.iterations
+    assert report.settings["seed"] == standard.seed == 42
 
 
 def test_a_preset_sets_every_stage_and_options_override_it(measured, tmp_path):
     report = read_report(reconstruct.run(measured, tmp_path / "run", preset="draft", iterations=2))
-    assert report["settings"]["decode"]["iterations"] == PRESETS["draft"].decode.iterations
-    assert report["settings"]["fit"]["iterations"] == 2
+    assert report.settings["decode"]["iterations"] == PRESETS["draft"].decode.iterations
+    assert report.settings["fit"]["iterations"] == 2
 
 
 def test_a_budget_is_measured_planned_and_said(measured, tmp_path, capsys, monkeypatch):
@@ -116,8 +116,8 @@ def test_a_budget_is_measured_planned_and_said(measured, tmp_path, capsys, monke
     said = capsys.readouterr().out.replace("\n", " ")
     assert "Of 2 min 00 s" in said
     assert "are left for preset draft" in said
-    assert report["settings"]["seed"] == 42
-    assert report["settings"]["decode"]["iterations"] == PRESETS["draft"].decode.iterations
+    assert report.settings["seed"] == 42
+    assert report.settings["decode"]["iterations"] == PRESETS["draft"].decode.iterations
 
 
 def test_a_budget_beside_what_it_decides_is_refused(measured, tmp_path):
@@ -136,9 +136,8 @@ def test_a_budget_that_is_too_small_is_refused_and_leaves_nothing(measured, tmp_
 
 def test_the_fine_stage_is_switched_on_by_its_name_or_that_of_a_prior(measured, tmp_path):
     def settings(**options):
-        return read_report(reconstruct.run(measured, tmp_path / "run", iterations=2, overwrite=True, **options))[
-            "settings"
-        ]
+        folder = reconstruct.run(measured, tmp_path / "run", iterations=2, overwrite=True, **options)
+        return read_report(folder).settings
 
     assert settings(fine=True)["fine"]["prior"] == "consistent"
     named = settings(prior="nlm")["fine"]
@@ -150,7 +149,7 @@ def test_the_fine_stage_is_switched_on_by_its_name_or_that_of_a_prior(measured, 
 @pytest.mark.parametrize("rule", ["adc", "mcmc", "revised", "osgr"])
 def test_the_density_rule_is_the_one_asked_for_and_is_in_the_report(measured, tmp_path, rule):
     report = read_report(reconstruct.run(measured, tmp_path / "run", iterations=2, density=rule))
-    assert report["settings"]["fit"]["density"]["name"] == rule
+    assert report.settings["fit"]["density"]["name"] == rule
 
 
 def test_an_unknown_density_rule_is_refused_and_writes_nothing(measured, tmp_path):
@@ -161,7 +160,7 @@ def test_an_unknown_density_rule_is_refused_and_writes_nothing(measured, tmp_pat
 
 def test_components_are_switched_off_by_name(measured, tmp_path):
     names = ("opacity-regulation", "pose-refinement")
-    fit = read_report(reconstruct.run(measured, tmp_path / "run", iterations=2, without=names))["settings"]["fit"]
+    fit = read_report(reconstruct.run(measured, tmp_path / "run", iterations=2, without=names)).settings["fit"]
     assert fit["loss"]["opacity"] == 0
     assert fit["poses"]["refine"] is False
 
@@ -169,7 +168,7 @@ def test_components_are_switched_off_by_name(measured, tmp_path):
 def test_weights_are_trusted_when_asked_for(measured, tmp_path):
     for trusted, rounds in ((False, BrightnessSettings().rounds), (True, 0)):
         run = reconstruct.run(measured, tmp_path / "run", iterations=2, trust_weights=trusted, overwrite=True)
-        assert read_report(run)["settings"]["brightness"]["rounds"] == rounds
+        assert read_report(run).settings["brightness"]["rounds"] == rounds
 
 
 def test_an_unknown_component_is_refused_and_writes_nothing(measured, tmp_path):

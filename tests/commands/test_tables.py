@@ -16,7 +16,7 @@ def quick(monkeypatch):
 
     def entries(options):
         return [
-            Entry(case.name, "line", Cell("builtins:dict", {"case": case.name, "value": float(seed)}))
+            Entry(case.name, "line", Cell(dict, {"case": case.name, "value": float(seed)}))
             for case in options.cases
             for seed in range(options.seeds)
         ]

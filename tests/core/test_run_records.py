@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from gs2ci.core.errors import InputError, NumericsError
+from gs2ci.core.findings import Code, finding
 from gs2ci.core.run_records import RunResult
 
 
@@ -19,7 +20,7 @@ def result() -> RunResult:
         decode=0.5 * views,
         predicted_measurement=np.ones((4, 5, 3), np.float32),
         curve=(),
-        stopped_because="nothing was fitted",
+        stopped=finding(Code.FIT_ALL_DONE_UNJUDGED, iterations=0),
         seconds={"total": 1.0, "decode": 1.0, "geometry": 0.0, "fit": 0.0},
         gaussians=0,
         notes=(),

@@ -7,9 +7,11 @@ import numpy as np
 import pytest
 import torch
 
+from gs2ci.core.findings import Code, finding
 from gs2ci.core.records import Shot, Truth
 from gs2ci.core.run_records import CurvePoint, RunResult
 from gs2ci.render.gaussians import Gaussians
+from tests.evaluate.reports import GEOMETRY
 
 MakeRun = Callable[..., tuple[Shot, RunResult]]
 
@@ -90,15 +92,15 @@ def make_run() -> MakeRun:
             decode=decode,
             predicted_measurement=np.einsum("nhw,nhwc->hwc", masks, found).astype(np.float32),
             curve=curve,
-            stopped_because="the held-out pixels stopped improving",
+            stopped=finding(Code.FIT_STALLED, best=900),
             seconds={"total": 89.0, "decode": 4.2, "geometry": 4.8, "fit": 80.0},
             gaussians=13000,
-            notes=("The focal length was estimated: 70.4 pixels.",),
+            notes=(finding(Code.FOCAL_ESTIMATED, focal_px=70.4, spread=0.1, view_angle_deg=49.0),),
             settings={"iterations": 1000, "preset": "standard"},
             seed=0,
             verdict="refined",
             heldout_rms={"refined": 0.021, "scene": 0.022, "decode": 0.058},
-            geometry={"method": "small-motion", "tracks": 812},
+            geometry={**GEOMETRY, "tracks": 812},
             ensemble={"fits": 2, "averaged": 2, "spread": 0.011},
             disagreement=np.full((count, *size), 0.011, np.float32),
         )

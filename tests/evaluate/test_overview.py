@@ -4,9 +4,10 @@ import cv2
 import numpy as np
 import pytest
 
+from gs2ci.core.findings import Code, finding
 from gs2ci.core.records import Truth
 from gs2ci.evaluate.overview import DPI, draw_overview, write_overview
-from gs2ci.evaluate.report import build_report
+from gs2ci.evaluate.run_report import build_report
 
 
 def drawn(shot, result):
@@ -152,7 +153,9 @@ def test_a_measurement_of_zeros_and_a_perfect_result_are_drawn(make_run):
 
 def test_long_names_and_notes_are_cut_and_dollars_mean_dollars(make_run):
     shot, result = make_run()
-    wordy = replace(result, notes=["A note of many words. " * 30] * 3, stopped_because="it was $cold$ " * 40)
+    note = finding(Code.FINE_UNCHANGED, why="many words. " * 50)
+    stopped = finding(Code.FIT_ALL_DONE, iterations="$many$ " * 80, best=0)
+    wordy = replace(result, notes=[note] * 3, stopped=stopped)
     _, figure, _ = drawn(replace(shot, name="a $name^ of\nmany words " * 20), wordy)
     texts = [text.get_text() for text in figure.texts]
     assert "More notes are in report.json." in texts

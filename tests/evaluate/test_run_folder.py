@@ -158,7 +158,7 @@ def test_the_report_is_readable_and_strict(written):
     text = (folder / "report.json").read_text()
     assert "NaN" not in text
     assert "Infinity" not in text
-    assert read_report(folder)["name"] == "waves"
+    assert read_report(folder).name == "waves"
 
 
 def test_a_run_is_not_replaced_unless_asked(written, scene):
@@ -167,7 +167,7 @@ def test_a_run_is_not_replaced_unless_asked(written, scene):
         write_run(folder, shot, result, scene)
     (folder / "marker").touch()
     write_run(folder, replace(shot, name="second"), result, scene, overwrite=True)
-    assert read_report(folder)["name"] == "second"
+    assert read_report(folder).name == "second"
     assert "marker" not in names(folder)
     assert names(folder.parent) == {"run"}
 
@@ -221,7 +221,7 @@ def test_an_earlier_run_survives_a_failure(written, scene, monkeypatch):
     monkeypatch.setattr(run_folder, "write_ply", lambda *_: (_ for _ in ()).throw(OSError("disk full")))
     with pytest.raises(StorageError, match="disk full"):
         write_run(folder, replace(shot, name="second"), result, scene, overwrite=True)
-    assert read_report(folder)["name"] == "waves"
+    assert read_report(folder).name == "waves"
     assert names(folder.parent) == {"run"}
 
 

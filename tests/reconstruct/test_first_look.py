@@ -52,8 +52,8 @@ def test_a_lamp_that_flickers_is_found_out_and_said_aloud(shot):
     np.testing.assert_allclose(relative / relative.mean(), 1, atol=0.03)
     assert laps == ["decode", "geometry"] * (len(laps) // 2)
     assert len(laps) >= 4
-    assert "0.7" in found.notes[0]
-    assert listener.sentences[-1] == found.notes[0]
+    assert "0.7" in found.notes[0].sentence
+    assert listener.sentences[-1] == found.notes[0].sentence
     truth = shot.truth.views
     blind = gap_tv(jury.seen)
     assert np.sqrt(np.mean((found.decoded - truth) ** 2)) < 0.7 * np.sqrt(np.mean((blind - truth) ** 2))

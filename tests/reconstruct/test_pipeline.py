@@ -8,6 +8,7 @@ import torch
 from scipy.ndimage import gaussian_filter, map_coordinates
 
 from gs2ci.core.errors import InputError, NumericsError
+from gs2ci.core.findings import Code, finding
 from gs2ci.core.progress import Silent
 from gs2ci.core.records import Shot, Truth
 from gs2ci.core.run_records import SECONDS_KEYS
@@ -117,14 +118,14 @@ def test_it_beats_its_own_decode(shot, found):
 
 
 def test_growth_of_the_population_is_not_taken_for_an_explosion(found):
-    assert not any("exploded" in note for note in found.result.notes)
+    assert Code.ROLLED_BACK_EXPLODED not in [note.code for note in found.result.notes]
 
 
 def test_dead_rows_are_left_out_and_cost_little(shot, found_soon):
     measurement = shot.measurement.copy()
     measurement[8:40:4] = 0
     result = reconstruct(replace(shot, measurement=measurement), SHORT).result
-    assert any("8 of 48 rows read one value throughout" in note for note in result.notes)
+    assert any("8 of 48 rows read one value throughout" in note.sentence for note in result.notes)
     whole, damaged = (np.mean(psnr_per_view(r.views, shot.truth.views)) for r in (found_soon.result, result))
     assert damaged > whole - 2
 
@@ -200,7 +201,7 @@ def test_a_fit_that_is_missing_from_the_mean_is_told(shot, monkeypatch):
     assert len(started) == 2
     assert result.ensemble == {"fits": 1, "averaged": 1, "spread": None}
     assert result.disagreement is None
-    assert any(note.startswith("1 of 2 fits came to an end") for note in result.notes)
+    assert finding(Code.FITS_MISSING, fits=1, of=2) in result.notes
 
 
 @pytest.mark.parametrize("fits", [0, -1, 65])
@@ -312,7 +313,7 @@ def test_a_lamp_that_flickers_is_told_of_once_and_in_the_predicted_measurement(s
     result = reconstruct(told, replace(SHORT, fits=1, fit=replace(SHORT.fit, hold_out=hold_out))).result
     lit = told.weights * np.array(result.brightness)
     np.testing.assert_allclose(lit / lit.mean(), 1, atol=0.1)
-    assert len([note for note in result.notes if "times as bright as their weights" in note]) == 1
+    assert len([note for note in result.notes if note.code is Code.WEIGHTS_CORRECTED]) == 1
     exact = np.einsum("n,nhw,nhwc->hwc", lit, told.masks, result.views)
     np.testing.assert_allclose(result.predicted_measurement, exact, atol=1e-4)
 
@@ -345,7 +346,7 @@ def test_with_nothing_held_out_the_scene_is_taken_and_a_note_says_that_nothing_j
     result = reconstruct(shot, settings).result
     assert result.verdict == "scene"
     assert set(result.heldout_rms.values()) == {None}
-    assert any("No pixel was held out" in note for note in result.notes)
+    assert finding(Code.UNJUDGED) in result.notes
 
 
 @pytest.mark.parametrize(
@@ -402,7 +403,7 @@ def test_the_fine_stage_follows_the_coarse_one_when_it_is_asked_for(shot):
     assert with_fine.curve[-1].iteration == 60 + 20
     assert with_fine.seconds["fine"] > 0
     assert sum(v for k, v in with_fine.seconds.items() if k != "total") == pytest.approx(with_fine.seconds["total"])
-    assert any(note.startswith("The fine stage") for note in with_fine.notes)
+    assert any(note.sentence.startswith("The fine stage") for note in with_fine.notes)
     assert with_fine.settings["fine"]["prior"] == "consistent"
     assert with_fine.heldout_rms["refined"] <= without.heldout_rms["refined"]
     assert "fine" not in without.seconds
@@ -417,7 +418,7 @@ def test_the_geometry_may_come_from_a_camera_file_found_in_proxy_views(shot, tmp
     result = reconstruct(shot, settings).result
     assert result.geometry["asked_for"] == f"file:{camera_file}"
     assert (result.geometry["method"], result.geometry["proxy"]) == ("file", "eni")
-    assert any("moved the poses of the file" in note for note in result.notes)
+    assert any("moved the poses of the file" in note.sentence for note in result.notes)
 
 
 def test_a_stage_that_reports_millimetres_gives_path_and_depth_in_millimetres(shot):
@@ -447,7 +448,7 @@ def test_poses_that_the_views_do_not_bear_out_are_said_to_be_left_out(shot):
     poses[:, 0, 3] = np.linspace(0, 1, VIEWS)
     dark = replace(shot, measurement=np.zeros_like(shot.measurement), telemetry_world_to_camera=poses)
     settings = replace(SHORT, poses="stage", fit=replace(SHORT.fit, iterations=1))
-    notes = reconstruct(dark, settings).result.notes
+    notes = [note.sentence for note in reconstruct(dark, settings).result.notes]
     assert any("poses of the stage were not taken" in note for note in notes)
     assert not any("moved the poses" in note for note in notes)
 
@@ -458,7 +459,7 @@ def test_a_second_look_is_handed_over_where_held_out_pixels_prefer_it(shot, foun
     again = reconstruct(shot, replace(SHORT, look_again=True, geometry=strict)).result
     before, after = (min(one.heldout_rms.values()) for one in (found_soon.result, again))
     assert after <= before
-    assert any("found again in the views of a first fit" in note for note in again.notes) == (after < before)
+    assert (finding(Code.PATH_FOUND_AGAIN) in again.notes) == (after < before)
     assert again.geometry["path_error_expected"] == found_soon.result.geometry["path_error_expected"]
 
 
@@ -475,4 +476,5 @@ def test_a_choice_by_evidence_is_explained_in_the_notes(shot):
     method = result.geometry["method"]
     assert result.geometry["asked_for"] == "auto"
     assert method in ("tracks", "uniform")
-    assert any(note.startswith(f"Geometry from {method}. Left unexplained: the stage failed") for note in result.notes)
+    said = [note.sentence for note in result.notes]
+    assert any(note.startswith(f"Geometry from {method}. Left unexplained: the stage failed") for note in said)

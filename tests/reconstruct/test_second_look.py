@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from gs2ci.core.findings import Code, finding
 from gs2ci.core.progress import Silent
 from gs2ci.core.records import Shot
 from gs2ci.reconstruct.first_look import FirstLook, LookSettings
@@ -13,6 +14,8 @@ from gs2ci.reconstruct.geometry.initialise import Geometry, GeometrySettings
 from gs2ci.reconstruct.measurement.jury import Jury
 from gs2ci.reconstruct.second_look import is_wanted, second_look
 from gs2ci.reconstruct.settings import Settings
+
+UNCERTAIN = finding(Code.PATH_UNCERTAIN, share=0.1)
 
 
 def geometry(**parts):
@@ -26,7 +29,7 @@ def geometry(**parts):
         reprojection_rms_px=0.1,
         parallax_px=1.0,
         verdict="full",
-        notes=("Uncertain.",),
+        notes=(UNCERTAIN,),
         path_error_expected=0.01,
     )
     return replace(given, **parts)
@@ -86,8 +89,8 @@ def test_the_path_is_found_in_the_views_and_the_doubt_stays(first, panned):
     assert np.linalg.norm(again.geometry.world_to_camera[-1, :3, 3]) > 0
     # Fitted views are those of one rigid scene: that their tracks agree proves nothing.
     assert (again.geometry.source, again.geometry.path_error_expected) == ("uniform", None)
-    assert again.geometry.notes[0] == "Uncertain."
-    assert "found again in the views of a first fit" in again.geometry.notes[-1]
+    assert again.geometry.notes[0] == UNCERTAIN
+    assert again.geometry.notes[-1].code is Code.PATH_FOUND_AGAIN
 
 
 def test_views_that_show_no_path_leave_the_first(first, panned):

@@ -12,7 +12,6 @@ Grades say how a case fared; problems say what must not be, and make it fail:
 Not here: the cases (`cases`), the table (`__main__`).
 """
 
-import json
 import re
 import tempfile
 import time
@@ -24,11 +23,12 @@ from pathlib import Path
 import numpy as np
 
 from gs2ci.core.errors import Gs2ciError
+from gs2ci.core.findings import Code, Finding
 from gs2ci.core.records import Shot
 from gs2ci.core.run_records import RunResult
 from gs2ci.core.storage import read_shot, write_shots
 from gs2ci.evaluate.metrics import psnr_per_view
-from gs2ci.evaluate.report import build_report
+from gs2ci.evaluate.run_report import build_report
 from gs2ci.reconstruct.fit.coarse import CoarseSettings
 from gs2ci.reconstruct.fit.stopping import HoldOut
 from gs2ci.reconstruct.pipeline import reconstruct
@@ -45,7 +45,13 @@ SEEN_DB = 1.0
 RANGE = 5.0
 SUM_TOLERANCE = 1e-4
 # These explain a plane instead of depth, and no loss.
-ABOUT_DEPTH = ("depth cannot be found", "starts as a plane")
+ABOUT_DEPTH = (
+    Code.CAMERA_STOOD_STILL,
+    Code.CAMERA_ONLY_TURNED,
+    Code.PARALLAX_MAY_DROWN,
+    Code.UNIFORM_TURN,
+    Code.DEPTH_STARTS_AS_PLANE,
+)
 # The largest shot of the suite takes a tenth of this.
 READING_MIB = 512
 
@@ -91,7 +97,11 @@ def judge(case: Case, scale: Scale) -> Outcome:
             return Outcome("refused", said=said, problems=("refused where a result was expected",))
         return Outcome("refused", said=said, problems=unsaid(case, said))
     if case.refused:
-        return Outcome("holds", said=tuple(result.notes), problems=("accepted where an error was expected",))
+        return Outcome(
+            "holds",
+            said=tuple(note.advice for note in result.notes),
+            problems=("accepted where an error was expected",),
+        )
     return appraise(case, shot, result, scale)
 
 
@@ -153,9 +163,10 @@ def appraise(case: Case, shot: Shot, result: RunResult, scale: Scale) -> Outcome
         notes = notes_of(shot, result)
     except (Gs2ciError, ValueError) as error:
         return Outcome("breaks", problems=(f"the result cannot be reported: {error}",))
-    said = beyond_easy(notes, scale)
+    beyond = beyond_easy(notes, scale)
+    said = tuple(note.advice for note in beyond)
     scores = _scores(shot, result)
-    problems = [*insane(shot, result), *unsaid(case, (*notes, result.stopped_because))]
+    problems = [*insane(shot, result), *unsaid(case, tuple(note.advice for note in (*notes, result.stopped)))]
     if scores is None:
         return Outcome("holds", said=said, problems=tuple(problems))
     psnr_db, decode_db, grey_db = scores
@@ -163,22 +174,20 @@ def appraise(case: Case, shot: Shot, result: RunResult, scale: Scale) -> Outcome
     if decode_db > grey_db and psnr_db < decode_db - WORSE_DB:
         problems.append(f"{decode_db - psnr_db:.1f} dB worse than the decode alone")
     grade = "holds" if loss_db <= BENDS_DB else "bends" if psnr_db >= grey_db + SEEN_DB else "breaks"
-    heard = [note for note in said if not any(phrase in note for phrase in ABOUT_DEPTH)]
+    heard = [note for note in beyond if note.code not in ABOUT_DEPTH]
     if grade != "holds" and not heard and not case.silent and not case.says:
         problems.append(f"loses {loss_db:.1f} dB without a word")
     return Outcome(grade, psnr_db, decode_db, loss_db, said, tuple(problems))
 
 
-def notes_of(shot: Shot, result: RunResult) -> tuple[str, ...]:
+def notes_of(shot: Shot, result: RunResult) -> tuple[Finding, ...]:
     """Return what the report tells the user.
 
     Raises:
         Gs2ciError: The result contradicts itself.
         ValueError: A figure of the report is not finite.
     """
-    report = build_report(shot, result.check())
-    json.dumps(report, allow_nan=False)
-    return tuple(report["notes"])
+    return tuple(build_report(shot, result.check()).notes)
 
 
 def insane(shot: Shot, result: RunResult) -> list[str]:
@@ -214,10 +223,10 @@ def unsaid(case: Case, said: tuple[str, ...]) -> tuple[str, ...]:
     return tuple(f"does not say «{phrase}»" for phrase in case.says if phrase not in text)
 
 
-def beyond_easy(notes: tuple[str, ...], scale: Scale) -> tuple[str, ...]:
-    """Return the notes that the easy case at this scale does not bring, whatever the figures in them."""
-    common = {_without_figures(note) for note in _easy(scale)[1]}
-    return tuple(note for note in notes if _without_figures(note) not in common)
+def beyond_easy(notes: tuple[Finding, ...], scale: Scale) -> tuple[Finding, ...]:
+    """Return the notes of a kind that the easy case at this scale does not bring."""
+    common = {note.code for note in _easy(scale)[1]}
+    return tuple(note for note in notes if note.code not in common)
 
 
 def easy_db(scale: Scale) -> float:
@@ -226,7 +235,7 @@ def easy_db(scale: Scale) -> float:
 
 
 @lru_cache(maxsize=8)
-def _easy(scale: Scale) -> tuple[float, tuple[str, ...]]:
+def _easy(scale: Scale) -> tuple[float, tuple[Finding, ...]]:
     shot, result = run(EASY, scale)
     scores = _scores(shot, result)
     assert scores is not None
@@ -245,7 +254,3 @@ def _scores(shot: Shot, result: RunResult) -> tuple[float, float, float] | None:
 
 def _without_folder(text: str) -> str:
     return re.sub(r"\S*/(?=shot\.h5)", "", text)
-
-
-def _without_figures(note: str) -> str:
-    return re.sub(r"[-+]?\d[\d.,e+-]*", "#", note)

@@ -8,6 +8,7 @@ from scipy.ndimage import gaussian_filter, map_coordinates
 
 from gs2ci.commands.reconstruct import run
 from gs2ci.core.errors import Gs2ciError, InputError, StorageError
+from gs2ci.core.findings import Code, finding
 from gs2ci.core.records import Shot, Truth
 from gs2ci.core.storage import write_shots
 from gs2ci.evaluate.report import read_report
@@ -81,7 +82,7 @@ def recover(shot, *phrases, settings=QUICK):
     held = result.heldout_rms
     if held["decode"] is not None:
         assert held[result.verdict] <= held["decode"]
-    notes = " ".join(result.notes)
+    notes = " ".join(note.advice for note in result.notes)
     for phrase in phrases:
         assert phrase in notes
     return result
@@ -278,7 +279,7 @@ def test_the_hardest_case_still_makes_a_whole_run_folder_without_a_nan(tmp_path)
     dark = replace(shot, measurement=np.zeros_like(shot.measurement), intrinsics=None, truth=Truth())
     folder = run(write_shots(tmp_path / "shot.h5", [dark]), tmp_path / "run", iterations=10)
     report = read_report(folder)
-    assert "The measurement is zero everywhere: it shows no scene." in report["notes"]
+    assert finding(Code.EMPTY_MEASUREMENT, reading="zero") in report.notes
     assert np.isfinite(np.load(folder / "views.npy")).all()
     assert sorted(path.name for path in tmp_path.iterdir()) == ["run", "shot.h5", "shot.json"]
 

@@ -75,10 +75,10 @@ def test_from_a_foreign_file_to_a_run_folder(bench):
     )
     assert {path.name for path in run.iterdir()} == set(parts.split())
     report = read_report(run)
-    assert report["seed"] == 3
-    assert report["settings"]["fit"]["iterations"] == 60
-    assert report["psnr_db"]["mean"] >= report["decode"]["psnr_db"]["mean"]
-    assert {"total", "decode", "geometry", "fit"} <= set(report["seconds"])
+    assert report.seed == 3
+    assert report.settings["fit"]["iterations"] == 60
+    assert report.psnr_db.mean >= report.decode.psnr_db.mean
+    assert {"total", "decode", "geometry", "fit"} <= set(report.seconds)
     assert np.load(run / "views.npy").shape == (VIEWS, HEIGHT, WIDTH, 3)
     assert len(list((run / "views").glob("*.png"))) == VIEWS
     assert sorted(path.name for path in folder.iterdir()) == ["measurement.npz", "run", "shot.h5", "shot.json"]

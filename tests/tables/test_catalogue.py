@@ -27,6 +27,7 @@ from gs2ci.tables.catalogue import (
 from gs2ci.tables.cells import run
 from gs2ci.tables.names import TableName
 from gs2ci.tables.variants import ABLATION, FINE, GEOMETRY, RULES, VARIANTS, settings_of
+from gs2ci.tables.works import initialise_case
 from gs2ci_sims.scenes.files import scene_names
 
 CASES = (Case("a", scene="boxes"), Case("b", scene="ball"))
@@ -158,7 +159,7 @@ def test_simulated_cases_name_scenes_of_the_library():
 def test_the_table_of_first_geometries_fits_nothing():
     entries = TABLES["init"].entries(Options(CASES[:1], seeds=1))
     assert [entry.line for entry in entries] == ["default", *GEOMETRY]
-    assert {entry.cell.work for entry in entries} == {"gs2ci.tables.works:initialise_case"}
+    assert {entry.cell.work for entry in entries} == {initialise_case}
 
 
 @pytest.mark.parametrize("variant", VARIANTS)

@@ -17,7 +17,7 @@ TABLE = Table(
     lambda _options: [],
     (Measure("psnr_db", "PSNR, dB", 2), Measure("seconds", "s", 0, more_is_better=False)),
 )
-CELL = Cell("builtins:dict", {})
+CELL = Cell(dict, {})
 ENTRIES = [Entry("one", line, CELL) for line in ("default", "default", "other", "broken")]
 ROWS = [
     {"psnr_db": 30.0, "seconds": 10.0},

@@ -1,5 +1,7 @@
 """Who does the work, and what a death costs."""
 
+import os
+import signal
 import subprocess
 import sys
 
@@ -12,12 +14,13 @@ from gs2ci.core.errors import InputError, StorageError
 from gs2ci.tables.cells import Cell, run
 from gs2ci.tables.store import Store
 from gs2ci.tables.workers import complete
+from gs2ci.tables.works import reconstruct_case
 
-DEADLY = Cell("os:_exit", {"status": 1})
+DEADLY = Cell(os._exit, {"status": 1})
 
 
 def counting(values):
-    return [Cell("builtins:dict", {"value": value}) for value in values]
+    return [Cell(dict, {"value": value}) for value in values]
 
 
 @pytest.fixture
@@ -46,7 +49,7 @@ def test_what_is_in_the_store_is_not_done_again(store):
 
 
 def test_every_row_is_kept_as_soon_as_it_is_done(store):
-    cells = [*counting([1, 2]), Cell("builtins:divmod", {})]
+    cells = [*counting([1, 2]), Cell(divmod, {})]
     with pytest.raises(TypeError):
         complete(cells, store)
     assert [store.get(cell.key)["value"] for cell in cells[:2]] == [1, 2]
@@ -61,12 +64,24 @@ def test_equal_cells_are_done_once(store):
 def test_an_error_of_ours_becomes_a_row_that_says_so():
     row = run(
         Cell(
-            "gs2ci.tables.works:reconstruct_case",
+            reconstruct_case,
             {"case": {"name": "x", "size": [8, 8]}, "variant": "default", "seed": 0},
         )
     )
     assert "case 'x' names" in row["error"]
     assert row["arguments"]["seed"] == 0
+
+
+def test_a_cell_is_named_by_its_function():
+    assert Cell(reconstruct_case, {}).name == "gs2ci.tables.works:reconstruct_case"
+
+
+@pytest.mark.parametrize(
+    "work", [lambda: {"value": 1}, Store.get, Store(None).get], ids=["lambda", "method", "bound method"]
+)
+def test_work_that_no_other_process_would_find_is_refused(work):
+    with pytest.raises(InputError, match="a function of a module"):
+        Cell(work, {})
 
 
 def test_local_processes_give_the_same_rows_as_this_one(store):
@@ -81,13 +96,14 @@ def test_a_process_that_dies_costs_only_its_cell(store):
 
 
 WAITING = """
+import signal
 from pathlib import Path
 from gs2ci.tables.cells import Cell
 from gs2ci.tables.store import Store
 from gs2ci.tables.workers import complete
 
 if __name__ == "__main__":
-    cells = [Cell("signal:pause", {}), Cell("signal:pause", {}, ("waiting.py",))]
+    cells = [Cell(signal.pause, {}), Cell(signal.pause, {}, ("waiting.py",))]
     complete(cells, Store(Path("cells")), processes=2)
 """
 
@@ -138,7 +154,7 @@ def test_a_table_that_is_ended_waits_for_none_of_its_cells(store, tmp_path):
     marks = [tmp_path / name for name in "abc"]
     for mark in marks:
         mark.write_text(mark.name)  # else equal cells would be one
-    cells = [*counting([1]), *(Cell("signal:pause", {}, (str(mark),)) for mark in marks)]
+    cells = [*counting([1]), *(Cell(signal.pause, {}, (str(mark),)) for mark in marks)]
 
     def full(done, _):
         if done:

@@ -1,29 +1,28 @@
 """What to try next, and what came out: the rules, each from evidence in the report, in the order they are told.
 
-A rule looks at one report and answers with a step, or with None. It never guesses: what it says it must have read
-there, and `because` says what. Commands are those of `gs2ci --help`, with capitals where the reader's own file or
-number belongs.
+A rule looks at the codes and figures of one report and answers with a step, or with None. It never guesses: what it
+says it must have read there, and `because` says what. Commands are those of `gs2ci --help`, with capitals where the
+reader's own file or number belongs.
 
-Not here: how steps look (`templates/pieces.html`).
+Not here: how steps look (`templates/pieces.html`), what can be found and what helps (`gs2ci.core.findings`).
 """
 
-import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Final
 
+from gs2ci.core.findings import Code
 from gs2ci.evaluate.pages.pieces import Tone
+from gs2ci.evaluate.report import Report
 from gs2ci.evaluate.wording import describe_number
 
-Report = Mapping[str, Any]
 MOST_STEPS: Final = 4
 
 # A fit whose best look lies in its last so many looks was still improving when its iterations ran out.
 FRESH_LOOKS: Final = 2
 # Preset `fine` averages so many fits. A page is made without loading what fits: a test holds this one to the preset.
 FEW_FITS: Final = 4
-# Saturated pixels say only «at least», and a run doubts from the same share on; pixels that no mask opens say nothing.
-SATURATED_SHARE: Final = 0.01
+# Pixels that no mask opens say nothing.
 CLOSED_SHARE: Final = 0.05
 # Tracks of decoded views scatter by about a pixel; geometry refuses 2. In between, something else moves or is wrong.
 REPROJECTION_PX: Final = 1.5
@@ -51,18 +50,17 @@ class Outcome:
 
 def outcome(report: Report) -> Outcome:
     """Say what was recovered; what was not is part of the headline."""
-    views, geometry = report["views"], _geometry(report)
-    count = f"{views} view{'s' if views != 1 else ''}"
-    if report["verdict"] == "decode":
+    count = f"{report.views} view{'s' if report.views != 1 else ''}"
+    if report.verdict == "decode":
         return Outcome(f"{count} from one exposure; the scene does not explain them yet", "Views only", "poor")
     missing = {
         "rotation_only": "rotations alone explain the points, so depth stays open",
         "static": "the camera stood still, so depth stays open",
         "unsupported": "camera path and depth are not supported",
     }
-    if geometry.get("verdict") in missing:
-        return Outcome(f"{count} from one exposure; {missing[geometry['verdict']]}", "Views, no depth", "mixed")
-    if _ran_away(report):
+    if report.geometry is not None and report.geometry.verdict in missing:
+        return Outcome(f"{count} from one exposure; {missing[report.geometry.verdict]}", "Views, no depth", "mixed")
+    if report.found(Code.FIT_DIVERGED):
         return Outcome(
             f"{count} and a scene from one exposure, kept from before the fit failed", "With doubts", "mixed"
         )
@@ -75,7 +73,7 @@ def next_steps(report: Report, most: int = MOST_STEPS) -> list[Step]:
     """List what to try next, the most telling first.
 
     Args:
-        report: `report.json`; keys that older reports lack are not missed.
+        report: `report.json`.
         most: At most so many.
     """
     found = [step for rule in RULES if (step := rule(report)) is not None]
@@ -84,20 +82,21 @@ def next_steps(report: Report, most: int = MOST_STEPS) -> list[Step]:
 
 def fit_failed(report: Report) -> Step | None:
     """The fit left the finite numbers."""
-    if not _ran_away(report):
+    diverged = report.found(Code.FIT_DIVERGED)
+    if diverged is None:
         return None
     return Step(
         "Look for pixels that are broken rather than bright",
-        f"The fit ended because {report['stopped_because']}; a few wild samples or masks do that.",
+        f"{diverged.sentence} A few wild samples or masks do that.",
         "gs2ci import MEASUREMENT --bad-pixels median -o SHOT.h5",
     )
 
 
 def stage_knows_the_path(report: Report) -> Step | None:
     """The tracks gave no path, and the stage, which reported one, was not asked."""
-    geometry = _geometry(report)
-    lost = geometry.get("asked_for") == "tracks" and geometry.get("verdict") != "full"
-    if not (lost and _measured(report).get("telemetry")):
+    geometry = report.geometry
+    lost = geometry is not None and geometry.asked_for == "tracks" and geometry.verdict != "full"
+    if not (lost and report.measured.telemetry):
         return None
     return Step(
         "Start from the stage's poses",
@@ -108,10 +107,9 @@ def stage_knows_the_path(report: Report) -> Step | None:
 
 def camera_did_not_translate(report: Report) -> Step | None:
     """Depth needs parallax."""
-    geometry = _geometry(report)
-    if geometry.get("verdict") not in ("rotation_only", "static"):
+    if report.geometry is None or report.geometry.verdict not in ("rotation_only", "static"):
         return None
-    shift = _px(geometry.get("parallax_px"))
+    shift = _px(report.geometry.parallax_px)
     return Step(
         "Move the camera sideways while the masks change",
         f"Near and far shifted against each other by {shift}; depth is read from that shift.",
@@ -120,12 +118,11 @@ def camera_did_not_translate(report: Report) -> Step | None:
 
 def too_little_to_track(report: Report) -> Step | None:
     """The decoded views do not hold enough points."""
-    geometry = _geometry(report)
-    if geometry.get("verdict") != "unsupported":
+    if report.geometry is None or report.geometry.verdict != "unsupported":
         return None
     return Step(
         "See whether the decoded views hold anything to follow",
-        f"{describe_number(geometry.get('tracks', 0))} points could be followed, too few or too scattered for a path. "
+        f"{describe_number(report.geometry.tracks)} points could be followed, too few or too scattered for a path. "
         "More light, fewer masks in one exposure or a scene with more texture help.",
         "gs2ci decode SHOT.h5 -o DECODED",
     )
@@ -133,28 +130,28 @@ def too_little_to_track(report: Report) -> Step | None:
 
 def scene_lost(report: Report) -> Step | None:
     """The decode explains the held-out pixels better than any scene that stands still."""
-    heldout = _heldout(report)
-    if report["verdict"] != "decode" or _geometry(report).get("verdict") != "full":
+    if report.verdict != "decode" or not _has_path(report):
         return None
-    figures = f" ({_figure(heldout.get('decode'))} against {_figure(heldout.get('scene'))})"
+    heldout = report.residual.heldout_rms
+    figures = f"{describe_number(heldout.decode, 3)} against {describe_number(heldout.scene, 3)}"
     return Step(
         "Check that nothing but the camera moved",
-        f"The decode predicts the held-out pixels better than the scene does{figures if heldout else ''}; one rigid "
-        "scene cannot follow what moves in it.",
+        f"The decode predicts the held-out pixels better than the scene does ({figures}); one rigid scene cannot "
+        "follow what moves in it.",
     )
 
 
 def still_improving(report: Report) -> Step | None:
     """The iterations ran out while the held-out pixels were still improving."""
-    judged = [row for row in report.get("curve", []) if row.get("heldout") is not None]
-    if [row["iteration"] for row in judged[-2:-1]] == [row["iteration"] for row in judged[-1:]]:
+    judged = [(look.iteration, look.heldout) for look in report.curve if look.heldout is not None]
+    if [iteration for iteration, _ in judged[-2:-1]] == [iteration for iteration, _ in judged[-1:]]:
         judged = judged[:-1]  # the mean of several fits, which no iteration made
-    looks = [row["heldout"] for row in judged]
-    if not str(report["stopped_because"]).startswith("all ") or len(looks) < 2:
+    looks = [heldout for _, heldout in judged]
+    if report.stopped.code is not Code.FIT_ALL_DONE or len(looks) < 2:
         return None
     if looks.index(min(looks)) < len(looks) - FRESH_LOOKS:
         return None
-    done = report["curve"][-1]["iteration"]
+    done = report.curve[-1].iteration
     return Step(
         "Let it run longer",
         f"The held-out pixels were still improving when all {describe_number(done)} iterations were done.",
@@ -164,8 +161,7 @@ def still_improving(report: Report) -> Step | None:
 
 def nobody_judged(report: Report) -> Step | None:
     """No pixel was held out, so the scene and the decode were not compared."""
-    heldout = _heldout(report)
-    if not heldout or any(value is not None for value in heldout.values()):
+    if not report.found(Code.UNJUDGED):
         return None
     return Step(
         "Take views and scene with a grain of salt",
@@ -175,22 +171,21 @@ def nobody_judged(report: Report) -> Step | None:
 
 def focal_was_assumed(report: Report) -> Step | None:
     """A default or an estimated focal length stretches depth."""
-    geometry = _geometry(report)
-    source = geometry.get("focal_source")
-    if source not in ("default", "estimated"):
+    geometry = report.geometry
+    if geometry is None or geometry.focal_source == "file":
         return None
-    how = "assumed" if source == "default" else "estimated from the tracks"
+    how = "assumed" if geometry.focal_source == "default" else "estimated from the tracks"
     return Step(
         "Give the focal length, if you know it",
-        f"It was {how}: {_px(geometry.get('focal_px'))}. Depths are true up to a stretch until it is known.",
+        f"It was {how}: {_px(geometry.focal_px)}. Depths are true up to a stretch until it is known.",
         "gs2ci reconstruct SHOT.h5 -o RUN --focal-px FOCAL",
     )
 
 
 def too_bright(report: Report) -> Step | None:
     """Saturated pixels."""
-    share = _measured(report).get("saturated_share") or 0.0
-    if share < SATURATED_SHARE:
+    share = report.measured.saturated_share
+    if not report.found(Code.SATURATED) or share is None:
         return None
     return Step(
         "Use less light, or a shorter exposure",
@@ -200,7 +195,7 @@ def too_bright(report: Report) -> Step | None:
 
 def closed_pixels(report: Report) -> Step | None:
     """Pixels that no mask opens are guessed from their neighbours."""
-    share = _measured(report).get("closed_share") or 0.0
+    share = report.measured.closed_share
     if share < CLOSED_SHARE:
         return None
     return Step(
@@ -211,9 +206,8 @@ def closed_pixels(report: Report) -> Step | None:
 
 def loose_tracks(report: Report) -> Step | None:
     """A path that explains its tracks badly."""
-    geometry = _geometry(report)
-    error = geometry.get("reprojection_rms_px")
-    if geometry.get("verdict") != "full" or error is None or error <= REPROJECTION_PX:
+    error = report.geometry.reprojection_rms_px if report.geometry is not None and _has_path(report) else 0.0
+    if error <= REPROJECTION_PX:
         return None
     return Step(
         "Doubt the camera matrix, or the stillness of the scene",
@@ -223,17 +217,17 @@ def loose_tracks(report: Report) -> Step | None:
 
 def uncertain_path(report: Report) -> Step | None:
     """The tracks leave the camera path open, however well they are explained; or there are too few to tell."""
-    geometry = _geometry(report)
-    if not _path_is_uncertain(report):
-        return None
-    if _path_is_untracked(report):
+    if report.found(Code.UNIFORM_MOTION):
         return Step(
             "Do not rely on the camera path",
             "Too few points could be followed to find it, so that it began as the uniform motion by which the "
             "measurement is explained best. More light, fewer masks in one exposure, or a stage that reports its poses "
             "helps.",
         )
-    count, error = describe_number(geometry.get("tracks")), geometry["path_error_expected"]
+    geometry = report.geometry
+    if not report.found(Code.PATH_UNCERTAIN) or geometry is None or geometry.path_error_expected is None:
+        return None
+    count, error = describe_number(geometry.tracks), geometry.path_error_expected
     return Step(
         "Do not rely on the camera path",
         f"Halves of the {count} tracked points disagree about it: the first path is expected to err by {error:.0%} of "
@@ -243,9 +237,10 @@ def uncertain_path(report: Report) -> Step | None:
 
 def little_parallax(report: Report) -> Step | None:
     """Path and depth rest on a shift that is hardly larger than the noise."""
-    geometry = _geometry(report)
-    shift, scatter = geometry.get("parallax_px"), geometry.get("reprojection_rms_px")
-    if geometry.get("verdict") != "full" or not shift or not scatter or shift >= PARALLAX_TO_SCATTER * scatter:
+    if report.geometry is None or not _has_path(report):
+        return None
+    shift, scatter = report.geometry.parallax_px, report.geometry.reprojection_rms_px
+    if not shift or not scatter or shift >= PARALLAX_TO_SCATTER * scatter:
         return None
     return Step(
         "Move the camera further while the masks change",
@@ -256,36 +251,34 @@ def little_parallax(report: Report) -> Step | None:
 
 def simulation_was_coarse(report: Report) -> Step | None:
     """The simulator could not keep its tolerance."""
-    plan = _plan(report)
-    error, tolerance = plan.get("error_dn"), plan.get("tolerance_dn")
-    if not isinstance(error, int | float) or not isinstance(tolerance, int | float) or error <= tolerance:
+    plan = report.simulation
+    if plan is None or plan.error_dn <= plan.tolerance_dn:
         return None
     return Step(
         "Read these figures as those of a coarser simulation",
-        f"Its effects were simulated to {error:.2g} DN rms, {tolerance:.2g} had been asked for.",
+        f"Its effects were simulated to {plan.error_dn:.2g} DN rms, {plan.tolerance_dn:.2g} had been asked for.",
         "gs2ci plan RIG.toml",
     )
 
 
 def average_more(report: Report) -> Step | None:
     """Few fits were averaged, and they differ."""
-    ensemble = _mapping(report.get("ensemble"))
-    fits, spread = ensemble.get("fits"), ensemble.get("spread")
-    if report["verdict"] != "refined" or not isinstance(fits, int) or fits >= FEW_FITS:
+    ensemble = report.ensemble
+    if report.verdict != "refined" or ensemble is None or ensemble.fits >= FEW_FITS:
         return None
-    differ = "" if not isinstance(spread, int | float) else f" They differ by {spread:.2g} of a view's full scale."
+    differ = "" if ensemble.spread is None else f" They differ by {ensemble.spread:.2g} of a view's full scale."
     return Step(
         "Average more fits",
-        f"The views come from {fits}: what one measurement leaves open, each fills in differently.{differ}",
+        f"The views come from {ensemble.fits}: what one measurement leaves open, each fills in differently.{differ}",
         "gs2ci reconstruct SHOT.h5 -o RUN --preset fine",
     )
 
 
 def look_at_it(report: Report) -> Step | None:
     """A scene with depth is there to be walked around."""
-    if report["verdict"] == "decode" or _geometry(report).get("verdict") != "full":
+    if report.verdict == "decode" or not _has_path(report):
         return None
-    count = describe_number(report["gaussians"])
+    count = describe_number(report.gaussians)
     return Step("Walk around the scene", f"It is there in 3D: {count} Gaussians, in scene.ply.", "gs2ci view RUN")
 
 
@@ -310,47 +303,15 @@ RULES: Final[tuple[Rule, ...]] = (
 )
 
 
-def _ran_away(report: Report) -> bool:
-    return re.match(r"numbers ran away", str(report["stopped_because"])) is not None
-
-
-def _path_is_untracked(report: Report) -> bool:
-    """Tell whether the path is one that no tracked points bear out and nobody reported."""
-    return _geometry(report).get("method") == "uniform"
+def _has_path(report: Report) -> bool:
+    """Tell whether a whole camera path was found, and depth with it."""
+    return report.geometry is not None and report.geometry.verdict == "full"
 
 
 def _path_is_uncertain(report: Report) -> bool:
-    """Tell whether the path is expected to err by more than the run's own criterion allows, or nobody can tell."""
-    if _path_is_untracked(report):
-        return True
-    settings = _mapping(_mapping(report.get("settings")).get("geometry"))
-    error, most = _geometry(report).get("path_error_expected"), _mapping(settings.get("criteria")).get("path_error")
-    return isinstance(error, int | float) and isinstance(most, int | float) and error > most
+    """Tell whether the run doubts its path, or has one that no tracked points bear out and nobody reported."""
+    return report.found(Code.PATH_UNCERTAIN) is not None or report.found(Code.UNIFORM_MOTION) is not None
 
 
-def _geometry(report: Report) -> Mapping[str, Any]:
-    return _mapping(report.get("geometry"))
-
-
-def _measured(report: Report) -> Mapping[str, Any]:
-    return _mapping(report.get("measured"))
-
-
-def _heldout(report: Report) -> Mapping[str, Any]:
-    return _mapping(_mapping(report.get("residual")).get("heldout_rms"))
-
-
-def _plan(report: Report) -> Mapping[str, Any]:
-    return _mapping(_mapping(report.get("provenance")).get("plan"))
-
-
-def _mapping(value: Any) -> Mapping[str, Any]:
-    return value if isinstance(value, Mapping) else {}
-
-
-def _px(value: Any) -> str:
+def _px(value: float) -> str:
     return f"{describe_number(value, 3)} px"
-
-
-def _figure(value: Any) -> str:
-    return describe_number(value, 3)

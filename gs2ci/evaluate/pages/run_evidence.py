@@ -20,7 +20,7 @@ from gs2ci.core.json_text import parse_json
 from gs2ci.core.records import Shot
 from gs2ci.evaluate.cameras import poses_of_transforms
 from gs2ci.evaluate.pages.pictures import to_eight_bit
-from gs2ci.evaluate.report import read_report
+from gs2ci.evaluate.report import Report, read_report
 from gs2ci.evaluate.scales import white_level
 
 GIVEN_NAME: Final = "given.npz"
@@ -47,7 +47,7 @@ class RunEvidence:
         stage_world_to_camera: [N, 4, 4].
     """
 
-    report: dict[str, Any]
+    report: Report
     views: NDArray[Any]
     decode: NDArray[Any]
     scene_views: NDArray[Any]
@@ -119,11 +119,13 @@ def _shown_measurement(shot: Shot) -> U8:
     return to_eight_bit(shot.measurement / white_level(shot.measurement))
 
 
-def _read(folder: Path, report: dict[str, Any]) -> RunEvidence:
+def _read(folder: Path, report: Report) -> RunEvidence:
     views = _array(folder / "views.npy", axes=4)
     shape = views.shape
     if shape[3] != 3 or 0 in shape:
         raise _contradiction(folder / "views.npy", shape, "[N, H, W, 3]")
+    if shape[:3] != (report.views, *report.size):
+        raise _contradiction(folder / "views.npy", shape, f"{[report.views, *report.size, 3]}, as its report says")
     path = folder / "cameras.json"
     transforms = parse_json(path.read_text(encoding="utf-8"))
     given = _given(folder / GIVEN_NAME, shape)

@@ -4,14 +4,12 @@ Here: what its sections are and what they say. Not here: what they are made of (
 (`next_steps.py`), reading the folder (`run_evidence.py`).
 """
 
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
 
 from markupsafe import Markup
 
 from gs2ci.core.durations import spoken_duration
-from gs2ci.core.errors import StorageError
 from gs2ci.core.whole_file import write_whole
 from gs2ci.evaluate.pages import pieces
 from gs2ci.evaluate.pages.camera_path import Paths, path_colour, path_svg
@@ -22,6 +20,7 @@ from gs2ci.evaluate.pages.pieces import Figure
 from gs2ci.evaluate.pages.run_evidence import RunEvidence, read_evidence
 from gs2ci.evaluate.pages.run_pictures import RunPictures, collect_pictures
 from gs2ci.evaluate.pages.tradeoff_section import tradeoff_section
+from gs2ci.evaluate.report import Report, Scores, Simulation
 from gs2ci.evaluate.tradeoff.record import RECORD_NAME, TradeoffRecord, read_record
 from gs2ci.evaluate.wording import describe_number, describe_value, flat_rows, spoken_rows
 
@@ -46,17 +45,10 @@ def write_run_page(folder: Path, destination: Path | None = None) -> Path:
         destination: The page's file; `report.html` in the folder if None.
 
     Raises:
-        StorageError: The folder is no whole run, its record of a trade-off is damaged, or the disk refuses.
+        StorageError: The folder is no whole run of this version, its record of a trade-off is damaged, or the disk
+            refuses.
     """
-    evidence, tradeoff = read_evidence(folder), read_record(folder)
-    try:
-        text = run_page(evidence, tradeoff)
-    except (LookupError, TypeError, AttributeError, ValueError, ArithmeticError, RecursionError) as error:
-        # The arrays are checked; what is left is a report.json whose values are not what its schema says.
-        raise StorageError(
-            f"{Path(folder) / 'report.json'} does not hold what its schema promises: {type(error).__name__}: {error}",
-            remedy="reconstruct again",
-        ) from error
+    text = run_page(read_evidence(folder), read_record(folder))
     return write_whole(Path(folder) / PAGE_NAME if destination is None else destination, text)
 
 
@@ -74,27 +66,31 @@ def run_page(evidence: RunEvidence, tradeoff: TradeoffRecord | None = None) -> s
         Section("View by view", _per_view(report)),
         Section("Depth, error, disagreement", _maps(pictures)),
         Section("Camera path", _path(evidence), _path_lead(evidence)),
-        Section("Quality against time", _curve(report), f"The fit ended: {report['stopped_because']}."),
+        Section("Quality against time", _curve(report), report.stopped.sentence),
         Section("Cost", _cost(report)),
     ]
     if tradeoff is not None:
         first.append(tradeoff_section(tradeoff))
-    plan = report["provenance"].get("plan")
-    if isinstance(plan, Mapping) and isinstance(plan.get("effects"), Mapping):
-        first.append(Section("Simulated effects", _plan(plan), _plan_lead(plan)))
+    if report.simulation is not None:
+        first.append(Section("Simulated effects", _simulation(report.simulation), _simulation_lead(report.simulation)))
     files = FILES if tradeoff is None else (*FILES, (RECORD_NAME, "what accuracy costs, the figures"))
     last = [
-        Section("Notes and doubts", pieces.sentences(report["notes"], empty="There is nothing to doubt or to add.")),
+        Section("Notes and doubts", _notes(report)),
         Section("Measurement and calibration", _measurement(report)),
-        Section("Settings", pieces.facts([*flat_rows(report["settings"]), ("seed", report["seed"])]), folded=True),
+        Section("Settings", pieces.facts([*flat_rows(report.settings), ("seed", report.seed)]), folded=True),
         Section("Environment", _environment(report), folded=True),
         Section("Files", pieces.facts(files), "What else lies in this run's folder."),
     ]
     shown = [section for section in (*first, *last) if section.body]
-    return page(str(report["name"]), shown, masthead=_masthead(report), eyebrow=f"{report['name']} · gs2ci run")
+    return page(report.name, shown, masthead=_masthead(report), eyebrow=f"{report.name} · gs2ci run")
 
 
-def _masthead(report: Mapping[str, Any]) -> Markup:
+def _notes(report: Report) -> Markup:
+    told = [note.advice for note in report.notes]
+    return pieces.sentences(told, empty="There is nothing to doubt or to add.")
+
+
+def _masthead(report: Report) -> Markup:
     out = outcome(report)
     top = pieces.masthead(out.headline, _how_good(report), _figures(report), out.tone, out.word)
     return top + pieces.steps(
@@ -102,63 +98,60 @@ def _masthead(report: Mapping[str, Any]) -> Markup:
     )
 
 
-def _how_good(report: Mapping[str, Any]) -> list[str]:
+def _how_good(report: Report) -> list[str]:
     """Say in sentences how good, how long."""
     said = []
-    if report["psnr_db"] is not None:
-        mean, decode = report["psnr_db"]["mean"], report["decode"]["psnr_db"]["mean"]
+    if report.psnr_db is not None and report.decode.psnr_db is not None:
+        mean, decode = report.psnr_db.mean, report.decode.psnr_db.mean
         gain = mean - decode
         compared = f"{gain:.1f} dB better than the decode alone" if gain >= 0.05 else "as good as the decode alone"
         said.append(f"Against the true views: {mean:.1f} dB, {compared}.")
-    heldout = report["residual"]["heldout_rms"]
-    own, decode = heldout.get(report["verdict"]), heldout.get("decode")
-    if own is not None and decode is not None and report["verdict"] != "decode":
+    own, others = report.heldout_rms, report.residual.heldout_rms.decode
+    if own is not None and others is not None and report.verdict != "decode":
         said.append(
             f"On the pixels that no stage had seen, the prediction is off by {own:.3f} of a view's full scale; "
-            f"the decode's by {decode:.3f}."
+            f"the decode's by {others:.3f}."
         )
     said.append(_where_from(report))
     return said
 
 
-def _where_from(report: Mapping[str, Any]) -> str:
+def _where_from(report: Report) -> str:
     """Say whose views are shown, and how far several fits agree on them."""
-    if report["verdict"] == "scene":
+    if report.verdict == "scene":
         return "The views are the scene's own."
-    if report["verdict"] == "decode":
+    if report.verdict == "decode":
         return "The views are the decode's: held-out pixels favour it over the scene."
-    ensemble = report.get("ensemble") or {}  # runs of earlier versions have none
-    averaged = ensemble.get("averaged", 1)
-    if averaged == 1:
+    ensemble = report.ensemble
+    if ensemble is None or ensemble.averaged == 1 or ensemble.spread is None:
         return "The views are the scene's, refined by what it left unexplained."
     return (
-        f"The views are the mean of {averaged} fits, refined by what it left unexplained; the fits are "
-        f"{ensemble['spread']:.3f} of a view's full scale from it. The scene is that of the best of them."
+        f"The views are the mean of {ensemble.averaged} fits, refined by what it left unexplained; the fits are "
+        f"{ensemble.spread:.3f} of a view's full scale from it. The scene is that of the best of them."
     )
 
 
-def _figures(report: Mapping[str, Any]) -> list[Figure]:
+def _figures(report: Report) -> list[Figure]:
     """Choose the figures that matter."""
     found = []
-    if report["psnr_db"] is not None:
-        each = report["psnr_db"]["per_view"]
-        found.append(Figure(f"{report['psnr_db']['mean']:.2f} dB", "PSNR", f"views {min(each):.1f} to {max(each):.1f}"))
-        found.append(Figure(f"{report['ssim']['mean']:.3f}", "SSIM", f"decode {report['decode']['ssim']['mean']:.3f}"))
-    heldout = report["residual"]["heldout_rms"].get(report["verdict"])
-    if heldout is not None:
-        found.append(Figure(f"{heldout:.4f}", "Held-out residual", "rms, full scale = 1"))
+    if report.psnr_db is not None:
+        each = report.psnr_db.per_view
+        found.append(Figure(f"{report.psnr_db.mean:.2f} dB", "PSNR", f"views {min(each):.1f} to {max(each):.1f}"))
+    if report.ssim is not None and report.decode.ssim is not None:
+        found.append(Figure(f"{report.ssim.mean:.3f}", "SSIM", f"decode {report.decode.ssim.mean:.3f}"))
+    if report.heldout_rms is not None:
+        found.append(Figure(f"{report.heldout_rms:.4f}", "Held-out residual", "rms, full scale = 1"))
     else:
-        found.append(Figure(f"{report['residual']['rms']:.4f}", "Residual", "rms, full scale = 1"))
-    if report["trajectory"] is not None and report["trajectory"]["nate"] is not None:
-        turned = report["trajectory"]["rotation_deg"]
-        found.append(Figure(f"{report['trajectory']['nate']:.4f}", "Path error (nATE)", f"rotation {turned:.2f}°"))
-    seconds = report["seconds"]
-    found.append(Figure(spoken_duration(seconds["total"]), "Time", f"{report['machine']['usable_cores']} cores"))
-    found.append(Figure(describe_number(report["gaussians"]), "Gaussians", f"peak {report['peak_mib']:.0f} MiB"))
+        found.append(Figure(f"{report.residual.rms:.4f}", "Residual", "rms, full scale = 1"))
+    if report.trajectory is not None and report.trajectory.nate is not None:
+        turned = report.trajectory.rotation_deg
+        found.append(Figure(f"{report.trajectory.nate:.4f}", "Path error (nATE)", f"rotation {turned:.2f}°"))
+    found.append(Figure(spoken_duration(report.seconds["total"]), "Time", f"{report.machine.usable_cores} cores"))
+    found.append(Figure(describe_number(report.gaussians), "Gaussians", f"peak {report.peak_mib:.0f} MiB"))
     return found
 
 
-def _views(report: Mapping[str, Any], pictures: RunPictures) -> Markup:
+def _views(report: Report, pictures: RunPictures) -> Markup:
     return piece(
         "comparator",
         layers=pictures.layers,
@@ -178,23 +171,26 @@ def _views_lead(pictures: RunPictures) -> str:
     return f"{few}Pictures on this page are compressed; views.npy holds the exact numbers."
 
 
-def _caption(report: Mapping[str, Any], index: int) -> str:
-    if report["psnr_db"] is None:
+def _caption(report: Report, index: int) -> str:
+    if report.psnr_db is None or report.decode.psnr_db is None:
         return ""
-    decode, own = report["decode"]["psnr_db"]["per_view"][index], report["psnr_db"]["per_view"][index]
+    decode, own = report.decode.psnr_db.per_view[index], report.psnr_db.per_view[index]
     return f"decode {decode:.2f} dB, recovered {own:.2f} dB"
 
 
-def _per_view(report: Mapping[str, Any]) -> Markup:
-    if report["psnr_db"] is None or report["views"] < 2:
+def _per_view(report: Report) -> Markup:
+    if report.psnr_db is None or report.views < 2:
         return Markup()
-    views = list(range(1, report["views"] + 1))
-    lines = [Line("recovered", views, report["psnr_db"]["per_view"], "accent")]
+    views = list(range(1, report.views + 1))
+    lines = [Line("recovered", views, report.psnr_db.per_view, "accent")]
     # Whichever of the two was taken as the result is there already.
-    others: tuple[tuple[str, str, Colour], ...] = (("scene", "scene alone", "third"), ("decode", "decode", "muted"))
-    for key, name, colour in others:
-        if report["verdict"] != key:
-            lines.append(Line(name, views, report[key]["psnr_db"]["per_view"], colour, dashed=True))
+    others: tuple[tuple[str, Scores, str, Colour], ...] = (
+        ("scene", report.scene, "scene alone", "third"),
+        ("decode", report.decode, "decode", "muted"),
+    )
+    for key, scores, name, colour in others:
+        if report.verdict != key and scores.psnr_db is not None:
+            lines.append(Line(name, views, scores.psnr_db.per_view, colour, dashed=True))
     return pieces.chart(
         Chart(lines, "view, in order of exposure", "PSNR, dB", "PSNR of each view: recovered, scene alone and decode")
     )
@@ -233,21 +229,24 @@ def _path(evidence: RunEvidence) -> Markup:
         legend=[(name, path_colour(name), "dashed" if name == "stage" else "line") for name in names],
         caption="Seen from above; the cameras look up the page.",
     )
-    errors = report["trajectory"] or {}
-    geometry = report["geometry"]
-    rows = [
-        ("absolute error (ATE), rms", errors.get("ate"), " true units"),
-        ("of the path's size (nATE)", errors.get("nate"), ""),
-        ("mean rotation error", errors.get("rotation_deg"), "°"),
-        ("error per step (RPE), rms", errors.get("rpe_t"), " true units"),
-        ("rotation per step (RPE)", errors.get("rpe_r_deg"), "°"),
-        ("poses started from", geometry.get("method"), ""),
-        ("lengths in the unit of", geometry.get("unit_of"), ""),
-        ("tracked points", geometry.get("tracks"), ""),
-        ("reprojection error, rms", geometry.get("reprojection_rms_px"), " px"),
-        ("parallax, rms", geometry.get("parallax_px"), " px"),
-        ("expected error of the first path, of its size", geometry.get("path_error_expected"), ""),
-    ]
+    rows: list[tuple[str, Any, str]] = []
+    if (errors := report.trajectory) is not None:
+        rows += [
+            ("absolute error (ATE), rms", errors.ate, " true units"),
+            ("of the path's size (nATE)", errors.nate, ""),
+            ("mean rotation error", errors.rotation_deg, "°"),
+            ("error per step (RPE), rms", errors.rpe_t, " true units"),
+            ("rotation per step (RPE)", errors.rpe_r_deg, "°"),
+        ]
+    if (geometry := report.geometry) is not None:
+        rows += [
+            ("poses started from", geometry.method, ""),
+            ("lengths in the unit of", geometry.unit_of, ""),
+            ("tracked points", geometry.tracks, ""),
+            ("reprojection error, rms", geometry.reprojection_rms_px, " px"),
+            ("parallax, rms", geometry.parallax_px, " px"),
+            ("expected error of the first path, of its size", geometry.path_error_expected, ""),
+        ]
     known = [(name, describe_value(value) + mark) for name, value, mark in rows if value is not None]
     return drawing + pieces.facts(known)
 
@@ -260,18 +259,18 @@ def _path_lead(evidence: RunEvidence) -> str:
     return "The recovered path; its unit is the scene's own."
 
 
-def _curve(report: Mapping[str, Any]) -> Markup:
-    rows = [row for row in report["curve"] if row["seconds"] > 0]
+def _curve(report: Report) -> Markup:
+    looks = [look for look in report.curve if look.seconds > 0]
     drawn = []
     wanted: tuple[tuple[str, str, Colour, float | None], ...] = (
         ("psnr_db", "PSNR, dB", "accent", _decode_psnr(report)),
-        ("heldout", "held-out residual, rms", "truth", report["residual"]["heldout_rms"].get("decode")),
+        ("heldout", "held-out residual, rms", "truth", report.residual.heldout_rms.decode),
     )
     for key, label, colour, level in wanted:
-        known = [row for row in rows if row[key] is not None]
+        known = [(look.seconds, value) for look in looks if (value := getattr(look, key)) is not None]
         if not known:
             continue
-        seconds, values = [row["seconds"] for row in known], [row[key] for row in known]
+        seconds, values = [at for at, _ in known], [value for _, value in known]
         drawn.append(
             pieces.chart(
                 Chart(
@@ -289,13 +288,12 @@ def _curve(report: Mapping[str, Any]) -> Markup:
     return Markup().join(drawn) if drawn else pieces.paragraph("Nothing was fitted, so there is no course to show.")
 
 
-def _decode_psnr(report: Mapping[str, Any]) -> float | None:
-    scores = report["decode"]["psnr_db"]
-    return None if scores is None else float(scores["mean"])
+def _decode_psnr(report: Report) -> float | None:
+    return None if report.decode.psnr_db is None else report.decode.psnr_db.mean
 
 
-def _cost(report: Mapping[str, Any]) -> Markup:
-    seconds: Mapping[str, float] = report["seconds"]
+def _cost(report: Report) -> Markup:
+    seconds = report.seconds
     stages = [(name, value) for name, value in seconds.items() if name != "total"]
     rest = seconds["total"] - sum(value for _, value in stages)
     if rest > 0.02 * seconds["total"]:
@@ -304,71 +302,62 @@ def _cost(report: Mapping[str, Any]) -> Markup:
     parts = [
         Bar(name, value, f"{value:.1f} s", colours[index % len(colours)]) for index, (name, value) in enumerate(stages)
     ]
-    height, width = report["size"]
-    per_view = 1e6 * seconds["total"] / max(height * width * report["views"], 1)
+    height, width = report.size
+    per_view = 1e6 * seconds["total"] / max(height * width * report.views, 1)
     rows = [
         ("in all", spoken_duration(seconds["total"])),
         ("per recovered megapixel", f"{per_view:.0f} s"),
-        ("peak memory", f"{report['peak_mib']:.0f} MiB"),
+        ("peak memory", f"{report.peak_mib:.0f} MiB"),
     ]
     return pieces.bars(parts, unit="s") + pieces.facts(rows)
 
 
-def _plan(plan: Mapping[str, Any]) -> Markup:
+def _simulation(plan: Simulation) -> Markup:
     rows = []
-    for name, effect in plan["effects"].items():
-        bound = effect.get("bound_rms_dn")
-        rows.append(
-            (
-                name.replace("_", " "),
-                bound if isinstance(bound, str) else describe_number(bound, 3),
-                effect.get("simulated"),
-                effect.get("why"),
-                effect.get("sampling") or "–",
-            )
-        )
+    for name, effect in plan.effects.items():
+        bound = effect.bound_rms_dn
+        at_stake = bound if isinstance(bound, str) else describe_number(bound, 3)
+        rows.append((name.replace("_", " "), at_stake, effect.simulated, effect.why, effect.sampling or "–"))
     return pieces.table(("effect", "at stake, DN rms", "simulated", "why", "sampling"), rows)
 
 
-def _plan_lead(plan: Mapping[str, Any]) -> str:
-    error, tolerance = describe_number(plan.get("error_dn"), 2), describe_number(plan.get("tolerance_dn"), 2)
+def _simulation_lead(plan: Simulation) -> str:
+    error, tolerance = describe_number(plan.error_dn, 2), describe_number(plan.tolerance_dn, 2)
     return (
         f"This exposure was simulated to within {error} DN rms of everything (asked for: {tolerance}), from "
-        f"{describe_number(plan.get('views'))} rendered views. At stake is what leaving an effect out would change."
+        f"{describe_number(plan.views)} rendered views. At stake is what leaving an effect out would change."
     )
 
 
-def _measurement(report: Mapping[str, Any]) -> Markup:
+def _measurement(report: Report) -> Markup:
     """Say what was measured and what was known of the bench: what the file states, nothing else."""
-    height, width = report["size"]
-    geometry = report["geometry"]
-    colours = f"{report['cfa']} mosaic" if report["cfa"] else "RGB" if report["channels"] == 3 else "mono"
+    height, width = report.size
+    colours = f"{report.cfa} mosaic" if report.cfa else "RGB" if report.channels == 3 else "mono"
     sources = {"file": "from the file", "estimated": "estimated", "default": "assumed"}
     rows: list[tuple[str, Any]] = [
         ("pixels", f"{width} × {height}, {colours}"),
-        ("masks in one exposure", report["views"]),
+        ("masks in one exposure", report.views),
     ]
-    if geometry.get("focal_px") is not None:
-        source = sources.get(geometry.get("focal_source"), "")
-        rows.append(("focal length", f"{describe_number(geometry['focal_px'])} px {source}".strip()))
-    measured = report.get("measured", {})
-    for key, name in (
-        ("open_share", "masks open, mean"),
-        ("grey_share", "samples of masks that are partly open"),
-        ("closed_share", "pixels that no mask opens"),
-        ("saturated_share", "saturated pixels"),
+    if report.geometry is not None:
+        focal = f"{describe_number(report.geometry.focal_px)} px {sources[report.geometry.focal_source]}"
+        rows.append(("focal length", focal))
+    measured = report.measured
+    for share, name in (
+        (measured.open_share, "masks open, mean"),
+        (measured.grey_share, "samples of masks that are partly open"),
+        (measured.closed_share, "pixels that no mask opens"),
+        (measured.saturated_share, "saturated pixels"),
     ):
-        if measured.get(key) is not None:
-            rows.append((name, f"{100 * measured[key]:.3g} %"))
-    if "weights" in measured:
-        rows.append(("exposure of a mask, share of its interval", "{:.3g} to {:.3g}".format(*measured["weights"])))
-    if "telemetry" in measured:
-        rows.append(("stage telemetry", measured["telemetry"]))
-    origin = {key: value for key, value in report["provenance"].items() if key != "plan"}
-    told = list(spoken_rows(origin))
+        if share is not None:
+            rows.append((name, f"{100 * share:.3g} %"))
+    rows.append(("exposure of a mask, share of its interval", "{:.3g} to {:.3g}".format(*measured.weights)))
+    rows.append(("stage telemetry", measured.telemetry))
+    told = list(spoken_rows(report.provenance))
     origins = piece("heading", text="As the shot file tells it") + pieces.facts(told) if told else Markup()
     return pieces.facts(rows) + origins
 
 
-def _environment(report: Mapping[str, Any]) -> Markup:
-    return pieces.columns(pieces.facts(spoken_rows(report["machine"])), pieces.facts(flat_rows(report["versions"])))
+def _environment(report: Report) -> Markup:
+    return pieces.columns(
+        pieces.facts(spoken_rows(report.machine.model_dump())), pieces.facts(flat_rows(report.versions))
+    )

@@ -91,7 +91,7 @@ def collect_pictures(evidence: RunEvidence) -> RunPictures:
         "recovered": [to_eight_bit(evidence.views[i]) for i in indices],
         "decode": [to_eight_bit(evidence.decode[i]) for i in indices],
     }
-    if evidence.report["verdict"] == "refined":
+    if evidence.report.verdict == "refined":
         stacks["scene"] = [to_eight_bit(evidence.scene_views[i]) for i in indices]
     if evidence.true_views is not None:
         stacks["truth"] = [evidence.true_views[i] for i in indices]
@@ -115,7 +115,7 @@ def collect_pictures(evidence: RunEvidence) -> RunPictures:
         start=len(indices) // 2,
         pixelated=is_pixel_art((evidence.views.shape[1], evidence.views.shape[2])),
         recovered=encoded["recovered"],
-        layers=_layers(encoded, evidence.report["verdict"]),
+        layers=_layers(encoded, evidence.report.verdict),
         measurement=encoded["measurement"][0] if "measurement" in encoded else None,
         depth=shown("depth", "Depth", _DEPTH),
         error=shown("error", "Error", _ERROR),

@@ -23,7 +23,7 @@ from gs2ci.evaluate.tradeoff.trials import KNOBS, Row
 
 COLUMNS: Final = (
     "trial", "knob", "seconds", "psnr_db", "ssim", "nate", "heldout_db", "iterations", "gaussians", "verdict",
-    "stopped_because", "error",
+    "stopped", "error",
 )  # fmt: skip
 # Told apart by those who see no red and green, too (Okabe and Ito 2008); the ladder is black.
 _COLOURS: Final = ("#000000", "#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00")

@@ -6,16 +6,14 @@ section (`gs2ci.evaluate.pages.tradeoff_section`).
 What was said is kept in words, so that a page made years later needs neither the solver nor the version that tried.
 """
 
-import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Final, Literal, get_args
 
 from gs2ci.core.errors import StorageError
-from gs2ci.core.json_text import parse_json
+from gs2ci.core.json_text import as_json, parse_json
 from gs2ci.core.whole_file import write_whole
-from gs2ci.evaluate.report import plain_json
 from gs2ci.evaluate.wording import UNKNOWN
 
 Measure = Literal["psnr_db", "heldout_db"]
@@ -96,8 +94,8 @@ def write_record(folder: Path, record: TradeoffRecord) -> Path:
     Raises:
         StorageError: The disk refuses.
     """
-    text = json.dumps(plain_json({"schema": SCHEMA, **asdict(record)}), indent=1, allow_nan=False)
-    return write_whole(Path(folder) / RECORD_NAME, text + "\n")
+    text = as_json({"schema": SCHEMA, **asdict(record)})
+    return write_whole(Path(folder) / RECORD_NAME, text)
 
 
 def read_record(folder: Path) -> TradeoffRecord | None:

@@ -201,6 +201,6 @@ def _treated(shot: Shot, trial: Trial, seed: int) -> tuple[F32, Row]:
             "gaussians": result.gaussians,
             "nate": None if truth is None else trajectory_errors(result.world_to_camera, truth).nate,
             "verdict": result.verdict,
-            "stopped_because": result.stopped_because,
+            "stopped": result.stopped.code.value,
         }
     return views if trial.shrink == 1 else enlarged(views, trial.shrink, shot.size), details

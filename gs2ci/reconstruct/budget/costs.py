@@ -235,8 +235,8 @@ class _TimedPace:
     def looked(self, seconds: float) -> None:
         self.look_s = seconds
 
-    def ending(self, done: int) -> str:
-        return f"all {done} iterations done"
+    def is_late(self, done: int) -> bool:
+        return False
 
     def beside(self) -> Pace:
         return self

@@ -13,6 +13,7 @@ from torch import Tensor
 
 from gs2ci.core.arrays import F32, F64
 from gs2ci.core.errors import InputError, NumericsError
+from gs2ci.core.findings import Code, Finding, finding
 from gs2ci.core.progress import Progress
 from gs2ci.core.run_records import CurvePoint
 from gs2ci.reconstruct.fit.density.base import DensityRule
@@ -81,7 +82,7 @@ class CoarseFit:
         world_to_camera: Refined poses, [N, 4, 4].
         views: The scene seen from there, [N, H, W, C] float32, not clamped.
         curve: How it came about.
-        stopped_because: One sentence.
+        stopped: Why it ended.
         notes: What the user should know besides: each time that numbers ran away.
     """
 
@@ -89,8 +90,8 @@ class CoarseFit:
     world_to_camera: F64
     views: F32
     curve: tuple[CurvePoint, ...]
-    stopped_because: str
-    notes: tuple[str, ...]
+    stopped: Finding
+    notes: tuple[Finding, ...]
 
 
 @dataclass
@@ -244,14 +245,14 @@ def fit_coarse(
     fit = _Fit(jury, start, geometry, backend, settings, seed)
     looks = Looks(jury, refine, score, since_s)
     loop = _Loop(fit, looks, progress, pace or Fixed(settings.iterations), judged=bool(jury.heldout.any()))
-    stopped_because = loop.run()
+    stopped = loop.run()
     fit.restore(loop.best)
     return CoarseFit(
         scene=loop.best.scene,
         world_to_camera=fit.poses.world_to_camera().detach().double().numpy(),
         views=fit.views(),
         curve=tuple(looks.curve),
-        stopped_because=stopped_because,
+        stopped=stopped,
         notes=tuple(loop.notes),
     )
 
@@ -263,7 +264,7 @@ class _Loop:
         self.fit = fit
         self.settings = fit.settings
         self.best = fit.snapshot(0)
-        self.notes: list[str] = []
+        self.notes: list[Finding] = []
         self._looks = looks
         self._progress = progress
         self._pace = pace
@@ -274,17 +275,17 @@ class _Loop:
         self._first_loss: float | None = None
         self._least_loss = float("inf")
 
-    def run(self) -> str:
+    def run(self) -> Finding:
         """Iterate until something says stop; return what."""
         total = self._pace.total(0)
         self._progress.stage("fit", total)
         iteration = 0
         while iteration < total:
             loss = self.fit.backward()
-            ran_away = self._how_it_ran_away(loss)
-            if ran_away:
+            ran_away = self._how_it_ran_away(iteration, loss)
+            if ran_away is not None:
                 if not self._roll_back(iteration, ran_away):
-                    return f"numbers ran away {MAX_ROLLBACKS} times; kept the state of iteration {self.best.iteration}"
+                    return finding(Code.FIT_DIVERGED, times=MAX_ROLLBACKS, best=self.best.iteration)
                 continue
             self._step(iteration, total)
             iteration += 1
@@ -296,10 +297,12 @@ class _Loop:
                 self._look(iteration, loss)
             self._progress.step(iteration, loss=loss, **self._figures())
             if looks and self._watch.stalled(iteration):
-                return f"held-out pixels stopped improving at iteration {self._watch.best_iteration}"
+                return finding(Code.FIT_STALLED, best=self._watch.best_iteration)
+        late = self._pace.is_late(iteration)
         if not self._judged:
-            return f"{self._pace.ending(iteration)}, no pixels held out to judge them"
-        return f"{self._pace.ending(iteration)}, held-out pixels best at iteration {self._watch.best_iteration}"
+            return finding(Code.FIT_TIME_UP_UNJUDGED if late else Code.FIT_ALL_DONE_UNJUDGED, iterations=iteration)
+        code = Code.FIT_TIME_UP if late else Code.FIT_ALL_DONE
+        return finding(code, iterations=iteration, best=self._watch.best_iteration)
 
     def _step(self, iteration: int, total: int) -> None:
         share = iteration / total
@@ -328,18 +331,20 @@ class _Loop:
         known = {name: figure for name, figure in found.items() if figure is not None}
         return {**known, "gaussians": len(self.fit.optimiser.scene)}
 
-    def _how_it_ran_away(self, loss: float) -> str:
-        """Say what is wrong with the present iteration; nothing if it may be taken."""
+    def _how_it_ran_away(self, iteration: int, loss: float) -> Finding | None:
+        """Say what is wrong with the present iteration; None if it may be taken."""
+        best = self.best.iteration
         if not self.fit.is_finite(loss):
-            return "was not finite"
+            return finding(Code.ROLLED_BACK_NOT_FINITE, iteration=iteration, best=best)
         if self._first_loss is None:
             self._first_loss = loss
         if loss > EXPLODED * self._least_loss and loss > EXPLODED_SHARE_OF_FIRST * self._first_loss:
-            return f"exploded, the loss rose from {self._least_loss:.3g} to {loss:.3g}"
+            least = self._least_loss
+            return finding(Code.ROLLED_BACK_EXPLODED, iteration=iteration, best=best, least_loss=least, loss=loss)
         self._least_loss = min(self._least_loss, loss)
-        return ""
+        return None
 
-    def _roll_back(self, iteration: int, ran_away: str) -> bool:
+    def _roll_back(self, iteration: int, ran_away: Finding) -> bool:
         if iteration == 0:
             raise NumericsError(
                 "the first iteration of the fit is not finite",
@@ -352,7 +357,6 @@ class _Loop:
         self._damping *= 0.5
         self.fit.restore(self.best)
         self._least_loss = float("inf")
-        note = f"Iteration {iteration} {ran_away}: back to iteration {self.best.iteration} with half the step."
-        self.notes.append(note)
-        self._progress.say(note)
+        self.notes.append(ran_away)
+        self._progress.say(ran_away.sentence)
         return True

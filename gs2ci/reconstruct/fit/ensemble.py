@@ -22,6 +22,7 @@ from scipy.ndimage import gaussian_filter
 
 from gs2ci.core.arrays import F32, F64
 from gs2ci.core.errors import NumericsError
+from gs2ci.core.findings import Code, Finding, finding
 from gs2ci.core.progress import Progress, Silent
 from gs2ci.reconstruct.fit.coarse import CoarseFit
 from gs2ci.reconstruct.fit.density.base import DensityRule
@@ -198,11 +199,15 @@ class Ensemble:
     others: tuple[CoarseFit, ...] = ()
 
     @property
-    def notes(self) -> tuple[str, ...]:
+    def notes(self) -> tuple[Finding, ...]:
         """Get what happened to each fit, and whether their mean was refused."""
-        beside = (f"Another fit: {note}" for fit in self.others for note in fit.notes)
+        beside = (
+            finding(Code.OF_ANOTHER_FIT, sentence=note.sentence, code=note.code)
+            for fit in self.others
+            for note in fit.notes
+        )
         refused = bool(self.others) and self.averaged == 1
-        doubt = ("Held-out pixels prefer one of the fits to their mean: the views are that one's.",) if refused else ()
+        doubt = (finding(Code.MEAN_REFUSED),) if refused else ()
         return (*self.best.notes, *beside, *doubt)
 
     def summary(self) -> dict[str, float | int | None]:

@@ -18,6 +18,7 @@ from torch import Tensor
 
 from gs2ci.core.arrays import F32
 from gs2ci.core.errors import Gs2ciError, InputError, NumericsError
+from gs2ci.core.findings import Code, finding
 from gs2ci.core.progress import Progress
 from gs2ci.reconstruct.fit.coarse import CoarseFit
 from gs2ci.reconstruct.fit.looks import Looks, Refine, Score
@@ -209,9 +210,11 @@ def fit_fine(
         kept = _unchanged(coarse, "held-out pixels did not agree better with anything it made", progress)
         return replace(kept, curve=curve)
     named = "without a prior" if fine.prior is None else f"prior: {fine.prior.name}"
-    judged = f"lowered the held-out residual from {before:.5f} to {after:.5f}" if settings.gated else "was not judged"
-    note = f"The fine stage ({named}) {judged}."
-    progress.say(note)
+    if before is not None and after is not None and settings.gated:
+        note = finding(Code.FINE_HELPED, with_prior=named, before=before, after=after)
+    else:
+        note = finding(Code.FINE_UNJUDGED, with_prior=named)
+    progress.say(note.sentence)
     return replace(
         coarse,
         scene=loop.best,
@@ -267,8 +270,8 @@ def make_pseudo(coarse: CoarseFit, renderer: ShotRenderer, prior: ImagePrior, re
 
 
 def _unchanged(coarse: CoarseFit, why: str, progress: Progress) -> CoarseFit:
-    note = f"The fine stage changed nothing: {why}."
-    progress.say(note)
+    note = finding(Code.FINE_UNCHANGED, why=why)
+    progress.say(note.sentence)
     return replace(coarse, notes=(*coarse.notes, note))
 
 

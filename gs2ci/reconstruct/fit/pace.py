@@ -33,8 +33,8 @@ class Pace(Protocol):
         """Take note of how long a look at the held-out pixels took."""
         ...
 
-    def ending(self, done: int) -> str:
-        """Say why the fit ended when its schedule did."""
+    def is_late(self, done: int) -> bool:
+        """Tell whether it was the time, and not the number of iterations, that ended the schedule."""
         ...
 
     def beside(self) -> "Pace":
@@ -55,9 +55,9 @@ class Fixed:
     def looked(self, seconds: float) -> None:
         """Ignore."""
 
-    def ending(self, done: int) -> str:
-        """Say that all are done."""
-        return f"all {done} iterations done"
+    def is_late(self, done: int) -> bool:
+        """Return False: no time is kept."""
+        return False
 
     def beside(self) -> "Fixed":
         """Return itself: nothing in it changes."""
@@ -118,9 +118,9 @@ class Deadline:
         self._looking_s += seconds
         self._look_s += (seconds - self._look_s) / min(self._looks, 3)
 
-    def ending(self, done: int) -> str:
-        """Say whether the schedule or the time came to its end."""
-        return f"all {done} iterations done" if done >= self._most else f"the time was up after {done} iterations"
+    def is_late(self, done: int) -> bool:
+        """Tell whether the time was up before all iterations were done."""
+        return done < self._most
 
     def beside(self) -> "Deadline":
         """Return a pace with the same deadline that learns its own speed."""

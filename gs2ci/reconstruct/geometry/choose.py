@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Final
 
 from gs2ci.core.errors import Gs2ciError, InputError
+from gs2ci.core.findings import Code, finding
 from gs2ci.core.progress import Progress
 from gs2ci.reconstruct.geometry.evidence import unexplained
 from gs2ci.reconstruct.geometry.hierarchy import FromVggt
@@ -33,12 +34,6 @@ _FILE: Final = "file:"
 _VGGT: Final = "vggt:"
 # Another source must leave this share of what the one that stands leaves, or less; above it, decode noise decides.
 _CLEARLY: Final = 0.99
-_DOUBTED: Final = (
-    "The stage's poses were not taken. Check [stage.mount] and the unit, or measure the axes with "
-    "`gs2ci calibrate stage`."
-)
-
-_UNSEEN: Final = "The stage reports a motion of which the views show nothing. See that it carries the camera."
 
 
 def load_geometry_prior(name: str) -> GeometryPrior:
@@ -107,13 +102,14 @@ class Auto:
             answers.append(_judged(request, "uniform motion", uniform_motion(request, tracks)))
             standing = _standing(answers)
         chosen = tracks if standing is None else standing
-        notes = [f"Geometry from {chosen.source}. Left unexplained: {', '.join(answer.said for answer in answers)}."]
+        answered = ", ".join(answer.said for answer in answers)
+        notes = [finding(Code.SOURCE_CHOSEN, source=chosen.source, answers=answered)]
         if _STAGE in names and standing is not None and standing.source != _STAGE:
-            notes.append(_DOUBTED)
+            notes.append(finding(Code.STAGE_NOT_TAKEN))
         elif chosen.source == _STAGE and tracks.verdict == "static":
-            notes.append(_UNSEEN)
+            notes.append(finding(Code.STAGE_MOTION_UNSEEN))
         for note in notes:
-            progress.say(note)
+            progress.say(note.sentence)
         return replace(chosen, notes=(*notes, *chosen.notes))
 
 

@@ -19,6 +19,7 @@ from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
 
 from gs2ci.core.arrays import F32, F64
+from gs2ci.core.findings import Code, finding
 from gs2ci.reconstruct.geometry.evidence import Evidence
 from gs2ci.reconstruct.geometry.initialise import PLANE_NOTE, Geometry
 from gs2ci.reconstruct.geometry.prior import Request
@@ -49,11 +50,6 @@ _TURN_STEP: Final = 0.03
 _MOST_TRIALS: Final = 100
 # It ends where steps change neither the motion nor what it leaves by more than this.
 _SETTLED: Final = 1e-3
-_UNIFORM: Final = (
-    "The camera path is the uniform motion that explains the measurement best; no tracked points bear it out. It "
-    "leaves {share:.0%} of what a camera at rest leaves."
-)
-_TURNED: Final = "Turning explains the measurement, and a motion hardly more of it, so depth cannot be found."
 
 
 class Direct:
@@ -110,12 +106,12 @@ class Direct:
         motion, left = self._refined(np.array(way), near)
         if there < _CLEARLY * back and left < _CLEARLY * min(self._still, turned):
             found = self._swept(motion, self._best(motion, _NEAREST)[1])
-            return replace(found, notes=(*found.notes, _UNIFORM.format(share=left / self._still)))
+            return replace(found, notes=(*found.notes, finding(Code.UNIFORM_MOTION, share=left / self._still)))
         if turned < _CLEARLY * self._still:
             only_turned = replace(
                 self._at_rest, world_to_camera=self._motion(np.zeros(3), turn), verdict="rotation_only"
             )
-            return replace(only_turned, notes=(*only_turned.notes, _TURNED, PLANE_NOTE))
+            return replace(only_turned, notes=(*only_turned.notes, finding(Code.UNIFORM_TURN), PLANE_NOTE))
         return still
 
     def _refined(self, way: F64, near: float) -> tuple[F64, float]:

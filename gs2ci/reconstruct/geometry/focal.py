@@ -11,6 +11,7 @@ import numpy as np
 
 from gs2ci.core.arrays import F64
 from gs2ci.core.cameras import pinhole
+from gs2ci.core.findings import Code, Finding, finding
 from gs2ci.reconstruct.geometry.motion import MotionSettings, adjust_both_ways
 from gs2ci.reconstruct.geometry.tracks import Tracks
 
@@ -49,11 +50,11 @@ class FocalSettings:
 
 @dataclass(frozen=True)
 class Focal:
-    """A camera matrix, where its focal length came from, and the sentence that says so."""
+    """A camera matrix, where its focal length came from, and the finding that says so."""
 
     intrinsics: F64
     source: Literal["estimated", "default"]
-    note: str
+    note: Finding
 
 
 def focal_from_view_angle(angle_deg: float, width: int) -> float:
@@ -63,10 +64,7 @@ def focal_from_view_angle(angle_deg: float, width: int) -> float:
 
 def default_focal(size: tuple[int, int], why: str, settings: FocalSettings) -> Focal:
     """Take the default field of view and say why."""
-    note = (
-        f"The focal length is not known and {why}; a horizontal field of view of {settings.default_deg:.0f}° is "
-        "assumed. Depths are then true only up to a stretch; give the camera matrix if you know it."
-    )
+    note = finding(Code.FOCAL_ASSUMED, why=why, view_angle_deg=settings.default_deg)
     focal_px = focal_from_view_angle(settings.default_deg, size[1])
     return Focal(pinhole(focal_px, size), "default", note)
 
@@ -110,9 +108,8 @@ def estimate_focal(tracks: Tracks, size: tuple[int, int], settings: FocalSetting
         return default_focal(size, "the tracks fit almost equally well with any", settings)
     log_focal = _golden_section(lambda x: surprise(x, cost(x)), (grid[best - 1], grid[best + 1]), settings.refinements)
     focal_px = float(np.exp(log_focal))
-    angle = np.degrees(2 * np.arctan(0.5 * size[1] / focal_px))
-    figures = f"{focal_px:.0f} px within about {spread:.0%}, a horizontal field of view of {angle:.0f}°"
-    note = f"The focal length was estimated from the tracks: {figures}."
+    angle_deg = float(np.degrees(2 * np.arctan(0.5 * size[1] / focal_px)))
+    note = finding(Code.FOCAL_ESTIMATED, focal_px=focal_px, spread=spread, view_angle_deg=angle_deg)
     return Focal(pinhole(focal_px, size), "estimated", note)
 
 

@@ -20,6 +20,7 @@ import numpy as np
 from gs2ci.core.arrays import F32, F64
 from gs2ci.core.cameras import camera_centres, pinhole
 from gs2ci.core.errors import GeometryError, NumericsError
+from gs2ci.core.findings import Code, Finding, finding
 from gs2ci.core.progress import Progress
 from gs2ci.reconstruct.geometry.bundle import adjust_bundle
 from gs2ci.reconstruct.geometry.focal import Focal, default_focal, estimate_focal, focal_from_view_angle
@@ -109,7 +110,7 @@ class Camera:
 
     intrinsics: F64
     source: str
-    notes: tuple[str, ...]
+    notes: tuple[Finding, ...]
 
 
 def check_prediction(prediction: Prediction, reference: int, criteria: Criteria) -> Prediction:
@@ -136,15 +137,15 @@ def gated_camera(request: Request, prediction: Prediction, tracks: Tracks) -> Ca
     known = request.intrinsics
     if known is not None:
         factor = _factor(focal, known[0, 0])
-        doubt = f"VGGT takes the focal length for {focal:.0f} px where {known[0, 0]:.0f} px is known."
+        doubt = finding(Code.VGGT_FOCAL_DIFFERS, focal_px=focal, known_px=float(known[0, 0]))
         return Camera(known.astype(np.float64), "file", (doubt,) if factor > criteria.focal_factor else ())
     from_tracks = None
     if not doubts_about_tracks(tracks, size, criteria):
         from_tracks = estimate_focal(tracks, size, settings.focal, settings.motion)
     why = _why_refused(prediction.focal_px, from_tracks, size, settings)
     if not why:
-        return Camera(pinhole(focal, size), "estimated", (f"The focal length is VGGT's: {focal:.0f} px.",))
-    refused = f"VGGT's focal length, {focal:.0f} px, was refused: {why}."
+        return Camera(pinhole(focal, size), "estimated", (finding(Code.VGGT_FOCAL_TAKEN, focal_px=focal),))
+    refused = finding(Code.VGGT_FOCAL_REFUSED, focal_px=focal, why=why)
     instead = from_tracks or default_focal(size, "there are too few tracks to estimate it", settings.focal)
     return Camera(instead.intrinsics, instead.source, (refused, instead.note))
 
@@ -176,7 +177,7 @@ def _supported(
 ) -> Geometry | None:
     """Take the prediction as the tracks bear it out, adjusted if possible; None, and the reasons in `said`, if not."""
     if doubts := doubts_about_tracks(tracks, request.size, request.settings.criteria):
-        said.append(f"{order}: {' '.join(doubts).rstrip('.')}")
+        said.append(f"{order}: {_in_a_row(doubts)}")
         return None
     steps: tuple[Step, ...] = ("after adjustment", "before adjustment")
     for step in steps:
@@ -191,14 +192,15 @@ def _supported(
             if not reasons:
                 found = initialise(request.views, intrinsics, request.settings, progress, poses, request.seen)
                 reasons = () if found.verdict == "full" else found.notes
+            why = _in_a_row(reasons)
         except GeometryError as error:
-            reasons = (error.problem,)
-        if not reasons:
-            note = f"VGGT's poses were taken {step}, views {order}{_after(said)}."
+            why = error.problem
+        if not why:
+            note = finding(Code.VGGT_POSES_TAKEN, step=step, order=order, before=_after(said))
             notes = (note, *camera.notes, *found.notes)
             # A model's lengths have no unit.
             return replace(found, source="vggt", focal_source=camera.source, unit=None, notes=notes)
-        said.append(f"{order}, {step}: {' '.join(reasons).rstrip('.')}")
+        said.append(f"{order}, {step}: {why}")
     return None
 
 
@@ -210,7 +212,7 @@ def shortcomings(
     step: Step,
     size: tuple[int, int],
     settings: GeometrySettings,
-) -> tuple[str, ...]:
+) -> tuple[Finding, ...]:
     """Say what poses, [N, 4, 4], fall short of: the criteria of the two track-supported steps; nothing if they pass.
 
     All tracks begin in the middle view, so the graph of views that see points together is connected as soon as every
@@ -229,10 +231,10 @@ def shortcomings(
     registered = float(supported_views(explained, criteria).mean())
     least = criteria.registered if step == "after adjustment" else criteria.registered_before
     if registered < least:
-        said.append(f"{registered:.0%} of the views see enough tracks; {least:.0%} is needed.")
+        said.append(finding(Code.UNREGISTERED_VIEWS, share=registered, needed=least))
     factor = _factor(float(intrinsics[0, 0]), float(camera.intrinsics[0, 0]))
     if factor > criteria.focal_factor:
-        said.append(f"The adjustment changed the focal length by a factor of {factor:.1f}.")
+        said.append(finding(Code.FOCAL_CHANGED, factor=factor))
     return tuple(said)
 
 
@@ -262,7 +264,7 @@ def _dense(request: Request, prediction: Prediction, camera: Camera, tracks: Tra
         checked = "there are too few tracks to check them"
         if np.ptp(camera_centres(poses), axis=0).max(initial=0) < criteria.dense_path:
             raise GeometryError(f"its camera does not move{tried}")
-    note = f"VGGT's own cameras and depth were taken; {checked}{tried}."
+    note = finding(Code.VGGT_DEPTH_TAKEN, checked=checked, before=tried)
     return Geometry(
         world_to_camera=poses,
         intrinsics=camera.intrinsics,
@@ -309,6 +311,10 @@ def _more_tracks(settings: GeometrySettings) -> GeometrySettings:
 
 def _factor(a: float, b: float) -> float:
     return max(a / b, b / a) if a > 0 and b > 0 else float("inf")
+
+
+def _in_a_row(findings: tuple[Finding, ...]) -> str:
+    return " ".join(found.sentence for found in findings).rstrip(".")
 
 
 def _after(said: list[str]) -> str:

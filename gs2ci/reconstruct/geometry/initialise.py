@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation, Slerp
 
 from gs2ci.core.errors import GeometryError, InputError
+from gs2ci.core.findings import Code, Finding, finding
 from gs2ci.core.progress import Progress, Silent
 from gs2ci.core.records import check_intrinsics
 from gs2ci.reconstruct.geometry.bundle import adjust_bundle
@@ -40,7 +41,7 @@ Bool = NDArray[np.bool_]
 
 # A point counts if at least this share of the views see it.
 _LEAST_SHARE_OF_VIEWS = 0.6
-PLANE_NOTE = "The scene starts as a plane, and the fit has to find its depth alone."
+PLANE_NOTE = finding(Code.DEPTH_STARTS_AS_PLANE)
 
 
 @dataclass(frozen=True)
@@ -78,7 +79,7 @@ class Geometry:
         reprojection_rms_px: Their error.
         parallax_px: What translation explains of the tracks beyond the best rotations, root mean square.
         verdict: "full"; or why depth is a mere plane: "rotation_only", "static", "unsupported".
-        notes: Sentences for the user.
+        notes: What the user should know.
         source: Which geometry prior found it.
         path_error_expected: Error that halves of the tracks let expect of the path (`halves`), as a share of its
             extent; None where the path was given, or there is none.
@@ -94,7 +95,7 @@ class Geometry:
     reprojection_rms_px: float
     parallax_px: float
     verdict: Verdict
-    notes: tuple[str, ...]
+    notes: tuple[Finding, ...]
     source: str = "tracks"
     path_error_expected: float | None = None
     unit: float | None = None
@@ -147,7 +148,7 @@ def initialise(
             geometry = replace(geometry, inverse_depth=_depth(geometry, found.motion, views, settings.sweep))
     progress.step(3)
     for note in geometry.notes:
-        progress.say(note)
+        progress.say(note.sentence)
     return geometry
 
 
@@ -289,7 +290,7 @@ def _usable(tracks: Tracks, criteria: Criteria, seen: Bool | None) -> Tracks:
 
 def _focal(
     intrinsics: F64 | None, tracks: Tracks, size: tuple[int, int], doubtful: bool, settings: GeometrySettings
-) -> tuple[F64, str, tuple[str, ...]]:
+) -> tuple[F64, str, tuple[Finding, ...]]:
     """Get the camera matrix, its source and what to say about it."""
     if intrinsics is not None:
         return intrinsics.astype(np.float64), "file", ()
@@ -301,7 +302,7 @@ def _focal(
 
 
 def _flat(
-    views: int, size: tuple[int, int], focal: tuple[F64, str, tuple[str, ...]], doubts: tuple[str, ...]
+    views: int, size: tuple[int, int], focal: tuple[F64, str, tuple[Finding, ...]], doubts: tuple[Finding, ...]
 ) -> Geometry:
     """Assume a camera at rest before a plane at inverse depth 1, as long as nothing better is known."""
     intrinsics, source, notes = focal
@@ -349,10 +350,7 @@ def _moved(
     missing = np.flatnonzero(~tracks.seen.any(0))
     if len(missing) and (verdict == "rotation_only" or (verdict == "full" and not posed)):
         poses = _with_missing_poses(poses, missing)
-        notes = (
-            *notes,
-            f"Too few points could be tracked in views {missing.tolist()}; their poses lie on the path of the others.",
-        )
+        notes = (*notes, finding(Code.POSES_INTERPOLATED, views=missing.tolist()))
     return replace(
         geometry,
         world_to_camera=poses,

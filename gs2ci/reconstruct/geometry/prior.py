@@ -9,6 +9,7 @@ from typing import Protocol
 
 from gs2ci.core.arrays import F32, F64, Bool
 from gs2ci.core.errors import GeometryError, NumericsError
+from gs2ci.core.findings import Code, finding
 from gs2ci.core.progress import Progress
 from gs2ci.core.records import Shot
 from gs2ci.reconstruct.geometry.initialise import Geometry, GeometrySettings, initialise
@@ -86,7 +87,7 @@ def find_geometry(prior: GeometryPrior, request: Request, progress: Progress) ->
     try:
         return prior(request, progress)
     except (GeometryError, NumericsError) as error:
-        note = f"Not from {prior.name}: {error.problem}. The tracks were taken instead."
-        progress.say(note)
+        note = finding(Code.SOURCE_FAILED, source=prior.name, problem=error.problem)
+        progress.say(note.sentence)
         found = from_tracks(request, progress)
         return replace(found, notes=(note, *found.notes))

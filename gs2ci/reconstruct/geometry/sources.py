@@ -12,6 +12,7 @@ import numpy as np
 
 from gs2ci.core.arrays import F64
 from gs2ci.core.errors import GeometryError
+from gs2ci.core.findings import Code, Finding, finding
 from gs2ci.core.progress import Progress
 from gs2ci.reconstruct.geometry.camera_files import CameraFile, read_cameras
 from gs2ci.reconstruct.geometry.direct import Direct
@@ -22,10 +23,6 @@ from gs2ci.reconstruct.geometry.telemetry import poses_of_stage
 
 # From this relative difference on, two focal lengths are worth a word.
 _FOCAL_DOUBT: Final = 0.05
-_BORNE_OUT: Final = "The range of depths is the one by which the given poses explain the measurement best."
-_NOT_BORNE_OUT: Final = (
-    "The given poses were not taken: reversed, or at rest, the camera explains the measurement about as well."
-)
 
 
 @dataclass(frozen=True)
@@ -104,8 +101,8 @@ def _without_tracks(request: Request, poses: F64, found: Geometry) -> Geometry:
     """Find the depths along given poses by the measurement, where there are too few tracks to say anything of them."""
     swept = Direct(request, found).along(poses)
     if swept is None:
-        return replace(found, notes=(*found.notes, _NOT_BORNE_OUT))
-    return replace(measured(swept, poses), notes=(*swept.notes, _BORNE_OUT))
+        return replace(found, notes=(*found.notes, finding(Code.POSES_NOT_BORNE_OUT)))
+    return replace(measured(swept, poses), notes=(*swept.notes, finding(Code.DEPTH_RANGE_FOUND)))
 
 
 def swept_between_points(request: Request, cameras: CameraFile, without: Geometry) -> Geometry:
@@ -138,16 +135,13 @@ def swept_between_points(request: Request, cameras: CameraFile, without: Geometr
         inverse_depth=sweep(request.views, poses, cameras.intrinsics, reference, span, request.settings.sweep),
         verdict="full",
         unit=1 / unit,
-        notes=(*without.notes, "Poses and the range of depths are the file's; the tracks could not check them."),
+        notes=(*without.notes, finding(Code.POSES_UNCHECKED)),
     )
 
 
-def _focal_notes(of_file: F64, of_shot: F64 | None, *, straight: bool) -> tuple[str, ...]:
+def _focal_notes(of_file: F64, of_shot: F64 | None, *, straight: bool) -> tuple[Finding, ...]:
     """Say whose focal length is taken where they differ: behind a lens the shot's, which was measured with it."""
     if of_shot is None or abs(of_file[0, 0] / of_shot[0, 0] - 1) <= _FOCAL_DOUBT:
         return ()
-    taken = "the file's is taken, as its poses" if straight else "the shot's is taken, as its distortion"
-    return (
-        f"The camera file's focal length is {of_file[0, 0]:.0f} px, the shot's {of_shot[0, 0]:.0f} px; {taken} belong"
-        f"{'' if straight else 's'} to it.",
-    )
+    code = Code.FOCAL_OF_CAMERA_FILE if straight else Code.FOCAL_OF_SHOT
+    return (finding(code, of_file_px=float(of_file[0, 0]), of_shot_px=float(of_shot[0, 0])),)

@@ -10,6 +10,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from gs2ci.core.arrays import Bool
+from gs2ci.core.findings import Code, Finding, finding
 from gs2ci.reconstruct.geometry.motion import Motion, wander_px
 from gs2ci.reconstruct.geometry.rotations import Rotations
 from gs2ci.reconstruct.geometry.tracks import Tracks
@@ -97,20 +98,18 @@ def coverage(tracks: Tracks, size: tuple[int, int]) -> float:
     return len(np.unique(cells, axis=0)) / 64 if len(cells) else 0.0
 
 
-def doubts_about_tracks(tracks: Tracks, size: tuple[int, int], criteria: Criteria) -> tuple[str, ...]:
+def doubts_about_tracks(tracks: Tracks, size: tuple[int, int], criteria: Criteria) -> tuple[Finding, ...]:
     """Say why these tracks cannot support any motion; nothing if they can."""
     doubts = []
     if len(tracks) < criteria.tracks:
-        doubts.append(f"Only {len(tracks)} points could be tracked; {criteria.tracks} are needed.")
+        doubts.append(finding(Code.FEW_TRACKS, tracks=len(tracks), needed=criteria.tracks))
     elif (share := coverage(tracks, size)) < criteria.coverage:
-        doubts.append(f"The tracked points cover {share:.0%} of the image; {criteria.coverage:.0%} is needed.")
+        doubts.append(finding(Code.CLUSTERED_TRACKS, share=share, needed=criteria.coverage))
     views = tracks.positions.shape[1]
     supported = int(supported_views(tracks, criteria).sum())
     if supported < 2 or supported < views / 2:
-        doubts.append(
-            f"Only {supported} of {views} views see {criteria.tracks_per_view} tracked points or more; half of the "
-            "views must."
-        )
+        each = criteria.tracks_per_view
+        doubts.append(finding(Code.FEW_VIEWS_TRACKED, views=supported, of=views, tracks=each))
     return tuple(doubts)
 
 
@@ -135,8 +134,8 @@ def has_parallax(motion: Motion, rotations: Rotations, criteria: Criteria) -> bo
 
 def judge(
     candidates: int, tracks: Tracks, motion: Motion, rotations: Rotations, criteria: Criteria
-) -> tuple[Verdict, tuple[str, ...]]:
-    """Decide what the camera did, and say it in sentences unless all is well.
+) -> tuple[Verdict, tuple[Finding, ...]]:
+    """Decide what the camera did, and why, unless all is well.
 
     Args:
         candidates: Number of tracks before those that the motion does not explain were dropped.
@@ -147,31 +146,26 @@ def judge(
     """
     if not has_parallax(motion, rotations, criteria):
         if rotations.displacement_px < criteria.displacement_px:
-            moved = f"The views differ by {rotations.displacement_px:.2f} px"
-            return "static", (f"{moved}: the camera did not move, so depth cannot be found.",)
-        explained = f"Rotations alone explain the tracks to {rotations.rms_px:.2f} px"
+            return "static", (finding(Code.CAMERA_STOOD_STILL, displacement_px=rotations.displacement_px),)
         if rotations.rms_px > criteria.parallax_px:  # errors in which a parallax worth speaking of may hide
-            explained += f", a motion would to {motion.rms_px:.2f} px"
-            doubt = "the camera only turned, or its parallax drowns in such errors, so depth cannot be found."
-            return "rotation_only", (f"{explained}: {doubt}",)
-        return "rotation_only", (f"{explained}: the camera only turned, so depth cannot be found.",)
+            apart = finding(Code.PARALLAX_MAY_DROWN, rotations_px=rotations.rms_px, motion_px=motion.rms_px)
+            return "rotation_only", (apart,)
+        return "rotation_only", (finding(Code.CAMERA_ONLY_TURNED, rotations_px=rotations.rms_px),)
     doubts = contradictions(candidates, tracks, motion, criteria)
     return ("unsupported" if doubts else "full"), doubts
 
 
-def contradictions(candidates: int, tracks: Tracks, motion: Motion, criteria: Criteria) -> tuple[str, ...]:
+def contradictions(candidates: int, tracks: Tracks, motion: Motion, criteria: Criteria) -> tuple[Finding, ...]:
     """Say how far the tracks contradict a motion; nothing if they bear it out. Arguments as for `judge`."""
     doubts = []
     if len(tracks) < max(criteria.inliers * candidates, criteria.tracks):
-        doubts.append(f"The motion explains only {len(tracks)} of {candidates} tracks.")
+        doubts.append(finding(Code.FEW_TRACKS_EXPLAINED, tracks=len(tracks), of=candidates))
     if motion.rms_px > criteria.rms_px:
-        doubts.append(f"The motion explains the tracks to {motion.rms_px:.2f} px only; {criteria.rms_px} is needed.")
+        doubts.append(finding(Code.TRACKS_BADLY_EXPLAINED, rms_px=motion.rms_px, needed_px=criteria.rms_px))
     if motion.behind_share > criteria.behind:
-        doubts.append(f"The motion puts {motion.behind_share:.0%} of the points behind a camera.")
+        doubts.append(finding(Code.POINTS_BEHIND_CAMERA, share=motion.behind_share))
     if (turn_deg := _largest_turn_deg(motion, tracks)) > criteria.turn_deg:
-        doubts.append(
-            f"The motion turns a view by {turn_deg:.0f}°; tracks can be followed over {criteria.turn_deg:.0f}° at most."
-        )
+        doubts.append(finding(Code.TURN_TOO_LARGE, turn_deg=turn_deg, most_deg=criteria.turn_deg))
     return tuple(doubts)
 
 
@@ -181,12 +175,8 @@ def _largest_turn_deg(motion: Motion, tracks: Tracks) -> float:
     return float(np.degrees(np.max(turns.magnitude(), initial=0.0)))
 
 
-def doubts_about_path(expected_error: float | None, criteria: Criteria) -> tuple[str, ...]:
+def doubts_about_path(expected_error: float | None, criteria: Criteria) -> tuple[Finding, ...]:
     """Say that a path with such an expected error, as a share of its extent, is not to be relied on; or nothing."""
     if expected_error is None or expected_error <= criteria.path_error:
         return ()
-    return (
-        f"The first camera path is uncertain: halves of the tracked points give paths so different that an error of "
-        f"{expected_error:.0%} of its extent is to be expected. Do not rely on path and depth, even where the views "
-        "are good. More sideways motion, texture over more of the frame, or a stage that reports its poses would help.",
-    )
+    return (finding(Code.PATH_UNCERTAIN, share=expected_error),)

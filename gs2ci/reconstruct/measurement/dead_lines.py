@@ -9,6 +9,7 @@ from typing import Final
 import numpy as np
 
 from gs2ci.core.arrays import Bool
+from gs2ci.core.findings import Code, Finding, finding
 from gs2ci.core.records import Shot
 from gs2ci.reconstruct.measurement.coding import without_pixels
 
@@ -17,7 +18,7 @@ _SHORTEST: Final = 8
 _AXES: Final = ((1, "rows"), (0, "columns"))
 
 
-def close_dead_lines(shot: Shot) -> tuple[Shot, tuple[str, ...]]:
+def close_dead_lines(shot: Shot) -> tuple[Shot, tuple[Finding, ...]]:
     """Close the masks over dead lines, so that nothing is concluded from their readings; say which.
 
     Light makes neighbours differ, if only by noise. Lines along the picture's border are left as they are: there, one
@@ -33,12 +34,10 @@ def close_dead_lines(shot: Shot) -> tuple[Shot, tuple[str, ...]]:
             sound[dead] = False
         else:
             sound[:, dead] = False
-        for lines, fate in ((dead, "left out as dead"), (stuck & ~dead, "close the masks there if the sensor is dead")):
+        for lines, code in ((dead, Code.DEAD_LINES), (stuck & ~dead, Code.STUCK_BORDER_LINES)):
             if lines.any():
-                notes.append(
-                    f"{int(lines.sum())} of {len(lines)} {name} read one value throughout, the first of them number "
-                    f"{int(np.argmax(lines))}: {fate}."
-                )
+                first = int(np.argmax(lines))
+                notes.append(finding(code, count=int(lines.sum()), of=len(lines), lines=name, first=first))
     if (sound == opened).all():
         return shot, tuple(notes)
     return without_pixels(shot, ~sound), tuple(notes)

@@ -1,6 +1,6 @@
 """What a user should know about a measurement before believing anything that is made of it.
 
-Here: the sentences about light, masks and saturation, and about views that hardly explain the measurement. Not here:
+Here: the findings about light, masks and saturation, and about views that hardly explain the measurement. Not here:
 errors (`Shot.check` refuses what contradicts itself), doubts about motion and depth (`geometry.validity`). For
 `gs2ci.reconstruct.pipeline`.
 """
@@ -10,6 +10,7 @@ from typing import Final
 import numpy as np
 
 from gs2ci.core.arrays import F32
+from gs2ci.core.findings import Code, Finding, finding
 from gs2ci.core.records import Shot
 from gs2ci.reconstruct.measurement.brightness import TOO_ALIKE
 from gs2ci.reconstruct.measurement.coding import EXCESS, beyond_white, white_reading
@@ -31,47 +32,38 @@ _MOSTLY_DARK: Final = 0.5
 _UNEXPLAINED_WORTH_SAYING: Final = 0.6
 
 
-def doubts_about(shot: Shot) -> tuple[str, ...]:
+def doubts_about(shot: Shot) -> tuple[Finding, ...]:
     """Say what in a checked shot leaves views, path or depth open; nothing if all is ordinary."""
     return (*_doubts_about_light(shot), *_doubts_about_masks(shot))
 
 
-def _doubts_about_light(shot: Shot) -> list[str]:
+def _doubts_about_light(shot: Shot) -> list[Finding]:
     doubts = []
     lowest, highest = float(shot.measurement.min()), float(shot.measurement.max())
     if lowest == highest:
-        what = "zero" if highest == 0 else f"{highest:.4g}"
-        doubts.append(f"The measurement is {what} everywhere: it shows no scene.")
+        reading = "zero" if highest == 0 else f"{highest:.4g}"
+        doubts.append(finding(Code.EMPTY_MEASUREMENT, reading=reading))
     clipped = 0.0 if shot.saturated is None else float(shot.saturated.mean())
     if clipped >= SATURATION_WORTH_SAYING:
-        doubts.append(f"{clipped:.0%} of the pixels are saturated and say only «at least»; use less light.")
+        doubts.append(finding(Code.SATURATED, share=clipped))
     return [*doubts, *_doubts_about_scale(shot), *_doubts_about_brightness(shot)]
 
 
-def _doubts_about_scale(shot: Shot) -> list[str]:
+def _doubts_about_scale(shot: Shot) -> list[Finding]:
     """Compare the readings with those of a black and of a white scene."""
     doubts = []
     under, over = float((shot.measurement < -EXCESS).any(axis=2).mean()), float(beyond_white(shot).mean())
     if under >= _EXCESS_WORTH_SAYING:
-        doubts.append(
-            f"{under:.0%} of the pixels read clearly less than no light: too much of a dark level was subtracted, or "
-            "there is much noise."
-        )
+        doubts.append(finding(Code.DARKER_THAN_DARK, share=under))
     if over >= _EXCESS_WORTH_SAYING:
-        doubts.append(
-            f"{over:.0%} of the pixels read more light than a white scene would send through their masks: the masks "
-            "are not those of this exposure, the unit is not the full scale of one view, or there is much noise."
-        )
+        doubts.append(finding(Code.BRIGHTER_THAN_WHITE, share=over))
     share = float(np.quantile(shot.measurement, 0.999)) / float(white_reading(shot).max())
     if 0 < share < _DARK:
-        doubts.append(
-            f"The brightest readings are {share:.2g} of those of a white scene: the scene is very dark, or the unit is "
-            "not the full scale of one view."
-        )
+        doubts.append(finding(Code.VERY_DARK, share=share))
     return doubts
 
 
-def _doubts_about_brightness(shot: Shot) -> list[str]:
+def _doubts_about_brightness(shot: Shot) -> list[Finding]:
     """Say if some views are brighter than others, as the readings under their open elements tell.
 
     The readings' regression on the masks gives each view's mean brightness, and its standard error.
@@ -88,41 +80,36 @@ def _doubts_about_brightness(shot: Shot) -> list[str]:
     apart = float(np.abs(brightness - middle).max())
     if middle <= 0 or apart < max(_BRIGHTER * middle, _STANDARD_ERRORS * error):
         return []
-    return [
-        f"Views seem to be {brightness.min() / middle:.2f} to {brightness.max() / middle:.2f} times as bright as the "
-        "middle one: the weights are not those of this exposure, the lamp flickers, or the scene changes."
-    ]
+    least, most = float(brightness.min()) / middle, float(brightness.max()) / middle
+    return [finding(Code.UNEVEN_VIEWS, least=least, most=most)]
 
 
-def _doubts_about_masks(shot: Shot) -> list[str]:
+def _doubts_about_masks(shot: Shot) -> list[Finding]:
     doubts = []
     light = shot.weights * shot.masks.sum(axis=(1, 2), dtype=np.float64)
     exposed = light > 0
     faint = exposed & (light < _FAINT_VIEW * light.max())
     if shot.views == 1:
-        doubts.append("There is one view only: neither a camera path nor depth can be found.")
+        doubts.append(finding(Code.SINGLE_VIEW))
     elif not exposed.all():
-        doubts.append(f"No light reached views {np.flatnonzero(~exposed).tolist()}: only the others tell of them.")
+        doubts.append(finding(Code.UNLIT_VIEWS, views=np.flatnonzero(~exposed).tolist()))
     if faint.any():
-        doubts.append(f"Hardly any light reached views {np.flatnonzero(faint).tolist()}: little can be known of them.")
+        doubts.append(finding(Code.FAINT_VIEWS, views=np.flatnonzero(faint).tolist()))
     if shot.views > 1 and (shot.masks == shot.masks[0]).all():
-        doubts.append("All masks are the same: the measurement is one long exposure, and does not tell views apart.")
+        doubts.append(finding(Code.SAME_MASKS))
     lit = shot.lit
     dark = int((~lit).sum())
     if dark:
-        doubts.append(f"No mask opens {dark} of {lit.size} pixels: there the views follow from their surroundings.")
+        doubts.append(finding(Code.UNOPENED_PIXELS, count=dark, of=lit.size))
     if dark > _MOSTLY_DARK * lit.size:
-        doubts.append("That is most of the picture: show more masks, or masks with more open elements.")
+        doubts.append(finding(Code.MOSTLY_UNOPENED))
     return doubts
 
 
-def doubts_about_result(jury: Jury, views: F32) -> tuple[str, ...]:
+def doubts_about_result(jury: Jury, views: F32) -> tuple[Finding, ...]:
     """Say if recovered views, [N, H, W, C], explain the held-out pixels little better than an even grey does."""
     left, grey = jury.residual_rms(views), jury.grey_rms()
     if left is None or grey is None or left <= _UNEXPLAINED_WORTH_SAYING * grey:
         return ()
     share = f"{left / grey:.0%}" if grey > 0 else "more"
-    return (
-        f"On the held-out pixels, the views leave {share} of what an even grey leaves unexplained: there is much noise "
-        "or little to see, or the masks are not those of this exposure.",
-    )
+    return (finding(Code.LITTLE_EXPLAINED, share=share),)

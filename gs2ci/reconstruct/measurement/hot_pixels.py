@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter
 
 from gs2ci.core.arrays import Bool
+from gs2ci.core.findings import Code, Finding, finding
 from gs2ci.core.records import Shot
 from gs2ci.reconstruct.measurement.coding import MOST_OUTLIERS, beyond_white, without_pixels
 
@@ -20,7 +21,7 @@ _SIDE: Final = 3
 _NEIGHBOURS: Final = 2
 
 
-def close_hot_pixels(shot: Shot) -> tuple[Shot, tuple[str, ...]]:
+def close_hot_pixels(shot: Shot) -> tuple[Shot, tuple[Finding, ...]]:
     """Close the masks over hot pixels, so that nothing is concluded from their readings; say how many.
 
     No view can explain them, and left to the fit each is a bright Gaussian that stands in the way of all views. A
@@ -36,10 +37,8 @@ def close_hot_pixels(shot: Shot) -> tuple[Shot, tuple[str, ...]]:
     if not hot.any():
         return shot, ()
     count = int(hot.sum())
-    read = f"{count} pixels read" if count > 1 else "1 pixel reads"
-    return without_pixels(shot, hot), (
-        f"{read} more light than a white scene would send through the masks, while those around do not: left out.",
-    )
+    pixels = f"{count} pixels read" if count > 1 else "1 pixel reads"
+    return without_pixels(shot, hot), (finding(Code.HOT_PIXELS, pixels=pixels, count=count),)
 
 
 def _among(odd: Bool) -> NDArray[np.int64]:

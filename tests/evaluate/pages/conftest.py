@@ -24,6 +24,7 @@ import pytest
 from gs2ci.evaluate import run_folder
 from gs2ci.evaluate.pages.run_page import write_run_page
 from gs2ci.evaluate.tradeoff.record import TradeoffRecord, Tried, write_record
+from tests.evaluate.reports import GEOMETRY
 
 NAMES = ("chromium", "chromium-browser", "chrome-headless-shell", "google-chrome", "google-chrome-stable")
 PATIENCE_S = 60.0
@@ -161,16 +162,7 @@ def whole_run(tmp_path_factory, make_run, scene, write_quickly, tradeoff_record)
         saturated=np.zeros((48, 64), bool),
         provenance={"source": "simulated rig", "plan": plan},
     ).check()
-    geometry = {
-        "method": "tracks",
-        "verdict": "full",
-        "tracks": 812,
-        "reprojection_rms_px": 1.1,
-        "parallax_px": 3.0,
-        "path_error_expected": 0.0123,
-        "focal_px": 70.4,
-        "focal_source": "estimated",
-    }
+    geometry = {**GEOMETRY, "focal_px": 70.4, "focal_source": "estimated", "path_error_expected": 0.0123}
     folder = write_quickly(tmp_path_factory.mktemp("whole") / "run", shot, replace(result, geometry=geometry), scene)
     write_record(folder, tradeoff_record)
     write_run_page(folder)

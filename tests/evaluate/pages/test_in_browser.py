@@ -167,8 +167,10 @@ def test_hostile_names_run_nothing_and_break_nothing(tab, own_run):
     hostile = "</style></script><img src=x onerror=document.title='taken'><script>document.title='taken'</script>"
     report |= {
         "name": hostile,
-        "notes": [hostile, "W" * 5000],
-        "stopped_because": hostile,
+        "notes": [
+            {"code": "fine_unchanged", "sentence": sentence, "figures": {}} for sentence in (hostile, "W" * 5000)
+        ],
+        "stopped": {"code": "fit_stalled", "sentence": hostile, "figures": {}},
         "provenance": {hostile: hostile},
     }
     (own_run / "report.json").write_text(json.dumps(report))

@@ -22,7 +22,7 @@ def test_what_was_written_reads_back(whole_run, make_run):
     np.testing.assert_array_equal(found.stage_world_to_camera, shot.truth.world_to_camera)
     np.testing.assert_allclose(found.true_views / 255, shot.truth.views, atol=0.5 / 255 + 1e-6)
     assert found.focal_y_px == pytest.approx(result.intrinsics[1, 1])
-    assert found.report["name"] == "waves"
+    assert found.report.name == "waves"
 
 
 def test_the_measurement_is_shown_up_to_its_brightest_samples(whole_run):

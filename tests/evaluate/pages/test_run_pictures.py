@@ -18,7 +18,7 @@ def pixels(picture):
 
 
 def judged(evidence, verdict):
-    return collect_pictures(replace(evidence, report={**evidence.report, "verdict": verdict}))
+    return collect_pictures(replace(evidence, report=evidence.report.model_copy(update={"verdict": verdict})))
 
 
 def test_every_view_has_its_pictures_and_the_middle_one_is_first(evidence):

@@ -6,6 +6,7 @@ import pytest
 import torch
 
 from gs2ci.core.errors import InputError, NumericsError
+from gs2ci.core.findings import Code, finding
 from gs2ci.core.progress import Silent
 from gs2ci.reconstruct.fit.coarse import MAX_ROLLBACKS, CoarseSettings, fit_coarse
 from gs2ci.reconstruct.fit.density.classic import Classic
@@ -107,21 +108,21 @@ def test_the_views_returned_are_those_of_the_best_look(moving_plane):
     best = min(point.heldout for point in fit.curve)
     assert jury.residual_rms(fit.views) == pytest.approx(best, rel=1e-6)
     at = next(point.iteration for point in fit.curve if point.heldout == best)
-    if "stopped improving" in fit.stopped_because:
+    if fit.stopped.code is Code.FIT_STALLED:
         assert fit.curve[-1].iteration < 200
-    assert fit.stopped_because.endswith(f"at iteration {at}")
+    assert fit.stopped.figures["best"] == at
 
 
 def test_a_fit_that_stops_improving_ends_early_and_says_so(moving_plane):
     settings = replace(QUICK, hold_out=replace(QUICK.hold_out, patience=20, improvement=0.9))
     fit, _ = run(moving_plane, settings)
     assert fit.curve[-1].iteration < settings.iterations
-    assert fit.stopped_because.startswith("held-out pixels stopped improving at iteration ")
+    assert fit.stopped.code is Code.FIT_STALLED
 
 
 def test_without_held_out_pixels_all_iterations_run_and_the_sentence_says_that_nothing_judged(moving_plane):
     fit, _ = run(moving_plane, replace(QUICK, hold_out=replace(QUICK.hold_out, share=0.0, patience=10)))
-    assert fit.stopped_because == "all 60 iterations done, no pixels held out to judge them"
+    assert fit.stopped == finding(Code.FIT_ALL_DONE_UNJUDGED, iterations=60)
     assert all(point.heldout is None for point in fit.curve)
 
 
@@ -243,7 +244,7 @@ def test_the_papers_schedule_two_hundred_times_faster_stays_finite(moving_plane,
         settings = replace(settings, density=replace(rule, criteria=hurried))
     settings = replace(settings, iterations=100, densify_every=1, gaussians_per_pixel=0.6)
     fit, _ = run(moving_plane, settings, seed=seed)
-    assert fit.stopped_because == "all 100 iterations done, no pixels held out to judge them"
+    assert fit.stopped == finding(Code.FIT_ALL_DONE_UNJUDGED, iterations=100)
     assert fit.notes == ()
     assert np.isfinite(fit.views).all()
     fit.scene.check()
@@ -326,8 +327,8 @@ def test_kept_lists_lead_to_as_low_a_loss(moving_plane, threads):
 def test_one_bad_iteration_is_rolled_back_and_told(moving_plane):
     listener = Listener()
     fit, _ = run(moving_plane, backend=FaultyBackend(lambda call: call == 25), listener=listener)
-    assert fit.notes == ("Iteration 25 was not finite: back to iteration 20 with half the step.",)
-    assert listener.sentences == list(fit.notes)
+    assert fit.notes == (finding(Code.ROLLED_BACK_NOT_FINITE, iteration=25, best=20),)
+    assert listener.sentences == [note.sentence for note in fit.notes]
     assert fit.curve[-1].iteration == 60
     assert fit.curve[-1].loss < 0.6 * fit.curve[0].loss
     assert np.isfinite(fit.views).all()
@@ -346,15 +347,15 @@ def test_a_step_that_explodes_is_rolled_back_and_told(moving_plane, monkeypatch,
     monkeypatch.setattr(GaussianOptimiser, "step", step)
     fit, _ = run(moving_plane)
     (note,) = fit.notes
-    assert note.startswith("Iteration 26 exploded, the loss rose from")
-    assert note.endswith("back to iteration 20 with half the step.")
+    assert note.code is Code.ROLLED_BACK_EXPLODED
+    assert (note.figures["iteration"], note.figures["best"]) == (26, 20)
     assert fit.curve[-1].loss < 0.6 * fit.curve[0].loss
     fit.scene.check()
 
 
 def test_numbers_that_keep_running_away_end_the_fit_with_a_sentence_and_the_last_good_state(moving_plane):
     fit, jury = run(moving_plane, backend=FaultyBackend(lambda call: call >= 25))
-    assert fit.stopped_because == f"numbers ran away {MAX_ROLLBACKS} times; kept the state of iteration 20"
+    assert fit.stopped == finding(Code.FIT_DIVERGED, times=MAX_ROLLBACKS, best=20)
     assert len(fit.notes) == MAX_ROLLBACKS
     assert jury.residual_rms(fit.views) == pytest.approx(fit.curve[-1].heldout, rel=1e-6)
     fit.scene.check()

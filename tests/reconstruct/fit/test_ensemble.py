@@ -7,6 +7,7 @@ import pytest
 import torch
 
 from gs2ci.core.errors import InputError, NumericsError
+from gs2ci.core.findings import Code, finding
 from gs2ci.core.progress import Silent
 from gs2ci.reconstruct.fit.coarse import CoarseFit
 from gs2ci.reconstruct.fit.density.osgr import Osgr
@@ -15,6 +16,9 @@ from gs2ci.reconstruct.fit.pace import Fixed
 from gs2ci.reconstruct.measurement.jury import Jury
 
 RULES = (Osgr.sparing(), Osgr.generous())
+
+
+GOOD, BAD = finding(Code.UNJUDGED), finding(Code.ROLLED_BACK_NOT_FINITE, iteration=9, best=5)
 
 
 class Listener(Silent):
@@ -28,7 +32,9 @@ class Listener(Silent):
 
 def fit_of(views, scene=None, notes=()):
     poses = np.tile(np.eye(4), (len(views), 1, 1))
-    return CoarseFit(scene, poses, np.asarray(views, np.float32), (), "all done", notes)
+    return CoarseFit(
+        scene, poses, np.asarray(views, np.float32), (), finding(Code.FIT_ALL_DONE, iterations=1, best=1), notes
+    )
 
 
 def number(member, beginnings):
@@ -202,13 +208,13 @@ def test_the_mean_of_fits_that_err_apart_is_nearer_the_truth(judged):
 
 def test_a_fit_that_is_surely_better_than_the_mean_stands_alone(judged):
     truth, jury, _ = judged
-    good, bad = fit_of(truth, notes=("good",)), fit_of(truth + 0.5, notes=("bad",))
+    good, bad = fit_of(truth, notes=(GOOD,)), fit_of(truth + 0.5, notes=(BAD,))
     together = combined((bad, good), jury, alike)
     assert together.best is good
     assert together.averaged == 1
     np.testing.assert_array_equal(together.views, good.views)
-    assert together.notes[:2] == ("good", "Another fit: bad")
-    assert "prefer one of the fits to their mean" in together.notes[2]
+    assert together.notes[:2] == (GOOD, finding(Code.OF_ANOTHER_FIT, sentence=BAD.sentence, code=BAD.code))
+    assert together.notes[2].code is Code.MEAN_REFUSED
 
 
 def test_the_best_lends_its_scene_while_the_views_are_the_mean(judged):

@@ -5,6 +5,7 @@ import pytest
 import torch
 
 from gs2ci.core.errors import InputError, NumericsError
+from gs2ci.core.findings import Code, finding
 from gs2ci.core.progress import Silent
 from gs2ci.reconstruct.fit.coarse import CoarseSettings, fit_coarse
 from gs2ci.reconstruct.fit.fine import Fine, FineSettings, Pseudo, PseudoLoss, fit_fine, make_pseudo
@@ -83,7 +84,7 @@ def test_the_held_out_residual_falls_and_cameras_stay(coarse):
     after = run(coarse, Prior())
     assert jury.residual_rms(after.views) < jury.residual_rms(before.views)
     np.testing.assert_array_equal(after.world_to_camera, before.world_to_camera)
-    assert "lowered the held-out residual" in after.notes[-1]
+    assert after.notes[-1].code is Code.FINE_HELPED
     assert after.curve[: len(before.curve)] == before.curve
     assert after.curve[-1].iteration > before.curve[-1].iteration
 
@@ -127,7 +128,7 @@ def test_what_held_out_pixels_do_not_like_is_dropped(coarse):
     after = run(coarse, Prior(), jury=Severe(jury.shot, jury.heldout))
     assert after.scene is before.scene
     np.testing.assert_array_equal(after.views, before.views)
-    assert "did not agree better" in after.notes[-1]
+    assert "did not agree better" in after.notes[-1].sentence
     assert len(after.curve) > len(before.curve)
 
 
@@ -146,7 +147,7 @@ def test_a_prior_that_fails_changes_nothing(coarse, error):
 
     after = run(coarse, Prior(fail))
     assert after.scene is coarse[1].scene
-    assert after.notes[-1] == f"The fine stage changed nothing: {error.problem}."
+    assert after.notes[-1] == finding(Code.FINE_UNCHANGED, why=error.problem)
 
 
 def test_a_distance_that_fails_changes_nothing(coarse):
@@ -159,14 +160,14 @@ def test_a_distance_that_fails_changes_nothing(coarse):
 
     after = run(coarse, Prior(), distance=Broken())
     assert after.scene is coarse[1].scene
-    assert "the distance broken of equal images is nan" in after.notes[-1]
+    assert "the distance broken of equal images is nan" in after.notes[-1].sentence
 
 
 def test_without_held_out_pixels_nothing_is_changed(coarse):
     jury, before, _ = coarse
     after = run(coarse, Prior(), jury=Jury(jury.shot, np.zeros_like(jury.heldout)))
     assert after.scene is before.scene
-    assert "no pixel is held out" in after.notes[-1]
+    assert "no pixel is held out" in after.notes[-1].sentence
 
 
 def test_without_a_gate_the_last_state_is_taken_as_in_the_paper(coarse):
@@ -175,7 +176,7 @@ def test_without_a_gate_the_last_state_is_taken_as_in_the_paper(coarse):
     after = run(coarse, Prior(), replace(QUICK, gated=False), jury=blind)
     assert after.curve[-1].iteration - before.curve[-1].iteration == 40
     assert not torch.equal(after.scene.means, before.scene.means)
-    assert after.notes[-1] == "The fine stage (prior: test) was not judged."
+    assert after.notes[-1] == finding(Code.FINE_UNJUDGED, with_prior="prior: test")
     severe = run(coarse, Prior(), replace(QUICK, gated=False), jury=Severe(jury.shot, jury.heldout))
     assert not torch.equal(severe.scene.means, before.scene.means)
 
@@ -194,7 +195,7 @@ def test_one_camera_has_nothing_beside_its_path(coarse):
     single = replace(before, world_to_camera=before.world_to_camera[:1], views=before.views)
     after = run(coarse, Prior(), fit=single)
     assert after.scene is before.scene
-    assert "there is one camera only" in after.notes[-1]
+    assert "there is one camera only" in after.notes[-1].sentence
 
 
 def test_numbers_that_run_away_end_the_stage_with_the_last_good_state(coarse):
@@ -230,7 +231,7 @@ def test_lists_kept_through_the_whole_stage_give_nearly_the_same_views(coarse, m
 
 def test_without_a_prior_there_are_no_pseudo_views(coarse):
     after = run(coarse, None)
-    assert "without a prior" in after.notes[-1]
+    assert "without a prior" in after.notes[-1].sentence
     weightless = run(coarse, Prior(), replace(QUICK, pseudo_weight=0.0))
     np.testing.assert_array_equal(after.views, weightless.views)
 

@@ -8,6 +8,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from gs2ci.core.errors import GeometryError, InputError, NumericsError
+from gs2ci.core.findings import Code, finding
 from gs2ci.core.progress import Silent
 from gs2ci.evaluate.cameras import nerfstudio_transforms, write_colmap_model
 from gs2ci.reconstruct.geometry import choose
@@ -86,7 +87,7 @@ def test_a_view_too_plain_to_track_keeps_the_pose_that_the_file_gives(request_fo
     found = find(camera_file(), request_for(views))
     assert found.verdict == "full"
     assert same_path(found, scene.poses, 1e-6)
-    assert not any("lie on the path of the others" in note for note in found.notes)
+    assert Code.POSES_INTERPOLATED not in [note.code for note in found.notes]
 
 
 def test_a_stage_gives_its_poses(request_for, scene):
@@ -107,7 +108,7 @@ def test_a_file_of_another_camera_is_believed_and_the_difference_said(request_fo
     wider[:2, 2] = scene.intrinsics[:2, 2]
     found = find(camera_file(matrix=wider), request_for())
     np.testing.assert_allclose(found.intrinsics, wider)
-    assert any("90 px, the shot's 100 px" in note for note in found.notes)
+    assert finding(Code.FOCAL_OF_CAMERA_FILE, of_file_px=90.0, of_shot_px=100.0) in found.notes
 
 
 def test_poses_that_lie_end_in_the_tracks_with_the_reason(request_for, camera_file, scene):
@@ -117,7 +118,7 @@ def test_poses_that_lie_end_in_the_tracks_with_the_reason(request_for, camera_fi
     found = find(camera_file(backwards), request_for())
     assert found.source == "tracks"
     assert found.verdict == "full"
-    assert found.notes[0].startswith("Not from file: the known poses put most tracked points")
+    assert found.notes[0].sentence.startswith("Not from file: the known poses put most tracked points")
 
 
 def test_without_tracks_the_points_of_a_model_give_the_range_of_depths(request_for, tmp_path, scene):
@@ -132,7 +133,7 @@ def test_without_tracks_the_points_of_a_model_give_the_range_of_depths(request_f
     assert same_path(found, scene.poses, 1e-6)
     assert np.isfinite(found.inverse_depth).all()
     assert found.inverse_depth.min() > 0
-    assert "the tracks could not check them" in found.notes[-1]
+    assert found.notes[-1].code is Code.POSES_UNCHECKED
 
 
 def test_without_tracks_points_behind_the_camera_end_in_the_fallback(request_for, tmp_path, scene):
@@ -147,7 +148,7 @@ def test_without_tracks_points_behind_the_camera_end_in_the_fallback(request_for
     )
     found = find(f"file:{tmp_path}", request_for(plain))
     assert (found.source, found.verdict) == ("tracks", "unsupported")
-    assert "9 of the file's 9 points lie behind" in found.notes[0]
+    assert "9 of the file's 9 points lie behind" in found.notes[0].sentence
 
 
 def test_without_tracks_and_points_a_file_leaves_a_plane(request_for, camera_file, scene):
@@ -166,7 +167,7 @@ def test_a_source_that_fails_gives_way_to_the_tracks(request_for, error):
 
     found = find_geometry(Failing(), request_for(), Silent())
     assert found.source == "tracks"
-    assert found.notes[0] == f"Not from oracle: {error.problem}. The tracks were taken instead."
+    assert found.notes[0] == finding(Code.SOURCE_FAILED, source="oracle", problem=error.problem)
 
 
 def test_auto_takes_the_tracks_without_a_word_where_nothing_else_is_known(request_for):
@@ -178,8 +179,8 @@ def test_auto_takes_the_tracks_without_a_word_where_nothing_else_is_known(reques
 def test_auto_believes_a_stage_that_the_measurement_does_not_contradict(request_for, scene):
     found = find("auto", request_for(telemetry_world_to_camera=moved(scene.poses)))
     assert (found.source, len(found.notes)) == ("stage", 1)
-    assert found.notes[0].startswith("Geometry from stage. Left unexplained: 0.")
-    assert found.notes[0].endswith(" by the tracks.")
+    assert found.notes[0].sentence.startswith("Geometry from stage. Left unexplained: 0.")
+    assert found.notes[0].sentence.endswith(" by the tracks.")
     assert same_path(found, scene.poses, 1e-6)
 
 
@@ -189,7 +190,7 @@ def test_auto_says_what_to_check_where_a_stage_leaves_clearly_more_than_the_trac
     late[:, :3, 3] *= np.array([1.6, 0.4, 1, 1.6, 0.4])[:, None]
     found = find("auto", request_for(telemetry_world_to_camera=late))
     assert found.source == "tracks"
-    assert "Check [stage.mount]" in found.notes[1]
+    assert found.notes[1].code is Code.STAGE_NOT_TAKEN
 
 
 def test_auto_says_where_a_stage_reports_a_motion_of_which_nothing_shows(request_for, scene, monkeypatch):
@@ -200,7 +201,7 @@ def test_auto_says_where_a_stage_reports_a_motion_of_which_nothing_shows(request
     monkeypatch.setattr(choose, "FromStage", lambda: lambda request, progress: crept)
     found = find("auto", request_for(telemetry_world_to_camera=scene.poses))
     assert found.source == "stage"
-    assert "See that it carries the camera" in found.notes[1]
+    assert found.notes[1].code is Code.STAGE_MOTION_UNSEEN
 
 
 def test_auto_takes_the_stage_where_tracks_find_nothing(request_for, scene, monkeypatch):
@@ -213,8 +214,8 @@ def test_auto_takes_the_stage_where_tracks_find_nothing(request_for, scene, monk
     monkeypatch.setattr(choose, "FromTracks", lambda: blind)
     found = find("auto", request)
     assert found.source == "stage"
-    assert "by the tracks (unsupported)" in found.notes[0]
-    assert "by the stage, " in found.notes[0]
+    assert "by the tracks (unsupported)" in found.notes[0].sentence
+    assert "by the stage, " in found.notes[0].sentence
 
 
 def test_auto_drops_a_stage_that_lies(request_for, scene):
@@ -222,7 +223,7 @@ def test_auto_drops_a_stage_that_lies(request_for, scene):
     backwards[:, :3, 3] *= -1
     found = find("auto", request_for(telemetry_world_to_camera=backwards))
     assert found.source == "tracks"
-    assert "the stage failed (the known poses put most tracked points" in found.notes[0]
+    assert "the stage failed (the known poses put most tracked points" in found.notes[0].sentence
 
 
 @pytest.fixture
@@ -238,9 +239,9 @@ def lost_request(seen, expose):
 def test_auto_seeks_a_uniform_motion_where_tracks_give_no_path(lost_request):
     found = find("auto", lost_request())
     assert (found.source, found.verdict) == ("uniform", "full")
-    assert "by the tracks (unsupported), " in found.notes[0]
-    assert found.notes[0].endswith(" by the uniform motion.")
-    assert "no tracked points bear it out" in found.notes[-1]
+    assert "by the tracks (unsupported), " in found.notes[0].sentence
+    assert found.notes[0].sentence.endswith(" by the uniform motion.")
+    assert found.notes[-1].code is Code.UNIFORM_MOTION
     by_name = find("uniform", lost_request())
     assert np.array_equal(found.world_to_camera, by_name.world_to_camera)
 
@@ -251,7 +252,7 @@ def test_auto_seeks_a_uniform_motion_where_halves_of_the_tracks_disagree(request
     found = find("auto", request_for())
     # The bent path of the tracks is the right one here, and explains more.
     assert found.source == "tracks"
-    assert "by the uniform motion" in found.notes[0]
+    assert "by the uniform motion" in found.notes[0].sentence
 
 
 def test_without_tracks_the_measurement_bears_out_a_stage_or_not(lost_request):
@@ -259,17 +260,17 @@ def test_without_tracks_the_measurement_bears_out_a_stage_or_not(lost_request):
     poses[:, :3, 3] = (np.arange(5) - 2)[:, None] * (7.5, 2.5, 0)
     found = find("auto", lost_request(telemetry_world_to_camera=poses))
     assert (found.source, found.verdict) == ("stage", "full")
-    assert not any("uniform" in note for note in found.notes)
+    assert Code.UNIFORM_MOTION not in [note.code for note in found.notes]
     assert found.unit == pytest.approx(
         np.linalg.norm(poses[4, :3, 3]) / np.linalg.norm(found.world_to_camera[4, :3, 3])
     )
-    assert "explain the measurement best" in found.notes[-1]
+    assert found.notes[-1].code is Code.DEPTH_RANGE_FOUND
 
     wrong_way = find(
         "stage", lost_request(telemetry_world_to_camera=poses * np.float64([1, 1, 1, -1]) + 2 * np.diag([0, 0, 0, 1.0]))
     )
     assert wrong_way.verdict == "unsupported"
-    assert "reversed, or at rest" in wrong_way.notes[-1]
+    assert wrong_way.notes[-1].code is Code.POSES_NOT_BORNE_OUT
 
 
 def test_without_tracks_the_measurement_bears_out_the_poses_of_a_file(lost_request, tmp_path):

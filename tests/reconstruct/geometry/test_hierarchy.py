@@ -7,6 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from gs2ci.core.errors import GeometryError, InputError
+from gs2ci.core.findings import Code, finding
 from gs2ci.core.progress import Silent
 from gs2ci.reconstruct.geometry import hierarchy
 from gs2ci.reconstruct.geometry.choose import load_geometry_prior
@@ -58,7 +59,7 @@ def refuse(monkeypatch, *steps):
     real = hierarchy.shortcomings
 
     def judged(tracks, poses, intrinsics, camera, step, size, settings):
-        refused = (f"refused {step}",) if step in steps else ()
+        refused = (finding(Code.FINE_UNCHANGED, why=f"refused {step}"),) if step in steps else ()
         return refused or real(tracks, poses, intrinsics, camera, step, size, settings)
 
     monkeypatch.setattr(hierarchy, "shortcomings", judged)
@@ -72,7 +73,7 @@ def test_a_good_prediction_is_adjusted_and_taken(make_vggt, request_for, scene):
     )
     found = find(make_vggt(scene, poses=turned), request_for())
     assert (found.source, found.verdict, found.focal_source) == ("vggt", "full", "file")
-    assert found.notes[0] == "VGGT's poses were taken after adjustment, views in order."
+    assert found.notes[0].sentence == "VGGT's poses were taken after adjustment, views in order."
     assert path_error(found, scene.poses) < TRACKED
     assert turn_error(found.world_to_camera, scene.poses) < 0.7 * turn_error(turned, scene.poses)
 
@@ -80,8 +81,8 @@ def test_a_good_prediction_is_adjusted_and_taken(make_vggt, request_for, scene):
 def test_before_the_adjustment_comes_after_it(make_vggt, request_for, scene, monkeypatch):
     refuse(monkeypatch, "after adjustment")
     found = find(make_vggt(scene), request_for())
-    assert found.notes[0].startswith("VGGT's poses were taken before adjustment, views in order")
-    assert "refused after adjustment" in found.notes[0]
+    assert found.notes[0].sentence.startswith("VGGT's poses were taken before adjustment, views in order")
+    assert "refused after adjustment" in found.notes[0].sentence
     assert path_error(found, scene.poses) < 1e-5
 
 
@@ -91,7 +92,7 @@ def test_an_adjustment_that_fails_leaves_the_prediction(make_vggt, request_for, 
 
     monkeypatch.setattr(hierarchy, "adjust_bundle", fail)
     found = find(make_vggt(scene), request_for())
-    assert found.notes[0].startswith("VGGT's poses were taken before adjustment")
+    assert found.notes[0].sentence.startswith("VGGT's poses were taken before adjustment")
 
 
 def test_retries_look_for_more_tracks_in_other_orders(make_vggt, request_for, scene, monkeypatch):
@@ -109,7 +110,7 @@ def test_retries_look_for_more_tracks_in_other_orders(make_vggt, request_for, sc
     monkeypatch.setattr(hierarchy.Vggt, "predict", predict)
     found = find(make_vggt(scene), request_for())
     assert found.source == "vggt"
-    assert "views backwards (before that: in order, after adjustment" in found.notes[0]
+    assert "views backwards (before that: in order, after adjustment" in found.notes[0].sentence
     assert shown == [(0, 1, 2, 3, 4), (4, 3, 2, 1, 0)]
     assert path_error(found, scene.poses) < TRACKED
 
@@ -125,7 +126,7 @@ def test_the_models_own_depth_is_the_last_step(make_vggt, request_for, scene, mo
     refuse(monkeypatch, "after adjustment", "before adjustment")
     found = find(make_vggt(scene), request_for())
     assert found.verdict == "full"
-    assert found.notes[0].startswith("VGGT's own cameras and depth were taken; the tracks lie 0.")
+    assert found.notes[0].sentence.startswith("VGGT's own cameras and depth were taken; the tracks lie 0.")
     assert path_error(found, scene.poses) < 1e-5
     relative = found.inverse_depth / np.median(found.inverse_depth) * np.median(scene.inverse_depth)
     assert np.median(np.abs(relative / scene.inverse_depth - 1)) < 0.01
@@ -137,7 +138,7 @@ def test_plain_views_are_taken_on_the_models_word(make_vggt, seen, expose):
     plain = replace(scene, views=np.stack([np.full_like(view, 0.4 + 0.05 * i) for i, view in enumerate(scene.views)]))
     found = find(make_vggt(plain), Request(expose(scene), plain.views, QUICK))
     assert (found.source, found.verdict, found.unit) == ("vggt", "full", None)
-    assert "too few tracks to check them" in found.notes[0]
+    assert "too few tracks to check them" in found.notes[0].sentence
 
 
 def test_plain_views_before_a_camera_that_is_said_to_rest_end_in_a_plane(make_vggt, seen, expose):
@@ -146,7 +147,7 @@ def test_plain_views_before_a_camera_that_is_said_to_rest_end_in_a_plane(make_vg
     model = make_vggt(plain, poses=np.tile(np.eye(4), (5, 1, 1)))
     found = find(model, Request(expose(scene), plain.views, QUICK))
     assert (found.source, found.verdict) == ("tracks", "unsupported")
-    assert "its camera does not move" in found.notes[0]
+    assert "its camera does not move" in found.notes[0].sentence
 
 
 def lies(scene):
@@ -169,13 +170,13 @@ def test_a_prediction_that_lies_ends_in_the_tracks_or_is_put_right(make_vggt, re
     assert found.verdict == "full"
     assert path_error(found, scene.poses) < TRACKED
     if found.source == "tracks":
-        assert found.notes[0].startswith("Not from vggt: ")
+        assert found.notes[0].sentence.startswith("Not from vggt: ")
 
 
 def test_negative_depths_are_named(make_vggt, request_for, scene):
     found = find(make_vggt(scene, depth=-1 / scene.inverse_depth), request_for())
     assert found.source == "tracks"
-    assert "100% of the predicted depths are not positive" in found.notes[0]
+    assert "100% of the predicted depths are not positive" in found.notes[0].sentence
 
 
 def test_a_few_depths_that_are_not_positive_are_mended(make_vggt, request_for, scene, monkeypatch):
@@ -192,7 +193,7 @@ def test_an_answer_of_nan_ends_in_the_tracks(make_vggt, request_for, scene):
     model = make_vggt(scene, poses=poses, focal=np.nan)
     found = find(model, request_for())
     assert found.source == "tracks"
-    assert "not finite" in found.notes[0]
+    assert "not finite" in found.notes[0].sentence
 
 
 def prediction_of(scene, focal):
@@ -205,7 +206,7 @@ NO_TRACKS = Tracks(np.empty((0, 5, 2)), 2)
 def test_a_known_camera_stands_and_a_doubt_is_said(request_for, scene):
     camera = gated_camera(request_for(), prediction_of(scene, 300), NO_TRACKS)
     np.testing.assert_array_equal(camera.intrinsics, scene.intrinsics)
-    assert camera.notes == ("VGGT takes the focal length for 300 px where 100 px is known.",)
+    assert camera.notes == (finding(Code.VGGT_FOCAL_DIFFERS, focal_px=300.0, known_px=100.0),)
     assert gated_camera(request_for(), prediction_of(scene, 110), NO_TRACKS).notes == ()
 
 
@@ -227,8 +228,8 @@ def test_a_plausible_focal_length_passes_the_gate(request_for, scene):
 def test_a_focal_length_that_cannot_be_is_refused(request_for, scene, focal, why):
     camera = gated_camera(request_for(intrinsics=None), prediction_of(scene, focal), NO_TRACKS)
     assert camera.source == "default"
-    assert why in camera.notes[0]
-    assert "60°" in camera.notes[1]
+    assert why in camera.notes[0].sentence
+    assert "60°" in camera.notes[1].sentence
 
 
 def test_tracks_that_tell_another_focal_length_overrule_the_model(request_for, scene, monkeypatch):
@@ -237,7 +238,8 @@ def test_tracks_that_tell_another_focal_length_overrule_the_model(request_for, s
     monkeypatch.setattr(hierarchy, "estimate_focal", lambda *given: told)
     camera = gated_camera(request_for(intrinsics=None), prediction_of(scene, 190), NO_TRACKS)
     assert camera.intrinsics is told.intrinsics
-    assert camera.notes == ("VGGT's focal length, 190 px, was refused: the tracks tell another one.", told.note)
+    assert camera.notes[0].sentence == "VGGT's focal length, 190 px, was refused: the tracks tell another one."
+    assert camera.notes[1:] == (told.note,)
     assert gated_camera(request_for(intrinsics=None), prediction_of(scene, 140), NO_TRACKS).intrinsics[0, 0] == 140
 
 
@@ -248,7 +250,7 @@ def test_an_adjustment_that_changes_the_focal_length_too_far_is_refused(request_
     wrong = np.diag([2.0, 2.0, 1]) @ made.intrinsics
     wrong[:2, 2] = made.intrinsics[:2, 2]
     said = hierarchy.shortcomings(made.tracks, made.poses, wrong, camera, "after adjustment", (240, 320), settings)
-    assert any("by a factor of 2.0" in one for one in said)
+    assert any("by a factor of 2.0" in one.sentence for one in said)
 
 
 def test_views_that_see_too_little_are_counted_more_strictly_after_the_adjustment(request_for, tracked):
@@ -261,7 +263,7 @@ def test_views_that_see_too_little_are_counted_more_strictly_after_the_adjustmen
         hierarchy.shortcomings(tracks, made.poses, made.intrinsics, camera, step, (240, 320), settings)
         for step in ("after adjustment", "before adjustment")
     )
-    assert after == ("88% of the views see enough tracks; 100% is needed.",)
+    assert after == (finding(Code.UNREGISTERED_VIEWS, share=0.875, needed=1.0),)
     assert before == ()
 
 
@@ -270,9 +272,9 @@ def test_auto_asks_vggt_where_it_is_known(make_vggt, request_for, scene, monkeyp
     assert load_geometry_prior("auto")(request_for(), Silent()).notes == ()
     model = make_vggt(scene)
     add_model("vggt", model)
-    assert "by the vggt." in load_geometry_prior("auto")(request_for(), Silent()).notes[0]
+    assert "by the vggt." in load_geometry_prior("auto")(request_for(), Silent()).notes[0].sentence
     assert load_geometry_prior("vggt").name == load_geometry_prior(f"vggt:{model}").name == "vggt"
     model.unlink()
-    assert "the vggt failed (the vggt model" in load_geometry_prior("auto")(request_for(), Silent()).notes[0]
+    assert "the vggt failed (the vggt model" in load_geometry_prior("auto")(request_for(), Silent()).notes[0].sentence
     with pytest.raises(InputError, match="is gone"):
         load_geometry_prior("vggt")

@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 from gs2ci.core.errors import GeometryError, InputError
+from gs2ci.core.findings import Code, finding
 from gs2ci.core.progress import Silent
 from gs2ci.reconstruct.geometry.bundle import Bundle
-from gs2ci.reconstruct.geometry.initialise import GeometrySettings, initialise
+from gs2ci.reconstruct.geometry.initialise import PLANE_NOTE, GeometrySettings, initialise
 from gs2ci.reconstruct.geometry.points import seed_points
 from gs2ci.reconstruct.geometry.sweep import SweepSettings
 from gs2ci.reconstruct.geometry.validity import Criteria
@@ -32,7 +33,7 @@ def assert_sane(geometry, views):
 def assert_flat(geometry):
     assert geometry.verdict != "full"
     assert (geometry.inverse_depth == 1).all()
-    assert any("plane" in note for note in geometry.notes)
+    assert PLANE_NOTE in geometry.notes
 
 
 @pytest.mark.parametrize("channels", [1, 3])
@@ -94,8 +95,8 @@ def test_a_path_that_may_err_by_more_than_the_criterion_is_doubted_aloud(seen):
     geometry = initialise(scene.views, scene.intrinsics, strict, listener)
     assert geometry.verdict == "full"
     assert geometry.path_error_expected > 1e-4
-    assert "path is uncertain" in geometry.notes[-1]
-    assert listener.sentences == list(geometry.notes)
+    assert geometry.notes[-1].code is Code.PATH_UNCERTAIN
+    assert listener.sentences == [note.sentence for note in geometry.notes]
 
 
 def test_poses_that_were_given_are_not_doubted(seen):
@@ -118,7 +119,7 @@ def test_without_a_camera_matrix_one_is_assumed_or_estimated_and_it_is_said(seen
     assert_sane(geometry, scene.views)
     assert geometry.focal_source in ("estimated", "default")
     assert any("focal length" in sentence for sentence in listener.sentences)
-    assert listener.sentences == list(geometry.notes)
+    assert listener.sentences == [note.sentence for note in geometry.notes]
 
 
 def test_no_motion_falls_back_to_a_plane_and_says_so(seen):
@@ -169,7 +170,7 @@ def test_a_view_that_cannot_be_tracked_gets_a_pose_from_its_neighbours(seen, los
     geometry = initialise(scene.views, scene.intrinsics, QUICK)
     assert_sane(geometry, scene.views)
     assert geometry.verdict == "full"
-    assert any(f"views [{lost}]" in note for note in geometry.notes)
+    assert finding(Code.POSES_INTERPOLATED, views=[lost]) in geometry.notes
     if lost:
         between = geometry.world_to_camera[[0, 2], :3, 3].mean(0)
         np.testing.assert_allclose(geometry.world_to_camera[1, :3, 3], between, atol=0.01)

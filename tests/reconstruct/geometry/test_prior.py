@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from gs2ci.core.findings import Code
 from gs2ci.core.progress import Silent
 from gs2ci.reconstruct.geometry.evidence import unexplained
 from gs2ci.reconstruct.geometry.initialise import GeometrySettings, initialise
@@ -71,4 +72,4 @@ def test_stage_and_camera_files_are_taken_with_the_lens_that_the_shot_knows(bent
         found = FromFile(file)(request, Silent())
         assert found.verdict == "full"
         np.testing.assert_array_equal(found.intrinsics, request.intrinsics)
-        assert "the shot's is taken, as its distortion belongs to it" in found.notes[0]
+        assert found.notes[0].code is Code.FOCAL_OF_SHOT

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from gs2ci.core.findings import Code, finding
 from gs2ci.reconstruct.geometry.motion import estimate_motion
 from gs2ci.reconstruct.geometry.rotations import fit_rotations
 from gs2ci.reconstruct.geometry.tracks import Tracks
@@ -82,7 +83,7 @@ def test_a_parallax_as_large_as_the_noise_is_noticed(tracked, path):
 def test_each_criterion_speaks(tracked, strict, complaint):
     found, reasons = verdict(tracked(noise_px=0.3), strict)
     assert found == "unsupported"
-    assert any(complaint in reason for reason in reasons)
+    assert any(complaint in reason.sentence for reason in reasons)
 
 
 def test_a_motion_that_turns_a_view_further_than_tracks_reach_is_refused(tracked):
@@ -95,8 +96,9 @@ def test_a_motion_that_turns_a_view_further_than_tracks_reach_is_refused(tracked
         len(scene.tracks), kept, turned, fit_rotations(kept, scene.intrinsics), Criteria(rms_px=np.inf)
     )
     assert found == "unsupported"
-    assert "turns a view by 9" in reason
-    assert "45°" in reason
+    assert reason.code is Code.TURN_TOO_LARGE
+    assert 90 <= reason.figures["turn_deg"] < 100
+    assert reason.figures["most_deg"] == 45
 
 
 def test_a_view_that_no_track_supports_may_turn_as_it_likes(tracked):
@@ -112,21 +114,22 @@ def test_good_tracks_raise_no_doubts(tracked):
 
 
 def test_too_few_tracks_are_named(tracked):
-    assert "Only 5 points" in doubts_about_tracks(tracked(points=5).tracks, SIZE, Criteria())[0]
+    few = doubts_about_tracks(tracked(points=5).tracks, SIZE, Criteria())[0]
+    assert few == finding(Code.FEW_TRACKS, tracks=5, needed=20)
 
 
 def test_tracks_in_one_corner_are_named(tracked):
     tracks = tracked().tracks
     tracks.positions[:] *= 0.1
     assert coverage(tracks, SIZE) < 0.05
-    assert "cover" in doubts_about_tracks(tracks, SIZE, Criteria())[0]
+    assert doubts_about_tracks(tracks, SIZE, Criteria())[0].code is Code.CLUSTERED_TRACKS
 
 
 def test_views_that_see_too_little_are_named(tracked):
     tracks = tracked().tracks
     tracks.positions[:, [0, 1, 2, 6, 7]] = np.nan
     assert supported_views(tracks, Criteria()).tolist() == [False] * 3 + [True] * 3 + [False] * 2
-    assert "3 of 8 views" in doubts_about_tracks(tracks, SIZE, Criteria())[0]
+    assert doubts_about_tracks(tracks, SIZE, Criteria())[0] == finding(Code.FEW_VIEWS_TRACKED, views=3, of=8, tracks=10)
 
 
 def test_no_tracks_cover_nothing():
@@ -135,8 +138,9 @@ def test_no_tracks_cover_nothing():
 
 def test_a_path_that_errs_by_more_than_the_criterion_is_doubted_in_figures_and_with_a_remedy():
     (doubt,) = doubts_about_path(0.104, Criteria())
-    assert "10% of its extent" in doubt
-    assert "texture" in doubt
+    assert doubt.code is Code.PATH_UNCERTAIN
+    assert "10% of its extent" in doubt.sentence
+    assert "texture" in doubt.advice
 
 
 @pytest.mark.parametrize("error", [None, 0.0, 0.05])

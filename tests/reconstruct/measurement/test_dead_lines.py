@@ -3,6 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from gs2ci.core.findings import Code, finding
 from gs2ci.reconstruct.measurement.dead_lines import close_dead_lines
 
 
@@ -26,8 +27,8 @@ def test_dead_rows_and_columns_are_closed_and_named(smooth_shot, reading):
     assert (closed.measurement[dead] == 0).all()
     np.testing.assert_array_equal(closed.measurement[~dead], smooth_shot.measurement[~dead])
     assert notes == (
-        "3 of 32 rows read one value throughout, the first of them number 5: left out as dead.",
-        "1 of 40 columns read one value throughout, the first of them number 20: left out as dead.",
+        finding(Code.DEAD_LINES, count=3, of=32, lines="rows", first=5),
+        finding(Code.DEAD_LINES, count=1, of=40, lines="columns", first=20),
     )
 
 
@@ -35,10 +36,7 @@ def test_black_bars_along_the_border_are_told_and_kept(smooth_shot):
     shot = with_lines(smooth_shot, (0, 1, 30, 31))
     kept, notes = close_dead_lines(shot)
     assert kept is shot
-    assert notes == (
-        "4 of 32 rows read one value throughout, the first of them number 0: "
-        "close the masks there if the sensor is dead.",
-    )
+    assert notes == (finding(Code.STUCK_BORDER_LINES, count=4, of=32, lines="rows", first=0),)
 
 
 def test_a_constant_measurement_has_no_dead_lines(smooth_shot):

@@ -3,12 +3,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from gs2ci.core.findings import Code
 from gs2ci.reconstruct.measurement.doubts import doubts_about, doubts_about_result
 from gs2ci.reconstruct.measurement.jury import Jury
 
 
-def said_of(shot):
-    return " ".join(doubts_about(shot))
+def found_in(shot):
+    return {note.code: note for note in doubts_about(shot)}
 
 
 @pytest.fixture
@@ -18,53 +19,53 @@ def jury(smooth_shot):
 
 def test_an_ordinary_shot_raises_no_doubt_but_that_some_pixels_stay_dark(smooth_shot):
     (only,) = doubts_about(smooth_shot)
-    assert only.startswith("No mask opens")
+    assert only.code is Code.UNOPENED_PIXELS
 
 
 def test_readings_beyond_white_are_told(smooth_shot):
-    assert "read more light than a white scene" in said_of(replace(smooth_shot, masks=0.5 * smooth_shot.masks))
+    assert Code.BRIGHTER_THAN_WHITE in found_in(replace(smooth_shot, masks=0.5 * smooth_shot.masks))
 
 
 def test_a_dark_level_subtracted_twice_is_told(smooth_shot):
     measurement = smooth_shot.measurement - np.float32(0.2)
-    assert "less than no light" in said_of(replace(smooth_shot, measurement=measurement))
+    assert Code.DARKER_THAN_DARK in found_in(replace(smooth_shot, measurement=measurement))
 
 
 def test_one_lamp_is_not_worth_a_word(smooth_shot):
     measurement = smooth_shot.measurement.copy()
     measurement[3, 4:8] = 20
-    assert "white scene" not in said_of(replace(smooth_shot, measurement=measurement))
+    assert Code.BRIGHTER_THAN_WHITE not in found_in(replace(smooth_shot, measurement=measurement))
 
 
 def test_a_measurement_of_another_unit_is_told(smooth_shot):
-    said = said_of(replace(smooth_shot, measurement=smooth_shot.measurement / np.float32(255)))
-    assert "the unit is not the full scale of one view" in said
+    found = found_in(replace(smooth_shot, measurement=smooth_shot.measurement / np.float32(255)))
+    assert found[Code.VERY_DARK].figures["share"] < 0.02
 
 
 def test_wrong_weights_are_told_and_right_ones_are_not(smooth_shot):
     truth = smooth_shot.truth.views
     weights = np.array([1, 0.6, 1, 1], np.float32)
     measured = (weights[:, None, None, None] * smooth_shot.masks[..., None] * truth).sum(axis=0)
-    assert "times as bright as the middle one" in said_of(replace(smooth_shot, measurement=measured))
-    assert "times as bright" not in said_of(replace(smooth_shot, measurement=measured, weights=weights))
+    assert Code.UNEVEN_VIEWS in found_in(replace(smooth_shot, measurement=measured))
+    assert Code.UNEVEN_VIEWS not in found_in(replace(smooth_shot, measurement=measured, weights=weights))
 
 
 def test_brightness_is_not_compared_behind_masks_that_do_not_tell_views_apart(smooth_shot):
     masks = np.repeat(smooth_shot.masks[:1], 4, axis=0)
-    said = said_of(replace(smooth_shot, masks=masks))
-    assert "All masks are the same" in said
-    assert "times as bright" not in said
+    found = found_in(replace(smooth_shot, masks=masks))
+    assert Code.SAME_MASKS in found
+    assert Code.UNEVEN_VIEWS not in found
 
 
 def test_a_view_that_hardly_any_light_reached_is_named(smooth_shot):
     weights = np.array([1, 1, 1e-4, 1], np.float32)
-    assert "Hardly any light reached views [2]" in said_of(replace(smooth_shot, weights=weights))
+    assert found_in(replace(smooth_shot, weights=weights))[Code.FAINT_VIEWS].figures["views"] == [2]
 
 
 def test_a_picture_that_is_mostly_dark_is_told(smooth_shot):
     masks = smooth_shot.masks.copy()
     masks[:, 12:] = 0
-    assert "most of the picture" in said_of(replace(smooth_shot, masks=masks))
+    assert Code.MOSTLY_UNOPENED in found_in(replace(smooth_shot, masks=masks))
 
 
 def test_views_that_explain_the_measurement_raise_no_doubt(jury, smooth_shot):
@@ -74,7 +75,7 @@ def test_views_that_explain_the_measurement_raise_no_doubt(jury, smooth_shot):
 def test_views_that_explain_no_more_than_grey_are_told(jury, smooth_shot):
     grey = np.broadcast_to(smooth_shot.truth.views.mean(axis=(0, 1, 2)), smooth_shot.truth.views.shape)
     (doubt,) = doubts_about_result(jury, np.ascontiguousarray(grey))
-    assert "what an even grey leaves unexplained" in doubt
+    assert doubt.code is Code.LITTLE_EXPLAINED
 
 
 def test_without_held_out_pixels_nothing_is_said_of_the_result(smooth_shot):

@@ -2,6 +2,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from gs2ci.core.findings import Code, finding
 from gs2ci.reconstruct.measurement.hot_pixels import close_hot_pixels
 
 HOT = ((3, 4), (10, 11), (10, 12), (31, 39))
@@ -27,10 +28,7 @@ def test_hot_pixels_are_closed_and_counted(smooth_shot):
     np.testing.assert_array_equal(closed.masks, smooth_shot.masks * ~hot)
     assert (closed.measurement[hot] == 0).all()
     np.testing.assert_array_equal(closed.measurement[~hot], smooth_shot.measurement[~hot])
-    assert notes == (
-        "4 pixels read more light than a white scene would send through the masks, while those around do not: "
-        "left out.",
-    )
+    assert notes == (finding(Code.HOT_PIXELS, pixels="4 pixels read", count=4),)
 
 
 def test_one_hot_colour_makes_a_hot_pixel(smooth_shot):
@@ -38,7 +36,7 @@ def test_one_hot_colour_makes_a_hot_pixel(smooth_shot):
     measurement[3, 4, 0] = 9.0
     closed, (note,) = close_hot_pixels(replace(smooth_shot, measurement=measurement))
     assert not closed.masks[:, 3, 4].any()
-    assert note.startswith("1 pixel reads more")
+    assert note.sentence.startswith("1 pixel reads more")
 
 
 def test_where_no_mask_opens_light_is_hot(smooth_shot):

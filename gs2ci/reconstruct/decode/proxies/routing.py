@@ -11,6 +11,7 @@ import numpy as np
 
 from gs2ci.core.arrays import F32
 from gs2ci.core.errors import InputError
+from gs2ci.core.findings import Code, Finding, finding
 from gs2ci.core.records import Shot
 from gs2ci.reconstruct.choices import ProxyName
 from gs2ci.reconstruct.decode.proxies.amdi import mask_decoded_views
@@ -30,13 +31,13 @@ class Proxies:
         views: [N, H, W, C] float32 in [0, 1]. For geometry only: never a photometric target.
         method: What made them.
         multiplicity: Mean number of views in a pixel of the measurement.
-        note: Why the method is not what the multiplicity asks for; empty where it is.
+        note: Why the method is not what the multiplicity asks for; None where it is.
     """
 
     views: F32
     method: ProxyMethod
     multiplicity: float
-    note: str = ""
+    note: Finding | None = None
 
 
 def multiplicity(shot: Shot) -> float:
@@ -63,14 +64,14 @@ def build_proxies(shot: Shot, method: ProxyMethod | Literal["auto"] = "auto") ->
     """
     if method not in ("auto", "eni", "amdi"):
         raise InputError(f"proxy method {method!r}", allowed="auto, eni, amdi")
-    chosen, note = route(shot) if method == "auto" else method, ""
+    chosen, note = route(shot) if method == "auto" else method, None
     if chosen == "amdi":
         try:
             views = mask_decoded_views(shot).views
         except InputError as error:
             if method == "amdi":
                 raise
-            chosen, note = "eni", f"energy-normalised proxies although many views share a pixel: {error.problem}"
+            chosen, note = "eni", finding(Code.PROXIES_BY_ENERGY, problem=error.problem)
     if chosen == "eni":
         views = energy_normalised_views(shot)
     return Proxies(np.clip(views, 0, 1), chosen, multiplicity(shot), note)

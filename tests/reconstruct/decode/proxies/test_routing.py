@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 
 from gs2ci.core.errors import InputError
+from gs2ci.core.findings import Code
 from gs2ci.reconstruct.decode.proxies.routing import build_proxies, multiplicity, route
 
 
@@ -44,7 +45,7 @@ def test_auto_stands_back_to_eni_where_masks_do_not_tell_views_apart(make_shot):
     shot = make_shot(np.ones((6, 16, 16)))
     proxies = build_proxies(shot)
     assert proxies.method == "eni"
-    assert "do not tell their views apart" in proxies.note
+    assert proxies.note.code is Code.PROXIES_BY_ENERGY
     assert np.allclose(proxies.views, np.linspace(0.2, 0.9, 6).mean(), atol=1e-5)
 
 

@@ -1,0 +1,110 @@
+"""The figures of one run, gathered into its report.
+
+Here: where each section of `gs2ci.evaluate.report` comes from. Not here: what the sections are, the run folder
+(`gs2ci.evaluate.run_folder`), the picture (`gs2ci.evaluate.overview`).
+"""
+
+import hashlib
+from dataclasses import asdict
+from typing import Any, Final
+
+import numpy as np
+from pydantic import ValidationError
+
+from gs2ci.core.findings import Code, Finding, finding
+from gs2ci.core.json_text import as_json, plain_json
+from gs2ci.core.records import Shot
+from gs2ci.core.run_records import RunResult
+from gs2ci.evaluate import environment
+from gs2ci.evaluate.metrics import image_scores, measurement_residual
+from gs2ci.evaluate.report import SCHEMA, Report, Simulation
+from gs2ci.evaluate.trajectory import trajectory_errors
+
+_FREE: Final = {"roll": Code.TRUE_PATH_STRAIGHT, "rotation": Code.TRUE_PATH_STILL}
+
+
+def build_report(shot: Shot, result: RunResult) -> Report:
+    """Collect the figures of one run.
+
+    Args:
+        shot: The measurement, with its truth if there is one.
+        result: What was recovered from it.
+    """
+    n, height, width, channels = result.views.shape
+    recovered, scene, decode = (
+        image_scores(views, shot.truth.views) for views in (result.views, result.scene_views, result.decode)
+    )
+    trajectory, about_truth = _trajectory(shot, result)
+    residual = measurement_residual(result.predicted_measurement, shot.measurement, shot.saturated)
+    decode_kept = (finding(Code.DECODE_KEPT),) if result.verdict == "decode" else ()
+    simulation, provenance = _simulation(plain_json(shot.provenance))
+    report = {
+        "schema": SCHEMA,
+        "name": shot.name,
+        "views": n,
+        "size": [height, width],
+        "channels": channels,
+        "cfa": shot.cfa,
+        "verdict": result.verdict,
+        "notes": [asdict(note) for note in (*decode_kept, *result.notes, *about_truth)],
+        **recovered,
+        "scene": scene,
+        "decode": decode,
+        "trajectory": trajectory,
+        "residual": {**asdict(residual), "heldout_rms": dict(result.heldout_rms)},
+        "seconds": dict(result.seconds),
+        "curve": [asdict(point) for point in result.curve],
+        "gaussians": result.gaussians,
+        "stopped": asdict(result.stopped),
+        "ensemble": dict(result.ensemble) or None,
+        "geometry": dict(result.geometry) or None,
+        "brightness": result.brightness,
+        "measured": _measured(shot),
+        "simulation": simulation,
+        "peak_mib": round(environment.peak_mib(), 1),
+        "settings": dict(result.settings),
+        "seed": result.seed,
+        "versions": environment.versions(),
+        "machine": environment.machine(),
+        "provenance": provenance,
+    }
+    # As it will be read: through JSON.
+    return Report.model_validate_json(as_json(report))
+
+
+def masks_digest(shot: Shot) -> str:
+    """Digest the masks, so that a report tells which they were."""
+    return hashlib.sha256(np.ascontiguousarray(shot.masks, "<f4").tobytes()).hexdigest()
+
+
+def _simulation(provenance: dict[str, Any]) -> tuple[dict[str, Any] | None, dict[str, Any]]:
+    """Take the simulator's plan out of a shot's provenance, where it holds one that reads as ours."""
+    plan = provenance.get("plan")
+    try:
+        Simulation.model_validate(plan)
+    except ValidationError:
+        return None, provenance
+    return plan, {key: value for key, value in provenance.items() if key != "plan"}
+
+
+def _measured(shot: Shot) -> dict[str, Any]:
+    """Say what the measurement and its masks are like, before anything is solved."""
+    return {
+        "mean": float(shot.measurement.mean(dtype=np.float64)),
+        "masks_sha256": masks_digest(shot),
+        "open_share": float(shot.masks.mean(dtype=np.float64)),
+        "grey_share": float(np.mean((shot.masks > 0) & (shot.masks < shot.masks.max()))),
+        "closed_share": float(np.mean(~shot.lit)),
+        "saturated_share": None if shot.saturated is None else float(shot.saturated.mean()),
+        "weights": [float(shot.weights.min()), float(shot.weights.max())],
+        "telemetry": shot.telemetry_world_to_camera is not None,
+    }
+
+
+def _trajectory(shot: Shot, result: RunResult) -> tuple[dict[str, float | None] | None, tuple[Finding, ...]]:
+    truth = shot.truth.world_to_camera
+    if truth is None:
+        return None, ()
+    errors = asdict(trajectory_errors(result.world_to_camera, truth))
+    free = errors.pop("free")
+    return errors, (finding(_FREE[free]),) if free in _FREE else ()

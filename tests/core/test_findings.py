@@ -1,0 +1,99 @@
+import ast
+import importlib
+import inspect
+import re
+from functools import cache
+from pathlib import Path
+
+import pytest
+
+import gs2ci
+from gs2ci import cli
+from gs2ci.core.findings import REMARK, Code, finding
+
+ROOT = Path(gs2ci.__file__).parent
+REGISTRY = ROOT / "core" / "findings.py"
+# `gs2ci import --scale`, or `--scale` alone: the command before it in the same remedy.
+MENTION = re.compile(r"gs2ci (\w+)|--([a-z][a-z-]*)")
+
+
+def product_files():
+    return [path for path in ROOT.rglob("*.py") if path != REGISTRY]
+
+
+@cache
+def codes_named():
+    """Return the codes that the product names outside the registry, pages and rules that only read them included."""
+    return {
+        node.attr
+        for path in product_files()
+        if "pages" not in path.parts
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id == "Code"
+    }
+
+
+def calls():
+    """List the calls that make a finding of a code which stands there by name, with the figures they give."""
+    for path in product_files():
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "finding":
+                code = node.args[0]
+                name = code.attr if isinstance(code, ast.Attribute) else None
+                yield f"{path.name}:{node.lineno}", name, {keyword.arg for keyword in node.keywords}
+
+
+@pytest.mark.parametrize("code", Code, ids=lambda code: code.value)
+def test_every_code_is_found_somewhere(code):
+    assert code.name in codes_named()
+
+
+def test_every_finding_gives_the_figures_of_its_sentence():
+    by_name = [(place, Code[name], given) for place, name, given in calls() if name is not None]
+    assert len(by_name) > 50
+    for place, code, given in by_name:
+        assert code.figures <= given, place
+
+
+@pytest.mark.parametrize("code", Code, ids=lambda code: code.value)
+def test_a_sentence_and_a_remedy_are_sentences(code):
+    assert code.value == code.name.lower()
+    assert code.sentence[0].isupper() or code.sentence[0] == "{"
+    assert code.sentence.endswith((".", "{sentence}"))
+    assert code.remedy.endswith((".", ")."))
+    assert "--" not in code.sentence
+
+
+def parameters(command):
+    module = importlib.import_module(cli.COMMANDS[command][0])
+    found = [inspect.signature(module.run)] if hasattr(module, "run") else []
+    return {name for signature in found for name in signature.parameters}
+
+
+@pytest.mark.parametrize("code", Code, ids=lambda code: code.value)
+def test_a_remedy_names_only_commands_and_options_that_exist(code):
+    command = None
+    for named, option in MENTION.findall(code.remedy):
+        if named:
+            assert named in cli.COMMANDS
+            command = named
+        else:
+            assert option.replace("-", "_") in parameters(command or "reconstruct"), f"{command} --{option}"
+
+
+def test_a_finding_holds_its_sentence_its_figures_and_the_remedy_of_a_doubt():
+    dark = finding(Code.SATURATED, share=0.25)
+    assert dark.sentence == "25% of the pixels are saturated and say only «at least»."
+    assert dark.figures == {"share": 0.25}
+    assert dark.advice == f"{dark.sentence} {Code.SATURATED.remedy}"
+
+
+def test_a_remark_asks_for_nothing():
+    stalled = finding(Code.FIT_STALLED, best=450)
+    assert stalled.code.weight is REMARK
+    assert stalled.advice == stalled.sentence
+
+
+def test_a_figure_that_is_missing_is_an_error():
+    with pytest.raises(KeyError, match="share"):
+        finding(Code.SATURATED)
