@@ -12,6 +12,7 @@ from torch import Tensor
 from gs2ci.render.gaussians import Gaussians
 from gs2ci.render.sampling import Sampling
 from gs2ci.render.screen import ScreenStatistics
+from gs2ci.render.stopping import StoppedLight
 
 
 @dataclass(frozen=True)
@@ -115,6 +116,31 @@ class Backend(Protocol):
 
         Returns:
             Images [V, H, W, 3] and alphas [V, H, W] (1 where no light passes), float32.
+
+        Raises:
+            InputError: Shapes disagree or a number is not finite.
+        """
+        ...
+
+    def depths(
+        self,
+        scene: Gaussians,
+        world_to_camera: Tensor,
+        intrinsics: Tensor,
+        size: tuple[int, int],
+        sampling: Sampling | None = None,
+    ) -> StoppedLight:
+        """Find where the light of each pixel is stopped (`gs2ci.render.stopping`); not differentiable.
+
+        Args:
+            scene: The Gaussians.
+            world_to_camera: Poses, [V, 4, 4].
+            intrinsics: Camera matrix in pixels, [3, 3].
+            size: Height and width, px.
+            sampling: Where the pixels look, behind a lens; None is the pinhole's own lattice.
+
+        Returns:
+            Maps [V, H, W], float32.
 
         Raises:
             InputError: Shapes disagree or a number is not finite.

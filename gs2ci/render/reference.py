@@ -25,6 +25,17 @@ from gs2ci.render.interface import MaskSet, Reuse
 from gs2ci.render.sampling import Sampling, check_sampling
 from gs2ci.render.screen import RADIUS_SIGMAS, ScreenStatistics
 from gs2ci.render.settings import RasterSettings
+from gs2ci.render.stopping import (
+    DEPTH_QUANTILE,
+    NEARBY,
+    PROFILE_REACH,
+    PROFILE_SIGMA_RANGE,
+    QUANTILE_SLACK,
+    RATIO_MAX,
+    RESOLUTION,
+    SPREAD_QUANTILES,
+    StoppedLight,
+)
 
 
 @dataclass(frozen=True)
@@ -37,6 +48,9 @@ class Splats:
         opacities: [S].
         colours: [S, 3].
         index: Which of the scene's Gaussians each is, [S] int64.
+        depths: Of the centres, [S].
+        depth_slopes: What depth gains per px on screen, [S, 2], where the Gaussian is densest along the ray.
+        depth_sigmas: Standard deviation of depth along a ray, [S].
     """
 
     means: Tensor
@@ -44,6 +58,9 @@ class Splats:
     opacities: Tensor
     colours: Tensor
     index: Tensor
+    depths: Tensor
+    depth_slopes: Tensor
+    depth_sigmas: Tensor
 
 
 def project(
@@ -65,7 +82,8 @@ def project(
     points = points[order]
     scales = scene.log_scales[order].clamp(max=LOG_SCALE_MAX).exp()
     factor = rotation_matrices(scene.quaternions[order]) * scales[:, None, :]
-    screen_factor = _camera_jacobian(points, intrinsics, size) @ rotation @ factor
+    factor = rotation @ factor
+    screen_factor = _camera_jacobian(points, intrinsics, size) @ factor
     dilation = DILATION_PX2 * torch.eye(2, dtype=points.dtype)
     covariances = screen_factor @ screen_factor.transpose(1, 2) + dilation
     slopes = points[:, :2] / points[:, 2:]
@@ -73,7 +91,21 @@ def project(
     variances = covariances.diagonal(dim1=1, dim2=2)
     drawn = (variances.detach() <= SCREEN_SIGMA_MAX_PX**2).all(dim=1)
     opacities = torch.sigmoid(scene.opacity_logits[order])
-    return Splats(means[drawn], covariances[drawn], opacities[drawn], colours[order][drawn], order[drawn])
+    with torch.no_grad():
+        along_axis = factor[:, 2]
+        with_screen = (screen_factor @ along_axis[:, :, None])[:, :, 0]
+        slopes = torch.linalg.solve(covariances, with_screen)
+        depth_variances = along_axis.square().sum(dim=1) - (slopes * with_screen).sum(dim=1)
+    return Splats(
+        means=means[drawn],
+        covariances=covariances[drawn],
+        opacities=opacities[drawn],
+        colours=colours[order][drawn],
+        index=order[drawn],
+        depths=points[drawn, 2],
+        depth_slopes=slopes[drawn],
+        depth_sigmas=depth_variances[drawn].clamp(min=0).sqrt(),
+    )
 
 
 def _camera_jacobian(points: Tensor, intrinsics: Tensor, size: tuple[int, int]) -> Tensor:
@@ -117,13 +149,66 @@ def composite(splats: Splats, pixels: Tensor) -> tuple[Tensor, Tensor, float]:
         Colours [P, 3], alphas [P], and the margin: how near any alpha comes to the thresholds `ALPHA_MIN` and
         `ALPHA_MAX`, relative to them. At a threshold the image jumps, so two correct renderers may differ there.
     """
+    weights, stopped, margin = weights_at(splats, pixels)
+    return weights.T @ splats.colours, stopped, margin
+
+
+def weights_at(splats: Splats, pixels: Tensor) -> tuple[Tensor, Tensor, float]:
+    """Return the share of each pixel's light that each splat stops, [S, P], that all stop, [P], and the margin.
+
+    Args:
+        splats: S splats, nearest first.
+        pixels: Pixel centres, [P, 2].
+    """
     raw = alphas_at(splats, pixels)
     margin = min(_distance(raw, ALPHA_MIN), _distance(raw, ALPHA_MAX))
     alphas = torch.where(raw >= ALPHA_MIN, raw.clamp(max=ALPHA_MAX), torch.zeros_like(raw))
     through = torch.cumprod(1 - alphas, dim=0)
     arriving = torch.cat([raw.new_ones(1, len(pixels)), through])
-    colours = (alphas * arriving[:-1]).T @ splats.colours
-    return colours, 1 - arriving[-1], margin
+    return alphas * arriving[:-1], 1 - arriving[-1], margin
+
+
+def stop_light(splats: Splats, pixels: Tensor) -> tuple[StoppedLight, float]:
+    """Find where the light of pixels is stopped: the definition of depth (`stopping.py`).
+
+    Args:
+        splats: S splats, nearest first.
+        pixels: Pixel centres, [P, 2].
+
+    Returns:
+        Maps [P] float64, and the margin of `composite`.
+    """
+    weights, stopped, margin = weights_at(splats, pixels)
+    offset = pixels[None] - splats.means[:, None]
+    share = (splats.depth_slopes[:, None] * offset).sum(dim=2) / splats.depths[:, None]
+    depths = splats.depths[:, None] / (1 - share).clamp(min=1 / RATIO_MAX)
+    sigmas = splats.depth_sigmas[:, None].expand_as(depths)
+    low, high = PROFILE_SIGMA_RANGE
+    reach = PROFILE_REACH * torch.minimum(torch.maximum(sigmas, low * depths), high * depths)
+    total = weights.sum(dim=0)
+
+    def before(limit: Tensor) -> Tensor:
+        along = ((limit - depths) / reach).clamp(-1, 1)
+        return (weights * (0.5 + 0.75 * along - 0.25 * along**3)).sum(dim=0)
+
+    def quantile(share: float) -> Tensor:
+        touched = weights > 0
+        near = torch.where(touched, depths - reach, torch.inf).amin(dim=0)
+        far = torch.where(touched, depths + reach, -torch.inf).amax(dim=0)
+        while bool((far - near > RESOLUTION * far).any()):
+            middle = (near + far) / 2
+            reached = before(middle) >= (share - QUANTILE_SLACK) * total
+            near, far = torch.where(reached, near, middle), torch.where(reached, middle, far)
+        return far
+
+    if not len(depths):
+        nothing = torch.zeros_like(stopped)
+        return StoppedLight(nothing, nothing, stopped, nothing), margin
+    depth = quantile(DEPTH_QUANTILE)
+    spread = (depth / quantile(SPREAD_QUANTILES[0]) - depth / quantile(SPREAD_QUANTILES[1])) / 2
+    nearby = before(depth * (1 + NEARBY)) - before(depth * (1 - NEARBY))
+    some = total > 0
+    return StoppedLight(*(torch.where(some, found, 0.0) for found in (depth, spread, stopped, nearby))), margin
 
 
 def _distance(alphas: Tensor, threshold: float) -> float:
@@ -269,3 +354,26 @@ class ReferenceBackend:
             alphas.append(alpha)
             self.margin = min(self.margin, margin)
         return torch.cat(images).reshape(-1, *size, 3), torch.cat(alphas).reshape(-1, *size)
+
+    def depths(
+        self,
+        scene: Gaussians,
+        world_to_camera: Tensor,
+        intrinsics: Tensor,
+        size: tuple[int, int],
+        sampling: Sampling | None = None,
+    ) -> StoppedLight:
+        """Find where light is stopped; see `Backend.depths`."""
+        check_size(size)
+        check_sampling(sampling, size)
+        check_rendering(scene, world_to_camera, intrinsics)
+        scene = scene.detach().map(torch.Tensor.double)
+        intrinsics, frame, pixels = looked_at(intrinsics.double(), size, sampling)
+        maps = torch.zeros(4, len(world_to_camera), *size, dtype=torch.float64)
+        self.margin = float("inf")
+        for view, pose in enumerate(world_to_camera.detach().double()):
+            found, margin = stop_light(project(scene, pose, intrinsics, frame, scene.colours), pixels)
+            for into, values in zip(maps, (found.depth, found.spread, found.stopped, found.nearby), strict=True):
+                into[view] = values.reshape(size)
+            self.margin = min(self.margin, margin)
+        return StoppedLight(*maps)

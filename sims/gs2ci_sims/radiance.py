@@ -117,20 +117,15 @@ def with_margin(intrinsics: F64, margin: int) -> F64:
 
 
 def rendered_depth(gaussians: Gaussians, world_to_camera: F64, intrinsics: F64, size: tuple[int, int]) -> F64:
-    """Render the depth (z) that the blending weights expect, [H, W]; NaN where less than half is covered."""
-    points = gaussians.means.detach().to(torch.float64)
-    pose = torch.tensor(world_to_camera, dtype=torch.float64)
-    depth = (points @ pose[2, :3] + pose[2, 3]).to(torch.float32)
-    with torch.no_grad():
-        blended, alphas = load_backend("cpu").views(
-            gaussians.detach(),
-            pose[None].to(torch.float32),
-            torch.tensor(intrinsics, dtype=torch.float32),
-            size,
-            depth[None, :, None].expand(1, -1, 3).contiguous(),
-        )
-    weight = alphas[0].to(torch.float64).numpy()
-    return np.where(weight >= 0.5, blended[0, ..., 0].to(torch.float64).numpy() / np.maximum(weight, 0.5), np.nan)
+    """Render the depth (z) at which light is stopped, [H, W]; NaN where less than half of it is."""
+    found = load_backend("cpu").depths(
+        gaussians.detach(),
+        torch.tensor(world_to_camera, dtype=torch.float32)[None],
+        torch.tensor(intrinsics, dtype=torch.float32),
+        size,
+    )
+    depth = found.surface()[0].to(torch.float64).numpy()
+    return np.where(depth > 0, depth, np.nan)
 
 
 def binned(images: torch.Tensor, factor: int) -> F32:

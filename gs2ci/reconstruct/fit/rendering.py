@@ -14,8 +14,7 @@ from gs2ci.reconstruct.measurement import coding
 from gs2ci.render.gaussians import Gaussians
 from gs2ci.render.interface import Backend, Reuse
 from gs2ci.render.screen import ScreenStatistics
-
-_OPAQUE = 0.5  # a mean depth is one surface's where at least half of the light is stopped
+from gs2ci.render.stopping import StoppedLight
 
 
 class ShotRenderer:
@@ -70,11 +69,11 @@ class ShotRenderer:
         """
         return self._backend.views(scene, world_to_camera, self.intrinsics, self.size, colours=colours)
 
-    def depths(self, scene: Gaussians, world_to_camera: F64) -> F32:
-        """Render mean depths along the optical axis, [V, H, W]; zero where less than half of the light is stopped."""
+    def stopped_light(self, scene: Gaussians, world_to_camera: F64) -> StoppedLight:
+        """Find where the light of each pixel is stopped, from any poses [V, 4, 4]."""
         poses = torch.from_numpy(np.asarray(world_to_camera)).float()
-        along_axis = scene.means @ poses[:, 2, :3].T + poses[:, 2, 3]
-        as_colour = along_axis.T[..., None].expand(-1, -1, 3).contiguous()
-        with torch.no_grad():
-            depths, alphas = self.images(scene, poses, as_colour)
-        return torch.where(alphas >= _OPAQUE, depths[..., 0] / alphas.clamp(min=_OPAQUE), 0.0).numpy()
+        return self._backend.depths(scene.detach(), poses, self.intrinsics, self.size)
+
+    def depths(self, scene: Gaussians, world_to_camera: F64) -> F32:
+        """Render depths along the optical axis, [V, H, W]; zero where less than half of the light is stopped."""
+        return self.stopped_light(scene, world_to_camera).surface().numpy()

@@ -14,6 +14,7 @@ from gs2ci.render.gaussians import Gaussians
 from gs2ci.render.interface import Backend, MaskSet, Reuse
 from gs2ci.render.sampling import Sampling
 from gs2ci.render.screen import ScreenStatistics
+from gs2ci.render.stopping import StoppedLight
 
 
 @dataclass(frozen=True)
@@ -64,6 +65,17 @@ class ThroughLens:
     ) -> tuple[Tensor, Tensor]:
         """Render whole views; see `Backend.views`."""
         return self.backend.views(scene, world_to_camera, intrinsics, size, colours, self._only(sampling))
+
+    def depths(
+        self,
+        scene: Gaussians,
+        world_to_camera: Tensor,
+        intrinsics: Tensor,
+        size: tuple[int, int],
+        sampling: Sampling | None = None,
+    ) -> StoppedLight:
+        """Find where light is stopped; see `Backend.depths`."""
+        return self.backend.depths(scene, world_to_camera, intrinsics, size, self._only(sampling))
 
     def _only(self, sampling: Sampling | None) -> Sampling:
         if sampling is not None:

@@ -8,11 +8,13 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from gs2ci.core.arrays import F32
 from gs2ci.core.errors import InputError
-from gs2ci.render.cpu.function import CodedSum, Job, Rasterise, Target, ViewImages
+from gs2ci.render.cpu.function import CodedSum, Job, Rasterise, Target, ViewImages, as_float32
 from gs2ci.render.cpu.layout import Layout, lay_out
 from gs2ci.render.cpu.lists import CpuReuse
-from gs2ci.render.cpu.passes import camera_fields
+from gs2ci.render.cpu.passes import Inputs, camera_fields, render_cells
+from gs2ci.render.cpu.stopping import depth_fields, stop_light
 from gs2ci.render.cpu.workspace import Pool
 from gs2ci.render.gaussians import Gaussians
 from gs2ci.render.inputs import check_masks, check_rendering, check_screen, check_size
@@ -20,6 +22,7 @@ from gs2ci.render.interface import MaskSet, Reuse
 from gs2ci.render.sampling import Sampling, check_sampling
 from gs2ci.render.screen import ScreenStatistics
 from gs2ci.render.settings import RasterSettings
+from gs2ci.render.stopping import StoppedLight
 
 _FULL_LAYOUTS_KEPT: Final = 4
 
@@ -119,6 +122,36 @@ class CpuBackend:
         images, alphas = self._run(target, scene, used, world_to_camera, _on_canvas(intrinsics, sampling))
         return images, alphas
 
+    def depths(
+        self,
+        scene: Gaussians,
+        world_to_camera: Tensor,
+        intrinsics: Tensor,
+        size: tuple[int, int],
+        sampling: Sampling | None = None,
+    ) -> StoppedLight:
+        """Find where light is stopped; see `Backend.depths`."""
+        check_size(size)
+        check_sampling(sampling, size)
+        check_rendering(scene, world_to_camera, intrinsics)
+        layout = self._full_layout((int(world_to_camera.shape[0]), *size), sampling)
+        camera = _camera(_on_canvas(intrinsics, sampling), layout)
+        inputs = Inputs(
+            means=as_float32(scene.means),
+            log_scales=as_float32(scene.log_scales),
+            quaternions=as_float32(scene.quaternions),
+            logits=as_float32(scene.opacity_logits),
+            colours=as_float32(scene.colours),
+            poses=as_float32(world_to_camera),
+            camera=camera,
+        )
+        lease = self._pool.lease()
+        assert lease.workspace is not None
+        rendered = render_cells(inputs, layout, self._settings.termination_transmittance, lease.workspace)
+        maps = stop_light(rendered.records, rendered.lists, layout, depth_fields(inputs))
+        lease.release()
+        return StoppedLight(*torch.from_numpy(maps))
+
     def _run(
         self,
         target: Target,
@@ -129,8 +162,7 @@ class CpuBackend:
         screen: ScreenStatistics | None = None,
         reuse: CpuReuse | None = None,
     ) -> tuple[Tensor, ...]:
-        layout = target.layout
-        camera = camera_fields(intrinsics.detach().to(torch.float64).numpy(), height=layout.height, width=layout.width)
+        camera = _camera(intrinsics, target.layout)
         parameters = (
             *(scene.means, scene.log_scales, scene.quaternions),
             *(scene.opacity_logits, colours, world_to_camera),
@@ -153,3 +185,7 @@ class CpuBackend:
 
 def _on_canvas(intrinsics: Tensor, sampling: Sampling | None) -> Tensor:
     return intrinsics if sampling is None else sampling.intrinsics_of_canvas(intrinsics)
+
+
+def _camera(intrinsics: Tensor, layout: Layout) -> F32:
+    return camera_fields(intrinsics.detach().to(torch.float64).numpy(), height=layout.height, width=layout.width)
