@@ -36,6 +36,7 @@ BENCHMARKS = {
     "calibrated_reconstruction": "tests.benchmarks.calibrated_reconstruction",
     "calibration_base": "tests.benchmarks.calibration_base",
     "lens": "tests.benchmarks.lens",
+    "depth_readout": "tests.benchmarks.depth_readout",
     "long_fits": "tests.benchmarks.long_fits",
 }
 

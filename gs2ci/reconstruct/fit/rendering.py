@@ -15,7 +15,10 @@ from gs2ci.render.gaussians import Gaussians
 from gs2ci.render.interface import Backend, Reuse
 from gs2ci.render.screen import ScreenStatistics
 
-_OPAQUE = 0.5  # a mean depth is one surface's where at least half of the light is stopped
+_OPAQUE = 0.5  # a depth is one surface's where at least half of the light is stopped
+_CHANNELS = 3  # of an image
+_SLICES = 16 * _CHANNELS
+_TINY = torch.finfo(torch.float32).tiny  # a slice that stops nothing is never the one in which half is reached
 
 
 class ShotRenderer:
@@ -71,10 +74,57 @@ class ShotRenderer:
         return self._backend.views(scene, world_to_camera, self.intrinsics, self.size, colours=colours)
 
     def depths(self, scene: Gaussians, world_to_camera: F64) -> F32:
-        """Render mean depths along the optical axis, [V, H, W]; zero where less than half of the light is stopped."""
+        """Render depths along the optical axis, [V, H, W]: up to there half of what the scene stops is stopped.
+
+        A median, not a mean: the little light that passes a near surface and is stopped by a far one would draw a mean
+        to where nothing is, and how little it is differs from fit to fit. Zero where less than half of the light is
+        stopped. Found to within one slice: 1 / `_SLICES` of the Gaussians before the camera, sorted by depth.
+        """
         poses = torch.from_numpy(np.asarray(world_to_camera)).float()
-        along_axis = scene.means @ poses[:, 2, :3].T + poses[:, 2, 3]
-        as_colour = along_axis.T[..., None].expand(-1, -1, 3).contiguous()
+        along_axis = (scene.means @ poses[:, 2, :3].T + poses[:, 2, 3]).T
+        along_axis = torch.where(along_axis > 0, along_axis, torch.inf)  # nothing is drawn behind a camera
+        in_order = along_axis.sort(dim=1).values
         with torch.no_grad():
-            depths, alphas = self.images(scene, poses, as_colour)
-        return torch.where(alphas >= _OPAQUE, depths[..., 0] / alphas.clamp(min=_OPAQUE), 0.0).numpy()
+            ranks, alphas = self._median_ranks(scene, poses, along_axis, in_order)
+        depths = in_order.gather(1, ranks.flatten(1)).view_as(alphas)
+        return torch.where(alphas >= _OPAQUE, depths, 0.0).numpy()
+
+    def _median_ranks(
+        self, scene: Gaussians, poses: Tensor, along_axis: Tensor, in_order: Tensor
+    ) -> tuple[Tensor, Tensor]:
+        """Render the scene up to one depth after another, and see between which two it stops half of its light.
+
+        Args:
+            scene: G Gaussians.
+            poses: [V, 4, 4].
+            along_axis: Their depths, [V, G]; infinite where they are not drawn.
+            in_order: The same in ascending order.
+
+        Returns:
+            Which Gaussian in order of depth it is, [V, H, W], and what is stopped in all, [V, H, W].
+        """
+        ends = _slice_ends(in_order)
+        up_to = in_order.gather(1, ends[:, 1:].clamp(min=0))
+        ranks = before = torch.zeros(len(poses), *self.size)
+        for first in range(0, _SLICES, _CHANNELS):
+            shown = along_axis[..., None] <= up_to[:, None, first : first + _CHANNELS]
+            stopped, alphas = self.images(scene, poses, shown.float())
+            half = alphas / 2
+            for channel in range(_CHANNELS):
+                now, (begin, end) = (
+                    stopped[..., channel],
+                    ends[:, first + channel :, None, None].float()[:, :2].unbind(1),
+                )
+                share = (half - before) / (now - before).clamp(min=_TINY)
+                ranks = torch.where((before < half) & (now >= half), begin + share * (end - begin), ranks)
+                before = now
+        return ranks.ceil().long().clamp(min=0), alphas
+
+
+def _slice_ends(in_order: Tensor) -> Tensor:
+    """Cut the Gaussians before each camera, [V, G], into slices of equal number: the last of each, [V, _SLICES + 1].
+
+    A slice begins after the end of the one before it; the first begins after −1.
+    """
+    last = in_order.isfinite().sum(dim=1, keepdim=True) - 1
+    return (torch.linspace(0, 1, _SLICES + 1) * (last + 1) - 1).round().long()
