@@ -41,8 +41,11 @@ QUICK = Settings(
 SHORT = replace(QUICK, fit=replace(QUICK.fit, iterations=60, densify_every=20), fits=2)
 
 
-def wall_with_a_board(channels=3):
-    """Views [N, H, W, C] of a far wall and a near board before it, from a camera that moves sideways."""
+def wall_with_a_board(channels=3, wall_px=0.4, board_px=1.6):
+    """Views [N, H, W, C] of a far wall and a near board before it, from a camera that moves sideways.
+
+    From view to view the wall shifts by `wall_px` and the board by `board_px`.
+    """
     rng = np.random.default_rng(4)
     margin, x, y = 16, np.arange(WIDTH, dtype=float), np.arange(HEIGHT, dtype=float)
 
@@ -61,9 +64,9 @@ def wall_with_a_board(channels=3):
                 ],
                 axis=-1,
             )
-            for layer, step in ((wall, 0.4), (board, 1.6))
+            for layer, step in ((wall, wall_px), (board, board_px))
         ]
-        place = x + 1.6 * move
+        place = x + board_px * move
         on_board = ((place > 18) & (place < 46))[None, :] & ((y > 12) & (y < 36))[:, None]
         views.append(np.where(on_board[..., None], layers[1], layers[0]))
     return np.stack(views).astype(np.float32)
@@ -421,12 +424,14 @@ def test_the_geometry_may_come_from_a_camera_file_found_in_proxy_views(shot, tmp
     assert any("moved the poses of the file" in note.sentence for note in result.notes)
 
 
-def test_a_stage_that_reports_millimetres_gives_path_and_depth_in_millimetres(shot):
-    """Of 60 px focal length: from step to step the board shifts by 1.6 px and the wall by 0.4 px.
+def test_a_stage_that_reports_millimetres_gives_path_and_depth_in_millimetres():
+    """Of 60 px focal length: from step to step the board shifts by 2 px and the wall by 1 px.
 
-    Over so small a picture a turn makes up for a part of the shift, so that depths are right within a third only.
+    Tracks of so few pixels fall short of the shifts, so that depths are 4 to 11 % too large; between processors and
+    seeds they differ by 2 % (docs/processors.md).
     """
     step_mm = 2.0
+    shot = expose(wall_with_a_board(wall_px=1.0, board_px=2.0))
     told = np.tile(np.eye(4), (VIEWS, 1, 1))
     told[:, 0, 3] = -step_mm * np.arange(VIEWS)
     result = reconstruct(replace(shot, telemetry_world_to_camera=told), replace(QUICK, poses="auto")).result
@@ -434,8 +439,8 @@ def test_a_stage_that_reports_millimetres_gives_path_and_depth_in_millimetres(sh
     length_mm = np.linalg.norm(np.ptp(np.linalg.inv(result.world_to_camera)[:, :3, 3], axis=0))
     assert length_mm == pytest.approx(step_mm * (VIEWS - 1), rel=0.1)
     depth_mm = result.depth[VIEWS // 2]
-    assert np.median(depth_mm[16:32, 24:40]) == pytest.approx(step_mm * FOCAL_PX / 1.6, rel=0.34)
-    assert np.median(depth_mm[:8]) == pytest.approx(step_mm * FOCAL_PX / 0.4, rel=0.34)
+    assert np.median(depth_mm[16:32, 24:40]) == pytest.approx(step_mm * FOCAL_PX / 2.0, rel=0.2)
+    assert np.median(depth_mm[:8]) == pytest.approx(step_mm * FOCAL_PX / 1.0, rel=0.2)
 
 
 def test_without_poses_that_were_given_lengths_have_no_unit(found_soon):

@@ -53,6 +53,52 @@ def test_depth_is_that_of_the_surface_along_the_axis(moving_plane, renderer, sca
     assert depths[1, 10:22, 12:28] == pytest.approx(1.5, abs=0.03)
 
 
+def walls(scattered, *alphas_at):
+    """Walls that fill the frame, one Gaussian each so wide that it is even: pairs of its alpha and its depth."""
+    alphas, depths = (torch.tensor(column, dtype=torch.float32) for column in zip(*alphas_at, strict=True))
+    return replace(
+        scattered(len(alphas)),
+        means=torch.stack([torch.zeros(len(depths)), torch.zeros(len(depths)), depths], dim=1),
+        log_scales=torch.log(depths.abs()[:, None] * torch.tensor([20.0, 20.0, 1e-3])),
+        quaternions=torch.tensor([[1.0, 0, 0, 0]]).repeat(len(depths), 1),
+        opacity_logits=torch.logit(alphas),
+    )
+
+
+@pytest.mark.parametrize(
+    ("alphas_at", "depth"),
+    [
+        ([(0.8, 2.0), (0.9, 50.0)], 2.0),  # the mean is 9.3
+        ([(0.1, 0.5), (0.9, 4.0)], 4.0),  # a veil before a wall; the mean is 3.6
+        ([(0.3, 1.0), (0.5, 2.0), (0.9, 9.0)], 2.0),  # 0.3, 0.35 and 0.315 of the light
+        ([(0.3, 9.0), (0.5, 2.0), (0.9, 1.0)], 1.0),  # in any order
+        ([(0.6, 3.0)], 3.0),
+    ],
+)
+def test_depth_is_where_half_of_what_is_stopped_is_stopped(moving_plane, renderer, scattered, alphas_at, depth):
+    """Against the weights α ∏ (1 − α) worked out by hand; the walls are a thousandth as thick as they are far."""
+    depths = renderer().depths(walls(scattered, *alphas_at), np.eye(4)[None])
+    assert depths.shape == (1, 32, 40)
+    assert depths[0, 8:24, 10:30] == pytest.approx(depth, rel=3e-3)
+
+
+def test_a_depth_in_fog_is_where_half_of_the_light_is_gone(moving_plane, renderer, scattered):
+    """A thousand Gaussians one behind the other: alphas of 0.002 stop half of their 0.865 at the 283rd."""
+    at = np.linspace(2.0, 4.0, 1000)
+    depths = renderer().depths(walls(scattered, *((0.002 + 1 / 255, z) for z in at)), np.eye(4)[None])
+    alpha = 0.002 + 1 / 255
+    stopped = np.cumsum(alpha * (1 - alpha) ** np.arange(1000))
+    expected = at[np.searchsorted(stopped, stopped[-1] / 2)]
+    assert depths[0, 8:24, 10:30] == pytest.approx(expected, rel=5e-3)
+
+
+def test_what_lies_behind_a_camera_has_no_depth(moving_plane, renderer, scattered):
+    both = walls(scattered, (0.9, -2.0), (0.9, 3.0))
+    assert renderer().depths(both, np.eye(4)[None])[0, 8:24, 10:30] == pytest.approx(3.0, rel=3e-3)
+    turned = np.diag([-1.0, 1, -1, 1])[None]
+    assert not renderer().depths(walls(scattered, (0.9, 3.0)), turned).any()
+
+
 def test_depth_is_zero_where_less_than_half_of_the_light_is_stopped(moving_plane, renderer, scattered):
     _, geometry = moving_plane
     assert not renderer().depths(scattered(3, logits=-6.0), geometry.world_to_camera).any()
