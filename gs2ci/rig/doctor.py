@@ -12,15 +12,18 @@ from typing import Literal
 
 import numpy as np
 
+from gs2ci.core.config import SIMULATED
 from gs2ci.core.errors import Gs2ciError
-from gs2ci.rig.config import SIMULATED, Dlpc900Table, SantecTable, ScpiModulatorTable
 from gs2ci.rig.opening import Rig
 from gs2ci_drivers.acquisition import Devices, Taken, capture, plan_capture
+from gs2ci_drivers.display_slm.options import DisplaySlmOptions
 from gs2ci_drivers.dlpc900 import packets
+from gs2ci_drivers.dlpc900.options import Dlpc900Options
 from gs2ci_drivers.links import usb_bulk
 from gs2ci_drivers.links.usb_device import udev_rules
 from gs2ci_drivers.pattern_sequence import ModulatorInfo
 from gs2ci_drivers.plan import CaptureSettings, Mode
+from gs2ci_drivers.scpi_modulator.options import ScpiOptions
 from gs2ci_drivers.sensor import FrameFlag, SensorConfig, TriggerMode
 
 Verdict = Literal["ok", "note", "bad"]
@@ -105,11 +108,11 @@ def _permissions(rig: Rig) -> Iterator[Finding]:
         yield from _node("stage", table.stage.port, TTY_RULE)
 
 
-def _usb_ids(modulator: Dlpc900Table | ScpiModulatorTable | SantecTable) -> tuple[int, int] | None:
+def _usb_ids(modulator: Dlpc900Options | ScpiOptions | DisplaySlmOptions) -> tuple[int, int] | None:
     """Return vendor and product of a modulator that is reached by USB; None for one behind a tty."""
-    if isinstance(modulator, Dlpc900Table):
+    if isinstance(modulator, Dlpc900Options):
         return packets.VENDOR_ID, packets.PRODUCT_ID
-    return (usb_bulk.VENDOR_ID, usb_bulk.PRODUCT_ID) if isinstance(modulator, SantecTable) else None
+    return (usb_bulk.VENDOR_ID, usb_bulk.PRODUCT_ID) if isinstance(modulator, DisplaySlmOptions) else None
 
 
 def _node(device: str, port: str, rule: str) -> Iterator[Finding]:

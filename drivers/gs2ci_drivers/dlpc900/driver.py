@@ -14,6 +14,7 @@ from gs2ci.core.clock import Clock
 from gs2ci_drivers.dlpc900 import firmware, timing
 from gs2ci_drivers.dlpc900.channel import Channel
 from gs2ci_drivers.dlpc900.lut import MAX_TIME_US
+from gs2ci_drivers.dlpc900.options import Dlpc900Options
 from gs2ci_drivers.dlpc900.packets import Command
 from gs2ci_drivers.dlpc900.payloads import (
     DisplayMode,
@@ -28,7 +29,7 @@ from gs2ci_drivers.dlpc900.payloads import (
     encode_image_start,
     encode_lut_config,
 )
-from gs2ci_drivers.dlpc900.plan import Dlpc900Settings, ImageSet, digest_masks, encode_images, lut_entries
+from gs2ci_drivers.dlpc900.plan import ImageSet, digest_masks, encode_images, lut_entries
 from gs2ci_drivers.failures import (
     DeviceFaultError,
     NoAnswerError,
@@ -65,14 +66,11 @@ class Dlpc900(Modulator):
         port: The HID interface; closed with this.
         clock: On which deadlines are kept.
         settings: From the rig file.
-
-    Raises:
-        InputError: The settings name an unknown firmware profile.
     """
 
-    def __init__(self, name: str, port: HidPort, clock: Clock, settings: Dlpc900Settings | None = None) -> None:
+    def __init__(self, name: str, port: HidPort, clock: Clock, settings: Dlpc900Options | None = None) -> None:
         super().__init__(name, clock)
-        self.settings = settings or Dlpc900Settings()
+        self.settings = settings or Dlpc900Options()
         self._profile = firmware.profile(self.settings.firmware)
         self._port = port
         self._channel = Channel(

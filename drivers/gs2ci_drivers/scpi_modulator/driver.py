@@ -4,7 +4,6 @@ Here: the order of commands, capabilities, times in µs. Not here: the exchange 
 protocol's text (docs/scpi-modulator.md).
 """
 
-from dataclasses import dataclass
 from typing import Final
 
 from gs2ci.core.clock import Clock
@@ -13,6 +12,7 @@ from gs2ci_drivers.modulator import Modulator, ModulatorState, ModulatorStatus, 
 from gs2ci_drivers.pattern_sequence import ModulatorInfo, PatternSequence, TriggerOut
 from gs2ci_drivers.ports import BytePort
 from gs2ci_drivers.scpi_modulator.link import ScpiLink
+from gs2ci_drivers.scpi_modulator.options import ScpiOptions
 from gs2ci_drivers.scpi_modulator.packets import (
     PROTOCOL,
     VERSION,
@@ -41,19 +41,6 @@ _EXCHANGE_BYTES: Final = 40
 _EXCHANGE_S: Final = 2e-3
 
 
-@dataclass(frozen=True)
-class ScpiSettings:
-    """What the rig file may set for a modulator of this kind.
-
-    Args:
-        baud: Bits per second of the line, for the upload's estimate.
-        timeout_s: How long a reply may take.
-    """
-
-    baud: int = 115200
-    timeout_s: float = 2.0
-
-
 class ScpiModulator(Modulator):
     """A modulator behind the open protocol, version 1.
 
@@ -64,9 +51,9 @@ class ScpiModulator(Modulator):
         settings: From the rig file.
     """
 
-    def __init__(self, name: str, port: BytePort, clock: Clock, settings: ScpiSettings | None = None) -> None:
+    def __init__(self, name: str, port: BytePort, clock: Clock, settings: ScpiOptions | None = None) -> None:
         super().__init__(name, clock)
-        self.settings = settings or ScpiSettings()
+        self.settings = settings or ScpiOptions()
         self._link = ScpiLink(name, port, clock, incidents=self.incidents, timeout_s=self.settings.timeout_s)
         self._takes_patterns = True
         self._running: PatternSequence | None = None
