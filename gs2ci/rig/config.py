@@ -171,6 +171,13 @@ class WorldTable(Settings):
     trigger_jitter_s: Delay = 0.0
     trigger_exposure_offset_s: Offset = 0.0
     """By how much longer than set a triggered exposure truly is."""
+    trigger_out_2_bit: Literal["disables", "enables"] = "disables"
+    """What bit 0 of a pattern entry's byte 9 truly does on the simulated DLPC900."""
+    camera_driver: Literal["twin", "unicam", "rp1-cfe", "uvcvideo", "other"] = "twin"
+    """As which kernel driver the simulated camera stamps its frames; "twin" stamps the start of exposure and flags it,
+    "other" the end of the frame."""
+    camera_readout_s: Delay | None = None
+    """How long the simulated camera truly reads out; without it, 10 us per row."""
     flat_radiance: Positive = 0.5
     """Brightness of the even light before which masks are calibrated; 1 is the white of a scene."""
     lamp_drift_per_min: float = 0.0

@@ -35,7 +35,7 @@ from gs2ci_sims.wires.dlpc900 import Dlpc900Twin
 from gs2ci_sims.wires.grbl import GrblMachine, GrblTwin
 from gs2ci_sims.wires.scpi_modulator import ScpiModulatorTwin, ScpiPanel
 from gs2ci_sims.wires.v4l2 import V4l2Twin
-from gs2ci_sims.wires.v4l2_camera import CameraModel
+from gs2ci_sims.wires.v4l2_camera import STAMPING, CameraModel
 from gs2ci_sims.wires.zaber import ZaberAxis, ZaberTwin
 from gs2ci_sims.world import LightPath, Mount, World
 
@@ -205,8 +205,9 @@ def _grbl(table: WorldTable) -> GrblMachine:
 
 
 def _modulator_twin(rig: RigTable, world: World, faults: FaultSet) -> ModulatorTwin:
+    table = rig.world or WorldTable()
     if isinstance(rig.modulator, Dlpc900Options):
-        return Dlpc900Twin(world, faults, name="modulator")
+        return Dlpc900Twin(world, faults, name="modulator", bit_enables=table.trigger_out_2_bit == "enables")
     if isinstance(rig.modulator, DisplaySlmOptions):
         return DisplaySlmTwin(world, faults, name="modulator")
     return ScpiModulatorTwin(world, faults, name="modulator", baud=rig.modulator.baud)
@@ -233,6 +234,7 @@ def _camera(rig: RigTable, table: WorldTable) -> CameraModel:
     sensor, gate = rig.sensor, rig.capture.mode == "gate"
     line = "modulator.out" if not isinstance(rig.modulator, Dlpc900Options) else f"modulator.out{1 if gate else 2}"
     offered = CameraModel().formats
+    stamps, flags_start = STAMPING[table.camera_driver]
     first = (sensor.format.ljust(4),) if sensor.format else ()
     return CameraModel(
         height=table.height,
@@ -244,8 +246,10 @@ def _camera(rig: RigTable, table: WorldTable) -> CameraModel:
         latency_s=table.trigger_latency_s,
         jitter_s=table.trigger_jitter_s,
         exposure_offset_s=table.trigger_exposure_offset_s,
-        readout_s=table.height * CameraModel.line_s,
-        stamps_start=True,
+        readout_s=table.height * CameraModel.line_s if table.camera_readout_s is None else table.camera_readout_s,
+        driver=table.camera_driver,
+        stamps=stamps,
+        flags_start=flags_start,
     )
 
 

@@ -50,6 +50,9 @@ class Dlpc900Options(Settings):
     """TRIG_OUT_1, the gate: relative to begin and end of each pattern."""
     trigger_out_2: TriggerEdges = TriggerEdges(fall_us=MIN_PULSE_US)
     """TRIG_OUT_2, the pulse: both edges relative to the begin of a pattern."""
+    trigger_out_2_bit: Literal["", "disables", "enables"] = ""
+    """What bit 0 of a pattern entry's byte 9 does to the pulse on TRIG_OUT_2; "" is not known, and nothing is captured
+    until it is: `gs2ci doctor` finds it out. TI's guide says "disables", the code of TI's own GUI "enables"."""
     blocks: tuple[Annotated[int, Field(ge=0)], Annotated[int, Field(ge=0)]] | None = None
     """First and last block of mirrors to load, for 1-bit masks; fewer switch faster. Masks are dark outside them."""
     leds: Annotated[int, Field(ge=0, le=7)] = 7

@@ -57,6 +57,7 @@ class ScpiModulator(Modulator):
         self._link = ScpiLink(name, port, clock, incidents=self.incidents, timeout_s=self.settings.timeout_s)
         self._takes_patterns = True
         self._running: PatternSequence | None = None
+        self._started_s = 0.0
 
     def _do_connect(self) -> ModulatorInfo:
         protocol = self._link.ask("SYST:VERS?")
@@ -129,6 +130,7 @@ class ScpiModulator(Modulator):
         self._link.ask("SEQ:ARM")
 
     def _do_start(self, sequence: PatternSequence) -> None:
+        self._started_s = self.clock.now_s()
         self._link.once("SEQ:START")
         self._running = sequence
 
@@ -137,7 +139,8 @@ class ScpiModulator(Modulator):
         sequence = self._running
         if sequence is None:
             return
-        self._wait_while(lambda: self._state()[0] is ModulatorState.RUNNING, timeout_s, asked)
+        end_s = self._started_s + sequence.duration_s
+        self._wait_while(lambda: self._state()[0] is ModulatorState.RUNNING, timeout_s, asked, end_s)
         self._running = None
         self._require_well(asked)
         shown, planned = self._integers("SEQ:SHOWN?", 1)[0], sequence.count * sequence.repeats

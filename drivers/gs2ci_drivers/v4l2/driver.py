@@ -104,7 +104,9 @@ class V4l2Sensor(Sensor):
                 raise
             first = self._options.first_sequence if self._options.first_sequence >= 0 else None
             self._settings = replace(self._setup.settings, buffers=self._queue.count)
-            self._judge = FrameJudge(self.name, self._setup.geometry, first, started_ns)
+            self._judge = FrameJudge(
+                self.name, self._setup.geometry, first, started_ns, camera.identity.driver, self._options.stamps
+            )
 
     def _run(self, camera: OpenCamera, queue: BufferQueue, config: SensorConfig) -> int:
         """Stream for the warm-up by the sensor's own clock, then start anew, so that nothing old is left.

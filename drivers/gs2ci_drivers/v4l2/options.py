@@ -9,7 +9,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from gs2ci.core.config import SIMULATED, Count, Delay, Duration, NotNegative, Offset, Positive, Settings
-from gs2ci_drivers.sensor import TriggerMode
+from gs2ci_drivers.sensor import StampMeaning, TriggerMode
 from gs2ci_drivers.v4l2.formats import Alignment
 
 SIMULATED_NODE = "/dev/video0"
@@ -66,6 +66,9 @@ class V4l2Options(Settings):
     """Constant added to the exposure; without it, what is known of `trigger_module`."""
     first_sequence: Annotated[int, Field(ge=-1)] = 0
     """Number of the first frame after a start; -1 for kernel drivers that go on counting."""
+    stamps: StampMeaning | None = None
+    """What the frames' time stamps are the time of: "start-of-exposure", "start-of-frame" or "end-of-frame"; without
+    it, what is known of the kernel driver. `gs2ci doctor` measures it."""
     black_level_dn: NotNegative = 0.0
     """Reading without light."""
     full_well_e: Positive | None = None

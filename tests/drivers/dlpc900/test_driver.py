@@ -176,14 +176,15 @@ def test_the_firmware_profile_settles_how_often_a_sequence_is_shown(counts_repea
 
 
 def test_counting_pulses_finds_the_wrong_firmware_profile() -> None:
-    bench = make_bench(settings=Dlpc900Options(firmware="rev-j"), counts_repeats=True)
+    options = Dlpc900Options(firmware="rev-j", trigger_out_2_bit="disables")
+    bench = make_bench(settings=options, counts_repeats=True)
     with pytest.raises(WrongStateError, match="no sequence"):
-        bench.dmd.explain_pulses(1)
+        bench.dmd.judge_pulses(1)
     bench.run(replace(SEQUENCE, repeats=3))
     counted = len(bench.world.bus.rising("dmd0.out2"))
     assert counted == 18
-    assert "set firmware = 'rev-f'" in bench.dmd.explain_pulses(counted)
-    assert bench.dmd.explain_pulses(3) == ""
+    assert 'set firmware = "rev-f"' in bench.dmd.judge_pulses(counted).remedy
+    assert bench.dmd.judge_pulses(3).agrees
 
 
 def test_a_refusal_without_a_reason_says_so(bench: Bench) -> None:

@@ -436,7 +436,7 @@ def test_discard_throws_away_what_waits_and_keeps_count(bench: Build) -> None:
 
 
 def test_frame_times_are_those_of_the_exposure_on_the_worlds_clock(bench: Build) -> None:
-    b = bench(stamps_start=True)
+    b = bench(stamps="start-of-exposure", flags_start=True)
     b.begin()
     b.fire()
     frame = b.sensor.read(0.5)
@@ -446,7 +446,7 @@ def test_frame_times_are_those_of_the_exposure_on_the_worlds_clock(bench: Build)
 
 
 def test_a_frame_that_begins_while_the_start_is_under_way_is_not_stale(bench: Build, monkeypatch: Any) -> None:
-    b = bench(V4l2Options(trigger_adapter="none"), trigger="none", stamps_start=True)
+    b = bench(V4l2Options(trigger_adapter="none"), trigger="none", stamps="start-of-exposure", flags_start=True)
     ioctl = b.twin.ioctl
 
     def slow(fd: int, request: int, argument: bytearray, payload: bytearray | None = None) -> int:
