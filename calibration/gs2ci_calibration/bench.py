@@ -308,12 +308,12 @@ class Bench:
         count = plan.frames_per_shot
         height, width = self.devices.sensor.settings.format.height, self.devices.sensor.settings.format.width
         readings = np.empty((count, settings.shots, height, width), np.float32)
-        time_s = np.empty((count, settings.shots))
+        time_s, readout_s = np.empty((count, settings.shots)), self.devices.sensor.settings.readout_s
 
         def keep(taken: Taken) -> None:
             for n, frame in enumerate(taken.frames):
                 readings[n, taken.index] = frame.pixels
-                time_s[n, taken.index] = frame.t_kernel_ns * 1e-9
+                time_s[n, taken.index] = frame.began_s(plan.exposure_s, readout_s)
 
         capture(self.devices, plan, keep)
         return Stack(readings, time_s, plan.exposure_s, plan)

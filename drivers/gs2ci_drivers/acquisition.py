@@ -328,13 +328,15 @@ class _Capture:
         A trigger that came with a later mask than it should (a modulator whose polarity of the trigger setting
         is not what we believe) gives a frame like any other, except that the modulator ends before it should.
         """
-        plan = self._plan
-        if not last.flags & FrameFlag.STAMPED_MONOTONIC or not last.flags & FrameFlag.STAMPED_AT_START:
-            return  # the time of exposure is known only to a readout and a transfer: too coarse for this
+        plan, readout_s = self._plan, self._devices.sensor.settings.readout_s
+        if not last.flags & FrameFlag.STAMPED_MONOTONIC:
+            return  # a time of another clock
+        # A stamp of a frame's end comes late by its transfer, of which no more is known than that it takes a readout.
+        late_s = 0.0 if last.flags & (FrameFlag.STAMPED_AT_START | FrameFlag.STAMPED_AT_FRAME_START) else readout_s
         one_mask = plan.settings.mode is Mode.PER_MASK
         shown_s = plan.sequence.exposure_s if one_mask else float(plan.sequence.windows_s()[-1, 1])
-        short_s = last.t_kernel_ns * 1e-9 + shown_s - fire.done_s
-        if short_s > END_TOLERANCE_S + CLOCK_TOLERANCE * plan.sequence.duration_s:
+        short_s = last.began_s(plan.exposure_s, readout_s) + shown_s - fire.done_s
+        if short_s > late_s + END_TOLERANCE_S + CLOCK_TOLERANCE * plan.sequence.duration_s:
             raise SequenceError(
                 self._devices.modulator.name,
                 "fire",
@@ -405,7 +407,5 @@ class _Capture:
         modulator, settings = self._devices.modulator.info, self._devices.sensor.settings
         if not frame.flags & FrameFlag.STAMPED_MONOTONIC:
             return fire.fired_ns * 1e-9 + (modulator.start_latency_s or 0.0) / 2 + shot * self._plan.sequence.period_s
-        stamp_s = frame.t_kernel_ns * 1e-9
-        if not frame.flags & FrameFlag.STAMPED_AT_START:
-            stamp_s -= self._plan.exposure_s + settings.readout_s
-        return stamp_s - modulator.trigger_delay_s - self._plan.settings.jitter_s / 2
+        began_s = frame.began_s(self._plan.exposure_s, settings.readout_s)
+        return began_s - modulator.trigger_delay_s - self._plan.settings.jitter_s / 2

@@ -24,6 +24,8 @@ from gs2ci_drivers.pattern_sequence import ModulatorInfo, PatternSequence, check
 
 POLL_S = 0.02
 """How often a device is asked whether it still runs: rarely beside an exchange, often beside what people notice."""
+FINE_POLL_S = 1e-3
+"""How often near its expected end: captures hold the end against the last frame, to within a mask."""
 UploadProgress = Callable[[float], None]
 """Called with the share of the upload that is done, 0 to 1."""
 
@@ -71,6 +73,25 @@ class ModulatorStatus:
     state: ModulatorState
     faults: tuple[str, ...] = ()
     notes: Mapping[str, str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class PulseVerdict:
+    """What a counted number of trigger pulses says.
+
+    Args:
+        agrees: Whether it is as it should be with the settings in force, all of them stated.
+        said: What was seen, in words.
+        remedy: What to do where it does not agree.
+        settings: Keys of [modulator] that would make it agree, with their values.
+        inverted: Whether pulses must have come with the other masks than was asked for.
+    """
+
+    agrees: bool
+    said: str
+    remedy: str = ""
+    settings: Mapping[str, str] = field(default_factory=dict)
+    inverted: bool = False
 
 
 class Modulator(Device[ModulatorInfo, ModulatorStatus]):
@@ -189,8 +210,23 @@ class Modulator(Device[ModulatorInfo, ModulatorStatus]):
         self._armed = False
         self._do_disarm()
 
-    def _wait_while(self, running: Callable[[], bool], timeout_s: float, asked: str) -> None:
-        """Look until a sequence no longer runs, or raise NoAnswerError: for devices that can only be asked."""
+    def judge_pulses(self, counted: int) -> PulseVerdict:
+        """Say what a number of pulses of the trigger output during one whole run of the loaded sequence means.
+
+        Raises:
+            WrongStateError: No sequence is loaded.
+        """
+        if self._loaded is None:
+            raise WrongStateError(
+                self.name, "no sequence is loaded", asked="judge pulses", remedy="call upload() first"
+            )
+        return self._do_judge_pulses(self._loaded, counted)
+
+    def _wait_while(self, running: Callable[[], bool], timeout_s: float, asked: str, end_s: float) -> None:
+        """Look until a sequence no longer runs, or raise NoAnswerError: for devices that can only be asked.
+
+        `end_s` is when it ends at the earliest; from shortly before on it is asked more often.
+        """
         until_s = self.clock.now_s() + timeout_s
         while running():
             left_s = until_s - self.clock.now_s()
@@ -198,7 +234,8 @@ class Modulator(Device[ModulatorInfo, ModulatorStatus]):
                 raise NoAnswerError(
                     self.name, asked, timeout_s, remedy="wait longer, or disarm a sequence that runs for ever"
                 )
-            self.clock.sleep_s(min(POLL_S, left_s))
+            near = self.clock.now_s() > end_s - POLL_S
+            self.clock.sleep_s(min(FINE_POLL_S if near else POLL_S, left_s))
 
     @abstractmethod
     def _do_upload_eta_s(self, sequence: PatternSequence) -> float:
@@ -219,6 +256,12 @@ class Modulator(Device[ModulatorInfo, ModulatorStatus]):
     def _do_keep_time(self, until_s: float) -> None:
         """Show what is due until a time; overridden where the host steps the masks."""
         self.clock.sleep_s(until_s - self.clock.now_s())
+
+    def _do_judge_pulses(self, sequence: PatternSequence, counted: int) -> PulseVerdict:
+        """Compare with what was asked for; overridden where firmware may read its settings in several ways."""
+        expected = sequence.pulses
+        said = f"{counted} pulses were seen and {expected} expected"
+        return PulseVerdict(counted == expected, said, "check the trigger cable and the sensor's trigger")
 
     @abstractmethod
     def _do_wait_done(self, timeout_s: float) -> None:

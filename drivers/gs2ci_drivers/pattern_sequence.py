@@ -51,6 +51,7 @@ class ModulatorInfo:
         hardware_timed: Whether masks follow each other by the device's own clock. When false the host steps
             them, and only `TriggerOut.NONE` and `PER_MASK` can be asked for.
         experimental: Whether the protocol is unconfirmed on real hardware.
+        pulses_unsettled: What is not known of the trigger pulses, so that no capture may rest on them; "" when all is.
     """
 
     model: str
@@ -70,6 +71,7 @@ class ModulatorInfo:
     typical_start_s: float | None = None
     hardware_timed: bool = True
     experimental: bool = False
+    pulses_unsettled: str = ""
 
     @property
     def expected_start_s(self) -> float:
@@ -111,6 +113,12 @@ class PatternSequence:
     def period_s(self) -> float:
         """Get the time from one pass's first mask to the next pass's first mask."""
         return self.count * self.exposure_s + (self.count - 1) * self.dark_s + self.pause_s
+
+    @property
+    def pulses(self) -> int:
+        """Get how often the trigger output becomes active in all passes."""
+        per_pass = {TriggerOut.NONE: 0, TriggerOut.PER_MASK: self.count}
+        return self.repeats * per_pass.get(self.trigger, 1)
 
     @property
     def duration_s(self) -> float:

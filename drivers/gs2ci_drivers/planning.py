@@ -11,7 +11,7 @@ import numpy as np
 
 from gs2ci.core.arrays import F64
 from gs2ci_drivers.failures import DriverError
-from gs2ci_drivers.pattern_sequence import ModulatorInfo, PatternSequence
+from gs2ci_drivers.pattern_sequence import ModulatorInfo, PatternSequence, TriggerOut
 from gs2ci_drivers.plan import CaptureSettings, Figure, Mode, Plan
 from gs2ci_drivers.sensor import SensorInfo, SensorSettings, TriggerMode
 from gs2ci_drivers.stage import StageInfo, Sweep, plan_sweep
@@ -152,6 +152,7 @@ def _modulator_figures(settings: CaptureSettings, sequence: PatternSequence, inf
             broken=sequence.trigger not in info.trigger_outs,
             remedy="choose another `mode`",
         ),
+        *_unsettled(sequence, info),
         Figure(
             "shots",
             f"{settings.shots} in fires of {settings.burst}",
@@ -159,6 +160,22 @@ def _modulator_figures(settings: CaptureSettings, sequence: PatternSequence, inf
             broken=settings.shots < 1 or settings.burst < 1 or settings.shots % max(settings.burst, 1) != 0,
             remedy="set `shots` and `burst`",
         ),
+    ]
+
+
+def _unsettled(sequence: PatternSequence, info: ModulatorInfo) -> list[Figure]:
+    """Refuse pulses of which it is not known with which masks they come: frames of the wrong masks look like others."""
+    pulsed = sequence.trigger in (TriggerOut.PER_EXPOSURE, TriggerOut.PER_MASK)
+    if not pulsed or not info.pulses_unsettled:
+        return []
+    return [
+        Figure(
+            "trigger pulses",
+            info.pulses_unsettled,
+            "a stated one",
+            broken=True,
+            remedy="run `gs2ci doctor`, which finds it out, and write what it says into [modulator]",
+        )
     ]
 
 

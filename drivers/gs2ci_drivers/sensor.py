@@ -42,13 +42,35 @@ class FrameFlag(IntFlag):
     CORRUPT = 1
     """The driver marked the payload bad (kept for the record; such a frame is never returned)."""
     STAMPED_AT_START = 2
-    """`t_kernel_ns` is the start of exposure; otherwise it is the end of exposure or of readout."""
+    """`t_kernel_ns` is the start of exposure."""
     STAMPED_MONOTONIC = 4
     """`t_kernel_ns` counts on CLOCK_MONOTONIC; otherwise its origin is unknown."""
     RETRIED = 8
     """The frame is a repetition after a failed attempt."""
     AFTER_LOSS = 16
     """Frames before this one were lost."""
+    STAMPED_AT_FRAME_START = 32
+    """`t_kernel_ns` is the begin of readout, where exposure has ended; without this and `STAMPED_AT_START`, its end."""
+
+
+@unique
+class StampMeaning(Enum):
+    """What a frame's time stamp is the time of."""
+
+    START_OF_EXPOSURE = "start-of-exposure"
+    START_OF_FRAME = "start-of-frame"
+    """The first pixels arrive: the exposure has ended, readout begins."""
+    END_OF_FRAME = "end-of-frame"
+    """The last pixels have arrived: readout has ended."""
+
+    @property
+    def flag(self) -> FrameFlag:
+        """Get how a frame's flags tell it."""
+        return {
+            StampMeaning.START_OF_EXPOSURE: FrameFlag.STAMPED_AT_START,
+            StampMeaning.START_OF_FRAME: FrameFlag.STAMPED_AT_FRAME_START,
+            StampMeaning.END_OF_FRAME: FrameFlag.NONE,
+        }[self]
 
 
 @dataclass(frozen=True)
@@ -171,6 +193,18 @@ class Frame:
     t_kernel_ns: int
     t_host_ns: int
     flags: FrameFlag
+
+    def began_s(self, exposure_s: float, readout_s: float) -> float:
+        """Return when its exposure began, seconds on the stamp's clock, by what the stamp is the time of.
+
+        Args:
+            exposure_s: How long it was exposed.
+            readout_s: From the end of exposure to the end of the frame.
+        """
+        stamp_s = self.t_kernel_ns * 1e-9
+        if self.flags & FrameFlag.STAMPED_AT_START:
+            return stamp_s
+        return stamp_s - exposure_s - (0.0 if self.flags & FrameFlag.STAMPED_AT_FRAME_START else readout_s)
 
 
 @dataclass(frozen=True)

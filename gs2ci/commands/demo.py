@@ -32,6 +32,7 @@ name = "motorcycle"
 
 [modulator]
 kind = "dlpc900"
+trigger_out_2_bit = "disables"
 port = "simulated"
 
 [sensor]

@@ -1,6 +1,7 @@
 """Settings from TOML files: strict models, errors that name the file, the key and the nearest known key.
 
-Here: the base of all settings models and the reading. Not here: any particular setting. Anyone may import this.
+Here: the base of all settings models, the kinds of numbers in them, and the reading. Not here: any particular setting:
+each is declared beside what it sets.
 """
 
 import tomllib
@@ -9,11 +10,23 @@ from pathlib import Path
 from types import UnionType
 from typing import Annotated, Any, Final, Literal, TypeVar, Union, get_args, get_origin
 
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from gs2ci.core.errors import InputError
 
 M = TypeVar("M", bound=BaseModel)
+
+SIMULATED: Final = "simulated"
+"""The `port` of a device whose twin plays it."""
+DAY_S: Final = 86_400.0
+"""A day and a million are far beyond every bench: more is a slip of the unit, and no clock or memory holds it."""
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+Fraction = Annotated[float, Field(gt=0, lt=1)]
+Duration = Annotated[float, Field(gt=0, le=DAY_S)]
+Delay = Annotated[float, Field(ge=0, le=DAY_S)]
+Offset = Annotated[float, Field(ge=-DAY_S, le=DAY_S)]
+Count = Annotated[int, Field(ge=1, le=1_000_000)]
 
 MOST_TOLD: Final = 8
 """Problems of one file, a line each; whoever has more has another kind of file at hand."""

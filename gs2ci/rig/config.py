@@ -1,32 +1,41 @@
-"""What a rig file may say: one table per device, one for the capture, one for the simulated surroundings.
+"""What a rig file may say: the devices' own tables, one for the capture, one for the simulated surroundings.
 
 Every table is a strict model: an unknown key is an error that names the nearest known one. `port = "simulated"` puts a
 device's twin below its driver. Not here: opening anything (`gs2ci.rig.opening`).
 """
 
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field
 
-from gs2ci.core.config import Settings, read_settings, read_toml
+from gs2ci.core.config import (
+    SIMULATED,
+    Count,
+    Delay,
+    Duration,
+    Fraction,
+    NotNegative,
+    Offset,
+    Positive,
+    Settings,
+    read_settings,
+    read_toml,
+)
 from gs2ci.core.errors import InputError
+from gs2ci_drivers.display_slm.options import DisplaySlmOptions
+from gs2ci_drivers.dlpc900.options import Dlpc900Options
+from gs2ci_drivers.grbl.options import GrblOptions
+from gs2ci_drivers.mount import MountOptions
+from gs2ci_drivers.scpi_modulator.options import ScpiOptions
+from gs2ci_drivers.v4l2.options import V4l2Options
+from gs2ci_drivers.zaber.options import ZaberOptions
 
-SIMULATED = "simulated"
 # Tables of a simulation's rig file that no bench's has; `gs2ci_sims.rig_file` knows those that only a bench's has.
 SIMULATION_ONLY = frozenset({"scene", "path", "light", "timing", "plan", "effects", "device_seed"})
 # Tables that both may have.
 SHARED = frozenset({"modulator", "sensor", "optics"})
 
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
-Fraction = Annotated[float, Field(gt=0, lt=1)]
-# A day and a million are far beyond every bench: what is more is a slip of the unit, and no clock or memory holds it.
-DAY_S = 86_400.0
-Duration = Annotated[float, Field(gt=0, le=DAY_S)]
-Delay = Annotated[float, Field(ge=0, le=DAY_S)]
-Count = Annotated[int, Field(ge=1, le=1_000_000)]
-Vector = tuple[float, float, float]
 Orientation = Literal[
     "upright",
     "mirrored left to right",
@@ -38,104 +47,6 @@ Orientation = Literal[
     "mirrored along its other diagonal",
     "any",
 ]
-
-
-class Dlpc900Table(Settings):
-    """[modulator] with kind = "dlpc900": a DMD behind a DLPC900 over USB HID."""
-
-    kind: Literal["dlpc900"]
-    port: str = SIMULATED
-    """"usb", "usb:1-2.3" for one of several, or "simulated"."""
-    firmware: str = ""
-    """Firmware profile, "" for the driver's default."""
-    compression: Literal["erle", "rle", "none"] = "erle"
-    leds: Annotated[int, Field(ge=0, le=7)] = 7
-    invert: bool = False
-    reply_timeout_s: Duration = 2.0
-
-
-class ScpiModulatorTable(Settings):
-    """[modulator] with kind = "scpi": the open command set over a serial line."""
-
-    kind: Literal["scpi"]
-    port: str = SIMULATED
-    baud: Count = 115200
-    timeout_s: Duration = 2.0
-
-
-class SantecTable(Settings):
-    """[modulator] with kind = "santec": a Santec SLM-200 class panel over USB; experimental, for calibration only."""
-
-    kind: Literal["santec"]
-    port: str = SIMULATED
-    """"usb", "usb:1-2.3" for one of several, or "simulated"."""
-
-
-class V4l2Table(Settings):
-    """[sensor] with kind = "v4l2": a camera of the Linux kernel."""
-
-    kind: Literal["v4l2"]
-    port: str = SIMULATED
-    """The capture node ("/dev/video0") or "simulated"."""
-    subdevice: str = ""
-    height: Annotated[int, Field(ge=0)] = 0
-    width: Annotated[int, Field(ge=0)] = 0
-    format: str = ""
-    """Four-character code ("Y10", "Y12", "RG12", ...); "" takes the device's present one."""
-    gain_db: float | None = None
-    buffers: Count = 4
-    warm_up_frames: Annotated[int, Field(ge=0, le=10_000)] = 0
-    controls: dict[str, int] = Field(default_factory=dict)
-    trigger_adapter: Literal["none", "module", "control"] = "control"
-    trigger_module: str = "imx296"
-    trigger_control: str = "trigger_mode"
-    alignment: Literal["low", "high"] = "low"
-    significant_bits: Annotated[int, Field(ge=0, le=16)] = 0
-    exposure_unit_s: Duration | None = None
-    readout_s: Delay | None = None
-    exposure_offset_s: Annotated[float, Field(ge=-DAY_S, le=DAY_S)] | None = None
-    black_level_dn: NotNegative = 0.0
-    """Reading without light."""
-    full_well_e: Positive | None = None
-    electrons_per_dn: Positive | None = None
-
-
-class MountTable(Settings):
-    """[stage.mount]: how the stage carries the camera, in the camera's own frame (x right, y down, z ahead)."""
-
-    x: Vector = (1.0, 0.0, 0.0)
-    """The camera's motion per mm of the axis, in mm. A calibration of the stage goes before it."""
-    y: Vector = (0.0, 1.0, 0.0)
-    z: Vector = (0.0, 0.0, 1.0)
-
-
-class ZaberTable(Settings):
-    """[stage] with kind = "zaber"."""
-
-    kind: Literal["zaber"]
-    port: str = SIMULATED
-    baud: Count = 115200
-    address: Annotated[int, Field(ge=1, le=99)] = 1
-    axes: dict[str, Count] = Field(default_factory=lambda: {"x": 1})
-    microstep_mm: dict[str, Positive] = Field(default_factory=lambda: {"x": 0.000047625})
-    checksums: bool = True
-    mount: MountTable | None = None
-
-    @model_validator(mode="after")
-    def _every_axis_has_a_microstep(self) -> Self:
-        if set(self.axes) != set(self.microstep_mm):
-            raise ValueError("axes and microstep_mm must name the same axes")
-        return self
-
-
-class GrblTable(Settings):
-    """[stage] with kind = "grbl"."""
-
-    kind: Literal["grbl"]
-    port: str = SIMULATED
-    baud: Count = 115200
-    axes: tuple[Literal["x", "y", "z"], ...] = ("x",)
-    mount: MountTable | None = None
 
 
 class CaptureTable(Settings):
@@ -258,8 +169,15 @@ class WorldTable(Settings):
     stage_start_mm: float | None = None
     trigger_latency_s: Delay = 0.0
     trigger_jitter_s: Delay = 0.0
-    trigger_exposure_offset_s: Annotated[float, Field(ge=-DAY_S, le=DAY_S)] = 0.0
+    trigger_exposure_offset_s: Offset = 0.0
     """By how much longer than set a triggered exposure truly is."""
+    trigger_out_2_bit: Literal["disables", "enables"] = "disables"
+    """What bit 0 of a pattern entry's byte 9 truly does on the simulated DLPC900."""
+    camera_driver: Literal["twin", "unicam", "rp1-cfe", "uvcvideo", "other"] = "twin"
+    """As which kernel driver the simulated camera stamps its frames; "twin" stamps the start of exposure and flags it,
+    "other" the end of the frame."""
+    camera_readout_s: Delay | None = None
+    """How long the simulated camera truly reads out; without it, 10 us per row."""
     flat_radiance: Positive = 0.5
     """Brightness of the even light before which masks are calibrated; 1 is the white of a scene."""
     lamp_drift_per_min: float = 0.0
@@ -274,7 +192,7 @@ class WorldTable(Settings):
     """[world.effects.NAME]: imperfections of the light path, as in docs/simulation.md."""
     sensor: TrueSensorTable = TrueSensorTable()
     mechanics: dict[str, MechanicsTable] = Field(default_factory=dict)
-    mount: MountTable | None = None
+    mount: MountOptions | None = None
     """How the stage truly carries the camera; without it, as [stage.mount] says."""
     faults: tuple[str, ...] = ()
     """Faults to inject once each, "device: fault" or "device: fault after N" opportunities; see docs/faults.md."""
@@ -284,9 +202,9 @@ class RigTable(Settings):
     """A rig file."""
 
     name: str = "rig"
-    modulator: Annotated[Dlpc900Table | ScpiModulatorTable | SantecTable, Field(discriminator="kind")]
-    sensor: Annotated[V4l2Table, Field()]
-    stage: Annotated[ZaberTable | GrblTable, Field(discriminator="kind")] | None = None
+    modulator: Annotated[Dlpc900Options | ScpiOptions | DisplaySlmOptions, Field(discriminator="kind")]
+    sensor: V4l2Options
+    stage: Annotated[ZaberOptions | GrblOptions, Field(discriminator="kind")] | None = None
     capture: CaptureTable = CaptureTable()
     registration: RegistrationTable = RegistrationTable()
     optics: OpticsTable = OpticsTable()

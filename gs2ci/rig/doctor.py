@@ -1,26 +1,31 @@
 """What may be wrong with a bench: each finding with its remedy.
 
-Here: the examination: ports and permissions, who answers, faults, clocks, and the trigger loop from modulator to
-sensor. The stage is asked and not moved. Not here: printing (`gs2ci.commands.doctor`), the devices' own checks.
+Here: the examination: ports and permissions, who answers, faults, clocks, the trigger loop from modulator to sensor,
+which way the modulator reads its settings and what time stamps mean. The stage is asked and not moved. Not here:
+printing (`gs2ci.commands.doctor`), the devices' own checks.
 """
 
 import os
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
 import numpy as np
 
+from gs2ci.core.config import SIMULATED
 from gs2ci.core.errors import Gs2ciError
-from gs2ci.rig.config import SIMULATED, Dlpc900Table, SantecTable, ScpiModulatorTable
 from gs2ci.rig.opening import Rig
+from gs2ci.rig.trigger_check import check_pulses, check_stamps
 from gs2ci_drivers.acquisition import Devices, Taken, capture, plan_capture
+from gs2ci_drivers.display_slm.options import DisplaySlmOptions
 from gs2ci_drivers.dlpc900 import packets
+from gs2ci_drivers.dlpc900.options import Dlpc900Options
 from gs2ci_drivers.links import usb_bulk
 from gs2ci_drivers.links.usb_device import udev_rules
-from gs2ci_drivers.pattern_sequence import ModulatorInfo
+from gs2ci_drivers.pattern_sequence import ModulatorInfo, TriggerOut
 from gs2ci_drivers.plan import CaptureSettings, Mode
+from gs2ci_drivers.scpi_modulator.options import ScpiOptions
 from gs2ci_drivers.sensor import FrameFlag, SensorConfig, TriggerMode
 
 Verdict = Literal["ok", "note", "bad"]
@@ -63,8 +68,9 @@ def examine(rig: Rig, *, trigger_loop: bool = True) -> Iterator[Finding]:
     except Gs2ciError as error:
         yield _bad("opening the ports", error)
         return
+    found: dict[str, str] = {}
+    answering = True
     try:
-        answering = True
         for what, look in (
             ("modulator", _modulator),
             ("sensor", _sensor),
@@ -76,9 +82,84 @@ def examine(rig: Rig, *, trigger_loop: bool = True) -> Iterator[Finding]:
                 answering = answering and what == "stage"
                 yield _bad(what, error)
         if trigger_loop and answering:
-            yield from _trigger_loop(rig, devices)
+            yield from _pulses(rig, devices, found)
     finally:
         devices.close()
+    if trigger_loop and answering:
+        # What was found out holds for the rest: a rig file that does not say it yet is examined as if it did.
+        yield from _with_settings(rig, found)
+
+
+def _with_settings(rig: Rig, settings: dict[str, str]) -> Iterator[Finding]:
+    """Go on with settings of the modulator that were found out."""
+    if settings:
+        modulator = rig.table.modulator.model_copy(update=settings)
+        rig = replace(rig, table=rig.table.model_copy(update={"modulator": modulator}))
+    try:
+        devices = rig.open()
+    except Gs2ciError as error:
+        yield _bad("opening the ports again", error)
+        return
+    try:
+        devices.modulator.connect()
+        devices.sensor.connect()
+        yield from _trigger_loop(rig, devices)
+        yield from _stamps(rig, devices)
+    except Gs2ciError as error:
+        yield _bad("trigger loop", error)
+    finally:
+        devices.close()
+
+
+def _pulses(rig: Rig, devices: Devices, found: dict[str, str]) -> Iterator[Finding]:
+    """Find out with which masks the modulator pulses; put the settings that say so into `found`."""
+    info, triggers = devices.modulator.info, devices.sensor.info.triggers
+    if TriggerOut.PER_EXPOSURE not in info.trigger_outs or TriggerMode.EDGE not in triggers:
+        return
+    try:
+        pulses = check_pulses(devices, _config(rig))
+    except Gs2ciError as error:
+        yield _bad("trigger pulses", error)
+        return
+    verdict = pulses.verdict
+    found.update(verdict.settings)
+    light = {
+        True: "; their light says the same",
+        False: "; but their light says that they come with other masks",
+        None: "; there is too little light to see it in the frames",
+    }[pulses.by_light]
+    agrees = verdict.agrees and pulses.by_light is not False
+    remedy = verdict.remedy or "check that nothing but the modulator's trigger output triggers the sensor"
+    yield Finding("trigger pulses", "ok" if agrees else "bad", verdict.said + light, "" if agrees else remedy)
+
+
+def _stamps(rig: Rig, devices: Devices) -> Iterator[Finding]:
+    """Find out what the sensor's time stamps are the time of."""
+    if TriggerOut.PER_MASK not in devices.modulator.info.trigger_outs or (
+        TriggerMode.EDGE not in devices.sensor.info.triggers
+    ):
+        return
+    found = check_stamps(devices, _config(rig))
+    if found.meaning is None:
+        yield Finding("time stamps", "note", f"taken for {found.assumed.value}: {found.why}")
+        return
+    agrees = found.meaning is found.assumed
+    yield Finding(
+        "time stamps",
+        "ok" if agrees else "bad",
+        f"{found.meaning.value}: {found.why}" + ("" if agrees else f"; they were taken for {found.assumed.value}"),
+        "" if agrees else f'set stamps = "{found.meaning.value}" in [sensor]',
+    )
+
+
+def _config(rig: Rig) -> SensorConfig:
+    return SensorConfig(
+        height=rig.table.sensor.height,
+        width=rig.table.sensor.width,
+        fourcc=rig.table.sensor.format.strip(),
+        buffers=rig.table.sensor.buffers,
+        warm_up_frames=rig.table.sensor.warm_up_frames,
+    )
 
 
 def _bad(what: str, error: Gs2ciError) -> Finding:
@@ -105,11 +186,11 @@ def _permissions(rig: Rig) -> Iterator[Finding]:
         yield from _node("stage", table.stage.port, TTY_RULE)
 
 
-def _usb_ids(modulator: Dlpc900Table | ScpiModulatorTable | SantecTable) -> tuple[int, int] | None:
+def _usb_ids(modulator: Dlpc900Options | ScpiOptions | DisplaySlmOptions) -> tuple[int, int] | None:
     """Return vendor and product of a modulator that is reached by USB; None for one behind a tty."""
-    if isinstance(modulator, Dlpc900Table):
+    if isinstance(modulator, Dlpc900Options):
         return packets.VENDOR_ID, packets.PRODUCT_ID
-    return (usb_bulk.VENDOR_ID, usb_bulk.PRODUCT_ID) if isinstance(modulator, SantecTable) else None
+    return (usb_bulk.VENDOR_ID, usb_bulk.PRODUCT_ID) if isinstance(modulator, DisplaySlmOptions) else None
 
 
 def _node(device: str, port: str, rule: str) -> Iterator[Finding]:
@@ -198,16 +279,9 @@ def _trigger_loop(rig: Rig, devices: Devices) -> Iterator[Finding]:
         masks=_loop_masks(info), bit_depth=min(info.min_exposure_s), mask_s=mask_s, mode=Mode.PER_MASK,
         margin_s=mask_s / 2,
     )  # fmt: skip
-    config = SensorConfig(
-        height=rig.table.sensor.height,
-        width=rig.table.sensor.width,
-        fourcc=rig.table.sensor.format.strip(),
-        buffers=rig.table.sensor.buffers,
-        warm_up_frames=rig.table.sensor.warm_up_frames,
-    )
     taken: list[Taken] = []
     try:
-        plan = plan_capture(devices, settings, config).require_sound()
+        plan = plan_capture(devices, settings, _config(rig)).require_sound()
         capture(devices, plan, taken.append)
     except Gs2ciError as error:
         yield _bad("trigger loop", error)

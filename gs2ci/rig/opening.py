@@ -12,14 +12,13 @@ from typing import TYPE_CHECKING, TypeVar
 
 from gs2ci.core.clock import Clock, WallClock
 from gs2ci.core.errors import InputError
-from gs2ci.rig.config import Dlpc900Table, RigTable, SantecTable, V4l2Table, ZaberTable, read_rig
+from gs2ci.rig.config import RigTable, read_rig
 from gs2ci_drivers.acquisition import Devices
 from gs2ci_drivers.display_slm.driver import DisplaySlm
+from gs2ci_drivers.display_slm.options import DisplaySlmOptions
 from gs2ci_drivers.dlpc900.driver import Dlpc900
-from gs2ci_drivers.dlpc900.firmware import DEFAULT_PROFILE
-from gs2ci_drivers.dlpc900.images import Compression
+from gs2ci_drivers.dlpc900.options import Dlpc900Options
 from gs2ci_drivers.dlpc900.packets import PRODUCT_ID, VENDOR_ID
-from gs2ci_drivers.dlpc900.plan import Dlpc900Settings
 from gs2ci_drivers.grbl.driver import GrblStage
 from gs2ci_drivers.links.serial_line import SerialLine
 from gs2ci_drivers.links.usb_bulk import UsbFifo
@@ -27,13 +26,13 @@ from gs2ci_drivers.links.usb_hid import UsbHid
 from gs2ci_drivers.links.v4l2_sys import KernelSysPort
 from gs2ci_drivers.modulator import Modulator
 from gs2ci_drivers.ports import BytePort, HidPort, SysPort, port_errors
-from gs2ci_drivers.scpi_modulator.driver import ScpiModulator, ScpiSettings
+from gs2ci_drivers.scpi_modulator.driver import ScpiModulator
 from gs2ci_drivers.sensor import Sensor
 from gs2ci_drivers.stage import Stage
 from gs2ci_drivers.trace import Trace, TracedBytes, TracedHid, TracedSys
 from gs2ci_drivers.v4l2.driver import V4l2Sensor
-from gs2ci_drivers.v4l2.options import V4l2Options
 from gs2ci_drivers.zaber.driver import ZaberStage
+from gs2ci_drivers.zaber.options import ZaberOptions
 
 if TYPE_CHECKING:
     from gs2ci.rig.simulated import SimulatedBench
@@ -94,51 +93,35 @@ class Rig:
 
     def _modulator(self, clock: Clock, traces: "_Traces") -> Modulator:
         table = self.table.modulator
-        if isinstance(table, Dlpc900Table):
-            settings = Dlpc900Settings(
-                compression=Compression[table.compression.upper()],
-                leds=table.leds,
-                invert=table.invert,
-                reply_timeout_s=table.reply_timeout_s,
-                firmware=table.firmware or DEFAULT_PROFILE,
-            )
-            return Dlpc900("modulator", traces.hid("modulator", self._hid(table)), clock, settings)
-        if isinstance(table, SantecTable):
-            return DisplaySlm("modulator", traces.bytes("modulator", self._fifo(table)), clock)
+        if isinstance(table, Dlpc900Options):
+            return Dlpc900("modulator", traces.hid("modulator", self._hid(table)), clock, table)
+        if isinstance(table, DisplaySlmOptions):
+            return DisplaySlm("modulator", traces.bytes("modulator", self._fifo(table)), clock, table)
         line = self._line("modulator", table.port, table.baud, traces)
-        return ScpiModulator("modulator", line, clock, ScpiSettings(baud=table.baud, timeout_s=table.timeout_s))
+        return ScpiModulator("modulator", line, clock, table)
 
-    def _hid(self, table: Dlpc900Table) -> HidPort:
+    def _hid(self, table: Dlpc900Options) -> HidPort:
         if self.bench is not None:
             return _opened("modulator", self.bench.modulator.open)  # type: ignore[return-value]
         return UsbHid("modulator", VENDOR_ID, PRODUCT_ID, bus_port=_bus_port(table.port))
 
-    def _fifo(self, table: SantecTable) -> BytePort:
+    def _fifo(self, table: DisplaySlmOptions) -> BytePort:
         if self.bench is not None:
             return _opened("modulator", self.bench.modulator.open)  # type: ignore[return-value]
         return UsbFifo("modulator", bus_port=_bus_port(table.port))
 
     def _sensor(self, clock: Clock, traces: "_Traces") -> Sensor:
         port: SysPort = self.bench.sys_port() if self.bench else KernelSysPort()
-        options = _options(self.table.sensor, self.bench.node if self.bench else self.table.sensor.port)
-        return V4l2Sensor("sensor", traces.sys("sensor", port), clock, options)
+        return V4l2Sensor("sensor", traces.sys("sensor", port), clock, self.table.sensor)
 
     def _stage(self, clock: Clock, traces: "_Traces") -> Stage | None:
         table = self.table.stage
         if table is None:
             return None
         line = self._line("stage", table.port, table.baud, traces)
-        if isinstance(table, ZaberTable):
-            return ZaberStage(
-                "stage",
-                line,
-                clock,
-                axes=table.axes,
-                microstep_mm=table.microstep_mm,
-                address=table.address,
-                with_checksum=table.checksums,
-            )
-        return GrblStage("stage", line, clock, axes=table.axes)
+        if isinstance(table, ZaberOptions):
+            return ZaberStage("stage", line, clock, table)
+        return GrblStage("stage", line, clock, table)
 
     def _line(self, device: str, path: str, baud: int, traces: "_Traces") -> BytePort:
         if self.bench is not None:
@@ -173,22 +156,6 @@ def _bus_port(port: str) -> str:
 def _opened(device: str, action: Callable[[], T]) -> T:
     with port_errors(device, "open"):
         return action()
-
-
-def _options(table: V4l2Table, path: str) -> V4l2Options:
-    return V4l2Options(
-        path=path,
-        subdevice=table.subdevice,
-        trigger_adapter=table.trigger_adapter,
-        trigger_module=table.trigger_module,
-        trigger_control=table.trigger_control,
-        alignment=table.alignment,
-        significant_bits=table.significant_bits,
-        exposure_unit_s=table.exposure_unit_s,
-        readout_s=table.readout_s,
-        exposure_offset_s=table.exposure_offset_s,
-        full_well_e=table.full_well_e,
-    ).check()
 
 
 class _Traces:

@@ -269,7 +269,7 @@ class _Recorder:
         if self._carriage is not None:
             origin["telemetry"] = dict(self._carriage.told)
         bench = self._rig.bench
-        exposure = _exposure_of(bench, frame) if bench else None
+        exposure = self._exposure_of(bench, frame) if bench else None
         if bench and bench.light and exposure:
             simulated = bench.light.plans.get(exposure.index)
             origin |= {"plan": simulated.record()} if simulated else {}
@@ -287,7 +287,7 @@ class _Recorder:
         bench = self._rig.bench
         if bench is None or self._prepared.plan.settings.mode is Mode.PER_MASK:
             return None
-        light, exposure = bench.light, _exposure_of(bench, frame)
+        light, exposure = bench.light, self._exposure_of(bench, frame)
         if light is None or exposure is None:
             return None
         if len(exposure.masks) != self._prepared.plan.sequence.count:
@@ -295,8 +295,8 @@ class _Recorder:
         views, poses = light.truth(exposure)
         return Truth(views=views, world_to_camera=poses)
 
-
-def _exposure_of(bench: "SimulatedBench", frame: Frame) -> "Exposure | None":
-    """Return the exposure that a frame came from: the one that began when it was stamped."""
-    stamp_s = frame.t_kernel_ns * 1e-9
-    return min(bench.world.exposures, key=lambda exposure: abs(exposure.start_s - stamp_s), default=None)
+    def _exposure_of(self, bench: "SimulatedBench", frame: Frame) -> "Exposure | None":
+        """Return the exposure that a frame came from: the one that began when its stamp says."""
+        readout_s = self._devices.sensor.settings.readout_s
+        began_s = frame.began_s(self._prepared.plan.exposure_s, readout_s)
+        return min(bench.world.exposures, key=lambda exposure: abs(exposure.start_s - began_s), default=None)

@@ -11,9 +11,13 @@ import numpy as np
 
 from gs2ci.core.errors import InputError
 from gs2ci.core.records import CfaPattern
-from gs2ci.rig.config import Dlpc900Table, GrblTable, RigTable, SantecTable, WorldTable, ZaberTable
+from gs2ci.rig.config import RigTable, WorldTable
 from gs2ci.rig.patterns import origin
+from gs2ci_drivers.display_slm.options import DisplaySlmOptions
+from gs2ci_drivers.dlpc900.options import Dlpc900Options
+from gs2ci_drivers.grbl.options import GrblOptions
 from gs2ci_drivers.ports import SysPort
+from gs2ci_drivers.zaber.options import ZaberOptions
 from gs2ci_sims.axis_motion import Mechanics
 from gs2ci_sims.bench_light import BenchLight
 from gs2ci_sims.effects.base import Effect
@@ -31,7 +35,7 @@ from gs2ci_sims.wires.dlpc900 import Dlpc900Twin
 from gs2ci_sims.wires.grbl import GrblMachine, GrblTwin
 from gs2ci_sims.wires.scpi_modulator import ScpiModulatorTwin, ScpiPanel
 from gs2ci_sims.wires.v4l2 import V4l2Twin
-from gs2ci_sims.wires.v4l2_camera import CameraModel
+from gs2ci_sims.wires.v4l2_camera import STAMPING, CameraModel
 from gs2ci_sims.wires.zaber import ZaberAxis, ZaberTwin
 from gs2ci_sims.world import LightPath, Mount, World
 
@@ -41,7 +45,6 @@ MODULATOR_SIZES = {
     "santec": (1200, 1920),
 }
 DEFAULT_FULL_SCALE_E_PER_S = 100_000.0
-NODE = "/dev/video0"
 FAULT = re.compile(r"(?P<device>modulator|sensor|stage): *(?P<fault>[\w.]+)(?: after (?P<skip>\d+))?")
 
 ModulatorTwin = Dlpc900Twin | ScpiModulatorTwin | DisplaySlmTwin
@@ -57,7 +60,6 @@ class SimulatedBench:
         sensor: The camera's and its kernel's twin.
         stage: The stage's twin, or None.
         faults: What each twin was told to suffer.
-        node: The camera's capture node on the simulated computer.
     """
 
     world: World
@@ -65,7 +67,6 @@ class SimulatedBench:
     sensor: V4l2Twin
     stage: ZaberTwin | GrblTwin | None
     faults: dict[str, FaultSet]
-    node: str = NODE
 
     @property
     def light(self) -> BenchLight | None:
@@ -190,9 +191,9 @@ def _rest_mm(rig: RigTable, table: WorldTable) -> dict[str, float]:
 def _start_mm(rig: RigTable, table: WorldTable) -> dict[str, float]:
     """Return the counted positions at power-on."""
     start_mm = table.stage_start_mm
-    if isinstance(rig.stage, ZaberTable):
+    if isinstance(rig.stage, ZaberOptions):
         return dict.fromkeys(rig.stage.axes, ZaberAxis().start_mm if start_mm is None else start_mm)
-    if isinstance(rig.stage, GrblTable):
+    if isinstance(rig.stage, GrblOptions):
         return dict(zip("xyz", _grbl(table).start_mm, strict=True))
     return {}
 
@@ -204,16 +205,17 @@ def _grbl(table: WorldTable) -> GrblMachine:
 
 
 def _modulator_twin(rig: RigTable, world: World, faults: FaultSet) -> ModulatorTwin:
-    if isinstance(rig.modulator, Dlpc900Table):
-        return Dlpc900Twin(world, faults, name="modulator")
-    if isinstance(rig.modulator, SantecTable):
+    table = rig.world or WorldTable()
+    if isinstance(rig.modulator, Dlpc900Options):
+        return Dlpc900Twin(world, faults, name="modulator", bit_enables=table.trigger_out_2_bit == "enables")
+    if isinstance(rig.modulator, DisplaySlmOptions):
         return DisplaySlmTwin(world, faults, name="modulator")
     return ScpiModulatorTwin(world, faults, name="modulator", baud=rig.modulator.baud)
 
 
 def _stage_twin(rig: RigTable, world: World, faults: FaultSet) -> ZaberTwin | GrblTwin | None:
     table = rig.world or WorldTable()
-    if isinstance(rig.stage, ZaberTable):
+    if isinstance(rig.stage, ZaberOptions):
         mechanics = {axis: Mechanics(**told.model_dump()) for axis, told in table.mechanics.items()}
         start_mm = _start_mm(rig, table)
         axes = {
@@ -223,15 +225,16 @@ def _stage_twin(rig: RigTable, world: World, faults: FaultSet) -> ZaberTwin | Gr
             for axis, microstep_mm in rig.stage.microstep_mm.items()
         }
         return ZaberTwin(world.clock, axes, faults, address=rig.stage.address)
-    if isinstance(rig.stage, GrblTable):
+    if isinstance(rig.stage, GrblOptions):
         return GrblTwin(world.clock, _grbl(table), faults)
     return None
 
 
 def _camera(rig: RigTable, table: WorldTable) -> CameraModel:
     sensor, gate = rig.sensor, rig.capture.mode == "gate"
-    line = "modulator.out" if not isinstance(rig.modulator, Dlpc900Table) else f"modulator.out{1 if gate else 2}"
+    line = "modulator.out" if not isinstance(rig.modulator, Dlpc900Options) else f"modulator.out{1 if gate else 2}"
     offered = CameraModel().formats
+    stamps, flags_start = STAMPING[table.camera_driver]
     first = (sensor.format.ljust(4),) if sensor.format else ()
     return CameraModel(
         height=table.height,
@@ -243,8 +246,10 @@ def _camera(rig: RigTable, table: WorldTable) -> CameraModel:
         latency_s=table.trigger_latency_s,
         jitter_s=table.trigger_jitter_s,
         exposure_offset_s=table.trigger_exposure_offset_s,
-        readout_s=table.height * CameraModel.line_s,
-        stamps_start=True,
+        readout_s=table.height * CameraModel.line_s if table.camera_readout_s is None else table.camera_readout_s,
+        driver=table.camera_driver,
+        stamps=stamps,
+        flags_start=flags_start,
     )
 
 

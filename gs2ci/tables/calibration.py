@@ -78,7 +78,7 @@ def _table(bench: str, frames: int, seed: int) -> RigTable:
     height, width = SIZE
     return RigTable.model_validate(
         {
-            "modulator": {"kind": "dlpc900"},
+            "modulator": {"kind": "dlpc900", "trigger_out_2_bit": "disables"},
             "sensor": {"kind": "v4l2", "format": "Y12", "black_level_dn": 64.0},
             "capture": {"masks": MASKS, "density": 0.5, "mask_s": 0.01, "seed": seed},
             "registration": {"superpixel": 2},

@@ -83,7 +83,7 @@ def table(effects: Mapping[str, Mapping[str, float]], seed: int, size: tuple[int
     height, width = size
     return RigTable.model_validate(
         {
-            "modulator": {"kind": "dlpc900"},
+            "modulator": {"kind": "dlpc900", "trigger_out_2_bit": "disables"},
             "sensor": {
                 "kind": "v4l2",
                 "height": height,

@@ -86,7 +86,7 @@ def random_bench(
     }
     table = RigTable.model_validate(
         {
-            "modulator": {"kind": "dlpc900"},
+            "modulator": {"kind": "dlpc900", "trigger_out_2_bit": "disables"},
             "sensor": {"kind": "v4l2", "height": height, "width": width, "format": "Y12", "black_level_dn": 64.0},
             "stage": _stage(axes),
             "capture": {"masks": 2},

@@ -60,7 +60,7 @@ def random_table(seed: int) -> RigTable:
     }
     return RigTable.model_validate(
         {
-            "modulator": {"kind": "dlpc900"},
+            "modulator": {"kind": "dlpc900", "trigger_out_2_bit": "disables"},
             "sensor": {"kind": "v4l2", "format": rng.choice(["Y10", "Y12"]), "black_level_dn": BLACK_DN},
             "capture": {"masks": 4, "density": 0.5, "mask_s": 0.004, "seed": seed},
             "registration": {"superpixel": int(rng.integers(1, 4))},

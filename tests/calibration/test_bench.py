@@ -164,7 +164,7 @@ def test_a_depth_that_the_modulator_lacks_is_refused_with_those_it_has(bench):
 def test_a_run_holds_as_many_patterns_as_the_modulator_has_room_for_at_their_depth():
     table = RigTable.model_validate(
         {
-            "modulator": {"kind": "dlpc900"},
+            "modulator": {"kind": "dlpc900", "trigger_out_2_bit": "disables"},
             "sensor": {"kind": "v4l2"},
             "world": {"scene": "planes", "height": 32, "width": 48},
         }

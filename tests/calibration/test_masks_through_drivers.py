@@ -15,7 +15,7 @@ from gs2ci_calibration.refusals import CalibrationError, Reason
 def table(**world):
     return RigTable.model_validate(
         {
-            "modulator": {"kind": "dlpc900"},
+            "modulator": {"kind": "dlpc900", "trigger_out_2_bit": "disables"},
             "sensor": {"kind": "v4l2", "format": "Y12", "black_level_dn": 64.0},
             "capture": {"masks": 4, "density": 0.5, "mask_s": 0.004},
             "registration": {"superpixel": 2},

@@ -21,7 +21,7 @@ def masks_table(**world):
     """A rig whose masks can be calibrated in a moment."""
     return RigTable.model_validate(
         {
-            "modulator": {"kind": "dlpc900"},
+            "modulator": {"kind": "dlpc900", "trigger_out_2_bit": "disables"},
             "sensor": {"kind": "v4l2", "format": "Y12", "black_level_dn": 64.0},
             "capture": {"masks": 4, "density": 0.5, "mask_s": 0.004},
             "registration": {"superpixel": 2},

@@ -10,6 +10,7 @@ name = "tiny"
 trace = true
 [modulator]
 kind = "dlpc900"
+trigger_out_2_bit = "disables"
 [sensor]
 kind = "v4l2"
 height = 40

@@ -29,7 +29,7 @@ MASK_S = 0.03
 def _simulated(stage: str, modulator: str) -> Rig:
     table = RigTable.model_validate(
         {
-            "modulator": {"kind": modulator},
+            "modulator": {"kind": modulator} | ({"trigger_out_2_bit": "disables"} if modulator == "dlpc900" else {}),
             "sensor": {"kind": "v4l2", "format": "Y12"},
             "stage": {"kind": stage},
             "world": {"height": 48, "width": 64},

@@ -83,8 +83,8 @@ def _multi_plane() -> tuple[CameraModel, V4l2Options, TriggerMode]:
 
 
 def _webcam() -> tuple[CameraModel, V4l2Options, TriggerMode]:
-    model = CameraModel(trigger="none", exposure="absolute", formats=("GREY",), stamps_start=True)
-    return model, V4l2Options(), TriggerMode.FREE_RUN
+    model = CameraModel(trigger="none", exposure="absolute", formats=("GREY",), driver="uvcvideo", flags_start=True)
+    return model, V4l2Options(trigger_adapter="none"), TriggerMode.FREE_RUN
 
 
 MAKERS = {

@@ -7,8 +7,10 @@ import pytest
 
 from gs2ci_drivers.failures import DriverError, NoAnswerError, OutOfRangeError, ReferenceLostError, WrongStateError
 from gs2ci_drivers.grbl.driver import GrblStage
+from gs2ci_drivers.grbl.options import GrblOptions
 from gs2ci_drivers.stage import Stage
 from gs2ci_drivers.zaber.driver import ZaberStage
+from gs2ci_drivers.zaber.options import ZaberOptions
 from gs2ci_sims.wires.grbl import GrblMachine, GrblTwin
 from gs2ci_sims.wires.zaber import ZaberAxis, ZaberTwin
 from gs2ci_sims.world import VirtualClock
@@ -44,8 +46,7 @@ def _zaber(referenced: bool) -> Bench:
             "stage0",
             twin.open(),
             clock,
-            axes={"x": 1, "y": 2},
-            microstep_mm={"x": 0.000047625, "y": 0.000047625},
+            ZaberOptions(axes={"x": 1, "y": 2}, microstep_mm={"x": 0.000047625, "y": 0.000047625}),
         )
 
     return Bench(reopen(), twin, clock, reopen)
@@ -56,7 +57,7 @@ def _grbl(referenced: bool) -> Bench:
     twin = GrblTwin(clock, GrblMachine(homed=referenced))
 
     def reopen() -> Stage:
-        return GrblStage("stage0", twin.open(), clock, axes=("x", "y"))
+        return GrblStage("stage0", twin.open(), clock, GrblOptions(axes=("x", "y")))
 
     return Bench(reopen(), twin, clock, reopen)
 

@@ -12,6 +12,7 @@ from gs2ci_drivers.sensor import SensorConfig, TriggerMode
 from gs2ci_drivers.trace import Trace, TracedBytes, TracedHid, TracedSys
 from gs2ci_drivers.v4l2.driver import V4l2Sensor
 from gs2ci_drivers.zaber.driver import ZaberStage
+from gs2ci_drivers.zaber.options import ZaberOptions
 from gs2ci_sims.wires.dlpc900 import Dlpc900Twin
 from gs2ci_sims.wires.v4l2 import V4l2Twin
 from gs2ci_sims.wires.v4l2_camera import CameraModel
@@ -32,7 +33,7 @@ def record_stage(path, use, fault=None):
     if fault:
         twin.faults.inject(fault, times=2)
     trace = Trace(path, "stage0", "bytes", clock)
-    stage = ZaberStage("stage0", TracedBytes(twin.open(), trace), clock, **AXES)
+    stage = ZaberStage("stage0", TracedBytes(twin.open(), trace), clock, ZaberOptions(**AXES))
     try:
         return use(stage)
     finally:
@@ -41,7 +42,7 @@ def record_stage(path, use, fault=None):
 
 def replay_stage(path, use):
     replay = Replay(path)
-    stage = ZaberStage("stage0", ReplayedBytes(replay), replay, **AXES)
+    stage = ZaberStage("stage0", ReplayedBytes(replay), replay, ZaberOptions(**AXES))
     try:
         return use(stage), replay
     finally:

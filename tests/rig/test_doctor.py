@@ -8,7 +8,7 @@ from gs2ci.rig.simulated import build_bench
 from gs2ci_sims.world import Darkness
 
 TABLES = {
-    "modulator": {"kind": "dlpc900", "reply_timeout_s": 1.0},
+    "modulator": {"kind": "dlpc900", "trigger_out_2_bit": "disables", "reply_timeout_s": 1.0},
     "sensor": {"kind": "v4l2", "format": "Y12"},
     "stage": {"kind": "zaber"},
     "world": {"height": 48, "width": 64},
@@ -37,8 +37,8 @@ def test_a_healthy_bench_has_no_bad_finding_and_nothing_moves(tmp_path):
 @pytest.mark.parametrize(
     ("device", "fault", "what", "words"),
     [
-        ("sensor", "v4l2.trigger_missed", "trigger loop", "check the trigger cable"),
-        ("sensor", "v4l2.trigger_doubled", "trigger loop", "reflections"),
+        ("sensor", "v4l2.trigger_missed", "trigger pulses", "check the trigger cable"),
+        ("sensor", "v4l2.trigger_doubled", "trigger pulses", "check the trigger cable"),
         ("modulator", "dlpc900.parked", "modulator state", "manual"),
         ("stage", "serial.unplugged", "stage", "plug it in again"),
     ],
@@ -79,7 +79,7 @@ def test_the_loop_can_be_left_out(tmp_path):
 def test_missing_nodes_and_permissions_are_found_with_the_udev_rule(tmp_path, monkeypatch):
     table = RigTable.model_validate(
         {
-            "modulator": {"kind": "dlpc900", "port": "usb"},
+            "modulator": {"kind": "dlpc900", "trigger_out_2_bit": "disables", "port": "usb"},
             "sensor": {"kind": "v4l2", "port": str(tmp_path / "video9")},
             "stage": {"kind": "zaber", "port": str(tmp_path / "tty9")},
         }

@@ -21,7 +21,12 @@ from gs2ci_sims.world import Darkness, World
 
 def simulated(tmp_path, **tables):
     table = RigTable.model_validate(
-        {"modulator": {"kind": "dlpc900"}, "sensor": {"kind": "v4l2"}, "world": {"height": 8, "width": 16}} | tables
+        {
+            "modulator": {"kind": "dlpc900", "trigger_out_2_bit": "disables"},
+            "sensor": {"kind": "v4l2"},
+            "world": {"height": 8, "width": 16},
+        }
+        | tables
     )
     return Rig(table, "", tmp_path, build_bench(table, Darkness()))
 

@@ -17,6 +17,7 @@ TRUE_X = (0.996195, 0.070000, 0.052000)
 RIG = f"""
 [modulator]
 kind = "dlpc900"
+trigger_out_2_bit = "disables"
 [sensor]
 kind = "v4l2"
 height = 160

@@ -74,7 +74,7 @@ class Small:
 
 def small_table(**changes: dict[str, object]) -> RigTable:
     tables: dict[str, dict[str, object]] = {
-        "modulator": {"kind": "dlpc900", "reply_timeout_s": 1.0},
+        "modulator": {"kind": "dlpc900", "trigger_out_2_bit": "disables", "reply_timeout_s": 1.0},
         "sensor": {
             "kind": "v4l2",
             "height": HEIGHT,
@@ -115,7 +115,10 @@ def make_small(tmp_path: Path) -> Callable[..., Small]:
             rows, columns = 768, 1024
         bench = build_bench(table, StripedLight((rows - HEIGHT) // 2, (columns - WIDTH) // 2))
         if dlp5500 and table.modulator.kind == "dlpc900":
-            bench.modulator = Dlpc900Twin(bench.world, bench.faults["modulator"], name="modulator", dmd=5)
+            enables = table.world.trigger_out_2_bit == "enables"
+            bench.modulator = Dlpc900Twin(
+                bench.world, bench.faults["modulator"], name="modulator", dmd=5, bit_enables=enables
+            )
         return Small(Rig(table, "small", tmp_path, bench), bench, tmp_path / "shot.h5")
 
     return make

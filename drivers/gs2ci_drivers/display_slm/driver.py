@@ -6,16 +6,15 @@ Masks lie in the panel's memory slots; the host shows them one by one (`keep_tim
 pulses its trigger output at each change. Between masks and after disarming it shows its dark level.
 """
 
-from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 
 from gs2ci.core.arrays import U8, U16
 from gs2ci.core.clock import Clock
-from gs2ci.core.errors import InputError
 from gs2ci_drivers.display_slm.link import SlmLink
-from gs2ci_drivers.display_slm.packets import HEIGHT, SLOTS, TOP_LEVEL, WIDTH, image
+from gs2ci_drivers.display_slm.options import DisplaySlmOptions
+from gs2ci_drivers.display_slm.packets import HEIGHT, SLOTS, WIDTH, image
 from gs2ci_drivers.failures import NoAnswerError, SequenceError
 from gs2ci_drivers.modulator import Modulator, ModulatorState, ModulatorStatus, UploadProgress
 from gs2ci_drivers.pattern_sequence import ModulatorInfo, PatternSequence, TriggerOut
@@ -31,34 +30,6 @@ _DEPTHS: Final = (1, 8, 10)
 _PITCH_M: Final = 8e-6
 
 
-@dataclass(frozen=True)
-class DisplaySlmSettings:
-    """What the rig file may set for a panel.
-
-    Args:
-        dark_level: The panel's grey level, 0 to 1023, at which the optics block light.
-        bright_level: The level at which they pass it; masks are linear in between.
-        min_exposure_s: Shortest time on show: a command's round trip, a 120 Hz refresh, the crystal's response.
-        late_s: How late the host may show a mask before the run counts as failed.
-
-    Raises:
-        InputError: A level is out of range, or both are the same.
-    """
-
-    dark_level: int = 0
-    bright_level: int = TOP_LEVEL
-    min_exposure_s: float = 0.1
-    late_s: float = 0.03
-
-    def __post_init__(self) -> None:
-        for level in (self.dark_level, self.bright_level):
-            if not 0 <= level <= TOP_LEVEL or self.dark_level == self.bright_level:
-                raise InputError(
-                    f"dark_level = {self.dark_level}, bright_level = {self.bright_level}",
-                    allowed=f"two different levels, 0 to {TOP_LEVEL}",
-                )
-
-
 class DisplaySlm(Modulator):
     """A panel with 1920 × 1200 pixels of 10 bits.
 
@@ -69,9 +40,9 @@ class DisplaySlm(Modulator):
         settings: From the rig file.
     """
 
-    def __init__(self, name: str, port: BytePort, clock: Clock, settings: DisplaySlmSettings | None = None) -> None:
+    def __init__(self, name: str, port: BytePort, clock: Clock, settings: DisplaySlmOptions | None = None) -> None:
         super().__init__(name, clock)
-        self.settings = settings or DisplaySlmSettings()
+        self.settings = settings or DisplaySlmOptions()
         self._link = SlmLink(name, port, clock)
         self._running: PatternSequence | None = None
         self._began_s = 0.0

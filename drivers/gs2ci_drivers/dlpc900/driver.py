@@ -14,6 +14,7 @@ from gs2ci.core.clock import Clock
 from gs2ci_drivers.dlpc900 import firmware, timing
 from gs2ci_drivers.dlpc900.channel import Channel
 from gs2ci_drivers.dlpc900.lut import MAX_TIME_US
+from gs2ci_drivers.dlpc900.options import Dlpc900Options
 from gs2ci_drivers.dlpc900.packets import Command
 from gs2ci_drivers.dlpc900.payloads import (
     DisplayMode,
@@ -28,7 +29,8 @@ from gs2ci_drivers.dlpc900.payloads import (
     encode_image_start,
     encode_lut_config,
 )
-from gs2ci_drivers.dlpc900.plan import Dlpc900Settings, ImageSet, digest_masks, encode_images, lut_entries
+from gs2ci_drivers.dlpc900.plan import ImageSet, digest_masks, encode_images, lut_entries
+from gs2ci_drivers.dlpc900.pulses import judge
 from gs2ci_drivers.failures import (
     DeviceFaultError,
     NoAnswerError,
@@ -36,9 +38,8 @@ from gs2ci_drivers.failures import (
     RefusedError,
     SequenceError,
     UnsupportedError,
-    WrongStateError,
 )
-from gs2ci_drivers.modulator import POLL_S, Modulator, ModulatorState, ModulatorStatus, UploadProgress
+from gs2ci_drivers.modulator import POLL_S, Modulator, ModulatorState, ModulatorStatus, PulseVerdict, UploadProgress
 from gs2ci_drivers.pattern_sequence import ModulatorInfo, PatternSequence, TriggerOut
 from gs2ci_drivers.ports import HidPort
 
@@ -55,6 +56,7 @@ _EXCHANGE_S: Final = 2e-3
 _FIXED_EXCHANGES: Final = 20
 # The start command on the wire and its answer; captures learn the real figure from their first frame.
 _TYPICAL_START_S: Final = 5e-3
+_UNSETTLED: Final = "trigger_out_2_bit is not stated"
 
 
 class Dlpc900(Modulator):
@@ -65,14 +67,11 @@ class Dlpc900(Modulator):
         port: The HID interface; closed with this.
         clock: On which deadlines are kept.
         settings: From the rig file.
-
-    Raises:
-        InputError: The settings name an unknown firmware profile.
     """
 
-    def __init__(self, name: str, port: HidPort, clock: Clock, settings: Dlpc900Settings | None = None) -> None:
+    def __init__(self, name: str, port: HidPort, clock: Clock, settings: Dlpc900Options | None = None) -> None:
         super().__init__(name, clock)
-        self.settings = settings or Dlpc900Settings()
+        self.settings = settings or Dlpc900Options()
         self._profile = firmware.profile(self.settings.firmware)
         self._port = port
         self._channel = Channel(
@@ -99,19 +98,9 @@ class Dlpc900(Modulator):
             self._check_blocks(quantised, *self.settings.blocks)
         return quantised
 
-    def explain_pulses(self, counted: int) -> str:
-        """Say what a wrong number of pulses on TRIG_OUT_2 during one run means; empty when it is right.
-
-        Firmware revisions disagree on what the number of masks in a run counts; only counting shows which one
-        this board has.
-
-        Raises:
-            WrongStateError: No sequence is loaded.
-        """
-        if self.loaded is None:
-            raise WrongStateError(self.name, "no sequence is loaded", asked="explain pulses")
-        fires = sum(entry.trigger_out_2 for entry in lut_entries(self.loaded))
-        return self._profile.explain_pulses(self.loaded.count, self.loaded.repeats, fires, counted)
+    def _do_judge_pulses(self, sequence: PatternSequence, counted: int) -> PulseVerdict:
+        fires = [entry.trigger_out_2 for entry in lut_entries(sequence)]
+        return judge(self.settings, fires, sequence.repeats, counted)
 
     def _check_gate(self, sequence: PatternSequence) -> None:
         if sequence.dark_s > 0 or (sequence.repeats != 1 and sequence.pause_s == 0):
@@ -174,6 +163,7 @@ class Dlpc900(Modulator):
             capacity={bits: timing.max_patterns(model, bits) for bits in shortest},
             trigger_outs=frozenset(TriggerOut),
             trigger_delay_s=self.settings.trigger_out_2.rise_us * _US,
+            pulses_unsettled="" if self.settings.trigger_out_2_bit else _UNSETTLED,
             typical_start_s=_TYPICAL_START_S,
         )
 
@@ -228,8 +218,9 @@ class Dlpc900(Modulator):
         channel.write(Command.TRIGGER_OUT_2, settings.trigger_out_2.encode(), "set trigger output 2")
         if settings.blocks is not None:
             channel.write(Command.BLOCK_LOAD, encode_block_load(*settings.blocks), "set mirror blocks")
+        bit_enables = settings.trigger_out_2_bit == "enables"
         for entry in lut_entries(sequence, settings.leds):
-            channel.write(Command.LUT_ENTRY, entry.encode(), f"define mask {entry.index}")
+            channel.write(Command.LUT_ENTRY, entry.encode(bit_enables=bit_enables), f"define mask {entry.index}")
         self._send_count(sequence)
 
     def _send_count(self, sequence: PatternSequence) -> None:
@@ -284,7 +275,8 @@ class Dlpc900(Modulator):
         sequence = self._running
         if sequence is None:
             return
-        self._wait_while(lambda: self._is_running(asked), timeout_s, asked)
+        end_s = self._started_s + sequence.duration_s
+        self._wait_while(lambda: self._is_running(asked), timeout_s, asked, end_s)
         ran_s = self.clock.now_s() - self._started_s
         if ran_s < sequence.duration_s * (1 - _CLOCK_TOLERANCE) - _EXCHANGE_JITTER_S:
             self._raise_stopped(asked)

@@ -3,7 +3,8 @@
 Here: one entry. Not here: which entries a capture needs (`driver`), what the minimum times are (`timing`).
 Imported by the driver and tests.
 
-Byte 9 bit 0 SUPPRESSES the pulse on TRIG_OUT_2 (DLPU018, section 2.4.4.3.5): an entry that fires has it clear.
+Byte 9 bit 0 is about the pulse on TRIG_OUT_2. DLPU018 (table 2-137) says that 1 disables it, the code of TI's GUI that
+1 enables it: whoever encodes says which (`Dlpc900Options.trigger_out_2_bit`).
 """
 
 from dataclasses import dataclass
@@ -17,7 +18,7 @@ ALL_LEDS: Final = 7
 
 _CLEAR: Final = 0x01
 _WAIT: Final = 0x80
-_SUPPRESS_TRIGGER_OUT_2: Final = 0x01
+_TRIGGER_OUT_2: Final = 0x01
 _EXTENDED_DEPTH: Final = 0x02
 
 
@@ -69,13 +70,17 @@ class LutEntry:
             if not low <= value <= high:
                 raise InputError(f"pattern {self.index}: {name} = {value}", allowed=f"{low} to {high}")
 
-    def encode(self) -> bytes:
-        """Return the entry's 12 bytes."""
+    def encode(self, *, bit_enables: bool = False) -> bytes:
+        """Return the entry's 12 bytes.
+
+        Args:
+            bit_enables: Whether bit 0 of byte 9 enables the pulse instead of disabling it.
+        """
         flags = (self.depth_bits - 1) << 1 | self.leds << 4
         # The clear bit is defined for 1-bit patterns only; deeper ones are cleared by the controller itself.
         flags |= _CLEAR if self.clear_after and self.depth_bits == 1 else 0
         flags |= _WAIT if self.wait_for_trigger_in else 0
-        options = 0 if self.trigger_out_2 else _SUPPRESS_TRIGGER_OUT_2
+        options = _TRIGGER_OUT_2 if self.trigger_out_2 is bit_enables else 0
         options |= _EXTENDED_DEPTH if self.extended_depth else 0
         return (
             self.index.to_bytes(2, "little")
@@ -87,8 +92,12 @@ class LutEntry:
         )
 
     @classmethod
-    def decode(cls, data: bytes) -> "LutEntry":
+    def decode(cls, data: bytes, *, bit_enables: bool = False) -> "LutEntry":
         """Read an entry back from its 12 bytes.
+
+        Args:
+            data: The bytes.
+            bit_enables: As for `encode`.
 
         Raises:
             InputError: Not 12 bytes, or a field beyond what the device allows.
@@ -107,6 +116,6 @@ class LutEntry:
             clear_after=bool(flags & _CLEAR),
             leds=flags >> 4 & 7,
             wait_for_trigger_in=bool(flags & _WAIT),
-            trigger_out_2=not options & _SUPPRESS_TRIGGER_OUT_2,
+            trigger_out_2=bool(options & _TRIGGER_OUT_2) is bit_enables,
             extended_depth=bool(options & _EXTENDED_DEPTH),
         )

@@ -1,7 +1,7 @@
 """What DLPC900 commands carry: settings to bytes, status bytes to records. Pure.
 
-Here: trigger, mode, sequence and power settings, and the status, version and error registers. Not here: the frame
-around them (`packets`), sequence entries (`lut`), images (`images`). Imported by the driver and tests.
+Here: mode, sequence and power settings, and the status, version and error registers. Not here: the frame
+around them (`packets`), sequence entries (`lut`), images (`images`), trigger edges (`options`).
 """
 
 import enum
@@ -14,8 +14,6 @@ from gs2ci_drivers.dlpc900.packets import MalformedReplyError
 
 CHUNK_BYTES: Final = 504
 MAX_IMAGES: Final = 18
-MIN_PULSE_US: Final = 20
-TRIGGER_DELAY_RANGE_US: Final = (-20, 20_000)
 
 
 @enum.unique
@@ -44,39 +42,6 @@ class PowerMode(enum.IntEnum):
     NORMAL = 0
     STANDBY = 1
     RESET = 2
-
-
-@dataclass(frozen=True)
-class TriggerOut:
-    """Edges of a trigger output relative to its pattern (0x1A1D, 0x1A1E).
-
-    Args:
-        inverted: Whether the active level is low.
-        rise_us: Delay of the rising edge, -20 to 20000 µs.
-        fall_us: Delay of the falling edge, -20 to 20000 µs.
-
-    Raises:
-        InputError: A delay is out of range, or a non-inverted pulse would fall before it rises.
-    """
-
-    inverted: bool = False
-    rise_us: int = 0
-    fall_us: int = 0
-
-    def __post_init__(self) -> None:
-        low, high = TRIGGER_DELAY_RANGE_US
-        for name, value in (("rise_us", self.rise_us), ("fall_us", self.fall_us)):
-            if not low <= value <= high:
-                raise InputError(f"trigger output: {name} = {value}", allowed=f"{low} to {high} µs")
-        if not self.inverted and self.rise_us > self.fall_us:
-            raise InputError(
-                f"trigger output: the pulse rises at {self.rise_us} µs and falls at {self.fall_us} µs",
-                allowed="rise_us at most fall_us unless inverted",
-            )
-
-    def encode(self) -> bytes:
-        """Return the five bytes of the setting."""
-        return struct.pack("<Bhh", int(self.inverted), self.rise_us, self.fall_us)
 
 
 def encode_lut_config(entries: int, count: int) -> bytes:

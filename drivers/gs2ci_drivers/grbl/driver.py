@@ -20,6 +20,7 @@ from gs2ci_drivers.failures import (
     UnsupportedError,
 )
 from gs2ci_drivers.grbl.link import GrblLink
+from gs2ci_drivers.grbl.options import GrblOptions
 from gs2ci_drivers.grbl.packets import ALARMS, JOG_CANCEL, SOFT_RESET, Status, jog, parse_setting
 from gs2ci_drivers.ports import BytePort
 from gs2ci_drivers.stage import AxisInfo, Stage, StageInfo, StageStatus
@@ -48,18 +49,12 @@ class GrblStage(Stage):
         name: Name in the rig file.
         port: The serial line.
         clock: Where waits are kept.
-        axes: Which of x, y, z are used.
-
-    Raises:
-        UnsupportedError: None of them, or others.
+        options: From the rig file.
     """
 
-    def __init__(self, name: str, port: BytePort, clock: Clock, *, axes: tuple[str, ...] = LETTERS) -> None:
+    def __init__(self, name: str, port: BytePort, clock: Clock, options: GrblOptions | None = None) -> None:
         super().__init__(name, clock)
-        unknown = [axis for axis in axes if axis not in LETTERS]
-        if unknown or not axes:
-            raise UnsupportedError(name, f"axes {list(axes)}", allowed=", ".join(LETTERS))
-        self._names = axes
+        self._names: tuple[str, ...] = (options or GrblOptions()).axes
         self._link = GrblLink(name, port, clock, self.incidents)
         self._settings: dict[int, float] = {}
         self._offset: tuple[float, ...] | None = None

@@ -4,7 +4,6 @@ Here: the order of commands, capabilities, times in µs. Not here: the exchange 
 protocol's text (docs/scpi-modulator.md).
 """
 
-from dataclasses import dataclass
 from typing import Final
 
 from gs2ci.core.clock import Clock
@@ -13,6 +12,7 @@ from gs2ci_drivers.modulator import Modulator, ModulatorState, ModulatorStatus, 
 from gs2ci_drivers.pattern_sequence import ModulatorInfo, PatternSequence, TriggerOut
 from gs2ci_drivers.ports import BytePort
 from gs2ci_drivers.scpi_modulator.link import ScpiLink
+from gs2ci_drivers.scpi_modulator.options import ScpiOptions
 from gs2ci_drivers.scpi_modulator.packets import (
     PROTOCOL,
     VERSION,
@@ -41,19 +41,6 @@ _EXCHANGE_BYTES: Final = 40
 _EXCHANGE_S: Final = 2e-3
 
 
-@dataclass(frozen=True)
-class ScpiSettings:
-    """What the rig file may set for a modulator of this kind.
-
-    Args:
-        baud: Bits per second of the line, for the upload's estimate.
-        timeout_s: How long a reply may take.
-    """
-
-    baud: int = 115200
-    timeout_s: float = 2.0
-
-
 class ScpiModulator(Modulator):
     """A modulator behind the open protocol, version 1.
 
@@ -64,12 +51,13 @@ class ScpiModulator(Modulator):
         settings: From the rig file.
     """
 
-    def __init__(self, name: str, port: BytePort, clock: Clock, settings: ScpiSettings | None = None) -> None:
+    def __init__(self, name: str, port: BytePort, clock: Clock, settings: ScpiOptions | None = None) -> None:
         super().__init__(name, clock)
-        self.settings = settings or ScpiSettings()
+        self.settings = settings or ScpiOptions()
         self._link = ScpiLink(name, port, clock, incidents=self.incidents, timeout_s=self.settings.timeout_s)
         self._takes_patterns = True
         self._running: PatternSequence | None = None
+        self._started_s = 0.0
 
     def _do_connect(self) -> ModulatorInfo:
         protocol = self._link.ask("SYST:VERS?")
@@ -142,6 +130,7 @@ class ScpiModulator(Modulator):
         self._link.ask("SEQ:ARM")
 
     def _do_start(self, sequence: PatternSequence) -> None:
+        self._started_s = self.clock.now_s()
         self._link.once("SEQ:START")
         self._running = sequence
 
@@ -150,7 +139,8 @@ class ScpiModulator(Modulator):
         sequence = self._running
         if sequence is None:
             return
-        self._wait_while(lambda: self._state()[0] is ModulatorState.RUNNING, timeout_s, asked)
+        end_s = self._started_s + sequence.duration_s
+        self._wait_while(lambda: self._state()[0] is ModulatorState.RUNNING, timeout_s, asked, end_s)
         self._running = None
         self._require_well(asked)
         shown, planned = self._integers("SEQ:SHOWN?", 1)[0], sequence.count * sequence.repeats

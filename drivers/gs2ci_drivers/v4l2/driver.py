@@ -49,15 +49,12 @@ class V4l2Sensor(Sensor):
         port: The system calls, real or a twin's.
         clock: The clock on which waits are kept.
         options: What the kernel driver does not tell.
-
-    Raises:
-        InputError: An option that cannot be used.
     """
 
     def __init__(self, name: str, port: SysPort, clock: Clock, options: V4l2Options | None = None) -> None:
         super().__init__(name, clock)
         self._port = port
-        self._options = (options or V4l2Options()).check()
+        self._options = options or V4l2Options()
         self._camera: OpenCamera | None = None
         self._config: SensorConfig | None = None
         self._setup: Setup | None = None
@@ -105,8 +102,11 @@ class V4l2Sensor(Sensor):
             except DriverError:
                 self._drop_queue()
                 raise
+            first = self._options.first_sequence if self._options.first_sequence >= 0 else None
             self._settings = replace(self._setup.settings, buffers=self._queue.count)
-            self._judge = FrameJudge(self.name, self._setup.geometry, self._options.first_sequence, started_ns)
+            self._judge = FrameJudge(
+                self.name, self._setup.geometry, first, started_ns, camera.identity.driver, self._options.stamps
+            )
 
     def _run(self, camera: OpenCamera, queue: BufferQueue, config: SensorConfig) -> int:
         """Stream for the warm-up by the sensor's own clock, then start anew, so that nothing old is left.

@@ -14,10 +14,11 @@ from gs2ci_drivers.failures import (
     FrameLostError,
     FrameStaleError,
 )
-from gs2ci_drivers.sensor import Frame, FrameFlag
+from gs2ci_drivers.sensor import Frame, FrameFlag, StampMeaning
 from gs2ci_drivers.v4l2 import abi
 from gs2ci_drivers.v4l2.formats import FrameGeometry, unpack
 from gs2ci_drivers.v4l2.node import Dequeued
+from gs2ci_drivers.v4l2.stamps import meaning_of
 
 _WRAP: Final = 1 << 32
 _STAMP_GRAIN_NS: Final = 1000
@@ -47,12 +48,16 @@ class FrameJudge:
         geometry: What a frame looks like.
         first_sequence: The kernel's number of the first frame; None where any will do.
         started_ns: Kernel time of the start: a frame of before is stale.
+        driver: Name of the kernel driver, which decides what its time stamps mean.
+        stamps: What they mean by the rig file, if it says.
     """
 
     device: str
     geometry: FrameGeometry
     first_sequence: int | None
     started_ns: int
+    driver: str = ""
+    stamps: StampMeaning | None = None
     delivered: int = field(default=0, init=False)
     lost: int = field(default=0, init=False)
     corrupt: int = field(default=0, init=False)
@@ -128,8 +133,8 @@ class FrameJudge:
         except InputError as error:
             self._spoil(self.frame_index - 1, str(error))
         flags = FrameFlag.STAMPED_MONOTONIC if taken.monotonic else FrameFlag.NONE
-        if abi.BufferFlag.TSTAMP_SRC_SOE in taken.buffer.flags:
-            flags |= FrameFlag.STAMPED_AT_START
+        flagged = abi.BufferFlag.TSTAMP_SRC_SOE in taken.buffer.flags
+        flags |= meaning_of(self.driver, self.stamps, flagged=flagged).flag
         if self._after_loss:
             flags |= FrameFlag.AFTER_LOSS
             self._after_loss = False

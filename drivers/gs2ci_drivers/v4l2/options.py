@@ -1,87 +1,82 @@
-"""What must be known of a camera that its kernel driver does not tell; filled from the rig file's [sensor] table.
+"""What a camera of the Linux kernel may be set to: the [sensor] table of a rig file, and the driver's options.
 
-Here: `V4l2Options` and its checks. Not here: what is set for one capture (`gs2ci_drivers.sensor.SensorConfig`).
-Imported by the rest of this package and by `gs2ci.rig`.
+Here: `V4l2Options`: what is wanted of the camera, and what must be known of it that its kernel driver does not tell.
+Not here: what is set for one capture (`gs2ci_drivers.sensor.SensorConfig`).
 """
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import Literal
+from typing import Annotated, Literal
 
-from gs2ci.core.errors import InputError
-from gs2ci_drivers.sensor import TriggerMode
+from pydantic import Field
+
+from gs2ci.core.config import SIMULATED, Count, Delay, Duration, NotNegative, Offset, Positive, Settings
+from gs2ci_drivers.sensor import StampMeaning, TriggerMode
 from gs2ci_drivers.v4l2.formats import Alignment
 
-Adapter = Literal["none", "module", "control"]
+SIMULATED_NODE = "/dev/video0"
+"""The only camera of a simulated computer."""
 
 
-@dataclass(frozen=True)
-class V4l2Options:
-    """How a V4L2 camera is reached and what only its data sheet says.
+class V4l2Options(Settings):
+    """[sensor] with kind = "v4l2": a camera of the Linux kernel."""
 
-    Args:
-        path: The capture node.
-        subdevice: The sensor's own node (`/dev/v4l-subdev0`) where a media controller keeps the controls there.
-        trigger_adapter: How an external trigger is switched on: `module` parameter, private `control`, or `none`.
-        trigger_module: Kernel module with the parameter `trigger_mode`.
-        trigger_control: Name of the private control.
-        trigger_values: Its value for each mode; the default is that of the VC-MIPI drivers.
-        power_down_s: How long an idle sensor takes to power down; a module parameter is taken in only then.
-        alignment: Where values sit in 16-bit pixels.
-        significant_bits: Bits that carry the value; 0 takes the pixel format's.
-        exposure_unit_s: Seconds per unit of the control EXPOSURE, where the driver does not tell its line time.
-        fixed_exposure_s: Exposure of a camera that has no control for it.
-        readout_s: Time from the end of an exposure to the earliest next one; None computes it from the line time.
-        exposure_offset_s: Constant added to the exposure; None takes what is known of `trigger_module`.
-        gain_db_per_unit: Gain in dB per unit of the gain control, where it is linear in dB.
-        full_well_e: Electrons at the top of the scale.
-        first_sequence: Number of the first frame after a start; None for drivers that go on counting.
-    """
-
-    path: str = "/dev/video0"
+    kind: Literal["v4l2"] = "v4l2"
+    port: str = SIMULATED
+    """The capture node ("/dev/video0") or "simulated"."""
     subdevice: str = ""
-    trigger_adapter: Adapter = "none"
-    trigger_module: str = "imx296"
+    """The sensor's own node ("/dev/v4l-subdev0") where a media controller keeps the controls there."""
+    height: Annotated[int, Field(ge=0)] = 0
+    """Rows; 0 takes the largest."""
+    width: Annotated[int, Field(ge=0)] = 0
+    """Columns; 0 takes the largest."""
+    format: str = ""
+    """Four-character code ("Y10", "Y12", "RG12", ...); "" takes the device's present one."""
+    gain_db: float | None = None
+    """Analogue gain; needs `gain_db_per_unit`."""
+    gain_db_per_unit: Positive | None = None
+    """Gain in dB per unit of the gain control, where it is linear in dB."""
+    buffers: Count = 4
+    """Frame buffers to ask the kernel for."""
+    warm_up_frames: Annotated[int, Field(ge=0, le=10_000)] = 0
+    """Frames to throw away after a start."""
+    controls: dict[str, int] = Field(default_factory=dict)
+    """[sensor.controls]: further controls by name, set in this order."""
+    trigger_adapter: Literal["none", "module", "control"] = "control"
+    """How an external trigger is switched on: a kernel module's parameter, a private control, or not at all."""
+    trigger_module: Annotated[str, Field(pattern=r"^[^/]+$")] = "imx296"
+    """Kernel module with the parameter `trigger_mode`."""
     trigger_control: str = "trigger_mode"
-    trigger_values: Mapping[TriggerMode, int] = field(
+    """Name of the private control."""
+    trigger_values: dict[TriggerMode, int] = Field(
         default_factory=lambda: {TriggerMode.FREE_RUN: 0, TriggerMode.EDGE: 1, TriggerMode.LEVEL: 2}
     )
-    power_down_s: float = 1.1
+    """[sensor.trigger_values]: its value for "free-run", "edge" and "level"; the default is the VC-MIPI drivers'."""
+    power_down_s: Delay = 1.1
+    """How long an idle sensor takes to power down; a module's parameter is taken in only then."""
     alignment: Alignment = "low"
-    significant_bits: int = 0
-    exposure_unit_s: float | None = None
-    fixed_exposure_s: float | None = None
-    readout_s: float | None = None
-    exposure_offset_s: float | None = None
-    gain_db_per_unit: float | None = None
-    full_well_e: float | None = None
-    first_sequence: int | None = 0
+    """Where values sit in 16-bit pixels: in the "low" or the "high" bits."""
+    significant_bits: Annotated[int, Field(ge=0, le=16)] = 0
+    """Bits that carry the value; 0 takes the pixel format's."""
+    exposure_unit_s: Duration | None = None
+    """Seconds per unit of the control EXPOSURE, where the driver does not tell its line time."""
+    fixed_exposure_s: Duration | None = None
+    """Exposure of a camera that has no control for it."""
+    readout_s: Delay | None = None
+    """Time from the end of an exposure to the earliest next one; without it, computed from the line time."""
+    exposure_offset_s: Offset | None = None
+    """Constant added to the exposure; without it, what is known of `trigger_module`."""
+    first_sequence: Annotated[int, Field(ge=-1)] = 0
+    """Number of the first frame after a start; -1 for kernel drivers that go on counting."""
+    stamps: StampMeaning | None = None
+    """What the frames' time stamps are the time of: "start-of-exposure", "start-of-frame" or "end-of-frame"; without
+    it, what is known of the kernel driver. `gs2ci doctor` measures it."""
+    black_level_dn: NotNegative = 0.0
+    """Reading without light."""
+    full_well_e: Positive | None = None
+    """Electrons at the top of the scale."""
+    electrons_per_dn: Positive | None = None
+    """Electrons per step of the reading."""
 
-    def check(self) -> "V4l2Options":
-        """Return self if every value can be used.
-
-        Raises:
-            InputError: A word that is none of those allowed, or a number out of its range.
-        """
-        for key, value, words in (
-            ("trigger_adapter", self.trigger_adapter, ("none", "module", "control")),
-            ("alignment", self.alignment, ("low", "high")),
-        ):
-            if value not in words:
-                raise InputError(f"{key} = {value!r} in [sensor]", allowed=", ".join(words))
-        if not 0 <= self.significant_bits <= 16:
-            raise InputError(f"significant_bits = {self.significant_bits} in [sensor]", allowed="0 to 16")
-        for key, seconds in (
-            ("exposure_unit_s", self.exposure_unit_s),
-            ("fixed_exposure_s", self.fixed_exposure_s),
-            ("gain_db_per_unit", self.gain_db_per_unit),
-            ("full_well_e", self.full_well_e),
-        ):
-            if seconds is not None and not seconds > 0:
-                raise InputError(f"{key} = {seconds} in [sensor]", allowed="a number above 0")
-        for key, seconds in (("readout_s", self.readout_s), ("power_down_s", self.power_down_s)):
-            if seconds is not None and not seconds >= 0:
-                raise InputError(f"{key} = {seconds} in [sensor]", allowed="a number of at least 0")
-        if "/" in self.trigger_module or not self.trigger_module:
-            raise InputError(f"trigger_module = {self.trigger_module!r} in [sensor]", allowed="a kernel module's name")
-        return self
+    @property
+    def node(self) -> str:
+        """Get the capture node."""
+        return SIMULATED_NODE if self.port == SIMULATED else self.port

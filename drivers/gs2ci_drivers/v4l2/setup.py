@@ -50,7 +50,7 @@ class OpenCamera:
         self.name = name
         self._options = options
         with contextlib.ExitStack() as undo:
-            self.node = undo.enter_context(contextlib.closing(VideoNode(port, options.path, name)))
+            self.node = undo.enter_context(contextlib.closing(VideoNode(port, options.node, name)))
             self.identity = self.node.identity()
             self._require_capture(self.identity)
             self._subdevice: VideoNode | None = None
@@ -73,7 +73,7 @@ class OpenCamera:
         if identity.buffer_type is None or abi.Cap.STREAMING not in identity.caps:
             raise UnsupportedError(
                 self.name,
-                f"{self._options.path} ({identity.card}) is no streaming capture node",
+                f"{self._options.node} ({identity.card}) is no streaming capture node",
                 asked="VIDIOC_QUERYCAP",
                 allowed="a node with VIDEO_CAPTURE or VIDEO_CAPTURE_MPLANE, and STREAMING",
                 remedy="a camera may have several nodes; `gs2ci devices` shows which of them captures",
@@ -95,7 +95,7 @@ class OpenCamera:
         if not formats:
             raise UnsupportedError(
                 self.name,
-                f"no raw format on {self._options.path} (it offers {', '.join(offered) or 'nothing'})",
+                f"no raw format on {self._options.node} (it offers {', '.join(offered) or 'nothing'})",
                 asked="VIDIOC_ENUM_FMT",
                 allowed=", ".join(sorted(code.strip() for code in PIXEL_FORMATS)),
                 remedy="choose another node, or write the frames of this camera through a driver of its maker",
@@ -184,7 +184,7 @@ class OpenCamera:
                 f"the present format {code!r} cannot be unpacked",
                 asked="configure",
                 allowed=self._offered(),
-                remedy="set `fourcc` in [sensor]",
+                remedy="set `format` in [sensor]",
             )
         width, height = config.width or present.width, config.height or present.height
         bus_code = PIXEL_FORMATS[code].bus_code
@@ -197,7 +197,7 @@ class OpenCamera:
                 f"the driver answered {fmt.code.strip()} in {fmt.planes} plane(s) to {code.strip()}",
                 asked="VIDIOC_S_FMT",
                 allowed=self._offered(),
-                remedy="choose another `fourcc` in [sensor]",
+                remedy="choose another `format` in [sensor]",
             )
         return fmt
 

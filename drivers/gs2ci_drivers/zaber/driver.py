@@ -21,6 +21,7 @@ from gs2ci_drivers.ports import BytePort
 from gs2ci_drivers.stage import AxisInfo, Stage, StageInfo, StageStatus
 from gs2ci_drivers.zaber.flags import INTERRUPTED, UNREFERENCED, describe, is_fault
 from gs2ci_drivers.zaber.link import ZaberLink
+from gs2ci_drivers.zaber.options import ZaberOptions
 from gs2ci_drivers.zaber.units import Units
 
 POLL_S = 0.02
@@ -36,28 +37,16 @@ class ZaberStage(Stage):
         name: Name in the rig file.
         port: The serial line.
         clock: Where waits are kept.
-        axes: For each axis name its number on the device, from 1.
-        microstep_mm: For each axis name the travel of one microstep, from the data sheet.
-        address: The device's address in the chain.
-        with_checksum: Whether to send checksums.
+        options: From the rig file.
     """
 
-    def __init__(
-        self,
-        name: str,
-        port: BytePort,
-        clock: Clock,
-        *,
-        axes: Mapping[str, int],
-        microstep_mm: Mapping[str, float],
-        address: int = 1,
-        with_checksum: bool = True,
-    ) -> None:
+    def __init__(self, name: str, port: BytePort, clock: Clock, options: ZaberOptions | None = None) -> None:
         super().__init__(name, clock)
-        self._numbers = dict(axes)
-        self._units = {axis: Units(microstep_mm[axis]) for axis in axes}
+        options = options or ZaberOptions()
+        self._numbers = dict(options.axes)
+        self._units = {axis: Units(options.microstep_mm[axis]) for axis in options.axes}
         self._link = ZaberLink(
-            name, port, clock, address=address, with_checksum=with_checksum, incidents=self.incidents
+            name, port, clock, address=options.address, with_checksum=options.checksums, incidents=self.incidents
         )
         self._own_speed: dict[str, int] = {}
         self._speed: dict[str, int] = {}

@@ -42,7 +42,9 @@ class Dlpc900Twin:
         faults: What will go wrong.
         name: Prefix of its trigger lines on the bus.
         dmd: Type of the mirrors: 1 DLP6500, 2 DLP9000, 3 DLP670S, 4 DLP500YX, 5 DLP5500.
-        counts_repeats: Whether the count of 0x1A31 counts repeats (old firmware) or masks.
+        counts_repeats: Whether the count of 0x1A31 counts repeats (DLPU018F) or masks (DLPU018J).
+        bit_enables: Whether bit 0 of an entry's byte 9 enables the pulse of trigger output 2 (as API.c of TI's GUI
+            writes it) or disables it (DLPU018, table 2-137): public sources contradict each other.
     """
 
     def __init__(
@@ -53,12 +55,15 @@ class Dlpc900Twin:
         name: str = "dmd0",
         dmd: int = 1,
         counts_repeats: bool = False,
+        bit_enables: bool = False,
     ) -> None:
         self.world = world
         self.clock = world.clock
         self.faults = faults or FaultSet()
         self.plugged = True
-        self.firmware = Firmware(world, self.faults, name=name, dmd=dmd, counts_repeats=counts_repeats)
+        self.firmware = Firmware(
+            world, self.faults, name=name, dmd=dmd, counts_repeats=counts_repeats, bit_enables=bit_enables
+        )
         self._session: _Session | None = None
         self._message = bytearray()
         self._expected = 0

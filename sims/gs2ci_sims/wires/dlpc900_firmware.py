@@ -66,14 +66,18 @@ class Firmware:
         name: Prefix of its trigger lines.
         dmd: Type of the mirrors.
         counts_repeats: Whether the count of 0x1A31 counts repeats.
+        bit_enables: Whether bit 0 of an entry's byte 9 enables the pulse of trigger output 2.
     """
 
-    def __init__(self, world: World, faults: FaultSet, *, name: str, dmd: int, counts_repeats: bool) -> None:
+    def __init__(
+        self, world: World, faults: FaultSet, *, name: str, dmd: int, counts_repeats: bool, bit_enables: bool
+    ) -> None:
         self.world = world
         self.faults = faults
         self.dmd = dmd
         self.mirrors = MIRRORS[dmd]
         self.counts_repeats = counts_repeats
+        self.bit_enables = bit_enables
         self.sequencer = Sequencer(world, name, faults)
         self._reads: dict[int, Callable[[], bytes]] = {
             0x0100: self._read_error,
@@ -245,7 +249,7 @@ class Firmware:
             image=data[10] | (data[11] & 0x07) << 8,
             bit=data[11] >> 3,
             waits=bool(data[5] & 0x80),
-            suppresses_out_2=bool(data[9] & 0x01),
+            suppresses_out_2=bool(data[9] & 0x01) != self.bit_enables,
         )
         _require(index < self.mirrors.entries, 15)
         _require(entry.bit + entry.depth <= 24, 10)

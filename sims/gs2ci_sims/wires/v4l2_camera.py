@@ -32,6 +32,20 @@ PADDING_BYTE = 0xA5
 """What stands behind the pixels of a row: whoever ignores the stride gets it into the picture."""
 
 
+Stamps = Literal["start-of-exposure", "start-of-frame", "end-of-frame"]
+STAMPING: dict[str, tuple[Stamps, bool]] = {
+    "twin": ("start-of-exposure", True),
+    "unicam": ("start-of-frame", False),
+    "rp1-cfe": ("start-of-frame", False),
+    "uvcvideo": ("start-of-frame", True),
+    "other": ("end-of-frame", False),
+}
+"""What kernel drivers stamp, and whether they flag it as the start of exposure, as their sources have it: unicam_isr in
+bcm2835-unicam.c and cfe_sof_isr_handler in rp1-cfe/cfe.c stamp the bus's frame start, with MONOTONIC alone in the
+queue's flags; uvc_queue.c flags SOE and uvc_video_decode_start stamps the first packet; videobuf2 drivers in general
+stamp a buffer when its frame is complete."""
+
+
 @unique
 class Shutting(Enum):
     """What begins an exposure."""
@@ -69,7 +83,10 @@ class CameraModel:
         ignored_triggers: Edges lost after each start.
         clock_ppm: How much longer its seconds are than the world's.
         power_down_s: How long after a stop it stays powered; the module parameter is read at power-up.
-        stamps_start: Whether frames are stamped at the start of exposure instead of when they are complete.
+        driver: Name of the kernel driver; see `STAMPING`.
+        stamps: What time a stamp is of: the start of exposure, the start of the frame on its way (the exposure has
+            just ended) or its end.
+        flags_start: Whether stamps are flagged as the start of exposure (V4L2_BUF_FLAG_TSTAMP_SRC_SOE).
         monotonic: Whether stamps count on CLOCK_MONOTONIC.
         restarts_numbers: Whether frame numbers restart with each start.
         has_events: Whether source changes can be subscribed to.
@@ -99,7 +116,9 @@ class CameraModel:
     ignored_triggers: int = 0
     clock_ppm: float = 0.0
     power_down_s: float = 1.0
-    stamps_start: bool = False
+    driver: str = "twin"
+    stamps: Stamps = "end-of-frame"
+    flags_start: bool = False
     monotonic: bool = True
     restarts_numbers: bool = True
     has_events: bool = True

@@ -172,7 +172,7 @@ class CaptureDevice:
 
     def _querycap(self, file: OpenFile, argument: bytearray, payload: bytearray | None) -> None:
         caps = CAP_STREAMING | (CAP_CAPTURE_MULTI if self._model.multi_plane else CAP_CAPTURE)
-        struct.pack_into("<16s32s32s", argument, 0, b"twin", b"Twin camera", b"platform:twin")
+        struct.pack_into("<16s32s32s", argument, 0, self._model.driver.encode(), b"Twin camera", b"platform:twin")
         struct.pack_into("<III", argument, 80, KERNEL_VERSION, caps | CAP_DEVICE, caps)
 
     def _require_type(self, kind: int) -> None:
@@ -351,11 +351,12 @@ class CaptureDevice:
         self.ring.fill(data, filled)
 
     def _flags(self) -> int:
-        return (FLAG_MONOTONIC if self._model.monotonic else 0) | (FLAG_START_STAMP if self._model.stamps_start else 0)
+        return (FLAG_MONOTONIC if self._model.monotonic else 0) | (FLAG_START_STAMP if self._model.flags_start else 0)
 
     def _stamp_ns(self, exposed: Exposed) -> int:
         stale = self._faults.take(FRAME_STALE)
-        when_s = exposed.start_s if self._model.stamps_start else self._world.clock.now_s()
+        times_s = {"start-of-exposure": exposed.start_s, "start-of-frame": exposed.end_s}
+        when_s = times_s.get(self._model.stamps, self._world.clock.now_s())
         return round((when_s - (stale.value if stale else 0.0)) * 1e9)
 
     def _picture(self, exposed: Exposed) -> np.ndarray[tuple[int, ...], np.dtype[np.uint8]]:

@@ -5,10 +5,11 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from pydantic import ValidationError
 
 from gs2ci.core.arrays import U8
-from gs2ci.core.errors import InputError
-from gs2ci_drivers.display_slm.driver import DisplaySlm, DisplaySlmSettings
+from gs2ci_drivers.display_slm.driver import DisplaySlm
+from gs2ci_drivers.display_slm.options import DisplaySlmOptions
 from gs2ci_drivers.failures import (
     BadReplyError,
     DisconnectedError,
@@ -47,7 +48,7 @@ class Bench:
         return list(self.world.masks_between(begin_s, self.world.clock.now_s()))
 
 
-def make_bench(settings: DisplaySlmSettings | None = None) -> Bench:
+def make_bench(settings: DisplaySlmOptions | None = None) -> Bench:
     world = World()
     twin = DisplaySlmTwin(world)
     return Bench(world, twin, DisplaySlm("slm0", twin.open(), world.clock, settings))
@@ -102,17 +103,17 @@ def test_a_trigger_per_exposure_cannot_be_had(bench: Bench, trigger: TriggerOut)
 
 
 def test_grey_levels_lie_between_dark_and_bright() -> None:
-    bench = make_bench(DisplaySlmSettings(dark_level=200, bright_level=700))
+    bench = make_bench(DisplaySlmOptions(dark_level=200, bright_level=700))
     mask = np.array([[0, 255, 51]], np.uint8)
     assert bench.slm.levels(mask, 8).tolist() == [[200, 700, 300]]
-    inverse = make_bench(DisplaySlmSettings(dark_level=700, bright_level=200))
+    inverse = make_bench(DisplaySlmOptions(dark_level=700, bright_level=200))
     assert inverse.slm.levels(mask, 8).tolist() == [[700, 200, 600]]
 
 
 @pytest.mark.parametrize(("dark", "bright"), [(0, 0), (-1, 5), (0, 1024)])
 def test_levels_that_are_no_levels_are_refused(dark: int, bright: int) -> None:
-    with pytest.raises(InputError, match="0 to 1023"):
-        DisplaySlmSettings(dark_level=dark, bright_level=bright)
+    with pytest.raises(ValidationError, match=r"1023|greater than or equal to 0"):
+        DisplaySlmOptions(dark_level=dark, bright_level=bright)
 
 
 def test_disarming_shows_the_dark_level(bench: Bench) -> None:

@@ -5,13 +5,14 @@ from collections.abc import Callable
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from pydantic import ValidationError
 
 from gs2ci.core.errors import InputError
+from gs2ci_drivers.dlpc900.options import TriggerEdges
 from gs2ci_drivers.dlpc900.packets import MalformedReplyError
 from gs2ci_drivers.dlpc900.payloads import (
     HardwareStatus,
     MainStatus,
-    TriggerOut,
     Version,
     Versions,
     decode_byte,
@@ -27,9 +28,9 @@ from gs2ci_drivers.dlpc900.payloads import (
 @pytest.mark.parametrize(
     ("payload", "expected"),
     [
-        (TriggerOut(fall_us=20).encode(), "00 00 00 14 00"),
-        (TriggerOut(rise_us=-20, fall_us=20000).encode(), "00 EC FF 20 4E"),
-        (TriggerOut(inverted=True, rise_us=5, fall_us=-5).encode(), "01 05 00 FB FF"),
+        (TriggerEdges(fall_us=20).encode(), "00 00 00 14 00"),
+        (TriggerEdges(rise_us=-20, fall_us=20000).encode(), "00 EC FF 20 4E"),
+        (TriggerEdges(inverted=True, rise_us=5, fall_us=-5).encode(), "01 05 00 FB FF"),
         (encode_lut_config(400, 0), "90 01 00 00 00 00"),
         (encode_image_start(17, 6532), "11 00 84 19 00 00"),
         (encode_block_load(0, 14), "00 0E"),
@@ -42,9 +43,6 @@ def test_a_setting_is_these_bytes(payload: bytes, expected: str) -> None:
 @pytest.mark.parametrize(
     "build",
     [
-        lambda: TriggerOut(rise_us=-21, fall_us=0),
-        lambda: TriggerOut(fall_us=20001),
-        lambda: TriggerOut(rise_us=30, fall_us=20),
         lambda: encode_lut_config(0, 1),
         lambda: encode_lut_config(1025, 1),
         lambda: encode_lut_config(1, -1),
@@ -58,6 +56,12 @@ def test_a_setting_is_these_bytes(payload: bytes, expected: str) -> None:
 def test_a_setting_out_of_range_is_refused_with_what_is_allowed(build: Callable[[], object]) -> None:
     with pytest.raises(InputError, match="allowed"):
         build()
+
+
+@pytest.mark.parametrize("edges", [{"rise_us": -21}, {"fall_us": 20001}, {"rise_us": 30, "fall_us": 20}])
+def test_edges_out_of_range_are_refused(edges: dict[str, int]) -> None:
+    with pytest.raises(ValidationError, match=r"rise_us|fall_us"):
+        TriggerEdges(**edges)  # type: ignore[arg-type]
 
 
 @given(st.binary(min_size=1, max_size=3000))

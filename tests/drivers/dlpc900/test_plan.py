@@ -5,8 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gs2ci_drivers.dlpc900.images import Compression, decode_block
-from gs2ci_drivers.dlpc900.plan import Dlpc900Settings, digest_masks, encode_images, lut_entries
+from gs2ci_drivers.dlpc900.images import decode_block
+from gs2ci_drivers.dlpc900.options import Dlpc900Options
+from gs2ci_drivers.dlpc900.plan import digest_masks, encode_images, lut_entries
 from gs2ci_drivers.dlpc900.timing import upload_s
 from gs2ci_drivers.pattern_sequence import PatternSequence, TriggerOut
 
@@ -37,21 +38,21 @@ def test_trigger_output_2_fires_where_the_mode_says(trigger: TriggerOut, fires: 
 
 
 def test_two_controllers_get_a_half_each_in_the_order_of_the_manual() -> None:
-    images = encode_images(SEQUENCE, Dlpc900Settings(), dual=True)
+    images = encode_images(SEQUENCE, Dlpc900Options(), dual=True)
     assert [(index, secondary) for index, secondary, _ in images.in_order()] == [
         (1, True),
         (1, False),
         (0, True),
         (0, False),
     ]
-    whole = [decode_block(block) for block in encode_images(SEQUENCE, Dlpc900Settings(), dual=False).primary]
+    whole = [decode_block(block) for block in encode_images(SEQUENCE, Dlpc900Options(), dual=False).primary]
     for i in range(2):
         halves = [decode_block(images.primary[i]), decode_block(images.secondary[i])]
         np.testing.assert_array_equal(np.hstack(halves), whole[i])
 
 
 def test_size_and_time_are_the_sum_over_blocks() -> None:
-    images = encode_images(SEQUENCE, Dlpc900Settings(compression=Compression.RLE), dual=True)
+    images = encode_images(SEQUENCE, Dlpc900Options(compression="rle"), dual=True)
     blocks = images.primary + images.secondary
     assert images.total_bytes == sum(len(block) for block in blocks)
     assert images.upload_s == pytest.approx(sum(upload_s(len(block)) for block in blocks))
@@ -67,5 +68,5 @@ def test_times_and_triggers_do_not_change_the_fingerprint_but_masks_and_depth_do
 
 def test_the_firmware_profile_decides_the_pixel_format() -> None:
     for name, pixel_format in (("rev-j", 1), ("rev-f", 0)):
-        images = encode_images(SEQUENCE, Dlpc900Settings(firmware=name), dual=False)
+        images = encode_images(SEQUENCE, Dlpc900Options(firmware=name), dual=False)
         assert images.primary[0][24] == pixel_format

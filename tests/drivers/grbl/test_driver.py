@@ -1,6 +1,7 @@
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from pydantic import ValidationError
 
 from gs2ci_drivers.failures import (
     BadReplyError,
@@ -12,6 +13,7 @@ from gs2ci_drivers.failures import (
     UnsupportedError,
 )
 from gs2ci_drivers.grbl.driver import GrblStage
+from gs2ci_drivers.grbl.options import GrblOptions
 from gs2ci_sims.wires.grbl import GrblMachine, GrblTwin
 from gs2ci_sims.world import VirtualClock
 
@@ -19,7 +21,7 @@ from gs2ci_sims.world import VirtualClock
 def make(machine=None, **options):
     clock = VirtualClock()
     twin = GrblTwin(clock, machine, **options)
-    return clock, twin, GrblStage("stage0", twin.open(), clock, axes=("x",))
+    return clock, twin, GrblStage("stage0", twin.open(), clock, GrblOptions(axes=("x",)))
 
 
 class ScriptedPort:
@@ -101,9 +103,8 @@ def test_a_missing_setting_is_a_bad_reply():
 
 
 def test_an_axis_that_no_controller_has_is_refused():
-    clock = VirtualClock()
-    with pytest.raises(UnsupportedError, match="allowed: x, y, z"):
-        GrblStage("stage0", GrblTwin(clock).open(), clock, axes=("w",))
+    with pytest.raises(ValidationError, match="'x', 'y' or 'z'"):
+        GrblOptions(axes=("w",))
 
 
 def test_homing_that_is_disabled_is_refused_with_its_setting():
@@ -157,7 +158,7 @@ def test_a_refused_jog_names_the_error_and_what_to_do():
 def test_a_diagonal_keeps_the_speed_of_its_fastest_axis():
     clock = VirtualClock()
     twin = GrblTwin(clock)
-    stage = GrblStage("stage0", twin.open(), clock, axes=("x", "y"))
+    stage = GrblStage("stage0", twin.open(), clock, GrblOptions(axes=("x", "y")))
     stage.connect()
     stage.begin_move({"x": -60.0, "y": -80.0}, speed_mm_s=4.0)
     clock.sleep_s(2.0)
@@ -202,7 +203,7 @@ def test_a_controller_that_does_not_obey_a_stop_is_reported_in_time():
 def test_a_refused_dwell_is_told_as_the_refusal_it_is():
     clock = VirtualClock()
     idle = b"<Idle|MPos:0.000,0.000,0.000|FS:0,0>\r\n"
-    stage = GrblStage("stage0", ScriptedPort(clock, [idle, b"error:1\r\n"]), clock, axes=("x",))
+    stage = GrblStage("stage0", ScriptedPort(clock, [idle, b"error:1\r\n"]), clock, GrblOptions(axes=("x",)))
     with pytest.raises(RefusedError, match=r"G4 P0.01: refused with error:1 \(expected a command letter\)"):
         stage.wait_idle(1.0)
 
@@ -210,7 +211,9 @@ def test_a_refused_dwell_is_told_as_the_refusal_it_is():
 def test_a_restart_instead_of_an_answer_is_a_lost_reference():
     clock = VirtualClock()
     idle = b"<Idle|MPos:0.000,0.000,0.000|FS:0,0>\r\n"
-    stage = GrblStage("stage0", ScriptedPort(clock, [idle, b"Grbl 1.1h ['$' for help]\r\n"]), clock, axes=("x",))
+    stage = GrblStage(
+        "stage0", ScriptedPort(clock, [idle, b"Grbl 1.1h ['$' for help]\r\n"]), clock, GrblOptions(axes=("x",))
+    )
     with pytest.raises(ReferenceLostError, match="the controller restarted"):
         stage.wait_idle(1.0)
 

@@ -468,7 +468,7 @@ def test_a_present_format_that_nobody_can_unpack_is_refused_with_those_there_are
     b.sensor.connect()
     present = VideoNode.get_format
     monkeypatch.setattr(VideoNode, "get_format", lambda node: replace(present(node), code="MJPG"))
-    with pytest.raises(UnsupportedError, match=r"'MJPG' cannot be unpacked; allowed: .*set `fourcc`"):
+    with pytest.raises(UnsupportedError, match=r"'MJPG' cannot be unpacked; allowed: .*set `format`"):
         b.sensor.configure(replace(b.config, fourcc=""))
 
 

@@ -11,6 +11,7 @@ from gs2ci_drivers.failures import (
     UnsupportedError,
 )
 from gs2ci_drivers.zaber.driver import ZaberStage
+from gs2ci_drivers.zaber.options import ZaberOptions
 from gs2ci_sims.wires.zaber import ZaberAxis, ZaberTwin
 from gs2ci_sims.world import VirtualClock
 
@@ -20,7 +21,7 @@ STEP = 0.000047625
 def make(**options):
     clock = VirtualClock()
     twin = ZaberTwin(clock, {"x": ZaberAxis()})
-    stage = ZaberStage("stage0", twin.open(), clock, axes={"x": 1}, microstep_mm={"x": STEP}, **options)
+    stage = ZaberStage("stage0", twin.open(), clock, ZaberOptions(axes={"x": 1}, microstep_mm={"x": STEP}, **options))
     return clock, twin, stage
 
 
@@ -71,7 +72,7 @@ def test_closing_a_dead_line_raises_nothing():
 
 
 def test_without_checksums_the_same_stage_works():
-    _, _, stage = make(with_checksum=False)
+    _, _, stage = make(checksums=False)
     stage.connect()
     assert stage.move_to({"x": 76.0})["x"] == pytest.approx(76.0, abs=STEP)
 
@@ -79,7 +80,7 @@ def test_without_checksums_the_same_stage_works():
 def test_an_axis_that_the_device_lacks_is_refused():
     clock = VirtualClock()
     twin = ZaberTwin(clock, {"x": ZaberAxis()})
-    stage = ZaberStage("stage0", twin.open(), clock, axes={"y": 2}, microstep_mm={"y": STEP})
+    stage = ZaberStage("stage0", twin.open(), clock, ZaberOptions(axes={"y": 2}, microstep_mm={"y": STEP}))
     with pytest.raises(UnsupportedError, match=r"axis 'y' is number 2.*allowed: 1 to 1"):
         stage.connect()
 
@@ -153,7 +154,9 @@ def test_homing_against_an_obstacle_fails_with_its_flag():
 @given(st.lists(st.binary(min_size=1, max_size=120), max_size=12))
 def test_a_line_that_babbles_gives_typed_errors_and_never_hangs(answers):
     clock = VirtualClock()
-    stage = ZaberStage("stage0", ScriptedPort(clock, answers), clock, axes={"x": 1}, microstep_mm={"x": STEP})
+    stage = ZaberStage(
+        "stage0", ScriptedPort(clock, answers), clock, ZaberOptions(axes={"x": 1}, microstep_mm={"x": STEP})
+    )
     begin_s = clock.now_s()
     with pytest.raises(DriverError):
         stage.connect()

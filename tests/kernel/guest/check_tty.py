@@ -14,9 +14,11 @@ from pacing import Pace
 from gs2ci.core.clock import WallClock
 from gs2ci_drivers.failures import AccessError, DriverError, OutOfRangeError
 from gs2ci_drivers.grbl.driver import GrblStage
+from gs2ci_drivers.grbl.options import GrblOptions
 from gs2ci_drivers.links.serial_line import SerialLine
 from gs2ci_drivers.stage import Stage
 from gs2ci_drivers.zaber.driver import ZaberStage
+from gs2ci_drivers.zaber.options import ZaberOptions
 from gs2ci_sims.wires.grbl import GrblTwin
 from gs2ci_sims.wires.serial_twin import SerialTwin
 from gs2ci_sims.wires.zaber import ZaberAxis, ZaberTwin
@@ -125,7 +127,7 @@ def move_and_refuse(stage: Stage) -> None:
 
 def test_grbl_moves_over_a_pseudo_terminal(grbl: tuple[str, Far]) -> None:
     path, _ = grbl
-    stage = GrblStage("stage0", SerialLine("stage0", path), WallClock(), axes=("x",))
+    stage = GrblStage("stage0", SerialLine("stage0", path), WallClock(), GrblOptions(axes=("x",)))
     move_and_refuse(stage)
     with pytest.raises(AccessError):
         SerialLine("stage1", path)
@@ -138,8 +140,7 @@ def test_zaber_moves_over_a_usb_serial_port_and_its_unplug_is_told(zaber: tuple[
         "stage0",
         SerialLine("stage0", path),
         WallClock(),
-        axes={"x": 1},
-        microstep_mm={"x": MICROSTEP_MM},
+        ZaberOptions(axes={"x": 1}, microstep_mm={"x": MICROSTEP_MM}),
     )
     move_and_refuse(stage)
     bind("")

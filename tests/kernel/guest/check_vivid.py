@@ -34,7 +34,7 @@ PATIENCE_S = 20.0
 
 
 def sensor_on(path: str) -> V4l2Sensor:
-    options = V4l2Options(path=path, fixed_exposure_s=0.01, first_sequence=None)
+    options = V4l2Options(port=path, fixed_exposure_s=0.01, first_sequence=-1)
     return V4l2Sensor("cam0", PORT, WallClock(), options)
 
 

@@ -1,0 +1,73 @@
+"""What a DLPC900 may be set to: the [modulator] table of a rig file with kind = "dlpc900", and the driver's options.
+
+Here: `Dlpc900Options`, `TriggerEdges`. Not here: what the controller is told of them (`plan`, `payloads`).
+"""
+
+import struct
+from typing import Annotated, Final, Literal, Self
+
+from pydantic import Field, model_validator
+
+from gs2ci.core.config import SIMULATED, Duration, Settings
+from gs2ci_drivers.dlpc900.firmware import DEFAULT_PROFILE, PROFILES
+
+MIN_PULSE_US: Final = 20
+LARGEST_EDGE_DELAY_US: Final = 20_000
+
+EdgeDelay = Annotated[int, Field(ge=-MIN_PULSE_US, le=LARGEST_EDGE_DELAY_US)]
+
+
+class TriggerEdges(Settings):
+    """[modulator.trigger_out_1] and [modulator.trigger_out_2]: edges relative to the pattern (0x1A1D, 0x1A1E)."""
+
+    inverted: bool = False
+    """Whether the active level is low, as sensors want it that expose while their line is low."""
+    rise_us: EdgeDelay = 0
+    fall_us: EdgeDelay = 0
+
+    @model_validator(mode="after")
+    def _rises_before_it_falls(self) -> Self:
+        if not self.inverted and self.rise_us > self.fall_us:
+            raise ValueError("rise_us must be at most fall_us unless inverted")
+        return self
+
+    def encode(self) -> bytes:
+        """Return the five bytes of the setting."""
+        return struct.pack("<Bhh", int(self.inverted), self.rise_us, self.fall_us)
+
+
+class Dlpc900Options(Settings):
+    """[modulator] with kind = "dlpc900": a DMD behind a DLPC900 over USB HID."""
+
+    kind: Literal["dlpc900"] = "dlpc900"
+    port: str = SIMULATED
+    """"usb", "usb:1-2.3" for one of several, or "simulated"."""
+    firmware: str = DEFAULT_PROFILE
+    """Profile of the firmware revision: what the count of a sequence counts, "rev-j" masks, "rev-f" passes."""
+    compression: Literal["erle", "rle", "none"] = "erle"
+    """How images are coded on their way."""
+    trigger_out_1: TriggerEdges = TriggerEdges()
+    """TRIG_OUT_1, the gate: relative to begin and end of each pattern."""
+    trigger_out_2: TriggerEdges = TriggerEdges(fall_us=MIN_PULSE_US)
+    """TRIG_OUT_2, the pulse: both edges relative to the begin of a pattern."""
+    trigger_out_2_bit: Literal["", "disables", "enables"] = ""
+    """What bit 0 of a pattern entry's byte 9 does to the pulse on TRIG_OUT_2; "" is not known, and nothing is captured
+    until it is: `gs2ci doctor` finds it out. TI's guide says "disables", the code of TI's own GUI "enables"."""
+    blocks: tuple[Annotated[int, Field(ge=0)], Annotated[int, Field(ge=0)]] | None = None
+    """First and last block of mirrors to load, for 1-bit masks; fewer switch faster. Masks are dark outside them."""
+    leds: Annotated[int, Field(ge=0, le=7)] = 7
+    """LED enables during a pattern: bit 0 red, 1 green, 2 blue."""
+    invert: bool = False
+    """Whether the device inverts all patterns."""
+    reply_timeout_s: Duration = 2.0
+    """How long an answer may take."""
+    wake_s: Duration = 3.0
+    """How long leaving standby or mirror idling takes."""
+
+    @model_validator(mode="after")
+    def _known_profile_and_a_range(self) -> Self:
+        if self.firmware not in PROFILES:
+            raise ValueError(f"firmware = {self.firmware!r}; allowed: {', '.join(sorted(PROFILES))}")
+        if self.blocks is not None and self.blocks[0] > self.blocks[1]:
+            raise ValueError(f"blocks = {list(self.blocks)}: the first must be at most the last")
+        return self

@@ -1,0 +1,22 @@
+"""What a GRBL controller may be set to: its [stage] table, and the driver's options."""
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from gs2ci.core.config import SIMULATED, Count, Settings
+from gs2ci_drivers.mount import MountOptions
+
+
+class GrblOptions(Settings):
+    """[stage] with kind = "grbl"."""
+
+    kind: Literal["grbl"] = "grbl"
+    port: str = SIMULATED
+    """The tty ("/dev/serial/by-id/...") or "simulated"."""
+    baud: Count = 115200
+    """Bits per second of the line."""
+    axes: Annotated[tuple[Literal["x", "y", "z"], ...], Field(min_length=1)] = ("x",)
+    """Which axes of the controller carry something."""
+    mount: MountOptions | None = None
+    """How the stage carries the camera; leave it out if nothing is known."""

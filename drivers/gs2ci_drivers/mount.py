@@ -1,0 +1,14 @@
+"""How a stage carries the camera: the table [stage.mount] of a rig file, the same for every kind of stage."""
+
+from gs2ci.core.config import Settings
+
+Vector = tuple[float, float, float]
+
+
+class MountOptions(Settings):
+    """[stage.mount]: how the stage carries the camera, in the camera's own frame (x right, y down, z ahead)."""
+
+    x: Vector = (1.0, 0.0, 0.0)
+    """The camera's motion per mm of the axis, in mm. A calibration of the stage goes before it."""
+    y: Vector = (0.0, 1.0, 0.0)
+    z: Vector = (0.0, 0.0, 1.0)

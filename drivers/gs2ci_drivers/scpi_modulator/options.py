@@ -1,0 +1,17 @@
+"""What a modulator behind the open command set may be set to: its [modulator] table, and the driver's options."""
+
+from typing import Literal
+
+from gs2ci.core.config import SIMULATED, Count, Duration, Settings
+
+
+class ScpiOptions(Settings):
+    """[modulator] with kind = "scpi": the open command set over a serial line (docs/scpi-modulator.md)."""
+
+    kind: Literal["scpi"] = "scpi"
+    port: str = SIMULATED
+    """The tty ("/dev/serial/by-id/...") or "simulated"."""
+    baud: Count = 115200
+    """Bits per second of the line."""
+    timeout_s: Duration = 2.0
+    """How long a reply may take."""

@@ -1,0 +1,34 @@
+"""What a Zaber device may be set to: its [stage] table, and the driver's options."""
+
+from typing import Annotated, Literal, Self
+
+from pydantic import Field, model_validator
+
+from gs2ci.core.config import SIMULATED, Count, Positive, Settings
+from gs2ci_drivers.mount import MountOptions
+
+
+class ZaberOptions(Settings):
+    """[stage] with kind = "zaber"."""
+
+    kind: Literal["zaber"] = "zaber"
+    port: str = SIMULATED
+    """The tty ("/dev/serial/by-id/...") or "simulated"."""
+    baud: Count = 115200
+    """Bits per second of the line."""
+    address: Annotated[int, Field(ge=1, le=99)] = 1
+    """The device's address in its chain."""
+    axes: dict[str, Count] = Field(default_factory=lambda: {"x": 1})
+    """For each axis its number on the device, from 1."""
+    microstep_mm: dict[str, Positive] = Field(default_factory=lambda: {"x": 0.000047625})
+    """For each axis the travel of one microstep, from the data sheet."""
+    checksums: bool = True
+    """Whether requests carry checksums; those in replies are always checked."""
+    mount: MountOptions | None = None
+    """How the stage carries the camera; leave it out if nothing is known."""
+
+    @model_validator(mode="after")
+    def _every_axis_has_a_microstep(self) -> Self:
+        if set(self.axes) != set(self.microstep_mm):
+            raise ValueError("axes and microstep_mm must name the same axes")
+        return self
