@@ -15,7 +15,7 @@ from gs2ci_sims.rig import Modulator, Rig, Timing
 from gs2ci_sims.scenes.planes import planes
 from tests.sims.adversaries import FAMILIES
 
-SIZE, MASKS = (48, 64), 8
+SIZE, MASKS = (32, 44), 8
 
 
 @pytest.fixture(scope="module")
@@ -49,7 +49,7 @@ def test_complementary_masks_do_not_hide_what_their_edges_change(scene):
 
 @pytest.mark.parametrize("family", FAMILIES)
 def test_a_plan_stays_within_its_tolerance_for_every_family_of_masks(scene, family):
-    rig, path, masks = bench(scene, family, 2.0, masks=4)
+    rig, path, masks = bench(scene, family, 1.0, masks=4)
     effects = (MotionBlur(), MaskEdges(0.05))
     everything = simulate_everything(scene, path, masks, rig, effects, seed=0)
     for tolerance_dn in (0.25, 5.0):
