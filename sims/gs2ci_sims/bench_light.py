@@ -6,9 +6,10 @@ twin's shutter. For calibration, something else can be put before the camera (`l
 chooses what is simulated, of such targets everything is. Not here: effects, rendering, protocols.
 """
 
+import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -118,7 +119,7 @@ class BenchLight:
         self._lamp_drift_per_min = lamp_drift_per_min
         self._tolerance_dn = tolerance_dn
         self._renderer = renderer or Renderer(supersampling=1)
-        self._plans_at_rest: dict[tuple[Rig, bytes], Plan] = {}
+        self._plans_at_rest: dict[bytes, Plan] = {}
         self._sight = _Sight(scene, self._renderer, target=False)
 
     def look_at_scene(self) -> None:
@@ -247,10 +248,15 @@ class BenchLight:
     def _plan(
         self, path: _FollowedPath, masks: F32, rig: Rig, effects: tuple[Effect, ...], slices: Slices, seed: int
     ) -> Plan:
-        """Plan the exposure; before a camera at rest, exposures of one kind share their plan."""
-        kind = (rig, path.poses[0].tobytes() + np.round(masks.mean(axis=(1, 2)), 1).tobytes())
-        if not path.moves and kind in self._plans_at_rest:
-            return self._plans_at_rest[kind]
+        """Plan the exposure; before a camera at rest, the same masks at the same times share their plan.
+
+        Bounds depend on every pixel of the masks, so the key is all that the plan is made from. An effect that shakes
+        the camera draws anew in each exposure, and with it each is planned anew.
+        """
+        steady = not path.moves and not any(effect.stage is Stage.MOTION for effect in effects)
+        key = _digest(rig, path.poses[0], masks, slices.start_s, slices.stop_s)
+        if steady and key in self._plans_at_rest:
+            return self._plans_at_rest[key]
         decided = plan(
             self.scene,
             path,
@@ -262,8 +268,8 @@ class BenchLight:
             slices=slices,
             renderer=self._renderer,
         )
-        if not path.moves:
-            self._plans_at_rest[kind] = decided
+        if steady:
+            self._plans_at_rest[key] = decided
         return decided
 
     def _rig(self, exposure: Exposure) -> Rig:
@@ -299,3 +305,12 @@ class BenchLight:
             effects = tuple(effect for effect in effects if effect.name in ("full_well", "quantisation"))
         filters = (BayerFilter(self._cfa),) if self._cfa else ()
         return (MotionBlur(), *filters, *effects, *self._extra)
+
+
+def _digest(rig: Rig, *arrays: NDArray[Any]) -> bytes:
+    """Return what tells one set of figures and arrays from another; the effects are always the same ones."""
+    digest = hashlib.blake2b(repr(rig).encode())
+    for array in arrays:
+        digest.update(f"{array.shape}{array.dtype}".encode())
+        digest.update(np.ascontiguousarray(array).tobytes())
+    return digest.digest()

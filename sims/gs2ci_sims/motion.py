@@ -39,6 +39,24 @@ def image_travel_px(scene: Scene, path: CameraPath, times_s: F64) -> F64:
     return np.concatenate([[0.0], np.cumsum(steps)])
 
 
+def displacement_px(scene: Scene, path: CameraPath, seen_along: CameraPath, seen_s: F64, intervals_s: F64) -> F64:
+    """Find how far the image is, at most over the frame and over each interval, from where it was seen, [N] pixels.
+
+    Args:
+        scene: Whose near and far points are followed.
+        path: Where the camera is during the intervals.
+        seen_along: Where it was when it saw.
+        seen_s: When, [N].
+        intervals_s: [N, 2].
+    """
+    longest = float(np.diff(intervals_s, axis=1).max())
+    steps = int(np.clip(STEPS_PER_PERIOD * highest_hz(path) * longest, STEPS_PER_INTERVAL, PLACES_MAX))
+    times = np.linspace(intervals_s[:, 0], intervals_s[:, 1], steps + 1)
+    there = _tracks(scene, path, times.ravel()).reshape(steps + 1, len(intervals_s), -1, 2)
+    away = there - _tracks(scene, seen_along, seen_s)
+    return np.asarray(np.linalg.norm(away, axis=-1).max(axis=(0, 2)))
+
+
 def net_motion_px(scene: Scene, path: CameraPath, edges_s: F64) -> float:
     """Find how far the image is moved from one end of a panel of time to the other, rms over the panels, pixels."""
     steps = np.linalg.norm(np.diff(_tracks(scene, path, edges_s), axis=0), axis=-1).max(axis=1)

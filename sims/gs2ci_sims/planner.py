@@ -18,11 +18,10 @@ from gs2ci.core.errors import InputError
 from gs2ci_sims.effects.base import Bound, Effect, KernelEffect, Stage
 from gs2ci_sims.effects.full_well import FullWell
 from gs2ci_sims.effects.motion_blur import MotionBlur
-from gs2ci_sims.effects.object_motion import ObjectMotion
 from gs2ci_sims.effects.quantisation import Quantisation
 from gs2ci_sims.light_path import EffectChain
 from gs2ci_sims.path import CameraPath
-from gs2ci_sims.preview import HEADROOM, Preview, preview
+from gs2ci_sims.preview import Preview, preview
 from gs2ci_sims.radiance import Renderer
 from gs2ci_sims.rig import Rig
 from gs2ci_sims.sampling import Sampling, choose_sampling
@@ -146,7 +145,7 @@ def plan(
     """
     _check(effects, tolerance_dn, on, off)
     chain = EffectChain(effects, seed, rig)
-    look = preview(scene, path, masks, rig, renderer)
+    look = preview(scene, path, masks, rig, renderer, effects=chain.effects, seed=seed)
     bounds = {effect.name: effect.bound(look, rig) for effect in chain.effects}
     costs = {effect.name: _seconds(effect, look, len(masks)) for effect in chain.effects}
     left_out = _left_out(bounds, costs, OMISSION_SHARE * tolerance_dn, {MotionBlur.name, *on, *off})
@@ -221,7 +220,7 @@ def _limits_within_reach(
         for effect in chain.effects
         if effect.stage in (Stage.CHARGE, Stage.READOUT) and effect.name not in (*limits_dn, *absent)
     )
-    reading_dn = HEADROOM * float(look.signal_dn.max()) + added_dn
+    reading_dn = rig.dn_per_e * float(look.most_e.max()) + added_dn
     return {name for name, limit_dn in limits_dn.items() if reading_dn > limit_dn}
 
 
@@ -242,8 +241,8 @@ def _with_reach(effect: KernelEffect, look: Preview, rig: Rig, share_dn: float) 
 def _as_moved(look: Preview, kept: Sequence[Effect], seed: int) -> Preview:
     """Return the preview with the motion that the kept effects add to the path's own."""
     chain = EffectChain(kept, seed, look.rig)
-    own = [effect.image_px_per_s(look) for effect in kept if isinstance(effect, ObjectMotion)]
-    return dataclasses.replace(look, path=chain.through(Stage.MOTION, look.path), object_px_per_s=sum(own))
+    others = tuple(effect for effect in kept if effect.stage is not Stage.MOTION)
+    return dataclasses.replace(look, path=chain.through(Stage.MOTION, look.path), effects=others)
 
 
 def _seconds(effect: Effect, look: Preview, views: int) -> float:

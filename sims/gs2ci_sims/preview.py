@@ -1,24 +1,34 @@
 """What the planner and the bounds know of a measurement before it is simulated: one quick look. For effects.
 
-A preview renders up to three views along the path and derives from them, the masks and the rig's figures what every
-bound needs: the charge that each pixel collects, the spectrum of the image, its motion. Its numbers are those of the
-nominal light path: everything off. Two assumptions make cheap bounds of them, and the tests of the bounds hold them
-to it: the image keeps its spectrum while it moves, and the masks are not aligned with the scene. Not here: any effect.
+A preview renders up to three views along the path. From them, the masks and the rig's figures it derives what the
+bounds need. The light behind mask n is V_k + D_n: V_k the previewed view nearest in time, D_n what the image has
+changed since, by motion and by the optics.
+
+- What the masks make of the V_k is computed, pixel by pixel.
+- Of D_n only rms and peak are known, so it counts as if it were aligned with the masks in the worst way (`alignment`).
+  At rest and behind perfect optics it is nothing, and the bounds are exact.
+
+So bounds hold for every set of masks: those that add up to one, those that know the scene, those with one open pixel.
+What is assumed is that the image keeps its spectrum while it moves; where the previewed views differ by more than that
+allows, everything is scaled by as much. Not here: any effect.
 """
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from scipy.fft import dctn
 
 from gs2ci.core.arrays import F32, F64
-from gs2ci_sims.effects.base import Bound
-from gs2ci_sims.motion import image_motion_px, image_travel_px
+from gs2ci_sims.alignment import WeightSet
+from gs2ci_sims.effects.base import Bound, Brightening, Charging, Effect, Moving, Stage, ViewChange
+from gs2ci_sims.light_path import EffectChain
+from gs2ci_sims.motion import displacement_px, image_motion_px, image_travel_px
 from gs2ci_sims.path import CameraPath
 from gs2ci_sims.radiance import Renderer, binned
 from gs2ci_sims.rig import Rig
@@ -32,8 +42,8 @@ SIDE_MIN_PX: Final = 24
 SPECTRUM_BINS: Final = 193
 # The rasteriser's graininess, rms, of full scale: measured on planes, where it is 5e-5 to 8e-5.
 RENDER_GRAIN: Final = 1e-4
-# What other effects (flicker, PRNU, leakage, dark current) and the preview's coarseness may add to its figures.
-HEADROOM: Final = 1.3
+# Standard deviations of noise that a reading is taken to stay within.
+SIGMAS: Final = 6.0
 
 
 @dataclass(frozen=True)
@@ -42,26 +52,30 @@ class Preview:
 
     Args:
         scene: What is seen.
-        path: Where the camera is at any time.
+        path: Where the camera is at any time, before effects.
         masks: As nominally shown, at the sensor's pixels, [N, H, W].
         rig: The figures.
-        fine_views: Radiance at moments from the begin to the end of the exposure, full scale 1, before it is averaged
-            over the pixels' areas, [P, H' s, W' s, 3], with a margin on small sensors.
+        times_s: When the views are seen, [P], from the begin to the end of the exposure.
+        fine_views: Radiance at these moments, full scale 1, before it is averaged over the pixels' areas,
+            [P, H' s, W' s, 3], with a margin on small sensors.
         samples: s, per pixel side.
         margin: That margin, pixels.
         render_s: What rendering one view took.
-        object_px_per_s: How fast objects move across the image by themselves, at most.
+        effects: All that the rig has: each is bounded as it acts among the others.
+        seed: Of the exposure: effects that shake the camera draw from it.
     """
 
     scene: Scene
     path: CameraPath
     masks: F32
     rig: Rig
+    times_s: F64
     fine_views: F32
     samples: int
     margin: int
     render_s: float
-    object_px_per_s: float = 0.0
+    effects: tuple[Effect, ...] = ()
+    seed: int = 0
 
     @cached_property
     def intervals_s(self) -> F64:
@@ -75,24 +89,65 @@ class Preview:
         return self.wide_views[:, self.margin : self.margin + height, self.margin : self.margin + width]
 
     @cached_property
-    def open_sum(self) -> F64:
-        """Get how many open masks each pixel sees, weighted by transmission, [H, W]."""
-        return np.asarray(self.masks.sum(axis=0, dtype=np.float64))
+    def wide_views(self) -> F64:
+        """Get the previewed radiance with its margin, [P, H', W', 3]."""
+        return binned(torch.from_numpy(self.fine_views), self.samples).astype(np.float64)
 
-    @property
+    @cached_property
     def full_scale_dn(self) -> float:
-        """Get the reading above black of radiance 1 through one open mask."""
-        return self.rig.full_scale_e * self.rig.dn_per_e
+        """Get the reading above black of radiance 1 through one open mask, with all light that effects may add."""
+        return self.rig.full_scale_e * self.rig.dn_per_e * self.gain
 
     @cached_property
-    def charge_e(self) -> F64:
-        """Get the charge of each pixel under the brightest of the previewed views, unclipped, [H, W, 3]."""
-        return np.asarray(self.rig.full_scale_e * self.open_sum[..., None] * self.views.max(axis=0))
+    def gain(self) -> float:
+        """Get by how much the effects together may brighten what a pixel collects, at least 1: a product."""
+        factors = [effect.brightest(self) for effect in self.effects if isinstance(effect, Brightening)]
+        return float(np.prod([max(factor, 1.0) for factor in factors]))
+
+    # The masks: nominal, as they reach the sensor, and how open either is.
+
+    def masks_before(self, effect: Effect) -> NDArray[Any]:
+        """Return the masks as those effects leave them that act before this one, [N, H, W]."""
+        names = [other.name for other in self._chain.at(Stage.MASKS)]
+        earlier = names.index(effect.name) if effect.name in names else 0
+        chain = EffectChain(self._chain.at(Stage.MASKS)[:earlier], self.seed, self.rig)
+        return np.asarray(chain.through(Stage.MASKS, self.masks))
+
+    def of_mask_effect(self, effect: Effect) -> Bound:
+        """Bound what an effect on masks changes: applied to the masks that it meets, with its device's own pattern."""
+        before = self.masks_before(effect)
+        after: NDArray[Any] = EffectChain([effect], self.seed, self.rig).through(Stage.MASKS, before)
+        return self.of_masks(after - before)
 
     @cached_property
-    def signal_dn(self) -> F64:
-        """Get the readings above black that belong to `charge_e`, [H, W, 3]."""
-        return self.charge_e * self.rig.dn_per_e
+    def shown(self) -> NDArray[Any]:
+        """Get the masks with all effects on masks, [N, H, W]."""
+        return np.asarray(self._chain.through(Stage.MASKS, self.masks))
+
+    @cached_property
+    def most_open(self) -> NDArray[Any]:
+        """Get the larger of the nominal masks and those shown, [N, H, W]."""
+        return self.masks if self.shown is self.masks else np.maximum(self.masks, self.shown)
+
+    @cached_property
+    def _most_open_weights(self) -> WeightSet:
+        return WeightSet(self.most_open)
+
+    @cached_property
+    def _chain(self) -> EffectChain:
+        return EffectChain(self.effects, self.seed, self.rig)
+
+    # Motion: how far the image is from where a preview saw it.
+
+    @cached_property
+    def moved_path(self) -> CameraPath:
+        """Get the path with all effects on it."""
+        return self._chain.through(Stage.MOTION, self.path)
+
+    @cached_property
+    def object_px_per_s(self) -> float:
+        """Get how fast objects move across the image by themselves, at most."""
+        return float(sum(effect.image_px_per_s(self) for effect in self.effects if isinstance(effect, Moving)))
 
     @cached_property
     def motion_px(self) -> F64:
@@ -106,9 +161,49 @@ class Preview:
         return np.asarray(image_travel_px(self.scene, self.path, times_s) + own)
 
     @cached_property
-    def wide_views(self) -> F64:
-        """Get the previewed radiance with its margin, [P, H', W', 3]."""
-        return binned(torch.from_numpy(self.fine_views), self.samples).astype(np.float64)
+    def _nearest(self) -> NDArray[np.intp]:
+        """Which previewed view is nearest to the middle of each mask's interval, [N]."""
+        away = np.abs(self.intervals_s.mean(axis=1)[:, None] - self.times_s)
+        return np.asarray(np.argmin(away, axis=1))
+
+    def _departures(self, intervals_s: F64) -> F64:
+        """Bound the rms of D_n at any time within intervals [N, 2], [N] radiance."""
+        seen_s = self.times_s[self._nearest]
+        away_px = np.max(
+            [
+                displacement_px(self.scene, path, self.path, seen_s, intervals_s)
+                for path in (self.path, self.moved_path)
+            ],
+            axis=0,
+        )
+        away_px = away_px + self.object_px_per_s * np.abs(intervals_s - seen_s[:, None]).max(axis=1)
+        moved = np.array([self._shifted_rms(float(px)) for px in away_px])
+        return np.asarray(np.minimum(self._surprise * moved + self._optics_rms, self.scene.brightest))
+
+    @cached_property
+    def _optics_rms(self) -> float:
+        """Get by how much the effects between scene and modulator change a view, rms."""
+        changing = [effect for effect in self.effects if isinstance(effect, ViewChange)]
+        return sum(effect.view_change(self)[0] for effect in changing)
+
+    @cached_property
+    def _surprise(self) -> float:
+        """Get by how much more the previewed views differ than a shifted spectrum would, at least 1."""
+        worst = 1.0
+        for first in range(len(self.views)):
+            for second in range(first):
+                moments = self.times_s[[first, second]]
+                moved = displacement_px(
+                    self.scene, self.path, self.path, moments[:1], moments[None, 1:].repeat(2, axis=1)
+                )
+                expected = self._shifted_rms(float(moved[0]))
+                differ = float(np.sqrt(np.square(self.views[first] - self.views[second]).mean()))
+                # Views that differ by no more than the rasteriser's grain tell nothing.
+                if differ > 10 * RENDER_GRAIN:
+                    worst = max(worst, differ / max(expected, RENDER_GRAIN))
+        return worst
+
+    # The spectrum, and fields that come of filters.
 
     @cached_property
     def _spectrum(self) -> tuple[F64, F64]:
@@ -127,6 +222,139 @@ class Preview:
         place = np.searchsorted(ends, frequency.ravel()).clip(max=SPECTRUM_BINS - 1)
         return ends, np.bincount(place, power.ravel(), SPECTRUM_BINS).astype(np.float64)
 
+    def filtered(self, change: Callable[[F64], F64]) -> tuple[float, float]:
+        """Return rms and peak, radiance, of what a linear filter changes in a view (Parseval).
+
+        Args:
+            change: Largest change of amplitude, as a share, of a cosine of this frequency (cycles per pixel).
+        """
+        frequency, power = self._spectrum
+        shares = change(frequency)
+        rms = float(np.sqrt((power * np.square(shares)).sum()))
+        return rms, self.scene.brightest * min(1.0, float(np.max(shares)))
+
+    def shifted(self, shift_px: float) -> tuple[float, float]:
+        """Return rms and peak of what shifting a view by up to `shift_px` in any direction changes.
+
+        A cosine of frequency f shifted by d changes by at most 2 |sin(pi f d)| of its amplitude.
+        """
+        return self.filtered(lambda f: 2 * np.sin(np.minimum(np.pi * f * shift_px, np.pi / 2)))
+
+    def _shifted_rms(self, shift_px: float) -> float:
+        return self.shifted(shift_px)[0] if shift_px > 0 else 0.0
+
+    def of_views(self, rms: float, peak: float) -> Bound:
+        """Bound what fields of this rms and peak, radiance, one behind each mask, make of the readings."""
+        weights, scale = self._most_open_weights, self.full_scale_dn
+        if self._at_rest:
+            worst = weights.worst_rms_of_one(rms, peak)
+        else:
+            worst = weights.worst_rms(np.full(len(self.masks), rms), peak)
+        return Bound(scale * worst, scale * peak * weights.largest_sum)
+
+    @cached_property
+    def _at_rest(self) -> bool:
+        whole = self.intervals_s[[0, -1], [0, 1]]
+        return not bool(image_motion_px(self.scene, self.moved_path, whole[None]).any()) and self.object_px_per_s == 0
+
+    # The masks, and light that comes at another time.
+
+    def of_masks(self, change: NDArray[Any]) -> Bound:
+        """Bound what a change of the masks, [N, H, W], makes of the readings; it may vary in time with one sign."""
+        return self._of_changes(((one, np.abs(one)) for one in change), self.intervals_s)
+
+    def of_shares(self, mean: F64, swing: F64, intervals_s: F64 | None = None) -> Bound:
+        """Bound what changing the light behind each mask by a share makes of the readings.
+
+        Args:
+            mean: The share that its whole light changes by, [N].
+            swing: The mean magnitude of the change over the interval, [N], at least that of the mean: what is taken
+                here and added there is light of another moment.
+            intervals_s: All of the time that each mask's light is taken from or added to, [N, 2], if that is not its
+                own interval.
+        """
+        changes = (
+            (float(share) * mask, float(size) * mask) for mask, share, size in zip(self.shown, mean, swing, strict=True)
+        )
+        return self._of_changes(changes, self.intervals_s if intervals_s is None else intervals_s)
+
+    def _of_changes(self, changes: Iterable[tuple[NDArray[Any], NDArray[Any]]], intervals_s: F64) -> Bound:
+        """Bound changes of masks, in the mean and in magnitude, as computed for the V_k and at worst for the D_n."""
+        total = np.zeros((len(self.views), *self.scene.size))
+
+        def magnitudes() -> Iterator[NDArray[Any]]:
+            for (mean, magnitude), nearest in zip(changes, self._nearest, strict=True):
+                total[nearest] += mean
+                yield magnitude
+
+        weights = WeightSet(magnitudes())
+        steady = np.einsum("khw,khwc->hwc", total, self.views)
+        brightest = self.scene.brightest
+        rms = float(np.sqrt(np.square(steady).mean())) + weights.worst_rms(self._departures(intervals_s), brightest)
+        peak = float(np.abs(steady).max()) + brightest * weights.largest_sum
+        return Bound(self.full_scale_dn * rms, self.full_scale_dn * peak)
+
+    # Charge: what a pixel collects.
+
+    @cached_property
+    def charge_e(self) -> F64:
+        """Get the charge of each pixel under the nearest previewed views, with all light that effects add, [H, W, 3].
+
+        The true one differs by an rms of `charge_error_e` at most, and never exceeds `most_e`.
+        """
+        total = np.zeros((len(self.views), *self.scene.size))
+        for mask, nearest in zip(self.shown, self._nearest, strict=True):
+            total[nearest] += mask
+        return np.asarray(self.rig.full_scale_e * self.gain * np.einsum("khw,khwc->hwc", total, self.views))
+
+    @cached_property
+    def charge_error_e(self) -> float:
+        """Get how far the charge may be from `charge_e`, rms over the pixels."""
+        worst = WeightSet(self.shown).worst_rms(self._departures(self.intervals_s), self.scene.brightest)
+        return self.rig.full_scale_e * self.gain * worst
+
+    @cached_property
+    def most_e(self) -> F64:
+        """Get the charge that no pixel exceeds: as if all it saw were the brightest of the scene, [H, W, 1]."""
+        open_sum = self.shown.sum(axis=0, dtype=np.float64)
+        return np.asarray(self.rig.full_scale_e * self.gain * self.scene.brightest * open_sum[..., None])
+
+    @cached_property
+    def charge_rms_e(self) -> float:
+        """Get a bound of the rms over the pixels of the charge."""
+        predicted = float(np.sqrt(np.square(self.charge_e).mean())) + self.charge_error_e
+        return min(predicted, float(np.sqrt(np.square(self.most_e).mean())))
+
+    @cached_property
+    def charge_mean_e(self) -> float:
+        """Get a bound of the mean over the pixels of the charge."""
+        return min(float(self.charge_e.mean()) + self.charge_error_e, float(self.most_e.mean()))
+
+    @cached_property
+    def added_e(self) -> tuple[float, float]:
+        """Get the charge that comes in the dark, its mean over the pixels and its largest."""
+        added = [effect.added_e(self.rig, self.scene.size) for effect in self.effects if isinstance(effect, Charging)]
+        return sum(mean for mean, _ in added), sum(most for _, most in added)
+
+    def excess_e(self, capacity_e: float) -> tuple[float, float, float]:
+        """Bound what the pixels have beyond a capacity: mean, rms and peak over the pixels, electrons.
+
+        With n standard deviations of its noise, a charge q reads q + n q^(1/2). Beyond the charge x that just fills
+        the capacity, that grows by 1 + n / (2 x^(1/2)) per electron at most, which is what an error of q adds.
+        """
+        added_e = self.added_e[1]
+
+        def beyond(charge_e: F64) -> F64:
+            whole_e = charge_e + added_e
+            return np.asarray(np.maximum(whole_e + SIGMAS * np.sqrt(whole_e) - capacity_e, 0.0) * (whole_e > 0))
+
+        root = max(float(np.sqrt(SIGMAS**2 / 4 + max(capacity_e, 0.0))) - SIGMAS / 2, 1e-9)
+        error_e = (1 + SIGMAS / (2 * root)) * self.charge_error_e
+        likely, most = beyond(self.charge_e), beyond(self.most_e)
+        mean = min(float(likely.mean()) + error_e, float(most.mean()))
+        rms = min(float(np.sqrt(np.square(likely).mean())) + error_e, float(np.sqrt(np.square(most).mean())))
+        return mean, rms, float(most.max())
+
     def graininess(self, views: float) -> float:
         """Return what the rasteriser's own graininess makes of the readings, DN rms, with so many views.
 
@@ -139,62 +367,30 @@ class Preview:
     @cached_property
     def _squares_sum(self) -> float:
         """Mean over the pixels of the sum of the masks' squares."""
-        return float(np.square(self.masks, dtype=np.float64).sum(axis=0).mean())
-
-    def filtered(self, change: Callable[[F64], F64]) -> Bound:
-        """Bound what a linear filter changes: Parseval's sum of the radiance's power times the squared change.
-
-        Args:
-            change: Largest change of amplitude, as a share, of a cosine of this frequency (cycles per pixel).
-        """
-        frequency, power = self._spectrum
-        shares = change(frequency)
-        rms = float(np.sqrt((power * np.square(shares)).sum()))
-        peak = float(self.views.max() - self.views.min()) * min(1.0, float(np.max(shares)))
-        return self.of_radiance(rms, peak)
-
-    def shifted(self, shift_px: float) -> Bound:
-        """Bound what shifting the image by up to `shift_px` in any direction changes.
-
-        A cosine of frequency f shifted by d changes by at most 2 |sin(pi f d)| of its amplitude.
-        """
-        return self.filtered(lambda f: 2 * np.sin(np.minimum(np.pi * f * shift_px, np.pi / 2)))
-
-    def of_radiance(self, rms: float, peak: float) -> Bound:
-        """Turn a change of radiance, the same under every mask, into one of readings."""
-        scale = HEADROOM * self.full_scale_dn
-        return Bound(
-            rms * scale * float(np.sqrt(np.square(self.open_sum).mean())), peak * scale * float(self.open_sum.max())
-        )
-
-    def of_masks(self, change: F64) -> Bound:
-        """Bound what a change of the masks, [N, H, W], makes of the readings: each under the nearest previewed view."""
-        nearest = np.rint(np.linspace(0, len(self.views) - 1, len(change))).astype(int)
-        total = np.zeros((*self.scene.size, 3))
-        for number, view in enumerate(self.views):
-            total += change[nearest == number].sum(axis=0)[..., None] * view
-        return self.of_readings(total * self.full_scale_dn)
-
-    def of_readings(self, change_dn: F64) -> Bound:
-        """Bound a change of readings, [H, W, C] in DN, that the preview predicts pixel by pixel."""
-        return Bound(HEADROOM * float(np.sqrt(np.square(change_dn).mean())), HEADROOM * float(np.abs(change_dn).max()))
-
-    def with_motion(self, steady: Bound, share: float) -> Bound:
-        """Add to a change of the light over time what it makes of motion: this share of it falls elsewhere.
-
-        Light that is collected earlier or later than the middle of a mask's interval shows the image by up to half of
-        the interval's motion away.
-        """
-        moved = self.shifted(0.5 * float(self.motion_px.max()))
-        return Bound(steady.rms_dn + share * moved.rms_dn, steady.peak_dn + share * moved.peak_dn)
-
-    def of_share(self, share: float) -> Bound:
-        """Bound what changing all the light by up to this share changes."""
-        return self.of_readings(share * self.signal_dn)
+        return float(np.square(self.most_open, dtype=np.float64).sum(axis=0).mean())
 
 
-def preview(scene: Scene, path: CameraPath, masks: F32, rig: Rig, renderer: Renderer | None = None) -> Preview:
-    """Take a quick look: render a view, or three where the image moves."""
+def preview(
+    scene: Scene,
+    path: CameraPath,
+    masks: F32,
+    rig: Rig,
+    renderer: Renderer | None = None,
+    *,
+    effects: tuple[Effect, ...] = (),
+    seed: int = 0,
+) -> Preview:
+    """Take a quick look: render a view, or three where the image moves.
+
+    Args:
+        scene: What is seen.
+        path: Where the camera is at any time, before effects.
+        masks: As nominally shown, [N, H, W].
+        rig: The figures.
+        renderer: Draws the views.
+        effects: All that the rig has.
+        seed: Of the exposure.
+    """
     whole = rig.timing.intervals_s(len(masks))[[0, -1], [0, 1]]
     moves = float(image_motion_px(scene, path, whole[None]).max()) > STILL_PX
     times = np.linspace(whole[0], whole[1], MOMENTS) if moves else whole.mean(keepdims=True)
@@ -203,4 +399,6 @@ def preview(scene: Scene, path: CameraPath, masks: F32, rig: Rig, renderer: Rend
     started = time.perf_counter()
     views = renderer.supersampled_views(scene, path.world_to_camera(times), margin=margin)
     render_s = (time.perf_counter() - started) / len(times)
-    return Preview(scene, path, masks, rig, views, renderer.supersampling, margin, render_s)
+    return Preview(
+        scene, path, masks, rig, times, views, renderer.supersampling, margin, render_s, effects=effects, seed=seed
+    )

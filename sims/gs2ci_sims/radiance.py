@@ -82,6 +82,8 @@ class Renderer:
         backend = load_backend(self.backend)
         # The backend's masks are transmissions; larger ones are scaled to that, and back.
         scale = float(mask.max())
+        if scale == 0:
+            return np.zeros((*scene.size, 3))
         fine = torch.tensor(mask / scale, dtype=torch.float32).repeat_interleave(factor, 0).repeat_interleave(factor, 1)
         intrinsics = torch.tensor(scene.intrinsics * np.array([[factor], [factor], [1.0]]), dtype=torch.float32)
         with torch.no_grad():

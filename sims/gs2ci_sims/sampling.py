@@ -31,7 +31,7 @@ PANEL_CHOICES: Final = 14
 GUESS_SHARE: Final = 0.3
 TRAVEL_STEPS: Final = 512
 # If no option stays within its budget, the most promising one is taken; none has more views than this.
-VIEWS_PER_MASK_MAX: Final = 135
+VIEWS_PER_MASK_MAX: Final = 405
 
 
 @dataclass(frozen=True)

@@ -4,6 +4,8 @@ import pytest
 from gs2ci.core.errors import InputError
 from gs2ci_sims.bench_light import BenchLight
 from gs2ci_sims.effects.lens_distortion import LensDistortion
+from gs2ci_sims.effects.mask_edges import MaskEdges
+from gs2ci_sims.effects.stage_vibration import StageVibration
 from gs2ci_sims.registration import Registration
 from gs2ci_sims.scenes.planes import planes
 from gs2ci_sims.sensor import Sensor
@@ -114,3 +116,43 @@ def test_each_exposure_keeps_the_plan_of_what_was_simulated():
     assert light.plans[0] is light.plans[1]  # nothing moved: one plan for both
     assert light.plans[0].views == 1
     assert "tolerance" in light.plans[0].summary()
+
+
+@pytest.mark.parametrize("before", ["grey", "the same share in another place"])
+def test_a_mask_reads_the_same_whatever_mask_was_shown_before(before):
+    """Both masks have a mean transmission of a half: a plan made for one must not serve the other."""
+    grey = np.full((100, 160), 128, np.uint8)
+    blocks = (np.indices((100, 160)).sum(axis=0) // 2 % 2 * 255).astype(np.uint8)
+    halves = np.where(np.arange(160) < 80, 255, 0).repeat(100).reshape(160, 100).T.astype(np.uint8)
+    shown_first = grey if before == "grey" else halves
+
+    def readings(levels):
+        light, world = make(effects=(MaskEdges(0.5),))
+        found = []
+        for pattern in levels:
+            start_s = world.clock.now_s()
+            world.show_mask(pattern, top=255)
+            world.clock.sleep_s(0.02)
+            found.append(world.integrate(start_s, start_s + 0.02, height=SIZE[0], width=SIZE[1], bits=12))
+        return found[-1].astype(int), light.plans[len(levels) - 1]
+
+    alone, plan_alone = readings([blocks])
+    after, plan_after = readings([shown_first, blocks])
+    assert np.abs(alone - after).max() <= 1
+    assert plan_after.record() == plan_alone.record()
+
+
+def test_a_plan_is_shared_by_exposures_of_the_same_masks_alone():
+    light, world = make()
+    expose(world, np.ones((100, 160), np.uint8))
+    expose(world, np.eye(100, 160, dtype=np.uint8))
+    expose(world, np.ones((100, 160), np.uint8))
+    assert light.plans[0] is light.plans[2]
+    assert light.plans[0] is not light.plans[1]
+
+
+def test_a_camera_that_trembles_is_planned_anew_each_time():
+    light, world = make(effects=(StageVibration(1e-3, 50.0),))
+    expose(world, np.ones((100, 160), np.uint8))
+    expose(world, np.ones((100, 160), np.uint8))
+    assert light.plans[0] is not light.plans[1]

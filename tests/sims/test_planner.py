@@ -110,7 +110,7 @@ def test_a_camera_at_rest_is_rendered_once_for_all_masks(scene):
 
 def test_a_finer_tolerance_takes_more_effects_and_more_views(scene):
     rig, path, effects = case(scene, "small move")
-    plans = [plan(scene, path, masks_for(rig), rig, effects, tolerance_dn=dn) for dn in (0.25, 1.0, 30.0)]
+    plans = [plan(scene, path, masks_for(rig), rig, effects, tolerance_dn=dn) for dn in (0.05, 1.0, 30.0)]
     assert plans[0].views > plans[1].views > plans[2].views
     assert len(plans[0].effects) >= len(plans[1].effects) > len(plans[2].effects)
 

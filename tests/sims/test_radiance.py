@@ -74,3 +74,8 @@ def test_harmonics_make_colours_depend_on_the_direction_of_sight(small_scene):
 def test_harmonics_of_another_number_of_gaussians_are_refused(small_scene):
     with pytest.raises(InputError, match="spherical harmonics"):
         dataclasses.replace(small_scene, harmonics=torch.zeros(3, 3, 3))
+
+
+def test_a_view_behind_a_closed_mask_is_dark(small_scene):
+    closed = np.zeros(small_scene.size)
+    assert not Renderer(1).masked(small_scene, np.eye(4)[None], closed).any()

@@ -102,6 +102,42 @@ class KernelEffect(Effect, Protocol):
 
 
 @runtime_checkable
+class Brightening(Effect, Protocol):
+    """An effect that may make a pixel collect more light than the nominal light path does."""
+
+    def brightest(self, scene: "Preview") -> float:
+        """Return the largest factor; one below 1 counts as 1."""
+        ...
+
+
+@runtime_checkable
+class Charging(Effect, Protocol):
+    """An effect that fills pixels in the dark."""
+
+    def added_e(self, rig: "Rig", size: tuple[int, int]) -> tuple[float, float]:
+        """Return how many electrons at most it adds, in the mean over the pixels and in the fullest one."""
+        ...
+
+
+@runtime_checkable
+class Moving(Effect, Protocol):
+    """An effect that moves parts of the scene."""
+
+    def image_px_per_s(self, scene: "Preview") -> float:
+        """Return how fast they cross the image, at most."""
+        ...
+
+
+@runtime_checkable
+class ViewChange(Effect, Protocol):
+    """An effect on views that puts light elsewhere; one that only dims them is none."""
+
+    def view_change(self, scene: "Preview") -> tuple[float, float]:
+        """Return rms and peak, radiance, of what it changes in a view."""
+        ...
+
+
+@runtime_checkable
 class ViewEffect(Effect, Protocol):
     """An effect on views that looks beyond the sensor's rim, or at depth."""
 

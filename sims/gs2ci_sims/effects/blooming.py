@@ -8,7 +8,6 @@ import numpy as np
 from gs2ci.core.arrays import F64
 from gs2ci.core.errors import InputError
 from gs2ci_sims.effects.base import Bound, Stage
-from gs2ci_sims.preview import HEADROOM
 
 if TYPE_CHECKING:
     from gs2ci_sims.preview import Preview
@@ -42,14 +41,11 @@ class Blooming:
         """Excess S in all, spilled into pixels that take at most the well's charge W each.
 
         The receivers' charges add up to S at most and none exceeds W, so their squares add up to W S at most, and to
-        W^2 per pixel. Givers read W with and without it. The excess is that of the nominal charge, with a margin and
-        six standard deviations of its shot noise.
+        W^2 per pixel. Givers read W with and without it.
         """
         well_e = rig.sensor.full_well_e
-        charge_e = HEADROOM * scene.charge_e
-        excess_e = np.maximum(charge_e + 6 * np.sqrt(charge_e) - well_e, 0.0) * (charge_e > 0)
-        spilled_e = self.share * float(excess_e.sum())
-        rms_e = np.sqrt(min(spilled_e / charge_e.size, well_e) * well_e)
+        spilled_e = self.share * scene.excess_e(well_e)[0] * scene.charge_e.size
+        rms_e = np.sqrt(min(spilled_e / scene.charge_e.size, well_e) * well_e)
         return Bound(rig.dn_per_e * float(rms_e), rig.dn_per_e * min(spilled_e, well_e))
 
     def apply(self, signal: F64, rig: "Rig", rng: np.random.Generator) -> F64:

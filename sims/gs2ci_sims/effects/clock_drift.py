@@ -35,16 +35,24 @@ class ClockDrift:
             raise InputError(f"clock drift of {self.ppm} ppm", allowed="finite, above -1e6")
 
     def bound(self, scene: "Preview", rig: "Rig") -> Bound:
-        """Each mask's weight changes by the stretch, the last one's by what is cut off; the image moves on."""
+        """Each mask's weight changes by the stretch, the last one's by what is cut off, and its light is of later.
+
+        What is taken from its own time and what is added after it are at most twice the delay.
+        """
         stretch = 1e-6 * self.ppm
         begin = scene.intervals_s[0, 0]
         stretched = begin + (scene.intervals_s - begin) * (1 + stretch)
         kept = np.minimum(stretched, scene.intervals_s[-1, 1])
-        change = (kept[:, 1] - kept[:, 0]) / rig.timing.interval_s - 1
-        steady = scene.of_masks(change[:, None, None] * scene.masks)
-        late_s = float(np.abs(kept.mean(axis=1) - scene.intervals_s.mean(axis=1)).max())
-        moved = scene.shifted(late_s * float(scene.motion_px.max()) / rig.timing.interval_s)
-        return Bound(steady.rms_dn + moved.rms_dn, steady.peak_dn + moved.peak_dn)
+        share = kept / rig.timing.interval_s
+        own = scene.intervals_s / rig.timing.interval_s
+        change = share[:, 1] - share[:, 0] - 1
+        swing = np.minimum(np.abs(share - own).sum(axis=1), share[:, 1] - share[:, 0] + 1)
+        both = np.stack([np.minimum(kept, scene.intervals_s)[:, 0], np.maximum(kept, scene.intervals_s)[:, 1]], axis=1)
+        return scene.of_shares(change, swing, both)
+
+    def brightest(self, scene: "Preview") -> float:
+        """The stretch."""
+        return 1 + 1e-6 * self.ppm
 
     def apply(self, signal: Slices, rig: "Rig", rng: np.random.Generator) -> Slices:
         """Stretch the slices and close the window."""

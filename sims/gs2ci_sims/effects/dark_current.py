@@ -61,6 +61,10 @@ class DarkCurrent:
         dark_e = min(self.collected_e(rig.exposure_s), rig.sensor.full_well_e)
         return Bound(rig.dn_per_e * float(np.sqrt(dark_e**2 + dark_e)), rig.dn_per_e * (dark_e + 6 * dark_e**0.5))
 
+    def added_e(self, rig: "Rig", size: tuple[int, int]) -> tuple[float, float]:
+        """Return the collected charge, the same in every pixel."""
+        return (self.collected_e(rig.exposure_s),) * 2
+
     def apply(self, signal: F64, rig: "Rig", rng: np.random.Generator) -> F64:
         """Add to mean electrons [H, W, C]."""
         return signal + self.collected_e(rig.exposure_s)

@@ -60,6 +60,10 @@ class Defocus:
 
     def bound(self, scene: "Preview", rig: "Rig") -> Bound:
         """The spectrum times what the widest disc takes from each cosine, 1 - 2 J1(x)/x."""
+        return scene.of_views(*self.view_change(scene))
+
+    def view_change(self, scene: "Preview") -> tuple[float, float]:
+        """Return rms and peak of what the blur takes from a view."""
         widest = float(self._widest_px(scene.scene.intrinsics, np.array(scene.scene.depth_range())).max())
         return scene.filtered(lambda f: np.abs(1 - disc_transfer(widest, f)))
 

@@ -47,13 +47,8 @@ class FiniteContrast:
             )
 
     def bound(self, scene: "Preview", rig: "Rig") -> Bound:
-        """The leakage's rms over the field, behind all closed elements.
-
-        The rms of a log-normal quantity is its median times exp(spread^2); the peak is taken at three deviations.
-        """
-        closed = 1 - scene.masks.astype(np.float64)
-        rms = scene.of_masks(min(1.0, np.exp(self.spread**2) / self.contrast) * closed).rms_dn
-        return Bound(rms, scene.of_masks(min(1.0, np.exp(3 * self.spread) / self.contrast) * closed).peak_dn)
+        """What this device's map of leakage lets through behind all closed elements."""
+        return scene.of_mask_effect(self)
 
     def leakage(self, size: tuple[int, int], rng: np.random.Generator) -> F64:
         """Draw the device's map of off levels, [H, W] in [0, 1]."""

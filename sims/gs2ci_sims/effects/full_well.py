@@ -8,7 +8,6 @@ import numpy as np
 from gs2ci.core.arrays import F64
 from gs2ci.core.errors import InputError
 from gs2ci_sims.effects.base import Bound, Stage
-from gs2ci_sims.preview import HEADROOM
 
 if TYPE_CHECKING:
     from gs2ci_sims.preview import Preview
@@ -37,10 +36,9 @@ class FullWell:
             raise InputError(f"full well of {self.capacity_e} electrons", allowed="more than 0")
 
     def bound(self, scene: "Preview", rig: "Rig") -> Bound:
-        """What the nominal charge, with six standard deviations of noise and a margin, has beyond the capacity."""
-        charge_e = HEADROOM * scene.charge_e
-        lost_dn = np.maximum(charge_e + 6 * np.sqrt(charge_e) - self.capacity_e, 0.0) * rig.dn_per_e
-        return Bound(float(np.sqrt(np.square(lost_dn).mean())), float(lost_dn.max()))
+        """What the charge, with six standard deviations of its noise, has beyond the capacity."""
+        _, rms_e, peak_e = scene.excess_e(self.capacity_e)
+        return Bound(rig.dn_per_e * rms_e, rig.dn_per_e * peak_e)
 
     def apply(self, signal: F64, rig: "Rig", rng: np.random.Generator) -> F64:
         """Clip electrons [H, W, C]."""

@@ -8,7 +8,6 @@ import numpy as np
 from gs2ci.core.arrays import F64
 from gs2ci.core.errors import InputError
 from gs2ci_sims.effects.base import Bound, Stage
-from gs2ci_sims.preview import HEADROOM
 
 if TYPE_CHECKING:
     from gs2ci_sims.preview import Preview
@@ -39,14 +38,22 @@ class GainNonlinearity:
             raise InputError(f"a response that departs by {self.departure} from a line", allowed="less than 0.25")
 
     def bound(self, scene: "Preview", rig: "Rig") -> Bound:
-        """The parabola at the nominal charge, with a margin and its shot noise; its top from half the well on."""
-        well_e = rig.sensor.full_well_e
-        charge_e = HEADROOM * scene.charge_e
-        x = np.minimum(np.sqrt(np.square(charge_e) + charge_e) / well_e, 0.5)
-        change_dn = 4 * abs(self.departure) * well_e * x * (1 - x) * rig.dn_per_e
-        noisiest = min(float((charge_e + 6 * np.sqrt(charge_e)).max()) / well_e, 0.5)
-        peak_dn = 4 * abs(self.departure) * well_e * noisiest * (1 - noisiest) * rig.dn_per_e
-        return Bound(float(np.sqrt(np.square(change_dn).mean())), peak_dn)
+        """The parabola at the charge with its shot noise, its top from half the well on; its slope is 4 d at most."""
+        well_e, added_e = rig.sensor.full_well_e, scene.added_e[1]
+
+        def bent_dn(charge_e: F64) -> F64:
+            x = np.minimum(charge_e / well_e, 0.5)
+            return np.asarray(4 * abs(self.departure) * well_e * x * (1 - x) * rig.dn_per_e)
+
+        likely_e, most_e = scene.charge_e + added_e, scene.most_e + added_e
+        likely, most = (bent_dn(np.sqrt(np.square(charge_e) + charge_e)) for charge_e in (likely_e, most_e))
+        error_dn = 4 * abs(self.departure) * rig.dn_per_e * scene.charge_error_e
+        rms_dn = min(float(np.sqrt(np.square(likely).mean())) + error_dn, float(np.sqrt(np.square(most).mean())))
+        return Bound(rms_dn, float(bent_dn(most_e + 6 * np.sqrt(most_e)).max()))
+
+    def brightest(self, scene: "Preview") -> float:
+        """The steepest slope: a change of the light before the amplifier grows by so much."""
+        return 1 + 4 * abs(self.departure)
 
     def apply(self, signal: F64, rig: "Rig", rng: np.random.Generator) -> F64:
         """Bend electrons [H, W, C]; beyond the ends the response goes on without the parabola."""

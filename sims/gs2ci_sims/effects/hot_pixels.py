@@ -49,12 +49,21 @@ class HotPixels:
         hottest of k pixels exceeds m (ln k + 14) with a probability below exp(-14), one in a million.
         """
         mean_e, well_e = self.mean_e_per_s * rig.exposure_s, rig.sensor.full_well_e
-        pixels = scene.charge_e.shape[0] * scene.charge_e.shape[1]
+        pixels = int(np.prod(scene.scene.size))
         second = self.share * min(2 * mean_e**2 + mean_e, well_e**2)
         fourth = self.share * min(24 * mean_e**4, well_e**4)
-        hottest_e = min(mean_e * (np.log(max(self.share * pixels, 1.0)) + 14), well_e) if self.share > 0 else 0.0
+        hottest_e = min(self._hottest_e(mean_e, pixels), well_e)
         rms_e = np.sqrt(second + 6 * np.sqrt(fourth / pixels))
         return Bound(rig.dn_per_e * float(rms_e), rig.dn_per_e * float(hottest_e))
+
+    def added_e(self, rig: "Rig", size: tuple[int, int]) -> tuple[float, float]:
+        """Return the mean over all pixels, with six standard errors, and the hottest pixel's charge."""
+        mean_e, pixels = self.mean_e_per_s * rig.exposure_s, int(np.prod(size))
+        mean = self.share * mean_e + 6 * mean_e * float(np.sqrt(2 * self.share / pixels))
+        return mean, self._hottest_e(mean_e, pixels)
+
+    def _hottest_e(self, mean_e: float, pixels: int) -> float:
+        return mean_e * float(np.log(max(self.share * pixels, 1.0)) + 14) if self.share > 0 else 0.0
 
     def apply(self, signal: F64, rig: "Rig", rng: np.random.Generator) -> F64:
         """Add to mean electrons [H, W, C]."""

@@ -35,10 +35,15 @@ class IlluminationDrift:
             raise InputError(f"illumination drift of {self.rate_per_s} per second", allowed="a finite number")
 
     def bound(self, scene: "Preview", rig: "Rig") -> Bound:
-        """Each mask's light changes by the drift up to its middle; within it, the centre of time shifts."""
-        change = self._factor(scene.intervals_s.mean(axis=1)) - 1
-        steady = scene.of_masks(change[:, None, None] * scene.masks)
-        return scene.with_motion(steady, 0.5 * abs(self.rate_per_s) * rig.timing.interval_s)
+        """Each mask's light changes by the mean of the drift; where that passes through nothing, by the mean size."""
+        parts = np.linspace(0, 1, 65)
+        times_s = scene.intervals_s[:, :1] + np.diff(scene.intervals_s, axis=1) * parts
+        change = self._factor(times_s) - 1
+        return scene.of_shares(change.mean(axis=1), np.abs(change).mean(axis=1))
+
+    def brightest(self, scene: "Preview") -> float:
+        """The drift at the end of the exposure."""
+        return float(self._factor(scene.intervals_s).max())
 
     def apply(self, signal: Slices, rig: "Rig", rng: np.random.Generator) -> Slices:
         """Scale each slice by the drift at its middle, cut in four to follow it."""

@@ -43,7 +43,12 @@ class IlluminationFlicker:
     def bound(self, scene: "Preview", rig: "Rig") -> Bound:
         """The swing that an interval's mean keeps, depth |sin x / x|, at the worst phase; the rest moves in time."""
         left = swing_left(self.depth, 2 * self.mains_hz, rig.timing.interval_s)
-        return scene.with_motion(scene.of_share(left), self.depth)
+        masks = len(scene.masks)
+        return scene.of_shares(np.full(masks, left), np.full(masks, self.depth))
+
+    def brightest(self, scene: "Preview") -> float:
+        """The top of the swing."""
+        return 1 + self.depth
 
     def apply(self, signal: Slices, rig: "Rig", rng: np.random.Generator) -> Slices:
         """Swing the light of the slices."""

@@ -45,7 +45,12 @@ class LcosFlicker:
     def bound(self, scene: "Preview", rig: "Rig") -> Bound:
         """The ripple that an interval's mean keeps, depth |sin x / x|; the rest moves in time."""
         left = swing_left(self.depth, self.drive_hz, rig.timing.interval_s)
-        return scene.with_motion(scene.of_share(left), self.depth)
+        masks = len(scene.masks)
+        return scene.of_shares(np.full(masks, left), np.full(masks, self.depth))
+
+    def brightest(self, scene: "Preview") -> float:
+        """The top of the swing."""
+        return 1 + self.depth
 
     def apply(self, signal: Slices, rig: "Rig", rng: np.random.Generator) -> Slices:
         """Ripple the light of the slices; the phase is 0 when the first mask is switched on."""

@@ -7,7 +7,7 @@ import numpy as np
 
 from gs2ci.core.arrays import F64
 from gs2ci.core.errors import InputError
-from gs2ci_sims.effects.base import Bound, Stage
+from gs2ci_sims.effects.base import NOTHING, Bound, Stage
 from gs2ci_sims.signals import Slices
 
 if TYPE_CHECKING:
@@ -56,11 +56,11 @@ class LcosResponse:
     def bound(self, scene: "Preview", rig: "Rig") -> Bound:
         """The old state's mean weight over an interval, tau/T (1 - exp(-T/tau)), times what it differs by."""
         if self.tau_s == 0:
-            return scene.of_masks(np.zeros_like(scene.masks))
+            return NOTHING
         ratio = self.tau_s / rig.timing.interval_s
         weight = min(1.0, float(-np.expm1(-1 / ratio) * ratio))
-        old = np.tensordot(self.states(len(scene.masks), rig), scene.masks, axes=1)
-        return scene.with_motion(scene.of_masks(weight * (old - scene.masks)), weight)
+        old = np.tensordot(self.states(len(scene.masks), rig), scene.shown, axes=1)
+        return scene.of_masks(weight * (old - scene.shown))
 
     def apply(self, signal: Slices, rig: "Rig", rng: np.random.Generator) -> Slices:
         """Mix what is left of older masks into each mask's time."""

@@ -80,15 +80,19 @@ class LensDistortion:
         return np.array([self.k1, self.k2, 0.0, 0.0, 0.0])
 
     def bound(self, scene: "Preview", rig: "Rig") -> Bound:
-        """What a shift by the rms displacement changes.
+        """What moving each pixel's light by its displacement changes."""
+        return scene.of_views(*self.view_change(scene))
+
+    def view_change(self, scene: "Preview") -> tuple[float, float]:
+        """Return rms and peak of what the lens changes in a view: what a shift by the rms displacement does.
 
         The squared change of a cosine, 4 sin^2(pi f d), is concave in d^2, so that its mean over the frame is at most
         its value at the mean of d^2 (Jensen).
         """
         size, intrinsics = scene.scene.size, scene.scene.intrinsics
         moved = self.sources_px(size, intrinsics) - (np.mgrid[: size[0], : size[1]] + 0.5)
-        rms = scene.shifted(float(np.sqrt(np.square(moved).sum(axis=0).mean())))
-        return Bound(rms.rms_dn, scene.shifted(float(np.abs(moved).sum(axis=0).max())).peak_dn)
+        rms, _ = scene.shifted(float(np.sqrt(np.square(moved).sum(axis=0).mean())))
+        return rms, scene.shifted(float(np.abs(moved).sum(axis=0).max()))[1]
 
     def margin_px(self, rig: "Rig", size: tuple[int, int], intrinsics: F64) -> int:
         """Return the largest displacement along an axis, and two pixels for the interpolation."""

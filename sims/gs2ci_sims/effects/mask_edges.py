@@ -42,14 +42,18 @@ class MaskEdges:
             )
 
     def bound(self, scene: "Preview", rig: "Rig") -> Bound:
-        """What the blurred masks make of the previewed views."""
-        return scene.of_masks(self._blurred(scene.masks, 4.0) - scene.masks)
+        """What the masks that it meets lose and gain by the blur."""
+        return scene.of_mask_effect(self)
 
     def kernel_bound(self, scene: "Preview", rig: "Rig", reach: float) -> Bound:
-        """The masks' deviation from their mean, times twice the share of the kernel that is cut off, per direction."""
-        masks = scene.masks.astype(np.float64)
+        """The masks' deviation from their mean, times twice the share of the kernel that is cut off, per direction.
+
+        Each mask's change counts at the brightest light there is, and none cancels another's.
+        """
         tail = gaussian_tail(self.sigma_px, reach)
-        return scene.of_masks(4 * tail * (masks - masks.mean(axis=(1, 2), keepdims=True)))
+        deviation = float(scene.masks.std(axis=(1, 2), dtype=np.float64).sum())
+        light = 4 * tail * scene.full_scale_dn * scene.scene.brightest
+        return Bound(light * deviation, light * len(scene.masks))
 
     def apply(self, signal: NDArray[np.floating], rig: "Rig", rng: np.random.Generator) -> F64:
         """Blur masks [N, H, W]."""

@@ -39,11 +39,9 @@ class MirrorTransition:
             raise InputError(f"mirror transition of {self.transition_s} s", allowed="finite, 0 or more")
 
     def bound(self, scene: "Preview", rig: "Rig") -> Bound:
-        """Half of the transition's share of the interval goes to the mask before, earlier than its middle."""
+        """Half of the transition's share of the interval goes to the mask before."""
         share = 0.5 * self._share(rig)
-        before = _before(scene.masks, rig)
-        steady = scene.of_masks(share * (before - scene.masks))
-        return scene.with_motion(steady, share)
+        return scene.of_masks(share * (_before(scene.shown, rig) - scene.shown))
 
     def apply(self, signal: Slices, rig: "Rig", rng: np.random.Generator) -> Slices:
         """Mix the mask before into the begin of each mask's time."""

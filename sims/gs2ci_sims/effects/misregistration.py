@@ -49,8 +49,8 @@ class Misregistration:
             )
 
     def bound(self, scene: "Preview", rig: "Rig") -> Bound:
-        """What the moved masks make of the previewed views."""
-        return scene.of_masks(self._moved(scene.masks) - scene.masks)
+        """What each mask that it meets changes by."""
+        return scene.of_mask_effect(self)
 
     def apply(self, signal: NDArray[np.floating], rig: "Rig", rng: np.random.Generator) -> F64:
         """Move masks [N, H, W]."""

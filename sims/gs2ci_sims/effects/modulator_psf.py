@@ -8,7 +8,7 @@ import numpy as np
 from gs2ci.core.arrays import F64
 from gs2ci.core.errors import InputError
 from gs2ci_sims.effects.base import Bound, Stage
-from gs2ci_sims.effects.kernels import blurred, gaussian_tail
+from gs2ci_sims.effects.kernels import blurred, gaussian_loss, gaussian_tail
 
 if TYPE_CHECKING:
     from gs2ci_sims.preview import Preview
@@ -50,13 +50,22 @@ class ModulatorPsf:
         return float(np.hypot(self.sigma_px, spread_um * rig.modulator.feature_px / rig.modulator.pitch_um))
 
     def bound(self, scene: "Preview", rig: "Rig") -> Bound:
-        """What the blur makes of the previewed measurement itself: one convolution."""
-        return scene.of_readings(scene.signal_dn - blurred(scene.signal_dn, self.total_sigma_px(rig), 4.0))
+        """What the blur makes of the previewed measurement itself: one convolution.
+
+        Of what the true measurement differs by, it takes at most what it takes of a chequerboard.
+        """
+        sigma_px = self.total_sigma_px(rig)
+        change_e = np.abs(scene.charge_e - blurred(scene.charge_e, sigma_px, 8.0))
+        taken = float(gaussian_loss(sigma_px, np.array(2**0.5 / np.pi)))
+        rms_e = float(np.sqrt(np.square(change_e).mean())) + taken * scene.charge_error_e
+        peak_e = min(float(change_e.max()) + scene.charge_error_e * scene.charge_e.size**0.5, float(scene.most_e.max()))
+        return Bound(rig.dn_per_e * rms_e, rig.dn_per_e * peak_e)
 
     def kernel_bound(self, scene: "Preview", rig: "Rig", reach: float) -> Bound:
-        """All but the measurement's mean, times twice the share of the kernel that is cut off, in each direction."""
+        """The measurement times twice the share of the kernel that is cut off, in each direction."""
         tail = gaussian_tail(self.total_sigma_px(rig), reach)
-        return scene.of_readings(4 * tail * (scene.signal_dn - scene.signal_dn.mean(axis=(0, 1))))
+        dn = 4 * tail * rig.dn_per_e
+        return Bound(dn * scene.charge_rms_e, dn * float(scene.most_e.max()))
 
     def apply(self, signal: F64, rig: "Rig", rng: np.random.Generator) -> F64:
         """Blur the photons [H, W, C]."""

@@ -99,7 +99,7 @@ def panel_bound(scene: "Preview", edges_s: F64, nodes: int, unevenness: float | 
     errors = interpolation
     if unevenness is not None:
         errors = np.minimum(errors, quadrature + unevenness * errors)
-    return scene.filtered(lambda f: np.interp(f, FREQUENCIES, errors))
+    return scene.of_views(*scene.filtered(lambda f: np.interp(f, FREQUENCIES, errors)))
 
 
 def even_panel_rms_dn(scene: "Preview", panel_px: float, nodes: int, unevenness: float | None) -> float:
@@ -108,4 +108,4 @@ def even_panel_rms_dn(scene: "Preview", panel_px: float, nodes: int, unevenness:
     errors = interpolation_error(nodes)
     if unevenness is not None:
         errors = np.minimum(errors, quadrature_error(nodes) + unevenness * errors)
-    return scene.filtered(lambda f: np.interp(phases * f, PHASES, errors)).rms_dn
+    return scene.of_views(*scene.filtered(lambda f: np.interp(phases * f, PHASES, errors))).rms_dn

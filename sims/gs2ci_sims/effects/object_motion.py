@@ -53,9 +53,8 @@ class ObjectMotion:
         near = scene.scene.depth_range()[0]
         radius_px = float(scene.scene.intrinsics[0, 0]) * self.radius / near + half_way_px
         share = min(1.0, np.pi * radius_px**2 / float(np.prod(scene.scene.size)))
-        shifted = scene.shifted(half_way_px)
-        contrast = scene.of_radiance(float(np.ptp(scene.views)) * share**0.5, float(np.ptp(scene.views)))
-        return Bound(min(shifted.rms_dn, contrast.rms_dn), contrast.peak_dn)
+        brightest = scene.scene.brightest
+        return scene.of_views(min(scene.shifted(half_way_px)[0], brightest * share**0.5), brightest)
 
     def image_px_per_s(self, scene: "Preview") -> float:
         """Get how fast the object crosses the image, at most: as if it were at the near end of the scene."""

@@ -44,12 +44,16 @@ class OpticsPsf:
 
     def bound(self, scene: "Preview", rig: "Rig") -> Bound:
         """The spectrum times 1 - MTF (Parseval)."""
+        return scene.of_views(*self.view_change(scene))
+
+    def view_change(self, scene: "Preview") -> tuple[float, float]:
+        """Return rms and peak of what the blur takes from a view."""
         return scene.filtered(lambda f: gaussian_loss(self.sigma_px, f))
 
     def kernel_bound(self, scene: "Preview", rig: "Rig", reach: float) -> Bound:
         """All but the mean, times twice the share of the kernel that is cut off, in each of two directions."""
         tail = gaussian_tail(self.sigma_px, reach)
-        return scene.filtered(lambda f: np.where(f > 0, 4 * tail, 0.0))
+        return scene.of_views(*scene.filtered(lambda f: np.where(f > 0, 4 * tail, 0.0)))
 
     def margin_px(self, rig: "Rig", size: tuple[int, int], intrinsics: F64) -> int:
         """Return the kernel's radius."""

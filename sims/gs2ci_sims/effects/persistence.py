@@ -65,6 +65,11 @@ class Persistence:
         peak_e = float((released_e + 6 * np.sqrt(released_e)).max())
         return Bound(rig.dn_per_e * rms_e, rig.dn_per_e * peak_e)
 
+    def added_e(self, rig: "Rig", size: tuple[int, int]) -> tuple[float, float]:
+        """Return the released charge: its mean and its largest."""
+        released_e = self.released_share(rig.exposure_s) * np.asarray(self.earlier_e)
+        return float(released_e.mean()), float(released_e.max())
+
     def apply(self, signal: F64, rig: "Rig", rng: np.random.Generator) -> F64:
         """Add to mean electrons [H, W, C].
 

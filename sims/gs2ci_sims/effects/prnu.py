@@ -8,7 +8,6 @@ import numpy as np
 from gs2ci.core.arrays import F64
 from gs2ci.core.errors import InputError
 from gs2ci_sims.effects.base import Bound, Stage
-from gs2ci_sims.preview import HEADROOM
 
 if TYPE_CHECKING:
     from gs2ci_sims.preview import Preview
@@ -43,9 +42,14 @@ class Prnu:
 
         A pixel above the well loses at most (1 - factor) of the well's charge to it, one below its share of its own.
         """
-        charge_e = np.minimum(HEADROOM * scene.charge_e, rig.sensor.full_well_e)
+        most_e = np.minimum(scene.most_e, rig.sensor.full_well_e)
+        rms_e = min(scene.charge_rms_e, float(np.sqrt(np.square(most_e).mean())))
         dn = self.spread * rig.dn_per_e
-        return Bound(dn * float(np.sqrt(np.square(charge_e).mean())), 6 * dn * float(charge_e.max()), random=True)
+        return Bound(dn * rms_e, 6 * dn * float(most_e.max()), random=True)
+
+    def brightest(self, scene: "Preview") -> float:
+        """Six standard deviations above the mean."""
+        return 1 + 6 * self.spread
 
     def apply(self, signal: F64, rig: "Rig", rng: np.random.Generator) -> F64:
         """Scale mean electrons [H, W, C]."""

@@ -8,7 +8,6 @@ import numpy as np
 from gs2ci.core.arrays import F64
 from gs2ci.core.errors import InputError
 from gs2ci_sims.effects.base import Bound, Stage
-from gs2ci_sims.preview import HEADROOM
 
 if TYPE_CHECKING:
     from gs2ci_sims.preview import Preview
@@ -44,8 +43,8 @@ class Quantisation:
 
     def bound(self, scene: "Preview", rig: "Rig") -> Bound:
         """Rounding moves a reading by at most half a step; what is beyond the range is cut off."""
-        over_dn = np.maximum(HEADROOM * scene.signal_dn + rig.sensor.black_level_dn - self.max_dn, 0.0)
-        return Bound(float(np.sqrt(0.25 + np.square(over_dn).mean())), 0.5 + float(over_dn.max()))
+        _, rms_e, peak_e = scene.excess_e((self.max_dn - rig.sensor.black_level_dn) / rig.dn_per_e)
+        return Bound(float(np.hypot(0.5, rig.dn_per_e * rms_e)), 0.5 + rig.dn_per_e * peak_e)
 
     def apply(self, signal: F64, rig: "Rig", rng: np.random.Generator) -> F64:
         """Round and clip readings [H, W, C]."""

@@ -42,11 +42,11 @@ class RollingShutter:
             raise InputError(f"rolling shutter with {self.line_delay_s} s per line", allowed="finite, 0 or more")
 
     def bound(self, scene: "Preview", rig: "Rig") -> Bound:
-        """The light of each mask that each row misses, predicted from the previewed views."""
+        """The light of each mask that each row misses."""
         start_s, stop_s = scene.intervals_s.T
         shutter = Shutter(float(start_s[0]), float(stop_s[-1]), self.line_delay_s)
         missed = 1 - shutter.open_share(start_s, stop_s, scene.masks.shape[1])
-        return scene.of_masks(missed[..., None] * scene.masks)
+        return scene.of_masks(missed[..., None] * scene.shown)
 
     def apply(self, signal: Slices, rig: "Rig", rng: np.random.Generator) -> Slices:
         """Give the slices a shutter that row 0 does not notice."""

@@ -8,7 +8,6 @@ from scipy.special import ndtri, pdtr
 
 from gs2ci.core.arrays import F64
 from gs2ci_sims.effects.base import Bound, Stage
-from gs2ci_sims.preview import HEADROOM
 
 if TYPE_CHECKING:
     from gs2ci_sims.preview import Preview
@@ -38,12 +37,12 @@ class ShotNoise:
     fixed_pattern: ClassVar[bool] = False
 
     def bound(self, scene: "Preview", rig: "Rig") -> Bound:
-        """Standard deviation sqrt(mean) in electrons, times the gain K (EMVA 1288, eq. 10)."""
-        mean_e = np.minimum(HEADROOM * scene.charge_e, rig.sensor.full_well_e)
+        """Standard deviation sqrt(mean) in electrons, times the gain K (EMVA 1288, eq. 10); dark charge counts too."""
+        added_mean_e, added_most_e = scene.added_e
+        most_e = np.minimum(scene.most_e + added_most_e, rig.sensor.full_well_e)
+        mean_e = min(scene.charge_mean_e + added_mean_e, float(most_e.mean()))
         return Bound(
-            rig.dn_per_e * float(np.sqrt(mean_e.mean())),
-            6 * rig.dn_per_e * float(np.sqrt(mean_e.max())),
-            random=True,
+            rig.dn_per_e * float(np.sqrt(mean_e)), 6 * rig.dn_per_e * float(np.sqrt(most_e.max())), random=True
         )
 
     def apply(self, signal: F64, rig: "Rig", rng: np.random.Generator) -> F64:

@@ -107,7 +107,7 @@ class StageBacklash:
         if worst <= 1e-9 * self.play:
             return NOTHING
         near = scene.scene.depth_range()[0]
-        return scene.shifted(worst * float(scene.scene.intrinsics[:2, :2].max()) / near)
+        return scene.of_views(*scene.shifted(worst * float(scene.scene.intrinsics[:2, :2].max()) / near))
 
     def apply(self, signal: CameraPath, rig: "Rig", rng: np.random.Generator) -> CameraPath:
         """Let the path lag."""

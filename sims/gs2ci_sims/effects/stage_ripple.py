@@ -63,7 +63,7 @@ class StageRipple:
     def bound(self, scene: "Preview", rig: "Rig") -> Bound:
         """What the image's shift changes: its speed times the most that the camera is early or late."""
         delay_s = self.share / (2 * np.pi * self.hertz)
-        return scene.shifted(delay_s * float(scene.motion_px.max()) / rig.timing.interval_s)
+        return scene.of_views(*scene.shifted(delay_s * float(scene.motion_px.max()) / rig.timing.interval_s))
 
     def apply(self, signal: CameraPath, rig: "Rig", rng: np.random.Generator) -> CameraPath:
         """Run through the path unevenly."""

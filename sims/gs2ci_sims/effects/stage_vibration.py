@@ -63,7 +63,8 @@ class StageVibration:
     def bound(self, scene: "Preview", rig: "Rig") -> Bound:
         """What shifting the image of the nearest point by the amplitude along both axes changes."""
         near = scene.scene.depth_range()[0]
-        return scene.shifted(2**0.5 * self.amplitude * float(scene.scene.intrinsics[:2, :2].max()) / near)
+        shift_px = 2**0.5 * self.amplitude * float(scene.scene.intrinsics[:2, :2].max()) / near
+        return scene.of_views(*scene.shifted(shift_px))
 
     def apply(self, signal: CameraPath, rig: "Rig", rng: np.random.Generator) -> CameraPath:
         """Let the path tremble."""

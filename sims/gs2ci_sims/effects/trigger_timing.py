@@ -52,8 +52,7 @@ class TriggerTiming:
             half = 0.5 * rig.exposure_s
             kept = np.clip(scene.intervals_s, late_s - half, late_s + half)
             lost = 1 - (kept[:, 1] - kept[:, 0]) / rig.timing.interval_s
-            steady = scene.of_masks(lost[:, None, None] * scene.masks)
-            bounds.append(scene.with_motion(steady, float(lost.max())))
+            bounds.append(scene.of_shares(lost, lost))
         return Bound(max(b.rms_dn for b in bounds), max(b.peak_dn for b in bounds))
 
     def apply(self, signal: Slices, rig: "Rig", rng: np.random.Generator) -> Slices:

@@ -45,9 +45,9 @@ class Vignetting:
         return np.asarray((1 + square) ** (-0.5 * self.exponent))
 
     def bound(self, scene: "Preview", rig: "Rig") -> Bound:
-        """The share of the nominal reading that each pixel loses."""
+        """The share of its reading that each pixel loses, under whichever masks are the more open."""
         lost = 1 - self.transmission(scene.scene.size, scene.scene.intrinsics)
-        return scene.of_readings(lost[..., None] * scene.signal_dn)
+        return scene.of_masks(lost * scene.most_open)
 
     def apply(self, signal: View, rig: "Rig", rng: np.random.Generator) -> View:
         """Darken the view."""

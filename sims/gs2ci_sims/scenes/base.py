@@ -67,6 +67,20 @@ class Scene:
         """Get the median true depth in scene units (above 0)."""
         return float(np.nanmedian(self.depth))
 
+    @cached_property
+    def brightest(self) -> float:
+        """Get the radiance that no pixel exceeds, whatever it sees, from wherever: blending only averages colours.
+
+        Harmonics h add at most |h| (sum of Y^2)^(1/2) (Cauchy and Schwarz), and sum of Y^2 over the orders up to L,
+        the constant one aside, is ((L + 1)^2 - 1) / (4 pi) in every direction (the addition theorem).
+        """
+        colours = self.gaussians.colours.detach().to(torch.float64)
+        if self.harmonics is not None:
+            degrees = self.harmonics.shape[1]
+            norms = torch.linalg.vector_norm(self.harmonics.detach().to(torch.float64), dim=1)
+            colours = colours + norms * float(np.sqrt(degrees / (4 * np.pi)))
+        return max(float(colours.max()), 0.0) if colours.numel() else 0.0
+
     def depth_range(self) -> tuple[float, float]:
         """Get the nearest and farthest depth of the middle 98 % of the pixels, in scene units."""
         return self._depth_range
