@@ -310,7 +310,8 @@ def _trajectory_rows(errors: "Trajectory | None") -> list[tuple[str, str, str]]:
         return []
     rows = []
     if errors.nate is not None:
-        rows.append(("nATE", f"{errors.nate:.4f}", f"ATE {errors.ate:.4g}"))
+        backwards = "; the path runs backwards: inside out" if errors.reversed else ""
+        rows.append(("nATE", f"{errors.nate:.4f}", f"ATE {errors.ate:.4g}{backwards}"))
     remark = "" if errors.rpe_r_deg is None else f"RPE {errors.rpe_t:.4g}, {errors.rpe_r_deg:.3f}°"
     rows.append(("rotation", f"{errors.rotation_deg:.3f}°", remark))
     return rows

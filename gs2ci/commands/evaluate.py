@@ -106,6 +106,8 @@ def rows(found: dict[str, Any]) -> list[tuple[str, str]]:
     ):  # fmt: skip
         if path.get(key) is not None:
             said.append((name, f"{path[key]:.4g}{unit}"))
+    if path.get("reversed"):
+        said.append(("order", "inside out: the path runs backwards, near and far are exchanged"))
     if found["depth"]:
         errors = found["depth"]
         said.append(("depth", f"{errors['abs_rel']:.1%} mean relative error, {errors['close_share']:.1%} within 1.25"))

@@ -535,6 +535,13 @@ class Code(StrEnum):
         "takes that roll from the cameras' own orientations.",
         _NOTHING,
     )
+    TRUE_PATH_REVERSED = (
+        "true_path_reversed",
+        FAILURE,
+        "The scene is inside out: the camera path runs backwards against the true one, and near and far are exchanged. "
+        "The views may be right all the same; path, depth and scene are not.",
+        "Give the camera poses (`gs2ci reconstruct --geometry stage` or `file:PATH`), or move the camera further.",
+    )
     TRUE_PATH_STILL = (
         "true_path_still",
         REMARK,

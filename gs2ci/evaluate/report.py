@@ -55,6 +55,7 @@ class Trajectory(Section):
     rotation_deg: Number
     rpe_t: Number | None
     rpe_r_deg: Number | None
+    reversed: bool = False
 
 
 class HeldOut(Section):

@@ -101,10 +101,13 @@ def _measured(shot: Shot) -> dict[str, Any]:
     }
 
 
-def _trajectory(shot: Shot, result: RunResult) -> tuple[dict[str, float | None] | None, tuple[Finding, ...]]:
+def _trajectory(shot: Shot, result: RunResult) -> tuple[dict[str, float | bool | None] | None, tuple[Finding, ...]]:
     truth = shot.truth.world_to_camera
     if truth is None:
         return None, ()
     errors = asdict(trajectory_errors(result.world_to_camera, truth))
     free = errors.pop("free")
-    return errors, (finding(_FREE[free]),) if free in _FREE else ()
+    said = [_FREE[free]] if free in _FREE else []
+    if errors["reversed"]:
+        said.append(Code.TRUE_PATH_REVERSED)
+    return errors, tuple(finding(code) for code in said)

@@ -7,6 +7,10 @@ A straight stage move is the usual case of this instrument, and it leaves the ro
 chance: on the published straight paths (cozy2room, vender, factory) the textbook alignment returns mean rotation
 errors of 121 to 168 degrees, all of it roll fitted to noise, where the cameras agree to 0.05, 0.09 and 2.3. So the
 alignment asks how far the positions determine it, and takes what they leave free from the cameras' orientations.
+
+Nor do positions tell a straight or plane path from the same path run backwards: a half turn brings one onto the other.
+A scene inside out (near for far, the path reversed, the rotations nearly right) would have no error at all. So where
+positions agree only with cameras that are turned over, the orientations decide, and the path is called reversed.
 """
 
 from dataclasses import dataclass
@@ -29,6 +33,8 @@ POSITION_FLOOR: Final = 1e-6
 # Where position errors leave the roll about a straight path this uncertain (one standard deviation), they and not
 # the cameras' orientations would decide the rotation error; good reconstructions are right to tenths of a degree.
 ROLL_UNCERTAINTY_DEG: Final = 1.0
+# Cameras that see a scene from the same side differ by less; a reversed path turns them by a half turn.
+TURNED_OVER_DEG: Final = 90.0
 
 
 @dataclass(frozen=True)
@@ -41,12 +47,16 @@ class Alignment:
         translation: [3], in the unit of the true path.
         free: What the positions leave undetermined and the orientations had to tell: `nothing`; the `roll` about a
             straight path; the whole `rotation` where either camera stands still.
+        turned_over_deg: By how much the cameras would be turned, on average, by the similarity that fits their centres
+            best, where that is more than `TURNED_OVER_DEG`: the path runs backwards. Then the rotation is that of the
+            orientations, and the scale that of the paths' spreads. None otherwise.
     """
 
     scale: float
     rotation: F64
     translation: F64
     free: Free
+    turned_over_deg: float | None = None
 
     def apply(self, world_to_camera: F64) -> F64:
         """Express estimated poses [N, 4, 4] in the frame and unit of the true path."""
@@ -64,15 +74,17 @@ class TrajectoryErrors:
 
     Args:
         ate: Absolute trajectory error: root mean square distance of the camera centres, in the unit of the true
-            path, the smallest that any similarity reaches.
+            path, the smallest that any similarity reaches; of a reversed path, under the alignment by orientations.
         nate: `ate` divided by the diagonal of the true path's bounding box.
         translation_mean: Mean distance of the camera centres under the similarity of `ate`, in the unit of the true
             path.
-        rotation_deg: Mean over the views of the angle between the true and the aligned camera orientation.
+        rotation_deg: Mean over the views of the angle between the true and the aligned camera orientation; of a
+            reversed path, what the similarity of the centres leaves, which is above `TURNED_OVER_DEG`.
         rpe_t: Relative pose error of consecutive views, translation: root mean square, in the unit of the true
             path, after the estimate has been brought to its scale.
         rpe_r_deg: The same, rotation angle.
         free: What the positions leave undetermined, see `Alignment`.
+        reversed: The path runs backwards, as it does in a scene that is inside out.
     """
 
     ate: float
@@ -82,6 +94,7 @@ class TrajectoryErrors:
     rpe_t: float | None
     rpe_r_deg: float | None
     free: Free
+    reversed: bool = False
 
 
 def align(estimate: F64, truth: F64) -> Alignment:
@@ -89,8 +102,9 @@ def align(estimate: F64, truth: F64) -> Alignment:
 
     The least-squares similarity of the camera centres (Umeyama 1991), with what they leave free taken from the
     orientations: the roll about the line where the residual leaves it uncertain by more than
-    `ROLL_UNCERTAINTY_DEG`, all of the rotation where a camera stands still. Both are the chordal mean: the
-    rotation with the least sum of squared differences between the orientation matrices.
+    `ROLL_UNCERTAINTY_DEG`, all of the rotation where a camera stands still, or where that similarity would turn the
+    cameras by more than `TURNED_OVER_DEG`. Both are the chordal mean: the rotation with the least sum of squared
+    differences between the orientation matrices.
 
     Args:
         estimate: World-to-camera poses, [N, 4, 4].
@@ -110,7 +124,12 @@ def align(estimate: F64, truth: F64) -> Alignment:
     free: Free = "nothing"
     if fit.roll_uncertainty_deg > ROLL_UNCERTAINTY_DEG:
         rotation, free = fit.rolled_towards(turns), "roll"
-    return Alignment(fit.scale, rotation, target.mean(0) - fit.scale * rotation @ centers.mean(0), free)
+    scale, turned_over_deg = fit.scale, None
+    if (turned_deg := _mean_turn_deg(rotation, estimate, truth)) > TURNED_OVER_DEG:
+        rotation, turned_over_deg = _nearest_rotation(turns), turned_deg
+        # Least squares would shrink a reversed path to a point, and hide where it goes.
+        scale = _rms_length(target - target.mean(0)) / _rms_length(centers - centers.mean(0))
+    return Alignment(scale, rotation, target.mean(0) - scale * rotation @ centers.mean(0), free, turned_over_deg)
 
 
 def trajectory_errors(estimate: F64, truth: F64) -> TrajectoryErrors:
@@ -130,19 +149,21 @@ def trajectory_errors(estimate: F64, truth: F64) -> TrajectoryErrors:
     aligned = alignment.apply(estimate)
     centers, target = _centers(estimate), _centers(truth)
     fit = _fit_positions(centers, target)
-    off_target = _centers(aligned) - target if fit is None else fit.residuals
+    backwards = alignment.turned_over_deg is not None
+    off_target = _centers(aligned) - target if fit is None or backwards else fit.residuals
     ate, mean = _rms_length(off_target), float(np.mean(np.linalg.norm(off_target, axis=1)))
     diagonal = float(np.linalg.norm(np.ptp(target, axis=0)))
-    off = np.swapaxes(_camera_to_world_rotations(truth), 1, 2) @ _camera_to_world_rotations(aligned)
+    turned_deg = _mean_turn_deg(alignment.rotation, estimate, truth)
     rpe_t, rpe_r_deg = _relative_pose_errors(aligned, truth)
     return TrajectoryErrors(
         ate=ate,
         nate=None if _stands_still(target) else ate / diagonal,
         translation_mean=mean,
-        rotation_deg=float(rotation_angles_deg(off).mean()),
+        rotation_deg=turned_deg if alignment.turned_over_deg is None else alignment.turned_over_deg,
         rpe_t=rpe_t,
         rpe_r_deg=rpe_r_deg,
         free=alignment.free,
+        reversed=backwards,
     )
 
 
@@ -210,6 +231,13 @@ def _relative_pose_errors(aligned: F64, truth: F64) -> tuple[float | None, float
     error = np.linalg.inv(true_motion) @ estimate_motion
     angles = rotation_angles_deg(error[:, :3, :3])
     return _rms_length(error[:, :3, 3]), float(np.sqrt(np.mean(angles**2)))
+
+
+def _mean_turn_deg(rotation: F64, estimate: F64, truth: F64) -> float:
+    """Get the mean angle between the true orientations and estimated ones that are turned by a rotation, [3, 3]."""
+    turned = rotation @ _camera_to_world_rotations(estimate)
+    off = np.swapaxes(_camera_to_world_rotations(truth), 1, 2) @ turned
+    return float(rotation_angles_deg(off).mean())
 
 
 def _nearest_rotation(matrix: F64) -> F64:

@@ -100,12 +100,14 @@ RECONSTRUCTION: Final = (
     Measure("psnr_db", "PSNR, dB", 2),
     Measure("ssim", "SSIM", 4),
     Measure("nate", "nATE", 4, more_is_better=False),
+    Measure("depth_rank", "order of depth", 2),
     Measure("seconds", "s", 1, more_is_better=False),
 )
 POPULATION: Final = (*RECONSTRUCTION, Measure("gaussians", "Gaussians", 0, more_is_better=False))
 
 INITIALISATION: Final = (
     Measure("nate", "nATE", 4, more_is_better=False),
+    Measure("depth_rank", "order of depth", 2),
     Measure("rpe_r_deg", "turn between views, °", 3, more_is_better=False),
     Measure("unexplained", "unexplained", 4, more_is_better=False),
     Measure("tracks", "tracks", 0),

@@ -31,7 +31,8 @@ class Figures:
         line: Of which variant.
         means: Per measure; None where no cell has a figure.
         spreads: Sample standard deviation over the seeds; None for less than two.
-        count: Cells that succeeded.
+        count: Cells that succeeded: an error is none, nor is a result that is inside out (`evaluate.order`), however
+            good its views.
         errors: What the others said.
     """
 
@@ -52,7 +53,8 @@ def collect(table: Table, entries: Sequence[Entry], rows: Sequence[Row]) -> list
 
 
 def _figures(table: Table, case: str, line: str, cells: list[Row]) -> Figures:
-    good = [row for row in cells if "error" not in row]
+    failed = [row.get("error") or row.get("failure") for row in cells]
+    good = [row for row, why in zip(cells, failed, strict=True) if not why]
     values = [[float(row[m.key]) for row in good if row.get(m.key) is not None] for m in table.measures]
     return Figures(
         case,
@@ -60,7 +62,7 @@ def _figures(table: Table, case: str, line: str, cells: list[Row]) -> Figures:
         tuple(mean(known) if known else None for known in values),
         tuple(stdev(known) if len(known) > 1 else None for known in values),
         len(good),
-        tuple(dict.fromkeys(str(row["error"]) for row in cells if "error" in row)),
+        tuple(dict.fromkeys(str(why) for why in failed if why)),
     )
 
 

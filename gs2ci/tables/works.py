@@ -7,7 +7,9 @@ import time
 from dataclasses import replace
 from typing import Any
 
+from gs2ci.core.arrays import F32
 from gs2ci.core.progress import Silent
+from gs2ci.evaluate.order import depth_rank, inside_out
 from gs2ci.evaluate.run_report import build_report
 from gs2ci.evaluate.trajectory import trajectory_errors
 from gs2ci.reconstruct.first_look import look
@@ -20,6 +22,7 @@ from gs2ci.reconstruct.pipeline import reconstruct
 from gs2ci.tables.cases import Case
 from gs2ci.tables.store import Row
 from gs2ci.tables.variants import settings_of
+from gs2ci_sims.scenes.files import load_scene
 
 
 def reconstruct_case(case: dict[str, Any], variant: str, seed: int) -> Row:
@@ -34,13 +37,17 @@ def reconstruct_case(case: dict[str, Any], variant: str, seed: int) -> Row:
         Gs2ciError: The case cannot be made, or not be reconstructed.
     """
     shot = Case.of(case).shot(seed)
-    report = build_report(shot, reconstruct(shot, settings_of(variant, seed)).result)
+    result = reconstruct(shot, settings_of(variant, seed)).result
+    report = build_report(shot, result)
     psnr, ssim, trajectory = report.psnr_db, report.ssim, report.trajectory
     decode_psnr = report.decode.psnr_db
+    rank = None if result.depth is None else _depth_rank(case, result.depth[shot.views // 2])
     return {
         "psnr_db": psnr and psnr.mean,
         "ssim": ssim and ssim.mean,
         "nate": trajectory and trajectory.nate,
+        "depth_rank": rank,
+        "failure": inside_out(trajectory and trajectory.rotation_deg, rank),
         "decode_psnr_db": decode_psnr and decode_psnr.mean,
         "heldout_rms": report.heldout_rms,
         "seconds": report.seconds["total"],
@@ -71,8 +78,11 @@ def initialise_case(case: dict[str, Any], variant: str, seed: int) -> Row:
     geometry = first.geometry
     truth = shot.truth.world_to_camera
     errors = None if truth is None else trajectory_errors(geometry.world_to_camera, truth)
+    rank = None if geometry.verdict != "full" else _depth_rank(case, 1 / geometry.inverse_depth)
     return {
         "nate": errors and errors.nate,
+        "depth_rank": rank,
+        "failure": inside_out(errors and errors.rotation_deg, rank),
         "rpe_r_deg": errors and errors.rpe_r_deg,
         "unexplained": unexplained(jury.seen, straightened(first.decoded, lens), geometry, lens),
         "tracks": geometry.tracks,
@@ -83,3 +93,14 @@ def initialise_case(case: dict[str, Any], variant: str, seed: int) -> Row:
         "verdict": geometry.verdict,
         "notes": [note.sentence for note in geometry.notes],
     }
+
+
+def _depth_rank(case: dict[str, Any], depth: F32) -> float | None:
+    """Compare the middle view's depth, [H, W], with that of a scene of the library; None of a file's, which tells none.
+
+    The middle of an even number of views is half a step beside the scene's own camera: less than order asks for.
+    """
+    if not case["scene"]:
+        return None
+    height, width = depth.shape
+    return depth_rank(depth, load_scene(case["scene"], size=(height, width)).scene.depth)

@@ -61,6 +61,18 @@ def test_a_straight_path_is_said_to_be_one(make_run):
     assert Code.TRUE_PATH_STRAIGHT in codes(build_report(*make_run(count=2)))
 
 
+def test_a_path_that_runs_backwards_is_said_to(make_run):
+    shot, result = make_run()
+    report = build_report(shot, result)
+    assert not report.trajectory.reversed
+    assert Code.TRUE_PATH_REVERSED not in codes(report)
+    backwards = shot.truth.world_to_camera.copy()
+    backwards[:, :3, 3] *= -1  # the cameras of these runs do not turn: their centres are mirrored
+    report = build_report(shot, replace(result, world_to_camera=backwards))
+    assert report.trajectory.reversed
+    assert Code.TRUE_PATH_REVERSED in codes(report)
+
+
 def test_a_camera_that_stands_still_is_said_to(make_run):
     shot, result = make_run()
     report = build_report(shot, replace(result, world_to_camera=np.tile(np.eye(4), (8, 1, 1))))

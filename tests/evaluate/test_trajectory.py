@@ -109,6 +109,37 @@ def test_a_path_without_any_correlation_is_as_bad_as_no_motion():
     assert errors.rotation_deg == pytest.approx(0, abs=1e-9)
 
 
+def backwards(path):
+    """The same orientations, the centres mirrored at their mean: the path of a scene inside out."""
+    centers = -np.einsum("nji,nj->ni", path[:, :3, :3], path[:, :3, 3])
+    return poses(2 * centers.mean(0) - centers, Rotation.from_matrix(np.swapaxes(path[:, :3, :3], 1, 2)))
+
+
+def plane_path(count=8, seed=0):
+    rng = np.random.default_rng(seed)
+    centers = np.column_stack([np.linspace(-1, 1, count), 0.2 * np.linspace(-1, 1, count) ** 2, np.zeros(count)])
+    return poses(centers, Rotation.from_rotvec(0.1 * rng.standard_normal((count, 3))))
+
+
+@pytest.mark.parametrize("path", [straight_path(), straight_path(direction=(0, 0, 1.0)), plane_path()])
+def test_a_path_that_runs_backwards_is_called_reversed_and_is_worse_than_none(path):
+    """A half turn would bring its centres onto the true ones: the textbook's alignment sees no error at all."""
+    errors = trajectory_errors(in_another_world(backwards(path), 0.4, TURN, SHIFT), path)
+    assert errors.reversed
+    assert errors.rotation_deg > 90
+    assert errors.nate > 0.5
+    assert not trajectory_errors(path, path).reversed
+
+
+def test_a_reversed_path_is_drawn_at_its_size_and_with_the_cameras_upright():
+    path = straight_path()
+    alignment = align(in_another_world(backwards(path), 0.4, TURN, SHIFT), path)
+    assert alignment.scale == pytest.approx(1 / 0.4)
+    np.testing.assert_allclose(
+        alignment.apply(in_another_world(backwards(path), 0.4, TURN, SHIFT)), backwards(path), atol=1e-9
+    )
+
+
 def test_a_single_view_has_no_path():
     errors = trajectory_errors(bent_path(1), bent_path(1, seed=4))
     assert (errors.ate, errors.nate, errors.rpe_t, errors.rpe_r_deg) == (

@@ -6,7 +6,7 @@ Grades say how a case fared; problems say what must not be, and make it fail:
 
     holds     loses at most 3 dB against the easy case
     bends     loses more, and still shows more than an even grey would
-    breaks    shows no more than an even grey
+    breaks    shows no more than an even grey, or is inside out: the path backwards, near for far
     refused   one typed error, as the case demands
 
 Not here: the cases (`cases`), the table (`__main__`).
@@ -28,12 +28,14 @@ from gs2ci.core.records import Shot
 from gs2ci.core.run_records import RunResult
 from gs2ci.core.storage import read_shot, write_shots
 from gs2ci.evaluate.metrics import psnr_per_view
+from gs2ci.evaluate.order import depth_rank, inside_out
 from gs2ci.evaluate.run_report import build_report
+from gs2ci.evaluate.trajectory import trajectory_errors
 from gs2ci.reconstruct.fit.coarse import CoarseSettings
 from gs2ci.reconstruct.fit.stopping import HoldOut
 from gs2ci.reconstruct.pipeline import reconstruct
 from gs2ci.reconstruct.settings import Settings
-from tests.stability.benches import FULL, Scale
+from tests.stability.benches import FULL, Scale, build
 from tests.stability.cases import CASES, EASY, Case
 
 BENDS_DB = 3.0
@@ -52,6 +54,8 @@ ABOUT_DEPTH = (
     Code.UNIFORM_TURN,
     Code.DEPTH_STARTS_AS_PLANE,
 )
+# Who says one of these does not claim to know near from far.
+ABOUT_ORDER = ABOUT_DEPTH
 # The largest shot of the suite takes a tenth of this.
 READING_MIB = 512
 
@@ -66,6 +70,7 @@ class Outcome:
         decode_db: Of the decode alone.
         loss_db: Against the easy case at the same scale.
         said: What the run said beyond what it says of the easy case.
+        order: How the scene is inside out; "" if it is not, or if no truth tells.
         problems: What must not be; empty for a case that passes.
     """
 
@@ -74,6 +79,7 @@ class Outcome:
     decode_db: float | None = None
     loss_db: float | None = None
     said: tuple[str, ...] = ()
+    order: str = ""
     problems: tuple[str, ...] = ()
 
 
@@ -165,10 +171,12 @@ def appraise(case: Case, shot: Shot, result: RunResult, scale: Scale) -> Outcome
         return Outcome("breaks", problems=(f"the result cannot be reported: {error}",))
     beyond = beyond_easy(notes, scale)
     said = tuple(note.advice for note in beyond)
-    scores = _scores(shot, result)
+    scores, order = _scores(shot, result), order_of(case, shot, result)
     problems = [*insane(shot, result), *unsaid(case, tuple(note.advice for note in (*notes, result.stopped)))]
+    if order and not case.silent and not any(note.code in ABOUT_ORDER for note in notes):
+        problems.append(f"{order}, without a word")
     if scores is None:
-        return Outcome("holds", said=said, problems=tuple(problems))
+        return Outcome("breaks" if order else "holds", said=said, order=order, problems=tuple(problems))
     psnr_db, decode_db, grey_db = scores
     loss_db = easy_db(scale) - psnr_db
     if decode_db > grey_db and psnr_db < decode_db - WORSE_DB:
@@ -177,7 +185,15 @@ def appraise(case: Case, shot: Shot, result: RunResult, scale: Scale) -> Outcome
     heard = [note for note in beyond if note.code not in ABOUT_DEPTH]
     if grade != "holds" and not heard and not case.silent and not case.says:
         problems.append(f"loses {loss_db:.1f} dB without a word")
-    return Outcome(grade, psnr_db, decode_db, loss_db, said, tuple(problems))
+    return Outcome("breaks" if order else grade, psnr_db, decode_db, loss_db, said, order, tuple(problems))
+
+
+def order_of(case: Case, shot: Shot, result: RunResult) -> str:
+    """Say how a result is inside out; "" if it is not, as far as the true path and the scene's depth tell."""
+    truth, depth = shot.truth.world_to_camera, build(case.bench.scene, shot.size).depth
+    rotation_deg = None if truth is None else trajectory_errors(result.world_to_camera, truth).rotation_deg
+    rank = None if result.depth is None else depth_rank(result.depth[shot.views // 2], depth)
+    return inside_out(rotation_deg, rank)
 
 
 def notes_of(shot: Shot, result: RunResult) -> tuple[Finding, ...]:

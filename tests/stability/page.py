@@ -30,14 +30,15 @@ made by the simulator or by hand, and taken the whole way: exposure, file, recon
 {width} × {height}, at most {iterations} iterations: losses can be compared, levels say little of large pictures.
 
 A case passes if what comes of it is finite, bounded, honest (a loss of more than {bends:g} dB comes with a word, unless
-nothing in the measurement could show what is wrong) and no worse than the decode alone; or if it is refused with one
+nothing in the measurement could show what is wrong; near and far exchanged, or the path reversed, only where it is said
+that depth is not known) and no worse than the decode alone; or if it is refused with one
 typed error, where that is the right outcome.
 
 | outcome | meaning |
 |---|---|
 | holds | loses at most {bends:g} dB against the easy case |
 | bends | loses more, and still shows more than an even grey |
-| breaks | shows no more than an even grey |
+| breaks | shows no more than an even grey, or is inside out: near is far, the path runs backwards |
 | refused | one typed error that says what to do |
 """
 

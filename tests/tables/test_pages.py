@@ -48,6 +48,16 @@ def test_what_failed_or_is_unknown_has_no_figure_and_its_reason_is_told(figures)
     assert "| broken | – | – |" in text
 
 
+def test_a_result_that_is_inside_out_has_failed_however_good_its_views():
+    entries = [Entry("one", "default", CELL)] * 2
+    rows = [
+        {"psnr_db": 30.0, "seconds": 9.0, "failure": ""},
+        {"psnr_db": 40.0, "seconds": 9.0, "failure": "inside out"},
+    ]
+    (one,) = collect(TABLE, entries, rows)
+    assert (one.means[0], one.count, one.errors) == (30.0, 1, ("inside out",))
+
+
 def test_markdown_marks_the_best_and_names_the_command(figures):
     text = markdown(TABLE, figures, "gs2ci tables x")
     assert "`gs2ci tables x`" in text

@@ -144,8 +144,9 @@ def _figures(report: Report) -> list[Figure]:
     else:
         found.append(Figure(f"{report.residual.rms:.4f}", "Residual", "rms, full scale = 1"))
     if report.trajectory is not None and report.trajectory.nate is not None:
-        turned = report.trajectory.rotation_deg
-        found.append(Figure(f"{report.trajectory.nate:.4f}", "Path error (nATE)", f"rotation {turned:.2f}°"))
+        path = report.trajectory
+        remark = "runs backwards: inside out" if path.reversed else f"rotation {path.rotation_deg:.2f}°"
+        found.append(Figure(f"{path.nate:.4f}", "Path error (nATE)", remark))
     found.append(Figure(spoken_duration(report.seconds["total"]), "Time", f"{report.machine.usable_cores} cores"))
     found.append(Figure(describe_number(report.gaussians), "Gaussians", f"peak {report.peak_mib:.0f} MiB"))
     return found
