@@ -47,7 +47,7 @@ def reconstruct_case(case: dict[str, Any], variant: str, seed: int) -> Row:
         "ssim": ssim and ssim.mean,
         "nate": trajectory and trajectory.nate,
         "depth_rank": rank,
-        "failure": inside_out(trajectory and trajectory.rotation_deg, rank),
+        "failure": inside_out(None if trajectory is None else trajectory.rotation_deg, rank),
         "decode_psnr_db": decode_psnr and decode_psnr.mean,
         "heldout_rms": report.heldout_rms,
         "seconds": report.seconds["total"],
@@ -78,11 +78,11 @@ def initialise_case(case: dict[str, Any], variant: str, seed: int) -> Row:
     geometry = first.geometry
     truth = shot.truth.world_to_camera
     errors = None if truth is None else trajectory_errors(geometry.world_to_camera, truth)
-    rank = None if geometry.verdict != "full" else _depth_rank(case, 1 / geometry.inverse_depth)
+    rank = None if geometry.verdict != "full" else _depth_rank(case, (1 / geometry.inverse_depth).astype(np.float32))
     return {
         "nate": errors and errors.nate,
         "depth_rank": rank,
-        "failure": inside_out(errors and errors.rotation_deg, rank),
+        "failure": inside_out(None if errors is None else errors.rotation_deg, rank),
         "rpe_r_deg": errors and errors.rpe_r_deg,
         "unexplained": unexplained(jury.seen, straightened(first.decoded, lens), geometry, lens),
         "tracks": geometry.tracks,
