@@ -38,6 +38,7 @@ BENCHMARKS = {
     "calibrated_reconstruction": "tests.benchmarks.calibrated_reconstruction",
     "calibration_base": "tests.benchmarks.calibration_base",
     "lens": "tests.benchmarks.lens",
+    "by_hand": "tests.benchmarks.by_hand",
     "long_fits": "tests.benchmarks.long_fits",
 }
 

@@ -1,8 +1,7 @@
 """Reading .mat of version 5 to 7.2: numeric arrays and texts, nothing else.
 
 Why not scipy.io: its compiled reader trusts the type codes it finds, and damaged files kill the process instead of
-raising (five of five trials within 400 files of a few changed bytes each, scipy 1.17). The part of the format that a
-measurement needs is small: elements of a type, a length and data, arrays as elements of flags, sizes, name and numbers
+raising (`python -m tests.benchmarks by_hand`). The part of the format that a measurement needs is small: elements of a type, a length and data, arrays as elements of flags, sizes, name and numbers
 (MathWorks, "MAT-File Format", chapter 1).
 """
 

@@ -3,11 +3,11 @@
 Here: the search and the gate that refuses what it cannot tell. Not here: the adjustment (`motion`).
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+from scipy.optimize import minimize_scalar
 
 from gs2ci.core.arrays import F64
 from gs2ci.core.cameras import pinhole
@@ -17,6 +17,8 @@ from gs2ci.reconstruct.geometry.tracks import Tracks
 
 # Points of the interpolated probability.
 _FINE = 400
+# Of the logarithm: far less than tracks tell a focal length by.
+_SETTLED = 1e-3
 
 
 @dataclass(frozen=True)
@@ -33,7 +35,7 @@ class FocalSettings:
         independent: Share of the residuals that count as independent. The windows of neighbouring tracks overlap:
             21 px wide, 5 px apart or more.
         grid: Focal lengths tried before refinement, equally spaced in their logarithm.
-        refinements: Golden-section steps; each narrows the bracket to 0.62 of its width.
+        refinements: At most so many focal lengths are tried between the best of the grid and its neighbours.
         tracks: At most so many tracks take part.
     """
 
@@ -106,8 +108,13 @@ def estimate_focal(tracks: Tracks, size: tuple[int, int], settings: FocalSetting
     spread = _spread(grid, surprises)
     if spread > settings.most_spread:
         return default_focal(size, "the tracks fit almost equally well with any", settings)
-    log_focal = _golden_section(lambda x: surprise(x, cost(x)), (grid[best - 1], grid[best + 1]), settings.refinements)
-    focal_px = float(np.exp(log_focal))
+    finest = minimize_scalar(
+        lambda value: surprise(value, cost(value)),
+        bounds=(grid[best - 1], grid[best + 1]),
+        method="bounded",
+        options={"maxiter": settings.refinements, "xatol": _SETTLED},
+    )
+    focal_px = float(np.exp(finest.x))
     angle_deg = float(np.degrees(2 * np.arctan(0.5 * size[1] / focal_px)))
     note = finding(Code.FOCAL_ESTIMATED, focal_px=focal_px, spread=spread, view_angle_deg=angle_deg)
     return Focal(pinhole(focal_px, size), "estimated", note)
@@ -126,21 +133,3 @@ def _evenly(tracks: Tracks, most: int) -> Tracks:
     chosen = np.zeros(len(tracks), np.bool_)
     chosen[np.linspace(0, len(tracks) - 1, min(most, len(tracks))).astype(int)] = True
     return tracks.keep(chosen)
-
-
-def _golden_section(function: Callable[[float], float], bracket: tuple[float, float], steps: int) -> float:
-    """Narrow a bracket around a minimum and return the better of its inner points."""
-    low, high = bracket
-    shrink = (np.sqrt(5) - 1) / 2
-    a, b = high - shrink * (high - low), low + shrink * (high - low)
-    at_a, at_b = function(a), function(b)
-    for _ in range(steps):
-        if at_a < at_b:
-            high, b, at_b = b, a, at_a
-            a = high - shrink * (high - low)
-            at_a = function(a)
-        else:
-            low, a, at_a = a, b, at_b
-            b = low + shrink * (high - low)
-            at_b = function(b)
-    return float(a if at_a < at_b else b)
