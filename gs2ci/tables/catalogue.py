@@ -100,6 +100,8 @@ RECONSTRUCTION: Final = (
     Measure("psnr_db", "PSNR, dB", 2),
     Measure("ssim", "SSIM", 4),
     Measure("nate", "nATE", 4, more_is_better=False),
+    Measure("depth_rel_percent", "depth off, %", 2, more_is_better=False),
+    Measure("depth_rank", "depth rank", 3),
     Measure("seconds", "s", 1, more_is_better=False),
 )
 POPULATION: Final = (*RECONSTRUCTION, Measure("gaussians", "Gaussians", 0, more_is_better=False))

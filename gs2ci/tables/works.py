@@ -36,11 +36,15 @@ def reconstruct_case(case: dict[str, Any], variant: str, seed: int) -> Row:
     shot = Case.of(case).shot(seed)
     report = build_report(shot, reconstruct(shot, settings_of(variant, seed)).result)
     psnr, ssim, trajectory = report.psnr_db, report.ssim, report.trajectory
+    depth = report.depth
     decode_psnr = report.decode.psnr_db
     return {
         "psnr_db": psnr and psnr.mean,
         "ssim": ssim and ssim.mean,
         "nate": trajectory and trajectory.nate,
+        "depth_rel_percent": depth and 100 * depth.median_rel,
+        "depth_rank": depth and depth.rank,
+        "depth_px": depth and depth.median_px,
         "decode_psnr_db": decode_psnr and decode_psnr.mean,
         "heldout_rms": report.heldout_rms,
         "seconds": report.seconds["total"],

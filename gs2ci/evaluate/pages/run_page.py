@@ -146,6 +146,9 @@ def _figures(report: Report) -> list[Figure]:
     if report.trajectory is not None and report.trajectory.nate is not None:
         turned = report.trajectory.rotation_deg
         found.append(Figure(f"{report.trajectory.nate:.4f}", "Path error (nATE)", f"rotation {turned:.2f}°"))
+    if report.depth is not None:
+        off, rest = report.depth.errors().in_words()
+        found.append(Figure(off, "Depth, median", rest))
     found.append(Figure(spoken_duration(report.seconds["total"]), "Time", f"{report.machine.usable_cores} cores"))
     found.append(Figure(describe_number(report.gaussians), "Gaussians", f"peak {report.peak_mib:.0f} MiB"))
     return found
