@@ -292,6 +292,8 @@ def _summary_rows(report: "Report") -> list[tuple[str, str, str]]:
             low, mean, high, of_decode = (form.format(value) for value in values)
             rows.append((name, mean + unit, f"decode {of_decode}; views {low} to {high}"))
     rows += _trajectory_rows(report.trajectory)
+    if report.depth is not None:
+        rows.append(("depth", *report.depth.errors().in_words()))
     residual = report.residual
     rows.append(("residual", f"{residual.rms:.4f} rms", f"{residual.mean_abs:.4f} mean absolute"))
     if report.heldout_rms is not None:

@@ -109,8 +109,9 @@ def rows(found: dict[str, Any]) -> list[tuple[str, str]]:
     if path.get("reversed"):
         said.append(("order", "inside out: the path runs backwards, near and far are exchanged"))
     if found["depth"]:
-        errors = found["depth"]
-        said.append(("depth", f"{errors['abs_rel']:.1%} mean relative error, {errors['close_share']:.1%} within 1.25"))
+        from gs2ci.evaluate.depth import DepthErrors
+
+        said.append(("depth", ", ".join(DepthErrors(**found["depth"]).in_words())))
     said.append(("residual", f"{found['residual']['rms']:.4f} rms of full scale"))
     if found["residual"]["chi2_per_pixel"] is not None:
         said.append(("χ² per pixel", f"{found['residual']['chi2_per_pixel']:.3f}"))

@@ -32,14 +32,18 @@ def middle(shot: Shot, size: tuple[int, int]) -> Shot:
     # Even places keep a colour mosaic's phase.
     top, left = ((whole - part) // 4 * 2 for whole, part in zip(shot.size, size, strict=True))
     rows, columns = slice(top, top + size[0]), slice(left, left + size[1])
-    intrinsics, seen = shot.intrinsics, shot.truth.views
+    intrinsics, seen, depth = shot.intrinsics, shot.truth.views, shot.truth.depth
     return replace(
         shot,
         measurement=np.ascontiguousarray(shot.measurement[rows, columns]),
         masks=np.ascontiguousarray(shot.masks[:, rows, columns]),
         saturated=None if shot.saturated is None else shot.saturated[rows, columns],
         intrinsics=None if intrinsics is None else intrinsics - [[0, 0, left], [0, 0, top], [0, 0, 0]],
-        truth=replace(shot.truth, views=None if seen is None else seen[:, rows, columns]),
+        truth=replace(
+            shot.truth,
+            views=None if seen is None else seen[:, rows, columns],
+            depth=None if depth is None else depth[:, rows, columns],
+        ),
         provenance={**shot.provenance, "middle": f"{size[0]} x {size[1]} px"},
     )
 

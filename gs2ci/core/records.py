@@ -39,10 +39,13 @@ class Truth:
     Args:
         views: True views, [N, H, W, C] float32, full scale 1.
         world_to_camera: True poses, [N, 4, 4], OpenCV axes.
+        depth: True depth of each view's pixels along the optical axis, [N, H, W] float32, in the unit of the poses; 0
+            where it is not known.
     """
 
     views: F32 | None = None
     world_to_camera: F64 | None = None
+    depth: F32 | None = None
 
 
 @dataclass(frozen=True)
@@ -213,6 +216,15 @@ def _check_optional_parts(shot: Shot) -> None:
     if shot.truth.views is not None:
         _shape("true views", shot.truth.views.shape, (n, height, width, shot.channels))
         _finite("true views", shot.truth.views)
+    if shot.truth.depth is not None:
+        _shape("true depth", shot.truth.depth.shape, (n, height, width))
+        _finite("true depth", shot.truth.depth)
+        if (shot.truth.depth < 0).any():
+            raise InputError(
+                "true depth holds negative values",
+                allowed="distances along the optical axis; 0 where none is known",
+                remedy="mark pixels of unknown depth with 0",
+            )
     if shot.saturated is not None:
         _shape("saturated", shot.saturated.shape, (height, width))
 

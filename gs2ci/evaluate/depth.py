@@ -1,17 +1,25 @@
-"""How close recovered depth is to the truth, after the scale that no image can reveal is removed.
+"""How close recovered depth is to the truth, after what no image can reveal is removed.
 
-Here: the errors of depth maps. Not here: files, camera paths (`gs2ci.evaluate.trajectory`).
+Here: the errors of depth maps, and a few words for them. Not here: files, camera paths (`gs2ci.evaluate.trajectory`).
 """
 
 from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+from scipy.stats import spearmanr
 
-from gs2ci.core.arrays import F32, Bool
+from gs2ci.core.arrays import F32, F64, Bool
+from gs2ci.core.cameras import camera_centres
 from gs2ci.core.errors import InputError
 
 _CLOSE_RATIO: Final = 1.25  # Eigen, Puhrsch and Fergus (NIPS 2014), section 4.1
+FAR_OFF_PX: Final = 0.25
+"""A pixel whose disparity between neighbouring views is off by more has got another surface's depth, or none."""
+# The least absolute deviation by reweighted squares: so many rounds, and errors below this share of the spread count
+# alike.
+_ROUNDS: Final = 50
+_LEVEL_SHARE: Final = 1e-3
 
 
 @dataclass(frozen=True)
@@ -21,19 +29,35 @@ class DepthErrors:
     Args:
         scale: What the estimate was multiplied by: the median ratio of true to estimated depth over all pixels.
         abs_rel: Mean of |estimate − truth| / truth.
+        median_rel: Median of the same.
         rms: Root mean square of estimate − truth, in the unit of the truth.
         close_share: Share of the pixels where the larger is less than 1.25 times the smaller.
         known_share: Share of the truth's pixels for which the estimate says anything.
+        rank: Rank correlation (Spearman) of estimated and true depth; negative where near and far are exchanged; None
+            where either is the same everywhere.
+        median_px: Median error of the disparity between neighbouring views, px, after the affine fit of inverse depths
+            that leaves the least sum of absolute errors; None where the parallax is not known.
+        far_off_share: Share of the pixels whose disparity is more than `FAR_OFF_PX` off, likewise.
     """
 
     scale: float
     abs_rel: float
+    median_rel: float
     rms: float
     close_share: float
     known_share: float
+    rank: float | None
+    median_px: float | None
+    far_off_share: float | None
+
+    def in_words(self) -> tuple[str, str]:
+        """Return the figure that matters most, and the others."""
+        rank = "" if self.rank is None else f"rank correlation {self.rank:.3f}, "
+        off = "" if self.median_px is None else f"; {self.median_px:.3f} px, {self.far_off_share:.1%} over {FAR_OFF_PX}"
+        return f"{self.median_rel:.2%} off", f"{rank}{self.close_share:.1%} within {_CLOSE_RATIO}{off}"
 
 
-def depth_errors(estimate: F32, truth: F32) -> DepthErrors | None:
+def depth_errors(estimate: F32, truth: F32, parallax: float | None = None) -> DepthErrors | None:
     """Measure the errors of depth along the optical axis (Eigen et al. 2014), after scaling by the median.
 
     One scale serves all views: it is the scene's. Pixels where either is not above 0 or not finite do not count.
@@ -41,6 +65,8 @@ def depth_errors(estimate: F32, truth: F32) -> DepthErrors | None:
     Args:
         estimate: [N, H, W], in any unit; 0 where nothing is known.
         truth: The same shape, or [H, W] for one view; 0, NaN or infinite where nothing is known.
+        parallax: What disparity between neighbouring views is at a true depth of 1 (`parallax_of`), px times the unit
+            of the truth; None where it is not known.
 
     Returns:
         The errors; None where no pixel is known to both.
@@ -63,13 +89,49 @@ def depth_errors(estimate: F32, truth: F32) -> DepthErrors | None:
     scale = float(np.median(true / found))
     error = scale * found - true
     ratio = np.maximum(scale * found / true, true / (scale * found))
+    varied = np.ptp(true) > 0 and np.ptp(found) > 0
+    off_px = None if parallax is None else parallax * inverse_depth_errors(found, true)
     return DepthErrors(
         scale=scale,
         abs_rel=float(np.mean(np.abs(error) / true)),
+        median_rel=float(np.median(np.abs(error) / true)),
         rms=float(np.sqrt(np.mean(error**2))),
         close_share=float(np.mean(ratio < _CLOSE_RATIO)),
         known_share=float(both.sum() / wanted.sum()),
+        rank=float(spearmanr(found, true).statistic) if varied else None,
+        median_px=None if off_px is None else float(np.median(off_px)),
+        far_off_share=None if off_px is None else float(np.mean(off_px > FAR_OFF_PX)),
     )
+
+
+def inverse_depth_errors(found: F64, true: F64) -> F64:
+    """Return |a / found + b − 1 / true| of the affine fit with the least sum of them, for depths [P] above 0, [P].
+
+    A small turn of the cameras trades against their travel and adds a constant to inverse depth, so that scale alone
+    would charge it to depth; the path's own errors tell of the turn.
+    """
+    design, wanted = np.stack([1 / found, np.ones_like(found)], axis=1), 1 / true
+    level = max(_LEVEL_SHARE * float(np.ptp(wanted)), np.finfo(np.float64).tiny)
+    weights = np.ones_like(wanted)
+    errors = np.zeros_like(wanted)
+    for _ in range(_ROUNDS):
+        root = np.sqrt(weights)
+        fit, *_ = np.linalg.lstsq(design * root[:, None], wanted * root, rcond=None)
+        errors = np.abs(design @ fit - wanted)
+        weights = 1 / np.maximum(errors, level)
+    return errors
+
+
+def parallax_of(world_to_camera: F64, intrinsics: F64) -> float | None:
+    """Return the disparity between neighbouring views at a depth of 1: focal length times mean step; None at rest.
+
+    Args:
+        world_to_camera: Poses in their order, [N, 4, 4].
+        intrinsics: [3, 3], px.
+    """
+    steps = np.linalg.norm(np.diff(camera_centres(world_to_camera), axis=0), axis=1)
+    parallax = float(intrinsics[0, 0] * steps.mean()) if len(steps) else 0.0
+    return parallax if parallax > 0 else None
 
 
 def _known(depth: F32) -> Bool:

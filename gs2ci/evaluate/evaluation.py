@@ -20,7 +20,7 @@ from gs2ci.core.json_text import parse_json, plain_json
 from gs2ci.core.records import Shot
 from gs2ci.core.whole_file import write_whole
 from gs2ci.evaluate.cameras import poses_of_transforms
-from gs2ci.evaluate.depth import depth_errors
+from gs2ci.evaluate.depth import depth_errors, parallax_of
 from gs2ci.evaluate.metrics import image_scores, measurement_residual
 from gs2ci.evaluate.noise import NoiseModel, chi_squared_per_pixel
 from gs2ci.evaluate.novel_views import NovelViews, score_novel_views
@@ -63,7 +63,7 @@ class Evidence:
 
     Args:
         shot: The measurement, with what is true of it.
-        depth: True depth, [N, H, W].
+        depth: True depth, [N, H, W], instead of the shot's own.
         novel: True views from elsewhere.
         noise: Of the sensor.
         lpips: A learned perceptual distance of the user's (`gs2ci.reconstruct.fit.perceptual`).
@@ -121,7 +121,7 @@ def evaluate(run: FinishedRun, evidence: Evidence) -> dict[str, Any]:
         **image_scores(views, shot.truth.views),
         "lpips": _perceptual(views, shot.truth.views, evidence.lpips),
         "trajectory": None if true_path is None else asdict(trajectory_errors(run.world_to_camera, true_path)),
-        "depth": None if evidence.depth is None or run.depth is None else _depth(run.depth, evidence.depth),
+        "depth": _depth(run, evidence),
         "residual": {
             **asdict(residual),
             "chi2_per_pixel": None
@@ -178,8 +178,13 @@ def _perceptual(views: F32, truth: F32 | None, distance: PerceptualDistance | No
     return {"mean": float(np.mean(each)), "per_view": each}
 
 
-def _depth(estimate: F32, truth: F32) -> dict[str, Any] | None:
-    errors = depth_errors(estimate, truth)
+def _depth(run: FinishedRun, evidence: Evidence) -> dict[str, Any] | None:
+    truth = evidence.shot.truth.depth if evidence.depth is None else evidence.depth
+    if run.depth is None or truth is None:
+        return None
+    # Depth given by itself may be in a unit of its own.
+    path = evidence.shot.truth.world_to_camera if evidence.depth is None else None
+    errors = depth_errors(run.depth, truth, None if path is None else parallax_of(path, run.intrinsics))
     return None if errors is None else asdict(errors)
 
 

@@ -174,6 +174,8 @@ def _headline(report: Report) -> list[tuple[str, str]]:
         stats += [(f"{report.psnr_db.mean:.2f} dB", "PSNR"), (f"{report.ssim.mean:.3f}", "SSIM")]
     if report.trajectory is not None and report.trajectory.nate is not None:
         stats += [(f"{report.trajectory.nate:.4f}", "nATE")]
+    if report.depth is not None:
+        stats += [(f"{report.depth.median_rel:.1%}", "depth error")]
     if report.psnr_db is None:
         stats += [(f"{report.residual.rms:.4f}", "residual rms")]
         stats += [] if report.heldout_rms is None else [(f"{report.heldout_rms:.4f}", "held-out rms")]

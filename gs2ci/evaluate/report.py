@@ -15,6 +15,7 @@ from gs2ci.core.errors import StorageError
 from gs2ci.core.findings import Code, Finding
 from gs2ci.core.json_text import parse_json
 from gs2ci.core.run_records import SECONDS_KEYS, Verdict
+from gs2ci.evaluate.depth import DepthErrors
 
 SCHEMA: Final = "gs2ci.report/2"
 REPORT_NAME: Final = "report.json"
@@ -56,6 +57,24 @@ class Trajectory(Section):
     rpe_t: Number | None
     rpe_r_deg: Number | None
     reversed: bool = False
+
+
+class DepthSection(Section):
+    """Errors of depth (`gs2ci.evaluate.depth`), over all views."""
+
+    scale: Number
+    abs_rel: Number
+    median_rel: Number
+    rms: Number
+    close_share: Number
+    known_share: Number
+    rank: Number | None
+    median_px: Number | None
+    far_off_share: Number | None
+
+    def errors(self) -> DepthErrors:
+        """Return them as they were measured."""
+        return DepthErrors(**self.model_dump())
 
 
 class HeldOut(Section):
@@ -187,6 +206,7 @@ class Report(Section):
     scene: Scores
     decode: Scores
     trajectory: Trajectory | None
+    depth: DepthSection | None = None
     residual: ResidualSection
     seconds: dict[str, Number]
     curve: list[Look]

@@ -16,6 +16,7 @@ from gs2ci.core.json_text import as_json, plain_json
 from gs2ci.core.records import Shot
 from gs2ci.core.run_records import RunResult
 from gs2ci.evaluate import environment
+from gs2ci.evaluate.depth import depth_errors, parallax_of
 from gs2ci.evaluate.metrics import image_scores, measurement_residual
 from gs2ci.evaluate.report import SCHEMA, Report, Simulation
 from gs2ci.evaluate.trajectory import trajectory_errors
@@ -51,6 +52,7 @@ def build_report(shot: Shot, result: RunResult) -> Report:
         "scene": scene,
         "decode": decode,
         "trajectory": trajectory,
+        "depth": _depth(shot, result),
         "residual": {**asdict(residual), "heldout_rms": dict(result.heldout_rms)},
         "seconds": dict(result.seconds),
         "curve": [asdict(point) for point in result.curve],
@@ -99,6 +101,15 @@ def _measured(shot: Shot) -> dict[str, Any]:
         "weights": [float(shot.weights.min()), float(shot.weights.max())],
         "telemetry": shot.telemetry_world_to_camera is not None,
     }
+
+
+def _depth(shot: Shot, result: RunResult) -> dict[str, float | None] | None:
+    if shot.truth.depth is None or result.depth is None:
+        return None
+    path = shot.truth.world_to_camera
+    parallax = None if path is None else parallax_of(path, result.intrinsics)
+    errors = depth_errors(result.depth, shot.truth.depth, parallax)
+    return None if errors is None else asdict(errors)
 
 
 def _trajectory(shot: Shot, result: RunResult) -> tuple[dict[str, float | bool | None] | None, tuple[Finding, ...]]:

@@ -144,6 +144,7 @@ def _header(rig: Rig, devices: Devices, prepared: Prepared) -> CaptureHeader:
         telemetry=_carriage(rig, prepared) is not None,
         truth_views="f4" if truth else "",
         truth_poses=truth,
+        truth_depth=truth,
         name=table.name,
         config=rig.text,
     )
@@ -293,7 +294,7 @@ class _Recorder:
         if len(exposure.masks) != self._prepared.plan.sequence.count:
             return None
         views, poses = light.truth(exposure)
-        return Truth(views=views, world_to_camera=poses)
+        return Truth(views=views, world_to_camera=poses, depth=light.true_depth(exposure))
 
     def _exposure_of(self, bench: "SimulatedBench", frame: Frame) -> "Exposure | None":
         """Return the exposure that a frame came from: the one that began when its stamp says."""

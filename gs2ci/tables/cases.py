@@ -254,7 +254,7 @@ def recoded(
         masks = random_grey_masks(views, shot.size, share, rng)
     elif open_share is not None:
         masks = random_masks(views, shot.size, open_share, rng)
-    poses = shot.truth.world_to_camera
+    poses, depth = shot.truth.world_to_camera, shot.truth.depth
     seen: F32 = truth[chosen]
     coded = np.einsum("nhw,nhwc->hwc", masks, seen, dtype=np.float64)
     coded += noise * rng.standard_normal(coded.shape)
@@ -266,6 +266,6 @@ def recoded(
         cfa=None,
         saturated=None,
         telemetry_world_to_camera=None,
-        truth=Truth(seen, None if poses is None else poses[chosen]),
+        truth=Truth(seen, None if poses is None else poses[chosen], None if depth is None else depth[chosen]),
         provenance={**shot.provenance, "recoded": f"{views} views, {open_share} open, grey {grey}, noise {noise}"},
     ).check()

@@ -100,6 +100,7 @@ RECONSTRUCTION: Final = (
     Measure("psnr_db", "PSNR, dB", 2),
     Measure("ssim", "SSIM", 4),
     Measure("nate", "nATE", 4, more_is_better=False),
+    Measure("depth_rel_percent", "depth off, %", 2, more_is_better=False),
     Measure("depth_rank", "order of depth", 2),
     Measure("seconds", "s", 1, more_is_better=False),
 )

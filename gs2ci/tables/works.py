@@ -7,7 +7,6 @@ import time
 from dataclasses import replace
 from typing import Any
 
-from gs2ci.core.arrays import F32
 from gs2ci.core.progress import Silent
 from gs2ci.evaluate.order import depth_rank, inside_out
 from gs2ci.evaluate.run_report import build_report
@@ -22,7 +21,6 @@ from gs2ci.reconstruct.pipeline import reconstruct
 from gs2ci.tables.cases import Case
 from gs2ci.tables.store import Row
 from gs2ci.tables.variants import settings_of
-from gs2ci_sims.scenes.files import load_scene
 
 
 def reconstruct_case(case: dict[str, Any], variant: str, seed: int) -> Row:
@@ -37,17 +35,20 @@ def reconstruct_case(case: dict[str, Any], variant: str, seed: int) -> Row:
         Gs2ciError: The case cannot be made, or not be reconstructed.
     """
     shot = Case.of(case).shot(seed)
-    result = reconstruct(shot, settings_of(variant, seed)).result
-    report = build_report(shot, result)
+    report = build_report(shot, reconstruct(shot, settings_of(variant, seed)).result)
     psnr, ssim, trajectory = report.psnr_db, report.ssim, report.trajectory
+    depth = report.depth
     decode_psnr = report.decode.psnr_db
-    rank = None if result.depth is None else _depth_rank(case, result.depth[shot.views // 2])
     return {
         "psnr_db": psnr and psnr.mean,
         "ssim": ssim and ssim.mean,
         "nate": trajectory and trajectory.nate,
-        "depth_rank": rank,
-        "failure": inside_out(None if trajectory is None else trajectory.rotation_deg, rank),
+        "depth_rel_percent": depth and 100 * depth.median_rel,
+        "depth_rank": depth and depth.rank,
+        "depth_px": depth and depth.median_px,
+        "failure": inside_out(
+            None if trajectory is None else trajectory.rotation_deg, None if depth is None else depth.rank
+        ),
         "decode_psnr_db": decode_psnr and decode_psnr.mean,
         "heldout_rms": report.heldout_rms,
         "seconds": report.seconds["total"],
@@ -78,7 +79,9 @@ def initialise_case(case: dict[str, Any], variant: str, seed: int) -> Row:
     geometry = first.geometry
     truth = shot.truth.world_to_camera
     errors = None if truth is None else trajectory_errors(geometry.world_to_camera, truth)
-    rank = None if geometry.verdict != "full" else _depth_rank(case, (1 / geometry.inverse_depth).astype(np.float32))
+    true_depth = None if shot.truth.depth is None else shot.truth.depth[geometry.reference]
+    known = geometry.verdict == "full" and true_depth is not None
+    rank = depth_rank(1 / geometry.inverse_depth, true_depth) if known and true_depth is not None else None
     return {
         "nate": errors and errors.nate,
         "depth_rank": rank,
@@ -93,14 +96,3 @@ def initialise_case(case: dict[str, Any], variant: str, seed: int) -> Row:
         "verdict": geometry.verdict,
         "notes": [note.sentence for note in geometry.notes],
     }
-
-
-def _depth_rank(case: dict[str, Any], depth: F32) -> float | None:
-    """Compare the middle view's depth, [H, W], with that of a scene of the library; None of a file's, which tells none.
-
-    The middle of an even number of views is half a step beside the scene's own camera: less than order asks for.
-    """
-    if not case["scene"]:
-        return None
-    height, width = depth.shape
-    return depth_rank(depth, load_scene(case["scene"], size=(height, width)).scene.depth)

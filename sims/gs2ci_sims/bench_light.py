@@ -25,7 +25,7 @@ from gs2ci_sims.effects.motion_blur import MotionBlur
 from gs2ci_sims.exposure import calibrated_masks, integrate, lens_of, read_out
 from gs2ci_sims.light_path import EffectChain, generator, sensor_effects
 from gs2ci_sims.planner import DEFAULT_TOLERANCE_DN, Plan, plan
-from gs2ci_sims.radiance import Renderer, with_margin
+from gs2ci_sims.radiance import Renderer, rendered_depth, with_margin
 from gs2ci_sims.registration import Registration
 from gs2ci_sims.rig import Light, Modulator, Rig, Timing
 from gs2ci_sims.scenes.base import Scene
@@ -171,6 +171,14 @@ class BenchLight:
         poses = np.stack([exposure.world_to_camera_at(t) for t in centres])
         views = self._shown(poses)
         return (views if self._cfa else views.mean(axis=3, keepdims=True)), poses
+
+    def true_depth(self, exposure: Exposure) -> F32:
+        """Return the depth of what was really there at the centre of each mask, [N, H, W]; 0 where nothing is."""
+        scene, lens = self._sight.scene, self.lens
+        sampling = None if lens is None else lens.sampling(scene.size, scene.intrinsics)
+        poses = [exposure.world_to_camera_at((mask.start_s + mask.end_s) / 2) for mask in exposure.masks]
+        depths = [rendered_depth(scene.gaussians, pose, scene.intrinsics, scene.size, sampling) for pose in poses]
+        return np.nan_to_num(np.stack(depths), nan=0.0).astype(np.float32)
 
     def _shown(self, poses: F64) -> F32:
         """Render what is before the camera from poses, [N, 4, 4], all things where the lens shows them."""

@@ -81,7 +81,7 @@ def expose(
         weights=light.weights.astype(np.float32),
         intrinsics=scene.intrinsics,
         distortion=None if (lens := lens_of(chain.effects)) is None else lens.coefficients,
-        truth=Truth(views=light.truth_views, world_to_camera=light.truth_world_to_camera),
+        truth=Truth(light.truth_views, light.truth_world_to_camera, light.truth_depth),
         saturated=np.any(reading >= sensor.saturation_dn, axis=2),
         cfa=next((effect.pattern for effect in chain.effects if isinstance(effect, BayerFilter)), None),
         name=scene.name,
@@ -109,6 +109,8 @@ class Light:
         truth_views: The scene at the middle of each mask's nominal interval, as a sharp lens with this one's
             distortion shows it, [N, H, W, 3] float32, radiance.
         truth_world_to_camera: The camera's poses at these moments, [N, 4, 4].
+        truth_depth: Depth along the optical axis at these moments, through this lens, [N, H, W] float32; 0 where less
+            than half of the light is stopped.
         covered_share: Smallest share of pixels that see something, over these moments.
         rendered_views: How many views it took.
     """
@@ -118,6 +120,7 @@ class Light:
     weights: F64
     truth_views: F32
     truth_world_to_camera: F64
+    truth_depth: F32
     covered_share: float
     rendered_views: int
 
@@ -180,13 +183,15 @@ def integrate(
             truth_views[n] += truth_share[n, k] * bare
             coverage[n] += truth_share[n, k] * covered
         progress.step(done + 1)
+    centres_s = intervals.mean(axis=1)
     return Light(
         # Where the weights of moments cancel, rounding may leave less than no light.
         chain.through(Stage.PHOTONS, np.maximum(photons, 0)),
         shown,
         weights,
         np.maximum(truth_views, 0).astype(np.float32),
-        path.world_to_camera(intervals.mean(axis=1)),
+        path.world_to_camera(centres_s),
+        np.stack([studio.depth(float(time_s)) for time_s in centres_s]),
         float((coverage >= 0.99).mean(axis=(1, 2)).min()),
         len(needed),
     )
@@ -240,6 +245,14 @@ class Studio:
         height, width = scene.size
         inner = np.s_[margin : margin + height, margin : margin + width]
         return truth[inner][..., :-1], truth[inner][..., -1], seen[inner]
+
+    def depth(self, time_s: float) -> F32:
+        """Return the depth of what is seen through the lens, [H, W]; 0 where nothing is."""
+        scene = self._scene
+        pose = self._path.world_to_camera(np.array([time_s]))[0]
+        sampling = None if self._lens is None else self._lens.sampling(scene.size, scene.intrinsics)
+        depth = rendered_depth(self._moving(time_s), pose, scene.intrinsics, scene.size, sampling)
+        return np.nan_to_num(depth, nan=0.0).astype(np.float32)
 
     def can_skip(self, open_share: F64) -> bool:
         """Return whether leaving out the closed pixels [H, W] gives the same light, and saves some of the work."""

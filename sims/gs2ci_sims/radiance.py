@@ -16,6 +16,7 @@ from gs2ci.core.errors import InputError
 from gs2ci.render.backend import load_backend
 from gs2ci.render.gaussians import Gaussians
 from gs2ci.render.harmonics import colours_seen
+from gs2ci.render.sampling import Sampling
 from gs2ci_sims.scenes.base import Scene
 
 # Poses per call of the rasteriser: bounds the memory of supersampled views.
@@ -118,13 +119,28 @@ def with_margin(intrinsics: F64, margin: int) -> F64:
     return shifted
 
 
-def rendered_depth(gaussians: Gaussians, world_to_camera: F64, intrinsics: F64, size: tuple[int, int]) -> F64:
-    """Render the depth (z) at which light is stopped, [H, W]; NaN where less than half of it is."""
+def rendered_depth(
+    gaussians: Gaussians,
+    world_to_camera: F64,
+    intrinsics: F64,
+    size: tuple[int, int],
+    sampling: Sampling | None = None,
+) -> F64:
+    """Render the depth (z) at which light is stopped, [H, W]; NaN where less than half of it is.
+
+    Args:
+        gaussians: What is there.
+        world_to_camera: The pose, [4, 4].
+        intrinsics: [3, 3], px.
+        size: Height and width, px.
+        sampling: Where the pixels look, behind a lens that distorts.
+    """
     found = load_backend("cpu").depths(
         gaussians.detach(),
         torch.tensor(world_to_camera, dtype=torch.float32)[None],
         torch.tensor(intrinsics, dtype=torch.float32),
         size,
+        sampling,
     )
     depth = found.surface()[0].to(torch.float64).numpy()
     return np.where(depth > 0, depth, np.nan)

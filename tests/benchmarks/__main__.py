@@ -33,6 +33,7 @@ BENCHMARKS = {
     "brightness": "tests.benchmarks.brightness",
     "no_motion": "tests.benchmarks.no_motion",
     "stage_poses": "tests.benchmarks.stage_poses",
+    "depth": "tests.benchmarks.depth",
     "direct": "tests.benchmarks.direct",
     "calibration_geometry": "tests.benchmarks.calibration_geometry",
     "calibrated_reconstruction": "tests.benchmarks.calibrated_reconstruction",
@@ -43,6 +44,7 @@ BENCHMARKS = {
 }
 
 LONG = (
+    "depth",
     "first_table",
     "list_reuse",
     "scaling",

@@ -313,6 +313,13 @@ def test_the_summary_leaves_out_what_is_not_known(tmp_path):
     assert "0.0300 rms" in text
 
 
+def test_the_summary_says_how_far_depth_is_off_where_that_is_known(tmp_path):
+    errors = {"scale": 0.5, "abs_rel": 0.03, "median_rel": 0.0123, "rms": 0.1, "close_share": 0.97, "known_share": 1.0}
+    text = summary(tmp_path, depth={**errors, "rank": 0.98, "median_px": 0.071, "far_off_share": 0.11})
+    for part in ("1.23% off", "rank correlation 0.980", "97.0% within 1.25", "0.071 px", "11.0% over 0.25"):
+        assert part in text
+
+
 def test_the_summary_of_a_camera_that_stands_still_has_no_nate(tmp_path):
     text = summary(tmp_path, trajectory__nate=None, trajectory__rpe_t=None, trajectory__rpe_r_deg=None)
     assert "nATE" not in text

@@ -13,6 +13,7 @@ from gs2ci.core.records import (
     PRINCIPAL_POINT_LIMIT_PX,
     WEIGHT_RANGE,
     Shot,
+    Truth,
     check_intrinsics,
     check_rigid,
 )
@@ -27,6 +28,20 @@ def shot():
 def test_weights_that_no_exposure_has_are_refused(shot, weights):
     with pytest.raises(InputError, match="mask weights"):
         replace(shot, weights=np.array(weights, np.float32)).check()
+
+
+@pytest.mark.parametrize(
+    ("depth", "problem"),
+    [
+        (np.ones((4, 12, 15), np.float32), r"true depth has shape \[4, 12, 15\]"),
+        (np.full((4, 12, 16), np.nan, np.float32), "true depth holds 768 values that are NaN"),
+        (np.full((4, 12, 16), -1, np.float32), "true depth holds negative values"),
+    ],
+)
+def test_a_true_depth_that_is_none_is_refused(make_shot, depth, problem):
+    with pytest.raises(InputError, match=problem):
+        make_shot(truth=Truth(depth=depth)).check()
+    assert make_shot(truth=Truth(depth=np.zeros((4, 12, 16), np.float32))).check().truth.depth is not None
 
 
 def test_masks_of_which_those_with_a_weight_are_closed_are_refused(shot):

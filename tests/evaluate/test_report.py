@@ -50,6 +50,19 @@ def test_without_truth_nothing_is_compared_with_it(make_run):
     assert report.residual.rms > 0
 
 
+def test_depth_is_scored_where_its_truth_is_known(make_run):
+    shot, result = make_run()
+    assert build_report(shot, result).depth is None
+    known = replace(shot, truth=replace(shot.truth, depth=0.4 * result.depth))
+    report = build_report(known, result)
+    assert report.depth.scale == pytest.approx(0.4)
+    assert report.depth.median_rel == pytest.approx(0, abs=1e-5)
+    assert report.depth.median_px == pytest.approx(0, abs=1e-3)
+    assert report.depth.rank == pytest.approx(1)
+    assert build_report(known, replace(result, depth=None)).depth is None
+    assert Report.model_validate_json(report.text()) == report
+
+
 def test_true_views_without_true_poses_are_scored_alone(make_run):
     shot, result = make_run()
     report = build_report(replace(shot, truth=Truth(views=shot.truth.views)), result)

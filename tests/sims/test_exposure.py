@@ -15,7 +15,7 @@ from gs2ci_sims.exposure import expose
 from gs2ci_sims.light_path import generator, sensor_effects
 from gs2ci_sims.masks import random_masks
 from gs2ci_sims.path import StageMove, stage_move_for_parallax
-from gs2ci_sims.radiance import Renderer
+from gs2ci_sims.radiance import Renderer, rendered_depth
 from gs2ci_sims.rig import Light, Modulator, Rig, Timing
 from gs2ci_sims.sensor import Sensor
 
@@ -105,6 +105,10 @@ def test_the_truth_holds_poses_and_views_at_the_centre_of_each_interval(small_sc
     poses = moving.world_to_camera(Timing().intervals_s(4).mean(axis=1))
     assert np.array_equal(shot.truth.world_to_camera, poses)
     assert np.array_equal(shot.truth.views, Renderer().views(small_scene, poses)[0])
+    for depth, pose in zip(shot.truth.depth, poses, strict=True):
+        there = rendered_depth(small_scene.gaussians, pose, small_scene.intrinsics, small_scene.size)
+        assert np.array_equal(depth, np.nan_to_num(there).astype(np.float32))
+        assert (depth > 0).mean() > 0.9
     assert shot.weights.tolist() == pytest.approx([1.0] * 4)
 
 
@@ -116,6 +120,14 @@ def test_behind_a_lens_the_true_views_are_bent_and_the_shot_says_how(small_scene
     assert straight.distortion is None
     np.testing.assert_allclose(shot.measurement, coded(shot), atol=1e-5)
     assert np.abs(shot.truth.views - straight.truth.views).mean() > 0.01
+    # A straight edge of depth bends as the views do: compared where the lens says that the light came from.
+    rows, columns = np.clip(lens.sources_px(small_scene.size, small_scene.intrinsics), 0, None).astype(int)
+    inside = (rows < small_scene.size[0]) & (columns < small_scene.size[1])
+    unbent = straight.truth.depth[0][
+        np.minimum(rows, small_scene.size[0] - 1), np.minimum(columns, small_scene.size[1] - 1)
+    ]
+    close = np.abs(shot.truth.depth[0] / unbent - 1) < 0.02
+    assert close[inside].mean() > 0.95
     # In the middle nothing moves.
     middle = np.s_[:, 23:25, 31:33]
     np.testing.assert_allclose(shot.truth.views[middle], straight.truth.views[middle], atol=0.02)
@@ -181,6 +193,7 @@ def test_a_shot_survives_its_file(small_scene, moving, masks, tmp_path):
     for name in ("measurement", "masks", "weights", "saturated", "intrinsics"):
         assert np.array_equal(getattr(back, name), getattr(shot, name)), name
     assert np.array_equal(back.truth.views, shot.truth.views)
+    assert np.array_equal(back.truth.depth, shot.truth.depth)
     assert back.provenance["rendered_views"] == 8
 
 

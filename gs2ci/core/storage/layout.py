@@ -22,6 +22,7 @@
     /telemetry/world_to_camera   [S, N, 4, 4] f8, optional; a row of NaN: not known for this shot
     /truth/views       [S, N, H, W, C], optional, stored as /masks/calib is; /truth/views_valid [S] u1
     /truth/world_to_camera       [S, N, 4, 4] f8, optional, NaN as above
+    /truth/depth       [S, N, H, W] f4, optional: along the optical axis, unit of the poses; 0: not known; NaN as above
     /frames/*          [S] what the sensor and the stage reported with each row
 
 S counts rows (one exposure each), N views. `CaptureHeader` and `FrameRow` are re-exported.
@@ -112,6 +113,7 @@ class CaptureHeader:
         telemetry: Whether rows bring the stage's poses.
         truth_views: How true views are stored: "" none, "f4", or "u1" (multiples of 1/255).
         truth_poses: Whether rows bring true poses.
+        truth_depth: Whether rows bring true depth.
         saturated_map: Whether rows bring their own map of clipped pixels.
         calibration: Further static arrays; keys and dtypes as in `CALIBRATION`.
         name: For reports.
@@ -134,6 +136,7 @@ class CaptureHeader:
     telemetry: bool = False
     truth_views: Literal["", "f4", "u1"] = ""
     truth_poses: bool = False
+    truth_depth: bool = False
     saturated_map: bool = False
     calibration: Mapping[str, NDArray[Any]] = field(default_factory=dict)
     name: str = "shot"
@@ -257,6 +260,9 @@ def _create_rows(file: h5py.File, header: CaptureHeader) -> None:
         file.create_dataset("telemetry/world_to_camera", poses, "f8", fillvalue=np.nan)
     if header.truth_poses:
         file.create_dataset("truth/world_to_camera", poses, "f8", fillvalue=np.nan)
+    if header.truth_depth:
+        maps = (rows, views, height, width)
+        file.create_dataset("truth/depth", maps, "f4", chunks=(1, 1, *maps[2:]), fillvalue=np.nan, **_packing())
     if header.truth_views:
         channels = 3 if header.cfa else header.channels
         stack = (rows, views, height, width, channels)

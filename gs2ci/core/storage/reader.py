@@ -171,7 +171,7 @@ class CaptureFile(SuspectFile):
             cfa=cfa,  # type: ignore[arg-type]  # Shot.check refuses any other text
             intrinsics=self.array("camera/intrinsics", axes=2),
             distortion=self.array("camera/distortion", axes=1),
-            truth=Truth(self.true_views(row), self.poses("truth/world_to_camera", row)),
+            truth=Truth(self.true_views(row), self.poses("truth/world_to_camera", row), self.true_depth(row)),
             telemetry_world_to_camera=self.poses("telemetry/world_to_camera", row),
             saturated=saturated,
             name=record["name"],
@@ -228,6 +228,15 @@ class CaptureFile(SuspectFile):
             raise self.wrong("truth/views_valid", f"{len(valid)} flags, row {row} is missing")
         views = self.array("truth/views", axes=5, row=row) if valid[row] == 1 else None
         return None if views is None else unpack(views, self.number("truth/views", "full_scale", 1.0))
+
+    def true_depth(self, row: int) -> F32 | None:
+        """Read the true depth of a row, [N, H, W], if it brought one.
+
+        Raises:
+            StorageError: The row is missing, or its depth is no numbers.
+        """
+        depth = self.array("truth/depth", axes=4, row=row)
+        return None if depth is None or np.isnan(depth).all() else depth.astype(np.float32)
 
     def poses(self, key: str, row: int) -> F64 | None:
         """Read the poses of a row, [N, 4, 4], if it brought them."""

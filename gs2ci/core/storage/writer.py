@@ -249,6 +249,7 @@ class ShotWriter:
         wanted: list[tuple[str, bool, NDArray[Any] | None, tuple[int, ...]]] = [
             ("telemetry/world_to_camera", header.telemetry, telemetry, (views, 4, 4)),
             ("truth/world_to_camera", header.truth_poses, truth.world_to_camera, (views, 4, 4)),
+            ("truth/depth", header.truth_depth, truth.depth, (views, height, width)),
             ("truth/views", bool(header.truth_views), truth.views, (views, height, width, channels)),
             ("saturated", header.saturated_map, saturated, (height, width)),
         ]
@@ -349,6 +350,7 @@ def _header_of(shots: Sequence[Shot], config: str) -> CaptureHeader:
         telemetry=any(shot.telemetry_world_to_camera is not None for shot in shots),
         truth_views=("u1" if in_bytes else "f4") if views else "",
         truth_poses=any(shot.truth.world_to_camera is not None for shot in shots),
+        truth_depth=any(shot.truth.depth is not None for shot in shots),
         saturated_map=any(shot.saturated is not None for shot in shots),
         name=first.name,
         config=config,

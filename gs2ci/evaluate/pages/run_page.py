@@ -147,6 +147,9 @@ def _figures(report: Report) -> list[Figure]:
         path = report.trajectory
         remark = "runs backwards: inside out" if path.reversed else f"rotation {path.rotation_deg:.2f}°"
         found.append(Figure(f"{path.nate:.4f}", "Path error (nATE)", remark))
+    if report.depth is not None:
+        off, rest = report.depth.errors().in_words()
+        found.append(Figure(off, "Depth, median", rest))
     found.append(Figure(spoken_duration(report.seconds["total"]), "Time", f"{report.machine.usable_cores} cores"))
     found.append(Figure(describe_number(report.gaussians), "Gaussians", f"peak {report.peak_mib:.0f} MiB"))
     return found

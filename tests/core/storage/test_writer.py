@@ -133,13 +133,14 @@ def test_a_row_carries_everything_said_about_it(tmp_path, header):
     poses = np.tile(np.eye(4), (2, 1, 1))
     frame = FrameRow(7, 11, 13, 1, 5, np.array([[1.25], [1.5]]), np.array([1.0]))
     clipped = np.eye(6, 8, dtype=bool)
-    with ShotWriter(tmp_path / "shot.h5", header) as writer:
+    depth = np.linspace(0, 3, 2 * 6 * 8, dtype=np.float32).reshape(2, 6, 8)
+    with ShotWriter(tmp_path / "shot.h5", replace(header, truth_depth=True)) as writer:
         writer.event("armed", exposure_s=0.01)
         writer.append(
             np.zeros((6, 8, 1), np.uint16),
             frame=frame,
             telemetry_world_to_camera=poses,
-            truth=Truth(views, 2 * poses),
+            truth=Truth(views, 2 * poses, depth),
             saturated=clipped,
             name="first",
             provenance={"camera": "twin"},
@@ -149,6 +150,7 @@ def test_a_row_carries_everything_said_about_it(tmp_path, header):
     shot, bare = (read_shot(tmp_path / "shot.h5", k) for k in (0, 1))
     assert np.array_equal(shot.truth.views, views)
     assert np.array_equal(shot.truth.world_to_camera, 2 * poses)
+    assert np.array_equal(shot.truth.depth, depth)
     assert np.array_equal(shot.telemetry_world_to_camera, poses)
     assert np.array_equal(shot.saturated, clipped)
     assert (shot.name, shot.provenance) == ("first", {"camera": "twin"})
