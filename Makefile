@@ -6,11 +6,12 @@ STAMP := $(VENV)/.installed
 # torch's and Numba's thread pools spin against each other otherwise (3-10x slower when anything else runs).
 export OMP_WAIT_POLICY := PASSIVE
 
-.PHONY: help install demo test stability kernel check benchmarks clean
+.PHONY: help install demo test test-as stability kernel check benchmarks clean
 
 help:
 	@echo "make demo   simulate an exposure of a photographed scene and reconstruct it (about two minutes once installed)"
 	@echo "make test   the tests"
+	@echo "make test-as CPU=haswell [TESTS=...]  the same as on another processor: haswell, nehalem, znver1, ..."
 	@echo "make stability  every hard case end to end; writes docs/stability.md"
 	@echo "make kernel the drivers against a real kernel; RIG=path names the script that boots the guest"
 	@echo "make check  ruff, mypy, import-linter"
@@ -29,6 +30,10 @@ demo: install
 
 test: install
 	$(BIN)/pytest -n 2 --dist loadfile
+
+# TESTS: what pytest is told, such as tests/reconstruct.
+test-as: install
+	$(BIN)/python -m tests.processors $(CPU) -m pytest $(or $(TESTS),-n 2 --dist loadfile)
 
 stability: install
 	$(BIN)/python -m tests.stability
