@@ -11,7 +11,7 @@ import numpy as np
 from gs2ci.core.crop import middle_of
 from gs2ci.core.records import Shot
 from gs2ci.reconstruct.decode.gap_tv import GapTvSettings, decode_signed
-from gs2ci.reconstruct.jury import Jury, surely_larger
+from gs2ci.reconstruct.measurement.jury import Jury, surely_larger
 
 _VIEW_PIXELS: Final = 160_000
 _LEAST_SIDE_PX: Final = 48

@@ -31,7 +31,7 @@ _OPEN_FULLY: Final = 0.97
 
 _LEAST_CLIPPED: Final = 1e-3
 _FEWEST_CLIPPED: Final = 16
-_PILE: Final = 4.0
+_PILE: Final = 3.0
 
 
 @dataclass(frozen=True)
@@ -105,7 +105,7 @@ def untold_clipping(shot: Shot) -> Bool | None:
     rest = np.sort(readings[~piled])[::-1]
     if rest.size == 0:
         return None
-    beside = float(np.mean(rest >= top - 0.02 * (top - low))) * readings.size
+    beside = float(np.mean(rest >= top - 0.01 * (top - low))) * readings.size
     if count < _PILE * max(beside, 1.0) and count < 0.1 * readings.size:
         return None
     clipped: Bool = piled.any(axis=2)

@@ -14,7 +14,7 @@ import numpy as np
 
 from gs2ci.core.arrays import F64, Bool
 from gs2ci.core.records import Shot
-from gs2ci.reconstruct.coding import cfa_channels
+from gs2ci.reconstruct.measurement.coding import cfa_channels
 
 # Windows reach over so many mask elements in each direction (one standard deviation), and no fewer pixels than this.
 _WINDOW_ELEMENTS: Final = 1.5

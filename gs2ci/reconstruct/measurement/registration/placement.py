@@ -14,8 +14,8 @@ import numpy as np
 
 from gs2ci.core.arrays import F64, Bool
 
-# A place this near to the outermost pixel's centre is on it: rounding must not cost a row.
-_ON_THE_RIM_PX: Final = 1e-6
+# A pixel whose place lies so far beyond the outermost centre still sees more of that element than of what is unknown.
+_ON_THE_RIM_PX: Final = 0.5
 
 
 @dataclass(frozen=True)

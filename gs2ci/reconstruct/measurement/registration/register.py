@@ -15,7 +15,8 @@ from gs2ci.core.arrays import F32, F64
 from gs2ci.core.errors import InputError
 from gs2ci.core.progress import Progress, Silent
 from gs2ci.core.records import Shot
-from gs2ci.reconstruct.coding import white_reading
+from gs2ci.reconstruct.measurement.coding import white_reading
+from gs2ci.reconstruct.measurement.jury import surely_larger
 from gs2ci.reconstruct.measurement.registration.admission import Trial
 from gs2ci.reconstruct.measurement.registration.coarse import (
     ORIENTATIONS,
@@ -38,7 +39,7 @@ from gs2ci.reconstruct.measurement.registration.local_scene import Seen
 from gs2ci.reconstruct.measurement.registration.misfit import NAMES, Misfit, sigma_of
 from gs2ci.reconstruct.measurement.registration.placement import Placement
 from gs2ci.reconstruct.measurement.registration.rim import Rim, complete
-from gs2ci.reconstruct.measurement.registration.sharpen import candidates
+from gs2ci.reconstruct.measurement.registration.sharpen import binary_source, candidates
 
 # A parameter is let in where it is so many of its standard errors away from «absent», and matters: the rest of the model
 # is not exact, and what moves masks by less costs less than 0.05 dB.
@@ -51,6 +52,9 @@ _MATTERS_BLACK: Final = 0.01
 _LEAST_PATTERN: Final = 1e-3
 # Displacements of tiles are believed where the tiles lie this far from where one shift would put them.
 _UNEVEN_PX: Final = 0.7
+# Readings that are left out because they are high lean blur, leak and black level; they say as much of places.
+_MOST_CLIPPED: Final = 0.01
+_LEAST_SIDE_PX: Final = 8
 _LOOKED_AT_PX: Final = 256
 _GEOMETRY: Final = NAMES[:6]
 _GROUPS: Final = (("down_px", "right_px"), ("rotation_deg", "scale"), ("stretch", "shear"), ("blur_px2",), ("leak",), ("black",))
@@ -170,6 +174,17 @@ def register(
     return found
 
 
+@dataclass(frozen=True)
+class _Way:
+    """One way to correct a measurement, and what is said of it and of its rim."""
+
+    shot: Shot
+    misfit: Misfit
+    errors: dict[str, float]
+    sentence: str
+    rim: str
+
+
 class _Registration:
     """One registration under way."""
 
@@ -183,9 +198,10 @@ class _Registration:
     def run(self) -> Registered:
         """Go all the way."""
         clipped = self._clipping()
+        opened = self._open_level()
         peak, orientation = self._orientation()
         misfit, errors, tried = self._geometry_and_light(peak)
-        unit, opened = self._unit(misfit, peak)
+        unit = self._unit(misfit, peak)
         return Registered(
             shot=self.shot,
             misfit=misfit,
@@ -214,7 +230,7 @@ class _Registration:
     def _orientation(self) -> tuple[Peak, str]:
         """Find the coarse shift, and how the masks are turned; the shot's masks are turned where that is sure."""
         total = white_reading(self.shot)
-        if float(total.std()) <= _LEAST_PATTERN * float(np.abs(total).max()) or min(total.shape) < 8:
+        if _is_flat(total) or min(total.shape) < _LEAST_SIDE_PX:
             return Peak.nothing(), "as given"
         element = element_px(total)
         seen = _readable(self.shot, element)
@@ -240,66 +256,76 @@ class _Registration:
         return best, how
 
     def _geometry_and_light(self, peak: Peak) -> tuple[Misfit, dict[str, float], dict[str, tuple[float, float]]]:
-        """Find placement, blur, leak and black level, and correct the shot by those that are let in."""
-        nothing = Misfit(), dict[str, float](), dict[str, tuple[float, float]]()
-        shot = self.shot
+        """Find placement, blur, leak and black level, and correct the shot by what is let in."""
+        proposed, tried = self._propose(self.shot, peak)
+        proposals = [] if proposed is None else self._ways(self.shot, proposed)
+        source = binary_source(self.shot.masks) if peak.is_sure else None
+        if source is not None:
+            sharp = replace(self.shot, masks=source[0])
+            again, _ = self._propose(sharp, peak)
+            proposals += [
+                replace(way, sentence=f"The masks are believed {source[1]} from what they were. {way.sentence}".strip())
+                for way in (self._ways(sharp, again) if again is not None else [_Way(sharp, Misfit(), {}, "", "")])
+            ]
+        if not proposals:
+            return Misfit(), {}, tried
+        trial = Trial(self.shot, self._level(proposals[0]), self.seed)
+        if not trial.can_tell:
+            return Misfit(), {}, tried
+        squares = [trial.squares(way.shot) for way in proposals]
+        best = int(np.argmin([float(one.mean()) for one in squares]))
+        way = proposals[best]
+        if not surely_larger(trial.squares(self.shot), squares[best]):
+            for name, error in way.errors.items():
+                tried[name] = (float(way.misfit.vector()[NAMES.index(name)]), error)
+            return Misfit(), {}, tried
+        self.shot = way.shot
+        self.notes += [sentence for sentence in (way.sentence, way.rim) if sentence]
+        return way.misfit, way.errors, tried
+
+    def _level(self, way: "_Way") -> float:
+        """Return what to divide readings by, so that twice the scene's level is about full scale."""
+        total = white_reading(way.shot)
+        level = Seen.of(way.shot, element_px(total)).level(total)
+        return max(2 * abs(float(np.median(level))), 1e-12)
+
+    def _propose(self, shot: Shot, peak: Peak) -> tuple[Estimate | None, dict[str, tuple[float, float]]]:
+        """Estimate all parameters; return those that are surely there and matter, and what was found of the others."""
         total = white_reading(shot)
-        if float(total.std()) <= _LEAST_PATTERN * float(np.abs(total).max()) or total.size < LEAST_BLOCKS * 64:
-            return nothing
+        if _is_flat(total) or total.size < LEAST_BLOCKS * 64:
+            return None, {}
         element = element_px(total)
-        start = self._start(peak, total, element)
+        start = self._start(shot, peak, total, element)
         if start is None:
-            return nothing
+            return None, {}
         problem = _problem(shot, total, element)
-        estimate = refine(problem, start, NAMES)
+        sought = NAMES if _clipped_share(shot) < _MOST_CLIPPED else _GEOMETRY
+        estimate = refine(problem, start, sought)
         names = _let_in(estimate, problem)
         tried = _beside(estimate, names)
-        if not names:
-            return Misfit(), {}, tried
-        while True:  # what is left out moves the others: those that stay must still be sure
+        while names:  # what is left out moves the others: those that stay must still be sure
             estimate = refine(problem, _only(estimate.misfit, names), names)
             still = tuple(name for name in names if name in _let_in(estimate, problem))
             if still == names:
-                break
+                return estimate, tried
             names = still
-            if not names:
-                return Misfit(), {}, tried
-        return self._judged(estimate, problem, total, tried)
+        return None, tried
 
-    def _judged(
-        self, estimate: Estimate, problem: Problem, total: F64, tried: dict[str, tuple[float, float]]
-    ) -> tuple[Misfit, dict[str, float], dict[str, tuple[float, float]]]:
-        """Let short decodes say whether the correction is taken, and which way of sharpening."""
-        misfit = estimate.misfit
-        level = float(np.median(problem.seen.level(misfit.of_total(problem.total, problem.weights), misfit.black)))
-        trial = Trial(self.shot, max(2 * abs(level), 1e-12), self.seed)
-        if not trial.can_tell:
-            return Misfit(), {}, tried
-        before = self.shot
-        corrected, rim = _corrected(before, misfit, None)
-        best = trial.squares(corrected)
-        way = ""
-        if misfit.blur_px2 < 0:
-            for masks in candidates(before.masks.astype(np.float64), misfit):
-                other, other_rim = _corrected(before, misfit, masks)
-                squares = trial.squares(other)
-                if squares.mean() < best.mean():
-                    corrected, rim, best, way = other, other_rim, squares, "sharpened"
-        from gs2ci.reconstruct.jury import surely_larger
+    def _ways(self, shot: Shot, estimate: Estimate) -> list["_Way"]:
+        """Return the shot corrected by an estimate; where it asks for sharpening, in all ways of that."""
+        misfit, errors = estimate.misfit, dict(estimate.errors)
+        sentence = _sentence(estimate)
+        believed = shot.masks.astype(np.float64)
+        masks = candidates(believed, misfit) or [None]
+        ways = []
+        for one in masks:
+            corrected, rim = _corrected(shot, misfit, one)
+            ways.append(_Way(corrected, misfit, errors, sentence, rim.sentence))
+        return ways
 
-        if not surely_larger(trial.squares(before), best):
-            for name, error in estimate.errors.items():
-                tried[name] = (float(misfit.vector()[NAMES.index(name)]), error)
-            return Misfit(), {}, tried
-        self.shot = corrected
-        self.notes.append(_sentence(estimate, self.shot.size))
-        if rim.sentence:
-            self.notes.append(rim.sentence)
-        return misfit, dict(estimate.errors), tried
-
-    def _start(self, peak: Peak, total: F64, element: float) -> Misfit | None:
+    def _start(self, shot: Shot, peak: Peak, total: F64, element: float) -> Misfit | None:
         """Return a placement that is right to about a pixel everywhere; None where nothing shows."""
-        seen, known = _readable(self.shot, element), fine_pattern(total, element)
+        seen, known = _readable(shot, element), fine_pattern(total, element)
         shift = np.array([peak.down_px, peak.right_px]) if peak.is_sure else np.zeros(2)
         reach = 16 if peak.is_sure else 32
         placed = place_tiles(find_tiles(seen, known, lambda _: shift, reach, element), self.shot.size)
@@ -322,8 +348,8 @@ class _Registration:
         # What is left after the turn moves places that the turn has moved already.
         return Placement.from_affine(closer.matrix @ turned.matrix, closer.shift_px)
 
-    def _unit(self, misfit: Misfit, peak: Peak) -> tuple[float, float]:
-        """Find the level of open elements and the unit, and correct the shot by them."""
+    def _open_level(self) -> float:
+        """Find what a fully open element is believed to let through, and correct the masks by it."""
         opened = open_level(self.shot.masks)
         if opened != 1.0:
             masks = np.minimum(self.shot.masks / np.float32(opened), np.float32(1))
@@ -332,8 +358,12 @@ class _Registration:
                 f"A fully open element was believed to let {opened:.3g} of the light through; by the measurement's unit "
                 "it is all, and the masks were divided by that."
             )
+        return opened
+
+    def _unit(self, misfit: Misfit, peak: Peak) -> float:
+        """Find the unit, and correct the readings by it."""
         if not peak.is_sure and misfit == Misfit():
-            return 1.0, opened
+            return 1.0
         total = white_reading(self.shot)
         seen = Seen.of(self.shot, element_px(total))
         level = seen.level(total)
@@ -341,9 +371,9 @@ class _Registration:
         integers = bool(np.all(self.given.measurement == np.rint(self.given.measurement)))
         unit = find_unit(level, known, integers)
         if unit is None:
-            return 1.0, opened
+            return 1.0
         self._divide(unit)
-        return unit.factor, opened
+        return unit.factor
 
     def _divide(self, unit: Unit) -> None:
         self.shot = replace(self.shot, measurement=(self.shot.measurement / unit.factor).astype(np.float32))
@@ -351,6 +381,15 @@ class _Registration:
             f"The readings are {unit.factor:.4g} times full scales of one view ({unit.reason}); they were divided by it, "
             "and the views' brightness is known only so far."
         )
+
+
+def _is_flat(total: F64) -> bool:
+    """Tell whether a sum of masks, [H, W], shows no pattern."""
+    return float(total.std()) <= _LEAST_PATTERN * float(np.abs(total).max())
+
+
+def _clipped_share(shot: Shot) -> float:
+    return 0.0 if shot.saturated is None else float(shot.saturated.mean())
 
 
 def _readable(shot: Shot, element: float) -> F64:
@@ -428,7 +467,7 @@ def _sigma(variance_px2: float) -> float:
     return 0.0 if variance_px2 == 0 else sigma_of(variance_px2)
 
 
-def _sentence(estimate: Estimate, size: tuple[int, int]) -> str:
+def _sentence(estimate: Estimate) -> str:
     """Say what was found, with standard errors."""
     misfit, errors = estimate.misfit, estimate.errors
     place, parts = misfit.placement, []

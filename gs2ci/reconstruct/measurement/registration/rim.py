@@ -14,13 +14,11 @@ import numpy as np
 
 from gs2ci.core.arrays import F64, Bool
 from gs2ci.core.records import Shot
-from gs2ci.reconstruct.jury import surely_larger
+from gs2ci.reconstruct.measurement.jury import surely_larger
 from gs2ci.reconstruct.measurement.registration.coarse import element_px
 from gs2ci.reconstruct.measurement.registration.local_scene import Seen
 from gs2ci.reconstruct.measurement.registration.misfit import Misfit
 
-# A fraction of a pixel is interpolated; a band as narrow as that is not worth a guess.
-_NARROW: Final = 1.5
 _AVERAGED_ELEMENTS: Final = 2.0
 
 
@@ -43,7 +41,7 @@ def complete(shot: Shot, misfit: Misfit, masks: F64 | None = None) -> tuple[Shot
     believed = shot.masks.astype(np.float64)
     unknown = ~misfit.placement.known(shot.size)
     going_on = misfit.of_masks(believed) if masks is None else masks
-    if unknown.sum() <= _NARROW * (2 * sum(shot.size)):
+    if not unknown.any():
         return _with(shot, going_on), Rim(unknown)
     flat = np.where(unknown, going_on[:, ~unknown].mean(axis=1)[:, None, None], going_on)
     guesses = {
