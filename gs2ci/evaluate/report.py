@@ -23,6 +23,7 @@ from gs2ci.evaluate.trajectory import trajectory_errors
 
 SCHEMA: Final = "gs2ci.report/1"
 REPORT_NAME: Final = "report.json"
+REGISTERED_NAME: Final = "registered.h5"
 
 _DECODE_SENTENCE: Final = (
     "The scene does not explain the measurement better than the decode does: views.npy and the figures are the "
@@ -50,7 +51,8 @@ def build_report(shot: Shot, result: RunResult) -> dict[str, Any]:
         image_scores(views, shot.truth.views) for views in (result.views, result.scene_views, result.decode)
     )
     trajectory, sentences = _trajectory(shot, result)
-    residual = measurement_residual(result.predicted_measurement, shot.measurement, shot.saturated)
+    seen = result.registered or shot
+    residual = measurement_residual(result.predicted_measurement, seen.measurement, seen.saturated)
     report = {
         "schema": SCHEMA,
         "name": shot.name,
@@ -75,6 +77,7 @@ def build_report(shot: Shot, result: RunResult) -> dict[str, Any]:
         "ensemble": dict(result.ensemble),
         "geometry": dict(result.geometry),
         "brightness": result.brightness,
+        "registration": dict(result.registration),
         "measured": _measured(shot),
         "peak_mib": round(environment.peak_mib(), 1),
         "settings": dict(result.settings),

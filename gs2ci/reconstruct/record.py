@@ -9,7 +9,6 @@ from dataclasses import asdict, dataclass, replace
 import torch
 
 from gs2ci.core.arrays import F32
-from gs2ci.core.records import Shot
 from gs2ci.core.run_records import CurvePoint, RunResult, Verdict
 from gs2ci.reconstruct.first_look import FirstLook
 from gs2ci.reconstruct.fit.ensemble import Ensemble
@@ -17,6 +16,7 @@ from gs2ci.reconstruct.fit.looks import Score
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.geometry.telemetry import Movement, movement
 from gs2ci.reconstruct.measurement.coding import Coding
+from gs2ci.reconstruct.measurement.registration.register import Registered
 from gs2ci.reconstruct.settings import Settings
 
 
@@ -34,6 +34,7 @@ class Recovered:
 class Left:
     """What the stages left, in their order."""
 
+    registered: Registered
     doubts: tuple[str, ...]
     look: FirstLook
     geometry: Geometry
@@ -42,11 +43,10 @@ class Left:
     recovered: Recovered
 
 
-def record(shot: Shot, settings: Settings, left: Left, score: Score | None, seconds: dict[str, float]) -> RunResult:
+def record(settings: Settings, left: Left, score: Score | None, seconds: dict[str, float]) -> RunResult:
     """Write a reconstruction down.
 
     Args:
-        shot: The measurement as it was given.
         settings: Of the reconstruction.
         left: What its stages left.
         score: Turns views into the curve's figure, in dB, or None.
@@ -55,6 +55,7 @@ def record(shot: Shot, settings: Settings, left: Left, score: Score | None, seco
     Raises:
         Gs2ciError: The parts contradict one another, or are not finite.
     """
+    shot = left.registered.shot
     geometry, fit, recovered = left.geometry, left.ensemble.best, left.recovered
     moved, brightness = movement(geometry.world_to_camera, fit.world_to_camera), left.look.brightness
     lit = replace(shot, weights=left.look.jury.shot.weights)
@@ -80,6 +81,8 @@ def record(shot: Shot, settings: Settings, left: Left, score: Score | None, seco
         ensemble=left.ensemble.summary(),
         disagreement=left.ensemble.disagreement,
         brightness=None if brightness is None else brightness.tolist(),
+        registration=left.registered.summary(),
+        registered=shot if left.registered.is_changed else None,
     ).check()
 
 
@@ -87,7 +90,14 @@ def _notes(left: Left, settings: Settings, moved: Movement) -> tuple[str, ...]:
     """Gather what every stage has to say, in their order."""
     geometry, ensemble = left.geometry, left.ensemble
     return (
-        *(*left.doubts, *left.look.notes, *geometry.notes, *ensemble.notes, *_fits_missing(ensemble, settings)),
+        *left.registered.notes,
+        *(
+            *left.doubts,
+            *left.look.notes,
+            *geometry.notes,
+            *ensemble.notes,
+            *_fits_missing(ensemble, settings),
+        ),
         *(*_notes_on_poses(moved, geometry), *left.recovered.notes),
     )
 

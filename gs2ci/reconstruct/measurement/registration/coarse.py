@@ -1,8 +1,8 @@
 """Where the masks' pattern shows in a measurement, to the pixel: one correlation, whatever the scene.
 
-The measurement, high-passed and divided by its local level, correlates with the high-passed sum of the masks at one place
-only. How far that peak stands above what chance gives, measured against the thirtieth best place elsewhere, tells whether
-it is believed; a sum without pattern, darkness and noise leave no such peak, and nothing is concluded.
+The measurement, high-passed and divided by its local level, correlates with the high-passed sum of the masks at one
+place only. How far that peak stands above what chance gives, measured against the thirtieth best place elsewhere,
+tells whether it is believed; a sum without pattern, darkness and noise leave no such peak, and nothing is concluded.
 Here: shift, orientation, and the displacement of single tiles. Not here: fractions of a pixel (`fine`).
 """
 
@@ -62,7 +62,7 @@ def element_px(total: F64) -> float:
 
 
 def fine_pattern(image: F64, element: float, *, relative: bool = False) -> F64:
-    """High-pass a picture, [H, W]; relative: divide by its local level, so that bright parts do not outvote dark ones."""
+    """High-pass a picture, [H, W]; relative: by its local level, so that bright parts do not outvote dark ones."""
     sigma = _HIGH_PASS_ELEMENTS * element
     fine: F64 = image - _blur(image, sigma)
     if relative:

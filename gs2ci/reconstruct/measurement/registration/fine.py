@@ -1,8 +1,8 @@
 """Fractions of a pixel, turns, blur and black level, by Gauss-Newton on the held-out error of every pixel.
 
 The error of a locally even scene (`local_scene`) depends on nothing but the masks' sum, so that a step costs some
-pictures and no decode. Errors are weighted by what they are around a pixel, as edges must not outvote the rest. Standard
-errors are those of scores summed over blocks of the picture: neighbours share their texture.
+pictures and no decode. Errors are weighted by what they are around a pixel, as edges must not outvote the rest.
+Standard errors are those of scores summed over blocks of the picture: neighbours share their texture.
 Here: the search and its errors. Not here: which parameters are let in (`admission`).
 """
 
@@ -101,9 +101,9 @@ class Problem:
 
 
 def pixel_weights(errors: F64, known: Bool) -> F64:
-    """Weigh pixels by the inverse mean square of the errors around them, [H, W]; mean 1, and 0 where nothing is known."""
+    """Weigh pixels by the inverse mean square of the errors around them, [H, W]; mean 1, 0 where nothing is known."""
     around = cv2.blur(np.minimum(errors**2, 9 * np.mean(errors**2)), (9, 9), borderType=cv2.BORDER_REFLECT)
-    weights = known / (around + 0.1 * float(np.mean(errors**2)) + 1e-300)
+    weights: F64 = known / (around + 0.1 * float(np.mean(errors**2)) + 1e-300)
     mean = float(weights.mean())
     return weights / mean if mean > 0 else weights
 

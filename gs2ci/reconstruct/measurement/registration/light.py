@@ -1,8 +1,8 @@
 """Light: the unit of a measurement, masks believed dimmer than they are, and clipping that nobody told of.
 
-Readings tell the product of scene, masks and unit alone. What the unit is follows from convention: scenes are exposed so
-that they fill a fair part of the scale, and a fully open element lets through all. So a unit is only doubted where most of
-the picture would be brighter than white, or nothing of it as bright as a fiftieth.
+Readings tell the product of scene, masks and unit alone. What the unit is follows from convention: scenes are exposed
+so that they fill a fair part of the scale, and a fully open element lets through all. So a unit is only doubted where
+most of the picture would be brighter than white, or nothing of it as bright as a fiftieth.
 Here: those three. Not here: black level and leak, which readings do tell (`fine`).
 """
 
@@ -108,7 +108,7 @@ def untold_clipping(shot: Shot) -> Bool | None:
     beside = float(np.mean(rest >= top - 0.01 * (top - low))) * readings.size
     if count < _PILE * max(beside, 1.0) and count < 0.1 * readings.size:
         return None
-    clipped: Bool = piled.any(axis=2)
+    clipped: Bool = np.any(piled, axis=2)
     white = np.tensordot(shot.weights.astype(np.float64), shot.masks, axes=1)[clipped]
     if float(white.std()) < 1e-3 * float(white.mean()):
         return None

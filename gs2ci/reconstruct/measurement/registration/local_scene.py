@@ -1,8 +1,9 @@
 """A scene that is locally even, fitted around every pixel: what the sum of the masks says of a measurement.
 
-Under such a scene y(p) = X(p) · S(p) with the masks' sum S. X is the least-squares level of the pixels around p, p itself
-left out, so that the error of that prediction is a held-out error of every pixel, and all of them can judge without any
-decode. Texture and parallax are noise to it; masks do not depend on the scene, so that this noise leans to no side.
+Under such a scene y(p) = X(p) · S(p) with the masks' sum S. X is the least-squares level of the pixels around p, p
+itself left out, so that the error of that prediction is a held-out error of every pixel, and all of them can judge
+without any decode. Texture and parallax are noise to it; masks do not depend on the scene, so that this noise leans to
+no side.
 Here: that prediction. Not here: what is varied to make it better (`fine`).
 """
 

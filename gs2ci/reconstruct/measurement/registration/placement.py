@@ -1,18 +1,18 @@
 """Where masks lie on the sensor, and what a sensor pixel then sees of them.
 
-A mask element that is believed at x lies at x' = c + A (x − c) + t, with the picture's middle c. A pixel integrates what
-falls on it: for elements as wide as a pixel, or wider and in step with the pixels, a shifted mask read by pixels is
-exactly the bilinear interpolation of its values, and that is the interpolation here.
+A mask element that is believed at x lies at x' = c + A (x − c) + t, with the picture's middle c. A pixel integrates
+what falls on it: for elements as wide as a pixel, or wider and in step with the pixels, a shifted mask read by pixels
+is exactly the bilinear interpolation of its values, and that is the interpolation here.
 Here: the map and its sampling. Not here: how it is found (`coarse`, `fine`), blur and light (`misfit`).
 """
 
 from dataclasses import dataclass
 from typing import Final
 
-import numba
 import numpy as np
 
 from gs2ci.core.arrays import F64, Bool
+from gs2ci.reconstruct.measurement.registration.kernels import sample
 
 # A pixel whose place lies so far beyond the outermost centre still sees more of that element than of what is unknown.
 _ON_THE_RIM_PX: Final = 0.5
@@ -46,7 +46,8 @@ class Placement:
             [[1 + self.scale - self.stretch, self.shear], [self.shear, 1 + self.scale + self.stretch]]
         )
         # Clockwise in a picture whose rows count downwards: from right (0, 1) towards down (1, 0).
-        return np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]]) @ lengthened
+        matrix: F64 = np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]]) @ lengthened
+        return matrix
 
     @property
     def shift_px(self) -> F64:
@@ -71,7 +72,7 @@ class Placement:
         Beyond the rim its nearest value goes on, or the picture begins anew (wrapped).
         """
         inverse = np.linalg.inv(self.matrix)
-        sampled: F64 = _sample(np.ascontiguousarray(stack, np.float64), inverse, self.shift_px, wrapped)
+        sampled: F64 = sample(np.ascontiguousarray(stack, np.float64), inverse, self.shift_px, wrapped)
         return sampled
 
     @classmethod
@@ -91,7 +92,7 @@ class Placement:
     @property
     def inverse(self) -> "Placement":
         """Get the placement that undoes this one."""
-        back = np.linalg.inv(self.matrix)
+        back: F64 = np.linalg.inv(self.matrix).astype(np.float64)
         return Placement.from_affine(back, -back @ self.shift_px)
 
     def known(self, size: tuple[int, int]) -> Bool:
@@ -99,34 +100,5 @@ class Placement:
         row, column = np.meshgrid(np.arange(size[0]), np.arange(size[1]), indexing="ij")
         middle = (np.array(size) - 1) / 2
         places = (np.stack([row, column], axis=-1) - middle - self.shift_px) @ np.linalg.inv(self.matrix).T + middle
-        inside: Bool = np.all(
-            (places >= -_ON_THE_RIM_PX) & (places <= np.array(size) - 1 + _ON_THE_RIM_PX), axis=-1
-        )
+        inside: Bool = np.all((places >= -_ON_THE_RIM_PX) & (places <= np.array(size) - 1 + _ON_THE_RIM_PX), axis=-1)
         return inside
-
-
-@numba.njit(cache=True, parallel=True)
-def _sample(stack: F64, inverse: F64, shift: F64, wrapped: bool) -> F64:
-    """Interpolate each picture at c + A⁻¹ (p − c − t), coordinates clamped to the picture or wrapped around it."""
-    count, height, width = stack.shape
-    out = np.empty_like(stack)
-    middle_row, middle_column = (height - 1) / 2, (width - 1) / 2
-    for r in numba.prange(height):
-        for c in range(width):
-            down, right = r - middle_row - shift[0], c - middle_column - shift[1]
-            row = middle_row + inverse[0, 0] * down + inverse[0, 1] * right
-            column = middle_column + inverse[1, 0] * down + inverse[1, 1] * right
-            if wrapped:
-                row, column = row % height, column % width
-                top, left = int(row) % height, int(column) % width
-                below, beside = (top + 1) % height, (left + 1) % width
-            else:
-                row, column = min(max(row, 0.0), height - 1.0), min(max(column, 0.0), width - 1.0)
-                top, left = min(int(row), max(height - 2, 0)), min(int(column), max(width - 2, 0))
-                below, beside = min(top + 1, height - 1), min(left + 1, width - 1)
-            v, u = row - np.floor(row) if wrapped else row - top, column - np.floor(column) if wrapped else column - left
-            for n in range(count):
-                upper = (1 - u) * stack[n, top, left] + u * stack[n, top, beside]
-                lower = (1 - u) * stack[n, below, left] + u * stack[n, below, beside]
-                out[n, r, c] = (1 - v) * upper + v * lower
-    return out

@@ -15,6 +15,7 @@ from gs2ci.core.arrays import F32, F64
 from gs2ci.core.errors import InputError
 from gs2ci.core.progress import Progress, Silent
 from gs2ci.core.records import Shot
+from gs2ci.reconstruct.choices import REGISTRATION_MODES, RegistrationMode
 from gs2ci.reconstruct.measurement.coding import white_reading
 from gs2ci.reconstruct.measurement.jury import surely_larger
 from gs2ci.reconstruct.measurement.registration.admission import Trial
@@ -41,8 +42,8 @@ from gs2ci.reconstruct.measurement.registration.placement import Placement
 from gs2ci.reconstruct.measurement.registration.rim import Rim, complete
 from gs2ci.reconstruct.measurement.registration.sharpen import binary_source, candidates
 
-# A parameter is let in where it is so many of its standard errors away from «absent», and matters: the rest of the model
-# is not exact, and what moves masks by less costs less than 0.05 dB.
+# A parameter is let in where it is so many of its standard errors away from «absent», and matters: the rest of the
+# model is not exact, and what moves masks by less costs less than 0.05 dB.
 SIGNIFICANT: Final = 5.0
 _MATTERS_PX: Final = 0.02
 _MATTERS_BLUR_PX2: Final = 0.02
@@ -57,7 +58,14 @@ _MOST_CLIPPED: Final = 0.01
 _LEAST_SIDE_PX: Final = 8
 _LOOKED_AT_PX: Final = 256
 _GEOMETRY: Final = NAMES[:6]
-_GROUPS: Final = (("down_px", "right_px"), ("rotation_deg", "scale"), ("stretch", "shear"), ("blur_px2",), ("leak",), ("black",))
+_GROUPS: Final = (
+    ("down_px", "right_px"),
+    ("rotation_deg", "scale"),
+    ("stretch", "shear"),
+    ("blur_px2",),
+    ("leak",),
+    ("black",),
+)
 
 
 @dataclass(frozen=True)
@@ -69,7 +77,7 @@ class RegistrationSettings:
         most_shift_px: How far a shift is sought.
     """
 
-    mode: str = "auto"
+    mode: RegistrationMode = "auto"
     most_shift_px: int = 64
 
     def check(self) -> "RegistrationSettings":
@@ -78,7 +86,7 @@ class RegistrationSettings:
         Raises:
             InputError: An unknown mode, or a reach outside [0, 1024].
         """
-        if self.mode not in ("auto", "off") or not 0 <= self.most_shift_px <= 1024:
+        if self.mode not in REGISTRATION_MODES or not 0 <= self.most_shift_px <= 1024:
             raise InputError(
                 f"registration {self.mode!r} up to {self.most_shift_px} px",
                 allowed="auto or off, and a reach from 0 to 1024 px",
@@ -222,8 +230,8 @@ class _Registration:
         share = float(clipped.mean())
         self.shot = replace(self.shot, saturated=clipped)
         self.notes.append(
-            f"{share:.1%} of the pixels read the highest value, {float(self.shot.measurement.max()):.4g}, and are taken "
-            "for clipped, which nobody had told."
+            f"{share:.1%} of the pixels read the highest value, {float(self.shot.measurement.max()):.4g}, and are "
+            "taken for clipped, which nobody had told."
         )
         return share
 
@@ -250,8 +258,8 @@ class _Registration:
         masks = np.ascontiguousarray(ORIENTATIONS[how](self.shot.masks.astype(np.float64))).astype(np.float32)
         self.shot = replace(self.shot, masks=masks)
         self.notes.append(
-            f"The masks' pattern shows {how} against the file: its correlation has a peak of {best.ratio:.0f} times the "
-            "thirtieth best place; the masks were turned."
+            f"The masks' pattern shows {how} against the file: its correlation has a peak of {best.ratio:.0f} times "
+            "the thirtieth best place; the masks were turned."
         )
         return best, how
 
@@ -316,9 +324,8 @@ class _Registration:
         misfit, errors = estimate.misfit, dict(estimate.errors)
         sentence = _sentence(estimate)
         believed = shot.masks.astype(np.float64)
-        masks = candidates(believed, misfit) or [None]
         ways = []
-        for one in masks:
+        for one in candidates(believed, misfit) or [None]:
             corrected, rim = _corrected(shot, misfit, one)
             ways.append(_Way(corrected, misfit, errors, sentence, rim.sentence))
         return ways
@@ -355,8 +362,8 @@ class _Registration:
             masks = np.minimum(self.shot.masks / np.float32(opened), np.float32(1))
             self.shot = replace(self.shot, masks=masks)
             self.notes.append(
-                f"A fully open element was believed to let {opened:.3g} of the light through; by the measurement's unit "
-                "it is all, and the masks were divided by that."
+                f"A fully open element was believed to let {opened:.3g} of the light through; by the measurement's "
+                "unit it is all, and the masks were divided by that."
             )
         return opened
 
@@ -378,8 +385,8 @@ class _Registration:
     def _divide(self, unit: Unit) -> None:
         self.shot = replace(self.shot, measurement=(self.shot.measurement / unit.factor).astype(np.float32))
         self.notes.append(
-            f"The readings are {unit.factor:.4g} times full scales of one view ({unit.reason}); they were divided by it, "
-            "and the views' brightness is known only so far."
+            f"The readings are {unit.factor:.4g} times full scales of one view ({unit.reason}); they were divided by "
+            "it, and the views' brightness is known only so far."
         )
 
 
@@ -494,5 +501,3 @@ def _sentence(estimate: Estimate) -> str:
     if "black" in errors:
         parts.append(f"the reading without light is {misfit.black:+.4g} ± {errors['black']:.2g}")
     return "The measurement tells: " + "; ".join(parts) + "; this was corrected."
-
-

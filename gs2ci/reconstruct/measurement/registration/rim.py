@@ -1,9 +1,9 @@
 """What pixels see at the rim, where moved masks leave a band that nobody knows.
 
-A pattern that lies 16 px off leaves 16 rows or columns without masks. Three things may be there: the pattern begins anew
-(a modulator shows it periodically), its rim goes on, or something unknown. The readings tell the first two from the
-third, since the pattern of a right guess shows in them. Where it is unknown, a mask is believed as open as it is on
-average, and readings are averaged over some elements, so that they say what such a grey mask can say.
+A pattern that lies 16 px off leaves 16 rows or columns without masks. Three things may be there: the pattern begins
+anew (a modulator shows it periodically), its rim goes on, or something unknown. The readings tell the first two from
+the third, since the pattern of a right guess shows in them. Where it is unknown, a mask is believed as open as it is
+on average, and readings are averaged over some elements, so that they say what such a grey mask can say.
 """
 
 from dataclasses import dataclass, replace
@@ -80,7 +80,9 @@ def _averaged(shot: Shot, pixels: Bool) -> np.ndarray:
         inside = counts * pixels
         around = cv2.GaussianBlur(inside, (0, 0), sigma, borderType=cv2.BORDER_REFLECT)
         for channel in range(measured.shape[2]):
-            light = cv2.GaussianBlur(inside * shot.measurement[..., channel], (0, 0), sigma, borderType=cv2.BORDER_REFLECT)
+            light = cv2.GaussianBlur(
+                inside * shot.measurement[..., channel], (0, 0), sigma, borderType=cv2.BORDER_REFLECT
+            )
             level = light / np.maximum(around, 1e-9)
             measured[..., channel] = np.where(inside > 0, level, measured[..., channel])
     return measured.astype(np.float32)

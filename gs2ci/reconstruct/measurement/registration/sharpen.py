@@ -1,26 +1,26 @@
 """Masks that are believed softer than they were, made sharp again.
 
-A calibration that blurred, or a picture of the masks that was resampled, leaves soft masks. Elements that are either open
-or closed betray how: undoing the right blur, or the right fraction of a pixel, leaves nothing but open and closed ones.
-That is told by the masks alone. Where it fails, regularised filtering sharpens as far as the measurement agrees.
+A calibration that blurred, or a picture of the masks that was resampled, leaves soft masks. Elements that are either
+open or closed betray how: undoing the right blur, or the right fraction of a pixel, leaves nothing but open and closed
+ones. That is told by the masks alone. Where it fails, regularised filtering sharpens as far as the measurement agrees.
 Here: both. Not here: whether they are taken (`register`, by what the measurement says).
 """
 
 from collections.abc import Callable
 from typing import Final
 
-import numba
 import numpy as np
 
 from gs2ci.core.arrays import F32, F64
+from gs2ci.reconstruct.measurement.registration.kernels import undo
 from gs2ci.reconstruct.measurement.registration.misfit import Misfit, gaussian, variance_of
 
 # How far frequencies may be raised: masks from a drawing bear more than masks from a noisy calibration.
 SHARPENINGS: Final = (1e3, 100.0, 30.0, 10.0, 3.0)
 _LEAST_SIDE_PX: Final = 16
 _UNBLURRINGS: Final = (1e6, 300.0)
-# Believed masks beyond this mean squared distance from open or closed are soft. What a hypothesis leaves of their variance
-# is nothing but rounding where it holds, and some hundredths where calibration added noise.
+# Believed masks beyond this mean squared distance from open or closed are soft. What a hypothesis leaves of their
+# variance is nothing but rounding where it holds, and some hundredths where calibration added noise.
 _SOFT: Final = 3e-3
 _EXPLAINED: Final = 0.05
 _SAMPLE_PX: Final = 128
@@ -80,7 +80,8 @@ def _search(hypotheses: list[_Hypothesis], masks: F64, undo: _Way, redo: _Way) -
 
 
 def _open_or_closed(masks: F64) -> F64:
-    return (masks > 0.5).astype(np.float64)
+    opened: F64 = (masks > 0.5).astype(np.float64)
+    return opened
 
 
 def _left(believed: F64, given: F64) -> float:
@@ -88,15 +89,16 @@ def _left(believed: F64, given: F64) -> float:
     return float(np.mean((believed - given) ** 2) / max(float(believed.var()), 1e-12))
 
 
-def candidates(masks: F64, misfit: Misfit) -> list[F64]:
-    """Return the ways to sharpen believed masks, [N, H, W] each, that are worth a look; none where none was asked for."""
+def candidates(masks: F64, misfit: Misfit) -> list[F64 | None]:
+    """Return the ways to sharpen believed masks, [N, H, W] each; none where no sharpening was asked for."""
     if misfit.blur_px2 >= 0:
         return []
     return [misfit.of_masks(masks, most) for most in SHARPENINGS]
 
 
 def _unblurred(masks: F64, sigma: float, most: float) -> F64:
-    return np.clip(gaussian(masks, -variance_of(sigma), most), 0, 1)
+    unblurred: F64 = np.clip(gaussian(masks, -variance_of(sigma), most), 0, 1)
+    return unblurred
 
 
 def _blurred(masks: F64, sigma: float, _most: float) -> F64:
@@ -105,7 +107,8 @@ def _blurred(masks: F64, sigma: float, _most: float) -> F64:
 
 def _unshifted(masks: F64, down: float, right: float) -> F64:
     """Undo bilinear interpolation at a fraction of a pixel, up to a half in each direction, rim going on."""
-    return _undo(_undo(masks, down).swapaxes(1, 2), right).swapaxes(1, 2)
+    undone: F64 = undo(undo(masks, down).swapaxes(1, 2), right).swapaxes(1, 2)
+    return undone
 
 
 def _shifted(masks: F64, down: float, right: float) -> F64:
@@ -120,20 +123,3 @@ def _interpolate(masks: F64, fraction: float) -> F64:
     else:
         before = np.concatenate([masks[:, 1:], masks[:, -1:]], axis=1)
     return (1 - f) * masks + f * before
-
-
-@numba.njit(cache=True)
-def _undo(masks: F64, fraction: float) -> F64:
-    """Solve B[i] = (1 − f) M[i] + f M[i − 1] along the rows' index, from the end that the light came from."""
-    count, height, width = masks.shape
-    f = min(abs(fraction), 0.5)
-    out = np.empty_like(masks)
-    for n in range(count):
-        for k in range(height):
-            here = k if fraction >= 0 else height - 1 - k
-            before = here - 1 if fraction >= 0 else here + 1
-            for c in range(width):
-                last = out[n, before, c] if k else masks[n, here, c]
-                # Transmissions: what leaves [0, 1] is rounding, and would be carried on.
-                out[n, here, c] = min(max((masks[n, here, c] - f * last) / (1 - f), 0.0), 1.0)
-    return out
