@@ -14,7 +14,7 @@ from gs2ci.commands.display import open_display, print_summary
 from gs2ci.commands.options import check_number, check_seed, check_whole
 from gs2ci.core.clock import command_age_s
 from gs2ci.core.records import FOCAL_RANGE_PX
-from gs2ci.reconstruct.choices import MOST_FITS, PoseSource, PresetName, ProxyName, RuleName
+from gs2ci.reconstruct.choices import MOST_FITS, PoseSource, PresetName, ProxyName, RegistrationMode, RuleName
 
 
 def run(
@@ -36,6 +36,7 @@ def run(
     distance: str | None = None,
     focal_px: float | None = None,
     trust_weights: bool = False,
+    registration: RegistrationMode = "auto",
     seed: int = 42,
     overwrite: bool = False,
 ) -> Path:
@@ -70,6 +71,8 @@ def run(
             by `gs2ci models add`), or "lpips:FILE".
         focal_px: Focal length along the rows to use instead of the file's, in pixels.
         trust_weights: Take each mask's weight as the file states it, whatever the measurement shows of the lamp.
+        registration: "auto" asks the measurement first where its masks lie and how they met the light, and corrects
+            what it surely tells; "off" believes masks and readings as they are.
         seed: Of every random draw; the same seed gives the same result.
         overwrite: Replace an earlier run at the same place.
 
@@ -94,7 +97,9 @@ def run(
     from gs2ci.reconstruct.presets import PRESETS
     from gs2ci.render.backend import needs_compiling
 
-    wishes = Wishes(geometry, proxy, density, without, iterations, fits, fine, prior, distance, trust_weights, seed)
+    wishes = Wishes(
+        geometry, proxy, density, without, iterations, fits, fine, prior, distance, trust_weights, registration, seed
+    )
     budget_s = budget_seconds(budget, preset, wishes)
     check_destination(output, overwrite=overwrite)
     measured = with_focal(focal_px, measured)

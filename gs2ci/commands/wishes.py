@@ -19,7 +19,7 @@ from gs2ci.evaluate.rehearsal import report_seconds
 from gs2ci.reconstruct import ablation
 from gs2ci.reconstruct.budget.costs import probe
 from gs2ci.reconstruct.budget.plan import Adapt, Plan, plan_within
-from gs2ci.reconstruct.choices import PoseSource, PresetName, ProxyName, RuleName
+from gs2ci.reconstruct.choices import PoseSource, PresetName, ProxyName, RegistrationMode, RuleName
 from gs2ci.reconstruct.fit.fine import FineSettings
 from gs2ci.reconstruct.fit.looks import Score
 from gs2ci.reconstruct.presets import PRESETS
@@ -40,6 +40,7 @@ class Wishes:
     prior: str | None
     distance: str | None
     trust_weights: bool
+    registration: RegistrationMode
     seed: int
 
     @property
@@ -56,6 +57,7 @@ class Wishes:
         settings = replace(settings, seed=self.seed, poses=self.geometry, proxy=self.proxy)
         if self.trust_weights:
             settings = replace(settings, brightness=replace(settings.brightness, rounds=0))
+        settings = replace(settings, registration=replace(settings.registration, mode=self.registration))
         if self.density is not None:
             settings = settings.with_density_rule(self.density)
         settings = ablation.without(settings, self.without)

@@ -126,6 +126,48 @@ class Code(StrEnum):
         "{share:.0%} of the pixels are saturated and say only «at least».",
         "Use less light, or a shorter exposure.",
     )
+    UNTOLD_CLIPPING = (
+        "untold_clipping",
+        DOUBT,
+        "{share:.1%} of the pixels read the highest value, {reading:.4g}, and are taken for clipped, which nobody had "
+        "told.",
+        "Use less light, or a shorter exposure.",
+    )
+    UNIT_CORRECTED = (
+        "unit_corrected",
+        DOUBT,
+        "The readings are {factor:.4g} times full scales of one view ({reason}); they were divided by it, and the "
+        "views' brightness is known only so far.",
+        _SCALE,
+    )
+
+    # The masks, as the measurement shows them.
+    MASKS_TURNED = (
+        "masks_turned",
+        DOUBT,
+        "The masks' pattern shows {how} against the file: its correlation has a peak of {ratio:.0f} times the "
+        "thirtieth best place; the masks were turned.",
+        "Check how the masks were written, or measure them anew: `gs2ci calibrate`.",
+    )
+    MASKS_CORRECTED = (
+        "masks_corrected",
+        DOUBT,
+        "The masks were corrected by what the measurement tells: {found}.",
+        "Measure the masks anew: `gs2ci calibrate`.",
+    )
+    MASKS_DIVIDED = (
+        "masks_divided",
+        DOUBT,
+        "A fully open element was believed to let {opened:.3g} of the light through; by the measurement's unit it is "
+        "all, and the masks were divided by that.",
+        _SCALE,
+    )
+    RIM_GUESSED = (
+        "rim_guessed",
+        REMARK,
+        "{share:.1%} of the picture lies beyond the masks as they were moved; {made}.",
+        _NOTHING,
+    )
     DARKER_THAN_DARK = (
         "darker_than_dark",
         DOUBT,

@@ -16,7 +16,7 @@ from gs2ci.core.arrays import F32, F64
 from gs2ci.core.errors import InputError, NumericsError
 from gs2ci.core.findings import Finding
 from gs2ci.core.lens import check_distortion
-from gs2ci.core.records import check_intrinsics
+from gs2ci.core.records import Shot, check_intrinsics
 
 Verdict = Literal["refined", "scene", "decode"]
 VERDICTS: Final = get_args(Verdict)
@@ -76,6 +76,9 @@ class RunResult:
             None with one fit.
         brightness: How bright each view was found to be for its weight, N numbers; None where nothing spoke against the
             weights.
+        registration: What was found out of masks, black level and unit: parameters, standard errors, what was tried.
+        registered: The measurement as it was believed from then on, where anything of it was corrected; `residual`,
+            `heldout_rms` and `predicted_measurement` are in its unit.
     """
 
     views: F32
@@ -99,6 +102,8 @@ class RunResult:
     disagreement: F32 | None = None
     distortion: F64 | None = None
     brightness: Sequence[float] | None = None
+    registration: Mapping[str, Any] = field(default_factory=dict)
+    registered: Shot | None = None
 
     def check(self) -> "RunResult":
         """Return self if all parts fit together and hold only finite numbers.

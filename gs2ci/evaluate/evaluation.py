@@ -18,13 +18,14 @@ from gs2ci.core.errors import InputError, StorageError
 from gs2ci.core.findings import Code, Finding, finding
 from gs2ci.core.json_text import parse_json, plain_json
 from gs2ci.core.records import Shot
+from gs2ci.core.storage import read_shot
 from gs2ci.core.whole_file import write_whole
 from gs2ci.evaluate.cameras import poses_of_transforms
 from gs2ci.evaluate.depth import depth_errors, parallax_of
 from gs2ci.evaluate.metrics import image_scores, measurement_residual
 from gs2ci.evaluate.noise import NoiseModel, chi_squared_per_pixel
 from gs2ci.evaluate.novel_views import NovelViews, score_novel_views
-from gs2ci.evaluate.report import Measured, Report, read_report
+from gs2ci.evaluate.report import REGISTERED_NAME, Measured, Report, read_report
 from gs2ci.evaluate.run_report import masks_digest
 from gs2ci.evaluate.trajectory import align, trajectory_errors
 from gs2ci.reconstruct.fit.perceptual import PerceptualDistance
@@ -47,6 +48,7 @@ class FinishedRun:
         intrinsics: [3, 3], px.
         depth: [N, H, W], or None where none was found.
         folder: Where it lies.
+        registered: The measurement as the run believed it, where it corrected the one that it was given.
     """
 
     report: Report
@@ -55,6 +57,7 @@ class FinishedRun:
     intrinsics: F64
     depth: F32 | None
     folder: Path
+    registered: Shot | None = None
 
 
 @dataclass(frozen=True)
@@ -86,7 +89,7 @@ def read_run(folder: Path) -> FinishedRun:
     try:
         cameras = parse_json((folder / "cameras.json").read_text(encoding="utf-8"))
         intrinsics = np.array([[cameras["fl_x"], 0, cameras["cx"]], [0, cameras["fl_y"], cameras["cy"]], [0, 0, 1.0]])
-        depth = folder / "depth.npy"
+        depth, registered = folder / "depth.npy", folder / REGISTERED_NAME
         return FinishedRun(
             report=report,
             views=np.load(folder / "views.npy"),
@@ -94,6 +97,7 @@ def read_run(folder: Path) -> FinishedRun:
             intrinsics=intrinsics,
             depth=np.load(depth) if depth.is_file() else None,
             folder=folder,
+            registered=read_shot(registered) if registered.is_file() else None,
         )
     except (OSError, ValueError, KeyError, TypeError, EOFError, np.linalg.LinAlgError) as error:
         raise StorageError(f"{folder} is no whole run: {error}", remedy="reconstruct again with --overwrite") from error
@@ -112,8 +116,9 @@ def evaluate(run: FinishedRun, evidence: Evidence) -> dict[str, Any]:
             f"a run of views {list(run.views.shape)} beside a shot of {shot.views} views, {list(shot.size)}",
             allowed="the shot that was reconstructed",
         )
-    predicted = _predicted(shot, views, run.report.brightness)
-    residual = measurement_residual(predicted, shot.measurement, shot.saturated)
+    seen = run.registered or shot
+    predicted = _predicted(seen, views, run.report.brightness)
+    residual = measurement_residual(predicted, seen.measurement, seen.saturated)
     true_path = shot.truth.world_to_camera
     found = {
         "schema": SCHEMA,
@@ -126,7 +131,7 @@ def evaluate(run: FinishedRun, evidence: Evidence) -> dict[str, Any]:
             **asdict(residual),
             "chi2_per_pixel": None
             if evidence.noise is None
-            else chi_squared_per_pixel(predicted, shot.measurement, evidence.noise, shot.saturated),
+            else chi_squared_per_pixel(predicted, seen.measurement, evidence.noise, seen.saturated),
         },
         "novel_views": None if evidence.novel is None else _novel(run, shot, evidence.novel),
         "notes": _notes(run.report.measured, shot),

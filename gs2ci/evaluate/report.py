@@ -19,6 +19,7 @@ from gs2ci.evaluate.depth import DepthErrors
 
 SCHEMA: Final = "gs2ci.report/2"
 REPORT_NAME: Final = "report.json"
+REGISTERED_NAME: Final = "registered.h5"
 
 # No figure of ours comes near, and what is drawn and written stays within the floating-point numbers.
 Number = Annotated[float, Field(ge=-1e100, le=1e100)]
@@ -145,6 +146,39 @@ class EnsembleSection(Section):
     spread: Number | None
 
 
+class Placement(Section):
+    """Where the masks lie against where they were believed, about the middle of the picture."""
+
+    down_px: Number
+    right_px: Number
+    rotation_deg: Number
+    scale: Number
+    stretch: Number
+    shear: Number
+
+
+class RegistrationSection(Section):
+    """How the masks met the light, as the measurement tells (`gs2ci.reconstruct.registration`).
+
+    `not_let_in` holds what was estimated and not corrected: value and standard error.
+    """
+
+    changed: bool
+    orientation: str
+    peak_ratio: Number
+    placement: Placement
+    largest_displacement_px: Number
+    blur_sigma_px: Number
+    blur_px2: Number
+    leak: Number
+    black: Number
+    unit: Number
+    open_level: Number
+    clipped_share: Number
+    standard_errors: dict[str, Number]
+    not_let_in: dict[str, list[Number]]
+
+
 class Measured(Section):
     """What the measurement and its masks are like, before anything is solved; shares are of pixels."""
 
@@ -215,6 +249,7 @@ class Report(Section):
     ensemble: EnsembleSection | None = None
     geometry: GeometrySection | None = None
     brightness: list[Number] | None = None
+    registration: RegistrationSection | None = None
     measured: Measured
     simulation: Simulation | None = None
     peak_mib: Number

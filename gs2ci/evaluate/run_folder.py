@@ -14,6 +14,8 @@
       scene.ply      the Gaussians, 3DGS convention
       cameras.json   nerfstudio transforms
       colmap/sparse/0  the same cameras, and a thinned cloud of the Gaussians' centres
+      registered.h5  only where registration corrected something: the measurement as it was believed from then on
+      registration.png  the same in one picture: where the masks were believed to be, and where they are
       tradeoff.json  only where `gs2ci tradeoff --report` added it: what accuracy costs for this shot
 
 Not here: the figures, the page, the picture.
@@ -35,12 +37,14 @@ from gs2ci.core.arrays import F32
 from gs2ci.core.errors import StorageError
 from gs2ci.core.records import Shot
 from gs2ci.core.run_records import RunResult
+from gs2ci.core.storage import write_shots
 from gs2ci.core.whole_file import check_place
 from gs2ci.evaluate.cameras import nerfstudio_transforms, view_names, write_colmap_model
 from gs2ci.evaluate.overview import write_overview
 from gs2ci.evaluate.pages.run_evidence import GIVEN_NAME, write_given
 from gs2ci.evaluate.pages.run_page import write_run_page
-from gs2ci.evaluate.report import REPORT_NAME, SCHEMA, schema_of
+from gs2ci.evaluate.registration_picture import write_registration_picture
+from gs2ci.evaluate.report import REGISTERED_NAME, REPORT_NAME, SCHEMA, schema_of
 from gs2ci.evaluate.run_report import build_report
 from gs2ci.render.gaussians import Gaussians
 from gs2ci.render.ply import write_ply
@@ -76,6 +80,9 @@ def write_run(folder: Path, shot: Shot, result: RunResult, scene: Gaussians, *, 
         write_overview(partial / "overview.png", shot, result, report)
         (partial / REPORT_NAME).write_text(report.text(), encoding="utf-8")
         write_given(partial / GIVEN_NAME, shot)
+        if result.registered is not None:
+            write_shots(partial / REGISTERED_NAME, [result.registered])
+            write_registration_picture(partial / "registration.png", shot, result.registered, result.registration)
         write_run_page(partial)
     return folder
 

@@ -36,7 +36,8 @@ def build_report(shot: Shot, result: RunResult) -> Report:
         image_scores(views, shot.truth.views) for views in (result.views, result.scene_views, result.decode)
     )
     trajectory, about_truth = _trajectory(shot, result)
-    residual = measurement_residual(result.predicted_measurement, shot.measurement, shot.saturated)
+    seen = result.registered or shot
+    residual = measurement_residual(result.predicted_measurement, seen.measurement, seen.saturated)
     decode_kept = (finding(Code.DECODE_KEPT),) if result.verdict == "decode" else ()
     simulation, provenance = _simulation(plain_json(shot.provenance))
     report = {
@@ -61,6 +62,7 @@ def build_report(shot: Shot, result: RunResult) -> Report:
         "ensemble": dict(result.ensemble) or None,
         "geometry": dict(result.geometry) or None,
         "brightness": result.brightness,
+        "registration": dict(result.registration) or None,
         "measured": _measured(shot),
         "simulation": simulation,
         "peak_mib": round(environment.peak_mib(), 1),

@@ -17,6 +17,9 @@ DecodeMethod = Literal["gap-tv", "pnp-gap", "pnp-admm", "proxies", "eni", "amdi"
 
 RuleName = Literal["osgr", "adc", "mcmc", "revised"]
 
+RegistrationMode = Literal["auto", "off"]
+REGISTRATION_MODES: Final = get_args(RegistrationMode)
+
 ModelName = Literal["vggt", "difix", "lpips"]
 MODEL_NAMES: Final = get_args(ModelName)
 

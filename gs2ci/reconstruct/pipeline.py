@@ -1,7 +1,7 @@
 """From one coded measurement to views, camera path and Gaussian scene: the whole way on one page.
 
-    hold out some pixels ─► first look (decode, geometry, brightness) ─► first Gaussians ─► coarse fits (─► second look
-    ─► coarse fits) (─► fine fit) ─► their mean ─► residual ─► judge by the held-out
+    registration ─► hold out some pixels ─► first look (decode, geometry, brightness) ─► first Gaussians ─► coarse fits
+    (─► second look ─► coarse fits) (─► fine fit) ─► their mean ─► residual ─► judge by the held-out
 
 Here: the order, the clock, and the judgement. Not here: any stage itself, its settings (`settings`), the record that is
 handed over (`record`), files and metrics (`gs2ci.evaluate`).
@@ -39,6 +39,7 @@ from gs2ci.reconstruct.measurement.jury import Jury
 from gs2ci.reconstruct.measurement.lens import Lens, straightened
 from gs2ci.reconstruct.one_thread import one_torch_thread
 from gs2ci.reconstruct.record import Left, Recovered, record
+from gs2ci.reconstruct.registration.register import register
 from gs2ci.reconstruct.second_look import is_wanted, second_look
 from gs2ci.reconstruct.settings import Settings
 from gs2ci.render.backend import load_backend
@@ -89,7 +90,9 @@ def reconstruct(
     lens = Lens.of(shot.check())
     tools = _Tools.load(settings)
     clock = _Stopwatch()
-    sound, doubts = _examined(shot, progress)
+    registered = register(shot, settings.registration, progress, settings.seed)
+    clock.lap("registration")
+    sound, doubts = _examined(registered.shot, progress)
     jury = Jury.of(sound, settings.fit.hold_out.share, settings.seed)
 
     first = look(jury, lens, tools.geometry_prior, settings.look, progress, clock.lap)
@@ -127,8 +130,8 @@ def reconstruct(
     geometry, ensemble = in_given_unit(geometry, ensemble)
     depth = renderer.depths(ensemble.best.scene, ensemble.best.world_to_camera)
     clock.lap("fit")
-    left = Left(doubts, tried.look, geometry, ensemble, depth, recovered)
-    return Reconstruction(record(shot, settings, left, score, clock.seconds()), ensemble.best.scene)
+    left = Left(registered, doubts, tried.look, geometry, ensemble, depth, recovered)
+    return Reconstruction(record(settings, left, score, clock.seconds()), ensemble.best.scene)
 
 
 @dataclass(frozen=True)

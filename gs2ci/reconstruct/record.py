@@ -10,7 +10,6 @@ import torch
 
 from gs2ci.core.arrays import F32
 from gs2ci.core.findings import Code, Finding, finding
-from gs2ci.core.records import Shot
 from gs2ci.core.run_records import CurvePoint, RunResult, Verdict
 from gs2ci.reconstruct.first_look import FirstLook
 from gs2ci.reconstruct.fit.ensemble import Ensemble
@@ -18,6 +17,7 @@ from gs2ci.reconstruct.fit.looks import Score
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.geometry.telemetry import Movement, movement
 from gs2ci.reconstruct.measurement.coding import Coding
+from gs2ci.reconstruct.registration.register import Registered
 from gs2ci.reconstruct.settings import Settings
 
 
@@ -35,6 +35,7 @@ class Recovered:
 class Left:
     """What the stages left, in their order."""
 
+    registered: Registered
     doubts: tuple[Finding, ...]
     look: FirstLook
     geometry: Geometry
@@ -43,11 +44,10 @@ class Left:
     recovered: Recovered
 
 
-def record(shot: Shot, settings: Settings, left: Left, score: Score | None, seconds: dict[str, float]) -> RunResult:
+def record(settings: Settings, left: Left, score: Score | None, seconds: dict[str, float]) -> RunResult:
     """Write a reconstruction down.
 
     Args:
-        shot: The measurement as it was given.
         settings: Of the reconstruction.
         left: What its stages left.
         score: Turns views into the curve's figure, in dB, or None.
@@ -56,6 +56,7 @@ def record(shot: Shot, settings: Settings, left: Left, score: Score | None, seco
     Raises:
         Gs2ciError: The parts contradict one another, or are not finite.
     """
+    shot = left.registered.shot
     geometry, fit, recovered = left.geometry, left.ensemble.best, left.recovered
     moved, brightness = movement(geometry.world_to_camera, fit.world_to_camera), left.look.brightness
     lit = replace(shot, weights=left.look.jury.shot.weights)
@@ -81,6 +82,8 @@ def record(shot: Shot, settings: Settings, left: Left, score: Score | None, seco
         ensemble=left.ensemble.summary(),
         disagreement=left.ensemble.disagreement,
         brightness=None if brightness is None else brightness.tolist(),
+        registration=left.registered.summary(),
+        registered=shot if left.registered.is_changed else None,
     ).check()
 
 
@@ -88,7 +91,14 @@ def _notes(left: Left, settings: Settings, moved: Movement) -> tuple[Finding, ..
     """Gather what every stage has to say, in their order."""
     geometry, ensemble = left.geometry, left.ensemble
     return (
-        *(*left.doubts, *left.look.notes, *geometry.notes, *ensemble.notes, *_fits_missing(ensemble, settings)),
+        *left.registered.notes,
+        *(
+            *left.doubts,
+            *left.look.notes,
+            *geometry.notes,
+            *ensemble.notes,
+            *_fits_missing(ensemble, settings),
+        ),
         *(*_notes_on_poses(moved, geometry), *left.recovered.notes),
     )
 

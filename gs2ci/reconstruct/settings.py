@@ -20,6 +20,7 @@ from gs2ci.reconstruct.fit.rules import with_rule
 from gs2ci.reconstruct.fit.withheld import Withheld
 from gs2ci.reconstruct.geometry.initialise import GeometrySettings
 from gs2ci.reconstruct.measurement.brightness import BrightnessSettings
+from gs2ci.reconstruct.registration.register import RegistrationSettings
 from gs2ci.render.settings import RasterSettings
 
 # Lists kept so long lose nothing beside the spread of seeds (−0.06 to 0.02 dB) and save a tenth of an iteration
@@ -49,6 +50,7 @@ class Settings:
         brightness: Of the views' brightness, where the weights are wrong.
         look_again: Whether a doubtful first path is sought again in the fitted views, and fitted once more
             (`second_look`). Not within a budget.
+        registration: Whether the measurement is asked where its masks lie, before anything else.
         seed: Of every random draw.
     """
 
@@ -67,6 +69,7 @@ class Settings:
     raster: RasterSettings = field(default_factory=lambda: RasterSettings(relist_every=_RELIST_EVERY))
     brightness: BrightnessSettings = field(default_factory=BrightnessSettings)
     look_again: bool = True
+    registration: RegistrationSettings = field(default_factory=RegistrationSettings)
     seed: int = 42
 
     @property
@@ -110,6 +113,7 @@ class Settings:
         self.decode.check()
         self.geometry.check()
         self.brightness.check()
+        self.registration.check()
         self.fit.check()
         if self.fine is not None:
             self.fine.check()

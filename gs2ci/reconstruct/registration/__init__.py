@@ -1,0 +1,1 @@
+"""Where the masks really lie and how they met the light, estimated from the measurement itself."""

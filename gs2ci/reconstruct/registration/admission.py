@@ -1,0 +1,57 @@
+"""Whether a correction is let in: decodes of a crop with and without it, judged by pixels that neither saw.
+
+Here: the crop, the two short decodes, and the verdict. Not here: what is proposed (`coarse`, `fine`, `sharpen`).
+"""
+
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+
+from gs2ci.core.crop import middle_of
+from gs2ci.core.records import Shot
+from gs2ci.reconstruct.decode.gap_tv import GapTvSettings, decode_signed
+from gs2ci.reconstruct.measurement.jury import Jury, surely_larger
+
+_VIEW_PIXELS: Final = 160_000
+_LEAST_SIDE_PX: Final = 48
+_HELDOUT: Final = 0.1
+_ITERATIONS: Final = 15
+
+
+class Trial:
+    """The middle of a measurement, decoded in short.
+
+    Args:
+        shot: As it is believed.
+        scale: What to divide readings by, so that the scene's levels are about those of a view's full scale.
+        seed: Of the held-out pixels.
+    """
+
+    def __init__(self, shot: Shot, scale: float, seed: int) -> None:
+        self._scale = scale
+        part = _crop(shot)
+        self._heldout = Jury.of(part, _HELDOUT, seed).heldout
+
+    @property
+    def can_tell(self) -> bool:
+        """Get whether any pixel judges."""
+        return bool(self._heldout.any())
+
+    def squares(self, shot: Shot) -> np.ndarray:
+        """Return squared residuals, [K], of a measurement's decode on pixels that it did not see."""
+        part = _crop(shot)
+        scaled = replace(part, measurement=(part.measurement / np.float32(self._scale)).astype(np.float32))
+        jury = Jury(scaled, self._heldout)
+        return jury.squared_residuals(decode_signed(jury.seen, GapTvSettings(iterations=_ITERATIONS)))
+
+    def is_better(self, shot: Shot, than: Shot) -> bool:
+        """Tell whether a measurement as corrected predicts its unseen pixels surely better than another."""
+        return surely_larger(self.squares(than), self.squares(shot))
+
+
+def _crop(shot: Shot) -> Shot:
+    part = middle_of(shot, _VIEW_PIXELS, _LEAST_SIDE_PX)
+    if part.measurement.shape[2] == 3:  # grey tells as much, for a third of the time
+        part = replace(part, measurement=part.measurement.mean(axis=2, keepdims=True))
+    return part

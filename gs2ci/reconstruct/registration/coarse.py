@@ -1,0 +1,208 @@
+"""Where the masks' pattern shows in a measurement, to the pixel: one correlation, whatever the scene.
+
+The measurement, high-passed and divided by its local level, correlates with the high-passed sum of the masks at one
+place only. How far that peak stands above what chance gives, measured against the thirtieth best place elsewhere,
+tells whether it is believed; a sum without pattern, darkness and noise leave no such peak, and nothing is concluded.
+Here: shift, orientation, and the displacement of single tiles. Not here: fractions of a pixel (`fine`).
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Final, Self
+
+import cv2
+import numpy as np
+from scipy import fft
+
+from gs2ci.core.arrays import F64
+from gs2ci.reconstruct.registration.placement import Placement
+
+# Places within the peak's own width do not count as others. The n-th best of the others is the measure of chance.
+_RANK: Final = 30
+# Of 4000 measurements whose masks were not those believed none had a peak of 1.9 times the thirtieth best.
+SURE_PEAK: Final = 2.5
+# A pattern narrower than this correlates with itself only so near.
+_WIDEST_ELEMENT_PX: Final = 16
+_HIGH_PASS_ELEMENTS: Final = 3.0
+_LEVEL_PX: Final = 8.0
+# Tiles are so many elements wide, half overlapping, and no more than this along each side of the picture.
+_TILE_ELEMENTS: Final = 48
+_MOST_TILES: Final = 9
+_LEAST_TILES: Final = 5
+# Peaks of tiles are whole pixels, and a turn smears them.
+_AGREEMENT_PX: Final = 1.5
+_MARGIN_PX: Final = 128
+
+ORIENTATIONS: Final[dict[str, Callable[[F64], F64]]] = {
+    "as given": lambda image: image,
+    "upside down": lambda image: image[..., ::-1, :],
+    "mirrored left to right": lambda image: image[..., ::-1],
+    "turned by 180 degrees": lambda image: image[..., ::-1, ::-1],
+    "transposed": lambda image: image.swapaxes(-1, -2),
+    "turned by 90 degrees clockwise": lambda image: image.swapaxes(-1, -2)[..., ::-1],
+    "turned by 90 degrees anticlockwise": lambda image: image.swapaxes(-1, -2)[..., ::-1, :],
+    "transposed and turned by 180 degrees": lambda image: image.swapaxes(-1, -2)[..., ::-1, ::-1],
+}
+
+
+def element_px(total: F64) -> float:
+    """Return how wide the elements of a pattern, [H, W], are: where its correlation with itself has fallen to half."""
+    fine = total - total.mean()
+    power = float((fine * fine).mean())
+    if power <= 0:
+        return 1.0
+    for lag in range(1, _WIDEST_ELEMENT_PX):
+        if lag >= min(fine.shape) // 2:
+            return float(lag)
+        along = float((fine[lag:] * fine[:-lag]).mean() + (fine[:, lag:] * fine[:, :-lag]).mean()) / 2
+        if along < 0.5 * power:
+            # Square elements of width d correlate by 1 − lag / d.
+            return max(1.0, float(lag))
+    return float(_WIDEST_ELEMENT_PX)
+
+
+def fine_pattern(image: F64, element: float, *, relative: bool = False) -> F64:
+    """High-pass a picture, [H, W]; relative: by its local level, so that bright parts do not outvote dark ones."""
+    sigma = _HIGH_PASS_ELEMENTS * element
+    fine: F64 = image - _blur(image, sigma)
+    if relative:
+        level = np.abs(_blur(image, max(_LEVEL_PX, sigma)))
+        # The deviation of the fine pattern itself: a black level that was taken off too far must not divide by zero.
+        level = np.sqrt(level**2 + _blur(fine**2, max(_LEVEL_PX, sigma)))
+        fine = fine / np.maximum(level, 1e-9 * max(float(np.abs(image).max()), 1e-300))
+        spread = float(fine.std())
+        if spread > 0:
+            fine = np.clip(fine, -4 * spread, 4 * spread)
+    return fine
+
+
+def _blur(image: F64, sigma: float) -> F64:
+    blurred: F64 = cv2.GaussianBlur(image, (0, 0), sigma, borderType=cv2.BORDER_REFLECT)
+    return blurred
+
+
+@dataclass(frozen=True)
+class Peak:
+    """The place at which a pattern shows.
+
+    Args:
+        down_px: Shift along the columns.
+        right_px: Shift along the rows.
+        ratio: The peak against the thirtieth best place elsewhere; 0 where nothing can be told.
+        correlation: The peak as a correlation coefficient over the whole picture.
+    """
+
+    down_px: float
+    right_px: float
+    ratio: float
+    correlation: float = 0.0
+
+    @property
+    def is_sure(self) -> bool:
+        """Get whether chance does not explain it."""
+        return self.ratio >= SURE_PEAK
+
+    @classmethod
+    def nothing(cls) -> Self:
+        """Tell that nothing can be told."""
+        return cls(0.0, 0.0, 0.0)
+
+
+def find_peak(seen: F64, known: F64, reach: tuple[int, int], element: float) -> Peak:
+    """Find the shift of `known` that shows in `seen`, both high-passed, [H, W].
+
+    Args:
+        seen: From the measurement; 0 where nothing counts.
+        known: From the masks.
+        reach: How far to look along rows and columns, px.
+        element: Width of the masks' elements, px.
+    """
+    norm = float(np.sqrt((seen**2).sum() * (known**2).sum()))
+    if norm == 0:
+        return Peak.nothing()
+    shape = tuple(fft.next_fast_len(a + r + 1, real=True) for a, r in zip(seen.shape, reach, strict=True))
+    match = fft.irfft2(fft.rfft2(seen, shape) * np.conj(fft.rfft2(known, shape)), shape)
+    rows, columns = (np.arange(-r, r + 1) for r in reach)
+    near = match[np.ix_(rows % shape[0], columns % shape[1])]
+    at = np.unravel_index(int(near.argmax()), near.shape)
+    down, right = int(rows[at[0]]), int(columns[at[1]])
+    wide = int(np.ceil(2 * element)) + 1
+    apart = (np.abs(rows - down)[:, None] > wide) | (np.abs(columns - right)[None, :] > wide)
+    others = near[apart]
+    if others.size < 2 * _RANK:
+        return Peak.nothing()
+    chance = float(np.partition(others, -_RANK)[-_RANK])
+    peak = float(near[at])
+    ratio = peak / chance if chance > 0 else 0.0
+    return Peak(float(down), float(right), ratio, peak / norm)
+
+
+def reach_of(size: tuple[int, int], most_px: int = 64) -> tuple[int, int]:
+    """Return how far shifts are sought along rows and columns: half the picture must still overlap."""
+    return min(most_px, size[0] // 2), min(most_px, size[1] // 2)
+
+
+@dataclass(frozen=True)
+class Tile:
+    """What one tile of the picture shows: its middle as (row, column), and the displacement there."""
+
+    middle: tuple[float, float]
+    peak: Peak
+
+
+def find_tiles(seen: F64, known: F64, expected: Callable[[F64], F64], reach: int, element: float) -> list[Tile]:
+    """Find the displacement of every tile about an expected one.
+
+    Args:
+        seen: From the measurement, high-passed, [H, W].
+        known: From the masks, [H, W].
+        expected: The displacement (down, right), px, that is expected at a place (row, column).
+        reach: How far about it to look, px.
+        element: Width of the masks' elements, px.
+    """
+    side = _TILE_ELEMENTS * max(1, round(element))
+    margin = side + 2 * reach + _MARGIN_PX
+    padded = np.pad(known, margin)
+    found = []
+    for top in _starts(seen.shape[0], side):
+        for left in _starts(seen.shape[1], side):
+            piece = seen[top : top + side, left : left + side]
+            middle = np.array([top + (piece.shape[0] - 1) / 2, left + (piece.shape[1] - 1) / 2])
+            about = np.rint(expected(middle)).astype(int)
+            if np.abs(about).max() > _MARGIN_PX:
+                continue
+            row, column = np.array([top, left]) - about - reach + margin
+            window = padded[row : row + piece.shape[0] + 2 * reach, column : column + piece.shape[1] + 2 * reach]
+            peak = find_peak(np.pad(piece, reach), window, (reach, reach), element)
+            shifted = Peak(peak.down_px + about[0], peak.right_px + about[1], peak.ratio, peak.correlation)
+            found.append(Tile((float(middle[0]), float(middle[1])), shifted))
+    return found
+
+
+def _starts(length: int, side: int) -> list[int]:
+    if length <= side:
+        return [0]
+    count = min(_MOST_TILES, int(np.ceil((length - side) / (side / 2))) + 1)
+    return [round(start) for start in np.linspace(0, length - side, max(2, count))]
+
+
+def place_tiles(found: list[Tile], size: tuple[int, int]) -> Placement | None:
+    """Find the affine placement that the sure tiles agree on; None where too few do.
+
+    Tiles that lie apart from the others by more than `_AGREEMENT_PX` are left out, the worst first.
+    """
+    sure = [tile for tile in found if tile.peak.is_sure]
+    middle = (np.array(size) - 1) / 2
+    while len(sure) >= _LEAST_TILES:
+        places = np.array([tile.middle for tile in sure]) - middle
+        moved = np.array([(tile.peak.down_px, tile.peak.right_px) for tile in sure])
+        design = np.column_stack([np.ones(len(sure)), places])
+        if np.linalg.matrix_rank(design) < design.shape[1]:
+            return None
+        solution, *_ = np.linalg.lstsq(design, moved, rcond=None)
+        apart = np.linalg.norm(moved - design @ solution, axis=1)
+        worst = int(apart.argmax())
+        if apart[worst] <= _AGREEMENT_PX:
+            return Placement.from_affine(np.eye(2) + solution[1:].T, solution[0])
+        del sure[worst]
+    return None

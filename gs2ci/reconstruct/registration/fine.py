@@ -1,0 +1,194 @@
+"""Fractions of a pixel, turns, blur and black level, by Gauss-Newton on the held-out error of every pixel.
+
+The error of a locally even scene (`local_scene`) depends on nothing but the masks' sum, so that a step costs some
+pictures and no decode. Errors are weighted by what they are around a pixel, as edges must not outvote the rest.
+Standard errors are those of scores summed over blocks of the picture: neighbours share their texture.
+Here: the search and its errors. Not here: which parameters are let in (`admission`).
+"""
+
+from dataclasses import dataclass
+from typing import Final
+
+import cv2
+import numpy as np
+
+from gs2ci.core.arrays import F64, Bool
+from gs2ci.reconstruct.registration.local_scene import Seen
+from gs2ci.reconstruct.registration.misfit import NAMES, Misfit
+
+_ROUNDS: Final = 12
+_BLOCK_PX: Final = 16
+# Fewer blocks do not tell how much scores scatter.
+LEAST_BLOCKS: Final = 12
+# Differences are taken over such a displacement at the picture's corner, and over these steps of the others.
+_STEP_PX: Final = 0.1
+_STEPS: Final = {"blur_px2": 0.05, "leak": 0.01, "black": 0.01}
+_LIMITS: Final = {
+    "rotation_deg": (-5.0, 5.0),
+    "scale": (-0.06, 0.06),
+    "stretch": (-0.06, 0.06),
+    "shear": (-0.06, 0.06),
+    "blur_px2": (-4.0, 16.0),
+    "leak": (-0.2, 0.9),
+}
+_SETTLED: Final = 1e-2
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """Parameters with their standard errors.
+
+    Args:
+        misfit: What was found; parameters that were not sought are as they were.
+        errors: Standard error of each parameter that was sought, by name.
+        squares: Weighted squared error of each pixel, [H, W].
+        weights: The weights of the pixels, [H, W].
+    """
+
+    misfit: Misfit
+    errors: dict[str, float]
+    squares: F64
+    weights: F64
+
+    def significance(self, name: str) -> float:
+        """Return how many standard errors a parameter is away from «absent»; 0 where it was not sought."""
+        error = self.errors.get(name, 0.0)
+        value = float(self.misfit.vector()[NAMES.index(name)])
+        return abs(value) / error if error > 0 else 0.0
+
+
+@dataclass(frozen=True)
+class Problem:
+    """A measurement, the believed sum of its masks, and what counts.
+
+    Args:
+        seen: The readings.
+        total: Believed sum Σ wᵢ Mᵢ, [H, W].
+        weights: Σ wᵢ.
+        unit: What the measurement reads of light on average: black level and leak are stepped in such units.
+    """
+
+    seen: Seen
+    total: F64
+    weights: float
+    unit: float
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Get height and width in pixels."""
+        return self.total.shape[0], self.total.shape[1]
+
+    def errors(self, misfit: Misfit) -> F64:
+        """Return the held-out error of each pixel, [H, W]."""
+        return self.seen.errors(misfit.of_total(self.total, self.weights), misfit.black)
+
+    def steps(self) -> F64:
+        """Return a small step of each parameter."""
+        arm = max(1.0, float(np.hypot(*self.size)) / 2)
+        return np.array(
+            [
+                _STEP_PX,
+                _STEP_PX,
+                np.rad2deg(_STEP_PX / arm),
+                _STEP_PX / arm,
+                _STEP_PX / arm,
+                _STEP_PX / arm,
+                _STEPS["blur_px2"],
+                _STEPS["leak"],
+                _STEPS["black"] * self.unit,
+            ]
+        )
+
+
+def pixel_weights(errors: F64, known: Bool) -> F64:
+    """Weigh pixels by the inverse mean square of the errors around them, [H, W]; mean 1, 0 where nothing is known."""
+    around = cv2.blur(np.minimum(errors**2, 9 * np.mean(errors**2)), (9, 9), borderType=cv2.BORDER_REFLECT)
+    weights: F64 = known / (around + 0.1 * float(np.mean(errors**2)) + 1e-300)
+    mean = float(weights.mean())
+    return weights / mean if mean > 0 else weights
+
+
+def refine(problem: Problem, start: Misfit, names: tuple[str, ...], weights: F64 | None = None) -> Estimate:
+    """Find the parameters of these names, from a start that is right to about a pixel everywhere.
+
+    Args:
+        problem: The measurement.
+        start: Where to begin.
+        names: Of `NAMES`.
+        weights: Of the pixels, [H, W]; from the errors of the start where they are not given.
+    """
+    index = [NAMES.index(name) for name in names]
+    scale = problem.steps()[index]
+    vector = start.vector()
+    known = start.placement.known(problem.size)
+    errors = problem.errors(start)
+    weights = pixel_weights(errors, known) if weights is None else weights
+    root = np.sqrt(weights)
+    best = float(np.sum((root * errors) ** 2))
+    damping = 1e-4
+    jacobian = _jacobian(problem, vector, index, scale)
+    for _ in range(_ROUNDS):
+        weighted = (root * jacobian).reshape(len(index), -1)
+        normal = weighted @ weighted.T
+        slope = weighted @ (root * errors).ravel()
+        step = -np.linalg.solve(normal + damping * np.diag(np.diag(normal)) + 1e-300 * np.eye(len(index)), slope)
+        trial = vector.copy()
+        trial[index] += step * scale
+        trial = _within(trial)
+        trial_errors = problem.errors(Misfit.from_vector(trial))
+        value = float(np.sum((root * trial_errors) ** 2))
+        if value < best:
+            vector, errors, best, damping = trial, trial_errors, value, damping / 5
+            if np.abs(step).max() < _SETTLED:
+                break
+            jacobian = _jacobian(problem, vector, index, scale)
+        else:
+            damping = max(damping, 1e-4) * 20
+            if damping > 1e4 or np.abs(step).max() < _SETTLED:
+                break
+    deviations = _deviations(jacobian, errors, weights) * scale
+    return Estimate(
+        Misfit.from_vector(vector),
+        dict(zip(names, deviations.tolist(), strict=True)),
+        weights * errors**2,
+        weights,
+    )
+
+
+def _within(vector: F64) -> F64:
+    limited = vector.copy()
+    for name, (low, high) in _LIMITS.items():
+        k = NAMES.index(name)
+        limited[k] = min(max(limited[k], low), high)
+    return limited
+
+
+def _jacobian(problem: Problem, vector: F64, index: list[int], scale: F64) -> F64:
+    """Return the derivative of the errors by each parameter, in steps of it, by central differences, [P, H, W]."""
+    rows = []
+    for k, step in zip(index, scale, strict=True):
+        forward, backward = vector.copy(), vector.copy()
+        forward[k] += step
+        backward[k] -= step
+        rows.append((problem.errors(Misfit.from_vector(forward)) - problem.errors(Misfit.from_vector(backward))) / 2)
+    return np.stack(rows)
+
+
+def _deviations(jacobian: F64, errors: F64, weights: F64) -> F64:
+    """Return standard errors in steps: the sandwich of normal matrix and scattering scores of blocks."""
+    count = len(jacobian)
+    normal = np.einsum("ihw,jhw,hw->ij", jacobian, jacobian, weights)
+    scores = jacobian * (weights * errors)
+    height, width = errors.shape
+    side = min(_BLOCK_PX, max(4, int(np.sqrt(height * width / (4 * LEAST_BLOCKS)))))
+    rows, columns = -(-height // side), -(-width // side)
+    padded = np.zeros((count, rows * side, columns * side))
+    padded[:, :height, :width] = scores
+    blocks = padded.reshape(count, rows, side, columns, side).sum(axis=(2, 4)).reshape(count, -1)
+    spread = blocks @ blocks.T * (blocks.shape[1] / max(1, blocks.shape[1] - 1))
+    try:
+        inverse = np.linalg.inv(normal)
+    except np.linalg.LinAlgError:
+        return np.full(count, np.inf)
+    deviations: F64 = np.sqrt(np.maximum(np.diag(inverse @ spread @ inverse), 0.0))
+    return deviations

@@ -1,0 +1,57 @@
+"""Numba kernels of the registration: sampling pictures at other places, and undoing an interpolation.
+
+Every task of a parallel loop writes its own row and no sum crosses tasks, so the result is bitwise the same for any
+number of threads.
+"""
+
+import numba
+import numpy as np
+
+from gs2ci.core.arrays import F64
+
+
+@numba.njit(cache=True, parallel=True)
+def sample(stack: F64, inverse: F64, shift: F64, wrapped: bool) -> F64:
+    """Interpolate each picture at c + A⁻¹ (p − c − t), coordinates clamped to the picture or wrapped around it."""
+    count, height, width = stack.shape
+    out = np.empty_like(stack)
+    middle_row, middle_column = (height - 1) / 2, (width - 1) / 2
+    for r in numba.prange(height):
+        for c in range(width):
+            down, right = r - middle_row - shift[0], c - middle_column - shift[1]
+            row = middle_row + inverse[0, 0] * down + inverse[0, 1] * right
+            column = middle_column + inverse[1, 0] * down + inverse[1, 1] * right
+            if wrapped:
+                row, column = row % height, column % width
+                top, left = int(row) % height, int(column) % width
+                below, beside = (top + 1) % height, (left + 1) % width
+            else:
+                row, column = min(max(row, 0.0), height - 1.0), min(max(column, 0.0), width - 1.0)
+                top, left = min(int(row), max(height - 2, 0)), min(int(column), max(width - 2, 0))
+                below, beside = min(top + 1, height - 1), min(left + 1, width - 1)
+            v, u = (
+                row - np.floor(row) if wrapped else row - top,
+                column - np.floor(column) if wrapped else column - left,
+            )
+            for n in range(count):
+                upper = (1 - u) * stack[n, top, left] + u * stack[n, top, beside]
+                lower = (1 - u) * stack[n, below, left] + u * stack[n, below, beside]
+                out[n, r, c] = (1 - v) * upper + v * lower
+    return out
+
+
+@numba.njit(cache=True)
+def undo(masks: F64, fraction: float) -> F64:
+    """Solve B[i] = (1 − f) M[i] + f M[i − 1] along the rows' index, from the end that the light came from."""
+    count, height, width = masks.shape
+    f = min(abs(fraction), 0.5)
+    out = np.empty_like(masks)
+    for n in range(count):
+        for k in range(height):
+            here = k if fraction >= 0 else height - 1 - k
+            before = here - 1 if fraction >= 0 else here + 1
+            for c in range(width):
+                last = out[n, before, c] if k else masks[n, here, c]
+                # Transmissions: what leaves [0, 1] is rounding, and would be carried on.
+                out[n, here, c] = min(max((masks[n, here, c] - f * last) / (1 - f), 0.0), 1.0)
+    return out

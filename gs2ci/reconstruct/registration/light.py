@@ -1,0 +1,115 @@
+"""Light: the unit of a measurement, masks believed dimmer than they are, and clipping that nobody told of.
+
+Readings tell the product of scene, masks and unit alone. What the unit is follows from convention: scenes are exposed
+so that they fill a fair part of the scale, and a fully open element lets through all. So a unit is only doubted where
+most of the picture would be brighter than white, or nothing of it as bright as a fiftieth.
+Here: those three. Not here: black level and leak, which readings do tell (`fine`).
+"""
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from gs2ci.core.arrays import F32, F64, Bool
+from gs2ci.core.records import Shot
+
+# More than a quarter of a picture brighter than white is no lamp.
+_MOSTLY: Final = 0.75
+_WHITE: Final = 1.1
+_DARK: Final = 0.02
+_BRIGHT: Final = 0.999
+# Where in the scale the brightest part of a well-exposed scene lies.
+_EXPOSED: Final = (0.25, 1.1)
+_TAKEN_FOR: Final = 0.9
+_COUNTS: Final = (255.0, 1023.0, 4095.0, 16383.0, 65535.0)
+_POWERS: Final = tuple(10.0**k for k in range(-12, 13) if k)
+
+_OPEN_NEAR: Final = 0.98
+_OPEN_SHARE: Final = 0.5
+_OPEN_FULLY: Final = 0.97
+
+_LEAST_CLIPPED: Final = 1e-3
+_FEWEST_CLIPPED: Final = 16
+_PILE: Final = 3.0
+
+
+@dataclass(frozen=True)
+class Unit:
+    """The factor by which readings are too large, and why it was taken."""
+
+    factor: float
+    reason: str
+
+
+def find_unit(level: F64, counts: Bool, integers: bool) -> Unit | None:
+    """Find the unit of a measurement whose scene would be mostly brighter than white, or nowhere as bright as 0.02.
+
+    Args:
+        level: The scene's local level under the believed unit, [K].
+        counts: Which of them are known, [K].
+        integers: Whether the readings are whole numbers, as a camera's counts are.
+
+    Returns:
+        What to divide the readings by; None where the unit is plausible, or the scene is black.
+    """
+    known = level[counts]
+    if known.size == 0:
+        return None
+    bright, mostly = float(np.quantile(known, _BRIGHT)), float(np.quantile(known, _MOSTLY))
+    if bright <= 0 or (mostly <= _WHITE and bright >= _DARK):
+        return None
+    for usual, name in ((_COUNTS, "camera counts"), (_POWERS, "a power of ten")):
+        if usual is _COUNTS and not integers:
+            continue
+        fitting = [factor for factor in usual if _EXPOSED[0] <= bright / factor <= _EXPOSED[1]]
+        if fitting:
+            factor = min(fitting, key=lambda one: abs(np.log(bright / one / _TAKEN_FOR)))
+            return Unit(factor, name)
+    return Unit(bright / _TAKEN_FOR, f"its brightest thousandth taken for {_TAKEN_FOR:g} of white")
+
+
+def open_level(masks: F32) -> float:
+    """Return what a fully open element lets through by the believed masks, [N, H, W]; 1 unless they say so clearly.
+
+    They do where most open elements let through the same share, short of 1: elements that blur has softened do not.
+    """
+    top = float(masks.max())
+    if top <= 0 or top >= _OPEN_FULLY:
+        return 1.0
+    opened = masks > 0.5 * top
+    near = float(np.mean(masks[opened] >= _OPEN_NEAR * top))
+    return top if near >= _OPEN_SHARE else 1.0
+
+
+def untold_clipping(shot: Shot) -> Bool | None:
+    """Find the pixels, [H, W], that read the highest value, where so many do that they must be clipped; else None.
+
+    A scene's brightest readings thin out towards the top. Where one value at the very top is read by a share of the
+    pixels, and by far more than read the values next below, the sensor or a file's range ended there. Pixels with equal
+    light through unequal masks would not agree so; pixels that all have the same masks open may.
+    """
+    if shot.saturated is not None:
+        return None
+    readings = shot.measurement
+    top = float(readings.max())
+    low = float(np.quantile(readings, 0.01))
+    if top <= 0 or top <= low:
+        return None
+    width = 1e-6 * (top - low)
+    piled = readings >= top - width
+    count = int(piled.sum())
+    if count < max(_FEWEST_CLIPPED, _LEAST_CLIPPED * readings.size):
+        return None
+    # As many again, counted downwards from the pile: how wide a range of readings do they take?
+    rest = np.sort(readings[~piled])[::-1]
+    if rest.size == 0:
+        return None
+    beside = float(np.mean(rest >= top - 0.01 * (top - low))) * readings.size
+    if count < _PILE * max(beside, 1.0) and count < 0.1 * readings.size:
+        return None
+    clipped: Bool = np.any(piled, axis=2)
+    white = np.tensordot(shot.weights.astype(np.float64), shot.masks, axes=1)[clipped]
+    if float(white.std()) < 1e-3 * float(white.mean()):
+        return None
+    return clipped

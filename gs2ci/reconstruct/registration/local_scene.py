@@ -1,0 +1,97 @@
+"""A scene that is locally even, fitted around every pixel: what the sum of the masks says of a measurement.
+
+Under such a scene y(p) = X(p) · S(p) with the masks' sum S. X is the least-squares level of the pixels around p, p
+itself left out, so that the error of that prediction is a held-out error of every pixel, and all of them can judge
+without any decode. Texture and parallax are noise to it; masks do not depend on the scene, so that this noise leans to
+no side.
+Here: that prediction. Not here: what is varied to make it better (`fine`).
+"""
+
+from dataclasses import dataclass
+from typing import Final, Self
+
+import cv2
+import numpy as np
+
+from gs2ci.core.arrays import F64, Bool
+from gs2ci.core.records import Shot
+from gs2ci.reconstruct.measurement.coding import cfa_channels
+
+# Windows reach over so many mask elements in each direction (one standard deviation), and no fewer pixels than this.
+_WINDOW_ELEMENTS: Final = 1.5
+_LEAST_WINDOW_PX: Final = 1.5
+# The neighbours of a pixel must weigh at least this share of what it weighs itself for their word to count.
+_LEAST_NEIGHBOURS: Final = 0.5
+_TINY: Final = 1e-12
+
+
+@dataclass(frozen=True)
+class Seen:
+    """What is looked at of a measurement.
+
+    Args:
+        planes: Readings by colour, [K, H, W]: one plane for mono and for RGB (its mean), three behind a mosaic.
+        counts: Which pixels of each plane are readings, [K, H, W], 1 or 0.
+        window_px: Standard deviation of the window within which the scene is taken for even.
+    """
+
+    planes: F64
+    counts: F64
+    window_px: float
+
+    @classmethod
+    def of(cls, shot: Shot, element_px: float = 1.0) -> Self:
+        """Take readings that are no «at least», of masks whose elements are so wide."""
+        counted: Bool = np.ones(shot.size, bool) if shot.saturated is None else ~shot.saturated
+        image = shot.measurement.mean(axis=2, dtype=np.float64)
+        window_px = max(_LEAST_WINDOW_PX, _WINDOW_ELEMENTS * element_px)
+        if shot.cfa is None:
+            return cls(image[None], counted[None].astype(np.float64), window_px)
+        channels = cfa_channels(shot.cfa, shot.size).numpy()
+        colours = np.stack([channels == k for k in range(3)])
+        # Each colour has a quarter or half of the pixels.
+        return cls(np.repeat(image[None], 3, axis=0), (colours & counted).astype(np.float64), 1.7 * window_px)
+
+    def without(self, pixels: Bool) -> "Seen":
+        """Leave some pixels, [H, W], out."""
+        return Seen(self.planes, self.counts * ~pixels, self.window_px)
+
+    def blur(self, image: F64) -> F64:
+        """Blur one picture, [H, W], by the window."""
+        blurred: F64 = cv2.GaussianBlur(image, (0, 0), self.window_px, borderType=cv2.BORDER_REFLECT)
+        return blurred
+
+    @property
+    def centre_weight(self) -> float:
+        """Get what the window gives to the pixel that it stands around."""
+        spike = np.zeros((1, 1 + 2 * int(np.ceil(5 * self.window_px))))
+        spike[0, spike.shape[1] // 2] = 1.0
+        return float(cv2.GaussianBlur(spike.T, (0, 0), self.window_px).max()) ** 2
+
+    def level(self, total: F64, black: float = 0.0) -> F64:
+        """Return the even scene around each pixel, [K, H, W], its own reading included."""
+        return np.stack(
+            [
+                self.blur(counts * (plane - black) * total) / np.maximum(self.blur(counts * total * total), _TINY)
+                for plane, counts in zip(self.planes, self.counts, strict=True)
+            ]
+        )
+
+    def errors(self, total: F64, black: float = 0.0) -> F64:
+        """Predict each reading from those around it, and return reading − prediction, [H, W]; 0 where none counts.
+
+        Args:
+            total: What a white scene would read, [H, W].
+            black: The reading without light.
+        """
+        left = np.zeros(total.shape)
+        centre = self.centre_weight
+        for plane, counts in zip(self.planes, self.counts, strict=True):
+            power = counts * total * total
+            around = self.blur(power)
+            level = self.blur(counts * (plane - black) * total) / np.maximum(around, _TINY)
+            # Leave-one-out in closed form: what a pixel adds to its own level is its share of the window's power.
+            own = centre * power / np.maximum(around, _TINY)
+            lever = np.minimum(own, 1 / (1 + _LEAST_NEIGHBOURS))
+            left += counts * (plane - black - level * total) / (1 - lever)
+        return left

@@ -1,0 +1,134 @@
+"""How masks met the light, against what is believed of them: every parameter that is sought, at its «absent» value.
+
+    y(p) = black + Σ wᵢ ((1 − leak) · G_blur[ Mᵢ(placement) ](p) + leak) · Xᵢ(p)
+
+Here: the parameters, and what they make of masks and of their sum. Not here: how they are found (`fine`, `light`),
+orientation and order of the masks (`coarse`, `order`).
+"""
+
+from dataclasses import asdict, dataclass, field, replace
+from typing import Final
+
+import numpy as np
+from scipy import fft
+
+from gs2ci.core.arrays import F64
+from gs2ci.reconstruct.registration.placement import Placement
+
+# Sharpening raises what calibration left of noise as well: no frequency is raised by more than this.
+MOST_SHARPENING: Final = 30.0
+# Taps farther away than so many standard deviations are left out, as the common image libraries do.
+_TRUNCATE: Final = 4.0
+
+
+@dataclass(frozen=True)
+class Misfit:
+    """What is wrong with the masks as they are believed.
+
+    Args:
+        placement: Where they lie.
+        blur_px2: Variance of the Gaussian blur that they met and that is not in them yet; negative: they are believed
+            softer than they were.
+        leak: Share of the light that passes closed elements as well.
+        black: Reading without light, in the measurement's unit.
+    """
+
+    placement: Placement = field(default_factory=Placement)
+    blur_px2: float = 0.0
+    leak: float = 0.0
+    black: float = 0.0
+
+    def of_masks(self, masks: F64, most_sharpening: float = MOST_SHARPENING, *, wrapped: bool = False) -> F64:
+        """Return transmissions, [N, H, W], from the believed ones.
+
+        Args:
+            masks: As they are believed, [N, H, W].
+            most_sharpening: No frequency is raised by more.
+            wrapped: Beyond its rim the pattern begins anew; otherwise its rim goes on.
+        """
+        placed = masks if self.placement.is_identity else self.placement.sample(masks, wrapped=wrapped)
+        blurred = gaussian(placed, self.blur_px2, most_sharpening)
+        return np.clip((1 - self.leak) * blurred + self.leak, 0.0, 1.0)
+
+    def of_total(self, total: F64, weights: float, *, wrapped: bool = False) -> F64:
+        """Return what a white scene would read, [H, W], from the believed sum of masks and that of their weights."""
+        placed = total if self.placement.is_identity else self.placement.sample(total[None], wrapped=wrapped)[0]
+        seen: F64 = (1 - self.leak) * gaussian(placed[None], self.blur_px2)[0] + self.leak * weights
+        return seen
+
+    def vector(self) -> F64:
+        """Return the parameters in the order of `NAMES`."""
+        return np.array([*asdict(self.placement).values(), self.blur_px2, self.leak, self.black])
+
+    @classmethod
+    def from_vector(cls, vector: F64) -> "Misfit":
+        """Take the parameters in the order of `NAMES`."""
+        values = [float(value) for value in vector]
+        return cls(Placement(*values[:6]), *values[6:])
+
+    def moved(self, down_px: float, right_px: float) -> "Misfit":
+        """Shift the placement by so much more."""
+        placement = replace(
+            self.placement, down_px=self.placement.down_px + down_px, right_px=self.placement.right_px + right_px
+        )
+        return replace(self, placement=placement)
+
+
+NAMES: Final = (
+    "down_px",
+    "right_px",
+    "rotation_deg",
+    "scale",
+    "stretch",
+    "shear",
+    "blur_px2",
+    "leak",
+    "black",
+)
+
+
+def gaussian(stack: F64, variance_px2: float, most_sharpening: float = MOST_SHARPENING) -> F64:
+    """Blur pictures, [N, H, W], by a sampled Gaussian of this variance, mirrored at the rim; negative: sharpen by it.
+
+    Its taps are those of exp(−n² / 2σ²), normalised, whose variance is σ² above half a pixel and less below; it grows
+    smoothly from none, where σ itself would not. Sharpening is the inverse, but no frequency is raised by more than
+    `most_sharpening`.
+    """
+    if variance_px2 == 0:
+        return stack
+    # The half-sample symmetric cosine transform has the frequencies πk/n.
+    down, across = (_transfer(abs(variance_px2), np.pi * np.arange(n) / n) for n in stack.shape[1:])
+    transfer = down[:, None] * across[None, :]
+    if variance_px2 < 0:
+        transfer = 1 / np.maximum(transfer, 1 / most_sharpening)
+    blurred: F64 = fft.idctn(fft.dctn(stack, axes=(1, 2), norm="ortho") * transfer, axes=(1, 2), norm="ortho")
+    return blurred
+
+
+def _transfer(variance_px2: float, frequencies: F64) -> F64:
+    taps = _taps(sigma_of(variance_px2))
+    transfer: F64 = taps @ np.cos(np.arange(len(taps))[:, None] * frequencies[None, :])
+    return transfer
+
+
+def _taps(sigma_px: float) -> F64:
+    """Return the middle tap and twice each of those beside it."""
+    count = max(2, int(_TRUNCATE * sigma_px + 0.5) + 1)
+    taps = np.exp(-0.5 * (np.arange(count) / max(sigma_px, 1e-3)) ** 2)
+    taps[1:] *= 2
+    return np.asarray(taps / taps.sum())
+
+
+def variance_of(sigma_px: float) -> float:
+    """Return the variance, px², of the sampled Gaussian of a standard deviation in pixels."""
+    taps = _taps(sigma_px)
+    return float((taps * np.arange(len(taps)) ** 2).sum())
+
+
+def sigma_of(variance_px2: float) -> float:
+    """Return the standard deviation, px, at which a sampled Gaussian has this variance."""
+    return float(np.interp(variance_px2, _VARIANCES, _SIGMAS))
+
+
+_SIGMAS: Final = np.concatenate([np.linspace(0.1, 1.5, 281), np.linspace(1.55, 8, 130)])
+_VARIANCES: Final = np.array([variance_of(float(sigma)) for sigma in _SIGMAS])

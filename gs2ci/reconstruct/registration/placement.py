@@ -1,0 +1,104 @@
+"""Where masks lie on the sensor, and what a sensor pixel then sees of them.
+
+A mask element that is believed at x lies at x' = c + A (x − c) + t, with the picture's middle c. A pixel integrates
+what falls on it: for elements as wide as a pixel, or wider and in step with the pixels, a shifted mask read by pixels
+is exactly the bilinear interpolation of its values, and that is the interpolation here.
+Here: the map and its sampling. Not here: how it is found (`coarse`, `fine`), blur and light (`misfit`).
+"""
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from gs2ci.core.arrays import F64, Bool
+from gs2ci.reconstruct.registration.kernels import sample
+
+# A pixel whose place lies so far beyond the outermost centre still sees more of that element than of what is unknown.
+_ON_THE_RIM_PX: Final = 0.5
+
+
+@dataclass(frozen=True)
+class Placement:
+    """Where masks lie, against where they are believed to.
+
+    Args:
+        down_px: Shift along the columns.
+        right_px: Shift along the rows.
+        rotation_deg: Turn about the middle, clockwise as the picture is seen.
+        scale: Enlargement less 1, of both axes.
+        stretch: How much more rows are enlarged than both are on average; columns so much less.
+        shear: Half the angle, in radians, by which the axes lean towards each other.
+    """
+
+    down_px: float = 0.0
+    right_px: float = 0.0
+    rotation_deg: float = 0.0
+    scale: float = 0.0
+    stretch: float = 0.0
+    shear: float = 0.0
+
+    @property
+    def matrix(self) -> F64:
+        """Get A, [2, 2], for places given as (row, column)."""
+        turn = np.deg2rad(self.rotation_deg)
+        lengthened = np.array(
+            [[1 + self.scale - self.stretch, self.shear], [self.shear, 1 + self.scale + self.stretch]]
+        )
+        # Clockwise in a picture whose rows count downwards: from right (0, 1) towards down (1, 0).
+        matrix: F64 = np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]]) @ lengthened
+        return matrix
+
+    @property
+    def shift_px(self) -> F64:
+        """Get t, [2], as (down, right)."""
+        return np.array([self.down_px, self.right_px])
+
+    @property
+    def is_identity(self) -> bool:
+        """Get whether the masks lie where they are believed to."""
+        return self == Placement()
+
+    def displacement_px(self, size: tuple[int, int]) -> F64:
+        """Return how far the masks lie off at the picture's middle and four corners, [5, 2], as (down, right)."""
+        middle = (np.array(size) - 1) / 2
+        corners = np.array([[0, 0], [-1, -1], [-1, 1], [1, -1], [1, 1]]) * middle
+        moved: F64 = corners @ (self.matrix - np.eye(2)).T + self.shift_px
+        return moved
+
+    def sample(self, stack: F64, *, wrapped: bool = False) -> F64:
+        """Return what pixels see of a stack of pictures that lie so, [N, H, W].
+
+        Beyond the rim its nearest value goes on, or the picture begins anew (wrapped).
+        """
+        inverse = np.linalg.inv(self.matrix)
+        sampled: F64 = sample(np.ascontiguousarray(stack, np.float64), inverse, self.shift_px, wrapped)
+        return sampled
+
+    @classmethod
+    def from_affine(cls, matrix: F64, shift_px: F64) -> "Placement":
+        """Take a placement from its matrix A, [2, 2], and shift t, [2]: the turn that leaves the rest symmetric."""
+        turn = np.arctan2(matrix[0, 1] - matrix[1, 0], matrix[0, 0] + matrix[1, 1])
+        straight = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]]) @ matrix
+        return cls(
+            down_px=float(shift_px[0]),
+            right_px=float(shift_px[1]),
+            rotation_deg=float(np.rad2deg(turn)),
+            scale=float(np.trace(straight) / 2 - 1),
+            stretch=float((straight[1, 1] - straight[0, 0]) / 2),
+            shear=float((straight[0, 1] + straight[1, 0]) / 2),
+        )
+
+    @property
+    def inverse(self) -> "Placement":
+        """Get the placement that undoes this one."""
+        back: F64 = np.linalg.inv(self.matrix).astype(np.float64)
+        return Placement.from_affine(back, -back @ self.shift_px)
+
+    def known(self, size: tuple[int, int]) -> Bool:
+        """Return which pixels the masks, known over the whole picture, still cover, [H, W]."""
+        row, column = np.meshgrid(np.arange(size[0]), np.arange(size[1]), indexing="ij")
+        middle = (np.array(size) - 1) / 2
+        places = (np.stack([row, column], axis=-1) - middle - self.shift_px) @ np.linalg.inv(self.matrix).T + middle
+        inside: Bool = np.all((places >= -_ON_THE_RIM_PX) & (places <= np.array(size) - 1 + _ON_THE_RIM_PX), axis=-1)
+        return inside

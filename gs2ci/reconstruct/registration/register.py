@@ -1,0 +1,500 @@
+"""Where the masks are and how they met the light, told by the measurement, before anything else looks at it.
+
+    clipping ─► unit of reading ─► orientation, coarse shift ─► tiles ─► Gauss-Newton ─► which parameters? ─► sharpening
+    ─► short decodes judge ─► unit, open level ─► rim
+
+Here: the order of these steps, and the record of what was tried, found and taken. Not here: any of them.
+"""
+
+from dataclasses import asdict, dataclass, field, replace
+from typing import Any, Final
+
+import numpy as np
+
+from gs2ci.core.arrays import F32, F64
+from gs2ci.core.errors import InputError
+from gs2ci.core.findings import Code, Finding, finding
+from gs2ci.core.progress import Progress, Silent
+from gs2ci.core.records import Shot
+from gs2ci.reconstruct.choices import REGISTRATION_MODES, RegistrationMode
+from gs2ci.reconstruct.measurement.coding import white_reading
+from gs2ci.reconstruct.measurement.jury import surely_larger
+from gs2ci.reconstruct.registration.admission import Trial
+from gs2ci.reconstruct.registration.coarse import (
+    ORIENTATIONS,
+    Peak,
+    element_px,
+    find_peak,
+    find_tiles,
+    fine_pattern,
+    place_tiles,
+    reach_of,
+)
+from gs2ci.reconstruct.registration.fine import (
+    LEAST_BLOCKS,
+    Estimate,
+    Problem,
+    refine,
+)
+from gs2ci.reconstruct.registration.light import Unit, find_unit, open_level, untold_clipping
+from gs2ci.reconstruct.registration.local_scene import Seen
+from gs2ci.reconstruct.registration.misfit import NAMES, Misfit, sigma_of
+from gs2ci.reconstruct.registration.placement import Placement
+from gs2ci.reconstruct.registration.rim import Rim, complete
+from gs2ci.reconstruct.registration.sharpen import binary_source, candidates
+
+# A parameter is let in where it is so many of its standard errors away from «absent», and matters: the rest of the
+# model is not exact, and what moves masks by less costs less than 0.05 dB.
+SIGNIFICANT: Final = 5.0
+_MATTERS_PX: Final = 0.02
+_MATTERS_BLUR_PX2: Final = 0.02
+_MATTERS_LEAK: Final = 0.005
+_MATTERS_BLACK: Final = 0.01
+# A sum of masks that varies by less shows no pattern to find.
+_LEAST_PATTERN: Final = 1e-3
+# Displacements of tiles are believed where the tiles lie this far from where one shift would put them.
+_UNEVEN_PX: Final = 0.7
+# Readings that are left out because they are high lean blur, leak and black level; they say as much of places.
+_MOST_CLIPPED: Final = 0.01
+_LEAST_SIDE_PX: Final = 8
+_LOOKED_AT_PX: Final = 256
+_GEOMETRY: Final = NAMES[:6]
+_GROUPS: Final = (
+    ("down_px", "right_px"),
+    ("rotation_deg", "scale"),
+    ("stretch", "shear"),
+    ("blur_px2",),
+    ("leak",),
+    ("black",),
+)
+
+
+@dataclass(frozen=True)
+class RegistrationSettings:
+    """Whether and how far the measurement is asked.
+
+    Args:
+        mode: "auto" corrects what the measurement surely tells; "off" believes masks and readings.
+        most_shift_px: How far a shift is sought.
+    """
+
+    mode: RegistrationMode = "auto"
+    most_shift_px: int = 64
+
+    def check(self) -> "RegistrationSettings":
+        """Return self if the settings make sense.
+
+        Raises:
+            InputError: An unknown mode, or a reach outside [0, 1024].
+        """
+        if self.mode not in REGISTRATION_MODES or not 0 <= self.most_shift_px <= 1024:
+            raise InputError(
+                f"registration {self.mode!r} up to {self.most_shift_px} px",
+                allowed="auto or off, and a reach from 0 to 1024 px",
+            )
+        return self
+
+
+@dataclass(frozen=True)
+class Registered:
+    """A measurement with its masks where they are, and what was found out.
+
+    Args:
+        shot: The measurement as it is to be believed: masks, readings and clipped pixels corrected.
+        misfit: What was wrong with the masks; all at «absent» where nothing was.
+        errors: Standard errors of the parameters that were let in, by name.
+        orientation: How the masks had to be turned.
+        unit: What the readings were divided by, after the black level was taken off.
+        open_level: What the masks were divided by.
+        clipped_share: Share of the pixels found clipped without having been told.
+        peak: The coarse correlation's peak.
+        tried: What was estimated and not let in, with its standard error, by name.
+        notes: For the user.
+    """
+
+    shot: Shot
+    misfit: Misfit = field(default_factory=Misfit)
+    errors: dict[str, float] = field(default_factory=dict)
+    orientation: str = "as given"
+    unit: float = 1.0
+    open_level: float = 1.0
+    clipped_share: float = 0.0
+    peak: Peak = field(default_factory=Peak.nothing)
+    tried: dict[str, tuple[float, float]] = field(default_factory=dict)
+    notes: tuple[Finding, ...] = ()
+
+    @property
+    def is_changed(self) -> bool:
+        """Get whether anything was corrected."""
+        return bool(self.notes)
+
+    def as_given(self, measurement: F32) -> F32:
+        """Return readings, [H, W, C], in the unit and above the black level of the measurement as it was given."""
+        if self.unit == 1.0 and self.misfit.black == 0.0:
+            return measurement
+        return (measurement * np.float32(self.unit) + np.float32(self.misfit.black)).astype(np.float32)
+
+    def summary(self) -> dict[str, Any]:
+        """Return all that a report says of it, as plain values."""
+        placement = asdict(self.misfit.placement)
+        corners = np.linalg.norm(self.misfit.placement.displacement_px(self.shot.size), axis=1)
+        return {
+            "changed": self.is_changed,
+            "orientation": self.orientation,
+            "peak_ratio": self.peak.ratio,
+            "placement": placement,
+            "largest_displacement_px": float(corners.max()),
+            "blur_sigma_px": float(np.sign(self.misfit.blur_px2)) * _sigma(abs(self.misfit.blur_px2)),
+            "blur_px2": self.misfit.blur_px2,
+            "leak": self.misfit.leak,
+            "black": self.misfit.black,
+            "unit": self.unit,
+            "open_level": self.open_level,
+            "clipped_share": self.clipped_share,
+            "standard_errors": dict(self.errors),
+            "not_let_in": {name: list(pair) for name, pair in self.tried.items()},
+        }
+
+
+def register(
+    shot: Shot, settings: RegistrationSettings | None = None, progress: Progress | None = None, seed: int = 0
+) -> Registered:
+    """Find where the masks are and how they met the light, and correct what the measurement surely tells.
+
+    Args:
+        shot: A checked measurement as it is believed; its truth is not read.
+        settings: Whether and how far.
+        progress: Told of the stage, and of every sentence.
+        seed: Of the held-out pixels.
+
+    Returns:
+        The corrected measurement; the very same shot where nothing was to be corrected, or nothing tells.
+
+    Raises:
+        InputError: The settings make no sense.
+    """
+    settings, progress = (settings or RegistrationSettings()).check(), progress or Silent()
+    if settings.mode == "off":
+        return Registered(shot)
+    progress.stage("registration")
+    found = _Registration(shot, settings, seed).run()
+    for note in found.notes:
+        progress.say(note.advice)
+    return found
+
+
+@dataclass(frozen=True)
+class _Way:
+    """One way to correct a measurement, and what is said of it and of its rim."""
+
+    shot: Shot
+    misfit: Misfit
+    errors: dict[str, float]
+    found: str
+    rim: Rim
+
+
+class _Registration:
+    """One registration under way."""
+
+    def __init__(self, shot: Shot, settings: RegistrationSettings, seed: int) -> None:
+        self.given = self.shot = shot
+        self.settings = settings
+        self.seed = seed
+        self.notes: list[Finding] = []
+        self.found = Registered(shot)
+
+    def run(self) -> Registered:
+        """Go all the way."""
+        clipped = self._clipping()
+        opened = self._open_level()
+        peak, orientation = self._orientation()
+        misfit, errors, tried = self._geometry_and_light(peak)
+        unit = self._unit(misfit, peak)
+        return Registered(
+            shot=self.shot,
+            misfit=misfit,
+            errors=errors,
+            orientation=orientation,
+            unit=unit,
+            open_level=opened,
+            clipped_share=clipped,
+            peak=peak,
+            tried=tried,
+            notes=tuple(self.notes),
+        )
+
+    def _clipping(self) -> float:
+        clipped = untold_clipping(self.shot)
+        if clipped is None:
+            return 0.0
+        share = float(clipped.mean())
+        self.shot = replace(self.shot, saturated=clipped)
+        self.notes.append(
+            finding(Code.UNTOLD_CLIPPING, share=share, reading=float(self.shot.measurement.max())),
+        )
+        return share
+
+    def _orientation(self) -> tuple[Peak, str]:
+        """Find the coarse shift, and how the masks are turned; the shot's masks are turned where that is sure."""
+        total = white_reading(self.shot)
+        if _is_flat(total) or min(total.shape) < _LEAST_SIDE_PX:
+            return Peak.nothing(), "as given"
+        element = element_px(total)
+        seen = _readable(self.shot, element)
+        reach = reach_of(self.shot.size, self.settings.most_shift_px)
+        peak = find_peak(seen, fine_pattern(total, element), reach, element)
+        if peak.is_sure:
+            return peak, "as given"
+        best, how = peak, "as given"
+        for name, turn in ORIENTATIONS.items():
+            if name == "as given" or turn(total).shape != total.shape:
+                continue
+            other = find_peak(seen, fine_pattern(np.ascontiguousarray(turn(total)), element), reach, element)
+            if other.ratio > best.ratio:
+                best, how = other, name
+        if how == "as given" or not best.is_sure:
+            return peak, "as given"
+        masks = np.ascontiguousarray(ORIENTATIONS[how](self.shot.masks.astype(np.float64))).astype(np.float32)
+        self.shot = replace(self.shot, masks=masks)
+        self.notes.append(finding(Code.MASKS_TURNED, how=how, ratio=best.ratio))
+        return best, how
+
+    def _geometry_and_light(self, peak: Peak) -> tuple[Misfit, dict[str, float], dict[str, tuple[float, float]]]:
+        """Find placement, blur, leak and black level, and correct the shot by what is let in."""
+        proposed, tried = self._propose(self.shot, peak)
+        proposals = [] if proposed is None else self._ways(self.shot, proposed)
+        source = binary_source(self.shot.masks) if peak.is_sure else None
+        if source is not None:
+            sharp = replace(self.shot, masks=source[0])
+            again, _ = self._propose(sharp, peak)
+            proposals += [
+                replace(
+                    way,
+                    found="; ".join(filter(None, (f"they were believed {source[1]} from what they were", way.found))),
+                )
+                for way in (
+                    self._ways(sharp, again) if again is not None else [_Way(sharp, Misfit(), {}, "", Rim.none(sharp))]
+                )
+            ]
+        if not proposals:
+            return Misfit(), {}, tried
+        trial = Trial(self.shot, self._level(proposals[0]), self.seed)
+        if not trial.can_tell:
+            return Misfit(), {}, tried
+        squares = [trial.squares(way.shot) for way in proposals]
+        best = int(np.argmin([float(one.mean()) for one in squares]))
+        way = proposals[best]
+        if not surely_larger(trial.squares(self.shot), squares[best]):
+            for name, error in way.errors.items():
+                tried[name] = (float(way.misfit.vector()[NAMES.index(name)]), error)
+            return Misfit(), {}, tried
+        self.shot = way.shot
+        self.notes += [finding(Code.MASKS_CORRECTED, found=way.found)] if way.found else []
+        self.notes += way.rim.notes
+        return way.misfit, way.errors, tried
+
+    def _level(self, way: "_Way") -> float:
+        """Return what to divide readings by, so that twice the scene's level is about full scale."""
+        total = white_reading(way.shot)
+        level = Seen.of(way.shot, element_px(total)).level(total)
+        return max(2 * abs(float(np.median(level))), 1e-12)
+
+    def _propose(self, shot: Shot, peak: Peak) -> tuple[Estimate | None, dict[str, tuple[float, float]]]:
+        """Estimate all parameters; return those that are surely there and matter, and what was found of the others."""
+        total = white_reading(shot)
+        if _is_flat(total) or total.size < LEAST_BLOCKS * 64:
+            return None, {}
+        element = element_px(total)
+        start = self._start(shot, peak, total, element)
+        if start is None:
+            return None, {}
+        problem = _problem(shot, total, element)
+        sought = NAMES if _clipped_share(shot) < _MOST_CLIPPED else _GEOMETRY
+        estimate = refine(problem, start, sought)
+        names = _let_in(estimate, problem)
+        tried = _beside(estimate, names)
+        while names:  # what is left out moves the others: those that stay must still be sure
+            estimate = refine(problem, _only(estimate.misfit, names), names)
+            still = tuple(name for name in names if name in _let_in(estimate, problem))
+            if still == names:
+                return estimate, tried
+            names = still
+        return None, tried
+
+    def _ways(self, shot: Shot, estimate: Estimate) -> list["_Way"]:
+        """Return the shot corrected by an estimate; where it asks for sharpening, in all ways of that."""
+        misfit, errors = estimate.misfit, dict(estimate.errors)
+        found = _in_words(estimate)
+        believed = shot.masks.astype(np.float64)
+        ways = []
+        for one in candidates(believed, misfit) or [None]:
+            corrected, rim = _corrected(shot, misfit, one)
+            ways.append(_Way(corrected, misfit, errors, found, rim))
+        return ways
+
+    def _start(self, shot: Shot, peak: Peak, total: F64, element: float) -> Misfit | None:
+        """Return a placement that is right to about a pixel everywhere; None where nothing shows."""
+        seen, known = _readable(shot, element), fine_pattern(total, element)
+        shift = np.array([peak.down_px, peak.right_px]) if peak.is_sure else np.zeros(2)
+        reach = 16 if peak.is_sure else 32
+        placed = place_tiles(find_tiles(seen, known, lambda _: shift, reach, element), self.shot.size)
+        if placed is not None:
+            apart = placed.displacement_px(self.shot.size) - shift
+            if np.linalg.norm(apart, axis=1).max() > _UNEVEN_PX:
+                return Misfit(self._again(placed, seen, total, element))
+        if not peak.is_sure:
+            return None
+        return Misfit().moved(peak.down_px, peak.right_px)
+
+    def _again(self, placed: Placement, seen: F64, total: F64, element: float) -> Placement:
+        """Look once more at the tiles, the masks turned as they seem to be."""
+        turned = replace(placed, down_px=0.0, right_px=0.0)
+        known = fine_pattern(turned.sample(total[None])[0], element)
+        found = find_tiles(seen, known, lambda _: placed.shift_px, 4, element)
+        closer = place_tiles(found, self.shot.size)
+        if closer is None:
+            return placed
+        # What is left after the turn moves places that the turn has moved already.
+        return Placement.from_affine(closer.matrix @ turned.matrix, closer.shift_px)
+
+    def _open_level(self) -> float:
+        """Find what a fully open element is believed to let through, and correct the masks by it."""
+        opened = open_level(self.shot.masks)
+        if opened != 1.0:
+            masks = np.minimum(self.shot.masks / np.float32(opened), np.float32(1))
+            self.shot = replace(self.shot, masks=masks)
+            self.notes.append(finding(Code.MASKS_DIVIDED, opened=float(opened)))
+        return opened
+
+    def _unit(self, misfit: Misfit, peak: Peak) -> float:
+        """Find the unit, and correct the readings by it."""
+        if not peak.is_sure and misfit == Misfit():
+            return 1.0
+        total = white_reading(self.shot)
+        seen = Seen.of(self.shot, element_px(total))
+        level = seen.level(total)
+        known = (seen.counts > 0) & (total > 0.5 * float(np.median(total)))
+        integers = bool(np.all(self.given.measurement == np.rint(self.given.measurement)))
+        unit = find_unit(level, known, integers)
+        if unit is None:
+            return 1.0
+        self._divide(unit)
+        return unit.factor
+
+    def _divide(self, unit: Unit) -> None:
+        self.shot = replace(self.shot, measurement=(self.shot.measurement / unit.factor).astype(np.float32))
+        self.notes.append(finding(Code.UNIT_CORRECTED, factor=float(unit.factor), reason=unit.reason))
+
+
+def _is_flat(total: F64) -> bool:
+    """Tell whether a sum of masks, [H, W], shows no pattern."""
+    return float(total.std()) <= _LEAST_PATTERN * float(np.abs(total).max())
+
+
+def _clipped_share(shot: Shot) -> float:
+    return 0.0 if shot.saturated is None else float(shot.saturated.mean())
+
+
+def _readable(shot: Shot, element: float) -> F64:
+    """Return the fine pattern of a measurement, [H, W]: colours of a mosaic levelled, clipped readings left out."""
+    seen = Seen.of(shot, element)
+    patterns = np.zeros(shot.size)
+    for plane, counts in zip(seen.planes, seen.counts, strict=True):
+        around = np.maximum(seen.blur(counts), 1e-9)
+        level = seen.blur(counts * plane) / around
+        filled = np.where(counts > 0, plane, level)
+        patterns += counts * fine_pattern(filled, element, relative=True)
+    return patterns
+
+
+def _problem(shot: Shot, total: F64, element: float) -> Problem:
+    """Take the middle of a measurement, as much of it as tells enough."""
+    # Sides keep their parity, so that the middle stays where it is.
+    sides = [min(n, _LOOKED_AT_PX + (n - _LOOKED_AT_PX) % 2) for n in shot.size]
+    rows, columns = (slice((n - s) // 2, (n - s) // 2 + s) for n, s in zip(shot.size, sides, strict=True))
+    seen = Seen.of(shot, element)
+    part = Seen(
+        np.ascontiguousarray(seen.planes[:, rows, columns]),
+        np.ascontiguousarray(seen.counts[:, rows, columns]),
+        seen.window_px,
+    )
+    unit = float(np.mean(np.abs(part.planes)))
+    return Problem(part, np.ascontiguousarray(total[rows, columns]), float(shot.weights.sum()), max(unit, 1e-300))
+
+
+def _matters(estimate: Estimate, problem: Problem) -> dict[str, float]:
+    """Return how many times what matters each parameter is."""
+    vector = estimate.misfit.vector()
+    arm = float(np.hypot(*problem.size)) / 2
+    matters = {
+        "down_px": _MATTERS_PX,
+        "right_px": _MATTERS_PX,
+        "rotation_deg": float(np.rad2deg(_MATTERS_PX / arm)),
+        **dict.fromkeys(("scale", "stretch", "shear"), _MATTERS_PX / arm),
+        "blur_px2": _MATTERS_BLUR_PX2,
+        "leak": _MATTERS_LEAK,
+        "black": _MATTERS_BLACK * problem.unit,
+    }
+    return {name: abs(float(vector[NAMES.index(name)])) / least for name, least in matters.items()}
+
+
+def _let_in(estimate: Estimate, problem: Problem) -> tuple[str, ...]:
+    """Return the parameters that are surely there and matter; those of one group come together."""
+    matters = _matters(estimate, problem)
+    sure = {name for name in estimate.errors if matters[name] >= 1 and estimate.significance(name) >= SIGNIFICANT}
+    return tuple(
+        name for group in _GROUPS for name in group if name in estimate.errors and any(one in sure for one in group)
+    )
+
+
+def _beside(estimate: Estimate, names: tuple[str, ...]) -> dict[str, tuple[float, float]]:
+    vector = estimate.misfit.vector()
+    return {
+        name: (float(vector[NAMES.index(name)]), error) for name, error in estimate.errors.items() if name not in names
+    }
+
+
+def _only(misfit: Misfit, names: tuple[str, ...]) -> Misfit:
+    vector = misfit.vector()
+    return Misfit.from_vector(np.where([name in names for name in NAMES], vector, 0.0))
+
+
+def _corrected(shot: Shot, misfit: Misfit, masks: F64 | None) -> tuple[Shot, Rim]:
+    """Correct masks and readings; masks, [N, H, W], are those given, or the believed ones moved."""
+    readings = shot.measurement - np.float32(misfit.black)
+    black = replace(shot, measurement=readings.astype(np.float32)) if misfit.black else shot
+    return complete(black, misfit, masks)
+
+
+def _sigma(variance_px2: float) -> float:
+    return 0.0 if variance_px2 == 0 else sigma_of(variance_px2)
+
+
+def _in_words(estimate: Estimate) -> str:
+    """Say what was found, with standard errors."""
+    misfit, errors = estimate.misfit, estimate.errors
+    place, parts = misfit.placement, []
+    if "down_px" in errors:
+        parts.append(
+            f"they lie {place.down_px:+.3f} ± {errors['down_px']:.3f} px down and {place.right_px:+.3f} ± "
+            f"{errors['right_px']:.3f} px to the right of where they were believed"
+        )
+    if "rotation_deg" in errors:
+        parts.append(
+            f"turned by {place.rotation_deg:+.4f} ± {errors['rotation_deg']:.4f}° and scaled by "
+            f"{1 + place.scale:.5f} ± {errors['scale']:.5f}"
+        )
+    if "stretch" in errors:
+        parts.append(
+            f"stretched by {place.stretch:+.5f} ± {errors['stretch']:.5f} and sheared by {place.shear:+.5f} ± "
+            f"{errors['shear']:.5f}"
+        )
+    if "blur_px2" in errors:
+        sigma = _sigma(abs(misfit.blur_px2))
+        parts.append(f"{'softer' if misfit.blur_px2 > 0 else 'sharper'} than believed by σ {sigma:.2f} px")
+    if "leak" in errors:
+        parts.append(f"closed elements pass {misfit.leak:+.3f} ± {errors['leak']:.3f} more of the light")
+    if "black" in errors:
+        parts.append(f"the reading without light is {misfit.black:+.4g} ± {errors['black']:.2g}")
+    return "; ".join(parts)

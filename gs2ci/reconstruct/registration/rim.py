@@ -1,0 +1,96 @@
+"""What pixels see at the rim, where moved masks leave a band that nobody knows.
+
+A pattern that lies 16 px off leaves 16 rows or columns without masks. Three things may be there: the pattern begins
+anew (a modulator shows it periodically), its rim goes on, or something unknown. The readings tell the first two from
+the third, since the pattern of a right guess shows in them. Where it is unknown, a mask is believed as open as it is
+on average, and readings are averaged over some elements, so that they say what such a grey mask can say.
+"""
+
+from dataclasses import dataclass, replace
+from typing import Final
+
+import cv2
+import numpy as np
+
+from gs2ci.core.arrays import F64, Bool
+from gs2ci.core.findings import Code, Finding, finding
+from gs2ci.core.records import Shot
+from gs2ci.reconstruct.measurement.jury import surely_larger
+from gs2ci.reconstruct.registration.coarse import element_px
+from gs2ci.reconstruct.registration.local_scene import Seen
+from gs2ci.reconstruct.registration.misfit import Misfit
+
+_AVERAGED_ELEMENTS: Final = 2.0
+
+
+@dataclass(frozen=True)
+class Rim:
+    """Which pixels no mask is known for, [H, W], and what was made of them."""
+
+    unknown: Bool
+    notes: tuple[Finding, ...] = ()
+
+    @classmethod
+    def none(cls, shot: Shot) -> "Rim":
+        """Return that of masks that reach everywhere."""
+        return cls(np.zeros(shot.size, np.bool_))
+
+
+def complete(shot: Shot, misfit: Misfit, masks: F64 | None = None) -> tuple[Shot, Rim]:
+    """Return a measurement with its masks where they are, the band that they leave filled.
+
+    Args:
+        shot: The measurement, its black level taken off.
+        misfit: What is wrong with its masks.
+        masks: Transmissions as they are, [N, H, W]; from the believed ones and the misfit where they are not given.
+    """
+    believed = shot.masks.astype(np.float64)
+    unknown = ~misfit.placement.known(shot.size)
+    going_on = misfit.of_masks(believed) if masks is None else masks
+    if not unknown.any():
+        return _with(shot, going_on), Rim(unknown)
+    flat = np.where(unknown, going_on[:, ~unknown].mean(axis=1)[:, None, None], going_on)
+    guesses = {
+        "goes on as its rim": going_on,
+        "begins anew": np.where(unknown, misfit.of_masks(believed, wrapped=True), going_on),
+    }
+    left = {name: _squares(shot, guess, unknown) for name, guess in guesses.items()}
+    name = min(left, key=lambda one: float(left[one].mean()))
+    if surely_larger(_squares(shot, flat, unknown), left[name]):
+        return _with(shot, guesses[name]), _told(unknown, f"by its readings, the pattern {name} there")
+    averaged = _averaged(shot, unknown)
+    made = "nothing is known of the masks there, and readings were averaged over some elements"
+    return _with(replace(shot, measurement=averaged), flat), _told(unknown, made)
+
+
+def _told(unknown: Bool, made: str) -> Rim:
+    return Rim(unknown, (finding(Code.RIM_GUESSED, share=float(unknown.mean()), made=made),))
+
+
+def _with(shot: Shot, masks: F64) -> Shot:
+    return replace(shot, masks=np.clip(masks, 0, 1).astype(np.float32))
+
+
+def _squares(shot: Shot, masks: F64, pixels: Bool) -> F64:
+    """Return squared held-out errors of a locally even scene at some pixels."""
+    total = np.tensordot(shot.weights.astype(np.float64), masks, axes=1)
+    squares: F64 = Seen.of(shot, element_px(total)).errors(total)[pixels] ** 2
+    return squares
+
+
+def _averaged(shot: Shot, pixels: Bool) -> np.ndarray:
+    """Average readings over the pixels around, among those of the band that are read and of the same colour."""
+    total = np.tensordot(shot.weights.astype(np.float64), shot.masks, axes=1)
+    seen = Seen.of(shot, element_px(total))
+    sigma = _AVERAGED_ELEMENTS * seen.window_px
+    measured = shot.measurement.astype(np.float64).copy()
+    for counts in seen.counts:
+        inside = counts * pixels
+        around = cv2.GaussianBlur(inside, (0, 0), sigma, borderType=cv2.BORDER_REFLECT)
+        for channel in range(measured.shape[2]):
+            light = cv2.GaussianBlur(
+                inside * shot.measurement[..., channel], (0, 0), sigma, borderType=cv2.BORDER_REFLECT
+            )
+            level = light / np.maximum(around, 1e-9)
+            measured[..., channel] = np.where(inside > 0, level, measured[..., channel])
+    return measured.astype(np.float32)

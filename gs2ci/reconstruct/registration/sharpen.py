@@ -1,0 +1,125 @@
+"""Masks that are believed softer than they were, made sharp again.
+
+A calibration that blurred, or a picture of the masks that was resampled, leaves soft masks. Elements that are either
+open or closed betray how: undoing the right blur, or the right fraction of a pixel, leaves nothing but open and closed
+ones. That is told by the masks alone. Where it fails, regularised filtering sharpens as far as the measurement agrees.
+Here: both. Not here: whether they are taken (`register`, by what the measurement says).
+"""
+
+from collections.abc import Callable
+from typing import Final
+
+import numpy as np
+
+from gs2ci.core.arrays import F32, F64
+from gs2ci.reconstruct.registration.kernels import undo
+from gs2ci.reconstruct.registration.misfit import Misfit, gaussian, variance_of
+
+# How far frequencies may be raised: masks from a drawing bear more than masks from a noisy calibration.
+SHARPENINGS: Final = (1e3, 100.0, 30.0, 10.0, 3.0)
+_LEAST_SIDE_PX: Final = 16
+_UNBLURRINGS: Final = (1e6, 300.0)
+# Believed masks beyond this mean squared distance from open or closed are soft. What a hypothesis leaves of their
+# variance is nothing but rounding where it holds, and some hundredths where calibration added noise.
+_SOFT: Final = 3e-3
+_EXPLAINED: Final = 0.05
+_SAMPLE_PX: Final = 128
+_SIGMAS_PX: Final = np.arange(0.3, 1.61, 0.1)
+_SIGMA_STEP_PX: Final = 0.05
+_FRACTIONS: Final = np.arange(-0.5, 0.501, 0.05)
+_FRACTION_STEP_PX: Final = 0.025
+_FINEST_PX: Final = 1e-3
+
+_Hypothesis = tuple[float, float]
+
+
+def softness(masks: F64) -> float:
+    """Return the mean squared distance of transmissions from open or closed, whichever is nearer."""
+    return float(np.mean(np.minimum(masks**2, (1 - masks) ** 2)))
+
+
+def binary_source(masks: F32) -> tuple[F32, str] | None:
+    """Find the masks of open and closed elements that the believed ones, [N, H, W], are a soft picture of.
+
+    Returns:
+        Those masks, and in which way the believed ones are soft; None where they are sharp already, or where neither a
+        blur nor an interpolation of open and closed elements gives them.
+    """
+    sample = masks[:1].astype(np.float64)
+    if softness(sample) < _SOFT or min(masks.shape[1:]) < _LEAST_SIDE_PX:
+        return None
+    part = np.ascontiguousarray(sample[:, :_SAMPLE_PX, :_SAMPLE_PX])
+    whole = masks.astype(np.float64)
+    shift = _search([(float(a), float(b)) for a in _FRACTIONS for b in _FRACTIONS], part, _unshifted, _shifted)
+    step = _FRACTION_STEP_PX
+    while step > _FINEST_PX:
+        around = [(shift[0] + a * step, shift[1] + b * step) for a in (-1, 0, 1) for b in (-1, 0, 1)]
+        shift, step = _search(around, part, _unshifted, _shifted), step / 2
+    blur = _search([(float(s), most) for s in _SIGMAS_PX for most in _UNBLURRINGS], sample, _unblurred, _blurred)
+    step = _SIGMA_STEP_PX
+    while step > _FINEST_PX:
+        around = [(max(0.1, blur[0] + a * step), blur[1]) for a in (-1, 0, 1)]
+        blur, step = _search(around, sample, _unblurred, _blurred), step / 2
+    interpolated = _open_or_closed(_unshifted(whole, *shift))
+    unblurred = _open_or_closed(_unblurred(whole, *blur))
+    left_shift, left_blur = _left(whole, _shifted(interpolated, *shift)), _left(whole, _blurred(unblurred, *blur))
+    if min(left_shift, left_blur) > _EXPLAINED:
+        return None
+    if left_shift < left_blur:
+        return interpolated.astype(np.float32), f"interpolated at {shift[0]:+.2f}, {shift[1]:+.2f} px"
+    return unblurred.astype(np.float32), f"blurred by σ {blur[0]:.2f} px"
+
+
+_Way = Callable[[F64, float, float], F64]
+
+
+def _search(hypotheses: list[_Hypothesis], masks: F64, undo: _Way, redo: _Way) -> _Hypothesis:
+    """Return the hypothesis under which masks of open and closed elements give the believed ones best."""
+    left = [_left(masks, redo(_open_or_closed(undo(masks, *one)), *one)) for one in hypotheses]
+    return hypotheses[int(np.argmin(left))]
+
+
+def _open_or_closed(masks: F64) -> F64:
+    opened: F64 = (masks > 0.5).astype(np.float64)
+    return opened
+
+
+def _left(believed: F64, given: F64) -> float:
+    """Return which share of the variance of believed masks is left unexplained."""
+    return float(np.mean((believed - given) ** 2) / max(float(believed.var()), 1e-12))
+
+
+def candidates(masks: F64, misfit: Misfit) -> list[F64 | None]:
+    """Return the ways to sharpen believed masks, [N, H, W] each; none where no sharpening was asked for."""
+    if misfit.blur_px2 >= 0:
+        return []
+    return [misfit.of_masks(masks, most) for most in SHARPENINGS]
+
+
+def _unblurred(masks: F64, sigma: float, most: float) -> F64:
+    unblurred: F64 = np.clip(gaussian(masks, -variance_of(sigma), most), 0, 1)
+    return unblurred
+
+
+def _blurred(masks: F64, sigma: float, _most: float) -> F64:
+    return gaussian(masks, variance_of(sigma))
+
+
+def _unshifted(masks: F64, down: float, right: float) -> F64:
+    """Undo bilinear interpolation at a fraction of a pixel, up to a half in each direction, rim going on."""
+    undone: F64 = undo(undo(masks, down).swapaxes(1, 2), right).swapaxes(1, 2)
+    return undone
+
+
+def _shifted(masks: F64, down: float, right: float) -> F64:
+    return _interpolate(_interpolate(masks, down).swapaxes(1, 2), right).swapaxes(1, 2)
+
+
+def _interpolate(masks: F64, fraction: float) -> F64:
+    """Move pictures by a fraction of a pixel along their rows' index, rim going on."""
+    f = min(abs(fraction), 0.5)
+    if fraction >= 0:
+        before = np.concatenate([masks[:, :1], masks[:, :-1]], axis=1)
+    else:
+        before = np.concatenate([masks[:, 1:], masks[:, -1:]], axis=1)
+    return (1 - f) * masks + f * before
