@@ -77,6 +77,10 @@ class WeightSet:
         joint = float(np.sqrt(np.square(rms).sum()))
         return min(by_turns, self._together.worst_rms(joint, peak * len(self._each) ** 0.5))
 
+    def worst_rms_of_independent(self, rms: float, peak: float) -> float:
+        """Return the largest rms if the fields are independent draws: variances add up, so of (sum w^2)^(1/2)."""
+        return self._together.worst_rms(rms, peak)
+
     def worst_rms_of_one(self, rms: float, peak: float) -> float:
         """Return the largest rms if the field is the same behind all masks: of sum_n w_n times it."""
         return self._sum.worst_rms(rms, peak)

@@ -26,7 +26,7 @@ from scipy.fft import dctn
 
 from gs2ci.core.arrays import F32, F64
 from gs2ci_sims.alignment import WeightSet
-from gs2ci_sims.effects.base import Bound, Brightening, Charging, Effect, Moving, Stage, ViewChange
+from gs2ci_sims.effects.base import Bound, Brightening, Charging, Effect, Modulating, Moving, Stage, ViewChange
 from gs2ci_sims.light_path import EffectChain
 from gs2ci_sims.motion import displacement_px, image_motion_px, image_travel_px
 from gs2ci_sims.path import CameraPath
@@ -40,8 +40,13 @@ STILL_PX: Final = 0.25
 # A spectrum needs some pixels: smaller sensors are previewed with a margin.
 SIDE_MIN_PX: Final = 24
 SPECTRUM_BINS: Final = 193
-# The rasteriser's graininess, rms, of full scale: measured on planes, where it is 5e-5 to 8e-5.
-RENDER_GRAIN: Final = 1e-4
+# The rasteriser's graininess, rms, of full scale: on planes, 4e-5 to 8e-5 about a polynomial through a pixel of motion.
+RENDER_GRAIN: Final = 8e-5
+# Its largest value over the pixels against its rms (20 to 26 there), and the motion after which it is another: there
+# its autocorrelation is nothing.
+GRAIN_PEAK: Final = 25.0
+GRAIN_PX: Final = 0.025
+TRAVEL_STEPS: Final = 65
 # Standard deviations of noise that a reading is taken to stay within.
 SIGMAS: Final = 6.0
 
@@ -117,7 +122,7 @@ class Preview:
         """Bound what an effect on masks changes: applied to the masks that it meets, with its device's own pattern."""
         before = self.masks_before(effect)
         after: NDArray[Any] = EffectChain([effect], self.seed, self.rig).through(Stage.MASKS, before)
-        return self.of_masks(after - before)
+        return self.of_masks(effect, after - before)
 
     @cached_property
     def shown(self) -> NDArray[Any]:
@@ -177,8 +182,10 @@ class Preview:
             axis=0,
         )
         away_px = away_px + self.object_px_per_s * np.abs(intervals_s - seen_s[:, None]).max(axis=1)
-        moved = np.array([self._shifted_rms(float(px)) for px in away_px])
-        return np.asarray(np.minimum(self._surprise * moved + self._optics_rms, self.scene.brightest))
+        moved = self._surprise * np.array([self._shifted_rms(float(px)) for px in away_px])
+        # Two views of a moving image also differ by the rasteriser's grain in both.
+        moved += np.where(away_px > 0, 2 * RENDER_GRAIN, 0.0)
+        return np.asarray(np.minimum(moved + self._optics_rms, self.scene.brightest))
 
     @cached_property
     def _optics_rms(self) -> float:
@@ -259,14 +266,15 @@ class Preview:
 
     # The masks, and light that comes at another time.
 
-    def of_masks(self, change: NDArray[Any]) -> Bound:
+    def of_masks(self, effect: Effect, change: NDArray[Any]) -> Bound:
         """Bound what a change of the masks, [N, H, W], makes of the readings; it may vary in time with one sign."""
-        return self._of_changes(((one, np.abs(one)) for one in change), self.intervals_s)
+        return self._of_changes(effect, ((one, np.abs(one)) for one in change), self.intervals_s)
 
-    def of_shares(self, mean: F64, swing: F64, intervals_s: F64 | None = None) -> Bound:
+    def of_shares(self, effect: Effect, mean: F64, swing: F64, intervals_s: F64 | None = None) -> Bound:
         """Bound what changing the light behind each mask by a share makes of the readings.
 
         Args:
+            effect: Which does it.
             mean: The share that its whole light changes by, [N].
             swing: The mean magnitude of the change over the interval, [N], at least that of the mean: what is taken
                 here and added there is light of another moment.
@@ -276,23 +284,41 @@ class Preview:
         changes = (
             (float(share) * mask, float(size) * mask) for mask, share, size in zip(self.shown, mean, swing, strict=True)
         )
-        return self._of_changes(changes, self.intervals_s if intervals_s is None else intervals_s)
+        return self._of_changes(effect, changes, self.intervals_s if intervals_s is None else intervals_s)
 
-    def _of_changes(self, changes: Iterable[tuple[NDArray[Any], NDArray[Any]]], intervals_s: F64) -> Bound:
-        """Bound changes of masks, in the mean and in magnitude, as computed for the V_k and at worst for the D_n."""
-        total = np.zeros((len(self.views), *self.scene.size))
+    def _of_changes(
+        self, effect: Effect, changes: Iterable[tuple[NDArray[Any], NDArray[Any]]], intervals_s: F64
+    ) -> Bound:
+        """Bound changes of masks, in the mean and in magnitude, as computed for the V_k and at worst for the D_n.
+
+        Where other effects change the light of some masks more than of others, changes that cancel no longer do, by
+        as large a share.
+        """
+        total, size = (np.zeros((len(self.views), *self.scene.size)) for _ in range(2))
 
         def magnitudes() -> Iterator[NDArray[Any]]:
             for (mean, magnitude), nearest in zip(changes, self._nearest, strict=True):
                 total[nearest] += mean
+                size[nearest] += np.abs(mean)
                 yield magnitude
 
         weights = WeightSet(magnitudes())
         steady = np.einsum("khw,khwc->hwc", total, self.views)
-        brightest = self.scene.brightest
+        brightest, modulation = self.scene.brightest, self._modulation(effect)
+        if modulation > 0:
+            steady = np.abs(steady) + modulation * np.einsum("khw,khwc->hwc", size, self.views)
         rms = float(np.sqrt(np.square(steady).mean())) + weights.worst_rms(self._departures(intervals_s), brightest)
         peak = float(np.abs(steady).max()) + brightest * weights.largest_sum
         return Bound(self.full_scale_dn * rms, self.full_scale_dn * peak)
+
+    def _modulation(self, effect: Effect) -> float:
+        """Return by which share of a mask's light the other effects may change it against the others'."""
+        shares = [
+            other.modulation(self)
+            for other in self.effects
+            if isinstance(other, Modulating) and other.name != effect.name
+        ]
+        return float(np.prod([1 + share for share in shares])) - 1
 
     # Charge: what a pixel collects.
 
@@ -359,15 +385,17 @@ class Preview:
         """Return what the rasteriser's own graininess makes of the readings, DN rms, with so many views.
 
         Views of a moving image differ by a little that is no light: splats dropped below 1/255 of opacity, orders
-        of depth that flip, float32. It is independent from view to view, and a view that stands for several masks
-        carries it into all of them.
+        of depth that flip, float32. It is independent in views between which the image moves by `GRAIN_PX`; a view
+        that stands for several masks carries it into all of them.
         """
-        return RENDER_GRAIN * self.full_scale_dn * float(np.sqrt(self._squares_sum * len(self.masks) / views))
+        independent = min(views, 1 + self._whole_travel_px / GRAIN_PX)
+        rms = RENDER_GRAIN * float(np.sqrt(len(self.masks) / independent))
+        return self.full_scale_dn * self._most_open_weights.worst_rms_of_independent(rms, GRAIN_PEAK * rms)
 
     @cached_property
-    def _squares_sum(self) -> float:
-        """Mean over the pixels of the sum of the masks' squares."""
-        return float(np.square(self.most_open, dtype=np.float64).sum(axis=0).mean())
+    def _whole_travel_px(self) -> float:
+        ends_s = np.linspace(self.intervals_s[0, 0], self.intervals_s[-1, 1], TRAVEL_STEPS)
+        return float(self.travel_px(ends_s)[-1])
 
 
 def preview(

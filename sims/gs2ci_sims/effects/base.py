@@ -120,6 +120,15 @@ class Charging(Effect, Protocol):
 
 
 @runtime_checkable
+class Modulating(Effect, Protocol):
+    """An effect that changes the light of some masks more than that of others."""
+
+    def modulation(self, scene: "Preview") -> float:
+        """Return the largest share of a mask's light that it takes away, adds, or collects at another time."""
+        ...
+
+
+@runtime_checkable
 class Moving(Effect, Protocol):
     """An effect that moves parts of the scene."""
 

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
+from gs2ci.core.arrays import F64
 from gs2ci.core.errors import InputError
 from gs2ci_sims.effects.base import Bound, Stage
 from gs2ci_sims.effects.trigger_timing import within_window
@@ -39,6 +40,14 @@ class ClockDrift:
 
         What is taken from its own time and what is added after it are at most twice the delay.
         """
+        return scene.of_shares(self, *self._changes(scene, rig))
+
+    def modulation(self, scene: "Preview") -> float:
+        """What the last mask's light changes by, or moves."""
+        return float(self._changes(scene, scene.rig)[1].max())
+
+    def _changes(self, scene: "Preview", rig: "Rig") -> tuple[F64, F64, F64]:
+        """Return the change of each mask's light, its magnitude in time [N], and over what time it goes on [N, 2]."""
         stretch = 1e-6 * self.ppm
         begin = scene.intervals_s[0, 0]
         stretched = begin + (scene.intervals_s - begin) * (1 + stretch)
@@ -48,7 +57,7 @@ class ClockDrift:
         change = share[:, 1] - share[:, 0] - 1
         swing = np.minimum(np.abs(share - own).sum(axis=1), share[:, 1] - share[:, 0] + 1)
         both = np.stack([np.minimum(kept, scene.intervals_s)[:, 0], np.maximum(kept, scene.intervals_s)[:, 1]], axis=1)
-        return scene.of_shares(change, swing, both)
+        return change, swing, both
 
     def brightest(self, scene: "Preview") -> float:
         """The stretch."""

@@ -39,11 +39,15 @@ class IlluminationDrift:
         parts = np.linspace(0, 1, 65)
         times_s = scene.intervals_s[:, :1] + np.diff(scene.intervals_s, axis=1) * parts
         change = self._factor(times_s) - 1
-        return scene.of_shares(change.mean(axis=1), np.abs(change).mean(axis=1))
+        return scene.of_shares(self, change.mean(axis=1), np.abs(change).mean(axis=1))
 
     def brightest(self, scene: "Preview") -> float:
         """The drift at the end of the exposure."""
         return float(self._factor(scene.intervals_s).max())
+
+    def modulation(self, scene: "Preview") -> float:
+        """The drift at either end of the exposure."""
+        return float(np.abs(self._factor(scene.intervals_s) - 1).max())
 
     def apply(self, signal: Slices, rig: "Rig", rng: np.random.Generator) -> Slices:
         """Scale each slice by the drift at its middle, cut in four to follow it."""

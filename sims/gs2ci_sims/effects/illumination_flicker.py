@@ -44,11 +44,15 @@ class IlluminationFlicker:
         """The swing that an interval's mean keeps, depth |sin x / x|, at the worst phase; the rest moves in time."""
         left = swing_left(self.depth, 2 * self.mains_hz, rig.timing.interval_s)
         masks = len(scene.masks)
-        return scene.of_shares(np.full(masks, left), np.full(masks, self.depth))
+        return scene.of_shares(self, np.full(masks, left), np.full(masks, self.depth))
 
     def brightest(self, scene: "Preview") -> float:
         """The top of the swing."""
         return 1 + self.depth
+
+    def modulation(self, scene: "Preview") -> float:
+        """The swing."""
+        return self.depth
 
     def apply(self, signal: Slices, rig: "Rig", rng: np.random.Generator) -> Slices:
         """Swing the light of the slices."""

@@ -46,11 +46,15 @@ class LcosFlicker:
         """The ripple that an interval's mean keeps, depth |sin x / x|; the rest moves in time."""
         left = swing_left(self.depth, self.drive_hz, rig.timing.interval_s)
         masks = len(scene.masks)
-        return scene.of_shares(np.full(masks, left), np.full(masks, self.depth))
+        return scene.of_shares(self, np.full(masks, left), np.full(masks, self.depth))
 
     def brightest(self, scene: "Preview") -> float:
         """The top of the swing."""
         return 1 + self.depth
+
+    def modulation(self, scene: "Preview") -> float:
+        """The swing."""
+        return self.depth
 
     def apply(self, signal: Slices, rig: "Rig", rng: np.random.Generator) -> Slices:
         """Ripple the light of the slices; the phase is 0 when the first mask is switched on."""

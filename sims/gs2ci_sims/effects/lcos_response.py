@@ -57,10 +57,18 @@ class LcosResponse:
         """The old state's mean weight over an interval, tau/T (1 - exp(-T/tau)), times what it differs by."""
         if self.tau_s == 0:
             return NOTHING
-        ratio = self.tau_s / rig.timing.interval_s
-        weight = min(1.0, float(-np.expm1(-1 / ratio) * ratio))
+        weight = self._weight(rig)
         old = np.tensordot(self.states(len(scene.masks), rig), scene.shown, axes=1)
-        return scene.of_masks(weight * (old - scene.shown))
+        return scene.of_masks(self, weight * (old - scene.shown))
+
+    def modulation(self, scene: "Preview") -> float:
+        """What goes to older masks."""
+        return self._weight(scene.rig) if self.tau_s > 0 else 0.0
+
+    def _weight(self, rig: "Rig") -> float:
+        """Return the mean weight of the old state over an interval."""
+        ratio = self.tau_s / rig.timing.interval_s
+        return min(1.0, float(-np.expm1(-1 / ratio) * ratio))
 
     def apply(self, signal: Slices, rig: "Rig", rng: np.random.Generator) -> Slices:
         """Mix what is left of older masks into each mask's time."""

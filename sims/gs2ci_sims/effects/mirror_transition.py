@@ -41,7 +41,11 @@ class MirrorTransition:
     def bound(self, scene: "Preview", rig: "Rig") -> Bound:
         """Half of the transition's share of the interval goes to the mask before."""
         share = 0.5 * self._share(rig)
-        return scene.of_masks(share * (_before(scene.shown, rig) - scene.shown))
+        return scene.of_masks(self, share * (_before(scene.shown, rig) - scene.shown))
+
+    def modulation(self, scene: "Preview") -> float:
+        """What goes to the mask before."""
+        return 0.5 * self._share(scene.rig)
 
     def apply(self, signal: Slices, rig: "Rig", rng: np.random.Generator) -> Slices:
         """Mix the mask before into the begin of each mask's time."""

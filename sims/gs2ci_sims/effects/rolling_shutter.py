@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, ClassVar, Final
 
 import numpy as np
 
+from gs2ci.core.arrays import F64
 from gs2ci.core.errors import InputError
 from gs2ci_sims.effects.base import Bound, Stage
 from gs2ci_sims.signals import Shutter, Slices
@@ -43,10 +44,17 @@ class RollingShutter:
 
     def bound(self, scene: "Preview", rig: "Rig") -> Bound:
         """The light of each mask that each row misses."""
+        return scene.of_masks(self, self._missed(scene)[..., None] * scene.shown)
+
+    def modulation(self, scene: "Preview") -> float:
+        """What the last row misses."""
+        return float(self._missed(scene).max())
+
+    def _missed(self, scene: "Preview") -> F64:
+        """Return which share of each mask's light each row misses, [N, H]."""
         start_s, stop_s = scene.intervals_s.T
         shutter = Shutter(float(start_s[0]), float(stop_s[-1]), self.line_delay_s)
-        missed = 1 - shutter.open_share(start_s, stop_s, scene.masks.shape[1])
-        return scene.of_masks(missed[..., None] * scene.shown)
+        return np.asarray(1 - shutter.open_share(start_s, stop_s, scene.masks.shape[1]))
 
     def apply(self, signal: Slices, rig: "Rig", rng: np.random.Generator) -> Slices:
         """Give the slices a shutter that row 0 does not notice."""

@@ -1,10 +1,12 @@
 """Trigger timing: the sensor opens late, and not always equally late."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, Final
 
 import numpy as np
 
+from gs2ci.core.arrays import F64
 from gs2ci.core.errors import InputError
 from gs2ci_sims.effects.base import Bound, Stage
 from gs2ci_sims.signals import Slices
@@ -46,14 +48,20 @@ class TriggerTiming:
 
     def bound(self, scene: "Preview", rig: "Rig") -> Bound:
         """What the latest, and the earliest, window cuts off of the masks."""
-        bounds = []
+        bounds = [scene.of_shares(self, lost, lost) for lost in self._lost(scene, rig)]
+        return Bound(max(b.rms_dn for b in bounds), max(b.peak_dn for b in bounds))
+
+    def modulation(self, scene: "Preview") -> float:
+        """What the first or the last mask loses."""
+        return max(float(lost.max()) for lost in self._lost(scene, scene.rig))
+
+    def _lost(self, scene: "Preview", rig: "Rig") -> Iterator[F64]:
+        """Return which share of each mask's light the earliest window misses, and the latest, [N] each."""
         for sign in (-1, 1):
             late_s = self.latency_s + sign * JITTER_SIGMAS * self.jitter_s
             half = 0.5 * rig.exposure_s
             kept = np.clip(scene.intervals_s, late_s - half, late_s + half)
-            lost = 1 - (kept[:, 1] - kept[:, 0]) / rig.timing.interval_s
-            bounds.append(scene.of_shares(lost, lost))
-        return Bound(max(b.rms_dn for b in bounds), max(b.peak_dn for b in bounds))
+            yield 1 - (kept[:, 1] - kept[:, 0]) / rig.timing.interval_s
 
     def apply(self, signal: Slices, rig: "Rig", rng: np.random.Generator) -> Slices:
         """Cut the slices to the window."""

@@ -47,7 +47,7 @@ class Vignetting:
     def bound(self, scene: "Preview", rig: "Rig") -> Bound:
         """The share of its reading that each pixel loses, under whichever masks are the more open."""
         lost = 1 - self.transmission(scene.scene.size, scene.scene.intrinsics)
-        return scene.of_masks(lost * scene.most_open)
+        return scene.of_masks(self, lost * scene.most_open)
 
     def apply(self, signal: View, rig: "Rig", rng: np.random.Generator) -> View:
         """Darken the view."""

@@ -1,0 +1,78 @@
+"""Every effect against its bound on random scenes, rigs and masks: does it hold, and how much of it is reached.
+
+The masks are drawn from families that cancel, align with the scene or concentrate (`tests.sims.adversaries`). Each
+effect is alone on the rig in every second draw and in the company of two others in the rest. `GS2CI_DRAWS` says how
+many draws per effect; 500 take some hours on one core.
+"""
+
+import os
+import time
+from typing import Any
+
+import hypothesis.strategies as st
+import numpy as np
+from hypothesis import HealthCheck, Phase, given, settings
+
+from gs2ci_sims.effects.motion_blur import MotionBlur
+from gs2ci_sims.effects.stage_backlash import StageBacklash
+from tests.sims.adversaries import FAMILIES
+from tests.sims.families import FAMILY, Case, ratios, reversing
+
+DRAWS = int(os.environ.get("GS2CI_DRAWS", "500"))
+SCENES = 40
+
+
+def _draw(kind: type[Any], data: st.DataObject) -> tuple[float, float, str]:
+    masks, seed = data.draw(st.sampled_from(sorted(FAMILIES))), data.draw(st.integers(0, SCENES - 1))
+    case = Case(seed, masks)
+    if kind is MotionBlur:
+        effect, company, options = MotionBlur(15), (), {"sampled": ()}
+    else:
+        others = [other for other in sorted(FAMILY, key=lambda one: one.name) if other is not kind]
+        pair = st.lists(st.sampled_from(others), min_size=2, max_size=2, unique=True)
+        company = tuple(data.draw(FAMILY[other](case)) for other in data.draw(st.one_of(st.just([]), pair)))
+        effect = data.draw(FAMILY[kind](case))
+        options = {"path": reversing(case)} if kind is StageBacklash else {}
+    rms, peak = ratios(case, effect, company=company, **options)
+    if max(rms, peak) > 1:
+        print(
+            f"  {rms:.3f} rms, {peak:.3f} peak: {effect} with {company}, case {seed}, {len(case.masks)} {masks} masks"
+        )
+    return rms, peak, masks
+
+
+def _measured(kind: type[Any]) -> list[tuple[float, float, str]]:
+    found: list[tuple[float, float, str]] = []
+
+    @settings(
+        max_examples=DRAWS,
+        deadline=None,
+        derandomize=True,
+        database=None,
+        phases=[Phase.generate],
+        suppress_health_check=list(HealthCheck),
+    )
+    @given(data=st.data())
+    def each(data: st.DataObject) -> None:
+        found.append(_draw(kind, data))
+
+    each()
+    return found
+
+
+def run() -> None:
+    """Print, per effect, in how many draws the bound was exceeded, and what of it was reached."""
+    print(
+        f"{'effect':<22}{'draws':>6}{'exceeded':>10}{'reached, rms':>14}{'peak':>7}{'median':>8}  with masks  seconds"
+    )
+    for kind in (*FAMILY, MotionBlur):
+        began_s = time.perf_counter()
+        found = _measured(kind)
+        rms, peak = (np.array([row[column] for row in found]) for column in (0, 1))
+        most = found[int(rms.argmax())][2]
+        exceeded = int((np.maximum(rms, peak) > 1).sum())
+        print(
+            f"{kind.name:<22}{len(found):>6}{exceeded:>10}{rms.max():>14.3f}{peak.max():>7.3f}{np.median(rms):>8.3f}"
+            f"  {most}  {time.perf_counter() - began_s:.0f}",
+            flush=True,
+        )
