@@ -4,6 +4,7 @@ import os
 import sys
 from pathlib import Path
 
+import hypothesis
 import numba
 import numpy as np
 import pytest
@@ -12,6 +13,13 @@ import torch
 from gs2ci import cli
 from gs2ci.core.records import Shot, Truth
 from gs2ci.evaluate.environment import machine
+
+# On a busy machine an example may take any time. The same examples every time: what `make test` says of a commit is
+# what it says again. `--hypothesis-profile=explore` draws others.
+_UNTIMED = {"deadline": None, "suppress_health_check": [hypothesis.HealthCheck.too_slow]}
+hypothesis.settings.register_profile("suite", derandomize=True, database=None, **_UNTIMED)
+hypothesis.settings.register_profile("explore", **_UNTIMED)
+hypothesis.settings.load_profile("suite")
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:

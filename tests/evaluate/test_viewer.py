@@ -11,6 +11,7 @@ import torch
 from gs2ci.core.errors import InputError, StorageError
 from gs2ci.evaluate import run_folder, viewer
 from gs2ci.evaluate.viewer import SHOWN_DEPTH, free_port, load_scene, serve
+from tests.patience import HANG_S
 
 
 @pytest.fixture
@@ -119,7 +120,7 @@ def test_viser_serves_the_scene_and_its_cameras(write, capsys):
     pytest.importorskip("viser", reason="the extra `view` is not installed")
     server = serve(load_scene(write()), host="127.0.0.1", port=0)
     try:
-        with urllib.request.urlopen(f"http://127.0.0.1:{server.get_port()}", timeout=20) as answer:
+        with urllib.request.urlopen(f"http://127.0.0.1:{server.get_port()}", timeout=HANG_S) as answer:
             assert "viser" in answer.read().decode().lower()
         names = set(server.scene._handle_from_node_name)
         assert {"/scene", "/cameras/1", "/cameras/2", "/cameras/3"} <= names

@@ -10,6 +10,7 @@ import numba
 import numpy as np
 import pytest
 
+from tests.patience import HANG_S
 from tests.stability.benches import Scale
 from tests.stability.cases import CASES
 from tests.stability.judge import run
@@ -52,6 +53,6 @@ def test_a_case_has_the_same_bits_in_another_process():
     paths = [str(ROOT / folder) for folder in (".", "drivers", "calibration", "sims")]
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(paths), "PYTHONHASHSEED": "7", "NUMBA_NUM_THREADS": "1"}
     done = subprocess.run(
-        [sys.executable, "-c", script], capture_output=True, text=True, timeout=120, check=True, env=environment
+        [sys.executable, "-c", script], capture_output=True, text=True, timeout=HANG_S, check=True, env=environment
     )
     assert done.stdout.strip() == fingerprint(TITLES[1])

@@ -11,6 +11,7 @@ import pytest
 
 from gs2ci import __version__, cli
 from gs2ci.evaluate.report import read_report
+from tests.patience import HANG_S
 
 VIEWS, HEIGHT, WIDTH = 4, 32, 40
 
@@ -141,7 +142,7 @@ def run() -> None:
     "Wait."
     try:
         print("ready", flush=True)
-        time.sleep(60)
+        time.sleep(3600)
     finally:
         print("put to rest", flush=True)
 
@@ -158,7 +159,7 @@ def test_a_command_that_is_told_to_end_puts_its_bench_to_rest_first(number):
     with subprocess.Popen([sys.executable, "-c", WAITING], env=environment, stdout=subprocess.PIPE, text=True) as child:
         assert child.stdout.readline() == "ready\n"
         child.send_signal(number)
-        rest, _ = child.communicate(timeout=30)
+        rest, _ = child.communicate(timeout=HANG_S)
     assert rest == "put to rest\n"
     assert child.returncode == 128 + number
 

@@ -15,6 +15,7 @@ from gs2ci.tables.cells import Cell, run
 from gs2ci.tables.store import Store
 from gs2ci.tables.workers import complete
 from gs2ci.tables.works import reconstruct_case
+from tests.patience import HANG_S
 
 DEADLY = Cell(os._exit, {"status": 1})
 
@@ -117,7 +118,7 @@ def test_no_process_outlives_a_killed_parent(tmp_path):
         workers = [child for child in parent.children() if "spawn_main" in " ".join(child.cmdline())]
     parent.kill()
     parent.wait()
-    _, alive = psutil.wait_procs(workers, timeout=60)
+    _, alive = psutil.wait_procs(workers, timeout=HANG_S)
     assert not alive
 
 

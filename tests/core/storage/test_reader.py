@@ -17,6 +17,7 @@ from gs2ci.core.storage import (
     recover,
     write_shots,
 )
+from tests.patience import HANG_S
 
 
 @pytest.fixture
@@ -223,7 +224,7 @@ def test_a_text_heap_that_would_be_walked_for_ever_is_refused(path):
         "except Exception as error: print(type(error).__name__, error)"
     )
     done = subprocess.run(
-        [sys.executable, "-c", script, str(path)], capture_output=True, text=True, timeout=30, check=True
+        [sys.executable, "-c", script, str(path)], capture_output=True, text=True, timeout=HANG_S, check=True
     )
     assert "StorageError" in done.stdout
     assert "damaged text storage" in done.stdout

@@ -25,9 +25,9 @@ from gs2ci.evaluate import run_folder
 from gs2ci.evaluate.pages.run_page import write_run_page
 from gs2ci.evaluate.tradeoff.record import TradeoffRecord, Tried, write_record
 from tests.evaluate.reports import GEOMETRY
+from tests.patience import HANG_S
 
 NAMES = ("chromium", "chromium-browser", "chrome-headless-shell", "google-chrome", "google-chrome-stable")
-PATIENCE_S = 60.0
 
 
 class Tab:
@@ -51,7 +51,7 @@ class Tab:
         self.requests.clear()
         self.complaints.clear()
         self.ask("Page.navigate", url=path.resolve().as_uri())
-        until = time.monotonic() + PATIENCE_S
+        until = time.monotonic() + HANG_S
         while self.run("document.readyState") != "complete" and time.monotonic() < until:
             time.sleep(0.02)
         self.run("Promise.all([...document.images].map(i => i.decode().catch(() => 0))).then(() => 1)")
@@ -120,7 +120,7 @@ class Pipe:
                 note(answer)
 
     def _read(self) -> dict[str, Any]:
-        until = time.monotonic() + PATIENCE_S
+        until = time.monotonic() + HANG_S
         while b"\0" not in self._rest:
             ready, _, _ = select.select([self._from], [], [], max(until - time.monotonic(), 0))
             chunk = os.read(self._from, 1 << 20) if ready else b""

@@ -14,6 +14,7 @@ from gs2ci.reconstruct.fit.density.osgr import Osgr
 from gs2ci.reconstruct.fit.ensemble import combined, fit_together, members
 from gs2ci.reconstruct.fit.pace import Fixed
 from gs2ci.reconstruct.measurement.jury import Jury
+from tests.patience import HANG_S
 
 RULES = (Osgr.sparing(), Osgr.generous())
 
@@ -85,7 +86,7 @@ def test_fits_come_back_in_their_order_whichever_ends_first(layer, scattered):
 
     def fit_one(member, progress, pace):
         if member is beginnings[1] and layer == "omp":
-            assert last_ended.wait(20)
+            assert last_ended.wait(HANG_S)
         if member is beginnings[2]:
             last_ended.set()
         return fit_of(np.full((1, 2, 2, 3), number(member, beginnings)))
