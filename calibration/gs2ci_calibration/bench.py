@@ -179,9 +179,16 @@ class Bench:
         return next((one.top for one in offered if one.fourcc.strip() == wanted), offered[0].top)
 
     @property
+    def gated(self) -> bool:
+        """Get whether the sensor exposes while its line is held: it can do no other, or is wired so for the capture."""
+        return self.devices.sensor.connect().only_gated or self.capture.mode is Mode.GATE
+
+    @property
     def exposure_limits_s(self) -> tuple[float, float]:
         """Get the shortest and the longest exposure that sensor and modulator share."""
         sensor, modulator = self.devices.sensor.connect(), self.devices.modulator.connect()
+        if self.gated:
+            return min(modulator.min_exposure_s.values()), modulator.max_exposure_s
         shortest = max(sensor.min_exposure_s, min(modulator.min_exposure_s.values()) - GUARD_S)
         return shortest, min(sensor.max_exposure_s, modulator.max_exposure_s - GUARD_S)
 
@@ -237,16 +244,23 @@ class Bench:
             DriverError: A device failed; all are at rest.
         """
         shortest_s = self.devices.modulator.connect().min_exposure_s.get(bit_depth, 0.0)  # else the plan refuses it
-        shown_s = max(shown_s, exposure_s + GUARD_S, shortest_s)
+        if self.gated:  # it exposes while a pattern is on show; a slower pass is dark in between
+            mask_s = max(exposure_s, shortest_s)
+            dark_s, margin_s = max(shown_s - mask_s, 0.0), 0.0
+        else:
+            mask_s = max(shown_s, exposure_s + GUARD_S, shortest_s)
+            dark_s, margin_s = 0.0, mask_s - exposure_s
         settings = CaptureSettings(
             masks=patterns,
             bit_depth=bit_depth,
-            mask_s=shown_s,
+            mask_s=mask_s,
+            dark_s=dark_s,
+            margin_s=margin_s,
             mode=Mode.PER_MASK,
             shots=frames,
             travel=travel,
-            margin_s=shown_s - exposure_s,
             retries=RETRIES,
+            gated=self.gated,
         )
         return self._run(settings)
 
@@ -256,7 +270,8 @@ class Bench:
         Args:
             patterns: [N, Hm, Wm].
             mask_s: How long each is on show.
-            exposure_s: Of the sensor, from its trigger at the first pattern; at most N `mask_s`.
+            exposure_s: Of the sensor, from its trigger at the first pattern; at most N `mask_s`. A gated sensor exposes
+                all patterns.
             frames: How many exposures, K.
             bit_depth: Of the patterns.
 
@@ -268,7 +283,7 @@ class Bench:
             masks=patterns,
             bit_depth=bit_depth,
             mask_s=mask_s,
-            mode=Mode.PER_EXPOSURE,
+            mode=Mode.GATE if self.gated else Mode.PER_EXPOSURE,
             shots=frames,
             margin_s=len(patterns) * mask_s - exposure_s,
             retries=RETRIES,

@@ -77,6 +77,14 @@ def measure(bench: Bench, known: Bundle) -> Section:
             allowed="a modulator that times its patterns itself",
             remedy="capture with mode = 'per-mask', which needs no latency",
         )
+    if bench.gated:
+        raise CalibrationError(
+            STEP,
+            Reason.NO_LATENCY,
+            "this sensor exposes as long as the modulator holds its line: no exposure ends by the sensor's own clock",
+            allowed="a sensor with an edge trigger",
+            remedy="leave this step out: the step `masks` measures by light what share of each mask is exposed",
+        )
     dark = Dark.of(known.need("dark-flat", STEP))
     bench.please(Setup.FLAT)
     coarse = _first_look(bench, dark)

@@ -123,8 +123,10 @@ def plan_capture(devices: Devices, settings: CaptureSettings, config: SensorConf
     modulator_info = modulator.connect()
     sensor_info = sensor.connect()
     stage_info = stage.connect() if stage is not None else None
+    if settings.mode is Mode.PER_MASK and sensor_info.only_gated:
+        settings = replace(settings, gated=True)
     exposure_s = min(max(sensor_exposure_s(settings), sensor_info.min_exposure_s), sensor_info.max_exposure_s)
-    setup = sensor.configure(replace(config, exposure_s=exposure_s, trigger=settings.mode.trigger_mode))
+    setup = sensor.configure(replace(config, exposure_s=exposure_s, trigger=settings.trigger_mode))
     plan = lay_out(settings, modulator_info, sensor_info, setup, stage_info)
     try:
         return with_upload(plan, modulator.upload_eta_s(plan.sequence))
@@ -307,6 +309,8 @@ class _Capture:
         """Check by its time stamp that a frame answers the trigger it is taken for."""
         index, plan = fire.frames, self._plan
         fire.frames += 1
+        if index == 0:
+            self._hold_against_start(fire, frame)
         if index == 0 or not frame.flags & FrameFlag.STAMPED_MONOTONIC:
             fire.first_stamp_ns = frame.t_kernel_ns
             return
@@ -320,6 +324,22 @@ class _Capture:
                 self._devices.sensor.name,
                 f"frame {index} came {-late_s:.3g} s before its trigger could",
                 remedy="look for reflections on the trigger line or a second source of triggers",
+            )
+
+    def _hold_against_start(self, fire: _Fire, frame: Frame) -> None:
+        """Check that the first exposure did not begin before the modulator was told to start.
+
+        A sensor that is gated by a line of the wrong polarity exposes until the masks come.
+        """
+        if not frame.flags & FrameFlag.STAMPED_MONOTONIC:
+            return
+        began_s = frame.began_s(self._plan.exposure_s, self._devices.sensor.settings.readout_s)
+        early_s = fire.fired_ns * 1e-9 - began_s
+        if early_s > END_TOLERANCE_S:
+            raise ExtraFrameError(
+                self._devices.sensor.name,
+                f"the exposure of the first frame began {early_s:.3g} s before the modulator was started",
+                remedy="check the polarity of the trigger line and what time stamps mean: `gs2ci doctor` does both",
             )
 
     def _hold_against_end(self, fire: _Fire, last: Frame) -> None:

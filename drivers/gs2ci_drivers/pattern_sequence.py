@@ -26,6 +26,8 @@ class TriggerOut(Enum):
     """A level held from the first mask's appearance to the last one's end, for a level-gated sensor (mode B)."""
     PER_MASK = "per-mask"
     """One pulse when each mask appears: one sensor frame per mask, for calibration (mode C)."""
+    GATE_PER_MASK = "gate-per-mask"
+    """A level held while each mask is on show: mode C for a level-gated sensor; masks have dark time between them."""
 
 
 @dataclass(frozen=True)
@@ -117,7 +119,7 @@ class PatternSequence:
     @property
     def pulses(self) -> int:
         """Get how often the trigger output becomes active in all passes."""
-        per_pass = {TriggerOut.NONE: 0, TriggerOut.PER_MASK: self.count}
+        per_pass = {TriggerOut.NONE: 0, TriggerOut.PER_MASK: self.count, TriggerOut.GATE_PER_MASK: self.count}
         return self.repeats * per_pass.get(self.trigger, 1)
 
     @property

@@ -26,20 +26,6 @@ class Mode(Enum):
     PER_MASK = "per-mask"
     """C: one edge and one frame per mask, for calibration."""
 
-    @property
-    def trigger_out(self) -> TriggerOut:
-        """Get what the modulator's trigger output has to do."""
-        return {
-            Mode.PER_EXPOSURE: TriggerOut.PER_EXPOSURE,
-            Mode.GATE: TriggerOut.GATE,
-            Mode.PER_MASK: TriggerOut.PER_MASK,
-        }[self]
-
-    @property
-    def trigger_mode(self) -> TriggerMode:
-        """Get what the sensor has to listen to."""
-        return TriggerMode.LEVEL if self is Mode.GATE else TriggerMode.EDGE
-
 
 @dataclass(frozen=True)
 class Travel:
@@ -90,6 +76,8 @@ class CaptureSettings:
         jitter_s: Latest start of an exposure after its edge that is reckoned with.
         retries: How often a shot is tried again after lost, late, corrupt or stale frames.
         optics: What is known of light and scene.
+        gated: Whether the sensor exposes as long as its line is held also in `Mode.PER_MASK`; where it can do no
+            other, `plan_capture` sees to it.
     """
 
     masks: U8 | U16
@@ -104,6 +92,19 @@ class CaptureSettings:
     jitter_s: float = 20e-6
     retries: int = 0
     optics: Optics = field(default_factory=Optics)
+    gated: bool = False
+
+    @property
+    def trigger_out(self) -> TriggerOut:
+        """Get what the modulator's trigger output has to do."""
+        if self.mode is Mode.PER_MASK:
+            return TriggerOut.GATE_PER_MASK if self.gated else TriggerOut.PER_MASK
+        return TriggerOut.GATE if self.mode is Mode.GATE else TriggerOut.PER_EXPOSURE
+
+    @property
+    def trigger_mode(self) -> TriggerMode:
+        """Get what the sensor has to listen to."""
+        return TriggerMode.LEVEL if self.gated or self.mode is Mode.GATE else TriggerMode.EDGE
 
 
 @dataclass(frozen=True)

@@ -23,11 +23,15 @@ BRIGHT_SHARE = 0.99
 
 
 def sensor_exposure_s(settings: CaptureSettings) -> float:
-    """Return the exposure to ask the sensor for, before the devices have rounded anything."""
+    """Return the exposure to ask the sensor for, before the devices have rounded anything.
+
+    A gated sensor exposes while masks are on show, without any margin.
+    """
     count = len(settings.masks)
+    margin_s = 0.0 if settings.trigger_mode is TriggerMode.LEVEL else settings.margin_s
     if settings.mode is Mode.PER_MASK:
-        return settings.mask_s - settings.margin_s
-    return count * settings.mask_s + (count - 1) * settings.dark_s - settings.margin_s
+        return settings.mask_s - margin_s
+    return count * settings.mask_s + (count - 1) * settings.dark_s - margin_s
 
 
 def overlap_weights(windows_s: F64, start_s: float, end_s: float) -> F64:
@@ -84,7 +88,7 @@ def lay_out(
 
 
 def _exposure(settings: CaptureSettings, setup: SensorSettings) -> float:
-    if settings.mode is Mode.GATE:
+    if settings.trigger_mode is TriggerMode.LEVEL:
         return sensor_exposure_s(settings) + setup.exposure_offset_s
     return setup.exposure_s + setup.exposure_offset_s
 
@@ -94,7 +98,10 @@ def _sequence(settings: CaptureSettings, modulator: ModulatorInfo, setup: Sensor
     busy_s = _exposure(settings, setup) + setup.readout_s + settings.jitter_s
     dark_s, pause_s = settings.dark_s, 0.0
     if settings.mode is Mode.PER_MASK:
-        dark_s = _allowed_dark(max(dark_s, busy_s - settings.mask_s), modulator)
+        dark_s = max(dark_s, busy_s - settings.mask_s)
+        if settings.trigger_mode is TriggerMode.LEVEL:  # the line has to fall between masks
+            dark_s = max(dark_s, modulator.min_dark_s)
+        dark_s = _allowed_dark(dark_s, modulator)
         pause_s = dark_s
     elif settings.burst > 1:
         shown_s = len(settings.masks) * settings.mask_s + (len(settings.masks) - 1) * dark_s
@@ -108,7 +115,7 @@ def _sequence(settings: CaptureSettings, modulator: ModulatorInfo, setup: Sensor
         dark_s=dark_s,
         pause_s=pause_s,
         repeats=settings.burst,
-        trigger=settings.mode.trigger_out,
+        trigger=settings.trigger_out,
     )
 
 
@@ -150,7 +157,7 @@ def _modulator_figures(settings: CaptureSettings, sequence: PatternSequence, inf
             sequence.trigger.value,
             outs,
             broken=sequence.trigger not in info.trigger_outs,
-            remedy="choose another `mode`",
+            remedy="choose another `mode`, or a modulator that can hold its line for each mask",
         ),
         *_unsettled(sequence, info),
         Figure(
@@ -216,7 +223,7 @@ def _sensor_figures(
             "sensor trigger",
             setup.trigger.value,
             triggers,
-            broken=setup.trigger is not settings.mode.trigger_mode and setup.trigger is not TriggerMode.FREE_RUN,
+            broken=setup.trigger is not settings.trigger_mode and setup.trigger is not TriggerMode.FREE_RUN,
             remedy="set `trigger_adapter` in [sensor] or choose another `mode`",
         ),
     ]

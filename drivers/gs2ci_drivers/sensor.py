@@ -123,6 +123,11 @@ class SensorInfo:
     triggers: frozenset[TriggerMode]
     controls: Mapping[str, str] = field(default_factory=dict)
 
+    @property
+    def only_gated(self) -> bool:
+        """Get whether an external trigger can do nothing but hold the exposure open, as with the IMX296."""
+        return TriggerMode.LEVEL in self.triggers and TriggerMode.EDGE not in self.triggers
+
 
 @dataclass(frozen=True)
 class SensorConfig:
@@ -132,6 +137,8 @@ class SensorConfig:
         height: Rows; 0 takes the device's present setting.
         width: Columns; 0 takes the device's present setting.
         fourcc: Format; "" takes the device's present setting.
+        top: First row of a region of interest; None centres it where the sensor is larger.
+        left: First column.
         exposure_s: Exposure (ignored with `TriggerMode.LEVEL`).
         trigger: What begins an exposure.
         gain_db: Analogue gain where the device has one; None leaves it.
@@ -149,6 +156,8 @@ class SensorConfig:
     buffers: int = 4
     warm_up_frames: int = 0
     controls: Mapping[str, int] = field(default_factory=dict)
+    top: int | None = None
+    left: int | None = None
 
 
 @dataclass(frozen=True)
@@ -352,7 +361,9 @@ def check_config(device: str, info: SensorInfo, config: SensorConfig) -> None:
             f"trigger mode {config.trigger.value!r} is not there",
             asked="configure",
             allowed=", ".join(sorted(mode.value for mode in info.triggers)),
-            remedy="set `trigger_adapter` in [sensor], or choose another `mode` in [capture]",
+            remedy='set mode = "gate" in [capture]: this sensor exposes as long as its line is held'
+            if info.only_gated
+            else "set `trigger_adapter` in [sensor], or choose another `mode` in [capture]",
         )
     names = sorted({fmt.fourcc for fmt in info.formats})
     if config.fourcc and config.fourcc not in names:

@@ -13,7 +13,6 @@ from rich.markup import escape
 from rich.table import Table
 
 from gs2ci.commands.display import open_display
-from gs2ci.core.progress import Progress
 
 if TYPE_CHECKING:
     from gs2ci.rig.opening import Rig
@@ -21,7 +20,6 @@ if TYPE_CHECKING:
     from gs2ci_calibration.bundle import Bundle, Provenance
     from gs2ci_calibration.drift import Change
     from gs2ci_calibration.estimates import Section
-    from gs2ci_drivers.acquisition import Devices
 
 Step = Literal["dark-flat", "sensor", "timing", "registration", "masks", "camera", "stage", "all", "check"]
 
@@ -68,7 +66,7 @@ def run(
                 _print_drift(console, *found)
                 return out
             check_target(out, provenance_of(opened, devices), step)
-            for name in _every_step(devices, display) if step == "all" else (step,):
+            for name in _every_step(bench) if step == "all" else (step,):
                 known = read_bundle(out) if out.exists() else Bundle()
                 section = _measured(bench, name, known)
                 display.finish()
@@ -80,13 +78,18 @@ def run(
     return out
 
 
-def _every_step(devices: "Devices", progress: Progress) -> list[str]:
-    """Return all steps in order, without `stage` where there is none."""
+def _every_step(bench: "Bench") -> list[str]:
+    """Return all steps in order, without `stage` where there is none and without `timing` where nothing is timed."""
     from gs2ci_calibration.procedures import PROCEDURES
 
-    if devices.stage is None:
-        progress.say("the rig has no stage: its step is left out")
-    return [name for name in PROCEDURES if name != "stage" or devices.stage is not None]
+    left_out = set()
+    if bench.devices.stage is None:
+        bench.progress.say("the rig has no stage: its step is left out")
+        left_out.add("stage")
+    if bench.gated:
+        bench.progress.say("the sensor exposes while its line is held: the step `timing` is left out")
+        left_out.add("timing")
+    return [name for name in PROCEDURES if name not in left_out]
 
 
 def _measured(bench: "Bench", name: str, known: "Bundle") -> "Section":

@@ -176,6 +176,9 @@ class WorldTable(Settings):
     camera_driver: Literal["twin", "unicam", "rp1-cfe", "uvcvideo", "other"] = "twin"
     """As which kernel driver the simulated camera stamps its frames; "twin" stamps the start of exposure and flags it,
     "other" the end of the frame."""
+    camera_array: tuple[Count, Count] | None = None
+    """Rows and columns of the simulated camera's pixel array, of which [sensor] reads out a region; the scene is what
+    that region sees. Without it the array is `height` x `width`."""
     camera_readout_s: Delay | None = None
     """How long the simulated camera truly reads out; without it, 10 us per row."""
     flat_radiance: Positive = 0.5

@@ -9,14 +9,14 @@ import os
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
 from gs2ci.core.config import SIMULATED
 from gs2ci.core.errors import Gs2ciError
 from gs2ci.rig.opening import Rig
-from gs2ci.rig.trigger_check import check_pulses, check_stamps
+from gs2ci.rig.trigger_check import PASSES, check_gate, check_pulses, check_stamps
 from gs2ci_drivers.acquisition import Devices, Taken, capture, plan_capture
 from gs2ci_drivers.display_slm.options import DisplaySlmOptions
 from gs2ci_drivers.dlpc900 import packets
@@ -68,7 +68,7 @@ def examine(rig: Rig, *, trigger_loop: bool = True) -> Iterator[Finding]:
     except Gs2ciError as error:
         yield _bad("opening the ports", error)
         return
-    found: dict[str, str] = {}
+    found: dict[str, Any] = {}
     answering = True
     try:
         for what, look in (
@@ -82,7 +82,7 @@ def examine(rig: Rig, *, trigger_loop: bool = True) -> Iterator[Finding]:
                 answering = answering and what == "stage"
                 yield _bad(what, error)
         if trigger_loop and answering:
-            yield from _pulses(rig, devices, found)
+            yield from (_gate if _gated(rig, devices) else _pulses)(rig, devices, found)
     finally:
         devices.close()
     if trigger_loop and answering:
@@ -90,7 +90,7 @@ def examine(rig: Rig, *, trigger_loop: bool = True) -> Iterator[Finding]:
         yield from _with_settings(rig, found)
 
 
-def _with_settings(rig: Rig, settings: dict[str, str]) -> Iterator[Finding]:
+def _with_settings(rig: Rig, settings: dict[str, Any]) -> Iterator[Finding]:
     """Go on with settings of the modulator that were found out."""
     if settings:
         modulator = rig.table.modulator.model_copy(update=settings)
@@ -111,7 +111,7 @@ def _with_settings(rig: Rig, settings: dict[str, str]) -> Iterator[Finding]:
         devices.close()
 
 
-def _pulses(rig: Rig, devices: Devices, found: dict[str, str]) -> Iterator[Finding]:
+def _pulses(rig: Rig, devices: Devices, found: dict[str, Any]) -> Iterator[Finding]:
     """Find out with which masks the modulator pulses; put the settings that say so into `found`."""
     info, triggers = devices.modulator.info, devices.sensor.info.triggers
     if TriggerOut.PER_EXPOSURE not in info.trigger_outs or TriggerMode.EDGE not in triggers:
@@ -133,13 +133,39 @@ def _pulses(rig: Rig, devices: Devices, found: dict[str, str]) -> Iterator[Findi
     yield Finding("trigger pulses", "ok" if agrees else "bad", verdict.said + light, "" if agrees else remedy)
 
 
+def _gated(rig: Rig, devices: Devices) -> bool:
+    """Return whether the sensor exposes while its line is held, on this rig."""
+    return devices.sensor.connect().only_gated or Mode(rig.table.capture.mode) is Mode.GATE
+
+
+def _gate(rig: Rig, devices: Devices, found: dict[str, Any]) -> Iterator[Finding]:
+    """Find out whether a gated sensor exposes while masks are on show; put the polarity that is right into `found`."""
+    modulator = rig.table.modulator
+    try:
+        gate = check_gate(devices, _config(rig))
+    except Gs2ciError as error:
+        yield _bad("trigger gate", error)
+        return
+    seen = f"{gate.count} exposures in {PASSES} passes, " + (
+        "while the masks are on show" if gate.right else "not while the masks are on show"
+    )
+    light = "; their light says the same" if gate.by_light else "; there is too little light to see it in the frames"
+    remedy = "check the trigger cable, the level of the line (often 1.8 V) and the sensor's trigger"
+    if gate.inverted and isinstance(modulator, Dlpc900Options):
+        edges = modulator.trigger_out_1.model_copy(update={"inverted": not modulator.trigger_out_1.inverted})
+        found["trigger_out_1"] = edges
+        remedy = f"set trigger_out_1 = {{ inverted = {str(edges.inverted).lower()} }} in [modulator]"
+    yield Finding("trigger gate", "ok" if gate.right else "bad", seen + light, "" if gate.right else remedy)
+
+
 def _stamps(rig: Rig, devices: Devices) -> Iterator[Finding]:
     """Find out what the sensor's time stamps are the time of."""
-    if TriggerOut.PER_MASK not in devices.modulator.info.trigger_outs or (
-        TriggerMode.EDGE not in devices.sensor.info.triggers
-    ):
+    gated = _gated(rig, devices)
+    out = TriggerOut.GATE_PER_MASK if gated else TriggerOut.PER_MASK
+    mode = TriggerMode.LEVEL if gated else TriggerMode.EDGE
+    if out not in devices.modulator.info.trigger_outs or mode not in devices.sensor.info.triggers:
         return
-    found = check_stamps(devices, _config(rig))
+    found = check_stamps(devices, _config(rig), gated=gated)
     if found.meaning is None:
         yield Finding("time stamps", "note", f"taken for {found.assumed.value}: {found.why}")
         return
@@ -159,6 +185,8 @@ def _config(rig: Rig) -> SensorConfig:
         fourcc=rig.table.sensor.format.strip(),
         buffers=rig.table.sensor.buffers,
         warm_up_frames=rig.table.sensor.warm_up_frames,
+        top=rig.table.sensor.top,
+        left=rig.table.sensor.left,
     )
 
 
@@ -277,7 +305,7 @@ def _trigger_loop(rig: Rig, devices: Devices) -> Iterator[Finding]:
     mask_s = max(LOOP_MASK_S, 2 * info.min_exposure_s[min(info.min_exposure_s)])
     settings = CaptureSettings(
         masks=_loop_masks(info), bit_depth=min(info.min_exposure_s), mask_s=mask_s, mode=Mode.PER_MASK,
-        margin_s=mask_s / 2,
+        margin_s=mask_s / 2, gated=_gated(rig, devices),
     )  # fmt: skip
     taken: list[Taken] = []
     try:

@@ -36,6 +36,8 @@ def intended(rig: Rig, devices: Devices) -> tuple[U16, CaptureSettings, SensorCo
         buffers=table.sensor.buffers,
         warm_up_frames=table.sensor.warm_up_frames,
         controls=table.sensor.controls,
+        top=table.sensor.top,
+        left=table.sensor.left,
     )
     return codes, _settings(rig, masks), config
 

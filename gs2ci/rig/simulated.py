@@ -234,11 +234,12 @@ def _camera(rig: RigTable, table: WorldTable) -> CameraModel:
     sensor, gate = rig.sensor, rig.capture.mode == "gate"
     line = "modulator.out" if not isinstance(rig.modulator, Dlpc900Options) else f"modulator.out{1 if gate else 2}"
     offered = CameraModel().formats
+    rows, columns = table.camera_array or (table.height, table.width)
     stamps, flags_start = STAMPING[table.camera_driver]
     first = (sensor.format.ljust(4),) if sensor.format else ()
     return CameraModel(
-        height=table.height,
-        width=table.width,
+        height=rows,
+        width=columns,
         formats=(*first, *(code for code in offered if code not in first)),
         trigger=sensor.trigger_adapter,
         module=sensor.trigger_module,
@@ -250,6 +251,8 @@ def _camera(rig: RigTable, table: WorldTable) -> CameraModel:
         driver=table.camera_driver,
         stamps=stamps,
         flags_start=flags_start,
+        crops=table.camera_array is not None,
+        on_subdevice=bool(sensor.subdevice),
     )
 
 

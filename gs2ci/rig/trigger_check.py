@@ -26,6 +26,8 @@ MASKS: Final = 4
 PASSES: Final = 3
 """With 4 masks in 3 passes every reading of a DLPC900's settings gives another number of pulses: 1, 2, 3, 9, 12, 36."""
 MASK_S: Final = 0.05
+PAUSE_S: Final = 0.1
+"""Between passes for a gated sensor, at least: whoever exposes in them is seen to."""
 STAMP_MASK_S: Final = 0.25
 """Long masks for the stamps: what is looked for must stand out of the host's milliseconds."""
 LOOK_S: Final = 0.1
@@ -82,6 +84,31 @@ class PulsesFound:
 
     verdict: PulseVerdict
     by_light: bool | None
+
+
+@dataclass(frozen=True)
+class GateFound:
+    """What the gate line is like.
+
+    Args:
+        count: Frames that came of `PASSES` passes.
+        by_time: Whether frames end with the masks, rather than with the pauses between passes; None without frames.
+        by_light: Whether their light is that of the masks; None where too little light comes through them to say.
+    """
+
+    count: int
+    by_time: bool | None
+    by_light: bool | None
+
+    @property
+    def right(self) -> bool:
+        """Get whether the sensor exposes while the masks are on show, and only then."""
+        return self.count == PASSES and self.by_time is True and self.by_light is not False
+
+    @property
+    def inverted(self) -> bool:
+        """Get whether it exposes while they are not."""
+        return self.by_time is False or self.by_light is False
 
 
 @dataclass(frozen=True)
@@ -182,11 +209,42 @@ def _with_the_first(looks: Sequence[Look], verdict: PulseVerdict) -> bool | None
     return (difference > 0) is not verdict.inverted
 
 
-def check_stamps(devices: Devices, config: SensorConfig) -> StampsFound:
+def check_gate(devices: Devices, config: SensorConfig) -> GateFound:
+    """Find out whether a gated sensor exposes while masks are on show or while they are not, by time and by light.
+
+    Raises:
+        DriverError: A device failed; all are at rest.
+    """
+    mask_s, _ = _times(devices)
+    pause_s = max(2 * mask_s, 2 * PAUSE_S)
+    config = replace(config, trigger=TriggerMode.LEVEL, exposure_s=MASKS * mask_s)
+    opened = np.ones(MASKS, np.uint8)
+    looks = [
+        look(devices, config, replace(_sequence(devices, is_open, mask_s, TriggerOut.GATE, PASSES), pause_s=pause_s))
+        for is_open in (opened, 0 * opened)
+    ]
+    by_time = None
+    if looks[0].frames:
+        # The last frame comes when the last masks have ended, or as long before as they are on show.
+        due_s = looks[0].fired_s + PASSES * (MASKS * mask_s + pause_s) - pause_s
+        by_time = looks[0].frames[-1].t_host_ns * 1e-9 > due_s - MASKS * mask_s / 2
+    by_light = None
+    if all(one.frames for one in looks):
+        (level, error), (dark, dark_error) = (one.level_dn for one in looks)
+        by_light = True if level - dark > max(SURE * float(np.hypot(error, dark_error)), LEAST_DN) else None
+    return GateFound(looks[0].count, by_time, by_light)
+
+
+def check_stamps(devices: Devices, config: SensorConfig, *, gated: bool) -> StampsFound:
     """Find out what the sensor's time stamps are the time of, by exposures of two lengths.
 
     The stamp of a start of exposure does not move when the exposure grows, the others move with it; and a frame's end
     is stamped when it arrives, its begin one readout earlier.
+
+    Args:
+        devices: The rig's devices, connected.
+        config: The sensor's set-up; trigger and exposure are filled in.
+        gated: Whether the sensor exposes while its line is held; masks then last as long as exposures.
 
     Raises:
         DriverError: A device failed; all are at rest.
@@ -195,12 +253,15 @@ def check_stamps(devices: Devices, config: SensorConfig) -> StampsFound:
     mask_s = max(mask_s, STAMP_MASK_S)
     info = devices.sensor.info
     lengths_s = (shortest_s, min(0.6 * mask_s, info.max_exposure_s))
-    opened = np.ones(2, np.uint8)
-    sequence = _sequence(devices, opened, mask_s, TriggerOut.PER_MASK, 1)
-    looks = [
-        look(devices, replace(config, trigger=TriggerMode.EDGE, exposure_s=exposure_s), sequence)
-        for exposure_s in lengths_s
-    ]
+    looks = []
+    for exposure_s in lengths_s:
+        trigger = TriggerMode.LEVEL if gated else TriggerMode.EDGE
+        if gated:
+            sequence = _sequence(devices, _OPEN, exposure_s, TriggerOut.GATE_PER_MASK, 1)
+            sequence = replace(sequence, dark_s=mask_s)
+        else:
+            sequence = _sequence(devices, _OPEN, mask_s, TriggerOut.PER_MASK, 1)
+        looks.append(look(devices, replace(config, trigger=trigger, exposure_s=exposure_s), sequence))
     if not all(one.frames for one in looks):
         return StampsFound(None, StampMeaning.END_OF_FRAME, "no frame came")
     return _meaning(looks, devices.sensor.settings.readout_s)
@@ -226,14 +287,16 @@ def _meaning(looks: Sequence[Look], readout_s: float) -> StampsFound:
     return StampsFound(meaning, assumed, why)
 
 
+_OPEN: Final = np.ones(2, np.uint8)
 _STAMPS: Final = FrameFlag.STAMPED_AT_START | FrameFlag.STAMPED_AT_FRAME_START
 
 
 def _times(devices: Devices) -> tuple[float, float]:
     """Return a time per mask that leaves room for a frame of each, and a short exposure."""
     modulator, sensor = devices.modulator.info, devices.sensor.info
-    exposure_s = min(max(MASK_S / 10, sensor.min_exposure_s), sensor.max_exposure_s)
-    return max(MASK_S, 2 * modulator.min_exposure_s[min(modulator.min_exposure_s)], 4 * exposure_s), exposure_s
+    shortest_s = modulator.min_exposure_s[min(modulator.min_exposure_s)]
+    exposure_s = min(max(MASK_S / 10, sensor.min_exposure_s, 2 * shortest_s), sensor.max_exposure_s)
+    return max(MASK_S, 4 * exposure_s), exposure_s
 
 
 def _sequence(devices: Devices, is_open: U8, mask_s: float, trigger: TriggerOut, passes: int) -> PatternSequence:

@@ -134,10 +134,10 @@ class TriggerBus:
         for listener in tuple(self._listeners[line]):
             listener(edge)
 
-    def pulse(self, line: str, width_s: float) -> None:
-        """Raise a line now and lower it `width_s` later."""
-        self.drive(line, True)
-        self._clock.after(width_s, lambda: self.drive(line, False))
+    def pulse(self, line: str, width_s: float, *, level: bool = True) -> None:
+        """Set a line to a level now and to the other one `width_s` later."""
+        self.drive(line, level)
+        self._clock.after(width_s, lambda: self.drive(line, not level))
 
     def listen(self, line: str, listener: EdgeListener) -> None:
         """Call `listener` at every change of a line, at its time."""

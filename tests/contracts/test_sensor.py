@@ -58,9 +58,11 @@ class Bench:
 
     def fire(self, count: int = 1) -> None:
         """Trigger `count` exposures of 2 ms, 20 ms apart; a free-running sensor needs none of this."""
-        width_s = 2e-3 if self.mode is TriggerMode.LEVEL else 20e-6
+        gated = self.mode is TriggerMode.LEVEL  # the IMX296 exposes while its line is low
+        width_s = 2e-3 if gated else 20e-6
+        self.world.bus.drive(LINE, gated)
         for i in range(count):
-            self.world.clock.after(1e-3 + 0.02 * i, lambda: self.world.bus.pulse(LINE, width_s))
+            self.world.clock.after(1e-3 + 0.02 * i, lambda: self.world.bus.pulse(LINE, width_s, level=not gated))
 
 
 def _edge_by_control() -> tuple[CameraModel, V4l2Options, TriggerMode]:

@@ -28,7 +28,7 @@ def plan(stage=STAGE, modulator=MODULATOR, readout_s=1e-3, exposure_s=None, full
     setup = SensorSettings(
         SENSOR.formats[0],
         sensor_exposure_s(settings) if exposure_s is None else exposure_s,
-        settings.mode.trigger_mode,
+        settings.trigger_mode,
         readout_s,
         full_well_e=full_well_e,
     )

@@ -90,7 +90,7 @@ def measure_slots(bench: Bench, field: Field, saturation_dn: float, step: str) -
 
 
 def _why_not(bench: Bench, whole: Bool) -> str:
-    if bench.capture.mode is not Mode.PER_EXPOSURE:
+    if bench.capture.mode is Mode.PER_MASK:
         return f"in the mode {bench.capture.mode.value} no exposure spans several masks by the sensor's own clock"
     if bench.capture.dark_s > 0:
         return "dark time between the masks hides their edges"

@@ -92,7 +92,7 @@ class Dlpc900(Modulator):
                 falls, and masks that are not dark outside the loaded blocks.
         """
         quantised = super().check(sequence)
-        if quantised.trigger is TriggerOut.GATE:
+        if quantised.trigger in (TriggerOut.GATE, TriggerOut.GATE_PER_MASK):
             self._check_gate(quantised)
         if self.settings.blocks is not None:
             self._check_blocks(quantised, *self.settings.blocks)
@@ -103,13 +103,16 @@ class Dlpc900(Modulator):
         return judge(self.settings, fires, sequence.repeats, counted)
 
     def _check_gate(self, sequence: PatternSequence) -> None:
-        if sequence.dark_s > 0 or (sequence.repeats != 1 and sequence.pause_s == 0):
+        each = sequence.trigger is TriggerOut.GATE_PER_MASK
+        falls_within = sequence.dark_s > 0
+        falls_between = sequence.repeats == 1 or sequence.pause_s > 0
+        if (each and not (falls_within or sequence.count == 1)) or (not each and falls_within) or not falls_between:
             raise OutOfRangeError(
                 self.name,
                 "TRIG_OUT_1 is the gate: it falls in every dark time and at no other time",
-                asked=f"gate with dark_s = {sequence.dark_s:g}, pause_s = {sequence.pause_s:g}",
-                allowed="dark_s = 0, and pause_s > 0 when there is more than one pass",
-                remedy="set dark_s = 0 and a pause, or use one trigger per exposure",
+                asked=f"{sequence.trigger.value} with dark_s = {sequence.dark_s:g}, pause_s = {sequence.pause_s:g}",
+                allowed=("dark_s > 0" if each else "dark_s = 0") + ", and pause_s > 0 when there is more than one pass",
+                remedy="change dark_s or set a pause, or use one trigger per exposure",
             )
 
     def _check_blocks(self, sequence: PatternSequence, first: int, last: int) -> None:

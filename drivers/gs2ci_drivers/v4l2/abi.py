@@ -291,6 +291,32 @@ class SubdevFormat(ctypes.Structure):
     )
 
 
+class Rect(ctypes.Structure):
+    """struct v4l2_rect: a region of the pixel array."""
+
+    _fields_ = (("left", s32), ("top", s32), ("width", u32), ("height", u32))
+
+
+class Selection(ctypes.Structure):
+    """struct v4l2_selection: a region, on a capture node."""
+
+    _fields_ = (("type", u32), ("target", u32), ("flags", u32), ("r", Rect), ("reserved", u32 * 9))
+
+
+class SubdevSelection(ctypes.Structure):
+    """struct v4l2_subdev_selection: a region, on a pad of a sub-device."""
+
+    _fields_ = (
+        ("which", u32),
+        ("pad", u32),
+        ("target", u32),
+        ("flags", u32),
+        ("r", Rect),
+        ("stream", u32),
+        ("reserved", u32 * 7),
+    )
+
+
 def _ioc(direction: int, number: int, layout: type[ctypes.Structure] | type[ctypes.c_int]) -> int:
     """Encode an ioctl request: direction, size of the argument, type 'V', number (asm-generic/ioctl.h)."""
     return direction << 30 | ctypes.sizeof(layout) << 16 | ord("V") << 8 | number
@@ -315,12 +341,16 @@ class Ioctl(enum.IntEnum):
     G_EXT_CTRLS = _ioc(_READ | _WRITE, 71, ExtControls)
     S_EXT_CTRLS = _ioc(_READ | _WRITE, 72, ExtControls)
     DQEVENT = _ioc(_READ, 89, Event)
+    G_SELECTION = _ioc(_READ | _WRITE, 94, Selection)
+    S_SELECTION = _ioc(_READ | _WRITE, 95, Selection)
     SUBSCRIBE_EVENT = _ioc(_WRITE, 90, EventSubscription)
     QUERY_EXT_CTRL = _ioc(_READ | _WRITE, 103, QueryExtCtrl)
 
 
 # The number 5 with a direction and a size of its own: sub-devices have their own number space.
 SUBDEV_S_FMT: Final = _ioc(_READ | _WRITE, 5, SubdevFormat)
+SUBDEV_G_SELECTION: Final = _ioc(_READ | _WRITE, 61, SubdevSelection)
+SUBDEV_S_SELECTION: Final = _ioc(_READ | _WRITE, 62, SubdevSelection)
 
 
 @enum.unique
@@ -397,6 +427,14 @@ class Cid(enum.IntEnum):
     HBLANK = 0x009E0902
     ANALOGUE_GAIN = 0x009E0903
     PIXEL_RATE = 0x009F0902
+
+
+@enum.unique
+class SelectionTarget(enum.IntEnum):
+    """V4L2_SEL_TGT_*: which region is meant."""
+
+    CROP = 0
+    CROP_BOUNDS = 2
 
 
 MEMORY_MMAP: Final = 1

@@ -141,6 +141,16 @@ class NodeFormat:
 
 
 @dataclass(frozen=True)
+class Region:
+    """A region of the pixel array: first row and column, rows and columns."""
+
+    top: int
+    left: int
+    height: int
+    width: int
+
+
+@dataclass(frozen=True)
 class BufferPlace:
     """Where VIDIOC_QUERYBUF says that a buffer's plane can be mapped."""
 
@@ -292,6 +302,44 @@ class VideoNode:
                 remedy="choose a pixel format with the sensor's own bit depth and mosaic",
             )
         return fmt.format.width, fmt.format.height
+
+    def get_region(self, target: abi.SelectionTarget, *, of_subdevice: bool) -> Region | None:
+        """Return a region of the pixel array; None where the driver knows none.
+
+        Args:
+            target: Which.
+            of_subdevice: Whether this is the sensor's own node.
+        """
+        selection, raw = self._selection(target, of_subdevice=of_subdevice)
+        request = abi.SUBDEV_G_SELECTION if of_subdevice else abi.Ioctl.G_SELECTION
+        try:
+            self._ioctl(request, raw)
+        except OSError as error:
+            if error.errno in (errno.EINVAL, errno.ENOTTY, errno.ENODATA):
+                return None
+            raise_typed(self.device, "VIDIOC_G_SELECTION", error)
+        return Region(selection.r.top, selection.r.left, selection.r.height, selection.r.width)
+
+    def set_region(self, region: Region, *, of_subdevice: bool) -> Region:
+        """Ask for the region that is read out; return what the driver made of it: it may be moved and widened."""
+        selection, raw = self._selection(abi.SelectionTarget.CROP, of_subdevice=of_subdevice)
+        selection.r.left, selection.r.top = region.left, region.top
+        selection.r.width, selection.r.height = region.width, region.height
+        asked = f"VIDIOC_S_SELECTION {region.width}x{region.height} at {region.left}, {region.top}"
+        self.call(abi.SUBDEV_S_SELECTION if of_subdevice else abi.Ioctl.S_SELECTION, raw, asked)
+        return Region(selection.r.top, selection.r.left, selection.r.height, selection.r.width)
+
+    def _selection(
+        self, target: abi.SelectionTarget, *, of_subdevice: bool
+    ) -> tuple[abi.Selection | abi.SubdevSelection, bytearray]:
+        if of_subdevice:
+            pad, pad_raw = allocate(abi.SubdevSelection)
+            pad.which, pad.pad, pad.target = abi.FORMAT_ACTIVE, 0, target
+            return pad, pad_raw
+        selection, raw = allocate(abi.Selection)
+        # The kernel takes the single-plane type for both kinds of queue (V4L2 manual, VIDIOC_G_SELECTION).
+        selection.type, selection.target = abi.BufferType.VIDEO_CAPTURE, target
+        return selection, raw
 
     def request_buffers(self, count: int) -> int:
         """Ask for `count` kernel buffers (0 frees them); return how many there are."""

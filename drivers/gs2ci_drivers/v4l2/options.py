@@ -28,6 +28,11 @@ class V4l2Options(Settings):
     """Rows; 0 takes the largest."""
     width: Annotated[int, Field(ge=0)] = 0
     """Columns; 0 takes the largest."""
+    top: Annotated[int, Field(ge=0)] | None = None
+    """First row of the region of interest; without it, the middle of the sensor. Kernel drivers move and widen regions
+    to what the sensor can do, the IMX296's to multiples of 4."""
+    left: Annotated[int, Field(ge=0)] | None = None
+    """First column of the region of interest."""
     format: str = ""
     """Four-character code ("Y10", "Y12", "RG12", ...); "" takes the device's present one."""
     gain_db: float | None = None

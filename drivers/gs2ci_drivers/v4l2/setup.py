@@ -9,16 +9,18 @@ from typing import Final
 
 from gs2ci.core.clock import Clock
 from gs2ci.core.errors import InputError
-from gs2ci_drivers.failures import DeviceFaultError, DriverError, UnsupportedError
+from gs2ci_drivers.failures import DeviceFaultError, DriverError, OutOfRangeError, UnsupportedError
 from gs2ci_drivers.ports import SysPort
 from gs2ci_drivers.sensor import FrameFormat, SensorConfig, SensorInfo, SensorSettings, TriggerMode
 from gs2ci_drivers.v4l2 import abi
 from gs2ci_drivers.v4l2.controls import Applied, ControlTable, ExposureControl, line_time_s
 from gs2ci_drivers.v4l2.formats import PIXEL_FORMATS, FrameGeometry, PixelFormat
-from gs2ci_drivers.v4l2.node import Identity, NodeFormat, VideoNode
+from gs2ci_drivers.v4l2.node import Identity, NodeFormat, Region, VideoNode
 from gs2ci_drivers.v4l2.options import V4l2Options
 from gs2ci_drivers.v4l2.trigger import trigger_adapter
 
+REGION_STEP_PX: Final = 4
+"""Centred regions begin at multiples of this: every sensor of ours takes these, and a mosaic keeps its order."""
 LARGEST_PX: Final = 16384
 """Asked for where the largest frame is wanted: every driver cuts it to what it has."""
 
@@ -54,6 +56,7 @@ class OpenCamera:
             self.identity = self.node.identity()
             self._require_capture(self.identity)
             self._subdevice: VideoNode | None = None
+            self._moved: tuple[Applied, ...] = ()
             if options.subdevice:
                 subdevice = VideoNode(port, options.subdevice, name)
                 self._subdevice = undo.enter_context(contextlib.closing(subdevice))
@@ -153,7 +156,7 @@ class OpenCamera:
             stride=geometry.stride,
             buffers=config.buffers,
         )
-        return Setup(settings, geometry, tuple(applied))
+        return Setup(settings, geometry, (*self._moved, *applied))
 
     def _geometry(self, fmt: NodeFormat) -> FrameGeometry:
         pixel = PIXEL_FORMATS[fmt.code]
@@ -188,9 +191,15 @@ class OpenCamera:
             )
         width, height = config.width or present.width, config.height or present.height
         bus_code = PIXEL_FORMATS[code].bus_code
-        if self._subdevice is not None and bus_code is not None:
-            width, height = self._subdevice.set_bus_format(bus_code, width, height)
+        if self._subdevice is not None:
+            self._set_region(self._subdevice, config, of_subdevice=True)
+            if bus_code is not None:
+                width, height = self._subdevice.set_bus_format(bus_code, width, height)
         fmt = node.set_format(code, width, height)
+        # A capture node that scales gives every size; one that does not reads out the region that it is told.
+        other = config.top is not None or config.left is not None or (fmt.height, fmt.width) != (height, width)
+        if self._subdevice is None and other and self._set_region(node, config, of_subdevice=False):
+            fmt = node.set_format(code, width, height)
         if fmt.code != code or fmt.planes != 1:
             raise UnsupportedError(
                 self.name,
@@ -200,6 +209,57 @@ class OpenCamera:
                 remedy="choose another `format` in [sensor]",
             )
         return fmt
+
+    def _set_region(self, node: VideoNode, config: SensorConfig, *, of_subdevice: bool) -> bool:
+        """Have the sensor read out the region that is wanted; return whether its driver knows regions.
+
+        Raises:
+            UnsupportedError: A place is asked for and there are no regions, or none of this size.
+            OutOfRangeError: It leaves the pixel array.
+        """
+        bounds = node.get_region(abi.SelectionTarget.CROP_BOUNDS, of_subdevice=of_subdevice)
+        placed = config.top is not None or config.left is not None
+        if bounds is None:
+            if placed:
+                raise UnsupportedError(
+                    self.name,
+                    "this kernel driver knows no regions",
+                    asked=f"region at top = {config.top}, left = {config.left}",
+                    remedy="leave `top` and `left` out of [sensor], or name the sensor's own node as `subdevice`",
+                )
+            return False
+        height, width = config.height or bounds.height, config.width or bounds.width
+        top, left = (
+            _centred(there, side) if given is None else given
+            for given, there, side in (
+                (config.top, bounds.height, height),
+                (config.left, bounds.width, width),
+            )
+        )
+        asked = f"region of {height} x {width} at row {top}, column {left}"
+        if top < 0 or left < 0 or top + height > bounds.height or left + width > bounds.width:
+            raise OutOfRangeError(
+                self.name,
+                "it leaves the pixel array",
+                asked=asked,
+                allowed=f"inside {bounds.height} x {bounds.width}",
+                remedy="change height, width, top and left in [sensor]",
+            )
+        wanted = Region(bounds.top + top, bounds.left + left, height, width)
+        got = node.set_region(wanted, of_subdevice=of_subdevice)
+        if (got.height, got.width) != (height, width):
+            raise UnsupportedError(
+                self.name,
+                f"the sensor reads out {got.height} x {got.width} instead",
+                asked=asked,
+                allowed=f"{got.height} x {got.width}",
+                remedy="set height and width in [sensor] to these",
+            )
+        self._moved = tuple(
+            Applied(name, asked_px, got_px)
+            for name, asked_px, got_px in (("top", wanted.top, got.top), ("left", wanted.left, got.left))
+        )
+        return True
 
     def _set_controls(self, config: SensorConfig) -> list[Applied]:
         """Switch automatic controls off, then set the gain and the controls asked for, in their order."""
@@ -256,3 +316,8 @@ class OpenCamera:
             asked=f"trigger mode {trigger.value}",
             remedy="set `readout_s` in [sensor] from the camera's data sheet",
         )
+
+
+def _centred(there: int, wanted: int) -> int:
+    """Return the first row or column of a region in the middle."""
+    return (there - wanted) // 2 // REGION_STEP_PX * REGION_STEP_PX

@@ -69,6 +69,11 @@ class V4l2Twin:
         """Get whether frames are being captured."""
         return self._device.ring.streaming
 
+    @property
+    def region(self) -> tuple[int, int, int, int]:
+        """Get first row and column, rows and columns of the region that is read out."""
+        return self._device.region
+
     def unplug(self) -> None:
         """Take the camera off: its nodes are gone, descriptors are dead."""
         if self._plugged:

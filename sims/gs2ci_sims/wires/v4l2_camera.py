@@ -91,6 +91,8 @@ class CameraModel:
         restarts_numbers: Whether frame numbers restart with each start.
         has_events: Whether source changes can be subscribed to.
         on_subdevice: Whether the controls are on the sub-device.
+        crops: Whether a region of the pixel array can be read out, and no other size: as imx296_set_selection and
+            imx296_set_format of drivers/media/i2c/imx296.c have it, places and sizes rounded up to multiples of 4.
     """
 
     height: int = 64
@@ -123,6 +125,16 @@ class CameraModel:
     restarts_numbers: bool = True
     has_events: bool = True
     on_subdevice: bool = False
+    crops: bool = False
+
+    @property
+    def active_low(self) -> bool:
+        """Get whether it exposes while its line is low.
+
+        The IMX296 does: «exposure time = XTRIG low level pulse width + 14.26 us» (its data sheet, as quoted in
+        raspberrypi/linux pull request 5560).
+        """
+        return self.trigger == "module" and self.module == "imx296"
 
     def __post_init__(self) -> None:
         unknown = [code for code in self.formats if code not in BITS]
@@ -256,7 +268,7 @@ class Shutter:
         return seconds * (1 + self._model.clock_ppm * 1e-6)
 
     def _on_edge(self, edge: Edge) -> None:
-        if edge.level:
+        if edge.level is not self._model.active_low:
             self._on_rise(edge.when_s)
         elif self._how is Shutting.LEVEL and self._opened_s is not None:
             opened_s, self._opened_s = self._opened_s, None

@@ -67,6 +67,14 @@ BUS_CODES = {
     0x3020: ("RG16",),
 }
 
+SMALLEST = (4, 80)
+"""Rows and columns of the smallest region (IMX296_FID0_ROIWV1_MIN, IMX296_FID0_ROIWH1_MIN)."""
+
+
+def _up(pixels: int) -> int:
+    return -(-pixels // 4) * 4
+
+
 Handler = Callable[["OpenFile", bytearray, bytearray | None], None]
 
 
@@ -110,6 +118,16 @@ class CaptureDevice:
         self.power_up()
         self.requests = self._table()
         self.sensor_requests: dict[int, tuple[str, Handler]] = {0xC0585605: ("SUBDEV_S_FMT", self._subdev_s_fmt)}
+        if model.crops and model.on_subdevice:
+            self.sensor_requests |= {
+                0xC040563D: ("SUBDEV_G_SELECTION", lambda file, a, p: self._g_selection(a, target_at=8, rect_at=16)),
+                0xC040563E: ("SUBDEV_S_SELECTION", lambda file, a, p: self._s_selection(a, target_at=8, rect_at=16)),
+            }
+        elif model.crops:
+            self.requests |= {
+                0xC040565E: ("G_SELECTION", lambda file, a, p: self._g_selection(a, target_at=4, rect_at=12)),
+                0xC040565F: ("S_SELECTION", lambda file, a, p: self._s_selection(a, target_at=4, rect_at=12)),
+            }
         if model.on_subdevice:
             for number in (0xC0E85667, 0xC02C5625, 0xC0205647, 0xC0205648):
                 self.sensor_requests[number] = self.requests.pop(number)
@@ -121,6 +139,8 @@ class CaptureDevice:
         self._owner: OpenFile | None = None
         self._code = model.formats[0]
         self._size = self._bus_size = (model.height, model.width)
+        self.region = (0, 0, model.height, model.width)
+        """First row and column, rows and columns that are read out."""
         self._controls = ControlBank(model, self._faults, lambda: self.ring.streaming)
 
     def power_down(self) -> None:
@@ -196,7 +216,34 @@ class CaptureDevice:
             code = self._model.formats[0]
         return code, self._nearest(height, width)
 
+    def _g_selection(self, argument: bytearray, *, target_at: int, rect_at: int) -> None:
+        (target,) = struct.unpack_from("<I", argument, target_at)
+        if target not in (0, 1, 2, 3):  # crop, its default and bounds, native size
+            raise OSError(EINVAL, "selection target")
+        top, left, height, width = self.region if target == 0 else (0, 0, self._model.height, self._model.width)
+        struct.pack_into("<iiII", argument, rect_at, left, top, width, height)
+
+    def _s_selection(self, argument: bytearray, *, target_at: int, rect_at: int) -> None:
+        if self.ring.count:
+            raise OSError(EBUSY, "S_SELECTION")
+        if struct.unpack_from("<I", argument, target_at) != (0,):
+            raise OSError(EINVAL, "selection target")
+        left, top, width, height = struct.unpack_from("<iiII", argument, rect_at)
+        rows, columns = self._model.height, self._model.width
+        left, top = (
+            min(max(_up(at), 0), most) for at, most in ((left, columns - SMALLEST[1]), (top, rows - SMALLEST[0]))
+        )
+        width = min(max(_up(width), SMALLEST[1]), columns, columns - left)
+        height = min(max(_up(height), SMALLEST[0]), rows, rows - top)
+        self.region = (top, left, height, width)
+        self._bus_size = (height, width)
+        if not self._model.on_subdevice:
+            self._size = (height, width)
+        struct.pack_into("<iiII", argument, rect_at, left, top, width, height)
+
     def _nearest(self, height: int, width: int) -> tuple[int, int]:
+        if self._model.crops and not self._model.on_subdevice:
+            return self.region[2:]
         return (
             min(max(4, height - height % 2), self._model.height),
             min(max(4, width - width % 4), self._model.width),
@@ -232,7 +279,7 @@ class CaptureDevice:
         if pad != 0:
             raise OSError(EINVAL, "pad")
         offered = [code for code, names in BUS_CODES.items() if set(names) & set(self._model.formats)]
-        self._bus_size = self._nearest(height, width)
+        self._bus_size = self.region[2:] if self._model.crops else self._nearest(height, width)
         self._controls.frame_size(*self._bus_size)
         bus = bus if bus in offered else offered[0]
         struct.pack_into("<III", argument, 8, self._bus_size[1], self._bus_size[0], bus)

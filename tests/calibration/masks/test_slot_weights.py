@@ -40,7 +40,7 @@ def test_a_slot_that_contradicts_the_plan_is_refused(lit):
 @pytest.mark.parametrize(
     ("change", "word"),
     [
-        ({"mode": Mode.GATE}, "gate"),
+        ({"mode": Mode.PER_MASK}, "per-mask"),
         ({"dark_s": 1e-4}, "dark time"),
         ({"mask_s": 10.0}, "range"),
         ({"mask_s": 1e-7}, "range"),
@@ -52,6 +52,12 @@ def test_weights_are_as_planned_where_light_cannot_tell(lit, change, word):
     assert not slots.measured
     assert word in slots.note
     assert np.array_equal(slots.weights.value, np.ones(4))
+
+
+def test_weights_of_a_gated_capture_are_measured_by_its_gates(lit):
+    bench, field = lit()
+    slots = measure_slots(replace(bench, capture=replace(bench.capture, mode=Mode.GATE)), field, 4095.0, "masks")
+    assert slots.measured
 
 
 def test_a_plan_without_a_whole_slot_keeps_its_weights(lit, monkeypatch):

@@ -22,6 +22,8 @@ SIZES = {
     abi.Event: 136,
     abi.EventSubscription: 32,
     abi.SubdevFormat: 88,
+    abi.Selection: 64,
+    abi.SubdevSelection: 64,
 }
 OFFSETS = {
     (abi.Format, "fmt"): 8,
@@ -47,6 +49,8 @@ OFFSETS = {
     (abi.QueryExtCtrl, "minimum"): 40,
     (abi.QueryExtCtrl, "flags"): 72,
     (abi.ExtControls, "controls"): 24,
+    (abi.Selection, "r"): 12,
+    (abi.SubdevSelection, "r"): 16,
 }
 REQUESTS = {
     "QUERYCAP": 0x80685600,
@@ -66,6 +70,8 @@ REQUESTS = {
     "S_EXT_CTRLS": 0xC0205648,
     "DQEVENT": 0x80885659,
     "SUBSCRIBE_EVENT": 0x4020565A,
+    "G_SELECTION": 0xC040565E,
+    "S_SELECTION": 0xC040565F,
 }
 
 

@@ -227,14 +227,47 @@ def test_without_the_sub_device_such_a_camera_has_no_controls(bench: Build) -> N
 # ---- triggers
 
 
-def test_level_mode_exposes_as_long_as_the_line_is_high_plus_the_offset(bench: Build) -> None:
+def test_the_imx296_exposes_as_long_as_its_line_is_low_plus_the_offset(bench: Build) -> None:
     b = bench(V4l2Options(trigger_adapter="module", readout_s=1e-3), trigger="module", exposure_offset_s=14.26e-6)
     b.begin(trigger=TriggerMode.LEVEL, exposure_s=123.0)
     assert b.sensor.settings.exposure_offset_s == pytest.approx(14.26e-6)
-    b.world.clock.after(1e-3, lambda: b.world.bus.pulse("dmd0.out2", 3e-3))
+    b.world.bus.drive("dmd0.out2", True)
+    b.world.clock.after(1e-3, lambda: b.world.bus.pulse("dmd0.out2", 3e-3, level=False))
     b.sensor.read(0.5)
     last = b.world.exposures[-1]
     assert last.end_s - last.start_s == pytest.approx(3e-3 + 14.26e-6)
+
+
+REGION = {"crops": True, "height": 1088, "width": 1456}
+SUBDEVICE = V4l2Options(trigger_adapter="control", subdevice="/dev/v4l-subdev0", readout_s=1e-3)
+
+
+@pytest.mark.parametrize("on_subdevice", [True, False])
+def test_a_region_is_read_out_from_the_middle_of_a_larger_sensor(bench: Build, on_subdevice: bool) -> None:
+    options = SUBDEVICE if on_subdevice else CONTROL
+    b = bench(options, on_subdevice=on_subdevice, **REGION)
+    b.begin(height=400, width=600, fourcc="Y10")
+    assert b.twin.region == (344, 428, 400, 600)
+    b.fire()
+    assert b.sensor.read(0.5).pixels.shape == (400, 600)
+
+
+def test_a_region_that_the_sensor_moves_is_told_and_one_that_it_widens_is_refused(bench: Build) -> None:
+    b = bench(SUBDEVICE, on_subdevice=True, **REGION)
+    b.begin(height=400, width=600, top=101, left=8)
+    assert b.twin.region == (104, 8, 400, 600)
+    assert [text for text in b.sensor.incidents if "top = 101" in text and "104 is in force" in text]
+    b.sensor.stop()
+    with pytest.raises(UnsupportedError, match=r"reads out 404 x 600 instead.*allowed: 404 x 600"):
+        b.begin(height=402, width=600)
+    with pytest.raises(OutOfRangeError, match=r"leaves the pixel array.*inside 1088 x 1456"):
+        b.begin(height=400, width=600, top=800)
+
+
+def test_a_place_is_refused_where_the_kernel_driver_knows_no_regions(bench: Build) -> None:
+    b = bench()
+    with pytest.raises(UnsupportedError, match=r"knows no regions.*subdevice"):
+        b.begin(height=32, width=48, left=4)
 
 
 def test_the_module_parameter_is_taken_in_only_after_power_down_and_the_driver_waits_for_it(bench: Build) -> None:
