@@ -1,8 +1,8 @@
 """Reading .mat of version 5 to 7.2: numeric arrays and texts, nothing else.
 
 Why not scipy.io: its compiled reader trusts the type codes it finds, and damaged files kill the process instead of
-raising (`python -m tests.benchmarks by_hand`). The part of the format that a measurement needs is small: elements of a type, a length and data, arrays as elements of flags, sizes, name and numbers
-(MathWorks, "MAT-File Format", chapter 1).
+raising (`python -m tests.benchmarks by_hand`). The part of the format that a measurement needs is small: elements of a
+type, a length and data, arrays as elements of flags, sizes, name and numbers (MathWorks, "MAT-File Format", chapter 1).
 """
 
 import math
