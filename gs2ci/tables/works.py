@@ -7,6 +7,8 @@ import time
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
+
 from gs2ci.core.arrays import F32
 from gs2ci.core.progress import Silent
 from gs2ci.evaluate.order import depth_rank, inside_out
