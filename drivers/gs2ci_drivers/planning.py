@@ -53,8 +53,6 @@ def lay_out(
     sensor: SensorInfo,
     setup: SensorSettings,
     stage: StageInfo | None,
-    *,
-    upload_s: float | None = None,
 ) -> Plan:
     """Lay out a capture and check it; broken limits are figures of the plan, not errors.
 
@@ -64,7 +62,6 @@ def lay_out(
         sensor: The sensor's limits.
         setup: What the sensor was set to.
         stage: The stage's limits, or None.
-        upload_s: The modulator's estimate of the upload, once the sequence is known to fit.
     """
     sequence = _sequence(settings, modulator, setup)
     exposure_s = _exposure(settings, setup)
@@ -81,8 +78,6 @@ def lay_out(
         *sweep_figures,
         *_parallax_figures(settings, sequence, sweep),
     ]
-    if upload_s is not None:
-        figures.append(Figure("upload", f"about {upload_s:.1f} s"))
     frames = len(settings.masks) if settings.mode is Mode.PER_MASK else 1
     return Plan(settings, sequence, exposure_s, frames, weights, sweep, tuple(figures))
 

@@ -1,7 +1,8 @@
 """What is written by hand although a library has it: what the library would do instead.
 
 MAT files of version 5 whose bytes were damaged: how often scipy's reader and ours end the process. Gray-code stripes:
-OpenCV's patterns against ours. FFDNet as ONNX: the graph that torch's exporter traces against ours.
+OpenCV's patterns against ours. FFDNet as ONNX: the graph that torch's exporter traces against ours. And the other
+way round: the golden section that was written by hand against scipy's search, for the focal length.
 Decision: `docs/decisions`, "Formats and graphs written by hand".
 """
 
@@ -17,22 +18,27 @@ import numpy as np
 import onnx
 import onnxruntime
 import scipy.io
+import scipy.optimize
 import torch
 
 from gs2ci.core.errors import Gs2ciError
 from gs2ci.core.foreign.mat5 import read_mat5
+from gs2ci.reconstruct.geometry import focal
+from gs2ci.reconstruct.geometry.motion import MotionSettings
 from gs2ci.reconstruct.learned.ffdnet import Convolution, FfdNet, export_ffdnet
 from gs2ci_calibration.masks.gray_code import GrayCode
+from tests.reconstruct.conftest import bent_path, make_tracks
 
 TRIALS, FILES, CHANGED_BYTES = 5, 400, 3
 
 
 def run() -> None:
-    """Print all three comparisons."""
+    """Print all comparisons."""
     with tempfile.TemporaryDirectory() as folder:
         _damaged_mat(Path(folder))
         _ffdnet(Path(folder))
     _gray_code()
+    _focal()
 
 
 def _damaged_mat(folder: Path) -> None:
@@ -132,3 +138,46 @@ def _gray_code() -> None:
     coarse = len(GrayCode((height, width)).patterns())
     print(f"Gray code, {height} x {width}: OpenCV {len(theirs)} patterns, each with its inverse, finest stripe 1 px")
     print(f"    ours: {len(ours)} with stripes of 1 px, which are {'the same' if same else 'others'}; {coarse} of 8 px")
+
+
+def _focal() -> None:
+    """Find focal lengths with both searches; print errors, the costs reached, and how often each tried."""
+    by_scipy = focal.minimize_scalar
+    for true_px in (180.0, 300.0, 480.0):
+        for seed in (0, 1):
+            poses = bent_path(6, np.random.default_rng(2 + seed), length=0.25, turn=0.05)
+            scene = make_tracks(seed=seed, views=6, points=150, focal=true_px, poses=poses, noise_px=0.2)
+            said = []
+            for name, search in (("golden section", _golden_section), ("scipy", by_scipy)):
+                searches = []
+
+                def kept(*arguments, search=search, searches=searches, **options):  # type: ignore[no-untyped-def]
+                    searches.append(search(*arguments, **options))
+                    return searches[-1]
+
+                focal.minimize_scalar = kept
+                found = focal.estimate_focal(scene.tracks, (240, 320), focal.FocalSettings(), MotionSettings())
+                error = abs(found.intrinsics[0, 0] - true_px)
+                said.append(f"{name} {error:.2f} px off, cost {searches[0].fun:.4f}, {searches[0].nfev} tried")
+            focal.minimize_scalar = by_scipy
+            print(f"focal length {true_px:.0f} px, seed {seed}: {'; '.join(said)}")
+
+
+def _golden_section(
+    function: Callable[[float], float], bounds: tuple[float, float], **_: object
+) -> scipy.optimize.OptimizeResult:
+    """Narrow a bracket around a minimum in six steps, as gs2ci did."""
+    low, high = bounds
+    shrink = (np.sqrt(5) - 1) / 2
+    a, b = high - shrink * (high - low), low + shrink * (high - low)
+    at_a, at_b = function(a), function(b)
+    for _step in range(6):
+        if at_a < at_b:
+            high, b, at_b = b, a, at_a
+            a = high - shrink * (high - low)
+            at_a = function(a)
+        else:
+            low, a, at_a = a, b, at_b
+            b = low + shrink * (high - low)
+            at_b = function(b)
+    return scipy.optimize.OptimizeResult(x=a if at_a < at_b else b, fun=min(at_a, at_b), nfev=8)

@@ -1,17 +1,17 @@
-"""What both run-length codings share: input checks, decode faults and the compiling decorator.
+"""What both run-length codings share: input checks, the compiling decorator, pixels, and how a stream is made.
 
-Imported by `erle`, `rle` and `images` only.
+Not here: the grammars (`erle`, `rle`), the header (`images`). Reading a stream is the controller's business; its twin
+has a reader of its own (`gs2ci_sims.wires.dlpc900_images`).
 """
 
-import enum
 from collections.abc import Callable
-from typing import Any, NoReturn, TypeVar, cast
+from typing import Any, TypeVar, cast
 
 import numba
 import numpy as np
 
-from gs2ci.core.arrays import U32
-from gs2ci.core.errors import DeviceError, InputError
+from gs2ci.core.arrays import U8, U32
+from gs2ci.core.errors import InputError
 
 # The widest run that two count bytes can carry: seven bits and eight.
 MAX_WIDTH = 0x7FFF
@@ -19,40 +19,27 @@ MAX_WIDTH = 0x7FFF
 AnyFunction = TypeVar("AnyFunction", bound=Callable[..., Any])
 
 
-class PatternImageError(DeviceError):
-    """An encoded pattern image breaks its grammar, its header, or its announced size (device error 9)."""
-
-
-@enum.unique
-class DecodeFault(enum.IntEnum):
-    """Why a stream cannot be decoded; the kernels return it because they cannot raise."""
-
-    NONE = 0
-    TRUNCATED = 1
-    ROW_OVERRUN = 2
-    ROW_UNDERRUN = 3
-    NO_ROW_ABOVE = 4
-    EMPTY_RUN = 5
-    EARLY_END = 6
-    NO_END_MARK = 7
-    TRAILING_BYTES = 8
-
-
-_SENTENCES = {
-    DecodeFault.TRUNCATED: "the stream ends inside a run or before the end mark",
-    DecodeFault.ROW_OVERRUN: "a run leaves its row",
-    DecodeFault.ROW_UNDERRUN: "a row ends before its last pixel",
-    DecodeFault.NO_ROW_ABOVE: "the first row copies from a row above",
-    DecodeFault.EMPTY_RUN: "a run has no pixels",
-    DecodeFault.EARLY_END: "the end mark stands before the last row",
-    DecodeFault.NO_END_MARK: "pixels follow the last row where the end mark should be",
-    DecodeFault.TRAILING_BYTES: "more than three bytes follow the end mark",
-}
-
-
 def compiled(function: AnyFunction) -> AnyFunction:
     """Compile a kernel with Numba; the readable original stays reachable as `.py_func`."""
     return cast(AnyFunction, numba.njit(cache=True)(function))
+
+
+def encoded(words: U32, most_bytes_per_row: int, encode_rows: Callable[[U32, U8], int]) -> bytes:
+    """Encode an image, padded to a multiple of four bytes.
+
+    Args:
+        words: One 24-bit word per mirror, [H, W] uint32, bits 24-31 zero.
+        most_bytes_per_row: That a row takes beside its pixels; one pixel never costs more than four bytes.
+        encode_rows: Writes the stream into zeros and returns its length.
+
+    Raises:
+        InputError: The array is empty, not 2-D, not 24-bit, or wider than 32767.
+    """
+    check_words(words)
+    height, width = words.shape
+    stream = np.zeros(4 * height * width + most_bytes_per_row * height + 8, np.uint8)
+    size = encode_rows(np.ascontiguousarray(words), stream)
+    return stream[: -(-size // 4) * 4].tobytes()
 
 
 def check_words(words: U32) -> None:
@@ -73,13 +60,10 @@ def check_words(words: U32) -> None:
         )
 
 
-def raise_fault(coding: str, fault: DecodeFault, at: int) -> NoReturn:
-    """Name the fault and the byte where it was seen.
-
-    Raises:
-        PatternImageError: Always.
-    """
-    raise PatternImageError(
-        f"{coding} stream, byte {at}: {_SENTENCES[fault]}",
-        remedy="encode the image again; a stream that was read back is damaged",
-    )
+@compiled
+def put_pixel(stream: U8, at: int, word: int) -> int:
+    """Write a pixel, [bits 16-23][bits 8-15][bits 0-7] of its word; return the next byte."""
+    stream[at] = (word >> 16) & 0xFF
+    stream[at + 1] = (word >> 8) & 0xFF
+    stream[at + 2] = word & 0xFF
+    return at + 3

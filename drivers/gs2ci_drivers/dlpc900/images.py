@@ -1,6 +1,6 @@
 """Masks to DLPC900 pattern images: bit-planes, the 48-byte header, coding, halves for two controllers. Pure.
 
-Here: [N, H, W] grey levels → 24-bit words → one block of bytes per image, and back. Not here: the codings
+Here: [N, H, W] grey levels → 24-bit words → one block of bytes per image. Not here: the codings
 themselves (`erle`, `rle`), sending (`driver`). Imported by the driver, `gs2ci.rig` and tests.
 """
 
@@ -14,7 +14,7 @@ import numpy as np
 from gs2ci.core.arrays import U8, U32
 from gs2ci.core.errors import InputError
 from gs2ci_drivers.dlpc900 import erle, rle
-from gs2ci_drivers.dlpc900.coding import PatternImageError, check_words
+from gs2ci_drivers.dlpc900.coding import check_words
 
 HEADER_BYTES: Final = 48
 BITS_PER_WORD: Final = 24
@@ -67,28 +67,6 @@ class ImageHeader:
             b"",
         )
 
-    @classmethod
-    def decode(cls, data: bytes) -> "ImageHeader":
-        """Read a header.
-
-        Raises:
-            PatternImageError: Too short, the signature is wrong, or the compression is unknown.
-        """
-        if len(data) < HEADER_BYTES:
-            raise PatternImageError(f"an image header of {len(data)} bytes", allowed=f"{HEADER_BYTES} bytes")
-        signature, width, height, size, _, background, pixel_format, compression, order, _ = _LAYOUT.unpack(
-            data[:HEADER_BYTES]
-        )
-        if signature != _SIGNATURE or order != 1:
-            raise PatternImageError(
-                f"image signature {signature!r}, byte order {order}", allowed=f"{_SIGNATURE!r} and 1"
-            )
-        if compression not in set(Compression):
-            raise PatternImageError(f"image compression {compression}", allowed="0, 1 or 2")
-        if not width or not height:
-            raise PatternImageError(f"an image of {width} × {height} pixels", allowed="at least one")
-        return cls(width, height, size, Compression(compression), pixel_format, background)
-
 
 def encode_block(words: U32, compression: Compression = Compression.ERLE, pixel_format: int = 1) -> bytes:
     """Encode one image, header and all.
@@ -112,30 +90,6 @@ def encode_block(words: U32, compression: Compression = Compression.ERLE, pixel_
     return ImageHeader(width, height, len(stream), compression, pixel_format).encode() + stream
 
 
-def decode_block(block: bytes, max_pixels: int = 1 << 23) -> U32:
-    """Decode one image, header and all: [H, W] uint32.
-
-    Raises:
-        PatternImageError: The header or the stream is broken, or the image exceeds `max_pixels`.
-    """
-    header = ImageHeader.decode(block)
-    stream = block[HEADER_BYTES:]
-    if len(stream) != header.encoded_bytes:
-        raise PatternImageError(
-            f"an image announces {header.encoded_bytes} bytes and carries {len(stream)}",
-            remedy="send all of it",
-        )
-    if header.width * header.height > max_pixels:
-        raise PatternImageError(f"an image of {header.width} × {header.height}", allowed=f"{max_pixels} pixels")
-    match header.compression:
-        case Compression.ERLE:
-            return erle.decode(stream, header.width, header.height)
-        case Compression.RLE:
-            return rle.decode(stream, header.width, header.height)
-        case Compression.NONE:
-            return _decode_plain(stream, header.width, header.height)
-
-
 def _encode_plain(words: U32) -> bytes:
     check_words(words)
     height, width = words.shape
@@ -144,15 +98,6 @@ def _encode_plain(words: U32) -> bytes:
     for byte, shift in enumerate((16, 8, 0)):
         rows[:, byte : 3 * width : 3] = (words >> shift).astype(np.uint8)
     return rows.tobytes()
-
-
-def _decode_plain(stream: bytes, width: int, height: int) -> U32:
-    stride = -(-3 * width // _ROW_ALIGNMENT) * _ROW_ALIGNMENT
-    if len(stream) != stride * height:
-        raise PatternImageError(f"an uncompressed image of {len(stream)} bytes", allowed=f"{stride * height} bytes")
-    pixels = np.frombuffer(stream, np.uint8).reshape(height, stride)[:, : 3 * width].reshape(height, width, 3)
-    wide = pixels.astype(np.uint32)
-    return np.asarray(wide[..., 0] << 16 | wide[..., 1] << 8 | wide[..., 2], dtype=np.uint32)
 
 
 def pack_planes(levels: U8, depth_bits: int = 1) -> list[U32]:
@@ -189,11 +134,6 @@ def place_of(mask_index: int, depth_bits: int = 1) -> tuple[int, int]:
     """Return (image index, lowest bit) of a mask packed by `pack_planes`."""
     image, slot = divmod(mask_index, BITS_PER_WORD // depth_bits)
     return image, slot * depth_bits
-
-
-def take_plane(words: U32, bit_position: int, depth_bits: int = 1) -> U8:
-    """Take one mask's levels out of an image: [H, W] uint8."""
-    return (words >> bit_position & ((1 << depth_bits) - 1)).astype(np.uint8)
 
 
 def split_halves(words: U32) -> tuple[U32, U32]:

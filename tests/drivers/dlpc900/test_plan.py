@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gs2ci_drivers.dlpc900.images import decode_block
 from gs2ci_drivers.dlpc900.options import Dlpc900Options
 from gs2ci_drivers.dlpc900.plan import digest_masks, encode_images, lut_entries
 from gs2ci_drivers.dlpc900.timing import upload_s
 from gs2ci_drivers.pattern_sequence import PatternSequence, TriggerOut
+from gs2ci_sims.wires.dlpc900_images import read_image
 
 MASKS = np.random.default_rng(5).integers(0, 2, (30, 8, 10), dtype=np.uint8)
 SEQUENCE = PatternSequence(MASKS, 1, 200e-6, dark_s=50e-6, pause_s=900e-6)
@@ -45,10 +45,11 @@ def test_two_controllers_get_a_half_each_in_the_order_of_the_manual() -> None:
         (0, True),
         (0, False),
     ]
-    whole = [decode_block(block) for block in encode_images(SEQUENCE, Dlpc900Options(), dual=False).primary]
+    height, width = MASKS.shape[1:]
+    whole = encode_images(SEQUENCE, Dlpc900Options(), dual=False).primary
     for i in range(2):
-        halves = [decode_block(images.primary[i]), decode_block(images.secondary[i])]
-        np.testing.assert_array_equal(np.hstack(halves), whole[i])
+        halves = [read_image(side[i], width // 2, height) for side in (images.primary, images.secondary)]
+        np.testing.assert_array_equal(np.hstack(halves), read_image(whole[i], width, height))
 
 
 def test_size_and_time_are_the_sum_over_blocks() -> None:
