@@ -301,7 +301,9 @@ def _summary_rows(report: dict[str, Any]) -> list[tuple[str, str, str]]:
         others = ", ".join(f"{name} {rms:.4f}" for name, rms in heldout.items() if name != report["verdict"])
         rows.append(("held-out", f"{heldout[report['verdict']]:.4f} rms", others))
     seconds = report["seconds"]
-    stages = ", ".join(f"{stage} {seconds[stage]:.1f} s" for stage in ("decode", "geometry", "fit"))
+    stages = ", ".join(
+        f"{stage} {seconds[stage]:.1f} s" for stage in ("registration", "decode", "geometry", "fit") if stage in seconds
+    )
     rows.append(("time", spoken_duration(seconds["total"]), stages))
     rows.append(("Gaussians", f"{report['gaussians']}", f"peak memory {report['peak_mib']:.0f} MiB"))
     return rows
