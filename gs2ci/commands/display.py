@@ -301,7 +301,8 @@ def _summary_rows(report: "Report") -> list[tuple[str, str, str]]:
         remark = ", ".join(f"{name} {rms:.4f}" for name, rms in others if rms is not None)
         rows.append(("held-out", f"{report.heldout_rms:.4f} rms", remark))
     seconds = report.seconds
-    stages = ", ".join(f"{stage} {seconds[stage]:.1f} s" for stage in ("decode", "geometry", "fit"))
+    told = ("registration", "decode", "geometry", "fit")
+    stages = ", ".join(f"{stage} {seconds[stage]:.1f} s" for stage in told if stage in seconds)
     rows.append(("time", spoken_duration(seconds["total"]), stages))
     rows.append(("Gaussians", f"{report.gaussians}", f"peak memory {report.peak_mib:.0f} MiB"))
     return rows

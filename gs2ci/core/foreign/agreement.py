@@ -1,11 +1,10 @@
 """Whether masks, measurement and truth belong together, tested on the numbers and not on the shapes.
 
 A coded measurement carries the fine pattern of its masks' sum: that is how masks of another measurement, or turned
-ones, are found out. Where the truth is known, Σ wᵢ Mᵢ ⊙ Xᵢ must give the measurement up to one factor, the scale; this
-also finds a colour filter array and a reversed order of the masks, which nothing else can.
+ones, are found out (`pattern`). Where the truth is known, Σ wᵢ Mᵢ ⊙ Xᵢ must give the measurement up to one factor,
+the scale; this also finds a colour filter array and a reversed order of the masks, which nothing else can.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final
 
@@ -15,13 +14,10 @@ from scipy import ndimage
 from gs2ci.core.arrays import F32, F64
 from gs2ci.core.errors import InputError
 from gs2ci.core.foreign.container import Array
+from gs2ci.core.foreign.pattern import FITS_NOT, Trace, trace
 from gs2ci.core.foreign.scale import FULL_SCALES, Scale
 from gs2ci.core.records import CFA_PATTERNS, CfaPattern
 
-# Correlations of the fine pattern seen on real and simulated files: 0.68 to 0.92 where masks fit, below 0.01 where
-# they do not.
-FITS: Final = 0.3
-FITS_NOT: Final = 0.1
 # Below so many pixels such correlations come about by chance.
 ENOUGH_PIXELS: Final = 400
 # Relative residuals of Σ M X against the measurement.
@@ -29,16 +25,6 @@ EXPLAINED: Final = 0.1
 UNEXPLAINED: Final = 0.3
 # How close a fitted scale must come to a usual one to be taken for it.
 SNAP: Final = 0.02
-
-_TURNS: Final[dict[str, Callable[[F64], F64]]] = {
-    "upside down": lambda image: image[::-1],
-    "mirrored left to right": lambda image: image[:, ::-1],
-    "turned by 180 degrees": lambda image: image[::-1, ::-1],
-    "transposed (rows and columns exchanged)": lambda image: image.T,
-    "transposed and upside down": lambda image: image.T[::-1],
-    "transposed and mirrored": lambda image: image.T[:, ::-1],
-    "transposed and turned by 180 degrees": lambda image: image.T[::-1, ::-1],
-}
 
 
 @dataclass(frozen=True)
@@ -88,8 +74,8 @@ def fit(measurement: F64, model: F64) -> tuple[float, float]:
     return scale, float(np.sqrt(((measurement - scale * model) ** 2).sum() / total))
 
 
-def check_pattern(measurement: Array, masks: Array, image: F64, multiplicity: F64, guesses: list[str]) -> None:
-    """Return if the measurement shows the masks' pattern, or cannot be asked.
+def check_pattern(measurement: Array, masks: Array, image: F64, multiplicity: F64, guesses: list[str]) -> Trace | None:
+    """Say if the measurement does not show the masks' pattern where the masks are believed to be.
 
     Args:
         measurement: For messages.
@@ -98,30 +84,35 @@ def check_pattern(measurement: Array, masks: Array, image: F64, multiplicity: F6
         multiplicity: a(p), [H, W].
         guesses: Sentences are added here.
 
-    Raises:
-        InputError: It shows the pattern of masks that are turned.
+    Returns:
+        Where it shows; None where the measurement cannot be asked.
     """
     if image.size < ENOUGH_PIXELS:
-        return
-    pattern, fine = _fine(multiplicity), _fine(image)
+        return None
     # Masks that always open the same number of pixels leave no pattern in their sum, a dark scene shows none.
-    if pattern.std() < 1e-3 * multiplicity.max() or fine.std() < 1e-6 * np.abs(image).max():
-        return
-    upright = _correlation(fine, pattern)
-    if upright >= FITS_NOT:
-        return
-    for how, turn in _TURNS.items():
-        turned = turn(pattern)
-        if turned.shape == fine.shape and _correlation(fine, turned) >= FITS:
-            raise InputError(
-                f"{masks.where}: the masks are {how} against the measurement ({measurement.where}): their pattern "
-                f"shows with correlation {_correlation(fine, turned):.2f} that way and {upright:.2f} as given",
-                allowed="masks and measurement in the same orientation",
-                remedy="turn the masks back and save them again",
-            )
-    guesses.append(
-        f"WARNING: the measurement shows no trace of these masks (correlation {upright:.2f}): do they belong together?"
-    )
+    if _fine(multiplicity).std() < 1e-3 * multiplicity.max() or _fine(image).std() < 1e-6 * np.abs(image).max():
+        return None
+    found = trace(image, multiplicity)
+    if found.upright >= FITS_NOT and found.is_in_place:
+        return found
+    beside = f"with correlation {found.correlation:.2f} that way and {found.upright:.2f} as given"
+    if not found.shows:
+        guesses.append(
+            f"WARNING: the measurement shows no trace of these masks (correlation {found.upright:.2f}): do they belong "
+            "together?"
+        )
+    elif found.turn:
+        guesses.append(
+            f"WARNING: {masks.where}: the masks are {found.turn} against the measurement ({measurement.where}): their "
+            f"pattern shows {beside}; the registration of `gs2ci reconstruct` turns them"
+        )
+    elif not found.is_in_place:
+        guesses.append(
+            f"WARNING: {masks.where}: the masks seem to lie {found.down_px:+.1f} px down and {found.right_px:+.1f} px "
+            f"to the right of where the file has them: their pattern shows {beside}; the registration of "
+            "`gs2ci reconstruct` moves them"
+        )
+    return found
 
 
 def check_closed_pixels(image: F64, multiplicity: F64, guesses: list[str]) -> None:
@@ -217,8 +208,3 @@ def _snapped(scale: float, views: int) -> float:
 def _fine(image: F64) -> F64:
     fine: F64 = image - ndimage.uniform_filter(image, 5)
     return fine
-
-
-def _correlation(a: F64, b: F64) -> float:
-    norm = float(np.linalg.norm(a) * np.linalg.norm(b))
-    return float((a * b).sum()) / norm if norm > 0 else 0.0

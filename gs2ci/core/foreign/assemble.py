@@ -17,6 +17,7 @@ from gs2ci.core.foreign import agreement, axes, camera, pixels, roles, scale
 from gs2ci.core.foreign.agreement import Coding
 from gs2ci.core.foreign.container import Array, Container
 from gs2ci.core.foreign.opening import open_foreign
+from gs2ci.core.foreign.pattern import Trace
 from gs2ci.core.records import CFA_PATTERNS, CfaPattern, Shot, Truth
 
 
@@ -116,10 +117,10 @@ def import_shots(path: Path, masks_path: Path | None, options: ImportOptions) ->
     stored = order.measurements.astype(np.float64)
     stored = pixels.mend(found.measurement, stored, coding.multiplicity, options.bad_pixels, guesses)
     work = _Import(found, options, coding, stored - (options.offset or 0.0), guesses)
-    work.check_agreement()
+    traced = work.check_agreement()
     views = work.true_views()
     cfa = work.colour_filter_array(views)
-    full = work.full_scale(views, cfa)
+    full = work.full_scale(views, cfa, traced)
     saturated = pixels.clipped(stored, options.saturation, guesses)
     matrix = work.intrinsics()
     lens = work.distortion(matrix)
@@ -165,12 +166,13 @@ class _Import:
     readings: F64
     guesses: list[str]
 
-    def check_agreement(self) -> None:
-        """Return if measurement and masks look like each other's."""
+    def check_agreement(self) -> Trace | None:
+        """Say if measurement and masks do not look like each other's; return where the masks' pattern shows."""
         image, multiplicity = self.readings[0].mean(axis=2), self.coding.multiplicity
-        agreement.check_pattern(self.found.measurement, self.found.masks, image, multiplicity, self.guesses)
+        found = agreement.check_pattern(self.found.measurement, self.found.masks, image, multiplicity, self.guesses)
         if self.options.offset is None:
             agreement.check_closed_pixels(image, multiplicity, self.guesses)
+        return found
 
     def true_views(self) -> F32 | None:
         """Get the true views, [K, N, H, W, C], full scale 1."""
@@ -214,16 +216,25 @@ class _Import:
             remedy="name the filter array of a mosaic with --cfa, or leave the truth out with --truth-key none",
         )
 
-    def full_scale(self, views: F32 | None, cfa: CfaPattern | None) -> float:
-        """Get the reading of a white scene under one open mask: said, from the truth, or guessed."""
+    def full_scale(self, views: F32 | None, cfa: CfaPattern | None, traced: Trace | None) -> float:
+        """Get the reading of a white scene under one open mask: said, from the truth, or guessed.
+
+        Where the masks' pattern shows elsewhere, the scale is that under masks that lie there; and readings that no
+        scale explains are passed on to registration.
+        """
         said, truth, proven = self.options.scale, self.found.truth, None
         if views is not None and truth is not None:
             proven = agreement.check_truth(truth, self.readings[0], self.coding, views[0], cfa, guesses=self.guesses)
         if said is None:
             chosen = proven or scale.guess_scale(
-                self.found.measurement, self.readings, self.coding.multiplicity, len(self.coding.masks)
+                self.found.measurement,
+                self.readings,
+                self.coding.multiplicity if traced is None else traced.moved(self.coding.multiplicity),
+                len(self.coding.masks),
+                mendable=traced is not None and traced.can_be_mended,
             )
-            self.guesses.append(f"measurement: full scale of one view = {chosen.value:.6g} ({chosen.reason})")
+            doubt = "" if chosen.explains else "WARNING: "
+            self.guesses.append(f"{doubt}measurement: full scale of one view = {chosen.value:.6g} ({chosen.reason})")
             return chosen.value
         if not (np.isfinite(said) and said > 0):
             raise InputError(

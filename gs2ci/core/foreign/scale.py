@@ -33,14 +33,16 @@ WELL_EXPOSED: Final = 0.3
 DARK: Final = 0.05
 # Calibrated masks may overshoot 1 by noise; beyond this they are in another unit.
 MASK_OVERSHOOT: Final = 1.05
+_MISPLACED: Final = 6.0
 
 
 @dataclass(frozen=True)
 class Scale:
-    """The full scale of one view in the file's unit, and how it was found."""
+    """The full scale of one view in the file's unit, how it was found, and whether it explains the readings."""
 
     value: float
     reason: str
+    explains: bool = True
 
 
 def scale_masks(masks: Array, stack: NDArray[Any], said: float | None, guesses: list[str]) -> F32:
@@ -139,7 +141,7 @@ def smallest_full_scale(high: float) -> float:
     return min((full for full in FULL_SCALES.values() if high <= full * OVER), default=0.0)
 
 
-def guess_scale(measurement: Array, values: F64, multiplicity: F64, views: int) -> Scale:
+def guess_scale(measurement: Array, values: F64, multiplicity: F64, views: int, *, mendable: bool = False) -> Scale:
     """Guess the full scale of one view from readings alone.
 
     Args:
@@ -147,6 +149,8 @@ def guess_scale(measurement: Array, values: F64, multiplicity: F64, views: int) 
         values: Readings above the offset, [K, H, W, C].
         multiplicity: a(p), [H, W].
         views: How many masks there are, N.
+        mendable: Whether masks that lie elsewhere, a black level or a unit may explain what no scale does: the masks'
+            pattern shows in the readings.
 
     Raises:
         InputError: Readings are negative beyond noise, or no usual scale explains them.
@@ -156,7 +160,7 @@ def guess_scale(measurement: Array, values: F64, multiplicity: F64, views: int) 
         return Scale(1.0, "the measurement is zero everywhere: any scale fits")
     ratio = brightest_ratio(values, multiplicity)
     low = float(np.quantile(values, 0.001))
-    if low < -DARK * np.quantile(values, 0.999):
+    if low < -DARK * np.quantile(values, 0.999) and not mendable:
         raise InputError(
             f"{measurement.where}: readings go down to {float(values.min()):.6g} (up to {high:.6g}), "
             "which no light gives",
@@ -167,6 +171,15 @@ def guess_scale(measurement: Array, values: F64, multiplicity: F64, views: int) 
     if found is not None:
         return found
     bound = float(multiplicity.max())
+    if mendable:
+        # Masks that lie elsewhere put bright readings under few open masks, by no more than this.
+        nearest = max((full for full in FULL_SCALES.values() if full <= ratio <= _MISPLACED * full), default=1.0)
+        return Scale(
+            nearest,
+            f"{ratio:.4g} per open mask, which no usual scale explains; the masks' pattern shows, and the registration "
+            "of `gs2ci reconstruct` finds out whether masks, black level or unit are wrong",
+            explains=False,
+        )
     raise InputError(
         f"{measurement.where}: readings up to {high:.6g} where at most {bound:.3g} of the masks are open, "
         f"{ratio:.4g} per open mask: no usual scale explains that",

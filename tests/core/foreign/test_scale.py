@@ -47,10 +47,24 @@ def test_the_truth_settles_the_scale_and_usual_values_are_snapped_to(scene, take
 
 
 @pytest.mark.parametrize("factor", [4.0, 1e7])
-def test_a_range_that_no_scale_explains_is_refused(scene, take, factor):
+def test_a_range_that_no_scale_explains_is_passed_on_where_the_pattern_shows(scene, take, said, factor):
     made = scene(n=8, height=40, width=50)
+    imported = take(meas=made.meas * factor, mask=made.masks)
+    assert said(imported, "per open mask, which no usual scale explains")
+    assert np.allclose(imported.shots[0].measurement, made.meas * factor)
+
+
+def test_a_range_that_no_scale_explains_is_refused_where_no_pattern_shows(scene, take):
+    made, other = scene(n=8, height=40, width=50), scene(n=8, height=40, width=50, seed=4)
     with pytest.raises(InputError, match=r"key 'meas'.*no usual scale explains.*--scale"):
-        take(meas=made.meas * factor, mask=made.masks)
+        take(meas=made.meas * 1e7, mask=other.masks)
+
+
+def test_counts_under_moved_masks_keep_their_scale(scene, take):
+    made = scene(n=8, height=60, width=70, ones=0.25)
+    counts = np.rint(255 * made.meas).astype(np.uint16)
+    shot = take(meas=counts, mask=np.roll(made.masks, 3, axis=2)).shots[0]
+    assert shot.provenance["full_scale"] == 255
 
 
 def test_a_quarter_of_the_masks_does_not_explain_the_measurement(scene, take):
@@ -82,12 +96,17 @@ def test_a_constant_measurement_is_taken(scene, take):
     assert take(meas=np.ones_like(made.meas), mask=made.masks).shots[0].measurement.max() == 1
 
 
-def test_negative_readings_ask_for_an_offset(scene, take):
-    made = scene()
+def test_negative_readings_ask_for_an_offset_where_no_pattern_shows(scene, take):
+    made, other = scene(), scene(seed=3)
     with pytest.raises(InputError, match=r"no light gives.*--offset"):
-        take(meas=made.meas - 1.0, mask=made.masks)
+        take(meas=made.meas - 1.0, mask=other.masks)
     noisy = made.meas + np.random.default_rng(0).normal(0, 0.005, made.meas.shape)
     assert take(meas=noisy, mask=made.masks).shots[0].measurement.min() < 0
+
+
+def test_negative_readings_are_passed_on_where_the_pattern_shows(scene, take):
+    made = scene()
+    assert take(meas=made.meas - 0.3, mask=made.masks).shots[0].measurement.min() < -0.2
 
 
 def test_light_behind_closed_masks_hints_at_an_offset(scene, take, said):
