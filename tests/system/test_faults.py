@@ -30,6 +30,18 @@ RIGS = {
     "zaber": ("DLPC900, V4L2, Zaber", {}),
     "grbl": ("DLPC900, V4L2, GRBL", {"stage": {"kind": "grbl"}}),
     "scpi": ("SCPI modulator, V4L2, Zaber", {"modulator": {"kind": "scpi"}}),
+    "unicam": ("DLPC900, V4L2 by unicam, Zaber", {"world": {"camera_driver": "unicam"}}),
+    "uvc": ("DLPC900, V4L2 by uvcvideo, Zaber", {"world": {"camera_driver": "uvcvideo"}}),
+    "late": ("DLPC900, V4L2 stamped at the end, Zaber", {"world": {"camera_driver": "other"}}),
+    "gated": (
+        "DLPC900, gated IMX296, Zaber",
+        {
+            "modulator": {"trigger_out_1": {"inverted": True}},
+            "sensor": {"trigger_adapter": "module"},
+            "capture": {"mode": "gate"},
+            "world": {"camera_driver": "unicam"},
+        },
+    ),
 }
 VICTIMS = {"dlpc900": "modulator", "scpi": "modulator", "panel": "modulator", "v4l2": "sensor"}
 MOMENTS = {"open": "at the start", "upload": "during preparation", "shot": "after row 0"}
@@ -167,7 +179,9 @@ def check_rows(small, path, expected_rows):
 
 @pytest.mark.parametrize("case", CASES, ids=lambda case: case.id)
 def test_a_fault_ends_in_time_and_typed_and_the_next_capture_works(case, make_small, tmp_path):
-    small = make_small(dlp5500=True, **RIGS[case.rig][1], capture={"masks": 2, "mask_s": 0.04, "shots": SHOTS})
+    changes = RIGS[case.rig][1]
+    capture = {"masks": 2, "mask_s": 0.04, "shots": SHOTS} | changes.get("capture", {})
+    small = make_small(dlp5500=True, **(changes | {"capture": capture}))
     out = tmp_path / "shot.h5"
     partial = tmp_path / "shot.h5.partial"
 

@@ -4,6 +4,7 @@ Here: opening, reading, writing with timeouts. Not here: any protocol.
 """
 
 import errno
+import termios
 
 import serial
 
@@ -14,8 +15,11 @@ from gs2ci_drivers.ports import port_errors
 class SerialLine:
     """A tty that keeps the rules of `BytePort`.
 
-    Opening leaves DTR and RTS low where the driver allows it: raising DTR resets an Arduino, and connecting
-    must reset nothing. The line is locked against other programs.
+    DTR is high while the line is open and stays high afterwards. Linux raises it on opening whatever it is told
+    (tty_port_block_til_ready), an Arduino Uno resets when it rises, and boards with USB of their own, such as those on
+    the RP2040, only talk while it is high. So the line is told not to hang up on closing (HUPCL off): after the first
+    session since the board was plugged in, opening raises nothing and resets nothing. The line is locked against
+    other programs.
 
     Args:
         device: Name of the device, for messages.
@@ -31,12 +35,11 @@ class SerialLine:
         self._port = serial.Serial()
         self._port.port = path
         self._port.exclusive = True
-        self._port.dtr = False
-        self._port.rts = False
         with port_errors(device, f"open {path}"):
             try:
                 self._port.baudrate = baud
                 self._port.open()
+                _stay_up(self._port.fileno())
             except serial.SerialException as error:
                 if error.errno in (None, errno.EAGAIN) and "lock" in str(error):
                     raise AccessError(
@@ -77,3 +80,13 @@ class SerialLine:
     def _require_open(self) -> None:
         if not self._port.is_open:
             raise OSError(errno.EIO, "the port is closed")
+
+
+def _stay_up(descriptor: int) -> None:
+    """Keep DTR and RTS as they are when the line is closed."""
+    attributes = termios.tcgetattr(descriptor)
+    attributes[2] &= ~termios.HUPCL
+    try:
+        termios.tcsetattr(descriptor, termios.TCSANOW, attributes)
+    except termios.error as error:
+        raise OSError(*error.args) from error

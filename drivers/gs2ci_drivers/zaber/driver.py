@@ -2,8 +2,10 @@
 
 Here: what a stage does, in Zaber's commands. Not here: lines and ids (`link`), numbers (`units`), tables (`flags`).
 
-Speeds: firmware before 7.25 has no speed argument of `move`, so the speed is set by `set maxspeed` and the
-device's own value is put back when the stage rests, stops or is closed.
+Speeds: from firmware 7.25 on each move carries its own, and nothing on the device is changed. Older firmware has but
+the setting `maxspeed`, which lies in non-volatile memory: a session that is killed on the way leaves the stage slow for
+good. So it is changed only where the rig file says what to put back (`own_speed_mm_s`); that is done when the stage
+rests, stops or is closed, and on connecting.
 """
 
 from collections.abc import Mapping
@@ -15,6 +17,7 @@ from gs2ci_drivers.failures import (
     MoveFailedError,
     NoAnswerError,
     ReferenceLostError,
+    RefusedError,
     UnsupportedError,
 )
 from gs2ci_drivers.ports import BytePort
@@ -28,6 +31,8 @@ POLL_S = 0.02
 ARRIVAL_STEPS = 2
 """Microsteps by which a finished move may be off: the controller's own settling window."""
 STOP_TIMEOUT_S = 5.0
+SPEEDS_SINCE = (7, 25)
+"""Firmware from which on `move abs` takes a speed of its own."""
 
 
 class ZaberStage(Stage):
@@ -48,6 +53,9 @@ class ZaberStage(Stage):
         self._link = ZaberLink(
             name, port, clock, address=options.address, with_checksum=options.checksums, incidents=self.incidents
         )
+        self._resolution = options.resolution
+        self._stated_speed = {axis: self._units[axis].speed_data(v) for axis, v in options.own_speed_mm_s.items()}
+        self._moves_take_speeds = False
         self._own_speed: dict[str, int] = {}
         self._speed: dict[str, int] = {}
         self._targets: dict[str, int] = {}
@@ -61,16 +69,27 @@ class ZaberStage(Stage):
                 raise UnsupportedError(
                     self.name, f"axis {axis!r} is number {number}", asked="connect", allowed=f"1 to {count}"
                 )
+        firmware = self._get(0, "version")
+        self._moves_take_speeds = _version(firmware) >= SPEEDS_SINCE
         return StageInfo(
             model=f"Zaber device {self._get(0, 'deviceid')}",
             serial=self._get(0, "system.serial"),
-            firmware=self._get(0, "version"),
+            firmware=firmware,
             axes={axis: self._read_axis(axis) for axis in self._numbers},
         )
 
     def _read_axis(self, axis: str) -> AxisInfo:
         number, units = self._numbers[axis], self._units[axis]
+        self._check_resolution(axis)
         self._own_speed[axis] = self._speed[axis] = self._number(number, "maxspeed")
+        stated = self._stated_speed.get(axis)
+        if stated is not None and not self._moves_take_speeds and stated != self._own_speed[axis]:
+            self.incidents.append(
+                f"{self.name}: maxspeed of axis {axis} was {units.speed_mm_s(self._own_speed[axis]):.4g} mm/s, as a "
+                f"killed session leaves it; {units.speed_mm_s(stated):.4g} mm/s was put back"
+            )
+            self._send_speed(axis, stated)
+            self._own_speed[axis] = stated
         if self._own_speed[axis] < 1:
             raise BadReplyError(
                 self.name,
@@ -89,6 +108,22 @@ class ZaberStage(Stage):
             acceleration_mm_s2=units.acceleration_mm_s2(self._number(number, "accel")),
         )
 
+    def _check_resolution(self, axis: str) -> None:
+        """Accept an axis whose microsteps are those that the rig file speaks of; a direct drive has no such setting."""
+        try:
+            resolution = self._number(self._numbers[axis], "resolution")
+        except RefusedError:
+            return
+        if resolution != self._resolution:
+            microstep_mm = self._units[axis].microstep_mm * self._resolution / resolution
+            raise UnsupportedError(
+                self.name,
+                f"axis {axis} counts {resolution} microsteps per step",
+                asked="connect",
+                allowed=f"{self._resolution}, for which microstep_mm holds",
+                remedy=f"set resolution = {resolution} and microstep_mm = {{ {axis} = {microstep_mm:.6g} }} in [stage]",
+            )
+
     def _do_home(self, axes: tuple[str, ...], timeout_s: float) -> None:
         self._targets = {}
         for axis in axes:
@@ -100,11 +135,14 @@ class ZaberStage(Stage):
         if INTERRUPTED & set(self._flags):
             self._link.command(0, "warnings clear")  # an old interruption must not be taken for a new one
         self._targets = {axis: self._units[axis].steps(target) for axis, target in targets_mm.items()}
-        for axis in targets_mm:
-            # Always, not only on a change: a power cycle in between would have put the device's own speed back.
-            self._send_speed(axis, self._units[axis].speed_data(speed_mm_s))
+        # Rounding must not ask for more than the device's own speed.
+        speeds = {axis: min(self._units[axis].speed_data(speed_mm_s), self._own_speed[axis]) for axis in targets_mm}
+        if not self._moves_take_speeds:
+            for axis, data in speeds.items():
+                self._set_speed(axis, data)
         for axis, steps in self._targets.items():
-            self._link.command(self._numbers[axis], f"move abs {steps}")
+            own = f" {speeds[axis]}" if self._moves_take_speeds and speeds[axis] != self._own_speed[axis] else ""
+            self._link.command(self._numbers[axis], f"move abs {steps}{own}")
 
     def _do_wait_idle(self, timeout_s: float) -> None:
         asked = f"move to {self._targets} microsteps"
@@ -181,6 +219,22 @@ class ZaberStage(Stage):
                 self.name, asked, lost, remedy="the stage lost power: home it with `gs2ci devices --home`"
             )
 
+    def _set_speed(self, axis: str, data: int) -> None:
+        """Change the setting `maxspeed`, on firmware that knows no other way; it has to be known what to put back."""
+        if data == self._speed[axis]:
+            return
+        if axis not in self._stated_speed:
+            own_mm_s = self._units[axis].speed_mm_s(self._own_speed[axis])
+            raise UnsupportedError(
+                self.name,
+                "before firmware 7.25 a speed is a setting that outlives a killed session",
+                asked=f"move {axis} at {self._units[axis].speed_mm_s(data):.4g} mm/s",
+                allowed=f"its own {own_mm_s:.4g} mm/s",
+                remedy=f"set own_speed_mm_s = {{ {axis} = {own_mm_s:.4g} }} in [stage], if that is the axis's own top "
+                "speed, or update its firmware",
+            )
+        self._send_speed(axis, data)
+
     def _send_speed(self, axis: str, data: int) -> None:
         self._link.query(self._numbers[axis], f"set maxspeed {data}")
         self._speed[axis] = data
@@ -201,3 +255,9 @@ class ZaberStage(Stage):
             raise BadReplyError(
                 self.name, f"get {setting}", text.encode(), "not a number", allowed="a number"
             ) from error
+
+
+def _version(text: str) -> tuple[int, ...]:
+    """Return a firmware version as numbers; what is none counts as very old."""
+    parts = text.split(".")
+    return tuple(int(part) for part in parts) if all(part.isdigit() for part in parts) else (0,)

@@ -22,6 +22,11 @@ class ZaberOptions(Settings):
     """For each axis its number on the device, from 1."""
     microstep_mm: dict[str, Positive] = Field(default_factory=lambda: {"x": 0.000047625})
     """For each axis the travel of one microstep, from the data sheet."""
+    resolution: Count = 64
+    """Microsteps per full step for which `microstep_mm` holds: 64 is what devices come with and data sheets mean."""
+    own_speed_mm_s: dict[str, Positive] = Field(default_factory=dict)
+    """For each axis its own top speed; only for firmware before 7.25, which knows no speed of a single move. There
+    `maxspeed` has to be changed for a sweep, which outlives a killed session: connecting puts this value back."""
     checksums: bool = True
     """Whether requests carry checksums; those in replies are always checked."""
     mount: MountOptions | None = None

@@ -9,10 +9,11 @@ import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from math import hypot
+from typing import Literal
 
 from gs2ci_sims.axis_motion import AxisMotion, Mechanics
 from gs2ci_sims.faults import FaultSet, declare
-from gs2ci_sims.wires.serial_twin import SerialSession, SerialTwin
+from gs2ci_sims.wires.serial_twin import REPLY_LATENCY_S, SerialSession, SerialTwin
 from gs2ci_sims.world import VirtualClock
 
 HARD_LIMIT = declare("grbl.hard_limit", "a limit switch trips after half of the next move: ALARM:1")
@@ -66,7 +67,8 @@ class GrblTwin(SerialTwin):
         clock: The world's clock.
         machine: The machine.
         faults: What will go wrong.
-        boots_on_open: Whether opening the port resets it (an Arduino whose DTR line is wired).
+        board: "uno": a rising DTR resets it (the 100 nF between the USB chip's DTR and RESET in the Uno's schematic);
+            "native": USB of its own, which answers only while DTR is high (an RP2040's CDC); "plain": DTR is not wired.
     """
 
     def __init__(
@@ -75,11 +77,12 @@ class GrblTwin(SerialTwin):
         machine: GrblMachine | None = None,
         faults: FaultSet | None = None,
         *,
-        boots_on_open: bool = False,
+        board: Literal["plain", "uno", "native"] = "plain",
     ) -> None:
         super().__init__(clock, faults)
         machine = machine or GrblMachine()
-        self._boots_on_open = boots_on_open
+        self._board = board
+        self._dtr = self._hangs_up = False
         self._settings = DEFAULTS | dict(machine.settings)
         self._axes = [
             AxisMotion(machine.start_mm[i], self._settings[120 + i], machine.mechanics.get(name))
@@ -95,12 +98,32 @@ class GrblTwin(SerialTwin):
         """Get line feed and carriage return."""
         return b"\r\n"
 
-    def open(self) -> SerialSession:
-        """Open the port; resets the controller where DTR is wired to do so."""
+    def open(self, *, hangs_up: bool = False, lowers: bool = False) -> SerialSession:
+        """Open the port: Linux raises DTR, which resets an Uno where it was low.
+
+        Args:
+            hangs_up: Whether DTR falls when the session is closed (HUPCL, the default of a tty).
+            lowers: Whether the program lowers DTR once the port is open.
+        """
         session = super().open()
-        if self._boots_on_open:
+        rises, self._dtr, self._hangs_up = not self._dtr, True, hangs_up
+        if rises and self._board == "uno":
             self.reboot()
+        self._dtr = not lowers
         return session
+
+    def unplug(self) -> None:
+        """Take the device off: the USB chip loses its lines."""
+        super().unplug()
+        self._dtr = False
+
+    def _closed(self) -> None:
+        if self._hangs_up:
+            self._dtr = False
+
+    def _reply(self, data: bytes, about: str = "", delay_s: float = REPLY_LATENCY_S) -> None:
+        if self._board != "native" or self._dtr:
+            super()._reply(data, about, delay_s)
 
     def positions_mm_at(self, when_s: float) -> dict[str, float]:
         """Return where the carriages truly were."""

@@ -88,6 +88,10 @@ class SerialTwin(ABC):
     def _stale(self) -> bytes:
         """Return a valid reply to something that nobody asked in this session."""
 
+    def _closed(self) -> None:
+        """Take note that the session was closed: the host lets go of the lines, and most devices do not care."""
+        self._incoming = b""
+
     def _realtime(self, byte: int) -> bool:
         """Take a byte that bypasses lines; return whether it was one."""
         return False
@@ -189,6 +193,7 @@ class SerialSession:
             self._open = False
             if self._twin._session is self:
                 self._twin._session = None
+                self._twin._closed()
 
     def _require_alive(self) -> None:
         if not self._open:

@@ -45,6 +45,7 @@ class ZaberAxis:
         max_steps: `limit.max`.
         max_speed: `maxspeed`, in speed data.
         acceleration: `accel`, in acceleration data.
+        resolution: Microsteps per full step; None for a direct drive, which has no such setting.
         start_mm: Where it stands at power-on.
         mechanics: What lies between counted and true position.
     """
@@ -54,6 +55,7 @@ class ZaberAxis:
     max_steps: int = 3149606
     max_speed: int = 1376257
     acceleration: int = 1720
+    resolution: int | None = 64
     start_mm: float = 75.0
     mechanics: Mechanics = field(default_factory=Mechanics)
 
@@ -69,8 +71,8 @@ class _Axis:
     def _acceleration_mm_s2(self) -> float:
         return self.built.acceleration * 1e4 / SPEED_SCALE * self.built.microstep_mm
 
-    def speed_mm_s(self) -> float:
-        return self.max_speed / SPEED_SCALE * self.built.microstep_mm
+    def speed_mm_s(self, speed: int | None = None) -> float:
+        return (speed or self.max_speed) / SPEED_SCALE * self.built.microstep_mm
 
     def steps_at(self, when_s: float) -> int:
         return round(self.motion.position_at(when_s) / self.built.microstep_mm)
@@ -85,6 +87,11 @@ class ZaberTwin(SerialTwin):
         faults: What will go wrong.
         address: Its address.
         referenced: Whether it knows where it is at power-on (with an absolute encoder, or homed before).
+        firmware: Its version. From 7.25 on `move abs` takes a speed and an acceleration of its own (zaber-motion,
+            Axis.move_absolute: «velocity: ... requires at least firmware 7.25»).
+
+    Settings such as `maxspeed` are kept in non-volatile memory (Zaber ASCII protocol manual, device settings): they
+    outlive a session that ended without putting them back, and a power cycle.
     """
 
     def __init__(
@@ -95,9 +102,12 @@ class ZaberTwin(SerialTwin):
         *,
         address: int = 1,
         referenced: bool = True,
+        firmware: str = "7.28",
     ) -> None:
         super().__init__(clock, faults)
         self._address = address
+        self._firmware = firmware
+        self._takes_speeds = tuple(int(part) for part in firmware.split(".")) >= (7, 25)
         self._names = tuple(axes or {"x": ZaberAxis()})
         self._axes = [_Axis(axis) for axis in (axes or {"x": ZaberAxis()}).values()]
         self._flags: set[str] = set() if referenced else {"WR"}
@@ -115,14 +125,13 @@ class ZaberTwin(SerialTwin):
         return {name: axis.motion.true_position_at(when_s) for name, axis in zip(self._names, self._axes, strict=True)}
 
     def power_cycle(self) -> None:
-        """Cut the power for a moment: motion ends, settings and reference are lost."""
+        """Cut the power for a moment: motion ends, the reference is lost; settings are kept."""
         now_s = self.clock.now_s()
         self._generation += 1
         self._incoming = b""
         for axis in self._axes:
             axis.motion.halt(now_s)
             axis.motion.set_position(0.0, now_s)
-            axis.max_speed = axis.built.max_speed
         self._flags = {"WR"}
         self._replies_checked = False
 
@@ -201,7 +210,7 @@ class ZaberTwin(SerialTwin):
         setting = words[0] if words else ""
         whole = {
             "deviceid": "50081",
-            "version": "6.28",
+            "version": self._firmware,
             "system.serial": "48915",
             "system.axiscount": str(len(self._axes)),
             "comm.checksum": str(int(self._replies_checked)),
@@ -219,9 +228,9 @@ class ZaberTwin(SerialTwin):
                 "limit.home.triggered": int("WR" not in self._flags),
                 "maxspeed": axis.max_speed,
                 "accel": axis.built.acceleration,
-                "resolution": 64,
+                "resolution": axis.built.resolution,
             }
-            if setting not in of_axis:
+            if of_axis.get(setting) is None:
                 return False, "BADCOMMAND"
             values.append(str(of_axis[setting]))
         return True, " ".join(values)
@@ -281,12 +290,15 @@ class ZaberTwin(SerialTwin):
 
     def _do_move(self, number: int, words: list[str]) -> tuple[bool, str]:
         kinds = {"abs": 2, "rel": 2, "vel": 2, "min": 1, "max": 1}
-        if not words or words[0] not in kinds or len(words) != kinds[words[0]]:
+        most = 2 if self._takes_speeds else 0  # a speed and an acceleration for this move alone
+        if not words or words[0] not in kinds or not kinds[words[0]] <= len(words) <= kinds[words[0]] + most:
             return False, "BADCOMMAND"
+        speeds = words[kinds[words[0]] :]
         if self._disabled():
             return False, "DRIVERDISABLED"
         try:
-            value = int(words[1]) if len(words) > 1 else 0
+            value = int(words[1]) if kinds[words[0]] > 1 else 0
+            speed = int(speeds[0]) if speeds else None
         except ValueError:
             return False, "BADDATA"
         now_s = self.clock.now_s()
@@ -294,11 +306,11 @@ class ZaberTwin(SerialTwin):
             self._flags.add("NI")
         self._flags -= {"FS", "FE", "WL"}
         for axis in self._chosen(number):
-            if not self._move_axis(axis, words[0], value, now_s):
+            if not self._move_axis(axis, words[0], value, now_s, speed):
                 return False, "BADDATA"
         return True, "0"
 
-    def _move_axis(self, axis: _Axis, kind: str, value: int, now_s: float) -> bool:
+    def _move_axis(self, axis: _Axis, kind: str, value: int, now_s: float, speed: int | None) -> bool:
         built = axis.built
         if kind == "vel":
             axis.motion.move_at(value / SPEED_SCALE * built.microstep_mm, now_s)
@@ -315,7 +327,9 @@ class ZaberTwin(SerialTwin):
         slip = self.faults.take(SLIP, kind)
         if slip:
             target_mm -= slip.value or 0.1
-        ends_s = axis.motion.move_to(target_mm, axis.speed_mm_s(), now_s)
+        if speed is not None and not 1 <= speed <= axis.max_speed:
+            return False
+        ends_s = axis.motion.move_to(target_mm, axis.speed_mm_s(speed), now_s)
         self._befall(axis, now_s, ends_s, kind)
         return True
 

@@ -44,9 +44,48 @@ class ScriptedPort:
 
 
 def test_a_controller_that_boots_on_opening_is_waited_for():
-    clock, _, stage = make(GrblMachine(settings={22: 0}), boots_on_open=True)
+    clock, _, stage = make(GrblMachine(settings={22: 0}), board="uno")
     assert stage.connect().firmware.startswith("1.1h")
     assert clock.now_s() > 1001.0
+
+
+def opened(twin, clock, **line):
+    return GrblStage("stage0", twin.open(**line), clock, GrblOptions(axes=("x",)))
+
+
+def test_an_uno_keeps_its_reference_from_session_to_session_where_the_line_stays_up():
+    clock = VirtualClock()
+    twin = GrblTwin(clock, GrblMachine(homed=False), board="uno")
+    stage = opened(twin, clock)
+    stage.connect()
+    stage.home()
+    stage.move_to({"x": -20.0})
+    stage.close()
+    clock.sleep_s(10.0)
+    again = opened(twin, clock)
+    again.connect()
+    assert again.status().referenced
+    assert again.positions_mm()["x"] == pytest.approx(-20.0, abs=0.01)
+
+
+@pytest.mark.parametrize("line", [{"hangs_up": True}, {"lowers": True}])
+def test_an_uno_loses_it_where_the_line_falls(line):
+    clock = VirtualClock()
+    twin = GrblTwin(clock, GrblMachine(homed=False), board="uno")
+    stage = opened(twin, clock, **line)
+    stage.connect()
+    stage.home()
+    stage.close()
+    again = opened(twin, clock, **line)
+    again.connect()
+    assert not again.status().referenced
+
+
+def test_a_board_with_usb_of_its_own_talks_while_dtr_is_high_and_not_else():
+    clock = VirtualClock()
+    assert opened(GrblTwin(clock, board="native"), clock).connect().firmware.startswith("1.1h")
+    with pytest.raises(NoAnswerError):
+        opened(GrblTwin(clock, board="native"), clock, lowers=True).connect()
 
 
 def test_a_controller_that_never_answers_is_given_up_in_time():

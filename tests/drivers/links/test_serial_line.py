@@ -1,11 +1,13 @@
 """A serial line over a pseudo terminal of this computer."""
 
 import os
+import termios
 import time
 import tty
 from collections.abc import Callable, Iterator
 
 import pytest
+import serial
 
 from gs2ci_drivers.failures import AccessError
 from gs2ci_drivers.links.serial_line import SerialLine
@@ -36,6 +38,17 @@ def test_bytes_pass_both_ways(terminal: tuple[int, str]) -> None:
     os.write(far, b"@01 0 OK\r\n")
     assert read_exactly(lambda: line.read(100, 5.0), 10) == b"@01 0 OK\r\n"
     line.close()
+
+
+def test_the_line_keeps_dtr_up_when_it_is_closed(terminal: tuple[int, str], monkeypatch: pytest.MonkeyPatch) -> None:
+    """What resets an Arduino Uno is DTR rising; a pseudo terminal has none, but the flag that lets it fall."""
+    asked: list[bool] = []
+    monkeypatch.setattr(serial.Serial, "_update_dtr_state", lambda port: asked.append(port._dtr_state))
+    line = SerialLine("stage0", terminal[1])
+    with open(terminal[1], "rb", buffering=0) as near:
+        assert not termios.tcgetattr(near.fileno())[2] & termios.HUPCL
+    line.close()
+    assert asked == [True]
 
 
 def test_silence_ends_in_time_with_nothing(terminal: tuple[int, str]) -> None:

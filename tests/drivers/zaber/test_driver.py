@@ -18,9 +18,12 @@ from gs2ci_sims.world import VirtualClock
 STEP = 0.000047625
 
 
-def make(**options):
+OLD = "6.28"
+
+
+def make(firmware="7.28", axis=None, **options):
     clock = VirtualClock()
-    twin = ZaberTwin(clock, {"x": ZaberAxis()})
+    twin = ZaberTwin(clock, {"x": axis or ZaberAxis()}, firmware=firmware)
     stage = ZaberStage("stage0", twin.open(), clock, ZaberOptions(axes={"x": 1}, microstep_mm={"x": STEP}, **options))
     return clock, twin, stage
 
@@ -45,22 +48,66 @@ class ScriptedPort:
         pass
 
 
-def test_the_devices_own_speed_is_put_back_after_a_slow_move():
+def test_a_slow_move_changes_no_setting_so_that_a_kill_on_the_way_leaves_the_stage_as_it_was():
     clock, twin, stage = make()
     own = stage.connect().axes["x"].max_speed_mm_s
-    stage.move_to({"x": 80.0}, speed_mm_s=5.0)
-    begin_s = clock.now_s()
-    twin_speed = twin._axes[0].speed_mm_s()
-    assert twin_speed == pytest.approx(own)
-    assert clock.now_s() == begin_s
-
-
-def test_the_devices_own_speed_is_put_back_when_closing_in_mid_move():
-    _, twin, stage = make()
-    own = stage.connect().axes["x"].max_speed_mm_s
     stage.begin_move({"x": 80.0}, speed_mm_s=5.0)
+    clock.sleep_s(0.3)
+    before_mm = twin.positions_mm_at(clock.now_s())["x"]
+    clock.sleep_s(0.1)
+    assert twin.positions_mm_at(clock.now_s())["x"] - before_mm == pytest.approx(0.5, abs=1e-3)
+    assert twin._axes[0].speed_mm_s() == pytest.approx(own)  # killed here, nothing is left behind
+    twin._session = None
+    twin.power_cycle()
+    again = ZaberStage("stage0", twin.open(), clock, ZaberOptions())
+    assert again.connect().axes["x"].max_speed_mm_s == pytest.approx(own)
+
+
+def test_old_firmware_keeps_its_own_speed_unless_the_rig_file_says_what_to_put_back():
+    _, twin, stage = make(OLD)
+    own = stage.connect().axes["x"].max_speed_mm_s
+    stage.move_to({"x": 80.0})
+    with pytest.raises(UnsupportedError, match=rf"own_speed_mm_s = \{{ x = {own:.4g} \}}"):
+        stage.move_to({"x": 75.0}, speed_mm_s=5.0)
+    assert twin._axes[0].speed_mm_s() == pytest.approx(own)
+
+
+def test_what_a_killed_session_left_in_old_firmware_is_put_back_on_connecting():
+    clock, twin, stage = make(OLD, own_speed_mm_s={"x": 40.0})
+    own = stage.connect().axes["x"].max_speed_mm_s
+    assert own == pytest.approx(40.0, abs=1e-4)
+    stage.begin_move({"x": 80.0}, speed_mm_s=5.0)
+    twin._session = None  # killed
+    twin.power_cycle()
+    twin._flags.clear()  # it has an absolute encoder
+    assert twin._axes[0].speed_mm_s() == pytest.approx(5.0, abs=1e-4)
+    again = ZaberStage("stage0", twin.open(), clock, ZaberOptions(own_speed_mm_s={"x": 40.0}))
+    assert again.connect().axes["x"].max_speed_mm_s == pytest.approx(own)
+    assert [text for text in again.incidents if "maxspeed of axis x was 5 mm/s" in text]
+    again.move_to({"x": 60.0}, speed_mm_s=30.0)
+    assert twin._axes[0].speed_mm_s() == pytest.approx(own)
+
+
+def test_old_firmware_has_its_own_speed_back_after_a_slow_move_and_after_closing_in_mid_move():
+    _, twin, stage = make(OLD, own_speed_mm_s={"x": 40.0})
+    own = stage.connect().axes["x"].max_speed_mm_s
+    stage.move_to({"x": 80.0}, speed_mm_s=5.0)
+    assert twin._axes[0].speed_mm_s() == pytest.approx(own)
+    stage.begin_move({"x": 75.0}, speed_mm_s=5.0)
     stage.close()
     assert twin._axes[0].speed_mm_s() == pytest.approx(own)
+
+
+@pytest.mark.parametrize(("resolution", "microstep"), [(128, "2.38125e-05"), (32, "9.525e-05")])
+def test_another_resolution_than_the_rig_file_speaks_of_is_refused_with_the_right_microstep(resolution, microstep):
+    _, _, stage = make(axis=ZaberAxis(resolution=resolution))
+    with pytest.raises(UnsupportedError, match=rf"resolution = {resolution} and microstep_mm = \{{ x = {microstep}"):
+        stage.connect()
+
+
+def test_a_direct_drive_has_no_resolution_to_be_checked():
+    _, _, stage = make(axis=ZaberAxis(resolution=None))
+    assert stage.connect().axes["x"].step_mm == pytest.approx(STEP)
 
 
 def test_closing_a_dead_line_raises_nothing():
