@@ -188,6 +188,9 @@ def test_the_first_mask_comes_within_the_promised_latency(bench: Bench) -> None:
 @pytest.mark.parametrize("trigger", TriggerOut)
 def test_the_trigger_output_does_what_is_asked_or_the_upload_is_refused(bench: Bench, trigger: TriggerOut) -> None:
     sequence = bench.sequence(repeats=2, trigger=trigger)
+    each = trigger is TriggerOut.GATE_PER_MASK
+    if each:  # the line has to fall between masks
+        sequence = replace(sequence, dark_s=sequence.exposure_s)
     if trigger not in bench.modulator.info.trigger_outs:
         with pytest.raises(UnsupportedError, match=f"modulator0.*{trigger.value}.*allowed"):
             bench.modulator.upload(sequence)
@@ -196,16 +199,19 @@ def test_the_trigger_output_does_what_is_asked_or_the_upload_is_refused(bench: B
     bench.modulator.upload(sequence)
     bench.world.bus.edges.clear()
     shown = bench.play(sequence)
-    line = bench.gate_line if trigger is TriggerOut.GATE else bench.pulse_line
+    line = bench.gate_line if trigger is TriggerOut.GATE or each else bench.pulse_line
     rises = bench.world.bus.rising(line)
-    per_pass = {TriggerOut.NONE: 0, TriggerOut.PER_MASK: sequence.count}.get(trigger, 1)
+    per_pass = {TriggerOut.NONE: 0, TriggerOut.PER_MASK: sequence.count, TriggerOut.GATE_PER_MASK: sequence.count}.get(
+        trigger, 1
+    )
+    assert sequence.pulses == 2 * per_pass
     assert len(rises) == 2 * per_pass
     if per_pass:
         first_of_each = [shown[i].start_s for i in range(0, len(shown), sequence.count // per_pass)]
         np.testing.assert_allclose(rises, first_of_each, atol=1e-6)
-    if trigger is TriggerOut.GATE:
+    if trigger is TriggerOut.GATE or each:
         falls = [edge.when_s for edge in bench.world.bus.edges if edge.line == line and not edge.level]
-        held_s = sequence.count * sequence.exposure_s
+        held_s = sequence.exposure_s * (1 if each else sequence.count)
         np.testing.assert_allclose(np.subtract(falls, rises), held_s, atol=1e-6)
 
 

@@ -8,6 +8,7 @@ the last to the first, entry count again. TRIG_OUT_2 carries the pulses (one per
 TRIG_OUT_1 the gate. Connecting only reads.
 """
 
+from contextlib import suppress
 from typing import Final
 
 from gs2ci.core.clock import Clock
@@ -15,7 +16,7 @@ from gs2ci_drivers.dlpc900 import firmware, timing
 from gs2ci_drivers.dlpc900.channel import Channel
 from gs2ci_drivers.dlpc900.lut import MAX_TIME_US
 from gs2ci_drivers.dlpc900.options import Dlpc900Options
-from gs2ci_drivers.dlpc900.packets import Command
+from gs2ci_drivers.dlpc900.packets import Command, MalformedReplyError
 from gs2ci_drivers.dlpc900.payloads import (
     DisplayMode,
     HardwareStatus,
@@ -33,6 +34,7 @@ from gs2ci_drivers.dlpc900.plan import ImageSet, digest_masks, encode_images, lu
 from gs2ci_drivers.dlpc900.pulses import judge
 from gs2ci_drivers.failures import (
     DeviceFaultError,
+    DriverError,
     NoAnswerError,
     OutOfRangeError,
     RefusedError,
@@ -81,6 +83,7 @@ class Dlpc900(Modulator):
         self._model = timing.MODELS[timing.DmdType.DLP6500]  # until connect has asked
         self._images: ImageSet | None = None
         self._on_device = b""
+        self._used = False
         self._started_s = 0.0
         self._running: PatternSequence | None = None
 
@@ -115,15 +118,15 @@ class Dlpc900(Modulator):
                 remedy="change dark_s or set a pause, or use one trigger per exposure",
             )
 
-    def _check_blocks(self, sequence: PatternSequence, first: int, last: int) -> None:
-        rows = self._model.height // self._model.blocks
-        outside = sequence.masks[:, : first * rows].any() or sequence.masks[:, (last + 1) * rows :].any()
+    def _check_blocks(self, sequence: PatternSequence, first: int, count: int) -> None:
+        rows, end = self._model.height // self._model.blocks, first + count
+        outside = sequence.masks[:, : first * rows].any() or sequence.masks[:, end * rows :].any()
         if outside:
             raise OutOfRangeError(
                 self.name,
-                f"masks are lit outside the loaded mirror blocks {first} to {last}",
+                f"masks are lit outside the loaded mirror blocks {first} to {end - 1}",
                 asked="upload",
-                allowed=f"light in rows {first * rows} to {(last + 1) * rows - 1}",
+                allowed=f"light in rows {first * rows} to {end * rows - 1}",
                 remedy="darken the other rows or load more blocks",
             )
 
@@ -150,8 +153,16 @@ class Dlpc900(Modulator):
         if self.settings.blocks is None:
             shortest = {bits: timing.min_exposure_us(model, bits) for bits in range(1, 9)}
         else:
-            first, last = self.settings.blocks
-            shortest = {1: timing.min_exposure_us(model, 1, blocks=last - first + 1)}
+            first, count = self.settings.blocks
+            if first + count > model.blocks:
+                raise OutOfRangeError(
+                    self.name,
+                    f"{count} mirror blocks from block {first} on",
+                    asked="connect",
+                    allowed=f"blocks 0 to {model.blocks - 1}" if model.blocks else "no partial loading",
+                    remedy="change `blocks` in [modulator]",
+                )
+            shortest = {1: timing.min_exposure_us(model, 1, blocks=count)}
         return ModulatorInfo(
             model=f"TI DLPC900 + {model.name}",
             serial="",
@@ -194,7 +205,7 @@ class Dlpc900(Modulator):
         # Sent again as field practice has it: with the same entry count it keeps the images.
         self._send_count(sequence)
         self._channel.check_error("finish the upload")
-        self._on_device = images.digest
+        self._on_device, self._used = images.digest, True
         progress(1.0)
         return 0 if keep else images.total_bytes
 
@@ -219,8 +230,10 @@ class Dlpc900(Modulator):
         channel.write(Command.INVERT_DATA, bytes([settings.invert]), "set data inversion")
         channel.write(Command.TRIGGER_OUT_1, settings.trigger_out_1.encode(), "set trigger output 1")
         channel.write(Command.TRIGGER_OUT_2, settings.trigger_out_2.encode(), "set trigger output 2")
-        if settings.blocks is not None:
-            channel.write(Command.BLOCK_LOAD, encode_block_load(*settings.blocks), "set mirror blocks")
+        if self._model.blocks:
+            # Always: a range of an earlier session stays until the controller is switched off, and dims the rest.
+            blocks = settings.blocks or (0, self._model.blocks)
+            channel.write(Command.BLOCK_LOAD, encode_block_load(*blocks), "set mirror blocks")
         bit_enables = settings.trigger_out_2_bit == "enables"
         for entry in lut_entries(sequence, settings.leds):
             channel.write(Command.LUT_ENTRY, entry.encode(bit_enables=bit_enables), f"define mask {entry.index}")
@@ -349,6 +362,11 @@ class Dlpc900(Modulator):
         return ModulatorStatus(state, faults, notes)
 
     def _do_close(self) -> None:
+        if self.settings.idle_after and self._used:
+            # DLPU018, DMD idle mode: half of the time on, half off, where nothing is shown for long. A device that is
+            # gone, or runs an endless sequence, is let go of as it is.
+            with suppress(DriverError, MalformedReplyError):
+                self._channel.write(Command.IDLE_MODE, b"\1", "let the mirrors idle")
         self._port.close()
 
 

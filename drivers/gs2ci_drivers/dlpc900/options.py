@@ -53,8 +53,10 @@ class Dlpc900Options(Settings):
     trigger_out_2_bit: Literal["", "disables", "enables"] = ""
     """What bit 0 of a pattern entry's byte 9 does to the pulse on TRIG_OUT_2; "" is not known, and nothing is captured
     until it is: `gs2ci doctor` finds it out. TI's guide says "disables", the code of TI's own GUI "enables"."""
-    blocks: tuple[Annotated[int, Field(ge=0)], Annotated[int, Field(ge=0)]] | None = None
-    """First and last block of mirrors to load, for 1-bit masks; fewer switch faster. Masks are dark outside them."""
+    blocks: tuple[Annotated[int, Field(ge=0)], Annotated[int, Field(ge=1)]] | None = None
+    """First block of mirrors to load, and how many: fewer switch faster. For 1-bit masks that are dark elsewhere."""
+    idle_after: bool = True
+    """Whether the mirrors are left flipping evenly when the device is closed, as TI recommends for their life."""
     leds: Annotated[int, Field(ge=0, le=7)] = 7
     """LED enables during a pattern: bit 0 red, 1 green, 2 blue."""
     invert: bool = False
@@ -65,9 +67,7 @@ class Dlpc900Options(Settings):
     """How long leaving standby or mirror idling takes."""
 
     @model_validator(mode="after")
-    def _known_profile_and_a_range(self) -> Self:
+    def _known_profile(self) -> Self:
         if self.firmware not in PROFILES:
             raise ValueError(f"firmware = {self.firmware!r}; allowed: {', '.join(sorted(PROFILES))}")
-        if self.blocks is not None and self.blocks[0] > self.blocks[1]:
-            raise ValueError(f"blocks = {list(self.blocks)}: the first must be at most the last")
         return self

@@ -14,6 +14,7 @@ from gs2ci_drivers.dlpc900.packets import MalformedReplyError
 
 CHUNK_BYTES: Final = 504
 MAX_IMAGES: Final = 18
+MOST_BLOCKS: Final = 31
 
 
 @enum.unique
@@ -78,15 +79,15 @@ def encode_image_chunks(block: bytes) -> list[bytes]:
     return [len(chunk).to_bytes(2, "little") + chunk for chunk in chunks]
 
 
-def encode_block_load(first: int, last: int) -> bytes:
-    """Return the range of mirror blocks that are loaded (0x1A40); fewer blocks switch faster.
+def encode_block_load(first: int, count: int) -> bytes:
+    """Return which mirror blocks are loaded: the first one, and their number (0x1A40, DLPU018 table 2-101).
 
     Raises:
-        InputError: The range is empty or leaves 0 to 255.
+        InputError: The range is empty or leaves the 32 that five bits can tell.
     """
-    if not 0 <= first <= last <= 0xFF:
-        raise InputError(f"mirror blocks {first} to {last}", allowed="0 <= first <= last <= 255")
-    return bytes([first, last])
+    if not (first >= 0 and count >= 1 and first + count <= MOST_BLOCKS):
+        raise InputError(f"{count} mirror blocks from {first} on", allowed=f"1 or more within {MOST_BLOCKS}")
+    return bytes([first, count])
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,6 @@ Imported by the driver and tests.
 """
 
 import enum
-import math
 from dataclasses import dataclass
 from typing import Final
 
@@ -41,7 +40,8 @@ class DmdModel:
         min_exposure_us: Shortest time on show for 1, 2, ... 8 bits, µs; None where TI gives no table.
         one_bit_capacity: 1-bit patterns that fit on board.
         max_entries: Sequence entries in pattern-on-the-fly mode.
-        blocks: Mirror blocks for partial loading, 0 where no times are given.
+        block_us: Shortest time on show of a 1-bit pattern with 1, 2, ... active mirror blocks, µs (DLPU018, table
+            2-102); empty where TI gives none.
     """
 
     name: str
@@ -51,19 +51,34 @@ class DmdModel:
     min_exposure_us: tuple[int, ...] | None
     one_bit_capacity: int
     max_entries: int
-    blocks: int = 0
+    block_us: tuple[int, ...] = ()
+
+    @property
+    def blocks(self) -> int:
+        """Get the number of mirror blocks, 0 where no times are given."""
+        return len(self.block_us)
 
 
 MODELS: Final[dict[DmdType, DmdModel]] = {
     DmdType.DLP6500: DmdModel(
-        "DLP6500", 1920, 1080, 7.56, (105, 304, 394, 823, 1215, 1487, 1998, 4046), 400, 400, blocks=15
+        "DLP6500", 1920, 1080, 7.56, (105, 304, 394, 823, 1215, 1487, 1998, 4046), 400, 400,
+        (24, 45, 45, 45, 48, 54, 60, 66, 72, 78, 84, 90, 96, 101, 105),
     ),
-    DmdType.DLP9000: DmdModel("DLP9000", 2560, 1600, 7.56, (105, 304, 380, 733, 1215, 1487, 1998, 4046), 480, 400),
-    DmdType.DLP670S: DmdModel("DLP670S", 2716, 1600, 5.4, (100, 343, 438, 768, 1299, 1488, 2000, 4046), 400, 400),
-    DmdType.DLP500YX: DmdModel("DLP500YX", 2048, 1200, 5.4, (62, 184, 269, 458, 682, 807, 1083, 2263), 800, 400),
+    DmdType.DLP9000: DmdModel(
+        "DLP9000", 2560, 1600, 7.56, (105, 304, 380, 733, 1215, 1487, 1998, 4046), 480, 400,
+        (24, 42, 42, 42, 45, 51, 56, 61, 67, 72, 77, 83, 88, 93, 99, 105),
+    ),
+    DmdType.DLP670S: DmdModel(
+        "DLP670S", 2716, 1600, 5.4, (100, 343, 438, 768, 1299, 1488, 2000, 4046), 400, 400,
+        (27, 27, 27, 33, 38, 38, 49, 55, 61, 66, 72, 77, 83, 89, 94, 100),
+    ),
+    DmdType.DLP500YX: DmdModel(
+        "DLP500YX", 2048, 1200, 5.4, (62, 184, 269, 458, 682, 807, 1083, 2263), 800, 400,
+        (30, 30, 30, 30, 34, 38, 42, 46, 50, 54, 58, 62),
+    ),
     # TI tabulates no times for this one: the controller itself refuses what is too short (error 14).
     DmdType.DLP5500: DmdModel("DLP5500", 1024, 768, 10.8, None, 1024, 960),
-}
+}  # fmt: skip
 
 
 def min_exposure_us(model: DmdModel, depth_bits: int, *, blocks: int | None = None) -> int:
@@ -72,7 +87,7 @@ def min_exposure_us(model: DmdModel, depth_bits: int, *, blocks: int | None = No
     Args:
         model: The mirror device.
         depth_bits: 1 to 8.
-        blocks: How many mirror blocks are loaded (1-bit patterns on a DLP6500); None for all.
+        blocks: How many mirror blocks are loaded (1-bit patterns); None for all.
 
     Raises:
         InputError: The depth or the number of blocks does not exist on this device.
@@ -90,10 +105,7 @@ def _block_exposure_us(model: DmdModel, depth_bits: int, blocks: int) -> int:
             f"{model.name}: {depth_bits}-bit masks on {blocks} mirror blocks",
             allowed=f"1-bit masks on 1 to {model.blocks} blocks" if model.blocks else "all blocks",
         )
-    if blocks <= 5:
-        return (24, 45, 45, 45, 48)[blocks - 1]
-    # 6 blocks take 54 µs and 15 take 105, evenly spaced between; rounded up.
-    return math.ceil(54 + (blocks - 6) * (105 - 54) / 9)
+    return model.block_us[blocks - 1]
 
 
 def max_patterns(model: DmdModel, depth_bits: int) -> int:

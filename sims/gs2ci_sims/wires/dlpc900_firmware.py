@@ -15,7 +15,7 @@ from gs2ci.core.arrays import U8, U32
 from gs2ci_sims.faults import FaultSet, declare
 from gs2ci_sims.wires.dlpc900_images import BadImageError, read_image
 from gs2ci_sims.wires.dlpc900_sequencer import Output, Sequencer, Step
-from gs2ci_sims.wires.dlpc900_tables import BLOCK_US, ERROR_TEXT, MIRRORS
+from gs2ci_sims.wires.dlpc900_tables import ERROR_TEXT, MIRRORS
 from gs2ci_sims.world import World
 
 PARKED = declare("dlpc900.parked", "the mirrors park: the status says so and nothing is shown")
@@ -133,7 +133,8 @@ class Firmware:
             0x1A31: bytes(6),
             0x1A35: b"\x69\0\0",
             0x1A36: b"\0",
-            0x1A40: bytes([0, max(self.mirrors.blocks - 1, 0)]),
+            # Start block and number of blocks (DLPU018, table 2-101); after a reset all of them.
+            0x1A40: bytes([0, self.mirrors.blocks]),
         }
 
     def note_error(self, code: int) -> None:
@@ -203,7 +204,8 @@ class Firmware:
         _require(len(data) == 1 and data[0] in (0, 1), 6)
         now_s = self.world.clock.now_s()
         if data[0]:
-            _require(not self.sequencer.running, 5)
+            # Only while the sequence is stopped, and not in video mode (DLPU018, DMD idle mode).
+            _require(not self.sequencer.running and self._settings[0x1A1B] != b"\0", 5)
             self._idle_since_s = now_s
         else:
             _require(self._settings[0x0201] == b"\0" or now_s - self._idle_since_s >= _SETTLE_S, 5)
@@ -229,13 +231,12 @@ class Firmware:
         self.table.clear()
 
     def _write_blocks(self, data: bytes) -> None:
-        _require(len(data) == 2 and data[0] <= data[1] < self.mirrors.blocks, 6)
+        _require(len(data) == 2 and data[1] >= 1 and data[0] + data[1] <= self.mirrors.blocks, 6)
 
     def _shortest_us(self, depth: int) -> int:
-        first, last = self._settings[0x1A40]
-        blocks = last - first + 1
-        if depth == 1 and self.mirrors.blocks and blocks < self.mirrors.blocks:
-            return BLOCK_US[blocks - 1] if blocks <= 6 else 54 + (blocks - 6) * 17 // 3
+        _, blocks = self._settings[0x1A40]
+        if depth == 1 and blocks < self.mirrors.blocks:
+            return self.mirrors.block_us[blocks - 1]
         return self.mirrors.shortest_us[depth - 1]
 
     def _write_entry(self, data: bytes) -> None:
@@ -352,12 +353,12 @@ class Firmware:
         return self._only_blocks(levels)
 
     def _only_blocks(self, levels: U8) -> U8:
-        first, last = self._settings[0x1A40]
-        if not self.mirrors.blocks or last - first + 1 == self.mirrors.blocks:
+        first, blocks = self._settings[0x1A40]
+        if not self.mirrors.blocks or blocks == self.mirrors.blocks:
             return levels
         rows = self.mirrors.height // self.mirrors.blocks
         lit = np.zeros_like(levels)
-        lit[first * rows : (last + 1) * rows] = levels[first * rows : (last + 1) * rows]
+        lit[first * rows : (first + blocks) * rows] = levels[first * rows : (first + blocks) * rows]
         return lit
 
 

@@ -50,21 +50,40 @@ ERROR_TEXT: Final = {
 
 @dataclass(frozen=True)
 class Mirrors:
-    """Size, shortest times in µs by depth, table length, blocks, and whether two controllers share the columns."""
+    """Size, shortest times in µs by depth, table length, and whether two controllers share the columns.
+
+    `block_us` has the shortest 1-bit times by number of active blocks (DLPU018, table 2-102).
+    """
 
     width: int
     height: int
     shortest_us: tuple[int, ...]
     entries: int = 400
-    blocks: int = 0
+    block_us: tuple[int, ...] = ()
     dual: bool = False
+
+    @property
+    def blocks(self) -> int:
+        """Get the number of mirror blocks, 0 where the guide gives none."""
+        return len(self.block_us)
 
 
 MIRRORS: Final = {
-    1: Mirrors(1920, 1080, (105, 304, 394, 823, 1215, 1487, 1998, 4046), blocks=15),
-    2: Mirrors(2560, 1600, (105, 304, 380, 733, 1215, 1487, 1998, 4046), dual=True),
-    3: Mirrors(2716, 1600, (100, 343, 438, 768, 1299, 1488, 2000, 4046), dual=True),
-    4: Mirrors(2048, 1200, (62, 184, 269, 458, 682, 807, 1083, 2263), dual=True),
+    1: Mirrors(
+        1920, 1080, (105, 304, 394, 823, 1215, 1487, 1998, 4046),
+        block_us=(24, 45, 45, 45, 48, 54, 60, 66, 72, 78, 84, 90, 96, 101, 105),
+    ),
+    2: Mirrors(
+        2560, 1600, (105, 304, 380, 733, 1215, 1487, 1998, 4046), dual=True,
+        block_us=(24, 42, 42, 42, 45, 51, 56, 61, 67, 72, 77, 83, 88, 93, 99, 105),
+    ),
+    3: Mirrors(
+        2716, 1600, (100, 343, 438, 768, 1299, 1488, 2000, 4046), dual=True,
+        block_us=(27, 27, 27, 33, 38, 38, 49, 55, 61, 66, 72, 77, 83, 89, 94, 100),
+    ),
+    4: Mirrors(
+        2048, 1200, (62, 184, 269, 458, 682, 807, 1083, 2263), dual=True,
+        block_us=(30, 30, 30, 30, 34, 38, 42, 46, 50, 54, 58, 62),
+    ),
     5: Mirrors(1024, 768, (1, 1, 1, 1, 1, 1, 1, 1), entries=960),
-}
-BLOCK_US: Final = (24, 45, 45, 45, 48, 54)
+}  # fmt: skip

@@ -262,7 +262,7 @@ def test_standby_and_idling_are_left_for_an_upload(bench: Bench) -> None:
 
 @pytest.fixture
 def blocks() -> Bench:
-    bench = make_bench(1, Dlpc900Options(blocks=(2, 4)))
+    bench = make_bench(1, Dlpc900Options(blocks=(2, 3)))
     bench.dmd.connect()
     return bench
 
@@ -272,6 +272,38 @@ def test_fewer_mirror_blocks_allow_shorter_masks(blocks: Bench) -> None:
     masks[:, 144:360] = masks_for(216, 1920, 3)
     assert blocks.dmd.info.min_exposure_s == {1: pytest.approx(45e-6)}
     assert_shown(blocks.run(PatternSequence(masks, 1, 45e-6)), masks)
+
+
+def test_a_range_of_blocks_that_an_earlier_session_left_does_not_dim_the_rest(blocks: Bench) -> None:
+    masks = np.zeros((2, 1080, 1920), np.uint8)
+    masks[:, 144:360] = 1
+    blocks.run(PatternSequence(masks, 1, 200e-6))
+    blocks.settings = Dlpc900Options()
+    blocks.reopen()
+    assert_shown(blocks.run(PatternSequence(masks_for(1080, 1920, 2), 1, 200e-6)), masks_for(1080, 1920, 2))
+
+
+def test_blocks_beyond_the_device_are_refused_with_those_there_are() -> None:
+    with pytest.raises(OutOfRangeError, match="blocks 0 to 14"):
+        make_bench(1, Dlpc900Options(blocks=(13, 3))).dmd.connect()
+    with pytest.raises(OutOfRangeError, match="no partial loading"):
+        make_bench(5, Dlpc900Options(blocks=(0, 3))).dmd.connect()
+
+
+@pytest.mark.parametrize("idle_after", [True, False])
+def test_mirrors_are_left_idling_when_a_device_that_was_used_is_closed(idle_after: bool) -> None:
+    bench = make_bench(settings=Dlpc900Options(idle_after=idle_after))
+    bench.run(SEQUENCE)
+    bench.dmd.disarm()
+    bench.reopen()
+    assert bench.twin.firmware._settings[0x0201] == (b"\x01" if idle_after else b"\x00")
+    assert_shown(bench.run(replace(SEQUENCE, repeats=1)), MASKS)  # and an upload wakes them
+
+
+def test_a_device_that_was_only_looked_at_is_closed_as_it_was(bench: Bench) -> None:
+    bench.dmd.connect()
+    bench.reopen()
+    assert bench.twin.firmware._settings[0x0201] == b"\x00"
 
 
 def test_light_outside_the_loaded_blocks_is_refused(blocks: Bench) -> None:

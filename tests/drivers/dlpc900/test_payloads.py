@@ -33,7 +33,7 @@ from gs2ci_drivers.dlpc900.payloads import (
         (TriggerEdges(inverted=True, rise_us=5, fall_us=-5).encode(), "01 05 00 FB FF"),
         (encode_lut_config(400, 0), "90 01 00 00 00 00"),
         (encode_image_start(17, 6532), "11 00 84 19 00 00"),
-        (encode_block_load(0, 14), "00 0E"),
+        (encode_block_load(0, 15), "00 0F"),
     ],
 )
 def test_a_setting_is_these_bytes(payload: bytes, expected: str) -> None:
@@ -49,8 +49,8 @@ def test_a_setting_is_these_bytes(payload: bytes, expected: str) -> None:
         lambda: encode_lut_config(1, 2**32),
         lambda: encode_image_start(18, 100),
         lambda: encode_image_start(0, 0),
-        lambda: encode_block_load(3, 2),
-        lambda: encode_block_load(0, 256),
+        lambda: encode_block_load(3, 0),
+        lambda: encode_block_load(20, 12),
     ],
 )
 def test_a_setting_out_of_range_is_refused_with_what_is_allowed(build: Callable[[], object]) -> None:

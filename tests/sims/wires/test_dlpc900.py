@@ -291,6 +291,8 @@ def test_in_standby_only_normal_power_is_accepted_and_it_takes_three_seconds(hos
 
 
 def test_idling_must_last_three_seconds(host: Host) -> None:
+    assert host.ask("40 03 03 00 01 02 01")[0] == 0x60  # not in video mode
+    host.ask("40 02 03 00 1B 1A 03")
     assert host.ask("40 03 03 00 01 02 01")[0] == 0x40
     assert host.ask("40 03 03 00 01 02 00")[0] == 0x60
     host.world.clock.sleep_s(3.0)
@@ -301,7 +303,7 @@ def test_fewer_blocks_show_a_part_of_the_mirrors_and_allow_shorter_times() -> No
     host = Host(dmd=1)
     host.ask("40 02 03 00 1B 1A 03")
     assert host.ask("40 01 0E 00 34 1A 00 00 18 00 00 71 00 00 00 00 00 00")[0] == 0x60
-    assert host.ask("40 01 04 00 40 1A 03 03")[0] == 0x40
+    assert host.ask("40 01 04 00 40 1A 03 01")[0] == 0x40
     assert host.ask("40 01 0E 00 34 1A 00 00 18 00 00 71 00 00 00 00 00 00")[0] == 0x40
     assert host.ask("40 01 04 00 40 1A 03 0F")[0] == 0x60
 
