@@ -70,10 +70,7 @@ def run(
         if dry_run:
             return None
         with open_display() as display:
-            record(opened, devices, prepared, out, replace=overwrite, progress=display)
-    except BaseException:
-        _say_what_can_be_saved(out)
-        raise
+            record(opened, devices, prepared, out, replace=overwrite, progress=display, saved=_say_what_can_be_saved)
     finally:
         devices.close()
     light = opened.bench.light if opened.bench else None
@@ -87,15 +84,11 @@ def run(
     return out
 
 
-def _say_what_can_be_saved(out: Path) -> None:
+def _say_what_can_be_saved(partial: Path) -> None:
     """Tell where the shots are that were taken before a capture ended early."""
-    from gs2ci.core.storage.sealing import partial_of
-
-    partial = partial_of(out)
-    if partial.exists():
-        Console(stderr=True).print(
-            f"save the shots taken before: gs2ci recover {escape(str(partial))}", soft_wrap=True, highlight=False
-        )
+    Console(stderr=True).print(
+        f"save the shots taken before: gs2ci recover {escape(str(partial))}", soft_wrap=True, highlight=False
+    )
 
 
 def _print_plan(console: Console, rig: "Rig", devices: "Devices", prepared: "Prepared") -> None:

@@ -72,7 +72,7 @@ def read_toml(path: Path) -> tuple[dict[str, Any], str]:
     """
     try:
         text = path.read_text(encoding="utf-8")
-        return tomllib.loads(text), text
+        tables = tomllib.loads(text)
     except OSError as error:
         raise InputError(f"{path} cannot be read ({error.strerror})", remedy="check the path") from error
     except UnicodeDecodeError as error:
@@ -81,6 +81,18 @@ def read_toml(path: Path) -> tuple[dict[str, Any], str]:
         raise InputError(f"{path} is not TOML: {error}", remedy="mend the line named") from error
     except RecursionError as error:
         raise InputError(f"{path} is not TOML of ours: it nests too deep") from error
+    _refuse_nul(path, tables, "")
+    return tables, text
+
+
+def _refuse_nul(path: Path, value: Any, key: str) -> None:
+    """Accept values without NUL characters: no name, path or port has one, and neither the system nor HDF5 takes it."""
+    if isinstance(value, str) and "\0" in value:
+        raise InputError(f"{path}: {key!r} has a NUL character (\\u0000) in it", remedy="take it out")
+    inside = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
+    for name, part in inside:
+        _refuse_nul(path, name, f"{key} key")
+        _refuse_nul(path, part, str(name) if not key else f"{key}.{name}")
 
 
 def _sentence(model: type[BaseModel], problem: dict[str, Any]) -> str:

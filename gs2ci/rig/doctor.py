@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
+from serial.tools import list_ports
 
 from gs2ci.core.config import SIMULATED
 from gs2ci.core.errors import Gs2ciError
@@ -34,7 +35,6 @@ LOOP_MASKS = 8
 LOOP_MASK_S = 0.05
 LARGEST_DRIFT_PPM = 500.0
 """Two crystals differ by some 100 ppm; more is a wrong clock or a wrong unit."""
-TTY_RULE = 'SUBSYSTEM=="tty", MODE="0660", GROUP="dialout", TAG+="uaccess"'
 VIDEO_RULE = 'SUBSYSTEM=="video4linux", MODE="0660", GROUP="video", TAG+="uaccess"'
 
 
@@ -208,10 +208,25 @@ def _permissions(rig: Rig) -> Iterator[Finding]:
                 f"put into /etc/udev/rules.d/70-gs2ci.rules:\n{rules}",
             )
     else:
-        yield from _node("modulator", table.modulator.port, TTY_RULE)
+        yield from _node("modulator", table.modulator.port, tty_rule(table.modulator.port))
     yield from _node("sensor", table.sensor.port, VIDEO_RULE)
     if table.stage is not None:
-        yield from _node("stage", table.stage.port, TTY_RULE)
+        yield from _node("stage", table.stage.port, tty_rule(table.stage.port))
+
+
+def tty_rule(port: str) -> str:
+    """Return the udev rule for one serial device: by its USB identity where it has one, else by its name.
+
+    Never for all of them: a rule for every tty would hand out consoles, modems and other people's machines.
+    """
+    node = os.path.realpath(port)
+    access = 'MODE="0660", GROUP="dialout", TAG+="uaccess"'
+    usb = next((one for one in list_ports.comports() if one.device == node and one.vid is not None), None)
+    if usb is None:
+        return f'SUBSYSTEM=="tty", KERNEL=="{Path(node).name}", {access}'
+    serial = f', ATTRS{{serial}}=="{usb.serial_number}"' if usb.serial_number else ""
+    identity = f'ATTRS{{idVendor}}=="{usb.vid:04x}", ATTRS{{idProduct}}=="{usb.pid:04x}"{serial}'
+    return f'SUBSYSTEM=="tty", {identity}, {access}'
 
 
 def _usb_ids(modulator: Dlpc900Options | ScpiOptions | DisplaySlmOptions) -> tuple[int, int] | None:

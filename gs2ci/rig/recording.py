@@ -5,6 +5,7 @@ layout (`gs2ci.core.storage`), poses from stage positions (`telemetry`), the ord
 (`gs2ci_drivers.acquisition`).
 """
 
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -83,7 +84,16 @@ def prepare(rig: Rig, devices: Devices, calibrated: Calibrated | None = None) ->
     return Prepared(plan, codes, calibrated)
 
 
-def record(rig: Rig, devices: Devices, prepared: Prepared, out: Path, *, replace: bool, progress: Progress) -> Path:
+def record(
+    rig: Rig,
+    devices: Devices,
+    prepared: Prepared,
+    out: Path,
+    *,
+    replace: bool,
+    progress: Progress,
+    saved: Callable[[Path], object] = lambda partial: None,
+) -> Path:
     """Run a prepared capture into a shot file.
 
     Args:
@@ -93,6 +103,7 @@ def record(rig: Rig, devices: Devices, prepared: Prepared, out: Path, *, replace
         out: The shot file; while it grows it is `<out>.partial`.
         replace: Whether a finished file of that name may be replaced.
         progress: Hears about upload and shots.
+        saved: Is told where the rows are when the capture ends early with some; never of another capture's file.
 
     Returns:
         The shot file.
@@ -115,7 +126,9 @@ def record(rig: Rig, devices: Devices, prepared: Prepared, out: Path, *, replace
                 raise
             return writer.finish()
     except BaseException:
-        if not writer.rows_written:  # nothing was taken, so there is nothing to recover and nothing in the way
+        if writer.rows_written:
+            saved(writer.partial)
+        else:  # nothing was taken, so there is nothing to recover and nothing in the way
             writer.partial.unlink(missing_ok=True)
         raise
 

@@ -2,7 +2,8 @@
 
 import h5py
 
-from gs2ci.core.storage import read_shot
+from gs2ci.core.storage import read_shot, sealing, writer
+from gs2ci.core.storage.guarded_file import GuardedFile
 from gs2ci.rig import discovery
 
 RIG = """
@@ -59,6 +60,21 @@ def test_the_measurement_explains_itself_by_the_true_views_and_masks(rig, gs2ci)
     lit = (coded > 0.1) & ~shot.saturated[..., None]
     ratio = shot.measurement[lit] / coded[lit]
     assert ratio.std() / ratio.mean() < 0.02
+
+
+def test_the_loser_of_two_captures_is_not_told_to_recover_the_winners_file(rig, capsys, gs2ci, monkeypatch):
+    partial = rig.with_name("shot.h5.partial")
+    winner = GuardedFile(partial)  # as another process holds it
+    assert gs2ci("capture", "--rig", rig, "-o", "shot.h5") == 2
+    said = capsys.readouterr().err
+    assert "another capture is writing it" in said
+    assert "recover" not in said
+    for module in (sealing, writer):  # or the other one came in between
+        monkeypatch.setattr(module, "check_target", lambda path, **how: None)
+    assert gs2ci("capture", "--rig", rig, "-o", "shot.h5") == 2
+    assert "recover" not in capsys.readouterr().err
+    winner.close()
+    assert partial.stat().st_size == 0  # and it still has its file
 
 
 def test_a_dry_run_prints_the_plan_and_writes_and_moves_nothing(rig, capsys, gs2ci):

@@ -47,6 +47,9 @@ def test_a_minimal_simulated_rig_is_enough(tmp_path):
         (MINIMAL + "[world]\n[capture]\nshots = 1_000_000_000_000\n", "'shots' in .capture. is 1000000000000"),
         (MINIMAL + '[world]\n[stage]\nkind = "zaber"\nmount = {x = [inf, 0.0, 0.0]}\n', "finite"),
         (f"a = {'[' * 100_000}", "nests too deep"),
+        ('name = "be\\u0000nch"\n' + MINIMAL + "[world]\n", "'name' has a NUL character"),
+        (MINIMAL.replace('"v4l2"\n', '"v4l2"\nport = "/dev/\\u0000"\n'), "'sensor.port' has a NUL character"),
+        (MINIMAL + '[world]\nfaults = ["\\u0000"]\n', "'world.faults.0' has a NUL character"),
     ],
 )
 def test_a_rig_that_cannot_be_is_refused_with_a_sentence(tmp_path, text, complaint):

@@ -1,3 +1,5 @@
+from types import SimpleNamespace
+
 import pytest
 
 from gs2ci.rig import doctor
@@ -89,7 +91,19 @@ def test_missing_nodes_and_permissions_are_found_with_the_udev_rule(tmp_path, mo
     found = {finding.what: finding for finding in doctor._permissions(Rig(table, "", tmp_path))}
     assert 'ATTRS{idVendor}=="0451"' in found["permissions for the modulator"].remedy
     assert "is not there" in found["permissions for the sensor"].detail
-    assert 'SUBSYSTEM=="tty"' in found["permissions for the stage"].remedy
+    assert 'SUBSYSTEM=="tty", KERNEL=="tty9"' in found["permissions for the stage"].remedy
+
+
+def test_the_rule_for_a_serial_device_opens_no_other_one(tmp_path, monkeypatch):
+    usb = SimpleNamespace(device=str(tmp_path / "ttyUSB3"), vid=0x0403, pid=0x6001, serial_number="A7")
+    monkeypatch.setattr(doctor.list_ports, "comports", lambda: [usb])
+    (tmp_path / "ttyUSB3").write_text("")
+    (tmp_path / "by-id").symlink_to(tmp_path / "ttyUSB3")
+    rule = doctor.tty_rule(str(tmp_path / "by-id"))
+    assert 'ATTRS{idVendor}=="0403", ATTRS{idProduct}=="6001", ATTRS{serial}=="A7"' in rule
+    usb.serial_number = None
+    assert "serial" not in doctor.tty_rule(str(tmp_path / "by-id"))
+    assert 'KERNEL=="ttyS0"' in doctor.tty_rule("/dev/ttyS0")
 
 
 @pytest.mark.parametrize(("stretch", "verdict"), [(1.0, "ok"), (1.0001, "ok"), (1.002, "bad")])

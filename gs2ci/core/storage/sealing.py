@@ -4,6 +4,7 @@ Here: paths, the rename that makes a capture count as finished, and the manifest
 what is inside the file. `check_manifest` is re-exported.
 """
 
+import fcntl
 import hashlib
 import json
 import os
@@ -49,6 +50,11 @@ def check_target(path: Path, *, replace: bool, remedy: str = "choose another nam
     if path.is_dir() or (path.exists() and not replace):
         raise StorageError(f"{path}: already exists", remedy=remedy)
     partial = partial_of(path)
+    if being_written(partial):
+        raise StorageError(
+            f"{partial}: another capture is writing it at this moment",
+            remedy="wait until it has ended, or choose another name",
+        )
     if partial.exists():
         raise StorageError(
             f"{partial}: an unfinished capture of that name lies there",
@@ -56,6 +62,18 @@ def check_target(path: Path, *, replace: bool, remedy: str = "choose another nam
         )
     check_manifest_place(path)
     check_place(path)
+
+
+def being_written(partial: Path) -> bool:
+    """Return whether another process holds an unfinished capture open for writing, by the lock that it holds on it."""
+    try:
+        with partial.open("rb") as file:
+            fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return True
+    except OSError:  # it is not there, or the file system knows no locks
+        return False
+    return False
 
 
 def check_manifest_place(path: Path) -> None:
