@@ -37,6 +37,8 @@ BENCHMARKS = {
     "calibration_base": "tests.benchmarks.calibration_base",
     "lens": "tests.benchmarks.lens",
     "long_fits": "tests.benchmarks.long_fits",
+    "effect_bounds": "tests.benchmarks.effect_bounds",
+    "exact_renderer": "tests.benchmarks.exact_renderer",
 }
 
 LONG = (
@@ -51,6 +53,7 @@ LONG = (
     "calibrated_reconstruction",
     "calibration_base",
     "long_fits",
+    "effect_bounds",
 )
 """Many benches or whole schedules each: run only by name."""
 
