@@ -26,7 +26,7 @@ from gs2ci_sims.effects.lens_distortion import LensDistortion
 from gs2ci_sims.light_path import EffectChain
 from gs2ci_sims.moments import Moments, one_per_interval
 from gs2ci_sims.path import CameraPath
-from gs2ci_sims.radiance import Renderer, rendered_depth, with_margin
+from gs2ci_sims.radiance import Renderer, with_margin
 from gs2ci_sims.rig import Rig
 from gs2ci_sims.scenes.base import Scene
 from gs2ci_sims.signals import Slices, View, nominal_slices
@@ -238,7 +238,9 @@ class Studio:
         radiance, coverage = self._renderer.views(scene, pose, gaussians=gaussians, margin=margin)
         bare = radiance[0].astype(np.float64)
         intrinsics = with_margin(scene.intrinsics, margin)
-        depth = rendered_depth(gaussians, pose[0], intrinsics, coverage[0].shape) if self._needs_depth else None
+        depth = None
+        if self._needs_depth:
+            depth = self._renderer.depth(scene, pose[0], gaussians=gaussians, margin=margin)
         seen = self._chain.through(Stage.RADIANCE, View(bare, intrinsics, margin, depth)).radiance
         truth = np.concatenate([bare, coverage[0][..., None]], axis=2)
         truth = truth if self._lens is None else self._lens.bent(truth, intrinsics)
@@ -256,7 +258,7 @@ class Studio:
 
     def can_skip(self, open_share: F64) -> bool:
         """Return whether leaving out the closed pixels [H, W] gives the same light, and saves some of the work."""
-        plain = not self._chain.at(Stage.RADIANCE) and self._scene.harmonics is None
+        plain = not self._chain.at(Stage.RADIANCE) and self._scene.harmonics is None and self._renderer.skips
         return plain and open_share.min() >= 0 and float((open_share == 0).mean()) >= CLOSED_SHARE_MIN
 
     def behind(self, open_share: F64, time_s: float) -> F64:

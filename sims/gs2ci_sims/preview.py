@@ -40,10 +40,8 @@ STILL_PX: Final = 0.25
 # A spectrum needs some pixels: smaller sensors are previewed with a margin.
 SIDE_MIN_PX: Final = 24
 SPECTRUM_BINS: Final = 193
-# The rasteriser's graininess, rms, of full scale: on planes, 4e-5 to 8e-5 about a polynomial through a pixel of motion.
-RENDER_GRAIN: Final = 8e-5
-# Its largest value over the pixels against its rms (20 to 26 there), and the motion after which it is another: there
-# its autocorrelation is nothing.
+# Grain of a renderer: its largest value over the pixels against its rms (20 to 26 on planes), and the motion after
+# which it is another (there its autocorrelation is nothing).
 GRAIN_PEAK: Final = 25.0
 GRAIN_PX: Final = 0.025
 TRAVEL_STEPS: Final = 65
@@ -66,6 +64,7 @@ class Preview:
         samples: s, per pixel side.
         margin: That margin, pixels.
         render_s: What rendering one view took.
+        grain: The renderer's (`Renderer.grain`).
         effects: All that the rig has: each is bounded as it acts among the others.
         seed: Of the exposure: effects that shake the camera draw from it.
     """
@@ -79,6 +78,7 @@ class Preview:
     samples: int
     margin: int
     render_s: float
+    grain: float
     effects: tuple[Effect, ...] = ()
     seed: int = 0
 
@@ -184,7 +184,7 @@ class Preview:
         away_px = away_px + self.object_px_per_s * np.abs(intervals_s - seen_s[:, None]).max(axis=1)
         moved = self._surprise * np.array([self._shifted_rms(float(px)) for px in away_px])
         # Two views of a moving image also differ by the rasteriser's grain in both.
-        moved += np.where(away_px > 0, 2 * RENDER_GRAIN, 0.0)
+        moved += np.where(away_px > 0, 2 * self.grain, 0.0)
         return np.asarray(np.minimum(moved + self._optics_rms, self.scene.brightest))
 
     @cached_property
@@ -206,8 +206,8 @@ class Preview:
                 expected = self._shifted_rms(float(moved[0]))
                 differ = float(np.sqrt(np.square(self.views[first] - self.views[second]).mean()))
                 # Views that differ by no more than the rasteriser's grain tell nothing.
-                if differ > 10 * RENDER_GRAIN:
-                    worst = max(worst, differ / max(expected, RENDER_GRAIN))
+                if differ > 10 * self.grain:
+                    worst = max(worst, differ / max(expected, self.grain or 1e-12))
         return worst
 
     # The spectrum, and fields that come of filters.
@@ -389,7 +389,7 @@ class Preview:
         that stands for several masks carries it into all of them.
         """
         independent = min(views, 1 + self._whole_travel_px / GRAIN_PX)
-        rms = RENDER_GRAIN * float(np.sqrt(len(self.masks) / independent))
+        rms = self.grain * float(np.sqrt(len(self.masks) / independent))
         return self.full_scale_dn * self._most_open_weights.worst_rms_of_independent(rms, GRAIN_PEAK * rms)
 
     @cached_property
@@ -428,5 +428,16 @@ def preview(
     views = renderer.supersampled_views(scene, path.world_to_camera(times), margin=margin)
     render_s = (time.perf_counter() - started) / len(times)
     return Preview(
-        scene, path, masks, rig, times, views, renderer.supersampling, margin, render_s, effects=effects, seed=seed
+        scene,
+        path,
+        masks,
+        rig,
+        times,
+        views,
+        renderer.supersampling,
+        margin,
+        render_s,
+        renderer.grain,
+        effects,
+        seed,
     )

@@ -41,6 +41,8 @@ BENCHMARKS = {
     "lens": "tests.benchmarks.lens",
     "by_hand": "tests.benchmarks.by_hand",
     "long_fits": "tests.benchmarks.long_fits",
+    "effect_bounds": "tests.benchmarks.effect_bounds",
+    "exact_renderer": "tests.benchmarks.exact_renderer",
 }
 
 LONG = (
@@ -58,6 +60,7 @@ LONG = (
     "calibrated_reconstruction",
     "calibration_base",
     "long_fits",
+    "effect_bounds",
 )
 """Many benches or whole schedules each: run only by name."""
 

@@ -1,0 +1,62 @@
+"""The renderer that owes the solver nothing: Gaussian scenes ray by ray in float64, for where truth matters.
+
+It stands behind the interface of `radiance.Renderer`, so that exposures, plans and twins take either. Not here: the
+rays (`rays`), the solver's rasteriser, which the other renderer uses.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+import torch
+
+from gs2ci.core.arrays import F64
+from gs2ci.render.gaussians import Gaussians
+from gs2ci.render.harmonics import colours_seen
+from gs2ci_sims.radiance import Renderer, with_margin
+from gs2ci_sims.rays.gaussians import trace_gaussians
+from gs2ci_sims.scenes.base import Scene
+
+
+@dataclass(frozen=True)
+class ExactRenderer(Renderer):
+    """Renders scenes ray by ray (`rays.gaussians` holds the definition).
+
+    Args:
+        supersampling: Rays per pixel side; a pixel is their mean. What more rays would change is in the table of
+            `python -m tests.benchmarks exact_renderer`.
+        backend: Of no consequence.
+    """
+
+    skips: ClassVar[bool] = False
+
+    supersampling: int = 4
+
+    def depth(self, scene: Scene, world_to_camera: F64, *, gaussians: Gaussians | None = None, margin: int = 0) -> F64:
+        """Return the depth that the weights along the ray through each pixel's centre expect; see `Renderer.depth`."""
+        gaussians = scene.gaussians if gaussians is None else gaussians
+        size = (scene.size[0] + 2 * margin, scene.size[1] + 2 * margin)
+        colours = np.zeros((len(gaussians), 3))
+        intrinsics = with_margin(scene.intrinsics, margin)
+        _, coverage, depth = trace_gaussians(gaussians, colours, world_to_camera, intrinsics, size)
+        return np.where(coverage >= 0.5, depth / np.maximum(coverage, 0.5), np.nan)
+
+    def masked(self, scene: Scene, world_to_camera: F64, mask: F64, *, gaussians: Gaussians | None = None) -> F64:
+        """Render one view times a mask, [H, W, 3]."""
+        view = self.views(scene, world_to_camera, gaussians=gaussians)[0][0]
+        return np.asarray(view * mask[..., None], dtype=np.float64)
+
+    def _drawn(
+        self, scene: Scene, world_to_camera: F64, gaussians: Gaussians, margin: int
+    ) -> Iterator[tuple[torch.Tensor, torch.Tensor]]:
+        factor = self.supersampling
+        intrinsics = with_margin(scene.intrinsics, margin) * np.array([[factor], [factor], [1.0]])
+        size = ((scene.size[0] + 2 * margin) * factor, (scene.size[1] + 2 * margin) * factor)
+        for pose in world_to_camera:
+            colours = gaussians.colours.detach().to(torch.float64)
+            if scene.harmonics is not None:
+                exact = gaussians.detach().map(torch.Tensor.double)
+                colours = colours_seen(exact, scene.harmonics.double(), torch.from_numpy(pose[None]))[0]
+            radiance, coverage, _ = trace_gaussians(gaussians, colours.numpy(), pose, intrinsics, size)
+            yield torch.from_numpy(radiance[None]), torch.from_numpy(coverage[None])

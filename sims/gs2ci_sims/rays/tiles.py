@@ -1,0 +1,91 @@
+"""Which things can be seen in which tile of an image: so that a ray asks only those that it may meet.
+
+Here: exact bounds of spheres in a pinhole's image, and lists by tile. Not here: what rays do with them (neighbours).
+"""
+
+from typing import Any, Final
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from gs2ci.core.arrays import F64
+
+# Pixels per side of a tile.
+TILE: Final = 8
+
+Index = NDArray[Any]
+
+
+def sphere_bounds(centres: F64, radii: F64, intrinsics: F64) -> F64:
+    """Return the bounds of spheres in the image, [S, 4]: left, right, top, bottom in pixels.
+
+    Seen from above, the lines of sight that touch a circle at angle a and distance h lie at a +- asin(r / h), and the
+    camera's image is their tangent. A sphere around the camera is everywhere; one behind it is nowhere (left > right).
+
+    Args:
+        centres: In camera axes (z forward), [S, 3].
+        radii: [S].
+        intrinsics: [3, 3].
+    """
+    bounds = np.empty((len(centres), 4))
+    for axis in (0, 1):
+        distance = np.hypot(centres[:, axis], centres[:, 2])
+        angle = np.arctan2(centres[:, axis], centres[:, 2])
+        around = distance <= radii
+        half = np.arcsin(np.where(around, 1.0, radii / np.where(around, 1.0, distance)))
+        low, high = angle - half, angle + half
+        quarter = 0.5 * np.pi - 1e-9
+        # Angles beyond a quarter turn are beside the camera: the image goes on without end there.
+        start = np.where(low <= -quarter, -np.inf, np.tan(np.clip(low, -quarter, quarter)))
+        stop = np.where(high >= quarter, np.inf, np.tan(np.clip(high, -quarter, quarter)))
+        # Half a turn is behind: angles past it come round to the other side.
+        behind = ~around & ((high <= -quarter) | (low >= quarter)) & (np.abs(angle) + half <= np.pi)
+        wraps = ~around & (np.abs(angle) + half > np.pi)
+        start, stop = np.where(wraps, -np.inf, start), np.where(wraps, np.inf, stop)
+        start, stop = np.where(around, -np.inf, start), np.where(around, np.inf, stop)
+        start, stop = np.where(behind, np.inf, start), np.where(behind, -np.inf, stop)
+        bounds[:, 2 * axis] = start * intrinsics[axis, axis] + intrinsics[axis, 2]
+        bounds[:, 2 * axis + 1] = stop * intrinsics[axis, axis] + intrinsics[axis, 2]
+    gone = (bounds[:, 0] > bounds[:, 1]) | (bounds[:, 2] > bounds[:, 3]) | (centres[:, 2] + radii <= 0)
+    bounds[gone] = [np.inf, -np.inf, np.inf, -np.inf]
+    return bounds
+
+
+def by_tile(bounds: F64, size: tuple[int, int]) -> tuple[Index, Index]:
+    """List what is in each tile: the begins [T + 1] of each tile's part of the items, row by row, in order of index.
+
+    Args:
+        bounds: Left, right, top, bottom in pixels, [S, 4].
+        size: Height and width of the image.
+    """
+    down, across = -(-size[0] // TILE), -(-size[1] // TILE)
+    limits = np.array([across, across, down, down])
+    finite = np.clip(bounds, -TILE, np.array([size[1], size[1], size[0], size[0]]) + TILE)
+    places = np.floor(finite / TILE).astype(np.int64)
+    seen = (bounds[:, 0] <= bounds[:, 1]) & (places[:, 1] >= 0) & (places[:, 3] >= 0)
+    seen &= (places[:, 0] < across) & (places[:, 2] < down)
+    places = np.clip(places, 0, limits - 1)
+    places[~seen] = [1, 0, 1, 0]
+    begins, items = _listed(places, down, across)
+    return begins, items
+
+
+@numba.njit(cache=True)
+def _listed(places: Index, down: int, across: int) -> tuple[Index, Index]:
+    counts = np.zeros(down * across + 1, np.int64)
+    for left, right, top, bottom in places:
+        for row in range(top, bottom + 1):
+            for column in range(left, right + 1):
+                counts[row * across + column + 1] += 1
+    begins = np.cumsum(counts)
+    items = np.empty(begins[-1], np.int64)
+    at = begins[:-1].copy()
+    for index in range(len(places)):
+        left, right, top, bottom = places[index]
+        for row in range(top, bottom + 1):
+            for column in range(left, right + 1):
+                tile = row * across + column
+                items[at[tile]] = index
+                at[tile] += 1
+    return begins, items
