@@ -3,8 +3,8 @@
 A trace is a text file of JSON lines: a head (`{"trace": "gs2ci.wire/1", "device": ..., "port": ...}`), then one
 line per call on the port with its time, what was handed in, what came out, or the error.
 
-Here: the file's format, the recording wrappers. Not here: playing it back (`gs2ci_drivers.replay`), the ports' contract
-(`gs2ci_drivers.ports`).
+Here: the file's format, the recording wrappers. Not here: playing it back (`tests/drivers/replay.py`), the
+ports' contract (`gs2ci_drivers.ports`).
 """
 
 import base64

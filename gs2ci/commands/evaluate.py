@@ -62,15 +62,15 @@ def run(
     from gs2ci.core.storage import read_shot
 
     measured = read_shot(shot, index)
-    from gs2ci.evaluate.evaluation import Evidence, evaluate, read_run, write_evaluation
-    from gs2ci.evaluate.noise import NoiseModel
+    from gs2ci.evaluate.evaluation import ReferenceData, evaluate, read_run, write_evaluation
+    from gs2ci.evaluate.noise import SensorNoise
     from gs2ci.evaluate.novel_views import read_novel_views
     from gs2ci.evaluate.pages.run_evidence import check_same_shot
     from gs2ci.reconstruct.fit.perceptual import load_distance
 
-    noise = None if read_noise is None else NoiseModel(read_noise, math.inf if electrons is None else electrons)
+    noise = None if read_noise is None else SensorNoise(read_noise, math.inf if electrons is None else electrons)
     check_same_shot(folder, measured)
-    evidence = Evidence(
+    evidence = ReferenceData(
         measured,
         None if depth is None else _read_depth(depth),
         None if novel is None else read_novel_views(novel),

@@ -63,7 +63,7 @@ def run(
     check_whole("--processes", processes, 1, 1000)
     for side_px in size or ():
         check_whole("--size", side_px, 1, 100_000)
-    from gs2ci.tables.catalogue import TABLES, Options, known_cases
+    from gs2ci.tables.catalogue import TABLES, TableOptions, known_cases
     from gs2ci.tables.html_page import write_html_page
     from gs2ci.tables.pages import collect, markdown, write_pages
     from gs2ci.tables.store import Store
@@ -76,7 +76,7 @@ def run(
     unknown = [case for case in cases if case not in {one.name for one in known}]
     if unknown:
         raise InputError(f"case {unknown[0]!r} is unknown", allowed=", ".join(one.name for one in known))
-    options = Options(tuple(one for one in known if not cases or one.name in cases), seeds, lines)
+    options = TableOptions(tuple(one for one in known if not cases or one.name in cases), seeds, lines)
     entries = chosen.entries(options)
     check_place(output / "cells")
     with open_display() as display:

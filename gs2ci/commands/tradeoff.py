@@ -21,7 +21,7 @@ from gs2ci.core.errors import InputError
 from gs2ci.core.whole_file import check_place
 
 if TYPE_CHECKING:
-    from gs2ci.evaluate.tradeoff.trials import Trial
+    from gs2ci.evaluate.tradeoff.trials import TradeoffTrial
     from gs2ci.tables.cells import Cell
 
 
@@ -112,7 +112,7 @@ def run(
     return pages
 
 
-def _cell(shot: Path, index: int, trial: "Trial", seed: int) -> "Cell":
+def _cell(shot: Path, index: int, trial: "TradeoffTrial", seed: int) -> "Cell":
     from gs2ci.evaluate.tradeoff.trials import run_trial
     from gs2ci.tables.cells import Cell
 

@@ -18,7 +18,7 @@ from gs2ci.evaluate.metrics import psnr_per_view
 from gs2ci.evaluate.rehearsal import report_seconds
 from gs2ci.reconstruct import ablation
 from gs2ci.reconstruct.budget.costs import probe
-from gs2ci.reconstruct.budget.plan import Adapt, Plan, plan_within
+from gs2ci.reconstruct.budget.plan import Adapt, BudgetPlan, plan_within
 from gs2ci.reconstruct.choices import PoseSource, PresetName, ProxyName, RegistrationMode, RuleName
 from gs2ci.reconstruct.fit.fine import FineSettings
 from gs2ci.reconstruct.fit.looks import Score
@@ -108,7 +108,7 @@ def with_focal(focal_px: float | None, shot: Shot) -> Shot:
     return replace(shot, intrinsics=intrinsics).check()
 
 
-def planned(budget_s: float, began_s: float, shot: Shot, adapt: Adapt, display: Display) -> Plan:
+def planned(budget_s: float, began_s: float, shot: Shot, adapt: Adapt, display: Display) -> BudgetPlan:
     """Measure this machine on the shot, and plan what the budget buys.
 
     Raises:

@@ -23,9 +23,9 @@ from gs2ci.core.whole_file import write_whole
 from gs2ci.evaluate.cameras import poses_of_transforms
 from gs2ci.evaluate.depth import depth_errors, parallax_of
 from gs2ci.evaluate.metrics import image_scores, measurement_residual
-from gs2ci.evaluate.noise import NoiseModel, chi_squared_per_pixel
+from gs2ci.evaluate.noise import SensorNoise, chi_squared_per_pixel
 from gs2ci.evaluate.novel_views import NovelViews, score_novel_views
-from gs2ci.evaluate.report import REGISTERED_NAME, Measured, Report, read_report
+from gs2ci.evaluate.report import REGISTERED_NAME, MeasurementSection, Report, read_report
 from gs2ci.evaluate.run_report import masks_digest
 from gs2ci.evaluate.trajectory import align, trajectory_errors
 from gs2ci.reconstruct.fit.perceptual import PerceptualDistance
@@ -61,7 +61,7 @@ class FinishedRun:
 
 
 @dataclass(frozen=True)
-class Evidence:
+class ReferenceData:
     """What a run is judged by; whatever is None leaves its figures out.
 
     Args:
@@ -75,7 +75,7 @@ class Evidence:
     shot: Shot
     depth: F32 | None = None
     novel: NovelViews | None = None
-    noise: NoiseModel | None = None
+    noise: SensorNoise | None = None
     lpips: PerceptualDistance | None = None
 
 
@@ -103,7 +103,7 @@ def read_run(folder: Path) -> FinishedRun:
         raise StorageError(f"{folder} is no whole run: {error}", remedy="reconstruct again with --overwrite") from error
 
 
-def evaluate(run: FinishedRun, evidence: Evidence) -> dict[str, Any]:
+def evaluate(run: FinishedRun, evidence: ReferenceData) -> dict[str, Any]:
     """Judge a run; a figure without evidence is None.
 
     Raises:
@@ -159,7 +159,7 @@ def _predicted(shot: Shot, views: F32, brightness: Sequence[float] | None) -> F3
     return predicted
 
 
-def _notes(measured: Measured, shot: Shot) -> list[Finding]:
+def _notes(measured: MeasurementSection, shot: Shot) -> list[Finding]:
     """Say in what the shot is not as the run saw it."""
     notes = []
     ratio = float(shot.measurement.mean(dtype=np.float64)) / measured.mean if measured.mean else 1.0
@@ -183,7 +183,7 @@ def _perceptual(views: F32, truth: F32 | None, distance: PerceptualDistance | No
     return {"mean": float(np.mean(each)), "per_view": each}
 
 
-def _depth(run: FinishedRun, evidence: Evidence) -> dict[str, Any] | None:
+def _depth(run: FinishedRun, evidence: ReferenceData) -> dict[str, Any] | None:
     truth = evidence.shot.truth.depth if evidence.depth is None else evidence.depth
     if run.depth is None or truth is None:
         return None

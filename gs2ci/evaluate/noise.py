@@ -13,7 +13,7 @@ from gs2ci.core.errors import InputError
 
 
 @dataclass(frozen=True)
-class NoiseModel:
+class SensorNoise:
     """Noise of a measurement: σ² = read² + signal / electrons (EMVA 1288, eq. 12), in full scales of one view.
 
     Args:
@@ -41,7 +41,7 @@ class NoiseModel:
 
 
 def chi_squared_per_pixel(
-    predicted: F32, measurement: F32, noise: NoiseModel, saturated: Bool | None = None
+    predicted: F32, measurement: F32, noise: SensorNoise, saturated: Bool | None = None
 ) -> float | None:
     """Measure the mean squared residual in units of the noise that the prediction implies.
 

@@ -1,9 +1,9 @@
 """What `report.json` holds: one typed model, each of its sections a model of its own. Schema `gs2ci.report/2`.
 
-A new section is a `Section` and an optional field of `Report`; `gs2ci.evaluate.run_report` fills it in. The JSON schema
-lies in `docs/report.schema.json` (`python -m tests.docs` writes it). Here: the model and its reading. Not here: where
-the figures come from (`gs2ci.evaluate.run_report`), the run folder's other files (`gs2ci.evaluate.run_folder`), what
-can be found and said (`gs2ci.core.findings`).
+A new section is a `ReportSection` and an optional field of `Report`; `gs2ci.evaluate.run_report` fills it in. The JSON
+schema lies in `docs/report.schema.json` (`python -m tests.docs` writes it). Here: the model and its reading. Not here:
+where the figures come from (`gs2ci.evaluate.run_report`), the run folder's other files (`gs2ci.evaluate.run_folder`),
+what can be found and said (`gs2ci.core.findings`).
 """
 
 from pathlib import Path
@@ -28,27 +28,27 @@ Count = Annotated[int, Field(ge=0, le=10**15)]
 _REMEDY: Final = "give the folder that `gs2ci reconstruct -o` wrote"
 
 
-class Section(BaseModel):
+class ReportSection(BaseModel):
     """Part of a report: no keys but its own, no value of another kind, no number that is not finite."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
 
 
-class OfViews(Section):
+class OfViews(ReportSection):
     """A figure of every view, and its mean over them."""
 
     mean: Number
     per_view: list[Number]
 
 
-class Scores(Section):
+class Scores(ReportSection):
     """How close views are to the true ones; None where these are not known."""
 
     psnr_db: OfViews | None
     ssim: OfViews | None
 
 
-class Trajectory(Section):
+class Trajectory(ReportSection):
     """Errors of the camera path (`gs2ci.evaluate.trajectory`); None where the path is too short or stands still."""
 
     ate: Number
@@ -60,7 +60,7 @@ class Trajectory(Section):
     reversed: bool = False
 
 
-class DepthSection(Section):
+class DepthSection(ReportSection):
     """Errors of depth (`gs2ci.evaluate.depth`), over all views."""
 
     scale: Number
@@ -78,7 +78,7 @@ class DepthSection(Section):
         return DepthErrors(**self.model_dump())
 
 
-class HeldOut(Section):
+class HeldOut(ReportSection):
     """Residual of each candidate on the held-out pixels, rms in full scales; None where none were held out."""
 
     refined: Number | None
@@ -90,7 +90,7 @@ class HeldOut(Section):
         return {"refined": self.refined, "scene": self.scene, "decode": self.decode}[verdict]
 
 
-class ResidualSection(Section):
+class ResidualSection(ReportSection):
     """What the result leaves of the measurement unexplained, in full scales of one view."""
 
     rms: Number
@@ -98,7 +98,7 @@ class ResidualSection(Section):
     heldout_rms: HeldOut
 
 
-class Look(Section):
+class FitLook(ReportSection):
     """One look at a running fit (`gs2ci.core.run_records.CurvePoint`)."""
 
     seconds: Number
@@ -109,14 +109,14 @@ class Look(Section):
     gaussians: Count
 
 
-class Moved(Section):
+class Moved(ReportSection):
     """How far the fit moved the first poses, rms over the views."""
 
     rotation_deg: Number
     share_of_path: Number
 
 
-class GeometrySection(Section):
+class GeometrySection(ReportSection):
     """The first camera path, and how far to believe it (`gs2ci.reconstruct.geometry`).
 
     `method` found it, `asked_for` was asked; `path_error_expected` is a share of the path's extent, `unit_of` names
@@ -138,7 +138,7 @@ class GeometrySection(Section):
     moved: Moved
 
 
-class EnsembleSection(Section):
+class EnsembleSection(ReportSection):
     """How many fits there were, how many the views are the mean of, and how far apart their views lie, full scale 1."""
 
     fits: Count
@@ -146,7 +146,7 @@ class EnsembleSection(Section):
     spread: Number | None
 
 
-class Placement(Section):
+class PlacementSection(ReportSection):
     """Where the masks lie against where they were believed, about the middle of the picture."""
 
     down_px: Number
@@ -157,7 +157,7 @@ class Placement(Section):
     shear: Number
 
 
-class RegistrationSection(Section):
+class RegistrationSection(ReportSection):
     """How the masks met the light, as the measurement tells (`gs2ci.reconstruct.registration`).
 
     `not_let_in` holds what was estimated and not corrected: value and standard error.
@@ -166,7 +166,7 @@ class RegistrationSection(Section):
     changed: bool
     orientation: str
     peak_ratio: Number
-    placement: Placement
+    placement: PlacementSection
     largest_displacement_px: Number
     blur_sigma_px: Number
     blur_px2: Number
@@ -179,7 +179,7 @@ class RegistrationSection(Section):
     not_let_in: dict[str, list[Number]]
 
 
-class Measured(Section):
+class MeasurementSection(ReportSection):
     """What the measurement and its masks are like, before anything is solved; shares are of pixels."""
 
     mean: Number
@@ -192,7 +192,7 @@ class Measured(Section):
     telemetry: bool
 
 
-class SimulatedEffect(Section):
+class SimulatedEffect(ReportSection):
     """What the simulator decided about one effect; the bound is what leaving it out would change, DN rms."""
 
     bound_rms_dn: Number | Literal["unavoidable"]
@@ -201,7 +201,7 @@ class SimulatedEffect(Section):
     sampling: str
 
 
-class Simulation(Section):
+class Simulation(ReportSection):
     """How a simulated exposure was made (`gs2ci_sims.planner`)."""
 
     tolerance_dn: Number
@@ -210,7 +210,7 @@ class Simulation(Section):
     effects: dict[str, SimulatedEffect]
 
 
-class Machine(Section):
+class Machine(ReportSection):
     """What decides the seconds (`gs2ci.evaluate.environment`)."""
 
     processor: str
@@ -220,7 +220,7 @@ class Machine(Section):
     system: str
 
 
-class Report(Section):
+class Report(ReportSection):
     """One run.
 
     `psnr_db`, `ssim` and `residual` speak of the recovered views, `verdict` says whose they are; `scene` and `decode`
@@ -243,14 +243,14 @@ class Report(Section):
     depth: DepthSection | None = None
     residual: ResidualSection
     seconds: dict[str, Number]
-    curve: list[Look]
+    curve: list[FitLook]
     gaussians: Count
     stopped: Finding
     ensemble: EnsembleSection | None = None
     geometry: GeometrySection | None = None
     brightness: list[Number] | None = None
     registration: RegistrationSection | None = None
-    measured: Measured
+    measured: MeasurementSection
     simulation: Simulation | None = None
     peak_mib: Number
     settings: dict[str, JsonValue]

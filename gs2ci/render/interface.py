@@ -10,7 +10,7 @@ from typing import Protocol
 from torch import Tensor
 
 from gs2ci.render.gaussians import Gaussians
-from gs2ci.render.sampling import Sampling
+from gs2ci.render.sampling import CanvasSampling
 from gs2ci.render.screen import ScreenStatistics
 from gs2ci.render.stopping import StoppedLight
 
@@ -50,7 +50,7 @@ class Backend(Protocol):
         """Get the name under which `gs2ci.render.backend.load_backend` knows it."""
         ...
 
-    def code(self, masks: Tensor, sampling: Sampling | None = None) -> MaskSet:
+    def code(self, masks: Tensor, sampling: CanvasSampling | None = None) -> MaskSet:
         """Prepare a mask set, once.
 
         Args:
@@ -102,7 +102,7 @@ class Backend(Protocol):
         intrinsics: Tensor,
         size: tuple[int, int],
         colours: Tensor | None = None,
-        sampling: Sampling | None = None,
+        sampling: CanvasSampling | None = None,
     ) -> tuple[Tensor, Tensor]:
         """Render whole views.
 
@@ -128,7 +128,7 @@ class Backend(Protocol):
         world_to_camera: Tensor,
         intrinsics: Tensor,
         size: tuple[int, int],
-        sampling: Sampling | None = None,
+        sampling: CanvasSampling | None = None,
     ) -> StoppedLight:
         """Find where the light of each pixel is stopped (`gs2ci.render.stopping`); not differentiable.
 

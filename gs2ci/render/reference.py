@@ -22,7 +22,7 @@ from gs2ci.render.conventions import (
 from gs2ci.render.gaussians import Gaussians, rotation_matrices
 from gs2ci.render.inputs import check_masks, check_rendering, check_screen, check_size
 from gs2ci.render.interface import MaskSet, Reuse
-from gs2ci.render.sampling import Sampling, check_sampling
+from gs2ci.render.sampling import CanvasSampling, check_sampling
 from gs2ci.render.screen import RADIUS_SIGMAS, ScreenStatistics
 from gs2ci.render.settings import RasterSettings
 from gs2ci.render.stopping import (
@@ -223,7 +223,7 @@ def pixel_centres(size: tuple[int, int]) -> Tensor:
 
 
 def looked_at(
-    intrinsics: Tensor, size: tuple[int, int], sampling: Sampling | None
+    intrinsics: Tensor, size: tuple[int, int], sampling: CanvasSampling | None
 ) -> tuple[Tensor, tuple[int, int], Tensor]:
     """Return the camera matrix, height and width of the frame to project into, and where pixels look, [H * W, 2]."""
     if sampling is None:
@@ -263,7 +263,7 @@ class ReferenceMaskSet(MaskSet):
     """The masks, [N, H, W] float64, and where their pixels look."""
 
     masks: Tensor
-    sampling: Sampling | None = None
+    sampling: CanvasSampling | None = None
 
 
 class ReferenceBackend:
@@ -287,7 +287,7 @@ class ReferenceBackend:
         (settings or RasterSettings()).check()
         self.margin = float("inf")
 
-    def code(self, masks: Tensor, sampling: Sampling | None = None) -> ReferenceMaskSet:
+    def code(self, masks: Tensor, sampling: CanvasSampling | None = None) -> ReferenceMaskSet:
         """Keep the masks; see `Backend.code`."""
         check_masks(masks)
         views, height, width = masks.shape
@@ -337,7 +337,7 @@ class ReferenceBackend:
         intrinsics: Tensor,
         size: tuple[int, int],
         colours: Tensor | None = None,
-        sampling: Sampling | None = None,
+        sampling: CanvasSampling | None = None,
     ) -> tuple[Tensor, Tensor]:
         """Render whole views; see `Backend.views`."""
         check_size(size)
@@ -361,7 +361,7 @@ class ReferenceBackend:
         world_to_camera: Tensor,
         intrinsics: Tensor,
         size: tuple[int, int],
-        sampling: Sampling | None = None,
+        sampling: CanvasSampling | None = None,
     ) -> StoppedLight:
         """Find where light is stopped; see `Backend.depths`."""
         check_size(size)

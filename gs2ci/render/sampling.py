@@ -17,7 +17,7 @@ from gs2ci.core.errors import InputError
 
 
 @dataclass(frozen=True, eq=False)
-class Sampling:
+class CanvasSampling:
     """Places on a pinhole's canvas, one for each pixel of an image.
 
     The canvas is a larger or smaller frame of the same pinhole camera: its pixel (0, 0) is the camera's pixel `origin`.
@@ -58,7 +58,7 @@ class Sampling:
         return moved
 
 
-def check_sampling(sampling: Sampling | None, size: tuple[Any, ...]) -> None:
+def check_sampling(sampling: CanvasSampling | None, size: tuple[Any, ...]) -> None:
     """Accept a sampling of an image of this size, or none.
 
     Raises:

@@ -10,5 +10,5 @@ names.py      what the tables are called
 catalogue.py  which cells make which table, and how they are laid out
 pages.py      means and spreads; markdown, CSV and a picture
 html_page.py  the same as one HTML page
-truth.py, random_benches.py   what is true of a simulated bench, and benches drawn at random: also for the tests
+truth.py      a simulated bench opened for calibration, and what is true of it
 """

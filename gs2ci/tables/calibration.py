@@ -12,8 +12,8 @@ import numpy as np
 from gs2ci.core.arrays import F64
 from gs2ci.core.errors import InputError
 from gs2ci.rig.config import RigTable
-from gs2ci.tables.random_benches import opened
 from gs2ci.tables.store import Row
+from gs2ci.tables.truth import opened
 from gs2ci_calibration.bundle import Bundle
 from gs2ci_calibration.procedures import PROCEDURES
 

@@ -48,7 +48,7 @@ class Measure:
 
 
 @dataclass(frozen=True)
-class Entry:
+class TableEntry:
     """One cell and where its figures go: one line of one case's table; seeds share a line."""
 
     case: str
@@ -57,7 +57,7 @@ class Entry:
 
 
 @dataclass(frozen=True)
-class Options:
+class TableOptions:
     """What a table is made of.
 
     Args:
@@ -88,7 +88,7 @@ class Table:
 
     title: str
     about: str
-    entries: Callable[[Options], list[Entry]]
+    entries: Callable[[TableOptions], list[TableEntry]]
     measures: tuple[Measure, ...]
     known: Callable[[Path | None], tuple[Case, ...]] = field(default_factory=lambda: measurements)
     axis: str = ""
@@ -210,10 +210,10 @@ def initialisation(case: Case, variant: str, seed: int) -> Cell:
 
 def _variants(
     names: Sequence[str], cell: Callable[[Case, str, int], Cell] = reconstruction
-) -> Callable[[Options], list[Entry]]:
-    def entries(options: Options) -> list[Entry]:
+) -> Callable[[TableOptions], list[TableEntry]]:
+    def entries(options: TableOptions) -> list[TableEntry]:
         return [
-            Entry(case.name, name, cell(case, name, seed))
+            TableEntry(case.name, name, cell(case, name, seed))
             for case in options.cases
             for name in _chosen(names, options.lines)
             for seed in range(options.seeds)
@@ -222,10 +222,10 @@ def _variants(
     return entries
 
 
-def _changed(lines: Mapping[str, Mapping[str, Any]]) -> Callable[[Options], list[Entry]]:
-    def entries(options: Options) -> list[Entry]:
+def _changed(lines: Mapping[str, Mapping[str, Any]]) -> Callable[[TableOptions], list[TableEntry]]:
+    def entries(options: TableOptions) -> list[TableEntry]:
         return [
-            Entry(case.name, line, reconstruction(replace(case, **lines[line]), "default", seed))
+            TableEntry(case.name, line, reconstruction(replace(case, **lines[line]), "default", seed))
             for case in options.cases
             for line in _chosen(tuple(lines), options.lines)
             for seed in range(options.seeds)
@@ -234,10 +234,10 @@ def _changed(lines: Mapping[str, Mapping[str, Any]]) -> Callable[[Options], list
     return entries
 
 
-def _tolerances(options: Options) -> list[Entry]:
+def _tolerances(options: TableOptions) -> list[TableEntry]:
     lines: dict[str, float | None] = {EVERYTHING: None, **{f"{dn:g} DN": dn for dn in TOLERANCES_DN}}
     return [
-        Entry(case.name, line, _simulation(case, lines[line], seed))
+        TableEntry(case.name, line, _simulation(case, lines[line], seed))
         for case in options.cases
         for seed in range(options.seeds)
         for line in _chosen(tuple(lines), options.lines)
@@ -254,14 +254,14 @@ def bench_cases(_folder: Path | None) -> tuple[Case, ...]:
     return tuple(Case(name) for name in BENCHES)
 
 
-def _calibrations(options: Options) -> list[Entry]:
+def _calibrations(options: TableOptions) -> list[TableEntry]:
     """Calibrate masks with more and more frames, and predict them."""
     ways: dict[str, dict[str, int | bool]] = {
         f"measured, {frames} frames": {"frames": frames, "fast": False} for frames in FRAMES
     }
     ways |= {f"predicted, {frames} frames": {"frames": frames, "fast": True} for frames in FRAMES}
     return [
-        Entry(case.name, line, Cell(calibrate_masks, {"bench": case.name, "seed": seed, **ways[line]}))
+        TableEntry(case.name, line, Cell(calibrate_masks, {"bench": case.name, "seed": seed, **ways[line]}))
         for case in options.cases
         for line in _chosen(tuple(ways), options.lines)
         for seed in range(options.seeds)

@@ -13,8 +13,8 @@ from gs2ci.core.whole_file import write_whole
 from gs2ci.evaluate.environment import machine, versions
 from gs2ci.evaluate.pages import pieces
 from gs2ci.evaluate.pages.charts import Spread
-from gs2ci.evaluate.pages.frame import Section, page
-from gs2ci.evaluate.pages.pieces import Figure, Tone
+from gs2ci.evaluate.pages.frame import PageSection, page
+from gs2ci.evaluate.pages.pieces import FigureOfMerit, Tone
 from gs2ci.evaluate.wording import flat_rows, spoken_rows
 from gs2ci.tables.catalogue import Measure, Table
 from gs2ci.tables.pages import Figures, best_of
@@ -34,12 +34,14 @@ def write_html_page(folder: Path, name: str, table: Table, figures: Sequence[Fig
 def html_page(table: Table, figures: Sequence[Figures], command: str) -> str:
     """Lay a table out as a page: what came out, then a table and a chart for each case."""
     cases = {case: [one for one in figures if one.case == case] for case in dict.fromkeys(one.case for one in figures)}
-    sections = [Section(case, _table(table, lines) + _chart(table.measures[0], lines)) for case, lines in cases.items()]
+    sections = [
+        PageSection(case, _table(table, lines) + _chart(table.measures[0], lines)) for case, lines in cases.items()
+    ]
     errors = [f"{one.case}, {one.line}: {error}" for one in figures for error in one.errors]
     if errors:
-        sections.append(Section("What failed", pieces.sentences(errors, empty="")))
+        sections.append(PageSection("What failed", pieces.sentences(errors, empty="")))
     origin = pieces.facts([("command", command), *spoken_rows(machine()), *flat_rows(versions())])
-    sections.append(Section("How it was made", origin))
+    sections.append(PageSection("How it was made", origin))
     return page(table.title, sections, masthead=_masthead(table, cases), eyebrow=f"{table.title} · gs2ci tables")
 
 
@@ -52,9 +54,9 @@ def _masthead(table: Table, cases: Cases) -> Markup:
     best = {case: found for case, lines in cases.items() if (found := _best_line(measure, lines)) is not None}
     sentences = [f"{case}: {one.line}, {_cell(measure, one, 0)} ({measure.title})." for case, one in best.items()]
     figures = [
-        Figure(f"{len(cases)}", "Cases"),
-        Figure(f"{len({one.line for one in every})}", "Lines"),
-        Figure(f"{done}", "Cells", "succeeded"),
+        FigureOfMerit(f"{len(cases)}", "Cases"),
+        FigureOfMerit(f"{len({one.line for one in every})}", "Lines"),
+        FigureOfMerit(f"{done}", "Cells", "succeeded"),
     ]
     return pieces.masthead(_headline(table, best), [table.about, *sentences], figures, tone, word)
 

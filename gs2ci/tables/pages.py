@@ -18,7 +18,7 @@ from matplotlib.figure import Figure
 
 from gs2ci.core.whole_file import write_whole
 from gs2ci.evaluate.environment import machine, versions
-from gs2ci.tables.catalogue import Entry, Measure, Table
+from gs2ci.tables.catalogue import Measure, Table, TableEntry
 from gs2ci.tables.store import Row
 
 
@@ -44,7 +44,7 @@ class Figures:
     errors: tuple[str, ...]
 
 
-def collect(table: Table, entries: Sequence[Entry], rows: Sequence[Row]) -> list[Figures]:
+def collect(table: Table, entries: Sequence[TableEntry], rows: Sequence[Row]) -> list[Figures]:
     """Gather the rows of each line of each case, in the order of the entries."""
     together: dict[tuple[str, str], list[Row]] = {}
     for entry, row in zip(entries, rows, strict=True):

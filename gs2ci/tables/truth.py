@@ -1,9 +1,12 @@
-"""What is true of a simulated bench, for tests and benchmarks of its calibration. No procedure reads it.
+"""A simulated bench opened for calibration, and what is true of it. No procedure reads the truth.
 
 Here: the true figures and maps behind a rig file's [world]. Not here: measuring them (`gs2ci_calibration`).
 """
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,7 +14,11 @@ from numpy.typing import NDArray
 
 from gs2ci.core.arrays import F32, F64
 from gs2ci.core.errors import InputError
-from gs2ci.rig.simulated import SimulatedBench
+from gs2ci.rig.calibrating import bench_of, operator_of
+from gs2ci.rig.config import RigTable
+from gs2ci.rig.opening import Rig
+from gs2ci.rig.simulated import SimulatedBench, build_bench
+from gs2ci_calibration.bench import Bench
 from gs2ci_sims.bench_light import BenchLight
 from gs2ci_sims.effects.base import Effect
 from gs2ci_sims.effects.dark_current import DarkCurrent
@@ -188,3 +195,16 @@ def truth_of(bench: SimulatedBench, bits: int) -> BenchTruth:
     if light is None:
         raise InputError("a bench without a rendered light has no truth", remedy="build it from a rig file")
     return BenchTruth(light, bench.sensor.model, light.nominal_rig(bits))
+
+
+@contextmanager
+def opened(table: RigTable) -> Iterator[tuple[Bench, BenchTruth]]:
+    """Open a simulated bench for calibration, with its truth; its devices are let go of afterwards."""
+    rig = Rig(table, table.model_dump_json(), Path(), build_bench(table))
+    assert rig.bench is not None  # it has just been built
+    devices = rig.open()
+    try:
+        bits = int(devices.sensor.connect().formats[0].bits)
+        yield bench_of(rig, devices, operator_of(rig, str)), truth_of(rig.bench, bits)
+    finally:
+        devices.close()

@@ -16,7 +16,7 @@ from gs2ci.core.errors import InputError
 from gs2ci.render.backend import load_backend
 from gs2ci.render.gaussians import Gaussians
 from gs2ci.render.harmonics import colours_seen
-from gs2ci.render.sampling import Sampling
+from gs2ci.render.sampling import CanvasSampling
 from gs2ci_sims.scenes.base import Scene
 
 # Poses per call of the rasteriser: bounds the memory of supersampled views.
@@ -163,7 +163,7 @@ def rendered_depth(
     world_to_camera: F64,
     intrinsics: F64,
     size: tuple[int, int],
-    sampling: Sampling | None = None,
+    sampling: CanvasSampling | None = None,
 ) -> F64:
     """Render the depth (z) at which light is stopped, [H, W]; NaN where less than half of it is.
 

@@ -7,10 +7,11 @@ import pytest
 from scipy.stats import binom
 
 from gs2ci.rig.config import RigTable
-from gs2ci.tables.random_benches import SPOILED, compare, opened, random_table, spoiled_table
+from gs2ci.tables.truth import opened
 from gs2ci_calibration.bundle import Bundle
 from gs2ci_calibration.procedures import PROCEDURES
 from gs2ci_calibration.refusals import CalibrationError
+from tests.calibration.random_benches import SPOILED, compare, random_table, spoiled_table
 
 STEPS = ("dark-flat", "sensor", "timing")
 BENCHES = 20

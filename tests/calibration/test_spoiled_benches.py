@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 
 from gs2ci.rig.config import RigTable
-from gs2ci.tables.random_benches import opened
+from gs2ci.tables.truth import opened
 from gs2ci_calibration.bundle import Bundle
 from gs2ci_calibration.geometry import stage
 from gs2ci_calibration.procedures import PROCEDURES

@@ -6,7 +6,7 @@ from gs2ci.commands import tables as bench
 from gs2ci.core.errors import InputError
 from gs2ci.tables import catalogue as tables
 from gs2ci.tables.cases import Case
-from gs2ci.tables.catalogue import Entry, Measure, Table
+from gs2ci.tables.catalogue import Measure, Table, TableEntry
 from gs2ci.tables.cells import Cell
 
 
@@ -16,7 +16,7 @@ def quick(monkeypatch):
 
     def entries(options):
         return [
-            Entry(case.name, "line", Cell(dict, {"case": case.name, "value": float(seed)}))
+            TableEntry(case.name, "line", Cell(dict, {"case": case.name, "value": float(seed)}))
             for case in options.cases
             for seed in range(options.seeds)
         ]

@@ -7,7 +7,6 @@ import pytest
 from gs2ci.core.errors import InputError, StorageError
 from gs2ci_drivers.failures import NoAnswerError
 from gs2ci_drivers.ports import port_errors
-from gs2ci_drivers.replay import Replay, ReplayedBytes, ReplayedHid, ReplayedSys
 from gs2ci_drivers.sensor import SensorConfig, TriggerMode
 from gs2ci_drivers.trace import Trace, TracedBytes, TracedHid, TracedSys
 from gs2ci_drivers.v4l2.driver import V4l2Sensor
@@ -18,6 +17,7 @@ from gs2ci_sims.wires.v4l2 import V4l2Twin
 from gs2ci_sims.wires.v4l2_camera import CameraModel
 from gs2ci_sims.wires.zaber import ZaberTwin
 from gs2ci_sims.world import VirtualClock, World
+from tests.drivers.replay import Replay, ReplayedBytes, ReplayedHid, ReplayedSys
 
 AXES = {"axes": {"x": 1}, "microstep_mm": {"x": 0.000047625}}
 

@@ -6,8 +6,8 @@ import torch
 
 from gs2ci.core.errors import InputError, StorageError
 from gs2ci.core.records import Truth
-from gs2ci.evaluate.evaluation import Evidence, evaluate, read_run, write_evaluation
-from gs2ci.evaluate.noise import NoiseModel
+from gs2ci.evaluate.evaluation import ReferenceData, evaluate, read_run, write_evaluation
+from gs2ci.evaluate.noise import SensorNoise
 from gs2ci.evaluate.novel_views import NovelViews
 from gs2ci.evaluate.report import read_report
 from gs2ci.evaluate.run_folder import write_run
@@ -37,7 +37,7 @@ def test_what_is_read_back_is_what_was_found(finished):
 
 def test_figures_that_the_report_has_already_come_out_the_same(finished):
     shot, _, folder = finished
-    found, report = evaluate(read_run(folder), Evidence(shot)), read_report(folder)
+    found, report = evaluate(read_run(folder), ReferenceData(shot)), read_report(folder)
     assert found["psnr_db"] == report.psnr_db.model_dump()
     assert found["ssim"] == report.ssim.model_dump()
     assert found["trajectory"]["nate"] == pytest.approx(report.trajectory.nate)
@@ -52,14 +52,14 @@ def test_views_are_coded_with_the_weights_that_the_run_corrected(make_run, tmp_p
     folder = write_run(
         tmp_path / "run", shot, replace(result, brightness=brightness, predicted_measurement=predicted), one_gaussian()
     )
-    found, report = evaluate(read_run(folder), Evidence(shot)), read_report(folder)
+    found, report = evaluate(read_run(folder), ReferenceData(shot)), read_report(folder)
     assert report.brightness == brightness
     assert found["residual"]["rms"] == pytest.approx(report.residual.rms, rel=1e-5)
 
 
 def test_what_nobody_knows_is_left_out(finished):
     shot, _, folder = finished
-    found = evaluate(read_run(folder), Evidence(replace(shot, truth=Truth())))
+    found = evaluate(read_run(folder), ReferenceData(replace(shot, truth=Truth())))
     assert found["psnr_db"] is found["trajectory"] is found["depth"] is found["novel_views"] is None
     assert found["residual"]["chi2_per_pixel"] is None
 
@@ -67,7 +67,7 @@ def test_what_nobody_knows_is_left_out(finished):
 def test_depth_noise_and_novel_views_are_judged_where_given(finished):
     shot, result, folder = finished
     novel = NovelViews(shot.truth.views[:2], shot.truth.world_to_camera[:2])
-    evidence = Evidence(shot, 2 * result.depth, novel, NoiseModel(0.02))
+    evidence = ReferenceData(shot, 2 * result.depth, novel, SensorNoise(0.02))
     found = evaluate(read_run(folder), evidence)
     assert found["depth"]["scale"] == pytest.approx(2)
     assert found["residual"]["chi2_per_pixel"] == pytest.approx((found["residual"]["rms"] / 0.02) ** 2, rel=1e-4)
@@ -88,26 +88,26 @@ def test_a_perceptual_distance_sees_clamped_images_of_three_channels(make_run, t
             seen.append((tuple(image.shape), float(image.max()), tuple(target.shape)))
             return (image - target).abs().mean()
 
-    found = evaluate(read_run(folder), Evidence(shot, lpips=Distance()))
+    found = evaluate(read_run(folder), ReferenceData(shot, lpips=Distance()))
     assert seen == [((16, 20, 3), 1.0, (16, 20, 3))] * 3
     assert found["lpips"]["per_view"] == pytest.approx([float(1 - view.mean()) for view in shot.truth.views], abs=1e-5)
-    assert evaluate(read_run(folder), Evidence(shot))["lpips"] is None
+    assert evaluate(read_run(folder), ReferenceData(shot))["lpips"] is None
 
 
 def test_a_mono_run_is_judged_in_one_channel(make_run, tmp_path):
     shot, result = make_run(count=3, size=(16, 20), channels=1)
     folder = write_run(tmp_path / "run", shot, result, one_gaussian())
-    assert evaluate(read_run(folder), Evidence(shot))["psnr_db"] == read_report(folder).psnr_db.model_dump()
+    assert evaluate(read_run(folder), ReferenceData(shot))["psnr_db"] == read_report(folder).psnr_db.model_dump()
 
 
 def test_another_shot_and_novel_views_without_a_true_path_are_refused(finished, make_run):
     shot, _, folder = finished
     other, _ = make_run(count=3, size=(24, 32))
     with pytest.raises(InputError, match="beside a shot"):
-        evaluate(read_run(folder), Evidence(other))
+        evaluate(read_run(folder), ReferenceData(other))
     novel = NovelViews(shot.truth.views, shot.truth.world_to_camera)
     with pytest.raises(InputError, match="true camera path"):
-        evaluate(read_run(folder), Evidence(replace(shot, truth=Truth()), novel=novel))
+        evaluate(read_run(folder), ReferenceData(replace(shot, truth=Truth()), novel=novel))
 
 
 def test_a_folder_that_is_no_whole_run_is_refused(make_run, tmp_path):

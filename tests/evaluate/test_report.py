@@ -235,4 +235,4 @@ def test_a_plan_that_is_not_the_simulators_stays_where_it_is(make_run):
 def test_the_schema_describes_every_section():
     schema = Report.model_json_schema(by_alias=True)
     assert schema["properties"]["schema"]["const"] == "gs2ci.report/2"
-    assert {"Measured", "GeometrySection", "Simulation", "Look", "Finding"} <= set(schema["$defs"])
+    assert {"MeasurementSection", "GeometrySection", "Simulation", "FitLook", "Finding"} <= set(schema["$defs"])

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from gs2ci.commands.import_ import run
-from gs2ci.core.foreign.agreement import Coding, fit
+from gs2ci.core.foreign.agreement import CodingConvention, fit
 from gs2ci.core.storage import count_shots, read_shot
 
 
@@ -21,7 +21,9 @@ def test_the_colour_measurements_need_no_flags(shared_data, tmp_path, name, view
     assert np.array_equal(shot.truth.world_to_camera, stored["world_to_camera"])
     assert np.array_equal(np.rint(shot.truth.views * 255), stored["truth"])
     assert (shot.views, shot.channels, shot.cfa, shot.saturated) == (views, 3, None, None)
-    scale, residual = fit(shot.measurement.astype(float), Coding(shot.masks, shot.weights).forward(shot.truth.views))
+    scale, residual = fit(
+        shot.measurement.astype(float), CodingConvention(shot.masks, shot.weights).forward(shot.truth.views)
+    )
     assert scale == pytest.approx(1, abs=1e-6)
     assert residual < 1e-6
 
@@ -33,7 +35,7 @@ def test_every_measurement_of_a_video_benchmark_is_kept_with_its_own_frames(shar
     for index in range(count):
         shot = read_shot(path, index)
         assert (shot.views, shot.size, shot.channels) == (8, (256, 256), 1)
-        coded = Coding(shot.masks, shot.weights).forward(shot.truth.views)
+        coded = CodingConvention(shot.masks, shot.weights).forward(shot.truth.views)
         assert np.abs(shot.measurement - coded).max() < 1e-5
 
 
@@ -41,7 +43,7 @@ def test_a_real_exposure_with_grey_masks_comes_in_as_counts(shared_data, tmp_pat
     shot = read_shot(run(shared_data / "real_cacti" / "4fan14_cacti.mat", out=tmp_path / "shot.h5"))
     assert (shot.views, shot.size, shot.channels) == (14, (256, 256), 1)
     assert shot.masks.max() == 1
-    multiplicity = Coding(shot.masks, shot.weights).multiplicity
+    multiplicity = CodingConvention(shot.masks, shot.weights).multiplicity
     covered = multiplicity > 0.5 * np.median(multiplicity)
     assert 0.3 < np.quantile(shot.measurement[..., 0][covered] / multiplicity[covered], 0.999) < 1.1
 

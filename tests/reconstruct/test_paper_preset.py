@@ -4,7 +4,7 @@ import pytest
 import torch
 
 from gs2ci.reconstruct.fit.coarse import CoarseSettings
-from gs2ci.reconstruct.fit.density.base import Evidence
+from gs2ci.reconstruct.fit.density.base import GaussianStatistics
 from gs2ci.reconstruct.fit.density.osgr import Osgr
 from gs2ci.reconstruct.fit.optimiser import GaussianOptimiser
 from gs2ci.reconstruct.presets import paper_settings
@@ -33,7 +33,7 @@ def test_the_population_is_bounded_from_iteration_7000_on(fit):
 def test_opacities_are_reset_every_3000_iterations(fit, scattered):
     rule, reset, still = fit.density, [], torch.zeros(4)
     for i in turns(fit):
-        seen = Evidence(still, still, lambda: still, extent=1.0, cap=9, iteration=i)
+        seen = GaussianStatistics(still, still, lambda: still, extent=1.0, cap=9, iteration=i)
         result = rule.change(scattered(4), seen, torch.Generator())
         if "opacity_logits" in result.forget:
             reset.append(i)

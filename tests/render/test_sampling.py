@@ -10,7 +10,7 @@ from gs2ci.render.cpu.backend import CpuBackend
 from gs2ci.render.cpu.layout import lay_out
 from gs2ci.render.cpu.vector import LANES
 from gs2ci.render.reference import ReferenceBackend
-from gs2ci.render.sampling import Sampling
+from gs2ci.render.sampling import CanvasSampling
 from gs2ci.render.settings import RasterSettings
 
 BACKENDS = ["cpu", "reference"]
@@ -50,7 +50,7 @@ def outcome(backend, case, sampling, *, coded, reuse=False):
 def test_the_fast_path_agrees_with_the_definition_wherever_pixels_look(coded, reach_px, reuse, make):
     for seed in range(100):
         case = make(seed)
-        sampling, reference = Sampling.around(scattered(case.size, seed, reach_px)), ReferenceBackend()
+        sampling, reference = CanvasSampling.around(scattered(case.size, seed, reach_px)), ReferenceBackend()
         truth = outcome(reference, case, sampling, coded=coded)
         if reference.margin > 4e-5:  # clear of the thresholds, where the image itself jumps
             break
@@ -62,7 +62,7 @@ def test_the_fast_path_agrees_with_the_definition_wherever_pixels_look(coded, re
 @pytest.mark.parametrize("name", BACKENDS)
 def test_looking_at_the_own_centres_is_a_pinhole(name, make):
     case, backend = make(), load_backend(name)
-    sampling = Sampling.around(centres(case.size))
+    sampling = CanvasSampling.around(centres(case.size))
     assert (sampling.canvas, sampling.origin) == (case.size, (0, 0))
     plain, _ = backend.views(case.scene, case.poses, case.intrinsics, case.size)
     placed, _ = backend.views(case.scene, case.poses, case.intrinsics, case.size, sampling=sampling)
@@ -73,7 +73,7 @@ def test_looking_at_the_own_centres_is_a_pinhole(name, make):
 def test_places_on_the_lattice_show_what_a_larger_frame_shows_there(name, make):
     """A canvas is a frame whose camera matrix counts from another corner."""
     case, backend = make(size=(12, 15)), load_backend(name)
-    shifted = Sampling.around(centres(case.size) + np.array([-4, 3]))
+    shifted = CanvasSampling.around(centres(case.size) + np.array([-4, 3]))
     assert shifted.origin == (-4, 3)
     moved = case.intrinsics.clone()
     moved[0, 2], moved[1, 2] = moved[0, 2] + 4, moved[1, 2] - 3
@@ -86,7 +86,7 @@ def test_places_on_the_lattice_show_what_a_larger_frame_shows_there(name, make):
 @pytest.mark.parametrize("name", BACKENDS)
 def test_the_coded_sum_is_that_of_the_views_wherever_pixels_look(name, make):
     case, backend = make(), load_backend(name)
-    sampling = Sampling.around(scattered(case.size))
+    sampling = CanvasSampling.around(scattered(case.size))
     coded = backend.coded(case.scene, case.poses, case.intrinsics, backend.code(case.masks, sampling))
     images, _ = backend.views(case.scene, case.poses, case.intrinsics, case.size, sampling=sampling)
     assert coded.shape == (*case.size, 3)
@@ -98,7 +98,10 @@ def test_the_backward_pass_is_the_adjoint_of_the_rendering(name, make, change):
     """In the colours the rendering W is linear: <W c, y> = <c, W' y>."""
     case, backend = make(), load_backend(name)
     draw = torch.Generator().manual_seed(3)
-    sampling, colours = Sampling.around(scattered(case.size)), torch.rand(case.scene.colours.shape, generator=draw)
+    sampling, colours = (
+        CanvasSampling.around(scattered(case.size)),
+        torch.rand(case.scene.colours.shape, generator=draw),
+    )
     case = change(case, colours=colours.requires_grad_())
     coded = backend.coded(case.scene, case.poses, case.intrinsics, backend.code(case.masks, sampling)).double()
     other = torch.randn(coded.shape, generator=draw, dtype=torch.float64)
@@ -109,7 +112,7 @@ def test_the_backward_pass_is_the_adjoint_of_the_rendering(name, make, change):
 
 def test_the_first_look_at_the_same_places_is_remembered_and_others_are_not_taken_for_them(make):
     case, backend = make(), CpuBackend()
-    one, other = (Sampling.around(scattered(case.size, seed)) for seed in (0, 1))
+    one, other = (CanvasSampling.around(scattered(case.size, seed)) for seed in (0, 1))
     first, _ = backend.views(case.scene, case.poses, case.intrinsics, case.size, sampling=one)
     second, _ = backend.views(case.scene, case.poses, case.intrinsics, case.size, sampling=other)
     again, _ = backend.views(case.scene, case.poses, case.intrinsics, case.size, sampling=one)
@@ -119,7 +122,7 @@ def test_the_first_look_at_the_same_places_is_remembered_and_others_are_not_take
 
 def test_each_pixel_lies_in_a_cell_of_the_column_it_looks_at():
     size = (9, 14)
-    sampling = Sampling.around(scattered(size))
+    sampling = CanvasSampling.around(scattered(size))
     masks = (np.random.default_rng(1).random((2, *size)) < 0.6).astype(np.float32)
     layout = lay_out(masks, 3, sampling)
     assert (layout.height, layout.width) == sampling.canvas
@@ -138,7 +141,7 @@ def test_each_pixel_lies_in_a_cell_of_the_column_it_looks_at():
 
 
 def test_a_canvas_holds_every_place_and_the_border_asked_for():
-    sampling = Sampling.around(np.array([[[-2.5, 3.0], [7.0, 4.999]]]), border=2)
+    sampling = CanvasSampling.around(np.array([[[-2.5, 3.0], [7.0, 4.999]]]), border=2)
     assert sampling.origin == (-5, 1)
     assert sampling.canvas == (6, 15)
     np.testing.assert_allclose(sampling.places, [[[2.5, 2.0], [12.0, 3.999]]])
@@ -149,13 +152,13 @@ def test_a_canvas_holds_every_place_and_the_border_asked_for():
 )
 def test_places_that_are_none_are_refused(places):
     with pytest.raises(InputError, match=r"finite numbers, \[H, W, 2\]"):
-        Sampling.around(places)
+        CanvasSampling.around(places)
 
 
 @pytest.mark.parametrize("name", BACKENDS)
 def test_places_for_an_image_of_another_size_are_refused(name, make):
     case, backend = make(), load_backend(name)
-    other = Sampling.around(centres((3, 4)))
+    other = CanvasSampling.around(centres((3, 4)))
     with pytest.raises(InputError, match=r"places of \(3, 4\) pixels"):
         backend.code(case.masks, other)
     with pytest.raises(InputError, match=r"places of \(3, 4\) pixels"):

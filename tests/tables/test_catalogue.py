@@ -18,7 +18,7 @@ from gs2ci.tables.catalogue import (
     RATIOS,
     TABLES,
     VIEWS,
-    Options,
+    TableOptions,
     file_cases,
     known_cases,
     resized,
@@ -47,7 +47,7 @@ LINES = {
 
 @pytest.mark.parametrize(("name", "lines"), LINES.items())
 def test_a_table_has_a_cell_for_each_case_line_and_seed(name, lines):
-    entries = TABLES[name].entries(Options(CASES, seeds=2))
+    entries = TABLES[name].entries(TableOptions(CASES, seeds=2))
     assert len(entries) == len(CASES) * len(lines) * 2
     assert len({(entry.case, entry.line, entry.cell.arguments["seed"]) for entry in entries}) == len(entries)
     assert len({entry.cell.key for entry in entries}) == len(entries)
@@ -58,16 +58,16 @@ def test_every_table_can_be_asked_for_by_its_name():
 
 
 def test_a_line_changes_what_it_says():
-    entries = TABLES["mask-ratio"].entries(Options(CASES[:1], seeds=1))
+    entries = TABLES["mask-ratio"].entries(TableOptions(CASES[:1], seeds=1))
     assert [entry.cell.arguments["case"]["open_share"] for entry in entries] == list(RATIOS)
-    entries = TABLES["compression"].entries(Options(CASES[:1], seeds=1))
+    entries = TABLES["compression"].entries(TableOptions(CASES[:1], seeds=1))
     assert [entry.cell.arguments["case"]["views"] for entry in entries] == list(VIEWS)
 
 
 @pytest.fixture(scope="module")
 def conditions():
     """The shot of each line of the table of hard conditions."""
-    entries = TABLES["conditions"].entries(Options((TINY,), seeds=1))
+    entries = TABLES["conditions"].entries(TableOptions((TINY,), seeds=1))
     return {entry.line: Case.of(entry.cell.arguments["case"]).shot(0) for entry in entries}
 
 
@@ -107,7 +107,7 @@ def test_no_line_shows_clipped_readings_instead_of_its_condition(conditions):
 def test_a_line_that_a_file_cannot_have_says_why(tmp_path):
     views, masks = np.full((4, 8, 8, 3), 0.5, np.float32), np.ones((4, 8, 8), np.float32)
     np.savez(tmp_path / "four.npz", meas=views.sum(axis=0), masks=masks, truth=views)
-    options = Options(file_cases(tmp_path), seeds=1, lines=("16 views", "focal unknown", "grey masks"))
+    options = TableOptions(file_cases(tmp_path), seeds=1, lines=("16 views", "focal unknown", "grey masks"))
     rows = [run(entry.cell) for entry in TABLES["conditions"].entries(options)]
     for row, why in zip(rows, ("1 to 4 views", "no camera matrix", "transmission of 1"), strict=True):
         assert why in row["error"]
@@ -123,20 +123,20 @@ def test_hard_conditions_come_with_a_scene_that_is_hard_by_itself_and_files_with
 
 def test_calibration_has_its_own_benches_measured_and_predicted():
     table = TABLES["calibrate"]
-    entries = table.entries(Options(table.known(None), seeds=1))
+    entries = table.entries(TableOptions(table.known(None), seeds=1))
     assert {entry.case for entry in entries} == set(BENCHES)
     assert len({entry.line for entry in entries}) == 2 * len(FRAMES)
     assert len({entry.cell.key for entry in entries}) == len(entries) == len(BENCHES) * 2 * len(FRAMES)
 
 
 def test_only_the_lines_asked_for_are_made():
-    entries = TABLES["mask-ratio"].entries(Options(CASES, seeds=1, lines=("50% open",)))
+    entries = TABLES["mask-ratio"].entries(TableOptions(CASES, seeds=1, lines=("50% open",)))
     assert {entry.line for entry in entries} == {"50% open"}
 
 
 def test_an_unknown_line_is_refused():
     with pytest.raises(InputError, match="line '51% open'"):
-        TABLES["mask-ratio"].entries(Options(CASES, lines=("51% open",)))
+        TABLES["mask-ratio"].entries(TableOptions(CASES, lines=("51% open",)))
 
 
 def test_cells_of_files_depend_on_the_file(tmp_path):
@@ -144,7 +144,7 @@ def test_cells_of_files_depend_on_the_file(tmp_path):
         (tmp_path / f"{name}.npz").write_bytes(b"")
     cases = file_cases(tmp_path)
     assert [case.name for case in cases] == ["a", "b"]
-    assert all(entry.cell.files for entry in TABLES["seeds"].entries(Options(cases)))
+    assert all(entry.cell.files for entry in TABLES["seeds"].entries(TableOptions(cases)))
 
 
 def test_a_folder_without_measurements_is_refused(tmp_path):
@@ -157,7 +157,7 @@ def test_simulated_cases_name_scenes_of_the_library():
 
 
 def test_the_table_of_first_geometries_fits_nothing():
-    entries = TABLES["init"].entries(Options(CASES[:1], seeds=1))
+    entries = TABLES["init"].entries(TableOptions(CASES[:1], seeds=1))
     assert [entry.line for entry in entries] == ["default", *GEOMETRY]
     assert {entry.cell.work for entry in entries} == {initialise_case}
 
@@ -230,5 +230,5 @@ def test_the_cases_of_a_table_are_had_at_another_size():
 
 def test_benches_are_calibrated_by_name():
     benches = known_cases("calibrate", None, None)
-    entries = TABLES["calibrate"].entries(Options(benches[:1], 1))
+    entries = TABLES["calibrate"].entries(TableOptions(benches[:1], 1))
     assert {entry.cell.arguments["bench"] for entry in entries} == {benches[0].name}

@@ -7,7 +7,7 @@ import cv2
 import pytest
 
 from gs2ci.core.errors import StorageError
-from gs2ci.tables.catalogue import Entry, Measure, Table
+from gs2ci.tables.catalogue import Measure, Table, TableEntry
 from gs2ci.tables.cells import Cell
 from gs2ci.tables.pages import as_csv, collect, draw, markdown, write_pages
 
@@ -18,7 +18,7 @@ TABLE = Table(
     (Measure("psnr_db", "PSNR, dB", 2), Measure("seconds", "s", 0, more_is_better=False)),
 )
 CELL = Cell(dict, {})
-ENTRIES = [Entry("one", line, CELL) for line in ("default", "default", "other", "broken")]
+ENTRIES = [TableEntry("one", line, CELL) for line in ("default", "default", "other", "broken")]
 ROWS = [
     {"psnr_db": 30.0, "seconds": 10.0},
     {"psnr_db": 31.0, "seconds": 12.0},
@@ -49,7 +49,7 @@ def test_what_failed_or_is_unknown_has_no_figure_and_its_reason_is_told(figures)
 
 
 def test_a_result_that_is_inside_out_has_failed_however_good_its_views():
-    entries = [Entry("one", "default", CELL)] * 2
+    entries = [TableEntry("one", "default", CELL)] * 2
     rows = [
         {"psnr_db": 30.0, "seconds": 9.0, "failure": ""},
         {"psnr_db": 40.0, "seconds": 9.0, "failure": "inside out"},
@@ -66,7 +66,7 @@ def test_markdown_marks_the_best_and_names_the_command(figures):
 
 
 def test_less_is_better_where_the_measure_says_so():
-    entries = [Entry("one", line, CELL) for line in ("slow", "fast")]
+    entries = [TableEntry("one", line, CELL) for line in ("slow", "fast")]
     figures = collect(TABLE, entries, [{"psnr_db": 1.0, "seconds": 9.0}, {"psnr_db": 2.0, "seconds": 3.0}])
     assert "| fast | **2.00** | **3** |" in markdown(TABLE, figures, "")
 
@@ -90,7 +90,7 @@ def test_the_picture_shows_the_first_line_on_top_and_cuts_no_point(figures):
 
 
 def test_reasons_are_told_each_on_a_line_of_its_own():
-    entries = [Entry("one", line, CELL) for line in ("16 views", "32 views")]
+    entries = [TableEntry("one", line, CELL) for line in ("16 views", "32 views")]
     text = markdown(TABLE, collect(TABLE, entries, [{"error": "holds 8"}, {"error": "holds 8"}]), "")
     assert "\n\n- 16 views: holds 8\n- 32 views: holds 8\n" in text
 
@@ -103,7 +103,7 @@ def test_a_folder_that_cannot_be_made_is_a_clear_error(figures, tmp_path):
 
 def test_a_table_against_an_axis_is_drawn_even_where_every_cell_failed(tmp_path):
     table = replace(TABLE, axis="tolerance, DN")
-    entries = [Entry("one", line, CELL) for line in ("everything", "0.5 DN")]
+    entries = [TableEntry("one", line, CELL) for line in ("everything", "0.5 DN")]
     figures = collect(table, entries, [{"error": "no rig"}] * 2)
     pages = write_pages(tmp_path, "table", table, figures, "gs2ci tables x")
     assert all(page.stat().st_size for page in pages)

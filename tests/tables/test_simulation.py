@@ -3,7 +3,7 @@
 import pytest
 
 from gs2ci.core.errors import InputError
-from gs2ci.tables.catalogue import TABLES, Options
+from gs2ci.tables.catalogue import TABLES, TableOptions
 from gs2ci.tables.pages import Figures, draw
 from gs2ci.tables.simulation import EVERYTHING, TOLERANCES_DN, rig_cases, simulate_rig
 from gs2ci_sims.rig_file import read_rig_file
@@ -47,7 +47,7 @@ def test_a_folder_without_rig_files_is_refused(tmp_path):
 
 
 def test_there_is_a_line_for_everything_and_one_for_each_tolerance(tmp_path, rig):
-    entries = TABLE.entries(Options(TABLE.known(tmp_path), seeds=2))
+    entries = TABLE.entries(TableOptions(TABLE.known(tmp_path), seeds=2))
     assert len(entries) == 2 * (1 + len(TOLERANCES_DN))
     assert {entry.line for entry in entries} == {EVERYTHING, *(f"{dn:g} DN" for dn in TOLERANCES_DN)}
     assert all(entry.cell.files == (rig,) for entry in entries)

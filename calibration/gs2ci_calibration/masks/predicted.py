@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from gs2ci.core.arrays import F32, F64, Bool
 from gs2ci_calibration.estimates import Section
-from gs2ci_calibration.masks.imaging import PixelMap, blurred, convolved, sharp
+from gs2ci_calibration.masks.imaging import PixelMap, convolved, sharp
 from gs2ci_calibration.refusals import CalibrationError, Reason
 
 RADIUS: Final = (2, 5)
@@ -133,14 +133,6 @@ class Relay:
         return Relay(
             self.pixels.turned(transpose=transpose, flip_x=flip_x, flip_y=flip_y), taps.T if transpose else taps
         )
-
-
-def gaussian_relay(pixels: PixelMap, variance_px2: float) -> Relay:
-    """Return a relay whose blur is a Gaussian."""
-    radius = int(np.clip(np.ceil(3 * np.sqrt(max(variance_px2, 0.0))) + 1, *RADIUS))
-    point = np.zeros((2 * radius + 1, 2 * radius + 1))
-    point[radius, radius] = 1.0
-    return Relay(pixels, blurred(point, variance_px2))
 
 
 def relay_of(registration: Section, size: tuple[int, int], step: str) -> Relay:

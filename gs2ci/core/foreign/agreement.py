@@ -14,7 +14,7 @@ from scipy import ndimage
 from gs2ci.core.arrays import F32, F64
 from gs2ci.core.errors import InputError
 from gs2ci.core.foreign.container import Array
-from gs2ci.core.foreign.pattern import FITS_NOT, Trace, trace
+from gs2ci.core.foreign.pattern import FITS_NOT, PatternTrace, trace
 from gs2ci.core.foreign.scale import FULL_SCALES, Scale
 from gs2ci.core.records import CFA_PATTERNS, CfaPattern
 
@@ -28,7 +28,7 @@ SNAP: Final = 0.02
 
 
 @dataclass(frozen=True)
-class Coding:
+class CodingConvention:
     """How views became a measurement.
 
     Args:
@@ -45,9 +45,9 @@ class Coding:
         total: F64 = np.tensordot(self.weights.astype(np.float64), self.masks.astype(np.float64), 1)
         return total
 
-    def reversed(self) -> "Coding":
+    def reversed(self) -> "CodingConvention":
         """Get the same masks in the opposite order."""
-        return Coding(self.masks[::-1], self.weights[::-1])
+        return CodingConvention(self.masks[::-1], self.weights[::-1])
 
     def forward(self, views: F32, cfa: CfaPattern | None = None) -> F64:
         """Sum masked views [N, H, W, C] into [H, W, C], or into a mosaic [H, W, 1]."""
@@ -74,7 +74,9 @@ def fit(measurement: F64, model: F64) -> tuple[float, float]:
     return scale, float(np.sqrt(((measurement - scale * model) ** 2).sum() / total))
 
 
-def check_pattern(measurement: Array, masks: Array, image: F64, multiplicity: F64, guesses: list[str]) -> Trace | None:
+def check_pattern(
+    measurement: Array, masks: Array, image: F64, multiplicity: F64, guesses: list[str]
+) -> PatternTrace | None:
     """Say if the measurement does not show the masks' pattern where the masks are believed to be.
 
     Args:
@@ -143,7 +145,7 @@ def doubt_mono(image: F64, guesses: list[str]) -> None:
             return
 
 
-def guess_cfa(measurement: F64, coding: Coding, views: F32, guesses: list[str]) -> CfaPattern | None:
+def guess_cfa(measurement: F64, coding: CodingConvention, views: F32, guesses: list[str]) -> CfaPattern | None:
     """Find the colour filter array of a single-channel measurement whose true views have colour.
 
     Args:
@@ -164,7 +166,7 @@ def guess_cfa(measurement: F64, coding: Coding, views: F32, guesses: list[str]) 
 
 
 def check_truth(
-    truth: Array, measurement: F64, coding: Coding, views: F32, cfa: CfaPattern | None, *, guesses: list[str]
+    truth: Array, measurement: F64, coding: CodingConvention, views: F32, cfa: CfaPattern | None, *, guesses: list[str]
 ) -> Scale | None:
     """Find the measurement's scale from the truth.
 

@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 from gs2ci.core.arrays import F32, F64
 from gs2ci.core.errors import InputError
 from gs2ci.core.foreign import agreement, axes, camera, pixels, roles, scale
-from gs2ci.core.foreign.agreement import Coding
+from gs2ci.core.foreign.agreement import CodingConvention
 from gs2ci.core.foreign.container import Array, Container
 from gs2ci.core.foreign.opening import open_foreign
-from gs2ci.core.foreign.pattern import Trace
+from gs2ci.core.foreign.pattern import PatternTrace
 from gs2ci.core.records import CFA_PATTERNS, CfaPattern, Shot, Truth
 
 
@@ -113,7 +113,7 @@ def import_shots(path: Path, masks_path: Path | None, options: ImportOptions) ->
     order = axes.arrange(found.measurement, found.masks, found.truth, options, guesses)
     stack = _chosen_masks(order.masks, found, options)
     masks = scale.scale_masks(found.masks, stack, options.mask_scale, guesses)
-    coding = Coding(masks, _weights(found.container, len(masks), guesses))
+    coding = CodingConvention(masks, _weights(found.container, len(masks), guesses))
     stored = order.measurements.astype(np.float64)
     stored = pixels.mend(found.measurement, stored, coding.multiplicity, options.bad_pixels, guesses)
     work = _Import(found, options, coding, stored - (options.offset or 0.0), guesses)
@@ -162,11 +162,11 @@ class _Import:
 
     found: _Found
     options: ImportOptions
-    coding: Coding
+    coding: CodingConvention
     readings: F64
     guesses: list[str]
 
-    def check_agreement(self) -> Trace | None:
+    def check_agreement(self) -> PatternTrace | None:
         """Say if measurement and masks do not look like each other's; return where the masks' pattern shows."""
         image, multiplicity = self.readings[0].mean(axis=2), self.coding.multiplicity
         found = agreement.check_pattern(self.found.measurement, self.found.masks, image, multiplicity, self.guesses)
@@ -216,7 +216,7 @@ class _Import:
             remedy="name the filter array of a mosaic with --cfa, or leave the truth out with --truth-key none",
         )
 
-    def full_scale(self, views: F32 | None, cfa: CfaPattern | None, traced: Trace | None) -> float:
+    def full_scale(self, views: F32 | None, cfa: CfaPattern | None, traced: PatternTrace | None) -> float:
         """Get the reading of a white scene under one open mask: said, from the truth, or guessed.
 
         Where the masks' pattern shows elsewhere, the scale is that under masks that lie there; and readings that no

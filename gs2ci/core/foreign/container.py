@@ -1,7 +1,7 @@
 """A foreign file as a set of named arrays, described before they are loaded.
 
-Here: `Container`, `Entry`, `Array` (numbers with the place they came from), and the two errors every format shares: a
-file that cannot be understood, and an array that is too large to be true. Not here: any format.
+Here: `Container`, `ArrayEntry`, `Array` (numbers with the place they came from), and the two errors every format
+shares: a file that cannot be understood, and an array that is too large to be true. Not here: any format.
 """
 
 import math
@@ -21,7 +21,7 @@ ENTRY_LIMIT: Final = 10_000
 
 
 @dataclass(frozen=True)
-class Entry:
+class ArrayEntry:
     """What a file says about one of its arrays.
 
     Args:
@@ -58,7 +58,7 @@ class Container:
     """
 
     path: Path
-    entries: dict[str, Entry]
+    entries: dict[str, ArrayEntry]
     load_values: Callable[[str], NDArray[Any]]
     note: str = ""
 

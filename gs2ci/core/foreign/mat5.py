@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from gs2ci.core.arrays import U8
 from gs2ci.core.errors import InputError
-from gs2ci.core.foreign.container import ENTRY_LIMIT, Container, Entry, check_bytes, damage_as_input_error
+from gs2ci.core.foreign.container import ENTRY_LIMIT, ArrayEntry, Container, check_bytes, damage_as_input_error
 from gs2ci.core.limits import DEFLATE_LIMIT, LIMIT_BYTES
 
 HEADER_BYTES: Final = 128
@@ -98,7 +98,7 @@ def read_mat5(path: Path) -> Container:
     Raises:
         InputError: Damaged, or an array larger than the file can hold.
     """
-    entries: dict[str, Entry] = {}
+    entries: dict[str, ArrayEntry] = {}
     places: dict[str, _Place] = {}
     with damage_as_input_error(str(path)):
         data = np.memmap(path, np.uint8, "r")
@@ -163,19 +163,19 @@ def _element(data: bytes, at: int, order: str) -> tuple[int, int, int, int]:
     return code, at + 8, count, at + 8 + -(-count // 8) * 8
 
 
-def _entry(path: Path, matrix: _Matrix, place: _Place) -> Entry:
+def _entry(path: Path, matrix: _Matrix, place: _Place) -> ArrayEntry:
     where = f"{path}, key {matrix.name!r}"
     if matrix.kind == _CHAR:
         check_bytes(where, matrix.shape, 4, place.count, 4 * DEFLATE_LIMIT)
-        return Entry(matrix.shape, "text")
+        return ArrayEntry(matrix.shape, "text")
     if matrix.kind not in _CLASSES:
-        return Entry(matrix.shape, f"a MATLAB {_OTHER_CLASSES.get(matrix.kind, f'class {matrix.kind}')}")
+        return ArrayEntry(matrix.shape, f"a MATLAB {_OTHER_CLASSES.get(matrix.kind, f'class {matrix.kind}')}")
     if matrix.flags & _COMPLEX:
-        return Entry(matrix.shape, "complex numbers")
+        return ArrayEntry(matrix.shape, "complex numbers")
     # Doubles may be stored as single bytes, and then deflated.
     itemsize = np.dtype(_CLASSES[matrix.kind]).itemsize
     check_bytes(where, matrix.shape, itemsize, place.count, 8 * (DEFLATE_LIMIT if place.compressed else 1))
-    return Entry(matrix.shape, "number")
+    return ArrayEntry(matrix.shape, "number")
 
 
 def _load(path: Path, place: _Place, order: str) -> NDArray[Any]:

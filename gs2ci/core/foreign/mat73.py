@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gs2ci.core.errors import InputError
-from gs2ci.core.foreign.container import ENTRY_LIMIT, Container, Entry, check_bytes, damage_as_input_error
+from gs2ci.core.foreign.container import ENTRY_LIMIT, ArrayEntry, Container, check_bytes, damage_as_input_error
 from gs2ci.core.hdf5 import check_text_heaps
 from gs2ci.core.limits import DEFLATE_LIMIT
 
@@ -34,25 +34,25 @@ def read_mat73(path: Path) -> Container:
     return Container(path, entries, lambda key: _load73(path, key))
 
 
-def _entry73(path: Path, file: h5py.File, key: str) -> Entry:
+def _entry73(path: Path, file: h5py.File, key: str) -> ArrayEntry:
     if not isinstance(file.get(key, getlink=True), h5py.HardLink):
-        return Entry((), "a link")
+        return ArrayEntry((), "a link")
     node = file[key]
     if not isinstance(node, h5py.Dataset):
-        return Entry((), "a MATLAB struct")
+        return ArrayEntry((), "a MATLAB struct")
     shape = tuple(reversed(node.shape or ()))
     if node.is_virtual or node.external:
-        return Entry(shape, "a link")
+        return ArrayEntry(shape, "a link")
     kind = node.attrs.get("MATLAB_class", b"")
     if kind == b"char":
         check_bytes(f"{path}, key {key!r}", shape, node.dtype.itemsize, 2**16, expansion=1)
-        return Entry(shape, "text")
+        return ArrayEntry(shape, "text")
     if node.dtype.kind not in "buif" or "MATLAB_empty" in node.attrs:
-        return Entry(shape, f"a MATLAB {kind.decode(errors='replace') or node.dtype}")
+        return ArrayEntry(shape, f"a MATLAB {kind.decode(errors='replace') or node.dtype}")
     chunk = node.chunks or (1,)
     for extent in (shape, chunk):
         check_bytes(f"{path}, key {key!r}", extent, node.dtype.itemsize, path.stat().st_size, DEFLATE_LIMIT)
-    return Entry(shape, "number")
+    return ArrayEntry(shape, "number")
 
 
 def _load73(path: Path, key: str) -> NDArray[Any]:

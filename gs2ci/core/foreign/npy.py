@@ -11,7 +11,7 @@ import numpy as np
 from numpy.lib import format as npy_format
 from numpy.typing import NDArray
 
-from gs2ci.core.foreign.container import Container, Entry, check_bytes, damage_as_input_error
+from gs2ci.core.foreign.container import ArrayEntry, Container, check_bytes, damage_as_input_error
 
 
 def read_npy(path: Path) -> Container:
@@ -25,7 +25,7 @@ def read_npy(path: Path) -> Container:
     return Container(path, {"": entry}, lambda key: _load(path))
 
 
-def describe(stream: IO[bytes], where: str, stored_bytes: int, expansion: int) -> Entry:
+def describe(stream: IO[bytes], where: str, stored_bytes: int, expansion: int) -> ArrayEntry:
     """Read an array's header and nothing more.
 
     Raises:
@@ -36,15 +36,15 @@ def describe(stream: IO[bytes], where: str, stored_bytes: int, expansion: int) -
         warnings.simplefilter("ignore")  # headers written by Python 2 parse all the same
         version = npy_format.read_magic(stream)
         if version not in ((1, 0), (2, 0)):
-            return Entry((), "an array with named fields")
+            return ArrayEntry((), "an array with named fields")
         read_header = npy_format.read_array_header_1_0 if version == (1, 0) else npy_format.read_array_header_2_0
         shape, _, dtype = read_header(stream)
     if dtype.hasobject:
-        return Entry(shape, "Python objects")
+        return ArrayEntry(shape, "Python objects")
     check_bytes(where, shape, dtype.itemsize, stored_bytes, expansion)
     if dtype.kind in "US":
-        return Entry(shape, "text")
-    return Entry(shape, "number" if dtype.kind in "buifc" else f"{dtype} values")
+        return ArrayEntry(shape, "text")
+    return ArrayEntry(shape, "number" if dtype.kind in "buifc" else f"{dtype} values")
 
 
 def _load(path: Path) -> NDArray[Any]:

@@ -7,7 +7,7 @@ from typing import Any
 from numpy.typing import NDArray
 
 from gs2ci.core.errors import InputError
-from gs2ci.core.foreign.container import ENTRY_LIMIT, Container, Entry, damage_as_input_error
+from gs2ci.core.foreign.container import ENTRY_LIMIT, ArrayEntry, Container, damage_as_input_error
 from gs2ci.core.foreign.npy import describe, load_array
 from gs2ci.core.limits import DEFLATE_LIMIT
 
@@ -26,7 +26,7 @@ def read_npz(path: Path) -> Container:
     return Container(path, entries, lambda key: _load(path, key))
 
 
-def _entry(path: Path, archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> Entry:
+def _entry(path: Path, archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> ArrayEntry:
     where = f"{path}, key {info.filename.removesuffix('.npy')!r}"
     with damage_as_input_error(where), archive.open(info) as stream:
         return describe(stream, where, info.compress_size, expansion=DEFLATE_LIMIT)

@@ -38,7 +38,7 @@ TURNS: Final[dict[str, Callable[[F64], F64]]] = {
 
 
 @dataclass(frozen=True)
-class Trace:
+class PatternTrace:
     """The place and orientation at which the pattern shows best.
 
     Args:
@@ -82,12 +82,12 @@ class Trace:
         return np.roll(TURNS[self.turn](multiplicity), (round(self.down_px), round(self.right_px)), axis=(0, 1))
 
 
-def trace(image: F64, multiplicity: F64) -> Trace:
+def trace(image: F64, multiplicity: F64) -> PatternTrace:
     """Find the trace of the sum of masks, [H, W], in a measurement, [H, W]."""
     seen, known = _fine(image), _fine(multiplicity)
     norm = float(np.linalg.norm(seen) * np.linalg.norm(known))
     if norm == 0:
-        return Trace("", 0.0, 0.0, 0.0, 0.0, np.inf)
+        return PatternTrace("", 0.0, 0.0, 0.0, 0.0, np.inf)
     reach = tuple(min(_REACH_PX, n // 2) for n in seen.shape)
     shape = tuple(fft.next_fast_len(n + r + 1, real=True) for n, r in zip(seen.shape, reach, strict=True))
     spectrum = fft.rfft2(seen, shape)
@@ -110,7 +110,7 @@ def trace(image: F64, multiplicity: F64) -> Trace:
         float(at[axis]) - reach[axis] + _beside(np.take(near, at[1 - axis], axis=1 - axis), int(at[axis]))
         for axis in (0, 1)
     )
-    return Trace(name, down, right, correlation, upright, _CHANCE / np.sqrt(image.size))
+    return PatternTrace(name, down, right, correlation, upright, _CHANCE / np.sqrt(image.size))
 
 
 def _beside(line: F64, peak: int) -> float:

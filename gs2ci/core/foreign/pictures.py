@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gs2ci.core.errors import InputError
-from gs2ci.core.foreign.container import Container, Entry, damage_as_input_error
+from gs2ci.core.foreign.container import ArrayEntry, Container, damage_as_input_error
 from gs2ci.core.limits import LIMIT_BYTES
 
 SIGNATURES: Final = (b"\x89PNG\r\n\x1a\n", b"II*\0", b"MM\0*", b"II+\0", b"MM\0+", b"BM", b"P5")
@@ -50,7 +50,7 @@ def read_pictures(path: Path) -> Container:
         pages = [page[..., 0] for page in pages]
     values = pages[0] if not path.is_dir() and len(pages) == 1 else np.stack(pages)
     order = f"{len(files)} pictures, {files[0].name} to {files[-1].name}" if len(files) > 1 else ""
-    return Container(path, {"": Entry(values.shape, "number")}, lambda key: values, note=order)
+    return Container(path, {"": ArrayEntry(values.shape, "number")}, lambda key: values, note=order)
 
 
 def _in_folder(folder: Path) -> list[Path]:

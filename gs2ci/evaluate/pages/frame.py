@@ -1,6 +1,6 @@
 """A page in one file: its frame, and the policy that keeps everything else out.
 
-Here: `page`, `Section`, the template environment. Not here: what stands in a section (`pieces.py`).
+Here: `page`, `PageSection`, the template environment. Not here: what stands in a section (`pieces.py`).
 
 Names come from files that anybody may have made. Escaping keeps them text; and should it ever fail, the page's
 Content-Security-Policy names its one style and its one script by their hashes and forbids all else.
@@ -25,7 +25,7 @@ REPLACEMENT: Final = "\ufffd"
 
 
 @dataclass(frozen=True)
-class Section:
+class PageSection:
     """One part of a page.
 
     Args:
@@ -41,7 +41,7 @@ class Section:
     folded: bool = False
 
 
-def page(title: str, sections: Sequence[Section], *, masthead: Markup | None = None, eyebrow: str = "gs2ci") -> str:
+def page(title: str, sections: Sequence[PageSection], *, masthead: Markup | None = None, eyebrow: str = "gs2ci") -> str:
     """Build a whole page.
 
     Args:
@@ -92,7 +92,7 @@ def environment() -> Environment:
     )
 
 
-def _anchors(sections: Sequence[Section]) -> list[str]:
+def _anchors(sections: Sequence[PageSection]) -> list[str]:
     """Name sections for links within the page; names that come again are counted."""
     found: list[str] = []
     for section in sections:

@@ -31,7 +31,7 @@ PARALLAX_TO_SCATTER: Final = 1.5
 
 
 @dataclass(frozen=True)
-class Step:
+class NextStep:
     """One thing to try: what, the evidence, the command if there is one."""
 
     what: str
@@ -69,7 +69,7 @@ def outcome(report: Report) -> Outcome:
     return Outcome(f"{count}, the camera path and the scene in 3D, from one exposure", "Recovered", "good")
 
 
-def next_steps(report: Report, most: int = MOST_STEPS) -> list[Step]:
+def next_steps(report: Report, most: int = MOST_STEPS) -> list[NextStep]:
     """List what to try next, the most telling first.
 
     Args:
@@ -80,47 +80,47 @@ def next_steps(report: Report, most: int = MOST_STEPS) -> list[Step]:
     return found[:most]
 
 
-def fit_failed(report: Report) -> Step | None:
+def fit_failed(report: Report) -> NextStep | None:
     """The fit left the finite numbers."""
     diverged = report.found(Code.FIT_DIVERGED)
     if diverged is None:
         return None
-    return Step(
+    return NextStep(
         "Look for pixels that are broken rather than bright",
         f"{diverged.sentence} A few wild samples or masks do that.",
         "gs2ci import MEASUREMENT --bad-pixels median -o SHOT.h5",
     )
 
 
-def stage_knows_the_path(report: Report) -> Step | None:
+def stage_knows_the_path(report: Report) -> NextStep | None:
     """The tracks gave no path, and the stage, which reported one, was not asked."""
     geometry = report.geometry
     lost = geometry is not None and geometry.asked_for == "tracks" and geometry.verdict != "full"
     if not (lost and report.measured.telemetry):
         return None
-    return Step(
+    return NextStep(
         "Start from the stage's poses",
         "The tracked points do not give a camera path, and this shot holds the one that the stage reported.",
         "gs2ci reconstruct SHOT.h5 -o RUN --geometry auto",
     )
 
 
-def camera_did_not_translate(report: Report) -> Step | None:
+def camera_did_not_translate(report: Report) -> NextStep | None:
     """Depth needs parallax."""
     if report.geometry is None or report.geometry.verdict not in ("rotation_only", "static"):
         return None
     shift = _px(report.geometry.parallax_px)
-    return Step(
+    return NextStep(
         "Move the camera sideways while the masks change",
         f"Near and far shifted against each other by {shift}; depth is read from that shift.",
     )
 
 
-def too_little_to_track(report: Report) -> Step | None:
+def too_little_to_track(report: Report) -> NextStep | None:
     """The decoded views do not hold enough points."""
     if report.geometry is None or report.geometry.verdict != "unsupported":
         return None
-    return Step(
+    return NextStep(
         "See whether the decoded views hold anything to follow",
         f"{describe_number(report.geometry.tracks)} points could be followed, too few or too scattered for a path. "
         "More light, fewer masks in one exposure or a scene with more texture help.",
@@ -128,20 +128,20 @@ def too_little_to_track(report: Report) -> Step | None:
     )
 
 
-def scene_lost(report: Report) -> Step | None:
+def scene_lost(report: Report) -> NextStep | None:
     """The decode explains the held-out pixels better than any scene that stands still."""
     if report.verdict != "decode" or not _has_path(report):
         return None
     heldout = report.residual.heldout_rms
     figures = f"{describe_number(heldout.decode, 3)} against {describe_number(heldout.scene, 3)}"
-    return Step(
+    return NextStep(
         "Check that nothing but the camera moved",
         f"The decode predicts the held-out pixels better than the scene does ({figures}); one rigid scene cannot "
         "follow what moves in it.",
     )
 
 
-def still_improving(report: Report) -> Step | None:
+def still_improving(report: Report) -> NextStep | None:
     """The iterations ran out while the held-out pixels were still improving."""
     judged = [(look.iteration, look.heldout) for look in report.curve if look.heldout is not None]
     if [iteration for iteration, _ in judged[-2:-1]] == [iteration for iteration, _ in judged[-1:]]:
@@ -152,73 +152,73 @@ def still_improving(report: Report) -> Step | None:
     if looks.index(min(looks)) < len(looks) - FRESH_LOOKS:
         return None
     done = report.curve[-1].iteration
-    return Step(
+    return NextStep(
         "Let it run longer",
         f"The held-out pixels were still improving when all {describe_number(done)} iterations were done.",
         f"gs2ci reconstruct SHOT.h5 -o RUN --iterations {2 * done}",
     )
 
 
-def nobody_judged(report: Report) -> Step | None:
+def nobody_judged(report: Report) -> NextStep | None:
     """No pixel was held out, so the scene and the decode were not compared."""
     if not report.found(Code.UNJUDGED):
         return None
-    return Step(
+    return NextStep(
         "Take views and scene with a grain of salt",
         "No pixel could be held out to judge them: too few are lit and unsaturated.",
     )
 
 
-def focal_was_assumed(report: Report) -> Step | None:
+def focal_was_assumed(report: Report) -> NextStep | None:
     """A default or an estimated focal length stretches depth."""
     geometry = report.geometry
     if geometry is None or geometry.focal_source == "file":
         return None
     how = "assumed" if geometry.focal_source == "default" else "estimated from the tracks"
-    return Step(
+    return NextStep(
         "Give the focal length, if you know it",
         f"It was {how}: {_px(geometry.focal_px)}. Depths are true up to a stretch until it is known.",
         "gs2ci reconstruct SHOT.h5 -o RUN --focal-px FOCAL",
     )
 
 
-def too_bright(report: Report) -> Step | None:
+def too_bright(report: Report) -> NextStep | None:
     """Saturated pixels."""
     share = report.measured.saturated_share
     if not report.found(Code.SATURATED) or share is None:
         return None
-    return Step(
+    return NextStep(
         "Use less light, or a shorter exposure",
         f"{share:.1%} of the pixels are saturated and say only «at least».",
     )
 
 
-def closed_pixels(report: Report) -> Step | None:
+def closed_pixels(report: Report) -> NextStep | None:
     """Pixels that no mask opens are guessed from their neighbours."""
     share = report.measured.closed_share
     if share < CLOSED_SHARE:
         return None
-    return Step(
+    return NextStep(
         "Draw masks that open every pixel at least once",
         f"{share:.0%} of the pixels were never open; there the views follow from their surroundings.",
     )
 
 
-def loose_tracks(report: Report) -> Step | None:
+def loose_tracks(report: Report) -> NextStep | None:
     """A path that explains its tracks badly."""
     error = report.geometry.reprojection_rms_px if report.geometry is not None and _has_path(report) else 0.0
     if error <= REPROJECTION_PX:
         return None
-    return Step(
+    return NextStep(
         "Doubt the camera matrix, or the stillness of the scene",
         f"The camera path explains the tracked points to {_px(error)} only; about one is usual.",
     )
 
 
-def uncertain_path(report: Report) -> Step | None:
+def uncertain_path(report: Report) -> NextStep | None:
     """The tracks leave the camera path open, however well they are explained; or there are too few to tell."""
     if report.found(Code.UNIFORM_MOTION):
-        return Step(
+        return NextStep(
             "Do not rely on the camera path",
             "Too few points could be followed to find it, so that it began as the uniform motion by which the "
             "measurement is explained best. More light, fewer masks in one exposure, or a stage that reports its poses "
@@ -228,61 +228,61 @@ def uncertain_path(report: Report) -> Step | None:
     if not report.found(Code.PATH_UNCERTAIN) or geometry is None or geometry.path_error_expected is None:
         return None
     count, error = describe_number(geometry.tracks), geometry.path_error_expected
-    return Step(
+    return NextStep(
         "Do not rely on the camera path",
         f"Halves of the {count} tracked points disagree about it: the first path is expected to err by {error:.0%} of "
         "its extent. More sideways motion, texture over more of the frame, or a stage that reports its poses helps.",
     )
 
 
-def little_parallax(report: Report) -> Step | None:
+def little_parallax(report: Report) -> NextStep | None:
     """Path and depth rest on a shift that is hardly larger than the noise."""
     if report.geometry is None or not _has_path(report):
         return None
     shift, scatter = report.geometry.parallax_px, report.geometry.reprojection_rms_px
     if not shift or not scatter or shift >= PARALLAX_TO_SCATTER * scatter:
         return None
-    return Step(
+    return NextStep(
         "Move the camera further while the masks change",
         f"Its translation shifted the tracked points by {_px(shift)} rms, and they scatter by {_px(scatter)} anyway: "
         "camera path and depth are the looser for it.",
     )
 
 
-def simulation_was_coarse(report: Report) -> Step | None:
+def simulation_was_coarse(report: Report) -> NextStep | None:
     """The simulator could not keep its tolerance."""
     plan = report.simulation
     if plan is None or plan.error_dn <= plan.tolerance_dn:
         return None
-    return Step(
+    return NextStep(
         "Read these figures as those of a coarser simulation",
         f"Its effects were simulated to {plan.error_dn:.2g} DN rms, {plan.tolerance_dn:.2g} had been asked for.",
         "gs2ci plan RIG.toml",
     )
 
 
-def average_more(report: Report) -> Step | None:
+def average_more(report: Report) -> NextStep | None:
     """Few fits were averaged, and they differ."""
     ensemble = report.ensemble
     if report.verdict != "refined" or ensemble is None or ensemble.fits >= FEW_FITS:
         return None
     differ = "" if ensemble.spread is None else f" They differ by {ensemble.spread:.2g} of a view's full scale."
-    return Step(
+    return NextStep(
         "Average more fits",
         f"The views come from {ensemble.fits}: what one measurement leaves open, each fills in differently.{differ}",
         "gs2ci reconstruct SHOT.h5 -o RUN --preset fine",
     )
 
 
-def look_at_it(report: Report) -> Step | None:
+def look_at_it(report: Report) -> NextStep | None:
     """A scene with depth is there to be walked around."""
     if report.verdict == "decode" or not _has_path(report):
         return None
     count = describe_number(report.gaussians)
-    return Step("Walk around the scene", f"It is there in 3D: {count} Gaussians, in scene.ply.", "gs2ci view RUN")
+    return NextStep("Walk around the scene", f"It is there in 3D: {count} Gaussians, in scene.ply.", "gs2ci view RUN")
 
 
-Rule = Callable[[Report], Step | None]
+Rule = Callable[[Report], NextStep | None]
 RULES: Final[tuple[Rule, ...]] = (
     fit_failed,
     stage_knows_the_path,

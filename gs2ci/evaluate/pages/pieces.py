@@ -33,7 +33,7 @@ MOST_CHARACTERS: Final = 600
 
 
 @dataclass(frozen=True)
-class Figure:
+class FigureOfMerit:
     """One figure of merit: value, name, and what to compare it with."""
 
     value: str
@@ -41,7 +41,9 @@ class Figure:
     remark: str = ""
 
 
-def masthead(headline: str, sentences: Sequence[str], figures: Sequence[Figure], tone: Tone, word: str) -> Markup:
+def masthead(
+    headline: str, sentences: Sequence[str], figures: Sequence[FigureOfMerit], tone: Tone, word: str
+) -> Markup:
     """Say first what came out: `word` sums `tone` up for those who do not see its colour."""
     return piece("masthead", headline=headline, sentences=sentences, figures=figures, tone=tone, word=word)
 

@@ -14,9 +14,9 @@ from gs2ci.core.whole_file import write_whole
 from gs2ci.evaluate.pages import pieces
 from gs2ci.evaluate.pages.camera_path import Paths, path_colour, path_svg
 from gs2ci.evaluate.pages.charts import Bar, Chart, Colour, Line
-from gs2ci.evaluate.pages.frame import Section, page, piece
+from gs2ci.evaluate.pages.frame import PageSection, page, piece
 from gs2ci.evaluate.pages.next_steps import next_steps, outcome
-from gs2ci.evaluate.pages.pieces import Figure
+from gs2ci.evaluate.pages.pieces import FigureOfMerit
 from gs2ci.evaluate.pages.run_evidence import RunEvidence, read_evidence
 from gs2ci.evaluate.pages.run_pictures import RunPictures, collect_pictures
 from gs2ci.evaluate.pages.tradeoff_section import tradeoff_section
@@ -62,24 +62,26 @@ def run_page(evidence: RunEvidence, tradeoff: TradeoffRecord | None = None) -> s
     report = evidence.report
     pictures = collect_pictures(evidence)
     first = [
-        Section("Views", _views(report, pictures), _views_lead(pictures)),
-        Section("View by view", _per_view(report)),
-        Section("Depth, error, disagreement", _maps(pictures)),
-        Section("Camera path", _path(evidence), _path_lead(evidence)),
-        Section("Quality against time", _curve(report), report.stopped.sentence),
-        Section("Cost", _cost(report)),
+        PageSection("Views", _views(report, pictures), _views_lead(pictures)),
+        PageSection("View by view", _per_view(report)),
+        PageSection("Depth, error, disagreement", _maps(pictures)),
+        PageSection("Camera path", _path(evidence), _path_lead(evidence)),
+        PageSection("Quality against time", _curve(report), report.stopped.sentence),
+        PageSection("Cost", _cost(report)),
     ]
     if tradeoff is not None:
         first.append(tradeoff_section(tradeoff))
     if report.simulation is not None:
-        first.append(Section("Simulated effects", _simulation(report.simulation), _simulation_lead(report.simulation)))
+        first.append(
+            PageSection("Simulated effects", _simulation(report.simulation), _simulation_lead(report.simulation))
+        )
     files = FILES if tradeoff is None else (*FILES, (RECORD_NAME, "what accuracy costs, the figures"))
     last = [
-        Section("Notes and doubts", _notes(report)),
-        Section("Measurement and calibration", _measurement(report)),
-        Section("Settings", pieces.facts([*flat_rows(report.settings), ("seed", report.seed)]), folded=True),
-        Section("Environment", _environment(report), folded=True),
-        Section("Files", pieces.facts(files), "What else lies in this run's folder."),
+        PageSection("Notes and doubts", _notes(report)),
+        PageSection("Measurement and calibration", _measurement(report)),
+        PageSection("Settings", pieces.facts([*flat_rows(report.settings), ("seed", report.seed)]), folded=True),
+        PageSection("Environment", _environment(report), folded=True),
+        PageSection("Files", pieces.facts(files), "What else lies in this run's folder."),
     ]
     shown = [section for section in (*first, *last) if section.body]
     return page(report.name, shown, masthead=_masthead(report), eyebrow=f"{report.name} · gs2ci run")
@@ -131,27 +133,31 @@ def _where_from(report: Report) -> str:
     )
 
 
-def _figures(report: Report) -> list[Figure]:
+def _figures(report: Report) -> list[FigureOfMerit]:
     """Choose the figures that matter."""
     found = []
     if report.psnr_db is not None:
         each = report.psnr_db.per_view
-        found.append(Figure(f"{report.psnr_db.mean:.2f} dB", "PSNR", f"views {min(each):.1f} to {max(each):.1f}"))
+        found.append(
+            FigureOfMerit(f"{report.psnr_db.mean:.2f} dB", "PSNR", f"views {min(each):.1f} to {max(each):.1f}")
+        )
     if report.ssim is not None and report.decode.ssim is not None:
-        found.append(Figure(f"{report.ssim.mean:.3f}", "SSIM", f"decode {report.decode.ssim.mean:.3f}"))
+        found.append(FigureOfMerit(f"{report.ssim.mean:.3f}", "SSIM", f"decode {report.decode.ssim.mean:.3f}"))
     if report.heldout_rms is not None:
-        found.append(Figure(f"{report.heldout_rms:.4f}", "Held-out residual", "rms, full scale = 1"))
+        found.append(FigureOfMerit(f"{report.heldout_rms:.4f}", "Held-out residual", "rms, full scale = 1"))
     else:
-        found.append(Figure(f"{report.residual.rms:.4f}", "Residual", "rms, full scale = 1"))
+        found.append(FigureOfMerit(f"{report.residual.rms:.4f}", "Residual", "rms, full scale = 1"))
     if report.trajectory is not None and report.trajectory.nate is not None:
         path = report.trajectory
         remark = "runs backwards: inside out" if path.reversed else f"rotation {path.rotation_deg:.2f}°"
-        found.append(Figure(f"{path.nate:.4f}", "Path error (nATE)", remark))
+        found.append(FigureOfMerit(f"{path.nate:.4f}", "Path error (nATE)", remark))
     if report.depth is not None:
         off, rest = report.depth.errors().in_words()
-        found.append(Figure(off, "Depth, median", rest))
-    found.append(Figure(spoken_duration(report.seconds["total"]), "Time", f"{report.machine.usable_cores} cores"))
-    found.append(Figure(describe_number(report.gaussians), "Gaussians", f"peak {report.peak_mib:.0f} MiB"))
+        found.append(FigureOfMerit(off, "Depth, median", rest))
+    found.append(
+        FigureOfMerit(spoken_duration(report.seconds["total"]), "Time", f"{report.machine.usable_cores} cores")
+    )
+    found.append(FigureOfMerit(describe_number(report.gaussians), "Gaussians", f"peak {report.peak_mib:.0f} MiB"))
     return found
 
 

@@ -29,7 +29,7 @@ TICKS: Final = 5
 
 
 @dataclass(frozen=True)
-class Layer:
+class ComparisonLayer:
     """What the recovered views can be compared with; no pictures: the measurement, which is one for all views."""
 
     name: str
@@ -71,7 +71,7 @@ class RunPictures:
     start: int
     pixelated: bool
     recovered: Sequence[Picture]
-    layers: Sequence[Layer]
+    layers: Sequence[ComparisonLayer]
     measurement: Picture | None
     depth: Map | None
     error: Map | None
@@ -133,12 +133,12 @@ _DISAGREEMENT: Final = (
 )
 
 
-def _layers(encoded: dict[str, list[Picture]], verdict: str) -> list[Layer]:
+def _layers(encoded: dict[str, list[Picture]], verdict: str) -> list[ComparisonLayer]:
     wanted = [
-        Layer("decode", "Decode", "decoded without a scene", encoded["decode"]),
-        Layer("measurement", "Measurement", "the coded measurement", ()),
-        Layer("scene", "Scene alone", "the scene alone, unrefined", encoded.get("scene", ())),
-        Layer("truth", "Truth", "the true view", encoded.get("truth", ())),
+        ComparisonLayer("decode", "Decode", "decoded without a scene", encoded["decode"]),
+        ComparisonLayer("measurement", "Measurement", "the coded measurement", ()),
+        ComparisonLayer("scene", "Scene alone", "the scene alone, unrefined", encoded.get("scene", ())),
+        ComparisonLayer("truth", "Truth", "the true view", encoded.get("truth", ())),
     ]
     found = [layer for layer in wanted if layer.name in encoded]
     # Where the decode is the result, there is nothing to compare it with itself for, unless it is all there is.

@@ -13,7 +13,7 @@ from markupsafe import Markup
 
 from gs2ci.evaluate.pages import pieces
 from gs2ci.evaluate.pages.charts import Chart, Colour, Line
-from gs2ci.evaluate.pages.frame import Section
+from gs2ci.evaluate.pages.frame import PageSection
 from gs2ci.evaluate.tradeoff.record import HEADINGS, TITLES, Measure, TradeoffRecord, Tried
 
 LEAD: Final = (
@@ -33,10 +33,10 @@ class _Point:
     value: float
 
 
-def tradeoff_section(record: TradeoffRecord) -> Section:
+def tradeoff_section(record: TradeoffRecord) -> PageSection:
     """Build the section."""
     said = pieces.sentences(record.sentences, empty="Nothing was tried with success.")
-    return Section("What accuracy costs", _chart(record) + said + _table(record) + _origin(record), LEAD)
+    return PageSection("What accuracy costs", _chart(record) + said + _table(record) + _origin(record), LEAD)
 
 
 def _chart(record: TradeoffRecord) -> Markup:

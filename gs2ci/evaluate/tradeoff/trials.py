@@ -41,7 +41,7 @@ _RMS_FLOOR: Final = 1e-5  # of full scale: 100 dB, as for images
 
 
 @dataclass(frozen=True)
-class Trial:
+class TradeoffTrial:
     """One way to treat a shot.
 
     Args:
@@ -59,69 +59,71 @@ class Trial:
     shrink: int = 1
 
 
-def _trials() -> dict[str, Trial]:
+def _trials() -> dict[str, TradeoffTrial]:
     found = [*_ladder(), *_stages(), *_windows(), *_rasteriser()]
     return {trial.name: trial for trial in found}
 
 
-def _ladder() -> list[Trial]:
+def _ladder() -> list[TradeoffTrial]:
     """The presets, and what changes all of a standard's schedule or size."""
     base = PRESETS[BASELINE]
-    found = [Trial("decode", "preset", base, fits=False)]
-    found += [Trial(name, "preset", settings) for name, settings in PRESETS.items()]
-    found.append(Trial("half the resolution", "resolution", base, shrink=2))
+    found = [TradeoffTrial("decode", "preset", base, fits=False)]
+    found += [TradeoffTrial(name, "preset", settings) for name, settings in PRESETS.items()]
+    found.append(TradeoffTrial("half the resolution", "resolution", base, shrink=2))
     for fits in (1, 4):
-        found.append(Trial(f"{fits} fit{'s' if fits > 1 else ''}", "fits", replace(base, fits=fits)))
+        found.append(TradeoffTrial(f"{fits} fit{'s' if fits > 1 else ''}", "fits", replace(base, fits=fits)))
     for iterations in (100, 200, 300, 1200):
         changed = replace(base, fit=rescheduled(base.fit, iterations))
-        found.append(Trial(f"{iterations} iterations", "iterations", changed))
+        found.append(TradeoffTrial(f"{iterations} iterations", "iterations", changed))
     for share in (0.1, 0.5):
         changed = replace(base, fit=replace(base.fit, gaussians_per_pixel=share))
-        found.append(Trial(f"{share:g} Gaussians per pixel", "population", changed))
+        found.append(TradeoffTrial(f"{share:g} Gaussians per pixel", "population", changed))
     return found
 
 
-def _stages() -> list[Trial]:
+def _stages() -> list[TradeoffTrial]:
     """What a single stage before the fit does."""
     base, found = PRESETS[BASELINE], []
     for stride in (2, 5):
-        found.append(Trial(f"first Gaussians every {stride} px", "start", replace(base, stride_px=stride)))
+        found.append(TradeoffTrial(f"first Gaussians every {stride} px", "start", replace(base, stride_px=stride)))
     for steps in (10, 160):
         changed = replace(base, decode=replace(base.decode, iterations=steps))
-        found.append(Trial(f"{steps} decode steps", "decode steps", changed))
+        found.append(TradeoffTrial(f"{steps} decode steps", "decode steps", changed))
     for planes in (24, 192):
         geometry = replace(base.geometry, sweep=replace(base.geometry.sweep, planes=planes))
-        found.append(Trial(f"{planes} depth planes", "depth planes", replace(base, geometry=geometry)))
+        found.append(TradeoffTrial(f"{planes} depth planes", "depth planes", replace(base, geometry=geometry)))
     return found
 
 
-def _windows() -> list[Trial]:
+def _windows() -> list[TradeoffTrial]:
     """The windows through which tracks, plane sweep and loss look: a narrower and a wider one each."""
     base, found = PRESETS[BASELINE], []
     for side in (11, 31):
         geometry = replace(base.geometry, tracks=replace(base.geometry.tracks, window_px=side))
-        found.append(Trial(f"tracks through {side} px", "windows", replace(base, geometry=geometry)))
+        found.append(TradeoffTrial(f"tracks through {side} px", "windows", replace(base, geometry=geometry)))
     for side in (5, 11):
         geometry = replace(base.geometry, sweep=replace(base.geometry.sweep, window_px=side))
-        found.append(Trial(f"sweep through {side} px", "windows", replace(base, geometry=geometry)))
+        found.append(TradeoffTrial(f"sweep through {side} px", "windows", replace(base, geometry=geometry)))
     for side in (5, 21):
         fit = replace(base.fit, loss=replace(base.fit.loss, window_px=side))
-        found.append(Trial(f"similarity through {side} px", "windows", replace(base, fit=fit)))
+        found.append(TradeoffTrial(f"similarity through {side} px", "windows", replace(base, fit=fit)))
     return found
 
 
-def _rasteriser() -> list[Trial]:
+def _rasteriser() -> list[TradeoffTrial]:
     """What the rasteriser may leave out; 1e-4 of the light, and lists for four iterations, are the standard."""
     base, found = PRESETS[BASELINE], []
     for every in (1, 8):
         raster = replace(base.raster, relist_every=every)
         found.append(
-            Trial(f"lists for {every} iteration{'s' if every > 1 else ''}", "list reuse", replace(base, raster=raster))
+            TradeoffTrial(
+                f"lists for {every} iteration{'s' if every > 1 else ''}", "list reuse", replace(base, raster=raster)
+            )
         )
     for share in (0.0, 0.01, 0.1):
         raster = replace(base.raster, termination_transmittance=share)
         name = f"blending to {share:.0%} of the light" if share else "blending to the end"
-        found.append(Trial(name, "precision", replace(base, raster=raster)))
+        found.append(TradeoffTrial(name, "precision", replace(base, raster=raster)))
     return found
 
 
@@ -129,7 +131,7 @@ TRIALS: Final = _trials()
 KNOBS: Final = tuple(dict.fromkeys(trial.knob for trial in TRIALS.values()))
 
 
-def chosen_trials(knobs: tuple[str, ...]) -> list[Trial]:
+def chosen_trials(knobs: tuple[str, ...]) -> list[TradeoffTrial]:
     """Return the trials of some knobs, in order; the baseline is always among them.
 
     Raises:
@@ -141,7 +143,7 @@ def chosen_trials(knobs: tuple[str, ...]) -> list[Trial]:
     return [trial for trial in TRIALS.values() if trial.knob in knobs or trial.name == BASELINE]
 
 
-def predicted_seconds(trial: Trial, model: CostModel) -> float:
+def predicted_seconds(trial: TradeoffTrial, model: CostModel) -> float:
     """Predict what a trial takes by the unit costs of its shot; held-out pixels may end it earlier.
 
     Unit costs are those of the standard's windows and rasteriser: trials that change these are priced like it.
@@ -162,7 +164,7 @@ def run_trial(file: str, index: int, trial: str, seed: int) -> Row:
     return tried(read_shot(Path(file), index), TRIALS[trial], seed)
 
 
-def tried(shot: Shot, trial: Trial, seed: int, clock: Callable[[], float] = time.monotonic) -> Row:
+def tried(shot: Shot, trial: TradeoffTrial, seed: int, clock: Callable[[], float] = time.monotonic) -> Row:
     """Try one way on a shot; return what it took and how good it was, None where nothing tells.
 
     `seconds` is all from the measurement to the views at full size. `heldout_db` is −20 lg of the root-mean-square
@@ -185,7 +187,7 @@ def tried(shot: Shot, trial: Trial, seed: int, clock: Callable[[], float] = time
     }
 
 
-def _treated(shot: Shot, trial: Trial, seed: int) -> tuple[F32, Row]:
+def _treated(shot: Shot, trial: TradeoffTrial, seed: int) -> tuple[F32, Row]:
     """Return the views, [N, H, W, C], and what else is worth knowing."""
     settings = replace(trial.settings, seed=seed)
     small = shot if trial.shrink == 1 else shrunk(shot, trial.shrink)

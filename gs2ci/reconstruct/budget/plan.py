@@ -43,7 +43,7 @@ _ENDING_S: Final = 0.5
 
 
 @dataclass(frozen=True)
-class Plan:
+class BudgetPlan:
     """What to run, and until when.
 
     Args:
@@ -67,7 +67,7 @@ def plan_within(
     spent_s: float = 0.0,
     adapt: Adapt = lambda settings: settings,
     clock: Callable[[], float] = time.monotonic,
-) -> Plan:
+) -> BudgetPlan:
     """Choose settings whose reconstruction and report end within a budget.
 
     Args:
@@ -106,7 +106,7 @@ def plan_within(
         f"{spoken_duration(cost.decode)} of decode, {spoken_duration(cost.geometry)} of geometry, {iterations} "
         f"iterations in {spoken_duration(cost.fit)}, and {spoken_duration(cost.finish + report_s)} to end and report."
     )
-    return Plan(settings, pace, rung.preset, sentence)
+    return BudgetPlan(settings, pace, rung.preset, sentence)
 
 
 def affordable_iterations(model: CostModel, settings: Settings, left_s: float, most: int) -> int:

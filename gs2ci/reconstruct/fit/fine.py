@@ -30,7 +30,7 @@ from gs2ci.reconstruct.fit.pseudo_views import SupportSettings, support_weights,
 from gs2ci.reconstruct.fit.rendering import ShotRenderer
 from gs2ci.reconstruct.fit.stopping import HoldOut, Watch
 from gs2ci.reconstruct.measurement.jury import Jury
-from gs2ci.reconstruct.priors2d.base import ImagePrior, Question, Seen
+from gs2ci.reconstruct.priors2d.base import ImagePrior, Question, SeenViews
 from gs2ci.reconstruct.priors2d.choose import load_prior
 from gs2ci.render.gaussians import Gaussians
 
@@ -258,8 +258,8 @@ def make_pseudo(coarse: CoarseFit, renderer: ShotRenderer, prior: ImagePrior, re
         recovered, _ = renderer.images(coarse.scene, cameras)
     details = np.broadcast_to(refine(coarse.views) - coarse.views, recovered.shape)
     question = Question(
-        pseudo=Seen(images.numpy(), renderer.depths(coarse.scene, poses), poses),
-        recovered=Seen(
+        pseudo=SeenViews(images.numpy(), renderer.depths(coarse.scene, poses), poses),
+        recovered=SeenViews(
             recovered.numpy(), renderer.depths(coarse.scene, coarse.world_to_camera), coarse.world_to_camera
         ),
         details=np.ascontiguousarray(details, np.float32),

@@ -9,7 +9,7 @@ from collections.abc import Callable
 import torch
 from torch import Tensor
 
-from gs2ci.reconstruct.fit.density.base import Evidence
+from gs2ci.reconstruct.fit.density.base import GaussianStatistics
 from gs2ci.reconstruct.fit.rendering import ShotRenderer
 from gs2ci.render.gaussians import Gaussians
 from gs2ci.render.screen import ScreenStatistics
@@ -44,18 +44,18 @@ class Gathering:
         extent: float,
         cap: int,
         iteration: int,
-    ) -> Evidence:
+    ) -> GaussianStatistics:
         """Return it as a rule takes it.
 
         Args:
             scene: The present Gaussians.
             world_to_camera: The present poses, [N, 4, 4].
             error: Looks up that of each pixel of the predicted measurement, [H, W].
-            extent: See `Evidence`.
-            cap: See `Evidence`.
-            iteration: See `Evidence`.
+            extent: See `GaussianStatistics`.
+            cap: See `GaussianStatistics`.
+            iteration: See `GaussianStatistics`.
         """
-        return Evidence(
+        return GaussianStatistics(
             screen_gradient=self.screen.mean_gradient() * self._per_open_share,
             screen_radius=self.screen.radius_px / max(self._renderer.size),
             blended_error=lambda: self._blended(scene.detach(), world_to_camera.detach(), error()),

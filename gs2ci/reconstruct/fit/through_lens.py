@@ -12,7 +12,7 @@ from gs2ci.core.errors import InputError
 from gs2ci.reconstruct.measurement.lens import Lens
 from gs2ci.render.gaussians import Gaussians
 from gs2ci.render.interface import Backend, MaskSet, Reuse
-from gs2ci.render.sampling import Sampling
+from gs2ci.render.sampling import CanvasSampling
 from gs2ci.render.screen import ScreenStatistics
 from gs2ci.render.stopping import StoppedLight
 
@@ -34,7 +34,7 @@ class ThroughLens:
         """Get the renderer's name."""
         return self.backend.name
 
-    def code(self, masks: Tensor, sampling: Sampling | None = None) -> MaskSet:
+    def code(self, masks: Tensor, sampling: CanvasSampling | None = None) -> MaskSet:
         """Prepare a mask set; see `Backend.code`."""
         return self.backend.code(masks, self._only(sampling))
 
@@ -61,7 +61,7 @@ class ThroughLens:
         intrinsics: Tensor,
         size: tuple[int, int],
         colours: Tensor | None = None,
-        sampling: Sampling | None = None,
+        sampling: CanvasSampling | None = None,
     ) -> tuple[Tensor, Tensor]:
         """Render whole views; see `Backend.views`."""
         return self.backend.views(scene, world_to_camera, intrinsics, size, colours, self._only(sampling))
@@ -72,12 +72,12 @@ class ThroughLens:
         world_to_camera: Tensor,
         intrinsics: Tensor,
         size: tuple[int, int],
-        sampling: Sampling | None = None,
+        sampling: CanvasSampling | None = None,
     ) -> StoppedLight:
         """Find where light is stopped; see `Backend.depths`."""
         return self.backend.depths(scene, world_to_camera, intrinsics, size, self._only(sampling))
 
-    def _only(self, sampling: Sampling | None) -> Sampling:
+    def _only(self, sampling: CanvasSampling | None) -> CanvasSampling:
         if sampling is not None:
             raise InputError("places of pixels are given to a renderer that has a lens", remedy="leave them out")
         return self.lens.sampling

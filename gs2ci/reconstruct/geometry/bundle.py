@@ -14,7 +14,7 @@ import pycolmap
 
 from gs2ci.core.arrays import F64
 from gs2ci.core.errors import GeometryError
-from gs2ci.reconstruct.geometry.motion import Motion, rays
+from gs2ci.reconstruct.geometry.motion import CameraMotion, rays
 from gs2ci.reconstruct.geometry.telemetry import place_points
 from gs2ci.reconstruct.geometry.tracks import Tracks
 
@@ -24,7 +24,7 @@ _CAMERA: Final = 1
 
 
 @dataclass(frozen=True)
-class Bundle:
+class AdjustedBundle:
     """Poses, [N, 4, 4], and camera matrix, [3, 3], after adjustment."""
 
     world_to_camera: F64
@@ -33,7 +33,7 @@ class Bundle:
 
 def adjust_bundle(
     tracks: Tracks, world_to_camera: F64, intrinsics: F64, huber_px: float, *, refine_focal: bool
-) -> Bundle:
+) -> AdjustedBundle:
     """Adjust poses and points to all tracks.
 
     Args:
@@ -79,7 +79,7 @@ def adjust_bundle(
     adjusted[0, 0], adjusted[1, 1] = focal, focal * ratio
     relative = poses @ np.linalg.inv(poses[tracks.reference])
     relative[tracks.reference] = np.eye(4)  # rounding leaves a hair
-    return Bundle(relative, adjusted)
+    return AdjustedBundle(relative, adjusted)
 
 
 @contextmanager
@@ -93,7 +93,7 @@ def _quietly() -> Iterator[None]:
         pycolmap.logging.minloglevel = level
 
 
-def _model(start: Motion, tracks: Tracks, intrinsics: F64, ratio: float, chosen: Any) -> Any:
+def _model(start: CameraMotion, tracks: Tracks, intrinsics: F64, ratio: float, chosen: Any) -> Any:
     """Build a COLMAP model; rows are stretched so that one focal length serves both axes."""
     stretch = np.array([1.0, 1 / ratio])
     centre = intrinsics[:2, 2] * stretch

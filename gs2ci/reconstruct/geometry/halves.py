@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gs2ci.core.arrays import F64, Bool
-from gs2ci.reconstruct.geometry.motion import Motion, MotionSettings, adjust
+from gs2ci.reconstruct.geometry.motion import CameraMotion, MotionSettings, adjust
 from gs2ci.reconstruct.geometry.tracks import Tracks
 
 # More ways to halve the tracks changed the number by a tenth as a rule; three take a third of the path's own time.
@@ -33,7 +33,7 @@ _LEAST_VIEWS: Final = 3
 
 
 def expected_path_error(
-    motion: Motion,
+    motion: CameraMotion,
     tracks: Tracks,
     intrinsics: F64,
     size: tuple[int, int],
@@ -76,7 +76,7 @@ def expected_path_error(
     return float(np.sqrt(np.mean(squares))) / extent
 
 
-def camera_centres(motion: Motion) -> F64:
+def camera_centres(motion: CameraMotion) -> F64:
     """Get where the cameras stand in the reference view's axes, [N, 3]."""
     centres: F64 = -np.einsum("nji,nj->ni", motion.rotations, motion.translations)
     return centres
@@ -104,7 +104,9 @@ def _cells(tracks: Tracks, size: tuple[int, int]) -> NDArray[np.int64]:
     return np.asarray(row.clip(0, CELLS - 1) * CELLS + column.clip(0, CELLS - 1))
 
 
-def _found_again(motion: Motion, tracks: Tracks, chosen: Bool, intrinsics: F64, settings: MotionSettings | None) -> F64:
+def _found_again(
+    motion: CameraMotion, tracks: Tracks, chosen: Bool, intrinsics: F64, settings: MotionSettings | None
+) -> F64:
     """Find camera centres from some of the tracks, [N, 3], beginning where all of them led.
 
     A view that none of them sees stays where it was.

@@ -19,7 +19,7 @@ from gs2ci.core.records import check_intrinsics
 from gs2ci.reconstruct.geometry.bundle import adjust_bundle
 from gs2ci.reconstruct.geometry.focal import FocalSettings, default_focal, estimate_focal
 from gs2ci.reconstruct.geometry.halves import expected_path_error
-from gs2ci.reconstruct.geometry.motion import Motion, MotionSettings, estimate_motion, predict_positions
+from gs2ci.reconstruct.geometry.motion import CameraMotion, MotionSettings, estimate_motion, predict_positions
 from gs2ci.reconstruct.geometry.rotations import fit_rotations
 from gs2ci.reconstruct.geometry.sweep import LEAST_PLANES, SweepSettings, inverse_depth_range, sweep
 from gs2ci.reconstruct.geometry.telemetry import place_points
@@ -166,7 +166,7 @@ class _Found:
     """A geometry, and the motion and the explained tracks that it stands on."""
 
     geometry: Geometry
-    motion: Motion
+    motion: CameraMotion
     tracks: Tracks
 
 
@@ -264,7 +264,7 @@ def _second_look(
     return tracks if loses_views or doubts_about_tracks(again, depth.shape, settings.criteria) else again
 
 
-def _depth(geometry: Geometry, motion: Motion, views: F32, settings: SweepSettings) -> F32:
+def _depth(geometry: Geometry, motion: CameraMotion, views: F32, settings: SweepSettings) -> F32:
     span = inverse_depth_range(motion.inverse_depth, settings)
     return sweep(views, geometry.world_to_camera, geometry.intrinsics, geometry.reference, span, settings)
 
@@ -324,7 +324,7 @@ def _moved(
     geometry: Geometry,
     candidates: int,
     tracks: Tracks,
-    motion: Motion,
+    motion: CameraMotion,
     settings: GeometrySettings,
     *,
     moved: bool,

@@ -56,7 +56,7 @@ class MotionSettings:
 
 
 @dataclass(frozen=True)
-class Motion:
+class CameraMotion:
     """Poses and depths that explain tracks.
 
     Args:
@@ -194,11 +194,11 @@ class Sightings:
         )
 
 
-def start_motion(sightings: Sightings, seed: int = 0) -> Motion:
+def start_motion(sightings: Sightings, seed: int = 0) -> CameraMotion:
     """Begin with a camera that does not move and a nearly flat scene at inverse depth one."""
     views, points = sightings.seen.shape
     spread = np.random.default_rng(seed).standard_normal(points)
-    return Motion(
+    return CameraMotion(
         rotations=np.tile(np.eye(3), (views, 1, 1)),
         translations=np.zeros((views, 3)),
         inverse_depth=np.asarray(1 + _START_SPREAD * spread),
@@ -208,7 +208,7 @@ def start_motion(sightings: Sightings, seed: int = 0) -> Motion:
     )
 
 
-def residuals(motion: Motion, sightings: Sightings) -> tuple[F64, F64]:
+def residuals(motion: CameraMotion, sightings: Sightings) -> tuple[F64, F64]:
     """Predict where each view sees each point.
 
     Returns:
@@ -220,7 +220,7 @@ def residuals(motion: Motion, sightings: Sightings) -> tuple[F64, F64]:
     return (points[..., :2] / depth - sightings.seen_at) * sightings.focal_px, points
 
 
-def jacobians(motion: Motion, sightings: Sightings, points: F64) -> tuple[F64, F64]:
+def jacobians(motion: CameraMotion, sightings: Sightings, points: F64) -> tuple[F64, F64]:
     """Differentiate the residuals.
 
     Args:
@@ -250,8 +250,8 @@ def jacobians(motion: Motion, sightings: Sightings, points: F64) -> tuple[F64, F
 
 
 def adjust(
-    tracks: Tracks, intrinsics: F64, settings: MotionSettings | None = None, start: Motion | None = None
-) -> Motion:
+    tracks: Tracks, intrinsics: F64, settings: MotionSettings | None = None, start: CameraMotion | None = None
+) -> CameraMotion:
     """Find the poses and inverse depths that explain all tracks best.
 
     Args:
@@ -285,7 +285,7 @@ def adjust(
     return with_errors(motion, sightings)
 
 
-def reversed_depth(motion: Motion) -> Motion:
+def reversed_depth(motion: CameraMotion) -> CameraMotion:
     """Turn the scene inside out: near for far, and the motion that a distant camera could not tell from the true one.
 
     Inverse depths ρ become c − ρ with c twice their median, translations t become −t, and rotations make up for the
@@ -302,7 +302,7 @@ def reversed_depth(motion: Motion) -> Motion:
     )
 
 
-def adjust_both_ways(tracks: Tracks, intrinsics: F64, settings: MotionSettings | None = None) -> Motion:
+def adjust_both_ways(tracks: Tracks, intrinsics: F64, settings: MotionSettings | None = None) -> CameraMotion:
     """Adjust from a still camera, then from the depth-reversed result, and keep the better; arguments as for `adjust`.
 
     The cost has a minimum near either; a flat start may lead into the wrong one.
@@ -312,7 +312,9 @@ def adjust_both_ways(tracks: Tracks, intrinsics: F64, settings: MotionSettings |
     return min(here, there, key=lambda motion: motion.cost)
 
 
-def estimate_motion(tracks: Tracks, intrinsics: F64, settings: MotionSettings | None = None) -> tuple[Motion, Tracks]:
+def estimate_motion(
+    tracks: Tracks, intrinsics: F64, settings: MotionSettings | None = None
+) -> tuple[CameraMotion, Tracks]:
     """Adjust, drop the tracks that the motion does not explain, and adjust the rest anew.
 
     Args:
@@ -335,7 +337,7 @@ def estimate_motion(tracks: Tracks, intrinsics: F64, settings: MotionSettings | 
     return scaled, kept
 
 
-def with_errors(motion: Motion, sightings: Sightings) -> Motion:
+def with_errors(motion: CameraMotion, sightings: Sightings) -> CameraMotion:
     """Return the motion with the errors and depths that it has on these tracks."""
     error, points = residuals(motion, sightings)
     return replace(
@@ -345,11 +347,11 @@ def with_errors(motion: Motion, sightings: Sightings) -> Motion:
     )
 
 
-def _with_cost(motion: Motion, sightings: Sightings, huber_px: float) -> Motion:
+def _with_cost(motion: CameraMotion, sightings: Sightings, huber_px: float) -> CameraMotion:
     return replace(motion, cost=huber_cost(*_arguments(motion, sightings), huber_px))
 
 
-def _arguments(motion: Motion, sightings: Sightings) -> tuple[F64, F64, F64, F64, F64, Bool, F64]:
+def _arguments(motion: CameraMotion, sightings: Sightings) -> tuple[F64, F64, F64, F64, F64, Bool, F64]:
     """Order the arguments as the kernels want them."""
     return (
         motion.rotations,
@@ -374,12 +376,12 @@ class _NormalEquations:
     moving: NDArray[np.int64]  # indices of the unknowns of all views but the reference
 
     @classmethod
-    def at(cls, motion: Motion, sightings: Sightings, huber_px: float) -> "_NormalEquations":
+    def at(cls, motion: CameraMotion, sightings: Sightings, huber_px: float) -> "_NormalEquations":
         A, b, C, d, E = normal_blocks(*_arguments(motion, sightings), huber_px)
         moving = np.flatnonzero(np.arange(6 * len(A)) // 6 != sightings.reference)
         return cls(A, b, C, d, E, moving)
 
-    def step(self, motion: Motion, damping: float) -> Motion:
+    def step(self, motion: CameraMotion, damping: float) -> CameraMotion:
         """Solve with damping and move; inverse depths stay within their range."""
         diagonal = np.einsum("nii->ni", self.A)
         A = self.A + (damping * diagonal + REGULAR)[..., None] * np.eye(6)

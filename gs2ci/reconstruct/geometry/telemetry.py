@@ -15,7 +15,7 @@ from gs2ci.core.arrays import F64
 from gs2ci.core.cameras import camera_centres
 from gs2ci.core.errors import GeometryError, InputError
 from gs2ci.core.records import Shot, check_rigid
-from gs2ci.reconstruct.geometry.motion import INVERSE_DEPTH_RANGE, Motion, Sightings, start_motion, with_errors
+from gs2ci.reconstruct.geometry.motion import INVERSE_DEPTH_RANGE, CameraMotion, Sightings, start_motion, with_errors
 from gs2ci.reconstruct.geometry.tracks import Tracks
 
 _PASSES: Final = 5  # re-weighted least squares on a nearly linear problem settles in three
@@ -66,7 +66,7 @@ def movement(before: F64, after: F64) -> Movement:
 
 def place_points(
     tracks: Tracks, world_to_camera: F64, intrinsics: F64, huber_px: float, outlier_px: float
-) -> tuple[Motion, Tracks]:
+) -> tuple[CameraMotion, Tracks]:
     """Find the depths of tracked points from poses that are known.
 
     Args:

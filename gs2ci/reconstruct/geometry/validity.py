@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from gs2ci.core.arrays import Bool
 from gs2ci.core.findings import Code, Finding, finding
-from gs2ci.reconstruct.geometry.motion import Motion, wander_px
+from gs2ci.reconstruct.geometry.motion import CameraMotion, wander_px
 from gs2ci.reconstruct.geometry.rotations import Rotations
 from gs2ci.reconstruct.geometry.tracks import Tracks
 
@@ -113,12 +113,12 @@ def doubts_about_tracks(tracks: Tracks, size: tuple[int, int], criteria: Criteri
     return tuple(doubts)
 
 
-def parallax_px(motion: Motion, rotations: Rotations) -> float:
+def parallax_px(motion: CameraMotion, rotations: Rotations) -> float:
     """Get what translation explains of the tracks beyond the best rotations, root mean square."""
     return float(np.sqrt(max(rotations.rms_px**2 - motion.rms_px**2, 0.0)))
 
 
-def has_parallax(motion: Motion, rotations: Rotations, criteria: Criteria) -> bool:
+def has_parallax(motion: CameraMotion, rotations: Rotations, criteria: Criteria) -> bool:
     """Decide whether the tracks need a translation of the camera, and not just rotations and noise."""
     if parallax_px(motion, rotations) < criteria.parallax_px:
         return False
@@ -133,7 +133,7 @@ def has_parallax(motion: Motion, rotations: Rotations, criteria: Criteria) -> bo
 
 
 def judge(
-    candidates: int, tracks: Tracks, motion: Motion, rotations: Rotations, criteria: Criteria
+    candidates: int, tracks: Tracks, motion: CameraMotion, rotations: Rotations, criteria: Criteria
 ) -> tuple[Verdict, tuple[Finding, ...]]:
     """Decide what the camera did, and why, unless all is well.
 
@@ -155,7 +155,7 @@ def judge(
     return ("unsupported" if doubts else "full"), doubts
 
 
-def contradictions(candidates: int, tracks: Tracks, motion: Motion, criteria: Criteria) -> tuple[Finding, ...]:
+def contradictions(candidates: int, tracks: Tracks, motion: CameraMotion, criteria: Criteria) -> tuple[Finding, ...]:
     """Say how far the tracks contradict a motion; nothing if they bear it out. Arguments as for `judge`."""
     doubts = []
     if len(tracks) < max(criteria.inliers * candidates, criteria.tracks):
@@ -169,7 +169,7 @@ def contradictions(candidates: int, tracks: Tracks, motion: Motion, criteria: Cr
     return tuple(doubts)
 
 
-def _largest_turn_deg(motion: Motion, tracks: Tracks) -> float:
+def _largest_turn_deg(motion: CameraMotion, tracks: Tracks) -> float:
     """Get the largest angle between the reference view and a view that sees tracks."""
     turns = Rotation.from_matrix(motion.rotations[tracks.seen.any(axis=0)])
     return float(np.degrees(np.max(turns.magnitude(), initial=0.0)))

@@ -1,6 +1,6 @@
 """The measurement model of snapshot compressive imaging: y = Σᵢ wᵢ Mᵢ ⊙ Xᵢ, seen through a colour filter array.
 
-Here: the linear map from N views to one coded image, its adjoint, what a white scene would read and which readings are
+Here: the linear map from N views to one coded image, what a white scene would read and which readings are
 beyond it, how pixels are left out, and the geometry of colour filter arrays. Not here: any inversion
 (`gs2ci.reconstruct.decode`), noise (`gs2ci_sims`).
 """
@@ -57,20 +57,6 @@ def select(image: Tensor, channels: Tensor) -> Tensor:
     return torch.gather(image, -1, index)
 
 
-def spread(mosaic: Tensor, channels: Tensor) -> Tensor:
-    """Put each mosaic value into its own colour channel, zeros elsewhere: the adjoint of `select`.
-
-    Args:
-        mosaic: [..., H, W, 1].
-        channels: Channel index of each pixel, [H, W] int64.
-
-    Returns:
-        [..., H, W, 3].
-    """
-    index = channels.to(mosaic.device)[..., None].expand(mosaic.shape)
-    return torch.zeros(*mosaic.shape[:-1], 3, dtype=mosaic.dtype, device=mosaic.device).scatter(-1, index, mosaic)
-
-
 def white_reading(shot: Shot) -> F64:
     """Return what each pixel would read of a white scene, [H, W], in full scales of one view."""
     white: F64 = np.tensordot(shot.weights.astype(np.float64), shot.masks, axes=1)
@@ -125,27 +111,11 @@ class Coding:
         Raises:
             InputError: The views do not fit the masks or the colour filter array.
 
-        Linear in `views`; the adjoint is `adjoint`.
+        Linear in `views`.
         """
         self._check("views", views, self.transmissions.shape)
         coded = (self.transmissions[..., None] * views).sum(0)
         return coded if self.channels is None else select(coded, self.channels)
-
-    def adjoint(self, image: Tensor) -> Tensor:
-        """Send a coded image back to every view through its mask.
-
-        Args:
-            image: [H, W, C], or [H, W, 1] behind a colour filter array.
-
-        Returns:
-            [N, H, W, C].
-
-        Raises:
-            InputError: The image does not fit the masks.
-        """
-        self._check("coded image", image, self.transmissions.shape[1:])
-        full = image if self.channels is None else spread(image, self.channels)
-        return self.transmissions[..., None] * full[None]
 
     def _check(self, what: str, array: Tensor, leading: torch.Size) -> None:
         allowed_last = (1, 3) if self.channels is None else (3,) if what == "views" else (1,)

@@ -21,7 +21,7 @@ from gs2ci.core.arrays import F32, F64, Bool
 from gs2ci.core.errors import InputError
 from gs2ci.core.lens import LEAST_STRETCH, distorted, pixels_of, slopes_of, stretch, undistorted
 from gs2ci.core.records import Shot
-from gs2ci.render.sampling import Sampling
+from gs2ci.render.sampling import CanvasSampling
 
 # A lens that moves no pixel by more than this is a pinhole: corners in decoded views are found to a tenth of a pixel at
 # best, and boards give coefficients other than 0 for every lens.
@@ -52,7 +52,7 @@ class Lens:
     """
 
     intrinsics: F64
-    sampling: Sampling
+    sampling: CanvasSampling
     seen_at: F64
     seen: Bool
 
@@ -71,7 +71,7 @@ class Lens:
         if np.abs(places - pixels).max() <= LEAST_SHIFT_PX:
             return None
         _check_canvas(places, shot.size)
-        sampling = Sampling.around(places, _BORDER_PX)
+        sampling = CanvasSampling.around(places, _BORDER_PX)
         rays = slopes_of(pixel_centres(sampling.canvas) + sampling.origin, intrinsics)
         seen_at = pixels_of(distorted(rays, coefficients), intrinsics)
         frame = np.array([shot.size[1], shot.size[0]], np.float64)

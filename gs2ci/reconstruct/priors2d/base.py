@@ -14,7 +14,7 @@ from gs2ci.core.errors import NumericsError
 
 
 @dataclass(frozen=True)
-class Seen:
+class SeenViews:
     """Views of a scene, with all that a prior may want to know of them.
 
     Args:
@@ -41,8 +41,8 @@ class Question:
         distortion: Of the lens through which all of them are seen, [5] as in `Shot`; None for a pinhole.
     """
 
-    pseudo: Seen
-    recovered: Seen
+    pseudo: SeenViews
+    recovered: SeenViews
     details: F32
     intrinsics: F64
     distortion: F64 | None = None

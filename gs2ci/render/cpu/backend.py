@@ -10,7 +10,7 @@ from torch import Tensor
 
 from gs2ci.core.arrays import F32
 from gs2ci.core.errors import InputError
-from gs2ci.render.cpu.function import CodedSum, Job, Rasterise, Target, ViewImages, as_float32
+from gs2ci.render.cpu.function import CodedSum, Job, Rasterise, RenderTarget, ViewImages, as_float32
 from gs2ci.render.cpu.layout import Layout, lay_out
 from gs2ci.render.cpu.lists import CpuReuse
 from gs2ci.render.cpu.passes import Inputs, camera_fields, render_cells
@@ -19,7 +19,7 @@ from gs2ci.render.cpu.workspace import Pool
 from gs2ci.render.gaussians import Gaussians
 from gs2ci.render.inputs import check_masks, check_rendering, check_screen, check_size
 from gs2ci.render.interface import MaskSet, Reuse
-from gs2ci.render.sampling import Sampling, check_sampling
+from gs2ci.render.sampling import CanvasSampling, check_sampling
 from gs2ci.render.screen import ScreenStatistics
 from gs2ci.render.settings import RasterSettings
 from gs2ci.render.stopping import StoppedLight
@@ -32,7 +32,7 @@ class CpuMaskSet(MaskSet):
     """A mask set compacted into cells."""
 
     layout: Layout
-    sampling: Sampling | None = None
+    sampling: CanvasSampling | None = None
 
 
 class CpuBackend:
@@ -52,7 +52,7 @@ class CpuBackend:
         self._pool = Pool()
         # Apart from the others, which are much larger.
         self._list_pool = Pool()
-        self._full_layouts: OrderedDict[tuple[int, int, int, Sampling | None], Layout] = OrderedDict()
+        self._full_layouts: OrderedDict[tuple[int, int, int, CanvasSampling | None], Layout] = OrderedDict()
 
     @property
     def idle_workspaces(self) -> int:
@@ -64,7 +64,7 @@ class CpuBackend:
         """Get how many workspaces wait for the next lists that outlive a rendering."""
         return self._list_pool.idle
 
-    def code(self, masks: Tensor, sampling: Sampling | None = None) -> CpuMaskSet:
+    def code(self, masks: Tensor, sampling: CanvasSampling | None = None) -> CpuMaskSet:
         """Compact the open pixels of a mask set; see `Backend.code`."""
         check_masks(masks)
         values = np.ascontiguousarray(masks.detach().numpy(), dtype=np.float32)
@@ -111,7 +111,7 @@ class CpuBackend:
         intrinsics: Tensor,
         size: tuple[int, int],
         colours: Tensor | None = None,
-        sampling: Sampling | None = None,
+        sampling: CanvasSampling | None = None,
     ) -> tuple[Tensor, Tensor]:
         """Render whole views; see `Backend.views`."""
         check_size(size)
@@ -128,7 +128,7 @@ class CpuBackend:
         world_to_camera: Tensor,
         intrinsics: Tensor,
         size: tuple[int, int],
-        sampling: Sampling | None = None,
+        sampling: CanvasSampling | None = None,
     ) -> StoppedLight:
         """Find where light is stopped; see `Backend.depths`."""
         check_size(size)
@@ -154,7 +154,7 @@ class CpuBackend:
 
     def _run(
         self,
-        target: Target,
+        target: RenderTarget,
         scene: Gaussians,
         colours: Tensor,
         world_to_camera: Tensor,
@@ -172,7 +172,7 @@ class CpuBackend:
         outputs: tuple[Tensor, ...] = Rasterise.apply(job, *(p.to(torch.float32) for p in parameters))
         return outputs
 
-    def _full_layout(self, shape: tuple[int, int, int], sampling: Sampling | None) -> Layout:
+    def _full_layout(self, shape: tuple[int, int, int], sampling: CanvasSampling | None) -> Layout:
         key = (*shape, sampling)
         layout = self._full_layouts.pop(key, None)
         if layout is None:
@@ -183,7 +183,7 @@ class CpuBackend:
         return layout
 
 
-def _on_canvas(intrinsics: Tensor, sampling: Sampling | None) -> Tensor:
+def _on_canvas(intrinsics: Tensor, sampling: CanvasSampling | None) -> Tensor:
     return intrinsics if sampling is None else sampling.intrinsics_of_canvas(intrinsics)
 
 

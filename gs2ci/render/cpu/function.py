@@ -26,7 +26,7 @@ from gs2ci.render.cpu.workspace import Pool, Workspace
 from gs2ci.render.screen import ScreenStatistics
 
 
-class Target(Protocol):
+class RenderTarget(Protocol):
     """What rendered cells are turned into, and how its gradient comes back to the cells."""
 
     @property
@@ -93,7 +93,7 @@ class CodedSum:
 class Job:
     """What a rendering needs beside its tensors."""
 
-    target: Target
+    target: RenderTarget
     camera: F32
     termination: float
     pool: Pool
@@ -113,7 +113,7 @@ def _inputs(job: Job, parameters: tuple[Tensor, ...]) -> Inputs:
 
 
 class Rasterise(torch.autograd.Function):
-    """Render the cells of a layout and collect them; see `Target` for what comes out."""
+    """Render the cells of a layout and collect them; see `RenderTarget` for what comes out."""
 
     @staticmethod
     def forward(ctx: Any, job: Job, *parameters: Tensor) -> tuple[Tensor, ...]:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from gs2ci.core.arrays import F32, F64
 from gs2ci.render.cpu.vector import LANES
-from gs2ci.render.sampling import Sampling
+from gs2ci.render.sampling import CanvasSampling
 
 STRIP_ROWS_RANGE: Final = (2, 32)
 _OPEN_SHARE_FLOOR: Final = 1e-3
@@ -86,7 +86,7 @@ def strip_rows_for(open_share: float) -> int:
     return int(np.clip(round(square), *STRIP_ROWS_RANGE))
 
 
-def lay_out(masks: F32, strip_rows: int | None = None, sampling: Sampling | None = None) -> Layout:
+def lay_out(masks: F32, strip_rows: int | None = None, sampling: CanvasSampling | None = None) -> Layout:
     """Compact the pixels with a positive mask value.
 
     Args:
@@ -137,7 +137,7 @@ def lay_out(masks: F32, strip_rows: int | None = None, sampling: Sampling | None
     )
 
 
-def _places(size: tuple[int, ...], sampling: Sampling | None) -> tuple[F64, F64]:
+def _places(size: tuple[int, ...], sampling: CanvasSampling | None) -> tuple[F64, F64]:
     """Return where the pixels of an image look, row by row: x and y, [H * W]."""
     if sampling is not None:
         return sampling.places[..., 0].reshape(-1), sampling.places[..., 1].reshape(-1)

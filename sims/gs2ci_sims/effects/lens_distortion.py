@@ -8,7 +8,7 @@ from scipy.ndimage import map_coordinates
 
 from gs2ci.core.arrays import F64
 from gs2ci.core.errors import InputError
-from gs2ci.render.sampling import Sampling
+from gs2ci.render.sampling import CanvasSampling
 from gs2ci_sims.effects.base import Bound, Stage
 from gs2ci_sims.signals import View
 
@@ -75,9 +75,9 @@ class LensDistortion:
             [y * scale * intrinsics[1, 1] + intrinsics[1, 2], x * scale * intrinsics[0, 0] + intrinsics[0, 2]]
         )
 
-    def sampling(self, size: tuple[int, int], intrinsics: F64) -> Sampling:
+    def sampling(self, size: tuple[int, int], intrinsics: F64) -> CanvasSampling:
         """Return where the pixels of an image look, for a renderer that takes it."""
-        return Sampling.around(np.moveaxis(self.sources_px(size, intrinsics)[::-1], 0, -1))
+        return CanvasSampling.around(np.moveaxis(self.sources_px(size, intrinsics)[::-1], 0, -1))
 
     @property
     def coefficients(self) -> F64:

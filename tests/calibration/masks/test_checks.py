@@ -3,8 +3,8 @@ import pytest
 
 from gs2ci_calibration.masks.checks import correlations, require_held_out, require_order
 from gs2ci_calibration.masks.imaging import PixelMap
-from gs2ci_calibration.masks.predicted import gaussian_relay
 from gs2ci_calibration.refusals import CalibrationError, Reason
+from tests.calibration.masks.relays import gaussian_relay
 
 SIZE = (40, 48)
 RELAY = gaussian_relay(PixelMap(SIZE, np.array([[55.0, 50.0], [48.0, 0.0], [0.0, 48.0]])), 0.2)

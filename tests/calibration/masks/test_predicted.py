@@ -6,13 +6,13 @@ from gs2ci_calibration.masks.imaging import PixelMap, convolved, sharp
 from gs2ci_calibration.masks.predicted import (
     Relay,
     fit_kernel,
-    gaussian_relay,
     model_error,
     relay_of,
     transmissions,
 )
 from gs2ci_calibration.masks.texture import checker
 from gs2ci_calibration.refusals import CalibrationError, Reason
+from tests.calibration.masks.relays import gaussian_relay
 
 SIZE, MODULATOR = (40, 48), (100, 110)
 PIXELS = PixelMap(SIZE, np.array([[55.2, 50.7], [48.0, 0.3], [-0.3, 48.0]]))

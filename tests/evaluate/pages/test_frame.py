@@ -7,11 +7,11 @@ from jinja2 import UndefinedError
 from markupsafe import Markup
 
 from gs2ci.evaluate.pages import pieces
-from gs2ci.evaluate.pages.frame import Section, environment, fit, page, piece
+from gs2ci.evaluate.pages.frame import PageSection, environment, fit, page, piece
 
 
 def test_sections_stand_in_order_with_links_to_them():
-    text = page("Title", [Section(f"Part {i}: of it", pieces.paragraph(f"body {i}")) for i in range(3)])
+    text = page("Title", [PageSection(f"Part {i}: of it", pieces.paragraph(f"body {i}")) for i in range(3)])
     assert re.findall(r'<section id="([^"]*)"', text) == ["part-0-of-it", "part-1-of-it", "part-2-of-it"]
     assert re.findall(r'<li><a href="#([^"]*)"', text) == ["part-0-of-it", "part-1-of-it", "part-2-of-it"]
     assert text.index("body 0") < text.index("body 1") < text.index("body 2")
@@ -19,18 +19,18 @@ def test_sections_stand_in_order_with_links_to_them():
 
 
 def test_two_sections_need_no_contents():
-    assert "<nav" not in page("Title", [Section("One", Markup("x")), Section("Two", Markup("y"))])
+    assert "<nav" not in page("Title", [PageSection("One", Markup("x")), PageSection("Two", Markup("y"))])
 
 
 def test_sections_whose_titles_read_alike_or_not_at_all_have_anchors_of_their_own():
-    text = page("Title", [Section(title, Markup("x")) for title in ("夜景", "雨", "a b", "A-b", "a b!")])
+    text = page("Title", [PageSection(title, Markup("x")) for title in ("夜景", "雨", "a b", "A-b", "a b!")])
     found = re.findall(r'<section id="([^"]*)"', text)
     assert found == ["section", "section--2", "a-b", "a-b--2", "a-b--3"]
     assert re.findall(r'<li><a href="#([^"]*)"', text) == found
 
 
 def test_a_folded_section_is_there_with_its_lead():
-    text = page("Title", [Section("More", pieces.paragraph("inside"), "A lead.", folded=True)])
+    text = page("Title", [PageSection("More", pieces.paragraph("inside"), "A lead.", folded=True)])
     assert re.search(r"<details.*More.*A lead\..*inside.*</details>", text, re.DOTALL)
 
 
@@ -47,10 +47,10 @@ def test_text_is_escaped_wherever_it_goes():
     text = page(
         bad,
         [
-            Section(bad, pieces.table([bad], [[bad]], caption=bad), bad),
-            Section("Two", pieces.facts({bad: bad}) + pieces.sentences([bad], empty="") + pieces.paragraph(bad)),
+            PageSection(bad, pieces.table([bad], [[bad]], caption=bad), bad),
+            PageSection("Two", pieces.facts({bad: bad}) + pieces.sentences([bad], empty="") + pieces.paragraph(bad)),
         ],
-        masthead=pieces.masthead(bad, [bad], [pieces.Figure(bad, bad, bad)], "good", bad),
+        masthead=pieces.masthead(bad, [bad], [pieces.FigureOfMerit(bad, bad, bad)], "good", bad),
         eyebrow=bad,
     )
     assert "<b onclick" not in text
@@ -60,7 +60,7 @@ def test_text_is_escaped_wherever_it_goes():
 @pytest.mark.parametrize("unfit", ["\x00", "\x1b", "\ud800", "\u202e", "\u2066", "\x7f"])
 def test_characters_that_a_page_cannot_hold_are_replaced(unfit):
     assert fit(f"a{unfit}b") == "a\ufffdb"
-    page("Title", [Section("One", pieces.paragraph(f"a{unfit}b"))]).encode("utf-8")
+    page("Title", [PageSection("One", pieces.paragraph(f"a{unfit}b"))]).encode("utf-8")
 
 
 def test_a_value_that_a_template_misses_is_an_error():

@@ -6,7 +6,7 @@ import pytest
 from gs2ci.core.errors import GeometryError, InputError
 from gs2ci.core.findings import Code, finding
 from gs2ci.core.progress import Silent
-from gs2ci.reconstruct.geometry.bundle import Bundle
+from gs2ci.reconstruct.geometry.bundle import AdjustedBundle
 from gs2ci.reconstruct.geometry.initialise import PLANE_NOTE, GeometrySettings, initialise
 from gs2ci.reconstruct.geometry.points import seed_points
 from gs2ci.reconstruct.geometry.sweep import SweepSettings
@@ -84,7 +84,8 @@ def test_freed_points_that_would_cost_the_verdict_are_not_freed(seen, monkeypatc
     at_rest[1:, 0, 3] = 1e-9  # explains nothing
     fixed = initialise(scene.views, scene.intrinsics, QUICK)
     monkeypatch.setattr(
-        "gs2ci.reconstruct.geometry.initialise.adjust_bundle", lambda *_a, **_o: Bundle(at_rest, scene.intrinsics)
+        "gs2ci.reconstruct.geometry.initialise.adjust_bundle",
+        lambda *_a, **_o: AdjustedBundle(at_rest, scene.intrinsics),
     )
     assert initialise(scene.views, scene.intrinsics, QUICK).verdict == fixed.verdict == "full"
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
-from gs2ci.reconstruct.priors2d.base import Question, Seen
+from gs2ci.reconstruct.priors2d.base import Question, SeenViews
 
 HEIGHT, WIDTH, FOCAL = 20, 32, 30.0
 
@@ -32,8 +32,8 @@ def plane():
         images = np.stack([at(shift) for shift in shifts])
         depths = np.full((len(shifts), HEIGHT, WIDTH), depth, np.float32)
         return Question(
-            pseudo=Seen(at(pseudo)[None].copy(), depths[:1].copy(), pose(pseudo)[None]),
-            recovered=Seen(images, depths, np.stack([pose(shift) for shift in shifts])),
+            pseudo=SeenViews(at(pseudo)[None].copy(), depths[:1].copy(), pose(pseudo)[None]),
+            recovered=SeenViews(images, depths, np.stack([pose(shift) for shift in shifts])),
             details=np.zeros_like(images) if details is None else details,
             intrinsics=np.array([[FOCAL, 0, WIDTH / 2], [0, FOCAL, HEIGHT / 2], [0, 0, 1]]),
             distortion=distortion,

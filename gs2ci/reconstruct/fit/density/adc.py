@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import torch
 
-from gs2ci.reconstruct.fit.density.base import Change, Evidence, grow, within
+from gs2ci.reconstruct.fit.density.base import GaussianStatistics, PopulationChange, grow, within
 from gs2ci.reconstruct.fit.density.classic import Classic
 from gs2ci.render.gaussians import Gaussians
 
@@ -25,7 +25,7 @@ class Adc:
     criteria: Classic = field(default_factory=Classic)
     name: str = "adc"
 
-    def change(self, scene: Gaussians, evidence: Evidence, generator: torch.Generator) -> Change:
+    def change(self, scene: Gaussians, evidence: GaussianStatistics, generator: torch.Generator) -> PopulationChange:
         """Return the population that the fit goes on with."""
         remove = self.criteria.removed(scene, evidence)
         split, duplicate = self.criteria.divide(scene, evidence, self.criteria.wanting(evidence))

@@ -22,7 +22,7 @@ Preserving = Literal["both", "duplicates", "neither"]
 
 
 @dataclass(frozen=True)
-class Evidence:
+class GaussianStatistics:
     """What the fit has seen since the rule's last turn.
 
     Args:
@@ -45,7 +45,7 @@ class Evidence:
 
 
 @dataclass(frozen=True)
-class Change:
+class PopulationChange:
     """What a rule wants.
 
     Args:
@@ -67,7 +67,7 @@ class DensityRule(Protocol):
         """Get the name under which settings and reports know it."""
         ...
 
-    def change(self, scene: Gaussians, evidence: Evidence, generator: torch.Generator) -> Change:
+    def change(self, scene: Gaussians, evidence: GaussianStatistics, generator: torch.Generator) -> PopulationChange:
         """Return the population that the fit goes on with."""
         ...
 
@@ -90,7 +90,7 @@ def grow(
     generator: torch.Generator,
     *,
     preserving: Preserving = "both",
-) -> Change:
+) -> PopulationChange:
     """Duplicate and split Gaussians, by default without changing what a ray sees through them.
 
     Where the transmittance stays, both copies or children get the opacity 1 − √(1 − α), so that the two in a row let
@@ -128,7 +128,7 @@ def grow(
         **{name: torch.cat([part.parameters()[name] for part in parts]) for name in present.parameters()}
     )
     newcomers = torch.full((len(copied) + len(parents),), -1, dtype=torch.int64)
-    return Change(joined, torch.cat([kept, newcomers]))
+    return PopulationChange(joined, torch.cat([kept, newcomers]))
 
 
 def within(room: int, priority: Tensor, split: Tensor, duplicate: Tensor) -> tuple[Tensor, Tensor]:

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import torch
 from torch import Tensor
 
-from gs2ci.reconstruct.fit.density.base import Change, Evidence
+from gs2ci.reconstruct.fit.density.base import GaussianStatistics, PopulationChange
 from gs2ci.render.gaussians import Gaussians, logit
 
 
@@ -42,11 +42,11 @@ class Classic:
     reset_every: int | None = 3000
     reset_to: float = 0.01
 
-    def wanting(self, evidence: Evidence) -> Tensor:
+    def wanting(self, evidence: GaussianStatistics) -> Tensor:
         """Return those that the loss pulls at, [G] bool."""
         return evidence.screen_gradient > self.gradient
 
-    def divide(self, scene: Gaussians, evidence: Evidence, wanting: Tensor) -> tuple[Tensor, Tensor]:
+    def divide(self, scene: Gaussians, evidence: GaussianStatistics, wanting: Tensor) -> tuple[Tensor, Tensor]:
         """Divide those in want of company into splits and duplicates, [G] bool each.
 
         Among the splits are also those whose radius alone asks for it.
@@ -58,7 +58,7 @@ class Classic:
             split, duplicate = split | wide, duplicate & ~wide
         return split, duplicate
 
-    def removed(self, scene: Gaussians, evidence: Evidence) -> Tensor:
+    def removed(self, scene: Gaussians, evidence: GaussianStatistics) -> Tensor:
         """Return those to be removed, [G] bool; none if it would be all, as an empty scene cannot grow again."""
         remove = torch.sigmoid(scene.opacity_logits.detach()) < self.transparent
         if self.reset_every is not None and evidence.iteration > self.reset_every:
@@ -67,7 +67,7 @@ class Classic:
                 remove = remove | (evidence.screen_radius > self.huge_on_screen)
         return torch.zeros_like(remove) if bool(remove.all()) else remove
 
-    def reset(self, change: Change, evidence: Evidence) -> Change:
+    def reset(self, change: PopulationChange, evidence: GaussianStatistics) -> PopulationChange:
         """Bound all opacities if it is time for that; the optimiser forgets where they were heading."""
         if not self.reset_every or evidence.iteration == 0 or evidence.iteration % self.reset_every:
             return change

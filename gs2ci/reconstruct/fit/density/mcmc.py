@@ -12,7 +12,7 @@ from typing import Final
 import torch
 from torch import Tensor
 
-from gs2ci.reconstruct.fit.density.base import Change, Evidence
+from gs2ci.reconstruct.fit.density.base import GaussianStatistics, PopulationChange
 from gs2ci.reconstruct.fit.density.sharing import most_copies, share_out
 from gs2ci.render.gaussians import Gaussians, rotation_matrices
 
@@ -34,7 +34,7 @@ class Mcmc:
     shaking: float = 5e5
     name: str = "mcmc"
 
-    def change(self, scene: Gaussians, evidence: Evidence, generator: torch.Generator) -> Change:
+    def change(self, scene: Gaussians, evidence: GaussianStatistics, generator: torch.Generator) -> PopulationChange:
         """Return the population that the fit goes on with."""
         present = scene.detach()
         opacity = torch.sigmoid(present.opacity_logits)
@@ -43,7 +43,7 @@ class Mcmc:
         newcomers = max(0, min(evidence.cap, int((1 + self.growth) * len(scene))) - len(scene))
         wanted = int(faint.sum()) + newcomers
         if wanted == 0 or bool(faint.all()):  # nobody moves, or there is nobody to move to
-            return Change(present.map(torch.clone), torch.arange(len(scene)))
+            return PopulationChange(present.map(torch.clone), torch.arange(len(scene)))
         chosen = torch.multinomial(weights, wanted, replacement=True, generator=generator)
         return self._move(present, faint, self._affordable(present, chosen))
 
@@ -56,7 +56,7 @@ class Mcmc:
         room = most_copies(scene.opacity_logits, self.transparent)[chosen] - 1
         return chosen[rank < room]
 
-    def _move(self, scene: Gaussians, faint: Tensor, chosen: Tensor) -> Change:
+    def _move(self, scene: Gaussians, faint: Tensor, chosen: Tensor) -> PopulationChange:
         """Let each choice be shared with one of the faint, and with a newcomer when none of them is left."""
         copies = 1 + torch.bincount(chosen, minlength=len(scene))
         shared = copies > 1
@@ -73,7 +73,7 @@ class Mcmc:
         kept[: len(scene)][shared] = -1
         whole = scene.map(lambda tensor: tensor)
         whole.opacity_logits, whole.log_scales = logits, log_scales
-        return Change(whole.map(lambda tensor: tensor[row]), kept)
+        return PopulationChange(whole.map(lambda tensor: tensor[row]), kept)
 
     def shake(self, scene: Gaussians, rate: float, generator: torch.Generator) -> Tensor:
         """Return a draw from each Gaussian's covariance, [G, 3], faded out above the opacity at which it is faint."""

@@ -12,7 +12,7 @@ import torch
 from scipy.spatial import cKDTree
 from torch import Tensor
 
-from gs2ci.reconstruct.fit.density.base import Change, Evidence, grow, within
+from gs2ci.reconstruct.fit.density.base import GaussianStatistics, PopulationChange, grow, within
 from gs2ci.reconstruct.fit.density.classic import Classic
 from gs2ci.render.gaussians import Gaussians
 
@@ -50,7 +50,7 @@ class Osgr:
         """Return the sparing rule with splits by radius: the other way to err, for fits that are averaged."""
         return cls(criteria=Classic(gradient=8e-4))
 
-    def change(self, scene: Gaussians, evidence: Evidence, generator: torch.Generator) -> Change:
+    def change(self, scene: Gaussians, evidence: GaussianStatistics, generator: torch.Generator) -> PopulationChange:
         """Return the population that the fit goes on with."""
         opacity = torch.sigmoid(scene.opacity_logits.detach())
         remove = self.criteria.removed(scene, evidence)

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 
 import torch
 
-from gs2ci.reconstruct.fit.density.base import Change, Evidence, grow, within
+from gs2ci.reconstruct.fit.density.base import GaussianStatistics, PopulationChange, grow, within
 from gs2ci.reconstruct.fit.density.classic import Classic
 from gs2ci.render.gaussians import Gaussians, logit
 
@@ -32,7 +32,7 @@ class Revised:
     criteria: Classic = field(default_factory=lambda: Classic(reset_every=None))
     name: str = "revised"
 
-    def change(self, scene: Gaussians, evidence: Evidence, generator: torch.Generator) -> Change:
+    def change(self, scene: Gaussians, evidence: GaussianStatistics, generator: torch.Generator) -> PopulationChange:
         """Return the population that the fit goes on with."""
         remove = self.criteria.removed(scene, evidence)
         part = evidence.blended_error()
@@ -41,7 +41,7 @@ class Revised:
         split, duplicate = within(room, part, split & ~remove, duplicate & ~remove)
         return self._sink(grow(scene, ~(remove | split), duplicate, split, generator, preserving="duplicates"))
 
-    def _sink(self, change: Change) -> Change:
+    def _sink(self, change: PopulationChange) -> PopulationChange:
         scene = change.scene.map(lambda tensor: tensor)
         # In float64, so that opacities near one do not round to one; below the least float32 nothing is left to sink.
         opacity = torch.sigmoid(scene.opacity_logits.double()) - self.sinking

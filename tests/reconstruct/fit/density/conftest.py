@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from gs2ci.reconstruct.fit.density.base import Evidence
+from gs2ci.reconstruct.fit.density.base import GaussianStatistics
 from gs2ci.render.gaussians import Gaussians
 
 SMALL = 0.001
@@ -34,7 +34,7 @@ def _evidence(
     wrong: Iterable[int] = (),
     cap: int = 10**6,
     iteration: int = 100,
-) -> Evidence:
+) -> GaussianStatistics:
     """Gradients on those `moved`, a large radius for the `wide`, errors on the `wrong`, the later the larger."""
 
     def ranked(chosen: Iterable[int], least: float) -> torch.Tensor:
@@ -43,7 +43,7 @@ def _evidence(
             column[index] = least + rank
         return column
 
-    return Evidence(ranked(moved, 1.0), ranked(wide, 0.5), lambda: ranked(wrong, 1.0), 1.0, cap, iteration)
+    return GaussianStatistics(ranked(moved, 1.0), ranked(wide, 0.5), lambda: ranked(wrong, 1.0), 1.0, cap, iteration)
 
 
 @pytest.fixture
@@ -52,5 +52,5 @@ def line() -> Callable[..., Gaussians]:
 
 
 @pytest.fixture
-def evidence() -> Callable[..., Evidence]:
+def evidence() -> Callable[..., GaussianStatistics]:
     return _evidence

@@ -3,7 +3,7 @@
 import pytest
 import torch
 
-from gs2ci.reconstruct.fit.density.base import Change
+from gs2ci.reconstruct.fit.density.base import PopulationChange
 from gs2ci.reconstruct.fit.density.classic import Classic
 
 LARGE, HUGE = 0.1, 3.0
@@ -71,7 +71,7 @@ def test_all_of_a_scene_is_never_removed(line, evidence):
 )
 def test_a_reset_bounds_all_opacities_and_lets_the_optimiser_forget(line, every, iteration, due, evidence):
     opacity = torch.tensor([0.9, 0.002, 0.01, 1 - 1e-6])
-    change = Change(line(4, opacity), torch.arange(4))
+    change = PopulationChange(line(4, opacity), torch.arange(4))
     criteria = Classic(reset_every=every)
     result = criteria.reset(change, evidence(4, iteration=iteration))
     expected = opacity.clamp(max=criteria.reset_to) if due else opacity
@@ -81,14 +81,14 @@ def test_a_reset_bounds_all_opacities_and_lets_the_optimiser_forget(line, every,
 
 
 def test_without_resets_there_are_none(line, evidence):
-    change = Change(line(4, 0.9), torch.arange(4))
+    change = PopulationChange(line(4, 0.9), torch.arange(4))
     assert Classic(reset_every=None).reset(change, evidence(4, iteration=3000)) is change
 
 
 def test_what_a_reset_leaves_is_not_removed_at_once(line, evidence):
     """The bound is above the removal's: what is needed has time to recover."""
     criteria = Classic()
-    change = criteria.reset(Change(line(4, 0.9), torch.arange(4)), evidence(4, iteration=3000))
+    change = criteria.reset(PopulationChange(line(4, 0.9), torch.arange(4)), evidence(4, iteration=3000))
     assert indices(criteria.removed(change.scene, evidence(4, iteration=3100))) == []
 
 

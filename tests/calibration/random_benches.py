@@ -1,23 +1,17 @@
 """Random simulated benches of known truth, good ones and spoiled ones, for proving calibration on them.
 
-Here: rig tables drawn from a seed, a bench opened from one, and what must be refused why. Not here: the truth itself
-(`truth`), calibrating.
+Here: rig tables drawn from a seed, what must be refused why, and estimates held against the truth. Not here: the truth
+itself, and opening a bench (`gs2ci.tables.truth`), calibrating. Nothing here is a test.
 """
 
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 
-from gs2ci.rig.calibrating import bench_of, operator_of
 from gs2ci.rig.config import RigTable
-from gs2ci.rig.opening import Rig
-from gs2ci.rig.simulated import build_bench
-from gs2ci.tables.truth import BenchTruth, truth_of
-from gs2ci_calibration.bench import Bench
+from gs2ci.tables.truth import BenchTruth
 from gs2ci_calibration.estimates import Section
 from gs2ci_calibration.refusals import Reason
 
@@ -154,16 +148,3 @@ def _merged(table: dict[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]
     same = {key for key, value in changes.items() if isinstance(table.get(key), dict) and "kind" not in value}
     both = {key: _merged(table[key], changes[key]) for key in same}
     return {**table, **changes, **both}
-
-
-@contextmanager
-def opened(table: RigTable) -> Iterator[tuple[Bench, BenchTruth]]:
-    """Open a simulated bench for calibration, with its truth; its devices are let go of afterwards."""
-    rig = Rig(table, table.model_dump_json(), Path(), build_bench(table))
-    assert rig.bench is not None  # it has just been built
-    devices = rig.open()
-    try:
-        bits = int(devices.sensor.connect().formats[0].bits)
-        yield bench_of(rig, devices, operator_of(rig, str)), truth_of(rig.bench, bits)
-    finally:
-        devices.close()

@@ -3,7 +3,7 @@
 A replay answers a driver from the file call by call and refuses as soon as the driver does something else than
 was recorded; its clock shows the recorded times, so that deadlines run out where they ran out then.
 
-Here: the replaying ports. Not here: the file's format and recording (`gs2ci_drivers.trace`).
+Here: the replaying ports. Not here: the file's format and recording (`gs2ci_drivers.trace`). Nothing here is a test.
 """
 
 import json
