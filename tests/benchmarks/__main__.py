@@ -40,6 +40,7 @@ BENCHMARKS = {
     "calibration_base": "tests.benchmarks.calibration_base",
     "lens": "tests.benchmarks.lens",
     "by_hand": "tests.benchmarks.by_hand",
+    "registration": "tests.benchmarks.registration",
     "long_fits": "tests.benchmarks.long_fits",
 }
 
@@ -57,6 +58,7 @@ LONG = (
     "calibration_geometry",
     "calibrated_reconstruction",
     "calibration_base",
+    "registration",
     "long_fits",
 )
 """Many benches or whole schedules each: run only by name."""

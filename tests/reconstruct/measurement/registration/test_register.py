@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import torch
 
 from gs2ci.core.errors import InputError
 from gs2ci.reconstruct.measurement.coding import Coding
@@ -205,8 +206,6 @@ def test_the_summary_is_plain_and_whole(bench):
 
 
 def test_the_corrected_masks_explain_the_readings(bench):
-    import torch
-
     shot = bench.shoot(were=warped(bench.masks, turn_deg=0.5), noise=0.0)
     found = register(shot)
     views = torch.from_numpy(bench.views.astype(np.float32))

@@ -9,7 +9,7 @@ def warped(masks, *, down_px=0.0, right_px=0.0, turn_deg=0.0, scale=1.0, mode="n
     turn = np.deg2rad(turn_deg)
     back = np.linalg.inv(scale * np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]]))
     middle = (np.array(masks.shape[1:]) - 1) / 2
-    offset = middle - back @ (middle + [down_px, right_px])
+    offset = middle - back @ (middle + np.array([down_px, right_px]))
     return np.stack([affine_transform(mask.astype(float), back, offset, order=1, mode=mode) for mask in masks])
 
 
