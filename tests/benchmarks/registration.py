@@ -5,9 +5,9 @@
 
 Every case is a shot whose truth is known, believed wrongly in one way. Its decode is scored three times: told what was
 wrong, as it is believed, and as registered. Scenes: photographs of scikit-image on two planes that move against each
-other, coded here by numpy with masks drawn on a larger modulator and warped by scipy (nothing of the solver's own, and what
-a shift brings into the picture is known to nobody); and the simulator's scenes, whose light path knows nothing of the
-solver either. Three seeds each.
+other, coded here by numpy with masks drawn on a larger modulator and warped by scipy (nothing of the solver's own, and
+what a shift brings into the picture is known to nobody); and the simulator's scenes, whose light path knows nothing of
+the solver either. Three seeds each.
 """
 
 import os
@@ -24,8 +24,8 @@ from gs2ci.core.arrays import F32
 from gs2ci.core.records import Shot, Truth
 from gs2ci.evaluate.metrics import psnr_per_view
 from gs2ci.reconstruct.decode.gap_tv import gap_tv
-from gs2ci.reconstruct.measurement.registration.register import Registered, register
 from gs2ci.reconstruct.pipeline import reconstruct
+from gs2ci.reconstruct.registration.register import Registered, register
 from gs2ci.reconstruct.settings import Settings
 from tests.stability.benches import Bench
 

@@ -9,8 +9,8 @@ import torch
 
 from gs2ci.core.errors import InputError
 from gs2ci.reconstruct.measurement.coding import Coding
-from gs2ci.reconstruct.measurement.registration.register import RegistrationSettings, register
-from tests.reconstruct.measurement.registration.warps import blurred, warped
+from gs2ci.reconstruct.registration.register import RegistrationSettings, register
+from tests.reconstruct.registration.warps import blurred, warped
 
 
 def test_nothing_wrong_changes_nothing(bench):
