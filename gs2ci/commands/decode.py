@@ -14,7 +14,7 @@ from rich.console import Console
 from gs2ci.commands.display import open_display
 from gs2ci.commands.options import check_number, check_seed, check_whole
 from gs2ci.core.errors import InputError
-from gs2ci.reconstruct.choices import DecodeMethod
+from gs2ci.reconstruct.choices import DecodeMethod, RegistrationMode
 
 
 def run(
@@ -28,6 +28,7 @@ def run(
     coupling: float | None = None,
     index: int | None = None,
     all_shots: Annotated[bool, tyro.conf.arg(name="all")] = False,
+    registration: RegistrationMode = "auto",
     seed: int = 42,
     overwrite: bool = False,
 ) -> Path:
@@ -44,6 +45,8 @@ def run(
             the measurement when not given.
         index: Which shot of the file; the first when not given.
         all_shots: Decode every shot of the file.
+        registration: "auto" asks the measurement first where its masks lie and how they met the light, and corrects
+            what it surely tells; "off" believes masks and readings as they are.
         seed: Of the draw of the held-out pixels.
         overwrite: Replace an earlier decode at the same place.
 
@@ -61,12 +64,14 @@ def run(
     from gs2ci.commands.decoders import Choice, decoded_by, decoder_of
     from gs2ci.evaluate.decode_folder import SCHEMA, write_decoded
     from gs2ci.evaluate.run_folder import check_destination
+    from gs2ci.reconstruct.registration.register import RegistrationSettings, register
 
     check_destination(output, overwrite=overwrite, schema=SCHEMA)
     decode = decoder_of(Choice(method, denoiser, iterations, coupling, seed))
     wanted = range(count) if all_shots else (index or 0,)
     with open_display() as display:
-        decoded = [decoded_by(decode, read_shot(shot, i), display) for i in wanted]
+        given = (register(read_shot(shot, i), RegistrationSettings(mode=registration), display, seed) for i in wanted)
+        decoded = [decoded_by(decode, one, display) for one in given]
     report = write_decoded(output, decoded, overwrite=overwrite)
     _print(output, report)
     return output

@@ -25,6 +25,7 @@ from gs2ci.reconstruct.decode.pnp import PlugAndPlaySettings, plug_and_play
 from gs2ci.reconstruct.decode.proxies.routing import build_proxies
 from gs2ci.reconstruct.learned.onnx_denoiser import OnnxDenoiser
 from gs2ci.reconstruct.measurement.coding import Coding
+from gs2ci.reconstruct.registration.register import Registered
 
 # Views, what was done as plain values, and sentences about it.
 _Outcome = tuple[F32, Mapping[str, Any], tuple[str, ...]]
@@ -117,10 +118,10 @@ def _denoiser(name: str) -> Denoiser:
     raise InputError(f"denoiser {name!r}", allowed="tv, nlm, onnx:FILE")
 
 
-def decoded_by(decode: Decoder, shot: Shot, progress: Progress) -> Decoded:
+def decoded_by(decode: Decoder, registered: Registered, progress: Progress) -> Decoded:
     """Decode a shot, with what its views predict of the measurement and the seconds that it took."""
-    began_s = time.monotonic()
+    began_s, shot = time.monotonic(), registered.shot
     views, method, notes = decode(shot, progress)
     seconds = time.monotonic() - began_s
     predicted = Coding.of(shot).forward(torch.from_numpy(views)).numpy()
-    return Decoded(shot, views, predicted, seconds, method, notes)
+    return Decoded(shot, views, predicted, seconds, method, (*(note.advice for note in registered.notes), *notes))

@@ -16,6 +16,8 @@ from gs2ci.core.findings import Code, Finding, finding
 from gs2ci.core.progress import Progress, Silent
 from gs2ci.core.records import Shot
 from gs2ci.core.run_records import RunResult, Verdict
+from gs2ci.reconstruct.decode.coupling import choose_coupling
+from gs2ci.reconstruct.decode.gap_tv import gap_tv
 from gs2ci.reconstruct.first_look import FirstLook, look
 from gs2ci.reconstruct.fit.coarse import CoarseFit, fit_coarse
 from gs2ci.reconstruct.fit.ensemble import Ensemble, FitOne, Member, combined, fit_together, members
@@ -126,7 +128,7 @@ def reconstruct(
         )
         ensemble = combined(tuple(fined if fit is best else fit for fit in tried.fits), jury, refine)
         clock.lap("fine")
-    recovered = _recover(jury, decoded, ensemble, refine)
+    recovered = _recover(jury, decoded, ensemble, refine, settings)
     geometry, ensemble = in_given_unit(geometry, ensemble)
     depth = renderer.depths(ensemble.best.scene, ensemble.best.world_to_camera)
     clock.lap("fit")
@@ -235,15 +237,21 @@ class _Stopwatch:
         return {**self._stages, "total": self._lap_s - self.began_s}
 
 
-def _recover(jury: Jury, decoded: F32, ensemble: Ensemble, refine: Refinement) -> Recovered:
-    """Let the held-out pixels choose between the refined views, the best scene's and the decode."""
+def _recover(jury: Jury, decoded: F32, ensemble: Ensemble, refine: Refinement, settings: Settings) -> Recovered:
+    """Let the held-out pixels choose between the refined views, the best scene's and the decode.
+
+    Where the decode is chosen it is taken again from all pixels, its views coupled as these recommend.
+    """
     refined, share = refine.with_share(ensemble.views)
     candidates: dict[Verdict, F32] = {"refined": refined, "scene": ensemble.best.views, "decode": decoded}
     heldout_rms = {name: jury.residual_rms(views) for name, views in candidates.items()}
     verdict = _judge(heldout_rms)
     notes = doubts_about_result(jury, candidates[verdict]) if jury.heldout.any() else (finding(Code.UNJUDGED),)
-    if verdict == "refined":  # the pixels that judged may now help as well
+    # The pixels that judged may now help as well.
+    if verdict == "refined":
         candidates["refined"] = refine.by_all_pixels(ensemble.views, share)
+    if verdict == "decode":
+        candidates["decode"] = gap_tv(jury.shot, choose_coupling(jury.shot, settings.decode, settings.seed))
     return Recovered(candidates[verdict], verdict, heldout_rms, notes)
 
 

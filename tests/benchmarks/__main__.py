@@ -40,6 +40,7 @@ BENCHMARKS = {
     "calibration_base": "tests.benchmarks.calibration_base",
     "lens": "tests.benchmarks.lens",
     "by_hand": "tests.benchmarks.by_hand",
+    "registration": "tests.benchmarks.registration",
     "long_fits": "tests.benchmarks.long_fits",
     "effect_bounds": "tests.benchmarks.effect_bounds",
     "exact_renderer": "tests.benchmarks.exact_renderer",
@@ -59,6 +60,7 @@ LONG = (
     "calibration_geometry",
     "calibrated_reconstruction",
     "calibration_base",
+    "registration",
     "long_fits",
     "effect_bounds",
 )

@@ -3,7 +3,7 @@
 A coded measurement carries the fine pattern of its masks' sum. Correlated with it at every shift and in every
 orientation, it tells masks that lie elsewhere, which a reconstruction moves, from masks of another measurement, which
 nothing mends.
-Here: that trace. Not here: fractions of a pixel and what follows (`gs2ci.reconstruct.measurement.registration`).
+Here: that trace. Not here: fractions of a pixel and what follows (`gs2ci.reconstruct.registration`).
 """
 
 from collections.abc import Callable

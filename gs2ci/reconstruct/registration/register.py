@@ -41,7 +41,7 @@ from gs2ci.reconstruct.registration.local_scene import Seen
 from gs2ci.reconstruct.registration.misfit import NAMES, Misfit, sigma_of
 from gs2ci.reconstruct.registration.placement import Placement
 from gs2ci.reconstruct.registration.rim import Rim, complete
-from gs2ci.reconstruct.registration.sharpen import binary_source, candidates
+from gs2ci.reconstruct.registration.sharpen import Source, binary_source, candidates
 
 # A parameter is let in where it is so many of its standard errors away from «absent», and matters: the rest of the
 # model is not exact, and what moves masks by less costs less than 0.05 dB.
@@ -266,17 +266,10 @@ class _Registration:
         proposals = [] if proposed is None else self._ways(self.shot, proposed)
         source = binary_source(self.shot.masks) if peak.is_sure else None
         if source is not None:
-            sharp = replace(self.shot, masks=source[0])
+            sharp = replace(self.shot, masks=source.masks)
             again, _ = self._propose(sharp, peak)
-            proposals += [
-                replace(
-                    way,
-                    found="; ".join(filter(None, (f"they were believed {source[1]} from what they were", way.found))),
-                )
-                for way in (
-                    self._ways(sharp, again) if again is not None else [_Way(sharp, Misfit(), {}, "", Rim.none(sharp))]
-                )
-            ]
+            ways = self._ways(sharp, again) if again is not None else [_Way(sharp, Misfit(), {}, "", Rim.none(sharp))]
+            proposals += [_from_source(way, source) for way in ways]
         if not proposals:
             return Misfit(), {}, tried
         trial = Trial(self.shot, self._level(proposals[0]), self.seed)
@@ -385,6 +378,16 @@ class _Registration:
     def _divide(self, unit: Unit) -> None:
         self.shot = replace(self.shot, measurement=(self.shot.measurement / unit.factor).astype(np.float32))
         self.notes.append(finding(Code.UNIT_CORRECTED, factor=float(unit.factor), reason=unit.reason))
+
+
+def _from_source(way: _Way, source: Source) -> _Way:
+    """Say of a way with sharp masks how it differs from the believed ones."""
+    misfit = way.misfit.moved(*source.shift_px)
+    return replace(
+        way,
+        misfit=replace(misfit, blur_px2=misfit.blur_px2 - source.blur_px2),
+        found="; ".join(filter(None, (f"they were believed {source.how} from where and what they were", way.found))),
+    )
 
 
 def _is_flat(total: F64) -> bool:

@@ -7,6 +7,7 @@ Here: both. Not here: whether they are taken (`register`, by what the measuremen
 """
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -38,11 +39,28 @@ def softness(masks: F64) -> float:
     return float(np.mean(np.minimum(masks**2, (1 - masks) ** 2)))
 
 
-def binary_source(masks: F32) -> tuple[F32, str] | None:
+@dataclass(frozen=True)
+class Source:
+    """Masks of open and closed elements, and how the believed ones are a soft picture of them.
+
+    Args:
+        masks: Transmissions, [N, H, W], 0 or 1.
+        how: In words.
+        shift_px: Where the sharp ones lie against the believed, (down, right).
+        blur_px2: By which variance the believed ones are softer.
+    """
+
+    masks: F32
+    how: str
+    shift_px: tuple[float, float] = (0.0, 0.0)
+    blur_px2: float = 0.0
+
+
+def binary_source(masks: F32) -> Source | None:
     """Find the masks of open and closed elements that the believed ones, [N, H, W], are a soft picture of.
 
     Returns:
-        Those masks, and in which way the believed ones are soft; None where they are sharp already, or where neither a
+        Those masks; None where they are sharp already, or where neither a
         blur nor an interpolation of open and closed elements gives them.
     """
     sample = masks[:1].astype(np.float64)
@@ -66,8 +84,9 @@ def binary_source(masks: F32) -> tuple[F32, str] | None:
     if min(left_shift, left_blur) > _EXPLAINED:
         return None
     if left_shift < left_blur:
-        return interpolated.astype(np.float32), f"interpolated at {shift[0]:+.2f}, {shift[1]:+.2f} px"
-    return unblurred.astype(np.float32), f"blurred by σ {blur[0]:.2f} px"
+        how = f"interpolated {shift[0]:+.2f} px down and {shift[1]:+.2f} px to the right"
+        return Source(interpolated.astype(np.float32), how, (-shift[0], -shift[1]))
+    return Source(unblurred.astype(np.float32), f"blurred by σ {blur[0]:.2f} px", blur_px2=variance_of(blur[0]))
 
 
 _Way = Callable[[F64, float, float], F64]

@@ -1,0 +1,222 @@
+"""What a measurement tells of its masks and its light is found and corrected; what it does not is left alone."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from gs2ci.core.errors import InputError
+from gs2ci.reconstruct.measurement.coding import Coding
+from gs2ci.reconstruct.registration.register import RegistrationSettings, register
+from tests.reconstruct.registration.warps import blurred, warped
+
+
+def test_nothing_wrong_changes_nothing(bench):
+    shot = bench.shoot()
+    found = register(shot)
+    assert found.shot is shot
+    assert not found.is_changed
+    assert found.notes == ()
+
+
+def test_off_asks_nothing(bench):
+    shot = bench.shoot(believed=np.roll(bench.masks, 3, axis=2))
+    assert register(shot, RegistrationSettings(mode="off")).shot is shot
+
+
+@pytest.mark.parametrize("moved", [(0.25, 0.0), (0.5, -0.35), (-3.6, 5.3), (17.0, -9.5)])
+def test_a_shift_is_found_to_a_hundredth_of_a_pixel(bench, moved):
+    were = warped(bench.masks, down_px=moved[0], right_px=moved[1])
+    found = register(bench.shoot(were=were))
+    place = found.misfit.placement
+    assert (place.down_px, place.right_px) == pytest.approx(moved, abs=0.02)
+    assert found.errors["down_px"] < 0.02
+    inner = np.s_[:, 20:-20, 20:-20]
+    assert np.abs(found.shot.masks[inner] - were[inner]).mean() < 0.01
+
+
+@pytest.mark.parametrize(("turn_deg", "scale"), [(0.3, 1.0), (-2.5, 1.0), (0.0, 1.005), (1.0, 0.975)])
+def test_turn_and_scale_are_found(bench, turn_deg, scale):
+    found = register(bench.shoot(were=warped(bench.masks, turn_deg=turn_deg, scale=scale)))
+    place = found.misfit.placement
+    assert place.rotation_deg == pytest.approx(turn_deg, abs=0.03)
+    assert 1 + place.scale == pytest.approx(scale, abs=0.0005)
+
+
+@pytest.mark.parametrize(
+    ("turn", "word"),
+    [
+        (lambda m: m[:, ::-1], "upside down"),
+        (lambda m: m[:, :, ::-1], "mirrored left to right"),
+        (lambda m: m[:, ::-1, ::-1], "turned by 180 degrees"),
+    ],
+)
+def test_turned_masks_are_turned_back(bench, turn, word):
+    found = register(bench.shoot(believed=turn(bench.masks)))
+    assert found.orientation == word
+    assert np.array_equal(found.shot.masks, bench.masks)
+
+
+@pytest.mark.parametrize("sigma_px", [0.5, 1.0])
+def test_blur_that_nobody_knew_of_is_found(bench, sigma_px):
+    were = blurred(bench.masks, sigma_px)
+    found = register(bench.shoot(were=were))
+    assert found.summary()["blur_sigma_px"] == pytest.approx(sigma_px, abs=0.05)
+    assert np.abs(found.shot.masks - were).mean() < 0.01
+
+
+@pytest.mark.parametrize("sigma_px", [0.5, 1.0])
+def test_masks_believed_softer_than_they_were_are_sharpened(bench, sigma_px):
+    found = register(bench.shoot(believed=blurred(bench.masks, sigma_px).astype(np.float32)))
+    assert np.abs(found.shot.masks - bench.masks).mean() < 0.02
+
+
+@pytest.mark.parametrize("right_px", [0.25, 0.5])
+def test_masks_believed_interpolated_are_put_back(bench, right_px):
+    believed = warped(bench.masks, right_px=right_px).astype(np.float32)
+    found = register(bench.shoot(believed=believed))
+    assert found.misfit.placement.right_px == pytest.approx(-right_px, abs=0.02)
+    assert np.abs(found.shot.masks - bench.masks)[:, 2:-2, 2:-2].mean() < 0.01
+
+
+@pytest.mark.parametrize("black", [0.3, -0.3])
+def test_a_black_level_is_found_and_given_back(bench, black):
+    shot = bench.shoot(black=black)
+    found = register(shot)
+    assert found.misfit.black == pytest.approx(black, abs=0.02)
+    assert np.allclose(found.as_given(found.shot.measurement), shot.measurement, atol=1e-5)
+
+
+@pytest.mark.parametrize("unit", [1e-3, 1e3, 1e6])
+def test_a_unit_off_by_a_power_of_ten_is_found(bench, unit):
+    found = register(bench.shoot(unit=unit))
+    assert found.unit == pytest.approx(unit)
+    assert np.allclose(found.as_given(found.shot.measurement) / unit, bench.shoot().measurement, atol=1e-4)
+
+
+def test_counts_keep_the_range_of_their_bits(bench):
+    shot = bench.shoot(unit=4095.0)
+    assert register(replace(shot, measurement=np.rint(shot.measurement))).unit == 4095.0
+
+
+@pytest.mark.parametrize("share", [0.8, 0.5])
+def test_masks_believed_dimmer_are_opened(bench, share):
+    found = register(bench.shoot(believed=share * bench.masks))
+    assert found.open_level == pytest.approx(share)
+    assert np.allclose(found.shot.masks, bench.masks)
+
+
+def test_light_through_closed_elements_is_found(bench):
+    found = register(bench.shoot(were=0.95 * bench.masks + 0.05))
+    assert found.misfit.leak == pytest.approx(0.05, abs=0.01)
+
+
+def test_clipping_that_nobody_told_of_is_found(bench):
+    shot = bench.shoot()
+    level = np.quantile(shot.measurement.max(axis=2), 0.6)
+    clipped = replace(shot, measurement=np.minimum(shot.measurement, np.float32(level)))
+    found = register(clipped)
+    assert np.array_equal(found.shot.saturated, (shot.measurement >= level).any(axis=2))
+    assert found.clipped_share == pytest.approx(0.4, abs=0.01)
+    assert found.misfit.black == found.misfit.leak == 0.0
+
+
+def test_told_clipping_stays_as_it_was_told(bench):
+    shot = bench.shoot()
+    told = np.zeros(shot.size, bool)
+    assert register(replace(shot, saturated=told)).shot.saturated is told
+
+
+def test_several_things_at_once_are_told_apart(bench):
+    were = 0.97 * blurred(warped(bench.masks, down_px=0.5, right_px=-0.5, turn_deg=0.2), 0.7) + 0.03
+    found = register(bench.shoot(were=were, noise=0.02))
+    place = found.misfit.placement
+    assert (place.down_px, place.right_px) == pytest.approx((0.5, -0.5), abs=0.04)
+    assert place.rotation_deg == pytest.approx(0.2, abs=0.06)
+    assert np.abs(found.shot.masks - were)[:, 4:-4, 4:-4].mean() < 0.02
+
+
+def test_a_pattern_that_begins_anew_is_recognised_at_the_rim(bench):
+    were = np.roll(bench.masks, 9, axis=2)
+    found = register(bench.shoot(were=were))
+    assert np.abs(found.shot.masks - were).mean() < 0.01
+    assert any("begins anew" in note for note in found.notes)
+
+
+def test_an_unknown_rim_is_believed_grey(bench):
+    rng = np.random.default_rng(8)
+    were = np.roll(bench.masks, 9, axis=2)
+    were[:, :, :9] = rng.random(were[:, :, :9].shape) < 0.33
+    found = register(bench.shoot(were=were))
+    assert np.allclose(found.shot.masks[:, :, 10:], were[:, :, 10:], atol=0.02)
+    band = found.shot.masks[:, :, :8]
+    assert np.allclose(band, band[:, :1, :1])
+    assert any("nothing is known" in note for note in found.notes)
+
+
+@pytest.mark.parametrize("what", ["other masks", "dark", "noise", "even sum", "small"])
+def test_what_cannot_be_told_is_left_alone(bench, what):
+    rng = np.random.default_rng(11)
+    shot = bench.shoot()
+    if what == "other masks":
+        shot = bench.shoot(believed=(rng.random(bench.masks.shape) < 0.33).astype(np.float32))
+    elif what == "dark":
+        shot = replace(shot, measurement=np.zeros_like(shot.measurement))
+    elif what == "noise":
+        shot = replace(shot, measurement=rng.normal(0, 1, shot.measurement.shape).astype(np.float32))
+    elif what == "even sum":
+        half = bench.masks[:3]
+        masks = np.concatenate([half, 1 - half])
+        shot = bench.shoot(were=masks, believed=masks)
+    else:
+        shot = replace(
+            shot, measurement=shot.measurement[:16, :16], masks=shot.masks[:, :16, :16], truth=type(shot.truth)()
+        )
+    found = register(shot)
+    assert found.shot is shot
+
+
+def test_sixty_four_views_a_mosaic_and_grey_masks_are_registered_as_well(bench):
+    rng = np.random.default_rng(12)
+    grey = rng.random(bench.masks.shape).astype(np.float32)
+    moved = warped(grey, right_px=1.4)
+    found = register(bench.shoot(were=moved, believed=grey))
+    assert found.misfit.placement.right_px == pytest.approx(1.4, abs=0.03)
+    masks = (rng.random((64, 96, 112)) < 0.3).astype(np.float32)
+    many = type(bench)(np.repeat(bench.views[:1], 64, axis=0), masks)
+    found = register(many.shoot(were=warped(masks, down_px=-0.6)))
+    assert found.misfit.placement.down_px == pytest.approx(-0.6, abs=0.03)
+    colour = bench.shoot(were=warped(bench.masks, down_px=0.7))
+    light, mosaic = colour.measurement, np.zeros((*colour.size, 1), np.float32)
+    for (row, column), channel in {(0, 0): 0, (0, 1): 1, (1, 0): 1, (1, 1): 2}.items():
+        mosaic[row::2, column::2, 0] = light[row::2, column::2, channel]
+    found = register(replace(colour, measurement=mosaic, cfa="RGGB").check())
+    assert found.misfit.placement.down_px == pytest.approx(0.7, abs=0.04)
+
+
+def test_the_summary_is_plain_and_whole(bench):
+    found = register(bench.shoot(were=warped(bench.masks, down_px=1.5)))
+    summary = json.loads(json.dumps(found.summary()))
+    assert summary["placement"]["down_px"] == pytest.approx(1.5, abs=0.02)
+    assert summary["largest_displacement_px"] == pytest.approx(1.5, abs=0.05)
+    assert set(summary["standard_errors"]) == {"down_px", "right_px"}
+    assert "black" in summary["not_let_in"]
+
+
+def test_the_corrected_masks_explain_the_readings(bench):
+    shot = bench.shoot(were=warped(bench.masks, turn_deg=0.5), noise=0.0)
+    found = register(shot)
+    views = torch.from_numpy(bench.views.astype(np.float32))
+    left = {
+        name: np.abs(Coding.of(one).forward(views).numpy() - shot.measurement).mean()
+        for name, one in (("believed", shot), ("registered", found.shot))
+    }
+    assert left["registered"] < 0.1 * left["believed"]
+
+
+@pytest.mark.parametrize("settings", [RegistrationSettings(mode="on"), RegistrationSettings(most_shift_px=-1)])
+def test_settings_that_make_no_sense_are_refused(bench, settings):
+    with pytest.raises(InputError, match="auto or off"):
+        register(bench.shoot(), settings)
