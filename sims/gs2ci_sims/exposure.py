@@ -26,7 +26,7 @@ from gs2ci_sims.effects.lens_distortion import LensDistortion
 from gs2ci_sims.light_path import EffectChain
 from gs2ci_sims.moments import Moments, one_per_interval
 from gs2ci_sims.path import CameraPath
-from gs2ci_sims.radiance import Renderer, with_margin
+from gs2ci_sims.radiance import Renderer, rendered_depth, with_margin
 from gs2ci_sims.rig import Rig
 from gs2ci_sims.scenes.base import Scene
 from gs2ci_sims.signals import Slices, View, nominal_slices
