@@ -388,6 +388,37 @@ class Code(StrEnum):
         "Do not rely on depth.",
     )
 
+    # Near and far.
+    DEPTH_ORDER_OPEN = (
+        "depth_order_open",
+        DOUBT,
+        "Near and far may be exchanged: with so little motion, or in so narrow a field of view, the scene inside out "
+        "explains the measurement about as well (the difference is {errors:.1f} standard errors; 2 are needed).",
+        "Do not rely on depth or on the direction of the path. Move the camera further, or let a stage report its "
+        "poses: their sign decides (`gs2ci reconstruct --geometry stage`).",
+    )
+    DEPTH_ORDER_UNTRIED = (
+        "depth_order_untried",
+        DOUBT,
+        "Near and far may be exchanged: the tracked points alone cannot tell, and the pixels were not asked.",
+        "Reconstruct without a budget, and not as a draft: short fits of both orders then decide.",
+    )
+    DEPTH_ORDER_TURNED = (
+        "depth_order_turned",
+        REMARK,
+        "The tracked points gave a scene inside out; short fits leave {less:.0%} less with near and far exchanged, "
+        "which was taken.",
+        _NOTHING,
+    )
+    POSES_SIGN_CONTRADICTED = (
+        "poses_sign_contradicted",
+        DOUBT,
+        "The picture contradicts the sign of the poses of the {source}: with the path reversed, and near and far "
+        "exchanged, short fits leave {less:.0%} less of the measurement. The reverse was taken.",
+        "Check the direction of travel in [stage.mount] or the file's convention, or measure the axes with "
+        "`gs2ci calibrate stage`.",
+    )
+
     # Which source the first path came from.
     SOURCE_CHOSEN = (
         "source_chosen",

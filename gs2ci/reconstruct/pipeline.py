@@ -1,17 +1,21 @@
 """From one coded measurement to views, camera path and Gaussian scene: the whole way on one page.
 
-    registration ─► hold out some pixels ─► first look (decode, geometry, brightness) ─► first Gaussians ─► coarse fits
-    (─► second look ─► coarse fits) (─► fine fit) ─► their mean ─► residual ─► judge by the held-out
+    registration ─► hold out some pixels ─► first look (decode, geometry, brightness) (─► near or far) ─► first Gaussians
+    ─► coarse fits (─► second look ─► coarse fits) (─► fine fit) ─► their mean ─► residual ─► judge by the held-out
 
 Here: the order, the clock, and the judgement. Not here: any stage itself, its settings (`settings`), the record that is
 handed over (`record`), files and metrics (`gs2ci.evaluate`).
 """
 
+import math
 import time
 from dataclasses import dataclass, replace
 from typing import Final
 
+import numpy as np
+
 from gs2ci.core.arrays import F32
+from gs2ci.core.errors import NumericsError
 from gs2ci.core.findings import Code, Finding, finding
 from gs2ci.core.progress import Progress, Silent
 from gs2ci.core.records import Shot
@@ -29,7 +33,7 @@ from gs2ci.reconstruct.fit.refinement import Refinement
 from gs2ci.reconstruct.fit.rendering import ShotRenderer
 from gs2ci.reconstruct.fit.start import first_gaussians
 from gs2ci.reconstruct.fit.through_lens import through
-from gs2ci.reconstruct.fit.withheld import first_points, first_poses
+from gs2ci.reconstruct.fit.withheld import Withheld, first_points, first_poses
 from gs2ci.reconstruct.geometry.choose import load_geometry_prior
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.geometry.prior import GeometryPrior
@@ -40,6 +44,7 @@ from gs2ci.reconstruct.measurement.hot_pixels import close_hot_pixels
 from gs2ci.reconstruct.measurement.jury import Jury
 from gs2ci.reconstruct.measurement.lens import Lens, straightened
 from gs2ci.reconstruct.one_thread import one_torch_thread
+from gs2ci.reconstruct.order import LEAST_SCHEDULE, is_open, settle, shortened, unsettled
 from gs2ci.reconstruct.record import Left, Recovered, record
 from gs2ci.reconstruct.registration.register import register
 from gs2ci.reconstruct.second_look import is_wanted, second_look
@@ -102,6 +107,8 @@ def reconstruct(
     fitted = Jury(fill_holes(jury.shot, decoded), jury.heldout)
     refine = Refinement(jury, settings.residual)
 
+    first = _right_way_round(first, fitted, lens, settings, refine, progress, clock, hurried=pace is not None)
+
     def attempt(look: FirstLook, views: F32) -> _Attempt:
         geometry, start = _beginning(look, views, lens, settings)
         clock.lap("geometry")
@@ -159,6 +166,55 @@ class _Attempt:
     geometry: Geometry
     fits: tuple[CoarseFit, ...]
     ensemble: Ensemble
+
+
+def _right_way_round(
+    first: FirstLook,
+    jury: Jury,
+    lens: Lens | None,
+    settings: Settings,
+    refine: Refinement,
+    progress: Progress,
+    clock: "_Stopwatch",
+    *,
+    hurried: bool,
+) -> FirstLook:
+    """Settle the order of depth where the first look leaves it open: by short fits, or with a doubt where hurried.
+
+    A path that was told has a sign of its own, and needs no doubt.
+    """
+    geometry = first.geometry
+    if settings.withheld != Withheld() or not is_open(geometry, settings.geometry.criteria):
+        return first
+    told = geometry.source not in ("tracks", "uniform")
+
+    def leaves(began: Geometry, number: int) -> float:
+        brief = replace(settings, fit=shortened(settings.fit))
+        at, start = _beginning(replace(first, geometry=began), first.decoded, lens, brief)
+        member = members(start, brief.density_rules[:1], number + 1, settings.seed)[number]
+        try:
+            fit = _fit_one(jury, at, lens, brief, refine, None, clock)(member, Silent(), None)
+        except NumericsError:
+            return math.inf
+        return _left(jury, fit.views)
+
+    tried = not hurried and settings.fit.iterations >= LEAST_SCHEDULE
+    if not tried and told:
+        return first
+    settled = settle(geometry, leaves, progress, told=told) if tried else unsettled(geometry)
+    for note in settled.notes[len(geometry.notes) :]:
+        progress.say(note.sentence)
+    clock.lap("fit")
+    return replace(first, geometry=settled)
+
+
+def _left(jury: Jury, views: F32) -> float:
+    """Return the mean square that views, [N, H, W, C], leave of the readings that can be trusted."""
+    asked = jury.shot.lit
+    if jury.shot.saturated is not None:
+        asked &= ~jury.shot.saturated
+    residual = (jury.coded(views) - jury.shot.measurement)[asked].astype(np.float64)
+    return float(np.mean(residual**2)) if residual.size else 0.0
 
 
 def _is_better(views: F32, than: F32, jury: Jury) -> bool:

@@ -141,6 +141,7 @@ def _summary(geometry: Geometry, settings: Settings) -> dict[str, object]:
         "reprojection_rms_px": geometry.reprojection_rms_px,
         "parallax_px": geometry.parallax_px,
         "path_error_expected": geometry.path_error_expected,
+        "order_errors": geometry.order_errors,
         "reference": geometry.reference,
         "unit_of": None if geometry.unit is None else geometry.source,
     }

@@ -10,6 +10,8 @@ look again, and what is found. Not here: the fits and the choice between them (`
 
 from dataclasses import replace
 
+import numpy as np
+
 from gs2ci.core.arrays import F32
 from gs2ci.core.findings import Code, finding
 from gs2ci.core.progress import Progress
@@ -17,6 +19,7 @@ from gs2ci.reconstruct.first_look import FirstLook, LookSettings
 from gs2ci.reconstruct.geometry.choose import is_doubtful
 from gs2ci.reconstruct.geometry.initialise import Geometry, GeometrySettings
 from gs2ci.reconstruct.geometry.prior import Request, from_tracks
+from gs2ci.reconstruct.geometry.reversal import reversed_geometry
 from gs2ci.reconstruct.measurement.lens import Lens
 
 
@@ -45,10 +48,19 @@ def second_look(
     found = from_tracks(Request.of(first.jury.seen, views, settings.geometry, lens), progress)
     if found.verdict != "full":
         return None
+    if _covariance(found.inverse_depth, before.inverse_depth) < 0:
+        # Which order of depth is right was settled before; tracks alone may not turn it over.
+        found = found.reverse or reversed_geometry(found)
     geometry = replace(
         found,
+        order_errors=before.order_errors,
+        reverse=None,
         source=before.source,
         path_error_expected=before.path_error_expected,
         notes=(*before.notes, finding(Code.PATH_FOUND_AGAIN)),
     )
     return replace(first, geometry=geometry)
+
+
+def _covariance(one: F32, other: F32) -> float:
+    return float(np.mean((one - one.mean()) * (other - other.mean())))

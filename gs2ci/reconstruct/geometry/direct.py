@@ -206,6 +206,8 @@ def at_rest(found: Geometry) -> Geometry:
         notes=tuple(note for note in found.notes if note != PLANE_NOTE),
         path_error_expected=None,
         unit=None,
+        order_errors=None,
+        reverse=None,
     )
 
 

@@ -19,7 +19,15 @@ from gs2ci.core.records import check_intrinsics
 from gs2ci.reconstruct.geometry.bundle import adjust_bundle
 from gs2ci.reconstruct.geometry.focal import FocalSettings, default_focal, estimate_focal
 from gs2ci.reconstruct.geometry.halves import expected_path_error
-from gs2ci.reconstruct.geometry.motion import CameraMotion, MotionSettings, estimate_motion, predict_positions
+from gs2ci.reconstruct.geometry.motion import (
+    CameraMotion,
+    MotionSettings,
+    adjust,
+    estimate_motion,
+    predict_positions,
+    preference,
+    reversed_depth,
+)
 from gs2ci.reconstruct.geometry.rotations import fit_rotations
 from gs2ci.reconstruct.geometry.sweep import LEAST_PLANES, SweepSettings, inverse_depth_range, sweep
 from gs2ci.reconstruct.geometry.telemetry import place_points
@@ -84,6 +92,9 @@ class Geometry:
         path_error_expected: Error that halves of the tracks let expect of the path (`halves`), as a share of its
             extent; None where the path was given, or there is none.
         unit: What a length of 1 is in the unit of the poses that were given; None where none were, or were not taken.
+        order_errors: By how many standard errors the tracks prefer this order of depth to the reverse
+            (`motion.preference`); None where no tracks were asked, or they know no reverse.
+        reverse: What the tracks find the other way round; None where they find nothing, or poses were given.
     """
 
     world_to_camera: F64
@@ -99,6 +110,8 @@ class Geometry:
     source: str = "tracks"
     path_error_expected: float | None = None
     unit: float | None = None
+    order_errors: float | None = None
+    reverse: "Geometry | None" = None
 
 
 def initialise(
@@ -146,6 +159,7 @@ def initialise(
         if geometry.verdict == "full":
             geometry = _doubted(found, settings) if known_poses is None else measured(geometry, known_poses)
             geometry = replace(geometry, inverse_depth=_depth(geometry, found.motion, views, settings.sweep))
+            geometry = _with_reverse(replace(found, geometry=geometry), views, settings, posed=known_poses is not None)
     progress.step(3)
     for note in geometry.notes:
         progress.say(note.sentence)
@@ -373,6 +387,29 @@ def _expected_error(found: _Found, settings: GeometrySettings) -> float | None:
     geometry = found.geometry
     size = (geometry.inverse_depth.shape[0], geometry.inverse_depth.shape[1])
     return expected_path_error(found.motion, found.tracks, geometry.intrinsics, size, settings.motion)
+
+
+def _with_reverse(found: _Found, views: F32, settings: GeometrySettings, *, posed: bool) -> Geometry:
+    """Enter how sure tracks are of the order of depth, and, where they are not, what they find the other way round.
+
+    Both motions are adjusted alike, each from the other's reversal or near it, so that neither is better worked out.
+    """
+    geometry, how = found.geometry, settings.motion
+    here = adjust(found.tracks, geometry.intrinsics, how, start=found.motion)
+    there = adjust(found.tracks, geometry.intrinsics, how, start=reversed_depth(here))
+    if np.corrcoef(here.inverse_depth, there.inverse_depth)[0, 1] >= 0:
+        return geometry  # the reversal is no minimum of its own
+    errors = preference(here, there, how.huber_px)
+    known = replace(geometry, order_errors=errors)
+    scale = float(np.median(there.inverse_depth))
+    if posed or errors >= settings.criteria.order_errors or scale <= 0:
+        return known
+    there = replace(there, translations=there.translations * scale, inverse_depth=there.inverse_depth / scale)
+    missing = np.flatnonzero(~found.tracks.seen.any(0))
+    poses = _with_missing_poses(there.world_to_camera, missing) if len(missing) else there.world_to_camera
+    reverse = replace(geometry, world_to_camera=poses, reprojection_rms_px=there.rms_px)
+    reverse = replace(reverse, inverse_depth=_depth(reverse, there, views, settings.sweep), order_errors=-errors)
+    return replace(known, reverse=reverse)
 
 
 def measured(geometry: Geometry, known_poses: F64) -> Geometry:

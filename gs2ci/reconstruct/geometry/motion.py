@@ -312,6 +312,32 @@ def adjust_both_ways(tracks: Tracks, intrinsics: F64, settings: MotionSettings |
     return min(here, there, key=lambda motion: motion.cost)
 
 
+def preference(motion: CameraMotion, other: CameraMotion, huber_px: float) -> float:
+    """Tell by how many standard errors tracks prefer one motion to another; above 0 where they prefer the first.
+
+    Each track has a vote, the difference of its Huber costs. Errors that tracks share, those of the middle view, of the
+    camera model and of occluding edges, are not in the standard error: 3 and 4 of them were found for a wrong order of
+    depth.
+
+    Args:
+        motion: With its errors.
+        other: With its errors on the same tracks.
+        huber_px: Residual from which on the cost grows linearly.
+    """
+    votes = _costs(other, huber_px) - _costs(motion, huber_px)
+    if len(votes) < 2:
+        return 0.0
+    error = float(votes.std(ddof=1)) / len(votes) ** 0.5
+    return float(votes.mean()) / error if error > 0 else 0.0
+
+
+def _costs(motion: CameraMotion, huber_px: float) -> F64:
+    """Get the Huber cost of each track, [P] px²."""
+    distance = np.nan_to_num(motion.residuals_px)
+    costs: F64 = np.where(distance <= huber_px, distance**2, 2 * huber_px * distance - huber_px**2).sum(axis=1)
+    return costs
+
+
 def estimate_motion(
     tracks: Tracks, intrinsics: F64, settings: MotionSettings | None = None
 ) -> tuple[CameraMotion, Tracks]:

@@ -47,6 +47,9 @@ class Criteria:
         path_error: Expected error of the path (`halves`), as a share of its extent, from which on it is doubted aloud.
             Simulated scenes with texture all over the frame stay below it; small boxes before plain walls, whose paths
             err by 7 to 20 %, do not.
+        order_errors: By so many standard errors tracks must prefer an order of depth to be believed without a look at
+            the pixels. They preferred a wrong one by up to 4, where the principal point moved and the field of view was
+            narrow.
 
     For a geometry that a model predicted (`hierarchy`), besides:
 
@@ -75,6 +78,7 @@ class Criteria:
     behind: float = 0.05
     turn_deg: float = 45.0
     path_error: float = 0.05
+    order_errors: float = 6.0
     registered: float = 1.0
     registered_before: float = 0.75
     focal_spread: float = 0.2

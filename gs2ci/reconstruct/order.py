@@ -1,0 +1,126 @@
+"""Near and far: which order of depth a measurement shows, found by short fits of both.
+
+    first geometry ─► (tracks are sure? done) ─► short fits of it and of its reversal, in pairs ─► the better, or open
+
+A scene inside out moves like the right one where the motion is small and the field of view narrow; tracks then cannot
+tell, or err together where the camera model is a little wrong. But near hides far, and a fit that has to hide the wrong
+thing leaves more of the measurement. Fits also differ by luck: by where their path begins. So a geometry is compared
+with its own exact reversal, which shares its luck, and what tracks find the other way round with the reversal of that.
+Here: when to compare, how many pairs, and what follows. Not here: a fit (`fit/coarse.py`), the reversal
+(`geometry/reversal.py`), the tracks' preference (`geometry/motion.py`). For `gs2ci.reconstruct.pipeline`.
+"""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Final
+
+from gs2ci.core.findings import Code, Finding, finding
+from gs2ci.core.progress import Progress
+from gs2ci.reconstruct.fit.coarse import CoarseSettings
+from gs2ci.reconstruct.geometry.initialise import Geometry
+from gs2ci.reconstruct.geometry.reversal import reversed_geometry
+from gs2ci.reconstruct.geometry.validity import Criteria
+
+LEAST_SCHEDULE: Final = 250
+"""Iterations of the whole fit below which nothing is tried: it would cost as much again. A draft has fewer."""
+# Of a short fit. With 20 fits had not yet begun to hide one thing by another, and chance turned a told path over.
+_ITERATIONS: Final = 100
+# Pairs of fits at most; each costs two short fits.
+_MOST_PAIRS: Final = 4
+# The standard deviation of a pair's log ratio that is luck, found on pictures of so many pixels, and more in smaller
+# ones; and so many errors that are sure (`python -m tests.benchmarks depth_order`).
+_LUCK: Final = 0.08
+_LUCK_PIXELS: Final = 96 * 128
+_SURE: Final = 2.0
+# A told path is turned over by no less: exact poses lost by 3 in a tiny picture.
+_SURE_AGAINST_TOLD: Final = 5.0
+# What tracks say counts a third of what it claims: they err together (`motion.preference`).
+_TRACKS_COUNT: Final = 1 / 3
+
+ShortFit = Callable[[Geometry, int], float]
+"""Fits a geometry briefly, with a seed, and returns the mean square that it leaves of the measurement."""
+
+
+def is_open(geometry: Geometry, criteria: Criteria) -> bool:
+    """Tell whether the order of a geometry's depths is in question: there is a path, and its tracks are not sure."""
+    surely = geometry.order_errors is not None and geometry.order_errors >= criteria.order_errors
+    return geometry.verdict == "full" and not surely
+
+
+def unsettled(geometry: Geometry) -> Geometry:
+    """Say of a geometry whose order is open that nobody looked."""
+    return replace(geometry, notes=(*geometry.notes, finding(Code.DEPTH_ORDER_UNTRIED)))
+
+
+def shortened(fit: CoarseSettings) -> CoarseSettings:
+    """Return the schedule of a short fit; its steps stay."""
+    return replace(fit, iterations=_ITERATIONS, densify_every=_ITERATIONS // 8)
+
+
+def settle(geometry: Geometry, fit_briefly: ShortFit, progress: Progress, *, told: bool) -> Geometry:
+    """Choose the order of depth by short fits of both.
+
+    Args:
+        geometry: What was found first.
+        fit_briefly: Called for each geometry that is tried.
+        progress: Told of what is done.
+        told: Whether a stage or a file told the path: its sign decides where pixels do not.
+
+    Returns:
+        The geometry the right way round as far as anything tells, with a note where it was turned or is open. Its
+        `order_errors` are then those of pixels and tracks together.
+    """
+    progress.say("Near and far may be exchanged: both orders of depth are tried in short fits.")
+    luck = _LUCK * max(1.0, math.sqrt(_LUCK_PIXELS / geometry.inverse_depth.size))
+    doubtful = -(_SURE_AGAINST_TOLD if told else _SURE)
+    beginnings = [geometry, *([] if geometry.reverse is None else [geometry.reverse])]
+    found: list[float] = []
+    errors = 0.0
+    for number in range(_MOST_PAIRS):
+        one = beginnings[number % len(beginnings)]
+        ratio = _log_ratio(fit_briefly(reversed_geometry(one), number), fit_briefly(one, number))
+        found.append(ratio if one is geometry else -ratio)
+        errors = _errors(found, luck) + _TRACKS_COUNT * (geometry.order_errors or 0.0)
+        if not doubtful < errors < _SURE:
+            break
+    backwards = errors < 0 and (errors <= doubtful or not told)
+    taken = geometry if not backwards else geometry.reverse or reversed_geometry(geometry)
+    return replace(
+        taken,
+        source=geometry.source,
+        order_errors=abs(errors) if backwards else errors,
+        reverse=None,
+        notes=(*geometry.notes, *_said(geometry.source, abs(errors), found, backwards=backwards, told=told)),
+    )
+
+
+def _said(source: str, errors: float, ratios: Sequence[float], *, backwards: bool, told: bool) -> tuple[Finding, ...]:
+    """Say what follows from the order that was found, and how sure it is."""
+    less = -math.expm1(-abs(sum(ratios) / len(ratios)))
+    if errors < _SURE and not told:
+        return (finding(Code.DEPTH_ORDER_OPEN, errors=errors),)
+    if not backwards:
+        return ()
+    if told:
+        return (finding(Code.POSES_SIGN_CONTRADICTED, source=source, less=less),)
+    return (finding(Code.DEPTH_ORDER_TURNED, less=less),)
+
+
+def _log_ratio(one: float, other: float) -> float:
+    """Return the logarithm of one mean square over another; 0 where either is nothing or not a number."""
+    if not (math.isfinite(one) and math.isfinite(other) and one > 0 and other > 0):
+        return 0.0
+    return math.log(one / other)
+
+
+def _errors(ratios: Sequence[float], luck: float) -> float:
+    """Return by how many standard errors the mean of pairs' log ratios differs from nothing.
+
+    Args:
+        ratios: One or more.
+        luck: The least standard deviation that they may have.
+    """
+    mean = sum(ratios) / len(ratios)
+    spread = math.sqrt(sum((ratio - mean) ** 2 for ratio in ratios) / (len(ratios) - 1)) if len(ratios) > 1 else 0.0
+    return mean / (max(spread, luck) / math.sqrt(len(ratios)))

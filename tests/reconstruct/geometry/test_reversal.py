@@ -1,0 +1,122 @@
+"""A geometry inside out, and what tracks say of it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from gs2ci.reconstruct.geometry.initialise import Geometry, initialise
+from gs2ci.reconstruct.geometry.motion import (
+    MotionSettings,
+    adjust,
+    predict_positions,
+    preference,
+    reversed_depth,
+)
+from gs2ci.reconstruct.geometry.reversal import reversed_geometry
+from gs2ci.reconstruct.geometry.tracks import Tracks
+
+HUBER_PX = MotionSettings().huber_px
+
+
+def sideways(views=8, extent=0.05):
+    poses = np.tile(np.eye(4), (views, 1, 1))
+    poses[:, 0, 3] = extent * (np.arange(views) - views // 2) / views
+    return poses
+
+
+def geometry_of(scene, inverse_depth):
+    return Geometry(scene.poses, scene.intrinsics, "file", inverse_depth, 4, 300, 0.1, 1.0, "full", ())
+
+
+def corners_of(size=(24, 32), within=(240, 320)):
+    rows, columns = np.indices(size).reshape(2, -1) + 0.5
+    return np.column_stack([columns * within[1] / size[1], rows * within[0] / size[0]])
+
+
+def seen_of(geometry, focal_px):
+    intrinsics = geometry.intrinsics.copy()
+    intrinsics[0, 0] = intrinsics[1, 1] = focal_px
+    depth = geometry.inverse_depth.reshape(-1).astype(np.float64)
+    return predict_positions(corners_of(), depth, geometry.world_to_camera, intrinsics)
+
+
+@pytest.fixture
+def slope(tracked):
+    scene = tracked(poses=sideways())
+    return geometry_of(scene, np.linspace(0.7, 1.3, 24 * 32, dtype=np.float32).reshape(24, 32))
+
+
+def test_a_reversal_exchanges_near_and_far_and_reverses_the_path(slope):
+    back = reversed_geometry(slope)
+    assert np.corrcoef(back.inverse_depth.ravel(), slope.inverse_depth.ravel())[0, 1] == pytest.approx(-1)
+    np.testing.assert_allclose(back.world_to_camera[:, :3, 3], -slope.world_to_camera[:, :3, 3])
+    assert back.verdict == slope.verdict
+
+
+def test_reversed_twice_is_as_it_was(slope):
+    again = reversed_geometry(reversed_geometry(slope))
+    np.testing.assert_allclose(again.inverse_depth, slope.inverse_depth, rtol=1e-5)
+    np.testing.assert_allclose(again.world_to_camera, slope.world_to_camera, atol=1e-6)
+
+
+def test_from_afar_both_orders_look_alike_and_from_near_they_do_not(slope):
+    """The same motion on the screen: from so far away that it stays in the first order, and from near."""
+
+    def apart_px(focal_px):
+        scale = 300 / focal_px  # the same shifts on the screen
+        near = slope.world_to_camera.copy()
+        near[:, :3, 3] *= scale
+        one = replace(slope, world_to_camera=near)
+        return np.abs(seen_of(one, focal_px) - seen_of(reversed_geometry(one), focal_px)).max()
+
+    shift_px = np.ptp(seen_of(slope, 300.0)[:, :, 0], axis=1).max()
+    assert shift_px > 10
+    assert apart_px(6000.0) < 0.02
+    assert apart_px(300.0) > 1.0
+
+
+def test_what_lies_nearer_than_twice_the_median_stays_before_the_camera(slope):
+    near = replace(slope, inverse_depth=np.where(slope.inverse_depth > 1.25, 5.0, slope.inverse_depth))
+    back = reversed_geometry(near)
+    assert back.inverse_depth.min() > 0
+    assert np.isfinite(back.inverse_depth).all()
+
+
+def both_ways(scene):
+    here = adjust(scene.tracks, scene.intrinsics)
+    return here, adjust(scene.tracks, scene.intrinsics, start=reversed_depth(here))
+
+
+def test_tracks_in_a_wide_field_of_view_prefer_the_right_order_surely(tracked):
+    scene = tracked(noise_px=0.2, focal=200.0, poses=sideways(extent=0.2))
+    here, there = both_ways(scene)
+    right = np.corrcoef(here.inverse_depth, scene.inverse_depth)[0, 1] > 0
+    errors = preference(here, there, HUBER_PX) * (1 if right else -1)
+    assert errors > 6
+    assert preference(there, here, HUBER_PX) == pytest.approx(-preference(here, there, HUBER_PX))
+
+
+def test_tracks_in_a_narrow_field_of_view_cannot_tell(tracked):
+    scene = tracked(noise_px=0.5, focal=3000.0, poses=sideways(extent=0.01))
+    assert abs(preference(*both_ways(scene), HUBER_PX)) < 4
+
+
+def test_one_track_prefers_nothing(tracked):
+    scene = tracked()
+    alone = replace(scene, tracks=Tracks(scene.tracks.positions[:1], scene.tracks.reference))
+    assert preference(*both_ways(alone), HUBER_PX) == 0.0
+
+
+def test_tracks_that_are_not_sure_hand_over_the_other_order(seen):
+    """Two planes from afar: a narrow field of view, in which perspective shifts by hundredths of a pixel."""
+    poses = sideways(5, extent=0.006)
+    scene = seen(poses=poses, focal=1500.0)
+    found = initialise(scene.views, scene.intrinsics)
+    assert found.verdict == "full"
+    assert found.order_errors is not None
+    assert found.order_errors < 6
+    assert found.reverse is not None
+    assert np.corrcoef(found.inverse_depth.ravel(), found.reverse.inverse_depth.ravel())[0, 1] < 0
+    assert found.reverse.order_errors == -found.order_errors
+    assert found.reverse.reverse is None

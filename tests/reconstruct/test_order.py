@@ -1,0 +1,139 @@
+"""Which order of depth is taken, by what brief fits of both leave; the fits are replaced."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from gs2ci.core.findings import Code
+from gs2ci.core.progress import Silent
+from gs2ci.reconstruct.fit.coarse import CoarseSettings
+from gs2ci.reconstruct.geometry.initialise import Geometry
+from gs2ci.reconstruct.geometry.reversal import reversed_geometry
+from gs2ci.reconstruct.geometry.validity import Criteria
+from gs2ci.reconstruct.order import is_open, settle, shortened, unsettled
+
+NEAR_LEFT = np.tile(np.linspace(1.3, 0.7, 128, dtype=np.float32), (96, 1))
+
+
+@pytest.fixture
+def found():
+    poses = np.tile(np.eye(4), (4, 1, 1))
+    poses[:, 0, 3] = (-0.02, -0.01, 0, 0.01)
+    return Geometry(poses, np.diag([200.0, 200, 1]), "file", NEAR_LEFT, 2, 100, 0.3, 2.0, "full", ())
+
+
+class Fits:
+    """Stands for brief fits: what either order leaves, near left and near right, in turn."""
+
+    def __init__(self, *left, luck=()):
+        self.left, self.luck, self.tried = left, luck, []
+
+    def __call__(self, geometry, number):
+        near_left = geometry.inverse_depth[0, 0] > geometry.inverse_depth[0, -1]
+        self.tried.append((near_left, number))
+        return self.left[0 if near_left else 1] * (self.luck[number] if near_left and self.luck else 1.0)
+
+
+def codes(geometry):
+    return [note.code for note in geometry.notes]
+
+
+def near_is_left(geometry):
+    return bool(geometry.inverse_depth[0, 0] > geometry.inverse_depth[0, -1])
+
+
+def test_an_order_that_leaves_clearly_less_stays_after_one_pair_and_without_a_word(found):
+    fits = Fits(1.0, 1.5)
+    taken = settle(found, fits, Silent(), told=False)
+    assert near_is_left(taken)
+    assert codes(taken) == []
+    assert taken.order_errors > 2
+    assert len(fits.tried) == 2
+
+
+def test_an_order_that_leaves_clearly_more_is_turned_over_with_a_word(found):
+    taken = settle(found, Fits(1.5, 1.0), Silent(), told=False)
+    assert not near_is_left(taken)
+    assert codes(taken) == [Code.DEPTH_ORDER_TURNED]
+    assert taken.notes[0].sentence.count("33%") == 1
+    assert taken.order_errors > 2
+    np.testing.assert_allclose(taken.world_to_camera[:, 0, 3], -found.world_to_camera[:, 0, 3])
+
+
+def test_what_tracks_found_the_other_way_round_is_taken_rather_than_a_mere_reflection(found):
+    other = replace(reversed_geometry(found), tracks=77)
+    taken = settle(replace(found, reverse=other), Fits(1.5, 1.0), Silent(), told=False)
+    assert taken.tracks == 77
+    assert taken.reverse is None
+
+
+def test_pairs_begin_in_turn_with_either_finding_of_the_tracks(found):
+    fits = Fits(1.0, 1.0)
+    settle(replace(found, reverse=reversed_geometry(found)), fits, Silent(), told=False)
+    assert [tried for tried, _ in fits.tried] == [False, True, True, False] * 2
+    assert [number for _, number in fits.tried] == [0, 0, 1, 1, 2, 2, 3, 3]
+
+
+@pytest.mark.parametrize("left", [(1.0, 1.02), (1.02, 1.0), (0.0, 0.0), (float("nan"), 1.0), (1.0, float("inf"))])
+def test_orders_that_leave_about_as_much_are_said_to_be_open(found, left):
+    taken = settle(found, Fits(*left), Silent(), told=False)
+    assert codes(taken) == [Code.DEPTH_ORDER_OPEN]
+    assert "may be exchanged" in taken.notes[0].sentence
+    assert 0 <= taken.order_errors < 2
+
+
+def test_pairs_that_contradict_one_another_are_no_evidence(found):
+    taken = settle(found, Fits(1.0, 1.0, luck=(0.87, 1.2, 0.85, 1.25)), Silent(), told=False)
+    assert codes(taken) == [Code.DEPTH_ORDER_OPEN]
+
+
+def test_tracks_help_to_decide_but_not_alone(found):
+    assert codes(settle(replace(found, order_errors=3.0), Fits(1.0, 1.09), Silent(), told=False)) == []
+    assert codes(settle(found, Fits(1.0, 1.05), Silent(), told=False)) == [Code.DEPTH_ORDER_OPEN]
+    assert codes(settle(replace(found, order_errors=5.0), Fits(1.0, 1.0), Silent(), told=False)) == [
+        Code.DEPTH_ORDER_OPEN
+    ]
+
+
+def test_the_sign_of_a_told_path_decides_where_pixels_do_not(found):
+    taken = settle(replace(found, source="stage"), Fits(1.02, 1.0), Silent(), told=True)
+    assert near_is_left(taken)
+    assert codes(taken) == []
+
+
+def test_a_told_path_is_not_turned_over_by_what_would_turn_an_untold_one(found):
+    assert near_is_left(settle(replace(found, source="stage"), Fits(1.18, 1.0), Silent(), told=True))
+    assert not near_is_left(settle(found, Fits(1.18, 1.0), Silent(), told=False))
+
+
+def test_in_a_smaller_picture_more_is_luck(found):
+    small = replace(found, inverse_depth=found.inverse_depth[::4, ::4])
+    assert codes(settle(found, Fits(1.0, 1.2), Silent(), told=False)) == []
+    assert codes(settle(small, Fits(1.0, 1.2), Silent(), told=False)) == [Code.DEPTH_ORDER_OPEN]
+
+
+def test_a_told_path_whose_sign_contradicts_the_picture_is_named(found):
+    taken = settle(replace(found, source="stage"), Fits(1.5, 1.0), Silent(), told=True)
+    assert not near_is_left(taken)
+    assert codes(taken) == [Code.POSES_SIGN_CONTRADICTED]
+    assert "of the stage" in taken.notes[0].sentence
+    assert taken.source == "stage"
+
+
+def test_only_a_path_whose_tracks_are_not_sure_is_open(found):
+    sure = Criteria().order_errors
+    assert is_open(found, Criteria())
+    assert is_open(replace(found, order_errors=sure - 0.1), Criteria())
+    assert not is_open(replace(found, order_errors=sure), Criteria())
+    assert not is_open(replace(found, verdict="static"), Criteria())
+
+
+def test_an_order_that_nobody_looked_at_is_doubted(found):
+    assert codes(unsettled(found)) == [Code.DEPTH_ORDER_UNTRIED]
+
+
+def test_a_short_fit_takes_the_steps_of_the_whole_one():
+    settings = shortened(CoarseSettings(iterations=600))
+    assert settings.iterations == 100
+    assert settings.steps == CoarseSettings().steps
