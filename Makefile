@@ -10,7 +10,7 @@ export OMP_WAIT_POLICY := PASSIVE
 
 help:
 	@echo "make demo   simulate an exposure of a photographed scene and reconstruct it (about two minutes once installed)"
-	@echo "make test   the tests"
+	@echo "make test   the tests; TESTS=... for some of them"
 	@echo "make test-as CPU=haswell [TESTS=...]  the same as on another processor: haswell, nehalem, znver1, ..."
 	@echo "make stability  every hard case end to end; writes docs/stability.md"
 	@echo "make kernel the drivers against a real kernel; RIG=path names the script that boots the guest"
@@ -28,12 +28,14 @@ $(STAMP): pyproject.toml constraints.txt
 demo: install
 	$(BIN)/gs2ci demo -o runs/demo
 
-test: install
-	$(BIN)/pytest -n 2 --dist loadfile
+# What pytest is told, such as TESTS=tests/reconstruct; by default all of them, in two processes.
+TESTS ?= -n 2 --dist loadfile
 
-# TESTS: what pytest is told, such as tests/reconstruct.
+test: install
+	$(BIN)/pytest $(TESTS)
+
 test-as: install
-	$(BIN)/python -m tests.processors $(CPU) -m pytest $(or $(TESTS),-n 2 --dist loadfile)
+	$(BIN)/python -m tests.processors $(CPU) -m pytest $(TESTS)
 
 stability: install
 	$(BIN)/python -m tests.stability

@@ -13,6 +13,7 @@ import torch
 from gs2ci import cli
 from gs2ci.core.records import Shot, Truth
 from gs2ci.evaluate.environment import machine
+from tests.skipping import Skips, load
 
 # On a busy machine an example may take any time. The same examples every time: what `make test` says of a commit is
 # what it says again. `--hypothesis-profile=explore` draws others.
@@ -31,9 +32,26 @@ def pytest_addoption(parser: pytest.Parser) -> None:
         help="rig file of real devices on which tests/contracts/test_on_rig.py also runs; the stage moves by 1 mm",
     )
 
+    parser.addoption(
+        "--skips",
+        type=Path,
+        default=None,
+        metavar="FILE",
+        help="fail where a test is skipped that this list does not allow (tests/skips.toml)",
+    )
+    parser.addoption(
+        "--lacking",
+        action="append",
+        default=[],
+        metavar="WHAT",
+        help="what this machine cannot have, so that entries of the list of skips for that hold",
+    )
+
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Share the processors out among the processes of the suite: each would otherwise take all of them."""
+    """Count skips, and share the processors among the suite's processes: each would otherwise take all of them."""
+    if config.option.skips is not None and not hasattr(config, "workerinput"):  # xdist's workers report to this process
+        config.pluginmanager.register(Skips(load(config.option.skips, config.option.lacking)))
     processes = int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1"))
     threads = max(1, machine()["usable_cores"] // processes)
     numba.set_num_threads(min(threads, numba.config.NUMBA_NUM_THREADS))
