@@ -28,6 +28,7 @@ import numpy as np
 from gs2ci.core.arrays import F32, F64, U8, U16
 from gs2ci.core.errors import InputError
 from gs2ci.core.progress import Progress, Silent
+from gs2ci_calibration.options import CalibrationOptions
 from gs2ci_calibration.refusals import CalibrationError, Reason
 from gs2ci_drivers.acquisition import Devices, Taken, capture, plan_capture
 from gs2ci_drivers.plan import CaptureSettings, Mode, Plan, Travel
@@ -51,7 +52,7 @@ class Setup(Enum):
     FLAT = "flat"
     """An evenly lit field fills the view (integrating sphere, opal glass, white screen out of focus)."""
     BOARD = "board"
-    """The ChArUco board of `Options.board`, in a new pose for each index, as large as fits."""
+    """The ChArUco board of `CalibrationOptions.board`, in a new pose for each index, as large as fits."""
     FIXED_BOARD = "fixed-board"
     """The same board at rest on a stand, square to the camera and filling half of the view, the stage in mid-travel."""
     SCENE = "scene"
@@ -69,49 +70,6 @@ class Operator(Protocol):
             index: Which of several of its kind: the board's pose.
         """
         ...
-
-
-@dataclass(frozen=True)
-class BoardSpec:
-    """A ChArUco board in OpenCV's terms: squares across and down, their sides, and the markers' dictionary."""
-
-    columns: int = 7
-    rows: int = 5
-    square_mm: float = 30.0
-    marker_mm: float = 21.0
-    dictionary: str = "DICT_4X4_50"
-
-
-@dataclass(frozen=True)
-class Options:
-    """Settings of the procedures; the [calibration] table of a rig file and the command line fill them.
-
-    Args:
-        frames: Frames of the dark and of the flat stack.
-        mask_frames: Frames of each mask, at least.
-        mask_accuracy: Wanted standard error of masks, rms; more frames are taken if it needs them.
-        orientation: How the modulator's image lies on the sensor ("upright", ...); "any" takes it as it is found.
-        fast: Whether masks are predicted from affine, PSF and contrast instead of measured one by one.
-        board: The board of `camera`.
-        board_views: Pictures of it.
-        superpixel: Modulator pixels per side of one mask element, nominally.
-        row: First modulator row that the sensor sees, nominally.
-        column: First modulator column.
-        directions: How the rig file says that each axis of the stage moves the camera, in its own frame, per mm; an
-            axis not named may go anywhere.
-    """
-
-    frames: int = 32
-    mask_frames: int = 8
-    mask_accuracy: float = 0.01
-    orientation: str = "upright"
-    fast: bool = False
-    board: BoardSpec = field(default_factory=BoardSpec)
-    board_views: int = 12
-    superpixel: int = 1
-    row: int = 0
-    column: int = 0
-    directions: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -142,7 +100,11 @@ class Bench:
         capture: What `gs2ci capture` will do with this rig, its patterns [N, Hm, Wm] included.
         codes: These patterns as drawn, levels at the sensor's pixels, [N, h, w] uint16.
         lay_out: Puts codes [N, h, w] onto the modulator's own pixels, [N, Hm, Wm], as `gs2ci capture` does.
-        options: Settings of the procedures.
+        options: What the rig file says in [calibration].
+        superpixel: Modulator pixels per side of one mask element, nominally.
+        directions: How the rig file says that each axis of the stage moves the camera, in its own frame, per mm; an
+            axis not named may go anywhere.
+        fast: Whether masks are predicted from affine, PSF and contrast instead of measured one by one.
         progress: Hears from the procedures what they are at and see; taking frames says nothing of itself.
     """
 
@@ -152,7 +114,10 @@ class Bench:
     capture: CaptureSettings
     codes: U16
     lay_out: Callable[[U16], Patterns]
-    options: Options = field(default_factory=Options)
+    options: CalibrationOptions = field(default_factory=CalibrationOptions)
+    superpixel: int = 1
+    directions: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
+    fast: bool = False
     progress: Progress = field(default_factory=Silent)
 
     @property

@@ -8,11 +8,11 @@ from collections.abc import Callable
 
 from gs2ci.core.arrays import U16
 from gs2ci.core.progress import Progress, Silent
-from gs2ci.rig.config import CalibrationTable, RigTable, WorldTable
+from gs2ci.rig.config import RigTable, WorldTable
 from gs2ci.rig.intent import intended
 from gs2ci.rig.opening import Rig
-from gs2ci.rig.patterns import on_modulator, origin
-from gs2ci_calibration.bench import Bench, BoardSpec, Operator, Options, Patterns, Setup
+from gs2ci.rig.patterns import on_modulator
+from gs2ci_calibration.bench import Bench, Operator, Patterns, Setup
 from gs2ci_calibration.bundle import Provenance
 from gs2ci_drivers.acquisition import Devices
 
@@ -52,12 +52,7 @@ def operator_of(rig: Rig, ask: Callable[[str], object]) -> Operator:
     # A real bench does without the simulator.
     from gs2ci.rig.simulated_operator import SimulatedOperator  # noqa: PLC0415
 
-    return SimulatedOperator(rig.bench, rig.table.world or WorldTable(), board_of(rig.table.calibration))
-
-
-def board_of(table: CalibrationTable) -> BoardSpec:
-    """Return the board of a rig file."""
-    return BoardSpec(**table.board.model_dump())
+    return SimulatedOperator(rig.bench, rig.table.world or WorldTable(), rig.table.calibration.board)
 
 
 def bench_of(
@@ -83,26 +78,11 @@ def bench_of(
         capture=capture,
         codes=codes,
         lay_out=lay_out,
-        options=_options(rig.table, codes.shape[1:], size, fast=fast),
-        progress=progress or Silent(),
-    )
-
-
-def _options(table: RigTable, codes: tuple[int, ...], modulator: tuple[int, int], *, fast: bool) -> Options:
-    row, column = origin(table.registration, (codes[0], codes[1]), modulator)
-    wanted = table.calibration
-    return Options(
-        frames=wanted.frames,
-        mask_frames=wanted.mask_frames,
-        mask_accuracy=wanted.mask_accuracy,
-        orientation=wanted.orientation,
+        options=rig.table.calibration,
+        superpixel=rig.table.registration.superpixel,
+        directions=_directions(rig.table),
         fast=fast,
-        board=board_of(wanted),
-        board_views=wanted.board_views,
-        superpixel=table.registration.superpixel,
-        row=row,
-        column=column,
-        directions=_directions(table),
+        progress=progress or Silent(),
     )
 
 

@@ -23,6 +23,7 @@ from gs2ci.core.config import (
     read_toml,
 )
 from gs2ci.core.errors import InputError
+from gs2ci_calibration.options import CalibrationOptions
 from gs2ci_drivers.display_slm.options import DisplaySlmOptions
 from gs2ci_drivers.dlpc900.options import Dlpc900Options
 from gs2ci_drivers.grbl.options import GrblOptions
@@ -35,18 +36,6 @@ from gs2ci_drivers.zaber.options import ZaberOptions
 SIMULATION_ONLY = frozenset({"scene", "path", "light", "timing", "plan", "effects", "device_seed"})
 # Tables that both may have.
 SHARED = frozenset({"modulator", "sensor", "optics"})
-
-Orientation = Literal[
-    "upright",
-    "mirrored left to right",
-    "mirrored top to bottom",
-    "upside down",
-    "turned clockwise",
-    "turned anticlockwise",
-    "mirrored along its diagonal",
-    "mirrored along its other diagonal",
-    "any",
-]
 
 
 class CaptureTable(Settings):
@@ -93,39 +82,6 @@ class OpticsTable(Settings):
     """Electrons per second in a pixel that sees a white scene through an open mask."""
     full_scale_dn: Positive | None = None
     """Reading above black of a white scene under one open mask for its time on show."""
-
-
-class BoardTable(Settings):
-    """[calibration.board]: the ChArUco board of `gs2ci calibrate camera`, in OpenCV's terms."""
-
-    columns: Annotated[int, Field(ge=3)] = 7
-    """Squares across."""
-    rows: Annotated[int, Field(ge=3)] = 5
-    square_mm: Positive = 30.0
-    marker_mm: Positive = 21.0
-    dictionary: str = "DICT_4X4_50"
-
-
-class CalibrationTable(Settings):
-    """[calibration]: what `gs2ci calibrate` does, and which bundle `gs2ci capture` takes."""
-
-    bundle: str = ""
-    """A calibration bundle beside the rig file that `gs2ci capture` uses; "" takes nominal masks."""
-    max_age_days: Positive = 30.0
-    """A bundle older than this is refused."""
-    frames: Annotated[int, Field(ge=2)] = 32
-    """Frames of the dark and of the flat stack."""
-    mask_frames: Annotated[int, Field(ge=2)] = 8
-    """Frames of each mask, at least."""
-    mask_accuracy: Annotated[float, Field(gt=0, lt=0.5)] = 0.01
-    """Wanted standard error of masks, rms over the pixels; more frames are taken if it needs them."""
-    orientation: Orientation = "upright"
-    """How the modulator's image lies on the sensor; "any" takes it as it is found, anything else is refused."""
-    board: BoardTable = BoardTable()
-    board_views: Annotated[int, Field(ge=3)] = 12
-    """Pictures of the board, each in another pose."""
-    temperature_c: float | None = None
-    """Of the sensor, where it is known, for the bundle."""
 
 
 class TrueSensorTable(Settings):
@@ -211,7 +167,7 @@ class RigTable(Settings):
     capture: CaptureTable = CaptureTable()
     registration: RegistrationTable = RegistrationTable()
     optics: OpticsTable = OpticsTable()
-    calibration: CalibrationTable = CalibrationTable()
+    calibration: CalibrationOptions = CalibrationOptions()
     world: WorldTable | None = None
     trace: bool = False
     """Whether to write every byte that passes the ports beside the shot file."""

@@ -6,7 +6,8 @@ Here: the operator. Not here: the one at a terminal (`gs2ci.rig.calibrating`), t
 from gs2ci.core.errors import InputError
 from gs2ci.rig.config import WorldTable
 from gs2ci.rig.simulated import SimulatedBench
-from gs2ci_calibration.bench import BoardSpec, Setup
+from gs2ci_calibration.bench import Setup
+from gs2ci_calibration.options import BoardSpec
 from gs2ci_sims.targets import BoardPlane
 
 

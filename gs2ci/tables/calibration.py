@@ -56,7 +56,7 @@ def calibrate_masks(bench: str, frames: int, fast: bool, seed: int) -> Row:
         Gs2ciError: The bench is unknown, or its calibration refused.
     """
     with opened(_table(bench, frames, seed)) as (drawn, truth):
-        one = replace(drawn, options=replace(drawn.options, fast=fast))
+        one = replace(drawn, fast=fast)
         known = Bundle()
         for step in ("dark-flat", "registration", "masks"):
             known = known.with_section(PROCEDURES[step](one, known))

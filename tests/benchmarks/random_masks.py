@@ -78,10 +78,7 @@ def calibrate(seed: int) -> Outcome:
         known = Bundle()
         for step in ("dark-flat", "registration"):
             known = known.with_section(PROCEDURES[step](bench, known))
-        masks = [
-            PROCEDURES["masks"](replace(bench, options=replace(bench.options, fast=fast)), known).estimates["masks"]
-            for fast in (False, True)
-        ]
+        masks = [PROCEDURES["masks"](replace(bench, fast=fast), known).estimates["masks"] for fast in (False, True)]
         true_masks = truth.masks(np.asarray(bench.capture.masks))
         affine, psf = (
             known.sections["registration"].estimates[key] for key in ("sensor_from_modulator", "psf_sigma_px")

@@ -44,10 +44,7 @@ def calibrated():
         known = Bundle()
         for step in ("dark-flat", "registration"):
             known = known.with_section(PROCEDURES[step](bench, known))
-        masks = [
-            PROCEDURES["masks"](replace(bench, options=replace(bench.options, fast=fast)), known)
-            for fast in (False, True)
-        ]
+        masks = [PROCEDURES["masks"](replace(bench, fast=fast), known) for fast in (False, True)]
         yield known, masks, truth, truth.masks(bench.capture.masks)
 
 

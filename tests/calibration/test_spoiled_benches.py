@@ -44,7 +44,7 @@ def board_bench(**world):
     """Open a bench of the steps that look at a board."""
     bench, _, _ = random_bench(3, BOARD_SIZE, ("x",), **world)
     try:
-        yield replace(bench, options=replace(bench.options, board_views=8))
+        yield replace(bench, options=bench.options.model_copy(update={"board_views": 8}))
     finally:
         bench.devices.close()
 

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from gs2ci.core.arrays import F32, F64
 from gs2ci.core.errors import InputError
-from gs2ci_calibration.bench import BoardSpec
 from gs2ci_calibration.geometry.corners import refine_corners
+from gs2ci_calibration.options import BoardSpec
 
 DICTIONARIES: Final = tuple(sorted(name for name in dir(cv2.aruco) if name.startswith("DICT_") and "X" in name))
 CORNERS_MIN: Final = 6

@@ -91,7 +91,7 @@ def measure_stage(bench: Bench, known: Bundle) -> Section:
         bench.progress.step(len(rest) + len(sweeps))
         bench.move({axis.name: begin_mm})
     require_sharp(STEP, [picture.sighting for picture in rest])
-    found = estimate_stage(rest, sweeps, camera, bench.options.directions)
+    found = estimate_stage(rest, sweeps, camera, bench.directions)
     return _section(found, exposure_s, len(rest) + len(sweeps))
 
 

@@ -65,9 +65,9 @@ def measure_masks(bench: Bench, known: Bundle) -> Section:
     pilot = estimate_masks(sums, field.references, len(shown.patterns), field.dark_se_dn)
     alike = require_order(_between(pilot), relay, shown.patterns, shown.top, pilot.valid, STEP)
     planned = _planned(bench, field, pilot)
-    frames, accuracy = (PILOT_FRAMES, FAST_ACCURACY) if bench.options.fast else (planned, 1.0)
+    frames, accuracy = (PILOT_FRAMES, FAST_ACCURACY) if bench.fast else (planned, 1.0)
     pilot.lamp.require_steady(frames, accuracy * bench.options.mask_accuracy)
-    if bench.options.fast:
+    if bench.fast:
         found, masks, error, off = _foreseen(bench, pilot, relay, shown)
     else:
         take(bench, field, shown.patterns, frames=planned - PILOT_FRAMES, step=STEP, sums=sums, held_out=shown.held_out)
@@ -153,7 +153,7 @@ def _section(
     slots: SlotWeights,
     facts: dict[str, Any],
 ) -> Section:
-    fast = bench.options.fast
+    fast = bench.fast
     contrast = 1 / max(float(np.median(found.leakage[found.valid])), 1e-6)
     how = "predicted from map, blur and contrast" if fast else f"measured one by one, {facts['frames']} frames each"
     blind = int((~found.valid).sum())

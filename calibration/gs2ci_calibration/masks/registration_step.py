@@ -56,7 +56,7 @@ def measure_registration(bench: Bench, known: Bundle) -> Section:
     light = sharper.on - sharper.off
     start = register(patterns[:CHECKERS], shares[:CHECKERS], sharper.valid, coarse, light=light, degree=1)
     found = register(patterns, shares, sharper.valid, start.pixels, light=light)
-    require_ratio(found.pixels, bench.options.superpixel)
+    require_ratio(found.pixels, bench.superpixel)
     if not found.rms_se_px <= ACCURACY_PX:
         raise CalibrationError(
             STEP,
@@ -70,7 +70,7 @@ def measure_registration(bench: Bench, known: Bundle) -> Section:
 
 
 def _coarse(bench: Bench, field: Field) -> PixelMap:
-    code = GrayCode(bench.modulator_size, STRIPE_PX * bench.options.superpixel)
+    code = GrayCode(bench.modulator_size, STRIPE_PX * bench.superpixel)
     stripes = code.patterns()
     sums = take(bench, field, bench.deep(stripes), frames=STRIPE_FRAMES, step=STEP)
     sharper = refined(field, sums).references

@@ -117,7 +117,7 @@ class DisplaySlm(Modulator):
                     self.name,
                     f"show mask {slot}",
                     (f"the host is {late_s * 1e3:.0f} ms late",),
-                    remedy="raise exposure_s, or late_s in [modulator]",
+                    remedy="raise `mask_s` in [capture], or `late_s` in [modulator]",
                 )
             self._link.ask(f"DS {slot + 1}")
         elif (sequence.pause_s if last_of_pass else sequence.dark_s) > 0 or self._is_last(sequence, change):

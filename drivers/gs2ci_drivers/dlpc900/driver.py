@@ -114,7 +114,7 @@ class Dlpc900(Modulator):
                 self.name,
                 "TRIG_OUT_1 is the gate: it falls in every dark time and at no other time",
                 asked=f"{sequence.trigger.value} with dark_s = {sequence.dark_s:g}, pause_s = {sequence.pause_s:g}",
-                allowed=("dark_s > 0" if each else "dark_s = 0") + ", and pause_s > 0 when there is more than one pass",
+                allowed=("dark_s > 0" if each else "dark_s = 0") + ", and a pause when there is more than one pass",
                 remedy="change dark_s or set a pause, or use one trigger per exposure",
             )
 

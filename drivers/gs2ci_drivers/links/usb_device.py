@@ -129,7 +129,7 @@ def _find_one(device: str, vendor_id: int, product_id: int, bus_port: str, find:
             f"{len(found)} of {name} are there",
             asked="open",
             allowed=", ".join(sorted(places)),
-            remedy="name one of them with `bus_port`",
+            remedy=f'set port = "usb:{min(places)}" for one of them, in its table of the rig file',
         )
     return found[0]
 

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from gs2ci_calibration.bench import BoardSpec
 from gs2ci_calibration.geometry.board import Board, Sighting
+from gs2ci_calibration.options import BoardSpec
 from gs2ci_calibration.refusals import CalibrationError
 from gs2ci_sims.effects.lens_distortion import LensDistortion
 from gs2ci_sims.scenes.planes import planes
@@ -112,7 +112,9 @@ def photograph(room):
             rng = np.random.default_rng((seed, index))
             image = np.rint(64 + (rng.poisson(image * 2.7) + rng.normal(0, 3, image.shape)) / 2.7)
         pose = plane.pose(index, scene, seed, fixed=fixed)
-        corners = Board(BoardSpec(plane.columns, plane.rows, plane.square, plane.marker)).corners_mm
+        corners = Board(
+            BoardSpec(columns=plane.columns, rows=plane.rows, square_mm=plane.square, marker_mm=plane.marker)
+        ).corners_mm
         return image, camera.project(corners, cv2.Rodrigues(pose[:3, :3])[0], pose[:3, 3])
 
     return take
@@ -129,7 +131,7 @@ def bench():
     def make(seed=0, axes=("x",), views=8, **world):
         made, rig, truth = random_bench(seed, SMALL, axes, **world)
         opened.append(made)
-        return replace(made, options=replace(made.options, board_views=views)), rig, truth
+        return replace(made, options=made.options.model_copy(update={"board_views": views})), rig, truth
 
     yield make
     for made in opened:

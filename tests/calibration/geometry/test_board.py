@@ -1,9 +1,10 @@
 import numpy as np
 import pytest
+from pydantic import ValidationError
 
 from gs2ci.core.errors import InputError
-from gs2ci_calibration.bench import BoardSpec
 from gs2ci_calibration.geometry.board import Board, Sighting
+from gs2ci_calibration.options import BoardSpec
 from gs2ci_sims.targets import BoardPlane
 
 
@@ -61,15 +62,19 @@ def test_one_row_of_corners_in_view_is_a_collinear_sighting(camera, photograph):
 @pytest.mark.parametrize(
     ("spec", "message"),
     [
-        (BoardSpec(columns=2), "2 x 5 squares"),
         (BoardSpec(marker_mm=30.0), "markers of 30"),
-        (BoardSpec(square_mm=float("inf")), "of inf mm"),
         (BoardSpec(dictionary="DICT_NONE"), "dictionary 'DICT_NONE'"),
     ],
 )
 def test_a_board_that_cannot_be_is_refused(spec, message):
     with pytest.raises(InputError, match=message):
         Board(spec)
+
+
+@pytest.mark.parametrize("wrong", [{"columns": 2}, {"square_mm": float("inf")}, {"marker_mm": 0.0}])
+def test_a_board_of_impossible_numbers_is_refused_when_it_is_read(wrong):
+    with pytest.raises(ValidationError, match=next(iter(wrong))):
+        BoardSpec(**wrong)
 
 
 def test_a_board_with_more_markers_than_its_dictionary_is_refused():

@@ -1,14 +1,15 @@
 """A bench without devices, drivers and protocols, of known truth: quick enough to calibrate dozens of them."""
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from gs2ci_calibration.bench import Bench, Options, Setup, Stack
+from gs2ci_calibration.bench import Bench, Setup, Stack
 from gs2ci_calibration.bundle import Bundle
 from gs2ci_calibration.estimates import Estimate, Section
+from gs2ci_calibration.options import CalibrationOptions
 from gs2ci_drivers.plan import CaptureSettings
 from gs2ci_sims.effects.finite_contrast import FiniteContrast
 from gs2ci_sims.effects.kernels import blurred
@@ -166,7 +167,6 @@ def bench_of_truth():
                 world.lit = setup is not Setup.DARK and truth.get("lit", True)
 
         clock = SimpleNamespace(now_s=lambda: world.now_s)
-        given = Options(mask_frames=4, superpixel=superpixel, row=row, column=column)
         return QuickBench(
             devices=SimpleNamespace(clock=clock),
             operator=Silent(),
@@ -174,7 +174,8 @@ def bench_of_truth():
             capture=CaptureSettings(masks=lay_out(codes), bit_depth=bit_depth, mask_s=0.005),
             codes=codes,
             lay_out=lay_out,
-            options=replace(given, **(options or {})),
+            options=CalibrationOptions(**({"mask_frames": 4} | (options or {}))),
+            superpixel=superpixel,
             world=world,
         )
 

@@ -18,7 +18,7 @@ def registered(bench_of_truth, dark_known):
 
 
 def fast(bench):
-    return replace(bench, options=replace(bench.options, fast=True))
+    return replace(bench, fast=True)
 
 
 def refusal(bench, known):

@@ -66,7 +66,7 @@ def outcomes(bench_of_truth, dark_known):
         truth = bench.world.masks(bench.capture.masks)
         results = []
         for fast in (False, True):
-            one = replace(bench, options=replace(bench.options, fast=fast))
+            one = replace(bench, fast=fast)
             masks = measure_masks(one, known).estimates["masks"]
             rms = float(np.sqrt(np.mean(np.square(masks.value - truth))))
             results += [rms, float(masks.agrees(truth).mean())]

@@ -1,0 +1,57 @@
+"""What a calibration may be told: the table [calibration] of a rig file, and the procedures' options.
+
+Here: `CalibrationOptions`, `BoardSpec`. Not here: what else a procedure sees of a bench (`bench`).
+"""
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from gs2ci.core.config import Positive, Settings
+
+Orientation = Literal[
+    "upright",
+    "mirrored left to right",
+    "mirrored top to bottom",
+    "upside down",
+    "turned clockwise",
+    "turned anticlockwise",
+    "mirrored along its diagonal",
+    "mirrored along its other diagonal",
+    "any",
+]
+
+
+class BoardSpec(Settings):
+    """[calibration.board]: the ChArUco board of `gs2ci calibrate camera`, in OpenCV's terms."""
+
+    columns: Annotated[int, Field(ge=3)] = 7
+    """Squares across."""
+    rows: Annotated[int, Field(ge=3)] = 5
+    """Squares down."""
+    square_mm: Positive = 30.0
+    marker_mm: Positive = 21.0
+    dictionary: str = "DICT_4X4_50"
+    """OpenCV's name of the markers' dictionary."""
+
+
+class CalibrationOptions(Settings):
+    """[calibration]: what `gs2ci calibrate` does, and which bundle `gs2ci capture` takes."""
+
+    bundle: str = ""
+    """A calibration bundle beside the rig file that `gs2ci capture` uses; "" takes nominal masks."""
+    max_age_days: Positive = 30.0
+    """A bundle older than this is refused."""
+    frames: Annotated[int, Field(ge=2)] = 32
+    """Frames of the dark and of the flat stack."""
+    mask_frames: Annotated[int, Field(ge=2)] = 8
+    """Frames of each mask, at least."""
+    mask_accuracy: Annotated[float, Field(gt=0, lt=0.5)] = 0.01
+    """Wanted standard error of masks, rms over the pixels; more frames are taken if it needs them."""
+    orientation: Orientation = "upright"
+    """How the modulator's image lies on the sensor; "any" takes it as it is found, anything else is refused."""
+    board: BoardSpec = BoardSpec()
+    board_views: Annotated[int, Field(ge=3)] = 12
+    """Pictures of the board, each in another pose."""
+    temperature_c: float | None = None
+    """Of the sensor, where it is known, for the bundle."""
