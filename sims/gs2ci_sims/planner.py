@@ -10,7 +10,7 @@ sensor differ by more than that.) Not here: the effects, the exposure, reading r
 import dataclasses
 import math
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Final
 
 from gs2ci.core.arrays import F32
@@ -19,6 +19,7 @@ from gs2ci_sims.effects.base import Bound, Effect, KernelEffect, Stage
 from gs2ci_sims.effects.full_well import FullWell
 from gs2ci_sims.effects.motion_blur import MotionBlur
 from gs2ci_sims.effects.quantisation import Quantisation
+from gs2ci_sims.exact import ExactRenderer, rendering_error
 from gs2ci_sims.light_path import EffectChain
 from gs2ci_sims.path import CameraPath
 from gs2ci_sims.preview import Preview, preview
@@ -33,6 +34,8 @@ DEFAULT_TOLERANCE_DN: Final = 0.25
 MOST_TOLERANCE_DN: Final = 2.0**16
 # Effects left out may use up half of the tolerance, kernels that are cut off a tenth, sampling in time the rest.
 OMISSION_SHARE: Final = 0.5
+# Of the whole, the error of a fast renderer may use up as much as this; what is left is shared as above.
+RENDERING_SHARE: Final = 0.25
 KERNEL_SHARE: Final = 0.1
 # Where kernels may be cut off, in standard deviations.
 REACHES: Final = (2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0)
@@ -70,6 +73,7 @@ class Plan:
         decisions: One per effect of the rig, in physical order.
         views: How many views will be rendered.
         render_seconds: What rendering them is expected to cost.
+        renderer: What is to draw them.
     """
 
     tolerance_dn: float
@@ -78,6 +82,7 @@ class Plan:
     decisions: tuple[Decision, ...]
     views: int
     render_seconds: float
+    renderer: Renderer = field(default_factory=Renderer)
 
     @property
     def seconds(self) -> float:
@@ -89,7 +94,8 @@ class Plan:
         simulated = sum(decision.simulated for decision in self.decisions)
         met = "" if self.error_dn <= self.tolerance_dn else ", NOT MET"
         return (
-            f"simulates {simulated} of {len(self.decisions)} effects with {self.views} views, within "
+            f"simulates {simulated} of {len(self.decisions)} effects with {self.views} views"
+            f"{' drawn by rays' if isinstance(self.renderer, ExactRenderer) else ''}, within "
             f"{self.error_dn:.2g} DN rms of everything (tolerance {self.tolerance_dn:.2g} DN{met})"
         )
 
@@ -99,6 +105,7 @@ class Plan:
             "tolerance_dn": self.tolerance_dn,
             "error_dn": self.error_dn,
             "views": self.views,
+            "renderer": f"{self.renderer}",
             "effects": {
                 decision.name: {
                     "bound_rms_dn": decision.bound.rms_dn if math.isfinite(decision.bound.rms_dn) else "unavoidable",
@@ -124,6 +131,7 @@ def plan(
     seed: int = 0,
     slices: Slices | None = None,
     renderer: Renderer | None = None,
+    exact: Renderer | None = None,
 ) -> Plan:
     """Choose the cheapest simulation that stays within the tolerance of simulating everything.
 
@@ -138,14 +146,23 @@ def plan(
         off: Names of effects to leave out whatever their bounds; they do not count against the tolerance.
         seed: The exposure's: effects that shake the camera draw from it.
         slices: When which mask is on show, before effects; as the rig's timing says if not given.
-        renderer: Draws the preview's views.
+        renderer: Draws the preview's views, and all others where its error is tolerated.
+        exact: Draws them where it is not; without one, the scene is what `renderer` makes of it, and that has no error.
 
     Raises:
         InputError: The tolerance is not positive, or a forced effect is not there or forced both ways.
     """
     _check(effects, tolerance_dn, on, off)
     chain = EffectChain(effects, seed, rig)
+    renderer = renderer or Renderer()
     look = preview(scene, path, masks, rig, renderer, effects=chain.effects, seed=seed)
+    drawn_dn = 0.0
+    if exact is not None:
+        drawn_dn = rendering_error(look, exact).rms_dn
+        if drawn_dn > RENDERING_SHARE * tolerance_dn:
+            renderer, drawn_dn = exact, 0.0
+            look = preview(scene, path, masks, rig, exact, effects=chain.effects, seed=seed)
+    whole_dn, tolerance_dn = tolerance_dn, tolerance_dn - drawn_dn
     bounds = {effect.name: effect.bound(look, rig) for effect in chain.effects}
     costs = {effect.name: _seconds(effect, look, len(masks)) for effect in chain.effects}
     left_out = _left_out(bounds, costs, OMISSION_SHARE * tolerance_dn, {MotionBlur.name, *on, *off})
@@ -164,8 +181,8 @@ def plan(
     simulated = tuple(effect for effect in sampled if effect is not None)
     given_up = systematic + spent + (sampling.error_dn if MotionBlur.name not in off else 0.0)
     return Plan(
-        tolerance_dn,
-        math.hypot(given_up, noise),
+        whole_dn,
+        math.hypot(given_up + drawn_dn, noise),
         simulated,
         tuple(
             _decision(effect, simulated, bounds, sampling, on, off, _seconds(effect, look, sampling.views))
@@ -173,6 +190,7 @@ def plan(
         ),
         sampling.views,
         sampling.views * look.render_s,
+        renderer,
     )
 
 

@@ -21,9 +21,11 @@ import torch
 
 from gs2ci.core.arrays import F64
 from gs2ci.render.gaussians import Gaussians
-from gs2ci_sims.rays.tiles import TILE, Index, by_tile, sphere_bounds
+from gs2ci_sims.rays.tiles import TILE, Index, by_tile, ellipsoid_bounds, sphere_bounds
 
-OPACITY_MIN: Final = 1e-12
+OPACITY_MIN: Final = 1e-10
+# Beyond this squared distance even an opacity of one is below that.
+MAHALANOBIS2_MAX: Final = -2 * np.log(OPACITY_MIN)
 # Logs of standard deviations are cut here, where squares still are ordinary float64 numbers.
 LOG_SCALE_LIMIT: Final = 60.0
 
@@ -83,8 +85,10 @@ def _in_camera(gaussians: Gaussians, colours: F64, world_to_camera: F64, intrins
     opacities = np.exp(-np.logaddexp(0.0, -logits))
     whitening = (rotation @ axes).transpose(0, 2, 1) / scales[:, :, None]
     visible = opacities > OPACITY_MIN
-    reach = np.sqrt(2 * np.log(np.where(visible, opacities, 1.0) / OPACITY_MIN)) * scales.max(axis=1, initial=0.0)
-    bounds = sphere_bounds(centres, np.where(visible, reach, 0.0), intrinsics)
+    reach = np.sqrt(2 * np.log(np.where(visible, opacities, 1.0) / OPACITY_MIN))
+    bounds = sphere_bounds(centres, np.where(visible, reach * scales.max(axis=1, initial=0.0), 0.0), intrinsics)
+    spread = (rotation @ axes) * (scales * reach[:, None])[:, None, :]
+    bounds = ellipsoid_bounds(centres, spread @ spread.transpose(0, 2, 1), intrinsics, bounds)
     bounds[~visible] = [np.inf, -np.inf, np.inf, -np.inf]
     order = np.argsort(centres[:, 2], kind="stable")
     origin = -np.einsum("gij,gj->gi", whitening, centres)
@@ -136,16 +140,20 @@ def _traced(
                     d1 = w[1, 0] * right + w[1, 1] * down + w[1, 2]
                     d2 = w[2, 0] * right + w[2, 1] * down + w[2, 2]
                     square = d0 * d0 + d1 * d1 + d2 * d2
-                    where = -(o[0] * d0 + o[1] * d1 + o[2] * d2) / square
-                    if where <= 0:
+                    along = -(o[0] * d0 + o[1] * d1 + o[2] * d2)
+                    if along <= 0:
                         continue
                     # |o x d|^2 / |d|^2: no difference of large numbers.
                     c0 = o[1] * d2 - o[2] * d1
                     c1 = o[2] * d0 - o[0] * d2
                     c2 = o[0] * d1 - o[1] * d0
-                    opacity = opacities[g] * np.exp(-0.5 * (c0 * c0 + c1 * c1 + c2 * c2) / square)
+                    cross = c0 * c0 + c1 * c1 + c2 * c2
+                    if cross > MAHALANOBIS2_MAX * square:
+                        continue
+                    opacity = opacities[g] * np.exp(-0.5 * cross / square)
                     if opacity < OPACITY_MIN:
                         continue
+                    where = along / square
                     place = met
                     while place > 0 and depth[place - 1] > where:
                         depth[place], alpha[place] = depth[place - 1], alpha[place - 1]

@@ -52,6 +52,35 @@ def sphere_bounds(centres: F64, radii: F64, intrinsics: F64) -> F64:
     return bounds
 
 
+def ellipsoid_bounds(centres: F64, spreads: F64, intrinsics: F64, otherwise: F64) -> F64:
+    """Return the bounds in the image, [S, 4], of ellipsoids that lie in front of the camera or behind it.
+
+    The plane x = u z through the camera touches the ellipsoid where (x_c - u z_c)^2 = S_xx - 2 u S_xz + u^2 S_zz: a
+    quadratic equation in u, whose roots are the bounds if the ellipsoid does not reach the plane of the camera.
+
+    Args:
+        centres: In camera axes, [S, 3].
+        spreads: S, the matrices with the ellipsoids (p - c)^T S^-1 (p - c) <= 1, [S, 3, 3].
+        intrinsics: [3, 3].
+        otherwise: Wider bounds, which stand for the other ellipsoids.
+    """
+    bounds = otherwise.copy()
+    depth = centres[:, 2]
+    square = depth**2 - spreads[:, 2, 2]
+    apart = (depth > 0) & (square > 1e-6 * depth**2)
+    for axis in (0, 1):
+        half = centres[:, axis] * depth - spreads[:, axis, 2]
+        constant = centres[:, axis] ** 2 - spreads[:, axis, axis]
+        root = np.sqrt(np.maximum(half**2 - square * constant, 0.0))
+        safe = np.where(apart, square, 1.0)
+        # A thousandth more covers rounding.
+        slack = 1e-3 * root / safe
+        ends = np.stack([(half - root) / safe - slack, (half + root) / safe + slack], axis=1)
+        pixels = ends * intrinsics[axis, axis] + intrinsics[axis, 2]
+        bounds[apart, 2 * axis : 2 * axis + 2] = pixels[apart]
+    return bounds
+
+
 def by_tile(bounds: F64, size: tuple[int, int]) -> tuple[Index, Index]:
     """List what is in each tile: the begins [T + 1] of each tile's part of the items, row by row, in order of index.
 
