@@ -11,6 +11,7 @@ from typing import Final
 
 import cv2
 import numpy as np
+from scipy.ndimage import distance_transform_edt
 
 from gs2ci.core.arrays import F64, Bool
 from gs2ci.core.findings import Code, Finding, finding
@@ -20,7 +21,10 @@ from gs2ci.reconstruct.registration.coarse import element_px
 from gs2ci.reconstruct.registration.local_scene import Seen
 from gs2ci.reconstruct.registration.misfit import Misfit
 
+# Of a band that is narrow, few readings lie within a window; of a wide one, the scene changes within a large window. At
+# 1 to 4 px the wide window gained 0.02 to 0.05 dB of the whole picture, at 16 px it lost 0.5.
 _AVERAGED_ELEMENTS: Final = 2.0
+_NARROW_PX: Final = 8.0
 
 
 @dataclass(frozen=True)
@@ -82,7 +86,8 @@ def _averaged(shot: Shot, pixels: Bool) -> np.ndarray:
     """Average readings over the pixels around, among those of the band that are read and of the same colour."""
     total = np.tensordot(shot.weights.astype(np.float64), shot.masks, axes=1)
     seen = Seen.of(shot, element_px(total))
-    sigma = _AVERAGED_ELEMENTS * seen.window_px
+    deepest = float(distance_transform_edt(np.pad(pixels, 1, constant_values=True)).max())
+    sigma = _AVERAGED_ELEMENTS * seen.window_px * (2 if deepest <= _NARROW_PX else 1)
     measured = shot.measurement.astype(np.float64).copy()
     for counts in seen.counts:
         inside = counts * pixels
