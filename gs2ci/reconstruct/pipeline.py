@@ -272,6 +272,7 @@ def _fit_one(
             score=score,
             since_s=clock.began_s,
             pace=pace,
+            lens=lens,
         )
 
     return fit

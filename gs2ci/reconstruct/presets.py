@@ -82,6 +82,7 @@ def paper_settings() -> Settings:
         densify_until=15_000 / _PAPER_ITERATIONS,
         gaussians_per_pixel=_PAPER_MOST_PER_PIXEL,
         cap_from=7_000 / _PAPER_ITERATIONS,
+        surfaces=None,
         loss=LossWeights(similarity=0.1, opacity=0.01),
         steps=StepSizes.of_the_literature(),
         poses=PoseSettings(every=25, rate=1e-2, final_rate=2e-5),

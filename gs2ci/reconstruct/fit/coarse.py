@@ -26,8 +26,10 @@ from gs2ci.reconstruct.fit.pace import Fixed, Pace
 from gs2ci.reconstruct.fit.poses import PoseCorrections, PoseSettings, path_extent
 from gs2ci.reconstruct.fit.rendering import ShotRenderer
 from gs2ci.reconstruct.fit.stopping import HoldOut, Watch
+from gs2ci.reconstruct.fit.surfaces import Surfaces, SurfaceSettings, find_surfaces
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.measurement.jury import Jury
+from gs2ci.reconstruct.measurement.lens import Lens
 from gs2ci.render.gaussians import Gaussians
 from gs2ci.render.interface import Backend
 
@@ -43,6 +45,7 @@ class CoarseSettings:
         densify_until: Share of the schedule after its last turn.
         gaussians_per_pixel: Population cap, as a share of the pixels of one view.
         cap_from: Share of the schedule after which the population may not exceed what it is then; None for never.
+        surfaces: How light is gathered on surfaces; None leaves that to the measurement.
     """
 
     iterations: int = 600
@@ -51,6 +54,7 @@ class CoarseSettings:
     densify_until: float = 0.75
     gaussians_per_pixel: float = 0.25
     cap_from: float | None = None
+    surfaces: SurfaceSettings | None = field(default_factory=SurfaceSettings)
     loss: LossWeights = field(default_factory=LossWeights)
     steps: StepSizes = field(default_factory=StepSizes)
     poses: PoseSettings = field(default_factory=PoseSettings)
@@ -69,6 +73,8 @@ class CoarseSettings:
                 allowed="counts of at least 1",
             )
         self.loss.check()
+        if self.surfaces is not None:
+            self.surfaces.check()
         self.hold_out.check()
         return self
 
@@ -114,8 +120,14 @@ class _Fit:
         backend: Backend,
         settings: CoarseSettings,
         seed: int,
+        lens: Lens | None,
     ) -> None:
         shot = jury.shot
+        self._lens, self._seed = lens, seed
+        # Where no parallax was found, views show no depth.
+        moved = settings.surfaces is not None and geometry.verdict == "full"
+        self._begins = list(settings.surfaces.begins) if moved and settings.surfaces is not None else []
+        self._surfaces: Surfaces | None = None
         self.settings = settings
         self._renderer = ShotRenderer(shot, geometry.intrinsics, backend)
         self._gathering = Gathering(self._renderer, len(start))
@@ -137,13 +149,36 @@ class _Fit:
         """Render the views, [N, H, W, C] float32, not clamped."""
         return self._renderer.views(self.optimiser.scene, self.poses.world_to_camera())
 
-    def backward(self) -> float:
-        """Accumulate gradients of the objective; return the loss, NaN where a parameter is not finite."""
+    def backward(self, share: float, iteration: int) -> float:
+        """Accumulate gradients of the objective.
+
+        Args:
+            share: Of the schedule that is done.
+            iteration: How many are.
+
+        Returns:
+            The loss without the surfaces' part of it, NaN where a parameter is not finite.
+        """
         if not self.optimiser.scene_is_finite():
             return float("nan")
         loss = regulated(self.data_term(self.predict()), self.optimiser.scene, self.settings.loss)
-        loss.backward()  # type: ignore[no-untyped-call]
+        objective = loss
+        if self._surfaces is not None:
+            poses = self.poses.world_to_camera()
+            distance = self._surfaces.term(self._renderer, self.optimiser.scene, poses, iteration)
+            objective = loss + self._surfaces.settings.weight_at(share) * distance
+        objective.backward()  # type: ignore[no-untyped-call]
         return float(loss.detach())
+
+    def find_surfaces(self, share: float) -> bool:
+        """Look for surfaces when it is time to; return whether some were found now."""
+        settings = self.settings.surfaces
+        if settings is None or not self._begins or share < self._begins[0]:
+            return False
+        self._begins.pop(0)
+        scene, poses = self.optimiser.scene.detach(), self.poses.world_to_camera().detach().double().numpy()
+        self._surfaces = find_surfaces(self._renderer, scene, poses, self.views(), settings, self._lens, self._seed)
+        return self._surfaces is not None
 
     def is_finite(self, loss: float) -> bool:
         """Tell whether this iteration may be taken into the parameters."""
@@ -218,6 +253,7 @@ def fit_coarse(
     score: Score | None = None,
     since_s: float | None = None,
     pace: Pace | None = None,
+    lens: Lens | None = None,
 ) -> CoarseFit:
     """Fit Gaussians and poses to the measurement.
 
@@ -233,6 +269,7 @@ def fit_coarse(
         score: Called with the refined views at each look; its value is reported as `psnr_db`.
         since_s: `time.monotonic()` when the whole reconstruction began; the curve's seconds count from there.
         pace: Decides how many iterations there are, instead of the settings.
+        lens: Through which the measurement was taken, unless it is a pinhole.
 
     Returns:
         The state with the best held-out residual.
@@ -242,7 +279,7 @@ def fit_coarse(
         NumericsError: The very first iteration is not finite.
     """
     settings.check()
-    fit = _Fit(jury, start, geometry, backend, settings, seed)
+    fit = _Fit(jury, start, geometry, backend, settings, seed, lens)
     looks = Looks(jury, refine, score, since_s)
     loop = _Loop(fit, looks, progress, pace or Fixed(settings.iterations), judged=bool(jury.heldout.any()))
     stopped = loop.run()
@@ -281,7 +318,9 @@ class _Loop:
         self._progress.stage("fit", total)
         iteration = 0
         while iteration < total:
-            loss = self.fit.backward()
+            if self.fit.find_surfaces(iteration / total):
+                self._watch.set_back(iteration)
+            loss = self.fit.backward(iteration / total, iteration)
             ran_away = self._how_it_ran_away(iteration, loss)
             if ran_away is not None:
                 if not self._roll_back(iteration, ran_away):

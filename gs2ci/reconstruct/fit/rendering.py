@@ -12,7 +12,7 @@ from gs2ci.core.arrays import F32, F64
 from gs2ci.core.records import Shot
 from gs2ci.reconstruct.measurement import coding
 from gs2ci.render.gaussians import Gaussians
-from gs2ci.render.interface import Backend, Reuse
+from gs2ci.render.interface import Backend, MaskSet, Reuse
 from gs2ci.render.screen import ScreenStatistics
 from gs2ci.render.stopping import StoppedLight
 
@@ -55,6 +55,14 @@ class ShotRenderer:
         if self._channels is not None:
             return coding.select(image, self._channels)
         return image.mean(dim=2, keepdim=True) if self._mono else image
+
+    def code(self, masks: Tensor) -> MaskSet:
+        """Prepare another mask set, [V, H, W]."""
+        return self._backend.code(masks)
+
+    def coded(self, scene: Gaussians, world_to_camera: Tensor, mask_set: MaskSet) -> Tensor:
+        """Render the sum of views, [V, 4, 4], under another mask set, [H, W, 3]; differentiable."""
+        return self._backend.coded(scene, world_to_camera, self.intrinsics, mask_set)
 
     def views(self, scene: Gaussians, world_to_camera: Tensor) -> F32:
         """Render views from any poses [V, 4, 4]: [V, H, W, C] float32, not clamped; C is 1 for a mono shot."""

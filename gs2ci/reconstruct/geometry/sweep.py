@@ -34,6 +34,7 @@ class SweepSettings:
         near_factor: The nearest plane, as a multiple of the tracks' 99th percentile.
         most_pixels: Larger views are reduced before the sweep; its memory is 8 bytes per pixel and plane.
         window_px: Side of the window over which views are compared.
+        blur_px: Standard deviation of a blur before: decoded views carry the residue of their masks.
     """
 
     planes: int = 96
@@ -41,15 +42,18 @@ class SweepSettings:
     near_factor: float = 1.25
     most_pixels: int = 500_000
     window_px: int = 7
+    blur_px: float = RESIDUE_BLUR_PX
 
     def check(self) -> "SweepSettings":
         """Return self if the numbers make sense.
 
         Raises:
-            InputError: Too few planes, or a window whose side is even or out of range.
+            InputError: Too few planes, a window whose side is even or out of range, or a blur that is none.
         """
         if self.planes < LEAST_PLANES:
             raise InputError(f"{self.planes} depth planes", allowed=f"at least {LEAST_PLANES}")
+        if not 0 < self.blur_px < np.inf:
+            raise InputError(f"a blur of {self.blur_px} px before the plane sweep", allowed="more than 0")
         check_window("the plane sweep", self.window_px, least_px=1)
         return self
 
@@ -83,7 +87,7 @@ def sweep(
     height, width = views.shape[1:3]
     small = reduced(views, settings.most_pixels)
     scale = np.array([small.shape[2] / width, small.shape[1] / height, 1.0])
-    features = np.stack([_features(view) for view in small])
+    features = np.stack([_features(view, settings.blur_px) for view in small])
     others = [i for i in range(len(views)) if i != reference]
     inverse_depths = np.linspace(*span, settings.planes)
     homographies = _homographies(world_to_camera[others], scale[:, None] * intrinsics, inverse_depths)
@@ -110,10 +114,10 @@ def reduced(views: F32, most_pixels: int) -> F32:
     return np.stack(resized).reshape(len(views), new_height, new_width, -1)
 
 
-def _features(view: F32) -> F32:
+def _features(view: F32, blur_px: float) -> F32:
     """Describe each pixel by its colour, weighing 3 in all, and its luminance gradient; zeros up to [H, W, 8]."""
     height, width, channels = view.shape
-    blurred = cv2.GaussianBlur(view, (0, 0), RESIDUE_BLUR_PX).reshape(view.shape)
+    blurred = cv2.GaussianBlur(view, (0, 0), blur_px).reshape(view.shape)
     grey = cv2.cvtColor(blurred, cv2.COLOR_RGB2GRAY) if channels == 3 else blurred[..., 0]
     features = np.zeros((height, width, FEATURES), np.float32)
     features[..., :channels] = blurred * (3 / channels)

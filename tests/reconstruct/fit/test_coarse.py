@@ -18,13 +18,15 @@ from gs2ci.reconstruct.fit.poses import PoseSettings
 from gs2ci.reconstruct.fit.rules import RULE_NAMES, with_rule
 from gs2ci.reconstruct.fit.start import first_gaussians
 from gs2ci.reconstruct.fit.stopping import HoldOut
+from gs2ci.reconstruct.fit.surfaces import SurfaceSettings
 from gs2ci.reconstruct.geometry.points import seed_points
 from gs2ci.reconstruct.measurement.jury import Jury, choose_heldout
 from gs2ci.reconstruct.presets import paper_settings
 from gs2ci.render.cpu.backend import CpuBackend
 from gs2ci.render.settings import RasterSettings
 
-QUICK = CoarseSettings(iterations=60, densify_every=20, hold_out=HoldOut(share=0.05, look_every=10))
+# Surfaces have tests of their own: those of the loop count its renderings.
+QUICK = CoarseSettings(iterations=60, densify_every=20, surfaces=None, hold_out=HoldOut(share=0.05, look_every=10))
 UNJUDGED = HoldOut(share=0.0, look_every=10, patience=10**6, growth_patience=10**6)
 
 
@@ -269,6 +271,24 @@ def test_the_same_seed_gives_the_same_bits_twice_and_on_any_number_of_threads(mo
         np.testing.assert_array_equal(other.world_to_camera, fits[0].world_to_camera)
         assert torch.equal(other.scene.means, fits[0].scene.means)
         assert [p.loss for p in other.curve] == [p.loss for p in fits[0].curve]
+
+
+def test_surfaces_have_a_say_once_they_are_sought_and_the_measurement_has_the_last_word(moving_plane):
+    plain, _ = run(moving_plane)
+    drawn, _ = run(moving_plane, replace(QUICK, surfaces=SurfaceSettings(weight=1e-2, begins=(0.5, 0.8))))
+    # Up to iteration 30 both are the same.
+    assert [point.loss for point in drawn.curve[:3]] == [point.loss for point in plain.curve[:3]]
+    assert drawn.curve[3].loss != plain.curve[3].loss
+    assert drawn.curve[-1].heldout < 1.2 * plain.curve[-1].heldout
+
+
+def test_without_parallax_no_surface_is_sought(moving_plane):
+    shot, geometry = moving_plane
+    still = replace(geometry, verdict="rotation_only")
+    settings = replace(QUICK, surfaces=SurfaceSettings())
+    plain, _ = run((shot, still), QUICK)
+    fit, _ = run((shot, still), settings)
+    assert np.array_equal(fit.views, plain.views)
 
 
 def test_a_mono_measurement_gives_mono_views(moving_plane):

@@ -1,0 +1,245 @@
+"""Where surfaces are, as the views of a running fit show them, and a term that gathers a scene's light there.
+
+Views leave open how the Gaussians along a ray share its light: half of a fitted scene is fog that shows the right
+pictures from the right places. The views that it shows are good enough, though, to find depth in by a plane sweep as
+the decode is not. So, once they are, a few of them are swept, what the sweeps agree on is kept, and from then on light
+that is stopped elsewhere costs something. The cost fades: what the measurement says has the last word, and light that
+has been gathered on surfaces stays there.
+
+Here: the sweeps, their agreement, the term. Not here: when it counts (`coarse.py`), the sweep (`geometry.sweep`).
+"""
+
+from dataclasses import dataclass, field, replace
+
+import cv2
+import numpy as np
+import torch
+from torch import Tensor
+
+from gs2ci.core.arrays import F32, F64
+from gs2ci.core.cameras import camera_centres
+from gs2ci.core.errors import InputError
+from gs2ci.reconstruct.fit.rendering import ShotRenderer
+from gs2ci.reconstruct.geometry.snapping import snapped
+from gs2ci.reconstruct.geometry.sweep import SweepSettings, sweep
+from gs2ci.reconstruct.measurement.lens import Lens
+from gs2ci.render.conventions import NEAR
+from gs2ci.render.gaussians import Gaussians
+from gs2ci.render.interface import MaskSet
+
+# Sweeps that differ by so much parallax along the whole path, px, show the same surface.
+_SAME_PX = 1.5
+# The share of the other sweeps that see a pixel's surface too: at the first none is believed, at the second all is.
+_AGREEMENT = (0.3, 0.8)
+# The planes' range: the scene's own, between these quantiles of inverse depth, with room beyond both ends.
+_SCENE_QUANTILES = (0.005, 0.995)
+_BEYOND = (0.5, 1.25)
+# Below this distance the cost is a parabola, so that it has a gradient at its end.
+_ROUND_PX = 0.1
+
+
+@dataclass(frozen=True)
+class SurfaceSettings:
+    """How strongly light is drawn to surfaces.
+
+    Args:
+        weight: Of the mean distance in px of parallax along the whole path, at first.
+        final_weight: At the end of the schedule; exponential in between.
+        begins: Shares of the schedule after which the views are swept, in order.
+        views: How many are, spread over the path.
+        others: With how many others each is compared at most, spread over the path.
+        pixel_share: Share of the pixels that the term looks at.
+        sweep: How finely to sweep.
+    """
+
+    weight: float = 4e-3
+    final_weight: float = 1e-4
+    begins: tuple[float, ...] = (0.4,)
+    views: int = 4
+    others: int = 8
+    pixel_share: float = 0.3
+    sweep: SweepSettings = field(default_factory=lambda: SweepSettings(window_px=5, blur_px=0.5))
+
+    def check(self) -> "SurfaceSettings":
+        """Return self if the numbers make sense.
+
+        Raises:
+            InputError: A weight that is not above 0, shares outside (0, 1], fewer than two views, or the sweep's own.
+        """
+        if (
+            not (0 < self.weight < np.inf and 0 < self.final_weight < np.inf and 0 < self.pixel_share <= 1)
+            or not (
+                self.begins and self.begins[0] > 0 and self.begins[-1] <= 1 and list(self.begins) == sorted(self.begins)
+            )
+            or min(self.views, self.others) < 2
+        ):
+            raise InputError(
+                f"surface settings {self}",
+                allowed="weights above 0, begins in order and a pixel_share in (0, 1], 2 views and others or more",
+            )
+        self.sweep.check()
+        return self
+
+    def weight_at(self, share: float) -> float:
+        """Return the weight when a share of the schedule, at least the first of `begins`, is done."""
+        gone = (share - self.begins[0]) / max(1 - self.begins[0], 1e-9)
+        return float(self.weight * (self.final_weight / self.weight) ** min(max(gone, 0.0), 1.0))
+
+
+@dataclass(frozen=True)
+class Surfaces:
+    """Surfaces that several views agree on.
+
+    Args:
+        settings: Of the term.
+        views: Which views were swept, [K].
+        inverse_depth: Of what they see, [K, H, W] float32.
+        trust: How far to believe it, [K, H, W] float32 in [0, 1].
+        parallax_px: What parallax along the whole path is at an inverse depth of 1, px.
+        pixels: Where the term looks in each view, as the renderer prepared it, and [H, W] bool.
+    """
+
+    settings: SurfaceSettings
+    views: tuple[int, ...]
+    inverse_depth: F32
+    trust: F32
+    parallax_px: float
+    pixels: tuple[tuple[MaskSet, Tensor], ...]
+
+    def term(self, renderer: ShotRenderer, scene: Gaussians, world_to_camera: Tensor, turn: int) -> Tensor:
+        """Return the mean distance of one view's light from its surfaces, px of parallax, differentiable in the scene.
+
+        Of a pixel with weights w_i of Gaussians at parallaxes p_i and the surface at p, it is the root of
+        sum_i w_i (p_i - p)^2: the root, so that what lies far off does not outvote all.
+
+        Args:
+            renderer: Of the shot.
+            scene: The Gaussians.
+            world_to_camera: Poses of all views, [N, 4, 4]; they get no gradient.
+            turn: Views are looked at in turn.
+        """
+        k = turn % len(self.views)
+        mask_set, looked_at = self.pixels[k]
+        pose = world_to_camera[self.views[k]].detach()
+        depth = (scene.means @ pose[2, :3] + pose[2, 3]).clamp(min=NEAR)
+        wanted = self.parallax_px * torch.from_numpy(self.inverse_depth[k])[looked_at]
+        trust = torch.from_numpy(self.trust[k])[looked_at]
+        # About the middle of what is wanted, so that the squares do not cancel.
+        middle = float(wanted.median())
+        parallax = self.parallax_px / depth - middle
+        moments = torch.stack([torch.ones_like(parallax), parallax, parallax.square()], dim=1)
+        stopped, first, second = renderer.coded(
+            replace(scene, colours=moments), pose[None], mask_set
+        )[looked_at].unbind(dim=1)  # fmt: skip
+        wanted = wanted - middle
+        squares = second - 2 * wanted * first + wanted.square() * stopped
+        distances = (squares.clamp(min=0) + _ROUND_PX**2).sqrt() - _ROUND_PX
+        mean: Tensor = (trust * distances).sum() / max(float(trust.sum()), 1.0)
+        return mean
+
+
+def find_surfaces(
+    renderer: ShotRenderer,
+    scene: Gaussians,
+    world_to_camera: F64,
+    views: F32,
+    settings: SurfaceSettings,
+    lens: Lens | None,
+    seed: int,
+) -> Surfaces | None:
+    """Sweep a few views of a fit, and keep what the sweeps agree on; None where that is nothing.
+
+    Args:
+        renderer: Of the shot.
+        scene: The Gaussians; their depths are the range that is swept.
+        world_to_camera: Poses, [N, 4, 4].
+        views: What they show from there, [N, H, W, C].
+        settings: How many, how finely.
+        lens: Through which the shot was taken, unless it is a pinhole.
+        seed: Of the choice of pixels.
+    """
+    count = len(views)
+    span = _span(renderer.stopped_light(scene, world_to_camera).surface().numpy())
+    extent = float(np.linalg.norm(np.ptp(camera_centres(world_to_camera), axis=0)))
+    if count < 2 or span is None or extent == 0:
+        return None
+    straight = np.clip(views if lens is None else lens.straightened(views), 0, 1).astype(np.float32)
+    intrinsics = renderer.intrinsics.double().numpy() if lens is None else lens.canvas_intrinsics
+    chosen = _spread(count, settings.views)
+    maps = []
+    for view in chosen:
+        others = [int(i) for i in _spread(count, settings.others + 1) if i != view][: settings.others]
+        order = [view, *others]
+        from_view = world_to_camera[order] @ np.linalg.inv(world_to_camera[view])
+        swept = sweep(straight[order], from_view, intrinsics, 0, span, settings.sweep)
+        maps.append(snapped(swept, straight[view]))
+    parallax_px = float(intrinsics[0, 0]) * extent
+    trust = agreement(np.stack(maps), world_to_camera[list(chosen)], intrinsics, parallax_px)
+    inverse_depth, trust = (_on_sensor(found, lens) for found in (np.stack(maps), trust))
+    draw = np.random.default_rng(np.random.SeedSequence([seed, 0x5F]))
+    taken = (draw.random(trust.shape) < settings.pixel_share) & (trust > 0)
+    if not taken.any(axis=(1, 2)).all():
+        return None
+    looked_at = [torch.from_numpy(mask) for mask in taken]
+    pixels = tuple((renderer.code(mask[None].float()), mask) for mask in looked_at)
+    return Surfaces(settings, chosen, inverse_depth, trust, parallax_px, pixels)
+
+
+def agreement(inverse_depth: F32, world_to_camera: F64, intrinsics: F64, parallax_px: float) -> F32:
+    """Tell how far several maps of inverse depth bear each other out, [K, H, W] in [0, 1].
+
+    Each pixel's point is looked for in the other maps. One map alone, or a point that no other sees, has nobody to
+    agree with and is not believed.
+
+    Args:
+        inverse_depth: [K, H, W].
+        world_to_camera: Their poses, [K, 4, 4].
+        intrinsics: [3, 3], px.
+        parallax_px: What parallax along the whole path is at an inverse depth of 1.
+    """
+    count, height, width = inverse_depth.shape
+    rows, columns = np.mgrid[:height, :width] + 0.5
+    rays = np.stack([columns, rows, np.ones_like(rows)], axis=-1) @ np.linalg.inv(intrinsics).T
+    trust = np.zeros_like(inverse_depth)
+    for k in range(count):
+        agreeing, seeing = np.zeros((height, width)), np.zeros((height, width))
+        for other in range(count):
+            if other == k:
+                continue
+            moved = world_to_camera[other] @ np.linalg.inv(world_to_camera[k])
+            # In units of the depth: X = R ray + t ρ.
+            points = rays @ moved[:3, :3].T + moved[:3, 3] * inverse_depth[k][..., None]
+            ahead = points[..., 2] > NEAR
+            at = (points / np.where(ahead, points[..., 2], 1.0)[..., None]) @ intrinsics.T
+            column, row = np.floor(at[..., 0]), np.floor(at[..., 1])
+            inside = ahead & (column >= 0) & (column < width) & (row >= 0) & (row < height)
+            there = inverse_depth[other][np.where(inside, row, 0).astype(int), np.where(inside, column, 0).astype(int)]
+            expected = inverse_depth[k] / np.where(ahead, points[..., 2], 1.0)
+            seeing += inside
+            agreeing += inside & (np.abs(there - expected) * parallax_px < _SAME_PX)
+        low, high = _AGREEMENT
+        trust[k] = np.where(seeing > 0, np.clip((agreeing / np.maximum(seeing, 1) - low) / (high - low), 0, 1), 0)
+    return trust
+
+
+def _span(depth: F32) -> tuple[float, float] | None:
+    """Choose the farthest and the nearest plane from a scene's depths, [N, H, W]; None where there are none."""
+    seen = depth[depth > 0]
+    if not seen.size:
+        return None
+    low, high = np.quantile(1 / seen.astype(np.float64), _SCENE_QUANTILES)
+    return float(low * _BEYOND[0]), float(high * _BEYOND[1])
+
+
+def _spread(count: int, wanted: int) -> tuple[int, ...]:
+    """Choose at most so many of `count` views, evenly, the first and the last among them."""
+    return tuple(int(i) for i in np.unique(np.linspace(0, count - 1, min(wanted, count)).round()))
+
+
+def _on_sensor(maps: F32, lens: Lens | None) -> F32:
+    """Show maps of the canvas, [K, Hc, Wc], where the sensor's pixels look; nothing is mixed across edges."""
+    if lens is None:
+        return maps
+    x, y = ((lens.sampling.places[..., axis] - 0.5).astype(np.float32) for axis in (0, 1))
+    border = {"borderMode": cv2.BORDER_REPLICATE}
+    return np.stack([cv2.remap(one, x, y, cv2.INTER_NEAREST, **border) for one in maps])

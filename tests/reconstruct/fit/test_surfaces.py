@@ -1,0 +1,164 @@
+"""Surfaces found in the views of a fit, and the term that gathers light there."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from gs2ci.core.errors import InputError
+from gs2ci.core.records import Shot
+from gs2ci.reconstruct.fit.rendering import ShotRenderer
+from gs2ci.reconstruct.fit.surfaces import Surfaces, SurfaceSettings, agreement, find_surfaces
+from gs2ci.reconstruct.geometry.sweep import SweepSettings
+from gs2ci.render.backend import load_backend
+from gs2ci.render.gaussians import Gaussians
+
+SIZE = (40, 56)
+INTRINSICS = np.array([[60.0, 0, 28], [0, 60.0, 20], [0, 0, 1]])
+VIEWS = 5
+DEPTH = 2.0
+SETTINGS = SurfaceSettings(sweep=SweepSettings(planes=32))
+
+
+def path(views=VIEWS, extent=0.4):
+    poses = np.tile(np.eye(4), (views, 1, 1))
+    poses[:, 0, 3] = -np.linspace(-extent / 2, extent / 2, views)
+    return poses
+
+
+def wall(depth=DEPTH, logit=6.0, seed=0):
+    """Flat, many-coloured Gaussians across the view at one depth."""
+    rng = np.random.default_rng(seed)
+    x, y = np.meshgrid(np.arange(-1.4, 1.41, 0.07) * depth / 2, np.arange(-1, 1.01, 0.07) * depth / 2)
+    count = x.size
+    quaternions = torch.zeros(count, 4)
+    quaternions[:, 0] = 1
+    return Gaussians(
+        means=torch.tensor(np.stack([x.ravel(), y.ravel(), np.full(count, depth)], 1), dtype=torch.float32),
+        log_scales=torch.tensor([0.035 * depth / 2, 0.035 * depth / 2, 1e-3]).log().repeat(count, 1),
+        quaternions=quaternions,
+        opacity_logits=torch.full((count,), logit),
+        colours=torch.tensor(rng.random((count, 3)), dtype=torch.float32),
+    )
+
+
+def together(*scenes):
+    parts = [scene.parameters() for scene in scenes]
+    return Gaussians(**{name: torch.cat([part[name] for part in parts]) for name in parts[0]})
+
+
+@pytest.fixture(scope="module")
+def renderer():
+    masks = (np.random.default_rng(1).random((VIEWS, *SIZE)) < 0.3).astype(np.float32)
+    masks[0, 0, 0] = 1
+    shot = Shot(np.ones((*SIZE, 3), np.float32), masks, np.ones(VIEWS, np.float32), intrinsics=INTRINSICS).check()
+    return ShotRenderer(shot, INTRINSICS, load_backend())
+
+
+def surfaces_of(renderer, scene=None, poses=None, **changes):
+    scene, poses = wall() if scene is None else scene, path() if poses is None else poses
+    views = renderer.views(scene, torch.from_numpy(poses).float())
+    return find_surfaces(renderer, scene, poses, views, replace(SETTINGS, **changes), None, seed=0)
+
+
+def term(found: Surfaces, renderer, scene, turn=0):
+    return found.term(renderer, scene, torch.from_numpy(path()).float(), turn)
+
+
+def test_a_wall_is_found_where_it_stands_and_believed(renderer):
+    found = surfaces_of(renderer)
+    middle = np.s_[:, 8:-8, 12:-12]
+    assert found.views == (0, 1, 3, 4)
+    assert found.parallax_px == pytest.approx(60 * 0.4)
+    assert np.median(np.abs(DEPTH * found.inverse_depth[middle] - 1)) < 0.02
+    assert found.trust[middle].mean() > 0.9
+
+
+def test_the_term_is_small_on_the_surface_and_grows_with_the_distance(renderer):
+    found = surfaces_of(renderer)
+    at = {depth: float(term(found, renderer, wall(depth))) for depth in (1.6, 1.8, 2.0, 2.2, 2.4)}
+    assert at[2.0] < 0.4
+    assert at[1.6] > at[1.8] > at[2.0] < at[2.2] < at[2.4]
+    # The distance is that in parallax along the whole path.
+    assert at[1.6] == pytest.approx(24 * (1 / 1.6 - 1 / 2), abs=0.5)
+
+
+def test_fog_before_a_wall_costs_and_its_gradient_thins_it_and_moves_it_to_the_wall(renderer):
+    found = surfaces_of(renderer)
+    foggy = together(wall(1.5, logit=-1.0, seed=3), wall())
+    fog = slice(0, len(foggy) // 2)
+    assert term(found, renderer, foggy) > term(found, renderer, wall()) + 0.5
+    leaf = foggy.map(lambda tensor: tensor.clone().requires_grad_())
+    term(found, renderer, leaf).backward()
+    seen = leaf.opacity_logits.grad[fog].abs() > 0
+    assert seen.sum() > 200
+    assert (leaf.opacity_logits.grad[fog][seen] > 0).double().mean() > 0.95
+    assert leaf.means.grad[fog, 2].sum() < 0
+    assert all(torch.isfinite(value.grad).all() for name, value in leaf.parameters().items() if name != "colours")
+
+
+def test_surfaces_and_their_gradient_are_the_same_bits_on_any_number_of_threads(renderer, threads):
+    foggy, found = together(wall(1.5, logit=-1.0, seed=3), wall()), []
+    for count in (1, 2, 2):
+        with threads(count):
+            surfaces = surfaces_of(renderer, foggy)
+            leaf = foggy.map(lambda tensor: tensor.clone().requires_grad_())
+            term(surfaces, renderer, leaf).backward()
+            found.append(
+                (surfaces.inverse_depth, surfaces.trust, leaf.means.grad.numpy(), leaf.opacity_logits.grad.numpy())
+            )
+    for other in found[1:]:
+        for one, again in zip(found[0], other, strict=True):
+            np.testing.assert_array_equal(one, again)
+
+
+def test_views_are_looked_at_in_turn(renderer):
+    found = surfaces_of(renderer)
+    beside = wall(1.7)
+    each = [float(term(found, renderer, beside, turn)) for turn in range(5)]
+    assert each[0] == each[4]
+    assert len({round(value, 6) for value in each[:4]}) == 4
+
+
+def test_maps_that_contradict_each_other_are_not_believed():
+    poses, flat = path(3), np.full((3, *SIZE), 0.5, np.float32)
+    inside = np.s_[:, :, 14:-14]
+    assert agreement(flat, poses, INTRINSICS, 24.0)[inside].min() == 1
+    flat[1] = 0.8
+    mixed = agreement(flat, poses, INTRINSICS, 24.0)
+    assert mixed[1][:, 14:-14].max() == 0
+    assert mixed[0][:, 14:-14].mean() == pytest.approx((0.5 - 0.3) / 0.5)
+    assert not agreement(flat[:1], poses[:1], INTRINSICS, 24.0).any()
+
+
+def test_where_there_is_no_parallax_or_nothing_is_seen_no_surface_is_claimed(renderer):
+    at_rest = np.tile(np.eye(4), (VIEWS, 1, 1))
+    assert surfaces_of(renderer, poses=at_rest) is None
+    assert surfaces_of(renderer, scene=wall(logit=-20.0)) is None
+
+
+def test_the_weight_fades_over_the_rest_of_the_schedule():
+    settings = SurfaceSettings(weight=1e-2, final_weight=1e-4, begins=(0.5, 0.75))
+    assert settings.weight_at(0.5) == pytest.approx(1e-2)
+    assert settings.weight_at(0.75) == pytest.approx(1e-3)
+    assert settings.weight_at(1.0) == pytest.approx(1e-4)
+    assert SurfaceSettings(begins=(1.0,)).weight_at(1.0) == pytest.approx(SurfaceSettings().weight)
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"weight": 0.0},
+        {"final_weight": np.inf},
+        {"begins": ()},
+        {"begins": (0.0, 0.5)},
+        {"begins": (0.8, 0.5)},
+        {"pixel_share": 1.5},
+        {"views": 1},
+        {"others": 1},
+    ],
+)
+def test_settings_without_meaning_are_refused(wrong):
+    with pytest.raises(InputError, match="surface settings"):
+        SurfaceSettings(**wrong).check()
