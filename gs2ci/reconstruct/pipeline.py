@@ -1,6 +1,6 @@
 """From one coded measurement to views, camera path and Gaussian scene: the whole way on one page.
 
-    registration ─► hold out some pixels ─► first look (decode, geometry, brightness) (─► near or far) ─► first Gaussians
+    registration ─► hold out some pixels ─► first look (decode, geometry, brightness) ─► near or far ─► first Gaussians
     ─► coarse fits (─► second look ─► coarse fits) (─► fine fit) ─► their mean ─► residual ─► judge by the held-out
 
 Here: the order, the clock, and the judgement. Not here: any stage itself, its settings (`settings`), the record that is
