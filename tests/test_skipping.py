@@ -40,6 +40,7 @@ def small(pytester):
     def run(allowed, lacking, *options):
         pytester.makeconftest(CONFTEST.replace("LACKING", repr(lacking)))
         pytester.makepyfile(test_small=TESTS)
+        pytester.makepyfile(**{"beside/conftest": "", "beside/test_beside": "def test_runs(): pass"})
         pytester.makefile(".toml", skips=allowed)
         pytester.makeini(f"[pytest]\npythonpath = {ROOT}\n")
         return pytester.runpytest("-p", "no:cacheprovider", *options)
