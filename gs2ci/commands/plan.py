@@ -21,7 +21,8 @@ def run(rig: tyro.conf.Positional[Path], *, tolerance_dn: float | None = None) -
     """Print what would be simulated of a rig's effects: bound, decision, reason, sampling, share of the time.
 
     Args:
-        rig: A simulation's rig file (TOML; docs/simulation.md), not a bench's.
+        rig: The rig file (TOML) of a simulated bench (docs/rigs/simulated.toml) or of a simulation alone
+            (docs/simulation.md).
         tolerance_dn: In total, DN rms; that of the rig file if not given.
     """
     check_number("--tolerance-dn", tolerance_dn, above=0, remedy="leave --tolerance-dn out for the rig file's number")
@@ -29,11 +30,20 @@ def run(rig: tyro.conf.Positional[Path], *, tolerance_dn: float | None = None) -
 
 
 def plan_of(rig: Path, tolerance_dn: float | None = None) -> "Plan":
-    """Plan the exposure of a simulation's rig file, with its own tolerance or another.
+    """Plan the exposure of a rig file, with its own tolerance or another.
 
     Raises:
-        InputError: The file cannot be read, or describes a bench.
+        InputError: The file cannot be read, or describes a bench of real devices.
     """
+    from gs2ci.core.config import read_toml
+    from gs2ci.rig.config import describes_simulation
+
+    if not describes_simulation(read_toml(rig)[0]):
+        from gs2ci.rig.config import read_rig
+        from gs2ci.rig.foreseen import foreseen_plan
+        from gs2ci.rig.opening import Rig
+
+        return foreseen_plan(Rig(*read_rig(rig), rig.parent), tolerance_dn)
     from gs2ci_sims.planner import plan
     from gs2ci_sims.rig_file import read_rig_file
 

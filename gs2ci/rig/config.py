@@ -4,6 +4,7 @@ Every table is a strict model: an unknown key is an error that names the nearest
 device's twin below its driver. Not here: opening anything (`gs2ci.rig.opening`).
 """
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -179,6 +180,13 @@ class RigTable(Settings):
         return tuple(name for name, table in tables.items() if table is not None and table.port == SIMULATED)
 
 
+def describes_simulation(tables: Mapping[str, Any]) -> bool:
+    """Return whether a file's tables are those of a simulation alone, without any device: docs/simulation.md."""
+    keys = tables.keys()
+    kinds = [name for name in SHARED if isinstance(tables.get(name), dict) and "kind" in tables[name]]
+    return not kinds and not keys & (RigTable.model_fields.keys() - SHARED)
+
+
 def read_rig(path: Path) -> tuple[RigTable, str]:
     """Read a rig file.
 
@@ -189,8 +197,8 @@ def read_rig(path: Path) -> tuple[RigTable, str]:
         InputError: It cannot be read, describes a simulation and no bench, a key is unknown or a value cannot be; or
             simulated and real devices are mixed, which cannot share one time; or simulated ones have no [world].
     """
-    keys = read_toml(path)[0].keys()
-    if keys & SIMULATION_ONLY and not keys & (RigTable.model_fields.keys() - SHARED):
+    tables = read_toml(path)[0]
+    if tables.keys() & SIMULATION_ONLY and describes_simulation(tables):
         raise InputError(
             f"{path} describes a simulation, not a bench",
             allowed="a bench's rig file: docs/bench.md, docs/rigs/simulated.toml",

@@ -150,8 +150,7 @@ class BenchLight:
                 f"a sensor of {height} x {width} before a scene for {self.scene.size[0]} x {self.scene.size[1]}",
                 remedy="set the same height and width in [sensor] and [world]",
             )
-        # Every exposure draws anew.
-        seed = int(np.random.SeedSequence((self._seed, exposure.index)).generate_state(1)[0])
+        seed = self._seed_of(exposure)
         rig = self._rig(exposure)
         effects = self._effects(rig.sensor)
         if exposure.masks and self._sight.lit:
@@ -228,10 +227,22 @@ class BenchLight:
         """Get what the rig has beyond what every sensor does."""
         return self._extra
 
-    def _photons(
-        self, exposure: Exposure, rig: Rig, effects: tuple[Effect, ...], seed: int
-    ) -> tuple[F64, tuple[Effect, ...]]:
-        """Integrate over all masks on show, [H, W, 3], and say which effects are simulated."""
+    def foresee(self, exposure: Exposure) -> Plan:
+        """Plan an exposure to the scene without exposing anything.
+
+        Raises:
+            InputError: It looks beyond the modulator.
+        """
+        rig = self._rig(exposure)
+        path, masks, slices = self._laid_out(exposure)
+        return self._plan(path, masks, rig, self._effects(rig.sensor), slices, self._seed_of(exposure))
+
+    def _seed_of(self, exposure: Exposure) -> int:
+        """Return what every exposure draws anew from."""
+        return int(np.random.SeedSequence((self._seed, exposure.index)).generate_state(1)[0])
+
+    def _laid_out(self, exposure: Exposure) -> tuple[_FollowedPath, F32, Slices]:
+        """Return the camera's path during an exposure, its masks on the sensor, [N, H, W], and when each is on show."""
         masks = np.stack([self.registration.on_sensor(m, exposure.height, exposure.width) for m in exposure.masks])
         middle_s = 0.5 * (exposure.masks[0].start_s + exposure.masks[-1].end_s)
         # An even light looks the same from everywhere.
@@ -240,7 +251,13 @@ class BenchLight:
         poses = np.stack([exposure.world_to_camera_at(float(t)) for t in times_s])
         path = _FollowedPath(times_s - middle_s, poses)
         start_s, stop_s = np.array([[m.start_s, m.end_s] for m in exposure.masks]).T - middle_s
-        slices = Slices(start_s, stop_s, np.eye(len(masks)), np.arange(len(masks)), start_s)
+        return path, masks, Slices(start_s, stop_s, np.eye(len(masks)), np.arange(len(masks)), start_s)
+
+    def _photons(
+        self, exposure: Exposure, rig: Rig, effects: tuple[Effect, ...], seed: int
+    ) -> tuple[F64, tuple[Effect, ...]]:
+        """Integrate over all masks on show, [H, W, 3], and say which effects are simulated."""
+        path, masks, slices = self._laid_out(exposure)
         if self._sight.target:
             # Targets draw distortion themselves: an even light has none, a board is bent before its pixels are made.
             absent = MotionBlur | Defocus | LensDistortion

@@ -5,6 +5,9 @@ from rich.console import Console
 
 from gs2ci.commands import plan
 from gs2ci.core.errors import InputError
+from gs2ci.core.progress import Silent
+from gs2ci.rig.opening import load_rig
+from gs2ci.rig.recording import prepare, record
 
 RIG = """
 [scene]
@@ -56,12 +59,66 @@ def test_a_forced_effect_that_is_not_there_is_refused(rig):
         plan.run(rig)
 
 
-@pytest.mark.parametrize("bench", ['name = "bench"\n[capture]\nmasks = 8\n', '[sensor]\nkind = "v4l2"\n'])
-def test_the_rig_file_of_a_bench_is_answered_with_the_command_that_plans_it(tmp_path, bench):
+BENCH = """
+[modulator]
+kind = "scpi"
+[sensor]
+kind = "v4l2"
+height = 40
+width = 60
+format = "Y12"
+[stage]
+kind = "zaber"
+[stage.mount]
+[capture]
+masks = 3
+mask_s = 0.03
+axis = "x"
+from_mm = 74.0
+to_mm = 75.0
+[world]
+scene = "planes"
+height = 40
+width = 60
+[world.effects.vignetting]
+[world.effects.optics_psf]
+sigma_px = 1e-6
+"""
+
+
+@pytest.fixture
+def bench(tmp_path):
     file = tmp_path / "bench.toml"
-    file.write_text(bench, encoding="utf-8")
-    with pytest.raises(InputError, match=r"describes a bench.*gs2ci capture --rig .*bench\.toml --dry-run"):
-        plan.run(file)
+    file.write_text(BENCH, encoding="utf-8")
+    return file
+
+
+def test_the_file_that_a_capture_reads_is_planned_as_the_capture_simulates_it(bench):
+    planned = plan.plan_of(bench)
+    rig = load_rig(bench)
+    devices = rig.open()
+    try:
+        record(rig, devices, prepare(rig, devices), bench.with_name("shot.h5"), replace=False, progress=Silent())
+    finally:
+        devices.close()
+    (simulated,) = rig.bench.light.plans.values()
+    assert [effect.name for effect in planned.effects] == [effect.name for effect in simulated.effects]
+    bounds = {one.name: one.bound.rms_dn for one in simulated.decisions}
+    for decision in planned.decisions:  # devices round, start late and expose a trigger's jitter later
+        assert decision.bound.rms_dn == pytest.approx(bounds[decision.name], rel=0.1, abs=1e-6)
+    assert "vignetting" in {effect.name for effect in planned.effects}
+    assert "optics_psf" not in {effect.name for effect in planned.effects}
+
+
+def test_a_coarser_tolerance_goes_before_a_benchs_too(bench):
+    assert len(plan.plan_of(bench, 100.0).effects) < len(plan.plan_of(bench).effects)
+
+
+def test_a_bench_of_real_devices_is_answered_with_the_command_that_plans_it(bench):
+    real = BENCH.replace('"scpi"', '"scpi"\nport = "/dev/ttyS9"').replace('"v4l2"', '"v4l2"\nport = "/dev/video9"')
+    bench.write_text(real.replace('"zaber"', '"zaber"\nport = "/dev/ttyS8"'), encoding="utf-8")
+    with pytest.raises(InputError, match=r"are real.*gs2ci capture --dry-run"):
+        plan.run(bench)
 
 
 @pytest.mark.parametrize("tolerance_dn", [0.0, -1.0, float("nan"), float("inf")])
