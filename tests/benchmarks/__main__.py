@@ -39,6 +39,7 @@ BENCHMARKS = {
     "long_fits": "tests.benchmarks.long_fits",
     "effect_bounds": "tests.benchmarks.effect_bounds",
     "exact_renderer": "tests.benchmarks.exact_renderer",
+    "simulation_cost": "tests.benchmarks.simulation_cost",
 }
 
 LONG = (
@@ -54,6 +55,7 @@ LONG = (
     "calibration_base",
     "long_fits",
     "effect_bounds",
+    "simulation_cost",
 )
 """Many benches or whole schedules each: run only by name."""
 
