@@ -17,23 +17,25 @@ if TYPE_CHECKING:
     from gs2ci_sims.planner import Plan
 
 
-def run(rig: tyro.conf.Positional[Path], *, tolerance_dn: float | None = None) -> None:
+def run(rig: tyro.conf.Positional[Path], *, tolerance_dn: float | None = None, rays: bool = False) -> None:
     """Print what would be simulated of a rig's effects: bound, decision, reason, sampling, share of the time.
 
     Args:
         rig: A simulation's rig file (TOML; docs/simulation.md), not a bench's.
         tolerance_dn: In total, DN rms; that of the rig file if not given.
+        rays: Count what the rasteriser is off by, and draw Gaussians ray by ray where that is too much.
     """
     check_number("--tolerance-dn", tolerance_dn, above=0, remedy="leave --tolerance-dn out for the rig file's number")
-    print_plan(plan_of(rig, tolerance_dn), Console(highlight=False))
+    print_plan(plan_of(rig, tolerance_dn, rays=rays), Console(highlight=False))
 
 
-def plan_of(rig: Path, tolerance_dn: float | None = None) -> "Plan":
-    """Plan the exposure of a simulation's rig file, with its own tolerance or another.
+def plan_of(rig: Path, tolerance_dn: float | None = None, *, rays: bool = False) -> "Plan":
+    """Plan the exposure of a simulation's rig file, with its own tolerance or another, counting the rasteriser or not.
 
     Raises:
         InputError: The file cannot be read, or describes a bench.
     """
+    from gs2ci_sims.exact import ExactRenderer
     from gs2ci_sims.planner import plan
     from gs2ci_sims.rig_file import read_rig_file
 
@@ -49,6 +51,7 @@ def plan_of(rig: Path, tolerance_dn: float | None = None) -> "Plan":
         on=setup.plan.on,
         off=setup.plan.off,
         seed=setup.seed,
+        exact=ExactRenderer() if rays else None,
     )
 
 
