@@ -42,6 +42,7 @@ BENCHMARKS = {
     "lens": "tests.benchmarks.lens",
     "by_hand": "tests.benchmarks.by_hand",
     "registration": "tests.benchmarks.registration",
+    "combination": "tests.benchmarks.combination",
     "long_fits": "tests.benchmarks.long_fits",
     "effect_bounds": "tests.benchmarks.effect_bounds",
     "exact_renderer": "tests.benchmarks.exact_renderer",
@@ -63,6 +64,7 @@ LONG = (
     "calibrated_reconstruction",
     "calibration_base",
     "registration",
+    "combination",
     "long_fits",
     "effect_bounds",
 )
