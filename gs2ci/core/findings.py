@@ -579,6 +579,13 @@ class Code(StrEnum):
     )
 
     # The result.
+    VIEWS_COMBINED = (
+        "views_combined",
+        REMARK,
+        "The views are {refined:.0%} the refined ones, {scene:.0%} the scene's and {decode:.0%} the decode's: together "
+        "they explain the held-out pixels best.",
+        _NOTHING,
+    )
     UNJUDGED = (
         "unjudged",
         DOUBT,

@@ -1,7 +1,8 @@
 """From one coded measurement to views, camera path and Gaussian scene: the whole way on one page.
 
-    registration ─► hold out some pixels ─► first look (decode, geometry, brightness) (─► near or far) ─► Gaussians
-    ─► coarse fits (─► second look ─► coarse fits) (─► fine fit) ─► their mean ─► residual ─► judge by the held-out
+    registration ─► hold out some pixels ─► first look (decode, geometry, brightness) (─► near or far)
+    ─► first Gaussians ─► coarse fits (─► second look ─► coarse fits) (─► fine fit) ─► their mean ─► residual
+    ─► combine and judge by the held-out
 
 Here: the order, the clock, and the judgement. Not here: any stage itself, its settings (`settings`), the record that is
 handed over (`record`), files and metrics (`gs2ci.evaluate`).
@@ -24,6 +25,8 @@ from gs2ci.reconstruct.decode.coupling import choose_coupling
 from gs2ci.reconstruct.decode.gap_tv import gap_tv
 from gs2ci.reconstruct.first_look import FirstLook, look
 from gs2ci.reconstruct.fit.coarse import CoarseFit, fit_coarse
+from gs2ci.reconstruct.fit.combination import combined as combined_views
+from gs2ci.reconstruct.fit.combination import shares
 from gs2ci.reconstruct.fit.ensemble import Ensemble, FitOne, Member, combined, fit_together, members
 from gs2ci.reconstruct.fit.fine import Fine, fit_fine
 from gs2ci.reconstruct.fit.looks import Score
@@ -297,29 +300,38 @@ class _Stopwatch:
 def _recover(jury: Jury, decoded: F32, ensemble: Ensemble, refine: Refinement, settings: Settings) -> Recovered:
     """Let the held-out pixels choose between the refined views, the best scene's and the decode.
 
-    Where the decode is chosen it is taken again from all pixels, its views coupled as these recommend.
+    Refined are the fits' mean views with their residual put back, combined with the scene's and the decode's where
+    these pixels ask for it. What is chosen is taken again from all pixels, a decode with its views coupled as they
+    recommend.
     """
     refined, share = refine.with_share(ensemble.views)
-    candidates: dict[Verdict, F32] = {"refined": refined, "scene": ensemble.best.views, "decode": decoded}
+    parts: dict[Verdict, F32] = {"refined": refined, "scene": ensemble.best.views, "decode": decoded}
+    wanted = shares(jury, parts)
+    candidates: dict[Verdict, F32] = {**parts, "refined": combined_views(parts, wanted)}
     heldout_rms = {name: jury.residual_rms(views) for name, views in candidates.items()}
     verdict = _judge(heldout_rms)
     notes = doubts_about_result(jury, candidates[verdict]) if jury.heldout.any() else (finding(Code.UNJUDGED),)
     # The pixels that judged may now help as well.
-    if verdict == "refined":
-        candidates["refined"] = refine.by_all_pixels(ensemble.views, share)
-    if verdict == "decode":
-        candidates["decode"] = gap_tv(jury.shot, choose_coupling(jury.shot, settings.decode, settings.seed))
-    return Recovered(candidates[verdict], verdict, heldout_rms, notes)
+    decode_share = {"decode": 1.0, "scene": 0.0, "refined": wanted["decode"]}[verdict]
+    if decode_share > 0:
+        parts["decode"] = gap_tv(jury.shot, choose_coupling(jury.shot, settings.decode, settings.seed))
+    if verdict != "refined":
+        return Recovered(parts[verdict], verdict, heldout_rms, notes)
+    parts["refined"] = refine.by_all_pixels(ensemble.views, share)
+    if wanted["refined"] < 1:
+        notes = (*notes, finding(Code.VIEWS_COMBINED, **wanted))
+    return Recovered(combined_views(parts, wanted), verdict, heldout_rms, notes)
 
 
 def _judge(heldout_rms: dict[Verdict, float | None]) -> Verdict:
     """Name the candidate with the smallest held-out residual; without any held-out pixels, the scene itself.
 
-    Refined views that hardly explain more than the scene's are not among them.
+    Refined views that hardly explain more than the scene's, or than the decode's, are not among them: they are combined
+    of these, and by chance alone no worse.
     """
     known = {name: rms for name, rms in heldout_rms.items() if rms is not None}
     if not known:
         return "scene"
-    if known["refined"] > (1 - _LEAST_GAIN) * known["scene"]:
+    if known["refined"] > (1 - _LEAST_GAIN) * min(known["scene"], known["decode"]):
         del known["refined"]
     return min(known, key=lambda name: known[name])

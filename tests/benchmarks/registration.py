@@ -27,7 +27,8 @@ from gs2ci.reconstruct.decode.gap_tv import gap_tv
 from gs2ci.reconstruct.pipeline import reconstruct
 from gs2ci.reconstruct.registration.register import Registered, register
 from gs2ci.reconstruct.settings import Settings
-from tests.stability.benches import Bench
+from gs2ci_sims.effects.bayer_filter import BayerFilter
+from tests.stability.benches import WALLS, Bench, aside
 
 VIEWS = 8
 SIZE = (176, 208)
@@ -35,6 +36,10 @@ MARGIN = 24
 SEEDS = (0, 1, 2)
 PHOTOGRAPHS: dict[str, Callable[[], np.ndarray]] = {"astronaut": astronaut, "coffee": coffee, "chelsea": chelsea}
 SIMULATED = ("planes", "thicket", "boxes")
+SCENES = (
+    *("planes", "thicket", "ball", "boxes", "corridor", "motorcycle"),
+    *("chequerboard", "soft gradient", "stripes", "spots"),
+)
 
 Masks = np.ndarray
 Pair = tuple[Shot, Shot]
@@ -213,6 +218,33 @@ def run() -> None:
             f"({after.max():6.2f})        {changed:3d} of {len(rows)}  {seconds / len(rows):5.2f}",
             flush=True,
         )
+
+    if not whole:
+        false, count = false_corrections()
+        print(f"of {count} right shots drawn at random, {false} were corrected")
+
+
+def false_corrections(count: int = 100, seed: int = 1) -> tuple[int, int]:
+    """Register right shots of the simulator: of scenes, numbers of views and kinds of masks drawn at random."""
+    rng, false = np.random.default_rng(seed), 0
+    for _ in range(count):
+        scene = SCENES[rng.integers(len(SCENES))]
+        bench = Bench(
+            scene=scene,
+            views=int(rng.integers(3, 20)),
+            open_share=float(rng.uniform(0.1, 0.7)),
+            kind=("binary", "grey", "laboratory")[rng.integers(3)],
+            feature_px=int(rng.choice([1, 1, 2, 4])),
+            parallax_px=float(rng.uniform(0, 8)),
+            path=aside(0.05) if scene in WALLS else None,
+            effects=(BayerFilter(),) if rng.random() < 0.2 else (),
+        )
+        size = ((48, 64), (72, 96), (96, 128), (144, 192))[rng.integers(4)]
+        found = register(bench.expose(size, int(rng.integers(1_000_000))))
+        false += found.is_changed
+        for note in found.notes:
+            print(f"  {bench}: {note.sentence}")
+    return false, count
 
 
 def _scores(told: Shot, given: Shot, found: Registered, *, whole: bool) -> tuple[float, float, float]:

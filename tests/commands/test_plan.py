@@ -135,4 +135,4 @@ def test_with_rays_the_rasteriser_counts(rig):
 
 def test_rays_for_the_light_of_a_bench_are_refused(bench):
     with pytest.raises(InputError, match="--rays for the light of a bench"):
-        plan_of(bench, rays=True)
+        plan.plan_of(bench, rays=True)

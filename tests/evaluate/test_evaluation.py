@@ -57,6 +57,14 @@ def test_views_are_coded_with_the_weights_that_the_run_corrected(make_run, tmp_p
     assert found["residual"]["rms"] == pytest.approx(report.residual.rms, rel=1e-5)
 
 
+def test_views_are_coded_with_the_masks_that_the_run_corrected(make_run, tmp_path):
+    shot, result = make_run()
+    believed = replace(shot, masks=np.ascontiguousarray(np.roll(shot.masks, 3, axis=2)))
+    folder = write_run(tmp_path / "run", believed, replace(result, registered=shot), one_gaussian())
+    run = read_run(folder)
+    assert evaluate(run, ReferenceData(believed))["residual"]["rms"] == pytest.approx(run.report.residual.rms, abs=1e-5)
+
+
 def test_what_nobody_knows_is_left_out(finished):
     shot, _, folder = finished
     found = evaluate(read_run(folder), ReferenceData(replace(shot, truth=Truth())))

@@ -9,9 +9,12 @@ import pytest
 import torch
 
 from gs2ci.core.errors import InputError, NumericsError, StorageError
+from gs2ci.core.storage import read_shot
 from gs2ci.evaluate import run_folder
 from gs2ci.evaluate.report import read_report
 from gs2ci.evaluate.run_folder import check_destination, whole_folder, write_run
+from gs2ci.reconstruct.registration.misfit import Misfit
+from gs2ci.reconstruct.registration.register import Registered
 from gs2ci.render.ply import read_ply
 
 
@@ -49,6 +52,18 @@ def test_a_run_folder_holds_all_its_parts_and_nothing_lies_beside_it(written):
     }
     assert names(folder) == wanted | {"colmap"}
     assert names(folder.parent) == {"run"}
+
+
+def test_a_corrected_measurement_is_kept_and_drawn(tmp_path, make_run, scene):
+    shot, result = make_run()
+    moved = replace(shot, masks=np.roll(shot.masks, 1, axis=2))
+    found = Registered(moved, Misfit().moved(0.0, 1.0)).summary()
+    folder = write_run(tmp_path / "run", shot, replace(result, registered=moved, registration=found), scene)
+    assert {"registered.h5", "registration.png"} <= names(folder)
+    np.testing.assert_array_equal(read_shot(folder / "registered.h5").masks, moved.masks)
+    picture = cv2.imread(str(folder / "registration.png"))
+    assert picture is not None
+    assert np.ptp(picture) > 200
 
 
 def test_views_are_the_recovered_ones(written):
