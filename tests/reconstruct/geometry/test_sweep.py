@@ -164,7 +164,7 @@ def test_a_window_without_a_middle_or_out_of_range_is_refused(window_px):
 
 @pytest.mark.parametrize("blur_px", [0.0, -1.0, np.nan, np.inf])
 def test_a_blur_that_is_none_is_refused(blur_px):
-    with pytest.raises(InputError, match="blur of .* before the plane sweep"):
+    with pytest.raises(InputError, match=r"blur of .* before the plane sweep"):
         SweepSettings(blur_px=blur_px).check()
 
 
