@@ -42,6 +42,7 @@ COMMANDS: Final[dict[str, tuple[str, str]]] = {
     "view": ("gs2ci.commands.view", "show the scene of a run in a browser"),
     "decode": ("gs2ci.commands.decode", "recover views alone: GAP-TV, plug-and-play, proxies"),
     "evaluate": ("gs2ci.commands.evaluate", "judge a run by a truth, by noise, by views from elsewhere"),
+    "measure": ("gs2ci.commands.measure", "measure the distance between two points of a run"),
     "tradeoff": ("gs2ci.commands.tradeoff", "say what accuracy costs in time, for one shot"),
     "models": ("gs2ci.commands.models", "turn trained weights into model files"),
     "plan": ("gs2ci.commands.plan", "say which physical effects a simulation calls for"),

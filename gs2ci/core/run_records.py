@@ -54,6 +54,9 @@ class RunResult:
         scene_views: The scene seen from the N recovered cameras, [N, H, W, C] float32.
         depth: Distance along the optical axis, [N, H, W] float32 in scene units, 0 where nothing is seen; None
             where no depth was found.
+        depth_spread: How far apart along the ray the light is stopped that depth is the median of, as a share of depth:
+            half the distance between the quantiles 0.16 and 0.84, [N, H, W] float32; None where no depth was found.
+        depth_confidence: Share of a pixel's light that is stopped within 5 % of its depth, [N, H, W] float32; likewise.
         world_to_camera: Recovered poses, [N, 4, 4] float64, OpenCV axes.
         intrinsics: Camera matrix in pixels, [3, 3] float64, given or estimated.
         distortion: Of the lens through which all views are seen, [5] as in `Shot`; None for a pinhole.
@@ -104,6 +107,8 @@ class RunResult:
     brightness: Sequence[float] | None = None
     registration: Mapping[str, Any] = field(default_factory=dict)
     registered: Shot | None = None
+    depth_spread: F32 | None = None
+    depth_confidence: F32 | None = None
 
     def check(self) -> "RunResult":
         """Return self if all parts fit together and hold only finite numbers.
@@ -119,6 +124,8 @@ class RunResult:
             "views": (self.views, self.views.shape),
             "scene_views": (self.scene_views, self.views.shape),
             "depth": (self.depth, (n, height, width)),
+            "depth_spread": (self.depth_spread, (n, height, width)),
+            "depth_confidence": (self.depth_confidence, (n, height, width)),
             "disagreement": (self.disagreement, (n, height, width)),
             "world_to_camera": (self.world_to_camera, (n, 4, 4)),
             "decode": (self.decode, self.views.shape),

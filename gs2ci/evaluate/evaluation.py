@@ -17,6 +17,7 @@ from gs2ci.core.arrays import F32, F64
 from gs2ci.core.errors import InputError, StorageError
 from gs2ci.core.findings import Code, Finding, finding
 from gs2ci.core.json_text import parse_json, plain_json
+from gs2ci.core.lens import COEFFICIENTS
 from gs2ci.core.records import Shot
 from gs2ci.core.storage import read_shot
 from gs2ci.core.whole_file import write_whole
@@ -48,6 +49,9 @@ class FinishedRun:
         intrinsics: [3, 3], px.
         depth: [N, H, W], or None where none was found.
         folder: Where it lies.
+        distortion: Of the lens, [5] as in `Shot`; None for a pinhole.
+        depth_spread: [N, H, W] as in `RunResult`; None in runs of earlier versions.
+        depth_confidence: Likewise.
         registered: The measurement as the run believed it, where it corrected the one that it was given.
     """
 
@@ -57,6 +61,9 @@ class FinishedRun:
     intrinsics: F64
     depth: F32 | None
     folder: Path
+    distortion: F64 | None = None
+    depth_spread: F32 | None = None
+    depth_confidence: F32 | None = None
     registered: Shot | None = None
 
 
@@ -89,14 +96,17 @@ def read_run(folder: Path) -> FinishedRun:
     try:
         cameras = parse_json((folder / "cameras.json").read_text(encoding="utf-8"))
         intrinsics = np.array([[cameras["fl_x"], 0, cameras["cx"]], [0, cameras["fl_y"], cameras["cy"]], [0, 0, 1.0]])
-        depth, registered = folder / "depth.npy", folder / REGISTERED_NAME
+        maps = {name: folder / f"{name}.npy" for name in ("depth", "depth_spread", "depth_confidence")}
+        registered = folder / REGISTERED_NAME
+        lens = np.array([float(cameras.get(name, 0.0)) for name in COEFFICIENTS])
         return FinishedRun(
             report=report,
             views=np.load(folder / "views.npy"),
             world_to_camera=poses_of_transforms(cameras),
             intrinsics=intrinsics,
-            depth=np.load(depth) if depth.is_file() else None,
             folder=folder,
+            distortion=lens if lens.any() else None,
+            **{name: np.load(path) if path.is_file() else None for name, path in maps.items()},
             registered=read_shot(registered) if registered.is_file() else None,
         )
     except (OSError, ValueError, KeyError, TypeError, EOFError, np.linalg.LinAlgError) as error:

@@ -10,8 +10,11 @@
       decode.npy     what the decode alone gave, as views.npy
       scene_views.npy  what the Gaussians alone show, as views.npy
       depth.npy      [N, H, W] float32, the unit of the path, 0 where nothing is seen; absent where no depth was found
+      depth_spread.npy      the same shape: how far apart along the ray the light is stopped, as a share of depth
+      depth_confidence.npy  the same shape: the share of a pixel's light that is stopped within 5 % of its depth
       disagreement.npy  [N, H, W] float32, full scale 1: where several fits differ; absent where there was one
       scene.ply      the Gaussians, 3DGS convention
+      points.ply     points of the surfaces that the views see: normals, colours, confidence; absent without depth
       cameras.json   nerfstudio transforms
       colmap/sparse/0  the same cameras, and a thinned cloud of the Gaussians' centres
       registered.h5  only where registration corrected something: the measurement as it was believed from then on
@@ -43,6 +46,7 @@ from gs2ci.evaluate.cameras import nerfstudio_transforms, view_names, write_colm
 from gs2ci.evaluate.overview import write_overview
 from gs2ci.evaluate.pages.run_evidence import GIVEN_NAME, write_given
 from gs2ci.evaluate.pages.run_page import write_run_page
+from gs2ci.evaluate.points import Cameras, points_of, write_points
 from gs2ci.evaluate.registration_picture import write_registration_picture
 from gs2ci.evaluate.report import REGISTERED_NAME, REPORT_NAME, SCHEMA, schema_of
 from gs2ci.evaluate.run_report import build_report
@@ -178,8 +182,10 @@ def _write_images(folder: Path, result: RunResult) -> None:
     np.save(folder / "views.npy", _three_channels(result.views))
     np.save(folder / "decode.npy", _three_channels(result.decode))
     np.save(folder / "scene_views.npy", _three_channels(result.scene_views))
-    if result.depth is not None:
-        np.save(folder / "depth.npy", result.depth.astype(np.float32))
+    for name in ("depth", "depth_spread", "depth_confidence"):
+        values = getattr(result, name)
+        if values is not None:
+            np.save(folder / f"{name}.npy", values.astype(np.float32))
     if result.disagreement is not None:
         np.save(folder / "disagreement.npy", result.disagreement.astype(np.float32))
     write_pictures(folder / "views", result.views)
@@ -201,6 +207,9 @@ def write_pictures(folder: Path, views: F32) -> None:
 def _write_scene(folder: Path, result: RunResult, scene: Gaussians) -> None:
     size = (int(result.views.shape[1]), int(result.views.shape[2]))
     write_ply(folder / "scene.ply", scene)
+    if result.depth is not None and result.depth_confidence is not None:
+        cameras = Cameras(result.world_to_camera, result.intrinsics, result.distortion)
+        write_points(folder / "points.ply", points_of(result.depth, result.depth_confidence, result.views, cameras))
     poses, lens = result.world_to_camera, result.distortion
     transforms = nerfstudio_transforms(poses, result.intrinsics, size, lens)
     (folder / "cameras.json").write_text(json.dumps(transforms, indent=1, allow_nan=False) + "\n", encoding="utf-8")

@@ -140,9 +140,9 @@ def reconstruct(
         clock.lap("fine")
     recovered = _recover(jury, decoded, ensemble, refine, settings)
     geometry, ensemble = in_given_unit(geometry, ensemble)
-    depth = renderer.depths(ensemble.best.scene, ensemble.best.world_to_camera)
+    light = renderer.stopped_light(ensemble.best.scene, ensemble.best.world_to_camera)
     clock.lap("fit")
-    left = Left(registered, doubts, tried.look, geometry, ensemble, depth, recovered)
+    left = Left(registered, doubts, tried.look, geometry, ensemble, light, recovered)
     return Reconstruction(record(settings, left, score, clock.seconds()), ensemble.best.scene)
 
 
@@ -192,7 +192,8 @@ def _right_way_round(
     told = geometry.source not in ("tracks", "uniform")
 
     def leaves(began: Geometry, number: int) -> float:
-        brief = replace(settings, fit=shortened(settings.fit))
+        # By the measurement alone: views of either order show surfaces that bear it out.
+        brief = replace(settings, fit=replace(shortened(settings.fit), surfaces=None))
         at, start = _beginning(replace(first, geometry=began), first.decoded, lens, brief)
         member = members(start, brief.density_rules[:1], number + 1, settings.seed)[number]
         try:

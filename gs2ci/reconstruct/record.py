@@ -19,6 +19,7 @@ from gs2ci.reconstruct.geometry.telemetry import Movement, movement
 from gs2ci.reconstruct.measurement.coding import Coding
 from gs2ci.reconstruct.registration.register import Registered
 from gs2ci.reconstruct.settings import Settings
+from gs2ci.render.stopping import StoppedLight
 
 
 @dataclass(frozen=True)
@@ -40,7 +41,7 @@ class Left:
     look: FirstLook
     geometry: Geometry
     ensemble: Ensemble
-    depth: F32
+    light: StoppedLight
     recovered: Recovered
 
 
@@ -64,7 +65,9 @@ def record(settings: Settings, left: Left, score: Score | None, seconds: dict[st
         views=recovered.views,
         scene_views=fit.views,
         decode=left.look.decoded,
-        depth=left.depth,
+        depth=left.light.surface().numpy(),
+        depth_spread=left.light.spread.numpy(),
+        depth_confidence=left.light.nearby.numpy(),
         world_to_camera=fit.world_to_camera,
         intrinsics=geometry.intrinsics,
         distortion=shot.distortion,

@@ -162,6 +162,12 @@ def test_a_window_without_a_middle_or_out_of_range_is_refused(window_px):
         SweepSettings(window_px=window_px).check()
 
 
+@pytest.mark.parametrize("blur_px", [0.0, -1.0, np.nan, np.inf])
+def test_a_blur_that_is_none_is_refused(blur_px):
+    with pytest.raises(InputError, match=r"blur of .* before the plane sweep"):
+        SweepSettings(blur_px=blur_px).check()
+
+
 def test_fewer_planes_than_a_parabola_needs_are_refused():
     with pytest.raises(InputError, match="2 depth planes"):
         SweepSettings(planes=2).check()

@@ -1,0 +1,54 @@
+"""`gs2ci measure`: the distance between two points that a run's views show. Here: the arguments and what is printed."""
+
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+from rich.console import Console
+
+from gs2ci.core.errors import InputError
+
+
+def run(
+    folder: Annotated[Path, tyro.conf.Positional],
+    one: Annotated[str, tyro.conf.Positional],
+    other: Annotated[str, tyro.conf.Positional],
+    /,
+    *,
+    view: int | None = None,
+) -> float:
+    """Measure the distance between the points that two pixels of a view show.
+
+    Args:
+        folder: The run folder, as `gs2ci reconstruct` wrote it.
+        one: A pixel as COLUMN,ROW, counted from 0 at the upper left, as in 120,80.
+        other: The other one.
+        view: Which view, counted from 1; the middle one if not given.
+
+    Returns:
+        The distance, in the unit of the path.
+
+    Raises:
+        Gs2ciError: The folder is no run with depth, or a pixel is not in the view or sees nothing.
+    """
+    pixels = [_pixel(text) for text in (one, other)]
+    from gs2ci.evaluate.evaluation import read_run
+    from gs2ci.evaluate.measuring import measure
+
+    finished = read_run(folder)
+    chosen = len(finished.views) // 2 if view is None else view - 1
+    found = measure(finished, pixels[0], pixels[1], chosen)
+    console = Console(highlight=False)
+    console.print(f"{found.length:.5g} ± {found.standard_error:.2g} {found.unit} (view {chosen + 1})")
+    for text, point, confidence in zip((one, other), found.points, found.confidence, strict=True):
+        place = ", ".join(f"{value:.5g}" for value in point)
+        console.print(f"  {text}: at {place}; confidence {confidence:.2f}")
+    return found.length
+
+
+def _pixel(text: str) -> tuple[int, int]:
+    try:
+        column, row = (int(part) for part in text.split(","))
+    except ValueError as error:
+        raise InputError(f"pixel {text!r}", allowed="COLUMN,ROW in whole pixels, as in 120,80") from error
+    return column, row

@@ -1,0 +1,93 @@
+"""Lengths between points that a run's views see, with their standard errors.
+
+Here: the length of a line between two pixels' points. Not here: points (`gs2ci.evaluate.points`), the command.
+
+The standard error is that of the two depths, as far as the scene itself tells: the spread of the light that each is the
+median of, and the place within a pixel. What all depths have in common is not in it: errors of the unit and the path.
+"""
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from gs2ci.core.arrays import F64
+from gs2ci.core.errors import InputError
+from gs2ci.evaluate.evaluation import FinishedRun
+from gs2ci.evaluate.points import Cameras
+
+# Standard deviation of a place that is anywhere within a pixel.
+_WITHIN_PIXEL_PX: Final = 12.0**-0.5
+
+
+@dataclass(frozen=True)
+class Length:
+    """A length between two pixels' points.
+
+    Args:
+        length: In the unit of the path.
+        standard_error: Of it, likewise.
+        points: Both, in the world of the path, [2, 3].
+        confidence: Of both depths.
+        unit: "mm" where a stage told the path, else "scene units".
+    """
+
+    length: float
+    standard_error: float
+    points: F64
+    confidence: tuple[float, float]
+    unit: str
+
+
+def measure(run: FinishedRun, one: tuple[int, int], other: tuple[int, int], view: int) -> Length:
+    """Measure the distance between the points that two pixels of a view show.
+
+    Args:
+        run: A finished run with depth.
+        one: Column and row, px, counted from 0.
+        other: Likewise.
+        view: Which view, counted from 0.
+
+    Raises:
+        InputError: The run has no depth or tells nothing of its spread, there is no such view or pixel, or nothing is
+            seen there.
+    """
+    if run.depth is None or run.depth_spread is None or run.depth_confidence is None:
+        raise InputError(
+            f"{run.folder} holds no depth with its spread",
+            allowed="a run with depth.npy, depth_spread.npy and depth_confidence.npy",
+            remedy="reconstruct again; a camera that does not move shows no depth",
+        )
+    count, height, width = run.depth.shape
+    if not 0 <= view < count:
+        raise InputError(f"view {view + 1}", allowed=f"1 to {count}")
+    cameras = Cameras(run.world_to_camera, run.intrinsics, run.distortion)
+    points, spreads = [], []
+    for column, row in (one, other):
+        if not (0 <= column < width and 0 <= row < height):
+            raise InputError(
+                f"pixel {column},{row}", allowed=f"columns 0 to {width - 1}, rows 0 to {height - 1}, as COLUMN,ROW"
+            )
+        depth = float(run.depth[view, row, column])
+        if depth <= 0:
+            raise InputError(
+                f"nothing is seen at pixel {column},{row} of view {view + 1}",
+                allowed="a pixel where depth.npy is above 0",
+                remedy="choose a pixel beside it, or another view",
+            )
+        ray = cameras.rays(np.array([column + 0.5, row + 0.5]))
+        points.append(cameras.in_world(view, ray * depth))
+        along = cameras.in_world(view, ray * depth * float(run.depth_spread[view, row, column]), directions=True)
+        beside = depth * _WITHIN_PIXEL_PX / np.diag(run.intrinsics)[:2]
+        across = [cameras.in_world(view, np.eye(3)[k] * beside[k], directions=True) for k in (0, 1)]
+        spreads.append(np.stack([along, *across]))
+    line = points[1] - points[0]
+    length = float(np.linalg.norm(line))
+    # Of two points that coincide, any direction is that of the line: the largest error counts.
+    direction = line / length if length > 0 else None
+    variances = [np.square(np.linalg.norm(s, 2) if direction is None else s @ direction).sum() for s in spreads]
+    metric = run.report.geometry is not None and run.report.geometry.unit_of == "stage"
+    seen = [float(run.depth_confidence[view, row, column]) for column, row in (one, other)]
+    return Length(
+        length, float(np.sqrt(sum(variances))), np.stack(points), (seen[0], seen[1]), "mm" if metric else "scene units"
+    )

@@ -1,0 +1,145 @@
+"""Points of the surfaces that a run's views see: where pixels lie in the world, and a cloud of them in a PLY file.
+
+Here: pixels to points, normals, the cloud and its file. Not here: depth itself (`gs2ci.render.stopping`), lengths
+between points (`gs2ci.evaluate.measuring`).
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from gs2ci.core.arrays import F32, F64, Bool
+from gs2ci.core.lens import slopes_of, undistorted
+from gs2ci.core.whole_file import write_whole
+
+# Fog and edges between near and far stay out of the cloud.
+_LEAST_CONFIDENCE: Final = 0.5
+# Neighbours whose depths differ by more of themselves lie on different surfaces.
+_SAME_SURFACE: Final = 0.05
+# So many views at most contribute: neighbours see the same.
+_VIEWS: Final = 3
+
+_VERTEX: Final = np.dtype(
+    [
+        *((name, "<f4") for name in ("x", "y", "z", "nx", "ny", "nz")),
+        *((name, "u1") for name in ("red", "green", "blue")),
+        ("confidence", "<f4"),
+    ]
+)
+
+
+@dataclass(frozen=True)
+class Cameras:
+    """Cameras of one lens.
+
+    Args:
+        world_to_camera: [N, 4, 4].
+        intrinsics: [3, 3], px.
+        distortion: [5] as in `Shot`; None for a pinhole.
+    """
+
+    world_to_camera: F64
+    intrinsics: F64
+    distortion: F64 | None = None
+
+    def rays(self, pixels: F64) -> F64:
+        """Return the directions in which pixels, [..., 2] as (x, y), look, in camera axes with z = 1, [..., 3]."""
+        slopes = slopes_of(pixels, self.intrinsics)
+        if self.distortion is not None:
+            slopes = undistorted(slopes, self.distortion)
+        return np.concatenate([slopes, np.ones((*slopes.shape[:-1], 1))], axis=-1)
+
+    def in_world(self, view: int, vectors: F64, *, directions: bool = False) -> F64:
+        """Bring points, or directions, [..., 3], from a camera's axes into the world's."""
+        rotation, translation = self.world_to_camera[view, :3, :3], self.world_to_camera[view, :3, 3]
+        moved: F64 = (vectors if directions else vectors - translation) @ rotation
+        return moved
+
+
+@dataclass(frozen=True)
+class Points:
+    """Points on surfaces; P of them.
+
+    Args:
+        positions: In the unit of the path, [P, 3] float32.
+        normals: Of length 1, towards the camera that saw the point, [P, 3] float32.
+        colours: Full scale 1, [P, 3] float32.
+        confidence: Of their depth, [P] float32.
+    """
+
+    positions: F32
+    normals: F32
+    colours: F32
+    confidence: F32
+
+
+def points_of(depth: F32, confidence: F32, views: F32, cameras: Cameras) -> Points:
+    """Gather what the first, the middle and the last view see of surfaces.
+
+    Args:
+        depth: [N, H, W], 0 where nothing is.
+        confidence: Of it, [N, H, W].
+        views: [N, H, W, C].
+        cameras: Of the views.
+    """
+    height, width = depth.shape[1:]
+    rows, columns = np.mgrid[:height, :width] + 0.5
+    rays = cameras.rays(np.stack([columns, rows], axis=-1))
+    parts = []
+    for view in np.unique(np.linspace(0, len(depth) - 1, min(_VIEWS, len(depth))).round()).astype(int):
+        seen = rays * depth[view][..., None]
+        normals, sound = _normals(seen, depth[view])
+        sound &= confidence[view] >= _LEAST_CONFIDENCE
+        positions = cameras.in_world(view, seen[sound])
+        normals = cameras.in_world(view, normals[sound], directions=True)
+        colours = np.broadcast_to(np.clip(views[view][sound], 0, 1), (len(positions), 3))
+        parts.append((positions, normals, colours, confidence[view][sound]))
+    return Points(*(np.concatenate(column).astype(np.float32) for column in zip(*parts, strict=True)))
+
+
+def _normals(seen: F64, depth: F32) -> tuple[F64, Bool]:
+    """Return the normals of a picture's points, [H, W, 3], and where all four neighbours lie on one surface, [H, W]."""
+    height, width = depth.shape
+    normals, sound = np.zeros_like(seen), np.zeros((height, width), bool)
+    if min(height, width) < 3:
+        return normals, sound
+    inner = np.s_[1:-1, 1:-1]
+    across, down = seen[1:-1, 2:] - seen[1:-1, :-2], seen[2:, 1:-1] - seen[:-2, 1:-1]
+    # Rows count downwards, and z forwards: down × across points at the camera.
+    product = np.cross(down, across)
+    length = np.linalg.norm(product, axis=-1)
+    here = depth[inner]
+    neighbours = (depth[1:-1, 2:], depth[1:-1, :-2], depth[2:, 1:-1], depth[:-2, 1:-1])
+    alike = [(other > 0) & (np.abs(other - here) <= _SAME_SURFACE * here) for other in neighbours]
+    sound[inner] = (here > 0) & (length > 0) & np.all(alike, axis=0)
+    normals[inner] = product / np.where(length > 0, length, 1.0)[..., None]
+    return normals, sound
+
+
+def write_points(path: Path, points: Points) -> Path:
+    """Write points as binary little-endian PLY: x y z, nx ny nz, red green blue in 8 bits, confidence.
+
+    Raises:
+        StorageError: The file cannot be written.
+    """
+    table = np.empty(len(points.positions), _VERTEX)
+    for names, values in (
+        (("x", "y", "z"), points.positions),
+        (("nx", "ny", "nz"), points.normals),
+        (("red", "green", "blue"), np.rint(255 * points.colours)),
+    ):
+        for k, name in enumerate(names):
+            table[name] = values[:, k]
+    table["confidence"] = points.confidence
+    kinds = {"f": "float", "u": "uchar"}
+    fields = [(name, kinds[_VERTEX[name].kind]) for name in _VERTEX.names or ()]
+    header = "\n".join(
+        [
+            *("ply", "format binary_little_endian 1.0", f"element vertex {len(table)}"),
+            *(f"property {kind} {name}" for name, kind in fields),
+            "end_header\n",
+        ]
+    )
+    return write_whole(path, header.encode("ascii") + table.tobytes())

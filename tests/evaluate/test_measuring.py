@@ -1,0 +1,75 @@
+"""Lengths on a wall whose size is known, and what they are said to be worth."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from gs2ci.core.errors import InputError
+from gs2ci.evaluate.evaluation import read_run
+from gs2ci.evaluate.measuring import measure
+from gs2ci.evaluate.run_folder import write_run
+
+SPREAD = 0.01
+
+
+@pytest.fixture
+def wall(make_run, scene, tmp_path):
+    """A run before a wall at a depth of 4; make_run's pictures are 48 × 64 px with a focal length of 70.4 px."""
+    shot, result = make_run(count=3)
+    depth = np.full(result.depth.shape, 4.0, np.float32)
+    known = replace(
+        result, depth=depth, depth_spread=np.full_like(depth, SPREAD), depth_confidence=np.full_like(depth, 0.9)
+    )
+    return read_run(write_run(tmp_path / "run", shot, known, scene))
+
+
+def test_a_length_on_a_wall_is_that_of_its_pixels(wall):
+    found = measure(wall, (10, 20), (50, 20), 1)
+    assert found.length == pytest.approx(40 * 4 / 70.4, rel=1e-6)
+    assert found.unit == "scene units"
+    assert found.confidence == pytest.approx((0.9, 0.9))
+    assert np.linalg.norm(found.points[1] - found.points[0]) == pytest.approx(found.length)
+
+
+def test_the_standard_error_is_that_of_repeated_measurements(wall):
+    rng = np.random.default_rng(0)
+    stated, lengths = measure(wall, (10, 12), (50, 40), 0), []
+    for _ in range(3000):
+        moved = wall.depth * (1 + SPREAD * rng.standard_normal(wall.depth.shape)).astype(np.float32)
+        cameras = wall.intrinsics.copy()
+        lengths.append(measure(replace(wall, depth=moved, intrinsics=cameras), (10, 12), (50, 40), 0).length)
+    within_pixel = 4 / 70.4 / 12**0.5
+    expected = np.hypot(np.std(lengths), 2**0.5 * within_pixel)
+    assert stated.standard_error == pytest.approx(expected, rel=0.05)
+
+
+def test_a_line_along_the_ray_is_as_unsure_as_both_depths(wall):
+    depth = wall.depth.copy()
+    depth[0, 24, 33] = 8.0
+    # Next to the axis: 4 and 8 away, 1 % each.
+    found = measure(replace(wall, depth=depth), (32, 24), (33, 24), 0)
+    assert found.standard_error == pytest.approx(np.hypot(0.04, 0.08), rel=0.02)
+    assert measure(wall, (32, 24), (32, 24), 0).length == 0
+    assert measure(wall, (32, 24), (32, 24), 0).standard_error > 0.04
+
+
+def test_lengths_of_a_stage_are_in_millimetres(wall):
+    assert wall.report.geometry is not None
+    told = wall.report.model_copy(update={"geometry": wall.report.geometry.model_copy(update={"unit_of": "stage"})})
+    assert measure(replace(wall, report=told), (1, 1), (5, 5), 0).unit == "mm"
+
+
+def test_what_cannot_be_measured_is_refused(wall):
+    with pytest.raises(InputError, match=r"pixel 64,3.*columns 0 to 63, rows 0 to 47"):
+        measure(wall, (64, 3), (1, 1), 0)
+    with pytest.raises(InputError, match="pixel 2,-1"):
+        measure(wall, (1, 1), (2, -1), 0)
+    with pytest.raises(InputError, match=r"view 4.*1 to 3"):
+        measure(wall, (1, 1), (2, 2), 3)
+    hole = wall.depth.copy()
+    hole[1, 5, 6] = 0
+    with pytest.raises(InputError, match="nothing is seen at pixel 6,5 of view 2"):
+        measure(replace(wall, depth=hole), (6, 5), (1, 1), 1)
+    with pytest.raises(InputError, match="no depth with its spread"):
+        measure(replace(wall, depth_spread=None), (1, 1), (2, 2), 0)
