@@ -388,6 +388,14 @@ class Code(StrEnum):
         "Do not rely on depth.",
     )
 
+    ATTEMPTS_RANKED = (
+        "attempts_ranked",
+        REMARK,
+        "Short fits leave {uniform:.4f} of the measurement along a uniform motion and {rest:.4f} from rest (rms, full "
+        "scale 1); the one that leaves less was taken.",
+        _NOTHING,
+    )
+
     # Near and far.
     DEPTH_ORDER_OPEN = (
         "depth_order_open",

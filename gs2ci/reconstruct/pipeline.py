@@ -20,6 +20,7 @@ from gs2ci.core.findings import Code, Finding, finding
 from gs2ci.core.progress import Progress, Silent
 from gs2ci.core.records import Shot
 from gs2ci.core.run_records import RunResult, Verdict
+from gs2ci.reconstruct.attempts import moving_or_at_rest
 from gs2ci.reconstruct.decode.coupling import choose_coupling
 from gs2ci.reconstruct.decode.gap_tv import gap_tv
 from gs2ci.reconstruct.first_look import FirstLook, look
@@ -107,7 +108,7 @@ def reconstruct(
     fitted = Jury(fill_holes(jury.shot, decoded), jury.heldout)
     refine = Refinement(jury, settings.residual)
 
-    first = _right_way_round(first, fitted, lens, settings, refine, progress, clock, hurried=pace is not None)
+    first = _settled(first, fitted, lens, settings, refine, progress, clock, hurried=pace is not None)
 
     def attempt(look: FirstLook, views: F32) -> _Attempt:
         geometry, start = _beginning(look, views, lens, settings)
@@ -168,7 +169,7 @@ class _Attempt:
     ensemble: Ensemble
 
 
-def _right_way_round(
+def _settled(
     first: FirstLook,
     jury: Jury,
     lens: Lens | None,
@@ -179,14 +180,14 @@ def _right_way_round(
     *,
     hurried: bool,
 ) -> FirstLook:
-    """Settle the order of depth where the first look leaves it open: by short fits, or with a doubt where hurried.
+    """Settle by short fits what the first look leaves open; where there is no time for them, with a doubt.
 
-    A path that was told has a sign of its own, and needs no doubt.
+    Open is whether a motion without tracks is one, and which order of depth is right. A path that was told has a sign
+    of its own, and needs no doubt.
     """
-    geometry = first.geometry
-    if settings.withheld != Withheld() or not is_open(geometry, settings.geometry.criteria):
+    geometry, criteria = first.geometry, settings.geometry.criteria
+    if settings.withheld != Withheld() or not is_open(geometry, criteria):
         return first
-    told = geometry.source not in ("tracks", "uniform")
 
     def leaves(began: Geometry, number: int) -> float:
         brief = replace(settings, fit=shortened(settings.fit))
@@ -198,14 +199,19 @@ def _right_way_round(
             return math.inf
         return _left(jury, fit.views)
 
-    tried = not hurried and settings.fit.iterations >= LEAST_SCHEDULE
-    if not tried and told:
-        return first
-    settled = settle(geometry, leaves, progress, told=told) if tried else unsettled(geometry)
-    for note in settled.notes[len(geometry.notes) :]:
-        progress.say(note.sentence)
+    told = geometry.source not in ("tracks", "uniform")
+    if not hurried and settings.fit.iterations >= LEAST_SCHEDULE:
+        if geometry.source == "uniform":
+            geometry = moving_or_at_rest(geometry, leaves, progress)
+        if is_open(geometry, criteria):
+            geometry = settle(geometry, leaves, progress, told=told)
+    elif not told:
+        geometry = unsettled(geometry)
+    for note in geometry.notes:
+        if note not in first.geometry.notes:
+            progress.say(note.sentence)
     clock.lap("fit")
-    return replace(first, geometry=settled)
+    return replace(first, geometry=geometry)
 
 
 def _left(jury: Jury, views: F32) -> float:
