@@ -391,8 +391,8 @@ class Code(StrEnum):
     ATTEMPTS_RANKED = (
         "attempts_ranked",
         REMARK,
-        "Short fits leave {uniform:.4f} of the measurement along a uniform motion and {rest:.4f} from rest (rms, full "
-        "scale 1); the one that leaves less was taken.",
+        "Several beginnings were fitted; they leave of the held-out pixels: {ranking} (rms, full scale 1). The first "
+        "was taken, by a margin of {margin:.1%}.",
         _NOTHING,
     )
 

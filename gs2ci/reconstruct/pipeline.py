@@ -20,7 +20,7 @@ from gs2ci.core.findings import Code, Finding, finding
 from gs2ci.core.progress import Progress, Silent
 from gs2ci.core.records import Shot
 from gs2ci.core.run_records import RunResult, Verdict
-from gs2ci.reconstruct.attempts import moving_or_at_rest
+from gs2ci.reconstruct.attempts import from_rest, needs_rest, ranking
 from gs2ci.reconstruct.decode.coupling import choose_coupling
 from gs2ci.reconstruct.decode.gap_tv import gap_tv
 from gs2ci.reconstruct.first_look import FirstLook, look
@@ -123,10 +123,13 @@ def reconstruct(
     tried = attempt(first, decoded)
     if pace is None and settings.may_look_again and is_wanted(first.geometry, settings.geometry):
         views = refine(tried.ensemble.views)
+        attempts = {first.geometry.source: tried}
         again = second_look(first, views, lens, settings.look, progress)
         if again is not None:
-            second = attempt(again, views)
-            tried = second if _is_better(refine(second.ensemble.views), views, jury) else tried
+            attempts["second look"] = attempt(again, views)
+        if needs_rest(first):
+            attempts["rest"] = attempt(from_rest(first), decoded)
+        tried = _best(attempts, jury, refine)
     geometry, ensemble = tried.geometry, tried.ensemble
     renderer = ShotRenderer(fitted.shot, geometry.intrinsics, through(lens, tools.backend))
     if tools.fine is not None:
@@ -180,10 +183,9 @@ def _settled(
     *,
     hurried: bool,
 ) -> FirstLook:
-    """Settle by short fits what the first look leaves open; where there is no time for them, with a doubt.
+    """Settle the order of depth by short fits where the first look leaves it open; with a doubt where hurried.
 
-    Open is whether a motion without tracks is one, and which order of depth is right. A path that was told has a sign
-    of its own, and needs no doubt.
+    A path that was told has a sign of its own, and needs no doubt.
     """
     geometry, criteria = first.geometry, settings.geometry.criteria
     if settings.withheld != Withheld() or not is_open(geometry, criteria):
@@ -201,10 +203,7 @@ def _settled(
 
     told = geometry.source not in ("tracks", "uniform")
     if not hurried and settings.fit.iterations >= LEAST_SCHEDULE:
-        if geometry.source == "uniform":
-            geometry = moving_or_at_rest(geometry, leaves, progress)
-        if is_open(geometry, criteria):
-            geometry = settle(geometry, leaves, progress, told=told)
+        geometry = settle(geometry, leaves, progress, told=told)
     elif not told:
         geometry = unsettled(geometry)
     for note in geometry.notes:
@@ -223,10 +222,12 @@ def _left(jury: Jury, views: F32) -> float:
     return float(np.mean(residual**2)) if residual.size else 0.0
 
 
-def _is_better(views: F32, than: F32, jury: Jury) -> bool:
-    """Tell whether views, [N, H, W, C], predict the held-out pixels better than others; no, where there are none."""
-    one, other = jury.residual_rms(views), jury.residual_rms(than)
-    return one is not None and other is not None and one < other
+def _best(attempts: dict[str, _Attempt], jury: Jury, refine: Refinement) -> _Attempt:
+    """Choose the attempt that predicts the held-out pixels best, and say how all of them did."""
+    left = {name: jury.residual_rms(refine(tried.ensemble.views)) for name, tried in attempts.items()}
+    tried = attempts[min(attempts, key=lambda name: math.inf if (rms := left[name]) is None else rms)]
+    geometry = replace(tried.geometry, notes=(*tried.geometry.notes, *ranking(left)))
+    return replace(tried, geometry=geometry)
 
 
 def _examined(shot: Shot, progress: Progress) -> tuple[Shot, tuple[Finding, ...]]:
