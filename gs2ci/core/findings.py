@@ -388,6 +388,14 @@ class Code(StrEnum):
         "Do not rely on depth.",
     )
 
+    ATTEMPTS_RANKED = (
+        "attempts_ranked",
+        REMARK,
+        "Several beginnings were fitted; they leave of the held-out pixels: {ranking} (rms, full scale 1). The first "
+        "was taken, by a margin of {margin:.1%}.",
+        _NOTHING,
+    )
+
     # Near and far.
     DEPTH_ORDER_OPEN = (
         "depth_order_open",

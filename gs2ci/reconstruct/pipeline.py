@@ -21,6 +21,7 @@ from gs2ci.core.findings import Code, Finding, finding
 from gs2ci.core.progress import Progress, Silent
 from gs2ci.core.records import Shot
 from gs2ci.core.run_records import RunResult, Verdict
+from gs2ci.reconstruct.attempts import from_rest, needs_rest, ranking
 from gs2ci.reconstruct.decode.coupling import choose_coupling
 from gs2ci.reconstruct.decode.gap_tv import gap_tv
 from gs2ci.reconstruct.first_look import FirstLook, look
@@ -110,7 +111,7 @@ def reconstruct(
     fitted = Jury(fill_holes(jury.shot, decoded), jury.heldout)
     refine = Refinement(jury, settings.residual)
 
-    first = _right_way_round(first, fitted, lens, settings, refine, progress, clock, hurried=pace is not None)
+    first = _settled(first, fitted, lens, settings, refine, progress, clock, hurried=pace is not None)
 
     def attempt(look: FirstLook, views: F32) -> _Attempt:
         geometry, start = _beginning(look, views, lens, settings)
@@ -125,10 +126,13 @@ def reconstruct(
     tried = attempt(first, decoded)
     if pace is None and settings.may_look_again and is_wanted(first.geometry, settings.geometry):
         views = refine(tried.ensemble.views)
+        attempts = {first.geometry.source: tried}
         again = second_look(first, views, lens, settings.look, progress)
         if again is not None:
-            second = attempt(again, views)
-            tried = second if _is_better(refine(second.ensemble.views), views, jury) else tried
+            attempts["second look"] = attempt(again, views)
+        if needs_rest(first):
+            attempts["rest"] = attempt(from_rest(first), decoded)
+        tried = _best(attempts, jury, refine)
     geometry, ensemble = tried.geometry, tried.ensemble
     renderer = ShotRenderer(fitted.shot, geometry.intrinsics, through(lens, tools.backend))
     if tools.fine is not None:
@@ -171,7 +175,7 @@ class _Attempt:
     ensemble: Ensemble
 
 
-def _right_way_round(
+def _settled(
     first: FirstLook,
     jury: Jury,
     lens: Lens | None,
@@ -182,14 +186,13 @@ def _right_way_round(
     *,
     hurried: bool,
 ) -> FirstLook:
-    """Settle the order of depth where the first look leaves it open: by short fits, or with a doubt where hurried.
+    """Settle the order of depth by short fits where the first look leaves it open; with a doubt where hurried.
 
     A path that was told has a sign of its own, and needs no doubt.
     """
-    geometry = first.geometry
-    if settings.withheld != Withheld() or not is_open(geometry, settings.geometry.criteria):
+    geometry, criteria = first.geometry, settings.geometry.criteria
+    if settings.withheld != Withheld() or not is_open(geometry, criteria):
         return first
-    told = geometry.source not in ("tracks", "uniform")
 
     def leaves(began: Geometry, number: int) -> float:
         # By the measurement alone: views of either order show surfaces that bear it out.
@@ -202,14 +205,16 @@ def _right_way_round(
             return math.inf
         return _left(jury, fit.views)
 
-    tried = not hurried and settings.fit.iterations >= LEAST_SCHEDULE
-    if not tried and told:
-        return first
-    settled = settle(geometry, leaves, progress, told=told) if tried else unsettled(geometry)
-    for note in settled.notes[len(geometry.notes) :]:
-        progress.say(note.sentence)
+    told = geometry.source not in ("tracks", "uniform")
+    if not hurried and settings.fit.iterations >= LEAST_SCHEDULE:
+        geometry = settle(geometry, leaves, progress, told=told)
+    elif not told:
+        geometry = unsettled(geometry)
+    for note in geometry.notes:
+        if note not in first.geometry.notes:
+            progress.say(note.sentence)
     clock.lap("fit")
-    return replace(first, geometry=settled)
+    return replace(first, geometry=geometry)
 
 
 def _left(jury: Jury, views: F32) -> float:
@@ -221,10 +226,12 @@ def _left(jury: Jury, views: F32) -> float:
     return float(np.mean(residual**2)) if residual.size else 0.0
 
 
-def _is_better(views: F32, than: F32, jury: Jury) -> bool:
-    """Tell whether views, [N, H, W, C], predict the held-out pixels better than others; no, where there are none."""
-    one, other = jury.residual_rms(views), jury.residual_rms(than)
-    return one is not None and other is not None and one < other
+def _best(attempts: dict[str, _Attempt], jury: Jury, refine: Refinement) -> _Attempt:
+    """Choose the attempt that predicts the held-out pixels best, and say how all of them did."""
+    left = {name: jury.residual_rms(refine(tried.ensemble.views)) for name, tried in attempts.items()}
+    tried = attempts[min(attempts, key=lambda name: math.inf if (rms := left[name]) is None else rms)]
+    geometry = replace(tried.geometry, notes=(*tried.geometry.notes, *ranking(left)))
+    return replace(tried, geometry=geometry)
 
 
 def _examined(shot: Shot, progress: Progress) -> tuple[Shot, tuple[Finding, ...]]:
