@@ -63,7 +63,7 @@ def record(settings: Settings, left: Left, score: Score | None, seconds: dict[st
     return RunResult(
         views=recovered.views,
         scene_views=fit.views,
-        decode=left.look.decoded,
+        decode=recovered.views if recovered.verdict == "decode" else left.look.decoded,
         depth=left.depth,
         world_to_camera=fit.world_to_camera,
         intrinsics=geometry.intrinsics,
