@@ -64,7 +64,7 @@ def record(settings: Settings, left: Left, score: Score | None, seconds: dict[st
     return RunResult(
         views=recovered.views,
         scene_views=fit.views,
-        decode=left.look.decoded,
+        decode=recovered.views if recovered.verdict == "decode" else left.look.decoded,
         depth=left.light.surface().numpy(),
         depth_spread=left.light.spread.numpy(),
         depth_confidence=left.light.nearby.numpy(),

@@ -260,7 +260,7 @@ def test_every_stage_and_look_is_told(shot):
     looks = []
     settings = replace(QUICK, fit=replace(QUICK.fit, iterations=40))
     result = reconstruct(shot, settings, listener, lambda views: looks.append(views.shape) or 12.5).result
-    assert [name for name, _ in listener.stages] == ["decode", "geometry", "fit"]
+    assert [name for name, _ in listener.stages] == ["registration", "decode", "geometry", "fit"]
     assert listener.stages[-1] == ("fit", 40)
     assert looks == [(VIEWS, HEIGHT, WIDTH, 3)] * 2
     assert [point.psnr_db for point in result.curve] == [12.5, 12.5]
@@ -309,6 +309,10 @@ def test_a_wrong_scene_loses_against_the_decode_and_the_decode_is_kept(shot):
     assert result.verdict == "decode"
     np.testing.assert_array_equal(result.views, result.decode)
     assert (result.scene_views != result.decode).any()
+    # Nothing is left to judge: the pixels that were held out are explained as well as all others.
+    coded = (shot.masks[..., None] * result.views).sum(axis=0)
+    left = ((coded - expose(unrelated).measurement) ** 2).mean()
+    assert np.sqrt(left) < 0.5 * result.heldout_rms["decode"]
 
 
 def test_a_lamp_that_flickers_is_told_of_once_and_in_the_predicted_measurement(shot):
