@@ -23,21 +23,16 @@ from gs2ci_sims.wires.display_slm import DisplaySlmTwin
 from gs2ci_sims.wires.dlpc900 import Dlpc900Twin
 from gs2ci_sims.wires.scpi_modulator import ScpiModulatorTwin, ScpiPanel
 from gs2ci_sims.world import MaskInterval, World
-
-Twin = Dlpc900Twin | ScpiModulatorTwin | DisplaySlmTwin
+from tests.drivers.modulator_bench import ModulatorBench
 
 
 @dataclass
-class Bench:
+class Bench(ModulatorBench[Modulator]):
     """A modulator on its twin, with what a test needs to know of the twin."""
 
-    modulator: Modulator
-    twin: Twin
-    world: World
-    reopen: Callable[[], Modulator]
-    pulse_line: str
-    gate_line: str
-    stale: str
+    pulse_line: str = ""
+    gate_line: str = ""
+    stale: str = "serial.stale"
 
     def sequence(self, count: int = 4, bits: int = 1, **changes: object) -> PatternSequence:
         """Return masks of coarse superpixels at ten times the shortest exposure."""
@@ -50,13 +45,8 @@ class Bench:
         return replace(PatternSequence(masks, bits, exposure_s, pause_s=2 * exposure_s, trigger=trigger), **changes)
 
     def play(self, sequence: PatternSequence) -> list[MaskInterval]:
-        """Upload, arm, start, wait; return what was on show."""
-        self.modulator.upload(sequence)
-        self.modulator.arm()
-        begin_s = self.world.clock.now_s()
-        self.modulator.start()
-        self.modulator.wait_done(sequence.duration_s + 1.0)
-        return list(self.world.masks_between(begin_s, self.world.clock.now_s()))
+        """Show a sequence; return what was on show."""
+        return self.run(sequence, sequence.duration_s + 1.0)
 
     def dark_for(self, duration_s: float) -> bool:
         begin_s = self.world.clock.now_s()
@@ -66,32 +56,19 @@ class Bench:
 
 def _dlpc900() -> Bench:
     world = World()
-    twin = Dlpc900Twin(world, dmd=5)
-
-    def reopen() -> Modulator:
-        return Dlpc900("modulator0", twin.open(), world.clock)
-
-    return Bench(reopen(), twin, world, reopen, "dmd0.out2", "dmd0.out1", "dlpc900.stale")
+    lines = {"pulse_line": "dmd0.out2", "gate_line": "dmd0.out1"}
+    return Bench(Dlpc900, "modulator0", Dlpc900Twin(world, dmd=5), world, **lines, stale="dlpc900.stale")
 
 
 def _scpi() -> Bench:
     world = World()
     twin = ScpiModulatorTwin(world, panel=ScpiPanel(height=96, width=128))
-
-    def reopen() -> Modulator:
-        return ScpiModulator("modulator0", twin.open(), world.clock)
-
-    return Bench(reopen(), twin, world, reopen, "lcos0.out", "lcos0.out", "serial.stale")
+    return Bench(ScpiModulator, "modulator0", twin, world, pulse_line="lcos0.out", gate_line="lcos0.out")
 
 
 def _display_slm() -> Bench:
     world = World()
-    twin = DisplaySlmTwin(world)
-
-    def reopen() -> Modulator:
-        return DisplaySlm("modulator0", twin.open(), world.clock)
-
-    return Bench(reopen(), twin, world, reopen, "slm0.out", "", "serial.stale")
+    return Bench(DisplaySlm, "modulator0", DisplaySlmTwin(world), world, pulse_line="slm0.out")
 
 
 MAKERS = {"dlpc900": _dlpc900, "scpi": _scpi, "display_slm": _display_slm}
@@ -366,7 +343,7 @@ def test_a_new_session_survives_stale_answers_and_works(bench: Bench) -> None:
     info = bench.modulator.info
     bench.modulator.close()
     bench.twin.faults.inject(bench.stale)
-    bench.modulator = bench.reopen()
+    bench.modulator = bench.open()
     assert bench.modulator.connect() == info
     sequence = bench.sequence(5)
     assert_shows(bench.play(sequence), sequence)
@@ -374,7 +351,7 @@ def test_a_new_session_survives_stale_answers_and_works(bench: Bench) -> None:
 
 def test_a_port_that_is_in_use_cannot_be_opened_twice(bench: Bench) -> None:
     with pytest.raises(OSError, match="busy"):
-        bench.reopen()
+        bench.open()
 
 
 @pytest.mark.parametrize("moment", ["connect", "upload", "arm", "start", "wait_done", "disarm", "status"])
@@ -387,7 +364,7 @@ def test_unplugging_is_a_typed_error_at_every_step_and_the_next_session_works(be
         modulator.start()
     if moment == "connect":
         modulator.close()
-        modulator = bench.modulator = bench.reopen()
+        modulator = bench.modulator = bench.open()
     bench.twin.unplug()
     calls: dict[str, Callable[[], object]] = {
         "connect": modulator.connect,
@@ -405,7 +382,7 @@ def test_unplugging_is_a_typed_error_at_every_step_and_the_next_session_works(be
             modulator.disarm()
     modulator.close()
     bench.twin.plug_in()
-    bench.modulator = bench.reopen()
+    bench.modulator = bench.open()
     bench.modulator.connect()
     bench.modulator.disarm()
     assert_shows(bench.play(sequence), sequence)

@@ -23,41 +23,20 @@ from gs2ci_drivers.modulator import ModulatorState
 from gs2ci_drivers.pattern_sequence import PatternSequence, TriggerOut
 from gs2ci_sims.wires.display_slm import DisplaySlmTwin
 from gs2ci_sims.world import MaskInterval, World
+from tests.drivers.modulator_bench import ModulatorBench
 
-
-@dataclass
-class Bench:
-    """A driver on its twin."""
-
-    world: World
-    twin: DisplaySlmTwin
-    slm: DisplaySlm
-
-    def reopen(self) -> None:
-        self.slm.close()
-        self.twin.plug_in()
-        self.slm = DisplaySlm("slm0", self.twin.open(), self.world.clock, self.slm.settings)
-
-    def run(self, sequence: PatternSequence) -> list[MaskInterval]:
-        self.slm.connect()
-        self.slm.upload(sequence)
-        self.slm.arm()
-        begin_s = self.world.clock.now_s()
-        self.slm.start()
-        self.slm.wait_done(60.0)
-        return list(self.world.masks_between(begin_s, self.world.clock.now_s()))
+Bench = ModulatorBench[DisplaySlm]
 
 
 def make_bench(settings: DisplaySlmOptions | None = None) -> Bench:
     world = World()
-    twin = DisplaySlmTwin(world)
-    return Bench(world, twin, DisplaySlm("slm0", twin.open(), world.clock, settings))
+    return Bench(DisplaySlm, "slm0", DisplaySlmTwin(world), world, settings)
 
 
 @pytest.fixture
 def bench() -> Bench:
     bench = make_bench()
-    bench.slm.connect()
+    bench.modulator.connect()
     return bench
 
 
@@ -72,7 +51,7 @@ def assert_shown(shown: list[MaskInterval], repeats: int = 2) -> None:
 
 
 def test_it_says_that_it_is_experimental_and_stepped_by_the_host(bench: Bench) -> None:
-    info = bench.slm.info
+    info = bench.modulator.info
     assert info.experimental
     assert not info.hardware_timed
     assert info.start_latency_s is None
@@ -99,15 +78,15 @@ def test_without_a_trigger_nothing_pulses_and_dark_times_are_kept(bench: Bench) 
 @pytest.mark.parametrize("trigger", [TriggerOut.PER_EXPOSURE, TriggerOut.GATE])
 def test_a_trigger_per_exposure_cannot_be_had(bench: Bench, trigger: TriggerOut) -> None:
     with pytest.raises(UnsupportedError, match="none, per-mask"):
-        bench.slm.upload(replace(SEQUENCE, trigger=trigger))
+        bench.modulator.upload(replace(SEQUENCE, trigger=trigger))
 
 
 def test_grey_levels_lie_between_dark_and_bright() -> None:
     bench = make_bench(DisplaySlmOptions(dark_level=200, bright_level=700))
     mask = np.array([[0, 255, 51]], np.uint8)
-    assert bench.slm.levels(mask, 8).tolist() == [[200, 700, 300]]
+    assert bench.modulator.levels(mask, 8).tolist() == [[200, 700, 300]]
     inverse = make_bench(DisplaySlmOptions(dark_level=700, bright_level=200))
-    assert inverse.slm.levels(mask, 8).tolist() == [[700, 200, 600]]
+    assert inverse.modulator.levels(mask, 8).tolist() == [[700, 200, 600]]
 
 
 @pytest.mark.parametrize(("dark", "bright"), [(0, 0), (-1, 5), (0, 1024)])
@@ -117,35 +96,35 @@ def test_levels_that_are_no_levels_are_refused(dark: int, bright: int) -> None:
 
 
 def test_disarming_shows_the_dark_level(bench: Bench) -> None:
-    bench.slm.upload(SEQUENCE)
-    bench.slm.arm()
-    bench.slm.start()
-    assert bench.slm.status().state is ModulatorState.RUNNING
-    bench.slm.disarm()
+    bench.modulator.upload(SEQUENCE)
+    bench.modulator.arm()
+    bench.modulator.start()
+    assert bench.modulator.status().state is ModulatorState.RUNNING
+    bench.modulator.disarm()
     now_s = bench.world.clock.now_s()
     bench.world.clock.sleep_s(1.0)
     assert not bench.world.masks_between(now_s, now_s + 1.0)
-    assert bench.slm.status().state is ModulatorState.LOADED
+    assert bench.modulator.status().state is ModulatorState.LOADED
 
 
 def test_waiting_has_a_deadline_and_can_go_on(bench: Bench) -> None:
-    bench.slm.upload(SEQUENCE)
-    bench.slm.arm()
+    bench.modulator.upload(SEQUENCE)
+    bench.modulator.arm()
     begin_s = bench.world.clock.now_s()
-    bench.slm.start()
+    bench.modulator.start()
     with pytest.raises(NoAnswerError, match=r"within 0\.5"):
-        bench.slm.wait_done(0.5)
-    bench.slm.wait_done(5.0)
+        bench.modulator.wait_done(0.5)
+    bench.modulator.wait_done(5.0)
     assert_shown(list(bench.world.masks_between(begin_s, bench.world.clock.now_s())))
 
 
 def test_a_host_that_is_late_says_so(bench: Bench) -> None:
-    bench.slm.upload(SEQUENCE)
-    bench.slm.arm()
-    bench.slm.start()
+    bench.modulator.upload(SEQUENCE)
+    bench.modulator.arm()
+    bench.modulator.start()
     bench.world.clock.sleep_s(0.5)
     with pytest.raises(SequenceError, match=r"show mask 1.*3\d\d ms late.*late_s"):
-        bench.slm.wait_done(5.0)
+        bench.modulator.wait_done(5.0)
 
 
 @dataclass(frozen=True)
@@ -204,22 +183,22 @@ def test_a_fault_is_ridden_out_or_a_typed_error_in_time_and_the_next_upload_work
         bench.world.clock.sleep_s(case.value)
     if not bench.twin.plugged:
         bench.reopen()
-    bench.slm.connect()
-    bench.slm.disarm()
+    bench.modulator.connect()
+    bench.modulator.disarm()
     assert_shown(bench.run(SEQUENCE))
 
 
 def test_a_stale_answer_of_an_earlier_session_is_thrown_away(bench: Bench) -> None:
     bench.twin.faults.inject("serial.stale")
     bench.reopen()
-    assert bench.slm.connect().serial == "2018021101"
+    assert bench.modulator.connect().serial == "2018021101"
 
 
 def test_a_power_cycle_empties_the_slots(bench: Bench) -> None:
     bench.run(SEQUENCE)
     bench.twin.power_cycle()
     with pytest.raises(DisconnectedError):
-        bench.slm.arm()
+        bench.modulator.arm()
     bench.reopen()
     assert not bench.twin.slots
     assert_shown(bench.run(SEQUENCE))

@@ -28,44 +28,21 @@ from gs2ci_drivers.modulator import ModulatorState
 from gs2ci_drivers.pattern_sequence import PatternSequence, TriggerOut
 from gs2ci_sims.wires.dlpc900 import Dlpc900Twin
 from gs2ci_sims.world import MaskInterval, World
+from tests.drivers.modulator_bench import ModulatorBench
 
-
-@dataclass
-class Bench:
-    """A driver on its twin."""
-
-    world: World
-    twin: Dlpc900Twin
-    dmd: Dlpc900
-    settings: Dlpc900Options
-
-    def reopen(self) -> None:
-        self.dmd.close()
-        self.twin.plug_in()
-        self.dmd = Dlpc900("dmd0", self.twin.open(), self.world.clock, self.settings)
-
-    def run(self, sequence: PatternSequence, timeout_s: float = 60.0) -> list[MaskInterval]:
-        """Upload, arm, start, wait; return what was on show."""
-        self.dmd.connect()
-        self.dmd.upload(sequence)
-        self.dmd.arm()
-        begin_s = self.world.clock.now_s()
-        self.dmd.start()
-        self.dmd.wait_done(timeout_s)
-        return list(self.world.masks_between(begin_s, self.world.clock.now_s()))
+Bench = ModulatorBench[Dlpc900]
 
 
 def make_bench(dmd: int = 5, settings: Dlpc900Options | None = None, *, counts_repeats: bool = False) -> Bench:
     world = World()
     twin = Dlpc900Twin(world, dmd=dmd, counts_repeats=counts_repeats)
-    settings = settings or Dlpc900Options(reply_timeout_s=10.0)
-    return Bench(world, twin, Dlpc900("dmd0", twin.open(), world.clock, settings), settings)
+    return Bench(Dlpc900, "dmd0", twin, world, settings or Dlpc900Options(reply_timeout_s=10.0))
 
 
 @pytest.fixture
 def bench() -> Bench:
     bench = make_bench()
-    bench.dmd.connect()
+    bench.modulator.connect()
     return bench
 
 
@@ -93,7 +70,7 @@ def assert_shown(shown: list[MaskInterval], masks: U8, repeats: int = 1) -> None
 )
 def test_every_mirror_device_shows_the_masks_that_were_uploaded(dmd: int, compression: Compression) -> None:
     bench = make_bench(dmd, Dlpc900Options(compression=compression.name.lower()))
-    info = bench.dmd.connect()
+    info = bench.modulator.connect()
     masks = masks_for(info.height, info.width, 3, seed=dmd)
     assert_shown(bench.run(PatternSequence(masks, 1, 500e-6)), masks)
 
@@ -145,7 +122,7 @@ def test_the_gate_is_one_level_from_the_first_mask_to_the_last(bench: Bench) -> 
 def test_trigger_edges_can_come_before_or_after_the_mask() -> None:
     settings = Dlpc900Options(trigger_out_2=Edges(rise_us=-20, fall_us=40))
     bench = make_bench(settings=settings)
-    assert bench.dmd.connect().trigger_delay_s == pytest.approx(-20e-6)
+    assert bench.modulator.connect().trigger_delay_s == pytest.approx(-20e-6)
     shown = bench.run(SEQUENCE)
     edges = [edge for edge in bench.world.bus.edges if edge.line == "dmd0.out2"]
     assert edges[0].when_s == pytest.approx(shown[0].start_s - 20e-6)
@@ -165,7 +142,7 @@ def test_the_firmware_profile_settles_how_often_a_sequence_is_shown(counts_repea
     bench = make_bench(settings=Dlpc900Options(firmware=right), counts_repeats=counts_repeats)
     assert len(bench.run(replace(SEQUENCE, repeats=3))) == 18
     bench = make_bench(settings=Dlpc900Options(firmware=wrong), counts_repeats=counts_repeats)
-    bench.dmd.connect()
+    bench.modulator.connect()
     begin_s = bench.world.clock.now_s()
     if counts_repeats:
         assert len(bench.run(replace(SEQUENCE, repeats=3))) == 6 * 18
@@ -179,30 +156,30 @@ def test_counting_pulses_finds_the_wrong_firmware_profile() -> None:
     options = Dlpc900Options(firmware="rev-j", trigger_out_2_bit="disables")
     bench = make_bench(settings=options, counts_repeats=True)
     with pytest.raises(WrongStateError, match="no sequence"):
-        bench.dmd.judge_pulses(1)
+        bench.modulator.judge_pulses(1)
     bench.run(replace(SEQUENCE, repeats=3))
     counted = len(bench.world.bus.rising("dmd0.out2"))
     assert counted == 18
-    assert 'set firmware = "rev-f"' in bench.dmd.judge_pulses(counted).remedy
-    assert bench.dmd.judge_pulses(3).agrees
+    assert 'set firmware = "rev-f"' in bench.modulator.judge_pulses(counted).remedy
+    assert bench.modulator.judge_pulses(3).agrees
 
 
 def test_a_refusal_without_a_reason_says_so(bench: Bench) -> None:
     bench.twin.faults.inject("dlpc900.nack", about="display mode", value=5)
     bench.twin.firmware.note_error = lambda code: None  # type: ignore[method-assign]
     with pytest.raises(RefusedError, match="no reason given"):
-        bench.dmd.upload(SEQUENCE)
+        bench.modulator.upload(SEQUENCE)
 
 
 def test_a_sequence_without_end_runs_until_disarmed(bench: Bench) -> None:
-    bench.dmd.upload(replace(SEQUENCE, repeats=0))
-    bench.dmd.arm()
-    bench.dmd.start()
+    bench.modulator.upload(replace(SEQUENCE, repeats=0))
+    bench.modulator.arm()
+    bench.modulator.start()
     with pytest.raises(NoAnswerError, match=r"wait for the end.*within 0\.5"):
-        bench.dmd.wait_done(0.5)
-    assert bench.dmd.status().state is ModulatorState.RUNNING
-    bench.dmd.disarm()
-    assert bench.dmd.status().state is ModulatorState.LOADED
+        bench.modulator.wait_done(0.5)
+    assert bench.modulator.status().state is ModulatorState.RUNNING
+    bench.modulator.disarm()
+    assert bench.modulator.status().state is ModulatorState.LOADED
     now_s = bench.world.clock.now_s()
     bench.world.clock.sleep_s(1.0)
     assert not bench.world.masks_between(now_s, now_s + 1.0)
@@ -212,27 +189,27 @@ def test_connecting_only_reads(bench: Bench) -> None:
     firmware = bench.twin.firmware
     before = dict(firmware._settings), dict(firmware.table)
     bench.reopen()
-    info = bench.dmd.connect()
+    info = bench.modulator.connect()
     assert (dict(firmware._settings), dict(firmware.table)) == before
     assert (info.model, info.height, info.width) == ("TI DLPC900 + DLP5500", 768, 1024)
     assert info.firmware == "6.2.1 GS2CI-TWIN"
 
 
 def test_connecting_leaves_a_running_sequence_alone(bench: Bench) -> None:
-    bench.dmd.upload(replace(SEQUENCE, repeats=0))
-    bench.dmd.arm()
-    bench.dmd.start()
+    bench.modulator.upload(replace(SEQUENCE, repeats=0))
+    bench.modulator.arm()
+    bench.modulator.start()
     bench.reopen()
-    bench.dmd.connect()
-    assert bench.dmd.status().state is ModulatorState.RUNNING
+    bench.modulator.connect()
+    assert bench.modulator.status().state is ModulatorState.RUNNING
 
 
 def test_the_upload_takes_about_the_time_that_was_announced(bench: Bench) -> None:
-    eta_s = bench.dmd.upload_eta_s(SEQUENCE)
+    eta_s = bench.modulator.upload_eta_s(SEQUENCE)
     shares: list[float] = []
-    report = bench.dmd.upload(SEQUENCE, shares.append)
+    report = bench.modulator.upload(SEQUENCE, shares.append)
     assert report.seconds == pytest.approx(eta_s, rel=0.1)
-    assert report.payload_bytes == sum(len(block) for block in bench.dmd._encoded(SEQUENCE).primary)
+    assert report.payload_bytes == sum(len(block) for block in bench.modulator._encoded(SEQUENCE).primary)
     assert shares == sorted(shares)
     assert shares[-1] == 1.0
 
@@ -240,12 +217,12 @@ def test_the_upload_takes_about_the_time_that_was_announced(bench: Bench) -> Non
 def test_new_times_for_the_same_masks_cost_no_second_upload(bench: Bench) -> None:
     bench.run(SEQUENCE)
     other = replace(SEQUENCE, exposure_s=700e-6, trigger=TriggerOut.PER_MASK, repeats=1)
-    assert bench.dmd.upload_eta_s(other) < 0.2
-    assert bench.dmd.upload(other).payload_bytes == 0
-    bench.dmd.arm()
+    assert bench.modulator.upload_eta_s(other) < 0.2
+    assert bench.modulator.upload(other).payload_bytes == 0
+    bench.modulator.arm()
     begin_s = bench.world.clock.now_s()
-    bench.dmd.start()
-    bench.dmd.wait_done(1.0)
+    bench.modulator.start()
+    bench.modulator.wait_done(1.0)
     assert_shown(list(bench.world.masks_between(begin_s, bench.world.clock.now_s())), MASKS)
 
 
@@ -263,14 +240,14 @@ def test_standby_and_idling_are_left_for_an_upload(bench: Bench) -> None:
 @pytest.fixture
 def blocks() -> Bench:
     bench = make_bench(1, Dlpc900Options(blocks=(2, 3)))
-    bench.dmd.connect()
+    bench.modulator.connect()
     return bench
 
 
 def test_fewer_mirror_blocks_allow_shorter_masks(blocks: Bench) -> None:
     masks = np.zeros((3, 1080, 1920), np.uint8)
     masks[:, 144:360] = masks_for(216, 1920, 3)
-    assert blocks.dmd.info.min_exposure_s == {1: pytest.approx(45e-6)}
+    assert blocks.modulator.info.min_exposure_s == {1: pytest.approx(45e-6)}
     assert_shown(blocks.run(PatternSequence(masks, 1, 45e-6)), masks)
 
 
@@ -285,43 +262,43 @@ def test_a_range_of_blocks_that_an_earlier_session_left_does_not_dim_the_rest(bl
 
 def test_blocks_beyond_the_device_are_refused_with_those_there_are() -> None:
     with pytest.raises(OutOfRangeError, match="blocks 0 to 14"):
-        make_bench(1, Dlpc900Options(blocks=(13, 3))).dmd.connect()
+        make_bench(1, Dlpc900Options(blocks=(13, 3))).modulator.connect()
     with pytest.raises(OutOfRangeError, match="no partial loading"):
-        make_bench(5, Dlpc900Options(blocks=(0, 3))).dmd.connect()
+        make_bench(5, Dlpc900Options(blocks=(0, 3))).modulator.connect()
 
 
 @pytest.mark.parametrize("idle_after", [True, False])
 def test_mirrors_are_left_idling_when_a_device_that_was_used_is_closed(idle_after: bool) -> None:
     bench = make_bench(settings=Dlpc900Options(idle_after=idle_after))
     bench.run(SEQUENCE)
-    bench.dmd.disarm()
+    bench.modulator.disarm()
     bench.reopen()
     assert bench.twin.firmware._settings[0x0201] == (b"\x01" if idle_after else b"\x00")
     assert_shown(bench.run(replace(SEQUENCE, repeats=1)), MASKS)  # and an upload wakes them
 
 
 def test_a_device_that_was_only_looked_at_is_closed_as_it_was(bench: Bench) -> None:
-    bench.dmd.connect()
+    bench.modulator.connect()
     bench.reopen()
     assert bench.twin.firmware._settings[0x0201] == b"\x00"
 
 
 def test_light_outside_the_loaded_blocks_is_refused(blocks: Bench) -> None:
     with pytest.raises(OutOfRangeError, match="rows 144 to 359"):
-        blocks.dmd.upload(PatternSequence(masks_for(1080, 1920, 2), 1, 45e-6))
+        blocks.modulator.upload(PatternSequence(masks_for(1080, 1920, 2), 1, 45e-6))
 
 
 @pytest.mark.parametrize("times", [{"dark_s": 1e-4}, {"pause_s": 0.0}])
 def test_a_gate_that_would_fall_elsewhere_is_refused(bench: Bench, times: dict[str, float]) -> None:
     with pytest.raises(OutOfRangeError, match="TRIG_OUT_1"):
-        bench.dmd.check(replace(SEQUENCE, trigger=TriggerOut.GATE, **times))
+        bench.modulator.check(replace(SEQUENCE, trigger=TriggerOut.GATE, **times))
 
 
 def test_an_unknown_mirror_device_or_firmware_profile_is_refused() -> None:
     bench = make_bench()
     bench.twin.firmware.dmd = 9
     with pytest.raises(UnsupportedError, match="type 9"):
-        bench.dmd.connect()
+        bench.modulator.connect()
     with pytest.raises(ValidationError, match="rev-j"):
         make_bench(settings=Dlpc900Options(firmware="rev-x"))
 
@@ -445,14 +422,14 @@ def test_a_fault_is_ridden_out_or_a_typed_error_in_time_and_the_next_upload_work
         with pytest.raises(case.error, match=f"(?s)dmd0.*{case.says}") as caught:
             bench.run(SLOW)
         assert caught.value.device == "dmd0"
-        eta_s = bench.dmd.upload_eta_s(SLOW) + SLOW.duration_s if bench.twin.plugged else 5.0
+        eta_s = bench.modulator.upload_eta_s(SLOW) + SLOW.duration_s if bench.twin.plugged else 5.0
         assert bench.world.clock.now_s() - begin_s < case.within_s + eta_s
     assert bench.twin.faults.struck, "the fault never struck"
     bench.twin.faults.clear()
     if not bench.twin.plugged:
         bench.reopen()
-    bench.dmd.connect()
-    bench.dmd.disarm()
+    bench.modulator.connect()
+    bench.modulator.disarm()
     assert_shown(bench.run(SLOW), MASKS)
 
 
@@ -460,26 +437,26 @@ def test_a_fault_is_ridden_out_or_a_typed_error_in_time_and_the_next_upload_work
 def test_what_was_ridden_out_is_noted(bench: Bench, case: Case) -> None:
     bench.twin.faults.inject(case.fault, about=case.about, value=case.value)
     bench.run(SLOW)
-    (incident,) = bench.dmd.incidents
+    (incident,) = bench.modulator.incidents
     assert "asked again" in incident
 
 
 @pytest.mark.parametrize("step", ["connect", "status", "arm", "start", "wait_done", "disarm"])
 def test_unplugging_is_noticed_at_every_step(bench: Bench, step: str) -> None:
-    bench.dmd.upload(SLOW)
-    bench.dmd.arm()
+    bench.modulator.upload(SLOW)
+    bench.modulator.arm()
     if step == "wait_done":
-        bench.dmd.start()
+        bench.modulator.start()
     if step == "connect":
         bench.reopen()
     bench.twin.unplug()
     calls: dict[str, Callable[[], object]] = {
-        "connect": bench.dmd.connect,
-        "status": bench.dmd.status,
-        "arm": bench.dmd.arm,
-        "start": bench.dmd.start,
-        "wait_done": lambda: bench.dmd.wait_done(5.0),
-        "disarm": bench.dmd.disarm,
+        "connect": bench.modulator.connect,
+        "status": bench.modulator.status,
+        "arm": bench.modulator.arm,
+        "start": bench.modulator.start,
+        "wait_done": lambda: bench.modulator.wait_done(5.0),
+        "disarm": bench.modulator.disarm,
     }
     with pytest.raises(DisconnectedError, match=r"dmd0.*device is gone.*plug it in again"):
         calls[step]()
@@ -490,7 +467,7 @@ def test_unplugging_is_noticed_at_every_step(bench: Bench, step: str) -> None:
 def test_a_stale_reply_of_a_killed_session_is_thrown_away(bench: Bench) -> None:
     bench.twin.faults.inject("dlpc900.stale")
     bench.reopen()
-    assert bench.dmd.connect().height == 768
+    assert bench.modulator.connect().height == 768
 
 
 def test_an_error_of_an_earlier_session_is_not_ours(bench: Bench) -> None:
@@ -500,28 +477,28 @@ def test_an_error_of_an_earlier_session_is_not_ours(bench: Bench) -> None:
 
 
 def test_a_device_that_does_not_obey_a_stop_is_reported(bench: Bench) -> None:
-    bench.dmd.upload(replace(SEQUENCE, repeats=0))
-    bench.dmd.arm()
-    bench.dmd.start()
+    bench.modulator.upload(replace(SEQUENCE, repeats=0))
+    bench.modulator.arm()
+    bench.modulator.start()
     bench.twin.faults.inject("dlpc900.ignores_stop")
     with pytest.raises(NoAnswerError, match=r"stop the sequence.*does not obey"):
-        bench.dmd.disarm()
-    bench.dmd.disarm()
-    assert bench.dmd.status().state is ModulatorState.LOADED
+        bench.modulator.disarm()
+    bench.modulator.disarm()
+    assert bench.modulator.status().state is ModulatorState.LOADED
 
 
 def test_a_controller_that_reports_a_fault_is_not_armed(bench: Bench) -> None:
-    bench.dmd.upload(SEQUENCE)
+    bench.modulator.upload(SEQUENCE)
     bench.twin.firmware.sequencer.aborted = True
     with pytest.raises(DeviceFaultError, match=r"arm: .*sequencer"):
-        bench.dmd.arm()
+        bench.modulator.arm()
     with pytest.raises(WrongStateError, match="not armed"):
-        bench.dmd.start()
+        bench.modulator.start()
 
 
 def test_a_fault_shows_in_the_status(bench: Bench) -> None:
     bench.twin.faults.inject("dlpc900.parked")
-    status = bench.dmd.status()
+    status = bench.modulator.status()
     assert status.state is ModulatorState.FAULT
     assert "mirrors are parked" in status.faults
     assert status.notes == {"power": "normal"}
@@ -550,15 +527,15 @@ def test_a_register_shorter_than_it_is_and_an_error_register_that_refuses_are_ba
     reads[0x0205] = lambda: b"\1\2"
     bench.reopen()
     with pytest.raises(BadReplyError, match=r"firmware version.*2 bytes.*allowed: 16 bytes"):
-        bench.dmd.connect()
+        bench.modulator.connect()
     reads[0x0100] = lambda: b""
     bench.reopen()
     with pytest.raises(BadReplyError, match="refused to tell the error"):
-        bench.dmd.connect()
+        bench.modulator.connect()
 
 
 def test_a_device_that_keeps_sending_unasked_is_given_up_in_time(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
-    bench.dmd.close()
+    bench.modulator.close()
     port = bench.twin.open()
     monkeypatch.setattr(port, "read", lambda timeout_s: bytes(64))
     with pytest.raises(BadReplyError, match="keeps sending unasked"):
@@ -566,16 +543,16 @@ def test_a_device_that_keeps_sending_unasked_is_given_up_in_time(bench: Bench, m
 
 
 def test_mirrors_that_are_parked_when_a_sequence_is_armed_are_a_fault(bench: Bench) -> None:
-    bench.dmd.upload(SEQUENCE)
+    bench.modulator.upload(SEQUENCE)
     bench.twin.firmware.parked = True
     with pytest.raises(DeviceFaultError, match=r"arm: the device reports mirrors are parked.*check the controller"):
-        bench.dmd.arm()
+        bench.modulator.arm()
 
 
 def test_a_fault_that_shows_at_the_end_of_a_sequence_spoils_it(bench: Bench) -> None:
-    bench.dmd.upload(replace(SEQUENCE, repeats=1))
-    bench.dmd.arm()
-    bench.dmd.start()
+    bench.modulator.upload(replace(SEQUENCE, repeats=1))
+    bench.modulator.arm()
+    bench.modulator.start()
     bench.twin.firmware._reads[0x1A0A] = lambda: bytes([0x81])
     with pytest.raises(SequenceError, match=r"wait for the end.*sequencer error"):
-        bench.dmd.wait_done(60.0)
+        bench.modulator.wait_done(60.0)

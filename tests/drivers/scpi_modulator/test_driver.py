@@ -21,41 +21,21 @@ from gs2ci_drivers.pattern_sequence import PatternSequence, TriggerOut
 from gs2ci_drivers.scpi_modulator.driver import ScpiModulator
 from gs2ci_sims.wires.scpi_modulator import ScpiModulatorTwin, ScpiPanel
 from gs2ci_sims.world import MaskInterval, World
+from tests.drivers.modulator_bench import ModulatorBench
 
-
-@dataclass
-class Bench:
-    """A driver on its twin."""
-
-    world: World
-    twin: ScpiModulatorTwin
-    lcos: ScpiModulator
-
-    def reopen(self) -> None:
-        self.lcos.close()
-        self.twin.plug_in()
-        self.lcos = ScpiModulator("lcos0", self.twin.open(), self.world.clock)
-
-    def run(self, sequence: PatternSequence) -> list[MaskInterval]:
-        self.lcos.connect()
-        self.lcos.upload(sequence)
-        self.lcos.arm()
-        begin_s = self.world.clock.now_s()
-        self.lcos.start()
-        self.lcos.wait_done(60.0)
-        return list(self.world.masks_between(begin_s, self.world.clock.now_s()))
+Bench = ModulatorBench[ScpiModulator]
 
 
 def make_bench(panel: ScpiPanel | None = None) -> Bench:
     world = World()
     twin = ScpiModulatorTwin(world, panel=panel or ScpiPanel(height=30, width=44))
-    return Bench(world, twin, ScpiModulator("lcos0", twin.open(), world.clock))
+    return Bench(ScpiModulator, "lcos0", twin, world)
 
 
 @pytest.fixture
 def bench() -> Bench:
     bench = make_bench()
-    bench.lcos.connect()
+    bench.modulator.connect()
     return bench
 
 
@@ -70,11 +50,11 @@ def assert_shown(shown: list[MaskInterval], masks: U8 = MASKS, repeats: int = 2)
 
 
 def test_the_devices_limits_are_read(bench: Bench) -> None:
-    info = bench.lcos.info
+    info = bench.modulator.info
     assert (info.model, info.serial, info.firmware) == ("GS2CI SCPI-TWIN", "0001", "1.0")
     assert (info.height, info.width, info.pitch_m) == (30, 44, pytest.approx(8e-6))
     assert info.min_exposure_s == {1: pytest.approx(250e-6), 8: pytest.approx(2e-3)}
-    assert info.trigger_outs == frozenset(TriggerOut)
+    assert info.trigger_outs == frozenset(TriggerOut) - {TriggerOut.GATE_PER_MASK}
 
 
 def test_binary_masks_keep_their_pixels_and_times(bench: Bench) -> None:
@@ -100,8 +80,8 @@ def test_masks_of_ten_bits_are_sent_low_byte_first() -> None:
 
 def test_a_moving_mask_is_given_no_patterns_and_shows_its_own() -> None:
     bench = make_bench(ScpiPanel(height=30, width=44, built_in=MASKS))
-    assert bench.lcos.connect().capacity[1] == 5
-    report = bench.lcos.upload(SEQUENCE)
+    assert bench.modulator.connect().capacity[1] == 5
+    report = bench.modulator.upload(SEQUENCE)
     assert report.payload_bytes == 0
     assert_shown(bench.run(SEQUENCE))
 
@@ -116,38 +96,38 @@ def test_the_trigger_output_does_what_the_mode_says(bench: Bench, trigger: Trigg
 
 
 def test_the_upload_takes_about_the_time_that_was_announced(bench: Bench) -> None:
-    eta_s = bench.lcos.upload_eta_s(SEQUENCE)
+    eta_s = bench.modulator.upload_eta_s(SEQUENCE)
     shares: list[float] = []
-    report = bench.lcos.upload(SEQUENCE, shares.append)
+    report = bench.modulator.upload(SEQUENCE, shares.append)
     assert report.seconds == pytest.approx(eta_s, rel=0.25)
     assert report.payload_bytes == 5 * 30 * 6
     assert shares[-1] == 1.0
 
 
 def test_connecting_leaves_a_running_sequence_alone(bench: Bench) -> None:
-    bench.lcos.upload(replace(SEQUENCE, repeats=0))
-    bench.lcos.arm()
-    bench.lcos.start()
+    bench.modulator.upload(replace(SEQUENCE, repeats=0))
+    bench.modulator.arm()
+    bench.modulator.start()
     bench.reopen()
-    bench.lcos.connect()
-    assert bench.lcos.status().state is ModulatorState.RUNNING
-    bench.lcos.disarm()
-    assert bench.lcos.status().state is ModulatorState.LOADED
+    bench.modulator.connect()
+    assert bench.modulator.status().state is ModulatorState.RUNNING
+    bench.modulator.disarm()
+    assert bench.modulator.status().state is ModulatorState.LOADED
 
 
 def test_a_sequence_without_end_is_not_waited_for_beyond_the_deadline(bench: Bench) -> None:
-    bench.lcos.upload(replace(SEQUENCE, repeats=0))
-    bench.lcos.arm()
-    bench.lcos.start()
+    bench.modulator.upload(replace(SEQUENCE, repeats=0))
+    bench.modulator.arm()
+    bench.modulator.start()
     with pytest.raises(NoAnswerError, match=r"lcos0: wait for the end.*within 1 s"):
-        bench.lcos.wait_done(1.0)
+        bench.modulator.wait_done(1.0)
 
 
 def test_another_protocol_version_is_refused(bench: Bench) -> None:
     bench.reopen()
     bench.twin._commands["SYST:VERS?"] = lambda _: "GS2CI-MOD,9"
     with pytest.raises(UnsupportedError, match=r"GS2CI-MOD,9.*allowed: GS2CI-MOD,1.*docs/scpi-modulator.md"):
-        bench.lcos.connect()
+        bench.modulator.connect()
 
 
 def connect_and_look(lcos: ScpiModulator) -> None:
@@ -169,7 +149,7 @@ def test_an_answer_of_the_wrong_form_is_named(bench: Bench, command: str, answer
     bench.reopen()
     bench.twin._commands[command] = lambda _: answer
     with pytest.raises(BadReplyError, match=f"lcos0.*{command[:3].replace('*', '.')}.*allowed"):
-        connect_and_look(bench.lcos)
+        connect_and_look(bench.modulator)
 
 
 @dataclass(frozen=True)
@@ -254,26 +234,26 @@ def test_a_fault_is_ridden_out_or_a_typed_error_in_time_and_the_next_upload_work
     bench.twin.fault = ""
     if not bench.twin.plugged:
         bench.reopen()
-    bench.lcos.connect()
-    bench.lcos.disarm()
+    bench.modulator.connect()
+    bench.modulator.disarm()
     assert_shown(bench.run(SEQUENCE))
 
 
 def test_a_command_that_must_not_be_repeated_is_not(bench: Bench) -> None:
-    bench.lcos.upload(SEQUENCE)
-    bench.lcos.arm()
+    bench.modulator.upload(SEQUENCE)
+    bench.modulator.arm()
     bench.twin.faults.inject("serial.reply_lost", about="SEQ:START")
     with pytest.raises(NoAnswerError):
-        bench.lcos.start()
+        bench.modulator.start()
     bench.world.clock.sleep_s(1.0)
     assert len(bench.world.bus.rising("lcos0.out")) == 2, "one start, two passes"
-    assert not bench.lcos.incidents
+    assert not bench.modulator.incidents
 
 
 def test_what_was_ridden_out_is_noted(bench: Bench) -> None:
     bench.twin.faults.inject("serial.reply_lost", about="SEQ:END")
     bench.run(SEQUENCE)
-    (incident,) = bench.lcos.incidents
+    (incident,) = bench.modulator.incidents
     assert "SEQ:END" in incident
     assert "asked again" in incident
 
@@ -281,33 +261,33 @@ def test_what_was_ridden_out_is_noted(bench: Bench) -> None:
 def test_a_stale_answer_of_an_earlier_session_is_thrown_away(bench: Bench) -> None:
     bench.twin.faults.inject("serial.stale")
     bench.reopen()
-    assert bench.lcos.connect().height == 30
+    assert bench.modulator.connect().height == 30
 
 
 def test_a_power_cycle_forgets_the_sequence_and_the_next_session_starts_over(bench: Bench) -> None:
     bench.run(SEQUENCE)
     bench.twin.power_cycle()
     with pytest.raises(DisconnectedError, match="gone"):
-        bench.lcos.arm()
+        bench.modulator.arm()
     bench.reopen()
-    bench.lcos.connect()
-    assert bench.lcos.status().state is ModulatorState.IDLE
+    bench.modulator.connect()
+    assert bench.modulator.status().state is ModulatorState.IDLE
     assert_shown(bench.run(SEQUENCE))
 
 
 def test_a_fault_shows_in_the_status(bench: Bench) -> None:
     bench.twin.fault = "over-temperature"
-    status = bench.lcos.status()
+    status = bench.modulator.status()
     assert status.state is ModulatorState.FAULT
     assert status.faults == ("over-temperature",)
 
 
 def test_an_error_queue_that_cannot_be_read_is_a_bad_reply(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
-    exchange = bench.lcos._link._exchange
+    exchange = bench.modulator._link._exchange
 
     def refused(chunks: list[bytes], asked: str) -> str:
         return {"SEQ:STOP": "ERR", "SYST:ERR?": "what?"}.get(asked) or exchange(chunks, asked)
 
-    monkeypatch.setattr(bench.lcos._link, "_exchange", refused)
+    monkeypatch.setattr(bench.modulator._link, "_exchange", refused)
     with pytest.raises(BadReplyError, match=r"SYST:ERR\?.*error entry 'what\?'"):
-        bench.lcos.disarm()
+        bench.modulator.disarm()
