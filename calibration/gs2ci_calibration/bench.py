@@ -1,9 +1,9 @@
 """What a calibration procedure sees of a bench: the devices through their drivers, and somebody who sets things up.
 
 A procedure is a function `measure(bench: Bench, known: Bundle) -> Section`: it asks for an arrangement
-(`bench.please(Setup.FLAT)`), takes frames (`bench.grab(patterns, frames=..., exposure_s=...)`), hands arrays to pure
-estimators, and returns what it found or raises `CalibrationError`. It never writes files and never sees the world of
-a simulated bench. `known` holds the sections measured before (`known.need("dark-flat", step)`).
+(`bench.please(Arrangement.FLAT)`), takes frames (`bench.grab(patterns, frames=..., exposure_s=...)`), hands arrays to
+pure estimators, and returns what it found or raises `CalibrationError`. It never writes files and never sees the world
+of a simulated bench. `known` holds the sections measured before (`known.need("dark-flat", step)`).
 
     bench.size, bench.modulator_size, bench.top_dn         sensor [H, W], modulator [Hm, Wm], largest reading
     bench.flat_pattern(is_open=True)                       [Hm, Wm] all mirrors on, or off, levels 0 and 1
@@ -31,7 +31,7 @@ from gs2ci.core.progress import Progress, Silent
 from gs2ci_calibration.options import CalibrationOptions
 from gs2ci_calibration.refusals import CalibrationError, Reason
 from gs2ci_drivers.acquisition import Devices, Taken, capture, plan_capture
-from gs2ci_drivers.plan import CaptureSettings, Mode, Plan, Travel
+from gs2ci_drivers.plan import CapturePlan, CaptureSettings, Mode, Travel
 from gs2ci_drivers.sensor import SensorConfig
 from gs2ci_drivers.stage import Stage
 
@@ -44,7 +44,7 @@ RETRIES: Final = 2
 
 
 @unique
-class Setup(Enum):
+class Arrangement(Enum):
     """A physical arrangement that a procedure asks for."""
 
     DARK = "dark"
@@ -62,7 +62,7 @@ class Setup(Enum):
 class Operator(Protocol):
     """Who sets things up: a person at the terminal, or the simulated one."""
 
-    def please(self, setup: Setup, index: int) -> None:
+    def please(self, setup: Arrangement, index: int) -> None:
         """Return when the arrangement is there.
 
         Args:
@@ -86,7 +86,7 @@ class Stack:
     readings: F32
     time_s: F64
     exposure_s: float
-    plan: Plan
+    plan: CapturePlan
 
 
 @dataclass(frozen=True)
@@ -172,11 +172,11 @@ class Bench:
         top = 2**self.capture.bit_depth - 1
         return patterns * (np.uint8(top) if top < 256 else np.uint16(top))
 
-    def please(self, setup: Setup, index: int = 0) -> None:
+    def please(self, setup: Arrangement, index: int = 0) -> None:
         """Ask for an arrangement and wait until it is there."""
         self.operator.please(setup, index)
 
-    def planned(self) -> Plan:
+    def planned(self) -> CapturePlan:
         """Lay out what `gs2ci capture` will do; nothing moves and nothing is uploaded.
 
         Raises:

@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 
 from gs2ci.core.arrays import F32, F64, U8, Bool
-from gs2ci_calibration.bench import Bench, Setup, Stack
+from gs2ci_calibration.bench import Arrangement, Bench, Stack
 from gs2ci_calibration.bundle import Bundle
 from gs2ci_calibration.estimates import Estimate, Section
 from gs2ci_calibration.exposing import Level, find_exposure, limits_s
@@ -64,7 +64,7 @@ def measure(bench: Bench, known: Bundle) -> Section:
     """
     darks = _take_darks(bench)
     found = estimate_dark(darks, bench.top_dn)
-    bench.please(Setup.FLAT)
+    bench.please(Arrangement.FLAT)
     bench.progress.stage("flat frames", bench.options.frames)
     level = find_exposure(bench, STEP, found.dark, FLAT_SHARE)
     open_pattern = bench.flat_pattern(is_open=True)[None]
@@ -219,7 +219,7 @@ def estimate_response(flat: F32, exposure_s: float, found: DarkEstimate) -> Resp
 
 def _take_darks(bench: Bench) -> Darks:
     """Take all dark frames; the capture's own exposure is among what they span, where the devices can."""
-    bench.please(Setup.DARK)
+    bench.please(Arrangement.DARK)
     frames = bench.options.frames
     few = max(frames // 4, 2)
     shortest_s, longest_s = limits_s(bench)

@@ -9,7 +9,7 @@ from typing import Final
 
 import numpy as np
 
-from gs2ci_calibration.bench import Bench, Setup, Stack
+from gs2ci_calibration.bench import Arrangement, Bench, Stack
 from gs2ci_calibration.bundle import Bundle
 from gs2ci_calibration.estimates import Section
 from gs2ci_calibration.exposing import NO_LIGHT_DN
@@ -64,10 +64,10 @@ def changes_since(bench: Bench, bundle: Bundle) -> list[Change]:
     """
     section = bundle.need("dark-flat", STEP)
     dark = Dark.of(section)
-    bench.please(Setup.DARK)
+    bench.please(Arrangement.DARK)
     bench.progress.stage("dark frames", FRAMES)
     changes = _dark_changes(bench, section, dark)
-    bench.please(Setup.FLAT)
+    bench.please(Arrangement.FLAT)
     bench.progress.stage("flat frames", FRAMES)
     open_pattern = bench.flat_pattern(is_open=True)[None]
     flat = bench.grab(open_pattern, frames=FRAMES, exposure_s=float(section.facts["flat_exposure_s"]))

@@ -9,14 +9,14 @@ from typing import Final
 import numpy as np
 
 from gs2ci.core.arrays import F64
-from gs2ci_calibration.bench import Bench, Setup, Stack
+from gs2ci_calibration.bench import Arrangement, Bench, Stack
 from gs2ci_calibration.bundle import Bundle
 from gs2ci_calibration.dark_flat import UNEVEN_LIMIT
 from gs2ci_calibration.estimates import Estimate, Section
 from gs2ci_calibration.exposing import Level, find_exposure, limits_s
 from gs2ci_calibration.frames import Dark
 from gs2ci_calibration.refusals import CalibrationError, Reason
-from gs2ci_calibration.transfer_curve import LEVELS, STEP, Full, SensorEstimate, Sweep, estimate
+from gs2ci_calibration.transfer_curve import LEVELS, STEP, ExposureSweep, Full, SensorEstimate, estimate
 
 START_SHARE: Final = 0.5
 LOWEST_SHARE: Final = 0.04
@@ -40,7 +40,7 @@ def measure(bench: Bench, known: Bundle) -> Section:
     section = known.need("dark-flat", STEP)
     dark = Dark.of(section)
     noise = section.estimates["dark_noise_rms_dn"]
-    bench.please(Setup.FLAT)
+    bench.please(Arrangement.FLAT)
     start = find_exposure(bench, STEP, dark, START_SHARE)
     full = _take_full(bench, dark, start)
     sweep = _take_sweep(bench, dark, full)
@@ -79,7 +79,7 @@ def _take_full(bench: Bench, dark: Dark, start: Level) -> Full:
     return Full(wholly, full_dn / start.rate_dn_per_s)
 
 
-def _take_sweep(bench: Bench, dark: Dark, full: Full) -> Sweep:
+def _take_sweep(bench: Bench, dark: Dark, full: Full) -> ExposureSweep:
     """Take all levels upwards and then downwards: a lamp that drifts steadily then changes no level against another."""
     shortest_s, _ = limits_s(bench)
     lowest = max(LOWEST_SHARE, shortest_s / full.fill_s)
@@ -92,7 +92,7 @@ def _take_sweep(bench: Bench, dark: Dark, full: Full) -> Sweep:
         stacks.append(bench.grab(pattern, frames=frames, exposure_s=float(share) * full.fill_s))
         mean_dn = float(stacks[-1].readings.mean())
         bench.progress.step(done + 1, mean_dn=mean_dn, exposure_ms=1e3 * stacks[-1].exposure_s)
-    return Sweep(
+    return ExposureSweep(
         tuple(stack.readings[0] for stack in stacks),
         np.array([stack.exposure_s for stack in stacks]),
         np.array([float(stack.time_s.mean()) for stack in stacks]),

@@ -22,7 +22,7 @@ from typing import Final
 import numpy as np
 
 from gs2ci.core.arrays import F64
-from gs2ci_calibration.bench import Bench, Patterns, Setup
+from gs2ci_calibration.bench import Arrangement, Bench, Patterns
 from gs2ci_calibration.bundle import Bundle
 from gs2ci_calibration.estimates import Estimate, Section
 from gs2ci_calibration.frames import Dark, check_flicker, check_stack, refuse_dark, root
@@ -86,7 +86,7 @@ def measure(bench: Bench, known: Bundle) -> Section:
             remedy="leave this step out: the step `masks` measures by light what share of each mask is exposed",
         )
     dark = Dark.of(known.need("dark-flat", STEP))
-    bench.please(Setup.FLAT)
+    bench.please(Arrangement.FLAT)
     coarse = _first_look(bench, dark)
     shortest_s = max(FINE_S, 2 * _shortest_s(bench), 2.5 * (abs(coarse.latency_s) + abs(coarse.offset_s)))
     spare_s = SPARE_S + 2 * max(-(coarse.latency_s + coarse.offset_s), 0.0)

@@ -52,7 +52,7 @@ class Full:
 
 
 @dataclass(frozen=True)
-class Sweep:
+class ExposureSweep:
     """Flat frames over the exposures, taken upwards and downwards.
 
     Args:
@@ -140,7 +140,9 @@ class _Bend:
         return np.asarray(1 + 4 * departure * (1 - 2 * straight / self.full_dn))
 
 
-def estimate(sweep: Sweep, full: Full, dark: Dark, noise_dn: tuple[float, float], top_dn: int) -> SensorEstimate:
+def estimate(
+    sweep: ExposureSweep, full: Full, dark: Dark, noise_dn: tuple[float, float], top_dn: int
+) -> SensorEstimate:
     """Estimate the sensor's figures.
 
     Args:
@@ -182,7 +184,7 @@ def estimate(sweep: Sweep, full: Full, dark: Dark, noise_dn: tuple[float, float]
     )
 
 
-def _points(sweep: Sweep, dark: Dark, full: Full) -> _Points:
+def _points(sweep: ExposureSweep, dark: Dark, full: Full) -> _Points:
     good, rows = dark.good, []
     ceiling = full.reading_dn[good]
     for frames, exposure_s in zip(sweep.stacks, sweep.exposures_s, strict=True):

@@ -19,7 +19,7 @@ from gs2ci.core.clock import Clock
 from gs2ci.core.progress import Progress, Silent
 from gs2ci_drivers.failures import DriverError, ExtraFrameError, FrameError, SequenceError, TriggerTimeoutError
 from gs2ci_drivers.modulator import Modulator
-from gs2ci_drivers.plan import CaptureSettings, Mode, Plan, with_upload
+from gs2ci_drivers.plan import CapturePlan, CaptureSettings, Mode, with_upload
 from gs2ci_drivers.planning import lay_out, sensor_exposure_s
 from gs2ci_drivers.sensor import Frame, FrameFlag, Sensor, SensorConfig
 from gs2ci_drivers.stage import Stage
@@ -105,7 +105,7 @@ class Taken:
 Sink = Callable[[Taken], None]
 
 
-def plan_capture(devices: Devices, settings: CaptureSettings, config: SensorConfig) -> Plan:
+def plan_capture(devices: Devices, settings: CaptureSettings, config: SensorConfig) -> CapturePlan:
     """Connect, set the sensor up and lay the capture out; nothing moves and nothing is uploaded.
 
     Args:
@@ -114,7 +114,7 @@ def plan_capture(devices: Devices, settings: CaptureSettings, config: SensorConf
         config: The sensor's set-up; exposure and trigger are filled in here.
 
     Returns:
-        The plan, which may break limits: see `Plan.require_sound`.
+        The plan, which may break limits: see `CapturePlan.require_sound`.
 
     Raises:
         DriverError: A device does not answer, or the sensor refuses its set-up.
@@ -136,7 +136,7 @@ def plan_capture(devices: Devices, settings: CaptureSettings, config: SensorConf
         raise
 
 
-def capture(devices: Devices, plan: Plan, sink: Sink, progress: Progress | None = None) -> int:
+def capture(devices: Devices, plan: CapturePlan, sink: Sink, progress: Progress | None = None) -> int:
     """Run a plan; hand each shot on as soon as it is whole.
 
     Args:
@@ -172,7 +172,7 @@ class _Fire:
 class _Capture:
     """One run of a plan."""
 
-    def __init__(self, devices: Devices, plan: Plan, sink: Sink, progress: Progress) -> None:
+    def __init__(self, devices: Devices, plan: CapturePlan, sink: Sink, progress: Progress) -> None:
         self._devices = devices
         self._plan = plan
         self._sink = sink

@@ -43,7 +43,7 @@ class Travel:
 
 
 @dataclass(frozen=True)
-class Optics:
+class KnownOptics:
     """What is known of light and scene, for the plan's figures; any of it may be missing.
 
     Args:
@@ -91,7 +91,7 @@ class CaptureSettings:
     margin_s: float = 0.0
     jitter_s: float = 20e-6
     retries: int = 0
-    optics: Optics = field(default_factory=Optics)
+    optics: KnownOptics = field(default_factory=KnownOptics)
     gated: bool = False
 
     @property
@@ -136,7 +136,7 @@ class Figure:
 
 
 @dataclass(frozen=True)
-class Plan:
+class CapturePlan:
     """A capture laid out.
 
     Args:
@@ -174,7 +174,7 @@ class Plan:
             return self.sequence.exposure_s + self.sequence.dark_s
         return self.sequence.period_s
 
-    def require_sound(self) -> "Plan":
+    def require_sound(self) -> "CapturePlan":
         """Return self if nothing breaks a limit.
 
         Raises:
@@ -185,7 +185,7 @@ class Plan:
         return self
 
 
-def table(plan: Plan) -> Sequence[tuple[str, str, str, str]]:
+def table(plan: CapturePlan) -> Sequence[tuple[str, str, str, str]]:
     """Return the plan as rows of text: what, value, limit, verdict."""
     return [
         (figure.what, figure.value, figure.limit, "" if not figure.limit else "NO" if figure.broken else "ok")
@@ -193,6 +193,6 @@ def table(plan: Plan) -> Sequence[tuple[str, str, str, str]]:
     ]
 
 
-def with_upload(plan: Plan, upload_s: float) -> Plan:
+def with_upload(plan: CapturePlan, upload_s: float) -> CapturePlan:
     """Return the plan with the upload's estimate as a further line."""
     return replace(plan, figures=(*plan.figures, Figure("upload", f"about {upload_s:.1f} s")))

@@ -12,7 +12,7 @@ import numpy as np
 from gs2ci.core.arrays import F64
 from gs2ci_drivers.failures import DriverError
 from gs2ci_drivers.pattern_sequence import ModulatorInfo, PatternSequence, TriggerOut
-from gs2ci_drivers.plan import CaptureSettings, Figure, Mode, Plan
+from gs2ci_drivers.plan import CapturePlan, CaptureSettings, Figure, Mode
 from gs2ci_drivers.sensor import SensorInfo, SensorSettings, TriggerMode
 from gs2ci_drivers.stage import StageInfo, Sweep, plan_sweep
 
@@ -53,7 +53,7 @@ def lay_out(
     sensor: SensorInfo,
     setup: SensorSettings,
     stage: StageInfo | None,
-) -> Plan:
+) -> CapturePlan:
     """Lay out a capture and check it; broken limits are figures of the plan, not errors.
 
     Args:
@@ -79,7 +79,7 @@ def lay_out(
         *_parallax_figures(settings, sequence, sweep),
     ]
     frames = len(settings.masks) if settings.mode is Mode.PER_MASK else 1
-    return Plan(settings, sequence, exposure_s, frames, weights, sweep, tuple(figures))
+    return CapturePlan(settings, sequence, exposure_s, frames, weights, sweep, tuple(figures))
 
 
 def _exposure(settings: CaptureSettings, setup: SensorSettings) -> float:

@@ -12,18 +12,19 @@ from gs2ci.rig.config import RigTable, WorldTable
 from gs2ci.rig.intent import intended
 from gs2ci.rig.opening import Rig
 from gs2ci.rig.patterns import on_modulator
-from gs2ci_calibration.bench import Bench, Operator, Patterns, Setup
+from gs2ci_calibration.bench import Arrangement, Bench, Operator, Patterns
 from gs2ci_calibration.bundle import Provenance
 from gs2ci_drivers.acquisition import Devices
 
 REQUESTS = {
-    Setup.DARK: "put the lens cap on",
-    Setup.FLAT: "take the lens cap off and let an evenly lit field fill the view (opal glass, or a white screen "
+    Arrangement.DARK: "put the lens cap on",
+    Arrangement.FLAT: "take the lens cap off and let an evenly lit field fill the view (opal glass, or a white screen "
     "far out of focus)",
-    Setup.BOARD: "hold the ChArUco board before the camera: picture {number}, tilted another way, filling the view",
-    Setup.FIXED_BOARD: "fix the ChArUco board on a stand, square to the camera and filling half of its view, with the "
-    "stage in mid-travel",
-    Setup.SCENE: "let the camera look at a textured scene at rest",
+    Arrangement.BOARD: "hold the ChArUco board before the camera: picture {number}, tilted another way, filling the "
+    "view",
+    Arrangement.FIXED_BOARD: "fix the ChArUco board on a stand, square to the camera and filling half of its view, "
+    "with the stage in mid-travel",
+    Arrangement.SCENE: "let the camera look at a textured scene at rest",
 }
 
 
@@ -36,9 +37,9 @@ class TerminalOperator:
 
     def __init__(self, ask: Callable[[str], object]) -> None:
         self._ask = ask
-        self._now: tuple[Setup, int] | None = None
+        self._now: tuple[Arrangement, int] | None = None
 
-    def please(self, setup: Setup, index: int) -> None:
+    def please(self, setup: Arrangement, index: int) -> None:
         """Ask, unless it is set up already."""
         if self._now != (setup, index):
             self._ask(REQUESTS[setup].format(number=index + 1))

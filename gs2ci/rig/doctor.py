@@ -39,7 +39,7 @@ VIDEO_RULE = 'SUBSYSTEM=="video4linux", MODE="0660", GROUP="video", TAG+="uacces
 
 
 @dataclass(frozen=True)
-class Finding:
+class BenchFinding:
     """One thing that was looked at.
 
     Args:
@@ -55,7 +55,7 @@ class Finding:
     remedy: str = ""
 
 
-def examine(rig: Rig, *, trigger_loop: bool = True) -> Iterator[Finding]:
+def examine(rig: Rig, *, trigger_loop: bool = True) -> Iterator[BenchFinding]:
     """Examine a bench, finding by finding.
 
     Args:
@@ -90,7 +90,7 @@ def examine(rig: Rig, *, trigger_loop: bool = True) -> Iterator[Finding]:
         yield from _with_settings(rig, found)
 
 
-def _with_settings(rig: Rig, settings: dict[str, Any]) -> Iterator[Finding]:
+def _with_settings(rig: Rig, settings: dict[str, Any]) -> Iterator[BenchFinding]:
     """Go on with settings of the modulator that were found out."""
     if settings:
         modulator = rig.table.modulator.model_copy(update=settings)
@@ -111,7 +111,7 @@ def _with_settings(rig: Rig, settings: dict[str, Any]) -> Iterator[Finding]:
         devices.close()
 
 
-def _pulses(rig: Rig, devices: Devices, found: dict[str, Any]) -> Iterator[Finding]:
+def _pulses(rig: Rig, devices: Devices, found: dict[str, Any]) -> Iterator[BenchFinding]:
     """Find out with which masks the modulator pulses; put the settings that say so into `found`."""
     info, triggers = devices.modulator.info, devices.sensor.info.triggers
     if TriggerOut.PER_EXPOSURE not in info.trigger_outs or TriggerMode.EDGE not in triggers:
@@ -130,7 +130,7 @@ def _pulses(rig: Rig, devices: Devices, found: dict[str, Any]) -> Iterator[Findi
     }[pulses.by_light]
     agrees = verdict.agrees and pulses.by_light is not False
     remedy = verdict.remedy or "check that nothing but the modulator's trigger output triggers the sensor"
-    yield Finding("trigger pulses", "ok" if agrees else "bad", verdict.said + light, "" if agrees else remedy)
+    yield BenchFinding("trigger pulses", "ok" if agrees else "bad", verdict.said + light, "" if agrees else remedy)
 
 
 def _gated(rig: Rig, devices: Devices) -> bool:
@@ -138,7 +138,7 @@ def _gated(rig: Rig, devices: Devices) -> bool:
     return devices.sensor.connect().only_gated or Mode(rig.table.capture.mode) is Mode.GATE
 
 
-def _gate(rig: Rig, devices: Devices, found: dict[str, Any]) -> Iterator[Finding]:
+def _gate(rig: Rig, devices: Devices, found: dict[str, Any]) -> Iterator[BenchFinding]:
     """Find out whether a gated sensor exposes while masks are on show; put the polarity that is right into `found`."""
     modulator = rig.table.modulator
     try:
@@ -155,10 +155,10 @@ def _gate(rig: Rig, devices: Devices, found: dict[str, Any]) -> Iterator[Finding
         edges = modulator.trigger_out_1.model_copy(update={"inverted": not modulator.trigger_out_1.inverted})
         found["trigger_out_1"] = edges
         remedy = f"set trigger_out_1 = {{ inverted = {str(edges.inverted).lower()} }} in [modulator]"
-    yield Finding("trigger gate", "ok" if gate.right else "bad", seen + light, "" if gate.right else remedy)
+    yield BenchFinding("trigger gate", "ok" if gate.right else "bad", seen + light, "" if gate.right else remedy)
 
 
-def _stamps(rig: Rig, devices: Devices) -> Iterator[Finding]:
+def _stamps(rig: Rig, devices: Devices) -> Iterator[BenchFinding]:
     """Find out what the sensor's time stamps are the time of."""
     gated = _gated(rig, devices)
     out = TriggerOut.GATE_PER_MASK if gated else TriggerOut.PER_MASK
@@ -167,10 +167,10 @@ def _stamps(rig: Rig, devices: Devices) -> Iterator[Finding]:
         return
     found = check_stamps(devices, _config(rig), gated=gated)
     if found.meaning is None:
-        yield Finding("time stamps", "note", f"taken for {found.assumed.value}: {found.why}")
+        yield BenchFinding("time stamps", "note", f"taken for {found.assumed.value}: {found.why}")
         return
     agrees = found.meaning is found.assumed
-    yield Finding(
+    yield BenchFinding(
         "time stamps",
         "ok" if agrees else "bad",
         f"{found.meaning.value}: {found.why}" + ("" if agrees else f"; they were taken for {found.assumed.value}"),
@@ -190,18 +190,18 @@ def _config(rig: Rig) -> SensorConfig:
     )
 
 
-def _bad(what: str, error: Gs2ciError) -> Finding:
+def _bad(what: str, error: Gs2ciError) -> BenchFinding:
     remedy = "; ".join(part for part in (error.allowed and f"allowed: {error.allowed}", error.remedy) if part)
-    return Finding(what, "bad", error.problem, remedy)
+    return BenchFinding(what, "bad", error.problem, remedy)
 
 
-def _permissions(rig: Rig) -> Iterator[Finding]:
+def _permissions(rig: Rig) -> Iterator[BenchFinding]:
     table = rig.table
     usb = _usb_ids(table.modulator)
     if usb is not None:
         if table.modulator.port != SIMULATED:
             rules = udev_rules(*usb)
-            yield Finding(
+            yield BenchFinding(
                 "permissions for the modulator",
                 "note",
                 "USB needs a udev rule unless you are root",
@@ -236,36 +236,36 @@ def _usb_ids(modulator: Dlpc900Options | ScpiOptions | DisplaySlmOptions) -> tup
     return (usb_bulk.VENDOR_ID, usb_bulk.PRODUCT_ID) if isinstance(modulator, DisplaySlmOptions) else None
 
 
-def _node(device: str, port: str, rule: str) -> Iterator[Finding]:
+def _node(device: str, port: str, rule: str) -> Iterator[BenchFinding]:
     what = f"permissions for the {device}"
     if port == SIMULATED:
         return
     if not Path(port).exists():
-        yield Finding(what, "bad", f"{port} is not there", "plug it in; `gs2ci devices` lists what there is")
+        yield BenchFinding(what, "bad", f"{port} is not there", "plug it in; `gs2ci devices` lists what there is")
     elif not os.access(port, os.R_OK | os.W_OK):
-        yield Finding(
+        yield BenchFinding(
             what,
             "bad",
             f"{port} may not be read and written by this user",
             f"put into /etc/udev/rules.d/70-gs2ci.rules:\n{rule}\nor join the group that owns {port}",
         )
     else:
-        yield Finding(what, "ok", f"{port} may be read and written")
+        yield BenchFinding(what, "ok", f"{port} may be read and written")
 
 
-def _modulator(devices: Devices) -> Iterator[Finding]:
+def _modulator(devices: Devices) -> Iterator[BenchFinding]:
     info = devices.modulator.connect()
-    yield Finding("modulator", "ok", f"{info.model} answers")
-    yield Finding("modulator firmware", "ok" if info.firmware else "note", info.firmware or "it does not tell")
+    yield BenchFinding("modulator", "ok", f"{info.model} answers")
+    yield BenchFinding("modulator firmware", "ok" if info.firmware else "note", info.firmware or "it does not tell")
     if info.experimental:
-        yield Finding(
+        yield BenchFinding(
             "modulator protocol",
             "note",
             "experimental: not confirmed on real hardware",
             "compare a few masks by eye before trusting it",
         )
     faults = devices.modulator.status().faults
-    yield Finding(
+    yield BenchFinding(
         "modulator state",
         "bad" if faults else "ok",
         ", ".join(faults) or "no faults",
@@ -273,11 +273,11 @@ def _modulator(devices: Devices) -> Iterator[Finding]:
     )
 
 
-def _sensor(devices: Devices) -> Iterator[Finding]:
+def _sensor(devices: Devices) -> Iterator[BenchFinding]:
     info = devices.sensor.connect()
-    yield Finding("sensor", "ok", f"{info.model} answers ({info.driver})")
+    yield BenchFinding("sensor", "ok", f"{info.model} answers ({info.driver})")
     external = {TriggerMode.EDGE, TriggerMode.LEVEL} & info.triggers
-    yield Finding(
+    yield BenchFinding(
         "sensor trigger",
         "ok" if external else "bad",
         ", ".join(sorted(mode.value for mode in info.triggers)),
@@ -285,21 +285,21 @@ def _sensor(devices: Devices) -> Iterator[Finding]:
     )
 
 
-def _stage(devices: Devices) -> Iterator[Finding]:
+def _stage(devices: Devices) -> Iterator[BenchFinding]:
     if devices.stage is None:
-        yield Finding("stage", "note", "none in the rig file")
+        yield BenchFinding("stage", "note", "none in the rig file")
         return
     info = devices.stage.connect()
-    yield Finding("stage", "ok", f"{info.model} answers, firmware {info.firmware}")
+    yield BenchFinding("stage", "ok", f"{info.model} answers, firmware {info.firmware}")
     status = devices.stage.status()
-    yield Finding(
+    yield BenchFinding(
         "stage reference",
         "ok" if status.referenced else "bad",
         "it knows where it is" if status.referenced else "it does not know where it is",
         "" if status.referenced else "home it with `gs2ci devices --home` when it has free way",
     )
     if status.faults or status.warnings:
-        yield Finding(
+        yield BenchFinding(
             "stage state",
             "bad" if status.faults else "note",
             ", ".join((*status.faults, *status.warnings)),
@@ -314,7 +314,7 @@ def _loop_masks(info: ModulatorInfo) -> np.ndarray[tuple[int, int, int], np.dtyp
     return masks
 
 
-def _trigger_loop(rig: Rig, devices: Devices) -> Iterator[Finding]:
+def _trigger_loop(rig: Rig, devices: Devices) -> Iterator[BenchFinding]:
     """Show masks with one trigger each and count what comes back."""
     info = devices.modulator.info
     mask_s = max(LOOP_MASK_S, 2 * info.min_exposure_s[min(info.min_exposure_s)])
@@ -330,14 +330,16 @@ def _trigger_loop(rig: Rig, devices: Devices) -> Iterator[Finding]:
         yield _bad("trigger loop", error)
         return
     frames = taken[0].frames
-    yield Finding("trigger loop", "ok", f"{LOOP_MASKS} triggers gave {len(frames)} frames, in order, none left over")
+    yield BenchFinding(
+        "trigger loop", "ok", f"{LOOP_MASKS} triggers gave {len(frames)} frames, in order, none left over"
+    )
     stamped = all(frame.flags & FrameFlag.STAMPED_MONOTONIC for frame in frames)
     yield _clock(stamped, lambda: [frame.t_kernel_ns for frame in frames], plan.frame_period_s)
 
 
-def _clock(stamped: bool, stamps_ns: Callable[[], list[int]], period_s: float) -> Finding:
+def _clock(stamped: bool, stamps_ns: Callable[[], list[int]], period_s: float) -> BenchFinding:
     if not stamped:
-        return Finding(
+        return BenchFinding(
             "clocks",
             "note",
             "the camera's time stamps have an unknown origin",
@@ -346,7 +348,7 @@ def _clock(stamped: bool, stamps_ns: Callable[[], list[int]], period_s: float) -
     stamps = stamps_ns()
     drift_ppm = ((stamps[-1] - stamps[0]) * 1e-9 / ((len(stamps) - 1) * period_s) - 1) * 1e6
     good = abs(drift_ppm) < LARGEST_DRIFT_PPM
-    return Finding(
+    return BenchFinding(
         "clocks",
         "ok" if good else "bad",
         f"the modulator's second lasts {drift_ppm:+.0f} ppm of the computer's",

@@ -11,7 +11,7 @@ from gs2ci.core.arrays import U16
 from gs2ci.rig.opening import Rig
 from gs2ci.rig.patterns import draw_codes, on_modulator
 from gs2ci_drivers.acquisition import Devices
-from gs2ci_drivers.plan import CaptureSettings, Mode, Optics, Travel
+from gs2ci_drivers.plan import CaptureSettings, KnownOptics, Mode, Travel
 from gs2ci_drivers.sensor import SensorConfig
 
 
@@ -42,17 +42,17 @@ def intended(rig: Rig, devices: Devices) -> tuple[U16, CaptureSettings, SensorCo
     return codes, _settings(rig, masks), config
 
 
-def _optics(rig: Rig) -> Optics:
+def _optics(rig: Rig) -> KnownOptics:
     """Return what is known of lens and scene; of a rendered scene it is known without being told."""
     optics = rig.table.optics
-    known = Optics(optics.full_scale_e_per_s, optics.focal_px, optics.nearest_mm, optics.farthest_mm)
+    known = KnownOptics(optics.full_scale_e_per_s, optics.focal_px, optics.nearest_mm, optics.farthest_mm)
     light = rig.bench.light if rig.bench else None
     if light is None or rig.table.world is None or known.focal_px or known.nearest_mm:
         return known
     nearest, farthest = light.scene.depth_range()
     unit = rig.table.world.scene_units_per_mm
     focal_px = float(light.scene.intrinsics[0, 0])
-    return Optics(known.full_scale_e_per_s, focal_px, nearest / unit, farthest / unit)
+    return KnownOptics(known.full_scale_e_per_s, focal_px, nearest / unit, farthest / unit)
 
 
 def _settings(rig: Rig, masks: NDArray[Any]) -> CaptureSettings:

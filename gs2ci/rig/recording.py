@@ -27,7 +27,7 @@ from gs2ci.rig.opening import Rig
 from gs2ci.rig.telemetry import Carriage, carriage_of
 from gs2ci_drivers.acquisition import Devices, Taken, capture, plan_capture
 from gs2ci_drivers.failures import UnsupportedError
-from gs2ci_drivers.plan import Mode, Plan
+from gs2ci_drivers.plan import CapturePlan, Mode
 from gs2ci_drivers.sensor import Frame
 
 if TYPE_CHECKING:
@@ -51,7 +51,7 @@ class Prepared:
         calibrated: The bench as it was measured, or None: then masks are as drawn.
     """
 
-    plan: Plan
+    plan: CapturePlan
     codes: U16
     calibrated: Calibrated | None = None
 
@@ -164,7 +164,7 @@ def _header(rig: Rig, devices: Devices, prepared: Prepared) -> CaptureHeader:
     return header if calibrated is None else _with_calibration(header, calibrated, plan)
 
 
-def _with_calibration(header: CaptureHeader, calibrated: Calibrated, plan: Plan) -> CaptureHeader:
+def _with_calibration(header: CaptureHeader, calibrated: Calibrated, plan: CapturePlan) -> CaptureHeader:
     """Put what was measured in the place of what the rig file says; what was not measured stays."""
     arrays = calibrated.arrays(plan.exposure_s, mosaic=header.cfa is not None)
     found = replace(header, masks=calibrated.masks, saturated_map=True, calibration=arrays)
@@ -179,7 +179,7 @@ def _with_calibration(header: CaptureHeader, calibrated: Calibrated, plan: Plan)
     return found
 
 
-def _scale_dn(table: RigTable, plan: Plan, top: int) -> tuple[float, str]:
+def _scale_dn(table: RigTable, plan: CapturePlan, top: int) -> tuple[float, str]:
     """Return the reading of one fully open view at full scale, and where the number is from."""
     optics, sensor = table.optics, table.sensor
     if optics.full_scale_dn:

@@ -6,7 +6,7 @@ Here: the operator. Not here: the one at a terminal (`gs2ci.rig.calibrating`), t
 from gs2ci.core.errors import InputError
 from gs2ci.rig.config import WorldTable
 from gs2ci.rig.simulated import SimulatedBench
-from gs2ci_calibration.bench import Setup
+from gs2ci_calibration.bench import Arrangement
 from gs2ci_calibration.options import BoardSpec
 from gs2ci_sims.targets import BoardPlane
 
@@ -31,16 +31,16 @@ class SimulatedOperator:
             board.columns, board.rows, board.square_mm * unit, board.marker_mm * unit, board.dictionary
         )
 
-    def please(self, setup: Setup, index: int) -> None:
+    def please(self, setup: Arrangement, index: int) -> None:
         """Set up what is asked for, or what [world] `always` says instead."""
-        match Setup(self._table.always or setup):
-            case Setup.DARK:
+        match Arrangement(self._table.always or setup):
+            case Arrangement.DARK:
                 self._light.look_at_nothing()
-            case Setup.FLAT:
+            case Arrangement.FLAT:
                 self._light.look_at_even_light(self._table.flat_radiance)
-            case Setup.BOARD:
+            case Arrangement.BOARD:
                 self._light.look_at_board(self._board, index)
-            case Setup.FIXED_BOARD:
+            case Arrangement.FIXED_BOARD:
                 self._light.look_at_board(self._board, index, fixed=True)
-            case Setup.SCENE:
+            case Arrangement.SCENE:
                 self._light.look_at_scene()

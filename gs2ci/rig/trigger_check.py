@@ -41,7 +41,7 @@ SHORTEST_TOLD_S: Final = 1e-3
 
 
 @dataclass(frozen=True)
-class Look:
+class TriggerRun:
     """What one run of a sequence brought.
 
     Args:
@@ -126,7 +126,7 @@ class StampsFound:
     why: str
 
 
-def look(devices: Devices, config: SensorConfig, sequence: PatternSequence) -> Look:
+def look(devices: Devices, config: SensorConfig, sequence: PatternSequence) -> TriggerRun:
     """Show a sequence once, whatever pulses it sends, and take all frames that come of it.
 
     Args:
@@ -162,7 +162,7 @@ def look(devices: Devices, config: SensorConfig, sequence: PatternSequence) -> L
             except (FrameLostError, FrameCorruptError):
                 continue
         status = sensor.status()
-    return Look(tuple(frames), status.lost + status.corrupt, fired_s, ended_s, setup.exposure_s)
+    return TriggerRun(tuple(frames), status.lost + status.corrupt, fired_s, ended_s, setup.exposure_s)
 
 
 def _start(devices: Devices) -> None:
@@ -198,7 +198,7 @@ def check_pulses(devices: Devices, config: SensorConfig) -> PulsesFound:
     return PulsesFound(verdict, _with_the_first(looks, verdict))
 
 
-def _with_the_first(looks: Sequence[Look], verdict: PulseVerdict) -> bool | None:
+def _with_the_first(looks: Sequence[TriggerRun], verdict: PulseVerdict) -> bool | None:
     """Return whether light says the same as the number: frames that begin with the first mask see it and no other."""
     if not all(one.frames for one in looks):
         return None
@@ -267,7 +267,7 @@ def check_stamps(devices: Devices, config: SensorConfig, *, gated: bool) -> Stam
     return _meaning(looks, devices.sensor.settings.readout_s)
 
 
-def _meaning(looks: Sequence[Look], readout_s: float) -> StampsFound:
+def _meaning(looks: Sequence[TriggerRun], readout_s: float) -> StampsFound:
     frame = looks[0].frames[0]
     assumed = next(one for one in StampMeaning if frame.flags & _STAMPS == one.flag)
     if not frame.flags & FrameFlag.STAMPED_MONOTONIC:

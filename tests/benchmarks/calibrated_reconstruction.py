@@ -30,7 +30,7 @@ from gs2ci.rig.opening import Rig
 from gs2ci.rig.recording import prepare, record
 from gs2ci.rig.simulated import build_bench
 from gs2ci.tables.truth import truth_of
-from gs2ci_calibration.bench import Setup
+from gs2ci_calibration.bench import Arrangement
 from gs2ci_calibration.bundle import Bundle, add_section
 from gs2ci_calibration.procedures import PROCEDURES
 from gs2ci_drivers.acquisition import Devices
@@ -128,7 +128,7 @@ def take(
         with tempfile.TemporaryDirectory() as name:
             folder = Path(name)
             bundles = {mode: _calibrate(rig, devices, folder / f"{mode}.cal.h5", fast) for mode, fast in modes.items()}
-            operator_of(rig, print).please(Setup.SCENE, 0)
+            operator_of(rig, print).please(Arrangement.SCENE, 0)
             shots = {"nominal": _capture(rig, devices, folder / "nominal.h5", None)}
             for mode, bundle in bundles.items():
                 shots[mode] = _capture(rig, devices, folder / f"{mode}.h5", load(rig, devices, bundle))

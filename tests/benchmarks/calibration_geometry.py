@@ -17,7 +17,7 @@ from gs2ci.rig.calibrating import bench_of, operator_of
 from gs2ci.rig.config import RigTable
 from gs2ci.rig.opening import Rig
 from gs2ci.rig.simulated import build_bench
-from gs2ci_calibration.bench import Bench, Setup
+from gs2ci_calibration.bench import Arrangement, Bench
 from gs2ci_calibration.bundle import Bundle
 from gs2ci_calibration.estimates import Estimate, Section
 from gs2ci_calibration.geometry.board import Board
@@ -176,7 +176,7 @@ def corner_errors(bench: Bench, rig: Rig, truth: Truth) -> tuple[float, float]:
     """
     assert rig.bench is not None
     light: Any = rig.bench.world.light
-    bench.please(Setup.FIXED_BOARD)
+    bench.please(Arrangement.FIXED_BOARD)
     board = Board(bench.options.board)
     exposure_s = Pictures(bench, "camera", board).suit_exposure()
     frame = bench.grab(bench.flat_pattern(is_open=True)[None], frames=4, exposure_s=exposure_s).readings[0].mean(axis=0)

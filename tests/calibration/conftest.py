@@ -7,7 +7,7 @@ import pytest
 
 from gs2ci_calibration.dark_flat import Darks
 from gs2ci_calibration.frames import Dark
-from gs2ci_calibration.transfer_curve import Full, Sweep
+from gs2ci_calibration.transfer_curve import ExposureSweep, Full
 
 TOP_DN = 4095
 
@@ -72,7 +72,7 @@ class SyntheticSensor:
         shares = np.linspace(0.04, 1.04, levels)
         exposures_s = np.array([*shares, *shares[::-1]]) * self.full_well_e / self.light_e_per_s
         stacks = tuple(self.frames(frames, exposure_s) for exposure_s in exposures_s)
-        return Sweep(stacks, exposures_s, np.arange(2.0 * levels))
+        return ExposureSweep(stacks, exposures_s, np.arange(2.0 * levels))
 
 
 @pytest.fixture

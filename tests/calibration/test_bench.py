@@ -9,7 +9,7 @@ from gs2ci.core.errors import InputError
 from gs2ci.rig.calibrating import TerminalOperator
 from gs2ci.rig.config import RigTable
 from gs2ci.tables.truth import opened
-from gs2ci_calibration.bench import Bench, Setup, Stack
+from gs2ci_calibration.bench import Arrangement, Bench, Stack
 from gs2ci_calibration.bundle import Bundle
 from gs2ci_calibration.drift import changes_since
 from gs2ci_calibration.exposing import Level, find_exposure
@@ -34,7 +34,7 @@ def dark_of(bench):
 
 
 def test_frames_come_pattern_by_pattern_and_pass_by_pass(bench):
-    bench.please(Setup.FLAT)
+    bench.please(Arrangement.FLAT)
     patterns = np.stack([bench.flat_pattern(is_open=is_open) for is_open in (False, True, False)])
     stack = bench.grab(patterns, frames=2, exposure_s=2e-3)
     assert stack.readings.shape == (3, 2, *bench.size)
@@ -45,7 +45,7 @@ def test_frames_come_pattern_by_pattern_and_pass_by_pass(bench):
 
 
 def test_one_exposure_spans_all_patterns(bench):
-    bench.please(Setup.FLAT)
+    bench.please(Arrangement.FLAT)
     patterns = np.stack([bench.flat_pattern(is_open=is_open) for is_open in (True, False, True, False)])
     half = bench.expose(patterns, mask_s=1e-3, exposure_s=4e-3, frames=2).readings
     whole = bench.expose(patterns[[0, 2]], mask_s=2e-3, exposure_s=4e-3, frames=2).readings
@@ -71,7 +71,7 @@ def test_a_bench_without_a_stage_says_so(bench):
 def test_an_exposure_is_found_that_fills_the_wanted_share(radiance):
     world = random_table(8).world.model_dump() | {"flat_radiance": radiance}
     with opened(RigTable.model_validate(random_table(8).model_dump() | {"world": world})) as (bench, truth):
-        bench.please(Setup.FLAT)
+        bench.please(Arrangement.FLAT)
         level = find_exposure(bench, "masks", dark_of(bench), 0.5)
         end_dn = truth.full_well_e / truth.gain_e_per_dn
         reached = level.rate_dn_per_s * level.exposure_s / end_dn
@@ -81,7 +81,13 @@ def test_an_exposure_is_found_that_fills_the_wanted_share(radiance):
 def test_a_person_is_asked_once_for_each_arrangement():
     asked = []
     operator = TerminalOperator(asked.append)
-    for setup, index in ((Setup.DARK, 0), (Setup.DARK, 0), (Setup.BOARD, 0), (Setup.BOARD, 1), (Setup.DARK, 0)):
+    for setup, index in (
+        (Arrangement.DARK, 0),
+        (Arrangement.DARK, 0),
+        (Arrangement.BOARD, 0),
+        (Arrangement.BOARD, 1),
+        (Arrangement.DARK, 0),
+    ):
         operator.please(setup, index)
     assert len(asked) == 4
     assert "lens cap" in asked[0]
@@ -123,7 +129,7 @@ class _AlwaysDark:
         self.operator = operator
 
     def please(self, setup, index):
-        self.operator.please(Setup.DARK, index)
+        self.operator.please(Arrangement.DARK, index)
 
 
 def at_depth(bench, bits):

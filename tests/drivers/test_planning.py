@@ -5,7 +5,7 @@ import pytest
 
 from gs2ci_drivers.failures import PlanRefusedError
 from gs2ci_drivers.pattern_sequence import ModulatorInfo, TriggerOut
-from gs2ci_drivers.plan import CaptureSettings, Mode, Optics, Travel, table
+from gs2ci_drivers.plan import CaptureSettings, KnownOptics, Mode, Travel, table
 from gs2ci_drivers.planning import lay_out, overlap_weights, sensor_exposure_s
 from gs2ci_drivers.sensor import FrameFormat, SensorInfo, SensorSettings, TriggerMode
 from gs2ci_drivers.stage import AxisInfo, StageInfo
@@ -40,7 +40,7 @@ def broken(plan_):
 
 
 def test_a_sound_plan_breaks_nothing_and_has_its_rows():
-    sound = plan(travel=Travel("x", 40.0, 41.0), optics=Optics(1e5, 900.0, 300.0, 1000.0))
+    sound = plan(travel=Travel("x", 40.0, 41.0), optics=KnownOptics(1e5, 900.0, 300.0, 1000.0))
     assert sound.require_sound() is sound
     assert (sound.fires, sound.frames_per_shot) == (1, 1)
     rows = {what: (value, verdict) for what, value, _, verdict in table(sound)}
@@ -83,7 +83,7 @@ def test_calibration_gets_the_dark_time_that_readout_needs():
         ({"shots": 0}, "shots"),
         ({"exposure_s": 0.02}, "exposure"),
         ({"exposure_s": 0.06, "burst": 2, "shots": 2, "readout_s": -0.03}, "exposure"),
-        ({"optics": Optics(1e6)}, "bright pixels of a white scene"),
+        ({"optics": KnownOptics(1e6)}, "bright pixels of a white scene"),
         ({"travel": Travel("x", 40.0, 80.0)}, "travel"),
         ({"travel": Travel("x", 99.0, 99.9)}, "travel"),
         ({"travel": Travel("q", 40.0, 41.0)}, "travel"),

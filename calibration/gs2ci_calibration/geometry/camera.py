@@ -7,7 +7,7 @@ from typing import Final
 
 import numpy as np
 
-from gs2ci_calibration.bench import Bench, Setup
+from gs2ci_calibration.bench import Arrangement, Bench
 from gs2ci_calibration.bundle import Bundle
 from gs2ci_calibration.estimates import Estimate, Section
 from gs2ci_calibration.geometry.board import Board
@@ -36,7 +36,7 @@ def measure_camera(bench: Bench, known: Bundle) -> Section:
     views, sightings, exposure_s = bench.options.board_views, [], 0.0
     bench.progress.stage("pictures of the board", views)
     for index in range(views):
-        bench.please(Setup.BOARD, index)
+        bench.please(Arrangement.BOARD, index)
         exposure_s = exposure_s or pictures.suit_exposure()
         sightings.append(pictures.take(exposure_s, FRAMES))
         require_any(STEP, sightings)

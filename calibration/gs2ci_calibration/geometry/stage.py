@@ -9,7 +9,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from gs2ci_calibration.bench import Bench, Setup
+from gs2ci_calibration.bench import Arrangement, Bench
 from gs2ci_calibration.bundle import Bundle
 from gs2ci_calibration.estimates import Estimate, Section
 from gs2ci_calibration.geometry.axes import AxisEstimate, StagePicture, SweepPicture, estimate_stage
@@ -75,7 +75,7 @@ def measure_stage(bench: Bench, known: Bundle) -> Section:
     """
     stage = bench.stage(STEP)
     camera = camera_of(known.need("camera", STEP))
-    bench.please(Setup.FIXED_BOARD)
+    bench.please(Arrangement.FIXED_BOARD)
     pictures = Pictures(bench, STEP, Board(bench.options.board))
     exposure_s = pictures.suit_exposure()
     room = _room(pictures.take(exposure_s, FRAMES), camera)

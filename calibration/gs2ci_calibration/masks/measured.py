@@ -28,7 +28,7 @@ IGNORANT_SE: Final = 1 / np.sqrt(12)
 
 
 @unique
-class Kind(IntEnum):
+class PatternKind(IntEnum):
     """What a frame shows that is no mask; masks are numbered from 0."""
 
     ON = -1
@@ -43,12 +43,12 @@ def pass_order(masks: Sequence[int], *, held_out: bool = False) -> tuple[int, ..
         masks: Numbers of the masks.
         held_out: Whether to show the held-out mask as well.
     """
-    order: list[int] = [Kind.ON, Kind.OFF]
+    order: list[int] = [PatternKind.ON, PatternKind.OFF]
     for i, mask in enumerate(masks):
         if i % REFERENCE_EVERY == 0 and i:
-            order.append(Kind.ON)
+            order.append(PatternKind.ON)
         order.append(mask)
-    return (*order, Kind.ON, *((Kind.HELD_OUT, Kind.ON) if held_out else ()))
+    return (*order, PatternKind.ON, *((PatternKind.HELD_OUT, PatternKind.ON) if held_out else ()))
 
 
 class MaskSums:
@@ -63,7 +63,7 @@ class MaskSums:
     def __init__(self, masks: int, references: References, dark: NDArray[np.floating]) -> None:
         self._references = references
         self._dark = np.asarray(dark, dtype=np.float64)
-        self._kinds = [*range(masks), *Kind]
+        self._kinds = [*range(masks), *PatternKind]
         shape = (len(self._kinds), *references.on.shape)
         self._sum, self._square = np.zeros(shape), np.zeros(shape)
         self._count = np.zeros(shape[0], dtype=np.int64)
@@ -77,18 +77,18 @@ class MaskSums:
         Args:
             readings: [P, K, H, W] DN: place p of the order in pass k.
             time_s: When each was exposed, [P, K].
-            order: What each place shows (`pass_order`), [P]; with at least one `Kind.ON`.
+            order: What each place shows (`pass_order`), [P]; with at least one `PatternKind.ON`.
 
         Raises:
             InputError: Shapes disagree, or no place shows all mirrors on.
         """
-        if len(readings) != len(order) or time_s.shape != readings.shape[:2] or Kind.ON not in order:
+        if len(readings) != len(order) or time_s.shape != readings.shape[:2] or PatternKind.ON not in order:
             raise InputError(
                 f"frames {list(readings.shape)} at times {list(time_s.shape)} for {len(order)} places",
                 allowed="[P, K, H, W], [P, K] and P places, with all mirrors on in one of them",
             )
         valid = self._references.valid
-        on = [p for p, kind in enumerate(order) if kind == Kind.ON]
+        on = [p for p, kind in enumerate(order) if kind == PatternKind.ON]
         swing = self._references.on[valid]
         for k in range(readings.shape[1]):
             seen = np.stack([(readings[p, k].astype(np.float64) - self._dark)[valid] for p in on])
@@ -110,7 +110,7 @@ class MaskSums:
         return LampRecord(np.concatenate(self._time), np.concatenate(self._level), np.concatenate(self._burst))
 
     def frames(self, kind: int) -> int:
-        """Return how many frames there are of a mask or a `Kind`."""
+        """Return how many frames there are of a mask or a `PatternKind`."""
         return int(self._count[self._kinds.index(kind)])
 
     def mean(self, kind: int) -> F64:
@@ -179,24 +179,24 @@ def estimate_masks(sums: MaskSums, references: References, masks: int, dark_se_d
         CalibrationError: Frames do not vary at all.
     """
     noise, lamp = sums.noise(), sums.lamp
-    on_mean = sums.mean(Kind.ON)
+    on_mean = sums.mean(PatternKind.ON)
     # The first references chose the valid pixels; a pixel that has died since must not divide by nothing.
     valid = references.valid & (on_mean > 0.5 * references.on)
     on = np.where(valid, on_mean, 1.0)
-    on_variance = _variance(sums, Kind.ON, noise) / sums.frames(Kind.ON)
+    on_variance = _variance(sums, PatternKind.ON, noise) / sums.frames(PatternKind.ON)
 
     def share(kind: int) -> tuple[F64, F64]:
         value = sums.mean(kind) / on
         each = _variance(sums, kind, noise)
         spread = each / sums.frames(kind) + rounding_variance_dn2(each)
-        flicker = np.square(lamp.flicker) * (1 / sums.frames(kind) + 1 / sums.frames(Kind.ON))
+        flicker = np.square(lamp.flicker) * (1 / sums.frames(kind) + 1 / sums.frames(PatternKind.ON))
         square = (spread + np.square(value) * on_variance + np.square((1 - value) * dark_se_dn)) / np.square(on)
         error = np.sqrt(square + np.square(value) * flicker)
         return np.where(valid, value, 0.0), np.where(valid, error, IGNORANT_SE)
 
     shares = [share(i) for i in range(masks)]
-    held_out, held_out_se = share(Kind.HELD_OUT)
-    leakage, leakage_se = share(Kind.OFF)
+    held_out, held_out_se = share(PatternKind.HELD_OUT)
+    leakage, leakage_se = share(PatternKind.OFF)
     return MeasuredMasks(
         masks=np.clip([value for value, _ in shares], 0.0, 1.0).astype(np.float32),
         standard_error=np.array([error for _, error in shares], dtype=np.float32),

@@ -12,11 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gs2ci.core.arrays import F64
-from gs2ci_calibration.bench import Bench, Setup, Stack
+from gs2ci_calibration.bench import Arrangement, Bench, Stack
 from gs2ci_calibration.bundle import Bundle
 from gs2ci_calibration.exposing import find_exposure
 from gs2ci_calibration.frames import Dark
-from gs2ci_calibration.masks.measured import Kind, MaskSums, pass_order
+from gs2ci_calibration.masks.measured import MaskSums, PatternKind, pass_order
 from gs2ci_calibration.masks.references import References, judge, require_in_place
 
 FILL: Final = 0.6
@@ -56,7 +56,7 @@ def light_up(bench: Bench, known: Bundle, step: str) -> Field:
     """
     section = known.need("dark-flat", step)
     dark = Dark.of(section)
-    bench.please(Setup.FLAT)
+    bench.please(Arrangement.FLAT)
     exposure_s = find_exposure(bench, step, dark, FILL).exposure_s
     dark_dn = dark.at(exposure_s)
     errors = [section.estimates[key].error for key in ("offset_dn", "dark_current_dn_per_s")]
@@ -97,7 +97,7 @@ def take(
     """
     if sums is None:
         sums = MaskSums(len(masks), field.references, field.dark_dn)
-        sums.add(field.first.readings, field.first.time_s, (Kind.ON, Kind.OFF))
+        sums.add(field.first.readings, field.first.time_s, (PatternKind.ON, PatternKind.OFF))
     if frames <= 0:
         return sums
     bench.progress.stage(f"{step}: frames of each pattern", frames)
@@ -118,7 +118,7 @@ def take(
 def refined(field: Field, sums: MaskSums) -> Field:
     """Return the field with the references among the patterns instead of the first ones."""
     first = field.references
-    on, off = sums.mean(Kind.ON), sums.mean(Kind.OFF)
+    on, off = sums.mean(PatternKind.ON), sums.mean(PatternKind.OFF)
     # A pixel that has died since must not be divided by.
     valid = first.valid & (on - off > 0.5 * (first.on - first.off))
     return replace(field, references=replace(first, on=on, off=off, valid=valid))
@@ -140,11 +140,11 @@ def _shown(bench: Bench, order: Sequence[int], masks: NDArray[Any], held_out: ND
     shown = np.empty((len(order), *bench.modulator_size), np.result_type(masks, unshut))
     for place, kind in enumerate(order):
         match kind:
-            case Kind.ON:
+            case PatternKind.ON:
                 shown[place] = unshut
-            case Kind.OFF:
+            case PatternKind.OFF:
                 shown[place] = shut
-            case Kind.HELD_OUT:
+            case PatternKind.HELD_OUT:
                 shown[place] = held_out
             case _:
                 shown[place] = masks[kind]

@@ -6,7 +6,7 @@ Here: the exchange. Not here: what is asked (`driver`), the bytes (`packets`).
 from typing import Final
 
 from gs2ci.core.clock import Clock
-from gs2ci_drivers.display_slm.packets import MalformedReplyError, control, find_status, status_request
+from gs2ci_drivers.display_slm.packets import MalformedSlmReplyError, control, find_status, status_request
 from gs2ci_drivers.failures import BadReplyError, NoAnswerError, RefusedError
 from gs2ci_drivers.ports import BytePort, port_errors
 
@@ -82,7 +82,7 @@ class SlmLink:
                 buffer += self._port.read(_BLOCK_BYTES, max(left_s, 0.0))
                 try:
                     word, buffer = find_status(buffer)
-                except MalformedReplyError as error:
+                except MalformedSlmReplyError as error:
                     raise BadReplyError(self._name, asked, buffer, error.problem, allowed=error.allowed) from error
                 if word is not None:
                     return word

@@ -28,12 +28,12 @@ _TEXT_CODE: Final = 0x00FF
 _ROW_CODE: Final = 0x03BF
 
 
-class MalformedReplyError(DeviceError):
+class MalformedSlmReplyError(DeviceError):
     """Bytes from the panel that are no status; the driver adds which device and what was asked."""
 
 
 @enum.unique
-class Kind(enum.IntEnum):
+class SlmFrameKind(enum.IntEnum):
     """What a frame is."""
 
     CONTROL = 1
@@ -51,12 +51,12 @@ def control(text: str) -> bytes:
     if not text.isascii() or not text.isprintable() or len(text) >= TEXT_BYTES:
         raise InputError(f"command {text!r}", allowed=f"printable ASCII below {TEXT_BYTES} characters")
     payload = text.encode("ascii") + b"\r"
-    return _HEADER.pack(_SIGNATURE, _TEXT_CODE, Kind.CONTROL, 0) + payload.ljust(TEXT_BYTES, b"\0")
+    return _HEADER.pack(_SIGNATURE, _TEXT_CODE, SlmFrameKind.CONTROL, 0) + payload.ljust(TEXT_BYTES, b"\0")
 
 
 def status_request() -> bytes:
     """Build the frame that asks what became of the last command."""
-    return _HEADER.pack(_SIGNATURE, 0, Kind.STATUS_REQUEST, 0)
+    return _HEADER.pack(_SIGNATURE, 0, SlmFrameKind.STATUS_REQUEST, 0)
 
 
 def image(levels: U16) -> bytes:
@@ -74,7 +74,7 @@ def image(levels: U16) -> bytes:
             allowed=f"[{HEIGHT}, {WIDTH}] with levels up to {TOP_LEVEL}",
         )
     frames = np.zeros((HEIGHT, HEADER_BYTES + ROW_BYTES), np.uint8)
-    headers = b"".join(_HEADER.pack(_SIGNATURE, _ROW_CODE, Kind.IMAGE_ROW, row) for row in range(HEIGHT))
+    headers = b"".join(_HEADER.pack(_SIGNATURE, _ROW_CODE, SlmFrameKind.IMAGE_ROW, row) for row in range(HEIGHT))
     frames[:, :HEADER_BYTES] = np.frombuffer(headers, np.uint8).reshape(HEIGHT, HEADER_BYTES)
     pixels = np.ascontiguousarray(levels, "<u2").view(np.uint8)
     frames[:, HEADER_BYTES : HEADER_BYTES + 2 * WIDTH] = pixels.reshape(HEIGHT, 2 * WIDTH)
@@ -100,13 +100,14 @@ def find_status(buffer: bytes) -> tuple[str | None, bytes]:
     if len(buffer) < HEADER_BYTES:
         return None, buffer
     _, code, kind, _ = _HEADER.unpack(buffer[:HEADER_BYTES])
-    if (code, kind) != (_TEXT_CODE, Kind.STATUS):
-        raise MalformedReplyError(
-            f"frame of kind {kind} with length code {code:#06x}", allowed=f"{Kind.STATUS} with {_TEXT_CODE:#06x}"
+    if (code, kind) != (_TEXT_CODE, SlmFrameKind.STATUS):
+        raise MalformedSlmReplyError(
+            f"frame of kind {kind} with length code {code:#06x}",
+            allowed=f"{SlmFrameKind.STATUS} with {_TEXT_CODE:#06x}",
         )
     if len(buffer) < HEADER_BYTES + TEXT_BYTES:
         return None, buffer
     text = buffer[HEADER_BYTES : HEADER_BYTES + TEXT_BYTES].split(b"\0", 1)[0]
     if not text.isascii():
-        raise MalformedReplyError(f"status text {text[:16]!r}", allowed="ASCII")
+        raise MalformedSlmReplyError(f"status text {text[:16]!r}", allowed="ASCII")
     return text.decode("ascii").strip(), buffer[HEADER_BYTES + TEXT_BYTES :]

@@ -15,8 +15,8 @@ from gs2ci.core.clock import Clock
 from gs2ci_drivers.dlpc900.packets import (
     NEVER_ACKNOWLEDGED,
     Command,
-    MalformedReplyError,
-    Reply,
+    HidReply,
+    MalformedHidReplyError,
     describe_error,
     parse_reply,
     read_request,
@@ -170,13 +170,13 @@ class Channel:
                 raise
             self._unsent_reports -= 1
 
-    def _exchange(self, message: bytes, asked: str) -> Reply:
+    def _exchange(self, message: bytes, asked: str) -> HidReply:
         self.drain(asked)
         with port_errors(self.device, asked, timeout_s=self._write_timeout_s):
             self._send(message)
             return self._await_reply(message, asked)
 
-    def _await_reply(self, request: bytes, asked: str) -> Reply:
+    def _await_reply(self, request: bytes, asked: str) -> HidReply:
         """Wait for the answer that carries the request's number and direction."""
         deadline_s = self._clock.now_s() + self._reply_timeout_s
         garbage: tuple[bytes, str] | None = None
@@ -186,7 +186,7 @@ class Channel:
                 break
             try:
                 reply = parse_reply(self._collect(first, deadline_s))
-            except MalformedReplyError as error:
+            except MalformedHidReplyError as error:
                 garbage = first, error.problem
                 continue
             if reply.sequence == request[1] and reply.is_read == bool(request[0] & 0x80):

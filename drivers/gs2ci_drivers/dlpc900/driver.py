@@ -16,7 +16,7 @@ from gs2ci_drivers.dlpc900 import firmware, timing
 from gs2ci_drivers.dlpc900.channel import Channel
 from gs2ci_drivers.dlpc900.lut import MAX_TIME_US
 from gs2ci_drivers.dlpc900.options import Dlpc900Options
-from gs2ci_drivers.dlpc900.packets import Command, MalformedReplyError
+from gs2ci_drivers.dlpc900.packets import Command, MalformedHidReplyError
 from gs2ci_drivers.dlpc900.payloads import (
     DisplayMode,
     HardwareStatus,
@@ -365,7 +365,7 @@ class Dlpc900(Modulator):
         if self.settings.idle_after and self._used:
             # DLPU018, DMD idle mode: half of the time on, half off, where nothing is shown for long. A device that is
             # gone, or runs an endless sequence, is let go of as it is.
-            with suppress(DriverError, MalformedReplyError):
+            with suppress(DriverError, MalformedHidReplyError):
                 self._channel.write(Command.IDLE_MODE, b"\1", "let the mirrors idle")
         self._port.close()
 

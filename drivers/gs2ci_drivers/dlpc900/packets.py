@@ -28,7 +28,7 @@ _REPLY_WANTED: Final = 0x40
 _REFUSED: Final = 0x20
 
 
-class MalformedReplyError(DeviceError):
+class MalformedHidReplyError(DeviceError):
     """Bytes from the device that are no reply; the driver adds which device and what was asked."""
 
 
@@ -142,7 +142,7 @@ def split_reports(message: bytes) -> list[bytes]:
 
 
 @dataclass(frozen=True)
-class Reply:
+class HidReply:
     """One answer of the device.
 
     Args:
@@ -165,16 +165,16 @@ def reply_reports(first_report: bytes) -> int:
         MalformedReplyError: Too short for a header, or more is announced than the device's buffer holds.
     """
     if len(first_report) < 4:
-        raise MalformedReplyError(f"a reply of {len(first_report)} bytes has no header", allowed="at least 4 bytes")
+        raise MalformedHidReplyError(f"a reply of {len(first_report)} bytes has no header", allowed="at least 4 bytes")
     length = int.from_bytes(first_report[2:4], "little")
     if length > MAX_REPLY_BYTES:
-        raise MalformedReplyError(
+        raise MalformedHidReplyError(
             f"a reply announces {length} bytes of data", allowed=f"at most {MAX_REPLY_BYTES} bytes"
         )
     return -(-(4 + length) // REPORT_BYTES)
 
 
-def parse_reply(reports: bytes) -> Reply:
+def parse_reply(reports: bytes) -> HidReply:
     """Parse the joined reports of one reply.
 
     Raises:
@@ -184,12 +184,12 @@ def parse_reply(reports: bytes) -> Reply:
     flags, sequence = reports[0], reports[1]
     length = int.from_bytes(reports[2:4], "little")
     if len(reports) < 4 + length:
-        raise MalformedReplyError(
+        raise MalformedHidReplyError(
             f"a reply announces {length} bytes of data and carries {len(reports) - 4}",
             remedy="repeat the command",
         )
     is_read = bool(flags & _READ)
-    return Reply(
+    return HidReply(
         sequence=sequence,
         data=reports[4 : 4 + length],
         is_read=is_read,

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from gs2ci.core.errors import InputError
-from gs2ci_drivers.dlpc900.packets import MalformedReplyError
+from gs2ci_drivers.dlpc900.packets import MalformedHidReplyError
 
 CHUNK_BYTES: Final = 504
 MAX_IMAGES: Final = 18
@@ -177,7 +177,7 @@ class Versions:
             MalformedReplyError: Fewer than 16 bytes.
         """
         if len(data) < 16:
-            raise MalformedReplyError(f"firmware versions in {len(data)} bytes", allowed="16 bytes")
+            raise MalformedHidReplyError(f"firmware versions in {len(data)} bytes", allowed="16 bytes")
         numbers = [Version(major, minor, patch) for patch, minor, major in struct.iter_unpack("<HBB", data[:16])]
         return cls(*numbers)
 
@@ -203,5 +203,5 @@ def decode_byte(data: bytes, what: str) -> int:
         MalformedReplyError: There is no byte.
     """
     if not data:
-        raise MalformedReplyError(f"{what} is empty", allowed="1 byte")
+        raise MalformedHidReplyError(f"{what} is empty", allowed="1 byte")
     return data[0]

@@ -16,7 +16,7 @@ from gs2ci_drivers.scpi_modulator.options import ScpiOptions
 from gs2ci_drivers.scpi_modulator.packets import (
     PROTOCOL,
     VERSION,
-    MalformedReplyError,
+    MalformedScpiReplyError,
     mask_bytes,
     pack_mask,
     parse_integers,
@@ -191,5 +191,5 @@ class ScpiModulator(Modulator):
         body = self._link.ask(asked)
         try:
             return parse_integers(body, count)
-        except MalformedReplyError as error:
+        except MalformedScpiReplyError as error:
             raise BadReplyError(self.name, asked, body.encode(), error.problem, allowed=error.allowed) from error

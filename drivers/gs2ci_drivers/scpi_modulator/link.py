@@ -11,7 +11,7 @@ from gs2ci_drivers.lines import LineChannel
 from gs2ci_drivers.ports import BytePort
 from gs2ci_drivers.scpi_modulator.packets import (
     TAGS,
-    MalformedReplyError,
+    MalformedScpiReplyError,
     block_request,
     parse_error,
     parse_reply,
@@ -104,7 +104,7 @@ class ScpiLink:
             body = self._exchange([request(self._next_tag(), asked)], asked)
             try:
                 entry = parse_error(body)
-            except MalformedReplyError as error:
+            except MalformedScpiReplyError as error:
                 raise BadReplyError(self._name, asked, body.encode(), error.problem, allowed=error.allowed) from error
             if entry[0] == 0:
                 break
@@ -121,7 +121,7 @@ class ScpiLink:
             self._lines.send(chunk, asked)
         tag = self._tag
         deadline_s = self._clock.now_s() + self._timeout_s
-        spoilt: tuple[bytes, MalformedReplyError] | None = None
+        spoilt: tuple[bytes, MalformedScpiReplyError] | None = None
         while True:
             try:
                 line = self._lines.line(deadline_s, asked)
@@ -131,12 +131,12 @@ class ScpiLink:
                 raise
             try:
                 reply = parse_reply(line)
-            except MalformedReplyError as error:
+            except MalformedScpiReplyError as error:
                 spoilt = line, error
                 continue
             if reply.tag == tag:
                 self._unsure = False
                 return reply.body
 
-    def _bad_reply(self, asked: str, line: bytes, error: MalformedReplyError) -> LinkError:
+    def _bad_reply(self, asked: str, line: bytes, error: MalformedScpiReplyError) -> LinkError:
         return BadReplyError(self._name, asked, line, error.problem, allowed=error.allowed)

@@ -29,12 +29,12 @@ _REPLY: Final = re.compile(rb"@(\d{1,3}) ([\x20-\x29\x2b-\x7e]*)\*([0-9A-F]{2})\
 _ERROR: Final = re.compile(r'(-?\d{1,5}),"([^"]*)"\Z')
 
 
-class MalformedReplyError(DeviceError):
+class MalformedScpiReplyError(DeviceError):
     """A line that is no reply; the driver adds which device and what was asked."""
 
 
 @dataclass(frozen=True)
-class Reply:
+class ScpiReply:
     """A reply: which request it answers, and what it says."""
 
     tag: int
@@ -79,7 +79,7 @@ def block_crc(index: int, data: bytes) -> int:
     return zlib.crc32(data, zlib.crc32(f"{index}:".encode("ascii")))
 
 
-def parse_reply(line: bytes) -> Reply:
+def parse_reply(line: bytes) -> ScpiReply:
     """Parse a line without its end.
 
     Raises:
@@ -87,11 +87,11 @@ def parse_reply(line: bytes) -> Reply:
     """
     match = _REPLY.match(line)
     if not match:
-        raise MalformedReplyError("not a tagged reply", allowed="@TAG TEXT*XX")
+        raise MalformedScpiReplyError("not a tagged reply", allowed="@TAG TEXT*XX")
     expected = checksum(line[1:-3])
     if int(match[3], 16) != expected:
-        raise MalformedReplyError(f"checksum {match[3].decode()}", allowed=f"{expected:02X}")
-    return Reply(int(match[1]), match[2].decode("ascii"))
+        raise MalformedScpiReplyError(f"checksum {match[3].decode()}", allowed=f"{expected:02X}")
+    return ScpiReply(int(match[1]), match[2].decode("ascii"))
 
 
 def parse_error(body: str) -> tuple[int, str]:
@@ -102,7 +102,7 @@ def parse_error(body: str) -> tuple[int, str]:
     """
     match = _ERROR.match(body)
     if not match:
-        raise MalformedReplyError(f"error entry {body!r}", allowed='CODE,"TEXT"')
+        raise MalformedScpiReplyError(f"error entry {body!r}", allowed='CODE,"TEXT"')
     return int(match[1]), match[2]
 
 
@@ -114,7 +114,7 @@ def parse_integers(body: str, count: int | None = None) -> tuple[int, ...]:
     """
     fields = body.split(",")
     if not all(re.fullmatch(r"-?\d{1,12}", field) for field in fields) or count not in (None, len(fields)):
-        raise MalformedReplyError(f"numbers {body!r}", allowed=f"{count or 'some'} whole numbers, comma-separated")
+        raise MalformedScpiReplyError(f"numbers {body!r}", allowed=f"{count or 'some'} whole numbers, comma-separated")
     return tuple(int(field) for field in fields)
 
 

@@ -242,7 +242,7 @@ class _EventUnion(ctypes.Union):
     _fields_ = (("data", u8 * 64), ("changes", u32), ("_align", u64))
 
 
-class Event(ctypes.Structure):
+class V4l2Event(ctypes.Structure):
     """struct v4l2_event: something the driver wants known (source change, end of stream)."""
 
     _fields_ = (
@@ -340,7 +340,7 @@ class Ioctl(enum.IntEnum):
     TRY_FMT = _ioc(_READ | _WRITE, 64, Format)
     G_EXT_CTRLS = _ioc(_READ | _WRITE, 71, ExtControls)
     S_EXT_CTRLS = _ioc(_READ | _WRITE, 72, ExtControls)
-    DQEVENT = _ioc(_READ, 89, Event)
+    DQEVENT = _ioc(_READ, 89, V4l2Event)
     G_SELECTION = _ioc(_READ | _WRITE, 94, Selection)
     S_SELECTION = _ioc(_READ | _WRITE, 95, Selection)
     SUBSCRIBE_EVENT = _ioc(_WRITE, 90, EventSubscription)

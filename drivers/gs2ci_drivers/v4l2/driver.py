@@ -26,10 +26,10 @@ from gs2ci_drivers.sensor import (
     TriggerMode,
 )
 from gs2ci_drivers.v4l2.controls import Applied
-from gs2ci_drivers.v4l2.judge import FrameJudge, Taken
+from gs2ci_drivers.v4l2.judge import FrameJudge, TakenBuffer
 from gs2ci_drivers.v4l2.node import Identity, VideoNode
 from gs2ci_drivers.v4l2.options import V4l2Options
-from gs2ci_drivers.v4l2.setup import OpenCamera, Setup
+from gs2ci_drivers.v4l2.setup import CameraSetup, OpenCamera
 from gs2ci_drivers.v4l2.streaming import BufferQueue
 
 WARM_UP_PATIENCE_S: Final = 5.0
@@ -57,7 +57,7 @@ class V4l2Sensor(Sensor):
         self._options = options or V4l2Options()
         self._camera: OpenCamera | None = None
         self._config: SensorConfig | None = None
-        self._setup: Setup | None = None
+        self._setup: CameraSetup | None = None
         self._queue: BufferQueue | None = None
         self._judge: FrameJudge | None = None
 
@@ -144,14 +144,14 @@ class V4l2Sensor(Sensor):
             raise DisconnectedError(self.name, "read", "it went away earlier")
         return self._queue, self._judge
 
-    def _take(self, queue: BufferQueue, judge: FrameJudge, timeout_s: float) -> Taken:
+    def _take(self, queue: BufferQueue, judge: FrameJudge, timeout_s: float) -> TakenBuffer:
         if judge.held is not None:
             taken, judge.held = judge.held, None
             return taken
         got = queue.take(timeout_s)
         if got is None:
             raise TriggerTimeoutError(self.name, judge.frame_index, timeout_s)
-        return Taken(*got, self._port.clock_ns())
+        return TakenBuffer(*got, self._port.clock_ns())
 
     def _do_discard(self) -> int:
         with self._noticing_loss():
@@ -161,7 +161,7 @@ class V4l2Sensor(Sensor):
                 judge.pass_over(judge.held)
                 judge.held = None
             while dropped < MAX_DISCARD and (got := queue.take(0.0)) is not None:
-                judge.pass_over(Taken(*got, self._port.clock_ns()))
+                judge.pass_over(TakenBuffer(*got, self._port.clock_ns()))
                 dropped += 1
         return dropped
 

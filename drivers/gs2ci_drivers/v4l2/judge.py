@@ -26,7 +26,7 @@ _STAMP_GRAIN_NS: Final = 1000
 
 
 @dataclass(frozen=True)
-class Taken:
+class TakenBuffer:
     """A frame taken from the kernel and not yet judged."""
 
     buffer: Dequeued
@@ -63,14 +63,14 @@ class FrameJudge:
     corrupt: int = field(default=0, init=False)
     frame_index: int = field(default=0, init=False)
     """Index of the frame that should come next, from 0: the kernel's numbers since the start, unwrapped."""
-    held: Taken | None = field(default=None, init=False)
+    held: TakenBuffer | None = field(default=None, init=False)
     """A frame that came behind a gap; it is the next to be judged."""
 
     def __post_init__(self) -> None:
         self._next = self.first_sequence
         self._after_loss = False
 
-    def judge(self, taken: Taken, not_before_ns: int) -> Frame:
+    def judge(self, taken: TakenBuffer, not_before_ns: int) -> Frame:
         """Return the frame if it is whole, next in order and no older than `not_before_ns`.
 
         Raises:
@@ -86,7 +86,7 @@ class FrameJudge:
         self._check_age(taken, not_before_ns)
         return self._frame(taken)
 
-    def pass_over(self, taken: Taken) -> None:
+    def pass_over(self, taken: TakenBuffer) -> None:
         """Count a frame that nobody wants to see."""
         number = taken.buffer.sequence
         if self._next is not None:
@@ -94,7 +94,7 @@ class FrameJudge:
             self.frame_index += ahead if ahead < _WRAP // 2 else 0  # else it came before, or out of order
         self._next = (number + 1) % _WRAP
 
-    def _check_number(self, taken: Taken) -> None:
+    def _check_number(self, taken: TakenBuffer) -> None:
         """Compare the kernel's number with the expected one; numbers wrap at 2³²."""
         number = taken.buffer.sequence
         if self._next is None:
@@ -111,7 +111,7 @@ class FrameJudge:
             self._spoil(self.frame_index, f"its number {number} came before, or out of order")
         self.frame_index += 1
 
-    def _check_payload(self, taken: Taken) -> None:
+    def _check_payload(self, taken: TakenBuffer) -> None:
         if abi.BufferFlag.ERROR in taken.buffer.flags:
             self._spoil(self.frame_index - 1, "the kernel marked it (V4L2_BUF_FLAG_ERROR)")
         if len(taken.data) < self.geometry.payload_bytes:
@@ -121,13 +121,13 @@ class FrameJudge:
         self.corrupt += 1
         raise FrameCorruptError(self.device, frame_index, why)
 
-    def _check_age(self, taken: Taken, not_before_ns: int) -> None:
+    def _check_age(self, taken: TakenBuffer, not_before_ns: int) -> None:
         """Compare the kernel's time stamp with the trigger's; stamps of another clock say nothing."""
         age_ns = max(not_before_ns, self.started_ns) - taken.buffer.time_ns
         if taken.monotonic and age_ns > _STAMP_GRAIN_NS:
             raise FrameStaleError(self.device, self.frame_index - 1, age_ns * 1e-9)
 
-    def _frame(self, taken: Taken) -> Frame:
+    def _frame(self, taken: TakenBuffer) -> Frame:
         try:
             pixels = unpack(taken.data, self.geometry)
         except InputError as error:

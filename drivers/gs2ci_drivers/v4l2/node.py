@@ -413,7 +413,7 @@ class VideoNode:
 
     def dequeue_event(self) -> int | None:
         """Take the oldest event's type, or None when there is none."""
-        event, raw = allocate(abi.Event)
+        event, raw = allocate(abi.V4l2Event)
         try:
             self._ioctl(abi.Ioctl.DQEVENT, raw)
         except OSError as error:

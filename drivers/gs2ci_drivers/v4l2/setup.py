@@ -26,7 +26,7 @@ LARGEST_PX: Final = 16384
 
 
 @dataclass(frozen=True)
-class Setup:
+class CameraSetup:
     """What came of a configuration: for the user, for unpacking, and per control."""
 
     settings: SensorSettings
@@ -131,7 +131,7 @@ class OpenCamera:
         bits = min(self._options.significant_bits or pixel.bits, pixel.bits)
         return FrameFormat(pixel.code.strip(), fmt.height, fmt.width, bits, pixel.cfa)
 
-    def apply(self, config: SensorConfig) -> Setup:
+    def apply(self, config: SensorConfig) -> CameraSetup:
         """Set format, controls, trigger and exposure, in this order; return what the device made of them.
 
         Raises:
@@ -156,7 +156,7 @@ class OpenCamera:
             stride=geometry.stride,
             buffers=config.buffers,
         )
-        return Setup(settings, geometry, (*self._moved, *applied))
+        return CameraSetup(settings, geometry, (*self._moved, *applied))
 
     def _geometry(self, fmt: NodeFormat) -> FrameGeometry:
         pixel = PIXEL_FORMATS[fmt.code]

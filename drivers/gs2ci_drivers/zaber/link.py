@@ -8,7 +8,7 @@ from gs2ci_drivers.failures import BadReplyError, NoAnswerError, RefusedError
 from gs2ci_drivers.lines import LineChannel
 from gs2ci_drivers.ports import BytePort
 from gs2ci_drivers.zaber.flags import REJECTIONS, describe, is_fault
-from gs2ci_drivers.zaber.packets import MESSAGE_IDS, Alert, Reply, parse, request
+from gs2ci_drivers.zaber.packets import MESSAGE_IDS, Alert, ZaberReply, parse, request
 
 REPLY_TIMEOUT_S = 0.5
 """Devices answer within some 10 ms; the rest is for USB serial adapters and busy hosts."""
@@ -47,7 +47,7 @@ class ZaberLink:
         # A new session begins at another id than the last one probably ended with.
         self._next_id = int(clock.now_s() * 1e3) % MESSAGE_IDS
 
-    def query(self, axis: int, text: str) -> Reply:
+    def query(self, axis: int, text: str) -> ZaberReply:
         """Ask something that changes nothing; a lost or spoilt answer is asked for again.
 
         Raises:
@@ -61,7 +61,7 @@ class ZaberLink:
                 self._incidents.append(f"{error}; asked again")
         return self.command(axis, text)
 
-    def command(self, axis: int, text: str) -> Reply:
+    def command(self, axis: int, text: str) -> ZaberReply:
         """Send a request once and return its reply.
 
         Raises:
@@ -89,7 +89,7 @@ class ZaberLink:
         """Close the port."""
         self._lines.close()
 
-    def _reply(self, message_id: int, asked: str) -> Reply:
+    def _reply(self, message_id: int, asked: str) -> ZaberReply:
         deadline_s = self._clock.now_s() + REPLY_TIMEOUT_S
         spoilt: tuple[bytes, str] | None = None
         while True:
@@ -106,7 +106,7 @@ class ZaberLink:
                 continue
             if isinstance(message, Alert):
                 self._note_alert(message)
-            elif isinstance(message, Reply):
+            elif isinstance(message, ZaberReply):
                 if (message.address, message.message_id) == (self._address, message_id):
                     return message
                 spoilt = (line, f"from address {message.address} with id {message.message_id}")

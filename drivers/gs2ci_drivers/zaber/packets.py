@@ -26,7 +26,7 @@ _INFO = re.compile(r"^#(\d{1,2}) (\d{1,2})(?: (\d{1,2}))?(?: (.*))?$")
 
 
 @dataclass(frozen=True)
-class Reply:
+class ZaberReply:
     """A device's answer to a request.
 
     Args:
@@ -93,7 +93,7 @@ def request(address: int, axis: int, message_id: int, text: str, *, with_checksu
     return line.encode("ascii")
 
 
-def parse(line: bytes) -> Reply | Alert | Info:
+def parse(line: bytes) -> ZaberReply | Alert | Info:
     """Read one line without its end; whatever precedes the last marker on it is noise and is dropped.
 
     Raises:
@@ -115,10 +115,10 @@ def parse(line: bytes) -> Reply | Alert | Info:
     return _parse_body(text)
 
 
-def _parse_body(text: str) -> Reply | Alert | Info:
+def _parse_body(text: str) -> ZaberReply | Alert | Info:
     if match := _REPLY.match(text):
         address, axis, message_id, result, status, warning, data = match.groups()
-        return Reply(
+        return ZaberReply(
             int(address),
             int(axis),
             None if message_id is None else int(message_id),

@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 
 from gs2ci.rig.calibrating import provenance_of
-from gs2ci_calibration.bench import Setup
+from gs2ci_calibration.bench import Arrangement
 from gs2ci_calibration.bundle import Bundle, add_section, read_bundle
 from gs2ci_calibration.geometry.camera import camera_of, measure_camera
 from gs2ci_calibration.procedures import PROCEDURES
@@ -25,7 +25,7 @@ def test_the_camera_of_a_bench_is_found_through_its_drivers_and_comes_back_from_
     made, rig, truth = bench(1, views=8)
     operator = Listening(made.operator)
     section = measure_camera(replace(made, operator=operator), Bundle())
-    assert operator.asked == [(Setup.BOARD, index) for index in range(8)]
+    assert operator.asked == [(Arrangement.BOARD, index) for index in range(8)]
     errors = camera_errors(section, truth)
     assert abs(errors["fx"][0]) < 0.002 * truth.intrinsics[0, 0]
     assert abs(errors["fy"][0]) < 0.002 * truth.intrinsics[0, 0]

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from gs2ci_calibration.bench import Bench, Setup, Stack
+from gs2ci_calibration.bench import Arrangement, Bench, Stack
 from gs2ci_calibration.bundle import Bundle
 from gs2ci_calibration.estimates import Estimate, Section
 from gs2ci_calibration.options import CalibrationOptions
@@ -164,7 +164,7 @@ def bench_of_truth():
 
         class Silent:
             def please(self, setup, index):
-                world.lit = setup is not Setup.DARK and truth.get("lit", True)
+                world.lit = setup is not Arrangement.DARK and truth.get("lit", True)
 
         clock = SimpleNamespace(now_s=lambda: world.now_s)
         return QuickBench(

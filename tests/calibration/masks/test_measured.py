@@ -2,12 +2,12 @@ import numpy as np
 import pytest
 
 from gs2ci.core.errors import InputError
-from gs2ci_calibration.masks.measured import IGNORANT_SE, Kind, MaskSums, estimate_masks, pass_order
+from gs2ci_calibration.masks.measured import IGNORANT_SE, MaskSums, PatternKind, estimate_masks, pass_order
 from gs2ci_calibration.masks.references import References
 
 SIZE = (20, 24)
 TRUE = np.random.default_rng(0).random((3, *SIZE))
-LIGHT = {Kind.ON: 1.0, Kind.OFF: 0.05, Kind.HELD_OUT: 0.4}
+LIGHT = {PatternKind.ON: 1.0, PatternKind.OFF: 0.05, PatternKind.HELD_OUT: 0.4}
 
 
 def references():
@@ -36,10 +36,10 @@ def filled(*, frames=6, drift=0.0, noise=True, dead=False):
 def test_a_pass_looks_at_the_lamp_before_after_and_among_the_masks():
     order = pass_order(range(9), held_out=True)
     assert [kind for kind in order if kind >= 0] == list(range(9))
-    assert order[0] == order[-1] == Kind.ON
-    assert order.count(Kind.ON) == 5
-    assert order.count(Kind.OFF) == order.count(Kind.HELD_OUT) == 1
-    assert Kind.HELD_OUT not in pass_order([4, 5])
+    assert order[0] == order[-1] == PatternKind.ON
+    assert order.count(PatternKind.ON) == 5
+    assert order.count(PatternKind.OFF) == order.count(PatternKind.HELD_OUT) == 1
+    assert PatternKind.HELD_OUT not in pass_order([4, 5])
 
 
 def test_masks_and_their_standard_errors_are_true():
@@ -77,7 +77,7 @@ def test_a_single_frame_has_no_variance_of_its_own():
 
 @pytest.mark.parametrize(
     ("places", "times", "order"),
-    [(3, (3, 2), (Kind.ON, 0)), (2, (3, 2), (Kind.ON, 0)), (2, (2, 2), (Kind.OFF, 0))],
+    [(3, (3, 2), (PatternKind.ON, 0)), (2, (3, 2), (PatternKind.ON, 0)), (2, (2, 2), (PatternKind.OFF, 0))],
 )
 def test_frames_that_do_not_fit_their_order_are_refused(places, times, order):
     with pytest.raises(InputError, match="places"):

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from gs2ci.core.arrays import U16
 from gs2ci.core.errors import InputError
-from gs2ci_drivers.display_slm.packets import MalformedReplyError, control, find_status, image, status_request
+from gs2ci_drivers.display_slm.packets import MalformedSlmReplyError, control, find_status, image, status_request
 
 STATUS = bytes.fromhex("53454e44 00ff 00 03 00000000 00000000") + b"OK".ljust(1024, b"\0")
 
@@ -63,7 +63,7 @@ def test_an_incomplete_status_is_waited_for() -> None:
     [STATUS.replace(b"\x03", b"\x09", 1), STATUS.replace(b"\xff", b"\xfe", 1), STATUS.replace(b"OK", b"O\xff")],
 )
 def test_a_frame_of_another_kind_is_malformed(frame: bytes) -> None:
-    with pytest.raises(MalformedReplyError):
+    with pytest.raises(MalformedSlmReplyError):
         find_status(frame)
 
 
@@ -71,7 +71,7 @@ def test_a_frame_of_another_kind_is_malformed(frame: bytes) -> None:
 def test_any_bytes_are_a_status_or_waited_for_or_a_typed_error(data: bytes, signed: bool) -> None:
     try:
         text, rest = find_status((b"SEND" if signed else b"") + data)
-    except MalformedReplyError:
+    except MalformedSlmReplyError:
         return
     assert text is None
     assert len(rest) <= len(data) + 4

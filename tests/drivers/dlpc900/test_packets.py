@@ -9,8 +9,8 @@ from gs2ci_drivers.dlpc900.lut import LutEntry
 from gs2ci_drivers.dlpc900.packets import (
     ERROR_CODES,
     Command,
-    MalformedReplyError,
-    Reply,
+    HidReply,
+    MalformedHidReplyError,
     describe_error,
     parse_reply,
     read_request,
@@ -52,7 +52,7 @@ def test_image_data_goes_out_as_eight_reports_of_which_only_the_first_has_a_head
 
 def test_the_manuals_read_example_is_understood() -> None:
     report = bytes.fromhex("C0 11 06 00 FF 01 FF 01 FF 01").ljust(64, b"\0")
-    assert parse_reply(report) == Reply(0x11, bytes.fromhex("FF 01 FF 01 FF 01"), is_read=True, refused=False)
+    assert parse_reply(report) == HidReply(0x11, bytes.fromhex("FF 01 FF 01 FF 01"), is_read=True, refused=False)
 
 
 @pytest.mark.parametrize(
@@ -86,7 +86,7 @@ def test_a_request_that_does_not_fit_is_refused(sequence: int, size: int) -> Non
     ],
 )
 def test_a_reply_that_is_cut_or_impossible_is_malformed(reply: bytes, why: str) -> None:
-    with pytest.raises(MalformedReplyError, match=why):
+    with pytest.raises(MalformedHidReplyError, match=why):
         parse_reply(reply)
 
 
@@ -94,7 +94,7 @@ def test_a_reply_that_is_cut_or_impossible_is_malformed(reply: bytes, why: str) 
 def test_any_bytes_are_a_reply_or_a_typed_error(reply: bytes) -> None:
     try:
         parsed = parse_reply(reply)
-    except MalformedReplyError:
+    except MalformedHidReplyError:
         return
     assert len(parsed.data) <= 508
     assert reply[4:].startswith(parsed.data)

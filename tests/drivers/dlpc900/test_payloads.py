@@ -9,7 +9,7 @@ from pydantic import ValidationError
 
 from gs2ci.core.errors import InputError
 from gs2ci_drivers.dlpc900.options import TriggerEdges
-from gs2ci_drivers.dlpc900.packets import MalformedReplyError
+from gs2ci_drivers.dlpc900.packets import MalformedHidReplyError
 from gs2ci_drivers.dlpc900.payloads import (
     HardwareStatus,
     MainStatus,
@@ -110,7 +110,7 @@ def test_text_ends_at_its_nul_and_what_follows_is_stale() -> None:
     ],
 )
 def test_an_empty_register_is_malformed(decode: Callable[[bytes], object]) -> None:
-    with pytest.raises(MalformedReplyError):
+    with pytest.raises(MalformedHidReplyError):
         decode(b"")
 
 
@@ -119,5 +119,5 @@ def test_any_bytes_are_a_register_or_a_typed_error(data: bytes) -> None:
     for decode in (MainStatus.decode, HardwareStatus.decode, Versions.decode, decode_hardware_type):
         try:
             decode(data)
-        except MalformedReplyError:
+        except MalformedHidReplyError:
             assert len(data) < 16

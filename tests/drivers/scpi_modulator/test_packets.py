@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 
 from gs2ci.core.errors import InputError
 from gs2ci_drivers.scpi_modulator.packets import (
-    MalformedReplyError,
-    Reply,
+    MalformedScpiReplyError,
+    ScpiReply,
     block_crc,
     block_request,
     mask_bytes,
@@ -48,8 +48,8 @@ def test_a_block_out_of_range_is_refused(tag: int, index: int) -> None:
 
 
 def test_a_reply_is_tag_and_text() -> None:
-    assert parse_reply(b'@12 -221,"Settings conflict"*00') == Reply(12, '-221,"Settings conflict"')
-    assert parse_reply(b"@4 250*23") == Reply(4, "250")
+    assert parse_reply(b'@12 -221,"Settings conflict"*00') == ScpiReply(12, '-221,"Settings conflict"')
+    assert parse_reply(b"@4 250*23") == ScpiReply(4, "250")
 
 
 @pytest.mark.parametrize(
@@ -57,7 +57,7 @@ def test_a_reply_is_tag_and_text() -> None:
     [b"", b"OK", b"@4 250", b"@4 250*24", b"@4 251*23", b"@4 250*2", b"@4 250*23 ", b"@ 250*23", b"@4 2*0*23"],
 )
 def test_a_line_that_is_no_checked_reply_is_malformed(line: bytes) -> None:
-    with pytest.raises(MalformedReplyError, match="allowed"):
+    with pytest.raises(MalformedScpiReplyError, match="allowed"):
         parse_reply(line)
 
 
@@ -75,7 +75,7 @@ def test_a_line_that_is_no_checked_reply_is_malformed(line: bytes) -> None:
     ],
 )
 def test_a_value_of_the_wrong_form_is_malformed(parse: Callable[[str], object], body: str) -> None:
-    with pytest.raises(MalformedReplyError, match="allowed"):
+    with pytest.raises(MalformedScpiReplyError, match="allowed"):
         parse(body)
 
 
@@ -83,7 +83,7 @@ def test_a_value_of_the_wrong_form_is_malformed(parse: Callable[[str], object], 
 def test_any_bytes_are_a_reply_or_a_typed_error(line: bytes) -> None:
     try:
         reply = parse_reply(line)
-    except MalformedReplyError:
+    except MalformedScpiReplyError:
         return
     assert request(reply.tag, reply.body).strip() == line or line.startswith(b"@0")
 
@@ -93,7 +93,7 @@ def test_any_text_is_a_value_or_a_typed_error(body: str) -> None:
     for parse in (parse_error, parse_integers):
         try:
             parse(body)
-        except MalformedReplyError:
+        except MalformedScpiReplyError:
             continue
 
 

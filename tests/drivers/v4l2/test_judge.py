@@ -2,7 +2,7 @@ import pytest
 
 from gs2ci_drivers.v4l2 import abi
 from gs2ci_drivers.v4l2.formats import PIXEL_FORMATS, FrameGeometry
-from gs2ci_drivers.v4l2.judge import FrameJudge, Taken
+from gs2ci_drivers.v4l2.judge import FrameJudge, TakenBuffer
 from gs2ci_drivers.v4l2.node import Dequeued
 
 GEOMETRY = FrameGeometry(PIXEL_FORMATS["GREY"], 4, 2, 4, 8)
@@ -10,7 +10,7 @@ GEOMETRY = FrameGeometry(PIXEL_FORMATS["GREY"], 4, 2, 4, 8)
 
 def taken(number):
     buffer = Dequeued(0, 8, 0, abi.BufferFlag.TIMESTAMP_MONOTONIC, 1_000_000, number)
-    return Taken(buffer, bytes(8), 0)
+    return TakenBuffer(buffer, bytes(8), 0)
 
 
 @pytest.mark.parametrize("behind", [1, 2, 7])
