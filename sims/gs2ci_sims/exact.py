@@ -69,12 +69,15 @@ class ExactRenderer(Renderer):
         backend: Of no consequence.
     """
 
+    grain: ClassVar[float] = 9e-5
     skips: ClassVar[bool] = False
 
     supersampling: int = 4
 
     def depth(self, scene: Scene, world_to_camera: F64, *, gaussians: Gaussians | None = None, margin: int = 0) -> F64:
         """Return the depth that the weights along the ray through each pixel's centre expect; see `Renderer.depth`."""
+        if scene.mesh is not None:
+            return super().depth(scene, world_to_camera, margin=margin)
         gaussians = scene.gaussians if gaussians is None else gaussians
         size = (scene.size[0] + 2 * margin, scene.size[1] + 2 * margin)
         colours = np.zeros((len(gaussians), 3))

@@ -17,6 +17,7 @@ from gs2ci.render.backend import load_backend
 from gs2ci.render.gaussians import Gaussians
 from gs2ci.render.harmonics import colours_seen
 from gs2ci.render.sampling import CanvasSampling
+from gs2ci_sims.rays.meshes import trace_mesh
 from gs2ci_sims.scenes.base import Scene
 
 # Poses per call of the rasteriser: bounds the memory of supersampled views.
@@ -84,6 +85,9 @@ class Renderer:
         """
         size = (scene.size[0] + 2 * margin, scene.size[1] + 2 * margin)
         intrinsics = with_margin(scene.intrinsics, margin)
+        if scene.mesh is not None:
+            depth = trace_mesh(scene.mesh, world_to_camera, intrinsics, size)[1]
+            return np.where(np.isfinite(depth), depth, np.nan)
         return rendered_depth(scene.gaussians if gaussians is None else gaussians, world_to_camera, intrinsics, size)
 
     def masked(self, scene: Scene, world_to_camera: F64, mask: F64, *, gaussians: Gaussians | None = None) -> F64:
@@ -98,6 +102,8 @@ class Renderer:
         Returns:
             [H, W, 3].
         """
+        if scene.mesh is not None:
+            return np.asarray(self.views(scene, world_to_camera)[0][0] * mask[..., None], dtype=np.float64)
         factor = self.supersampling
         backend = load_backend(self.backend)
         # The backend's masks are transmissions; larger ones are scaled to that, and back.
@@ -120,13 +126,14 @@ class Renderer:
     ) -> Iterator[tuple[torch.Tensor, torch.Tensor]]:
         """Draw images and coverage before averaging; the last single view is remembered, for cameras at rest."""
         gaussians = scene.gaussians if gaussians is None else gaussians
+        draw = self._drawn if scene.mesh is None else self._drawn_mesh
         if len(world_to_camera) != 1:
-            yield from self._drawn(scene, world_to_camera, gaussians, margin)
+            yield from draw(scene, world_to_camera, gaussians, margin)
             return
         last = self._last
         same = last and last["gaussians"] is gaussians and last["scene"] is scene and last["margin"] >= margin
         if not same or not np.array_equal(last["pose"], world_to_camera):
-            (view,) = self._drawn(scene, world_to_camera, gaussians, margin)
+            (view,) = draw(scene, world_to_camera, gaussians, margin)
             last.update(
                 gaussians=gaussians, scene=scene, margin=margin, pose=np.array(world_to_camera, copy=True), view=view
             )
@@ -134,6 +141,18 @@ class Renderer:
         images, alphas = last["view"]
         inner = slice(rim, -rim or None)
         yield images[:, inner, inner], alphas[:, inner, inner]
+
+    def _drawn_mesh(
+        self, scene: Scene, world_to_camera: F64, gaussians: Gaussians, margin: int
+    ) -> Iterator[tuple[torch.Tensor, torch.Tensor]]:
+        """Draw a mesh by rays: there is no other way, whichever renderer it is."""
+        assert scene.mesh is not None
+        factor = self.supersampling
+        enlarged = with_margin(scene.intrinsics, margin) * np.array([[factor], [factor], [1.0]])
+        large = ((scene.size[0] + 2 * margin) * factor, (scene.size[1] + 2 * margin) * factor)
+        for pose in world_to_camera:
+            radiance, depth = trace_mesh(scene.mesh, pose, enlarged, large)
+            yield torch.from_numpy(radiance[None]), torch.from_numpy(np.isfinite(depth[None]).astype(np.float64))
 
     def _drawn(
         self, scene: Scene, world_to_camera: F64, gaussians: Gaussians, margin: int

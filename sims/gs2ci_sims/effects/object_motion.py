@@ -64,7 +64,13 @@ class ObjectMotion:
         return float(scene.scene.intrinsics[:2, :2].max() * np.linalg.norm(self.velocity) / near)
 
     def apply(self, signal: MovingScene, rig: "Rig", rng: np.random.Generator) -> MovingScene:
-        """Return the scene with the object in motion."""
+        """Return the scene with the object in motion.
+
+        Raises:
+            InputError: There are no Gaussians to move: a mesh stays where it is.
+        """
+        if not len(signal(0.0)):
+            raise InputError("object motion in a scene without Gaussians", remedy="leave [effects.object_motion] out")
 
         def at(time_s: float) -> Gaussians:
             gaussians = signal(time_s)

@@ -16,6 +16,7 @@ from gs2ci.core.errors import InputError
 from gs2ci.core.records import check_intrinsics
 from gs2ci.render.gaussians import Gaussians
 from gs2ci.render.harmonics import check_harmonics
+from gs2ci_sims.rays.meshes import TexturedMesh
 from gs2ci_sims.scenes.surfels import Surfels
 
 
@@ -32,6 +33,7 @@ class Scene:
         world_to_camera: Pose of the suggested camera, [4, 4], OpenCV axes.
         harmonics: What of the colours changes with the direction of view, [G, K, 3], as
             `gs2ci.render.harmonics.colours_seen` takes it; None where nothing does.
+        mesh: What is there instead of Gaussians; then there are none.
     """
 
     name: str
@@ -41,9 +43,14 @@ class Scene:
     depth: F64
     world_to_camera: F64 = field(default_factory=lambda: np.eye(4))
     harmonics: torch.Tensor | None = None
+    mesh: TexturedMesh | None = None
 
     def __post_init__(self) -> None:
         check_intrinsics(self.intrinsics)
+        if self.mesh is not None and len(self.gaussians):
+            raise InputError(
+                f"scene {self.name!r} of {len(self.gaussians)} Gaussians and a mesh", allowed="one kind or the other"
+            )
         if self.harmonics is not None:
             check_harmonics(self.harmonics, len(self.gaussians))
         if min(self.size) < 1 or self.depth.shape != self.size:
@@ -74,6 +81,8 @@ class Scene:
         Harmonics h add at most |h| (sum of Y^2)^(1/2) (Cauchy and Schwarz), and sum of Y^2 over the orders up to L,
         the constant one aside, is ((L + 1)^2 - 1) / (4 pi) in every direction (the addition theorem).
         """
+        if self.mesh is not None:
+            return self.mesh.brightest
         colours = self.gaussians.colours.detach().to(torch.float64)
         if self.harmonics is not None:
             degrees = self.harmonics.shape[1]

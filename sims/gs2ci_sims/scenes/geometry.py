@@ -16,6 +16,7 @@ from gs2ci_sims.scenes.ball import ball
 from gs2ci_sims.scenes.base import Scene, camera_looking_ahead
 from gs2ci_sims.scenes.boxes import boxes, moving_box
 from gs2ci_sims.scenes.corridor import corridor
+from gs2ci_sims.scenes.meshes import blocks, mesh_from_file, scene_from_mesh
 from gs2ci_sims.scenes.planes import planes
 from gs2ci_sims.scenes.ply import scene_from_ply
 from gs2ci_sims.scenes.rgbd import motorcycle
@@ -191,8 +192,47 @@ class GaussianFile(Settings):
         return scene_from_ply(folder / self.file, frame.size, intrinsics=intrinsics, world_to_camera=pose)
 
 
+class Blocks(Procedural):
+    """Boxes and balls of textured triangles."""
+
+    kind: Literal["blocks"]
+    count: int = 6
+    balls: int = 3
+    backdrop: float = 6.0
+
+    def build(self, frame: Frame, folder: Path) -> Scene:
+        """Build the scene for a camera."""
+        return blocks(self.generator(), frame, count=self.count, balls=self.balls, backdrop=self.backdrop)
+
+
+class MeshFile(Settings):
+    """Textured triangles from an OBJ, GLB, PLY or STL file."""
+
+    kind: Literal["mesh"]
+    file: Path
+    """Relative to the folder of the scene file."""
+    world_to_camera: tuple[Row, Row, Row, Row] | None = None
+    """Pose of the camera, row by row; without it, the origin, looking along z."""
+
+    def build(self, frame: Frame, folder: Path) -> Scene:
+        """Build the scene for a camera."""
+        pose = None if self.world_to_camera is None else np.array(self.world_to_camera)
+        mesh = mesh_from_file(folder / self.file)
+        return scene_from_mesh(self.file.stem, mesh, frame.size, frame.intrinsics, pose)
+
+
 Geometry = Annotated[
-    Planes | Boxes | MovingBox | Thicket | Ball | Corridor | Textureless | Photograph | GaussianFile,
+    Planes
+    | Boxes
+    | MovingBox
+    | Thicket
+    | Ball
+    | Corridor
+    | Textureless
+    | Blocks
+    | Photograph
+    | GaussianFile
+    | MeshFile,
     Field(discriminator="kind"),
 ]
 

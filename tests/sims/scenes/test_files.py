@@ -21,7 +21,17 @@ def write(tmp_path):
 
 
 def test_the_library_holds_a_scene_of_every_kind():
-    assert scene_names() == ("ball", "boxes", "corridor", "motorcycle", "moving", "planes", "textureless", "thicket")
+    assert scene_names() == (
+        "ball",
+        "blocks",
+        "boxes",
+        "corridor",
+        "motorcycle",
+        "moving",
+        "planes",
+        "textureless",
+        "thicket",
+    )
 
 
 @pytest.mark.parametrize("name", [name for name in scene_names() if name != "motorcycle"])

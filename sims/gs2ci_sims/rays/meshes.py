@@ -1,0 +1,168 @@
+"""Textured meshes seen ray by ray: the nearest triangle that each ray meets, and its texture there.
+
+For scenes that are no sum of Gaussians. Here: the mesh and its rays. Not here: pixels (`gs2ci_sims.radiance`), where
+meshes come from (`gs2ci_sims.scenes.meshes`).
+"""
+
+from dataclasses import dataclass
+from typing import Final
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from gs2ci.core.arrays import F32, F64
+from gs2ci.core.errors import InputError
+from gs2ci_sims.rays.tiles import TILE, Index, by_tile, sphere_bounds
+
+# Triangles whose corners all lie deeper than this are bounded by their corners; scene units.
+NEAR: Final = 1e-6
+# How far outside a triangle a ray still meets it, in barycentric coordinates: neighbours leave no crack.
+EDGE: Final = 1e-9
+
+
+@dataclass(frozen=True)
+class TexturedMesh:
+    """Triangles that shine with their textures: light and shade are painted on.
+
+    Args:
+        corners: Of the triangles, scene units, [F, 3, 3]; both sides are seen.
+        uv: Where each corner lies in its texture, [F, 3, 2]: 0 to 1 from left to right and from top to bottom; beyond,
+            the texture repeats.
+        which: Index of each triangle's texture, [F].
+        textures: Linear radiance at least 0, [h, w, 3] each.
+
+    Raises:
+        InputError: Shapes disagree, a number is not finite, or a texture is missing.
+    """
+
+    corners: F64
+    uv: F64
+    which: NDArray[np.int64]
+    textures: tuple[F32, ...]
+
+    def __post_init__(self) -> None:
+        count = len(self.corners)
+        fits = self.corners.shape == (count, 3, 3) and self.uv.shape == (count, 3, 2) and self.which.shape == (count,)
+        if not fits or not np.isfinite(self.corners).all() or not np.isfinite(self.uv).all():
+            raise InputError(
+                f"a mesh with corners {list(self.corners.shape)}, uv {list(self.uv.shape)}, {len(self.which)} textures",
+                allowed="[F, 3, 3], [F, 3, 2] and [F], finite numbers",
+            )
+        if count and not 0 <= self.which.min() <= self.which.max() < len(self.textures):
+            raise InputError(
+                f"triangles with textures {self.which.min()} to {self.which.max()}",
+                allowed=f"0 to {len(self.textures) - 1}",
+            )
+        for texture in self.textures:
+            if texture.ndim != 3 or texture.shape[2] != 3 or min(texture.shape) < 1 or not (texture >= 0).all():
+                raise InputError(f"a texture of shape {list(texture.shape)}", allowed="[h, w, 3] of finite radiance")
+            if not np.isfinite(texture).all():
+                raise InputError("a texture with infinite radiance", allowed="finite numbers, 0 or more")
+
+    @property
+    def brightest(self) -> float:
+        """Get the largest radiance on it."""
+        return max((float(texture.max()) for texture in self.textures), default=0.0)
+
+
+def trace_mesh(mesh: TexturedMesh, world_to_camera: F64, intrinsics: F64, size: tuple[int, int]) -> tuple[F64, F64]:
+    """Look along the rays through the centres of pixels.
+
+    Args:
+        mesh: The scene.
+        world_to_camera: [4, 4].
+        intrinsics: [3, 3].
+        size: Height and width, px.
+
+    Returns:
+        Radiance [H, W, 3], bilinear in the texture, and depth z [H, W]; black and infinite where nothing is.
+    """
+    corners = mesh.corners @ world_to_camera[:3, :3].T + world_to_camera[:3, 3]
+    begins, items = by_tile(_bounds(corners, intrinsics), size)
+    shapes = np.array([texture.shape[:2] for texture in mesh.textures], dtype=np.int64).reshape(-1, 2)
+    starts = np.concatenate([[0], np.cumsum(shapes.prod(axis=1))]).astype(np.int64)
+    texels = np.concatenate([np.zeros((0, 3)), *(texture.reshape(-1, 3) for texture in mesh.textures)])
+    radiance, depth = _traced(
+        begins, items, np.ascontiguousarray(corners), mesh.uv, mesh.which, shapes, starts, texels, intrinsics, *size
+    )
+    return radiance, depth
+
+
+def _bounds(corners: F64, intrinsics: F64) -> F64:
+    """Return the bounds of triangles in the image, pixels, [F, 4]; those that reach behind the camera, of a ball."""
+    middle = corners.mean(axis=1)
+    radii = np.linalg.norm(corners - middle[:, None], axis=2).max(axis=1, initial=0.0)
+    bounds = sphere_bounds(middle, radii, intrinsics)
+    depth = corners[:, :, 2]
+    front = np.asarray(np.all(depth > NEAR, axis=1))
+    for axis in (0, 1):
+        place = corners[:, :, axis] / np.where(front[:, None], depth, 1.0) * intrinsics[axis, axis]
+        place += intrinsics[axis, 2]
+        bounds[front, 2 * axis] = place[front].min(axis=1, initial=np.inf) - 1e-6
+        bounds[front, 2 * axis + 1] = place[front].max(axis=1, initial=-np.inf) + 1e-6
+    return bounds
+
+
+@numba.njit(cache=True, parallel=True)
+def _traced(
+    begins: Index,
+    items: Index,
+    corners: F64,
+    uv: F64,
+    which: Index,
+    shapes: Index,
+    starts: Index,
+    texels: F64,
+    intrinsics: F64,
+    height: int,
+    width: int,
+) -> tuple[F64, F64]:
+    """Find the nearest hit of each ray by the signed volumes of Moeller and Trumbore (J. Graphics Tools 2 (1997))."""
+    radiance = np.zeros((height, width, 3))
+    depth = np.full((height, width), np.inf)
+    across = -(-width // TILE)
+    for tile in numba.prange(len(begins) - 1):
+        for y in range(TILE * (tile // across), min(TILE * (tile // across + 1), height)):
+            for x in range(TILE * (tile % across), min(TILE * (tile % across + 1), width)):
+                dx = (x + 0.5 - intrinsics[0, 2]) / intrinsics[0, 0]
+                dy = (y + 0.5 - intrinsics[1, 2]) / intrinsics[1, 1]
+                nearest, face, second, third = np.inf, -1, 0.0, 0.0
+                for at in range(begins[tile], begins[tile + 1]):
+                    f = items[at]
+                    a0, a1, a2 = corners[f, 0]
+                    e0, e1, e2 = corners[f, 1, 0] - a0, corners[f, 1, 1] - a1, corners[f, 1, 2] - a2
+                    g0, g1, g2 = corners[f, 2, 0] - a0, corners[f, 2, 1] - a1, corners[f, 2, 2] - a2
+                    # p = d x g with d = (dx, dy, 1)
+                    p0, p1, p2 = dy * g2 - g1, g0 - dx * g2, dx * g1 - dy * g0
+                    volume = e0 * p0 + e1 * p1 + e2 * p2
+                    if volume == 0:
+                        continue
+                    u = -(a0 * p0 + a1 * p1 + a2 * p2) / volume
+                    if u < -EDGE or u > 1 + EDGE:
+                        continue
+                    # q = -a x e
+                    q0, q1, q2 = a2 * e1 - a1 * e2, a0 * e2 - a2 * e0, a1 * e0 - a0 * e1
+                    v = (dx * q0 + dy * q1 + q2) / volume
+                    if v < -EDGE or u + v > 1 + EDGE:
+                        continue
+                    where = (g0 * q0 + g1 * q1 + g2 * q2) / volume
+                    if 0 < where < nearest:
+                        nearest, face, second, third = where, f, u, v
+                if face < 0:
+                    continue
+                depth[y, x] = nearest
+                first = 1 - second - third
+                across_texture = first * uv[face, 0, 0] + second * uv[face, 1, 0] + third * uv[face, 2, 0]
+                down_texture = first * uv[face, 0, 1] + second * uv[face, 1, 1] + third * uv[face, 2, 1]
+                rows, columns = shapes[which[face]]
+                s, t = across_texture * columns - 0.5, down_texture * rows - 0.5
+                left, top = int(np.floor(s)), int(np.floor(t))
+                s, t = s - left, t - top
+                for corner in range(4):
+                    i, j = corner // 2, corner % 2
+                    share = (t if i else 1 - t) * (s if j else 1 - s)
+                    texel = starts[which[face]] + ((top + i) % rows) * columns + (left + j) % columns
+                    for channel in range(3):
+                        radiance[y, x, channel] += share * texels[texel, channel]
+    return radiance, depth

@@ -1,0 +1,222 @@
+"""Scenes of textured triangles: procedural ones, and those of OBJ and GLB files.
+
+A scene that is no sum of Gaussians: surfaces are sharp, opaque and flat, and what is fitted to it cannot be it. True
+depth is that of the rays through the pixels' centres. Not here: the rays (`gs2ci_sims.rays.meshes`).
+"""
+
+from importlib import import_module
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from gs2ci.core.arrays import F32, F64
+from gs2ci.core.errors import InputError
+from gs2ci.render.gaussians import Gaussians
+from gs2ci_sims.rays.meshes import TexturedMesh, trace_mesh
+from gs2ci_sims.scenes.base import Scene
+from gs2ci_sims.scenes.rectangles import Rectangle, box, grain, rotation
+from gs2ci_sims.scenes.stage import Frame, floor_y
+
+# Texels per pixel of the camera at a surface's middle: textures are as fine as can be seen.
+TEXELS_PER_PX: Final = 1.0
+# Where light comes from, and how dark what faces away is.
+SUN: Final = np.array([-0.4, -0.8, -0.5]) / np.linalg.norm([-0.4, -0.8, -0.5])
+AMBIENT: Final = 0.45
+# Strips and rings of a sphere.
+SPHERE_STEPS: Final = 24
+SRGB_KNEE: Final = 0.04045
+
+
+def scene_from_mesh(
+    name: str, mesh: TexturedMesh, size: tuple[int, int], intrinsics: F64, world_to_camera: F64 | None = None
+) -> Scene:
+    """Make a scene of a mesh, with its true depth.
+
+    Raises:
+        InputError: Nothing of it is in front of the camera.
+    """
+    pose = np.eye(4) if world_to_camera is None else world_to_camera
+    depth = trace_mesh(mesh, pose, intrinsics, size)[1]
+    nothing = Gaussians(*(torch.zeros(0, *columns) for columns in ((3,), (3,), (4,), (), (3,))))
+    return Scene(name, nothing, intrinsics, size, np.where(np.isfinite(depth), depth, np.nan), pose, mesh=mesh)
+
+
+def blocks(rng: np.random.Generator, frame: Frame, *, count: int = 6, balls: int = 3, backdrop: float = 6.0) -> Scene:
+    """Set boxes and balls on a chequered floor before a wall.
+
+    Args:
+        rng: Of places, sizes and textures.
+        frame: The camera.
+        count: Boxes.
+        balls: Balls.
+        backdrop: Depth of the wall.
+
+    Raises:
+        InputError: A count is negative or the wall is not in front of the camera.
+    """
+    if count < 0 or balls < 0 or not 0 < backdrop < np.inf:
+        raise InputError(
+            f"{count} boxes and {balls} balls before a wall at {backdrop}", allowed="counts of 0 or more, depth above 0"
+        )
+    builder = _Builder(rng, frame)
+    wide, high = 2 * backdrop * frame.half
+    down = floor_y(frame, backdrop)
+    builder.rectangle(Rectangle(np.array([0, 0, backdrop]), np.array([wide, 0, 0]), np.array([0, high, 0])))
+    near = 0.5 * down / frame.half[1]
+    middle, half = 0.5 * (near + backdrop), 0.5 * (backdrop - near)
+    builder.rectangle(
+        Rectangle(np.array([0, down, middle]), np.array([wide, 0, 0]), np.array([0, 0, half])), tiles=backdrop / 10
+    )
+    for _ in range(count):
+        edges = rng.uniform(0.06, 0.16, 3) * backdrop * frame.half.min()
+        depth = rng.uniform(0.45, 0.85) * backdrop
+        place = np.array([rng.uniform(-0.8, 0.8) * frame.half[0] * depth, down - edges[1], depth])
+        for face in box(place, rotation(np.array([0, rng.uniform(-0.7, 0.7), 0])) * edges):
+            builder.rectangle(face)
+    for _ in range(balls):
+        radius = rng.uniform(0.06, 0.14) * backdrop * frame.half.min()
+        depth = rng.uniform(0.4, 0.8) * backdrop
+        builder.ball(np.array([rng.uniform(-0.7, 0.7) * frame.half[0] * depth, down - radius, depth]), radius)
+    return scene_from_mesh("blocks", builder.mesh(), frame.size, frame.intrinsics)
+
+
+class _Builder:
+    """Collects triangles and their textures."""
+
+    def __init__(self, rng: np.random.Generator, frame: Frame) -> None:
+        self._rng, self._frame = rng, frame
+        self._corners: list[F64] = []
+        self._uv: list[F64] = []
+        self._textures: list[F32] = []
+        self._which: list[int] = []
+
+    def rectangle(self, face: Rectangle, tiles: float = 0.0) -> None:
+        """Add a flat face; with tiles, chequered at this spacing."""
+        u, v = face.half_u, face.half_v
+        corners = face.centre + np.array([-u - v, u - v, u + v, v - u])
+        uv = np.array([[0.0, 0], [1, 0], [1, 1], [0, 1]])
+        lengths = 2 * np.array([np.linalg.norm(v), np.linalg.norm(u)])
+        texture = self._texture(lengths, float(face.centre[2]))
+        if tiles > 0:
+            rows, columns = (np.arange(n) / n * length for n, length in zip(texture.shape[:2], lengths, strict=True))
+            texture[(rows[:, None] // tiles + columns // tiles).astype(int) % 2 == 1] *= 0.4
+        normal = np.cross(u, v)
+        texture *= self._lit(normal / np.linalg.norm(normal), face.centre)
+        self._add(corners[[[0, 1, 2], [0, 2, 3]]], uv[[[0, 1, 2], [0, 2, 3]]], texture)
+
+    def ball(self, centre: F64, radius: float) -> None:
+        """Add a sphere of flat facets, each as bright as its slope to the light makes it."""
+        texture = self._texture(np.array([np.pi, 2 * np.pi]) * radius, float(centre[2]))
+        theta, phi = np.linspace(0, np.pi, SPHERE_STEPS + 1), np.linspace(0, 2 * np.pi, 2 * SPHERE_STEPS + 1)
+        sin, cos = np.sin(theta)[:, None], np.cos(theta)[:, None]
+        outward = np.stack([sin * np.cos(phi), -cos + 0 * phi, sin * np.sin(phi)], axis=-1)
+        angle = (np.arange(texture.shape[0]) + 0.5) / texture.shape[0] * np.pi
+        turn = (np.arange(texture.shape[1]) + 0.5) / texture.shape[1] * 2 * np.pi
+        normals = np.stack(
+            np.broadcast_arrays(
+                np.sin(angle)[:, None] * np.cos(turn),
+                -np.cos(angle)[:, None],
+                np.sin(angle)[:, None] * np.sin(turn),
+            ),
+            axis=-1,
+        )
+        texture *= (AMBIENT + (1 - AMBIENT) * np.maximum(normals @ SUN, 0.0))[..., None]
+        uv = np.stack(np.meshgrid(phi / (2 * np.pi), theta / np.pi), axis=-1)
+        points = centre + radius * outward
+        quads = [
+            (slice(None, -1), slice(None, -1)),
+            (slice(None, -1), slice(1, None)),
+            (slice(1, None), slice(1, None)),
+        ]
+        last = (slice(1, None), slice(None, -1))
+        for turned in (quads, [quads[0], quads[2], last]):
+            corners, places = (
+                np.stack([grid[at].reshape(-1, grid.shape[2]) for at in turned], axis=1) for grid in (points, uv)
+            )
+            self._add(corners, places, texture)
+
+    def mesh(self) -> TexturedMesh:
+        """Return all of it."""
+        which = np.repeat(np.array(self._which), [len(part) for part in self._corners])
+        return TexturedMesh(np.concatenate(self._corners), np.concatenate(self._uv), which, tuple(self._textures))
+
+    def _texture(self, lengths: F64, depth: float) -> F64:
+        """Paint a grainy colour, as fine as the camera sees it at this depth."""
+        texels = np.clip(TEXELS_PER_PX * self._frame.focal * lengths / depth, 4, 2048).astype(int)
+        colour = self._rng.uniform(0.25, 0.85, 3)
+        rows, columns = int(texels[0]), int(texels[1])
+        return np.clip(colour * (1 + grain(self._rng, (rows, columns), float(self._rng.uniform(0.8, 1.6)))), 0.0, 1.0)
+
+    def _lit(self, normal: F64, centre: F64) -> float:
+        towards = normal if normal @ centre < 0 else -normal
+        return AMBIENT + (1 - AMBIENT) * max(float(towards @ SUN), 0.0)
+
+    def _add(self, corners: F64, uv: F64, texture: F64) -> None:
+        self._corners.append(corners)
+        self._uv.append(uv)
+        self._textures.append(texture.astype(np.float32))
+        self._which.append(len(self._textures) - 1)
+
+
+def mesh_from_file(path: Path) -> TexturedMesh:
+    """Read a mesh from an OBJ, GLB, PLY or STL file: base colours, from textures, corners or materials.
+
+    Colours in such files are for screens (sRGB) and become linear radiance; no light is computed, they shine.
+
+    Raises:
+        InputError: trimesh is not there, the file cannot be read, or holds no triangles.
+    """
+    if find_spec("trimesh") is None:
+        raise InputError(f"the mesh file {path} without trimesh", remedy="pip install 'gs2ci[mesh]'")
+    if not path.is_file():
+        raise InputError(f"no file {path}", allowed="an OBJ, GLB, PLY or STL file")
+    trimesh = import_module("trimesh")
+    try:
+        parts = trimesh.load_scene(path).dump()
+    except Exception as error:  # whatever a parser of foreign files may raise
+        raise InputError(f"{path} cannot be read as a mesh: {error}", allowed="OBJ, GLB, PLY or STL") from error
+    corners: list[F64] = []
+    uv: list[F64] = []
+    textures: list[F32] = []
+    which: list[NDArray[np.int64]] = []
+    for part in parts:
+        if not len(getattr(part, "faces", ())):
+            continue
+        where, texture = _painted(part)
+        corners.append(np.asarray(part.vertices, dtype=np.float64)[part.faces])
+        uv.append(where)
+        which.append(np.full(len(part.faces), len(textures), dtype=np.int64))
+        textures.append(texture)
+    if not corners:
+        raise InputError(f"{path} holds no triangles", allowed="a surface")
+    return TexturedMesh(np.concatenate(corners), np.concatenate(uv), np.concatenate(which), tuple(textures))
+
+
+def _painted(part: Any) -> tuple[F64, F32]:
+    """Return where the corners of a part lie in its texture, [F, 3, 2], and that texture."""
+    visual = part.visual
+    uv = getattr(visual, "uv", None)
+    if uv is not None:
+        material = visual.material
+        image = getattr(material, "baseColorTexture", None) or getattr(material, "image", None)
+        if image is not None:
+            pixels = np.asarray(image.convert("RGB"), dtype=np.float64) / 255
+            # Files count v upwards.
+            return np.asarray(uv, dtype=np.float64)[part.faces] * [1, -1] + [0, 1], _linear(pixels)
+        pixels = np.asarray(material.main_color, dtype=np.float64)[None, None, :3] / 255
+        return np.zeros((len(part.faces), 3, 2)), _linear(pixels)
+    colours = np.asarray(visual.vertex_colors, dtype=np.float64)[:, :3] / 255
+    # A texture of one row and a texel per face would blend neighbours: three by three texels per face hold one colour.
+    mean = colours[part.faces].mean(axis=1)
+    texture = np.repeat(np.repeat(mean[:, None], 3, axis=0), 3, axis=1)
+    centres = np.stack([np.full(len(mean), 0.5), (np.arange(len(mean)) + 0.5) / len(mean)], axis=1)
+    return np.repeat(centres[:, None], 3, axis=1), _linear(texture)
+
+
+def _linear(srgb: F64) -> F32:
+    """Turn sRGB values into linear ones (IEC 61966-2-1)."""
+    return np.where(srgb <= SRGB_KNEE, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4).astype(np.float32)

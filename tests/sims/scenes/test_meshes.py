@@ -1,0 +1,149 @@
+"""Scenes of triangles: procedural ones, files, and their way through an exposure."""
+
+import numpy as np
+import pytest
+
+from gs2ci.core.errors import InputError
+from gs2ci_sims.brute_force import deviation_dn, simulate_everything
+from gs2ci_sims.effects.defocus import Defocus
+from gs2ci_sims.effects.motion_blur import MotionBlur
+from gs2ci_sims.effects.object_motion import ObjectMotion
+from gs2ci_sims.exact import ExactRenderer
+from gs2ci_sims.exposure import expose, integrate
+from gs2ci_sims.light_path import EffectChain, sensor_effects
+from gs2ci_sims.masks import random_masks
+from gs2ci_sims.path import StageMove, stage_move_for_parallax
+from gs2ci_sims.planner import plan
+from gs2ci_sims.radiance import Renderer
+from gs2ci_sims.rig import Modulator, Rig, Timing
+from gs2ci_sims.scenes import meshes
+from gs2ci_sims.scenes.base import Scene
+from gs2ci_sims.scenes.files import load_scene
+from gs2ci_sims.scenes.meshes import blocks, mesh_from_file, scene_from_mesh
+from gs2ci_sims.scenes.planes import planes
+from gs2ci_sims.scenes.stage import Frame
+
+SIZE = (24, 32)
+RIG = Rig(modulator=Modulator(masks=2), timing=Timing(0.02))
+STILL = StageMove((0.0, 0.0, 0.0))
+
+
+@pytest.fixture(scope="module")
+def scene():
+    return blocks(np.random.default_rng(5), Frame(SIZE, 50.0))
+
+
+def test_blocks_fill_the_frame_and_keep_their_seed(scene):
+    again, other = (blocks(np.random.default_rng(seed), Frame(SIZE, 50.0)) for seed in (5, 6))
+    views = [Renderer().views(one, np.eye(4)[None]) for one in (scene, again, other)]
+    assert views[0][1].min() == 1
+    assert np.array_equal(views[0][0], views[1][0])
+    assert np.abs(views[0][0] - views[2][0]).mean() > 0.01
+    assert 0 < views[0][0].min() < views[0][0].max() <= scene.brightest <= 1
+    near, far = scene.depth_range()
+    assert far > 1.5 * near
+
+
+def test_the_true_depth_is_that_which_either_renderer_gives(scene):
+    for renderer in (Renderer(), ExactRenderer()):
+        assert renderer.depth(scene, np.eye(4)) == pytest.approx(scene.depth)
+
+
+def test_a_mesh_is_exposed_within_the_tolerance_of_its_plan(scene):
+    masks = random_masks(2, SIZE, 0.5, np.random.default_rng(0))
+    path = stage_move_for_parallax(scene, 1.0, RIG.exposure_s, wobble_deg=0.0)
+    effects = (MotionBlur(), Defocus(0.02, 3.0))
+    renderer = Renderer(4)
+    decided = plan(scene, path, masks, RIG, effects, tolerance_dn=20.0, renderer=renderer)
+    everything = simulate_everything(scene, path, masks, RIG, effects, seed=0, settle_dn=1.0, renderer=renderer)
+    light = integrate(scene, path, masks, EffectChain(decided.effects, 0, RIG), renderer=renderer)
+    assert decided.error_dn <= 20.0
+    assert deviation_dn(everything, light.photons, decided.effects, 0) <= decided.error_dn + 1.0
+
+
+def test_a_shot_of_a_mesh_has_true_views_and_poses():
+    loaded = load_scene("blocks", size=SIZE, parallax_px=2.0)
+    masks = random_masks(2, SIZE, 0.1, np.random.default_rng(0))  # mostly closed: nothing may be skipped
+    shot = expose(loaded.scene, loaded.path(RIG.exposure_s), masks, RIG, effects=sensor_effects(RIG.sensor), seed=0)
+    assert np.isfinite(shot.measurement).all()
+    assert np.abs(shot.truth.views[0] - shot.truth.views[1]).max() > 0.01
+
+
+def test_objects_of_a_mesh_do_not_move(scene):
+    with pytest.raises(InputError, match="without Gaussians"):
+        expose(
+            scene, STILL, np.ones((2, *SIZE), np.float32), RIG,
+            effects=(ObjectMotion((0.0, 0.0, 3.0), 1.0, (1.0, 0.0, 0.0)),), seed=0,
+        )  # fmt: skip
+
+
+def test_a_scene_is_of_one_kind(scene):
+    other = planes(np.random.default_rng(0), SIZE)
+    with pytest.raises(InputError, match="one kind or the other"):
+        Scene("both", other.gaussians, other.intrinsics, SIZE, other.depth, mesh=scene.mesh)
+
+
+@pytest.mark.parametrize("options", [{"count": -1}, {"balls": -1}, {"backdrop": 0.0}])
+def test_blocks_without_meaning_are_refused(options):
+    with pytest.raises(InputError, match="boxes and"):
+        blocks(np.random.default_rng(0), Frame(SIZE, 50.0), **options)
+
+
+OBJ = """mtllib quad.mtl
+v -2 -2 3
+v 2 -2 3
+v 2 2 3
+v -2 2 3
+vt 0 1
+vt 1 1
+vt 1 0
+vt 0 0
+usemtl paint
+f 1/1 2/2 3/3
+f 1/1 3/3 4/4
+"""
+
+
+def test_an_obj_file_keeps_its_texture_the_right_way_up(tmp_path):
+    image = pytest.importorskip("PIL.Image")
+    pytest.importorskip("trimesh")
+    pixels = np.zeros((2, 2, 3), np.uint8)
+    pixels[0, 0], pixels[0, 1], pixels[1, 0] = [255, 0, 0], [0, 255, 0], [0, 0, 188]
+    image.fromarray(np.kron(pixels, np.ones((8, 8, 1), np.uint8))).save(tmp_path / "paint.png")
+    (tmp_path / "quad.mtl").write_text("newmtl paint\nmap_Kd paint.png\n")
+    (tmp_path / "quad.obj").write_text(OBJ)
+    intrinsics = np.array([[16.0, 0, 16], [0, 16, 12], [0, 0, 1]])
+    view = Renderer().views(
+        scene_from_mesh("quad", mesh_from_file(tmp_path / "quad.obj"), SIZE, intrinsics), np.eye(4)[None]
+    )[0][0]
+    # Image rows count downwards as y does here, and v = 1 is the top of the picture.
+    assert view[6, 10] == pytest.approx([1, 0, 0], abs=1e-6)
+    assert view[6, 22] == pytest.approx([0, 1, 0], abs=1e-6)
+    assert view[18, 10] == pytest.approx([0, 0, 0.5], abs=0.01)  # sRGB 188 is half of the light
+    (tmp_path / "scene.toml").write_text('name = "quad"\n[geometry]\nkind = "mesh"\nfile = "quad.obj"\n')
+    assert len(load_scene(tmp_path / "scene.toml", size=SIZE).scene.mesh.corners) == 2
+
+
+def test_a_glb_file_and_coloured_corners_are_read(tmp_path):
+    trimesh = pytest.importorskip("trimesh")
+    ball = trimesh.creation.icosphere(subdivisions=2, radius=1.0)
+    ball.apply_translation([0, 0, 3])
+    ball.visual.vertex_colors = np.tile([255, 188, 0, 255], (len(ball.vertices), 1))
+    ball.export(tmp_path / "ball.glb")
+    scene = scene_from_mesh("ball", mesh_from_file(tmp_path / "ball.glb"), SIZE, Frame(SIZE, 50.0).intrinsics)
+    view = Renderer().views(scene, np.eye(4)[None])[0][0]
+    assert view[12, 16] == pytest.approx([1.0, 0.503, 0.0], abs=0.01)
+    assert scene.depth[12, 16] == pytest.approx(2.0, abs=0.02)
+    assert np.isnan(scene.depth[0, 0])
+
+
+def test_files_that_hold_no_mesh_are_refused(tmp_path, monkeypatch):
+    pytest.importorskip("trimesh")
+    (tmp_path / "points.obj").write_text("v 0 0 1\n")
+    (tmp_path / "noise.glb").write_bytes(b"nothing")
+    for name, words in (("none.obj", "no file"), ("points.obj", "triangles|cannot"), ("noise.glb", "cannot be read")):
+        with pytest.raises(InputError, match=words):
+            mesh_from_file(tmp_path / name)
+    monkeypatch.setattr(meshes, "find_spec", lambda _name: None)
+    with pytest.raises(InputError, match="without trimesh"):
+        mesh_from_file(tmp_path / "points.obj")
