@@ -223,7 +223,7 @@ class Studio:
         self._scene, self._path, self._chain, self._renderer = scene, path, chain, renderer
         self._moving = chain.through(Stage.SCENE, at_rest)
         looking = [effect for effect in chain.at(Stage.RADIANCE) if isinstance(effect, ViewEffect)]
-        self._margin = sum(effect.margin_px(chain.rig, scene.size, scene.intrinsics) for effect in looking)
+        self._margin = chain.margin_px(scene.size, scene.intrinsics)
         self._lens = lens_of(looking)
         self._needs_depth = any(effect.needs_depth for effect in looking)
 

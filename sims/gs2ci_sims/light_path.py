@@ -11,8 +11,9 @@ from typing import Any, Final, TypeVar
 
 import numpy as np
 
+from gs2ci.core.arrays import F64
 from gs2ci.core.errors import InputError
-from gs2ci_sims.effects.base import Effect, Stage
+from gs2ci_sims.effects.base import Effect, Stage, ViewEffect
 from gs2ci_sims.effects.bayer_filter import BayerFilter
 from gs2ci_sims.effects.black_level import BlackLevel
 from gs2ci_sims.effects.blooming import Blooming
@@ -150,6 +151,11 @@ class EffectChain:
     def at(self, stage: Stage) -> tuple[Effect, ...]:
         """Get the effects of one stage, in order."""
         return tuple(effect for effect in self.effects if effect.stage is stage)
+
+    def margin_px(self, size: tuple[int, int], intrinsics: F64) -> int:
+        """Return how many pixels beyond the rim of an image of this size the effects on views look."""
+        looking = [effect for effect in self.at(Stage.RADIANCE) if isinstance(effect, ViewEffect)]
+        return sum(effect.margin_px(self.rig, size, intrinsics) for effect in looking)
 
     def through(self, stage: Stage, signal: Signal) -> Signal:
         """Pass the signal through the effects of one stage; without any it comes back as it is, bit for bit.

@@ -64,7 +64,7 @@ class Preview:
         samples: s, per pixel side.
         margin: That margin, pixels.
         render_s: What rendering one view took.
-        grain: The renderer's (`Renderer.grain`).
+        grain: The renderer's, of this scene.
         effects: All that the rig has: each is bounded as it acts among the others.
         seed: Of the exposure: effects that shake the camera draw from it.
     """
@@ -302,12 +302,15 @@ class Preview:
                 size[nearest] += np.abs(mean)
                 yield magnitude
 
-        weights = WeightSet(magnitudes())
+        departures = self._departures(intervals_s)
+        weights = WeightSet(magnitudes(), singly=bool(departures.any()))
         steady = np.einsum("khw,khwc->hwc", total, self.views)
         brightest, modulation = self.scene.brightest, self._modulation(effect)
         if modulation > 0:
             steady = np.abs(steady) + modulation * np.einsum("khw,khwc->hwc", size, self.views)
-        rms = float(np.sqrt(np.square(steady).mean())) + weights.worst_rms(self._departures(intervals_s), brightest)
+        rms = float(np.sqrt(np.square(steady).mean()))
+        if departures.any():
+            rms += weights.worst_rms(departures, brightest)
         peak = float(np.abs(steady).max()) + brightest * weights.largest_sum
         return Bound(self.full_scale_dn * rms, self.full_scale_dn * peak)
 
@@ -336,7 +339,10 @@ class Preview:
     @cached_property
     def charge_error_e(self) -> float:
         """Get how far the charge may be from `charge_e`, rms over the pixels."""
-        worst = WeightSet(self.shown).worst_rms(self._departures(self.intervals_s), self.scene.brightest)
+        departures = self._departures(self.intervals_s)
+        if not departures.any():
+            return 0.0
+        worst = WeightSet(self.shown).worst_rms(departures, self.scene.brightest)
         return self.rig.full_scale_e * self.gain * worst
 
     @cached_property
@@ -423,6 +429,9 @@ def preview(
     moves = float(image_motion_px(scene, path, whole[None]).max()) > STILL_PX
     times = np.linspace(whole[0], whole[1], MOMENTS) if moves else whole.mean(keepdims=True)
     margin = max(0, -(-(SIDE_MIN_PX - min(scene.size)) // 2))
+    if not moves:
+        # The simulation then takes the same view, which the renderer remembers.
+        margin = max(margin, EffectChain(effects, seed, rig).margin_px(scene.size, scene.intrinsics))
     renderer = renderer or Renderer()
     started = time.perf_counter()
     views = renderer.supersampled_views(scene, path.world_to_camera(times), margin=margin)
@@ -437,7 +446,7 @@ def preview(
         renderer.supersampling,
         margin,
         render_s,
-        renderer.grain,
+        renderer.grain_of(scene),
         effects,
         seed,
     )

@@ -45,6 +45,7 @@ BENCHMARKS = {
     "long_fits": "tests.benchmarks.long_fits",
     "effect_bounds": "tests.benchmarks.effect_bounds",
     "exact_renderer": "tests.benchmarks.exact_renderer",
+    "simulation_cost": "tests.benchmarks.simulation_cost",
 }
 
 LONG = (
@@ -65,6 +66,7 @@ LONG = (
     "registration",
     "long_fits",
     "effect_bounds",
+    "simulation_cost",
 )
 """Many benches or whole schedules each: run only by name."""
 
