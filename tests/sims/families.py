@@ -135,10 +135,10 @@ class Case:
         view = Renderer().views(self.scene, self.path.world_to_camera(ends_s))[0][0]
         self.masks = FAMILIES[masks](count, view.mean(axis=2).astype(np.float64), rng)
 
-    def readings(self, effects, path=None):
+    def readings(self, effects, path=None, renderer=None):
         """Return the readings before counting and rounding, [H, W, 3] DN."""
         chain = EffectChain(effects, self.seed, self.rig)
-        return read_out(integrate(self.scene, path or self.path, self.masks, chain).photons, chain)
+        return read_out(integrate(self.scene, path or self.path, self.masks, chain, renderer=renderer).photons, chain)
 
 
 SAMPLED = (MotionBlur(5),)
@@ -149,7 +149,7 @@ def reversing(case):
     return ReversingMove(case.path.velocity, 0.6 * case.exposure)
 
 
-def ratios(case, effect, *, path=None, sampled=SAMPLED, company=()):
+def ratios(case, effect, *, path=None, sampled=SAMPLED, company=(), renderer=None):
     """Return what the effect changed, rms and peak, each over its bound.
 
     Args:
@@ -158,11 +158,13 @@ def ratios(case, effect, *, path=None, sampled=SAMPLED, company=()):
         path: Another than the case's.
         sampled: How the motion is sampled.
         company: Other effects that the rig has; they are on with and without this one.
+        renderer: Draws all views.
     """
-    look = preview(case.scene, path or case.path, case.masks, case.rig, effects=(*company, effect), seed=case.seed)
+    options = {"effects": (*company, effect), "seed": case.seed}
+    look = preview(case.scene, path or case.path, case.masks, case.rig, renderer, **options)
     bound = effect.bound(look, case.rig)
     others = (*sampled, *company)
-    change = case.readings([*others, effect], path) - case.readings(others, path)
+    change = case.readings([*others, effect], path, renderer) - case.readings(others, path, renderer)
     rms, peak = float(np.sqrt(np.square(change).mean())), float(np.abs(change).max())
     # Views elsewhere carry the rasteriser's graininess, which is no effect of the light path; the rest is rounding.
     grain = 2 * look.graininess(len(case.masks)) if effect.stage in (Stage.MOTION, Stage.MOMENTS) else 0.0
