@@ -125,3 +125,9 @@ def test_a_bench_of_real_devices_is_answered_with_the_command_that_plans_it(benc
 def test_a_tolerance_that_is_none_is_refused_by_its_option(rig, tolerance_dn):
     with pytest.raises(InputError, match="--tolerance-dn"):
         plan.run(rig, tolerance_dn=tolerance_dn)
+
+
+def test_with_rays_the_rasteriser_counts(rig):
+    assert "drawn by rays" in plan.plan_of(rig, rays=True).summary()
+    assert "drawn by rays" not in plan.plan_of(rig).summary()
+    assert "drawn by rays" not in plan.plan_of(rig, 5000.0, rays=True).summary()
