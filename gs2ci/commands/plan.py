@@ -32,15 +32,13 @@ def run(rig: tyro.conf.Positional[Path], *, tolerance_dn: float | None = None, r
 
 
 def plan_of(rig: Path, tolerance_dn: float | None = None, *, rays: bool = False) -> "Plan":
-    """Plan the exposure of a rig file, with its own tolerance or another, counting the rasteriser or not.
+    """Plan the exposure of a rig file, with its own tolerance or another, counting the rasteriser's error or not.
 
     Raises:
-        InputError: The file cannot be read, describes a bench of real devices, or one whose light is to be counted
-            by rays.
+        InputError: The file cannot be read, describes a bench of real devices, or a simulated bench with `rays`.
     """
     from gs2ci.core.config import read_toml
     from gs2ci.rig.config import describes_simulation
-    from gs2ci_sims.exact import ExactRenderer
 
     if not describes_simulation(read_toml(rig)[0]):
         from gs2ci.rig.config import read_rig
@@ -49,11 +47,12 @@ def plan_of(rig: Path, tolerance_dn: float | None = None, *, rays: bool = False)
 
         if rays:
             raise InputError(
-                f"{rig}: --rays for the light of a bench",
-                allowed="a rig file of a simulation alone",
-                remedy="leave --rays out; or write a simulation's rig file: docs/simulation.md",
+                f"--rays for the bench of {rig}",
+                allowed="the rig file of a simulation alone",
+                remedy="leave --rays out",
             )
         return foreseen_plan(Rig(*read_rig(rig), rig.parent), tolerance_dn)
+    from gs2ci_sims.exact import ExactRenderer
     from gs2ci_sims.planner import plan
     from gs2ci_sims.rig_file import read_rig_file
 

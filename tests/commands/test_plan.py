@@ -131,8 +131,3 @@ def test_with_rays_the_rasteriser_counts(rig):
     assert "drawn by rays" in plan.plan_of(rig, rays=True).summary()
     assert "drawn by rays" not in plan.plan_of(rig).summary()
     assert "drawn by rays" not in plan.plan_of(rig, 5000.0, rays=True).summary()
-
-
-def test_rays_for_the_light_of_a_bench_are_refused(bench):
-    with pytest.raises(InputError, match="--rays for the light of a bench"):
-        plan.plan_of(bench, rays=True)
