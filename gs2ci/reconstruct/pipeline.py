@@ -327,7 +327,8 @@ def _recover(jury: Jury, decoded: F32, ensemble: Ensemble, refine: Refinement, s
         return Recovered(parts[verdict], verdict, heldout_rms, notes)
     parts["refined"] = refine.by_all_pixels(ensemble.views, share)
     if wanted["refined"] < 1:
-        notes = (*notes, finding(Code.VIEWS_COMBINED, **wanted))
+        mixed = finding(Code.VIEWS_COMBINED, refined=wanted["refined"], scene=wanted["scene"], decode=wanted["decode"])
+        notes = (*notes, mixed)
     return Recovered(combined_views(parts, wanted), verdict, heldout_rms, notes)
 
 
