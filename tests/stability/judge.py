@@ -223,7 +223,11 @@ def insane(shot: Shot, result: RunResult) -> list[str]:
 
 
 def _sum_error(shot: Shot, result: RunResult) -> float:
-    """Compare the predicted measurement with Σ w M X in float64, relative to its size; not behind a mosaic."""
+    """Compare the predicted measurement with Σ w M X in float64, relative to its size; not behind a mosaic.
+
+    Masks and weights are those that the reconstruction believed, where it corrected the ones that it was given.
+    """
+    shot = result.registered or shot
     if shot.cfa is not None:
         return 0.0
     brightness = np.ones(shot.views) if result.brightness is None else np.array(result.brightness)
