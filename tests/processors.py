@@ -64,7 +64,7 @@ def environment(name: str) -> dict[str, str]:
         "NUMBA_CPU_NAME": name,
         "NUMBA_CPU_FEATURES": "",  # else this machine's own, whatever the name
         "NUMBA_CACHE_DIR": str(_CACHES / name),
-        "NPY_DISABLE_CPU_FEATURES": " ".join(_numpy_groups_above(level.numpy)),
+        "NPY_DISABLE_CPU_FEATURES": " ".join(_numpy_groups_without(level.numpy)),
         "ATEN_CPU_CAPABILITY": level.torch,
         "MKL_ENABLE_INSTRUCTIONS": level.mkl,
         "ONEDNN_MAX_CPU_ISA": level.onednn,
@@ -75,10 +75,15 @@ def environment(name: str) -> dict[str, str]:
     }
 
 
-def _numpy_groups_above(group: str | None) -> list[str]:
-    """Name the groups that NumPy would choose on this machine beyond one; it warns of those that it would not."""
+def _numpy_groups_without(group: str | None) -> list[str]:
+    """Name the groups to disable: those beyond one that NumPy would choose here, for it warns of any other.
+
+    Those that are disabled already stay so: a played processor may start another.
+    """
     groups = np._core._multiarray_umath.__cpu_dispatch__
-    return [name for name in groups[0 if group is None else groups.index(group) + 1 :] if _features()[name]]
+    above = groups[0 if group is None else groups.index(group) + 1 :]
+    already = os.environ.get("NPY_DISABLE_CPU_FEATURES", "").split()
+    return [name for name in above if _features()[name] or name in already]
 
 
 def _features() -> dict[str, bool]:
