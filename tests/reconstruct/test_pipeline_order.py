@@ -1,0 +1,97 @@
+"""When the pipeline asks for the order of depth, and that its short fits do answer."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from gs2ci.core.findings import Code
+from gs2ci.core.progress import Silent
+from gs2ci.core.records import Shot
+from gs2ci.reconstruct import order, pipeline
+from gs2ci.reconstruct.first_look import FirstLook
+from gs2ci.reconstruct.fit.coarse import CoarseSettings
+from gs2ci.reconstruct.fit.refinement import Refinement
+from gs2ci.reconstruct.fit.withheld import Withheld
+from gs2ci.reconstruct.geometry.initialise import Geometry
+from gs2ci.reconstruct.measurement.jury import Jury
+from gs2ci.reconstruct.settings import Settings
+
+SIZE, VIEWS = (24, 32), 4
+LONG = Settings(fit=CoarseSettings(iterations=250))
+
+
+@pytest.fixture
+def first():
+    rng = np.random.default_rng(0)
+    views = rng.random((VIEWS, *SIZE, 3)).astype(np.float32)
+    masks = (rng.random((VIEWS, *SIZE)) < 0.4).astype(np.float32)
+    intrinsics = np.array([[60.0, 0, 16], [0, 60, 12], [0, 0, 1]])
+    coded = (masks[..., None] * views).sum(axis=0)
+    shot = Shot(measurement=coded, masks=masks, weights=np.ones(VIEWS, np.float32), intrinsics=intrinsics).check()
+    poses = np.tile(np.eye(4), (VIEWS, 1, 1))
+    poses[:, 0, 3] = (-0.02, -0.01, 0, 0.01)
+    depth = np.tile(np.linspace(1.3, 0.7, SIZE[1], dtype=np.float32), (SIZE[0], 1))
+    geometry = Geometry(poses, intrinsics, "file", depth, 2, 100, 0.3, 2.0, "full", ())
+    return FirstLook(Jury.of(shot, 0.05, 0), views, geometry, None)
+
+
+def settled(first, settings, *, hurried=False):
+    refine = Refinement(first.jury, settings.residual)
+    clock = pipeline._Stopwatch()
+    return pipeline._settled(first, first.jury, None, settings, refine, Silent(), clock, hurried=hurried)
+
+
+def codes(look):
+    return [note.code for note in look.geometry.notes]
+
+
+@pytest.fixture
+def asked(monkeypatch):
+    """Record what `settle` is asked instead of fitting."""
+    calls = []
+
+    def record(geometry, _fit_briefly, _progress, *, told):
+        calls.append(told)
+        return replace(geometry, order_errors=3.0)
+
+    monkeypatch.setattr(pipeline, "settle", record)
+    return calls
+
+
+def test_an_open_order_is_settled_and_what_is_found_is_taken(first, asked):
+    assert settled(first, LONG).geometry.order_errors == 3.0
+    assert asked == [False]
+
+
+def test_a_stage_is_told_from_tracks(first, asked):
+    settled(replace(first, geometry=replace(first.geometry, source="stage")), LONG)
+    assert asked == [True]
+
+
+@pytest.mark.parametrize(("settings", "hurried"), [(Settings(fit=CoarseSettings(iterations=200)), False), (LONG, True)])
+def test_without_time_for_short_fits_the_order_is_doubted_unless_it_was_told(first, asked, settings, hurried):
+    assert codes(settled(first, settings, hurried=hurried)) == [Code.DEPTH_ORDER_UNTRIED]
+    told = replace(first, geometry=replace(first.geometry, source="stage"))
+    assert codes(settled(told, settings, hurried=hurried)) == []
+    assert asked == []
+
+
+@pytest.mark.parametrize("change", [{"order_errors": 9.0}, {"verdict": "static"}])
+def test_what_is_not_open_is_left_alone(first, asked, change):
+    sure = replace(first, geometry=replace(first.geometry, **change))
+    assert settled(sure, LONG) is sure
+    assert asked == []
+
+
+def test_an_ablation_keeps_its_first_geometry(first, asked):
+    assert settled(first, replace(LONG, withheld=Withheld(points=True))) is first
+    assert asked == []
+
+
+def test_short_fits_of_a_measurement_that_shows_nothing_leave_the_order_open(first, monkeypatch):
+    """Views of noise: neither order hides anything."""
+    monkeypatch.setattr(order, "_MOST_PAIRS", 1)
+    found = settled(first, LONG).geometry
+    assert [note.code for note in found.notes] == [Code.DEPTH_ORDER_OPEN]
+    assert abs(found.order_errors) < 2
