@@ -1,4 +1,5 @@
 import io
+from pathlib import Path
 
 import pytest
 from rich.console import Console
@@ -131,3 +132,9 @@ def test_with_rays_the_rasteriser_counts(rig):
     assert "drawn by rays" in plan.plan_of(rig, rays=True).summary()
     assert "drawn by rays" not in plan.plan_of(rig).summary()
     assert "drawn by rays" not in plan.plan_of(rig, 5000.0, rays=True).summary()
+
+
+def test_rays_are_not_for_a_bench():
+    bench = Path(__file__).parents[2] / "docs" / "rigs" / "simulated.toml"
+    with pytest.raises(InputError, match="--rays for the bench"):
+        plan.plan_of(bench, rays=True)
