@@ -43,6 +43,7 @@ BENCHMARKS = {
     "by_hand": "tests.benchmarks.by_hand",
     "registration": "tests.benchmarks.registration",
     "combination": "tests.benchmarks.combination",
+    "processors": "tests.benchmarks.processors",
     "long_fits": "tests.benchmarks.long_fits",
     "effect_bounds": "tests.benchmarks.effect_bounds",
     "exact_renderer": "tests.benchmarks.exact_renderer",
@@ -50,6 +51,7 @@ BENCHMARKS = {
 }
 
 LONG = (
+    "processors",
     "depth",
     "first_table",
     "list_reuse",
