@@ -384,7 +384,7 @@ class Code(StrEnum):
     DEPTH_STARTS_AS_PLANE = (
         "depth_starts_as_plane",
         DOUBT,
-        "The scene starts as a plane, and the fit has to find its depth alone.",
+        "The scene starts as a plane, and the fit has to find its depth alone: near and far may be exchanged.",
         "Do not rely on depth.",
     )
 
