@@ -1,21 +1,25 @@
-"""One name, one thing."""
+"""One name, one thing: no public class of any package shares its name with another."""
 
 import ast
 from collections import defaultdict
 from pathlib import Path
 
 import gs2ci
+import gs2ci_calibration
+import gs2ci_drivers
+import gs2ci_sims
 
-# The base of all tables of a rig file, and the settings of a reconstruction; what `gs2ci doctor` looked at, and what a
-# reconstruction found.
-STATED = {"Settings", "Finding"}
+# The simulator's record of a part has the name of the part, as the driver's interface to it has: the pair is one thing
+# seen from both sides. A light path has stages, too; a bench that is open is a rig, and so is its record.
+STATED = {"Modulator", "Sensor", "Stage", "Rig"}
 
 
-def test_no_public_class_of_the_package_shares_its_name_with_another():
+def test_no_public_class_shares_its_name_with_another():
     defined = defaultdict(list)
-    for path in sorted(Path(gs2ci.__file__).parent.rglob("*.py")):
-        for node in ast.parse(path.read_text(encoding="utf-8")).body:
-            if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
-                defined[node.name].append(path.name)
+    for package in (gs2ci, gs2ci_drivers, gs2ci_calibration, gs2ci_sims):
+        for path in sorted(Path(package.__file__).parent.rglob("*.py")):
+            for node in ast.parse(path.read_text(encoding="utf-8")).body:
+                if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
+                    defined[node.name].append(path.name)
     twice = {name: files for name, files in defined.items() if len(files) > 1}
-    assert set(twice) <= STATED, twice
+    assert set(twice) == STATED, twice

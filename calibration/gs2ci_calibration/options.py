@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from gs2ci.core.config import Positive, Settings
+from gs2ci.core.config import ConfigTable, Positive
 
 Orientation = Literal[
     "upright",
@@ -22,7 +22,7 @@ Orientation = Literal[
 ]
 
 
-class BoardSpec(Settings):
+class BoardSpec(ConfigTable):
     """[calibration.board]: the ChArUco board of `gs2ci calibrate camera`, in OpenCV's terms."""
 
     columns: Annotated[int, Field(ge=3)] = 7
@@ -35,7 +35,7 @@ class BoardSpec(Settings):
     """OpenCV's name of the markers' dictionary."""
 
 
-class CalibrationOptions(Settings):
+class CalibrationOptions(ConfigTable):
     """[calibration]: what `gs2ci calibrate` does, and which bundle `gs2ci capture` takes."""
 
     bundle: str = ""

@@ -1,11 +1,11 @@
 """How a stage carries the camera: the table [stage.mount] of a rig file, the same for every kind of stage."""
 
-from gs2ci.core.config import Settings
+from gs2ci.core.config import ConfigTable
 
 Vector = tuple[float, float, float]
 
 
-class MountOptions(Settings):
+class MountOptions(ConfigTable):
     """[stage.mount]: how the stage carries the camera, in the camera's own frame (x right, y down, z ahead)."""
 
     x: Vector = (1.0, 0.0, 0.0)

@@ -32,7 +32,7 @@ MOST_TOLD: Final = 8
 """Problems of one file, a line each; whoever has more has another kind of file at hand."""
 
 
-class Settings(BaseModel):
+class ConfigTable(BaseModel):
     """Base of settings: unknown keys are errors, numbers are finite, values are not changed afterwards."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, use_attribute_docstrings=True)

@@ -12,6 +12,7 @@ from pydantic import Field
 
 from gs2ci.core.config import (
     SIMULATED,
+    ConfigTable,
     Count,
     Delay,
     Duration,
@@ -19,7 +20,6 @@ from gs2ci.core.config import (
     NotNegative,
     Offset,
     Positive,
-    Settings,
     read_settings,
     read_toml,
 )
@@ -39,7 +39,7 @@ SIMULATION_ONLY = frozenset({"scene", "path", "light", "timing", "plan", "effect
 SHARED = frozenset({"modulator", "sensor", "optics"})
 
 
-class CaptureTable(Settings):
+class CaptureTable(ConfigTable):
     """[capture]: what to take."""
 
     masks: Count = 8
@@ -63,7 +63,7 @@ class CaptureTable(Settings):
     retries: Annotated[int, Field(ge=0)] = 0
 
 
-class RegistrationTable(Settings):
+class RegistrationTable(ConfigTable):
     """[registration]: which modulator pixels a sensor pixel sees, nominally."""
 
     superpixel: Count = 1
@@ -73,7 +73,7 @@ class RegistrationTable(Settings):
     column: Annotated[int, Field(ge=-1)] = -1
 
 
-class OpticsTable(Settings):
+class OpticsTable(ConfigTable):
     """[optics]: what is known of lens, scene and light; used for the plan and for scaling."""
 
     focal_px: Positive | None = None
@@ -85,7 +85,7 @@ class OpticsTable(Settings):
     """Reading above black of a white scene under one open mask for its time on show."""
 
 
-class TrueSensorTable(Settings):
+class TrueSensorTable(ConfigTable):
     """[world.sensor]: the simulated sensor as it truly is, where that differs from [sensor]; at 12 bits."""
 
     full_well_e: Positive | None = None
@@ -95,7 +95,7 @@ class TrueSensorTable(Settings):
     quantum_efficiency: Annotated[float, Field(gt=0, le=1)] | None = None
 
 
-class MechanicsTable(Settings):
+class MechanicsTable(ConfigTable):
     """[world.mechanics.AXIS]: what lies between the counted and the true position of a simulated axis."""
 
     scale: Positive = 1.0
@@ -110,7 +110,7 @@ class MechanicsTable(Settings):
     seed: Annotated[int, Field(ge=0)] = 0
 
 
-class WorldTable(Settings):
+class WorldTable(ConfigTable):
     """[world]: what surrounds simulated devices; needed when any port is "simulated"."""
 
     scene: Literal["motorcycle", "planes"] = "motorcycle"
@@ -158,7 +158,7 @@ class WorldTable(Settings):
     """Faults to inject once each, "device: fault" or "device: fault after N" opportunities; see docs/faults.md."""
 
 
-class RigTable(Settings):
+class RigTable(ConfigTable):
     """A rig file."""
 
     name: str = "rig"

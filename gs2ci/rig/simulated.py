@@ -24,7 +24,7 @@ from gs2ci_sims.effects.base import Effect
 from gs2ci_sims.effects.misregistration import Misregistration
 from gs2ci_sims.faults import FaultSet
 from gs2ci_sims.radiance import Renderer
-from gs2ci_sims.registration import Registration
+from gs2ci_sims.registration import MaskAlignment
 from gs2ci_sims.rig_file import effects_from_tables
 from gs2ci_sims.scenes.base import Scene
 from gs2ci_sims.scenes.planes import planes
@@ -133,11 +133,11 @@ def _light(rig: RigTable, table: WorldTable, cfa: CfaPattern | None) -> BenchLig
     )
 
 
-def _registration(rig: RigTable, table: WorldTable, size: tuple[int, int], effects: list[Effect]) -> Registration:
+def _registration(rig: RigTable, table: WorldTable, size: tuple[int, int], effects: list[Effect]) -> MaskAlignment:
     """Return where the modulator truly falls; misregistration among the effects moves its own pixels."""
     row, column = origin(rig.registration, size, MODULATOR_SIZES[rig.modulator.kind])
     moved = next((effect for effect in effects if isinstance(effect, Misregistration)), Misregistration())
-    return Registration(
+    return MaskAlignment(
         rig.registration.superpixel,
         row,
         column,

@@ -26,7 +26,7 @@ from gs2ci_sims.exposure import calibrated_masks, integrate, lens_of, read_out
 from gs2ci_sims.light_path import EffectChain, generator, sensor_effects
 from gs2ci_sims.planner import DEFAULT_TOLERANCE_DN, Plan, plan
 from gs2ci_sims.radiance import Renderer, rendered_depth, with_margin
-from gs2ci_sims.registration import Registration
+from gs2ci_sims.registration import MaskAlignment
 from gs2ci_sims.rig import Light, Modulator, Rig, Timing
 from gs2ci_sims.scenes.base import Scene
 from gs2ci_sims.sensor import Sensor
@@ -95,7 +95,7 @@ class BenchLight:
         self,
         scene: Scene,
         sensor: Sensor,
-        registration: Registration,
+        registration: MaskAlignment,
         *,
         full_scale_e_per_s: float,
         seed: int = 0,

@@ -99,7 +99,7 @@ def expose(
 
 
 @dataclass(frozen=True)
-class Light:
+class ExposureLight:
     """What reached the sensor.
 
     Args:
@@ -135,7 +135,7 @@ def integrate(
     moments: Moments | None = None,
     renderer: Renderer | None = None,
     progress: Progress | None = None,
-) -> Light:
+) -> ExposureLight:
     """Integrate light over time, behind each mask while it is on show.
 
     Args:
@@ -184,7 +184,7 @@ def integrate(
             coverage[n] += truth_share[n, k] * covered
         progress.step(done + 1)
     centres_s = intervals.mean(axis=1)
-    return Light(
+    return ExposureLight(
         # Where the weights of moments cancel, rounding may leave less than no light.
         chain.through(Stage.PHOTONS, np.maximum(photons, 0)),
         shown,

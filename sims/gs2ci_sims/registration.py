@@ -21,7 +21,7 @@ TURN_LIMIT_MRAD = 50.0
 
 
 @dataclass(frozen=True)
-class Registration:
+class MaskAlignment:
     """Which modulator pixels a sensor pixel sees: nominally a block of k × k, all blocks side by side.
 
     The image of the modulator is first mirrored, then turned in quarters, both about the sensor's middle, and then

@@ -130,7 +130,7 @@ class BoardPlane:
 
 
 @dataclass(frozen=True)
-class Board(Target):
+class BoardTarget(Target):
     """A board held before the camera.
 
     Args:
@@ -194,12 +194,12 @@ def _divided(homography: F64, points: F64) -> tuple[F32, F32]:
 
 def board_scene(
     scene: Scene, plane: BoardPlane, index: int, seed: int, lens: LensDistortion | None = None, *, fixed: bool = False
-) -> tuple[Scene, Board]:
+) -> tuple[Scene, BoardTarget]:
     """Hold a board before a scene's camera; return it as a scene of the same camera, and its renderer."""
     pose = plane.pose(index, scene, seed, fixed=fixed)
     world_from_board = np.linalg.inv(scene.world_to_camera) @ pose
     middle = pose @ np.array([plane.columns * plane.square / 2, plane.rows * plane.square / 2, 0.0, 1.0])
     depth = np.full(scene.size, float(middle[2]))
-    return replace(scene, name="board", depth=depth, harmonics=None), Board(
+    return replace(scene, name="board", depth=depth, harmonics=None), BoardTarget(
         plane=plane, world_from_board=world_from_board, lens=lens
     )

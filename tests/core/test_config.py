@@ -3,21 +3,21 @@ from typing import Annotated, Literal
 import pytest
 from pydantic import Field
 
-from gs2ci.core.config import MOST_TOLD, Settings, read_settings
+from gs2ci.core.config import MOST_TOLD, ConfigTable, read_settings
 from gs2ci.core.errors import InputError
 
 
-class Cat(Settings):
+class Cat(ConfigTable):
     kind: Literal["cat"]
     purrs: bool = True
 
 
-class Dog(Settings):
+class Dog(ConfigTable):
     kind: Literal["dog"]
     barks_per_s: float = Field(default=1.0, gt=0)
 
 
-class House(Settings):
+class House(ConfigTable):
     pet: Annotated[Cat | Dog, Field(discriminator="kind")]
     rooms: int = 3
 

@@ -6,7 +6,7 @@ from gs2ci_sims.bench_light import BenchLight
 from gs2ci_sims.effects.lens_distortion import LensDistortion
 from gs2ci_sims.effects.mask_edges import MaskEdges
 from gs2ci_sims.effects.stage_vibration import StageVibration
-from gs2ci_sims.registration import Registration
+from gs2ci_sims.registration import MaskAlignment
 from gs2ci_sims.scenes.planes import planes
 from gs2ci_sims.sensor import Sensor
 from gs2ci_sims.world import MaskInterval, World
@@ -16,7 +16,7 @@ SIZE = (40, 60)
 
 def make(**options):
     scene = planes(np.random.default_rng(1), SIZE)
-    light = BenchLight(scene, Sensor(), Registration(2, 10, 20), full_scale_e_per_s=50_000.0, noise=False, **options)
+    light = BenchLight(scene, Sensor(), MaskAlignment(2, 10, 20), full_scale_e_per_s=50_000.0, noise=False, **options)
     world = World(light)
     return light, world
 
@@ -86,7 +86,7 @@ def test_behind_a_lens_the_truth_is_what_the_sensor_sees():
 def test_noise_is_the_same_for_the_same_seed_and_new_in_each_exposure():
     def readings(seed):
         scene = planes(np.random.default_rng(1), SIZE)
-        light = BenchLight(scene, Sensor(), Registration(2, 10, 20), full_scale_e_per_s=50_000.0, seed=seed)
+        light = BenchLight(scene, Sensor(), MaskAlignment(2, 10, 20), full_scale_e_per_s=50_000.0, seed=seed)
         world = World(light)
         return [expose(world, np.ones((100, 160), np.uint8)) for _ in range(2)]
 
@@ -98,7 +98,7 @@ def test_noise_is_the_same_for_the_same_seed_and_new_in_each_exposure():
 
 def test_a_sensor_that_looks_beyond_the_modulator_is_refused():
     with pytest.raises(InputError, match="looks beyond"):
-        Registration(2, 90, 0).on_sensor(MaskInterval(np.ones((100, 160), np.uint8), 1, 0.0, 1.0), *SIZE)
+        MaskAlignment(2, 90, 0).on_sensor(MaskInterval(np.ones((100, 160), np.uint8), 1, 0.0, 1.0), *SIZE)
 
 
 def test_a_sensor_of_another_size_than_the_scene_is_refused():

@@ -5,7 +5,7 @@ from gs2ci.core.errors import InputError
 from gs2ci_sims.bench_light import BenchLight
 from gs2ci_sims.effects.defocus import Defocus
 from gs2ci_sims.effects.prnu import Prnu
-from gs2ci_sims.registration import Registration
+from gs2ci_sims.registration import MaskAlignment
 from gs2ci_sims.scenes.planes import planes
 from gs2ci_sims.sensor import Sensor
 from gs2ci_sims.targets import BoardPlane, EvenLight, board_scene
@@ -18,7 +18,9 @@ SIZE = (40, 60)
 def light():
     scene = planes(np.random.default_rng(1), SIZE)
     effects = (Prnu(0.02), Defocus(1.0, 2.0))
-    return BenchLight(scene, Sensor(), Registration(1, 0, 0), full_scale_e_per_s=50_000.0, noise=False, effects=effects)
+    return BenchLight(
+        scene, Sensor(), MaskAlignment(1, 0, 0), full_scale_e_per_s=50_000.0, noise=False, effects=effects
+    )
 
 
 def expose(light, seconds=0.02):
@@ -47,7 +49,7 @@ def test_a_lamp_that_drifts_dims_over_the_worlds_time(light):
     fading = BenchLight(
         light.scene,
         Sensor(),
-        Registration(1, 0, 0),
+        MaskAlignment(1, 0, 0),
         full_scale_e_per_s=50_000.0,
         noise=False,
         lamp_drift_per_min=-0.6,

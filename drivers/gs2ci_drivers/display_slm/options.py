@@ -4,13 +4,13 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from gs2ci.core.config import SIMULATED, Delay, Duration, Settings
+from gs2ci.core.config import SIMULATED, ConfigTable, Delay, Duration
 from gs2ci_drivers.display_slm.packets import TOP_LEVEL
 
 Level = Annotated[int, Field(ge=0, le=TOP_LEVEL)]
 
 
-class DisplaySlmOptions(Settings):
+class DisplaySlmOptions(ConfigTable):
     """[modulator] with kind = "santec": a Santec SLM-200 class panel over USB; experimental, for calibration only."""
 
     kind: Literal["santec"] = "santec"

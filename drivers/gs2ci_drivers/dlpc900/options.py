@@ -8,7 +8,7 @@ from typing import Annotated, Final, Literal, Self
 
 from pydantic import Field, model_validator
 
-from gs2ci.core.config import SIMULATED, Duration, Settings
+from gs2ci.core.config import SIMULATED, ConfigTable, Duration
 from gs2ci_drivers.dlpc900.firmware import DEFAULT_PROFILE, PROFILES
 
 MIN_PULSE_US: Final = 20
@@ -17,7 +17,7 @@ LARGEST_EDGE_DELAY_US: Final = 20_000
 EdgeDelay = Annotated[int, Field(ge=-MIN_PULSE_US, le=LARGEST_EDGE_DELAY_US)]
 
 
-class TriggerEdges(Settings):
+class TriggerEdges(ConfigTable):
     """[modulator.trigger_out_1] and [modulator.trigger_out_2]: edges relative to the pattern (0x1A1D, 0x1A1E)."""
 
     inverted: bool = False
@@ -36,7 +36,7 @@ class TriggerEdges(Settings):
         return struct.pack("<Bhh", int(self.inverted), self.rise_us, self.fall_us)
 
 
-class Dlpc900Options(Settings):
+class Dlpc900Options(ConfigTable):
     """[modulator] with kind = "dlpc900": a DMD behind a DLPC900 over USB HID."""
 
     kind: Literal["dlpc900"] = "dlpc900"

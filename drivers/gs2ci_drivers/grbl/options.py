@@ -4,11 +4,11 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from gs2ci.core.config import SIMULATED, Count, Settings
+from gs2ci.core.config import SIMULATED, ConfigTable, Count
 from gs2ci_drivers.mount import MountOptions
 
 
-class GrblOptions(Settings):
+class GrblOptions(ConfigTable):
     """[stage] with kind = "grbl"."""
 
     kind: Literal["grbl"] = "grbl"

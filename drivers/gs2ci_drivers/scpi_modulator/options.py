@@ -2,10 +2,10 @@
 
 from typing import Literal
 
-from gs2ci.core.config import SIMULATED, Count, Duration, Settings
+from gs2ci.core.config import SIMULATED, ConfigTable, Count, Duration
 
 
-class ScpiOptions(Settings):
+class ScpiOptions(ConfigTable):
     """[modulator] with kind = "scpi": the open command set over a serial line (docs/scpi-modulator.md)."""
 
     kind: Literal["scpi"] = "scpi"

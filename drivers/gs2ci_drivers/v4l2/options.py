@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from gs2ci.core.config import SIMULATED, Count, Delay, Duration, NotNegative, Offset, Positive, Settings
+from gs2ci.core.config import SIMULATED, ConfigTable, Count, Delay, Duration, NotNegative, Offset, Positive
 from gs2ci_drivers.sensor import StampMeaning, TriggerMode
 from gs2ci_drivers.v4l2.formats import Alignment
 
@@ -16,7 +16,7 @@ SIMULATED_NODE = "/dev/video0"
 """The only camera of a simulated computer."""
 
 
-class V4l2Options(Settings):
+class V4l2Options(ConfigTable):
     """[sensor] with kind = "v4l2": a camera of the Linux kernel."""
 
     kind: Literal["v4l2"] = "v4l2"

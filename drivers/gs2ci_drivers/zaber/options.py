@@ -4,11 +4,11 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from gs2ci.core.config import SIMULATED, Count, Positive, Settings
+from gs2ci.core.config import SIMULATED, ConfigTable, Count, Positive
 from gs2ci_drivers.mount import MountOptions
 
 
-class ZaberOptions(Settings):
+class ZaberOptions(ConfigTable):
     """[stage] with kind = "zaber"."""
 
     kind: Literal["zaber"] = "zaber"

@@ -35,7 +35,7 @@ _SETTLED: Final = 1e-2
 
 
 @dataclass(frozen=True)
-class Estimate:
+class MisfitEstimate:
     """Parameters with their standard errors.
 
     Args:
@@ -108,7 +108,7 @@ def pixel_weights(errors: F64, known: Bool) -> F64:
     return weights / mean if mean > 0 else weights
 
 
-def refine(problem: Problem, start: Misfit, names: tuple[str, ...], weights: F64 | None = None) -> Estimate:
+def refine(problem: Problem, start: Misfit, names: tuple[str, ...], weights: F64 | None = None) -> MisfitEstimate:
     """Find the parameters of these names, from a start that is right to about a pixel everywhere.
 
     Args:
@@ -147,7 +147,7 @@ def refine(problem: Problem, start: Misfit, names: tuple[str, ...], weights: F64
             if damping > 1e4 or np.abs(step).max() < _SETTLED:
                 break
     deviations = _deviations(jacobian, errors, weights) * scale
-    return Estimate(
+    return MisfitEstimate(
         Misfit.from_vector(vector),
         dict(zip(names, deviations.tolist(), strict=True)),
         weights * errors**2,

@@ -32,7 +32,7 @@ from gs2ci.reconstruct.registration.coarse import (
 )
 from gs2ci.reconstruct.registration.fine import (
     LEAST_BLOCKS,
-    Estimate,
+    MisfitEstimate,
     Problem,
     refine,
 )
@@ -293,7 +293,7 @@ class _Registration:
         level = Seen.of(way.shot, element_px(total)).level(total)
         return max(2 * abs(float(np.median(level))), 1e-12)
 
-    def _propose(self, shot: Shot, peak: Peak) -> tuple[Estimate | None, dict[str, tuple[float, float]]]:
+    def _propose(self, shot: Shot, peak: Peak) -> tuple[MisfitEstimate | None, dict[str, tuple[float, float]]]:
         """Estimate all parameters; return those that are surely there and matter, and what was found of the others."""
         total = white_reading(shot)
         if _is_flat(total) or total.size < LEAST_BLOCKS * 64:
@@ -315,7 +315,7 @@ class _Registration:
             names = still
         return None, tried
 
-    def _ways(self, shot: Shot, estimate: Estimate) -> list["_Way"]:
+    def _ways(self, shot: Shot, estimate: MisfitEstimate) -> list["_Way"]:
         """Return the shot corrected by an estimate; where it asks for sharpening, in all ways of that."""
         misfit, errors = estimate.misfit, dict(estimate.errors)
         found = _in_words(estimate)
@@ -426,7 +426,7 @@ def _problem(shot: Shot, total: F64, element: float) -> Problem:
     return Problem(part, np.ascontiguousarray(total[rows, columns]), float(shot.weights.sum()), max(unit, 1e-300))
 
 
-def _matters(estimate: Estimate, problem: Problem) -> dict[str, float]:
+def _matters(estimate: MisfitEstimate, problem: Problem) -> dict[str, float]:
     """Return how many times what matters each parameter is."""
     vector = estimate.misfit.vector()
     arm = float(np.hypot(*problem.size)) / 2
@@ -442,7 +442,7 @@ def _matters(estimate: Estimate, problem: Problem) -> dict[str, float]:
     return {name: abs(float(vector[NAMES.index(name)])) / least for name, least in matters.items()}
 
 
-def _let_in(estimate: Estimate, problem: Problem) -> tuple[str, ...]:
+def _let_in(estimate: MisfitEstimate, problem: Problem) -> tuple[str, ...]:
     """Return the parameters that are surely there and matter; those of one group come together."""
     matters = _matters(estimate, problem)
     sure = {name for name in estimate.errors if matters[name] >= 1 and estimate.significance(name) >= SIGNIFICANT}
@@ -451,7 +451,7 @@ def _let_in(estimate: Estimate, problem: Problem) -> tuple[str, ...]:
     )
 
 
-def _beside(estimate: Estimate, names: tuple[str, ...]) -> dict[str, tuple[float, float]]:
+def _beside(estimate: MisfitEstimate, names: tuple[str, ...]) -> dict[str, tuple[float, float]]:
     vector = estimate.misfit.vector()
     return {
         name: (float(vector[NAMES.index(name)]), error) for name, error in estimate.errors.items() if name not in names
@@ -474,7 +474,7 @@ def _sigma(variance_px2: float) -> float:
     return 0.0 if variance_px2 == 0 else sigma_of(variance_px2)
 
 
-def _in_words(estimate: Estimate) -> str:
+def _in_words(estimate: MisfitEstimate) -> str:
     """Say what was found, with standard errors."""
     misfit, errors = estimate.misfit, estimate.errors
     place, parts = misfit.placement, []

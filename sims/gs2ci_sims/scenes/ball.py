@@ -15,7 +15,7 @@ from gs2ci.core.errors import InputError
 from gs2ci.render.harmonics import DEGREE_MAX, basis
 from gs2ci_sims.scenes.base import Scene, gaussians_from_surfels
 from gs2ci_sims.scenes.rectangles import SPACING_PX, TOWARDS_LIGHT, depth_of, rays
-from gs2ci_sims.scenes.stage import Frame, floor_y, room
+from gs2ci_sims.scenes.stage import SuggestedCamera, floor_y, room
 from gs2ci_sims.scenes.surfels import Surfels, from_tangents, join
 
 LIGHT: Final = TOWARDS_LIGHT / np.linalg.norm(TOWARDS_LIGHT)
@@ -26,7 +26,7 @@ BACK: Final = 0.35
 
 def ball(
     rng: np.random.Generator,
-    frame: Frame,
+    frame: SuggestedCamera,
     *,
     radius: float = 0.75,
     depth: float = 4.0,
@@ -99,7 +99,7 @@ def highlight(normals: F64, shine: float, exponent: float) -> tuple[F64, F64]:
     return lit * scale[0] / (4 * np.pi), lit[:, None] * rest
 
 
-def sphere_depth(centre: F64, radius: float, frame: Frame) -> F64:
+def sphere_depth(centre: F64, radius: float, frame: SuggestedCamera) -> F64:
     """Intersect every pixel's ray with a sphere, [H, W]; NaN where it passes by."""
     directions = rays(frame.intrinsics, frame.size)
     along, square = directions @ centre, np.sum(directions**2, axis=-1)

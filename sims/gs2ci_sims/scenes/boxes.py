@@ -9,10 +9,10 @@ import numpy as np
 from gs2ci.core.errors import InputError
 from gs2ci_sims.scenes.base import Scene
 from gs2ci_sims.scenes.rectangles import Rectangle, box, rotation
-from gs2ci_sims.scenes.stage import Frame, floor_y, painted, room, staged
+from gs2ci_sims.scenes.stage import SuggestedCamera, floor_y, painted, room, staged
 
 
-def boxes(rng: np.random.Generator, frame: Frame, *, count: int = 7, backdrop: float = 6.0) -> Scene:
+def boxes(rng: np.random.Generator, frame: SuggestedCamera, *, count: int = 7, backdrop: float = 6.0) -> Scene:
     """Stand boxes of random size, colour and turn on a floor, from the wall towards the camera.
 
     Raises:
@@ -28,7 +28,7 @@ def boxes(rng: np.random.Generator, frame: Frame, *, count: int = 7, backdrop: f
 
 def moving_box(
     rng: np.random.Generator,
-    frame: Frame,
+    frame: SuggestedCamera,
     *,
     centre: tuple[float, float, float] = (-0.4, -0.25, 3.0),
     radius: float = 0.45,
@@ -65,7 +65,7 @@ def moving_box(
 
 
 def _standing(
-    rng: np.random.Generator, frame: Frame, count: int, backdrop: float, nearest: float = 0.5
+    rng: np.random.Generator, frame: SuggestedCamera, count: int, backdrop: float, nearest: float = 0.5
 ) -> list[list[Rectangle]]:
     if count < 1:
         raise InputError(f"{count} boxes", allowed="1 or more")

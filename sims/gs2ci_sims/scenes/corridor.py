@@ -9,12 +9,17 @@ from gs2ci.core.arrays import F64
 from gs2ci.core.errors import InputError
 from gs2ci_sims.scenes.base import Scene
 from gs2ci_sims.scenes.rectangles import Rectangle, chequered, coloured, grain, receding, strip_samples
-from gs2ci_sims.scenes.stage import FLOOR_COLOURS, Frame, painted, staged
+from gs2ci_sims.scenes.stage import FLOOR_COLOURS, SuggestedCamera, painted, staged
 from gs2ci_sims.scenes.surfels import Surfels
 
 
 def corridor(
-    rng: np.random.Generator, frame: Frame, *, half_width: float = 1.0, half_height: float = 0.8, length: float = 30.0
+    rng: np.random.Generator,
+    frame: SuggestedCamera,
+    *,
+    half_width: float = 1.0,
+    half_height: float = 0.8,
+    length: float = 30.0,
 ) -> Scene:
     """Build a corridor around the line of sight.
 

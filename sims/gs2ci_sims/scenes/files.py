@@ -11,21 +11,21 @@ from typing import Annotated, Any, Final, TypeVar
 
 from pydantic import Field, ValidationError
 
-from gs2ci.core.config import Settings, read_settings
+from gs2ci.core.config import ConfigTable, read_settings
 from gs2ci.core.errors import InputError
 from gs2ci_sims.effects.object_motion import ObjectMotion
 from gs2ci_sims.path import StageMove, stage_move_for_parallax
 from gs2ci_sims.rig import Light
 from gs2ci_sims.scenes.base import Scene
 from gs2ci_sims.scenes.geometry import Geometry, Vector, refuse_field_of_view
-from gs2ci_sims.scenes.stage import Frame
+from gs2ci_sims.scenes.stage import SuggestedCamera
 
-Table = TypeVar("Table", bound=Settings)
+Table = TypeVar("Table", bound=ConfigTable)
 
 LIBRARY: Final = Path(__file__).parent / "library"
 
 
-class CameraTable(Settings):
+class CameraTable(ConfigTable):
     """[camera]: the image."""
 
     height: Annotated[int, Field(ge=1)] = 272
@@ -34,14 +34,14 @@ class CameraTable(Settings):
     """Horizontal; 50 if nothing is said, and the photograph's own for a photograph."""
 
 
-class LightTable(Settings):
+class LightTable(ConfigTable):
     """[light]: how bright it is."""
 
     full_scale_photons: Annotated[float, Field(ge=0)] = 4180.0
     """Photons in a pixel from radiance 1 through one open mask."""
 
 
-class PathTable(Settings):
+class PathTable(ConfigTable):
     """[path]: how the stage carries the camera during the exposure. Give `parallax_px` or `travel`."""
 
     views: Annotated[int, Field(ge=1)] = 8
@@ -56,7 +56,7 @@ class PathTable(Settings):
     """Amplitude of the stage's pitch, yaw and roll."""
 
 
-class ObjectTable(Settings):
+class ObjectTable(ConfigTable):
     """[object_motion]: what moves by itself, for the effect `object_motion`."""
 
     centre: Vector
@@ -66,7 +66,7 @@ class ObjectTable(Settings):
     """How far it moves during the exposure, in all, scene units."""
 
 
-class SceneFile(Settings):
+class SceneFile(ConfigTable):
     """A scene file."""
 
     name: str
@@ -170,7 +170,7 @@ def load_scene(
 def _built(file: SceneFile, folder: Path) -> Scene:
     if file.camera.field_of_view_deg is not None:
         refuse_field_of_view(file.geometry)
-    frame = Frame((file.camera.height, file.camera.width), file.camera.field_of_view_deg or 50.0)
+    frame = SuggestedCamera((file.camera.height, file.camera.width), file.camera.field_of_view_deg or 50.0)
     return replace(file.geometry.build(frame, folder), name=file.name)
 
 

@@ -10,7 +10,7 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field
 
-from gs2ci.core.config import Settings
+from gs2ci.core.config import ConfigTable
 from gs2ci.core.errors import InputError
 from gs2ci_sims.scenes.ball import ball
 from gs2ci_sims.scenes.base import Scene, camera_looking_ahead
@@ -20,7 +20,7 @@ from gs2ci_sims.scenes.meshes import blocks, mesh_from_file, scene_from_mesh
 from gs2ci_sims.scenes.planes import planes
 from gs2ci_sims.scenes.ply import scene_from_ply
 from gs2ci_sims.scenes.rgbd import motorcycle
-from gs2ci_sims.scenes.stage import Frame
+from gs2ci_sims.scenes.stage import SuggestedCamera
 from gs2ci_sims.scenes.textureless import textureless
 from gs2ci_sims.scenes.thicket import thicket
 
@@ -28,7 +28,7 @@ Vector = tuple[float, float, float]
 Row = tuple[float, float, float, float]
 
 
-class Procedural(Settings):
+class Procedural(ConfigTable):
     """What all scenes drawn from a generator have."""
 
     seed: Annotated[int, Field(ge=0)] = 0
@@ -47,7 +47,7 @@ class Planes(Procedural):
     backdrop: float = 5.0
     boxes: Annotated[int, Field(ge=0)] = 1
 
-    def build(self, frame: Frame, folder: Path) -> Scene:
+    def build(self, frame: SuggestedCamera, folder: Path) -> Scene:
         """Build the scene for a camera."""
         return planes(
             self.generator(),
@@ -66,7 +66,7 @@ class Boxes(Procedural):
     count: int = 7
     backdrop: float = 6.0
 
-    def build(self, frame: Frame, folder: Path) -> Scene:
+    def build(self, frame: SuggestedCamera, folder: Path) -> Scene:
         """Build the scene for a camera."""
         return boxes(self.generator(), frame, count=self.count, backdrop=self.backdrop)
 
@@ -80,7 +80,7 @@ class MovingBox(Procedural):
     count: int = 3
     backdrop: float = 6.0
 
-    def build(self, frame: Frame, folder: Path) -> Scene:
+    def build(self, frame: SuggestedCamera, folder: Path) -> Scene:
         """Build the scene for a camera."""
         return moving_box(
             self.generator(), frame, centre=self.centre, radius=self.radius, count=self.count, backdrop=self.backdrop
@@ -97,7 +97,7 @@ class Thicket(Procedural):
     near: float = 2.0
     backdrop: float = 6.0
 
-    def build(self, frame: Frame, folder: Path) -> Scene:
+    def build(self, frame: SuggestedCamera, folder: Path) -> Scene:
         """Build the scene for a camera."""
         return thicket(
             self.generator(),
@@ -120,7 +120,7 @@ class Ball(Procedural):
     exponent: float = 8.0
     backdrop: float = 6.0
 
-    def build(self, frame: Frame, folder: Path) -> Scene:
+    def build(self, frame: SuggestedCamera, folder: Path) -> Scene:
         """Build the scene for a camera."""
         return ball(
             self.generator(),
@@ -141,7 +141,7 @@ class Corridor(Procedural):
     half_height: float = 0.8
     length: float = 30.0
 
-    def build(self, frame: Frame, folder: Path) -> Scene:
+    def build(self, frame: SuggestedCamera, folder: Path) -> Scene:
         """Build the scene for a camera."""
         return corridor(
             self.generator(),
@@ -160,23 +160,23 @@ class Textureless(Procedural):
     depth: float = 4.0
     backdrop: float = 6.0
 
-    def build(self, frame: Frame, folder: Path) -> Scene:
+    def build(self, frame: SuggestedCamera, folder: Path) -> Scene:
         """Build the scene for a camera."""
         return textureless(self.generator(), frame, edge=self.edge, depth=self.depth, backdrop=self.backdrop)
 
 
-class Photograph(Settings):
+class Photograph(ConfigTable):
     """A photograph with measured disparity. Its lens is its own: no field of view can be chosen."""
 
     kind: Literal["photograph"]
     which: Literal["motorcycle"]
 
-    def build(self, frame: Frame, folder: Path) -> Scene:
+    def build(self, frame: SuggestedCamera, folder: Path) -> Scene:
         """Build the scene for a camera of this image size."""
         return _PHOTOGRAPHS[self.which](frame.size)
 
 
-class GaussianFile(Settings):
+class GaussianFile(ConfigTable):
     """Gaussians from a PLY file of gs2ci, gsplat or the original 3DGS program."""
 
     kind: Literal["ply"]
@@ -185,7 +185,7 @@ class GaussianFile(Settings):
     world_to_camera: tuple[Row, Row, Row, Row] | None = None
     """Pose of the camera, row by row; without it, the origin, looking along z."""
 
-    def build(self, frame: Frame, folder: Path) -> Scene:
+    def build(self, frame: SuggestedCamera, folder: Path) -> Scene:
         """Build the scene for a camera."""
         pose = None if self.world_to_camera is None else np.array(self.world_to_camera)
         intrinsics = camera_looking_ahead(frame.size, frame.field_of_view_deg)
@@ -200,12 +200,12 @@ class Blocks(Procedural):
     balls: int = 3
     backdrop: float = 6.0
 
-    def build(self, frame: Frame, folder: Path) -> Scene:
+    def build(self, frame: SuggestedCamera, folder: Path) -> Scene:
         """Build the scene for a camera."""
         return blocks(self.generator(), frame, count=self.count, balls=self.balls, backdrop=self.backdrop)
 
 
-class MeshFile(Settings):
+class MeshFile(ConfigTable):
     """Textured triangles from an OBJ, GLB, PLY or STL file."""
 
     kind: Literal["mesh"]
@@ -214,7 +214,7 @@ class MeshFile(Settings):
     world_to_camera: tuple[Row, Row, Row, Row] | None = None
     """Pose of the camera, row by row; without it, the origin, looking along z."""
 
-    def build(self, frame: Frame, folder: Path) -> Scene:
+    def build(self, frame: SuggestedCamera, folder: Path) -> Scene:
         """Build the scene for a camera."""
         pose = None if self.world_to_camera is None else np.array(self.world_to_camera)
         mesh = mesh_from_file(folder / self.file)

@@ -19,7 +19,7 @@ from gs2ci.render.gaussians import Gaussians
 from gs2ci_sims.rays.meshes import TexturedMesh, trace_mesh
 from gs2ci_sims.scenes.base import Scene
 from gs2ci_sims.scenes.rectangles import Rectangle, box, grain, rotation
-from gs2ci_sims.scenes.stage import Frame, floor_y
+from gs2ci_sims.scenes.stage import SuggestedCamera, floor_y
 
 # Texels per pixel of the camera at a surface's middle: textures are as fine as can be seen.
 TEXELS_PER_PX: Final = 1.0
@@ -45,7 +45,9 @@ def scene_from_mesh(
     return Scene(name, nothing, intrinsics, size, np.where(np.isfinite(depth), depth, np.nan), pose, mesh=mesh)
 
 
-def blocks(rng: np.random.Generator, frame: Frame, *, count: int = 6, balls: int = 3, backdrop: float = 6.0) -> Scene:
+def blocks(
+    rng: np.random.Generator, frame: SuggestedCamera, *, count: int = 6, balls: int = 3, backdrop: float = 6.0
+) -> Scene:
     """Set boxes and balls on a chequered floor before a wall.
 
     Args:
@@ -87,7 +89,7 @@ def blocks(rng: np.random.Generator, frame: Frame, *, count: int = 6, balls: int
 class _Builder:
     """Collects triangles and their textures."""
 
-    def __init__(self, rng: np.random.Generator, frame: Frame) -> None:
+    def __init__(self, rng: np.random.Generator, frame: SuggestedCamera) -> None:
         self._rng, self._frame = rng, frame
         self._corners: list[F64] = []
         self._uv: list[F64] = []

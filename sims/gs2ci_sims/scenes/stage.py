@@ -31,7 +31,7 @@ FLOOR_COLOURS: Final = np.array([[0.62, 0.55, 0.45], [0.25, 0.24, 0.26]])
 
 
 @dataclass(frozen=True)
-class Frame:
+class SuggestedCamera:
     """The suggested camera: at the origin, looking along z.
 
     Args:
@@ -58,12 +58,12 @@ class Frame:
         return 0.5 * np.array([self.size[1], self.size[0]]) / self.focal
 
 
-def floor_y(frame: Frame, backdrop: float) -> float:
+def floor_y(frame: SuggestedCamera, backdrop: float) -> float:
     """Return how far below the line of sight the floor lies: it meets the wall halfway down the frame's lower half."""
     return float(0.5 * frame.half[1] * backdrop)
 
 
-def room(rng: np.random.Generator, frame: Frame, backdrop: float) -> tuple[list[Rectangle], list[Surfels]]:
+def room(rng: np.random.Generator, frame: SuggestedCamera, backdrop: float) -> tuple[list[Rectangle], list[Surfels]]:
     """Build a chequered floor that runs up to a textured wall.
 
     Raises:
@@ -89,7 +89,7 @@ def painted(rng: np.random.Generator, face: Rectangle, focal: float, colour: F64
     return coloured(face, np.clip(shade(face) * paint, 0.0, 1.0))
 
 
-def staged(name: str, frame: Frame, faces: list[Rectangle], surfels: list[Surfels]) -> Scene:
+def staged(name: str, frame: SuggestedCamera, faces: list[Rectangle], surfels: list[Surfels]) -> Scene:
     """Put discs together to a scene whose true depth is that of the faces."""
     depth = depth_of(faces, frame.intrinsics, frame.size)
     return Scene(name, gaussians_from_surfels(join(surfels)), frame.intrinsics, frame.size, depth)

@@ -22,7 +22,7 @@ from gs2ci_sims.scenes.rectangles import (
     shade,
     strip_samples,
 )
-from gs2ci_sims.scenes.stage import OVERSIZE, Frame, floor_y, painted, staged
+from gs2ci_sims.scenes.stage import OVERSIZE, SuggestedCamera, floor_y, painted, staged
 from gs2ci_sims.scenes.surfels import Surfels
 
 # The side walls meet the back wall within the frame, this far out, as a share of half its breadth.
@@ -30,7 +30,7 @@ CORNER: Final = 0.8
 
 
 def textureless(
-    rng: np.random.Generator, frame: Frame, *, edge: float = 0.5, depth: float = 4.0, backdrop: float = 6.0
+    rng: np.random.Generator, frame: SuggestedCamera, *, edge: float = 0.5, depth: float = 4.0, backdrop: float = 6.0
 ) -> Scene:
     """Stand a small textured box in a room of plain paint, each of whose sides shows a single colour.
 
@@ -61,7 +61,7 @@ def textureless(
     return staged("textureless", frame, [*walls, *floor, *cube], surfels)
 
 
-def _room(frame: Frame, backdrop: float) -> tuple[list[Rectangle], list[Rectangle]]:
+def _room(frame: SuggestedCamera, backdrop: float) -> tuple[list[Rectangle], list[Rectangle]]:
     """List the faces of back wall and side walls, and those of the floor."""
     wide, high = OVERSIZE * backdrop * frame.half
     aside, down = CORNER * backdrop * frame.half[0], floor_y(frame, backdrop)

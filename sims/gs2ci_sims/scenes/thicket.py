@@ -9,13 +9,13 @@ from gs2ci.core.arrays import F64
 from gs2ci.core.errors import InputError
 from gs2ci_sims.scenes.base import Scene
 from gs2ci_sims.scenes.rectangles import SPACING_PX, Rectangle, coloured, samples
-from gs2ci_sims.scenes.stage import Frame, floor_y, room, staged
+from gs2ci_sims.scenes.stage import SuggestedCamera, floor_y, room, staged
 from gs2ci_sims.scenes.surfels import Surfels
 
 
 def thicket(
     rng: np.random.Generator,
-    frame: Frame,
+    frame: SuggestedCamera,
     *,
     stems: int = 60,
     twigs: int = 3,
@@ -53,7 +53,12 @@ def thicket(
 
 
 def _stem(
-    rng: np.random.Generator, frame: Frame, depth: float, twigs: int, width_px: tuple[float, float], down: float
+    rng: np.random.Generator,
+    frame: SuggestedCamera,
+    depth: float,
+    twigs: int,
+    width_px: tuple[float, float],
+    down: float,
 ) -> list[tuple[Rectangle, F64]]:
     half = frame.half * depth
     foot = np.array([rng.uniform(-1.1, 1.1) * half[0], min(down, 1.1 * half[1]), depth])

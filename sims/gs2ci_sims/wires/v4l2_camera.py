@@ -1,10 +1,9 @@
 """The camera behind the V4L2 twin: what it is made of, when it exposes, and the bytes it sends.
 
-Here: `CameraModel` (a data sheet), `Shutter` (triggers and exposures on the world's clock) and `pack_frame`. Not here:
-ioctls and buffers (`v4l2`, `v4l2_queue`), controls (`v4l2_controls`).
-
-Timing of an edge-triggered sensor without overlap: edge, latency, exposure, readout, transfer; an edge that comes
-before the readout has ended is lost without a trace in the frame numbers.
+Here: `CameraModel` (a data sheet), `CameraShutter` (triggers and exposures on the world's clock) and `pack_frame`. Not
+here: ioctls and buffers (`v4l2`, `v4l2_queue`), controls (`v4l2_controls`). Timing of an edge-triggered sensor without
+overlap: edge, latency, exposure, readout, transfer; an edge that comes before the readout has ended is lost without a
+trace in the frame numbers.
 """
 
 from collections.abc import Callable
@@ -203,7 +202,7 @@ class Exposed:
     end_s: float
 
 
-class Shutter:
+class CameraShutter:
     """Opens and closes by its own clock or by a trigger line, while it runs.
 
     Args:

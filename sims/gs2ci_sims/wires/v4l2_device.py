@@ -21,8 +21,8 @@ from gs2ci_sims.wires.v4l2_camera import (
     ONE,
     THREE_HALVES,
     CameraModel,
+    CameraShutter,
     Exposed,
-    Shutter,
     Shutting,
     pack_frame,
 )
@@ -114,7 +114,9 @@ class CaptureDevice:
         self._number = 0
         self._runs = 0
         self._files: list[OpenFile] = []
-        self._shutter = Shutter(world, model, faults, rng=rng, exposure_s=self._exposure_s, deliver=self._on_frame)
+        self._shutter = CameraShutter(
+            world, model, faults, rng=rng, exposure_s=self._exposure_s, deliver=self._on_frame
+        )
         self.power_up()
         self.requests = self._table()
         self.sensor_requests: dict[int, tuple[str, Handler]] = {0xC0585605: ("SUBDEV_S_FMT", self._subdev_s_fmt)}

@@ -13,7 +13,7 @@ from gs2ci_calibration.options import CalibrationOptions
 from gs2ci_drivers.plan import CaptureSettings
 from gs2ci_sims.effects.finite_contrast import FiniteContrast
 from gs2ci_sims.effects.kernels import blurred
-from gs2ci_sims.registration import Registration
+from gs2ci_sims.registration import MaskAlignment
 
 BLACK_DN = 20.0
 
@@ -24,7 +24,7 @@ class World:
 
     size: tuple[int, int]
     modulator_size: tuple[int, int]
-    registration: Registration
+    registration: MaskAlignment
     seed: int = 0
     sigma_px: float = 0.4
     contrast: float = 30.0
@@ -151,7 +151,7 @@ def bench_of_truth():
             for key in ("mirrored", "quarter_turns", "right_px", "down_px", "turn_mrad", "magnification")
             if key in truth
         }
-        world = World(size, modulator, Registration(superpixel, row, column, **moved), seed=seed, **truth)
+        world = World(size, modulator, MaskAlignment(superpixel, row, column, **moved), seed=seed, **truth)
         top = 2**bit_depth - 1
         codes = np.where(np.random.default_rng(seed + 1).random((masks, *size)) < density, top, 0).astype(np.uint16)
 

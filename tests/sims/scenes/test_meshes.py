@@ -21,7 +21,7 @@ from gs2ci_sims.scenes.base import Scene
 from gs2ci_sims.scenes.files import load_scene
 from gs2ci_sims.scenes.meshes import blocks, mesh_from_file, scene_from_mesh
 from gs2ci_sims.scenes.planes import planes
-from gs2ci_sims.scenes.stage import Frame
+from gs2ci_sims.scenes.stage import SuggestedCamera
 
 SIZE = (24, 32)
 RIG = Rig(modulator=Modulator(masks=2), timing=Timing(0.02))
@@ -30,11 +30,11 @@ STILL = StageMove((0.0, 0.0, 0.0))
 
 @pytest.fixture(scope="module")
 def scene():
-    return blocks(np.random.default_rng(5), Frame(SIZE, 50.0))
+    return blocks(np.random.default_rng(5), SuggestedCamera(SIZE, 50.0))
 
 
 def test_blocks_fill_the_frame_and_keep_their_seed(scene):
-    again, other = (blocks(np.random.default_rng(seed), Frame(SIZE, 50.0)) for seed in (5, 6))
+    again, other = (blocks(np.random.default_rng(seed), SuggestedCamera(SIZE, 50.0)) for seed in (5, 6))
     views = [Renderer().views(one, np.eye(4)[None]) for one in (scene, again, other)]
     assert views[0][1].min() == 1
     assert np.array_equal(views[0][0], views[1][0])
@@ -86,7 +86,7 @@ def test_a_scene_is_of_one_kind(scene):
 @pytest.mark.parametrize("options", [{"count": -1}, {"balls": -1}, {"backdrop": 0.0}])
 def test_blocks_without_meaning_are_refused(options):
     with pytest.raises(InputError, match="boxes and"):
-        blocks(np.random.default_rng(0), Frame(SIZE, 50.0), **options)
+        blocks(np.random.default_rng(0), SuggestedCamera(SIZE, 50.0), **options)
 
 
 OBJ = """mtllib quad.mtl
@@ -130,7 +130,7 @@ def test_a_glb_file_and_coloured_corners_are_read(tmp_path):
     ball.apply_translation([0, 0, 3])
     ball.visual.vertex_colors = np.tile([255, 188, 0, 255], (len(ball.vertices), 1))
     ball.export(tmp_path / "ball.glb")
-    scene = scene_from_mesh("ball", mesh_from_file(tmp_path / "ball.glb"), SIZE, Frame(SIZE, 50.0).intrinsics)
+    scene = scene_from_mesh("ball", mesh_from_file(tmp_path / "ball.glb"), SIZE, SuggestedCamera(SIZE, 50.0).intrinsics)
     view = Renderer().views(scene, np.eye(4)[None])[0][0]
     assert view[12, 16] == pytest.approx([1.0, 0.503, 0.0], abs=0.01)
     assert scene.depth[12, 16] == pytest.approx(2.0, abs=0.02)

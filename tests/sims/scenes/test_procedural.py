@@ -11,11 +11,11 @@ from gs2ci_sims.scenes.ball import LIGHT, ball, highlight, sphere_depth
 from gs2ci_sims.scenes.boxes import boxes, moving_box
 from gs2ci_sims.scenes.corridor import corridor
 from gs2ci_sims.scenes.rectangles import Rectangle, depth_of, receding, shade
-from gs2ci_sims.scenes.stage import Frame, room
+from gs2ci_sims.scenes.stage import SuggestedCamera, room
 from gs2ci_sims.scenes.textureless import textureless
 from gs2ci_sims.scenes.thicket import thicket
 
-FRAME, FINE = Frame((48, 72), 50.0), Frame((136, 200), 50.0)
+FRAME, FINE = SuggestedCamera((48, 72), 50.0), SuggestedCamera((136, 200), 50.0)
 MAKERS = [boxes, moving_box, thicket, corridor, ball, textureless]
 
 
@@ -52,7 +52,7 @@ def test_colours_lie_in_the_range_of_a_view(maker):
 
 
 def test_a_wider_field_of_view_sees_more_of_the_same_corridor():
-    narrow, wide = (make(corridor, frame=Frame((48, 72), angle)) for angle in (30.0, 70.0))
+    narrow, wide = (make(corridor, frame=SuggestedCamera((48, 72), angle)) for angle in (30.0, 70.0))
     assert wide.depth.min() < 0.6 * narrow.depth.min()
 
 
@@ -62,8 +62,10 @@ def test_a_corridor_spans_a_depth_range_of_more_than_ten():
 
 
 def test_stems_are_as_narrow_as_stated():
-    depth = make(thicket, frame=Frame((96, 144), 50.0), stems=1, twigs=0, width_px=(3.0, 3.0), near=2.0).depth
-    wall_only = make(thicket, frame=Frame((96, 144), 50.0), stems=1, twigs=0, width_px=(1e-6, 1e-6), near=2.0).depth
+    depth = make(thicket, frame=SuggestedCamera((96, 144), 50.0), stems=1, twigs=0, width_px=(3.0, 3.0), near=2.0).depth
+    wall_only = make(
+        thicket, frame=SuggestedCamera((96, 144), 50.0), stems=1, twigs=0, width_px=(1e-6, 1e-6), near=2.0
+    ).depth
     rows = np.sum(np.abs(depth - wall_only) > 1e-9, axis=1)
     rows = rows[rows > 0]
     assert rows.size > 20
@@ -138,7 +140,7 @@ def test_the_balls_colours_change_with_the_cameras_place_and_a_dull_balls_do_not
 
 
 def test_a_sphere_is_nearest_in_the_middle_by_its_radius():
-    frame = Frame((49, 49), 40.0)
+    frame = SuggestedCamera((49, 49), 40.0)
     depth = sphere_depth(np.array([0.0, 0.0, 5.0]), 1.0, frame)
     assert np.nanmin(depth) == pytest.approx(4.0, abs=1e-9)
     assert depth[24, 24] == pytest.approx(4.0, abs=1e-9)
