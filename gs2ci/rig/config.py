@@ -61,6 +61,8 @@ class CaptureTable(ConfigTable):
     margin_s: Delay = 0.0
     jitter_s: Delay = 20e-6
     retries: Annotated[int, Field(ge=0)] = 0
+    sync: bool = False
+    """Wait after each row until the storage device has it, so that it survives a loss of power, too."""
 
 
 class RegistrationTable(ConfigTable):

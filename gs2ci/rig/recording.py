@@ -114,7 +114,7 @@ def record(
         StorageError: The file cannot be written.
     """
     plan = prepared.plan.require_sound()
-    writer = ShotWriter(out, _header(rig, devices, prepared), replace=replace)
+    writer = ShotWriter(out, _header(rig, devices, prepared), replace=replace, sync=rig.table.capture.sync)
     try:
         with writer:
             recorder = _Recorder(rig, devices, prepared, writer)

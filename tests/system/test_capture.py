@@ -7,6 +7,7 @@ import pytest
 from gs2ci.core.errors import StorageError
 from gs2ci.core.progress import Silent
 from gs2ci.core.storage import ShotWriter, check_manifest, count_shots, read_shot, recover
+from gs2ci.core.storage.guarded_file import GuardedFile
 from gs2ci_drivers.failures import NoAnswerError, PlanRefusedError
 
 
@@ -93,6 +94,18 @@ def test_calibration_takes_one_frame_per_mask_each_under_its_own_mask(make_small
         (mask,) = exposure.masks
         seen = mask.levels[row : row + height, column : column + width] / mask.top
         assert np.array_equal(seen, shot.masks[i % 4])
+
+
+@pytest.mark.parametrize("sync", [False, True])
+def test_rows_wait_for_the_storage_device_where_the_rig_file_asks_for_it(make_small, monkeypatch, sync):
+    waited = []
+
+    def wait(file):
+        waited.append(file)
+
+    monkeypatch.setattr(GuardedFile, "sync", wait)
+    make_small(dlp5500=True, capture={"shots": 2, "masks": 2, "axis": "", "sync": sync}).capture()
+    assert len(waited) == (2 if sync else 0)
 
 
 def test_a_burst_takes_several_shots_in_one_sweep(make_small):
