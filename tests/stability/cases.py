@@ -279,7 +279,7 @@ def _shapes() -> Iterator[Case]:
 def _numbers() -> Iterator[Case]:
     """Extremes of float32 and float64 in every field of the record and its file."""
     least, tiny, huge = 1e-45, float(np.finfo(np.float32).tiny), 3e38
-    unit = "unit is not the full scale"
+    unit = "times full scales of one view"
     yield _number("measurement × 1e-30", changes.scaled(1e-30), says=(unit,))
     yield _number("measurement × 0.001", changes.scaled(1e-3), says=(unit,))
     yield _number("measurement × 1000", changes.scaled(1e3), says=(unit,))

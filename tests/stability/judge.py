@@ -171,7 +171,8 @@ def appraise(case: Case, shot: Shot, result: RunResult, scale: Scale) -> Outcome
         return Outcome("breaks", problems=(f"the result cannot be reported: {error}",))
     beyond = beyond_easy(notes, scale)
     said = tuple(note.advice for note in beyond)
-    scores, order = _scores(shot, result), order_of(case, shot, result)
+    # At a scale whose easy case is inside out itself, it is not the case that turns a scene over.
+    scores, order = _scores(shot, result), "" if _easy(scale)[2] else order_of(case, shot, result)
     problems = [*insane(shot, result), *unsaid(case, tuple(note.advice for note in (*notes, result.stopped)))]
     if order and not case.silent and not any(note.code in ABOUT_ORDER for note in notes):
         problems.append(f"{order}, without a word")
@@ -255,11 +256,11 @@ def easy_db(scale: Scale) -> float:
 
 
 @lru_cache(maxsize=8)
-def _easy(scale: Scale) -> tuple[float, tuple[Finding, ...]]:
+def _easy(scale: Scale) -> tuple[float, tuple[Finding, ...], str]:
     shot, result = run(EASY, scale)
     scores = _scores(shot, result)
     assert scores is not None
-    return scores[0], notes_of(shot, result)
+    return scores[0], notes_of(shot, result), order_of(EASY, shot, result)
 
 
 def _scores(shot: Shot, result: RunResult) -> tuple[float, float, float] | None:

@@ -9,11 +9,13 @@ from hypothesis import strategies as st
 
 from gs2ci_sims.effects.motion_blur import MotionBlur
 from gs2ci_sims.effects.stage_backlash import StageBacklash
+from gs2ci_sims.exact import ExactRenderer
 from tests.sims.adversaries import FAMILIES
 from tests.sims.families import FAMILY, SAMPLED, Case, ratios, reversing
 
 IDLE_BELOW = 0.1
 EXAMPLES = 12
+RASTERISED = 1.5
 SCENES = 12
 
 
@@ -30,6 +32,15 @@ def family():
     return get
 
 
+def holds(found, by_rays):
+    """Tell whether a change keeps within its bound: as the rasteriser draws it, or else as rays do.
+
+    Bounds are those of the scene's light. The rasteriser draws it with steps and cut-offs of its own
+    (`python -m tests.benchmarks exact_renderer`), which carry a change over its bound by up to 1.4 times (motion blur).
+    """
+    return max(found) <= 1.0 or (max(found) <= RASTERISED and max(by_rays()) <= 1.0)
+
+
 def over_the_family(family, effects, ratios_of, examples=EXAMPLES):
     """Draw cases of the family and figures of an effect; the bound must hold for all and be near for one."""
     reached = []
@@ -38,8 +49,9 @@ def over_the_family(family, effects, ratios_of, examples=EXAMPLES):
     @given(seed=st.integers(0, SCENES - 1), masks=st.sampled_from(sorted(FAMILIES)), data=st.data())
     def each(seed, masks, data):
         case = family(seed, masks)
-        found = ratios_of(case, data.draw(effects(case)))
-        assert max(found) <= 1.0
+        effect = data.draw(effects(case))
+        found = ratios_of(case, effect)
+        assert holds(found, lambda: ratios_of(case, effect, renderer=ExactRenderer()))
         reached.append(found[0])
 
     each()
@@ -48,14 +60,18 @@ def over_the_family(family, effects, ratios_of, examples=EXAMPLES):
 
 @pytest.mark.parametrize("kind", FAMILY, ids=lambda kind: kind.name)
 def test_leaving_an_effect_out_changes_no_more_than_its_bound_and_somewhere_a_tenth_of_it(family, kind):
-    def ratios_of(case, effect):
-        return ratios(case, effect, path=reversing(case) if kind is StageBacklash else None)
+    def ratios_of(case, effect, **options):
+        return ratios(case, effect, path=reversing(case) if kind is StageBacklash else None, **options)
 
     over_the_family(family, FAMILY[kind], ratios_of)
 
 
+def unsampled(case, effect, **options):
+    return ratios(case, effect, sampled=(), **options)
+
+
 def test_one_view_per_mask_is_off_from_motion_blur_by_no_more_than_its_bound(family):
-    over_the_family(family, lambda case: st.just(MotionBlur(15)), lambda case, effect: ratios(case, effect, sampled=()))
+    over_the_family(family, lambda case: st.just(MotionBlur(15)), unsampled)
 
 
 @settings(max_examples=24, deadline=None, derandomize=True, database=None)
@@ -66,4 +82,8 @@ def test_bounds_hold_in_the_company_of_other_effects(family, seed, masks, data):
         st.lists(st.sampled_from(sorted(FAMILY, key=lambda kind: kind.name)), min_size=3, max_size=3, unique=True)
     )
     effect, *company = [data.draw(FAMILY[kind](case)) for kind in kinds]
-    assert max(ratios(case, effect, company=tuple(company), sampled=SAMPLED)) <= 1.0
+
+    def ratios_of(**options):
+        return ratios(case, effect, company=tuple(company), sampled=SAMPLED, **options)
+
+    assert holds(ratios_of(), lambda: ratios_of(renderer=ExactRenderer()))
