@@ -3,11 +3,11 @@ from typing import get_args
 import numpy as np
 import pytest
 
-from gs2ci.rig.config import Orientation
 from gs2ci_calibration.masks import registration_fit
 from gs2ci_calibration.masks.imaging import PixelMap, blurred, sharp
 from gs2ci_calibration.masks.registration import orientation, register, require_orientation, require_ratio
 from gs2ci_calibration.masks.texture import checker
+from gs2ci_calibration.options import Orientation
 from gs2ci_calibration.refusals import CalibrationError, Reason
 
 SIZE, MODULATOR = (60, 72), (180, 200)
