@@ -1,7 +1,7 @@
 """Where the light of each pixel is stopped: `gs2ci.render.stopping`, over the lists that a rendering made.
 
-Here: what each Gaussian says of depth in each view, in numpy float64, and the kernel that finds the quantiles. It runs
-once per reconstruction and is plain scalar code. Only `gs2ci.render.cpu` imports this file.
+Here: what each Gaussian says of depth in each view, in numpy float64, and the kernel that finds the quantiles: plain
+scalar code, as it runs a few times per reconstruction.
 """
 
 from typing import Final
@@ -151,25 +151,25 @@ def _gather(records, base, gaussians, begin, count, fields, x, y, weights, depth
 
 
 @kernel()
-def _before(limit, weights, depths, reaches, count):
-    """Return what is stopped before a depth, and its derivative."""
+def _before(limit, weights, depths, inverses, count):
+    """Return what is stopped before a depth, and its derivative; `inverses` are those of the reaches."""
     total, density = 0.0, 0.0
     for i in range(count):
-        along = min(max((limit - depths[i]) / reaches[i], -1.0), 1.0)
+        along = min(max((limit - depths[i]) * inverses[i], -1.0), 1.0)
         square = along * along
         total += weights[i] * (0.5 + along * (0.75 - 0.25 * square))
-        density += weights[i] * 0.75 * (1.0 - square) / reaches[i]
+        density += weights[i] * 0.75 * (1.0 - square) * inverses[i]
     return total, density
 
 
 @kernel()
-def _quantile(wanted, weights, depths, reaches, count, near, far):
+def _quantile(wanted, weights, depths, inverses, count, near, far):
     """Find the nearest depth before which `wanted` is stopped: Newton's steps, kept between bounds that are halved."""
     guess = 0.5 * (near + far)
     for step in range(_STEPS_MAX):
         if far - near <= RESOLUTION * far:
             break
-        total, density = _before(guess, weights, depths, reaches, count)
+        total, density = _before(guess, weights, depths, inverses, count)
         if total >= wanted:
             far = guess
         else:
@@ -191,6 +191,7 @@ def _stop_light(records, cell_view, x, y, pixel, weight, start, entries, view_st
     record_stride = records.shape[0] // max(view_start.shape[0] - 1, 1)
     for task in prange((cells + _CELLS_PER_TASK - 1) // _CELLS_PER_TASK):
         weights, depths, reaches = np.empty(longest), np.empty(longest), np.empty(longest)
+        inverses = np.empty(longest)
         for cell in range(task * _CELLS_PER_TASK, min(cells, (task + 1) * _CELLS_PER_TASK)):
             view = cell_view[cell]
             base, begin = view * record_stride, view_start[view] + start[cell]
@@ -207,11 +208,14 @@ def _stop_light(records, cell_view, x, y, pixel, weight, start, entries, view_st
                 for i in range(count):
                     total += weights[i]
                     near, far = min(near, depths[i] - reaches[i]), max(far, depths[i] + reaches[i])
-                depth = _quantile((DEPTH_QUANTILE - QUANTILE_SLACK) * total, weights, depths, reaches, count, near, far)
-                low = _quantile((_LOW_SHARE - QUANTILE_SLACK) * total, weights, depths, reaches, count, near, depth)
-                high = _quantile((_HIGH_SHARE - QUANTILE_SLACK) * total, weights, depths, reaches, count, depth, far)
-                behind, _ = _before(depth * (1.0 + NEARBY), weights, depths, reaches, count)
-                ahead, _ = _before(depth * (1.0 - NEARBY), weights, depths, reaches, count)
+                    inverses[i] = 1.0 / reaches[i]
+                depth = _quantile(
+                    (DEPTH_QUANTILE - QUANTILE_SLACK) * total, weights, depths, inverses, count, near, far
+                )
+                low = _quantile((_LOW_SHARE - QUANTILE_SLACK) * total, weights, depths, inverses, count, near, depth)
+                high = _quantile((_HIGH_SHARE - QUANTILE_SLACK) * total, weights, depths, inverses, count, depth, far)
+                behind, _ = _before(depth * (1.0 + NEARBY), weights, depths, inverses, count)
+                ahead, _ = _before(depth * (1.0 - NEARBY), weights, depths, inverses, count)
                 maps[0, view, pixel[lane]] = depth
                 maps[1, view, pixel[lane]] = 0.5 * (depth / low - depth / high)
                 maps[2, view, pixel[lane]] = 1.0 - through
