@@ -12,12 +12,13 @@ end (`padding`).
 
 import errno
 import fcntl
-import io
 import os
 from pathlib import Path
 
+from gs2ci.core.storage.sized_file import SizedFile
 
-class GuardedFile(io.RawIOBase):
+
+class GuardedFile(SizedFile):
     """A new file, locked against other writers, that keeps its first failed write to itself.
 
     Args:
@@ -28,20 +29,17 @@ class GuardedFile(io.RawIOBase):
     """
 
     def __init__(self, path: Path) -> None:
-        super().__init__()
+        super().__init__(os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o666), 0)
         self.refusal: OSError | None = None
         """The first write that failed; None while all is well."""
-        self._at = 0
-        self._size = 0
         self._unwritten: list[tuple[int, bytes]] = []
-        self._handle = os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o666)
         try:
             # HDF5 locks files that it opens by name in this way: a reader in another process is refused meanwhile.
             fcntl.flock(self._handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError as error:
             # Some network file systems know no locks; HDF5 goes on there, too.
             if error.errno not in (errno.ENOSYS, errno.EOPNOTSUPP, errno.ENOLCK):
-                os.close(self._handle)
+                self.close()
                 raise
 
     def check(self) -> None:
@@ -62,38 +60,19 @@ class GuardedFile(io.RawIOBase):
         self.check()
         os.fsync(self._handle)
 
-    def readable(self) -> bool:
-        """Tell that it can be read."""
-        return True
-
     def writable(self) -> bool:
         """Tell that it can be written."""
         return True
 
-    def seekable(self) -> bool:
-        """Tell that it has positions."""
-        return True
-
-    def seek(self, offset: int, whence: int = os.SEEK_SET, /) -> int:
-        """Go to a position, byte."""
-        self._at = offset + (self._size if whence == os.SEEK_END else self._at if whence == os.SEEK_CUR else 0)
-        return self._at
-
-    def tell(self) -> int:
-        """Get the position, byte."""
-        return self._at
-
     def readinto(self, buffer: memoryview, /) -> int:  # type: ignore[override]  # whatever HDF5 hands over
         """Read from the position on; what the disk refused is read from memory, gaps are zeros."""
+        begin = self._at
+        wanted = super().readinto(buffer)
         view = memoryview(buffer).cast("B")
-        wanted = max(0, min(len(view), self._size - self._at))
-        got = os.preadv(self._handle, [view[:wanted]], self._at) if wanted else 0
-        view[got:wanted] = bytes(wanted - got)
         for start, data in self._unwritten:
-            first, last = max(start, self._at), min(start + len(data), self._at + wanted)
+            first, last = max(start, begin), min(start + len(data), begin + wanted)
             if first < last:
-                view[first - self._at : last - self._at] = data[first - start : last - start]
-        self._at += wanted
+                view[first - begin : last - begin] = data[first - start : last - start]
         return wanted
 
     def write(self, data: memoryview, /) -> int:  # type: ignore[override]  # whatever HDF5 hands over
@@ -123,9 +102,3 @@ class GuardedFile(io.RawIOBase):
         self._unwritten = [(start, data[: max(0, size - start)]) for start, data in self._unwritten]
         self._size = size
         return size
-
-    def close(self) -> None:
-        """Close the file on disk; may be called twice."""
-        if not self.closed:
-            os.close(self._handle)
-        super().close()

@@ -8,13 +8,14 @@ zeros there would pass their checksum, which is zero, too. The damaged file is n
 Source: HDF5 File Format Specification 3.0, section II.A, superblock versions 0 to 3.
 """
 
-import io
 import os
 import struct
 from pathlib import Path
 from typing import Final
 
 import h5py
+
+from gs2ci.core.storage.sized_file import SizedFile
 
 _SIGNATURE: Final = b"\x89HDF\r\n\x1a\n"
 # Version -> where it states the size of an offset, and behind how many bytes plus how many offsets the end of file
@@ -56,7 +57,7 @@ def row_end(dataset: h5py.Dataset, row: int) -> int:
     return max(ends)
 
 
-class PaddedFile(io.RawIOBase):
+class PaddedFile(SizedFile):
     """A file that is read as if it were `size_bytes` long, zeros after its own end. Reading only.
 
     Raises:
@@ -64,38 +65,4 @@ class PaddedFile(io.RawIOBase):
     """
 
     def __init__(self, path: Path, size_bytes: int) -> None:
-        super().__init__()
-        self._stream = path.open("rb", buffering=0)
-        self._size = size_bytes
-        self._at = 0
-
-    def readable(self) -> bool:
-        """Tell that it can be read."""
-        return True
-
-    def seekable(self) -> bool:
-        """Tell that it has positions."""
-        return True
-
-    def seek(self, offset: int, whence: int = os.SEEK_SET, /) -> int:
-        """Go to a position, byte."""
-        self._at = offset + (self._size if whence == os.SEEK_END else self._at if whence == os.SEEK_CUR else 0)
-        return self._at
-
-    def tell(self) -> int:
-        """Get the position, byte."""
-        return self._at
-
-    def readinto(self, buffer: memoryview, /) -> int:  # type: ignore[override]  # whatever HDF5 hands over
-        """Read from the position on."""
-        view = memoryview(buffer).cast("B")
-        wanted = max(0, min(len(view), self._size - self._at))
-        got = os.preadv(self._stream.fileno(), [view[:wanted]], self._at) if wanted else 0
-        view[got:wanted] = bytes(wanted - got)
-        self._at += wanted
-        return wanted
-
-    def close(self) -> None:
-        """Close the file; may be called twice."""
-        self._stream.close()
-        super().close()
+        super().__init__(os.open(path, os.O_RDONLY | os.O_CLOEXEC), size_bytes)
