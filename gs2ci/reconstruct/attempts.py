@@ -3,7 +3,7 @@
 A doubtful path is sought again in fitted views (`second_look`). A uniform motion that no tracks bear out competes with
 a camera at rest: where nothing shows but a period or a gradient, any motion explains the measurement, and a fit from
 rest ends several dB better. Here: rest as a beginning, and the ranking. Not here: what an attempt is made of
-(`pipeline`). For `gs2ci.reconstruct.pipeline`.
+(`pipeline`).
 """
 
 import math

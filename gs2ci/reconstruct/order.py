@@ -7,7 +7,7 @@ tell, or err together where the camera model is a little wrong. But near hides f
 thing leaves more of the measurement. Fits also differ by luck: by where their path begins. So a geometry is compared
 with its own exact reversal, which shares its luck, and what tracks find the other way round with the reversal of that.
 Here: when to compare, how many pairs, and what follows. Not here: a fit (`fit/coarse.py`), the reversal
-(`geometry/reversal.py`), the tracks' preference (`geometry/motion.py`). For `gs2ci.reconstruct.pipeline`.
+(`geometry/reversal.py`), the tracks' preference (`geometry/motion.py`).
 """
 
 import math

@@ -1,6 +1,6 @@
 """Whether a correction is let in: decodes of a crop with and without it, judged by pixels that neither saw.
 
-Here: the crop, the two short decodes, and the verdict. Not here: what is proposed (`coarse`, `fine`, `sharpen`).
+Here: the crop and the short decodes. Not here: proposals (`coarse`, `fine`, `sharpen`), and the verdict (`register`).
 """
 
 from dataclasses import replace
@@ -11,7 +11,7 @@ import numpy as np
 from gs2ci.core.crop import middle_of
 from gs2ci.core.records import Shot
 from gs2ci.reconstruct.decode.gap_tv import GapTvSettings, decode_signed
-from gs2ci.reconstruct.measurement.jury import Jury, surely_larger
+from gs2ci.reconstruct.measurement.jury import Jury
 
 _VIEW_PIXELS: Final = 160_000
 _LEAST_SIDE_PX: Final = 48
@@ -44,10 +44,6 @@ class Trial:
         scaled = replace(part, measurement=(part.measurement / np.float32(self._scale)).astype(np.float32))
         jury = Jury(scaled, self._heldout)
         return jury.squared_residuals(decode_signed(jury.seen, GapTvSettings(iterations=_ITERATIONS)))
-
-    def is_better(self, shot: Shot, than: Shot) -> bool:
-        """Tell whether a measurement as corrected predicts its unseen pixels surely better than another."""
-        return surely_larger(self.squares(than), self.squares(shot))
 
 
 def _crop(shot: Shot) -> Shot:
