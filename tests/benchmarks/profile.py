@@ -1,11 +1,10 @@
-"""Where the time of a reconstruction goes: by stage, by kernel, by iteration of the fit, and at the ends of the command.
+"""Where the time of a reconstruction goes: by stage, kernel, iteration of the fit, and at the ends of the command.
 
     python -m tests.benchmarks profile
 
-One simulated exposure is reconstructed as the standard preset does, every kernel on one thread, and what each part of it
+One simulated exposure is reconstructed as the standard preset does, every kernel on one thread. What each part of it
 costs the processor is counted by the clock of the thread that runs it, without what the parts inside it cost. Then one
-fit alone is timed on one and on two threads: the seconds that two threads spend beyond those of one are hand-overs.
-At the end, fresh processes tell what imports cost, and the writing of the run folder what report and pictures do.
+fit alone is timed on one and on two threads: what two threads spend beyond one are hand-overs. At the end, fresh processes tell what imports cost, and the writing of the run folder what report and pictures do.
 """
 
 import os
