@@ -1,7 +1,8 @@
 """Where the light of each pixel is stopped: `gs2ci.render.stopping`, over the lists that a rendering made.
 
-Here: what each Gaussian says of depth in each view, in numpy float64, and the kernel that finds the quantiles, 16 pixels
-at a time in float32. Neighbouring pixels see the same Gaussians, so that the lanes need about equally many steps.
+Here: what each Gaussian says of depth in each view, in numpy float64, and the kernel that finds the quantiles, 16
+pixels at a time in float32. Neighbouring pixels see the same Gaussians, so that their lanes need about equally many
+steps.
 """
 
 from typing import Final
