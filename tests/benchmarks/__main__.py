@@ -18,6 +18,7 @@ import torch
 BENCHMARKS = {
     "first_table": "tests.benchmarks.first_table",
     "rasteriser": "tests.benchmarks.rasteriser",
+    "profile": "tests.benchmarks.profile",
     "list_reuse": "tests.benchmarks.list_reuse",
     "simulated_capture": "tests.benchmarks.simulated_capture",
     "proxies": "tests.benchmarks.proxies",
@@ -52,6 +53,7 @@ BENCHMARKS = {
 
 LONG = (
     "processors",
+    "profile",
     "depth",
     "first_table",
     "list_reuse",
