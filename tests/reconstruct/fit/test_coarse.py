@@ -75,11 +75,11 @@ class Watching(CpuBackend):
         self._when_faulty = when_faulty
         self._calls = itertools.count()
 
-    def coded(self, scene, world_to_camera, intrinsics, coding, screen, reuse):
+    def coded(self, scene, world_to_camera, intrinsics, coding, screen, reuse, times):
         if reuse not in self.given:
             self.given.append(reuse)
         self.populations.setdefault(reuse, set()).add(scene.means.data_ptr())
-        image = super().coded(scene, world_to_camera, intrinsics, coding, screen, reuse)
+        image = super().coded(scene, world_to_camera, intrinsics, coding, screen, reuse, times)
         if self._when_faulty(next(self._calls)):
             image.register_hook(lambda gradient: gradient * float("nan"))
         return image
