@@ -13,6 +13,7 @@ import tyro
 from gs2ci.commands.display import open_display, print_summary
 from gs2ci.commands.options import check_number, check_seed, check_whole
 from gs2ci.core.clock import command_age_s
+from gs2ci.core.errors import InputError
 from gs2ci.core.records import FOCAL_RANGE_PX
 from gs2ci.reconstruct.choices import MOST_FITS, PoseSource, PresetName, ProxyName, RegistrationMode, RuleName
 
@@ -39,12 +40,16 @@ def run(
     registration: RegistrationMode = "auto",
     seed: int = 42,
     overwrite: bool = False,
+    more: Annotated[tuple[Path, ...], tyro.conf.Positional] = (),
+    every: Annotated[bool, tyro.conf.arg(name="all")] = False,
+    processes: int | None = None,
+    scheduler: str = "",
 ) -> Path:
-    """Recover views, camera path and scene from one coded measurement.
+    """Recover views, camera path and scene from one coded measurement, or from each of many.
 
     Args:
         shot: A shot file, as `gs2ci import` and `gs2ci capture` write them.
-        output: The run folder to write.
+        output: The run folder to write; for many exposures, the folder in which each gets its own.
         index: Which shot of the file.
         geometry: Where the first poses come from: "tracks" finds them in the decoded views, "stage" takes those that
             the stage reported, "file:PATH" those of a COLMAP model's folder or a transforms.json, "vggt" (or
@@ -75,9 +80,14 @@ def run(
             what it surely tells; "off" believes masks and readings as they are.
         seed: Of every random draw; the same seed gives the same result.
         overwrite: Replace an earlier run at the same place.
+        more: More shot files. Of many exposures each is reconstructed; what is done already is left as it is.
+        every: Reconstruct every exposure of every file.
+        processes: How many exposures at once on this machine; as many as its cores and memory bear, if not given.
+        scheduler: Address of a Dask scheduler whose workers do it instead, e.g. tcp://host:8786; they see the same
+            paths.
 
     Returns:
-        The run folder.
+        The folder.
 
     Raises:
         Gs2ciError: The file, a value or the destination cannot be used, or the budget does not suffice; the folder
@@ -88,9 +98,13 @@ def run(
     check_whole("--fits", fits, 1, MOST_FITS)
     check_number("--focal-px", focal_px, *FOCAL_RANGE_PX)
     check_seed(seed)
-    from gs2ci.core.storage import read_shot
+    many = bool(more) or every or bool(scheduler) or processes is not None
+    if many and budget is not None:
+        raise InputError("--budget for many exposures", remedy="give a --preset: machines differ, and so would results")
+    if not many:
+        from gs2ci.core.storage import read_shot
 
-    measured = read_shot(shot, index)
+        measured = read_shot(shot, index)
     from gs2ci.commands.wishes import Wishes, budget_seconds, planned, score_against_truth, with_focal
     from gs2ci.evaluate.run_folder import check_destination, write_run
     from gs2ci.reconstruct.pipeline import reconstruct
@@ -100,6 +114,21 @@ def run(
     wishes = Wishes(
         geometry, proxy, density, without, iterations, fits, fine, prior, distance, trust_weights, registration, seed
     )
+    if many:
+        from gs2ci.commands.many import run_many
+
+        return run_many(
+            (shot, *more),
+            output,
+            wishes,
+            every=every,
+            index=index,
+            preset=preset,
+            focal_px=focal_px,
+            processes=processes,
+            scheduler=scheduler,
+            overwrite=overwrite,
+        )
     budget_s = budget_seconds(budget, preset, wishes)
     check_destination(output, overwrite=overwrite)
     measured = with_focal(focal_px, measured)

@@ -44,6 +44,7 @@ BENCHMARKS = {
     "by_hand": "tests.benchmarks.by_hand",
     "registration": "tests.benchmarks.registration",
     "combination": "tests.benchmarks.combination",
+    "batch": "tests.benchmarks.batch",
     "processors": "tests.benchmarks.processors",
     "long_fits": "tests.benchmarks.long_fits",
     "effect_bounds": "tests.benchmarks.effect_bounds",
@@ -52,6 +53,7 @@ BENCHMARKS = {
 }
 
 LONG = (
+    "batch",
     "processors",
     "profile",
     "depth",
