@@ -45,6 +45,7 @@ BENCHMARKS = {
     "combination": "tests.benchmarks.combination",
     "processors": "tests.benchmarks.processors",
     "long_fits": "tests.benchmarks.long_fits",
+    "population": "tests.benchmarks.population",
     "effect_bounds": "tests.benchmarks.effect_bounds",
     "exact_renderer": "tests.benchmarks.exact_renderer",
     "simulation_cost": "tests.benchmarks.simulation_cost",
@@ -69,6 +70,7 @@ LONG = (
     "registration",
     "combination",
     "long_fits",
+    "population",
     "effect_bounds",
     "simulation_cost",
 )
