@@ -47,6 +47,7 @@ BENCHMARKS = {
     "batch": "tests.benchmarks.batch",
     "processors": "tests.benchmarks.processors",
     "long_fits": "tests.benchmarks.long_fits",
+    "population": "tests.benchmarks.population",
     "effect_bounds": "tests.benchmarks.effect_bounds",
     "exact_renderer": "tests.benchmarks.exact_renderer",
     "simulation_cost": "tests.benchmarks.simulation_cost",
@@ -73,6 +74,7 @@ LONG = (
     "registration",
     "combination",
     "long_fits",
+    "population",
     "effect_bounds",
     "simulation_cost",
 )
