@@ -44,14 +44,17 @@ BENCHMARKS = {
     "by_hand": "tests.benchmarks.by_hand",
     "registration": "tests.benchmarks.registration",
     "combination": "tests.benchmarks.combination",
+    "batch": "tests.benchmarks.batch",
     "processors": "tests.benchmarks.processors",
     "long_fits": "tests.benchmarks.long_fits",
+    "population": "tests.benchmarks.population",
     "effect_bounds": "tests.benchmarks.effect_bounds",
     "exact_renderer": "tests.benchmarks.exact_renderer",
     "simulation_cost": "tests.benchmarks.simulation_cost",
 }
 
 LONG = (
+    "batch",
     "processors",
     "profile",
     "depth",
@@ -71,6 +74,7 @@ LONG = (
     "registration",
     "combination",
     "long_fits",
+    "population",
     "effect_bounds",
     "simulation_cost",
 )

@@ -88,11 +88,12 @@ def depth_fields(inputs: Inputs) -> F32:
     """Find each Gaussian's depth, its slopes on screen and its thickness in each view, [V, G, DEPTH_FIELDS]."""
     scales = np.exp(np.minimum(inputs.log_scales.astype(np.float64), LOG_SCALE_MAX))
     factor = _rotations(inputs.quaternions) * scales[:, None, :]
-    camera, means = inputs.camera.astype(np.float64), inputs.means.astype(np.float64)
+    camera = inputs.camera.astype(np.float64)
+    means = np.broadcast_to(inputs.means, (len(inputs.poses), inputs.count, 3)).astype(np.float64)
     focal = camera[[FOCAL_X, FOCAL_Y]]
     fields = np.empty((len(inputs.poses), inputs.count, DEPTH_FIELDS), np.float32)
-    for pose, out in zip(inputs.poses.reshape(-1, 4, 4).astype(np.float64), fields, strict=True):
-        points = means @ pose[:3, :3].T + pose[:3, 3]
+    for pose, centres, out in zip(inputs.poses.reshape(-1, 4, 4).astype(np.float64), means, fields, strict=True):
+        points = centres @ pose[:3, :3].T + pose[:3, 3]
         depth = np.maximum(points[:, 2], NEAR)
         slopes = np.clip(points[:, :2] / depth[:, None], camera[[U_LOW, V_LOW]], camera[[U_HIGH, V_HIGH]])
         shape = pose[:3, :3] @ factor
