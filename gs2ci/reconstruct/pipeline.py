@@ -37,7 +37,6 @@ from gs2ci.reconstruct.fit.pace import Pace
 from gs2ci.reconstruct.fit.refinement import Refinement
 from gs2ci.reconstruct.fit.rendering import ShotRenderer
 from gs2ci.reconstruct.fit.start import first_gaussians
-from gs2ci.reconstruct.fit.through_lens import through
 from gs2ci.reconstruct.fit.withheld import Withheld, first_points, first_poses
 from gs2ci.reconstruct.geometry.choose import load_geometry_prior
 from gs2ci.reconstruct.geometry.initialise import Geometry
@@ -137,7 +136,7 @@ def reconstruct(
             attempts["rest"] = attempt(from_rest(first), decoded)
         tried = _best(attempts, jury, refine)
     geometry, ensemble = tried.geometry, tried.ensemble
-    renderer = ShotRenderer(fitted.shot, geometry.intrinsics, through(lens, tools.backend))
+    renderer = ShotRenderer(fitted.shot, geometry.intrinsics, tools.backend, lens)
     if tools.fine is not None:
         best = ensemble.best
         detailed = Refinement(jury, settings.residual or ResidualSettings()).in_full
@@ -279,7 +278,7 @@ def _fit_one(
             jury=jury,
             start=member.start,
             geometry=geometry,
-            backend=through(lens, load_backend(settings.backend, settings.raster)),  # its buffers serve one at a time
+            backend=load_backend(settings.backend, settings.raster),  # its buffers serve one at a time
             settings=replace(settings.fit, density=member.density),
             seed=member.seed,
             refine=refine.in_full,

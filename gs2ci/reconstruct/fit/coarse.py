@@ -142,7 +142,7 @@ class _Fit:
         self._begins = list(settings.surfaces.begins) if moved and settings.surfaces is not None else []
         self._surfaces: Surfaces | None = None
         self.settings = settings
-        self._renderer = ShotRenderer(shot, geometry.intrinsics, backend)
+        self._renderer = ShotRenderer(shot, geometry.intrinsics, backend, lens)
         self._gathering = Gathering(self._renderer, len(start), per_open_share=settings.per_open_share)
         self._reuse = self._renderer.reuse()
         self.extent = length_of(settings.steps.unit, geometry.world_to_camera)
