@@ -198,10 +198,15 @@ def _settled(
     if settings.withheld != Withheld() or not is_open(geometry, criteria):
         return first
 
+    # By the measurement alone: views of either order show surfaces that bear it out.
+    brief = replace(settings, fit=replace(shortened(settings.fit), surfaces=None))
+    begun: dict[int, tuple[Geometry, tuple[Geometry, Gaussians]]] = {}
+
     def leaves(began: Geometry, number: int) -> float:
-        # By the measurement alone: views of either order show surfaces that bear it out.
-        brief = replace(settings, fit=replace(shortened(settings.fit), surfaces=None))
-        at, start = _beginning(replace(first, geometry=began), first.decoded, lens, brief)
+        if id(began) not in begun:
+            # The geometry is kept beside, so that no other one gets its number.
+            begun[id(began)] = began, _beginning(replace(first, geometry=began), first.decoded, lens, brief)
+        at, start = begun[id(began)][1]
         member = members(start, brief.density_rules[:1], number + 1, settings.seed)[number]
         try:
             fit = _fit_one(jury, at, lens, brief, refine, None, clock)(member, Silent(), None)
