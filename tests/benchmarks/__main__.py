@@ -25,6 +25,7 @@ BENCHMARKS = {
     "digests": "tests.benchmarks.digests",
     "decoders": "tests.benchmarks.decoders",
     "scaling": "tests.benchmarks.scaling",
+    "checkouts": "tests.benchmarks.checkouts",
     "heldout_order": "tests.benchmarks.heldout_order",
     "mask_calibration": "tests.benchmarks.mask_calibration",
     "random_masks": "tests.benchmarks.random_masks",
@@ -54,6 +55,7 @@ BENCHMARKS = {
 }
 
 LONG = (
+    "checkouts",
     "batch",
     "processors",
     "profile",
