@@ -4,7 +4,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gs2ci.commands import reconstruct, wishes
+from gs2ci.api import wishes
+from gs2ci.commands import reconstruct
 from gs2ci.core.errors import InputError, StorageError
 from gs2ci.core.records import Shot, Truth
 from gs2ci.core.storage import write_shots
