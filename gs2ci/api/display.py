@@ -465,7 +465,7 @@ def print_summary(folder: Path, console: Console | None = None) -> None:
     table.add_column(style="dim", no_wrap=True)
     table.add_column(no_wrap=True)
     table.add_column(style="dim")
-    for row in _summary_rows(report):
+    for row in summary_rows(report):
         table.add_row(*(Text(cell) for cell in row))
     console.print()
     console.print(table)
@@ -482,7 +482,7 @@ def print_summary(folder: Path, console: Console | None = None) -> None:
         console.print(line.append(f"  {what}" if what else "", style="dim"), soft_wrap=True)
 
 
-def _summary_rows(report: "Report") -> list[tuple[str, str, str]]:
+def summary_rows(report: "Report") -> list[tuple[str, str, str]]:
     """Collect name, value and remark of every figure that is known."""
     rows = []
     for own, decode, name, form, unit in (

@@ -117,6 +117,32 @@ class Run:
         assert self.folder is not None  # as above
         return read_report(self.folder)
 
+    def _repr_png_(self) -> bytes:
+        """Show the decode's and the recovered middle view, and its depth."""
+        from gs2ci.core.notebook import png_of, row_of
+        from gs2ci.evaluate.pages.pictures import colour
+        from gs2ci.evaluate.scales import inverse_depth_limits
+
+        middle = len(self.views) // 2
+        shown: list[Any] = [self.decode[middle], self.views[middle]]
+        if self.depth is not None and (self.depth > 0).any():
+            depth = self.depth[middle]
+            inverse = np.divide(1, depth, out=np.zeros_like(depth), where=depth > 0)
+            shown.append(
+                colour(inverse, inverse_depth_limits(1 / self.depth[self.depth > 0]), "depth", empty=depth <= 0)
+            )
+        return png_of(row_of(shown))
+
+    def _repr_html_(self) -> str:
+        from gs2ci.api.display import summary_rows
+        from gs2ci.core.notebook import card
+
+        facts = [(name, f"{value}  {remark}".rstrip()) for name, value, remark in summary_rows(self.report)]
+        notes = [("" if k else "notes", note.advice) for k, note in enumerate(self.report.notes)]
+        shown = "decode, recovered, depth (yellow is near)" if self.depth is not None else "decode, recovered"
+        title = f"{self.report.name}: {self.report.views} views from one exposure"
+        return card(title, [*facts, *notes], self._repr_png_(), caption=f"middle view: {shown}")
+
     def save(self, folder: str | Path, *, overwrite: bool = False) -> Path:
         """Write the run folder: report, page, views, depth, scene, cameras; whole or not at all.
 

@@ -136,6 +136,42 @@ class Shot:
         """Get how many colour channels a recovered view has: 3, or 1 for a mono measurement."""
         return 3 if self.cfa else int(self.measurement.shape[2])
 
+    def _repr_png_(self) -> bytes:
+        """Show the measurement, the first mask and, where it is known, the middle true view."""
+        from gs2ci.core.notebook import png_of, row_of  # noqa: PLC0415  pictures are drawn where somebody looks
+
+        brightest = max(float(np.nanmax(self.measurement, initial=0.0)), 1e-12)
+        shown: list[NDArray[Any]] = [self.measurement / brightest, self.masks[0]]
+        if self.truth.views is not None:
+            shown.append(self.truth.views[self.views // 2])
+        return png_of(row_of(shown))
+
+    def _repr_html_(self) -> str:
+        from gs2ci.core.notebook import card  # noqa: PLC0415  as above
+
+        height, width = self.size
+        colours = f"{self.cfa} mosaic" if self.cfa else "RGB" if self.channels == 3 else "mono"
+        known = [
+            name
+            for name, part in (
+                ("views", self.truth.views),
+                ("path", self.truth.world_to_camera),
+                ("depth", self.truth.depth),
+            )
+            if part is not None
+        ]
+        focal = "not known" if self.intrinsics is None else f"{self.intrinsics[0, 0]:.4g} px focal length"
+        facts = [
+            ("pixels", f"{width} × {height}, {colours}"),
+            ("masks", f"{self.views}, open at {100 * float(self.masks.mean()):.3g} % of their pixels"),
+            ("weights", f"{float(self.weights.min()):.3g} to {float(self.weights.max()):.3g}"),
+            ("camera", focal + (", with distortion" if self.distortion is not None else "")),
+            ("stage's path", "no" if self.telemetry_world_to_camera is None else "yes"),
+            ("known truth", ", ".join(known) or "none"),
+        ]
+        shown = "measurement, first mask" + (", middle true view" if self.truth.views is not None else "")
+        return card(self.name, facts, self._repr_png_(), caption=shown)
+
     def check(self) -> "Shot":
         """Return self if all parts fit together.
 
