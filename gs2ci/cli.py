@@ -25,8 +25,6 @@ from typing import TYPE_CHECKING, Any, Final, get_args
 # OpenMP reads this when it is first loaded, hence before any other import.
 os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 
-from rich.console import Console
-
 from gs2ci import __version__
 from gs2ci.core.clock import begin_command
 from gs2ci.core.errors import Gs2ciError
@@ -125,7 +123,9 @@ def _run(command: str, arguments: list[str]) -> int:
     except KeyboardInterrupt:
         return _interrupted()
     except SystemError as error:
-        if not _stems_from_interruption(error):
+        from gs2ci.api.display import stems_from_interruption  # noqa: PLC0415
+
+        if not stems_from_interruption(error):
             raise
         return _interrupted()
     return 0
@@ -196,15 +196,10 @@ def _interrupted() -> int:
     return EXIT_INTERRUPTED
 
 
-def _stems_from_interruption(error: BaseException | None) -> bool:
-    """Tell whether Ctrl-C came while compiled code was being entered: Numba makes it the cause of another error."""
-    while error is not None and not isinstance(error, KeyboardInterrupt):
-        error = error.__cause__ or error.__context__
-    return error is not None
-
-
 def _print_error(error: Gs2ciError) -> None:
     """Print what was wrong, what is allowed and what to do, a line each."""
+    from rich.console import Console  # noqa: PLC0415
+
     console = Console(stderr=True, highlight=False)
     console.print(f"error: {error.problem}", style="bold red", markup=False, soft_wrap=True)
     for label, text in (("allowed", error.allowed), ("what to do", error.remedy)):

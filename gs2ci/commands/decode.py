@@ -1,7 +1,6 @@
 """`gs2ci decode`: from a shot file to views, without geometry.
 
-Here: the arguments, and the order read → decode → write → tell. Not here: any of the four; which words name which
-decoder (`decoders`).
+Here: the arguments, and the order read → decode → write → tell. Not here: any of the four (`gs2ci.api.decoding`).
 """
 
 from pathlib import Path
@@ -11,8 +10,7 @@ from typing import Annotated, Any
 import tyro
 from rich.console import Console
 
-from gs2ci.commands.display import open_display
-from gs2ci.commands.options import check_number, check_seed, check_whole
+from gs2ci.api.decoding import check_decode, decode_all
 from gs2ci.core.errors import InputError
 from gs2ci.reconstruct.choices import DecodeMethod, RegistrationMode
 
@@ -53,25 +51,27 @@ def run(
     Returns:
         The folder.
     """
-    check_seed(seed)
-    check_whole("--iterations", iterations, 1, remedy="leave --iterations out for the method's own number")
-    check_number("--coupling", coupling, 0, 1e6, remedy="leave --coupling out, and held-out pixels choose it")
+    check_decode(iterations, coupling, seed)
     if all_shots and index is not None:
         raise InputError(f"both --all and --index {index}", remedy="give one of them")
     from gs2ci.core.storage import count_shots, read_shot
 
     count = count_shots(shot)
-    from gs2ci.commands.decoders import Choice, decoded_by, decoder_of
     from gs2ci.evaluate.decode_folder import SCHEMA, write_decoded
     from gs2ci.evaluate.run_folder import check_destination
-    from gs2ci.reconstruct.registration.register import RegistrationSettings, register
 
     check_destination(output, overwrite=overwrite, schema=SCHEMA)
-    decode = decoder_of(Choice(method, denoiser, iterations, coupling, seed))
     wanted = range(count) if all_shots else (index or 0,)
-    with open_display() as display:
-        given = (register(read_shot(shot, i), RegistrationSettings(mode=registration), display, seed) for i in wanted)
-        decoded = [decoded_by(decode, one, display) for one in given]
+    decoded = decode_all(
+        (read_shot(shot, i) for i in wanted),
+        method,
+        denoiser,
+        iterations,
+        coupling,
+        registration=registration,
+        seed=seed,
+        progress=None,
+    )
     report = write_decoded(output, decoded, overwrite=overwrite)
     _print(output, report)
     return output

@@ -1,7 +1,6 @@
 """`gs2ci devices`: what is connected and what it can do.
 
-Here: the arguments and the printing. Not here: opening devices (`gs2ci.rig.opening`), looking for them
-(`gs2ci.rig.discovery`).
+Here: the arguments and the printing. Not here: opening devices and looking for them (`gs2ci.api.rigs`).
 """
 
 from pathlib import Path
@@ -29,22 +28,19 @@ def run(*, rig: Path | None = None, home: bool = False) -> None:
     if rig is None:
         _print_found(console)
         return
-    from gs2ci.rig.opening import load_rig
+    from gs2ci.api.rigs import open_rig
 
-    devices = load_rig(rig).open()
-    try:
-        _print_devices(console, devices)
-        if home and devices.stage is not None:
-            positions = devices.stage.home()
+    with open_rig(rig) as opened:
+        _print_devices(console, opened.devices)
+        if home and opened.devices.stage is not None:
+            positions = opened.home()
             console.print(
                 "homed: " + ", ".join(f"{axis} {mm:.4f} mm" for axis, mm in positions.items()), highlight=False
             )
-    finally:
-        devices.close()
 
 
 def _print_found(console: Console) -> None:
-    from gs2ci.rig.discovery import find_devices
+    from gs2ci.api.rigs import find_devices
 
     found = find_devices()
     if not found:

@@ -21,16 +21,16 @@ def run(*, rig: Path, trigger_loop: bool = True) -> None:
         trigger_loop: Show eight masks and count the frames that they trigger; replaces what is loaded on the
             modulator.
     """
-    from gs2ci.rig.doctor import examine
-    from gs2ci.rig.opening import load_rig
+    from gs2ci.api.rigs import open_rig
 
     console = Console(highlight=False)
     bad = 0
-    for finding in examine(load_rig(rig), trigger_loop=trigger_loop):
-        bad += finding.verdict == "bad"
-        console.print(f"{MARKS[finding.verdict]} {escape(finding.what)}: {escape(finding.detail)}", soft_wrap=True)
-        for line in finding.remedy.splitlines():
-            console.print(f"       {escape(line)}", soft_wrap=True)
+    with open_rig(rig) as opened:
+        for finding in opened.doctor(trigger_loop=trigger_loop):
+            bad += finding.verdict == "bad"
+            console.print(f"{MARKS[finding.verdict]} {escape(finding.what)}: {escape(finding.detail)}", soft_wrap=True)
+            for line in finding.remedy.splitlines():
+                console.print(f"       {escape(line)}", soft_wrap=True)
     if bad:
         raise Gs2ciError(
             f"{bad} finding{'s' if bad > 1 else ''} would keep this bench from working",

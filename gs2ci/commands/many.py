@@ -11,12 +11,12 @@ from typing import TYPE_CHECKING
 
 from rich.console import Console
 
-from gs2ci.commands.display import open_display
-from gs2ci.commands.options import check_whole
+from gs2ci.api.display import open_display
+from gs2ci.api.options import check_whole
 from gs2ci.core.errors import Gs2ciError, InputError
 
 if TYPE_CHECKING:
-    from gs2ci.commands.wishes import Wishes
+    from gs2ci.api.wishes import Wishes
     from gs2ci.reconstruct.choices import PresetName
 
 
@@ -42,11 +42,10 @@ def run_many(
     check_whole("--processes", processes, 1, 1000)
     if scheduler and processes is not None:
         raise InputError("--processes beside --scheduler", remedy="the cluster has its own workers: leave one out")
+    from gs2ci.api.wishes import score_against_truth, settings_of, with_focal
     from gs2ci.batch.exposures import list_exposures
     from gs2ci.batch.reconstruct import bearable_processes, reconstruct_many
-    from gs2ci.commands.wishes import score_against_truth, with_focal
     from gs2ci.core.storage import read_shot
-    from gs2ci.reconstruct.presets import PRESETS
 
     exposures = list_exposures(files, every=every, index=index)
     first = read_shot(exposures[0].file, exposures[0].index)
@@ -56,7 +55,7 @@ def run_many(
         rows = reconstruct_many(
             exposures,
             output,
-            wishes.on(PRESETS[preset]),
+            settings_of(preset, wishes),
             prepare=partial(with_focal, focal_px),
             score=score_against_truth,
             wishes=repr((astuple(wishes), preset, focal_px)),

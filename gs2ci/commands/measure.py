@@ -32,14 +32,14 @@ def run(
         Gs2ciError: The folder is no run with depth, or a pixel is not in the view or sees nothing.
     """
     pixels = [_pixel(text) for text in (one, other)]
-    from gs2ci.evaluate.evaluation import read_run
-    from gs2ci.evaluate.measuring import measure
+    from gs2ci.api.judging import finished_run, middle_view
+    from gs2ci.api.judging import measure as measured
 
-    finished = read_run(folder)
-    chosen = len(finished.views) // 2 if view is None else view - 1
-    found = measure(finished, pixels[0], pixels[1], chosen)
+    finished = finished_run(folder)
+    chosen = middle_view(finished) if view is None else view
+    found = measured(finished, *pixels, view=chosen)
     console = Console(highlight=False)
-    console.print(f"{found.length:.5g} ± {found.standard_error:.2g} {found.unit} (view {chosen + 1})")
+    console.print(f"{found.length:.5g} ± {found.standard_error:.2g} {found.unit} (view {chosen})")
     for text, point, confidence in zip((one, other), found.points, found.confidence, strict=True):
         place = ", ".join(f"{value:.5g}" for value in point)
         console.print(f"  {text}: at {place}; confidence {confidence:.2f}")
