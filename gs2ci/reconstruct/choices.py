@@ -14,7 +14,7 @@ PoseSource = str
 ProxyName = Literal["gap-tv", "eni", "amdi", "routed"]
 """Decoded views; the paper's proxies by name; or the one of them that the masks ask for."""
 
-DecodeMethod = Literal["gap-tv", "pnp-gap", "pnp-admm", "proxies", "eni", "amdi"]
+DecodeMethod = Literal["gap-tv", "patches", "patches-quick", "pnp-gap", "pnp-admm", "proxies", "eni", "amdi"]
 
 RuleName = Literal["osgr", "adc", "mcmc", "revised"]
 
