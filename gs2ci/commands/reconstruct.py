@@ -5,12 +5,13 @@ Here: the arguments, and the order read → reconstruct → write → tell. Not 
 """
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import tyro
 
 from gs2ci.api.display import open_display, print_summary
 from gs2ci.api.reconstruction import check_wishes
+from gs2ci.core.errors import InputError
 from gs2ci.reconstruct.choices import PoseSource, PresetName, ProxyName, RegistrationMode, RuleName
 
 
@@ -20,8 +21,8 @@ def run(
     output: Annotated[Path, tyro.conf.arg(aliases=["-o"])] = Path("run"),
     *,
     index: int = 0,
-    geometry: PoseSource = "auto",
-    proxy: ProxyName = "gap-tv",
+    geometry: PoseSource | None = None,
+    proxy: ProxyName | None = None,
     preset: PresetName = "standard",
     budget: str | None = None,
     density: RuleName | None = None,
@@ -33,25 +34,31 @@ def run(
     distance: str | None = None,
     focal_px: float | None = None,
     trust_weights: bool = False,
-    registration: RegistrationMode = "auto",
+    registration: RegistrationMode | None = None,
     seed: int = 42,
     overwrite: bool = False,
+    more: Annotated[tuple[Path, ...], tyro.conf.Positional] = (),
+    every: Annotated[bool, tyro.conf.arg(name="all")] = False,
+    processes: int | None = None,
+    scheduler: str = "",
 ) -> Path:
-    """Recover views, camera path and scene from one coded measurement.
+    """Recover views, camera path and scene from one coded measurement, or from each of many.
 
     Args:
         shot: A shot file, as `gs2ci import` and `gs2ci capture` write them.
-        output: The run folder to write.
+        output: The run folder to write; for many exposures, the folder in which each gets its own.
         index: Which shot of the file.
         geometry: Where the first poses come from: "tracks" finds them in the decoded views, "stage" takes those that
             the stage reported, "file:PATH" those of a COLMAP model's folder or a transforms.json, "vggt" (or
             "vggt:FILE") those that a model of yours predicts, "uniform" seeks an even motion without tracks; "auto"
             takes the stage's where there are any and the measurement does not speak against them, else the tracks',
-            else an even motion. The fit refines them in any case.
-        proxy: The views that the geometry is found in: decoded by "gap-tv", or "eni" or "amdi", the paper's proxies.
+            else an even motion; "vggt-or-tracks" takes VGGT's where you have added the model, else the tracks'. The
+            fit refines them in any case. "auto" unless the preset says otherwise.
+        proxy: The views that the geometry is found in: decoded by "gap-tv" (unless the preset says otherwise), or the
+            paper's proxies "eni" or "amdi", or "routed", the one of these two that the masks ask for.
         preset: How far to go: "draft" is a first look, "standard" the default, "fine" takes several times as long and
-            ends with the fine stage, "paper" is the schedule of the GS2CI paper, 20,000 iterations without held-out
-            pixels.
+            ends with the fine stage, "paper" is the system of the GS2CI paper, constant by constant: 20,000 iterations
+            without held-out pixels, and the scene's own views. Any other option changes what it names, and only that.
         budget: Instead of a preset, the time that everything together may take, as in 60s or 5min: the best that
             this machine can do by then.
         density: The rule by which Gaussians are added and removed, with the terms of the objective that belong to it;
@@ -61,7 +68,7 @@ def run(
         iterations: At most so many iterations of the fit; it ends earlier when held-out pixels stop improving.
         fits: How many fits run side by side; the views are their mean. More take longer and show more.
         fine: Go on with the fine stage: views from beside the cameras are held to what a prior on images says of them.
-            Kept only where held-out pixels agree.
+            Kept only where held-out pixels agree; with preset "paper", which holds none out, kept in any case.
         prior: For the fine stage, which it switches on: "consistent" (detail that several cameras agree on; what
             --fine takes), "nlm" (non-local means), "none", "difix" (added by `gs2ci models add`), or "onnx:FILE".
         distance: For the fine stage, which it switches on: "structure" (1 − SSIM over three scales), "lpips" (added
@@ -72,15 +79,52 @@ def run(
             what it surely tells; "off" believes masks and readings as they are.
         seed: Of every random draw; the same seed gives the same result.
         overwrite: Replace an earlier run at the same place.
+        more: More shot files. Of many exposures each is reconstructed; what is done already is left as it is.
+        every: Reconstruct every exposure of every file.
+        processes: How many exposures at once on this machine; as many as its cores and memory bear, if not given.
+        scheduler: Address of a Dask scheduler whose workers do it instead, e.g. tcp://host:8786; they see the same
+            paths.
 
     Returns:
-        The run folder.
+        The folder.
 
     Raises:
         Gs2ciError: The file, a value or the destination cannot be used, or the budget does not suffice; the folder
             is then as it was.
     """
     check_wishes(iterations, fits, focal_px, seed)
+    many = bool(more) or every or bool(scheduler) or processes is not None
+    if many and budget is not None:
+        raise InputError("--budget for many exposures", remedy="give a --preset: machines differ, and so would results")
+    wishes: dict[str, Any] = {
+        "geometry": geometry,
+        "proxy": proxy,
+        "density": density,
+        "without": without,
+        "iterations": iterations,
+        "fits": fits,
+        "fine": fine,
+        "prior": prior,
+        "distance": distance,
+        "focal_px": focal_px,
+        "trust_weights": trust_weights,
+        "registration": registration,
+        "seed": seed,
+    }
+    if many:
+        from gs2ci.commands.many import run_many
+
+        return run_many(
+            (shot, *more),
+            output,
+            preset,
+            wishes,
+            every=every,
+            index=index,
+            processes=processes,
+            scheduler=scheduler,
+            overwrite=overwrite,
+        )
     from gs2ci.core.storage import read_shot
 
     measured = read_shot(shot, index)
@@ -89,25 +133,7 @@ def run(
 
     check_destination(output, overwrite=overwrite)
     with open_display() as display:
-        found = reconstruction.reconstruct(
-            measured,
-            preset,
-            geometry=geometry,
-            proxy=proxy,
-            budget=budget,
-            density=density,
-            without=without,
-            iterations=iterations,
-            fits=fits,
-            fine=fine,
-            prior=prior,
-            distance=distance,
-            focal_px=focal_px,
-            trust_weights=trust_weights,
-            registration=registration,
-            seed=seed,
-            progress=display,
-        )
+        found = reconstruction.reconstruct(measured, preset, budget=budget, progress=display, **wishes)
         display.stage("report")
         found.save(output, overwrite=overwrite)
     print_summary(output)

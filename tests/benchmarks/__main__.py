@@ -18,6 +18,7 @@ import torch
 BENCHMARKS = {
     "first_table": "tests.benchmarks.first_table",
     "rasteriser": "tests.benchmarks.rasteriser",
+    "profile": "tests.benchmarks.profile",
     "list_reuse": "tests.benchmarks.list_reuse",
     "simulated_capture": "tests.benchmarks.simulated_capture",
     "proxies": "tests.benchmarks.proxies",
@@ -43,15 +44,19 @@ BENCHMARKS = {
     "by_hand": "tests.benchmarks.by_hand",
     "registration": "tests.benchmarks.registration",
     "combination": "tests.benchmarks.combination",
+    "batch": "tests.benchmarks.batch",
     "processors": "tests.benchmarks.processors",
     "long_fits": "tests.benchmarks.long_fits",
+    "population": "tests.benchmarks.population",
     "effect_bounds": "tests.benchmarks.effect_bounds",
     "exact_renderer": "tests.benchmarks.exact_renderer",
     "simulation_cost": "tests.benchmarks.simulation_cost",
 }
 
 LONG = (
+    "batch",
     "processors",
+    "profile",
     "depth",
     "first_table",
     "list_reuse",
@@ -69,6 +74,7 @@ LONG = (
     "registration",
     "combination",
     "long_fits",
+    "population",
     "effect_bounds",
     "simulation_cost",
 )

@@ -50,9 +50,10 @@ class ThroughLens:
         mask_set: MaskSet,
         screen: ScreenStatistics | None = None,
         reuse: Reuse | None = None,
+        times: Tensor | None = None,
     ) -> Tensor:
         """Render the coded sum; see `Backend.coded`."""
-        return self.backend.coded(scene, world_to_camera, intrinsics, mask_set, screen, reuse)
+        return self.backend.coded(scene, world_to_camera, intrinsics, mask_set, screen, reuse, times)
 
     def views(
         self,
@@ -62,9 +63,10 @@ class ThroughLens:
         size: tuple[int, int],
         colours: Tensor | None = None,
         sampling: CanvasSampling | None = None,
+        times: Tensor | None = None,
     ) -> tuple[Tensor, Tensor]:
         """Render whole views; see `Backend.views`."""
-        return self.backend.views(scene, world_to_camera, intrinsics, size, colours, self._only(sampling))
+        return self.backend.views(scene, world_to_camera, intrinsics, size, colours, self._only(sampling), times)
 
     def depths(
         self,
@@ -73,9 +75,10 @@ class ThroughLens:
         intrinsics: Tensor,
         size: tuple[int, int],
         sampling: CanvasSampling | None = None,
+        times: Tensor | None = None,
     ) -> StoppedLight:
         """Find where light is stopped; see `Backend.depths`."""
-        return self.backend.depths(scene, world_to_camera, intrinsics, size, self._only(sampling))
+        return self.backend.depths(scene, world_to_camera, intrinsics, size, self._only(sampling), times)
 
     def _only(self, sampling: CanvasSampling | None) -> CanvasSampling:
         if sampling is not None:

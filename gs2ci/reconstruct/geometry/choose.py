@@ -32,6 +32,7 @@ _STAGE: Final = "stage"
 _UNIFORM: Final = "uniform"
 _FILE: Final = "file:"
 _VGGT: Final = "vggt:"
+_VGGT_OR_TRACKS: Final = "vggt-or-tracks"
 # Another source must leave this share of what the one that stands leaves, or less; above it, decode noise decides.
 _CLEARLY: Final = 0.99
 
@@ -41,7 +42,7 @@ def load_geometry_prior(name: str) -> GeometryPrior:
 
     Args:
         name: "tracks"; "stage"; "uniform"; "auto"; "file:PATH" (a COLMAP model's folder or a transforms.json); "vggt",
-            the model added under that name; or "vggt:FILE".
+            the model added under that name; "vggt:FILE"; or "vggt-or-tracks", the tracks where no model has been added.
 
     Raises:
         InputError: No such name, no such file, or a model file that cannot be used.
@@ -64,7 +65,25 @@ def load_geometry_prior(name: str) -> GeometryPrior:
         return FromVggt(find_model("vggt"))
     if name.startswith(_VGGT):
         return FromVggt(Path(name.removeprefix(_VGGT)))
-    raise InputError(f"geometry {name!r}", allowed="tracks, stage, uniform, auto, file:PATH, vggt or vggt:FILE")
+    if name == _VGGT_OR_TRACKS:
+        return TracksForVggt() if known_model("vggt") is None else FromVggt(find_model("vggt"))
+    raise InputError(
+        f"geometry {name!r}", allowed="tracks, stage, uniform, auto, file:PATH, vggt, vggt:FILE or vggt-or-tracks"
+    )
+
+
+@dataclass(frozen=True)
+class TracksForVggt:
+    """The tracks, where the paper has VGGT and no model has been added; says so."""
+
+    name: str = _TRACKS
+
+    def __call__(self, request: Request, progress: Progress) -> Geometry:
+        """Find the geometry; see `GeometryPrior`."""
+        note = finding(Code.TRACKS_FOR_VGGT)
+        progress.say(note.sentence)
+        found = FromTracks()(request, progress)
+        return replace(found, notes=(note, *found.notes))
 
 
 @dataclass(frozen=True)

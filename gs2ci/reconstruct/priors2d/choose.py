@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import Final
 
 from gs2ci.core.errors import InputError
-from gs2ci.reconstruct.learned.onnx_models import find_model
+from gs2ci.reconstruct.learned.onnx_models import find_model, known_model
 from gs2ci.reconstruct.learned.onnx_prior import OnnxPrior
 from gs2ci.reconstruct.priors2d.base import ImagePrior
 from gs2ci.reconstruct.priors2d.consistent import ConsistentDetail
@@ -17,13 +17,16 @@ def load_prior(name: str, seed: int) -> ImagePrior:
     """Load a prior.
 
     Args:
-        name: "consistent" or "nlm", which need no weights; "difix", the model added under that name; or "onnx:FILE".
+        name: "consistent" or "nlm", which need no weights; "difix", the model added under that name; "onnx:FILE"; or
+            "difix-or-consistent", the former where it has been added.
         seed: For a model that draws at random.
 
     Raises:
         InputError: No such name, or the model file cannot be used.
         StorageError: The list of added models cannot be read.
     """
+    if name == "difix-or-consistent":
+        name = "consistent" if known_model("difix") is None else "difix"
     if name == "consistent":
         return ConsistentDetail()
     if name == "nlm":
@@ -32,4 +35,4 @@ def load_prior(name: str, seed: int) -> ImagePrior:
         return OnnxPrior(find_model("difix"), seed)
     if name.startswith(_FILE):
         return OnnxPrior(Path(name.removeprefix(_FILE)), seed)
-    raise InputError(f"prior {name!r}", allowed="consistent, nlm, difix or onnx:FILE")
+    raise InputError(f"prior {name!r}", allowed="consistent, nlm, difix, onnx:FILE or difix-or-consistent")

@@ -64,11 +64,12 @@ def depth_fields(inputs: Inputs) -> F32:
     """Find each Gaussian's depth, its slopes on screen and its thickness in each view, [V, G, DEPTH_FIELDS]."""
     scales = np.exp(np.minimum(inputs.log_scales.astype(np.float64), LOG_SCALE_MAX))
     factor = _rotations(inputs.quaternions) * scales[:, None, :]
-    camera, means = inputs.camera.astype(np.float64), inputs.means.astype(np.float64)
+    camera = inputs.camera.astype(np.float64)
+    means = np.broadcast_to(inputs.means, (len(inputs.poses), inputs.count, 3)).astype(np.float64)
     focal = camera[[FOCAL_X, FOCAL_Y]]
     fields = np.empty((len(inputs.poses), inputs.count, DEPTH_FIELDS), np.float32)
-    for pose, out in zip(inputs.poses.reshape(-1, 4, 4).astype(np.float64), fields, strict=True):
-        points = means @ pose[:3, :3].T + pose[:3, 3]
+    for pose, centres, out in zip(inputs.poses.reshape(-1, 4, 4).astype(np.float64), means, fields, strict=True):
+        points = centres @ pose[:3, :3].T + pose[:3, 3]
         depth = np.maximum(points[:, 2], NEAR)
         slopes = np.clip(points[:, :2] / depth[:, None], camera[[U_LOW, V_LOW]], camera[[U_HIGH, V_HIGH]])
         shape = pose[:3, :3] @ factor
@@ -163,22 +164,60 @@ def _before(limit, weights, depths, inverses, count):
 
 
 @kernel()
-def _quantile(wanted, weights, depths, inverses, count, near, far):
-    """Find the nearest depth before which `wanted` is stopped: Newton's steps, kept between bounds that are halved."""
+def _within(near, far, begin, count, profiles):
+    """List, from `begin` on, the profiles that the bracket cuts; return how many, and the weight of those before it.
+
+    Those that it does not cut contribute all or nothing anywhere within.
+    """
+    weights, depths, inverses = profiles
+    kept, passed = begin, 0.0
+    for i in range(count):
+        start, end = (near - depths[i]) * inverses[i], (far - depths[i]) * inverses[i]
+        if start >= 1.0:
+            passed += weights[i]
+        elif end > -1.0:
+            weights[kept], depths[kept], inverses[kept] = weights[i], depths[i], inverses[i]
+            kept += 1
+    return kept - begin, passed
+
+
+@kernel()
+def _quantile(wanted, near, far, count, profiles):
+    """Find the nearest depth before which `wanted` is stopped.
+
+    Newton's steps, kept within a bracket that is halved at least every other step. Only the profiles that the bracket
+    cuts are asked again, which soon are a few of many.
+
+    Args:
+        wanted: The weight that is to be stopped before it.
+        near: No nearer than this.
+        far: No farther than this.
+        count: Number of profiles, P.
+        profiles: Weights, depths and inverse reaches; the first P entries stay, the next P are overwritten.
+    """
+    weights, depths, inverses = profiles
+    left, passed = _within(near, far, count, count, profiles)
+    weights, depths, inverses = weights[count:], depths[count:], inverses[count:]
+    rest = (weights, depths, inverses)
     guess = 0.5 * (near + far)
     for step in range(_STEPS_MAX):
         if far - near <= RESOLUTION * far:
             break
-        total, density = _before(guess, weights, depths, inverses, count)
-        if total >= wanted:
+        total, density = _before(guess, weights, depths, inverses, left)
+        total += passed
+        reached = total >= wanted
+        if reached:
             far = guess
         else:
             near = guess
+        if left > 1:
+            left, more = _within(near, far, 0, left, rest)
+            passed += more
         guess = 0.5 * (near + far)
         if density > 0.0 and step % 2 == 0:
             # A little beyond the root, so that both bounds close in on it.
-            newton = (far if total >= wanted else near) + (wanted - total) / density
-            newton += RESOLUTION * 0.25 * far if total < wanted else -RESOLUTION * 0.25 * far
+            newton = (far if reached else near) + (wanted - total) / density
+            newton += -RESOLUTION * 0.25 * far if reached else RESOLUTION * 0.25 * far
             if near < newton < far:
                 guess = newton
     return far
@@ -190,8 +229,10 @@ def _stop_light(records, cell_view, x, y, pixel, weight, start, entries, view_st
     cells = entries.shape[0]
     record_stride = records.shape[0] // max(view_start.shape[0] - 1, 1)
     for task in prange((cells + _CELLS_PER_TASK - 1) // _CELLS_PER_TASK):
-        weights, depths, reaches = np.empty(longest), np.empty(longest), np.empty(longest)
-        inverses = np.empty(longest)
+        reaches = np.empty(longest)
+        # Twice as long: the second half is `_quantile`'s.
+        weights, depths, inverses = np.empty(2 * longest), np.empty(2 * longest), np.empty(2 * longest)
+        profiles = (weights, depths, inverses)
         for cell in range(task * _CELLS_PER_TASK, min(cells, (task + 1) * _CELLS_PER_TASK)):
             view = cell_view[cell]
             base, begin = view * record_stride, view_start[view] + start[cell]
@@ -209,11 +250,9 @@ def _stop_light(records, cell_view, x, y, pixel, weight, start, entries, view_st
                     total += weights[i]
                     near, far = min(near, depths[i] - reaches[i]), max(far, depths[i] + reaches[i])
                     inverses[i] = 1.0 / reaches[i]
-                depth = _quantile(
-                    (DEPTH_QUANTILE - QUANTILE_SLACK) * total, weights, depths, inverses, count, near, far
-                )
-                low = _quantile((_LOW_SHARE - QUANTILE_SLACK) * total, weights, depths, inverses, count, near, depth)
-                high = _quantile((_HIGH_SHARE - QUANTILE_SLACK) * total, weights, depths, inverses, count, depth, far)
+                depth = _quantile((DEPTH_QUANTILE - QUANTILE_SLACK) * total, near, far, count, profiles)
+                low = _quantile((_LOW_SHARE - QUANTILE_SLACK) * total, near, depth, count, profiles)
+                high = _quantile((_HIGH_SHARE - QUANTILE_SLACK) * total, depth, far, count, profiles)
                 behind, _ = _before(depth * (1.0 + NEARBY), weights, depths, inverses, count)
                 ahead, _ = _before(depth * (1.0 - NEARBY), weights, depths, inverses, count)
                 maps[0, view, pixel[lane]] = depth
