@@ -11,6 +11,7 @@ import tyro
 
 from gs2ci.api.display import open_display, print_summary
 from gs2ci.api.reconstruction import check_wishes
+from gs2ci.commands.answers import answered
 from gs2ci.core.errors import InputError
 from gs2ci.reconstruct.choices import PoseSource, PresetName, ProxyName, RegistrationMode, RuleName
 
@@ -41,6 +42,7 @@ def run(
     every: Annotated[bool, tyro.conf.arg(name="all")] = False,
     processes: int | None = None,
     scheduler: str = "",
+    json: bool = False,
 ) -> Path:
     """Recover views, camera path and scene from one coded measurement, or from each of many.
 
@@ -84,6 +86,7 @@ def run(
         processes: How many exposures at once on this machine; as many as its cores and memory bear, if not given.
         scheduler: Address of a Dask scheduler whose workers do it instead, e.g. tcp://host:8786; they see the same
             paths.
+        json: Print the answer as JSON, and nothing else, on standard output.
 
     Returns:
         The folder.
@@ -112,6 +115,8 @@ def run(
         "seed": seed,
     }
     if many:
+        if json:
+            raise InputError("--json for many exposures", remedy="leave it out: runs.csv in the folder has a line each")
         from gs2ci.commands.many import run_many
 
         return run_many(
@@ -132,9 +137,11 @@ def run(
     from gs2ci.evaluate.run_folder import check_destination
 
     check_destination(output, overwrite=overwrite)
-    with open_display() as display:
-        found = reconstruction.reconstruct(measured, preset, budget=budget, progress=display, **wishes)
-        display.stage("report")
-        found.save(output, overwrite=overwrite)
-    print_summary(output)
+    with answered(as_text=not json) as answer:
+        with open_display() as display:
+            found = reconstruction.reconstruct(measured, preset, budget=budget, progress=display, **wishes)
+            display.stage("report")
+            found.save(output, overwrite=overwrite)
+        print_summary(output)
+        answer({"folder": output, **found.report.model_dump(mode="json", by_alias=True)})
     return output
