@@ -4,6 +4,7 @@ from gs2ci.api.decoding import decode as decode
 from gs2ci.api.demonstration import demo_rig as demo_rig
 from gs2ci.api.judging import evaluate as evaluate
 from gs2ci.api.judging import measure as measure
+from gs2ci.api.many import reconstruct_many as reconstruct_many
 from gs2ci.api.models import add_model as add_model
 from gs2ci.api.models import export_model as export_model
 from gs2ci.api.models import list_models as list_models
@@ -62,6 +63,7 @@ __all__ = [
     "open_run",
     "plan",
     "reconstruct",
+    "reconstruct_many",
     "recover",
     "save",
     "tradeoff",

@@ -3,6 +3,7 @@
     shots.py           load, save, import_file, recover
     runs.py            Run, open_run
     reconstruction.py  reconstruct
+    many.py            reconstruct_many
     decoding.py        decode; decoders.py: which words name which decoder
     judging.py         evaluate, measure
     costs.py           tradeoff, make_table

@@ -68,7 +68,7 @@ def open_display(console: Console | None = None) -> Display:
         console: Where to show; standard output if None.
     """
     if is_quiet():
-        return QuietDisplay(console or Console(highlight=False))
+        return QuietDisplay(console or Console(stderr=True, highlight=False))
     if console is None and in_notebook():
         return NotebookDisplay()
     console = console or Console(highlight=False)

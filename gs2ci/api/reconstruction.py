@@ -6,8 +6,9 @@ reconstruction (`gs2ci.reconstruct.pipeline`).
 
 import time
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from gs2ci.api.display import Display, interrupted_within, shown
+from gs2ci.api.display import interrupted_within, shown
 from gs2ci.api.options import check_number, check_seed, check_whole
 from gs2ci.api.runs import Run
 from gs2ci.api.shots import load
@@ -15,6 +16,9 @@ from gs2ci.core.clock import command_age_s
 from gs2ci.core.progress import Progress
 from gs2ci.core.records import FOCAL_RANGE_PX, Shot
 from gs2ci.reconstruct.choices import MOST_FITS, PoseSource, PresetName, ProxyName, RegistrationMode, RuleName
+
+if TYPE_CHECKING:
+    from gs2ci.api.wishes import Wishes
 
 
 def reconstruct(
@@ -81,12 +85,23 @@ def reconstruct(
     began_s = time.monotonic() - command_age_s()
     check_wishes(iterations, fits, focal_px, seed)
     measured = shot.check() if isinstance(shot, Shot) else load(shot)
-    from gs2ci.api.wishes import Wishes, budget_seconds, planned, score_against_truth, settings_of, with_focal
+    from gs2ci.api.wishes import budget_seconds, planned, score_against_truth, settings_of, with_focal
     from gs2ci.reconstruct import pipeline
     from gs2ci.render import backend
 
-    wishes = Wishes(
-        geometry, proxy, density, without, iterations, fits, fine, prior, distance, trust_weights, registration, seed
+    wishes = wishes_of(
+        geometry=geometry,
+        proxy=proxy,
+        density=density,
+        without=without,
+        iterations=iterations,
+        fits=fits,
+        fine=fine,
+        prior=prior,
+        distance=distance,
+        trust_weights=trust_weights,
+        registration=registration,
+        seed=seed,
     )
     budget_s = budget_seconds(budget, preset, wishes)
     measured = with_focal(focal_px, measured)
@@ -113,4 +128,24 @@ def check_wishes(iterations: int | None, fits: int | None, focal_px: float | Non
     check_seed(seed)
 
 
-__all__ = ["Display", "check_wishes", "reconstruct"]
+def wishes_of(
+    *,
+    geometry: PoseSource | None = None,
+    proxy: ProxyName | None = None,
+    density: RuleName | None = None,
+    without: tuple[str, ...] = (),
+    iterations: int | None = None,
+    fits: int | None = None,
+    fine: bool = False,
+    prior: str | None = None,
+    distance: str | None = None,
+    trust_weights: bool = False,
+    registration: RegistrationMode | None = None,
+    seed: int = 42,
+) -> "Wishes":
+    """Gather what is wished of any preset's settings; what is left out stays as the preset has it."""
+    from gs2ci.api.wishes import Wishes
+
+    return Wishes(
+        geometry, proxy, density, without, iterations, fits, fine, prior, distance, trust_weights, registration, seed
+    )

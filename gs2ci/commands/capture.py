@@ -13,6 +13,7 @@ from rich.table import Table
 
 from gs2ci.api.display import open_display
 from gs2ci.api.options import check_whole
+from gs2ci.commands.answers import answered
 
 if TYPE_CHECKING:
     from gs2ci.api.rigs import OpenRig
@@ -28,6 +29,7 @@ def run(
     overwrite: bool = False,
     calibration: Path | None = None,
     probe: bool = True,
+    json: bool = False,
 ) -> Path | None:
     """Take coded exposures on the bench that a rig file describes.
 
@@ -43,6 +45,7 @@ def run(
         overwrite: Replace a finished file of that name.
         calibration: A bundle of `gs2ci calibrate` to take masks from, instead of the one that [calibration] names.
         probe: Look at one mask first, to see that the bundle still fits; needs a lit scene at rest.
+        json: Print the answer as JSON, and nothing else, on standard output.
 
     Returns:
         The shot file; None for a dry run.
@@ -53,26 +56,34 @@ def run(
 
     if not dry_run:
         check_target(out, replace=overwrite, remedy="choose another name with -o, or add --overwrite to replace it")
-    console = Console()
-    with open_rig(rig) as opened:
-        opened.trace_to(None if dry_run else out)
-        with open_display() as display:
-            prepared = opened.plan(shots=shots, calibration=calibration, probe=probe and not dry_run, progress=display)
-        _print_plan(console, opened, prepared)
-        prepared.plan.require_sound()
-        if dry_run:
-            return None
-        opened.record(out, prepared, overwrite=overwrite, saved=_say_what_can_be_saved)
-    bench = opened.rig.bench
-    light = bench.light if bench else None
-    if light is not None and light.plans:
-        last = light.plans[max(light.plans)]
-        console.print(f"the light path {last.summary()}", markup=False, highlight=False, soft_wrap=True)
-    if prepared.calibrated is not None:
-        console.print(f"masks from {prepared.calibrated.bundle.path}", markup=False, highlight=False, soft_wrap=True)
-    count = prepared.plan.settings.shots
-    console.print(f"{count} shot{'s' if count > 1 else ''} in [bold]{escape(str(out))}[/]", soft_wrap=True)
-    return out
+    with answered(as_text=not json) as answer:
+        console = Console()
+        with open_rig(rig) as opened:
+            opened.trace_to(None if dry_run else out)
+            with open_display() as display:
+                prepared = opened.plan(
+                    shots=shots, calibration=calibration, probe=probe and not dry_run, progress=display
+                )
+            _print_plan(console, opened, prepared)
+            prepared.plan.require_sound()
+            figures = [{"what": figure.what, "value": figure.value} for figure in prepared.plan.figures]
+            if dry_run:
+                answer({"file": None, "shots": 0, "plan": figures})
+                return None
+            opened.record(out, prepared, overwrite=overwrite, saved=_say_what_can_be_saved)
+        bench = opened.rig.bench
+        light = bench.light if bench else None
+        if light is not None and light.plans:
+            last = light.plans[max(light.plans)]
+            console.print(f"the light path {last.summary()}", markup=False, highlight=False, soft_wrap=True)
+        if prepared.calibrated is not None:
+            console.print(
+                f"masks from {prepared.calibrated.bundle.path}", markup=False, highlight=False, soft_wrap=True
+            )
+        count = prepared.plan.settings.shots
+        console.print(f"{count} shot{'s' if count > 1 else ''} in [bold]{escape(str(out))}[/]", soft_wrap=True)
+        answer({"file": out, "shots": count, "plan": figures})
+        return out
 
 
 def _say_what_can_be_saved(partial: Path) -> None:

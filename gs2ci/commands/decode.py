@@ -11,6 +11,7 @@ import tyro
 from rich.console import Console
 
 from gs2ci.api.decoding import check_decode, decode_all
+from gs2ci.commands.answers import answered
 from gs2ci.core.errors import InputError
 from gs2ci.reconstruct.choices import DecodeMethod, RegistrationMode
 
@@ -29,6 +30,7 @@ def run(
     registration: RegistrationMode = "auto",
     seed: int = 42,
     overwrite: bool = False,
+    json: bool = False,
 ) -> Path:
     """Recover the views of one exposure, or of every exposure of a file, without camera path or scene.
 
@@ -49,6 +51,7 @@ def run(
             what it surely tells; "off" believes masks and readings as they are.
         seed: Of the draw of the held-out pixels.
         overwrite: Replace an earlier decode at the same place.
+        json: Print the answer as JSON, and nothing else, on standard output.
 
     Returns:
         The folder.
@@ -64,18 +67,20 @@ def run(
 
     check_destination(output, overwrite=overwrite, schema=SCHEMA)
     wanted = range(count) if all_shots else (index or 0,)
-    decoded = decode_all(
-        (read_shot(shot, i) for i in wanted),
-        method,
-        denoiser,
-        iterations,
-        coupling,
-        registration=registration,
-        seed=seed,
-        progress=None,
-    )
-    report = write_decoded(output, decoded, overwrite=overwrite)
-    _print(output, report)
+    with answered(as_text=not json) as answer:
+        decoded = decode_all(
+            (read_shot(shot, i) for i in wanted),
+            method,
+            denoiser,
+            iterations,
+            coupling,
+            registration=registration,
+            seed=seed,
+            progress=None,
+        )
+        report = write_decoded(output, decoded, overwrite=overwrite)
+        _print(output, report)
+        answer({"folder": output, **report})
     return output
 
 

@@ -11,6 +11,7 @@ from rich.console import Console
 from rich.table import Table
 
 from gs2ci.api.judging import check_noise
+from gs2ci.commands.answers import answered
 
 
 def run(
@@ -25,6 +26,7 @@ def run(
     read_noise: float | None = None,
     electrons: float | None = None,
     lpips: str | None = None,
+    json: bool = False,
 ) -> Path:
     """Judge a finished run by what is known of its shot.
 
@@ -39,6 +41,7 @@ def run(
         electrons: Electrons of a pixel at the full scale of one view, for the shot noise in chi-squared; without it
             none is counted.
         lpips: "lpips" for the model added by `gs2ci models add lpips`, or an ONNX file of your own.
+        json: Print the answer as JSON, and nothing else, on standard output.
 
     Returns:
         The JSON file.
@@ -57,14 +60,16 @@ def run(
         folder, measured, depth=depth, novel=novel, read_noise=read_noise, electrons=electrons, lpips=lpips
     )
     written = write_evaluation(output or folder / "evaluation.json", found)
-    table = Table(show_header=False, box=None)
-    for name, value in rows(found):
-        table.add_row(name, value)
-    console = Console()
-    console.print(table)
-    for note in found["notes"]:
-        console.print(note["sentence"], markup=False, soft_wrap=True)
-    console.print(str(written), soft_wrap=True)
+    with answered(as_text=not json) as answer:
+        table = Table(show_header=False, box=None)
+        for name, value in rows(found):
+            table.add_row(name, value)
+        console = Console()
+        console.print(table)
+        for note in found["notes"]:
+            console.print(note["sentence"], markup=False, soft_wrap=True)
+        console.print(str(written), soft_wrap=True)
+        answer(found)
     return written
 
 

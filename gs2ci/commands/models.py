@@ -10,8 +10,9 @@ import tyro
 from rich.console import Console
 from rich.markup import escape
 
-from gs2ci.api.models import add_model, export_model, list_models
+from gs2ci.api.models import NotedModel, add_model, export_model, list_models
 from gs2ci.api.options import check_whole
+from gs2ci.commands.answers import answered
 from gs2ci.core.errors import InputError
 from gs2ci.reconstruct.choices import MODEL_NAMES, ModelName
 
@@ -32,6 +33,7 @@ def run(
     output: Annotated[Path | None, tyro.conf.arg(aliases=["-o"])] = None,
     views: int = 8,
     overwrite: bool = False,
+    json: bool = False,
 ) -> Path | None:
     """Turn trained weights into model files, and note where model files lie.
 
@@ -43,6 +45,7 @@ def run(
         output: The model file to write: ffdnet.onnx or vggt.onnx if nothing else is said.
         views: With how many views VGGT is traced.
         overwrite: Replace an earlier file at the same place.
+        json: For list: print the answer as JSON, and nothing else, on standard output.
 
     Returns:
         The model file; None for list.
@@ -57,7 +60,8 @@ def run(
     if action in ("add", "list") and (output is not None or overwrite):
         raise InputError(f"-o or --overwrite with {action}", allowed="with export-ffdnet and export-vggt", remedy=call)
     if action == "list":
-        _list()
+        with answered(as_text=not json) as answer:
+            answer(_list())
         return None
     if action == "add":
         return _add(str(what[0]), what[1])
@@ -74,7 +78,7 @@ def _add(name: str, path: Path) -> Path:
     return added.path
 
 
-def _list() -> None:
+def _list() -> list[NotedModel]:
     noted = {model.name: model for model in list_models()}
     for name in MODEL_NAMES:
         model = noted.get(name)
@@ -83,6 +87,7 @@ def _list() -> None:
             continue
         state = f"\n  [bold red]{escape(model.problem)}[/]" if model.problem else ""
         _say(f"{name}: [bold]{escape(str(model.path))}[/]\n  sha256 {model.sha256}{state}")
+    return list(noted.values())
 
 
 def _say(text: str) -> None:

@@ -12,21 +12,28 @@ from rich.console import Console
 from rich.table import Table
 
 from gs2ci.api.plans import plan
+from gs2ci.commands.answers import answered
 
 if TYPE_CHECKING:
     from gs2ci_sims.planner import Plan
 
 
-def run(rig: tyro.conf.Positional[Path], *, tolerance_dn: float | None = None, rays: bool = False) -> None:
+def run(
+    rig: tyro.conf.Positional[Path], *, tolerance_dn: float | None = None, rays: bool = False, json: bool = False
+) -> None:
     """Print what would be simulated of a rig's effects: bound, decision, reason, sampling, share of the time.
 
     Args:
         rig: The rig file (TOML) of a simulated bench (docs/rigs/simulated.toml) or of a simulation alone
             (docs/simulation.md).
         tolerance_dn: In total, DN rms; that of the rig file if not given.
+        json: Print the answer as JSON, and nothing else, on standard output.
         rays: Count what the rasteriser is off by, and draw Gaussians ray by ray where that is too much.
     """
-    print_plan(plan(rig, tolerance_dn, rays=rays), Console(highlight=False))
+    with answered(as_text=not json) as answer:
+        decided = plan(rig, tolerance_dn, rays=rays)
+        print_plan(decided, Console(highlight=False))
+        answer({**decided.record(), "seconds": decided.seconds})
 
 
 def print_plan(decided: "Plan", console: Console) -> None:

@@ -5,12 +5,13 @@ Here: the arguments, and the order read → reconstruct → write → tell. Not 
 """
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import tyro
 
 from gs2ci.api.display import open_display, print_summary
 from gs2ci.api.reconstruction import check_wishes
+from gs2ci.commands.answers import answered
 from gs2ci.core.errors import InputError
 from gs2ci.reconstruct.choices import PoseSource, PresetName, ProxyName, RegistrationMode, RuleName
 
@@ -41,6 +42,7 @@ def run(
     every: Annotated[bool, tyro.conf.arg(name="all")] = False,
     processes: int | None = None,
     scheduler: str = "",
+    json: bool = False,
 ) -> Path:
     """Recover views, camera path and scene from one coded measurement, or from each of many.
 
@@ -84,6 +86,7 @@ def run(
         processes: How many exposures at once on this machine; as many as its cores and memory bear, if not given.
         scheduler: Address of a Dask scheduler whose workers do it instead, e.g. tcp://host:8786; they see the same
             paths.
+        json: Print the answer as JSON, and nothing else, on standard output.
 
     Returns:
         The folder.
@@ -93,35 +96,36 @@ def run(
             is then as it was.
     """
     check_wishes(iterations, fits, focal_px, seed)
-    if bool(more) or every or bool(scheduler) or processes is not None:
-        if budget is not None:
-            raise InputError(
-                "--budget for many exposures", remedy="give a --preset: machines differ, and so would results"
-            )
-        from gs2ci.api.wishes import Wishes
+    many = bool(more) or every or bool(scheduler) or processes is not None
+    if many and budget is not None:
+        raise InputError("--budget for many exposures", remedy="give a --preset: machines differ, and so would results")
+    wishes: dict[str, Any] = {
+        "geometry": geometry,
+        "proxy": proxy,
+        "density": density,
+        "without": without,
+        "iterations": iterations,
+        "fits": fits,
+        "fine": fine,
+        "prior": prior,
+        "distance": distance,
+        "focal_px": focal_px,
+        "trust_weights": trust_weights,
+        "registration": registration,
+        "seed": seed,
+    }
+    if many:
+        if json:
+            raise InputError("--json for many exposures", remedy="leave it out: runs.csv in the folder has a line each")
         from gs2ci.commands.many import run_many
 
         return run_many(
             (shot, *more),
             output,
-            Wishes(
-                geometry,
-                proxy,
-                density,
-                without,
-                iterations,
-                fits,
-                fine,
-                prior,
-                distance,
-                trust_weights,
-                registration,
-                seed,
-            ),
+            preset,
+            wishes,
             every=every,
             index=index,
-            preset=preset,
-            focal_px=focal_px,
             processes=processes,
             scheduler=scheduler,
             overwrite=overwrite,
@@ -133,27 +137,11 @@ def run(
     from gs2ci.evaluate.run_folder import check_destination
 
     check_destination(output, overwrite=overwrite)
-    with open_display() as display:
-        found = reconstruction.reconstruct(
-            measured,
-            preset,
-            geometry=geometry,
-            proxy=proxy,
-            budget=budget,
-            density=density,
-            without=without,
-            iterations=iterations,
-            fits=fits,
-            fine=fine,
-            prior=prior,
-            distance=distance,
-            focal_px=focal_px,
-            trust_weights=trust_weights,
-            registration=registration,
-            seed=seed,
-            progress=display,
-        )
-        display.stage("report")
-        found.save(output, overwrite=overwrite)
-    print_summary(output)
+    with answered(as_text=not json) as answer:
+        with open_display() as display:
+            found = reconstruction.reconstruct(measured, preset, budget=budget, progress=display, **wishes)
+            display.stage("report")
+            found.save(output, overwrite=overwrite)
+        print_summary(output)
+        answer({"folder": output, **found.report.model_dump(mode="json", by_alias=True)})
     return output

@@ -201,4 +201,4 @@ def test_silence_can_be_asked_for(monkeypatch, capsys):
     assert capsys.readouterr().out == ""
     monkeypatch.setattr("builtins.input", lambda: "")
     quiet.ask("put the lens cap on")
-    assert "lens cap" in capsys.readouterr().out
+    assert "lens cap" in capsys.readouterr().err
