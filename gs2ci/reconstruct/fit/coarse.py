@@ -21,6 +21,7 @@ from gs2ci.reconstruct.fit.density.osgr import Osgr
 from gs2ci.reconstruct.fit.gathering import Gathering
 from gs2ci.reconstruct.fit.looks import Looks, Refine, Score
 from gs2ci.reconstruct.fit.losses import DataTerm, LossWeights, regulated
+from gs2ci.reconstruct.fit.motion import MotionSettings
 from gs2ci.reconstruct.fit.optimiser import GaussianOptimiser, StepSizes
 from gs2ci.reconstruct.fit.pace import Fixed, Pace
 from gs2ci.reconstruct.fit.poses import PoseCorrections, PoseSettings, path_extent
@@ -46,6 +47,7 @@ class CoarseSettings:
         gaussians_per_pixel: Population cap, as a share of the pixels of one view.
         cap_from: Share of the schedule after which the population may not exceed what it is then; None for never.
         surfaces: How light is gathered on surfaces; None leaves that to the measurement.
+        motion: How Gaussians may move that begin with a motion.
     """
 
     iterations: int = 600
@@ -60,6 +62,7 @@ class CoarseSettings:
     poses: PoseSettings = field(default_factory=PoseSettings)
     hold_out: HoldOut = field(default_factory=HoldOut)
     density: DensityRule = field(default_factory=Osgr.sparing)
+    motion: MotionSettings = field(default_factory=MotionSettings)
 
     def check(self) -> "CoarseSettings":
         """Return self if the numbers make sense.
@@ -76,6 +79,7 @@ class CoarseSettings:
         if self.surfaces is not None:
             self.surfaces.check()
         self.hold_out.check()
+        self.motion.check()
         return self
 
 
@@ -132,6 +136,9 @@ class _Fit:
         self._renderer = ShotRenderer(shot, geometry.intrinsics, backend)
         self._gathering = Gathering(self._renderer, len(start))
         self._reuse = self._renderer.reuse()
+        # At a depth of 1, which is the scene's median.
+        self._px_per_length = float(geometry.intrinsics[0, 0])
+        self._pixels = shot.size[0] * shot.size[1]
         self.extent = path_extent(geometry.world_to_camera)
         self.cap = max(len(start), int(settings.gaussians_per_pixel * shot.size[0] * shot.size[1]))
         self._bounded = False
@@ -157,16 +164,16 @@ class _Fit:
             iteration: How many are.
 
         Returns:
-            The loss without the surfaces' part of it, NaN where a parameter is not finite.
+            The loss without the surfaces' and the motion's part of it, NaN where a parameter is not finite.
         """
         if not self.optimiser.scene_is_finite():
             return float("nan")
         loss = regulated(self.data_term(self.predict()), self.optimiser.scene, self.settings.loss)
-        objective = loss
+        objective = loss + self.settings.motion.penalty(self.optimiser.scene, self._px_per_length, self._pixels)
         if self._surfaces is not None:
             poses = self.poses.world_to_camera()
             distance = self._surfaces.term(self._renderer, self.optimiser.scene, poses, iteration)
-            objective = loss + self._surfaces.settings.weight_at(share) * distance
+            objective = objective + self._surfaces.settings.weight_at(share) * distance
         objective.backward()  # type: ignore[no-untyped-call]
         return float(loss.detach())
 

@@ -5,11 +5,15 @@ added or removed. Not here: the decision which (`density/`). For `gs2ci.reconstr
 """
 
 from dataclasses import dataclass
+from typing import Final
 
 import torch
 from torch import Tensor
 
 from gs2ci.render.gaussians import Gaussians
+
+# What is measured in units of the scene's extent.
+_LENGTHS: Final = ("means", "motion")
 
 
 @dataclass(frozen=True)
@@ -23,6 +27,8 @@ class StepSizes:
     Args:
         means: In units of the scene's extent, at the start.
         means_final_share: The share of it left at the end; exponential in between.
+        motion: Of the rows of a moving scene's motion, likewise in units of the scene's extent, and with the same share
+            left at the end.
     """
 
     means: float = 1.28e-2
@@ -31,6 +37,7 @@ class StepSizes:
     opacity_logits: float = 7.5e-2
     colours: float = 3.75e-3
     means_final_share: float = 0.2
+    motion: float = 3.84e-2
 
     @classmethod
     def of_the_literature(cls) -> "StepSizes":
@@ -42,6 +49,7 @@ class StepSizes:
             opacity_logits=5e-2,
             colours=2.5e-3,
             means_final_share=0.01,
+            motion=1.6e-4,
         )
 
 
@@ -70,14 +78,14 @@ class GaussianOptimiser:
 
     def _initial_rate(self, name: str) -> float:
         rate = float(getattr(self._sizes, name))
-        return rate * self._extent if name == "means" else rate
+        return rate * self._extent if name in _LENGTHS else rate
 
     def means_rate(self, progress: float, damping: float = 1.0) -> float:
         """Return the step size of the means, in scene units; arguments as for `step`."""
         return self._rate("means", progress) * damping
 
     def _rate(self, name: str, progress: float) -> float:
-        decay = self._sizes.means_final_share**progress if name == "means" else 1.0
+        decay = self._sizes.means_final_share**progress if name in _LENGTHS else 1.0
         return self._initial_rate(name) * decay
 
     def step(self, progress: float, damping: float = 1.0) -> None:
