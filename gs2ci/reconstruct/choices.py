@@ -21,6 +21,9 @@ RuleName = Literal["osgr", "adc", "mcmc", "revised"]
 RegistrationMode = Literal["auto", "off"]
 REGISTRATION_MODES: Final = get_args(RegistrationMode)
 
+MotionMode = Literal["auto", "off", "on"]
+MOTION_MODES: Final = get_args(MotionMode)
+
 ModelName = Literal["vggt", "difix", "lpips"]
 MODEL_NAMES: Final = get_args(ModelName)
 
