@@ -4,6 +4,7 @@ from pathlib import Path
 from typing import Final
 
 from gs2ci.core.errors import InputError
+from gs2ci.core.plugins import allowed, load
 from gs2ci.reconstruct.learned.onnx_models import find_model
 from gs2ci.reconstruct.learned.onnx_prior import OnnxPrior
 from gs2ci.reconstruct.priors2d.base import ImagePrior
@@ -11,13 +12,16 @@ from gs2ci.reconstruct.priors2d.consistent import ConsistentDetail
 from gs2ci.reconstruct.priors2d.nonlocal_means import NonLocalMeansPrior
 
 _FILE: Final = "onnx:"
+PRIOR_NAMES: Final = ("consistent", "nlm", "difix")
+PRIOR_GROUP: Final = "gs2ci.priors"
 
 
 def load_prior(name: str, seed: int) -> ImagePrior:
     """Load a prior.
 
     Args:
-        name: "consistent" or "nlm", which need no weights; "difix", the model added under that name; or "onnx:FILE".
+        name: "consistent" or "nlm", which need no weights; "difix", the model added under that name; "onnx:FILE"; or
+            that of a plug-in, which is called with the seed.
         seed: For a model that draws at random.
 
     Raises:
@@ -32,4 +36,8 @@ def load_prior(name: str, seed: int) -> ImagePrior:
         return OnnxPrior(find_model("difix"), seed)
     if name.startswith(_FILE):
         return OnnxPrior(Path(name.removeprefix(_FILE)), seed)
-    raise InputError(f"prior {name!r}", allowed="consistent, nlm, difix or onnx:FILE")
+    prior = load(PRIOR_GROUP, name)
+    if prior is None:
+        raise InputError(f"prior {name!r}", allowed=f"{allowed(PRIOR_GROUP, PRIOR_NAMES)} or onnx:FILE")
+    made: ImagePrior = prior(seed)
+    return made
