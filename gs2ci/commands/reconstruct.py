@@ -24,8 +24,8 @@ def run(
     output: Annotated[Path, tyro.conf.arg(aliases=["-o"])] = Path("run"),
     *,
     index: int = 0,
-    geometry: PoseSource = "auto",
-    proxy: ProxyName = "gap-tv",
+    geometry: PoseSource | None = None,
+    proxy: ProxyName | None = None,
     preset: PresetName = "standard",
     budget: str | None = None,
     density: RuleName | None = None,
@@ -37,7 +37,7 @@ def run(
     distance: str | None = None,
     focal_px: float | None = None,
     trust_weights: bool = False,
-    registration: RegistrationMode = "auto",
+    registration: RegistrationMode | None = None,
     seed: int = 42,
     overwrite: bool = False,
     more: Annotated[tuple[Path, ...], tyro.conf.Positional] = (),
@@ -55,11 +55,13 @@ def run(
             the stage reported, "file:PATH" those of a COLMAP model's folder or a transforms.json, "vggt" (or
             "vggt:FILE") those that a model of yours predicts, "uniform" seeks an even motion without tracks; "auto"
             takes the stage's where there are any and the measurement does not speak against them, else the tracks',
-            else an even motion. The fit refines them in any case.
-        proxy: The views that the geometry is found in: decoded by "gap-tv", or "eni" or "amdi", the paper's proxies.
+            else an even motion; "vggt-or-tracks" takes VGGT's where you have added the model, else the tracks'. The
+            fit refines them in any case. "auto" unless the preset says otherwise.
+        proxy: The views that the geometry is found in: decoded by "gap-tv" (unless the preset says otherwise), or the
+            paper's proxies "eni" or "amdi", or "routed", the one of these two that the masks ask for.
         preset: How far to go: "draft" is a first look, "standard" the default, "fine" takes several times as long and
-            ends with the fine stage, "paper" is the schedule of the GS2CI paper, 20,000 iterations without held-out
-            pixels.
+            ends with the fine stage, "paper" is the system of the GS2CI paper, constant by constant: 20,000 iterations
+            without held-out pixels, and the scene's own views. Any other option changes what it names, and only that.
         budget: Instead of a preset, the time that everything together may take, as in 60s or 5min: the best that
             this machine can do by then.
         density: The rule by which Gaussians are added and removed, with the terms of the objective that belong to it;
@@ -69,7 +71,7 @@ def run(
         iterations: At most so many iterations of the fit; it ends earlier when held-out pixels stop improving.
         fits: How many fits run side by side; the views are their mean. More take longer and show more.
         fine: Go on with the fine stage: views from beside the cameras are held to what a prior on images says of them.
-            Kept only where held-out pixels agree.
+            Kept only where held-out pixels agree; with preset "paper", which holds none out, kept in any case.
         prior: For the fine stage, which it switches on: "consistent" (detail that several cameras agree on; what
             --fine takes), "nlm" (non-local means), "none", "difix" (added by `gs2ci models add`), or "onnx:FILE".
         distance: For the fine stage, which it switches on: "structure" (1 − SSIM over three scales), "lpips" (added

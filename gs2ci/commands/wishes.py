@@ -20,7 +20,6 @@ from gs2ci.reconstruct import ablation
 from gs2ci.reconstruct.budget.costs import probe
 from gs2ci.reconstruct.budget.plan import Adapt, BudgetPlan, plan_within
 from gs2ci.reconstruct.choices import PoseSource, PresetName, ProxyName, RegistrationMode, RuleName
-from gs2ci.reconstruct.fit.fine import FineSettings
 from gs2ci.reconstruct.fit.looks import Score
 from gs2ci.reconstruct.presets import PRESETS
 from gs2ci.reconstruct.settings import Settings
@@ -28,10 +27,10 @@ from gs2ci.reconstruct.settings import Settings
 
 @dataclass(frozen=True)
 class Wishes:
-    """What the user wants of any settings, whichever preset they come from."""
+    """What the user wants of any settings, whichever preset they come from; None leaves what the preset says."""
 
-    geometry: PoseSource
-    proxy: ProxyName
+    geometry: PoseSource | None
+    proxy: ProxyName | None
     density: RuleName | None
     without: tuple[str, ...]
     iterations: int | None
@@ -40,7 +39,7 @@ class Wishes:
     prior: str | None
     distance: str | None
     trust_weights: bool
-    registration: RegistrationMode
+    registration: RegistrationMode | None
     seed: int
 
     @property
@@ -54,10 +53,15 @@ class Wishes:
         Raises:
             InputError: A name is unknown.
         """
-        settings = replace(settings, seed=self.seed, poses=self.geometry, proxy=self.proxy)
+        settings = replace(settings, seed=self.seed)
+        if self.geometry is not None:
+            settings = replace(settings, poses=self.geometry)
+        if self.proxy is not None:
+            settings = replace(settings, proxy=self.proxy)
         if self.trust_weights:
             settings = replace(settings, brightness=replace(settings.brightness, rounds=0))
-        settings = replace(settings, registration=replace(settings.registration, mode=self.registration))
+        if self.registration is not None:
+            settings = replace(settings, registration=replace(settings.registration, mode=self.registration))
         if self.density is not None:
             settings = settings.with_density_rule(self.density)
         settings = ablation.without(settings, self.without)
@@ -66,7 +70,7 @@ class Wishes:
         if self.fits is not None:
             settings = replace(settings, fits=self.fits)
         if self.fine_stage:
-            default = FineSettings()
+            default = settings.fine or settings.fine_if_asked
             stage = replace(default, prior=self.prior or default.prior, distance=self.distance or default.distance)
             settings = replace(settings, fine=stage)
         return settings

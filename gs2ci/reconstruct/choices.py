@@ -9,9 +9,10 @@ from typing import Final, Literal, get_args
 PresetName = Literal["draft", "standard", "fine", "paper"]
 
 PoseSource = str
-"""auto, tracks, stage, uniform, file:PATH, vggt or vggt:FILE."""
+"""auto, tracks, stage, uniform, file:PATH, vggt, vggt:FILE or vggt-or-tracks."""
 
-ProxyName = Literal["gap-tv", "eni", "amdi"]
+ProxyName = Literal["gap-tv", "eni", "amdi", "routed"]
+"""Decoded views; the paper's proxies by name; or the one of them that the masks ask for."""
 
 DecodeMethod = str
 """One of `DECODE_METHODS`, or the name of a plug-in."""

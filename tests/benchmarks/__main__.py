@@ -18,12 +18,14 @@ import torch
 BENCHMARKS = {
     "first_table": "tests.benchmarks.first_table",
     "rasteriser": "tests.benchmarks.rasteriser",
+    "profile": "tests.benchmarks.profile",
     "list_reuse": "tests.benchmarks.list_reuse",
     "simulated_capture": "tests.benchmarks.simulated_capture",
     "proxies": "tests.benchmarks.proxies",
     "digests": "tests.benchmarks.digests",
     "decoders": "tests.benchmarks.decoders",
     "scaling": "tests.benchmarks.scaling",
+    "checkouts": "tests.benchmarks.checkouts",
     "heldout_order": "tests.benchmarks.heldout_order",
     "mask_calibration": "tests.benchmarks.mask_calibration",
     "random_masks": "tests.benchmarks.random_masks",
@@ -46,14 +48,17 @@ BENCHMARKS = {
     "batch": "tests.benchmarks.batch",
     "processors": "tests.benchmarks.processors",
     "long_fits": "tests.benchmarks.long_fits",
+    "population": "tests.benchmarks.population",
     "effect_bounds": "tests.benchmarks.effect_bounds",
     "exact_renderer": "tests.benchmarks.exact_renderer",
     "simulation_cost": "tests.benchmarks.simulation_cost",
 }
 
 LONG = (
+    "checkouts",
     "batch",
     "processors",
+    "profile",
     "depth",
     "first_table",
     "list_reuse",
@@ -71,6 +76,7 @@ LONG = (
     "registration",
     "combination",
     "long_fits",
+    "population",
     "effect_bounds",
     "simulation_cost",
 )
