@@ -6,6 +6,7 @@ world (`simulated_operator`).
 
 import re
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -17,6 +18,7 @@ from gs2ci_drivers.display_slm.options import DisplaySlmOptions
 from gs2ci_drivers.dlpc900.options import Dlpc900Options
 from gs2ci_drivers.genicam.options import GenicamOptions
 from gs2ci_drivers.grbl.options import GrblOptions
+from gs2ci_drivers.plugin import driver_plugin
 from gs2ci_drivers.v4l2.options import V4l2Options
 from gs2ci_drivers.zaber.options import ZaberOptions
 from gs2ci_sims.axis_motion import Mechanics
@@ -77,6 +79,34 @@ class SimulatedBench:
         return light if isinstance(light, BenchLight) else None
 
 
+def modulator_size(rig: RigTable) -> tuple[int, int]:
+    """Return rows and columns of the simulated modulator.
+
+    Raises:
+        InputError: It is another package's, which does not say.
+    """
+    plugin = driver_plugin("gs2ci.modulators", rig.modulator.kind)
+    if plugin is None:
+        return MODULATOR_SIZES[rig.modulator.kind]
+    if plugin.size is None:
+        raise _not_simulated(rig.modulator.kind)
+    return plugin.size
+
+
+def _not_simulated(kind: str) -> InputError:
+    return InputError(f"the plug-in {kind!r} has no twin", remedy="use it on a real port, or ask its makers for a twin")
+
+
+def _plugged_twin(group: str, table: Any, world: World) -> Any:
+    """Make the twin of another package's device; None for one of ours."""
+    plugin = None if table is None else driver_plugin(group, table.kind)
+    if plugin is None:
+        return None
+    if plugin.twin is None:
+        raise _not_simulated(table.kind)
+    return plugin.twin(world, table)
+
+
 def build_bench(rig: RigTable, light: LightPath | None = None) -> SimulatedBench:
     """Build the world of a rig file.
 
@@ -88,6 +118,8 @@ def build_bench(rig: RigTable, light: LightPath | None = None) -> SimulatedBench
         InputError: The scene, the masks' place or a fault's name cannot be.
     """
     table = rig.world or WorldTable()
+    if driver_plugin("gs2ci.sensors", rig.sensor.kind) is not None:
+        raise _not_simulated(rig.sensor.kind)
     faults = {name: FaultSet() for name in ("modulator", "sensor", "stage")}
     if light is None:
         light = _light(rig, table, rig.sensor.cfa)
@@ -132,7 +164,7 @@ def _light(rig: RigTable, table: WorldTable, cfa: CfaPattern | None) -> BenchLig
 
 def _registration(rig: RigTable, table: WorldTable, size: tuple[int, int], effects: list[Effect]) -> MaskAlignment:
     """Return where the modulator truly falls; misregistration among the effects moves its own pixels."""
-    row, column = origin(rig.registration, size, MODULATOR_SIZES[rig.modulator.kind])
+    row, column = origin(rig.registration, size, modulator_size(rig))
     moved = next((effect for effect in effects if isinstance(effect, Misregistration)), Misregistration())
     return MaskAlignment(
         rig.registration.superpixel,
@@ -203,6 +235,9 @@ def _grbl(table: WorldTable) -> GrblMachine:
 
 def _modulator_twin(rig: RigTable, world: World, faults: FaultSet) -> ModulatorTwin:
     table = rig.world or WorldTable()
+    plugged = _plugged_twin("gs2ci.modulators", rig.modulator, world)
+    if plugged is not None:
+        return plugged  # type: ignore[no-any-return]
     if isinstance(rig.modulator, Dlpc900Options):
         return Dlpc900Twin(world, faults, name="modulator", bit_enables=table.trigger_out_2_bit == "enables")
     if isinstance(rig.modulator, DisplaySlmOptions):
@@ -212,6 +247,9 @@ def _modulator_twin(rig: RigTable, world: World, faults: FaultSet) -> ModulatorT
 
 def _stage_twin(rig: RigTable, world: World, faults: FaultSet) -> ZaberTwin | GrblTwin | None:
     table = rig.world or WorldTable()
+    plugged = _plugged_twin("gs2ci.stages", rig.stage, world)
+    if plugged is not None:
+        return plugged  # type: ignore[no-any-return]
     if isinstance(rig.stage, ZaberOptions):
         mechanics = {axis: Mechanics(**told.model_dump()) for axis, told in table.mechanics.items()}
         start_mm = _start_mm(rig, table)
