@@ -4,7 +4,8 @@
 
 One simulated exposure is reconstructed as the standard preset does, every kernel on one thread. What each part of it
 costs the processor is counted by the clock of the thread that runs it, without what the parts inside it cost. Then one
-fit alone is timed on one and on two threads: what two threads spend beyond one are hand-overs. At the end, fresh processes tell what imports cost, and the writing of the run folder what report and pictures do.
+fit alone is timed on one and on two threads: what two threads spend beyond one are hand-overs. At the end, fresh
+processes tell what imports cost, and the writing of the run folder what report and pictures do.
 """
 
 import os

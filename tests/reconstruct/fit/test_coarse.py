@@ -8,6 +8,7 @@ import torch
 from gs2ci.core.errors import InputError, NumericsError, ResourceError
 from gs2ci.core.findings import Code, finding
 from gs2ci.core.progress import Silent
+from gs2ci.reconstruct.choices import RULE_NAMES
 from gs2ci.reconstruct.fit import coarse
 from gs2ci.reconstruct.fit.coarse import MAX_ROLLBACKS, CoarseSettings, fit_coarse
 from gs2ci.reconstruct.fit.density.classic import Classic
@@ -16,7 +17,7 @@ from gs2ci.reconstruct.fit.losses import LossWeights
 from gs2ci.reconstruct.fit.optimiser import GaussianOptimiser
 from gs2ci.reconstruct.fit.pace import Fixed
 from gs2ci.reconstruct.fit.poses import PoseSettings
-from gs2ci.reconstruct.fit.rules import RULE_NAMES, with_rule
+from gs2ci.reconstruct.fit.rules import with_rule
 from gs2ci.reconstruct.fit.start import first_gaussians
 from gs2ci.reconstruct.fit.stopping import HoldOut
 from gs2ci.reconstruct.fit.surfaces import SurfaceSettings, find_surfaces
