@@ -58,9 +58,9 @@ class SurfaceSettings:
     every: int = 2
     begins: tuple[float, ...] = (0.25,)
     views: int = 4
-    others: int = 8
+    others: int = 4
     pixel_share: float = 0.3
-    sweep: SweepSettings = field(default_factory=lambda: SweepSettings(window_px=5, blur_px=0.5))
+    sweep: SweepSettings = field(default_factory=lambda: SweepSettings(planes=64, window_px=5, blur_px=0.5))
 
     def check(self) -> "SurfaceSettings":
         """Return self if the numbers make sense.
