@@ -6,7 +6,7 @@ arguments mean for settings and shot (`wishes`).
 
 import time
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Final
 
 import tyro
 
@@ -14,7 +14,18 @@ from gs2ci.commands.display import open_display, print_summary
 from gs2ci.commands.options import check_number, check_seed, check_whole
 from gs2ci.core.clock import command_age_s
 from gs2ci.core.records import FOCAL_RANGE_PX
-from gs2ci.reconstruct.choices import MOST_FITS, PoseSource, PresetName, ProxyName, RegistrationMode, RuleName
+from gs2ci.reconstruct.choices import (
+    MOST_FITS,
+    MotionMode,
+    PoseSource,
+    PresetName,
+    ProxyName,
+    RegistrationMode,
+    RuleName,
+)
+
+# Each is a picture, and where things move a scene file.
+_MOST_MOMENTS: Final = 1000
 
 
 def run(
@@ -37,6 +48,8 @@ def run(
     focal_px: float | None = None,
     trust_weights: bool = False,
     registration: RegistrationMode = "auto",
+    motion: MotionMode = "auto",
+    moments: int | None = None,
     seed: int = 42,
     overwrite: bool = False,
 ) -> Path:
@@ -73,6 +86,11 @@ def run(
         trust_weights: Take each mask's weight as the file states it, whatever the measurement shows of the lamp.
         registration: "auto" asks the measurement first where its masks lie and how they met the light, and corrects
             what it surely tells; "off" believes masks and readings as they are.
+        motion: Whether things in the scene may move by themselves: "auto" tries it where a still scene leaves what
+            motion explains, and takes it where held-out pixels bear it out (not within a budget); "on" fits no still
+            scene alone; "off" fits none that moves.
+        moments: Write so many pictures as well, spread evenly over the exposure: slow motion, where there are more of
+            them than masks. They show the scene alone, at times and from places between those of the masks.
         seed: Of every random draw; the same seed gives the same result.
         overwrite: Replace an earlier run at the same place.
 
@@ -86,6 +104,7 @@ def run(
     began_s = time.monotonic() - command_age_s()
     check_whole("--iterations", iterations, 1)
     check_whole("--fits", fits, 1, MOST_FITS)
+    check_whole("--moments", moments, 2, _MOST_MOMENTS)
     check_number("--focal-px", focal_px, *FOCAL_RANGE_PX)
     check_seed(seed)
     from gs2ci.core.storage import read_shot
@@ -98,7 +117,19 @@ def run(
     from gs2ci.render.backend import needs_compiling
 
     wishes = Wishes(
-        geometry, proxy, density, without, iterations, fits, fine, prior, distance, trust_weights, registration, seed
+        geometry,
+        proxy,
+        density,
+        without,
+        iterations,
+        fits,
+        fine,
+        prior,
+        distance,
+        trust_weights,
+        registration,
+        motion,
+        seed,
     )
     budget_s = budget_seconds(budget, preset, wishes)
     check_destination(output, overwrite=overwrite)
@@ -112,6 +143,6 @@ def run(
             settings, pace = plan.settings, plan.pace
         found = reconstruct(measured, settings, display, score_against_truth(measured), pace)
         display.stage("report")
-        write_run(output, measured, found.result, found.scene, overwrite=overwrite)
+        write_run(output, measured, found.result, found.scene, overwrite=overwrite, moments=moments)
     print_summary(output)
     return output

@@ -19,7 +19,7 @@ from gs2ci.evaluate.rehearsal import report_seconds
 from gs2ci.reconstruct import ablation
 from gs2ci.reconstruct.budget.costs import probe
 from gs2ci.reconstruct.budget.plan import Adapt, BudgetPlan, plan_within
-from gs2ci.reconstruct.choices import PoseSource, PresetName, ProxyName, RegistrationMode, RuleName
+from gs2ci.reconstruct.choices import MotionMode, PoseSource, PresetName, ProxyName, RegistrationMode, RuleName
 from gs2ci.reconstruct.fit.fine import FineSettings
 from gs2ci.reconstruct.fit.looks import Score
 from gs2ci.reconstruct.presets import PRESETS
@@ -41,6 +41,7 @@ class Wishes:
     distance: str | None
     trust_weights: bool
     registration: RegistrationMode
+    motion: MotionMode
     seed: int
 
     @property
@@ -54,7 +55,7 @@ class Wishes:
         Raises:
             InputError: A name is unknown.
         """
-        settings = replace(settings, seed=self.seed, poses=self.geometry, proxy=self.proxy)
+        settings = replace(settings, seed=self.seed, poses=self.geometry, proxy=self.proxy, motion=self.motion)
         if self.trust_weights:
             settings = replace(settings, brightness=replace(settings.brightness, rounds=0))
         settings = replace(settings, registration=replace(settings.registration, mode=self.registration))

@@ -37,8 +37,8 @@ class MotionSettings:
 
     Args:
         rows: Degree of the polynomial: 1 is a velocity, 2 a velocity that changes evenly.
-        cost: What a Gaussian that moves by 1 px in half the exposure has to explain for it, in full scales: the sum over
-            pixels of the absolute error.
+        cost: What a Gaussian that moves by 1 px in half the exposure has to explain for it: absolute error in full
+            scales, summed over the pixels.
     """
 
     rows: int = 2
