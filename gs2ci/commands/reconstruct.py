@@ -117,19 +117,8 @@ def run(
     from gs2ci.render.backend import needs_compiling
 
     wishes = Wishes(
-        geometry,
-        proxy,
-        density,
-        without,
-        iterations,
-        fits,
-        fine,
-        prior,
-        distance,
-        trust_weights,
-        registration,
-        motion,
-        seed,
+        *(geometry, proxy, density, without, iterations, fits, fine, prior, distance),
+        *(trust_weights, registration, motion, seed),
     )
     budget_s = budget_seconds(budget, preset, wishes)
     check_destination(output, overwrite=overwrite)

@@ -14,8 +14,8 @@
       depth_confidence.npy  the same shape: the share of a pixel's light that is stopped within 5 % of its depth
       disagreement.npy  [N, H, W] float32, full scale 1: where several fits differ; absent where there was one
       scene.ply      the Gaussians, 3DGS convention; where they move, as they stand in the middle of the exposure
-      motion.npy     only where they move: [G, K, 3] float32, in their order, the unit of the path; at time t, from −1 to
-                     1 over the exposure, a centre is at its place plus sum_k motion_k t^k, k = 1 ... K
+      motion.npy     only where they move: [G, K, 3] float32, in their order, the unit of the path; at time t, from −1
+                     to 1 over the exposure, a centre is at its place plus sum_k motion_k t^k, k = 1 ... K
       displacement.npy  likewise: [H, W, 2] float32, how far what each pixel shows moves over the exposure, px
       motion.png     the same in one picture
       moments/       only where asked for: pictures spread over the exposure, and where things move a scene of each

@@ -15,6 +15,7 @@ better: it has more freedom than a still one. Here: when, from where, and the re
 from dataclasses import dataclass, replace
 from typing import Final
 
+import cv2
 import numpy as np
 import torch
 
@@ -46,6 +47,10 @@ LEAST_GAIN: Final = 0.02
 _BRIEF: Final = 1 / 12
 # What moves less than this over the whole exposure is not said to move, px.
 _WORTH_SAYING_PX: Final = 0.5
+# Where the picture changes by less between the middle of the exposure and its ends, full scale 1, a few pixels around,
+# nothing is seen to move.
+_VISIBLE_CHANGE: Final = 0.02
+_CHANGE_WINDOW_PX: Final = 3
 
 
 @dataclass(frozen=True)
@@ -104,7 +109,7 @@ class Speeds:
 
     Args:
         displacement_px: Of what each pixel shows, [H, W, 2] float32 as (x, y).
-        pixels_share: Of the pixels that move by at least half a pixel.
+        pixels_share: Of the pixels that are seen to move by at least half a pixel.
         gaussians_share: Of the Gaussians' opacity that moves at all.
         median_px: How far the moving pixels move, in the median; 0 where none does.
         most_px: The same of the fastest hundredth of them.
@@ -155,6 +160,8 @@ def speaks_for_motion(left: LeftByMotion) -> bool:
 def speeds(renderer: ShotRenderer, scene: Gaussians, world_to_camera: F64) -> Speeds | None:
     """Measure how fast things move in the picture; None where nothing can.
 
+    What moves without changing the picture, an even wall along itself, is not seen to move and counts as at rest.
+
     Args:
         renderer: Of the shot.
         scene: The Gaussians.
@@ -168,9 +175,12 @@ def speeds(renderer: ShotRenderer, scene: Gaussians, world_to_camera: F64) -> Sp
     ends = [_on_screen(scene.at(moment).means, pose, renderer.intrinsics) for moment in (-1.0, 1.0)]
     shift = ends[1] - ends[0]
     colours = torch.cat([shift, torch.ones(len(scene), 1)], dim=1)[None]
-    image, _ = renderer.images(scene, pose[None], colours, renderer.times[middle][None])
+    image, _ = renderer.images(scene, pose[None], colours, torch.zeros(1))
     weight = image[0, :, :, 2:].clamp(min=1e-3)
-    displacement: F32 = (image[0, :, :, :2] / weight).numpy()
+    shown = renderer.views(scene, pose[None].repeat(3, 1, 1), torch.tensor([-1.0, 0.0, 1.0]))
+    change = np.abs(shown[[0, 2]] - shown[1]).max(axis=(0, 3))
+    visible = cv2.blur(change, (_CHANGE_WINDOW_PX, _CHANGE_WINDOW_PX)) >= _VISIBLE_CHANGE
+    displacement: F32 = (image[0, :, :, :2] / weight).numpy() * visible[..., None]
     length = np.linalg.norm(displacement, axis=2)
     moves = length >= _WORTH_SAYING_PX
     return Speeds(

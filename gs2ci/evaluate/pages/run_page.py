@@ -234,9 +234,8 @@ def _motion(evidence: RunEvidence) -> Markup:
     found = evidence.report.motion
     if found is None or not (found.tried or found.moves):
         return Markup()
-    picture = (
-        pieces.figure(evidence.motion_picture, "what moves, and how fast") if evidence.motion_picture else Markup()
-    )
+    drawn = evidence.motion_picture
+    picture = Markup() if drawn is None else pieces.figure(drawn, "what moves, and how fast")
     rows = [(name, describe_number(rms)) for name, rms in found.heldout_rms.items()]
     return picture + (pieces.table(["fits", "rms on held-out pixels"], rows) if rows else Markup())
 
