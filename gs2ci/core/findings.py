@@ -518,7 +518,20 @@ class Code(StrEnum):
         _NOTHING,
     )
 
+    PROXIES_CHOSEN = (
+        "proxies_chosen",
+        REMARK,
+        "The geometry was sought in proxy views by {method}: {multiplicity:.4g} views share a pixel.",
+        _NOTHING,
+    )
+
     # VGGT, where the user has added it.
+    TRACKS_FOR_VGGT = (
+        "tracks_for_vggt",
+        REMARK,
+        "VGGT has not been added: this project's tracks and plane sweep stand in for it.",
+        "Add the model: `gs2ci models add vggt FILE`.",
+    )
     VGGT_POSES_TAKEN = (
         "vggt_poses_taken",
         REMARK,
@@ -594,6 +607,12 @@ class Code(StrEnum):
         DOUBT,
         "The fine stage ({with_prior}) was not judged.",
         "Compare with a run without `--fine`.",
+    )
+    STAND_IN = (
+        "stand_in",
+        REMARK,
+        "{absent} has not been added: {instead} stands in for it.",
+        "Add the model: `gs2ci models add`.",
     )
     FINE_UNCHANGED = (
         "fine_unchanged",

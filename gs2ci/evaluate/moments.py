@@ -15,14 +15,13 @@ from gs2ci.core.cameras import camera_centres
 from gs2ci.core.errors import InputError
 from gs2ci.core.records import Shot
 from gs2ci.core.run_records import RunResult
-from gs2ci.reconstruct.fit.rendering import mask_times
-from gs2ci.reconstruct.fit.through_lens import through
+from gs2ci.reconstruct.choices import MOST_MOMENTS
+from gs2ci.reconstruct.fit.rendering import ShotRenderer, mask_times
 from gs2ci.reconstruct.measurement.lens import Lens
 from gs2ci.render.backend import load_backend
 from gs2ci.render.gaussians import Gaussians
 
 MOMENTS_NAME: Final = "moments"
-MOST_MOMENTS: Final = 1000
 # Rendered together: more take memory, fewer take no less time.
 _AT_ONCE: Final = 8
 
@@ -69,16 +68,9 @@ def render_moments(shot: Shot, result: RunResult, scene: Gaussians, times: F64) 
         times: From −1 to 1, [K].
     """
     seen = result.registered or shot
-    backend = through(Lens.of(seen), load_backend())
-    intrinsics = torch.from_numpy(result.intrinsics).float()
+    renderer = ShotRenderer(seen, result.intrinsics, load_backend(), Lens.of(seen))
     poses = torch.from_numpy(poses_at(result.world_to_camera, times)).float()
     when = torch.from_numpy(times).float()
-    found = []
-    with torch.no_grad():
-        for begin in range(0, len(times), _AT_ONCE):
-            part = slice(begin, begin + _AT_ONCE)
-            images, _ = backend.views(scene.detach(), poses[part], intrinsics, seen.size, times=when[part])
-            found.append(images)
-    images = torch.cat(found)
-    views: F32 = (images if result.views.shape[3] == 3 else images.mean(dim=3, keepdim=True)).numpy()
+    parts = [slice(begin, begin + _AT_ONCE) for begin in range(0, len(times), _AT_ONCE)]
+    views: F32 = np.concatenate([renderer.views(scene.detach(), poses[part], when[part]) for part in parts])
     return views

@@ -25,6 +25,7 @@ from gs2ci.core.run_records import RunResult, Verdict
 from gs2ci.reconstruct.attempts import from_rest, needs_rest, ranking
 from gs2ci.reconstruct.decode.coupling import choose_coupling
 from gs2ci.reconstruct.decode.gap_tv import gap_tv
+from gs2ci.reconstruct.decode.residual import ResidualSettings
 from gs2ci.reconstruct.first_look import FirstLook, look
 from gs2ci.reconstruct.fit.coarse import CoarseFit, fit_coarse
 from gs2ci.reconstruct.fit.combination import combined as combined_views
@@ -38,7 +39,6 @@ from gs2ci.reconstruct.fit.pace import Pace
 from gs2ci.reconstruct.fit.refinement import Refinement
 from gs2ci.reconstruct.fit.rendering import ShotRenderer
 from gs2ci.reconstruct.fit.start import first_gaussians
-from gs2ci.reconstruct.fit.through_lens import through
 from gs2ci.reconstruct.fit.withheld import Withheld, first_points, first_poses
 from gs2ci.reconstruct.geometry.choose import load_geometry_prior
 from gs2ci.reconstruct.geometry.initialise import Geometry
@@ -122,12 +122,14 @@ def reconstruct(
     sound, doubts = _examined(registered.shot, progress)
     jury = Jury.of(sound, settings.fit.hold_out.share, settings.seed)
 
-    first = look(jury, lens, tools.geometry_prior, settings.look, progress, clock.lap)
+    first = look(jury, lens, tools.geometry_prior, settings.look, progress, clock.lap, registered.shot)
     jury, decoded = first.jury, first.decoded
     fitted = Jury(fill_holes(jury.shot, decoded), jury.heldout)
     refine = Refinement(jury, settings.residual)
 
-    first = _settled(first, fitted, lens, settings, refine, progress, clock, hurried=pace is not None)
+    first = _settled(
+        first, fitted, lens, settings, refine, progress, clock, hurried=pace is not None or not settings.try_orders
+    )
 
     def attempt(look: FirstLook, views: F32, moving: bool) -> _Attempt:
         geometry, start = _beginning(look, views, lens, settings, moving=moving)
@@ -159,11 +161,12 @@ def reconstruct(
     trials = _Trials(attempt, release, jury, lens, settings, refine, progress)
     tried, motion = trials.hurried(first) if pace is not None else trials.all(first)
     geometry, ensemble = tried.geometry, tried.ensemble
-    renderer = ShotRenderer(fitted.shot, geometry.intrinsics, through(lens, tools.backend))
+    renderer = ShotRenderer(fitted.shot, geometry.intrinsics, tools.backend, lens)
     if tools.fine is not None and ensemble.best.scene.motion is None:
         best = ensemble.best
+        detailed = Refinement(jury, settings.residual or ResidualSettings()).in_full
         fined = fit_fine(
-            fitted, best, renderer, tools.fine, settings.seed, refine.in_full, progress, score, clock.began_s
+            fitted, best, renderer, tools.fine, settings.seed, refine.in_full, progress, score, clock.began_s, detailed
         )
         ensemble = combined(tuple(fined if fit is best else fit for fit in tried.fits), jury, refine)
         clock.lap("fine")
@@ -298,7 +301,7 @@ def _fit_one(
             jury=jury,
             start=member.start,
             geometry=geometry,
-            backend=through(lens, load_backend(settings.backend, settings.raster)),  # its buffers serve one at a time
+            backend=load_backend(settings.backend, settings.raster),  # its buffers serve one at a time
             settings=replace(settings.fit, density=member.density),
             seed=member.seed,
             refine=refine.in_full,
@@ -426,14 +429,22 @@ class _Stopwatch:
 def _recover(jury: Jury, decoded: F32, ensemble: Ensemble, refine: Refinement, settings: Settings) -> Recovered:
     """Let the held-out pixels choose between the refined views, the best scene's and the decode.
 
+    Where the settings put no residual back, nothing chooses: they are the best scene's.
+
     Refined are the fits' mean views with their residual put back, combined with the scene's and the decode's where
     these pixels ask for it. What is chosen is taken again from all pixels, a decode with its views coupled as they
     recommend.
     """
+    if settings.residual is None:
+        own = ensemble.best.views
+        candidates: dict[Verdict, F32] = {"refined": own, "scene": own, "decode": decoded}
+        judged = {name: jury.residual_rms(views) for name, views in candidates.items()}
+        notes = doubts_about_result(jury, own) if jury.heldout.any() else (finding(Code.UNJUDGED),)
+        return Recovered(own, "scene", judged, notes)
     refined, share = refine.with_share(ensemble.views)
     parts: dict[Verdict, F32] = {"refined": refined, "scene": ensemble.best.views, "decode": decoded}
     wanted = shares(jury, parts)
-    candidates: dict[Verdict, F32] = {**parts, "refined": combined_views(parts, wanted)}
+    candidates = {**parts, "refined": combined_views(parts, wanted)}
     heldout_rms = {name: jury.residual_rms(views) for name, views in candidates.items()}
     verdict = _judge(heldout_rms)
     notes = doubts_about_result(jury, candidates[verdict]) if jury.heldout.any() else (finding(Code.UNJUDGED),)

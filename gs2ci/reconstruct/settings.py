@@ -33,16 +33,19 @@ class Settings:
     """Settings of every stage.
 
     Args:
-        poses: Where the initial poses and depth come from: "auto", "tracks", "stage", "file:PATH", "vggt"
-            (`geometry.choose`).
+        poses: Where the initial poses and depth come from: "auto", "tracks", "stage", "file:PATH", "vggt",
+            "vggt-or-tracks" (`geometry.choose`).
         proxy: The views that the geometry stage looks at: those decoded by GAP-TV, or the proxies of the paper.
+        try_orders: Whether near and far are tried by short fits of both where tracks leave them open (`order`).
         decode: Of the decoder that the geometry stage looks at.
         geometry: Of tracks, motion and depth.
         fit: Of the coarse stage.
         fits: How many coarse fits run side by side; the views are their mean (`fit/ensemble.py`).
         second_density: The density rule of every second of them; None: that of the first.
         fine: Of the fine stage; None leaves it out.
-        residual: Of the last step, which decodes what the scene leaves unexplained.
+        fine_if_asked: Its settings where a user asks for it and `fine` is None.
+        residual: Of the last step, which decodes what the scene leaves unexplained; None hands over the scene's views
+            as they are, whatever a decode would show.
         stride_px: One first Gaussian for every so many pixels along rows and columns.
         withheld: What of the geometry the fit does not get; for ablations.
         backend: The renderer.
@@ -58,13 +61,15 @@ class Settings:
 
     poses: PoseSource = "auto"
     proxy: ProxyName = "gap-tv"
+    try_orders: bool = True
     decode: GapTvSettings = field(default_factory=GapTvSettings)
     geometry: GeometrySettings = field(default_factory=GeometrySettings)
     fit: CoarseSettings = field(default_factory=CoarseSettings)
     fits: int = 2
     second_density: DensityRule | None = field(default_factory=Osgr.generous)
     fine: FineSettings | None = None
-    residual: ResidualSettings = field(default_factory=ResidualSettings)
+    fine_if_asked: FineSettings = field(default_factory=FineSettings)
+    residual: ResidualSettings | None = field(default_factory=ResidualSettings)
     stride_px: int = 3
     withheld: Withheld = field(default_factory=Withheld)
     backend: str = "cpu"
@@ -125,8 +130,8 @@ class Settings:
         self.brightness.check()
         self.registration.check()
         self.fit.check()
-        if self.fine is not None:
-            self.fine.check()
-        self.residual.steps()
+        (self.fine or self.fine_if_asked).check()
+        if self.residual is not None:
+            self.residual.steps()
         self.raster.check()
         return self

@@ -16,7 +16,7 @@ from gs2ci.evaluate.report import read_report
 from gs2ci.evaluate.run_folder import write_run
 from gs2ci.reconstruct import moving
 from gs2ci.reconstruct.fit.coarse import CoarseSettings
-from gs2ci.reconstruct.fit.motion import MotionSettings, at_rest_until_moved, of_degree, set_moving
+from gs2ci.reconstruct.fit.motion import ObjectMotionSettings, at_rest_until_moved, of_degree, set_moving
 from gs2ci.reconstruct.fit.rendering import ShotRenderer, mask_times
 from gs2ci.reconstruct.fit.stopping import HoldOut
 from gs2ci.reconstruct.geometry.flow import still_flow, velocity
@@ -111,7 +111,7 @@ def test_first_gaussians_take_over_the_flow_in_scene_units():
     # One in the middle of the thing, one on the wall, one behind the camera.
     means = torch.tensor([[0.0, 0.0, 2.0], [-0.9, 0.0, 2.0], [0.0, 0.0, -1.0]])
     start = Gaussians(means, torch.zeros(3, 3), torch.zeros(3, 4), torch.zeros(3), torch.zeros(3, 3))
-    found = set_moving(start, at_rest(), views, MotionSettings(rows=2))
+    found = set_moving(start, at_rest(), views, ObjectMotionSettings(rows=2))
     assert found.motion is not None
     assert found.motion.shape == (3, 2, 3)
     assert float(found.motion[0, 0, 0]) == pytest.approx(2.5 * STEP_PX * 2 / 60, rel=0.3)
@@ -124,7 +124,7 @@ def test_first_gaussians_take_over_the_flow_in_scene_units():
 def test_every_second_fit_has_all_rows():
     scene = at_rest_until_moved(
         Gaussians(torch.zeros(2, 3), torch.zeros(2, 3), torch.zeros(2, 4), torch.zeros(2), torch.zeros(2, 3)),
-        MotionSettings(rows=2),
+        ObjectMotionSettings(rows=2),
     )
     rows = [of_degree(scene, number).motion.shape[1] for number in range(4)]
     assert rows == [1, 2, 1, 2]
@@ -135,9 +135,9 @@ def test_every_second_fit_has_all_rows():
 def test_what_moves_costs_by_its_way_and_what_rests_nothing():
     scene = at_rest_until_moved(
         Gaussians(torch.zeros(2, 3), torch.zeros(2, 3), torch.zeros(2, 4), torch.zeros(2), torch.zeros(2, 3)),
-        MotionSettings(rows=1),
+        ObjectMotionSettings(rows=1),
     )
-    settings = MotionSettings(cost=0.1)
+    settings = ObjectMotionSettings(cost=0.1)
     resting = float(settings.penalty(scene, 60.0, 100))
     scene.motion[0, 0, 0] = 5 / 60
     assert float(settings.penalty(scene, 60.0, 100)) - resting == pytest.approx(0.1 * 5 / 100, rel=0.01)
@@ -147,7 +147,7 @@ def test_what_moves_costs_by_its_way_and_what_rests_nothing():
 @pytest.mark.parametrize("wrong", [{"rows": 0}, {"rows": 9}, {"cost": -1.0}, {"cost": float("inf")}])
 def test_senseless_motion_is_refused(wrong):
     with pytest.raises(InputError, match="a motion of"):
-        MotionSettings(**wrong).check()
+        ObjectMotionSettings(**wrong).check()
 
 
 def test_unknown_motion_is_refused():

@@ -158,7 +158,8 @@ class CostModel:
         """Predict how many Gaussians there are when a share of the schedule is done."""
         fit = settings.fit
         first = _RIMS * self.pixels / settings.stride_px**2
-        last = max(first, fit.gaussians_per_pixel * self.pixels)
+        bound = math.inf if fit.gaussians_per_pixel is None else fit.gaussians_per_pixel * self.pixels
+        last = max(first, bound)
         growing = max(0.0, min(share, fit.densify_until) - fit.densify_from)
         turns = growing * fit.iterations / fit.densify_every
         # Beyond some thousand turns every population has met its cap, and powers overflow.

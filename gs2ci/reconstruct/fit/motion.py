@@ -32,7 +32,7 @@ _ROUND_PX: Final = 0.01
 
 
 @dataclass(frozen=True)
-class MotionSettings:
+class ObjectMotionSettings:
     """How Gaussians may move.
 
     Args:
@@ -44,7 +44,7 @@ class MotionSettings:
     rows: int = 2
     cost: float = 0.02
 
-    def check(self) -> "MotionSettings":
+    def check(self) -> "ObjectMotionSettings":
         """Return self if the numbers make sense.
 
         Raises:
@@ -71,7 +71,7 @@ class MotionSettings:
         return (self.cost * px_per_length / pixels) * lengths.sum()
 
 
-def set_moving(start: Gaussians, geometry: Geometry, views: F32, settings: MotionSettings) -> Gaussians:
+def set_moving(start: Gaussians, geometry: Geometry, views: F32, settings: ObjectMotionSettings) -> Gaussians:
     """Return first Gaussians with the motion that the views show of them.
 
     Args:
@@ -98,7 +98,7 @@ def set_moving(start: Gaussians, geometry: Geometry, views: F32, settings: Motio
     return replace(start, means=means, motion=motion)
 
 
-def at_rest_until_moved(scene: Gaussians, settings: MotionSettings) -> Gaussians:
+def at_rest_until_moved(scene: Gaussians, settings: ObjectMotionSettings) -> Gaussians:
     """Return Gaussians that may move and do not yet."""
     return replace(scene.detach(), motion=torch.zeros(len(scene), settings.rows, 3))
 

@@ -10,6 +10,7 @@ from typing import Final
 import torch
 from torch import Tensor
 
+from gs2ci.reconstruct.fit.poses import LengthUnit
 from gs2ci.render.gaussians import Gaussians
 
 # What is measured in units of the scene's extent.
@@ -25,8 +26,9 @@ class StepSizes:
     half times (docs/decisions/0019-long-steps-for-short-schedules.md).
 
     Args:
-        means: In units of the scene's extent, at the start.
+        means: In `unit`, at the start.
         means_final_share: The share of it left at the end; exponential in between.
+        unit: Of lengths: the means' step, and the sizes that density rules go by.
         motion: Of the rows of a moving scene's motion, likewise in units of the scene's extent, and with the same share
             left at the end.
     """
@@ -37,12 +39,14 @@ class StepSizes:
     opacity_logits: float = 7.5e-2
     colours: float = 3.75e-3
     means_final_share: float = 0.2
+    unit: LengthUnit = "path diameter"
     motion: float = 3.84e-2
 
     @classmethod
-    def of_the_literature(cls) -> "StepSizes":
+    def of_the_literature(cls, unit: LengthUnit = "path diameter") -> "StepSizes":
         """Return the steps of 30,000 iterations (Kerbl et al. 2023, appendix B)."""
         return cls(
+            unit=unit,
             means=1.6e-4,
             log_scales=5e-3,
             quaternions=1e-3,

@@ -5,9 +5,10 @@ import numpy as np
 import pytest
 import torch
 
-from gs2ci.core.errors import InputError, NumericsError
+from gs2ci.core.errors import InputError, NumericsError, ResourceError
 from gs2ci.core.findings import Code, finding
 from gs2ci.core.progress import Silent
+from gs2ci.reconstruct.choices import RULE_NAMES
 from gs2ci.reconstruct.fit.coarse import MAX_ROLLBACKS, CoarseSettings, fit_coarse
 from gs2ci.reconstruct.fit.density.classic import Classic
 from gs2ci.reconstruct.fit.density.osgr import Osgr
@@ -15,13 +16,13 @@ from gs2ci.reconstruct.fit.losses import LossWeights
 from gs2ci.reconstruct.fit.optimiser import GaussianOptimiser
 from gs2ci.reconstruct.fit.pace import Fixed
 from gs2ci.reconstruct.fit.poses import PoseSettings
-from gs2ci.reconstruct.fit.rules import RULE_NAMES, with_rule
+from gs2ci.reconstruct.fit.rules import with_rule
 from gs2ci.reconstruct.fit.start import first_gaussians
 from gs2ci.reconstruct.fit.stopping import HoldOut
 from gs2ci.reconstruct.fit.surfaces import SurfaceSettings
 from gs2ci.reconstruct.geometry.points import seed_points
 from gs2ci.reconstruct.measurement.jury import Jury, choose_heldout
-from gs2ci.reconstruct.presets import paper_settings
+from gs2ci.reconstruct.paper import paper_settings
 from gs2ci.render.cpu.backend import CpuBackend
 from gs2ci.render.settings import RasterSettings
 
@@ -250,6 +251,13 @@ def test_the_papers_schedule_two_hundred_times_faster_stays_finite(moving_plane,
     assert fit.notes == ()
     assert np.isfinite(fit.views).all()
     fit.scene.check()
+
+
+def test_a_population_beyond_the_memory_guard_ends_the_fit_with_an_error(moving_plane):
+    settings = replace(QUICK, gaussians_per_pixel=None, most_gaussians=330, densify_until=1.0)
+    greedy = Osgr(criteria=Classic(gradient=0.0), opacity_splits=False)
+    with pytest.raises(ResourceError, match=r"wants [\d,]+ Gaussians at iteration \d+; allowed: at most 330"):
+        run(moving_plane, replace(settings, density=greedy))
 
 
 def test_poses_move_only_when_they_are_refined(moving_plane):
