@@ -15,7 +15,15 @@ from gs2ci.api.shots import load
 from gs2ci.core.clock import command_age_s
 from gs2ci.core.progress import Progress
 from gs2ci.core.records import FOCAL_RANGE_PX, Shot
-from gs2ci.reconstruct.choices import MOST_FITS, PoseSource, PresetName, ProxyName, RegistrationMode, RuleName
+from gs2ci.reconstruct.choices import (
+    MOST_FITS,
+    MotionMode,
+    PoseSource,
+    PresetName,
+    ProxyName,
+    RegistrationMode,
+    RuleName,
+)
 
 if TYPE_CHECKING:
     from gs2ci.api.wishes import Wishes
@@ -38,6 +46,7 @@ def reconstruct(
     focal_px: float | None = None,
     trust_weights: bool = False,
     registration: RegistrationMode | None = None,
+    motion: MotionMode | None = None,
     seed: int = 42,
     progress: Progress | None = None,
 ) -> Run:
@@ -64,6 +73,8 @@ def reconstruct(
         focal_px: Focal length along the rows to use instead of the shot's, in pixels.
         trust_weights: Take each mask's weight as the shot states it.
         registration: "auto" asks the measurement where its masks lie; "off" believes them; the preset's own when None.
+        motion: Whether things in the scene may move: "auto" where a still scene leaves what motion explains; "on" no
+            still scene alone; "off" none that moves; the preset's own when None.
         seed: Of every random draw; the same seed gives the same result.
         progress: Who hears of stages and steps; a bar at a terminal or in a notebook when None;
             `gs2ci.Silent()` shows nothing.
@@ -101,6 +112,7 @@ def reconstruct(
         distance=distance,
         trust_weights=trust_weights,
         registration=registration,
+        motion=motion,
         seed=seed,
     )
     budget_s = budget_seconds(budget, preset, wishes)
@@ -141,11 +153,13 @@ def wishes_of(
     distance: str | None = None,
     trust_weights: bool = False,
     registration: RegistrationMode | None = None,
+    motion: MotionMode | None = None,
     seed: int = 42,
 ) -> "Wishes":
     """Gather what is wished of any preset's settings; what is left out stays as the preset has it."""
     from gs2ci.api.wishes import Wishes
 
     return Wishes(
-        geometry, proxy, density, without, iterations, fits, fine, prior, distance, trust_weights, registration, seed
+        *(geometry, proxy, density, without, iterations, fits, fine, prior, distance),
+        *(trust_weights, registration, motion, seed),
     )

@@ -29,6 +29,9 @@ REGISTRATION_MODES: Final = get_args(RegistrationMode)
 MotionMode = Literal["auto", "off", "on"]
 MOTION_MODES: Final = get_args(MotionMode)
 
+MOST_MOMENTS: Final = 1000
+"""Each is a picture, and where things move a scene file."""
+
 ModelName = Literal["vggt", "difix", "lpips"]
 MODEL_NAMES: Final = get_args(ModelName)
 

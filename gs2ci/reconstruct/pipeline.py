@@ -47,10 +47,12 @@ from gs2ci.reconstruct.measurement.dead_lines import close_dead_lines
 from gs2ci.reconstruct.measurement.doubts import doubts_about, doubts_about_result
 from gs2ci.reconstruct.measurement.holes import fill_holes
 from gs2ci.reconstruct.measurement.hot_pixels import close_hot_pixels
-from gs2ci.reconstruct.measurement.jury import Jury, surely_larger
+from gs2ci.reconstruct.measurement.jury import Jury
 from gs2ci.reconstruct.measurement.lens import Lens, straightened
 from gs2ci.reconstruct.measurement.moving import LeftByMotion
 from gs2ci.reconstruct.moving import (
+    LEAST_BRIEF_GAIN,
+    LEAST_GAIN,
     MOVING,
     RELEASED,
     STILL,
@@ -140,10 +142,10 @@ def reconstruct(
         clock.lap("fit")
         return _Attempt(look, geometry, fits, ensemble)
 
-    def release(still: _Attempt) -> _Attempt:
-        freed = replace(settings, fit=released(settings.fit))
+    def release(still: _Attempt, briefly: bool) -> _Attempt:
+        freed = replace(settings, fit=released(settings.fit, briefly=briefly))
         team, paths = [], {}
-        for number, fit in enumerate(still.fits):
+        for number, fit in enumerate((still.ensemble.best,) if briefly else still.fits):
             start = of_degree(at_rest_until_moved(fit.scene, freed.fit.motion), number)
             team.append(Member(start, freed.fit.density, number))
             paths[number] = replace(still.geometry, world_to_camera=fit.world_to_camera)
@@ -151,7 +153,7 @@ def reconstruct(
         def fit_one(member: Member, progress: Progress, pace: Pace | None) -> CoarseFit:
             return _fit_one(fitted, paths[member.seed], lens, freed, refine, score, clock)(member, progress, pace)
 
-        fits = fit_together(fit_one, tuple(team), progress, None)
+        fits = fit_together(fit_one, tuple(team), Silent() if briefly else progress, None)
         ensemble = combined(fits, jury, refine)
         clock.lap("fit")
         return replace(still, fits=fits, ensemble=ensemble)
@@ -324,7 +326,7 @@ class _Trials:
 
     Args:
         attempt: Fits from a look, with views to take colours and motion from, a scene that is still or may move.
-        release: Goes on with fits of a still scene, and lets it move.
+        release: Goes on with fits of a still scene, and lets it move; or with the best of them alone, and briefly.
         jury: The measurement.
         lens: Through which it was taken, unless it is a pinhole.
         settings: What may be tried.
@@ -333,7 +335,7 @@ class _Trials:
     """
 
     attempt: Callable[[FirstLook, F32, bool], _Attempt]
-    release: Callable[[_Attempt], _Attempt]
+    release: Callable[[_Attempt, bool], _Attempt]
     jury: Jury
     lens: Lens | None
     settings: Settings
@@ -355,13 +357,13 @@ class _Trials:
             return still, self._report(None, {STILL: still}, still)
         left = ask(self.jury, still.ensemble.views)
         attempts = {STILL: still}
-        if wanted or speaks_for_motion(left):
+        if wanted or (speaks_for_motion(left) and self._gains_by_motion(still)):
             self.progress.say("What the still scene leaves looks like motion: scenes that move are fitted as well.")
             refined = self.refine(still.ensemble.views)
             views = min((refined, first.decoded), key=lambda shown: self.jury.residual_rms(shown) or 0.0)
-            attempts[RELEASED] = self.release(still)
+            attempts[RELEASED] = self.release(still, False)
             attempts[MOVING] = self.attempt(rested(still.look), views, True)
-        tried = self._surely_better(attempts)
+        tried = self._clearly_best(attempts)
         return tried, self._report(left, attempts, tried)
 
     def _still(self, first: FirstLook) -> _Attempt:
@@ -378,6 +380,12 @@ class _Trials:
             attempts["rest"] = self.attempt(from_rest(first), first.decoded, False)
         return self._best(attempts)
 
+    def _gains_by_motion(self, still: _Attempt) -> bool:
+        """Tell whether the best of the still fits, let move for a little while, predicts held-out pixels better."""
+        brief = self.release(still, True).ensemble.best
+        before, after = (self.jury.residual_rms(self.refine(fit.views)) for fit in (still.ensemble.best, brief))
+        return before is not None and after is not None and after < (1 - LEAST_BRIEF_GAIN) * before
+
     def _best(self, attempts: dict[str, _Attempt]) -> _Attempt:
         """Choose the attempt that predicts the held-out pixels best, and say how all of them did."""
         left = self._left(attempts)
@@ -385,15 +393,16 @@ class _Trials:
         geometry = replace(tried.geometry, notes=(*tried.geometry.notes, *ranking(left)))
         return replace(tried, geometry=geometry)
 
-    def _surely_better(self, attempts: dict[str, _Attempt]) -> _Attempt:
-        """Choose likewise, but a scene that moves only if it surely predicts them better than the still one."""
+    def _clearly_best(self, attempts: dict[str, _Attempt]) -> _Attempt:
+        """Choose likewise, but a scene that moves only if it predicts them clearly better than the still one."""
         if self.settings.motion == "on":
             return self._best({name: tried for name, tried in attempts.items() if name != STILL})
         best, still = self._best(attempts), attempts[STILL]
         if best.ensemble is still.ensemble:
             return best
-        squares = [self.jury.squared_residuals(self.refine(tried.ensemble.views)) for tried in (still, best)]
-        return best if surely_larger(*squares) else still
+        moves, stays = (self.jury.residual_rms(self.refine(tried.ensemble.views)) for tried in (best, still))
+        better = moves is not None and stays is not None and moves < (1 - LEAST_GAIN) * stays
+        return best if better else still
 
     def _left(self, attempts: dict[str, _Attempt]) -> dict[str, float | None]:
         return {name: self.jury.residual_rms(self.refine(tried.ensemble.views)) for name, tried in attempts.items()}
