@@ -19,7 +19,7 @@ from gs2ci.evaluate.rehearsal import report_seconds
 from gs2ci.reconstruct import ablation
 from gs2ci.reconstruct.budget.costs import probe
 from gs2ci.reconstruct.budget.plan import Adapt, BudgetPlan, plan_within
-from gs2ci.reconstruct.choices import PoseSource, PresetName, ProxyName, RegistrationMode, RuleName
+from gs2ci.reconstruct.choices import FirstLookName, PoseSource, PresetName, ProxyName, RegistrationMode, RuleName
 from gs2ci.reconstruct.fit.looks import Score
 from gs2ci.reconstruct.presets import PRESETS
 from gs2ci.reconstruct.settings import Settings
@@ -31,6 +31,7 @@ class Wishes:
 
     geometry: PoseSource | None
     proxy: ProxyName | None
+    first_look: FirstLookName | None
     density: RuleName | None
     without: tuple[str, ...]
     iterations: int | None
@@ -58,6 +59,8 @@ class Wishes:
             settings = replace(settings, poses=self.geometry)
         if self.proxy is not None:
             settings = replace(settings, proxy=self.proxy)
+        if self.first_look is not None:
+            settings = replace(settings, first_look=self.first_look)
         if self.trust_weights:
             settings = replace(settings, brightness=replace(settings.brightness, rounds=0))
         if self.registration is not None:
