@@ -14,13 +14,15 @@ import torch
 
 from gs2ci.core.arrays import F32
 from gs2ci.core.errors import InputError
+from gs2ci.core.plugins import PluginError, allowed, load
 from gs2ci.core.progress import Progress
 from gs2ci.core.records import Shot
 from gs2ci.evaluate.decode_folder import Decoded
-from gs2ci.reconstruct.choices import DecodeMethod
+from gs2ci.reconstruct.choices import DECODE_METHODS, DECODER_GROUP, DecodeMethod
 from gs2ci.reconstruct.decode.coupling import choose_coupling
 from gs2ci.reconstruct.decode.denoisers import Denoiser, NonLocalMeans, TotalVariation
 from gs2ci.reconstruct.decode.gap_tv import GapTvSettings, gap_tv
+from gs2ci.reconstruct.decode.patches.decoder import PatchSettings, patch_decode, with_iterations
 from gs2ci.reconstruct.decode.pnp import PlugAndPlaySettings, plug_and_play
 from gs2ci.reconstruct.decode.proxies.routing import build_proxies
 from gs2ci.reconstruct.learned.onnx_denoiser import OnnxDenoiser
@@ -61,9 +63,32 @@ def decoder_of(choice: Choice) -> Decoder:
         return _plug_and_play_decoder(choice)
     if choice.method == "gap-tv":
         return _gap_tv_decoder(choice)
+    if choice.method in ("patches", "patches-quick"):
+        return _patch_decoder(choice)
     if choice.iterations is not None:
         raise InputError(f"--iterations with --method {choice.method}", allowed="with methods that iterate")
-    return _proxy_decoder(choice.method)
+    if choice.method in DECODE_METHODS:
+        return _proxy_decoder(choice.method)
+    return _plugged_decoder(choice.method)
+
+
+def _plugged_decoder(name: str) -> Decoder:
+    found = load(DECODER_GROUP, name)
+    if found is None:
+        raise InputError(f"no method {name!r}", allowed=allowed(DECODER_GROUP, DECODE_METHODS))
+
+    def decode(shot: Shot, progress: Progress) -> _Outcome:
+        progress.stage(name)
+        views = np.asarray(found(shot, progress), np.float32)
+        wanted = (*shot.masks.shape, shot.measurement.shape[2] if shot.cfa is None else 3)
+        if views.shape != wanted or not np.isfinite(views).all():
+            raise PluginError(
+                f"the decoder {name!r} returned {list(views.shape)}, not all of it finite or of the shape asked for",
+                allowed=f"finite views of shape {list(wanted)}",
+            )
+        return views, {"name": name}, ()
+
+    return decode
 
 
 def _gap_tv_decoder(choice: Choice) -> Decoder:
@@ -76,6 +101,18 @@ def _gap_tv_decoder(choice: Choice) -> Decoder:
     def decode(shot: Shot, progress: Progress) -> _Outcome:
         used = fixed or choose_coupling(shot, settings, choice.seed)
         return gap_tv(shot, used, progress), {"name": "gap-tv", **asdict(used)}, ()
+
+    return decode
+
+
+def _patch_decoder(choice: Choice) -> Decoder:
+    settings = PatchSettings.quick() if choice.method == "patches-quick" else PatchSettings()
+    if choice.iterations is not None:
+        settings = with_iterations(settings, choice.iterations)
+    settings.check()
+
+    def decode(shot: Shot, progress: Progress) -> _Outcome:
+        return patch_decode(shot, settings, progress), {"name": choice.method, **asdict(settings)}, ()
 
     return decode
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING, get_args
+from typing import TYPE_CHECKING
 
 from gs2ci.api.display import interrupted_within, shown
 from gs2ci.api.options import check_choice, check_number, check_seed, check_whole
@@ -72,7 +72,6 @@ def decode_all(
         InputError: As `decode`.
     """
     check_decode(iterations, coupling, seed)
-    check_choice("--method", method, get_args(DecodeMethod))
     check_choice("--registration", registration, REGISTRATION_MODES)
     from gs2ci.api.decoders import Choice, decoded_by, decoder_of
     from gs2ci.reconstruct.registration.register import RegistrationSettings, register

@@ -15,7 +15,15 @@ from gs2ci.api.shots import load
 from gs2ci.core.clock import command_age_s
 from gs2ci.core.progress import Progress
 from gs2ci.core.records import FOCAL_RANGE_PX, Shot
-from gs2ci.reconstruct.choices import MOST_FITS, PoseSource, PresetName, ProxyName, RegistrationMode, RuleName
+from gs2ci.reconstruct.choices import (
+    MOST_FITS,
+    MotionMode,
+    PoseSource,
+    PresetName,
+    ProxyName,
+    RegistrationMode,
+    RuleName,
+)
 
 if TYPE_CHECKING:
     from gs2ci.api.wishes import Wishes
@@ -38,6 +46,7 @@ def reconstruct(
     focal_px: float | None = None,
     trust_weights: bool = False,
     registration: RegistrationMode | None = None,
+    motion: MotionMode | None = None,
     seed: int = 42,
     progress: Progress | None = None,
 ) -> Run:
@@ -49,10 +58,10 @@ def reconstruct(
     Args:
         shot: A shot, or a file that `load` takes.
         preset: "draft" is a first look, "standard" the default, "fine" takes several times as long, "paper" is the
-            schedule of the GS2CI paper.
-        geometry: Where the first poses come from: "auto", "tracks", "stage", "uniform", "file:PATH", "vggt" or
-            "vggt:FILE".
-        proxy: The views that the geometry is found in: "gap-tv", "eni" or "amdi".
+            system of the GS2CI paper. Any other argument changes what it names, and only that.
+        geometry: Where the first poses come from: "auto", "tracks", "stage", "uniform", "file:PATH", "vggt",
+            "vggt:FILE" or "vggt-or-tracks"; the preset's own when None.
+        proxy: The views that the geometry is found in: "gap-tv", "eni", "amdi" or "routed"; the preset's own when None.
         budget: Instead of a preset, the time that everything may take, as in "60s" or "5min".
         density: The rule by which Gaussians are added and removed; the preset's own when None.
         without: Components to do without, for comparisons.
@@ -63,7 +72,9 @@ def reconstruct(
         distance: For the fine stage, which it switches on: "structure", "lpips" or "lpips:FILE".
         focal_px: Focal length along the rows to use instead of the shot's, in pixels.
         trust_weights: Take each mask's weight as the shot states it.
-        registration: "auto" asks the measurement where its masks lie; "off" believes them.
+        registration: "auto" asks the measurement where its masks lie; "off" believes them; the preset's own when None.
+        motion: Whether things in the scene may move: "auto" where a still scene leaves what motion explains; "on" no
+            still scene alone; "off" none that moves; the preset's own when None.
         seed: Of every random draw; the same seed gives the same result.
         progress: Who hears of stages and steps; a bar at a terminal or in a notebook when None;
             `gs2ci.Silent()` shows nothing.
@@ -101,6 +112,7 @@ def reconstruct(
         distance=distance,
         trust_weights=trust_weights,
         registration=registration,
+        motion=motion,
         seed=seed,
     )
     budget_s = budget_seconds(budget, preset, wishes)
@@ -141,11 +153,13 @@ def wishes_of(
     distance: str | None = None,
     trust_weights: bool = False,
     registration: RegistrationMode | None = None,
+    motion: MotionMode | None = None,
     seed: int = 42,
 ) -> "Wishes":
     """Gather what is wished of any preset's settings; what is left out stays as the preset has it."""
     from gs2ci.api.wishes import Wishes
 
     return Wishes(
-        geometry, proxy, density, without, iterations, fits, fine, prior, distance, trust_weights, registration, seed
+        *(geometry, proxy, density, without, iterations, fits, fine, prior, distance),
+        *(trust_weights, registration, motion, seed),
     )

@@ -21,7 +21,7 @@ from gs2ci.evaluate.rehearsal import report_seconds
 from gs2ci.reconstruct import ablation
 from gs2ci.reconstruct.budget.costs import probe
 from gs2ci.reconstruct.budget.plan import Adapt, BudgetPlan, plan_within
-from gs2ci.reconstruct.choices import PoseSource, PresetName, ProxyName, RegistrationMode, RuleName
+from gs2ci.reconstruct.choices import MotionMode, PoseSource, PresetName, ProxyName, RegistrationMode, RuleName
 from gs2ci.reconstruct.fit.looks import Score
 from gs2ci.reconstruct.presets import PRESETS, preset
 from gs2ci.reconstruct.settings import Settings
@@ -42,6 +42,7 @@ class Wishes:
     distance: str | None
     trust_weights: bool
     registration: RegistrationMode | None
+    motion: MotionMode | None
     seed: int
 
     @property
@@ -60,6 +61,8 @@ class Wishes:
             settings = replace(settings, poses=self.geometry)
         if self.proxy is not None:
             settings = replace(settings, proxy=self.proxy)
+        if self.motion is not None:
+            settings = replace(settings, motion=self.motion)
         if self.trust_weights:
             settings = replace(settings, brightness=replace(settings.brightness, rounds=0))
         if self.registration is not None:

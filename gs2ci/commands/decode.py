@@ -37,10 +37,12 @@ def run(
     Args:
         shot: A shot file, as `gs2ci import` and `gs2ci capture` write them.
         output: The folder to write.
-        method: gap-tv, or plug-and-play by pnp-gap or pnp-admm; or the rough proxies that a geometry stage looks at:
-            eni, amdi, or proxies for the one of the two that the masks ask for.
+        method: gap-tv; patches, which takes groups of similar patches and is the best without trained weights, or
+            patches-quick, a few rounds of it; plug-and-play by pnp-gap or pnp-admm; or the rough proxies that a
+            geometry stage looks at: eni, amdi, or proxies for the one of the two that the masks ask for.
         denoiser: Of plug-and-play: tv (the default), nlm (non-local means), or onnx:FILE.
-        iterations: Steps of gap-tv (40), or at each of the four noise levels of plug-and-play (10).
+        iterations: Steps of gap-tv (40), patches (96) or patches-quick (8), or at each of the four noise
+            levels of plug-and-play (10).
         coupling: How alike gap-tv expects consecutive views to be, from 0 (not at all); chosen by held-out pixels of
             the measurement when not given.
         index: Which shot of the file; the first when not given.

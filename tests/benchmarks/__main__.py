@@ -24,7 +24,9 @@ BENCHMARKS = {
     "proxies": "tests.benchmarks.proxies",
     "digests": "tests.benchmarks.digests",
     "decoders": "tests.benchmarks.decoders",
+    "video": "tests.benchmarks.video",
     "scaling": "tests.benchmarks.scaling",
+    "checkouts": "tests.benchmarks.checkouts",
     "heldout_order": "tests.benchmarks.heldout_order",
     "mask_calibration": "tests.benchmarks.mask_calibration",
     "random_masks": "tests.benchmarks.random_masks",
@@ -54,9 +56,11 @@ BENCHMARKS = {
 }
 
 LONG = (
+    "checkouts",
     "batch",
     "processors",
     "profile",
+    "video",
     "depth",
     "first_table",
     "list_reuse",

@@ -32,6 +32,8 @@ FILES: Final = (
     ("report.json", "every figure of this page and more"),
     ("views.npy, views/", "the recovered views, exact and as pictures"),
     ("scene.ply", "the Gaussians, for any 3DGS viewer"),
+    ("motion.npy, displacement.npy, motion.png", "where things move: how, for each Gaussian and each pixel"),
+    ("moments/", "where asked for with --moments: pictures spread over the exposure"),
     ("cameras.json, colmap/", "the cameras, for nerfstudio and COLMAP"),
     ("depth.npy", "distance along the optical axis, in the unit of the path"),
     ("disagreement.npy", "where several fits differ, full scale 1"),
@@ -73,6 +75,7 @@ def run_page(evidence: RunEvidence, tradeoff: TradeoffRecord | None = None, scen
         PageSection("Scene and cameras", _scene(evidence, scene)),
         PageSection("View by view", _per_view(report)),
         PageSection("Depth, error, disagreement", _maps(pictures)),
+        PageSection("What moves", _motion(evidence), _motion_lead(report)),
         PageSection("Camera path", _path(evidence), _path_lead(evidence)),
         PageSection("Quality against time", _curve(report), report.stopped.sentence),
         PageSection("Cost", _cost(report)),
@@ -241,6 +244,28 @@ def _maps(pictures: RunPictures) -> Markup:
         return pieces.paragraph("No depth was found, the true views are not known, and there was one fit.")
     views = [index + 1 for index in pictures.indices]
     return pieces.columns(*shown) + piece("picker", views=views, start=pictures.start, label="View")
+
+
+def _motion(evidence: RunEvidence) -> Markup:
+    found = evidence.report.motion
+    if found is None or not (found.tried or found.moves):
+        return Markup()
+    drawn = evidence.motion_picture
+    picture = Markup() if drawn is None else pieces.figure(drawn, "what moves, and how fast")
+    rows = [(name, describe_number(rms)) for name, rms in found.heldout_rms.items()]
+    return picture + (pieces.table(["fits", "rms on held-out pixels"], rows) if rows else Markup())
+
+
+def _motion_lead(report: Report) -> str:
+    found = report.motion
+    if found is None or not (found.tried or found.moves):
+        return ""
+    if not found.moves:
+        return "Scenes in which things move were fitted as well, and explain the measurement no better: nothing moves."
+    return (
+        f"{found.pixels_share or 0:.0%} of the picture moves by itself by half a pixel or more over the exposure, "
+        f"{found.median_px or 0:.1f} px in the median."
+    )
 
 
 def _path(evidence: RunEvidence) -> Markup:

@@ -1,7 +1,7 @@
 """A scene as the shot's camera shows it: the coded measurement, the views, and the depths in them.
 
-Here: the renderer with what a shot says of the sensor (masks, weights, mono or mosaic), when each mask was open, and a
-camera matrix. Not here: any fitting.
+Here: the renderer with what a shot says of the sensor (masks, weights, mono or mosaic), when each mask was open, a
+camera matrix and a lens. Not here: any fitting.
 """
 
 import numpy as np
@@ -11,6 +11,7 @@ from torch import Tensor
 from gs2ci.core.arrays import F32, F64
 from gs2ci.core.records import Shot
 from gs2ci.reconstruct.measurement import coding
+from gs2ci.reconstruct.measurement.lens import Lens
 from gs2ci.render.gaussians import Gaussians
 from gs2ci.render.interface import Backend, MaskSet, Reuse
 from gs2ci.render.screen import ScreenStatistics
@@ -30,18 +31,20 @@ class ShotRenderer:
 
     Args:
         shot: The measurement; of its masks and weights, `transmissions` are the products wᵢ Mᵢ, [N, H, W].
-        intrinsics: Camera matrix in px, [3, 3].
+        intrinsics: Camera matrix in px, [3, 3]; of the pinhole in the sensor's pixels, behind a lens.
         backend: The renderer.
+        lens: Through which the shot was taken, unless it is a pinhole: every image is then the sensor's.
     """
 
-    def __init__(self, shot: Shot, intrinsics: F64, backend: Backend) -> None:
+    def __init__(self, shot: Shot, intrinsics: F64, backend: Backend, lens: Lens | None = None) -> None:
         self.size = shot.size
         self.distortion = shot.distortion
         self.intrinsics = torch.from_numpy(intrinsics).float()
         self.times = mask_times(shot.views)
         self.transmissions = torch.from_numpy(shot.masks * shot.weights[:, None, None])
         self._backend = backend
-        self._mask_set = backend.code(self.transmissions)
+        self._sampling = None if lens is None else lens.sampling
+        self._mask_set = self.code(self.transmissions)
         self._channels = coding.cfa_channels(shot.cfa, shot.size) if shot.cfa else None
         self._mono = shot.channels == 1
 
@@ -67,7 +70,7 @@ class ShotRenderer:
 
     def code(self, masks: Tensor) -> MaskSet:
         """Prepare another mask set, [V, H, W]."""
-        return self._backend.code(masks)
+        return self._backend.code(masks, self._sampling)
 
     def coded(
         self, scene: Gaussians, world_to_camera: Tensor, mask_set: MaskSet, times: Tensor | None = None
@@ -99,7 +102,9 @@ class ShotRenderer:
         `colours`, [V, G, 3], stand for the scene's own where they are given; `times` as for `views`.
         """
         when = self._when(scene, times)
-        return self._backend.views(scene, world_to_camera, self.intrinsics, self.size, colours=colours, times=when)
+        return self._backend.views(
+            scene, world_to_camera, self.intrinsics, self.size, colours, self._sampling, times=when
+        )
 
     def _when(self, scene: Gaussians, times: Tensor | None) -> Tensor | None:
         return self.times if times is None and scene.motion is not None else times
@@ -108,7 +113,8 @@ class ShotRenderer:
         """Find where the light of each pixel is stopped, from any poses [V, 4, 4]; `times` as for `views`."""
         poses = torch.from_numpy(np.asarray(world_to_camera)).float()
         scene = scene.detach()
-        return self._backend.depths(scene, poses, self.intrinsics, self.size, times=self._when(scene, times))
+        when = self._when(scene, times)
+        return self._backend.depths(scene, poses, self.intrinsics, self.size, self._sampling, times=when)
 
     def depths(self, scene: Gaussians, world_to_camera: F64) -> F32:
         """Render depths along the optical axis, [V, H, W]; zero where less than half of the light is stopped."""

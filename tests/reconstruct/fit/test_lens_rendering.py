@@ -1,4 +1,4 @@
-"""A renderer behind a lens: whoever renders through it gets the sensor's images."""
+"""A shot's renderer behind a lens shows the sensor's images."""
 
 from dataclasses import replace
 
@@ -6,10 +6,8 @@ import numpy as np
 import pytest
 import torch
 
-from gs2ci.core.errors import InputError
 from gs2ci.core.lens import distorted, pixels_of
 from gs2ci.reconstruct.fit.rendering import ShotRenderer
-from gs2ci.reconstruct.fit.through_lens import ThroughLens, through
 from gs2ci.reconstruct.measurement.coding import Coding
 from gs2ci.reconstruct.measurement.lens import Lens
 from gs2ci.render.cpu.backend import CpuBackend
@@ -23,11 +21,6 @@ def bent(moving_plane):
     return replace(shot, intrinsics=geometry.intrinsics, distortion=DISTORTION).check(), geometry
 
 
-def test_without_a_lens_the_renderer_is_itself():
-    backend = CpuBackend()
-    assert through(None, backend) is backend
-
-
 def test_a_small_gaussian_appears_where_the_lens_bends_its_ray(bent, scattered):
     shot, geometry = bent
     scene = scattered(1, logits=5.0)
@@ -38,9 +31,7 @@ def test_a_small_gaussian_appears_where_the_lens_bends_its_ray(bent, scattered):
         log_scales=torch.full((1, 3), -4.0),
         colours=torch.ones(1, 3),
     )
-    image, _ = through(Lens.of(shot), CpuBackend()).views(
-        scene, torch.eye(4)[None], torch.from_numpy(geometry.intrinsics).float(), shot.size
-    )
+    image, _ = ShotRenderer(shot, geometry.intrinsics, CpuBackend(), Lens.of(shot)).images(scene, torch.eye(4)[None])
     light = image[0, ..., 0].numpy()
     rows, columns = np.mgrid[: shot.size[0], : shot.size[1]] + 0.5
     centre = np.array([(columns * light).sum(), (rows * light).sum()]) / light.sum()
@@ -52,7 +43,7 @@ def test_a_small_gaussian_appears_where_the_lens_bends_its_ray(bent, scattered):
 
 def test_measurement_views_and_depth_are_the_sensors(bent, scattered):
     shot, geometry = bent
-    renderer = ShotRenderer(shot, geometry.intrinsics, through(Lens.of(shot), CpuBackend()))
+    renderer = ShotRenderer(shot, geometry.intrinsics, CpuBackend(), Lens.of(shot))
     scene, poses = scattered(200), torch.from_numpy(geometry.world_to_camera).float()
     views = renderer.views(scene, poses)
     assert views.shape[:3] == (shot.views, *shot.size)
@@ -60,12 +51,3 @@ def test_measurement_views_and_depth_are_the_sensors(bent, scattered):
     torch.testing.assert_close(renderer.measurement(scene, poses, renderer.reuse()), coded, atol=2e-5, rtol=1e-5)
     assert renderer.depths(scene, geometry.world_to_camera).shape == views.shape[:3]
     assert renderer.distortion is shot.distortion
-
-
-def test_other_places_cannot_be_asked_for_through_a_lens(bent):
-    shot, _ = bent
-    backend = through(Lens.of(shot), CpuBackend())
-    assert isinstance(backend, ThroughLens)
-    assert backend.name == "cpu"
-    with pytest.raises(InputError, match="a renderer that has a lens"):
-        backend.code(torch.from_numpy(shot.masks), Lens.of(shot).sampling)

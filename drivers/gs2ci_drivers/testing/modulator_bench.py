@@ -1,11 +1,11 @@
 """A modulator's driver on its twin: opened, played through, unplugged, opened again; for the tests of all of them."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, Generic, TypeVar
 
 from gs2ci_drivers.modulator import Modulator
 from gs2ci_drivers.pattern_sequence import PatternSequence
-from gs2ci_sims.world import MaskInterval, World
 
 D = TypeVar("D", bound=Modulator)
 
@@ -18,14 +18,14 @@ class ModulatorBench(Generic[D]):
         driver: Opens it from its name, a link to the twin, a clock and, where there are any, its options.
         name: The modulator's.
         twin: Of the device.
-        world: In which the twin is.
+        world: In which the twin is, a `gs2ci_sims.world.World`.
         settings: The driver's options; None for its own defaults. Those of the next opening may be changed.
     """
 
-    driver: type[D]
+    driver: Callable[..., D]
     name: str
     twin: Any
-    world: World
+    world: Any
     settings: Any = None
     modulator: D = field(init=False)
 
@@ -33,6 +33,7 @@ class ModulatorBench(Generic[D]):
         self.modulator = self.open()
 
     def open(self) -> D:
+        """Open the driver on the twin's port."""
         options = () if self.settings is None else (self.settings,)
         return self.driver(self.name, self.twin.open(), self.world.clock, *options)
 
@@ -42,7 +43,7 @@ class ModulatorBench(Generic[D]):
         self.twin.plug_in()
         self.modulator = self.open()
 
-    def run(self, sequence: PatternSequence, timeout_s: float = 60.0) -> list[MaskInterval]:
+    def run(self, sequence: PatternSequence, timeout_s: float = 60.0) -> list[Any]:
         """Connect, upload, arm, start, wait; return what was on show."""
         self.modulator.connect()
         self.modulator.upload(sequence)
