@@ -38,6 +38,8 @@ COMMANDS: Final[dict[str, tuple[str, str]]] = {
     "reconstruct": ("gs2ci.commands.reconstruct", "recover views, camera path and scene from a shot file"),
     "report": ("gs2ci.commands.report", "build the page of a run again from its folder"),
     "open": ("gs2ci.commands.open_", "open the page of a run in the browser"),
+    "export": ("gs2ci.commands.export", "write parts of a run for other programs: spz, COLMAP, EXR, film"),
+    "mesh": ("gs2ci.commands.mesh", "fuse the depths of a run into a mesh"),
     "view": ("gs2ci.commands.view", "show the scene of a run in a browser"),
     "decode": ("gs2ci.commands.decode", "recover views alone: GAP-TV, plug-and-play, proxies"),
     "evaluate": ("gs2ci.commands.evaluate", "judge a run by a truth, by noise, by views from elsewhere"),
