@@ -179,7 +179,7 @@ def test_a_sweep_crosses_its_span_at_constant_speed_at_the_time_it_said(bench: S
     twin, axis = bench.twin, bench.axis
 
     def at(since_from_s: float) -> float:
-        return twin.positions_mm_at(begun_s + sweep.lead_s + since_from_s)[axis]
+        return float(twin.positions_mm_at(begun_s + sweep.lead_s + since_from_s)[axis])
 
     for share in (0.0, 0.25, 0.5, 0.75, 1.0):
         since = share * sweep.cruise_s
