@@ -428,4 +428,4 @@ class _Capture:
         if not frame.flags & FrameFlag.STAMPED_MONOTONIC:
             return fire.fired_ns * 1e-9 + (modulator.start_latency_s or 0.0) / 2 + shot * self._plan.sequence.period_s
         began_s = frame.began_s(self._plan.exposure_s, settings.readout_s)
-        return began_s - modulator.trigger_delay_s - self._plan.settings.jitter_s / 2
+        return began_s - modulator.trigger_delay_s - settings.trigger_delay_s - self._plan.settings.jitter_s / 2

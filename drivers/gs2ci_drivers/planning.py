@@ -65,7 +65,7 @@ def lay_out(
     """
     sequence = _sequence(settings, modulator, setup)
     exposure_s = _exposure(settings, setup)
-    begin_s = modulator.trigger_delay_s + settings.jitter_s / 2
+    begin_s = modulator.trigger_delay_s + setup.trigger_delay_s + settings.jitter_s / 2
     windows = sequence.windows_s()
     weights = overlap_weights(windows, begin_s, begin_s + exposure_s)
     if settings.mode is Mode.PER_MASK:
@@ -90,7 +90,7 @@ def _exposure(settings: CaptureSettings, setup: SensorSettings) -> float:
 
 def _sequence(settings: CaptureSettings, modulator: ModulatorInfo, setup: SensorSettings) -> PatternSequence:
     """Put dark time where the sensor needs it to read out."""
-    busy_s = _exposure(settings, setup) + setup.readout_s + settings.jitter_s
+    busy_s = _exposure(settings, setup) + setup.readout_s + settings.jitter_s + setup.trigger_delay_s
     dark_s, pause_s = settings.dark_s, 0.0
     if settings.mode is Mode.PER_MASK:
         dark_s = max(dark_s, busy_s - settings.mask_s)
@@ -189,7 +189,8 @@ def _sensor_figures(
     setup: SensorSettings,
     modulator: ModulatorInfo,
 ) -> list[Figure]:
-    busy_s = exposure_s + setup.readout_s + settings.jitter_s + max(modulator.trigger_delay_s, 0.0)
+    delay_s = max(modulator.trigger_delay_s, 0.0) + setup.trigger_delay_s
+    busy_s = exposure_s + setup.readout_s + settings.jitter_s + delay_s
     per_mask = settings.mode is Mode.PER_MASK
     period_s = sequence.exposure_s + sequence.dark_s if per_mask else sequence.period_s
     alone = not per_mask and settings.burst == 1

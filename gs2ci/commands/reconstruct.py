@@ -1,21 +1,19 @@
 """`gs2ci reconstruct`: from a shot file to a run folder.
 
-Here: the arguments, and the order read → plan → reconstruct → write → tell. Not here: any of the five; what the
-arguments mean for settings and shot (`wishes`).
+Here: the arguments, and the order read → reconstruct → write → tell. Not here: any of the four
+(`gs2ci.api.reconstruction`).
 """
 
-import time
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import tyro
 
-from gs2ci.commands.display import open_display, print_summary
-from gs2ci.commands.options import check_number, check_seed, check_whole
-from gs2ci.core.clock import command_age_s
+from gs2ci.api.display import open_display, print_summary
+from gs2ci.api.reconstruction import check_wishes
+from gs2ci.commands.answers import answered
 from gs2ci.core.errors import InputError
-from gs2ci.core.records import FOCAL_RANGE_PX
-from gs2ci.reconstruct.choices import MOST_FITS, PoseSource, PresetName, ProxyName, RegistrationMode, RuleName
+from gs2ci.reconstruct.choices import PoseSource, PresetName, ProxyName, RegistrationMode, RuleName
 
 
 def run(
@@ -44,6 +42,7 @@ def run(
     every: Annotated[bool, tyro.conf.arg(name="all")] = False,
     processes: int | None = None,
     scheduler: str = "",
+    json: bool = False,
 ) -> Path:
     """Recover views, camera path and scene from one coded measurement, or from each of many.
 
@@ -87,6 +86,7 @@ def run(
         processes: How many exposures at once on this machine; as many as its cores and memory bear, if not given.
         scheduler: Address of a Dask scheduler whose workers do it instead, e.g. tcp://host:8786; they see the same
             paths.
+        json: Print the answer as JSON, and nothing else, on standard output.
 
     Returns:
         The folder.
@@ -95,54 +95,53 @@ def run(
         Gs2ciError: The file, a value or the destination cannot be used, or the budget does not suffice; the folder
             is then as it was.
     """
-    began_s = time.monotonic() - command_age_s()
-    check_whole("--iterations", iterations, 1)
-    check_whole("--fits", fits, 1, MOST_FITS)
-    check_number("--focal-px", focal_px, *FOCAL_RANGE_PX)
-    check_seed(seed)
+    check_wishes(iterations, fits, focal_px, seed)
     many = bool(more) or every or bool(scheduler) or processes is not None
     if many and budget is not None:
         raise InputError("--budget for many exposures", remedy="give a --preset: machines differ, and so would results")
-    if not many:
-        from gs2ci.core.storage import read_shot
-
-        measured = read_shot(shot, index)
-    from gs2ci.commands.wishes import Wishes, budget_seconds, planned, score_against_truth, with_focal
-    from gs2ci.evaluate.run_folder import check_destination, write_run
-    from gs2ci.reconstruct.pipeline import reconstruct
-    from gs2ci.reconstruct.presets import PRESETS
-    from gs2ci.render.backend import needs_compiling
-
-    wishes = Wishes(
-        geometry, proxy, density, without, iterations, fits, fine, prior, distance, trust_weights, registration, seed
-    )
+    wishes: dict[str, Any] = {
+        "geometry": geometry,
+        "proxy": proxy,
+        "density": density,
+        "without": without,
+        "iterations": iterations,
+        "fits": fits,
+        "fine": fine,
+        "prior": prior,
+        "distance": distance,
+        "focal_px": focal_px,
+        "trust_weights": trust_weights,
+        "registration": registration,
+        "seed": seed,
+    }
     if many:
+        if json:
+            raise InputError("--json for many exposures", remedy="leave it out: runs.csv in the folder has a line each")
         from gs2ci.commands.many import run_many
 
         return run_many(
             (shot, *more),
             output,
+            preset,
             wishes,
             every=every,
             index=index,
-            preset=preset,
-            focal_px=focal_px,
             processes=processes,
             scheduler=scheduler,
             overwrite=overwrite,
         )
-    budget_s = budget_seconds(budget, preset, wishes)
+    from gs2ci.core.storage import read_shot
+
+    measured = read_shot(shot, index)
+    from gs2ci.api import reconstruction
+    from gs2ci.evaluate.run_folder import check_destination
+
     check_destination(output, overwrite=overwrite)
-    measured = with_focal(focal_px, measured)
-    settings, pace = wishes.on(PRESETS[preset]), None
-    with open_display() as display:
-        if needs_compiling(settings.backend):
-            display.say("The first run on this machine compiles the rasteriser, once: give it half a minute more.")
-        if budget_s is not None:
-            plan = planned(budget_s, began_s, measured, wishes.on, display)
-            settings, pace = plan.settings, plan.pace
-        found = reconstruct(measured, settings, display, score_against_truth(measured), pace)
-        display.stage("report")
-        write_run(output, measured, found.result, found.scene, overwrite=overwrite)
-    print_summary(output)
+    with answered(as_text=not json) as answer:
+        with open_display() as display:
+            found = reconstruction.reconstruct(measured, preset, budget=budget, progress=display, **wishes)
+            display.stage("report")
+            found.save(output, overwrite=overwrite)
+        print_summary(output)
+        answer({"folder": output, **found.report.model_dump(mode="json", by_alias=True)})
     return output

@@ -16,7 +16,7 @@ ProxyName = Literal["gap-tv", "eni", "amdi", "routed"]
 
 DecodeMethod = str
 """One of `DECODE_METHODS`, or the name of a plug-in."""
-DECODE_METHODS: Final = ("gap-tv", "pnp-gap", "pnp-admm", "proxies", "eni", "amdi")
+DECODE_METHODS: Final = ("gap-tv", "patches", "patches-quick", "pnp-gap", "pnp-admm", "proxies", "eni", "amdi")
 DECODER_GROUP: Final = "gs2ci.decoders"
 
 RULE_NAMES: Final = ("osgr", "adc", "mcmc", "revised")
@@ -25,6 +25,9 @@ RuleName = str
 
 RegistrationMode = Literal["auto", "off"]
 REGISTRATION_MODES: Final = get_args(RegistrationMode)
+
+MotionMode = Literal["auto", "off", "on"]
+MOTION_MODES: Final = get_args(MotionMode)
 
 ModelName = Literal["vggt", "difix", "lpips"]
 MODEL_NAMES: Final = get_args(ModelName)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 from typing import Final, get_args
 
 from gs2ci.core.errors import InputError
-from gs2ci.reconstruct.choices import MOST_FITS, PoseSource, ProxyName
+from gs2ci.reconstruct.choices import MOST_FITS, MOTION_MODES, MotionMode, PoseSource, ProxyName
 from gs2ci.reconstruct.decode.gap_tv import GapTvSettings
 from gs2ci.reconstruct.decode.residual import ResidualSettings
 from gs2ci.reconstruct.first_look import LookSettings
@@ -53,6 +53,8 @@ class Settings:
         brightness: Of the views' brightness, where the weights are wrong.
         look_again: Whether a doubtful first path is sought again in the fitted views, and fitted once more
             (`second_look`). Not within a budget.
+        motion: Whether things in the scene may move: "auto" where still fits leave what motion explains, not within a
+            budget; "on": at once; "off": never (`moving`).
         registration: Whether the measurement is asked where its masks lie, before anything else.
         seed: Of every random draw.
     """
@@ -74,6 +76,7 @@ class Settings:
     raster: RasterSettings = field(default_factory=lambda: RasterSettings(relist_every=_RELIST_EVERY))
     brightness: BrightnessSettings = field(default_factory=BrightnessSettings)
     look_again: bool = True
+    motion: MotionMode = "auto"
     registration: RegistrationSettings = field(default_factory=RegistrationSettings)
     seed: int = 42
 
@@ -86,6 +89,11 @@ class Settings:
     def may_look_again(self) -> bool:
         """Get whether a second look may be taken: held-out pixels can judge it, nothing of the first is withheld."""
         return self.look_again and self.fit.hold_out.share > 0 and self.withheld == Withheld()
+
+    @property
+    def may_move(self) -> bool:
+        """Get whether a moving scene may be tried beside a still one: held-out pixels can judge it."""
+        return self.motion == "auto" and self.fit.hold_out.share > 0 and self.withheld == Withheld()
 
     @property
     def density_rules(self) -> tuple[DensityRule, ...]:
@@ -115,6 +123,8 @@ class Settings:
             )
         if not 1 <= self.fits <= MOST_FITS:
             raise InputError(f"{self.fits} fits side by side", allowed=f"1 to {MOST_FITS}")
+        if self.motion not in MOTION_MODES:
+            raise InputError(f"motion {self.motion!r}", allowed=", ".join(MOTION_MODES))
         self.decode.check()
         self.geometry.check()
         self.brightness.check()

@@ -27,6 +27,7 @@ from gs2ci.core.errors import InputError
 from gs2ci_calibration.options import CalibrationOptions
 from gs2ci_drivers.display_slm.options import DisplaySlmOptions
 from gs2ci_drivers.dlpc900.options import Dlpc900Options
+from gs2ci_drivers.genicam.options import GenicamOptions
 from gs2ci_drivers.grbl.options import GrblOptions
 from gs2ci_drivers.mount import MountOptions
 from gs2ci_drivers.plugin import driver_plugin
@@ -136,8 +137,8 @@ class WorldTable(ConfigTable):
     trigger_out_2_bit: Literal["disables", "enables"] = "disables"
     """What bit 0 of a pattern entry's byte 9 truly does on the simulated DLPC900."""
     camera_driver: Literal["twin", "unicam", "rp1-cfe", "uvcvideo", "other"] = "twin"
-    """As which kernel driver the simulated camera stamps its frames; "twin" stamps the start of exposure and flags it,
-    "other" the end of the frame."""
+    """As which kernel driver the simulated camera stamps its frames, a GenICam one too; "twin" stamps the start of
+    exposure and flags it, "other" the end of the frame."""
     camera_array: tuple[Count, Count] | None = None
     """Rows and columns of the simulated camera's pixel array, of which [sensor] reads out a region; the scene is what
     that region sees. Without it the array is `height` x `width`."""
@@ -168,7 +169,7 @@ class RigTable(ConfigTable):
 
     name: str = "rig"
     modulator: Annotated[Dlpc900Options | ScpiOptions | DisplaySlmOptions, Field(discriminator="kind")]
-    sensor: V4l2Options
+    sensor: Annotated[V4l2Options | GenicamOptions, Field(discriminator="kind")]
     stage: Annotated[ZaberOptions | GrblOptions, Field(discriminator="kind")] | None = None
     capture: CaptureTable = CaptureTable()
     registration: RegistrationTable = RegistrationTable()

@@ -22,7 +22,9 @@ from gs2ci_drivers.acquisition import Devices, Taken, capture, plan_capture
 from gs2ci_drivers.display_slm.options import DisplaySlmOptions
 from gs2ci_drivers.dlpc900 import packets
 from gs2ci_drivers.dlpc900.options import Dlpc900Options
+from gs2ci_drivers.genicam.options import GenicamOptions
 from gs2ci_drivers.links import usb_bulk
+from gs2ci_drivers.links.gentl import find_producers
 from gs2ci_drivers.links.usb_device import udev_rules
 from gs2ci_drivers.pattern_sequence import ModulatorInfo, TriggerOut
 from gs2ci_drivers.plan import CaptureSettings, Mode
@@ -209,7 +211,10 @@ def _permissions(rig: Rig) -> Iterator[BenchFinding]:
             )
     else:
         yield from _node("modulator", table.modulator.port, tty_rule(table.modulator.port))
-    yield from _node("sensor", table.sensor.port, VIDEO_RULE)
+    if isinstance(table.sensor, GenicamOptions):
+        yield from _producer(table.sensor)
+    else:
+        yield from _node("sensor", table.sensor.port, VIDEO_RULE)
     if table.stage is not None:
         yield from _node("stage", table.stage.port, tty_rule(table.stage.port))
 
@@ -251,6 +256,24 @@ def _node(device: str, port: str, rule: str) -> Iterator[BenchFinding]:
         )
     else:
         yield BenchFinding(what, "ok", f"{port} may be read and written")
+
+
+def _producer(sensor: GenicamOptions) -> Iterator[BenchFinding]:
+    """Say which GenTL producer speaks for the camera; makers' producers bring their own udev rules."""
+    if sensor.port == SIMULATED:
+        return
+    what = "GenTL producer"
+    try:
+        found = find_producers(sensor.producer)
+    except OSError as error:
+        yield BenchFinding(
+            what,
+            "bad",
+            str(error.strerror),
+            "install the camera maker's software, which sets GENICAM_GENTL64_PATH, or set `producer` in [sensor]",
+        )
+        return
+    yield BenchFinding(what, "ok", ", ".join(str(path) for path in found))
 
 
 def _modulator(devices: Devices) -> Iterator[BenchFinding]:

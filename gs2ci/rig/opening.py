@@ -19,18 +19,22 @@ from gs2ci_drivers.display_slm.options import DisplaySlmOptions
 from gs2ci_drivers.dlpc900.driver import Dlpc900
 from gs2ci_drivers.dlpc900.options import Dlpc900Options
 from gs2ci_drivers.dlpc900.packets import PRODUCT_ID, VENDOR_ID
+from gs2ci_drivers.genicam.driver import GenicamSensor
+from gs2ci_drivers.genicam.options import GenicamOptions
 from gs2ci_drivers.grbl.driver import GrblStage
+from gs2ci_drivers.links.gentl import GenTlPort
 from gs2ci_drivers.links.serial_line import SerialLine
 from gs2ci_drivers.links.usb_bulk import UsbFifo
 from gs2ci_drivers.links.usb_hid import UsbHid
 from gs2ci_drivers.links.v4l2_sys import KernelSysPort
 from gs2ci_drivers.modulator import Modulator
 from gs2ci_drivers.plugin import driver_plugin
-from gs2ci_drivers.ports import BytePort, HidPort, SysPort, port_errors
+from gs2ci_drivers.ports import BytePort, CameraPort, HidPort, SysPort, port_errors
 from gs2ci_drivers.scpi_modulator.driver import ScpiModulator
 from gs2ci_drivers.sensor import Sensor
 from gs2ci_drivers.stage import Stage
 from gs2ci_drivers.trace import Trace, TracedBytes, TracedHid, TracedSys
+from gs2ci_drivers.trace_camera import TracedCamera
 from gs2ci_drivers.v4l2.driver import V4l2Sensor
 from gs2ci_drivers.zaber.driver import ZaberStage
 from gs2ci_drivers.zaber.options import ZaberOptions
@@ -128,8 +132,12 @@ class Rig:
         plugged = self._plugged("sensor", self.table.sensor, clock, traces)
         if plugged is not None:
             return plugged  # type: ignore[no-any-return]
-        port: SysPort = self.bench.sys_port() if self.bench else KernelSysPort()
-        return V4l2Sensor("sensor", traces.sys("sensor", port), clock, self.table.sensor)
+        table = self.table.sensor
+        if isinstance(table, GenicamOptions):
+            camera: CameraPort = self.bench.sensor if self.bench else GenTlPort("sensor")  # type: ignore[assignment]
+            return GenicamSensor("sensor", traces.camera("sensor", camera), clock, table)
+        port: SysPort = self.bench.sensor if self.bench else KernelSysPort()  # type: ignore[assignment]
+        return V4l2Sensor("sensor", traces.sys("sensor", port), clock, table)
 
     def _stage(self, clock: Clock, traces: "_Traces") -> Stage | None:
         table = self.table.stage
@@ -194,6 +202,9 @@ class _Traces:
 
     def sys(self, device: str, port: SysPort) -> SysPort:
         return port if self._stem is None else TracedSys(port, self._new(self._stem, device, "sys"))
+
+    def camera(self, device: str, port: CameraPort) -> CameraPort:
+        return port if self._stem is None else TracedCamera(port, self._new(self._stem, device, "camera"))
 
     def close(self) -> None:
         for trace in self._traces:

@@ -17,9 +17,10 @@ from gs2ci.rig.config import RigTable, WorldTable
 from gs2ci.rig.patterns import origin
 from gs2ci_drivers.display_slm.options import DisplaySlmOptions
 from gs2ci_drivers.dlpc900.options import Dlpc900Options
+from gs2ci_drivers.genicam.options import GenicamOptions
 from gs2ci_drivers.grbl.options import GrblOptions
 from gs2ci_drivers.plugin import driver_plugin
-from gs2ci_drivers.ports import SysPort
+from gs2ci_drivers.v4l2.options import V4l2Options
 from gs2ci_drivers.zaber.options import ZaberOptions
 from gs2ci_sims.axis_motion import Mechanics
 from gs2ci_sims.effects.base import Effect
@@ -29,6 +30,7 @@ from gs2ci_sims.registration import MaskAlignment
 from gs2ci_sims.sensor import Sensor
 from gs2ci_sims.wires.display_slm import DisplaySlmTwin
 from gs2ci_sims.wires.dlpc900 import Dlpc900Twin
+from gs2ci_sims.wires.genicam import GenicamModel, GenicamTwin
 from gs2ci_sims.wires.grbl import GrblMachine, GrblTwin
 from gs2ci_sims.wires.scpi_modulator import ScpiModulatorTwin, ScpiPanel
 from gs2ci_sims.wires.v4l2 import V4l2Twin
@@ -65,7 +67,7 @@ class SimulatedBench:
 
     world: World
     modulator: ModulatorTwin
-    sensor: V4l2Twin
+    sensor: V4l2Twin | GenicamTwin
     stage: ZaberTwin | GrblTwin | None
     faults: dict[str, FaultSet]
 
@@ -73,10 +75,6 @@ class SimulatedBench:
     def light(self) -> "BenchLight | None":
         """Get what exposes the scene of [world], or None where a test put another light in."""
         return _rendering(self.world.light)
-
-    def sys_port(self) -> SysPort:
-        """Return the system calls of the simulated computer."""
-        return self.sensor
 
 
 def _rendering(light: LightPath) -> "BenchLight | None":
@@ -127,9 +125,8 @@ def build_bench(rig: RigTable, light: LightPath | None = None) -> SimulatedBench
     if driver_plugin("gs2ci.sensors", rig.sensor.kind) is not None:
         raise _not_simulated(rig.sensor.kind)
     faults = {name: FaultSet() for name in ("modulator", "sensor", "stage")}
-    cfa: CfaPattern | None = "RGGB" if rig.sensor.format.startswith(("RG", "pR")) else None
     if light is None:
-        light = _light(rig, table, cfa)
+        light = _light(rig, table, rig.sensor.cfa)
     world = World(light, _mount(rig, table, light))
     stage = _stage_twin(rig, world, faults["stage"])
     if stage is not None:
@@ -137,7 +134,7 @@ def build_bench(rig: RigTable, light: LightPath | None = None) -> SimulatedBench
     bench = SimulatedBench(
         world=world,
         modulator=_modulator_twin(rig, world, faults["modulator"]),
-        sensor=V4l2Twin(world, _camera(rig, table), faults["sensor"], rng=np.random.default_rng(table.seed)),
+        sensor=_sensor_twin(rig, table, world, faults["sensor"]),
         stage=stage,
         faults=faults,
     )
@@ -281,9 +278,35 @@ def _stage_twin(rig: RigTable, world: World, faults: FaultSet) -> ZaberTwin | Gr
     return None
 
 
-def _camera(rig: RigTable, table: WorldTable) -> CameraModel:
-    sensor, gate = rig.sensor, rig.capture.mode == "gate"
-    line = "modulator.out" if not isinstance(rig.modulator, Dlpc900Options) else f"modulator.out{1 if gate else 2}"
+def _sensor_twin(rig: RigTable, table: WorldTable, world: World, faults: FaultSet) -> V4l2Twin | GenicamTwin:
+    rng = np.random.default_rng(table.seed)
+    line = "modulator.out"
+    if isinstance(rig.modulator, Dlpc900Options):
+        line += "1" if rig.capture.mode == "gate" else "2"
+    if isinstance(rig.sensor, GenicamOptions):
+        return GenicamTwin(world, _genicam_model(rig.sensor, table, line), faults, rng=rng)
+    return V4l2Twin(world, _camera(rig.sensor, table, line), faults, rng=rng)
+
+
+def _genicam_model(sensor: GenicamOptions, table: WorldTable, line: str) -> GenicamModel:
+    offered = GenicamModel().formats
+    first = (sensor.format,) if sensor.format else ()
+    rows, columns = table.camera_array or (table.height, table.width)
+    return GenicamModel(
+        height=rows,
+        width=columns,
+        formats=(*first, *(name for name in offered if name not in first)),
+        trigger_line=line,
+        trigger_input=sensor.trigger_line,
+        stamps=STAMPING[table.camera_driver][0],
+        latency_s=table.trigger_latency_s,
+        jitter_s=table.trigger_jitter_s,
+        exposure_offset_s=table.trigger_exposure_offset_s,
+        readout_s=table.height * CameraModel.line_s if table.camera_readout_s is None else table.camera_readout_s,
+    )
+
+
+def _camera(sensor: V4l2Options, table: WorldTable, line: str) -> CameraModel:
     offered = CameraModel().formats
     rows, columns = table.camera_array or (table.height, table.width)
     stamps, flags_start = STAMPING[table.camera_driver]

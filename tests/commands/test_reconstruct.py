@@ -4,8 +4,9 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
-from gs2ci.commands import reconstruct, wishes
-from gs2ci.commands.wishes import Wishes
+from gs2ci.api import wishes
+from gs2ci.api.wishes import Wishes
+from gs2ci.commands import reconstruct
 from gs2ci.core.errors import InputError, StorageError
 from gs2ci.core.records import Shot, Truth
 from gs2ci.core.storage import write_shots

@@ -23,6 +23,7 @@ from gs2ci.reconstruct.fit.density.osgr import Osgr
 from gs2ci.reconstruct.fit.gathering import Gathering
 from gs2ci.reconstruct.fit.looks import Looks, Refine, Score
 from gs2ci.reconstruct.fit.losses import DataTerm, LossWeights, regulated
+from gs2ci.reconstruct.fit.motion import MotionSettings
 from gs2ci.reconstruct.fit.optimiser import GaussianOptimiser, StepSizes
 from gs2ci.reconstruct.fit.pace import Fixed, Pace
 from gs2ci.reconstruct.fit.poses import PoseCorrections, PoseSettings, length_of
@@ -51,6 +52,7 @@ class CoarseSettings:
         surfaces: How light is gathered on surfaces; None leaves that to the measurement.
         per_open_share: Whether the gradients that density rules see are divided by the masks' share of open pixels, so
             that thresholds found on photographs hold (`gathering.py`).
+        motion: How Gaussians may move that begin with a motion.
     """
 
     iterations: int = 600
@@ -67,6 +69,7 @@ class CoarseSettings:
     poses: PoseSettings = field(default_factory=PoseSettings)
     hold_out: HoldOut = field(default_factory=HoldOut)
     density: DensityRule = field(default_factory=Osgr.sparing)
+    motion: MotionSettings = field(default_factory=MotionSettings)
 
     def check(self) -> "CoarseSettings":
         """Return self if the numbers make sense.
@@ -89,6 +92,7 @@ class CoarseSettings:
         if self.surfaces is not None:
             self.surfaces.check()
         self.hold_out.check()
+        self.motion.check()
         return self
 
 
@@ -145,6 +149,9 @@ class _Fit:
         self._renderer = ShotRenderer(shot, geometry.intrinsics, backend, lens)
         self._gathering = Gathering(self._renderer, len(start), per_open_share=settings.per_open_share)
         self._reuse = self._renderer.reuse()
+        # At a depth of 1, which is the scene's median.
+        self._px_per_length = float(geometry.intrinsics[0, 0])
+        self._pixels = shot.size[0] * shot.size[1]
         self.extent = length_of(settings.steps.unit, geometry.world_to_camera)
         self.cap = _UNBOUNDED
         if settings.gaussians_per_pixel is not None:
@@ -172,16 +179,16 @@ class _Fit:
             iteration: How many are.
 
         Returns:
-            The loss without the surfaces' part of it, NaN where a parameter is not finite.
+            The loss without the surfaces' and the motion's part of it, NaN where a parameter is not finite.
         """
         if not self.optimiser.scene_is_finite():
             return float("nan")
         loss = regulated(self.data_term(self.predict()), self.optimiser.scene, self.settings.loss)
-        objective = loss
+        objective = loss + self.settings.motion.penalty(self.optimiser.scene, self._px_per_length, self._pixels)
         if self._surfaces is not None:
             poses = self.poses.world_to_camera()
             distance = self._surfaces.term(self._renderer, self.optimiser.scene, poses, iteration)
-            objective = loss + self._surfaces.settings.weight_at(share) * distance
+            objective = objective + self._surfaces.settings.weight_at(share) * distance
         objective.backward()  # type: ignore[no-untyped-call]
         return float(loss.detach())
 

@@ -5,12 +5,16 @@ added or removed. Not here: the decision which (`density/`). For `gs2ci.reconstr
 """
 
 from dataclasses import dataclass
+from typing import Final
 
 import torch
 from torch import Tensor
 
 from gs2ci.reconstruct.fit.poses import LengthUnit
 from gs2ci.render.gaussians import Gaussians
+
+# What is measured in units of the scene's extent.
+_LENGTHS: Final = ("means", "motion")
 
 
 @dataclass(frozen=True)
@@ -25,6 +29,8 @@ class StepSizes:
         means: In `unit`, at the start.
         means_final_share: The share of it left at the end; exponential in between.
         unit: Of lengths: the means' step, and the sizes that density rules go by.
+        motion: Of the rows of a moving scene's motion, likewise in units of the scene's extent, and with the same share
+            left at the end.
     """
 
     means: float = 1.28e-2
@@ -34,6 +40,7 @@ class StepSizes:
     colours: float = 3.75e-3
     means_final_share: float = 0.2
     unit: LengthUnit = "path diameter"
+    motion: float = 3.84e-2
 
     @classmethod
     def of_the_literature(cls, unit: LengthUnit = "path diameter") -> "StepSizes":
@@ -46,6 +53,7 @@ class StepSizes:
             opacity_logits=5e-2,
             colours=2.5e-3,
             means_final_share=0.01,
+            motion=1.6e-4,
         )
 
 
@@ -74,14 +82,14 @@ class GaussianOptimiser:
 
     def _initial_rate(self, name: str) -> float:
         rate = float(getattr(self._sizes, name))
-        return rate * self._extent if name == "means" else rate
+        return rate * self._extent if name in _LENGTHS else rate
 
     def means_rate(self, progress: float, damping: float = 1.0) -> float:
         """Return the step size of the means, in scene units; arguments as for `step`."""
         return self._rate("means", progress) * damping
 
     def _rate(self, name: str, progress: float) -> float:
-        decay = self._sizes.means_final_share**progress if name == "means" else 1.0
+        decay = self._sizes.means_final_share**progress if name in _LENGTHS else 1.0
         return self._initial_rate(name) * decay
 
     def step(self, progress: float, damping: float = 1.0) -> None:

@@ -119,6 +119,7 @@ class Surfaces:
             turn: Views are looked at in turn.
         """
         k = turn % len(self.views)
+        scene = scene.at(float(renderer.times[self.views[k]])) if scene.motion is not None else scene
         mask_set, looked_at = self.pixels[k]
         pose = world_to_camera[self.views[k]].detach()
         depth = (scene.means @ pose[2, :3] + pose[2, 3]).clamp(min=NEAR)
@@ -159,8 +160,9 @@ def find_surfaces(
         seed: Of the choice of pixels.
     """
     count = len(views)
+    middle = (world_to_camera[count // 2][None], renderer.times[count // 2][None])
     # One view's depths are range enough, and those of all would cost as much as a fifth of a fit.
-    span = _span(renderer.stopped_light(scene, world_to_camera[count // 2][None]).surface().numpy())
+    span = _span(renderer.stopped_light(scene, *middle).surface().numpy())
     extent = float(np.linalg.norm(np.ptp(camera_centres(world_to_camera), axis=0)))
     if count < 2 or span is None or extent == 0:
         return None

@@ -5,6 +5,7 @@ only a file or a device can tell.
 """
 
 import math
+from collections.abc import Sequence
 from typing import Final
 
 from gs2ci.core.errors import InputError
@@ -62,6 +63,16 @@ def check_number(
     bounds += [f"to {most:g}" if bounds else f"up to {most:g}"] if math.isfinite(most) else []
     allowed = " ".join(["a finite number", *bounds])
     raise InputError(f"{option} {value:g}", allowed=allowed, remedy=remedy or _left_out(option))
+
+
+def check_choice(option: str, value: str | None, allowed: Sequence[str | None]) -> None:
+    """Accept one of several words. At a command line the parser has done so already.
+
+    Raises:
+        InputError: It is none of them.
+    """
+    if value not in allowed:
+        raise InputError(f"{option} {value}", allowed=", ".join(word for word in allowed if word is not None))
 
 
 def check_seed(seed: int) -> None:

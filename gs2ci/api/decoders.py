@@ -22,6 +22,7 @@ from gs2ci.reconstruct.choices import DECODE_METHODS, DECODER_GROUP, DecodeMetho
 from gs2ci.reconstruct.decode.coupling import choose_coupling
 from gs2ci.reconstruct.decode.denoisers import Denoiser, NonLocalMeans, TotalVariation
 from gs2ci.reconstruct.decode.gap_tv import GapTvSettings, gap_tv
+from gs2ci.reconstruct.decode.patches.decoder import PatchSettings, patch_decode, with_iterations
 from gs2ci.reconstruct.decode.pnp import PlugAndPlaySettings, plug_and_play
 from gs2ci.reconstruct.decode.proxies.routing import build_proxies
 from gs2ci.reconstruct.learned.onnx_denoiser import OnnxDenoiser
@@ -62,6 +63,8 @@ def decoder_of(choice: Choice) -> Decoder:
         return _plug_and_play_decoder(choice)
     if choice.method == "gap-tv":
         return _gap_tv_decoder(choice)
+    if choice.method in ("patches", "patches-quick"):
+        return _patch_decoder(choice)
     if choice.iterations is not None:
         raise InputError(f"--iterations with --method {choice.method}", allowed="with methods that iterate")
     if choice.method in DECODE_METHODS:
@@ -98,6 +101,18 @@ def _gap_tv_decoder(choice: Choice) -> Decoder:
     def decode(shot: Shot, progress: Progress) -> _Outcome:
         used = fixed or choose_coupling(shot, settings, choice.seed)
         return gap_tv(shot, used, progress), {"name": "gap-tv", **asdict(used)}, ()
+
+    return decode
+
+
+def _patch_decoder(choice: Choice) -> Decoder:
+    settings = PatchSettings.quick() if choice.method == "patches-quick" else PatchSettings()
+    if choice.iterations is not None:
+        settings = with_iterations(settings, choice.iterations)
+    settings.check()
+
+    def decode(shot: Shot, progress: Progress) -> _Outcome:
+        return patch_decode(shot, settings, progress), {"name": choice.method, **asdict(settings)}, ()
 
     return decode
 

@@ -1,10 +1,15 @@
-"""What a person at a terminal sees of a long computation: the live display, and the closing table of a run.
+"""What a person sees of a long computation: at a terminal, in a notebook, in a file; and the closing table of a run.
 
-Here: the two listeners that implement `gs2ci.core.progress.Progress`, one drawing on a terminal, one writing plain
-lines where output goes to a file or a pipe, and `print_summary`. Not here: any figure's computation.
+Here: the listeners that implement `gs2ci.core.progress.Progress`: one draws on a terminal, one below a notebook's cell,
+one writes plain lines where output goes to a file or a pipe, one keeps quiet; the choice between them; and
+`print_summary`. Not here: any figure's computation.
 """
 
-from collections.abc import Iterable
+import html
+import os
+import sys
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Final, Protocol, Self
@@ -25,6 +30,8 @@ if TYPE_CHECKING:
 
 # Redrawing costs the fit about a thousandth at this rate; an eye needs no more.
 REDRAWS_PER_SECOND: Final = 4
+# Set by `gs2ci --quiet`, for whatever is started from there as well.
+QUIET_VARIABLE: Final = "GS2CI_QUIET"
 STAGE_WIDTH: Final = 12
 
 _LABELS: Final = {"heldout": "held-out", "psnr": "PSNR"}
@@ -55,13 +62,208 @@ class Display(progress.Progress, Protocol):
 
 
 def open_display(console: Console | None = None) -> Display:
-    """Choose the display for where standard output goes: live on a terminal, plain lines elsewhere.
+    """Choose the display for where output goes: live on a terminal, a bar in a notebook, plain lines elsewhere.
 
     Args:
         console: Where to show; standard output if None.
     """
+    if is_quiet():
+        return QuietDisplay(console or Console(stderr=True, highlight=False))
+    if console is None and in_notebook():
+        return NotebookDisplay()
     console = console or Console(highlight=False)
     return LiveDisplay(console) if console.is_terminal else PlainDisplay(console)
+
+
+def is_quiet() -> bool:
+    """Tell whether the user asked for silence, by `--quiet` or by the variable GS2CI_QUIET."""
+    return os.environ.get(QUIET_VARIABLE, "") not in ("", "0")
+
+
+def in_notebook() -> bool:
+    """Tell whether this process is a notebook's kernel, whose cells show HTML."""
+    # Whoever has not imported IPython by now is not called from it.
+    ipython = sys.modules.get("IPython")
+    shell = ipython.get_ipython() if ipython is not None else None
+    return shell is not None and hasattr(shell, "kernel")
+
+
+@contextmanager
+def shown(progress: progress.Progress | None) -> Iterator[Display]:
+    """Give a listener to work with: the caller's own, which stays open, or a display that is closed at the end."""
+    if progress is not None:
+        yield _Caller(progress)
+        return
+    with open_display() as display:
+        yield display
+
+
+@contextmanager
+def interrupted_within() -> Iterator[None]:
+    """Raise KeyboardInterrupt for an interruption that compiled code has turned into another error.
+
+    Raises:
+        KeyboardInterrupt: The user interrupted.
+    """
+    try:
+        yield
+    except SystemError as error:
+        if stems_from_interruption(error):
+            raise KeyboardInterrupt from error
+        raise
+
+
+def stems_from_interruption(error: BaseException | None) -> bool:
+    """Tell whether Ctrl-C came while compiled code was being entered: Numba makes it the cause of another error."""
+    while error is not None and not isinstance(error, KeyboardInterrupt):
+        error = error.__cause__ or error.__context__
+    return error is not None
+
+
+class _Caller:
+    """A caller's own listener as a display: what it does not know is left out."""
+
+    def __init__(self, listener: progress.Progress) -> None:
+        self._listener = listener
+        self.stage, self.expect, self.step, self.say = listener.stage, listener.expect, listener.step, listener.say
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        pass
+
+    def ask(self, request: str) -> None:
+        """Ask through the listener where it can, else by a sentence and Enter."""
+        own: Callable[[str], None] | None = getattr(self._listener, "ask", None)
+        if own is not None:
+            own(request)
+            return
+        self.say(f"{request}, then press Enter")
+        _wait_for_enter(request)
+
+    def finish(self) -> None:
+        """End the running stage where the listener can."""
+        own: Callable[[], None] | None = getattr(self._listener, "finish", None)
+        if own is not None:
+            own()
+
+
+class QuietDisplay:
+    """Nothing but what a person has to do."""
+
+    def __init__(self, console: Console) -> None:
+        self._console = console
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        pass
+
+    def stage(self, name: str, total: int | None = None) -> None:
+        """Ignore."""
+
+    def expect(self, total: int) -> None:
+        """Ignore."""
+
+    def step(self, done: int, **figures: float | int | str) -> None:
+        """Ignore."""
+
+    def say(self, text: str) -> None:
+        """Ignore."""
+
+    def ask(self, request: str) -> None:
+        """Write the request and wait for Enter."""
+        self._console.print(f"{request}, then press Enter", markup=False, highlight=False, soft_wrap=True)
+        _wait_for_enter(request)
+
+    def finish(self) -> None:
+        """Ignore."""
+
+
+class NotebookDisplay:
+    """One line with a bar per stage below a notebook's cell, redrawn in place; it needs no widgets."""
+
+    def __init__(self, clock: Clock | None = None) -> None:
+        self._clock = clock or WallClock()
+        self._lines: list[str] = []
+        self._name = self._figures = ""
+        self._total: int | None = None
+        self._done = 0
+        self._began_s = self._drawn_s = 0.0
+        self._handle: Any = None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.finish()
+
+    def stage(self, name: str, total: int | None = None) -> None:
+        """Close the last stage's line; begin another."""
+        self.finish()
+        self._name, self._total, self._done, self._figures = name, total, 0, ""
+        self._began_s = self._clock.now_s()
+        self._draw()
+
+    def expect(self, total: int) -> None:
+        """Draw the bar towards another total."""
+        self._total = total
+
+    def step(self, done: int, **figures: float | int | str) -> None:
+        """Move the bar and show the figures, as often as an eye follows."""
+        self._done = done
+        self._figures = describe_figures(figures) or self._figures
+        if self._clock.now_s() - self._drawn_s >= 1 / REDRAWS_PER_SECOND:
+            self._draw()
+
+    def say(self, text: str) -> None:
+        """Add the sentence above the running stage."""
+        self._lines.append(f"<div>{html.escape(text)}</div>")
+        self._draw()
+
+    def ask(self, request: str) -> None:
+        """Show the request and wait for Enter."""
+        self.say(f"{request}, then press Enter")
+        _wait_for_enter(request)
+
+    def finish(self) -> None:
+        """Close the running stage's line."""
+        if self._name:
+            self._lines.append(self._line(ended=True))
+            self._name = ""
+            self._draw()
+
+    def _line(self, *, ended: bool = False) -> str:
+        seconds = self._clock.now_s() - self._began_s
+        most = self._total or 1
+        # Without a total the bar shows that something goes on, and not how far.
+        amount = f'value="{most}"' if ended else f'value="{min(self._done, most)}"' if self._total else ""
+        told = "" if ended else html.escape(self._figures)
+        return (
+            f'<div style="display:flex;gap:1em;align-items:center;font-variant-numeric:tabular-nums">'
+            f'<span style="min-width:7em">{html.escape(self._name)}</span>'
+            f'<progress max="{most}" {amount}></progress><span>{seconds:.1f} s</span>'
+            f'<span style="opacity:.7">{told}</span></div>'
+        )
+
+    def _draw(self) -> None:
+        from IPython.display import HTML, display
+
+        self._drawn_s = self._clock.now_s()
+        running = [self._line()] if self._name else []
+        drawn = HTML("".join([*self._lines, *running]))  # type: ignore[no-untyped-call]
+        if self._handle is None:
+            self._handle = display(drawn, display_id=True)  # type: ignore[no-untyped-call]
+        else:
+            self._handle.update(drawn)
 
 
 class PlainDisplay:
@@ -263,7 +465,7 @@ def print_summary(folder: Path, console: Console | None = None) -> None:
     table.add_column(style="dim", no_wrap=True)
     table.add_column(no_wrap=True)
     table.add_column(style="dim")
-    for row in _summary_rows(report):
+    for row in summary_rows(report):
         table.add_row(*(Text(cell) for cell in row))
     console.print()
     console.print(table)
@@ -280,7 +482,7 @@ def print_summary(folder: Path, console: Console | None = None) -> None:
         console.print(line.append(f"  {what}" if what else "", style="dim"), soft_wrap=True)
 
 
-def _summary_rows(report: "Report") -> list[tuple[str, str, str]]:
+def summary_rows(report: "Report") -> list[tuple[str, str, str]]:
     """Collect name, value and remark of every figure that is known."""
     rows = []
     for own, decode, name, form, unit in (

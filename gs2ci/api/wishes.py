@@ -1,15 +1,17 @@
 """What the arguments of `gs2ci reconstruct` mean: for the settings, for the shot, and within a budget of seconds.
 
 Here: settings changed as wished, a shot with the focal length that its user knows, the plan of a budget. Not here: the
-settings (`gs2ci.reconstruct`), the order of the work (`reconstruct`).
+settings (`gs2ci.reconstruct`), the order of the work (`reconstruction`).
 """
 
 import time
 from dataclasses import dataclass, replace
+from typing import get_args
 
 import numpy as np
 
-from gs2ci.commands.display import Display
+from gs2ci.api.display import Display
+from gs2ci.api.options import check_choice
 from gs2ci.core.arrays import F32
 from gs2ci.core.durations import parse_duration_s
 from gs2ci.core.errors import InputError
@@ -21,7 +23,7 @@ from gs2ci.reconstruct.budget.costs import probe
 from gs2ci.reconstruct.budget.plan import Adapt, BudgetPlan, plan_within
 from gs2ci.reconstruct.choices import PoseSource, PresetName, ProxyName, RegistrationMode, RuleName
 from gs2ci.reconstruct.fit.looks import Score
-from gs2ci.reconstruct.presets import PRESETS
+from gs2ci.reconstruct.presets import PRESETS, preset
 from gs2ci.reconstruct.settings import Settings
 
 
@@ -91,6 +93,20 @@ def budget_seconds(budget: str | None, preset: PresetName, wishes: Wishes) -> fl
             remedy="give either --budget, or --preset, --iterations and --fine",
         )
     return budget_s
+
+
+def settings_of(name: PresetName, wishes: Wishes) -> Settings:
+    """Return a preset's settings, changed as wished.
+
+    Raises:
+        InputError: A name is unknown.
+    """
+    for option, value, allowed in (
+        ("--proxy", wishes.proxy, (None, *get_args(ProxyName))),
+        ("--registration", wishes.registration, (None, *get_args(RegistrationMode))),
+    ):
+        check_choice(option, value, allowed)
+    return wishes.on(preset(name))
 
 
 def with_focal(focal_px: float | None, shot: Shot) -> Shot:

@@ -2,7 +2,7 @@ import math
 
 import pytest
 
-from gs2ci.commands.options import MOST_COUNT, MOST_SEED, check_number, check_seed, check_whole
+from gs2ci.api.options import MOST_COUNT, MOST_SEED, check_number, check_seed, check_whole
 from gs2ci.core.errors import InputError
 
 

@@ -4,7 +4,7 @@ import time
 import pytest
 from rich.console import Console
 
-from gs2ci.commands.display import (
+from gs2ci.api.display import (
     LiveDisplay,
     PlainDisplay,
     describe_figures,
