@@ -28,6 +28,7 @@ os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 from gs2ci import __version__
 from gs2ci.core.clock import begin_command
 from gs2ci.core.errors import Gs2ciError
+from gs2ci.core.extras import missing_extra
 
 if TYPE_CHECKING:
     from tyro.constructors import ConstructorRegistry, PrimitiveConstructorSpec, PrimitiveTypeInfo
@@ -118,6 +119,12 @@ def _run(command: str, arguments: list[str], *, quiet: bool) -> int:
             tyro.cli(run, prog=f"gs2ci {command}", description=_about(run.__doc__), args=arguments)
     except Gs2ciError as error:
         _print_error(error)
+        return EXIT_USER_ERROR
+    except ModuleNotFoundError as error:
+        missing = missing_extra(error)
+        if missing is None:
+            raise
+        _print_error(missing)
         return EXIT_USER_ERROR
     except BrokenPipeError:
         raise
