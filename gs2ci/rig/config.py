@@ -134,8 +134,8 @@ class WorldTable(ConfigTable):
     trigger_out_2_bit: Literal["disables", "enables"] = "disables"
     """What bit 0 of a pattern entry's byte 9 truly does on the simulated DLPC900."""
     camera_driver: Literal["twin", "unicam", "rp1-cfe", "uvcvideo", "other"] = "twin"
-    """As which kernel driver the simulated camera stamps its frames, a GenICam one too; "twin" stamps the start of exposure and flags it,
-    "other" the end of the frame."""
+    """As which kernel driver the simulated camera stamps its frames, a GenICam one too; "twin" stamps the start of
+    exposure and flags it, "other" the end of the frame."""
     camera_array: tuple[Count, Count] | None = None
     """Rows and columns of the simulated camera's pixel array, of which [sensor] reads out a region; the scene is what
     that region sees. Without it the array is `height` x `width`."""

@@ -149,7 +149,7 @@ def _header(rig: Rig, devices: Devices, prepared: Prepared) -> CaptureHeader:
         reading="u2",
         offset_dn=table.sensor.black_level_dn,
         scale_dn=_scale_dn(table, plan, picture.top)[0],
-        saturation_dn=float(_saturation_dn(table, picture.top)),
+        saturation_dn=float(saturation_of(table, picture.top)),
         cfa=cfa,
         intrinsics=light.scene.intrinsics if light is not None else _intrinsics(table, masks.shape[1:]),
         distortion=light.lens.coefficients if light is not None and light.lens else None,
@@ -191,8 +191,8 @@ def _scale_dn(table: RigTable, plan: CapturePlan, top: int) -> tuple[float, str]
     return (top - sensor.black_level_dn) / views, "guessed: the sensor's range over half the masks"
 
 
-def _saturation_dn(table: RigTable, top: int) -> float:
-    """Return the reading from which on a pixel may be clipped: the well's end or the converter's top."""
+def saturation_of(table: RigTable, top: int) -> float:
+    """Return the reading, DN, from which on a pixel may be clipped: the well's end or the converter's `top`."""
     sensor = table.sensor
     if sensor.full_well_e and sensor.electrons_per_dn:
         return min(float(top), sensor.black_level_dn + FULL_WELL_SHARE * sensor.full_well_e / sensor.electrons_per_dn)
