@@ -49,6 +49,7 @@ def run(
         The shot file; None for a dry run.
     """
     check_whole("--shots", shots, 1, remedy="leave --shots out for the rig file's number")
+    from gs2ci.core.storage import count_shots
     from gs2ci.core.storage.sealing import check_target
     from gs2ci.rig.calibrated import load
     from gs2ci.rig.opening import load_rig
@@ -79,7 +80,10 @@ def run(
         console.print(f"the light path {last.summary()}", markup=False, highlight=False, soft_wrap=True)
     if calibrated is not None:
         console.print(f"masks from {calibrated.bundle.path}", markup=False, highlight=False, soft_wrap=True)
-    count = prepared.plan.settings.shots
+    count, wanted = count_shots(out), prepared.plan.settings.shots
+    if count < wanted:
+        lost = f"{wanted - count} of {wanted} exposures were lost; the file's events name them"
+        console.print(lost, markup=False, highlight=False, soft_wrap=True)
     console.print(f"{count} shot{'s' if count > 1 else ''} in [bold]{escape(str(out))}[/]", soft_wrap=True)
     return out
 

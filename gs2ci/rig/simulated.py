@@ -76,6 +76,12 @@ class SimulatedBench:
         light = self.world.light
         return light if isinstance(light, BenchLight) else None
 
+    def forget_before(self, when_s: float) -> None:
+        """Forget what happened before, so that a long run takes no more memory than a short one."""
+        for index in self.world.forget_before(when_s):
+            if self.light is not None:
+                self.light.plans.pop(index, None)
+
 
 def build_bench(rig: RigTable, light: LightPath | None = None) -> SimulatedBench:
     """Build the world of a rig file.

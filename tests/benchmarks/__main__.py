@@ -20,6 +20,7 @@ BENCHMARKS = {
     "rasteriser": "tests.benchmarks.rasteriser",
     "list_reuse": "tests.benchmarks.list_reuse",
     "simulated_capture": "tests.benchmarks.simulated_capture",
+    "continuous": "tests.benchmarks.continuous",
     "proxies": "tests.benchmarks.proxies",
     "digests": "tests.benchmarks.digests",
     "decoders": "tests.benchmarks.decoders",

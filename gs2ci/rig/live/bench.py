@@ -320,7 +320,7 @@ class LiveBench:
         """Take one coded exposure as the rig file says and decode it; what was on before is off then."""
         self._disarm()
         table = self._rig.table
-        capture = table.capture.model_copy(update={"shots": 1, "burst": 1})
+        capture = table.capture.model_copy(update={"shots": 1, "burst": 1, "continuous": False})
         rig = replace(self._rig, table=table.model_copy(update={"capture": capture}))
         self._taking = True
         try:

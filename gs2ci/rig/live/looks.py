@@ -43,7 +43,7 @@ class PictureFigures:
 
 
 @dataclass(frozen=True)
-class Residual:
+class MaskResidual:
     """Where a mask lies against where it should.
 
     Args:
@@ -88,7 +88,7 @@ def sharpness_of(pixels: U16, black_dn: float) -> float:
     return float((down**2 + right**2).mean())
 
 
-def residual_of(pixels: U16, mask: F64, black_dn: float) -> Residual:
+def residual_of(pixels: U16, mask: F64, black_dn: float) -> MaskResidual:
     """Find where a mask, [H, W], lies in a picture that was taken through it alone.
 
     Shifts beyond `REACH_PX` are not found. There are arrows where at least five tiles agree on a place; a tile in which
@@ -100,10 +100,10 @@ def residual_of(pixels: U16, mask: F64, black_dn: float) -> Residual:
     tiles = find_tiles(sought, fine_pattern(mask, width), lambda place: np.zeros(2), REACH_PX, width)
     placed = place_tiles(tiles, (seen.shape[0], seen.shape[1]))
     if placed is None:
-        return Residual(())
+        return MaskResidual(())
     sure = [tile for tile in tiles if tile.peak.is_sure]
     arrows = tuple((*tile.middle, float(tile.peak.down_px), float(tile.peak.right_px)) for tile in sure)
-    return Residual(arrows, placed.down_px, placed.right_px, placed.rotation_deg, placed.scale, found=True)
+    return MaskResidual(arrows, placed.down_px, placed.right_px, placed.rotation_deg, placed.scale, found=True)
 
 
 def picture_png(pixels: U16, top: int, saturation_dn: float, black_dn: float) -> tuple[bytes, tuple[int, int]]:
