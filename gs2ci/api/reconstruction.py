@@ -27,6 +27,7 @@ from gs2ci.reconstruct.choices import (
 
 if TYPE_CHECKING:
     from gs2ci.api.wishes import Wishes
+    from gs2ci.reconstruct.fit.density.base import DensityRule
 
 
 def reconstruct(
@@ -36,7 +37,7 @@ def reconstruct(
     geometry: PoseSource | None = None,
     proxy: ProxyName | None = None,
     budget: str | None = None,
-    density: RuleName | None = None,
+    density: "RuleName | DensityRule | None" = None,
     without: tuple[str, ...] = (),
     iterations: int | None = None,
     fits: int | None = None,
@@ -63,7 +64,8 @@ def reconstruct(
             "vggt:FILE" or "vggt-or-tracks"; the preset's own when None.
         proxy: The views that the geometry is found in: "gap-tv", "eni", "amdi" or "routed"; the preset's own when None.
         budget: Instead of a preset, the time that everything may take, as in "60s" or "5min".
-        density: The rule by which Gaussians are added and removed; the preset's own when None.
+        density: The rule by which Gaussians are added and removed: its name, or an object of your own
+            (`gs2ci.reconstruct.fit.density.base`); the preset's own when None.
         without: Components to do without, for comparisons.
         iterations: At most so many iterations of the fit.
         fits: How many fits the views are the mean of.
@@ -144,7 +146,7 @@ def wishes_of(
     *,
     geometry: PoseSource | None = None,
     proxy: ProxyName | None = None,
-    density: RuleName | None = None,
+    density: "RuleName | DensityRule | None" = None,
     without: tuple[str, ...] = (),
     iterations: int | None = None,
     fits: int | None = None,

@@ -22,6 +22,7 @@ from gs2ci.reconstruct import ablation
 from gs2ci.reconstruct.budget.costs import probe
 from gs2ci.reconstruct.budget.plan import Adapt, BudgetPlan, plan_within
 from gs2ci.reconstruct.choices import MotionMode, PoseSource, PresetName, ProxyName, RegistrationMode, RuleName
+from gs2ci.reconstruct.fit.density.base import DensityRule
 from gs2ci.reconstruct.fit.looks import Score
 from gs2ci.reconstruct.presets import PRESETS, preset
 from gs2ci.reconstruct.settings import Settings
@@ -33,7 +34,7 @@ class Wishes:
 
     geometry: PoseSource | None
     proxy: ProxyName | None
-    density: RuleName | None
+    density: RuleName | DensityRule | None
     without: tuple[str, ...]
     iterations: int | None
     fits: int | None
