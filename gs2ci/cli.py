@@ -28,6 +28,7 @@ os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 from gs2ci import __version__
 from gs2ci.core.clock import begin_command
 from gs2ci.core.errors import Gs2ciError
+from gs2ci.core.extras import missing_extra
 
 if TYPE_CHECKING:
     from tyro.constructors import ConstructorRegistry, PrimitiveConstructorSpec, PrimitiveTypeInfo
@@ -51,6 +52,7 @@ COMMANDS: Final[dict[str, tuple[str, str]]] = {
     "capture": ("gs2ci.commands.capture", "take coded exposures on a bench, real or simulated"),
     "recover": ("gs2ci.commands.recover", "save the finished rows of an interrupted capture"),
     "devices": ("gs2ci.commands.devices", "say what is connected and what it can do"),
+    "live": ("gs2ci.commands.live", "show a bench in a browser while one aligns it"),
     "doctor": ("gs2ci.commands.doctor", "examine a bench: permissions, clocks, trigger line"),
     "plugins": ("gs2ci.commands.plugins", "list what other packages add: drivers, rules, decoders, ..."),
     "tables": ("gs2ci.commands.tables", "make tables of figures: methods, mask ratios, seeds"),
@@ -118,6 +120,12 @@ def _run(command: str, arguments: list[str], *, quiet: bool) -> int:
             tyro.cli(run, prog=f"gs2ci {command}", description=_about(run.__doc__), args=arguments)
     except Gs2ciError as error:
         _print_error(error)
+        return EXIT_USER_ERROR
+    except ModuleNotFoundError as error:
+        missing = missing_extra(error)
+        if missing is None:
+            raise
+        _print_error(missing)
         return EXIT_USER_ERROR
     except BrokenPipeError:
         raise
