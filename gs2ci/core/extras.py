@@ -9,11 +9,12 @@ from typing import Final
 from gs2ci.core.errors import InputError
 
 EXTRAS: Final[dict[str, tuple[str, ...]]] = {
-    "reconstruct": ("jinja2", "markupsafe", "matplotlib", "onnxruntime", "pycolmap", "skimage", "torch"),
+    "reconstruct": ("imageio", "jinja2", "markupsafe", "matplotlib", "onnxruntime", "pycolmap", "skimage", "torch"),
     "cluster": ("dask", "distributed"),
     "view": ("viser",),
     "mesh": ("trimesh",),
     "export": ("onnx",),
+    "exr": ("OpenEXR",),
 }
 """Extra -> the modules that it brings."""
 

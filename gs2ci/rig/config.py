@@ -65,6 +65,11 @@ class CaptureTable(ConfigTable):
     margin_s: Delay = 0.0
     jitter_s: Delay = 20e-6
     retries: Annotated[int, Field(ge=0)] = 0
+    continuous: bool = False
+    """Take all shots in one run of the modulator, as fast as the devices follow each other: for a camera at rest.
+    Frames that are lost are named and passed over."""
+    ring: Count = 16
+    """Shots that may wait in memory while the disk is busy, in a continuous capture."""
     sync: bool = False
     """Wait after each row until the storage device has it, so that it survives a loss of power, too."""
 

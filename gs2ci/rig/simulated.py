@@ -76,6 +76,12 @@ class SimulatedBench:
         """Get what exposes the scene of [world], or None where a test put another light in."""
         return _rendering(self.world.light)
 
+    def forget_before(self, when_s: float) -> None:
+        """Forget what happened before, so that a long run takes no more memory than a short one."""
+        for index in self.world.forget_before(when_s):
+            if self.light is not None:
+                self.light.plans.pop(index, None)
+
 
 def _rendering(light: LightPath) -> "BenchLight | None":
     """Return a light that renders a scene; None for any other. Nothing is imported for the answer."""

@@ -21,6 +21,7 @@ BENCHMARKS = {
     "profile": "tests.benchmarks.profile",
     "list_reuse": "tests.benchmarks.list_reuse",
     "simulated_capture": "tests.benchmarks.simulated_capture",
+    "continuous": "tests.benchmarks.continuous",
     "proxies": "tests.benchmarks.proxies",
     "digests": "tests.benchmarks.digests",
     "decoders": "tests.benchmarks.decoders",

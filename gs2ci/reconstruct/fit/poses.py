@@ -30,15 +30,15 @@ class PoseSettings:
 
     Args:
         refine: Whether they are refined at all.
-        every: Gradients are accumulated over this many iterations before a step. The paper takes 25; on schedules
-            of a few hundred iterations 5 gave 0.5 dB more.
+        every: Gradients are accumulated over this many iterations before a step. The paper takes 25; on a schedule
+            of 600 iterations 5 gave 0.5 dB more, on one of 150 steps at every iteration another 0.2 to 0.5.
         rate: Initial step size of Adam, in radians and in `unit`.
         final_rate: Step size at the end; exponential in between.
         unit: Of translations.
     """
 
     refine: bool = True
-    every: int = 5
+    every: int = 1
     rate: float = 3e-3
     final_rate: float = 6e-6
     unit: LengthUnit = "median depth"
