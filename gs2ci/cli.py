@@ -58,6 +58,7 @@ COMMANDS: Final[dict[str, tuple[str, str]]] = {
     "completion": ("gs2ci.commands.completion", "print a script that lets your shell complete commands"),
     "tables": ("gs2ci.commands.tables", "make tables of figures: methods, mask ratios, seeds"),
     "demo": ("gs2ci.commands.demo", "simulate an exposure, reconstruct it"),
+    "compile": ("gs2ci.commands.compile", "make all machine code now, which the first run else does"),
 }
 # Names that commands had before -> what they are called now. Refused, naming the new one.
 RENAMED: Final[dict[str, str]] = {"bench": "tables"}
