@@ -23,7 +23,7 @@ from gs2ci.reconstruct.fit.density.osgr import Osgr
 from gs2ci.reconstruct.fit.gathering import Gathering
 from gs2ci.reconstruct.fit.looks import Looks, Refine, Score
 from gs2ci.reconstruct.fit.losses import DataTerm, LossWeights, regulated
-from gs2ci.reconstruct.fit.motion import MotionSettings
+from gs2ci.reconstruct.fit.motion import ObjectMotionSettings
 from gs2ci.reconstruct.fit.optimiser import GaussianOptimiser, StepSizes
 from gs2ci.reconstruct.fit.pace import Fixed, Pace
 from gs2ci.reconstruct.fit.poses import PoseCorrections, PoseSettings, length_of
@@ -72,7 +72,7 @@ class CoarseSettings:
     poses: PoseSettings = field(default_factory=PoseSettings)
     hold_out: HoldOut = field(default_factory=HoldOut)
     density: DensityRule = field(default_factory=Osgr.sparing)
-    motion: MotionSettings = field(default_factory=MotionSettings)
+    motion: ObjectMotionSettings = field(default_factory=ObjectMotionSettings)
 
     def check(self) -> "CoarseSettings":
         """Return self if the numbers make sense.
