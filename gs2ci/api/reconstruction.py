@@ -6,6 +6,7 @@ reconstruction (`gs2ci.reconstruct.pipeline`).
 
 import time
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from gs2ci.api.display import interrupted_within, shown
 from gs2ci.api.options import check_number, check_seed, check_whole
@@ -25,6 +26,9 @@ from gs2ci.reconstruct.choices import (
     RuleName,
 )
 
+if TYPE_CHECKING:
+    from gs2ci.reconstruct.fit.density.base import DensityRule
+
 
 def reconstruct(
     shot: Shot | str | Path,
@@ -34,7 +38,7 @@ def reconstruct(
     proxy: ProxyName | None = None,
     first_look: FirstLookName | None = None,
     budget: str | None = None,
-    density: RuleName | None = None,
+    density: "RuleName | DensityRule | None" = None,
     without: tuple[str, ...] = (),
     iterations: int | None = None,
     fits: int | None = None,
@@ -63,7 +67,8 @@ def reconstruct(
         first_look: What decodes before anything is fitted: "gap-tv", "patches" or "patches-quick"; the preset's own
             when None.
         budget: Instead of a preset, the time that everything may take, as in "60s" or "5min".
-        density: The rule by which Gaussians are added and removed; the preset's own when None.
+        density: The rule by which Gaussians are added and removed: its name, or an object of your own
+            (`gs2ci.reconstruct.fit.density.base`); the preset's own when None.
         without: Components to do without, for comparisons.
         iterations: At most so many iterations of the fit.
         fits: How many fits the views are the mean of.

@@ -30,6 +30,7 @@ from gs2ci.reconstruct.choices import (
     RegistrationMode,
     RuleName,
 )
+from gs2ci.reconstruct.fit.density.base import DensityRule
 from gs2ci.reconstruct.fit.looks import Score
 from gs2ci.reconstruct.presets import PRESETS, preset
 from gs2ci.reconstruct.settings import Settings
@@ -42,7 +43,7 @@ class Wishes:
     geometry: PoseSource | None = None
     proxy: ProxyName | None = None
     first_look: FirstLookName | None = None
-    density: RuleName | None = None
+    density: RuleName | DensityRule | None = None
     without: tuple[str, ...] = ()
     iterations: int | None = None
     fits: int | None = None

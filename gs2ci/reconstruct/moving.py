@@ -43,6 +43,8 @@ _LEAST_SURELY: Final = 0.04
 # What a brief release has to take off the residual on the held-out pixels, and a moving scene in the end.
 LEAST_BRIEF_GAIN: Final = 0.01
 LEAST_GAIN: Final = 0.02
+# The same of a few steps of a decode by similar patches, where a still fit is too wrong to be let move.
+LEAST_PATCH_GAIN: Final = 0.05
 # Iterations of a brief release for each of the whole schedule.
 _BRIEF: Final = 1 / 12
 # What moves less than this over the whole exposure is not said to move, px.
@@ -71,11 +73,16 @@ class MotionReport:
     chosen: str = ""
     moves: bool = False
 
+    @property
+    def tried(self) -> bool:
+        """Get whether fits that move were made."""
+        return self.moves or bool(self.heldout_rms)
+
     def summary(self, speeds: "Speeds | None") -> dict[str, object]:
         """Return it as plain values."""
         return {
             "asked": self.asked,
-            "tried": self.moves or bool(self.heldout_rms),
+            "tried": self.tried,
             "moves": self.moves,
             "explained": None if self.left is None else self.left.explained,
             "blocks": None if self.left is None else self.left.surely,

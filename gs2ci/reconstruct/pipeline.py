@@ -26,6 +26,7 @@ from gs2ci.reconstruct.attempts import from_rest, needs_rest, ranking
 from gs2ci.reconstruct.decode.by_name import decode_by_name
 from gs2ci.reconstruct.decode.coupling import choose_coupling
 from gs2ci.reconstruct.decode.gap_tv import gap_tv
+from gs2ci.reconstruct.decode.patches.decoder import PatchSettings, patch_decode_from
 from gs2ci.reconstruct.decode.residual import ResidualSettings
 from gs2ci.reconstruct.first_look import FirstLook, look
 from gs2ci.reconstruct.fit.coarse import CoarseFit, fit_coarse
@@ -54,6 +55,7 @@ from gs2ci.reconstruct.measurement.moving import LeftByMotion
 from gs2ci.reconstruct.moving import (
     LEAST_BRIEF_GAIN,
     LEAST_GAIN,
+    LEAST_PATCH_GAIN,
     MOVING,
     RELEASED,
     STILL,
@@ -171,7 +173,7 @@ def reconstruct(
         )
         ensemble = combined(tuple(fined if fit is best else fit for fit in tried.fits), jury, refine)
         clock.lap("fine")
-    recovered = _recover(jury, decoded, ensemble, refine, settings)
+    recovered = _recover(jury, decoded, ensemble, refine, settings, polish=motion.tried)
     geometry, ensemble = in_given_unit(geometry, ensemble)
     light = renderer.stopped_light(ensemble.best.scene, ensemble.best.world_to_camera)
     seen = speeds(renderer, ensemble.best.scene, ensemble.best.world_to_camera)
@@ -358,7 +360,7 @@ class _Trials:
             return still, self._report(None, {STILL: still}, still)
         left = ask(self.jury, still.ensemble.views)
         attempts = {STILL: still}
-        if wanted or (speaks_for_motion(left) and self._gains_by_motion(still)):
+        if wanted or (speaks_for_motion(left) and self._gains(still)):
             self.progress.say("What the still scene leaves looks like motion: scenes that move are fitted as well.")
             refined = self.refine(still.ensemble.views)
             views = min((refined, first.decoded), key=lambda shown: self.jury.residual_rms(shown) or 0.0)
@@ -381,11 +383,19 @@ class _Trials:
             attempts["rest"] = self.attempt(from_rest(first), first.decoded, False)
         return self._best(attempts)
 
-    def _gains_by_motion(self, still: _Attempt) -> bool:
-        """Tell whether the best of the still fits, let move for a little while, predicts held-out pixels better."""
+    def _gains(self, still: _Attempt) -> bool:
+        """Tell whether motion predicts held-out pixels better: a little of it given to the best fit, or to patches.
+
+        Where a still fit is too wrong to be let move, groups of patches that follow what moves know better than it.
+        """
         brief = self.release(still, True).ensemble.best
         before, after = (self.jury.residual_rms(self.refine(fit.views)) for fit in (still.ensemble.best, brief))
-        return before is not None and after is not None and after < (1 - LEAST_BRIEF_GAIN) * before
+        if before is not None and after is not None and after < (1 - LEAST_BRIEF_GAIN) * before:
+            return True
+        refined = self.refine(still.ensemble.views)
+        polished = patch_decode_from(self.jury.seen, refined, PatchSettings.from_scene_briefly())
+        before, after = self.jury.residual_rms(refined), self.jury.residual_rms(polished)
+        return before is not None and after is not None and after < (1 - LEAST_PATCH_GAIN) * before
 
     def _best(self, attempts: dict[str, _Attempt]) -> _Attempt:
         """Choose the attempt that predicts the held-out pixels best, and say how all of them did."""
@@ -432,14 +442,17 @@ class _Stopwatch:
         return {**self._stages, "total": self._lap_s - self.began_s}
 
 
-def _recover(jury: Jury, decoded: F32, ensemble: Ensemble, refine: Refinement, settings: Settings) -> Recovered:
+def _recover(
+    jury: Jury, decoded: F32, ensemble: Ensemble, refine: Refinement, settings: Settings, *, polish: bool
+) -> Recovered:
     """Let the held-out pixels choose between the refined views, the best scene's and the decode.
 
     Where the settings put no residual back, nothing chooses: they are the best scene's.
 
     Refined are the fits' mean views with their residual put back, combined with the scene's and the decode's where
     these pixels ask for it. What is chosen is taken again from all pixels, a decode by GAP-TV with its views coupled
-    as they recommend.
+    as they recommend. Where things move no scene of ours says all, and a decode by similar patches goes on from the
+    refined views, if held-out pixels bear it out (`polish`).
     """
     if settings.residual is None:
         own = ensemble.best.views
@@ -448,6 +461,12 @@ def _recover(jury: Jury, decoded: F32, ensemble: Ensemble, refine: Refinement, s
         notes = doubts_about_result(jury, own) if jury.heldout.any() else (finding(Code.UNJUDGED),)
         return Recovered(own, "scene", judged, notes)
     refined, share = refine.with_share(ensemble.views)
+    polishing, before, after = PatchSettings.from_scene(), jury.residual_rms(refined), None
+    if polish:
+        polished = patch_decode_from(jury.seen, refined, polishing)
+        after = jury.residual_rms(polished)
+        polish = before is not None and after is not None and after < before
+        refined = polished if polish else refined
     parts: dict[Verdict, F32] = {"refined": refined, "scene": ensemble.best.views, "decode": decoded}
     wanted = shares(jury, parts)
     candidates = {**parts, "refined": combined_views(parts, wanted)}
@@ -461,6 +480,9 @@ def _recover(jury: Jury, decoded: F32, ensemble: Ensemble, refine: Refinement, s
     if verdict != "refined":
         return Recovered(parts[verdict], verdict, heldout_rms, notes)
     parts["refined"] = refine.by_all_pixels(ensemble.views, share)
+    if polish:
+        parts["refined"] = patch_decode_from(jury.shot, parts["refined"], polishing)
+        notes = (*notes, finding(Code.VIEWS_POLISHED, before=before or 0.0, after=after or 0.0))
     if wanted["refined"] < 1:
         mixed = finding(Code.VIEWS_COMBINED, refined=wanted["refined"], scene=wanted["scene"], decode=wanted["decode"])
         notes = (*notes, mixed)

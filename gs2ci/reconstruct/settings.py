@@ -103,13 +103,19 @@ class Settings:
         """Get the density rules that the fits take in turn."""
         return (self.fit.density,) if self.second_density is None else (self.fit.density, self.second_density)
 
-    def with_density_rule(self, name: str) -> "Settings":
-        """Return settings in which every fit has the density rule of a name, unless the first has it already.
+    def with_density_rule(self, rule: str | DensityRule) -> "Settings":
+        """Return settings in which every fit has one density rule.
+
+        Args:
+            rule: Its name, whose objective comes with it, unless the first fit has it already; or a rule of the
+                caller's own, under the objective that these settings have.
 
         Raises:
             InputError: There is no rule of that name.
         """
-        fit = with_rule(self.fit, name)
+        if not isinstance(rule, str):
+            return replace(self, fit=replace(self.fit, density=rule), second_density=None)
+        fit = with_rule(self.fit, rule)
         return self if fit is self.fit else replace(self, fit=fit, second_density=None)
 
     def check(self) -> "Settings":

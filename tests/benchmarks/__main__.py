@@ -48,6 +48,7 @@ BENCHMARKS = {
     "registration": "tests.benchmarks.registration",
     "combination": "tests.benchmarks.combination",
     "batch": "tests.benchmarks.batch",
+    "moving": "tests.benchmarks.moving",
     "processors": "tests.benchmarks.processors",
     "long_fits": "tests.benchmarks.long_fits",
     "population": "tests.benchmarks.population",
@@ -57,6 +58,7 @@ BENCHMARKS = {
 }
 
 LONG = (
+    "moving",
     "checkouts",
     "batch",
     "processors",
