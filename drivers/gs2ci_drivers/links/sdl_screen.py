@@ -10,7 +10,9 @@ opened and not before.
 
 import ctypes
 import errno
+import os
 import time
+import warnings
 from typing import Any, Final
 
 import numpy as np
@@ -21,6 +23,7 @@ from gs2ci_drivers.ports import ScreenOutput
 
 USUAL_HZ: Final = 60.0
 """Where the video driver does not tell."""
+SESSIONS: Final = ("DISPLAY", "WAYLAND_DISPLAY")
 SPIN_S: Final = 2e-3
 """The last bit of a wait is not slept: the computer's scheduler is coarser."""
 
@@ -148,7 +151,9 @@ class SdlScreen:
         if self._sdl is not None:
             return self._sdl
         try:
-            import sdl2  # noqa: PLC0415
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")  # it tells which SDL it took
+                import sdl2  # noqa: PLC0415
         except ImportError as error:
             raise UnsupportedError(
                 self._device,
@@ -156,6 +161,9 @@ class SdlScreen:
                 asked="open",
                 remedy="pip install 'gs2ci[video]'",
             ) from error
+        # Without a session SDL would look for others, and take a screen that nobody sees.
+        if not any(os.environ.get(name) for name in SESSIONS):
+            raise OSError(errno.ENODEV, f"no display: neither {' nor '.join(SESSIONS)} is set")
         if sdl2.SDL_InitSubSystem(sdl2.SDL_INIT_VIDEO):
             raise OSError(errno.ENODEV, f"no display: {sdl2.SDL_GetError().decode()}; is DISPLAY set?")
         self._sdl = sdl2

@@ -142,3 +142,7 @@ def test_a_computer_without_any_display_has_no_output(monkeypatch):
     monkeypatch.setenv("DISPLAY", ":4242")
     with pytest.raises(OSError, match="is DISPLAY set"):
         SdlScreen("slm").list_outputs()
+    monkeypatch.delenv("DISPLAY")
+    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+    with pytest.raises(OSError, match="neither DISPLAY nor WAYLAND_DISPLAY is set"):
+        SdlScreen("slm").list_outputs()
