@@ -16,7 +16,7 @@ import numpy as np
 from gs2ci.api.display import in_notebook
 from gs2ci.api.options import check_whole
 from gs2ci.core.arrays import F32, F64
-from gs2ci.core.errors import StorageError
+from gs2ci.core.errors import InputError, StorageError
 from gs2ci.core.records import Shot
 from gs2ci.core.run_records import RunResult
 
@@ -143,26 +143,31 @@ class Run:
         title = f"{self.report.name}: {self.report.views} views from one exposure"
         return card(title, [*facts, *notes], self._repr_png_(), caption=f"middle view: {shown}")
 
-    def save(self, folder: str | Path, *, overwrite: bool = False) -> Path:
+    def save(self, folder: str | Path, *, overwrite: bool = False, moments: int | None = None) -> Path:
         """Write the run folder: report, page, views, depth, scene, cameras; whole or not at all.
 
         Args:
             folder: Where; parents are made.
             overwrite: Replace an earlier run at this place.
+            moments: Write so many pictures spread over the exposure as well, which show the scene alone; not of a run
+                that was read from a folder.
 
         Returns:
             The folder, from which `open_run` reads it back.
 
         Raises:
             StorageError: Something else lies there, or the disk refuses.
+            InputError: That many moments cannot be shown, or the run was read from a folder.
         """
         from gs2ci.evaluate.run_folder import check_destination, whole_folder, write_run
 
         folder = Path(folder)
         if self.result is not None and self.shot is not None:
-            write_run(folder, self.shot, self.result, self.scene, overwrite=overwrite)
+            write_run(folder, self.shot, self.result, self.scene, overwrite=overwrite, moments=moments)
             object.__setattr__(self, "folder", folder)
             return folder
+        if moments is not None:
+            raise InputError("moments of a run that was read from a folder", remedy="reconstruct with --moments")
         assert self.folder is not None  # as above
         if folder.resolve() != self.folder.resolve():
             check_destination(folder, overwrite=overwrite)

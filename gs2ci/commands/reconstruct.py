@@ -10,10 +10,20 @@ from typing import Annotated, Any
 import tyro
 
 from gs2ci.api.display import open_display, print_summary
+from gs2ci.api.options import check_whole
 from gs2ci.api.reconstruction import check_wishes
 from gs2ci.commands.answers import answered
 from gs2ci.core.errors import InputError
-from gs2ci.reconstruct.choices import PoseSource, PresetName, ProxyName, RegistrationMode, RuleName
+from gs2ci.reconstruct.choices import (
+    MOST_MOMENTS,
+    FirstLookName,
+    MotionMode,
+    PoseSource,
+    PresetName,
+    ProxyName,
+    RegistrationMode,
+    RuleName,
+)
 
 
 def run(
@@ -24,6 +34,7 @@ def run(
     index: int = 0,
     geometry: PoseSource | None = None,
     proxy: ProxyName | None = None,
+    first_look: FirstLookName | None = None,
     preset: PresetName = "standard",
     budget: str | None = None,
     density: RuleName | None = None,
@@ -36,6 +47,8 @@ def run(
     focal_px: float | None = None,
     trust_weights: bool = False,
     registration: RegistrationMode | None = None,
+    motion: MotionMode | None = None,
+    moments: int | None = None,
     seed: int = 42,
     overwrite: bool = False,
     more: Annotated[tuple[Path, ...], tyro.conf.Positional] = (),
@@ -56,8 +69,11 @@ def run(
             takes the stage's where there are any and the measurement does not speak against them, else the tracks',
             else an even motion; "vggt-or-tracks" takes VGGT's where you have added the model, else the tracks'. The
             fit refines them in any case. "auto" unless the preset says otherwise.
-        proxy: The views that the geometry is found in: decoded by "gap-tv" (unless the preset says otherwise), or the
-            paper's proxies "eni" or "amdi", or "routed", the one of these two that the masks ask for.
+        proxy: The views that the geometry is found in: "gap-tv" for the decoded ones (unless the preset says
+            otherwise), or the paper's proxies "eni" or "amdi", or "routed", the one of these two that the masks ask
+            for.
+        first_look: What decodes before anything is fitted: "gap-tv", or "patches", slower and better by decibels, or
+            "patches-quick", a few rounds of it. The preset's own when not given.
         preset: How far to go: "draft" is a first look, "standard" the default, "fine" takes several times as long and
             ends with the fine stage, "paper" is the system of the GS2CI paper, constant by constant: 20,000 iterations
             without held-out pixels, and the scene's own views. Any other option changes what it names, and only that.
@@ -79,6 +95,11 @@ def run(
         trust_weights: Take each mask's weight as the file states it, whatever the measurement shows of the lamp.
         registration: "auto" asks the measurement first where its masks lie and how they met the light, and corrects
             what it surely tells; "off" believes masks and readings as they are.
+        motion: Whether things in the scene may move by themselves: "auto" tries it where a still scene leaves what
+            motion explains, and takes it where held-out pixels bear it out (not within a budget); "on" fits no still
+            scene alone; "off" fits none that moves.
+        moments: Write so many pictures as well, spread evenly over the exposure: slow motion, where there are more of
+            them than masks. They show the scene alone, at times and from places between those of the masks.
         seed: Of every random draw; the same seed gives the same result.
         overwrite: Replace an earlier run at the same place.
         more: More shot files. Of many exposures each is reconstructed; what is done already is left as it is.
@@ -96,12 +117,16 @@ def run(
             is then as it was.
     """
     check_wishes(iterations, fits, focal_px, seed)
+    check_whole("--moments", moments, 2, MOST_MOMENTS)
     many = bool(more) or every or bool(scheduler) or processes is not None
+    if many and moments is not None:
+        raise InputError("--moments of many exposures", remedy="ask for them of each exposure by itself, with --index")
     if many and budget is not None:
         raise InputError("--budget for many exposures", remedy="give a --preset: machines differ, and so would results")
     wishes: dict[str, Any] = {
         "geometry": geometry,
         "proxy": proxy,
+        "first_look": first_look,
         "density": density,
         "without": without,
         "iterations": iterations,
@@ -112,6 +137,7 @@ def run(
         "focal_px": focal_px,
         "trust_weights": trust_weights,
         "registration": registration,
+        "motion": motion,
         "seed": seed,
     }
     if many:
@@ -141,7 +167,7 @@ def run(
         with open_display() as display:
             found = reconstruction.reconstruct(measured, preset, budget=budget, progress=display, **wishes)
             display.stage("report")
-            found.save(output, overwrite=overwrite)
+            found.save(output, overwrite=overwrite, moments=moments)
         print_summary(output)
         answer({"folder": output, **found.report.model_dump(mode="json", by_alias=True)})
     return output

@@ -1,18 +1,21 @@
 """Still or moving: when a scene is let move, from which beginnings, and what is said of it.
 
-    still fits ─► does their residual follow the times of the masks? ─► fits of Gaussians that move ─► the better
+    still fits ─► does their residual follow the masks' times? ─► does a brief release help? ─► moving fits
+    ─► the better
 
 A still scene takes the motion of things for that of the camera, or leaves it unexplained. What it leaves is asked by a
-regression that needs no fit (`measurement.moving`); only where it speaks for motion, Gaussians that move are fitted as
-well: the still fits go on and are let move, along their path; and fits begin anew, before a camera at rest, from the
-flow between the views. The held-out pixels choose, and a moving scene has to be surely better: it has more freedom than
-a still one. Here: when, from where, and the record of it. Not here: the motion (`fit.motion`), the fits and the choice
-(`pipeline`).
+regression that needs no fit (`measurement.moving`). Fits of scenes at rest err in ways that follow the masks' times
+too, so where it speaks for motion the best still fit is let move for a few iterations; only where that helps, Gaussians
+that move are fitted as well: the still fits go on and are let move, along their path; and fits begin anew, before a
+camera at rest, from the flow between the views. The held-out pixels choose, and a moving scene has to be clearly
+better: it has more freedom than a still one. Here: when, from where, and the record of it. Not here: the motion
+(`fit.motion`), the fits and the choice (`pipeline`).
 """
 
 from dataclasses import dataclass, replace
 from typing import Final
 
+import cv2
 import numpy as np
 import torch
 
@@ -37,8 +40,19 @@ MOVING: Final = "moving from the first"
 # (`python -m tests.benchmarks moving`).
 _LEAST_EXPLAINED: Final = 0.01
 _LEAST_SURELY: Final = 0.04
+# What a brief release has to take off the residual on the held-out pixels, and a moving scene in the end.
+LEAST_BRIEF_GAIN: Final = 0.01
+LEAST_GAIN: Final = 0.02
+# The same of a few steps of a decode by similar patches, where a still fit is too wrong to be let move.
+LEAST_PATCH_GAIN: Final = 0.05
+# Iterations of a brief release for each of the whole schedule.
+_BRIEF: Final = 1 / 12
 # What moves less than this over the whole exposure is not said to move, px.
 _WORTH_SAYING_PX: Final = 0.5
+# Where the picture changes by less between the middle of the exposure and its ends, full scale 1, a few pixels around,
+# nothing is seen to move.
+_VISIBLE_CHANGE: Final = 0.02
+_CHANGE_WINDOW_PX: Final = 3
 
 
 @dataclass(frozen=True)
@@ -59,11 +73,16 @@ class MotionReport:
     chosen: str = ""
     moves: bool = False
 
+    @property
+    def tried(self) -> bool:
+        """Get whether fits that move were made."""
+        return self.moves or bool(self.heldout_rms)
+
     def summary(self, speeds: "Speeds | None") -> dict[str, object]:
         """Return it as plain values."""
         return {
             "asked": self.asked,
-            "tried": self.moves or bool(self.heldout_rms),
+            "tried": self.tried,
             "moves": self.moves,
             "explained": None if self.left is None else self.left.explained,
             "blocks": None if self.left is None else self.left.surely,
@@ -97,7 +116,7 @@ class Speeds:
 
     Args:
         displacement_px: Of what each pixel shows, [H, W, 2] float32 as (x, y).
-        pixels_share: Of the pixels that move by at least half a pixel.
+        pixels_share: Of the pixels that are seen to move by at least half a pixel.
         gaussians_share: Of the Gaussians' opacity that moves at all.
         median_px: How far the moving pixels move, in the median; 0 where none does.
         most_px: The same of the fastest hundredth of them.
@@ -119,14 +138,16 @@ def rested(first: FirstLook) -> FirstLook:
     return from_rest(first) if found else first
 
 
-def released(fit: CoarseSettings) -> CoarseSettings:
+def released(fit: CoarseSettings, *, briefly: bool) -> CoarseSettings:
     """Return the schedule by which a fitted still scene is let move: half as long, at half the step, without newcomers.
+
+    Briefly it is a twelfth: one of two fits then costs a still scene 4 % of its time.
 
     A turn of the density rule would set back what has been fitted, and surfaces have had their say.
     """
     return replace(
         fit,
-        iterations=max(1, fit.iterations // 2),
+        iterations=max(1, round(fit.iterations * _BRIEF) if briefly else fit.iterations // 2),
         densify_until=0.0,
         surfaces=None,
         steps=replace(fit.steps, means=fit.steps.means / 2, motion=fit.steps.motion / 3),
@@ -146,6 +167,8 @@ def speaks_for_motion(left: LeftByMotion) -> bool:
 def speeds(renderer: ShotRenderer, scene: Gaussians, world_to_camera: F64) -> Speeds | None:
     """Measure how fast things move in the picture; None where nothing can.
 
+    What moves without changing the picture, an even wall along itself, is not seen to move and counts as at rest.
+
     Args:
         renderer: Of the shot.
         scene: The Gaussians.
@@ -159,9 +182,12 @@ def speeds(renderer: ShotRenderer, scene: Gaussians, world_to_camera: F64) -> Sp
     ends = [_on_screen(scene.at(moment).means, pose, renderer.intrinsics) for moment in (-1.0, 1.0)]
     shift = ends[1] - ends[0]
     colours = torch.cat([shift, torch.ones(len(scene), 1)], dim=1)[None]
-    image, _ = renderer.images(scene, pose[None], colours, renderer.times[middle][None])
+    image, _ = renderer.images(scene, pose[None], colours, torch.zeros(1))
     weight = image[0, :, :, 2:].clamp(min=1e-3)
-    displacement: F32 = (image[0, :, :, :2] / weight).numpy()
+    shown = renderer.views(scene, pose[None].repeat(3, 1, 1), torch.tensor([-1.0, 0.0, 1.0]))
+    change = np.abs(shown[[0, 2]] - shown[1]).max(axis=(0, 3))
+    visible = cv2.blur(change, (_CHANGE_WINDOW_PX, _CHANGE_WINDOW_PX)) >= _VISIBLE_CHANGE
+    displacement: F32 = (image[0, :, :, :2] / weight).numpy() * visible[..., None]
     length = np.linalg.norm(displacement, axis=2)
     moves = length >= _WORTH_SAYING_PX
     return Speeds(

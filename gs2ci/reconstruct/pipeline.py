@@ -23,8 +23,10 @@ from gs2ci.core.progress import Progress, Silent
 from gs2ci.core.records import Shot
 from gs2ci.core.run_records import RunResult, Verdict
 from gs2ci.reconstruct.attempts import from_rest, needs_rest, ranking
+from gs2ci.reconstruct.decode.by_name import decode_by_name
 from gs2ci.reconstruct.decode.coupling import choose_coupling
 from gs2ci.reconstruct.decode.gap_tv import gap_tv
+from gs2ci.reconstruct.decode.patches.decoder import PatchSettings, patch_decode_from
 from gs2ci.reconstruct.decode.residual import ResidualSettings
 from gs2ci.reconstruct.first_look import FirstLook, look
 from gs2ci.reconstruct.fit.coarse import CoarseFit, fit_coarse
@@ -47,10 +49,13 @@ from gs2ci.reconstruct.measurement.dead_lines import close_dead_lines
 from gs2ci.reconstruct.measurement.doubts import doubts_about, doubts_about_result
 from gs2ci.reconstruct.measurement.holes import fill_holes
 from gs2ci.reconstruct.measurement.hot_pixels import close_hot_pixels
-from gs2ci.reconstruct.measurement.jury import Jury, surely_larger
+from gs2ci.reconstruct.measurement.jury import Jury
 from gs2ci.reconstruct.measurement.lens import Lens, straightened
 from gs2ci.reconstruct.measurement.moving import LeftByMotion
 from gs2ci.reconstruct.moving import (
+    LEAST_BRIEF_GAIN,
+    LEAST_GAIN,
+    LEAST_PATCH_GAIN,
     MOVING,
     RELEASED,
     STILL,
@@ -140,10 +145,10 @@ def reconstruct(
         clock.lap("fit")
         return _Attempt(look, geometry, fits, ensemble)
 
-    def release(still: _Attempt) -> _Attempt:
-        freed = replace(settings, fit=released(settings.fit))
+    def release(still: _Attempt, briefly: bool) -> _Attempt:
+        freed = replace(settings, fit=released(settings.fit, briefly=briefly))
         team, paths = [], {}
-        for number, fit in enumerate(still.fits):
+        for number, fit in enumerate((still.ensemble.best,) if briefly else still.fits):
             start = of_degree(at_rest_until_moved(fit.scene, freed.fit.motion), number)
             team.append(Member(start, freed.fit.density, number))
             paths[number] = replace(still.geometry, world_to_camera=fit.world_to_camera)
@@ -151,7 +156,7 @@ def reconstruct(
         def fit_one(member: Member, progress: Progress, pace: Pace | None) -> CoarseFit:
             return _fit_one(fitted, paths[member.seed], lens, freed, refine, score, clock)(member, progress, pace)
 
-        fits = fit_together(fit_one, tuple(team), progress, None)
+        fits = fit_together(fit_one, tuple(team), Silent() if briefly else progress, None)
         ensemble = combined(fits, jury, refine)
         clock.lap("fit")
         return replace(still, fits=fits, ensemble=ensemble)
@@ -168,7 +173,7 @@ def reconstruct(
         )
         ensemble = combined(tuple(fined if fit is best else fit for fit in tried.fits), jury, refine)
         clock.lap("fine")
-    recovered = _recover(jury, decoded, ensemble, refine, settings)
+    recovered = _recover(jury, decoded, ensemble, refine, settings, polish=motion.tried)
     geometry, ensemble = in_given_unit(geometry, ensemble)
     light = renderer.stopped_light(ensemble.best.scene, ensemble.best.world_to_camera)
     seen = speeds(renderer, ensemble.best.scene, ensemble.best.world_to_camera)
@@ -221,10 +226,15 @@ def _settled(
     if settings.withheld != Withheld() or not is_open(geometry, criteria):
         return first
 
+    # By the measurement alone: views of either order show surfaces that bear it out.
+    brief = replace(settings, fit=replace(shortened(settings.fit), surfaces=None))
+    begun: dict[int, tuple[Geometry, tuple[Geometry, Gaussians]]] = {}
+
     def leaves(began: Geometry, number: int) -> float:
-        # By the measurement alone: views of either order show surfaces that bear it out.
-        brief = replace(settings, fit=replace(shortened(settings.fit), surfaces=None))
-        at, start = _beginning(replace(first, geometry=began), first.decoded, lens, brief)
+        if id(began) not in begun:
+            # The geometry is kept beside, so that no other one gets its number.
+            begun[id(began)] = began, _beginning(replace(first, geometry=began), first.decoded, lens, brief)
+        at, start = begun[id(began)][1]
         member = members(start, brief.density_rules[:1], number + 1, settings.seed)[number]
         try:
             fit = _fit_one(jury, at, lens, brief, refine, None, clock)(member, Silent(), None)
@@ -319,7 +329,7 @@ class _Trials:
 
     Args:
         attempt: Fits from a look, with views to take colours and motion from, a scene that is still or may move.
-        release: Goes on with fits of a still scene, and lets it move.
+        release: Goes on with fits of a still scene, and lets it move; or with the best of them alone, and briefly.
         jury: The measurement.
         lens: Through which it was taken, unless it is a pinhole.
         settings: What may be tried.
@@ -328,7 +338,7 @@ class _Trials:
     """
 
     attempt: Callable[[FirstLook, F32, bool], _Attempt]
-    release: Callable[[_Attempt], _Attempt]
+    release: Callable[[_Attempt, bool], _Attempt]
     jury: Jury
     lens: Lens | None
     settings: Settings
@@ -350,13 +360,13 @@ class _Trials:
             return still, self._report(None, {STILL: still}, still)
         left = ask(self.jury, still.ensemble.views)
         attempts = {STILL: still}
-        if wanted or speaks_for_motion(left):
+        if wanted or (speaks_for_motion(left) and self._gains(still)):
             self.progress.say("What the still scene leaves looks like motion: scenes that move are fitted as well.")
             refined = self.refine(still.ensemble.views)
             views = min((refined, first.decoded), key=lambda shown: self.jury.residual_rms(shown) or 0.0)
-            attempts[RELEASED] = self.release(still)
+            attempts[RELEASED] = self.release(still, False)
             attempts[MOVING] = self.attempt(rested(still.look), views, True)
-        tried = self._surely_better(attempts)
+        tried = self._clearly_best(attempts)
         return tried, self._report(left, attempts, tried)
 
     def _still(self, first: FirstLook) -> _Attempt:
@@ -373,6 +383,20 @@ class _Trials:
             attempts["rest"] = self.attempt(from_rest(first), first.decoded, False)
         return self._best(attempts)
 
+    def _gains(self, still: _Attempt) -> bool:
+        """Tell whether motion predicts held-out pixels better: a little of it given to the best fit, or to patches.
+
+        Where a still fit is too wrong to be let move, groups of patches that follow what moves know better than it.
+        """
+        brief = self.release(still, True).ensemble.best
+        before, after = (self.jury.residual_rms(self.refine(fit.views)) for fit in (still.ensemble.best, brief))
+        if before is not None and after is not None and after < (1 - LEAST_BRIEF_GAIN) * before:
+            return True
+        refined = self.refine(still.ensemble.views)
+        polished = patch_decode_from(self.jury.seen, refined, PatchSettings.from_scene_briefly())
+        before, after = self.jury.residual_rms(refined), self.jury.residual_rms(polished)
+        return before is not None and after is not None and after < (1 - LEAST_PATCH_GAIN) * before
+
     def _best(self, attempts: dict[str, _Attempt]) -> _Attempt:
         """Choose the attempt that predicts the held-out pixels best, and say how all of them did."""
         left = self._left(attempts)
@@ -380,15 +404,16 @@ class _Trials:
         geometry = replace(tried.geometry, notes=(*tried.geometry.notes, *ranking(left)))
         return replace(tried, geometry=geometry)
 
-    def _surely_better(self, attempts: dict[str, _Attempt]) -> _Attempt:
-        """Choose likewise, but a scene that moves only if it surely predicts them better than the still one."""
+    def _clearly_best(self, attempts: dict[str, _Attempt]) -> _Attempt:
+        """Choose likewise, but a scene that moves only if it predicts them clearly better than the still one."""
         if self.settings.motion == "on":
             return self._best({name: tried for name, tried in attempts.items() if name != STILL})
         best, still = self._best(attempts), attempts[STILL]
         if best.ensemble is still.ensemble:
             return best
-        squares = [self.jury.squared_residuals(self.refine(tried.ensemble.views)) for tried in (still, best)]
-        return best if surely_larger(*squares) else still
+        moves, stays = (self.jury.residual_rms(self.refine(tried.ensemble.views)) for tried in (best, still))
+        better = moves is not None and stays is not None and moves < (1 - LEAST_GAIN) * stays
+        return best if better else still
 
     def _left(self, attempts: dict[str, _Attempt]) -> dict[str, float | None]:
         return {name: self.jury.residual_rms(self.refine(tried.ensemble.views)) for name, tried in attempts.items()}
@@ -417,14 +442,17 @@ class _Stopwatch:
         return {**self._stages, "total": self._lap_s - self.began_s}
 
 
-def _recover(jury: Jury, decoded: F32, ensemble: Ensemble, refine: Refinement, settings: Settings) -> Recovered:
+def _recover(
+    jury: Jury, decoded: F32, ensemble: Ensemble, refine: Refinement, settings: Settings, *, polish: bool
+) -> Recovered:
     """Let the held-out pixels choose between the refined views, the best scene's and the decode.
 
     Where the settings put no residual back, nothing chooses: they are the best scene's.
 
     Refined are the fits' mean views with their residual put back, combined with the scene's and the decode's where
-    these pixels ask for it. What is chosen is taken again from all pixels, a decode with its views coupled as they
-    recommend.
+    these pixels ask for it. What is chosen is taken again from all pixels, a decode by GAP-TV with its views coupled
+    as they recommend. Where things move no scene of ours says all, and a decode by similar patches goes on from the
+    refined views, if held-out pixels bear it out (`polish`).
     """
     if settings.residual is None:
         own = ensemble.best.views
@@ -433,6 +461,12 @@ def _recover(jury: Jury, decoded: F32, ensemble: Ensemble, refine: Refinement, s
         notes = doubts_about_result(jury, own) if jury.heldout.any() else (finding(Code.UNJUDGED),)
         return Recovered(own, "scene", judged, notes)
     refined, share = refine.with_share(ensemble.views)
+    polishing, before, after = PatchSettings.from_scene(), jury.residual_rms(refined), None
+    if polish:
+        polished = patch_decode_from(jury.seen, refined, polishing)
+        after = jury.residual_rms(polished)
+        polish = before is not None and after is not None and after < before
+        refined = polished if polish else refined
     parts: dict[Verdict, F32] = {"refined": refined, "scene": ensemble.best.views, "decode": decoded}
     wanted = shares(jury, parts)
     candidates = {**parts, "refined": combined_views(parts, wanted)}
@@ -442,14 +476,24 @@ def _recover(jury: Jury, decoded: F32, ensemble: Ensemble, refine: Refinement, s
     # The pixels that judged may now help as well.
     decode_share = {"decode": 1.0, "scene": 0.0, "refined": wanted["decode"]}[verdict]
     if decode_share > 0:
-        parts["decode"] = gap_tv(jury.shot, choose_coupling(jury.shot, settings.decode, settings.seed))
+        parts["decode"] = _decoded_again(jury.shot, settings)
     if verdict != "refined":
         return Recovered(parts[verdict], verdict, heldout_rms, notes)
     parts["refined"] = refine.by_all_pixels(ensemble.views, share)
+    if polish:
+        parts["refined"] = patch_decode_from(jury.shot, parts["refined"], polishing)
+        notes = (*notes, finding(Code.VIEWS_POLISHED, before=before or 0.0, after=after or 0.0))
     if wanted["refined"] < 1:
         mixed = finding(Code.VIEWS_COMBINED, refined=wanted["refined"], scene=wanted["scene"], decode=wanted["decode"])
         notes = (*notes, mixed)
     return Recovered(combined_views(parts, wanted), verdict, heldout_rms, notes)
+
+
+def _decoded_again(shot: Shot, settings: Settings) -> F32:
+    """Decode all pixels, by GAP-TV with its views coupled as held-out pixels recommend, or by patches."""
+    if settings.first_look != "gap-tv":
+        return decode_by_name(shot, "patches", settings.decode)
+    return gap_tv(shot, choose_coupling(shot, settings.decode, settings.seed))
 
 
 def _judge(heldout_rms: dict[Verdict, float | None]) -> Verdict:

@@ -32,19 +32,19 @@ _ROUND_PX: Final = 0.01
 
 
 @dataclass(frozen=True)
-class MotionSettings:
+class ObjectMotionSettings:
     """How Gaussians may move.
 
     Args:
         rows: Degree of the polynomial: 1 is a velocity, 2 a velocity that changes evenly.
-        cost: What a Gaussian that moves by 1 px in half the exposure has to explain for it, in full scales: the sum
-            over pixels of the absolute error.
+        cost: What a Gaussian that moves by 1 px in half the exposure has to explain for it: absolute error in full
+            scales, summed over the pixels.
     """
 
     rows: int = 2
     cost: float = 0.02
 
-    def check(self) -> "MotionSettings":
+    def check(self) -> "ObjectMotionSettings":
         """Return self if the numbers make sense.
 
         Raises:
@@ -71,7 +71,7 @@ class MotionSettings:
         return (self.cost * px_per_length / pixels) * lengths.sum()
 
 
-def set_moving(start: Gaussians, geometry: Geometry, views: F32, settings: MotionSettings) -> Gaussians:
+def set_moving(start: Gaussians, geometry: Geometry, views: F32, settings: ObjectMotionSettings) -> Gaussians:
     """Return first Gaussians with the motion that the views show of them.
 
     Args:
@@ -98,7 +98,7 @@ def set_moving(start: Gaussians, geometry: Geometry, views: F32, settings: Motio
     return replace(start, means=means, motion=motion)
 
 
-def at_rest_until_moved(scene: Gaussians, settings: MotionSettings) -> Gaussians:
+def at_rest_until_moved(scene: Gaussians, settings: ObjectMotionSettings) -> Gaussians:
     """Return Gaussians that may move and do not yet."""
     return replace(scene.detach(), motion=torch.zeros(len(scene), settings.rows, 3))
 
