@@ -21,6 +21,7 @@ _DEFINED = {
     "gs2ci.api.shots": ("import_file", "load", "recover", "save"),
     "gs2ci.api.reconstruction": ("reconstruct",),
     "gs2ci.api.many": ("reconstruct_many",),
+    "gs2ci.api.exports": ("export", "mesh"),
     "gs2ci.api.runs": ("Run", "open_run"),
     "gs2ci.api.decoding": ("decode",),
     "gs2ci.api.judging": ("evaluate", "measure"),

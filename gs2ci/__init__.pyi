@@ -2,6 +2,8 @@ from gs2ci.api.costs import make_table as make_table
 from gs2ci.api.costs import tradeoff as tradeoff
 from gs2ci.api.decoding import decode as decode
 from gs2ci.api.demonstration import demo_rig as demo_rig
+from gs2ci.api.exports import export as export
+from gs2ci.api.exports import mesh as mesh
 from gs2ci.api.judging import evaluate as evaluate
 from gs2ci.api.judging import measure as measure
 from gs2ci.api.many import reconstruct_many as reconstruct_many
@@ -52,6 +54,7 @@ __all__ = [
     "decode",
     "demo_rig",
     "evaluate",
+    "export",
     "export_model",
     "find_devices",
     "import_file",
@@ -59,6 +62,7 @@ __all__ = [
     "load",
     "make_table",
     "measure",
+    "mesh",
     "open_rig",
     "open_run",
     "plan",

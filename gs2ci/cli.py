@@ -28,6 +28,7 @@ os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 from gs2ci import __version__
 from gs2ci.core.clock import begin_command
 from gs2ci.core.errors import Gs2ciError
+from gs2ci.core.extras import missing_extra
 
 if TYPE_CHECKING:
     from tyro.constructors import ConstructorRegistry, PrimitiveConstructorSpec, PrimitiveTypeInfo
@@ -38,6 +39,8 @@ COMMANDS: Final[dict[str, tuple[str, str]]] = {
     "reconstruct": ("gs2ci.commands.reconstruct", "recover views, camera path and scene from a shot file"),
     "report": ("gs2ci.commands.report", "build the page of a run again from its folder"),
     "open": ("gs2ci.commands.open_", "open the page of a run in the browser"),
+    "export": ("gs2ci.commands.export", "write parts of a run for other programs: spz, COLMAP, EXR, film"),
+    "mesh": ("gs2ci.commands.mesh", "fuse the depths of a run into a mesh"),
     "view": ("gs2ci.commands.view", "show the scene of a run in a browser"),
     "decode": ("gs2ci.commands.decode", "recover views alone: GAP-TV, plug-and-play, proxies"),
     "evaluate": ("gs2ci.commands.evaluate", "judge a run by a truth, by noise, by views from elsewhere"),
@@ -49,8 +52,10 @@ COMMANDS: Final[dict[str, tuple[str, str]]] = {
     "capture": ("gs2ci.commands.capture", "take coded exposures on a bench, real or simulated"),
     "recover": ("gs2ci.commands.recover", "save the finished rows of an interrupted capture"),
     "devices": ("gs2ci.commands.devices", "say what is connected and what it can do"),
+    "live": ("gs2ci.commands.live", "show a bench in a browser while one aligns it"),
     "doctor": ("gs2ci.commands.doctor", "examine a bench: permissions, clocks, trigger line"),
     "plugins": ("gs2ci.commands.plugins", "list what other packages add: drivers, rules, decoders, ..."),
+    "completion": ("gs2ci.commands.completion", "print a script that lets your shell complete commands"),
     "tables": ("gs2ci.commands.tables", "make tables of figures: methods, mask ratios, seeds"),
     "demo": ("gs2ci.commands.demo", "simulate an exposure, reconstruct it"),
 }
@@ -116,6 +121,12 @@ def _run(command: str, arguments: list[str], *, quiet: bool) -> int:
             tyro.cli(run, prog=f"gs2ci {command}", description=_about(run.__doc__), args=arguments)
     except Gs2ciError as error:
         _print_error(error)
+        return EXIT_USER_ERROR
+    except ModuleNotFoundError as error:
+        missing = missing_extra(error)
+        if missing is None:
+            raise
+        _print_error(missing)
         return EXIT_USER_ERROR
     except BrokenPipeError:
         raise

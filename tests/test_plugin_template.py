@@ -10,8 +10,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from gs2ci.commands.decoders import Choice, decoder_of
 
+from gs2ci.api.decoders import Choice, decoder_of
 from gs2ci.commands.plugins import built_in_names
 from gs2ci.core.config import ConfigTable
 from gs2ci.core.errors import InputError
@@ -149,7 +149,7 @@ def test_the_decoder_is_taken_by_name_and_its_views_are_checked(template, random
     lit = light > 0
     np.testing.assert_allclose(views[3][lit], (random_shot.measurement / np.maximum(light, 1e-6)[..., None])[lit], 1e-5)
     assert method == {"name": "mean"}
-    monkeypatch.setattr("gs2ci.commands.decoders.load", lambda *_: lambda shot, progress: np.zeros((2, 3)))
+    monkeypatch.setattr("gs2ci.api.decoders.load", lambda *_: lambda shot, progress: np.zeros((2, 3)))
     with pytest.raises(PluginError, match=r"returned \[2, 3\]"):
         decoder_of(Choice("mean", None, None, None, 0))(random_shot, Silent())
 

@@ -74,6 +74,7 @@ def lay_out(
     figures = [
         *_modulator_figures(settings, sequence, modulator),
         *_sensor_figures(settings, sequence, exposure_s, sensor, setup, modulator),
+        *_continuous_figures(settings, sequence, exposure_s, setup),
         *_light_figures(settings, sequence, weights, setup),
         *sweep_figures,
         *_parallax_figures(settings, sequence, sweep),
@@ -221,6 +222,36 @@ def _sensor_figures(
             triggers,
             broken=setup.trigger is not settings.trigger_mode and setup.trigger is not TriggerMode.FREE_RUN,
             remedy="set `trigger_adapter` in [sensor] or choose another `mode`",
+        ),
+    ]
+
+
+def _continuous_figures(
+    settings: CaptureSettings, sequence: PatternSequence, exposure_s: float, setup: SensorSettings
+) -> list[Figure]:
+    """Say how fast exposures follow each other, and what happens meanwhile."""
+    if not settings.continuous:
+        return []
+    shown_s = float(sequence.windows_s()[-1, 1])
+    waiting_s = settings.ring * sequence.period_s
+    waiting_mb = settings.ring * setup.format.height * setup.format.width * 2 / 1e6
+    still, one_frame = settings.travel is None, settings.mode is not Mode.PER_MASK
+    return [
+        Figure(
+            "continuous",
+            f"{1 / sequence.period_s:.2f} exposures a second: masks for {shown_s * 1e3:.3f} ms, then "
+            f"{sequence.pause_s * 1e3:.3f} ms for the rest of the {(exposure_s + setup.readout_s) * 1e3:.3f} ms that "
+            f"exposure and readout take; settling once, at the end"
+            if one_frame
+            else settings.mode.value,
+            "per-exposure or gate, without a travel",
+            broken=not still or not one_frame,
+            remedy="set continuous = false in [capture], or leave `axis` out and choose another `mode`",
+        ),
+        Figure(
+            "writing",
+            f"beside the next exposures; {settings.ring} may wait, {waiting_s:.2f} s of a busy disk and "
+            f"{waiting_mb:.1f} MB",
         ),
     ]
 

@@ -6,6 +6,7 @@
     many.py            reconstruct_many
     decoding.py        decode; decoders.py: which words name which decoder
     judging.py         evaluate, measure
+    exports.py         export, mesh
     costs.py           tradeoff, make_table
     rigs.py            OpenRig, open_rig, find_devices
     plans.py           plan, demo's rig file

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from gs2ci.api.display import interrupted_within, shown
 from gs2ci.api.options import check_whole
-from gs2ci.api.reconstruction import check_wishes, wishes_of
+from gs2ci.api.reconstruction import check_wishes
 from gs2ci.core.errors import InputError
 from gs2ci.core.progress import Progress
 from gs2ci.reconstruct.choices import PresetName
@@ -66,9 +66,10 @@ def reconstruct_many(
     if scheduler and processes is not None:
         raise InputError("--processes beside --scheduler", remedy="the cluster has its own workers: leave one out")
     focal_px = wishes.pop("focal_px", None)
-    asked = wishes_of(**wishes)
+    from gs2ci.api.wishes import Wishes, score_against_truth, settings_of, with_focal
+
+    asked = Wishes(**wishes)
     check_wishes(asked.iterations, asked.fits, focal_px, asked.seed)
-    from gs2ci.api.wishes import score_against_truth, settings_of, with_focal
     from gs2ci.batch import reconstruct as batch
     from gs2ci.batch.exposures import list_exposures
     from gs2ci.core.storage import read_shot

@@ -17,6 +17,7 @@ from gs2ci.core.progress import Progress
 from gs2ci.core.records import FOCAL_RANGE_PX, Shot
 from gs2ci.reconstruct.choices import (
     MOST_FITS,
+    FirstLookName,
     MotionMode,
     PoseSource,
     PresetName,
@@ -26,7 +27,7 @@ from gs2ci.reconstruct.choices import (
 )
 
 if TYPE_CHECKING:
-    from gs2ci.api.wishes import Wishes
+    from gs2ci.reconstruct.fit.density.base import DensityRule
 
 
 def reconstruct(
@@ -35,8 +36,9 @@ def reconstruct(
     *,
     geometry: PoseSource | None = None,
     proxy: ProxyName | None = None,
+    first_look: FirstLookName | None = None,
     budget: str | None = None,
-    density: RuleName | None = None,
+    density: "RuleName | DensityRule | None" = None,
     without: tuple[str, ...] = (),
     iterations: int | None = None,
     fits: int | None = None,
@@ -62,8 +64,11 @@ def reconstruct(
         geometry: Where the first poses come from: "auto", "tracks", "stage", "uniform", "file:PATH", "vggt",
             "vggt:FILE" or "vggt-or-tracks"; the preset's own when None.
         proxy: The views that the geometry is found in: "gap-tv", "eni", "amdi" or "routed"; the preset's own when None.
+        first_look: What decodes before anything is fitted: "gap-tv", "patches" or "patches-quick"; the preset's own
+            when None.
         budget: Instead of a preset, the time that everything may take, as in "60s" or "5min".
-        density: The rule by which Gaussians are added and removed; the preset's own when None.
+        density: The rule by which Gaussians are added and removed: its name, or an object of your own
+            (`gs2ci.reconstruct.fit.density.base`); the preset's own when None.
         without: Components to do without, for comparisons.
         iterations: At most so many iterations of the fit.
         fits: How many fits the views are the mean of.
@@ -96,13 +101,14 @@ def reconstruct(
     began_s = time.monotonic() - command_age_s()
     check_wishes(iterations, fits, focal_px, seed)
     measured = shot.check() if isinstance(shot, Shot) else load(shot)
-    from gs2ci.api.wishes import budget_seconds, planned, score_against_truth, settings_of, with_focal
+    from gs2ci.api.wishes import Wishes, budget_seconds, planned, score_against_truth, settings_of, with_focal
     from gs2ci.reconstruct import pipeline
     from gs2ci.render import backend
 
-    wishes = wishes_of(
+    wishes = Wishes(
         geometry=geometry,
         proxy=proxy,
+        first_look=first_look,
         density=density,
         without=without,
         iterations=iterations,
@@ -138,28 +144,3 @@ def check_wishes(iterations: int | None, fits: int | None, focal_px: float | Non
     check_whole("--fits", fits, 1, MOST_FITS)
     check_number("--focal-px", focal_px, *FOCAL_RANGE_PX)
     check_seed(seed)
-
-
-def wishes_of(
-    *,
-    geometry: PoseSource | None = None,
-    proxy: ProxyName | None = None,
-    density: RuleName | None = None,
-    without: tuple[str, ...] = (),
-    iterations: int | None = None,
-    fits: int | None = None,
-    fine: bool = False,
-    prior: str | None = None,
-    distance: str | None = None,
-    trust_weights: bool = False,
-    registration: RegistrationMode | None = None,
-    motion: MotionMode | None = None,
-    seed: int = 42,
-) -> "Wishes":
-    """Gather what is wished of any preset's settings; what is left out stays as the preset has it."""
-    from gs2ci.api.wishes import Wishes
-
-    return Wishes(
-        *(geometry, proxy, density, without, iterations, fits, fine, prior, distance),
-        *(trust_weights, registration, motion, seed),
-    )

@@ -21,29 +21,39 @@ from gs2ci.evaluate.rehearsal import report_seconds
 from gs2ci.reconstruct import ablation
 from gs2ci.reconstruct.budget.costs import probe
 from gs2ci.reconstruct.budget.plan import Adapt, BudgetPlan, plan_within
-from gs2ci.reconstruct.choices import MotionMode, PoseSource, PresetName, ProxyName, RegistrationMode, RuleName
+from gs2ci.reconstruct.choices import (
+    FirstLookName,
+    MotionMode,
+    PoseSource,
+    PresetName,
+    ProxyName,
+    RegistrationMode,
+    RuleName,
+)
+from gs2ci.reconstruct.fit.density.base import DensityRule
 from gs2ci.reconstruct.fit.looks import Score
 from gs2ci.reconstruct.presets import PRESETS, preset
 from gs2ci.reconstruct.settings import Settings
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Wishes:
     """What the user wants of any settings, whichever preset they come from; None leaves what the preset says."""
 
-    geometry: PoseSource | None
-    proxy: ProxyName | None
-    density: RuleName | None
-    without: tuple[str, ...]
-    iterations: int | None
-    fits: int | None
-    fine: bool
-    prior: str | None
-    distance: str | None
-    trust_weights: bool
-    registration: RegistrationMode | None
-    motion: MotionMode | None
-    seed: int
+    geometry: PoseSource | None = None
+    proxy: ProxyName | None = None
+    first_look: FirstLookName | None = None
+    density: RuleName | DensityRule | None = None
+    without: tuple[str, ...] = ()
+    iterations: int | None = None
+    fits: int | None = None
+    fine: bool = False
+    prior: str | None = None
+    distance: str | None = None
+    trust_weights: bool = False
+    registration: RegistrationMode | None = None
+    motion: MotionMode | None = None
+    seed: int = 42
 
     @property
     def fine_stage(self) -> bool:
@@ -63,6 +73,8 @@ class Wishes:
             settings = replace(settings, proxy=self.proxy)
         if self.motion is not None:
             settings = replace(settings, motion=self.motion)
+        if self.first_look is not None:
+            settings = replace(settings, first_look=self.first_look)
         if self.trust_weights:
             settings = replace(settings, brightness=replace(settings.brightness, rounds=0))
         if self.registration is not None:
@@ -106,6 +118,7 @@ def settings_of(name: PresetName, wishes: Wishes) -> Settings:
     """
     for option, value, allowed in (
         ("--proxy", wishes.proxy, (None, *get_args(ProxyName))),
+        ("--first-look", wishes.first_look, (None, *get_args(FirstLookName))),
         ("--registration", wishes.registration, (None, *get_args(RegistrationMode))),
     ):
         check_choice(option, value, allowed)

@@ -52,6 +52,7 @@ def run(
     """
     check_whole("--shots", shots, 1, remedy="leave --shots out for the rig file's number")
     from gs2ci.api.rigs import open_rig
+    from gs2ci.core.storage import count_shots
     from gs2ci.core.storage.sealing import check_target
 
     if not dry_run:
@@ -80,7 +81,10 @@ def run(
             console.print(
                 f"masks from {prepared.calibrated.bundle.path}", markup=False, highlight=False, soft_wrap=True
             )
-        count = prepared.plan.settings.shots
+        count, wanted = count_shots(out), prepared.plan.settings.shots
+        if count < wanted:
+            lost = f"{wanted - count} of {wanted} exposures were lost; the file's events name them"
+            console.print(lost, markup=False, highlight=False, soft_wrap=True)
         console.print(f"{count} shot{'s' if count > 1 else ''} in [bold]{escape(str(out))}[/]", soft_wrap=True)
         answer({"file": out, "shots": count, "plan": figures})
         return out

@@ -16,6 +16,7 @@ from gs2ci.commands.answers import answered
 from gs2ci.core.errors import InputError
 from gs2ci.reconstruct.choices import (
     MOST_MOMENTS,
+    FirstLookName,
     MotionMode,
     PoseSource,
     PresetName,
@@ -33,6 +34,7 @@ def run(
     index: int = 0,
     geometry: PoseSource | None = None,
     proxy: ProxyName | None = None,
+    first_look: FirstLookName | None = None,
     preset: PresetName = "standard",
     budget: str | None = None,
     density: RuleName | None = None,
@@ -67,8 +69,11 @@ def run(
             takes the stage's where there are any and the measurement does not speak against them, else the tracks',
             else an even motion; "vggt-or-tracks" takes VGGT's where you have added the model, else the tracks'. The
             fit refines them in any case. "auto" unless the preset says otherwise.
-        proxy: The views that the geometry is found in: decoded by "gap-tv" (unless the preset says otherwise), or the
-            paper's proxies "eni" or "amdi", or "routed", the one of these two that the masks ask for.
+        proxy: The views that the geometry is found in: "gap-tv" for the decoded ones (unless the preset says
+            otherwise), or the paper's proxies "eni" or "amdi", or "routed", the one of these two that the masks ask
+            for.
+        first_look: What decodes before anything is fitted: "gap-tv", or "patches", slower and better by decibels, or
+            "patches-quick", a few rounds of it. The preset's own when not given.
         preset: How far to go: "draft" is a first look, "standard" the default, "fine" takes several times as long and
             ends with the fine stage, "paper" is the system of the GS2CI paper, constant by constant: 20,000 iterations
             without held-out pixels, and the scene's own views. Any other option changes what it names, and only that.
@@ -121,6 +126,7 @@ def run(
     wishes: dict[str, Any] = {
         "geometry": geometry,
         "proxy": proxy,
+        "first_look": first_look,
         "density": density,
         "without": without,
         "iterations": iterations,

@@ -36,7 +36,8 @@ def run(
         output: Folder for CSV, picture, section and the finished trials.
         index: Which shot of the file.
         knobs: What to vary, one thing at a time: preset (decode only, draft, standard, fine, paper), resolution,
-            fits, iterations, population, start, "decode steps", "depth planes", windows, "list reuse", precision;
+            fits, iterations, population, start, "decode steps", "first look", "depth planes", windows, "list reuse",
+            precision;
             all of them when not given.
         most: Leave out what is expected to take longer than this, by costs measured on the shot beforehand.
         seed: Of every random draw.

@@ -14,6 +14,9 @@ PoseSource = str
 ProxyName = Literal["gap-tv", "eni", "amdi", "routed"]
 """Decoded views; the paper's proxies by name; or the one of them that the masks ask for."""
 
+FirstLookName = Literal["gap-tv", "patches", "patches-quick"]
+"""The decoders that a reconstruction may begin with."""
+
 DecodeMethod = str
 """One of `DECODE_METHODS`, or the name of a plug-in."""
 DECODE_METHODS: Final = ("gap-tv", "patches", "patches-quick", "pnp-gap", "pnp-admm", "proxies", "eni", "amdi")

@@ -14,8 +14,9 @@ from gs2ci.core.arrays import F32, F64
 from gs2ci.core.findings import Code, Finding, finding
 from gs2ci.core.progress import Progress
 from gs2ci.core.records import Shot
-from gs2ci.reconstruct.choices import ProxyName
-from gs2ci.reconstruct.decode.gap_tv import GapTvSettings, gap_tv
+from gs2ci.reconstruct.choices import FirstLookName, ProxyName
+from gs2ci.reconstruct.decode.by_name import decode_by_name
+from gs2ci.reconstruct.decode.gap_tv import GapTvSettings
 from gs2ci.reconstruct.decode.proxies.routing import geometry_views
 from gs2ci.reconstruct.geometry.evidence import carried_views
 from gs2ci.reconstruct.geometry.initialise import Geometry, GeometrySettings
@@ -30,13 +31,15 @@ class LookSettings:
     """Settings of these stages.
 
     Args:
-        proxy: The views that the geometry stage looks at: those decoded by GAP-TV, or the proxies of the paper.
-        decode: Of the decoder.
+        proxy: The views that the geometry stage looks at: the decoded ones ("gap-tv"), or the proxies of the paper.
+        first_look: What decodes.
+        decode: Of GAP-TV, which every decoder begins with.
         geometry: Of tracks, motion and depth.
         brightness: Of the views' brightness.
     """
 
     proxy: ProxyName = "gap-tv"
+    first_look: FirstLookName = "gap-tv"
     decode: GapTvSettings = field(default_factory=GapTvSettings)
     geometry: GeometrySettings = field(default_factory=GeometrySettings)
     brightness: BrightnessSettings = field(default_factory=BrightnessSettings)
@@ -94,7 +97,7 @@ def look(
     """
     weights = jury.shot.weights
     for rounds_left in range(settings.brightness.rounds, -1, -1):
-        decoded = gap_tv(jury.seen, settings.decode, progress)
+        decoded = decode_by_name(jury.seen, settings.first_look, settings.decode, progress)
         lap("decode")
         views, proxy_notes = geometry_views(jury.seen, decoded, settings.proxy, masks_of or jury.shot)
         geometry = find_geometry(prior, Request.of(jury.seen, views, settings.geometry, lens), progress)

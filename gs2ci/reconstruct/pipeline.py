@@ -23,6 +23,7 @@ from gs2ci.core.progress import Progress, Silent
 from gs2ci.core.records import Shot
 from gs2ci.core.run_records import RunResult, Verdict
 from gs2ci.reconstruct.attempts import from_rest, needs_rest, ranking
+from gs2ci.reconstruct.decode.by_name import decode_by_name
 from gs2ci.reconstruct.decode.coupling import choose_coupling
 from gs2ci.reconstruct.decode.gap_tv import gap_tv
 from gs2ci.reconstruct.decode.patches.decoder import PatchSettings, patch_decode_from
@@ -224,10 +225,15 @@ def _settled(
     if settings.withheld != Withheld() or not is_open(geometry, criteria):
         return first
 
+    # By the measurement alone: views of either order show surfaces that bear it out.
+    brief = replace(settings, fit=replace(shortened(settings.fit), surfaces=None))
+    begun: dict[int, tuple[Geometry, tuple[Geometry, Gaussians]]] = {}
+
     def leaves(began: Geometry, number: int) -> float:
-        # By the measurement alone: views of either order show surfaces that bear it out.
-        brief = replace(settings, fit=replace(shortened(settings.fit), surfaces=None))
-        at, start = _beginning(replace(first, geometry=began), first.decoded, lens, brief)
+        if id(began) not in begun:
+            # The geometry is kept beside, so that no other one gets its number.
+            begun[id(began)] = began, _beginning(replace(first, geometry=began), first.decoded, lens, brief)
+        at, start = begun[id(began)][1]
         member = members(start, brief.density_rules[:1], number + 1, settings.seed)[number]
         try:
             fit = _fit_one(jury, at, lens, brief, refine, None, clock)(member, Silent(), None)
@@ -436,9 +442,9 @@ def _recover(
     Where the settings put no residual back, nothing chooses: they are the best scene's.
 
     Refined are the fits' mean views with their residual put back, combined with the scene's and the decode's where
-    these pixels ask for it. What is chosen is taken again from all pixels, a decode with its views coupled as they
-    recommend. Where things move no scene of ours says all, and a decode by similar patches goes on from the refined
-    views, if held-out pixels bear it out (`polish`).
+    these pixels ask for it. What is chosen is taken again from all pixels, a decode by GAP-TV with its views coupled
+    as they recommend. Where things move no scene of ours says all, and a decode by similar patches goes on from the
+    refined views, if held-out pixels bear it out (`polish`).
     """
     if settings.residual is None:
         own = ensemble.best.views
@@ -462,7 +468,7 @@ def _recover(
     # The pixels that judged may now help as well.
     decode_share = {"decode": 1.0, "scene": 0.0, "refined": wanted["decode"]}[verdict]
     if decode_share > 0:
-        parts["decode"] = gap_tv(jury.shot, choose_coupling(jury.shot, settings.decode, settings.seed))
+        parts["decode"] = _decoded_again(jury.shot, settings)
     if verdict != "refined":
         return Recovered(parts[verdict], verdict, heldout_rms, notes)
     parts["refined"] = refine.by_all_pixels(ensemble.views, share)
@@ -473,6 +479,13 @@ def _recover(
         mixed = finding(Code.VIEWS_COMBINED, refined=wanted["refined"], scene=wanted["scene"], decode=wanted["decode"])
         notes = (*notes, mixed)
     return Recovered(combined_views(parts, wanted), verdict, heldout_rms, notes)
+
+
+def _decoded_again(shot: Shot, settings: Settings) -> F32:
+    """Decode all pixels, by GAP-TV with its views coupled as held-out pixels recommend, or by patches."""
+    if settings.first_look != "gap-tv":
+        return decode_by_name(shot, "patches", settings.decode)
+    return gap_tv(shot, choose_coupling(shot, settings.decode, settings.seed))
 
 
 def _judge(heldout_rms: dict[Verdict, float | None]) -> Verdict:

@@ -142,7 +142,7 @@ def _summary(geometry: Geometry, settings: Settings) -> dict[str, object]:
     return {
         "method": geometry.source,
         "asked_for": settings.poses,
-        "proxy": settings.proxy,
+        "proxy": settings.first_look if settings.proxy == "gap-tv" else settings.proxy,
         "verdict": geometry.verdict,
         "focal_px": float(geometry.intrinsics[0, 0]),
         "focal_source": geometry.focal_source,

@@ -5,8 +5,9 @@ world (`simulated_operator`).
 """
 
 import re
+import sys
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -20,38 +21,39 @@ from gs2ci_drivers.genicam.options import GenicamOptions
 from gs2ci_drivers.grbl.options import GrblOptions
 from gs2ci_drivers.plugin import driver_plugin
 from gs2ci_drivers.v4l2.options import V4l2Options
+from gs2ci_drivers.video_out.options import VideoOutOptions
 from gs2ci_drivers.zaber.options import ZaberOptions
 from gs2ci_sims.axis_motion import Mechanics
-from gs2ci_sims.bench_light import BenchLight
 from gs2ci_sims.effects.base import Effect
 from gs2ci_sims.effects.misregistration import Misregistration
 from gs2ci_sims.faults import FaultSet
-from gs2ci_sims.radiance import Renderer
 from gs2ci_sims.registration import MaskAlignment
-from gs2ci_sims.rig_file import effects_from_tables
-from gs2ci_sims.scenes.base import Scene
-from gs2ci_sims.scenes.planes import planes
-from gs2ci_sims.scenes.rgbd import motorcycle
 from gs2ci_sims.sensor import Sensor
 from gs2ci_sims.wires.display_slm import DisplaySlmTwin
 from gs2ci_sims.wires.dlpc900 import Dlpc900Twin
 from gs2ci_sims.wires.genicam import GenicamModel, GenicamTwin
 from gs2ci_sims.wires.grbl import GrblMachine, GrblTwin
 from gs2ci_sims.wires.scpi_modulator import ScpiModulatorTwin, ScpiPanel
+from gs2ci_sims.wires.screen import ScreenTwin
 from gs2ci_sims.wires.v4l2 import V4l2Twin
 from gs2ci_sims.wires.v4l2_camera import STAMPING, CameraModel
 from gs2ci_sims.wires.zaber import ZaberAxis, ZaberTwin
 from gs2ci_sims.world import LightPath, Mount, World
 
+if TYPE_CHECKING:
+    from gs2ci_sims.bench_light import BenchLight
+    from gs2ci_sims.scenes.base import Scene
+
 MODULATOR_SIZES = {
     "dlpc900": (1080, 1920),  # DLP6500
     "scpi": (ScpiPanel.height, ScpiPanel.width),
     "santec": (1200, 1920),
+    "video": (1080, 1920),
 }
 DEFAULT_FULL_SCALE_E_PER_S = 100_000.0
 FAULT = re.compile(r"(?P<device>modulator|sensor|stage): *(?P<fault>[\w.]+)(?: after (?P<skip>\d+))?")
 
-ModulatorTwin = Dlpc900Twin | ScpiModulatorTwin | DisplaySlmTwin
+ModulatorTwin = Dlpc900Twin | ScpiModulatorTwin | DisplaySlmTwin | ScreenTwin
 
 
 @dataclass
@@ -73,10 +75,21 @@ class SimulatedBench:
     faults: dict[str, FaultSet]
 
     @property
-    def light(self) -> BenchLight | None:
+    def light(self) -> "BenchLight | None":
         """Get what exposes the scene of [world], or None where a test put another light in."""
-        light = self.world.light
-        return light if isinstance(light, BenchLight) else None
+        return _rendering(self.world.light)
+
+    def forget_before(self, when_s: float) -> None:
+        """Forget what happened before, so that a long run takes no more memory than a short one."""
+        for index in self.world.forget_before(when_s):
+            if self.light is not None:
+                self.light.plans.pop(index, None)
+
+
+def _rendering(light: LightPath) -> "BenchLight | None":
+    """Return a light that renders a scene; None for any other. Nothing is imported for the answer."""
+    module = sys.modules.get("gs2ci_sims.bench_light")
+    return light if module is not None and isinstance(light, module.BenchLight) else None
 
 
 def modulator_size(rig: RigTable) -> tuple[int, int]:
@@ -139,12 +152,20 @@ def build_bench(rig: RigTable, light: LightPath | None = None) -> SimulatedBench
     return bench
 
 
-def _scene(table: WorldTable) -> Scene:
+def _scene(table: WorldTable) -> "Scene":
+    from gs2ci_sims.scenes.planes import planes  # noqa: PLC0415
+    from gs2ci_sims.scenes.rgbd import motorcycle  # noqa: PLC0415
+
     size = (table.height, table.width)
     return motorcycle(size) if table.scene == "motorcycle" else planes(np.random.default_rng(table.seed), size)
 
 
-def _light(rig: RigTable, table: WorldTable, cfa: CfaPattern | None) -> BenchLight:
+def _light(rig: RigTable, table: WorldTable, cfa: CfaPattern | None) -> "BenchLight":
+    # Scenes need torch, which a bench with another light does without.
+    from gs2ci_sims.bench_light import BenchLight  # noqa: PLC0415
+    from gs2ci_sims.radiance import Renderer  # noqa: PLC0415
+    from gs2ci_sims.rig_file import effects_from_tables  # noqa: PLC0415
+
     scene = _scene(table)
     effects = effects_from_tables(table.effects)
     return BenchLight(
@@ -199,7 +220,8 @@ def _mount(rig: RigTable, table: WorldTable, light: LightPath) -> Mount:
     if mount is not None:
         directions = {"x": mount.x, "y": mount.y, "z": mount.z}
     scale = table.scene_units_per_mm
-    rest = light.scene.world_to_camera if isinstance(light, BenchLight) else np.eye(4)
+    rendering = _rendering(light)
+    rest = np.eye(4) if rendering is None else rendering.scene.world_to_camera
     return Mount(
         rest_world_to_camera=rest,
         directions={axis: (x * scale, y * scale, z * scale) for axis, (x, y, z) in directions.items()},
@@ -242,6 +264,9 @@ def _modulator_twin(rig: RigTable, world: World, faults: FaultSet) -> ModulatorT
         return Dlpc900Twin(world, faults, name="modulator", bit_enables=table.trigger_out_2_bit == "enables")
     if isinstance(rig.modulator, DisplaySlmOptions):
         return DisplaySlmTwin(world, faults, name="modulator")
+    if isinstance(rig.modulator, VideoOutOptions):
+        late, patch = rig.modulator.frames_late, rig.modulator.trigger_patch
+        return ScreenTwin(world, faults, name="modulator", frames_late=late, patch=patch)
     return ScpiModulatorTwin(world, faults, name="modulator", baud=rig.modulator.baud)
 
 

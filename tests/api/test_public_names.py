@@ -15,8 +15,8 @@ import gs2ci.reconstruct.pipeline  # binds the package's name, which must not hi
 NAMES = {
     "DeviceError", "Gaussians", "GeometryError", "Gs2ciError", "InputError", "NumericsError", "OpenRig", "Progress",
     "Run", "Shot", "Silent", "StorageError", "Truth", "__version__", "add_model", "decode", "demo_rig", "evaluate",
-    "export_model", "find_devices", "import_file", "list_models", "load", "make_table", "measure", "open_rig",
-    "open_run", "plan", "reconstruct", "reconstruct_many", "recover", "save", "tradeoff",
+    "export", "export_model", "find_devices", "import_file", "list_models", "load", "make_table", "measure", "mesh",
+    "open_rig", "open_run", "plan", "reconstruct", "reconstruct_many", "recover", "save", "tradeoff",
 }  # fmt: skip
 CALLED = sorted(NAMES - {"__version__"})
 # An error's and a listener's example is where they are raised and heard.

@@ -132,7 +132,7 @@ def test_words_that_the_parser_would_refuse_are_refused(examples):
     for wrong in ({"preset": "quick"}, {"proxy": "tv"}, {"registration": "on"}):
         with pytest.raises(gs2ci.InputError, match=next(iter(wrong.values()))):
             gs2ci.reconstruct(shot, progress=gs2ci.Silent(), **wrong)
-    with pytest.raises(gs2ci.InputError, match="no method .tv."):
+    with pytest.raises(gs2ci.InputError, match="no method"):
         gs2ci.decode(shot, "tv")
     with pytest.raises(gs2ci.InputError, match="network"):
         gs2ci.export_model("unet", "weights.pth")

@@ -21,6 +21,8 @@ BENCHMARKS = {
     "profile": "tests.benchmarks.profile",
     "list_reuse": "tests.benchmarks.list_reuse",
     "simulated_capture": "tests.benchmarks.simulated_capture",
+    "continuous": "tests.benchmarks.continuous",
+    "video_out": "tests.benchmarks.video_out",
     "proxies": "tests.benchmarks.proxies",
     "digests": "tests.benchmarks.digests",
     "decoders": "tests.benchmarks.decoders",
@@ -83,6 +85,7 @@ LONG = (
     "population",
     "effect_bounds",
     "simulation_cost",
+    "video_out",
 )
 """Many benches or whole schedules each: run only by name."""
 

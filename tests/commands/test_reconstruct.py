@@ -115,6 +115,7 @@ def wished(**options):
     given = {
         "geometry": None,
         "proxy": None,
+        "first_look": None,
         "density": None,
         "without": (),
         "iterations": None,
@@ -139,6 +140,7 @@ def test_nothing_named_on_the_command_line_leaves_a_preset_as_it_is(name):
     [
         ({"geometry": "tracks"}, {"poses"}),
         ({"proxy": "gap-tv"}, {"proxy"}),
+        ({"first_look": "patches"}, {"first_look"}),
         ({"registration": "auto"}, {"registration"}),
         ({"iterations": 50}, {"fit"}),
         ({"fine": True}, {"fine"}),

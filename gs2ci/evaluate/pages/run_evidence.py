@@ -41,6 +41,7 @@ class RunEvidence:
         depth: [N, H, W], 0 where nothing is seen; None where no depth was found.
         disagreement: [N, H, W], how far several fits differ, full scale 1; None where there was one.
         world_to_camera: Recovered, [N, 4, 4], OpenCV axes.
+        focal_x_px: Focal length along the rows.
         focal_y_px: Focal length along the columns.
         motion_picture: The bytes of `motion.png`; None where nothing moves.
         measurement: For the eye, [H, W, 1 or 3]; None in a folder without `given.npz`, as the rest below.
@@ -56,6 +57,7 @@ class RunEvidence:
     depth: NDArray[Any] | None
     disagreement: NDArray[Any] | None
     world_to_camera: F64
+    focal_x_px: float
     focal_y_px: float
     motion_picture: bytes | None = None
     measurement: U8 | None = None
@@ -141,6 +143,7 @@ def _read(folder: Path, report: Report) -> RunEvidence:
         depth=_map(folder / "depth.npy", shape),
         disagreement=_map(folder / "disagreement.npy", shape),
         world_to_camera=poses,
+        focal_x_px=_positive(path, transforms["fl_x"]),
         focal_y_px=_positive(path, transforms["fl_y"]),
         motion_picture=_picture(folder / MOTION_PICTURE_NAME),
         **given,

@@ -19,10 +19,13 @@ from gs2ci.evaluate.pages.next_steps import next_steps, outcome
 from gs2ci.evaluate.pages.pieces import FigureOfMerit
 from gs2ci.evaluate.pages.run_evidence import RunEvidence, read_evidence
 from gs2ci.evaluate.pages.run_pictures import RunPictures, collect_pictures
+from gs2ci.evaluate.pages.scene_view import scene_view
 from gs2ci.evaluate.pages.tradeoff_section import tradeoff_section
 from gs2ci.evaluate.report import Report, Scores, Simulation
 from gs2ci.evaluate.tradeoff.record import RECORD_NAME, TradeoffRecord, read_record
 from gs2ci.evaluate.wording import describe_number, describe_value, flat_rows, spoken_rows
+from gs2ci.render.gaussians import Gaussians
+from gs2ci.render.ply import read_ply
 
 PAGE_NAME: Final = "report.html"
 FILES: Final = (
@@ -49,22 +52,27 @@ def write_run_page(folder: Path, destination: Path | None = None) -> Path:
     Raises:
         StorageError: The folder is no whole run of this version, its record of a trade-off is damaged, or the disk
             refuses.
+        InputError: Its scene.ply is damaged.
     """
-    text = run_page(read_evidence(folder), read_record(folder))
+    place = Path(folder) / "scene.ply"
+    scene = read_ply(place) if place.is_file() else None
+    text = run_page(read_evidence(folder), read_record(folder), scene)
     return write_whole(Path(folder) / PAGE_NAME if destination is None else destination, text)
 
 
-def run_page(evidence: RunEvidence, tradeoff: TradeoffRecord | None = None) -> str:
+def run_page(evidence: RunEvidence, tradeoff: TradeoffRecord | None = None, scene: Gaussians | None = None) -> str:
     """Build the page of a run.
 
     Args:
         evidence: What its folder holds.
         tradeoff: What accuracy costs for its shot, where `gs2ci tradeoff --report` has left that.
+        scene: Its Gaussians, to be turned on the page; None leaves that out.
     """
     report = evidence.report
     pictures = collect_pictures(evidence)
     first = [
         PageSection("Views", _views(report, pictures), _views_lead(pictures)),
+        PageSection("Scene and cameras", _scene(evidence, scene)),
         PageSection("View by view", _per_view(report)),
         PageSection("Depth, error, disagreement", _maps(pictures)),
         PageSection("What moves", _motion(evidence), _motion_lead(report)),
@@ -177,6 +185,14 @@ def _views(report: Report, pictures: RunPictures) -> Markup:
         height=pictures.recovered[0].height,
         pixelated=pictures.pixelated,
     )
+
+
+def _scene(evidence: RunEvidence, scene: Gaussians | None) -> Markup:
+    if scene is None:
+        return Markup()
+    height, width = evidence.views.shape[1:3]
+    focal_px = (evidence.focal_x_px, evidence.focal_y_px)
+    return scene_view(scene, evidence.world_to_camera, focal_px, (height, width))
 
 
 def _views_lead(pictures: RunPictures) -> str:

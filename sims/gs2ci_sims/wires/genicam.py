@@ -41,6 +41,7 @@ US = 1e-6
 LATCH_S = 2e-4
 """A command to the camera and its answer."""
 SHORT_IDS = 65_535
+CALLS_KEPT = 10_000
 BITS = {"8": 8, "10": 10, "12": 12, "14": 14, "16": 16}
 
 
@@ -148,8 +149,8 @@ class GenicamTwin:
         self.model = model or GenicamModel()
         self.faults = faults or FaultSet()
         self.streaming = False
-        self.calls: list[str] = []
-        """Names of the calls so far, for tests of their order."""
+        self.calls: deque[str] = deque(maxlen=CALLS_KEPT)
+        """Names of the latest calls, for tests of their order."""
         self._world = world
         self._clock = world.clock
         self._plugged, self._opened = True, False

@@ -20,6 +20,8 @@ from gs2ci.core.arrays import F32, F64, U8
 _LEAST_SIDE_PX: Final = 16
 # A few saturated spots must not leave the rest dark in 8 bits.
 _WHITE_PERCENTILE: Final = 99.5
+# Full scale 1: views darker than this show nothing that could be followed.
+_LEAST_WHITE: Final = 1e-6
 
 
 @dataclass(frozen=True)
@@ -81,7 +83,7 @@ def _flow(before: U8, after: U8) -> F32:
 
 
 def _as_bytes(views: F32) -> U8:
-    white = max(float(np.percentile(views, _WHITE_PERCENTILE)), float(np.finfo(np.float32).tiny))
+    white = max(float(np.percentile(views, _WHITE_PERCENTILE)), _LEAST_WHITE)
     as_bytes: U8 = (np.clip(views / white, 0, 1) * 255).astype(np.uint8)
     return as_bytes
 
