@@ -53,7 +53,6 @@ from gs2ci.reconstruct.measurement.jury import Jury
 from gs2ci.reconstruct.measurement.lens import Lens, straightened
 from gs2ci.reconstruct.measurement.moving import LeftByMotion
 from gs2ci.reconstruct.moving import (
-    LEAST_BRIEF_GAIN,
     LEAST_GAIN,
     LEAST_PATCH_GAIN,
     MOVING,
@@ -145,10 +144,10 @@ def reconstruct(
         clock.lap("fit")
         return _Attempt(look, geometry, fits, ensemble)
 
-    def release(still: _Attempt, briefly: bool) -> _Attempt:
-        freed = replace(settings, fit=released(settings.fit, briefly=briefly))
+    def release(still: _Attempt) -> _Attempt:
+        freed = replace(settings, fit=released(settings.fit))
         team, paths = [], {}
-        for number, fit in enumerate((still.ensemble.best,) if briefly else still.fits):
+        for number, fit in enumerate(still.fits):
             start = of_degree(at_rest_until_moved(fit.scene, freed.fit.motion), number)
             team.append(Member(start, freed.fit.density, number))
             paths[number] = replace(still.geometry, world_to_camera=fit.world_to_camera)
@@ -156,7 +155,7 @@ def reconstruct(
         def fit_one(member: Member, progress: Progress, pace: Pace | None) -> CoarseFit:
             return _fit_one(fitted, paths[member.seed], lens, freed, refine, score, clock)(member, progress, pace)
 
-        fits = fit_together(fit_one, tuple(team), Silent() if briefly else progress, None)
+        fits = fit_together(fit_one, tuple(team), progress, None)
         ensemble = combined(fits, jury, refine)
         clock.lap("fit")
         return replace(still, fits=fits, ensemble=ensemble)
@@ -329,7 +328,7 @@ class _Trials:
 
     Args:
         attempt: Fits from a look, with views to take colours and motion from, a scene that is still or may move.
-        release: Goes on with fits of a still scene, and lets it move; or with the best of them alone, and briefly.
+        release: Goes on with fits of a still scene, and lets it move.
         jury: The measurement.
         lens: Through which it was taken, unless it is a pinhole.
         settings: What may be tried.
@@ -338,7 +337,7 @@ class _Trials:
     """
 
     attempt: Callable[[FirstLook, F32, bool], _Attempt]
-    release: Callable[[_Attempt, bool], _Attempt]
+    release: Callable[[_Attempt], _Attempt]
     jury: Jury
     lens: Lens | None
     settings: Settings
@@ -364,7 +363,7 @@ class _Trials:
             self.progress.say("What the still scene leaves looks like motion: scenes that move are fitted as well.")
             refined = self.refine(still.ensemble.views)
             views = min((refined, first.decoded), key=lambda shown: self.jury.residual_rms(shown) or 0.0)
-            attempts[RELEASED] = self.release(still, False)
+            attempts[RELEASED] = self.release(still)
             attempts[MOVING] = self.attempt(rested(still.look), views, True)
         tried = self._clearly_best(attempts)
         return tried, self._report(left, attempts, tried)
@@ -384,14 +383,7 @@ class _Trials:
         return self._best(attempts)
 
     def _gains(self, still: _Attempt) -> bool:
-        """Tell whether motion predicts held-out pixels better: a little of it given to the best fit, or to patches.
-
-        Where a still fit is too wrong to be let move, groups of patches that follow what moves know better than it.
-        """
-        brief = self.release(still, True).ensemble.best
-        before, after = (self.jury.residual_rms(self.refine(fit.views)) for fit in (still.ensemble.best, brief))
-        if before is not None and after is not None and after < (1 - LEAST_BRIEF_GAIN) * before:
-            return True
+        """Tell whether a few steps of a decode by similar patches, which may move, predict held-out pixels better."""
         refined = self.refine(still.ensemble.views)
         polished = patch_decode_from(self.jury.seen, refined, PatchSettings.from_scene_briefly())
         before, after = self.jury.residual_rms(refined), self.jury.residual_rms(polished)

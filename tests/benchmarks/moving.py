@@ -3,11 +3,10 @@
     python -m tests.benchmarks moving
 
 Four parts. Simulated moving objects under a moving camera, three scenes and three seeds, each beside itself at rest
-(data: the project's simulator; its bench integrates the light over the exposure, from its own renderer). The same
-still scenes with `--motion off`: what being asked costs, in dB and processor seconds. The first blocks of the video
-clips in `../shared/data/video_sci`, cropped to their middle 128 x 128 px, where that folder is there (data: the
-benchmarks of the PnP-SCI authors). The real fan of `../shared/data/real_cacti`,
-likewise cropped, by its held-out residual alone.
+(data: the project's simulator; its bench integrates the light over the exposure, from its own renderer). The same still
+scenes with `--motion off`: what being asked costs, in dB and processor seconds. The first blocks of the video clips in
+`../shared/data/video_sci`, cropped to their middle 128 x 128 px, where that folder is there (data: the benchmarks of
+the PnP-SCI authors). The real fan of `../shared/data/real_cacti`, likewise cropped, by its held-out residual alone.
 GS2CI_MOVING_CROP_PX sets the side of the crops; 256 takes the clips whole.
 """
 

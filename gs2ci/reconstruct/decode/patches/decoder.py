@@ -51,7 +51,7 @@ class PatchSettings:
     @classmethod
     def from_scene_briefly(cls) -> "PatchSettings":
         """Return a few steps of it, which show whether it is worth its time."""
-        return cls(iterations=4, first_sigma=15 / 255, last_sigma=10 / 255)
+        return cls(iterations=4, first_sigma=10 / 255)
 
     def check(self) -> "PatchSettings":
         """Return self if the numbers make sense.
