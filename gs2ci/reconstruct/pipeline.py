@@ -23,12 +23,13 @@ from gs2ci.core.progress import Progress, Silent
 from gs2ci.core.records import Shot
 from gs2ci.core.run_records import RunResult, Verdict
 from gs2ci.reconstruct.attempts import from_rest, needs_rest, ranking
+from gs2ci.reconstruct.choices import FirstLookName
 from gs2ci.reconstruct.decode.by_name import decode_by_name
 from gs2ci.reconstruct.decode.coupling import choose_coupling
 from gs2ci.reconstruct.decode.gap_tv import gap_tv
 from gs2ci.reconstruct.decode.patches.decoder import PatchSettings, patch_decode_from
 from gs2ci.reconstruct.decode.residual import ResidualSettings
-from gs2ci.reconstruct.first_look import FirstLook, look
+from gs2ci.reconstruct.first_look import FirstLook, look, look_closer
 from gs2ci.reconstruct.fit.coarse import CoarseFit, fit_coarse
 from gs2ci.reconstruct.fit.combination import combined as combined_views
 from gs2ci.reconstruct.fit.combination import shares
@@ -124,7 +125,9 @@ def reconstruct(
     sound, doubts = _examined(registered.shot, progress)
     jury = Jury.of(sound, settings.fit.hold_out.share, settings.seed)
 
-    first = look(jury, lens, tools.geometry_prior, settings.look, progress, clock.lap, registered.shot)
+    first = (look_closer if pace is None and settings.may_look_again else look)(
+        jury, lens, tools.geometry_prior, settings.look, progress, clock.lap, registered.shot
+    )
     jury, decoded = first.jury, first.decoded
     fitted = Jury(fill_holes(jury.shot, decoded), jury.heldout)
     refine = Refinement(jury, settings.residual)
@@ -172,7 +175,7 @@ def reconstruct(
         )
         ensemble = combined(tuple(fined if fit is best else fit for fit in tried.fits), jury, refine)
         clock.lap("fine")
-    recovered = _recover(jury, decoded, ensemble, refine, settings, polish=motion.tried)
+    recovered = _recover(first, ensemble, refine, settings, polish=motion.tried)
     geometry, ensemble = in_given_unit(geometry, ensemble)
     light = renderer.stopped_light(ensemble.best.scene, ensemble.best.world_to_camera)
     seen = speeds(renderer, ensemble.best.scene, ensemble.best.world_to_camera)
@@ -435,7 +438,7 @@ class _Stopwatch:
 
 
 def _recover(
-    jury: Jury, decoded: F32, ensemble: Ensemble, refine: Refinement, settings: Settings, *, polish: bool
+    first: FirstLook, ensemble: Ensemble, refine: Refinement, settings: Settings, *, polish: bool
 ) -> Recovered:
     """Let the held-out pixels choose between the refined views, the best scene's and the decode.
 
@@ -446,6 +449,7 @@ def _recover(
     as they recommend. Where things move no scene of ours says all, and a decode by similar patches goes on from the
     refined views, if held-out pixels bear it out (`polish`).
     """
+    jury, decoded = first.jury, first.decoded
     if settings.residual is None:
         own = ensemble.best.views
         candidates: dict[Verdict, F32] = {"refined": own, "scene": own, "decode": decoded}
@@ -468,7 +472,7 @@ def _recover(
     # The pixels that judged may now help as well.
     decode_share = {"decode": 1.0, "scene": 0.0, "refined": wanted["decode"]}[verdict]
     if decode_share > 0:
-        parts["decode"] = _decoded_again(jury.shot, settings)
+        parts["decode"] = _decoded_again(jury.shot, first.decoder, settings)
     if verdict != "refined":
         return Recovered(parts[verdict], verdict, heldout_rms, notes)
     parts["refined"] = refine.by_all_pixels(ensemble.views, share)
@@ -481,9 +485,9 @@ def _recover(
     return Recovered(combined_views(parts, wanted), verdict, heldout_rms, notes)
 
 
-def _decoded_again(shot: Shot, settings: Settings) -> F32:
+def _decoded_again(shot: Shot, decoder: FirstLookName, settings: Settings) -> F32:
     """Decode all pixels, by GAP-TV with its views coupled as held-out pixels recommend, or by patches."""
-    if settings.first_look != "gap-tv":
+    if decoder != "gap-tv":
         return decode_by_name(shot, "patches", settings.decode)
     return gap_tv(shot, choose_coupling(shot, settings.decode, settings.seed))
 
