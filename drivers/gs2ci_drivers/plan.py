@@ -162,6 +162,12 @@ class CapturePlan:
     sweep: Sweep | None
     figures: tuple[Figure, ...]
 
+    def _repr_html_(self) -> str:
+        from gs2ci.core.notebook import sheet  # noqa: PLC0415  laid out where somebody looks
+
+        title = f"plan of {self.settings.shots} shot{'s' if self.settings.shots > 1 else ''}"
+        return sheet(title, ("plan", "value", "allowed", ""), table(self))
+
     @property
     def broken(self) -> tuple[Figure, ...]:
         """Get the lines that break a limit."""

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from rich.console import Console
 
-from gs2ci.commands.options import check_whole
+from gs2ci.api.options import check_whole
 
 
 def run(*, rig: Path, port: int = 8090, host: str = "127.0.0.1") -> None:

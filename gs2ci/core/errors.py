@@ -5,6 +5,7 @@
     ├── StorageError      a shot, run folder or bundle cannot be read or written
     ├── GeometryError     no camera path or depth can be found in these views
     ├── NumericsError     a computation left the finite numbers and could not be rolled back
+    ├── ResourceError     the work would take more memory than it was allowed
     └── DeviceError       a device failed, refused or did not answer in time
 
 Every message says what was wrong, what is allowed and what to do, in that order.
@@ -46,6 +47,10 @@ class GeometryError(Gs2ciError):
 
 class NumericsError(Gs2ciError):
     """A computation left the finite numbers and could not be rolled back."""
+
+
+class ResourceError(Gs2ciError):
+    """The work would take more memory than it was allowed."""
 
 
 class DeviceError(Gs2ciError):

@@ -11,10 +11,8 @@ from typing import Final
 from gs2ci.core.errors import InputError
 from gs2ci.reconstruct.fit.density.base import DensityRule
 from gs2ci.reconstruct.fit.density.osgr import Osgr
+from gs2ci.reconstruct.paper import MOST_GAUSSIANS
 from gs2ci.reconstruct.settings import Settings
-
-_UNBOUNDED_PER_PIXEL: Final = 8.0
-"""«No cap» still has to end before the machine's memory does: the paper's own run without it ran out."""
 
 
 def _without_points(settings: Settings) -> Settings:
@@ -43,7 +41,9 @@ def _without_opacity_regulation(settings: Settings) -> Settings:
 
 
 def _without_count_cap(settings: Settings) -> Settings:
-    return replace(settings, fit=replace(settings.fit, cap_from=None, gaussians_per_pixel=_UNBOUNDED_PER_PIXEL))
+    # The paper's own runs without it ran out of memory: here the guard ends them with an error.
+    most = settings.fit.most_gaussians or MOST_GAUSSIANS
+    return replace(settings, fit=replace(settings.fit, cap_from=None, gaussians_per_pixel=None, most_gaussians=most))
 
 
 def _without_pose_refinement(settings: Settings) -> Settings:

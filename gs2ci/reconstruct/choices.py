@@ -9,16 +9,31 @@ from typing import Final, Literal, get_args
 PresetName = Literal["draft", "standard", "fine", "paper"]
 
 PoseSource = str
-"""auto, tracks, stage, uniform, file:PATH, vggt or vggt:FILE."""
+"""auto, tracks, stage, uniform, file:PATH, vggt, vggt:FILE or vggt-or-tracks."""
 
-ProxyName = Literal["gap-tv", "eni", "amdi"]
+ProxyName = Literal["gap-tv", "eni", "amdi", "routed"]
+"""Decoded views; the paper's proxies by name; or the one of them that the masks ask for."""
 
-DecodeMethod = Literal["gap-tv", "pnp-gap", "pnp-admm", "proxies", "eni", "amdi"]
+FirstLookName = Literal["gap-tv", "patches", "patches-quick"]
+"""The decoders that a reconstruction may begin with."""
 
-RuleName = Literal["osgr", "adc", "mcmc", "revised"]
+DecodeMethod = str
+"""One of `DECODE_METHODS`, or the name of a plug-in."""
+DECODE_METHODS: Final = ("gap-tv", "patches", "patches-quick", "pnp-gap", "pnp-admm", "proxies", "eni", "amdi")
+DECODER_GROUP: Final = "gs2ci.decoders"
+
+RULE_NAMES: Final = ("osgr", "adc", "mcmc", "revised")
+RuleName = str
+"""osgr, adc, mcmc, revised, or the name of a plug-in."""
 
 RegistrationMode = Literal["auto", "off"]
 REGISTRATION_MODES: Final = get_args(RegistrationMode)
+
+MotionMode = Literal["auto", "off", "on"]
+MOTION_MODES: Final = get_args(MotionMode)
+
+MOST_MOMENTS: Final = 1000
+"""Each is a picture, and where things move a scene file."""
 
 ModelName = Literal["vggt", "difix", "lpips"]
 MODEL_NAMES: Final = get_args(ModelName)

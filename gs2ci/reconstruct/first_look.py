@@ -13,8 +13,10 @@ import numpy as np
 from gs2ci.core.arrays import F32, F64
 from gs2ci.core.findings import Code, Finding, finding
 from gs2ci.core.progress import Progress
-from gs2ci.reconstruct.choices import ProxyName
-from gs2ci.reconstruct.decode.gap_tv import GapTvSettings, gap_tv
+from gs2ci.core.records import Shot
+from gs2ci.reconstruct.choices import FirstLookName, ProxyName
+from gs2ci.reconstruct.decode.by_name import decode_by_name
+from gs2ci.reconstruct.decode.gap_tv import GapTvSettings
 from gs2ci.reconstruct.decode.proxies.routing import geometry_views
 from gs2ci.reconstruct.geometry.evidence import carried_views
 from gs2ci.reconstruct.geometry.initialise import Geometry, GeometrySettings
@@ -29,13 +31,15 @@ class LookSettings:
     """Settings of these stages.
 
     Args:
-        proxy: The views that the geometry stage looks at: those decoded by GAP-TV, or the proxies of the paper.
-        decode: Of the decoder.
+        proxy: The views that the geometry stage looks at: the decoded ones ("gap-tv"), or the proxies of the paper.
+        first_look: What decodes.
+        decode: Of GAP-TV, which every decoder begins with.
         geometry: Of tracks, motion and depth.
         brightness: Of the views' brightness.
     """
 
     proxy: ProxyName = "gap-tv"
+    first_look: FirstLookName = "gap-tv"
     decode: GapTvSettings = field(default_factory=GapTvSettings)
     geometry: GeometrySettings = field(default_factory=GeometrySettings)
     brightness: BrightnessSettings = field(default_factory=BrightnessSettings)
@@ -50,20 +54,22 @@ class FirstLook:
         decoded: Its views, [N, H, W, C].
         geometry: Its camera path and depth; behind a lens, on its canvas.
         brightness: How bright each view was for its weight, [N]; None where nothing spoke against the weights.
+        proxy_notes: What is to be said of the views that the geometry was found in.
     """
 
     jury: Jury
     decoded: F32
     geometry: Geometry
     brightness: F64 | None
+    proxy_notes: tuple[Finding, ...] = ()
 
     @property
     def notes(self) -> tuple[Finding, ...]:
-        """Get what is to be said of the brightness."""
+        """Get what is to be said of the proxies and of the brightness."""
         if self.brightness is None:
-            return ()
+            return self.proxy_notes
         least, most = float(self.brightness.min()), float(self.brightness.max())
-        return (finding(Code.WEIGHTS_CORRECTED, least=least, most=most),)
+        return (*self.proxy_notes, finding(Code.WEIGHTS_CORRECTED, least=least, most=most))
 
 
 def look(
@@ -73,6 +79,7 @@ def look(
     settings: LookSettings,
     progress: Progress,
     lap: Callable[[str], None],
+    masks_of: Shot | None = None,
 ) -> FirstLook:
     """Decode a measurement and find its geometry, and correct its weights as long as that explains more of it.
 
@@ -83,15 +90,16 @@ def look(
         settings: Of all stages.
         progress: Told of every stage and step.
         lap: Called with a stage's name when it ends.
+        masks_of: The measurement with its masks as they were calibrated; the jury's where none of them was closed.
 
     Raises:
         Gs2ciError: A stage cannot be done.
     """
     weights = jury.shot.weights
     for rounds_left in range(settings.brightness.rounds, -1, -1):
-        decoded = gap_tv(jury.seen, settings.decode, progress)
+        decoded = decode_by_name(jury.seen, settings.first_look, settings.decode, progress)
         lap("decode")
-        views = geometry_views(jury.seen, decoded, settings.proxy)
+        views, proxy_notes = geometry_views(jury.seen, decoded, settings.proxy, masks_of or jury.shot)
         geometry = find_geometry(prior, Request.of(jury.seen, views, settings.geometry, lens), progress)
         corrected = None
         if rounds_left:
@@ -103,7 +111,7 @@ def look(
             break
         jury = corrected
     brightness = None if jury.shot.weights is weights else _ratio(jury.shot.weights, weights)
-    found = FirstLook(jury, decoded, geometry, brightness)
+    found = FirstLook(jury, decoded, geometry, brightness, proxy_notes)
     for note in found.notes:
         progress.say(note.sentence)
     return found

@@ -1,7 +1,8 @@
 """The named settings: how far a reconstruction goes. Data alone; no stage asks for a preset's name.
 
 Here: what each preset sets, and how a schedule is made shorter or longer. Not here: what the settings mean (each
-stage's own file), nor which preset suits a number of seconds (`gs2ci.reconstruct.budget.plan`).
+stage's own file), the paper's constants (`paper`), nor which preset suits a number of
+seconds (`gs2ci.reconstruct.budget.plan`).
 """
 
 from dataclasses import replace
@@ -10,93 +11,48 @@ from typing import Final
 from gs2ci.core.errors import InputError
 from gs2ci.reconstruct.choices import PresetName
 from gs2ci.reconstruct.fit.coarse import CoarseSettings
-from gs2ci.reconstruct.fit.density.osgr import Osgr
 from gs2ci.reconstruct.fit.fine import FineSettings
-from gs2ci.reconstruct.fit.losses import LossWeights
 from gs2ci.reconstruct.fit.optimiser import StepSizes
-from gs2ci.reconstruct.fit.poses import PoseSettings
-from gs2ci.reconstruct.fit.stopping import HoldOut
-from gs2ci.reconstruct.measurement.brightness import BrightnessSettings
+from gs2ci.reconstruct.paper import paper_settings
 from gs2ci.reconstruct.settings import Settings
-from gs2ci.render.settings import RasterSettings
 
-# The step sizes of `CoarseSettings` are those of its own schedule.
-_NATURAL_ITERATIONS: Final = CoarseSettings.iterations
-# Adam's step of a shorter schedule has to cover more. At 50 iterations three times the step gains 0.1 to 0.9 dB over
-# twice the step, at 25 three and a half times as much again; longer ones were not tried.
-_LARGEST_STRIDE: Final = 3.5
-_STRETCHED: Final = ("means", "log_scales", "quaternions", "opacity_logits", "colours")
-_PAPER_ITERATIONS: Final = 20_000
-_PAPER_MOST_PER_PIXEL: Final = 4.0
-"""The paper bounds the population by what it is at iteration 7,000 and by nothing before. On a machine whose memory
-others share something has to: it reports that a run without its bound ends for want of memory."""
+_DRAFT_ITERATIONS: Final = 80
+_FINE_ITERATIONS: Final = 600
 
 
 def rescheduled(fit: CoarseSettings, iterations: int) -> CoarseSettings:
     """Return the same fit on a schedule of another length.
 
     Looks, turns of the density rule and patience keep their places in the schedule within sensible bounds; steps grow
-    as the square root of what the schedule lacks of its natural length.
+    as a shorter schedule asks (`StepSizes.of_schedule`).
     """
-    stride = min(_LARGEST_STRIDE, max(1.0, (_NATURAL_ITERATIONS / iterations) ** 0.5))
-    natural = StepSizes()
-    steps = replace(fit.steps, **{name: getattr(natural, name) * stride for name in _STRETCHED})
+    look_every = min(50, max(10, iterations // 8))
     return replace(
         fit,
         iterations=iterations,
         densify_every=min(100, max(10, iterations // 8)),
-        steps=steps,
-        hold_out=replace(fit.hold_out, look_every=min(50, max(10, iterations // 8))),
+        steps=StepSizes.of_schedule(iterations),
+        hold_out=fit.hold_out.looking(look_every),
     )
 
 
 def _draft() -> Settings:
-    """A first look: fewer decode steps and planes, a quarter of the iterations, fewer Gaussians, one fit."""
+    """A first look: fewer decode steps and planes, fewer iterations, fewer Gaussians, one fit."""
     base = Settings()
     return replace(
         base,
         decode=replace(base.decode, iterations=20),
         geometry=replace(base.geometry, sweep=replace(base.geometry.sweep, planes=48)),
-        fit=rescheduled(replace(base.fit, gaussians_per_pixel=0.2), 200),
+        fit=rescheduled(replace(base.fit, gaussians_per_pixel=0.2), _DRAFT_ITERATIONS),
         fits=1,
     )
 
 
 def _fine() -> Settings:
-    """The best known: four fits, more Gaussians from the first iteration on; then the fine stage for the best fit."""
+    """The best known: four long fits, more Gaussians from the first iteration on; then the fine stage for the best."""
     base = Settings()
-    fit = replace(base.fit, gaussians_per_pixel=0.4)
+    fit = rescheduled(replace(base.fit, gaussians_per_pixel=0.4), _FINE_ITERATIONS)
     return replace(base, stride_px=2, fit=fit, fits=4, fine=FineSettings())
-
-
-def paper_settings() -> Settings:
-    """Return the settings of the paper (section IV-A): its schedule, nothing held out, the last state not the best.
-
-    Lengths are in units of the camera path's diameter, where the authors' trainer scales the path into a cube of
-    side two: the same within a factor that depends on the path's shape.
-    """
-    fit = CoarseSettings(
-        iterations=_PAPER_ITERATIONS,
-        densify_every=100,
-        densify_from=500 / _PAPER_ITERATIONS,
-        densify_until=15_000 / _PAPER_ITERATIONS,
-        gaussians_per_pixel=_PAPER_MOST_PER_PIXEL,
-        cap_from=7_000 / _PAPER_ITERATIONS,
-        surfaces=None,
-        loss=LossWeights(similarity=0.1, opacity=0.01),
-        steps=StepSizes.of_the_literature(),
-        poses=PoseSettings(every=25, rate=1e-2, final_rate=2e-5),
-        hold_out=HoldOut(share=0.0, look_every=1000, patience=_PAPER_ITERATIONS, growth_patience=_PAPER_ITERATIONS),
-        density=Osgr(),
-    )
-    return replace(
-        Settings(),
-        fit=fit,
-        fits=1,
-        second_density=None,
-        brightness=BrightnessSettings(rounds=0),
-        raster=RasterSettings(),
-    )
 
 
 # The one place that says what a name means.

@@ -17,6 +17,7 @@ from gs2ci.reconstruct.fit.looks import Score
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.geometry.telemetry import Movement, movement
 from gs2ci.reconstruct.measurement.coding import Coding
+from gs2ci.reconstruct.moving import MotionReport, Speeds
 from gs2ci.reconstruct.registration.register import Registered
 from gs2ci.reconstruct.settings import Settings
 from gs2ci.render.stopping import StoppedLight
@@ -43,6 +44,8 @@ class Left:
     ensemble: Ensemble
     light: StoppedLight
     recovered: Recovered
+    motion: MotionReport
+    speeds: Speeds | None
 
 
 def record(settings: Settings, left: Left, score: Score | None, seconds: dict[str, float]) -> RunResult:
@@ -86,6 +89,8 @@ def record(settings: Settings, left: Left, score: Score | None, seconds: dict[st
         disagreement=left.ensemble.disagreement,
         brightness=None if brightness is None else brightness.tolist(),
         registration=left.registered.summary(),
+        motion=left.motion.summary(left.speeds),
+        displacement=None if left.speeds is None else left.speeds.displacement_px,
         registered=shot if left.registered.is_changed else None,
     ).check()
 
@@ -99,6 +104,7 @@ def _notes(left: Left, settings: Settings, moved: Movement) -> tuple[Finding, ..
             *left.doubts,
             *left.look.notes,
             *geometry.notes,
+            *left.motion.notes(left.speeds),
             *ensemble.notes,
             *_fits_missing(ensemble, settings),
         ),
@@ -136,7 +142,7 @@ def _summary(geometry: Geometry, settings: Settings) -> dict[str, object]:
     return {
         "method": geometry.source,
         "asked_for": settings.poses,
-        "proxy": settings.proxy,
+        "proxy": settings.first_look if settings.proxy == "gap-tv" else settings.proxy,
         "verdict": geometry.verdict,
         "focal_px": float(geometry.intrinsics[0, 0]),
         "focal_source": geometry.focal_source,

@@ -1,7 +1,7 @@
 """A scene of 3D Gaussians as optimisable parameters, and the sound arithmetic of opacities and rotations.
 
-Here: the parameters, their checks and conversions. Not here: files (`ply.py`), rendering, densification rules
-(`gs2ci.reconstruct.fit.density`).
+Here: the parameters, where they are at a moment, their checks and conversions. Not here: files (`ply.py`), rendering,
+densification rules (`gs2ci.reconstruct.fit.density`).
 """
 
 from collections.abc import Callable
@@ -26,6 +26,9 @@ class Gaussians:
         quaternions: Rotations own axes -> world, (w, x, y, z), of any norm, [G, 4]; zero means no rotation.
         opacity_logits: Opacity = sigmoid, [G].
         colours: Linear, in the unit of a view's full scale, not clamped, [G, 3].
+        motion: How the centres move, [G, K, 3]: at time t they are at means + sum_k motion_k t^k, k = 1 ... K. The unit
+            of time is the user's; a reconstruction counts it from −1 to 1 over the exposure, so that the first row is
+            half of what a velocity covers in it. None: nothing moves.
     """
 
     means: Tensor
@@ -33,13 +36,57 @@ class Gaussians:
     quaternions: Tensor
     opacity_logits: Tensor
     colours: Tensor
+    motion: Tensor | None = None
 
     def __len__(self) -> int:
         return int(self.means.shape[0])
 
+    def _repr_png_(self) -> bytes | None:
+        """Show the centres in their colours, seen from where most cameras of ours stand: before them, a little above.
+
+        Centres alone need no rasteriser; None where there is nothing to see.
+        """
+        from gs2ci.core.notebook import png_of  # noqa: PLC0415  pictures are drawn where somebody looks
+        from gs2ci.render.sketch import sketch  # noqa: PLC0415  as above
+
+        own = self.detach().map(lambda tensor: tensor.double())
+        # The geometric mean of the two wider axes: what a surface's disc covers.
+        sizes = own.log_scales.sort(dim=1).values[:, 1:].mean(dim=1).exp()
+        drawn = sketch(*(t.numpy() for t in (own.means, own.colours, torch.sigmoid(own.opacity_logits), sizes)))
+        return None if drawn is None else png_of(drawn)
+
+    def _repr_html_(self) -> str:
+        from gs2ci.core.notebook import card  # noqa: PLC0415  as above
+
+        facts = [("Gaussians", f"{len(self)}")]
+        if len(self):
+            means, opacity = self.means.detach(), torch.sigmoid(self.opacity_logits.detach())
+            low, high = means.amin(dim=0), means.amax(dim=0)
+            facts += [
+                ("from", ", ".join(f"{value:.4g}" for value in low.tolist())),
+                ("to", ", ".join(f"{value:.4g}" for value in high.tolist())),
+                ("median opacity", f"{float(opacity.median()):.3g}"),
+                ("median size", f"{float(self.log_scales.detach().exp().median()):.3g}"),
+            ]
+        return card("scene", facts, self._repr_png_(), caption="centres of the Gaussians")
+
     def parameters(self) -> dict[str, Tensor]:
-        """Return the tensors by field name."""
-        return {f.name: getattr(self, f.name) for f in fields(self)}
+        """Return the tensors by field name; `motion` only where there is one."""
+        found = {f.name: getattr(self, f.name) for f in fields(self)}
+        return {name: tensor for name, tensor in found.items() if tensor is not None}
+
+    def means_at(self, times: Tensor) -> Tensor:
+        """Return the centres at moments [V]: [V, G, 3], or [G, 3] for all of them where nothing moves."""
+        if self.motion is None:
+            return self.means
+        powers = torch.stack([times**k for k in range(1, self.motion.shape[1] + 1)], dim=1).to(self.motion.dtype)
+        return self.means + torch.einsum("vk,gkc->vgc", powers, self.motion)
+
+    def at(self, moment: float) -> "Gaussians":
+        """Return the scene as it stands at a moment: nothing in it moves."""
+        still = {name: tensor for name, tensor in self.parameters().items() if name != "motion"}
+        means = self.means_at(torch.tensor([moment], dtype=self.means.dtype))
+        return Gaussians(**(still | {"means": means.reshape(-1, 3)}))
 
     def map(self, function: Callable[[Tensor], Tensor]) -> "Gaussians":
         """Return Gaussians with `function` applied to every field, for selecting, copying and casting."""
@@ -57,8 +104,11 @@ class Gaussians:
         """
         count = self.means.shape[0] if self.means.ndim else 0
         for name, tensor in self.parameters().items():
-            columns = _FIELD_COLUMNS[name]
-            wanted = (count,) if columns is None else (count, columns)
+            if name == "motion":
+                wanted: tuple[int, ...] = (count, max(1, tensor.shape[1] if tensor.ndim == 3 else 1), 3)
+            else:
+                columns = _FIELD_COLUMNS[name]
+                wanted = (count,) if columns is None else (count, columns)
             check_tensor(f"{name} of the Gaussians", tensor, wanted)
         return self
 

@@ -51,6 +51,7 @@ def check_rendering(
     *,
     views: int | None = None,
     colours: Tensor | None = None,
+    times: Tensor | None = None,
 ) -> None:
     """Accept a scene, poses and intrinsics.
 
@@ -60,9 +61,10 @@ def check_rendering(
         intrinsics: Camera matrix, [3, 3].
         views: How many poses there must be; None accepts any number.
         colours: Colours per view, [V, G, 3], or None.
+        times: When each pose was taken, [V], or None.
 
     Raises:
-        InputError: Shapes disagree, or a number is not finite.
+        InputError: Shapes disagree, a number is not finite, or a scene moves and nothing says when it is seen.
     """
     scene.check()
     count = int(world_to_camera.shape[0]) if views is None and world_to_camera.ndim else (views or 0)
@@ -71,3 +73,11 @@ def check_rendering(
     check_intrinsics(intrinsics.detach().to(torch.float64).numpy())
     if colours is not None:
         check_tensor("colours per view", colours, (count, len(scene), 3))
+    if times is not None:
+        check_tensor("times of the poses", times, (count,))
+    elif scene.motion is not None:
+        raise InputError(
+            "Gaussians that move, rendered at no time",
+            allowed="a time for each pose",
+            remedy="give times, or the scene at one moment: Gaussians.at",
+        )

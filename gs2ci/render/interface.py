@@ -39,10 +39,10 @@ class Reuse:
 class Backend(Protocol):
     """A differentiable renderer of Gaussian scenes over a black background.
 
-    World-to-camera matrices have OpenCV axes (x right, y down, z forward); pixel centres lie at +0.5. Gradients
-    reach all fields of the scene, per-view colours and the upper three rows of the poses; as a pose's gradient is
-    that of its twelve numbers, compose it with `se3.exp` to stay among rigid motions. The intrinsics get no
-    gradient.
+    A scene with a motion is rendered as it stands at each pose's time. World-to-camera matrices have OpenCV axes (x
+    right, y down, z forward); pixel centres lie at +0.5. Gradients reach all fields of the scene, per-view colours and
+    the upper three rows of the poses; as a pose's gradient is that of its twelve numbers, compose it with `se3.exp` to
+    stay among rigid motions. The intrinsics get no gradient.
     """
 
     @property
@@ -74,6 +74,7 @@ class Backend(Protocol):
         mask_set: MaskSet,
         screen: ScreenStatistics | None = None,
         reuse: Reuse | None = None,
+        times: Tensor | None = None,
     ) -> Tensor:
         """Render the coded measurement Y = sum_i M_i * X_i (paper, eq. 1, without noise).
 
@@ -85,6 +86,8 @@ class Backend(Protocol):
             screen: Filled during the backward pass through this rendering, if given.
             reuse: From `reuse`: work that earlier renderings of these Gaussians did, as far as the backend's settings
                 allow; None shares nothing.
+            times: When each pose was taken, [V], in the unit of the scene's motion; needed where it moves, and not read
+                where nothing does.
 
         Returns:
             Y, [H, W, 3] float32, in the unit of the colours.
@@ -103,6 +106,7 @@ class Backend(Protocol):
         size: tuple[int, int],
         colours: Tensor | None = None,
         sampling: CanvasSampling | None = None,
+        times: Tensor | None = None,
     ) -> tuple[Tensor, Tensor]:
         """Render whole views.
 
@@ -113,6 +117,7 @@ class Backend(Protocol):
             size: Height and width, px.
             colours: Colours that differ from view to view, [V, G, 3]; None takes the scene's.
             sampling: Where the pixels look, behind a lens; None is the pinhole's own lattice.
+            times: See `coded`.
 
         Returns:
             Images [V, H, W, 3] and alphas [V, H, W] (1 where no light passes), float32.
@@ -129,6 +134,7 @@ class Backend(Protocol):
         intrinsics: Tensor,
         size: tuple[int, int],
         sampling: CanvasSampling | None = None,
+        times: Tensor | None = None,
     ) -> StoppedLight:
         """Find where the light of each pixel is stopped (`gs2ci.render.stopping`); not differentiable.
 
@@ -138,6 +144,7 @@ class Backend(Protocol):
             intrinsics: Camera matrix in pixels, [3, 3].
             size: Height and width, px.
             sampling: Where the pixels look, behind a lens; None is the pinhole's own lattice.
+            times: See `coded`.
 
         Returns:
             Maps [V, H, W], float32.

@@ -4,7 +4,7 @@ It is written to be read and to be differentiated by autograd, and holds the fas
 and skips nothing, so it is for tests and small scenes.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor
@@ -215,6 +215,13 @@ def _distance(alphas: Tensor, threshold: float) -> float:
     return float((alphas.detach() / threshold - 1).abs().min()) if alphas.numel() else float("inf")
 
 
+def _moments(scene: Gaussians, views: int, times: Tensor | None) -> list[Gaussians]:
+    """Return the scene as it stands in each view."""
+    if times is None or scene.motion is None:
+        return [scene] * views
+    return [replace(scene, means=means) for means in scene.means_at(times.double())]
+
+
 def pixel_centres(size: tuple[int, int]) -> Tensor:
     """Return the pixel centres of an image row by row, [H * W, 2] float64."""
     rows, columns = (torch.arange(n, dtype=torch.float64) + 0.5 for n in size)
@@ -306,6 +313,7 @@ class ReferenceBackend:
         mask_set: MaskSet,
         screen: ScreenStatistics | None = None,
         reuse: Reuse | None = None,
+        times: Tensor | None = None,
     ) -> Tensor:
         """Render the coded sum; see `Backend.coded`. Nothing is shared, whatever `reuse`."""
         del reuse
@@ -314,15 +322,15 @@ class ReferenceBackend:
                 f"a mask set of type {type(mask_set).__name__} given to the reference backend",
                 allowed="what this backend's code(masks) returned",
             )
-        check_rendering(scene, world_to_camera, intrinsics, views=mask_set.views)
+        check_rendering(scene, world_to_camera, intrinsics, views=mask_set.views, times=times)
         check_screen(screen, scene)
-        scene = scene.map(torch.Tensor.double)
+        scenes = _moments(scene.map(torch.Tensor.double), len(world_to_camera), times)
         intrinsics, frame, pixels = looked_at(intrinsics.double(), mask_set.size, mask_set.sampling)
         total = torch.zeros(len(pixels), 3, dtype=torch.float64)
         self.margin = float("inf")
-        for pose, mask in zip(world_to_camera.double(), mask_set.masks, strict=True):
+        for now, pose, mask in zip(scenes, world_to_camera.double(), mask_set.masks, strict=True):
             opened = mask.reshape(-1).nonzero().squeeze(1)
-            splats = project(scene, pose, intrinsics, frame, scene.colours)
+            splats = project(now, pose, intrinsics, frame, now.colours)
             if screen is not None:
                 watch(splats, frame, screen)
             colours, _, margin = composite(splats, pixels[opened])
@@ -338,18 +346,20 @@ class ReferenceBackend:
         size: tuple[int, int],
         colours: Tensor | None = None,
         sampling: CanvasSampling | None = None,
+        times: Tensor | None = None,
     ) -> tuple[Tensor, Tensor]:
         """Render whole views; see `Backend.views`."""
         check_size(size)
         check_sampling(sampling, size)
-        check_rendering(scene, world_to_camera, intrinsics, colours=colours)
+        check_rendering(scene, world_to_camera, intrinsics, colours=colours, times=times)
         scene = scene.map(torch.Tensor.double)
+        scenes = _moments(scene, len(world_to_camera), times)
         per_view = [scene.colours] * len(world_to_camera) if colours is None else list(colours.double())
         intrinsics, frame, pixels = looked_at(intrinsics.double(), size, sampling)
         images, alphas = [torch.zeros(0, 3, dtype=torch.float64)], [torch.zeros(0, dtype=torch.float64)]
         self.margin = float("inf")
-        for pose, view_colours in zip(world_to_camera.double(), per_view, strict=True):
-            image, alpha, margin = composite(project(scene, pose, intrinsics, frame, view_colours), pixels)
+        for now, pose, view_colours in zip(scenes, world_to_camera.double(), per_view, strict=True):
+            image, alpha, margin = composite(project(now, pose, intrinsics, frame, view_colours), pixels)
             images.append(image)
             alphas.append(alpha)
             self.margin = min(self.margin, margin)
@@ -362,17 +372,18 @@ class ReferenceBackend:
         intrinsics: Tensor,
         size: tuple[int, int],
         sampling: CanvasSampling | None = None,
+        times: Tensor | None = None,
     ) -> StoppedLight:
         """Find where light is stopped; see `Backend.depths`."""
         check_size(size)
         check_sampling(sampling, size)
-        check_rendering(scene, world_to_camera, intrinsics)
-        scene = scene.detach().map(torch.Tensor.double)
+        check_rendering(scene, world_to_camera, intrinsics, times=times)
+        scenes = _moments(scene.detach().map(torch.Tensor.double), len(world_to_camera), times)
         intrinsics, frame, pixels = looked_at(intrinsics.double(), size, sampling)
         maps = torch.zeros(4, len(world_to_camera), *size, dtype=torch.float64)
         self.margin = float("inf")
-        for view, pose in enumerate(world_to_camera.detach().double()):
-            found, margin = stop_light(project(scene, pose, intrinsics, frame, scene.colours), pixels)
+        for view, (now, pose) in enumerate(zip(scenes, world_to_camera.detach().double(), strict=True)):
+            found, margin = stop_light(project(now, pose, intrinsics, frame, now.colours), pixels)
             for into, values in zip(maps, (found.depth, found.spread, found.stopped, found.nearby), strict=True):
                 into[view] = values.reshape(size)
             self.margin = min(self.margin, margin)

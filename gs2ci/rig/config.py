@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import Field
+from pydantic import Field, create_model
 
 from gs2ci.core.config import (
     SIMULATED,
@@ -30,6 +30,7 @@ from gs2ci_drivers.dlpc900.options import Dlpc900Options
 from gs2ci_drivers.genicam.options import GenicamOptions
 from gs2ci_drivers.grbl.options import GrblOptions
 from gs2ci_drivers.mount import MountOptions
+from gs2ci_drivers.plugin import driver_plugin
 from gs2ci_drivers.scpi_modulator.options import ScpiOptions
 from gs2ci_drivers.v4l2.options import V4l2Options
 from gs2ci_drivers.video_out.options import VideoOutOptions
@@ -39,6 +40,8 @@ from gs2ci_drivers.zaber.options import ZaberOptions
 SIMULATION_ONLY = frozenset({"scene", "path", "light", "timing", "plan", "effects", "device_seed"})
 # Tables that both may have.
 SHARED = frozenset({"modulator", "sensor", "optics"})
+DEVICE_GROUPS = {"modulator": "gs2ci.modulators", "sensor": "gs2ci.sensors", "stage": "gs2ci.stages"}
+"""Table of a rig file -> entry points of drivers for it."""
 
 
 class CaptureTable(ConfigTable):
@@ -191,6 +194,21 @@ class RigTable(ConfigTable):
         return tuple(name for name, table in tables.items() if table is not None and table.port == SIMULATED)
 
 
+def with_plugins(tables: Mapping[str, Any]) -> type[RigTable]:
+    """Return the model of a rig file whose devices may be other packages' (`gs2ci_drivers.plugin`).
+
+    Raises:
+        PluginError: A plug-in that the file names cannot be used.
+    """
+    changed: dict[str, Any] = {}
+    for key, group in DEVICE_GROUPS.items():
+        table = tables.get(key)
+        plugin = driver_plugin(group, table.get("kind")) if isinstance(table, dict) else None
+        if plugin is not None:
+            changed[key] = (plugin.settings, ...)
+    return create_model("RigTable", __base__=RigTable, **changed) if changed else RigTable
+
+
 def describes_simulation(tables: Mapping[str, Any]) -> bool:
     """Return whether a file's tables are those of a simulation alone, without any device: docs/simulation.md."""
     keys = tables.keys()
@@ -215,7 +233,7 @@ def read_rig(path: Path) -> tuple[RigTable, str]:
             allowed="a bench's rig file: docs/bench.md, docs/rigs/simulated.toml",
             remedy=f"for what it would simulate: gs2ci plan {path}",
         )
-    rig, text = read_settings(path, RigTable)
+    rig, text = read_settings(path, with_plugins(tables))
     devices = 2 + (rig.stage is not None)
     if rig.simulated and len(rig.simulated) != devices:
         raise InputError(

@@ -8,11 +8,11 @@ from collections.abc import Callable
 from contextlib import ExitStack, closing
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from gs2ci.core.clock import Clock, WallClock
 from gs2ci.core.errors import InputError
-from gs2ci.rig.config import RigTable, read_rig
+from gs2ci.rig.config import DEVICE_GROUPS, RigTable, read_rig
 from gs2ci_drivers.acquisition import Devices
 from gs2ci_drivers.display_slm.driver import DisplaySlm
 from gs2ci_drivers.display_slm.options import DisplaySlmOptions
@@ -29,6 +29,7 @@ from gs2ci_drivers.links.usb_bulk import UsbFifo
 from gs2ci_drivers.links.usb_hid import UsbHid
 from gs2ci_drivers.links.v4l2_sys import KernelSysPort
 from gs2ci_drivers.modulator import Modulator
+from gs2ci_drivers.plugin import driver_plugin
 from gs2ci_drivers.ports import BytePort, CameraPort, HidPort, ScreenPort, SysPort, port_errors
 from gs2ci_drivers.scpi_modulator.driver import ScpiModulator
 from gs2ci_drivers.sensor import Sensor
@@ -100,6 +101,9 @@ class Rig:
 
     def _modulator(self, clock: Clock, traces: "_Traces") -> Modulator:
         table = self.table.modulator
+        plugged = self._plugged("modulator", table, clock, traces)
+        if plugged is not None:
+            return plugged  # type: ignore[no-any-return]
         if isinstance(table, Dlpc900Options):
             return Dlpc900("modulator", traces.hid("modulator", self._hid(table)), clock, table)
         if isinstance(table, DisplaySlmOptions):
@@ -109,6 +113,16 @@ class Rig:
             return VideoOut("modulator", screen, clock, table)
         line = self._line("modulator", table.port, table.baud, traces)
         return ScpiModulator("modulator", line, clock, table)
+
+    def _plugged(self, device: str, table: Any, clock: Clock, traces: "_Traces") -> Any:
+        """Open another package's device; None for one of ours."""
+        plugin = driver_plugin(DEVICE_GROUPS[device], table.kind)
+        if plugin is None:
+            return None
+        twin = getattr(self.bench, device, None)
+        port: Any = plugin.port(device, table) if twin is None else _opened(device, twin.open)
+        wrap: Any = {"bytes": traces.bytes, "hid": traces.hid, "sys": traces.sys}[plugin.port_kind]
+        return plugin.driver(device, wrap(device, port), clock, table)
 
     def _hid(self, table: Dlpc900Options) -> HidPort:
         if self.bench is not None:
@@ -121,6 +135,9 @@ class Rig:
         return UsbFifo("modulator", bus_port=_bus_port(table.port))
 
     def _sensor(self, clock: Clock, traces: "_Traces") -> Sensor:
+        plugged = self._plugged("sensor", self.table.sensor, clock, traces)
+        if plugged is not None:
+            return plugged  # type: ignore[no-any-return]
         table = self.table.sensor
         if isinstance(table, GenicamOptions):
             camera: CameraPort = self.bench.sensor if self.bench else GenTlPort("sensor")  # type: ignore[assignment]
@@ -132,6 +149,9 @@ class Rig:
         table = self.table.stage
         if table is None:
             return None
+        plugged = self._plugged("stage", table, clock, traces)
+        if plugged is not None:
+            return plugged  # type: ignore[no-any-return]
         line = self._line("stage", table.port, table.baud, traces)
         if isinstance(table, ZaberOptions):
             return ZaberStage("stage", line, clock, table)

@@ -58,6 +58,19 @@ class Prepared:
     codes: U16
     calibrated: Calibrated | None = None
 
+    def _repr_png_(self) -> bytes:
+        """Show the first masks as they will be drawn."""
+        from gs2ci.core.notebook import png_of, row_of  # noqa: PLC0415  pictures are drawn where somebody looks
+
+        brightest = max(int(self.codes.max(initial=0)), 1)
+        return png_of(row_of(self.codes[:4] / brightest, height=160))
+
+    def _repr_html_(self) -> str:
+        from gs2ci.core.notebook import data_uri  # noqa: PLC0415  as above
+
+        picture = f'<img style="max-width:100%" alt="masks as drawn" src="{data_uri(self._repr_png_())}">'
+        return f"<div>{picture}{self.plan._repr_html_()}</div>"
+
 
 def prepare(rig: Rig, devices: Devices, calibrated: Calibrated | None = None) -> Prepared:
     """Connect, draw the masks, set the sensor up and plan; nothing moves and nothing is uploaded.

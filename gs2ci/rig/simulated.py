@@ -5,7 +5,9 @@ world (`simulated_operator`).
 """
 
 import re
+import sys
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -17,20 +19,15 @@ from gs2ci_drivers.display_slm.options import DisplaySlmOptions
 from gs2ci_drivers.dlpc900.options import Dlpc900Options
 from gs2ci_drivers.genicam.options import GenicamOptions
 from gs2ci_drivers.grbl.options import GrblOptions
+from gs2ci_drivers.plugin import driver_plugin
 from gs2ci_drivers.v4l2.options import V4l2Options
 from gs2ci_drivers.video_out.options import VideoOutOptions
 from gs2ci_drivers.zaber.options import ZaberOptions
 from gs2ci_sims.axis_motion import Mechanics
-from gs2ci_sims.bench_light import BenchLight
 from gs2ci_sims.effects.base import Effect
 from gs2ci_sims.effects.misregistration import Misregistration
 from gs2ci_sims.faults import FaultSet
-from gs2ci_sims.radiance import Renderer
 from gs2ci_sims.registration import MaskAlignment
-from gs2ci_sims.rig_file import effects_from_tables
-from gs2ci_sims.scenes.base import Scene
-from gs2ci_sims.scenes.planes import planes
-from gs2ci_sims.scenes.rgbd import motorcycle
 from gs2ci_sims.sensor import Sensor
 from gs2ci_sims.wires.display_slm import DisplaySlmTwin
 from gs2ci_sims.wires.dlpc900 import Dlpc900Twin
@@ -42,6 +39,10 @@ from gs2ci_sims.wires.v4l2 import V4l2Twin
 from gs2ci_sims.wires.v4l2_camera import STAMPING, CameraModel
 from gs2ci_sims.wires.zaber import ZaberAxis, ZaberTwin
 from gs2ci_sims.world import LightPath, Mount, World
+
+if TYPE_CHECKING:
+    from gs2ci_sims.bench_light import BenchLight
+    from gs2ci_sims.scenes.base import Scene
 
 MODULATOR_SIZES = {
     "dlpc900": (1080, 1920),  # DLP6500
@@ -74,16 +75,49 @@ class SimulatedBench:
     faults: dict[str, FaultSet]
 
     @property
-    def light(self) -> BenchLight | None:
+    def light(self) -> "BenchLight | None":
         """Get what exposes the scene of [world], or None where a test put another light in."""
-        light = self.world.light
-        return light if isinstance(light, BenchLight) else None
+        return _rendering(self.world.light)
 
     def forget_before(self, when_s: float) -> None:
         """Forget what happened before, so that a long run takes no more memory than a short one."""
         for index in self.world.forget_before(when_s):
             if self.light is not None:
                 self.light.plans.pop(index, None)
+
+
+def _rendering(light: LightPath) -> "BenchLight | None":
+    """Return a light that renders a scene; None for any other. Nothing is imported for the answer."""
+    module = sys.modules.get("gs2ci_sims.bench_light")
+    return light if module is not None and isinstance(light, module.BenchLight) else None
+
+
+def modulator_size(rig: RigTable) -> tuple[int, int]:
+    """Return rows and columns of the simulated modulator.
+
+    Raises:
+        InputError: It is another package's, which does not say.
+    """
+    plugin = driver_plugin("gs2ci.modulators", rig.modulator.kind)
+    if plugin is None:
+        return MODULATOR_SIZES[rig.modulator.kind]
+    if plugin.size is None:
+        raise _not_simulated(rig.modulator.kind)
+    return plugin.size
+
+
+def _not_simulated(kind: str) -> InputError:
+    return InputError(f"the plug-in {kind!r} has no twin", remedy="use it on a real port, or ask its makers for a twin")
+
+
+def _plugged_twin(group: str, table: Any, world: World) -> Any:
+    """Make the twin of another package's device; None for one of ours."""
+    plugin = None if table is None else driver_plugin(group, table.kind)
+    if plugin is None:
+        return None
+    if plugin.twin is None:
+        raise _not_simulated(table.kind)
+    return plugin.twin(world, table)
 
 
 def build_bench(rig: RigTable, light: LightPath | None = None) -> SimulatedBench:
@@ -97,6 +131,8 @@ def build_bench(rig: RigTable, light: LightPath | None = None) -> SimulatedBench
         InputError: The scene, the masks' place or a fault's name cannot be.
     """
     table = rig.world or WorldTable()
+    if driver_plugin("gs2ci.sensors", rig.sensor.kind) is not None:
+        raise _not_simulated(rig.sensor.kind)
     faults = {name: FaultSet() for name in ("modulator", "sensor", "stage")}
     if light is None:
         light = _light(rig, table, rig.sensor.cfa)
@@ -116,12 +152,20 @@ def build_bench(rig: RigTable, light: LightPath | None = None) -> SimulatedBench
     return bench
 
 
-def _scene(table: WorldTable) -> Scene:
+def _scene(table: WorldTable) -> "Scene":
+    from gs2ci_sims.scenes.planes import planes  # noqa: PLC0415
+    from gs2ci_sims.scenes.rgbd import motorcycle  # noqa: PLC0415
+
     size = (table.height, table.width)
     return motorcycle(size) if table.scene == "motorcycle" else planes(np.random.default_rng(table.seed), size)
 
 
-def _light(rig: RigTable, table: WorldTable, cfa: CfaPattern | None) -> BenchLight:
+def _light(rig: RigTable, table: WorldTable, cfa: CfaPattern | None) -> "BenchLight":
+    # Scenes need torch, which a bench with another light does without.
+    from gs2ci_sims.bench_light import BenchLight  # noqa: PLC0415
+    from gs2ci_sims.radiance import Renderer  # noqa: PLC0415
+    from gs2ci_sims.rig_file import effects_from_tables  # noqa: PLC0415
+
     scene = _scene(table)
     effects = effects_from_tables(table.effects)
     return BenchLight(
@@ -141,7 +185,7 @@ def _light(rig: RigTable, table: WorldTable, cfa: CfaPattern | None) -> BenchLig
 
 def _registration(rig: RigTable, table: WorldTable, size: tuple[int, int], effects: list[Effect]) -> MaskAlignment:
     """Return where the modulator truly falls; misregistration among the effects moves its own pixels."""
-    row, column = origin(rig.registration, size, MODULATOR_SIZES[rig.modulator.kind])
+    row, column = origin(rig.registration, size, modulator_size(rig))
     moved = next((effect for effect in effects if isinstance(effect, Misregistration)), Misregistration())
     return MaskAlignment(
         rig.registration.superpixel,
@@ -176,7 +220,8 @@ def _mount(rig: RigTable, table: WorldTable, light: LightPath) -> Mount:
     if mount is not None:
         directions = {"x": mount.x, "y": mount.y, "z": mount.z}
     scale = table.scene_units_per_mm
-    rest = light.scene.world_to_camera if isinstance(light, BenchLight) else np.eye(4)
+    rendering = _rendering(light)
+    rest = np.eye(4) if rendering is None else rendering.scene.world_to_camera
     return Mount(
         rest_world_to_camera=rest,
         directions={axis: (x * scale, y * scale, z * scale) for axis, (x, y, z) in directions.items()},
@@ -212,6 +257,9 @@ def _grbl(table: WorldTable) -> GrblMachine:
 
 def _modulator_twin(rig: RigTable, world: World, faults: FaultSet) -> ModulatorTwin:
     table = rig.world or WorldTable()
+    plugged = _plugged_twin("gs2ci.modulators", rig.modulator, world)
+    if plugged is not None:
+        return plugged  # type: ignore[no-any-return]
     if isinstance(rig.modulator, Dlpc900Options):
         return Dlpc900Twin(world, faults, name="modulator", bit_enables=table.trigger_out_2_bit == "enables")
     if isinstance(rig.modulator, DisplaySlmOptions):
@@ -224,6 +272,9 @@ def _modulator_twin(rig: RigTable, world: World, faults: FaultSet) -> ModulatorT
 
 def _stage_twin(rig: RigTable, world: World, faults: FaultSet) -> ZaberTwin | GrblTwin | None:
     table = rig.world or WorldTable()
+    plugged = _plugged_twin("gs2ci.stages", rig.stage, world)
+    if plugged is not None:
+        return plugged  # type: ignore[no-any-return]
     if isinstance(rig.stage, ZaberOptions):
         mechanics = {axis: Mechanics(**told.model_dump()) for axis, told in table.mechanics.items()}
         start_mm = _start_mm(rig, table)

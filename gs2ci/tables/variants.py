@@ -13,10 +13,10 @@ from typing import Any, Final
 
 from gs2ci.core.errors import InputError
 from gs2ci.reconstruct.ablation import COMPONENTS, without
+from gs2ci.reconstruct.choices import RULE_NAMES
 from gs2ci.reconstruct.fit.density.osgr import Osgr
 from gs2ci.reconstruct.fit.fine import FineSettings
-from gs2ci.reconstruct.fit.rules import RULE_NAMES
-from gs2ci.reconstruct.presets import paper_settings
+from gs2ci.reconstruct.paper import paper_settings
 from gs2ci.reconstruct.settings import Settings
 
 Change = Callable[[Settings], Settings]
@@ -36,6 +36,16 @@ def _with_rule(name: str, settings: Settings) -> Settings:
 
 def _paper(settings: Settings) -> Settings:
     return replace(paper_settings(), seed=settings.seed)
+
+
+def _paper_fine(settings: Settings) -> Settings:
+    paper = _paper(settings)
+    return replace(paper, fine=paper.fine_if_asked)
+
+
+def _scisplat(settings: Settings) -> Settings:
+    paper = replace(_paper(settings), proxy="eni", poses="tracks")
+    return paper.with_density_rule("mcmc")
 
 
 def _without(names: tuple[str, ...], settings: Settings) -> Settings:
@@ -80,13 +90,20 @@ FINE: Final[dict[str, Change]] = {
 }
 """The fine stage with each prior that needs no weights, and with none: what its iterations alone are worth."""
 
+PAPER: Final[dict[str, Change]] = {"paper": _paper, "paper, fine": _paper_fine, "scisplat": _scisplat}
+"""The system of the paper, with its fine stage, and SCISplat's choices on the same schedule: ENI, tracks, MCMC.
+
+SCISplat (Li et al. 2024) has no public implementation; the paper reproduced it as well. Its own schedule is not known:
+the line has the paper's, without a cap on the population but that of `paper`.
+"""
+
 VARIANTS: Final[dict[str, Change]] = {
     "default": lambda settings: settings,
     **FITS,
     **GEOMETRY,
     **FINE,
     **RULES,
-    "paper": _paper,
+    **PAPER,
     **ABLATION,
 }
 

@@ -14,13 +14,13 @@ from contextlib import closing
 from multiprocessing.connection import wait
 from typing import Any, Final
 
+from gs2ci.batch.cluster import connected
 from gs2ci.core.errors import InputError
 from gs2ci.tables.cells import Cell, run
 from gs2ci.tables.store import Row, Store
 
 # How often the scheduler hands a cell out again after an error of the transport.
 RETRIES: Final = 2
-CONNECT_S: Final = 10
 Heard = Callable[[int, int], None]
 _LOST: Final[Row] = {"error": "the processes that worked on it died"}
 
@@ -135,21 +135,7 @@ def _on_cluster(missing: dict[str, Cell], scheduler: str) -> Iterator[tuple[str,
     The scheduler blames a worker's death on all that it had been given. What was lost is tried again, each cell alone:
     so only the one that kills is lost.
     """
-    try:
-        from dask import distributed  # noqa: PLC0415
-    except ImportError as error:
-        raise InputError(
-            f"--scheduler {scheduler} needs dask.distributed", remedy="pip install 'gs2ci[cluster]'"
-        ) from error
-    try:
-        client: Any = distributed.Client(scheduler, timeout=CONNECT_S)
-    except (OSError, ValueError) as error:
-        raise InputError(
-            f"no Dask scheduler answers at {scheduler}: {error}",
-            allowed="an address as `dask scheduler` prints it, such as tcp://host:8786",
-            remedy="start one, or leave --scheduler out",
-        ) from error
-    with client:
+    with connected(scheduler) as client:
         lost = {}
         for key, row in _submitted(client, missing):
             if row is None:

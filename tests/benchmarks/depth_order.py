@@ -6,11 +6,10 @@ Sixty measurements of random scenes, 128 × 96 px: fields of view from 10° to 6
 simulated bench or of a light field's rail, whose cameras stay parallel and whose sensors may be shifted so that a plane
 stays put. For each: what the tracks found, by how many standard errors the order is held to be sure, the rank
 correlation of depth with the truth, before and after both orders were tried and of the finished scene, and what the
-report says. Several minutes on two cores.
+report says. One reconstruction a core, one thread each.
 """
 
 from collections import Counter
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -35,6 +34,7 @@ from gs2ci_sims.rig import Light, Modulator, Rig, Timing
 from gs2ci_sims.scenes.base import Scene
 from gs2ci_sims.scenes.planes import planes
 from gs2ci_sims.sensor import Sensor
+from tests.processes import side_by_side
 
 SIZE = (96, 128)
 VIEWS = 8
@@ -68,18 +68,22 @@ def run() -> None:
     """Reconstruct every trial by the default settings, and count."""
     counts: Counter[str] = Counter()
     print(f"{'':40} {'tracks':>13} {'errors':>6} {'before':>6} {'after':>6}")
-    for trial in trials():
-        before, found = _first(trial), reconstruct(trial.shot).result
-        depth, middle = found.depth, trial.shot.views // 2
-        after = None if depth is None else depth_rank(depth[middle], trial.scene.depth)
-        said_open = any(note.code in SAID_OPEN for note in found.notes)
-        outcome = _outcome(after, said_open=said_open)
+    for line, outcome in side_by_side(judge, range(COUNT)):
         counts[outcome] += 1
-        errors = found.geometry["order_errors"]
-        what = f"{trial.kind}, {trial.field_of_view_deg:.0f}°, {trial.parallax_px:.1f} px"
-        figures = " ".join(_figure(figure) for figure in (errors, before, after))
-        print(f"{what:40} {found.geometry['verdict']!s:>13} {figures} {outcome}", flush=True)
+        print(line, flush=True)
     print(", ".join(f"{outcome}: {count}" for outcome, count in sorted(counts.items())))
+
+
+def judge(number: int) -> tuple[str, str]:
+    """Reconstruct a trial; return its line of the table, and the outcome that is counted."""
+    trial = draw(number)
+    before, found = _first(trial), reconstruct(trial.shot).result
+    depth, middle = found.depth, trial.shot.views // 2
+    after = None if depth is None else depth_rank(depth[middle], trial.scene.depth)
+    outcome = _outcome(after, said_open=any(note.code in SAID_OPEN for note in found.notes))
+    what = f"{trial.kind}, {trial.field_of_view_deg:.0f}°, {trial.parallax_px:.1f} px"
+    figures = " ".join(_figure(figure) for figure in (found.geometry["order_errors"], before, after))
+    return f"{what:40} {found.geometry['verdict']!s:>13} {figures} {outcome}", outcome
 
 
 def _outcome(rank: float | None, *, said_open: bool) -> str:
@@ -102,20 +106,19 @@ def _figure(value: object) -> str:
     return f"{value:+6.2f}" if isinstance(value, float) else f"{'–':>6}"
 
 
-def trials(count: int = COUNT, seed: int = 0) -> Iterator[Trial]:
-    """Draw measurements: kinds in turn, fields of view evenly, parallaxes evenly in their logarithm."""
-    for number in range(count):
-        rng = np.random.default_rng([seed, number])
-        field_of_view_deg = float(rng.uniform(10, 60))
-        parallax_px = float(np.exp(rng.uniform(np.log(1), np.log(20))))
-        kind = KINDS[number % len(KINDS)]
-        scene = random_scene(rng, field_of_view_deg)
-        shot = (
-            on_a_bench(scene, parallax_px, rng)
-            if kind == "bench"
-            else on_a_rail(scene, parallax_px, rng, shifted=kind == KINDS[2])
-        )
-        yield Trial(kind, field_of_view_deg, parallax_px, shot, scene)
+def draw(number: int, seed: int = 0) -> Trial:
+    """Draw a measurement: kinds in turn, fields of view evenly, parallaxes evenly in their logarithm."""
+    rng = np.random.default_rng([seed, number])
+    field_of_view_deg = float(rng.uniform(10, 60))
+    parallax_px = float(np.exp(rng.uniform(np.log(1), np.log(20))))
+    kind = KINDS[number % len(KINDS)]
+    scene = random_scene(rng, field_of_view_deg)
+    shot = (
+        on_a_bench(scene, parallax_px, rng)
+        if kind == "bench"
+        else on_a_rail(scene, parallax_px, rng, shifted=kind == KINDS[2])
+    )
+    return Trial(kind, field_of_view_deg, parallax_px, shot, scene)
 
 
 def random_scene(rng: np.random.Generator, field_of_view_deg: float) -> Scene:

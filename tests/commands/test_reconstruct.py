@@ -1,10 +1,12 @@
 import json
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
 
-from gs2ci.commands import reconstruct, wishes
+from gs2ci.api import wishes
+from gs2ci.api.wishes import Wishes
+from gs2ci.commands import reconstruct
 from gs2ci.core.errors import InputError, StorageError
 from gs2ci.core.records import Shot, Truth
 from gs2ci.core.storage import write_shots
@@ -107,6 +109,53 @@ def test_a_preset_sets_every_stage_and_options_override_it(measured, tmp_path):
     report = read_report(reconstruct.run(measured, tmp_path / "run", preset="draft", iterations=2))
     assert report.settings["decode"]["iterations"] == PRESETS["draft"].decode.iterations
     assert report.settings["fit"]["iterations"] == 2
+
+
+def wished(**options):
+    given = {
+        "geometry": None,
+        "proxy": None,
+        "first_look": None,
+        "density": None,
+        "without": (),
+        "iterations": None,
+        "fits": None,
+        "fine": False,
+        "prior": None,
+        "distance": None,
+        "trust_weights": False,
+        "registration": None,
+        "seed": 42,
+    }
+    return Wishes(**{**given, **options})
+
+
+@pytest.mark.parametrize("name", PRESETS)
+def test_nothing_named_on_the_command_line_leaves_a_preset_as_it_is(name):
+    assert wished().on(PRESETS[name]) == PRESETS[name]
+
+
+@pytest.mark.parametrize(
+    ("options", "changed"),
+    [
+        ({"geometry": "tracks"}, {"poses"}),
+        ({"proxy": "gap-tv"}, {"proxy"}),
+        ({"first_look": "patches"}, {"first_look"}),
+        ({"registration": "auto"}, {"registration"}),
+        ({"iterations": 50}, {"fit"}),
+        ({"fine": True}, {"fine"}),
+        ({"seed": 7}, {"seed"}),
+    ],
+)
+def test_what_is_named_overrides_the_paper_and_only_that(options, changed):
+    paper = PRESETS["paper"]
+    found = wished(**options).on(paper)
+    assert {
+        field.name for field in fields(paper) if getattr(found, field.name) != getattr(paper, field.name)
+    } == changed
+    if "fine" in options:
+        assert found.fine == paper.fine_if_asked
+        assert (found.fine.iterations, found.fine.gated) == (3000, False)
 
 
 def test_a_budget_is_measured_planned_and_said(measured, tmp_path, capsys, monkeypatch):

@@ -5,9 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from gs2ci.core.findings import Code
 from gs2ci.core.progress import Silent
 from gs2ci.reconstruct.decode.gap_tv import gap_tv
-from gs2ci.reconstruct.decode.proxies.routing import geometry_views
+from gs2ci.reconstruct.decode.proxies.routing import geometry_views, multiplicity
 from gs2ci.reconstruct.first_look import LookSettings, look
 from gs2ci.reconstruct.geometry.choose import load_geometry_prior
 from gs2ci.reconstruct.measurement.brightness import BrightnessSettings
@@ -85,5 +86,33 @@ def test_a_view_of_weight_zero_keeps_it(shot):
 def test_proxies_of_the_paper_stand_in_for_the_decoded_views(shot):
     jury = seen_by_a_jury(shot)
     decoded = gap_tv(jury.seen)
-    assert geometry_views(jury.seen, decoded, "gap-tv") is decoded
-    assert not np.array_equal(geometry_views(jury.seen, decoded, "eni"), decoded)
+    views, notes = geometry_views(jury.seen, decoded, "gap-tv", shot)
+    assert views is decoded
+    assert notes == ()
+    views, notes = geometry_views(jury.seen, decoded, "eni", shot)
+    assert not np.array_equal(views, decoded)
+    assert [note.code for note in notes] == [Code.PROXIES_CHOSEN]
+
+
+def test_proxies_are_routed_on_the_masks_as_they_are_and_not_on_what_is_seen(make_random_masks):
+    """Masks of exactly four open views in a pixel; with a tenth of the pixels closed there are 3.6."""
+    shot = make_random_masks
+    jury = Jury.of(shot, 0.1, 0)
+    assert multiplicity(jury.seen) < 3.7
+    found = look(
+        jury, None, load_geometry_prior("tracks"), LookSettings(proxy="routed"), Silent(), lambda _: None, shot
+    )
+    assert found.notes[0].code is Code.PROXIES_CHOSEN
+    assert "AMDI" in found.notes[0].sentence
+    assert "4 views" in found.notes[0].sentence
+
+
+@pytest.fixture
+def make_random_masks():
+    case = Case("boxes", scene="boxes", size=(48, 64), views=8)
+    shot = case.shot(0)
+    order = np.random.default_rng(0).random(shot.masks.shape).argsort(axis=0)
+    masks = (order < 4).astype(np.float32)
+    truth = shot.truth.views
+    weights = np.ones(8, np.float32)
+    return replace(shot, masks=masks, weights=weights, measurement=(masks[..., None] * truth).sum(axis=0)).check()

@@ -130,6 +130,24 @@ def test_the_kernel_agrees_with_the_definition(seed, make, with_margin):
     assert ((fast.spread - definition.spread).abs()[near] < 1e-3).double().mean() > 0.99
 
 
+def test_in_fog_the_kernel_agrees_with_the_definition():
+    # A pixel's light is stopped by a hundred thick and faint Gaussians, whose sums are the kernel's in float32.
+    draw = torch.Generator().manual_seed(5)
+    count = 300
+    fog = Gaussians(
+        means=torch.randn(count, 3, generator=draw) * torch.tensor([0.5, 0.5, 0.8]) + torch.tensor([0.0, 0.0, 4.0]),
+        log_scales=-0.5 + 0.3 * torch.randn(count, 3, generator=draw),
+        quaternions=torch.randn(count, 4, generator=draw),
+        opacity_logits=-3 + 0.5 * torch.randn(count, generator=draw),
+        colours=torch.rand(count, 3, generator=draw),
+    )
+    definition = load_backend("reference").depths(fog, POSE, INTRINSICS, SIZE)
+    fast = load_backend("cpu", RasterSettings(termination_transmittance=0.0)).depths(fog, POSE, INTRINSICS, SIZE)
+    assert definition.stopped.min() > 0.5
+    for name in ("depth", "spread", "stopped", "nearby"):
+        torch.testing.assert_close(getattr(fast, name).double(), getattr(definition, name), rtol=2e-4, atol=2e-5)
+
+
 @pytest.mark.parametrize("name", BACKENDS)
 def test_a_size_without_pixels_is_refused(name):
     with pytest.raises(InputError, match="image size"):

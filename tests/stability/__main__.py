@@ -10,10 +10,9 @@ Exits with 1 if any case has a problem: a result that is not finite, bounded, ho
 import argparse
 import os
 import sys
-from concurrent.futures import ProcessPoolExecutor
-from multiprocessing import get_context
 from pathlib import Path
 
+from tests.processes import side_by_side
 from tests.stability.cases import CASES, Case
 from tests.stability.judge import Outcome, judge_by_number
 from tests.stability.page import write_page
@@ -23,13 +22,10 @@ DOCS = Path(__file__).parents[2] / "docs"
 
 def judge_all(numbers: list[int], jobs: int) -> dict[int, Outcome]:
     """Judge cases and say how each fared."""
-    # One thread each: pictures are small, and the cases are many.
-    os.environ.update(NUMBA_NUM_THREADS="1", OMP_NUM_THREADS="1")
     outcomes = {}
-    with ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as pool:
-        for number, outcome, seconds in pool.map(judge_by_number, numbers):
-            outcomes[number] = outcome
-            print(line_of(CASES[number], outcome, seconds), flush=True)
+    for number, outcome, seconds in side_by_side(judge_by_number, numbers, jobs):
+        outcomes[number] = outcome
+        print(line_of(CASES[number], outcome, seconds), flush=True)
     return outcomes
 
 

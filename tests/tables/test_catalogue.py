@@ -10,7 +10,7 @@ import pytest
 
 from gs2ci.core.errors import InputError
 from gs2ci.reconstruct.ablation import COMPONENTS
-from gs2ci.reconstruct.presets import paper_settings
+from gs2ci.reconstruct.paper import paper_settings
 from gs2ci.tables.calibration import BENCHES, FRAMES
 from gs2ci.tables.cases import Case
 from gs2ci.tables.catalogue import (

@@ -135,7 +135,7 @@ def test_a_cluster_is_not_asked_for_what_is_kept(store):
 
 
 def test_a_scheduler_that_does_not_answer_is_refused(store, monkeypatch):
-    monkeypatch.setattr("gs2ci.tables.workers.CONNECT_S", 0.2)
+    monkeypatch.setattr("gs2ci.batch.cluster.CONNECT_S", 0.2)
     with pytest.raises(InputError, match=r"no Dask scheduler answers at tcp://127\.0\.0\.1:9"):
         complete(counting([1]), store, scheduler="tcp://127.0.0.1:9")
 

@@ -2,6 +2,7 @@
 
     masthead    the verdict on top: headline, sentences, the figures that matter
     table       rows under headings; numbers stand right
+    sortable_table  rows that a click on a heading sorts, with pictures and links
     facts       names and values
     figure      a picture (PNG, JPEG or WebP bytes, or inline markup) with its caption
     chart       a chart (`charts.py`) with its numbers in a fold
@@ -29,6 +30,7 @@ Tone = Literal["good", "mixed", "poor"]
 
 # Reports may hold as much as their makers like; a page shows so much of it and says how much it left out.
 MOST_ROWS: Final = 250
+MOST_SORTABLE: Final = 2000
 MOST_CHARACTERS: Final = 600
 
 
@@ -74,6 +76,37 @@ def table(
         marked=marked,
         caption=caption,
         left_out=len(listed) - len(shown),
+    )
+
+
+@dataclass(frozen=True)
+class SortableCell:
+    """One cell of a table that can be sorted.
+
+    Args:
+        text: What it says.
+        number: By which it is sorted; None sorts by the text, or last among numbers.
+        link: A relative address; "" for none.
+        picture: Before the text.
+    """
+
+    text: str
+    number: float | None = None
+    link: str = ""
+    picture: Picture | None = None
+
+
+def sortable_table(headings: Sequence[str], rows: Sequence[Sequence[SortableCell]]) -> Markup:
+    """Set rows whose order the reader may change; a column with any number in it is one of numbers.
+
+    Args:
+        headings: One for each column; one without a text cannot be sorted by.
+        rows: Of as many cells.
+    """
+    shown = rows[:MOST_SORTABLE]
+    numeric = [any(row[column].number is not None for row in shown) for column in range(len(headings))]
+    return piece(
+        "sortable_table", headings=headings, rows=shown, numeric=numeric, left_out=max(0, len(rows) - MOST_SORTABLE)
     )
 
 

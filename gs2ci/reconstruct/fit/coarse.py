@@ -4,15 +4,17 @@ Here: the loop, its bookkeeping and its safety net. Not here: what the loop is m
 density rules, stopping: one file each), nor the initial scene (`reconstruct.geometry`). For `gs2ci.reconstruct`.
 """
 
+import sys
 import time
 from dataclasses import dataclass, field
+from typing import Final
 
 import numpy as np
 import torch
 from torch import Tensor
 
 from gs2ci.core.arrays import F32, F64
-from gs2ci.core.errors import InputError, NumericsError
+from gs2ci.core.errors import InputError, NumericsError, ResourceError
 from gs2ci.core.findings import Code, Finding, finding
 from gs2ci.core.progress import Progress
 from gs2ci.core.run_records import CurvePoint
@@ -21,9 +23,10 @@ from gs2ci.reconstruct.fit.density.osgr import Osgr
 from gs2ci.reconstruct.fit.gathering import Gathering
 from gs2ci.reconstruct.fit.looks import Looks, Refine, Score
 from gs2ci.reconstruct.fit.losses import DataTerm, LossWeights, regulated
+from gs2ci.reconstruct.fit.motion import ObjectMotionSettings
 from gs2ci.reconstruct.fit.optimiser import GaussianOptimiser, StepSizes
 from gs2ci.reconstruct.fit.pace import Fixed, Pace
-from gs2ci.reconstruct.fit.poses import PoseCorrections, PoseSettings, path_extent
+from gs2ci.reconstruct.fit.poses import PoseCorrections, PoseSettings, length_of
 from gs2ci.reconstruct.fit.rendering import ShotRenderer
 from gs2ci.reconstruct.fit.stopping import HoldOut, Watch
 from gs2ci.reconstruct.fit.surfaces import Surfaces, SurfaceSettings, find_surfaces
@@ -32,6 +35,9 @@ from gs2ci.reconstruct.measurement.jury import Jury
 from gs2ci.reconstruct.measurement.lens import Lens
 from gs2ci.render.gaussians import Gaussians
 from gs2ci.render.interface import Backend
+
+STANDARD_ITERATIONS: Final = 200
+"""Of the default schedule. Three times as many gain 0.1 to 0.3 dB (docs/decisions/new-shorter-schedule.md)."""
 
 
 @dataclass(frozen=True)
@@ -43,39 +49,53 @@ class CoarseSettings:
         densify_every: Iterations between turns of the density rule.
         densify_from: Share of the schedule before its first turn.
         densify_until: Share of the schedule after its last turn.
-        gaussians_per_pixel: Population cap, as a share of the pixels of one view.
+        gaussians_per_pixel: Population cap, as a share of the pixels of one view; None for none.
+        most_gaussians: Population beyond which the fit ends with an error, for want of memory; None for no such guard.
         cap_from: Share of the schedule after which the population may not exceed what it is then; None for never.
         surfaces: How light is gathered on surfaces; None leaves that to the measurement.
+        per_open_share: Whether the gradients that density rules see are divided by the masks' share of open pixels, so
+            that thresholds found on photographs hold (`gathering.py`).
+        motion: How Gaussians may move that begin with a motion.
     """
 
-    iterations: int = 600
-    densify_every: int = 75
+    iterations: int = STANDARD_ITERATIONS
+    densify_every: int = STANDARD_ITERATIONS // 8
     densify_from: float = 0.025
     densify_until: float = 0.75
-    gaussians_per_pixel: float = 0.25
+    gaussians_per_pixel: float | None = 0.25
+    most_gaussians: int | None = None
     cap_from: float | None = None
     surfaces: SurfaceSettings | None = field(default_factory=SurfaceSettings)
+    per_open_share: bool = True
     loss: LossWeights = field(default_factory=LossWeights)
-    steps: StepSizes = field(default_factory=StepSizes)
+    steps: StepSizes = field(default_factory=lambda: StepSizes.of_schedule(STANDARD_ITERATIONS))
     poses: PoseSettings = field(default_factory=PoseSettings)
     hold_out: HoldOut = field(default_factory=HoldOut)
     density: DensityRule = field(default_factory=Osgr.sparing)
+    motion: ObjectMotionSettings = field(default_factory=ObjectMotionSettings)
 
     def check(self) -> "CoarseSettings":
         """Return self if the numbers make sense.
 
         Raises:
-            InputError: A count below 1, or the loss's window or hold-out settings out of range.
+            InputError: A count below 1, no bound on the population at all, or the loss's window or hold-out settings
+                out of range.
         """
         if self.iterations < 1 or self.densify_every < 1:
             raise InputError(
                 f"{self.iterations} iterations of the fit, densified every {self.densify_every}",
                 allowed="counts of at least 1",
             )
+        if self.gaussians_per_pixel is None and self.most_gaussians is None:
+            raise InputError(
+                "a fit without any bound on its population",
+                allowed="gaussians_per_pixel, which limits it, or most_gaussians, which ends the fit",
+            )
         self.loss.check()
         if self.surfaces is not None:
             self.surfaces.check()
         self.hold_out.check()
+        self.motion.check()
         return self
 
 
@@ -129,11 +149,16 @@ class _Fit:
         self._begins = list(settings.surfaces.begins) if moved and settings.surfaces is not None else []
         self._surfaces: Surfaces | None = None
         self.settings = settings
-        self._renderer = ShotRenderer(shot, geometry.intrinsics, backend)
-        self._gathering = Gathering(self._renderer, len(start))
+        self._renderer = ShotRenderer(shot, geometry.intrinsics, backend, lens)
+        self._gathering = Gathering(self._renderer, len(start), per_open_share=settings.per_open_share)
         self._reuse = self._renderer.reuse()
-        self.extent = path_extent(geometry.world_to_camera)
-        self.cap = max(len(start), int(settings.gaussians_per_pixel * shot.size[0] * shot.size[1]))
+        # At a depth of 1, which is the scene's median.
+        self._px_per_length = float(geometry.intrinsics[0, 0])
+        self._pixels = shot.size[0] * shot.size[1]
+        self.extent = length_of(settings.steps.unit, geometry.world_to_camera)
+        self.cap = _UNBOUNDED
+        if settings.gaussians_per_pixel is not None:
+            self.cap = max(len(start), int(settings.gaussians_per_pixel * shot.size[0] * shot.size[1]))
         self._bounded = False
         self.optimiser = GaussianOptimiser(start, settings.steps, self.extent)
         self.poses = PoseCorrections(geometry.world_to_camera, settings.poses)
@@ -157,18 +182,25 @@ class _Fit:
             iteration: How many are.
 
         Returns:
-            The loss without the surfaces' part of it, NaN where a parameter is not finite.
+            The loss without the surfaces' and the motion's part of it, NaN where a parameter is not finite.
         """
         if not self.optimiser.scene_is_finite():
             return float("nan")
         loss = regulated(self.data_term(self.predict()), self.optimiser.scene, self.settings.loss)
-        objective = loss
+        objective = loss + self.settings.motion.penalty(self.optimiser.scene, self._px_per_length, self._pixels)
         if self._surfaces is not None:
             poses = self.poses.world_to_camera()
-            distance = self._surfaces.term(self._renderer, self.optimiser.scene, poses, iteration)
-            objective = loss + self._surfaces.settings.weight_at(share) * distance
+            turn, between = divmod(iteration, self._surfaces.settings.every)
+            if between == 0:
+                distance = self._surfaces.term(self._renderer, self.optimiser.scene, poses, turn)
+                objective = objective + self._surfaces.settings.weight_at(share) * distance
         objective.backward()  # type: ignore[no-untyped-call]
         return float(loss.detach())
+
+    @property
+    def awaits_surfaces(self) -> bool:
+        """Get whether surfaces are yet to be looked for."""
+        return bool(self._begins)
 
     def find_surfaces(self, share: float) -> bool:
         """Look for surfaces when it is time to; return whether some were found now."""
@@ -200,12 +232,17 @@ class _Fit:
             self._bounded = True
 
     def densify(self, iteration: int) -> bool:
-        """Give the density rule its turn; return whether it set the fit back on purpose, as a reset does."""
+        """Give the density rule its turn; return whether it set the fit back on purpose, as a reset does.
+
+        Raises:
+            ResourceError: It wants more Gaussians than the memory guard allows.
+        """
         scene, poses = self.optimiser.scene, self.poses.world_to_camera()
         evidence = self._gathering.evidence(
             scene, poses, self._dissimilarity, extent=self.extent, cap=self.cap, iteration=iteration
         )
         change = self.settings.density.change(scene, evidence, self.generator)
+        _guard_memory(len(change.scene), self.settings.most_gaussians, iteration)
         self.optimiser.replace(change.scene, change.source, change.forget)
         self._meet_others()
         return bool(change.forget)
@@ -230,6 +267,19 @@ class _Fit:
         self.optimiser.restore(state.scene)
         self.poses.restore(state.twists)
         self._meet_others()
+
+
+_UNBOUNDED: Final = sys.maxsize
+
+
+def _guard_memory(count: int, most: int | None, iteration: int) -> None:
+    """Refuse a population that the memory guard does not allow."""
+    if most is not None and count > most:
+        raise ResourceError(
+            f"the density rule wants {count:,} Gaussians at iteration {iteration}",
+            allowed=f"at most {most:,}, the memory guard of this fit",
+            remedy="bound the population (leave out `--without count-cap`), take another preset, or a smaller picture",
+        )
 
 
 # Each halves the step: what runs away with an eighth of it does not do so for its length.
@@ -277,6 +327,7 @@ def fit_coarse(
     Raises:
         InputError: The settings make no sense.
         NumericsError: The very first iteration is not finite.
+        ResourceError: The population outgrew the memory guard.
     """
     settings.check()
     fit = _Fit(jury, start, geometry, backend, settings, seed, lens)
@@ -319,7 +370,9 @@ class _Loop:
         iteration = 0
         while iteration < total:
             if self.fit.find_surfaces(iteration / total):
-                self._watch.set_back(iteration)
+                # Whatever is handed over has had its light gathered: an earlier state may show the held-out pixels
+                # as well, but not where things are.
+                self._watch.begin_again(iteration)
             loss = self.fit.backward(iteration / total, iteration)
             ran_away = self._how_it_ran_away(iteration, loss)
             if ran_away is not None:
@@ -335,7 +388,7 @@ class _Loop:
             if looks:
                 self._look(iteration, loss)
             self._progress.step(iteration, loss=loss, **self._figures())
-            if looks and self._watch.stalled(iteration):
+            if looks and self._watch.stalled(iteration) and not self.fit.awaits_surfaces:
                 return finding(Code.FIT_STALLED, best=self._watch.best_iteration)
         late = self._pace.is_late(iteration)
         if not self._judged:

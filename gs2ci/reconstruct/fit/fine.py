@@ -18,17 +18,18 @@ from torch import Tensor
 
 from gs2ci.core.arrays import F32
 from gs2ci.core.errors import Gs2ciError, InputError, NumericsError
-from gs2ci.core.findings import Code, finding
+from gs2ci.core.findings import Code, Finding, finding
 from gs2ci.core.progress import Progress
 from gs2ci.reconstruct.fit.coarse import CoarseFit
 from gs2ci.reconstruct.fit.looks import Looks, Refine, Score
 from gs2ci.reconstruct.fit.losses import DataTerm, LossWeights, regulated
 from gs2ci.reconstruct.fit.optimiser import GaussianOptimiser, StepSizes
 from gs2ci.reconstruct.fit.perceptual import PerceptualDistance, load_distance
-from gs2ci.reconstruct.fit.poses import path_extent
+from gs2ci.reconstruct.fit.poses import length_of
 from gs2ci.reconstruct.fit.pseudo_views import SupportSettings, support_weights, synthesised_poses
 from gs2ci.reconstruct.fit.rendering import ShotRenderer
 from gs2ci.reconstruct.fit.stopping import HoldOut, Watch
+from gs2ci.reconstruct.learned.onnx_models import known_model
 from gs2ci.reconstruct.measurement.jury import Jury
 from gs2ci.reconstruct.priors2d.base import ImagePrior, Question, SeenViews
 from gs2ci.reconstruct.priors2d.choose import load_prior
@@ -43,9 +44,11 @@ class FineSettings:
     """The schedule and the weights of the fine stage. The weights are the paper's (section IV-A).
 
     Args:
-        prior: Says what pseudo-views should look like: "consistent", "nlm", "difix" or "onnx:FILE"
-            (`priors2d.choose`); "none" leaves pseudo-views out, to tell what the iterations alone are worth.
-        distance: The perceptual term: "structure"; "lpips" or "lpips:FILE" where the user has such a model.
+        prior: Says what pseudo-views should look like: "consistent", "nlm", "difix", "onnx:FILE" or
+            "difix-or-consistent" (`priors2d.choose`); "none" leaves pseudo-views out, to tell what the iterations
+            alone are worth.
+        distance: The perceptual term: "structure"; "lpips" or "lpips:FILE" where the user has such a model;
+            "lpips-or-structure".
         iterations: At most so many. The paper takes 3000; the coarse stage's schedule is shortened by as much.
         steps: Step sizes: the literature's, which are small; the means' as they are after a third of its schedule.
         damping: Factor on all of them: a fresh Adam steps at full size whatever the gradient.
@@ -72,6 +75,26 @@ class FineSettings:
     support: SupportSettings = field(default_factory=SupportSettings)
     hold_out: HoldOut = field(default_factory=HoldOut)
     gated: bool = True
+
+    @classmethod
+    def of_the_paper(cls, coarse: StepSizes) -> "FineSettings":
+        """Return the stage as the paper has it: 3,000 iterations, the last state kept, whatever held-out pixels say.
+
+        Args:
+            coarse: Step sizes of the coarse stage. The paper says nothing of the fine stage's: the means go on with
+                what they had at the end of theirs, all others with what they had all along. (Ours.)
+        """
+        iterations = 3000
+        means = coarse.means * coarse.means_final_share
+        return cls(
+            prior="difix-or-consistent",
+            distance="lpips-or-structure",
+            iterations=iterations,
+            steps=replace(coarse, means=means, means_final_share=1.0),
+            damping=1.0,
+            hold_out=HoldOut(share=0.0, look_every=100, patience=iterations, growth_patience=iterations),
+            gated=False,
+        )
 
     def check(self) -> "FineSettings":
         """Return self if the numbers make sense.
@@ -102,12 +125,14 @@ class Fine:
         loss: Weights of the terms that stay from the coarse stage.
         prior: None leaves pseudo-views out.
         distance: The perceptual term.
+        notes: Which of them stand in for models of the paper that have not been added.
     """
 
     settings: FineSettings
     loss: LossWeights
     prior: ImagePrior | None
     distance: PerceptualDistance
+    notes: tuple[Finding, ...] = ()
 
     @classmethod
     def load(cls, settings: FineSettings, loss: LossWeights, seed: int) -> "Fine":
@@ -119,7 +144,13 @@ class Fine:
         """
         settings.check()
         prior = None if settings.prior == "none" else load_prior(settings.prior, seed)
-        return cls(settings, loss, prior, load_distance(settings.distance))
+        distance = load_distance(settings.distance)
+        notes = []
+        if settings.prior == "difix-or-consistent" and known_model("difix") is None and prior is not None:
+            notes.append(finding(Code.STAND_IN, absent="DiFix3D+", instead=prior.name))
+        if settings.distance == "lpips-or-structure" and known_model("lpips") is None:
+            notes.append(finding(Code.STAND_IN, absent="LPIPS", instead=distance.name))
+        return cls(settings, loss, prior, distance, tuple(notes))
 
 
 @dataclass(frozen=True)
@@ -175,6 +206,7 @@ def fit_fine(
     progress: Progress,
     score: Score | None = None,
     since_s: float | None = None,
+    detailed: Refine | None = None,
 ) -> CoarseFit:
     """Refine the Gaussians of a coarse fit with its cameras held fast.
 
@@ -188,6 +220,8 @@ def fit_fine(
         progress: Told every iteration.
         score: Called with the refined views at each look; its value is reported as `psnr_db`.
         since_s: `time.monotonic()` when the whole reconstruction began; the curve's seconds count from there.
+        detailed: Adds to views, [N, H, W, C], what the residual shows, for priors that want to know; `refine` where the
+            views are handed over with it anyway.
 
     Returns:
         The state with the best held-out residual; the coarse fit where no state is better, where nothing is held
@@ -198,7 +232,7 @@ def fit_fine(
     if before is None and settings.gated:
         return _unchanged(coarse, "no pixel is held out to tell whether it helps", progress)
     try:
-        pseudo_loss = _pseudo_loss(coarse, renderer, fine, refine)
+        pseudo_loss = _pseudo_loss(coarse, renderer, fine, detailed or refine)
     except Gs2ciError as error:
         return _unchanged(coarse, error.problem, progress)
     fit = _Fit(jury, coarse, renderer, pseudo_loss, fine, seed)
@@ -214,13 +248,14 @@ def fit_fine(
         note = finding(Code.FINE_HELPED, with_prior=named, before=before, after=after)
     else:
         note = finding(Code.FINE_UNJUDGED, with_prior=named)
-    progress.say(note.sentence)
+    for said in (*fine.notes, note):
+        progress.say(said.sentence)
     return replace(
         coarse,
         scene=loop.best,
         views=renderer.views(loop.best, fit.poses),
         curve=curve,
-        notes=(*coarse.notes, note),
+        notes=(*coarse.notes, *fine.notes, note),
     )
 
 
@@ -291,7 +326,9 @@ class _Fit:
         self.settings = settings = fine.settings
         self._loss = fine.loss
         self.poses = torch.from_numpy(coarse.world_to_camera).float()
-        self.optimiser = GaussianOptimiser(coarse.scene, settings.steps, path_extent(coarse.world_to_camera))
+        self.optimiser = GaussianOptimiser(
+            coarse.scene, settings.steps, length_of(settings.steps.unit, coarse.world_to_camera)
+        )
         self._renderer = renderer
         self._reuse = renderer.reuse()  # no Gaussian comes or goes in this stage
         self._pseudo_loss = pseudo_loss

@@ -21,14 +21,16 @@ class Gathering:
     Args:
         renderer: Renders for the shot.
         count: Number of Gaussians at the start.
+        per_open_share: Whether gradients are divided by the share of open pixels.
     """
 
-    def __init__(self, renderer: ShotRenderer, count: int) -> None:
+    def __init__(self, renderer: ShotRenderer, count: int, *, per_open_share: bool = True) -> None:
         self._renderer = renderer
         masks = renderer.transmissions
         # A view that opens a quarter of the pixels of a mean over all receives a quarter of the gradient that the
         # rules' thresholds were found with, on photographs.
-        self._per_open_share = 1.0 / max(float(masks.mean()), torch.finfo(masks.dtype).tiny)
+        open_share = max(float(masks.mean()), torch.finfo(masks.dtype).tiny)
+        self._gradient_factor = 1.0 / open_share if per_open_share else 1.0
         self.screen = ScreenStatistics.empty(count)
 
     def start_again(self, count: int) -> None:
@@ -56,7 +58,7 @@ class Gathering:
             iteration: See `GaussianStatistics`.
         """
         return GaussianStatistics(
-            screen_gradient=self.screen.mean_gradient() * self._per_open_share,
+            screen_gradient=self.screen.mean_gradient() * self._gradient_factor,
             screen_radius=self.screen.radius_px / max(self._renderer.size),
             blended_error=lambda: self._blended(scene.detach(), world_to_camera.detach(), error()),
             extent=extent,

@@ -15,7 +15,7 @@ from torch import Tensor
 from gs2ci.core.errors import InputError
 from gs2ci.reconstruct.fit.ssim import SimilarityTo
 from gs2ci.reconstruct.learned.lpips import Lpips
-from gs2ci.reconstruct.learned.onnx_models import find_model
+from gs2ci.reconstruct.learned.onnx_models import find_model, known_model
 
 _FILE: Final = "lpips:"
 
@@ -63,19 +63,22 @@ def load_distance(name: str) -> PerceptualDistance:
     """Load a perceptual distance.
 
     Args:
-        name: "structure", which needs no weights; "lpips", the model added under that name; or "lpips:FILE".
+        name: "structure", which needs no weights; "lpips", the model added under that name; "lpips:FILE"; or
+            "lpips-or-structure", the former where it has been added.
 
     Raises:
         InputError: No such name, or the model file cannot be used.
         StorageError: The list of added models cannot be read.
     """
+    if name == "lpips-or-structure":
+        name = "structure" if known_model("lpips") is None else "lpips"
     if name == "structure":
         return StructuralDissimilarity()
     if name == "lpips":
         return Lpips(find_model("lpips"))
     if name.startswith(_FILE):
         return Lpips(Path(name.removeprefix(_FILE)))
-    raise InputError(f"perceptual distance {name!r}", allowed="structure, lpips or lpips:FILE")
+    raise InputError(f"perceptual distance {name!r}", allowed="structure, lpips, lpips:FILE or lpips-or-structure")
 
 
 def _halved(image: Tensor) -> Tensor:

@@ -21,14 +21,15 @@ class Refinement:
 
     Args:
         jury: The measurement, and the pixels of it that no decode may see.
-        settings: How the residual is decoded.
+        settings: How the residual is decoded; None puts nothing back.
 
     Raises:
         InputError: The settings make no sense.
     """
 
-    def __init__(self, jury: Jury, settings: ResidualSettings) -> None:
-        settings.steps()
+    def __init__(self, jury: Jury, settings: ResidualSettings | None) -> None:
+        if settings is not None:
+            settings.steps()
         self._jury = jury
         self._seen = jury.seen
         self._settings = settings
@@ -39,6 +40,8 @@ class Refinement:
 
     def with_share(self, views: F32) -> tuple[F32, float]:
         """Refine views, [N, H, W, C] float32; tell as well which share was put back, from 0 to 1."""
+        if self._settings is None:
+            return views, 0.0
         added = decode_residual(self._seen, views, self._settings)
         share = self.share(views, added)
         return _plus(views, share, added), share
@@ -49,6 +52,8 @@ class Refinement:
         So a fit is watched: a share that makes up for what an early scene lacks would hide how the scene improves, and
         ended a fit of photographs (`fern_photos_wide`) at its first look.
         """
+        if self._settings is None:
+            return views
         return _plus(views, 1.0, decode_residual(self._seen, views, self._settings))
 
     def by_all_pixels(self, views: F32, share: float) -> F32:
@@ -56,6 +61,8 @@ class Refinement:
 
         For the end, where nothing is left to judge; the share is that of the pixels that were seen (`with_share`).
         """
+        if self._settings is None:
+            return views
         return _plus(views, share, decode_residual(self._jury.shot, views, self._settings))
 
     def share(self, views: F32, added: F32) -> float:

@@ -1,7 +1,7 @@
 """A scene as the shot's camera shows it: the coded measurement, the views, and the depths in them.
 
-Here: the renderer with what a shot says of the sensor (masks, weights, mono or mosaic) and a camera matrix. Not here:
-any fitting.
+Here: the renderer with what a shot says of the sensor (masks, weights, mono or mosaic), when each mask was open, a
+camera matrix and a lens. Not here: any fitting.
 """
 
 import numpy as np
@@ -11,10 +11,19 @@ from torch import Tensor
 from gs2ci.core.arrays import F32, F64
 from gs2ci.core.records import Shot
 from gs2ci.reconstruct.measurement import coding
+from gs2ci.reconstruct.measurement.lens import Lens
 from gs2ci.render.gaussians import Gaussians
 from gs2ci.render.interface import Backend, MaskSet, Reuse
 from gs2ci.render.screen import ScreenStatistics
 from gs2ci.render.stopping import StoppedLight
+
+
+def mask_times(views: int) -> Tensor:
+    """Return when each of so many masks was open, [N] float32: from −1, the first, to 1, the last, evenly.
+
+    One mask alone is open at 0.
+    """
+    return torch.linspace(-1, 1, views) if views > 1 else torch.zeros(views)
 
 
 class ShotRenderer:
@@ -22,17 +31,20 @@ class ShotRenderer:
 
     Args:
         shot: The measurement; of its masks and weights, `transmissions` are the products wᵢ Mᵢ, [N, H, W].
-        intrinsics: Camera matrix in px, [3, 3].
+        intrinsics: Camera matrix in px, [3, 3]; of the pinhole in the sensor's pixels, behind a lens.
         backend: The renderer.
+        lens: Through which the shot was taken, unless it is a pinhole: every image is then the sensor's.
     """
 
-    def __init__(self, shot: Shot, intrinsics: F64, backend: Backend) -> None:
+    def __init__(self, shot: Shot, intrinsics: F64, backend: Backend, lens: Lens | None = None) -> None:
         self.size = shot.size
         self.distortion = shot.distortion
         self.intrinsics = torch.from_numpy(intrinsics).float()
+        self.times = mask_times(shot.views)
         self.transmissions = torch.from_numpy(shot.masks * shot.weights[:, None, None])
         self._backend = backend
-        self._mask_set = backend.code(self.transmissions)
+        self._sampling = None if lens is None else lens.sampling
+        self._mask_set = self.code(self.transmissions)
         self._channels = coding.cfa_channels(shot.cfa, shot.size) if shot.cfa else None
         self._mono = shot.channels == 1
 
@@ -51,36 +63,58 @@ class ShotRenderer:
 
         What may be shared with other renderings, and who records what the screen saw: see `Backend.coded`.
         """
-        image = self._backend.coded(scene, world_to_camera, self.intrinsics, self._mask_set, screen, reuse)
+        image = self._backend.coded(scene, world_to_camera, self.intrinsics, self._mask_set, screen, reuse, self.times)
         if self._channels is not None:
             return coding.select(image, self._channels)
         return image.mean(dim=2, keepdim=True) if self._mono else image
 
     def code(self, masks: Tensor) -> MaskSet:
         """Prepare another mask set, [V, H, W]."""
-        return self._backend.code(masks)
+        return self._backend.code(masks, self._sampling)
 
-    def coded(self, scene: Gaussians, world_to_camera: Tensor, mask_set: MaskSet) -> Tensor:
-        """Render the sum of views, [V, 4, 4], under another mask set, [H, W, 3]; differentiable."""
-        return self._backend.coded(scene, world_to_camera, self.intrinsics, mask_set)
+    def coded(
+        self, scene: Gaussians, world_to_camera: Tensor, mask_set: MaskSet, times: Tensor | None = None
+    ) -> Tensor:
+        """Render the sum of views, [V, 4, 4], under another mask set, [H, W, 3]; differentiable.
 
-    def views(self, scene: Gaussians, world_to_camera: Tensor) -> F32:
-        """Render views from any poses [V, 4, 4]: [V, H, W, C] float32, not clamped; C is 1 for a mono shot."""
+        `times`, [V], are needed where the scene moves.
+        """
+        return self._backend.coded(scene, world_to_camera, self.intrinsics, mask_set, times=times)
+
+    def views(self, scene: Gaussians, world_to_camera: Tensor, times: Tensor | None = None) -> F32:
+        """Render views from any poses [V, 4, 4]: [V, H, W, C] float32, not clamped; C is 1 for a mono shot.
+
+        `times`, [V], are when a moving scene is seen; None: one pose for each mask, at its time.
+        """
         with torch.no_grad():
-            images, _ = self.images(scene, world_to_camera)
+            images, _ = self.images(scene, world_to_camera, times=times)
         return (images.mean(dim=3, keepdim=True) if self._mono else images).numpy()
 
-    def images(self, scene: Gaussians, world_to_camera: Tensor, colours: Tensor | None = None) -> tuple[Tensor, Tensor]:
+    def images(
+        self,
+        scene: Gaussians,
+        world_to_camera: Tensor,
+        colours: Tensor | None = None,
+        times: Tensor | None = None,
+    ) -> tuple[Tensor, Tensor]:
         """Render images [V, H, W, 3] and alphas [V, H, W] from any poses [V, 4, 4]; differentiable.
 
-        `colours`, [V, G, 3], stand for the scene's own where they are given.
+        `colours`, [V, G, 3], stand for the scene's own where they are given; `times` as for `views`.
         """
-        return self._backend.views(scene, world_to_camera, self.intrinsics, self.size, colours=colours)
+        when = self._when(scene, times)
+        return self._backend.views(
+            scene, world_to_camera, self.intrinsics, self.size, colours, self._sampling, times=when
+        )
 
-    def stopped_light(self, scene: Gaussians, world_to_camera: F64) -> StoppedLight:
-        """Find where the light of each pixel is stopped, from any poses [V, 4, 4]."""
+    def _when(self, scene: Gaussians, times: Tensor | None) -> Tensor | None:
+        return self.times if times is None and scene.motion is not None else times
+
+    def stopped_light(self, scene: Gaussians, world_to_camera: F64, times: Tensor | None = None) -> StoppedLight:
+        """Find where the light of each pixel is stopped, from any poses [V, 4, 4]; `times` as for `views`."""
         poses = torch.from_numpy(np.asarray(world_to_camera)).float()
-        return self._backend.depths(scene.detach(), poses, self.intrinsics, self.size)
+        scene = scene.detach()
+        when = self._when(scene, times)
+        return self._backend.depths(scene, poses, self.intrinsics, self.size, self._sampling, times=when)
 
     def depths(self, scene: Gaussians, world_to_camera: F64) -> F32:
         """Render depths along the optical axis, [V, H, W]; zero where less than half of the light is stopped."""

@@ -7,7 +7,7 @@
 
 The Gaussians know nothing of a lens: their renderer blends each pixel where it looks (`gs2ci.render.sampling`), so that
 no view is resampled on its way into the measurement. Here: the canvas, and resampling for the geometry stage. Not here:
-the formula (`gs2ci.core.lens`), the renderer (`fit/through_lens.py`).
+the formula (`gs2ci.core.lens`), the renderer (`fit/rendering.py`).
 """
 
 from dataclasses import dataclass

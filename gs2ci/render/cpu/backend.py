@@ -84,6 +84,7 @@ class CpuBackend:
         mask_set: MaskSet,
         screen: ScreenStatistics | None = None,
         reuse: Reuse | None = None,
+        times: Tensor | None = None,
     ) -> Tensor:
         """Render the coded sum; see `Backend.coded`."""
         if not isinstance(mask_set, CpuMaskSet):
@@ -96,13 +97,13 @@ class CpuBackend:
                 f"shared work of type {type(reuse).__name__} given to the cpu backend",
                 allowed="what this backend's reuse() returned",
             )
-        check_rendering(scene, world_to_camera, intrinsics, views=mask_set.views)
+        check_rendering(scene, world_to_camera, intrinsics, views=mask_set.views, times=times)
         check_screen(screen, scene)
         target = CodedSum(mask_set.layout)
         # Lists that serve once lie in the rendering's own workspace, without a margin.
         kept = reuse if self._settings.relist_every > 1 else None
         camera = _on_canvas(intrinsics, mask_set.sampling)
-        return self._run(target, scene, scene.colours, world_to_camera, camera, screen, kept)[0]
+        return self._run(target, scene, scene.colours, world_to_camera, camera, times, screen, kept)[0]
 
     def views(
         self,
@@ -112,14 +113,15 @@ class CpuBackend:
         size: tuple[int, int],
         colours: Tensor | None = None,
         sampling: CanvasSampling | None = None,
+        times: Tensor | None = None,
     ) -> tuple[Tensor, Tensor]:
         """Render whole views; see `Backend.views`."""
         check_size(size)
         check_sampling(sampling, size)
-        check_rendering(scene, world_to_camera, intrinsics, colours=colours)
+        check_rendering(scene, world_to_camera, intrinsics, colours=colours, times=times)
         target = ViewImages(self._full_layout((int(world_to_camera.shape[0]), *size), sampling))
         used = scene.colours if colours is None else colours
-        images, alphas = self._run(target, scene, used, world_to_camera, _on_canvas(intrinsics, sampling))
+        images, alphas = self._run(target, scene, used, world_to_camera, _on_canvas(intrinsics, sampling), times)
         return images, alphas
 
     def depths(
@@ -129,15 +131,16 @@ class CpuBackend:
         intrinsics: Tensor,
         size: tuple[int, int],
         sampling: CanvasSampling | None = None,
+        times: Tensor | None = None,
     ) -> StoppedLight:
         """Find where light is stopped; see `Backend.depths`."""
         check_size(size)
         check_sampling(sampling, size)
-        check_rendering(scene, world_to_camera, intrinsics)
+        check_rendering(scene, world_to_camera, intrinsics, times=times)
         layout = self._full_layout((int(world_to_camera.shape[0]), *size), sampling)
         camera = _camera(_on_canvas(intrinsics, sampling), layout)
         inputs = Inputs(
-            means=as_float32(scene.means),
+            means=as_float32(_means(scene, times)),
             log_scales=as_float32(scene.log_scales),
             quaternions=as_float32(scene.quaternions),
             logits=as_float32(scene.opacity_logits),
@@ -159,12 +162,13 @@ class CpuBackend:
         colours: Tensor,
         world_to_camera: Tensor,
         intrinsics: Tensor,
+        times: Tensor | None,
         screen: ScreenStatistics | None = None,
         reuse: CpuReuse | None = None,
     ) -> tuple[Tensor, ...]:
         camera = _camera(intrinsics, target.layout)
         parameters = (
-            *(scene.means, scene.log_scales, scene.quaternions),
+            *(_means(scene, times), scene.log_scales, scene.quaternions),
             *(scene.opacity_logits, colours, world_to_camera),
         )
         job = Job(target, camera, self._settings.termination_transmittance, self._pool, screen, reuse)
@@ -181,6 +185,11 @@ class CpuBackend:
         if len(self._full_layouts) > _FULL_LAYOUTS_KEPT:
             self._full_layouts.popitem(last=False)
         return layout
+
+
+def _means(scene: Gaussians, times: Tensor | None) -> Tensor:
+    """Return where centres are, [G, 3], or in each view, [V, G, 3], where they move."""
+    return scene.means if times is None else scene.means_at(times)
 
 
 def _on_canvas(intrinsics: Tensor, sampling: CanvasSampling | None) -> Tensor:

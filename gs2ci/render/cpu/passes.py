@@ -30,7 +30,7 @@ class Inputs:
     """Parameters of one rendering as C-contiguous float32.
 
     Args:
-        means: [G, 3].
+        means: [G, 3], or [V, G, 3] where Gaussians move between the views.
         log_scales: [G, 3].
         quaternions: [G, 4].
         logits: [G].
@@ -61,6 +61,7 @@ class Inputs:
         """Return the parameters as the projection kernels take them."""
         return (
             self.means.reshape(-1),
+            self.means.ndim == 3,
             self.log_scales.reshape(-1),
             self.quaternions.reshape(-1),
             self.logits,
@@ -169,13 +170,13 @@ def differentiate_cells(
         rendered.lists.entries,
         rendered.lists.view_start,
         rendered.lists.gaussians,
-        rendered.cells,
+        int(rendered.lists.entries.max(initial=0)),
         cell_gradients,
         bands,
         sums,
     )
     gradients = Gradients(
-        np.empty_like(inputs.means),
+        np.zeros_like(inputs.means),
         np.empty_like(inputs.log_scales),
         np.empty_like(inputs.quaternions),
         np.empty_like(inputs.logits),

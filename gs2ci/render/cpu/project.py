@@ -93,11 +93,24 @@ def _footprint_record(camera, centre, footprint, opacity, log_opacity, colour, m
 
 
 @kernel(parallel=True)
-def project(means, log_scales, quaternions, logits, colours, colours_differ, poses, camera, margin, records):
+def project(
+    means,
+    means_differ,
+    log_scales,
+    quaternions,
+    logits,
+    colours,
+    colours_differ,
+    poses,
+    camera,
+    margin,
+    records,
+):
     """Project G Gaussians into V views.
 
     Args:
-        means: [G * 3] float32.
+        means: [G * 3] float32, or [V * G * 3] if `means_differ` between the views.
+        means_differ: See `means`.
         log_scales: [G * 3].
         quaternions: [G * 4].
         logits: [G].
@@ -121,6 +134,8 @@ def project(means, log_scales, quaternions, logits, colours, colours_differ, pos
             inverse_opacity = 1.0 + exponential(-load_singles(logits, first, present, scratch))
             colour = load_triples(colours, first, present, scratch)
             for view in range(poses.shape[0]):
+                if means_differ:
+                    mean = load_triples(means, view * count + first, present, scratch)
                 if colours_differ:
                     colour = load_triples(colours, view * count + first, present, scratch)
                 centre = view_centre(poses[view], camera, mean)

@@ -225,7 +225,7 @@ def _rotate_back(pose, point):
 @kernel()
 def _differentiate_block(block, inputs, poses, camera, records, sums, outputs, pose_sums, scratch):
     """Differentiate 16 Gaussians in all views; adds to `pose_sums` [V * 12 * 16] lane by lane."""
-    means, log_scales, quaternions, logits, colours_differ = inputs
+    means, means_differ, log_scales, quaternions, logits, colours_differ = inputs
     d_means, d_log_scales, d_quaternions, d_logits, d_colours, sightings = outputs
     count, views = logits.shape[0], poses.shape[0]
     blocks = (count + LANES - 1) // LANES
@@ -251,13 +251,19 @@ def _differentiate_block(block, inputs, poses, camera, records, sums, outputs, p
         fields = load_transposed(records, offset)
         if not any_ge(fields[VISIBLE], _HALF):
             continue
+        if means_differ:
+            mean = load_triples(means, view * count + first, present, scratch)
         d_logit = d_logit + view_sums[SUM] * one_minus_opacity
         centre = view_centre(poses[view], camera, mean)
         footprint = view_footprint(poses[view], camera, centre, factor)
         screen = _screen_gradient(fields, footprint, view_sums)
         seen = add_sighting(seen, camera, fields[VISIBLE], footprint, screen)
         part = _view_gradient(poses[view], camera, centre, factor, screen)
-        d_mean = _plus(d_mean, _rotate_back(poses[view], part.point))
+        mean_part = _rotate_back(poses[view], part.point)
+        if means_differ:
+            store_triples(d_means, view * count + first, present, mean_part, scratch)
+        else:
+            d_mean = _plus(d_mean, mean_part)
         d_factor = add_outer(d_factor, footprint.jw_a, part.a)
         d_factor = add_outer(d_factor, footprint.jw_b, part.b)
         _add_pose_part(pose_sums, view * POSE_ENTRIES * LANES, camera, centre, mean, part)
@@ -266,13 +272,16 @@ def _differentiate_block(block, inputs, poses, camera, records, sums, outputs, p
     store_triples(sightings, first, present, seen, scratch)
     d_log_scale = scale_gradient(d_factor, factor)
     d_quaternion = quaternion_gradient(d_factor, scales, rotation)
-    rows = (d_means, d_log_scales, d_quaternions, d_logits)
-    store_block(rows, first, present, d_mean, d_log_scale, d_quaternion, d_logit, scratch)
+    if not means_differ:
+        store_triples(d_means, first, present, d_mean, scratch)
+    rows = (d_log_scales, d_quaternions, d_logits)
+    store_block(rows, first, present, d_log_scale, d_quaternion, d_logit, scratch)
 
 
 @kernel(parallel=True)
 def differentiate_project(
     means,
+    means_differ,
     log_scales,
     quaternions,
     logits,
@@ -294,6 +303,7 @@ def differentiate_project(
 
     Args:
         means: As for `project`; likewise up to `camera`, and `records` as it left them.
+        means_differ: See `means`.
         log_scales: See `means`.
         quaternions: See `means`.
         logits: See `means`.
@@ -303,7 +313,7 @@ def differentiate_project(
         camera: See `means`.
         records: See `means`.
         sums: The result of `differentiate_blend`, [bands, V * blocks * 256].
-        d_means: Written: [G * 3].
+        d_means: Written: shaped like `means`; where these differ, zero before, as what is not seen writes nothing.
         d_log_scales: Written: [G * 3].
         d_quaternions: Written: [G * 4].
         d_logits: Written: [G].
@@ -314,7 +324,7 @@ def differentiate_project(
     """
     views = poses.shape[0]
     blocks = (logits.shape[0] + LANES - 1) // LANES
-    inputs = (means, log_scales, quaternions, logits, colours_differ)
+    inputs = (means, means_differ, log_scales, quaternions, logits, colours_differ)
     outputs = (d_means, d_log_scales, d_quaternions, d_logits, d_colours, sightings)
     for task in prange(pose_parts.shape[0]):
         scratch = np.empty(max(SCRATCH, LANES * LANES), np.float32)

@@ -69,15 +69,12 @@ def store_triples(rows, first, count, triple, scratch):
 
 
 @kernel()
-def store_block(rows, first, count, d_means, d_log_scales, d_quaternions, d_logits, scratch):
-    """Write the gradients of 16 Gaussians into `rows`: means, log scales, quaternions and logits, all flat."""
-    out_means, out_log_scales, out_quaternions, out_logits = rows
+def store_block(rows, first, count, d_log_scales, d_quaternions, d_logits, scratch):
+    """Write the gradients of 16 Gaussians into `rows`: log scales, quaternions and logits, all flat."""
+    out_log_scales, out_quaternions, out_logits = rows
     zero = broadcast(_ZERO)
     q0, q1, q2, q3 = d_quaternions
     columns = (
-        d_means[0],
-        d_means[1],
-        d_means[2],
         d_log_scales[0],
         d_log_scales[1],
         d_log_scales[2],
@@ -91,13 +88,15 @@ def store_block(rows, first, count, d_means, d_log_scales, d_quaternions, d_logi
         zero,
         zero,
         zero,
+        zero,
+        zero,
+        zero,
     )
     store_rows(scratch, 0, transpose(columns))
     for lane in range(count):
         row, source = first + lane, lane * LANES
         for k in range(3):
-            put(out_means, 3 * row + k, get(scratch, source + k))
-            put(out_log_scales, 3 * row + k, get(scratch, source + 3 + k))
+            put(out_log_scales, 3 * row + k, get(scratch, source + k))
         for k in range(4):
-            put(out_quaternions, 4 * row + k, get(scratch, source + 6 + k))
-        put(out_logits, row, get(scratch, source + 10))
+            put(out_quaternions, 4 * row + k, get(scratch, source + 3 + k))
+        put(out_logits, row, get(scratch, source + 7))

@@ -1,7 +1,8 @@
 """Where the light of each pixel is stopped: `gs2ci.render.stopping`, over the lists that a rendering made.
 
-Here: what each Gaussian says of depth in each view, in numpy float64, and the kernel that finds the quantiles: plain
-scalar code, as it runs a few times per reconstruction.
+Here: what each Gaussian says of depth in each view, in numpy float64, and the kernel that finds the quantiles, 16
+pixels at a time in float32. Neighbouring pixels see the same Gaussians, so that their lanes need about equally many
+steps.
 """
 
 from typing import Final
@@ -12,6 +13,7 @@ from numba import prange
 from gs2ci.core.arrays import F32, F64
 from gs2ci.render.conventions import ALPHA_MAX, ALPHA_MIN, DILATION_PX2, LOG_SCALE_MAX, NEAR, QUATERNION_NORM_MIN
 from gs2ci.render.cpu.compile import kernel
+from gs2ci.render.cpu.elementary import LN2, exponential
 from gs2ci.render.cpu.layout import Layout
 from gs2ci.render.cpu.lists import Lists
 from gs2ci.render.cpu.passes import Inputs
@@ -30,7 +32,17 @@ from gs2ci.render.cpu.record import (
     V_HIGH,
     V_LOW,
 )
-from gs2ci.render.cpu.vector import LANES
+from gs2ci.render.cpu.vector import (
+    LANES,
+    any_ge,
+    broadcast,
+    get,
+    load,
+    maximum,
+    minimum,
+    store,
+    where_ge,
+)
 from gs2ci.render.stopping import (
     DEPTH_QUANTILE,
     NEARBY,
@@ -52,11 +64,23 @@ DEPTH_FIELDS: Final = 4
 MAPS: Final = 4
 """Depth, spread, stopped, nearby: the order of `StoppedLight`."""
 
-_LOG2_ALPHA_MIN: Final = float(np.log2(ALPHA_MIN))
-_LOW_SHARE, _HIGH_SHARE = SPREAD_QUANTILES
-_SIGMA_MIN, _SIGMA_MAX = PROFILE_SIGMA_RANGE
+_ZERO, _QUARTER, _HALF, _THREE_QUARTERS, _ONE = (np.float32(k / 4) for k in range(5))
+_MINUS_ONE, _INFINITY, _TINY = np.float32(-1), np.float32(np.inf), np.float32(1e-30)
+_LN2 = np.float32(LN2)
+_ALPHA_MAX = np.float32(ALPHA_MAX)
+_LOG2_ALPHA_MIN = np.float32(np.log2(ALPHA_MIN))
+_LOW_SHARE, _HALF_SHARE, _HIGH_SHARE = (
+    np.float32(share - QUANTILE_SLACK) for share in (SPREAD_QUANTILES[0], DEPTH_QUANTILE, SPREAD_QUANTILES[1])
+)
+_SIGMA_MIN, _SIGMA_MAX = (np.float32(sigma) for sigma in PROFILE_SIGMA_RANGE)
+_REACH = np.float32(PROFILE_REACH)
+_LEAST_RATIO = np.float32(1 / RATIO_MAX)
+_BEHIND, _AHEAD = np.float32(1 + NEARBY), np.float32(1 - NEARBY)
+# Neighbouring numbers in single precision lie up to 1.2e-7 of themselves apart, and no bracket is narrower.
+_RESOLUTION = np.float32(max(RESOLUTION, 2.5e-7))
+_BEYOND = np.float32(2.5e-7)
 # A bracket is halved at least every other step, so that these suffice for `RESOLUTION` whatever the profiles are.
-_STEPS_MAX: Final = 100
+_STEPS_MAX: Final = 60
 _CELLS_PER_TASK: Final = 64
 
 
@@ -64,11 +88,12 @@ def depth_fields(inputs: Inputs) -> F32:
     """Find each Gaussian's depth, its slopes on screen and its thickness in each view, [V, G, DEPTH_FIELDS]."""
     scales = np.exp(np.minimum(inputs.log_scales.astype(np.float64), LOG_SCALE_MAX))
     factor = _rotations(inputs.quaternions) * scales[:, None, :]
-    camera, means = inputs.camera.astype(np.float64), inputs.means.astype(np.float64)
+    camera = inputs.camera.astype(np.float64)
+    means = np.broadcast_to(inputs.means, (len(inputs.poses), inputs.count, 3)).astype(np.float64)
     focal = camera[[FOCAL_X, FOCAL_Y]]
     fields = np.empty((len(inputs.poses), inputs.count, DEPTH_FIELDS), np.float32)
-    for pose, out in zip(inputs.poses.reshape(-1, 4, 4).astype(np.float64), fields, strict=True):
-        points = means @ pose[:3, :3].T + pose[:3, 3]
+    for pose, centres, out in zip(inputs.poses.reshape(-1, 4, 4).astype(np.float64), means, fields, strict=True):
+        points = centres @ pose[:3, :3].T + pose[:3, 3]
         depth = np.maximum(points[:, 2], NEAR)
         slopes = np.clip(points[:, :2] / depth[:, None], camera[[U_LOW, V_LOW]], camera[[U_HIGH, V_HIGH]])
         shape = pose[:3, :3] @ factor
@@ -119,7 +144,7 @@ def stop_light(records: F32, lists: Lists, layout: Layout, fields: F32) -> F32:
         lists.entries,
         lists.view_start,
         lists.gaussians,
-        fields,
+        fields.reshape(-1),
         longest,
         maps,
     )
@@ -127,96 +152,116 @@ def stop_light(records: F32, lists: Lists, layout: Layout, fields: F32) -> F32:
 
 
 @kernel()
-def _gather(records, base, gaussians, begin, count, fields, x, y, weights, depths, reaches):
-    """List what stops light at one pixel, front to back; returns how many do and what share passes."""
-    through, kept = 1.0, 0
-    for i in range(begin, begin + count):
-        gaussian = gaussians[i]
-        at = base + np.int64(gaussian) * FIELDS
-        dx, dy = x - records[at + MEAN_X], y - records[at + MEAN_Y]
-        t = dx + records[at + SHEAR] * dy
-        log2_alpha = records[at + LOG2_OPACITY] - records[at + ACROSS] * t * t - records[at + ALONG] * dy * dy
-        if log2_alpha < _LOG2_ALPHA_MIN:
-            continue
-        alpha = min(2.0**log2_alpha, ALPHA_MAX)
-        field = fields[gaussian]
-        share = field[SLOPE_X] * dx + field[SLOPE_Y] * dy
-        depth = field[CENTRE_DEPTH] / max(1.0 - share, 1.0 / RATIO_MAX)
-        weights[kept] = alpha * through
-        depths[kept] = depth
-        reaches[kept] = PROFILE_REACH * min(max(field[SIGMA], _SIGMA_MIN * depth), _SIGMA_MAX * depth)
-        through *= 1.0 - alpha
-        kept += 1
-    return kept, through
+def _gather(records, base, gaussians, begin, count, fields, fields_base, x, y, weights, depths, inverses):
+    """Write what stops light at 16 pixels, front to back: weights, depths and inverse reaches, [count * 16].
+
+    Returns the weights' sum, the light that passes, and the bracket that holds all profiles (lanes that stop nothing:
+    infinity to zero).
+    """
+    through, total = broadcast(_ONE), broadcast(_ZERO)
+    near, far = broadcast(_INFINITY), broadcast(_ZERO)
+    for i in range(count):
+        gaussian = np.int64(get(gaussians, begin + i))
+        at, field = base + gaussian * FIELDS, fields_base + gaussian * DEPTH_FIELDS
+        dx, dy = x - get(records, at + MEAN_X), y - get(records, at + MEAN_Y)
+        t = dx + get(records, at + SHEAR) * dy
+        across = (get(records, at + ACROSS) * t) * t
+        log2_alpha = get(records, at + LOG2_OPACITY) - across - (get(records, at + ALONG) * dy) * dy
+        alpha = where_ge(log2_alpha, _LOG2_ALPHA_MIN, minimum(exponential(_LN2 * log2_alpha), _ALPHA_MAX), _ZERO)
+        weight = alpha * through
+        share = get(fields, field + SLOPE_X) * dx + get(fields, field + SLOPE_Y) * dy
+        depth = get(fields, field + CENTRE_DEPTH) / maximum(_ONE - share, _LEAST_RATIO)
+        sigma = minimum(maximum(_SIGMA_MIN * depth, get(fields, field + SIGMA)), _SIGMA_MAX * depth)
+        reach = _REACH * sigma
+        store(weights, i * LANES, weight)
+        store(depths, i * LANES, depth)
+        store(inverses, i * LANES, 1.0 / reach)
+        near = where_ge(log2_alpha, _LOG2_ALPHA_MIN, minimum(near, depth - reach), near)
+        far = where_ge(log2_alpha, _LOG2_ALPHA_MIN, maximum(far, depth + reach), far)
+        total = total + weight
+        through = through - weight
+    return total, through, near, far
 
 
 @kernel()
 def _before(limit, weights, depths, inverses, count):
-    """Return what is stopped before a depth, and its derivative; `inverses` are those of the reaches."""
-    total, density = 0.0, 0.0
+    """Return what is stopped before a depth at 16 pixels, and its derivative."""
+    total, density = broadcast(_ZERO), broadcast(_ZERO)
     for i in range(count):
-        along = min(max((limit - depths[i]) * inverses[i], -1.0), 1.0)
+        weight, inverse = load(weights, i * LANES), load(inverses, i * LANES)
+        along = minimum(maximum((limit - load(depths, i * LANES)) * inverse, _MINUS_ONE), _ONE)
         square = along * along
-        total += weights[i] * (0.5 + along * (0.75 - 0.25 * square))
-        density += weights[i] * 0.75 * (1.0 - square) * inverses[i]
-    return total, density
+        total = total + weight * (_HALF + along * (_THREE_QUARTERS - _QUARTER * square))
+        density = density + (weight * inverse) * (_ONE - square)
+    return total, _THREE_QUARTERS * density
 
 
 @kernel()
 def _quantile(wanted, weights, depths, inverses, count, near, far):
-    """Find the nearest depth before which `wanted` is stopped: Newton's steps, kept between bounds that are halved."""
-    guess = 0.5 * (near + far)
+    """Find at 16 pixels the nearest depth before which `wanted` is stopped.
+
+    Newton's steps, kept between bounds that are halved at least every other step, until all lanes are done.
+    """
+    guess = _HALF * (near + far)
     for step in range(_STEPS_MAX):
-        if far - near <= RESOLUTION * far:
+        if not any_ge(far - near, _RESOLUTION * far):
             break
         total, density = _before(guess, weights, depths, inverses, count)
-        if total >= wanted:
-            far = guess
-        else:
-            near = guess
-        guess = 0.5 * (near + far)
-        if density > 0.0 and step % 2 == 0:
+        far = where_ge(total, wanted, guess, far)
+        near = where_ge(total, wanted, near, guess)
+        middle = _HALF * (near + far)
+        if step % 2 == 0:
             # A little beyond the root, so that both bounds close in on it.
-            newton = (far if total >= wanted else near) + (wanted - total) / density
-            newton += RESOLUTION * 0.25 * far if total < wanted else -RESOLUTION * 0.25 * far
-            if near < newton < far:
-                guess = newton
+            beyond = where_ge(total, wanted, -_BEYOND * far, _BEYOND * far)
+            newton = guess + (wanted - total) / maximum(density, _TINY) + beyond
+            inside = where_ge(near, newton, middle, where_ge(newton, far, middle, newton))
+            guess = where_ge(density, _TINY, inside, middle)
+        else:
+            guess = middle
     return far
 
 
 @kernel(parallel=True)
 def _stop_light(records, cell_view, x, y, pixel, weight, start, entries, view_start, gaussians, fields, longest, maps):
-    """Fill the maps, [MAPS, V, H * W]; `longest` is the length of the longest list."""
+    """Fill the maps, [MAPS, V, H * W]; `longest` is the length of the longest list, `fields` is flat."""
     cells = entries.shape[0]
-    record_stride = records.shape[0] // max(view_start.shape[0] - 1, 1)
+    views = max(view_start.shape[0] - 1, 1)
+    record_stride, field_stride = records.shape[0] // views, fields.shape[0] // views
     for task in prange((cells + _CELLS_PER_TASK - 1) // _CELLS_PER_TASK):
-        weights, depths, reaches = np.empty(longest), np.empty(longest), np.empty(longest)
-        inverses = np.empty(longest)
+        weights = np.empty(LANES * longest, np.float32)
+        depths, inverses = np.empty_like(weights), np.empty_like(weights)
+        found = np.empty(MAPS * LANES, np.float32)
         for cell in range(task * _CELLS_PER_TASK, min(cells, (task + 1) * _CELLS_PER_TASK)):
-            view = cell_view[cell]
-            base, begin = view * record_stride, view_start[view] + start[cell]
-            for lane in range(cell * LANES, (cell + 1) * LANES):
-                if weight[lane] == 0.0:
+            view, count = cell_view[cell], np.int64(entries[cell])
+            total, through, near, far = _gather(
+                records,
+                view * record_stride,
+                gaussians,
+                view_start[view] + start[cell],
+                count,
+                fields,
+                view * field_stride,
+                load(x, cell * LANES),
+                load(y, cell * LANES),
+                weights,
+                depths,
+                inverses,
+            )
+            # Where nothing is stopped: a bracket without width, which nothing waits for.
+            near = where_ge(far, near, near, _ONE)
+            far = maximum(far, near)
+            depth = _quantile(_HALF_SHARE * total, weights, depths, inverses, count, near, far)
+            low = _quantile(_LOW_SHARE * total, weights, depths, inverses, count, near, depth)
+            high = _quantile(_HIGH_SHARE * total, weights, depths, inverses, count, depth, far)
+            behind, _ = _before(depth * _BEHIND, weights, depths, inverses, count)
+            ahead, _ = _before(depth * _AHEAD, weights, depths, inverses, count)
+            some = where_ge(_ZERO, total, _ZERO, broadcast(_ONE))
+            store(found, 0, some * depth)
+            store(found, LANES, some * (_HALF * (depth / low - depth / high)))
+            store(found, 2 * LANES, _ONE - through)
+            store(found, 3 * LANES, some * (behind - ahead))
+            for lane in range(LANES):
+                if weight[cell * LANES + lane] == 0.0:
                     continue
-                count, through = _gather(
-                    records, base, gaussians, begin, entries[cell], fields[view], x[lane], y[lane],
-                    weights, depths, reaches,
-                )  # fmt: skip
-                if count == 0:
-                    continue
-                total, near, far = 0.0, np.inf, 0.0
-                for i in range(count):
-                    total += weights[i]
-                    near, far = min(near, depths[i] - reaches[i]), max(far, depths[i] + reaches[i])
-                    inverses[i] = 1.0 / reaches[i]
-                depth = _quantile(
-                    (DEPTH_QUANTILE - QUANTILE_SLACK) * total, weights, depths, inverses, count, near, far
-                )
-                low = _quantile((_LOW_SHARE - QUANTILE_SLACK) * total, weights, depths, inverses, count, near, depth)
-                high = _quantile((_HIGH_SHARE - QUANTILE_SLACK) * total, weights, depths, inverses, count, depth, far)
-                behind, _ = _before(depth * (1.0 + NEARBY), weights, depths, inverses, count)
-                ahead, _ = _before(depth * (1.0 - NEARBY), weights, depths, inverses, count)
-                maps[0, view, pixel[lane]] = depth
-                maps[1, view, pixel[lane]] = 0.5 * (depth / low - depth / high)
-                maps[2, view, pixel[lane]] = 1.0 - through
-                maps[3, view, pixel[lane]] = behind - ahead
+                for each in range(MAPS):
+                    maps[each, view, pixel[cell * LANES + lane]] = found[each * LANES + lane]

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 import torch
 
-from gs2ci.reconstruct.fit.poses import PoseCorrections, PoseSettings
+from gs2ci.reconstruct.fit.poses import PoseCorrections, PoseSettings, length_of
 from gs2ci.render import se3
 
 VIEWS = 3
@@ -33,6 +33,23 @@ def test_without_refinement_the_poses_stay_exactly_as_they_were(path):
     poses.restore(poses.snapshot())
     assert poses.gradient_is_finite()
     np.testing.assert_array_equal(poses.world_to_camera().numpy(), path.astype(np.float32))
+
+
+@pytest.mark.parametrize(("unit", "length"), [("median depth", 1.0), ("path diameter", 4.0), ("path cube", 2.5)])
+def test_translations_step_in_their_unit_and_rotations_in_radians(unit, length):
+    path = np.tile(np.eye(4), (4, 1, 1))
+    path[:, 0, 3] = [0.0, -1.0, -1.0, -4.0]  # centres 0, 1, 1, 4, of mean 1.5
+    poses = PoseCorrections(path, PoseSettings(every=1, rate=0.01, unit=unit))
+    push(poses, torch.ones(4, 6))
+    poses.step(0.0)
+    moved = se3.log(poses.world_to_camera() @ torch.linalg.inv(torch.from_numpy(path).float())).detach()
+    np.testing.assert_allclose(moved[:, :3], -0.01 * length, rtol=1e-3)
+    np.testing.assert_allclose(moved[:, 3:], -0.01, rtol=1e-3)
+
+
+def test_a_path_that_hardly_moves_has_a_length_all_the_same():
+    still = np.tile(np.eye(4), (3, 1, 1))
+    assert [length_of(unit, still) for unit in ("path diameter", "path cube")] == [0.02, 0.01]
 
 
 def test_a_step_is_taken_once_in_every_so_many_iterations(path):

@@ -61,6 +61,33 @@
   }
   if (pickers.length) show(Number(pickers[0].querySelector(".view").value) - 1);
 
+  // A heading's button sorts its column; what has no figure stays last.
+  for (const table of all("table[data-sortable]")) {
+    const body = table.tBodies[0], headings = all("thead th", table);
+    headings.forEach((heading, column) => {
+      if (!heading.textContent) return;
+      const button = document.createElement("button");
+      button.type = "button";
+      button.append(...heading.childNodes);
+      heading.append(button);
+      button.addEventListener("click", () => {
+        const down = heading.getAttribute("aria-sort") === "ascending";
+        for (const other of headings) other.removeAttribute("aria-sort");
+        heading.setAttribute("aria-sort", down ? "descending" : "ascending");
+        const numeric = heading.classList.contains("n"), turn = down ? -1 : 1;
+        const keyed = [...body.rows].map((row) => {
+          const cell = row.cells[column];
+          return [numeric ? Number(cell.dataset.value ?? NaN) : cell.textContent, row];
+        });
+        keyed.sort(([a], [b]) => {
+          if (!numeric) return turn * a.localeCompare(b, undefined, { numeric: true });
+          return Number.isNaN(a) - Number.isNaN(b) || turn * (a - b) || 0;
+        });
+        body.append(...keyed.map(([, row]) => row));
+      });
+    });
+  }
+
   // What is folded belongs on paper too.
   const folds = all("details.fold");
   let wasOpen = [];

@@ -26,13 +26,26 @@ class Osgr:
         opacity_splits: Whether opacity alone may ask for a split.
         neighbours: Nearest neighbours whose opacities its own is compared with (supplement II: three).
         extra_splits: Budget for splits by opacity alone, as a share of the population (supplement II: 5 %).
+        ranked_first: Whether all Gaussians are ranked by opacity before the conventional candidates are added, as
+            supplement II has it, so that those wanted by both count once. If not, the budget is for those that nothing
+            else asks for.
+        shared_room: Whether a population near its cap shares the room out among the kinds of candidates by their
+            numbers. If not, those with the largest gradient come first, and those that only their opacity or their
+            radius asks for never come.
     """
 
     criteria: Classic = field(default_factory=Classic)
     opacity_splits: bool = True
     neighbours: int = 3
     extra_splits: float = 0.05
+    ranked_first: bool = False
+    shared_room: bool = False
     name: str = "osgr"
+
+    @classmethod
+    def of_the_paper(cls) -> "Osgr":
+        """Return the rule as the paper has it, on nerfstudio's thresholds."""
+        return cls(criteria=Classic.of_nerfstudio(), ranked_first=True, shared_room=True)
 
     @classmethod
     def sparing(cls) -> "Osgr":
@@ -52,34 +65,66 @@ class Osgr:
 
     def change(self, scene: Gaussians, evidence: GaussianStatistics, generator: torch.Generator) -> PopulationChange:
         """Return the population that the fit goes on with."""
-        opacity = torch.sigmoid(scene.opacity_logits.detach())
+        if self.criteria.is_paused(evidence):
+            unchanged = PopulationChange(scene.detach().map(torch.clone), torch.arange(len(scene)))
+            return self.criteria.reset(unchanged, evidence)
         remove = self.criteria.removed(scene, evidence)
-        split, duplicate = self.criteria.divide(scene, evidence, self.criteria.wanting(evidence))
-        if self.opacity_splits:
-            split = split | self._opacity_peaks(scene, opacity, exclude=split | duplicate)
-        split, duplicate = split & ~remove, duplicate & ~remove
+        wanting = self.criteria.wanting(evidence)
+        split, duplicate = self.criteria.divide(scene, evidence, wanting)
+        excess = self._excess(scene) if self.opacity_splits else torch.zeros(len(scene))
+        # The rule of duplication stays as it was: who gets a copy is not split as well.
+        peaks = self._peaks(excess, exclude=None if self.ranked_first else split | duplicate) & ~(split | duplicate)
+        split, duplicate = (split | peaks) & ~remove, duplicate & ~remove
         room = evidence.cap - (len(scene) - int(remove.sum()))
-        split, duplicate = within(room, evidence.screen_gradient, split, duplicate)
+        priority = evidence.screen_gradient
+        if self.shared_room:
+            priority = _fair(
+                (wanting, evidence.screen_gradient), (peaks, excess), (split | duplicate, evidence.screen_radius)
+            )
+        split, duplicate = within(room, priority, split, duplicate)
         return self.criteria.reset(grow(scene, ~(remove | split), duplicate, split, generator), evidence)
 
     def shake(self, scene: Gaussians, rate: float, generator: torch.Generator) -> None:
         """Move nothing."""
 
-    def _opacity_peaks(self, scene: Gaussians, opacity: Tensor, exclude: Tensor) -> Tensor:
-        """Return those whose opacity exceeds its local mean (paper, eq. 13), the largest excesses within budget."""
-        count = len(scene)
-        peaks = torch.zeros(count, dtype=torch.bool)
-        budget = int(self.extra_splits * count)
-        if budget == 0 or count <= self.neighbours:
-            return peaks
+    def _excess(self, scene: Gaussians) -> Tensor:
+        """Return by how much each opacity exceeds its local mean, [G] (paper, eq. 13); zeros for too few Gaussians."""
+        opacity, count = torch.sigmoid(scene.opacity_logits.detach()), len(scene)
+        if count <= self.neighbours:
+            return torch.zeros(count)
         means = scene.means.detach().numpy()
         nearest = np.asarray(cKDTree(means).query(means, k=self.neighbours + 1)[1])
         # Of points in one place the tree lists any first: put each one's own index there, to leave it out.
         itself_first = np.argsort(nearest != np.arange(count)[:, None], axis=1, kind="stable")
         nearest = np.take_along_axis(nearest, itself_first, axis=1)
         others = opacity[torch.from_numpy(nearest[:, 1:])].sum(dim=1)
-        excess = opacity - (others + opacity) / (self.neighbours + 1)
-        excess[exclude] = 0.0
+        return opacity - (others + opacity) / (self.neighbours + 1)
+
+    def _peaks(self, excess: Tensor, exclude: Tensor | None) -> Tensor:
+        """Return those with the largest positive excesses, [G] bool, within budget and without the excluded ones."""
+        peaks = torch.zeros(len(excess), dtype=torch.bool)
+        budget = int(self.extra_splits * len(excess))
+        if budget == 0:
+            return peaks
+        if exclude is not None:
+            excess = torch.where(exclude, 0.0, excess)
         chosen = torch.topk(excess, budget).indices
         peaks[chosen] = excess[chosen] > 0
         return peaks
+
+
+def _fair(*kinds: tuple[Tensor, Tensor]) -> Tensor:
+    """Return priorities, [G], by which the first so many hold of each kind a share as large as that of all.
+
+    Args:
+        kinds: Who is of a kind, [G] bool, and what it is ranked by, [G]; of several kinds one is of the first.
+    """
+    priority = torch.zeros(len(kinds[0][0]))
+    left = torch.ones(len(priority), dtype=torch.bool)
+    for among, measure in kinds:
+        members = torch.nonzero(among & left).flatten()
+        left[members] = False
+        rank = torch.empty(len(members))
+        rank[torch.argsort(measure[members], stable=True)] = torch.arange(len(members)) + 0.5
+        priority[members] = rank / max(len(members), 1)
+    return priority

@@ -29,6 +29,30 @@ def test_four_is_amdi(make_shot):
     assert route(make_shot(masks)) == "amdi"
 
 
+def test_random_masks_of_sixteen_views_are_routed_by_their_design_and_not_by_their_draw(make_shot):
+    """A quarter of 16 is four by design; the draw may leave a hundredth less. The paper says AMDI."""
+    draws = [make_shot(np.random.default_rng(seed).random((16, 96, 128)) < 0.25) for seed in range(6)]
+    assert min(multiplicity(drawn) for drawn in draws) < 3.995
+    assert {route(drawn) for drawn in draws} == {"amdi"}
+
+
+def test_masks_that_surely_share_less_than_four_are_not(make_shot):
+    drawn = make_shot(np.random.default_rng(0).random((16, 96, 128)) < 0.24)
+    assert route(drawn) == "eni"
+    even = np.zeros((8, 32, 32))
+    even[:4] = 0.999  # no draw: every pixel has the same sum
+    assert route(make_shot(even)) == "eni"
+
+
+def test_the_masks_as_they_were_calibrated_route_where_pixels_have_been_closed_since(make_shot):
+    masks = (np.random.default_rng(0).random((8, 32, 32)).argsort(axis=0) < 4).astype(float)
+    closed = masks * (np.random.default_rng(1).random((32, 32)) > 0.1)
+    assert build_proxies(make_shot(closed)).method == "eni"
+    proxies = build_proxies(make_shot(closed), masks_of=make_shot(masks))
+    assert proxies.method == "amdi"
+    assert proxies.multiplicity == pytest.approx(4)
+
+
 @pytest.mark.parametrize("method", ["auto", "eni", "amdi"])
 def test_proxies_are_in_range_and_say_how_they_were_made(make_shot, random_masks, method):
     shot = make_shot(random_masks(8, (32, 32), 0.75), np.random.default_rng(0).random((8, 32, 32, 1)))

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import pytest
 import torch
 
@@ -71,6 +73,52 @@ def test_those_wanted_by_gradient_do_not_use_up_the_budget_of_opacity(line, evid
     opacity[[5, 20]] = torch.tensor([0.9, 0.8])
     result = change(line(40, opacity, size=LARGE), evidence(40, moved=(5,)), extra_splits=0.026)
     assert split_ones(result, 40) == [5, 20]
+
+
+def test_ranked_first_those_wanted_by_gradient_count_in_the_budget_of_opacity(line, evidence):
+    """Supplement II: of all positive deviations 5 % are retained, then merged with the conventional candidates."""
+    opacity = torch.full((40,), 0.2)
+    opacity[[5, 20]] = torch.tensor([0.9, 0.8])
+    result = change(line(40, opacity, size=LARGE), evidence(40, moved=(5,)), extra_splits=0.026, ranked_first=True)
+    assert split_ones(result, 40) == [5]
+
+
+def test_a_duplicate_stays_one_however_opaque_it_is(line, evidence):
+    opacity = torch.full((40,), 0.2)
+    opacity[5] = 0.9
+    result = change(line(40, opacity), evidence(40, moved=(5,)), extra_splits=0.026, ranked_first=True)
+    assert split_ones(result, 40) == []
+    assert len(result.scene) == 41
+
+
+def test_near_the_cap_every_kind_of_candidate_has_its_share_of_the_room(line, evidence):
+    """Twenty wanted by gradient, ten by opacity, ten by radius; room for eight: four, two, two, the first of each."""
+    count = 200
+    opacity = torch.full((count,), 0.2)
+    peaks = torch.arange(104, 154, 5)
+    opacity[peaks] = torch.linspace(0.5, 0.95, 10)
+    seen = evidence(count, moved=range(60, 80), wide=range(180, 190), cap=count + 8)
+    scene = line(count, opacity, size=LARGE)
+    starved = split_ones(change(scene, seen, ranked_first=True), count)
+    assert starved == list(range(72, 80))
+    shared = split_ones(change(scene, seen, ranked_first=True, shared_room=True), count)
+    assert shared == [76, 77, 78, 79, 144, 149, 188, 189]
+
+
+def test_after_a_reset_the_population_rests(line, evidence):
+    rule = replace(Osgr.of_the_paper(), opacity_splits=False)
+    opacity = torch.full((40,), 0.5)
+    opacity[3] = 0.01
+
+    def at(iteration):
+        return rule.change(line(40, opacity), evidence(40, moved=(7,), iteration=iteration), torch.Generator())
+
+    assert at(2900).source.tolist() == [*range(3), *range(4, 40), -1]
+    reset = at(3000)
+    assert (reset.source.tolist(), reset.forget) == (list(range(40)), {"opacity_logits"})
+    assert float(torch.sigmoid(reset.scene.opacity_logits).max()) == pytest.approx(0.2)
+    assert at(3100).source.tolist() == list(range(40))
+    assert at(3200).source.tolist() == [*range(3), *range(4, 40), -1]
 
 
 def test_transparent_gaussians_are_removed(line, evidence):

@@ -1,0 +1,141 @@
+"""Many exposures in order: list them, leave out what is done, hand out the rest, keep CSV and page up to date.
+
+Here: `reconstruct_many` and how many processes a machine bears. Not here: any of the steps.
+"""
+
+import hashlib
+import re
+import shutil
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Final
+
+import psutil
+
+from gs2ci import __version__
+from gs2ci.batch.crew import complete
+from gs2ci.batch.exposures import FiledShot
+from gs2ci.batch.index_page import write_index
+from gs2ci.batch.rows import ROWS_NAME, Row, read_row, read_rows, write_csv, write_row
+from gs2ci.batch.work import Task, as_it_is, unscored
+from gs2ci.core.arrays import F32
+from gs2ci.core.errors import StorageError
+from gs2ci.core.json_text import as_json
+from gs2ci.core.progress import Progress, Silent
+from gs2ci.core.records import Shot
+from gs2ci.core.whole_file import check_place
+from gs2ci.evaluate.environment import machine
+from gs2ci.evaluate.run_folder import check_destination
+from gs2ci.reconstruct.settings import Settings
+
+# What a reconstruction holds beyond its arrays, and for each pixel of each view (`python -m tests.benchmarks batch`).
+BASE_MIB: Final = 1000
+BYTES_PER_VIEW_PIXEL: Final = 700
+
+
+def reconstruct_many(
+    exposures: Sequence[FiledShot],
+    output: Path,
+    settings: Settings,
+    *,
+    prepare: Callable[[Shot], Shot] = as_it_is,
+    score: Callable[[Shot], Callable[[F32], float] | None] = unscored,
+    wishes: str = "",
+    processes: int = 1,
+    scheduler: str = "",
+    overwrite: bool = False,
+    progress: Progress | None = None,
+) -> list[Row]:
+    """Reconstruct exposures into one folder each; what is done already is left as it is.
+
+    Args:
+        exposures: Of `list_exposures`.
+        output: The folder of runs; beside them it gets `rows/`, `runs.csv` and `index.html`.
+        settings: The same for all.
+        prepare: Changes each shot before it; a function of a module, or a `functools.partial` of one.
+        score: Makes the curve's score from each shot, as `reconstruct` takes it; the same.
+        wishes: Whatever else the results depend on, as a text.
+        processes: On this machine; 1 works in this process.
+        scheduler: Address of a Dask scheduler to work instead.
+        overwrite: Replace runs that were made of other files or with other settings.
+        progress: Told of every exposure that ends.
+
+    Returns:
+        A row for each exposure, in their order.
+
+    Raises:
+        StorageError: The folder cannot be written, or holds other runs at these places.
+        InputError: No scheduler answers, or dask.distributed is not installed.
+        DeviceError: The scheduler went away.
+    """
+    output, progress = output.absolute(), progress or Silent()
+    check_place(output / ROWS_NAME)
+    tasks = [Task(one, output, _key(one, settings, wishes), settings, prepare, score) for one in exposures]
+    rows = {task.exposure.name: row for task in tasks if (row := _finished(task, overwrite=overwrite)) is not None}
+    missing = [task for task in tasks if task.exposure.name not in rows]
+    (output / ROWS_NAME).mkdir(parents=True, exist_ok=True)
+    progress.stage("exposures", len(tasks))
+    if rows:
+        progress.say(f"{len(rows)} of {len(tasks)} are done already.")
+    progress.step(len(rows))
+    failed = 0
+    try:
+        for row in complete(missing, processes=processes, scheduler=scheduler):
+            rows[row.name] = row
+            if read_row(output, row.name) != row:
+                write_row(output, row)
+            if row.problem is not None:
+                failed += 1
+                progress.say(f"{row.name}: {row.problem.problem}")
+            progress.step(len(rows), **({"failed": failed} if failed else {}))
+    finally:
+        # Whoever interrupts it finds what there is; and may go on.
+        _sweep(output, [task.exposure.name for task in tasks])
+        known = read_rows(output)
+        write_csv(output, known)
+        write_index(output, known)
+    return [rows[task.exposure.name] for task in tasks]
+
+
+def bearable_processes(exposure_pixels: int) -> int:
+    """Return how many reconstructions this machine bears at once: one a core, as far as its free memory goes.
+
+    Args:
+        exposure_pixels: Pixels of all views of the largest exposure.
+    """
+    each = BASE_MIB * 2**20 + BYTES_PER_VIEW_PIXEL * exposure_pixels
+    return max(1, min(int(machine()["usable_cores"]), int(psutil.virtual_memory().available // each)))
+
+
+def _key(one: FiledShot, settings: Settings, wishes: str) -> str:
+    """Hash what a result depends on: the program's version, the file as it was last changed, the settings."""
+    told = as_json([__version__, str(one.file), one.index, one.stamp, settings, wishes])
+    return hashlib.sha256(told.encode()).hexdigest()[:20]
+
+
+def _finished(task: Task, *, overwrite: bool) -> Row | None:
+    """Return the row of an exposure that is done; None where it is still to be done.
+
+    Raises:
+        StorageError: Another run lies at its place.
+    """
+    name = task.exposure.name
+    row, folder = read_row(task.output, name), task.output / name
+    if row is not None and row.key == task.key:
+        return row if row.state == "done" and folder.is_dir() else None
+    if row is not None and row.state == "done" and not overwrite:
+        raise StorageError(
+            f"{folder} was made of another file, or with other settings",
+            remedy="choose another folder with -o, or add --overwrite to replace such runs",
+        )
+    # A folder without a row is the work of a process that died between the two, and is done again.
+    check_destination(folder, overwrite=overwrite or row is None or row.state != "done")
+    return None
+
+
+def _sweep(output: Path, names: Sequence[str]) -> None:
+    """Remove what killed workers left half-written."""
+    ours = re.compile(rf"\.(?:{'|'.join(map(re.escape, names))})\.\d+\.(?:partial|old)")
+    for path in output.glob(".*.*"):
+        if ours.fullmatch(path.name):
+            shutil.rmtree(path, ignore_errors=True)

@@ -1,0 +1,71 @@
+"""How many Gaussians there are over the iterations of preset `paper`, and of readings of it that ran away.
+
+    python -m tests.benchmarks population
+
+Prints a line every 500 iterations: the reading, the iteration, the population, the loss. A reading ends at iteration
+7,500, or at its memory guard. The scene is small; even so a reading takes minutes.
+"""
+
+from dataclasses import replace
+from typing import Final
+
+from gs2ci.core.errors import ResourceError
+from gs2ci.core.progress import Silent
+from gs2ci.reconstruct.fit.coarse import CoarseSettings
+from gs2ci.reconstruct.fit.density.adc import Adc
+from gs2ci.reconstruct.fit.density.classic import Classic
+from gs2ci.reconstruct.fit.density.osgr import Osgr
+from gs2ci.reconstruct.paper import paper_settings
+from gs2ci.reconstruct.pipeline import reconstruct
+from gs2ci.tables.cases import Case
+
+_CASE: Final = Case("boxes", scene="boxes", size=(48, 64))
+_UNTIL: Final = 7_500
+_EVERY: Final = 500
+# Four times what the paper's rule reaches there: enough to tell.
+_MOST: Final = 36_000
+
+
+class _Enough(Exception):  # noqa: N818 - the end of a reading, not an error
+    """The last iteration that is looked at is done."""
+
+
+class _Counter(Silent):
+    def __init__(self, name: str) -> None:
+        super().__init__()
+        self._name = name
+
+    def step(self, done: int, **figures: float | int | str) -> None:
+        """Print the population every so often."""
+        if "gaussians" not in figures or done % _EVERY:
+            return
+        print(f"{self._name:22} {done:6} {figures['gaussians']:8} {figures['loss']:.4f}", flush=True)
+        if done >= _UNTIL:
+            raise _Enough
+
+
+def _readings() -> dict[str, CoarseSettings]:
+    paper = replace(paper_settings().fit, most_gaussians=_MOST)
+    assert isinstance(paper.density, Osgr)
+    return {
+        "paper": paper,
+        "divided gradients": replace(paper, per_open_share=True),
+        "removal at 0.005": replace(paper, density=replace(paper.density, criteria=Classic())),
+        "budget after others": replace(paper, density=replace(paper.density, ranked_first=False)),
+        "no opacity splits": replace(paper, density=replace(paper.density, opacity_splits=False)),
+        "adc": replace(paper, density=Adc(Classic.of_nerfstudio()), loss=replace(paper.loss, opacity=0.0)),
+        "before": replace(paper, per_open_share=True, density=Osgr()),
+    }
+
+
+def run() -> None:
+    """Fit with each reading, and print."""
+    print(f"{'reading':22} {'after':>6} {'count':>8} loss")
+    shot = _CASE.shot(1)
+    for name, fit in _readings().items():
+        try:
+            reconstruct(shot, replace(paper_settings(), fit=fit), _Counter(name))
+        except _Enough:
+            continue
+        except ResourceError as error:
+            print(f"{name:22} ends: {error.problem}", flush=True)

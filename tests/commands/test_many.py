@@ -1,0 +1,76 @@
+"""What the arguments of `gs2ci reconstruct` mean for many exposures."""
+
+import numpy as np
+import pytest
+
+from gs2ci.batch import reconstruct as batch
+from gs2ci.batch.rows import Row, RowProblem
+from gs2ci.core.records import Shot
+from gs2ci.core.storage import write_shots
+
+
+@pytest.fixture
+def files(tmp_path, monkeypatch):
+    masks = np.ones((2, 8, 8), np.float32)
+    shot = Shot(np.ones((8, 8, 1), np.float32), masks, np.ones(2, np.float32))
+    monkeypatch.chdir(tmp_path)
+    return [write_shots(tmp_path / f"{name}.h5", [shot, shot]) for name in "ab"]
+
+
+@pytest.fixture
+def asked(monkeypatch):
+    """What the batch was asked for; everything succeeds but exposures of the file "b"."""
+    calls = []
+
+    def answer(exposures, output, settings, **options):
+        calls.append((exposures, settings, options))
+        problem = RowProblem(kind="GeometryError", problem="no path")
+        return [
+            Row(name=one.name, state=state, file="", index=0, key="", problem=problem if state == "failed" else None)
+            for one in exposures
+            for state in ("failed" if one.name.startswith("b") else "done",)
+        ]
+
+    monkeypatch.setattr(batch, "reconstruct_many", answer)
+    return calls
+
+
+def test_all_takes_every_exposure_of_every_file_and_a_failure_is_the_exit_status(gs2ci, files, asked, capsys):
+    assert gs2ci("reconstruct", *files, "--all", "-o", "runs", "--seed", "7", "--processes", "2") == 2
+    (exposures, settings, options) = asked[0]
+    assert [one.name for one in exposures] == ["a-000", "a-001", "b-000", "b-001"]
+    assert (settings.seed, options["processes"]) == (7, 2)
+    said = capsys.readouterr()
+    assert "runs/index.html" in said.out
+    assert "2 of 4 exposures have no run, b-000 the first of them" in said.err
+
+
+def test_one_file_with_all_is_many(gs2ci, files, asked):
+    assert gs2ci("reconstruct", files[0], "--all", "-o", "runs") == 0
+    assert len(asked[0][0]) == 2
+
+
+def test_several_files_without_all_give_one_each(gs2ci, files, asked):
+    gs2ci("reconstruct", *files, "--index", "1", "-o", "runs")
+    assert [one.name for one in asked[0][0]] == ["a-001", "b-001"]
+
+
+def test_results_depend_on_every_wish(gs2ci, files, asked):
+    for more in ([], ["--focal-px", "50"], ["--preset", "draft"], ["--geometry", "uniform"]):
+        gs2ci("reconstruct", files[0], "--all", *more)
+    assert len({options["wishes"] for _, _, options in asked}) == 4
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["--budget", "60s"], "--budget for many exposures"),
+        (["--processes", "2", "--scheduler", "tcp://x:1"], "--processes beside --scheduler"),
+        (["--processes", "0"], "--processes 0"),
+        (["--index", "2"], "a.h5 has no exposure 2"),
+    ],
+)
+def test_what_makes_no_sense_is_refused(gs2ci, files, asked, capsys, arguments, said):
+    assert gs2ci("reconstruct", *files, *arguments) == 2
+    assert said in capsys.readouterr().err
+    assert not asked
