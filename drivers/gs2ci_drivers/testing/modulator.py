@@ -32,7 +32,7 @@ class TwinBench(ModulatorBench[Modulator]):
         gate_line: The one that is held; the same for most.
         stale: The twin's fault that leaves an answer of an earlier session on the line.
         cell: Modulator pixels per side of one of the 12 x 16 cells that the masks of these tests have.
-        exclusive: Whether its port can be open once only; a window system lets anybody cover an output.
+        exclusive: Whether the port serves one session at a time; windows of a video output do not.
     """
 
     pulse_line: str = ""
