@@ -1,7 +1,7 @@
 """The decoders that a reconstruction begins with, by their names.
 
 Here: GAP-TV, and the patch decoder in its two lengths. Not here: any of them; decoders of the command line that no
-reconstruction begins with (`gs2ci.commands.decoders`).
+reconstruction begins with (`gs2ci.api.decoders`).
 """
 
 from dataclasses import replace
