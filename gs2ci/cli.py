@@ -55,8 +55,10 @@ COMMANDS: Final[dict[str, tuple[str, str]]] = {
     "live": ("gs2ci.commands.live", "show a bench in a browser while one aligns it"),
     "doctor": ("gs2ci.commands.doctor", "examine a bench: permissions, clocks, trigger line"),
     "plugins": ("gs2ci.commands.plugins", "list what other packages add: drivers, rules, decoders, ..."),
+    "completion": ("gs2ci.commands.completion", "print a script that lets your shell complete commands"),
     "tables": ("gs2ci.commands.tables", "make tables of figures: methods, mask ratios, seeds"),
     "demo": ("gs2ci.commands.demo", "simulate an exposure, reconstruct it"),
+    "compile": ("gs2ci.commands.compile", "make all machine code now, which the first run else does"),
 }
 # Names that commands had before -> what they are called now. Refused, naming the new one.
 RENAMED: Final[dict[str, str]] = {"bench": "tables"}

@@ -335,7 +335,9 @@ class _Capture:
         modulator, plan = self._devices.modulator, self._plan
         if not modulator.info.hardware_timed:
             shot, within = divmod(fire.frames, plan.frames_per_shot)
-            due_s = shot * plan.sequence.period_s + within * plan.frame_period_s + plan.sequence.exposure_s
+            one_mask = plan.settings.mode is Mode.PER_MASK
+            shown_s = plan.sequence.exposure_s if one_mask else float(plan.sequence.windows_s()[-1, 1])
+            due_s = shot * plan.sequence.period_s + within * plan.frame_period_s + shown_s
             modulator.keep_time(fire.fired_ns * 1e-9 + due_s)
 
     def _hold_against_trigger(self, fire: _Fire, frame: Frame) -> None:

@@ -1,9 +1,10 @@
-"""Where bytes leave us: the four ports that drivers speak through, and nothing of what is said.
+"""Where bytes leave us: the five ports that drivers speak through, and nothing of what is said.
 
     HidPort     64-byte reports (DLPC900)                     links.usb_hid
     BytePort    a stream of bytes (serial, USB bulk)          links.serial_line, links.usb_bulk
     SysPort     system calls on a device node (V4L2)          links.v4l2_sys
     CameraPort  named features and filled buffers (GenICam)   links.gentl
+    ScreenPort  whole pictures on a video output              links.sdl_screen
 
 Rules every implementation keeps, the twins' included:
 
@@ -24,6 +25,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Literal, Protocol, runtime_checkable
 
+from gs2ci.core.arrays import U8
 from gs2ci_drivers.failures import AccessError, DisconnectedError, NoAnswerError
 
 MappedMemory = mmap.mmap
@@ -287,6 +289,54 @@ class CameraPort(Protocol):
 
     def close(self) -> None:
         """Let go of the camera; a second call does nothing."""
+        ...
+
+
+@dataclass(frozen=True)
+class ScreenOutput:
+    """A video output.
+
+    Args:
+        name: As the computer names it.
+        height: Rows.
+        width: Columns.
+        refresh_hz: Pictures a second.
+    """
+
+    name: str
+    height: int
+    width: int
+    refresh_hz: float
+
+
+@runtime_checkable
+class ScreenPort(Protocol):
+    """A video output that is covered by one window.
+
+    One that is gone, or was never there, raises OSError with ENODEV.
+    """
+
+    def list_outputs(self) -> list[ScreenOutput]:
+        """List the video outputs."""
+        ...
+
+    def open(self, name: str) -> ScreenOutput:
+        """Cover an output, "" for the last one, with a dark window without frame or pointer."""
+        ...
+
+    def flip(self, levels: U8) -> int:
+        """Hand a picture, [H, W] grey, to the output and wait until it is being shown; return when that was.
+
+        The time is CLOCK_MONOTONIC in nanoseconds.
+        """
+        ...
+
+    def clock_ns(self) -> int:
+        """Get CLOCK_MONOTONIC in nanoseconds."""
+        ...
+
+    def close(self) -> None:
+        """Uncover the output; a second call does nothing."""
         ...
 
 

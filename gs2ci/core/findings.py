@@ -412,6 +412,14 @@ class Code(StrEnum):
         _NOTHING,
     )
 
+    VIEWS_POLISHED = (
+        "views_polished",
+        REMARK,
+        "Things seem to move, and a decode by similar patches went on from the refined views: they leave {after:.4f} "
+        "of the held-out pixels instead of {before:.4f} (rms, full scale 1).",
+        "`gs2ci reconstruct --motion off` leaves that out.",
+    )
+
     # Near and far.
     DEPTH_ORDER_OPEN = (
         "depth_order_open",

@@ -6,7 +6,7 @@ Here: the order of these stages. Not here: any of them; all settings together (`
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -55,6 +55,7 @@ class FirstLook:
         geometry: Its camera path and depth; behind a lens, on its canvas.
         brightness: How bright each view was for its weight, [N]; None where nothing spoke against the weights.
         proxy_notes: What is to be said of the views that the geometry was found in.
+        decoder: What decoded.
     """
 
     jury: Jury
@@ -62,6 +63,7 @@ class FirstLook:
     geometry: Geometry
     brightness: F64 | None
     proxy_notes: tuple[Finding, ...] = ()
+    decoder: FirstLookName = "gap-tv"
 
     @property
     def notes(self) -> tuple[Finding, ...]:
@@ -111,10 +113,40 @@ def look(
             break
         jury = corrected
     brightness = None if jury.shot.weights is weights else _ratio(jury.shot.weights, weights)
-    found = FirstLook(jury, decoded, geometry, brightness, proxy_notes)
+    found = FirstLook(jury, decoded, geometry, brightness, proxy_notes, settings.first_look)
     for note in found.notes:
         progress.say(note.sentence)
     return found
+
+
+def look_closer(
+    jury: Jury,
+    lens: Lens | None,
+    prior: GeometryPrior,
+    settings: LookSettings,
+    progress: Progress,
+    lap: Callable[[str], None],
+    masks_of: Shot | None = None,
+) -> FirstLook:
+    """Look, and once more in views decoded by similar patches where those of GAP-TV show only a turn.
+
+    Arguments and errors as for `look`. The second look stands where it shows a path.
+    """
+    first = look(jury, lens, prior, settings, progress, lap, masks_of)
+    if not _may_look_closer(first, settings):
+        return first
+    progress.say("The camera seems only to have turned: its path is sought again in views decoded by similar patches.")
+    closer = look(jury, lens, prior, replace(settings, first_look="patches-quick"), progress, lap, masks_of)
+    return closer if closer.geometry.verdict == "full" else first
+
+
+def _may_look_closer(first: FirstLook, settings: LookSettings) -> bool:
+    """Tell whether another decode may find more: tracks in that of GAP-TV, which drowns points, showed only a turn.
+
+    Where nothing moved but things in the scene, more tracks would be those of the things.
+    """
+    by_tracks = first.geometry.source in ("tracks", "uniform") and settings.proxy == "gap-tv"
+    return by_tracks and settings.first_look == "gap-tv" and first.geometry.verdict == "rotation_only"
 
 
 def _ratio(weights: F32, before: F32) -> F64:

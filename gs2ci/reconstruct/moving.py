@@ -1,15 +1,15 @@
 """Still or moving: when a scene is let move, from which beginnings, and what is said of it.
 
-    still fits ─► does their residual follow the masks' times? ─► does a brief release help? ─► moving fits
-    ─► the better
+    still fits ─► does their residual follow the masks' times? ─► do patches that may move explain more?
+    ─► moving fits ─► the better
 
 A still scene takes the motion of things for that of the camera, or leaves it unexplained. What it leaves is asked by a
 regression that needs no fit (`measurement.moving`). Fits of scenes at rest err in ways that follow the masks' times
-too, so where it speaks for motion the best still fit is let move for a few iterations; only where that helps, Gaussians
-that move are fitted as well: the still fits go on and are let move, along their path; and fits begin anew, before a
-camera at rest, from the flow between the views. The held-out pixels choose, and a moving scene has to be clearly
-better: it has more freedom than a still one. Here: when, from where, and the record of it. Not here: the motion
-(`fit.motion`), the fits and the choice (`pipeline`).
+too, so where it speaks for motion a decode by similar patches, which may move, goes on from the fits' views for a few
+steps; only where that explains clearly more, Gaussians that move are fitted as well: the still fits go on and are let
+move, along their path; and fits begin anew, before a camera at rest, from the flow between the views. The held-out
+pixels choose, and a moving scene has to be clearly better: it has more freedom than a still one. Here: when, from
+where, and the record of it. Not here: the motion (`fit.motion`), the fits and the choice (`pipeline`).
 """
 
 from dataclasses import dataclass, replace
@@ -40,11 +40,11 @@ MOVING: Final = "moving from the first"
 # (`python -m tests.benchmarks moving`).
 _LEAST_EXPLAINED: Final = 0.01
 _LEAST_SURELY: Final = 0.04
-# What a brief release has to take off the residual on the held-out pixels, and a moving scene in the end.
-LEAST_BRIEF_GAIN: Final = 0.01
+# What a moving scene has to take off the residual on the held-out pixels.
 LEAST_GAIN: Final = 0.02
-# Iterations of a brief release for each of the whole schedule.
-_BRIEF: Final = 1 / 12
+# What a few steps of a decode by similar patches have to take off it before moving scenes are tried. From still scenes
+# they take up to 4 %, as detail is alike in many places; from scenes that move 10 % and more.
+LEAST_PATCH_GAIN: Final = 0.06
 # What moves less than this over the whole exposure is not said to move, px.
 _WORTH_SAYING_PX: Final = 0.5
 # Where the picture changes by less between the middle of the exposure and its ends, full scale 1, a few pixels around,
@@ -71,11 +71,16 @@ class MotionReport:
     chosen: str = ""
     moves: bool = False
 
+    @property
+    def tried(self) -> bool:
+        """Get whether fits that move were made."""
+        return self.moves or bool(self.heldout_rms)
+
     def summary(self, speeds: "Speeds | None") -> dict[str, object]:
         """Return it as plain values."""
         return {
             "asked": self.asked,
-            "tried": self.moves or bool(self.heldout_rms),
+            "tried": self.tried,
             "moves": self.moves,
             "explained": None if self.left is None else self.left.explained,
             "blocks": None if self.left is None else self.left.surely,
@@ -131,16 +136,14 @@ def rested(first: FirstLook) -> FirstLook:
     return from_rest(first) if found else first
 
 
-def released(fit: CoarseSettings, *, briefly: bool) -> CoarseSettings:
+def released(fit: CoarseSettings) -> CoarseSettings:
     """Return the schedule by which a fitted still scene is let move: half as long, at half the step, without newcomers.
-
-    Briefly it is a twelfth: one of two fits then costs a still scene 4 % of its time.
 
     A turn of the density rule would set back what has been fitted, and surfaces have had their say.
     """
     return replace(
         fit,
-        iterations=max(1, round(fit.iterations * _BRIEF) if briefly else fit.iterations // 2),
+        iterations=max(1, fit.iterations // 2),
         densify_until=0.0,
         surfaces=None,
         steps=replace(fit.steps, means=fit.steps.means / 2, motion=fit.steps.motion / 3),

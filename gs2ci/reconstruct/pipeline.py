@@ -23,11 +23,13 @@ from gs2ci.core.progress import Progress, Silent
 from gs2ci.core.records import Shot
 from gs2ci.core.run_records import RunResult, Verdict
 from gs2ci.reconstruct.attempts import from_rest, needs_rest, ranking
+from gs2ci.reconstruct.choices import FirstLookName
 from gs2ci.reconstruct.decode.by_name import decode_by_name
 from gs2ci.reconstruct.decode.coupling import choose_coupling
 from gs2ci.reconstruct.decode.gap_tv import gap_tv
+from gs2ci.reconstruct.decode.patches.decoder import PatchSettings, patch_decode_from
 from gs2ci.reconstruct.decode.residual import ResidualSettings
-from gs2ci.reconstruct.first_look import FirstLook, look
+from gs2ci.reconstruct.first_look import FirstLook, look, look_closer
 from gs2ci.reconstruct.fit.coarse import CoarseFit, fit_coarse
 from gs2ci.reconstruct.fit.combination import combined as combined_views
 from gs2ci.reconstruct.fit.combination import shares
@@ -52,8 +54,8 @@ from gs2ci.reconstruct.measurement.jury import Jury
 from gs2ci.reconstruct.measurement.lens import Lens, straightened
 from gs2ci.reconstruct.measurement.moving import LeftByMotion
 from gs2ci.reconstruct.moving import (
-    LEAST_BRIEF_GAIN,
     LEAST_GAIN,
+    LEAST_PATCH_GAIN,
     MOVING,
     RELEASED,
     STILL,
@@ -123,7 +125,9 @@ def reconstruct(
     sound, doubts = _examined(registered.shot, progress)
     jury = Jury.of(sound, settings.fit.hold_out.share, settings.seed)
 
-    first = look(jury, lens, tools.geometry_prior, settings.look, progress, clock.lap, registered.shot)
+    first = (look_closer if pace is None and settings.may_look_again else look)(
+        jury, lens, tools.geometry_prior, settings.look, progress, clock.lap, registered.shot
+    )
     jury, decoded = first.jury, first.decoded
     fitted = Jury(fill_holes(jury.shot, decoded), jury.heldout)
     refine = Refinement(jury, settings.residual)
@@ -143,10 +147,10 @@ def reconstruct(
         clock.lap("fit")
         return _Attempt(look, geometry, fits, ensemble)
 
-    def release(still: _Attempt, briefly: bool) -> _Attempt:
-        freed = replace(settings, fit=released(settings.fit, briefly=briefly))
+    def release(still: _Attempt) -> _Attempt:
+        freed = replace(settings, fit=released(settings.fit))
         team, paths = [], {}
-        for number, fit in enumerate((still.ensemble.best,) if briefly else still.fits):
+        for number, fit in enumerate(still.fits):
             start = of_degree(at_rest_until_moved(fit.scene, freed.fit.motion), number)
             team.append(Member(start, freed.fit.density, number))
             paths[number] = replace(still.geometry, world_to_camera=fit.world_to_camera)
@@ -154,7 +158,7 @@ def reconstruct(
         def fit_one(member: Member, progress: Progress, pace: Pace | None) -> CoarseFit:
             return _fit_one(fitted, paths[member.seed], lens, freed, refine, score, clock)(member, progress, pace)
 
-        fits = fit_together(fit_one, tuple(team), Silent() if briefly else progress, None)
+        fits = fit_together(fit_one, tuple(team), progress, None)
         ensemble = combined(fits, jury, refine)
         clock.lap("fit")
         return replace(still, fits=fits, ensemble=ensemble)
@@ -171,7 +175,7 @@ def reconstruct(
         )
         ensemble = combined(tuple(fined if fit is best else fit for fit in tried.fits), jury, refine)
         clock.lap("fine")
-    recovered = _recover(jury, decoded, ensemble, refine, settings)
+    recovered = _recover(first, ensemble, refine, settings, polish=motion.tried)
     geometry, ensemble = in_given_unit(geometry, ensemble)
     light = renderer.stopped_light(ensemble.best.scene, ensemble.best.world_to_camera)
     seen = speeds(renderer, ensemble.best.scene, ensemble.best.world_to_camera)
@@ -327,7 +331,7 @@ class _Trials:
 
     Args:
         attempt: Fits from a look, with views to take colours and motion from, a scene that is still or may move.
-        release: Goes on with fits of a still scene, and lets it move; or with the best of them alone, and briefly.
+        release: Goes on with fits of a still scene, and lets it move.
         jury: The measurement.
         lens: Through which it was taken, unless it is a pinhole.
         settings: What may be tried.
@@ -336,7 +340,7 @@ class _Trials:
     """
 
     attempt: Callable[[FirstLook, F32, bool], _Attempt]
-    release: Callable[[_Attempt, bool], _Attempt]
+    release: Callable[[_Attempt], _Attempt]
     jury: Jury
     lens: Lens | None
     settings: Settings
@@ -358,11 +362,11 @@ class _Trials:
             return still, self._report(None, {STILL: still}, still)
         left = ask(self.jury, still.ensemble.views)
         attempts = {STILL: still}
-        if wanted or (speaks_for_motion(left) and self._gains_by_motion(still)):
+        if wanted or (speaks_for_motion(left) and self._gains(still)):
             self.progress.say("What the still scene leaves looks like motion: scenes that move are fitted as well.")
             refined = self.refine(still.ensemble.views)
             views = min((refined, first.decoded), key=lambda shown: self.jury.residual_rms(shown) or 0.0)
-            attempts[RELEASED] = self.release(still, False)
+            attempts[RELEASED] = self.release(still)
             attempts[MOVING] = self.attempt(rested(still.look), views, True)
         tried = self._clearly_best(attempts)
         return tried, self._report(left, attempts, tried)
@@ -381,11 +385,12 @@ class _Trials:
             attempts["rest"] = self.attempt(from_rest(first), first.decoded, False)
         return self._best(attempts)
 
-    def _gains_by_motion(self, still: _Attempt) -> bool:
-        """Tell whether the best of the still fits, let move for a little while, predicts held-out pixels better."""
-        brief = self.release(still, True).ensemble.best
-        before, after = (self.jury.residual_rms(self.refine(fit.views)) for fit in (still.ensemble.best, brief))
-        return before is not None and after is not None and after < (1 - LEAST_BRIEF_GAIN) * before
+    def _gains(self, still: _Attempt) -> bool:
+        """Tell whether a few steps of a decode by similar patches, which may move, predict held-out pixels better."""
+        refined = self.refine(still.ensemble.views)
+        polished = patch_decode_from(self.jury.seen, refined, PatchSettings.from_scene_briefly())
+        before, after = self.jury.residual_rms(refined), self.jury.residual_rms(polished)
+        return before is not None and after is not None and after < (1 - LEAST_PATCH_GAIN) * before
 
     def _best(self, attempts: dict[str, _Attempt]) -> _Attempt:
         """Choose the attempt that predicts the held-out pixels best, and say how all of them did."""
@@ -432,15 +437,19 @@ class _Stopwatch:
         return {**self._stages, "total": self._lap_s - self.began_s}
 
 
-def _recover(jury: Jury, decoded: F32, ensemble: Ensemble, refine: Refinement, settings: Settings) -> Recovered:
+def _recover(
+    first: FirstLook, ensemble: Ensemble, refine: Refinement, settings: Settings, *, polish: bool
+) -> Recovered:
     """Let the held-out pixels choose between the refined views, the best scene's and the decode.
 
     Where the settings put no residual back, nothing chooses: they are the best scene's.
 
     Refined are the fits' mean views with their residual put back, combined with the scene's and the decode's where
     these pixels ask for it. What is chosen is taken again from all pixels, a decode by GAP-TV with its views coupled
-    as they recommend.
+    as they recommend. Where things move no scene of ours says all, and a decode by similar patches goes on from the
+    refined views, if held-out pixels bear it out (`polish`).
     """
+    jury, decoded = first.jury, first.decoded
     if settings.residual is None:
         own = ensemble.best.views
         candidates: dict[Verdict, F32] = {"refined": own, "scene": own, "decode": decoded}
@@ -448,6 +457,12 @@ def _recover(jury: Jury, decoded: F32, ensemble: Ensemble, refine: Refinement, s
         notes = doubts_about_result(jury, own) if jury.heldout.any() else (finding(Code.UNJUDGED),)
         return Recovered(own, "scene", judged, notes)
     refined, share = refine.with_share(ensemble.views)
+    polishing, before, after = PatchSettings.from_scene(), jury.residual_rms(refined), None
+    if polish:
+        polished = patch_decode_from(jury.seen, refined, polishing)
+        after = jury.residual_rms(polished)
+        polish = before is not None and after is not None and after < before
+        refined = polished if polish else refined
     parts: dict[Verdict, F32] = {"refined": refined, "scene": ensemble.best.views, "decode": decoded}
     wanted = shares(jury, parts)
     candidates = {**parts, "refined": combined_views(parts, wanted)}
@@ -457,19 +472,22 @@ def _recover(jury: Jury, decoded: F32, ensemble: Ensemble, refine: Refinement, s
     # The pixels that judged may now help as well.
     decode_share = {"decode": 1.0, "scene": 0.0, "refined": wanted["decode"]}[verdict]
     if decode_share > 0:
-        parts["decode"] = _decoded_again(jury.shot, settings)
+        parts["decode"] = _decoded_again(jury.shot, first.decoder, settings)
     if verdict != "refined":
         return Recovered(parts[verdict], verdict, heldout_rms, notes)
     parts["refined"] = refine.by_all_pixels(ensemble.views, share)
+    if polish:
+        parts["refined"] = patch_decode_from(jury.shot, parts["refined"], polishing)
+        notes = (*notes, finding(Code.VIEWS_POLISHED, before=before or 0.0, after=after or 0.0))
     if wanted["refined"] < 1:
         mixed = finding(Code.VIEWS_COMBINED, refined=wanted["refined"], scene=wanted["scene"], decode=wanted["decode"])
         notes = (*notes, mixed)
     return Recovered(combined_views(parts, wanted), verdict, heldout_rms, notes)
 
 
-def _decoded_again(shot: Shot, settings: Settings) -> F32:
+def _decoded_again(shot: Shot, decoder: FirstLookName, settings: Settings) -> F32:
     """Decode all pixels, by GAP-TV with its views coupled as held-out pixels recommend, or by patches."""
-    if settings.first_look != "gap-tv":
+    if decoder != "gap-tv":
         return decode_by_name(shot, "patches", settings.decode)
     return gap_tv(shot, choose_coupling(shot, settings.decode, settings.seed))
 

@@ -84,7 +84,7 @@ def record(settings: Settings, left: Left, score: Score | None, seconds: dict[st
         seed=settings.seed,
         verdict=recovered.verdict,
         heldout_rms=recovered.heldout_rms,
-        geometry={**_summary(geometry, settings), "moved": asdict(moved)},
+        geometry={**_summary(geometry, left.look.decoder, settings), "moved": asdict(moved)},
         ensemble=left.ensemble.summary(),
         disagreement=left.ensemble.disagreement,
         brightness=None if brightness is None else brightness.tolist(),
@@ -138,11 +138,11 @@ def _notes_on_poses(moved: Movement, geometry: Geometry) -> tuple[Finding, ...]:
     return (finding(Code.POSES_MOVED, source=source, share=share, rotation_deg=rotation_deg),)
 
 
-def _summary(geometry: Geometry, settings: Settings) -> dict[str, object]:
+def _summary(geometry: Geometry, decoder: str, settings: Settings) -> dict[str, object]:
     return {
         "method": geometry.source,
         "asked_for": settings.poses,
-        "proxy": settings.first_look if settings.proxy == "gap-tv" else settings.proxy,
+        "proxy": decoder if settings.proxy == "gap-tv" else settings.proxy,
         "verdict": geometry.verdict,
         "focal_px": float(geometry.intrinsics[0, 0]),
         "focal_source": geometry.focal_source,

@@ -33,6 +33,7 @@ from gs2ci_drivers.mount import MountOptions
 from gs2ci_drivers.plugin import driver_plugin
 from gs2ci_drivers.scpi_modulator.options import ScpiOptions
 from gs2ci_drivers.v4l2.options import V4l2Options
+from gs2ci_drivers.video_out.options import VideoOutOptions
 from gs2ci_drivers.zaber.options import ZaberOptions
 
 # Tables of a simulation's rig file that no bench's has; `gs2ci_sims.rig_file` knows those that only a bench's has.
@@ -173,7 +174,9 @@ class RigTable(ConfigTable):
     """A rig file."""
 
     name: str = "rig"
-    modulator: Annotated[Dlpc900Options | ScpiOptions | DisplaySlmOptions, Field(discriminator="kind")]
+    modulator: Annotated[
+        Dlpc900Options | ScpiOptions | DisplaySlmOptions | VideoOutOptions, Field(discriminator="kind")
+    ]
     sensor: Annotated[V4l2Options | GenicamOptions, Field(discriminator="kind")]
     stage: Annotated[ZaberOptions | GrblOptions, Field(discriminator="kind")] | None = None
     capture: CaptureTable = CaptureTable()

@@ -9,6 +9,7 @@ from serial.tools import list_ports
 from gs2ci_drivers.dlpc900.packets import PRODUCT_ID, VENDOR_ID
 from gs2ci_drivers.failures import DriverError
 from gs2ci_drivers.links.gentl import GenTlPort
+from gs2ci_drivers.links.sdl_screen import SdlScreen
 from gs2ci_drivers.links.v4l2_sys import KernelSysPort
 from gs2ci_drivers.ports import SysPort
 from gs2ci_drivers.v4l2.driver import list_cameras
@@ -26,7 +27,7 @@ def find_devices(port: SysPort | None = None) -> list[tuple[str, str, str]]:
     ]
     cameras += _genicam()
     serial_ports = [("serial", info.device, info.description) for info in sorted(list_ports.comports())]
-    return [*_modulators(), *cameras, *serial_ports]
+    return [*_modulators(), *_screens(), *cameras, *serial_ports]
 
 
 def _genicam() -> list[tuple[str, str, str]]:
@@ -39,6 +40,18 @@ def _genicam() -> list[tuple[str, str, str]]:
     finally:
         port.close()
     return [("sensor", one.serial, f"{one.vendor} {one.model} (GenICam, {one.transport})") for one in found]
+
+
+def _screens() -> list[tuple[str, str, str]]:
+    """List the video outputs; none without the extra `video`, or without a display."""
+    port = SdlScreen("modulator")
+    try:
+        found = port.list_outputs()
+    except (DriverError, OSError):
+        return []
+    finally:
+        port.close()
+    return [("screen", one.name, f"video output, {one.width} x {one.height} at {one.refresh_hz:g} Hz") for one in found]
 
 
 def _modulators() -> list[tuple[str, str, str]]:

@@ -30,6 +30,7 @@ from gs2ci_drivers.pattern_sequence import ModulatorInfo, TriggerOut
 from gs2ci_drivers.plan import CaptureSettings, Mode
 from gs2ci_drivers.scpi_modulator.options import ScpiOptions
 from gs2ci_drivers.sensor import FrameFlag, SensorConfig, TriggerMode
+from gs2ci_drivers.video_out.options import VideoOutOptions
 
 Verdict = Literal["ok", "note", "bad"]
 
@@ -209,7 +210,7 @@ def _permissions(rig: Rig) -> Iterator[BenchFinding]:
                 "USB needs a udev rule unless you are root",
                 f"put into /etc/udev/rules.d/70-gs2ci.rules:\n{rules}",
             )
-    else:
+    elif not isinstance(table.modulator, VideoOutOptions):
         yield from _node("modulator", table.modulator.port, tty_rule(table.modulator.port))
     if isinstance(table.sensor, GenicamOptions):
         yield from _producer(table.sensor)
@@ -234,7 +235,7 @@ def tty_rule(port: str) -> str:
     return f'SUBSYSTEM=="tty", {identity}, {access}'
 
 
-def _usb_ids(modulator: Dlpc900Options | ScpiOptions | DisplaySlmOptions) -> tuple[int, int] | None:
+def _usb_ids(modulator: Dlpc900Options | ScpiOptions | DisplaySlmOptions | VideoOutOptions) -> tuple[int, int] | None:
     """Return vendor and product of a modulator that is reached by USB; None for one behind a tty."""
     if isinstance(modulator, Dlpc900Options):
         return packets.VENDOR_ID, packets.PRODUCT_ID

@@ -23,19 +23,22 @@ from gs2ci_drivers.genicam.driver import GenicamSensor
 from gs2ci_drivers.genicam.options import GenicamOptions
 from gs2ci_drivers.grbl.driver import GrblStage
 from gs2ci_drivers.links.gentl import GenTlPort
+from gs2ci_drivers.links.sdl_screen import SdlScreen
 from gs2ci_drivers.links.serial_line import SerialLine
 from gs2ci_drivers.links.usb_bulk import UsbFifo
 from gs2ci_drivers.links.usb_hid import UsbHid
 from gs2ci_drivers.links.v4l2_sys import KernelSysPort
 from gs2ci_drivers.modulator import Modulator
 from gs2ci_drivers.plugin import driver_plugin
-from gs2ci_drivers.ports import BytePort, CameraPort, HidPort, SysPort, port_errors
+from gs2ci_drivers.ports import BytePort, CameraPort, HidPort, ScreenPort, SysPort, port_errors
 from gs2ci_drivers.scpi_modulator.driver import ScpiModulator
 from gs2ci_drivers.sensor import Sensor
 from gs2ci_drivers.stage import Stage
 from gs2ci_drivers.trace import Trace, TracedBytes, TracedHid, TracedSys
 from gs2ci_drivers.trace_camera import TracedCamera
 from gs2ci_drivers.v4l2.driver import V4l2Sensor
+from gs2ci_drivers.video_out.driver import VideoOut
+from gs2ci_drivers.video_out.options import VideoOutOptions
 from gs2ci_drivers.zaber.driver import ZaberStage
 from gs2ci_drivers.zaber.options import ZaberOptions
 
@@ -105,6 +108,9 @@ class Rig:
             return Dlpc900("modulator", traces.hid("modulator", self._hid(table)), clock, table)
         if isinstance(table, DisplaySlmOptions):
             return DisplaySlm("modulator", traces.bytes("modulator", self._fifo(table)), clock, table)
+        if isinstance(table, VideoOutOptions):
+            screen: ScreenPort = self.bench.modulator if self.bench else SdlScreen("modulator")  # type: ignore[assignment]
+            return VideoOut("modulator", screen, clock, table)
         line = self._line("modulator", table.port, table.baud, traces)
         return ScpiModulator("modulator", line, clock, table)
 

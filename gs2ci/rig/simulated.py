@@ -21,6 +21,7 @@ from gs2ci_drivers.genicam.options import GenicamOptions
 from gs2ci_drivers.grbl.options import GrblOptions
 from gs2ci_drivers.plugin import driver_plugin
 from gs2ci_drivers.v4l2.options import V4l2Options
+from gs2ci_drivers.video_out.options import VideoOutOptions
 from gs2ci_drivers.zaber.options import ZaberOptions
 from gs2ci_sims.axis_motion import Mechanics
 from gs2ci_sims.effects.base import Effect
@@ -33,6 +34,7 @@ from gs2ci_sims.wires.dlpc900 import Dlpc900Twin
 from gs2ci_sims.wires.genicam import GenicamModel, GenicamTwin
 from gs2ci_sims.wires.grbl import GrblMachine, GrblTwin
 from gs2ci_sims.wires.scpi_modulator import ScpiModulatorTwin, ScpiPanel
+from gs2ci_sims.wires.screen import ScreenTwin
 from gs2ci_sims.wires.v4l2 import V4l2Twin
 from gs2ci_sims.wires.v4l2_camera import STAMPING, CameraModel
 from gs2ci_sims.wires.zaber import ZaberAxis, ZaberTwin
@@ -46,11 +48,12 @@ MODULATOR_SIZES = {
     "dlpc900": (1080, 1920),  # DLP6500
     "scpi": (ScpiPanel.height, ScpiPanel.width),
     "santec": (1200, 1920),
+    "video": (1080, 1920),
 }
 DEFAULT_FULL_SCALE_E_PER_S = 100_000.0
 FAULT = re.compile(r"(?P<device>modulator|sensor|stage): *(?P<fault>[\w.]+)(?: after (?P<skip>\d+))?")
 
-ModulatorTwin = Dlpc900Twin | ScpiModulatorTwin | DisplaySlmTwin
+ModulatorTwin = Dlpc900Twin | ScpiModulatorTwin | DisplaySlmTwin | ScreenTwin
 
 
 @dataclass
@@ -261,6 +264,9 @@ def _modulator_twin(rig: RigTable, world: World, faults: FaultSet) -> ModulatorT
         return Dlpc900Twin(world, faults, name="modulator", bit_enables=table.trigger_out_2_bit == "enables")
     if isinstance(rig.modulator, DisplaySlmOptions):
         return DisplaySlmTwin(world, faults, name="modulator")
+    if isinstance(rig.modulator, VideoOutOptions):
+        late, patch = rig.modulator.frames_late, rig.modulator.trigger_patch
+        return ScreenTwin(world, faults, name="modulator", frames_late=late, patch=patch)
     return ScpiModulatorTwin(world, faults, name="modulator", baud=rig.modulator.baud)
 
 

@@ -22,6 +22,7 @@ BENCHMARKS = {
     "list_reuse": "tests.benchmarks.list_reuse",
     "simulated_capture": "tests.benchmarks.simulated_capture",
     "continuous": "tests.benchmarks.continuous",
+    "video_out": "tests.benchmarks.video_out",
     "proxies": "tests.benchmarks.proxies",
     "digests": "tests.benchmarks.digests",
     "decoders": "tests.benchmarks.decoders",
@@ -48,6 +49,7 @@ BENCHMARKS = {
     "registration": "tests.benchmarks.registration",
     "combination": "tests.benchmarks.combination",
     "batch": "tests.benchmarks.batch",
+    "moving": "tests.benchmarks.moving",
     "processors": "tests.benchmarks.processors",
     "long_fits": "tests.benchmarks.long_fits",
     "population": "tests.benchmarks.population",
@@ -57,6 +59,7 @@ BENCHMARKS = {
 }
 
 LONG = (
+    "moving",
     "checkouts",
     "batch",
     "processors",
@@ -82,6 +85,7 @@ LONG = (
     "population",
     "effect_bounds",
     "simulation_cost",
+    "video_out",
 )
 """Many benches or whole schedules each: run only by name."""
 

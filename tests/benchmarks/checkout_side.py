@@ -43,6 +43,8 @@ def answer(asked: Asked) -> Found:
     scene = "" if asked["file"] else asked["name"]
     shot = Case(asked["name"], file=asked["file"], scene=scene, size=size).shot(asked["seed"])
     settings = preset(asked["preset"])  # type: ignore[arg-type]
+    if "GS2CI_MOTION" in os.environ and hasattr(settings, "motion"):
+        settings = replace(settings, motion=os.environ["GS2CI_MOTION"])  # type: ignore[arg-type]
     began_s = time.process_time()
     found = reconstruct(shot, replace(settings, seed=settings.seed + asked["seed"]))
     seconds = time.process_time() - began_s

@@ -13,6 +13,7 @@ views, px, and the share of pixels more than 0.25 px off.
 | `GS2CI_CASES` | scenes of the simulator, and files in `GS2CI_DATA` without their ending | the library's four |
 | `GS2CI_SEEDS` | how many seeds | 3 |
 | `GS2CI_PRESET` | the preset of both; `one,other` where they differ, this checkout's first | standard |
+| `GS2CI_MOTION` | the setting `motion` of a checkout that has it, as `off` against one that has not | the preset's |
 | `GS2CI_SIZE` | height and width, px; the middle of a file, the rest cut away; `all` of it | 96x128 |
 
 Not here: what happens on one side (`checkout_side.py`).

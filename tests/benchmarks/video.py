@@ -1,7 +1,8 @@
 """Decoders without and with trained weights on the grayscale video benchmark, every measurement of every file.
 
     python -m tests.benchmarks video                        files of GS2CI_SHARED_DATA or ../shared/data
-    python -m tests.benchmarks.video FOLDER [FIRST]         all .mat files of a folder; of each the FIRST measurements
+    python -m tests.benchmarks.video FOLDER [FIRST] [DECODER ...]   all .mat files of a folder; of each the FIRST
+                                                            measurements (0: all); decoders by name, or all of them
 
 Files are those of the published benchmark (`mask`, `meas`, `orig`) and not ours to give. PSNR is the mean over all
 frames of views in [0, 1]. FFDNet needs its weights, `weights/ffdnet_gray.pth` beside the folder. Processor seconds are
@@ -11,7 +12,7 @@ of all threads together: divided by the processors that stand idle they are what
 import sys
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -29,7 +30,7 @@ from tests.benchmarks.decoders import AS_PUBLISHED, data_folder, ffdnet
 _Decoder = Callable[[Shot], F32]
 
 
-def run(folder: Path | None = None, first: int | None = None) -> None:
+def run(folder: Path | None = None, first: int | None = None, wanted: Sequence[str] = ()) -> None:
     folder = folder or data_folder() / "video_sci"
     files = sorted(folder.glob("*.mat"))
     if not files:
@@ -40,17 +41,20 @@ def run(folder: Path | None = None, first: int | None = None) -> None:
         "file             decoder        shots    PSNR    SSIM    clock  processors"
     )
     decoders: dict[str, _Decoder] = {
-        "GAP-TV": lambda shot: gap_tv(shot, AS_PUBLISHED),
-        "patches quick": lambda shot: patch_decode(shot, PatchSettings.quick()),
+        "gap-tv": lambda shot: gap_tv(shot, AS_PUBLISHED),
+        "patches-quick": lambda shot: patch_decode(shot, PatchSettings.quick()),
         "patches": patch_decode,
     }
     with tempfile.TemporaryDirectory() as scratch:
-        network = ffdnet(folder.parent / "weights" / "ffdnet_gray.pth", Path(scratch))
+        weights = folder.parent / "weights" / "ffdnet_gray.pth"
+        network = ffdnet(weights, Path(scratch)) if not wanted or "pnp-ffdnet" in wanted else None
         if network is not None:
-            decoders["PnP FFDNet"] = lambda shot: np.clip(plug_and_play(shot, network, PlugAndPlaySettings()), 0, 1)
+            decoders["pnp-ffdnet"] = lambda shot: np.clip(plug_and_play(shot, network, PlugAndPlaySettings()), 0, 1)
         for file in files:
             shots = import_shots(file, None, ImportOptions()).shots[:first]
             for name, decode in decoders.items():
+                if wanted and name not in wanted:
+                    continue
                 _row(file.stem, name, decode, shots)
 
 
@@ -72,4 +76,4 @@ def _row(file: str, name: str, decode: _Decoder, shots: list[Shot]) -> None:
 
 
 if __name__ == "__main__":
-    run(Path(sys.argv[1]), int(sys.argv[2]) if len(sys.argv) > 2 else None)
+    run(Path(sys.argv[1]), int(sys.argv[2]) or None if len(sys.argv) > 2 else None, sys.argv[3:])

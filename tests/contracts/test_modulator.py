@@ -1,6 +1,7 @@
 """The modulator contract (`gs2ci_drivers.testing.modulator`), run on every implementation through its twin."""
 
 from collections.abc import Iterator
+from types import SimpleNamespace
 
 import pytest
 
@@ -9,9 +10,12 @@ from gs2ci_drivers.dlpc900.driver import Dlpc900
 from gs2ci_drivers.scpi_modulator.driver import ScpiModulator
 from gs2ci_drivers.testing.modulator import *  # noqa: F403  the tests
 from gs2ci_drivers.testing.modulator import TwinBench
+from gs2ci_drivers.video_out.driver import VideoOut
+from gs2ci_drivers.video_out.options import VideoOutOptions
 from gs2ci_sims.wires.display_slm import DisplaySlmTwin
 from gs2ci_sims.wires.dlpc900 import Dlpc900Twin
 from gs2ci_sims.wires.scpi_modulator import ScpiModulatorTwin, ScpiPanel
+from gs2ci_sims.wires.screen import ScreenTwin
 from gs2ci_sims.world import World
 
 
@@ -32,7 +36,17 @@ def _display_slm() -> TwinBench:
     return TwinBench(DisplaySlm, "modulator0", DisplaySlmTwin(world), world, pulse_line="slm0.out")
 
 
-MAKERS = {"dlpc900": _dlpc900, "scpi": _scpi, "display_slm": _display_slm}
+def _video_out() -> TwinBench:
+    world, patch = World(), (0, 500, 20, 12)
+    twin = ScreenTwin(world, height=96 + 32, width=512, patch=patch)
+    # It is opened by its driver: what the bench opens is the twin itself.
+    session = SimpleNamespace(open=lambda: twin, plug_in=twin.plug_in, unplug=twin.unplug, faults=twin.faults)
+    settings = VideoOutOptions(kind="video", trigger_patch=patch, frames_late=0)
+    lines = {"pulse_line": "screen0.out", "gate_line": "screen0.out"}
+    return TwinBench(VideoOut, "modulator0", session, world, settings, **lines, exclusive=False)
+
+
+MAKERS = {"video_out": _video_out, "dlpc900": _dlpc900, "scpi": _scpi, "display_slm": _display_slm}
 
 
 @pytest.fixture(params=sorted(MAKERS))

@@ -10,6 +10,7 @@ from typing import Final
 import torch
 from torch import Tensor
 
+from gs2ci.reconstruct.fit.adam import Adam
 from gs2ci.reconstruct.fit.poses import LengthUnit
 from gs2ci.render.gaussians import Gaussians
 
@@ -88,13 +89,8 @@ class GaussianOptimiser:
         self.scene = _leaves(scene)
         self._adam = self._new_adam()
 
-    def _new_adam(self) -> torch.optim.Adam:
-        groups = [
-            {"params": [tensor], "lr": self._initial_rate(name), "name": name}
-            for name, tensor in self.scene.parameters().items()
-        ]
-        # eps: gradients of a mean over pixels reach 1e-9 per Gaussian; Adam's default 1e-8 would stall them.
-        return torch.optim.Adam(groups, eps=1e-15, fused=True)
+    def _new_adam(self) -> dict[str, Adam]:
+        return {name: Adam() for name in self.scene.parameters()}
 
     def _initial_rate(self, name: str) -> float:
         rate = float(getattr(self._sizes, name))
@@ -115,14 +111,14 @@ class GaussianOptimiser:
             progress: Share of the schedule that is done, in [0, 1].
             damping: Further factor on every step size.
         """
-        for group in self._adam.param_groups:
-            group["lr"] = self._rate(group["name"], progress) * damping
-        self._adam.step()
+        for name, tensor in self.scene.parameters().items():
+            self._adam[name].step(tensor, self._rate(name, progress) * damping)
         self.forget_gradient()
 
     def forget_gradient(self) -> None:
         """Drop the gradients."""
-        self._adam.zero_grad(set_to_none=True)
+        for tensor in self.scene.parameters().values():
+            tensor.grad = None
 
     def gradient_is_finite(self) -> bool:
         """Tell whether all gradients are free of NaN and infinities."""
@@ -146,21 +142,9 @@ class GaussianOptimiser:
                 a newcomer (whose moments start at zero).
             forget: Names of parameters whose moments start at zero for all.
         """
-        kept = source >= 0
-        fresh = _leaves(scene)
-        for group, (name, old) in zip(self._adam.param_groups, self.scene.parameters().items(), strict=True):
-            new = fresh.parameters()[name]
-            state = self._adam.state.pop(old, {})
-            for moment in ("exp_avg", "exp_avg_sq"):
-                if moment in state:
-                    moments = torch.zeros_like(new.detach())
-                    if name not in forget:
-                        moments[kept] = state[moment][source[kept]]
-                    state[moment] = moments
-            group["params"] = [new]
-            if state:
-                self._adam.state[new] = state
-        self.scene = fresh
+        for name, adam in self._adam.items():
+            adam.follow(source, forget=name in forget)
+        self.scene = _leaves(scene)
 
     def restore(self, scene: Gaussians) -> None:
         """Go back to a snapshot; Adam forgets its moments, which led away from it."""

@@ -3,13 +3,13 @@
 With alpha_i the opacity of Gaussian i at a pixel, T_i = prod_{j<i} (1 - alpha_j) the light that reaches it and w_i =
 alpha_i T_i its weight, a pixel is sum_i w_i c_i over black, and its transmittance is T_end.
 
-Gradient. With v = dL/d(pixel colour), u = dL/d(transmittance), q_i = c_i . v and the light still to come
-S_i = sum_{j>i} w_j q_j + T_end u,
+Gradient. With v = dL/d(pixel colour), u = dL/d(transmittance), q_i = c_i . v and R_i what a pixel sees behind Gaussian
+i, weighed by its gradient and per light that arrives there,
 
-    G_i = dL / d ln(alpha_i) = w_i q_i - S_i alpha_i / (1 - alpha_i).
+    R_last = u,   R_{i-1} = R_i + alpha_i (q_i - R_i),   G_i = dL / d ln(alpha_i) = w_i (q_i - R_i).
 
-S_0 is known from the forward result, so the backward pass runs front to back too: T by multiplication, S by
-subtraction, no division to recover T.
+So alpha and w are computed once more front to back and kept for one cell's list, and G then runs back to front: no
+division, and no difference of sums.
 """
 
 import numpy as np
@@ -17,7 +17,7 @@ from numba import prange
 
 from gs2ci.render.conventions import ALPHA_MAX, ALPHA_MIN
 from gs2ci.render.cpu.compile import kernel
-from gs2ci.render.cpu.elementary import exp2_blend
+from gs2ci.render.cpu.elementary import exp2_blend, exp2_blend_4
 from gs2ci.render.cpu.lanes import load_transposed, store_rows, transpose, weighted_sums_3, weighted_sums_6
 from gs2ci.render.cpu.record import (
     ACROSS,
@@ -31,17 +31,16 @@ from gs2ci.render.cpu.record import (
     RED,
     SHEAR,
 )
+from gs2ci.render.cpu.scratch import aligned_zeros
 from gs2ci.render.cpu.vector import (
     LANES,
     any_ge,
     broadcast,
-    fused,
     get,
     load,
     minimum,
     prefetch,
     put,
-    quick_reciprocal,
     store,
     where_ge,
 )
@@ -56,8 +55,8 @@ _ZERO = np.float32(0)
 _ONE = np.float32(1)
 
 _CELLS_PER_TASK = 64
-_TERMINATION_STRIDE = 8  # entries between two looks at the transmittance
-_AHEAD = 8  # entries between asking for a record and using it
+_TERMINATION_STRIDE = 8  # entries between two looks at the transmittance, a multiple of four
+_AHEAD = 32  # entries between asking for a record and using it
 _PIVOT = 7  # the lane about whose pixel a cell takes its moments
 
 # Rows of the table by which a cell's gradients are summed, 16 pixels each.
@@ -77,6 +76,66 @@ def _log2_alpha(records, offset, x, y):
 
 
 @kernel()
+def _log2_alpha_4(records, offsets, x, y):
+    """Return `_log2_alpha` of four Gaussians, step by step of all, so that none waits for the step before."""
+    a, b, c, d = offsets
+    dya, dyb = y - get(records, a + MEAN_Y), y - get(records, b + MEAN_Y)
+    dyc, dyd = y - get(records, c + MEAN_Y), y - get(records, d + MEAN_Y)
+    ta, tb = x - get(records, a + MEAN_X), x - get(records, b + MEAN_X)
+    tc, td = x - get(records, c + MEAN_X), x - get(records, d + MEAN_X)
+    ta, tb = ta + get(records, a + SHEAR) * dya, tb + get(records, b + SHEAR) * dyb
+    tc, td = tc + get(records, c + SHEAR) * dyc, td + get(records, d + SHEAR) * dyd
+    ua, ub = get(records, a + ALONG) * dya, get(records, b + ALONG) * dyb
+    uc, ud = get(records, c + ALONG) * dyc, get(records, d + ALONG) * dyd
+    wa, wb = get(records, a + ACROSS) * ta, get(records, b + ACROSS) * tb
+    wc, wd = get(records, c + ACROSS) * tc, get(records, d + ACROSS) * td
+    va, vb = get(records, a + LOG2_OPACITY) - wa * ta, get(records, b + LOG2_OPACITY) - wb * tb
+    vc, vd = get(records, c + LOG2_OPACITY) - wc * tc, get(records, d + LOG2_OPACITY) - wd * td
+    return va - ua * dya, vb - ub * dyb, vc - uc * dyc, vd - ud * dyd
+
+
+@kernel()
+def _alpha_of(log2_alpha, unclamped):
+    """Cut alpha off at both ends."""
+    return where_ge(log2_alpha, _LOG2_ALPHA_MIN, minimum(unclamped, _ALPHA_MAX), _ZERO)
+
+
+@kernel()
+def _alpha_4(logs):
+    """Return alpha of four Gaussians from the logarithms."""
+    a, b, c, d = exp2_blend_4(logs[0], logs[1], logs[2], logs[3])
+    return _alpha_of(logs[0], a), _alpha_of(logs[1], b), _alpha_of(logs[2], c), _alpha_of(logs[3], d)
+
+
+@kernel()
+def _offset(base, lists, position):
+    return base + np.int64(get(lists, position)) * FIELDS
+
+
+@kernel()
+def _offsets_4(base, lists, position):
+    return (
+        _offset(base, lists, position),
+        _offset(base, lists, position + 1),
+        _offset(base, lists, position + 2),
+        _offset(base, lists, position + 3),
+    )
+
+
+@kernel()
+def _behind(alpha, transmittance, pixel, records, offset):
+    """Blend one Gaussian into 16 pixels; return the light behind it, and the pixels."""
+    weight = alpha * transmittance
+    red, green, blue = pixel
+    blended = (
+        red + weight * get(records, offset + RED),
+        green + weight * get(records, offset + GREEN),
+        blue + weight * get(records, offset + BLUE),
+    )
+    return transmittance - weight, blended
+
+
+@kernel()
 def _prefetch_record(records, base, lists, position):
     prefetch(records, base + np.int64(get(lists, position)) * FIELDS)
 
@@ -85,33 +144,47 @@ def _prefetch_record(records, base, lists, position):
 def _blend_cell(records, base, candidates, begin, count, x, y, termination, cell, lists, out):
     """Blend one cell; list the candidates that touched a pixel. Returns how many those are."""
     transmittance = broadcast(_ONE)
-    red, green, blue = broadcast(_ZERO), broadcast(_ZERO), broadcast(_ZERO)
+    pixel = (broadcast(_ZERO), broadcast(_ZERO), broadcast(_ZERO))
     for i in range(min(count, _AHEAD)):
         _prefetch_record(records, base, candidates, begin + i)
     kept = 0
     i = 0
+    while i + 4 <= count:
+        for k in range(4):
+            _prefetch_record(records, base, candidates, begin + min(i + k + _AHEAD, count - 1))
+        offsets = _offsets_4(base, candidates, begin + i)
+        logs = _log2_alpha_4(records, offsets, x, y)
+        alphas = _alpha_4(logs)
+        transmittance, pixel = _behind(alphas[0], transmittance, pixel, records, offsets[0])
+        transmittance, pixel = _behind(alphas[1], transmittance, pixel, records, offsets[1])
+        transmittance, pixel = _behind(alphas[2], transmittance, pixel, records, offsets[2])
+        transmittance, pixel = _behind(alphas[3], transmittance, pixel, records, offsets[3])
+        # Written always, counted only if a pixel was touched: a compaction without a branch.
+        g0, g1 = get(candidates, begin + i), get(candidates, begin + i + 1)
+        g2, g3 = get(candidates, begin + i + 2), get(candidates, begin + i + 3)
+        put(lists, begin + kept, g0)
+        kept += any_ge(logs[0], _LOG2_ALPHA_MIN)
+        put(lists, begin + kept, g1)
+        kept += any_ge(logs[1], _LOG2_ALPHA_MIN)
+        put(lists, begin + kept, g2)
+        kept += any_ge(logs[2], _LOG2_ALPHA_MIN)
+        put(lists, begin + kept, g3)
+        kept += any_ge(logs[3], _LOG2_ALPHA_MIN)
+        i += 4
+        if i % _TERMINATION_STRIDE == 0 and not any_ge(transmittance, termination):
+            count = i
     while i < count:
-        pause = min(count, i + _TERMINATION_STRIDE)
-        while i < pause:
-            gaussian = get(candidates, begin + i)
-            _prefetch_record(records, base, candidates, begin + min(i + _AHEAD, count - 1))
-            offset = base + np.int64(gaussian) * FIELDS
-            log2_alpha = _log2_alpha(records, offset, x, y)
-            alpha = where_ge(log2_alpha, _LOG2_ALPHA_MIN, minimum(exp2_blend(log2_alpha), _ALPHA_MAX), _ZERO)
-            weight = alpha * transmittance
-            transmittance = transmittance - weight
-            red = red + weight * get(records, offset + RED)
-            green = green + weight * get(records, offset + GREEN)
-            blue = blue + weight * get(records, offset + BLUE)
-            # Written always, counted only if a pixel was touched: a compaction without a branch.
-            put(lists, begin + kept, gaussian)
-            kept += any_ge(log2_alpha, _LOG2_ALPHA_MIN)
-            i += 1
-        if not any_ge(transmittance, termination):
-            break
-    store(out, cell * CELL, red)
-    store(out, cell * CELL + LANES, green)
-    store(out, cell * CELL + 2 * LANES, blue)
+        gaussian = get(candidates, begin + i)
+        offset = base + np.int64(gaussian) * FIELDS
+        log2_alpha = _log2_alpha(records, offset, x, y)
+        alpha = _alpha_of(log2_alpha, exp2_blend(log2_alpha))
+        transmittance, pixel = _behind(alpha, transmittance, pixel, records, offset)
+        put(lists, begin + kept, gaussian)
+        kept += any_ge(log2_alpha, _LOG2_ALPHA_MIN)
+        i += 1
+    store(out, cell * CELL, pixel[0])
+    store(out, cell * CELL + LANES, pixel[1])
+    store(out, cell * CELL + 2 * LANES, pixel[2])
     store(out, cell * CELL + 3 * LANES, transmittance)
     return kept
 
@@ -171,14 +244,14 @@ def _fill_table(x, y, gradients, cell, table):
 
 
 @kernel()
-def _sum_over_pixels(g, weights, table, x_pivot, y_pivot, mean_x, mean_y, shear):
+def _sum_over_pixels(g, weights, first_weight, table, x_pivot, y_pivot, mean_x, mean_y, shear):
     """Turn [16 Gaussians, 16 pixels] of G and of blending weights into gradient records, one row per Gaussian.
 
     Moments are first taken about the pivot, a pixel of the cell, then moved to the Gaussian's (t, dy): taken
     about the image's origin they would cancel to three digits.
     """
     m0, mx, my, mxx, mxy, myy = weighted_sums_6(load_transposed(g, 0), table, _MONOMIALS)
-    red, green, blue = weighted_sums_3(load_transposed(weights, 0), table, _COLOUR_GRADIENTS)
+    red, green, blue = weighted_sums_3(load_transposed(weights, first_weight), table, _COLOUR_GRADIENTS)
     pivot_dy = y_pivot - mean_y
     pivot_t = (x_pivot - mean_x) + shear * pivot_dy
     mt = mx + shear * my
@@ -210,65 +283,83 @@ def _sum_over_pixels(g, weights, table, x_pivot, y_pivot, mean_x, mean_y, shear)
 
 
 @kernel()
-def _light_to_come(out, gradients, cell):
-    """Return S_0: the whole pixel seen through its gradient."""
-    total = load(out, cell * CELL) * load(gradients, cell * CELL)
-    for channel in range(1, CHANNELS):
-        offset = cell * CELL + channel * LANES
-        # Of a b + c d a compiler may fuse either product, and the process that compiles this kernel chose otherwise
-        # than those that later found it on disk.
-        total = fused(load(out, offset), load(gradients, offset), total)
-    return total
-
-
-@kernel()
-def _differentiate_entry(records, offset, x, y, pixel_gradient, transmittance, to_come):
-    """Take one step front to back at 16 pixels; returns weight, G, and what is left of transmittance and S."""
-    red, green, blue = pixel_gradient
-    log2_alpha = _log2_alpha(records, offset, x, y)
-    unclamped = exp2_blend(log2_alpha)
-    alpha = where_ge(log2_alpha, _LOG2_ALPHA_MIN, minimum(unclamped, _ALPHA_MAX), _ZERO)
-    weight = alpha * transmittance
-    seen = weight * (
-        get(records, offset + RED) * red + get(records, offset + GREEN) * green + get(records, offset + BLUE) * blue
-    )
-    to_come = to_come - seen
-    slope = seen - to_come * alpha * quick_reciprocal(_ONE - alpha)
-    return weight, where_ge(unclamped, _ALPHA_MAX, _ZERO, slope), transmittance - weight, to_come
-
-
-@kernel()
-def _differentiate_cell(records, base, lists, begin, count, x, y, out, gradients, cell, sums, sums_base, scratch):
-    """Add one cell's part to the gradient records of the Gaussians that touched it."""
-    g, weights, table, rows, centres = scratch
-    x_pivot, y_pivot = _fill_table(x, y, gradients, cell, table)
-    cell_x, cell_y = load(x, cell * LANES), load(y, cell * LANES)
-    pixel_gradient = (
-        load(table, _COLOUR_GRADIENTS),
-        load(table, _COLOUR_GRADIENTS + LANES),
-        load(table, _COLOUR_GRADIENTS + 2 * LANES),
-    )
-    to_come = _light_to_come(out, gradients, cell)
+def _weigh_again(records, base, lists, begin, count, x, y, alphas, weights):
+    """Compute alpha and blending weight of a cell's Gaussians once more, front to back, [count * 16] each."""
     transmittance = broadcast(_ONE)
-    for group in range(0, count, LANES):
+    for i in range(min(count, _AHEAD)):
+        _prefetch_record(records, base, lists, begin + i)
+    last = begin + count - 1
+    i = 0
+    while i + 4 <= count:
+        for k in range(4):
+            _prefetch_record(records, base, lists, min(begin + i + k + _AHEAD, last))
+        four = _alpha_4(_log2_alpha_4(records, _offsets_4(base, lists, begin + i), x, y))
+        transmittance = _store_weight(alphas, weights, i, four[0], transmittance)
+        transmittance = _store_weight(alphas, weights, i + 1, four[1], transmittance)
+        transmittance = _store_weight(alphas, weights, i + 2, four[2], transmittance)
+        transmittance = _store_weight(alphas, weights, i + 3, four[3], transmittance)
+        i += 4
+    while i < count:
+        log2_alpha = _log2_alpha(records, _offset(base, lists, begin + i), x, y)
+        alpha = _alpha_of(log2_alpha, exp2_blend(log2_alpha))
+        transmittance = _store_weight(alphas, weights, i, alpha, transmittance)
+        i += 1
+
+
+@kernel()
+def _store_weight(alphas, weights, i, alpha, transmittance):
+    """Store alpha and weight of one Gaussian; return the light behind it."""
+    weight = alpha * transmittance
+    store(alphas, i * LANES, alpha)
+    store(weights, i * LANES, weight)
+    return transmittance - weight
+
+
+@kernel()
+def _differentiate_cell(records, base, lists, begin, count, x, y, gradients, cell, sums, sums_base, kept, scratch):
+    """Add one cell's part to the gradient records of the Gaussians that touched it."""
+    g, table, rows, centres = scratch
+    alphas, weights = kept
+    x_pivot, y_pivot = _fill_table(x, y, gradients, cell, table)
+    _weigh_again(
+        records,
+        base,
+        lists,
+        begin,
+        count,
+        load(x, cell * LANES),
+        load(y, cell * LANES),
+        alphas,
+        weights,
+    )
+    red = load(table, _COLOUR_GRADIENTS)
+    green = load(table, _COLOUR_GRADIENTS + LANES)
+    blue = load(table, _COLOUR_GRADIENTS + 2 * LANES)
+    behind = load(gradients, cell * CELL + 3 * LANES)
+    groups = (count + LANES - 1) // LANES
+    for k in range(groups):
+        group = (groups - 1 - k) * LANES
         present = min(LANES, count - group)
-        for j in range(present):
-            position = begin + group + j
-            soon = np.int64(get(lists, begin + min(group + j + _AHEAD, count - 1))) * FIELDS
-            prefetch(records, base + soon)
-            prefetch(sums, sums_base + soon)
-            offset = base + np.int64(get(lists, position)) * FIELDS
+        for i in range(present):
+            j = present - 1 - i
+            # Of the group after this one, which lies before it in the list.
+            offset = base + np.int64(get(lists, begin + group + j)) * FIELDS
             put(centres, j, get(records, offset + MEAN_X))
             put(centres, LANES + j, get(records, offset + MEAN_Y))
             put(centres, 2 * LANES + j, get(records, offset + SHEAR))
-            weight, slope, transmittance, to_come = _differentiate_entry(
-                records, offset, cell_x, cell_y, pixel_gradient, transmittance, to_come
-            )
+            alpha = load(alphas, (group + j) * LANES)
+            seen = get(records, offset + RED) * red
+            seen = seen + get(records, offset + GREEN) * green
+            seen = seen + get(records, offset + BLUE) * blue
+            more = seen - behind
+            behind = behind + alpha * more
+            # Where alpha is cut off, nothing moves it.
+            slope = where_ge(alpha, _ALPHA_MAX, _ZERO, load(weights, (group + j) * LANES) * more)
             store(g, j * LANES, slope)
-            store(weights, j * LANES, weight)
         records_of_16 = _sum_over_pixels(
             g,
             weights,
+            group * LANES,
             table,
             x_pivot,
             y_pivot,
@@ -283,7 +374,9 @@ def _differentiate_cell(records, base, lists, begin, count, x, y, out, gradients
 
 
 @kernel(parallel=True)
-def differentiate_blend(records, cell_start, x, y, entry_start, kept, list_start, lists, out, gradients, bands, sums):
+def differentiate_blend(
+    records, cell_start, x, y, entry_start, kept, list_start, lists, longest, gradients, bands, sums
+):
     """Sum the gradients of all cells into one record per Gaussian, view and band.
 
     Each view's cells are cut into `bands` consecutive parts, and each (view, band) is one task with a record array
@@ -299,7 +392,7 @@ def differentiate_blend(records, cell_start, x, y, entry_start, kept, list_start
         kept: See `records`.
         list_start: See `records`.
         lists: See `records`.
-        out: The result of `blend`.
+        longest: Of all lists, how long.
         gradients: dL/d out, [cells * 64].
         bands: Parts per view.
         sums: Written: [bands, V, blocks * 256], flattened.
@@ -314,12 +407,13 @@ def differentiate_blend(records, cell_start, x, y, entry_start, kept, list_start
         sums[sums_base : sums_base + record_stride] = _ZERO
         scratch = (
             # Rows beyond a short last group keep older, finite numbers, and their sums are not used.
-            np.zeros(LANES * LANES, np.float32),
-            np.zeros(LANES * LANES, np.float32),
-            np.zeros(_TABLE, np.float32),
-            np.zeros(LANES * LANES, np.float32),
-            np.zeros(3 * LANES, np.float32),
+            aligned_zeros(LANES * LANES),
+            aligned_zeros(_TABLE),
+            aligned_zeros(LANES * LANES),
+            aligned_zeros(3 * LANES),
         )
+        room = (longest + LANES) * LANES
+        of_list = (aligned_zeros(room), aligned_zeros(room))
         for cell in range(begin + cells * band // bands, begin + cells * (band + 1) // bands):
             _differentiate_cell(
                 records,
@@ -329,10 +423,10 @@ def differentiate_blend(records, cell_start, x, y, entry_start, kept, list_start
                 np.int64(kept[cell]),
                 x,
                 y,
-                out,
                 gradients,
                 cell,
                 sums,
                 sums_base,
+                of_list,
                 scratch,
             )

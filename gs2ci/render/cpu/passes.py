@@ -170,7 +170,7 @@ def differentiate_cells(
         rendered.lists.entries,
         rendered.lists.view_start,
         rendered.lists.gaussians,
-        rendered.cells,
+        int(rendered.lists.entries.max(initial=0)),
         cell_gradients,
         bands,
         sums,

@@ -171,10 +171,6 @@ def _emit_any_ge(builder: ir.IRBuilder, a: Any, b: Any) -> Any:
     return builder.icmp_unsigned("!=", lanes, ir.Constant(MASK_BITS, 0))
 
 
-def _emit_quick_reciprocal(builder: ir.IRBuilder, a: Any) -> Any:
-    return builder.fdiv(constant(1.0), a, flags=("fast",))
-
-
 broadcast: Final = elementwise(lambda builder, a: a)
 """broadcast(scalar): the scalar in all lanes."""
 minimum: Final = elementwise(_emit_minimum)
@@ -193,8 +189,6 @@ ceil: Final = elementwise(lambda builder, a: call_llvm(builder, "llvm.ceil.v16f3
 """ceil(a)."""
 fused: Final = elementwise(lambda builder, a, b, c: call_llvm(builder, "llvm.fma.v16f32", a, b, c))
 """fused(a, b, c): a b + c, rounded once; for sums of two products, of which the compiler else chooses which to fuse."""
-quick_reciprocal: Final = elementwise(_emit_quick_reciprocal)
-"""quick_reciprocal(a): 1 / a to about 2 ulp by a hardware estimate and a Newton step; a finite and normal."""
 
 
 # --------------------------------------------------------------------------------------------------------- memory

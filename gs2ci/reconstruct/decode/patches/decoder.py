@@ -43,6 +43,16 @@ class PatchSettings:
         """Return a schedule of a few rounds: most of the gain for a small part of the time."""
         return cls(iterations=8, first_sigma=40 / 255, last_sigma=10 / 255)
 
+    @classmethod
+    def from_scene(cls) -> "PatchSettings":
+        """Return the schedule that begins with a scene's views, which err by a few hundredths of full scale."""
+        return cls(iterations=32, first_sigma=25 / 255)
+
+    @classmethod
+    def from_scene_briefly(cls) -> "PatchSettings":
+        """Return a few steps of it, which show whether it is worth its time."""
+        return cls(iterations=4, first_sigma=10 / 255)
+
     def check(self) -> "PatchSettings":
         """Return self if the numbers make sense.
 
@@ -77,7 +87,25 @@ def patch_decode(shot: Shot, settings: PatchSettings | None = None, progress: Pr
         InputError: The settings make no sense.
     """
     settings = (settings or PatchSettings()).check()
-    start = decode_signed(shot, settings.start)
+    return patch_decode_from(shot, decode_signed(shot, settings.start), settings, progress)
+
+
+def patch_decode_from(shot: Shot, start: F32, settings: PatchSettings, progress: Progress | None = None) -> F32:
+    """Decode one coded measurement likewise, from views that are there already.
+
+    Args:
+        shot: See `patch_decode`.
+        start: Views to begin with, and to find similar patches in at first, [N, H, W, C] float32.
+        settings: How long, and which patches; their own start is not used.
+        progress: See `patch_decode`.
+
+    Returns:
+        Views, [N, H, W, C] float32 in [0, 1].
+
+    Raises:
+        InputError: The settings make no sense.
+    """
+    settings.check()
     sigmas = np.geomspace(settings.first_sigma, settings.last_sigma, settings.iterations)
     schedule = PlugAndPlaySettings(sigmas=tuple(float(sigma) for sigma in sigmas), iterations=1)
     planar = np.ascontiguousarray(start.transpose(0, 3, 1, 2))
