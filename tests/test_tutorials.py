@@ -23,6 +23,7 @@ def test_they_carry_no_output_of_somebody_elses_machine(path):
 
 
 # The kernel's library for its sockets opens them in ways that warn on some platforms; what counts is the cells.
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore")
 @pytest.mark.parametrize("path", TUTORIALS, ids=lambda path: path.stem)
 def test_they_run(path, tmp_path, monkeypatch):
