@@ -15,6 +15,8 @@ EXTRAS: Final[dict[str, tuple[str, ...]]] = {
     "mesh": ("trimesh",),
     "export": ("onnx",),
     "exr": ("OpenEXR",),
+    "genicam": ("genicam", "harvesters"),
+    "video": ("sdl2",),
 }
 """Extra -> the modules that it brings."""
 

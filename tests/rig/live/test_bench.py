@@ -1,5 +1,6 @@
 """A live bench by its actions: what it shows, what it tells, and that nothing stays armed."""
 
+import sys
 import time
 
 import cv2
@@ -135,6 +136,15 @@ def test_one_exposure_is_taken_and_decoded(make_live):
     shown = cv2.imdecode(np.frombuffer(view.views[0], np.uint8), cv2.IMREAD_UNCHANGED)
     assert shown.shape[:2] == (96, 128)
     assert shown.std() > 5
+
+
+def test_without_what_decodes_it_says_what_to_install(make_live, monkeypatch):
+    bench = make_live()
+    monkeypatch.setitem(sys.modules, "torch", None)
+    for name in [name for name in sys.modules if name.startswith("gs2ci.reconstruct.decode")]:
+        monkeypatch.delitem(sys.modules, name)
+    with pytest.raises(InputError, match=r"torch, which is not installed"):
+        bench.act("take")
 
 
 @pytest.mark.parametrize(
