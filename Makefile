@@ -6,7 +6,7 @@ STAMP := $(VENV)/.installed
 # torch's and Numba's thread pools spin against each other otherwise (3-10x slower when anything else runs).
 export OMP_WAIT_POLICY := PASSIVE
 
-.PHONY: help install demo test test-as stability kernel check benchmarks clean
+.PHONY: help install demo test test-as stability kernel check wheel docs benchmarks clean
 
 help:
 	@echo "make demo   simulate an exposure of a photographed scene and reconstruct it (about two minutes once installed)"
@@ -15,6 +15,8 @@ help:
 	@echo "make stability  every hard case end to end; writes docs/stability.md"
 	@echo "make kernel the drivers against a real kernel; RIG=path names the script that boots the guest"
 	@echo "make check  ruff, mypy, import-linter"
+	@echo "make wheel  build sdist and wheel into dist/, install them into empty environments, use them"
+	@echo "make docs   the documentation site, into site/"
 	@echo "make benchmarks  the measured figures: rasteriser against torch, bundle adjustments against each other"
 	@echo "make clean  remove .venv, caches and runs"
 
@@ -50,9 +52,17 @@ check: install
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
+# WHEEL=--quick borrows the installed packages instead of fetching them for the second environment.
+wheel: install
+	$(BIN)/python -m tests.wheel $(WHEEL)
+
+docs: install
+	$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[docs]'
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
+
 benchmarks: install
 	$(BIN)/python -m tests.benchmarks
 
 clean:
-	rm -rf $(VENV) runs build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache
+	rm -rf $(VENV) runs build dist site .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -15,7 +15,7 @@ import sys
 import textwrap
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from contextvars import copy_context
 from dataclasses import replace
 from types import NoneType
@@ -25,11 +25,10 @@ from typing import TYPE_CHECKING, Any, Final, get_args
 # OpenMP reads this when it is first loaded, hence before any other import.
 os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 
-from rich.console import Console
-
 from gs2ci import __version__
 from gs2ci.core.clock import begin_command
 from gs2ci.core.errors import Gs2ciError
+from gs2ci.core.extras import missing_extra
 
 if TYPE_CHECKING:
     from tyro.constructors import ConstructorRegistry, PrimitiveConstructorSpec, PrimitiveTypeInfo
@@ -39,6 +38,9 @@ COMMANDS: Final[dict[str, tuple[str, str]]] = {
     "import": ("gs2ci.commands.import_", "turn .npz, .npy, .mat or pictures into a shot file"),
     "reconstruct": ("gs2ci.commands.reconstruct", "recover views, camera path and scene from a shot file"),
     "report": ("gs2ci.commands.report", "build the page of a run again from its folder"),
+    "open": ("gs2ci.commands.open_", "open the page of a run in the browser"),
+    "export": ("gs2ci.commands.export", "write parts of a run for other programs: spz, COLMAP, EXR, film"),
+    "mesh": ("gs2ci.commands.mesh", "fuse the depths of a run into a mesh"),
     "view": ("gs2ci.commands.view", "show the scene of a run in a browser"),
     "decode": ("gs2ci.commands.decode", "recover views alone: GAP-TV, plug-and-play, proxies"),
     "evaluate": ("gs2ci.commands.evaluate", "judge a run by a truth, by noise, by views from elsewhere"),
@@ -50,13 +52,17 @@ COMMANDS: Final[dict[str, tuple[str, str]]] = {
     "capture": ("gs2ci.commands.capture", "take coded exposures on a bench, real or simulated"),
     "recover": ("gs2ci.commands.recover", "save the finished rows of an interrupted capture"),
     "devices": ("gs2ci.commands.devices", "say what is connected and what it can do"),
+    "live": ("gs2ci.commands.live", "show a bench in a browser while one aligns it"),
     "doctor": ("gs2ci.commands.doctor", "examine a bench: permissions, clocks, trigger line"),
+    "plugins": ("gs2ci.commands.plugins", "list what other packages add: drivers, rules, decoders, ..."),
+    "completion": ("gs2ci.commands.completion", "print a script that lets your shell complete commands"),
     "tables": ("gs2ci.commands.tables", "make tables of figures: methods, mask ratios, seeds"),
     "demo": ("gs2ci.commands.demo", "simulate an exposure, reconstruct it"),
     "compile": ("gs2ci.commands.compile", "make all machine code now, which the first run else does"),
 }
 # Names that commands had before -> what they are called now. Refused, naming the new one.
 RENAMED: Final[dict[str, str]] = {"bench": "tables"}
+QUIET_WORD: Final = "--quiet"
 EXIT_USER_ERROR: Final = 2
 EXIT_INTERRUPTED: Final = 130
 EXIT_UNREAD: Final = 141
@@ -79,6 +85,9 @@ def main() -> int:
 
 def _serve(arguments: list[str]) -> int:
     begin_command()
+    # It may stand anywhere, as no file or value begins with two dashes.
+    quiet = QUIET_WORD in arguments
+    arguments = [word for word in arguments if word != QUIET_WORD]
     if arguments[:1] == ["help"] and arguments[1:]:
         arguments = [arguments[1], "--help"]
     if not arguments or arguments[0] in ("-h", "--help", "help"):
@@ -96,14 +105,16 @@ def _serve(arguments: list[str]) -> int:
         hint = f", did you mean {near[0]!r}?" if near else ""
         sys.stderr.write(f"gs2ci: unknown command {arguments[0]!r}{hint}; allowed: {', '.join(COMMANDS)}\n")
         return EXIT_USER_ERROR
-    return _run(arguments[0], arguments[1:])
+    return _run(arguments[0], arguments[1:], quiet=quiet and not {"-h", "--help"} & set(arguments))
 
 
-def _run(command: str, arguments: list[str]) -> int:
+def _run(command: str, arguments: list[str], *, quiet: bool) -> int:
     import tyro  # noqa: PLC0415
 
+    from gs2ci.commands.answers import silenced  # noqa: PLC0415
+
     try:
-        with _unwound_when_told_to_end(), _optional_values():
+        with _unwound_when_told_to_end(), _optional_values(), silenced() if quiet else nullcontext():
             run: Callable[..., Any] = importlib.import_module(COMMANDS[command][0]).run
             # The parser shows every line of an argument's text as a line of its own, broken again at the terminal's
             # width.
@@ -111,6 +122,12 @@ def _run(command: str, arguments: list[str]) -> int:
             tyro.cli(run, prog=f"gs2ci {command}", description=_about(run.__doc__), args=arguments)
     except Gs2ciError as error:
         _print_error(error)
+        return EXIT_USER_ERROR
+    except ModuleNotFoundError as error:
+        missing = missing_extra(error)
+        if missing is None:
+            raise
+        _print_error(missing)
         return EXIT_USER_ERROR
     except BrokenPipeError:
         raise
@@ -126,7 +143,9 @@ def _run(command: str, arguments: list[str]) -> int:
     except KeyboardInterrupt:
         return _interrupted()
     except SystemError as error:
-        if not _stems_from_interruption(error):
+        from gs2ci.api.display import stems_from_interruption  # noqa: PLC0415
+
+        if not stems_from_interruption(error):
             raise
         return _interrupted()
     return 0
@@ -197,15 +216,10 @@ def _interrupted() -> int:
     return EXIT_INTERRUPTED
 
 
-def _stems_from_interruption(error: BaseException | None) -> bool:
-    """Tell whether Ctrl-C came while compiled code was being entered: Numba makes it the cause of another error."""
-    while error is not None and not isinstance(error, KeyboardInterrupt):
-        error = error.__cause__ or error.__context__
-    return error is not None
-
-
 def _print_error(error: Gs2ciError) -> None:
     """Print what was wrong, what is allowed and what to do, a line each."""
+    from rich.console import Console  # noqa: PLC0415
+
     console = Console(stderr=True, highlight=False)
     console.print(f"error: {error.problem}", style="bold red", markup=False, soft_wrap=True)
     for label, text in (("allowed", error.allowed), ("what to do", error.remedy)):
@@ -222,8 +236,8 @@ def _usage() -> str:
             "",
             *lines,
             "",
-            "gs2ci COMMAND --help explains a command.",
-            "Exit status: 0 done, 2 refused with a reason, 130 interrupted.",
+            "gs2ci COMMAND --help explains a command; --quiet leaves errors and answers as JSON alone.",
+            "Exit status: 0 done, 2 refused with a reason, 130 interrupted, 141 output no longer read.",
             "",
         ]
     )

@@ -101,6 +101,33 @@ class Bundle:
         """Return whether there is a section of this name."""
         return name in self.sections
 
+    def _repr_png_(self) -> bytes | None:
+        """Show the first and the last mask as measured, and the sensor's response, as far as they are known."""
+        from gs2ci.core.notebook import png_of, row_of  # noqa: PLC0415  pictures are drawn where somebody looks
+
+        shown: list[NDArray[Any]] = []
+        if "masks" in self:
+            masks = self.sections["masks"].array("masks")
+            shown += [masks[0], masks[-1]]
+        if "dark-flat" in self:
+            # The response has a mean of 1: half of full scale shows both sides of it.
+            shown.append(0.5 * self.sections["dark-flat"].array("response"))
+        return png_of(row_of(shown)) if shown else None
+
+    def _repr_html_(self) -> str:
+        from gs2ci.core.notebook import sheet  # noqa: PLC0415  as above
+
+        rows = [
+            (section.name if first else "", name, estimate, section.measured_utc if first else "")
+            for section in self.sections.values()
+            for first, (name, estimate) in zip(
+                [True] + [False] * len(section.estimates), section.estimates.items(), strict=False
+            )
+        ]
+        kind = "simulated bench" if self.provenance.simulated else "bench"
+        title = f"calibration of a {kind}, begun {self.created_utc}"
+        return sheet(title, ("section", "found", "value ± standard error", "measured"), rows, self._repr_png_())
+
     def need(self, name: str, step: str) -> Section:
         """Return a section that a step builds on.
 

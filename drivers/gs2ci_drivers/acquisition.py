@@ -17,7 +17,15 @@ import numpy as np
 from gs2ci.core.arrays import F64
 from gs2ci.core.clock import Clock
 from gs2ci.core.progress import Progress, Silent
-from gs2ci_drivers.failures import DriverError, ExtraFrameError, FrameError, SequenceError, TriggerTimeoutError
+from gs2ci_drivers.failures import (
+    DriverError,
+    ExtraFrameError,
+    FrameCorruptError,
+    FrameError,
+    FrameLostError,
+    SequenceError,
+    TriggerTimeoutError,
+)
 from gs2ci_drivers.modulator import Modulator
 from gs2ci_drivers.plan import CapturePlan, CaptureSettings, Mode, with_upload
 from gs2ci_drivers.planning import lay_out, sensor_exposure_s
@@ -164,7 +172,9 @@ class _Fire:
     rest_mm: dict[str, float] = field(default_factory=dict)
     crossed_s: float = 0.0
     position_error_mm: float = 0.0
-    first_stamp_ns: int = 0
+    reference_ns: int = 0
+    """Stamp of the frame that others are held against."""
+    reference_index: int = 0
     done_s: float = 0.0
     frames: int = 0
 
@@ -244,12 +254,35 @@ class _Capture:
         fire.fired_ns = round(devices.clock.now_s() * 1e9)
         devices.modulator.start()
         self._compare_position(fire)
+        if self._plan.settings.continuous:
+            self._stream(fire)
+            return
         for shot in range(burst):
             first_trigger = self._next_trigger
             frames = tuple(self._collect(fire, attempt, last=shot == burst - 1))
             if shot == burst - 1:
                 self._settle(fire, frames[-1])
             self._hand_on(fire, shot, first_trigger, frames, attempt)
+
+    def _stream(self, fire: _Fire) -> None:
+        """Take the exposures of one long run; those that are lost or spoilt are named, and passed over."""
+        shots, shot = self._plan.settings.shots, 0
+        last: Frame | None = None
+        while shot < shots:
+            first_trigger = self._next_trigger
+            try:
+                frames = tuple(self._collect(fire, 1, last=shot == shots - 1))
+            except (FrameLostError, FrameCorruptError) as error:
+                skipped = error.lost if isinstance(error, FrameLostError) else 1
+                self._devices.sensor.incidents.append(f"{error.at_trigger(first_trigger)}; passed over")
+                fire.frames += skipped
+                self._next_trigger += skipped
+                shot += skipped
+                last = None
+                continue
+            self._hand_on(fire, shot, first_trigger, frames, 1)
+            shot, last = shot + 1, frames[-1]
+        self._settle(fire, last)
 
     def _start_motion_after_arming(self, fire: _Fire) -> None:
         """Arm, then begin the sweep and wait until the stage crosses into its constant part."""
@@ -302,7 +335,9 @@ class _Capture:
         modulator, plan = self._devices.modulator, self._plan
         if not modulator.info.hardware_timed:
             shot, within = divmod(fire.frames, plan.frames_per_shot)
-            due_s = shot * plan.sequence.period_s + within * plan.frame_period_s + plan.sequence.exposure_s
+            one_mask = plan.settings.mode is Mode.PER_MASK
+            shown_s = plan.sequence.exposure_s if one_mask else float(plan.sequence.windows_s()[-1, 1])
+            due_s = shot * plan.sequence.period_s + within * plan.frame_period_s + shown_s
             modulator.keep_time(fire.fired_ns * 1e-9 + due_s)
 
     def _hold_against_trigger(self, fire: _Fire, frame: Frame) -> None:
@@ -311,12 +346,13 @@ class _Capture:
         fire.frames += 1
         if index == 0:
             self._hold_against_start(fire, frame)
-        if index == 0 or not frame.flags & FrameFlag.STAMPED_MONOTONIC:
-            fire.first_stamp_ns = frame.t_kernel_ns
+        if not fire.reference_ns or not frame.flags & FrameFlag.STAMPED_MONOTONIC:
+            fire.reference_ns, fire.reference_index = frame.t_kernel_ns, index
             return
-        shot, within = divmod(index, plan.frames_per_shot)
-        expected_s = shot * plan.sequence.period_s + within * plan.frame_period_s
-        late_s = (frame.t_kernel_ns - fire.first_stamp_ns) * 1e-9 - expected_s
+        expected_s = self._due_s(index) - self._due_s(fire.reference_index)
+        late_s = (frame.t_kernel_ns - fire.reference_ns) * 1e-9 - expected_s
+        if plan.settings.continuous:  # over minutes, two clocks drift apart by more than the tolerance
+            fire.reference_ns, fire.reference_index = frame.t_kernel_ns, index
         if late_s > PERIOD_TOLERANCE * plan.frame_period_s:
             raise TriggerTimeoutError(self._devices.sensor.name, index, late_s)
         if late_s < -PERIOD_TOLERANCE * plan.frame_period_s:
@@ -325,6 +361,11 @@ class _Capture:
                 f"frame {index} came {-late_s:.3g} s before its trigger could",
                 remedy="look for reflections on the trigger line or a second source of triggers",
             )
+
+    def _due_s(self, index: int) -> float:
+        """Return when the trigger of a frame is due, from the first one of its fire."""
+        shot, within = divmod(index, self._plan.frames_per_shot)
+        return shot * self._plan.sequence.period_s + within * self._plan.frame_period_s
 
     def _hold_against_start(self, fire: _Fire, frame: Frame) -> None:
         """Check that the first exposure did not begin before the modulator was told to start.
@@ -364,11 +405,12 @@ class _Capture:
                 remedy="the trigger came with a later mask: check the firmware profile and the trigger's polarity",
             )
 
-    def _settle(self, fire: _Fire, last: Frame) -> None:
+    def _settle(self, fire: _Fire, last: Frame | None) -> None:
         """Wait until all has come to its end, and see that the last frame was in time and that none is left over."""
         devices, plan = self._devices, self._plan
         arrived_s = devices.clock.now_s()
-        self._hold_against_end(fire, last)
+        if last is not None:
+            self._hold_against_end(fire, last)
         if devices.stage is not None and plan.sweep is not None:
             sweep = plan.sweep
             devices.stage.wait_idle(2 * sweep.lead_s + sweep.cruise_s + PATIENCE_S)
@@ -428,4 +470,4 @@ class _Capture:
         if not frame.flags & FrameFlag.STAMPED_MONOTONIC:
             return fire.fired_ns * 1e-9 + (modulator.start_latency_s or 0.0) / 2 + shot * self._plan.sequence.period_s
         began_s = frame.began_s(self._plan.exposure_s, settings.readout_s)
-        return began_s - modulator.trigger_delay_s - self._plan.settings.jitter_s / 2
+        return began_s - modulator.trigger_delay_s - settings.trigger_delay_s - self._plan.settings.jitter_s / 2

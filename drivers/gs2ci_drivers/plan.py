@@ -76,6 +76,9 @@ class CaptureSettings:
         jitter_s: Latest start of an exposure after its edge that is reckoned with.
         retries: How often a shot is tried again after lost, late, corrupt or stale frames.
         optics: What is known of light and scene.
+        continuous: Whether all shots are taken in one run of the modulator, one behind another, and lost ones are named
+            and passed over.
+        ring: How many shots may wait for a busy disk, for the plan's figures.
         gated: Whether the sensor exposes as long as its line is held also in `Mode.PER_MASK`; where it can do no
             other, `plan_capture` sees to it.
     """
@@ -93,6 +96,8 @@ class CaptureSettings:
     retries: int = 0
     optics: KnownOptics = field(default_factory=KnownOptics)
     gated: bool = False
+    continuous: bool = False
+    ring: int = 0
 
     @property
     def trigger_out(self) -> TriggerOut:
@@ -156,6 +161,12 @@ class CapturePlan:
     weights: F64
     sweep: Sweep | None
     figures: tuple[Figure, ...]
+
+    def _repr_html_(self) -> str:
+        from gs2ci.core.notebook import sheet  # noqa: PLC0415  laid out where somebody looks
+
+        title = f"plan of {self.settings.shots} shot{'s' if self.settings.shots > 1 else ''}"
+        return sheet(title, ("plan", "value", "allowed", ""), table(self))
 
     @property
     def broken(self) -> tuple[Figure, ...]:

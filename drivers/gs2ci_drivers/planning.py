@@ -65,7 +65,7 @@ def lay_out(
     """
     sequence = _sequence(settings, modulator, setup)
     exposure_s = _exposure(settings, setup)
-    begin_s = modulator.trigger_delay_s + settings.jitter_s / 2
+    begin_s = modulator.trigger_delay_s + setup.trigger_delay_s + settings.jitter_s / 2
     windows = sequence.windows_s()
     weights = overlap_weights(windows, begin_s, begin_s + exposure_s)
     if settings.mode is Mode.PER_MASK:
@@ -74,6 +74,7 @@ def lay_out(
     figures = [
         *_modulator_figures(settings, sequence, modulator),
         *_sensor_figures(settings, sequence, exposure_s, sensor, setup, modulator),
+        *_continuous_figures(settings, sequence, exposure_s, setup),
         *_light_figures(settings, sequence, weights, setup),
         *sweep_figures,
         *_parallax_figures(settings, sequence, sweep),
@@ -90,7 +91,7 @@ def _exposure(settings: CaptureSettings, setup: SensorSettings) -> float:
 
 def _sequence(settings: CaptureSettings, modulator: ModulatorInfo, setup: SensorSettings) -> PatternSequence:
     """Put dark time where the sensor needs it to read out."""
-    busy_s = _exposure(settings, setup) + setup.readout_s + settings.jitter_s
+    busy_s = _exposure(settings, setup) + setup.readout_s + settings.jitter_s + setup.trigger_delay_s
     dark_s, pause_s = settings.dark_s, 0.0
     if settings.mode is Mode.PER_MASK:
         dark_s = max(dark_s, busy_s - settings.mask_s)
@@ -189,7 +190,8 @@ def _sensor_figures(
     setup: SensorSettings,
     modulator: ModulatorInfo,
 ) -> list[Figure]:
-    busy_s = exposure_s + setup.readout_s + settings.jitter_s + max(modulator.trigger_delay_s, 0.0)
+    delay_s = max(modulator.trigger_delay_s, 0.0) + setup.trigger_delay_s
+    busy_s = exposure_s + setup.readout_s + settings.jitter_s + delay_s
     per_mask = settings.mode is Mode.PER_MASK
     period_s = sequence.exposure_s + sequence.dark_s if per_mask else sequence.period_s
     alone = not per_mask and settings.burst == 1
@@ -220,6 +222,36 @@ def _sensor_figures(
             triggers,
             broken=setup.trigger is not settings.trigger_mode and setup.trigger is not TriggerMode.FREE_RUN,
             remedy="set `trigger_adapter` in [sensor] or choose another `mode`",
+        ),
+    ]
+
+
+def _continuous_figures(
+    settings: CaptureSettings, sequence: PatternSequence, exposure_s: float, setup: SensorSettings
+) -> list[Figure]:
+    """Say how fast exposures follow each other, and what happens meanwhile."""
+    if not settings.continuous:
+        return []
+    shown_s = float(sequence.windows_s()[-1, 1])
+    waiting_s = settings.ring * sequence.period_s
+    waiting_mb = settings.ring * setup.format.height * setup.format.width * 2 / 1e6
+    still, one_frame = settings.travel is None, settings.mode is not Mode.PER_MASK
+    return [
+        Figure(
+            "continuous",
+            f"{1 / sequence.period_s:.2f} exposures a second: masks for {shown_s * 1e3:.3f} ms, then "
+            f"{sequence.pause_s * 1e3:.3f} ms for the rest of the {(exposure_s + setup.readout_s) * 1e3:.3f} ms that "
+            f"exposure and readout take; settling once, at the end"
+            if one_frame
+            else settings.mode.value,
+            "per-exposure or gate, without a travel",
+            broken=not still or not one_frame,
+            remedy="set continuous = false in [capture], or leave `axis` out and choose another `mode`",
+        ),
+        Figure(
+            "writing",
+            f"beside the next exposures; {settings.ring} may wait, {waiting_s:.2f} s of a busy disk and "
+            f"{waiting_mb:.1f} MB",
         ),
     ]
 

@@ -1,8 +1,10 @@
-"""Where bytes leave us: the three ports that drivers speak through, and nothing of what is said.
+"""Where bytes leave us: the five ports that drivers speak through, and nothing of what is said.
 
-    HidPort   64-byte reports (DLPC900)             links.usb_hid
-    BytePort  a stream of bytes (serial, USB bulk)  links.serial_line, links.usb_bulk
-    SysPort   system calls on a device node (V4L2)  links.v4l2_sys
+    HidPort     64-byte reports (DLPC900)                     links.usb_hid
+    BytePort    a stream of bytes (serial, USB bulk)          links.serial_line, links.usb_bulk
+    SysPort     system calls on a device node (V4L2)          links.v4l2_sys
+    CameraPort  named features and filled buffers (GenICam)   links.gentl
+    ScreenPort  whole pictures on a video output              links.sdl_screen
 
 Rules every implementation keeps, the twins' included:
 
@@ -18,10 +20,12 @@ Here: the interfaces and the port guard that translates errors. Not here: record
 
 import errno
 import mmap
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from typing import Protocol, runtime_checkable
+from dataclasses import dataclass, field
+from typing import Literal, Protocol, runtime_checkable
 
+from gs2ci.core.arrays import U8
 from gs2ci_drivers.failures import AccessError, DisconnectedError, NoAnswerError
 
 MappedMemory = mmap.mmap
@@ -139,6 +143,200 @@ class SysPort(Protocol):
 
     def write_file(self, path: str, data: bytes) -> None:
         """Write a small file of /sys, such as a module's parameter."""
+        ...
+
+
+FeatureValue = int | float | bool | str
+"""What a feature of a GenICam camera may hold."""
+
+
+class FeatureRefusalError(Exception):
+    """A camera refused to read, write or run a feature: not there, locked, or out of its range."""
+
+
+@dataclass(frozen=True)
+class CameraIdentity:
+    """A camera as a GenTL producer lists it.
+
+    Args:
+        vendor: Maker.
+        model: Model.
+        serial: Serial number.
+        transport: Transport layer: "GEV", "U3V", "CXP", ...
+    """
+
+    vendor: str
+    model: str
+    serial: str
+    transport: str
+
+
+@dataclass(frozen=True)
+class Feature:
+    """A feature of a camera as it is now.
+
+    Args:
+        kind: What it holds; a command holds nothing and is run.
+        readable: Whether it can be read now.
+        writable: Whether it can be written, or run, now.
+        low: Least value of a number.
+        high: Largest value of a number.
+        step: Integers are `low` plus multiples of this.
+        symbols: The entries of an enumeration that there are now.
+    """
+
+    kind: Literal["integer", "float", "boolean", "enumeration", "string", "command", "other"]
+    readable: bool = True
+    writable: bool = True
+    low: float = 0.0
+    high: float = 0.0
+    step: float = 1.0
+    symbols: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class CameraBuffer:
+    """A buffer that a camera has filled, copied.
+
+    Args:
+        data: The image's bytes, without chunks.
+        complete: Whether all of it arrived.
+        frame_id: The transport's number of it; -1 where it is not told.
+        timestamp: The camera's time in its own ticks, None where it is not told.
+        height: Rows that were delivered.
+        width: Columns.
+        padding_bytes: Bytes behind each row.
+        chunks: What the camera appended: "ChunkTimestamp", "ChunkFrameID", "ChunkExposureTime", ...
+    """
+
+    data: bytes
+    complete: bool
+    frame_id: int
+    timestamp: int | None
+    height: int = 0
+    width: int = 0
+    padding_bytes: int = 0
+    chunks: Mapping[str, float] = field(default_factory=dict)
+
+
+@runtime_checkable
+class CameraPort(Protocol):
+    """A camera behind a GenTL producer: features by name (GenApi) and a stream of buffers (GenTL).
+
+    A camera that is gone raises OSError with ENODEV, one that somebody else holds EBUSY, none at all ENOENT.
+    """
+
+    def list_cameras(self, producer: str) -> list[CameraIdentity]:
+        """List the cameras of a producer.
+
+        Args:
+            producer: Its .cti file; "" takes those in the folders of GENICAM_GENTL64_PATH.
+        """
+        ...
+
+    def open(self, producer: str, serial: str) -> CameraIdentity:
+        """Open the camera with this serial number, or the only one for "", without changing anything on it."""
+        ...
+
+    def describe(self, name: str) -> Feature | None:
+        """Return what a feature is now, or None where the camera has none of that name."""
+        ...
+
+    def read(self, name: str) -> FeatureValue:
+        """Read a feature.
+
+        Raises:
+            FeatureRefusalError: Not there or not readable now.
+        """
+        ...
+
+    def write(self, name: str, value: FeatureValue) -> None:
+        """Write a feature.
+
+        Raises:
+            FeatureRefusalError: Not there, locked, or beyond its limits.
+        """
+        ...
+
+    def execute(self, name: str) -> None:
+        """Run a command and wait until it is done.
+
+        Raises:
+            FeatureRefusalError: Not there or locked.
+        """
+        ...
+
+    def start(self, buffers: int, chunks: tuple[str, ...]) -> int:
+        """Announce and queue buffers and begin the acquisition; return how many there are.
+
+        Args:
+            buffers: How many buffers to announce; the producer may want more.
+            chunks: Which chunks to read out of each buffer, where they are there.
+        """
+        ...
+
+    def fetch(self, timeout_s: float) -> CameraBuffer | None:
+        """Wait for a filled buffer, copy it and queue it again; None when none came in time."""
+        ...
+
+    def stop(self) -> None:
+        """End the acquisition and take the buffers back; allowed when none is under way."""
+        ...
+
+    def clock_ns(self) -> int:
+        """Get the computer's CLOCK_MONOTONIC in nanoseconds."""
+        ...
+
+    def close(self) -> None:
+        """Let go of the camera; a second call does nothing."""
+        ...
+
+
+@dataclass(frozen=True)
+class ScreenOutput:
+    """A video output.
+
+    Args:
+        name: As the computer names it.
+        height: Rows.
+        width: Columns.
+        refresh_hz: Pictures a second.
+    """
+
+    name: str
+    height: int
+    width: int
+    refresh_hz: float
+
+
+@runtime_checkable
+class ScreenPort(Protocol):
+    """A video output that is covered by one window.
+
+    One that is gone, or was never there, raises OSError with ENODEV.
+    """
+
+    def list_outputs(self) -> list[ScreenOutput]:
+        """List the video outputs."""
+        ...
+
+    def open(self, name: str) -> ScreenOutput:
+        """Cover an output, "" for the last one, with a dark window without frame or pointer."""
+        ...
+
+    def flip(self, levels: U8) -> int:
+        """Hand a picture, [H, W] grey, to the output and wait until it is being shown; return when that was.
+
+        The time is CLOCK_MONOTONIC in nanoseconds.
+        """
+        ...
+
+    def clock_ns(self) -> int:
+        """Get CLOCK_MONOTONIC in nanoseconds."""
+        ...
+
+    def close(self) -> None:
+        """Uncover the output; a second call does nothing."""
         ...
 
 

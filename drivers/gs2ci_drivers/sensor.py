@@ -173,6 +173,7 @@ class SensorSettings:
         full_well_e: Electrons at the top of the scale, or None when not known.
         stride: Bytes from one row to the next in the kernel's buffer.
         buffers: Buffers the kernel gave.
+        trigger_delay_s: From a trigger to the begin of the exposure, set or known.
     """
 
     format: FrameFormat
@@ -183,6 +184,7 @@ class SensorSettings:
     full_well_e: float | None = None
     stride: int = 0
     buffers: int = 0
+    trigger_delay_s: float = 0.0
 
 
 @dataclass(frozen=True)

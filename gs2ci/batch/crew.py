@@ -16,9 +16,9 @@ from gs2ci.batch.work import Task, failed, work
 from gs2ci.core.errors import DeviceError, Gs2ciError
 
 # Dask itself gives a task to another worker after a death, by default until it has cost four (its setting
-# `distributed.scheduler.allowed-failures`). A shot that is innocent of its workers' deaths is worth another round; one
-# that kills each of eight workers is not.
-ROUNDS: Final = 2
+# `distributed.scheduler.allowed-failures`). A shot that is innocent of its workers' deaths is worth further rounds:
+# if half of its attempts are cut short, one in 4096 is lost. One that kills each of twelve workers is given up.
+ROUNDS: Final = 3
 
 
 class WorkersDiedError(Gs2ciError):

@@ -1,7 +1,7 @@
 """`gs2ci calibrate`: measure a bench step by step into a calibration bundle.
 
-Here: the arguments, the order of steps, what is shown. Not here: any measurement (`gs2ci_calibration`), what a bench is
-(`gs2ci.rig.calibrating`).
+Here: the arguments and what is shown. Not here: any measurement (`gs2ci_calibration`), the order of steps
+(`gs2ci.api.rigs`).
 """
 
 from pathlib import Path
@@ -12,12 +12,9 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from gs2ci.commands.display import open_display
+from gs2ci.api.display import open_display
 
 if TYPE_CHECKING:
-    from gs2ci.rig.opening import Rig
-    from gs2ci_calibration.bench import Bench
-    from gs2ci_calibration.bundle import Bundle, Provenance
     from gs2ci_calibration.drift import Change
     from gs2ci_calibration.estimates import Section
 
@@ -47,72 +44,20 @@ def run(
     Returns:
         The bundle.
     """
-    from gs2ci.rig.calibrating import bench_of, operator_of, provenance_of
-    from gs2ci.rig.opening import load_rig
-    from gs2ci_calibration.bundle import Bundle, add_section, check_bundle_place, check_target, read_bundle
+    from gs2ci.api.rigs import open_rig
+    from gs2ci_calibration.bundle import check_bundle_place
 
     console = Console()
     if step != "check":
         check_bundle_place(out)
-    opened = load_rig(rig)
-    devices = opened.open()
-    try:
-        with open_display() as display:
-            operator = operator_of(opened, display.ask)
-            bench = bench_of(opened, devices, operator, fast=fast, progress=display)
-            if step == "check":
-                found = _drift(bench, read_bundle(out), opened, provenance_of(opened, devices))
-                display.finish()
-                _print_drift(console, *found)
-                return out
-            check_target(out, provenance_of(opened, devices), step)
-            for name in _every_step(bench) if step == "all" else (step,):
-                known = read_bundle(out) if out.exists() else Bundle()
-                section = _measured(bench, name, known)
-                display.finish()
-                add_section(out, section, provenance_of(opened, devices))
-                _print_section(console, section)
-    finally:
-        devices.close()
+    with open_rig(rig) as opened, open_display() as display:
+        if step == "check":
+            found = opened.drift(out, progress=display)
+            _print_drift(console, *found)
+            return out
+        opened.calibrate(out, step, fast=fast, heard=lambda section: _print_section(console, section), progress=display)
     console.print(f"bundle in [bold]{escape(str(out))}[/]", soft_wrap=True)
     return out
-
-
-def _every_step(bench: "Bench") -> list[str]:
-    """Return all steps in order, without `stage` where there is none and without `timing` where nothing is timed."""
-    from gs2ci_calibration.procedures import PROCEDURES
-
-    left_out = set()
-    if bench.devices.stage is None:
-        bench.progress.say("the rig has no stage: its step is left out")
-        left_out.add("stage")
-    if bench.gated:
-        bench.progress.say("the sensor exposes while its line is held: the step `timing` is left out")
-        left_out.add("timing")
-    return [name for name in PROCEDURES if name not in left_out]
-
-
-def _measured(bench: "Bench", name: str, known: "Bundle") -> "Section":
-    from gs2ci_calibration.procedures import PROCEDURES
-
-    bench.progress.say(f"{name}:")
-    return PROCEDURES[name](bench, known)
-
-
-def _drift(
-    bench: "Bench", bundle: "Bundle", rig: "Rig", provenance: "Provenance"
-) -> tuple[list["Change"], tuple[str, ...]]:
-    """Measure the drift since a calibration; return it, and what is worth knowing of how the bundle fits.
-
-    Raises:
-        CalibrationError: The bundle does not fit any more.
-    """
-    from gs2ci_calibration.drift import changes_since
-    from gs2ci_calibration.fitting import fit
-
-    found = fit(bundle, bench, provenance, rig.table.calibration.max_age_days)
-    found.require(bundle)
-    return changes_since(bench, bundle), found.notes
 
 
 def _print_drift(console: Console, changes: list["Change"], notes: tuple[str, ...]) -> None:

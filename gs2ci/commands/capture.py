@@ -1,6 +1,6 @@
 """`gs2ci capture`: run a bench and write what it took into a shot file.
 
-Here: the arguments, the plan as a table, and where the file is. Not here: any of the work (`gs2ci.rig`).
+Here: the arguments, the plan as a table, and where the file is. Not here: any of the work (`gs2ci.api.rigs`).
 """
 
 from pathlib import Path
@@ -11,13 +11,13 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from gs2ci.commands.display import open_display
-from gs2ci.commands.options import check_whole
+from gs2ci.api.display import open_display
+from gs2ci.api.options import check_whole
+from gs2ci.commands.answers import answered
 
 if TYPE_CHECKING:
-    from gs2ci.rig.opening import Rig
+    from gs2ci.api.rigs import OpenRig
     from gs2ci.rig.recording import Prepared
-    from gs2ci_drivers.acquisition import Devices
 
 
 def run(
@@ -29,6 +29,7 @@ def run(
     overwrite: bool = False,
     calibration: Path | None = None,
     probe: bool = True,
+    json: bool = False,
 ) -> Path | None:
     """Take coded exposures on the bench that a rig file describes.
 
@@ -44,44 +45,49 @@ def run(
         overwrite: Replace a finished file of that name.
         calibration: A bundle of `gs2ci calibrate` to take masks from, instead of the one that [calibration] names.
         probe: Look at one mask first, to see that the bundle still fits; needs a lit scene at rest.
+        json: Print the answer as JSON, and nothing else, on standard output.
 
     Returns:
         The shot file; None for a dry run.
     """
     check_whole("--shots", shots, 1, remedy="leave --shots out for the rig file's number")
+    from gs2ci.api.rigs import open_rig
+    from gs2ci.core.storage import count_shots
     from gs2ci.core.storage.sealing import check_target
-    from gs2ci.rig.calibrated import load
-    from gs2ci.rig.opening import load_rig
-    from gs2ci.rig.recording import prepare, record
 
     if not dry_run:
         check_target(out, replace=overwrite, remedy="choose another name with -o, or add --overwrite to replace it")
-    opened = load_rig(rig)
-    if shots is not None:
-        opened.set_shots(shots)
-    devices = opened.open(out if opened.table.trace and not dry_run else None)
-    try:
+    with answered(as_text=not json) as answer:
         console = Console()
-        with open_display() as display:
-            calibrated = load(opened, devices, calibration, probe=probe and not dry_run, progress=display)
-        prepared = prepare(opened, devices, calibrated)
-        _print_plan(console, opened, devices, prepared)
-        prepared.plan.require_sound()
-        if dry_run:
-            return None
-        with open_display() as display:
-            record(opened, devices, prepared, out, replace=overwrite, progress=display, saved=_say_what_can_be_saved)
-    finally:
-        devices.close()
-    light = opened.bench.light if opened.bench else None
-    if light is not None and light.plans:
-        last = light.plans[max(light.plans)]
-        console.print(f"the light path {last.summary()}", markup=False, highlight=False, soft_wrap=True)
-    if calibrated is not None:
-        console.print(f"masks from {calibrated.bundle.path}", markup=False, highlight=False, soft_wrap=True)
-    count = prepared.plan.settings.shots
-    console.print(f"{count} shot{'s' if count > 1 else ''} in [bold]{escape(str(out))}[/]", soft_wrap=True)
-    return out
+        with open_rig(rig) as opened:
+            opened.trace_to(None if dry_run else out)
+            with open_display() as display:
+                prepared = opened.plan(
+                    shots=shots, calibration=calibration, probe=probe and not dry_run, progress=display
+                )
+            _print_plan(console, opened, prepared)
+            prepared.plan.require_sound()
+            figures = [{"what": figure.what, "value": figure.value} for figure in prepared.plan.figures]
+            if dry_run:
+                answer({"file": None, "shots": 0, "plan": figures})
+                return None
+            opened.record(out, prepared, overwrite=overwrite, saved=_say_what_can_be_saved)
+        bench = opened.rig.bench
+        light = bench.light if bench else None
+        if light is not None and light.plans:
+            last = light.plans[max(light.plans)]
+            console.print(f"the light path {last.summary()}", markup=False, highlight=False, soft_wrap=True)
+        if prepared.calibrated is not None:
+            console.print(
+                f"masks from {prepared.calibrated.bundle.path}", markup=False, highlight=False, soft_wrap=True
+            )
+        count, wanted = count_shots(out), prepared.plan.settings.shots
+        if count < wanted:
+            lost = f"{wanted - count} of {wanted} exposures were lost; the file's events name them"
+            console.print(lost, markup=False, highlight=False, soft_wrap=True)
+        console.print(f"{count} shot{'s' if count > 1 else ''} in [bold]{escape(str(out))}[/]", soft_wrap=True)
+        answer({"file": out, "shots": count, "plan": figures})
+        return out
 
 
 def _say_what_can_be_saved(partial: Path) -> None:
@@ -91,13 +97,13 @@ def _say_what_can_be_saved(partial: Path) -> None:
     )
 
 
-def _print_plan(console: Console, rig: "Rig", devices: "Devices", prepared: "Prepared") -> None:
+def _print_plan(console: Console, rig: "OpenRig", prepared: "Prepared") -> None:
     from gs2ci_drivers.plan import table
 
-    stage = devices.stage
+    devices, stage = rig.devices, rig.devices.stage
     names = [devices.modulator.info.model, devices.sensor.info.model, stage.info.model if stage else "no stage"]
-    kind = "simulated" if rig.bench else "real"
-    console.print(f"[bold]{escape(rig.table.name)}[/] ({kind}): {escape(', '.join(names))}", soft_wrap=True)
+    kind = "simulated" if rig.simulated else "real"
+    console.print(f"[bold]{escape(rig.name)}[/] ({kind}): {escape(', '.join(names))}", soft_wrap=True)
     grid = Table(box=None, pad_edge=False)
     for heading in ("plan", "value", "allowed", ""):
         grid.add_column(heading)

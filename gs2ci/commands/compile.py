@@ -25,8 +25,8 @@ def run() -> float:
         The seconds that it took.
     """
     began_s = time.monotonic()
+    from gs2ci.api.demonstration import write_rig
     from gs2ci.commands import capture, reconstruct
-    from gs2ci.commands.demo import write_rig
 
     with tempfile.TemporaryDirectory(prefix="gs2ci-compile-") as folder:
         rig = write_rig(Path(folder) / "rig.toml", views=VIEWS, size=SIZE, parallax_px=PARALLAX_PX, seed=0)

@@ -1,7 +1,6 @@
 """`gs2ci decode`: from a shot file to views, without geometry.
 
-Here: the arguments, and the order read → decode → write → tell. Not here: any of the four; which words name which
-decoder (`decoders`).
+Here: the arguments, and the order read → decode → write → tell. Not here: any of the four (`gs2ci.api.decoding`).
 """
 
 from pathlib import Path
@@ -11,8 +10,8 @@ from typing import Annotated, Any
 import tyro
 from rich.console import Console
 
-from gs2ci.commands.display import open_display
-from gs2ci.commands.options import check_number, check_seed, check_whole
+from gs2ci.api.decoding import check_decode, decode_all
+from gs2ci.commands.answers import answered
 from gs2ci.core.errors import InputError
 from gs2ci.reconstruct.choices import DecodeMethod, RegistrationMode
 
@@ -31,16 +30,19 @@ def run(
     registration: RegistrationMode = "auto",
     seed: int = 42,
     overwrite: bool = False,
+    json: bool = False,
 ) -> Path:
     """Recover the views of one exposure, or of every exposure of a file, without camera path or scene.
 
     Args:
         shot: A shot file, as `gs2ci import` and `gs2ci capture` write them.
         output: The folder to write.
-        method: gap-tv, or plug-and-play by pnp-gap or pnp-admm; or the rough proxies that a geometry stage looks at:
-            eni, amdi, or proxies for the one of the two that the masks ask for.
+        method: gap-tv; patches, which takes groups of similar patches and is the best without trained weights, or
+            patches-quick, a few rounds of it; plug-and-play by pnp-gap or pnp-admm; or the rough proxies that a
+            geometry stage looks at: eni, amdi, or proxies for the one of the two that the masks ask for.
         denoiser: Of plug-and-play: tv (the default), nlm (non-local means), or onnx:FILE.
-        iterations: Steps of gap-tv (40), or at each of the four noise levels of plug-and-play (10).
+        iterations: Steps of gap-tv (40), patches (96) or patches-quick (8), or at each of the four noise
+            levels of plug-and-play (10).
         coupling: How alike gap-tv expects consecutive views to be, from 0 (not at all); chosen by held-out pixels of
             the measurement when not given.
         index: Which shot of the file; the first when not given.
@@ -49,31 +51,36 @@ def run(
             what it surely tells; "off" believes masks and readings as they are.
         seed: Of the draw of the held-out pixels.
         overwrite: Replace an earlier decode at the same place.
+        json: Print the answer as JSON, and nothing else, on standard output.
 
     Returns:
         The folder.
     """
-    check_seed(seed)
-    check_whole("--iterations", iterations, 1, remedy="leave --iterations out for the method's own number")
-    check_number("--coupling", coupling, 0, 1e6, remedy="leave --coupling out, and held-out pixels choose it")
+    check_decode(iterations, coupling, seed)
     if all_shots and index is not None:
         raise InputError(f"both --all and --index {index}", remedy="give one of them")
     from gs2ci.core.storage import count_shots, read_shot
 
     count = count_shots(shot)
-    from gs2ci.commands.decoders import Choice, decoded_by, decoder_of
     from gs2ci.evaluate.decode_folder import SCHEMA, write_decoded
     from gs2ci.evaluate.run_folder import check_destination
-    from gs2ci.reconstruct.registration.register import RegistrationSettings, register
 
     check_destination(output, overwrite=overwrite, schema=SCHEMA)
-    decode = decoder_of(Choice(method, denoiser, iterations, coupling, seed))
     wanted = range(count) if all_shots else (index or 0,)
-    with open_display() as display:
-        given = (register(read_shot(shot, i), RegistrationSettings(mode=registration), display, seed) for i in wanted)
-        decoded = [decoded_by(decode, one, display) for one in given]
-    report = write_decoded(output, decoded, overwrite=overwrite)
-    _print(output, report)
+    with answered(as_text=not json) as answer:
+        decoded = decode_all(
+            (read_shot(shot, i) for i in wanted),
+            method,
+            denoiser,
+            iterations,
+            coupling,
+            registration=registration,
+            seed=seed,
+            progress=None,
+        )
+        report = write_decoded(output, decoded, overwrite=overwrite)
+        _print(output, report)
+        answer({"folder": output, **report})
     return output
 
 

@@ -1,15 +1,16 @@
 """`gs2ci devices`: what is connected and what it can do.
 
-Here: the arguments and the printing. Not here: opening devices (`gs2ci.rig.opening`), looking for them
-(`gs2ci.rig.discovery`).
+Here: the arguments and the printing. Not here: opening devices and looking for them (`gs2ci.api.rigs`).
 """
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
+
+from gs2ci.commands.answers import answered
 
 if TYPE_CHECKING:
     from gs2ci_drivers.acquisition import Devices
@@ -18,48 +19,53 @@ if TYPE_CHECKING:
     from gs2ci_drivers.stage import Stage
 
 
-def run(*, rig: Path | None = None, home: bool = False) -> None:
+def run(*, rig: Path | None = None, home: bool = False, json: bool = False) -> None:
     """Say what is connected and what it can do; nothing is changed and, without --home, nothing moves.
 
     Args:
         rig: Ask the devices of this rig file; without it, look for devices on this computer.
         home: Move the stage of the rig to its reference; it must have free way.
+        json: Print the answer as JSON, and nothing else, on standard output.
     """
     console = Console()
-    if rig is None:
-        _print_found(console)
-        return
-    from gs2ci.rig.opening import load_rig
+    with answered(as_text=not json) as answer:
+        if rig is None:
+            answer(_print_found(console))
+            return
+        from gs2ci.api.rigs import open_rig
 
-    devices = load_rig(rig).open()
-    try:
-        _print_devices(console, devices)
-        if home and devices.stage is not None:
-            positions = devices.stage.home()
-            console.print(
-                "homed: " + ", ".join(f"{axis} {mm:.4f} mm" for axis, mm in positions.items()), highlight=False
-            )
-    finally:
-        devices.close()
+        with open_rig(rig) as opened:
+            told = _print_devices(console, opened.devices)
+            if home and opened.devices.stage is not None:
+                positions = opened.home()
+                homed = ", ".join(f"{axis} {mm:.4f} mm" for axis, mm in positions.items())
+                console.print(f"homed: {homed}", highlight=False)
+                told["homed_mm"] = positions
+            answer(told)
 
 
-def _print_found(console: Console) -> None:
-    from gs2ci.rig.discovery import find_devices
+def _print_found(console: Console) -> list[dict[str, str]]:
+    from gs2ci.api.rigs import find_devices
 
     found = find_devices()
     if not found:
         console.print("no camera, serial port or modulator was found; `gs2ci doctor` says what may be missing")
     for kind, port, name in found:
         console.print(f"{kind:<10} port = {port!r}  {escape(name)}", highlight=False, soft_wrap=True)
+    return [{"kind": kind, "port": port, "name": name} for kind, port, name in found]
 
 
-def _print_devices(console: Console, devices: "Devices") -> None:
+def _print_devices(console: Console, devices: "Devices") -> dict[str, Any]:
+    told: dict[str, Any] = {}
     for rows in (_modulator(devices.modulator), _sensor(devices.sensor), _stage(devices.stage)):
+        (kind, model), *others = rows
+        told[kind] = {"model": model, **dict(others)}
         grid = Table(box=None, show_header=False, pad_edge=False)
         for row in rows:
             grid.add_row(*(escape(text) for text in row))
         console.print(grid)
         console.print()
+    return told
 
 
 def _modulator(modulator: "Modulator") -> list[tuple[str, str]]:

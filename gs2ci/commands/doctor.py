@@ -8,29 +8,33 @@ from pathlib import Path
 from rich.console import Console
 from rich.markup import escape
 
+from gs2ci.commands.answers import answered
 from gs2ci.core.errors import Gs2ciError
 
 MARKS = {"ok": "[green]ok  [/]", "note": "[yellow]note[/]", "bad": "[bold red]BAD [/]"}
 
 
-def run(*, rig: Path, trigger_loop: bool = True) -> None:
+def run(*, rig: Path, trigger_loop: bool = True, json: bool = False) -> None:
     """Examine a bench: permissions, firmware, faults, clocks and the trigger line. The stage does not move.
 
     Args:
         rig: The rig file.
         trigger_loop: Show eight masks and count the frames that they trigger; replaces what is loaded on the
             modulator.
+        json: Print the answer as JSON, and nothing else, on standard output.
     """
-    from gs2ci.rig.doctor import examine
-    from gs2ci.rig.opening import load_rig
+    from gs2ci.api.rigs import open_rig
 
     console = Console(highlight=False)
-    bad = 0
-    for finding in examine(load_rig(rig), trigger_loop=trigger_loop):
-        bad += finding.verdict == "bad"
-        console.print(f"{MARKS[finding.verdict]} {escape(finding.what)}: {escape(finding.detail)}", soft_wrap=True)
-        for line in finding.remedy.splitlines():
-            console.print(f"       {escape(line)}", soft_wrap=True)
+    with answered(as_text=not json) as answer, open_rig(rig) as opened:
+        found = []
+        for finding in opened.doctor(trigger_loop=trigger_loop):
+            found.append(finding)
+            console.print(f"{MARKS[finding.verdict]} {escape(finding.what)}: {escape(finding.detail)}", soft_wrap=True)
+            for line in finding.remedy.splitlines():
+                console.print(f"       {escape(line)}", soft_wrap=True)
+        answer(found)
+    bad = sum(finding.verdict == "bad" for finding in found)
     if bad:
         raise Gs2ciError(
             f"{bad} finding{'s' if bad > 1 else ''} would keep this bench from working",

@@ -3,23 +3,15 @@
 Here: the arguments, and the table that is printed. Not here: any figure (`gs2ci.evaluate.evaluation`).
 """
 
-import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Final
+from typing import Annotated, Any
 
 import tyro
 from rich.console import Console
 from rich.table import Table
 
-from gs2ci.commands.options import check_number
-from gs2ci.core.errors import InputError
-
-if TYPE_CHECKING:
-    from gs2ci.core.arrays import F32
-
-# Beyond what any sensor has; their squares and quotients stay numbers.
-READ_NOISE_RANGE: Final = (1e-9, 1e3)
-ELECTRONS_RANGE: Final = (1e-3, 1e12)
+from gs2ci.api.judging import check_noise
+from gs2ci.commands.answers import answered
 
 
 def run(
@@ -34,6 +26,7 @@ def run(
     read_noise: float | None = None,
     electrons: float | None = None,
     lpips: str | None = None,
+    json: bool = False,
 ) -> Path:
     """Judge a finished run by what is known of its shot.
 
@@ -48,6 +41,7 @@ def run(
         electrons: Electrons of a pixel at the full scale of one view, for the shot noise in chi-squared; without it
             none is counted.
         lpips: "lpips" for the model added by `gs2ci models add lpips`, or an ONNX file of your own.
+        json: Print the answer as JSON, and nothing else, on standard output.
 
     Returns:
         The JSON file.
@@ -55,38 +49,27 @@ def run(
     Raises:
         Gs2ciError: A file or a value cannot be used, or the shot is of another measurement than the run.
     """
-    check_number("--read-noise", read_noise, *READ_NOISE_RANGE, remedy="leave --read-noise out, and χ² with it")
-    check_number("--electrons", electrons, *ELECTRONS_RANGE, remedy="leave --electrons out, and shot noise with it")
-    if electrons is not None and read_noise is None:
-        raise InputError("--electrons without --read-noise", remedy="give both, for χ² per pixel")
+    check_noise(read_noise, electrons)
     from gs2ci.core.storage import read_shot
 
     measured = read_shot(shot, index)
-    from gs2ci.evaluate.evaluation import ReferenceData, evaluate, read_run, write_evaluation
-    from gs2ci.evaluate.noise import SensorNoise
-    from gs2ci.evaluate.novel_views import read_novel_views
-    from gs2ci.evaluate.pages.run_evidence import check_same_shot
-    from gs2ci.reconstruct.fit.perceptual import load_distance
+    from gs2ci.api import judging
+    from gs2ci.evaluate.evaluation import write_evaluation
 
-    noise = None if read_noise is None else SensorNoise(read_noise, math.inf if electrons is None else electrons)
-    check_same_shot(folder, measured)
-    evidence = ReferenceData(
-        measured,
-        None if depth is None else _read_depth(depth),
-        None if novel is None else read_novel_views(novel),
-        noise,
-        None if lpips is None else load_distance(lpips if lpips == "lpips" else f"lpips:{lpips}"),
+    found = judging.evaluate(
+        folder, measured, depth=depth, novel=novel, read_noise=read_noise, electrons=electrons, lpips=lpips
     )
-    found = evaluate(read_run(folder), evidence)
     written = write_evaluation(output or folder / "evaluation.json", found)
-    table = Table(show_header=False, box=None)
-    for name, value in rows(found):
-        table.add_row(name, value)
-    console = Console()
-    console.print(table)
-    for note in found["notes"]:
-        console.print(note["sentence"], markup=False, soft_wrap=True)
-    console.print(str(written), soft_wrap=True)
+    with answered(as_text=not json) as answer:
+        table = Table(show_header=False, box=None)
+        for name, value in rows(found):
+            table.add_row(name, value)
+        console = Console()
+        console.print(table)
+        for note in found["notes"]:
+            console.print(note["sentence"], markup=False, soft_wrap=True)
+        console.print(str(written), soft_wrap=True)
+        answer(found)
     return written
 
 
@@ -116,12 +99,3 @@ def rows(found: dict[str, Any]) -> list[tuple[str, str]]:
     if found["residual"]["chi2_per_pixel"] is not None:
         said.append(("χ² per pixel", f"{found['residual']['chi2_per_pixel']:.3f}"))
     return said
-
-
-def _read_depth(path: Path) -> "F32":
-    from gs2ci.core.foreign.assemble import load_single
-
-    depth = load_single(path).values
-    if depth.ndim not in (2, 3):
-        raise InputError(f"{path} holds no depth but shape {list(depth.shape)}", allowed="a .npy file of [N, H, W]")
-    return depth.astype("f4")

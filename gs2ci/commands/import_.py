@@ -1,26 +1,32 @@
 """`gs2ci import`: a foreign file, or an interrupted capture, becomes a shot file.
 
-Here: the command's arguments and what it prints. Not here: any guess (`gs2ci.core.foreign`) or file layout
-(`gs2ci.core.storage`).
+Here: the command's arguments and what it prints. Not here: any guess or file layout
+(`gs2ci.api.shots`).
 """
 
-from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
 
-import numpy as np
 import tyro
 from rich.console import Console
 from rich.markup import escape
 
-from gs2ci.commands.options import check_number, check_whole
+from gs2ci.api.shots import check_imports, import_file, picked
 from gs2ci.commands.recover import save_finished_rows
 from gs2ci.core.errors import InputError
-from gs2ci.core.records import FOCAL_RANGE_PX, MEASUREMENT_LIMIT, CfaPattern, Shot
+from gs2ci.core.records import CfaPattern
 
 if TYPE_CHECKING:
     from gs2ci.core.foreign.assemble import Imported
-    from gs2ci.core.foreign.container import Array
+
+# What options say that were left out, where that is not None.
+_SILENT: Final = {
+    "distortion": (),
+    "mask_axis": "auto",
+    "meas_layout": "auto",
+    "reverse_masks": False,
+    "bad_pixels": "refuse",
+}
 
 
 def run(
@@ -84,45 +90,40 @@ def run(
     Returns:
         The shot file.
     """
-    check_whole("--views", views, 1)
-    check_number("--focal-px", focal_px, *FOCAL_RANGE_PX)
-    for option, reading in (("--mask-scale", mask_scale), ("--scale", scale)):
-        check_number(option, reading, 1 / MEASUREMENT_LIMIT, MEASUREMENT_LIMIT)
-    check_number("--offset", offset, -MEASUREMENT_LIMIT, MEASUREMENT_LIMIT)
-    check_number("--saturation", saturation, 0, MEASUREMENT_LIMIT)
-    for coefficient in distortion:
-        check_number("--distortion", coefficient)
-    from gs2ci.core.foreign.assemble import ImportOptions, import_shots
-    from gs2ci.core.foreign.container import Array
+    known: dict[str, Any] = {
+        "truth": truth,
+        "poses": poses,
+        "intrinsics": _camera(intrinsics),
+        "focal_px": focal_px,
+        "distortion": distortion,
+        "meas_key": meas_key,
+        "mask_key": mask_key,
+        "truth_key": truth_key,
+        "mask_axis": mask_axis,
+        "meas_layout": meas_layout,
+        "views": views,
+        "reverse_masks": reverse_masks,
+        "mask_scale": mask_scale,
+        "scale": scale,
+        "offset": offset,
+        "saturation": saturation,
+        "cfa": cfa,
+        "bad_pixels": bad_pixels,
+    }
+    check_imports(focal_px, mask_scale, scale, offset, saturation, views, distortion)
     from gs2ci.core.storage import write_shots
     from gs2ci.core.storage.sealing import check_target
 
     check_target(out, replace=overwrite, remedy="choose another name with -o, or add --overwrite to replace it")
-    options = ImportOptions(
-        meas_key=meas_key,
-        mask_key=mask_key,
-        truth_key=truth_key,
-        mask_axis=mask_axis,
-        meas_layout=meas_layout,
-        views=views,
-        reverse_masks=reverse_masks,
-        mask_scale=mask_scale,
-        scale=scale,
-        offset=offset,
-        saturation=saturation,
-        cfa=cfa,
-        focal_px=focal_px,
-        distortion=Array("--distortion", np.array(distortion)) if distortion else None,
-        bad_pixels=bad_pixels,
-    )
     if file.name.endswith(".partial"):
-        _check_alone(file, masks_file, masks, truth, poses, intrinsics, index is not None, options != ImportOptions())
+        _check_alone(
+            file, masks_file, masks, index is not None, *(value != _SILENT.get(key) for key, value in known.items())
+        )
         return save_finished_rows(file, out, replace=overwrite)
     masks = _only_one(masks_file, masks)
     _check_apart(out, file, masks, truth, poses)
-    options = replace(options, intrinsics=_camera(intrinsics), world_to_camera=_loaded(poses), truth=_loaded(truth))
-    imported = import_shots(file, masks, options)
-    write_shots(out, _picked(imported, index, file))
+    imported = import_file(file, masks, **known)
+    write_shots(out, picked(imported.shots, index, file))
     _print(Console(), file, out, imported, index)
     return out
 
@@ -150,36 +151,23 @@ def _check_apart(out: Path, *files: Path | None) -> None:
         raise InputError(f"{out}: would replace a file that it is made from", remedy="choose another name with -o")
 
 
-def _loaded(file: Path | None) -> "Array | None":
-    from gs2ci.core.foreign.assemble import load_single
+def _camera(words: tuple[str, ...]) -> Path | list[float] | None:
+    """Return the camera matrix as it was typed: a file, or the four numbers.
 
-    return None if file is None else load_single(file)
-
-
-def _camera(words: tuple[str, ...]) -> "Array | None":
-    from gs2ci.core.foreign.assemble import load_single
-    from gs2ci.core.foreign.container import Array
-
+    Raises:
+        InputError: It is neither.
+    """
     if not words:
         return None
     if len(words) == 1:
-        return load_single(Path(words[0]))
+        return Path(words[0])
     try:
-        values = np.array([float(word) for word in words])
+        values = [float(word) for word in words]
     except ValueError:
-        values = np.zeros(0)
+        values = []
     if len(values) != 4:
         raise InputError(f"--intrinsics {' '.join(words)}", allowed="a file, or the four numbers fx fy cx cy in pixels")
-    return Array("--intrinsics", values)
-
-
-def _picked(imported: "Imported", index: int | None, file: Path) -> list[Shot]:
-    shots = imported.shots
-    if index is None:
-        return shots
-    if not 0 <= index < len(shots):
-        raise InputError(f"{file}: no measurement {index}", allowed=f"0 to {len(shots) - 1}")
-    return [shots[index]]
+    return values
 
 
 def _print(console: Console, file: Path, out: Path, imported: "Imported", index: int | None) -> None:

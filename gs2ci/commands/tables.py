@@ -1,6 +1,6 @@
 """`gs2ci tables`: tables of figures, made cell by cell, resumed where they were left.
 
-Here: the arguments, and the order cells → rows → pages. Not here: any of the three (`gs2ci.tables`).
+Here: the arguments and what is printed. Not here: the work (`gs2ci.api.costs`).
 """
 
 import shlex
@@ -12,10 +12,6 @@ import tyro
 from rich.console import Console
 from rich.markdown import Markdown
 
-from gs2ci.commands.display import open_display
-from gs2ci.commands.options import check_whole
-from gs2ci.core.errors import InputError
-from gs2ci.core.whole_file import check_place
 from gs2ci.tables.names import TableName
 
 
@@ -59,41 +55,23 @@ def run(
         Gs2ciError: A name is unknown, a file cannot be read, a table has no files or no size to choose, or no
             scheduler answers.
     """
-    check_whole("--seeds", seeds, 1, 1000)
-    check_whole("--processes", processes, 1, 1000)
-    for side_px in size or ():
-        check_whole("--size", side_px, 1, 100_000)
-    from gs2ci.tables.catalogue import TABLES, TableOptions, known_cases
-    from gs2ci.tables.html_page import write_html_page
-    from gs2ci.tables.pages import collect, markdown, write_pages
-    from gs2ci.tables.store import Store
-    from gs2ci.tables.workers import complete
+    from gs2ci.api.costs import make_table
 
-    if table not in TABLES:
-        raise InputError(f"no table {table!r}", allowed=", ".join(TABLES))
-    chosen = TABLES[table]
-    known = known_cases(table, data, size)
-    unknown = [case for case in cases if case not in {one.name for one in known}]
-    if unknown:
-        raise InputError(f"case {unknown[0]!r} is unknown", allowed=", ".join(one.name for one in known))
-    options = TableOptions(tuple(one for one in known if not cases or one.name in cases), seeds, lines)
-    entries = chosen.entries(options)
-    check_place(output / "cells")
-    with open_display() as display:
-        display.stage(f"bench {table}", len(entries))
-        rows = complete(
-            [entry.cell for entry in entries],
-            Store(output / "cells", fresh=fresh),
-            processes=processes,
-            scheduler=scheduler,
-            heard=lambda done, _total: display.step(done),
-        )
-    figures = collect(chosen, entries, rows)
-    command = shlex.join(["gs2ci", *sys.argv[1:]])
-    pages = write_pages(output, table, chosen, figures, command)
-    pages.append(write_html_page(output, table, chosen, figures, command))
+    made = make_table(
+        table,
+        output,
+        data=data,
+        size=size,
+        cases=cases,
+        lines=lines,
+        seeds=seeds,
+        processes=processes,
+        scheduler=scheduler,
+        fresh=fresh,
+        command=shlex.join(["gs2ci", *sys.argv[1:]]),
+    )
     console = Console()
-    console.print(Markdown(markdown(chosen, figures, command)))
-    for page in pages:
+    console.print(Markdown(made.text))
+    for page in made.pages:
         console.print(str(page), soft_wrap=True)
-    return pages
+    return made.pages

@@ -11,7 +11,7 @@ from typing import Annotated
 import tyro
 from rich.console import Console
 
-from gs2ci.commands.options import check_whole
+from gs2ci.api.options import check_whole
 
 
 def run(

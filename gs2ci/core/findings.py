@@ -396,6 +396,30 @@ class Code(StrEnum):
         _NOTHING,
     )
 
+    # Things that move.
+    SCENE_MOVES = (
+        "scene_moves",
+        REMARK,
+        "Things in the scene move by themselves: {share:.0%} of the pixels, by {median_px:.1f} px over the exposure in "
+        "the median and {most_px:.1f} px at most. A still scene leaves more of the measurement unexplained.",
+        "See `motion.png` for what moves and how fast; `gs2ci reconstruct --motion off` fits a still scene.",
+    )
+    MOTION_NOT_TAKEN = (
+        "motion_not_taken",
+        REMARK,
+        "Some of what the still scene leaves looks like motion ({explained:.1%} of its power), but scenes that move "
+        "explain the held-out pixels no better. The still scene was taken.",
+        _NOTHING,
+    )
+
+    VIEWS_POLISHED = (
+        "views_polished",
+        REMARK,
+        "Things seem to move, and a decode by similar patches went on from the refined views: they leave {after:.4f} "
+        "of the held-out pixels instead of {before:.4f} (rms, full scale 1).",
+        "`gs2ci reconstruct --motion off` leaves that out.",
+    )
+
     # Near and far.
     DEPTH_ORDER_OPEN = (
         "depth_order_open",

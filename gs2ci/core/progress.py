@@ -1,7 +1,7 @@
 """What a long computation tells whoever waits for it.
 
 Here: the interface through which stages report, and the listener that says nothing. Not here: drawing (the live display
-is `gs2ci.commands.display`).
+is `gs2ci.api.display`).
 """
 
 from typing import Protocol

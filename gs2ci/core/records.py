@@ -41,22 +41,35 @@ class Truth:
         world_to_camera: True poses, [N, 4, 4], OpenCV axes.
         depth: True depth of each view's pixels along the optical axis, [N, H, W] float32, in the unit of the poses; 0
             where it is not known.
+
+    Arrays of other kinds, torch's tensors among them, become numpy's.
+
+    Example:
+        >>> import numpy as np, gs2ci
+        >>> gs2ci.Truth(views=np.zeros((4, 24, 32, 3))).views.dtype
+        dtype('float32')
     """
 
     views: F32 | None = None
     world_to_camera: F64 | None = None
     depth: F32 | None = None
 
+    def __post_init__(self) -> None:
+        _take_over(self, views=np.float32, world_to_camera=np.float64, depth=np.float32)
+
 
 @dataclass(frozen=True)
 class Shot:
     """One coded measurement with its calibrated masks: Y = Σᵢ wᵢ Mᵢ ⊙ Xᵢ + Z (paper, eq. 1).
 
+    Arrays of other kinds, torch's tensors among them, become numpy's of the kind that is stated.
+
     Args:
         measurement: Y, [H, W, C] float32 with C = 3 (RGB) or 1 (mono or colour mosaic). The unit is the full
             scale of one view: a white scene under m open masks measures m.
         masks: M, [N, H, W] float32 in [0, 1], in the order of exposure.
-        weights: w, [N] float32: the share of its nominal interval during which each mask was exposed.
+        weights: w, [N] float32: the share of its nominal interval during which each mask was exposed; all of it (1)
+            where none are given.
         cfa: Colour filter array of a single-channel measurement; None for RGB and mono.
         intrinsics: Camera matrix in pixels, [3, 3], or None when it is not known. Pixel centres lie at +0.5.
         distortion: The lens's coefficients k1 k2 p1 p2 k3 as OpenCV states them (`gs2ci.core.lens`), [5], which belong
@@ -66,11 +79,19 @@ class Shot:
         saturated: Pixels whose reading is clipped and says only «at least», [H, W] bool, or None.
         name: For reports.
         provenance: Where it came from and what was guessed, for reports.
+
+    Example:
+        >>> import numpy as np, gs2ci
+        >>> masks = np.random.default_rng(0).random((4, 24, 32)) < 0.5
+        >>> shot = gs2ci.Shot(masks.sum(axis=0)[..., None], masks).check()
+        >>> shot.views, shot.size, shot.measurement.dtype
+        (4, (24, 32), dtype('float32'))
     """
 
     measurement: F32
     masks: F32
-    weights: F32
+    # None is replaced before anybody sees it.
+    weights: F32 = None  # type: ignore[assignment]
     cfa: CfaPattern | None = None
     intrinsics: F64 | None = None
     distortion: F64 | None = None
@@ -79,6 +100,21 @@ class Shot:
     saturated: Bool | None = None
     name: str = "shot"
     provenance: dict[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        _take_over(
+            self,
+            measurement=np.float32,
+            masks=np.float32,
+            weights=np.float32,
+            intrinsics=np.float64,
+            distortion=np.float64,
+            telemetry_world_to_camera=np.float64,
+            saturated=np.bool_,
+        )
+        given: F32 | None = self.weights
+        if given is None:
+            object.__setattr__(self, "weights", np.ones(self.masks.shape[:1], np.float32))
 
     @property
     def views(self) -> int:
@@ -100,6 +136,42 @@ class Shot:
         """Get how many colour channels a recovered view has: 3, or 1 for a mono measurement."""
         return 3 if self.cfa else int(self.measurement.shape[2])
 
+    def _repr_png_(self) -> bytes:
+        """Show the measurement, the first mask and, where it is known, the middle true view."""
+        from gs2ci.core.notebook import png_of, row_of  # noqa: PLC0415  pictures are drawn where somebody looks
+
+        brightest = max(float(np.nanmax(self.measurement, initial=0.0)), 1e-12)
+        shown: list[NDArray[Any]] = [self.measurement / brightest, self.masks[0]]
+        if self.truth.views is not None:
+            shown.append(self.truth.views[self.views // 2])
+        return png_of(row_of(shown))
+
+    def _repr_html_(self) -> str:
+        from gs2ci.core.notebook import card  # noqa: PLC0415  as above
+
+        height, width = self.size
+        colours = f"{self.cfa} mosaic" if self.cfa else "RGB" if self.channels == 3 else "mono"
+        known = [
+            name
+            for name, part in (
+                ("views", self.truth.views),
+                ("path", self.truth.world_to_camera),
+                ("depth", self.truth.depth),
+            )
+            if part is not None
+        ]
+        focal = "not known" if self.intrinsics is None else f"{self.intrinsics[0, 0]:.4g} px focal length"
+        facts = [
+            ("pixels", f"{width} × {height}, {colours}"),
+            ("masks", f"{self.views}, open at {100 * float(self.masks.mean()):.3g} % of their pixels"),
+            ("weights", f"{float(self.weights.min()):.3g} to {float(self.weights.max()):.3g}"),
+            ("camera", focal + (", with distortion" if self.distortion is not None else "")),
+            ("stage's path", "no" if self.telemetry_world_to_camera is None else "yes"),
+            ("known truth", ", ".join(known) or "none"),
+        ]
+        shown = "measurement, first mask" + (", middle true view" if self.truth.views is not None else "")
+        return card(self.name, facts, self._repr_png_(), caption=shown)
+
     def check(self) -> "Shot":
         """Return self if all parts fit together.
 
@@ -112,6 +184,28 @@ class Shot:
         _check_masks(self)
         _check_optional_parts(self)
         return self
+
+
+def _take_over(record: "Shot | Truth", **kinds: type[np.generic]) -> None:
+    """Make a record's fields arrays of numpy, of given kinds; None stays.
+
+    Raises:
+        InputError: A field holds no numbers.
+    """
+    for name, kind in kinds.items():
+        given = getattr(record, name)
+        if given is None or (isinstance(given, np.ndarray) and given.dtype == kind):
+            continue
+        # A tensor may be part of a graph, or lie on a device.
+        held = given.detach().cpu() if hasattr(given, "detach") else given
+        try:
+            taken = np.asarray(held, dtype=kind)
+        except (TypeError, ValueError) as error:
+            raise InputError(
+                f"{name} of a {type(record).__name__.lower()} is {type(given).__name__}, no array of numbers: {error}",
+                allowed="a numpy array, a torch tensor, or nested lists of numbers",
+            ) from error
+        object.__setattr__(record, name, taken)
 
 
 def _finite(what: str, array: NDArray[Any]) -> None:

@@ -82,6 +82,9 @@ class RunResult:
         registration: What was found out of masks, black level and unit: parameters, standard errors, what was tried.
         registered: The measurement as it was believed from then on, where anything of it was corrected; `residual`,
             `heldout_rms` and `predicted_measurement` are in its unit.
+        motion: Whether things in the scene may move, what spoke for it, what each attempt leaves, and how fast they go.
+        displacement: How far what each pixel shows moves by itself over the exposure, seen from the camera of the
+            middle view, [H, W, 2] float32 as (x, y) in px; None where nothing moves.
     """
 
     views: F32
@@ -109,6 +112,8 @@ class RunResult:
     registered: Shot | None = None
     depth_spread: F32 | None = None
     depth_confidence: F32 | None = None
+    motion: Mapping[str, Any] = field(default_factory=dict)
+    displacement: F32 | None = None
 
     def check(self) -> "RunResult":
         """Return self if all parts fit together and hold only finite numbers.
@@ -127,6 +132,7 @@ class RunResult:
             "depth_spread": (self.depth_spread, (n, height, width)),
             "depth_confidence": (self.depth_confidence, (n, height, width)),
             "disagreement": (self.disagreement, (n, height, width)),
+            "displacement": (self.displacement, (height, width, 2)),
             "world_to_camera": (self.world_to_camera, (n, 4, 4)),
             "decode": (self.decode, self.views.shape),
             "predicted_measurement": (

@@ -20,6 +20,7 @@ from gs2ci.evaluate.depth import DepthErrors
 SCHEMA: Final = "gs2ci.report/2"
 REPORT_NAME: Final = "report.json"
 REGISTERED_NAME: Final = "registered.h5"
+MOTION_PICTURE_NAME: Final = "motion.png"
 
 # No figure of ours comes near, and what is drawn and written stays within the floating-point numbers.
 Number = Annotated[float, Field(ge=-1e100, le=1e100)]
@@ -181,6 +182,29 @@ class RegistrationSection(ReportSection):
     not_let_in: dict[str, list[Number]]
 
 
+class MotionSection(ReportSection):
+    """Whether things in the scene move by themselves, and what speaks for it (`gs2ci.reconstruct.moving`).
+
+    Of the still scene's residual, velocities of its blocks would explain the share `explained` of the power, surely so
+    in the share `blocks` of them; None where nothing was asked. Where moving scenes were `tried`, `heldout_rms` says
+    what each attempt leaves of the held-out pixels, and `chosen` which was taken. Where it `moves`, `pixels_share` of
+    the picture goes by half a pixel or more over the exposure, `median_px` in the median, the fastest hundredth
+    `most_px`; `gaussians_share` is the share of the Gaussians' opacity that moves at all.
+    """
+
+    asked: Literal["auto", "off", "on"]
+    tried: bool
+    moves: bool
+    explained: Number | None
+    blocks: Number | None
+    heldout_rms: dict[str, Number | None]
+    chosen: str
+    gaussians_share: Number | None
+    pixels_share: Number | None
+    median_px: Number | None
+    most_px: Number | None
+
+
 class MeasurementSection(ReportSection):
     """What the measurement and its masks are like, before anything is solved; shares are of pixels."""
 
@@ -252,6 +276,7 @@ class Report(ReportSection):
     geometry: GeometrySection | None = None
     brightness: list[Number] | None = None
     registration: RegistrationSection | None = None
+    motion: MotionSection | None = None
     measured: MeasurementSection
     simulation: Simulation | None = None
     peak_mib: Number

@@ -13,7 +13,12 @@
       depth_spread.npy      the same shape: how far apart along the ray the light is stopped, as a share of depth
       depth_confidence.npy  the same shape: the share of a pixel's light that is stopped within 5 % of its depth
       disagreement.npy  [N, H, W] float32, full scale 1: where several fits differ; absent where there was one
-      scene.ply      the Gaussians, 3DGS convention
+      scene.ply      the Gaussians, 3DGS convention; where they move, as they stand in the middle of the exposure
+      motion.npy     only where they move: [G, K, 3] float32, in their order, the unit of the path; at time t, from −1
+                     to 1 over the exposure, a centre is at its place plus sum_k motion_k t^k, k = 1 ... K
+      displacement.npy  likewise: [H, W, 2] float32, how far what each pixel shows moves over the exposure, px
+      motion.png     the same in one picture
+      moments/       only where asked for: pictures spread over the exposure, and where things move a scene of each
       points.ply     points of the surfaces that the views see: normals, colours, confidence; absent without depth
       cameras.json   nerfstudio transforms
       colmap/sparse/0  the same cameras, and a thinned cloud of the Gaussians' centres
@@ -43,12 +48,15 @@ from gs2ci.core.run_records import RunResult
 from gs2ci.core.storage import write_shots
 from gs2ci.core.whole_file import check_place
 from gs2ci.evaluate.cameras import nerfstudio_transforms, view_names, write_colmap_model
+from gs2ci.evaluate.moments import MOMENTS_NAME, render_moments
+from gs2ci.evaluate.moments import moments as moment_times
+from gs2ci.evaluate.motion_picture import write_motion_picture
 from gs2ci.evaluate.overview import write_overview
 from gs2ci.evaluate.pages.run_evidence import GIVEN_NAME, write_given
 from gs2ci.evaluate.pages.run_page import write_run_page
 from gs2ci.evaluate.points import Cameras, points_of, write_points
 from gs2ci.evaluate.registration_picture import write_registration_picture
-from gs2ci.evaluate.report import REGISTERED_NAME, REPORT_NAME, SCHEMA, schema_of
+from gs2ci.evaluate.report import MOTION_PICTURE_NAME, REGISTERED_NAME, REPORT_NAME, SCHEMA, schema_of
 from gs2ci.evaluate.run_report import build_report
 from gs2ci.render.gaussians import Gaussians
 from gs2ci.render.ply import write_ply
@@ -57,7 +65,15 @@ from gs2ci.render.ply import write_ply
 COLMAP_POINTS: Final = 10_000
 
 
-def write_run(folder: Path, shot: Shot, result: RunResult, scene: Gaussians, *, overwrite: bool = False) -> Path:
+def write_run(
+    folder: Path,
+    shot: Shot,
+    result: RunResult,
+    scene: Gaussians,
+    *,
+    overwrite: bool = False,
+    moments: int | None = None,
+) -> Path:
     """Write a finished run; the folder appears complete or not at all.
 
     Args:
@@ -66,13 +82,14 @@ def write_run(folder: Path, shot: Shot, result: RunResult, scene: Gaussians, *, 
         result: What was recovered.
         scene: The Gaussians, on the CPU.
         overwrite: Replace an earlier run at this place.
+        moments: Write so many pictures spread over the exposure as well.
 
     Returns:
         The folder.
 
     Raises:
         StorageError: Something else lies there, or the disk refuses.
-        InputError: Parts of the result do not fit together.
+        InputError: Parts of the result do not fit together, or that many moments cannot be shown.
         NumericsError: The result holds numbers that are not finite.
     """
     result.check()
@@ -81,6 +98,9 @@ def write_run(folder: Path, shot: Shot, result: RunResult, scene: Gaussians, *, 
         report = build_report(shot, result)
         _write_images(partial, result)
         _write_scene(partial, result, scene)
+        _write_motion(partial, result, scene)
+        if moments is not None:
+            _write_moments(partial, shot, result, scene, moments)
         write_overview(partial / "overview.png", shot, result, report)
         (partial / REPORT_NAME).write_text(report.text(), encoding="utf-8")
         write_given(partial / GIVEN_NAME, shot)
@@ -219,6 +239,22 @@ def _write_scene(folder: Path, result: RunResult, scene: Gaussians) -> None:
     keep = torch.argsort(scene.opacity_logits.detach(), descending=True, stable=True)[:COLMAP_POINTS]
     points, colors = (tensor.detach()[keep].float().numpy() for tensor in (scene.means, scene.colours))
     write_colmap_model(model, poses, result.intrinsics, size, points=points, colors=colors, distortion=lens)
+
+
+def _write_motion(folder: Path, result: RunResult, scene: Gaussians) -> None:
+    if scene.motion is None or result.displacement is None:
+        return
+    np.save(folder / "motion.npy", scene.motion.detach().float().numpy())
+    np.save(folder / "displacement.npy", result.displacement)
+    write_motion_picture(folder / MOTION_PICTURE_NAME, result.views[len(result.views) // 2], result.displacement)
+
+
+def _write_moments(folder: Path, shot: Shot, result: RunResult, scene: Gaussians, count: int) -> None:
+    times = moment_times(count)
+    write_pictures(folder / MOMENTS_NAME, render_moments(shot, result, scene, times))
+    if scene.motion is not None:
+        for name, moment in zip(view_names(count), times, strict=True):
+            write_ply(folder / MOMENTS_NAME / f"{Path(name).stem}.ply", scene.at(float(moment)))
 
 
 def _three_channels(views: F32) -> F32:

@@ -14,12 +14,26 @@ PoseSource = str
 ProxyName = Literal["gap-tv", "eni", "amdi", "routed"]
 """Decoded views; the paper's proxies by name; or the one of them that the masks ask for."""
 
-DecodeMethod = Literal["gap-tv", "pnp-gap", "pnp-admm", "proxies", "eni", "amdi"]
+FirstLookName = Literal["gap-tv", "patches", "patches-quick"]
+"""The decoders that a reconstruction may begin with."""
 
-RuleName = Literal["osgr", "adc", "mcmc", "revised"]
+DecodeMethod = str
+"""One of `DECODE_METHODS`, or the name of a plug-in."""
+DECODE_METHODS: Final = ("gap-tv", "patches", "patches-quick", "pnp-gap", "pnp-admm", "proxies", "eni", "amdi")
+DECODER_GROUP: Final = "gs2ci.decoders"
+
+RULE_NAMES: Final = ("osgr", "adc", "mcmc", "revised")
+RuleName = str
+"""osgr, adc, mcmc, revised, or the name of a plug-in."""
 
 RegistrationMode = Literal["auto", "off"]
 REGISTRATION_MODES: Final = get_args(RegistrationMode)
+
+MotionMode = Literal["auto", "off", "on"]
+MOTION_MODES: Final = get_args(MotionMode)
+
+MOST_MOMENTS: Final = 1000
+"""Each is a picture, and where things move a scene file."""
 
 ModelName = Literal["vggt", "difix", "lpips"]
 MODEL_NAMES: Final = get_args(ModelName)

@@ -6,7 +6,7 @@ Here: the order of these stages. Not here: any of them; all settings together (`
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -14,8 +14,9 @@ from gs2ci.core.arrays import F32, F64
 from gs2ci.core.findings import Code, Finding, finding
 from gs2ci.core.progress import Progress
 from gs2ci.core.records import Shot
-from gs2ci.reconstruct.choices import ProxyName
-from gs2ci.reconstruct.decode.gap_tv import GapTvSettings, gap_tv
+from gs2ci.reconstruct.choices import FirstLookName, ProxyName
+from gs2ci.reconstruct.decode.by_name import decode_by_name
+from gs2ci.reconstruct.decode.gap_tv import GapTvSettings
 from gs2ci.reconstruct.decode.proxies.routing import geometry_views
 from gs2ci.reconstruct.geometry.evidence import carried_views
 from gs2ci.reconstruct.geometry.initialise import Geometry, GeometrySettings
@@ -30,13 +31,15 @@ class LookSettings:
     """Settings of these stages.
 
     Args:
-        proxy: The views that the geometry stage looks at: those decoded by GAP-TV, or the proxies of the paper.
-        decode: Of the decoder.
+        proxy: The views that the geometry stage looks at: the decoded ones ("gap-tv"), or the proxies of the paper.
+        first_look: What decodes.
+        decode: Of GAP-TV, which every decoder begins with.
         geometry: Of tracks, motion and depth.
         brightness: Of the views' brightness.
     """
 
     proxy: ProxyName = "gap-tv"
+    first_look: FirstLookName = "gap-tv"
     decode: GapTvSettings = field(default_factory=GapTvSettings)
     geometry: GeometrySettings = field(default_factory=GeometrySettings)
     brightness: BrightnessSettings = field(default_factory=BrightnessSettings)
@@ -52,6 +55,7 @@ class FirstLook:
         geometry: Its camera path and depth; behind a lens, on its canvas.
         brightness: How bright each view was for its weight, [N]; None where nothing spoke against the weights.
         proxy_notes: What is to be said of the views that the geometry was found in.
+        decoder: What decoded.
     """
 
     jury: Jury
@@ -59,6 +63,7 @@ class FirstLook:
     geometry: Geometry
     brightness: F64 | None
     proxy_notes: tuple[Finding, ...] = ()
+    decoder: FirstLookName = "gap-tv"
 
     @property
     def notes(self) -> tuple[Finding, ...]:
@@ -94,7 +99,7 @@ def look(
     """
     weights = jury.shot.weights
     for rounds_left in range(settings.brightness.rounds, -1, -1):
-        decoded = gap_tv(jury.seen, settings.decode, progress)
+        decoded = decode_by_name(jury.seen, settings.first_look, settings.decode, progress)
         lap("decode")
         views, proxy_notes = geometry_views(jury.seen, decoded, settings.proxy, masks_of or jury.shot)
         geometry = find_geometry(prior, Request.of(jury.seen, views, settings.geometry, lens), progress)
@@ -108,10 +113,40 @@ def look(
             break
         jury = corrected
     brightness = None if jury.shot.weights is weights else _ratio(jury.shot.weights, weights)
-    found = FirstLook(jury, decoded, geometry, brightness, proxy_notes)
+    found = FirstLook(jury, decoded, geometry, brightness, proxy_notes, settings.first_look)
     for note in found.notes:
         progress.say(note.sentence)
     return found
+
+
+def look_closer(
+    jury: Jury,
+    lens: Lens | None,
+    prior: GeometryPrior,
+    settings: LookSettings,
+    progress: Progress,
+    lap: Callable[[str], None],
+    masks_of: Shot | None = None,
+) -> FirstLook:
+    """Look, and once more in views decoded by similar patches where those of GAP-TV show only a turn.
+
+    Arguments and errors as for `look`. The second look stands where it shows a path.
+    """
+    first = look(jury, lens, prior, settings, progress, lap, masks_of)
+    if not _may_look_closer(first, settings):
+        return first
+    progress.say("The camera seems only to have turned: its path is sought again in views decoded by similar patches.")
+    closer = look(jury, lens, prior, replace(settings, first_look="patches-quick"), progress, lap, masks_of)
+    return closer if closer.geometry.verdict == "full" else first
+
+
+def _may_look_closer(first: FirstLook, settings: LookSettings) -> bool:
+    """Tell whether another decode may find more: tracks in that of GAP-TV, which drowns points, showed only a turn.
+
+    Where nothing moved but things in the scene, more tracks would be those of the things.
+    """
+    by_tracks = first.geometry.source in ("tracks", "uniform") and settings.proxy == "gap-tv"
+    return by_tracks and settings.first_look == "gap-tv" and first.geometry.verdict == "rotation_only"
 
 
 def _ratio(weights: F32, before: F32) -> F64:

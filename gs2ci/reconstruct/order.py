@@ -22,10 +22,10 @@ from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.geometry.reversal import reversed_geometry
 from gs2ci.reconstruct.geometry.validity import Criteria
 
-LEAST_SCHEDULE: Final = 250
+LEAST_SCHEDULE: Final = 150
 """Iterations of the whole fit below which nothing is tried: it would cost as much again. A draft has fewer."""
 # Of a short fit. With 20 fits had not yet begun to hide one thing by another, and chance turned a told path over.
-_ITERATIONS: Final = 100
+_ITERATIONS: Final = 60
 # Pairs of fits at most; each costs two short fits.
 _MOST_PAIRS: Final = 4
 # The standard deviation of a pair's log ratio that is luck, found on pictures of so many pixels, and more in smaller
@@ -63,7 +63,7 @@ def settle(geometry: Geometry, fit_briefly: ShortFit, progress: Progress, *, tol
 
     Args:
         geometry: What was found first.
-        fit_briefly: Called for each geometry that is tried.
+        fit_briefly: Called for each geometry that is tried, with the same object each time.
         progress: Told of what is done.
         told: Whether a stage or a file told the path: its sign decides where pixels do not.
 
@@ -75,11 +75,12 @@ def settle(geometry: Geometry, fit_briefly: ShortFit, progress: Progress, *, tol
     luck = _LUCK * max(1.0, math.sqrt(_LUCK_PIXELS / geometry.inverse_depth.size))
     doubtful = -(_SURE_AGAINST_TOLD if told else _SURE)
     beginnings = [geometry, *([] if geometry.reverse is None else [geometry.reverse])]
+    pairs = [(one, reversed_geometry(one)) for one in beginnings]
     found: list[float] = []
     errors = 0.0
     for number in range(_MOST_PAIRS):
-        one = beginnings[number % len(beginnings)]
-        ratio = _log_ratio(fit_briefly(reversed_geometry(one), number), fit_briefly(one, number))
+        one, turned = pairs[number % len(pairs)]
+        ratio = _log_ratio(fit_briefly(turned, number), fit_briefly(one, number))
         found.append(ratio if one is geometry else -ratio)
         errors = _errors(found, luck) + _TRACKS_COUNT * (geometry.order_errors or 0.0)
         if not doubtful < errors < _SURE:

@@ -10,6 +10,7 @@ handed over (`record`), files and metrics (`gs2ci.evaluate`).
 
 import math
 import time
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -22,10 +23,13 @@ from gs2ci.core.progress import Progress, Silent
 from gs2ci.core.records import Shot
 from gs2ci.core.run_records import RunResult, Verdict
 from gs2ci.reconstruct.attempts import from_rest, needs_rest, ranking
+from gs2ci.reconstruct.choices import FirstLookName
+from gs2ci.reconstruct.decode.by_name import decode_by_name
 from gs2ci.reconstruct.decode.coupling import choose_coupling
 from gs2ci.reconstruct.decode.gap_tv import gap_tv
+from gs2ci.reconstruct.decode.patches.decoder import PatchSettings, patch_decode_from
 from gs2ci.reconstruct.decode.residual import ResidualSettings
-from gs2ci.reconstruct.first_look import FirstLook, look
+from gs2ci.reconstruct.first_look import FirstLook, look, look_closer
 from gs2ci.reconstruct.fit.coarse import CoarseFit, fit_coarse
 from gs2ci.reconstruct.fit.combination import combined as combined_views
 from gs2ci.reconstruct.fit.combination import shares
@@ -33,6 +37,7 @@ from gs2ci.reconstruct.fit.ensemble import Ensemble, FitOne, Member, combined, f
 from gs2ci.reconstruct.fit.fine import Fine, fit_fine
 from gs2ci.reconstruct.fit.looks import Score
 from gs2ci.reconstruct.fit.metric import in_given_unit
+from gs2ci.reconstruct.fit.motion import at_rest_until_moved, of_degree, set_moving
 from gs2ci.reconstruct.fit.pace import Pace
 from gs2ci.reconstruct.fit.refinement import Refinement
 from gs2ci.reconstruct.fit.rendering import ShotRenderer
@@ -47,6 +52,20 @@ from gs2ci.reconstruct.measurement.holes import fill_holes
 from gs2ci.reconstruct.measurement.hot_pixels import close_hot_pixels
 from gs2ci.reconstruct.measurement.jury import Jury
 from gs2ci.reconstruct.measurement.lens import Lens, straightened
+from gs2ci.reconstruct.measurement.moving import LeftByMotion
+from gs2ci.reconstruct.moving import (
+    LEAST_GAIN,
+    LEAST_PATCH_GAIN,
+    MOVING,
+    RELEASED,
+    STILL,
+    MotionReport,
+    ask,
+    released,
+    rested,
+    speaks_for_motion,
+    speeds,
+)
 from gs2ci.reconstruct.one_thread import one_torch_thread
 from gs2ci.reconstruct.order import LEAST_SCHEDULE, is_open, settle, shortened, unsettled
 from gs2ci.reconstruct.record import Left, Recovered, record
@@ -106,7 +125,9 @@ def reconstruct(
     sound, doubts = _examined(registered.shot, progress)
     jury = Jury.of(sound, settings.fit.hold_out.share, settings.seed)
 
-    first = look(jury, lens, tools.geometry_prior, settings.look, progress, clock.lap, registered.shot)
+    first = (look_closer if pace is None and settings.may_look_again else look)(
+        jury, lens, tools.geometry_prior, settings.look, progress, clock.lap, registered.shot
+    )
     jury, decoded = first.jury, first.decoded
     fitted = Jury(fill_holes(jury.shot, decoded), jury.heldout)
     refine = Refinement(jury, settings.residual)
@@ -115,29 +136,38 @@ def reconstruct(
         first, fitted, lens, settings, refine, progress, clock, hurried=pace is not None or not settings.try_orders
     )
 
-    def attempt(look: FirstLook, views: F32) -> _Attempt:
-        geometry, start = _beginning(look, views, lens, settings)
+    def attempt(look: FirstLook, views: F32, moving: bool) -> _Attempt:
+        geometry, start = _beginning(look, views, lens, settings, moving=moving)
         clock.lap("geometry")
         fit_one = _fit_one(fitted, geometry, lens, settings, refine, score, clock)
         team = members(start, settings.density_rules, settings.fits, settings.seed)
+        team = tuple(replace(one, start=of_degree(one.start, number)) for number, one in enumerate(team))
         fits = fit_together(fit_one, team, progress, pace)
         ensemble = combined(fits, jury, refine)
         clock.lap("fit")
         return _Attempt(look, geometry, fits, ensemble)
 
-    tried = attempt(first, decoded)
-    if pace is None and settings.may_look_again and is_wanted(first.geometry, settings.geometry):
-        views = refine(tried.ensemble.views)
-        attempts = {first.geometry.source: tried}
-        again = second_look(first, views, lens, settings.look, progress)
-        if again is not None:
-            attempts["second look"] = attempt(again, views)
-        if needs_rest(first):
-            attempts["rest"] = attempt(from_rest(first), decoded)
-        tried = _best(attempts, jury, refine)
+    def release(still: _Attempt) -> _Attempt:
+        freed = replace(settings, fit=released(settings.fit))
+        team, paths = [], {}
+        for number, fit in enumerate(still.fits):
+            start = of_degree(at_rest_until_moved(fit.scene, freed.fit.motion), number)
+            team.append(Member(start, freed.fit.density, number))
+            paths[number] = replace(still.geometry, world_to_camera=fit.world_to_camera)
+
+        def fit_one(member: Member, progress: Progress, pace: Pace | None) -> CoarseFit:
+            return _fit_one(fitted, paths[member.seed], lens, freed, refine, score, clock)(member, progress, pace)
+
+        fits = fit_together(fit_one, tuple(team), progress, None)
+        ensemble = combined(fits, jury, refine)
+        clock.lap("fit")
+        return replace(still, fits=fits, ensemble=ensemble)
+
+    trials = _Trials(attempt, release, jury, lens, settings, refine, progress)
+    tried, motion = trials.hurried(first) if pace is not None else trials.all(first)
     geometry, ensemble = tried.geometry, tried.ensemble
     renderer = ShotRenderer(fitted.shot, geometry.intrinsics, tools.backend, lens)
-    if tools.fine is not None:
+    if tools.fine is not None and ensemble.best.scene.motion is None:
         best = ensemble.best
         detailed = Refinement(jury, settings.residual or ResidualSettings()).in_full
         fined = fit_fine(
@@ -145,11 +175,12 @@ def reconstruct(
         )
         ensemble = combined(tuple(fined if fit is best else fit for fit in tried.fits), jury, refine)
         clock.lap("fine")
-    recovered = _recover(jury, decoded, ensemble, refine, settings)
+    recovered = _recover(first, ensemble, refine, settings, polish=motion.tried)
     geometry, ensemble = in_given_unit(geometry, ensemble)
     light = renderer.stopped_light(ensemble.best.scene, ensemble.best.world_to_camera)
+    seen = speeds(renderer, ensemble.best.scene, ensemble.best.world_to_camera)
     clock.lap("fit")
-    left = Left(registered, doubts, tried.look, geometry, ensemble, light, recovered)
+    left = Left(registered, doubts, tried.look, geometry, ensemble, light, recovered, motion, seen)
     return Reconstruction(record(settings, left, score, clock.seconds()), ensemble.best.scene)
 
 
@@ -197,10 +228,15 @@ def _settled(
     if settings.withheld != Withheld() or not is_open(geometry, criteria):
         return first
 
+    # By the measurement alone: views of either order show surfaces that bear it out.
+    brief = replace(settings, fit=replace(shortened(settings.fit), surfaces=None))
+    begun: dict[int, tuple[Geometry, tuple[Geometry, Gaussians]]] = {}
+
     def leaves(began: Geometry, number: int) -> float:
-        # By the measurement alone: views of either order show surfaces that bear it out.
-        brief = replace(settings, fit=replace(shortened(settings.fit), surfaces=None))
-        at, start = _beginning(replace(first, geometry=began), first.decoded, lens, brief)
+        if id(began) not in begun:
+            # The geometry is kept beside, so that no other one gets its number.
+            begun[id(began)] = began, _beginning(replace(first, geometry=began), first.decoded, lens, brief)
+        at, start = begun[id(began)][1]
         member = members(start, brief.density_rules[:1], number + 1, settings.seed)[number]
         try:
             fit = _fit_one(jury, at, lens, brief, refine, None, clock)(member, Silent(), None)
@@ -229,14 +265,6 @@ def _left(jury: Jury, views: F32) -> float:
     return float(np.mean(residual**2)) if residual.size else 0.0
 
 
-def _best(attempts: dict[str, _Attempt], jury: Jury, refine: Refinement) -> _Attempt:
-    """Choose the attempt that predicts the held-out pixels best, and say how all of them did."""
-    left = {name: jury.residual_rms(refine(tried.ensemble.views)) for name, tried in attempts.items()}
-    tried = attempts[min(attempts, key=lambda name: math.inf if (rms := left[name]) is None else rms)]
-    geometry = replace(tried.geometry, notes=(*tried.geometry.notes, *ranking(left)))
-    return replace(tried, geometry=geometry)
-
-
 def _examined(shot: Shot, progress: Progress) -> tuple[Shot, tuple[Finding, ...]]:
     """Return the shot with its dead lines and hot pixels closed, and what is to be doubted about it."""
     alive, dead = close_dead_lines(shot)
@@ -247,7 +275,9 @@ def _examined(shot: Shot, progress: Progress) -> tuple[Shot, tuple[Finding, ...]
     return sound, doubts
 
 
-def _beginning(look: FirstLook, views: F32, lens: Lens | None, settings: Settings) -> tuple[Geometry, Gaussians]:
+def _beginning(
+    look: FirstLook, views: F32, lens: Lens | None, settings: Settings, *, moving: bool = False
+) -> tuple[Geometry, Gaussians]:
     """Return poses, and the Gaussians to start from, as far as the settings do not withhold them.
 
     Args:
@@ -255,9 +285,12 @@ def _beginning(look: FirstLook, views: F32, lens: Lens | None, settings: Setting
         views: They give the Gaussians their colours, [N, H, W, C].
         lens: The shot's.
         settings: What is withheld, and how far apart the Gaussians begin.
+        moving: Whether they begin with the motion that the views show.
     """
     geometry, views = first_poses(look.geometry, settings.withheld), straightened(views, lens)
     start = first_gaussians(first_points(geometry, views, settings.stride_px, settings.withheld, settings.seed))
+    if moving:
+        start = set_moving(start, geometry, views, settings.fit.motion)
     # What is fitted and handed over counts the sensor's pixels, and no longer the canvas's.
     return (geometry if lens is None else replace(geometry, intrinsics=lens.intrinsics)), start
 
@@ -292,6 +325,102 @@ def _fit_one(
     return fit
 
 
+@dataclass(frozen=True)
+class _Trials:
+    """What is fitted to a measurement, from the first look and from what else is worth it, until one is taken.
+
+    Args:
+        attempt: Fits from a look, with views to take colours and motion from, a scene that is still or may move.
+        release: Goes on with fits of a still scene, and lets it move.
+        jury: The measurement.
+        lens: Through which it was taken, unless it is a pinhole.
+        settings: What may be tried.
+        refine: What will be done to the views of fits.
+        progress: Told why more is tried.
+    """
+
+    attempt: Callable[[FirstLook, F32, bool], _Attempt]
+    release: Callable[[_Attempt], _Attempt]
+    jury: Jury
+    lens: Lens | None
+    settings: Settings
+    refine: Refinement
+    progress: Progress
+
+    def hurried(self, first: FirstLook) -> tuple[_Attempt, MotionReport]:
+        """Make one attempt, whatever comes of it."""
+        moving = self.settings.motion == "on"
+        tried = self.attempt(rested(first) if moving else first, first.decoded, moving)
+        name = MOVING if moving else STILL
+        return tried, self._report(None, {name: tried}, tried)
+
+    def all(self, first: FirstLook) -> tuple[_Attempt, MotionReport]:
+        """Make those that are worth it; return the best, and how anything in it came to move, or not to."""
+        still = self._still(first)
+        wanted = self.settings.motion == "on"
+        if not (wanted or self.settings.may_move):
+            return still, self._report(None, {STILL: still}, still)
+        left = ask(self.jury, still.ensemble.views)
+        attempts = {STILL: still}
+        if wanted or (speaks_for_motion(left) and self._gains(still)):
+            self.progress.say("What the still scene leaves looks like motion: scenes that move are fitted as well.")
+            refined = self.refine(still.ensemble.views)
+            views = min((refined, first.decoded), key=lambda shown: self.jury.residual_rms(shown) or 0.0)
+            attempts[RELEASED] = self.release(still)
+            attempts[MOVING] = self.attempt(rested(still.look), views, True)
+        tried = self._clearly_best(attempts)
+        return tried, self._report(left, attempts, tried)
+
+    def _still(self, first: FirstLook) -> _Attempt:
+        """Fit a still scene; once more from a second look, or from rest, where the first path is doubtful."""
+        tried = self.attempt(first, first.decoded, False)
+        if not self.settings.may_look_again or not is_wanted(first.geometry, self.settings.geometry):
+            return tried
+        views = self.refine(tried.ensemble.views)
+        attempts = {first.geometry.source: tried}
+        again = second_look(first, views, self.lens, self.settings.look, self.progress)
+        if again is not None:
+            attempts["second look"] = self.attempt(again, views, False)
+        if needs_rest(first):
+            attempts["rest"] = self.attempt(from_rest(first), first.decoded, False)
+        return self._best(attempts)
+
+    def _gains(self, still: _Attempt) -> bool:
+        """Tell whether a few steps of a decode by similar patches, which may move, predict held-out pixels better."""
+        refined = self.refine(still.ensemble.views)
+        polished = patch_decode_from(self.jury.seen, refined, PatchSettings.from_scene_briefly())
+        before, after = self.jury.residual_rms(refined), self.jury.residual_rms(polished)
+        return before is not None and after is not None and after < (1 - LEAST_PATCH_GAIN) * before
+
+    def _best(self, attempts: dict[str, _Attempt]) -> _Attempt:
+        """Choose the attempt that predicts the held-out pixels best, and say how all of them did."""
+        left = self._left(attempts)
+        tried = attempts[min(attempts, key=lambda name: math.inf if (rms := left[name]) is None else rms)]
+        geometry = replace(tried.geometry, notes=(*tried.geometry.notes, *ranking(left)))
+        return replace(tried, geometry=geometry)
+
+    def _clearly_best(self, attempts: dict[str, _Attempt]) -> _Attempt:
+        """Choose likewise, but a scene that moves only if it predicts them clearly better than the still one."""
+        if self.settings.motion == "on":
+            return self._best({name: tried for name, tried in attempts.items() if name != STILL})
+        best, still = self._best(attempts), attempts[STILL]
+        if best.ensemble is still.ensemble:
+            return best
+        moves, stays = (self.jury.residual_rms(self.refine(tried.ensemble.views)) for tried in (best, still))
+        better = moves is not None and stays is not None and moves < (1 - LEAST_GAIN) * stays
+        return best if better else still
+
+    def _left(self, attempts: dict[str, _Attempt]) -> dict[str, float | None]:
+        return {name: self.jury.residual_rms(self.refine(tried.ensemble.views)) for name, tried in attempts.items()}
+
+    def _report(self, left: LeftByMotion | None, attempts: dict[str, _Attempt], taken: _Attempt) -> MotionReport:
+        residuals = tuple(self._left(attempts).items()) if len(attempts) > 1 else ()
+        chosen = next(name for name, tried in attempts.items() if tried.ensemble is taken.ensemble)
+        return MotionReport(
+            self.settings.motion, left, residuals, chosen, moves=taken.ensemble.best.scene.motion is not None
+        )
+
+
 class _Stopwatch:
     """Wall-clock seconds by stage."""
 
@@ -308,15 +437,19 @@ class _Stopwatch:
         return {**self._stages, "total": self._lap_s - self.began_s}
 
 
-def _recover(jury: Jury, decoded: F32, ensemble: Ensemble, refine: Refinement, settings: Settings) -> Recovered:
+def _recover(
+    first: FirstLook, ensemble: Ensemble, refine: Refinement, settings: Settings, *, polish: bool
+) -> Recovered:
     """Let the held-out pixels choose between the refined views, the best scene's and the decode.
 
     Where the settings put no residual back, nothing chooses: they are the best scene's.
 
     Refined are the fits' mean views with their residual put back, combined with the scene's and the decode's where
-    these pixels ask for it. What is chosen is taken again from all pixels, a decode with its views coupled as they
-    recommend.
+    these pixels ask for it. What is chosen is taken again from all pixels, a decode by GAP-TV with its views coupled
+    as they recommend. Where things move no scene of ours says all, and a decode by similar patches goes on from the
+    refined views, if held-out pixels bear it out (`polish`).
     """
+    jury, decoded = first.jury, first.decoded
     if settings.residual is None:
         own = ensemble.best.views
         candidates: dict[Verdict, F32] = {"refined": own, "scene": own, "decode": decoded}
@@ -324,6 +457,12 @@ def _recover(jury: Jury, decoded: F32, ensemble: Ensemble, refine: Refinement, s
         notes = doubts_about_result(jury, own) if jury.heldout.any() else (finding(Code.UNJUDGED),)
         return Recovered(own, "scene", judged, notes)
     refined, share = refine.with_share(ensemble.views)
+    polishing, before, after = PatchSettings.from_scene(), jury.residual_rms(refined), None
+    if polish:
+        polished = patch_decode_from(jury.seen, refined, polishing)
+        after = jury.residual_rms(polished)
+        polish = before is not None and after is not None and after < before
+        refined = polished if polish else refined
     parts: dict[Verdict, F32] = {"refined": refined, "scene": ensemble.best.views, "decode": decoded}
     wanted = shares(jury, parts)
     candidates = {**parts, "refined": combined_views(parts, wanted)}
@@ -333,14 +472,24 @@ def _recover(jury: Jury, decoded: F32, ensemble: Ensemble, refine: Refinement, s
     # The pixels that judged may now help as well.
     decode_share = {"decode": 1.0, "scene": 0.0, "refined": wanted["decode"]}[verdict]
     if decode_share > 0:
-        parts["decode"] = gap_tv(jury.shot, choose_coupling(jury.shot, settings.decode, settings.seed))
+        parts["decode"] = _decoded_again(jury.shot, first.decoder, settings)
     if verdict != "refined":
         return Recovered(parts[verdict], verdict, heldout_rms, notes)
     parts["refined"] = refine.by_all_pixels(ensemble.views, share)
+    if polish:
+        parts["refined"] = patch_decode_from(jury.shot, parts["refined"], polishing)
+        notes = (*notes, finding(Code.VIEWS_POLISHED, before=before or 0.0, after=after or 0.0))
     if wanted["refined"] < 1:
         mixed = finding(Code.VIEWS_COMBINED, refined=wanted["refined"], scene=wanted["scene"], decode=wanted["decode"])
         notes = (*notes, mixed)
     return Recovered(combined_views(parts, wanted), verdict, heldout_rms, notes)
+
+
+def _decoded_again(shot: Shot, decoder: FirstLookName, settings: Settings) -> F32:
+    """Decode all pixels, by GAP-TV with its views coupled as held-out pixels recommend, or by patches."""
+    if decoder != "gap-tv":
+        return decode_by_name(shot, "patches", settings.decode)
+    return gap_tv(shot, choose_coupling(shot, settings.decode, settings.seed))
 
 
 def _judge(heldout_rms: dict[Verdict, float | None]) -> Verdict:

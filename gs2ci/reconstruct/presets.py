@@ -16,48 +16,42 @@ from gs2ci.reconstruct.fit.optimiser import StepSizes
 from gs2ci.reconstruct.paper import paper_settings
 from gs2ci.reconstruct.settings import Settings
 
-# The step sizes of `CoarseSettings` are those of its own schedule.
-_NATURAL_ITERATIONS: Final = CoarseSettings.iterations
-# Adam's step of a shorter schedule has to cover more. At 50 iterations three times the step gains 0.1 to 0.9 dB over
-# twice the step, at 25 three and a half times as much again; longer ones were not tried.
-_LARGEST_STRIDE: Final = 3.5
-_STRETCHED: Final = ("means", "log_scales", "quaternions", "opacity_logits", "colours")
+_DRAFT_ITERATIONS: Final = 100
+_FINE_ITERATIONS: Final = 600
 
 
 def rescheduled(fit: CoarseSettings, iterations: int) -> CoarseSettings:
     """Return the same fit on a schedule of another length.
 
     Looks, turns of the density rule and patience keep their places in the schedule within sensible bounds; steps grow
-    as the square root of what the schedule lacks of its natural length.
+    as a shorter schedule asks (`StepSizes.of_schedule`).
     """
-    stride = min(_LARGEST_STRIDE, max(1.0, (_NATURAL_ITERATIONS / iterations) ** 0.5))
-    natural = StepSizes()
-    steps = replace(fit.steps, **{name: getattr(natural, name) * stride for name in _STRETCHED})
+    look_every = min(50, max(10, iterations // 8))
     return replace(
         fit,
         iterations=iterations,
         densify_every=min(100, max(10, iterations // 8)),
-        steps=steps,
-        hold_out=replace(fit.hold_out, look_every=min(50, max(10, iterations // 8))),
+        steps=StepSizes.of_schedule(iterations),
+        hold_out=fit.hold_out.looking(look_every),
     )
 
 
 def _draft() -> Settings:
-    """A first look: fewer decode steps and planes, a quarter of the iterations, fewer Gaussians, one fit."""
+    """A first look: fewer decode steps and planes, fewer iterations, fewer Gaussians, one fit."""
     base = Settings()
     return replace(
         base,
         decode=replace(base.decode, iterations=20),
         geometry=replace(base.geometry, sweep=replace(base.geometry.sweep, planes=48)),
-        fit=rescheduled(replace(base.fit, gaussians_per_pixel=0.2), 200),
+        fit=rescheduled(replace(base.fit, gaussians_per_pixel=0.2), _DRAFT_ITERATIONS),
         fits=1,
     )
 
 
 def _fine() -> Settings:
-    """The best known: four fits, more Gaussians from the first iteration on; then the fine stage for the best fit."""
+    """The best known: four long fits, more Gaussians from the first iteration on; then the fine stage for the best."""
     base = Settings()
-    fit = replace(base.fit, gaussians_per_pixel=0.4)
+    fit = rescheduled(replace(base.fit, gaussians_per_pixel=0.4), _FINE_ITERATIONS)
     return replace(base, stride_px=2, fit=fit, fits=4, fine=FineSettings())
 
 

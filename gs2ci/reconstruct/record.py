@@ -17,6 +17,7 @@ from gs2ci.reconstruct.fit.looks import Score
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.geometry.telemetry import Movement, movement
 from gs2ci.reconstruct.measurement.coding import Coding
+from gs2ci.reconstruct.moving import MotionReport, Speeds
 from gs2ci.reconstruct.registration.register import Registered
 from gs2ci.reconstruct.settings import Settings
 from gs2ci.render.stopping import StoppedLight
@@ -43,6 +44,8 @@ class Left:
     ensemble: Ensemble
     light: StoppedLight
     recovered: Recovered
+    motion: MotionReport
+    speeds: Speeds | None
 
 
 def record(settings: Settings, left: Left, score: Score | None, seconds: dict[str, float]) -> RunResult:
@@ -81,11 +84,13 @@ def record(settings: Settings, left: Left, score: Score | None, seconds: dict[st
         seed=settings.seed,
         verdict=recovered.verdict,
         heldout_rms=recovered.heldout_rms,
-        geometry={**_summary(geometry, settings), "moved": asdict(moved)},
+        geometry={**_summary(geometry, left.look.decoder, settings), "moved": asdict(moved)},
         ensemble=left.ensemble.summary(),
         disagreement=left.ensemble.disagreement,
         brightness=None if brightness is None else brightness.tolist(),
         registration=left.registered.summary(),
+        motion=left.motion.summary(left.speeds),
+        displacement=None if left.speeds is None else left.speeds.displacement_px,
         registered=shot if left.registered.is_changed else None,
     ).check()
 
@@ -99,6 +104,7 @@ def _notes(left: Left, settings: Settings, moved: Movement) -> tuple[Finding, ..
             *left.doubts,
             *left.look.notes,
             *geometry.notes,
+            *left.motion.notes(left.speeds),
             *ensemble.notes,
             *_fits_missing(ensemble, settings),
         ),
@@ -132,11 +138,11 @@ def _notes_on_poses(moved: Movement, geometry: Geometry) -> tuple[Finding, ...]:
     return (finding(Code.POSES_MOVED, source=source, share=share, rotation_deg=rotation_deg),)
 
 
-def _summary(geometry: Geometry, settings: Settings) -> dict[str, object]:
+def _summary(geometry: Geometry, decoder: str, settings: Settings) -> dict[str, object]:
     return {
         "method": geometry.source,
         "asked_for": settings.poses,
-        "proxy": settings.proxy,
+        "proxy": decoder if settings.proxy == "gap-tv" else settings.proxy,
         "verdict": geometry.verdict,
         "focal_px": float(geometry.intrinsics[0, 0]),
         "focal_source": geometry.focal_source,

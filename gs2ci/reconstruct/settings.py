@@ -8,7 +8,8 @@ from dataclasses import dataclass, field, replace
 from typing import Final, get_args
 
 from gs2ci.core.errors import InputError
-from gs2ci.reconstruct.choices import MOST_FITS, PoseSource, ProxyName
+from gs2ci.reconstruct.choices import MOST_FITS, MOTION_MODES, FirstLookName, MotionMode, PoseSource, ProxyName
+from gs2ci.reconstruct.decode.by_name import check_name
 from gs2ci.reconstruct.decode.gap_tv import GapTvSettings
 from gs2ci.reconstruct.decode.residual import ResidualSettings
 from gs2ci.reconstruct.first_look import LookSettings
@@ -35,9 +36,10 @@ class Settings:
     Args:
         poses: Where the initial poses and depth come from: "auto", "tracks", "stage", "file:PATH", "vggt",
             "vggt-or-tracks" (`geometry.choose`).
-        proxy: The views that the geometry stage looks at: those decoded by GAP-TV, or the proxies of the paper.
+        proxy: The views that the geometry stage looks at: the decoded ones ("gap-tv"), or the proxies of the paper.
         try_orders: Whether near and far are tried by short fits of both where tracks leave them open (`order`).
-        decode: Of the decoder that the geometry stage looks at.
+        first_look: What decodes before anything is fitted (`decode.by_name`).
+        decode: Of GAP-TV, which every decoder begins with.
         geometry: Of tracks, motion and depth.
         fit: Of the coarse stage.
         fits: How many coarse fits run side by side; the views are their mean (`fit/ensemble.py`).
@@ -53,6 +55,8 @@ class Settings:
         brightness: Of the views' brightness, where the weights are wrong.
         look_again: Whether a doubtful first path is sought again in the fitted views, and fitted once more
             (`second_look`). Not within a budget.
+        motion: Whether things in the scene may move: "auto" where still fits leave what motion explains, not within a
+            budget; "on": at once; "off": never (`moving`).
         registration: Whether the measurement is asked where its masks lie, before anything else.
         seed: Of every random draw.
     """
@@ -60,6 +64,7 @@ class Settings:
     poses: PoseSource = "auto"
     proxy: ProxyName = "gap-tv"
     try_orders: bool = True
+    first_look: FirstLookName = "gap-tv"
     decode: GapTvSettings = field(default_factory=GapTvSettings)
     geometry: GeometrySettings = field(default_factory=GeometrySettings)
     fit: CoarseSettings = field(default_factory=CoarseSettings)
@@ -74,13 +79,14 @@ class Settings:
     raster: RasterSettings = field(default_factory=lambda: RasterSettings(relist_every=_RELIST_EVERY))
     brightness: BrightnessSettings = field(default_factory=BrightnessSettings)
     look_again: bool = True
+    motion: MotionMode = "auto"
     registration: RegistrationSettings = field(default_factory=RegistrationSettings)
     seed: int = 42
 
     @property
     def look(self) -> LookSettings:
         """Get the settings of all that comes before the fit."""
-        return LookSettings(self.proxy, self.decode, self.geometry, self.brightness)
+        return LookSettings(self.proxy, self.first_look, self.decode, self.geometry, self.brightness)
 
     @property
     def may_look_again(self) -> bool:
@@ -88,17 +94,28 @@ class Settings:
         return self.look_again and self.fit.hold_out.share > 0 and self.withheld == Withheld()
 
     @property
+    def may_move(self) -> bool:
+        """Get whether a moving scene may be tried beside a still one: held-out pixels can judge it."""
+        return self.motion == "auto" and self.fit.hold_out.share > 0 and self.withheld == Withheld()
+
+    @property
     def density_rules(self) -> tuple[DensityRule, ...]:
         """Get the density rules that the fits take in turn."""
         return (self.fit.density,) if self.second_density is None else (self.fit.density, self.second_density)
 
-    def with_density_rule(self, name: str) -> "Settings":
-        """Return settings in which every fit has the density rule of a name, unless the first has it already.
+    def with_density_rule(self, rule: str | DensityRule) -> "Settings":
+        """Return settings in which every fit has one density rule.
+
+        Args:
+            rule: Its name, whose objective comes with it, unless the first fit has it already; or a rule of the
+                caller's own, under the objective that these settings have.
 
         Raises:
             InputError: There is no rule of that name.
         """
-        fit = with_rule(self.fit, name)
+        if not isinstance(rule, str):
+            return replace(self, fit=replace(self.fit, density=rule), second_density=None)
+        fit = with_rule(self.fit, rule)
         return self if fit is self.fit else replace(self, fit=fit, second_density=None)
 
     def check(self) -> "Settings":
@@ -107,6 +124,7 @@ class Settings:
         Raises:
             InputError: A stage's settings, the stride, the number of fits or the seed are out of range.
         """
+        check_name(self.first_look)
         if self.proxy not in get_args(ProxyName):
             raise InputError(f"proxy {self.proxy!r}", allowed=", ".join(get_args(ProxyName)))
         if self.stride_px < 1 or not 0 <= self.seed < 2**63:
@@ -115,6 +133,8 @@ class Settings:
             )
         if not 1 <= self.fits <= MOST_FITS:
             raise InputError(f"{self.fits} fits side by side", allowed=f"1 to {MOST_FITS}")
+        if self.motion not in MOTION_MODES:
+            raise InputError(f"motion {self.motion!r}", allowed=", ".join(MOTION_MODES))
         self.decode.check()
         self.geometry.check()
         self.brightness.check()

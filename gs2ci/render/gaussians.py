@@ -41,6 +41,35 @@ class Gaussians:
     def __len__(self) -> int:
         return int(self.means.shape[0])
 
+    def _repr_png_(self) -> bytes | None:
+        """Show the centres in their colours, seen from where most cameras of ours stand: before them, a little above.
+
+        Centres alone need no rasteriser; None where there is nothing to see.
+        """
+        from gs2ci.core.notebook import png_of  # noqa: PLC0415  pictures are drawn where somebody looks
+        from gs2ci.render.sketch import sketch  # noqa: PLC0415  as above
+
+        own = self.detach().map(lambda tensor: tensor.double())
+        # The geometric mean of the two wider axes: what a surface's disc covers.
+        sizes = own.log_scales.sort(dim=1).values[:, 1:].mean(dim=1).exp()
+        drawn = sketch(*(t.numpy() for t in (own.means, own.colours, torch.sigmoid(own.opacity_logits), sizes)))
+        return None if drawn is None else png_of(drawn)
+
+    def _repr_html_(self) -> str:
+        from gs2ci.core.notebook import card  # noqa: PLC0415  as above
+
+        facts = [("Gaussians", f"{len(self)}")]
+        if len(self):
+            means, opacity = self.means.detach(), torch.sigmoid(self.opacity_logits.detach())
+            low, high = means.amin(dim=0), means.amax(dim=0)
+            facts += [
+                ("from", ", ".join(f"{value:.4g}" for value in low.tolist())),
+                ("to", ", ".join(f"{value:.4g}" for value in high.tolist())),
+                ("median opacity", f"{float(opacity.median()):.3g}"),
+                ("median size", f"{float(self.log_scales.detach().exp().median()):.3g}"),
+            ]
+        return card("scene", facts, self._repr_png_(), caption="centres of the Gaussians")
+
     def parameters(self) -> dict[str, Tensor]:
         """Return the tensors by field name; `motion` only where there is one."""
         found = {f.name: getattr(self, f.name) for f in fields(self)}

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import Field
+from pydantic import Field, create_model
 
 from gs2ci.core.config import (
     SIMULATED,
@@ -27,16 +27,21 @@ from gs2ci.core.errors import InputError
 from gs2ci_calibration.options import CalibrationOptions
 from gs2ci_drivers.display_slm.options import DisplaySlmOptions
 from gs2ci_drivers.dlpc900.options import Dlpc900Options
+from gs2ci_drivers.genicam.options import GenicamOptions
 from gs2ci_drivers.grbl.options import GrblOptions
 from gs2ci_drivers.mount import MountOptions
+from gs2ci_drivers.plugin import driver_plugin
 from gs2ci_drivers.scpi_modulator.options import ScpiOptions
 from gs2ci_drivers.v4l2.options import V4l2Options
+from gs2ci_drivers.video_out.options import VideoOutOptions
 from gs2ci_drivers.zaber.options import ZaberOptions
 
 # Tables of a simulation's rig file that no bench's has; `gs2ci_sims.rig_file` knows those that only a bench's has.
 SIMULATION_ONLY = frozenset({"scene", "path", "light", "timing", "plan", "effects", "device_seed"})
 # Tables that both may have.
 SHARED = frozenset({"modulator", "sensor", "optics"})
+DEVICE_GROUPS = {"modulator": "gs2ci.modulators", "sensor": "gs2ci.sensors", "stage": "gs2ci.stages"}
+"""Table of a rig file -> entry points of drivers for it."""
 
 
 class CaptureTable(ConfigTable):
@@ -61,6 +66,11 @@ class CaptureTable(ConfigTable):
     margin_s: Delay = 0.0
     jitter_s: Delay = 20e-6
     retries: Annotated[int, Field(ge=0)] = 0
+    continuous: bool = False
+    """Take all shots in one run of the modulator, as fast as the devices follow each other: for a camera at rest.
+    Frames that are lost are named and passed over."""
+    ring: Count = 16
+    """Shots that may wait in memory while the disk is busy, in a continuous capture."""
     sync: bool = False
     """Wait after each row until the storage device has it, so that it survives a loss of power, too."""
 
@@ -133,8 +143,8 @@ class WorldTable(ConfigTable):
     trigger_out_2_bit: Literal["disables", "enables"] = "disables"
     """What bit 0 of a pattern entry's byte 9 truly does on the simulated DLPC900."""
     camera_driver: Literal["twin", "unicam", "rp1-cfe", "uvcvideo", "other"] = "twin"
-    """As which kernel driver the simulated camera stamps its frames; "twin" stamps the start of exposure and flags it,
-    "other" the end of the frame."""
+    """As which kernel driver the simulated camera stamps its frames, a GenICam one too; "twin" stamps the start of
+    exposure and flags it, "other" the end of the frame."""
     camera_array: tuple[Count, Count] | None = None
     """Rows and columns of the simulated camera's pixel array, of which [sensor] reads out a region; the scene is what
     that region sees. Without it the array is `height` x `width`."""
@@ -164,8 +174,10 @@ class RigTable(ConfigTable):
     """A rig file."""
 
     name: str = "rig"
-    modulator: Annotated[Dlpc900Options | ScpiOptions | DisplaySlmOptions, Field(discriminator="kind")]
-    sensor: V4l2Options
+    modulator: Annotated[
+        Dlpc900Options | ScpiOptions | DisplaySlmOptions | VideoOutOptions, Field(discriminator="kind")
+    ]
+    sensor: Annotated[V4l2Options | GenicamOptions, Field(discriminator="kind")]
     stage: Annotated[ZaberOptions | GrblOptions, Field(discriminator="kind")] | None = None
     capture: CaptureTable = CaptureTable()
     registration: RegistrationTable = RegistrationTable()
@@ -180,6 +192,21 @@ class RigTable(ConfigTable):
         """Get the names of the devices that are twins."""
         tables = {"modulator": self.modulator, "sensor": self.sensor, "stage": self.stage}
         return tuple(name for name, table in tables.items() if table is not None and table.port == SIMULATED)
+
+
+def with_plugins(tables: Mapping[str, Any]) -> type[RigTable]:
+    """Return the model of a rig file whose devices may be other packages' (`gs2ci_drivers.plugin`).
+
+    Raises:
+        PluginError: A plug-in that the file names cannot be used.
+    """
+    changed: dict[str, Any] = {}
+    for key, group in DEVICE_GROUPS.items():
+        table = tables.get(key)
+        plugin = driver_plugin(group, table.get("kind")) if isinstance(table, dict) else None
+        if plugin is not None:
+            changed[key] = (plugin.settings, ...)
+    return create_model("RigTable", __base__=RigTable, **changed) if changed else RigTable
 
 
 def describes_simulation(tables: Mapping[str, Any]) -> bool:
@@ -206,7 +233,7 @@ def read_rig(path: Path) -> tuple[RigTable, str]:
             allowed="a bench's rig file: docs/bench.md, docs/rigs/simulated.toml",
             remedy=f"for what it would simulate: gs2ci plan {path}",
         )
-    rig, text = read_settings(path, RigTable)
+    rig, text = read_settings(path, with_plugins(tables))
     devices = 2 + (rig.stage is not None)
     if rig.simulated and len(rig.simulated) != devices:
         raise InputError(

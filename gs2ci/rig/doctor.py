@@ -22,12 +22,15 @@ from gs2ci_drivers.acquisition import Devices, Taken, capture, plan_capture
 from gs2ci_drivers.display_slm.options import DisplaySlmOptions
 from gs2ci_drivers.dlpc900 import packets
 from gs2ci_drivers.dlpc900.options import Dlpc900Options
+from gs2ci_drivers.genicam.options import GenicamOptions
 from gs2ci_drivers.links import usb_bulk
+from gs2ci_drivers.links.gentl import find_producers
 from gs2ci_drivers.links.usb_device import udev_rules
 from gs2ci_drivers.pattern_sequence import ModulatorInfo, TriggerOut
 from gs2ci_drivers.plan import CaptureSettings, Mode
 from gs2ci_drivers.scpi_modulator.options import ScpiOptions
 from gs2ci_drivers.sensor import FrameFlag, SensorConfig, TriggerMode
+from gs2ci_drivers.video_out.options import VideoOutOptions
 
 Verdict = Literal["ok", "note", "bad"]
 
@@ -207,9 +210,12 @@ def _permissions(rig: Rig) -> Iterator[BenchFinding]:
                 "USB needs a udev rule unless you are root",
                 f"put into /etc/udev/rules.d/70-gs2ci.rules:\n{rules}",
             )
-    else:
+    elif not isinstance(table.modulator, VideoOutOptions):
         yield from _node("modulator", table.modulator.port, tty_rule(table.modulator.port))
-    yield from _node("sensor", table.sensor.port, VIDEO_RULE)
+    if isinstance(table.sensor, GenicamOptions):
+        yield from _producer(table.sensor)
+    else:
+        yield from _node("sensor", table.sensor.port, VIDEO_RULE)
     if table.stage is not None:
         yield from _node("stage", table.stage.port, tty_rule(table.stage.port))
 
@@ -229,7 +235,7 @@ def tty_rule(port: str) -> str:
     return f'SUBSYSTEM=="tty", {identity}, {access}'
 
 
-def _usb_ids(modulator: Dlpc900Options | ScpiOptions | DisplaySlmOptions) -> tuple[int, int] | None:
+def _usb_ids(modulator: Dlpc900Options | ScpiOptions | DisplaySlmOptions | VideoOutOptions) -> tuple[int, int] | None:
     """Return vendor and product of a modulator that is reached by USB; None for one behind a tty."""
     if isinstance(modulator, Dlpc900Options):
         return packets.VENDOR_ID, packets.PRODUCT_ID
@@ -251,6 +257,24 @@ def _node(device: str, port: str, rule: str) -> Iterator[BenchFinding]:
         )
     else:
         yield BenchFinding(what, "ok", f"{port} may be read and written")
+
+
+def _producer(sensor: GenicamOptions) -> Iterator[BenchFinding]:
+    """Say which GenTL producer speaks for the camera; makers' producers bring their own udev rules."""
+    if sensor.port == SIMULATED:
+        return
+    what = "GenTL producer"
+    try:
+        found = find_producers(sensor.producer)
+    except OSError as error:
+        yield BenchFinding(
+            what,
+            "bad",
+            str(error.strerror),
+            "install the camera maker's software, which sets GENICAM_GENTL64_PATH, or set `producer` in [sensor]",
+        )
+        return
+    yield BenchFinding(what, "ok", ", ".join(str(path) for path in found))
 
 
 def _modulator(devices: Devices) -> Iterator[BenchFinding]:

@@ -10,9 +10,8 @@ from gs2ci.core.arrays import F64
 from gs2ci.core.errors import InputError
 from gs2ci.rig.opening import Rig
 from gs2ci.rig.patterns import draw_codes, on_modulator
-from gs2ci.rig.simulated import MODULATOR_SIZES, SimulatedBench, build_bench
+from gs2ci.rig.simulated import SimulatedBench, build_bench, modulator_size
 from gs2ci_drivers.pattern_sequence import PatternSequence
-from gs2ci_drivers.v4l2.formats import PIXEL_FORMATS
 from gs2ci_sims.planner import Plan
 from gs2ci_sims.world import Exposure, MaskInterval
 
@@ -51,7 +50,7 @@ def _exposure(rig: Rig, bench: SimulatedBench) -> Exposure:
     world = table.world
     assert world is not None
     size = (table.sensor.height or world.height, table.sensor.width or world.width)
-    modulator = MODULATOR_SIZES[table.modulator.kind]
+    modulator = modulator_size(table)
     masks = on_modulator(draw_codes(capture, size, rig.folder), table.registration, modulator)
     if capture.mode == "per-mask":
         masks = masks[:1]
@@ -75,10 +74,5 @@ def _exposure(rig: Rig, bench: SimulatedBench) -> Exposure:
         world_to_camera_at=world_to_camera_at,
         height=size[0],
         width=size[1],
-        bits=_bits(table.sensor.format),
+        bits=table.sensor.bits or DEFAULT_BITS,
     )
-
-
-def _bits(code: str) -> int:
-    """Return the bits of a pixel format's values; without a format, the twin's first."""
-    return next((PIXEL_FORMATS[one].bits for one in PIXEL_FORMATS if one.strip() == code.strip()), DEFAULT_BITS)

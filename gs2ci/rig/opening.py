@@ -8,29 +8,37 @@ from collections.abc import Callable
 from contextlib import ExitStack, closing
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from gs2ci.core.clock import Clock, WallClock
 from gs2ci.core.errors import InputError
-from gs2ci.rig.config import RigTable, read_rig
+from gs2ci.rig.config import DEVICE_GROUPS, RigTable, read_rig
 from gs2ci_drivers.acquisition import Devices
 from gs2ci_drivers.display_slm.driver import DisplaySlm
 from gs2ci_drivers.display_slm.options import DisplaySlmOptions
 from gs2ci_drivers.dlpc900.driver import Dlpc900
 from gs2ci_drivers.dlpc900.options import Dlpc900Options
 from gs2ci_drivers.dlpc900.packets import PRODUCT_ID, VENDOR_ID
+from gs2ci_drivers.genicam.driver import GenicamSensor
+from gs2ci_drivers.genicam.options import GenicamOptions
 from gs2ci_drivers.grbl.driver import GrblStage
+from gs2ci_drivers.links.gentl import GenTlPort
+from gs2ci_drivers.links.sdl_screen import SdlScreen
 from gs2ci_drivers.links.serial_line import SerialLine
 from gs2ci_drivers.links.usb_bulk import UsbFifo
 from gs2ci_drivers.links.usb_hid import UsbHid
 from gs2ci_drivers.links.v4l2_sys import KernelSysPort
 from gs2ci_drivers.modulator import Modulator
-from gs2ci_drivers.ports import BytePort, HidPort, SysPort, port_errors
+from gs2ci_drivers.plugin import driver_plugin
+from gs2ci_drivers.ports import BytePort, CameraPort, HidPort, ScreenPort, SysPort, port_errors
 from gs2ci_drivers.scpi_modulator.driver import ScpiModulator
 from gs2ci_drivers.sensor import Sensor
 from gs2ci_drivers.stage import Stage
 from gs2ci_drivers.trace import Trace, TracedBytes, TracedHid, TracedSys
+from gs2ci_drivers.trace_camera import TracedCamera
 from gs2ci_drivers.v4l2.driver import V4l2Sensor
+from gs2ci_drivers.video_out.driver import VideoOut
+from gs2ci_drivers.video_out.options import VideoOutOptions
 from gs2ci_drivers.zaber.driver import ZaberStage
 from gs2ci_drivers.zaber.options import ZaberOptions
 
@@ -93,12 +101,28 @@ class Rig:
 
     def _modulator(self, clock: Clock, traces: "_Traces") -> Modulator:
         table = self.table.modulator
+        plugged = self._plugged("modulator", table, clock, traces)
+        if plugged is not None:
+            return plugged  # type: ignore[no-any-return]
         if isinstance(table, Dlpc900Options):
             return Dlpc900("modulator", traces.hid("modulator", self._hid(table)), clock, table)
         if isinstance(table, DisplaySlmOptions):
             return DisplaySlm("modulator", traces.bytes("modulator", self._fifo(table)), clock, table)
+        if isinstance(table, VideoOutOptions):
+            screen: ScreenPort = self.bench.modulator if self.bench else SdlScreen("modulator")  # type: ignore[assignment]
+            return VideoOut("modulator", screen, clock, table)
         line = self._line("modulator", table.port, table.baud, traces)
         return ScpiModulator("modulator", line, clock, table)
+
+    def _plugged(self, device: str, table: Any, clock: Clock, traces: "_Traces") -> Any:
+        """Open another package's device; None for one of ours."""
+        plugin = driver_plugin(DEVICE_GROUPS[device], table.kind)
+        if plugin is None:
+            return None
+        twin = getattr(self.bench, device, None)
+        port: Any = plugin.port(device, table) if twin is None else _opened(device, twin.open)
+        wrap: Any = {"bytes": traces.bytes, "hid": traces.hid, "sys": traces.sys}[plugin.port_kind]
+        return plugin.driver(device, wrap(device, port), clock, table)
 
     def _hid(self, table: Dlpc900Options) -> HidPort:
         if self.bench is not None:
@@ -111,13 +135,23 @@ class Rig:
         return UsbFifo("modulator", bus_port=_bus_port(table.port))
 
     def _sensor(self, clock: Clock, traces: "_Traces") -> Sensor:
-        port: SysPort = self.bench.sys_port() if self.bench else KernelSysPort()
-        return V4l2Sensor("sensor", traces.sys("sensor", port), clock, self.table.sensor)
+        plugged = self._plugged("sensor", self.table.sensor, clock, traces)
+        if plugged is not None:
+            return plugged  # type: ignore[no-any-return]
+        table = self.table.sensor
+        if isinstance(table, GenicamOptions):
+            camera: CameraPort = self.bench.sensor if self.bench else GenTlPort("sensor")  # type: ignore[assignment]
+            return GenicamSensor("sensor", traces.camera("sensor", camera), clock, table)
+        port: SysPort = self.bench.sensor if self.bench else KernelSysPort()  # type: ignore[assignment]
+        return V4l2Sensor("sensor", traces.sys("sensor", port), clock, table)
 
     def _stage(self, clock: Clock, traces: "_Traces") -> Stage | None:
         table = self.table.stage
         if table is None:
             return None
+        plugged = self._plugged("stage", table, clock, traces)
+        if plugged is not None:
+            return plugged  # type: ignore[no-any-return]
         line = self._line("stage", table.port, table.baud, traces)
         if isinstance(table, ZaberOptions):
             return ZaberStage("stage", line, clock, table)
@@ -174,6 +208,9 @@ class _Traces:
 
     def sys(self, device: str, port: SysPort) -> SysPort:
         return port if self._stem is None else TracedSys(port, self._new(self._stem, device, "sys"))
+
+    def camera(self, device: str, port: CameraPort) -> CameraPort:
+        return port if self._stem is None else TracedCamera(port, self._new(self._stem, device, "camera"))
 
     def close(self) -> None:
         for trace in self._traces:

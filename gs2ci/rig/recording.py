@@ -24,6 +24,7 @@ from gs2ci.rig.calibrated import Calibrated
 from gs2ci.rig.config import RigTable
 from gs2ci.rig.intent import intended
 from gs2ci.rig.opening import Rig
+from gs2ci.rig.ring import WritingRing
 from gs2ci.rig.telemetry import Carriage, carriage_of
 from gs2ci_drivers.acquisition import Devices, Taken, capture, plan_capture
 from gs2ci_drivers.failures import UnsupportedError
@@ -37,6 +38,8 @@ if TYPE_CHECKING:
 GUESSED_OPEN_SHARE: Final = 0.5
 """Without any word on the light, the range is taken to be filled by half of the masks being open."""
 
+FORGOTTEN_S: Final = 30.0
+"""What happened longer ago in a simulated world is of no further use to a continuous capture."""
 FULL_WELL_SHARE: Final = 0.998
 """Readings of a full well from here on count as clipped: their noise carries some of them below its end."""
 
@@ -54,6 +57,19 @@ class Prepared:
     plan: CapturePlan
     codes: U16
     calibrated: Calibrated | None = None
+
+    def _repr_png_(self) -> bytes:
+        """Show the first masks as they will be drawn."""
+        from gs2ci.core.notebook import png_of, row_of  # noqa: PLC0415  pictures are drawn where somebody looks
+
+        brightest = max(int(self.codes.max(initial=0)), 1)
+        return png_of(row_of(self.codes[:4] / brightest, height=160))
+
+    def _repr_html_(self) -> str:
+        from gs2ci.core.notebook import data_uri  # noqa: PLC0415  as above
+
+        picture = f'<img style="max-width:100%" alt="masks as drawn" src="{data_uri(self._repr_png_())}">'
+        return f"<div>{picture}{self.plan._repr_html_()}</div>"
 
 
 def prepare(rig: Rig, devices: Devices, calibrated: Calibrated | None = None) -> Prepared:
@@ -120,7 +136,10 @@ def record(
             recorder = _Recorder(rig, devices, prepared, writer)
             recorder.note_plan()
             try:
-                capture(devices, plan, recorder.take, progress)
+                if plan.settings.continuous:
+                    _take_continuously(rig, devices, plan, recorder, progress)
+                else:
+                    capture(devices, plan, recorder.take, progress)
             except Exception as error:
                 recorder.note_failure(error)
                 raise
@@ -133,12 +152,28 @@ def record(
         raise
 
 
+def _take_continuously(
+    rig: Rig, devices: Devices, plan: CapturePlan, recorder: "_Recorder", progress: Progress
+) -> None:
+    """Take shots as fast as they come and write them beside; a simulated world forgets what nobody will ask for."""
+    with WritingRing(recorder.take, rig.table.capture.ring) as ring:
+
+        def keep(taken: Taken) -> None:
+            ring.put(taken)
+            if rig.bench is not None:
+                rig.bench.forget_before(devices.clock.now_s() - FORGOTTEN_S)
+
+        capture(devices, plan, keep, progress)
+    recorder.note_ring(ring)
+
+
 def _header(rig: Rig, devices: Devices, prepared: Prepared) -> CaptureHeader:
     table, plan, calibrated = rig.table, prepared.plan, prepared.calibrated
     picture = devices.sensor.settings.format
     stage = devices.stage
     light = rig.bench.light if rig.bench else None
-    truth = light is not None and plan.settings.mode is not Mode.PER_MASK
+    # In a continuous capture rows are written while the simulated world goes on, which is not asked then.
+    truth = light is not None and plan.settings.mode is not Mode.PER_MASK and not plan.settings.continuous
     cfa: Any = picture.cfa
     masks = prepared.codes.astype(np.float32) / np.float32(2**table.capture.bit_depth - 1)
     header = CaptureHeader(
@@ -149,7 +184,7 @@ def _header(rig: Rig, devices: Devices, prepared: Prepared) -> CaptureHeader:
         reading="u2",
         offset_dn=table.sensor.black_level_dn,
         scale_dn=_scale_dn(table, plan, picture.top)[0],
-        saturation_dn=float(_saturation_dn(table, picture.top)),
+        saturation_dn=float(saturation_of(table, picture.top)),
         cfa=cfa,
         intrinsics=light.scene.intrinsics if light is not None else _intrinsics(table, masks.shape[1:]),
         distortion=light.lens.coefficients if light is not None and light.lens else None,
@@ -191,8 +226,8 @@ def _scale_dn(table: RigTable, plan: CapturePlan, top: int) -> tuple[float, str]
     return (top - sensor.black_level_dn) / views, "guessed: the sensor's range over half the masks"
 
 
-def _saturation_dn(table: RigTable, top: int) -> float:
-    """Return the reading from which on a pixel may be clipped: the well's end or the converter's top."""
+def saturation_of(table: RigTable, top: int) -> float:
+    """Return the reading, DN, from which on a pixel may be clipped: the well's end or the converter's `top`."""
     sensor = table.sensor
     if sensor.full_well_e and sensor.electrons_per_dn:
         return min(float(top), sensor.black_level_dn + FULL_WELL_SHARE * sensor.full_well_e / sensor.electrons_per_dn)
@@ -239,6 +274,10 @@ class _Recorder:
             self._writer.event("calibration", **self._prepared.calibrated.record())
         self._writer.event("plan", scale=scale, **{figure.what: figure.value for figure in plan.figures})
 
+    def note_ring(self, ring: WritingRing) -> None:
+        """Write how full the ring was, and how often the disk was waited for."""
+        self._writer.event("ring", size=ring.size, fullest=ring.fullest, waits=ring.waits, waited_s=ring.waited_s)
+
     def note_failure(self, error: Exception) -> None:
         """Write why the capture ended; the rows before it stay. On a full disk that error is told, not this one."""
         notes = [str(note) for note in getattr(error, "__notes__", [])]
@@ -282,7 +321,7 @@ class _Recorder:
             origin["mask_index"] = i
         if self._carriage is not None:
             origin["telemetry"] = dict(self._carriage.told)
-        bench = self._rig.bench
+        bench = None if plan.settings.continuous else self._rig.bench
         exposure = self._exposure_of(bench, frame) if bench else None
         if bench and bench.light and exposure:
             simulated = bench.light.plans.get(exposure.index)
@@ -299,7 +338,8 @@ class _Recorder:
     def _truth(self, frame: Frame) -> Truth | None:
         """Return what was really there, on a simulated bench."""
         bench = self._rig.bench
-        if bench is None or self._prepared.plan.settings.mode is Mode.PER_MASK:
+        settings = self._prepared.plan.settings
+        if bench is None or settings.mode is Mode.PER_MASK or settings.continuous:
             return None
         light, exposure = bench.light, self._exposure_of(bench, frame)
         if light is None or exposure is None:

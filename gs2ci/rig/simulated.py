@@ -5,7 +5,9 @@ world (`simulated_operator`).
 """
 
 import re
+import sys
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -15,39 +17,43 @@ from gs2ci.rig.config import RigTable, WorldTable
 from gs2ci.rig.patterns import origin
 from gs2ci_drivers.display_slm.options import DisplaySlmOptions
 from gs2ci_drivers.dlpc900.options import Dlpc900Options
+from gs2ci_drivers.genicam.options import GenicamOptions
 from gs2ci_drivers.grbl.options import GrblOptions
-from gs2ci_drivers.ports import SysPort
+from gs2ci_drivers.plugin import driver_plugin
+from gs2ci_drivers.v4l2.options import V4l2Options
+from gs2ci_drivers.video_out.options import VideoOutOptions
 from gs2ci_drivers.zaber.options import ZaberOptions
 from gs2ci_sims.axis_motion import Mechanics
-from gs2ci_sims.bench_light import BenchLight
 from gs2ci_sims.effects.base import Effect
 from gs2ci_sims.effects.misregistration import Misregistration
 from gs2ci_sims.faults import FaultSet
-from gs2ci_sims.radiance import Renderer
 from gs2ci_sims.registration import MaskAlignment
-from gs2ci_sims.rig_file import effects_from_tables
-from gs2ci_sims.scenes.base import Scene
-from gs2ci_sims.scenes.planes import planes
-from gs2ci_sims.scenes.rgbd import motorcycle
 from gs2ci_sims.sensor import Sensor
 from gs2ci_sims.wires.display_slm import DisplaySlmTwin
 from gs2ci_sims.wires.dlpc900 import Dlpc900Twin
+from gs2ci_sims.wires.genicam import GenicamModel, GenicamTwin
 from gs2ci_sims.wires.grbl import GrblMachine, GrblTwin
 from gs2ci_sims.wires.scpi_modulator import ScpiModulatorTwin, ScpiPanel
+from gs2ci_sims.wires.screen import ScreenTwin
 from gs2ci_sims.wires.v4l2 import V4l2Twin
 from gs2ci_sims.wires.v4l2_camera import STAMPING, CameraModel
 from gs2ci_sims.wires.zaber import ZaberAxis, ZaberTwin
 from gs2ci_sims.world import LightPath, Mount, World
 
+if TYPE_CHECKING:
+    from gs2ci_sims.bench_light import BenchLight
+    from gs2ci_sims.scenes.base import Scene
+
 MODULATOR_SIZES = {
     "dlpc900": (1080, 1920),  # DLP6500
     "scpi": (ScpiPanel.height, ScpiPanel.width),
     "santec": (1200, 1920),
+    "video": (1080, 1920),
 }
 DEFAULT_FULL_SCALE_E_PER_S = 100_000.0
 FAULT = re.compile(r"(?P<device>modulator|sensor|stage): *(?P<fault>[\w.]+)(?: after (?P<skip>\d+))?")
 
-ModulatorTwin = Dlpc900Twin | ScpiModulatorTwin | DisplaySlmTwin
+ModulatorTwin = Dlpc900Twin | ScpiModulatorTwin | DisplaySlmTwin | ScreenTwin
 
 
 @dataclass
@@ -64,19 +70,54 @@ class SimulatedBench:
 
     world: World
     modulator: ModulatorTwin
-    sensor: V4l2Twin
+    sensor: V4l2Twin | GenicamTwin
     stage: ZaberTwin | GrblTwin | None
     faults: dict[str, FaultSet]
 
     @property
-    def light(self) -> BenchLight | None:
+    def light(self) -> "BenchLight | None":
         """Get what exposes the scene of [world], or None where a test put another light in."""
-        light = self.world.light
-        return light if isinstance(light, BenchLight) else None
+        return _rendering(self.world.light)
 
-    def sys_port(self) -> SysPort:
-        """Return the system calls of the simulated computer."""
-        return self.sensor
+    def forget_before(self, when_s: float) -> None:
+        """Forget what happened before, so that a long run takes no more memory than a short one."""
+        for index in self.world.forget_before(when_s):
+            if self.light is not None:
+                self.light.plans.pop(index, None)
+
+
+def _rendering(light: LightPath) -> "BenchLight | None":
+    """Return a light that renders a scene; None for any other. Nothing is imported for the answer."""
+    module = sys.modules.get("gs2ci_sims.bench_light")
+    return light if module is not None and isinstance(light, module.BenchLight) else None
+
+
+def modulator_size(rig: RigTable) -> tuple[int, int]:
+    """Return rows and columns of the simulated modulator.
+
+    Raises:
+        InputError: It is another package's, which does not say.
+    """
+    plugin = driver_plugin("gs2ci.modulators", rig.modulator.kind)
+    if plugin is None:
+        return MODULATOR_SIZES[rig.modulator.kind]
+    if plugin.size is None:
+        raise _not_simulated(rig.modulator.kind)
+    return plugin.size
+
+
+def _not_simulated(kind: str) -> InputError:
+    return InputError(f"the plug-in {kind!r} has no twin", remedy="use it on a real port, or ask its makers for a twin")
+
+
+def _plugged_twin(group: str, table: Any, world: World) -> Any:
+    """Make the twin of another package's device; None for one of ours."""
+    plugin = None if table is None else driver_plugin(group, table.kind)
+    if plugin is None:
+        return None
+    if plugin.twin is None:
+        raise _not_simulated(table.kind)
+    return plugin.twin(world, table)
 
 
 def build_bench(rig: RigTable, light: LightPath | None = None) -> SimulatedBench:
@@ -90,10 +131,11 @@ def build_bench(rig: RigTable, light: LightPath | None = None) -> SimulatedBench
         InputError: The scene, the masks' place or a fault's name cannot be.
     """
     table = rig.world or WorldTable()
+    if driver_plugin("gs2ci.sensors", rig.sensor.kind) is not None:
+        raise _not_simulated(rig.sensor.kind)
     faults = {name: FaultSet() for name in ("modulator", "sensor", "stage")}
-    cfa: CfaPattern | None = "RGGB" if rig.sensor.format.startswith(("RG", "pR")) else None
     if light is None:
-        light = _light(rig, table, cfa)
+        light = _light(rig, table, rig.sensor.cfa)
     world = World(light, _mount(rig, table, light))
     stage = _stage_twin(rig, world, faults["stage"])
     if stage is not None:
@@ -101,7 +143,7 @@ def build_bench(rig: RigTable, light: LightPath | None = None) -> SimulatedBench
     bench = SimulatedBench(
         world=world,
         modulator=_modulator_twin(rig, world, faults["modulator"]),
-        sensor=V4l2Twin(world, _camera(rig, table), faults["sensor"], rng=np.random.default_rng(table.seed)),
+        sensor=_sensor_twin(rig, table, world, faults["sensor"]),
         stage=stage,
         faults=faults,
     )
@@ -110,12 +152,20 @@ def build_bench(rig: RigTable, light: LightPath | None = None) -> SimulatedBench
     return bench
 
 
-def _scene(table: WorldTable) -> Scene:
+def _scene(table: WorldTable) -> "Scene":
+    from gs2ci_sims.scenes.planes import planes  # noqa: PLC0415
+    from gs2ci_sims.scenes.rgbd import motorcycle  # noqa: PLC0415
+
     size = (table.height, table.width)
     return motorcycle(size) if table.scene == "motorcycle" else planes(np.random.default_rng(table.seed), size)
 
 
-def _light(rig: RigTable, table: WorldTable, cfa: CfaPattern | None) -> BenchLight:
+def _light(rig: RigTable, table: WorldTable, cfa: CfaPattern | None) -> "BenchLight":
+    # Scenes need torch, which a bench with another light does without.
+    from gs2ci_sims.bench_light import BenchLight  # noqa: PLC0415
+    from gs2ci_sims.radiance import Renderer  # noqa: PLC0415
+    from gs2ci_sims.rig_file import effects_from_tables  # noqa: PLC0415
+
     scene = _scene(table)
     effects = effects_from_tables(table.effects)
     return BenchLight(
@@ -135,7 +185,7 @@ def _light(rig: RigTable, table: WorldTable, cfa: CfaPattern | None) -> BenchLig
 
 def _registration(rig: RigTable, table: WorldTable, size: tuple[int, int], effects: list[Effect]) -> MaskAlignment:
     """Return where the modulator truly falls; misregistration among the effects moves its own pixels."""
-    row, column = origin(rig.registration, size, MODULATOR_SIZES[rig.modulator.kind])
+    row, column = origin(rig.registration, size, modulator_size(rig))
     moved = next((effect for effect in effects if isinstance(effect, Misregistration)), Misregistration())
     return MaskAlignment(
         rig.registration.superpixel,
@@ -170,7 +220,8 @@ def _mount(rig: RigTable, table: WorldTable, light: LightPath) -> Mount:
     if mount is not None:
         directions = {"x": mount.x, "y": mount.y, "z": mount.z}
     scale = table.scene_units_per_mm
-    rest = light.scene.world_to_camera if isinstance(light, BenchLight) else np.eye(4)
+    rendering = _rendering(light)
+    rest = np.eye(4) if rendering is None else rendering.scene.world_to_camera
     return Mount(
         rest_world_to_camera=rest,
         directions={axis: (x * scale, y * scale, z * scale) for axis, (x, y, z) in directions.items()},
@@ -206,15 +257,24 @@ def _grbl(table: WorldTable) -> GrblMachine:
 
 def _modulator_twin(rig: RigTable, world: World, faults: FaultSet) -> ModulatorTwin:
     table = rig.world or WorldTable()
+    plugged = _plugged_twin("gs2ci.modulators", rig.modulator, world)
+    if plugged is not None:
+        return plugged  # type: ignore[no-any-return]
     if isinstance(rig.modulator, Dlpc900Options):
         return Dlpc900Twin(world, faults, name="modulator", bit_enables=table.trigger_out_2_bit == "enables")
     if isinstance(rig.modulator, DisplaySlmOptions):
         return DisplaySlmTwin(world, faults, name="modulator")
+    if isinstance(rig.modulator, VideoOutOptions):
+        late, patch = rig.modulator.frames_late, rig.modulator.trigger_patch
+        return ScreenTwin(world, faults, name="modulator", frames_late=late, patch=patch)
     return ScpiModulatorTwin(world, faults, name="modulator", baud=rig.modulator.baud)
 
 
 def _stage_twin(rig: RigTable, world: World, faults: FaultSet) -> ZaberTwin | GrblTwin | None:
     table = rig.world or WorldTable()
+    plugged = _plugged_twin("gs2ci.stages", rig.stage, world)
+    if plugged is not None:
+        return plugged  # type: ignore[no-any-return]
     if isinstance(rig.stage, ZaberOptions):
         mechanics = {axis: Mechanics(**told.model_dump()) for axis, told in table.mechanics.items()}
         start_mm = _start_mm(rig, table)
@@ -230,9 +290,35 @@ def _stage_twin(rig: RigTable, world: World, faults: FaultSet) -> ZaberTwin | Gr
     return None
 
 
-def _camera(rig: RigTable, table: WorldTable) -> CameraModel:
-    sensor, gate = rig.sensor, rig.capture.mode == "gate"
-    line = "modulator.out" if not isinstance(rig.modulator, Dlpc900Options) else f"modulator.out{1 if gate else 2}"
+def _sensor_twin(rig: RigTable, table: WorldTable, world: World, faults: FaultSet) -> V4l2Twin | GenicamTwin:
+    rng = np.random.default_rng(table.seed)
+    line = "modulator.out"
+    if isinstance(rig.modulator, Dlpc900Options):
+        line += "1" if rig.capture.mode == "gate" else "2"
+    if isinstance(rig.sensor, GenicamOptions):
+        return GenicamTwin(world, _genicam_model(rig.sensor, table, line), faults, rng=rng)
+    return V4l2Twin(world, _camera(rig.sensor, table, line), faults, rng=rng)
+
+
+def _genicam_model(sensor: GenicamOptions, table: WorldTable, line: str) -> GenicamModel:
+    offered = GenicamModel().formats
+    first = (sensor.format,) if sensor.format else ()
+    rows, columns = table.camera_array or (table.height, table.width)
+    return GenicamModel(
+        height=rows,
+        width=columns,
+        formats=(*first, *(name for name in offered if name not in first)),
+        trigger_line=line,
+        trigger_input=sensor.trigger_line,
+        stamps=STAMPING[table.camera_driver][0],
+        latency_s=table.trigger_latency_s,
+        jitter_s=table.trigger_jitter_s,
+        exposure_offset_s=table.trigger_exposure_offset_s,
+        readout_s=table.height * CameraModel.line_s if table.camera_readout_s is None else table.camera_readout_s,
+    )
+
+
+def _camera(sensor: V4l2Options, table: WorldTable, line: str) -> CameraModel:
     offered = CameraModel().formats
     rows, columns = table.camera_array or (table.height, table.width)
     stamps, flags_start = STAMPING[table.camera_driver]

@@ -31,6 +31,8 @@ PAUSE_S: Final = 0.1
 STAMP_MASK_S: Final = 0.25
 """Long masks for the stamps: what is looked for must stand out of the host's milliseconds."""
 LOOK_S: Final = 0.1
+GLANCE_S: Final = 1e-3
+"""While the host steps the masks it has no time to wait for frames."""
 PATIENCE_S: Final = 1.0
 MOST_FRAMES: Final = 200
 SURE: Final = 5.0
@@ -152,7 +154,9 @@ def look(devices: Devices, config: SensorConfig, sequence: PatternSequence) -> T
         patience_s = setup.exposure_s + setup.readout_s + PATIENCE_S
         while len(frames) < MOST_FRAMES:
             try:
-                frames.append(sensor.read(LOOK_S))
+                if not modulator.info.hardware_timed:
+                    modulator.keep_time(clock.now_s() + LOOK_S)
+                frames.append(sensor.read(LOOK_S if modulator.info.hardware_timed else GLANCE_S))
             except TriggerTimeoutError:
                 # A controller that reads its count otherwise may run several times as long as it was meant to.
                 if modulator.status().state is ModulatorState.RUNNING:

@@ -13,9 +13,9 @@ from typing import Any, Final
 
 from gs2ci.core.errors import InputError
 from gs2ci.reconstruct.ablation import COMPONENTS, without
+from gs2ci.reconstruct.choices import RULE_NAMES
 from gs2ci.reconstruct.fit.density.osgr import Osgr
 from gs2ci.reconstruct.fit.fine import FineSettings
-from gs2ci.reconstruct.fit.rules import RULE_NAMES
 from gs2ci.reconstruct.paper import paper_settings
 from gs2ci.reconstruct.settings import Settings
 

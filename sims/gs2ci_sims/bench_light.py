@@ -37,6 +37,9 @@ from gs2ci_sims.world import BOOT_S, Exposure
 # Moments at which the camera's pose is asked for during an exposure; between them it is interpolated.
 POSES_FOLLOWED: Final = 257
 
+PLANS_KEPT = 16
+"""Plans of exposures before a camera at rest that are kept; the oldest is forgotten first."""
+
 
 @dataclass(frozen=True)
 class _FollowedPath:
@@ -294,6 +297,8 @@ class BenchLight:
             renderer=self._renderer,
         )
         if steady:
+            if len(self._plans_at_rest) >= PLANS_KEPT:
+                self._plans_at_rest.pop(next(iter(self._plans_at_rest)))
             self._plans_at_rest[key] = decided
         return decided
 

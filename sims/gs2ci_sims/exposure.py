@@ -8,8 +8,9 @@ The forward model is the bench's, not the solver's: photons arrive at a rate whi
 whatever mask is on show at that moment, and one sensor collects them all. Nothing is imported from the solver.
 """
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any, Final
 
 import numpy as np
@@ -109,10 +110,9 @@ class ExposureLight:
         truth_views: The scene at the middle of each mask's nominal interval, as a sharp lens with this one's
             distortion shows it, [N, H, W, 3] float32, radiance.
         truth_world_to_camera: The camera's poses at these moments, [N, 4, 4].
-        truth_depth: Depth along the optical axis at these moments, through this lens, [N, H, W] float32; 0 where less
-            than half of the light is stopped.
         covered_share: Smallest share of pixels that see something, over these moments.
         rendered_views: How many views it took.
+        find_depth: Finds `truth_depth`.
     """
 
     photons: F64
@@ -120,9 +120,18 @@ class ExposureLight:
     weights: F64
     truth_views: F32
     truth_world_to_camera: F64
-    truth_depth: F32
     covered_share: float
     rendered_views: int
+    find_depth: Callable[[], F32] = field(repr=False, compare=False)
+
+    @cached_property
+    def truth_depth(self) -> F32:
+        """Get the depth along the optical axis at these moments, through this lens, [N, H, W] float32.
+
+        It is 0 where less than half of the light is stopped. Sought when it is asked for: a bench integrates hundreds
+        of exposures of which nobody asks, and it took most of their time.
+        """
+        return self.find_depth()
 
 
 def integrate(
@@ -191,9 +200,9 @@ def integrate(
         weights,
         np.maximum(truth_views, 0).astype(np.float32),
         path.world_to_camera(centres_s),
-        np.stack([studio.depth(float(time_s)) for time_s in centres_s]),
         float((coverage >= 0.99).mean(axis=(1, 2)).min()),
         len(needed),
+        lambda: np.stack([studio.depth(float(time_s)) for time_s in centres_s]),
     )
 
 

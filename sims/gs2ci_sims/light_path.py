@@ -7,12 +7,15 @@ this package and `gs2ci.tables`.
 
 import zlib
 from collections.abc import Sequence
+from dataclasses import is_dataclass
+from functools import cache
 from typing import Any, Final, TypeVar
 
 import numpy as np
 
 from gs2ci.core.arrays import F64
 from gs2ci.core.errors import InputError
+from gs2ci.core.plugins import PluginError, load, names
 from gs2ci_sims.effects.base import Effect, Stage, ViewEffect
 from gs2ci_sims.effects.bayer_filter import BayerFilter
 from gs2ci_sims.effects.black_level import BlackLevel
@@ -53,6 +56,7 @@ from gs2ci_sims.rig import Rig
 from gs2ci_sims.sensor import Sensor
 
 Signal = TypeVar("Signal")
+EFFECT_GROUP: Final = "gs2ci.effects"
 
 # THE physical order: scene radiance -> optics -> modulator -> exposure integration -> sensor -> readout.
 # Each effect acts at its own stage, stage after stage; within one, in the order given here. What changes the times at
@@ -105,6 +109,34 @@ LIGHT_PATH: Final[tuple[type[Effect], ...]] = (
 )
 
 
+def light_path() -> tuple[type[Effect], ...]:
+    """Return the kinds of effects in their physical order, those of plug-ins last within their stage.
+
+    Raises:
+        PluginError: A plug-in is no effect.
+    """
+    path = list(LIGHT_PATH)
+    for kind in (_plugged(name) for name in names(EFFECT_GROUP)):
+        same = [place for place, other in enumerate(path) if other.stage is kind.stage]
+        path.insert(same[-1] + 1 if same else len(path), kind)
+    return tuple(path)
+
+
+@cache
+def _plugged(name: str) -> type[Effect]:
+    kind: Any = load(EFFECT_GROUP, name)
+    whole = all(hasattr(kind, part) for part in ("stage", "cost_ns", "fixed_pattern", "bound", "apply"))
+    if not (isinstance(kind, type) and is_dataclass(kind) and whole) or getattr(kind, "name", "") != name:
+        raise PluginError(
+            f"the plug-in {name!r} is no effect",
+            allowed="a frozen dataclass with what gs2ci_sims.effects.base.Effect asks for, and that name",
+        )
+    if name in {own.name for own in LIGHT_PATH}:
+        raise PluginError(f"the plug-in {name!r} has the name of an effect of gs2ci", remedy="rename it")
+    found: type[Effect] = kind  # type: ignore[assignment]
+    return found
+
+
 def generator(seed: int, name: str) -> np.random.Generator:
     """Get the generator that belongs to `name` alone under this seed.
 
@@ -136,15 +168,16 @@ class EffectChain:
     """
 
     def __init__(self, effects: Sequence[Effect], seed: int, rig: Rig | None = None) -> None:
-        known = ", ".join(kind.name for kind in LIGHT_PATH)
+        order = LIGHT_PATH if all(type(effect) in LIGHT_PATH for effect in effects) else light_path()
+        known = ", ".join(kind.name for kind in order)
         names = [effect.name for effect in effects]
         for effect in effects:
-            if type(effect) not in LIGHT_PATH:
+            if type(effect) not in order:
                 raise InputError(f"effect {effect.name!r} has no place in the light path", allowed=known)
             if names.count(effect.name) > 1:
                 raise InputError(f"effect {effect.name!r} is given twice", remedy="keep one of them")
         self.rig = rig or Rig()
-        self.effects = tuple(sorted(effects, key=lambda effect: LIGHT_PATH.index(type(effect))))
+        self.effects = tuple(sorted(effects, key=lambda effect: order.index(type(effect))))
         self._seed = seed
         generator(seed, "")  # refuses a negative one
 

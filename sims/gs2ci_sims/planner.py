@@ -84,6 +84,26 @@ class Plan:
     render_seconds: float
     renderer: Renderer = field(default_factory=Renderer)
 
+    def _repr_png_(self) -> bytes:
+        """Show what leaving each effect out would change, beside the tolerance; simulated effects are filled."""
+        return _drawn(self)
+
+    def _repr_html_(self) -> str:
+        from gs2ci.core.notebook import sheet  # noqa: PLC0415  pictures are drawn where somebody looks
+
+        rows = [
+            (
+                decision.name,
+                "unavoidable" if math.isinf(decision.bound.rms_dn) else f"{decision.bound.rms_dn:.3g}",
+                "yes" if decision.simulated else "no",
+                decision.why,
+                decision.sampling,
+            )
+            for decision in self.decisions
+        ]
+        headings = ("effect", "at stake, DN rms", "simulated", "why", "sampling")
+        return sheet(self.summary(), headings, rows, self._repr_png_())
+
     @property
     def seconds(self) -> float:
         """Get what the simulation is expected to cost."""
@@ -300,3 +320,30 @@ def _decision(
     elif isinstance(kept, KernelEffect):
         how = f"to {kept.reach:g} sigma"
     return Decision(effect.name, bound, kept is not None, why, how, seconds if kept else 0.0)
+
+
+def _drawn(decided: Plan) -> bytes:
+    """Draw the bounds of a plan as bars on a logarithmic scale; what cannot be left out reaches the edge."""
+    import io  # noqa: PLC0415  only where somebody looks
+
+    from matplotlib.backends.backend_agg import FigureCanvasAgg  # noqa: PLC0415  as above
+    from matplotlib.figure import Figure  # noqa: PLC0415  as above
+
+    finite = [one.bound.rms_dn for one in decided.decisions if math.isfinite(one.bound.rms_dn)]
+    most = 10 * max([decided.tolerance_dn, *finite])
+    # Bounds of nothing have no place on this scale; they stand at its beginning.
+    least = decided.tolerance_dn * 1e-6
+    figure = Figure(figsize=(6.4, 0.5 + 0.26 * (1 + len(decided.decisions))), layout="constrained")
+    axes = figure.add_subplot()
+    for place, one in enumerate(decided.decisions):
+        bound = min(max(one.bound.rms_dn, 1.2 * least), most)
+        colour = "tab:blue" if one.simulated else "0.75"
+        axes.barh(place, bound - least, left=least, color=colour)
+    axes.axvline(decided.tolerance_dn, color="tab:orange", label="tolerance in all")
+    axes.set(xscale="log", xlim=(least, most), xlabel="at stake, DN rms (blue: simulated)")
+    axes.set_yticks(range(len(decided.decisions)), [one.name for one in decided.decisions], fontsize=8)
+    axes.invert_yaxis()
+    axes.legend(loc="lower left", fontsize=8)
+    file = io.BytesIO()
+    FigureCanvasAgg(figure).print_png(file)  # type: ignore[no-untyped-call]
+    return file.getvalue()

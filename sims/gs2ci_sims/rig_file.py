@@ -26,7 +26,7 @@ from gs2ci.core.config import read_toml
 from gs2ci.core.errors import InputError
 from gs2ci_sims.effects.base import Effect
 from gs2ci_sims.effects.motion_blur import MotionBlur
-from gs2ci_sims.light_path import LIGHT_PATH, generator, sensor_effects
+from gs2ci_sims.light_path import LIGHT_PATH, generator, light_path, sensor_effects
 from gs2ci_sims.masks import random_masks
 from gs2ci_sims.path import CameraPath, ReversingMove, StageMove, stage_move_for_parallax
 from gs2ci_sims.planner import DEFAULT_TOLERANCE_DN
@@ -215,6 +215,8 @@ def effects_from_tables(tables: Mapping[str, Any]) -> list[Effect]:
         InputError: There is no such effect, or a key or value cannot be used.
     """
     kinds = {kind.name: kind for kind in LIGHT_PATH}
+    if not set(tables) <= set(kinds):
+        kinds = {kind.name: kind for kind in light_path()}
     _known("[effects]", tables, tuple(kinds))
     return [_record(kinds[name], _table(tables, name, "effects."), f"[effects.{name}]") for name in tables]
 

@@ -143,6 +143,11 @@ class TriggerBus:
         """Call `listener` at every change of a line, at its time."""
         self._listeners[line].append(listener)
 
+    def forget_before(self, when_s: float) -> None:
+        """Forget changes that happened before."""
+        kept = bisect_right(self.edges, when_s, key=lambda edge: edge.when_s)
+        del self.edges[:kept]
+
     def rising(self, line: str) -> list[float]:
         """Return the times at which a line rose so far."""
         return [edge.when_s for edge in self.edges if edge.line == line and edge.level]
@@ -262,6 +267,7 @@ class World:
         self.light = light or Darkness()
         self.mount = mount or Mount()
         self.exposures: list[Exposure] = []
+        self._forgotten = 0
         self._motion: Motion | None = None
         self._shown: list[_Shown] = [_Shown(float("-inf"), None, 1)]
 
@@ -272,6 +278,20 @@ class World:
     def world_to_camera_at(self, when_s: float) -> F64:
         """Return the camera's true pose at a time up to now, [4, 4]."""
         return self.mount.world_to_camera(self._motion.positions_mm_at(when_s) if self._motion else {})
+
+    def forget_before(self, when_s: float) -> list[int]:
+        """Forget exposures, masks and changes of lines of before a time; return the exposures' indices.
+
+        What was on show at that time is kept, and exposures go on being counted.
+        """
+        done = bisect_right(self.exposures, when_s, key=lambda exposure: exposure.end_s)
+        forgotten = [exposure.index for exposure in self.exposures[:done]]
+        del self.exposures[:done]
+        self._forgotten += done
+        shown = bisect_right(self._shown, when_s, key=lambda one: one.start_s) - 1
+        del self._shown[: max(shown, 0)]
+        self.bus.forget_before(when_s)
+        return forgotten
 
     def show_mask(self, levels: U8 | U16 | None, top: int = 1) -> None:
         """Show a mask, [H, W], from now on; None is dark. The array must not be changed afterwards.
@@ -312,7 +332,7 @@ class World:
                 allowed="a positive length that ends by now",
             )
         exposure = Exposure(
-            index=len(self.exposures),
+            index=self._forgotten + len(self.exposures),
             start_s=start_s,
             end_s=end_s,
             masks=self.masks_between(start_s, end_s),

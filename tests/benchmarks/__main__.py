@@ -21,10 +21,14 @@ BENCHMARKS = {
     "profile": "tests.benchmarks.profile",
     "list_reuse": "tests.benchmarks.list_reuse",
     "simulated_capture": "tests.benchmarks.simulated_capture",
+    "continuous": "tests.benchmarks.continuous",
+    "video_out": "tests.benchmarks.video_out",
     "proxies": "tests.benchmarks.proxies",
     "digests": "tests.benchmarks.digests",
     "decoders": "tests.benchmarks.decoders",
+    "video": "tests.benchmarks.video",
     "scaling": "tests.benchmarks.scaling",
+    "checkouts": "tests.benchmarks.checkouts",
     "heldout_order": "tests.benchmarks.heldout_order",
     "mask_calibration": "tests.benchmarks.mask_calibration",
     "random_masks": "tests.benchmarks.random_masks",
@@ -45,6 +49,7 @@ BENCHMARKS = {
     "registration": "tests.benchmarks.registration",
     "combination": "tests.benchmarks.combination",
     "batch": "tests.benchmarks.batch",
+    "moving": "tests.benchmarks.moving",
     "processors": "tests.benchmarks.processors",
     "long_fits": "tests.benchmarks.long_fits",
     "population": "tests.benchmarks.population",
@@ -54,9 +59,12 @@ BENCHMARKS = {
 }
 
 LONG = (
+    "moving",
+    "checkouts",
     "batch",
     "processors",
     "profile",
+    "video",
     "depth",
     "first_table",
     "list_reuse",
@@ -77,6 +85,7 @@ LONG = (
     "population",
     "effect_bounds",
     "simulation_cost",
+    "video_out",
 )
 """Many benches or whole schedules each: run only by name."""
 

@@ -52,8 +52,12 @@ def run() -> None:
             print(f"{name:<12} {wall_s:7.1f} s wall, {cpu_s:7.1f} s of processors, {states}")
         print(f"two workers against one process: {one[1] / two[1]:.2f} times as fast")
         check(killed[0], Path(folder) / "killed", deaths)
-        psnr = [[row.psnr_db for row in rows] for rows, _, _ in (one, two, killed)]
-        largest = max(abs(a - b) for others in psnr[1:] for a, b in zip(psnr[0], others, strict=True))
+        pairs = [
+            (first.psnr_db, other.psnr_db)
+            for rows in (two[0], killed[0])
+            for first, other in zip(one[0], rows, strict=True)
+        ]
+        largest = max((abs(a - b) for a, b in pairs if a is not None and b is not None), default=float("nan"))
         print(f"largest difference of a shot's PSNR between the three: {largest:.2g} dB")
 
 

@@ -37,9 +37,13 @@ AS_PUBLISHED = GapTvSettings(weight=0.3)
 _Decoder = Callable[[Shot], F32]
 
 
+def data_folder() -> Path:
+    """Say where data lie that are not ours to give."""
+    return Path(os.environ.get("GS2CI_SHARED_DATA", Path(__file__).resolve().parents[2].parent / "shared" / "data"))
+
+
 def run() -> None:
-    beside = Path(__file__).resolve().parents[2].parent / "shared" / "data"
-    data = Path(os.environ.get("GS2CI_SHARED_DATA", beside))
+    data = data_folder()
     if not (data / "video_sci").is_dir():
         print("skipped: no video_sci in GS2CI_SHARED_DATA or ../shared/data")
         return
@@ -54,10 +58,10 @@ def run() -> None:
         "PnP-GAP NLM": (_plugged("gap", NonLocalMeans()), 1, ""),
     }
     with tempfile.TemporaryDirectory() as folder:
-        ffdnet = _ffdnet(data / "weights" / "ffdnet_gray.pth", Path(folder))
-        if ffdnet is not None:
-            decoders["PnP-GAP FFDNet"] = (_plugged("gap", ffdnet), None, "PnP-GAP FFDNet")
-            decoders["PnP-ADMM FFDNet"] = (_plugged("admm", ffdnet), 1, "")
+        network = ffdnet(data / "weights" / "ffdnet_gray.pth", Path(folder))
+        if network is not None:
+            decoders["PnP-GAP FFDNet"] = (_plugged("gap", network), None, "PnP-GAP FFDNet")
+            decoders["PnP-ADMM FFDNet"] = (_plugged("admm", network), 1, "")
         for name, file in FILES.items():
             if not (data / "video_sci" / file).is_file():
                 print(f"{name:8s} skipped: no {file}")
@@ -71,7 +75,8 @@ def _plugged(scheme: Scheme, denoise: TotalVariation | NonLocalMeans | OnnxDenoi
     return lambda shot: np.clip(plug_and_play(shot, denoise, PlugAndPlaySettings(scheme=scheme)), 0, 1)
 
 
-def _ffdnet(weights: Path, folder: Path) -> OnnxDenoiser | None:
+def ffdnet(weights: Path, folder: Path) -> OnnxDenoiser | None:
+    """Export the user's weights and load them; None, with the reason printed, where there are none."""
     try:
         return OnnxDenoiser(export_ffdnet(read_ffdnet(weights), folder / "ffdnet.onnx"))
     except InputError as error:

@@ -12,7 +12,8 @@ import numpy as np
 
 from gs2ci.core.arrays import F32
 from gs2ci.evaluate.metrics import psnr_per_view
-from gs2ci.reconstruct.fit.rules import RULE_NAMES, with_rule
+from gs2ci.reconstruct.choices import RULE_NAMES
+from gs2ci.reconstruct.fit.rules import with_rule
 from gs2ci.reconstruct.paper import paper_settings
 from gs2ci.reconstruct.pipeline import reconstruct
 from gs2ci.tables.cases import Case

@@ -68,6 +68,14 @@ def test_all_shots_come_in_order_and_one_by_its_index(tmp_path, file):
     assert report["shots"][0]["method"]["coupling"] == 0.3
 
 
+@pytest.mark.parametrize("method", ["patches", "patches-quick"])
+def test_patches_are_decoded_and_said(tmp_path, file, method):
+    report, _ = command(file, "-o", tmp_path / "out", "--method", method, "--iterations", 12)
+    said = report["shots"][0]["method"]
+    assert (said["name"], said["iterations"], said["lattice"]["patch_px"]) == (method, 12, 6)
+    assert report["psnr_db"] > 35
+
+
 @pytest.mark.parametrize("method", ["pnp-gap", "pnp-admm"])
 @pytest.mark.parametrize("denoiser", [None, "tv", "nlm", "onnx"])
 def test_plug_and_play_takes_any_denoiser(tmp_path, file, model, method, denoiser):
@@ -103,6 +111,7 @@ def test_a_proxy_may_be_asked_for_by_name(tmp_path, file, method):
         (["--method", "pnp-gap", "--denoiser", "bm3d"], "denoiser 'bm3d'"),
         (["--method", "pnp-gap", "--denoiser", "onnx:absent.onnx"], "no model file"),
         (["--method", "pnp-gap", "--coupling", "0.1"], "--coupling with --method pnp-gap"),
+        (["--method", "patches", "--coupling", "0.1"], "--coupling with --method patches"),
         (["--method", "eni", "--iterations", "3"], "--iterations with --method eni"),
         (["--iterations", "0"], "--iterations 0"),
         (["--coupling", "-1"], "--coupling -1"),

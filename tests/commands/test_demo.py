@@ -1,8 +1,9 @@
 import numpy as np
 import pytest
 
+from gs2ci.api.demonstration import write_rig
 from gs2ci.commands import capture
-from gs2ci.commands.demo import run, write_rig
+from gs2ci.commands.demo import run
 from gs2ci.core.errors import InputError, StorageError
 from gs2ci.core.storage import read_shot
 

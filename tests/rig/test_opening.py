@@ -120,6 +120,14 @@ def test_a_real_bench_does_without_the_simulator():
     assert done.returncode == 0, done.stderr
 
 
+@pytest.fixture
+def no_session(monkeypatch):
+    """Let the computer have no video output, whatever it has."""
+    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(name, raising=False)
+
+
+@pytest.mark.usefixtures("no_session")
 def test_cameras_serial_ports_and_modulators_are_found(monkeypatch):
     port = types.SimpleNamespace(device="/dev/ttyUSB3", description="a bridge")
     board = types.SimpleNamespace(bus=1, port_numbers=(2, 3))
@@ -133,6 +141,7 @@ def test_cameras_serial_ports_and_modulators_are_found(monkeypatch):
     ]
 
 
+@pytest.mark.usefixtures("no_session")
 def test_a_computer_without_libusb_still_lists_the_rest(monkeypatch):
     def fail(**ids):
         raise discovery.usb.core.NoBackendError("no libusb")

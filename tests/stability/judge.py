@@ -4,10 +4,17 @@
 
 Grades say how a case fared; problems say what must not be, and make it fail:
 
-    holds     loses at most 3 dB against the easy case
+    holds     loses at most 3 dB against the easy case of its own scene
     bends     loses more, and still shows more than an even grey would
     breaks    shows no more than an even grey, or is inside out: the path backwards, near for far
     refused   one typed error, as the case demands
+
+Depth has a grade of its own, against the easy case of the same scene as well: views that look right are not enough.
+
+    holds     half of the pixels err by at most twice as much and a tenth of the depth more; the order is about as good
+    bends     they err by more, or the order of depth is worse
+    breaks    near and far are exchanged, or no depth was found where the easy case finds some
+    unknown   there is no true depth, or the easy case does not find it either: nothing can be lost
 
 Not here: the cases (`cases`), the table (`__main__`).
 """
@@ -43,6 +50,11 @@ BENDS_DB = 3.0
 WORSE_DB = 0.5
 # More than an even grey of the right colour, by this much, counts as having seen something.
 SEEN_DB = 1.0
+# A depth whose order the easy case itself hardly knows cannot be lost.
+KNOWN_RANK = 0.3
+# Beyond twice the easy case's error, so much of the depth.
+DEPTH_BENDS = 0.1
+RANK_BENDS = 0.2
 # Far outside the range of light would be a fit that ran away, however finite.
 RANGE = 5.0
 SUM_TOLERANCE = 1e-4
@@ -68,10 +80,12 @@ class Outcome:
         grade: "holds", "bends", "breaks" or "refused".
         psnr_db: Of the recovered views; None where there is nothing to compare with.
         decode_db: Of the decode alone.
-        loss_db: Against the easy case at the same scale.
+        loss_db: Against the easy case of the same scene at the same scale.
         said: What the run said beyond what it says of the easy case.
         order: How the scene is inside out; "" if it is not, or if no truth tells.
         problems: What must not be; empty for a case that passes.
+        depth_grade: "holds", "bends", "breaks" or "unknown".
+        depth: What it is given for.
     """
 
     grade: str
@@ -81,6 +95,21 @@ class Outcome:
     said: tuple[str, ...] = ()
     order: str = ""
     problems: tuple[str, ...] = ()
+    depth_grade: str = "unknown"
+    depth: "DepthScore | None" = None
+
+
+@dataclass(frozen=True)
+class DepthScore:
+    """How good a depth is.
+
+    Args:
+        median_rel: Median relative error after the median scale.
+        rank: Rank correlation with the true depth.
+    """
+
+    median_rel: float
+    rank: float
 
 
 def settings_for(scale: Scale) -> Settings:
@@ -169,24 +198,58 @@ def appraise(case: Case, shot: Shot, result: RunResult, scale: Scale) -> Outcome
         notes = notes_of(shot, result)
     except (Gs2ciError, ValueError) as error:
         return Outcome("breaks", problems=(f"the result cannot be reported: {error}",))
-    beyond = beyond_easy(notes, scale)
+    # Where the scene is what is hard, another one has to be the easy case.
+    easy = easy_at(EASY.bench.scene if case.family == "scene" else case.bench.scene, scale)
+    beyond = beyond_easy(notes, easy)
     said = tuple(note.advice for note in beyond)
     # At a scale whose easy case is inside out itself, it is not the case that turns a scene over.
-    scores, order = _scores(shot, result), "" if _easy(scale)[2] else order_of(case, shot, result)
+    scores, order = _scores(shot, result), "" if easy.order else order_of(case, shot, result)
+    depth = depth_score(case, shot, result)
+    depth_grade = grade_of_depth(depth, easy.depth, order)
     problems = [*insane(shot, result), *unsaid(case, tuple(note.advice for note in (*notes, result.stopped)))]
     if order and not case.silent and not any(note.code in ABOUT_ORDER for note in notes):
         problems.append(f"{order}, without a word")
     if scores is None:
-        return Outcome("breaks" if order else "holds", said=said, order=order, problems=tuple(problems))
+        grade = "breaks" if order else "holds"
+        return Outcome(grade, said=said, order=order, problems=tuple(problems), depth_grade=depth_grade, depth=depth)
     psnr_db, decode_db, grey_db = scores
-    loss_db = easy_db(scale) - psnr_db
+    loss_db = easy.psnr_db - psnr_db
     if decode_db > grey_db and psnr_db < decode_db - WORSE_DB:
         problems.append(f"{decode_db - psnr_db:.1f} dB worse than the decode alone")
     grade = "holds" if loss_db <= BENDS_DB else "bends" if psnr_db >= grey_db + SEEN_DB else "breaks"
     heard = [note for note in beyond if note.code not in ABOUT_DEPTH]
     if grade != "holds" and not heard and not case.silent and not case.says:
         problems.append(f"loses {loss_db:.1f} dB without a word")
-    return Outcome("breaks" if order else grade, psnr_db, decode_db, loss_db, said, order, tuple(problems))
+    return Outcome(
+        "breaks" if order else grade, psnr_db, decode_db, loss_db, said, order, tuple(problems), depth_grade, depth
+    )
+
+
+def depth_score(case: Case, shot: Shot, result: RunResult) -> DepthScore | None:
+    """Score the middle view's depth; None where there is none, or no true one."""
+    if result.depth is None or not shot.views:
+        return None
+    found, true = result.depth[shot.views // 2], build(case.bench.scene, shot.size).depth
+    rank = depth_rank(found, true)
+    both = np.isfinite(found) & (found > 0) & np.isfinite(true) & (true > 0)
+    if rank is None or not both.any():
+        return None
+    ratio = found[both] / true[both]
+    return DepthScore(float(np.median(np.abs(ratio / np.median(ratio) - 1))), rank)
+
+
+def grade_of_depth(depth: DepthScore | None, easy: DepthScore | None, order: str) -> str:
+    """Grade a depth against that of the easy case of the same scene."""
+    if order:
+        return "breaks"
+    if easy is None or easy.rank < KNOWN_RANK:
+        return "unknown"
+    if depth is None:
+        return "breaks"
+    if depth.rank < 0:
+        return "breaks"
+    off = depth.median_rel > 2 * easy.median_rel + DEPTH_BENDS
+    return "bends" if off or depth.rank < easy.rank - RANK_BENDS else "holds"
 
 
 def order_of(case: Case, shot: Shot, result: RunResult) -> str:
@@ -244,23 +307,37 @@ def unsaid(case: Case, said: tuple[str, ...]) -> tuple[str, ...]:
     return tuple(f"does not say «{phrase}»" for phrase in case.says if phrase not in text)
 
 
-def beyond_easy(notes: tuple[Finding, ...], scale: Scale) -> tuple[Finding, ...]:
-    """Return the notes of a kind that the easy case at this scale does not bring."""
-    common = {note.code for note in _easy(scale)[1]}
+@dataclass(frozen=True)
+class Easy:
+    """What the easy case of a scene reaches at a scale.
+
+    Args:
+        psnr_db: Of its views.
+        notes: What is said of it.
+        order: How it is inside out itself; "" if it is not.
+        depth: How good its depth is.
+    """
+
+    psnr_db: float
+    notes: tuple[Finding, ...]
+    order: str
+    depth: DepthScore | None
+
+
+def beyond_easy(notes: tuple[Finding, ...], easy: Easy) -> tuple[Finding, ...]:
+    """Return the notes of a kind that the easy case does not bring."""
+    common = {note.code for note in easy.notes}
     return tuple(note for note in notes if note.code not in common)
 
 
-def easy_db(scale: Scale) -> float:
-    """Return what the easy case reaches at this scale, dB."""
-    return _easy(scale)[0]
-
-
-@lru_cache(maxsize=8)
-def _easy(scale: Scale) -> tuple[float, tuple[Finding, ...], str]:
-    shot, result = run(EASY, scale)
+@lru_cache(maxsize=32)
+def easy_at(scene: str, scale: Scale) -> Easy:
+    """Return what the easy case of a scene reaches at this scale."""
+    case = replace(EASY, bench=replace(EASY.bench, scene=scene))
+    shot, result = run(case, scale)
     scores = _scores(shot, result)
     assert scores is not None
-    return scores[0], notes_of(shot, result), order_of(EASY, shot, result)
+    return Easy(scores[0], notes_of(shot, result), order_of(case, shot, result), depth_score(case, shot, result))
 
 
 def _scores(shot: Shot, result: RunResult) -> tuple[float, float, float] | None:

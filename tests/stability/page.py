@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 from tests.stability.benches import FULL
 from tests.stability.cases import Case
-from tests.stability.judge import BENDS_DB, Outcome
+from tests.stability.judge import BENDS_DB, DEPTH_BENDS, RANK_BENDS, Outcome
 
 Row = tuple[Case, Outcome]
 GRADES = ("holds", "bends", "breaks", "refused")
@@ -36,10 +36,15 @@ typed error, where that is the right outcome.
 
 | outcome | meaning |
 |---|---|
-| holds | loses at most {bends:g} dB against the easy case |
+| holds | loses at most {bends:g} dB against the easy case of its own scene |
 | bends | loses more, and still shows more than an even grey |
 | breaks | shows no more than an even grey, or is inside out: near is far, the path runs backwards |
 | refused | one typed error that says what to do |
+
+The depth of the middle view has a grade of its own, against the same easy case. It *holds* if its median relative
+error is at most twice that of the easy case plus {depth:.0%}, and its rank correlation with the true depth at most
+{rank:g} smaller. It *bends* if not, and *breaks* if near and far are exchanged or no depth is found. It is left open
+where the easy case does not find the depth either.
 """
 
 
@@ -49,7 +54,9 @@ def write_page(docs: Path, rows: list[Row]) -> Path:
     (docs / "images").mkdir(exist_ok=True)
     draw(docs / IMAGE, rows)
     height, width = FULL.size
-    head = INTRODUCTION.format(width=width, height=height, iterations=FULL.iterations, bends=BENDS_DB)
+    head = INTRODUCTION.format(
+        width=width, height=height, iterations=FULL.iterations, bends=BENDS_DB, depth=DEPTH_BENDS, rank=RANK_BENDS
+    )
     parts = [head, _summary(rows), f"![Loss of every case against the easy one]({IMAGE})\n", _broken(rows)]
     parts += [_table(family, [row for row in rows if row[0].family == family]) for family in _families(rows)]
     page.write_text("\n".join(parts), encoding="utf-8")
@@ -83,16 +90,21 @@ def _broken(rows: list[Row]) -> str:
 def _table(family: str, rows: list[Row]) -> str:
     lines = [
         f"## {family.capitalize()}\n",
-        "| case | outcome | PSNR, dB | loss, dB | above the decode, dB | what the run says of it |",
-        "|---|---|---|---|---|---|",
+        "| case | outcome | PSNR, dB | loss, dB | above the decode, dB | depth | off, % | rank | what the run says |",
+        "|---|---|---|---|---|---|---|---|---|",
     ]
     for case, outcome in rows:
         above = None
         if outcome.psnr_db is not None and outcome.decode_db is not None:
             above = outcome.psnr_db - outcome.decode_db
         figures = " | ".join(_decimal(value) for value in (outcome.psnr_db, outcome.loss_db, above))
-        lines.append(f"| {case.name} | {outcome.grade} | {figures} | {_said(case, outcome)} |")
+        lines.append(f"| {case.name} | {outcome.grade} | {figures} | {_depth(outcome)} | {_said(case, outcome)} |")
     return "\n".join(lines) + "\n"
+
+
+def _depth(outcome: Outcome) -> str:
+    grade, depth = "" if outcome.depth_grade == "unknown" else outcome.depth_grade, outcome.depth
+    return f"{grade} | | " if depth is None else f"{grade} | {100 * depth.median_rel:.0f} | {depth.rank:.2f}"
 
 
 def _decimal(value: float | None) -> str:

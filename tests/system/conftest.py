@@ -110,7 +110,7 @@ def make_small(tmp_path: Path) -> Callable[..., Small]:
     def make(*, dlp5500: bool = False, **changes: dict[str, object]) -> Small:
         """Build the rig; with the smaller DLP5500 a capture costs half the time."""
         table = small_table(**changes)
-        rows, columns = (1080, 1920) if table.modulator.kind == "dlpc900" else (300, 400)
+        rows, columns = (300, 400) if table.modulator.kind == "scpi" else (1080, 1920)
         if dlp5500 and table.modulator.kind == "dlpc900":
             rows, columns = 768, 1024
         bench = build_bench(table, StripedLight((rows - HEIGHT) // 2, (columns - WIDTH) // 2))

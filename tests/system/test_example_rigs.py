@@ -30,7 +30,16 @@ SURROUNDINGS = {
         "scene": "planes",
         "flat_radiance": 0.5,
         "sensor": {"electrons_per_dn": 2.7, "black_level_dn": 240.0},  # at 12 bits; the file speaks of 10
-    }
+    },
+    "genicam": {
+        "camera_array": [1088, 1456],
+        "height": 400,
+        "width": 600,
+        "trigger_latency_s": 6e-6,
+        "camera_readout_s": 6e-3,
+        "scene": "planes",
+        "flat_radiance": 0.5,
+    },
 }
 SMALL = {"height": 48, "width": 80}
 

@@ -33,6 +33,18 @@ RIGS = {
     "unicam": ("DLPC900, V4L2 by unicam, Zaber", {"world": {"camera_driver": "unicam"}}),
     "uvc": ("DLPC900, V4L2 by uvcvideo, Zaber", {"world": {"camera_driver": "uvcvideo"}}),
     "late": ("DLPC900, V4L2 stamped at the end, Zaber", {"world": {"camera_driver": "other"}}),
+    "genicam": (
+        "DLPC900, GenICam, Zaber",
+        {"sensor": {"kind": "genicam", "height": 48, "width": 64, "format": "Mono12p", "black_level_dn": 16.0}},
+    ),
+    "video": (
+        "second display, V4L2, Zaber",
+        {
+            "modulator": {"kind": "video", "trigger_patch": [0, 0, 40, 40]},
+            # Masks of whole refreshes of 60 Hz.
+            "capture": {"mask_s": 0.05, "axis": ""},
+        },
+    ),
     "gated": (
         "DLPC900, gated IMX296, Zaber",
         {
@@ -43,7 +55,14 @@ RIGS = {
         },
     ),
 }
-VICTIMS = {"dlpc900": "modulator", "scpi": "modulator", "panel": "modulator", "v4l2": "sensor"}
+VICTIMS = {
+    "genicam": "sensor",
+    "screen": "modulator",
+    "dlpc900": "modulator",
+    "scpi": "modulator",
+    "panel": "modulator",
+    "v4l2": "sensor",
+}
 MOMENTS = {"open": "at the start", "upload": "during preparation", "shot": "after row 0"}
 
 

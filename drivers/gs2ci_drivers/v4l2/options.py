@@ -9,8 +9,9 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from gs2ci.core.config import SIMULATED, ConfigTable, Count, Delay, Duration, NotNegative, Offset, Positive
+from gs2ci.core.records import CfaPattern
 from gs2ci_drivers.sensor import StampMeaning, TriggerMode
-from gs2ci_drivers.v4l2.formats import Alignment
+from gs2ci_drivers.v4l2.formats import PIXEL_FORMATS, Alignment
 
 SIMULATED_NODE = "/dev/video0"
 """The only camera of a simulated computer."""
@@ -85,3 +86,15 @@ class V4l2Options(ConfigTable):
     def node(self) -> str:
         """Get the capture node."""
         return SIMULATED_NODE if self.port == SIMULATED else self.port
+
+    @property
+    def cfa(self) -> CfaPattern | None:
+        """Get the colour mosaic of the format that is asked for."""
+        known = PIXEL_FORMATS.get(self.format.strip().ljust(4))
+        return known.cfa if known else None
+
+    @property
+    def bits(self) -> int | None:
+        """Get the bits of the format that is asked for; None where the device's present one is taken."""
+        known = PIXEL_FORMATS.get(self.format.strip().ljust(4))
+        return known.bits if known else None

@@ -50,7 +50,7 @@ def page(title: str, sections: Sequence[PageSection], *, masthead: Markup | None
         masthead: What stands on top (`pieces.masthead`).
         eyebrow: A few words above the title.
     """
-    style, behaviour = _text("page.css"), _text("page.js")
+    style, behaviour = _text("page.css"), _text("page.js") + _text("scene.js")
     return str(
         environment()
         .get_template("page.html")

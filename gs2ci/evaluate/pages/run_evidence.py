@@ -19,13 +19,14 @@ from gs2ci.core.errors import Gs2ciError, InputError, StorageError
 from gs2ci.core.json_text import parse_json
 from gs2ci.core.records import Shot
 from gs2ci.evaluate.cameras import poses_of_transforms
-from gs2ci.evaluate.pages.pictures import to_eight_bit
-from gs2ci.evaluate.report import Report, read_report
+from gs2ci.evaluate.pages.pictures import media_type, to_eight_bit
+from gs2ci.evaluate.report import MOTION_PICTURE_NAME, Report, read_report
 from gs2ci.evaluate.scales import white_level
 
 GIVEN_NAME: Final = "given.npz"
 # An archive may claim any size; ours hold a few images.
 LIMIT_BYTES: Final = 2**30
+MOST_PICTURE_BYTES: Final = 2**23
 
 
 @dataclass(frozen=True)
@@ -40,7 +41,9 @@ class RunEvidence:
         depth: [N, H, W], 0 where nothing is seen; None where no depth was found.
         disagreement: [N, H, W], how far several fits differ, full scale 1; None where there was one.
         world_to_camera: Recovered, [N, 4, 4], OpenCV axes.
+        focal_x_px: Focal length along the rows.
         focal_y_px: Focal length along the columns.
+        motion_picture: The bytes of `motion.png`; None where nothing moves.
         measurement: For the eye, [H, W, 1 or 3]; None in a folder without `given.npz`, as the rest below.
         true_views: For the eye, [N, H, W, 1 or 3].
         true_world_to_camera: [N, 4, 4].
@@ -54,7 +57,9 @@ class RunEvidence:
     depth: NDArray[Any] | None
     disagreement: NDArray[Any] | None
     world_to_camera: F64
+    focal_x_px: float
     focal_y_px: float
+    motion_picture: bytes | None = None
     measurement: U8 | None = None
     true_views: U8 | None = None
     true_world_to_camera: F64 | None = None
@@ -138,9 +143,19 @@ def _read(folder: Path, report: Report) -> RunEvidence:
         depth=_map(folder / "depth.npy", shape),
         disagreement=_map(folder / "disagreement.npy", shape),
         world_to_camera=poses,
+        focal_x_px=_positive(path, transforms["fl_x"]),
         focal_y_px=_positive(path, transforms["fl_y"]),
+        motion_picture=_picture(folder / MOTION_PICTURE_NAME),
         **given,
     )
+
+
+def _picture(path: Path) -> bytes | None:
+    """Read a PNG; None where the folder holds no such file, or what lies there is none."""
+    if not path.is_file() or path.stat().st_size > MOST_PICTURE_BYTES:
+        return None
+    content = path.read_bytes()
+    return content if media_type(content) == "image/png" else None
 
 
 def _map(path: Path, shape: tuple[int, ...]) -> NDArray[Any] | None:

@@ -19,16 +19,21 @@ from gs2ci.evaluate.pages.next_steps import next_steps, outcome
 from gs2ci.evaluate.pages.pieces import FigureOfMerit
 from gs2ci.evaluate.pages.run_evidence import RunEvidence, read_evidence
 from gs2ci.evaluate.pages.run_pictures import RunPictures, collect_pictures
+from gs2ci.evaluate.pages.scene_view import scene_view
 from gs2ci.evaluate.pages.tradeoff_section import tradeoff_section
 from gs2ci.evaluate.report import Report, Scores, Simulation
 from gs2ci.evaluate.tradeoff.record import RECORD_NAME, TradeoffRecord, read_record
 from gs2ci.evaluate.wording import describe_number, describe_value, flat_rows, spoken_rows
+from gs2ci.render.gaussians import Gaussians
+from gs2ci.render.ply import read_ply
 
 PAGE_NAME: Final = "report.html"
 FILES: Final = (
     ("report.json", "every figure of this page and more"),
     ("views.npy, views/", "the recovered views, exact and as pictures"),
     ("scene.ply", "the Gaussians, for any 3DGS viewer"),
+    ("motion.npy, displacement.npy, motion.png", "where things move: how, for each Gaussian and each pixel"),
+    ("moments/", "where asked for with --moments: pictures spread over the exposure"),
     ("cameras.json, colmap/", "the cameras, for nerfstudio and COLMAP"),
     ("depth.npy", "distance along the optical axis, in the unit of the path"),
     ("disagreement.npy", "where several fits differ, full scale 1"),
@@ -47,24 +52,30 @@ def write_run_page(folder: Path, destination: Path | None = None) -> Path:
     Raises:
         StorageError: The folder is no whole run of this version, its record of a trade-off is damaged, or the disk
             refuses.
+        InputError: Its scene.ply is damaged.
     """
-    text = run_page(read_evidence(folder), read_record(folder))
+    place = Path(folder) / "scene.ply"
+    scene = read_ply(place) if place.is_file() else None
+    text = run_page(read_evidence(folder), read_record(folder), scene)
     return write_whole(Path(folder) / PAGE_NAME if destination is None else destination, text)
 
 
-def run_page(evidence: RunEvidence, tradeoff: TradeoffRecord | None = None) -> str:
+def run_page(evidence: RunEvidence, tradeoff: TradeoffRecord | None = None, scene: Gaussians | None = None) -> str:
     """Build the page of a run.
 
     Args:
         evidence: What its folder holds.
         tradeoff: What accuracy costs for its shot, where `gs2ci tradeoff --report` has left that.
+        scene: Its Gaussians, to be turned on the page; None leaves that out.
     """
     report = evidence.report
     pictures = collect_pictures(evidence)
     first = [
         PageSection("Views", _views(report, pictures), _views_lead(pictures)),
+        PageSection("Scene and cameras", _scene(evidence, scene)),
         PageSection("View by view", _per_view(report)),
         PageSection("Depth, error, disagreement", _maps(pictures)),
+        PageSection("What moves", _motion(evidence), _motion_lead(report)),
         PageSection("Camera path", _path(evidence), _path_lead(evidence)),
         PageSection("Quality against time", _curve(report), report.stopped.sentence),
         PageSection("Cost", _cost(report)),
@@ -176,6 +187,14 @@ def _views(report: Report, pictures: RunPictures) -> Markup:
     )
 
 
+def _scene(evidence: RunEvidence, scene: Gaussians | None) -> Markup:
+    if scene is None:
+        return Markup()
+    height, width = evidence.views.shape[1:3]
+    focal_px = (evidence.focal_x_px, evidence.focal_y_px)
+    return scene_view(scene, evidence.world_to_camera, focal_px, (height, width))
+
+
 def _views_lead(pictures: RunPictures) -> str:
     few = "" if pictures.all_shown else f"{len(pictures.indices)} of {pictures.count} views are shown here. "
     return f"{few}Pictures on this page are compressed; views.npy holds the exact numbers."
@@ -225,6 +244,28 @@ def _maps(pictures: RunPictures) -> Markup:
         return pieces.paragraph("No depth was found, the true views are not known, and there was one fit.")
     views = [index + 1 for index in pictures.indices]
     return pieces.columns(*shown) + piece("picker", views=views, start=pictures.start, label="View")
+
+
+def _motion(evidence: RunEvidence) -> Markup:
+    found = evidence.report.motion
+    if found is None or not (found.tried or found.moves):
+        return Markup()
+    drawn = evidence.motion_picture
+    picture = Markup() if drawn is None else pieces.figure(drawn, "what moves, and how fast")
+    rows = [(name, describe_number(rms)) for name, rms in found.heldout_rms.items()]
+    return picture + (pieces.table(["fits", "rms on held-out pixels"], rows) if rows else Markup())
+
+
+def _motion_lead(report: Report) -> str:
+    found = report.motion
+    if found is None or not (found.tried or found.moves):
+        return ""
+    if not found.moves:
+        return "Scenes in which things move were fitted as well, and explain the measurement no better: nothing moves."
+    return (
+        f"{found.pixels_share or 0:.0%} of the picture moves by itself by half a pixel or more over the exposure, "
+        f"{found.median_px or 0:.1f} px in the median."
+    )
 
 
 def _path(evidence: RunEvidence) -> Markup:

@@ -13,7 +13,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, get_args
 
 import numpy as np
 
@@ -25,7 +25,8 @@ from gs2ci.evaluate.metrics import psnr_per_view, ssim_per_view
 from gs2ci.evaluate.tradeoff.shrinking import enlarged, shrunk
 from gs2ci.evaluate.trajectory import trajectory_errors
 from gs2ci.reconstruct.budget.costs import CostModel
-from gs2ci.reconstruct.decode.gap_tv import gap_tv
+from gs2ci.reconstruct.choices import FirstLookName
+from gs2ci.reconstruct.decode.by_name import decode_by_name
 from gs2ci.reconstruct.measurement.jury import Jury
 from gs2ci.reconstruct.pipeline import reconstruct
 from gs2ci.reconstruct.presets import PRESETS, rescheduled
@@ -72,7 +73,7 @@ def _ladder() -> list[TradeoffTrial]:
     found.append(TradeoffTrial("half the resolution", "resolution", base, shrink=2))
     for fits in (1, 4):
         found.append(TradeoffTrial(f"{fits} fit{'s' if fits > 1 else ''}", "fits", replace(base, fits=fits)))
-    for iterations in (100, 200, 300, 1200):
+    for iterations in (50, 100, 400, 800):
         changed = replace(base, fit=rescheduled(base.fit, iterations))
         found.append(TradeoffTrial(f"{iterations} iterations", "iterations", changed))
     for share in (0.1, 0.5):
@@ -89,6 +90,9 @@ def _stages() -> list[TradeoffTrial]:
     for steps in (10, 160):
         changed = replace(base, decode=replace(base.decode, iterations=steps))
         found.append(TradeoffTrial(f"{steps} decode steps", "decode steps", changed))
+    for name in get_args(FirstLookName):
+        if name != base.first_look:
+            found.append(TradeoffTrial(f"first look by {name}", "first look", replace(base, first_look=name)))
     for planes in (24, 192):
         geometry = replace(base.geometry, sweep=replace(base.geometry.sweep, planes=planes))
         found.append(TradeoffTrial(f"{planes} depth planes", "depth planes", replace(base, geometry=geometry)))
@@ -193,7 +197,10 @@ def _treated(shot: Shot, trial: TradeoffTrial, seed: int) -> tuple[F32, Row]:
     small = shot if trial.shrink == 1 else shrunk(shot, trial.shrink)
     details: Row
     if not trial.fits:
-        views, details = gap_tv(small, settings.decode), {"iterations": 0, "gaussians": 0, "nate": None}
+        views, details = (
+            decode_by_name(small, settings.first_look, settings.decode),
+            {"iterations": 0, "gaussians": 0, "nate": None},
+        )
     else:
         result = reconstruct(small, settings).result
         truth = shot.truth.world_to_camera

@@ -35,7 +35,7 @@ class Rung:
 
 
 # From the costliest. `paper` is none of them: it is there to be faithful, and has nothing to be judged by.
-LADDER: Final = (Rung("fine", 400, 800), Rung("standard", 200, 800), Rung("draft", 20, 600))
+LADDER: Final = (Rung("fine", 250, 800), Rung("standard", 80, 800), Rung("draft", 20, 600))
 # Seconds are promised to a tenth; this share is kept back for what no model knows.
 KEPT_BACK: Final = 0.05
 # Closing files, printing, the interpreter's end.

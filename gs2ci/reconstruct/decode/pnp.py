@@ -11,6 +11,7 @@ from typing import Final, Literal
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from gs2ci.core.arrays import F32, F64, Bool
 from gs2ci.core.errors import InputError, NumericsError
@@ -73,7 +74,11 @@ class PlugAndPlaySettings:
 
 
 def plug_and_play(
-    shot: Shot, denoise: Denoiser, settings: PlugAndPlaySettings | None = None, progress: Progress | None = None
+    shot: Shot,
+    denoise: Denoiser,
+    settings: PlugAndPlaySettings | None = None,
+    progress: Progress | None = None,
+    start: F32 | None = None,
 ) -> F32:
     """Decode one coded measurement into approximate views.
 
@@ -83,6 +88,7 @@ def plug_and_play(
         denoise: The denoiser.
         settings: Scheme and schedule.
         progress: Hears of each iteration and its relative residual.
+        start: Views to begin with, as they are returned; without them every view begins as the average exposure.
 
     Returns:
         Views, [N, H, W, C] float32, full scale 1, not clamped; C is 3 behind a colour filter array. Pixels that no mask
@@ -99,10 +105,12 @@ def plug_and_play(
     inverse_energy = _inverse_energy(masks, shot.saturated, settings.gamma if settings.scheme == "admm" else 0.0)
     prior = _mosaic_prior(shot.cfa, shot.size, denoise) if shot.cfa else _plane_prior(denoise)
     levels = np.repeat(settings.sigmas, settings.iterations)
-    views = _average_exposure(masks, measured, inverse_energy > 0)
+    # What earlier steps left unexplained: nothing is known of a first average, and a start is taken as it is.
+    target = np.zeros_like(measured) if start is None else measured.copy()
+    views = _average_exposure(masks, measured, inverse_energy > 0) if start is None else _as_measured(shot, start)
     step = _gap if settings.scheme == "gap" else _admm
     progress.stage("decode", len(levels))
-    seen = step(views, masks, inverse_energy, measured, prior, levels.tolist(), progress)
+    seen = step(views, masks, inverse_energy, measured, target, prior, levels.tolist(), progress)
     return np.ascontiguousarray(seen.transpose(0, 2, 3, 1))
 
 
@@ -111,11 +119,11 @@ def _gap(
     masks: F32,
     inverse_energy: F32,
     measured: F32,
+    target: F32,
     prior: _Prior,
     levels: Sequence[float],
     progress: Progress,
 ) -> F32:
-    target = np.zeros_like(measured)
     seen = views
     for iteration, sigma in enumerate(levels):
         row_energy = project_onto_measurement(views, masks, inverse_energy, measured, target, True)
@@ -129,11 +137,11 @@ def _admm(
     masks: F32,
     inverse_energy: F32,
     measured: F32,
+    target: F32,
     prior: _Prior,
     levels: Sequence[float],
     progress: Progress,
 ) -> F32:
-    target = np.zeros_like(measured)
     multiplier = np.zeros_like(views)
     seen = views
     for iteration, sigma in enumerate(levels):
@@ -191,14 +199,25 @@ def _plane_prior(denoise: Denoiser) -> _Prior:
     return prior
 
 
+def _as_measured(shot: Shot, views: F32) -> F32:
+    """Return views, [N, H, W, C], planar and, behind a colour filter array, as the mosaic that it passes."""
+    planar = np.ascontiguousarray(views.transpose(0, 3, 1, 2), np.float32)
+    if shot.cfa is None:
+        return planar.copy()
+    return _mosaic(planar, cfa_channels(shot.cfa, shot.size).numpy())
+
+
+def _mosaic(colour: F32, channels: NDArray[np.int64]) -> F32:
+    return np.take_along_axis(colour, np.broadcast_to(channels, (len(colour), 1, *channels.shape)), axis=1)
+
+
 def _mosaic_prior(cfa: CfaPattern, size: tuple[int, int], denoise: Denoiser) -> _Prior:
     channels = cfa_channels(cfa, size).numpy()
     demosaic = Demosaicer(channels)
 
     def prior(views: F32, sigma: float) -> tuple[F32, F32]:
         colour = _checked(denoise, np.stack([demosaic(view[0]) for view in views]), sigma)
-        mosaic = np.take_along_axis(colour, np.broadcast_to(channels, (len(colour), 1, *channels.shape)), axis=1)
-        return mosaic, colour
+        return _mosaic(colour, channels), colour
 
     return prior
 

@@ -23,6 +23,7 @@ from gs2ci.reconstruct.fit.density.osgr import Osgr
 from gs2ci.reconstruct.fit.gathering import Gathering
 from gs2ci.reconstruct.fit.looks import Looks, Refine, Score
 from gs2ci.reconstruct.fit.losses import DataTerm, LossWeights, regulated
+from gs2ci.reconstruct.fit.motion import ObjectMotionSettings
 from gs2ci.reconstruct.fit.optimiser import GaussianOptimiser, StepSizes
 from gs2ci.reconstruct.fit.pace import Fixed, Pace
 from gs2ci.reconstruct.fit.poses import PoseCorrections, PoseSettings, length_of
@@ -34,6 +35,9 @@ from gs2ci.reconstruct.measurement.jury import Jury
 from gs2ci.reconstruct.measurement.lens import Lens
 from gs2ci.render.gaussians import Gaussians
 from gs2ci.render.interface import Backend
+
+STANDARD_ITERATIONS: Final = 200
+"""Of the default schedule. Three times as many gain 0.1 to 0.3 dB (docs/decisions/new-shorter-schedule.md)."""
 
 
 @dataclass(frozen=True)
@@ -51,10 +55,11 @@ class CoarseSettings:
         surfaces: How light is gathered on surfaces; None leaves that to the measurement.
         per_open_share: Whether the gradients that density rules see are divided by the masks' share of open pixels, so
             that thresholds found on photographs hold (`gathering.py`).
+        motion: How Gaussians may move that begin with a motion.
     """
 
-    iterations: int = 600
-    densify_every: int = 75
+    iterations: int = STANDARD_ITERATIONS
+    densify_every: int = STANDARD_ITERATIONS // 8
     densify_from: float = 0.025
     densify_until: float = 0.75
     gaussians_per_pixel: float | None = 0.25
@@ -63,10 +68,11 @@ class CoarseSettings:
     surfaces: SurfaceSettings | None = field(default_factory=SurfaceSettings)
     per_open_share: bool = True
     loss: LossWeights = field(default_factory=LossWeights)
-    steps: StepSizes = field(default_factory=StepSizes)
+    steps: StepSizes = field(default_factory=lambda: StepSizes.of_schedule(STANDARD_ITERATIONS))
     poses: PoseSettings = field(default_factory=PoseSettings)
     hold_out: HoldOut = field(default_factory=HoldOut)
     density: DensityRule = field(default_factory=Osgr.sparing)
+    motion: ObjectMotionSettings = field(default_factory=ObjectMotionSettings)
 
     def check(self) -> "CoarseSettings":
         """Return self if the numbers make sense.
@@ -89,6 +95,7 @@ class CoarseSettings:
         if self.surfaces is not None:
             self.surfaces.check()
         self.hold_out.check()
+        self.motion.check()
         return self
 
 
@@ -145,6 +152,9 @@ class _Fit:
         self._renderer = ShotRenderer(shot, geometry.intrinsics, backend, lens)
         self._gathering = Gathering(self._renderer, len(start), per_open_share=settings.per_open_share)
         self._reuse = self._renderer.reuse()
+        # At a depth of 1, which is the scene's median.
+        self._px_per_length = float(geometry.intrinsics[0, 0])
+        self._pixels = shot.size[0] * shot.size[1]
         self.extent = length_of(settings.steps.unit, geometry.world_to_camera)
         self.cap = _UNBOUNDED
         if settings.gaussians_per_pixel is not None:
@@ -172,18 +182,25 @@ class _Fit:
             iteration: How many are.
 
         Returns:
-            The loss without the surfaces' part of it, NaN where a parameter is not finite.
+            The loss without the surfaces' and the motion's part of it, NaN where a parameter is not finite.
         """
         if not self.optimiser.scene_is_finite():
             return float("nan")
         loss = regulated(self.data_term(self.predict()), self.optimiser.scene, self.settings.loss)
-        objective = loss
+        objective = loss + self.settings.motion.penalty(self.optimiser.scene, self._px_per_length, self._pixels)
         if self._surfaces is not None:
             poses = self.poses.world_to_camera()
-            distance = self._surfaces.term(self._renderer, self.optimiser.scene, poses, iteration)
-            objective = loss + self._surfaces.settings.weight_at(share) * distance
+            turn, between = divmod(iteration, self._surfaces.settings.every)
+            if between == 0:
+                distance = self._surfaces.term(self._renderer, self.optimiser.scene, poses, turn)
+                objective = objective + self._surfaces.settings.weight_at(share) * distance
         objective.backward()  # type: ignore[no-untyped-call]
         return float(loss.detach())
+
+    @property
+    def awaits_surfaces(self) -> bool:
+        """Get whether surfaces are yet to be looked for."""
+        return bool(self._begins)
 
     def find_surfaces(self, share: float) -> bool:
         """Look for surfaces when it is time to; return whether some were found now."""
@@ -353,7 +370,9 @@ class _Loop:
         iteration = 0
         while iteration < total:
             if self.fit.find_surfaces(iteration / total):
-                self._watch.set_back(iteration)
+                # Whatever is handed over has had its light gathered: an earlier state may show the held-out pixels
+                # as well, but not where things are.
+                self._watch.begin_again(iteration)
             loss = self.fit.backward(iteration / total, iteration)
             ran_away = self._how_it_ran_away(iteration, loss)
             if ran_away is not None:
@@ -369,7 +388,7 @@ class _Loop:
             if looks:
                 self._look(iteration, loss)
             self._progress.step(iteration, loss=loss, **self._figures())
-            if looks and self._watch.stalled(iteration):
+            if looks and self._watch.stalled(iteration) and not self.fit.awaits_surfaces:
                 return finding(Code.FIT_STALLED, best=self._watch.best_iteration)
         late = self._pace.is_late(iteration)
         if not self._judged:

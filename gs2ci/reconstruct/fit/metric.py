@@ -33,7 +33,9 @@ def in_given_unit(geometry: Geometry, ensemble: Ensemble) -> tuple[Geometry, Ens
     if unit is None or after == 0 or not _RANGE[0] <= unit * before / after <= _RANGE[1]:
         return replace(geometry, unit=None), ensemble
     grown = unit * before / after
-    scene = replace(best.scene, means=best.scene.means * grown, log_scales=best.scene.log_scales + math.log(grown))
+    motion = None if best.scene.motion is None else best.scene.motion * grown
+    log_scales = best.scene.log_scales + math.log(grown)
+    scene = replace(best.scene, means=best.scene.means * grown, log_scales=log_scales, motion=motion)
     best = replace(best, scene=scene, world_to_camera=_scaled(best.world_to_camera, grown))
     poses, inverse_depth = _scaled(geometry.world_to_camera, unit), geometry.inverse_depth / unit
     return replace(geometry, world_to_camera=poses, inverse_depth=inverse_depth), replace(ensemble, best=best)

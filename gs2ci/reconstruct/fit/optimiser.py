@@ -4,18 +4,29 @@ Here: step sizes and their schedule, and the surgery that keeps Adam's moments w
 added or removed. Not here: the decision which (`density/`). For `gs2ci.reconstruct`.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Final
 
 import torch
 from torch import Tensor
 
+from gs2ci.reconstruct.fit.adam import Adam
 from gs2ci.reconstruct.fit.poses import LengthUnit
 from gs2ci.render.gaussians import Gaussians
+
+# Adam's steps below are those of a schedule of so many iterations; a shorter one has to cover as much in fewer, which
+# takes longer steps. At 50 iterations three times the step gains 0.1 to 0.9 dB over twice the step, at 25 three and a
+# half times as much again; longer ones were not tried.
+NATURAL_ITERATIONS: Final = 600
+LARGEST_STRIDE: Final = 3.5
+_STRETCHED: Final = ("means", "log_scales", "quaternions", "opacity_logits", "colours", "motion")
+# What is measured in units of the scene's extent.
+_LENGTHS: Final = ("means", "motion")
 
 
 @dataclass(frozen=True)
 class StepSizes:
-    """Adam's step sizes per parameter; those of a schedule of some hundred iterations, unless others are given.
+    """Adam's step sizes per parameter; those of a schedule of `NATURAL_ITERATIONS`, unless others are given.
 
     Adam moves a parameter by at most its step in an iteration, so that a schedule of 600 instead of 30,000 has to
     stride: places eighty times as far as the literature's, shapes five to nine times, opacities and colours one and a
@@ -25,6 +36,8 @@ class StepSizes:
         means: In `unit`, at the start.
         means_final_share: The share of it left at the end; exponential in between.
         unit: Of lengths: the means' step, and the sizes that density rules go by.
+        motion: Of the rows of a moving scene's motion, likewise in units of the scene's extent, and with the same share
+            left at the end.
     """
 
     means: float = 1.28e-2
@@ -34,6 +47,17 @@ class StepSizes:
     colours: float = 3.75e-3
     means_final_share: float = 0.2
     unit: LengthUnit = "path diameter"
+    motion: float = 3.84e-2
+
+    @classmethod
+    def of_schedule(cls, iterations: int) -> "StepSizes":
+        """Return the steps of a schedule of so many iterations.
+
+        They grow as the square root of what it lacks of `NATURAL_ITERATIONS`, up to `LARGEST_STRIDE`.
+        """
+        stride = min(LARGEST_STRIDE, max(1.0, (NATURAL_ITERATIONS / iterations) ** 0.5))
+        natural = cls()
+        return replace(natural, **{name: getattr(natural, name) * stride for name in _STRETCHED})
 
     @classmethod
     def of_the_literature(cls, unit: LengthUnit = "path diameter") -> "StepSizes":
@@ -46,6 +70,7 @@ class StepSizes:
             opacity_logits=5e-2,
             colours=2.5e-3,
             means_final_share=0.01,
+            motion=1.6e-4,
         )
 
 
@@ -64,24 +89,19 @@ class GaussianOptimiser:
         self.scene = _leaves(scene)
         self._adam = self._new_adam()
 
-    def _new_adam(self) -> torch.optim.Adam:
-        groups = [
-            {"params": [tensor], "lr": self._initial_rate(name), "name": name}
-            for name, tensor in self.scene.parameters().items()
-        ]
-        # eps: gradients of a mean over pixels reach 1e-9 per Gaussian; Adam's default 1e-8 would stall them.
-        return torch.optim.Adam(groups, eps=1e-15, fused=True)
+    def _new_adam(self) -> dict[str, Adam]:
+        return {name: Adam() for name in self.scene.parameters()}
 
     def _initial_rate(self, name: str) -> float:
         rate = float(getattr(self._sizes, name))
-        return rate * self._extent if name == "means" else rate
+        return rate * self._extent if name in _LENGTHS else rate
 
     def means_rate(self, progress: float, damping: float = 1.0) -> float:
         """Return the step size of the means, in scene units; arguments as for `step`."""
         return self._rate("means", progress) * damping
 
     def _rate(self, name: str, progress: float) -> float:
-        decay = self._sizes.means_final_share**progress if name == "means" else 1.0
+        decay = self._sizes.means_final_share**progress if name in _LENGTHS else 1.0
         return self._initial_rate(name) * decay
 
     def step(self, progress: float, damping: float = 1.0) -> None:
@@ -91,14 +111,14 @@ class GaussianOptimiser:
             progress: Share of the schedule that is done, in [0, 1].
             damping: Further factor on every step size.
         """
-        for group in self._adam.param_groups:
-            group["lr"] = self._rate(group["name"], progress) * damping
-        self._adam.step()
+        for name, tensor in self.scene.parameters().items():
+            self._adam[name].step(tensor, self._rate(name, progress) * damping)
         self.forget_gradient()
 
     def forget_gradient(self) -> None:
         """Drop the gradients."""
-        self._adam.zero_grad(set_to_none=True)
+        for tensor in self.scene.parameters().values():
+            tensor.grad = None
 
     def gradient_is_finite(self) -> bool:
         """Tell whether all gradients are free of NaN and infinities."""
@@ -122,21 +142,9 @@ class GaussianOptimiser:
                 a newcomer (whose moments start at zero).
             forget: Names of parameters whose moments start at zero for all.
         """
-        kept = source >= 0
-        fresh = _leaves(scene)
-        for group, (name, old) in zip(self._adam.param_groups, self.scene.parameters().items(), strict=True):
-            new = fresh.parameters()[name]
-            state = self._adam.state.pop(old, {})
-            for moment in ("exp_avg", "exp_avg_sq"):
-                if moment in state:
-                    moments = torch.zeros_like(new.detach())
-                    if name not in forget:
-                        moments[kept] = state[moment][source[kept]]
-                    state[moment] = moments
-            group["params"] = [new]
-            if state:
-                self._adam.state[new] = state
-        self.scene = fresh
+        for name, adam in self._adam.items():
+            adam.follow(source, forget=name in forget)
+        self.scene = _leaves(scene)
 
     def restore(self, scene: Gaussians) -> None:
         """Go back to a snapshot; Adam forgets its moments, which led away from it."""

@@ -8,6 +8,8 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 from gs2ci.core.errors import InputError
+from gs2ci.core.plugins import PluginError, allowed, load
+from gs2ci.reconstruct.choices import RULE_NAMES
 from gs2ci.reconstruct.fit.coarse import CoarseSettings
 from gs2ci.reconstruct.fit.density.adc import Adc
 from gs2ci.reconstruct.fit.density.base import DensityRule
@@ -17,21 +19,25 @@ from gs2ci.reconstruct.fit.density.revised import Revised
 
 
 @dataclass(frozen=True)
-class _Choice:
-    """A rule, and the weights of mean opacity and mean size that its authors put into the loss."""
+class RuleChoice:
+    """A rule, and the weights of mean opacity and mean size that its authors put into the loss.
+
+    An entry point of the group `gs2ci.density_rules` is one of these; its rule's name is the entry point's.
+    """
 
     rule: Callable[[], DensityRule]
     opacity: float = 0.0
     size: float = 0.0
 
 
-_RULES: Final[dict[str, _Choice]] = {
-    "osgr": _Choice(Osgr.sparing, opacity=0.01),
-    "adc": _Choice(Adc),
-    "mcmc": _Choice(Mcmc, opacity=0.01, size=0.01),
-    "revised": _Choice(Revised),
+_RULES: Final[dict[str, RuleChoice]] = {
+    "osgr": RuleChoice(Osgr.sparing, opacity=0.01),
+    "adc": RuleChoice(Adc),
+    "mcmc": RuleChoice(Mcmc, opacity=0.01, size=0.01),
+    "revised": RuleChoice(Revised),
 }
-RULE_NAMES: Final = tuple(_RULES)
+assert tuple(_RULES) == RULE_NAMES
+RULE_GROUP: Final = "gs2ci.density_rules"
 
 
 def with_rule(settings: CoarseSettings, name: str) -> CoarseSettings:
@@ -40,12 +46,21 @@ def with_rule(settings: CoarseSettings, name: str) -> CoarseSettings:
     The comparison of the paper's Table VIII is made with this: everything else stays as it is.
 
     Raises:
-        InputError: There is no rule of that name.
+        InputError: There is no rule of that name, or a plug-in's cannot be used.
     """
-    if name not in _RULES:
-        raise InputError(f"no density rule {name!r}", allowed=", ".join(RULE_NAMES))
     if settings.density.name == name:
         return settings
-    choice = _RULES[name]
+    choice = _RULES.get(name) or _plugged(name)
     loss = replace(settings.loss, opacity=choice.opacity, size=choice.size)
     return replace(settings, density=choice.rule(), loss=loss)
+
+
+def _plugged(name: str) -> RuleChoice:
+    found = load(RULE_GROUP, name)
+    if found is None:
+        raise InputError(f"no density rule {name!r}", allowed=allowed(RULE_GROUP, RULE_NAMES))
+    if not isinstance(found, RuleChoice) or found.rule().name != name:
+        raise PluginError(
+            f"the plug-in {name!r} is no density rule", allowed=f"a {__name__}.RuleChoice whose rule has that name"
+        )
+    return found

@@ -14,14 +14,18 @@ from gs2ci.core.arrays import F32
 from gs2ci.reconstruct.geometry.points import Seeds
 from gs2ci.render.gaussians import Gaussians, logit
 
-INITIAL_OPACITY: Final = 0.1  # Kerbl et al. 2023, section 5.1
+INITIAL_OPACITY: Final = 0.3
+"""Three times that of Kerbl et al. 2023 (section 5.1), whose first points are sparse and unsure: those of a plane sweep
+lie on one surface, and a short schedule has no time to make it opaque."""
 _NEIGHBOURS: Final = 3  # as there: the mean distance to the three nearest
+# As large as the distance, first Gaussians blur what the decode shows, and each is blended into twice as many pixels.
+_SIZE_PER_DISTANCE: Final = 0.7
 # Duplicate points have no distance, and log 0 no end: nothing starts smaller than this share of the grid's spacing.
 _LEAST_SHARE_OF_SPACING: Final = 0.1
 
 
 def first_gaussians(seeds: Seeds) -> Gaussians:
-    """Put an isotropic, faint Gaussian on every point, as large as its neighbours are far.
+    """Put an isotropic, translucent Gaussian on every point, nearly as large as its neighbours are far.
 
     Args:
         seeds: Points, [P, 3], with colours, [P, C], and spacing, [P]; a mono scene gets three equal channels.
@@ -30,7 +34,7 @@ def first_gaussians(seeds: Seeds) -> Gaussians:
         P Gaussians, float32.
     """
     count = len(seeds.positions)
-    sizes = _neighbour_distance(seeds.positions)
+    sizes = _SIZE_PER_DISTANCE * _neighbour_distance(seeds.positions)
     sizes = np.maximum(sizes, _LEAST_SHARE_OF_SPACING * seeds.spacing)
     colours = np.broadcast_to(seeds.colours, (count, 3))
     return Gaussians(

@@ -4,7 +4,7 @@ Here: the settings and the watch. Not here: the pixels and their judgement (`rec
 For `gs2ci.reconstruct`.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from gs2ci.core.errors import InputError
 from gs2ci.reconstruct.measurement.jury import HELDOUT_SHARE
@@ -24,10 +24,15 @@ class HoldOut:
     """
 
     share: float = HELDOUT_SHARE
-    look_every: int = 50
-    patience: int = 150
-    growth_patience: int = 50
+    look_every: int = 25
+    patience: int = 75
+    growth_patience: int = 25
     improvement: float = 1e-3
+
+    def looking(self, every: int) -> "HoldOut":
+        """Return the settings with looks every so many iterations, and patience for as many looks as by default."""
+        looks, growth_looks = HoldOut.patience // HoldOut.look_every, HoldOut.growth_patience // HoldOut.look_every
+        return replace(self, look_every=every, patience=looks * every, growth_patience=growth_looks * every)
 
     def check(self) -> "HoldOut":
         """Return self if the numbers make sense.
@@ -65,6 +70,11 @@ class Watch:
     def set_back(self, iteration: int) -> None:
         """Expect the residual to rise now and to recover: improvement counts anew, the best state stays the best."""
         self._reference, self._reference_iteration = float("inf"), iteration
+
+    def begin_again(self, iteration: int) -> None:
+        """Forget all that was found: what comes now is what is wanted, be its residual larger."""
+        self.set_back(iteration)
+        self._best = float("inf")
 
     def may_grow(self, iteration: int) -> bool:
         """Tell whether the residual has improved lately, so that more Gaussians are worth having."""

@@ -43,8 +43,9 @@ class SurfaceSettings:
     """How strongly light is drawn to surfaces.
 
     Args:
-        weight: Of the mean distance in px of parallax along the whole path, at first.
+        weight: Of the mean distance in px of parallax along the whole path, at first; where the term counts.
         final_weight: At the end of the schedule; exponential in between.
+        every: Iterations between those in which the term counts.
         begins: Shares of the schedule after which the views are swept, in order.
         views: How many are, spread over the path.
         others: With how many others each is compared at most, spread over the path.
@@ -52,13 +53,14 @@ class SurfaceSettings:
         sweep: How finely to sweep.
     """
 
-    weight: float = 4e-3
-    final_weight: float = 1e-4
-    begins: tuple[float, ...] = (0.4,)
+    weight: float = 8e-3
+    final_weight: float = 2e-4
+    every: int = 2
+    begins: tuple[float, ...] = (0.25,)
     views: int = 4
-    others: int = 8
+    others: int = 4
     pixel_share: float = 0.3
-    sweep: SweepSettings = field(default_factory=lambda: SweepSettings(window_px=5, blur_px=0.5))
+    sweep: SweepSettings = field(default_factory=lambda: SweepSettings(planes=64, window_px=5, blur_px=0.5))
 
     def check(self) -> "SurfaceSettings":
         """Return self if the numbers make sense.
@@ -72,10 +74,12 @@ class SurfaceSettings:
                 self.begins and self.begins[0] > 0 and self.begins[-1] <= 1 and list(self.begins) == sorted(self.begins)
             )
             or min(self.views, self.others) < 2
+            or self.every < 1
         ):
             raise InputError(
                 f"surface settings {self}",
-                allowed="weights above 0, begins in order and a pixel_share in (0, 1], 2 views and others or more",
+                allowed="weights above 0, begins in order and a pixel_share in (0, 1], 2 views and others or more, "
+                "every at least 1",
             )
         self.sweep.check()
         return self
@@ -119,6 +123,7 @@ class Surfaces:
             turn: Views are looked at in turn.
         """
         k = turn % len(self.views)
+        scene = scene.at(float(renderer.times[self.views[k]])) if scene.motion is not None else scene
         mask_set, looked_at = self.pixels[k]
         pose = world_to_camera[self.views[k]].detach()
         depth = (scene.means @ pose[2, :3] + pose[2, 3]).clamp(min=NEAR)
@@ -159,8 +164,9 @@ def find_surfaces(
         seed: Of the choice of pixels.
     """
     count = len(views)
+    middle = (world_to_camera[count // 2][None], renderer.times[count // 2][None])
     # One view's depths are range enough, and those of all would cost as much as a fifth of a fit.
-    span = _span(renderer.stopped_light(scene, world_to_camera[count // 2][None]).surface().numpy())
+    span = _span(renderer.stopped_light(scene, *middle).surface().numpy())
     extent = float(np.linalg.norm(np.ptp(camera_centres(world_to_camera), axis=0)))
     if count < 2 or span is None or extent == 0:
         return None

@@ -18,6 +18,7 @@ from typing import Final
 
 from gs2ci.core.errors import Gs2ciError, InputError
 from gs2ci.core.findings import Code, finding
+from gs2ci.core.plugins import load, names
 from gs2ci.core.progress import Progress
 from gs2ci.reconstruct.geometry.evidence import unexplained
 from gs2ci.reconstruct.geometry.hierarchy import FromVggt
@@ -27,6 +28,8 @@ from gs2ci.reconstruct.geometry.sources import FromFile, FromStage, FromTracks, 
 from gs2ci.reconstruct.geometry.validity import Criteria, doubts_about_path
 from gs2ci.reconstruct.learned.onnx_models import find_model, known_model
 
+GEOMETRY_NAMES: Final = ("tracks", "stage", "uniform", "auto", "vggt")
+GEOMETRY_GROUP: Final = "gs2ci.geometry"
 _TRACKS: Final = "tracks"
 _STAGE: Final = "stage"
 _UNIFORM: Final = "uniform"
@@ -42,7 +45,8 @@ def load_geometry_prior(name: str) -> GeometryPrior:
 
     Args:
         name: "tracks"; "stage"; "uniform"; "auto"; "file:PATH" (a COLMAP model's folder or a transforms.json); "vggt",
-            the model added under that name; "vggt:FILE"; or "vggt-or-tracks", the tracks where no model has been added.
+            the model added under that name; "vggt:FILE"; "vggt-or-tracks", the tracks where no model has been added; or
+            that of a plug-in, which is called for its prior.
 
     Raises:
         InputError: No such name, no such file, or a model file that cannot be used.
@@ -67,9 +71,13 @@ def load_geometry_prior(name: str) -> GeometryPrior:
         return FromVggt(Path(name.removeprefix(_VGGT)))
     if name == _VGGT_OR_TRACKS:
         return TracksForVggt() if known_model("vggt") is None else FromVggt(find_model("vggt"))
-    raise InputError(
-        f"geometry {name!r}", allowed="tracks, stage, uniform, auto, file:PATH, vggt, vggt:FILE or vggt-or-tracks"
-    )
+    prior = load(GEOMETRY_GROUP, name)
+    if prior is None:
+        own = ", ".join(GEOMETRY_NAMES[:-1])
+        more = ", ".join(("file:PATH", *names(GEOMETRY_GROUP)))
+        raise InputError(f"geometry {name!r}", allowed=f"{own}, {more}, vggt, vggt:FILE or vggt-or-tracks")
+    made: GeometryPrior = prior()
+    return made
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,6 @@ say neither whether the map comes before the image or after it, nor whether the 
 noise: both are decided by trying which of the four denoises.
 """
 
-import pickle
 import re
 from dataclasses import dataclass, replace
 from itertools import pairwise, product
@@ -25,24 +24,13 @@ from gs2ci.core.arrays import F32, F64
 from gs2ci.core.errors import InputError
 from gs2ci.core.whole_file import write_whole
 from gs2ci.reconstruct.learned.onnx_models import OPSET
+from gs2ci.reconstruct.learned.weight_file import BATCH_NORM, Convolution, fold, read_state
 
 # Of the file format: that of the operators' time.
 IR_VERSION: Final = 8
-# How files of PyTorch begin: the archives of today, and pickles of before.
-_OF_PYTORCH: Final = (b"PK\x03\x04", b"\x80")
-_BATCH_NORM_EPSILON: Final = 1e-5
-_BATCH_NORM: Final = ("weight", "bias", "running_mean", "running_var")
 _PROBE_SIGMA: Final = 25 / 255
 # The right order and sign leave less than a fifth of the noise of a smooth image, each wrong one more than twice of it.
 _PROBE_SHARE_LEFT: Final = 0.75
-
-
-@dataclass(frozen=True)
-class Convolution:
-    """One layer: weight, [O, I, 3, 3], and bias, [O], float32."""
-
-    weight: Tensor
-    bias: Tensor
 
 
 @dataclass(frozen=True)
@@ -87,7 +75,7 @@ def read_ffdnet(path: Path) -> FfdNet:
 
     Only tensors are unpickled: a weight file cannot run code.
     """
-    layers = _layers(_state(Path(path)), Path(path))
+    layers = _layers(read_state(Path(path), "FFDNet"), Path(path))
     network = _resolve(FfdNet(layers))
     if network is None:
         raise InputError(
@@ -114,37 +102,6 @@ def export_ffdnet(network: FfdNet, path: Path) -> Path:
     return write_whole(path, content, parents=True)
 
 
-def _state(path: Path) -> dict[str, Tensor]:
-    if not path.is_file():
-        raise InputError(f"no weight file {path}", remedy="give the .pth file of a trained FFDNet")
-    try:
-        state = torch.load(path, map_location="cpu", weights_only=True)
-    except (pickle.UnpicklingError, RuntimeError, EOFError, ValueError, KeyError) as error:
-        raise InputError(
-            f"{path} is no PyTorch weight file: {_what_is_wrong(path, error)}",
-            allowed="what torch.save wrote of a state dictionary: names and tensors (.pth, .pt)",
-            remedy="check that it is the file of the weights, and whole",
-        ) from error
-    for key in ("state_dict", "params"):  # training scripts often put the weights beside other things
-        if isinstance(state, dict) and isinstance(state.get(key), dict):
-            state = state[key]
-    if not isinstance(state, dict) or not all(isinstance(value, Tensor) for value in state.values()):
-        raise InputError(f"{path} holds no state dictionary", allowed="names and tensors")
-    return {name: value.float() for name, value in state.items()}
-
-
-def _what_is_wrong(path: Path, error: Exception) -> str:
-    """Say what was found in a file that PyTorch refuses; its own word only where it is a file of its kind."""
-    with path.open("rb") as stream:
-        head = stream.read(24)
-    if not head:
-        return "it is empty"
-    if head.startswith(_OF_PYTORCH):
-        reason = (str(error) or type(error).__name__).split("\n", maxsplit=1)[0][:200]
-        return f"it is damaged, or holds more than tensors ({reason})"
-    return f"it begins with {head.decode('ascii')!r}" if head.isascii() else f"it begins with bytes {head[:8].hex(' ')}"
-
-
 def _layers(state: dict[str, Tensor], path: Path) -> tuple[Convolution, ...]:
     """Sort the tensors by the numbers in their names; fold each batch normalisation into the layer before it."""
     modules: dict[int, dict[str, Tensor]] = {}
@@ -156,8 +113,8 @@ def _layers(state: dict[str, Tensor], path: Path) -> tuple[Convolution, ...]:
         weight = module.get("weight")
         if weight is not None and weight.ndim == 4:
             layers.append(Convolution(weight, module.get("bias", torch.zeros(len(weight)))))
-        elif layers and all(part in module and module[part].shape == layers[-1].bias.shape for part in _BATCH_NORM):
-            layers[-1] = _fold(layers[-1], *(module[part] for part in _BATCH_NORM))
+        elif layers and all(part in module and module[part].shape == layers[-1].bias.shape for part in BATCH_NORM):
+            layers[-1] = fold(layers[-1], *(module[part] for part in BATCH_NORM))
         else:
             layers.clear()
             break
@@ -177,12 +134,6 @@ def _chained(layers: list[Convolution]) -> bool:
     through = all(before[0] == after[1] for before, after in pairwise(shapes))
     kernels = all(shape[2:] == (3, 3) for shape in shapes)
     return through and kernels and (shapes[0][1], shapes[-1][0]) in ((5, 4), (13, 12))
-
-
-def _fold(layer: Convolution, gain: Tensor, shift: Tensor, mean: Tensor, variance: Tensor) -> Convolution:
-    scale = gain.double() / torch.sqrt(variance.double() + _BATCH_NORM_EPSILON)
-    weight = layer.weight.double() * scale[:, None, None, None]
-    return Convolution(weight.float(), ((layer.bias.double() - mean.double()) * scale + shift.double()).float())
 
 
 def _resolve(network: FfdNet) -> FfdNet | None:

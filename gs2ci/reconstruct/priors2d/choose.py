@@ -4,6 +4,7 @@ from pathlib import Path
 from typing import Final
 
 from gs2ci.core.errors import InputError
+from gs2ci.core.plugins import allowed, load
 from gs2ci.reconstruct.learned.onnx_models import find_model, known_model
 from gs2ci.reconstruct.learned.onnx_prior import OnnxPrior
 from gs2ci.reconstruct.priors2d.base import ImagePrior
@@ -11,6 +12,8 @@ from gs2ci.reconstruct.priors2d.consistent import ConsistentDetail
 from gs2ci.reconstruct.priors2d.nonlocal_means import NonLocalMeansPrior
 
 _FILE: Final = "onnx:"
+PRIOR_NAMES: Final = ("consistent", "nlm", "difix")
+PRIOR_GROUP: Final = "gs2ci.priors"
 
 
 def load_prior(name: str, seed: int) -> ImagePrior:
@@ -18,7 +21,7 @@ def load_prior(name: str, seed: int) -> ImagePrior:
 
     Args:
         name: "consistent" or "nlm", which need no weights; "difix", the model added under that name; "onnx:FILE"; or
-            "difix-or-consistent", the former where it has been added.
+            "difix-or-consistent", the former where it has been added; or that of a plug-in, called with the seed.
         seed: For a model that draws at random.
 
     Raises:
@@ -35,4 +38,10 @@ def load_prior(name: str, seed: int) -> ImagePrior:
         return OnnxPrior(find_model("difix"), seed)
     if name.startswith(_FILE):
         return OnnxPrior(Path(name.removeprefix(_FILE)), seed)
-    raise InputError(f"prior {name!r}", allowed="consistent, nlm, difix, onnx:FILE or difix-or-consistent")
+    prior = load(PRIOR_GROUP, name)
+    if prior is None:
+        raise InputError(
+            f"prior {name!r}", allowed=f"{allowed(PRIOR_GROUP, PRIOR_NAMES)}, onnx:FILE or difix-or-consistent"
+        )
+    made: ImagePrior = prior(seed)
+    return made

@@ -13,6 +13,7 @@ from pydantic import Field, ValidationError
 
 from gs2ci.core.config import ConfigTable, read_settings
 from gs2ci.core.errors import InputError
+from gs2ci.core.plugins import allowed, load
 from gs2ci_sims.effects.object_motion import ObjectMotion
 from gs2ci_sims.path import StageMove, stage_move_for_parallax
 from gs2ci_sims.rig import Light
@@ -22,6 +23,7 @@ from gs2ci_sims.scenes.stage import SuggestedCamera
 
 Table = TypeVar("Table", bound=ConfigTable)
 
+SCENE_GROUP: Final = "gs2ci.scenes"
 LIBRARY: Final = Path(__file__).parent / "library"
 
 
@@ -139,7 +141,8 @@ def load_scene(
     """Read a scene file and build its scene.
 
     Args:
-        which: A name out of `scene_names`, or the path of a file (ends in .toml).
+        which: A name out of `scene_names` or of a plug-in, whose object is a path; or the path of a file (ends in
+            .toml).
         size: Height and width instead of the file's, px.
         field_of_view_deg: Horizontal field of view instead of the file's.
         views: Masks instead of the file's.
@@ -178,11 +181,14 @@ def _path(which: str | Path) -> Path:
     if str(which).endswith(".toml"):
         return Path(which)
     names = scene_names()
+    plugged = None if str(which) in names else load(SCENE_GROUP, str(which))
+    if plugged is not None:
+        return Path(plugged)
     if str(which) not in names:
         near = get_close_matches(str(which), names, n=1, cutoff=0.5)
         raise InputError(
             f"no scene {str(which)!r}" + (f"; did you mean {near[0]!r}?" if near else ""),
-            allowed=f"{', '.join(names)}, or the path of a .toml file",
+            allowed=f"{allowed(SCENE_GROUP, names)}, or the path of a .toml file",
         )
     return LIBRARY / f"{which}.toml"
 

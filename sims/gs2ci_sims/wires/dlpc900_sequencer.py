@@ -174,6 +174,8 @@ class Sequencer:
 
     def _at(self, when_s: float, action: Callable[[], None]) -> Event:
         event = self.world.clock.at(when_s, action)
+        now_s = self.world.clock.now_s()
+        self._pending = [one for one in self._pending if one.when_s >= now_s and not one.cancelled]
         self._pending.append(event)
         return event
 

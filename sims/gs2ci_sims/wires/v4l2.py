@@ -9,6 +9,7 @@ Here: `V4l2Twin`: nodes, descriptors, poll, the module's parameter, the plug. No
 
 import fnmatch
 import select
+from collections import deque
 from errno import EACCES, EBADF, EFAULT, EINVAL, ENODEV, ENOENT, ENOTTY
 from itertools import count
 
@@ -27,6 +28,7 @@ PARAMETER_DENIED = declare("v4l2.parameter_denied", "the module parameter may no
 PARAMETER_IGNORED = declare("v4l2.parameter_ignored", "the module parameter keeps its value")
 
 _SIZE_MASK = 0x3FFF
+CALLS_KEPT = 10_000
 
 
 class V4l2Twin:
@@ -53,8 +55,8 @@ class V4l2Twin:
     ) -> None:
         self.model = model or CameraModel()
         self.faults = faults or FaultSet()
-        self.calls: list[str] = []
-        """Names of the calls so far, for tests of their order."""
+        self.calls: deque[str] = deque(maxlen=CALLS_KEPT)
+        """Names of the latest calls, for tests of their order."""
         self._clock = world.clock
         self._device = CaptureDevice(world, self.model, self.faults, rng or np.random.default_rng(0))
         self._nodes = {path: False} | ({subdevice: True} if self.model.on_subdevice else {})

@@ -212,6 +212,8 @@ class CameraShutter:
         rng: Draws the jitter.
         exposure_s: Tells the exposure that is set.
         deliver: Is called when a frame has been read out.
+        active_low: Tells whether it exposes while its line is low; without it, the data sheet does.
+        delay_s: Tells what wait is set between a trigger and its exposure.
     """
 
     def __init__(
@@ -223,6 +225,8 @@ class CameraShutter:
         rng: np.random.Generator,
         exposure_s: Callable[[], float],
         deliver: Callable[[Exposed], None],
+        active_low: Callable[[], bool] | None = None,
+        delay_s: Callable[[], float] = lambda: 0.0,
     ) -> None:
         self._clock = world.clock
         self._model = model
@@ -230,6 +234,8 @@ class CameraShutter:
         self._rng = rng
         self._exposure_s = exposure_s
         self._deliver = deliver
+        self._active_low = active_low or (lambda: model.active_low)
+        self._delay_s = delay_s
         self._how: Shutting | None = None
         self._pending: list[Event] = []
         self._busy_until_s = 0.0
@@ -267,11 +273,11 @@ class CameraShutter:
         return seconds * (1 + self._model.clock_ppm * 1e-6)
 
     def _on_edge(self, edge: Edge) -> None:
-        if edge.level is not self._model.active_low:
+        if edge.level is not self._active_low():
             self._on_rise(edge.when_s)
         elif self._how is Shutting.LEVEL and self._opened_s is not None:
             opened_s, self._opened_s = self._opened_s, None
-            end_s = edge.when_s + self._model.latency_s + self._model.exposure_offset_s
+            end_s = edge.when_s + self._delay_s() + self._model.latency_s + self._model.exposure_offset_s
             self._expose(opened_s, max(end_s, opened_s + 1e-9))
 
     def _on_rise(self, when_s: float) -> None:
@@ -280,7 +286,8 @@ class CameraShutter:
         self._edges += 1
         if self._edges <= self._model.ignored_triggers or self._faults.take(TRIGGER_MISSED):
             return
-        start_s = when_s + max(0.0, self._model.latency_s + self._model.jitter_s * self._rng.standard_normal())
+        jitter_s = self._model.jitter_s * self._rng.standard_normal()
+        start_s = when_s + self._delay_s() + max(0.0, self._model.latency_s + jitter_s)
         if self._how is Shutting.LEVEL:
             self._opened_s = start_s
             return

@@ -21,9 +21,9 @@ from gs2ci_drivers.failures import (
 )
 from gs2ci_drivers.modulator import ModulatorState
 from gs2ci_drivers.pattern_sequence import PatternSequence, TriggerOut
+from gs2ci_drivers.testing.modulator_bench import ModulatorBench
 from gs2ci_sims.wires.display_slm import DisplaySlmTwin
 from gs2ci_sims.world import MaskInterval, World
-from tests.drivers.modulator_bench import ModulatorBench
 
 Bench = ModulatorBench[DisplaySlm]
 

@@ -19,9 +19,9 @@ from gs2ci_drivers.failures import (
 from gs2ci_drivers.modulator import ModulatorState
 from gs2ci_drivers.pattern_sequence import PatternSequence, TriggerOut
 from gs2ci_drivers.scpi_modulator.driver import ScpiModulator
+from gs2ci_drivers.testing.modulator_bench import ModulatorBench
 from gs2ci_sims.wires.scpi_modulator import ScpiModulatorTwin, ScpiPanel
 from gs2ci_sims.world import MaskInterval, World
-from tests.drivers.modulator_bench import ModulatorBench
 
 Bench = ModulatorBench[ScpiModulator]
 

@@ -215,7 +215,7 @@ def test_controls_and_bus_format_go_to_the_sub_device_where_there_is_one(bench: 
     b.fire()
     assert b.sensor.read(0.5).pixels.shape == (32, 48)
     b.sensor.close()
-    assert b.twin.calls[-2:] == ["close", "close"]
+    assert list(b.twin.calls)[-2:] == ["close", "close"]
 
 
 def test_without_the_sub_device_such_a_camera_has_no_controls(bench: Build) -> None:

@@ -35,6 +35,7 @@ def changed(evidence, **changes):
 def test_the_page_of_a_whole_run_has_all_its_sections_in_order(text):
     assert headings(text) == [
         "Views",
+        "Scene and cameras",
         "View by view",
         "Depth, error, disagreement",
         "Camera path",

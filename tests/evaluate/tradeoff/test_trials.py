@@ -111,11 +111,11 @@ def test_without_a_truth_held_out_pixels_alone_judge(shot):
 def test_no_trial_sees_the_pixels_that_judge_it(shot, monkeypatch):
     seen = []
 
-    def spied(given, settings):
+    def spied(given, name, settings):
         seen.append(given)
         return np.zeros((*given.masks.shape, 3), np.float32)
 
-    monkeypatch.setattr(trials, "gap_tv", spied)
+    monkeypatch.setattr(trials, "decode_by_name", spied)
     row = tried(shot, TRIALS["decode"], seed=1)
     judges = (seen[0].masks != shot.masks).any(axis=0)
     assert 0.01 < judges.mean() < 0.03

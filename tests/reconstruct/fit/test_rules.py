@@ -3,9 +3,10 @@ from dataclasses import replace
 import pytest
 
 from gs2ci.core.errors import InputError
+from gs2ci.reconstruct.choices import RULE_NAMES
 from gs2ci.reconstruct.fit.coarse import CoarseSettings
 from gs2ci.reconstruct.fit.density.osgr import Osgr
-from gs2ci.reconstruct.fit.rules import RULE_NAMES, with_rule
+from gs2ci.reconstruct.fit.rules import with_rule
 
 
 @pytest.mark.parametrize("name", RULE_NAMES)

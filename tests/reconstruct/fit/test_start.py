@@ -22,12 +22,12 @@ def test_gaussians_stand_on_the_points_faint_and_round_with_their_colours():
     assert (scene.quaternions == torch.tensor([1.0, 0, 0, 0])).all()
 
 
-def test_each_is_as_large_as_its_three_nearest_neighbours_are_far_on_average():
+def test_each_is_seven_tenths_as_large_as_its_three_nearest_neighbours_are_far_on_average():
     grid = np.stack(np.meshgrid(np.arange(5), np.arange(5), [0.0], indexing="ij"), axis=-1).reshape(-1, 3)
     scene = first_gaussians(seeds(grid))
     sizes = scene.log_scales[:, 0].exp().reshape(5, 5)
-    assert sizes[2, 2].item() == pytest.approx(1)
-    assert sizes[0, 0].item() == pytest.approx((1 + 1 + np.sqrt(2)) / 3)
+    assert sizes[2, 2].item() == pytest.approx(0.7)
+    assert sizes[0, 0].item() == pytest.approx(0.7 * (1 + 1 + np.sqrt(2)) / 3)
 
 
 def test_points_in_one_place_have_a_small_and_finite_size():

@@ -71,6 +71,21 @@ def test_after_a_set_back_recovery_counts_as_improvement_and_the_best_state_stay
     assert watch.best_iteration == 50
 
 
+def test_a_new_beginning_forgets_the_best_state_too():
+    watch = Watch(HoldOut(patience=100, growth_patience=50))
+    watch.note(0.5, 50)
+    watch.begin_again(100)
+    assert watch.note(0.9, 150)
+    assert watch.best_iteration == 150
+    assert not watch.note(0.95, 200)
+
+
+def test_patience_lasts_for_as_many_looks_whatever_lies_between_them():
+    few, many = HoldOut(share=0.1).looking(10), HoldOut().looking(50)
+    assert (few.look_every, few.patience, few.growth_patience, few.share) == (10, 30, 10, 0.1)
+    assert (many.look_every, many.patience, many.growth_patience) == (50, 150, 50)
+
+
 def test_without_held_out_pixels_every_look_is_the_best_and_nothing_stalls():
     watch = Watch(HoldOut(patience=50, growth_patience=50))
     for iteration in range(50, 500, 50):

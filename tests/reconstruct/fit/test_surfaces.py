@@ -152,6 +152,7 @@ def test_the_weight_fades_over_the_rest_of_the_schedule():
         {"weight": 0.0},
         {"final_weight": np.inf},
         {"begins": ()},
+        {"every": 0},
         {"begins": (0.0, 0.5)},
         {"begins": (0.8, 0.5)},
         {"pixel_share": 1.5},

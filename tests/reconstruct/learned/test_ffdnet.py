@@ -9,8 +9,9 @@ import torch
 from torch.nn import functional
 
 from gs2ci.core.errors import InputError, StorageError
-from gs2ci.reconstruct.learned.ffdnet import Convolution, FfdNet, export_ffdnet, read_ffdnet
+from gs2ci.reconstruct.learned.ffdnet import FfdNet, export_ffdnet, read_ffdnet
 from gs2ci.reconstruct.learned.onnx_denoiser import OnnxDenoiser
+from gs2ci.reconstruct.learned.weight_file import Convolution
 
 
 def small_weights(channels=1, *, map_first=False, predicts_noise=False, norms=False, seed=0):

@@ -1,0 +1,52 @@
+"""An effect of the simulated light path: a corner of the image gets less light. Its laws: `gs2ci_sims.effects.base`."""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+
+from gs2ci.core.arrays import F64
+from gs2ci.core.errors import InputError
+from gs2ci_sims.effects.base import Bound, Stage
+from gs2ci_sims.signals import View
+
+if TYPE_CHECKING:
+    from gs2ci_sims.preview import Preview
+    from gs2ci_sims.rig import Rig
+
+
+@dataclass(frozen=True)
+class DimCorner:
+    """Take a share of the light from the upper left quarter of the image.
+
+    Args:
+        share: From 0 to 1.
+    """
+
+    name: ClassVar[str] = "dim_corner"
+    stage: ClassVar[Stage] = Stage.RADIANCE
+    cost_ns: ClassVar[float] = 10.0
+    fixed_pattern: ClassVar[bool] = False
+
+    share: float = 0.2
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.share <= 1:
+            raise InputError(f"dim_corner share {self.share}", allowed="from 0 to 1")
+
+    def lost(self, size: tuple[int, int], margin: int = 0) -> F64:
+        """Return the share that each pixel loses, [H, W]."""
+        lost = np.zeros(size)
+        rows, columns = (margin + (side - 2 * margin) // 2 for side in size)
+        lost[:rows, :columns] = self.share
+        return lost
+
+    def bound(self, scene: "Preview", rig: "Rig") -> Bound:
+        """Return what leaving it out would change, at most."""
+        return scene.of_masks(self, self.lost(scene.scene.size) * scene.most_open)
+
+    def apply(self, signal: View, rig: "Rig", rng: np.random.Generator) -> View:
+        """Darken the corner."""
+        height, width = signal.radiance.shape[:2]
+        kept = 1 - self.lost((height, width), signal.margin)
+        return View(signal.radiance * kept[..., None], signal.intrinsics, signal.margin, signal.depth)

@@ -1,0 +1,1 @@
+"""Cameras of the GenICam family: GigE Vision, USB3 Vision, CoaXPress, by their makers' GenTL producers."""

@@ -1,0 +1,239 @@
+"""A GenICam camera as a `Sensor`: set up by features, streamed by a GenTL producer.
+
+Here: `GenicamSensor`: the life of a session, from connect to close. Not here: which features make up a set-up
+(`setup`), what a buffer is worth (`judge`), the producer itself (`gs2ci_drivers.links.gentl`).
+"""
+
+import contextlib
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Final
+
+from gs2ci.core.clock import Clock
+from gs2ci_drivers.failures import DeviceFaultError, DisconnectedError, DriverError, TriggerTimeoutError
+from gs2ci_drivers.genicam.camera_clock import CameraClock
+from gs2ci_drivers.genicam.judge import FIRST_IDS, BufferJudge, TakenFrame
+from gs2ci_drivers.genicam.nodes import Features
+from gs2ci_drivers.genicam.options import ONLY, GenicamOptions
+from gs2ci_drivers.genicam.setup import GenicamSetup, describe_camera
+from gs2ci_drivers.ports import CameraIdentity, CameraPort, port_errors
+from gs2ci_drivers.sensor import Frame, Sensor, SensorConfig, SensorInfo, SensorSettings, SensorStatus, TriggerMode
+
+WARM_UP_PATIENCE_S: Final = 5.0
+"""How long a warm-up frame may take beyond its exposure."""
+READY_PATIENCE_S: Final = 2.0
+"""How long a camera may take from its start until it waits for triggers."""
+READY_STEP_S: Final = 2e-3
+MAX_DISCARD: Final = 256
+"""Frames that `discard` throws away at most, so that it ends with a source faster than we are."""
+
+
+class GenicamSensor(Sensor):
+    """A camera behind a GenTL producer.
+
+    A camera that goes away is let go of at once; `configure` or `start` opens it again once it is back.
+
+    Args:
+        name: Name of the device in the rig file, for messages.
+        port: The camera and its producer, real or a twin's.
+        clock: The clock on which waits are kept.
+        options: The rig file's table.
+    """
+
+    def __init__(self, name: str, port: CameraPort, clock: Clock, options: GenicamOptions) -> None:
+        super().__init__(name, clock)
+        self._port = port
+        self._options = options
+        self._features = Features(name, port)
+        self._identity: CameraIdentity | None = None
+        self._config: SensorConfig | None = None
+        self._setup: GenicamSetup | None = None
+        self._camera_clock: CameraClock | None = None
+        self._judge: BufferJudge | None = None
+        self._found_mode: str | None = None
+
+    def _do_connect(self) -> SensorInfo:
+        with self._noticing_loss():
+            return describe_camera(self._features, self._open(), self._options)
+
+    def _open(self) -> CameraIdentity:
+        if self._identity is None:
+            serial = "" if self._options.port == ONLY else self._options.port
+            with port_errors(self.name, "open"):
+                self._identity = self._port.open(self._options.producer, serial)
+        return self._identity
+
+    def _do_configure(self, config: SensorConfig) -> SensorSettings:
+        with self._noticing_loss():
+            self._open()
+            self._remember_trigger()
+            self._setup = GenicamSetup(self.name, self._features, self._options, self.incidents)
+            settings = self._setup.apply(config)
+        self._config = config
+        return settings
+
+    def _do_start(self) -> None:
+        assert self._config is not None  # the base class starts nothing that is not configured
+        with self._noticing_loss():
+            if self._identity is None or self._setup is None:  # it had gone away, and is back without its settings
+                self._open()
+                self._setup = GenicamSetup(self.name, self._features, self._options, self.incidents)
+                self._setup.apply(self._config)
+            self._camera_clock = CameraClock(self._port, self._features)
+            try:
+                given = self._run(self._setup, self._config)
+            except DriverError:
+                self._halt()
+                raise
+            settings = self._setup.settings
+            assert settings is not None
+            self._settings = replace(settings, buffers=given)
+            self._judge = self._new_judge(self._setup)
+
+    def _new_judge(self, setup: GenicamSetup) -> BufferJudge:
+        assert setup.settings is not None
+        assert self._identity is not None
+        first = self._options.first_frame_id
+        if first is None:
+            first = FIRST_IDS.get(self._identity.transport)
+        picture = setup.settings.format
+        return BufferJudge(self.name, setup.form, picture.height, picture.width, first, self._options.stamps)
+
+    def _run(self, setup: GenicamSetup, config: SensorConfig) -> int:
+        """Stream for the warm-up by the camera's own clock, then start anew; return how many buffers there are."""
+        triggered = config.trigger is not TriggerMode.FREE_RUN
+        if config.warm_up_frames:
+            if triggered:
+                setup.set_trigger(TriggerMode.FREE_RUN)
+            self._start_port(config, setup)
+            patience_s = WARM_UP_PATIENCE_S + config.exposure_s
+            for index in range(config.warm_up_frames):
+                if self._fetch(patience_s) is None:
+                    raise TriggerTimeoutError(self.name, index, patience_s)
+            with port_errors(self.name, "AcquisitionStop"):
+                self._port.stop()
+            setup.set_trigger(config.trigger)
+        given = self._start_port(config, setup)
+        assert self._camera_clock is not None
+        self._camera_clock.renew()
+        if triggered:
+            self._wait_until_ready()
+        return given
+
+    def _start_port(self, config: SensorConfig, setup: GenicamSetup) -> int:
+        with port_errors(self.name, "AcquisitionStart"):
+            return self._port.start(config.buffers, setup.chunks)
+
+    def _wait_until_ready(self) -> None:
+        """Wait until the camera says that it waits for triggers, where it can say so (SFNC: AcquisitionStatus).
+
+        Raises:
+            DeviceFaultError: It never does.
+        """
+        features = self._features
+        if not features.has("AcquisitionStatusSelector", "FrameTriggerWait") or not features.has("AcquisitionStatus"):
+            return
+        features.write("AcquisitionStatusSelector", "FrameTriggerWait")
+        until_s = self.clock.now_s() + READY_PATIENCE_S
+        while not features.read("AcquisitionStatus"):
+            if self.clock.now_s() > until_s:
+                raise DeviceFaultError(
+                    self.name,
+                    "AcquisitionStart",
+                    [f"AcquisitionStatus[FrameTriggerWait] was false for {READY_PATIENCE_S:g} s"],
+                    remedy="check trigger_selector and trigger_line in [sensor]: another trigger may be on",
+                )
+            self.clock.sleep_s(READY_STEP_S)
+
+    def _do_read(self, timeout_s: float, not_before_ns: int, trigger_index: int | None) -> Frame:
+        try:
+            with self._noticing_loss():
+                judge = self._running()
+                taken, judge.held = judge.held, None
+                if taken is None:
+                    taken = self._fetch(timeout_s)
+                if taken is None:
+                    raise TriggerTimeoutError(self.name, judge.frame_index, timeout_s)
+                return judge.judge(taken, not_before_ns)
+        except DriverError as error:
+            if trigger_index is not None:
+                error.at_trigger(trigger_index)
+            raise
+
+    def _running(self) -> BufferJudge:
+        if self._judge is None or self._identity is None:
+            raise DisconnectedError(self.name, "read", "it went away earlier")
+        return self._judge
+
+    def _fetch(self, timeout_s: float) -> TakenFrame | None:
+        """Wait for a buffer and tell its time on the computer's clock."""
+        camera_clock = self._camera_clock
+        assert camera_clock is not None
+        if timeout_s > 0:
+            camera_clock.renew()
+        with port_errors(self.name, "fetch", timeout_s=timeout_s):
+            buffer = self._port.fetch(timeout_s)
+            if buffer is None:
+                return None
+            now_ns = self._port.clock_ns()
+        ticks = buffer.chunks.get("ChunkTimestamp", buffer.timestamp)
+        stamp_ns = None if ticks is None else camera_clock.to_monotonic_ns(int(ticks))
+        return TakenFrame(buffer, stamp_ns, now_ns, round((camera_clock.uncertainty_s or 0.0) * 1e9))
+
+    def _do_discard(self) -> int:
+        with self._noticing_loss():
+            judge = self._running()
+            dropped = 0
+            while dropped < MAX_DISCARD and (taken := judge.held or self._fetch(0.0)) is not None:
+                judge.held = None
+                judge.pass_over(taken)
+                dropped += 1
+        return dropped
+
+    def _do_stop(self) -> None:
+        self._judge = None
+        with self._noticing_loss(), port_errors(self.name, "AcquisitionStop"):
+            if self._identity is not None:
+                self._port.stop()
+
+    def _do_status(self) -> SensorStatus:
+        with self._noticing_loss():
+            if self._identity is None:
+                raise DisconnectedError(self.name, "status", "it went away earlier")
+            self._features.read("PixelFormat")
+        judge = self._judge
+        if judge is None:
+            return SensorStatus(self._streaming)
+        return SensorStatus(self._streaming, judge.delivered, judge.lost, judge.corrupt)
+
+    def _do_close(self) -> None:
+        self._halt()
+        with contextlib.suppress(DriverError):
+            self._put_trigger_back()
+        self._port.close()
+
+    def _remember_trigger(self) -> None:
+        """Note the trigger's mode as it was found, once, to put it back."""
+        if self._found_mode is None and self._features.has("TriggerSelector", self._options.trigger_selector):
+            self._features.write("TriggerSelector", self._options.trigger_selector)
+            self._found_mode = str(self._features.read("TriggerMode"))
+
+    def _put_trigger_back(self) -> None:
+        if self._identity is not None and self._found_mode is not None:
+            self._features.write("TriggerSelector", self._options.trigger_selector)
+            self._features.write("TriggerMode", self._found_mode)
+
+    def _halt(self) -> None:
+        with contextlib.suppress(OSError):
+            self._port.stop()
+
+    @contextlib.contextmanager
+    def _noticing_loss(self) -> Iterator[None]:
+        """Let go of everything when the camera turns out to be gone."""
+        try:
+            yield
+        except DisconnectedError:
+            self._halt()
+            self._port.close()
+            self._identity, self._setup, self._judge = None, None, None
+            raise

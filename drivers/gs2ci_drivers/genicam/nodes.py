@@ -1,0 +1,127 @@
+"""A camera's features with typed errors: what is there, what it was told, what came of it.
+
+Here: reading and writing features by the names of the Standard Features Naming Convention (SFNC), and the two older
+spellings of exposure and gain. Not here: which features make up a set-up (`setup`), time (`camera_clock`).
+"""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from gs2ci_drivers.failures import OutOfRangeError, RefusedError, UnsupportedError
+from gs2ci_drivers.ports import CameraPort, Feature, FeatureRefusalError, FeatureValue, port_errors
+
+EXPOSURES = ("ExposureTime", "ExposureTimeAbs")
+"""SFNC 2 and SFNC 1, both in microseconds."""
+GAINS = ("Gain", "GainAbs")
+"""SFNC 2 and SFNC 1; decibels with every maker we know of."""
+
+
+class Features:
+    """The features of one open camera.
+
+    Args:
+        device: Name of the sensor, for messages.
+        port: The camera.
+    """
+
+    def __init__(self, device: str, port: CameraPort) -> None:
+        self.device = device
+        self._port = port
+
+    def find(self, name: str) -> Feature | None:
+        """Return what a feature is now; None where there is none of that name."""
+        with self._errors(f"describe {name}"):
+            return self._port.describe(name)
+
+    def first(self, names: tuple[str, ...]) -> tuple[str, Feature] | None:
+        """Return the first of several spellings that there is, and what it is."""
+        for name in names:
+            found = self.find(name)
+            if found is not None:
+                return name, found
+        return None
+
+    def has(self, name: str, symbol: str = "") -> bool:
+        """Return whether there is a feature of that name, and an entry in it."""
+        found = self.find(name)
+        return found is not None and (not symbol or symbol in found.symbols)
+
+    def number(self, name: str) -> float | None:
+        """Return a number, or None where it is not there or not readable now."""
+        found = self.find(name)
+        if found is None or not found.readable:
+            return None
+        value = self.read(name)
+        return None if isinstance(value, str) else float(value)
+
+    def read(self, name: str) -> FeatureValue:
+        """Read a feature.
+
+        Raises:
+            RefusedError: The camera refuses.
+            LinkError: It does not answer.
+        """
+        with self._errors(f"read {name}"):
+            return self._port.read(name)
+
+    def write(self, name: str, value: FeatureValue) -> FeatureValue:
+        """Write a feature and return what it then is.
+
+        Raises:
+            UnsupportedError: There is no such feature, or no such entry.
+            OutOfRangeError: A number beyond its limits.
+            RefusedError: The camera refuses.
+            LinkError: It does not answer.
+        """
+        found = self.find(name)
+        if found is None:
+            raise UnsupportedError(
+                self.device,
+                f"the camera has no feature {name}",
+                asked=f"{name} = {value}",
+                remedy="see the camera's manual or its maker's viewer for the features it has",
+            )
+        if found.kind == "enumeration" and value not in found.symbols:
+            raise UnsupportedError(
+                self.device,
+                f"{name} has no entry {value!r}",
+                asked=f"{name} = {value}",
+                allowed=", ".join(found.symbols),
+            )
+        numeric = found.kind in ("integer", "float") and not isinstance(value, str)
+        if numeric and not found.low <= float(value) <= found.high:
+            raise OutOfRangeError(
+                self.device,
+                f"{name} = {value}",
+                asked="configure",
+                allowed=f"{found.low:g} to {found.high:g}" + (f" by {found.step:g}" if found.step != 1 else ""),
+            )
+        with self._errors(f"{name} = {value}"):
+            self._port.write(name, value)
+        return self.read(name) if found.readable else value
+
+    def write_if_there(self, name: str, value: FeatureValue) -> None:
+        """Write a feature where the camera has it, has this entry in it, and lets it be written now."""
+        found = self.find(name)
+        if found is not None and found.writable and (found.kind != "enumeration" or value in found.symbols):
+            self.write(name, value)
+
+    def execute(self, name: str) -> None:
+        """Run a command.
+
+        Raises:
+            RefusedError: The camera refuses.
+            LinkError: It does not answer.
+        """
+        with self._errors(name):
+            self._port.execute(name)
+
+    @contextmanager
+    def _errors(self, asked: str) -> Iterator[None]:
+        try:
+            with port_errors(self.device, asked):
+                yield
+        except FeatureRefusalError as error:
+            raise RefusedError(
+                self.device, asked, "GenApi", str(error), remedy="another program may hold or have locked the camera"
+            ) from error

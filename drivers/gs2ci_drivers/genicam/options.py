@@ -1,0 +1,88 @@
+"""What a GenICam camera may be set to: the [sensor] table of a rig file, and the driver's options.
+
+Here: `GenicamOptions`. Not here: what is set for one capture (`gs2ci_drivers.sensor.SensorConfig`).
+"""
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from gs2ci.core.config import SIMULATED, ConfigTable, Count, Delay, Duration, NotNegative, Offset, Positive
+from gs2ci.core.records import CfaPattern
+from gs2ci_drivers.genicam.formats import PFNC_FORMATS
+from gs2ci_drivers.sensor import StampMeaning
+
+ONLY = "only"
+"""The `port` of the only camera that a producer lists."""
+
+
+class GenicamOptions(ConfigTable):
+    """[sensor] with kind = "genicam": a GigE Vision, USB3 Vision or CoaXPress camera. Needs the extra `genicam`."""
+
+    kind: Literal["genicam"]
+    port: str = SIMULATED
+    """Serial number of the camera, "only" for the only one there is, or "simulated"."""
+    producer: str = ""
+    """The maker's GenTL producer, a .cti file; without it, those in the folders of GENICAM_GENTL64_PATH."""
+    height: Annotated[int, Field(ge=0)] = 0
+    """Rows; 0 takes the largest."""
+    width: Annotated[int, Field(ge=0)] = 0
+    """Columns; 0 takes the largest."""
+    top: Annotated[int, Field(ge=0)] | None = None
+    """First row of the region of interest; without it, the middle of the sensor. Cameras take multiples of a step."""
+    left: Annotated[int, Field(ge=0)] | None = None
+    """First column of the region of interest."""
+    format: str = ""
+    """Pixel format by its PFNC name ("Mono12", "Mono12p", "BayerRG12Packed", ...); "" takes the present one."""
+    gain_db: float | None = None
+    """Gain."""
+    buffers: Count = 8
+    """Frame buffers to announce."""
+    warm_up_frames: Annotated[int, Field(ge=0, le=10_000)] = 0
+    """Frames to throw away after a start."""
+    trigger_selector: str = "FrameStart"
+    """Which of the camera's triggers begins an exposure (SFNC: TriggerSelector)."""
+    trigger_line: str = "Line1"
+    """Input that the trigger comes in by (SFNC: TriggerSource)."""
+    trigger_activation: Literal["RisingEdge", "FallingEdge"] = "RisingEdge"
+    """Edge that begins an exposure; a gated one lasts until the other edge."""
+    trigger_overlap: Literal["", "Off", "ReadOut", "PreviousFrame"] = ""
+    """Whether a trigger may come while the frame before is read out, where the camera has a choice."""
+    trigger_delay_s: Delay = 0.0
+    """Wait that the camera is told to insert after a trigger (SFNC: TriggerDelay)."""
+    trigger_latency_s: Delay = 0.0
+    """Further time from a trigger to the exposure, from the data sheet: opto-couplers take microseconds."""
+    features: dict[str, bool | int | float | str] = Field(default_factory=dict)
+    """[sensor.features]: further features by name, written in this order."""
+    exposure_offset_s: Offset = 0.0
+    """By how much longer than set, or than the line is held, an exposure is; from the data sheet."""
+    fixed_exposure_s: Duration | None = None
+    """Exposure of a camera that has no feature for it."""
+    readout_s: Delay | None = None
+    """Time from the end of an exposure to the earliest next one; without it, what the camera tells."""
+    first_frame_id: Annotated[int, Field(ge=0)] | None = None
+    """Number of the first frame after a start; without it, 1 for GigE Vision, 0 for USB3 Vision, else any."""
+    stamps: StampMeaning = StampMeaning.START_OF_EXPOSURE
+    """What the frames' time stamps are the time of: "start-of-exposure" as SFNC has it and Basler says;
+    "start-of-frame" or "end-of-frame" on cameras that stamp later. `gs2ci doctor` measures it."""
+    black_level_dn: NotNegative = 0.0
+    """Reading without light."""
+    full_well_e: Positive | None = None
+    """Electrons at the top of the scale."""
+    electrons_per_dn: Positive | None = None
+    """Electrons per step of the reading."""
+
+    @property
+    def controls(self) -> dict[str, int]:
+        """Get what is set through the sensor's interface by name: nothing, a GenICam camera has [sensor.features]."""
+        return {}
+
+    @property
+    def cfa(self) -> CfaPattern | None:
+        """Get the colour mosaic of the format that is asked for."""
+        return PFNC_FORMATS[self.format].cfa if self.format in PFNC_FORMATS else None
+
+    @property
+    def bits(self) -> int | None:
+        """Get the bits of the format that is asked for; None where the camera's present one is taken."""
+        return PFNC_FORMATS[self.format].bits if self.format in PFNC_FORMATS else None

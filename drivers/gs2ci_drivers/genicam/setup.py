@@ -1,0 +1,301 @@
+"""Setting a GenICam camera up, feature by feature, by the Standard Features Naming Convention (SFNC 2.7).
+
+Sections of the convention that this follows: 4 Image Format Control (Width, Height, OffsetX, OffsetY, PixelFormat),
+6 Acquisition Control (AcquisitionMode, TriggerSelector to TriggerDelay, ExposureMode, ExposureTime), 7 Analog Control
+(Gain), 16 Chunk Data Control.
+
+Here: what a camera offers, and one configuration of it. Not here: frames (`driver`), features one by one (`nodes`).
+"""
+
+from typing import Final
+
+from gs2ci_drivers.failures import OutOfRangeError, UnsupportedError
+from gs2ci_drivers.genicam.formats import PFNC_FORMATS, PfncFormat
+from gs2ci_drivers.genicam.nodes import EXPOSURES, GAINS, Features
+from gs2ci_drivers.genicam.options import GenicamOptions
+from gs2ci_drivers.ports import CameraIdentity, Feature
+from gs2ci_drivers.sensor import FrameFormat, SensorConfig, SensorInfo, SensorSettings, TriggerMode
+
+US: Final = 1e-6
+AUTOMATICS: Final = ("ExposureAuto", "GainAuto", "BalanceWhiteAuto", "BlackLevelAuto")
+OTHER_TRIGGERS: Final = ("AcquisitionStart", "FrameBurstStart", "AcquisitionActive", "FrameActive", "ExposureActive")
+"""Triggers that would hold the camera up if somebody had left them on."""
+CHUNKS: Final = {"Timestamp": "ChunkTimestamp", "FrameID": "ChunkFrameID", "ExposureTime": "ChunkExposureTime"}
+"""What is appended to a frame, by the entry of ChunkSelector and by the feature it is read from."""
+READOUTS: Final = ("SensorReadoutTime", "ReadoutTimeAbs")
+"""Makers' features, microseconds: SFNC has none."""
+
+
+def describe_camera(features: Features, identity: CameraIdentity, options: GenicamOptions) -> SensorInfo:
+    """Say what a camera is and can do; nothing is written.
+
+    Raises:
+        UnsupportedError: It has no pixel format that is a measurement.
+        DriverError: It does not answer.
+    """
+    pixel = features.find("PixelFormat")
+    names = [name for name in (pixel.symbols if pixel else ()) if name in PFNC_FORMATS]
+    if not names:
+        raise UnsupportedError(
+            features.device,
+            "the camera offers no raw mono or Bayer format",
+            asked="connect",
+            allowed=", ".join(PFNC_FORMATS),
+        )
+    height, width = _largest(features, "Height"), _largest(features, "Width")
+    low_s, high_s, step_s = _exposure_limits(features, options)
+    controls = {
+        name: f"{found.low:g}..{found.high:g}"
+        for name in (*GAINS, "BlackLevel", "Gamma")
+        if (found := features.find(name)) is not None
+    }
+    return SensorInfo(
+        model=f"{identity.vendor} {identity.model}",
+        serial=identity.serial,
+        driver=f"GenTL {identity.transport}",
+        formats=tuple(
+            FrameFormat(name, height, width, PFNC_FORMATS[name].bits, PFNC_FORMATS[name].cfa) for name in names
+        ),
+        min_exposure_s=low_s,
+        max_exposure_s=high_s,
+        exposure_step_s=step_s,
+        triggers=_triggers(features, options),
+        controls=controls,
+    )
+
+
+def _largest(features: Features, name: str) -> int:
+    """Return the largest size: the sensor's, or what the feature allows now."""
+    found = features.number(f"{name}Max")
+    limits = features.find(name)
+    return int(found if found is not None else limits.high if limits is not None else 0)
+
+
+def _exposure_limits(features: Features, options: GenicamOptions) -> tuple[float, float, float]:
+    found = features.first(EXPOSURES)
+    if found is not None:
+        return found[1].low * US, found[1].high * US, US
+    fixed_s = options.fixed_exposure_s or 0.01
+    return fixed_s, fixed_s, fixed_s
+
+
+def _triggers(features: Features, options: GenicamOptions) -> frozenset[TriggerMode]:
+    modes = {TriggerMode.FREE_RUN}
+    if features.has("TriggerMode", "On") and features.has("TriggerSelector", options.trigger_selector):
+        modes.add(TriggerMode.EDGE)
+        if features.has("ExposureMode", "TriggerWidth"):
+            modes.add(TriggerMode.LEVEL)
+    return frozenset(modes)
+
+
+class GenicamSetup:
+    """One configuration of a camera, and what it made of it.
+
+    Args:
+        device: Name of the sensor.
+        features: The camera's features.
+        options: The rig file's table.
+        incidents: Where it is noted that something is in force that was not asked for.
+
+    Attributes:
+        form: The pixel format in force.
+        chunks: The chunks that are appended to a frame, by the names of the features they are read from.
+        settings: What was set.
+    """
+
+    def __init__(self, device: str, features: Features, options: GenicamOptions, incidents: list[str]) -> None:
+        self._device = device
+        self._features = features
+        self._options = options
+        self._incidents = incidents
+        self.form: PfncFormat = PFNC_FORMATS["Mono8"]
+        self.chunks: tuple[str, ...] = ()
+        self.settings: SensorSettings | None = None
+
+    def apply(self, config: SensorConfig) -> SensorSettings:
+        """Set everything; what a setting limits comes before what it is limited by.
+
+        Raises:
+            DriverError: The camera refuses, has no such feature, or does not answer.
+        """
+        self._quiet()
+        self.form = self._set_format(config.fourcc)
+        height, width = self._set_region(config)
+        exposure_s = self._set_exposure(config)
+        self._set_gain(config.gain_db)
+        for name, value in self._options.features.items():
+            in_force = self._features.write(name, value)
+            if in_force != value:
+                self._incidents.append(f"{self._device}: {name} = {value} was asked for, {in_force} is in force")
+        self.chunks = self._set_chunks()
+        self.set_trigger(config.trigger)
+        self.settings = SensorSettings(
+            format=FrameFormat(self.form.name, height, width, self.form.bits, self.form.cfa),
+            exposure_s=exposure_s,
+            trigger=config.trigger,
+            readout_s=self._readout_s(),
+            exposure_offset_s=self._options.exposure_offset_s,
+            full_well_e=self._options.full_well_e,
+            stride=0,
+            buffers=config.buffers,
+            trigger_delay_s=self._delay_s(config.trigger),
+        )
+        return self.settings
+
+    def set_trigger(self, mode: TriggerMode) -> None:
+        """Let exposures be begun by the camera's clock, an edge or a level.
+
+        Raises:
+            DriverError: As `apply`.
+        """
+        features, options = self._features, self._options
+        if features.has("TriggerSelector", options.trigger_selector):
+            features.write("TriggerSelector", options.trigger_selector)
+        if mode is TriggerMode.FREE_RUN:
+            features.write_if_there("TriggerMode", "Off")
+            features.write_if_there("ExposureMode", "Timed")
+            return
+        features.write("TriggerSource", options.trigger_line)
+        features.write("TriggerActivation", options.trigger_activation)
+        features.write_if_there("ExposureMode", "TriggerWidth" if mode is TriggerMode.LEVEL else "Timed")
+        if options.trigger_overlap:
+            features.write("TriggerOverlap", options.trigger_overlap)
+        delay = features.first(("TriggerDelay", "TriggerDelayAbs"))
+        if delay is not None:
+            features.write(delay[0], options.trigger_delay_s / US)
+        elif options.trigger_delay_s:
+            raise UnsupportedError(
+                self._device,
+                "the camera has no feature TriggerDelay",
+                asked="configure",
+                remedy="leave trigger_delay_s in [sensor] out",
+            )
+        features.write("TriggerMode", "On")
+
+    def _quiet(self) -> None:
+        """Turn off what changes settings by itself or holds frames up."""
+        features = self._features
+        features.write_if_there("AcquisitionMode", "Continuous")
+        for name in AUTOMATICS:
+            features.write_if_there(name, "Off")
+        selector = features.find("TriggerSelector")
+        for name in OTHER_TRIGGERS:
+            if selector is not None and name in selector.symbols:
+                features.write("TriggerSelector", name)
+                features.write_if_there("TriggerMode", "Off")
+
+    def _set_format(self, name: str) -> PfncFormat:
+        if name:
+            self._features.write("PixelFormat", name)
+        present = str(self._features.read("PixelFormat"))
+        if present in PFNC_FORMATS:
+            return PFNC_FORMATS[present]
+        pixel = self._features.find("PixelFormat")
+        raw = [one for one in (pixel.symbols if pixel else ()) if one in PFNC_FORMATS]
+        raise UnsupportedError(
+            self._device,
+            f"the camera's format {present!r} is no raw one",
+            asked="configure",
+            allowed=", ".join(raw),
+            remedy="set `format` in [sensor]",
+        )
+
+    def _set_region(self, config: SensorConfig) -> tuple[int, int]:
+        """Set offsets to 0 first: SFNC lets a size grow no further than the sensor beyond the offset."""
+        for name in ("OffsetX", "OffsetY"):
+            self._features.write_if_there(name, 0)
+        height = self._set_size("Height", config.height)
+        width = self._set_size("Width", config.width)
+        self._set_offset("OffsetY", config.top, _largest(self._features, "Height") - height)
+        self._set_offset("OffsetX", config.left, _largest(self._features, "Width") - width)
+        return height, width
+
+    def _set_size(self, name: str, wanted: int) -> int:
+        if not wanted:
+            wanted = _largest(self._features, name)
+        limits = self._limits(name)
+        if (wanted - limits.low) % limits.step or not limits.low <= wanted <= limits.high:
+            nearest = limits.low + round((wanted - limits.low) / limits.step) * limits.step
+            nearest = min(max(nearest, limits.low), limits.high)
+            raise OutOfRangeError(
+                self._device,
+                f"{name} = {wanted}",
+                asked="configure",
+                allowed=f"{limits.low:g} to {limits.high:g} by {limits.step:g}",
+                remedy=f"the nearest is {nearest:g}: set `{name.lower()}` in [sensor]",
+            )
+        return int(self._features.write(name, wanted))
+
+    def _set_offset(self, name: str, wanted: int | None, spare: int) -> None:
+        """Put the region where it is wanted, or into the middle, on the camera's grid."""
+        found = self._features.find(name)
+        if found is None or not found.writable:
+            if wanted:
+                raise UnsupportedError(
+                    self._device,
+                    f"the camera has no feature {name}",
+                    asked="configure",
+                    remedy="leave `top`, `left` out",
+                )
+            return
+        place = spare // 2 if wanted is None else wanted
+        step = int(found.step) or 1
+        on_grid = int(found.low) + (place - int(found.low)) // step * step
+        in_force = int(self._features.write(name, on_grid))
+        if wanted is not None and in_force != wanted:
+            self._incidents.append(f"{self._device}: {name} = {wanted} was asked for, {in_force} is in force")
+
+    def _limits(self, name: str) -> Feature:
+        found = self._features.find(name)
+        if found is None:
+            raise UnsupportedError(self._device, f"the camera has no feature {name}", asked="configure")
+        return found
+
+    def _set_exposure(self, config: SensorConfig) -> float:
+        found = self._features.first(EXPOSURES)
+        if found is None:
+            return self._options.fixed_exposure_s or 0.01
+        self._features.write_if_there("ExposureMode", "Timed")
+        if config.trigger is TriggerMode.LEVEL:
+            return config.exposure_s
+        wanted_us = min(max(config.exposure_s / US, found[1].low), found[1].high)
+        return float(self._features.write(found[0], wanted_us)) * US
+
+    def _set_gain(self, gain_db: float | None) -> None:
+        if gain_db is None:
+            return
+        found = self._features.first(GAINS)
+        if found is None:
+            raise UnsupportedError(
+                self._device, "the camera has no gain", asked="configure", remedy="leave gain_db in [sensor] out"
+            )
+        self._features.write_if_there("GainSelector", "All")
+        self._features.write(found[0], gain_db)
+
+    def _set_chunks(self) -> tuple[str, ...]:
+        """Ask for number, time and exposure behind every frame; return those that there are."""
+        selector = self._features.find("ChunkSelector")
+        wanted = [entry for entry in CHUNKS if selector is not None and entry in selector.symbols]
+        if not wanted:
+            return ()
+        self._features.write_if_there("ChunkModeActive", True)
+        for entry in wanted:
+            self._features.write("ChunkSelector", entry)
+            self._features.write_if_there("ChunkEnable", True)
+        return tuple(CHUNKS[entry] for entry in wanted)
+
+    def _readout_s(self) -> float:
+        """Return the readout: as stated, as the camera tells, or from its highest rate."""
+        if self._options.readout_s is not None:
+            return self._options.readout_s
+        for name in READOUTS:
+            told = self._features.number(name)
+            if told is not None:
+                return told * US
+        rate = self._features.find("AcquisitionFrameRate")
+        return 1 / rate.high if rate is not None and rate.high > 0 else 0.0
+
+    def _delay_s(self, mode: TriggerMode) -> float:
+        if mode is TriggerMode.FREE_RUN:
+            return 0.0
+        return self._options.trigger_delay_s + self._options.trigger_latency_s

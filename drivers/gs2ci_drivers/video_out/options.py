@@ -1,0 +1,39 @@
+"""What a modulator on a video output may be set to: its [modulator] table, and the driver's options."""
+
+from typing import Annotated, Literal, Self
+
+from pydantic import Field, model_validator
+
+from gs2ci.core.config import SIMULATED, ConfigTable, Count, Positive
+
+Place = Annotated[int, Field(ge=0)]
+Level = Annotated[int, Field(ge=0, le=255)]
+
+
+class VideoOutOptions(ConfigTable):
+    """[modulator] with kind = "video": an LCoS or DMD that is a second display. Needs the extra `video`."""
+
+    kind: Literal["video"]
+    port: str = SIMULATED
+    """The video output by its name, "last" for the last one, or "simulated". `gs2ci devices` lists them."""
+    dark_level: Level = 0
+    """Grey level at which the optics block light."""
+    bright_level: Level = 255
+    """Grey level at which they pass it."""
+    grey_table: tuple[Level, ...] = ()
+    """Grey levels for shares of light 0 to 1 in equal steps, at least two, where they are not linear in between."""
+    frames_late: Annotated[int, Field(ge=0, le=16)] = 1
+    """Pictures after which one that was handed over is on the panel: electronics of displays hold them back."""
+    trigger_patch: tuple[Place, Place, Count, Count] | None = None
+    """First row and column, rows and columns of a patch that is lit as a trigger line would be, for a photodiode with a
+    comparator; without it there is no trigger."""
+    pitch_um: Positive = 8.0
+    """Distance of neighbouring pixels."""
+
+    @model_validator(mode="after")
+    def _usable(self) -> Self:
+        if self.dark_level == self.bright_level:
+            raise ValueError("dark_level and bright_level must be two different levels, 0 to 255")
+        if len(self.grey_table) == 1:
+            raise ValueError("grey_table needs two levels or more, or none")
+        return self

@@ -1,0 +1,74 @@
+from gs2ci.api.costs import make_table as make_table
+from gs2ci.api.costs import tradeoff as tradeoff
+from gs2ci.api.decoding import decode as decode
+from gs2ci.api.demonstration import demo_rig as demo_rig
+from gs2ci.api.exports import export as export
+from gs2ci.api.exports import mesh as mesh
+from gs2ci.api.judging import evaluate as evaluate
+from gs2ci.api.judging import measure as measure
+from gs2ci.api.many import reconstruct_many as reconstruct_many
+from gs2ci.api.models import add_model as add_model
+from gs2ci.api.models import export_model as export_model
+from gs2ci.api.models import list_models as list_models
+from gs2ci.api.plans import plan as plan
+from gs2ci.api.reconstruction import reconstruct as reconstruct
+from gs2ci.api.rigs import OpenRig as OpenRig
+from gs2ci.api.rigs import find_devices as find_devices
+from gs2ci.api.rigs import open_rig as open_rig
+from gs2ci.api.runs import Run as Run
+from gs2ci.api.runs import open_run as open_run
+from gs2ci.api.shots import import_file as import_file
+from gs2ci.api.shots import load as load
+from gs2ci.api.shots import recover as recover
+from gs2ci.api.shots import save as save
+from gs2ci.core.errors import DeviceError as DeviceError
+from gs2ci.core.errors import GeometryError as GeometryError
+from gs2ci.core.errors import Gs2ciError as Gs2ciError
+from gs2ci.core.errors import InputError as InputError
+from gs2ci.core.errors import NumericsError as NumericsError
+from gs2ci.core.errors import StorageError as StorageError
+from gs2ci.core.progress import Progress as Progress
+from gs2ci.core.progress import Silent as Silent
+from gs2ci.core.records import Shot as Shot
+from gs2ci.core.records import Truth as Truth
+from gs2ci.render.gaussians import Gaussians as Gaussians
+
+__version__: str
+
+__all__ = [
+    "DeviceError",
+    "Gaussians",
+    "GeometryError",
+    "Gs2ciError",
+    "InputError",
+    "NumericsError",
+    "OpenRig",
+    "Progress",
+    "Run",
+    "Shot",
+    "Silent",
+    "StorageError",
+    "Truth",
+    "__version__",
+    "add_model",
+    "decode",
+    "demo_rig",
+    "evaluate",
+    "export",
+    "export_model",
+    "find_devices",
+    "import_file",
+    "list_models",
+    "load",
+    "make_table",
+    "measure",
+    "mesh",
+    "open_rig",
+    "open_run",
+    "plan",
+    "reconstruct",
+    "reconstruct_many",
+    "recover",
+    "save",
+    "tradeoff",
+]

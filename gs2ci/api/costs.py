@@ -1,0 +1,241 @@
+"""What accuracy costs, for one shot and in tables: `tradeoff`, `make_table`.
+
+Here: the order price → try → say, and cells → rows → pages. Not here: any of these (`gs2ci.evaluate.tradeoff`,
+`gs2ci.tables`).
+"""
+
+import math
+import shlex
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from gs2ci.api.display import shown
+from gs2ci.api.options import check_seed, check_whole
+from gs2ci.core.durations import parse_duration_s, spoken_duration
+from gs2ci.core.errors import InputError
+from gs2ci.core.progress import Progress
+from gs2ci.core.records import Shot
+from gs2ci.core.whole_file import check_place
+
+if TYPE_CHECKING:
+    from gs2ci.evaluate.tradeoff.pages import Tradeoff
+    from gs2ci.evaluate.tradeoff.trials import TradeoffTrial
+    from gs2ci.tables.cells import Cell
+    from gs2ci.tables.pages import Figures
+
+
+@dataclass(frozen=True)
+class TradeoffFound:
+    """What accuracy costs for one shot.
+
+    Args:
+        found: The trials' figures.
+        text: The same as markdown.
+        pages: The files that were written; last the run's page, if there is one.
+    """
+
+    found: "Tradeoff"
+    text: str
+    pages: list[Path]
+
+    def _repr_markdown_(self) -> str:
+        return self.text
+
+
+@dataclass(frozen=True)
+class TableMade:
+    """A table of figures.
+
+    Args:
+        figures: Mean and spread of each line of each case.
+        text: The same as markdown.
+        pages: The files that were written.
+    """
+
+    figures: "list[Figures]"
+    text: str
+    pages: list[Path]
+
+    def _repr_markdown_(self) -> str:
+        return self.text
+
+
+def tradeoff(
+    shot: Shot | str | Path,
+    output: str | Path = "tradeoff",
+    *,
+    index: int = 0,
+    knobs: Sequence[str] = (),
+    most: str = "15min",
+    seed: int = 42,
+    report: str | Path | None = None,
+    fresh: bool = False,
+    command: str = "",
+    progress: Progress | None = None,
+) -> TradeoffFound:
+    """Try presets and settings on one measurement, and say what the next decibel costs.
+
+    Finished trials are kept in `<output>/cells`: an interrupted call goes on where it was left.
+
+    Args:
+        shot: A shot file; or a shot, which is kept as `<output>/shot.h5` for trials in other processes.
+        output: Folder for CSV, picture, section and the finished trials.
+        index: Which shot of the file.
+        knobs: What to vary, one thing at a time; all that there are when empty.
+        most: Leave out what is expected to take longer than this.
+        seed: Of every random draw.
+        report: A run folder of the same shot, whose page gets a section on what accuracy costs.
+        fresh: Try everything again.
+        command: That makes this again, for the pages.
+        progress: Who hears of the trials.
+
+    Raises:
+        InputError: A value cannot be used, or nothing can be tried in the time.
+        StorageError: A file cannot be read or written.
+
+    Example:
+        >>> found = gs2ci.tradeoff("shot.h5", "costs", knobs=("fits",), most="1s", progress=gs2ci.Silent())
+        Traceback (most recent call last):
+        gs2ci.core.errors.InputError: nothing can be tried in 1s; ...
+    """
+    check_seed(seed)
+    most_s = parse_duration_s(most)
+    from gs2ci.core.storage import read_shot
+    from gs2ci.evaluate.pages.run_evidence import check_same_shot
+    from gs2ci.evaluate.pages.run_page import write_run_page
+    from gs2ci.evaluate.tradeoff.pages import Tradeoff, markdown, record_of, write_pages
+    from gs2ci.evaluate.tradeoff.record import write_record
+    from gs2ci.evaluate.tradeoff.trials import KNOBS, chosen_trials, predicted_seconds
+    from gs2ci.reconstruct.budget import costs
+    from gs2ci.tables.store import Store
+    from gs2ci.tables.workers import complete
+
+    output = Path(output)
+    trials = chosen_trials(tuple(knobs) or KNOBS)
+    file = None if isinstance(shot, Shot) else Path(shot)
+    measured = shot.check() if isinstance(shot, Shot) else read_shot(Path(shot), index)
+    check_place(output / "cells")
+    if report is not None:
+        check_same_shot(Path(report), measured)
+    with shown(progress) as display:
+        display.stage("measuring this machine")
+        model = costs.probe(measured)
+        display.finish()
+        prices = {trial.name: predicted_seconds(trial, model) for trial in trials}
+        wanted = [trial for trial in trials if prices[trial.name] <= most_s]
+        if not wanted:
+            least_s = math.ceil(100 * min(prices.values())) / 100
+            raise InputError(f"nothing can be tried in {most}", allowed=f"{least_s:g} s or more", remedy="raise --most")
+        in_all = spoken_duration(sum(prices[trial.name] for trial in wanted))
+        count = f"{len(wanted)} trial{'s' if len(wanted) > 1 else ''}"
+        display.say(f"{count}, about {in_all} in all; an interruption keeps those that are done.")
+        kept, row = (_kept(output, measured), 0) if file is None else (file, index)
+        display.stage("trials", len(wanted))
+        rows = complete(
+            [_cell(kept, row, trial, seed) for trial in wanted],
+            Store(output / "cells", fresh=fresh),
+            heard=lambda done, _total: display.step(done),
+        )
+    rows = [{"trial": trial.name, "knob": trial.knob, **row} for trial, row in zip(wanted, rows, strict=True)]
+    left_out = {name: seconds for name, seconds in prices.items() if seconds > most_s}
+    found = Tradeoff(measured.name, rows, left_out, command)
+    pages = write_pages(output, found)
+    if report is not None:
+        write_record(Path(report), record_of(found))
+        pages.append(write_run_page(Path(report)))
+    return TradeoffFound(found, markdown(found), pages)
+
+
+def make_table(
+    table: str,
+    output: str | Path = "tables",
+    *,
+    data: str | Path | None = None,
+    size: tuple[int, int] | None = None,
+    cases: Sequence[str] = (),
+    lines: Sequence[str] = (),
+    seeds: int = 3,
+    processes: int = 1,
+    scheduler: str = "",
+    fresh: bool = False,
+    command: str = "",
+    progress: Progress | None = None,
+) -> TableMade:
+    """Make one table of figures: mean and spread over seeds, as markdown, CSV, a picture and an HTML page.
+
+    Args:
+        table: Which one; a wrong name tells which there are.
+        output: Folder for the pages and the finished cells, which are not made again.
+        data: Folder of .npz measurements to use instead of simulated scenes; of rig files (.toml) for simulate.
+        size: Height and width, px: of the simulated scenes; of files, the middle that is kept.
+        cases: Only these of the cases.
+        lines: Only these lines of the table.
+        seeds: How many seeds.
+        processes: Local processes to share the work.
+        scheduler: Address of a Dask scheduler to do the work instead.
+        fresh: Measure everything again.
+        command: That makes this again, for the pages; the call when empty.
+        progress: Who hears of the cells.
+
+    Raises:
+        InputError: A name is unknown, a file cannot be read, or no scheduler answers.
+
+    Example:
+        >>> try:
+        ...     gs2ci.make_table("none")
+        ... except gs2ci.InputError as error:
+        ...     "ablation" in error.allowed
+        True
+    """
+    check_whole("--seeds", seeds, 1, 1000)
+    check_whole("--processes", processes, 1, 1000)
+    for side_px in size or ():
+        check_whole("--size", side_px, 1, 100_000)
+    from gs2ci.tables.catalogue import TABLES, TableOptions, known_cases
+    from gs2ci.tables.html_page import write_html_page
+    from gs2ci.tables.pages import collect, markdown, write_pages
+    from gs2ci.tables.store import Store
+    from gs2ci.tables.workers import complete
+
+    if table not in TABLES:
+        raise InputError(f"no table {table!r}", allowed=", ".join(TABLES))
+    chosen, output = TABLES[table], Path(output)
+    known = known_cases(table, None if data is None else Path(data), size)
+    unknown = [case for case in cases if case not in {one.name for one in known}]
+    if unknown:
+        raise InputError(f"case {unknown[0]!r} is unknown", allowed=", ".join(one.name for one in known))
+    options = TableOptions(tuple(one for one in known if not cases or one.name in cases), seeds, tuple(lines))
+    entries = chosen.entries(options)
+    check_place(output / "cells")
+    with shown(progress) as display:
+        display.stage(f"bench {table}", len(entries))
+        rows = complete(
+            [entry.cell for entry in entries],
+            Store(output / "cells", fresh=fresh),
+            processes=processes,
+            scheduler=scheduler,
+            heard=lambda done, _total: display.step(done),
+        )
+    figures = collect(chosen, entries, rows)
+    again = command or shlex.join(["gs2ci", "tables", table, "-o", str(output)])
+    pages = write_pages(output, table, chosen, figures, again)
+    pages.append(write_html_page(output, table, chosen, figures, again))
+    return TableMade(figures, markdown(chosen, figures, again), pages)
+
+
+def _kept(output: Path, shot: Shot) -> Path:
+    from gs2ci.core.storage import write_shots
+
+    output.mkdir(parents=True, exist_ok=True)
+    return write_shots(output / "shot.h5", [shot])
+
+
+def _cell(shot: Path, index: int, trial: "TradeoffTrial", seed: int) -> "Cell":
+    from gs2ci.evaluate.tradeoff.trials import run_trial
+    from gs2ci.tables.cells import Cell
+
+    file = str(shot.resolve())
+    arguments = {"file": file, "index": index, "trial": trial.name, "seed": seed}
+    return Cell(run_trial, arguments, (file,))

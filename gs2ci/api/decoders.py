@@ -1,0 +1,164 @@
+"""From the words of `gs2ci decode` to a decoder.
+
+Here: which words go together and what they name. Not here: any decoding (`gs2ci.reconstruct.decode`, `proxies`).
+"""
+
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import torch
+
+from gs2ci.core.arrays import F32
+from gs2ci.core.errors import InputError
+from gs2ci.core.plugins import PluginError, allowed, load
+from gs2ci.core.progress import Progress
+from gs2ci.core.records import Shot
+from gs2ci.evaluate.decode_folder import Decoded
+from gs2ci.reconstruct.choices import DECODE_METHODS, DECODER_GROUP, DecodeMethod
+from gs2ci.reconstruct.decode.coupling import choose_coupling
+from gs2ci.reconstruct.decode.denoisers import Denoiser, NonLocalMeans, TotalVariation
+from gs2ci.reconstruct.decode.gap_tv import GapTvSettings, gap_tv
+from gs2ci.reconstruct.decode.patches.decoder import PatchSettings, patch_decode, with_iterations
+from gs2ci.reconstruct.decode.pnp import PlugAndPlaySettings, plug_and_play
+from gs2ci.reconstruct.decode.proxies.routing import build_proxies
+from gs2ci.reconstruct.learned.onnx_video_denoiser import open_denoiser
+from gs2ci.reconstruct.measurement.coding import Coding
+from gs2ci.reconstruct.registration.register import Registered
+
+# Views, what was done as plain values, and sentences about it.
+_Outcome = tuple[F32, Mapping[str, Any], tuple[str, ...]]
+Decoder = Callable[[Shot, Progress], _Outcome]
+
+# The published schedule of GAP-TV. The pipeline, which decodes to track, smooths less (GapTvSettings).
+_GAP_TV_WEIGHT = 0.3
+
+
+@dataclass(frozen=True)
+class Choice:
+    """What the command line says about the decoder."""
+
+    method: DecodeMethod
+    denoiser: str | None
+    iterations: int | None
+    coupling: float | None
+    seed: int
+
+
+def decoder_of(choice: Choice) -> Decoder:
+    """Choose the decoder; a model file is loaded now, before any work.
+
+    Raises:
+        InputError: Two words contradict each other, or a denoiser is unknown or cannot be loaded.
+    """
+    plug = choice.method in ("pnp-gap", "pnp-admm")
+    if choice.denoiser is not None and not plug:
+        raise InputError(f"--denoiser with --method {choice.method}", allowed="with pnp-gap and pnp-admm")
+    if choice.coupling is not None and choice.method != "gap-tv":
+        raise InputError(f"--coupling with --method {choice.method}", allowed="with gap-tv")
+    if plug:
+        return _plug_and_play_decoder(choice)
+    if choice.method == "gap-tv":
+        return _gap_tv_decoder(choice)
+    if choice.method in ("patches", "patches-quick"):
+        return _patch_decoder(choice)
+    if choice.iterations is not None:
+        raise InputError(f"--iterations with --method {choice.method}", allowed="with methods that iterate")
+    if choice.method in DECODE_METHODS:
+        return _proxy_decoder(choice.method)
+    return _plugged_decoder(choice.method)
+
+
+def _plugged_decoder(name: str) -> Decoder:
+    found = load(DECODER_GROUP, name)
+    if found is None:
+        raise InputError(f"no method {name!r}", allowed=allowed(DECODER_GROUP, DECODE_METHODS))
+
+    def decode(shot: Shot, progress: Progress) -> _Outcome:
+        progress.stage(name)
+        views = np.asarray(found(shot, progress), np.float32)
+        wanted = (*shot.masks.shape, shot.measurement.shape[2] if shot.cfa is None else 3)
+        if views.shape != wanted or not np.isfinite(views).all():
+            raise PluginError(
+                f"the decoder {name!r} returned {list(views.shape)}, not all of it finite or of the shape asked for",
+                allowed=f"finite views of shape {list(wanted)}",
+            )
+        return views, {"name": name}, ()
+
+    return decode
+
+
+def _gap_tv_decoder(choice: Choice) -> Decoder:
+    settings = GapTvSettings(weight=_GAP_TV_WEIGHT)
+    if choice.iterations is not None:
+        settings = replace(settings, iterations=choice.iterations)
+    fixed = replace(settings, coupling=choice.coupling).check() if choice.coupling is not None else None
+    settings.check()
+
+    def decode(shot: Shot, progress: Progress) -> _Outcome:
+        used = fixed or choose_coupling(shot, settings, choice.seed)
+        return gap_tv(shot, used, progress), {"name": "gap-tv", **asdict(used)}, ()
+
+    return decode
+
+
+def _patch_decoder(choice: Choice) -> Decoder:
+    settings = PatchSettings.quick() if choice.method == "patches-quick" else PatchSettings()
+    if choice.iterations is not None:
+        settings = with_iterations(settings, choice.iterations)
+    settings.check()
+
+    def decode(shot: Shot, progress: Progress) -> _Outcome:
+        return patch_decode(shot, settings, progress), {"name": choice.method, **asdict(settings)}, ()
+
+    return decode
+
+
+def _plug_and_play_decoder(choice: Choice) -> Decoder:
+    settings = PlugAndPlaySettings(scheme="gap" if choice.method == "pnp-gap" else "admm")
+    if choice.iterations is not None:
+        settings = replace(settings, iterations=choice.iterations)
+    settings.check()
+    name = choice.denoiser or "tv"
+    denoise = _denoiser(name)
+    said = f"onnx:{Path(name[5:]).name}" if name.startswith("onnx:") else name
+
+    def decode(shot: Shot, progress: Progress) -> _Outcome:
+        views = np.clip(plug_and_play(shot, denoise, settings, progress), 0, 1)
+        return views, {"name": choice.method, "denoiser": said, **asdict(settings)}, ()
+
+    return decode
+
+
+def _proxy_decoder(method: DecodeMethod) -> Decoder:
+    wanted: Literal["auto", "eni", "amdi"] = "eni" if method == "eni" else "amdi" if method == "amdi" else "auto"
+
+    def decode(shot: Shot, progress: Progress) -> _Outcome:
+        progress.stage("proxies")
+        proxies = build_proxies(shot, wanted)
+        said = {"name": proxies.method, "multiplicity": proxies.multiplicity}
+        return proxies.views, said, (proxies.note.advice,) if proxies.note else ()
+
+    return decode
+
+
+def _denoiser(name: str) -> Denoiser:
+    if name == "tv":
+        return TotalVariation()
+    if name == "nlm":
+        return NonLocalMeans()
+    if name.startswith("onnx:"):
+        return open_denoiser(Path(name.removeprefix("onnx:")))
+    raise InputError(f"denoiser {name!r}", allowed="tv, nlm, onnx:FILE")
+
+
+def decoded_by(decode: Decoder, registered: Registered, progress: Progress) -> Decoded:
+    """Decode a shot, with what its views predict of the measurement and the seconds that it took."""
+    began_s, shot = time.monotonic(), registered.shot
+    views, method, notes = decode(shot, progress)
+    seconds = time.monotonic() - began_s
+    predicted = Coding.of(shot).forward(torch.from_numpy(views)).numpy()
+    return Decoded(shot, views, predicted, seconds, method, (*(note.advice for note in registered.notes), *notes))

@@ -1,0 +1,93 @@
+"""Views alone, without geometry: `decode`. Not here: which words name which decoder (`decoders`), any decoding."""
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from gs2ci.api.display import interrupted_within, shown
+from gs2ci.api.options import check_choice, check_number, check_seed, check_whole
+from gs2ci.api.shots import load
+from gs2ci.core.progress import Progress
+from gs2ci.core.records import Shot
+from gs2ci.reconstruct.choices import REGISTRATION_MODES, DecodeMethod, RegistrationMode
+
+if TYPE_CHECKING:
+    from gs2ci.evaluate.decode_folder import Decoded
+
+
+def decode(
+    shot: Shot | str | Path,
+    method: DecodeMethod = "gap-tv",
+    *,
+    denoiser: str | None = None,
+    iterations: int | None = None,
+    coupling: float | None = None,
+    registration: RegistrationMode = "auto",
+    seed: int = 42,
+    progress: Progress | None = None,
+) -> "Decoded":
+    """Recover the views of one exposure, without camera path or scene.
+
+    Args:
+        shot: A shot, or a file that `load` takes.
+        method: "gap-tv"; plug-and-play by "pnp-gap" or "pnp-admm"; or the rough "proxies" ("eni", "amdi").
+        denoiser: Of plug-and-play: "tv" (the default), "nlm", or "onnx:FILE".
+        iterations: Steps of gap-tv (40), or at each of the four noise levels of plug-and-play (10).
+        coupling: How alike gap-tv expects consecutive views to be; chosen by held-out pixels when None.
+        registration: "auto" asks the measurement where its masks lie; "off" believes them.
+        seed: Of the draw of the held-out pixels.
+        progress: Who hears of stages and steps, as in `reconstruct`.
+
+    Returns:
+        `views` [N, H, W, C], what they predict of the measurement, seconds, method and notes.
+
+    Raises:
+        InputError: A value cannot be used, or two contradict each other.
+
+    Example:
+        >>> shot = gs2ci.load("measurement.npz", focal_px=40.0)
+        >>> gs2ci.decode(shot, iterations=5, progress=gs2ci.Silent()).views.shape
+        (4, 24, 32, 3)
+    """
+    given = [shot.check() if isinstance(shot, Shot) else load(shot)]
+    return decode_all(
+        given, method, denoiser, iterations, coupling, registration=registration, seed=seed, progress=progress
+    )[0]
+
+
+def decode_all(
+    shots: Iterable[Shot],
+    method: DecodeMethod,
+    denoiser: str | None,
+    iterations: int | None,
+    coupling: float | None,
+    *,
+    registration: RegistrationMode,
+    seed: int,
+    progress: Progress | None,
+) -> "list[Decoded]":
+    """Decode several shots with one decoder, as `decode` does one.
+
+    Raises:
+        InputError: As `decode`.
+    """
+    check_decode(iterations, coupling, seed)
+    check_choice("--registration", registration, REGISTRATION_MODES)
+    from gs2ci.api.decoders import Choice, decoded_by, decoder_of
+    from gs2ci.reconstruct.registration.register import RegistrationSettings, register
+
+    decoder = decoder_of(Choice(method, denoiser, iterations, coupling, seed))
+    with interrupted_within(), shown(progress) as display:
+        settings = RegistrationSettings(mode=registration)
+        return [decoded_by(decoder, register(shot, settings, display, seed), display) for shot in shots]
+
+
+def check_decode(iterations: int | None, coupling: float | None, seed: int) -> None:
+    """Accept the numbers that are asked for, before anything is read.
+
+    Raises:
+        InputError: One is out of bounds.
+    """
+    check_seed(seed)
+    check_whole("--iterations", iterations, 1, remedy="leave --iterations out for the method's own number")
+    check_number("--coupling", coupling, 0, 1e6, remedy="leave --coupling out, and held-out pixels choose it")

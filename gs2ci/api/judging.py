@@ -1,0 +1,158 @@
+"""A finished run judged and measured: `evaluate`, `measure`. Not here: any figure (`gs2ci.evaluate`)."""
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from gs2ci.api.options import check_number
+from gs2ci.api.runs import Run
+from gs2ci.api.shots import load
+from gs2ci.core.arrays import F32
+from gs2ci.core.errors import InputError
+from gs2ci.core.records import Shot
+
+if TYPE_CHECKING:
+    from gs2ci.evaluate.evaluation import FinishedRun
+    from gs2ci.evaluate.measuring import Length
+
+# Beyond what any sensor has; their squares and quotients stay numbers.
+READ_NOISE_RANGE: Final = (1e-9, 1e3)
+ELECTRONS_RANGE: Final = (1e-3, 1e12)
+
+
+def evaluate(
+    run: Run | str | Path,
+    shot: Shot | str | Path,
+    *,
+    index: int = 0,
+    depth: Any = None,
+    novel: str | Path | None = None,
+    read_noise: float | None = None,
+    electrons: float | None = None,
+    lpips: str | None = None,
+) -> dict[str, Any]:
+    """Judge a saved run by what is known of its shot.
+
+    Args:
+        run: A run that was saved, or its folder.
+        shot: The shot that was reconstructed, or one of the same measurement that holds the truth as well; or a file.
+        index: Which shot of a file.
+        depth: True depth along the optical axis, [N, H, W] or its .npy file, in any unit, 0 where unknown.
+        novel: True views from other places: an .npz file of `views` and `world_to_camera` in the true path's world.
+        read_noise: Standard deviation of the sensor in the dark, in full scales of one view, for chi-squared.
+        electrons: Electrons of a pixel at the full scale of one view, for the shot noise in chi-squared.
+        lpips: "lpips" for the model added by `add_model`, or an ONNX file of your own.
+
+    Returns:
+        The figures as plain values, schema gs2ci.evaluation/2; None where there is no evidence.
+
+    Raises:
+        InputError: A value cannot be used, or the shot is of another measurement than the run.
+        StorageError: A file cannot be read.
+
+    Example:
+        >>> found = gs2ci.evaluate("run", gs2ci.load("measurement.npz", focal_px=40.0))
+        >>> found["psnr_db"]["mean"] > 10, found["novel_views"]
+        (True, None)
+    """
+    check_noise(read_noise, electrons)
+    measured = shot.check() if isinstance(shot, Shot) else load(shot, index=index)
+    from gs2ci.evaluate import evaluation
+    from gs2ci.evaluate.noise import SensorNoise
+    from gs2ci.evaluate.novel_views import read_novel_views
+    from gs2ci.evaluate.pages.run_evidence import check_same_shot
+    from gs2ci.reconstruct.fit import perceptual
+
+    noise = None if read_noise is None else SensorNoise(read_noise, math.inf if electrons is None else electrons)
+    folder = folder_of(run)
+    check_same_shot(folder, measured)
+    evidence = evaluation.ReferenceData(
+        measured,
+        None if depth is None else _depth(depth),
+        None if novel is None else read_novel_views(Path(novel)),
+        noise,
+        None if lpips is None else perceptual.load_distance(lpips if lpips == "lpips" else f"lpips:{lpips}"),
+    )
+    return evaluation.evaluate(evaluation.read_run(folder), evidence)
+
+
+def check_noise(read_noise: float | None, electrons: float | None) -> None:
+    """Accept the sensor's figures.
+
+    Raises:
+        InputError: One is out of bounds, or stands alone where it cannot.
+    """
+    check_number("--read-noise", read_noise, *READ_NOISE_RANGE, remedy="leave --read-noise out, and χ² with it")
+    check_number("--electrons", electrons, *ELECTRONS_RANGE, remedy="leave --electrons out, and shot noise with it")
+    if electrons is not None and read_noise is None:
+        raise InputError("--electrons without --read-noise", remedy="give both, for χ² per pixel")
+
+
+def measure(
+    run: "Run | FinishedRun | str | Path", one: tuple[int, int], other: tuple[int, int], *, view: int | None = None
+) -> "Length":
+    """Measure the distance between the points that two pixels of a view show.
+
+    Args:
+        run: A run that was saved, or its folder.
+        one: A pixel as (column, row), counted from 0 at the upper left.
+        other: The other one.
+        view: Which view, counted from 1 as on the command line; the middle one if None.
+
+    Returns:
+        `length` with its `standard_error` in `unit`, both points and how surely each depth is known.
+
+    Raises:
+        InputError: The run has no depth, there is no such view or pixel, or nothing is seen there.
+
+    Example:
+        >>> found = gs2ci.measure("run", (8, 12), (24, 12))
+        >>> found.length > 0, found.unit
+        (True, 'scene units')
+    """
+    from gs2ci.evaluate import measuring
+
+    finished = finished_run(run) if isinstance(run, Run | str | Path) else run
+    chosen = middle_view(finished) if view is None else view
+    return measuring.measure(finished, one, other, chosen - 1)
+
+
+def middle_view(run: "FinishedRun") -> int:
+    """Return the number of a run's middle view, counted from 1."""
+    return run.report.views // 2 + 1
+
+
+def finished_run(run: Run | str | Path) -> "FinishedRun":
+    """Read a run as the figures need it.
+
+    Raises:
+        StorageError: It was not saved, or its folder is damaged.
+    """
+    from gs2ci.evaluate.evaluation import read_run
+
+    return read_run(folder_of(run))
+
+
+def folder_of(run: Run | str | Path) -> Path:
+    """Return the folder of a run.
+
+    Raises:
+        InputError: It was not saved.
+    """
+    folder = run.folder if isinstance(run, Run) else Path(run)
+    if folder is None:
+        raise InputError("the run has no folder yet", remedy="call save() first")
+    return folder
+
+
+def _depth(given: Any) -> F32:
+    from gs2ci.core.foreign.assemble import load_single
+
+    where = given if isinstance(given, str | Path) else "depth"
+    held = given.detach().cpu() if hasattr(given, "detach") else given
+    depth = load_single(Path(given)).values if isinstance(given, str | Path) else np.asarray(held)
+    if depth.ndim not in (2, 3):
+        raise InputError(f"{where} holds no depth but shape {list(depth.shape)}", allowed="a .npy file of [N, H, W]")
+    return depth.astype(np.float32)

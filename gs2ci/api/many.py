@@ -1,0 +1,93 @@
+"""Many exposures of many files: `reconstruct_many`. Not here: the batch (`gs2ci.batch`)."""
+
+from collections.abc import Sequence
+from dataclasses import astuple
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from gs2ci.api.display import interrupted_within, shown
+from gs2ci.api.options import check_whole
+from gs2ci.api.reconstruction import check_wishes
+from gs2ci.core.errors import InputError
+from gs2ci.core.progress import Progress
+from gs2ci.reconstruct.choices import PresetName
+
+if TYPE_CHECKING:
+    from gs2ci.batch.rows import Row
+
+
+def reconstruct_many(
+    files: Sequence[str | Path],
+    output: str | Path = "runs",
+    preset: PresetName = "standard",
+    *,
+    every: bool = True,
+    index: int = 0,
+    processes: int | None = None,
+    scheduler: str = "",
+    overwrite: bool = False,
+    progress: Progress | None = None,
+    **wishes: Any,
+) -> "list[Row]":
+    """Reconstruct exposures of shot files into one run folder each; a page and a CSV tell of all of them.
+
+    What is done already is left as it is, so that a call that was interrupted goes on.
+
+    Args:
+        files: Shot files.
+        output: The folder of runs.
+        preset: As for `reconstruct`.
+        every: Every exposure of each file; else the one that `index` names.
+        index: Which exposure of each file.
+        processes: On this machine; as many as it bears if None.
+        scheduler: Address of a Dask scheduler to work instead.
+        overwrite: Replace runs that were made of other files or with other settings.
+        progress: Who hears of every exposure that ends.
+        wishes: Any of the keyword arguments of `reconstruct` but `budget`.
+
+    Returns:
+        A row for each exposure: its name, whether it is done, its figures, or what kept it from a run.
+
+    Raises:
+        InputError: A file or a value cannot be used, or no scheduler answers.
+        StorageError: The folder cannot be written, or holds other runs.
+
+    Example:
+        >>> rows = gs2ci.reconstruct_many(
+        ...     ["shot.h5"], "runs", "draft", iterations=2, processes=1, progress=gs2ci.Silent()
+        ... )
+        >>> [row.state for row in rows], gs2ci.open_run(f"runs/{rows[0].name}").views.shape
+        (['done'], (4, 24, 32, 3))
+    """
+    if wishes.pop("budget", None) is not None:
+        raise InputError("--budget for many exposures", remedy="give a --preset: machines differ, and so would results")
+    check_whole("--processes", processes, 1, 1000)
+    if scheduler and processes is not None:
+        raise InputError("--processes beside --scheduler", remedy="the cluster has its own workers: leave one out")
+    focal_px = wishes.pop("focal_px", None)
+    from gs2ci.api.wishes import Wishes, score_against_truth, settings_of, with_focal
+
+    asked = Wishes(**wishes)
+    check_wishes(asked.iterations, asked.fits, focal_px, asked.seed)
+    from gs2ci.batch import reconstruct as batch
+    from gs2ci.batch.exposures import list_exposures
+    from gs2ci.core.storage import read_shot
+
+    exposures = list_exposures([Path(file) for file in files], every=every, index=index)
+    first = read_shot(exposures[0].file, exposures[0].index)
+    if processes is None:
+        processes = 1 if scheduler else min(len(exposures), batch.bearable_processes(first.masks.size))
+    with interrupted_within(), shown(progress) as display:
+        return batch.reconstruct_many(
+            exposures,
+            Path(output),
+            settings_of(preset, asked),
+            prepare=partial(with_focal, focal_px),
+            score=score_against_truth,
+            wishes=repr((astuple(asked), preset, focal_px)),
+            processes=processes,
+            scheduler=scheduler,
+            overwrite=overwrite,
+            progress=display,
+        )

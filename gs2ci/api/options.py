@@ -1,0 +1,88 @@
+"""Numbers as a user types them after an option: which are allowed, said in one way by every command.
+
+Here: the refusal, made before anything is loaded, opened or computed. Not here: what a number does; nor bounds that
+only a file or a device can tell.
+"""
+
+import math
+from collections.abc import Sequence
+from typing import Final
+
+from gs2ci.core.errors import InputError
+
+# More than any use of ours, and few enough for every counter: beyond it lies a slip of the finger.
+MOST_COUNT: Final = 1_000_000
+# Generators take no larger one.
+MOST_SEED: Final = 2**63 - 1
+
+
+def check_whole(option: str, value: int | None, least: int, most: int = MOST_COUNT, *, remedy: str = "") -> None:
+    """Accept a whole number within bounds, or an option that was left out.
+
+    Args:
+        option: As it is typed, with its dashes.
+        value: What was typed after it; None for nothing.
+        least: The smallest that is allowed.
+        most: The largest.
+        remedy: What else the user can do; leaving the option out, if nothing is said.
+
+    Raises:
+        InputError: It is out of bounds.
+    """
+    if value is not None and not least <= value <= most:
+        raise InputError(
+            f"{option} {value}", allowed=f"a whole number from {least} to {most}", remedy=remedy or _left_out(option)
+        )
+
+
+def check_number(
+    option: str,
+    value: float | None,
+    least: float = -math.inf,
+    most: float = math.inf,
+    *,
+    above: float | None = None,
+    remedy: str = "",
+) -> None:
+    """Accept a finite number within bounds, or an option that was left out.
+
+    Args:
+        option: As it is typed, with its dashes.
+        value: What was typed after it; None for nothing.
+        least: The smallest that is allowed.
+        most: The largest.
+        above: What it has to exceed, where the bound itself is not allowed.
+        remedy: What else the user can do; leaving the option out, if nothing is said.
+
+    Raises:
+        InputError: It is out of bounds or not finite.
+    """
+    if value is None or (math.isfinite(value) and least <= value <= most and (above is None or value > above)):
+        return
+    bounds = [f"above {above:g}"] if above is not None else [f"from {least:g}"] if math.isfinite(least) else []
+    bounds += [f"to {most:g}" if bounds else f"up to {most:g}"] if math.isfinite(most) else []
+    allowed = " ".join(["a finite number", *bounds])
+    raise InputError(f"{option} {value:g}", allowed=allowed, remedy=remedy or _left_out(option))
+
+
+def check_choice(option: str, value: str | None, allowed: Sequence[str | None]) -> None:
+    """Accept one of several words. At a command line the parser has done so already.
+
+    Raises:
+        InputError: It is none of them.
+    """
+    if value not in allowed:
+        raise InputError(f"{option} {value}", allowed=", ".join(word for word in allowed if word is not None))
+
+
+def check_seed(seed: int) -> None:
+    """Accept a seed.
+
+    Raises:
+        InputError: No generator takes it.
+    """
+    check_whole("--seed", seed, 0, MOST_SEED)
+
+
+def _left_out(option: str) -> str:
+    return f"give such a number, or leave {option} out"

@@ -1,0 +1,66 @@
+"""What a simulation calls for: `plan`. Not here: the reckoning (`gs2ci_sims.planner`), a capture's plan (`rigs`)."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from gs2ci.api.options import check_number
+from gs2ci.core.errors import InputError
+
+if TYPE_CHECKING:
+    from gs2ci_sims.planner import Plan
+
+
+def plan(rig: str | Path, tolerance_dn: float | None = None, *, rays: bool = False) -> "Plan":
+    """Say which physical effects a simulated exposure calls for, and why; nothing is exposed.
+
+    Args:
+        rig: The rig file (TOML) of a simulated bench or of a simulation alone (docs/simulation.md).
+        tolerance_dn: In total, DN rms; that of the rig file if None.
+        rays: Count what the rasteriser is off by, and draw Gaussians ray by ray where that is too much.
+
+    Returns:
+        Bound, decision, reason, sampling and cost of every effect.
+
+    Raises:
+        InputError: The file cannot be read, describes a bench of real devices, or a simulated bench with `rays`.
+
+    Example:
+        >>> decided = gs2ci.plan("rig.toml", tolerance_dn=2.0)
+        >>> decided.tolerance_dn, decided.views > 0
+        (2.0, True)
+    """
+    check_number("--tolerance-dn", tolerance_dn, above=0, remedy="leave --tolerance-dn out for the rig file's number")
+    from gs2ci.core.config import read_toml
+    from gs2ci.rig.config import describes_simulation
+
+    rig = Path(rig)
+    if not describes_simulation(read_toml(rig)[0]):
+        from gs2ci.rig.config import read_rig
+        from gs2ci.rig.foreseen import foreseen_plan
+        from gs2ci.rig.opening import Rig
+
+        if rays:
+            raise InputError(
+                f"--rays for the bench of {rig}",
+                allowed="the rig file of a simulation alone",
+                remedy="leave --rays out",
+            )
+        return foreseen_plan(Rig(*read_rig(rig), rig.parent), tolerance_dn)
+    from gs2ci_sims import planner
+    from gs2ci_sims.exact import ExactRenderer
+    from gs2ci_sims.rig_file import read_rig_file
+
+    setup = read_rig_file(rig)
+    scene = setup.scene.build()
+    return planner.plan(
+        scene,
+        setup.path.build(scene, setup.rig.exposure_s),
+        setup.masks(),
+        setup.rig,
+        setup.effects,
+        tolerance_dn=setup.plan.tolerance_dn if tolerance_dn is None else tolerance_dn,
+        on=setup.plan.on,
+        off=setup.plan.off,
+        seed=setup.seed,
+        exact=ExactRenderer() if rays else None,
+    )

@@ -1,0 +1,360 @@
+"""A bench, real or simulated: `open_rig` and what an open rig does.
+
+Here: `OpenRig`, which opens its devices when something first needs them and closes them at the end; `find_devices`. Not
+here: any of the work (`gs2ci.rig`, `gs2ci_calibration`).
+"""
+
+import tempfile
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from types import TracebackType
+from typing import TYPE_CHECKING, Final, Literal, Self
+
+from gs2ci.api.display import Display, shown
+from gs2ci.api.options import check_whole
+from gs2ci.core.progress import Progress
+from gs2ci.core.records import Shot
+
+if TYPE_CHECKING:
+    from gs2ci.rig.calibrated import Calibrated
+    from gs2ci.rig.doctor import BenchFinding
+    from gs2ci.rig.opening import Rig
+    from gs2ci.rig.recording import Prepared
+    from gs2ci_calibration.bench import Bench
+    from gs2ci_calibration.bundle import Bundle
+    from gs2ci_calibration.drift import Change
+    from gs2ci_calibration.estimates import Section
+    from gs2ci_drivers.acquisition import Devices
+
+CalibrationStep = Literal["dark-flat", "sensor", "timing", "registration", "masks", "camera", "stage", "all"]
+_NEVER: Final[Callable[[Path], object]] = lambda partial: None  # noqa: E731  a default that does nothing
+
+
+class OpenRig:
+    """A bench as its rig file describes it; made by `open_rig`.
+
+    Devices are opened when something first needs them, and closed with the rig. Interrupting any call leaves them at
+    rest: the sensor off, the modulator dark, the stage stopped.
+
+    Args:
+        path: The rig file (TOML).
+
+    Example:
+        >>> with gs2ci.open_rig("rig.toml") as rig:
+        ...     rig.name, rig.simulated, rig.capture(progress=gs2ci.Silent()).views
+        ('small bench', True, 4)
+    """
+
+    def __init__(self, path: str | Path) -> None:
+        from gs2ci.rig.opening import load_rig
+
+        self._rig = load_rig(Path(path))
+        self._devices: Devices | None = None
+        self._traced: Path | None = None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    @property
+    def name(self) -> str:
+        """Get what the rig file calls the bench."""
+        return self._rig.table.name
+
+    @property
+    def simulated(self) -> bool:
+        """Get whether its devices are simulated."""
+        return self._rig.bench is not None
+
+    @property
+    def rig(self) -> "Rig":
+        """Get the rig as `gs2ci.rig` knows it."""
+        return self._rig
+
+    @property
+    def devices(self) -> "Devices":
+        """Get the open devices.
+
+        Raises:
+            DeviceError: A port cannot be opened; those already open are closed again.
+        """
+        if self._devices is None:
+            self._devices = self._rig.open(self._traced)
+        return self._devices
+
+    def close(self) -> None:
+        """Close the devices; harmless where none is open. Whatever is asked next opens them again."""
+        devices, self._devices = self._devices, None
+        if devices is not None:
+            devices.close()
+
+    def trace_to(self, stem: Path | None) -> None:
+        """Keep the bytes on every wire in `<stem>.<device>.wire` where the rig file asks for it; before opening."""
+        self._traced = stem if self._rig.table.trace else None
+
+    def plan(
+        self,
+        *,
+        shots: int | None = None,
+        calibration: str | Path | None = None,
+        probe: bool = False,
+        progress: Progress | None = None,
+    ) -> "Prepared":
+        """Check a capture against the devices' limits; nothing moves and, without a probe, nothing is uploaded.
+
+        Args:
+            shots: How many shots, instead of the rig file's number.
+            calibration: A bundle to take masks from, instead of the one that the rig file's [calibration] names.
+            probe: Show one mask of the bundle and look whether it still fits; needs a lit scene at rest.
+            progress: Who hears of it.
+
+        Returns:
+            `plan`, with every figure beside its limit; `codes`, the masks; `calibrated`, the bundle.
+
+        Raises:
+            DeviceError: A device does not answer or refuses its set-up, or the bundle does not fit.
+            InputError: The masks do not fit on the modulator.
+        """
+        check_whole("--shots", shots, 1, remedy="leave --shots out for the rig file's number")
+        from gs2ci.rig.recording import prepare
+
+        table = self._rig.table
+        try:
+            if shots is not None:
+                self._rig.set_shots(shots)
+            with shown(progress) as display:
+                calibrated = self._calibrated(calibration, probe, display)
+                return prepare(self._rig, self.devices, calibrated)
+        finally:
+            self._rig.table = table  # the next plan takes the file's number again
+
+    def capture(
+        self,
+        *,
+        calibration: str | Path | None = None,
+        probe: bool = True,
+        progress: Progress | None = None,
+    ) -> Shot:
+        """Take one coded exposure and return it; `record` keeps exposures in a file.
+
+        Args:
+            calibration: As for `plan`.
+            probe: Likewise.
+            progress: Who hears of it.
+
+        Returns:
+            The shot; of a simulated bench with the truth. With `mode = "per-mask"` the first mask's.
+
+        Raises:
+            DeviceError: A device failed, or the plan breaks limits; all are at rest.
+        """
+        from gs2ci.core.storage import read_shot
+
+        with tempfile.TemporaryDirectory(prefix="gs2ci-") as scratch, shown(progress) as display:
+            prepared = self.plan(shots=1, calibration=calibration, probe=probe, progress=display)
+            return read_shot(self.record(Path(scratch) / "shot.h5", prepared, progress=display))
+
+    def record(
+        self,
+        path: str | Path,
+        prepared: "Prepared | None" = None,
+        *,
+        overwrite: bool = False,
+        progress: Progress | None = None,
+        saved: Callable[[Path], object] = _NEVER,
+    ) -> Path:
+        """Take coded exposures into a shot file; each survives the end of the program as soon as it is taken.
+
+        Args:
+            path: The shot file, ends in .h5; while it grows it is `<path>.partial`, which `recover` reads.
+            prepared: From `plan`; the rig file's own capture if None.
+            overwrite: Replace a finished file of that name.
+            progress: Who hears of upload and shots.
+            saved: Is told of the `.partial` when the capture ends early with some shots taken.
+
+        Returns:
+            The shot file.
+
+        Raises:
+            DeviceError: A device failed, or the plan breaks limits; all are at rest.
+            StorageError: The file exists or cannot be written.
+        """
+        from gs2ci.core.storage.sealing import check_target
+        from gs2ci.rig.recording import record
+
+        path = Path(path)
+        check_target(path, replace=overwrite, remedy="choose another name with -o, or add --overwrite to replace it")
+        with shown(progress) as display:
+            prepared = prepared or self.plan(probe=True, progress=display)
+            return record(self._rig, self.devices, prepared, path, replace=overwrite, progress=display, saved=saved)
+
+    def calibrate(
+        self,
+        path: str | Path,
+        step: CalibrationStep = "all",
+        *,
+        fast: bool = False,
+        heard: Callable[["Section"], object] | None = None,
+        progress: Progress | None = None,
+    ) -> "Bundle":
+        """Measure the bench into a calibration bundle; sections that are not measured now are kept.
+
+        Args:
+            path: The bundle, ends in .h5.
+            step: What to measure; "all" runs every step in order.
+            fast: Predict the masks from geometry, blur and contrast instead of measuring each.
+            heard: Is told of each section once it is in the bundle.
+            progress: Who hears of it; asks for lens cap, even light, board and scene on a real bench.
+
+        Returns:
+            The bundle.
+
+        Raises:
+            DeviceError: A device failed, or a measurement is not good enough (`CalibrationError`); the bundle keeps
+                the sections that it had.
+            StorageError: The bundle cannot be written.
+
+        Example:
+            >>> with gs2ci.open_rig("rig.toml") as rig:
+            ...     bundle = rig.calibrate("bench.cal.h5", "dark-flat", progress=gs2ci.Silent())
+            >>> list(bundle.sections)
+            ['dark-flat']
+        """
+        from gs2ci.rig.calibrating import provenance_of
+        from gs2ci_calibration.bundle import Bundle, add_section, check_bundle_place, check_target, read_bundle
+        from gs2ci_calibration.procedures import PROCEDURES
+
+        path = Path(path)
+        check_bundle_place(path)
+        with shown(progress) as display:
+            bench = self._bench(display, fast=fast)
+            provenance = provenance_of(self._rig, self.devices)
+            check_target(path, provenance, step)
+            for name in _every_step(bench) if step == "all" else (step,):
+                known = read_bundle(path) if path.exists() else Bundle()
+                bench.progress.say(f"{name}:")
+                section = PROCEDURES[name](bench, known)
+                display.finish()
+                add_section(path, section, provenance)
+                if heard is not None:
+                    heard(section)
+        return read_bundle(path)
+
+    def drift(self, path: str | Path, *, progress: Progress | None = None) -> "tuple[list[Change], tuple[str, ...]]":
+        """Measure by a few frames how far the bench has drifted since its calibration.
+
+        Args:
+            path: The bundle.
+            progress: Who hears of it.
+
+        Returns:
+            Each change with its standard error and limit, and what is worth knowing of how the bundle fits.
+
+        Raises:
+            DeviceError: A device failed, or the bundle does not fit any more (`CalibrationError`).
+            StorageError: The bundle cannot be read.
+        """
+        from gs2ci.rig.calibrating import provenance_of
+        from gs2ci_calibration.bundle import read_bundle
+        from gs2ci_calibration.drift import changes_since
+        from gs2ci_calibration.fitting import fit
+
+        with shown(progress) as display:
+            bundle, bench = read_bundle(Path(path)), self._bench(display, fast=False)
+            days = self._rig.table.calibration.max_age_days
+            found = fit(bundle, bench, provenance_of(self._rig, self.devices), days)
+            found.require(bundle)
+            changes = changes_since(bench, bundle)
+            display.finish()
+            return changes, found.notes
+
+    def doctor(self, *, trigger_loop: bool = True) -> "Iterator[BenchFinding]":
+        """Examine the bench: permissions, firmware, faults, clocks and the trigger line. The stage does not move.
+
+        Args:
+            trigger_loop: Show eight masks and count the frames that they trigger; replaces what is loaded on the
+                modulator.
+
+        Yields:
+            What was looked at, the verdict, and what to do about it.
+
+        Example:
+            >>> with gs2ci.open_rig("rig.toml") as rig:
+            ...     [finding.what for finding in rig.doctor(trigger_loop=False) if finding.verdict == "bad"]
+            []
+        """
+        from gs2ci.rig.doctor import examine
+
+        self.close()  # the examination opens ports itself, to tell which of them cannot be
+        yield from examine(self._rig, trigger_loop=trigger_loop)
+
+    def home(self) -> dict[str, float]:
+        """Move the stage to its reference, which must have free way; return the axes' positions, mm.
+
+        Raises:
+            DeviceError: The stage failed.
+        """
+        stage = self.devices.stage
+        return {} if stage is None else dict(stage.home())
+
+    def _calibrated(self, calibration: str | Path | None, probe: bool, progress: Progress) -> "Calibrated | None":
+        from gs2ci.rig.calibrated import load
+
+        path = None if calibration is None else Path(calibration)
+        return load(self._rig, self.devices, path, probe=probe, progress=progress)
+
+    def _bench(self, display: Display, *, fast: bool) -> "Bench":
+        from gs2ci.rig.calibrating import bench_of, operator_of
+
+        operator = operator_of(self._rig, display.ask)
+        return bench_of(self._rig, self.devices, operator, fast=fast, progress=display)
+
+
+def open_rig(path: str | Path) -> OpenRig:
+    """Read a rig file; the bench is used in a `with` statement, which closes its devices whatever happens.
+
+    Args:
+        path: The rig file (TOML); docs/rigs has a simulated bench and a real one, with comments.
+
+    Raises:
+        InputError: The file cannot be read, or says something that cannot be.
+
+    Example:
+        >>> with gs2ci.open_rig("rig.toml") as rig:
+        ...     rig.plan(progress=gs2ci.Silent()).plan.broken
+        ()
+    """
+    return OpenRig(path)
+
+
+def find_devices() -> list[tuple[str, str, str]]:
+    """Look for devices on this computer; nothing is sent to them.
+
+    Returns:
+        Kind, port (as a rig file names it) and name of each.
+
+    Example:
+        >>> all(len(found) == 3 for found in gs2ci.find_devices())
+        True
+    """
+    from gs2ci.rig import discovery
+
+    return list(discovery.find_devices())
+
+
+def _every_step(bench: "Bench") -> list[str]:
+    """Return all steps in order, without `stage` where there is none and without `timing` where nothing is timed."""
+    from gs2ci_calibration.procedures import PROCEDURES
+
+    left_out = set()
+    if bench.devices.stage is None:
+        bench.progress.say("the rig has no stage: its step is left out")
+        left_out.add("stage")
+    if bench.gated:
+        bench.progress.say("the sensor exposes while its line is held: the step `timing` is left out")
+        left_out.add("timing")
+    return [name for name in PROCEDURES if name not in left_out]

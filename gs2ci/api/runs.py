@@ -1,0 +1,294 @@
+"""A finished reconstruction as an object: its arrays, its report, and what can be done with it.
+
+Here: `Run`, `open_run`. Not here: reconstructing (`reconstruction`), the folder's layout (`gs2ci.evaluate.run_folder`).
+"""
+
+import shutil
+import tempfile
+import webbrowser
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from gs2ci.api.display import in_notebook
+from gs2ci.api.options import check_whole
+from gs2ci.core.arrays import F32, F64
+from gs2ci.core.errors import InputError, StorageError
+from gs2ci.core.records import Shot
+from gs2ci.core.run_records import RunResult
+
+if TYPE_CHECKING:
+    from gs2ci.evaluate.report import Report
+    from gs2ci.render.gaussians import Gaussians
+
+# A page in a notebook's cell: high enough for the first figures and one view.
+_FRAME_PX: Final = 720
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """What a reconstruction found: views, camera path, scene, depth, and a report that says how far to trust them.
+
+    Args:
+        views: The recovered views, [N, H, W, C] float32, full scale 1, not clamped.
+        path: Recovered poses, world to camera, [N, 4, 4], OpenCV axes.
+        intrinsics: Camera matrix in pixels, [3, 3].
+        distortion: Of the lens, [5] as in `Shot`; None for a pinhole.
+        decode: The views as decoded without a scene, as `views`.
+        scene_views: What the scene alone shows from the recovered cameras, as `views`.
+        depth: Distance along the optical axis, [N, H, W], in the unit of the path, 0 where nothing is seen; None where
+            no depth was found.
+        depth_spread: How far apart along the ray the light is stopped, as a share of depth, [N, H, W]; likewise.
+        depth_confidence: Share of a pixel's light that is stopped within 5 % of its depth, [N, H, W]; likewise.
+        folder: The run folder that it was read from or saved into; None for one that is in memory alone.
+        result: What the pipeline handed over; None for a run that was read from a folder.
+        shot: The measurement; None for a run that was read from a folder.
+
+    Example:
+        >>> run = gs2ci.open_run("run")
+        >>> run.views.shape, run.path.shape, len(run.scene) > 0
+        ((4, 24, 32, 3), (4, 4, 4), True)
+        >>> run.report.psnr_db.mean > 10
+        True
+    """
+
+    views: F32
+    path: F64
+    intrinsics: F64
+    distortion: F64 | None
+    decode: F32
+    scene_views: F32
+    depth: F32 | None
+    depth_spread: F32 | None
+    depth_confidence: F32 | None
+    folder: Path | None = None
+    result: RunResult | None = None
+    shot: Shot | None = None
+    _scene: "Gaussians | None" = field(default=None, repr=False)
+
+    @classmethod
+    def of(cls, shot: Shot, result: RunResult, scene: "Gaussians") -> "Run":
+        """Make a run of what the pipeline handed over."""
+        return cls(
+            views=result.views,
+            path=result.world_to_camera,
+            intrinsics=result.intrinsics,
+            distortion=result.distortion,
+            decode=result.decode,
+            scene_views=result.scene_views,
+            depth=result.depth,
+            depth_spread=result.depth_spread,
+            depth_confidence=result.depth_confidence,
+            result=result,
+            shot=shot,
+            _scene=scene,
+        )
+
+    @cached_property
+    def scene(self) -> "Gaussians":
+        """Get the Gaussians, as torch tensors on the CPU.
+
+        Raises:
+            InputError: The folder's scene.ply cannot be read.
+        """
+        if self._scene is not None:
+            return self._scene
+        from gs2ci.render.ply import read_ply
+
+        assert self.folder is not None  # a run is either handed over with its scene, or read
+        return read_ply(self.folder / "scene.ply")
+
+    @cached_property
+    def report(self) -> "Report":
+        """Get every figure of the run: errors where the truth is known, residuals, times, notes and doubts.
+
+        Raises:
+            StorageError: The folder's report cannot be read.
+        """
+        if self.result is not None and self.shot is not None:
+            from gs2ci.evaluate.run_report import build_report
+
+            return build_report(self.shot, self.result)
+        from gs2ci.evaluate.report import read_report
+
+        assert self.folder is not None  # as above
+        return read_report(self.folder)
+
+    def _repr_png_(self) -> bytes:
+        """Show the decode's and the recovered middle view, and its depth."""
+        from gs2ci.core.notebook import png_of, row_of
+        from gs2ci.evaluate.pages.pictures import colour
+        from gs2ci.evaluate.scales import inverse_depth_limits
+
+        middle = len(self.views) // 2
+        shown: list[Any] = [self.decode[middle], self.views[middle]]
+        if self.depth is not None and (self.depth > 0).any():
+            depth = self.depth[middle]
+            inverse = np.divide(1, depth, out=np.zeros_like(depth), where=depth > 0)
+            shown.append(
+                colour(inverse, inverse_depth_limits(1 / self.depth[self.depth > 0]), "depth", empty=depth <= 0)
+            )
+        return png_of(row_of(shown))
+
+    def _repr_html_(self) -> str:
+        from gs2ci.api.display import summary_rows
+        from gs2ci.core.notebook import card
+
+        facts = [(name, f"{value}  {remark}".rstrip()) for name, value, remark in summary_rows(self.report)]
+        notes = [("" if k else "notes", note.advice) for k, note in enumerate(self.report.notes)]
+        shown = "decode, recovered, depth (yellow is near)" if self.depth is not None else "decode, recovered"
+        title = f"{self.report.name}: {self.report.views} views from one exposure"
+        return card(title, [*facts, *notes], self._repr_png_(), caption=f"middle view: {shown}")
+
+    def save(self, folder: str | Path, *, overwrite: bool = False, moments: int | None = None) -> Path:
+        """Write the run folder: report, page, views, depth, scene, cameras; whole or not at all.
+
+        Args:
+            folder: Where; parents are made.
+            overwrite: Replace an earlier run at this place.
+            moments: Write so many pictures spread over the exposure as well, which show the scene alone; not of a run
+                that was read from a folder.
+
+        Returns:
+            The folder, from which `open_run` reads it back.
+
+        Raises:
+            StorageError: Something else lies there, or the disk refuses.
+            InputError: That many moments cannot be shown, or the run was read from a folder.
+        """
+        from gs2ci.evaluate.run_folder import check_destination, whole_folder, write_run
+
+        folder = Path(folder)
+        if self.result is not None and self.shot is not None:
+            write_run(folder, self.shot, self.result, self.scene, overwrite=overwrite, moments=moments)
+            object.__setattr__(self, "folder", folder)
+            return folder
+        if moments is not None:
+            raise InputError("moments of a run that was read from a folder", remedy="reconstruct with --moments")
+        assert self.folder is not None  # as above
+        if folder.resolve() != self.folder.resolve():
+            check_destination(folder, overwrite=overwrite)
+            with whole_folder(folder, overwrite=overwrite) as partial:
+                shutil.copytree(self.folder, partial, dirs_exist_ok=True)
+        return folder
+
+    def page(self, destination: str | Path | None = None) -> Path:
+        """Build the run's page, one HTML file that needs nothing else.
+
+        Args:
+            destination: The file; report.html in the run folder if None.
+
+        Returns:
+            The file.
+
+        Raises:
+            StorageError: The run was not saved and no destination is given, or the page cannot be written.
+        """
+        from gs2ci.evaluate.pages.run_page import write_run_page
+
+        if self.folder is not None:
+            return write_run_page(self.folder, None if destination is None else Path(destination))
+        if destination is None:
+            raise StorageError("the run has no folder yet", remedy="call save() first, or name a file for the page")
+        with tempfile.TemporaryDirectory() as scratch:
+            return write_run_page(self._written(Path(scratch)), Path(destination))
+
+    def show(self) -> None:
+        """Show the run's page: in a notebook below its cell, elsewhere in the browser.
+
+        Raises:
+            StorageError: The run folder is damaged.
+        """
+        if in_notebook():
+            from IPython.display import HTML, display
+
+            display(HTML(self._framed_page()))  # type: ignore[no-untyped-call]
+            return
+        if self.folder is not None:
+            open_page(self.page())
+            return
+        # The browser reads it after we have gone on: it stays until the system clears its temporary files.
+        open_page(self.page(Path(tempfile.mkdtemp(prefix="gs2ci-")) / "report.html"))
+
+    def view(self, *, port: int = 8080, host: str = "127.0.0.1") -> Any:
+        """Serve scene and cameras to a browser; needs the extra `view`.
+
+        Args:
+            port: Of the local server; if it is taken, the next free one; 0 for any.
+            host: Who may look: 127.0.0.1 is this machine alone, 0.0.0.0 everybody who reaches it.
+
+        Returns:
+            viser's server, which `stop()` ends.
+
+        Raises:
+            InputError: viser is not installed, or no port can be had.
+            StorageError: The run was not saved, or its folder is damaged.
+        """
+        check_whole("--port", port, 0, 65_535, remedy="leave --port out, or give 0 for any that is free")
+        from gs2ci.evaluate import viewer
+
+        if self.folder is None:
+            raise StorageError("the run has no folder yet", remedy="call save() first")
+        return viewer.serve(viewer.load_scene(self.folder), host=host, port=port)
+
+    def _written(self, scratch: Path) -> Path:
+        """Return the run's folder, or one that is written for now."""
+        from gs2ci.evaluate.run_folder import write_run
+
+        if self.folder is not None:
+            return self.folder
+        assert self.result is not None and self.shot is not None  # noqa: PT018  in memory alone
+        return write_run(scratch / "run", self.shot, self.result, self.scene)
+
+    def _framed_page(self) -> str:
+        """Return the page inside a frame of its own: its policy and style hold there, the notebook's elsewhere."""
+        from markupsafe import escape
+
+        with tempfile.TemporaryDirectory() as scratch:
+            text = self.page(Path(scratch) / "report.html").read_text(encoding="utf-8")
+        return f'<iframe srcdoc="{escape(text)}" style="width:100%;height:{_FRAME_PX}px;border:0"></iframe>'
+
+
+def open_run(folder: str | Path) -> Run:
+    """Read a run folder back.
+
+    Args:
+        folder: As `gs2ci reconstruct` or `Run.save` wrote it.
+
+    Raises:
+        StorageError: It is none, or a part of it is missing or damaged.
+
+    Example:
+        >>> gs2ci.open_run("run").report.name
+        'measurement'
+    """
+    from gs2ci.evaluate.evaluation import read_run
+
+    folder = Path(folder)
+    found = read_run(folder)
+    channels = found.report.channels
+    try:
+        others = {name: np.load(folder / f"{name}.npy") for name in ("decode", "scene_views")}
+    except (OSError, ValueError, EOFError) as error:
+        raise StorageError(f"{folder} is no whole run: {error}", remedy="reconstruct again with --overwrite") from error
+    # A mono run's files hold three equal channels.
+    return Run(
+        views=found.views[..., :channels],
+        path=found.world_to_camera,
+        intrinsics=found.intrinsics,
+        distortion=found.distortion,
+        decode=others["decode"][..., :channels],
+        scene_views=others["scene_views"][..., :channels],
+        depth=found.depth,
+        depth_spread=found.depth_spread,
+        depth_confidence=found.depth_confidence,
+        folder=folder,
+    )
+
+
+def open_page(page: Path) -> bool:
+    """Open a page in the user's browser; return whether there is one."""
+    return webbrowser.open(page.resolve().as_uri())

@@ -1,0 +1,255 @@
+"""Shots from files and into files.
+
+Here: `load`, `save`, `import_file`, `recover`. Not here: any guess about a foreign file (`gs2ci.core.foreign`), file
+layouts (`gs2ci.core.storage`).
+"""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+
+from gs2ci.api.options import check_number, check_whole
+from gs2ci.core.errors import InputError
+from gs2ci.core.records import FOCAL_RANGE_PX, MEASUREMENT_LIMIT, CfaPattern, Shot
+
+if TYPE_CHECKING:
+    from gs2ci.core.foreign.assemble import Imported
+    from gs2ci.core.foreign.container import Array
+
+ArrayOrFile = Any
+"""An array of numpy or torch, nested lists, or the path of a file that holds one array."""
+
+
+def load(path: str | Path, masks: str | Path | None = None, *, index: int = 0, **known: Any) -> Shot:
+    """Load one shot from a shot file, or from .npz, .npy, .mat or pictures.
+
+    What is guessed about a foreign file is said in the shot's `provenance["guesses"]`; `import_file` returns every shot
+    of a file.
+
+    Args:
+        path: A shot file (`.h5`), or a foreign one as `gs2ci import` takes it.
+        masks: Of a foreign file whose masks lie apart: their file, or folder of pictures.
+        index: Which shot of the file, from 0.
+        known: What is known of a foreign file: any of the keyword arguments of `import_file`.
+
+    Returns:
+        The shot, checked.
+
+    Raises:
+        StorageError: A shot file cannot be read, or has no such shot.
+        InputError: A foreign file cannot be understood; the message names file, key and remedy.
+
+    Example:
+        >>> shot = gs2ci.load("measurement.npz", focal_px=40.0)
+        >>> shot.views, shot.size, shot.channels
+        (4, (24, 32), 3)
+    """
+    path = Path(path)
+    if path.suffix in (".h5", ".hdf5"):
+        if masks is not None or known:
+            raise InputError(
+                f"{path} is a shot file, which tells all by itself",
+                allowed="index alone beside it",
+                remedy=f"leave {', '.join(known) or 'masks'} out; dataclasses.replace changes a part of a shot",
+            )
+        from gs2ci.core.storage import read_shot
+
+        return read_shot(path, index)
+    return picked(import_file(path, masks, **known).shots, index, path)[0]
+
+
+def import_file(
+    path: str | Path,
+    masks: str | Path | None = None,
+    *,
+    truth: ArrayOrFile = None,
+    poses: ArrayOrFile = None,
+    intrinsics: ArrayOrFile = None,
+    focal_px: float | None = None,
+    distortion: Sequence[float] = (),
+    meas_key: str | None = None,
+    mask_key: str | None = None,
+    truth_key: str | None = None,
+    mask_axis: Literal["auto", "first", "last"] = "auto",
+    meas_layout: Literal["auto", "rgb", "stack"] = "auto",
+    views: int | None = None,
+    reverse_masks: bool = False,
+    mask_scale: float | None = None,
+    scale: float | None = None,
+    offset: float | None = None,
+    saturation: float | None = None,
+    cfa: CfaPattern | None = None,
+    bad_pixels: Literal["refuse", "median"] = "refuse",
+) -> "Imported":
+    """Turn a foreign file into shots; what is not said is guessed from the numbers, and every guess is returned.
+
+    Args:
+        path: Measurement, with or without masks: .npz, .npy, .mat (v5, v7.3), a PNG or TIFF.
+        masks: Masks, if they lie in a file of their own, or a folder of PNG or TIFF pictures.
+        truth: True views, for scoring only.
+        poses: True poses, world-to-camera [N, 4, 4], OpenCV axes, for scoring only.
+        intrinsics: Camera matrix, [3, 3], or fx fy cx cy, in pixels (pixel centres at +0.5).
+        focal_px: Focal length in pixels, with the principal point at the centre.
+        distortion: Of the lens, as OpenCV states it: k1 k2 p1 p2, and k3 if it was fitted. Needs the camera matrix.
+        meas_key: Key of the measurement in its file.
+        mask_key: Key of the masks in their file.
+        truth_key: Key of the true views; "none" leaves them out.
+        mask_axis: Whether the masks are counted along the first or the last axis.
+        meas_layout: Whether three images are one RGB measurement or a stack of three measurements.
+        views: Use only the first so many masks.
+        reverse_masks: The masks were exposed in the opposite order.
+        mask_scale: Reading of a fully open mask.
+        scale: Reading of a white scene under one open mask, above the offset.
+        offset: Reading without light.
+        saturation: Readings at or above it count as clipped; 0 says that none is.
+        cfa: Colour filter array of a Bayer measurement.
+        bad_pixels: Refuse NaN in the measurement, or replace them from their neighbours.
+
+    Returns:
+        `shots`, and `guesses`, a sentence each.
+
+    Raises:
+        InputError: The file cannot be understood or contradicts itself; names file, key and remedy.
+
+    Example:
+        >>> imported = gs2ci.import_file("measurement.npz", focal_px=40.0)
+        >>> len(imported.shots), len(imported.guesses) > 0
+        (1, True)
+    """
+    check_imports(focal_px, mask_scale, scale, offset, saturation, views, distortion)
+    from gs2ci.core.foreign.assemble import ImportOptions, import_shots
+    from gs2ci.core.foreign.container import Array
+
+    options = ImportOptions(
+        meas_key=meas_key,
+        mask_key=mask_key,
+        truth_key=truth_key,
+        mask_axis=mask_axis,
+        meas_layout=meas_layout,
+        views=views,
+        reverse_masks=reverse_masks,
+        mask_scale=mask_scale,
+        scale=scale,
+        offset=offset,
+        saturation=saturation,
+        cfa=cfa,
+        focal_px=focal_px,
+        distortion=Array("--distortion", np.array(distortion)) if len(distortion) else None,
+        bad_pixels=bad_pixels,
+        intrinsics=_given("--intrinsics", intrinsics),
+        world_to_camera=_given("--poses", poses),
+        truth=_given("--truth", truth),
+    )
+    return import_shots(Path(path), None if masks is None else Path(masks), options)
+
+
+def check_imports(
+    focal_px: float | None,
+    mask_scale: float | None,
+    scale: float | None,
+    offset: float | None,
+    saturation: float | None,
+    views: int | None,
+    distortion: Sequence[float],
+) -> None:
+    """Accept the numbers that are known of a foreign file.
+
+    Raises:
+        InputError: One is out of bounds.
+    """
+    check_whole("--views", views, 1)
+    check_number("--focal-px", focal_px, *FOCAL_RANGE_PX)
+    for option, reading in (("--mask-scale", mask_scale), ("--scale", scale)):
+        check_number(option, reading, 1 / MEASUREMENT_LIMIT, MEASUREMENT_LIMIT)
+    check_number("--offset", offset, -MEASUREMENT_LIMIT, MEASUREMENT_LIMIT)
+    check_number("--saturation", saturation, 0, MEASUREMENT_LIMIT)
+    for coefficient in distortion:
+        check_number("--distortion", coefficient)
+
+
+def save(path: str | Path, shots: Shot | Sequence[Shot], *, overwrite: bool = False) -> Path:
+    """Write one shot, or several that share masks and camera, into a shot file; reading gives the same numbers back.
+
+    Args:
+        path: Of the file, ends in .h5.
+        shots: One or several.
+        overwrite: Replace a finished file of that name.
+
+    Returns:
+        The path.
+
+    Raises:
+        InputError: A shot contradicts itself.
+        StorageError: The file exists, cannot be written, or the shots differ in what one file holds once.
+
+    Example:
+        >>> shot = gs2ci.load("measurement.npz", focal_px=40.0)
+        >>> path = gs2ci.save("copy.h5", shot)
+        >>> bool((gs2ci.load(path).measurement == shot.measurement).all())
+        True
+    """
+    from gs2ci.core.storage import write_shots
+    from gs2ci.core.storage.sealing import check_target
+
+    path = Path(path)
+    check_target(path, replace=overwrite, remedy="choose another name with -o, or add --overwrite to replace it")
+    return write_shots(path, [shots] if isinstance(shots, Shot) else list(shots))
+
+
+def recover(partial: str | Path, target: str | Path | None = None, *, overwrite: bool = False) -> Path:
+    """Copy every finished row of an interrupted capture into a new shot file; the damaged file is only read.
+
+    Args:
+        partial: The interrupted capture, NAME.h5.partial.
+        target: The shot file to write; NAME.recovered.h5 when it is not given.
+        overwrite: Replace a finished file of that name.
+
+    Returns:
+        The new shot file.
+
+    Raises:
+        StorageError: There is nothing to save, or the new file cannot be written.
+
+    Example:
+        >>> gs2ci.load(gs2ci.recover("interrupted.h5.partial")).views
+        4
+    """
+    from gs2ci.core import storage
+
+    partial = Path(partial)
+    name = partial.name.removesuffix(".partial").removesuffix(".h5")
+    saved = partial.with_name(f"{name}.recovered.h5") if target is None else Path(target)
+    storage.recover(partial, saved, replace=overwrite)
+    return saved
+
+
+def picked(shots: Sequence[Shot], index: int | None, path: Path) -> list[Shot]:
+    """Return one of a file's shots, or all of them where none is named.
+
+    Raises:
+        InputError: There is no such shot.
+    """
+    if index is None:
+        return list(shots)
+    if not 0 <= index < len(shots):
+        raise InputError(f"{path}: no measurement {index}", allowed=f"0 to {len(shots) - 1}")
+    return [shots[index]]
+
+
+def _given(name: str, value: ArrayOrFile) -> "Array | None":
+    from gs2ci.core.foreign.assemble import load_single
+    from gs2ci.core.foreign.container import Array
+
+    if value is None:
+        return None
+    if isinstance(value, str | Path):
+        return load_single(Path(value))
+    held = value.detach().cpu() if hasattr(value, "detach") else value
+    try:
+        return Array(name, np.asarray(held, dtype=np.float64))
+    except (TypeError, ValueError) as error:
+        raise InputError(
+            f"{name} is {type(value).__name__}, no array of numbers: {error}", allowed="an array, or the path of a file"
+        ) from error

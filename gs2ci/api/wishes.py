@@ -1,0 +1,171 @@
+"""What the arguments of `gs2ci reconstruct` mean: for the settings, for the shot, and within a budget of seconds.
+
+Here: settings changed as wished, a shot with the focal length that its user knows, the plan of a budget. Not here: the
+settings (`gs2ci.reconstruct`), the order of the work (`reconstruction`).
+"""
+
+import time
+from dataclasses import dataclass, replace
+from typing import get_args
+
+import numpy as np
+
+from gs2ci.api.display import Display
+from gs2ci.api.options import check_choice
+from gs2ci.core.arrays import F32
+from gs2ci.core.durations import parse_duration_s
+from gs2ci.core.errors import InputError
+from gs2ci.core.records import Shot
+from gs2ci.evaluate.metrics import psnr_per_view
+from gs2ci.evaluate.rehearsal import report_seconds
+from gs2ci.reconstruct import ablation
+from gs2ci.reconstruct.budget.costs import probe
+from gs2ci.reconstruct.budget.plan import Adapt, BudgetPlan, plan_within
+from gs2ci.reconstruct.choices import (
+    FirstLookName,
+    MotionMode,
+    PoseSource,
+    PresetName,
+    ProxyName,
+    RegistrationMode,
+    RuleName,
+)
+from gs2ci.reconstruct.fit.density.base import DensityRule
+from gs2ci.reconstruct.fit.looks import Score
+from gs2ci.reconstruct.presets import PRESETS, preset
+from gs2ci.reconstruct.settings import Settings
+
+
+@dataclass(frozen=True, kw_only=True)
+class Wishes:
+    """What the user wants of any settings, whichever preset they come from; None leaves what the preset says."""
+
+    geometry: PoseSource | None = None
+    proxy: ProxyName | None = None
+    first_look: FirstLookName | None = None
+    density: RuleName | DensityRule | None = None
+    without: tuple[str, ...] = ()
+    iterations: int | None = None
+    fits: int | None = None
+    fine: bool = False
+    prior: str | None = None
+    distance: str | None = None
+    trust_weights: bool = False
+    registration: RegistrationMode | None = None
+    motion: MotionMode | None = None
+    seed: int = 42
+
+    @property
+    def fine_stage(self) -> bool:
+        """Get whether the fine stage is asked for, by its name or by one of its parts."""
+        return self.fine or self.prior is not None or self.distance is not None
+
+    def on(self, settings: Settings) -> Settings:
+        """Return settings changed as wished.
+
+        Raises:
+            InputError: A name is unknown.
+        """
+        settings = replace(settings, seed=self.seed)
+        if self.geometry is not None:
+            settings = replace(settings, poses=self.geometry)
+        if self.proxy is not None:
+            settings = replace(settings, proxy=self.proxy)
+        if self.motion is not None:
+            settings = replace(settings, motion=self.motion)
+        if self.first_look is not None:
+            settings = replace(settings, first_look=self.first_look)
+        if self.trust_weights:
+            settings = replace(settings, brightness=replace(settings.brightness, rounds=0))
+        if self.registration is not None:
+            settings = replace(settings, registration=replace(settings.registration, mode=self.registration))
+        if self.density is not None:
+            settings = settings.with_density_rule(self.density)
+        settings = ablation.without(settings, self.without)
+        if self.iterations is not None:
+            settings = replace(settings, fit=replace(settings.fit, iterations=self.iterations))
+        if self.fits is not None:
+            settings = replace(settings, fits=self.fits)
+        if self.fine_stage:
+            default = settings.fine or settings.fine_if_asked
+            stage = replace(default, prior=self.prior or default.prior, distance=self.distance or default.distance)
+            settings = replace(settings, fine=stage)
+        return settings
+
+
+def budget_seconds(budget: str | None, preset: PresetName, wishes: Wishes) -> float | None:
+    """Read the budget, which leaves nothing else to decide; None where there is none.
+
+    Raises:
+        InputError: It is no duration, or what it decides is asked for beside it.
+    """
+    if budget is None:
+        return None
+    budget_s = parse_duration_s(budget)
+    if preset != "standard" or wishes.iterations is not None or wishes.fine_stage:
+        raise InputError(
+            "a budget decides preset, iterations and stages itself",
+            remedy="give either --budget, or --preset, --iterations and --fine",
+        )
+    return budget_s
+
+
+def settings_of(name: PresetName, wishes: Wishes) -> Settings:
+    """Return a preset's settings, changed as wished.
+
+    Raises:
+        InputError: A name is unknown.
+    """
+    for option, value, allowed in (
+        ("--proxy", wishes.proxy, (None, *get_args(ProxyName))),
+        ("--first-look", wishes.first_look, (None, *get_args(FirstLookName))),
+        ("--registration", wishes.registration, (None, *get_args(RegistrationMode))),
+    ):
+        check_choice(option, value, allowed)
+    return wishes.on(preset(name))
+
+
+def with_focal(focal_px: float | None, shot: Shot) -> Shot:
+    """Return a shot with another focal length; its principal point and pixel shape stay.
+
+    Args:
+        focal_px: Along the rows; None leaves the shot's.
+        shot: With a camera matrix or without.
+    """
+    if focal_px is None:
+        return shot
+    height, width = shot.size
+    if shot.intrinsics is None:
+        intrinsics = np.array([[focal_px, 0, width / 2], [0, focal_px, height / 2], [0, 0, 1]])
+    else:
+        intrinsics = shot.intrinsics.astype(np.float64)
+        intrinsics[1, 1] *= focal_px / intrinsics[0, 0]
+        intrinsics[0, 0] = focal_px
+    return replace(shot, intrinsics=intrinsics).check()
+
+
+def planned(budget_s: float, began_s: float, shot: Shot, adapt: Adapt, display: Display) -> BudgetPlan:
+    """Measure this machine on the shot, and plan what the budget buys.
+
+    Raises:
+        InputError: It buys too little.
+    """
+    display.stage("measuring this machine")
+    model = probe(shot, adapt(PRESETS["draft"]).backend)
+    report_s = report_seconds(shot)
+    display.finish()
+    plan = plan_within(budget_s, model, report_s=report_s, spent_s=time.monotonic() - began_s, adapt=adapt)
+    display.say(plan.sentence)
+    return plan
+
+
+def score_against_truth(shot: Shot) -> Score | None:
+    """Return the mean PSNR as a function of views, or None where the truth is not known."""
+    truth = shot.truth.views
+    if truth is None:
+        return None
+
+    def score(views: F32) -> float:
+        return float(np.mean(psnr_per_view(views, truth)))
+
+    return score

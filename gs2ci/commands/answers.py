@@ -1,0 +1,56 @@
+"""What a command answers to a program: JSON on standard output, and all else that it says on standard error.
+
+Here: `answered`, the `--json` of every command that has one; `silenced`, the `--quiet` of all. Not here: what is
+answered.
+"""
+
+import contextlib
+import os
+import sys
+from collections.abc import Callable, Iterator
+from contextvars import ContextVar
+from typing import Any, Final, TextIO
+
+from gs2ci.core.json_text import as_json
+
+# Where answers go while all else is silenced.
+_heard: Final[ContextVar[TextIO | None]] = ContextVar("heard", default=None)
+QUIET_VARIABLE: Final = "GS2CI_QUIET"
+"""For displays, also of processes that a command starts (`gs2ci.api.display`)."""
+
+
+@contextlib.contextmanager
+def silenced() -> Iterator[None]:
+    """Keep a command to errors, questions and answers as JSON."""
+    before = os.environ.get(QUIET_VARIABLE)
+    os.environ[QUIET_VARIABLE] = "1"
+    token = _heard.set(sys.stdout)
+    try:
+        with open(os.devnull, "w", encoding="utf-8") as nowhere, contextlib.redirect_stdout(nowhere):
+            yield
+    finally:
+        _heard.reset(token)
+        if before is None:
+            del os.environ[QUIET_VARIABLE]
+        else:
+            os.environ[QUIET_VARIABLE] = before
+
+
+@contextlib.contextmanager
+def answered(*, as_text: bool) -> Iterator[Callable[[Any], None]]:
+    """Let a command give its answer.
+
+    Args:
+        as_text: Whether the answer is for people: then nothing is changed, and the answer is not printed. Otherwise
+            whatever is printed meanwhile goes to standard error, so that the answer stands alone.
+
+    Yields:
+        Takes the answer, of plain values, records and arrays.
+    """
+    if as_text:
+        yield lambda _answer: None
+        return
+    heard = _heard.get()
+    out, rest = heard or sys.stdout, sys.stderr if heard is None else sys.stdout
+    with contextlib.redirect_stdout(rest):
+        yield lambda answer: print(as_json(answer), end="", file=out, flush=True)

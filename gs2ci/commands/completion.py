@@ -1,0 +1,197 @@
+"""`gs2ci completion`: a script that lets a shell complete commands and their options.
+
+Here: the scripts, made from the commands' signatures: no command is run or imported when a key is pressed. Not here:
+the commands (`gs2ci.cli`).
+"""
+
+import importlib
+import inspect
+import re
+import sys
+import typing
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, Final, Literal, get_args, get_origin
+
+import tyro
+
+Shell = Literal["bash", "zsh", "fish"]
+
+_HEAD: Final = "# Completion of gs2ci, written by `gs2ci completion {of}`. Write it again after an update.\n"
+
+
+@dataclass(frozen=True)
+class CompletedOption:
+    """An option as a shell completes it.
+
+    Args:
+        names: With dashes, the longest last.
+        values: What may follow it; () for anything.
+        files: Whether a path follows.
+        bare: Whether nothing follows.
+        help: One line.
+    """
+
+    names: tuple[str, ...]
+    values: tuple[str, ...] = ()
+    files: bool = False
+    bare: bool = False
+    help: str = ""
+
+
+def run(shell: Annotated[Shell, tyro.conf.Positional], /) -> str:
+    """Print a script that lets your shell complete commands, options and their values.
+
+    Where each shell looks for it: docs/commands/completion.md.
+
+    Args:
+        shell: For which.
+
+    Returns:
+        The script.
+    """
+    from gs2ci.cli import COMMANDS
+
+    about = {name: text for name, (_, text) in COMMANDS.items()}
+    options = {name: options_of(importlib.import_module(module).run) for name, (module, _) in COMMANDS.items()}
+    made = {"bash": bash_script, "zsh": zsh_script, "fish": fish_script}[shell](about, options)
+    sys.stdout.write(made)
+    return made
+
+
+def options_of(command: Any) -> list[CompletedOption]:
+    """List a command's options from its signature, as the parser makes them."""
+    hints = typing.get_type_hints(command, _names_of(command), include_extras=True)
+    told = _argument_texts(command)
+    found = [CompletedOption(("-h", "--help"), bare=True, help="show help")]
+    for name, parameter in inspect.signature(command).parameters.items():
+        kind, name_given, aliases, positional = _unwrapped(hints.get(name, str))
+        if positional or parameter.kind is parameter.POSITIONAL_ONLY:
+            continue
+        option = f"--{(name_given or name).replace('_', '-')}"
+        bare = kind is bool
+        names = (*aliases, option)
+        if bare and parameter.default is not False:  # it may be switched either way
+            names = (*names, f"--no-{option[2:]}")
+        values = tuple(str(value) for value in get_args(kind)) if get_origin(kind) is Literal else ()
+        found.append(CompletedOption(names, values, kind is Path, bare, told.get(name, "")))
+    return found
+
+
+def _names_of(command: Any) -> dict[str, Any]:
+    return dict(vars(inspect.getmodule(command)))
+
+
+def _unwrapped(hint: Any) -> tuple[Any, str, tuple[str, ...], bool]:
+    """Return a hint's kind without None and Annotated; the option's own name, its aliases, whether it is positional."""
+    name, aliases, positional = "", (), False
+    while get_origin(hint) is Annotated:
+        hint, *marks = get_args(hint)
+        for mark in marks:
+            name = getattr(mark, "name", None) or name
+            aliases = tuple(getattr(mark, "aliases", None) or aliases)
+            positional |= mark is tyro.conf.Positional or "Positional" in repr(mark)
+    if get_origin(hint) is typing.Union or type(hint).__name__ == "UnionType":
+        kinds = [kind for kind in get_args(hint) if kind is not type(None)]
+        hint = kinds[0] if len(kinds) == 1 else hint
+    return hint, name, aliases, positional
+
+
+def _argument_texts(command: Any) -> dict[str, str]:
+    """Return the first sentence of each argument's text in a docstring."""
+    text = re.split(r"\n\n *Args:\n", inspect.getdoc(command) or "")[-1]
+    found = re.findall(r"^    (\w+): (.*(?:\n {8,}.*)*)", text, re.MULTILINE)
+    return {name: re.split(r"(?<=[.;:]) ", " ".join(said.split()))[0].rstrip(".;:") for name, said in found}
+
+
+def bash_script(about: Mapping[str, str], options: Mapping[str, list[CompletedOption]]) -> str:
+    """Return the script for bash."""
+    cases = []
+    for command, listed in options.items():
+        values = [
+            f"        {'|'.join(one.names)}) COMPREPLY=($(compgen -W '{' '.join(one.values)}' -- \"$word\")); return;;"
+            for one in listed
+            if one.values
+        ]
+        files = "|".join(name for one in listed if one.files for name in one.names)
+        if files:
+            values.append(f'        {files}) COMPREPLY=($(compgen -f -- "$word")); return;;')
+        words = " ".join(name for one in listed for name in one.names)
+        choice = "\n".join(['      case "$before" in', *values, "      esac"]) if values else ""
+        cases.append(f"    {command})\n{choice}\n      words='{words}';;".replace("\n\n", "\n"))
+    return "\n".join(
+        [
+            _HEAD.format(of="bash") + "_gs2ci() {",
+            '  local word="${COMP_WORDS[COMP_CWORD]}" before="${COMP_WORDS[COMP_CWORD-1]}" words=',
+            "  COMPREPLY=()",
+            '  if [ "$COMP_CWORD" = 1 ]; then',
+            f"    COMPREPLY=($(compgen -W '{' '.join(about)} --help --version' -- \"$word\")); return",
+            "  fi",
+            '  case "${COMP_WORDS[1]}" in',
+            *cases,
+            "  esac",
+            '  if [[ "$word" == -* ]]; then COMPREPLY=($(compgen -W "$words" -- "$word"));',
+            '  else COMPREPLY=($(compgen -f -- "$word")); fi',
+            "}",
+            "complete -o filenames -F _gs2ci gs2ci",
+            "",
+        ]
+    )
+
+
+def zsh_script(about: Mapping[str, str], options: Mapping[str, list[CompletedOption]]) -> str:
+    """Return the script for zsh."""
+    cases = []
+    for command, listed in options.items():
+        lines = []
+        for one in listed:
+            for name in one.names:
+                after = "" if one.bare else ":value:_files" if one.files else f":value:({' '.join(one.values)})"
+                after = after if one.bare or one.files or one.values else ":value: "
+                lines.append(f"        '{name}[{_for_zsh(one.help)}]{after}'")
+        cases.append(
+            "\n".join(
+                [f"      {command}) _arguments \\", " \\\n".join([*lines, "        '*:file:_files'"]), "      ;;"]
+            )
+        )
+    listing = "\n".join(f"    '{name}:{_for_zsh(text)}'" for name, text in about.items())
+    return (
+        f"#compdef gs2ci\n{_HEAD.format(of='zsh')}_gs2ci() {{\n  local -a commands\n  commands=(\n{listing}\n  )\n"
+        "  if (( CURRENT == 2 )); then _describe command commands; return; fi\n"
+        '  local command="$words[2]"\n  shift words; (( CURRENT-- ))\n'
+        '  case "$command" in\n' + "\n".join(cases) + "\n  esac\n}\n"
+        'if [ "$funcstack[1]" = _gs2ci ]; then _gs2ci "$@"; else compdef _gs2ci gs2ci; fi\n'
+    )
+
+
+def fish_script(about: Mapping[str, str], options: Mapping[str, list[CompletedOption]]) -> str:
+    """Return the script for fish."""
+    lines = [_HEAD.format(of="fish").rstrip()]
+    lines += [
+        f"complete -c gs2ci -n __fish_use_subcommand -f -a {name} -d '{_for_fish(text)}'"
+        for name, text in about.items()
+    ]
+    for command, listed in options.items():
+        for one in listed:
+            words = [f"-l {name[2:]}" if name.startswith("--") else f"-s {name[1:]}" for name in one.names]
+            after = (
+                ""
+                if one.bare
+                else " -r -F"
+                if one.files
+                else f" -x -a '{' '.join(one.values)}'"
+                if one.values
+                else " -x"
+            )
+            seen = f"-n '__fish_seen_subcommand_from {command}'"
+            lines.append(f"complete -c gs2ci {seen} {' '.join(words)}{after} -d '{_for_fish(one.help)}'")
+    return "\n".join(lines) + "\n"
+
+
+def _for_zsh(text: str) -> str:
+    return re.sub(r"([\[\]:])", r"\\\1", text).replace("'", "'\\''")
+
+
+def _for_fish(text: str) -> str:
+    return text.replace("\\", "\\\\").replace("'", "\\'")

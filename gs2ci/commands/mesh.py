@@ -1,0 +1,36 @@
+"""`gs2ci mesh`: a mesh of the surfaces that a run shows. Here: the arguments and what is printed."""
+
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+from rich.console import Console
+
+from gs2ci.api.exports import mesh
+
+
+def run(
+    folder: Annotated[Path, tyro.conf.Positional],
+    /,
+    output: Annotated[Path, tyro.conf.arg(aliases=["-o"])] = Path("mesh.ply"),
+    *,
+    voxels: int = 160,
+    overwrite: bool = False,
+) -> Path:
+    """Fuse the depths of a run into a mesh, PLY with a colour per vertex.
+
+    Args:
+        folder: A run folder, as `gs2ci reconstruct` writes it.
+        output: The file to write.
+        voxels: Along the longest side of what is seen: more are finer, and take the cube of the memory.
+        overwrite: Replace what lies there.
+
+    Returns:
+        The mesh.
+
+    Raises:
+        Gs2ciError: The folder is no run, its depth cannot be believed, or the output cannot be written.
+    """
+    written = mesh(folder, output, voxels=voxels, overwrite=overwrite)
+    Console(highlight=False).print(str(written), markup=False, soft_wrap=True)
+    return written

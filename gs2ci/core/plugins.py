@@ -1,0 +1,126 @@
+"""What other packages add to gs2ci by entry point: the groups, the plug-ins that are installed, loading one.
+
+A package names its parts in its pyproject.toml:
+
+    [project.entry-points."gs2ci.density_rules"]
+    mine = "my_package.density:RULE"
+
+Nothing is imported before it is asked for by its name. One that cannot be loaded is named, with its package, by whoever
+asks for it and by `gs2ci plugins`; it stops nothing else. Not here: what a plug-in of a group is (docs/plugins.md).
+"""
+
+from dataclasses import dataclass
+from importlib.metadata import EntryPoint, entry_points
+from typing import Any, Final
+
+from gs2ci.core.errors import InputError
+
+GROUPS: Final[dict[str, str]] = {
+    "gs2ci.modulators": "[modulator] kind of a rig file",
+    "gs2ci.sensors": "[sensor] kind of a rig file",
+    "gs2ci.stages": "[stage] kind of a rig file",
+    "gs2ci.density_rules": "gs2ci reconstruct --density",
+    "gs2ci.decoders": "gs2ci decode --method",
+    "gs2ci.priors": "gs2ci reconstruct --prior",
+    "gs2ci.geometry": "gs2ci reconstruct --geometry",
+    "gs2ci.effects": "[effects.NAME] of a rig file",
+    "gs2ci.scenes": "scene of a simulation",
+}
+"""Group of entry points -> where a user names one of its plug-ins."""
+
+
+class PluginError(InputError):
+    """A plug-in was asked for and cannot be used."""
+
+
+@dataclass(frozen=True)
+class Plugin:
+    """One entry point.
+
+    Args:
+        group: One of `GROUPS`.
+        name: By which users ask for it.
+        target: "module:attribute".
+        package: The distribution that brings it, "" where it does not say.
+        version: Of that distribution.
+        problem: Why it cannot be used; "" for one that can.
+    """
+
+    group: str
+    name: str
+    target: str
+    package: str
+    version: str
+    problem: str = ""
+
+    @property
+    def origin(self) -> str:
+        """Get where it comes from, in words."""
+        return f"{self.package} {self.version}".strip() or "a package without a name"
+
+
+def names(group: str) -> tuple[str, ...]:
+    """Return the names of a group's plug-ins, sorted; nothing is imported."""
+    return tuple(sorted({entry.name for entry in entry_points(group=group)}))
+
+
+def allowed(group: str, built_in: tuple[str, ...]) -> str:
+    """Say which names there are, our own first."""
+    return ", ".join((*built_in, *(name for name in names(group) if name not in built_in)))
+
+
+def load(group: str, name: str) -> Any | None:
+    """Load a plug-in; None where no package has one of that name.
+
+    Raises:
+        PluginError: It cannot be imported, or two packages bring one of that name.
+    """
+    found = _entries(group, name)
+    if not found:
+        return None
+    plugin = _described(found)
+    if plugin.problem:
+        raise PluginError(
+            f"the plug-in {name!r} of {plugin.origin} cannot be used: {plugin.problem}",
+            remedy=f"mend or remove that package; {GROUPS[group]} takes other names",
+        )
+    return found[0].load()
+
+
+def installed(built_in: dict[str, tuple[str, ...]] | None = None) -> list[Plugin]:
+    """Return every plug-in there is, by group and name; each is imported, and says so where that fails.
+
+    Args:
+        built_in: Names of our own by group, which a plug-in cannot take.
+    """
+    plugins = []
+    for group in GROUPS:
+        own = (built_in or {}).get(group, ())
+        plugins += [_described(_entries(group, name), taken=name in own) for name in names(group)]
+    return plugins
+
+
+def _entries(group: str, name: str) -> list[EntryPoint]:
+    # A package may be on the path twice, as installed and as its sources: that is one plug-in.
+    found = {(entry.value, _package(entry)): entry for entry in entry_points(group=group, name=name)}
+    return list(found.values())
+
+
+def _described(found: list[EntryPoint], *, taken: bool = False) -> Plugin:
+    first = found[0]
+    problem = ""
+    if taken:
+        problem = "gs2ci has one of that name itself"
+    elif len(found) > 1:
+        problem = f"{' and '.join(_package(entry) for entry in found)} both bring one of that name"
+    else:
+        try:
+            first.load()
+        except Exception as error:  # a stranger's module may raise anything when it is imported
+            problem = f"{type(error).__name__}: {error}"
+    version = first.dist.version if first.dist is not None else ""
+    return Plugin(first.group, first.name, first.value, _package(first), version, problem)
+
+
+def _package(entry: EntryPoint) -> str:
+    return entry.dist.name if entry.dist is not None else ""

@@ -1,0 +1,68 @@
+"""Depth maps as other programs read them: 16-bit PNG with the length of its step, or EXR.
+
+Here: `write_depth_png`, `write_depth_exr`. Not here: where depth comes from.
+"""
+
+from pathlib import Path
+from typing import Final
+
+import cv2
+import numpy as np
+
+from gs2ci.core.arrays import F32
+from gs2ci.core.errors import InputError, StorageError
+from gs2ci.core.json_text import as_json
+
+TOP: Final = 65_535
+SCALE_NAME: Final = "depth.json"
+
+
+def write_depth_png(folder: Path, depth: F32) -> float:
+    """Write each view's depth as a 16-bit PNG, and beside them what one step of it is, in `depth.json`.
+
+    Args:
+        folder: Is there.
+        depth: [N, H, W], 0 where nothing is seen.
+
+    Returns:
+        The step, in the unit of depth: depth = step × reading; a reading of 0 says that nothing is seen.
+
+    Raises:
+        StorageError: The disk refuses.
+    """
+    step = max(float(depth.max(initial=0.0)), 1e-30) / TOP
+    for index, view in enumerate(depth):
+        # What is seen keeps a reading, however near it is.
+        reading = np.where(view > 0, np.maximum(np.round(view / step), 1), 0).astype(np.uint16)
+        if not cv2.imwrite(str(folder / f"depth_{index:03d}.png"), reading):
+            raise StorageError(f"{folder} cannot be written", remedy="check the free space and the permissions")
+    (folder / SCALE_NAME).write_text(as_json({"unit_per_step": step, "unknown": 0, "views": len(depth)}))
+    return step
+
+
+def write_depth_exr(folder: Path, depth: F32) -> None:
+    """Write each view's depth as an EXR file with one float channel Z, as renderers name it; 0 where nothing is seen.
+
+    Args:
+        folder: Is there.
+        depth: [N, H, W].
+
+    Raises:
+        InputError: The package OpenEXR is not installed.
+        StorageError: The disk refuses.
+    """
+    try:
+        import OpenEXR  # noqa: PLC0415  an extra
+    except ImportError as error:
+        raise InputError(
+            "depth as EXR needs the package OpenEXR",
+            allowed="--to depth-png without it",
+            remedy="pip install 'gs2ci[exr]'",
+        ) from error
+    for index, view in enumerate(depth):
+        header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+        channels = {"Z": np.ascontiguousarray(view, np.float32)}
+        try:
+            OpenEXR.File(header, channels).write(str(folder / f"depth_{index:03d}.exr"))
+        except (OSError, RuntimeError) as error:
+            raise StorageError(f"{folder} cannot be written: {error}", remedy="check the free space") from error

@@ -1,0 +1,182 @@
+"""A mesh of the surfaces that a run's depths show.
+
+Here: `fuse`, the truncated signed distance of all depths on one lattice, and the marching cubes through its zero
+(Curless and Levoy, "A volumetric method for building complex models from range images", SIGGRAPH 1996; scikit-image's
+marching cubes after Lewiner); `write_mesh`. Not here: depth. A surface is closed where views see it from all around;
+elsewhere the mesh ends with what is seen.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import binary_erosion, map_coordinates
+from skimage.measure import marching_cubes
+
+from gs2ci.core.arrays import F32, F64
+from gs2ci.core.errors import InputError
+from gs2ci.core.lens import distorted
+from gs2ci.core.whole_file import write_whole
+from gs2ci.evaluate.points import Cameras
+
+VOXELS: Final = 160
+VOXEL_RANGE: Final = (8, 512)
+# Distances are believed so many voxels either side of a surface: less leaves holes, more fills gaps between surfaces.
+TRUNCATION_VOXELS: Final = 4.0
+LEAST_CONFIDENCE: Final = 0.5
+# Single depths far off shall not stretch the lattice.
+_LEFT_OUT: Final = 0.005
+_AT_ONCE: Final = 1 << 20
+
+
+@dataclass(frozen=True)
+class SurfaceMesh:
+    """Triangles; V vertices, F faces.
+
+    Args:
+        vertices: In the unit of the path, [V, 3] float32.
+        faces: Indices of vertices, anticlockwise seen from outside, [F, 3] int32.
+        colours: Full scale 1, [V, 3] float32.
+    """
+
+    vertices: F32
+    faces: NDArray[np.int32]
+    colours: F32
+
+
+def fuse(
+    depth: F32, views: F32, cameras: Cameras, confidence: F32 | None = None, *, voxels: int = VOXELS
+) -> SurfaceMesh:
+    """Fuse depths into one mesh.
+
+    Args:
+        depth: [N, H, W], 0 where nothing is seen.
+        views: Their colours, [N, H, W, C].
+        cameras: Of the views.
+        confidence: Of depth, [N, H, W]; what lies below `LEAST_CONFIDENCE` is not used. None believes all.
+        voxels: Of the lattice's longest side.
+
+    Raises:
+        InputError: No depth can be believed, or no surface lies in the lattice.
+    """
+    least, most = VOXEL_RANGE
+    if not least <= voxels <= most:
+        raise InputError(f"--voxels {voxels}", allowed=f"{least} to {most}")
+    believed = depth > 0 if confidence is None else (depth > 0) & (confidence >= LEAST_CONFIDENCE)
+    if not believed.any():
+        raise InputError(
+            "no depth of this run can be believed",
+            allowed=f"pixels whose depth_confidence.npy is {LEAST_CONFIDENCE:g} or more",
+            remedy="reconstruct again with a camera that moves sideways",
+        )
+    low, size = _box(depth, believed, cameras)
+    step = float(size.max()) / (voxels - 1)
+    margin = np.ceil(TRUNCATION_VOXELS) + 1
+    shape = tuple(int(n) for n in np.ceil(size / step) + 1 + 2 * margin)
+    origin = low - margin * step
+    distance, weight, colour = _integrated(depth, believed, views, cameras, shape, origin, step)
+    known = weight > 0
+    # A cube counts where all about it is known; the library asks one of its corners alone.
+    sure = binary_erosion(known, np.ones((3, 3, 3), bool))
+    try:
+        vertices, faces, _, _ = marching_cubes(distance, 0.0, mask=sure, gradient_direction="descent")
+    except (ValueError, RuntimeError) as error:
+        raise InputError(
+            "the depths of this run make no surface", remedy="give more --voxels, or look at points.ply"
+        ) from error
+    shades = np.stack([map_coordinates(colour[..., k], vertices.T, order=1) for k in range(3)], axis=1)
+    share = map_coordinates(known.astype(np.float32), vertices.T, order=1)
+    colours = np.clip(shades / np.maximum(share, 1e-6)[:, None], 0, 1).astype(np.float32)
+    return SurfaceMesh((origin + step * vertices).astype(np.float32), faces.astype(np.int32), colours)
+
+
+def write_mesh(path: Path, mesh: SurfaceMesh) -> Path:
+    """Write a mesh as binary little-endian PLY with a colour per vertex.
+
+    Raises:
+        StorageError: The file cannot be written.
+    """
+    vertex = np.dtype([(axis, "<f4") for axis in "xyz"] + [(name, "u1") for name in ("red", "green", "blue")])
+    table = np.empty(len(mesh.vertices), vertex)
+    for k, name in enumerate("xyz"):
+        table[name] = mesh.vertices[:, k]
+    for k, name in enumerate(("red", "green", "blue")):
+        table[name] = np.rint(255 * mesh.colours[:, k])
+    corners = np.empty(len(mesh.faces), np.dtype([("count", "u1"), ("corners", "<i4", 3)]))
+    corners["count"], corners["corners"] = 3, mesh.faces
+    header = "\n".join(
+        [
+            *("ply", "format binary_little_endian 1.0", f"element vertex {len(table)}"),
+            *(f"property float {axis}" for axis in "xyz"),
+            *(f"property uchar {name}" for name in ("red", "green", "blue")),
+            f"element face {len(corners)}",
+            *("property list uchar int vertex_indices", "end_header\n"),
+        ]
+    )
+    return write_whole(path, header.encode("ascii") + table.tobytes() + corners.tobytes())
+
+
+def _box(depth: F32, believed: NDArray[np.bool_], cameras: Cameras) -> tuple[F64, F64]:
+    """Return the corner and the size of a box round what is believed."""
+    seen = []
+    for view, (row, column) in ((v, np.nonzero(believed[v])) for v in range(len(depth))):
+        rays = cameras.rays(np.stack([column + 0.5, row + 0.5], axis=-1))
+        seen.append(cameras.in_world(view, rays * depth[view, row, column, None]))
+    low, high = np.quantile(np.concatenate(seen), (_LEFT_OUT, 1 - _LEFT_OUT), axis=0)
+    size = high - low
+    return low, np.maximum(size, 1e-3 * max(float(size.max()), 1e-12))
+
+
+def _integrated(
+    depth: F32,
+    believed: NDArray[np.bool_],
+    views: F32,
+    cameras: Cameras,
+    shape: tuple[int, ...],
+    origin: F64,
+    step: float,
+) -> tuple[F32, F32, F32]:
+    """Return the mean signed distance in truncation lengths, positive before surfaces; weights; mean colours."""
+    count = int(np.prod(shape))
+    distance, weight = np.zeros(count, np.float32), np.zeros(count, np.float32)
+    colour = np.zeros((count, 3), np.float32)
+    truncation = TRUNCATION_VOXELS * step
+    for begin in range(0, count, _AT_ONCE):
+        part = slice(begin, min(begin + _AT_ONCE, count))
+        places = np.stack(np.unravel_index(np.arange(part.start, part.stop), shape), axis=1)
+        points = origin + step * places
+        for view in range(len(depth)):
+            inside, ahead, pixels = _seen(points, cameras, view, depth.shape[1:])
+            row, column = pixels
+            there = believed[view, row, column]
+            gap = (depth[view, row, column] - ahead) / truncation
+            there &= gap >= -1
+            chosen = np.flatnonzero(inside)[there] + begin
+            distance[chosen] += np.minimum(gap[there], 1).astype(np.float32)
+            weight[chosen] += 1
+            colour[chosen] += np.clip(views[view][row[there], column[there]], 0, 1)
+    known = np.maximum(weight, 1)
+    # Where nothing is known lies behind what is seen.
+    distance = np.where(weight > 0, distance / known, -1).astype(np.float32)
+    return (
+        distance.reshape(shape),
+        weight.reshape(shape),
+        np.divide(colour, known[:, None], dtype=np.float32).reshape(*shape, 3),
+    )
+
+
+def _seen(points: F64, cameras: Cameras, view: int, size: tuple[int, ...]) -> tuple[Any, F64, tuple[Any, Any]]:
+    """Return which points fall into a view, [P]; how far ahead these lie, and the row and column of each."""
+    pose, matrix = cameras.world_to_camera[view], cameras.intrinsics
+    local = points @ pose[:3, :3].T + pose[:3, 3]
+    ahead = local[:, 2]
+    before = ahead > 1e-9 * max(float(np.abs(ahead).max(initial=0.0)), 1e-300)
+    slopes = local[:, :2] / np.where(before, ahead, 1.0)[:, None]
+    if cameras.distortion is not None:
+        slopes = distorted(slopes, cameras.distortion)
+    across = matrix[0, 0] * slopes[:, 0] + matrix[0, 2]
+    down = matrix[1, 1] * slopes[:, 1] + matrix[1, 2]
+    inside = before & (across >= 0) & (across < size[1]) & (down >= 0) & (down < size[0])
+    return inside, ahead[inside], (down[inside].astype(int), across[inside].astype(int))

@@ -1,0 +1,83 @@
+"""A short film of a scene: the camera goes round once before what it looks at, and ends where it began.
+
+Here: the poses of the orbit, and the film as GIF or MP4. Not here: rendering.
+"""
+
+from pathlib import Path
+from typing import Any, Final
+
+import cv2
+import numpy as np
+
+from gs2ci.core.arrays import F32, F64, U8
+from gs2ci.core.errors import InputError, StorageError
+
+FRAMES: Final = 48
+FRAMES_PER_S: Final = 24
+# The orbit's radius as a share of the distance looked at, at least; a wider recovered path widens it.
+_LEAST_SHARE: Final = 0.04
+_MOST_SHARE: Final = 0.25
+
+
+def orbit_poses(world_to_camera: F64, distance: float, count: int = FRAMES) -> F64:
+    """Return the poses of an orbit round the middle of a path, [count, 4, 4], world to camera.
+
+    Args:
+        world_to_camera: The recovered path, [N, 4, 4].
+        distance: To the point that stays in the middle of the picture, along the middle camera's axis.
+        count: Of frames.
+    """
+    to_world = np.linalg.inv(world_to_camera)
+    middle = to_world[len(to_world) // 2]
+    reach = float(np.linalg.norm(to_world[:, :3, 3] - middle[:3, 3], axis=1).max())
+    radius = float(np.clip(reach, _LEAST_SHARE * distance, _MOST_SHARE * distance))
+    poses = []
+    for angle in 2 * np.pi * np.arange(count) / count:
+        # In the middle camera's axes: a circle in its image plane, looking at one point ahead.
+        eye = radius * np.array([np.cos(angle), 0.5 * np.sin(angle), 0.0])
+        ahead = np.array([0.0, 0.0, distance]) - eye
+        ahead /= np.linalg.norm(ahead)
+        right = np.cross([0.0, 1.0, 0.0], ahead)
+        right /= np.linalg.norm(right)
+        local = np.eye(4)
+        local[:3, :3] = np.stack([right, np.cross(ahead, right), ahead])
+        local[:3, 3] = -local[:3, :3] @ eye
+        poses.append(local @ np.linalg.inv(middle))
+    return np.stack(poses)
+
+
+def write_film(path: Path, frames: F32) -> Path:
+    """Write frames as a film that begins again when it has ended.
+
+    Args:
+        path: Ends in .gif, or in .mp4 (VP9, which browsers play).
+        frames: [F, H, W, 3], full scale 1.
+
+    Returns:
+        The path.
+
+    Raises:
+        InputError: It ends otherwise, or this machine's OpenCV has no encoder for it.
+        StorageError: The disk refuses.
+    """
+    shown: U8 = np.round(255 * np.clip(frames, 0, 1)).astype(np.uint8)
+    if path.suffix == ".gif":
+        import imageio.v3 as imageio  # noqa: PLC0415  only films need it
+
+        try:
+            imageio.imwrite(path, shown, extension=".gif", duration=1000 / FRAMES_PER_S, loop=0)
+        except OSError as error:
+            raise StorageError(f"{path} cannot be written: {error}", remedy="check the folder and its space") from error
+        return path
+    if path.suffix != ".mp4":
+        raise InputError(f"a film {path.name}", allowed="a name that ends in .gif or .mp4")
+    # Encoders of 4:2:0 video take even sides alone.
+    height, width = (side - side % 2 for side in shown.shape[1:3])
+    code: Any = cv2.VideoWriter.fourcc(*"vp09")
+    writer = cv2.VideoWriter(str(path), code, FRAMES_PER_S, (width, height))
+    if not writer.isOpened():
+        raise InputError(f"{path} cannot be encoded or written here", remedy="choose a folder that exists, or --to gif")
+    for frame in shown:
+        writer.write(np.ascontiguousarray(frame[:height, :width, ::-1]))
+    writer.release()
+    return path

@@ -1,0 +1,76 @@
+"""More pictures than there were masks: a scene at moments spread over the exposure, from places between the cameras.
+
+Here: the times, the poses between poses, the pictures, and a scene file of each moment where things move. Not here: how
+a scene came to move (`gs2ci.reconstruct.moving`), the views under the masks (`run_folder`).
+"""
+
+from typing import Final
+
+import numpy as np
+import torch
+from scipy.spatial.transform import Rotation, Slerp
+
+from gs2ci.core.arrays import F32, F64
+from gs2ci.core.cameras import camera_centres
+from gs2ci.core.errors import InputError
+from gs2ci.core.records import Shot
+from gs2ci.core.run_records import RunResult
+from gs2ci.reconstruct.choices import MOST_MOMENTS
+from gs2ci.reconstruct.fit.rendering import ShotRenderer, mask_times
+from gs2ci.reconstruct.measurement.lens import Lens
+from gs2ci.render.backend import load_backend
+from gs2ci.render.gaussians import Gaussians
+
+MOMENTS_NAME: Final = "moments"
+# Rendered together: more take memory, fewer take no less time.
+_AT_ONCE: Final = 8
+
+
+def moments(count: int) -> F64:
+    """Return so many times, evenly from the first mask's, −1, to the last's, 1.
+
+    Raises:
+        InputError: Fewer than two, or too many.
+    """
+    if not 2 <= count <= MOST_MOMENTS:
+        raise InputError(f"{count} moments", allowed=f"2 to {MOST_MOMENTS}")
+    times: F64 = np.linspace(-1.0, 1.0, count)
+    return times
+
+
+def poses_at(world_to_camera: F64, times: F64) -> F64:
+    """Return the camera between its poses, [K, 4, 4]: it turns evenly and goes straight from each to the next.
+
+    Args:
+        world_to_camera: Under each mask, [N, 4, 4].
+        times: Of what is asked for, from −1 to 1, [K].
+    """
+    if len(world_to_camera) == 1:
+        return np.repeat(world_to_camera, len(times), axis=0)
+    known = mask_times(len(world_to_camera)).double().numpy()
+    times = np.clip(times, known[0], known[-1])
+    rotations = Slerp(known, Rotation.from_matrix(world_to_camera[:, :3, :3]))(times).as_matrix()
+    centres = camera_centres(world_to_camera)
+    between = np.stack([np.interp(times, known, centres[:, axis]) for axis in range(3)], axis=1)
+    found = np.tile(np.eye(4), (len(times), 1, 1))
+    found[:, :3, :3] = rotations
+    found[:, :3, 3] = -np.einsum("kij,kj->ki", rotations, between)
+    return found
+
+
+def render_moments(shot: Shot, result: RunResult, scene: Gaussians, times: F64) -> F32:
+    """Render the scene at times between those of the masks, [K, H, W, C] float32, not clamped.
+
+    Args:
+        shot: What was reconstructed; of it, the size and the lens.
+        result: Poses and camera matrix.
+        scene: The Gaussians.
+        times: From −1 to 1, [K].
+    """
+    seen = result.registered or shot
+    renderer = ShotRenderer(seen, result.intrinsics, load_backend(), Lens.of(seen))
+    poses = torch.from_numpy(poses_at(result.world_to_camera, times)).float()
+    when = torch.from_numpy(times).float()
+    parts = [slice(begin, begin + _AT_ONCE) for begin in range(0, len(times), _AT_ONCE)]
+    views: F32 = np.concatenate([renderer.views(scene.detach(), poses[part], when[part]) for part in parts])
+    return views

@@ -1,0 +1,98 @@
+"""The scene and its cameras in three dimensions, inside a page that needs nothing else.
+
+Here: which Gaussians are shown, and their numbers as the page's own program (`templates/scene.js`) reads them: of each
+nine half-precision numbers (place, upper triangle of 10⁴ times the covariance) and four bytes (colour, opacity); and
+the cameras as lines. Everything is in the middle camera's axes, in distances of that camera from what it looks at,
+which is the origin. Not here: drawing.
+"""
+
+import base64
+from itertools import pairwise
+from typing import Any, Final
+
+import numpy as np
+import torch
+from markupsafe import Markup
+from numpy.typing import NDArray
+
+from gs2ci.core.arrays import F64
+from gs2ci.evaluate.pages.frame import piece
+from gs2ci.render.gaussians import Gaussians, rotation_matrices
+
+# 29 characters of the page each: about half a megabyte.
+MOST_SHOWN: Final = 16_000
+COVARIANCE_SCALE: Final = 1e4
+# Half-precision numbers end here; what lies farther away is a speck anyway.
+_FARTHEST: Final = 60.0
+_LARGEST: Final = 60_000.0
+LEAST_OPACITY: Final = 0.01
+# A camera's symbol, as a share of the distance looked at, and of the way between neighbours.
+_SYMBOL, _SYMBOL_OF_STEP = 0.03, 0.6
+
+
+def scene_view(scene: Gaussians, world_to_camera: F64, focal_px: tuple[float, float], size: tuple[int, int]) -> Markup:
+    """Build the box of a scene; empty where no Gaussian can be seen.
+
+    Args:
+        scene: The Gaussians; of moving ones the middle of the exposure is shown.
+        world_to_camera: [N, 4, 4].
+        focal_px: Along the rows and along the columns.
+        size: Height and width of the views, px.
+    """
+    middle = world_to_camera[len(world_to_camera) // 2]
+    own = scene.detach().map(lambda tensor: tensor.double())
+    opacity = torch.sigmoid(own.opacity_logits).numpy()
+    places = own.means.numpy() @ middle[:3, :3].T + middle[:3, 3]
+    axes = middle[:3, :3] @ rotation_matrices(own.quaternions).numpy() * own.log_scales.exp().numpy()[:, None, :]
+    seen = (opacity >= LEAST_OPACITY) & (places[:, 2] > 0) & np.isfinite(places).all(axis=1)
+    if not seen.any():
+        return Markup()
+    away = float(np.median(places[seen, 2]))
+    places = (places - (0, 0, away)) / away
+    covariances = COVARIANCE_SCALE * (axes @ axes.transpose(0, 2, 1)) / away**2
+    seen &= np.abs(places).max(axis=1) < _FARTHEST
+    # What covers the most of the picture comes first; the others are too small to be missed.
+    weight = opacity * np.sqrt(np.maximum(np.linalg.eigvalsh(covariances)[:, 1:].prod(axis=1), 0))
+    chosen = np.flatnonzero(seen)
+    chosen = np.sort(chosen[np.argsort(-weight[chosen], kind="stable")[:MOST_SHOWN]])
+    upper = covariances[chosen][:, (0, 0, 0, 1, 1, 2), (0, 1, 2, 1, 2, 2)]
+    shapes = np.concatenate([places[chosen], np.clip(upper, -_LARGEST, _LARGEST)], axis=1).astype("<f2")
+    shades = np.concatenate([own.colours.numpy(), opacity[:, None]], axis=1)[chosen]
+    colours = np.round(255 * np.clip(np.nan_to_num(shades), 0, 1)).astype(np.uint8)
+    height, width = size
+    return piece(
+        "scene_view",
+        shapes=_text(shapes),
+        colours=_text(colours),
+        cameras=_text(_camera_lines(world_to_camera, middle, away, focal_px, size).astype("<f4")),
+        aspect=width / height,
+        focal=focal_px[0] / width,
+        shown=len(chosen),
+        total=len(scene),
+    )
+
+
+def _camera_lines(
+    world_to_camera: F64, middle: F64, away: float, focal_px: tuple[float, float], size: tuple[int, int]
+) -> F64:
+    """Return the cameras as pyramids, and the path through them, as ends of lines, [2 L, 3]."""
+    to_middle = middle @ np.linalg.inv(world_to_camera)
+    to_middle[:, :3, 3] = (to_middle[:, :3, 3] - (0, 0, away)) / away
+    centres = to_middle[:, :3, 3]
+    steps = np.linalg.norm(np.diff(centres, axis=0), axis=1)
+    side = float(np.clip(_SYMBOL_OF_STEP * steps.mean(), 0.2 * _SYMBOL, _SYMBOL)) if len(steps) else _SYMBOL
+    half = 0.5 * np.array(size[::-1]) / np.array(focal_px)
+    signs = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
+    corners = side * np.concatenate([signs * half, np.ones((4, 1))], axis=1)
+    lines: list[F64] = []
+    for pose in to_middle:
+        rim = corners @ pose[:3, :3].T + pose[:3, 3]
+        for k in range(4):
+            lines += [pose[:3, 3], rim[k], rim[k], rim[(k + 1) % 4]]
+    for one, other in pairwise(centres):
+        lines += [one, other]
+    return np.stack(lines)
+
+
+def _text(array: NDArray[Any]) -> str:
+    return base64.b64encode(np.ascontiguousarray(array).tobytes()).decode()

@@ -1,0 +1,54 @@
+"""The decoders that a reconstruction begins with, by their names.
+
+Here: GAP-TV, and the patch decoder in its two lengths. Not here: any of them; decoders of the command line that no
+reconstruction begins with (`gs2ci.api.decoders`).
+"""
+
+from dataclasses import replace
+from typing import get_args
+
+from gs2ci.core.arrays import F32
+from gs2ci.core.errors import InputError
+from gs2ci.core.progress import Progress
+from gs2ci.core.records import Shot
+from gs2ci.reconstruct.choices import FirstLookName
+from gs2ci.reconstruct.decode.gap_tv import GapTvSettings, gap_tv
+from gs2ci.reconstruct.decode.patches.decoder import PatchSettings, patch_decode
+
+
+def patch_settings(name: FirstLookName, start: GapTvSettings) -> PatchSettings | None:
+    """Return what a name says of the patch decoder; None where it is not used.
+
+    Args:
+        name: Of the decoder.
+        start: The decode by GAP-TV that it begins with.
+    """
+    if name == "gap-tv":
+        return None
+    return replace(PatchSettings.quick() if name == "patches-quick" else PatchSettings(), start=start)
+
+
+def check_name(name: str) -> None:
+    """Refuse an unknown name.
+
+    Raises:
+        InputError: There is no such decoder.
+    """
+    if name not in get_args(FirstLookName):
+        raise InputError(f"first look {name!r}", allowed=", ".join(get_args(FirstLookName)))
+
+
+def decode_by_name(shot: Shot, name: FirstLookName, settings: GapTvSettings, progress: Progress | None = None) -> F32:
+    """Decode one coded measurement into approximate views, [N, H, W, C] float32 in [0, 1].
+
+    Args:
+        shot: A checked shot.
+        name: Of the decoder.
+        settings: Of GAP-TV, with which the patch decoder begins.
+        progress: Hears of each iteration and its relative residual.
+
+    Raises:
+        InputError: The settings make no sense.
+    """
+    patches = patch_settings(name, settings)
+    return gap_tv(shot, settings, progress) if patches is None else patch_decode(shot, patches, progress)

@@ -1,0 +1,119 @@
+"""The patch decoder: GAP with groups of similar patches of nearly low rank, after DeSCI (Liu 2019).
+
+Here: the schedule, from GAP-TV's views on. Not here: the loop (`pnp`), the denoiser (`denoiser`). Unlike DeSCI a group
+draws on windows that follow the optical flow, and each iteration uses a part of the groups.
+"""
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from gs2ci.core.arrays import F32
+from gs2ci.core.errors import InputError
+from gs2ci.core.progress import Progress
+from gs2ci.core.records import Shot
+from gs2ci.reconstruct.decode.gap_tv import GapTvSettings, decode_signed
+from gs2ci.reconstruct.decode.patches.denoiser import SimilarPatches
+from gs2ci.reconstruct.decode.patches.matching import Lattice
+from gs2ci.reconstruct.decode.pnp import PlugAndPlaySettings, plug_and_play
+
+
+@dataclass(frozen=True)
+class PatchSettings:
+    """How a decode by similar patches goes.
+
+    Args:
+        iterations: GAP steps.
+        first_sigma: Noise level of the first step, full scale 1.
+        last_sigma: Noise level of the last; the levels between fall geometrically.
+        refind_every: After so many uses of a phase of the lattice similar patches are sought again.
+        lattice: Where patches lie, and how many make a group.
+        start: Of the decode that it begins with.
+    """
+
+    iterations: int = 96
+    first_sigma: float = 60 / 255
+    last_sigma: float = 6 / 255
+    refind_every: int = 3
+    lattice: Lattice = field(default_factory=Lattice)
+    start: GapTvSettings = field(default_factory=GapTvSettings)
+
+    @classmethod
+    def quick(cls) -> "PatchSettings":
+        """Return a schedule of a few rounds: most of the gain for a small part of the time."""
+        return cls(iterations=8, first_sigma=40 / 255, last_sigma=10 / 255)
+
+    @classmethod
+    def from_scene(cls) -> "PatchSettings":
+        """Return the schedule that begins with a scene's views, which err by a few hundredths of full scale."""
+        return cls(iterations=32, first_sigma=25 / 255)
+
+    @classmethod
+    def from_scene_briefly(cls) -> "PatchSettings":
+        """Return a few steps of it, which show whether it is worth its time."""
+        return cls(iterations=4, first_sigma=10 / 255)
+
+    def check(self) -> "PatchSettings":
+        """Return self if the numbers make sense.
+
+        Raises:
+            InputError: A count below 1, a noise level that is not a positive finite number, a rising noise level, or
+                lattice or start out of range.
+        """
+        falls = 0 < self.last_sigma <= self.first_sigma < np.inf
+        if self.iterations < 1 or self.refind_every < 1 or not falls:
+            raise InputError(
+                f"patch decode of {self.iterations} iterations from sigma {self.first_sigma:.4g} to "
+                f"{self.last_sigma:.4g}, patches sought every {self.refind_every} uses",
+                allowed="iterations >= 1, refind_every >= 1, 0 < last_sigma <= first_sigma",
+            )
+        self.lattice.check()
+        self.start.check()
+        return self
+
+
+def patch_decode(shot: Shot, settings: PatchSettings | None = None, progress: Progress | None = None) -> F32:
+    """Decode one coded measurement into approximate views, by groups of similar patches.
+
+    Args:
+        shot: A checked shot: RGB, mono or mosaic; binary or grey masks; saturated pixels count for nothing.
+        settings: How long, and which patches.
+        progress: Hears of each iteration and its relative residual.
+
+    Returns:
+        Views, [N, H, W, C] float32 in [0, 1]; C is 3 behind a colour filter array.
+
+    Raises:
+        InputError: The settings make no sense.
+    """
+    settings = (settings or PatchSettings()).check()
+    return patch_decode_from(shot, decode_signed(shot, settings.start), settings, progress)
+
+
+def patch_decode_from(shot: Shot, start: F32, settings: PatchSettings, progress: Progress | None = None) -> F32:
+    """Decode one coded measurement likewise, from views that are there already.
+
+    Args:
+        shot: See `patch_decode`.
+        start: Views to begin with, and to find similar patches in at first, [N, H, W, C] float32.
+        settings: How long, and which patches; their own start is not used.
+        progress: See `patch_decode`.
+
+    Returns:
+        Views, [N, H, W, C] float32 in [0, 1].
+
+    Raises:
+        InputError: The settings make no sense.
+    """
+    settings.check()
+    sigmas = np.geomspace(settings.first_sigma, settings.last_sigma, settings.iterations)
+    schedule = PlugAndPlaySettings(sigmas=tuple(float(sigma) for sigma in sigmas), iterations=1)
+    planar = np.ascontiguousarray(start.transpose(0, 3, 1, 2))
+    denoiser = SimilarPatches(planar, settings.lattice, settings.refind_every)
+    decoded: F32 = np.clip(plug_and_play(shot, denoiser, schedule, progress, start), 0, 1)
+    return decoded
+
+
+def with_iterations(settings: PatchSettings, iterations: int) -> PatchSettings:
+    """Return the same schedule over another number of iterations."""
+    return replace(settings, iterations=iterations).check()

@@ -1,0 +1,70 @@
+"""A denoiser for plug-and-play decoding that takes groups of similar patches from all views at once.
+
+Here: which groups are used when, and colour. Not here: where they are found (`matching`), what is done with them
+(`low_rank`), the schedule (`decoder`).
+"""
+
+from typing import Final
+
+import numpy as np
+
+from gs2ci.core.arrays import F32
+from gs2ci.reconstruct.decode.patches.flow import Flow
+from gs2ci.reconstruct.decode.patches.low_rank import denoise_groups
+from gs2ci.reconstruct.decode.patches.matching import Lattice, find_groups
+
+# Orthonormal: white noise stays white and of the same strength. The first row is the mean, in which patches are
+# compared; in the others pictures vary little, so that their noise is told from them the better.
+_OPPONENT: Final = np.linalg.qr(np.array([[1, 1, 1], [1, 0, -1], [1, -2, 1]], np.float64).T)[0].T.astype(np.float32)
+
+
+class SimilarPatches:
+    """Denoises a stack of views by what similar patches of all of them have in common.
+
+    Args:
+        start: Views from which it is known at first what is similar, [N, C, H, W]; afterwards what was denoised last.
+        lattice: Of the reference patches.
+        refind_every: After so many uses of a phase of the lattice its groups are sought again.
+
+    One call uses one phase of the lattice, the next call the next: over the calls of a decoder every place is the
+    reference of some group, at a fraction of the price.
+    """
+
+    def __init__(self, start: F32, lattice: Lattice, refind_every: int) -> None:
+        self._last, self._lattice, self._refind_every = start, lattice, refind_every
+        self._groups: dict[int, np.ndarray] = {}
+        self._calls = 0
+
+    def __call__(self, views: F32, sigma: float) -> F32:
+        """Denoise, [N, C, H, W]; arguments as for `Denoiser`."""
+        parts = self._lattice.parts(len(views))
+        phase, uses = self._calls % parts, self._calls // parts
+        self._calls += 1
+        before = _opponent(self._last)
+        if uses % self._refind_every == 0:
+            # In units of which white is 1 for a grey and for a coloured picture.
+            guide = np.ascontiguousarray(before[:, 0]) / np.float32(np.sqrt(views.shape[1]))
+            self._groups[phase] = find_groups(guide, Flow.between(guide), self._lattice, phase)
+        patch = self._lattice.patch((views.shape[2], views.shape[3]))
+        planes = [
+            denoise_groups(
+                np.ascontiguousarray(plane), self._groups[phase], patch, sigma, np.ascontiguousarray(fallback)
+            )
+            for plane, fallback in zip(_opponent(views).swapaxes(0, 1), before.swapaxes(0, 1), strict=True)
+        ]
+        denoised = _restored(np.stack(planes, axis=1))
+        self._last = denoised.copy()
+        return denoised
+
+
+def _opponent(views: F32) -> F32:
+    return views if views.shape[1] == 1 else _mixed(_OPPONENT, views)
+
+
+def _restored(planes: F32) -> F32:
+    return planes if planes.shape[1] == 1 else _mixed(_OPPONENT.T, planes)
+
+
+def _mixed(matrix: F32, views: F32) -> F32:
+    mixed: F32 = np.einsum("dc,nchw->ndhw", matrix, views)
+    return mixed

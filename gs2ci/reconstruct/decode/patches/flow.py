@@ -1,0 +1,99 @@
+"""Where a patch of one view is seen in the views before and after it.
+
+Here: dense optical flow between decoded views (OpenCV's DIS, Kroeger 2016), and places followed along it. Not here: the
+search around these places (`matching`).
+"""
+
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Final
+
+import cv2
+import numpy as np
+import torch
+
+from gs2ci.core.arrays import F32, F64, U8
+
+# DIS matches windows of 8 pixels on a picture halved at least once; anything smaller is taken as standing still.
+_LEAST_SIDE_PX: Final = 16
+# A few saturated spots must not leave the rest dark in 8 bits.
+_WHITE_PERCENTILE: Final = 99.5
+# Full scale 1: views darker than this show nothing that could be followed.
+_LEAST_WHITE: Final = 1e-6
+
+
+@dataclass(frozen=True)
+class Flow:
+    """How every pixel moves between consecutive views.
+
+    Args:
+        forward: [N − 1, H, W, 2] float32: from view i to view i + 1, along columns and rows, in pixels.
+        backward: [N − 1, H, W, 2]: from view i + 1 to view i.
+    """
+
+    forward: F32
+    backward: F32
+
+    @classmethod
+    def between(cls, views: F32) -> "Flow":
+        """Estimate it from grey views, [N, H, W]; none where they are too small to tell."""
+        count, height, width = views.shape
+        if count < 2 or min(height, width) < _LEAST_SIDE_PX:
+            none = np.zeros((max(count - 1, 0), height, width, 2), np.float32)
+            return cls(none, none)
+        seen = _as_bytes(views)
+        pairs = [(i, i + 1) for i in range(count - 1)] + [(i + 1, i) for i in range(count - 1)]
+        with _one_opencv_thread(), ThreadPoolExecutor(max_workers=max(1, torch.get_num_threads())) as pool:
+            flows = np.stack(list(pool.map(lambda pair: _flow(seen[pair[0]], seen[pair[1]]), pairs)))
+        return cls(flows[: count - 1], flows[count - 1 :])
+
+    def follow(self, places: F64, at: int, first: int, count: int) -> F64:
+        """Follow places of one view through others.
+
+        Args:
+            places: Row and column in view `at`, [G, 2].
+            at: That view; one of the others.
+            first: The first of the others.
+            count: How many they are.
+
+        Returns:
+            Row and column in each of them, [G, count, 2]; they may lie outside the picture.
+        """
+        followed = np.empty((len(places), count, 2))
+        followed[:, at - first] = places
+        for steps, flows, to in (
+            (range(at, first + count - 1), self.forward, 1),
+            (range(at - 1, first - 1, -1), self.backward, 0),
+        ):
+            now = places
+            for i in steps:
+                height, width = flows.shape[1:3]
+                row = np.clip(np.rint(now[:, 0]).astype(np.int64), 0, height - 1)
+                column = np.clip(np.rint(now[:, 1]).astype(np.int64), 0, width - 1)
+                now = now + flows[i, row, column, ::-1]
+                followed[:, i + to - first] = now
+        return followed
+
+
+def _flow(before: U8, after: U8) -> F32:
+    found: F32 = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM).calc(before, after, None)
+    return found
+
+
+def _as_bytes(views: F32) -> U8:
+    white = max(float(np.percentile(views, _WHITE_PERCENTILE)), _LEAST_WHITE)
+    as_bytes: U8 = (np.clip(views / white, 0, 1) * 255).astype(np.uint8)
+    return as_bytes
+
+
+@contextmanager
+def _one_opencv_thread() -> Iterator[None]:
+    """DIS deals a picture out in as many stripes as there are threads, and its result changes with them."""
+    before = cv2.getNumThreads()
+    cv2.setNumThreads(1)
+    try:
+        yield
+    finally:
+        cv2.setNumThreads(before)

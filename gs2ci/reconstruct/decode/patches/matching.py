@@ -1,0 +1,194 @@
+"""Groups of similar patches: where each group's patches lie.
+
+Here: the lattice of reference patches, and the search for those like them around places that follow the motion. Not
+here: the motion (`flow`), what is done with a group (`low_rank`).
+"""
+
+from dataclasses import dataclass
+from typing import Final
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from gs2ci.core.arrays import F32
+from gs2ci.core.errors import InputError
+from gs2ci.reconstruct.decode.patches.eigen import REORDERED
+from gs2ci.reconstruct.decode.patches.flow import Flow
+
+_Corners = NDArray[np.int32]
+_FARTHEST: Final = np.float32(np.finfo(np.float32).max)
+# Reference views of each phase, by their number modulo the number of phases: far ones first.
+_ORDERS: Final = {1: (0,), 2: (0, 1), 3: (0, 2, 1), 4: (0, 2, 1, 3)}
+
+
+@dataclass(frozen=True)
+class Lattice:
+    """Where reference patches lie, and which patches are compared with them.
+
+    Args:
+        patch_px: Side of a patch.
+        step_px: Between reference patches, along rows and columns.
+        reach_px: How far from where the motion leads a similar patch is sought, along rows and columns.
+        per_group: How many patches a group has, about the same number from each of its views.
+        views: How many consecutive views a group draws on.
+        phases: In how many parts the lattice is used, one after the other. Each has other reference views, and all but
+            the first lie half a step aside.
+    """
+
+    patch_px: int = 6
+    step_px: int = 4
+    reach_px: int = 7
+    per_group: int = 64
+    views: int = 8
+    phases: int = 4
+
+    def check(self) -> "Lattice":
+        """Return self if the numbers make sense.
+
+        Raises:
+            InputError: A count or length is out of range.
+        """
+        sizes = (self.patch_px, self.step_px, self.per_group, self.views)
+        if min(sizes) < 1 or self.reach_px < 0 or self.phases not in _ORDERS or self.step_px > self.patch_px:
+            raise InputError(
+                f"lattice of patches {self}",
+                allowed="patch_px >= step_px >= 1, reach_px >= 0, per_group >= 1, views >= 1, phases 1 to 4",
+            )
+        return self
+
+    def parts(self, views: int) -> int:
+        """Get the number of phases that so many views allow."""
+        return min(self.phases, views)
+
+    def references(self, phase: int, views: int) -> range:
+        """Get the reference views of a phase."""
+        parts = self.parts(views)
+        return range(_ORDERS[parts][phase], views, parts)
+
+    def window(self, at: int, views: int) -> tuple[int, int]:
+        """Get the first view from which the groups of view `at` draw, and how many there are."""
+        count = min(self.views, views)
+        return min(max(at - count // 2, 0), views - count), count
+
+    def patch(self, size: tuple[int, int]) -> tuple[int, int]:
+        """Get height and width of a patch in a picture of height and width `size`."""
+        return min(self.patch_px, size[0]), min(self.patch_px, size[1])
+
+    def corners(self, phase: int, size: tuple[int, int]) -> _Corners:
+        """Get the reference patches' upper left corners in each reference view, [G, 2]; they cover every pixel."""
+        aside = self.step_px // 2
+        starts = (aside * (phase in (1, 2)), aside * (phase in (1, 3)))
+        lasts = [side - patch for side, patch in zip(size, self.patch(size), strict=True)]
+        rows, columns = (
+            sorted({0, last, *range(start, last + 1, self.step_px)}) for start, last in zip(starts, lasts, strict=True)
+        )
+        return np.array([(row, column) for row in rows for column in columns], np.int32)
+
+
+def find_groups(guide: F32, flow: Flow, lattice: Lattice, phase: int) -> _Corners:
+    """Find the groups of one phase of the lattice.
+
+    Args:
+        guide: Grey views in which patches are compared by the sum of their squared differences, [N, H, W] float32.
+        flow: Of these views.
+        lattice: Where reference patches lie, and how many like them are sought.
+        phase: Which part of the lattice.
+
+    Returns:
+        View, row and column of the upper left corner of each patch, [G, M, 3] int32. M is a little more than was asked
+        for where the views do not divide it, and less where so many patches are not within reach.
+    """
+    size = (guide.shape[1], guide.shape[2])
+    patch, corners = lattice.patch(size), lattice.corners(phase, size)
+    middle = (np.array(patch) - 1) / 2
+    found = []
+    for at in lattice.references(phase, len(guide)):
+        first, count = lattice.window(at, len(guide))
+        around = np.rint(flow.follow(corners + middle, at, first, count) - middle)
+        around = np.clip(around, -max(size), 2 * max(size)).astype(np.int32)
+        each = min(-(-lattice.per_group // count), _within_reach(size, patch, lattice.reach_px))
+        found.append(match_patches(guide, at, corners, around, first, patch, lattice.reach_px, each))
+    return np.concatenate(found)
+
+
+def _within_reach(size: tuple[int, int], patch: tuple[int, int], reach: int) -> int:
+    rows, columns = (min(2 * reach + 1, side - p + 1) for side, p in zip(size, patch, strict=True))
+    return rows * columns
+
+
+@numba.njit(cache=True, parallel=True)
+def match_patches(
+    views: F32, at: int, corners: _Corners, around: _Corners, first: int, patch: tuple[int, int], reach: int, each: int
+) -> _Corners:
+    """Find the patches most like each reference patch.
+
+    Args:
+        views: [N, H, W].
+        at: View of the reference patches.
+        corners: Row and column of their upper left corners, [G, 2].
+        around: Row and column around which patches are sought in each view from `first` on, [G, K, 2]. A window that
+            leaves the picture is moved into it.
+        first: The first of these views.
+        patch: Height and width of a patch.
+        reach: How far patches are sought along rows and columns.
+        each: How many are taken from each view; no more than a window holds.
+
+    Returns:
+        View, row and column of each patch, [G, K * each, 3] int32; of equals the first in order of rows.
+    """
+    groups, count = around.shape[0], around.shape[1]
+    found = np.empty((groups, count * each, 3), np.int32)
+    side = 2 * reach + 1
+    for g in numba.prange(groups):
+        unlike = np.empty((side, side), np.float32)
+        least = np.empty(each, np.float32)
+        for k in range(count):
+            rows = min(side, views.shape[1] - patch[0] + 1)
+            columns = min(side, views.shape[2] - patch[1] + 1)
+            top = max(0, min(around[g, k, 0] - reach, views.shape[1] - patch[0] + 1 - rows))
+            left = max(0, min(around[g, k, 1] - reach, views.shape[2] - patch[1] + 1 - columns))
+            _compare(views, at, corners[g, 0], corners[g, 1], first + k, top, left, patch, unlike[:rows, :columns])
+            part = found[g, k * each : (k + 1) * each]
+            _keep_least(unlike[:rows, :columns], least, part)
+            for m in range(each):
+                part[m, 0] = first + k
+                part[m, 1] += top
+                part[m, 2] += left
+    return found
+
+
+@numba.njit(cache=True, fastmath=REORDERED)
+def _compare(
+    views: F32, at: int, row: int, column: int, other: int, top: int, left: int, patch: tuple[int, int], unlike: F32
+) -> None:
+    """Write the squared differences of one patch from those whose corners begin at (top, left) of another view."""
+    rows, columns = unlike.shape
+    for r in range(rows):
+        for c in range(columns):
+            unlike[r, c] = 0
+        for y in range(patch[0]):
+            for x in range(patch[1]):
+                here = views[at, row + y, column + x]
+                for c in range(columns):
+                    difference = views[other, top + r + y, left + c + x] - here
+                    unlike[r, c] += difference * difference
+
+
+@numba.njit(cache=True)
+def _keep_least(unlike: F32, least: F32, places: _Corners) -> None:
+    """Write row and column of the smallest numbers behind the first index of `places`, in ascending order."""
+    each = least.shape[0]
+    least[:] = _FARTHEST
+    for r in range(unlike.shape[0]):
+        for c in range(unlike.shape[1]):
+            here = unlike[r, c]
+            if here >= least[each - 1]:
+                continue
+            m = each - 1
+            while m > 0 and least[m - 1] > here:
+                least[m] = least[m - 1]
+                places[m, 1], places[m, 2] = places[m - 1, 1], places[m - 1, 2]
+                m -= 1
+            least[m] = here
+            places[m, 1], places[m, 2] = r, c

@@ -1,0 +1,62 @@
+"""Adam (Kingma and Ba 2015), step by step for one tensor.
+
+Here: the moments of one parameter and its step. Torch has the same as a class for many tensors, but to make one imports
+its compiler, which takes three seconds of a run that may have eight. Not here: rates, and which parameters there are
+(`optimiser.py`, `poses.py`).
+"""
+
+from typing import Final
+
+import torch
+from torch import Tensor
+
+_DECAY: Final = 0.9
+_SQUARE_DECAY: Final = 0.999
+# Gradients of a mean over pixels reach 1e-9 per Gaussian, and the usual 1e-8 would stall them.
+_EPSILON: Final = 1e-15
+
+
+class Adam:
+    """The moments of one parameter's gradients."""
+
+    def __init__(self) -> None:
+        self._steps = 0
+        self._mean: Tensor | None = None
+        self._square: Tensor | None = None
+
+    def step(self, parameter: Tensor, rate: float) -> None:
+        """Move a parameter along its gradient, in place; without one it stays.
+
+        Args:
+            parameter: Any shape; of the same one each time, except for `follow`.
+            rate: The step size.
+        """
+        if parameter.grad is None:
+            return
+        with torch.no_grad():
+            gradient = parameter.grad
+            if self._mean is None or self._square is None:
+                self._mean, self._square = torch.zeros_like(gradient), torch.zeros_like(gradient)
+            self._steps += 1
+            self._mean.lerp_(gradient, 1 - _DECAY)
+            self._square.mul_(_SQUARE_DECAY).addcmul_(gradient, gradient, value=1 - _SQUARE_DECAY)
+            spread = self._square.sqrt().div_((1 - _SQUARE_DECAY**self._steps) ** 0.5).add_(_EPSILON)
+            parameter.addcdiv_(self._mean, spread, value=-rate / (1 - _DECAY**self._steps))
+
+    def follow(self, source: Tensor, *, forget: bool) -> None:
+        """Go on with other rows of the parameter.
+
+        Args:
+            source: [G'] int64: which of the present rows each new one continues, or -1 where its moments begin at zero.
+            forget: Whether all begin at zero.
+        """
+        kept = source >= 0
+        if self._mean is not None and self._square is not None:
+            self._mean, self._square = (_rows(one, source, kept, forget) for one in (self._mean, self._square))
+
+
+def _rows(moment: Tensor, source: Tensor, kept: Tensor, forget: bool) -> Tensor:
+    rows = moment.new_zeros((len(source), *moment.shape[1:]))
+    if not forget:
+        rows[kept] = moment[source[kept]]
+    return rows

@@ -1,0 +1,63 @@
+"""How fast the picture moves beyond what the camera's motion and the depth explain: dense optical flow, less theirs.
+
+Here: the flow from the reference view to the others, by OpenCV's dense inverse search (Kroeger et al. 2016), the part
+of it that a scene at rest would show, and the velocity that fits the rest. Not here: what is made of it
+(`gs2ci.reconstruct.fit.motion`).
+"""
+
+from typing import Final
+
+import cv2
+import numpy as np
+
+from gs2ci.core.arrays import F32, F64
+from gs2ci.reconstruct.geometry.initialise import Geometry
+from gs2ci.render.conventions import NEAR
+
+# Decoded views carry residue of the masks that flow would follow: more blur than for corners, which stand out of it.
+_BLUR_PX: Final = 1.5
+# Views nearer to the reference than this, in units of half the exposure, say little of a velocity and much of noise.
+_LEAST_TIME: Final = 0.25
+# Dense inverse search takes pictures of no less.
+_LEAST_SIZE_PX: Final = 16
+
+
+def velocity(views: F32, geometry: Geometry, times: F64) -> F32:
+    """Find how fast each pixel of the reference view moves by itself, [H, W, 2] float32 in px per unit of time.
+
+    It is the median over the other views, so that a few that the flow gets wrong do not matter; zero where pictures are
+    too small or too few.
+
+    Args:
+        views: Decoded or fitted views, [N, H, W, C] float32; what lies outside [0, 1] is clipped.
+        geometry: Poses and depth of the reference view.
+        times: When each view was seen, [N].
+    """
+    count, height, width, _ = views.shape
+    reference = geometry.reference
+    others = [i for i in range(count) if abs(times[i] - times[reference]) >= _LEAST_TIME]
+    if not others or min(height, width) < _LEAST_SIZE_PX:
+        return np.zeros((height, width, 2), np.float32)
+    grey = np.clip(views, 0, 1).mean(axis=3)
+    smooth = [cv2.GaussianBlur((255 * view).astype(np.uint8), (0, 0), _BLUR_PX) for view in grey]
+    search = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
+    rates = []
+    for i in others:
+        flow = search.calc(smooth[reference], smooth[i], None)
+        rates.append((flow - still_flow(geometry, i)) / (times[i] - times[reference]))
+    found: F32 = np.median(rates, axis=0).astype(np.float32)
+    return found
+
+
+def still_flow(geometry: Geometry, view: int) -> F64:
+    """Return where a scene at rest moves from the reference view to another, [H, W, 2] in px."""
+    height, width = geometry.inverse_depth.shape
+    rows, columns = np.mgrid[:height, :width] + 0.5
+    pixels = np.stack([columns, rows, np.ones_like(rows)], axis=-1)
+    rays = pixels @ np.linalg.inv(geometry.intrinsics).T
+    moved = geometry.world_to_camera[view] @ np.linalg.inv(geometry.world_to_camera[geometry.reference])
+    # In units of the depth: X = R ray + t ρ.
+    points = rays @ moved[:3, :3].T + moved[:3, 3] * geometry.inverse_depth[..., None]
+    seen = (points / np.maximum(points[..., 2:], NEAR)) @ geometry.intrinsics.T
+    flow: F64 = (seen - pixels)[..., :2]
+    return flow

@@ -1,0 +1,233 @@
+"""FastDVDnet (Tassano, Delon, Veit 2020): reading a user's trained weights and writing them as an ONNX video denoiser.
+
+Here: the network as its paper describes it, for any number of channels and of convolutions in a stage, and the ONNX
+graph. Not here: running the model (`onnx_video_denoiser`). The package `onnx` is needed to write a graph and imported
+only then.
+
+Five frames are denoised in two steps. A small U-Net takes three frames, each with a map of sigma, and gives the middle
+one; it is applied to frames 1 to 3, 2 to 4 and 3 to 5, and a second one of the same shape to the three results. A
+U-Net has a stage at full size, two that halve it, two that double it, and one that gives the noise of the middle
+frame. Narrower variants with the same stages (LiteDVDNet) are read as well.
+"""
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import torch
+from torch import Tensor
+from torch.nn import functional
+
+from gs2ci.core.errors import InputError
+from gs2ci.core.whole_file import write_whole
+from gs2ci.reconstruct.learned.ffdnet import IR_VERSION
+from gs2ci.reconstruct.learned.onnx_models import OPSET
+from gs2ci.reconstruct.learned.weight_file import BATCH_NORM, Convolution, fold, read_state
+
+FRAMES: Final = 5
+_AT_ONCE: Final = 3
+# The names under which the authors keep the stages of a U-Net, in the order in which they are passed.
+_STAGES: Final = ("inc", "downc0", "downc1", "upc2", "upc1", "outc")
+_NAME: Final = re.compile(r"(temp[12])\.(\w+?)\.(.*\.)(weight|bias|running_mean|running_var)$")
+_ALLOWED: Final = "the state dictionary of FastDVDnet for colour: temp1 and temp2, each with " + ", ".join(_STAGES)
+
+
+@dataclass(frozen=True)
+class NetworkLayer:
+    """A convolution, and whether a ReLU follows it (where a batch normalisation did)."""
+
+    convolution: Convolution
+    rectified: bool
+
+
+@dataclass(frozen=True)
+class UNet:
+    """One of the two steps: the layers of its stages, by the authors' names."""
+
+    stages: dict[str, tuple[NetworkLayer, ...]]
+
+    def __call__(self, frames: list[Tensor], level: Tensor) -> Tensor:
+        """Denoise the middle one of three frames, each [N, 3, H, W]; `level` is sigma's map, [N, 1, H, W]."""
+        x0 = self._stage("inc", torch.cat([part for frame in frames for part in (frame, level)], dim=1))
+        x1 = self._stage("downc0", x0)
+        x2 = functional.pixel_shuffle(self._stage("upc2", self._stage("downc1", x1)), 2)
+        x1 = functional.pixel_shuffle(self._stage("upc1", x1 + x2), 2)
+        return frames[len(frames) // 2] - self._stage("outc", x0 + x1)
+
+    def _stage(self, name: str, x: Tensor) -> Tensor:
+        for i, layer in enumerate(self.stages[name]):
+            weight, bias = layer.convolution.weight, layer.convolution.bias
+            x = functional.conv2d(x, weight, bias, stride=_stride(name, i), padding=1, groups=_groups(name, i))
+            x = functional.relu(x) if layer.rectified else x
+        return x
+
+
+@dataclass(frozen=True)
+class FastDvdNet:
+    """The network of one weight file: its two steps."""
+
+    first: UNet
+    second: UNet
+
+    def __call__(self, frames: Tensor, sigma: Tensor) -> Tensor:
+        """Denoise the middle one of frames [N, 5, 3, H, W] of noise sigma, [N]: the readable statement of the graph.
+
+        H and W must be multiples of 4.
+        """
+        level = sigma.reshape(-1, 1, 1, 1).expand(len(frames), 1, *frames.shape[3:])
+        parts = list(frames.unbind(1))
+        middle = [self.first(parts[i : i + _AT_ONCE], level) for i in range(FRAMES - _AT_ONCE + 1)]
+        return self.second(middle, level)
+
+
+def read_fastdvdnet(path: Path) -> FastDvdNet:
+    """Read a weight file.
+
+    Raises:
+        InputError: No such file, not a state dictionary, or not the layers of FastDVDnet.
+    """
+    layers: dict[tuple[str, str], dict[str, dict[str, Tensor]]] = {}
+    for name, tensor in read_state(Path(path), "FastDVDnet").items():
+        if match := _NAME.search(name):
+            step, stage, place, part = match.groups()
+            layers.setdefault((step, stage), {}).setdefault(place, {})[part] = tensor
+    nets = []
+    for step in ("temp1", "temp2"):
+        stages = {stage: _stage_layers(layers.get((step, stage), {})) for stage in _STAGES}
+        if not _fits(stages):
+            raise InputError(f"{path} does not hold the layers of FastDVDnet", allowed=_ALLOWED)
+        nets.append(UNet(stages))
+    return FastDvdNet(*nets)
+
+
+def export_fastdvdnet(network: FastDvdNet, path: Path) -> Path:
+    """Write the network as an ONNX model: `frames` [n, 5, 3, h, w] and `sigma` [n] to `denoised` [n, 3, h, w].
+
+    Args:
+        network: What `read_fastdvdnet` returned.
+        path: The file to write; it appears whole or not at all.
+
+    Raises:
+        InputError: The package `onnx` is not installed.
+        StorageError: The file cannot be written.
+    """
+    content: bytes = _graph(network).SerializeToString()
+    return write_whole(path, content, parents=True)
+
+
+def _stage_layers(modules: dict[str, dict[str, Tensor]]) -> tuple[NetworkLayer, ...]:
+    """Fold each batch normalisation into the convolution before it; none where something else stands there."""
+    layers: list[NetworkLayer] = []
+    for module in modules.values():
+        weight = module.get("weight")
+        if weight is not None and weight.ndim == 4 and weight.shape[2:] == (3, 3):
+            layers.append(
+                NetworkLayer(Convolution(weight, module.get("bias", torch.zeros(len(weight)))), rectified=False)
+            )
+        elif layers and all(
+            part in module and len(module[part]) == len(layers[-1].convolution.bias) for part in BATCH_NORM
+        ):
+            layers[-1] = NetworkLayer(
+                fold(layers[-1].convolution, *(module[part] for part in BATCH_NORM)), rectified=True
+            )
+        else:
+            return ()
+    return tuple(layers)
+
+
+def _fits(stages: dict[str, tuple[NetworkLayer, ...]]) -> bool:
+    """Tell whether every layer takes what the one before gives, over both halvings and doublings."""
+    channels = _AT_ONCE * 4
+    given: dict[str, int] = {}
+    for stage, layers in stages.items():
+        if not layers:
+            return False
+        for i, layer in enumerate(layers):
+            weight = layer.convolution.weight
+            if weight.shape[1] * _groups(stage, i) != channels:
+                return False
+            channels = int(weight.shape[0])
+        if stage in ("upc2", "upc1"):
+            channels, rest = divmod(channels, 4)
+            if rest or channels != given["downc0" if stage == "upc2" else "inc"]:
+                return False
+        given[stage] = channels
+    return channels == 3
+
+
+def _stride(stage: str, layer: int) -> int:
+    return 2 if stage in ("downc0", "downc1") and layer == 0 else 1
+
+
+def _groups(stage: str, layer: int) -> int:
+    """Each frame has filters of its own in the very first layer."""
+    return _AT_ONCE if stage == "inc" and layer == 0 else 1
+
+
+class _Writer:
+    """Collects the nodes and constants of a graph."""
+
+    def __init__(self, helper: Any) -> None:
+        self._node = helper.make_node
+        self.nodes: list[Any] = []
+        self.constants: dict[str, Any] = {}
+
+    def add(self, operator: str, inputs: list[str], **attributes: Any) -> str:
+        """Add a node; returns the name of its output."""
+        name = f"x{len(self.nodes)}"
+        self.nodes.append(self._node(operator, inputs, [name], **attributes))
+        return name
+
+    def stage(self, net: UNet, label: str, name: str, x: str) -> str:
+        for i, layer in enumerate(net.stages[name]):
+            weight, bias = (f"{label}.{name}.{i}.{part}" for part in ("weight", "bias"))
+            self.constants |= {weight: layer.convolution.weight.numpy(), bias: layer.convolution.bias.numpy()}
+            stride = _stride(name, i)
+            x = self.add("Conv", [x, weight, bias], pads=[1, 1, 1, 1], strides=[stride, stride], group=_groups(name, i))
+            x = self.add("Relu", [x]) if layer.rectified else x
+        return x
+
+    def net(self, net: UNet, label: str, frames: list[str], level: str) -> str:
+        doubled = {"blocksize": 2, "mode": "CRD"}
+        x0 = self.stage(net, label, "inc", self.add("Concat", [p for f in frames for p in (f, level)], axis=1))
+        x1 = self.stage(net, label, "downc0", x0)
+        deep = self.stage(net, label, "upc2", self.stage(net, label, "downc1", x1))
+        x2 = self.add("DepthToSpace", [deep], **doubled)
+        up = self.add("DepthToSpace", [self.stage(net, label, "upc1", self.add("Add", [x1, x2]))], **doubled)
+        noise = self.stage(net, label, "outc", self.add("Add", [x0, up]))
+        return self.add("Sub", [frames[len(frames) // 2], noise])
+
+
+def _graph(network: FastDvdNet) -> Any:
+    try:
+        from onnx import TensorProto, checker, helper, numpy_helper  # noqa: PLC0415
+    except ImportError as error:
+        raise InputError("writing ONNX models needs the package onnx", remedy="pip install 'gs2ci[export]'") from error
+
+    writer = _Writer(helper)
+    writer.constants |= {"per_image": np.array([-1, 1, 1, 1]), "one": np.array([1])}
+    frames = []
+    for i in range(FRAMES):
+        writer.constants[f"frame{i}"] = np.array(i)
+        frames.append(writer.add("Gather", ["frames", f"frame{i}"], axis=1))
+    images = writer.add("Shape", [frames[0]], start=0, end=1)
+    sides = writer.add("Shape", [frames[0]], start=2, end=4)
+    shape = writer.add("Concat", [images, "one", sides], axis=0)
+    level = writer.add("Expand", [writer.add("Reshape", ["sigma", "per_image"]), shape])
+    middle = [writer.net(network.first, "first", frames[i : i + _AT_ONCE], level) for i in range(FRAMES - _AT_ONCE + 1)]
+    last = writer.net(network.second, "second", middle, level)
+    writer.nodes.append(helper.make_node("Identity", [last], ["denoised"]))
+    info = helper.make_tensor_value_info
+    graph = helper.make_graph(
+        writer.nodes,
+        "FastDVDnet",
+        [info("frames", TensorProto.FLOAT, ["n", FRAMES, 3, "h", "w"]), info("sigma", TensorProto.FLOAT, ["n"])],
+        [info("denoised", TensorProto.FLOAT, ["n", 3, "h", "w"])],
+        [numpy_helper.from_array(np.array(value, order="C"), name) for name, value in writer.constants.items()],
+    )
+    model = helper.make_model(graph, producer_name="gs2ci", opset_imports=[helper.make_opsetid("", OPSET)])
+    model.ir_version = IR_VERSION
+    checker.check_model(model)
+    return model

@@ -1,0 +1,76 @@
+"""Weight files of PyTorch: reading them without running anything from them, and convolutions ready to be written.
+
+Here: the state dictionary with every refusal as a clear error, and batch normalisations folded into convolutions. Not
+here: which layers a network has (`ffdnet`, `fastdvdnet`).
+"""
+
+import pickle
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import torch
+from torch import Tensor
+
+from gs2ci.core.errors import InputError
+
+# How files of PyTorch begin: the archives of today, and pickles of before.
+_OF_PYTORCH: Final = (b"PK\x03\x04", b"\x80")
+_BATCH_NORM_EPSILON: Final = 1e-5
+BATCH_NORM: Final = ("weight", "bias", "running_mean", "running_var")
+"""The tensors of a batch normalisation, as `fold` takes them."""
+
+
+@dataclass(frozen=True)
+class Convolution:
+    """One layer: weight, [O, I, 3, 3], and bias, [O], float32."""
+
+    weight: Tensor
+    bias: Tensor
+
+
+def read_state(path: Path, network: str) -> dict[str, Tensor]:
+    """Read a state dictionary; only tensors are unpickled, so a weight file cannot run code.
+
+    Args:
+        path: The file.
+        network: What it should hold, for the message.
+
+    Raises:
+        InputError: No such file, or not a state dictionary.
+    """
+    if not path.is_file():
+        raise InputError(f"no weight file {path}", remedy=f"give the .pth file of a trained {network}")
+    try:
+        state = torch.load(path, map_location="cpu", weights_only=True)
+    except (pickle.UnpicklingError, RuntimeError, EOFError, ValueError, KeyError) as error:
+        raise InputError(
+            f"{path} is no PyTorch weight file: {_what_is_wrong(path, error)}",
+            allowed="what torch.save wrote of a state dictionary: names and tensors (.pth, .pt)",
+            remedy="check that it is the file of the weights, and whole",
+        ) from error
+    for key in ("state_dict", "params"):  # training scripts often put the weights beside other things
+        if isinstance(state, dict) and isinstance(state.get(key), dict):
+            state = state[key]
+    if not isinstance(state, dict) or not all(isinstance(value, Tensor) for value in state.values()):
+        raise InputError(f"{path} holds no state dictionary", allowed="names and tensors")
+    return {name: value.float() for name, value in state.items()}
+
+
+def fold(layer: Convolution, gain: Tensor, shift: Tensor, mean: Tensor, variance: Tensor) -> Convolution:
+    """Fold the batch normalisation after a convolution into it."""
+    scale = gain.double() / torch.sqrt(variance.double() + _BATCH_NORM_EPSILON)
+    weight = layer.weight.double() * scale[:, None, None, None]
+    return Convolution(weight.float(), ((layer.bias.double() - mean.double()) * scale + shift.double()).float())
+
+
+def _what_is_wrong(path: Path, error: Exception) -> str:
+    """Say what was found in a file that PyTorch refuses; its own word only where it is a file of its kind."""
+    with path.open("rb") as stream:
+        head = stream.read(24)
+    if not head:
+        return "it is empty"
+    if head.startswith(_OF_PYTORCH):
+        reason = (str(error) or type(error).__name__).split("\n", maxsplit=1)[0][:200]
+        return f"it is damaged, or holds more than tensors ({reason})"
+    return f"it begins with {head.decode('ascii')!r}" if head.isascii() else f"it begins with bytes {head[:8].hex(' ')}"

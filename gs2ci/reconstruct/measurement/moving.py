@@ -1,0 +1,91 @@
+"""What a still scene leaves of the measurement because something moves: a test, and where.
+
+If the picture of view i is X, displaced by v tᵢ because something moves with the velocity v, then to first order the
+still scene leaves Σ wᵢ Mᵢ ⊙ (−tᵢ ∇X·v) of the measurement. So the residual is regressed, block by block, on the coded
+sums of tᵢ ∂X/∂x and tᵢ ∂X/∂y: two numbers for a few hundred pixels. Whatever else a fit leaves (noise, detail that it
+lacks) does not follow the times of the masks, and what a camera's motion would leave has been fitted away with the
+poses. The test costs two coded sums, and no fit. Where motion is longer than detail is wide the first order no longer
+holds, but the sign of it does, and that it is there is all that is asked.
+
+Here: the regression and its significance. Not here: what follows from it (`gs2ci.reconstruct.moving`).
+"""
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from scipy.stats import f as f_distribution
+
+from gs2ci.core.arrays import F32, F64
+from gs2ci.reconstruct.measurement.jury import Jury
+
+_BLOCK_PX: Final = 16
+# Fewer pixels of a block than this say nothing of its motion.
+_LEAST_PIXELS: Final = 32
+# A block's chance, if nothing moved, to speak so loudly for motion.
+_CHANCE: Final = 1e-3
+
+
+@dataclass(frozen=True)
+class LeftByMotion:
+    """What motion would explain of a still scene's residual.
+
+    Args:
+        explained: Share of the residual's power that velocities of blocks explain, beyond what as many numbers explain
+            by chance; 0 where they explain no more.
+        surely: Share of the blocks that speak for motion more loudly than one in a thousand would by chance.
+        velocity_px: Of each block, in px per half exposure, [B, B', 2]; 0 where it says nothing.
+    """
+
+    explained: float
+    surely: float
+    velocity_px: F64
+
+
+def left_by_motion(jury: Jury, views: F32, times: F64) -> LeftByMotion:
+    """Regress what still views leave of the measurement on motion.
+
+    Args:
+        jury: The measurement.
+        views: Of a still scene, not refined by its residual, [N, H, W, C].
+        times: When each view was taken, [N], centred on 0.
+    """
+    shot = jury.shot
+    asked = shot.lit & (True if shot.saturated is None else ~shot.saturated)
+    residual = _blocks((shot.measurement - jury.coded(views)) * asked[..., None])
+    weighted = views * times.astype(np.float32)[:, None, None, None]
+    # Central differences, as the fit's own detail is no finer than a pixel.
+    along = [-jury.coded(np.gradient(weighted, axis=axis).astype(np.float32)) for axis in (2, 1)]
+    design = np.stack([_blocks(part * asked[..., None]) for part in along], axis=-1)
+    pixels = _blocks(np.broadcast_to(asked[..., None], shot.measurement.shape).astype(np.float32)).sum(axis=2)
+    gram = np.einsum("abpi,abpj->abij", design, design)
+    moment = np.einsum("abpi,abp->abi", design, residual)
+    power = (residual**2).sum(axis=2)
+    gram += np.eye(2) * np.maximum(1e-9 * np.trace(gram, axis1=2, axis2=3), 1e-12)[..., None, None]
+    velocity = np.linalg.solve(gram, moment[..., None])[..., 0]
+    gained = (velocity * moment).sum(axis=-1)
+    told = (pixels >= _LEAST_PIXELS) & (power > 0)
+    if not told.any():
+        return LeftByMotion(0.0, 0.0, np.zeros_like(velocity))
+    left = np.maximum(power - gained, 1e-12 * power)
+    freedom = np.maximum(pixels - 2, 1)
+    ratio = np.where(told, gained / 2 / np.where(told, left / freedom, 1), 0)
+    sure = told & (f_distribution.sf(ratio, 2, freedom) < _CHANCE)
+    by_chance = 2 * (power / np.maximum(pixels, 1))[told].sum()
+    explained = (gained[told].sum() - by_chance) / power[told].sum()
+    return LeftByMotion(
+        explained=max(float(explained), 0.0),
+        surely=float(sure.sum() / told.sum()),
+        velocity_px=np.where(sure[..., None], velocity, 0),
+    )
+
+
+def _blocks(image: F32) -> F64:
+    """Cut an image [H, W, C] into blocks, zero beyond the border: [B, B', pixels of a block times C]."""
+    height, width, channels = image.shape
+    down, across = -(-height // _BLOCK_PX), -(-width // _BLOCK_PX)
+    padded = np.zeros((down * _BLOCK_PX, across * _BLOCK_PX, channels))
+    padded[:height, :width] = image
+    cut = padded.reshape(down, _BLOCK_PX, across, _BLOCK_PX, channels).swapaxes(1, 2)
+    blocks: F64 = cut.reshape(down, across, -1)
+    return blocks

@@ -1,0 +1,1 @@
+"""The bench in a browser while one aligns it."""

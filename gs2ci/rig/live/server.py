@@ -1,0 +1,239 @@
+"""The page of a live bench, served on this machine: who looks, who may press, and what happens when they leave.
+
+The first page that asks holds the bench: it alone may press buttons, by a secret that it sends with each request.
+Others see the same and press nothing. A holder that is silent for `LAPSE_S`, or says that it leaves, is forgotten, and
+everything is disarmed. Requests for another host's name are refused, so that a page of somebody else's in the same
+browser cannot speak to the bench.
+
+Here: `LiveServer`. Not here: what the buttons do (`bench`).
+"""
+
+import json
+import sys
+import threading
+import time
+from http import HTTPStatus
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from importlib import resources
+from typing import Any, Final
+
+from gs2ci.core.errors import Gs2ciError, InputError
+from gs2ci.rig.live.bench import LiveBench
+
+LAPSE_S: Final = 4.0
+"""A holder that was not heard of for so long is gone."""
+WATCH_S: Final = 0.25
+LARGEST_REQUEST: Final = 4096
+PORTS_TRIED: Final = 20
+HIGHEST_PORT: Final = 65_535
+ASSETS: Final = {
+    "/": ("live.html", "text/html; charset=utf-8"),
+    "/live.css": ("live.css", "text/css; charset=utf-8"),
+    "/live.js": ("live.js", "text/javascript; charset=utf-8"),
+}
+POLICY: Final = "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; connect-src 'self'"
+TOKEN: Final = "X-Live-Token"  # noqa: S105 - the name of a header
+LOCAL: Final = ("127.0.0.1", "localhost", "[::1]")
+
+
+class LiveServer:
+    """Serves a bench to browsers.
+
+    Args:
+        bench: The bench, begun.
+        host: Address to listen on.
+        port: Port, or the first of the next ones that is free; 0 takes any.
+
+    Raises:
+        InputError: Nothing can be served there.
+    """
+
+    def __init__(self, bench: LiveBench, host: str = "127.0.0.1", port: int = 0) -> None:
+        self._bench = bench
+        self._lock = threading.Lock()
+        self._holder = ""
+        self._heard_s = 0.0
+        self._ended = threading.Event()
+        self._local = host in LOCAL
+        self._server = _listen(host, port, self)
+        self._threads = [
+            threading.Thread(target=self._server.serve_forever, name="live server", daemon=True),
+            threading.Thread(target=self._watch, name="live watch", daemon=True),
+        ]
+        for thread in self._threads:
+            thread.start()
+
+    @property
+    def port(self) -> int:
+        """Get the port that is listened on."""
+        return int(self._server.server_address[1])
+
+    def stop(self) -> None:
+        """End serving; the bench is left to whoever opened it."""
+        self._ended.set()
+        self._server.shutdown()
+        self._server.server_close()
+        for thread in self._threads:
+            thread.join()
+
+    def allows(self, name: str) -> bool:
+        """Return whether a request that calls this machine by `name` may be answered."""
+        return not self._local or name.rsplit(":", 1)[0] in LOCAL
+
+    def hold(self, token: str) -> bool:
+        """Note that a page is there; return whether it holds the bench, which it does if nobody else does."""
+        with self._lock:
+            if not self._holder and token:
+                self._holder = token
+            if token != self._holder:
+                return False
+            self._heard_s = time.monotonic()
+            return True
+
+    def leave(self, token: str) -> None:
+        """Forget a holder and disarm everything; anybody else's leaving changes nothing."""
+        with self._lock:
+            if not token or token != self._holder:
+                return
+            self._holder = ""
+        self._disarm()
+
+    def act(self, token: str, request: dict[str, Any]) -> tuple[HTTPStatus, dict[str, Any]]:
+        """Do what the holder asks for; refuse everybody else."""
+        if not token or not self.hold(token):
+            return HTTPStatus.FORBIDDEN, {"error": "another page holds this bench: you may look, and press nothing"}
+        given = {key: value for key, value in request.items() if key != "action"}
+        try:
+            self._bench.act(str(request.get("action", "")), **given)
+        except Gs2ciError as error:
+            return HTTPStatus.BAD_REQUEST, {"error": str(error)}
+        return HTTPStatus.OK, {}
+
+    def state(self, token: str) -> dict[str, Any]:
+        """Return what a page shows, and whether it may press buttons."""
+        holds = self.hold(token)
+        view = self._bench.view()
+        return view.state | {"holds": holds, "picture": view.number, "size": view.size}
+
+    def picture(self, path: str) -> bytes | None:
+        """Return a picture by its path, without what follows a question mark."""
+        view = self._bench.view()
+        if path == "/picture.png":
+            return view.picture or None
+        index = path.removeprefix("/view/").removesuffix(".png")
+        if path.startswith("/view/") and index.isdecimal() and int(index) < len(view.views):
+            return view.views[int(index)]
+        return None
+
+    def _disarm(self) -> None:
+        try:
+            self._bench.act("disarm")
+        except Gs2ciError:  # the bench is closed, and at rest
+            return
+
+    def _watch(self) -> None:
+        """Disarm everything when the holder has gone without a word."""
+        while not self._ended.wait(WATCH_S):
+            with self._lock:
+                # What it asked for last may take longer than a page may be silent: it is asked no further then.
+                gone = self._holder and time.monotonic() - self._heard_s > LAPSE_S
+                if gone:
+                    self._holder = ""
+            if gone:
+                self._disarm()
+
+
+class _Listener(ThreadingHTTPServer):
+    """A server that says nothing when a browser hangs up in the middle of a sentence."""
+
+    daemon_threads = True
+
+    def handle_error(self, request: Any, client_address: Any) -> None:
+        if not isinstance(sys.exception(), ConnectionError):
+            super().handle_error(request, client_address)
+
+
+def _listen(host: str, port: int, live: LiveServer) -> ThreadingHTTPServer:
+    if not 0 <= port <= HIGHEST_PORT:
+        raise InputError(f"port {port}", allowed=f"0 to {HIGHEST_PORT}")
+    tried = range(port, min(port + PORTS_TRIED, HIGHEST_PORT + 1)) if port else range(1)
+    for candidate in tried:
+        try:
+            return _Listener((host, candidate), _handler(live))
+        except OSError as error:
+            reason = error
+    raise InputError(
+        f"nothing can be served at {host}, port {tried[0]} to {tried[-1]}: {reason}",
+        remedy="choose another --port, or a --host of this machine such as 127.0.0.1",
+    )
+
+
+def _handler(live: LiveServer) -> type[BaseHTTPRequestHandler]:
+    folder = resources.files("gs2ci.rig.live") / "page"
+    assets = {path: ((folder / name).read_bytes(), kind) for path, (name, kind) in ASSETS.items()}
+
+    class Handler(BaseHTTPRequestHandler):
+        protocol_version = "HTTP/1.1"
+
+        def do_GET(self) -> None:
+            path = self.path.partition("?")[0]
+            if not self._allowed():
+                return
+            if path in assets:
+                self._answer(HTTPStatus.OK, *assets[path])
+            elif path == "/state":
+                self._tell(HTTPStatus.OK, live.state(self.headers.get(TOKEN, "")))
+            elif (picture := live.picture(path)) is not None:
+                self._answer(HTTPStatus.OK, picture, "image/png")
+            else:
+                self._tell(HTTPStatus.NOT_FOUND, {"error": "there is no such thing"})
+
+        def do_POST(self) -> None:
+            length = int(self.headers.get("Content-Length") or 0)
+            if not 0 <= length <= LARGEST_REQUEST:
+                self.close_connection = True
+                self._tell(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, {"error": "too long"})
+                return
+            body = self.rfile.read(length)
+            if not self._allowed():
+                return
+            if self.path == "/leave":
+                live.leave(body.decode("ascii", "replace"))
+                self._tell(HTTPStatus.OK, {})
+                return
+            try:
+                request = json.loads(body)
+            except ValueError:
+                request = None
+            if self.path != "/act" or not isinstance(request, dict):
+                self._tell(HTTPStatus.BAD_REQUEST, {"error": "not understood"})
+                return
+            self._tell(*live.act(self.headers.get(TOKEN, ""), request))
+
+        def log_message(self, format: str, *args: Any) -> None:  # noqa: A002 - the base class calls it so
+            """Say nothing on the terminal."""
+
+        def _allowed(self) -> bool:
+            if live.allows(self.headers.get("Host", "")):
+                return True
+            self._tell(HTTPStatus.MISDIRECTED_REQUEST, {"error": "this is another machine"})
+            return False
+
+        def _tell(self, status: HTTPStatus, answer: dict[str, Any]) -> None:
+            self._answer(status, json.dumps(answer).encode(), "application/json")
+
+        def _answer(self, status: HTTPStatus, body: bytes, kind: str) -> None:
+            self.send_response(status)
+            for name, value in {
+                "Content-Type": kind,
+                "Content-Length": str(len(body)),
+                "Cache-Control": "no-store",
+                "Content-Security-Policy": POLICY,
+                "X-Content-Type-Options": "nosniff",
+                "Referrer-Policy": "no-referrer",
+            }.items():
+                self.send_header(name, value)
+            self.end_headers()
+            self.wfile.write(body)
+
+    return Handler

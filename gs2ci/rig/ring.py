@@ -1,0 +1,88 @@
+"""A ring of shots between those who take them and the disk.
+
+Shots are written by a thread of their own while the next ones are exposed. Where the disk is slower, they wait; where
+as many wait as the ring holds, whoever takes them waits too (back-pressure), and what the sensor's own buffers cannot
+hold meanwhile is lost there and named by its numbers. Memory never holds more than the ring.
+
+Here: `WritingRing`. Not here: what is written (`recording`), lost frames (`gs2ci_drivers.acquisition`).
+"""
+
+import threading
+import time
+from collections.abc import Callable
+from queue import Queue
+from types import TracebackType
+from typing import Self
+
+from gs2ci.core.errors import InputError
+from gs2ci_drivers.acquisition import Taken
+
+
+class WritingRing:
+    """Hands shots to a sink in a thread of its own, in order.
+
+    Use as a context manager: leaving it waits until all is written, and raises what the sink raised.
+
+    Args:
+        sink: Writes one shot.
+        size: How many may wait.
+
+    Raises:
+        InputError: No size.
+    """
+
+    def __init__(self, sink: Callable[[Taken], None], size: int) -> None:
+        if size < 1:
+            raise InputError(f"a ring of {size}", allowed="1 or more", remedy="set `ring` in [capture]")
+        self.size = size
+        self.fullest = 0
+        """The most that ever waited."""
+        self.waits = 0
+        """How often there was no room."""
+        self.waited_s = 0.0
+        """How long, together."""
+        self._sink = sink
+        self._queue: Queue[Taken | None] = Queue(size)
+        self._error: BaseException | None = None
+        self._thread = threading.Thread(target=self._write, name="writing ring", daemon=True)
+
+    def put(self, taken: Taken) -> None:
+        """Hand a shot on; waits while the ring is full.
+
+        Raises:
+            BaseException: What the sink raised on an earlier shot; this one is not written.
+        """
+        self._raise()
+        if self._queue.full():
+            self.waits += 1
+            began_s = time.monotonic()
+            self._queue.put(taken)
+            self.waited_s += time.monotonic() - began_s
+        else:
+            self._queue.put(taken)
+        self.fullest = max(self.fullest, self._queue.qsize())
+
+    def __enter__(self) -> Self:
+        self._thread.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._queue.put(None)
+        self._thread.join()
+        if error is None:
+            self._raise()
+
+    def _raise(self) -> None:
+        if self._error is not None:
+            raise self._error
+
+    def _write(self) -> None:
+        """Write what comes; after an error, throw away what comes, so that nobody waits for ever."""
+        while (taken := self._queue.get()) is not None:
+            if self._error is None:
+                try:
+                    self._sink(taken)
+                except BaseException as error:
+                    self._error = error

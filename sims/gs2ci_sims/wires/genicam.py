@@ -1,0 +1,414 @@
+"""A GenICam camera with its GenTL producer: the twin below `CameraPort`.
+
+What it follows: features by SFNC 2.7 (`genicam_nodes`); pixels by PFNC 2.4; frame numbers from 1, in 16 bits, without a
+0, as GigE Vision 1.2 counts blocks (section 24.2), or from 0 as USB3 Vision does; stamps of a clock of the camera's own
+that began at some other time, at the start of exposure as SFNC's ChunkTimestamp has it («generated when frame
+acquisition was triggered», Basler ace user's manual), or later as other makers have it; a frame for which no buffer is
+free is lost and its number with it; packets that do not arrive leave the buffer incomplete (GenTL 1.6,
+BUFFER_INFO_IS_INCOMPLETE), which harvesters hands to nobody and whose number it does not tell. After AcquisitionStart a
+camera takes a while until it listens for triggers (AcquisitionStatus[FrameTriggerWait]); a trigger before that is lost.
+
+Here: `GenicamModel` (a data sheet), `GenicamTwin`. Not here: when it exposes (`v4l2_camera.CameraShutter`, which knows
+nothing of V4L2).
+"""
+
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from errno import EBUSY, ENODEV, ENOENT
+from functools import partial
+from typing import Literal
+
+import numpy as np
+
+from gs2ci.core.arrays import U8, U16
+from gs2ci_drivers.ports import CameraBuffer, CameraIdentity, Feature, FeatureRefusalError, FeatureValue
+from gs2ci_sims.faults import FaultSet, declare
+from gs2ci_sims.wires.genicam_nodes import Node, NodeTable
+from gs2ci_sims.wires.v4l2_camera import CameraModel, CameraShutter, Exposed, Shutting, Stamps
+from gs2ci_sims.world import World
+
+UNPLUGGED = declare("genicam.unplugged", "the camera goes away (ENODEV) until plugged in again")
+HELD = declare("genicam.held", "another program holds the camera (EBUSY)")
+INCOMPLETE = declare("genicam.incomplete", "packets of a frame are lost: its buffer is incomplete")
+LOST = declare("genicam.frame_lost", "a frame is lost on the way, and its number with it")
+OTHER_SIZE = declare("genicam.other_size", "a frame has fewer rows than were set")
+REFUSED = declare("genicam.feature_refused", "the camera refuses to have a feature written")
+NEVER_READY = declare("genicam.never_ready", "the camera never says that it waits for triggers")
+CLOCK_RESET = declare("genicam.clock_reset", "the camera's time stamps begin again at 0")
+
+US = 1e-6
+LATCH_S = 2e-4
+"""A command to the camera and its answer."""
+SHORT_IDS = 65_535
+CALLS_KEPT = 10_000
+BITS = {"8": 8, "10": 10, "12": 12, "14": 14, "16": 16}
+
+
+@dataclass(frozen=True)
+class GenicamModel:
+    """A camera's data sheet.
+
+    Args:
+        height: Rows of the pixel array.
+        width: Columns.
+        formats: Pixel formats by their PFNC names; the first is the default.
+        padding_bytes: Bytes behind each row.
+        transport: Transport layer, which decides on frame numbers.
+        trigger_line: Line on the world's trigger bus that is wired to `trigger_input`.
+        trigger_input: The camera's name of that input.
+        gated: Whether it has ExposureMode TriggerWidth.
+        stamps: What a stamp is the time of.
+        stamped: Whether its clock can be latched.
+        chunks: Whether it appends chunks.
+        clock_epoch_s: What its clock showed when the world's began.
+        clock_ppm: By how much its clock runs fast.
+        ready_s: From AcquisitionStart until it listens for triggers.
+        latency_s: Mean time from an edge to the start of exposure, beyond TriggerDelay.
+        jitter_s: Standard deviation of it.
+        exposure_offset_s: Constant added to every triggered exposure.
+        readout_s: From the end of exposure until the next edge is taken.
+        transfer_s: From the end of readout until the buffer is full.
+        own_period_s: Frame period by its own clock, at least.
+    """
+
+    height: int = 64
+    width: int = 96
+    formats: tuple[str, ...] = ("Mono12", "Mono8", "Mono10", "Mono12p", "Mono10p", "Mono12Packed", "BayerRG12")
+    padding_bytes: int = 0
+    transport: Literal["GEV", "U3V"] = "GEV"
+    trigger_line: str = ""
+    trigger_input: str = "Line1"
+    gated: bool = True
+    stamps: Stamps = "start-of-exposure"
+    stamped: bool = True
+    chunks: bool = True
+    clock_epoch_s: float = 4242.0
+    clock_ppm: float = 40.0
+    ready_s: float = 0.01
+    latency_s: float = 0.0
+    jitter_s: float = 0.0
+    exposure_offset_s: float = 0.0
+    readout_s: float = 1e-3
+    transfer_s: float = 0.5e-3
+    own_period_s: float = 1 / 60
+
+
+def bits_of(name: str) -> int:
+    """Return the significant bits of a pixel format, by the number in its name."""
+    digits = "".join(letter for letter in name if letter.isdigit())
+    return BITS[digits]
+
+
+def pack_pfnc(pixels: U16, name: str, padding_bytes: int = 0) -> bytes:
+    """Write pixels, [H, W] uint16, as a camera sends them; padding reads 0xA5.
+
+    PFNC 2.4: "p" is one stream of bits, the lowest bit of the first pixel first (written here bit by bit); "Packed"
+    puts the high eight bits of two pixels round a byte with the low bits of both, the first one's in its low half.
+    """
+    rows = pixels if padding_bytes else pixels.reshape(1, -1)
+    packed = _pack_rows(rows.astype(np.uint32), name)
+    return np.pad(packed, ((0, 0), (0, padding_bytes)), constant_values=0xA5).tobytes()
+
+
+def _pack_rows(rows: np.ndarray[tuple[int, int], np.dtype[np.uint32]], name: str) -> U8:
+    bits = bits_of(name)
+    if bits == 8:
+        return rows.astype(np.uint8)
+    if name.endswith("Packed"):
+        if rows.shape[1] % 2:
+            rows = np.pad(rows, ((0, 0), (0, 1)))
+        first, second, low = rows[:, 0::2], rows[:, 1::2], bits - 8
+        mask = (1 << low) - 1
+        triples = [first >> low, (first & mask) | (second & mask) << 4, second >> low]
+        return np.stack(triples, axis=2).astype(np.uint8).reshape(len(rows), -1)
+    if name.endswith("p"):
+        stream = (rows[:, :, None] >> np.arange(bits, dtype=np.uint32)) & 1
+        return np.packbits(stream.reshape(len(rows), -1).astype(np.uint8), axis=1, bitorder="little")
+    return np.stack([rows & 0xFF, rows >> 8], axis=2).astype(np.uint8).reshape(len(rows), -1)
+
+
+class GenicamTwin:
+    """A camera and its producer, as a `CameraPort`.
+
+    Args:
+        world: Where it stands.
+        model: Its data sheet.
+        faults: What will go wrong.
+        rng: Draws jitter; seeded with 0 where none is given.
+    """
+
+    def __init__(
+        self,
+        world: World,
+        model: GenicamModel | None = None,
+        faults: FaultSet | None = None,
+        *,
+        rng: np.random.Generator | None = None,
+    ) -> None:
+        self.model = model or GenicamModel()
+        self.faults = faults or FaultSet()
+        self.streaming = False
+        self.calls: deque[str] = deque(maxlen=CALLS_KEPT)
+        """Names of the latest calls, for tests of their order."""
+        self._world = world
+        self._clock = world.clock
+        self._plugged, self._opened = True, False
+        self._buffers = 0
+        self._full: deque[CameraBuffer] = deque()
+        self._frames = 0
+        self._began_s = 0.0
+        self._latched_ns = 0
+        self._clock_zero_s = self._clock.now_s() - self.model.clock_epoch_s
+        self._never_ready = False
+        self.nodes = NodeTable(self._make_nodes(), lambda: self.streaming)
+        one = self.model
+        timing = CameraModel(
+            trigger_line=one.trigger_line,
+            latency_s=one.latency_s,
+            jitter_s=one.jitter_s,
+            exposure_offset_s=one.exposure_offset_s,
+            readout_s=one.readout_s,
+            transfer_s=one.transfer_s,
+            own_period_s=one.own_period_s,
+        )
+        self._shutter = CameraShutter(
+            world,
+            timing,
+            self.faults,
+            rng=rng or np.random.default_rng(0),
+            exposure_s=lambda: self.nodes.number("ExposureTime") * US,
+            deliver=self._deliver,
+            active_low=lambda: self.nodes.of("TriggerActivation", "FrameStart") == "FallingEdge",
+            delay_s=lambda: float(self.nodes.of("TriggerDelay", "FrameStart")) * US,
+        )
+
+    @property
+    def region(self) -> tuple[int, int, int, int]:
+        """Get first row and column, rows and columns of the region that is read out."""
+        top, left, height, width = (int(self.nodes.number(name)) for name in ("OffsetY", "OffsetX", "Height", "Width"))
+        return top, left, height, width
+
+    def unplug(self) -> None:
+        """Take the camera off."""
+        self._halt()
+        self._plugged = self._opened = False
+
+    def plug_in(self) -> None:
+        """Put the camera back, with nothing set."""
+        if not self._plugged:
+            self._plugged = True
+            self.nodes = NodeTable(self._make_nodes(), lambda: self.streaming)
+
+    def list_cameras(self, producer: str) -> list[CameraIdentity]:
+        """List the camera where it is plugged in."""
+        del producer
+        return [self._identity()] if self._plugged else []
+
+    def open(self, producer: str, serial: str) -> CameraIdentity:
+        """Open the camera; any serial number is its own.
+
+        Raises:
+            OSError: ENOENT: it is not plugged in; EBUSY: held.
+        """
+        del producer, serial
+        self.calls.append("open")
+        if self.faults.take(UNPLUGGED, "open"):
+            self.unplug()
+        if not self._plugged:
+            raise OSError(ENOENT, "0 cameras")
+        if self.faults.take(HELD, "open"):
+            raise OSError(EBUSY, "the camera is held by another program")
+        self._opened = True
+        return self._identity()
+
+    def describe(self, name: str) -> Feature | None:
+        """Return what a feature is now."""
+        self._alive(f"describe {name}")
+        return self.nodes.describe(name)
+
+    def read(self, name: str) -> FeatureValue:
+        """Read a feature."""
+        self._alive(f"read {name}")
+        return self.nodes.read(name)
+
+    def write(self, name: str, value: FeatureValue) -> None:
+        """Write a feature."""
+        self._alive(f"write {name}")
+        if self.faults.take(REFUSED, name):
+            raise FeatureRefusalError(f"{name}: access denied")
+        self.nodes.write(name, value)
+
+    def execute(self, name: str) -> None:
+        """Run a command, which takes a while."""
+        self._alive(name)
+        self._clock.sleep_s(LATCH_S / 2)
+        self.nodes.execute(name)
+        self._clock.sleep_s(LATCH_S / 2)
+
+    def start(self, buffers: int, chunks: tuple[str, ...]) -> int:
+        """Begin the acquisition."""
+        self._alive("AcquisitionStart")
+        del chunks  # a frame carries what ChunkEnable says, and whoever asks for more of it gets no more
+        self._buffers, self._frames, self.streaming = buffers, 0, True
+        self._began_s = self._clock.now_s()
+        self._never_ready = self.faults.take(NEVER_READY) is not None
+        if any(self.nodes.of("TriggerMode", other) == "On" for other in ("AcquisitionStart", "FrameBurstStart")):
+            return buffers  # a trigger of another kind is waited for, and nobody sends it
+        if self.nodes.of("TriggerMode", "FrameStart") == "Off":
+            self._shutter.start(Shutting.FREE)
+        elif self.nodes.of("TriggerSource", "FrameStart") == self.model.trigger_input:
+            gated = self.nodes.read("ExposureMode") == "TriggerWidth"
+            how = Shutting.LEVEL if gated else Shutting.EDGE
+            self._clock.after(self.model.ready_s, lambda: self._shutter.start(how) if self.streaming else None)
+        return buffers
+
+    def fetch(self, timeout_s: float) -> CameraBuffer | None:
+        """Wait for a full buffer and queue it again."""
+        self._alive("fetch")
+        self._clock.wait_until(lambda: bool(self._full) or not self._plugged, timeout_s)
+        if not self._plugged:
+            raise OSError(ENODEV, "the camera is gone")
+        return self._full.popleft() if self._full else None
+
+    def stop(self) -> None:
+        """End the acquisition."""
+        self.calls.append("stop")
+        self._halt()
+
+    def clock_ns(self) -> int:
+        """Get the time of the simulated computer."""
+        return self._clock.now_ns()
+
+    def close(self) -> None:
+        """Let go of the camera."""
+        self.calls.append("close")
+        self._halt()
+        self._opened = False
+
+    def _halt(self) -> None:
+        self._shutter.stop()
+        self.streaming = False
+        self._full.clear()
+
+    def _alive(self, asked: str) -> None:
+        self.calls.append(asked)
+        if self.faults.take(UNPLUGGED, asked):
+            self.unplug()
+        if not self._plugged or not self._opened:
+            raise OSError(ENODEV, "the camera is gone")
+
+    def _identity(self) -> CameraIdentity:
+        return CameraIdentity("Twin", "Sfnc 2.7", "0001", self.model.transport)
+
+    def _ready(self) -> bool:
+        waited_s = self._clock.now_s() - self._began_s
+        return self.streaming and not self._never_ready and waited_s >= self.model.ready_s
+
+    def _latch(self) -> None:
+        self._latched_ns = self._camera_ns(self._clock.now_s())
+
+    def _camera_ns(self, when_s: float) -> int:
+        return round((when_s - self._clock_zero_s) * (1 + self.model.clock_ppm * 1e-6) * 1e9)
+
+    def _deliver(self, exposed: Exposed) -> None:
+        """Integrate the light of an exposure and send it on its way."""
+        _, _, height, width = self.region
+        name = str(self.nodes.read("PixelFormat"))
+        pixels = self._world.integrate(exposed.start_s, exposed.end_s, height=height, width=width, bits=bits_of(name))
+        number, self._frames = self._frames, self._frames + 1
+        if self.faults.take(CLOCK_RESET):
+            self._clock_zero_s = self._clock.now_s()
+        stamped_s = {
+            "start-of-exposure": exposed.start_s,
+            "start-of-frame": exposed.end_s,
+            "end-of-frame": exposed.end_s + self.model.readout_s,
+        }[self.model.stamps]
+        if self.faults.take(LOST) or len(self._full) >= self._buffers:
+            return
+        stamp = self._camera_ns(stamped_s) if self.model.stamped else None
+        data = pack_pfnc(pixels, name, self.model.padding_bytes)
+        buffer = CameraBuffer(
+            data,
+            True,
+            number % SHORT_IDS + 1 if self.model.transport == "GEV" else number,
+            stamp,
+            height,
+            width,
+            self.model.padding_bytes,
+            self._chunks(stamp, exposed),
+        )
+        if self.faults.take(INCOMPLETE):
+            buffer = CameraBuffer(b"", False, -1, None)
+        if self.faults.take(OTHER_SIZE):
+            buffer = replace(buffer, height=height - 2)
+        self._full.append(buffer)
+
+    def _chunks(self, stamp: int | None, exposed: Exposed) -> dict[str, float]:
+        if not self.model.chunks or not self.nodes.read("ChunkModeActive"):
+            return {}
+        told: dict[str, float | None] = {
+            "Timestamp": stamp,
+            "ExposureTime": (exposed.end_s - exposed.start_s) / US,
+        }
+        return {
+            f"Chunk{entry}": value
+            for entry, value in told.items()
+            if value is not None and self.nodes.of("ChunkEnable", entry)
+        }
+
+    def _make_nodes(self) -> dict[str, Node]:
+        model = self.model
+        triggers = ("FrameStart", "AcquisitionStart", "FrameBurstStart")
+        inputs = tuple(dict.fromkeys(("Software", "Line0", "Line1", model.trigger_input)))
+        nodes = {
+            **self._sizes(),
+            "PixelFormat": Node("enumeration", model.formats[0], symbols=model.formats, locked=True),
+            "AcquisitionMode": Node("enumeration", "Continuous", symbols=("Continuous", "SingleFrame")),
+            "AcquisitionFrameRate": Node("float", 60.0, lambda: 1.0, lambda: 1 / model.own_period_s, 1e-3),
+            "AcquisitionStatusSelector": Node(
+                "enumeration", "FrameTriggerWait", symbols=("FrameTriggerWait", "ExposureActive")
+            ),
+            "AcquisitionStatus": Node("boolean", False, fixed=True, read=self._ready),
+            "TriggerSelector": Node("enumeration", "FrameStart", symbols=triggers),
+            "TriggerMode": Node("enumeration", "Off", symbols=("Off", "On"), selector="TriggerSelector"),
+            "TriggerSource": Node("enumeration", "Software", symbols=inputs, selector="TriggerSelector"),
+            "TriggerActivation": Node(
+                "enumeration", "RisingEdge", symbols=("RisingEdge", "FallingEdge"), selector="TriggerSelector"
+            ),
+            "TriggerDelay": Node("float", 0.0, lambda: 0.0, lambda: 1e6, 0.1, selector="TriggerSelector"),
+            "ExposureMode": Node(
+                "enumeration", "Timed", symbols=("Timed", "TriggerWidth") if model.gated else ("Timed",)
+            ),
+            "ExposureAuto": Node("enumeration", "Continuous", symbols=("Off", "Continuous")),
+            "ExposureTime": Node("float", 10_000.0, lambda: 20.0, lambda: 10e6, 0.5),
+            "GainAuto": Node("enumeration", "Off", symbols=("Off", "Continuous")),
+            "Gain": Node("float", 0.0, lambda: 0.0, lambda: 24.0, 0.1),
+            "SensorReadoutTime": Node("float", model.readout_s / US, fixed=True),
+            "DeviceTemperature": Node("float", 41.5, fixed=True),
+        }
+        if model.stamped:
+            nodes["TimestampLatch"] = Node("command", run=self._latch)
+            nodes["TimestampLatchValue"] = Node("integer", fixed=True, read=lambda: self._latched_ns)
+        if model.chunks:
+            nodes["ChunkModeActive"] = Node("boolean", False)
+            nodes["ChunkSelector"] = Node("enumeration", "Image", symbols=("Image", "Timestamp", "ExposureTime"))
+            nodes["ChunkEnable"] = Node("boolean", False, selector="ChunkSelector")
+        return nodes
+
+    def _sizes(self) -> dict[str, Node]:
+        """Make the sizes: what an offset takes, a size cannot have."""
+        found: dict[str, Node] = {}
+
+        def left_by(name: str, largest: int) -> Callable[[], float]:
+            return lambda: largest - float(found[name].value)
+
+        for size, offset, largest, step in (
+            ("Height", "OffsetY", self.model.height, 2),
+            ("Width", "OffsetX", self.model.width, 4),
+        ):
+            least = float(2 * step)
+            found[f"{size}Max"] = Node("integer", largest, fixed=True)
+            found[size] = Node("integer", largest, partial(float, least), left_by(offset, largest), step, locked=True)
+            found[offset] = Node("integer", 0, high=left_by(size, largest), step=step, locked=True)
+        return found

@@ -1,0 +1,145 @@
+"""The features of the GenICam twin: what the Standard Features Naming Convention says that they are.
+
+From SFNC 2.7 (EMVA): section 4 Image Format Control (Width shrinks what OffsetX may be and the other way round; sizes
+are locked while streaming), section 6 Acquisition Control (each trigger has a mode of its own, chosen by
+TriggerSelector; times are microseconds; ExposureMode TriggerWidth exposes while the line is held), section 7 Analog
+Control (gain), section 16 Chunk Data Control, section 19 Transport Layer Control (TLParamsLocked); TimestampLatch and
+TimestampLatchValue of section 3.
+
+Here: `NodeTable`: values, limits, locks. Not here: the camera behind them (`genicam`).
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Literal
+
+from gs2ci_drivers.ports import Feature, FeatureRefusalError, FeatureValue
+
+Kind = Literal["integer", "float", "boolean", "enumeration", "string", "command", "other"]
+Limit = Callable[[], float]
+
+
+@dataclass
+class Node:
+    """One feature.
+
+    Args:
+        kind: What it holds.
+        value: What it is now.
+        low: Its least value.
+        high: Its largest value.
+        step: Its step.
+        symbols: Its entries.
+        fixed: Whether it can only be read.
+        locked: Whether it cannot be written while streaming.
+        selector: The feature by whose entries it has values of its own.
+        read: Makes its value where it is none that was written.
+        run: What a command does.
+    """
+
+    kind: Kind
+    value: FeatureValue = 0
+    low: Limit = lambda: 0.0
+    high: Limit = lambda: 0.0
+    step: float = 1.0
+    symbols: tuple[str, ...] = ()
+    fixed: bool = False
+    locked: bool = False
+    selector: str = ""
+    read: Callable[[], FeatureValue] | None = None
+    run: Callable[[], None] | None = None
+    by_entry: dict[str, FeatureValue] = field(default_factory=dict)
+
+
+class NodeTable:
+    """All features of a camera.
+
+    Args:
+        nodes: The features by name.
+        streaming: Tells whether the camera streams.
+    """
+
+    def __init__(self, nodes: dict[str, Node], streaming: Callable[[], bool]) -> None:
+        self._nodes = nodes
+        self._streaming = streaming
+
+    def describe(self, name: str) -> Feature | None:
+        """Return what a feature is now; None where there is none."""
+        node = self._nodes.get(name)
+        if node is None:
+            return None
+        return Feature(
+            kind=node.kind,
+            readable=node.kind != "command",
+            writable=not node.fixed and not (node.locked and self._streaming()),
+            low=node.low(),
+            high=node.high(),
+            step=node.step,
+            symbols=node.symbols,
+        )
+
+    def read(self, name: str) -> FeatureValue:
+        """Return a feature's value.
+
+        Raises:
+            FeatureRefusalError: Not there, or a command.
+        """
+        node = self._node(name)
+        if node.kind == "command":
+            raise FeatureRefusalError(f"{name} cannot be read")
+        if node.read is not None:
+            return node.read()
+        return node.by_entry.get(self._entry(node), node.value) if node.selector else node.value
+
+    def of(self, name: str, entry: str) -> FeatureValue:
+        """Return the value that a selected feature has for one entry of its selector."""
+        node = self._node(name)
+        return node.by_entry.get(entry, node.value)
+
+    def write(self, name: str, value: FeatureValue) -> None:
+        """Set a feature.
+
+        Raises:
+            FeatureRefusalError: Not there, fixed, locked, or a value that it cannot have.
+        """
+        node = self._node(name)
+        if node.fixed or node.kind == "command":
+            raise FeatureRefusalError(f"{name} cannot be written")
+        if node.locked and self._streaming():
+            raise FeatureRefusalError(f"{name} is locked while streaming (TLParamsLocked)")
+        if node.kind == "enumeration" and value not in node.symbols:
+            raise FeatureRefusalError(f"{name} has no entry {value!r}")
+        if node.kind in ("integer", "float"):
+            number = float(value)
+            if not node.low() <= number <= node.high():
+                raise FeatureRefusalError(f"{name} = {value} is not in {node.low()} to {node.high()}")
+            if node.kind == "integer" and (number - node.low()) % node.step:
+                raise FeatureRefusalError(f"{name} = {value} is no multiple of {node.step} from {node.low()}")
+            value = int(number) if node.kind == "integer" else round(number / node.step) * node.step
+        if node.selector:
+            node.by_entry[self._entry(node)] = value
+        else:
+            node.value = value
+
+    def execute(self, name: str) -> None:
+        """Run a command.
+
+        Raises:
+            FeatureRefusalError: Not there, or no command.
+        """
+        node = self._node(name)
+        if node.run is None:
+            raise FeatureRefusalError(f"{name} is no command")
+        node.run()
+
+    def number(self, name: str) -> float:
+        """Return a number."""
+        return float(self.read(name))
+
+    def _entry(self, node: Node) -> str:
+        return str(self._nodes[node.selector].value)
+
+    def _node(self, name: str) -> Node:
+        if name not in self._nodes:
+            raise FeatureRefusalError(f"there is no feature {name}")
+        return self._nodes[name]

@@ -1,0 +1,140 @@
+"""A panel on a video output, as the twin below `ScreenPort`: refreshes by its own clock, a picture late, a photodiode.
+
+What it follows: an output that is refreshed at a fixed rate and takes a picture at the next refresh (double buffering,
+as eglSwapBuffers and glXSwapBuffers with a swap interval of 1 are specified); electronics of displays that hold
+pictures back by whole refreshes; a photodiode with a comparator before a patch of the panel, which drives a trigger
+line and lets no light of that patch through.
+
+Here: `ScreenTwin`. Not here: a real X display (`tests/drivers/links/test_sdl_screen.py`).
+"""
+
+from errno import ENODEV
+from math import floor
+
+import numpy as np
+
+from gs2ci.core.arrays import U8
+from gs2ci_drivers.ports import ScreenOutput
+from gs2ci_sims.faults import FaultSet, declare
+from gs2ci_sims.world import World
+
+UNPLUGGED = declare("screen.unplugged", "the display is unplugged (ENODEV)")
+DOUBLED = declare("screen.doubled", "a picture stays on show for two refreshes")
+DROPPED = declare("screen.dropped", "two pictures are taken within one refresh: the first is never seen")
+
+TOP = 255
+
+
+class ScreenTwin:
+    """A second display and what hangs on it.
+
+    Args:
+        world: Clock, trigger line `<name>.out`, and where masks are shown.
+        faults: What will go wrong.
+        name: Prefix of its trigger line.
+        height: Rows.
+        width: Columns.
+        refresh_hz: Pictures a second.
+        frames_late: Refreshes by which its electronics hold a picture back.
+        patch: First row and column, rows and columns before the photodiode.
+    """
+
+    def __init__(
+        self,
+        world: World,
+        faults: FaultSet | None = None,
+        *,
+        name: str = "screen0",
+        height: int = 1080,
+        width: int = 1920,
+        refresh_hz: float = 60.0,
+        frames_late: int = 0,
+        patch: tuple[int, int, int, int] | None = None,
+    ) -> None:
+        self.faults = faults or FaultSet()
+        self.output = ScreenOutput("TWIN-1", height, width, refresh_hz)
+        self.refreshes = 0
+        """How many pictures were taken."""
+        self._world, self._clock = world, world.clock
+        self._line = f"{name}.out"
+        self._late_s = frames_late / refresh_hz
+        self._patch = patch
+        self._plugged = True
+        self._opened = False
+        self._shown: U8 | None = None
+        self.fault = ""
+
+    def unplug(self) -> None:
+        """Take the display off: it goes dark."""
+        self._plugged = self._opened = False
+        self._show(None)
+
+    def plug_in(self) -> None:
+        """Put it back."""
+        self._plugged = True
+
+    def list_outputs(self) -> list[ScreenOutput]:
+        """List the output where it is plugged in."""
+        return [self.output] if self._plugged else []
+
+    def open(self, name: str = "") -> ScreenOutput:
+        """Cover the output.
+
+        Raises:
+            OSError: ENODEV: not plugged in.
+        """
+        del name
+        if self.faults.take(UNPLUGGED, "open"):
+            self.unplug()
+        if not self._plugged:
+            raise OSError(ENODEV, "no video output; there are: none")
+        self._opened = True
+        return self.output
+
+    def flip(self, levels: U8) -> int:
+        """Take a picture at the next refresh and return when that was."""
+        if self.faults.take(UNPLUGGED, "flip"):
+            self.unplug()
+        if not self._plugged or not self._opened:
+            raise OSError(ENODEV, "the video output is gone")
+        period_s = 1 / self.output.refresh_hz
+        now_s = self._clock.now_s()
+        following = floor(now_s / period_s + 1e-6) + 1
+        if self.faults.take(DOUBLED):
+            following += 1
+        if self.faults.take(DROPPED):
+            following = floor(now_s / period_s + 1e-6)
+        due_s = following * period_s
+        picture = np.array(levels)
+        self._clock.at(due_s + self._late_s, lambda: self._show(picture) if self._opened else None)
+        self._clock.sleep_s(due_s - now_s)
+        self.refreshes += 1
+        return self._clock.now_ns()
+
+    def clock_ns(self) -> int:
+        """Get the time of the simulated computer."""
+        return self._clock.now_ns()
+
+    def close(self) -> None:
+        """Uncover the output, which is dark then."""
+        if self._opened:
+            self._opened = False
+            self._show(None)
+
+    def _show(self, picture: U8 | None) -> None:
+        dark = picture is None or not picture.any()
+        lit = False
+        if not dark and self._patch is not None:
+            assert picture is not None
+            top, left, height, width = self._patch
+            lit = bool(picture[top : top + height, left : left + width].mean() > TOP / 2)
+            picture[top : top + height, left : left + width] = 0
+            dark = not picture.any()
+        shown = None if dark else picture
+        # A panel that is given what it shows goes on showing it.
+        both = shown is not None and self._shown is not None
+        same = shown is self._shown or (both and bool(np.array_equal(np.asarray(shown), np.asarray(self._shown))))
+        if not same:
+            self._world.show_mask(shown, TOP)
+        self._shown = shown
+        self._world.bus.drive(self._line, lit)

@@ -1,0 +1,204 @@
+"""Using gs2ci from Python as a user does: arrays in, runs out, interruptions, notebooks, the same errors."""
+
+import sys
+import webbrowser
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import torch
+
+import gs2ci
+from gs2ci.api import display
+from gs2ci.api.display import NotebookDisplay, QuietDisplay, interrupted_within, open_display
+
+
+def test_a_shot_is_made_of_arrays_of_any_kind():
+    masks = np.arange(4 * 6 * 8).reshape(4, 6, 8) % 3 == 0
+    mine = gs2ci.Shot(np.ones((6, 8, 1)), masks, intrinsics=[[9, 0, 4], [0, 9, 3], [0, 0, 1]]).check()
+    theirs = gs2ci.Shot(
+        torch.ones(6, 8, 1, requires_grad=True), torch.from_numpy(masks), torch.ones(4), intrinsics=mine.intrinsics
+    ).check()
+    for name, kind in (("measurement", "f4"), ("masks", "f4"), ("weights", "f4"), ("intrinsics", "f8")):
+        assert getattr(mine, name).dtype == kind
+        np.testing.assert_array_equal(getattr(mine, name), getattr(theirs, name))
+
+
+def test_what_holds_no_numbers_is_refused():
+    with pytest.raises(gs2ci.InputError, match=r"masks of a shot is str.*allowed: a numpy array, a torch tensor"):
+        gs2ci.Shot(np.ones((6, 8, 1)), "masks.npy")
+    with pytest.raises(gs2ci.InputError, match="--poses is object"):
+        gs2ci.import_file("measurement.npz", poses=object())
+
+
+def test_a_shot_file_takes_no_guesses_beside_it_and_a_foreign_one_tells_them(examples):
+    with pytest.raises(gs2ci.InputError, match=r"shot.h5 is a shot file.*leave focal_px out"):
+        gs2ci.load("shot.h5", focal_px=3.0)
+    assert gs2ci.load("measurement.npz").provenance["guesses"]
+    with pytest.raises(gs2ci.InputError, match="no measurement 3"):
+        gs2ci.load("measurement.npz", index=3)
+
+
+def test_a_shot_is_saved_once_unless_told_otherwise(examples):
+    shot = gs2ci.load("shot.h5")
+    gs2ci.save("two.h5", [shot, replace(shot, measurement=2 * shot.measurement)])
+    with pytest.raises(gs2ci.StorageError, match=r"two\.h5"):
+        gs2ci.save("two.h5", shot)
+    gs2ci.save("two.h5", shot, overwrite=True)
+
+
+def test_a_run_in_memory_is_the_run_that_was_saved(examples, filled):
+    shot = gs2ci.load("shot.h5")
+    run = gs2ci.reconstruct(shot, "draft", iterations=2, progress=gs2ci.Silent())
+    assert run.folder is None
+    with pytest.raises(gs2ci.StorageError, match=r"no folder yet.*save"):
+        run.page()
+    with pytest.raises(gs2ci.InputError, match=r"no folder yet.*save"):
+        gs2ci.measure(run, (1, 1), (2, 2))
+    assert "<!doctype html>" in run.page("page.html").read_text().lower()
+    assert run.save("mine") == run.folder
+    again = gs2ci.open_run("mine")
+    for name in ("views", "path", "decode", "scene_views", "depth", "depth_spread", "depth_confidence"):
+        np.testing.assert_allclose(getattr(again, name), getattr(run, name), atol=1e-9)
+    torch.testing.assert_close(again.scene.means, run.scene.means.float())
+    assert again.report.psnr_db == run.report.psnr_db
+    assert gs2ci.open_run(again.save("copy")).report == again.report
+    assert again.save("mine") == run.folder
+    with pytest.raises(gs2ci.StorageError, match="mine"):
+        gs2ci.open_run("copy").save("mine")
+    (examples / "copy" / "decode.npy").write_bytes(b"")
+    with pytest.raises(gs2ci.StorageError, match="no whole run"):
+        gs2ci.open_run("copy")
+
+
+class Stopped(gs2ci.Silent):
+    """A user who presses Ctrl-C at the third step of a stage."""
+
+    def step(self, done, **figures):
+        if done >= 3:
+            raise KeyboardInterrupt
+
+
+def test_an_interruption_leaves_everything_usable(examples):
+    shot = gs2ci.load("shot.h5")
+    before = shot.measurement.copy()
+    with pytest.raises(KeyboardInterrupt):
+        gs2ci.reconstruct(shot, "draft", iterations=8, progress=Stopped())
+    np.testing.assert_array_equal(shot.measurement, before)
+    again = gs2ci.decode(shot, iterations=4, progress=gs2ci.Silent())
+    assert np.isfinite(again.views).all()
+    with gs2ci.open_rig("rig.toml") as rig:
+        with pytest.raises(KeyboardInterrupt):
+            rig.calibrate("bench.cal.h5", "dark-flat", progress=Stopped())
+        assert not (examples / "bench.cal.h5").exists()
+        assert rig.capture(progress=gs2ci.Silent()).views == 4
+
+
+def test_an_interruption_that_compiled_code_hides_is_one():
+    def entered():
+        try:
+            raise KeyboardInterrupt
+        except KeyboardInterrupt as error:
+            raise SystemError("dispatcher") from error
+
+    with pytest.raises(KeyboardInterrupt), interrupted_within():
+        entered()
+    with pytest.raises(SystemError), interrupted_within():
+        raise SystemError("another")
+
+
+@pytest.mark.parametrize(
+    ("call", "arguments", "command"),
+    [
+        (gs2ci.reconstruct, {"shot": "shot.h5", "iterations": 0}, "reconstruct shot.h5 --iterations 0"),
+        (gs2ci.reconstruct, {"shot": "no.h5"}, "reconstruct no.h5"),
+        (gs2ci.decode, {"shot": "shot.h5", "denoiser": "nlm"}, "decode shot.h5 --denoiser nlm"),
+        (gs2ci.measure, {"run": "run", "one": (99, 0), "other": (1, 1)}, "measure run 99,0 1,1"),
+        (gs2ci.plan, {"rig": "rig.toml", "tolerance_dn": 0.0}, "plan rig.toml --tolerance-dn 0"),
+        (gs2ci.evaluate, {"run": "run", "shot": "shot.h5", "electrons": 5.0}, "evaluate run shot.h5 --electrons 5"),
+    ],
+)
+def test_errors_say_the_same_as_on_the_command_line(call, arguments, command, examples, request, capsys):
+    with pytest.raises(gs2ci.Gs2ciError) as refused:
+        call(**arguments)
+    typed = request.getfixturevalue("gs2ci")
+    assert typed(*command.split()) == 2
+    assert f"error: {refused.value.problem}" in capsys.readouterr().err
+
+
+def test_words_that_the_parser_would_refuse_are_refused(examples):
+    shot = gs2ci.load("shot.h5")
+    for wrong in ({"preset": "quick"}, {"proxy": "tv"}, {"registration": "on"}):
+        with pytest.raises(gs2ci.InputError, match=next(iter(wrong.values()))):
+            gs2ci.reconstruct(shot, progress=gs2ci.Silent(), **wrong)
+    with pytest.raises(gs2ci.InputError, match="no method"):
+        gs2ci.decode(shot, "tv")
+    with pytest.raises(gs2ci.InputError, match="network"):
+        gs2ci.export_model("unet", "weights.pth")
+
+
+def test_the_number_of_shots_of_one_plan_is_not_that_of_the_next(examples):
+    with gs2ci.open_rig("rig.toml") as rig:
+        assert rig.plan(shots=3, progress=gs2ci.Silent()).plan.settings.shots == 3
+        rig.record("one.h5", progress=gs2ci.Silent())
+    assert gs2ci.load("one.h5").truth.views is not None
+    with pytest.raises(gs2ci.StorageError):
+        gs2ci.load("one.h5", index=1)
+
+
+def test_showing_a_run_opens_its_page_in_the_browser(examples, monkeypatch):
+    opened = []
+    monkeypatch.setattr(webbrowser, "open", lambda address: opened.append(address) or True)
+    gs2ci.open_run("run").show()
+    assert opened == [(examples / "run" / "report.html").as_uri()]
+
+
+@pytest.fixture
+def notebook(monkeypatch):
+    """Be a notebook's kernel; returns what it was told to show."""
+    shown = []
+
+    class Handle:
+        def update(self, drawn):
+            shown.append(drawn.data)
+
+    module = SimpleNamespace(
+        HTML=lambda text: SimpleNamespace(data=text),
+        display=lambda drawn, **how: shown.append(drawn.data) or Handle(),
+    )
+    monkeypatch.setitem(
+        sys.modules, "IPython", SimpleNamespace(get_ipython=lambda: SimpleNamespace(kernel=1), display=module)
+    )
+    monkeypatch.setitem(sys.modules, "IPython.display", module)
+    return shown
+
+
+def test_a_notebook_shows_a_bar_in_place_and_the_page_in_a_frame(notebook, examples):
+    assert isinstance(open_display(), NotebookDisplay)
+    with open_display() as progress:
+        progress.stage("fit", 10)
+        progress.say("a <sentence>")
+        progress.expect(4)
+        progress.step(2, psnr_db=20.0)
+        progress.finish()
+    assert 'value="4"' in notebook[-1]
+    assert "a &lt;sentence&gt;" in notebook[-1]
+    gs2ci.open_run("run").show()
+    assert notebook[-1].startswith('<iframe srcdoc="&lt;!doctype html&gt;')
+    assert len(notebook[-1]) > 10_000
+
+
+def test_silence_can_be_asked_for(monkeypatch, capsys):
+    monkeypatch.setenv(display.QUIET_VARIABLE, "1")
+    assert isinstance(open_display(), QuietDisplay)
+    with open_display() as quiet:
+        quiet.stage("fit", 3)
+        quiet.expect(2)
+        quiet.step(1)
+        quiet.say("a sentence")
+        quiet.finish()
+    assert capsys.readouterr().out == ""
+    monkeypatch.setattr("builtins.input", lambda: "")
+    quiet.ask("put the lens cap on")
+    assert "lens cap" in capsys.readouterr().err

@@ -1,0 +1,75 @@
+"""One side of `checkouts`: reads measurements as lines of JSON, reconstructs each, and answers with lines of JSON.
+
+It is run by any checkout's packages since bb9e2cb, so that it asks for nothing that came later.
+"""
+
+import json
+import os
+import sys
+import time
+from dataclasses import replace
+from typing import Any, TypedDict
+
+from gs2ci.evaluate.run_report import build_report
+from gs2ci.reconstruct.pipeline import reconstruct
+from gs2ci.reconstruct.presets import preset
+from gs2ci.tables.cases import Case
+from tests.benchmarks.depth import between
+
+
+class Asked(TypedDict):
+    """A measurement and how to reconstruct it; `file` is "" for a scene of the simulator, `size` None for all of it."""
+
+    name: str
+    file: str
+    size: list[int] | None
+    seed: int
+    preset: str
+
+
+class Found(TypedDict):
+    """What came out; None where it is not known."""
+
+    seconds: float
+    psnr_db: float
+    nate: float | None
+    median_px: float | None
+    far_off: float | None
+
+
+def answer(asked: Asked) -> Found:
+    """Reconstruct one measurement; the seed draws its masks and noise, and all that the reconstruction draws."""
+    size: Any = None if asked["size"] is None else tuple(asked["size"])
+    scene = "" if asked["file"] else asked["name"]
+    shot = Case(asked["name"], file=asked["file"], scene=scene, size=size).shot(asked["seed"])
+    settings = preset(asked["preset"])  # type: ignore[arg-type]
+    if "GS2CI_MOTION" in os.environ and hasattr(settings, "motion"):
+        settings = replace(settings, motion=os.environ["GS2CI_MOTION"])  # type: ignore[arg-type]
+    began_s = time.process_time()
+    found = reconstruct(shot, replace(settings, seed=settings.seed + asked["seed"]))
+    seconds = time.process_time() - began_s
+    report = build_report(shot, found.result)
+    errors = None if report.depth is None else report.depth.errors()
+    if errors is None and asked["name"].endswith("antinous") and size is None:
+        # Its true disparity is that of a place between two cameras.
+        errors = between(found)
+    return {
+        "seconds": seconds,
+        "psnr_db": float("nan") if report.psnr_db is None else report.psnr_db.mean,
+        "nate": None if report.trajectory is None else report.trajectory.nate,
+        "median_px": None if errors is None else errors.median_px,
+        "far_off": None if errors is None else errors.far_off_share,
+    }
+
+
+def main() -> None:
+    """Answer until nothing more is asked."""
+    # What a stage prints goes where errors go: the pipe is for answers.
+    answers = os.fdopen(os.dup(1), "w")
+    os.dup2(2, 1)
+    for line in sys.stdin:
+        print(json.dumps(answer(json.loads(line))), file=answers, flush=True)
+
+
+if __name__ == "__main__":
+    main()

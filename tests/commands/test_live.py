@@ -1,0 +1,26 @@
+"""`gs2ci live`: where it is, and that it leaves a bench at rest."""
+
+from gs2ci.commands import live
+from gs2ci.rig.live import bench as live_bench
+from tests.rig.live.conftest import RIG
+
+
+def test_it_says_where_the_bench_is_and_closes_it(tmp_path, monkeypatch, capsys):
+    path = tmp_path / "rig.toml"
+    path.write_text(RIG.format(kind="v4l2", format="Y12", world=""))
+    closed = []
+    close = live_bench.LiveBench.close
+
+    def note(bench):
+        close(bench)
+        closed.append(bench.armed)
+
+    monkeypatch.setattr(live_bench.LiveBench, "close", note)
+
+    def interrupted():
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(live, "wait_for_the_end", interrupted)
+    live.run(rig=path, port=0)
+    assert "the bench is at http://127.0.0.1:" in capsys.readouterr().out
+    assert closed == [[]]

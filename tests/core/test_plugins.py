@@ -1,0 +1,99 @@
+"""Packages that add to gs2ci, sound and broken, as they lie on the path once they are installed."""
+
+import sys
+
+import pytest
+
+from gs2ci.core.plugins import GROUPS, PluginError, allowed, installed, load, names
+
+RULES = "gs2ci.density_rules"
+
+
+@pytest.fixture
+def package(tmp_path, monkeypatch):
+    """Install a package of one module by the metadata that pip would write."""
+
+    def install(name, entries, source="RULE = 7\n"):
+        folder = tmp_path / name
+        information = folder / f"{name}-1.5.dist-info"
+        information.mkdir(parents=True)
+        (information / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}\nVersion: 1.5\n")
+        text = "".join(f"[{group}]\n" + "".join(f"{a} = {b}\n" for a, b in of.items()) for group, of in entries.items())
+        (information / "entry_points.txt").write_text(text)
+        (folder / f"{name}.py").write_text(source)
+        monkeypatch.syspath_prepend(folder)
+        monkeypatch.delitem(sys.modules, name, raising=False)
+        return folder
+
+    return install
+
+
+def test_a_plug_in_is_found_by_its_name_and_says_where_it_comes_from(package):
+    package("mine", {RULES: {"seven": "mine:RULE"}})
+    assert load(RULES, "seven") == 7
+    assert "seven" in names(RULES)
+    assert allowed(RULES, ("osgr",)) == "osgr, seven"
+    (plugin,) = [one for one in installed() if one.name == "seven"]
+    assert (plugin.origin, plugin.target, plugin.problem) == ("mine 1.5", "mine:RULE", "")
+
+
+def test_a_name_that_nobody_brings_is_none():
+    assert load(RULES, "nobodys") is None
+
+
+@pytest.mark.parametrize(
+    ("source", "said"),
+    [
+        ("import nothing_of_that_name\n", "ModuleNotFoundError: No module named 'nothing_of_that_name'"),
+        ("OTHER = 1\n", "AttributeError"),
+        ("raise RuntimeError('half installed')\n", "RuntimeError: half installed"),
+    ],
+)
+def test_one_that_is_broken_is_named_with_its_package_and_stops_no_other(package, source, said):
+    package("broken", {RULES: {"bad": "broken:RULE"}}, source)
+    package("sound", {RULES: {"good": "sound:RULE"}})
+    with pytest.raises(PluginError, match=r"the plug-in 'bad' of broken 1\.5 cannot be used"):
+        load(RULES, "bad")
+    told = {one.name: one.problem for one in installed()}
+    assert said in told["bad"]
+    assert told["good"] == ""
+    assert load(RULES, "good") == 7
+
+
+def test_two_of_one_name_are_both_left_out(package):
+    package("first", {RULES: {"same": "first:RULE"}})
+    package("second", {RULES: {"same": "second:RULE"}})
+    with pytest.raises(PluginError, match="both bring one of that name"):
+        load(RULES, "same")
+
+
+def test_a_package_that_is_on_the_path_twice_is_one(package, monkeypatch, tmp_path):
+    folder = package("mine", {RULES: {"seven": "mine:RULE"}})
+    monkeypatch.syspath_prepend(str(folder) + "/.")
+    assert load(RULES, "seven") == 7
+
+
+def test_our_own_names_cannot_be_taken(package):
+    package("bold", {RULES: {"osgr": "bold:RULE"}})
+    (plugin,) = [one for one in installed({RULES: ("osgr",)}) if one.package == "bold"]
+    assert "itself" in plugin.problem
+
+
+def test_every_group_says_where_its_names_are_typed():
+    assert all(group.startswith("gs2ci.") and used for group, used in GROUPS.items())
+
+
+def test_the_command_lists_them_and_names_the_broken(package, gs2ci, capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "200")
+    package("mine", {RULES: {"seven": "mine:RULE"}, "gs2ci.scenes": {"moon": "mine:MOON"}})
+    assert gs2ci("plugins") == 0
+    out = capsys.readouterr().out
+    assert "mine 1.5" in out
+    assert "gs2ci reconstruct --density" in out
+    assert "moon of mine 1.5 is left out: AttributeError" in out
+
+
+def test_without_plug_ins_the_command_says_how_to_make_one(gs2ci, capsys, monkeypatch):
+    monkeypatch.setattr("gs2ci.commands.plugins.installed", lambda _: [])
+    assert gs2ci("plugins") == 0
+    assert "docs/plugins.md" in capsys.readouterr().out

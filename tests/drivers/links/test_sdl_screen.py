@@ -1,0 +1,148 @@
+"""A modulator on a real X display: Xvfb, whose pixels are read back from its frame buffer."""
+
+import errno
+import os
+import shutil
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+
+from gs2ci.core.clock import WallClock
+from gs2ci_drivers.failures import DisconnectedError, UnsupportedError
+from gs2ci_drivers.links.sdl_screen import SdlScreen
+from gs2ci_drivers.pattern_sequence import PatternSequence, TriggerOut
+from gs2ci_drivers.ports import ScreenPort
+from gs2ci_drivers.video_out.driver import VideoOut
+from gs2ci_drivers.video_out.options import VideoOutOptions
+from tests.patience import HANG_S
+
+HEIGHT, WIDTH = 120, 160
+
+
+def read_back(path):
+    """Read an X window dump (XWDFile.h of the X Window System, version 7) of 32-bit pixels, [H, W, 3] RGB."""
+    raw = path.read_bytes()
+    head = np.frombuffer(raw, ">u4", 25)
+    size, width, height, line, colours = (int(head[i]) for i in (0, 4, 5, 12, 19))
+    pixels = np.frombuffer(raw, np.uint8, line * height, size + 12 * colours).reshape(height, line)
+    blue_green_red = pixels[:, : 4 * width].reshape(height, width, 4)[:, :, :3]
+    return blue_green_red[:, :, ::-1]
+
+
+@pytest.fixture
+def display(tmp_path, monkeypatch):
+    """Start an X server without a screen; return the file that its pixels are in."""
+    binary = shutil.which("Xvfb")
+    if binary is None:
+        pytest.skip("no Xvfb on this machine")
+    pytest.importorskip("sdl2", reason="the extra `video` is not installed")
+    reading, writing = os.pipe()
+    command = [binary, "-displayfd", str(writing), "-screen", "0", f"{WIDTH}x{HEIGHT}x24", "-fbdir", str(tmp_path)]
+    with (tmp_path / "log").open("wb") as log:
+        server = subprocess.Popen(command, pass_fds=(writing,), stdout=log, stderr=log)
+    os.close(writing)
+    try:
+        with os.fdopen(reading) as told:
+            number = told.readline().strip()
+        if not number:
+            pytest.skip(f"{binary} does not run here: {(tmp_path / 'log').read_text()[-200:]}")
+        monkeypatch.setenv("DISPLAY", f":{number}")
+        monkeypatch.setenv("SDL_VIDEODRIVER", "x11")
+        yield tmp_path / "Xvfb_screen0"
+    finally:
+        server.terminate()
+        server.wait(HANG_S)
+
+
+@pytest.fixture
+def screen(display):
+    port = SdlScreen("slm")
+    yield port
+    port.close()
+
+
+def seen(display, wanted):
+    """Wait until the display shows this; X draws a moment after it was told."""
+    until = time.monotonic() + HANG_S
+    while not (same := np.array_equal(read_back(display), wanted)) and time.monotonic() < until:
+        time.sleep(0.005)
+    return same
+
+
+def grey(levels):
+    return levels[:, :, None].repeat(3, axis=2)
+
+
+def test_the_output_is_listed_covered_and_given_back(display, screen):
+    assert isinstance(screen, ScreenPort)
+    (output,) = screen.list_outputs()
+    assert (output.height, output.width, output.refresh_hz) == (HEIGHT, WIDTH, 60.0)
+    assert screen.open(output.name) == output
+    assert seen(display, np.zeros((HEIGHT, WIDTH, 3), np.uint8))
+    screen.close()
+    screen.close()
+    assert screen.open("") == output
+
+
+def test_every_level_of_every_pixel_arrives(display, screen):
+    screen.open("")
+    rng = np.random.default_rng(0)
+    for _ in range(3):
+        levels = rng.integers(0, 256, (HEIGHT, WIDTH), dtype=np.uint8)
+        screen.flip(levels)
+        assert seen(display, grey(levels))
+
+
+def test_pictures_follow_each_other_at_the_refresh_rate(screen):
+    screen.open("")
+    levels = np.zeros((HEIGHT, WIDTH), np.uint8)
+    times_ns = [screen.flip(levels) for _ in range(31)]
+    # No picture comes early, whatever else the machine does; how late is its business.
+    assert (times_ns[-1] - times_ns[0]) * 1e-9 >= 29 / 60
+    assert times_ns == sorted(times_ns)
+
+
+def test_masks_are_seen_on_the_display_through_the_driver(display, screen):
+    modulator = VideoOut("slm", screen, WallClock(), VideoOutOptions(kind="video", bright_level=200, port="last"))
+    info = modulator.connect()
+    masks = np.zeros((2, info.height, info.width), np.uint8)
+    masks[0, :, :80], masks[1, 30:60] = 1, 1
+    modulator.upload(PatternSequence(masks, 1, 0.5, repeats=0, trigger=TriggerOut.NONE))
+    modulator._show_dark()
+    for mask in masks:
+        with_levels = modulator.levels(mask, 1)
+        screen.flip(with_levels)
+        assert seen(display, grey(200 * mask))
+    modulator.disarm()
+    assert seen(display, np.zeros((HEIGHT, WIDTH, 3), np.uint8))
+    modulator.close()
+
+
+def test_an_output_of_another_name_is_refused_with_those_there_are(screen):
+    modulator = VideoOut("slm", screen, WallClock(), VideoOutOptions(kind="video", port="HDMI-7"))
+    with pytest.raises(DisconnectedError, match="no video output 'HDMI-7'; there are: "):
+        modulator.connect()
+
+
+def test_without_a_display_or_the_extra_it_says_so(monkeypatch):
+    with pytest.raises(OSError, match="not open") as caught:
+        SdlScreen("slm").flip(np.zeros((2, 2), np.uint8))
+    assert caught.value.errno == errno.ENODEV
+    monkeypatch.setitem(sys.modules, "sdl2", None)
+    with pytest.raises(UnsupportedError, match=r"pip install 'gs2ci\[video\]'"):
+        SdlScreen("slm").list_outputs()
+
+
+def test_a_computer_without_any_display_has_no_output(monkeypatch):
+    pytest.importorskip("sdl2", reason="the extra `video` is not installed")
+    monkeypatch.setenv("SDL_VIDEODRIVER", "x11")
+    monkeypatch.setenv("DISPLAY", ":4242")
+    with pytest.raises(OSError, match="is DISPLAY set"):
+        SdlScreen("slm").list_outputs()
+    monkeypatch.delenv("DISPLAY")
+    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+    with pytest.raises(OSError, match="neither DISPLAY nor WAYLAND_DISPLAY is set"):
+        SdlScreen("slm").list_outputs()

@@ -1,0 +1,50 @@
+"""The kernel's eigenvectors against LAPACK's, in float64."""
+
+import numpy as np
+import pytest
+
+from gs2ci.reconstruct.decode.patches.eigen import eigen_rows
+
+
+def decompose(matrix):
+    size = len(matrix)
+    vectors, lines = np.empty((size, size), np.float32), np.empty((4, size), np.float32)
+    eigen_rows(matrix.astype(np.float32), vectors, *lines)
+    return lines[0], vectors
+
+
+def check(matrix):
+    values, vectors = decompose(matrix)
+    scale = max(np.abs(matrix).max(), 1e-20)
+    np.testing.assert_allclose(np.sort(values), np.linalg.eigvalsh(matrix), atol=5e-6 * len(matrix) * scale)
+    np.testing.assert_allclose(vectors @ vectors.T, np.eye(len(matrix)), atol=2e-5)
+    np.testing.assert_allclose(vectors.T * values @ vectors, matrix, atol=1e-5 * len(matrix) * scale)
+
+
+@pytest.mark.parametrize("size", [1, 2, 3, 16, 25, 36, 49])
+@pytest.mark.parametrize("rank", [1, 5, 60])
+def test_covariances_of_any_rank(size, rank):
+    rng = np.random.default_rng(size + rank)
+    factors = rng.normal(size=(size, rank)) * 3
+    check(factors @ factors.T)
+
+
+@pytest.mark.parametrize("scale", [1e-12, 1e-4, 1e6])
+def test_any_unit(scale):
+    factors = np.random.default_rng(0).normal(size=(12, 20))
+    check(scale * factors @ factors.T)
+
+
+@pytest.mark.parametrize(
+    "matrix",
+    [
+        np.zeros((5, 5)),
+        np.eye(6),
+        np.ones((7, 7)),
+        np.diag([3.0, 0.0, 1.0, 1.0]),
+        np.diag(np.full(5, 2.0)) + np.diag(np.ones(4), 1) + np.diag(np.ones(4), -1),
+        np.diag([1.0, 1e-7, 1e7]),
+    ],
+)
+def test_matrices_with_equal_or_far_apart_eigenvalues(matrix):
+    check(matrix)

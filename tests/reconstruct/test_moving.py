@@ -1,0 +1,250 @@
+"""When a scene is let move: the regression, the beginnings, the judgement, and what is said of it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+from scipy.ndimage import gaussian_filter, shift
+
+from gs2ci.core.errors import InputError
+from gs2ci.core.findings import Code
+from gs2ci.core.records import Shot, Truth
+from gs2ci.evaluate.metrics import psnr_per_view
+from gs2ci.evaluate.moments import render_moments
+from gs2ci.evaluate.report import read_report
+from gs2ci.evaluate.run_folder import write_run
+from gs2ci.reconstruct import moving
+from gs2ci.reconstruct.fit.coarse import CoarseSettings
+from gs2ci.reconstruct.fit.motion import ObjectMotionSettings, at_rest_until_moved, of_degree, set_moving
+from gs2ci.reconstruct.fit.rendering import ShotRenderer, mask_times
+from gs2ci.reconstruct.fit.stopping import HoldOut
+from gs2ci.reconstruct.geometry.flow import still_flow, velocity
+from gs2ci.reconstruct.geometry.initialise import Geometry
+from gs2ci.reconstruct.measurement.jury import Jury
+from gs2ci.reconstruct.measurement.moving import left_by_motion
+from gs2ci.reconstruct.pipeline import reconstruct
+from gs2ci.reconstruct.settings import Settings
+from gs2ci.render.backend import load_backend
+from gs2ci.render.gaussians import Gaussians
+
+VIEWS, HEIGHT, WIDTH = 6, 48, 64
+STEP_PX = 1.5
+CAMERA = np.array([[60.0, 0, WIDTH / 2], [0, 60.0, HEIGHT / 2], [0, 0, 1]])
+QUICK = Settings(
+    fit=CoarseSettings(iterations=120, densify_every=20, hold_out=HoldOut(look_every=20)),
+    fits=1,
+    look_again=False,
+    seed=1,
+)
+
+
+def texture(seed, blur=1.5):
+    noise = gaussian_filter(np.random.default_rng(seed).random((HEIGHT, WIDTH)), blur)
+    return ((noise - noise.min()) / np.ptp(noise)).astype(np.float32)
+
+
+def thing_before_a_wall(step_px):
+    """Views [N, H, W, 1] from a camera at rest: a wall, and a thing before it that goes to the right."""
+    wall, thing, views = texture(1), texture(2), []
+    for i in range(VIEWS):
+        along = step_px * (i - (VIEWS - 1) / 2)
+        inside = np.zeros((HEIGHT, WIDTH))
+        inside[14:34, 20:42] = 1
+        inside = shift(inside, (0, along), order=1)
+        views.append(inside * shift(thing, (0, along), order=1, mode="nearest") + (1 - inside) * wall)
+    return np.stack(views)[..., None].astype(np.float32)
+
+
+def exposed(views):
+    masks = (np.random.default_rng(5).random(views.shape[:3]) < 0.4).astype(np.float32)
+    measurement = (masks[..., None] * views).sum(axis=0)
+    weights = np.ones(len(views), np.float32)
+    return Shot(measurement, masks, weights, intrinsics=CAMERA, truth=Truth(views=views)).check()
+
+
+def at_rest(views=VIEWS, reference=VIEWS // 2):
+    poses = np.tile(np.eye(4), (views, 1, 1))
+    depth = np.ones((HEIGHT, WIDTH), np.float32)
+    return Geometry(poses, CAMERA, "file", depth, reference, 0, 0.0, 0.0, "static", ())
+
+
+def times():
+    return mask_times(VIEWS).double().numpy()
+
+
+@pytest.fixture(scope="module")
+def moved():
+    shot = exposed(thing_before_a_wall(STEP_PX))
+    return shot, reconstruct(shot, QUICK)
+
+
+def test_masks_are_open_evenly_from_minus_one_to_one():
+    assert mask_times(5).tolist() == [-1, -0.5, 0, 0.5, 1]
+    assert mask_times(1).tolist() == [0]
+
+
+def test_flow_finds_what_moves_and_leaves_the_rest_at_rest():
+    found = velocity(thing_before_a_wall(STEP_PX), at_rest(), times())
+    # Half the exposure is two and a half steps between masks.
+    assert np.median(found[20:28, 27:36, 0]) == pytest.approx(2.5 * STEP_PX, rel=0.3)
+    assert np.abs(np.median(found[:, :12], axis=(0, 1))).max() < 0.1
+
+
+def test_flow_of_a_scene_at_rest_is_that_of_its_camera():
+    poses = np.tile(np.eye(4), (VIEWS, 1, 1))
+    poses[:, 0, 3] = STEP_PX / 60 * (np.arange(VIEWS) - VIEWS // 2)
+    geometry = replace(at_rest(), world_to_camera=poses)
+    np.testing.assert_allclose(still_flow(geometry, VIEWS - 1)[..., 0], STEP_PX * (VIEWS - 1 - VIEWS // 2), atol=1e-9)
+    sliding = np.stack([shift(texture(1), (0, STEP_PX * (i - VIEWS // 2)), order=1) for i in range(VIEWS)])[..., None]
+    assert np.abs(np.median(velocity(sliding, geometry, times())[8:-8, 8:-8])) < 0.15
+
+
+@pytest.mark.parametrize("size", [(8, 64), (64, 8)])
+def test_tiny_pictures_show_no_flow(size):
+    geometry = replace(at_rest(), inverse_depth=np.ones(size, np.float32))
+    assert not velocity(np.zeros((VIEWS, *size, 1), np.float32), geometry, times()).any()
+
+
+def test_first_gaussians_take_over_the_flow_in_scene_units():
+    views = thing_before_a_wall(STEP_PX)
+    # One in the middle of the thing, one on the wall, one behind the camera.
+    means = torch.tensor([[0.0, 0.0, 2.0], [-0.9, 0.0, 2.0], [0.0, 0.0, -1.0]])
+    start = Gaussians(means, torch.zeros(3, 3), torch.zeros(3, 4), torch.zeros(3), torch.zeros(3, 3))
+    found = set_moving(start, at_rest(), views, ObjectMotionSettings(rows=2))
+    assert found.motion is not None
+    assert found.motion.shape == (3, 2, 3)
+    assert float(found.motion[0, 0, 0]) == pytest.approx(2.5 * STEP_PX * 2 / 60, rel=0.3)
+    assert not found.motion[1:].any()
+    assert not found.motion[:, 1].any()
+    reference_time = float(times()[VIEWS // 2])
+    torch.testing.assert_close(found.at(reference_time).means, means)
+
+
+def test_every_second_fit_has_all_rows():
+    scene = at_rest_until_moved(
+        Gaussians(torch.zeros(2, 3), torch.zeros(2, 3), torch.zeros(2, 4), torch.zeros(2), torch.zeros(2, 3)),
+        ObjectMotionSettings(rows=2),
+    )
+    rows = [of_degree(scene, number).motion.shape[1] for number in range(4)]
+    assert rows == [1, 2, 1, 2]
+    still = scene.at(0.0)
+    assert of_degree(still, 0) is still
+
+
+def test_what_moves_costs_by_its_way_and_what_rests_nothing():
+    scene = at_rest_until_moved(
+        Gaussians(torch.zeros(2, 3), torch.zeros(2, 3), torch.zeros(2, 4), torch.zeros(2), torch.zeros(2, 3)),
+        ObjectMotionSettings(rows=1),
+    )
+    settings = ObjectMotionSettings(cost=0.1)
+    resting = float(settings.penalty(scene, 60.0, 100))
+    scene.motion[0, 0, 0] = 5 / 60
+    assert float(settings.penalty(scene, 60.0, 100)) - resting == pytest.approx(0.1 * 5 / 100, rel=0.01)
+    assert settings.penalty(scene.at(0.0), 60.0, 100) == 0
+
+
+@pytest.mark.parametrize("wrong", [{"rows": 0}, {"rows": 9}, {"cost": -1.0}, {"cost": float("inf")}])
+def test_senseless_motion_is_refused(wrong):
+    with pytest.raises(InputError, match="a motion of"):
+        ObjectMotionSettings(**wrong).check()
+
+
+def test_unknown_motion_is_refused():
+    with pytest.raises(InputError, match="motion 'perhaps'"):
+        replace(QUICK, motion="perhaps").check()
+
+
+def test_residual_that_follows_the_times_speaks_for_motion_and_noise_does_not():
+    views = thing_before_a_wall(STEP_PX)
+    shot = exposed(views)
+    jury = Jury.of(shot, 0.02, 0)
+    still = np.repeat(views.mean(axis=0, keepdims=True), VIEWS, axis=0)
+    found = left_by_motion(jury, still, times())
+    assert found.explained > 0.05
+    assert found.velocity_px[1, 1, 0] > 0
+    noisy = replace(
+        shot,
+        measurement=shot.measurement
+        + np.random.default_rng(0).normal(0, 0.1, shot.measurement.shape).astype(np.float32),
+    )
+    chance = left_by_motion(Jury.of(noisy, 0.02, 0), views, times())
+    assert chance.explained < 0.02
+    assert chance.surely < 0.1
+
+
+def test_views_that_explain_everything_leave_nothing():
+    views = thing_before_a_wall(STEP_PX)
+    found = left_by_motion(Jury.of(exposed(views), 0.02, 0), views, times())
+    assert (found.explained, found.surely) == (0, 0) or found.explained < 0.02
+
+
+def test_nothing_lit_says_nothing():
+    shot = exposed(thing_before_a_wall(STEP_PX))
+    dark = replace(shot, saturated=np.ones(shot.size, bool))
+    found = left_by_motion(Jury(dark, np.zeros(shot.size, bool)), shot.truth.views, times())
+    assert (found.explained, found.surely) == (0, 0)
+    assert not found.velocity_px.any()
+
+
+def test_thing_that_moves_is_found_to_move(moved):
+    shot, found = moved
+    result = found.result
+    assert result.motion["moves"]
+    assert result.motion["tried"]
+    assert found.scene.motion is not None
+    assert Code.SCENE_MOVES in [note.code for note in result.notes]
+    still = reconstruct(shot, replace(QUICK, motion="off")).result
+    gained = np.mean(psnr_per_view(result.views, shot.truth.views)) - np.mean(
+        psnr_per_view(still.views, shot.truth.views)
+    )
+    assert gained > 1
+    assert result.displacement is not None
+    assert 0.05 < result.motion["pixels_share"] < 0.9
+
+
+def test_run_folder_keeps_the_motion_and_shows_moments(moved, tmp_path):
+    shot, found = moved
+    folder = write_run(tmp_path / "run", shot, found.result, found.scene, moments=4)
+    motion = np.load(folder / "motion.npy")
+    assert motion.shape == tuple(found.scene.motion.shape)
+    assert (folder / "motion.png").is_file()
+    assert sorted(path.suffix for path in (folder / "moments").iterdir()) == [".ply"] * 4 + [".png"] * 4
+    section = read_report(folder).motion
+    assert section is not None
+    assert section.moves
+    assert section.median_px == pytest.approx(found.result.motion["median_px"])
+    assert "What moves" in (folder / "report.html").read_text(encoding="utf-8")
+    with pytest.raises(InputError, match="1 moments"):
+        write_run(tmp_path / "other", shot, found.result, found.scene, moments=1)
+
+
+def test_moment_of_a_mask_is_its_view(moved):
+    shot, found = moved
+    seen = render_moments(shot, found.result, found.scene, times())
+    np.testing.assert_allclose(seen, found.result.scene_views, atol=1e-4)
+
+
+def test_still_scene_stays_still():
+    wall = np.repeat(texture(1)[None, ..., None], VIEWS, axis=0)
+    result = reconstruct(exposed(wall), QUICK).result
+    assert not result.motion["moves"]
+    assert result.displacement is None
+
+
+def test_even_wall_that_slides_along_itself_is_not_seen_to_move():
+    shot = exposed(thing_before_a_wall(0.0))
+    one = Gaussians(
+        means=torch.tensor([[0.0, 0.0, 1.0]]),
+        log_scales=torch.full((1, 3), 2.0),
+        quaternions=torch.tensor([[1.0, 0, 0, 0]]),
+        opacity_logits=torch.tensor([4.0]),
+        colours=torch.full((1, 3), 0.5),
+        motion=torch.tensor([[[0.05, 0, 0]]]),
+    )
+    renderer = ShotRenderer(shot, CAMERA, load_backend())
+    seen = moving.speeds(renderer, one, np.tile(np.eye(4), (VIEWS, 1, 1)))
+    assert seen is not None
+    assert (seen.pixels_share, seen.most_px) == (0, 0)
+    assert seen.gaussians_share == pytest.approx(1)
+    assert moving.speeds(renderer, one.at(0.0), np.tile(np.eye(4), (VIEWS, 1, 1))) is None

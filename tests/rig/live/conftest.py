@@ -1,0 +1,77 @@
+"""A small simulated bench, live, and a browser to press its buttons."""
+
+import pytest
+
+from gs2ci.rig.live.bench import LiveBench
+from gs2ci.rig.live.server import LiveServer
+from gs2ci.rig.opening import load_rig
+from tests.evaluate.pages.conftest import tab  # noqa: F401 - a fixture
+
+RIG = """
+name = "small"
+[modulator]
+kind = "dlpc900"
+port = "simulated"
+trigger_out_2_bit = "disables"
+[sensor]
+kind = "{kind}"
+port = "simulated"
+height = 96
+width = 128
+format = "{format}"
+black_level_dn = 64.0
+full_well_e = 10700.0
+electrons_per_dn = 2.7
+[stage]
+kind = "zaber"
+port = "simulated"
+axes = {{ x = 1 }}
+microstep_mm = {{ x = 0.000047625 }}
+[stage.mount]
+x = [1.0, 0.0, 0.0]
+[registration]
+superpixel = 2
+[capture]
+masks = 4
+density = 0.5
+mask_s = 0.02
+axis = "x"
+from_mm = 74.0
+to_mm = 75.0
+[optics]
+full_scale_e_per_s = 100000.0
+[world]
+scene = "planes"
+scene_units_per_mm = 0.02
+height = 96
+width = 128
+{world}
+"""
+
+
+@pytest.fixture
+def make_live(tmp_path):
+    """Begin a live bench; it is closed at the end."""
+    begun = []
+
+    def make(kind="v4l2", world="", tables=""):
+        path = tmp_path / "rig.toml"
+        form = "Y12" if kind == "v4l2" else "Mono12"
+        path.write_text(RIG.format(kind=kind, format=form, world=world) + tables)
+        bench = LiveBench(load_rig(path))
+        bench.begin()
+        begun.append(bench)
+        return bench
+
+    yield make
+    for bench in begun:
+        bench.close()
+
+
+@pytest.fixture
+def served(make_live):
+    """Serve a live bench."""
+    bench = make_live()
+    server = LiveServer(bench)
+    yield bench, server
+    server.stop()

@@ -1,0 +1,210 @@
+"""A live bench by its actions: what it shows, what it tells, and that nothing stays armed."""
+
+import sys
+import time
+
+import cv2
+import numpy as np
+import pytest
+
+from gs2ci.core.errors import InputError
+from gs2ci.rig.live import bench as live_bench
+from gs2ci.rig.live.bench import LiveBench
+from gs2ci.rig.opening import load_rig
+from gs2ci_drivers.failures import AccessError, OutOfRangeError
+from tests.patience import HANG_S
+
+
+def wait_for(bench, done):
+    until = time.monotonic() + HANG_S
+    while not done(bench.view()) and time.monotonic() < until:
+        time.sleep(0.01)
+    assert done(bench.view()), bench.view().state
+    return bench.view()
+
+
+def pictures(bench, count=2):
+    """Wait until so many more pictures have come."""
+    number = bench.view().number + count
+    return wait_for(bench, lambda view: view.number >= number)
+
+
+def at_rest(bench):
+    world = bench._rig.bench.world
+    now_s = world.clock.now_s()
+    return not world.masks_between(now_s - 1e-6, now_s) and not bench._rig.bench.sensor.streaming
+
+
+def test_nothing_is_armed_before_a_button_is_pressed(make_live):
+    bench = make_live()
+    assert bench.armed == []
+    assert at_rest(bench)
+    state = bench.view().state
+    assert (state["kind"], state["masks"], state["shown"]) == ("simulated", 4, "dark")
+    assert state["axes"]["x"]["min_mm"] == 0.0
+
+
+@pytest.mark.parametrize("kind", ["v4l2", "genicam"])
+def test_the_camera_shows_what_the_modulator_shows(make_live, kind):
+    bench = make_live(kind)
+    bench.act("camera", on=True)
+    dark = pictures(bench).state["figures"]
+    bench.act("show", what="open")
+    assert bench.armed == ["the modulator shows everything open", "the camera streams"]
+    view = pictures(bench)
+    assert view.state["figures"]["mean_dn"] > dark["mean_dn"] + 100
+    picture = cv2.imdecode(np.frombuffer(view.picture, np.uint8), cv2.IMREAD_COLOR)
+    assert picture.shape == (96, 128, 3)
+    assert picture.std() > 5
+    assert sum(view.state["figures"]["histogram"]) == 96 * 128
+    bench.act("show", what="dark")
+    assert pictures(bench).state["figures"]["mean_dn"] == pytest.approx(dark["mean_dn"], abs=1.0)
+    bench.act("camera", on=False)
+    assert bench.armed == []
+    assert at_rest(bench)
+
+
+def test_saturation_grows_with_the_exposure_and_is_told(make_live):
+    bench = make_live()
+    bench.act("camera", on=True)
+    bench.act("show", what="open")
+    shares = []
+    for seconds in (0.005, 1.0):
+        bench.act("exposure", seconds=seconds)
+        shares.append(pictures(bench).state["figures"]["saturated"])
+    assert shares[0] < 0.01
+    assert shares[1] > 0.9
+
+
+def test_the_residual_of_a_mask_is_where_the_bench_has_it(make_live):
+    world = "[world.effects.misregistration]\nright_px = 3.0\ndown_px = -2.0\n"
+    bench = make_live(world=world)
+    bench.act("camera", on=True)
+    bench.act("exposure", seconds=0.03)
+    bench.act("show", what="mask", index=1)
+    residual = pictures(bench, 3).state["residual"]
+    assert len(residual["arrows"]) >= 4
+    # The effect moves the modulator's pixels, of which two make one of the sensor's.
+    found = (residual["down_px"], residual["right_px"])
+    assert np.hypot(*found) > 0.5
+    for _, _, down, right in residual["arrows"]:
+        assert (down, right) == pytest.approx(found, abs=1.01)
+    bench.act("show", what="sequence")
+    assert pictures(bench).state["residual"] is None
+
+
+def test_a_mask_goes_dark_by_itself_unless_somebody_is_there(make_live, monkeypatch):
+    monkeypatch.setattr(live_bench, "HOLD_S", 2.0)
+    monkeypatch.setattr(live_bench, "RENEWED_S", 1.5)
+    bench = make_live()
+    world = bench._rig.bench.world
+    bench.act("show", what="mask", index=0)
+    begin_s = world.clock.now_s()
+    wait_for(bench, lambda view: world.clock.now_s() - begin_s > 5.0)
+    assert not at_rest(bench)  # it was begun anew
+    # As if the process were gone: nobody begins it anew, and nobody says goodbye.
+    monkeypatch.setattr(bench, "_renew", lambda: world.clock.sleep_s(0.1))
+    begin_s = world.clock.now_s()
+    wait_for(bench, lambda view: world.clock.now_s() - begin_s > 3.0)
+    assert at_rest(bench)
+
+
+def test_the_stage_is_jogged_within_its_limits(make_live):
+    bench = make_live()
+    before = bench.view().state["axes"]["x"]["mm"]
+    bench.act("jog", axis="x", mm=0.5)
+    assert bench.view().state["axes"]["x"]["mm"] == pytest.approx(before + 0.5, abs=1e-3)
+    with pytest.raises(InputError, match="x by at most 10 mm"):
+        bench.act("jog", axis="x", mm=11.0)
+    with pytest.raises(InputError, match="jog 'y'"):
+        bench.act("jog", axis="y", mm=1.0)
+    for _ in range(int(bench.view().state["axes"]["x"]["mm"] // 10)):
+        bench.act("jog", axis="x", mm=-10.0)
+    with pytest.raises(OutOfRangeError, match="allowed"):
+        bench.act("jog", axis="x", mm=-10.0)
+    assert any("allowed" in note for note in bench.view().state["notes"])
+
+
+def test_one_exposure_is_taken_and_decoded(make_live):
+    bench = make_live()
+    bench.act("camera", on=True)
+    bench.act("take")
+    view = bench.view()
+    assert bench.armed == []
+    assert at_rest(bench)
+    assert view.state["taken"]["views"] == len(view.views) == 4
+    shown = cv2.imdecode(np.frombuffer(view.views[0], np.uint8), cv2.IMREAD_UNCHANGED)
+    assert shown.shape[:2] == (96, 128)
+    assert shown.std() > 5
+
+
+def test_without_what_decodes_it_says_what_to_install(make_live, monkeypatch):
+    bench = make_live()
+    monkeypatch.setitem(sys.modules, "torch", None)
+    for name in [name for name in sys.modules if name.startswith("gs2ci.reconstruct.decode")]:
+        monkeypatch.delitem(sys.modules, name)
+    with pytest.raises(InputError, match=r"torch, which is not installed"):
+        bench.act("take")
+
+
+@pytest.mark.parametrize(
+    ("action", "given", "text"),
+    [
+        ("explode", {}, "camera, show, exposure, jog, take, disarm"),
+        ("show", {"what": "cat"}, "dark, open, mask, sequence"),
+        ("show", {"what": "mask", "index": 4}, "0 to 3"),
+        ("exposure", {"seconds": 1e9}, "an exposure of"),
+        ("camera", {"off": True}, "camera with"),
+    ],
+)
+def test_what_cannot_be_is_refused_and_changes_nothing(make_live, action, given, text):
+    bench = make_live()
+    with pytest.raises(InputError, match=text):
+        bench.act(action, **given)
+    assert bench.armed == []
+
+
+def test_a_bench_without_a_stage_says_so(tmp_path, make_live):
+    bench = make_live()
+    monkey = bench._devices
+    object.__setattr__(monkey, "stage", None)
+    with pytest.raises(InputError, match="no stage"):
+        bench.act("jog", axis="x", mm=1.0)
+
+
+def test_a_device_that_goes_away_is_told_and_the_rest_is_disarmed(make_live):
+    bench = make_live()
+    bench.act("show", what="open")
+    bench.act("camera", on=True)
+    pictures(bench)
+    bench._rig.bench.sensor.unplug()
+    view = wait_for(bench, lambda view: not view.state["armed"])
+    assert any("gone" in note or "went away" in note for note in view.state["notes"])
+    with pytest.raises(AccessError, match="no such node"):
+        bench.act("camera", on=True)
+    bench._rig.bench.sensor.plug_in()
+    bench.act("camera", on=True)
+    pictures(bench)
+
+
+def test_a_closed_bench_is_at_rest_and_refuses(make_live):
+    bench = make_live()
+    bench.act("show", what="sequence")
+    bench.act("camera", on=True)
+    bench.close()
+    bench.close()
+    assert bench.armed == []
+    assert at_rest(bench)
+    with pytest.raises(InputError, match="the bench is closed"):
+        bench.act("disarm")
+
+
+def test_a_bench_that_does_not_answer_is_closed_again(tmp_path, make_live):
+    make_live()
+    bench = LiveBench(load_rig(tmp_path / "rig.toml"))
+    bench._rig.bench.sensor.unplug()
+    with pytest.raises(Exception, match="sensor"):
+        bench.begin()
+    bench._rig.bench.sensor.plug_in()
+    bench.begin()
+    bench.close()

@@ -1,0 +1,230 @@
+"""Three benches by the command line, from the doctor to judged views, and each with one part of it spoiled.
+
+`doctor`, `calibrate`, `capture`, `reconstruct`, in this process and on a virtual clock: a DMD behind a DLPC900 with a
+Zaber stage, a serial modulator with a GRBL stage, and a liquid-crystal panel with grey masks; the sensor is a V4L2
+camera each time. The light comes through misregistered, leaking, blurred masks. What calibration found is compared with
+what the simulator knows, and the views with those of the same readings where masks and path are the true ones.
+
+Not here: depth and path. On pictures as small as these, blurred by the motion during a mask, neither is found
+reliably, although a stage told the path. Left out of the calibration are `camera` and `stage`, which want a board
+larger than the picture (`tests/calibration/geometry`), and, on the panel, `timing`: its own response and the trigger's
+delay reach the light as one.
+"""
+
+import sys
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gs2ci import cli
+from gs2ci.core.storage import read_shot, write_shots
+from gs2ci.evaluate.report import Report, read_report
+from gs2ci.rig.intent import intended
+from gs2ci.rig.opening import load_rig
+from gs2ci.tables.truth import BenchTruth, truth_of
+from gs2ci_calibration.bundle import Bundle, read_bundle
+from tests.calibration.random_benches import compare
+
+BITS = 12
+# Enough for the views of such pictures; below 250 nobody tries which order of depth is right.
+ITERATIONS = 240
+
+COMMON = """
+[sensor]
+kind = "v4l2"
+height = 48
+width = 64
+format = "Y12"
+black_level_dn = 64.0
+full_well_e = 10700.0
+electrons_per_dn = 2.7
+[stage.mount]
+x = [1.0, 0.0, 0.0]
+[calibration]
+frames = 6
+mask_frames = 3
+[optics]
+full_scale_e_per_s = 100000.0
+[world]
+scene = "planes"
+scene_units_per_mm = 0.02
+seed = 1
+height = 48
+width = 64
+flat_radiance = 0.8
+[world.effects.misregistration]
+right_px = 0.6
+down_px = -0.4
+turn_mrad = 2.0
+[world.effects.finite_contrast]
+contrast = 30.0
+[world.effects.modulator_psf]
+sigma_px = 0.4
+"""
+CAPTURE = """
+[capture]
+masks = 8
+density = 0.25
+mask_s = 0.02
+mode = "per-exposure"
+shots = 1
+axis = "x"
+"""
+DLPC900 = f"""
+name = "DLPC900, V4L2, Zaber"
+[modulator]
+kind = "dlpc900"
+trigger_out_2_bit = "disables"
+[stage]
+kind = "zaber"
+[registration]
+superpixel = 2
+{CAPTURE}
+from_mm = 73.0
+to_mm = 77.0
+{COMMON}
+"""
+SERIAL = f"""
+name = "serial modulator, V4L2, GRBL"
+[modulator]
+kind = "scpi"
+[stage]
+kind = "grbl"
+{CAPTURE}
+from_mm = -62.0
+to_mm = -58.0
+{COMMON}
+"""
+LCOS = f"""
+name = "LCoS, V4L2, GRBL"
+[modulator]
+kind = "scpi"
+[stage]
+kind = "grbl"
+{CAPTURE}
+bit_depth = 8
+from_mm = -62.0
+to_mm = -58.0
+{COMMON}
+[world.effects.lcos_response]
+tau_s = 3e-4
+"""
+STEPS = ("dark-flat", "sensor", "timing", "registration", "masks")
+UNTIMED = tuple(step for step in STEPS if step != "timing")
+BENCHES = {"DLPC900": (DLPC900, STEPS), "serial": (SERIAL, STEPS), "LCoS": (LCOS, UNTIMED)}
+
+
+def typed(*arguments: object) -> int | str | None:
+    """Type a command; return its exit status."""
+    before = sys.argv
+    sys.argv = ["gs2ci", *map(str, arguments)]
+    try:
+        return cli.main()
+    except SystemExit as end:
+        return end.code
+    finally:
+        sys.argv = before
+
+
+def truth_behind(rig_file: Path) -> tuple[BenchTruth, np.ndarray]:
+    """Return what is true of a rig file's bench, and the masks of its capture as they fall on the sensor."""
+    rig = load_rig(rig_file)
+    assert rig.bench is not None
+    devices = rig.open()
+    try:
+        shown = intended(rig, devices)[1].masks
+    finally:
+        devices.close()
+    truth = truth_of(rig.bench, BITS)
+    return truth, truth.masks(shown, int(shown.max()))
+
+
+@dataclass
+class Accepted:
+    """What came of a bench."""
+
+    bundle: Bundle
+    truth: BenchTruth
+    masks: np.ndarray
+    report: Report
+    known: Report
+
+
+@pytest.fixture(scope="module", params=BENCHES)
+def accepted(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Accepted:
+    """Take a bench the whole way, and reconstruct its shot once more with everything known."""
+    text, steps = BENCHES[request.param]
+    folder = tmp_path_factory.mktemp("bench")
+    rig, bundle, shot = folder / "rig.toml", folder / "bench.cal.h5", folder / "shot.h5"
+    rig.write_text(text)
+    assert typed("doctor", "--rig", rig) == 0
+    for step in steps:
+        assert typed("calibrate", step, "--rig", rig, "-o", bundle) == 0, step
+    assert typed("capture", "--rig", rig, "-o", shot, "--calibration", bundle) == 0
+    truth, masks = truth_behind(rig)
+    taken = read_shot(shot)
+    known = replace(taken, masks=masks, telemetry_world_to_camera=taken.truth.world_to_camera)
+    write_shots(folder / "known.h5", [known])
+    for name in ("shot", "known"):
+        options = ("--iterations", ITERATIONS, "--fits", 1, "-o", folder / name)
+        assert typed("reconstruct", folder / f"{name}.h5", *options) == 0
+    return Accepted(read_bundle(bundle), truth, masks, read_report(folder / "shot"), read_report(folder / "known"))
+
+
+def test_a_calibrated_bench_shows_its_scene_as_well_as_one_of_which_everything_is_known(accepted):
+    found, known = accepted.report.psnr_db.mean, accepted.known.psnr_db.mean
+    assert found > known - 0.5
+    assert found > accepted.report.decode.psnr_db.mean + 3
+
+
+def test_the_standard_errors_that_the_calibration_states_are_true(accepted):
+    """Two standard errors hold 95 %: of single figures most, of maps nine tenths at least."""
+    sections = {name: section for name, section in accepted.bundle.sections.items() if name != "masks"}
+    compared = [one for section in sections.values() for one in compare(section, accepted.truth)]
+    figures = {one.name: one.within for one in compared if one.within in (0.0, 1.0)}
+    assert len(figures) >= 6
+    assert np.mean(list(figures.values())) >= 0.75, figures
+    for one in compared:
+        assert one.within in (0.0, 1.0) or one.within > 0.9, one
+    masks = accepted.bundle.sections["masks"].estimates["masks"]
+    assert masks.agrees(accepted.masks).mean() > 0.9
+    assert np.sqrt(np.mean((masks.value - accepted.masks) ** 2)) < 0.01
+
+
+SPOILED = {
+    "a DMD mounted upside down": (
+        DLPC900.replace("[world]\n", "[world]\nquarter_turns = 2\n"),
+        ("dark-flat", "registration"),
+        "registration: modulator flipped",
+    ),
+    "a lamp that flickers": (
+        SERIAL.replace("flat_radiance = 0.8", "flat_radiance = 4.0")
+        + "[world.effects.illumination_flicker]\ndepth = 0.6\n",
+        ("dark-flat",),
+        "dark-flat: lamp flickers",
+    ),
+    "a panel slower than its masks": (
+        LCOS.replace("tau_s = 3e-4", "tau_s = 1e-3"),
+        ("dark-flat", "registration", "masks"),
+        "masks: bad fit: of mask 7's time on show an exposure spans",
+    ),
+}
+
+
+@pytest.mark.parametrize("what", SPOILED)
+def test_a_bench_with_one_part_spoiled_is_refused_for_the_right_reason(what, tmp_path, capsys):
+    text, (*before, last), reason = SPOILED[what]
+    rig, bundle = tmp_path / "rig.toml", tmp_path / "bench.cal.h5"
+    rig.write_text(text)
+    for step in before:
+        assert typed("calibrate", step, "--rig", rig, "-o", bundle) == 0, step
+    capsys.readouterr()
+    assert typed("calibrate", last, "--rig", rig, "-o", bundle) == 2
+    told = capsys.readouterr().err
+    assert f"error: {reason}" in told
+    assert "what to do: " in told
+    # And nothing is captured with what is left of it.
+    assert typed("capture", "--rig", rig, "-o", tmp_path / "shot.h5", "--calibration", bundle) == 2
+    assert not (tmp_path / "shot.h5").exists()

@@ -1,0 +1,123 @@
+"""What `pip install gs2ci` alone can do: a computer at a bench, without torch and all else that an extra brings."""
+
+import ast
+import json
+import os
+import subprocess
+import sys
+import tomllib
+from importlib.metadata import packages_distributions
+from pathlib import Path
+
+import pytest
+
+from gs2ci import __version__, cli
+from gs2ci.core.extras import EXTRAS, missing_extra
+
+ROOT = Path(__file__).resolve().parents[1]
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+MISSING = sorted({module for modules in EXTRAS.values() for module in modules})
+
+# In a process of its own: modules of the extras cannot be found, and the scene's light, which torch renders, is off.
+PRELUDE = """
+import sys
+MISSING = {missing}
+class Absent:
+    def find_spec(self, name, path=None, target=None):
+        if name.partition(".")[0] in MISSING:
+            raise ModuleNotFoundError(f"No module named {{name!r}}", name=name)
+sys.meta_path.insert(0, Absent())
+import gs2ci.rig.simulated as simulated
+from gs2ci_sims.world import Darkness
+lit = simulated.build_bench
+simulated.build_bench = lambda table, light=None: lit(table, light or Darkness())
+from gs2ci import cli
+for line in {lines}:
+    sys.argv = ["gs2ci", *line]
+    status = cli.main()
+    print("status", status, *line[:1], flush=True)
+heavy = sorted(name for name in MISSING if name in sys.modules)
+print("heavy", heavy)
+"""
+
+
+def run_without_extras(lines, folder):
+    code = PRELUDE.format(missing=MISSING, lines=json.dumps(lines))
+    path = os.pathsep.join([str(ROOT / name) for name in (".", "drivers", "calibration", "sims")])
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        cwd=folder,
+        env={**os.environ, "PYTHONPATH": path},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr[-3000:]
+    return done
+
+
+def test_a_bench_is_captured_and_files_are_handled_and_the_rest_says_what_to_install(tmp_path):
+    rig = ROOT / "docs" / "rigs" / "simulated.toml"
+    lines = [
+        ["capture", "--rig", str(rig), "-o", "shot.h5"],
+        ["devices", "--rig", str(rig)],
+        ["recover", "nothing.h5"],
+        ["plugins"],
+        ["reconstruct", "shot.h5"],
+        ["demo", "-o", "demo"],
+    ]
+    done = run_without_extras(lines, tmp_path)
+    said = [line for line in done.stdout.splitlines() if line.startswith(("status", "heavy"))]
+    assert said == [
+        "status 0 capture",
+        "status 0 devices",
+        "status 2 recover",
+        "status 0 plugins",
+        "status 2 reconstruct",
+        "status 2 demo",
+        "heavy []",
+    ]
+    assert (tmp_path / "shot.h5").is_file()
+    assert done.stderr.count("pip install 'gs2ci[reconstruct]'") == 2
+
+
+def test_what_each_extra_brings_is_what_the_error_names():
+    distributions = packages_distributions()
+    for extra, modules in EXTRAS.items():
+        required = {line.partition(">")[0] for line in PROJECT["optional-dependencies"][extra]}
+        for module in modules:
+            named = distributions.get(module)
+            # dask comes with distributed; what is not installed here has the module's name.
+            assert named is None or module == "dask" or required & {name.lower() for name in named}, module
+
+
+def test_nothing_of_an_extra_is_needed_by_default():
+    required = {line.partition(">")[0] for line in PROJECT["dependencies"]}
+    extra = {line.partition(">")[0] for line in PROJECT["optional-dependencies"]["reconstruct"]}
+    assert not required & extra
+    imported = set()
+    for folder in ("gs2ci/core", "gs2ci/rig", "drivers", "calibration"):
+        for path in (ROOT / folder).rglob("*.py"):
+            for node in ast.parse(path.read_text(encoding="utf-8")).body:
+                if isinstance(node, ast.Import):
+                    imported |= {(alias.name.partition(".")[0], path.name) for alias in node.names}
+                elif isinstance(node, ast.ImportFrom) and node.module:
+                    imported.add((node.module.partition(".")[0], path.name))
+    assert [(module, name) for module, name in sorted(imported) if module in MISSING] == []
+
+
+def test_a_missing_module_of_nobody_is_an_error_of_ours():
+    assert missing_extra(ModuleNotFoundError("x", name="nowhere")) is None
+    assert "gs2ci[view]" in missing_extra(ModuleNotFoundError("x", name="viser.extras")).remedy
+
+
+def test_a_module_of_ours_that_is_missing_is_not_hidden(monkeypatch, gs2ci):
+    monkeypatch.setitem(cli.COMMANDS, "plugins", ("gs2ci.commands.nothing", ""))
+    with pytest.raises(ModuleNotFoundError):
+        gs2ci("plugins")
+
+
+def test_the_version_stands_in_one_place():
+    assert PROJECT["dynamic"] == ["version"]
+    assert "version" not in PROJECT
+    assert f"\nversion: {__version__}\n" in (ROOT / "CITATION.cff").read_text()

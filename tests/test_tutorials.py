@@ -1,0 +1,37 @@
+"""The notebooks of docs/tutorials do what they say, each in a kernel and a folder of its own."""
+
+from pathlib import Path
+
+import nbformat
+import pytest
+from nbclient import NotebookClient
+
+from tests.patience import HANG_S
+
+TUTORIALS = sorted((Path(__file__).parents[1] / "docs" / "tutorials").glob("*.ipynb"))
+
+
+def test_there_are_five():
+    assert [path.name.split("-")[0] for path in TUTORIALS] == list("12345")
+
+
+@pytest.mark.parametrize("path", TUTORIALS, ids=lambda path: path.stem)
+def test_they_carry_no_output_of_somebody_elses_machine(path):
+    notebook = nbformat.read(path, as_version=4)
+    nbformat.validate(notebook)
+    assert all(not cell.get("outputs") and cell.get("execution_count") is None for cell in notebook.cells)
+
+
+# The kernel's library for its sockets opens them in ways that warn on some platforms; what counts is the cells.
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize("path", TUTORIALS, ids=lambda path: path.stem)
+def test_they_run(path, tmp_path, monkeypatch):
+    monkeypatch.setenv("GS2CI_HOME", str(tmp_path / "home"))
+    monkeypatch.setenv("IPYTHONDIR", str(tmp_path / "ipython"))
+    notebook = nbformat.read(path, as_version=4)
+    NotebookClient(notebook, timeout=HANG_S, resources={"metadata": {"path": str(tmp_path)}}).execute()
+    outputs = [output for cell in notebook.cells for output in cell.get("outputs", [])]
+    kinds = {kind for output in outputs for kind in output.get("data", {})}
+    assert kinds & {"text/html", "text/markdown"}
+    assert not [output for output in outputs if output.output_type == "error" or output.get("name") == "stderr"]

@@ -1,0 +1,156 @@
+"""`make wheel`: build sdist and wheel, install the wheel into empty environments away from the checkout, and use it.
+
+    python -m tests.wheel [-o dist] [--quick]
+
+The wheel is built from the unpacked sdist, so that the sdist is known to be complete. Two environments: what a bench's
+computer installs (`pip install gs2ci`), where a bench is captured without torch; and `gs2ci[reconstruct]`, where the
+demo runs small. With --quick the second one borrows the packages of this environment, so that no gigabyte is fetched.
+"""
+
+import argparse
+import os
+import shutil
+import subprocess
+import sys
+import sysconfig
+import tarfile
+import tempfile
+import time
+import venv
+from collections.abc import Sequence
+from pathlib import Path
+
+from gs2ci.cli import COMMANDS
+
+ROOT = Path(__file__).resolve().parents[1]
+CONSTRAINTS = ROOT / "constraints.txt"
+# What a bench's computer does: the light of the simulated scene, which torch renders, is off.
+LAB = """
+import importlib.util, sys
+import gs2ci, gs2ci_drivers, gs2ci_calibration, gs2ci_sims
+assert importlib.util.find_spec("torch") is None, "torch is installed: this is no bench's computer"
+import gs2ci.rig.simulated as simulated
+from gs2ci_sims.world import Darkness
+lit = simulated.build_bench
+simulated.build_bench = lambda table, light=None: lit(table, Darkness())
+from gs2ci import cli
+sys.argv = ["gs2ci", "capture", "--rig", "simulated.toml", "-o", "shot.h5"]
+sys.exit(cli.main())
+"""
+
+
+def main(arguments: Sequence[str]) -> int:
+    parser = argparse.ArgumentParser(prog="python -m tests.wheel")
+    parser.add_argument("-o", "--output", type=Path, default=ROOT / "dist")
+    parser.add_argument("--quick", action="store_true")
+    chosen = parser.parse_args(arguments)
+    began_s = time.monotonic()
+    with tempfile.TemporaryDirectory() as folder:
+        wheel = build(Path(folder), chosen.output)
+        lab(wheel, Path(folder) / "lab")
+        whole(wheel, Path(folder) / "whole", borrowed=chosen.quick)
+    print(f"{wheel.name} is fit to be published; {time.monotonic() - began_s:.0f} s")
+    return 0
+
+
+def build(folder: Path, output: Path) -> Path:
+    """Build the sdist from the checkout and the wheel from the sdist; return the wheel."""
+    output.mkdir(parents=True, exist_ok=True)
+    for old in (*output.glob("gs2ci-*.whl"), *output.glob("gs2ci-*.tar.gz")):
+        old.unlink()
+    say("sdist and wheel")
+    run([sys.executable, "-m", "hatchling", "build", "-t", "sdist", "-d", str(output)], ROOT)
+    (sdist,) = output.glob("gs2ci-*.tar.gz")
+    with tarfile.open(sdist) as archive:
+        archive.extractall(folder / "sdist", filter="data")
+    (sources,) = (folder / "sdist").iterdir()
+    for name in ("README.md", "LICENSE", "CITATION.cff", "tests/conftest.py", "docs/rigs/simulated.toml", "Makefile"):
+        assert (sources / name).is_file(), f"{name} is not in the sdist"
+    run([sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(output)], sources)
+    (wheel,) = output.glob("gs2ci-*.whl")
+    return wheel
+
+
+def lab(wheel: Path, folder: Path) -> None:
+    """Install what a bench's computer needs; ask every command for its help; capture."""
+    say("pip install gs2ci, in an empty environment")
+    python = environment(folder)
+    pip(python, [str(wheel)])
+    helped(python, folder)
+    shutil.copy(ROOT / "docs" / "rigs" / "simulated.toml", folder)
+    run([python, "-c", LAB], folder)
+    assert (folder / "shot.h5").is_file()
+    refused = subprocess.run(
+        [python, "-m", "gs2ci", "demo", "-o", "demo"],
+        cwd=folder,
+        env=clean(),
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert refused.returncode == 2, refused.stderr
+    assert "pip install 'gs2ci[reconstruct]'" in refused.stderr, refused.stderr
+
+
+def whole(wheel: Path, folder: Path, *, borrowed: bool) -> None:
+    """Install everything; capture on a simulated bench, and run the demo small."""
+    say(f"pip install gs2ci[reconstruct], {'beside the packages of this environment' if borrowed else 'all of it'}")
+    python = environment(folder)
+    if borrowed:
+        pip(python, ["--no-deps", str(wheel)])
+        site = run([python, "-c", "import sysconfig; print(sysconfig.get_path('purelib'))"], folder).strip()
+        # A folder that a .pth file names is searched, its own .pth files are not read: the checkout stays away.
+        (Path(site) / "borrowed.pth").write_text(sysconfig.get_path("purelib") + "\n")
+    else:
+        pip(python, [f"{wheel}[reconstruct]"])
+    where = run([python, "-c", "import gs2ci; print(gs2ci.__file__)"], folder).strip()
+    assert Path(where).is_relative_to(folder), f"{where} is not the wheel's"
+    helped(python, folder)
+    small = ["--views", "4", "--height", "64", "--width", "96"]
+    run([python, "-m", "gs2ci", "demo", "-o", "demo", *small], folder)
+    for name in ("shot.h5", "run/report.html", "run/scene.ply"):
+        assert (folder / "demo" / name).is_file(), name
+
+
+def environment(folder: Path) -> str:
+    """Make an empty environment; return its Python."""
+    venv.create(folder / "venv", with_pip=True)
+    return str(folder / "venv" / "bin" / "python")
+
+
+def pip(python: str, wanted: Sequence[str]) -> None:
+    """Install within the constraints."""
+    command = [python, "-m", "pip", "install", "--quiet", "--disable-pip-version-check", "-c", str(CONSTRAINTS)]
+    run([*command, *wanted], Path(python).parent)
+
+
+def helped(python: str, folder: Path) -> None:
+    """Ask every command for its help."""
+    for command in COMMANDS:
+        text = run([python, "-m", "gs2ci", command, "--help"], folder)
+        assert "usage" in text, f"{command}: {text}"
+    version = run([python, "-m", "gs2ci", "--version"], folder)
+    assert version.startswith("gs2ci "), version
+
+
+def clean() -> dict[str, str]:
+    """Return an environment in which nothing of the checkout is found."""
+    return {name: value for name, value in os.environ.items() if not name.startswith(("PYTHON", "GS2CI"))}
+
+
+def run(command: Sequence[str], folder: Path) -> str:
+    """Run a command away from the checkout; return what it printed."""
+    done = subprocess.run(command, cwd=folder, env=clean(), capture_output=True, text=True, check=False)
+    if done.returncode:
+        raise SystemExit(
+            f"{' '.join(command)} ended with {done.returncode}\n{done.stdout[-3000:]}\n{done.stderr[-3000:]}"
+        )
+    return done.stdout
+
+
+def say(text: str) -> None:
+    print(f"-- {text}", flush=True)
+
+
+if __name__ == "__main__":
+    raise SystemExit(main(sys.argv[1:]))
