@@ -16,7 +16,7 @@ from gs2ci.reconstruct.fit.optimiser import StepSizes
 from gs2ci.reconstruct.paper import paper_settings
 from gs2ci.reconstruct.settings import Settings
 
-_DRAFT_ITERATIONS: Final = 100
+_DRAFT_ITERATIONS: Final = 120
 _FINE_ITERATIONS: Final = 600
 
 
