@@ -52,3 +52,14 @@ def test_every_command_has_its_page_in_the_navigation(site):
 
 def test_schemas_lie_beside_the_pages(site):
     assert {path.name for path in site.glob("*.schema.json")} >= {"report.schema.json", "shot.schema.json"}
+
+
+def test_every_notebook_has_a_page_with_its_words_and_code_and_a_link_to_itself(site):
+    notebooks = sorted((ROOT / "docs" / "tutorials").glob("*.ipynb"))
+    assert notebooks
+    for notebook in notebooks:
+        page = (site / "tutorials" / f"{notebook.stem}.html").read_text(encoding="utf-8")
+        assert f'href="{notebook.name}"' in page
+        assert (site / "tutorials" / notebook.name).is_file()
+        assert "<pre" in page
+    assert "tutorials/1-first-scene.html" in (site / "python.html").read_text(encoding="utf-8")

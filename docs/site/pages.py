@@ -2,6 +2,7 @@
 
     reference/commands.md   every command's help, as `--help` prints it
     reference/python.md     every public name of `gs2ci`, from its docstring and its types
+    tutorials/*.md          the notebooks of docs/tutorials, their words and their code
     commands                the section of the commands' own pages, in the order of `gs2ci --help`
 
 Here too: a link that leads out of docs/ becomes one to the repository's file where the site knows its address, else its
@@ -11,6 +12,7 @@ text alone. Not here: what the other pages say.
 import contextlib
 import html
 import io
+import json
 import os
 import re
 import sys
@@ -35,6 +37,11 @@ def on_config(config: Any) -> Any:
             section["Reference"] = [
                 {"Commands": pages} if entry == "commands" else entry for entry in section["Reference"]
             ]
+        if isinstance(section, dict) and "Tasks" in section:
+            section["Tasks"] = [
+                {"Tutorials": [f"tutorials/{path.stem}.md" for path in notebooks()]} if entry == "tutorials" else entry
+                for entry in section["Tasks"]
+            ]
     return config
 
 
@@ -42,7 +49,9 @@ def on_files(files: Any, config: Any) -> Any:
     """Add the pages that are made."""
     from mkdocs.structure.files import File
 
-    for name, text in (("reference/commands.md", commands_page()), ("reference/python.md", python_page())):
+    made = {"reference/commands.md": commands_page(), "reference/python.md": python_page()}
+    made |= {f"tutorials/{path.stem}.md": notebook_page(path) for path in notebooks()}
+    for name, text in made.items():
         files.append(File.generated(config, name, content=text))
     return files
 
@@ -56,7 +65,21 @@ def on_page_markdown(markdown: str, page: Any, config: Any, files: Any) -> str:
         inside = target.is_relative_to(config.docs_dir) and target.is_file() and "plugin-template" not in target.parts
         return link[0] if inside else link[1]
 
-    return OUTSIDE.sub(kept, markdown)
+    return OUTSIDE.sub(kept, re.sub(r"(\]\((?:tutorials/)?[\w-]+)\.ipynb\)", r"\1.md)", markdown))
+
+
+def notebooks() -> list[Path]:
+    """Return the notebooks, in their order."""
+    return sorted((ROOT / "docs" / "tutorials").glob("*.ipynb"))
+
+
+def notebook_page(path: Path) -> str:
+    """Return a notebook as a page: words as they are, code as blocks; pictures come when it is run."""
+    parts = []
+    for cell in json.loads(path.read_text(encoding="utf-8"))["cells"]:
+        text = "".join(cell["source"])
+        parts.append(text if cell["cell_type"] == "markdown" else f"```python\n{text}\n```")
+    return "\n\n".join([*parts, f'<a href="{path.name}">The notebook itself</a>: `docs/tutorials/{path.name}`.']) + "\n"
 
 
 def commands_page() -> str:

@@ -72,7 +72,7 @@ def test_the_options_are_those_of_the_parser(command, monkeypatch, capsys):
         cli.main()
     said = {
         name
-        for line in re.findall(r"^[ │]*(--?[a-z].*)", capsys.readouterr().out, re.MULTILINE)
+        for line in re.findall(r"^[ │]{0,3}(--?[a-z].*)", capsys.readouterr().out, re.MULTILINE)
         for name in re.findall(r"(?<![\w-])--?[a-z][\w-]*", re.split(r"  ", line)[0])
     }
     options = completion.options_of(importlib.import_module(cli.COMMANDS[command][0]).run)
