@@ -39,7 +39,7 @@ COMMANDS: Final[dict[str, tuple[str, str]]] = {
     "reconstruct": ("gs2ci.commands.reconstruct", "recover views, camera path and scene from a shot file"),
     "report": ("gs2ci.commands.report", "build the page of a run again from its folder"),
     "open": ("gs2ci.commands.open_", "open the page of a run in the browser"),
-    "export": ("gs2ci.commands.export", "write parts of a run for other programs: spz, COLMAP, EXR, film"),
+    "export": ("gs2ci.commands.export", "write a run for other programs: spz, COLMAP, EXR, films"),
     "mesh": ("gs2ci.commands.mesh", "fuse the depths of a run into a mesh"),
     "view": ("gs2ci.commands.view", "show the scene of a run in a browser"),
     "decode": ("gs2ci.commands.decode", "recover views alone: GAP-TV, plug-and-play, proxies"),
@@ -236,8 +236,10 @@ def _usage() -> str:
             "",
             *lines,
             "",
-            "gs2ci COMMAND --help explains a command; --quiet leaves errors and answers as JSON alone.",
-            "Exit status: 0 done, 2 refused with a reason, 130 interrupted, 141 output no longer read.",
+            "gs2ci COMMAND --help explains a command.",
+            "--quiet leaves errors, and answers that --json asks for.",
+            "Exit status: 0 done, 2 refused with a reason, 130 interrupted,",
+            "141 output no longer read.",
             "",
         ]
     )

@@ -102,7 +102,10 @@ def tradeoff(
     """
     check_seed(seed)
     most_s = parse_duration_s(most)
+    # Read before anything that takes seconds to import: a file that is missing is said at once.
     from gs2ci.core.storage import read_shot
+
+    measured = shot.check() if isinstance(shot, Shot) else read_shot(Path(shot), index)
     from gs2ci.evaluate.pages.run_evidence import check_same_shot
     from gs2ci.evaluate.pages.run_page import write_run_page
     from gs2ci.evaluate.tradeoff.pages import Tradeoff, markdown, record_of, write_pages
@@ -115,7 +118,6 @@ def tradeoff(
     output = Path(output)
     trials = chosen_trials(tuple(knobs) or KNOBS)
     file = None if isinstance(shot, Shot) else Path(shot)
-    measured = shot.check() if isinstance(shot, Shot) else read_shot(Path(shot), index)
     check_place(output / "cells")
     if report is not None:
         check_same_shot(Path(report), measured)

@@ -26,13 +26,15 @@ def run() -> float:
     """
     began_s = time.monotonic()
     from gs2ci.api.demonstration import write_rig
-    from gs2ci.commands import capture, reconstruct
+    from gs2ci.api.reconstruction import reconstruct
+    from gs2ci.api.rigs import open_rig
+    from gs2ci.core.progress import Silent
 
     with tempfile.TemporaryDirectory(prefix="gs2ci-compile-") as folder:
         rig = write_rig(Path(folder) / "rig.toml", views=VIEWS, size=SIZE, parallax_px=PARALLAX_PX, seed=0)
-        shot = Path(folder) / "shot.h5"
-        capture.run(rig=rig, out=shot)
-        reconstruct.run(shot, Path(folder) / "run", iterations=ITERATIONS)
+        with open_rig(rig) as bench:
+            shot = bench.record(Path(folder) / "shot.h5", progress=Silent())
+        reconstruct(shot, iterations=ITERATIONS, progress=Silent()).save(Path(folder) / "run")
     seconds = time.monotonic() - began_s
     print(f"All kernels are compiled ({seconds:.0f} s).")
     return seconds

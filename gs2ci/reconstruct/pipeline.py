@@ -358,7 +358,9 @@ class _Trials:
         """Make those that are worth it; return the best, and how anything in it came to move, or not to."""
         still = self._still(first)
         wanted = self.settings.motion == "on"
-        if not (wanted or self.settings.may_move):
+        # Fits that were cut short leave much that patches explain, whether or not anything moves.
+        whole = self.settings.fit.iterations >= LEAST_SCHEDULE
+        if not (wanted or (self.settings.may_move and whole)):
             return still, self._report(None, {STILL: still}, still)
         left = ask(self.jury, still.ensemble.views)
         attempts = {STILL: still}

@@ -1,27 +1,27 @@
 """What the command does with its small exposure; that it compiles everything is measured by hand (docs/decisions)."""
 
-import tomllib
-
-from gs2ci.commands import capture, reconstruct
+from gs2ci.api import reconstruction
 from gs2ci.commands import compile as compiling
+from gs2ci.core.storage import read_shot
 
 
 def test_a_small_exposure_is_taken_and_reconstructed_in_a_folder_that_goes(monkeypatch, capsys):
     seen = {}
 
-    def take(*, rig, out):
-        seen["rig"] = tomllib.loads(rig.read_text(encoding="utf-8"))
-        out.write_bytes(b"a shot")
+    class Run:
+        def save(self, folder):
+            seen["folder"] = folder.parent
 
-    def recover(shot, output, *, iterations):
-        seen["shot"], seen["folder"], seen["iterations"] = shot.read_bytes(), output.parent, iterations
+    def recover(shot, *, iterations, progress):
+        seen["shot"], seen["iterations"] = read_shot(shot), iterations
+        return Run()
 
-    monkeypatch.setattr(capture, "run", take)
-    monkeypatch.setattr(reconstruct, "run", recover)
+    monkeypatch.setattr(reconstruction, "reconstruct", recover)
     assert compiling.run() >= 0
-    assert (seen["rig"]["world"]["height"], seen["rig"]["world"]["width"]) == compiling.SIZE
-    assert seen["shot"] == b"a shot"
-    # Surfaces are sought from two fifths of the schedule on, and held-out pixels looked at every fiftieth iteration.
+    assert seen["shot"].size == compiling.SIZE
+    assert seen["shot"].views == compiling.VIEWS
+    # Surfaces are sought from a quarter of the schedule on, and held-out pixels looked at every fiftieth iteration.
     assert seen["iterations"] >= 50
     assert not seen["folder"].exists()
-    assert "All kernels are compiled" in capsys.readouterr().out
+    # Its standing in `make install` is one line.
+    assert capsys.readouterr().out.count("\n") == 1

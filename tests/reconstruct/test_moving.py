@@ -37,6 +37,8 @@ QUICK = Settings(
     look_again=False,
     seed=1,
 )
+# Long enough for `auto` to ask.
+WHOLE = replace(QUICK, fit=replace(QUICK.fit, iterations=160))
 
 
 def texture(seed, blur=1.5):
@@ -223,6 +225,35 @@ def test_moment_of_a_mask_is_its_view(moved):
     shot, found = moved
     seen = render_moments(shot, found.result, found.scene, times())
     np.testing.assert_allclose(seen, found.result.scene_views, atol=1e-4)
+
+
+def test_motion_is_tried_where_it_explains_what_a_still_scene_leaves():
+    """Whichever of the attempts is taken: the patches that told of it gain by themselves."""
+    shot = exposed(thing_before_a_wall(2.5))
+    found, still = (reconstruct(shot, replace(WHOLE, motion=mode)).result for mode in ("auto", "off"))
+    assert found.motion["tried"]
+    found_db, still_db = (np.mean(psnr_per_view(run.views, shot.truth.views)) for run in (found, still))
+    # 3.4 and 4.6 dB more with two seeds.
+    assert found_db > still_db + 1
+
+
+def test_whole_schedule_leaves_a_still_scene_still():
+    result = reconstruct(exposed(thing_before_a_wall(0.0)), WHOLE).result
+    assert not result.motion["tried"]
+    assert result.displacement is None
+
+
+def test_fits_that_were_cut_short_are_not_asked_for_motion():
+    result = reconstruct(exposed(thing_before_a_wall(2.5)), QUICK).result
+    assert not result.motion["tried"]
+    assert result.motion["explained"] is None
+
+
+@pytest.mark.parametrize("size", [(1, 64), (64, 1)])
+def test_picture_of_one_row_or_column_shows_no_motion(size):
+    views = np.full((VIEWS, *size, 1), 0.5, np.float32)
+    found = left_by_motion(Jury.of(exposed(views), 0.02, 0), views, times())
+    assert (found.explained, found.surely) == (0, 0)
 
 
 def test_still_scene_stays_still():

@@ -50,6 +50,8 @@ BENDS_DB = 3.0
 WORSE_DB = 0.5
 # More than an even grey of the right colour, by this much, counts as having seen something.
 SEEN_DB = 1.0
+# Families whose scenes are what is hard: the easy case of all is theirs as well.
+SCENE_IS_HARD = ("scene", "high dynamic range")
 # A depth whose order the easy case itself hardly knows cannot be lost.
 KNOWN_RANK = 0.3
 # Beyond twice the easy case's error, so much of the depth.
@@ -199,7 +201,7 @@ def appraise(case: Case, shot: Shot, result: RunResult, scale: Scale) -> Outcome
     except (Gs2ciError, ValueError) as error:
         return Outcome("breaks", problems=(f"the result cannot be reported: {error}",))
     # Where the scene is what is hard, another one has to be the easy case.
-    easy = easy_at(EASY.bench.scene if case.family == "scene" else case.bench.scene, scale)
+    easy = easy_at(EASY.bench.scene if case.family in SCENE_IS_HARD else case.bench.scene, scale)
     beyond = beyond_easy(notes, easy)
     said = tuple(note.advice for note in beyond)
     # At a scale whose easy case is inside out itself, it is not the case that turns a scene over.

@@ -69,6 +69,9 @@ _FINE_ITERATION: Final = 2.0
 _GROWTH_PER_TURN: Final = 1.18
 # First Gaussians for each pixel of the stride's grid: the grid, and the rims that only other views see.
 _RIMS: Final = 1.1
+# Where nothing bounds a population: what `paper` came to on a simulated scene, rounded up (`python -m tests.benchmarks
+# population`: 9,898 Gaussians for 3,072 pixels).
+_UNBOUNDED_PER_PIXEL: Final = 4.0
 
 
 @dataclass(frozen=True)
@@ -167,7 +170,8 @@ class CostModel:
         """Predict how many Gaussians there are when a share of the schedule is done."""
         fit = settings.fit
         first = _RIMS * self.pixels / settings.stride_px**2
-        bound = math.inf if fit.gaussians_per_pixel is None else fit.gaussians_per_pixel * self.pixels
+        per_pixel = _UNBOUNDED_PER_PIXEL if fit.gaussians_per_pixel is None else fit.gaussians_per_pixel
+        bound = per_pixel * self.pixels
         last = max(first, bound)
         growing = max(0.0, min(share, fit.densify_until) - fit.densify_from)
         turns = growing * fit.iterations / fit.densify_every

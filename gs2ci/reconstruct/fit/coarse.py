@@ -37,7 +37,7 @@ from gs2ci.render.gaussians import Gaussians
 from gs2ci.render.interface import Backend
 
 STANDARD_ITERATIONS: Final = 200
-"""Of the default schedule. Three times as many gain 0.1 to 0.3 dB (docs/decisions/new-shorter-schedule.md)."""
+"""Of the default schedule. Three times as many gain 0.1 to 0.3 dB (docs/decisions/0051-shorter-schedule.md)."""
 
 
 @dataclass(frozen=True)

@@ -20,6 +20,8 @@ from gs2ci.core.arrays import F32, F64
 from gs2ci.reconstruct.measurement.jury import Jury
 
 _BLOCK_PX: Final = 16
+# A picture of one row or column has no gradient across it.
+_LEAST_SIDE_PX: Final = 2
 # Fewer pixels of a block than this say nothing of its motion.
 _LEAST_PIXELS: Final = 32
 # A block's chance, if nothing moved, to speak so loudly for motion.
@@ -51,6 +53,8 @@ def left_by_motion(jury: Jury, views: F32, times: F64) -> LeftByMotion:
         times: When each view was taken, [N], centred on 0.
     """
     shot = jury.shot
+    if min(shot.size) < _LEAST_SIDE_PX:
+        return LeftByMotion(0.0, 0.0, np.zeros((1, 1, 2)))
     asked = shot.lit & (True if shot.saturated is None else ~shot.saturated)
     residual = _blocks((shot.measurement - jury.coded(views)) * asked[..., None])
     weighted = views * times.astype(np.float32)[:, None, None, None]
