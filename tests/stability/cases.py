@@ -361,7 +361,7 @@ def _faults() -> Iterator[Case]:
         ("opacity_logits", 1e4),
         ("means", nan),
     ):
-        # Opaque and transparent Gaussians still show the scene: the loss does not triple, and the fit recovers by itself.
+        # Opaque and transparent Gaussians still show the scene: the loss does not triple, and the fit recovers.
         says = () if name == "opacity_logits" else back
         yield _fault(f"a step that multiplies {name} by {factor:g}", faults.parameter(name, factor, once(33)), says)
     yield _fault("poses thrown out of the scene", faults.poses(1e3, once(33)), back)

@@ -69,8 +69,8 @@ _FINE_ITERATION: Final = 2.0
 _GROWTH_PER_TURN: Final = 1.18
 # First Gaussians for each pixel of the stride's grid: the grid, and the rims that only other views see.
 _RIMS: Final = 1.1
-# Where nothing bounds a population: what `paper` came to on a simulated scene, rounded up (`python -m tests.benchmarks
-# population`: 9,898 Gaussians for 3,072 pixels).
+# Where nothing bounds a population: what `paper` came to on a simulated scene, rounded up, 9,898 Gaussians for 3,072
+# pixels (`python -m tests.benchmarks population`).
 _UNBOUNDED_PER_PIXEL: Final = 4.0
 
 
