@@ -25,6 +25,10 @@ INDENTED = re.compile(r"^ {4,}(?:\$ )?((?:gs2ci|python -m) .*(?:\\\n.*)*)", re.M
 # Page and first words of a block of Python -> why it is not executed here.
 NOT_RUN = {
     (
+        "README.md",
+        "import gs2ci\n\nshot = gs2ci.load(",
+    ): "the first block of docs/python.md, for which see the next line",
+    (
         "docs/python.md",
         "import gs2ci\n\nshot = gs2ci.load(",
     ): "tests/api/test_python_use.py makes these calls on a small shot",

@@ -96,9 +96,9 @@ def tradeoff(
         StorageError: A file cannot be read or written.
 
     Example:
-        >>> found = gs2ci.tradeoff("shot.h5", "costs", knobs=("fits",), most="1s", progress=gs2ci.Silent())
+        >>> found = gs2ci.tradeoff("shot.h5", "costs", knobs=("fits",), most="0.001s", progress=gs2ci.Silent())
         Traceback (most recent call last):
-        gs2ci.core.errors.InputError: nothing can be tried in 1s; ...
+        gs2ci.core.errors.InputError: nothing can be tried in 0.001s; ...
     """
     check_seed(seed)
     most_s = parse_duration_s(most)
