@@ -135,23 +135,19 @@ def _nerfstudio(run: Run, folder: Path) -> _Write:
 def _depth_png(run: Run, folder: Path) -> _Write:
     from gs2ci.evaluate.exports.depth_files import write_depth_png
 
-    depth = _depth(run)
-
-    def write(path: Path) -> None:
-        path.mkdir()
-        write_depth_png(path, depth)
-
-    return write
+    return _into_a_folder(write_depth_png, _depth(run))
 
 
 def _depth_exr(run: Run, folder: Path) -> _Write:
     from gs2ci.evaluate.exports.depth_files import write_depth_exr
 
-    depth = _depth(run)
+    return _into_a_folder(write_depth_exr, _depth(run))
 
+
+def _into_a_folder(write_files: "Callable[[Path, F32], object]", depth: "F32") -> _Write:
     def write(path: Path) -> None:
         path.mkdir()
-        write_depth_exr(path, depth)
+        write_files(path, depth)
 
     return write
 

@@ -352,7 +352,7 @@ class _Trials:
         moving = self.settings.motion == "on"
         tried = self.attempt(rested(first) if moving else first, first.decoded, moving)
         name = MOVING if moving else STILL
-        return tried, self._report(None, {name: tried}, tried)
+        return tried, self._report(None, {name: tried}, tried, {})
 
     def all(self, first: FirstLook) -> tuple[_Attempt, MotionReport]:
         """Make those that are worth it; return the best, and how anything in it came to move, or not to."""
@@ -361,17 +361,18 @@ class _Trials:
         # Fits that were cut short leave much that patches explain, whether or not anything moves.
         whole = self.settings.fit.iterations >= LEAST_SCHEDULE
         if not (wanted or (self.settings.may_move and whole)):
-            return still, self._report(None, {STILL: still}, still)
+            return still, self._report(None, {STILL: still}, still, {})
         left = ask(self.jury, still.ensemble.views)
         attempts = {STILL: still}
-        if wanted or (speaks_for_motion(left) and self._gains(still)):
+        refined = self.refine(still.ensemble.views) if wanted or speaks_for_motion(left) else None
+        if refined is not None and (wanted or self._gains(refined)):
             self.progress.say("What the still scene leaves looks like motion: scenes that move are fitted as well.")
-            refined = self.refine(still.ensemble.views)
             views = min((refined, first.decoded), key=lambda shown: self.jury.residual_rms(shown) or 0.0)
             attempts[RELEASED] = self.release(still)
             attempts[MOVING] = self.attempt(rested(still.look), views, True)
-        tried = self._clearly_best(attempts)
-        return tried, self._report(left, attempts, tried)
+        residuals = self._residuals(attempts) if len(attempts) > 1 else {}
+        tried = self._clearly_best(attempts, residuals) if residuals else still
+        return tried, self._report(left, attempts, tried, residuals)
 
     def _still(self, first: FirstLook) -> _Attempt:
         """Fit a still scene; once more from a second look, or from rest, where the first path is doubtful."""
@@ -385,42 +386,50 @@ class _Trials:
             attempts["second look"] = self.attempt(again, views, False)
         if needs_rest(first):
             attempts["rest"] = self.attempt(from_rest(first), first.decoded, False)
-        return self._best(attempts)
+        return self._best(attempts, self._residuals(attempts))
 
-    def _gains(self, still: _Attempt) -> bool:
+    def _gains(self, refined: F32) -> bool:
         """Tell whether a few steps of a decode by similar patches, which may move, predict held-out pixels better."""
-        refined = self.refine(still.ensemble.views)
         polished = patch_decode_from(self.jury.seen, refined, PatchSettings.from_scene_briefly())
         before, after = self.jury.residual_rms(refined), self.jury.residual_rms(polished)
         return before is not None and after is not None and after < (1 - LEAST_PATCH_GAIN) * before
 
-    def _best(self, attempts: dict[str, _Attempt]) -> _Attempt:
+    def _best(self, attempts: dict[str, _Attempt], residuals: dict[str, float | None]) -> _Attempt:
         """Choose the attempt that predicts the held-out pixels best, and say how all of them did."""
-        left = self._left(attempts)
-        tried = attempts[min(attempts, key=lambda name: math.inf if (rms := left[name]) is None else rms)]
-        geometry = replace(tried.geometry, notes=(*tried.geometry.notes, *ranking(left)))
-        return replace(tried, geometry=geometry)
+        tried = attempts[min(attempts, key=lambda name: math.inf if (rms := residuals[name]) is None else rms)]
+        notes = ranking({name: residuals[name] for name in attempts})
+        return replace(tried, geometry=replace(tried.geometry, notes=(*tried.geometry.notes, *notes)))
 
-    def _clearly_best(self, attempts: dict[str, _Attempt]) -> _Attempt:
+    def _clearly_best(self, attempts: dict[str, _Attempt], residuals: dict[str, float | None]) -> _Attempt:
         """Choose likewise, but a scene that moves only if it predicts them clearly better than the still one."""
         if self.settings.motion == "on":
-            return self._best({name: tried for name, tried in attempts.items() if name != STILL})
-        best, still = self._best(attempts), attempts[STILL]
+            return self._best({name: tried for name, tried in attempts.items() if name != STILL}, residuals)
+        best, still = self._best(attempts, residuals), attempts[STILL]
         if best.ensemble is still.ensemble:
             return best
-        moves, stays = (self.jury.residual_rms(self.refine(tried.ensemble.views)) for tried in (best, still))
+        moves, stays = residuals[_name_of(best, attempts)], residuals[STILL]
         better = moves is not None and stays is not None and moves < (1 - LEAST_GAIN) * stays
         return best if better else still
 
-    def _left(self, attempts: dict[str, _Attempt]) -> dict[str, float | None]:
+    def _residuals(self, attempts: dict[str, _Attempt]) -> dict[str, float | None]:
+        """Return what each attempt's refined views leave of the held-out pixels."""
         return {name: self.jury.residual_rms(self.refine(tried.ensemble.views)) for name, tried in attempts.items()}
 
-    def _report(self, left: LeftByMotion | None, attempts: dict[str, _Attempt], taken: _Attempt) -> MotionReport:
-        residuals = tuple(self._left(attempts).items()) if len(attempts) > 1 else ()
-        chosen = next(name for name, tried in attempts.items() if tried.ensemble is taken.ensemble)
+    def _report(
+        self,
+        left: LeftByMotion | None,
+        attempts: dict[str, _Attempt],
+        taken: _Attempt,
+        residuals: dict[str, float | None],
+    ) -> MotionReport:
+        moves = taken.ensemble.best.scene.motion is not None
         return MotionReport(
-            self.settings.motion, left, residuals, chosen, moves=taken.ensemble.best.scene.motion is not None
+            self.settings.motion, left, tuple(residuals.items()), _name_of(taken, attempts), moves=moves
         )
+
+
+def _name_of(taken: _Attempt, attempts: dict[str, _Attempt]) -> str:
+    return next(name for name, tried in attempts.items() if tried.ensemble is taken.ensemble)
 
 
 class _Stopwatch:
