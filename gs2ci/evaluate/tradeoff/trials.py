@@ -73,7 +73,7 @@ def _ladder() -> list[TradeoffTrial]:
     found.append(TradeoffTrial("half the resolution", "resolution", base, shrink=2))
     for fits in (1, 4):
         found.append(TradeoffTrial(f"{fits} fit{'s' if fits > 1 else ''}", "fits", replace(base, fits=fits)))
-    for iterations in (50, 100, 400, 800):
+    for iterations in (50, 100, 200, 800):
         changed = replace(base, fit=rescheduled(base.fit, iterations))
         found.append(TradeoffTrial(f"{iterations} iterations", "iterations", changed))
     for share in (0.1, 0.5):

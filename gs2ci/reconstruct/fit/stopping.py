@@ -24,9 +24,9 @@ class HoldOut:
     """
 
     share: float = HELDOUT_SHARE
-    look_every: int = 25
-    patience: int = 75
-    growth_patience: int = 25
+    look_every: int = 50
+    patience: int = 150
+    growth_patience: int = 50
     improvement: float = 1e-3
 
     def looking(self, every: int) -> "HoldOut":
