@@ -19,6 +19,7 @@ import numpy as np
 from gs2ci.core.arrays import F32
 from gs2ci.core.errors import NumericsError
 from gs2ci.core.findings import Code, Finding, finding
+from gs2ci.core.halt import Halt
 from gs2ci.core.progress import Progress, Silent
 from gs2ci.core.records import Shot
 from gs2ci.core.run_records import RunResult, Verdict
@@ -96,6 +97,7 @@ def reconstruct(
     progress: Progress | None = None,
     score: Score | None = None,
     pace: Pace | None = None,
+    halt: Halt | None = None,
 ) -> Reconstruction:
     """Recover views, camera path and scene from one coded measurement.
 
@@ -105,6 +107,8 @@ def reconstruct(
         progress: Told of every stage and step.
         score: Turns views, [N, H, W, C], into a figure for the curve, in dB; it may know the truth.
         pace: Decides how many iterations the fit has, instead of the settings.
+        halt: When it is asked, the fit ends where it is, nothing more is tried, and what there is gets handed over
+            with a finding that says so. It can be asked as soon as the fit has begun.
 
     Returns:
         The best of three by the held-out pixels: the mean of the fits' views refined by its residual, the views of
@@ -115,7 +119,7 @@ def reconstruct(
             from telemetry that the shot does not hold.
         NumericsError: The first fit is not finite from its first iteration on.
     """
-    settings, progress = settings or Settings(), progress or Silent()
+    settings, progress, halt = settings or Settings(), progress or Silent(), halt or Halt()
     settings.check()
     lens = Lens.of(shot.check())
     tools = _Tools.load(settings)
@@ -136,13 +140,15 @@ def reconstruct(
         first, fitted, lens, settings, refine, progress, clock, hurried=pace is not None or not settings.try_orders
     )
 
+    halt.begin()
+
     def attempt(look: FirstLook, views: F32, moving: bool) -> _Attempt:
         geometry, start = _beginning(look, views, lens, settings, moving=moving)
         clock.lap("geometry")
-        fit_one = _fit_one(fitted, geometry, lens, settings, refine, score, clock)
+        fit_one = _fit_one(fitted, geometry, lens, settings, refine, score, clock, halt)
         team = members(start, settings.density_rules, settings.fits, settings.seed)
         team = tuple(replace(one, start=of_degree(one.start, number)) for number, one in enumerate(team))
-        fits = fit_together(fit_one, team, progress, pace)
+        fits = fit_together(fit_one, team, progress, pace, halt)
         ensemble = combined(fits, jury, refine)
         clock.lap("fit")
         return _Attempt(look, geometry, fits, ensemble)
@@ -156,25 +162,22 @@ def reconstruct(
             paths[number] = replace(still.geometry, world_to_camera=fit.world_to_camera)
 
         def fit_one(member: Member, progress: Progress, pace: Pace | None) -> CoarseFit:
-            return _fit_one(fitted, paths[member.seed], lens, freed, refine, score, clock)(member, progress, pace)
+            fit = _fit_one(fitted, paths[member.seed], lens, freed, refine, score, clock, halt)
+            return fit(member, progress, pace)
 
-        fits = fit_together(fit_one, tuple(team), progress, None)
+        fits = fit_together(fit_one, tuple(team), progress, None, halt)
         ensemble = combined(fits, jury, refine)
         clock.lap("fit")
         return replace(still, fits=fits, ensemble=ensemble)
 
-    trials = _Trials(attempt, release, jury, lens, settings, refine, progress)
+    trials = _Trials(attempt, release, jury, lens, settings, refine, progress, halt)
     tried, motion = trials.hurried(first) if pace is not None else trials.all(first)
     geometry, ensemble = tried.geometry, tried.ensemble
     renderer = ShotRenderer(fitted.shot, geometry.intrinsics, tools.backend, lens)
-    if tools.fine is not None and ensemble.best.scene.motion is None:
-        best = ensemble.best
-        detailed = Refinement(jury, settings.residual or ResidualSettings()).in_full
-        fined = fit_fine(
-            fitted, best, renderer, tools.fine, settings.seed, refine.in_full, progress, score, clock.began_s, detailed
-        )
-        ensemble = combined(tuple(fined if fit is best else fit for fit in tried.fits), jury, refine)
+    if tools.fine is not None and ensemble.best.scene.motion is None and not halt.asked:
+        ensemble = _fined(tried, fitted, jury, renderer, tools.fine, settings, refine, progress, score, clock, halt)
         clock.lap("fine")
+    doubts = (*doubts, *_said_if_halted(halt, progress))
     recovered = _recover(first, ensemble, refine, settings, polish=motion.tried)
     geometry, ensemble = in_given_unit(geometry, ensemble)
     light = renderer.stopped_light(ensemble.best.scene, ensemble.best.world_to_camera)
@@ -265,6 +268,15 @@ def _left(jury: Jury, views: F32) -> float:
     return float(np.mean(residual**2)) if residual.size else 0.0
 
 
+def _said_if_halted(halt: Halt, progress: Progress) -> tuple[Finding, ...]:
+    """Return, and say, that the rest was left out, where somebody asked for the result as it was."""
+    if not halt.asked:
+        return ()
+    note = finding(Code.INTERRUPTED)
+    progress.say(note.sentence)
+    return (note,)
+
+
 def _examined(shot: Shot, progress: Progress) -> tuple[Shot, tuple[Finding, ...]]:
     """Return the shot with its dead lines and hot pixels closed, and what is to be doubted about it."""
     alive, dead = close_dead_lines(shot)
@@ -303,6 +315,7 @@ def _fit_one(
     refine: Refinement,
     score: Score | None,
     clock: "_Stopwatch",
+    halt: Halt | None = None,
 ) -> FitOne:
     """Say how one fit of the ensemble goes."""
 
@@ -320,9 +333,32 @@ def _fit_one(
             since_s=clock.began_s,
             pace=pace,
             lens=lens,
+            halt=halt,
         )
 
     return fit
+
+
+def _fined(
+    tried: _Attempt,
+    fitted: Jury,
+    jury: Jury,
+    renderer: ShotRenderer,
+    fine: Fine,
+    settings: Settings,
+    refine: Refinement,
+    progress: Progress,
+    score: Score | None,
+    clock: "_Stopwatch",
+    halt: Halt,
+) -> Ensemble:
+    """Take the best of an attempt's fits through the fine stage."""
+    best = tried.ensemble.best
+    detailed = Refinement(jury, settings.residual or ResidualSettings()).in_full
+    fined = fit_fine(
+        fitted, best, renderer, fine, settings.seed, refine.in_full, progress, score, clock.began_s, detailed, halt
+    )
+    return combined(tuple(fined if fit is best else fit for fit in tried.fits), jury, refine)
 
 
 @dataclass(frozen=True)
@@ -337,6 +373,7 @@ class _Trials:
         settings: What may be tried.
         refine: What will be done to the views of fits.
         progress: Told why more is tried.
+        halt: Once it is asked, nothing more is.
     """
 
     attempt: Callable[[FirstLook, F32, bool], _Attempt]
@@ -346,6 +383,7 @@ class _Trials:
     settings: Settings
     refine: Refinement
     progress: Progress
+    halt: Halt
 
     def hurried(self, first: FirstLook) -> tuple[_Attempt, MotionReport]:
         """Make one attempt, whatever comes of it."""
@@ -360,7 +398,7 @@ class _Trials:
         wanted = self.settings.motion == "on"
         # Fits that were cut short leave much that patches explain, whether or not anything moves.
         whole = self.settings.fit.iterations >= LEAST_SCHEDULE
-        if not (wanted or (self.settings.may_move and whole)):
+        if self.halt.asked or not (wanted or (self.settings.may_move and whole)):
             return still, self._report(None, {STILL: still}, still, {})
         left = ask(self.jury, still.ensemble.views)
         attempts = {STILL: still}
@@ -369,7 +407,8 @@ class _Trials:
             self.progress.say("What the still scene leaves looks like motion: scenes that move are fitted as well.")
             views = min((refined, first.decoded), key=lambda shown: self.jury.residual_rms(shown) or 0.0)
             attempts[RELEASED] = self.release(still)
-            attempts[MOVING] = self.attempt(rested(still.look), views, True)
+            if not self.halt.asked:
+                attempts[MOVING] = self.attempt(rested(still.look), views, True)
         residuals = self._residuals(attempts) if len(attempts) > 1 else {}
         tried = self._clearly_best(attempts, residuals) if residuals else still
         return tried, self._report(left, attempts, tried, residuals)
@@ -377,14 +416,15 @@ class _Trials:
     def _still(self, first: FirstLook) -> _Attempt:
         """Fit a still scene; once more from a second look, or from rest, where the first path is doubtful."""
         tried = self.attempt(first, first.decoded, False)
-        if not self.settings.may_look_again or not is_wanted(first.geometry, self.settings.geometry):
+        wanted = self.settings.may_look_again and is_wanted(first.geometry, self.settings.geometry)
+        if self.halt.asked or not wanted:
             return tried
         views = self.refine(tried.ensemble.views)
         attempts = {first.geometry.source: tried}
         again = second_look(first, views, self.lens, self.settings.look, self.progress)
-        if again is not None:
+        if again is not None and not self.halt.asked:
             attempts["second look"] = self.attempt(again, views, False)
-        if needs_rest(first):
+        if needs_rest(first) and not self.halt.asked:
             attempts["rest"] = self.attempt(from_rest(first), first.decoded, False)
         return self._best(attempts, self._residuals(attempts))
 
