@@ -26,7 +26,7 @@ from gs2ci_sims.preview import Preview, preview
 from gs2ci_sims.radiance import Renderer
 from gs2ci_sims.rig import Rig
 from gs2ci_sims.sampling import Sampling, choose_sampling
-from gs2ci_sims.scenes.base import Scene
+from gs2ci_sims.scene import Scene
 from gs2ci_sims.signals import Slices
 
 DEFAULT_TOLERANCE_DN: Final = 0.25

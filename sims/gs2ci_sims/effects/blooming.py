@@ -1,17 +1,14 @@
 """Blooming: charge that a full pixel cannot hold spills along its column."""
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
 from gs2ci.core.arrays import F64
 from gs2ci.core.errors import InputError
-from gs2ci_sims.effects.base import Bound, Stage
-
-if TYPE_CHECKING:
-    from gs2ci_sims.preview import Preview
-    from gs2ci_sims.rig import Rig
+from gs2ci_sims.effects.base import Bound, Previewed, Stage
+from gs2ci_sims.rig import Rig
 
 
 @dataclass(frozen=True)
@@ -37,7 +34,7 @@ class Blooming:
         if not 0 <= self.share <= 1:
             raise InputError(f"blooming of {self.share} of the excess charge", allowed="0 to 1")
 
-    def bound(self, scene: "Preview", rig: "Rig") -> Bound:
+    def bound(self, scene: Previewed, rig: Rig) -> Bound:
         """Excess S in all, spilled into pixels that take at most the well's charge W each.
 
         The receivers' charges add up to S at most and none exceeds W, so their squares add up to W S at most, and to
@@ -48,7 +45,7 @@ class Blooming:
         rms_e = np.sqrt(min(spilled_e / scene.charge_e.size, well_e) * well_e)
         return Bound(rig.dn_per_e * float(rms_e), rig.dn_per_e * min(spilled_e, well_e))
 
-    def apply(self, signal: F64, rig: "Rig", rng: np.random.Generator) -> F64:
+    def apply(self, signal: F64, rig: Rig, rng: np.random.Generator) -> F64:
         """Spill electrons [H, W, C] along axis 0."""
         well_e = rig.sensor.full_well_e
         spilled = self.share * np.maximum(signal - well_e, 0.0)

@@ -1,17 +1,14 @@
 """Gain non-linearity: the reading is not quite proportional to the charge."""
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
 from gs2ci.core.arrays import F64
 from gs2ci.core.errors import InputError
-from gs2ci_sims.effects.base import Bound, Stage
-
-if TYPE_CHECKING:
-    from gs2ci_sims.preview import Preview
-    from gs2ci_sims.rig import Rig
+from gs2ci_sims.effects.base import Bound, Previewed, Stage
+from gs2ci_sims.rig import Rig
 
 
 @dataclass(frozen=True)
@@ -37,7 +34,7 @@ class GainNonlinearity:
         if not abs(self.departure) < 0.25:
             raise InputError(f"a response that departs by {self.departure} from a line", allowed="less than 0.25")
 
-    def bound(self, scene: "Preview", rig: "Rig") -> Bound:
+    def bound(self, scene: Previewed, rig: Rig) -> Bound:
         """The parabola at the charge with its shot noise, its top from half the well on; its slope is 4 d at most."""
         well_e, added_e = rig.sensor.full_well_e, scene.added_e[1]
 
@@ -51,11 +48,11 @@ class GainNonlinearity:
         rms_dn = min(float(np.sqrt(np.square(likely).mean())) + error_dn, float(np.sqrt(np.square(most).mean())))
         return Bound(rms_dn, float(bent_dn(most_e + 6 * np.sqrt(most_e)).max()))
 
-    def brightest(self, scene: "Preview") -> float:
+    def brightest(self, scene: Previewed) -> float:
         """The steepest slope: a change of the light before the amplifier grows by so much."""
         return 1 + 4 * abs(self.departure)
 
-    def apply(self, signal: F64, rig: "Rig", rng: np.random.Generator) -> F64:
+    def apply(self, signal: F64, rig: Rig, rng: np.random.Generator) -> F64:
         """Bend electrons [H, W, C]; beyond the ends the response goes on without the parabola."""
         x = np.clip(signal / rig.sensor.full_well_e, 0.0, 1.0)
         return signal + 4 * self.departure * rig.sensor.full_well_e * x * (1 - x)

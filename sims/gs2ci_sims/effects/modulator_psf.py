@@ -1,18 +1,15 @@
 """Modulator PSF: the relay from modulator to sensor blurs what the masks let through, by diffraction at least."""
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
 from gs2ci.core.arrays import F64
 from gs2ci.core.errors import InputError
-from gs2ci_sims.effects.base import Bound, Stage
+from gs2ci_sims.effects.base import Bound, Previewed, Stage
 from gs2ci_sims.effects.kernels import blurred, gaussian_loss, gaussian_tail
-
-if TYPE_CHECKING:
-    from gs2ci_sims.preview import Preview
-    from gs2ci_sims.rig import Rig
+from gs2ci_sims.rig import Rig
 
 
 @dataclass(frozen=True)
@@ -44,12 +41,12 @@ class ModulatorPsf:
                 f"modulator PSF of {self.sigma_px} px to {self.reach} sigma", allowed="0 to 100 px, reach in (0, 10]"
             )
 
-    def total_sigma_px(self, rig: "Rig") -> float:
+    def total_sigma_px(self, rig: Rig) -> float:
         """Get the standard deviation of blur and diffraction together, in sensor pixels."""
         spread_um = 0.42e-3 * rig.optics.wavelength_nm * rig.optics.f_number if self.diffraction else 0.0
         return float(np.hypot(self.sigma_px, spread_um * rig.modulator.feature_px / rig.modulator.pitch_um))
 
-    def bound(self, scene: "Preview", rig: "Rig") -> Bound:
+    def bound(self, scene: Previewed, rig: Rig) -> Bound:
         """What the blur makes of the previewed measurement itself: one convolution.
 
         Of what the true measurement differs by, it takes at most what it takes of a chequerboard.
@@ -61,12 +58,12 @@ class ModulatorPsf:
         peak_e = min(float(change_e.max()) + scene.charge_error_e * scene.charge_e.size**0.5, float(scene.most_e.max()))
         return Bound(rig.dn_per_e * rms_e, rig.dn_per_e * peak_e)
 
-    def kernel_bound(self, scene: "Preview", rig: "Rig", reach: float) -> Bound:
+    def kernel_bound(self, scene: Previewed, rig: Rig, reach: float) -> Bound:
         """The measurement times twice the share of the kernel that is cut off, in each direction."""
         tail = gaussian_tail(self.total_sigma_px(rig), reach)
         dn = 4 * tail * rig.dn_per_e
         return Bound(dn * scene.charge_rms_e, dn * float(scene.most_e.max()))
 
-    def apply(self, signal: F64, rig: "Rig", rng: np.random.Generator) -> F64:
+    def apply(self, signal: F64, rig: Rig, rng: np.random.Generator) -> F64:
         """Blur the photons [H, W, C]."""
         return blurred(signal, self.total_sigma_px(rig), self.reach)
