@@ -1,4 +1,5 @@
 import io
+import json
 from pathlib import Path
 
 import pytest
@@ -139,3 +140,30 @@ def test_rays_are_not_for_a_bench():
     bench = Path(__file__).parents[2] / "docs" / "rigs" / "simulated.toml"
     with pytest.raises(InputError, match="--rays for the bench"):
         plan_of(bench, rays=True)
+
+
+def test_an_effect_is_explained_with_the_rigs_numbers_and_the_decision(rig, capsys):
+    plan.run(rig, explain=("vignetting",))
+    printed = capsys.readouterr().out
+    assert "Bound: The share of its reading that each pixel loses" in printed
+    assert "S = N_ph * q * K * g" in printed
+    assert "simulated: exceeds its share" in printed
+    assert "half of the tolerance of 0.25 DN" in printed
+    assert "optics_psf" not in printed
+
+
+def test_every_effect_is_explained_to_a_program_with_the_bounds_of_the_plan(rig, capsys):
+    plan.run(rig, explain=("all",), json=True)
+    answer = json.loads(capsys.readouterr().out)
+    decided = plan_of(rig)
+    assert [one["effect"] for one in answer["explanations"]] == [one.name for one in decided.decisions]
+    for one, decision in zip(answer["explanations"], decided.decisions, strict=True):
+        assert one["steps"][-1]["value"] == pytest.approx(decision.bound.rms_dn)
+        assert one["verdict"].startswith("simulated" if decision.simulated else "left out")
+
+
+def test_an_effect_that_the_rig_lacks_cannot_be_explained(rig):
+    with pytest.raises(InputError, match=r"no effect 'defocus' on this rig.*\[effects.defocus\]"):
+        plan.run(rig, explain=("defocus",))
+    with pytest.raises(InputError, match="no effect 'glow'"):
+        plan.run(rig, explain=("glow",))

@@ -57,6 +57,11 @@ class BoundStep:
     law: str = ""
 
 
+def gain_step(rig: Rig) -> BoundStep:
+    """Return the sensor's gain as a step, K."""
+    return BoundStep("K", rig.dn_per_e, "DN/e", "gain of the sensor")
+
+
 @dataclass(frozen=True)
 class Bound:
     """At most so much would change in the readings if the effect were left out, or sampled no finer.

@@ -8,7 +8,7 @@ import numpy as np
 from gs2ci.core.arrays import F64
 from gs2ci.core.errors import InputError
 from gs2ci.core.records import CFA_PATTERNS, CfaPattern
-from gs2ci_sims.effects.base import UNAVOIDABLE, Bound, Previewed, Stage
+from gs2ci_sims.effects.base import UNAVOIDABLE, Bound, BoundStep, Previewed, Stage
 from gs2ci_sims.rig import Rig
 
 
@@ -36,7 +36,7 @@ class BayerFilter:
 
     def bound(self, scene: Previewed, rig: Rig) -> Bound:
         """Infinite: it decides what is recorded, one colour per pixel or three."""
-        return UNAVOIDABLE
+        return UNAVOIDABLE.by("inf", BoundStep("c", 1.0, "", "colours that a pixel records, of three"))
 
     def apply(self, signal: F64, rig: Rig, rng: np.random.Generator) -> F64:
         """Select from electrons [H, W, 3]."""

@@ -7,7 +7,7 @@ import numpy as np
 
 from gs2ci.core.arrays import F64
 from gs2ci.core.errors import InputError
-from gs2ci_sims.effects.base import Bound, Previewed, Stage
+from gs2ci_sims.effects.base import Bound, BoundStep, Previewed, Stage
 from gs2ci_sims.rig import Rig
 
 
@@ -36,7 +36,8 @@ class BlackLevel:
 
     def bound(self, scene: Previewed, rig: Rig) -> Bound:
         """Exactly the shift."""
-        return Bound(abs(self.shift_dn), abs(self.shift_dn))
+        shift = BoundStep("D", self.shift_dn, "DN", "shift of the black level")
+        return Bound(abs(self.shift_dn), abs(self.shift_dn)).by("abs(D)", shift)
 
     def apply(self, signal: F64, rig: Rig, rng: np.random.Generator) -> F64:
         """Shift readings [H, W, C]."""

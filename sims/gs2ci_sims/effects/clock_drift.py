@@ -7,7 +7,7 @@ import numpy as np
 
 from gs2ci.core.arrays import F64
 from gs2ci.core.errors import InputError
-from gs2ci_sims.effects.base import Bound, Previewed, Stage
+from gs2ci_sims.effects.base import Bound, BoundStep, Previewed, Stage
 from gs2ci_sims.effects.trigger_timing import within_window
 from gs2ci_sims.rig import Rig
 from gs2ci_sims.signals import Slices
@@ -37,7 +37,15 @@ class ClockDrift:
 
         What is taken from its own time and what is added after it are at most twice the delay.
         """
-        return scene.of_shares(self, *self._changes(scene, rig))
+        change, swing, taken_s = self._changes(scene, rig)
+        return scene.of_shares(self, change, swing, taken_s).after(
+            BoundStep("ppm", self.ppm, "1e-6", "slowness of the modulator's clock"),
+            BoundStep("t", rig.exposure_s, "s", "exposure"),
+            BoundStep("late", 1e-6 * self.ppm * rig.exposure_s, "s", "lateness at the end", "1e-6 * ppm * t"),
+            BoundStep("T", rig.timing.interval_s, "s", "time on show of each mask"),
+            BoundStep("c", float(np.abs(change).max()), "", "largest share that a mask's light changes by"),
+            BoundStep("w", float(swing.max()), "", "largest share that comes at another time"),
+        )
 
     def modulation(self, scene: Previewed) -> float:
         """What the last mask's light changes by, or moves."""

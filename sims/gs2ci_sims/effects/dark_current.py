@@ -7,7 +7,7 @@ import numpy as np
 
 from gs2ci.core.arrays import F64
 from gs2ci.core.errors import InputError
-from gs2ci_sims.effects.base import Bound, Previewed, Stage
+from gs2ci_sims.effects.base import Bound, BoundStep, Previewed, Stage, gain_step
 from gs2ci_sims.rig import Rig
 
 # The temperature for which data sheets state the current.
@@ -55,7 +55,17 @@ class DarkCurrent:
         Charge beyond the full well is lost.
         """
         dark_e = min(self.collected_e(rig.exposure_s), rig.sensor.full_well_e)
-        return Bound(rig.dn_per_e * float(np.sqrt(dark_e**2 + dark_e)), rig.dn_per_e * (dark_e + 6 * dark_e**0.5))
+        bound = Bound(rig.dn_per_e * float(np.sqrt(dark_e**2 + dark_e)), rig.dn_per_e * (dark_e + 6 * dark_e**0.5))
+        return bound.by(
+            "K * sqrt(D**2 + D)",
+            BoundStep("I", self.current_e_per_s, "e/s", "dark current at 25 C"),
+            BoundStep("C", self.temperature_c, "C", "temperature of the sensor"),
+            BoundStep("h", self.doubling_k, "K", "warming that doubles the current"),
+            BoundStep("t", rig.exposure_s, "s", "exposure"),
+            BoundStep("W", rig.sensor.full_well_e, "e", "full well"),
+            BoundStep("D", dark_e, "e", "charge collected in the dark", "min(I * 2 ** ((C - 25) / h) * t, W)"),
+            gain_step(rig),
+        )
 
     def added_e(self, rig: Rig, size: tuple[int, int]) -> tuple[float, float]:
         """Return the collected charge, the same in every pixel."""

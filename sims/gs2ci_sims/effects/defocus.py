@@ -8,7 +8,7 @@ import numpy as np
 
 from gs2ci.core.arrays import F64
 from gs2ci.core.errors import InputError
-from gs2ci_sims.effects.base import Bound, Previewed, Stage
+from gs2ci_sims.effects.base import Bound, BoundStep, Previewed, Stage
 from gs2ci_sims.effects.kernels import disc, disc_transfer
 from gs2ci_sims.rig import Rig
 from gs2ci_sims.signals import View
@@ -56,7 +56,22 @@ class Defocus:
 
     def bound(self, scene: Previewed, rig: Rig) -> Bound:
         """The spectrum times what the widest disc takes from each cosine, 1 - 2 J1(x)/x."""
-        return scene.of_views(*self.view_change(scene))
+        focal_px, (near, far) = float(scene.scene.intrinsics[0, 0]), scene.scene.depth_range()
+        widest = float(self._widest_px(scene.scene.intrinsics, np.array([near, far])).max())
+        return scene.of_views(*self.view_change(scene)).after(
+            BoundStep("A", self.aperture, "units", "diameter of the aperture"),
+            BoundStep("zf", self.focus_depth, "units", "depth of what is sharp"),
+            BoundStep("f", focal_px, "px", "focal length"),
+            BoundStep("z1", near, "units", "nearest depth (1 % of the pixels are nearer)"),
+            BoundStep("z2", far, "units", "farthest depth (1 % are farther)"),
+            BoundStep(
+                "d",
+                widest,
+                "px",
+                "widest disc; of a cosine of frequency k it takes 1 - 2 J1(pi d k) / (pi d k)",
+                f"min({DIAMETER_MAX_PX}, f * A * max(abs(1 / z1 - 1 / zf), abs(1 / z2 - 1 / zf)))",
+            ),
+        )
 
     def view_change(self, scene: Previewed) -> tuple[float, float]:
         """Return rms and peak of what the blur takes from a view."""

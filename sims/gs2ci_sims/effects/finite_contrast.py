@@ -9,7 +9,7 @@ from scipy.ndimage import gaussian_filter
 
 from gs2ci.core.arrays import F64
 from gs2ci.core.errors import InputError
-from gs2ci_sims.effects.base import Bound, Previewed, Stage
+from gs2ci_sims.effects.base import Bound, BoundStep, Previewed, Stage
 from gs2ci_sims.rig import Rig
 
 
@@ -45,7 +45,11 @@ class FiniteContrast:
 
     def bound(self, scene: Previewed, rig: Rig) -> Bound:
         """What this device's map of leakage lets through behind all closed elements."""
-        return scene.of_mask_effect(self)
+        return scene.of_mask_effect(self).after(
+            BoundStep("C", self.contrast, "", "contrast, median over the field"),
+            BoundStep("leak", 1 / self.contrast, "", "off level there; a mask M becomes leak + (1 - leak) M", "1 / C"),
+            BoundStep("spread", self.spread, "", "standard deviation of its logarithm over the field"),
+        )
 
     def leakage(self, size: tuple[int, int], rng: np.random.Generator) -> F64:
         """Draw the device's map of off levels, [H, W] in [0, 1]."""

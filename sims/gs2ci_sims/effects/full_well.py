@@ -7,7 +7,7 @@ import numpy as np
 
 from gs2ci.core.arrays import F64
 from gs2ci.core.errors import InputError
-from gs2ci_sims.effects.base import Bound, Previewed, Stage
+from gs2ci_sims.effects.base import Bound, BoundStep, Previewed, Stage, gain_step
 from gs2ci_sims.rig import Rig
 
 
@@ -35,7 +35,13 @@ class FullWell:
     def bound(self, scene: Previewed, rig: Rig) -> Bound:
         """What the charge, with six standard deviations of its noise, has beyond the capacity."""
         _, rms_e, peak_e = scene.excess_e(self.capacity_e)
-        return Bound(rig.dn_per_e * rms_e, rig.dn_per_e * peak_e)
+        return Bound(rig.dn_per_e * rms_e, rig.dn_per_e * peak_e).by(
+            "K * x",
+            BoundStep("W", self.capacity_e, "e", "full well"),
+            BoundStep("Q", float(scene.most_e.max()), "e", "charge that no pixel exceeds, noise aside"),
+            BoundStep("x", rms_e, "e", "charge beyond the well, with six sigma of its noise, rms over the pixels"),
+            gain_step(rig),
+        )
 
     def apply(self, signal: F64, rig: Rig, rng: np.random.Generator) -> F64:
         """Clip electrons [H, W, C]."""

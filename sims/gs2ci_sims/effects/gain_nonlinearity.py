@@ -7,7 +7,7 @@ import numpy as np
 
 from gs2ci.core.arrays import F64
 from gs2ci.core.errors import InputError
-from gs2ci_sims.effects.base import Bound, Previewed, Stage
+from gs2ci_sims.effects.base import Bound, BoundStep, Previewed, Stage, gain_step
 from gs2ci_sims.rig import Rig
 
 
@@ -45,8 +45,18 @@ class GainNonlinearity:
         likely_e, most_e = scene.charge_e + added_e, scene.most_e + added_e
         likely, most = (bent_dn(np.sqrt(np.square(charge_e) + charge_e)) for charge_e in (likely_e, most_e))
         error_dn = 4 * abs(self.departure) * rig.dn_per_e * scene.charge_error_e
-        rms_dn = min(float(np.sqrt(np.square(likely).mean())) + error_dn, float(np.sqrt(np.square(most).mean())))
-        return Bound(rms_dn, float(bent_dn(most_e + 6 * np.sqrt(most_e)).max()))
+        likely_dn, most_dn = (float(np.sqrt(np.square(bent).mean())) for bent in (likely, most))
+        return Bound(min(likely_dn + error_dn, most_dn), float(bent_dn(most_e + 6 * np.sqrt(most_e)).max())).by(
+            "min(v + u, top)",
+            BoundStep("D", self.departure, "", "largest departure from a line, of full scale"),
+            gain_step(rig),
+            BoundStep("e", scene.charge_error_e, "e", "by what the charge may differ from the previewed, rms"),
+            BoundStep("v", likely_dn, "DN", "4 D W x (1 - x) K at the previewed charge x W, rms over the pixels"),
+            BoundStep(
+                "u", error_dn, "DN", "the same of what it may differ by, at the steepest slope", "4 * abs(D) * K * e"
+            ),
+            BoundStep("top", most_dn, "DN", "the same at the charge that no pixel exceeds"),
+        )
 
     def brightest(self, scene: Previewed) -> float:
         """The steepest slope: a change of the light before the amplifier grows by so much."""

@@ -7,7 +7,7 @@ import numpy as np
 
 from gs2ci.core.arrays import F64
 from gs2ci.core.errors import InputError
-from gs2ci_sims.effects.base import Bound, Previewed, Stage
+from gs2ci_sims.effects.base import Bound, BoundStep, Previewed, Stage, gain_step
 from gs2ci_sims.rig import Rig
 
 
@@ -51,7 +51,24 @@ class HotPixels:
         fourth = self.share * min(24 * mean_e**4, well_e**4)
         hottest_e = min(self._hottest_e(mean_e, pixels), well_e)
         rms_e = np.sqrt(second + 6 * np.sqrt(fourth / pixels))
-        return Bound(rig.dn_per_e * float(rms_e), rig.dn_per_e * float(hottest_e))
+        return Bound(rig.dn_per_e * float(rms_e), rig.dn_per_e * float(hottest_e)).by(
+            "K * sqrt(x2 + 6 * sqrt(x4 / n))",
+            BoundStep("p", self.share, "", "share of the pixels that are hot"),
+            BoundStep("I", self.mean_e_per_s, "e/s", "their mean excess current"),
+            BoundStep("t", rig.exposure_s, "s", "exposure"),
+            BoundStep("m", mean_e, "e", "their mean excess charge", "I * t"),
+            BoundStep("W", rig.sensor.full_well_e, "e", "full well"),
+            BoundStep("n", pixels, "", "pixels"),
+            BoundStep(
+                "x2",
+                second,
+                "e^2",
+                "mean square of the excess charge and its shot noise",
+                "p * min(2 * m**2 + m, W**2)",
+            ),
+            BoundStep("x4", fourth, "e^4", "mean fourth power", "p * min(24 * m**4, W**4)"),
+            gain_step(rig),
+        )
 
     def added_e(self, rig: Rig, size: tuple[int, int]) -> tuple[float, float]:
         """Return the mean over all pixels, with six standard errors, and the hottest pixel's charge."""

@@ -7,7 +7,7 @@ import numpy as np
 
 from gs2ci.core.arrays import F64
 from gs2ci.core.errors import InputError
-from gs2ci_sims.effects.base import Bound, Previewed, Stage
+from gs2ci_sims.effects.base import Bound, BoundStep, Previewed, Stage
 from gs2ci_sims.rig import Rig
 from gs2ci_sims.signals import Slices
 
@@ -36,7 +36,13 @@ class IlluminationDrift:
         parts = np.linspace(0, 1, 65)
         times_s = scene.intervals_s[:, :1] + np.diff(scene.intervals_s, axis=1) * parts
         change = self._factor(times_s) - 1
-        return scene.of_shares(self, change.mean(axis=1), np.abs(change).mean(axis=1))
+        return scene.of_shares(self, change.mean(axis=1), np.abs(change).mean(axis=1)).after(
+            BoundStep("r", self.rate_per_s, "1/s", "relative change of the light"),
+            BoundStep("t", rig.exposure_s, "s", "exposure"),
+            BoundStep(
+                "c", float(np.abs(change.mean(axis=1)).max()), "", "largest share that a mask's light changes by"
+            ),
+        )
 
     def brightest(self, scene: Previewed) -> float:
         """The drift at the end of the exposure."""

@@ -6,7 +6,7 @@ from typing import ClassVar
 import numpy as np
 
 from gs2ci.core.errors import InputError
-from gs2ci_sims.effects.base import Bound, Previewed, Stage
+from gs2ci_sims.effects.base import Bound, BoundStep, Previewed, Stage
 from gs2ci_sims.effects.periodic import swing_left, swinging
 from gs2ci_sims.rig import Rig
 from gs2ci_sims.signals import Slices
@@ -43,7 +43,18 @@ class LcosFlicker:
         """The ripple that an interval's mean keeps, depth |sin x / x|; the rest moves in time."""
         left = swing_left(self.depth, self.drive_hz, rig.timing.interval_s)
         masks = len(scene.masks)
-        return scene.of_shares(self, np.full(masks, left), np.full(masks, self.depth))
+        return scene.of_shares(self, np.full(masks, left), np.full(masks, self.depth)).after(
+            BoundStep("depth", self.depth, "", "swing of the light about its mean"),
+            BoundStep("f", self.drive_hz, "Hz", "frequency of the drive"),
+            BoundStep("T", rig.timing.interval_s, "s", "time on show of each mask"),
+            BoundStep(
+                "c",
+                left,
+                "",
+                "swing that an interval's mean keeps; sinc(x) = sin(pi x) / (pi x)",
+                "depth * abs(sinc(f * T))",
+            ),
+        )
 
     def brightest(self, scene: Previewed) -> float:
         """The top of the swing."""

@@ -7,7 +7,7 @@ import numpy as np
 
 from gs2ci.core.arrays import F64
 from gs2ci.core.errors import InputError
-from gs2ci_sims.effects.base import NOTHING, Bound, Previewed, Stage
+from gs2ci_sims.effects.base import NOTHING, Bound, BoundStep, Previewed, Stage
 from gs2ci_sims.rig import Rig
 from gs2ci_sims.signals import Slices
 
@@ -52,10 +52,14 @@ class LcosResponse:
     def bound(self, scene: Previewed, rig: Rig) -> Bound:
         """The old state's mean weight over an interval, tau/T (1 - exp(-T/tau)), times what it differs by."""
         if self.tau_s == 0:
-            return NOTHING
+            return NOTHING.by("0")
         weight = self._weight(rig)
         old = np.tensordot(self.states(len(scene.masks), rig), scene.shown, axes=1)
-        return scene.of_masks(self, weight * (old - scene.shown))
+        return scene.of_masks(self, weight * (old - scene.shown)).after(
+            BoundStep("tau", self.tau_s, "s", "time constant"),
+            BoundStep("T", rig.timing.interval_s, "s", "time on show of each mask"),
+            BoundStep("c", weight, "", "mean weight of the older masks", "min(1, tau / T * (1 - exp(-T / tau)))"),
+        )
 
     def modulation(self, scene: Previewed) -> float:
         """What goes to older masks."""

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from gs2ci.core.arrays import F64
 from gs2ci.core.errors import InputError
-from gs2ci_sims.effects.base import Bound, Previewed, Stage
+from gs2ci_sims.effects.base import Bound, BoundStep, Previewed, Stage
 from gs2ci_sims.effects.kernels import blurred, gaussian_tail
 from gs2ci_sims.rig import Rig
 
@@ -40,7 +40,8 @@ class MaskEdges:
 
     def bound(self, scene: Previewed, rig: Rig) -> Bound:
         """What the masks that it meets lose and gain by the blur."""
-        return scene.of_mask_effect(self)
+        sigma = BoundStep("sigma", self.sigma_px, "px", "standard deviation of the blur of the masks")
+        return scene.of_mask_effect(self).after(sigma)
 
     def kernel_bound(self, scene: Previewed, rig: Rig, reach: float) -> Bound:
         """The masks' deviation from their mean, times twice the share of the kernel that is cut off, per direction.

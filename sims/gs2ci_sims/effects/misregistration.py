@@ -9,7 +9,7 @@ from scipy.ndimage import affine_transform
 
 from gs2ci.core.arrays import F64
 from gs2ci.core.errors import InputError
-from gs2ci_sims.effects.base import Bound, Previewed, Stage
+from gs2ci_sims.effects.base import Bound, BoundStep, Previewed, Stage
 from gs2ci_sims.rig import Rig
 
 
@@ -47,7 +47,12 @@ class Misregistration:
 
     def bound(self, scene: Previewed, rig: Rig) -> Bound:
         """What each mask that it meets changes by."""
-        return scene.of_mask_effect(self)
+        return scene.of_mask_effect(self).after(
+            BoundStep("x", self.right_px, "px", "shift of the masks to the right"),
+            BoundStep("y", self.down_px, "px", "shift down"),
+            BoundStep("turn", self.turn_mrad, "mrad", "turn"),
+            BoundStep("scale", self.magnification, "", "magnification"),
+        )
 
     def apply(self, signal: NDArray[np.floating], rig: Rig, rng: np.random.Generator) -> F64:
         """Move masks [N, H, W]."""

@@ -8,7 +8,7 @@ import numpy as np
 
 from gs2ci.core.arrays import F64
 from gs2ci.core.errors import InputError
-from gs2ci_sims.effects.base import Bound, Previewed, Stage
+from gs2ci_sims.effects.base import Bound, BoundStep, Previewed, Stage
 from gs2ci_sims.moments import Moments, gauss_nodes, gauss_weights, lagrange
 from gs2ci_sims.motion import sweep_errors
 from gs2ci_sims.rig import Rig
@@ -53,7 +53,14 @@ class MotionBlur:
         function of linear motion (Boreman, Modulation Transfer Function in Optical Systems, section 2.2). A camera
         that swings also has its mean place elsewhere than in the middle of the interval.
         """
-        return panel_bound(scene, np.unique(scene.intervals_s), 1, 0.0)
+        return panel_bound(scene, np.unique(scene.intervals_s), 1, 0.0).after(
+            BoundStep(
+                "d",
+                float(scene.motion_px.max()),
+                "px",
+                "motion of the image under one mask, at most; a cosine of frequency k keeps sinc(k d)",
+            ),
+        )
 
     def apply(self, signal: Moments, rig: Rig, rng: np.random.Generator) -> Moments:
         """Replace the one moment per interval."""

@@ -7,7 +7,7 @@ import numpy as np
 
 from gs2ci.core.arrays import F64
 from gs2ci.core.errors import InputError
-from gs2ci_sims.effects.base import Bound, Previewed, Stage
+from gs2ci_sims.effects.base import Bound, BoundStep, Previewed, Stage
 from gs2ci_sims.effects.kernels import blurred, gaussian_loss, gaussian_radius, gaussian_tail
 from gs2ci_sims.rig import Rig
 from gs2ci_sims.signals import View
@@ -41,7 +41,10 @@ class OpticsPsf:
 
     def bound(self, scene: Previewed, rig: Rig) -> Bound:
         """The spectrum times 1 - MTF (Parseval)."""
-        return scene.of_views(*self.view_change(scene))
+        sigma = BoundStep(
+            "sigma", self.sigma_px, "px", "blur; of a cosine of frequency k it takes 1 - exp(-2 (pi sigma k)^2)"
+        )
+        return scene.of_views(*self.view_change(scene)).after(sigma)
 
     def view_change(self, scene: Previewed) -> tuple[float, float]:
         """Return rms and peak of what the blur takes from a view."""

@@ -7,7 +7,7 @@ import numpy as np
 
 from gs2ci.core.arrays import F64
 from gs2ci.core.errors import InputError
-from gs2ci_sims.effects.base import Bound, Previewed, Stage
+from gs2ci_sims.effects.base import Bound, BoundStep, Previewed, Stage, gain_step
 from gs2ci_sims.rig import Rig
 
 
@@ -60,7 +60,22 @@ class Persistence:
         )
         rms_e = float(np.sqrt((np.square(released_e) + released_e).mean()))
         peak_e = float((released_e + 6 * np.sqrt(released_e)).max())
-        return Bound(rig.dn_per_e * rms_e, rig.dn_per_e * peak_e)
+        return Bound(rig.dn_per_e * rms_e, rig.dn_per_e * peak_e).by(
+            "K * x",
+            BoundStep("s", self.share, "", "share of the earlier charge that is caught"),
+            BoundStep("tau", self.decay_s, "s", "decay"),
+            BoundStep("gap", self.gap_s, "s", "time since the earlier exposure"),
+            BoundStep("t", rig.exposure_s, "s", "exposure"),
+            BoundStep(
+                "c",
+                self.released_share(rig.exposure_s),
+                "",
+                "share released during this one",
+                "s * exp(-gap / tau) * (1 - exp(-t / tau))",
+            ),
+            BoundStep("x", rms_e, "e", "that charge and its shot noise, rms over the pixels, up to the full well"),
+            gain_step(rig),
+        )
 
     def added_e(self, rig: Rig, size: tuple[int, int]) -> tuple[float, float]:
         """Return the released charge: its mean and its largest."""

@@ -7,7 +7,7 @@ import numpy as np
 
 from gs2ci.core.arrays import F64
 from gs2ci.core.errors import InputError
-from gs2ci_sims.effects.base import Bound, Previewed, Stage
+from gs2ci_sims.effects.base import Bound, BoundStep, Previewed, Stage, gain_step
 from gs2ci_sims.rig import Rig
 
 
@@ -42,7 +42,12 @@ class Prnu:
         most_e = np.minimum(scene.most_e, rig.sensor.full_well_e)
         rms_e = min(scene.charge_rms_e, float(np.sqrt(np.square(most_e).mean())))
         dn = self.spread * rig.dn_per_e
-        return Bound(dn * rms_e, 6 * dn * float(most_e.max()), random=True)
+        return Bound(dn * rms_e, 6 * dn * float(most_e.max()), random=True).by(
+            "K * s * Q",
+            BoundStep("s", self.spread, "", "relative spread of the pixels' response"),
+            BoundStep("Q", rms_e, "e", "charge, rms over the pixels"),
+            gain_step(rig),
+        )
 
     def brightest(self, scene: Previewed) -> float:
         """Six standard deviations above the mean."""

@@ -7,7 +7,7 @@ import numpy as np
 
 from gs2ci.core.arrays import F64
 from gs2ci.core.errors import InputError
-from gs2ci_sims.effects.base import Bound, Previewed, Stage
+from gs2ci_sims.effects.base import Bound, BoundStep, Previewed, Stage, gain_step
 from gs2ci_sims.rig import Rig
 
 
@@ -32,7 +32,9 @@ class ReadNoise:
 
     def bound(self, scene: Previewed, rig: Rig) -> Bound:
         """σ_d times the gain K (EMVA 1288, eq. 10)."""
-        return Bound(self.sigma_e * rig.dn_per_e, 6 * self.sigma_e * rig.dn_per_e, random=True)
+        sigma = BoundStep("sigma", self.sigma_e, "e", "standard deviation")
+        bound = Bound(self.sigma_e * rig.dn_per_e, 6 * self.sigma_e * rig.dn_per_e, random=True)
+        return bound.by("K * sigma", sigma, gain_step(rig))
 
     def apply(self, signal: F64, rig: Rig, rng: np.random.Generator) -> F64:
         """Add noise to electrons [H, W, C]; the sum may be negative, as a reading below black is."""

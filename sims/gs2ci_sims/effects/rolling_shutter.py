@@ -7,7 +7,7 @@ import numpy as np
 
 from gs2ci.core.arrays import F64
 from gs2ci.core.errors import InputError
-from gs2ci_sims.effects.base import Bound, Previewed, Stage
+from gs2ci_sims.effects.base import Bound, BoundStep, Previewed, Stage
 from gs2ci_sims.rig import Rig
 from gs2ci_sims.signals import Shutter, Slices
 
@@ -41,7 +41,20 @@ class RollingShutter:
 
     def bound(self, scene: Previewed, rig: Rig) -> Bound:
         """The light of each mask that each row misses."""
-        return scene.of_masks(self, self._missed(scene)[..., None] * scene.shown)
+        missed = self._missed(scene)
+        return scene.of_masks(self, missed[..., None] * scene.shown).after(
+            BoundStep("delay", self.line_delay_s, "s", "from each row to the next"),
+            BoundStep("rows", float(scene.masks.shape[1]), "", "rows"),
+            BoundStep(
+                "late",
+                self.line_delay_s * (scene.masks.shape[1] - 1),
+                "s",
+                "by what the last row is late",
+                "delay * (rows - 1)",
+            ),
+            BoundStep("T", rig.timing.interval_s, "s", "time on show of each mask"),
+            BoundStep("c", float(missed.max()), "", "largest share of a mask's light that a row misses"),
+        )
 
     def modulation(self, scene: Previewed) -> float:
         """What the last row misses."""

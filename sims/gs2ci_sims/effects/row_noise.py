@@ -7,7 +7,7 @@ import numpy as np
 
 from gs2ci.core.arrays import F64
 from gs2ci.core.errors import InputError
-from gs2ci_sims.effects.base import Bound, Previewed, Stage
+from gs2ci_sims.effects.base import Bound, BoundStep, Previewed, Stage, gain_step
 from gs2ci_sims.rig import Rig
 
 
@@ -35,7 +35,9 @@ class RowNoise:
 
     def bound(self, scene: Previewed, rig: Rig) -> Bound:
         """Standard deviation times the gain K, whatever the scene."""
-        return Bound(self.sigma_e * rig.dn_per_e, 6 * self.sigma_e * rig.dn_per_e, random=True)
+        sigma = BoundStep("sigma", self.sigma_e, "e", "standard deviation")
+        bound = Bound(self.sigma_e * rig.dn_per_e, 6 * self.sigma_e * rig.dn_per_e, random=True)
+        return bound.by("K * sigma", sigma, gain_step(rig))
 
     def apply(self, signal: F64, rig: Rig, rng: np.random.Generator) -> F64:
         """Add to electrons [H, W, C], the same over W and C."""

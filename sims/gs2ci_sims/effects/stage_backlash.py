@@ -8,7 +8,7 @@ import numpy as np
 
 from gs2ci.core.arrays import F64
 from gs2ci.core.errors import InputError
-from gs2ci_sims.effects.base import NOTHING, Bound, Previewed, Stage
+from gs2ci_sims.effects.base import NOTHING, Bound, BoundStep, Previewed, Stage
 from gs2ci_sims.path import CameraPath, highest_hz
 from gs2ci_sims.rig import Rig
 
@@ -101,9 +101,21 @@ class StageBacklash:
         lagging = self._lagging(scene.path, rig)
         worst = float(np.abs(lagging.lag(np.linspace(lagging.begin_s, lagging.end_s, STEPS))).max())
         if worst <= 1e-9 * self.play:
-            return NOTHING
-        near = scene.scene.depth_range()[0]
-        return scene.of_views(*scene.shifted(worst * float(scene.scene.intrinsics[:2, :2].max()) / near))
+            return NOTHING.by("0", BoundStep("play", self.play, "units", "lost motion; the path does not turn back"))
+        near, focal_px = scene.scene.depth_range()[0], float(scene.scene.intrinsics[:2, :2].max())
+        return scene.of_views(*scene.shifted(worst * focal_px / near)).after(
+            BoundStep("play", self.play, "units", "lost motion"),
+            BoundStep("lag", worst, "units", "largest lag after the turns of this path"),
+            BoundStep("f", focal_px, "px", "focal length"),
+            BoundStep("z1", near, "units", "nearest depth (1 % of the pixels are nearer)"),
+            BoundStep(
+                "d",
+                worst * focal_px / near,
+                "px",
+                "shift of its image; a cosine of frequency k changes by 2 sin(pi k d)",
+                "lag * f / z1",
+            ),
+        )
 
     def apply(self, signal: CameraPath, rig: Rig, rng: np.random.Generator) -> CameraPath:
         """Let the path lag."""

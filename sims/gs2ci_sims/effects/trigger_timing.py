@@ -8,7 +8,7 @@ import numpy as np
 
 from gs2ci.core.arrays import F64
 from gs2ci.core.errors import InputError
-from gs2ci_sims.effects.base import Bound, Previewed, Stage
+from gs2ci_sims.effects.base import Bound, BoundStep, Previewed, Stage
 from gs2ci_sims.rig import Rig
 from gs2ci_sims.signals import Slices
 
@@ -44,8 +44,23 @@ class TriggerTiming:
 
     def bound(self, scene: Previewed, rig: Rig) -> Bound:
         """What the latest, and the earliest, window cuts off of the masks."""
-        bounds = [scene.of_shares(self, lost, lost) for lost in self._lost(scene, rig)]
-        return Bound(max(b.rms_dn for b in bounds), max(b.peak_dn for b in bounds))
+        losses = list(self._lost(scene, rig))
+        bounds = [scene.of_shares(self, lost, lost) for lost in losses]
+        worst = max(range(2), key=lambda window: bounds[window].rms_dn)
+        bound = Bound(bounds[worst].rms_dn, max(b.peak_dn for b in bounds), steps=bounds[worst].steps)
+        return bound.after(
+            BoundStep("t", self.latency_s, "s", "latency"),
+            BoundStep("j", self.jitter_s, "s", "jitter, standard deviation; three of them count"),
+            BoundStep(
+                "late",
+                self.latency_s + (2 * worst - 1) * JITTER_SIGMAS * self.jitter_s,
+                "s",
+                "the worse of the earliest and the latest window",
+                "t + 3 * j" if worst else "t - 3 * j",
+            ),
+            BoundStep("T", rig.timing.interval_s, "s", "time on show of each mask"),
+            BoundStep("c", float(losses[worst].max()), "", "largest share of a mask's light that it misses"),
+        )
 
     def modulation(self, scene: Previewed) -> float:
         """What the first or the last mask loses."""

@@ -7,7 +7,7 @@ import numpy as np
 
 from gs2ci.core.arrays import F64
 from gs2ci.core.errors import InputError
-from gs2ci_sims.effects.base import Bound, Previewed, Stage
+from gs2ci_sims.effects.base import Bound, BoundStep, Previewed, Stage
 from gs2ci_sims.rig import Rig
 from gs2ci_sims.signals import View
 
@@ -44,7 +44,10 @@ class Vignetting:
     def bound(self, scene: Previewed, rig: Rig) -> Bound:
         """The share of its reading that each pixel loses, under whichever masks are the more open."""
         lost = 1 - self.transmission(scene.scene.size, scene.scene.intrinsics)
-        return scene.of_masks(self, lost * scene.most_open)
+        return scene.of_masks(self, lost * scene.most_open).after(
+            BoundStep("n", self.exponent, "", "light falls as cos^n of the field angle"),
+            BoundStep("c", float(lost.max()), "", "share lost in the farthest corner"),
+        )
 
     def apply(self, signal: View, rig: Rig, rng: np.random.Generator) -> View:
         """Darken the view."""
