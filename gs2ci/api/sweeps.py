@@ -17,7 +17,7 @@ from gs2ci.core.progress import Progress
 
 if TYPE_CHECKING:
     from gs2ci_sims.planner import Plan
-    from gs2ci_sims.sweeping import Sweep
+    from gs2ci_sims.sweeping import FigureSweep
 
 DEFAULT_POINTS: Final = 9
 MOST_POINTS: Final = 200
@@ -54,7 +54,7 @@ def sweep(
     points: int = DEFAULT_POINTS,
     tolerance_dn: float | None = None,
     progress: Progress | None = None,
-) -> "tuple[Sweep, ...]":
+) -> "tuple[FigureSweep, ...]":
     """Find at which value of a figure of the rig each effect begins to matter; nothing is exposed.
 
     Args:

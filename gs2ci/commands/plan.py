@@ -22,7 +22,7 @@ from gs2ci.core.whole_file import check_place, write_whole
 if TYPE_CHECKING:
     from gs2ci_sims.explaining import Explanation
     from gs2ci_sims.planner import Plan
-    from gs2ci_sims.sweeping import Sweep
+    from gs2ci_sims.sweeping import FigureSweep
 
 LAW_WIDTH: Final = 32
 """Characters that the column of laws is widened to; a longer law has a line of its own."""
@@ -92,7 +92,7 @@ def _swept(
     return [one.record() for one in sweeps]
 
 
-def print_sweeps(sweeps: "Sequence[Sweep]", console: Console) -> None:
+def print_sweeps(sweeps: "Sequence[FigureSweep]", console: Console) -> None:
     """Print where each effect begins to matter, one effect per line, one column per figure that was swept."""
     table = Table(box=None, padding=(0, 2, 0, 0), header_style="bold")
     table.add_column("matters for", no_wrap=True)
@@ -106,7 +106,7 @@ def print_sweeps(sweeps: "Sequence[Sweep]", console: Console) -> None:
     console.print(table)
 
 
-def _ranges(one: "Sweep", name: str) -> str:
+def _ranges(one: "FigureSweep", name: str) -> str:
     if name not in one.bounds_dn:
         return "-"
     words = []

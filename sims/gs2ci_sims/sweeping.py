@@ -23,7 +23,7 @@ LOG_FROM: Final = 8.0
 
 
 @dataclass(frozen=True)
-class Sweep:
+class FigureSweep:
     """Plans along one figure of a rig, all others as the file has them.
 
     Args:
@@ -99,13 +99,13 @@ def swept(
     unit: str,
     own: float | None,
     progress: Progress | None = None,
-) -> Sweep:
+) -> FigureSweep:
     """Plan at each of the values.
 
     Args:
         plan_at: Makes the plan for a value.
         values: Increasing, [P], two or more.
-        quantity: For the `Sweep`, as are those below.
+        quantity: For the `FigureSweep`, as are those below.
         key: As above.
         unit: As above.
         own: As above.
@@ -119,7 +119,7 @@ def swept(
         progress.step(done + 1)
     names = [decision.name for decision in plans[0].decisions]
     bounds = np.array([[decision.bound.rms_dn for decision in plan.decisions] for plan in plans])
-    return Sweep(
+    return FigureSweep(
         quantity,
         key,
         unit,
@@ -155,7 +155,7 @@ def _scaled(values: F64) -> F64:
     return np.log(values) if values[0] > 0 else values
 
 
-def picture(sweeps: Sequence[Sweep]) -> bytes:
+def picture(sweeps: Sequence[FigureSweep]) -> bytes:
     """Draw the map of regimes as PNG: a panel per sweep, a row per effect, coloured by its bound over the limit.
 
     Red: it matters; blue: it may be left out; the line is where one turns into the other. Dashed: the file's value.

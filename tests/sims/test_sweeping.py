@@ -5,14 +5,14 @@ import math
 import numpy as np
 import pytest
 
-from gs2ci_sims.sweeping import Sweep, along, picture
+from gs2ci_sims.sweeping import FigureSweep, along, picture
 
 VALUES = np.array([0.1, 1.0, 10.0])
 
 
 def sweep_of(values=VALUES, **bounds):
     bounds = {name: np.array(bound) for name, bound in bounds.items()}
-    return Sweep("x", "part.x", "s", values, 1.0, bounds, np.full(len(values), 0.1), (1, 2, 3))
+    return FigureSweep("x", "part.x", "s", values, 1.0, bounds, np.full(len(values), 0.1), (1, 2, 3))
 
 
 def test_a_bound_that_grows_as_a_power_of_the_figure_matters_from_where_it_meets_the_limit():
