@@ -29,6 +29,8 @@ from gs2ci.reconstruct.pipeline import reconstruct
 from gs2ci.reconstruct.settings import Settings
 from gs2ci.render.settings import RasterSettings
 
+pytestmark = pytest.mark.slow
+
 VIEWS, HEIGHT, WIDTH = 6, 48, 64
 FOCAL_PX = 60.0
 QUICK = Settings(
