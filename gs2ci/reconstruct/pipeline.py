@@ -204,7 +204,7 @@ def _settled(
         return first
 
     # By the measurement alone: views of either order show surfaces that bear it out.
-    brief = replace(settings, fit=replace(shortened(settings.fit), surfaces=None))
+    brief = replace(settings, fit=replace(shortened(settings.fit), surfaces=None, relief=None))
     begun: dict[int, tuple[Geometry, tuple[Geometry, Gaussians]]] = {}
 
     def leaves(began: Geometry, number: int) -> float:

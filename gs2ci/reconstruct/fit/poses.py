@@ -96,6 +96,15 @@ class PoseCorrections:
         self._adam.step(self._twists, rates.rate * (rates.final_rate / rates.rate) ** progress)
         self.forget_gradient()
 
+    def gradient(self) -> Tensor | None:
+        """Return what has been accumulated, by twists in scene units, [N, 6]; None where poses are not refined."""
+        return None if self._twists.grad is None else self._twists.grad / self._units
+
+    def shift(self, twists: Tensor) -> None:
+        """Move the cameras by small twists after their poses, in scene units, [N, 6], past Adam and its moments."""
+        with torch.no_grad():
+            self._twists.add_(twists / self._units)
+
     def forget_gradient(self) -> None:
         """Drop what has been accumulated."""
         self._twists.grad = None

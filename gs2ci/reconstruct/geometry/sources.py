@@ -92,6 +92,10 @@ class FromFile:
         return replace(found, source=self.name, notes=(*notes, *found.notes))
 
 
+TOLD: Final = (FromStage.name, FromFile.name)
+"""Sources that tell how the camera turned, which pictures of small motion tell poorly."""
+
+
 def uniform_motion(request: Request, tracks: Geometry) -> Geometry:
     """Find the uniform motion, where the tracks' geometry knows no more than the camera matrix."""
     return replace(Direct(request, tracks).uniform(), source=FromUniform.name)
