@@ -161,7 +161,7 @@ class _Fit:
             self.cap = max(len(start), int(settings.gaussians_per_pixel * shot.size[0] * shot.size[1]))
         self._bounded = False
         self.optimiser = GaussianOptimiser(start, settings.steps, self.extent)
-        self.poses = PoseCorrections(geometry.world_to_camera, settings.poses)
+        self.poses = PoseCorrections(geometry.world_to_camera, settings.poses, geometry.pose_errors)
         self.data_term = DataTerm(shot.measurement, ~jury.heldout, shot.saturated, settings.loss)
         self.generator = torch.Generator().manual_seed(seed)
 
@@ -188,6 +188,7 @@ class _Fit:
             return float("nan")
         loss = regulated(self.data_term(self.predict()), self.optimiser.scene, self.settings.loss)
         objective = loss + self.settings.motion.penalty(self.optimiser.scene, self._px_per_length, self._pixels)
+        objective = objective + self.poses.penalty()
         if self._surfaces is not None:
             poses = self.poses.world_to_camera()
             turn, between = divmod(iteration, self._surfaces.settings.every)
