@@ -478,6 +478,14 @@ class Code(StrEnum):
         "The stage's poses were not taken.",
         "Check [stage.mount] and the unit, or measure the axes with `gs2ci calibrate stage`.",
     )
+    STAGE_SIGN_CONTRADICTED = (
+        "stage_sign_contradicted",
+        DOUBT,
+        "The stage's poses were not taken: with them the scene would lie behind the camera, and with the direction of "
+        "travel reversed the picture bears them out.",
+        "Turn the sign of the axis in [stage.mount], or measure the axes with `gs2ci calibrate stage`; poses must be "
+        "world-to-camera with OpenCV axes.",
+    )
     STAGE_MOTION_UNSEEN = (
         "stage_motion_unseen",
         DOUBT,

@@ -197,7 +197,7 @@ def _settled(
 ) -> FirstLook:
     """Settle the order of depth by short fits where the first look leaves it open; with a doubt where hurried.
 
-    A path that was told has a sign of its own, and needs no doubt.
+    A path that a stage told is not asked about; one from a file has a sign of its own, and needs no doubt.
     """
     geometry, criteria = first.geometry, settings.geometry.criteria
     if settings.withheld != Withheld() or not is_open(geometry, criteria):

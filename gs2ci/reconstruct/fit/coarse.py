@@ -178,7 +178,7 @@ class _Fit:
             self.cap = max(len(start), int(settings.gaussians_per_pixel * shot.size[0] * shot.size[1]))
         self._bounded = False
         self.optimiser = GaussianOptimiser(start, settings.steps, self.extent)
-        self.poses = PoseCorrections(geometry.world_to_camera, settings.poses)
+        self.poses = PoseCorrections(geometry.world_to_camera, settings.poses, geometry.pose_errors)
         self.data_term = DataTerm(shot.measurement, ~jury.heldout, shot.saturated, settings.loss)
         self.generator = torch.Generator().manual_seed(seed)
 
@@ -205,6 +205,7 @@ class _Fit:
             return float("nan")
         loss = regulated(self.data_term(self.predict()), self.optimiser.scene, self.settings.loss)
         objective = loss + self.settings.motion.penalty(self.optimiser.scene, self._px_per_length, self._pixels)
+        objective = objective + self.poses.penalty()
         objective.backward()  # type: ignore[no-untyped-call]
         # Before the surfaces' term: they move with an exchange, and have no say in it.
         self._exchange = self._exchange_wanted(share)
