@@ -163,6 +163,14 @@ class Code(StrEnum):
         "thirtieth best place; the masks were turned.",
         "Check how the masks were written, or measure them anew: `gs2ci calibrate`.",
     )
+    MASKS_BEGIN_ELSEWHERE = (
+        "masks_begin_elsewhere",
+        DOUBT,
+        "Mask {first} of the list was shown first: beginning there, views differ the more the further apart in time "
+        "they are (rank correlation {rank:.2f}), and as given they do not ({given:.2f}). The masks were taken in that "
+        "order; weights and poses kept theirs.",
+        "Check with which mask the exposure began, or how the masks were written.",
+    )
     MASKS_CORRECTED = (
         "masks_corrected",
         DOUBT,
@@ -483,6 +491,14 @@ class Code(StrEnum):
         DOUBT,
         "The stage's poses were not taken.",
         "Check [stage.mount] and the unit, or measure the axes with `gs2ci calibrate stage`.",
+    )
+    STAGE_SIGN_CONTRADICTED = (
+        "stage_sign_contradicted",
+        DOUBT,
+        "The stage's poses were not taken: with them the scene would lie behind the camera, and with the direction of "
+        "travel reversed the picture bears them out.",
+        "Turn the sign of the axis in [stage.mount], or measure the axes with `gs2ci calibrate stage`; poses must be "
+        "world-to-camera with OpenCV axes.",
     )
     STAGE_MOTION_UNSEEN = (
         "stage_motion_unseen",

@@ -38,6 +38,7 @@ BENCHMARKS = {
     "brightness": "tests.benchmarks.brightness",
     "no_motion": "tests.benchmarks.no_motion",
     "stage_poses": "tests.benchmarks.stage_poses",
+    "told_poses": "tests.benchmarks.told_poses",
     "depth": "tests.benchmarks.depth",
     "direct": "tests.benchmarks.direct",
     "depth_order": "tests.benchmarks.depth_order",

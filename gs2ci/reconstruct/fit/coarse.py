@@ -28,17 +28,20 @@ from gs2ci.reconstruct.fit.motion import ObjectMotionSettings
 from gs2ci.reconstruct.fit.optimiser import GaussianOptimiser, StepSizes
 from gs2ci.reconstruct.fit.pace import Fixed, Pace
 from gs2ci.reconstruct.fit.poses import PoseCorrections, PoseSettings, length_of
+from gs2ci.reconstruct.fit.relief import Exchange, Relief, ReliefSettings
 from gs2ci.reconstruct.fit.rendering import ShotRenderer
 from gs2ci.reconstruct.fit.stopping import HoldOut, Watch
 from gs2ci.reconstruct.fit.surfaces import Surfaces, SurfaceSettings, find_surfaces
 from gs2ci.reconstruct.geometry.initialise import Geometry
+from gs2ci.reconstruct.geometry.sources import TOLD
 from gs2ci.reconstruct.measurement.jury import Jury
 from gs2ci.reconstruct.measurement.lens import Lens
 from gs2ci.render.gaussians import Gaussians
 from gs2ci.render.interface import Backend
 
 STANDARD_ITERATIONS: Final = 400
-"""Of the default schedule. Half as many lose up to 1 dB for 0.7 of the time (docs/decisions/0051-shorter-schedule.md)."""
+"""Of the default schedule. Half as many lose up to 1 dB for 0.7 of the time
+(docs/decisions/0051-shorter-schedule.md)."""
 
 
 @dataclass(frozen=True)
@@ -54,6 +57,7 @@ class CoarseSettings:
         most_gaussians: Population beyond which the fit ends with an error, for want of memory; None for no such guard.
         cap_from: Share of the schedule after which the population may not exceed what it is then; None for never.
         surfaces: How light is gathered on surfaces; None leaves that to the measurement.
+        relief: How turning is exchanged for travel where nobody told the path; None never does.
         per_open_share: Whether the gradients that density rules see are divided by the masks' share of open pixels, so
             that thresholds found on photographs hold (`gathering.py`).
         motion: How Gaussians may move that begin with a motion.
@@ -67,6 +71,7 @@ class CoarseSettings:
     most_gaussians: int | None = None
     cap_from: float | None = None
     surfaces: SurfaceSettings | None = field(default_factory=SurfaceSettings)
+    relief: ReliefSettings | None = field(default_factory=ReliefSettings)
     per_open_share: bool = True
     loss: LossWeights = field(default_factory=LossWeights)
     steps: StepSizes = field(default_factory=lambda: StepSizes.of_schedule(STANDARD_ITERATIONS))
@@ -79,8 +84,8 @@ class CoarseSettings:
         """Return self if the numbers make sense.
 
         Raises:
-            InputError: A count below 1, no bound on the population at all, or the loss's window or hold-out settings
-                out of range.
+            InputError: A count below 1, no bound on the population at all, an exchange of turning for travel between
+                steps of the poses, or the loss's window or hold-out settings out of range.
         """
         if self.iterations < 1 or self.densify_every < 1:
             raise InputError(
@@ -95,6 +100,13 @@ class CoarseSettings:
         self.loss.check()
         if self.surfaces is not None:
             self.surfaces.check()
+        if self.relief is not None:
+            self.relief.check()
+            if self.poses.every != 1:
+                raise InputError(
+                    f"an exchange of turning for travel in a fit whose poses step every {self.poses.every} iterations",
+                    allowed="poses that step at every iteration, or no relief settings",
+                )
         self.hold_out.check()
         self.motion.check()
         return self
@@ -128,6 +140,7 @@ class _Snapshot:
     scene: Gaussians
     twists: Tensor
     iteration: int
+    surfaces: Surfaces | None
 
 
 class _Fit:
@@ -149,6 +162,10 @@ class _Fit:
         moved = settings.surfaces is not None and geometry.verdict == "full"
         self._begins = list(settings.surfaces.begins) if moved and settings.surfaces is not None else []
         self._surfaces: Surfaces | None = None
+        self._exchange: Exchange | None = None
+        # A stage or a file tells how the camera turned; and what moves in a scene looks like depth.
+        free = geometry.verdict == "full" and geometry.source not in TOLD and start.motion is None
+        self._relief = Relief(settings.relief, geometry.reference) if settings.relief is not None and free else None
         self.settings = settings
         self._renderer = ShotRenderer(shot, geometry.intrinsics, backend, lens)
         self._gathering = Gathering(self._renderer, len(start), per_open_share=settings.per_open_share)
@@ -162,7 +179,7 @@ class _Fit:
             self.cap = max(len(start), int(settings.gaussians_per_pixel * shot.size[0] * shot.size[1]))
         self._bounded = False
         self.optimiser = GaussianOptimiser(start, settings.steps, self.extent)
-        self.poses = PoseCorrections(geometry.world_to_camera, settings.poses)
+        self.poses = PoseCorrections(geometry.world_to_camera, settings.poses, geometry.pose_errors)
         self.data_term = DataTerm(shot.measurement, ~jury.heldout, shot.saturated, settings.loss)
         self.generator = torch.Generator().manual_seed(seed)
 
@@ -189,13 +206,16 @@ class _Fit:
             return float("nan")
         loss = regulated(self.data_term(self.predict()), self.optimiser.scene, self.settings.loss)
         objective = loss + self.settings.motion.penalty(self.optimiser.scene, self._px_per_length, self._pixels)
+        objective = objective + self.poses.penalty()
+        objective.backward()  # type: ignore[no-untyped-call]
+        # Before the surfaces' term: they move with an exchange, and have no say in it.
+        self._exchange = self._exchange_wanted(share)
         if self._surfaces is not None:
-            poses = self.poses.world_to_camera()
             turn, between = divmod(iteration, self._surfaces.settings.every)
             if between == 0:
+                poses = self.poses.world_to_camera()
                 distance = self._surfaces.term(self._renderer, self.optimiser.scene, poses, turn)
-                objective = objective + self._surfaces.settings.weight_at(share) * distance
-        objective.backward()  # type: ignore[no-untyped-call]
+                (self._surfaces.settings.weight_at(share) * distance).backward()  # type: ignore[no-untyped-call]
         return float(loss.detach())
 
     @property
@@ -219,12 +239,25 @@ class _Fit:
 
     def step(self, share: float, damping: float) -> None:
         """Take the gradients into the parameters, and let the density rule shake the Gaussians."""
+        exchange = self._exchange
         self.optimiser.step(share, damping)
         self.poses.step(share)
+        if exchange is not None:
+            exchange.of_scene(self.optimiser.scene)
+            self.poses.shift(exchange.twists)
+            if self._surfaces is not None:
+                self._surfaces = self._surfaces.exchanged(exchange)
         rate = self.optimiser.means_rate(share, damping)
         moves = self.settings.density.shake(self.optimiser.scene, rate, self.generator)
         if moves is not None:
             self.optimiser.shift(moves)
+
+    def _exchange_wanted(self, share: float) -> Exchange | None:
+        """Choose how much turning becomes travel, by the present gradients; None where that is not wanted."""
+        gradient = self.poses.gradient()
+        if self._relief is None or gradient is None:
+            return None
+        return self._relief.step(self.optimiser.scene, self.poses.world_to_camera(), gradient, share)
 
     def bound_population(self) -> None:
         """Let the population grow no larger than it is at the first call (paper, supplement II)."""
@@ -261,12 +294,14 @@ class _Fit:
     def snapshot(self, iteration: int) -> _Snapshot:
         """Copy the present state."""
         copy = self.optimiser.scene.map(lambda tensor: tensor.detach().clone())
-        return _Snapshot(copy, self.poses.snapshot(), iteration)
+        return _Snapshot(copy, self.poses.snapshot(), iteration, self._surfaces)
 
     def restore(self, state: _Snapshot) -> None:
         """Go back to a state."""
         self.optimiser.restore(state.scene)
         self.poses.restore(state.twists)
+        # Found once, they stay; but they have moved with the path.
+        self._surfaces = state.surfaces or self._surfaces
         self._meet_others()
 
 
