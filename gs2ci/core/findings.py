@@ -649,8 +649,8 @@ class Code(StrEnum):
     VIEWS_COMBINED = (
         "views_combined",
         REMARK,
-        "The views are {refined:.0%} the refined ones, {scene:.0%} the scene's and {decode:.0%} the decode's: together "
-        "they explain the held-out pixels best.",
+        "The views are {refined:.0%} the refined ones, {scene:.0%} the scene's and {decode:.0%} the decode's: by the "
+        "held-out pixels, together they err least.",
         _NOTHING,
     )
     UNJUDGED = (
