@@ -137,8 +137,8 @@ def reconstruct(
         clock.lap("fit")
         return replace(still, fits=fits, ensemble=ensemble)
 
-    attempts = Attempts(attempt, release, jury, lens, settings, refine, progress)
-    tried, motion = attempts.hurried(first) if pace is not None else attempts.all(first)
+    attempts = Attempts(attempt, release, jury, lens, settings, refine, progress, clock.lap)
+    first, tried, motion = attempts.hurried(first) if pace is not None else attempts.all(first)
     geometry, ensemble = tried.geometry, tried.ensemble
     renderer = ShotRenderer(fitted.shot, geometry.intrinsics, tools.backend, lens)
     if tools.fine is not None and ensemble.best.scene.motion is None:
@@ -149,7 +149,7 @@ def reconstruct(
         )
         ensemble = combined(tuple(fined if fit is best else fit for fit in tried.fits), jury, refine)
         clock.lap("fine")
-    recovered = hand_over(first, ensemble, refine, settings, polish=motion.tried)
+    recovered = hand_over(first, ensemble, refine, settings, motion.polishing)
     geometry, ensemble = in_given_unit(geometry, ensemble)
     light = renderer.stopped_light(ensemble.best.scene, ensemble.best.world_to_camera)
     seen = speeds(renderer, ensemble.best.scene, ensemble.best.world_to_camera)
