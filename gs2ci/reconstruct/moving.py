@@ -9,7 +9,7 @@ too, so where it speaks for motion a decode by similar patches, which may move, 
 steps; only where that explains clearly more, Gaussians that move are fitted as well: the still fits go on and are let
 move, along their path; and fits begin anew, before a camera at rest, from the flow between the views. The held-out
 pixels choose, and a moving scene has to be clearly better: it has more freedom than a still one. Here: when, from
-where, and the record of it. Not here: the motion (`fit.motion`), the fits and the choice (`pipeline`).
+where, and the record of it. Not here: the motion (`fit.motion`), the fits (`pipeline`), the choice (`attempts`).
 """
 
 from dataclasses import dataclass, replace
@@ -21,9 +21,8 @@ import torch
 
 from gs2ci.core.arrays import F32, F64
 from gs2ci.core.findings import Code, Finding, finding
-from gs2ci.reconstruct.attempts import from_rest
 from gs2ci.reconstruct.choices import MotionMode
-from gs2ci.reconstruct.first_look import FirstLook
+from gs2ci.reconstruct.first_look import FirstLook, from_rest
 from gs2ci.reconstruct.fit.coarse import CoarseSettings
 from gs2ci.reconstruct.fit.motion import moving_share
 from gs2ci.reconstruct.fit.rendering import ShotRenderer, mask_times

@@ -4,13 +4,12 @@
     ─► first Gaussians ─► coarse fits (─► second look ─► coarse fits) (─► fine fit) ─► their mean ─► residual
     ─► combine and judge by the held-out
 
-Here: the order, the clock, and the judgement. Not here: any stage itself, its settings (`settings`), the record that is
-handed over (`record`), files and metrics (`gs2ci.evaluate`).
+Here: the order, the clock, and the judgement. Not here: any stage, which attempts are made (`attempts`), settings
+(`settings`), the record that is handed over (`record`), files and metrics (`gs2ci.evaluate`).
 """
 
 import math
 import time
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -22,7 +21,7 @@ from gs2ci.core.findings import Code, Finding, finding
 from gs2ci.core.progress import Progress, Silent
 from gs2ci.core.records import Shot
 from gs2ci.core.run_records import RunResult, Verdict
-from gs2ci.reconstruct.attempts import from_rest, needs_rest, ranking
+from gs2ci.reconstruct.attempts import Attempt, Attempts
 from gs2ci.reconstruct.choices import FirstLookName
 from gs2ci.reconstruct.decode.by_name import decode_by_name
 from gs2ci.reconstruct.decode.coupling import choose_coupling
@@ -52,25 +51,11 @@ from gs2ci.reconstruct.measurement.holes import fill_holes
 from gs2ci.reconstruct.measurement.hot_pixels import close_hot_pixels
 from gs2ci.reconstruct.measurement.jury import Jury
 from gs2ci.reconstruct.measurement.lens import Lens, straightened
-from gs2ci.reconstruct.measurement.moving import LeftByMotion
-from gs2ci.reconstruct.moving import (
-    LEAST_GAIN,
-    LEAST_PATCH_GAIN,
-    MOVING,
-    RELEASED,
-    STILL,
-    MotionReport,
-    ask,
-    released,
-    rested,
-    speaks_for_motion,
-    speeds,
-)
+from gs2ci.reconstruct.moving import released, speeds
 from gs2ci.reconstruct.one_thread import one_torch_thread
 from gs2ci.reconstruct.order import LEAST_SCHEDULE, is_open, settle, shortened, unsettled
 from gs2ci.reconstruct.record import Left, Recovered, record
 from gs2ci.reconstruct.registration.register import register
-from gs2ci.reconstruct.second_look import is_wanted, second_look
 from gs2ci.reconstruct.settings import Settings
 from gs2ci.render.backend import load_backend
 from gs2ci.render.gaussians import Gaussians
@@ -136,7 +121,7 @@ def reconstruct(
         first, fitted, lens, settings, refine, progress, clock, hurried=pace is not None or not settings.try_orders
     )
 
-    def attempt(look: FirstLook, views: F32, moving: bool) -> _Attempt:
+    def attempt(look: FirstLook, views: F32, moving: bool) -> Attempt:
         geometry, start = _beginning(look, views, lens, settings, moving=moving)
         clock.lap("geometry")
         fit_one = _fit_one(fitted, geometry, lens, settings, refine, score, clock)
@@ -145,9 +130,9 @@ def reconstruct(
         fits = fit_together(fit_one, team, progress, pace)
         ensemble = combined(fits, jury, refine)
         clock.lap("fit")
-        return _Attempt(look, geometry, fits, ensemble)
+        return Attempt(look, geometry, fits, ensemble)
 
-    def release(still: _Attempt) -> _Attempt:
+    def release(still: Attempt) -> Attempt:
         freed = replace(settings, fit=released(settings.fit))
         team, paths = [], {}
         for number, fit in enumerate(still.fits):
@@ -163,8 +148,8 @@ def reconstruct(
         clock.lap("fit")
         return replace(still, fits=fits, ensemble=ensemble)
 
-    trials = _Trials(attempt, release, jury, lens, settings, refine, progress)
-    tried, motion = trials.hurried(first) if pace is not None else trials.all(first)
+    attempts = Attempts(attempt, release, jury, lens, settings, refine, progress)
+    tried, motion = attempts.hurried(first) if pace is not None else attempts.all(first)
     geometry, ensemble = tried.geometry, tried.ensemble
     renderer = ShotRenderer(fitted.shot, geometry.intrinsics, tools.backend, lens)
     if tools.fine is not None and ensemble.best.scene.motion is None:
@@ -197,16 +182,6 @@ class _Tools:
         backend = load_backend(settings.backend, settings.raster)
         fine = None if settings.fine is None else Fine.load(settings.fine, settings.fit.loss, settings.seed)
         return cls(backend, fine, load_geometry_prior(settings.poses))
-
-
-@dataclass(frozen=True)
-class _Attempt:
-    """Fits, and the look and the geometry that they began with."""
-
-    look: FirstLook
-    geometry: Geometry
-    fits: tuple[CoarseFit, ...]
-    ensemble: Ensemble
 
 
 def _settled(
@@ -323,113 +298,6 @@ def _fit_one(
         )
 
     return fit
-
-
-@dataclass(frozen=True)
-class _Trials:
-    """What is fitted to a measurement, from the first look and from what else is worth it, until one is taken.
-
-    Args:
-        attempt: Fits from a look, with views to take colours and motion from, a scene that is still or may move.
-        release: Goes on with fits of a still scene, and lets it move.
-        jury: The measurement.
-        lens: Through which it was taken, unless it is a pinhole.
-        settings: What may be tried.
-        refine: What will be done to the views of fits.
-        progress: Told why more is tried.
-    """
-
-    attempt: Callable[[FirstLook, F32, bool], _Attempt]
-    release: Callable[[_Attempt], _Attempt]
-    jury: Jury
-    lens: Lens | None
-    settings: Settings
-    refine: Refinement
-    progress: Progress
-
-    def hurried(self, first: FirstLook) -> tuple[_Attempt, MotionReport]:
-        """Make one attempt, whatever comes of it."""
-        moving = self.settings.motion == "on"
-        tried = self.attempt(rested(first) if moving else first, first.decoded, moving)
-        name = MOVING if moving else STILL
-        return tried, self._report(None, {name: tried}, tried, {})
-
-    def all(self, first: FirstLook) -> tuple[_Attempt, MotionReport]:
-        """Make those that are worth it; return the best, and how anything in it came to move, or not to."""
-        still = self._still(first)
-        wanted = self.settings.motion == "on"
-        # Fits that were cut short leave much that patches explain, whether or not anything moves.
-        whole = self.settings.fit.iterations >= LEAST_SCHEDULE
-        if not (wanted or (self.settings.may_move and whole)):
-            return still, self._report(None, {STILL: still}, still, {})
-        left = ask(self.jury, still.ensemble.views)
-        attempts = {STILL: still}
-        refined = self.refine(still.ensemble.views) if wanted or speaks_for_motion(left) else None
-        if refined is not None and (wanted or self._gains(refined)):
-            self.progress.say("What the still scene leaves looks like motion: scenes that move are fitted as well.")
-            views = min((refined, first.decoded), key=lambda shown: self.jury.residual_rms(shown) or 0.0)
-            attempts[RELEASED] = self.release(still)
-            attempts[MOVING] = self.attempt(rested(still.look), views, True)
-        residuals = self._residuals(attempts) if len(attempts) > 1 else {}
-        tried = self._clearly_best(attempts, residuals) if residuals else still
-        return tried, self._report(left, attempts, tried, residuals)
-
-    def _still(self, first: FirstLook) -> _Attempt:
-        """Fit a still scene; once more from a second look, or from rest, where the first path is doubtful."""
-        tried = self.attempt(first, first.decoded, False)
-        if not self.settings.may_look_again or not is_wanted(first.geometry, self.settings.geometry):
-            return tried
-        views = self.refine(tried.ensemble.views)
-        attempts = {first.geometry.source: tried}
-        again = second_look(first, views, self.lens, self.settings.look, self.progress)
-        if again is not None:
-            attempts["second look"] = self.attempt(again, views, False)
-        if needs_rest(first):
-            attempts["rest"] = self.attempt(from_rest(first), first.decoded, False)
-        return self._best(attempts, self._residuals(attempts))
-
-    def _gains(self, refined: F32) -> bool:
-        """Tell whether a few steps of a decode by similar patches, which may move, predict held-out pixels better."""
-        polished = patch_decode_from(self.jury.seen, refined, PatchSettings.from_scene_briefly())
-        before, after = self.jury.residual_rms(refined), self.jury.residual_rms(polished)
-        return before is not None and after is not None and after < (1 - LEAST_PATCH_GAIN) * before
-
-    def _best(self, attempts: dict[str, _Attempt], residuals: dict[str, float | None]) -> _Attempt:
-        """Choose the attempt that predicts the held-out pixels best, and say how all of them did."""
-        tried = attempts[min(attempts, key=lambda name: math.inf if (rms := residuals[name]) is None else rms)]
-        notes = ranking({name: residuals[name] for name in attempts})
-        return replace(tried, geometry=replace(tried.geometry, notes=(*tried.geometry.notes, *notes)))
-
-    def _clearly_best(self, attempts: dict[str, _Attempt], residuals: dict[str, float | None]) -> _Attempt:
-        """Choose likewise, but a scene that moves only if it predicts them clearly better than the still one."""
-        if self.settings.motion == "on":
-            return self._best({name: tried for name, tried in attempts.items() if name != STILL}, residuals)
-        best, still = self._best(attempts, residuals), attempts[STILL]
-        if best.ensemble is still.ensemble:
-            return best
-        moves, stays = residuals[_name_of(best, attempts)], residuals[STILL]
-        better = moves is not None and stays is not None and moves < (1 - LEAST_GAIN) * stays
-        return best if better else still
-
-    def _residuals(self, attempts: dict[str, _Attempt]) -> dict[str, float | None]:
-        """Return what each attempt's refined views leave of the held-out pixels."""
-        return {name: self.jury.residual_rms(self.refine(tried.ensemble.views)) for name, tried in attempts.items()}
-
-    def _report(
-        self,
-        left: LeftByMotion | None,
-        attempts: dict[str, _Attempt],
-        taken: _Attempt,
-        residuals: dict[str, float | None],
-    ) -> MotionReport:
-        moves = taken.ensemble.best.scene.motion is not None
-        return MotionReport(
-            self.settings.motion, left, tuple(residuals.items()), _name_of(taken, attempts), moves=moves
-        )
-
-
-def _name_of(taken: _Attempt, attempts: dict[str, _Attempt]) -> str:
-    return next(name for name, tried in attempts.items() if tried.ensemble is taken.ensemble)
 
 
 class _Stopwatch:

@@ -14,7 +14,7 @@ from gs2ci.core.records import Shot, Truth
 from gs2ci.core.run_records import SECONDS_KEYS
 from gs2ci.evaluate.cameras import nerfstudio_transforms
 from gs2ci.evaluate.metrics import psnr_per_view
-from gs2ci.reconstruct import pipeline
+from gs2ci.reconstruct import attempts, pipeline
 from gs2ci.reconstruct.decode.gap_tv import GapTvSettings
 from gs2ci.reconstruct.decode.residual import ResidualSettings
 from gs2ci.reconstruct.fit.coarse import CoarseSettings
@@ -28,6 +28,8 @@ from gs2ci.reconstruct.geometry.tracks import TrackSettings
 from gs2ci.reconstruct.pipeline import reconstruct
 from gs2ci.reconstruct.settings import Settings
 from gs2ci.render.settings import RasterSettings
+
+pytestmark = pytest.mark.slow
 
 VIEWS, HEIGHT, WIDTH = 6, 48, 64
 FOCAL_PX = 60.0
@@ -483,7 +485,7 @@ def test_a_second_look_is_handed_over_where_held_out_pixels_prefer_it(shot, foun
 
 
 def test_a_budget_leaves_no_time_for_a_second_look(shot, monkeypatch):
-    monkeypatch.setattr(pipeline, "second_look", lambda *_: pytest.fail("looked again"))
+    monkeypatch.setattr(attempts, "second_look", lambda *_: pytest.fail("looked again"))
     strict = replace(SHORT.geometry, criteria=replace(SHORT.geometry.criteria, path_error=0.0))
     settings = replace(SHORT, look_again=True, geometry=strict, fit=replace(SHORT.fit, iterations=2))
     assert reconstruct(shot, settings, pace=Fixed(2)).result.views.shape == shot.truth.views.shape

@@ -15,6 +15,8 @@ from tests.stability.benches import Scale
 from tests.stability.cases import CASES
 from tests.stability.judge import run
 
+pytestmark = pytest.mark.slow
+
 SMALL = Scale((40, 48), 40)
 BY_TITLE = {case.title: case for case in CASES}
 TITLES = [

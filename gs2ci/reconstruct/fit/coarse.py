@@ -37,7 +37,8 @@ from gs2ci.render.gaussians import Gaussians
 from gs2ci.render.interface import Backend
 
 STANDARD_ITERATIONS: Final = 400
-"""Of the default schedule. Half as many lose up to 1 dB for 0.7 of the time (docs/decisions/0051-shorter-schedule.md)."""
+"""Of the default schedule. Half as many lose up to 1 dB for 0.7 of the time
+(docs/decisions/0051-shorter-schedule.md)."""
 
 
 @dataclass(frozen=True)
