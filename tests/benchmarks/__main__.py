@@ -28,6 +28,7 @@ BENCHMARKS = {
     "decoders": "tests.benchmarks.decoders",
     "video": "tests.benchmarks.video",
     "scaling": "tests.benchmarks.scaling",
+    "sizes": "tests.benchmarks.sizes",
     "checkouts": "tests.benchmarks.checkouts",
     "heldout_order": "tests.benchmarks.heldout_order",
     "mask_calibration": "tests.benchmarks.mask_calibration",
