@@ -29,6 +29,8 @@ PANEL_CHOICES: Final = 14
 # Options are only reckoned in full whose error would be within the budget if the image moved evenly, by this share of
 # its net motion's error (panels differ, and only the fastest is guessed at).
 GUESS_SHARE: Final = 0.3
+# Of an option that was reckoned in vain, this share of its error over the guess counts for all with the same panels.
+LEARNED_SHARE: Final = 0.7
 TRAVEL_STEPS: Final = 512
 # If no option stays within its budget, the cheapest is taken of those that promise no more than this share of the
 # budget above the best; none has more views per mask than the last figure.
@@ -89,11 +91,18 @@ def choose_sampling(
         options += [plain, *_within_masks(look, uneven, kinks)]
     options.sort(key=lambda option: option.views)
     options = [option for option in options if option.views <= VIEWS_PER_MASK_MAX * count]
+    learned: dict[int, float] = {}
     for option in options:
-        if _guess(look, option) <= budget_dn:
+        share = learned.get(id(option.edges_s), GUESS_SHARE)
+        if _guess(look, option, share) <= budget_dn:
             error = _error(look, option)
             if error <= budget_dn:
                 return _as_sampling(look, option, plain, error)
+            # With more nodes in the same panels, what is off from an even motion only counts for more.
+            grain = look.graininess(option.views)
+            even = _guess(look, option, 1.0) - grain
+            if even > 0:
+                learned[id(option.edges_s)] = max(share, LEARNED_SHARE * (error - grain) / even)
     guesses = [_guess(look, option) for option in options]
     tolerated = min(guesses) + ALIKE_SHARE * budget_dn
     last = next(option for option, guess in zip(options, guesses, strict=True) if guess <= tolerated)
@@ -111,10 +120,10 @@ class _Option:
     views: int
 
 
-def _guess(look: Preview, option: _Option) -> float:
+def _guess(look: Preview, option: _Option, share: float = GUESS_SHARE) -> float:
     """Guess an option's error from its net motion, DN rms: cheap, and rather too small than too large."""
     even = even_panel_rms_dn(look, option.panel_px, option.nodes, option.unevenness)
-    return GUESS_SHARE * even + look.graininess(option.views)
+    return share * even + look.graininess(option.views)
 
 
 def _error(look: Preview, option: _Option) -> float:
