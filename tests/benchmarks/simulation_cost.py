@@ -1,11 +1,12 @@
 """What a plan costs and gains: against everything at its own tolerance, and against all effects with its own sampling.
 
 Rigs are those of `sims/gs2ci_sims/rigs`, six of them once more with masks that cancel or align, one that looks at a
-mesh, and four with dear effects added that are there but too small to matter ("idle"). Per rig, three simulations are timed in one process, each the best of several: the plan (planning and preview
-included), (a) everything (views doubled until the readings change by less than the tolerance; the last round alone,
-and all of them), and (b) all effects of the rig with the moments that the plan chose, which nobody had to plan. Times
-are the processor's, all threads together; the last columns are times over the plan's. "Off" is the largest over three
-draws (`GS2CI_DRAWS`) of the rms difference to a simulation of everything that has settled to a fifth of the tolerance.
+mesh, and four with dear effects added that are there but too small to matter ("idle"). Per rig,
+three simulations are timed in one process, each the best of several: the plan (planning and preview included), (a)
+everything (views doubled until the readings change by less than the tolerance; the last round alone, and all of them),
+and (b) all effects of the rig with the moments that the plan chose, which nobody had to plan. Times are the
+processor's, all threads together; the last columns are times over the plan's. "Off" is the largest over three draws
+(`GS2CI_DRAWS`) of the rms difference to a simulation of everything that has settled to a fifth of the tolerance.
 """
 
 import dataclasses
