@@ -178,7 +178,7 @@ class EffectChain:
                 raise InputError(f"effect {effect.name!r} is given twice", remedy="keep one of them")
         self.rig = rig or Rig()
         self.effects = tuple(sorted(effects, key=lambda effect: order.index(type(effect))))
-        self._seed = seed
+        self.seed = seed
         generator(seed, "")  # refuses a negative one
 
     def at(self, stage: Stage) -> tuple[Effect, ...]:
@@ -197,6 +197,6 @@ class EffectChain:
         """
         result: Any = signal
         for effect in self.at(stage):
-            seed = self.rig.device_seed if effect.fixed_pattern else self._seed
+            seed = self.rig.device_seed if effect.fixed_pattern else self.seed
             result = effect.apply(result, self.rig, generator(seed, effect.name))
         return result  # type: ignore[no-any-return]

@@ -275,7 +275,7 @@ class Preview:
     def of_views(self, rms: float, peak: float) -> Bound:
         """Bound what fields of this rms and peak, radiance, one behind each mask, make of the readings."""
         weights, scale = self._most_open_weights, self.full_scale_dn
-        if self._at_rest:
+        if self.at_rest:
             worst = weights.worst_rms_of_one(rms, peak)
         else:
             worst = weights.worst_rms(np.full(len(self.masks), rms), peak)
@@ -287,7 +287,8 @@ class Preview:
         )
 
     @cached_property
-    def _at_rest(self) -> bool:
+    def at_rest(self) -> bool:
+        """Get whether nothing moves during the exposure."""
         whole = self.intervals_s[[0, -1], [0, 1]]
         return not bool(image_motion_px(self.scene, self.moved_path, whole[None]).any()) and self.object_px_per_s == 0
 
