@@ -149,6 +149,14 @@ class Code(StrEnum):
         "thirtieth best place; the masks were turned.",
         "Check how the masks were written, or measure them anew: `gs2ci calibrate`.",
     )
+    MASKS_BEGIN_ELSEWHERE = (
+        "masks_begin_elsewhere",
+        DOUBT,
+        "Mask {first} of the list was shown first: beginning there, views differ the more the further apart in time "
+        "they are (rank correlation {rank:.2f}), and as given they do not ({given:.2f}). The masks were taken in that "
+        "order; weights and poses kept theirs.",
+        "Check with which mask the exposure began, or how the masks were written.",
+    )
     MASKS_CORRECTED = (
         "masks_corrected",
         DOUBT,

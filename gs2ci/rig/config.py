@@ -20,8 +20,8 @@ from gs2ci.core.config import (
     NotNegative,
     Offset,
     Positive,
-    read_settings,
     read_toml,
+    settings_from,
 )
 from gs2ci.core.errors import InputError
 from gs2ci_calibration.options import CalibrationOptions
@@ -226,14 +226,28 @@ def read_rig(path: Path) -> tuple[RigTable, str]:
         InputError: It cannot be read, describes a simulation and no bench, a key is unknown or a value cannot be; or
             simulated and real devices are mixed, which cannot share one time; or simulated ones have no [world].
     """
-    tables = read_toml(path)[0]
+    tables, text = read_toml(path)
     if tables.keys() & SIMULATION_ONLY and describes_simulation(tables):
         raise InputError(
             f"{path} describes a simulation, not a bench",
             allowed="a bench's rig file: docs/bench.md, docs/rigs/simulated.toml",
             remedy=f"for what it would simulate: gs2ci plan {path}",
         )
-    rig, text = read_settings(path, with_plugins(tables))
+    return rig_from_tables(tables, path), text
+
+
+def rig_from_tables(tables: Mapping[str, Any], path: Path) -> RigTable:
+    """Turn the tables of a bench's rig file into settings.
+
+    Args:
+        tables: The tables.
+        path: The file that they are of, for errors.
+
+    Raises:
+        InputError: A key is unknown or a value cannot be; simulated and real devices are mixed; or simulated ones have
+            no [world].
+    """
+    rig = settings_from(tables, with_plugins(tables), path)
     devices = 2 + (rig.stage is not None)
     if rig.simulated and len(rig.simulated) != devices:
         raise InputError(
@@ -243,4 +257,4 @@ def read_rig(path: Path) -> tuple[RigTable, str]:
         )
     if rig.simulated and rig.world is None:
         raise InputError(f"{path}: simulated devices without a [world]", remedy="add a [world] table")
-    return rig, text
+    return rig

@@ -42,7 +42,7 @@ from gs2ci_sims.world import LightPath, Mount, World
 
 if TYPE_CHECKING:
     from gs2ci_sims.bench_light import BenchLight
-    from gs2ci_sims.scenes.base import Scene
+    from gs2ci_sims.scene import Scene
 
 MODULATOR_SIZES = {
     "dlpc900": (1080, 1920),  # DLP6500

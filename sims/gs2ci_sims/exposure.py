@@ -29,7 +29,7 @@ from gs2ci_sims.moments import Moments, one_per_interval
 from gs2ci_sims.path import CameraPath
 from gs2ci_sims.radiance import Renderer, rendered_depth, with_margin
 from gs2ci_sims.rig import Rig
-from gs2ci_sims.scenes.base import Scene
+from gs2ci_sims.scene import Scene
 from gs2ci_sims.signals import Slices, View, nominal_slices
 
 # From this share of closed pixels on, rendering the open ones alone is faster than rendering all.

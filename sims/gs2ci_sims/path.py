@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from gs2ci.core.arrays import F64
 from gs2ci.core.errors import InputError
-from gs2ci_sims.scenes.base import Scene
+from gs2ci_sims.scene import Scene
 
 # The three axes wobble in the same rhythm, a third of a turn apart: never all at rest.
 WOBBLE_PHASES: Final = np.array([0.0, 2.0, 4.0]) * np.pi / 3

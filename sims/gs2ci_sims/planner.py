@@ -26,7 +26,7 @@ from gs2ci_sims.preview import Preview, preview
 from gs2ci_sims.radiance import Renderer
 from gs2ci_sims.rig import Rig
 from gs2ci_sims.sampling import Sampling, choose_sampling
-from gs2ci_sims.scenes.base import Scene
+from gs2ci_sims.scene import Scene
 from gs2ci_sims.signals import Slices
 
 DEFAULT_TOLERANCE_DN: Final = 0.25
@@ -37,6 +37,10 @@ OMISSION_SHARE: Final = 0.5
 # Of the whole, the error of a fast renderer may use up as much as this; what is left is shared as above.
 RENDERING_SHARE: Final = 0.25
 KERNEL_SHARE: Final = 0.1
+# Why an effect is left out that nobody forced off.
+WITHIN: Final = "within the tolerance"
+IDLE: Final = "changes nothing here"
+OMITTED: Final = (WITHIN, IDLE)
 # Where kernels may be cut off, in standard deviations.
 REACHES: Final = (2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0)
 
@@ -74,6 +78,7 @@ class Plan:
         views: How many views will be rendered.
         render_seconds: What rendering them is expected to cost.
         renderer: What is to draw them.
+        omission_limit_dn: What all effects that are left out may change in sum, DN rms.
     """
 
     tolerance_dn: float
@@ -83,6 +88,19 @@ class Plan:
     views: int
     render_seconds: float
     renderer: Renderer = field(default_factory=Renderer)
+    omission_limit_dn: float = 0.0
+
+    def omitted_dn(self, *, including: Decision | None = None, without: str = "") -> float:
+        """Bound what the effects change that were left out for being small, DN rms.
+
+        Args:
+            including: One to count whatever was decided of it.
+            without: The name of one not to count.
+        """
+        counted = {one.name: one.bound for one in self.decisions if one.why in OMITTED and one.name != without}
+        if including is not None:
+            counted[including.name] = including.bound
+        return math.hypot(*_total(list(counted.values())))
 
     def _repr_png_(self) -> bytes:
         """Show what leaving each effect out would change, beside the tolerance; simulated effects are filled."""
@@ -186,7 +204,8 @@ def plan(
     bounds = {effect.name: effect.bound(look, rig) for effect in chain.effects}
     costs = {effect.name: _seconds(effect, look, len(masks)) for effect in chain.effects}
     left_out = _left_out(bounds, costs, OMISSION_SHARE * tolerance_dn, {MotionBlur.name, *on, *off})
-    left_out -= _limits_within_reach(chain, look, bounds, left_out | set(off))
+    reached = _limits_within_reach(chain, look, bounds, left_out | set(off))
+    left_out -= reached
     systematic, noise = _total([bounds[name] for name in left_out])
     budget = math.sqrt(tolerance_dn**2 - noise**2) - systematic
     kept = [effect for effect in chain.effects if effect.name not in left_out and effect.name not in off]
@@ -205,12 +224,13 @@ def plan(
         math.hypot(given_up + drawn_dn, noise),
         simulated,
         tuple(
-            _decision(effect, simulated, bounds, sampling, on, off, _seconds(effect, look, sampling.views))
+            _decision(effect, simulated, bounds, sampling, on, off, reached, _seconds(effect, look, sampling.views))
             for effect in chain.effects
         ),
         sampling.views,
         sampling.views * look.render_s,
         renderer,
+        OMISSION_SHARE * tolerance_dn,
     )
 
 
@@ -297,6 +317,7 @@ def _decision(
     sampling: Sampling,
     on: Collection[str],
     off: Collection[str],
+    reached: Collection[str],
     seconds: float,
 ) -> Decision:
     """Say what was decided about one effect, and why."""
@@ -311,9 +332,10 @@ def _decision(
     elif math.isinf(bound.rms_dn):
         why = "cannot be left out"
     elif kept:
-        why = "exceeds its share"
+        # A limit may be reached by light and noise together where either alone would not.
+        why = "may be reached" if effect.name in reached and bound.rms_dn == 0 else "exceeds its share"
     else:
-        why = "within the tolerance" if bound.rms_dn > 0 else "changes nothing here"
+        why = WITHIN if bound.rms_dn > 0 else IDLE
     how = ""
     if isinstance(kept, MotionBlur):
         how = sampling.how

@@ -26,13 +26,24 @@ from scipy.fft import dctn
 
 from gs2ci.core.arrays import F32, F64
 from gs2ci_sims.alignment import WeightSet
-from gs2ci_sims.effects.base import Bound, Brightening, Charging, Effect, Modulating, Moving, Stage, ViewChange
+from gs2ci_sims.effects.base import (
+    Bound,
+    BoundStep,
+    Brightening,
+    Charging,
+    Effect,
+    Modulating,
+    Moving,
+    Stage,
+    ViewChange,
+    gain_step,
+)
 from gs2ci_sims.light_path import EffectChain
 from gs2ci_sims.motion import displacement_px, image_motion_px, image_travel_px
 from gs2ci_sims.path import CameraPath
 from gs2ci_sims.radiance import Renderer, binned
 from gs2ci_sims.rig import Rig
-from gs2ci_sims.scenes.base import Scene
+from gs2ci_sims.scene import Scene
 
 # Begin, middle and end of the exposure are looked at; of an image that moves by less than this, the middle alone.
 MOMENTS: Final = 3
@@ -102,6 +113,17 @@ class Preview:
     def full_scale_dn(self) -> float:
         """Get the reading above black of radiance 1 through one open mask, with all light that effects may add."""
         return self.rig.full_scale_e * self.rig.dn_per_e * self.gain
+
+    @property
+    def _full_scale_steps(self) -> tuple[BoundStep, ...]:
+        rig = self.rig
+        return (
+            BoundStep("N_ph", rig.light.full_scale_photons, "", "photons of white through one open mask"),
+            BoundStep("q", rig.sensor.quantum_efficiency, "e/photon", "quantum efficiency"),
+            gain_step(rig),
+            BoundStep("g", self.gain, "", "what other effects may brighten it by"),
+            BoundStep("S", self.full_scale_dn, "DN", "reading of white through one open mask", "N_ph * q * K * g"),
+        )
 
     @cached_property
     def gain(self) -> float:
@@ -257,7 +279,12 @@ class Preview:
             worst = weights.worst_rms_of_one(rms, peak)
         else:
             worst = weights.worst_rms(np.full(len(self.masks), rms), peak)
-        return Bound(scale * worst, scale * peak * weights.largest_sum)
+        return Bound(scale * worst, scale * peak * weights.largest_sum).by(
+            "S * a * rho",
+            *self._full_scale_steps,
+            BoundStep("rho", rms, "", "change of a view, rms, by the image's spectrum; white is 1"),
+            BoundStep("a", worst / rms if rms > 0 else 0.0, "", "what the masks make of it where they lie worst"),
+        )
 
     @cached_property
     def _at_rest(self) -> bool:
@@ -309,10 +336,17 @@ class Preview:
         if modulation > 0:
             steady = np.abs(steady) + modulation * np.einsum("khw,khwc->hwc", size, self.views)
         rms = float(np.sqrt(np.square(steady).mean()))
-        if departures.any():
-            rms += weights.worst_rms(departures, brightest)
+        unseen = weights.worst_rms(departures, brightest) if departures.any() else 0.0
         peak = float(np.abs(steady).max()) + brightest * weights.largest_sum
-        return Bound(self.full_scale_dn * rms, self.full_scale_dn * peak)
+        return Bound(self.full_scale_dn * (rms + unseen), self.full_scale_dn * peak).by(
+            "S * (v + u)",
+            *self._full_scale_steps,
+            BoundStep(
+                "m", modulation, "", "by what share other effects treat masks differently, which undoes cancelling"
+            ),
+            BoundStep("v", rms, "", "changes of the masks times the previewed views, summed, rms; white is 1"),
+            BoundStep("u", unseen, "", "the same of what the image has changed since, where the masks lie worst"),
+        )
 
     def _modulation(self, effect: Effect) -> float:
         """Return by which share of a mask's light the other effects may change it against the others'."""

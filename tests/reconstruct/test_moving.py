@@ -18,12 +18,12 @@ from gs2ci.reconstruct import moving
 from gs2ci.reconstruct.fit.coarse import CoarseSettings
 from gs2ci.reconstruct.fit.motion import ObjectMotionSettings, at_rest_until_moved, of_degree, set_moving
 from gs2ci.reconstruct.fit.rendering import ShotRenderer, mask_times
-from gs2ci.reconstruct.fit.stopping import HoldOut
 from gs2ci.reconstruct.geometry.flow import still_flow, velocity
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.measurement.jury import Jury
 from gs2ci.reconstruct.measurement.moving import left_by_motion
 from gs2ci.reconstruct.pipeline import reconstruct
+from gs2ci.reconstruct.presets import rescheduled
 from gs2ci.reconstruct.settings import Settings
 from gs2ci.render.backend import load_backend
 from gs2ci.render.gaussians import Gaussians
@@ -32,13 +32,13 @@ VIEWS, HEIGHT, WIDTH = 6, 48, 64
 STEP_PX = 1.5
 CAMERA = np.array([[60.0, 0, WIDTH / 2], [0, 60.0, HEIGHT / 2], [0, 0, 1]])
 QUICK = Settings(
-    fit=CoarseSettings(iterations=120, densify_every=20, hold_out=HoldOut(look_every=20)),
+    fit=rescheduled(CoarseSettings(), 120),
     fits=1,
     look_again=False,
     seed=1,
 )
 # Long enough for `auto` to ask.
-WHOLE = replace(QUICK, fit=replace(QUICK.fit, iterations=160))
+WHOLE = replace(QUICK, fit=rescheduled(QUICK.fit, 160))
 
 
 def texture(seed, blur=1.5):

@@ -17,7 +17,7 @@ from gs2ci_sims.effects.object_motion import ObjectMotion
 from gs2ci_sims.effects.optics_psf import OpticsPsf
 from gs2ci_sims.effects.vignetting import Vignetting
 from gs2ci_sims.rig import Modulator, Optics, Rig
-from gs2ci_sims.scenes.base import camera_looking_ahead
+from gs2ci_sims.scene import camera_looking_ahead
 from gs2ci_sims.signals import View
 
 RIG = Rig()

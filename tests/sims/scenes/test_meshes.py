@@ -16,8 +16,8 @@ from gs2ci_sims.path import StageMove, stage_move_for_parallax
 from gs2ci_sims.planner import plan
 from gs2ci_sims.radiance import Renderer
 from gs2ci_sims.rig import Modulator, Rig, Timing
+from gs2ci_sims.scene import Scene
 from gs2ci_sims.scenes import meshes
-from gs2ci_sims.scenes.base import Scene
 from gs2ci_sims.scenes.files import load_scene
 from gs2ci_sims.scenes.meshes import blocks, mesh_from_file, scene_from_mesh
 from gs2ci_sims.scenes.planes import planes
