@@ -22,6 +22,7 @@ from gs2ci.core.progress import Progress, Silent
 from gs2ci.core.records import Shot
 from gs2ci.core.run_records import RunResult, Verdict
 from gs2ci.reconstruct.attempts import Attempt, Attempts
+from gs2ci.reconstruct.budget import Budget
 from gs2ci.reconstruct.choices import FirstLookName
 from gs2ci.reconstruct.decode.by_name import decode_by_name
 from gs2ci.reconstruct.decode.coupling import choose_coupling
@@ -37,7 +38,7 @@ from gs2ci.reconstruct.fit.fine import Fine, fit_fine
 from gs2ci.reconstruct.fit.looks import Score
 from gs2ci.reconstruct.fit.metric import in_given_unit
 from gs2ci.reconstruct.fit.motion import at_rest_until_moved, of_degree, set_moving
-from gs2ci.reconstruct.fit.pace import Pace
+from gs2ci.reconstruct.fit.pace import Pace, Timed
 from gs2ci.reconstruct.fit.refinement import Refinement
 from gs2ci.reconstruct.fit.rendering import ShotRenderer
 from gs2ci.reconstruct.fit.start import first_gaussians
@@ -64,6 +65,8 @@ from gs2ci.render.interface import Backend
 # What is put back into a scene's views has to explain so much more, as a share of what they leave. In the dark a few
 # thousandths are chance, and what was put back is noise: it cost up to 6 dB.
 _LEAST_GAIN: Final = 0.01
+# By so many iterations, and a look, the fits that fit into a budget are chosen.
+_TIMED_ITERATIONS: Final = 6
 
 
 @dataclass(frozen=True)
@@ -80,7 +83,7 @@ def reconstruct(
     settings: Settings | None = None,
     progress: Progress | None = None,
     score: Score | None = None,
-    pace: Pace | None = None,
+    budget: Budget | None = None,
 ) -> Reconstruction:
     """Recover views, camera path and scene from one coded measurement.
 
@@ -89,7 +92,7 @@ def reconstruct(
         settings: Settings of every stage.
         progress: Told of every stage and step.
         score: Turns views, [N, H, W, C], into a figure for the curve, in dB; it may know the truth.
-        pace: Decides how many iterations the fit has, instead of the settings.
+        budget: Decides how much is fitted, instead of the settings.
 
     Returns:
         The best of three by the held-out pixels: the mean of the fits' views refined by its residual, the views of
@@ -97,7 +100,7 @@ def reconstruct(
 
     Raises:
         InputError: The shot's parts do not fit together, the settings make no sense, or poses are to come
-            from telemetry that the shot does not hold.
+            from telemetry that the shot does not hold; or the budget does not suffice.
         NumericsError: The first fit is not finite from its first iteration on.
     """
     settings, progress = settings or Settings(), progress or Silent()
@@ -110,7 +113,7 @@ def reconstruct(
     sound, doubts = _examined(registered.shot, progress)
     jury = Jury.of(sound, settings.fit.hold_out.share, settings.seed)
 
-    first = (look_closer if pace is None and settings.may_look_again else look)(
+    first = (look_closer if budget is None and settings.may_look_again else look)(
         jury, lens, tools.geometry_prior, settings.look, progress, clock.lap, registered.shot
     )
     jury, decoded = first.jury, first.decoded
@@ -118,16 +121,17 @@ def reconstruct(
     refine = Refinement(jury, settings.residual)
 
     first = _settled(
-        first, fitted, lens, settings, refine, progress, clock, hurried=pace is not None or not settings.try_orders
+        first, fitted, lens, settings, refine, progress, clock, hurried=budget is not None or not settings.try_orders
     )
+
+    settings, pace = _affordable(budget, settings, first, fitted, lens, refine, progress, clock)
 
     def attempt(look: FirstLook, views: F32, moving: bool) -> Attempt:
         geometry, start = _beginning(look, views, lens, settings, moving=moving)
         clock.lap("geometry")
-        fit_one = _fit_one(fitted, geometry, lens, settings, refine, score, clock)
         team = members(start, settings.density_rules, settings.fits, settings.seed)
         team = tuple(replace(one, start=of_degree(one.start, number)) for number, one in enumerate(team))
-        fits = fit_together(fit_one, team, progress, pace)
+        fits = fit_together(_fit_one(fitted, geometry, lens, settings, refine, score, clock), team, progress, pace)
         ensemble = combined(fits, jury, refine)
         clock.lap("fit")
         return Attempt(look, geometry, fits, ensemble)
@@ -149,7 +153,7 @@ def reconstruct(
         return replace(still, fits=fits, ensemble=ensemble)
 
     attempts = Attempts(attempt, release, jury, lens, settings, refine, progress)
-    tried, motion = attempts.hurried(first) if pace is not None else attempts.all(first)
+    tried, motion = attempts.hurried(first) if budget is not None else attempts.all(first)
     geometry, ensemble = tried.geometry, tried.ensemble
     renderer = ShotRenderer(fitted.shot, geometry.intrinsics, tools.backend, lens)
     if tools.fine is not None and ensemble.best.scene.motion is None:
@@ -167,6 +171,39 @@ def reconstruct(
     clock.lap("fit")
     left = Left(registered, doubts, tried.look, geometry, ensemble, light, recovered, motion, seen)
     return Reconstruction(record(settings, left, score, clock.seconds()), ensemble.best.scene)
+
+
+def _affordable(
+    budget: Budget | None,
+    settings: Settings,
+    first: FirstLook,
+    jury: Jury,
+    lens: Lens | None,
+    refine: Refinement,
+    progress: Progress,
+    clock: "_Stopwatch",
+) -> tuple[Settings, Pace | None]:
+    """Return the settings of fits for which a budget suffices, by a few timed iterations, and the pace that they keep.
+
+    Without a budget: the settings, and no pace.
+    """
+    if budget is None:
+        return settings, None
+    brief = replace(
+        settings.fit,
+        iterations=_TIMED_ITERATIONS,
+        densify_from=1.0,
+        surfaces=None,
+        hold_out=settings.fit.hold_out.looking(_TIMED_ITERATIONS),
+    )
+    geometry, start = _beginning(first, first.decoded, lens, settings)
+    fit = _fit_one(jury, geometry, lens, replace(settings, fit=brief), refine, None, clock)
+    timed = Timed(_TIMED_ITERATIONS)
+    fit(Member(start, settings.fit.density, settings.seed), Silent(), timed)
+    settings, pace, said = budget.fit(settings, timed)
+    progress.say(said)
+    clock.lap("fit")
+    return settings, pace
 
 
 @dataclass(frozen=True)
