@@ -163,7 +163,8 @@ class PlacementSection(ReportSection):
 class RegistrationSection(ReportSection):
     """How the masks met the light, as the measurement tells (`gs2ci.reconstruct.registration`).
 
-    `not_let_in` holds what was estimated and not corrected: value and standard error.
+    `first_mask` is the number, from 0, that the mask that was shown first has in the list as given. `not_let_in` holds
+    what was estimated and not corrected: value and standard error.
     """
 
     changed: bool
@@ -178,6 +179,7 @@ class RegistrationSection(ReportSection):
     unit: Number
     open_level: Number
     clipped_share: Number
+    first_mask: int
     standard_errors: dict[str, Number]
     not_let_in: dict[str, list[Number]]
 
@@ -197,6 +199,7 @@ class MotionSection(ReportSection):
     moves: bool
     explained: Number | None
     blocks: Number | None
+    patch_gain: Number | None = None
     heldout_rms: dict[str, Number | None]
     chosen: str
     gaussians_share: Number | None

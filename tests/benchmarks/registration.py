@@ -193,6 +193,9 @@ CASES: dict[str, Callable[[Scene, int], Pair]] = {
     "50 % clipped, not told": clipped,
     "mirrored": believed(lambda m: m[:, :, ::-1]),
     "turned by 180°": believed(lambda m: m[:, ::-1, ::-1]),
+    "order begins 1 late": believed(lambda m: np.roll(m, -1, axis=0)),
+    "order begins 3 late": believed(lambda m: np.roll(m, -3, axis=0)),
+    "order begins 3 late, and mirrored": believed(lambda m: np.roll(m[:, :, ::-1], -3, axis=0)),
     "all at once, noise 1 %": were(everything, 0.01),
 }
 

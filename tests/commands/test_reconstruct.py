@@ -17,6 +17,8 @@ from gs2ci.reconstruct.presets import PRESETS
 from gs2ci.reconstruct.settings import Settings
 from gs2ci.render import backend
 
+pytestmark = pytest.mark.slow
+
 SIZE = (24, 32)
 CAMERA = np.array([[30.0, 0, 15], [0, 33, 13], [0, 0, 1]])
 

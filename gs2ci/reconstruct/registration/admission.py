@@ -8,6 +8,7 @@ from typing import Final
 
 import numpy as np
 
+from gs2ci.core.arrays import F32
 from gs2ci.core.crop import middle_of
 from gs2ci.core.records import Shot
 from gs2ci.reconstruct.decode.gap_tv import GapTvSettings, decode_signed
@@ -40,10 +41,22 @@ class Trial:
 
     def squares(self, shot: Shot) -> np.ndarray:
         """Return squared residuals, [K], of a measurement's decode on pixels that it did not see."""
-        part = _crop(shot)
-        scaled = replace(part, measurement=(part.measurement / np.float32(self._scale)).astype(np.float32))
-        jury = Jury(scaled, self._heldout)
-        return jury.squared_residuals(decode_signed(jury.seen, GapTvSettings(iterations=_ITERATIONS)))
+        jury = Jury(_scaled_crop(shot, self._scale), self._heldout)
+        return jury.squared_residuals(_decoded(jury.seen))
+
+
+def brief_views(shot: Shot, scale: float) -> F32:
+    """Decode the middle of a measurement in short, [N, h, w, C]; readings are divided by a scale as for a `Trial`."""
+    return _decoded(_scaled_crop(shot, scale))
+
+
+def _decoded(shot: Shot) -> F32:
+    return decode_signed(shot, GapTvSettings(iterations=_ITERATIONS))
+
+
+def _scaled_crop(shot: Shot, scale: float) -> Shot:
+    part = _crop(shot)
+    return replace(part, measurement=(part.measurement / np.float32(scale)).astype(np.float32))
 
 
 def _crop(shot: Shot) -> Shot:

@@ -1,7 +1,7 @@
 """Where the masks are and how they met the light, told by the measurement, before anything else looks at it.
 
     clipping ─► unit of reading ─► orientation, coarse shift ─► tiles ─► Gauss-Newton ─► which parameters? ─► sharpening
-    ─► short decodes judge ─► unit, open level ─► rim
+    ─► short decodes judge ─► unit, open level ─► rim ─► which mask was first?
 
 Here: the order of these steps, and the record of what was tried, found and taken. Not here: any of them.
 """
@@ -19,7 +19,7 @@ from gs2ci.core.records import Shot
 from gs2ci.reconstruct.choices import REGISTRATION_MODES, RegistrationMode
 from gs2ci.reconstruct.measurement.coding import white_reading
 from gs2ci.reconstruct.measurement.jury import surely_larger
-from gs2ci.reconstruct.registration.admission import Trial
+from gs2ci.reconstruct.registration.admission import Trial, brief_views
 from gs2ci.reconstruct.registration.coarse import (
     ORIENTATIONS,
     Peak,
@@ -41,6 +41,7 @@ from gs2ci.reconstruct.registration.local_scene import Seen
 from gs2ci.reconstruct.registration.misfit import NAMES, Misfit, sigma_of
 from gs2ci.reconstruct.registration.placement import Placement
 from gs2ci.reconstruct.registration.rim import Rim, complete
+from gs2ci.reconstruct.registration.sequence import LEAST_VIEWS, find_beginning
 from gs2ci.reconstruct.registration.sharpen import Source, binary_source, candidates
 
 # A parameter is let in where it is so many of its standard errors away from «absent», and matters: the rest of the
@@ -108,6 +109,7 @@ class Registered:
         open_level: What the masks were divided by.
         clipped_share: Share of the pixels found clipped without having been told.
         peak: The coarse correlation's peak.
+        first_mask: The number, from 0, that the mask that was shown first has in the list as given.
         tried: What was estimated and not let in, with its standard error, by name.
         notes: For the user.
     """
@@ -120,6 +122,7 @@ class Registered:
     open_level: float = 1.0
     clipped_share: float = 0.0
     peak: Peak = field(default_factory=Peak.nothing)
+    first_mask: int = 0
     tried: dict[str, tuple[float, float]] = field(default_factory=dict)
     notes: tuple[Finding, ...] = ()
 
@@ -151,6 +154,7 @@ class Registered:
             "unit": self.unit,
             "open_level": self.open_level,
             "clipped_share": self.clipped_share,
+            "first_mask": self.first_mask,
             "standard_errors": dict(self.errors),
             "not_let_in": {name: list(pair) for name, pair in self.tried.items()},
         }
@@ -211,6 +215,7 @@ class _Registration:
         peak, orientation = self._orientation()
         misfit, errors, tried = self._geometry_and_light(peak)
         unit = self._unit(misfit, peak)
+        first = self._beginning(misfit, peak)
         return Registered(
             shot=self.shot,
             misfit=misfit,
@@ -220,6 +225,7 @@ class _Registration:
             open_level=opened,
             clipped_share=clipped,
             peak=peak,
+            first_mask=first,
             tried=tried,
             notes=tuple(self.notes),
         )
@@ -272,7 +278,7 @@ class _Registration:
             proposals += [_from_source(way, source) for way in ways]
         if not proposals:
             return Misfit(), {}, tried
-        trial = Trial(self.shot, self._level(proposals[0]), self.seed)
+        trial = Trial(self.shot, _level(proposals[0].shot), self.seed)
         if not trial.can_tell:
             return Misfit(), {}, tried
         squares = [trial.squares(way.shot) for way in proposals]
@@ -287,11 +293,18 @@ class _Registration:
         self.notes += way.rim.notes
         return way.misfit, way.errors, tried
 
-    def _level(self, way: "_Way") -> float:
-        """Return what to divide readings by, so that twice the scene's level is about full scale."""
-        total = white_reading(way.shot)
-        level = Seen.of(way.shot, element_px(total)).level(total)
-        return max(2 * abs(float(np.median(level))), 1e-12)
+    def _beginning(self, misfit: Misfit, peak: Peak) -> int:
+        """Find the mask that was shown first, and put it first; weights and poses belong to times, and stay."""
+        if self.shot.views < LEAST_VIEWS or not (peak.is_sure or misfit != Misfit()):
+            return 0
+        found = find_beginning(brief_views(self.shot, _level(self.shot)))
+        if found is None or not found.is_other:
+            return 0
+        self.shot = replace(self.shot, masks=np.roll(self.shot.masks, -found.first, axis=0))
+        self.notes.append(
+            finding(Code.MASKS_BEGIN_ELSEWHERE, first=found.first + 1, rank=found.rank, given=found.rank_as_given)
+        )
+        return found.first
 
     def _propose(self, shot: Shot, peak: Peak) -> tuple[MisfitEstimate | None, dict[str, tuple[float, float]]]:
         """Estimate all parameters; return those that are surely there and matter, and what was found of the others."""
@@ -378,6 +391,13 @@ class _Registration:
     def _divide(self, unit: Unit) -> None:
         self.shot = replace(self.shot, measurement=(self.shot.measurement / unit.factor).astype(np.float32))
         self.notes.append(finding(Code.UNIT_CORRECTED, factor=float(unit.factor), reason=unit.reason))
+
+
+def _level(shot: Shot) -> float:
+    """Return what to divide readings by, so that twice the scene's level is about full scale."""
+    total = white_reading(shot)
+    level = Seen.of(shot, element_px(total)).level(total)
+    return max(2 * abs(float(np.median(level))), 1e-12)
 
 
 def _from_source(way: _Way, source: Source) -> _Way:

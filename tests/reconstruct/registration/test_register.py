@@ -59,6 +59,51 @@ def test_turned_masks_are_turned_back(bench, turn, word):
     assert np.array_equal(found.shot.masks, bench.masks)
 
 
+@pytest.mark.parametrize(
+    ("turn", "word"),
+    [
+        (lambda m: np.rot90(m, 1, (1, 2)), "turned by 90 degrees clockwise"),
+        (lambda m: np.rot90(m, -1, (1, 2)), "turned by 90 degrees anticlockwise"),
+        (lambda m: m.swapaxes(1, 2), "transposed"),
+    ],
+)
+def test_square_masks_are_turned_back_by_a_right_angle(bench, turn, word):
+    square = type(bench)(bench.views[:, :, :96], np.ascontiguousarray(bench.masks[:, :, :96]))
+    found = register(square.shoot(believed=turn(square.masks)))
+    assert found.orientation == word
+    assert np.array_equal(found.shot.masks, square.masks)
+
+
+@pytest.mark.parametrize("late", [1, 2, 5])
+def test_a_list_that_begins_with_another_mask_is_put_in_order(bench, late):
+    found = register(bench.shoot(believed=np.roll(bench.masks, -late, axis=0)))
+    assert found.first_mask == found.summary()["first_mask"] == 6 - late
+    assert np.array_equal(found.shot.masks, bench.masks)
+    assert [note.code for note in found.notes] == ["masks_begin_elsewhere"]
+
+
+def test_weights_and_poses_stay_with_their_times_where_masks_are_put_in_order(bench):
+    shot = bench.shoot(believed=np.roll(bench.masks, -2, axis=0))
+    weights = np.linspace(0.98, 1.02, 6, dtype=np.float32)
+    poses = np.tile(np.eye(4), (6, 1, 1))
+    poses[:, 0, 3] = np.arange(6)
+    found = register(replace(shot, weights=weights, telemetry_world_to_camera=poses).check())
+    assert found.first_mask == 4
+    assert np.array_equal(found.shot.weights, weights)
+    assert np.array_equal(found.shot.telemetry_world_to_camera, poses)
+
+
+def test_a_reversed_list_is_left_as_it_is(bench):
+    shot = bench.shoot(believed=bench.masks[::-1])
+    assert register(shot).shot is shot
+
+
+def test_mirrored_masks_that_begin_with_another_are_both_turned_and_put_in_order(bench):
+    found = register(bench.shoot(believed=np.roll(bench.masks[:, :, ::-1], -3, axis=0)))
+    assert (found.orientation, found.first_mask) == ("mirrored left to right", 3)
+    assert np.array_equal(found.shot.masks, bench.masks)
+
+
 @pytest.mark.parametrize("sigma_px", [0.5, 1.0])
 def test_blur_that_nobody_knew_of_is_found(bench, sigma_px):
     were = blurred(bench.masks, sigma_px)
