@@ -164,7 +164,9 @@ def reconstruct(
     light = renderer.stopped_light(ensemble.best.scene, ensemble.best.world_to_camera)
     seen = speeds(renderer, ensemble.best.scene, ensemble.best.world_to_camera)
     clock.lap("fit")
-    left = Left(registered, doubts, tried.look, geometry, ensemble, light, recovered, motion, seen)
+    left = Left(
+        registered, doubts, tried.look.with_decode_of(first), geometry, ensemble, light, recovered, motion, seen
+    )
     return Reconstruction(record(settings, left, score, clock.seconds()), ensemble.best.scene)
 
 
