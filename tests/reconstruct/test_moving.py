@@ -24,7 +24,7 @@ from gs2ci.reconstruct.geometry.flow import still_flow, velocity
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.measurement.jury import Jury
 from gs2ci.reconstruct.measurement.moving import left_by_motion
-from gs2ci.reconstruct.moving import LEAST_PATCH_GAIN, MotionReport, MotionQuestion
+from gs2ci.reconstruct.moving import LEAST_PATCH_GAIN, MotionQuestion, MotionReport
 from gs2ci.reconstruct.pipeline import reconstruct
 from gs2ci.reconstruct.presets import rescheduled
 from gs2ci.reconstruct.settings import Settings
@@ -231,7 +231,7 @@ def test_moment_of_a_mask_is_its_view(moved):
 
 
 def test_motion_is_tried_where_it_explains_what_a_still_scene_leaves():
-    """Whichever of the attempts is taken: the patches that told of it gain by themselves, and show the falling thing."""
+    """Whichever of the attempts is taken: patches, which told of it, gain by themselves, as decode and as views."""
     shot = exposed(thing_before_a_wall(2.5))
     found, still = (reconstruct(shot, replace(WHOLE, motion=mode)).result for mode in ("auto", "off"))
     assert found.motion["tried"]
