@@ -5,9 +5,11 @@
 Three parts. Simulated moving objects under a moving camera, three scenes, each beside itself at rest (data: the
 project's simulator; its bench integrates the light over the exposure, from its own renderer), with `--motion auto` and
 `off`: what motion gains, and what being asked costs a still scene, in dB and processor seconds. The first blocks of the
-video clips in `video_sci` of GS2CI_SHARED_DATA or `../shared/data`, cropped to their middle, where they are there (data: the benchmarks of
-the PnP-SCI authors). The real measurements in `real_cacti` beside it, likewise cropped, by their held-out residual
-alone. Settings of the environment:
+video clips in `video_sci` of GS2CI_SHARED_DATA or `../shared/data`, cropped to their middle, where they are there
+(data: the benchmarks of the PnP-SCI authors). The real measurements in `real_cacti` beside them, likewise cropped, by
+their held-out residual alone.
+
+Settings of the environment:
 
     GS2CI_MOVING_SEEDS=3         seeds of the simulated scenes (1)
     GS2CI_MOVING_CROP_PX=256     side of the crops; 256 takes the clips whole (96)
