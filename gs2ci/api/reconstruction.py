@@ -13,6 +13,7 @@ from gs2ci.api.options import check_number, check_seed, check_whole
 from gs2ci.api.runs import Run
 from gs2ci.api.shots import load
 from gs2ci.core.clock import command_age_s
+from gs2ci.core.halt import Halt, halted_by_interruption
 from gs2ci.core.progress import Progress
 from gs2ci.core.records import FOCAL_RANGE_PX, Shot
 from gs2ci.reconstruct.choices import (
@@ -54,8 +55,9 @@ def reconstruct(
 ) -> Run:
     """Recover views, camera path and scene from one coded measurement.
 
-    An interruption (Ctrl-C, a notebook's stop button) raises KeyboardInterrupt and leaves nothing behind: the shot is
-    as it was, and the next call starts anew.
+    An interruption (Ctrl-C, a notebook's stop button) during the fit ends it: the run holds the best found so far, and
+    says so (`run.interrupted`). Before the fit has begun, or the second time, it raises KeyboardInterrupt and leaves
+    nothing behind.
 
     Args:
         shot: A shot, or a file that `load` takes.
@@ -124,15 +126,15 @@ def reconstruct(
     )
     budget_s = budget_seconds(budget, preset, wishes)
     measured = with_focal(focal_px, measured)
-    settings = settings_of(preset, wishes)
+    settings, halt = settings_of(preset, wishes), Halt()
     within = None if budget_s is None else Budget(budget_s, began_s, wishes.on)
-    with interrupted_within(), shown(progress) as display:
+    with halted_by_interruption(halt), interrupted_within(), shown(progress) as display:
         if backend.needs_compiling(settings.backend):
             display.say(
                 "The first run on this machine compiles the rasteriser, once, as `gs2ci compile` does ahead: "
                 "give it half a minute more."
             )
-        found = pipeline.reconstruct(measured, settings, display, score_against_truth(measured), within)
+        found = pipeline.reconstruct(measured, settings, display, score_against_truth(measured), within, halt)
     return Run.of(measured, found.result, found.scene)
 
 

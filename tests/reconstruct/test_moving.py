@@ -15,13 +15,17 @@ from gs2ci.evaluate.moments import render_moments
 from gs2ci.evaluate.report import read_report
 from gs2ci.evaluate.run_folder import write_run
 from gs2ci.reconstruct import moving
+from gs2ci.reconstruct.decode.gap_tv import gap_tv
+from gs2ci.reconstruct.decode.patches.decoder import PatchSettings, patch_decode, patch_decode_from
 from gs2ci.reconstruct.fit.coarse import CoarseSettings
+from gs2ci.reconstruct.fit.fine import FineSettings
 from gs2ci.reconstruct.fit.motion import ObjectMotionSettings, at_rest_until_moved, of_degree, set_moving
 from gs2ci.reconstruct.fit.rendering import ShotRenderer, mask_times
 from gs2ci.reconstruct.geometry.flow import still_flow, velocity
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.measurement.jury import Jury
 from gs2ci.reconstruct.measurement.moving import left_by_motion
+from gs2ci.reconstruct.moving import LEAST_PATCH_GAIN, MotionReport, Question
 from gs2ci.reconstruct.pipeline import reconstruct
 from gs2ci.reconstruct.presets import rescheduled
 from gs2ci.reconstruct.settings import Settings
@@ -30,6 +34,7 @@ from gs2ci.render.gaussians import Gaussians
 
 VIEWS, HEIGHT, WIDTH = 6, 48, 64
 STEP_PX = 1.5
+MODES = ("on", "off")
 CAMERA = np.array([[60.0, 0, WIDTH / 2], [0, 60.0, HEIGHT / 2], [0, 0, 1]])
 QUICK = Settings(
     fit=rescheduled(CoarseSettings(), 120),
@@ -235,6 +240,55 @@ def test_motion_is_tried_where_it_explains_what_a_still_scene_leaves():
     found_db, still_db = (np.mean(psnr_per_view(run.views, shot.truth.views)) for run in (found, still))
     # 3.4 and 4.6 dB more with two seeds.
     assert found_db > still_db + 1
+
+
+def test_fine_stage_that_cannot_be_made_is_said_to_be_left_out():
+    """A scene that moves is fitted so briefly here that only what is said of it can be judged."""
+    shot = exposed(thing_before_a_wall(STEP_PX))
+    brief = replace(QUICK, fit=replace(QUICK.fit, iterations=10), fine=FineSettings(iterations=2))
+    codes = {
+        mode: [note.code for note in reconstruct(shot, replace(brief, motion=mode)).result.notes] for mode in MODES
+    }
+    assert Code.FINE_LEFT_OUT in codes["on"]
+    assert Code.FINE_LEFT_OUT not in codes["off"]
+    assert {Code.FINE_HELPED, Code.FINE_UNCHANGED} & set(codes["off"])
+
+
+@pytest.mark.parametrize(
+    ("gain", "tried", "schedules"),
+    [
+        (None, False, ()),
+        (0.01, False, ()),
+        (0.05, False, (PatchSettings.polish(),)),
+        (0.1, True, (PatchSettings.polish(), PatchSettings.from_scene())),
+    ],
+)
+def test_views_are_polished_as_far_as_a_few_steps_of_patches_gained(gain, tried, schedules):
+    report = MotionReport("auto", Question(None, gain), (("still", 0.1),) if tried else (), "still")
+    assert report.polishing == schedules
+
+
+def test_decode_of_what_moves_is_the_best_there_is_and_the_views_no_worse():
+    """Patches show the falling thing, a scene at rest does not; whichever is taken, it may not fall behind them."""
+    shot = exposed(thing_before_a_wall(2.5))
+    result = reconstruct(shot, replace(WHOLE, motion="auto")).result
+    assert result.motion["patch_gain"] > LEAST_PATCH_GAIN
+    by_total_variation = gap_tv(Jury.of(shot, 0.02, 1).seen)
+    decode_db, tv_db, views_db = (
+        np.mean(psnr_per_view(views, shot.truth.views)) for views in (result.decode, by_total_variation, result.views)
+    )
+    assert decode_db > tv_db + 1
+    assert views_db > decode_db - 0.5
+
+
+def test_last_steps_over_all_pixels_keep_what_was_decoded_without_some():
+    shot = exposed(thing_before_a_wall(STEP_PX))
+    jury = Jury.of(shot, 0.1, 0)
+    without = patch_decode(jury.seen, PatchSettings.quick())
+    after = patch_decode_from(shot, without, PatchSettings.to_the_end())
+    before_db, after_db = (np.mean(psnr_per_view(views, shot.truth.views)) for views in (without, after))
+    assert after_db > before_db
+    assert jury.residual_rms(after) < 0.5 * jury.residual_rms(without)
 
 
 def test_whole_schedule_leaves_a_still_scene_still():
