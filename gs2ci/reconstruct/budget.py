@@ -41,9 +41,9 @@ LADDER: Final = (Rung("fine", 250, 800), Rung("standard", 80, 800), Rung("draft"
 KEPT_BACK: Final = 0.05
 # Closing files, printing, the interpreter's end.
 _ENDING_S: Final = 0.5
-# Writing a run folder: drawing takes so long whatever the size, and pictures and figures as long as so many looks at
-# the held-out pixels.
-_DRAWING_S: Final = 1.0
+# Writing a run folder: drawing takes so many seconds of a processor whatever the size, pictures and figures as long as
+# so many looks at the held-out pixels.
+_DRAWING_S: Final = 1.5
 _REPORT_LOOKS: Final = 4
 # A population grows while it is fitted, and its iterations get dearer, by as much in the end.
 _GROWS_BY: Final = 1.0
@@ -79,7 +79,7 @@ class Budget:
             InputError: Not even the cheapest ends in time; says how many seconds would do.
         """
         now_s = self.clock()
-        afterwards_s = _ENDING_S + _DRAWING_S + _REPORT_LOOKS * timed.look_s
+        afterwards_s = (_ENDING_S + _DRAWING_S) * timed.waiting + _REPORT_LOOKS * timed.look_s
         until_s = self.began_s + (1 - KEPT_BACK) * self.seconds - afterwards_s
         for rung in LADDER:
             wanted = self.adapt(PRESETS[rung.preset])

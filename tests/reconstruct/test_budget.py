@@ -21,6 +21,7 @@ STANDARD = PRESETS["standard"]
 def timed(iteration_s=0.05, look_s=0.2):
     found = Timed(4)
     found._moments_s = [0.0, *(7.0 + iteration_s * np.arange(4))]  # the first one took 7 s
+    found._processor_s = list(found._moments_s)
     found.looked(look_s)
     return found
 
@@ -35,6 +36,17 @@ def rung_of(settings):
 
 def test_the_first_iteration_is_not_counted():
     assert timed(0.05).iteration_s == pytest.approx(0.05)
+
+
+def test_a_processor_that_others_use_too_makes_the_report_wait():
+    busy = timed()
+    busy._processor_s = [moment_s / 4 for moment_s in busy._moments_s]
+    assert busy.waiting == pytest.approx(4)
+    alone = timed()
+    alone._processor_s = [2 * moment_s for moment_s in alone._moments_s]
+    assert alone.waiting == 1
+    within = Budget(60.0, 495.0, clock=lambda: 500.0)
+    assert within.fit(STANDARD, busy)[0].fit.iterations < within.fit(STANDARD, alone)[0].fit.iterations
 
 
 def test_more_time_never_buys_cheaper_fits_or_fewer_iterations_of_the_same():

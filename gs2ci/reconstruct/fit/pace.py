@@ -76,7 +76,13 @@ class Timed:
     def __init__(self, iterations: int) -> None:
         self._iterations = iterations
         self._moments_s: list[float] = []
+        self._processor_s: list[float] = []
         self.look_s = 0.0
+
+    @property
+    def waiting(self) -> float:
+        """Get how many seconds one second of a processor took here: 1 unless others had the processors too."""
+        return max(1.0, float(np.ptp(self._moments_s) / max(np.ptp(self._processor_s), 1e-3)))
 
     @property
     def iteration_s(self) -> float:
@@ -86,6 +92,7 @@ class Timed:
     def total(self, done: int) -> int:
         """Note the time; return the number given."""
         self._moments_s.append(time.monotonic())
+        self._processor_s.append(time.process_time())
         return self._iterations
 
     def looked(self, seconds: float) -> None:
