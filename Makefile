@@ -31,8 +31,9 @@ $(STAMP): pyproject.toml constraints.txt
 demo: install
 	$(BIN)/gs2ci demo -o runs/demo
 
-# What pytest is told, such as TESTS=tests/reconstruct; by default all of them, in two processes.
-TESTS ?= -n 2 --dist loadfile
+# What pytest is told, such as TESTS=tests/reconstruct; by default all of them, in two processes. Files marked `slow` come
+# first (tests/conftest.py): one that begins last keeps one processor waiting.
+TESTS ?= -n 2 --dist loadfile --no-loadscope-reorder
 
 test: install
 	$(BIN)/pytest $(TESTS)

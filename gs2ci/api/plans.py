@@ -1,7 +1,8 @@
 """What a simulation calls for: `plan`. Not here: the reckoning (`gs2ci_sims.planner`), a capture's plan (`rigs`)."""
 
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from gs2ci.api.options import check_number
 from gs2ci.core.errors import InputError
@@ -31,36 +32,56 @@ def plan(rig: str | Path, tolerance_dn: float | None = None, *, rays: bool = Fal
     """
     check_number("--tolerance-dn", tolerance_dn, above=0, remedy="leave --tolerance-dn out for the rig file's number")
     from gs2ci.core.config import read_toml
-    from gs2ci.rig.config import describes_simulation
 
     rig = Path(rig)
-    if not describes_simulation(read_toml(rig)[0]):
-        from gs2ci.rig.config import read_rig
-        from gs2ci.rig.foreseen import foreseen_plan
-        from gs2ci.rig.opening import Rig
+    return foreseen(rig, read_toml(rig)[0], tolerance_dn, rays=rays)()
 
-        if rays:
-            raise InputError(
-                f"--rays for the bench of {rig}",
-                allowed="the rig file of a simulation alone",
-                remedy="leave --rays out",
-            )
-        return foreseen_plan(Rig(*read_rig(rig), rig.parent), tolerance_dn)
+
+def foreseen(
+    rig: Path, tables: Mapping[str, Any], tolerance_dn: float | None = None, *, rays: bool = False
+) -> "Callable[[], Plan]":
+    """Read the tables of a rig file at once; return what then plans.
+
+    Arguments and errors as `plan`; `tables` are those of the file, or like them.
+    """
+    from gs2ci.rig.config import describes_simulation
+
+    return (_simulation if describes_simulation(tables) else _bench)(rig, tables, tolerance_dn, rays)
+
+
+def _bench(rig: Path, tables: Mapping[str, Any], tolerance_dn: float | None, rays: bool) -> "Callable[[], Plan]":
+    from gs2ci.rig.config import rig_from_tables
+    from gs2ci.rig.foreseen import foreseen_plan
+    from gs2ci.rig.opening import Rig
+
+    if rays:
+        raise InputError(
+            f"--rays for the bench of {rig}", allowed="the rig file of a simulation alone", remedy="leave --rays out"
+        )
+    bench = Rig(rig_from_tables(tables, rig), "", rig.parent)
+    return lambda: foreseen_plan(bench, tolerance_dn)
+
+
+def _simulation(rig: Path, tables: Mapping[str, Any], tolerance_dn: float | None, rays: bool) -> "Callable[[], Plan]":
     from gs2ci_sims import planner
     from gs2ci_sims.exact import ExactRenderer
-    from gs2ci_sims.rig_file import read_rig_file
+    from gs2ci_sims.rig_file import setup_from_tables
 
-    setup = read_rig_file(rig)
-    scene = setup.scene.build()
-    return planner.plan(
-        scene,
-        setup.path.build(scene, setup.rig.exposure_s),
-        setup.masks(),
-        setup.rig,
-        setup.effects,
-        tolerance_dn=setup.plan.tolerance_dn if tolerance_dn is None else tolerance_dn,
-        on=setup.plan.on,
-        off=setup.plan.off,
-        seed=setup.seed,
-        exact=ExactRenderer() if rays else None,
-    )
+    setup = setup_from_tables(tables)
+
+    def planned() -> "Plan":
+        scene = setup.scene.build()
+        return planner.plan(
+            scene,
+            setup.path.build(scene, setup.rig.exposure_s),
+            setup.masks(),
+            setup.rig,
+            setup.effects,
+            tolerance_dn=setup.plan.tolerance_dn if tolerance_dn is None else tolerance_dn,
+            on=setup.plan.on,
+            off=setup.plan.off,
+            seed=setup.seed,
+            exact=ExactRenderer() if rays else None,
+        )
+
+    return planned

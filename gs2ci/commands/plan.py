@@ -1,25 +1,43 @@
 """`gs2ci plan`: which physical effects a simulated exposure calls for, and why. Nothing is exposed.
 
-Here: the table. Not here: the plan (`gs2ci.api.plans`).
+Here: the tables. Not here: the plan (`gs2ci.api.plans`), derivations (`gs2ci_sims.explaining`).
 """
 
 import math
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Final, Literal
 
 import tyro
 from rich.console import Console
+from rich.markup import escape
 from rich.table import Table
 
+from gs2ci.api.display import open_display
 from gs2ci.api.plans import plan
 from gs2ci.commands.answers import answered
+from gs2ci.core.errors import InputError
+from gs2ci.core.whole_file import check_place, write_whole
 
 if TYPE_CHECKING:
+    from gs2ci_sims.explaining import Explanation
     from gs2ci_sims.planner import Plan
+    from gs2ci_sims.sweeping import FigureSweep
+
+LAW_WIDTH: Final = 32
+"""Characters that the column of laws is widened to; a longer law has a line of its own."""
 
 
 def run(
-    rig: tyro.conf.Positional[Path], *, tolerance_dn: float | None = None, rays: bool = False, json: bool = False
+    rig: tyro.conf.Positional[Path],
+    *,
+    tolerance_dn: float | None = None,
+    rays: bool = False,
+    explain: tuple[str, ...] = (),
+    sweep: tuple[str, ...] = (),
+    points: int = 9,
+    picture: Path | None = None,
+    json: bool = False,
 ) -> None:
     """Print what would be simulated of a rig's effects: bound, decision, reason, sampling, share of the time.
 
@@ -27,13 +45,79 @@ def run(
         rig: The rig file (TOML) of a simulated bench (docs/rigs/simulated.toml) or of a simulation alone
             (docs/simulation.md).
         tolerance_dn: In total, DN rms; that of the rig file if not given.
+        explain: Names of effects, or "all": derive their bounds step by step, with this rig's numbers.
+        sweep: Figures of the rig file to change, each NAME=LOW..HIGH (travel, mask_s, aperture or a dotted key): at
+            which value each effect begins to matter.
+        points: Values per figure of the sweep.
+        picture: A PNG file for the map of the sweep.
         json: Print the answer as JSON, and nothing else, on standard output.
         rays: Count what the rasteriser is off by, and draw Gaussians ray by ray where that is too much.
     """
+    if picture is not None and not sweep:
+        raise InputError("--picture without --sweep", remedy="say what to sweep: --sweep mask_s=0.001..0.1")
     with answered(as_text=not json) as answer:
+        if sweep:
+            answer({"sweeps": _swept(rig, sweep, points, tolerance_dn, picture)})
+            return
         decided = plan(rig, tolerance_dn, rays=rays)
-        print_plan(decided, Console(highlight=False))
+        console = Console(highlight=False)
+        if explain:
+            from gs2ci_sims.explaining import explain as explained
+
+            found = explained(decided, explain)
+            for one in found:
+                print_explanation(one, console)
+            answer({"tolerance_dn": decided.tolerance_dn, "explanations": [one.record() for one in found]})
+            return
+        print_plan(decided, console)
         answer({**decided.record(), "seconds": decided.seconds})
+
+
+def _swept(
+    rig: Path, quantities: tuple[str, ...], points: int, tolerance_dn: float | None, picture: Path | None
+) -> list[dict[str, Any]]:
+    from gs2ci.api.sweeps import sweep
+    from gs2ci_sims.sweeping import picture as drawn
+
+    if picture is not None:
+        check_place(picture)
+    figures = [figure for text in quantities for figure in text.split(",")]
+    with open_display() as display:
+        sweeps = sweep(rig, figures, points=points, tolerance_dn=tolerance_dn, progress=display)
+    console = Console(highlight=False)
+    print_sweeps(sweeps, console)
+    if picture is not None:
+        write_whole(picture, drawn(sweeps))
+        console.print(f"map of regimes: {picture}", markup=False, soft_wrap=True)
+    return [one.record() for one in sweeps]
+
+
+def print_sweeps(sweeps: "Sequence[FigureSweep]", console: Console) -> None:
+    """Print where each effect begins to matter, one effect per line, one column per figure that was swept."""
+    table = Table(box=None, padding=(0, 2, 0, 0), header_style="bold")
+    table.add_column("matters for", no_wrap=True)
+    for one in sweeps:
+        table.add_column(f"{one.quantity}, {one.unit}" if one.unit else one.quantity)
+    for name in dict.fromkeys(name for one in sweeps for name in one.bounds_dn):
+        table.add_row(name, *(_ranges(one, name) for one in sweeps))
+    table.add_row("(views)", *(f"{min(one.views)} to {max(one.views)}" for one in sweeps))
+    table.add_row("(swept)", *(f"{one.values[0]:.3g} to {one.values[-1]:.3g}" for one in sweeps), style="dim")
+    table.add_row("(the file's)", *("-" if one.own is None else f"{one.own:.3g}" for one in sweeps), style="dim")
+    console.print(table)
+
+
+def _ranges(one: "FigureSweep", name: str) -> str:
+    if name not in one.bounds_dn:
+        return "-"
+    words = []
+    for low, high in one.regimes(name):
+        if math.isinf(low) and math.isinf(high):
+            words.append("all")
+        elif math.isinf(low):
+            words.append(f"below {high:.3g}")
+        else:
+            words.append(f"above {low:.3g}" if math.isinf(high) else f"{low:.3g} to {high:.3g}")
+    return ", ".join(words) or "none"
 
 
 def print_plan(decided: "Plan", console: Console) -> None:
@@ -56,6 +140,19 @@ def print_plan(decided: "Plan", console: Console) -> None:
         )
     console.print(table)
     console.print(decided.summary(), markup=False, soft_wrap=True)
+
+
+def print_explanation(one: "Explanation", console: Console) -> None:
+    """Print the derivation of an effect's bound, one step per line, and what was decided on it."""
+    console.print(f"[bold]{one.name}[/bold]: {escape(one.what)}", soft_wrap=True)
+    console.print(f"Bound: {escape(one.law)}", soft_wrap=True)
+    laws = [f"{step.symbol} = {step.law}" if step.law else step.symbol for step in one.steps]
+    width = max((len(law) for law in laws if len(law) <= LAW_WIDTH), default=0)
+    for law, step in zip(laws, one.steps, strict=True):
+        begin = f"{law:<{width}}" if len(law) <= width else f"{law}\n  {'':<{width}}"
+        line = f"  {begin}  {step.value:>10.4g} {step.unit:<9} {step.what}"
+        console.print(line, markup=False, soft_wrap=True)
+    console.print(one.verdict + ".\n", markup=False, soft_wrap=True)
 
 
 def _share(seconds: float, decided: "Plan") -> str:

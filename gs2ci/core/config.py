@@ -5,6 +5,7 @@ each is declared beside what it sets.
 """
 
 import tomllib
+from collections.abc import Mapping
 from difflib import get_close_matches
 from pathlib import Path
 from types import UnionType
@@ -53,8 +54,22 @@ def read_settings(path: Path, model: type[M]) -> tuple[M, str]:
             it is unknown, the nearest known one.
     """
     data, text = read_toml(path)
+    return settings_from(data, model, path), text
+
+
+def settings_from(data: Mapping[str, Any], model: type[M], path: Path) -> M:
+    """Turn the tables of a TOML file into a model.
+
+    Args:
+        data: The tables.
+        model: What they have to fit.
+        path: The file that they are of, for errors.
+
+    Raises:
+        InputError: They do not fit, as `read_settings` says.
+    """
     try:
-        return model.model_validate(data), text
+        return model.model_validate(data)
     except ValidationError as error:
         problems = error.errors()
         sentences = [_sentence(model, dict(problem)) for problem in problems[:MOST_TOLD]]

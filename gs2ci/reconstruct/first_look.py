@@ -2,11 +2,13 @@
 
     decode ─► geometry ─► brightness of the views ─► (where the weights were wrong: all of it again)
 
-Here: the order of these stages. Not here: any of them; all settings together (`settings`).
+Here: the order of these stages, and rest as another beginning. Not here: any of them; all settings together
+(`settings`).
 """
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from typing import Final
 
 import numpy as np
 
@@ -18,12 +20,16 @@ from gs2ci.reconstruct.choices import FirstLookName, ProxyName
 from gs2ci.reconstruct.decode.by_name import decode_by_name
 from gs2ci.reconstruct.decode.gap_tv import GapTvSettings
 from gs2ci.reconstruct.decode.proxies.routing import geometry_views
+from gs2ci.reconstruct.geometry.direct import at_rest
 from gs2ci.reconstruct.geometry.evidence import carried_views
-from gs2ci.reconstruct.geometry.initialise import Geometry, GeometrySettings
+from gs2ci.reconstruct.geometry.initialise import PLANE_NOTE, Geometry, GeometrySettings
 from gs2ci.reconstruct.geometry.prior import GeometryPrior, Request, find_geometry
 from gs2ci.reconstruct.measurement.brightness import BrightnessSettings, relit
 from gs2ci.reconstruct.measurement.jury import Jury
 from gs2ci.reconstruct.measurement.lens import Lens, straightened
+
+# What is said of a path says nothing of a camera at rest.
+_OF_A_PATH: Final = (Code.UNIFORM_MOTION, Code.DEPTH_ORDER_OPEN, Code.DEPTH_ORDER_TURNED)
 
 
 @dataclass(frozen=True)
@@ -64,6 +70,10 @@ class FirstLook:
     brightness: F64 | None
     proxy_notes: tuple[Finding, ...] = ()
     decoder: FirstLookName = "gap-tv"
+
+    def with_decode_of(self, other: "FirstLook") -> "FirstLook":
+        """Return the same findings beside the decoded views of another look."""
+        return replace(self, decoded=other.decoded, decoder=other.decoder)
 
     @property
     def notes(self) -> tuple[Finding, ...]:
@@ -138,6 +148,18 @@ def look_closer(
     progress.say("The camera seems only to have turned: its path is sought again in views decoded by similar patches.")
     closer = look(jury, lens, prior, replace(settings, first_look="patches-quick"), progress, lap, masks_of)
     return closer if closer.geometry.verdict == "full" else first
+
+
+def needs_rest(first: FirstLook) -> bool:
+    """Tell whether a first look is worth an attempt from rest beside it: a motion was found without tracks."""
+    return first.geometry.source == "uniform" and first.geometry.verdict == "full"
+
+
+def from_rest(first: FirstLook) -> FirstLook:
+    """Return a first look as if no path had been found: a camera at rest before a plane."""
+    rest = at_rest(first.geometry)
+    kept = tuple(note for note in rest.notes if note.code not in _OF_A_PATH)
+    return replace(first, geometry=replace(rest, source="tracks", notes=(*kept, PLANE_NOTE)))
 
 
 def _may_look_closer(first: FirstLook, settings: LookSettings) -> bool:

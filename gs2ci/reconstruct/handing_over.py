@@ -47,7 +47,7 @@ _CALLED: Final[dict[Part, Verdict]] = {
 
 
 def hand_over(
-    first: FirstLook, ensemble: Ensemble, refine: Refinement, settings: Settings, *, polish: bool
+    first: FirstLook, ensemble: Ensemble, refine: Refinement, settings: Settings, polishing: tuple[PatchSettings, ...]
 ) -> Recovered:
     """Combine the fits' mean, with its residual and without, the best scene's views and the decode's.
 
@@ -58,14 +58,14 @@ def hand_over(
         ensemble: Of the fits.
         refine: Puts the residual back.
         settings: Of the reconstruction.
-        polish: Whether a decode by similar patches goes on from the refined views, if held-out pixels bear it out:
-            where things move no scene of ours says all.
+        polishing: Where things move no scene of ours says all: schedules of a decode by similar patches that goes on
+            from the refined views, each taken if held-out pixels bear it out.
     """
     jury, own = first.jury, ensemble.best.views
     if settings.residual is None or not jury.heldout.any():
         judged = _judged(jury, {"refined": own, "scene": own, "decode": first.decoded})
         return Recovered(own, "scene", judged, _doubts(jury, own))
-    refined_views, notes = _refined(jury, ensemble.views, refine, polish=polish)
+    refined_views, notes = _refined(jury, ensemble.views, refine, polishing)
     candidates: dict[Part, Candidate] = {
         "refined": refined_views,
         "mean": Candidate(ensemble.views, ensemble.views),
@@ -97,24 +97,34 @@ def _doubts(jury: Jury, views: F32) -> tuple[Finding, ...]:
     return doubts_about_result(jury, views) if jury.heldout.any() else (finding(Code.UNJUDGED),)
 
 
-def _refined(jury: Jury, mean: F32, refine: Refinement, *, polish: bool) -> tuple[Candidate, tuple[Finding, ...]]:
-    """Put the residual back into the mean, [N, H, W, C], and polish it by patches where that is borne out."""
-    plain = Candidate(refine.in_full(mean), refine.by_all_pixels(mean, 1.0))
-    if not polish:
-        return plain, ()
-    begun, share = refine.with_share(mean)
-    polishing = PatchSettings.from_scene()
-    polished = patch_decode_from(jury.seen, begun, polishing)
-    before, after = jury.residual_rms(begun) or 0.0, jury.residual_rms(polished) or 0.0
-    if after >= before:
-        return plain, ()
-    full = patch_decode_from(jury.shot, refine.by_all_pixels(mean, share), polishing)
+def _refined(
+    jury: Jury, mean: F32, refine: Refinement, polishing: tuple[PatchSettings, ...]
+) -> tuple[Candidate, tuple[Finding, ...]]:
+    """Put the residual back into the mean, [N, H, W, C], and polish it by patches where that is borne out.
+
+    A few more steps of the polishing then see all pixels.
+    """
+    begun, _ = refine.with_share(mean)
+    polished, before = begun, jury.residual_rms(begun) or 0.0
+    after = before
+    for steps in polishing:
+        further = patch_decode_from(jury.seen, polished, steps)
+        left = jury.residual_rms(further) or 0.0
+        if left < after:
+            polished, after = further, left
+    if after == before:
+        return Candidate(refine.in_full(mean), refine.by_all_pixels(mean, 1.0)), ()
+    full = patch_decode_from(jury.shot, polished, PatchSettings.to_the_end())
     return Candidate(polished, full), (finding(Code.VIEWS_POLISHED, before=before, after=after),)
 
 
 def _decodes(first: FirstLook, settings: Settings) -> dict[Part, Candidate]:
     """Decode from all pixels; by GAP-TV once more with its views coupled, if held-out pixels gain by that."""
     jury, uncoupled = first.jury, settings.decode
+    if first.decoder == "patches":
+        return {
+            "decode": Candidate(first.decoded, patch_decode_from(jury.shot, first.decoded, PatchSettings.to_the_end()))
+        }
     if first.decoder != "gap-tv":
         return {"decode": Candidate(first.decoded, decode_by_name(jury.shot, "patches", uncoupled))}
     found: dict[Part, Candidate] = {"decode": Candidate(first.decoded, gap_tv(jury.shot, uncoupled))}

@@ -4,25 +4,26 @@
     ─► first Gaussians ─► coarse fits (─► second look ─► coarse fits) (─► fine fit) ─► their mean ─► residual
     ─► combine and judge by the held-out
 
-Here: the order, the clock, and which attempt is taken. Not here: any stage itself, its settings (`settings`), the views
-that are handed over (`handing_over`) and their record (`record`), files and metrics (`gs2ci.evaluate`).
+Here: the order and the clock. Not here: any stage, which attempts are made and taken (`attempts`), `settings`,
+the views handed over (`handing_over`), their record (`record`), files and metrics (`gs2ci.evaluate`).
 """
 
 import math
 import time
-from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Final
 
 import numpy as np
 
 from gs2ci.core.arrays import F32
 from gs2ci.core.errors import NumericsError
-from gs2ci.core.findings import Finding
+from gs2ci.core.findings import Code, Finding, finding
+from gs2ci.core.halt import Halt
 from gs2ci.core.progress import Progress, Silent
 from gs2ci.core.records import Shot
 from gs2ci.core.run_records import RunResult
-from gs2ci.reconstruct.attempts import from_rest, needs_rest, ranking
-from gs2ci.reconstruct.decode.patches.decoder import PatchSettings, patch_decode_from
+from gs2ci.reconstruct.attempts import Attempt, Attempts
+from gs2ci.reconstruct.budget import Budget
 from gs2ci.reconstruct.decode.residual import ResidualSettings
 from gs2ci.reconstruct.first_look import FirstLook, look, look_closer
 from gs2ci.reconstruct.fit.coarse import CoarseFit, fit_coarse
@@ -31,7 +32,7 @@ from gs2ci.reconstruct.fit.fine import Fine, fit_fine
 from gs2ci.reconstruct.fit.looks import Score
 from gs2ci.reconstruct.fit.metric import in_given_unit
 from gs2ci.reconstruct.fit.motion import at_rest_until_moved, of_degree, set_moving
-from gs2ci.reconstruct.fit.pace import Pace
+from gs2ci.reconstruct.fit.pace import Pace, Timed
 from gs2ci.reconstruct.fit.refinement import Refinement
 from gs2ci.reconstruct.fit.rendering import ShotRenderer
 from gs2ci.reconstruct.fit.start import first_gaussians
@@ -46,29 +47,18 @@ from gs2ci.reconstruct.measurement.holes import fill_holes
 from gs2ci.reconstruct.measurement.hot_pixels import close_hot_pixels
 from gs2ci.reconstruct.measurement.jury import Jury
 from gs2ci.reconstruct.measurement.lens import Lens, straightened
-from gs2ci.reconstruct.measurement.moving import LeftByMotion
-from gs2ci.reconstruct.moving import (
-    LEAST_GAIN,
-    LEAST_PATCH_GAIN,
-    MOVING,
-    RELEASED,
-    STILL,
-    MotionReport,
-    ask,
-    released,
-    rested,
-    speaks_for_motion,
-    speeds,
-)
+from gs2ci.reconstruct.moving import released, speeds
 from gs2ci.reconstruct.one_thread import one_torch_thread
 from gs2ci.reconstruct.order import LEAST_SCHEDULE, is_open, settle, shortened, unsettled
 from gs2ci.reconstruct.record import Left, record
 from gs2ci.reconstruct.registration.register import register
-from gs2ci.reconstruct.second_look import is_wanted, second_look
 from gs2ci.reconstruct.settings import Settings
 from gs2ci.render.backend import load_backend
 from gs2ci.render.gaussians import Gaussians
 from gs2ci.render.interface import Backend
+
+# By so many iterations, and a look, the fits that fit into a budget are chosen.
+_TIMED_ITERATIONS: Final = 6
 
 
 @dataclass(frozen=True)
@@ -85,7 +75,8 @@ def reconstruct(
     settings: Settings | None = None,
     progress: Progress | None = None,
     score: Score | None = None,
-    pace: Pace | None = None,
+    budget: Budget | None = None,
+    halt: Halt | None = None,
 ) -> Reconstruction:
     """Recover views, camera path and scene from one coded measurement.
 
@@ -94,7 +85,9 @@ def reconstruct(
         settings: Settings of every stage.
         progress: Told of every stage and step.
         score: Turns views, [N, H, W, C], into a figure for the curve, in dB; it may know the truth.
-        pace: Decides how many iterations the fit has, instead of the settings.
+        budget: Decides how much is fitted, instead of the settings.
+        halt: When it is asked, the fit ends where it is, nothing more is tried, and what there is gets handed over
+            with a finding that says so. It can be asked as soon as the fit has begun.
 
     Returns:
         The combination that is expected to err least, by the held-out pixels: of the mean of the fits' views refined by
@@ -102,20 +95,19 @@ def reconstruct(
 
     Raises:
         InputError: The shot's parts do not fit together, the settings make no sense, or poses are to come
-            from telemetry that the shot does not hold.
+            from telemetry that the shot does not hold; or the budget does not suffice.
         NumericsError: The first fit is not finite from its first iteration on.
     """
-    settings, progress = settings or Settings(), progress or Silent()
+    settings, progress, halt = settings or Settings(), progress or Silent(), halt or Halt()
     settings.check()
     lens = Lens.of(shot.check())
-    tools = _Tools.load(settings)
-    clock = _Stopwatch()
+    tools, clock = _Tools.load(settings), _Stopwatch()
     registered = register(shot, settings.registration, progress, settings.seed)
     clock.lap("registration")
     sound, doubts = _examined(registered.shot, progress)
     jury = Jury.of(sound, settings.fit.hold_out.share, settings.seed)
 
-    first = (look_closer if pace is None and settings.may_look_again else look)(
+    first = (look_closer if budget is None and settings.may_look_again else look)(
         jury, lens, tools.geometry_prior, settings.look, progress, clock.lap, registered.shot
     )
     jury, decoded = first.jury, first.decoded
@@ -123,21 +115,23 @@ def reconstruct(
     refine = Refinement(jury, settings.residual)
 
     first = _settled(
-        first, fitted, lens, settings, refine, progress, clock, hurried=pace is not None or not settings.try_orders
+        first, fitted, lens, settings, refine, progress, clock, hurried=budget is not None or not settings.try_orders
     )
+    halt.begin()
+    settings, pace = _affordable(budget, settings, first, fitted, lens, refine, progress, clock)
 
-    def attempt(look: FirstLook, views: F32, moving: bool) -> _Attempt:
+    def attempt(look: FirstLook, views: F32, moving: bool) -> Attempt:
         geometry, start = _beginning(look, views, lens, settings, moving=moving)
         clock.lap("geometry")
-        fit_one = _fit_one(fitted, geometry, lens, settings, refine, score, clock)
+        fit_one = _fit_one(fitted, geometry, lens, settings, refine, score, clock, halt)
         team = members(start, settings.density_rules, settings.fits, settings.seed)
         team = tuple(replace(one, start=of_degree(one.start, number)) for number, one in enumerate(team))
-        fits = fit_together(fit_one, team, progress, pace)
+        fits = fit_together(fit_one, team, progress, pace, halt)
         ensemble = combined(fits, jury, refine)
         clock.lap("fit")
-        return _Attempt(look, geometry, fits, ensemble)
+        return Attempt(look, geometry, fits, ensemble)
 
-    def release(still: _Attempt) -> _Attempt:
+    def release(still: Attempt) -> Attempt:
         freed = replace(settings, fit=released(settings.fit))
         team, paths = [], {}
         for number, fit in enumerate(still.fits):
@@ -146,32 +140,63 @@ def reconstruct(
             paths[number] = replace(still.geometry, world_to_camera=fit.world_to_camera)
 
         def fit_one(member: Member, progress: Progress, pace: Pace | None) -> CoarseFit:
-            return _fit_one(fitted, paths[member.seed], lens, freed, refine, score, clock)(member, progress, pace)
+            fit = _fit_one(fitted, paths[member.seed], lens, freed, refine, score, clock, halt)
+            return fit(member, progress, pace)
 
-        fits = fit_together(fit_one, tuple(team), progress, None)
+        fits = fit_together(fit_one, tuple(team), progress, None, halt)
         ensemble = combined(fits, jury, refine)
         clock.lap("fit")
         return replace(still, fits=fits, ensemble=ensemble)
 
-    trials = _Trials(attempt, release, jury, lens, settings, refine, progress)
-    tried, motion = trials.hurried(first) if pace is not None else trials.all(first)
+    attempts = Attempts(attempt, release, jury, lens, settings, refine, progress, clock.lap, halt)
+    first, tried, motion = attempts.hurried(first) if budget is not None else attempts.all(first)
     geometry, ensemble = tried.geometry, tried.ensemble
     renderer = ShotRenderer(fitted.shot, geometry.intrinsics, tools.backend, lens)
-    if tools.fine is not None and ensemble.best.scene.motion is None:
-        best = ensemble.best
-        detailed = Refinement(jury, settings.residual or ResidualSettings()).in_full
-        fined = fit_fine(
-            fitted, best, renderer, tools.fine, settings.seed, refine.in_full, progress, score, clock.began_s, detailed
-        )
-        ensemble = combined(tuple(fined if fit is best else fit for fit in tried.fits), jury, refine)
-        clock.lap("fine")
-    recovered = hand_over(first, ensemble, refine, settings, polish=motion.tried)
+    if tools.fine is not None and ensemble.best.scene.motion is None and not halt.asked:
+        ensemble = _fined(tried, fitted, jury, renderer, tools.fine, settings, refine, progress, score, clock, halt)
+    doubts = (*doubts, *_said_if_halted(halt, progress))
+    recovered = hand_over(first, ensemble, refine, settings, motion.polishing)
     geometry, ensemble = in_given_unit(geometry, ensemble)
     light = renderer.stopped_light(ensemble.best.scene, ensemble.best.world_to_camera)
     seen = speeds(renderer, ensemble.best.scene, ensemble.best.world_to_camera)
     clock.lap("fit")
-    left = Left(registered, doubts, tried.look, geometry, ensemble, light, recovered, motion, seen)
+    left = Left(
+        registered, doubts, tried.look.with_decode_of(first), geometry, ensemble, light, recovered, motion, seen
+    )
     return Reconstruction(record(settings, left, score, clock.seconds()), ensemble.best.scene)
+
+
+def _affordable(
+    budget: Budget | None,
+    settings: Settings,
+    first: FirstLook,
+    jury: Jury,
+    lens: Lens | None,
+    refine: Refinement,
+    progress: Progress,
+    clock: "_Stopwatch",
+) -> tuple[Settings, Pace | None]:
+    """Return the settings of fits for which a budget suffices, by a few timed iterations, and the pace that they keep.
+
+    Without a budget: the settings, and no pace.
+    """
+    if budget is None:
+        return settings, None
+    brief = replace(
+        settings.fit,
+        iterations=_TIMED_ITERATIONS,
+        densify_from=1.0,
+        surfaces=None,
+        hold_out=settings.fit.hold_out.looking(_TIMED_ITERATIONS),
+    )
+    geometry, start = _beginning(first, first.decoded, lens, settings)
+    fit = _fit_one(jury, geometry, lens, replace(settings, fit=brief), refine, None, clock)
+    timed = Timed(_TIMED_ITERATIONS)
+    fit(Member(start, settings.fit.density, settings.seed), Silent(), timed)
+    settings, pace, said = budget.fit(settings, timed)
+    progress.say(said)
+    clock.lap("fit")
+    return settings, pace
 
 
 @dataclass(frozen=True)
@@ -189,16 +214,6 @@ class _Tools:
         return cls(backend, fine, load_geometry_prior(settings.poses))
 
 
-@dataclass(frozen=True)
-class _Attempt:
-    """Fits, and the look and the geometry that they began with."""
-
-    look: FirstLook
-    geometry: Geometry
-    fits: tuple[CoarseFit, ...]
-    ensemble: Ensemble
-
-
 def _settled(
     first: FirstLook,
     jury: Jury,
@@ -212,14 +227,14 @@ def _settled(
 ) -> FirstLook:
     """Settle the order of depth by short fits where the first look leaves it open; with a doubt where hurried.
 
-    A path that was told has a sign of its own, and needs no doubt.
+    A path that a stage told is not asked about; one from a file has a sign of its own, and needs no doubt.
     """
     geometry, criteria = first.geometry, settings.geometry.criteria
     if settings.withheld != Withheld() or not is_open(geometry, criteria):
         return first
 
     # By the measurement alone: views of either order show surfaces that bear it out.
-    brief = replace(settings, fit=replace(shortened(settings.fit), surfaces=None))
+    brief = replace(settings, fit=replace(shortened(settings.fit), surfaces=None, relief=None))
     begun: dict[int, tuple[Geometry, tuple[Geometry, Gaussians]]] = {}
 
     def leaves(began: Geometry, number: int) -> float:
@@ -253,6 +268,15 @@ def _left(jury: Jury, views: F32) -> float:
         asked &= ~jury.shot.saturated
     residual = (jury.coded(views) - jury.shot.measurement)[asked].astype(np.float64)
     return float(np.mean(residual**2)) if residual.size else 0.0
+
+
+def _said_if_halted(halt: Halt, progress: Progress) -> tuple[Finding, ...]:
+    """Return, and say, that the rest was left out, where somebody asked for the result as it was."""
+    if not halt.asked:
+        return ()
+    note = finding(Code.INTERRUPTED)
+    progress.say(note.sentence)
+    return (note,)
 
 
 def _examined(shot: Shot, progress: Progress) -> tuple[Shot, tuple[Finding, ...]]:
@@ -293,6 +317,7 @@ def _fit_one(
     refine: Refinement,
     score: Score | None,
     clock: "_Stopwatch",
+    halt: Halt | None = None,
 ) -> FitOne:
     """Say how one fit of the ensemble goes."""
 
@@ -310,116 +335,34 @@ def _fit_one(
             since_s=clock.began_s,
             pace=pace,
             lens=lens,
+            halt=halt,
         )
 
     return fit
 
 
-@dataclass(frozen=True)
-class _Trials:
-    """What is fitted to a measurement, from the first look and from what else is worth it, until one is taken.
-
-    Args:
-        attempt: Fits from a look, with views to take colours and motion from, a scene that is still or may move.
-        release: Goes on with fits of a still scene, and lets it move.
-        jury: The measurement.
-        lens: Through which it was taken, unless it is a pinhole.
-        settings: What may be tried.
-        refine: What will be done to the views of fits.
-        progress: Told why more is tried.
-    """
-
-    attempt: Callable[[FirstLook, F32, bool], _Attempt]
-    release: Callable[[_Attempt], _Attempt]
-    jury: Jury
-    lens: Lens | None
-    settings: Settings
-    refine: Refinement
-    progress: Progress
-
-    def hurried(self, first: FirstLook) -> tuple[_Attempt, MotionReport]:
-        """Make one attempt, whatever comes of it."""
-        moving = self.settings.motion == "on"
-        tried = self.attempt(rested(first) if moving else first, first.decoded, moving)
-        name = MOVING if moving else STILL
-        return tried, self._report(None, {name: tried}, tried, {})
-
-    def all(self, first: FirstLook) -> tuple[_Attempt, MotionReport]:
-        """Make those that are worth it; return the best, and how anything in it came to move, or not to."""
-        still = self._still(first)
-        wanted = self.settings.motion == "on"
-        # Fits that were cut short leave much that patches explain, whether or not anything moves.
-        whole = self.settings.fit.iterations >= LEAST_SCHEDULE
-        if not (wanted or (self.settings.may_move and whole)):
-            return still, self._report(None, {STILL: still}, still, {})
-        left = ask(self.jury, still.ensemble.views)
-        attempts = {STILL: still}
-        refined = self.refine(still.ensemble.views) if wanted or speaks_for_motion(left) else None
-        if refined is not None and (wanted or self._gains(refined)):
-            self.progress.say("What the still scene leaves looks like motion: scenes that move are fitted as well.")
-            views = min((refined, first.decoded), key=lambda shown: self.jury.residual_rms(shown) or 0.0)
-            attempts[RELEASED] = self.release(still)
-            attempts[MOVING] = self.attempt(rested(still.look), views, True)
-        residuals = self._residuals(attempts) if len(attempts) > 1 else {}
-        tried = self._clearly_best(attempts, residuals) if residuals else still
-        return tried, self._report(left, attempts, tried, residuals)
-
-    def _still(self, first: FirstLook) -> _Attempt:
-        """Fit a still scene; once more from a second look, or from rest, where the first path is doubtful."""
-        tried = self.attempt(first, first.decoded, False)
-        if not self.settings.may_look_again or not is_wanted(first.geometry, self.settings.geometry):
-            return tried
-        views = self.refine(tried.ensemble.views)
-        attempts = {first.geometry.source: tried}
-        again = second_look(first, views, self.lens, self.settings.look, self.progress)
-        if again is not None:
-            attempts["second look"] = self.attempt(again, views, False)
-        if needs_rest(first):
-            attempts["rest"] = self.attempt(from_rest(first), first.decoded, False)
-        return self._best(attempts, self._residuals(attempts))
-
-    def _gains(self, refined: F32) -> bool:
-        """Tell whether a few steps of a decode by similar patches, which may move, predict held-out pixels better."""
-        polished = patch_decode_from(self.jury.seen, refined, PatchSettings.from_scene_briefly())
-        before, after = self.jury.residual_rms(refined), self.jury.residual_rms(polished)
-        return before is not None and after is not None and after < (1 - LEAST_PATCH_GAIN) * before
-
-    def _best(self, attempts: dict[str, _Attempt], residuals: dict[str, float | None]) -> _Attempt:
-        """Choose the attempt that predicts the held-out pixels best, and say how all of them did."""
-        tried = attempts[min(attempts, key=lambda name: math.inf if (rms := residuals[name]) is None else rms)]
-        notes = ranking({name: residuals[name] for name in attempts})
-        return replace(tried, geometry=replace(tried.geometry, notes=(*tried.geometry.notes, *notes)))
-
-    def _clearly_best(self, attempts: dict[str, _Attempt], residuals: dict[str, float | None]) -> _Attempt:
-        """Choose likewise, but a scene that moves only if it predicts them clearly better than the still one."""
-        if self.settings.motion == "on":
-            return self._best({name: tried for name, tried in attempts.items() if name != STILL}, residuals)
-        best, still = self._best(attempts, residuals), attempts[STILL]
-        if best.ensemble is still.ensemble:
-            return best
-        moves, stays = residuals[_name_of(best, attempts)], residuals[STILL]
-        better = moves is not None and stays is not None and moves < (1 - LEAST_GAIN) * stays
-        return best if better else still
-
-    def _residuals(self, attempts: dict[str, _Attempt]) -> dict[str, float | None]:
-        """Return what each attempt's refined views leave of the held-out pixels."""
-        return {name: self.jury.residual_rms(self.refine(tried.ensemble.views)) for name, tried in attempts.items()}
-
-    def _report(
-        self,
-        left: LeftByMotion | None,
-        attempts: dict[str, _Attempt],
-        taken: _Attempt,
-        residuals: dict[str, float | None],
-    ) -> MotionReport:
-        moves = taken.ensemble.best.scene.motion is not None
-        return MotionReport(
-            self.settings.motion, left, tuple(residuals.items()), _name_of(taken, attempts), moves=moves
-        )
-
-
-def _name_of(taken: _Attempt, attempts: dict[str, _Attempt]) -> str:
-    return next(name for name, tried in attempts.items() if tried.ensemble is taken.ensemble)
+def _fined(
+    tried: Attempt,
+    fitted: Jury,
+    jury: Jury,
+    renderer: ShotRenderer,
+    fine: Fine,
+    settings: Settings,
+    refine: Refinement,
+    progress: Progress,
+    score: Score | None,
+    clock: "_Stopwatch",
+    halt: Halt,
+) -> Ensemble:
+    """Take the best of an attempt's fits through the fine stage."""
+    best = tried.ensemble.best
+    detailed = Refinement(jury, settings.residual or ResidualSettings()).in_full
+    fined = fit_fine(
+        fitted, best, renderer, fine, settings.seed, refine.in_full, progress, score, clock.began_s, detailed, halt
+    )
+    ensemble = combined(tuple(fined if fit is best else fit for fit in tried.fits), jury, refine)
+    clock.lap("fine")
+    return ensemble
 
 
 class _Stopwatch:

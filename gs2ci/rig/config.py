@@ -20,8 +20,8 @@ from gs2ci.core.config import (
     NotNegative,
     Offset,
     Positive,
-    read_settings,
     read_toml,
+    settings_from,
 )
 from gs2ci.core.errors import InputError
 from gs2ci_calibration.options import CalibrationOptions
@@ -145,11 +145,20 @@ class WorldTable(ConfigTable):
     camera_driver: Literal["twin", "unicam", "rp1-cfe", "uvcvideo", "other"] = "twin"
     """As which kernel driver the simulated camera stamps its frames, a GenICam one too; "twin" stamps the start of
     exposure and flags it, "other" the end of the frame."""
+    camera_clock_ppm: Annotated[float, Field(gt=-1e6, lt=1e6)] = 0.0
+    """By how much longer a second of the simulated V4L2 camera is than a true one, parts per million."""
     camera_array: tuple[Count, Count] | None = None
     """Rows and columns of the simulated camera's pixel array, of which [sensor] reads out a region; the scene is what
     that region sees. Without it the array is `height` x `width`."""
     camera_readout_s: Delay | None = None
     """How long the simulated camera truly reads out; without it, 10 us per row."""
+    panel_response_s: Delay = 0.0
+    """Time constant with which the pixels of a simulated LCoS panel follow their mask."""
+    grbl_board: Literal["plain", "uno", "native"] = "plain"
+    """What opening its port does to the simulated GRBL controller: nothing, a reset, or answers only while DTR is
+    high."""
+    devices: Literal["ideal", "typical"] = "ideal"
+    """Whether what no key of [world] says is as ideal devices are, or as most real ones (docs/idealisations.md)."""
     flat_radiance: Positive = 0.5
     """Brightness of the even light before which masks are calibrated; 1 is the white of a scene."""
     lamp_drift_per_min: float = 0.0
@@ -226,14 +235,28 @@ def read_rig(path: Path) -> tuple[RigTable, str]:
         InputError: It cannot be read, describes a simulation and no bench, a key is unknown or a value cannot be; or
             simulated and real devices are mixed, which cannot share one time; or simulated ones have no [world].
     """
-    tables = read_toml(path)[0]
+    tables, text = read_toml(path)
     if tables.keys() & SIMULATION_ONLY and describes_simulation(tables):
         raise InputError(
             f"{path} describes a simulation, not a bench",
             allowed="a bench's rig file: docs/bench.md, docs/rigs/simulated.toml",
             remedy=f"for what it would simulate: gs2ci plan {path}",
         )
-    rig, text = read_settings(path, with_plugins(tables))
+    return rig_from_tables(tables, path), text
+
+
+def rig_from_tables(tables: Mapping[str, Any], path: Path) -> RigTable:
+    """Turn the tables of a bench's rig file into settings.
+
+    Args:
+        tables: The tables.
+        path: The file that they are of, for errors.
+
+    Raises:
+        InputError: A key is unknown or a value cannot be; simulated and real devices are mixed; or simulated ones have
+            no [world].
+    """
+    rig = settings_from(tables, with_plugins(tables), path)
     devices = 2 + (rig.stage is not None)
     if rig.simulated and len(rig.simulated) != devices:
         raise InputError(
@@ -243,4 +266,4 @@ def read_rig(path: Path) -> tuple[RigTable, str]:
         )
     if rig.simulated and rig.world is None:
         raise InputError(f"{path}: simulated devices without a [world]", remedy="add a [world] table")
-    return rig, text
+    return rig

@@ -21,7 +21,7 @@ from gs2ci_sims.path import CameraPath
 from gs2ci_sims.planner import Plan, plan
 from gs2ci_sims.rig_file import Setup, read_rig_file
 from gs2ci_sims.rigs import library
-from gs2ci_sims.scenes.base import Scene
+from gs2ci_sims.scene import Scene
 
 TOLERANCES_DN: Final = (0.05, 0.1, 0.25, 0.5, 1.0, 2.0, 5.0)
 EVERYTHING: Final = "everything"

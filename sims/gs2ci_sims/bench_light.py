@@ -28,7 +28,7 @@ from gs2ci_sims.planner import DEFAULT_TOLERANCE_DN, Plan, plan
 from gs2ci_sims.radiance import Renderer, rendered_depth, with_margin
 from gs2ci_sims.registration import MaskAlignment
 from gs2ci_sims.rig import Light, Modulator, Rig, Timing
-from gs2ci_sims.scenes.base import Scene
+from gs2ci_sims.scene import Scene
 from gs2ci_sims.sensor import Sensor
 from gs2ci_sims.signals import Slices
 from gs2ci_sims.targets import BoardPlane, EvenLight, board_scene

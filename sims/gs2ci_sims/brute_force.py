@@ -24,7 +24,7 @@ from gs2ci_sims.moments import Moments
 from gs2ci_sims.path import CameraPath
 from gs2ci_sims.radiance import Renderer
 from gs2ci_sims.rig import Rig
-from gs2ci_sims.scenes.base import Scene
+from gs2ci_sims.scene import Scene
 
 PARTS_MAX: Final = 1024
 # Counting and rounding: what the tolerance of a plan is stated before.

@@ -18,7 +18,7 @@ from gs2ci_sims.effects.base import Bound
 from gs2ci_sims.preview import Preview
 from gs2ci_sims.radiance import Renderer, with_margin
 from gs2ci_sims.rays.gaussians import trace_gaussians
-from gs2ci_sims.scenes.base import Scene
+from gs2ci_sims.scene import Scene
 
 # Windows of so many pixels per side are compared, spread over the frame.
 WINDOW_PX: Final = 16

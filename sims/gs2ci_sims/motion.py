@@ -7,7 +7,7 @@ import numpy as np
 from gs2ci.core.arrays import F64
 from gs2ci_sims.moments import gauss_nodes, gauss_weights, lagrange
 from gs2ci_sims.path import CameraPath, highest_hz
-from gs2ci_sims.scenes.base import Scene
+from gs2ci_sims.scene import Scene
 
 # Steps in which an interval is followed, and at least so many per period of what shakes the camera, up to a bound
 # beyond which only the amplitude counts.

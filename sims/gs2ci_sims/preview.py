@@ -26,13 +26,24 @@ from scipy.fft import dctn
 
 from gs2ci.core.arrays import F32, F64
 from gs2ci_sims.alignment import WeightSet
-from gs2ci_sims.effects.base import Bound, Brightening, Charging, Effect, Modulating, Moving, Stage, ViewChange
+from gs2ci_sims.effects.base import (
+    Bound,
+    BoundStep,
+    Brightening,
+    Charging,
+    Effect,
+    Modulating,
+    Moving,
+    Stage,
+    ViewChange,
+    gain_step,
+)
 from gs2ci_sims.light_path import EffectChain
 from gs2ci_sims.motion import displacement_px, image_motion_px, image_travel_px
 from gs2ci_sims.path import CameraPath
 from gs2ci_sims.radiance import Renderer, binned
 from gs2ci_sims.rig import Rig
-from gs2ci_sims.scenes.base import Scene
+from gs2ci_sims.scene import Scene
 
 # Begin, middle and end of the exposure are looked at; of an image that moves by less than this, the middle alone.
 MOMENTS: Final = 3
@@ -103,6 +114,17 @@ class Preview:
         """Get the reading above black of radiance 1 through one open mask, with all light that effects may add."""
         return self.rig.full_scale_e * self.rig.dn_per_e * self.gain
 
+    @property
+    def _full_scale_steps(self) -> tuple[BoundStep, ...]:
+        rig = self.rig
+        return (
+            BoundStep("N_ph", rig.light.full_scale_photons, "", "photons of white through one open mask"),
+            BoundStep("q", rig.sensor.quantum_efficiency, "e/photon", "quantum efficiency"),
+            gain_step(rig),
+            BoundStep("g", self.gain, "", "what other effects may brighten it by"),
+            BoundStep("S", self.full_scale_dn, "DN", "reading of white through one open mask", "N_ph * q * K * g"),
+        )
+
     @cached_property
     def gain(self) -> float:
         """Get by how much the effects together may brighten what a pixel collects, at least 1: a product."""
@@ -123,6 +145,28 @@ class Preview:
         before = self.masks_before(effect)
         after: NDArray[Any] = EffectChain([effect], self.seed, self.rig).through(Stage.MASKS, before)
         return self.of_masks(effect, after - before)
+
+    def of_photon_effect(self, effect: Effect, most: float) -> Bound:
+        """Bound what a linear effect on the photons changes in the previewed measurement, and in what that differs by.
+
+        Args:
+            effect: Applied to what those before it leave of the measurement, with its device's own pattern.
+            most: The largest share of an image, rms, that it can change.
+        """
+        names = [other.name for other in self._chain.at(Stage.PHOTONS)]
+        earlier = names.index(effect.name) if effect.name in names else 0
+        chain = EffectChain(self._chain.at(Stage.PHOTONS)[:earlier], self.seed, self.rig)
+        before = chain.through(Stage.PHOTONS, self.charge_e)
+        change_e = np.abs(EffectChain([effect], self.seed, self.rig).through(Stage.PHOTONS, before) - before)
+        seen_e, error_e = float(np.sqrt(np.square(change_e).mean())), self.charge_error_e
+        peak_e = min(float(change_e.max()) + most * error_e * change_e.size**0.5, most * float(self.most_e.max()))
+        return Bound(self.rig.dn_per_e * (seen_e + most * error_e), self.rig.dn_per_e * peak_e).by(
+            "K * (v + c * u)",
+            BoundStep("v", seen_e, "e", "what it changes in the previewed measurement, rms"),
+            BoundStep("c", most, "", "largest share that it changes of any image, rms"),
+            BoundStep("u", error_e, "e", "by what the measurement may differ from the previewed, rms"),
+            gain_step(self.rig),
+        )
 
     @cached_property
     def shown(self) -> NDArray[Any]:
@@ -253,14 +297,20 @@ class Preview:
     def of_views(self, rms: float, peak: float) -> Bound:
         """Bound what fields of this rms and peak, radiance, one behind each mask, make of the readings."""
         weights, scale = self._most_open_weights, self.full_scale_dn
-        if self._at_rest:
+        if self.at_rest:
             worst = weights.worst_rms_of_one(rms, peak)
         else:
             worst = weights.worst_rms(np.full(len(self.masks), rms), peak)
-        return Bound(scale * worst, scale * peak * weights.largest_sum)
+        return Bound(scale * worst, scale * peak * weights.largest_sum).by(
+            "S * a * rho",
+            *self._full_scale_steps,
+            BoundStep("rho", rms, "", "change of a view, rms, by the image's spectrum; white is 1"),
+            BoundStep("a", worst / rms if rms > 0 else 0.0, "", "what the masks make of it where they lie worst"),
+        )
 
     @cached_property
-    def _at_rest(self) -> bool:
+    def at_rest(self) -> bool:
+        """Get whether nothing moves during the exposure."""
         whole = self.intervals_s[[0, -1], [0, 1]]
         return not bool(image_motion_px(self.scene, self.moved_path, whole[None]).any()) and self.object_px_per_s == 0
 
@@ -309,10 +359,17 @@ class Preview:
         if modulation > 0:
             steady = np.abs(steady) + modulation * np.einsum("khw,khwc->hwc", size, self.views)
         rms = float(np.sqrt(np.square(steady).mean()))
-        if departures.any():
-            rms += weights.worst_rms(departures, brightest)
+        unseen = weights.worst_rms(departures, brightest) if departures.any() else 0.0
         peak = float(np.abs(steady).max()) + brightest * weights.largest_sum
-        return Bound(self.full_scale_dn * rms, self.full_scale_dn * peak)
+        return Bound(self.full_scale_dn * (rms + unseen), self.full_scale_dn * peak).by(
+            "S * (v + u)",
+            *self._full_scale_steps,
+            BoundStep(
+                "m", modulation, "", "by what share other effects treat masks differently, which undoes cancelling"
+            ),
+            BoundStep("v", rms, "", "changes of the masks times the previewed views, summed, rms; white is 1"),
+            BoundStep("u", unseen, "", "the same of what the image has changed since, where the masks lie worst"),
+        )
 
     def _modulation(self, effect: Effect) -> float:
         """Return by which share of a mask's light the other effects may change it against the others'."""

@@ -18,7 +18,7 @@ from gs2ci.render.gaussians import Gaussians
 from gs2ci.render.harmonics import colours_seen
 from gs2ci.render.sampling import CanvasSampling
 from gs2ci_sims.rays.meshes import trace_mesh
-from gs2ci_sims.scenes.base import Scene
+from gs2ci_sims.scene import Scene
 
 # Sharp edges of triangles between few rays make a moving image grainier than Gaussians do: 1.8e-3 to 3.8e-3 of full
 # scale on `blocks` with two rays per pixel side, 2.3e-3 with four, 1.7e-3 with eight.

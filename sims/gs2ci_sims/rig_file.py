@@ -31,7 +31,7 @@ from gs2ci_sims.masks import random_masks
 from gs2ci_sims.path import CameraPath, ReversingMove, StageMove, stage_move_for_parallax
 from gs2ci_sims.planner import DEFAULT_TOLERANCE_DN
 from gs2ci_sims.rig import Light, Modulator, Optics, Rig, Timing
-from gs2ci_sims.scenes.base import Scene
+from gs2ci_sims.scene import Scene
 from gs2ci_sims.scenes.files import load_scene
 from gs2ci_sims.scenes.planes import planes
 from gs2ci_sims.sensor import Sensor

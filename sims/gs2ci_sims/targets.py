@@ -18,7 +18,7 @@ from gs2ci.core.errors import InputError
 from gs2ci.render.gaussians import Gaussians
 from gs2ci_sims.effects.lens_distortion import LensDistortion
 from gs2ci_sims.radiance import Renderer, binned, with_margin
-from gs2ci_sims.scenes.base import Scene
+from gs2ci_sims.scene import Scene
 
 # Radiance of the board's paper and ink, and of what is behind it; 1 is white.
 PAPER: Final = 0.85

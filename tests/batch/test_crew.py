@@ -24,6 +24,8 @@ from gs2ci.core.records import Shot
 from gs2ci.core.storage import write_shots
 from gs2ci.reconstruct.presets import PRESETS
 
+pytestmark = pytest.mark.slow
+
 QUICK = replace(PRESETS["draft"], fit=replace(PRESETS["draft"].fit, iterations=1))
 
 

@@ -31,7 +31,7 @@ from gs2ci_sims.light_path import sensor_effects
 from gs2ci_sims.masks import random_masks
 from gs2ci_sims.path import stage_move_for_parallax
 from gs2ci_sims.rig import Light, Modulator, Rig, Timing
-from gs2ci_sims.scenes.base import Scene
+from gs2ci_sims.scene import Scene
 from gs2ci_sims.scenes.planes import planes
 from gs2ci_sims.sensor import Sensor
 from tests.processes import side_by_side

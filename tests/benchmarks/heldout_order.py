@@ -24,7 +24,7 @@ NAMES = (
     "decode",
     "half the resolution",
     "100 iterations",
-    "400 iterations",
+    "200 iterations",
     "draft",
     "0.1 Gaussians per pixel",
     "1 fit",

@@ -44,6 +44,7 @@ IMPORTED = ("gs2ci.cli", "gs2ci.reconstruct.pipeline", "gs2ci.evaluate.run_folde
 PARTS: tuple[tuple[str, Any, str], ...] = (
     ("registration", pipeline, "register"),
     ("first look: decode, path, depth", pipeline, "look"),
+    ("first look: decode, path, depth", pipeline, "look_closer"),
     ("order of depth", pipeline, "_settled"),
     ("first Gaussians", pipeline, "_beginning"),
     ("mean of the fits", pipeline, "combined"),
@@ -52,6 +53,7 @@ PARTS: tuple[tuple[str, Any, str], ...] = (
     ("fit: loop", coarse._Loop, "run"),
     ("fit: looks at held-out pixels", Looks, "take"),
     ("fit: sweeps for surfaces", coarse, "find_surfaces"),
+    ("fit: sweeps, edges of their maps", surfaces, "snapped"),
     ("fit: density rule", coarse._Fit, "densify"),
     ("fit: error blended back", gathering.Gathering, "_blended"),
     ("iteration: loss", losses.DataTerm, "value_and_gradient"),

@@ -13,6 +13,8 @@ from gs2ci_calibration.procedures import PROCEDURES
 from gs2ci_calibration.refusals import CalibrationError
 from tests.calibration.random_benches import SPOILED, compare, random_table, spoiled_table
 
+pytestmark = pytest.mark.slow
+
 STEPS = ("dark-flat", "sensor", "timing")
 BENCHES = 20
 TIMED = 6

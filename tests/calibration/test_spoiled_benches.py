@@ -14,6 +14,8 @@ from gs2ci_calibration.procedures import PROCEDURES
 from gs2ci_calibration.refusals import CalibrationError, Reason
 from tests.benchmarks.calibration_geometry import random_bench
 
+pytestmark = pytest.mark.slow
+
 BOARD_SIZE = (160, 200)
 
 

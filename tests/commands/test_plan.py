@@ -1,4 +1,5 @@
 import io
+import json
 from pathlib import Path
 
 import pytest
@@ -139,3 +140,81 @@ def test_rays_are_not_for_a_bench():
     bench = Path(__file__).parents[2] / "docs" / "rigs" / "simulated.toml"
     with pytest.raises(InputError, match="--rays for the bench"):
         plan_of(bench, rays=True)
+
+
+def test_an_effect_is_explained_with_the_rigs_numbers_and_the_decision(rig, capsys):
+    plan.run(rig, explain=("vignetting",))
+    printed = capsys.readouterr().out
+    assert "Bound: The share of its reading that each pixel loses" in printed
+    assert "S = N_ph * q * K * g" in printed
+    assert "simulated: exceeds its share" in printed
+    assert "half of the tolerance of 0.25 DN" in printed
+    assert "optics_psf" not in printed
+
+
+def test_every_effect_is_explained_to_a_program_with_the_bounds_of_the_plan(rig, capsys):
+    plan.run(rig, explain=("all",), json=True)
+    answer = json.loads(capsys.readouterr().out)
+    decided = plan_of(rig)
+    assert [one["effect"] for one in answer["explanations"]] == [one.name for one in decided.decisions]
+    for one, decision in zip(answer["explanations"], decided.decisions, strict=True):
+        assert one["steps"][-1]["value"] == pytest.approx(decision.bound.rms_dn)
+        assert one["verdict"].startswith("simulated" if decision.simulated else "left out")
+
+
+def test_an_effect_that_the_rig_lacks_cannot_be_explained(rig):
+    with pytest.raises(InputError, match=r"no effect 'defocus' on this rig.*\[effects.defocus\]"):
+        plan.run(rig, explain=("defocus",))
+    with pytest.raises(InputError, match="no effect 'glow'"):
+        plan.run(rig, explain=("glow",))
+
+
+def test_a_sweep_says_where_each_effect_begins_to_matter_and_draws_it(rig, tmp_path, capsys):
+    picture = tmp_path / "regimes.png"
+    plan.run(rig, sweep=("travel=0.001..1,effects.optics_psf.sigma_px=1e-6..1",), points=3, picture=picture, json=True)
+    answer = json.loads(capsys.readouterr().out)
+    travel, blur = answer["sweeps"]
+    assert (travel["key"], travel["own"], travel["values"][0]) == ("path.parallax_px", 1.0, 0.001)
+    assert travel["effects"]["vignetting"]["matters"] == [[None, None]]
+    ((begins, ends),) = blur["effects"]["optics_psf"]["matters"]
+    assert 1e-6 < begins < 1.0
+    assert ends is None
+    assert picture.read_bytes().startswith(b"\x89PNG")
+
+
+def test_a_sweep_is_printed_with_the_files_own_values(rig, capsys):
+    plan.run(rig, sweep=("modulator.masks=1..4", "travel"), points=3)
+    lines = {line.split()[0]: line for line in capsys.readouterr().out.splitlines() if line.strip()}
+    assert "all" in lines["vignetting"]
+    assert "1 to 4" in lines["(swept)"]
+    assert "0.1 to 10" in lines["(swept)"]  # a tenth to ten times the file's value
+    assert plan_of(rig).tolerance_dn == 0.25
+
+
+def test_a_bench_is_swept_by_its_own_keys(bench, capsys):
+    plan.run(bench, sweep=("travel=0.5..2",), points=2, json=True)
+    (travel,) = json.loads(capsys.readouterr().out)["sweeps"]
+    assert (travel["own"], travel["unit"]) == (1.0, "mm")
+    blur = travel["effects"]["motion_blur"]["bounds_dn"]
+    assert blur[1] > 1.5 * blur[0]
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"sweep": ("mask_s=1",)}, "range '1'"),
+        ({"sweep": ("mask_s=2..1",)}, "from 2 to 1"),
+        ({"sweep": ("mask_s=1..inf",)}, "finite numbers"),
+        ({"sweep": ("aperture",)}, "'aperture' without a range"),
+        ({"sweep": ("plan.off=1..2",)}, "plan.off, which is"),
+        ({"sweep": ("light.glow=1..2",)}, "glow"),
+        ({"sweep": ("aperture=0.1..1",)}, "focus_depth"),
+        ({"sweep": ("mask_s=1..2",), "points": 1}, "1 points"),
+        ({"sweep": ("scene.name.x=1..2",)}, "within scene.name, which is"),
+        ({"picture": Path("x.png")}, "--picture without --sweep"),
+    ],
+)
+def test_a_sweep_that_cannot_be_is_refused(rig, options, words):
+    rig.write_text(RIG.replace("height = 16", 'height = 16\nname = "planes"'), encoding="utf-8")
+    with pytest.raises(InputError, match=words):
+        plan.run(rig, **options)

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from gs2ci.core.findings import Code, finding
-from gs2ci.reconstruct.attempts import from_rest, needs_rest, ranking
-from gs2ci.reconstruct.first_look import FirstLook
+from gs2ci.reconstruct.attempts import ranking
+from gs2ci.reconstruct.first_look import FirstLook, from_rest, needs_rest
 from gs2ci.reconstruct.geometry.initialise import PLANE_NOTE, Geometry
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from gs2ci_sims.scenes.base import Scene
+from gs2ci_sims.scene import Scene
 from gs2ci_sims.scenes.planes import planes
 from gs2ci_sims.scenes.rgbd import motorcycle
 

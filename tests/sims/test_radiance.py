@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 from gs2ci.core.errors import InputError
 from gs2ci_sims.path import StageMove
 from gs2ci_sims.radiance import VIEWS_AT_ONCE, Renderer, rendered_depth
-from gs2ci_sims.scenes.base import Scene
+from gs2ci_sims.scene import Scene
 
 POSES = StageMove((0.1, 0.05, 0.0)).world_to_camera(np.linspace(-1, 1, VIEWS_AT_ONCE + 3))
 

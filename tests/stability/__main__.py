@@ -3,6 +3,7 @@
     python -m tests.stability                    all cases; writes docs/stability.md and docs/images/stability.png
     python -m tests.stability --only saturation  those whose titles contain this; prints only
     python -m tests.stability --jobs 4           in so many processes
+    python -m tests.stability --record cases.jsonl   keep outcomes there as they come; run again, it goes on from them
 
 Exits with 1 if any case has a problem: a result that is not finite, bounded, honest, or worse than the decode alone.
 """
@@ -10,7 +11,10 @@ Exits with 1 if any case has a problem: a result that is not finite, bounded, ho
 import argparse
 import os
 import sys
+from dataclasses import dataclass
 from pathlib import Path
+
+from pydantic import TypeAdapter
 
 from tests.processes import side_by_side
 from tests.stability.cases import CASES, Case
@@ -20,13 +24,42 @@ from tests.stability.page import write_page
 DOCS = Path(__file__).parents[2] / "docs"
 
 
-def judge_all(numbers: list[int], jobs: int) -> dict[int, Outcome]:
-    """Judge cases and say how each fared."""
-    outcomes = {}
-    for number, outcome, seconds in side_by_side(judge_by_number, numbers, jobs):
+@dataclass(frozen=True)
+class Kept:
+    """One line of a record: a case by its title, and what came of it."""
+
+    title: str
+    outcome: Outcome
+
+
+_KEPT = TypeAdapter(Kept)
+
+
+def judge_all(numbers: list[int], jobs: int, record: Path | None = None) -> dict[int, Outcome]:
+    """Judge cases and say how each fared; those that the record holds are taken from there."""
+    outcomes = {} if record is None else kept_in(record)
+    outcomes = {number: outcome for number, outcome in outcomes.items() if number in numbers}
+    missing = [number for number in numbers if number not in outcomes]
+    for number, outcome, seconds in side_by_side(judge_by_number, missing, jobs):
         outcomes[number] = outcome
-        print(line_of(CASES[number], outcome, seconds), flush=True)
-    return outcomes
+        case = CASES[number]
+        print(line_of(case, outcome, seconds), flush=True)
+        if record is not None:
+            with record.open("ab") as file:
+                file.write(_KEPT.dump_json(Kept(case.title, outcome)) + b"\n")
+    return {number: outcomes[number] for number in numbers}
+
+
+def kept_in(record: Path) -> dict[int, Outcome]:
+    """Return the outcomes of a record by the numbers that their cases have now; cut off an unfinished last line."""
+    if not record.exists():
+        return {}
+    numbers = {case.title: number for number, case in enumerate(CASES)}
+    whole, _, unfinished = record.read_bytes().rpartition(b"\n")
+    if unfinished:
+        record.write_bytes(whole + b"\n" if whole else b"")
+    kept = [_KEPT.validate_json(line) for line in whole.splitlines()]
+    return {numbers[k.title]: k.outcome for k in kept if k.title in numbers}
 
 
 def line_of(case: Case, outcome: Outcome, seconds: float) -> str:
@@ -41,9 +74,10 @@ def main() -> int:
     parser = argparse.ArgumentParser(prog="python -m tests.stability", description="Run the hard cases.")
     parser.add_argument("--only", default="", help="cases whose titles contain this; writes no page")
     parser.add_argument("--jobs", type=int, default=max(1, (os.cpu_count() or 2) // 2), help="processes")
+    parser.add_argument("--record", type=Path, help="keep outcomes in this file, and go on from those it holds")
     arguments = parser.parse_args()
     numbers = [number for number, case in enumerate(CASES) if arguments.only in case.title]
-    outcomes = judge_all(numbers, arguments.jobs)
+    outcomes = judge_all(numbers, arguments.jobs, arguments.record)
     if not arguments.only:
         written = write_page(DOCS, [(CASES[number], outcome) for number, outcome in outcomes.items()])
         print(f"wrote {written}")

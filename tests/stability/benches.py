@@ -18,10 +18,11 @@ from gs2ci_sims.light_path import generator, sensor_effects
 from gs2ci_sims.masks import laboratory_masks, random_masks
 from gs2ci_sims.path import CameraPath, ReversingMove, StageMove, stage_move_for_parallax
 from gs2ci_sims.rig import Light, Modulator, Rig, Timing
-from gs2ci_sims.scenes.base import Scene, camera_looking_ahead, gaussians_from_surfels
+from gs2ci_sims.scene import Scene, camera_looking_ahead
 from gs2ci_sims.scenes.files import load_scene, scene_names
 from gs2ci_sims.scenes.planes import backdrop_at, planes
 from gs2ci_sims.scenes.rectangles import coloured, depth_of, samples
+from gs2ci_sims.scenes.surfels import gaussians_from_surfels
 from gs2ci_sims.sensor import Sensor
 
 INTERVAL_S = 0.02

@@ -9,6 +9,8 @@ from tests.stability.benches import QUICK
 from tests.stability.cases import CASES
 from tests.stability.judge import judge
 
+pytestmark = pytest.mark.slow
+
 QUICK_CASES = [case for case in CASES if case.quick]
 
 

@@ -17,6 +17,8 @@ from gs2ci.reconstruct.fit.stopping import HoldOut
 from gs2ci.reconstruct.pipeline import reconstruct
 from gs2ci.reconstruct.settings import Settings
 
+pytestmark = pytest.mark.slow
+
 QUICK = Settings(fit=CoarseSettings(iterations=40, densify_every=10, hold_out=HoldOut(share=0.05, look_every=10)))
 SIZE = (36, 44)
 FOCAL_PX = 40.0

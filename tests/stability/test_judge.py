@@ -5,9 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from tests.stability import __main__ as suite
 from tests.stability.benches import Scale, build
 from tests.stability.cases import CASES, EASY
-from tests.stability.judge import DepthScore, appraise, depth_score, easy_at, grade_of_depth, run
+from tests.stability.judge import DepthScore, Outcome, appraise, depth_score, easy_at, grade_of_depth, run
 
 SMALL = Scale((40, 48), 40)
 GOOD = DepthScore(0.05, 0.9)
@@ -57,3 +58,23 @@ def test_a_depth_is_scored_after_the_median_scale_and_by_its_order(moving):
     backwards = depth_score(case, shot, replace(result, depth=np.where(stack > 0, 1 / np.maximum(stack, 1e-6), 0)))
     assert backwards.rank == pytest.approx(-1.0)
     assert depth_score(case, shot, replace(result, depth=None)) is None
+
+
+def test_suite_goes_on_from_its_record(tmp_path, monkeypatch):
+    record = tmp_path / "cases.jsonl"
+    outcome = Outcome("bends", 20.5, loss_db=4.0, said=("a word",), depth_grade="holds", depth=GOOD)
+    asked = []
+
+    def one_after_another(work, numbers, jobs):
+        asked.append(list(numbers))
+        yield from ((number, replace(outcome, psnr_db=float(number)), 0.1) for number in numbers)
+
+    monkeypatch.setattr(suite, "side_by_side", one_after_another)
+    first = suite.judge_all([3, 5], 1, record)
+    with record.open("ab") as file:
+        file.write(b'{"title": "cut')
+    again = suite.judge_all([5, 7, 3], 1, record)
+    assert asked == [[3, 5], [7]]
+    assert set(suite.kept_in(record)) == {3, 5, 7}
+    assert list(again) == [5, 7, 3]
+    assert {number: again[number] for number in (3, 5)} == first

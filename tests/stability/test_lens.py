@@ -14,6 +14,8 @@ from gs2ci_sims.effects.lens_distortion import LensDistortion
 from gs2ci_sims.radiance import Renderer
 from tests.stability.benches import Bench, build
 
+pytestmark = pytest.mark.slow
+
 SIZE = (60, 80)
 SETTINGS = Settings(
     fit=CoarseSettings(iterations=120, densify_every=25, hold_out=HoldOut(share=0.04, look_every=20, patience=80)),

@@ -27,6 +27,8 @@ from gs2ci.tables.truth import BenchTruth, truth_of
 from gs2ci_calibration.bundle import Bundle, read_bundle
 from tests.calibration.random_benches import compare
 
+pytestmark = pytest.mark.slow
+
 BITS = 12
 # Enough for the views of such pictures; below 250 nobody tries which order of depth is right.
 ITERATIONS = 240

@@ -1,18 +1,15 @@
 """Bayer filter: every pixel sees one of three colours."""
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
 from gs2ci.core.arrays import F64
 from gs2ci.core.errors import InputError
 from gs2ci.core.records import CFA_PATTERNS, CfaPattern
-from gs2ci_sims.effects.base import UNAVOIDABLE, Bound, Stage
-
-if TYPE_CHECKING:
-    from gs2ci_sims.preview import Preview
-    from gs2ci_sims.rig import Rig
+from gs2ci_sims.effects.base import UNAVOIDABLE, Bound, BoundStep, Previewed, Stage
+from gs2ci_sims.rig import Rig
 
 
 @dataclass(frozen=True)
@@ -37,11 +34,11 @@ class BayerFilter:
         if self.pattern not in CFA_PATTERNS:
             raise InputError(f"colour filter array {self.pattern!r}", allowed=", ".join(CFA_PATTERNS))
 
-    def bound(self, scene: "Preview", rig: "Rig") -> Bound:
+    def bound(self, scene: Previewed, rig: Rig) -> Bound:
         """Infinite: it decides what is recorded, one colour per pixel or three."""
-        return UNAVOIDABLE
+        return UNAVOIDABLE.by("inf", BoundStep("c", 1.0, "", "colours that a pixel records, of three"))
 
-    def apply(self, signal: F64, rig: "Rig", rng: np.random.Generator) -> F64:
+    def apply(self, signal: F64, rig: Rig, rng: np.random.Generator) -> F64:
         """Select from electrons [H, W, 3]."""
         tile = np.array(["RGB".index(colour) for colour in self.pattern]).reshape(2, 2)
         rows, columns = np.indices(signal.shape[:2])

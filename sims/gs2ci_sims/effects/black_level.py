@@ -1,17 +1,14 @@
 """Black level: the offset of all readings drifts off the data sheet's figure."""
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
 from gs2ci.core.arrays import F64
 from gs2ci.core.errors import InputError
-from gs2ci_sims.effects.base import Bound, Stage
-
-if TYPE_CHECKING:
-    from gs2ci_sims.preview import Preview
-    from gs2ci_sims.rig import Rig
+from gs2ci_sims.effects.base import Bound, BoundStep, Previewed, Stage
+from gs2ci_sims.rig import Rig
 
 
 @dataclass(frozen=True)
@@ -37,10 +34,11 @@ class BlackLevel:
         if not np.isfinite(self.shift_dn):
             raise InputError(f"black level shifted by {self.shift_dn} DN", allowed="a finite number")
 
-    def bound(self, scene: "Preview", rig: "Rig") -> Bound:
+    def bound(self, scene: Previewed, rig: Rig) -> Bound:
         """Exactly the shift."""
-        return Bound(abs(self.shift_dn), abs(self.shift_dn))
+        shift = BoundStep("D", self.shift_dn, "DN", "shift of the black level")
+        return Bound(abs(self.shift_dn), abs(self.shift_dn)).by("abs(D)", shift)
 
-    def apply(self, signal: F64, rig: "Rig", rng: np.random.Generator) -> F64:
+    def apply(self, signal: F64, rig: Rig, rng: np.random.Generator) -> F64:
         """Shift readings [H, W, C]."""
         return signal + self.shift_dn

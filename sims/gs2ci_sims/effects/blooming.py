@@ -1,17 +1,14 @@
 """Blooming: charge that a full pixel cannot hold spills along its column."""
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
 from gs2ci.core.arrays import F64
 from gs2ci.core.errors import InputError
-from gs2ci_sims.effects.base import Bound, Stage
-
-if TYPE_CHECKING:
-    from gs2ci_sims.preview import Preview
-    from gs2ci_sims.rig import Rig
+from gs2ci_sims.effects.base import Bound, BoundStep, Previewed, Stage, gain_step
+from gs2ci_sims.rig import Rig
 
 
 @dataclass(frozen=True)
@@ -37,18 +34,26 @@ class Blooming:
         if not 0 <= self.share <= 1:
             raise InputError(f"blooming of {self.share} of the excess charge", allowed="0 to 1")
 
-    def bound(self, scene: "Preview", rig: "Rig") -> Bound:
+    def bound(self, scene: Previewed, rig: Rig) -> Bound:
         """Excess S in all, spilled into pixels that take at most the well's charge W each.
 
         The receivers' charges add up to S at most and none exceeds W, so their squares add up to W S at most, and to
         W^2 per pixel. Givers read W with and without it.
         """
-        well_e = rig.sensor.full_well_e
-        spilled_e = self.share * scene.excess_e(well_e)[0] * scene.charge_e.size
-        rms_e = np.sqrt(min(spilled_e / scene.charge_e.size, well_e) * well_e)
-        return Bound(rig.dn_per_e * float(rms_e), rig.dn_per_e * min(spilled_e, well_e))
+        well_e, excess_e = rig.sensor.full_well_e, scene.excess_e(rig.sensor.full_well_e)[0]
+        spilled_e = self.share * excess_e
+        rms_e = np.sqrt(min(spilled_e, well_e) * well_e)
+        peak_e = min(spilled_e * scene.charge_e.size, well_e)
+        return Bound(rig.dn_per_e * float(rms_e), rig.dn_per_e * peak_e).by(
+            "K * sqrt(min(x, W) * W)",
+            BoundStep("s", self.share, "", "share of the excess charge that spills"),
+            BoundStep("W", rig.sensor.full_well_e, "e", "full well"),
+            BoundStep("e", excess_e, "e", "charge beyond the well, with six sigma of its noise, mean over the pixels"),
+            BoundStep("x", spilled_e, "e", "of it spilled, per pixel", "s * e"),
+            gain_step(rig),
+        )
 
-    def apply(self, signal: F64, rig: "Rig", rng: np.random.Generator) -> F64:
+    def apply(self, signal: F64, rig: Rig, rng: np.random.Generator) -> F64:
         """Spill electrons [H, W, C] along axis 0."""
         well_e = rig.sensor.full_well_e
         spilled = self.share * np.maximum(signal - well_e, 0.0)

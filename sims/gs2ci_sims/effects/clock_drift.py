@@ -1,19 +1,16 @@
 """Clock drift: modulator and sensor count seconds of different length."""
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
 from gs2ci.core.arrays import F64
 from gs2ci.core.errors import InputError
-from gs2ci_sims.effects.base import Bound, Stage
+from gs2ci_sims.effects.base import Bound, BoundStep, Previewed, Stage
 from gs2ci_sims.effects.trigger_timing import within_window
+from gs2ci_sims.rig import Rig
 from gs2ci_sims.signals import Slices
-
-if TYPE_CHECKING:
-    from gs2ci_sims.preview import Preview
-    from gs2ci_sims.rig import Rig
 
 
 @dataclass(frozen=True)
@@ -35,18 +32,26 @@ class ClockDrift:
         if not -1e6 < self.ppm < np.inf:
             raise InputError(f"clock drift of {self.ppm} ppm", allowed="finite, above -1e6")
 
-    def bound(self, scene: "Preview", rig: "Rig") -> Bound:
+    def bound(self, scene: Previewed, rig: Rig) -> Bound:
         """Each mask's weight changes by the stretch, the last one's by what is cut off, and its light is of later.
 
         What is taken from its own time and what is added after it are at most twice the delay.
         """
-        return scene.of_shares(self, *self._changes(scene, rig))
+        change, swing, taken_s = self._changes(scene, rig)
+        return scene.of_shares(self, change, swing, taken_s).after(
+            BoundStep("ppm", self.ppm, "1e-6", "slowness of the modulator's clock"),
+            BoundStep("t", rig.exposure_s, "s", "exposure"),
+            BoundStep("late", 1e-6 * self.ppm * rig.exposure_s, "s", "lateness at the end", "1e-6 * ppm * t"),
+            BoundStep("T", rig.timing.interval_s, "s", "time on show of each mask"),
+            BoundStep("c", float(np.abs(change).max()), "", "largest share that a mask's light changes by"),
+            BoundStep("w", float(swing.max()), "", "largest share that comes at another time"),
+        )
 
-    def modulation(self, scene: "Preview") -> float:
+    def modulation(self, scene: Previewed) -> float:
         """What the last mask's light changes by, or moves."""
         return float(self._changes(scene, scene.rig)[1].max())
 
-    def _changes(self, scene: "Preview", rig: "Rig") -> tuple[F64, F64, F64]:
+    def _changes(self, scene: Previewed, rig: Rig) -> tuple[F64, F64, F64]:
         """Return the change of each mask's light, its magnitude in time [N], and over what time it goes on [N, 2]."""
         stretch = 1e-6 * self.ppm
         begin = scene.intervals_s[0, 0]
@@ -59,11 +64,11 @@ class ClockDrift:
         both = np.stack([np.minimum(kept, scene.intervals_s)[:, 0], np.maximum(kept, scene.intervals_s)[:, 1]], axis=1)
         return change, swing, both
 
-    def brightest(self, scene: "Preview") -> float:
+    def brightest(self, scene: Previewed) -> float:
         """The stretch."""
         return 1 + 1e-6 * self.ppm
 
-    def apply(self, signal: Slices, rig: "Rig", rng: np.random.Generator) -> Slices:
+    def apply(self, signal: Slices, rig: Rig, rng: np.random.Generator) -> Slices:
         """Stretch the slices and close the window."""
         begin, stretch = -0.5 * rig.exposure_s, 1 + 1e-6 * self.ppm
         later = replace(

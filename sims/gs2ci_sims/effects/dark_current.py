@@ -1,18 +1,14 @@
 """Dark current: heat frees electrons too."""
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar, Final
+from typing import ClassVar, Final
 
 import numpy as np
 
 from gs2ci.core.arrays import F64
 from gs2ci.core.errors import InputError
-from gs2ci_sims.effects.base import Bound, Stage
-
-if TYPE_CHECKING:
-    from gs2ci_sims.preview import Preview
-    from gs2ci_sims.rig import Rig
-
+from gs2ci_sims.effects.base import Bound, BoundStep, Previewed, Stage, gain_step
+from gs2ci_sims.rig import Rig
 
 # The temperature for which data sheets state the current.
 REFERENCE_C: Final = 25.0
@@ -53,18 +49,28 @@ class DarkCurrent:
         """Get the mean electrons that one pixel collects in the dark."""
         return float(self.current_e_per_s * 2 ** ((self.temperature_c - REFERENCE_C) / self.doubling_k) * exposure_s)
 
-    def bound(self, scene: "Preview", rig: "Rig") -> Bound:
+    def bound(self, scene: Previewed, rig: Rig) -> Bound:
         """The collected charge D, which is exact, and the shot noise that comes with it: sqrt(D^2 + D), times K.
 
         Charge beyond the full well is lost.
         """
         dark_e = min(self.collected_e(rig.exposure_s), rig.sensor.full_well_e)
-        return Bound(rig.dn_per_e * float(np.sqrt(dark_e**2 + dark_e)), rig.dn_per_e * (dark_e + 6 * dark_e**0.5))
+        bound = Bound(rig.dn_per_e * float(np.sqrt(dark_e**2 + dark_e)), rig.dn_per_e * (dark_e + 6 * dark_e**0.5))
+        return bound.by(
+            "K * sqrt(D**2 + D)",
+            BoundStep("I", self.current_e_per_s, "e/s", "dark current at 25 C"),
+            BoundStep("C", self.temperature_c, "C", "temperature of the sensor"),
+            BoundStep("h", self.doubling_k, "K", "warming that doubles the current"),
+            BoundStep("t", rig.exposure_s, "s", "exposure"),
+            BoundStep("W", rig.sensor.full_well_e, "e", "full well"),
+            BoundStep("D", dark_e, "e", "charge collected in the dark", "min(I * 2 ** ((C - 25) / h) * t, W)"),
+            gain_step(rig),
+        )
 
-    def added_e(self, rig: "Rig", size: tuple[int, int]) -> tuple[float, float]:
+    def added_e(self, rig: Rig, size: tuple[int, int]) -> tuple[float, float]:
         """Return the collected charge, the same in every pixel."""
         return (self.collected_e(rig.exposure_s),) * 2
 
-    def apply(self, signal: F64, rig: "Rig", rng: np.random.Generator) -> F64:
+    def apply(self, signal: F64, rig: Rig, rng: np.random.Generator) -> F64:
         """Add to mean electrons [H, W, C]."""
         return signal + self.collected_e(rig.exposure_s)

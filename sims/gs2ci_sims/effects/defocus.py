@@ -1,21 +1,17 @@
 """Defocus: what lies off the plane of focus is spread over a disc, by its depth."""
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar, Final
+from typing import ClassVar, Final
 
 import cv2
 import numpy as np
 
 from gs2ci.core.arrays import F64
 from gs2ci.core.errors import InputError
-from gs2ci_sims.effects.base import Bound, Stage
+from gs2ci_sims.effects.base import Bound, BoundStep, Previewed, Stage
 from gs2ci_sims.effects.kernels import disc, disc_transfer
+from gs2ci_sims.rig import Rig
 from gs2ci_sims.signals import View
-
-if TYPE_CHECKING:
-    from gs2ci_sims.preview import Preview
-    from gs2ci_sims.rig import Rig
-
 
 # Diameters for which the view is blurred lie this far apart; between them the blurred views are interpolated.
 LAYER_STEP_PX: Final = 0.5
@@ -58,11 +54,26 @@ class Defocus:
         diameter = focal_px * self.aperture * np.abs(1 / safe - 1 / self.focus_depth)
         return np.asarray(np.minimum(diameter, DIAMETER_MAX_PX))
 
-    def bound(self, scene: "Preview", rig: "Rig") -> Bound:
+    def bound(self, scene: Previewed, rig: Rig) -> Bound:
         """The spectrum times what the widest disc takes from each cosine, 1 - 2 J1(x)/x."""
-        return scene.of_views(*self.view_change(scene))
+        focal_px, (near, far) = float(scene.scene.intrinsics[0, 0]), scene.scene.depth_range()
+        widest = float(self._widest_px(scene.scene.intrinsics, np.array([near, far])).max())
+        return scene.of_views(*self.view_change(scene)).after(
+            BoundStep("A", self.aperture, "units", "diameter of the aperture"),
+            BoundStep("zf", self.focus_depth, "units", "depth of what is sharp"),
+            BoundStep("f", focal_px, "px", "focal length"),
+            BoundStep("z1", near, "units", "nearest depth (1 % of the pixels are nearer)"),
+            BoundStep("z2", far, "units", "farthest depth (1 % are farther)"),
+            BoundStep(
+                "d",
+                widest,
+                "px",
+                "widest disc; of a cosine of frequency k it takes 1 - 2 J1(pi d k) / (pi d k)",
+                f"min({DIAMETER_MAX_PX}, f * A * max(abs(1 / z1 - 1 / zf), abs(1 / z2 - 1 / zf)))",
+            ),
+        )
 
-    def view_change(self, scene: "Preview") -> tuple[float, float]:
+    def view_change(self, scene: Previewed) -> tuple[float, float]:
         """Return rms and peak of what the blur takes from a view."""
         widest = float(self._widest_px(scene.scene.intrinsics, np.array(scene.scene.depth_range())).max())
         return scene.filtered(lambda f: np.abs(1 - disc_transfer(widest, f)))
@@ -70,12 +81,12 @@ class Defocus:
     def _widest_px(self, intrinsics: F64, depths: F64) -> F64:
         return self.diameter_px(depths, float(intrinsics[0, 0]))
 
-    def margin_px(self, rig: "Rig", size: tuple[int, int], intrinsics: F64) -> int:
+    def margin_px(self, rig: Rig, size: tuple[int, int], intrinsics: F64) -> int:
         """Half of the widest disc there can be, that of infinity or of half the focus depth."""
         widest = self.diameter_px(np.array([0.5 * self.focus_depth, 1e12]), float(intrinsics[0, 0])).max()
         return int(min(np.ceil(0.5 * widest), max(size)))
 
-    def apply(self, signal: View, rig: "Rig", rng: np.random.Generator) -> View:
+    def apply(self, signal: View, rig: Rig, rng: np.random.Generator) -> View:
         """Blur the view by layers of disc diameter."""
         assert signal.depth is not None, "the exposure renders depth for effects that need it"
         diameter = self.diameter_px(signal.depth, float(signal.intrinsics[0, 0]))

@@ -1,7 +1,7 @@
 """Finite contrast: a closed element still lets some light through, here more, there less."""
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,11 +9,8 @@ from scipy.ndimage import gaussian_filter
 
 from gs2ci.core.arrays import F64
 from gs2ci.core.errors import InputError
-from gs2ci_sims.effects.base import Bound, Stage
-
-if TYPE_CHECKING:
-    from gs2ci_sims.preview import Preview
-    from gs2ci_sims.rig import Rig
+from gs2ci_sims.effects.base import Bound, BoundStep, Previewed, Stage
+from gs2ci_sims.rig import Rig
 
 
 @dataclass(frozen=True)
@@ -46,9 +43,13 @@ class FiniteContrast:
                 allowed="contrast > 1, spread 0 to 2, patch_px >= 0",
             )
 
-    def bound(self, scene: "Preview", rig: "Rig") -> Bound:
+    def bound(self, scene: Previewed, rig: Rig) -> Bound:
         """What this device's map of leakage lets through behind all closed elements."""
-        return scene.of_mask_effect(self)
+        return scene.of_mask_effect(self).after(
+            BoundStep("C", self.contrast, "", "contrast, median over the field"),
+            BoundStep("leak", 1 / self.contrast, "", "off level there; a mask M becomes leak + (1 - leak) M", "1 / C"),
+            BoundStep("spread", self.spread, "", "standard deviation of its logarithm over the field"),
+        )
 
     def leakage(self, size: tuple[int, int], rng: np.random.Generator) -> F64:
         """Draw the device's map of off levels, [H, W] in [0, 1]."""
@@ -57,7 +58,7 @@ class FiniteContrast:
         pattern = (pattern - pattern.mean()) / deviation if deviation > 0 else np.zeros(size)
         return np.asarray(np.minimum(np.exp(self.spread * pattern) / self.contrast, 1.0))
 
-    def apply(self, signal: NDArray[np.floating], rig: "Rig", rng: np.random.Generator) -> F64:
+    def apply(self, signal: NDArray[np.floating], rig: Rig, rng: np.random.Generator) -> F64:
         """Raise the off level of masks [N, H, W]."""
         leak = self.leakage((signal.shape[1], signal.shape[2]), rng)
         return np.asarray(leak + (1 - leak) * signal.astype(np.float64))

@@ -1,17 +1,14 @@
 """Full well: a pixel holds only so many electrons."""
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
 from gs2ci.core.arrays import F64
 from gs2ci.core.errors import InputError
-from gs2ci_sims.effects.base import Bound, Stage
-
-if TYPE_CHECKING:
-    from gs2ci_sims.preview import Preview
-    from gs2ci_sims.rig import Rig
+from gs2ci_sims.effects.base import Bound, BoundStep, Previewed, Stage, gain_step
+from gs2ci_sims.rig import Rig
 
 
 @dataclass(frozen=True)
@@ -35,11 +32,17 @@ class FullWell:
         if not self.capacity_e > 0:
             raise InputError(f"full well of {self.capacity_e} electrons", allowed="more than 0")
 
-    def bound(self, scene: "Preview", rig: "Rig") -> Bound:
+    def bound(self, scene: Previewed, rig: Rig) -> Bound:
         """What the charge, with six standard deviations of its noise, has beyond the capacity."""
         _, rms_e, peak_e = scene.excess_e(self.capacity_e)
-        return Bound(rig.dn_per_e * rms_e, rig.dn_per_e * peak_e)
+        return Bound(rig.dn_per_e * rms_e, rig.dn_per_e * peak_e).by(
+            "K * x",
+            BoundStep("W", self.capacity_e, "e", "full well"),
+            BoundStep("Q", float(scene.most_e.max()), "e", "charge that no pixel exceeds, noise aside"),
+            BoundStep("x", rms_e, "e", "charge beyond the well, with six sigma of its noise, rms over the pixels"),
+            gain_step(rig),
+        )
 
-    def apply(self, signal: F64, rig: "Rig", rng: np.random.Generator) -> F64:
+    def apply(self, signal: F64, rig: Rig, rng: np.random.Generator) -> F64:
         """Clip electrons [H, W, C]."""
         return np.minimum(signal, self.capacity_e)

@@ -1,17 +1,14 @@
 """Hot pixels: a few leak a thousand times the dark current of the others."""
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
 from gs2ci.core.arrays import F64
 from gs2ci.core.errors import InputError
-from gs2ci_sims.effects.base import Bound, Stage
-
-if TYPE_CHECKING:
-    from gs2ci_sims.preview import Preview
-    from gs2ci_sims.rig import Rig
+from gs2ci_sims.effects.base import Bound, BoundStep, Previewed, Stage, gain_step
+from gs2ci_sims.rig import Rig
 
 
 @dataclass(frozen=True)
@@ -42,7 +39,7 @@ class HotPixels:
                 allowed="a share of 0 to 1, a finite current of 0 or more",
             )
 
-    def bound(self, scene: "Preview", rig: "Rig") -> Bound:
+    def bound(self, scene: Previewed, rig: Rig) -> Bound:
         """Moments of the exponential law, clipped at the full well, and six standard errors of their sample mean.
 
         For the charge x of a hot pixel of mean m: E x^2 = 2 m^2, E x^4 = 24 m^4; its own shot noise adds m. The
@@ -54,9 +51,26 @@ class HotPixels:
         fourth = self.share * min(24 * mean_e**4, well_e**4)
         hottest_e = min(self._hottest_e(mean_e, pixels), well_e)
         rms_e = np.sqrt(second + 6 * np.sqrt(fourth / pixels))
-        return Bound(rig.dn_per_e * float(rms_e), rig.dn_per_e * float(hottest_e))
+        return Bound(rig.dn_per_e * float(rms_e), rig.dn_per_e * float(hottest_e)).by(
+            "K * sqrt(x2 + 6 * sqrt(x4 / n))",
+            BoundStep("p", self.share, "", "share of the pixels that are hot"),
+            BoundStep("I", self.mean_e_per_s, "e/s", "their mean excess current"),
+            BoundStep("t", rig.exposure_s, "s", "exposure"),
+            BoundStep("m", mean_e, "e", "their mean excess charge", "I * t"),
+            BoundStep("W", rig.sensor.full_well_e, "e", "full well"),
+            BoundStep("n", pixels, "", "pixels"),
+            BoundStep(
+                "x2",
+                second,
+                "e^2",
+                "mean square of the excess charge and its shot noise",
+                "p * min(2 * m**2 + m, W**2)",
+            ),
+            BoundStep("x4", fourth, "e^4", "mean fourth power", "p * min(24 * m**4, W**4)"),
+            gain_step(rig),
+        )
 
-    def added_e(self, rig: "Rig", size: tuple[int, int]) -> tuple[float, float]:
+    def added_e(self, rig: Rig, size: tuple[int, int]) -> tuple[float, float]:
         """Return the mean over all pixels, with six standard errors, and the hottest pixel's charge."""
         mean_e, pixels = self.mean_e_per_s * rig.exposure_s, int(np.prod(size))
         mean = self.share * mean_e + 6 * mean_e * float(np.sqrt(2 * self.share / pixels))
@@ -65,7 +79,7 @@ class HotPixels:
     def _hottest_e(self, mean_e: float, pixels: int) -> float:
         return mean_e * float(np.log(max(self.share * pixels, 1.0)) + 14) if self.share > 0 else 0.0
 
-    def apply(self, signal: F64, rig: "Rig", rng: np.random.Generator) -> F64:
+    def apply(self, signal: F64, rig: Rig, rng: np.random.Generator) -> F64:
         """Add to mean electrons [H, W, C]."""
         hot = rng.random(signal.shape) < self.share
         return signal + hot * rng.exponential(self.mean_e_per_s * rig.exposure_s, signal.shape)

@@ -1,18 +1,15 @@
 """Illumination drift: a lamp that warms up or tires during the exposure."""
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
 from gs2ci.core.arrays import F64
 from gs2ci.core.errors import InputError
-from gs2ci_sims.effects.base import Bound, Stage
+from gs2ci_sims.effects.base import Bound, BoundStep, Previewed, Stage
+from gs2ci_sims.rig import Rig
 from gs2ci_sims.signals import Slices
-
-if TYPE_CHECKING:
-    from gs2ci_sims.preview import Preview
-    from gs2ci_sims.rig import Rig
 
 
 @dataclass(frozen=True)
@@ -34,22 +31,28 @@ class IlluminationDrift:
         if not np.isfinite(self.rate_per_s):
             raise InputError(f"illumination drift of {self.rate_per_s} per second", allowed="a finite number")
 
-    def bound(self, scene: "Preview", rig: "Rig") -> Bound:
+    def bound(self, scene: Previewed, rig: Rig) -> Bound:
         """Each mask's light changes by the mean of the drift; where that passes through nothing, by the mean size."""
         parts = np.linspace(0, 1, 65)
         times_s = scene.intervals_s[:, :1] + np.diff(scene.intervals_s, axis=1) * parts
         change = self._factor(times_s) - 1
-        return scene.of_shares(self, change.mean(axis=1), np.abs(change).mean(axis=1))
+        return scene.of_shares(self, change.mean(axis=1), np.abs(change).mean(axis=1)).after(
+            BoundStep("r", self.rate_per_s, "1/s", "relative change of the light"),
+            BoundStep("t", rig.exposure_s, "s", "exposure"),
+            BoundStep(
+                "c", float(np.abs(change.mean(axis=1)).max()), "", "largest share that a mask's light changes by"
+            ),
+        )
 
-    def brightest(self, scene: "Preview") -> float:
+    def brightest(self, scene: Previewed) -> float:
         """The drift at the end of the exposure."""
         return float(self._factor(scene.intervals_s).max())
 
-    def modulation(self, scene: "Preview") -> float:
+    def modulation(self, scene: Previewed) -> float:
         """The drift at either end of the exposure."""
         return float(np.abs(self._factor(scene.intervals_s) - 1).max())
 
-    def apply(self, signal: Slices, rig: "Rig", rng: np.random.Generator) -> Slices:
+    def apply(self, signal: Slices, rig: Rig, rng: np.random.Generator) -> Slices:
         """Scale each slice by the drift at its middle, cut in four to follow it."""
         pieces = signal.split(4)
         return pieces.scaled(self._factor(0.5 * (pieces.start_s + pieces.stop_s)))

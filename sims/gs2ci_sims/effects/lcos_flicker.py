@@ -1,18 +1,15 @@
 """LCoS flicker: pulse-coded drive makes a panel's reflectance ripple."""
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
 from gs2ci.core.errors import InputError
-from gs2ci_sims.effects.base import Bound, Stage
+from gs2ci_sims.effects.base import Bound, BoundStep, Previewed, Stage
 from gs2ci_sims.effects.periodic import swing_left, swinging
+from gs2ci_sims.rig import Rig
 from gs2ci_sims.signals import Slices
-
-if TYPE_CHECKING:
-    from gs2ci_sims.preview import Preview
-    from gs2ci_sims.rig import Rig
 
 
 @dataclass(frozen=True)
@@ -42,21 +39,32 @@ class LcosFlicker:
                 allowed="depth 0 to 1, finite frequency > 0",
             )
 
-    def bound(self, scene: "Preview", rig: "Rig") -> Bound:
+    def bound(self, scene: Previewed, rig: Rig) -> Bound:
         """The ripple that an interval's mean keeps, depth |sin x / x|; the rest moves in time."""
         left = swing_left(self.depth, self.drive_hz, rig.timing.interval_s)
         masks = len(scene.masks)
-        return scene.of_shares(self, np.full(masks, left), np.full(masks, self.depth))
+        return scene.of_shares(self, np.full(masks, left), np.full(masks, self.depth)).after(
+            BoundStep("depth", self.depth, "", "swing of the light about its mean"),
+            BoundStep("f", self.drive_hz, "Hz", "frequency of the drive"),
+            BoundStep("T", rig.timing.interval_s, "s", "time on show of each mask"),
+            BoundStep(
+                "c",
+                left,
+                "",
+                "swing that an interval's mean keeps; sinc(x) = sin(pi x) / (pi x)",
+                "depth * abs(sinc(f * T))",
+            ),
+        )
 
-    def brightest(self, scene: "Preview") -> float:
+    def brightest(self, scene: Previewed) -> float:
         """The top of the swing."""
         return 1 + self.depth
 
-    def modulation(self, scene: "Preview") -> float:
+    def modulation(self, scene: Previewed) -> float:
         """The swing."""
         return self.depth
 
-    def apply(self, signal: Slices, rig: "Rig", rng: np.random.Generator) -> Slices:
+    def apply(self, signal: Slices, rig: Rig, rng: np.random.Generator) -> Slices:
         """Ripple the light of the slices; the phase is 0 when the first mask is switched on."""
         begin = -0.5 * rig.exposure_s
         return swinging(signal, self.depth, self.drive_hz, -2 * np.pi * self.drive_hz * begin)

@@ -1,19 +1,15 @@
 """LCoS response: liquid crystals turn slowly, so each mask approaches its transmission exponentially."""
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, ClassVar, Final
+from typing import ClassVar, Final
 
 import numpy as np
 
 from gs2ci.core.arrays import F64
 from gs2ci.core.errors import InputError
-from gs2ci_sims.effects.base import NOTHING, Bound, Stage
+from gs2ci_sims.effects.base import NOTHING, Bound, BoundStep, Previewed, Stage
+from gs2ci_sims.rig import Rig
 from gs2ci_sims.signals import Slices
-
-if TYPE_CHECKING:
-    from gs2ci_sims.preview import Preview
-    from gs2ci_sims.rig import Rig
-
 
 # Where slices are cut, in time constants: the weight of the old mask falls by at most a quarter from cut to cut.
 CUTS: Final = np.array([0.0625, 0.125, 0.25, 0.5, 0.75, 1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0])
@@ -42,7 +38,7 @@ class LcosResponse:
         if not 0 <= self.tau_s < np.inf:
             raise InputError(f"LCoS time constant of {self.tau_s} s", allowed="finite, 0 or more")
 
-    def states(self, masks: int, rig: "Rig") -> F64:
+    def states(self, masks: int, rig: Rig) -> F64:
         """Return what is on the modulator at the switch to each mask, as shares of all masks, [N, N]."""
         on = -np.expm1(-rig.timing.interval_s / self.tau_s)
         off = float(np.exp(-rig.timing.dark_s / self.tau_s))
@@ -53,24 +49,28 @@ class LcosResponse:
             states[n] *= off
         return states
 
-    def bound(self, scene: "Preview", rig: "Rig") -> Bound:
+    def bound(self, scene: Previewed, rig: Rig) -> Bound:
         """The old state's mean weight over an interval, tau/T (1 - exp(-T/tau)), times what it differs by."""
         if self.tau_s == 0:
-            return NOTHING
+            return NOTHING.by("0")
         weight = self._weight(rig)
         old = np.tensordot(self.states(len(scene.masks), rig), scene.shown, axes=1)
-        return scene.of_masks(self, weight * (old - scene.shown))
+        return scene.of_masks(self, weight * (old - scene.shown)).after(
+            BoundStep("tau", self.tau_s, "s", "time constant"),
+            BoundStep("T", rig.timing.interval_s, "s", "time on show of each mask"),
+            BoundStep("c", weight, "", "mean weight of the older masks", "min(1, tau / T * (1 - exp(-T / tau)))"),
+        )
 
-    def modulation(self, scene: "Preview") -> float:
+    def modulation(self, scene: Previewed) -> float:
         """What goes to older masks."""
         return self._weight(scene.rig) if self.tau_s > 0 else 0.0
 
-    def _weight(self, rig: "Rig") -> float:
+    def _weight(self, rig: Rig) -> float:
         """Return the mean weight of the old state over an interval."""
         ratio = self.tau_s / rig.timing.interval_s
         return min(1.0, float(-np.expm1(-1 / ratio) * ratio))
 
-    def apply(self, signal: Slices, rig: "Rig", rng: np.random.Generator) -> Slices:
+    def apply(self, signal: Slices, rig: Rig, rng: np.random.Generator) -> Slices:
         """Mix what is left of older masks into each mask's time."""
         if self.tau_s == 0:
             return signal

@@ -1,7 +1,7 @@
 """Lens distortion: straight lines bend towards the rim."""
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar, Final
+from typing import ClassVar, Final
 
 import numpy as np
 from scipy.ndimage import map_coordinates
@@ -9,13 +9,9 @@ from scipy.ndimage import map_coordinates
 from gs2ci.core.arrays import F64
 from gs2ci.core.errors import InputError
 from gs2ci.render.sampling import CanvasSampling
-from gs2ci_sims.effects.base import Bound, Stage
+from gs2ci_sims.effects.base import Bound, BoundStep, Previewed, Stage
+from gs2ci_sims.rig import Rig
 from gs2ci_sims.signals import View
-
-if TYPE_CHECKING:
-    from gs2ci_sims.preview import Preview
-    from gs2ci_sims.rig import Rig
-
 
 # Newton steps that invert the polynomial: quadratic convergence makes this plenty.
 INVERSION_STEPS: Final = 20
@@ -84,27 +80,41 @@ class LensDistortion:
         """Get what a perfect calibration would find: OpenCV's k1 k2 p1 p2 k3, [5]."""
         return np.array([self.k1, self.k2, 0.0, 0.0, 0.0])
 
-    def bound(self, scene: "Preview", rig: "Rig") -> Bound:
+    def bound(self, scene: Previewed, rig: Rig) -> Bound:
         """What moving each pixel's light by its displacement changes."""
-        return scene.of_views(*self.view_change(scene))
+        return scene.of_views(*self.view_change(scene)).after(
+            BoundStep("k1", self.k1, "", "r becomes r (1 + k1 r^2 + k2 r^4)"),
+            BoundStep("k2", self.k2, "", "as above"),
+            BoundStep(
+                "d",
+                self._moved_px(scene),
+                "px",
+                "displacement, rms over the frame; a cosine of frequency k changes by 2 sin(pi k d)",
+            ),
+        )
 
-    def view_change(self, scene: "Preview") -> tuple[float, float]:
+    def view_change(self, scene: Previewed) -> tuple[float, float]:
         """Return rms and peak of what the lens changes in a view: what a shift by the rms displacement does.
 
         The squared change of a cosine, 4 sin^2(pi f d), is concave in d^2, so that its mean over the frame is at most
         its value at the mean of d^2 (Jensen).
         """
-        size, intrinsics = scene.scene.size, scene.scene.intrinsics
-        moved = self.sources_px(size, intrinsics) - (np.mgrid[: size[0], : size[1]] + 0.5)
-        rms, _ = scene.shifted(float(np.sqrt(np.square(moved).sum(axis=0).mean())))
-        return rms, scene.shifted(float(np.abs(moved).sum(axis=0).max()))[1]
+        moved = self._moved(scene)
+        return scene.shifted(self._moved_px(scene))[0], scene.shifted(float(np.abs(moved).sum(axis=0).max()))[1]
 
-    def margin_px(self, rig: "Rig", size: tuple[int, int], intrinsics: F64) -> int:
+    def _moved_px(self, scene: Previewed) -> float:
+        return float(np.sqrt(np.square(self._moved(scene)).sum(axis=0).mean()))
+
+    def _moved(self, scene: Previewed) -> F64:
+        size = scene.scene.size
+        return self.sources_px(size, scene.scene.intrinsics) - (np.mgrid[: size[0], : size[1]] + 0.5)
+
+    def margin_px(self, rig: Rig, size: tuple[int, int], intrinsics: F64) -> int:
         """Return the largest displacement along an axis, and two pixels for the interpolation."""
         moved = self.sources_px(size, intrinsics) - (np.mgrid[: size[0], : size[1]] + 0.5)
         return int(np.ceil(np.abs(moved).max())) + 2
 
-    def apply(self, signal: View, rig: "Rig", rng: np.random.Generator) -> View:
+    def apply(self, signal: View, rig: Rig, rng: np.random.Generator) -> View:
         """Resample the view with cubic splines where its light comes from; beyond the margin the rim repeats."""
         return View(self.bent(signal.radiance, signal.intrinsics), signal.intrinsics, signal.margin, signal.depth)
 

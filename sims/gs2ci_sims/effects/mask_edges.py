@@ -1,19 +1,16 @@
 """Mask edges: an element's transmission does not jump at its rim, it slopes."""
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gs2ci.core.arrays import F64
 from gs2ci.core.errors import InputError
-from gs2ci_sims.effects.base import Bound, Stage
+from gs2ci_sims.effects.base import Bound, BoundStep, Previewed, Stage
 from gs2ci_sims.effects.kernels import blurred, gaussian_tail
-
-if TYPE_CHECKING:
-    from gs2ci_sims.preview import Preview
-    from gs2ci_sims.rig import Rig
+from gs2ci_sims.rig import Rig
 
 
 @dataclass(frozen=True)
@@ -41,11 +38,12 @@ class MaskEdges:
                 f"mask edges of {self.sigma_px} px to {self.reach} sigma", allowed="0 to 100 px, reach in (0, 10]"
             )
 
-    def bound(self, scene: "Preview", rig: "Rig") -> Bound:
+    def bound(self, scene: Previewed, rig: Rig) -> Bound:
         """What the masks that it meets lose and gain by the blur."""
-        return scene.of_mask_effect(self)
+        sigma = BoundStep("sigma", self.sigma_px, "px", "standard deviation of the blur of the masks")
+        return scene.of_mask_effect(self).after(sigma)
 
-    def kernel_bound(self, scene: "Preview", rig: "Rig", reach: float) -> Bound:
+    def kernel_bound(self, scene: Previewed, rig: Rig, reach: float) -> Bound:
         """The masks' deviation from their mean, times twice the share of the kernel that is cut off, per direction.
 
         Each mask's change counts at the brightest light there is, and none cancels another's.
@@ -55,7 +53,7 @@ class MaskEdges:
         light = 4 * tail * scene.full_scale_dn * scene.scene.brightest
         return Bound(light * deviation, light * len(scene.masks))
 
-    def apply(self, signal: NDArray[np.floating], rig: "Rig", rng: np.random.Generator) -> F64:
+    def apply(self, signal: NDArray[np.floating], rig: Rig, rng: np.random.Generator) -> F64:
         """Blur masks [N, H, W]."""
         return self._blurred(signal, self.reach)
 

@@ -1,19 +1,16 @@
 """Mirror transition: mirrors take a while to flip, so each mask begins as a mixture with the one before."""
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gs2ci.core.arrays import F64
 from gs2ci.core.errors import InputError
-from gs2ci_sims.effects.base import Bound, Stage
+from gs2ci_sims.effects.base import Bound, BoundStep, Previewed, Stage
+from gs2ci_sims.rig import Rig
 from gs2ci_sims.signals import Slices
-
-if TYPE_CHECKING:
-    from gs2ci_sims.preview import Preview
-    from gs2ci_sims.rig import Rig
 
 
 @dataclass(frozen=True)
@@ -38,16 +35,20 @@ class MirrorTransition:
         if not 0 <= self.transition_s < np.inf:
             raise InputError(f"mirror transition of {self.transition_s} s", allowed="finite, 0 or more")
 
-    def bound(self, scene: "Preview", rig: "Rig") -> Bound:
+    def bound(self, scene: Previewed, rig: Rig) -> Bound:
         """Half of the transition's share of the interval goes to the mask before."""
         share = 0.5 * self._share(rig)
-        return scene.of_masks(self, share * (_before(scene.shown, rig) - scene.shown))
+        return scene.of_masks(self, share * (_before(scene.shown, rig) - scene.shown)).after(
+            BoundStep("t", self.transition_s, "s", "transition of the mirrors"),
+            BoundStep("T", rig.timing.interval_s, "s", "time on show of each mask"),
+            BoundStep("c", share, "", "share of a mask's light that goes through the mask before", "t / (2 * T)"),
+        )
 
-    def modulation(self, scene: "Preview") -> float:
+    def modulation(self, scene: Previewed) -> float:
         """What goes to the mask before."""
         return 0.5 * self._share(scene.rig)
 
-    def apply(self, signal: Slices, rig: "Rig", rng: np.random.Generator) -> Slices:
+    def apply(self, signal: Slices, rig: Rig, rng: np.random.Generator) -> Slices:
         """Mix the mask before into the begin of each mask's time."""
         if self._share(rig) == 0:
             return signal
@@ -61,7 +62,7 @@ class MirrorTransition:
             old[after_first, pieces.shown[after_first] - 1] = level
         return replace(pieces, mix=new * pieces.mix + (1 - new) * old)
 
-    def _share(self, rig: "Rig") -> float:
+    def _share(self, rig: Rig) -> float:
         share = self.transition_s / rig.timing.interval_s
         if share > 1:
             raise InputError(
@@ -72,7 +73,7 @@ class MirrorTransition:
         return share
 
 
-def _before(masks: NDArray[np.floating], rig: "Rig") -> F64:
+def _before(masks: NDArray[np.floating], rig: Rig) -> F64:
     """Return the state that each mask replaces, [N, H, W]."""
     before = np.zeros(masks.shape)
     if rig.timing.dark_s == 0:

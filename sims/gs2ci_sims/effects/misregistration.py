@@ -1,7 +1,7 @@
 """Misregistration: the modulator's elements do not fall exactly onto the sensor's pixels."""
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,11 +9,8 @@ from scipy.ndimage import affine_transform
 
 from gs2ci.core.arrays import F64
 from gs2ci.core.errors import InputError
-from gs2ci_sims.effects.base import Bound, Stage
-
-if TYPE_CHECKING:
-    from gs2ci_sims.preview import Preview
-    from gs2ci_sims.rig import Rig
+from gs2ci_sims.effects.base import Bound, BoundStep, Previewed, Stage
+from gs2ci_sims.rig import Rig
 
 
 @dataclass(frozen=True)
@@ -48,11 +45,16 @@ class Misregistration:
                 allowed="finite numbers, magnification > 0",
             )
 
-    def bound(self, scene: "Preview", rig: "Rig") -> Bound:
+    def bound(self, scene: Previewed, rig: Rig) -> Bound:
         """What each mask that it meets changes by."""
-        return scene.of_mask_effect(self)
+        return scene.of_mask_effect(self).after(
+            BoundStep("x", self.right_px, "px", "shift of the masks to the right"),
+            BoundStep("y", self.down_px, "px", "shift down"),
+            BoundStep("turn", self.turn_mrad, "mrad", "turn"),
+            BoundStep("scale", self.magnification, "", "magnification"),
+        )
 
-    def apply(self, signal: NDArray[np.floating], rig: "Rig", rng: np.random.Generator) -> F64:
+    def apply(self, signal: NDArray[np.floating], rig: Rig, rng: np.random.Generator) -> F64:
         """Move masks [N, H, W]."""
         return self._moved(signal)
 

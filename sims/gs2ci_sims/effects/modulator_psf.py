@@ -1,18 +1,18 @@
 """Modulator PSF: the relay from modulator to sensor blurs what the masks let through, by diffraction at least."""
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from dataclasses import dataclass, replace
+from typing import ClassVar, Final
 
 import numpy as np
 
 from gs2ci.core.arrays import F64
 from gs2ci.core.errors import InputError
-from gs2ci_sims.effects.base import Bound, Stage
+from gs2ci_sims.effects.base import Bound, BoundStep, Previewed, Stage
 from gs2ci_sims.effects.kernels import blurred, gaussian_loss, gaussian_tail
+from gs2ci_sims.rig import Rig
 
-if TYPE_CHECKING:
-    from gs2ci_sims.preview import Preview
-    from gs2ci_sims.rig import Rig
+# A kernel that reaches so many standard deviations is as good as whole.
+WHOLE_REACH: Final = 8.0
 
 
 @dataclass(frozen=True)
@@ -44,29 +44,34 @@ class ModulatorPsf:
                 f"modulator PSF of {self.sigma_px} px to {self.reach} sigma", allowed="0 to 100 px, reach in (0, 10]"
             )
 
-    def total_sigma_px(self, rig: "Rig") -> float:
+    def total_sigma_px(self, rig: Rig) -> float:
         """Get the standard deviation of blur and diffraction together, in sensor pixels."""
         spread_um = 0.42e-3 * rig.optics.wavelength_nm * rig.optics.f_number if self.diffraction else 0.0
         return float(np.hypot(self.sigma_px, spread_um * rig.modulator.feature_px / rig.modulator.pitch_um))
 
-    def bound(self, scene: "Preview", rig: "Rig") -> Bound:
+    def bound(self, scene: Previewed, rig: Rig) -> Bound:
         """What the blur makes of the previewed measurement itself: one convolution.
 
         Of what the true measurement differs by, it takes at most what it takes of a chequerboard.
         """
-        sigma_px = self.total_sigma_px(rig)
-        change_e = np.abs(scene.charge_e - blurred(scene.charge_e, sigma_px, 8.0))
+        optics, modulator, sigma_px = rig.optics, rig.modulator, self.total_sigma_px(rig)
         taken = float(gaussian_loss(sigma_px, np.array(2**0.5 / np.pi)))
-        rms_e = float(np.sqrt(np.square(change_e).mean())) + taken * scene.charge_error_e
-        peak_e = min(float(change_e.max()) + scene.charge_error_e * scene.charge_e.size**0.5, float(scene.most_e.max()))
-        return Bound(rig.dn_per_e * rms_e, rig.dn_per_e * peak_e)
+        whole = replace(self, reach=WHOLE_REACH)
+        return scene.of_photon_effect(whole, taken).after(
+            BoundStep("s", self.sigma_px, "px", "blur of the relay"),
+            BoundStep("wave", optics.wavelength_nm if self.diffraction else 0.0, "nm", "wavelength; 0: no diffraction"),
+            BoundStep("F", optics.f_number, "", "f-number"),
+            BoundStep("el", modulator.feature_px / modulator.pitch_um, "px/um", "sensor pixels per um of modulator"),
+            BoundStep("sigma", sigma_px, "px", "blur with diffraction", "hypot(s, 0.42e-3 * wave * F * el)"),
+            BoundStep("x", taken, "", "what it takes of a chequerboard", "1 - exp(-4 * sigma**2)"),
+        )
 
-    def kernel_bound(self, scene: "Preview", rig: "Rig", reach: float) -> Bound:
+    def kernel_bound(self, scene: Previewed, rig: Rig, reach: float) -> Bound:
         """The measurement times twice the share of the kernel that is cut off, in each direction."""
         tail = gaussian_tail(self.total_sigma_px(rig), reach)
         dn = 4 * tail * rig.dn_per_e
         return Bound(dn * scene.charge_rms_e, dn * float(scene.most_e.max()))
 
-    def apply(self, signal: F64, rig: "Rig", rng: np.random.Generator) -> F64:
+    def apply(self, signal: F64, rig: Rig, rng: np.random.Generator) -> F64:
         """Blur the photons [H, W, C]."""
         return blurred(signal, self.total_sigma_px(rig), self.reach)

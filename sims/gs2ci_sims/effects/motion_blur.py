@@ -2,20 +2,16 @@
 
 from dataclasses import dataclass
 from functools import cache
-from typing import TYPE_CHECKING, ClassVar, Final
+from typing import ClassVar, Final
 
 import numpy as np
 
 from gs2ci.core.arrays import F64
 from gs2ci.core.errors import InputError
-from gs2ci_sims.effects.base import Bound, Stage
+from gs2ci_sims.effects.base import Bound, BoundStep, Previewed, Stage
 from gs2ci_sims.moments import Moments, gauss_nodes, gauss_weights, lagrange
 from gs2ci_sims.motion import sweep_errors
-
-if TYPE_CHECKING:
-    from gs2ci_sims.preview import Preview
-    from gs2ci_sims.rig import Rig
-
+from gs2ci_sims.rig import Rig
 
 # Phases over a panel, radians, for which the errors of interpolation and quadrature are tabulated; a frequency at
 # the pixel's Nyquist limit turns by pi per pixel of motion.
@@ -50,16 +46,23 @@ class MotionBlur:
                 allowed="1 or more; two or more ends of panels, or none",
             )
 
-    def bound(self, scene: "Preview", rig: "Rig") -> Bound:
+    def bound(self, scene: Previewed, rig: Rig) -> Bound:
         """Each view's spectrum, times what one view per mask misses of a sweep through the fastest interval.
 
         A cosine of frequency f swept over d pixels keeps sin(x)/x of its amplitude, x = pi f d: the transfer
         function of linear motion (Boreman, Modulation Transfer Function in Optical Systems, section 2.2). A camera
         that swings also has its mean place elsewhere than in the middle of the interval.
         """
-        return panel_bound(scene, np.unique(scene.intervals_s), 1, 0.0)
+        return panel_bound(scene, np.unique(scene.intervals_s), 1, 0.0).after(
+            BoundStep(
+                "d",
+                float(scene.motion_px.max()),
+                "px",
+                "motion of the image under one mask, at most; a cosine of frequency k keeps sinc(k d)",
+            ),
+        )
 
-    def apply(self, signal: Moments, rig: "Rig", rng: np.random.Generator) -> Moments:
+    def apply(self, signal: Moments, rig: Rig, rng: np.random.Generator) -> Moments:
         """Replace the one moment per interval."""
         return Moments(np.array(self.edges_s) if self.edges_s else signal.edges_s, self.nodes)
 
@@ -82,7 +85,7 @@ def quadrature_error(nodes: int) -> F64:
     return np.asarray(np.maximum.accumulate(np.abs(exact - np.cos(PHASES[:, None] * centred) @ gauss_weights(nodes))))
 
 
-def panel_bound(scene: "Preview", edges_s: F64, nodes: int, unevenness: float | None) -> Bound:
+def panel_bound(scene: Previewed, edges_s: F64, nodes: int, unevenness: float | None) -> Bound:
     """Bound the error of sampling the moving image with `nodes` views in each panel.
 
     Args:
@@ -102,7 +105,7 @@ def panel_bound(scene: "Preview", edges_s: F64, nodes: int, unevenness: float | 
     return scene.of_views(*scene.filtered(lambda f: np.interp(f, FREQUENCIES, errors)))
 
 
-def even_panel_rms_dn(scene: "Preview", panel_px: float, nodes: int, unevenness: float | None) -> float:
+def even_panel_rms_dn(scene: Previewed, panel_px: float, nodes: int, unevenness: float | None) -> float:
     """Return what `panel_bound` would be for an even motion of so many pixels per panel: a first guess, DN rms."""
     phases = 2 * np.pi * panel_px
     errors = interpolation_error(nodes)

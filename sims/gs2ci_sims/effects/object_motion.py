@@ -1,19 +1,16 @@
 """Object motion: a part of the scene moves by itself during the exposure."""
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 import numpy as np
 import torch
 
 from gs2ci.core.errors import InputError
 from gs2ci.render.gaussians import Gaussians
-from gs2ci_sims.effects.base import NOTHING, Bound, Stage
+from gs2ci_sims.effects.base import NOTHING, Bound, BoundStep, Previewed, Stage
+from gs2ci_sims.rig import Rig
 from gs2ci_sims.signals import MovingScene
-
-if TYPE_CHECKING:
-    from gs2ci_sims.preview import Preview
-    from gs2ci_sims.rig import Rig
 
 
 @dataclass(frozen=True)
@@ -42,28 +39,37 @@ class ObjectMotion:
                 allowed="finite numbers, radius > 0",
             )
 
-    def bound(self, scene: "Preview", rig: "Rig") -> Bound:
+    def bound(self, scene: Previewed, rig: Rig) -> Bound:
         """What a shift by half of the way changes, but no more than the object's and its way's share of the frame.
 
         A pixel changes by at most the range of the radiance, and only the silhouette's sweep changes at all.
         """
         half_way_px = 0.5 * rig.exposure_s * self.image_px_per_s(scene)
         if half_way_px == 0:
-            return NOTHING
+            return NOTHING.by("0")
         near = scene.scene.depth_range()[0]
         radius_px = float(scene.scene.intrinsics[0, 0]) * self.radius / near + half_way_px
         share = min(1.0, np.pi * radius_px**2 / float(np.prod(scene.scene.size)))
         brightest = scene.scene.brightest
-        return scene.of_views(min(scene.shifted(half_way_px)[0], brightest * share**0.5), brightest)
+        return scene.of_views(min(scene.shifted(half_way_px)[0], brightest * share**0.5), brightest).after(
+            BoundStep("s", self.image_px_per_s(scene), "px/s", "speed of the object in the image, at most"),
+            BoundStep("t", rig.exposure_s, "s", "exposure"),
+            BoundStep("d", half_way_px, "px", "way from the middle of the exposure", "s * t / 2"),
+            BoundStep("c", share, "", "share of the frame that it may sweep"),
+            BoundStep("top", brightest, "", "brightest light"),
+            BoundStep(
+                "most", brightest * share**0.5, "", "limit of rho: the whole range of the light there", "top * sqrt(c)"
+            ),
+        )
 
-    def image_px_per_s(self, scene: "Preview") -> float:
+    def image_px_per_s(self, scene: Previewed) -> float:
         """Get how fast the object crosses the image, at most: as if it were at the near end of the scene."""
         if not bool(self._members(scene.scene.gaussians).any()):
             return 0.0
         near = scene.scene.depth_range()[0]
         return float(scene.scene.intrinsics[:2, :2].max() * np.linalg.norm(self.velocity) / near)
 
-    def apply(self, signal: MovingScene, rig: "Rig", rng: np.random.Generator) -> MovingScene:
+    def apply(self, signal: MovingScene, rig: Rig, rng: np.random.Generator) -> MovingScene:
         """Return the scene with the object in motion.
 
         Raises:

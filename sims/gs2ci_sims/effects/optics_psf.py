@@ -1,19 +1,16 @@
 """Optics PSF: the lens spreads each point of the scene a little."""
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
 from gs2ci.core.arrays import F64
 from gs2ci.core.errors import InputError
-from gs2ci_sims.effects.base import Bound, Stage
+from gs2ci_sims.effects.base import Bound, BoundStep, Previewed, Stage
 from gs2ci_sims.effects.kernels import blurred, gaussian_loss, gaussian_radius, gaussian_tail
+from gs2ci_sims.rig import Rig
 from gs2ci_sims.signals import View
-
-if TYPE_CHECKING:
-    from gs2ci_sims.preview import Preview
-    from gs2ci_sims.rig import Rig
 
 
 @dataclass(frozen=True)
@@ -42,24 +39,27 @@ class OpticsPsf:
                 f"optics PSF of {self.sigma_px} px to {self.reach} sigma", allowed="0 to 100 px, reach in (0, 10]"
             )
 
-    def bound(self, scene: "Preview", rig: "Rig") -> Bound:
+    def bound(self, scene: Previewed, rig: Rig) -> Bound:
         """The spectrum times 1 - MTF (Parseval)."""
-        return scene.of_views(*self.view_change(scene))
+        sigma = BoundStep(
+            "sigma", self.sigma_px, "px", "blur; of a cosine of frequency k it takes 1 - exp(-2 (pi sigma k)^2)"
+        )
+        return scene.of_views(*self.view_change(scene)).after(sigma)
 
-    def view_change(self, scene: "Preview") -> tuple[float, float]:
+    def view_change(self, scene: Previewed) -> tuple[float, float]:
         """Return rms and peak of what the blur takes from a view."""
         return scene.filtered(lambda f: gaussian_loss(self.sigma_px, f))
 
-    def kernel_bound(self, scene: "Preview", rig: "Rig", reach: float) -> Bound:
+    def kernel_bound(self, scene: Previewed, rig: Rig, reach: float) -> Bound:
         """All but the mean, times twice the share of the kernel that is cut off, in each of two directions."""
         tail = gaussian_tail(self.sigma_px, reach)
         return scene.of_views(*scene.filtered(lambda f: np.where(f > 0, 4 * tail, 0.0)))
 
-    def margin_px(self, rig: "Rig", size: tuple[int, int], intrinsics: F64) -> int:
+    def margin_px(self, rig: Rig, size: tuple[int, int], intrinsics: F64) -> int:
         """Return the kernel's radius."""
         return gaussian_radius(self.sigma_px, self.reach)
 
-    def apply(self, signal: View, rig: "Rig", rng: np.random.Generator) -> View:
+    def apply(self, signal: View, rig: Rig, rng: np.random.Generator) -> View:
         """Blur the view."""
         image = blurred(signal.radiance, self.sigma_px, self.reach)
         return View(image, signal.intrinsics, signal.margin, signal.depth)

@@ -1,17 +1,14 @@
 """Persistence: charge that the exposure before left in traps comes out in this one."""
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
 from gs2ci.core.arrays import F64
 from gs2ci.core.errors import InputError
-from gs2ci_sims.effects.base import Bound, Stage
-
-if TYPE_CHECKING:
-    from gs2ci_sims.preview import Preview
-    from gs2ci_sims.rig import Rig
+from gs2ci_sims.effects.base import Bound, BoundStep, Previewed, Stage, gain_step
+from gs2ci_sims.rig import Rig
 
 
 @dataclass(frozen=True)
@@ -56,21 +53,36 @@ class Persistence:
         started = np.exp(-self.gap_s / self.decay_s)
         return float(-self.share * started * np.expm1(-exposure_s / self.decay_s))
 
-    def bound(self, scene: "Preview", rig: "Rig") -> Bound:
+    def bound(self, scene: Previewed, rig: Rig) -> Bound:
         """The released charge, which is exact, and its shot noise, up to the full well, times K."""
         released_e = np.minimum(
             self.released_share(rig.exposure_s) * np.asarray(self.earlier_e), rig.sensor.full_well_e
         )
         rms_e = float(np.sqrt((np.square(released_e) + released_e).mean()))
         peak_e = float((released_e + 6 * np.sqrt(released_e)).max())
-        return Bound(rig.dn_per_e * rms_e, rig.dn_per_e * peak_e)
+        return Bound(rig.dn_per_e * rms_e, rig.dn_per_e * peak_e).by(
+            "K * x",
+            BoundStep("s", self.share, "", "share of the earlier charge that is caught"),
+            BoundStep("tau", self.decay_s, "s", "decay"),
+            BoundStep("gap", self.gap_s, "s", "time since the earlier exposure"),
+            BoundStep("t", rig.exposure_s, "s", "exposure"),
+            BoundStep(
+                "c",
+                self.released_share(rig.exposure_s),
+                "",
+                "share released during this one",
+                "s * exp(-gap / tau) * (1 - exp(-t / tau))",
+            ),
+            BoundStep("x", rms_e, "e", "that charge and its shot noise, rms over the pixels, up to the full well"),
+            gain_step(rig),
+        )
 
-    def added_e(self, rig: "Rig", size: tuple[int, int]) -> tuple[float, float]:
+    def added_e(self, rig: Rig, size: tuple[int, int]) -> tuple[float, float]:
         """Return the released charge: its mean and its largest."""
         released_e = self.released_share(rig.exposure_s) * np.asarray(self.earlier_e)
         return float(released_e.mean()), float(released_e.max())
 
-    def apply(self, signal: F64, rig: "Rig", rng: np.random.Generator) -> F64:
+    def apply(self, signal: F64, rig: Rig, rng: np.random.Generator) -> F64:
         """Add to mean electrons [H, W, C].
 
         Raises:

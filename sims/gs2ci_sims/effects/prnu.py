@@ -1,17 +1,14 @@
 """Photo response non-uniformity: some pixels turn more of their light into charge than others."""
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
 from gs2ci.core.arrays import F64
 from gs2ci.core.errors import InputError
-from gs2ci_sims.effects.base import Bound, Stage
-
-if TYPE_CHECKING:
-    from gs2ci_sims.preview import Preview
-    from gs2ci_sims.rig import Rig
+from gs2ci_sims.effects.base import Bound, BoundStep, Previewed, Stage, gain_step
+from gs2ci_sims.rig import Rig
 
 
 @dataclass(frozen=True)
@@ -37,7 +34,7 @@ class Prnu:
         if not 0 <= self.spread <= 0.5:
             raise InputError(f"PRNU of {self.spread}", allowed="0 to 0.5, a share of the signal")
 
-    def bound(self, scene: "Preview", rig: "Rig") -> Bound:
+    def bound(self, scene: Previewed, rig: Rig) -> Bound:
         """Spread times charge, times K; what is beyond the full well is clipped with and without it.
 
         A pixel above the well loses at most (1 - factor) of the well's charge to it, one below its share of its own.
@@ -45,12 +42,17 @@ class Prnu:
         most_e = np.minimum(scene.most_e, rig.sensor.full_well_e)
         rms_e = min(scene.charge_rms_e, float(np.sqrt(np.square(most_e).mean())))
         dn = self.spread * rig.dn_per_e
-        return Bound(dn * rms_e, 6 * dn * float(most_e.max()), random=True)
+        return Bound(dn * rms_e, 6 * dn * float(most_e.max()), random=True).by(
+            "K * s * Q",
+            BoundStep("s", self.spread, "", "relative spread of the pixels' response"),
+            BoundStep("Q", rms_e, "e", "charge, rms over the pixels"),
+            gain_step(rig),
+        )
 
-    def brightest(self, scene: "Preview") -> float:
+    def brightest(self, scene: Previewed) -> float:
         """Six standard deviations above the mean."""
         return 1 + 6 * self.spread
 
-    def apply(self, signal: F64, rig: "Rig", rng: np.random.Generator) -> F64:
+    def apply(self, signal: F64, rig: Rig, rng: np.random.Generator) -> F64:
         """Scale mean electrons [H, W, C]."""
         return signal * np.maximum(1 + self.spread * rng.standard_normal(signal.shape), 0.0)

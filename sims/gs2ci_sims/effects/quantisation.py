@@ -1,17 +1,14 @@
 """Quantisation: the converter knows whole numbers of its range only."""
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
 from gs2ci.core.arrays import F64
 from gs2ci.core.errors import InputError
-from gs2ci_sims.effects.base import Bound, Stage
-
-if TYPE_CHECKING:
-    from gs2ci_sims.preview import Preview
-    from gs2ci_sims.rig import Rig
+from gs2ci_sims.effects.base import Bound, BoundStep, Previewed, Stage, gain_step
+from gs2ci_sims.rig import Rig
 
 
 @dataclass(frozen=True)
@@ -41,11 +38,16 @@ class Quantisation:
         """Get the highest reading."""
         return int(2**self.bits - 1)
 
-    def bound(self, scene: "Preview", rig: "Rig") -> Bound:
+    def bound(self, scene: Previewed, rig: Rig) -> Bound:
         """Rounding moves a reading by at most half a step; what is beyond the range is cut off."""
         _, rms_e, peak_e = scene.excess_e((self.max_dn - rig.sensor.black_level_dn) / rig.dn_per_e)
-        return Bound(float(np.hypot(0.5, rig.dn_per_e * rms_e)), 0.5 + rig.dn_per_e * peak_e)
+        return Bound(float(np.hypot(0.5, rig.dn_per_e * rms_e)), 0.5 + rig.dn_per_e * peak_e).by(
+            "hypot(0.5, K * x)",
+            BoundStep("bits", self.bits, "", "of the converter"),
+            BoundStep("x", rms_e, "e", "charge beyond its range, with six sigma of its noise, rms over the pixels"),
+            gain_step(rig),
+        )
 
-    def apply(self, signal: F64, rig: "Rig", rng: np.random.Generator) -> F64:
+    def apply(self, signal: F64, rig: Rig, rng: np.random.Generator) -> F64:
         """Round and clip readings [H, W, C]."""
         return np.clip(np.rint(signal), 0, self.max_dn)

@@ -1,17 +1,14 @@
 """Read noise: the amplifier's own contribution to every reading."""
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
 from gs2ci.core.arrays import F64
 from gs2ci.core.errors import InputError
-from gs2ci_sims.effects.base import Bound, Stage
-
-if TYPE_CHECKING:
-    from gs2ci_sims.preview import Preview
-    from gs2ci_sims.rig import Rig
+from gs2ci_sims.effects.base import Bound, BoundStep, Previewed, Stage, gain_step
+from gs2ci_sims.rig import Rig
 
 
 @dataclass(frozen=True)
@@ -33,10 +30,12 @@ class ReadNoise:
         if not (self.sigma_e >= 0 and np.isfinite(self.sigma_e)):
             raise InputError(f"read noise of {self.sigma_e} electrons", allowed="finite, 0 or more")
 
-    def bound(self, scene: "Preview", rig: "Rig") -> Bound:
+    def bound(self, scene: Previewed, rig: Rig) -> Bound:
         """σ_d times the gain K (EMVA 1288, eq. 10)."""
-        return Bound(self.sigma_e * rig.dn_per_e, 6 * self.sigma_e * rig.dn_per_e, random=True)
+        sigma = BoundStep("sigma", self.sigma_e, "e", "standard deviation")
+        bound = Bound(self.sigma_e * rig.dn_per_e, 6 * self.sigma_e * rig.dn_per_e, random=True)
+        return bound.by("K * sigma", sigma, gain_step(rig))
 
-    def apply(self, signal: F64, rig: "Rig", rng: np.random.Generator) -> F64:
+    def apply(self, signal: F64, rig: Rig, rng: np.random.Generator) -> F64:
         """Add noise to electrons [H, W, C]; the sum may be negative, as a reading below black is."""
         return signal + self.sigma_e * rng.standard_normal(signal.shape)

@@ -1,18 +1,15 @@
 """Rolling shutter: rows begin and end their exposure one after the other."""
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, ClassVar, Final
+from typing import ClassVar, Final
 
 import numpy as np
 
 from gs2ci.core.arrays import F64
 from gs2ci.core.errors import InputError
-from gs2ci_sims.effects.base import Bound, Stage
+from gs2ci_sims.effects.base import Bound, BoundStep, Previewed, Stage
+from gs2ci_sims.rig import Rig
 from gs2ci_sims.signals import Shutter, Slices
-
-if TYPE_CHECKING:
-    from gs2ci_sims.preview import Preview
-    from gs2ci_sims.rig import Rig
 
 # A row that opens within a slice of time collects the slice's mean light for its share of it. So the slices are cut
 # into parts that are short against what moves within one; cutting them costs no rendering.
@@ -42,21 +39,34 @@ class RollingShutter:
         if not 0 <= self.line_delay_s < np.inf:
             raise InputError(f"rolling shutter with {self.line_delay_s} s per line", allowed="finite, 0 or more")
 
-    def bound(self, scene: "Preview", rig: "Rig") -> Bound:
+    def bound(self, scene: Previewed, rig: Rig) -> Bound:
         """The light of each mask that each row misses."""
-        return scene.of_masks(self, self._missed(scene)[..., None] * scene.shown)
+        missed = self._missed(scene)
+        return scene.of_masks(self, missed[..., None] * scene.shown).after(
+            BoundStep("delay", self.line_delay_s, "s", "from each row to the next"),
+            BoundStep("rows", float(scene.masks.shape[1]), "", "rows"),
+            BoundStep(
+                "late",
+                self.line_delay_s * (scene.masks.shape[1] - 1),
+                "s",
+                "by what the last row is late",
+                "delay * (rows - 1)",
+            ),
+            BoundStep("T", rig.timing.interval_s, "s", "time on show of each mask"),
+            BoundStep("c", float(missed.max()), "", "largest share of a mask's light that a row misses"),
+        )
 
-    def modulation(self, scene: "Preview") -> float:
+    def modulation(self, scene: Previewed) -> float:
         """What the last row misses."""
         return float(self._missed(scene).max())
 
-    def _missed(self, scene: "Preview") -> F64:
+    def _missed(self, scene: Previewed) -> F64:
         """Return which share of each mask's light each row misses, [N, H]."""
         start_s, stop_s = scene.intervals_s.T
         shutter = Shutter(float(start_s[0]), float(stop_s[-1]), self.line_delay_s)
         return np.asarray(1 - shutter.open_share(start_s, stop_s, scene.masks.shape[1]))
 
-    def apply(self, signal: Slices, rig: "Rig", rng: np.random.Generator) -> Slices:
+    def apply(self, signal: Slices, rig: Rig, rng: np.random.Generator) -> Slices:
         """Give the slices a shutter that row 0 does not notice."""
         shutter = Shutter(float(signal.start_s.min()), float(signal.stop_s.max()), self.line_delay_s)
         return replace(signal.split(PARTS), shutter=shutter)

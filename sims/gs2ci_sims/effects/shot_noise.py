@@ -1,18 +1,14 @@
 """Photon shot noise: light comes in grains."""
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar, Final
+from typing import ClassVar, Final
 
 import numpy as np
 from scipy.special import ndtri, pdtr
 
 from gs2ci.core.arrays import F64
-from gs2ci_sims.effects.base import Bound, Stage
-
-if TYPE_CHECKING:
-    from gs2ci_sims.preview import Preview
-    from gs2ci_sims.rig import Rig
-
+from gs2ci_sims.effects.base import Bound, BoundStep, Previewed, Stage, gain_step
+from gs2ci_sims.rig import Rig
 
 # Above this mean the third-order expansion of the quantile is off by less than a tenth of an electron anywhere within
 # eight standard deviations, so its rounding alone is used.
@@ -36,16 +32,19 @@ class ShotNoise:
     cost_ns: ClassVar[float] = 400.0
     fixed_pattern: ClassVar[bool] = False
 
-    def bound(self, scene: "Preview", rig: "Rig") -> Bound:
+    def bound(self, scene: Previewed, rig: Rig) -> Bound:
         """Standard deviation sqrt(mean) in electrons, times the gain K (EMVA 1288, eq. 10); dark charge counts too."""
         added_mean_e, added_most_e = scene.added_e
         most_e = np.minimum(scene.most_e + added_most_e, rig.sensor.full_well_e)
         mean_e = min(scene.charge_mean_e + added_mean_e, float(most_e.mean()))
-        return Bound(
+        bound = Bound(
             rig.dn_per_e * float(np.sqrt(mean_e)), 6 * rig.dn_per_e * float(np.sqrt(most_e.max())), random=True
         )
+        return bound.by(
+            "K * sqrt(Q)", BoundStep("Q", mean_e, "e", "charge, mean over the pixels: its variance"), gain_step(rig)
+        )
 
-    def apply(self, signal: F64, rig: "Rig", rng: np.random.Generator) -> F64:
+    def apply(self, signal: F64, rig: Rig, rng: np.random.Generator) -> F64:
         """Turn mean electrons [H, W, C] into counted ones."""
         uniform = np.clip(rng.random(signal.shape), 1e-16, 1 - 2**-53)
         return poisson_quantile(uniform, signal)

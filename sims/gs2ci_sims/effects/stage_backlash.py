@@ -2,19 +2,15 @@
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, ClassVar, Final
+from typing import ClassVar, Final
 
 import numpy as np
 
 from gs2ci.core.arrays import F64
 from gs2ci.core.errors import InputError
-from gs2ci_sims.effects.base import NOTHING, Bound, Stage
-from gs2ci_sims.path import CameraPath, highest_hz
-
-if TYPE_CHECKING:
-    from gs2ci_sims.preview import Preview
-    from gs2ci_sims.rig import Rig
-
+from gs2ci_sims.effects.base import NOTHING, Bound, BoundStep, Previewed, Stage
+from gs2ci_sims.path import CameraPath, highest_hz, kinks_s
+from gs2ci_sims.rig import Rig
 
 # The path is followed in so many steps to find its reversals.
 STEPS: Final = 1024
@@ -40,6 +36,14 @@ class LaggingPath:
     def highest_hz(self) -> float:
         """Get the highest frequency in the motion."""
         return highest_hz(self.base)
+
+    def kinks_s(self, start_s: float, stop_s: float) -> F64:
+        """Get when the velocity jumps, [K]: at the turns of the path beneath, and when the play is taken up or left."""
+        times, lag, _ = self._followed
+        slack = np.abs(np.diff(lag)) > 1e-9 * max(self.play, 1e-300)
+        taken_up = times[1:-1][slack[1:] != slack[:-1]]
+        kinks = np.concatenate([kinks_s(self.base, start_s, stop_s), taken_up])
+        return np.sort(kinks[(kinks > start_s) & (kinks < stop_s)])
 
     @cached_property
     def _followed(self) -> tuple[F64, F64, F64]:
@@ -100,19 +104,31 @@ class StageBacklash:
         if not 0 <= self.play < np.inf:
             raise InputError(f"backlash of {self.play}", allowed="finite, 0 or more")
 
-    def bound(self, scene: "Preview", rig: "Rig") -> Bound:
+    def bound(self, scene: Previewed, rig: Rig) -> Bound:
         """What the largest lag shifts the image of the nearest point by; nothing where the path never turns back."""
         lagging = self._lagging(scene.path, rig)
         worst = float(np.abs(lagging.lag(np.linspace(lagging.begin_s, lagging.end_s, STEPS))).max())
         if worst <= 1e-9 * self.play:
-            return NOTHING
-        near = scene.scene.depth_range()[0]
-        return scene.of_views(*scene.shifted(worst * float(scene.scene.intrinsics[:2, :2].max()) / near))
+            return NOTHING.by("0", BoundStep("play", self.play, "units", "lost motion; the path does not turn back"))
+        near, focal_px = scene.scene.depth_range()[0], float(scene.scene.intrinsics[:2, :2].max())
+        return scene.of_views(*scene.shifted(worst * focal_px / near)).after(
+            BoundStep("play", self.play, "units", "lost motion"),
+            BoundStep("lag", worst, "units", "largest lag after the turns of this path"),
+            BoundStep("f", focal_px, "px", "focal length"),
+            BoundStep("z1", near, "units", "nearest depth (1 % of the pixels are nearer)"),
+            BoundStep(
+                "d",
+                worst * focal_px / near,
+                "px",
+                "shift of its image; a cosine of frequency k changes by 2 sin(pi k d)",
+                "lag * f / z1",
+            ),
+        )
 
-    def apply(self, signal: CameraPath, rig: "Rig", rng: np.random.Generator) -> CameraPath:
+    def apply(self, signal: CameraPath, rig: Rig, rng: np.random.Generator) -> CameraPath:
         """Let the path lag."""
         return self._lagging(signal, rig)
 
-    def _lagging(self, path: CameraPath, rig: "Rig") -> LaggingPath:
+    def _lagging(self, path: CameraPath, rig: Rig) -> LaggingPath:
         half = 0.5 * rig.exposure_s
         return LaggingPath(path, self.play, -half, half)

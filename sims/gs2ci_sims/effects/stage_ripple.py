@@ -1,18 +1,18 @@
 """Stage velocity ripple: a screw's pitch error makes the stage hurry and dawdle."""
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar, Final
 
 import numpy as np
 
 from gs2ci.core.arrays import F64
 from gs2ci.core.errors import InputError
-from gs2ci_sims.effects.base import Bound, Stage
-from gs2ci_sims.path import CameraPath, highest_hz
+from gs2ci_sims.effects.base import Bound, BoundStep, Previewed, Stage
+from gs2ci_sims.path import CameraPath, highest_hz, kinks_s
+from gs2ci_sims.rig import Rig
 
-if TYPE_CHECKING:
-    from gs2ci_sims.preview import Preview
-    from gs2ci_sims.rig import Rig
+# Steps in which the warp is inverted; between them it is taken for a line.
+WARP_STEPS: Final = 4097
 
 
 @dataclass(frozen=True)
@@ -28,6 +28,13 @@ class WarpedPath:
     def highest_hz(self) -> float:
         """Get the highest frequency in the motion."""
         return max(self.hertz, highest_hz(self.base))
+
+    def kinks_s(self, start_s: float, stop_s: float) -> F64:
+        """Get when the velocity of the path beneath jumps, [K], as this one runs through it."""
+        times = np.linspace(start_s, stop_s, WARP_STEPS)
+        warped = times + self.delay_s * np.sin(2 * np.pi * self.hertz * times + self.phase)
+        # A share of 1 at most keeps the warp from running backwards.
+        return np.interp(kinks_s(self.base, float(warped[0]), float(warped[-1])), warped, times)
 
     def world_to_camera(self, time_s: F64) -> F64:
         """Get the poses at the given times, [T, 4, 4]."""
@@ -60,12 +67,26 @@ class StageRipple:
                 f"velocity ripple of {self.share} at {self.hertz} Hz", allowed="share 0 to 1, finite frequency > 0"
             )
 
-    def bound(self, scene: "Preview", rig: "Rig") -> Bound:
+    def bound(self, scene: Previewed, rig: Rig) -> Bound:
         """What the image's shift changes: its speed times the most that the camera is early or late."""
         delay_s = self.share / (2 * np.pi * self.hertz)
-        return scene.of_views(*scene.shifted(delay_s * float(scene.motion_px.max()) / rig.timing.interval_s))
+        motion_px = float(scene.motion_px.max())
+        shift_px = delay_s * motion_px / rig.timing.interval_s
+        return scene.of_views(*scene.shifted(shift_px)).after(
+            BoundStep("s", self.share, "", "share that the velocity swings by"),
+            BoundStep("f", self.hertz, "Hz", "turns of the screw"),
+            BoundStep("x", motion_px, "px", "motion of the image under one mask, at most"),
+            BoundStep("T", rig.timing.interval_s, "s", "time on show of each mask"),
+            BoundStep(
+                "d",
+                shift_px,
+                "px",
+                "shift of the image; a cosine of frequency k changes by 2 sin(pi k d)",
+                "s / (2 * pi * f) * x / T",
+            ),
+        )
 
-    def apply(self, signal: CameraPath, rig: "Rig", rng: np.random.Generator) -> CameraPath:
+    def apply(self, signal: CameraPath, rig: Rig, rng: np.random.Generator) -> CameraPath:
         """Run through the path unevenly."""
         delay_s = self.share / (2 * np.pi * self.hertz)
         return WarpedPath(signal, delay_s, self.hertz, float(rng.uniform(0, 2 * np.pi)))

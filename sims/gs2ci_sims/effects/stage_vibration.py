@@ -1,18 +1,15 @@
 """Stage vibration: the camera trembles about its path."""
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
 from gs2ci.core.arrays import F64
 from gs2ci.core.errors import InputError
-from gs2ci_sims.effects.base import Bound, Stage
-from gs2ci_sims.path import CameraPath, highest_hz
-
-if TYPE_CHECKING:
-    from gs2ci_sims.preview import Preview
-    from gs2ci_sims.rig import Rig
+from gs2ci_sims.effects.base import Bound, BoundStep, Previewed, Stage
+from gs2ci_sims.path import CameraPath, highest_hz, kinks_s
+from gs2ci_sims.rig import Rig
 
 
 @dataclass(frozen=True)
@@ -28,6 +25,10 @@ class TremblingPath:
     def highest_hz(self) -> float:
         """Get the highest frequency in the motion."""
         return max(self.hertz, highest_hz(self.base))
+
+    def kinks_s(self, start_s: float, stop_s: float) -> F64:
+        """Get when the velocity of the path beneath jumps, [K]."""
+        return kinks_s(self.base, start_s, stop_s)
 
     def world_to_camera(self, time_s: F64) -> F64:
         """Get the poses at the given times, [T, 4, 4]: the scene moves against the camera."""
@@ -60,13 +61,24 @@ class StageVibration:
                 f"vibration of {self.amplitude} at {self.hertz} Hz", allowed="amplitude >= 0, frequency > 0, finite"
             )
 
-    def bound(self, scene: "Preview", rig: "Rig") -> Bound:
+    def bound(self, scene: Previewed, rig: Rig) -> Bound:
         """What shifting the image of the nearest point by the amplitude along both axes changes."""
-        near = scene.scene.depth_range()[0]
-        shift_px = 2**0.5 * self.amplitude * float(scene.scene.intrinsics[:2, :2].max()) / near
-        return scene.of_views(*scene.shifted(shift_px))
+        near, focal_px = scene.scene.depth_range()[0], float(scene.scene.intrinsics[:2, :2].max())
+        shift_px = 2**0.5 * self.amplitude * focal_px / near
+        return scene.of_views(*scene.shifted(shift_px)).after(
+            BoundStep("A", self.amplitude, "units", "amplitude along each of two axes"),
+            BoundStep("f", focal_px, "px", "focal length"),
+            BoundStep("z1", near, "units", "nearest depth (1 % of the pixels are nearer)"),
+            BoundStep(
+                "d",
+                shift_px,
+                "px",
+                "shift of its image; a cosine of frequency k changes by 2 sin(pi k d)",
+                "sqrt(2) * A * f / z1",
+            ),
+        )
 
-    def apply(self, signal: CameraPath, rig: "Rig", rng: np.random.Generator) -> CameraPath:
+    def apply(self, signal: CameraPath, rig: Rig, rng: np.random.Generator) -> CameraPath:
         """Let the path tremble."""
         first, second = rng.uniform(0, 2 * np.pi, 2)
         return TremblingPath(signal, self.amplitude, self.hertz, (float(first), float(second)))

@@ -2,19 +2,15 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar, Final
+from typing import ClassVar, Final
 
 import numpy as np
 
 from gs2ci.core.arrays import F64
 from gs2ci.core.errors import InputError
-from gs2ci_sims.effects.base import Bound, Stage
+from gs2ci_sims.effects.base import Bound, BoundStep, Previewed, Stage
+from gs2ci_sims.rig import Rig
 from gs2ci_sims.signals import Slices
-
-if TYPE_CHECKING:
-    from gs2ci_sims.preview import Preview
-    from gs2ci_sims.rig import Rig
-
 
 # Jitter is taken to stay within so many standard deviations: one exposure in 370 does not.
 JITTER_SIGMAS: Final = 3.0
@@ -46,16 +42,31 @@ class TriggerTiming:
                 allowed="finite numbers, jitter 0 or more",
             )
 
-    def bound(self, scene: "Preview", rig: "Rig") -> Bound:
+    def bound(self, scene: Previewed, rig: Rig) -> Bound:
         """What the latest, and the earliest, window cuts off of the masks."""
-        bounds = [scene.of_shares(self, lost, lost) for lost in self._lost(scene, rig)]
-        return Bound(max(b.rms_dn for b in bounds), max(b.peak_dn for b in bounds))
+        losses = list(self._lost(scene, rig))
+        bounds = [scene.of_shares(self, lost, lost) for lost in losses]
+        worst = max(range(2), key=lambda window: bounds[window].rms_dn)
+        bound = Bound(bounds[worst].rms_dn, max(b.peak_dn for b in bounds), steps=bounds[worst].steps)
+        return bound.after(
+            BoundStep("t", self.latency_s, "s", "latency"),
+            BoundStep("j", self.jitter_s, "s", "jitter, standard deviation; three of them count"),
+            BoundStep(
+                "late",
+                self.latency_s + (2 * worst - 1) * JITTER_SIGMAS * self.jitter_s,
+                "s",
+                "the worse of the earliest and the latest window",
+                "t + 3 * j" if worst else "t - 3 * j",
+            ),
+            BoundStep("T", rig.timing.interval_s, "s", "time on show of each mask"),
+            BoundStep("c", float(losses[worst].max()), "", "largest share of a mask's light that it misses"),
+        )
 
-    def modulation(self, scene: "Preview") -> float:
+    def modulation(self, scene: Previewed) -> float:
         """What the first or the last mask loses."""
         return max(float(lost.max()) for lost in self._lost(scene, scene.rig))
 
-    def _lost(self, scene: "Preview", rig: "Rig") -> Iterator[F64]:
+    def _lost(self, scene: Previewed, rig: Rig) -> Iterator[F64]:
         """Return which share of each mask's light the earliest window misses, and the latest, [N] each."""
         for sign in (-1, 1):
             late_s = self.latency_s + sign * JITTER_SIGMAS * self.jitter_s
@@ -63,7 +74,7 @@ class TriggerTiming:
             kept = np.clip(scene.intervals_s, late_s - half, late_s + half)
             yield 1 - (kept[:, 1] - kept[:, 0]) / rig.timing.interval_s
 
-    def apply(self, signal: Slices, rig: "Rig", rng: np.random.Generator) -> Slices:
+    def apply(self, signal: Slices, rig: Rig, rng: np.random.Generator) -> Slices:
         """Cut the slices to the window."""
         jitter = np.clip(rng.standard_normal(), -JITTER_SIGMAS, JITTER_SIGMAS)
         late_s = self.latency_s + self.jitter_s * float(jitter)

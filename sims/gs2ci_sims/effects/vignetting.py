@@ -1,18 +1,15 @@
 """Vignetting: less light reaches the rim of the image."""
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
 from gs2ci.core.arrays import F64
 from gs2ci.core.errors import InputError
-from gs2ci_sims.effects.base import Bound, Stage
+from gs2ci_sims.effects.base import Bound, BoundStep, Previewed, Stage
+from gs2ci_sims.rig import Rig
 from gs2ci_sims.signals import View
-
-if TYPE_CHECKING:
-    from gs2ci_sims.preview import Preview
-    from gs2ci_sims.rig import Rig
 
 
 @dataclass(frozen=True)
@@ -44,12 +41,15 @@ class Vignetting:
         square += np.square((rows - intrinsics[1, 2]) / intrinsics[1, 1])
         return np.asarray((1 + square) ** (-0.5 * self.exponent))
 
-    def bound(self, scene: "Preview", rig: "Rig") -> Bound:
+    def bound(self, scene: Previewed, rig: Rig) -> Bound:
         """The share of its reading that each pixel loses, under whichever masks are the more open."""
         lost = 1 - self.transmission(scene.scene.size, scene.scene.intrinsics)
-        return scene.of_masks(self, lost * scene.most_open)
+        return scene.of_masks(self, lost * scene.most_open).after(
+            BoundStep("n", self.exponent, "", "light falls as cos^n of the field angle"),
+            BoundStep("c", float(lost.max()), "", "share lost in the farthest corner"),
+        )
 
-    def apply(self, signal: View, rig: "Rig", rng: np.random.Generator) -> View:
+    def apply(self, signal: View, rig: Rig, rng: np.random.Generator) -> View:
         """Darken the view."""
         factor = self.transmission(signal.radiance.shape[:2], signal.intrinsics)
         return View(signal.radiance * factor[..., None], signal.intrinsics, signal.margin, signal.depth)

@@ -13,10 +13,10 @@ from scipy.special import eval_legendre
 from gs2ci.core.arrays import F64
 from gs2ci.core.errors import InputError
 from gs2ci.render.harmonics import DEGREE_MAX, basis
-from gs2ci_sims.scenes.base import Scene, gaussians_from_surfels
+from gs2ci_sims.scene import Scene
 from gs2ci_sims.scenes.rectangles import SPACING_PX, TOWARDS_LIGHT, depth_of, rays
 from gs2ci_sims.scenes.stage import SuggestedCamera, floor_y, room
-from gs2ci_sims.scenes.surfels import Surfels, from_tangents, join
+from gs2ci_sims.scenes.surfels import Surfels, from_tangents, gaussians_from_surfels, join
 
 LIGHT: Final = TOWARDS_LIGHT / np.linalg.norm(TOWARDS_LIGHT)
 AMBIENT: Final = 0.25

@@ -7,7 +7,7 @@ Here: what stands where. Not here: floor and wall (`stage`), faces (`rectangles`
 import numpy as np
 
 from gs2ci.core.errors import InputError
-from gs2ci_sims.scenes.base import Scene
+from gs2ci_sims.scene import Scene
 from gs2ci_sims.scenes.rectangles import Rectangle, box, rotation
 from gs2ci_sims.scenes.stage import SuggestedCamera, floor_y, painted, room, staged
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from gs2ci.core.arrays import F64
 from gs2ci.core.errors import InputError
-from gs2ci_sims.scenes.base import Scene
+from gs2ci_sims.scene import Scene
 from gs2ci_sims.scenes.rectangles import Rectangle, chequered, coloured, grain, receding, strip_samples
 from gs2ci_sims.scenes.stage import FLOOR_COLOURS, SuggestedCamera, painted, staged
 from gs2ci_sims.scenes.surfels import Surfels

@@ -17,7 +17,7 @@ from gs2ci.core.plugins import allowed, load
 from gs2ci_sims.effects.object_motion import ObjectMotion
 from gs2ci_sims.path import StageMove, stage_move_for_parallax
 from gs2ci_sims.rig import Light
-from gs2ci_sims.scenes.base import Scene
+from gs2ci_sims.scene import Scene
 from gs2ci_sims.scenes.geometry import Geometry, Vector, refuse_field_of_view
 from gs2ci_sims.scenes.stage import SuggestedCamera
 

@@ -12,8 +12,8 @@ from pydantic import Field
 
 from gs2ci.core.config import ConfigTable
 from gs2ci.core.errors import InputError
+from gs2ci_sims.scene import Scene, camera_looking_ahead
 from gs2ci_sims.scenes.ball import ball
-from gs2ci_sims.scenes.base import Scene, camera_looking_ahead
 from gs2ci_sims.scenes.boxes import boxes, moving_box
 from gs2ci_sims.scenes.corridor import corridor
 from gs2ci_sims.scenes.meshes import blocks, mesh_from_file, scene_from_mesh

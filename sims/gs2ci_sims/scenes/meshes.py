@@ -17,7 +17,7 @@ from gs2ci.core.arrays import F32, F64
 from gs2ci.core.errors import InputError
 from gs2ci.render.gaussians import Gaussians
 from gs2ci_sims.rays.meshes import TexturedMesh, trace_mesh
-from gs2ci_sims.scenes.base import Scene
+from gs2ci_sims.scene import Scene
 from gs2ci_sims.scenes.rectangles import Rectangle, box, grain, rotation
 from gs2ci_sims.scenes.stage import SuggestedCamera, floor_y
 

@@ -9,9 +9,9 @@ import numpy as np
 
 from gs2ci.core.arrays import F64
 from gs2ci.core.errors import InputError
-from gs2ci_sims.scenes.base import Scene, camera_looking_ahead, gaussians_from_surfels
+from gs2ci_sims.scene import Scene, camera_looking_ahead
 from gs2ci_sims.scenes.rectangles import Rectangle, box, depth_of, rotation, textured
-from gs2ci_sims.scenes.surfels import join
+from gs2ci_sims.scenes.surfels import gaussians_from_surfels, join
 
 FIELD_OF_VIEW_DEG: Final = 50.0
 # The backdrop extends this much past the frame, for the camera to move and turn into.

@@ -11,7 +11,7 @@ import numpy as np
 from gs2ci.core.arrays import F64
 from gs2ci.render.ply import read_ply_scene
 from gs2ci_sims.radiance import rendered_depth
-from gs2ci_sims.scenes.base import Scene, camera_looking_ahead
+from gs2ci_sims.scene import Scene, camera_looking_ahead
 
 FIELD_OF_VIEW_DEG: Final = 60.0
 

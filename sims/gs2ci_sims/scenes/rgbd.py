@@ -13,9 +13,9 @@ from skimage import data
 from gs2ci.core.arrays import F64
 from gs2ci.core.errors import InputError
 from gs2ci.core.records import check_intrinsics
-from gs2ci_sims.scenes.base import Scene, gaussians_from_surfels
+from gs2ci_sims.scene import Scene
 from gs2ci_sims.scenes.layers import Layer, clean_rims, fill_holes, hidden_layer, without_flying_pixels
-from gs2ci_sims.scenes.surfels import from_inverse_depth, join
+from gs2ci_sims.scenes.surfels import from_inverse_depth, gaussians_from_surfels, join
 
 Encoding = Literal["linear", "srgb"]
 

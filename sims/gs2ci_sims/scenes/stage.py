@@ -11,7 +11,7 @@ import numpy as np
 
 from gs2ci.core.arrays import F64
 from gs2ci.core.errors import InputError
-from gs2ci_sims.scenes.base import Scene, camera_looking_ahead, gaussians_from_surfels
+from gs2ci_sims.scene import Scene, camera_looking_ahead
 from gs2ci_sims.scenes.rectangles import (
     SPACING_PX,
     Rectangle,
@@ -23,7 +23,7 @@ from gs2ci_sims.scenes.rectangles import (
     samples,
     shade,
 )
-from gs2ci_sims.scenes.surfels import Surfels, join
+from gs2ci_sims.scenes.surfels import Surfels, gaussians_from_surfels, join
 
 # The wall extends this much past the frame, for the camera to move and turn into.
 OVERSIZE: Final = 1.25

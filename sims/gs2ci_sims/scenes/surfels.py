@@ -8,10 +8,12 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+import torch
 from scipy.spatial.transform import Rotation
 
 from gs2ci.core.arrays import F64, Bool
 from gs2ci.core.errors import InputError
+from gs2ci.render.gaussians import Gaussians
 
 # Standard deviation of a disc in units of the sample spacing: at 0.6 the sum of a unit grid of Gaussians is even
 # to 0.4 % (Poisson summation: 4 exp(-2 π² 0.6²)). Narrower discs let light through between them, wider ones blur.
@@ -138,4 +140,21 @@ def _rays(intrinsics: F64, shape: tuple[int, ...]) -> F64:
     y, x = np.mgrid[: shape[0], : shape[1]] + 0.5
     return np.stack(
         [(x - intrinsics[0, 2]) / intrinsics[0, 0], (y - intrinsics[1, 2]) / intrinsics[1, 1], np.ones(shape)], -1
+    )
+
+
+def gaussians_from_surfels(surfels: Surfels) -> Gaussians:
+    """Turn surfels into the renderer's parameters: log scales, opacity logits."""
+    opacity_logits = np.log(surfels.opacities) - np.log1p(-surfels.opacities)
+    return Gaussians(
+        *(
+            torch.tensor(column, dtype=torch.float32)
+            for column in (
+                surfels.means,
+                np.log(surfels.scales),
+                surfels.quaternions,
+                opacity_logits,
+                surfels.radiances,
+            )
+        )
     )

@@ -10,7 +10,7 @@ import numpy as np
 
 from gs2ci.core.arrays import F64
 from gs2ci.core.errors import InputError
-from gs2ci_sims.scenes.base import Scene
+from gs2ci_sims.scene import Scene
 from gs2ci_sims.scenes.rectangles import (
     SPACING_PX,
     Rectangle,

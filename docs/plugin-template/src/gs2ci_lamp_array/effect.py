@@ -1,18 +1,15 @@
 """An effect of the simulated light path: a corner of the image gets less light. Its laws: `gs2ci_sims.effects.base`."""
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
 from gs2ci.core.arrays import F64
 from gs2ci.core.errors import InputError
-from gs2ci_sims.effects.base import Bound, Stage
+from gs2ci_sims.effects.base import Bound, Previewed, Stage
+from gs2ci_sims.rig import Rig
 from gs2ci_sims.signals import View
-
-if TYPE_CHECKING:
-    from gs2ci_sims.preview import Preview
-    from gs2ci_sims.rig import Rig
 
 
 @dataclass(frozen=True)
@@ -41,11 +38,11 @@ class DimCorner:
         lost[:rows, :columns] = self.share
         return lost
 
-    def bound(self, scene: "Preview", rig: "Rig") -> Bound:
+    def bound(self, scene: Previewed, rig: Rig) -> Bound:
         """Return what leaving it out would change, at most."""
         return scene.of_masks(self, self.lost(scene.scene.size) * scene.most_open)
 
-    def apply(self, signal: View, rig: "Rig", rng: np.random.Generator) -> View:
+    def apply(self, signal: View, rig: Rig, rng: np.random.Generator) -> View:
         """Darken the corner."""
         height, width = signal.radiance.shape[:2]
         kept = 1 - self.lost((height, width), signal.margin)

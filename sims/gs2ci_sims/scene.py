@@ -1,7 +1,7 @@
-"""What a scene is: Gaussians, the camera that suits them, and the true depth. For this package and its users.
+"""What a scene is: Gaussians or a mesh, the camera that suits them, and the true depth.
 
-Here: the record and the step from surfels to the renderer's Gaussians. Not here: any particular scene (its
-neighbours), poses over time (`gs2ci_sims.path`), rendering (`gs2ci_sims.radiance`).
+Here: the record. Not here: any particular scene (`gs2ci_sims.scenes`), poses over time (`gs2ci_sims.path`), rendering
+(`gs2ci_sims.radiance`).
 """
 
 from dataclasses import dataclass, field
@@ -17,7 +17,6 @@ from gs2ci.core.records import check_intrinsics
 from gs2ci.render.gaussians import Gaussians
 from gs2ci.render.harmonics import check_harmonics
 from gs2ci_sims.rays.meshes import TexturedMesh
-from gs2ci_sims.scenes.surfels import Surfels
 
 
 @dataclass(frozen=True)
@@ -99,23 +98,6 @@ class Scene:
     def _depth_range(self) -> tuple[float, float]:
         low, high = np.nanquantile(self.depth, [0.01, 0.99])
         return float(low), float(high)
-
-
-def gaussians_from_surfels(surfels: Surfels) -> Gaussians:
-    """Turn surfels into the renderer's parameters: log scales, opacity logits."""
-    opacity_logits = np.log(surfels.opacities) - np.log1p(-surfels.opacities)
-    return Gaussians(
-        *(
-            torch.tensor(column, dtype=torch.float32)
-            for column in (
-                surfels.means,
-                np.log(surfels.scales),
-                surfels.quaternions,
-                opacity_logits,
-                surfels.radiances,
-            )
-        )
-    )
 
 
 def camera_looking_ahead(size: tuple[int, int], field_of_view_deg: float) -> F64:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from gs2ci.core.errors import InputError
-from gs2ci_sims.scenes.base import camera_looking_ahead
+from gs2ci_sims.scene import camera_looking_ahead
 
 
 def test_a_scene_tells_its_median_depth_and_its_range(small_scene):

@@ -1,0 +1,180 @@
+"""`sweep`: plans of a rig file with one figure changed step by step. Not here: plans, regimes (`gs2ci_sims`)."""
+
+import copy
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from gs2ci.api.options import check_number
+from gs2ci.core.arrays import F64
+from gs2ci.core.errors import InputError
+from gs2ci.core.progress import Progress
+
+if TYPE_CHECKING:
+    from gs2ci_sims.planner import Plan
+    from gs2ci_sims.sweeping import FigureSweep
+
+DEFAULT_POINTS: Final = 9
+MOST_POINTS: Final = 200
+DECADE: Final = 10.0
+"""Without a range a figure is swept from a tenth of the file's value to ten times it."""
+
+
+@dataclass(frozen=True)
+class _Figure:
+    """What a short name stands for in one kind of rig file: a dotted key, and its unit."""
+
+    key: str
+    unit: str
+
+
+# In the rig file of a simulation alone, and of a simulated bench.
+SIMULATION_NAMES: Final = {
+    "travel": _Figure("path.parallax_px", "px of parallax"),
+    "mask_s": _Figure("timing.interval_s", "s"),
+    "aperture": _Figure("effects.defocus.aperture", "scene units"),
+}
+TRAVEL_KEY: Final = "capture.to_mm - from_mm"
+BENCH_NAMES: Final = {
+    "travel": _Figure(TRAVEL_KEY, "mm"),
+    "mask_s": _Figure("capture.mask_s", "s"),
+    "aperture": _Figure("world.effects.defocus.aperture", "scene units"),
+}
+
+
+def sweep(
+    rig: str | Path,
+    quantities: Sequence[str],
+    *,
+    points: int = DEFAULT_POINTS,
+    tolerance_dn: float | None = None,
+    progress: Progress | None = None,
+) -> "tuple[FigureSweep, ...]":
+    """Find at which value of a figure of the rig each effect begins to matter; nothing is exposed.
+
+    Args:
+        rig: The rig file (TOML) of a simulated bench or of a simulation alone.
+        quantities: Each "NAME=LOW..HIGH" or "NAME": travel, mask_s, aperture, or a dotted key of the file such as
+            effects.stage_vibration.amplitude. All others keep the file's values meanwhile.
+        points: Values per figure, 2 to 200.
+        tolerance_dn: In total, DN rms; that of the rig file if None.
+        progress: Hears about each plan.
+
+    Returns:
+        One sweep per figure.
+
+    Raises:
+        InputError: A figure is not in the file's tables, is no number or has no range, or a value cannot be planned.
+    """
+    from gs2ci.api.plans import foreseen
+    from gs2ci.core.config import read_toml
+    from gs2ci.rig.config import describes_simulation
+    from gs2ci_sims.sweeping import along, swept
+
+    if not 2 <= points <= MOST_POINTS:
+        raise InputError(f"{points} points along a figure", allowed=f"2 to {MOST_POINTS}")
+    rig = Path(rig)
+    tables, _ = read_toml(rig)
+    names = SIMULATION_NAMES if describes_simulation(tables) else BENCH_NAMES
+    check_number("--tolerance-dn", tolerance_dn, above=0, remedy="leave --tolerance-dn out for the rig file's number")
+    sweeps = []
+    for text in quantities:
+        name, _, span = text.partition("=")
+        figure = names.get(name, _Figure(name, ""))
+        own = _own(tables, figure.key)
+        low, high = _span(text, span, own)
+        read = partial(_read, partial(foreseen, rig, tolerance_dn=tolerance_dn), tables, figure.key)
+        values = along(low, high, points)
+        sweeps.append(
+            swept(
+                partial(_planned, read),
+                np.unique(np.rint(values)) if _whole(read, values) else values,
+                quantity=name,
+                key=figure.key,
+                unit=figure.unit,
+                own=own,
+                progress=progress,
+            )
+        )
+    return tuple(sweeps)
+
+
+def _read(
+    reader: "Callable[[Mapping[str, Any]], Callable[[], Plan]]", tables: Mapping[str, Any], key: str, value: float
+) -> "Callable[[], Plan]":
+    """Read the tables with one value changed; counts are whole numbers."""
+    return reader(_with(tables, key, int(value) if value.is_integer() else value))
+
+
+def _planned(read: "Callable[[float], Callable[[], Plan]]", value: float) -> "Plan":
+    return read(value)()
+
+
+def _whole(read: "Callable[[float], Callable[[], Plan]]", values: F64) -> bool:
+    """Return whether a figure takes whole numbers alone.
+
+    Raises:
+        InputError: It takes neither.
+    """
+    fractional = float(values[0] + (values[-1] - values[0]) / math.e)
+    try:
+        read(fractional)
+    except InputError:
+        read(float(np.rint(fractional)))
+        return True
+    return False
+
+
+def _span(text: str, span: str, own: float | None) -> tuple[float, float]:
+    """Read a range; without one it goes from a tenth to ten times the file's value."""
+    if not span:
+        if not own or own < 0:
+            raise InputError(f"a sweep of {text!r} without a range", remedy=f"give one: {text}=0.1..10")
+        return own / DECADE, own * DECADE
+    try:
+        low, high = (float(end) for end in span.split(".."))
+    except ValueError:
+        raise InputError(f"the range {span!r} of a sweep", allowed="two numbers: NAME=0.1..10") from None
+    if not (math.isfinite(low) and math.isfinite(high) and low < high):
+        raise InputError(f"a sweep from {low:g} to {high:g}", allowed="finite numbers, the first below the second")
+    return low, high
+
+
+def _own(tables: Mapping[str, Any], key: str) -> float | None:
+    """Return the file's value of a key, None where it has none."""
+    if key == TRAVEL_KEY:
+        capture = tables.get("capture", {})
+        return abs(float(capture.get("to_mm", 0.0)) - float(capture.get("from_mm", 0.0)))
+    value: Any = tables
+    for part in key.split("."):
+        value = value.get(part) if isinstance(value, Mapping) else None
+    if value is None:
+        return None
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise InputError(f"a sweep of {key}, which is {value!r}", allowed="a number of the rig file")
+    return float(value)
+
+
+def _with(tables: Mapping[str, Any], key: str, value: float) -> dict[str, Any]:
+    """Return the tables with one value changed."""
+    changed = copy.deepcopy(dict(tables))
+    if key == TRAVEL_KEY:
+        capture = changed.setdefault("capture", {})
+        middle = 0.5 * (capture.get("from_mm", 0.0) + capture.get("to_mm", 0.0))
+        capture.update(from_mm=middle - 0.5 * value, to_mm=middle + 0.5 * value)
+        return changed
+    *parents, last = key.split(".")
+    table: Any = changed
+    for depth, part in enumerate(parents, start=1):
+        table = table.setdefault(part, {})
+        if not isinstance(table, dict):
+            raise InputError(
+                f"a sweep of {key} within {'.'.join(parents[:depth])}, which is {table!r}", allowed="a table"
+            )
+    table[last] = value
+    return changed

@@ -1,0 +1,131 @@
+"""Every bound's derivation: its laws give its values, and its last step is the bound."""
+
+import numpy as np
+import pytest
+from scipy.special import j1
+
+from gs2ci_sims.effects.bayer_filter import BayerFilter
+from gs2ci_sims.effects.black_level import BlackLevel
+from gs2ci_sims.effects.blooming import Blooming
+from gs2ci_sims.effects.clock_drift import ClockDrift
+from gs2ci_sims.effects.dark_current import DarkCurrent
+from gs2ci_sims.effects.defocus import Defocus
+from gs2ci_sims.effects.dsnu import Dsnu
+from gs2ci_sims.effects.dust import Dust
+from gs2ci_sims.effects.finite_contrast import FiniteContrast
+from gs2ci_sims.effects.full_well import FullWell
+from gs2ci_sims.effects.gain_nonlinearity import GainNonlinearity
+from gs2ci_sims.effects.ghost_reflection import GhostReflection
+from gs2ci_sims.effects.hot_pixels import HotPixels
+from gs2ci_sims.effects.illumination_drift import IlluminationDrift
+from gs2ci_sims.effects.illumination_flicker import IlluminationFlicker
+from gs2ci_sims.effects.lcos_flicker import LcosFlicker
+from gs2ci_sims.effects.lcos_response import LcosResponse
+from gs2ci_sims.effects.lens_distortion import LensDistortion
+from gs2ci_sims.effects.mask_edges import MaskEdges
+from gs2ci_sims.effects.mirror_transition import MirrorTransition
+from gs2ci_sims.effects.misregistration import Misregistration
+from gs2ci_sims.effects.modulator_psf import ModulatorPsf
+from gs2ci_sims.effects.motion_blur import MotionBlur
+from gs2ci_sims.effects.object_motion import ObjectMotion
+from gs2ci_sims.effects.optics_psf import OpticsPsf
+from gs2ci_sims.effects.persistence import Persistence
+from gs2ci_sims.effects.prnu import Prnu
+from gs2ci_sims.effects.quantisation import Quantisation
+from gs2ci_sims.effects.read_noise import ReadNoise
+from gs2ci_sims.effects.rolling_shutter import RollingShutter
+from gs2ci_sims.effects.row_noise import RowNoise
+from gs2ci_sims.effects.shot_noise import ShotNoise
+from gs2ci_sims.effects.stage_backlash import StageBacklash
+from gs2ci_sims.effects.stage_ripple import StageRipple
+from gs2ci_sims.effects.stage_vibration import StageVibration
+from gs2ci_sims.effects.trigger_timing import TriggerTiming
+from gs2ci_sims.effects.vignetting import Vignetting
+from gs2ci_sims.light_path import LIGHT_PATH, generator
+from gs2ci_sims.masks import random_masks
+from gs2ci_sims.path import ReversingMove, StageMove
+from gs2ci_sims.preview import preview
+from gs2ci_sims.rig import Light, Modulator, Rig, Timing
+from gs2ci_sims.scenes.planes import planes
+
+SIZE = (20, 26)
+RIG = Rig(light=Light(9000.0), modulator=Modulator(masks=3), timing=Timing(0.02, 1e-4))
+EFFECTS = (
+    BayerFilter(),
+    BlackLevel(-3.0),
+    Blooming(0.3),
+    ClockDrift(-90.0),
+    DarkCurrent(40.0, 31.0, 7.0),
+    Defocus(0.05, 3.0),
+    Dsnu(2.0),
+    Dust(12.0, 1.5, 4.0),
+    FiniteContrast(30.0),
+    FullWell(RIG.sensor.full_well_e),
+    GainNonlinearity(-0.01),
+    GhostReflection(0.02, 5.0),
+    HotPixels(0.01, 300.0),
+    IlluminationDrift(-0.2),
+    IlluminationFlicker(0.1, 45.0),
+    LcosFlicker(0.02, 270.0),
+    LcosResponse(3e-3),
+    LensDistortion(-0.03, 0.01),
+    MaskEdges(0.4),
+    MirrorTransition(4e-4),
+    Misregistration(0.2, -0.1, 1.0, 1.001),
+    ModulatorPsf(0.3),
+    MotionBlur(),
+    ObjectMotion((0.0, 0.0, 3.0), 0.8, (0.5, 0.0, 0.0)),
+    OpticsPsf(0.5),
+    Persistence(0.05, 0.04, 0.01, 5000.0),
+    Prnu(0.01),
+    Quantisation(10),
+    ReadNoise(2.9),
+    RollingShutter(1e-4),
+    RowNoise(0.4),
+    ShotNoise(),
+    StageBacklash(5e-3),
+    StageRipple(0.2, 15.0),
+    StageVibration(2e-3, 60.0),
+    TriggerTiming(-2e-4, 3e-5),
+    Vignetting(),
+)
+FUNCTIONS = {name: getattr(np, name) for name in ("sqrt", "exp", "log", "hypot", "sinc", "sin", "cos", "pi", "inf")}
+FUNCTIONS |= {"min": min, "max": max, "abs": abs, "J1": j1, "__builtins__": {}}
+
+
+@pytest.fixture(scope="module")
+def looks():
+    """Previews of one scene with every effect: one behind a stage that turns back, one behind a stage at rest."""
+    scene = planes(np.random.default_rng(3), SIZE)
+    masks = random_masks(3, SIZE, 0.4, generator(1, "masks"))
+    paths = (ReversingMove((0.5, 0.1, 0.0), 0.03), StageMove((0.0, 0.0, 0.0)))
+    return [preview(scene, path, masks, RIG, effects=EFFECTS, seed=2) for path in paths]
+
+
+def test_every_kind_of_effect_is_looked_at():
+    assert {type(effect) for effect in EFFECTS} == set(LIGHT_PATH)
+
+
+@pytest.mark.parametrize("effect", EFFECTS, ids=lambda effect: effect.name)
+def test_the_laws_of_a_derivation_give_its_values_and_the_last_one_is_the_bound(looks, effect):
+    for look in looks:
+        bound = effect.bound(look, RIG)
+        assert len(bound.steps) > 1
+        assert (bound.steps[-1].symbol, bound.steps[-1].value, bound.steps[-1].unit) == ("bound", bound.rms_dn, "DN")
+        known = {}
+        for step in bound.steps:
+            assert step.symbol not in known
+            assert step.what
+            if step.law:
+                assert eval(step.law, FUNCTIONS, known) == pytest.approx(step.value, rel=1e-9)
+            known[step.symbol] = step.value
+
+
+@pytest.mark.parametrize("effect", EFFECTS, ids=lambda effect: effect.name)
+def test_a_derivation_holds_every_figure_of_its_effect(looks, effect):
+    values = {step.value for step in effect.bound(looks[0], RIG).steps}
+    own = {"MotionBlur": {"nodes"}, "FiniteContrast": {"patch_px"}, "StageVibration": {"hertz"}}
+    unused = own.get(type(effect).__name__, set()) | {"reach"}
+    figures = {name: value for name, value in vars(effect).items() if isinstance(value, float) and name not in unused}
+    earlier = {"earlier_e"} if isinstance(effect, Persistence) else set()
+    assert all(value in values for name, value in figures.items() if name not in earlier and name != "radius")
