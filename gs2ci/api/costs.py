@@ -20,6 +20,7 @@ from gs2ci.core.records import Shot
 from gs2ci.core.whole_file import check_place
 
 if TYPE_CHECKING:
+    from gs2ci.evaluate.tradeoff import costs
     from gs2ci.evaluate.tradeoff.pages import Tradeoff
     from gs2ci.evaluate.tradeoff.trials import TradeoffTrial
     from gs2ci.tables.cells import Cell
@@ -111,7 +112,6 @@ def tradeoff(
     from gs2ci.evaluate.tradeoff.pages import Tradeoff, markdown, record_of, write_pages
     from gs2ci.evaluate.tradeoff.record import write_record
     from gs2ci.evaluate.tradeoff.trials import KNOBS, chosen_trials, predicted_seconds
-    from gs2ci.reconstruct.budget import costs
     from gs2ci.tables.store import Store
     from gs2ci.tables.workers import complete
 

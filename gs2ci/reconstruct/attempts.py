@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 
 from gs2ci.core.arrays import F32
 from gs2ci.core.findings import Code, Finding, finding
+from gs2ci.core.halt import Halt
 from gs2ci.core.progress import Progress
 from gs2ci.reconstruct.decode.by_name import decode_by_name
 from gs2ci.reconstruct.decode.patches.decoder import PatchSettings, patch_decode_from
@@ -63,6 +64,7 @@ class Attempts:
         refine: What will be done to the views of fits.
         progress: Told why more is tried.
         lap: Called with a stage's name when it ends.
+        halt: Once it is asked, nothing more is tried.
     """
 
     attempt: Callable[[FirstLook, F32, bool], Attempt]
@@ -73,6 +75,7 @@ class Attempts:
     refine: Refinement
     progress: Progress
     lap: Callable[[str], None]
+    halt: Halt
 
     def hurried(self, first: FirstLook) -> tuple[FirstLook, Attempt, MotionReport]:
         """Make one attempt, whatever comes of it."""
@@ -91,7 +94,7 @@ class Attempts:
         still = self.attempt(first, first.decoded, False)
         # Fits that were cut short leave much that patches explain, whether or not anything moves.
         whole = self.settings.fit.iterations >= LEAST_SCHEDULE
-        if not (self._wanted or (self.settings.may_move and whole)):
+        if self.halt.asked or not (self._wanted or (self.settings.may_move and whole)):
             still = self._again(first, still)
             return first, still, self._report(MotionQuestion(), {STILL: still}, still, {})
         asked = self._question(still)
@@ -99,12 +102,14 @@ class Attempts:
             # A path that is not right leaves what looks like motion, too.
             again = self._again(first, still)
             asked, still = asked if again.ensemble is still.ensemble else self._question(again), again
-        if not self._wanted and (asked.gain or 0) < LEAST_PATCH_GAIN:
+        if self.halt.asked or (not self._wanted and (asked.gain or 0) < LEAST_PATCH_GAIN):
             return first, still, self._report(asked, {STILL: still}, still, {})
         self.progress.say("What the still scene leaves looks like motion: scenes that move are fitted as well.")
         first, refined = self._decoded_better(first), self.refine(still.ensemble.views)
         views = min((refined, first.decoded), key=lambda shown: self.jury.residual_rms(shown) or 0.0)
-        attempts = {STILL: still, RELEASED: self.release(still), MOVING: self.attempt(rested(still.look), views, True)}
+        attempts = {STILL: still, RELEASED: self.release(still)}
+        if not self.halt.asked:
+            attempts[MOVING] = self.attempt(rested(still.look), views, True)
         residuals = self._residuals(attempts)
         tried = self._clearly_best(attempts, residuals)
         return first, tried, self._report(asked, attempts, tried, residuals)
@@ -115,14 +120,14 @@ class Attempts:
 
     def _again(self, first: FirstLook, tried: Attempt) -> Attempt:
         """Fit a still scene once more from a second look, or from rest, where the first path is doubtful."""
-        if not self._may_look_again(first):
+        if self.halt.asked or not self._may_look_again(first):
             return tried
         views = self.refine(tried.ensemble.views)
         attempts = {first.geometry.source: tried}
         again = second_look(first, views, self.lens, self.settings.look, self.progress)
-        if again is not None:
+        if again is not None and not self.halt.asked:
             attempts["second look"] = self.attempt(again, views, False)
-        if needs_rest(first):
+        if needs_rest(first) and not self.halt.asked:
             attempts["rest"] = self.attempt(from_rest(first), first.decoded, False)
         return self._best(attempts, self._residuals(attempts))
 

@@ -173,6 +173,7 @@ def released(fit: CoarseSettings) -> CoarseSettings:
         iterations=max(1, fit.iterations // 2),
         densify_until=0.0,
         surfaces=None,
+        relief=None,
         steps=replace(fit.steps, means=fit.steps.means / 2, motion=fit.steps.motion / 3),
     )
 

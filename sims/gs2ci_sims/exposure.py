@@ -15,6 +15,7 @@ from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import map_coordinates
 
 from gs2ci.core.arrays import F32, F64
 from gs2ci.core.errors import InputError
@@ -261,9 +262,21 @@ class Studio:
         """Return the depth of what is seen through the lens, [H, W]; 0 where nothing is."""
         scene = self._scene
         pose = self._path.world_to_camera(np.array([time_s]))[0]
-        sampling = None if self._lens is None else self._lens.sampling(scene.size, scene.intrinsics)
-        depth = rendered_depth(self._moving(time_s), pose, scene.intrinsics, scene.size, sampling)
+        if scene.mesh is not None:
+            depth = self._depth_of_mesh(pose)
+        else:
+            sampling = None if self._lens is None else self._lens.sampling(scene.size, scene.intrinsics)
+            depth = rendered_depth(self._moving(time_s), pose, scene.intrinsics, scene.size, sampling)
         return np.nan_to_num(depth, nan=0.0).astype(np.float32)
+
+    def _depth_of_mesh(self, pose: F64) -> F64:
+        """Return the depth of a mesh from a pose [4, 4], [H, W]; through a lens, that of the nearest ray."""
+        scene, margin = self._scene, self._margin
+        depth = self._renderer.depth(scene, pose, margin=margin)
+        if self._lens is not None:
+            places = self._lens.sources_px(depth.shape, with_margin(scene.intrinsics, margin)) - 0.5
+            depth = map_coordinates(depth, places, order=0, mode="nearest")
+        return np.asarray(depth[margin : margin + scene.size[0], margin : margin + scene.size[1]])
 
     def can_skip(self, open_share: F64) -> bool:
         """Return whether leaving out the closed pixels [H, W] gives the same light, and saves some of the work."""

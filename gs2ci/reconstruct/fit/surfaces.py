@@ -19,6 +19,7 @@ from torch import Tensor
 from gs2ci.core.arrays import F32, F64
 from gs2ci.core.cameras import camera_centres
 from gs2ci.core.errors import InputError
+from gs2ci.reconstruct.fit.relief import Exchange
 from gs2ci.reconstruct.fit.rendering import ShotRenderer
 from gs2ci.reconstruct.geometry.snapping import snapped
 from gs2ci.reconstruct.geometry.sweep import SweepSettings, sweep
@@ -100,6 +101,7 @@ class Surfaces:
         inverse_depth: Of what they see, [K, H, W] float32.
         trust: How far to believe it, [K, H, W] float32 in [0, 1].
         parallax_px: What parallax along the whole path is at an inverse depth of 1, px.
+        rays: Of the pixels, where the camera has z = 1, [H, W, 2] float32.
         pixels: Where the term looks in each view, as the renderer prepared it, and [H, W] bool.
     """
 
@@ -108,7 +110,14 @@ class Surfaces:
     inverse_depth: F32
     trust: F32
     parallax_px: float
+    rays: F32
     pixels: tuple[tuple[MaskSet, Tensor], ...]
+
+    def exchanged(self, exchange: Exchange) -> "Surfaces":
+        """Return the surfaces after path and scene have exchanged turning for travel."""
+        nearer = (1 + np.square(self.rays @ exchange.along.bend.numpy())).astype(np.float32)
+        moved = (self.inverse_depth + exchange.beta * nearer) * (1 - exchange.beta * exchange.along.shrink)
+        return replace(self, inverse_depth=moved.astype(np.float32))
 
     def term(self, renderer: ShotRenderer, scene: Gaussians, world_to_camera: Tensor, turn: int) -> Tensor:
         """Return the mean distance of one view's light from its surfaces, px of parallax, differentiable in the scene.
@@ -189,7 +198,7 @@ def find_surfaces(
         return None
     looked_at = [torch.from_numpy(mask) for mask in taken]
     pixels = tuple((renderer.code(mask[None].float()), mask) for mask in looked_at)
-    return Surfaces(settings, chosen, inverse_depth, trust, parallax_px, pixels)
+    return Surfaces(settings, chosen, inverse_depth, trust, parallax_px, _rays(renderer, lens), pixels)
 
 
 def agreement(inverse_depth: F32, world_to_camera: F64, intrinsics: F64, parallax_px: float) -> F32:
@@ -241,6 +250,16 @@ def _span(depth: F32) -> tuple[float, float] | None:
 def _spread(count: int, wanted: int) -> tuple[int, ...]:
     """Choose at most so many of `count` views, evenly, the first and the last among them."""
     return tuple(int(i) for i in np.unique(np.linspace(0, count - 1, min(wanted, count)).round()))
+
+
+def _rays(renderer: ShotRenderer, lens: Lens | None) -> F32:
+    """Return where the sensor's pixels look, at z = 1, [H, W, 2]."""
+    height, width = renderer.size
+    rows, columns = np.mgrid[:height, :width] + 0.5
+    places = np.stack([columns, rows], axis=-1) if lens is None else lens.sampling.places
+    intrinsics = renderer.intrinsics.double().numpy() if lens is None else lens.canvas_intrinsics
+    found: F32 = ((places - intrinsics[:2, 2]) / intrinsics.diagonal()[:2]).astype(np.float32)
+    return found
 
 
 def _on_sensor(maps: F32, lens: Lens | None) -> F32:
