@@ -437,8 +437,8 @@ class Code(StrEnum):
     VIEWS_POLISHED = (
         "views_polished",
         REMARK,
-        "Things seem to move, and a decode by similar patches went on from the refined views: they leave {after:.4f} "
-        "of the held-out pixels instead of {before:.4f} (rms, full scale 1).",
+        "What the scene leaves looks like motion, and a decode by similar patches went on from the refined views: they "
+        "leave {after:.4f} of the held-out pixels instead of {before:.4f} (rms, full scale 1).",
         "`gs2ci reconstruct --motion off` leaves that out.",
     )
 
@@ -659,12 +659,19 @@ class Code(StrEnum):
         "Another prior may help: `gs2ci reconstruct --prior`.",
     )
 
+    FINE_LEFT_OUT = (
+        "fine_left_out",
+        FAILURE,
+        "The fine stage was left out: it takes views from beside the cameras, and needs things at rest for that.",
+        "`gs2ci reconstruct --motion off --fine` refines a still scene.",
+    )
+
     # The result.
     VIEWS_COMBINED = (
         "views_combined",
         REMARK,
-        "The views are {refined:.0%} the refined ones, {scene:.0%} the scene's and {decode:.0%} the decode's: together "
-        "they explain the held-out pixels best.",
+        "The views are {refined:.0%} the refined ones, {scene:.0%} the scene's and {decode:.0%} the decode's: by the "
+        "held-out pixels, together they err least.",
         _NOTHING,
     )
     UNJUDGED = (

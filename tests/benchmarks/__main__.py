@@ -28,6 +28,7 @@ BENCHMARKS = {
     "decoders": "tests.benchmarks.decoders",
     "video": "tests.benchmarks.video",
     "scaling": "tests.benchmarks.scaling",
+    "sizes": "tests.benchmarks.sizes",
     "checkouts": "tests.benchmarks.checkouts",
     "heldout_order": "tests.benchmarks.heldout_order",
     "mask_calibration": "tests.benchmarks.mask_calibration",
@@ -57,6 +58,8 @@ BENCHMARKS = {
     "effect_bounds": "tests.benchmarks.effect_bounds",
     "exact_renderer": "tests.benchmarks.exact_renderer",
     "simulation_cost": "tests.benchmarks.simulation_cost",
+    "simulation_size": "tests.benchmarks.simulation_size",
+    "own_model_class": "tests.benchmarks.own_model_class",
 }
 
 LONG = (
@@ -86,6 +89,8 @@ LONG = (
     "population",
     "effect_bounds",
     "simulation_cost",
+    "simulation_size",
+    "own_model_class",
     "video_out",
 )
 """Many benches or whole schedules each: run only by name."""

@@ -1,0 +1,209 @@
+"""What a whole reconstruction of one scene costs as its picture grows: by stage, in seconds and memory.
+
+    python -m tests.benchmarks sizes
+
+Every size is a process of its own, on one thread, so that its memory is its own. Printed for each: processor seconds
+and the largest memory of each stage, how many Gaussians there are in the end, PSNR of the delivered views and the
+median error of the disparity between neighbouring views, px; then the exponent p of seconds ∝ pixels^p.
+
+| variable | what it sets | default |
+|---|---|---|
+| `GS2CI_CASES` | scenes of the simulator, and `photographs0` to `photographs2` | photographs0 boxes |
+| `GS2CI_SIZES` | heights and widths, px | 128x128 256x256 512x512 |
+| `GS2CI_VIEWS` | masks of an exposure of photographs | 8 |
+| `GS2CI_PRESET` | the preset | draft |
+| `GS2CI_SEED` | of masks, noise and the reconstruction | 0 |
+"""
+
+import gc
+import json
+import os
+import subprocess
+import sys
+import threading
+import time
+from collections import defaultdict
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from functools import wraps
+from pathlib import Path
+from typing import Any
+from unittest.mock import patch
+
+import numpy as np
+
+from gs2ci.core.records import Shot
+from gs2ci.evaluate.run_report import build_report
+from gs2ci.reconstruct import pipeline
+from gs2ci.reconstruct.presets import preset
+from gs2ci.tables.cases import Case
+from tests.benchmarks.photographs import expose
+
+EVERY_S = 0.02
+STAGES = (
+    ("registration", pipeline, "register"),
+    ("first look: decode, path, depth", pipeline, "look"),
+    ("first look: decode, path, depth", pipeline, "look_closer"),
+    ("order of depth", pipeline, "_settled"),
+    ("first Gaussians", pipeline, "_beginning"),
+    ("fits", pipeline, "fit_together"),
+    ("mean of the fits", pipeline, "combined"),
+    ("choice of views", pipeline, "_recover"),
+    ("record", pipeline, "record"),
+)
+
+
+class Meter:
+    """Counts processor seconds of the whole process, and samples its memory, by the innermost stage that runs."""
+
+    def __init__(self) -> None:
+        self.seconds: dict[str, float] = defaultdict(float)
+        self.mib: dict[str, float] = defaultdict(float)
+        self._stages = ["the rest"]
+        self._since_s = time.process_time()
+
+    def enter(self, stage: str) -> None:
+        """Count for a stage from now on."""
+        self._lap()
+        self._stages.append(stage)
+
+    def leave(self) -> None:
+        """Count for the stage around it again."""
+        self._lap()
+        self._stages.pop()
+
+    def _lap(self) -> None:
+        now_s = time.process_time()
+        self.seconds[self._stages[-1]] += now_s - self._since_s
+        self._since_s = now_s
+
+    def sample(self, stop: threading.Event) -> None:
+        """Look at the memory every few milliseconds until it is time to stop."""
+        while not stop.wait(EVERY_S):
+            stage = self._stages[-1]
+            self.mib[stage] = max(self.mib[stage], resident_mib())
+
+    def around(self, stage: str, work: Callable[..., Any]) -> Callable[..., Any]:
+        """Return the same work, counted for a stage."""
+
+        @wraps(work)
+        def run(*args: Any, **kwargs: Any) -> Any:
+            self.enter(stage)
+            try:
+                return work(*args, **kwargs)
+            finally:
+                self.leave()
+
+        return run
+
+
+def resident_mib() -> float:
+    """Return the memory that the process holds (Linux)."""
+    pages = int(Path("/proc/self/statm").read_text().split()[1])
+    return pages * os.sysconf("SC_PAGESIZE") / 2**20
+
+
+@contextmanager
+def metered(meter: Meter) -> Iterator[None]:
+    """Count and sample until the end."""
+    stop = threading.Event()
+    sampler = threading.Thread(target=meter.sample, args=(stop,), daemon=True)
+    patches = [patch.object(owner, name, meter.around(stage, getattr(owner, name))) for stage, owner, name in STAGES]
+    for each in patches:
+        each.start()
+    sampler.start()
+    try:
+        yield
+    finally:
+        for each in patches:
+            each.stop()
+        stop.set()
+        sampler.join()
+        meter.enter("")
+
+
+def taken(name: str, size: tuple[int, int], views: int, seed: int) -> tuple[Shot, np.ndarray | None]:
+    """Expose a case; return as well the true depths, [N, H, W], where the shot's truth does not hold them."""
+    if name.startswith("photographs"):
+        shot, depths, _ = expose(int(name.removeprefix("photographs")), seed, size=size, views=views, noise=0.01)
+        return shot, depths
+    return Case(name, scene=name, size=size).shot(seed), None
+
+
+def one() -> None:
+    """Reconstruct one case and print what it cost as JSON."""
+    name, size = sys.argv[1], tuple(int(side) for side in sys.argv[2].split("x"))
+    chosen, seed, views = os.environ["GS2CI_PRESET"], int(os.environ["GS2CI_SEED"]), int(os.environ["GS2CI_VIEWS"])
+    settings = replace(preset(chosen), seed=42 + seed)  # type: ignore[arg-type]
+    # Compiles whatever the large one needs.
+    pipeline.reconstruct(taken(name, (64, 64), views, seed)[0], settings)
+    shot, depths = taken(name, (size[0], size[1]), views, seed)
+    gc.collect()
+    before_mib, meter = resident_mib(), Meter()
+    with metered(meter):
+        found = pipeline.reconstruct(shot, settings)
+    report = build_report(shot, found.result)
+    errors = None if report.depth is None else report.depth.errors()
+    print(
+        json.dumps(
+            {
+                "pixels": size[0] * size[1],
+                "seconds": meter.seconds,
+                "mib": meter.mib,
+                "before_mib": before_mib,
+                "gaussians": len(found.scene),
+                "psnr_db": None if report.psnr_db is None else report.psnr_db.mean,
+                "depth_px": (errors.median_px if errors else None) if depths is None else off_px(found, depths),
+                "nate": None if report.trajectory is None else report.trajectory.nate,
+            }
+        )
+    )
+
+
+def off_px(found: pipeline.Reconstruction, depths: np.ndarray) -> float:
+    """Return the median error of the disparity between neighbouring views, px, of depths up to a scale."""
+    result = found.result
+    if result.depth is None:
+        return float("nan")
+    truth, light = depths.astype(np.float64), result.depth.astype(np.float64)
+    seen = (truth > 0) & np.isfinite(truth) & (light > 0)
+    poses = result.world_to_camera
+    step = np.linalg.norm(np.diff(np.linalg.inv(poses)[:, :3, 3], axis=0), axis=1).mean()
+    scale = np.median(truth[seen]) / np.median(light[seen])
+    error = np.abs(1 / truth[seen] - 1 / (light[seen] * scale)) * result.intrinsics[0, 0] * step * scale
+    return float(np.median(error))
+
+
+def run() -> None:
+    """Reconstruct every case at every size, and print."""
+    cases = os.environ.get("GS2CI_CASES", "photographs0 boxes").split()
+    sizes = os.environ.get("GS2CI_SIZES", "128x128 256x256 512x512").split()
+    threads = {"NUMBA_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "OMP_WAIT_POLICY": "PASSIVE"}
+    wanted = {"GS2CI_PRESET": "draft", "GS2CI_SEED": "0", "GS2CI_VIEWS": "8"}
+    for name in cases:
+        rows = []
+        for size in sizes:
+            code = "from tests.benchmarks.sizes import one; one()"
+            environment = {**threads, **wanted, **os.environ}
+            done = subprocess.run(
+                [sys.executable, "-c", code, name, size], env=environment, check=True, capture_output=True, text=True
+            )
+            row = json.loads(done.stdout.splitlines()[-1])
+            rows.append(row)
+            print(
+                f"{name} {size}: CPU {sum(row['seconds'].values()):.1f} s, at most {max(row['mib'].values()):.0f} MiB "
+                f"({row['before_mib']:.0f} before), {row['gaussians']} Gaussians, {figure(row['psnr_db'])} dB, "
+                f"depth {figure(row['depth_px'])} px, nATE {figure(row['nate'])}"
+            )
+            for stage, seconds in sorted(row["seconds"].items(), key=lambda item: -item[1]):
+                print(f"    {stage:34} {seconds:8.1f} s {row['mib'].get(stage, 0):8.0f} MiB", flush=True)
+        if len(rows) > 1:
+            pixels = np.log([row["pixels"] for row in rows])
+            spent = np.log([sum(row["seconds"].values()) for row in rows])
+            print(f"{name}: seconds ∝ pixels^{np.polyfit(pixels, spent, 1)[0]:.2f}", flush=True)
+
+
+def figure(value: float | None) -> str:
+    """Return a figure with three digits, or a dash."""
+    return "–" if value is None else f"{value:.3f}"
