@@ -177,22 +177,21 @@ def accepted(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFa
 
 def test_a_calibrated_bench_shows_its_scene_as_well_as_one_of_which_everything_is_known(accepted):
     found, known = accepted.report.psnr_db.mean, accepted.known.psnr_db.mean
-    # Asked for are 0.5 dB. One fit to such a picture is lucky or not by as much: 0.57 dB were seen once.
-    assert found > known - 1.0
+    # Differences were 0.01 to 0.23 dB, either way, on two kinds of processor.
+    assert found > known - 0.5
     assert found > accepted.report.decode.psnr_db.mean + 3
 
 
 def test_a_calibrated_bench_tells_the_path_and_what_is_near(accepted):
     """As wide as a processor's other local optimum asks for, and far from what a spoilt path or depth would show.
 
-    Path errors were 0.05 to 0.08 of the extent, depth's median error 0.11 to 0.12 px of the disparity between
-    neighbouring views, its rank correlation 0.60 to 0.62 with a backdrop over two thirds of the picture. A path run
-    backwards has an error of 0.5, near for far a correlation below 0.
+    A path run backwards has an error of 0.5 of its extent, near for far a rank correlation below 0. Where the fit took
+    no heed of how far the stage's poses may err, path errors were 0.05 to 0.08.
     """
     for report in (accepted.report, accepted.known):
         assert report.geometry.method == "stage"
         assert not report.trajectory.reversed
-        assert report.trajectory.nate < 0.2
+        assert report.trajectory.nate < 0.03
         assert report.depth.rank > 0.35
         assert report.depth.median_px < 0.25
         assert report.depth.known_share > 0.9
@@ -225,7 +224,7 @@ SPOILED = {
         "dark-flat: lamp flickers",
     ),
     "a panel slower than its masks": (
-        LCOS.replace("tau_s = 3e-4", "tau_s = 1e-3"),
+        LCOS.replace("tau_s = 3e-4", "tau_s = 2e-3"),
         ("dark-flat", "registration", "masks"),
         "masks: bad fit: of mask 7's time on show an exposure spans",
     ),
