@@ -106,6 +106,20 @@ class Code(StrEnum):
         "The fit ended because the time was up after {iterations} iterations; no pixels were held out to judge them.",
         "Give it more time: `gs2ci reconstruct --budget`.",
     )
+    FIT_INTERRUPTED = (
+        "fit_interrupted",
+        DOUBT,
+        "The fit was interrupted after {iterations} iterations; its best state so far, that of iteration {best}, was "
+        "kept.",
+        "Reconstruct again and let it run to its end.",
+    )
+    INTERRUPTED = (
+        "interrupted",
+        DOUBT,
+        "The reconstruction was interrupted: what had been found was handed over, and all that would have come after "
+        "was left out.",
+        "Reconstruct again and let it run to its end.",
+    )
     FIT_DIVERGED = (
         "fit_diverged",
         FAILURE,

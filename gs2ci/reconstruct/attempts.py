@@ -12,12 +12,14 @@ from dataclasses import dataclass, replace
 
 from gs2ci.core.arrays import F32
 from gs2ci.core.findings import Code, Finding, finding
+from gs2ci.core.halt import Halt
 from gs2ci.core.progress import Progress
 from gs2ci.reconstruct.decode.by_name import decode_by_name
 from gs2ci.reconstruct.decode.patches.decoder import PatchSettings, patch_decode_from
 from gs2ci.reconstruct.first_look import FirstLook, from_rest, needs_rest
 from gs2ci.reconstruct.fit.coarse import CoarseFit
 from gs2ci.reconstruct.fit.ensemble import Ensemble
+from gs2ci.reconstruct.fit.motion import moving_share
 from gs2ci.reconstruct.fit.refinement import Refinement
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.measurement.jury import Jury
@@ -28,8 +30,8 @@ from gs2ci.reconstruct.moving import (
     MOVING,
     RELEASED,
     STILL,
+    MotionQuestion,
     MotionReport,
-    Question,
     ask,
     rested,
     speaks_for_motion,
@@ -62,6 +64,7 @@ class Attempts:
         refine: What will be done to the views of fits.
         progress: Told why more is tried.
         lap: Called with a stage's name when it ends.
+        halt: Once it is asked, nothing more is tried.
     """
 
     attempt: Callable[[FirstLook, F32, bool], Attempt]
@@ -72,13 +75,14 @@ class Attempts:
     refine: Refinement
     progress: Progress
     lap: Callable[[str], None]
+    halt: Halt
 
     def hurried(self, first: FirstLook) -> tuple[FirstLook, Attempt, MotionReport]:
         """Make one attempt, whatever comes of it."""
         moving = self.settings.motion == "on"
         tried = self.attempt(rested(first) if moving else first, first.decoded, moving)
         name = MOVING if moving else STILL
-        return first, tried, self._report(Question(), {name: tried}, tried, {})
+        return first, tried, self._report(MotionQuestion(), {name: tried}, tried, {})
 
     def all(self, first: FirstLook) -> tuple[FirstLook, Attempt, MotionReport]:
         """Make those that are worth it.
@@ -90,20 +94,22 @@ class Attempts:
         still = self.attempt(first, first.decoded, False)
         # Fits that were cut short leave much that patches explain, whether or not anything moves.
         whole = self.settings.fit.iterations >= LEAST_SCHEDULE
-        if not (self._wanted or (self.settings.may_move and whole)):
+        if self.halt.asked or not (self._wanted or (self.settings.may_move and whole)):
             still = self._again(first, still)
-            return first, still, self._report(Question(), {STILL: still}, still, {})
+            return first, still, self._report(MotionQuestion(), {STILL: still}, still, {})
         asked = self._question(still)
         if not self._speaks_beyond_doubt(asked, still):
             # A path that is not right leaves what looks like motion, too.
             again = self._again(first, still)
             asked, still = asked if again.ensemble is still.ensemble else self._question(again), again
-        if not self._wanted and (asked.gain or 0) < LEAST_PATCH_GAIN:
+        if self.halt.asked or (not self._wanted and (asked.gain or 0) < LEAST_PATCH_GAIN):
             return first, still, self._report(asked, {STILL: still}, still, {})
         self.progress.say("What the still scene leaves looks like motion: scenes that move are fitted as well.")
         first, refined = self._decoded_better(first), self.refine(still.ensemble.views)
         views = min((refined, first.decoded), key=lambda shown: self.jury.residual_rms(shown) or 0.0)
-        attempts = {STILL: still, RELEASED: self.release(still), MOVING: self.attempt(rested(still.look), views, True)}
+        attempts = {STILL: still, RELEASED: self.release(still)}
+        if not self.halt.asked:
+            attempts[MOVING] = self.attempt(rested(still.look), views, True)
         residuals = self._residuals(attempts)
         tried = self._clearly_best(attempts, residuals)
         return first, tried, self._report(asked, attempts, tried, residuals)
@@ -114,14 +120,14 @@ class Attempts:
 
     def _again(self, first: FirstLook, tried: Attempt) -> Attempt:
         """Fit a still scene once more from a second look, or from rest, where the first path is doubtful."""
-        if not self._may_look_again(first):
+        if self.halt.asked or not self._may_look_again(first):
             return tried
         views = self.refine(tried.ensemble.views)
         attempts = {first.geometry.source: tried}
         again = second_look(first, views, self.lens, self.settings.look, self.progress)
-        if again is not None:
+        if again is not None and not self.halt.asked:
             attempts["second look"] = self.attempt(again, views, False)
-        if needs_rest(first):
+        if needs_rest(first) and not self.halt.asked:
             attempts["rest"] = self.attempt(from_rest(first), first.decoded, False)
         return self._best(attempts, self._residuals(attempts))
 
@@ -138,14 +144,14 @@ class Attempts:
         better = before is not None and after is not None and after < before
         return replace(first, decoded=decoded, decoder="patches") if better else first
 
-    def _question(self, still: Attempt) -> Question:
+    def _question(self, still: Attempt) -> MotionQuestion:
         """Ask what a still scene leaves, and if it speaks for motion, what a few steps of patches take off it."""
         left = ask(self.jury, still.ensemble.views)
         if not speaks_for_motion(left):
-            return Question(left)
-        return Question(left, self._gain(self.refine(still.ensemble.views), PatchSettings.from_scene_briefly()))
+            return MotionQuestion(left)
+        return MotionQuestion(left, self._gain(self.refine(still.ensemble.views), PatchSettings.from_scene_briefly()))
 
-    def _speaks_beyond_doubt(self, asked: Question, still: Attempt) -> bool:
+    def _speaks_beyond_doubt(self, asked: MotionQuestion, still: Attempt) -> bool:
         """Tell whether patches, which know of no path, explain clearly more even where little of the scene is left.
 
         Many steps from a high noise level forget most of what they began with. Where the path was doubtful and nothing
@@ -172,7 +178,8 @@ class Attempts:
     def _clearly_best(self, attempts: dict[str, Attempt], residuals: dict[str, float | None]) -> Attempt:
         """Choose likewise, but a scene that moves only if it predicts them clearly better than the still one."""
         if self._wanted:
-            return self._best({name: tried for name, tried in attempts.items() if name != STILL}, residuals)
+            moving = {name: tried for name, tried in attempts.items() if moving_share(tried.ensemble.best.scene) > 0}
+            return self._best(moving or attempts, residuals)
         best, still = self._best(attempts, residuals), attempts[STILL]
         if best.ensemble is still.ensemble:
             return best
@@ -186,7 +193,7 @@ class Attempts:
 
     def _report(
         self,
-        asked: Question,
+        asked: MotionQuestion,
         attempts: dict[str, Attempt],
         taken: Attempt,
         residuals: dict[str, float | None],

@@ -24,9 +24,11 @@ from gs2ci_sims.effects.clock_drift import ClockDrift
 from gs2ci_sims.effects.dark_current import DarkCurrent
 from gs2ci_sims.effects.defocus import Defocus
 from gs2ci_sims.effects.dsnu import Dsnu
+from gs2ci_sims.effects.dust import Dust
 from gs2ci_sims.effects.finite_contrast import FiniteContrast
 from gs2ci_sims.effects.full_well import FullWell
 from gs2ci_sims.effects.gain_nonlinearity import GainNonlinearity
+from gs2ci_sims.effects.ghost_reflection import GhostReflection
 from gs2ci_sims.effects.hot_pixels import HotPixels
 from gs2ci_sims.effects.illumination_drift import IlluminationDrift
 from gs2ci_sims.effects.illumination_flicker import IlluminationFlicker
@@ -86,7 +88,10 @@ LIGHT_PATH: Final[tuple[type[Effect], ...]] = (
     Misregistration,
     # exposure integration
     MotionBlur,
+    # relay between modulator and sensor
     ModulatorPsf,
+    GhostReflection,
+    Dust,
     # sensor: when its rows are open
     RollingShutter,
     # sensor: photons to electrons, in the mean

@@ -16,6 +16,7 @@ from torch import Tensor
 from gs2ci.core.arrays import F32, F64
 from gs2ci.core.errors import InputError, NumericsError, ResourceError
 from gs2ci.core.findings import Code, Finding, finding
+from gs2ci.core.halt import Halt
 from gs2ci.core.progress import Progress
 from gs2ci.core.run_records import CurvePoint
 from gs2ci.reconstruct.fit.density.base import DensityRule
@@ -345,6 +346,7 @@ def fit_coarse(
     since_s: float | None = None,
     pace: Pace | None = None,
     lens: Lens | None = None,
+    halt: Halt | None = None,
 ) -> CoarseFit:
     """Fit Gaussians and poses to the measurement.
 
@@ -361,6 +363,7 @@ def fit_coarse(
         since_s: `time.monotonic()` when the whole reconstruction began; the curve's seconds count from there.
         pace: Decides how many iterations there are, instead of the settings.
         lens: Through which the measurement was taken, unless it is a pinhole.
+        halt: Ends the fit after an iteration in which it is asked to.
 
     Returns:
         The state with the best held-out residual.
@@ -373,7 +376,9 @@ def fit_coarse(
     settings.check()
     fit = _Fit(jury, start, geometry, backend, settings, seed, lens)
     looks = Looks(jury, refine, score, since_s)
-    loop = _Loop(fit, looks, progress, pace or Fixed(settings.iterations), judged=bool(jury.heldout.any()))
+    loop = _Loop(
+        fit, looks, progress, pace or Fixed(settings.iterations), halt or Halt(), judged=bool(jury.heldout.any())
+    )
     stopped = loop.run()
     fit.restore(loop.best)
     return CoarseFit(
@@ -389,7 +394,7 @@ def fit_coarse(
 class _Loop:
     """The iterations: step, densify, look, stop; and back to the last good state when numbers run away."""
 
-    def __init__(self, fit: _Fit, looks: Looks, progress: Progress, pace: Pace, *, judged: bool) -> None:
+    def __init__(self, fit: _Fit, looks: Looks, progress: Progress, pace: Pace, halt: Halt, *, judged: bool) -> None:
         self.fit = fit
         self.settings = fit.settings
         self.best = fit.snapshot(0)
@@ -397,6 +402,7 @@ class _Loop:
         self._looks = looks
         self._progress = progress
         self._pace = pace
+        self._halt = halt
         self._judged = judged
         self._watch = Watch(fit.settings.hold_out)
         self._damping = 1.0
@@ -425,10 +431,13 @@ class _Loop:
             before, total = total, self._pace.total(iteration)
             if total != before:
                 self._progress.expect(total)
-            looks = iteration % self.settings.hold_out.look_every == 0 or iteration >= total
+            halted = self._halt.asked
+            looks = iteration % self.settings.hold_out.look_every == 0 or iteration >= total or halted
             if looks:
                 self._look(iteration, loss)
             self._progress.step(iteration, loss=loss, **self._figures())
+            if halted:
+                return finding(Code.FIT_INTERRUPTED, iterations=iteration, best=self._watch.best_iteration)
             if looks and self._watch.stalled(iteration) and not self.fit.awaits_surfaces:
                 return finding(Code.FIT_STALLED, best=self._watch.best_iteration)
         late = self._pace.is_late(iteration)
