@@ -249,7 +249,7 @@ def _settled(
             return math.inf
         return _left(jury, fit.views)
 
-    told = geometry.source not in ("tracks", "uniform")
+    told = geometry.source not in ("tracks", "wide", "uniform")
     if not hurried and settings.fit.iterations >= LEAST_SCHEDULE:
         geometry = settle(geometry, leaves, progress, told=told)
     elif not told:
