@@ -20,7 +20,6 @@ from gs2ci.core.records import Shot
 from gs2ci.core.whole_file import check_place
 
 if TYPE_CHECKING:
-    from gs2ci.evaluate.tradeoff import costs
     from gs2ci.evaluate.tradeoff.pages import Tradeoff
     from gs2ci.evaluate.tradeoff.trials import TradeoffTrial
     from gs2ci.tables.cells import Cell
@@ -109,6 +108,7 @@ def tradeoff(
     measured = shot.check() if isinstance(shot, Shot) else read_shot(Path(shot), index)
     from gs2ci.evaluate.pages.run_evidence import check_same_shot
     from gs2ci.evaluate.pages.run_page import write_run_page
+    from gs2ci.evaluate.tradeoff import costs
     from gs2ci.evaluate.tradeoff.pages import Tradeoff, markdown, record_of, write_pages
     from gs2ci.evaluate.tradeoff.record import write_record
     from gs2ci.evaluate.tradeoff.trials import KNOBS, chosen_trials, predicted_seconds

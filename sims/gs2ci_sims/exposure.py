@@ -203,7 +203,7 @@ def integrate(
         path.world_to_camera(centres_s),
         float((coverage >= 0.99).mean(axis=(1, 2)).min()),
         len(needed),
-        lambda: np.stack([studio.depth(float(time_s)) for time_s in centres_s]),
+        lambda: studio.depths(centres_s),
     )
 
 
@@ -257,6 +257,19 @@ class Studio:
         height, width = scene.size
         inner = np.s_[margin : margin + height, margin : margin + width]
         return truth[inner][..., :-1], truth[inner][..., -1], seen[inner]
+
+    def depths(self, times_s: F64) -> F32:
+        """Return the depth of what is seen through the lens at some times, [T, H, W]; 0 where nothing is.
+
+        It costs several times what a view does, so where neither camera nor scene has moved it is found once.
+        """
+        found: list[F32] = []
+        poses = self._path.world_to_camera(times_s)
+        seen = [self._moving(float(time_s)) for time_s in times_s]
+        for number, time_s in enumerate(times_s):
+            same = number > 0 and seen[number] is seen[number - 1] and np.array_equal(poses[number], poses[number - 1])
+            found.append(found[-1] if same else self.depth(float(time_s)))
+        return np.stack(found)
 
     def depth(self, time_s: float) -> F32:
         """Return the depth of what is seen through the lens, [H, W]; 0 where nothing is."""

@@ -2,9 +2,9 @@
 
     python -m tests.benchmarks simulation_size
 
-The scene "planes" before a bench with a lens, a DMD of finite contrast and soft edges and a sensor's noises, at rest and
-with a parallax of 3 px. `GS2CI_SIZE` ("1080x1920") and `GS2CI_MASKS` (16) ask for others. Times are the processor's, all
-threads together; memory is the largest that the process ever held, of a process of its own per row.
+The scene "planes" before a bench with a lens, a DMD of finite contrast and soft edges and a sensor's noises, at rest
+and with a parallax of 3 px. `GS2CI_SIZE` ("1080x1920") and `GS2CI_MASKS` (16) ask for others. Times are the
+processor's, all threads together; memory is the largest that the process ever held, of a process of its own per row.
 """
 
 import multiprocessing
