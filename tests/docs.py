@@ -5,6 +5,7 @@
     docs/shot.schema.json     JSON schema of a shot file's description, from `gs2ci.core.storage`
     docs/bundle.schema.json   JSON schema of a calibration bundle's description, from `gs2ci_calibration.bundle`
     docs/findings.md          everything that a reconstruction may find worth telling, from `gs2ci.core.findings`
+    docs/idealisations.md     what the twins leave out, from `gs2ci_sims.idealisations`
 
 `tests/test_made_docs.py` holds the pages to the code.
 """
@@ -21,6 +22,7 @@ from gs2ci.core.findings import Code, Weight
 from gs2ci.core.storage import layout
 from gs2ci.evaluate.report import Report
 from gs2ci_calibration import bundle
+from gs2ci_sims.idealisations import IDEALISATIONS, Idealisation
 
 DOCS = Path(__file__).parents[1] / "docs"
 
@@ -34,6 +36,15 @@ Everything that a reconstruction may find worth telling: why a fit ended, what t
 
 A *remark* is worth knowing and asks for nothing. After a *doubt*, part of the result is not to be relied on as far as
 usual. A *failure* means that something that was asked for could not be done, and the result is without it.
+"""
+
+_IDEALISATIONS_HEAD = """\
+# What the twins leave out
+
+A simulated bench runs the same drivers as a real one, against twins of the devices. This is what the twins do better
+than devices do, and what switches it. `devices = "typical"` in `[world]` sets all figures of the last column that the
+rig file does not set itself; without it, devices are ideal. The twins' protocols, errors and faults are not ideal
+([faults](faults.md)). Made from `sims/gs2ci_sims/idealisations.py` by `python -m tests.docs`.
 """
 
 
@@ -51,6 +62,32 @@ def findings_page() -> str:
             "\n".join((f"\n## {title}\n", "| code | what is said | what to do |", "|---|---|---|", *rows)) + "\n"
         )
     return "".join(parts)
+
+
+def idealisations_page() -> str:
+    """Return the page that lists what the twins of a simulated bench do better than devices."""
+
+    def switch(one: Idealisation) -> tuple[str, str]:
+        if not one.key:
+            return "not to be switched", ""
+        table, _, name = one.key.rpartition(".")
+        where = f"`[world.{table}.{name}]`" if table else f"`{name}` in `[world]`"
+        figure = "" if one.typical is None else f"`{as_toml(one.typical)}`"
+        return where, figure
+
+    rows = [
+        f"| {one.device} | {one.twin} | {one.real} | {one.source} | {switch(one)[0]} | {switch(one)[1]} |"
+        for one in IDEALISATIONS
+    ]
+    head = ("| device | its twin | real ones | source | switched by | typical |", "|---|---|---|---|---|---|")
+    return "\n".join((_IDEALISATIONS_HEAD, *head, *rows)) + "\n"
+
+
+def as_toml(value: object) -> str:
+    """Write a figure as it stands in a rig file."""
+    if isinstance(value, dict):
+        return ", ".join(f"{key} = {as_toml(part)}" for key, part in value.items()) or "its defaults"
+    return json.dumps(value)
 
 
 def row_schema() -> str:
@@ -146,6 +183,7 @@ PAGES = {
     "bundle.schema.json": bundle_schema,
     "report.schema.json": report_schema,
     "findings.md": findings_page,
+    "idealisations.md": idealisations_page,
 }
 
 

@@ -1,5 +1,9 @@
 """How a stage carries the camera: the table [stage.mount] of a rig file, the same for every kind of stage."""
 
+from typing import Annotated
+
+from pydantic import Field
+
 from gs2ci.core.config import ConfigTable
 
 Vector = tuple[float, float, float]
@@ -12,3 +16,6 @@ class MountOptions(ConfigTable):
     """The camera's motion per mm of the axis, in mm. A calibration of the stage goes before it."""
     y: Vector = (0.0, 1.0, 0.0)
     z: Vector = (0.0, 0.0, 1.0)
+    error_mm: Annotated[float, Field(gt=0)] | None = None
+    """Standard error of where the stage says that it is, mm. A reconstruction moves the poses no further than that lets
+    it; without it, it takes 1 % of the path."""

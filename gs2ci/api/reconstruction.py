@@ -13,6 +13,7 @@ from gs2ci.api.options import check_number, check_seed, check_whole
 from gs2ci.api.runs import Run
 from gs2ci.api.shots import load
 from gs2ci.core.clock import command_age_s
+from gs2ci.core.halt import Halt, halted_by_interruption
 from gs2ci.core.progress import Progress
 from gs2ci.core.records import FOCAL_RANGE_PX, Shot
 from gs2ci.reconstruct.choices import (
@@ -54,8 +55,9 @@ def reconstruct(
 ) -> Run:
     """Recover views, camera path and scene from one coded measurement.
 
-    An interruption (Ctrl-C, a notebook's stop button) raises KeyboardInterrupt and leaves nothing behind: the shot is
-    as it was, and the next call starts anew.
+    An interruption (Ctrl-C, a notebook's stop button) during the fit ends it: the run holds the best found so far, and
+    says so (`run.interrupted`). Before the fit has begun, or the second time, it raises KeyboardInterrupt and leaves
+    nothing behind.
 
     Args:
         shot: A shot, or a file that `load` takes.
@@ -101,8 +103,9 @@ def reconstruct(
     began_s = time.monotonic() - command_age_s()
     check_wishes(iterations, fits, focal_px, seed)
     measured = shot.check() if isinstance(shot, Shot) else load(shot)
-    from gs2ci.api.wishes import Wishes, budget_seconds, planned, score_against_truth, settings_of, with_focal
+    from gs2ci.api.wishes import Wishes, budget_seconds, score_against_truth, settings_of, with_focal
     from gs2ci.reconstruct import pipeline
+    from gs2ci.reconstruct.budget import Budget
     from gs2ci.render import backend
 
     wishes = Wishes(
@@ -123,17 +126,15 @@ def reconstruct(
     )
     budget_s = budget_seconds(budget, preset, wishes)
     measured = with_focal(focal_px, measured)
-    settings, pace = settings_of(preset, wishes), None
-    with interrupted_within(), shown(progress) as display:
+    settings, halt = settings_of(preset, wishes), Halt()
+    within = None if budget_s is None else Budget(budget_s, began_s, wishes.on)
+    with halted_by_interruption(halt), interrupted_within(), shown(progress) as display:
         if backend.needs_compiling(settings.backend):
             display.say(
                 "The first run on this machine compiles the rasteriser, once, as `gs2ci compile` does ahead: "
                 "give it half a minute more."
             )
-        if budget_s is not None:
-            plan = planned(budget_s, began_s, measured, wishes.on, display)
-            settings, pace = plan.settings, plan.pace
-        found = pipeline.reconstruct(measured, settings, display, score_against_truth(measured), pace)
+        found = pipeline.reconstruct(measured, settings, display, score_against_truth(measured), within, halt)
     return Run.of(measured, found.result, found.scene)
 
 

@@ -17,6 +17,7 @@ from gs2ci.api.display import in_notebook
 from gs2ci.api.options import check_whole
 from gs2ci.core.arrays import F32, F64
 from gs2ci.core.errors import InputError, StorageError
+from gs2ci.core.findings import Code
 from gs2ci.core.records import Shot
 from gs2ci.core.run_records import RunResult
 
@@ -116,6 +117,15 @@ class Run:
 
         assert self.folder is not None  # as above
         return read_report(self.folder)
+
+    @property
+    def interrupted(self) -> bool:
+        """Get whether somebody ended the reconstruction early, so that this is the best found by then.
+
+        Raises:
+            StorageError: The folder's report cannot be read.
+        """
+        return self.report.found(Code.INTERRUPTED) is not None
 
     def _repr_png_(self) -> bytes:
         """Show the decode's and the recovered middle view, and its depth."""

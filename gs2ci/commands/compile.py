@@ -34,7 +34,10 @@ def run() -> float:
         rig = write_rig(Path(folder) / "rig.toml", views=VIEWS, size=SIZE, parallax_px=PARALLAX_PX, seed=0)
         with open_rig(rig) as bench:
             shot = bench.record(Path(folder) / "shot.h5", progress=Silent())
-        reconstruct(shot, iterations=ITERATIONS, progress=Silent()).save(Path(folder) / "run")
+        run = reconstruct(shot, iterations=ITERATIONS, progress=Silent())
+        if run.interrupted:
+            raise KeyboardInterrupt
+        run.save(Path(folder) / "run")
     seconds = time.monotonic() - began_s
     print(f"All kernels are compiled ({seconds:.0f} s).")
     return seconds

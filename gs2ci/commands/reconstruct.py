@@ -59,6 +59,9 @@ def run(
 ) -> Path:
     """Recover views, camera path and scene from one coded measurement, or from each of many.
 
+    Ctrl-C during the fit ends it: the folder is written with the best found so far, a note in it says so, and the exit
+    status is 130. A second Ctrl-C, or one before the fit, leaves everything as it was.
+
     Args:
         shot: A shot file, as `gs2ci import` and `gs2ci capture` write them.
         output: The run folder to write; for many exposures, the folder in which each gets its own.
@@ -115,6 +118,7 @@ def run(
     Raises:
         Gs2ciError: The file, a value or the destination cannot be used, or the budget does not suffice; the folder
             is then as it was.
+        KeyboardInterrupt: The user interrupted; during the fit, the folder is written first.
     """
     check_wishes(iterations, fits, focal_px, seed)
     check_whole("--moments", moments, 2, MOST_MOMENTS)
@@ -170,4 +174,7 @@ def run(
             found.save(output, overwrite=overwrite, moments=moments)
         print_summary(output)
         answer({"folder": output, **found.report.model_dump(mode="json", by_alias=True)})
+    if found.interrupted:
+        # The run is there, and whoever scripts this learns by the status that it is not what was asked for.
+        raise KeyboardInterrupt
     return output

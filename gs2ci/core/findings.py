@@ -106,6 +106,20 @@ class Code(StrEnum):
         "The fit ended because the time was up after {iterations} iterations; no pixels were held out to judge them.",
         "Give it more time: `gs2ci reconstruct --budget`.",
     )
+    FIT_INTERRUPTED = (
+        "fit_interrupted",
+        DOUBT,
+        "The fit was interrupted after {iterations} iterations; its best state so far, that of iteration {best}, was "
+        "kept.",
+        "Reconstruct again and let it run to its end.",
+    )
+    INTERRUPTED = (
+        "interrupted",
+        DOUBT,
+        "The reconstruction was interrupted: what had been found was handed over, and all that would have come after "
+        "was left out.",
+        "Reconstruct again and let it run to its end.",
+    )
     FIT_DIVERGED = (
         "fit_diverged",
         FAILURE,
@@ -423,8 +437,8 @@ class Code(StrEnum):
     VIEWS_POLISHED = (
         "views_polished",
         REMARK,
-        "Things seem to move, and a decode by similar patches went on from the refined views: they leave {after:.4f} "
-        "of the held-out pixels instead of {before:.4f} (rms, full scale 1).",
+        "What the scene leaves looks like motion, and a decode by similar patches went on from the refined views: they "
+        "leave {after:.4f} of the held-out pixels instead of {before:.4f} (rms, full scale 1).",
         "`gs2ci reconstruct --motion off` leaves that out.",
     )
 
@@ -477,6 +491,14 @@ class Code(StrEnum):
         DOUBT,
         "The stage's poses were not taken.",
         "Check [stage.mount] and the unit, or measure the axes with `gs2ci calibrate stage`.",
+    )
+    STAGE_SIGN_CONTRADICTED = (
+        "stage_sign_contradicted",
+        DOUBT,
+        "The stage's poses were not taken: with them the scene would lie behind the camera, and with the direction of "
+        "travel reversed the picture bears them out.",
+        "Turn the sign of the axis in [stage.mount], or measure the axes with `gs2ci calibrate stage`; poses must be "
+        "world-to-camera with OpenCV axes.",
     )
     STAGE_MOTION_UNSEEN = (
         "stage_motion_unseen",
@@ -637,12 +659,19 @@ class Code(StrEnum):
         "Another prior may help: `gs2ci reconstruct --prior`.",
     )
 
+    FINE_LEFT_OUT = (
+        "fine_left_out",
+        FAILURE,
+        "The fine stage was left out: it takes views from beside the cameras, and needs things at rest for that.",
+        "`gs2ci reconstruct --motion off --fine` refines a still scene.",
+    )
+
     # The result.
     VIEWS_COMBINED = (
         "views_combined",
         REMARK,
-        "The views are {refined:.0%} the refined ones, {scene:.0%} the scene's and {decode:.0%} the decode's: together "
-        "they explain the held-out pixels best.",
+        "The views are {refined:.0%} the refined ones, {scene:.0%} the scene's and {decode:.0%} the decode's: by the "
+        "held-out pixels, together they err least.",
         _NOTHING,
     )
     UNJUDGED = (

@@ -199,6 +199,7 @@ class MotionSection(ReportSection):
     moves: bool
     explained: Number | None
     blocks: Number | None
+    patch_gain: Number | None = None
     heldout_rms: dict[str, Number | None]
     chosen: str
     gaussians_share: Number | None

@@ -22,6 +22,7 @@ import torch
 from gs2ci.core.arrays import F32, F64
 from gs2ci.core.findings import Code, Finding, finding
 from gs2ci.reconstruct.choices import MotionMode
+from gs2ci.reconstruct.decode.patches.decoder import PatchSettings
 from gs2ci.reconstruct.first_look import FirstLook, from_rest
 from gs2ci.reconstruct.fit.coarse import CoarseSettings
 from gs2ci.reconstruct.fit.motion import moving_share
@@ -44,6 +45,8 @@ LEAST_GAIN: Final = 0.02
 # What a few steps of a decode by similar patches have to take off it before moving scenes are tried. From ten still
 # measurements they took up to 4.7 %, as detail is alike in many places; from three crops of video 8.3 % and more.
 LEAST_PATCH_GAIN: Final = 0.065
+# What they have to take off it before a decode by patches goes on from the refined views of a scene, still or not.
+_LEAST_POLISH_GAIN: Final = 0.03
 # What moves less than this over the whole exposure is not said to move, px.
 _WORTH_SAYING_PX: Final = 0.5
 # Where the picture changes by less between the middle of the exposure and its ends, full scale 1, a few pixels around,
@@ -53,19 +56,33 @@ _CHANGE_WINDOW_PX: Final = 3
 
 
 @dataclass(frozen=True)
+class MotionQuestion:
+    """What was found out before any scene was let move.
+
+    Args:
+        left: What motion would explain of the still fits' residual; None where nobody asked.
+        gain: By which share a few steps of the patch decode leave less of the held-out pixels than the still scene's
+            refined views; None where they were not tried.
+    """
+
+    left: LeftByMotion | None = None
+    gain: float | None = None
+
+
+@dataclass(frozen=True)
 class MotionReport:
     """How a scene came to move, or not to.
 
     Args:
         asked: What the settings ask for.
-        left: What motion would explain of the still fits' residual; None where there were none.
+        question: What was found out before.
         heldout_rms: What each attempt leaves of the held-out pixels, by its name.
         chosen: The name of the attempt that was taken.
         moves: Whether Gaussians move in it.
     """
 
     asked: MotionMode
-    left: LeftByMotion | None = None
+    question: MotionQuestion = MotionQuestion()
     heldout_rms: tuple[tuple[str, float | None], ...] = ()
     chosen: str = ""
     moves: bool = False
@@ -75,14 +92,24 @@ class MotionReport:
         """Get whether fits that move were made."""
         return self.moves or bool(self.heldout_rms)
 
+    @property
+    def polishing(self) -> tuple[PatchSettings, ...]:
+        """Get by which schedules the patch decode may go on from the refined views."""
+        if self.tried:
+            return PatchSettings.polish(), PatchSettings.from_scene()
+        gain = self.question.gain
+        return (PatchSettings.polish(),) if gain is not None and gain >= _LEAST_POLISH_GAIN else ()
+
     def summary(self, speeds: "Speeds | None") -> dict[str, object]:
         """Return it as plain values."""
+        left = self.question.left
         return {
             "asked": self.asked,
             "tried": self.tried,
             "moves": self.moves,
-            "explained": None if self.left is None else self.left.explained,
-            "blocks": None if self.left is None else self.left.surely,
+            "explained": None if left is None else left.explained,
+            "blocks": None if left is None else left.surely,
+            "patch_gain": self.question.gain,
             "heldout_rms": dict(self.heldout_rms),
             "chosen": self.chosen,
             "gaussians_share": None if speeds is None else speeds.gaussians_share,
@@ -102,8 +129,9 @@ class MotionReport:
                     most_px=speeds.most_px,
                 ),
             )
-        if self.left is not None and self.heldout_rms:
-            return (finding(Code.MOTION_NOT_TAKEN, explained=self.left.explained),)
+        left = self.question.left
+        if left is not None and self.heldout_rms:
+            return (finding(Code.MOTION_NOT_TAKEN, explained=left.explained),)
         return ()
 
 
@@ -145,6 +173,7 @@ def released(fit: CoarseSettings) -> CoarseSettings:
         iterations=max(1, fit.iterations // 2),
         densify_until=0.0,
         surfaces=None,
+        relief=None,
         steps=replace(fit.steps, means=fit.steps.means / 2, motion=fit.steps.motion / 3),
     )
 

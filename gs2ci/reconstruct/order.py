@@ -33,8 +33,10 @@ _MOST_PAIRS: Final = 4
 _LUCK: Final = 0.08
 _LUCK_PIXELS: Final = 96 * 128
 _SURE: Final = 2.0
-# A told path is turned over by no less: exact poses lost by 3 in a tiny picture.
+# A told path, a file's, is turned over by no less, and only by several pairs that all say so: short fits of tiny
+# pictures turned over exact ones.
 _SURE_AGAINST_TOLD: Final = 5.0
+_LEAST_PAIRS_AGAINST_TOLD: Final = 3
 # What tracks say counts a third of what it claims: they err together (`motion.preference`).
 _TRACKS_COUNT: Final = 1 / 3
 
@@ -43,7 +45,12 @@ ShortFit = Callable[[Geometry, int], float]
 
 
 def is_open(geometry: Geometry, criteria: Criteria) -> bool:
-    """Tell whether the order of a geometry's depths is in question: there is a path, and its tracks are not sure."""
+    """Tell whether the order of a geometry's depths is in question: there is a path, and its tracks are not sure.
+
+    A stage's word is not: points that lie before its cameras would lie behind those of the path reversed.
+    """
+    if geometry.order_told:
+        return False
     surely = geometry.order_errors is not None and geometry.order_errors >= criteria.order_errors
     return geometry.verdict == "full" and not surely
 
@@ -65,7 +72,7 @@ def settle(geometry: Geometry, fit_briefly: ShortFit, progress: Progress, *, tol
         geometry: What was found first.
         fit_briefly: Called for each geometry that is tried, with the same object each time.
         progress: Told of what is done.
-        told: Whether a stage or a file told the path: its sign decides where pixels do not.
+        told: Whether a file or a model told the path: its sign decides where pixels do not do so clearly.
 
     Returns:
         The geometry the right way round as far as anything tells, with a note where it was turned or is open. Its
@@ -83,9 +90,10 @@ def settle(geometry: Geometry, fit_briefly: ShortFit, progress: Progress, *, tol
         ratio = _log_ratio(fit_briefly(turned, number), fit_briefly(one, number))
         found.append(ratio if one is geometry else -ratio)
         errors = _errors(found, luck) + _TRACKS_COUNT * (geometry.order_errors or 0.0)
-        if not doubtful < errors < _SURE:
+        if errors >= _SURE or (errors <= doubtful and not (told and len(found) < _LEAST_PAIRS_AGAINST_TOLD)):
             break
-    backwards = errors < 0 and (errors <= doubtful or not told)
+    agreed = len(found) >= _LEAST_PAIRS_AGAINST_TOLD and all(ratio < 0 for ratio in found)
+    backwards = errors < 0 and (not told or (errors <= doubtful and agreed))
     taken = geometry if not backwards else geometry.reverse or reversed_geometry(geometry)
     return replace(
         taken,

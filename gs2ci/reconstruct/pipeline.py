@@ -4,8 +4,8 @@
     ─► first Gaussians ─► coarse fits (─► second look ─► coarse fits) (─► fine fit) ─► their mean ─► residual
     ─► combine and judge by the held-out
 
-Here: the order, the clock, and the judgement. Not here: any stage, which attempts are made (`attempts`), settings
-(`settings`), the record that is handed over (`record`), files and metrics (`gs2ci.evaluate`).
+Here: the order and the clock. Not here: any stage, which attempts are made and taken (`attempts`), `settings`,
+the views handed over (`handing_over`), their record (`record`), files and metrics (`gs2ci.evaluate`).
 """
 
 import math
@@ -18,26 +18,21 @@ import numpy as np
 from gs2ci.core.arrays import F32
 from gs2ci.core.errors import NumericsError
 from gs2ci.core.findings import Code, Finding, finding
+from gs2ci.core.halt import Halt
 from gs2ci.core.progress import Progress, Silent
 from gs2ci.core.records import Shot
-from gs2ci.core.run_records import RunResult, Verdict
+from gs2ci.core.run_records import RunResult
 from gs2ci.reconstruct.attempts import Attempt, Attempts
-from gs2ci.reconstruct.choices import FirstLookName
-from gs2ci.reconstruct.decode.by_name import decode_by_name
-from gs2ci.reconstruct.decode.coupling import choose_coupling
-from gs2ci.reconstruct.decode.gap_tv import gap_tv
-from gs2ci.reconstruct.decode.patches.decoder import PatchSettings, patch_decode_from
+from gs2ci.reconstruct.budget import Budget
 from gs2ci.reconstruct.decode.residual import ResidualSettings
 from gs2ci.reconstruct.first_look import FirstLook, look, look_closer
 from gs2ci.reconstruct.fit.coarse import CoarseFit, fit_coarse
-from gs2ci.reconstruct.fit.combination import combined as combined_views
-from gs2ci.reconstruct.fit.combination import shares
 from gs2ci.reconstruct.fit.ensemble import Ensemble, FitOne, Member, combined, fit_together, members
 from gs2ci.reconstruct.fit.fine import Fine, fit_fine
 from gs2ci.reconstruct.fit.looks import Score
 from gs2ci.reconstruct.fit.metric import in_given_unit
 from gs2ci.reconstruct.fit.motion import at_rest_until_moved, of_degree, set_moving
-from gs2ci.reconstruct.fit.pace import Pace
+from gs2ci.reconstruct.fit.pace import Pace, Timed
 from gs2ci.reconstruct.fit.refinement import Refinement
 from gs2ci.reconstruct.fit.rendering import ShotRenderer
 from gs2ci.reconstruct.fit.start import first_gaussians
@@ -45,8 +40,9 @@ from gs2ci.reconstruct.fit.withheld import Withheld, first_points, first_poses
 from gs2ci.reconstruct.geometry.choose import load_geometry_prior
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.geometry.prior import GeometryPrior
+from gs2ci.reconstruct.handing_over import hand_over
 from gs2ci.reconstruct.measurement.dead_lines import close_dead_lines
-from gs2ci.reconstruct.measurement.doubts import doubts_about, doubts_about_result
+from gs2ci.reconstruct.measurement.doubts import doubts_about
 from gs2ci.reconstruct.measurement.holes import fill_holes
 from gs2ci.reconstruct.measurement.hot_pixels import close_hot_pixels
 from gs2ci.reconstruct.measurement.jury import Jury
@@ -54,16 +50,15 @@ from gs2ci.reconstruct.measurement.lens import Lens, straightened
 from gs2ci.reconstruct.moving import released, speeds
 from gs2ci.reconstruct.one_thread import one_torch_thread
 from gs2ci.reconstruct.order import LEAST_SCHEDULE, is_open, settle, shortened, unsettled
-from gs2ci.reconstruct.record import Left, Recovered, record
+from gs2ci.reconstruct.record import Left, record
 from gs2ci.reconstruct.registration.register import register
 from gs2ci.reconstruct.settings import Settings
 from gs2ci.render.backend import load_backend
 from gs2ci.render.gaussians import Gaussians
 from gs2ci.render.interface import Backend
 
-# What is put back into a scene's views has to explain so much more, as a share of what they leave. In the dark a few
-# thousandths are chance, and what was put back is noise: it cost up to 6 dB.
-_LEAST_GAIN: Final = 0.01
+# By so many iterations, and a look, the fits that fit into a budget are chosen.
+_TIMED_ITERATIONS: Final = 6
 
 
 @dataclass(frozen=True)
@@ -80,7 +75,8 @@ def reconstruct(
     settings: Settings | None = None,
     progress: Progress | None = None,
     score: Score | None = None,
-    pace: Pace | None = None,
+    budget: Budget | None = None,
+    halt: Halt | None = None,
 ) -> Reconstruction:
     """Recover views, camera path and scene from one coded measurement.
 
@@ -89,28 +85,29 @@ def reconstruct(
         settings: Settings of every stage.
         progress: Told of every stage and step.
         score: Turns views, [N, H, W, C], into a figure for the curve, in dB; it may know the truth.
-        pace: Decides how many iterations the fit has, instead of the settings.
+        budget: Decides how much is fitted, instead of the settings.
+        halt: When it is asked, the fit ends where it is, nothing more is tried, and what there is gets handed over
+            with a finding that says so. It can be asked as soon as the fit has begun.
 
     Returns:
-        The best of three by the held-out pixels: the mean of the fits' views refined by its residual, the views of
-        the best fit's scene, or the decode; and the other two.
+        The combination that is expected to err least, by the held-out pixels: of the mean of the fits' views refined by
+        its residual, the views of the best fit's scene, and the decode; and the latter two.
 
     Raises:
         InputError: The shot's parts do not fit together, the settings make no sense, or poses are to come
-            from telemetry that the shot does not hold.
+            from telemetry that the shot does not hold; or the budget does not suffice.
         NumericsError: The first fit is not finite from its first iteration on.
     """
-    settings, progress = settings or Settings(), progress or Silent()
+    settings, progress, halt = settings or Settings(), progress or Silent(), halt or Halt()
     settings.check()
     lens = Lens.of(shot.check())
-    tools = _Tools.load(settings)
-    clock = _Stopwatch()
+    tools, clock = _Tools.load(settings), _Stopwatch()
     registered = register(shot, settings.registration, progress, settings.seed)
     clock.lap("registration")
     sound, doubts = _examined(registered.shot, progress)
     jury = Jury.of(sound, settings.fit.hold_out.share, settings.seed)
 
-    first = (look_closer if pace is None and settings.may_look_again else look)(
+    first = (look_closer if budget is None and settings.may_look_again else look)(
         jury, lens, tools.geometry_prior, settings.look, progress, clock.lap, registered.shot
     )
     jury, decoded = first.jury, first.decoded
@@ -118,16 +115,18 @@ def reconstruct(
     refine = Refinement(jury, settings.residual)
 
     first = _settled(
-        first, fitted, lens, settings, refine, progress, clock, hurried=pace is not None or not settings.try_orders
+        first, fitted, lens, settings, refine, progress, clock, hurried=budget is not None or not settings.try_orders
     )
+    halt.begin()
+    settings, pace = _affordable(budget, settings, first, fitted, lens, refine, progress, clock)
 
     def attempt(look: FirstLook, views: F32, moving: bool) -> Attempt:
         geometry, start = _beginning(look, views, lens, settings, moving=moving)
         clock.lap("geometry")
-        fit_one = _fit_one(fitted, geometry, lens, settings, refine, score, clock)
+        fit_one = _fit_one(fitted, geometry, lens, settings, refine, score, clock, halt)
         team = members(start, settings.density_rules, settings.fits, settings.seed)
         team = tuple(replace(one, start=of_degree(one.start, number)) for number, one in enumerate(team))
-        fits = fit_together(fit_one, team, progress, pace)
+        fits = fit_together(fit_one, team, progress, pace, halt)
         ensemble = combined(fits, jury, refine)
         clock.lap("fit")
         return Attempt(look, geometry, fits, ensemble)
@@ -141,32 +140,63 @@ def reconstruct(
             paths[number] = replace(still.geometry, world_to_camera=fit.world_to_camera)
 
         def fit_one(member: Member, progress: Progress, pace: Pace | None) -> CoarseFit:
-            return _fit_one(fitted, paths[member.seed], lens, freed, refine, score, clock)(member, progress, pace)
+            fit = _fit_one(fitted, paths[member.seed], lens, freed, refine, score, clock, halt)
+            return fit(member, progress, pace)
 
-        fits = fit_together(fit_one, tuple(team), progress, None)
+        fits = fit_together(fit_one, tuple(team), progress, None, halt)
         ensemble = combined(fits, jury, refine)
         clock.lap("fit")
         return replace(still, fits=fits, ensemble=ensemble)
 
-    attempts = Attempts(attempt, release, jury, lens, settings, refine, progress)
-    tried, motion = attempts.hurried(first) if pace is not None else attempts.all(first)
+    attempts = Attempts(attempt, release, jury, lens, settings, refine, progress, clock.lap, halt)
+    first, tried, motion = attempts.hurried(first) if budget is not None else attempts.all(first)
     geometry, ensemble = tried.geometry, tried.ensemble
     renderer = ShotRenderer(fitted.shot, geometry.intrinsics, tools.backend, lens)
-    if tools.fine is not None and ensemble.best.scene.motion is None:
-        best = ensemble.best
-        detailed = Refinement(jury, settings.residual or ResidualSettings()).in_full
-        fined = fit_fine(
-            fitted, best, renderer, tools.fine, settings.seed, refine.in_full, progress, score, clock.began_s, detailed
-        )
-        ensemble = combined(tuple(fined if fit is best else fit for fit in tried.fits), jury, refine)
-        clock.lap("fine")
-    recovered = _recover(first, ensemble, refine, settings, polish=motion.tried)
+    if tools.fine is not None and ensemble.best.scene.motion is None and not halt.asked:
+        ensemble = _fined(tried, fitted, jury, renderer, tools.fine, settings, refine, progress, score, clock, halt)
+    doubts = (*doubts, *_said_if_halted(halt, progress))
+    recovered = hand_over(first, ensemble, refine, settings, motion.polishing)
     geometry, ensemble = in_given_unit(geometry, ensemble)
     light = renderer.stopped_light(ensemble.best.scene, ensemble.best.world_to_camera)
     seen = speeds(renderer, ensemble.best.scene, ensemble.best.world_to_camera)
     clock.lap("fit")
-    left = Left(registered, doubts, tried.look, geometry, ensemble, light, recovered, motion, seen)
+    left = Left(
+        registered, doubts, tried.look.with_decode_of(first), geometry, ensemble, light, recovered, motion, seen
+    )
     return Reconstruction(record(settings, left, score, clock.seconds()), ensemble.best.scene)
+
+
+def _affordable(
+    budget: Budget | None,
+    settings: Settings,
+    first: FirstLook,
+    jury: Jury,
+    lens: Lens | None,
+    refine: Refinement,
+    progress: Progress,
+    clock: "_Stopwatch",
+) -> tuple[Settings, Pace | None]:
+    """Return the settings of fits for which a budget suffices, by a few timed iterations, and the pace that they keep.
+
+    Without a budget: the settings, and no pace.
+    """
+    if budget is None:
+        return settings, None
+    brief = replace(
+        settings.fit,
+        iterations=_TIMED_ITERATIONS,
+        densify_from=1.0,
+        surfaces=None,
+        hold_out=settings.fit.hold_out.looking(_TIMED_ITERATIONS),
+    )
+    geometry, start = _beginning(first, first.decoded, lens, settings)
+    fit = _fit_one(jury, geometry, lens, replace(settings, fit=brief), refine, None, clock)
+    timed = Timed(_TIMED_ITERATIONS)
+    fit(Member(start, settings.fit.density, settings.seed), Silent(), timed)
+    settings, pace, said = budget.fit(settings, timed)
+    progress.say(said)
+    clock.lap("fit")
+    return settings, pace
 
 
 @dataclass(frozen=True)
@@ -197,14 +227,14 @@ def _settled(
 ) -> FirstLook:
     """Settle the order of depth by short fits where the first look leaves it open; with a doubt where hurried.
 
-    A path that was told has a sign of its own, and needs no doubt.
+    A path that a stage told is not asked about; one from a file has a sign of its own, and needs no doubt.
     """
     geometry, criteria = first.geometry, settings.geometry.criteria
     if settings.withheld != Withheld() or not is_open(geometry, criteria):
         return first
 
     # By the measurement alone: views of either order show surfaces that bear it out.
-    brief = replace(settings, fit=replace(shortened(settings.fit), surfaces=None))
+    brief = replace(settings, fit=replace(shortened(settings.fit), surfaces=None, relief=None))
     begun: dict[int, tuple[Geometry, tuple[Geometry, Gaussians]]] = {}
 
     def leaves(began: Geometry, number: int) -> float:
@@ -238,6 +268,15 @@ def _left(jury: Jury, views: F32) -> float:
         asked &= ~jury.shot.saturated
     residual = (jury.coded(views) - jury.shot.measurement)[asked].astype(np.float64)
     return float(np.mean(residual**2)) if residual.size else 0.0
+
+
+def _said_if_halted(halt: Halt, progress: Progress) -> tuple[Finding, ...]:
+    """Return, and say, that the rest was left out, where somebody asked for the result as it was."""
+    if not halt.asked:
+        return ()
+    note = finding(Code.INTERRUPTED)
+    progress.say(note.sentence)
+    return (note,)
 
 
 def _examined(shot: Shot, progress: Progress) -> tuple[Shot, tuple[Finding, ...]]:
@@ -278,6 +317,7 @@ def _fit_one(
     refine: Refinement,
     score: Score | None,
     clock: "_Stopwatch",
+    halt: Halt | None = None,
 ) -> FitOne:
     """Say how one fit of the ensemble goes."""
 
@@ -295,9 +335,34 @@ def _fit_one(
             since_s=clock.began_s,
             pace=pace,
             lens=lens,
+            halt=halt,
         )
 
     return fit
+
+
+def _fined(
+    tried: Attempt,
+    fitted: Jury,
+    jury: Jury,
+    renderer: ShotRenderer,
+    fine: Fine,
+    settings: Settings,
+    refine: Refinement,
+    progress: Progress,
+    score: Score | None,
+    clock: "_Stopwatch",
+    halt: Halt,
+) -> Ensemble:
+    """Take the best of an attempt's fits through the fine stage."""
+    best = tried.ensemble.best
+    detailed = Refinement(jury, settings.residual or ResidualSettings()).in_full
+    fined = fit_fine(
+        fitted, best, renderer, fine, settings.seed, refine.in_full, progress, score, clock.began_s, detailed, halt
+    )
+    ensemble = combined(tuple(fined if fit is best else fit for fit in tried.fits), jury, refine)
+    clock.lap("fine")
+    return ensemble
 
 
 class _Stopwatch:
@@ -314,72 +379,3 @@ class _Stopwatch:
 
     def seconds(self) -> dict[str, float]:
         return {**self._stages, "total": self._lap_s - self.began_s}
-
-
-def _recover(
-    first: FirstLook, ensemble: Ensemble, refine: Refinement, settings: Settings, *, polish: bool
-) -> Recovered:
-    """Let the held-out pixels choose between the refined views, the best scene's and the decode.
-
-    Where the settings put no residual back, nothing chooses: they are the best scene's.
-
-    Refined are the fits' mean views with their residual put back, combined with the scene's and the decode's where
-    these pixels ask for it. What is chosen is taken again from all pixels, a decode by GAP-TV with its views coupled
-    as they recommend. Where things move no scene of ours says all, and a decode by similar patches goes on from the
-    refined views, if held-out pixels bear it out (`polish`).
-    """
-    jury, decoded = first.jury, first.decoded
-    if settings.residual is None:
-        own = ensemble.best.views
-        candidates: dict[Verdict, F32] = {"refined": own, "scene": own, "decode": decoded}
-        judged = {name: jury.residual_rms(views) for name, views in candidates.items()}
-        notes = doubts_about_result(jury, own) if jury.heldout.any() else (finding(Code.UNJUDGED),)
-        return Recovered(own, "scene", judged, notes)
-    refined, share = refine.with_share(ensemble.views)
-    polishing, before, after = PatchSettings.from_scene(), jury.residual_rms(refined), None
-    if polish:
-        polished = patch_decode_from(jury.seen, refined, polishing)
-        after = jury.residual_rms(polished)
-        polish = before is not None and after is not None and after < before
-        refined = polished if polish else refined
-    parts: dict[Verdict, F32] = {"refined": refined, "scene": ensemble.best.views, "decode": decoded}
-    wanted = shares(jury, parts)
-    candidates = {**parts, "refined": combined_views(parts, wanted)}
-    heldout_rms = {name: jury.residual_rms(views) for name, views in candidates.items()}
-    verdict = _judge(heldout_rms)
-    notes = doubts_about_result(jury, candidates[verdict]) if jury.heldout.any() else (finding(Code.UNJUDGED),)
-    # The pixels that judged may now help as well.
-    decode_share = {"decode": 1.0, "scene": 0.0, "refined": wanted["decode"]}[verdict]
-    if decode_share > 0:
-        parts["decode"] = _decoded_again(jury.shot, first.decoder, settings)
-    if verdict != "refined":
-        return Recovered(parts[verdict], verdict, heldout_rms, notes)
-    parts["refined"] = refine.by_all_pixels(ensemble.views, share)
-    if polish:
-        parts["refined"] = patch_decode_from(jury.shot, parts["refined"], polishing)
-        notes = (*notes, finding(Code.VIEWS_POLISHED, before=before or 0.0, after=after or 0.0))
-    if wanted["refined"] < 1:
-        mixed = finding(Code.VIEWS_COMBINED, refined=wanted["refined"], scene=wanted["scene"], decode=wanted["decode"])
-        notes = (*notes, mixed)
-    return Recovered(combined_views(parts, wanted), verdict, heldout_rms, notes)
-
-
-def _decoded_again(shot: Shot, decoder: FirstLookName, settings: Settings) -> F32:
-    """Decode all pixels, by GAP-TV with its views coupled as held-out pixels recommend, or by patches."""
-    if decoder != "gap-tv":
-        return decode_by_name(shot, "patches", settings.decode)
-    return gap_tv(shot, choose_coupling(shot, settings.decode, settings.seed))
-
-
-def _judge(heldout_rms: dict[Verdict, float | None]) -> Verdict:
-    """Name the candidate with the smallest held-out residual; without any held-out pixels, the scene itself.
-
-    Refined views that hardly explain more than the scene's, or than the decode's, are not among them: they are combined
-    of these, and by chance alone no worse.
-    """
-    known = {name: rms for name, rms in heldout_rms.items() if rms is not None}
-    if not known:
-        return "scene"
-    if known["refined"] > (1 - _LEAST_GAIN) * min(known["scene"], known["decode"]):
-        del known["refined"]
-    return min(known, key=lambda name: known[name])

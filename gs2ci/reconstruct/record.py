@@ -107,6 +107,7 @@ def _notes(left: Left, settings: Settings, moved: Movement) -> tuple[Finding, ..
             *left.motion.notes(left.speeds),
             *ensemble.notes,
             *_fits_missing(ensemble, settings),
+            *_fine_left_out(ensemble, settings),
         ),
         *(*_notes_on_poses(moved, geometry), *left.recovered.notes),
     )
@@ -117,6 +118,11 @@ def _fits_missing(ensemble: Ensemble, settings: Settings) -> tuple[Finding, ...]
     if there == settings.fits:
         return ()
     return (finding(Code.FITS_MISSING, fits=there, of=settings.fits),)
+
+
+def _fine_left_out(ensemble: Ensemble, settings: Settings) -> tuple[Finding, ...]:
+    moves = ensemble.best.scene.motion is not None
+    return (finding(Code.FINE_LEFT_OUT),) if moves and settings.fine is not None else ()
 
 
 def _last_point(left: Left, score: Score | None, seconds: float) -> tuple[CurvePoint, ...]:

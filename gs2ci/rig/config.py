@@ -145,11 +145,20 @@ class WorldTable(ConfigTable):
     camera_driver: Literal["twin", "unicam", "rp1-cfe", "uvcvideo", "other"] = "twin"
     """As which kernel driver the simulated camera stamps its frames, a GenICam one too; "twin" stamps the start of
     exposure and flags it, "other" the end of the frame."""
+    camera_clock_ppm: Annotated[float, Field(gt=-1e6, lt=1e6)] = 0.0
+    """By how much longer a second of the simulated V4L2 camera is than a true one, parts per million."""
     camera_array: tuple[Count, Count] | None = None
     """Rows and columns of the simulated camera's pixel array, of which [sensor] reads out a region; the scene is what
     that region sees. Without it the array is `height` x `width`."""
     camera_readout_s: Delay | None = None
     """How long the simulated camera truly reads out; without it, 10 us per row."""
+    panel_response_s: Delay = 0.0
+    """Time constant with which the pixels of a simulated LCoS panel follow their mask."""
+    grbl_board: Literal["plain", "uno", "native"] = "plain"
+    """What opening its port does to the simulated GRBL controller: nothing, a reset, or answers only while DTR is
+    high."""
+    devices: Literal["ideal", "typical"] = "ideal"
+    """Whether what no key of [world] says is as ideal devices are, or as most real ones (docs/idealisations.md)."""
     flat_radiance: Positive = 0.5
     """Brightness of the even light before which masks are calibrated; 1 is the white of a scene."""
     lamp_drift_per_min: float = 0.0

@@ -27,6 +27,7 @@ from gs2ci_sims.axis_motion import Mechanics
 from gs2ci_sims.effects.base import Effect
 from gs2ci_sims.effects.misregistration import Misregistration
 from gs2ci_sims.faults import FaultSet
+from gs2ci_sims.idealisations import typical
 from gs2ci_sims.registration import MaskAlignment
 from gs2ci_sims.sensor import Sensor
 from gs2ci_sims.wires.display_slm import DisplaySlmTwin
@@ -120,6 +121,22 @@ def _plugged_twin(group: str, table: Any, world: World) -> Any:
     return plugin.twin(world, table)
 
 
+def with_typical_devices(rig: RigTable) -> RigTable:
+    """Return a rig in whose [world] stands what typical devices do, if it asks for such; its own keys go before."""
+    world = rig.world
+    if world is None or world.devices == "ideal":
+        return rig
+    kinds = {rig.modulator.kind, rig.sensor.kind, *([] if rig.stage is None else [rig.stage.kind])}
+    effects, changed = dict(world.effects), {}
+    for one in typical(kinds):
+        table, _, name = one.key.rpartition(".")
+        if table:
+            effects.setdefault(name, one.typical)
+        elif one.key not in world.model_fields_set:
+            changed[one.key] = one.typical
+    return rig.model_copy(update={"world": world.model_copy(update={**changed, "effects": effects})})
+
+
 def build_bench(rig: RigTable, light: LightPath | None = None) -> SimulatedBench:
     """Build the world of a rig file.
 
@@ -130,6 +147,7 @@ def build_bench(rig: RigTable, light: LightPath | None = None) -> SimulatedBench
     Raises:
         InputError: The scene, the masks' place or a fault's name cannot be.
     """
+    rig = with_typical_devices(rig)
     table = rig.world or WorldTable()
     if driver_plugin("gs2ci.sensors", rig.sensor.kind) is not None:
         raise _not_simulated(rig.sensor.kind)
@@ -263,7 +281,7 @@ def _modulator_twin(rig: RigTable, world: World, faults: FaultSet) -> ModulatorT
     if isinstance(rig.modulator, Dlpc900Options):
         return Dlpc900Twin(world, faults, name="modulator", bit_enables=table.trigger_out_2_bit == "enables")
     if isinstance(rig.modulator, DisplaySlmOptions):
-        return DisplaySlmTwin(world, faults, name="modulator")
+        return DisplaySlmTwin(world, faults, name="modulator", response_s=table.panel_response_s)
     if isinstance(rig.modulator, VideoOutOptions):
         late, patch = rig.modulator.frames_late, rig.modulator.trigger_patch
         return ScreenTwin(world, faults, name="modulator", frames_late=late, patch=patch)
@@ -286,7 +304,7 @@ def _stage_twin(rig: RigTable, world: World, faults: FaultSet) -> ZaberTwin | Gr
         }
         return ZaberTwin(world.clock, axes, faults, address=rig.stage.address)
     if isinstance(rig.stage, GrblOptions):
-        return GrblTwin(world.clock, _grbl(table), faults)
+        return GrblTwin(world.clock, _grbl(table), faults, board=table.grbl_board)
     return None
 
 
@@ -334,6 +352,7 @@ def _camera(sensor: V4l2Options, table: WorldTable, line: str) -> CameraModel:
         jitter_s=table.trigger_jitter_s,
         exposure_offset_s=table.trigger_exposure_offset_s,
         readout_s=table.height * CameraModel.line_s if table.camera_readout_s is None else table.camera_readout_s,
+        clock_ppm=table.camera_clock_ppm,
         driver=table.camera_driver,
         stamps=stamps,
         flags_start=flags_start,

@@ -66,7 +66,9 @@ def carriage_of(table: RigTable, travel: Travel | None, calibrated: Calibrated |
     swept = measured.get(travel.axis)
     # Counted positions in a sweep are the commanded speed times the time: the true speed's error scales them.
     swept_per_mm = per_mm[travel.axis] * (1.0 if swept is None else 1.0 + swept.speed_error)
-    told = {"axes_from": "[stage.mount]"} if swept is None else _told(swept, travel.axis)
+    told: dict[str, Any] = {"axes_from": "[stage.mount]"} if swept is None else _told(swept, travel.axis)
+    if mount is not None and mount.error_mm is not None:
+        told["position_error"] = unit * mount.error_mm
     return Carriage(travel, {axis: unit * way for axis, way in per_mm.items()}, unit * swept_per_mm, told)
 
 

@@ -24,9 +24,11 @@ from gs2ci_sims.effects.clock_drift import ClockDrift
 from gs2ci_sims.effects.dark_current import DarkCurrent
 from gs2ci_sims.effects.defocus import Defocus
 from gs2ci_sims.effects.dsnu import Dsnu
+from gs2ci_sims.effects.dust import Dust
 from gs2ci_sims.effects.finite_contrast import FiniteContrast
 from gs2ci_sims.effects.full_well import FullWell
 from gs2ci_sims.effects.gain_nonlinearity import GainNonlinearity
+from gs2ci_sims.effects.ghost_reflection import GhostReflection
 from gs2ci_sims.effects.hot_pixels import HotPixels
 from gs2ci_sims.effects.illumination_drift import IlluminationDrift
 from gs2ci_sims.effects.illumination_flicker import IlluminationFlicker
@@ -86,7 +88,10 @@ LIGHT_PATH: Final[tuple[type[Effect], ...]] = (
     Misregistration,
     # exposure integration
     MotionBlur,
+    # relay between modulator and sensor
     ModulatorPsf,
+    GhostReflection,
+    Dust,
     # sensor: when its rows are open
     RollingShutter,
     # sensor: photons to electrons, in the mean
@@ -178,7 +183,7 @@ class EffectChain:
                 raise InputError(f"effect {effect.name!r} is given twice", remedy="keep one of them")
         self.rig = rig or Rig()
         self.effects = tuple(sorted(effects, key=lambda effect: order.index(type(effect))))
-        self._seed = seed
+        self.seed = seed
         generator(seed, "")  # refuses a negative one
 
     def at(self, stage: Stage) -> tuple[Effect, ...]:
@@ -197,6 +202,6 @@ class EffectChain:
         """
         result: Any = signal
         for effect in self.at(stage):
-            seed = self.rig.device_seed if effect.fixed_pattern else self._seed
+            seed = self.rig.device_seed if effect.fixed_pattern else self.seed
             result = effect.apply(result, self.rig, generator(seed, effect.name))
         return result  # type: ignore[no-any-return]

@@ -30,6 +30,12 @@ def highest_hz(path: CameraPath) -> float:
     return float(getattr(path, "highest_hz", 0.0))
 
 
+def kinks_s(path: CameraPath, start_s: float, stop_s: float) -> F64:
+    """Get when a path's velocity jumps between two times, [K], as far as the path says so."""
+    told = getattr(path, "kinks_s", None)
+    return np.zeros(0) if told is None else np.asarray(told(start_s, stop_s), dtype=np.float64)
+
+
 @dataclass(frozen=True)
 class StageMove:
     """A linear stage at constant velocity, passing the reference pose at time 0, with a tiny angular wobble.
@@ -141,6 +147,11 @@ class ReversingMove:
     def highest_hz(self) -> float:
         """Get the highest frequency that matters: the turns'."""
         return 1.0 / self.period_s
+
+    def kinks_s(self, start_s: float, stop_s: float) -> F64:
+        """Get when the stage turns between two times, [K]."""
+        halves = np.arange(np.ceil(2 * start_s / self.period_s - 0.5), np.floor(2 * stop_s / self.period_s - 0.5) + 1)
+        return np.asarray((halves + 0.5) * 0.5 * self.period_s)
 
     def world_to_camera(self, time_s: F64) -> F64:
         """Get the poses at the given times, [T, 4, 4]."""

@@ -146,6 +146,28 @@ class Preview:
         after: NDArray[Any] = EffectChain([effect], self.seed, self.rig).through(Stage.MASKS, before)
         return self.of_masks(effect, after - before)
 
+    def of_photon_effect(self, effect: Effect, most: float) -> Bound:
+        """Bound what a linear effect on the photons changes in the previewed measurement, and in what that differs by.
+
+        Args:
+            effect: Applied to what those before it leave of the measurement, with its device's own pattern.
+            most: The largest share of an image, rms, that it can change.
+        """
+        names = [other.name for other in self._chain.at(Stage.PHOTONS)]
+        earlier = names.index(effect.name) if effect.name in names else 0
+        chain = EffectChain(self._chain.at(Stage.PHOTONS)[:earlier], self.seed, self.rig)
+        before = chain.through(Stage.PHOTONS, self.charge_e)
+        change_e = np.abs(EffectChain([effect], self.seed, self.rig).through(Stage.PHOTONS, before) - before)
+        seen_e, error_e = float(np.sqrt(np.square(change_e).mean())), self.charge_error_e
+        peak_e = min(float(change_e.max()) + most * error_e * change_e.size**0.5, most * float(self.most_e.max()))
+        return Bound(self.rig.dn_per_e * (seen_e + most * error_e), self.rig.dn_per_e * peak_e).by(
+            "K * (v + c * u)",
+            BoundStep("v", seen_e, "e", "what it changes in the previewed measurement, rms"),
+            BoundStep("c", most, "", "largest share that it changes of any image, rms"),
+            BoundStep("u", error_e, "e", "by what the measurement may differ from the previewed, rms"),
+            gain_step(self.rig),
+        )
+
     @cached_property
     def shown(self) -> NDArray[Any]:
         """Get the masks with all effects on masks, [N, H, W]."""
@@ -275,7 +297,7 @@ class Preview:
     def of_views(self, rms: float, peak: float) -> Bound:
         """Bound what fields of this rms and peak, radiance, one behind each mask, make of the readings."""
         weights, scale = self._most_open_weights, self.full_scale_dn
-        if self._at_rest:
+        if self.at_rest:
             worst = weights.worst_rms_of_one(rms, peak)
         else:
             worst = weights.worst_rms(np.full(len(self.masks), rms), peak)
@@ -287,7 +309,8 @@ class Preview:
         )
 
     @cached_property
-    def _at_rest(self) -> bool:
+    def at_rest(self) -> bool:
+        """Get whether nothing moves during the exposure."""
         whole = self.intervals_s[[0, -1], [0, 1]]
         return not bool(image_motion_px(self.scene, self.moved_path, whole[None]).any()) and self.object_px_per_s == 0
 

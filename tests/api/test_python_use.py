@@ -1,5 +1,7 @@
 """Using gs2ci from Python as a user does: arrays in, runs out, interruptions, notebooks, the same errors."""
 
+import json
+import signal
 import sys
 import webbrowser
 from dataclasses import replace
@@ -10,8 +12,11 @@ import pytest
 import torch
 
 import gs2ci
+import gs2ci.commands.reconstruct
+from gs2ci import cli, commands
 from gs2ci.api import display
 from gs2ci.api.display import NotebookDisplay, QuietDisplay, interrupted_within, open_display
+from gs2ci.core.findings import Code
 
 
 def test_a_shot_is_made_of_arrays_of_any_kind():
@@ -93,6 +98,53 @@ def test_an_interruption_leaves_everything_usable(examples):
             rig.calibrate("bench.cal.h5", "dark-flat", progress=Stopped())
         assert not (examples / "bench.cal.h5").exists()
         assert rig.capture(progress=gs2ci.Silent()).views == 4
+
+
+class Interrupting(gs2ci.Silent):
+    """Presses Ctrl-C after so many steps of the fit, and once more at any later step where asked to."""
+
+    def __init__(self, after, again=False):
+        super().__init__()
+        self.after, self.again, self.name, self.stages = after, again, "", []
+
+    def stage(self, name, total=None):
+        self.name = name
+        self.stages.append(name)
+
+    def step(self, done, **figures):
+        if self.name == "fit" and (done == self.after or (self.again and done > self.after)):
+            signal.raise_signal(signal.SIGINT)
+
+
+@pytest.mark.parametrize("fits", [1, 2])
+def test_an_interruption_of_the_fit_hands_over_the_best_so_far(examples, fits):
+    shot = gs2ci.load("shot.h5")
+    listener = Interrupting(after=5)
+    run = gs2ci.reconstruct(shot, iterations=400, fits=fits, geometry="tracks", progress=listener)
+    assert run.interrupted
+    assert run.report.stopped.code is Code.FIT_INTERRUPTED
+    # The one that was told ends an iteration later; its companion, where there is one, when it sees it.
+    assert 5 <= run.report.stopped.figures["iterations"] < 100
+    assert listener.stages.count("fit") == 1, "nothing more was tried"
+    assert np.isfinite(run.views).all()
+    assert run.report.verdict in ("refined", "scene", "decode")
+    assert gs2ci.open_run(run.save("stopped")).interrupted
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+def test_a_second_interruption_raises(examples):
+    with pytest.raises(KeyboardInterrupt):
+        gs2ci.reconstruct("shot.h5", iterations=400, fits=1, progress=Interrupting(after=5, again=True))
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+def test_an_interrupted_command_writes_its_run_and_says_so_by_its_status(examples, monkeypatch, capsys):
+    monkeypatch.setattr(commands.reconstruct, "open_display", lambda: display.shown(Interrupting(after=3)))
+    monkeypatch.setattr(sys, "argv", ["gs2ci", "reconstruct", "shot.h5", "-o", "early", "--json"])
+    assert cli.main() == cli.EXIT_INTERRUPTED
+    answer = json.loads(capsys.readouterr().out)
+    assert answer["stopped"]["code"] == "fit_interrupted"
+    assert gs2ci.open_run("early").interrupted
 
 
 def test_an_interruption_that_compiled_code_hides_is_one():

@@ -39,6 +39,7 @@ BENCHMARKS = {
     "brightness": "tests.benchmarks.brightness",
     "no_motion": "tests.benchmarks.no_motion",
     "stage_poses": "tests.benchmarks.stage_poses",
+    "told_poses": "tests.benchmarks.told_poses",
     "depth": "tests.benchmarks.depth",
     "direct": "tests.benchmarks.direct",
     "depth_order": "tests.benchmarks.depth_order",
@@ -57,6 +58,8 @@ BENCHMARKS = {
     "effect_bounds": "tests.benchmarks.effect_bounds",
     "exact_renderer": "tests.benchmarks.exact_renderer",
     "simulation_cost": "tests.benchmarks.simulation_cost",
+    "simulation_size": "tests.benchmarks.simulation_size",
+    "own_model_class": "tests.benchmarks.own_model_class",
 }
 
 LONG = (
@@ -86,6 +89,8 @@ LONG = (
     "population",
     "effect_bounds",
     "simulation_cost",
+    "simulation_size",
+    "own_model_class",
     "video_out",
 )
 """Many benches or whole schedules each: run only by name."""

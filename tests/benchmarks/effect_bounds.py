@@ -4,7 +4,7 @@ The masks are drawn from families that cancel, align with the scene or concentra
 effect is alone on the rig in every second draw and in the company of two others in the rest. A draw that exceeds its
 bound is measured once more with rays: where the image moves by a hundredth of a pixel, the rasteriser's splats change
 their order or fall below its threshold, and a pixel jumps. `GS2CI_DRAWS` says how many draws per effect; 500 take two
-hours on one core.
+hours on one core. `GS2CI_EFFECTS` names some of them, with commas between.
 """
 
 import os
@@ -69,7 +69,8 @@ def run() -> None:
     print(
         f"{'effect':<22}{'draws':>6}{'exceeded':>10}{'reached, rms':>14}{'peak':>7}{'median':>8}  with masks  seconds"
     )
-    for kind in (*FAMILY, MotionBlur):
+    wanted = os.environ.get("GS2CI_EFFECTS", "").split(",")
+    for kind in (kind for kind in (*FAMILY, MotionBlur) if wanted == [""] or kind.name in wanted):
         began_s = time.perf_counter()
         found = _measured(kind)
         rms, peak = (np.array([row[column] for row in found]) for column in (0, 1))

@@ -48,7 +48,7 @@ PARTS: tuple[tuple[str, Any, str], ...] = (
     ("order of depth", pipeline, "_settled"),
     ("first Gaussians", pipeline, "_beginning"),
     ("mean of the fits", pipeline, "combined"),
-    ("choice of views", pipeline, "_recover"),
+    ("choice of views", pipeline, "hand_over"),
     ("record", pipeline, "record"),
     ("fit: loop", coarse._Loop, "run"),
     ("fit: looks at held-out pixels", Looks, "take"),

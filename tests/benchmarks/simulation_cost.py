@@ -1,11 +1,12 @@
 """What a plan costs and gains: against everything at its own tolerance, and against all effects with its own sampling.
 
-Rigs are those of `sims/gs2ci_sims/rigs`, six of them once more with masks that cancel or align, and one that looks at
-a mesh. Per rig, three simulations are timed in one process, each the best of several: the plan (planning and preview
-included), (a) everything (views doubled until the readings change by less than the tolerance; the last round alone,
-and all of them), and (b) all effects of the rig with the moments that the plan chose, which nobody had to plan. Times
-are the processor's, all threads together; the last columns are times over the plan's. "Off" is the largest over three
-draws (`GS2CI_DRAWS`) of the rms difference to a simulation of everything that has settled to a fifth of the tolerance.
+Rigs are those of `sims/gs2ci_sims/rigs`, six of them once more with masks that cancel or align, one that looks at a
+mesh, and four with dear effects added that are there but too small to matter ("idle"). Per rig,
+three simulations are timed in one process, each the best of several: the plan (planning and preview included), (a)
+everything (views doubled until the readings change by less than the tolerance; the last round alone, and all of them),
+and (b) all effects of the rig with the moments that the plan chose, which nobody had to plan. Times are the
+processor's, all threads together; the last columns are times over the plan's. "Off" is the largest over three draws
+(`GS2CI_DRAWS`) of the rms difference to a simulation of everything that has settled to a fifth of the tolerance.
 """
 
 import dataclasses
@@ -18,7 +19,12 @@ from typing import Any
 import numpy as np
 
 from gs2ci_sims.brute_force import deviation_dn, simulate_everything
+from gs2ci_sims.effects.base import Effect
+from gs2ci_sims.effects.defocus import Defocus
+from gs2ci_sims.effects.lens_distortion import LensDistortion
 from gs2ci_sims.effects.motion_blur import MotionBlur
+from gs2ci_sims.effects.optics_psf import OpticsPsf
+from gs2ci_sims.effects.stage_vibration import StageVibration
 from gs2ci_sims.exposure import integrate, read_out
 from gs2ci_sims.light_path import EffectChain
 from gs2ci_sims.planner import plan
@@ -38,6 +44,13 @@ ADVERSARIAL = {
     "07_flickering_lamp": "stripes at Nyquist",
     "09_lcos": "aligned by turns",
     "11_moving_object": "all open",
+}
+# Dear effects that are there but too small to matter: what leaving them out is worth.
+IDLE: dict[str, tuple[Effect, ...]] = {
+    "01_empty_bench": (Defocus(2e-5, 3.0), StageVibration(1e-7, 400.0), LensDistortion(1e-7), OpticsPsf(1e-3)),
+    "02_good_dmd": (Defocus(2e-5, 3.0), StageVibration(1e-7, 400.0)),
+    "04_slow_stage": (Defocus(2e-5, 3.0), StageVibration(1e-7, 400.0)),
+    "05_many_masks": (Defocus(2e-5, 3.0), StageVibration(1e-7, 400.0)),
 }
 
 
@@ -59,14 +72,16 @@ def _masks(setup: Setup, scene: Any, path: Any, family: str | None, seed: int) -
     return FAMILIES[family](setup.rig.modulator.masks, image, np.random.default_rng(seed))
 
 
-def _row(label: str, file: Path, family: str | None, scene_name: str | None) -> None:
+def _row(label: str, file: Path, family: str | None, scene_name: str | None, idle: tuple[Effect, ...] = ()) -> None:
     tolerance_dn = TOLERANCE_DN if scene_name is None else MESH_TOLERANCE_DN
     off = 0.0
     for seed in range(DRAWS):
         setup = dataclasses.replace(read_rig_file(file), seed=seed)
         if scene_name is not None:
             setup = dataclasses.replace(setup, scene=dataclasses.replace(setup.scene, name=scene_name, seed=None))
-        scene, rig, effects = setup.scene.build(), setup.rig, setup.effects
+        scene, rig = setup.scene.build(), setup.rig
+        added = {effect.name for effect in idle}
+        effects = (*(effect for effect in setup.effects if effect.name not in added), *idle)
         path = setup.path.build(scene, rig.exposure_s)
         masks = _masks(setup, scene, path, family, seed)
 
@@ -116,14 +131,16 @@ def _row(label: str, file: Path, family: str | None, scene_name: str | None) -> 
 def run() -> None:
     """Print a table, a row per case; `GS2CI_CASES` names some of them by a part of their names."""
     wanted = os.environ.get("GS2CI_CASES", "").split(",")
-    rows: list[tuple[str, Path, str | None, str | None]] = []
+    rows: list[tuple[str, Path, str | None, str | None, tuple[Effect, ...]]] = []
     for file in library():
         name = file.stem.replace("_", " ")
-        rows.append((name, file, None, None))
+        rows.append((name, file, None, None, ()))
         if file.stem in ADVERSARIAL:
-            rows.append((f"{name}, {ADVERSARIAL[file.stem]}", file, ADVERSARIAL[file.stem], None))
+            rows.append((f"{name}, {ADVERSARIAL[file.stem]}", file, ADVERSARIAL[file.stem], None, ()))
         if file.stem == "04_slow_stage":
-            rows.append((f"{name}, a mesh, {MESH_TOLERANCE_DN:g} DN", file, None, "blocks"))
+            rows.append((f"{name}, a mesh, {MESH_TOLERANCE_DN:g} DN", file, None, "blocks", ()))
+        if file.stem in IDLE:
+            rows.append((f"{name}, {len(IDLE[file.stem])} idle", file, None, None, IDLE[file.stem]))
     print("| case | effects | views | off by, DN | bound, DN | plan, s | views (a) | (a), s | (a) | (a), all | (b) |")
     print("|---|---|---|---|---|---|---|---|---|---|---|")
     for row in rows:

@@ -97,14 +97,23 @@ def test_tracks_help_to_decide_but_not_alone(found):
 
 
 def test_the_sign_of_a_told_path_decides_where_pixels_do_not(found):
-    taken = settle(replace(found, source="stage"), Fits(1.02, 1.0), Silent(), told=True)
+    taken = settle(replace(found, source="file"), Fits(1.02, 1.0), Silent(), told=True)
     assert near_is_left(taken)
     assert codes(taken) == []
 
 
 def test_a_told_path_is_not_turned_over_by_what_would_turn_an_untold_one(found):
-    assert near_is_left(settle(replace(found, source="stage"), Fits(1.18, 1.0), Silent(), told=True))
+    assert near_is_left(settle(replace(found, source="file"), Fits(1.18, 1.0), Silent(), told=True))
     assert not near_is_left(settle(found, Fits(1.18, 1.0), Silent(), told=False))
+
+
+def test_one_pair_however_lucky_does_not_turn_a_told_path_over(found):
+    """The first pair speaks for the reverse by ten standard errors; the others, near to nothing, do not all agree."""
+    fits = Fits(1.0, 1.0, luck=(2.3, 2.2, 0.99, 2.3))
+    taken = settle(replace(found, source="file"), fits, Silent(), told=True)
+    assert near_is_left(taken)
+    assert codes(taken) == []
+    assert len(fits.tried) == 2 * 4
 
 
 def test_in_a_smaller_picture_more_is_luck(found):
@@ -114,11 +123,13 @@ def test_in_a_smaller_picture_more_is_luck(found):
 
 
 def test_a_told_path_whose_sign_contradicts_the_picture_is_named(found):
-    taken = settle(replace(found, source="stage"), Fits(1.5, 1.0), Silent(), told=True)
+    fits = Fits(1.5, 1.0)
+    taken = settle(replace(found, source="file"), fits, Silent(), told=True)
     assert not near_is_left(taken)
     assert codes(taken) == [Code.POSES_SIGN_CONTRADICTED]
-    assert "of the stage" in taken.notes[0].sentence
-    assert taken.source == "stage"
+    assert "of the file" in taken.notes[0].sentence
+    assert taken.source == "file"
+    assert len(fits.tried) == 2 * 3
 
 
 def test_only_a_path_whose_tracks_are_not_sure_is_open(found):
@@ -127,6 +138,7 @@ def test_only_a_path_whose_tracks_are_not_sure_is_open(found):
     assert is_open(replace(found, order_errors=sure - 0.1), Criteria())
     assert not is_open(replace(found, order_errors=sure), Criteria())
     assert not is_open(replace(found, verdict="static"), Criteria())
+    assert not is_open(replace(found, order_told=True, order_errors=-9.0), Criteria())
 
 
 def test_an_order_that_nobody_looked_at_is_doubted(found):

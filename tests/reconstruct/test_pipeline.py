@@ -1,3 +1,4 @@
+import itertools
 import json
 from dataclasses import replace
 
@@ -15,12 +16,12 @@ from gs2ci.core.run_records import SECONDS_KEYS
 from gs2ci.evaluate.cameras import nerfstudio_transforms
 from gs2ci.evaluate.metrics import psnr_per_view
 from gs2ci.reconstruct import attempts, pipeline
+from gs2ci.reconstruct.budget import Budget
 from gs2ci.reconstruct.decode.gap_tv import GapTvSettings
 from gs2ci.reconstruct.decode.residual import ResidualSettings
 from gs2ci.reconstruct.fit.coarse import CoarseSettings
 from gs2ci.reconstruct.fit.fine import FineSettings
 from gs2ci.reconstruct.fit.losses import LossWeights
-from gs2ci.reconstruct.fit.pace import Fixed
 from gs2ci.reconstruct.fit.stopping import HoldOut
 from gs2ci.reconstruct.geometry.initialise import GeometrySettings
 from gs2ci.reconstruct.geometry.sweep import SweepSettings
@@ -34,10 +35,12 @@ pytestmark = pytest.mark.slow
 VIEWS, HEIGHT, WIDTH = 6, 48, 64
 FOCAL_PX = 60.0
 QUICK = Settings(
-    fit=CoarseSettings(iterations=300, densify_every=50, hold_out=HoldOut(look_every=20)),
+    fit=CoarseSettings(iterations=160, densify_every=25, hold_out=HoldOut(look_every=20)),
     fits=1,
     poses="tracks",
     look_again=False,
+    motion="off",
+    try_orders=False,
     seed=1,
 )
 SHORT = replace(QUICK, fit=replace(QUICK.fit, iterations=60, densify_every=20), fits=2)
@@ -150,7 +153,7 @@ def test_the_result_is_whole(shot, found):
     assert len(found.scene) == result.gaussians
     assert set(result.heldout_rms) == {"refined", "scene", "decode"}
     assert result.seed == QUICK.seed
-    assert result.settings["fit"]["iterations"] == 300
+    assert result.settings["fit"]["iterations"] == 160
     predicted = (shot.masks[..., None] * result.views).sum(axis=0)
     np.testing.assert_allclose(result.predicted_measurement, predicted, atol=1e-5)
 
@@ -160,14 +163,15 @@ def test_the_truth_is_not_read(shot, found_soon):
 
 
 def test_the_same_seed_gives_the_same_bits_on_one_thread_and_on_two(shot, found_soon):
+    """The other run had all that this process may take: one beside others, two or more alone."""
     if numba.config.NUMBA_NUM_THREADS < 2:
         pytest.skip("Numba was started with one thread")
     before = numba.get_num_threads(), torch.get_num_threads()
+    count = 1 if before[0] > 1 else 2
     try:
-        for count in (1, 2):
-            numba.set_num_threads(count)
-            torch.set_num_threads(count)
-            assert_same_bits(reconstruct(shot, SHORT), found_soon)
+        numba.set_num_threads(count)
+        torch.set_num_threads(count)
+        assert_same_bits(reconstruct(shot, SHORT), found_soon)
     finally:
         numba.set_num_threads(before[0])
         torch.set_num_threads(before[1])
@@ -182,7 +186,7 @@ def test_the_mean_of_two_fits_is_nearer_the_truth_than_the_first_alone(shot):
     """On average: of one seed the first fit may be the better one by half a decibel."""
     gained = []
     for seed in (0, 1, 2):
-        settings = replace(QUICK, seed=seed, fit=replace(QUICK.fit, iterations=200))
+        settings = replace(QUICK, seed=seed, fit=replace(QUICK.fit, iterations=100))
         one, two = (reconstruct(shot, replace(settings, fits=fits)).result for fits in (1, 2))
         one_db, two_db = (np.mean(psnr_per_view(run.views, shot.truth.views)) for run in (one, two))
         gained.append(two_db - one_db)
@@ -190,7 +194,7 @@ def test_the_mean_of_two_fits_is_nearer_the_truth_than_the_first_alone(shot):
 
 
 def test_one_curve_leads_to_the_mean_of_two_fits(shot, found):
-    two = reconstruct(shot, replace(QUICK, fits=2), score=lambda views: float(np.mean(views))).result
+    two = reconstruct(shot, SHORT, score=lambda views: float(np.mean(views))).result
     assert two.ensemble["fits"] == two.ensemble["averaged"] == 2
     assert 0 < two.ensemble["spread"] < 0.1
     assert found.result.ensemble == {"fits": 1, "averaged": 1, "spread": None}
@@ -337,26 +341,10 @@ def test_a_lamp_that_flickers_is_told_of_once_and_in_the_predicted_measurement(s
     np.testing.assert_allclose(result.predicted_measurement, exact, atol=1e-4)
 
 
-@pytest.mark.parametrize(
-    ("refined", "scene", "decode", "verdict"),
-    [
-        (0.5, 0.6, 0.7, "refined"),
-        (0.7, 0.6, 0.5, "decode"),
-        (0.7, 0.5, 0.6, "scene"),
-        (0.5999, 0.6, 0.7, "scene"),
-        (0.5999, 0.6, 0.5999, "decode"),
-        (None, None, None, "scene"),
-    ],
-)
-def test_the_best_by_held_out_pixels_is_handed_over_and_refined_views_only_where_they_gain(
-    refined, scene, decode, verdict
-):
-    assert pipeline._judge({"refined": refined, "scene": scene, "decode": decode}) == verdict
-
-
-def test_the_verdict_is_the_smallest_held_out_residual(found):
+def test_what_is_handed_over_foretells_held_out_pixels_better_than_the_decode_and_the_scene(found):
     known = found.result.heldout_rms
-    assert known[found.result.verdict] == min(known.values())
+    assert found.result.verdict == "refined"
+    assert known["refined"] < min(known["scene"], known["decode"])
 
 
 def test_with_nothing_held_out_the_scene_is_taken_and_a_note_says_that_nothing_judged(shot):
@@ -401,7 +389,7 @@ def test_settings_that_make_no_sense_are_refused_before_any_work(shot, settings)
 
 
 def test_what_the_renderer_may_leave_out_is_a_setting_and_in_the_record(shot):
-    short = replace(SHORT, fit=replace(SHORT.fit, iterations=20))
+    short = replace(SHORT, fits=1, fit=replace(SHORT.fit, iterations=10))
     plain = reconstruct(shot, short).result
     for raster in (RasterSettings(relist_every=1), RasterSettings(termination_transmittance=0.05)):
         result = reconstruct(shot, replace(short, raster=raster)).result
@@ -415,10 +403,10 @@ def test_a_shot_that_contradicts_itself_is_refused(shot):
         reconstruct(replace(shot, masks=shot.masks[:, :-1]))
 
 
-def test_the_fine_stage_follows_the_coarse_one_when_it_is_asked_for(shot):
+def test_the_fine_stage_follows_the_coarse_one_when_it_is_asked_for(shot, found_soon):
     fine = FineSettings(iterations=20, hold_out=HoldOut(look_every=10))
     with_fine = reconstruct(shot, replace(SHORT, fine=fine)).result
-    without = reconstruct(shot, SHORT).result
+    without = found_soon.result
     assert with_fine.curve[-1].iteration == 60 + 20
     assert with_fine.seconds["fine"] > 0
     assert sum(v for k, v in with_fine.seconds.items() if k != "total") == pytest.approx(with_fine.seconds["total"])
@@ -487,8 +475,10 @@ def test_a_second_look_is_handed_over_where_held_out_pixels_prefer_it(shot, foun
 def test_a_budget_leaves_no_time_for_a_second_look(shot, monkeypatch):
     monkeypatch.setattr(attempts, "second_look", lambda *_: pytest.fail("looked again"))
     strict = replace(SHORT.geometry, criteria=replace(SHORT.geometry.criteria, path_error=0.0))
-    settings = replace(SHORT, look_again=True, geometry=strict, fit=replace(SHORT.fit, iterations=2))
-    assert reconstruct(shot, settings, pace=Fixed(2)).result.views.shape == shot.truth.views.shape
+    settings = replace(SHORT, look_again=True, geometry=strict)
+    # A clock that goes on by two seconds whenever it is read: some forty iterations.
+    budget = Budget(100.0, 0.0, lambda preset: replace(preset, fits=1), itertools.count(0.0, 2.0).__next__)
+    assert reconstruct(shot, settings, budget=budget).result.views.shape == shot.truth.views.shape
 
 
 def test_a_choice_by_evidence_is_explained_in_the_notes(shot):

@@ -64,15 +64,21 @@ def test_an_open_order_is_settled_and_what_is_found_is_taken(first, asked):
     assert asked == [False]
 
 
-def test_a_stage_is_told_from_tracks(first, asked):
-    settled(replace(first, geometry=replace(first.geometry, source="stage")), LONG)
+def test_a_file_is_told_from_tracks(first, asked):
+    settled(replace(first, geometry=replace(first.geometry, source="file")), LONG)
     assert asked == [True]
+
+
+def test_a_stage_is_not_asked_for_its_order(first, asked):
+    told = replace(first, geometry=replace(first.geometry, source="stage", order_told=True))
+    assert settled(told, LONG) is told
+    assert asked == []
 
 
 @pytest.mark.parametrize(("settings", "hurried"), [(Settings(fit=CoarseSettings(iterations=100)), False), (LONG, True)])
 def test_without_time_for_short_fits_the_order_is_doubted_unless_it_was_told(first, asked, settings, hurried):
     assert codes(settled(first, settings, hurried=hurried)) == [Code.DEPTH_ORDER_UNTRIED]
-    told = replace(first, geometry=replace(first.geometry, source="stage"))
+    told = replace(first, geometry=replace(first.geometry, source="file"))
     assert codes(settled(told, settings, hurried=hurried)) == []
     assert asked == []
 

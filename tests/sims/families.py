@@ -9,7 +9,9 @@ from hypothesis import strategies as st
 from gs2ci_sims.effects.base import Stage
 from gs2ci_sims.effects.clock_drift import ClockDrift
 from gs2ci_sims.effects.defocus import Defocus
+from gs2ci_sims.effects.dust import Dust
 from gs2ci_sims.effects.finite_contrast import FiniteContrast
+from gs2ci_sims.effects.ghost_reflection import GhostReflection
 from gs2ci_sims.effects.illumination_drift import IlluminationDrift
 from gs2ci_sims.effects.illumination_flicker import IlluminationFlicker
 from gs2ci_sims.effects.lcos_flicker import LcosFlicker
@@ -53,6 +55,8 @@ def shift():
 FAMILY = {
     ClockDrift: lambda case: st.builds(ClockDrift, either_sign(log_uniform(10, 3e4))),
     Defocus: lambda case: st.builds(Defocus, log_uniform(0.01 * case.width, 0.3 * case.width), st.floats(*case.depths)),
+    Dust: lambda case: st.builds(Dust, log_uniform(0.1, 30), log_uniform(0.3, 6), log_uniform(0.3, 12)),
+    GhostReflection: lambda case: st.builds(GhostReflection, log_uniform(1e-4, 0.3), log_uniform(0.3, 12)),
     FiniteContrast: lambda case: st.builds(FiniteContrast, log_uniform(5, 500), st.floats(0, 0.7), st.floats(0, 5)),
     IlluminationDrift: lambda case: st.builds(
         IlluminationDrift, either_sign(log_uniform(1e-3 / case.exposure, 1 / case.exposure))

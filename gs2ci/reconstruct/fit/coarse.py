@@ -16,6 +16,7 @@ from torch import Tensor
 from gs2ci.core.arrays import F32, F64
 from gs2ci.core.errors import InputError, NumericsError, ResourceError
 from gs2ci.core.findings import Code, Finding, finding
+from gs2ci.core.halt import Halt
 from gs2ci.core.progress import Progress
 from gs2ci.core.run_records import CurvePoint
 from gs2ci.reconstruct.fit.density.base import DensityRule
@@ -27,10 +28,12 @@ from gs2ci.reconstruct.fit.motion import ObjectMotionSettings
 from gs2ci.reconstruct.fit.optimiser import GaussianOptimiser, StepSizes
 from gs2ci.reconstruct.fit.pace import Fixed, Pace
 from gs2ci.reconstruct.fit.poses import PoseCorrections, PoseSettings, length_of
+from gs2ci.reconstruct.fit.relief import Exchange, Relief, ReliefSettings
 from gs2ci.reconstruct.fit.rendering import ShotRenderer
 from gs2ci.reconstruct.fit.stopping import HoldOut, Watch
 from gs2ci.reconstruct.fit.surfaces import Surfaces, SurfaceSettings, find_surfaces
 from gs2ci.reconstruct.geometry.initialise import Geometry
+from gs2ci.reconstruct.geometry.sources import TOLD
 from gs2ci.reconstruct.measurement.jury import Jury
 from gs2ci.reconstruct.measurement.lens import Lens
 from gs2ci.render.gaussians import Gaussians
@@ -54,6 +57,7 @@ class CoarseSettings:
         most_gaussians: Population beyond which the fit ends with an error, for want of memory; None for no such guard.
         cap_from: Share of the schedule after which the population may not exceed what it is then; None for never.
         surfaces: How light is gathered on surfaces; None leaves that to the measurement.
+        relief: How turning is exchanged for travel where nobody told the path; None never does.
         per_open_share: Whether the gradients that density rules see are divided by the masks' share of open pixels, so
             that thresholds found on photographs hold (`gathering.py`).
         motion: How Gaussians may move that begin with a motion.
@@ -67,6 +71,7 @@ class CoarseSettings:
     most_gaussians: int | None = None
     cap_from: float | None = None
     surfaces: SurfaceSettings | None = field(default_factory=SurfaceSettings)
+    relief: ReliefSettings | None = field(default_factory=ReliefSettings)
     per_open_share: bool = True
     loss: LossWeights = field(default_factory=LossWeights)
     steps: StepSizes = field(default_factory=lambda: StepSizes.of_schedule(STANDARD_ITERATIONS))
@@ -79,8 +84,8 @@ class CoarseSettings:
         """Return self if the numbers make sense.
 
         Raises:
-            InputError: A count below 1, no bound on the population at all, or the loss's window or hold-out settings
-                out of range.
+            InputError: A count below 1, no bound on the population at all, an exchange of turning for travel between
+                steps of the poses, or the loss's window or hold-out settings out of range.
         """
         if self.iterations < 1 or self.densify_every < 1:
             raise InputError(
@@ -95,6 +100,13 @@ class CoarseSettings:
         self.loss.check()
         if self.surfaces is not None:
             self.surfaces.check()
+        if self.relief is not None:
+            self.relief.check()
+            if self.poses.every != 1:
+                raise InputError(
+                    f"an exchange of turning for travel in a fit whose poses step every {self.poses.every} iterations",
+                    allowed="poses that step at every iteration, or no relief settings",
+                )
         self.hold_out.check()
         self.motion.check()
         return self
@@ -128,6 +140,7 @@ class _Snapshot:
     scene: Gaussians
     twists: Tensor
     iteration: int
+    surfaces: Surfaces | None
 
 
 class _Fit:
@@ -147,8 +160,12 @@ class _Fit:
         self._lens, self._seed = lens, seed
         # Where no parallax was found, views show no depth.
         moved = settings.surfaces is not None and geometry.verdict == "full"
-        self._begins = list(settings.surfaces.begins) if moved and settings.surfaces is not None else []
+        self._searches = list(settings.surfaces.searches) if moved and settings.surfaces is not None else []
         self._surfaces: Surfaces | None = None
+        self._exchange: Exchange | None = None
+        # A stage or a file tells how the camera turned; and what moves in a scene looks like depth.
+        free = geometry.verdict == "full" and geometry.source not in TOLD and start.motion is None
+        self._relief = Relief(settings.relief, geometry.reference) if settings.relief is not None and free else None
         self.settings = settings
         self._renderer = ShotRenderer(shot, geometry.intrinsics, backend, lens)
         self._gathering = Gathering(self._renderer, len(start), per_open_share=settings.per_open_share)
@@ -162,7 +179,7 @@ class _Fit:
             self.cap = max(len(start), int(settings.gaussians_per_pixel * shot.size[0] * shot.size[1]))
         self._bounded = False
         self.optimiser = GaussianOptimiser(start, settings.steps, self.extent)
-        self.poses = PoseCorrections(geometry.world_to_camera, settings.poses)
+        self.poses = PoseCorrections(geometry.world_to_camera, settings.poses, geometry.pose_errors)
         self.data_term = DataTerm(shot.measurement, ~jury.heldout, shot.saturated, settings.loss)
         self.generator = torch.Generator().manual_seed(seed)
 
@@ -189,29 +206,38 @@ class _Fit:
             return float("nan")
         loss = regulated(self.data_term(self.predict()), self.optimiser.scene, self.settings.loss)
         objective = loss + self.settings.motion.penalty(self.optimiser.scene, self._px_per_length, self._pixels)
+        objective = objective + self.poses.penalty()
+        objective.backward()  # type: ignore[no-untyped-call]
+        # Before the surfaces' term: they move with an exchange, and have no say in it.
+        self._exchange = self._exchange_wanted(share)
         if self._surfaces is not None:
-            poses = self.poses.world_to_camera()
             turn, between = divmod(iteration, self._surfaces.settings.every)
             if between == 0:
+                poses = self.poses.world_to_camera()
                 distance = self._surfaces.term(self._renderer, self.optimiser.scene, poses, turn)
-                objective = objective + self._surfaces.settings.weight_at(share) * distance
-        objective.backward()  # type: ignore[no-untyped-call]
+                (self._surfaces.search.weight_at(share) * distance).backward()  # type: ignore[no-untyped-call]
         return float(loss.detach())
 
     @property
     def awaits_surfaces(self) -> bool:
         """Get whether surfaces are yet to be looked for."""
-        return bool(self._begins)
+        return bool(self._searches)
 
-    def find_surfaces(self, share: float) -> bool:
-        """Look for surfaces when it is time to; return whether some were found now."""
+    def find_surfaces(self, share: float, refine: Refine) -> bool:
+        """Look for surfaces when it is time to, and tell whether some were found now.
+
+        The views are swept as they would be handed over, with their residual put back: a sweep of the final ones is
+        nearer the truth than the scene that they were rendered from (decision `depth`).
+        """
         settings = self.settings.surfaces
-        if settings is None or not self._begins or share < self._begins[0]:
+        if settings is None or not self._searches or share < self._searches[0].begins:
             return False
-        self._begins.pop(0)
+        search = self._searches.pop(0)
         scene, poses = self.optimiser.scene.detach(), self.poses.world_to_camera().detach().double().numpy()
-        self._surfaces = find_surfaces(self._renderer, scene, poses, self.views(), settings, self._lens, self._seed)
-        return self._surfaces is not None
+        views = refine(self.views())
+        found = find_surfaces(self._renderer, scene, poses, views, settings, self._lens, self._seed, search)
+        self._surfaces = found or self._surfaces
+        return found is not None
 
     def is_finite(self, loss: float) -> bool:
         """Tell whether this iteration may be taken into the parameters."""
@@ -219,12 +245,25 @@ class _Fit:
 
     def step(self, share: float, damping: float) -> None:
         """Take the gradients into the parameters, and let the density rule shake the Gaussians."""
+        exchange = self._exchange
         self.optimiser.step(share, damping)
         self.poses.step(share)
+        if exchange is not None:
+            exchange.of_scene(self.optimiser.scene)
+            self.poses.shift(exchange.twists)
+            if self._surfaces is not None:
+                self._surfaces = self._surfaces.exchanged(exchange)
         rate = self.optimiser.means_rate(share, damping)
         moves = self.settings.density.shake(self.optimiser.scene, rate, self.generator)
         if moves is not None:
             self.optimiser.shift(moves)
+
+    def _exchange_wanted(self, share: float) -> Exchange | None:
+        """Choose how much turning becomes travel, by the present gradients; None where that is not wanted."""
+        gradient = self.poses.gradient()
+        if self._relief is None or gradient is None:
+            return None
+        return self._relief.step(self.optimiser.scene, self.poses.world_to_camera(), gradient, share)
 
     def bound_population(self) -> None:
         """Let the population grow no larger than it is at the first call (paper, supplement II)."""
@@ -261,12 +300,14 @@ class _Fit:
     def snapshot(self, iteration: int) -> _Snapshot:
         """Copy the present state."""
         copy = self.optimiser.scene.map(lambda tensor: tensor.detach().clone())
-        return _Snapshot(copy, self.poses.snapshot(), iteration)
+        return _Snapshot(copy, self.poses.snapshot(), iteration, self._surfaces)
 
     def restore(self, state: _Snapshot) -> None:
         """Go back to a state."""
         self.optimiser.restore(state.scene)
         self.poses.restore(state.twists)
+        # Found once, they stay; but they have moved with the path.
+        self._surfaces = state.surfaces or self._surfaces
         self._meet_others()
 
 
@@ -305,6 +346,7 @@ def fit_coarse(
     since_s: float | None = None,
     pace: Pace | None = None,
     lens: Lens | None = None,
+    halt: Halt | None = None,
 ) -> CoarseFit:
     """Fit Gaussians and poses to the measurement.
 
@@ -321,6 +363,7 @@ def fit_coarse(
         since_s: `time.monotonic()` when the whole reconstruction began; the curve's seconds count from there.
         pace: Decides how many iterations there are, instead of the settings.
         lens: Through which the measurement was taken, unless it is a pinhole.
+        halt: Ends the fit after an iteration in which it is asked to.
 
     Returns:
         The state with the best held-out residual.
@@ -333,7 +376,9 @@ def fit_coarse(
     settings.check()
     fit = _Fit(jury, start, geometry, backend, settings, seed, lens)
     looks = Looks(jury, refine, score, since_s)
-    loop = _Loop(fit, looks, progress, pace or Fixed(settings.iterations), judged=bool(jury.heldout.any()))
+    loop = _Loop(
+        fit, looks, progress, pace or Fixed(settings.iterations), halt or Halt(), judged=bool(jury.heldout.any())
+    )
     stopped = loop.run()
     fit.restore(loop.best)
     return CoarseFit(
@@ -349,7 +394,7 @@ def fit_coarse(
 class _Loop:
     """The iterations: step, densify, look, stop; and back to the last good state when numbers run away."""
 
-    def __init__(self, fit: _Fit, looks: Looks, progress: Progress, pace: Pace, *, judged: bool) -> None:
+    def __init__(self, fit: _Fit, looks: Looks, progress: Progress, pace: Pace, halt: Halt, *, judged: bool) -> None:
         self.fit = fit
         self.settings = fit.settings
         self.best = fit.snapshot(0)
@@ -357,6 +402,7 @@ class _Loop:
         self._looks = looks
         self._progress = progress
         self._pace = pace
+        self._halt = halt
         self._judged = judged
         self._watch = Watch(fit.settings.hold_out)
         self._damping = 1.0
@@ -370,7 +416,7 @@ class _Loop:
         self._progress.stage("fit", total)
         iteration = 0
         while iteration < total:
-            if self.fit.find_surfaces(iteration / total):
+            if self.fit.find_surfaces(iteration / total, self._looks.refine):
                 # Whatever is handed over has had its light gathered: an earlier state may show the held-out pixels
                 # as well, but not where things are.
                 self._watch.begin_again(iteration)
@@ -385,10 +431,13 @@ class _Loop:
             before, total = total, self._pace.total(iteration)
             if total != before:
                 self._progress.expect(total)
-            looks = iteration % self.settings.hold_out.look_every == 0 or iteration >= total
+            halted = self._halt.asked
+            looks = iteration % self.settings.hold_out.look_every == 0 or iteration >= total or halted
             if looks:
                 self._look(iteration, loss)
             self._progress.step(iteration, loss=loss, **self._figures())
+            if halted:
+                return finding(Code.FIT_INTERRUPTED, iterations=iteration, best=self._watch.best_iteration)
             if looks and self._watch.stalled(iteration) and not self.fit.awaits_surfaces:
                 return finding(Code.FIT_STALLED, best=self._watch.best_iteration)
         late = self._pace.is_late(iteration)

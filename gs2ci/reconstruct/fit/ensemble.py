@@ -9,10 +9,11 @@ fit (`coarse.py`). For `gs2ci.reconstruct`.
 """
 
 import threading
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
+from itertools import takewhile
 from typing import Final
 
 import numba
@@ -23,6 +24,7 @@ from scipy.ndimage import gaussian_filter
 from gs2ci.core.arrays import F32
 from gs2ci.core.errors import NumericsError
 from gs2ci.core.findings import Code, Finding, finding
+from gs2ci.core.halt import Halt
 from gs2ci.core.progress import Progress, Silent
 from gs2ci.reconstruct.fit.coarse import CoarseFit
 from gs2ci.reconstruct.fit.density.base import DensityRule
@@ -82,7 +84,11 @@ def members(start: Gaussians, rules: Sequence[DensityRule], count: int, seed: in
 
 
 def fit_together(
-    fit_one: FitOne, beginnings: tuple[Member, ...], progress: Progress, pace: Pace | None
+    fit_one: FitOne,
+    beginnings: tuple[Member, ...],
+    progress: Progress,
+    pace: Pace | None,
+    halt: Halt | None = None,
 ) -> tuple[CoarseFit, ...]:
     """Run all fits at the same time, each on its share of the threads; the first one leads.
 
@@ -93,6 +99,7 @@ def fit_together(
         beginnings: One for each.
         progress: Told of the leader.
         pace: Of the leader; companions have one beside it.
+        halt: Which the fits look at; where they run in turn, none begins after it was asked.
 
     Returns:
         The leader's fit, then those of its companions in their order, without any whose numbers were not finite.
@@ -105,7 +112,7 @@ def fit_together(
     if not others:
         return (fit_one(leader, progress, pace),)
     if not _kernels_run_in_threads():
-        return _one_after_another(fit_one, beginnings, progress, pace)
+        return _one_after_another(fit_one, beginnings, progress, pace, halt or Halt())
     threads = numba.get_num_threads()
     share = max(1, threads // len(beginnings))
     stop = threading.Event()
@@ -136,14 +143,22 @@ def _kernels_run_in_threads() -> bool:
 
 
 def _one_after_another(
-    fit_one: FitOne, beginnings: tuple[Member, ...], progress: Progress, pace: Pace | None
+    fit_one: FitOne, beginnings: tuple[Member, ...], progress: Progress, pace: Pace | None, halt: Halt
 ) -> tuple[CoarseFit, ...]:
     """Run the fits in turn; with a deadline, which one fit fills, the leader alone."""
     if pace is not None:
         beginnings = beginnings[:1]
         progress.say("Without OpenMP, fits cannot run side by side: within a budget there is one.")
     led = fit_one(beginnings[0], progress, pace)
-    return (led, *_sound([partial(fit_one, member, progress, None) for member in beginnings[1:]], progress))
+    return (
+        led,
+        *_sound((partial(fit_one, member, progress, None) for member in _until(halt, beginnings[1:])), progress),
+    )
+
+
+def _until(halt: Halt, beginnings: Iterable[Member]) -> Iterator[Member]:
+    """Give them one by one, until it is asked to halt."""
+    return takewhile(lambda _: not halt.asked, beginnings)
 
 
 def _sound(companions: Iterable[Callable[[], CoarseFit]], progress: Progress) -> list[CoarseFit]:

@@ -19,6 +19,7 @@ from torch import Tensor
 from gs2ci.core.arrays import F32
 from gs2ci.core.errors import Gs2ciError, InputError, NumericsError
 from gs2ci.core.findings import Code, Finding, finding
+from gs2ci.core.halt import Halt
 from gs2ci.core.progress import Progress
 from gs2ci.reconstruct.fit.coarse import CoarseFit
 from gs2ci.reconstruct.fit.looks import Looks, Refine, Score
@@ -207,6 +208,7 @@ def fit_fine(
     score: Score | None = None,
     since_s: float | None = None,
     detailed: Refine | None = None,
+    halt: Halt | None = None,
 ) -> CoarseFit:
     """Refine the Gaussians of a coarse fit with its cameras held fast.
 
@@ -222,6 +224,7 @@ def fit_fine(
         since_s: `time.monotonic()` when the whole reconstruction began; the curve's seconds count from there.
         detailed: Adds to views, [N, H, W, C], what the residual shows, for priors that want to know; `refine` where the
             views are handed over with it anyway.
+        halt: Ends the stage after an iteration in which it is asked to.
 
     Returns:
         The state with the best held-out residual; the coarse fit where no state is better, where nothing is held
@@ -237,7 +240,7 @@ def fit_fine(
         return _unchanged(coarse, error.problem, progress)
     fit = _Fit(jury, coarse, renderer, pseudo_loss, fine, seed)
     looks = Looks(jury, refine, score, since_s)
-    loop = _Loop(fit, looks, progress, first=coarse.curve[-1].iteration if coarse.curve else 0)
+    loop = _Loop(fit, looks, progress, halt or Halt(), first=coarse.curve[-1].iteration if coarse.curve else 0)
     after = loop.run(before)
     curve = (*coarse.curve, *looks.curve)
     if loop.best is None:
@@ -370,8 +373,9 @@ def _rounds(count: int, generator: torch.Generator) -> Iterator[int]:
 class _Loop:
     """The iterations, counted on from those of the coarse stage: step, look, stop."""
 
-    def __init__(self, fit: _Fit, looks: Looks, progress: Progress, first: int) -> None:
+    def __init__(self, fit: _Fit, looks: Looks, progress: Progress, halt: Halt, first: int) -> None:
         self.best: Gaussians | None = None
+        self._halt = halt
         self._fit = fit
         self._looks = looks
         self._progress = progress
@@ -392,12 +396,13 @@ class _Loop:
             # From small to full steps: Adam's first ones are of full size whatever the gradient.
             warm = min(1.0, iteration / settings.hold_out.look_every)
             self._fit.optimiser.step(iteration / settings.iterations, settings.damping * warm)
-            if iteration % settings.hold_out.look_every == 0 or iteration == settings.iterations:
+            halted = self._halt.asked
+            if iteration % settings.hold_out.look_every == 0 or iteration == settings.iterations or halted:
                 gaussians = len(self._fit.optimiser.scene)
                 residual = self._looks.take(self._fit.views(), self._first + iteration, loss, gaussians)
                 if watch.note(residual if settings.gated else None, iteration):
                     best, self.best = residual, self._fit.snapshot()
-                if watch.stalled(iteration):
+                if halted or watch.stalled(iteration):
                     break
             self._progress.step(iteration, loss=loss)
         return best

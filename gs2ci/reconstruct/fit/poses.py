@@ -1,7 +1,8 @@
 """Camera poses as corrections in se(3) on their initial estimates: Tᵢ = exp(ξᵢ) Tᵢ⁽⁰⁾ (paper, section III-C).
 
-Here: the parameters, their optimiser and its schedule, and the lengths that step sizes are measured in. Not here: the
-initial poses (`reconstruct.geometry`). For `gs2ci.reconstruct.fit`.
+Here: the parameters, their optimiser and its schedule, the lengths that step sizes are measured in, and the prior on
+poses that were told. Not here: the initial poses, and how far told ones may err (`reconstruct.geometry`). For
+`gs2ci.reconstruct.fit`.
 """
 
 from dataclasses import dataclass
@@ -14,6 +15,7 @@ from torch import Tensor
 from gs2ci.core.arrays import F64
 from gs2ci.core.cameras import camera_centres
 from gs2ci.reconstruct.fit.adam import Adam
+from gs2ci.reconstruct.geometry.telemetry import PoseErrors
 from gs2ci.render import se3
 
 LengthUnit = Literal["median depth", "path diameter", "path cube"]
@@ -23,6 +25,8 @@ camera positions, their mean taken off, into a cube of side two, so that the lar
 # A camera that hardly moves: depths are about one (`geometry` normalises them), so this is 2 % of the depth. Without it
 # nothing could move along a ray when the path is short.
 _LEAST_EXTENT = 0.02
+# The first steps of told poses, in their standard errors.
+_STEP_IN_ERRORS = 0.2
 
 
 @dataclass(frozen=True)
@@ -36,6 +40,10 @@ class PoseSettings:
         rate: Initial step size of Adam, in radians and in `unit`.
         final_rate: Step size at the end; exponential in between.
         unit: Of translations.
+        told_weight: What a correction by one standard error costs where poses were told with an error, in the unit of
+            the loss, mean over views and components: the penalty of a normal prior; 0 for none. With half of it and
+            an error of 1 % of the path, exact poses of four scenes moved by 0.1 to 0.5 % of it, with a twentieth of
+            it by 0.6 % of one, without by 1 to 6 % (`python -m tests.benchmarks told_poses`).
     """
 
     refine: bool = True
@@ -43,6 +51,7 @@ class PoseSettings:
     rate: float = 3e-3
     final_rate: float = 6e-6
     unit: LengthUnit = "median depth"
+    told_weight: float = 2e-3
 
 
 def path_extent(world_to_camera: F64) -> float:
@@ -64,11 +73,18 @@ def length_of(unit: LengthUnit, world_to_camera: F64) -> float:
 class PoseCorrections:
     """One twist per view, [N, 6] (translation first), optimised by Adam on accumulated gradients."""
 
-    def __init__(self, world_to_camera: F64, settings: PoseSettings) -> None:
+    def __init__(self, world_to_camera: F64, settings: PoseSettings, told: PoseErrors | None = None) -> None:
+        """Begin at given poses, [N, 4, 4]; `told` says how far they may err, None that nobody knows."""
         self._initial = torch.from_numpy(world_to_camera).float()
         # Adam moves every parameter by the same step, so translations are parameters in their own unit.
         length = length_of(settings.unit, world_to_camera)
         self._units = torch.tensor([length] * 3 + [1.0] * 3)
+        self._errors: Tensor | None = None
+        if told is not None and settings.told_weight > 0:
+            errors = torch.tensor([told.position] * 3 + [told.rotation] * 3, dtype=torch.float32)
+            # Steps are short beside the errors: else the poses would scatter further than they are let.
+            self._units = torch.minimum(self._units, errors * (_STEP_IN_ERRORS / settings.rate))
+            self._errors = errors / self._units
         self._settings = settings
         self._twists = torch.zeros(len(world_to_camera), 6, requires_grad=settings.refine)
         self._adam = Adam() if settings.refine else None
@@ -79,6 +95,12 @@ class PoseCorrections:
         if self._adam is None:
             return self._initial
         return se3.exp(self._units * self._twists) @ self._initial
+
+    def penalty(self) -> Tensor | float:
+        """Return what the corrections cost that told poses make unlikely, [] (see `PoseSettings.told_weight`)."""
+        if self._errors is None or self._adam is None:
+            return 0.0
+        return self._settings.told_weight * ((self._twists / self._errors) ** 2).mean()
 
     def step(self, progress: float) -> None:
         """Take note of one more accumulated gradient, and step when it is time.
@@ -95,6 +117,15 @@ class PoseCorrections:
         rates = self._settings
         self._adam.step(self._twists, rates.rate * (rates.final_rate / rates.rate) ** progress)
         self.forget_gradient()
+
+    def gradient(self) -> Tensor | None:
+        """Return what has been accumulated, by twists in scene units, [N, 6]; None where poses are not refined."""
+        return None if self._twists.grad is None else self._twists.grad / self._units
+
+    def shift(self, twists: Tensor) -> None:
+        """Move the cameras by small twists after their poses, in scene units, [N, 6], past Adam and its moments."""
+        with torch.no_grad():
+            self._twists.add_(twists / self._units)
 
     def forget_gradient(self) -> None:
         """Drop what has been accumulated."""

@@ -37,7 +37,8 @@ def first_poses(geometry: Geometry, withheld: Withheld) -> Geometry:
     if not withheld.poses:
         return geometry
     own = geometry.world_to_camera[geometry.reference]
-    return replace(geometry, world_to_camera=np.repeat(own[None], len(geometry.world_to_camera), axis=0))
+    alike = np.repeat(own[None], len(geometry.world_to_camera), axis=0)
+    return replace(geometry, world_to_camera=alike, pose_errors=None)
 
 
 def first_points(geometry: Geometry, views: F32, stride: int, withheld: Withheld, seed: int) -> Seeds:

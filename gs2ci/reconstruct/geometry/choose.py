@@ -16,15 +16,19 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
+import numpy as np
+
 from gs2ci.core.errors import Gs2ciError, InputError
 from gs2ci.core.findings import Code, finding
 from gs2ci.core.plugins import load, names
-from gs2ci.core.progress import Progress
+from gs2ci.core.progress import Progress, Silent
 from gs2ci.reconstruct.geometry.evidence import unexplained
 from gs2ci.reconstruct.geometry.hierarchy import FromVggt
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.geometry.prior import GeometryPrior, Request
+from gs2ci.reconstruct.geometry.reversal import reversed_geometry
 from gs2ci.reconstruct.geometry.sources import FromFile, FromStage, FromTracks, FromUniform, uniform_motion
+from gs2ci.reconstruct.geometry.telemetry import poses_of_stage
 from gs2ci.reconstruct.geometry.validity import Criteria, doubts_about_path
 from gs2ci.reconstruct.learned.onnx_models import find_model, known_model
 
@@ -38,6 +42,8 @@ _VGGT: Final = "vggt:"
 _VGGT_OR_TRACKS: Final = "vggt-or-tracks"
 # Another source must leave this share of what the one that stands leaves, or less; above it, decode noise decides.
 _CLEARLY: Final = 0.99
+# Maps of inverse depth of which one is inside out correlate by less than minus this; maps of noise do not.
+_CLEARLY_REVERSED: Final = 0.3
 
 
 def load_geometry_prior(name: str) -> GeometryPrior:
@@ -129,15 +135,41 @@ class Auto:
             answers.append(_judged(request, "uniform motion", uniform_motion(request, tracks)))
             standing = _standing(answers)
         chosen = tracks if standing is None else standing
+        if _STAGE in names and chosen.source == _TRACKS:
+            chosen = _in_the_order_of(answers[0].geometry, chosen)
         answered = ", ".join(answer.said for answer in answers)
         notes = [finding(Code.SOURCE_CHOSEN, source=chosen.source, answers=answered)]
         if _STAGE in names and standing is not None and standing.source != _STAGE:
-            notes.append(finding(Code.STAGE_NOT_TAKEN))
+            refused = answers[0].geometry is None or answers[0].geometry.verdict != "full"
+            lies = refused and _lies_in_its_sign(request)
+            notes.append(finding(Code.STAGE_SIGN_CONTRADICTED if lies else Code.STAGE_NOT_TAKEN))
         elif chosen.source == _STAGE and tracks.verdict == "static":
             notes.append(finding(Code.STAGE_MOTION_UNSEEN))
         for note in notes:
             progress.say(note.sentence)
         return replace(chosen, notes=(*notes, *chosen.notes))
+
+
+def _in_the_order_of(stage: Geometry | None, chosen: Geometry) -> Geometry:
+    """Return a path that tracks found with near and far as the stage has them, if it has them anyhow.
+
+    A stage that errs in its places and is not taken for that still knows which way it went.
+    """
+    if stage is None or not stage.order_told or chosen.verdict != "full":
+        return chosen
+    if float(np.corrcoef(stage.inverse_depth.ravel(), chosen.inverse_depth.ravel())[0, 1]) < -_CLEARLY_REVERSED:
+        chosen = chosen.reverse or reversed_geometry(chosen)
+    return replace(chosen, order_told=True, reverse=None)
+
+
+def _lies_in_its_sign(request: Request) -> bool:
+    """Tell whether a stage whose poses are refused would be borne out with its direction of travel reversed."""
+    poses = poses_of_stage(request.shot)
+    back = poses @ np.linalg.inv(poses[len(poses) // 2])
+    back[:, :3, 3] *= -1
+    shot = replace(request.shot, telemetry_world_to_camera=back)
+    turned = _asked(replace(request, shot=shot), _STAGE, Silent()).geometry
+    return turned is not None and turned.verdict == "full"
 
 
 def is_doubtful(geometry: Geometry, criteria: Criteria) -> bool:

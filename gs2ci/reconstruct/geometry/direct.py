@@ -208,6 +208,8 @@ def at_rest(found: Geometry) -> Geometry:
         unit=None,
         order_errors=None,
         reverse=None,
+        pose_errors=None,
+        order_told=False,
     )
 
 

@@ -19,7 +19,7 @@ from gs2ci.reconstruct.geometry.direct import Direct
 from gs2ci.reconstruct.geometry.initialise import Geometry, initialise, measured
 from gs2ci.reconstruct.geometry.prior import Request, from_tracks
 from gs2ci.reconstruct.geometry.sweep import inverse_depth_range, sweep
-from gs2ci.reconstruct.geometry.telemetry import poses_of_stage
+from gs2ci.reconstruct.geometry.telemetry import errors_of_told, poses_of_stage, stated_error
 
 # From this relative difference on, two focal lengths are worth a word.
 _FOCAL_DOUBT: Final = 0.05
@@ -48,7 +48,23 @@ class FromStage:
         found = initialise(request.views, request.intrinsics, request.settings, progress, poses, request.seen)
         if not found.tracks:
             found = _without_tracks(request, poses, found)
-        return replace(found, source=self.name)
+        return replace(_told(found, stated_error(request.shot)), source=self.name)
+
+
+def _told(found: Geometry, error: float | None) -> Geometry:
+    """Enter what a stage's word is good for: the order of depth, and the places as far as it states their error.
+
+    Points that lie before its cameras would lie behind those of the reversed path, unless it turned by just as much
+    as the reversal asks for.
+    """
+    if found.verdict != "full":
+        return found
+    contradicted = found.tracks > 0 and found.pose_errors is None
+    if contradicted:
+        return replace(found, order_told=True)
+    position = None if error is None or found.unit is None else error / found.unit
+    errors = errors_of_told(found.world_to_camera, found.intrinsics, position)
+    return replace(found, order_told=True, pose_errors=errors)
 
 
 @dataclass(frozen=True)
@@ -89,7 +105,12 @@ class FromFile:
             found = swept_between_points(request, cameras, found)
         elif not found.tracks:
             found = _without_tracks(request, poses, found)
-        return replace(found, source=self.name, notes=(*notes, *found.notes))
+        # Whose cameras they are and how exact, a file does not say: the fit is free to refine them.
+        return replace(found, source=self.name, pose_errors=None, notes=(*notes, *found.notes))
+
+
+TOLD: Final = (FromStage.name, FromFile.name)
+"""Sources that tell how the camera turned, which pictures of small motion tell poorly."""
 
 
 def uniform_motion(request: Request, tracks: Geometry) -> Geometry:

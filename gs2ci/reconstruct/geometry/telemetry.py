@@ -1,7 +1,7 @@
 """Camera poses as the stage reported them, the points that tracks then have, and how far a fit moved them.
 
-Here: the triangulation under known poses. Not here: their refinement, which is the fit's (`fit/poses.py`), and the
-way from tracks to depth, which is the same for every source of poses (`initialise`). For
+Here: the triangulation under known poses, and how far these may err. Not here: their refinement, which is the fit's
+(`fit/poses.py`), and the way from tracks to depth, which is the same for every source of poses (`initialise`). For
 `gs2ci.reconstruct`.
 """
 
@@ -18,6 +18,13 @@ from gs2ci.core.records import Shot, check_rigid
 from gs2ci.reconstruct.geometry.motion import INVERSE_DEPTH_RANGE, CameraMotion, Sightings, start_motion, with_errors
 from gs2ci.reconstruct.geometry.tracks import Tracks
 
+UNSTATED_SHARE: Final = 0.01
+"""Standard error of told places, as a share of the path's extent, where none is stated: tracks of decoded views do not
+see so much (`python -m tests.benchmarks told_poses`)."""
+# How far a told orientation may err, px: a turn that moves the picture by less is not seen.
+_TURN_PX: Final = 0.1
+# Of a place, beside depths of about 1: what float32 resolves.
+_LEAST_ERROR: Final = 1e-7
 _PASSES: Final = 5  # re-weighted least squares on a nearly linear problem settles in three
 
 
@@ -35,6 +42,56 @@ def poses_of_stage(shot: Shot) -> F64:
         )
     check_rigid("telemetry poses", shot.telemetry_world_to_camera)
     return shot.telemetry_world_to_camera
+
+
+@dataclass(frozen=True)
+class PoseErrors:
+    """How far poses that were told may err: standard errors, the same for each component.
+
+    Args:
+        position: Of a camera's centre, in the unit of the poses.
+        rotation: Of its orientation, rad.
+    """
+
+    position: float
+    rotation: float
+
+
+def stated_error(shot: Shot) -> float | None:
+    """Get the standard error of the stage's places that a shot's provenance states; None where it states none.
+
+    Returns:
+        `provenance["telemetry"]["position_error"]`, in the unit of the poses.
+
+    Raises:
+        InputError: It is no finite number above 0.
+    """
+    told = shot.provenance.get("telemetry")
+    error = told.get("position_error") if isinstance(told, dict) else None
+    if error is None:
+        return None
+    if isinstance(error, bool) or not isinstance(error, (int, float)) or not 0 < error < np.inf:
+        raise InputError(
+            f"{shot.name} states a position_error of {error!r} for its telemetry",
+            allowed="a finite number above 0, in the unit of the poses, or none",
+        )
+    return float(error)
+
+
+def errors_of_told(world_to_camera: F64, intrinsics: F64, position_error: float | None = None) -> PoseErrors:
+    """Return how far told poses may err that the views bear out.
+
+    A stage reports places. Its turns, which it does not report, are as small as the eye of the tracks allows.
+
+    Args:
+        world_to_camera: [N, 4, 4].
+        intrinsics: Camera matrix in px, [3, 3].
+        position_error: Standard error of a place, in the unit of the poses; None where nobody stated it.
+    """
+    centres = camera_centres(world_to_camera)
+    extent = float(np.linalg.norm(np.ptp(centres, axis=0)))
+    position = position_error if position_error is not None else UNSTATED_SHARE * extent
+    return PoseErrors(max(position, _LEAST_ERROR), _TURN_PX / float(intrinsics[0, 0]))
 
 
 @dataclass(frozen=True)

@@ -205,6 +205,10 @@ class Previewed(Protocol):
         """Bound what an effect on masks changes: applied to the masks that it meets."""
         ...
 
+    def of_photon_effect(self, effect: "Effect", most: float) -> Bound:
+        """Bound what a linear effect on the photons changes: at most the share `most` of what it acts on, rms."""
+        ...
+
     def of_shares(self, effect: "Effect", mean: F64, swing: F64, intervals_s: F64 | None = None) -> Bound:
         """Bound what changing the light behind each mask by a share, [N], makes of the readings."""
         ...

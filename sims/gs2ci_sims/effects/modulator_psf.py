@@ -1,15 +1,18 @@
 """Modulator PSF: the relay from modulator to sensor blurs what the masks let through, by diffraction at least."""
 
-from dataclasses import dataclass
-from typing import ClassVar
+from dataclasses import dataclass, replace
+from typing import ClassVar, Final
 
 import numpy as np
 
 from gs2ci.core.arrays import F64
 from gs2ci.core.errors import InputError
-from gs2ci_sims.effects.base import Bound, BoundStep, Previewed, Stage, gain_step
+from gs2ci_sims.effects.base import Bound, BoundStep, Previewed, Stage
 from gs2ci_sims.effects.kernels import blurred, gaussian_loss, gaussian_tail
 from gs2ci_sims.rig import Rig
+
+# A kernel that reaches so many standard deviations is as good as whole.
+WHOLE_REACH: Final = 8.0
 
 
 @dataclass(frozen=True)
@@ -51,25 +54,16 @@ class ModulatorPsf:
 
         Of what the true measurement differs by, it takes at most what it takes of a chequerboard.
         """
-        sigma_px = self.total_sigma_px(rig)
-        change_e = np.abs(scene.charge_e - blurred(scene.charge_e, sigma_px, 8.0))
-        taken, seen_e = float(gaussian_loss(sigma_px, np.array(2**0.5 / np.pi))), _rms(change_e)
-        rms_e = seen_e + taken * scene.charge_error_e
-        peak_e = min(float(change_e.max()) + scene.charge_error_e * scene.charge_e.size**0.5, float(scene.most_e.max()))
-        optics, modulator = rig.optics, rig.modulator
-        return Bound(rig.dn_per_e * rms_e, rig.dn_per_e * peak_e).by(
-            "K * (v + c * u)",
+        optics, modulator, sigma_px = rig.optics, rig.modulator, self.total_sigma_px(rig)
+        taken = float(gaussian_loss(sigma_px, np.array(2**0.5 / np.pi)))
+        whole = replace(self, reach=WHOLE_REACH)
+        return scene.of_photon_effect(whole, taken).after(
             BoundStep("s", self.sigma_px, "px", "blur of the relay"),
             BoundStep("wave", optics.wavelength_nm if self.diffraction else 0.0, "nm", "wavelength; 0: no diffraction"),
             BoundStep("F", optics.f_number, "", "f-number"),
-            BoundStep(
-                "el", modulator.feature_px / modulator.pitch_um, "px/um", "sensor pixels per um of the modulator"
-            ),
+            BoundStep("el", modulator.feature_px / modulator.pitch_um, "px/um", "sensor pixels per um of modulator"),
             BoundStep("sigma", sigma_px, "px", "blur with diffraction", "hypot(s, 0.42e-3 * wave * F * el)"),
-            BoundStep("v", seen_e, "e", "what it changes in the previewed measurement, rms"),
-            BoundStep("c", taken, "", "what it takes of a chequerboard", "1 - exp(-4 * sigma**2)"),
-            BoundStep("u", scene.charge_error_e, "e", "by what the measurement may differ from the previewed, rms"),
-            gain_step(rig),
+            BoundStep("x", taken, "", "what it takes of a chequerboard", "1 - exp(-4 * sigma**2)"),
         )
 
     def kernel_bound(self, scene: Previewed, rig: Rig, reach: float) -> Bound:
@@ -81,7 +75,3 @@ class ModulatorPsf:
     def apply(self, signal: F64, rig: Rig, rng: np.random.Generator) -> F64:
         """Blur the photons [H, W, C]."""
         return blurred(signal, self.total_sigma_px(rig), self.reach)
-
-
-def _rms(image: F64) -> float:
-    return float(np.sqrt(np.square(image).mean()))

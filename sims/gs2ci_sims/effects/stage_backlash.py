@@ -9,7 +9,7 @@ import numpy as np
 from gs2ci.core.arrays import F64
 from gs2ci.core.errors import InputError
 from gs2ci_sims.effects.base import NOTHING, Bound, BoundStep, Previewed, Stage
-from gs2ci_sims.path import CameraPath, highest_hz
+from gs2ci_sims.path import CameraPath, highest_hz, kinks_s
 from gs2ci_sims.rig import Rig
 
 # The path is followed in so many steps to find its reversals.
@@ -36,6 +36,14 @@ class LaggingPath:
     def highest_hz(self) -> float:
         """Get the highest frequency in the motion."""
         return highest_hz(self.base)
+
+    def kinks_s(self, start_s: float, stop_s: float) -> F64:
+        """Get when the velocity jumps, [K]: at the turns of the path beneath, and when the play is taken up or left."""
+        times, lag, _ = self._followed
+        slack = np.abs(np.diff(lag)) > 1e-9 * max(self.play, 1e-300)
+        taken_up = times[1:-1][slack[1:] != slack[:-1]]
+        kinks = np.concatenate([kinks_s(self.base, start_s, stop_s), taken_up])
+        return np.sort(kinks[(kinks > start_s) & (kinks < stop_s)])
 
     @cached_property
     def _followed(self) -> tuple[F64, F64, F64]:

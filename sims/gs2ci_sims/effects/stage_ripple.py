@@ -1,15 +1,18 @@
 """Stage velocity ripple: a screw's pitch error makes the stage hurry and dawdle."""
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import ClassVar, Final
 
 import numpy as np
 
 from gs2ci.core.arrays import F64
 from gs2ci.core.errors import InputError
 from gs2ci_sims.effects.base import Bound, BoundStep, Previewed, Stage
-from gs2ci_sims.path import CameraPath, highest_hz
+from gs2ci_sims.path import CameraPath, highest_hz, kinks_s
 from gs2ci_sims.rig import Rig
+
+# Steps in which the warp is inverted; between them it is taken for a line.
+WARP_STEPS: Final = 4097
 
 
 @dataclass(frozen=True)
@@ -25,6 +28,13 @@ class WarpedPath:
     def highest_hz(self) -> float:
         """Get the highest frequency in the motion."""
         return max(self.hertz, highest_hz(self.base))
+
+    def kinks_s(self, start_s: float, stop_s: float) -> F64:
+        """Get when the velocity of the path beneath jumps, [K], as this one runs through it."""
+        times = np.linspace(start_s, stop_s, WARP_STEPS)
+        warped = times + self.delay_s * np.sin(2 * np.pi * self.hertz * times + self.phase)
+        # A share of 1 at most keeps the warp from running backwards.
+        return np.interp(kinks_s(self.base, float(warped[0]), float(warped[-1])), warped, times)
 
     def world_to_camera(self, time_s: F64) -> F64:
         """Get the poses at the given times, [T, 4, 4]."""

@@ -8,7 +8,7 @@ import numpy as np
 from gs2ci.core.arrays import F64
 from gs2ci.core.errors import InputError
 from gs2ci_sims.effects.base import Bound, BoundStep, Previewed, Stage
-from gs2ci_sims.path import CameraPath, highest_hz
+from gs2ci_sims.path import CameraPath, highest_hz, kinks_s
 from gs2ci_sims.rig import Rig
 
 
@@ -25,6 +25,10 @@ class TremblingPath:
     def highest_hz(self) -> float:
         """Get the highest frequency in the motion."""
         return max(self.hertz, highest_hz(self.base))
+
+    def kinks_s(self, start_s: float, stop_s: float) -> F64:
+        """Get when the velocity of the path beneath jumps, [K]."""
+        return kinks_s(self.base, start_s, stop_s)
 
     def world_to_camera(self, time_s: F64) -> F64:
         """Get the poses at the given times, [T, 4, 4]: the scene moves against the camera."""

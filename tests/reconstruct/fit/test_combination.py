@@ -1,60 +1,198 @@
-"""Convex combinations of views, judged by pixels that none of them saw."""
+"""Convex combinations of views, judged by pixels that none of them saw, as they are once those are seen."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from gs2ci.reconstruct.fit.combination import combined, shares
+from gs2ci.core.records import Shot, Truth
+from gs2ci.reconstruct.fit.combination import (
+    Candidate,
+    combined,
+    expected_products,
+    least_on_simplex,
+    noise_power,
+    shares,
+)
 from gs2ci.reconstruct.measurement.jury import Jury
+
+SIZE, VIEWS = (48, 64), 6
+
+
+@pytest.fixture(scope="module")
+def truth():
+    rows, columns = np.mgrid[: SIZE[0], : SIZE[1]] / SIZE[1]
+    views = [0.5 + 0.3 * np.sin(6 * columns + 0.3 * k) * np.cos(5 * rows) for k in range(VIEWS)]
+    return np.stack(views).astype(np.float32)[..., None].repeat(3, axis=3)
+
+
+def jury_of(truth, noise=0.0, share=0.3, seed=0):
+    rng = np.random.default_rng(seed)
+    masks = (rng.random((VIEWS, *SIZE)) < 0.4).astype(np.float32)
+    light = np.einsum("nhw,nhwc->hwc", masks, truth) + rng.normal(0, noise, (*SIZE, 3))
+    return Jury.of(Shot(light.astype(np.float32), masks, truth=Truth(truth)).check(), share, 0)
 
 
 @pytest.fixture
-def jury(smooth_shot):
-    return Jury.of(smooth_shot, 0.3, 0)
+def jury(truth):
+    return jury_of(truth)
 
 
 def noisy(views, seed, deviation=0.1):
     return (views + np.random.default_rng(seed).normal(0, deviation, views.shape)).astype(np.float32)
 
 
-def test_the_right_one_stands_alone(jury):
-    truth = jury.shot.truth.views
-    found = shares(jury, {"right": truth, "wrong": noisy(truth, 1), "dark": 0 * truth})
+def same(views):
+    """Views that do not change where a held-out pixel is seen, as a scene's hardly do."""
+    return Candidate(views, views)
+
+
+def follower(jury, views):
+    """Views that explain each reading that they see, and none that they do not."""
+    masks = jury.shot.masks[..., None]
+    light = np.maximum((masks**2).sum(axis=0), 1e-9)
+
+    def moved(left):
+        return (views + masks * (left / light)[None]).astype(np.float32)
+
+    left = jury.shot.measurement - jury.coded(views)
+    return Candidate(moved(np.where(jury.heldout[..., None], 0, left)), moved(left))
+
+
+def error(views, truth):
+    return float(np.mean((views - truth) ** 2))
+
+
+def test_the_right_one_stands_alone(jury, truth):
+    found = shares(jury, {"right": same(truth), "wrong": same(noisy(truth, 1)), "dark": same(0 * truth)}, 0.0)
     assert found == {"right": pytest.approx(1), "wrong": 0.0, "dark": 0.0}
 
 
-def test_a_combination_that_made_the_measurement_is_found(jury):
-    truth = jury.shot.truth.views
+def test_a_combination_that_made_the_measurement_is_found(jury, truth):
     step = noisy(truth, 2) - truth
     candidates = {"over": truth + step, "under": truth - step / 3}
-    found = shares(jury, candidates)
+    found = shares(jury, {name: same(views) for name, views in candidates.items()}, 0.0)
     assert found == {"over": pytest.approx(0.25, abs=0.01), "under": pytest.approx(0.75, abs=0.01)}
     assert np.allclose(combined(candidates, found), truth, atol=0.01)
 
 
-def test_two_that_err_alike_and_apart_are_better_together(jury):
-    truth = jury.shot.truth.views
+def test_two_that_err_alike_and_apart_are_better_together(jury, truth):
     candidates = {"one": noisy(truth, 3), "other": noisy(truth, 4)}
-    found = shares(jury, candidates)
-    errors = {name: np.mean((views - truth) ** 2) for name, views in candidates.items()}
-    assert np.mean((combined(candidates, found) - truth) ** 2) < 0.75 * min(errors.values())
+    found = shares(jury, {name: same(views) for name, views in candidates.items()}, 0.0)
+    assert error(combined(candidates, found), truth) < 0.75 * min(error(views, truth) for views in candidates.values())
     assert sum(found.values()) == pytest.approx(1)
 
 
-@pytest.mark.parametrize("what", ["nothing held out", "dark", "not finite"])
-def test_the_first_stands_where_nothing_tells(jury, what):
-    truth = jury.shot.truth.views
-    candidates = {"first": truth, "second": noisy(truth, 5)}
-    if what == "nothing held out":
-        jury = Jury(jury.shot, np.zeros(jury.shot.size, bool))
-    elif what == "dark":
-        jury = Jury(replace(jury.shot, measurement=0 * jury.shot.measurement), jury.heldout)
-    else:
-        candidates["second"] = np.full_like(truth, np.nan)
-    assert shares(jury, candidates) == {"first": 1.0, "second": 0.0}
+@pytest.mark.parametrize("noise", [0.0, 0.05, 0.2])
+def test_the_products_are_those_of_the_views_that_are_handed_over(truth, noise):
+    """Against the truth: of a scene's views, and of views that take over what they see, noise and all."""
+    jury = jury_of(truth, noise)
+    candidates = [same(noisy(truth, 5, 0.08)), follower(jury, noisy(truth, 6, 0.08))]
+    found = expected_products(jury, candidates, noise**2)
+    errors = [(truth - one.full)[:, jury.heldout].astype(float) for one in candidates]
+    true = np.array([[np.mean(one * other, axis=2).sum(axis=0).mean() for other in errors] for one in errors])
+    np.testing.assert_allclose(found - found[0, 0], true - true[0, 0], atol=0.15 * true.max())
 
 
-def test_what_has_no_share_need_not_be_there(jury):
-    truth = jury.shot.truth.views
+def test_what_follows_each_reading_is_taken_without_noise_and_left_with_much(truth):
+    """Both look alike to the held-out pixels, which see neither the readings' detail nor their noise put back.
+
+    Detail lies in places, as it does in pictures: a tenth of the pixels.
+    """
+    found, places = {}, np.random.default_rng(7).random((*SIZE, 1)) < 0.1
+    for noise, detail in ((0.005, 0.25), (0.3, 0.06)):
+        jury = jury_of(truth, noise)
+        scene = np.where(places, noisy(truth, 7, detail), truth)
+        candidates = {"follower": follower(jury, scene), "scene": same(scene)}
+        found[noise] = shares(jury, candidates, noise_power(jury, scene))
+        best = min(error(one.full, truth) for one in candidates.values())
+        given = combined({name: one.full for name, one in candidates.items()}, found[noise])
+        assert error(given, truth) < 1.05 * best
+    assert found[0.005]["follower"] > 0.8
+    assert found[0.3]["scene"] > 0.8
+
+
+@pytest.mark.parametrize("noise", [0.02, 0.2])
+def test_the_noise_is_told_also_where_a_model_is_wrong_in_places(truth, noise):
+    views = truth.copy()
+    views[:, 10:20, 10:20] += 0.5
+    assert noise_power(jury_of(truth, noise), views) == pytest.approx(1.1 * noise**2, rel=0.15)
+
+
+def test_noise_is_never_more_than_what_a_candidate_leaves_of_pixels_it_did_not_see(truth):
+    """A scene that is wrong everywhere leaves what looks like noise; a decode that foretells readings knows better."""
+    jury = jury_of(truth, 0.01)
+    wrong = noisy(truth, 10, 0.3)
+    candidates = {"scene": same(wrong), "decode": follower(jury, noisy(truth, 11, 0.02))}
+    assert noise_power(jury, wrong) > 100 * 0.01**2
+    assert shares(jury, candidates, noise_power(jury, wrong))["decode"] > 0.95
+
+
+def test_there_is_no_noise_where_no_pixel_can_tell(jury, truth):
+    clipped = replace(jury.shot, saturated=np.ones(SIZE, bool))
+    assert noise_power(Jury(clipped, np.zeros(SIZE, bool)), truth) == 0.0
+
+
+def test_behind_a_colour_filter_array_only_the_channel_that_is_read_is_known(truth):
+    jury = jury_of(truth)
+    rows, columns = np.mgrid[: SIZE[0], : SIZE[1]]
+    channel = (rows % 2 + columns % 2)[..., None]
+    mosaic = replace(jury.shot, measurement=np.take_along_axis(jury.shot.measurement, channel, 2), cfa="RGGB").check()
+    judge = Jury(mosaic, jury.heldout)
+    blind = noisy(truth, 8, 0.08)
+    left = mosaic.measurement - judge.coded(blind)
+    masks = mosaic.masks[..., None]
+    step = masks * (left / np.maximum((masks**2).sum(axis=0), 1e-9))[None]
+    full = (blind + np.where(np.arange(3) == channel, step, 0)).astype(np.float32)
+    found = expected_products(judge, [same(blind), Candidate(blind, full)], 0.0)
+    gained = [np.mean((truth - views)[:, jury.heldout] ** 2, axis=2).sum(axis=0).mean() for views in (blind, full)]
+    assert found[0, 0] - found[1, 1] == pytest.approx(gained[0] - gained[1], rel=0.2)
+
+
+@pytest.mark.parametrize(
+    ("products", "expected"),
+    [
+        ([[2.0]], [1]),
+        ([[1.0, 0.0], [0.0, 1.0]], [0.5, 0.5]),
+        ([[1.0, 0.9], [0.9, 3.0]], [0.954, 0.046]),
+        ([[1.0, 1.2], [1.2, 3.0]], [1, 0]),
+        ([[1.0, 1.0], [1.0, 1.0]], [1, 0]),
+        ([[1.0, 3.0], [3.0, 2.0]], [1, 0]),  # indefinite: the stationary point between them is the largest
+        ([[1.0, 0.0, 5.0], [0.0, 1.0, 5.0], [5.0, 5.0, 9.0]], [0.5, 0.5, 0]),
+    ],
+)
+def test_the_least_on_the_simplex(products, expected):
+    np.testing.assert_allclose(least_on_simplex(np.array(products)), expected, atol=1e-3)
+
+
+def test_the_least_on_the_simplex_is_the_least_of_a_grid():
+    rng = np.random.default_rng(9)
+    grid = rng.dirichlet(0.5 * np.ones(4), 4000)
+    for _ in range(20):
+        root = rng.normal(0, 1, (4, 4))
+        products = root @ root.T - 0.5 * np.eye(4)
+        found = least_on_simplex(products)
+        assert found @ products @ found <= np.einsum("gi,ij,gj->g", grid, products, grid).min() + 1e-12
+        assert found.sum() == pytest.approx(1)
+        assert found.min() >= 0
+
+
+def test_the_first_stands_where_nothing_was_held_out(jury, truth):
+    blind = Jury(jury.shot, np.zeros(SIZE, bool))
+    assert shares(blind, {"first": same(truth), "second": same(noisy(truth, 5))}, 0.0) == {"first": 1.0, "second": 0.0}
+
+
+def test_a_dark_measurement_gives_shares(jury, truth):
+    dark = Jury(replace(jury.shot, measurement=0 * jury.shot.measurement), jury.heldout)
+    found = shares(dark, {"first": same(0 * truth), "second": same(0 * truth)}, 0.0)
+    assert sum(found.values()) == pytest.approx(1)
+
+
+def test_what_is_not_finite_gets_no_share(jury, truth):
+    broken = Candidate(truth, np.full_like(truth, np.nan))
+    assert shares(jury, {"first": broken, "second": same(truth)}, 0.0) == {"first": 0.0, "second": 1.0}
+    assert shares(jury, {"first": broken, "second": broken}, 0.0) == {"first": 1.0, "second": 0.0}
+
+
+def test_what_has_no_share_need_not_be_there(truth):
     assert np.array_equal(combined({"first": truth}, {"first": 1.0, "second": 0.0}), truth)

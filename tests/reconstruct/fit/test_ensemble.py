@@ -9,6 +9,7 @@ import torch
 
 from gs2ci.core.errors import InputError, NumericsError
 from gs2ci.core.findings import Code, finding
+from gs2ci.core.halt import Halt
 from gs2ci.core.progress import Silent
 from gs2ci.core.records import Shot
 from gs2ci.reconstruct.fit.coarse import CoarseFit
@@ -167,6 +168,18 @@ def test_within_a_deadline_fits_that_cannot_run_side_by_side_are_one(scattered, 
     assert len(fit_together(fit_one, members(scattered(2), RULES, 3, 0), listener, pace)) == 1
     assert paces == [pace]
     assert "within a budget there is one" in listener.sentences[0]
+
+
+def test_where_fits_run_in_turn_none_begins_after_it_was_asked_to_halt(scattered, monkeypatch):
+    monkeypatch.setattr(numba, "threading_layer", lambda: "workqueue")
+    halt = Halt()
+    halt.begin()
+
+    def fit_one(member, progress, pace):
+        halt.ask()
+        return fit_of(np.zeros((1, 2, 2, 3)))
+
+    assert len(fit_together(fit_one, members(scattered(2), RULES, 3, 0), Listener(), None, halt)) == 1
 
 
 def test_before_any_kernel_has_run_nobody_knows_and_fits_run_in_turn(scattered, monkeypatch):

@@ -6,6 +6,7 @@ import torch
 
 from gs2ci.core.errors import InputError, NumericsError
 from gs2ci.core.findings import Code, finding
+from gs2ci.core.halt import Halt
 from gs2ci.core.progress import Silent
 from gs2ci.reconstruct.fit.coarse import CoarseSettings, fit_coarse
 from gs2ci.reconstruct.fit.fine import Fine, FineSettings, Pseudo, PseudoLoss, fit_fine, make_pseudo
@@ -65,6 +66,8 @@ def run(
     renderer=None,
     score=None,
     loss=None,
+    progress=None,
+    halt=None,
 ):
     given_jury, given_fit, given_renderer = coarse
     return fit_fine(
@@ -74,9 +77,33 @@ def run(
         Fine(settings, loss or LossWeights(), prior, distance or StructuralDissimilarity()),
         seed=0,
         refine=lambda views: views,
-        progress=Silent(),
+        progress=progress or Silent(),
         score=score,
+        halt=halt,
     )
+
+
+class Halting(Silent):
+    """Asks to halt at one step."""
+
+    def __init__(self, at):
+        super().__init__()
+        self.at, self.halt, self.steps = at, Halt(), []
+        self.halt.begin()
+
+    def step(self, done, **figures):
+        self.steps.append(done)
+        if done == self.at:
+            self.halt.ask()
+
+
+def test_it_ends_where_it_is_asked_to_halt_and_keeps_what_it_has(coarse):
+    listener = Halting(at=4)
+    found = run(coarse, settings=replace(QUICK, gated=False), progress=listener, halt=listener.halt)
+    # It ends with the iteration in which it sees the wish, after a look at what that made.
+    assert listener.steps == [1, 2, 3, 4]
+    assert found.curve[-1].iteration == coarse[1].curve[-1].iteration + 5
+    assert found.views is not coarse[1].views
 
 
 def test_the_held_out_residual_falls_and_cameras_stay(coarse):

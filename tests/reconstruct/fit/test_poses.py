@@ -3,6 +3,7 @@ import pytest
 import torch
 
 from gs2ci.reconstruct.fit.poses import PoseCorrections, PoseSettings, length_of
+from gs2ci.reconstruct.geometry.telemetry import PoseErrors
 from gs2ci.render import se3
 
 VIEWS = 3
@@ -86,6 +87,37 @@ def test_the_step_size_falls_from_the_first_to_the_final_rate(path):
         push(poses, torch.ones(VIEWS, 6))
         poses.step(progress)
         torch.testing.assert_close(poses.snapshot(), torch.full((VIEWS, 6), -rate), rtol=1e-3, atol=0)
+
+
+def test_told_poses_settle_where_the_measurement_and_their_errors_balance(path):
+    """A quadratic objective with its minimum one unit off: the posterior's mode is a weighted mean."""
+    told = PoseErrors(position=0.02, rotation=0.005)
+    settings = PoseSettings(rate=3e-3, final_rate=3e-6, told_weight=1e-3)
+    poses = PoseCorrections(path, settings, told)
+    errors = torch.tensor([0.02] * 3 + [0.005] * 3)
+    for i in range(600):
+        twists = se3.log(poses.world_to_camera() @ torch.linalg.inv(torch.from_numpy(path).float()))
+        data = settings.told_weight * (((twists - 0.01) / errors) ** 2).mean()
+        (data + poses.penalty()).backward()
+        poses.step(i / 600)
+    moved = se3.log(poses.world_to_camera() @ torch.linalg.inv(torch.from_numpy(path).float())).detach()
+    torch.testing.assert_close(moved, torch.full((VIEWS, 6), 0.005), rtol=0.02, atol=0)
+
+
+def test_the_first_step_of_a_told_pose_is_short_beside_its_error(path):
+    poses = PoseCorrections(path, PoseSettings(), PoseErrors(position=1e-3, rotation=1e-4))
+    push(poses, torch.ones(VIEWS, 6))
+    poses.step(0.0)
+    moved = se3.log(poses.world_to_camera() @ torch.linalg.inv(torch.from_numpy(path).float())).detach()
+    assert 0 < moved[:, :3].abs().max() < 0.5e-3
+    assert 0 < moved[:, 3:].abs().max() < 0.5e-4
+
+
+@pytest.mark.parametrize("case", ["untold", "weightless", "fixed"])
+def test_without_errors_a_weight_or_refinement_nothing_is_unlikely(path, case):
+    told = None if case == "untold" else PoseErrors(1e-3, 1e-3)
+    settings = PoseSettings(refine=case != "fixed", told_weight=0.0 if case == "weightless" else 1e-3)
+    assert PoseCorrections(path, settings, told).penalty() == 0.0
 
 
 def test_a_step_without_any_gradient_does_nothing(path):

@@ -15,6 +15,7 @@ from gs2ci.reconstruct.geometry import choose
 from gs2ci.reconstruct.geometry.choose import load_geometry_prior
 from gs2ci.reconstruct.geometry.initialise import GeometrySettings
 from gs2ci.reconstruct.geometry.prior import Request, find_geometry, from_tracks
+from gs2ci.reconstruct.geometry.reversal import reversed_geometry
 from gs2ci.reconstruct.geometry.sweep import SweepSettings
 from gs2ci.reconstruct.geometry.validity import Criteria
 
@@ -96,6 +97,28 @@ def test_a_stage_gives_its_poses(request_for, scene):
     assert same_path(found, scene.poses, 1e-6)
     centres, told = (np.linalg.inv(poses)[:, :3, 3] for poses in (found.world_to_camera, moved(scene.poses)))
     assert found.unit == pytest.approx(np.linalg.norm(told[-1] - told[0]) / np.linalg.norm(centres[-1] - centres[0]))
+    assert found.order_told
+    # Nobody stated how exact it is: a hundredth of the path.
+    assert found.pose_errors.position == pytest.approx(0.01 * np.linalg.norm(np.ptp(centres, axis=0)), rel=1e-6)
+
+
+def test_a_stage_is_believed_as_far_as_it_states_its_error(request_for, scene):
+    stated = {"telemetry": {"position_error": 0.003}}
+    found = find("stage", request_for(telemetry_world_to_camera=moved(scene.poses), provenance=stated))
+    assert found.pose_errors.position * found.unit == pytest.approx(0.003)
+
+
+def test_places_that_the_tracks_contradict_are_not_held(request_for, scene):
+    late = scene.poses.copy()
+    late[:, :3, 3] *= np.array([1.6, 0.4, 1, 1.6, 0.4])[:, None]
+    stated = {"telemetry": {"position_error": 0.003}}
+    found = find("stage", request_for(telemetry_world_to_camera=late, provenance=stated))
+    assert (found.verdict, found.pose_errors, found.order_told) == ("full", None, True)
+
+
+def test_how_exact_a_file_is_nobody_knows(request_for, camera_file):
+    found = find(camera_file(), request_for())
+    assert (found.pose_errors, found.order_told) == (None, False)
 
 
 def test_a_stage_that_reported_nothing_is_an_error(request_for):
@@ -191,6 +214,19 @@ def test_auto_says_what_to_check_where_a_stage_leaves_clearly_more_than_the_trac
     found = find("auto", request_for(telemetry_world_to_camera=late))
     assert found.source == "tracks"
     assert found.notes[1].code is Code.STAGE_NOT_TAKEN
+    # Which way it went it knows all the same.
+    assert found.order_told
+
+
+def test_tracks_inside_out_are_turned_by_a_stage_that_is_not_taken_for_its_places(request_for, scene, monkeypatch):
+    late = scene.poses.copy()
+    late[:, :3, 3] *= np.array([1.6, 0.4, 1, 1.6, 0.4])[:, None]
+    right = from_tracks(request_for(), Silent())
+    inside_out = replace(reversed_geometry(right), reverse=right)
+    monkeypatch.setattr(choose, "FromTracks", lambda: lambda request, progress: inside_out)
+    found = find("auto", request_for(telemetry_world_to_camera=late))
+    assert found.source == "tracks"
+    np.testing.assert_array_equal(found.world_to_camera, right.world_to_camera)
 
 
 def test_auto_says_where_a_stage_reports_a_motion_of_which_nothing_shows(request_for, scene, monkeypatch):
@@ -224,6 +260,8 @@ def test_auto_drops_a_stage_that_lies(request_for, scene):
     found = find("auto", request_for(telemetry_world_to_camera=backwards))
     assert found.source == "tracks"
     assert "the stage failed (the known poses put most tracked points" in found.notes[0].sentence
+    assert found.notes[1].code is Code.STAGE_SIGN_CONTRADICTED
+    assert not found.order_told
 
 
 @pytest.fixture

@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 from gs2ci.core.errors import GeometryError, InputError
 from gs2ci.core.records import Shot
 from gs2ci.reconstruct.geometry.motion import predict_positions
-from gs2ci.reconstruct.geometry.telemetry import movement, place_points, poses_of_stage
+from gs2ci.reconstruct.geometry.telemetry import errors_of_told, movement, place_points, poses_of_stage, stated_error
 from gs2ci.reconstruct.geometry.tracks import Tracks
 
 INTRINSICS = np.array([[300.0, 0, 160], [0, 310.0, 120], [0, 0, 1]])
@@ -95,6 +95,28 @@ def test_a_change_of_frame_is_no_movement_and_a_shift_is_a_share_of_the_path():
     turned = poses.copy()
     turned[6, :3, :3] = Rotation.from_euler("y", 1.0, degrees=True).as_matrix() @ turned[6, :3, :3]
     assert movement(poses, turned).rotation_deg == pytest.approx(1 / np.sqrt(7))
+
+
+def test_what_a_shot_states_of_its_stage_is_an_error_of_places():
+    shot = Shot(np.ones((4, 4, 1), np.float32), np.ones((2, 4, 4), np.float32), np.ones(2, np.float32))
+    assert stated_error(shot) is None
+    assert stated_error(replace(shot, provenance={"telemetry": {"axes_from": "[stage.mount]"}})) is None
+    assert stated_error(replace(shot, provenance={"telemetry": {"position_error": 0.02}})) == 0.02
+
+
+@pytest.mark.parametrize("error", [0, -1.0, float("nan"), float("inf"), "0.1", True])
+def test_an_error_of_places_that_is_none_is_refused(error):
+    shot = Shot(np.ones((4, 4, 1), np.float32), np.ones((2, 4, 4), np.float32), np.ones(2, np.float32))
+    with pytest.raises(InputError, match="position_error"):
+        stated_error(replace(shot, provenance={"telemetry": {"position_error": error}}))
+
+
+def test_unstated_errors_are_a_share_of_the_path_and_turns_a_part_of_a_pixel():
+    poses = stage_poses(turn_deg=0.0)
+    assert errors_of_told(poses, INTRINSICS).position == pytest.approx(0.01 * np.hypot(24, 0.6))
+    assert errors_of_told(poses, INTRINSICS, 0.3).position == 0.3
+    assert errors_of_told(poses, INTRINSICS).rotation == pytest.approx(0.1 / 300)
+    assert errors_of_told(np.tile(np.eye(4), (3, 1, 1)), INTRINSICS).position > 0
 
 
 def test_a_camera_at_rest_has_no_path_to_share():

@@ -11,9 +11,11 @@ from gs2ci_sims.effects.clock_drift import ClockDrift
 from gs2ci_sims.effects.dark_current import DarkCurrent
 from gs2ci_sims.effects.defocus import Defocus
 from gs2ci_sims.effects.dsnu import Dsnu
+from gs2ci_sims.effects.dust import Dust
 from gs2ci_sims.effects.finite_contrast import FiniteContrast
 from gs2ci_sims.effects.full_well import FullWell
 from gs2ci_sims.effects.gain_nonlinearity import GainNonlinearity
+from gs2ci_sims.effects.ghost_reflection import GhostReflection
 from gs2ci_sims.effects.hot_pixels import HotPixels
 from gs2ci_sims.effects.illumination_drift import IlluminationDrift
 from gs2ci_sims.effects.illumination_flicker import IlluminationFlicker
@@ -56,9 +58,11 @@ EFFECTS = (
     DarkCurrent(40.0, 31.0, 7.0),
     Defocus(0.05, 3.0),
     Dsnu(2.0),
+    Dust(12.0, 1.5, 4.0),
     FiniteContrast(30.0),
     FullWell(RIG.sensor.full_well_e),
     GainNonlinearity(-0.01),
+    GhostReflection(0.02, 5.0),
     HotPixels(0.01, 300.0),
     IlluminationDrift(-0.2),
     IlluminationFlicker(0.1, 45.0),

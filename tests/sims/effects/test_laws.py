@@ -11,9 +11,11 @@ from gs2ci_sims.effects.clock_drift import ClockDrift
 from gs2ci_sims.effects.dark_current import DarkCurrent
 from gs2ci_sims.effects.defocus import Defocus
 from gs2ci_sims.effects.dsnu import Dsnu
+from gs2ci_sims.effects.dust import Dust
 from gs2ci_sims.effects.finite_contrast import FiniteContrast
 from gs2ci_sims.effects.full_well import FullWell
 from gs2ci_sims.effects.gain_nonlinearity import GainNonlinearity
+from gs2ci_sims.effects.ghost_reflection import GhostReflection
 from gs2ci_sims.effects.hot_pixels import HotPixels
 from gs2ci_sims.effects.illumination_drift import IlluminationDrift
 from gs2ci_sims.effects.illumination_flicker import IlluminationFlicker
@@ -54,6 +56,7 @@ ONE_OF_EACH = [
     IlluminationFlicker(0.3), IlluminationDrift(0.5),
     LensDistortion(-0.05), Defocus(0.05, 2.0), OpticsPsf(0.8), Vignetting(),
     MaskEdges(), FiniteContrast(), Misregistration(0.3, -0.2, 1.0), MotionBlur(3), ModulatorPsf(0.3),
+    GhostReflection(0.05, 3.0), Dust(5.0, 2.0, 4.0),
     RollingShutter(1e-4), BayerFilter(), Prnu(0.01), DarkCurrent(10.0), HotPixels(0.01, 1e3),
     Persistence(0.02, 0.1, 0.1, 500.0),
     ShotNoise(), Blooming(0.5), FullWell(250.0), GainNonlinearity(0.02), Dsnu(1.0), ReadNoise(2.0), RowNoise(0.5),

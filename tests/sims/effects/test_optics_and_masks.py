@@ -7,7 +7,9 @@ import pytest
 
 from gs2ci.core.errors import InputError
 from gs2ci_sims.effects.defocus import Defocus
+from gs2ci_sims.effects.dust import Dust
 from gs2ci_sims.effects.finite_contrast import FiniteContrast
+from gs2ci_sims.effects.ghost_reflection import GhostReflection
 from gs2ci_sims.effects.kernels import blurred, disc, disc_transfer, discrete_gaussian, gaussian_loss, gaussian_tail
 from gs2ci_sims.effects.lens_distortion import LensDistortion
 from gs2ci_sims.effects.mask_edges import MaskEdges
@@ -192,6 +194,11 @@ def test_only_what_is_in_the_ball_moves_and_by_velocity_times_time(small_scene):
         lambda: OpticsPsf(-0.1),
         lambda: OpticsPsf(1.0, 0.0),
         lambda: ModulatorPsf(np.inf),
+        lambda: Dust(-1.0, 1.0, 1.0),
+        lambda: Dust(1.0, 129.0, 1.0),
+        lambda: Dust(1.0, 1.0, np.nan),
+        lambda: GhostReflection(0.6),
+        lambda: GhostReflection(0.1, -1.0),
         lambda: Misregistration(magnification=0.0),
         lambda: FiniteContrast(1.0),
         lambda: FiniteContrast(25.0, -0.1),
@@ -206,3 +213,45 @@ def test_figures_out_of_range_are_refused_when_the_effect_is_made(make):
 
 def test_effects_are_records_whose_fields_a_rig_file_can_name():
     assert [entry.name for entry in dataclasses.fields(Defocus)] == ["aperture", "focus_depth"]
+
+
+@pytest.mark.parametrize(("diameter", "cone"), [(2.0, 9.0), (6.0, 20.0), (0.5, 4.0)])
+def test_a_particle_smaller_than_the_cone_takes_its_share_of_the_cones_disc(diameter, cone):
+    shadow = Dust(1.0, diameter, cone).shadow()
+    assert shadow[shadow.shape[0] // 2, shadow.shape[1] // 2] == pytest.approx((diameter / cone) ** 2, rel=0.02)
+    assert shadow.sum() == pytest.approx(np.pi / 4 * diameter**2, rel=1e-9)  # what is lost in all is its area
+
+
+def test_a_particle_on_the_sensor_itself_is_black():
+    shadow = Dust(1.0, 7.0, 0.0).shadow()
+    assert shadow.max() == pytest.approx(1.0, abs=1e-3)  # as a disc is drawn
+    assert shadow.sum() == pytest.approx(np.pi / 4 * 49, rel=1e-3)
+
+
+def test_dust_stays_where_it_is_and_particles_that_overlap_multiply():
+    dust, light = Dust(40.0, 3.0, 8.0), np.full((*SIZE, 3), 50.0)
+    first, second = (dust.apply(light, RIG, rng(4)) for _ in range(2))
+    assert np.array_equal(first, second)
+    assert not np.array_equal(first, dust.apply(light, RIG, rng(5)))
+    assert (first >= 0).all()
+    assert first.mean() < 49.5
+    assert np.array_equal(Dust(0.0, 3.0, 8.0).apply(light, RIG, rng(4)), light)
+    crowd = Dust(2000.0, 3.0, 8.0).transmission(SIZE, rng())
+    expected = np.exp(-2000 * Dust(1.0, 3.0, 8.0).shadow().sum() / np.prod(SIZE))
+    assert crowd[8:-8, 8:-8].mean() == pytest.approx(expected, rel=0.3)
+
+
+def test_a_ghost_stands_opposite_with_its_share_of_the_light_and_its_blur():
+    image = spot(10, 45)
+    ghost = (GhostReflection(0.02, 9.0).apply(image, RIG, rng()) - image)[..., 0]
+    centre, variance = moments(ghost)
+    np.testing.assert_allclose(centre, [SIZE[0] - 1 - 10, SIZE[1] - 1 - 45], atol=1e-6)
+    assert ghost.sum() == pytest.approx(0.02 * image[..., 0].sum(), rel=1e-9)
+    np.testing.assert_allclose(variance, 1.5**2 + 9.0**2 / 16, rtol=0.05)  # of a disc: d^2 / 16 along each axis
+
+
+@pytest.mark.parametrize("blur_px", [0.0, 3.3, 12.0])
+def test_turn_and_blur_of_a_ghost_make_no_images_rms_larger(blur_px):
+    image = rng(2).standard_normal((*SIZE, 1))
+    ghost = GhostReflection(0.5, blur_px).apply(image, RIG, rng()) - image
+    assert np.sqrt(np.square(ghost).mean()) <= 0.5 * np.sqrt(np.square(image).mean()) * (1 + 1e-12)

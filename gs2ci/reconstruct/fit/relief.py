@@ -1,0 +1,183 @@
+"""The one combination of path and scene that a fit hardly sees, as a parameter of its own.
+
+Add a constant to all inverse depths, turn each camera by what that shifts its picture, and the views stay nearly as
+they were: a camera that turns a little looks like one that travels past something a little nearer. (The bas-relief
+ambiguity; Belhumeur, Kriegman and Yuille 1999; for motion, Daniilidis and Spetsakis 1997.) What tells the two apart is
+perspective at the rims, a few tenths of a pixel. Poses and Gaussians that step one by one do not follow so shallow a
+valley in a few hundred iterations, since every Gaussian would have to move with every camera: one step along it moves
+all of them together.
+
+With the reference camera as the frame, X = z (u, v, 1), translations t_i of the others and e the direction across the
+image in which most of them lie, the step by beta is, to first order,
+
+    1/z  ->  1/z + beta (1 + ((u, v) . e)^2),       camera i turns by beta (t_y, -t_x, 0),
+
+where the square takes up what a turn shifts, beyond a constant, along the path. What is left is a shift by
+-beta (t . u) across the path, in px times the focal length: zero in the middle of the picture, and what decides. All
+is then scaled so that the median depth stays.
+
+Here: the direction, and its steps. Not here: the gradients (`coarse.py`), the poses (`poses.py`).
+"""
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from gs2ci.core.errors import InputError
+from gs2ci.reconstruct.fit.adam import Adam
+from gs2ci.render.conventions import NEAR
+from gs2ci.render.gaussians import Gaussians
+
+# Of (u, v) along the path: a field of view of 90 degrees.
+_WIDEST: Final = 1.0
+# Of a distance, as a share of itself, in one step: with inverse depths near 0 the first order ends there.
+_MOST_GROWTH: Final = 0.25
+
+
+@dataclass(frozen=True)
+class ReliefSettings:
+    """How inverse depth and turning are exchanged.
+
+    Args:
+        begins: Share of the schedule before the first step: first Gaussians are faint, and lead the wrong way.
+        rate: Adam's step at the start of the schedule, in units of inverse depth, whose median is about 1.
+        final_rate: At its end; exponential in between.
+    """
+
+    begins: float = 0.1
+    rate: float = 1.5e-2
+    final_rate: float = 3e-3
+
+    def check(self) -> "ReliefSettings":
+        """Return self if the numbers make sense.
+
+        Raises:
+            InputError: A rate that is not a number above 0, or a share outside [0, 1).
+        """
+        if not (0 < self.rate < np.inf and 0 < self.final_rate < np.inf and 0 <= self.begins < 1):
+            raise InputError(f"relief settings {self}", allowed="rates above 0, and begins in [0, 1)")
+        return self
+
+
+@dataclass(frozen=True)
+class ReliefStep:
+    """Derivatives by beta of all that moves with it.
+
+    Args:
+        means: [G, 3].
+        log_sizes: Of every axis of each Gaussian, [G].
+        twists: Of the cameras, applied after their poses: translation in scene units first, [N, 6].
+        bend: What is added to inverse depth grows off the reference view's axis by the square of the component of
+            (u, v) along this, [2].
+        shrink: The share by which inverse depths are divided afterwards.
+    """
+
+    means: Tensor
+    log_sizes: Tensor
+    twists: Tensor
+    bend: Tensor
+    shrink: float
+
+
+def relief_step(scene: Gaussians, world_to_camera: Tensor, reference: int) -> ReliefStep:
+    """Find the direction at a scene and its cameras.
+
+    Args:
+        scene: The Gaussians.
+        world_to_camera: Poses, [N, 4, 4].
+        reference: The view whose centre stays.
+    """
+    with torch.no_grad():
+        poses = world_to_camera.detach()
+        own = poses[reference]
+        turn, shift = own[:3, :3], own[:3, 3]
+        relative = poses @ torch.linalg.inv(own)
+        travel = relative[:, :3, 3]
+        bend = torch.linalg.svd(travel[:, :2])[2][0]
+        points = scene.means.detach() @ turn.T + shift
+        depth = points[:, 2].clamp(min=NEAR)
+        # Beyond the picture's rims, and behind the camera, nothing is seen that would tell.
+        nearer = 1 + ((points[:, :2] / depth[:, None]) @ bend).clamp(-_WIDEST, _WIDEST).square()
+        shrink = float((depth * nearer).median())
+        growth = shrink - depth * nearer
+        means = (growth[:, None] * points) @ turn
+        turns = torch.stack([travel[:, 1], -travel[:, 0], torch.zeros_like(travel[:, 0])], dim=1)
+        return ReliefStep(means, growth, torch.cat([shrink * travel, turns], dim=1), bend, shrink)
+
+
+class Relief:
+    """Steps along that direction by Adam, on the gradients that scene and poses have at the time.
+
+    Args:
+        settings: Of the steps.
+        reference: The view whose centre stays.
+    """
+
+    def __init__(self, settings: ReliefSettings, reference: int) -> None:
+        self._settings = settings
+        self._reference = reference
+        self._beta = torch.zeros((), dtype=torch.float64)
+        self._adam = Adam()
+
+    @property
+    def moved(self) -> float:
+        """Get the sum of all steps, in units of the inverse depths."""
+        return float(self._beta)
+
+    def step(
+        self, scene: Gaussians, world_to_camera: Tensor, twist_gradient: Tensor, progress: float
+    ) -> "Exchange | None":
+        """Choose a step by the present gradients, None before it is time; taking it is up to the caller.
+
+        Args:
+            scene: The Gaussians, with their gradients.
+            world_to_camera: Poses, [N, 4, 4].
+            twist_gradient: By twists applied after them, translation in scene units first, [N, 6].
+            progress: Share of the schedule that is done, in [0, 1]: sets the step size.
+        """
+        if progress < self._settings.begins:
+            return None
+        along = relief_step(scene, world_to_camera, self._reference)
+        gradient = _gradient(scene, twist_gradient, along)
+        if not bool(torch.isfinite(gradient)):
+            return None
+        self._beta.grad = gradient
+        before = self.moved
+        rates = self._settings
+        self._adam.step(self._beta, rates.rate * (rates.final_rate / rates.rate) ** progress)
+        self._beta.grad = None
+        return Exchange(along, self.moved - before)
+
+
+@dataclass(frozen=True)
+class Exchange:
+    """A step by `beta` along a direction."""
+
+    along: ReliefStep
+    beta: float
+
+    def of_scene(self, scene: Gaussians) -> None:
+        """Move Gaussians, in place."""
+        with torch.no_grad():
+            growth = (self.beta * self.along.log_sizes).clamp(-_MOST_GROWTH, _MOST_GROWTH)
+            share = torch.where(self.along.log_sizes == 0, 0.0, growth / self.along.log_sizes)
+            scene.means.add_(self.along.means * share[:, None])
+            scene.log_scales.add_(growth[:, None])
+
+    @property
+    def twists(self) -> Tensor:
+        """Get what cameras move by, after their poses: translation in scene units first, [N, 6]."""
+        return self.beta * self.along.twists
+
+
+def _gradient(scene: Gaussians, twist_gradient: Tensor, along: ReliefStep) -> Tensor:
+    """Return the derivative of the objective by beta."""
+    total = (twist_gradient * along.twists).sum(dtype=torch.float64)
+    if scene.means.grad is not None:
+        total = total + (scene.means.grad * along.means).sum(dtype=torch.float64)
+    if scene.log_scales.grad is not None:
+        total = total + (scene.log_scales.grad.sum(dim=1) * along.log_sizes).sum(dtype=torch.float64)
+    return total

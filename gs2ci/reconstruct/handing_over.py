@@ -1,0 +1,137 @@
+"""What is handed over: the views of the fits, of the best scene and of the decode, combined so as to err least.
+
+    mean of the fits ─┬─ with its residual put back ─┐
+                      └─ as it is ───────────────────┤
+    best scene ──────────────────────────────────────┼─► shares by held-out pixels ─► the combination, from all pixels
+    decode, uncoupled and coupled (unless far off) ──┘
+
+Here: the candidates, and what the result is called. Not here: the shares (`fit/combination.py`), the fits and the order
+of the stages (`pipeline`).
+"""
+
+from dataclasses import replace
+from typing import Final, Literal
+
+import numpy as np
+
+from gs2ci.core.arrays import F32
+from gs2ci.core.findings import Code, Finding, finding
+from gs2ci.core.run_records import Verdict
+from gs2ci.reconstruct.decode.by_name import decode_by_name
+from gs2ci.reconstruct.decode.coupling import COUPLINGS
+from gs2ci.reconstruct.decode.gap_tv import gap_tv
+from gs2ci.reconstruct.decode.patches.decoder import PatchSettings, patch_decode_from
+from gs2ci.reconstruct.first_look import FirstLook
+from gs2ci.reconstruct.fit.combination import Candidate, combined, noise_power, shares
+from gs2ci.reconstruct.fit.ensemble import Ensemble
+from gs2ci.reconstruct.fit.refinement import Refinement
+from gs2ci.reconstruct.measurement.doubts import doubts_about_result
+from gs2ci.reconstruct.measurement.jury import Jury
+from gs2ci.reconstruct.record import Recovered
+from gs2ci.reconstruct.settings import Settings
+
+# A decode whose held-out residual is so many times that of the fits' mean would get a few hundredths at most, for
+# several decodes' time.
+_FAR_OFF: Final = 1.7
+# From this share on the result is called by what it is made of.
+_ALL_BUT: Final = 0.95
+
+Part = Literal["refined", "mean", "scene", "decode", "coupled decode"]
+_CALLED: Final[dict[Part, Verdict]] = {
+    "refined": "refined",
+    "mean": "refined",
+    "scene": "scene",
+    "decode": "decode",
+    "coupled decode": "decode",
+}
+
+
+def hand_over(
+    first: FirstLook, ensemble: Ensemble, refine: Refinement, settings: Settings, polishing: tuple[PatchSettings, ...]
+) -> Recovered:
+    """Combine the fits' mean, with its residual and without, the best scene's views and the decode's.
+
+    Where the settings put no residual back, or no pixel was held out, nothing chooses: they are the best scene's.
+
+    Args:
+        first: The measurement with its held-out pixels, and its decode.
+        ensemble: Of the fits.
+        refine: Puts the residual back.
+        settings: Of the reconstruction.
+        polishing: Where things move no scene of ours says all: schedules of a decode by similar patches that goes on
+            from the refined views, each taken if held-out pixels bear it out.
+    """
+    jury, own = first.jury, ensemble.best.views
+    if settings.residual is None or not jury.heldout.any():
+        judged = _judged(jury, {"refined": own, "scene": own, "decode": first.decoded})
+        return Recovered(own, "scene", judged, _doubts(jury, own))
+    refined_views, notes = _refined(jury, ensemble.views, refine, polishing)
+    candidates: dict[Part, Candidate] = {
+        "refined": refined_views,
+        "mean": Candidate(ensemble.views, ensemble.views),
+        "scene": Candidate(own, own),
+    }
+    if (jury.residual_rms(first.decoded) or 0.0) < _FAR_OFF * (jury.residual_rms(ensemble.views) or 0.0):
+        candidates.update(_decodes(first, settings))
+    wanted = shares(jury, candidates, noise_power(jury, ensemble.views))
+    blind = combined({name: one.blind for name, one in candidates.items()}, wanted)
+    judged = _judged(jury, {"refined": blind, "scene": own, "decode": first.decoded})
+    of: dict[Verdict, float] = {"refined": 0.0, "scene": 0.0, "decode": 0.0}
+    for name, share in wanted.items():
+        of[_CALLED[name]] += share
+    verdict: Verdict = next((name for name, share in of.items() if share >= _ALL_BUT), "refined")
+    if verdict != "refined":
+        wanted = {name: share / of[verdict] if _CALLED[name] == verdict else 0.0 for name, share in wanted.items()}
+        notes = ()
+    elif of["refined"] < 1:
+        notes = (*notes, finding(Code.VIEWS_COMBINED, **of))
+    views = combined({name: one.full for name, one in candidates.items()}, wanted)
+    return Recovered(views, verdict, judged, (*_doubts(jury, blind), *notes))
+
+
+def _judged(jury: Jury, views: dict[Verdict, F32]) -> dict[Verdict, float | None]:
+    return {name: jury.residual_rms(one) for name, one in views.items()}
+
+
+def _doubts(jury: Jury, views: F32) -> tuple[Finding, ...]:
+    return doubts_about_result(jury, views) if jury.heldout.any() else (finding(Code.UNJUDGED),)
+
+
+def _refined(
+    jury: Jury, mean: F32, refine: Refinement, polishing: tuple[PatchSettings, ...]
+) -> tuple[Candidate, tuple[Finding, ...]]:
+    """Put the residual back into the mean, [N, H, W, C], and polish it by patches where that is borne out.
+
+    A few more steps of the polishing then see all pixels.
+    """
+    begun, _ = refine.with_share(mean)
+    polished, before = begun, jury.residual_rms(begun) or 0.0
+    after = before
+    for steps in polishing:
+        further = patch_decode_from(jury.seen, polished, steps)
+        left = jury.residual_rms(further) or 0.0
+        if left < after:
+            polished, after = further, left
+    if after == before:
+        return Candidate(refine.in_full(mean), refine.by_all_pixels(mean, 1.0)), ()
+    full = patch_decode_from(jury.shot, polished, PatchSettings.to_the_end())
+    return Candidate(polished, full), (finding(Code.VIEWS_POLISHED, before=before, after=after),)
+
+
+def _decodes(first: FirstLook, settings: Settings) -> dict[Part, Candidate]:
+    """Decode from all pixels; by GAP-TV once more with its views coupled, if held-out pixels gain by that."""
+    jury, uncoupled = first.jury, settings.decode
+    if first.decoder == "patches":
+        return {
+            "decode": Candidate(first.decoded, patch_decode_from(jury.shot, first.decoded, PatchSettings.to_the_end()))
+        }
+    if first.decoder != "gap-tv":
+        return {"decode": Candidate(first.decoded, decode_by_name(jury.shot, "patches", uncoupled))}
+    found: dict[Part, Candidate] = {"decode": Candidate(first.decoded, gap_tv(jury.shot, uncoupled))}
+    others = [replace(uncoupled, coupling=one) for one in COUPLINGS if one != uncoupled.coupling]
+    blind = [gap_tv(jury.seen, one) for one in others]
+    left = [jury.residual_rms(views) or 0.0 for views in blind]
+    best = int(np.argmin(left))
+    if left[best] < (jury.residual_rms(first.decoded) or 0.0):
+        found["coupled decode"] = Candidate(blind[best], gap_tv(jury.shot, others[best]))
+    return found

@@ -1,0 +1,81 @@
+"""Dust: particles on the sensor's cover glass cast shadows that stay."""
+
+from dataclasses import dataclass
+from typing import ClassVar, Final
+
+import cv2
+import numpy as np
+
+from gs2ci.core.arrays import F64
+from gs2ci.core.errors import InputError
+from gs2ci_sims.effects.base import Bound, BoundStep, Previewed, Stage
+from gs2ci_sims.effects.kernels import disc
+from gs2ci_sims.rig import Rig
+
+MOST_PX: Final = 128.0
+MOST_PARTICLES: Final = 10_000
+
+
+@dataclass(frozen=True)
+class Dust:
+    """Multiply the light by what opaque round particles on the cover glass let through, the same in every exposure.
+
+    A pixel sees the aperture of the lens through a cone, which crosses the glass in a disc; it loses the share of that
+    disc which a particle covers (Willson, Maimone, Johnson and Scherr, An optical model for image artifacts produced
+    by dust particles on lenses, i-SAIRAS 2005). The cone's diameter is the distance of the glass over the f-number on
+    the sensor's side, both in air; where cones overlap several particles, what each lets through is multiplied.
+
+    Args:
+        particles: On the glass before the sensor, in the mean; their number is drawn from Poisson's law, 0 to 10000.
+        diameter_px: Of a particle, in sensor pixels, 0 to 128.
+        cone_px: Of the cone where it crosses the glass, in sensor pixels, 0 to 128.
+    """
+
+    name: ClassVar[str] = "dust"
+    stage: ClassVar[Stage] = Stage.PHOTONS
+    cost_ns: ClassVar[float] = 10.0
+    fixed_pattern: ClassVar[bool] = True
+
+    particles: float
+    diameter_px: float
+    cone_px: float
+
+    def __post_init__(self) -> None:
+        sizes = (self.diameter_px, self.cone_px)
+        if not (0 <= self.particles <= MOST_PARTICLES and all(0 <= size <= MOST_PX for size in sizes)):
+            raise InputError(
+                f"{self.particles} particles of {self.diameter_px} px in cones of {self.cone_px} px",
+                allowed=f"0 to {MOST_PARTICLES} particles, sizes of 0 to {MOST_PX:g} px",
+            )
+
+    def shadow(self) -> F64:
+        """Return what share of its light each pixel around a particle loses, [2 r + 1, 2 r + 1] in [0, 1]."""
+        area = 0.25 * np.pi * self.diameter_px**2
+        particle, cone = disc(self.diameter_px), disc(self.cone_px)
+        rim = cone.shape[0] // 2
+        covered = cv2.filter2D(np.pad(area * particle, rim), cv2.CV_64F, cone, borderType=cv2.BORDER_CONSTANT)
+        return np.asarray(np.minimum(covered, 1.0))
+
+    def transmission(self, size: tuple[int, int], rng: np.random.Generator) -> F64:
+        """Draw what the glass of a sensor of this size lets through, [H, W] in [0, 1]."""
+        shadow = self.shadow()
+        reach = shadow.shape[0] // 2
+        passed = np.ones((size[0] + 2 * reach, size[1] + 2 * reach))
+        for _ in range(int(rng.poisson(self.particles))):
+            row, column = (int(rng.integers(side)) for side in size)
+            passed[row : row + 2 * reach + 1, column : column + 2 * reach + 1] *= 1 - shadow
+        return passed[reach : reach + size[0], reach : reach + size[1]]
+
+    def bound(self, scene: Previewed, rig: Rig) -> Bound:
+        """What this device's shadows take from the previewed measurement, and all of what that may differ by."""
+        deepest = float(self.shadow().max())
+        return scene.of_photon_effect(self, 1.0 if self.particles > 0 else 0.0).after(
+            BoundStep("n", self.particles, "", "particles, in the mean"),
+            BoundStep("D", self.diameter_px, "px", "diameter of a particle"),
+            BoundStep("C", self.cone_px, "px", "diameter of the cone of light that a pixel sees, at the glass"),
+            BoundStep("s", deepest, "", "deepest shadow of one particle"),
+        )
+
+    def apply(self, signal: F64, rig: Rig, rng: np.random.Generator) -> F64:
+        """Shade photons [H, W, C]."""
+        return np.asarray(signal * self.transmission(signal.shape[:2], rng)[..., None])

@@ -1,0 +1,65 @@
+"""Ghost reflection: light that the sensor throws back comes again from a window, upside down and out of focus."""
+
+from dataclasses import dataclass
+from typing import ClassVar, Final
+
+import cv2
+import numpy as np
+
+from gs2ci.core.arrays import F64
+from gs2ci.core.errors import InputError
+from gs2ci_sims.effects.base import Bound, BoundStep, Previewed, Stage
+from gs2ci_sims.effects.kernels import disc
+from gs2ci_sims.rig import Rig
+
+MOST_BLUR_PX: Final = 256.0
+
+
+@dataclass(frozen=True)
+class GhostReflection:
+    """Add a share of the image, turned by half a turn about the middle of the sensor and spread over a disc.
+
+    Light reflected twice, by the sensor and by a surface before it, comes back as a ghost; its share is the product of
+    both reflectivities (Hullin, Eisemann, Seidel and Lee, ACM Trans. Graphics 30 (2011) 108). By Fresnel's law an
+    uncoated surface of index n reflects ((n - 1) / (n + 1))^2, 4.3 % for glass of 1.52. A ghost between the sensor and
+    the lens that forms the image is turned about the axis. The image keeps all of its own light here.
+
+    Args:
+        share: Of the light that comes again, 0 to 0.5.
+        blur_px: Diameter of the disc that a point of the ghost is spread over, sensor pixels, 0 to 256.
+    """
+
+    name: ClassVar[str] = "ghost_reflection"
+    stage: ClassVar[Stage] = Stage.PHOTONS
+    cost_ns: ClassVar[float] = 100.0
+    fixed_pattern: ClassVar[bool] = False
+
+    share: float
+    blur_px: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not (0 <= self.share <= 0.5 and 0 <= self.blur_px <= MOST_BLUR_PX):
+            raise InputError(
+                f"a ghost of {self.share} of the light over {self.blur_px} px",
+                allowed=f"a share of 0 to 0.5, 0 to {MOST_BLUR_PX:g} px",
+            )
+
+    def bound(self, scene: Previewed, rig: Rig) -> Bound:
+        """The ghost of the previewed measurement, and its share of what that may differ by.
+
+        Neither the turn nor the blur makes an image's rms larger.
+        """
+        return scene.of_photon_effect(self, self.share).after(
+            BoundStep("s", self.share, "", "share of the light that comes again"),
+            BoundStep("d", self.blur_px, "px", "disc that the ghost is spread over"),
+        )
+
+    def brightest(self, scene: Previewed) -> float:
+        """The image and its ghost."""
+        return 1 + self.share
+
+    def apply(self, signal: F64, rig: Rig, rng: np.random.Generator) -> F64:
+        """Add the ghost to photons [H, W, C]; beyond the rim the image goes on mirrored."""
+        turned = np.ascontiguousarray(signal[::-1, ::-1])
+        spread = cv2.filter2D(turned, cv2.CV_64F, disc(self.blur_px), borderType=cv2.BORDER_REFLECT)
+        return np.asarray(signal + self.share * spread.reshape(signal.shape))

@@ -1,0 +1,194 @@
+"""What the twins leave out: every idealisation of a simulated bench, what real devices do, and what switches it.
+
+Here: the list (docs/idealisations.md is made from it) and the choice of those that a bench's devices have. Not here:
+what a switch does (each twin in `gs2ci_sims.wires`, each effect), the rig file (`gs2ci.rig.config`).
+"""
+
+from collections.abc import Collection, Iterator
+from dataclasses import dataclass, field
+from typing import Any, Final
+
+
+@dataclass(frozen=True)
+class Idealisation:
+    """One thing that a twin does better than a device.
+
+    Args:
+        device: Whose twin, in words.
+        twin: What it does unless told otherwise.
+        real: What devices do.
+        source: Who says so.
+        key: What switches it below [world] of a rig file: a key, or "effects.NAME"; "" if nothing does.
+        ideal: The key's default; an effect that is not there is None.
+        typical: What `devices = "typical"` sets; None where no figure suits most devices.
+        kinds: Kinds of modulator, sensor or stage that it is for; empty: all.
+    """
+
+    device: str
+    twin: str
+    real: str
+    source: str
+    key: str = ""
+    ideal: Any = None
+    typical: Any = None
+    kinds: frozenset[str] = field(default_factory=frozenset)
+
+
+IDEALISATIONS: Final = (
+    Idealisation(
+        "camera",
+        "stamps the start of exposure and flags it",
+        "the kernel's drivers stamp the frame's first packet, or its end",
+        "uvc_video_decode_start in uvc_video.c, cfe_sof_isr_handler in rp1-cfe/cfe.c (Linux)",
+        "camera_driver",
+        "twin",
+        "uvcvideo",
+        frozenset({"v4l2"}),
+    ),
+    Idealisation(
+        "camera",
+        "counts the world's seconds",
+        "crystals are off by 20 to 100 ppm",
+        "data sheets of crystals; the GenICam twin's clock runs 40 ppm fast by default",
+        "camera_clock_ppm",
+        0.0,
+        40.0,
+        frozenset({"v4l2"}),
+    ),
+    Idealisation(
+        "camera",
+        "starts to expose at the edge of the trigger",
+        "an edge between two lines waits for the next one: half a line of 10 us on average",
+        "follows from exposures that begin with a line",
+        "trigger_latency_s",
+        0.0,
+        5e-6,
+    ),
+    Idealisation(
+        "camera",
+        "is always equally late",
+        "that wait is evenly spread over a line: a standard deviation of 10 us / 12^(1/2)",
+        "as above",
+        "trigger_jitter_s",
+        0.0,
+        2.9e-6,
+    ),
+    Idealisation(
+        "camera",
+        "exposes for as long as it is told",
+        "an IMX296 exposes for 14.26 us longer than its trigger is low",
+        "Sony's data sheet, as quoted in raspberrypi/linux pull request 5560",
+        "trigger_exposure_offset_s",
+        0.0,
+    ),
+    Idealisation(
+        "sensor",
+        "has pixels that are all alike",
+        "PRNU, DSNU, hot pixels and dark current are in each maker's EMVA 1288 report",
+        "EMVA Standard 1288, Release 3.1, section 4",
+        "effects.prnu",
+    ),
+    Idealisation(
+        "DMD",
+        "has mirrors that flip at once",
+        "crossover takes about 3 us, settling about 10 us",
+        "TI DLPA027 and the DLP6500 data sheet",
+        "effects.mirror_transition",
+        None,
+        {"transition_s": 13e-6},
+        frozenset({"dlpc900"}),
+    ),
+    Idealisation(
+        "LCoS panel",
+        "follows its masks at once",
+        "liquid crystals of display panels take 1 to 10 ms",
+        "Yeh and Gu, Optics of Liquid Crystal Displays, section 5.3",
+        "panel_response_s",
+        0.0,
+        3e-3,
+        frozenset({"santec"}),
+    ),
+    Idealisation(
+        "modulator",
+        "is dark where it is off",
+        "off levels of 0.017 to 0.083 of the on level",
+        "measured masks of two laboratory systems",
+        "effects.finite_contrast",
+        None,
+        {},
+    ),
+    Idealisation(
+        "modulator",
+        "has sharp elements",
+        "edges as if blurred by a Gaussian of 0.5 sensor pixels",
+        "the same masks against their binarised copies",
+        "effects.mask_edges",
+        None,
+        {"sigma_px": 0.5},
+    ),
+    Idealisation(
+        "relay",
+        "images element on pixel without error",
+        "shifts, turns and magnifications are as good as somebody has adjusted them",
+        "each bench's own calibration",
+        "effects.misregistration",
+    ),
+    Idealisation(
+        "GRBL controller",
+        "keeps running when its port is opened",
+        "an Arduino Uno resets when DTR rises, which every opening of the port does",
+        "100 nF between DTR and RESET in the Uno's schematic; Linux raises DTR on open",
+        "grbl_board",
+        "plain",
+        "uno",
+        frozenset({"grbl"}),
+    ),
+    Idealisation(
+        "stage",
+        "is where it says it is",
+        "backlash, pitch error, following error and repeatability are in each maker's data sheet",
+        "ISO 230-2",
+        "mechanics",
+        {},
+    ),
+    Idealisation(
+        "stage",
+        "moves without shaking the camera",
+        "motors and floors shake; how far is a matter of the table",
+        "each bench's own accelerometer",
+        "effects.stage_vibration",
+    ),
+    Idealisation(
+        "lamp",
+        "is steady",
+        "lamps drift while they warm up and flicker at twice the mains",
+        "IEEE 1789-2015, section 3",
+        "lamp_drift_per_min",
+        0.0,
+    ),
+    Idealisation(
+        "ports",
+        "answer after a time that is always the same",
+        "an operating system answers when it gets to it",
+        "any scheduler; late answers are among the faults (docs/faults.md)",
+    ),
+    Idealisation(
+        "DMD",
+        "begins a sequence 500 us after it is told to",
+        "the controller's firmware takes a time that TI does not state",
+        "DLPU018 is silent; captures wait for the first trigger and do not depend on it",
+    ),
+    Idealisation(
+        "host",
+        "shares one clock with the bench, and computes in no time of it",
+        "computers lose time between any two statements",
+        "time in the simulated world passes only while somebody waits for it",
+    ),
+)
+
+
+def typical(kinds: Collection[str]) -> Iterator[Idealisation]:
+    """List what devices of these kinds do otherwise than their twins, where a figure suits most of them."""
+    for one in IDEALISATIONS:
+        if one.typical is not None and (not one.kinds or one.kinds & set(kinds)):
+            yield one

@@ -1,0 +1,121 @@
+"""What is handed over errs no more than the decode and the scene, with the truth at hand."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from scipy.ndimage import gaussian_filter
+
+from gs2ci.core.findings import Code
+from gs2ci.core.records import Shot, Truth
+from gs2ci.reconstruct.decode.gap_tv import gap_tv
+from gs2ci.reconstruct.first_look import FirstLook
+from gs2ci.reconstruct.fit.refinement import Refinement
+from gs2ci.reconstruct.handing_over import hand_over
+from gs2ci.reconstruct.measurement.jury import Jury
+from gs2ci.reconstruct.settings import Settings
+
+SIZE, VIEWS = (48, 64), 5
+SETTINGS = Settings()
+
+
+def picture(seed, sigma_px):
+    grey = gaussian_filter(np.random.default_rng(seed).random((SIZE[0], SIZE[1] + 16)), sigma_px)
+    return (grey - grey.min()) / np.ptp(grey)
+
+
+def moving(seed=0, sigma_px=1.5):
+    """A picture that moves by a pixel from view to view."""
+    wide = picture(seed, sigma_px)
+    return np.stack([wide[:, k : k + SIZE[1]] for k in range(VIEWS)]).astype(np.float32)[..., None]
+
+
+def look_at(truth, noise=0.0, share=0.05):
+    rng = np.random.default_rng(1)
+    masks = (rng.random((VIEWS, *SIZE)) < 0.4).astype(np.float32)
+    light = np.einsum("nhw,nhwc->hwc", masks, truth) + rng.normal(0, noise, (*SIZE, 1))
+    jury = Jury.of(Shot(light.astype(np.float32), masks, truth=Truth(truth)).check(), share, 0)
+    return FirstLook(jury, gap_tv(jury.seen), geometry=None, brightness=None)
+
+
+def handed(first, mean, best=None, settings=SETTINGS, *, polish=False):
+    ensemble = SimpleNamespace(views=mean, best=SimpleNamespace(views=mean if best is None else best))
+    return hand_over(first, ensemble, Refinement(first.jury, settings.residual), settings, polish=polish)
+
+
+def psnr(views, truth):
+    return float(-10 * np.log10(np.mean((np.clip(views, 0, 1) - truth) ** 2)))
+
+
+def astray(truth, by=0.05, sigma_px=2.0, seed=3):
+    """Views of a fit that errs smoothly, each in its own way."""
+    error = gaussian_filter(np.random.default_rng(seed).normal(0, 1, truth.shape), (0, sigma_px, sigma_px, 0))
+    return (truth + np.float32(by) * (error / error.std())).astype(np.float32)
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.03, 0.3])
+@pytest.mark.parametrize("sigma_px", [0.7, 6.0], ids=["textured", "smooth"])
+@pytest.mark.parametrize("by", [0.01, 0.05, 0.3])
+def test_it_is_never_clearly_under_the_better_of_decode_and_scene(noise, sigma_px, by):
+    truth = moving(sigma_px=sigma_px)
+    first = look_at(truth, noise)
+    mean, best = astray(truth, by), astray(truth, 1.2 * by, seed=4)
+    given = handed(first, mean, best)
+    assert psnr(given.views, truth) > max(psnr(best, truth), psnr(gap_tv(first.jury.shot), truth)) - 0.1
+
+
+def test_a_scene_that_shows_something_else_leaves_the_decode_of_all_pixels():
+    truth = moving()
+    first = look_at(truth)
+    given = handed(first, moving(seed=9))
+    assert given.verdict == "decode"
+    assert psnr(given.views, truth) > psnr(first.decoded, truth)
+    assert Code.VIEWS_COMBINED not in [note.code for note in given.notes]
+
+
+def test_a_right_scene_is_handed_over_as_it_is_and_no_decode_is_made_again(monkeypatch):
+    truth = moving()
+    monkeypatch.setattr("gs2ci.reconstruct.handing_over.gap_tv", None)
+    given = handed(look_at(truth, 0.01), truth)
+    assert given.verdict == "refined"
+    assert psnr(given.views, truth) > 45
+
+
+def test_fits_that_err_apart_from_the_best_are_combined_with_it_and_a_note_says_so():
+    truth = moving()
+    given = handed(look_at(truth, share=0.2), astray(truth, 0.08), astray(truth, 0.08, seed=4))
+    assert given.verdict == "refined"
+    (note,) = [note for note in given.notes if note.code is Code.VIEWS_COMBINED]
+    assert 0.2 < note.figures["scene"] < 0.8
+    assert given.heldout_rms["refined"] < given.heldout_rms["scene"]
+
+
+def test_noise_is_not_put_back():
+    truth = moving(sigma_px=3.0)
+    mean = astray(truth, 0.02)
+    first = look_at(truth, noise=0.3)
+    refined = Refinement(first.jury, SETTINGS.residual).by_all_pixels(mean, 1.0)
+    assert psnr(refined, truth) < psnr(mean, truth) - 3
+    assert psnr(handed(first, mean).views, truth) > psnr(mean, truth) - 0.1
+
+
+def test_patches_go_on_from_refined_views_where_held_out_pixels_bear_it_out():
+    truth = moving(sigma_px=1.0)
+    first = look_at(truth, share=0.1)
+    mean = astray(truth, 0.1, sigma_px=1.0)
+    plain, polished = handed(first, mean), handed(first, mean, polish=True)
+    assert Code.VIEWS_POLISHED in [note.code for note in polished.notes]
+    assert psnr(polished.views, truth) > psnr(plain.views, truth)
+
+
+@pytest.mark.parametrize("how", ["nothing held out", "no residual"])
+def test_where_nothing_chooses_the_scene_stands(how):
+    truth = moving()
+    first = look_at(truth, share=0.0 if how == "nothing held out" else 0.05)
+    settings = replace(SETTINGS, residual=None) if how == "no residual" else SETTINGS
+    best = astray(truth, 0.1)
+    given = handed(first, truth, best, settings)
+    assert given.verdict == "scene"
+    assert given.views is best
+    assert (Code.UNJUDGED in [note.code for note in given.notes]) == (how == "nothing held out")
