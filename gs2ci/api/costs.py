@@ -108,10 +108,10 @@ def tradeoff(
     measured = shot.check() if isinstance(shot, Shot) else read_shot(Path(shot), index)
     from gs2ci.evaluate.pages.run_evidence import check_same_shot
     from gs2ci.evaluate.pages.run_page import write_run_page
+    from gs2ci.evaluate.tradeoff import costs
     from gs2ci.evaluate.tradeoff.pages import Tradeoff, markdown, record_of, write_pages
     from gs2ci.evaluate.tradeoff.record import write_record
     from gs2ci.evaluate.tradeoff.trials import KNOBS, chosen_trials, predicted_seconds
-    from gs2ci.reconstruct.budget import costs
     from gs2ci.tables.store import Store
     from gs2ci.tables.workers import complete
 

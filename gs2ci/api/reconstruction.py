@@ -103,8 +103,9 @@ def reconstruct(
     began_s = time.monotonic() - command_age_s()
     check_wishes(iterations, fits, focal_px, seed)
     measured = shot.check() if isinstance(shot, Shot) else load(shot)
-    from gs2ci.api.wishes import Wishes, budget_seconds, planned, score_against_truth, settings_of, with_focal
+    from gs2ci.api.wishes import Wishes, budget_seconds, score_against_truth, settings_of, with_focal
     from gs2ci.reconstruct import pipeline
+    from gs2ci.reconstruct.budget import Budget
     from gs2ci.render import backend
 
     wishes = Wishes(
@@ -125,18 +126,15 @@ def reconstruct(
     )
     budget_s = budget_seconds(budget, preset, wishes)
     measured = with_focal(focal_px, measured)
-    settings, pace = settings_of(preset, wishes), None
-    halt = Halt()
+    settings, halt = settings_of(preset, wishes), Halt()
+    within = None if budget_s is None else Budget(budget_s, began_s, wishes.on)
     with halted_by_interruption(halt), interrupted_within(), shown(progress) as display:
         if backend.needs_compiling(settings.backend):
             display.say(
                 "The first run on this machine compiles the rasteriser, once, as `gs2ci compile` does ahead: "
                 "give it half a minute more."
             )
-        if budget_s is not None:
-            plan = planned(budget_s, began_s, measured, wishes.on, display)
-            settings, pace = plan.settings, plan.pace
-        found = pipeline.reconstruct(measured, settings, display, score_against_truth(measured), pace, halt)
+        found = pipeline.reconstruct(measured, settings, display, score_against_truth(measured), within, halt)
     return Run.of(measured, found.result, found.scene)
 
 

@@ -4,23 +4,18 @@ Here: settings changed as wished, a shot with the focal length that its user kno
 settings (`gs2ci.reconstruct`), the order of the work (`reconstruction`).
 """
 
-import time
 from dataclasses import dataclass, replace
 from typing import get_args
 
 import numpy as np
 
-from gs2ci.api.display import Display
 from gs2ci.api.options import check_choice
 from gs2ci.core.arrays import F32
 from gs2ci.core.durations import parse_duration_s
 from gs2ci.core.errors import InputError
 from gs2ci.core.records import Shot
 from gs2ci.evaluate.metrics import psnr_per_view
-from gs2ci.evaluate.rehearsal import report_seconds
 from gs2ci.reconstruct import ablation
-from gs2ci.reconstruct.budget.costs import probe
-from gs2ci.reconstruct.budget.plan import Adapt, BudgetPlan, plan_within
 from gs2ci.reconstruct.choices import (
     FirstLookName,
     MotionMode,
@@ -32,7 +27,7 @@ from gs2ci.reconstruct.choices import (
 )
 from gs2ci.reconstruct.fit.density.base import DensityRule
 from gs2ci.reconstruct.fit.looks import Score
-from gs2ci.reconstruct.presets import PRESETS, preset
+from gs2ci.reconstruct.presets import preset
 from gs2ci.reconstruct.settings import Settings
 
 
@@ -142,21 +137,6 @@ def with_focal(focal_px: float | None, shot: Shot) -> Shot:
         intrinsics[1, 1] *= focal_px / intrinsics[0, 0]
         intrinsics[0, 0] = focal_px
     return replace(shot, intrinsics=intrinsics).check()
-
-
-def planned(budget_s: float, began_s: float, shot: Shot, adapt: Adapt, display: Display) -> BudgetPlan:
-    """Measure this machine on the shot, and plan what the budget buys.
-
-    Raises:
-        InputError: It buys too little.
-    """
-    display.stage("measuring this machine")
-    model = probe(shot, adapt(PRESETS["draft"]).backend)
-    report_s = report_seconds(shot)
-    display.finish()
-    plan = plan_within(budget_s, model, report_s=report_s, spent_s=time.monotonic() - began_s, adapt=adapt)
-    display.say(plan.sentence)
-    return plan
 
 
 def score_against_truth(shot: Shot) -> Score | None:

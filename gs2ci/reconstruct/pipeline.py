@@ -11,6 +11,7 @@ the views handed over (`handing_over`), their record (`record`), files and metri
 import math
 import time
 from dataclasses import dataclass, replace
+from typing import Final
 
 import numpy as np
 
@@ -22,6 +23,7 @@ from gs2ci.core.progress import Progress, Silent
 from gs2ci.core.records import Shot
 from gs2ci.core.run_records import RunResult
 from gs2ci.reconstruct.attempts import Attempt, Attempts
+from gs2ci.reconstruct.budget import Budget
 from gs2ci.reconstruct.decode.residual import ResidualSettings
 from gs2ci.reconstruct.first_look import FirstLook, look, look_closer
 from gs2ci.reconstruct.fit.coarse import CoarseFit, fit_coarse
@@ -30,7 +32,7 @@ from gs2ci.reconstruct.fit.fine import Fine, fit_fine
 from gs2ci.reconstruct.fit.looks import Score
 from gs2ci.reconstruct.fit.metric import in_given_unit
 from gs2ci.reconstruct.fit.motion import at_rest_until_moved, of_degree, set_moving
-from gs2ci.reconstruct.fit.pace import Pace
+from gs2ci.reconstruct.fit.pace import Pace, Timed
 from gs2ci.reconstruct.fit.refinement import Refinement
 from gs2ci.reconstruct.fit.rendering import ShotRenderer
 from gs2ci.reconstruct.fit.start import first_gaussians
@@ -55,6 +57,9 @@ from gs2ci.render.backend import load_backend
 from gs2ci.render.gaussians import Gaussians
 from gs2ci.render.interface import Backend
 
+# By so many iterations, and a look, the fits that fit into a budget are chosen.
+_TIMED_ITERATIONS: Final = 6
+
 
 @dataclass(frozen=True)
 class Reconstruction:
@@ -70,7 +75,7 @@ def reconstruct(
     settings: Settings | None = None,
     progress: Progress | None = None,
     score: Score | None = None,
-    pace: Pace | None = None,
+    budget: Budget | None = None,
     halt: Halt | None = None,
 ) -> Reconstruction:
     """Recover views, camera path and scene from one coded measurement.
@@ -80,7 +85,7 @@ def reconstruct(
         settings: Settings of every stage.
         progress: Told of every stage and step.
         score: Turns views, [N, H, W, C], into a figure for the curve, in dB; it may know the truth.
-        pace: Decides how many iterations the fit has, instead of the settings.
+        budget: Decides how much is fitted, instead of the settings.
         halt: When it is asked, the fit ends where it is, nothing more is tried, and what there is gets handed over
             with a finding that says so. It can be asked as soon as the fit has begun.
 
@@ -90,20 +95,19 @@ def reconstruct(
 
     Raises:
         InputError: The shot's parts do not fit together, the settings make no sense, or poses are to come
-            from telemetry that the shot does not hold.
+            from telemetry that the shot does not hold; or the budget does not suffice.
         NumericsError: The first fit is not finite from its first iteration on.
     """
     settings, progress, halt = settings or Settings(), progress or Silent(), halt or Halt()
     settings.check()
     lens = Lens.of(shot.check())
-    tools = _Tools.load(settings)
-    clock = _Stopwatch()
+    tools, clock = _Tools.load(settings), _Stopwatch()
     registered = register(shot, settings.registration, progress, settings.seed)
     clock.lap("registration")
     sound, doubts = _examined(registered.shot, progress)
     jury = Jury.of(sound, settings.fit.hold_out.share, settings.seed)
 
-    first = (look_closer if pace is None and settings.may_look_again else look)(
+    first = (look_closer if budget is None and settings.may_look_again else look)(
         jury, lens, tools.geometry_prior, settings.look, progress, clock.lap, registered.shot
     )
     jury, decoded = first.jury, first.decoded
@@ -111,10 +115,10 @@ def reconstruct(
     refine = Refinement(jury, settings.residual)
 
     first = _settled(
-        first, fitted, lens, settings, refine, progress, clock, hurried=pace is not None or not settings.try_orders
+        first, fitted, lens, settings, refine, progress, clock, hurried=budget is not None or not settings.try_orders
     )
-
     halt.begin()
+    settings, pace = _affordable(budget, settings, first, fitted, lens, refine, progress, clock)
 
     def attempt(look: FirstLook, views: F32, moving: bool) -> Attempt:
         geometry, start = _beginning(look, views, lens, settings, moving=moving)
@@ -145,20 +149,54 @@ def reconstruct(
         return replace(still, fits=fits, ensemble=ensemble)
 
     attempts = Attempts(attempt, release, jury, lens, settings, refine, progress, clock.lap, halt)
-    first, tried, motion = attempts.hurried(first) if pace is not None else attempts.all(first)
+    first, tried, motion = attempts.hurried(first) if budget is not None else attempts.all(first)
     geometry, ensemble = tried.geometry, tried.ensemble
     renderer = ShotRenderer(fitted.shot, geometry.intrinsics, tools.backend, lens)
     if tools.fine is not None and ensemble.best.scene.motion is None and not halt.asked:
         ensemble = _fined(tried, fitted, jury, renderer, tools.fine, settings, refine, progress, score, clock, halt)
-        clock.lap("fine")
     doubts = (*doubts, *_said_if_halted(halt, progress))
     recovered = hand_over(first, ensemble, refine, settings, motion.polishing)
     geometry, ensemble = in_given_unit(geometry, ensemble)
     light = renderer.stopped_light(ensemble.best.scene, ensemble.best.world_to_camera)
     seen = speeds(renderer, ensemble.best.scene, ensemble.best.world_to_camera)
     clock.lap("fit")
-    left = Left(registered, doubts, tried.look, geometry, ensemble, light, recovered, motion, seen)
+    left = Left(
+        registered, doubts, tried.look.with_decode_of(first), geometry, ensemble, light, recovered, motion, seen
+    )
     return Reconstruction(record(settings, left, score, clock.seconds()), ensemble.best.scene)
+
+
+def _affordable(
+    budget: Budget | None,
+    settings: Settings,
+    first: FirstLook,
+    jury: Jury,
+    lens: Lens | None,
+    refine: Refinement,
+    progress: Progress,
+    clock: "_Stopwatch",
+) -> tuple[Settings, Pace | None]:
+    """Return the settings of fits for which a budget suffices, by a few timed iterations, and the pace that they keep.
+
+    Without a budget: the settings, and no pace.
+    """
+    if budget is None:
+        return settings, None
+    brief = replace(
+        settings.fit,
+        iterations=_TIMED_ITERATIONS,
+        densify_from=1.0,
+        surfaces=None,
+        hold_out=settings.fit.hold_out.looking(_TIMED_ITERATIONS),
+    )
+    geometry, start = _beginning(first, first.decoded, lens, settings)
+    fit = _fit_one(jury, geometry, lens, replace(settings, fit=brief), refine, None, clock)
+    timed = Timed(_TIMED_ITERATIONS)
+    fit(Member(start, settings.fit.density, settings.seed), Silent(), timed)
+    settings, pace, said = budget.fit(settings, timed)
+    progress.say(said)
+    clock.lap("fit")
+    return settings, pace
 
 
 @dataclass(frozen=True)
@@ -322,7 +360,9 @@ def _fined(
     fined = fit_fine(
         fitted, best, renderer, fine, settings.seed, refine.in_full, progress, score, clock.began_s, detailed, halt
     )
-    return combined(tuple(fined if fit is best else fit for fit in tried.fits), jury, refine)
+    ensemble = combined(tuple(fined if fit is best else fit for fit in tried.fits), jury, refine)
+    clock.lap("fine")
+    return ensemble
 
 
 class _Stopwatch:

@@ -2,7 +2,7 @@
 
 Here: what each preset sets, and how a schedule is made shorter or longer. Not here: what the settings mean (each
 stage's own file), the paper's constants (`paper`), nor which preset suits a number of
-seconds (`gs2ci.reconstruct.budget.plan`).
+seconds (`gs2ci.reconstruct.budget`).
 """
 
 from dataclasses import replace

@@ -1,17 +1,17 @@
 import json
+import tempfile
 from dataclasses import fields, replace
 
 import numpy as np
 import pytest
 
-from gs2ci.api import wishes
 from gs2ci.api.wishes import Wishes
 from gs2ci.commands import reconstruct
 from gs2ci.core.errors import InputError, StorageError
 from gs2ci.core.records import Shot, Truth
 from gs2ci.core.storage import write_shots
+from gs2ci.evaluate import run_folder
 from gs2ci.evaluate.report import read_report
-from gs2ci.reconstruct.budget.costs import CostModel
 from gs2ci.reconstruct.measurement.brightness import BrightnessSettings
 from gs2ci.reconstruct.presets import PRESETS
 from gs2ci.reconstruct.settings import Settings
@@ -160,15 +160,24 @@ def test_what_is_named_overrides_the_paper_and_only_that(options, changed):
         assert (found.fine.iterations, found.fine.gated) == (3000, False)
 
 
-def test_a_budget_is_measured_planned_and_said(measured, tmp_path, capsys, monkeypatch):
-    slow = CostModel(768, 3, decode_step=0.1, geometry=5, plane=0.1, iteration=1.0, gaussian=1e-3, look=1.0)
-    monkeypatch.setattr(wishes, "probe", lambda shot, backend: slow)
-    report = read_report(reconstruct.run(measured, tmp_path / "run", budget="2min"))
+def test_within_a_budget_one_run_folder_is_written_and_what_is_left_goes_to_the_fit(
+    measured, tmp_path, capsys, monkeypatch
+):
+    written, write_overview = [], run_folder.write_overview
+
+    def counted(path, *given):
+        written.append(path)
+        write_overview(path, *given)
+
+    monkeypatch.setattr(run_folder, "write_overview", counted)
+    monkeypatch.setattr(tempfile, "TemporaryDirectory", lambda *_, **__: pytest.fail("a folder to rehearse in"))
+    report = read_report(reconstruct.run(measured, tmp_path / "run", budget="10min", fits=1))
     said = capsys.readouterr().out.replace("\n", " ")
-    assert "Of 2 min 00 s" in said
-    assert "are left for preset draft" in said
+    assert "Of 10 min 00 s" in said
+    assert "are left for the fit of preset" in said
+    assert len(written) == 1
     assert report.settings["seed"] == 42
-    assert report.settings["decode"]["iterations"] == PRESETS["draft"].decode.iterations
+    assert report.settings["decode"]["iterations"] == PRESETS["standard"].decode.iterations
 
 
 def test_a_budget_beside_what_it_decides_is_refused(measured, tmp_path):

@@ -5,9 +5,8 @@ from gs2ci.commands import reconstruct, report, tradeoff
 from gs2ci.core.errors import InputError, StorageError
 from gs2ci.core.records import Shot
 from gs2ci.core.storage import write_shots
-from gs2ci.evaluate.tradeoff import trials
-from gs2ci.reconstruct.budget import costs
-from gs2ci.reconstruct.budget.costs import CostModel
+from gs2ci.evaluate.tradeoff import costs, trials
+from gs2ci.evaluate.tradeoff.costs import CostModel
 
 MODEL = CostModel(90_000, 8, decode_step=0.01, geometry=1.0, plane=0.01, iteration=0.05, gaussian=1e-6, look=0.2)
 

@@ -1,3 +1,4 @@
+import itertools
 import json
 from dataclasses import replace
 
@@ -15,12 +16,12 @@ from gs2ci.core.run_records import SECONDS_KEYS
 from gs2ci.evaluate.cameras import nerfstudio_transforms
 from gs2ci.evaluate.metrics import psnr_per_view
 from gs2ci.reconstruct import attempts, pipeline
+from gs2ci.reconstruct.budget import Budget
 from gs2ci.reconstruct.decode.gap_tv import GapTvSettings
 from gs2ci.reconstruct.decode.residual import ResidualSettings
 from gs2ci.reconstruct.fit.coarse import CoarseSettings
 from gs2ci.reconstruct.fit.fine import FineSettings
 from gs2ci.reconstruct.fit.losses import LossWeights
-from gs2ci.reconstruct.fit.pace import Fixed
 from gs2ci.reconstruct.fit.stopping import HoldOut
 from gs2ci.reconstruct.geometry.initialise import GeometrySettings
 from gs2ci.reconstruct.geometry.sweep import SweepSettings
@@ -474,8 +475,10 @@ def test_a_second_look_is_handed_over_where_held_out_pixels_prefer_it(shot, foun
 def test_a_budget_leaves_no_time_for_a_second_look(shot, monkeypatch):
     monkeypatch.setattr(attempts, "second_look", lambda *_: pytest.fail("looked again"))
     strict = replace(SHORT.geometry, criteria=replace(SHORT.geometry.criteria, path_error=0.0))
-    settings = replace(SHORT, look_again=True, geometry=strict, fit=replace(SHORT.fit, iterations=2))
-    assert reconstruct(shot, settings, pace=Fixed(2)).result.views.shape == shot.truth.views.shape
+    settings = replace(SHORT, look_again=True, geometry=strict)
+    # A clock that goes on by two seconds whenever it is read: some forty iterations.
+    budget = Budget(100.0, 0.0, lambda preset: replace(preset, fits=1), itertools.count(0.0, 2.0).__next__)
+    assert reconstruct(shot, settings, budget=budget).result.views.shape == shot.truth.views.shape
 
 
 def test_a_choice_by_evidence_is_explained_in_the_notes(shot):

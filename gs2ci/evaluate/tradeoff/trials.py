@@ -22,9 +22,9 @@ from gs2ci.core.errors import InputError
 from gs2ci.core.records import Shot
 from gs2ci.core.storage import read_shot
 from gs2ci.evaluate.metrics import psnr_per_view, ssim_per_view
+from gs2ci.evaluate.tradeoff.costs import CostModel
 from gs2ci.evaluate.tradeoff.shrinking import enlarged, shrunk
 from gs2ci.evaluate.trajectory import trajectory_errors
-from gs2ci.reconstruct.budget.costs import CostModel
 from gs2ci.reconstruct.choices import FirstLookName
 from gs2ci.reconstruct.decode.by_name import decode_by_name
 from gs2ci.reconstruct.measurement.jury import Jury

@@ -7,8 +7,8 @@ from gs2ci.core.errors import InputError
 from gs2ci.core.records import Truth
 from gs2ci.core.storage import write_shots
 from gs2ci.evaluate.tradeoff import trials
+from gs2ci.evaluate.tradeoff.costs import CostModel
 from gs2ci.evaluate.tradeoff.trials import BASELINE, KNOBS, TRIALS, chosen_trials, predicted_seconds, run_trial, tried
-from gs2ci.reconstruct.budget.costs import CostModel
 from gs2ci.reconstruct.presets import PRESETS
 from tests.benchmarks import heldout_order
 

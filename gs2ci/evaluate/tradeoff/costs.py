@@ -1,6 +1,6 @@
 """What a reconstruction will cost in seconds on this machine: measured on a piece of the shot itself, then scaled.
 
-Here: the probe and the model. Not here: which settings a number of seconds buys (`gs2ci.reconstruct.budget.plan`).
+Here: the probe and the model. Not here: what is tried (`trials`).
 
 Each stage runs for a moment on a crop of the shot with its own masks, twice with different sizes of what it scales
 with, so that both what is fixed and what grows are known:
@@ -36,7 +36,7 @@ from gs2ci.reconstruct.decode.by_name import patch_settings
 from gs2ci.reconstruct.decode.gap_tv import GapTvSettings, gap_tv
 from gs2ci.reconstruct.decode.residual import ResidualSettings, decode_residual
 from gs2ci.reconstruct.fit.coarse import CoarseSettings, fit_coarse
-from gs2ci.reconstruct.fit.pace import LOOKS_AFTERWARDS, Pace
+from gs2ci.reconstruct.fit.pace import LOOKS_AFTERWARDS, Timed, slower_beside
 from gs2ci.reconstruct.fit.start import first_gaussians
 from gs2ci.reconstruct.fit.stopping import HoldOut
 from gs2ci.reconstruct.geometry.initialise import Geometry, GeometrySettings, initialise
@@ -58,8 +58,6 @@ _ITERATIONS: Final = 4
 # A plane at rest, as the probe fits it, renders faster than a scene that has been fitted: per iteration by 1.35 to
 # 1.8 in processor time, on a scene of 18,000 to 37,000 Gaussians.
 _THAN_A_PLANE: Final = 1.5
-# What of an iteration more threads do not make quicker: two take 0.65 of one's time.
-_ON_ONE_THREAD: Final = 0.3
 # An iteration of the patch decoder, in GAP steps: 0.69 s of processors against 2.6 ms on 256 x 256 px x 8 views
 # (`python -m tests.benchmarks video`).
 _PATCH_ITERATION: Final = 260.0
@@ -157,14 +155,7 @@ class CostModel:
         With several fits side by side, one of each.
         """
         alone = self.iteration + self.population(settings, share) * self.gaussian
-        return alone * self._slower_beside(settings.fits)
-
-    def _slower_beside(self, fits: int) -> float:
-        """Return how much longer an iteration takes with that many fits side by side (Amdahl's law)."""
-        own = self.threads / fits
-        return (_ON_ONE_THREAD + (1 - _ON_ONE_THREAD) / own if own >= 1 else 1 / own) / (
-            _ON_ONE_THREAD + (1 - _ON_ONE_THREAD) / self.threads
-        )
+        return alone * slower_beside(settings.fits, self.threads)
 
     def population(self, settings: Settings, share: float) -> float:
         """Predict how many Gaussians there are when a share of the schedule is done."""
@@ -235,32 +226,11 @@ def _sweep(views: F32, geometry: Geometry) -> None:
     sweep(views, geometry.world_to_camera, geometry.intrinsics, geometry.reference, (0.5, 1.5), _SWEEP)
 
 
-class _TimedPace:
-    """A pace that ends after a few iterations and keeps their times."""
-
-    def __init__(self) -> None:
-        self.moments_s: list[float] = []
-        self.look_s = 0.0
-
-    def total(self, done: int) -> int:
-        self.moments_s.append(time.monotonic())
-        return _ITERATIONS
-
-    def looked(self, seconds: float) -> None:
-        self.look_s = seconds
-
-    def is_late(self, done: int) -> bool:
-        return False
-
-    def beside(self) -> Pace:
-        return self
-
-
 def _probe_fit(shot: Shot, views: F32, stride: int, backend: Backend) -> tuple[int, float, float]:
     """Fit a plane for a few iterations; return Gaussians, the shortest seconds of an iteration, those of a look."""
     geometry = _plane(shot)
     start = first_gaussians(seed_points(geometry, views, stride))
-    watch = _TimedPace()
+    watch = Timed(_ITERATIONS)
     fit_coarse(
         jury=Jury.of(shot, HELDOUT_SHARE, 0),
         start=start,
@@ -272,8 +242,7 @@ def _probe_fit(shot: Shot, views: F32, stride: int, backend: Backend) -> tuple[i
         progress=Silent(),
         pace=watch,
     )
-    # The first iteration makes room for everything that the others find made.
-    return len(start), float(np.median(np.diff(watch.moments_s)[1:])), watch.look_s
+    return len(start), watch.iteration_s, watch.look_s
 
 
 def _plane(shot: Shot) -> Geometry:

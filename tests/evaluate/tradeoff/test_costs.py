@@ -6,8 +6,8 @@ import pytest
 
 from gs2ci.core.errors import InputError
 from gs2ci.core.records import Shot
-from gs2ci.reconstruct.budget import costs
-from gs2ci.reconstruct.budget.costs import CostModel, probe
+from gs2ci.evaluate.tradeoff import costs
+from gs2ci.evaluate.tradeoff.costs import CostModel, probe
 from gs2ci.reconstruct.presets import PRESETS, rescheduled
 
 MODEL = CostModel(

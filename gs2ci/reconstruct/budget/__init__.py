@@ -1,1 +1,0 @@
-"""The best result within a number of seconds: what settings cost here, and which to run."""
