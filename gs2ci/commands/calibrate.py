@@ -13,18 +13,20 @@ from rich.markup import escape
 from rich.table import Table
 
 from gs2ci.api.display import open_display
+from gs2ci.core.errors import InputError
 
 if TYPE_CHECKING:
     from gs2ci_calibration.drift import Change
     from gs2ci_calibration.estimates import Section
 
-Step = Literal["dark-flat", "sensor", "timing", "registration", "masks", "camera", "stage", "all", "check"]
+Step = Literal["dark-flat", "sensor", "timing", "registration", "masks", "camera", "stage", "all", "check", "update"]
 
 
 def run(
     step: Annotated[Step, tyro.conf.Positional],
+    files: Annotated[tuple[Path, ...], tyro.conf.Positional] = (),
     *,
-    rig: Path,
+    rig: Path | None = None,
     out: Annotated[Path, tyro.conf.arg(aliases=["-o"])] = Path("bench.cal.h5"),
     fast: bool = False,
 ) -> Path:
@@ -33,11 +35,13 @@ def run(
     Each step asks for what it needs before the camera (lens cap, even light, board, scene), shows what it found with
     standard errors, and adds its section to the bundle; what is not good enough is refused with the reason, and the
     bundle stays as it was. `all` runs every step in order, `stage` if there is one; `check` takes a few frames and
-    tells the drift since.
+    tells the drift since. `update BUNDLE SHOT...` needs no bench: it moves a bundle's masks to where shots that were
+    taken with it show them, and keeps the old bundle beside it.
 
     Args:
         step: What to measure.
-        rig: The rig file (TOML).
+        files: For `update`: the bundle, and the shots.
+        rig: The rig file (TOML), for all but `update`.
         out: The bundle, ends in .h5; its other sections are kept.
         fast: Predict the masks from geometry, blur and contrast instead of measuring each.
 
@@ -48,6 +52,13 @@ def run(
     from gs2ci_calibration.bundle import check_bundle_place
 
     console = Console()
+    if step == "update":
+        return _update(console, files)
+    if rig is None or files:
+        raise InputError(
+            f"gs2ci calibrate {step}: " + ("no rig file" if rig is None else f"{files[0]} is not asked for"),
+            allowed="--rig RIG.toml, and files for `update` alone",
+        )
     if step != "check":
         check_bundle_place(out)
     with open_rig(rig) as opened, open_display() as display:
@@ -58,6 +69,42 @@ def run(
         opened.calibrate(out, step, fast=fast, heard=lambda section: _print_section(console, section), progress=display)
     console.print(f"bundle in [bold]{escape(str(out))}[/]", soft_wrap=True)
     return out
+
+
+def _update(console: Console, files: tuple[Path, ...]) -> Path:
+    """Refine a bundle by shots that were taken with it.
+
+    Raises:
+        InputError: Less than a bundle and one shot.
+    """
+    from gs2ci.core.storage import count_shots, read_shot
+    from gs2ci.rig.updating import update_bundle
+
+    least = 2
+    if len(files) < least:
+        raise InputError(
+            f"gs2ci calibrate update with {len(files)} files", allowed="a bundle and one shot file or several"
+        )
+    bundle, *shots = files
+    found = update_bundle(bundle, [(file, read_shot(file, k)) for file in shots for k in range(count_shots(file))])
+    grid = Table(box=None, pad_edge=False, title="the masks since", title_justify="left", title_style="bold")
+    for heading in ("found", "value ± standard error", ""):
+        grid.add_column(heading)
+    for name, estimate in found.parameters.items():
+        grid.add_row(name, str(estimate), "corrected" if name in found.taken else "")
+    console.print(grid)
+    for file in found.silent:
+        console.print(f"{file} does not show where its masks are", markup=False, soft_wrap=True)
+    if found.kept is None:
+        console.print(
+            "the masks are where the bundle has them, as far as can be told: nothing was changed", soft_wrap=True
+        )
+    else:
+        console.print(f"masks moved by up to {found.largest_px:.3g} px, by {found.shots} shots", highlight=False)
+        console.print(
+            f"bundle in [bold]{escape(str(bundle))}[/], the old one in {escape(str(found.kept))}", soft_wrap=True
+        )
+    return bundle
 
 
 def _print_drift(console: Console, changes: list["Change"], notes: tuple[str, ...]) -> None:

@@ -4,8 +4,9 @@ Here: the arguments, the plan as a table, and where the file is. Not here: any o
 """
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Final
 
+import numpy as np
 import tyro
 from rich.console import Console
 from rich.markup import escape
@@ -81,6 +82,7 @@ def run(
             console.print(
                 f"masks from {prepared.calibrated.bundle.path}", markup=False, highlight=False, soft_wrap=True
             )
+            _say_where_masks_were(console, out, prepared)
         count, wanted = count_shots(out), prepared.plan.settings.shots
         if count < wanted:
             lost = f"{wanted - count} of {wanted} exposures were lost; the file's events name them"
@@ -95,6 +97,33 @@ def _say_what_can_be_saved(partial: Path) -> None:
     Console(stderr=True).print(
         f"save the shots taken before: gs2ci recover {escape(str(partial))}", soft_wrap=True, highlight=False
     )
+
+
+# Of many shots, so many are looked at, the first and the last among them.
+_LOOKED_AT: Final = 4
+
+
+def _say_where_masks_were(console: Console, out: Path, prepared: "Prepared") -> None:
+    """Say of shots that were coded how far their masks had moved against the bundle, where this computer can tell."""
+    from gs2ci.core.storage import count_shots, read_shot
+    from gs2ci.rig.updating import can_look, how_far_moved
+    from gs2ci_drivers.plan import Mode
+
+    if prepared.calibrated is None or prepared.plan.settings.mode is Mode.PER_MASK or not can_look():
+        return
+    count = count_shots(out)
+    for index in sorted({round(k) for k in np.linspace(0, count - 1, min(count, _LOOKED_AT))}):
+        moved = how_far_moved(read_shot(out, index), prepared.calibrated.bundle)
+        if moved is None:
+            said = f"shot {index + 1} does not tell where its masks were"
+        elif moved.too_far:
+            off = f"{moved.largest_px:.2f} ± {moved.error_px:.2f} px off, and the bundle promises"
+            remedy = "`gs2ci calibrate update` moves them there"
+            said = f"WARNING: in shot {index + 1} the masks lie up to {off} {moved.allowed_px:.2f} px; {remedy}"
+        else:
+            said = f"shot {index + 1}: masks within {max(moved.largest_px, 3 * moved.error_px):.2f} px of the bundle's"
+        style = "bold red" if moved is not None and moved.too_far else None
+        console.print(said, markup=False, highlight=False, soft_wrap=True, style=style)
 
 
 def _print_plan(console: Console, rig: "OpenRig", prepared: "Prepared") -> None:

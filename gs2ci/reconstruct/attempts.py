@@ -19,6 +19,7 @@ from gs2ci.reconstruct.decode.patches.decoder import PatchSettings, patch_decode
 from gs2ci.reconstruct.first_look import FirstLook, from_rest, needs_rest
 from gs2ci.reconstruct.fit.coarse import CoarseFit
 from gs2ci.reconstruct.fit.ensemble import Ensemble
+from gs2ci.reconstruct.fit.motion import moving_share
 from gs2ci.reconstruct.fit.refinement import Refinement
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.measurement.jury import Jury
@@ -29,8 +30,8 @@ from gs2ci.reconstruct.moving import (
     MOVING,
     RELEASED,
     STILL,
+    MotionQuestion,
     MotionReport,
-    Question,
     ask,
     rested,
     speaks_for_motion,
@@ -81,7 +82,7 @@ class Attempts:
         moving = self.settings.motion == "on"
         tried = self.attempt(rested(first) if moving else first, first.decoded, moving)
         name = MOVING if moving else STILL
-        return first, tried, self._report(Question(), {name: tried}, tried, {})
+        return first, tried, self._report(MotionQuestion(), {name: tried}, tried, {})
 
     def all(self, first: FirstLook) -> tuple[FirstLook, Attempt, MotionReport]:
         """Make those that are worth it.
@@ -95,7 +96,7 @@ class Attempts:
         whole = self.settings.fit.iterations >= LEAST_SCHEDULE
         if self.halt.asked or not (self._wanted or (self.settings.may_move and whole)):
             still = self._again(first, still)
-            return first, still, self._report(Question(), {STILL: still}, still, {})
+            return first, still, self._report(MotionQuestion(), {STILL: still}, still, {})
         asked = self._question(still)
         if not self._speaks_beyond_doubt(asked, still):
             # A path that is not right leaves what looks like motion, too.
@@ -143,14 +144,14 @@ class Attempts:
         better = before is not None and after is not None and after < before
         return replace(first, decoded=decoded, decoder="patches") if better else first
 
-    def _question(self, still: Attempt) -> Question:
+    def _question(self, still: Attempt) -> MotionQuestion:
         """Ask what a still scene leaves, and if it speaks for motion, what a few steps of patches take off it."""
         left = ask(self.jury, still.ensemble.views)
         if not speaks_for_motion(left):
-            return Question(left)
-        return Question(left, self._gain(self.refine(still.ensemble.views), PatchSettings.from_scene_briefly()))
+            return MotionQuestion(left)
+        return MotionQuestion(left, self._gain(self.refine(still.ensemble.views), PatchSettings.from_scene_briefly()))
 
-    def _speaks_beyond_doubt(self, asked: Question, still: Attempt) -> bool:
+    def _speaks_beyond_doubt(self, asked: MotionQuestion, still: Attempt) -> bool:
         """Tell whether patches, which know of no path, explain clearly more even where little of the scene is left.
 
         Many steps from a high noise level forget most of what they began with. Where the path was doubtful and nothing
@@ -177,7 +178,8 @@ class Attempts:
     def _clearly_best(self, attempts: dict[str, Attempt], residuals: dict[str, float | None]) -> Attempt:
         """Choose likewise, but a scene that moves only if it predicts them clearly better than the still one."""
         if self._wanted:
-            return self._best({name: tried for name, tried in attempts.items() if name != STILL}, residuals)
+            moving = {name: tried for name, tried in attempts.items() if moving_share(tried.ensemble.best.scene) > 0}
+            return self._best(moving or attempts, residuals)
         best, still = self._best(attempts, residuals), attempts[STILL]
         if best.ensemble is still.ensemble:
             return best
@@ -191,7 +193,7 @@ class Attempts:
 
     def _report(
         self,
-        asked: Question,
+        asked: MotionQuestion,
         attempts: dict[str, Attempt],
         taken: Attempt,
         residuals: dict[str, float | None],

@@ -52,6 +52,10 @@ class FirstLook:
     proxy_notes: tuple[Finding, ...] = ()
     decoder: FirstLookName = "gap-tv"
 
+    def with_decode_of(self, other: "FirstLook") -> "FirstLook":
+        """Return the same findings beside the decoded views of another look."""
+        return replace(self, decoded=other.decoded, decoder=other.decoder)
+
     @property
     def notes(self) -> tuple[Finding, ...]:
         """Get what is to be said of the proxies and of the brightness."""

@@ -56,7 +56,7 @@ _CHANGE_WINDOW_PX: Final = 3
 
 
 @dataclass(frozen=True)
-class Question:
+class MotionQuestion:
     """What was found out before any scene was let move.
 
     Args:
@@ -82,7 +82,7 @@ class MotionReport:
     """
 
     asked: MotionMode
-    question: Question = Question()
+    question: MotionQuestion = MotionQuestion()
     heldout_rms: tuple[tuple[str, float | None], ...] = ()
     chosen: str = ""
     moves: bool = False

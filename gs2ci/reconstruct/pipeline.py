@@ -101,8 +101,7 @@ def reconstruct(
     settings, progress, halt = settings or Settings(), progress or Silent(), halt or Halt()
     settings.check()
     lens = Lens.of(shot.check())
-    tools = _Tools.load(settings)
-    clock = _Stopwatch()
+    tools, clock = _Tools.load(settings), _Stopwatch()
     registered = register(shot, settings.registration, progress, settings.seed)
     clock.lap("registration")
     sound, doubts = _examined(registered.shot, progress)
@@ -161,7 +160,9 @@ def reconstruct(
     light = renderer.stopped_light(ensemble.best.scene, ensemble.best.world_to_camera)
     seen = speeds(renderer, ensemble.best.scene, ensemble.best.world_to_camera)
     clock.lap("fit")
-    left = Left(registered, doubts, tried.look, geometry, ensemble, light, recovered, motion, seen)
+    left = Left(
+        registered, doubts, tried.look.with_decode_of(first), geometry, ensemble, light, recovered, motion, seen
+    )
     return Reconstruction(record(settings, left, score, clock.seconds()), ensemble.best.scene)
 
 

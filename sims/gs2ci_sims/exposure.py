@@ -15,6 +15,7 @@ from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import map_coordinates
 
 from gs2ci.core.arrays import F32, F64
 from gs2ci.core.errors import InputError
@@ -202,7 +203,7 @@ def integrate(
         path.world_to_camera(centres_s),
         float((coverage >= 0.99).mean(axis=(1, 2)).min()),
         len(needed),
-        lambda: np.stack([studio.depth(float(time_s)) for time_s in centres_s]),
+        lambda: studio.depths(centres_s),
     )
 
 
@@ -257,13 +258,38 @@ class Studio:
         inner = np.s_[margin : margin + height, margin : margin + width]
         return truth[inner][..., :-1], truth[inner][..., -1], seen[inner]
 
+    def depths(self, times_s: F64) -> F32:
+        """Return the depth of what is seen through the lens at some times, [T, H, W]; 0 where nothing is.
+
+        It costs several times what a view does, so where neither camera nor scene has moved it is found once.
+        """
+        found: list[F32] = []
+        poses = self._path.world_to_camera(times_s)
+        seen = [self._moving(float(time_s)) for time_s in times_s]
+        for number, time_s in enumerate(times_s):
+            same = number > 0 and seen[number] is seen[number - 1] and np.array_equal(poses[number], poses[number - 1])
+            found.append(found[-1] if same else self.depth(float(time_s)))
+        return np.stack(found)
+
     def depth(self, time_s: float) -> F32:
         """Return the depth of what is seen through the lens, [H, W]; 0 where nothing is."""
         scene = self._scene
         pose = self._path.world_to_camera(np.array([time_s]))[0]
-        sampling = None if self._lens is None else self._lens.sampling(scene.size, scene.intrinsics)
-        depth = rendered_depth(self._moving(time_s), pose, scene.intrinsics, scene.size, sampling)
+        if scene.mesh is not None:
+            depth = self._depth_of_mesh(pose)
+        else:
+            sampling = None if self._lens is None else self._lens.sampling(scene.size, scene.intrinsics)
+            depth = rendered_depth(self._moving(time_s), pose, scene.intrinsics, scene.size, sampling)
         return np.nan_to_num(depth, nan=0.0).astype(np.float32)
+
+    def _depth_of_mesh(self, pose: F64) -> F64:
+        """Return the depth of a mesh from a pose [4, 4], [H, W]; through a lens, that of the nearest ray."""
+        scene, margin = self._scene, self._margin
+        depth = self._renderer.depth(scene, pose, margin=margin)
+        if self._lens is not None:
+            places = self._lens.sources_px(depth.shape, with_margin(scene.intrinsics, margin)) - 0.5
+            depth = map_coordinates(depth, places, order=0, mode="nearest")
+        return np.asarray(depth[margin : margin + scene.size[0], margin : margin + scene.size[1]])
 
     def can_skip(self, open_share: F64) -> bool:
         """Return whether leaving out the closed pixels [H, W] gives the same light, and saves some of the work."""

@@ -18,6 +18,8 @@ PLACES_MAX: Final = 256
 # Directions in which cosines run across the image, and how many pairs of point and direction are followed.
 DIRECTIONS: Final = np.array([[1.0, 0.0, 0.5**0.5, 0.5**0.5], [0.0, 1.0, 0.5**0.5, -(0.5**0.5)]])
 TRACKS_MAX: Final = 12
+# Spacings of frequencies that differ by no more than this, cycles per pixel, are the same but for rounding.
+SPACING_ROUNDING: Final = 1e-12
 
 
 def image_motion_px(scene: Scene, path: CameraPath, intervals_s: F64) -> F64:
@@ -93,13 +95,18 @@ def sweep_errors(
     # Only the longest ways matter; phases are counted from the middle of each.
     longest = np.argsort(np.ptp(track, axis=1).max(axis=0))[-TRACKS_MAX:]
     track = track[..., longest] - track[..., longest].mean(axis=1, keepdims=True)
-    basis = lagrange(points, places)
+    basis, weights = lagrange(points, places).astype(np.complex128), gauss_weights(nodes)
     quadrature, interpolation = np.zeros(len(frequencies)), np.zeros(len(frequencies))
+    # Where frequencies are evenly spaced, each wave is the one before times the same: an exponential for all of them.
+    wave, before, apart = np.ones(track.shape, dtype=np.complex128), 0.0, np.nan
     for number, frequency in enumerate(frequencies):
-        wave = np.exp(2j * np.pi * frequency * track)
+        if not abs(frequency - before - apart) < SPACING_ROUNDING:
+            apart = frequency - before
+            turn = np.exp(2j * np.pi * apart * track)
+        wave, before = wave * turn, frequency
         swept, sampled = wave[:, : len(places)], wave[:, len(places) :]
-        missed = np.abs(swept.mean(axis=1) - np.tensordot(sampled, gauss_weights(nodes), axes=(1, 0)))
-        between = np.abs(swept - np.einsum("tn,pnk->ptk", basis, sampled))
+        missed = np.abs(swept.mean(axis=1) - np.tensordot(sampled, weights, axes=(1, 0)))
+        between = np.abs(swept - basis @ sampled)
         quadrature[number] = np.sqrt(np.square(missed).mean(axis=0).max(initial=0.0))
         interpolation[number] = np.sqrt(np.square(between).mean(axis=(0, 1)).max(initial=0.0))
     return quadrature, interpolation

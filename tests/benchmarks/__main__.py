@@ -58,6 +58,8 @@ BENCHMARKS = {
     "effect_bounds": "tests.benchmarks.effect_bounds",
     "exact_renderer": "tests.benchmarks.exact_renderer",
     "simulation_cost": "tests.benchmarks.simulation_cost",
+    "simulation_size": "tests.benchmarks.simulation_size",
+    "own_model_class": "tests.benchmarks.own_model_class",
 }
 
 LONG = (
@@ -87,6 +89,8 @@ LONG = (
     "population",
     "effect_bounds",
     "simulation_cost",
+    "simulation_size",
+    "own_model_class",
     "video_out",
 )
 """Many benches or whole schedules each: run only by name."""

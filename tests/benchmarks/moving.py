@@ -2,12 +2,18 @@
 
     python -m tests.benchmarks moving
 
-Four parts. Simulated moving objects under a moving camera, three scenes and three seeds, each beside itself at rest
-(data: the project's simulator; its bench integrates the light over the exposure, from its own renderer). The same still
-scenes with `--motion off`: what being asked costs, in dB and processor seconds. The first blocks of the video clips in
-`../shared/data/video_sci`, cropped to their middle 128 x 128 px, where that folder is there (data: the benchmarks of
-the PnP-SCI authors). The real fan of `../shared/data/real_cacti`, likewise cropped, by its held-out residual alone.
-GS2CI_MOVING_CROP_PX sets the side of the crops; 256 takes the clips whole.
+Three parts. Simulated moving objects under a moving camera, three scenes, each beside itself at rest (data: the
+project's simulator; its bench integrates the light over the exposure, from its own renderer), with `--motion auto` and
+`off`: what motion gains, and what being asked costs a still scene, in dB and processor seconds. The first blocks of the
+video clips in `video_sci` of GS2CI_SHARED_DATA or `../shared/data`, cropped to their middle, where they are there
+(data: the benchmarks of the PnP-SCI authors). The real measurements in `real_cacti` beside them, likewise cropped, by
+their held-out residual alone.
+
+Settings of the environment:
+
+    GS2CI_MOVING_SEEDS=3         seeds of the simulated scenes (1)
+    GS2CI_MOVING_CROP_PX=256     side of the crops; 256 takes the clips whole (96)
+    GS2CI_MOVING_ONLY=traffic48  what is measured: names of scenes, or parts of names of files, separated by commas
 """
 
 import os
@@ -25,22 +31,22 @@ from gs2ci.evaluate.metrics import psnr_per_view
 from gs2ci.reconstruct.pipeline import reconstruct
 from gs2ci.reconstruct.settings import Settings
 from gs2ci_sims.effects.object_motion import ObjectMotion
+from tests.benchmarks.decoders import data_folder
 from tests.stability.benches import INTERVAL_S, Bench, build
 
-SHARED = Path(__file__).parents[3] / "shared" / "data"
 SCENES = ("boxes", "thicket", "moving")
-SEEDS = (0, 1, 2)
-SIZE = (96, 128)
+SIZE = (72, 96)
 WAY_PX = 8.0
 VIEWS = 8
 
 
 def run() -> None:
-    crop = int(os.environ.get("GS2CI_MOVING_CROP_PX", "128"))
+    seeds, crop = (int(os.environ.get(f"GS2CI_MOVING_{name}", some)) for name, some in (("SEEDS", 1), ("CROP_PX", 96)))
+    only = [name for name in os.environ.get("GS2CI_MOVING_ONLY", "").split(",") if name]
     for scene in SCENES:
-        for seed in SEEDS:
+        for seed in range(seeds) if not only or scene in only else ():
             _compare(f"{scene}, seed {seed}", _simulated(scene, seed, 0.0), _simulated(scene, seed, WAY_PX))
-    for name, shot in _clips(crop):
+    for name, shot in _clips(crop, only):
         _report(name, shot, Settings())
         _report(f"{name}, --motion off", shot, replace(Settings(), motion="off"))
 
@@ -83,14 +89,14 @@ def _simulated(scene: str, seed: int, way_px: float) -> Shot:
     return Bench(scene=scene, views=VIEWS, effects=(thing,) if way_px else ()).expose(SIZE, seed)
 
 
-def _clips(side: int) -> Iterator[tuple[str, Shot]]:
-    for path in sorted((SHARED / "video_sci").glob("*.mat")):
+def _clips(side: int, only: list[str]) -> Iterator[tuple[str, Shot]]:
+    for path in _wanted("video_sci", only):
         found = loadmat(path)
         masks = np.moveaxis(found["mask"].astype(np.float32), 2, 0)
         measured = found["meas"][:, :, 0].astype(np.float32) / 255
         truth = np.moveaxis(found["orig"][:, :, : len(masks)].astype(np.float32) / 255, 2, 0)
         yield path.stem, _cropped(measured, masks, truth, side)
-    for path in sorted((SHARED / "real_cacti").glob("*.mat")):
+    for path in _wanted("real_cacti", only):
         found = loadmat(path)
         masks = np.moveaxis(found["mask"].astype(np.float32), 2, 0)
         masks /= masks.max()
@@ -98,6 +104,11 @@ def _clips(side: int) -> Iterator[tuple[str, Shot]]:
         measured = found["meas"].astype(np.float32)
         measured *= 0.4 * masks.sum(axis=0).mean() / measured.mean()
         yield path.stem, _cropped(measured, masks, None, side)
+
+
+def _wanted(folder: str, only: list[str]) -> list[Path]:
+    files = sorted((data_folder() / folder).glob("*.mat"))
+    return [path for path in files if not only or any(name in path.stem for name in only)]
 
 
 def _cropped(measured: np.ndarray, masks: np.ndarray, truth: np.ndarray | None, side: int) -> Shot:

@@ -162,7 +162,7 @@ def clipped(scene: Scene, seed: int) -> Pair:
     """Clip half of the pixels; told: say which."""
     shot = scene.expose(inside(drawn(seed)), 0.004, seed)
     level = np.float32(np.quantile(shot.measurement.max(axis=2), 0.5))
-    low = replace(shot, measurement=np.minimum(shot.measurement, level))
+    low = replace(shot, measurement=np.minimum(shot.measurement, level), saturated=None)
     return replace(low, saturated=(shot.measurement >= level).any(axis=2)), low
 
 

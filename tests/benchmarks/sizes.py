@@ -164,6 +164,8 @@ def one() -> None:
 def off_px(found: pipeline.Reconstruction, depths: np.ndarray) -> float:
     """Return the median error of the disparity between neighbouring views, px, of depths up to a scale."""
     result = found.result
+    if result.depth is None:
+        return float("nan")
     truth, light = depths.astype(np.float64), result.depth.astype(np.float64)
     seen = (truth > 0) & np.isfinite(truth) & (light > 0)
     poses = result.world_to_camera

@@ -11,7 +11,7 @@ from gs2ci.core.progress import Silent
 from gs2ci.core.storage import read_shot, write_shots
 from gs2ci_sims.effects.lens_distortion import LensDistortion
 from gs2ci_sims.effects.motion_blur import MotionBlur
-from gs2ci_sims.exposure import expose
+from gs2ci_sims.exposure import Studio, expose
 from gs2ci_sims.light_path import generator, sensor_effects
 from gs2ci_sims.masks import random_masks
 from gs2ci_sims.path import StageMove, stage_move_for_parallax
@@ -255,3 +255,15 @@ def test_pixels_behind_closed_elements_are_left_out_and_the_light_stays_the_same
 def test_masks_of_another_number_than_the_rig_shows_are_refused(small_scene, masks):
     with pytest.raises(InputError, match="3 masks on a rig that shows 4"):
         expose(small_scene, STILL, masks[:3], rig_for(masks), effects=[], seed=0)
+
+
+def test_the_true_depth_before_a_camera_at_rest_is_sought_once(monkeypatch, small_scene, masks, moving):
+    sought = []
+    found = Studio.depth
+    monkeypatch.setattr(Studio, "depth", lambda self, time_s: sought.append(time_s) or found(self, time_s))
+    still = shoot(small_scene, STILL, masks, (MotionBlur(1),))
+    assert len(sought) == 1
+    assert np.array_equal(still.truth.depth[0], still.truth.depth[3])
+    sought.clear()
+    shoot(small_scene, moving, masks, (MotionBlur(1),))
+    assert len(sought) == 4

@@ -160,7 +160,7 @@ class _Fit:
         self._lens, self._seed = lens, seed
         # Where no parallax was found, views show no depth.
         moved = settings.surfaces is not None and geometry.verdict == "full"
-        self._begins = list(settings.surfaces.begins) if moved and settings.surfaces is not None else []
+        self._searches = list(settings.surfaces.searches) if moved and settings.surfaces is not None else []
         self._surfaces: Surfaces | None = None
         self._exchange: Exchange | None = None
         # A stage or a file tells how the camera turned; and what moves in a scene looks like depth.
@@ -215,23 +215,29 @@ class _Fit:
             if between == 0:
                 poses = self.poses.world_to_camera()
                 distance = self._surfaces.term(self._renderer, self.optimiser.scene, poses, turn)
-                (self._surfaces.settings.weight_at(share) * distance).backward()  # type: ignore[no-untyped-call]
+                (self._surfaces.search.weight_at(share) * distance).backward()  # type: ignore[no-untyped-call]
         return float(loss.detach())
 
     @property
     def awaits_surfaces(self) -> bool:
         """Get whether surfaces are yet to be looked for."""
-        return bool(self._begins)
+        return bool(self._searches)
 
-    def find_surfaces(self, share: float) -> bool:
-        """Look for surfaces when it is time to; return whether some were found now."""
+    def find_surfaces(self, share: float, refine: Refine) -> bool:
+        """Look for surfaces when it is time to, and tell whether some were found now.
+
+        The views are swept as they would be handed over, with their residual put back: a sweep of the final ones is
+        nearer the truth than the scene that they were rendered from (decision `depth`).
+        """
         settings = self.settings.surfaces
-        if settings is None or not self._begins or share < self._begins[0]:
+        if settings is None or not self._searches or share < self._searches[0].begins:
             return False
-        self._begins.pop(0)
+        search = self._searches.pop(0)
         scene, poses = self.optimiser.scene.detach(), self.poses.world_to_camera().detach().double().numpy()
-        self._surfaces = find_surfaces(self._renderer, scene, poses, self.views(), settings, self._lens, self._seed)
-        return self._surfaces is not None
+        views = refine(self.views())
+        found = find_surfaces(self._renderer, scene, poses, views, settings, self._lens, self._seed, search)
+        self._surfaces = found or self._surfaces
+        return found is not None
 
     def is_finite(self, loss: float) -> bool:
         """Tell whether this iteration may be taken into the parameters."""
@@ -410,7 +416,7 @@ class _Loop:
         self._progress.stage("fit", total)
         iteration = 0
         while iteration < total:
-            if self.fit.find_surfaces(iteration / total):
+            if self.fit.find_surfaces(iteration / total, self._looks.refine):
                 # Whatever is handed over has had its light gathered: an earlier state may show the held-out pixels
                 # as well, but not where things are.
                 self._watch.begin_again(iteration)

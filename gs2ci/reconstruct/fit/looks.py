@@ -28,7 +28,7 @@ class Looks:
     def __init__(self, jury: Jury, refine: Refine, score: Score | None, since_s: float | None) -> None:
         self.curve: list[CurvePoint] = []
         self._jury = jury
-        self._refine = refine
+        self.refine = refine
         self._score = score
         self._since_s = time.monotonic() if since_s is None else since_s
 
@@ -41,7 +41,7 @@ class Looks:
             loss: That of the last.
             gaussians: Size of the population.
         """
-        refined = self._refine(views)
+        refined = self.refine(views)
         heldout = self._jury.residual_rms(refined)
         seconds = time.monotonic() - self._since_s
         psnr_db = None if self._score is None else self._score(refined)

@@ -81,5 +81,7 @@ class Refinement:
 
 
 def _plus(views: F32, share: float, added: F32) -> F32:
-    refined: F32 = views + np.float32(share) * added
-    return refined
+    """Return views + share * added; `added` is used up, as large shots have no room for copies."""
+    added *= np.float32(share)
+    added += views
+    return added

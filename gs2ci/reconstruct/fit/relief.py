@@ -49,7 +49,7 @@ class ReliefSettings:
 
     begins: float = 0.1
     rate: float = 1.5e-2
-    final_rate: float = 5e-4
+    final_rate: float = 3e-3
 
     def check(self) -> "ReliefSettings":
         """Return self if the numbers make sense.

@@ -40,24 +40,41 @@ _ROUND_PX = 0.1
 
 
 @dataclass(frozen=True)
-class SurfaceSettings:
-    """How strongly light is drawn to surfaces.
+class Search:
+    """When surfaces are looked for, and how strongly light is drawn to what was found until the next search.
 
     Args:
+        begins: Share of the schedule that is done then.
         weight: Of the mean distance in px of parallax along the whole path, at first; where the term counts.
         final_weight: At the end of the schedule; exponential in between.
+    """
+
+    begins: float
+    weight: float
+    final_weight: float
+
+    def weight_at(self, share: float) -> float:
+        """Return the weight when a share of the schedule is done."""
+        gone = (share - self.begins) / max(1 - self.begins, 1e-9)
+        return float(self.weight * (self.final_weight / self.weight) ** min(max(gone, 0.0), 1.0))
+
+
+@dataclass(frozen=True)
+class SurfaceSettings:
+    """How light is drawn to surfaces.
+
+    Args:
+        searches: In order. The first keeps an early scene from becoming fog, the last sees views that are nearly those
+            that are handed over, and finds depth in them that the scene has not yet.
         every: Iterations between those in which the term counts.
-        begins: Shares of the schedule after which the views are swept, in order.
         views: How many are, spread over the path.
         others: With how many others each is compared at most, spread over the path.
         pixel_share: Share of the pixels that the term looks at.
         sweep: How finely to sweep.
     """
 
-    weight: float = 8e-3
-    final_weight: float = 2e-4
+    searches: tuple[Search, ...] = (Search(0.25, 8e-3, 2e-4), Search(0.7, 5e-2, 1e-3))
     every: int = 2
-    begins: tuple[float, ...] = (0.25,)
     views: int = 4
     others: int = 4
     pixel_share: float = 0.3
@@ -69,26 +86,22 @@ class SurfaceSettings:
         Raises:
             InputError: A weight that is not above 0, shares outside (0, 1], fewer than two views, or the sweep's own.
         """
+        begins = [search.begins for search in self.searches]
+        weights = [weight for search in self.searches for weight in (search.weight, search.final_weight)]
         if (
-            not (0 < self.weight < np.inf and 0 < self.final_weight < np.inf and 0 < self.pixel_share <= 1)
-            or not (
-                self.begins and self.begins[0] > 0 and self.begins[-1] <= 1 and list(self.begins) == sorted(self.begins)
-            )
+            not (begins and begins[0] > 0 and begins[-1] <= 1 and begins == sorted(begins))
+            or not all(0 < weight < np.inf for weight in weights)
+            or not 0 < self.pixel_share <= 1
             or min(self.views, self.others) < 2
             or self.every < 1
         ):
             raise InputError(
                 f"surface settings {self}",
-                allowed="weights above 0, begins in order and a pixel_share in (0, 1], 2 views and others or more, "
-                "every at least 1",
+                allowed="searches that begin in order and in (0, 1], with weights above 0, a pixel_share in (0, 1], "
+                "2 views and others or more, every at least 1",
             )
         self.sweep.check()
         return self
-
-    def weight_at(self, share: float) -> float:
-        """Return the weight when a share of the schedule, at least the first of `begins`, is done."""
-        gone = (share - self.begins[0]) / max(1 - self.begins[0], 1e-9)
-        return float(self.weight * (self.final_weight / self.weight) ** min(max(gone, 0.0), 1.0))
 
 
 @dataclass(frozen=True)
@@ -97,6 +110,7 @@ class Surfaces:
 
     Args:
         settings: Of the term.
+        search: That found them.
         views: Which views were swept, [K].
         inverse_depth: Of what they see, [K, H, W] float32.
         trust: How far to believe it, [K, H, W] float32 in [0, 1].
@@ -106,6 +120,7 @@ class Surfaces:
     """
 
     settings: SurfaceSettings
+    search: Search
     views: tuple[int, ...]
     inverse_depth: F32
     trust: F32
@@ -160,6 +175,7 @@ def find_surfaces(
     settings: SurfaceSettings,
     lens: Lens | None,
     seed: int,
+    search: Search | None = None,
 ) -> Surfaces | None:
     """Sweep a few views of a fit, and keep what the sweeps agree on; None where that is nothing.
 
@@ -167,10 +183,11 @@ def find_surfaces(
         renderer: Of the shot.
         scene: The Gaussians; their depths are the range that is swept.
         world_to_camera: Poses, [N, 4, 4].
-        views: What they show from there, [N, H, W, C].
+        views: What is seen from there, [N, H, W, C].
         settings: How many, how finely.
         lens: Through which the shot was taken, unless it is a pinhole.
         seed: Of the choice of pixels.
+        search: Of the settings' searches; the first if None.
     """
     count = len(views)
     middle = (world_to_camera[count // 2][None], renderer.times[count // 2][None])
@@ -198,7 +215,16 @@ def find_surfaces(
         return None
     looked_at = [torch.from_numpy(mask) for mask in taken]
     pixels = tuple((renderer.code(mask[None].float()), mask) for mask in looked_at)
-    return Surfaces(settings, chosen, inverse_depth, trust, parallax_px, _rays(renderer, lens), pixels)
+    return Surfaces(
+        settings,
+        search or settings.searches[0],
+        chosen,
+        inverse_depth,
+        trust,
+        parallax_px,
+        _rays(renderer, lens),
+        pixels,
+    )
 
 
 def agreement(inverse_depth: F32, world_to_camera: F64, intrinsics: F64, parallax_px: float) -> F32:

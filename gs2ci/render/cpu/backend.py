@@ -1,7 +1,7 @@
 """The CPU rasteriser behind the `Backend` interface. Users get it from `gs2ci.render.backend.load_backend`."""
 
 from collections import OrderedDict
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Final
 
 import numpy as np
@@ -25,6 +25,10 @@ from gs2ci.render.settings import RasterSettings
 from gs2ci.render.stopping import StoppedLight
 
 _FULL_LAYOUTS_KEPT: Final = 4
+
+MOST_PIXELS_AT_ONCE: Final = 2**22
+"""Views of more pixels than these together are rendered a few at a time where no gradient is wanted: whole views take
+some 60 bytes a pixel meanwhile, 2 GB for sixteen of 1920 x 1080. What a view shows depends on no other."""
 
 
 @dataclass(frozen=True)
@@ -119,9 +123,32 @@ class CpuBackend:
         check_size(size)
         check_sampling(sampling, size)
         check_rendering(scene, world_to_camera, intrinsics, colours=colours, times=times)
+        given = (*scene.parameters().values(), world_to_camera, *(() if colours is None else (colours,)))
+        wanted = torch.is_grad_enabled() and any(tensor.requires_grad for tensor in given)
+        if not wanted and len(_parts(int(world_to_camera.shape[0]), size)) > 1:
+            return self._views_in_parts(scene, world_to_camera, intrinsics, size, colours, sampling, times)
         target = ViewImages(self._full_layout((int(world_to_camera.shape[0]), *size), sampling))
         used = scene.colours if colours is None else colours
         images, alphas = self._run(target, scene, used, world_to_camera, _on_canvas(intrinsics, sampling), times)
+        return images, alphas
+
+    def _views_in_parts(
+        self,
+        scene: Gaussians,
+        world_to_camera: Tensor,
+        intrinsics: Tensor,
+        size: tuple[int, int],
+        colours: Tensor | None,
+        sampling: CanvasSampling | None,
+        times: Tensor | None,
+    ) -> tuple[Tensor, Tensor]:
+        """Render views a few at a time, without a gradient."""
+        count = int(world_to_camera.shape[0])
+        images, alphas = torch.empty(count, *size, 3), torch.empty(count, *size)
+        for part in _parts(count, size):
+            own = colours[part] if colours is not None and colours.ndim == 3 else colours
+            when = None if times is None else times[part]
+            images[part], alphas[part] = self.views(scene, world_to_camera[part], intrinsics, size, own, sampling, when)
         return images, alphas
 
     def depths(
@@ -137,6 +164,15 @@ class CpuBackend:
         check_size(size)
         check_sampling(sampling, size)
         check_rendering(scene, world_to_camera, intrinsics, times=times)
+        parts = _parts(int(world_to_camera.shape[0]), size)
+        if len(parts) > 1:
+            found = StoppedLight(*torch.empty(len(fields(StoppedLight)), int(world_to_camera.shape[0]), *size))
+            for part in parts:
+                when = None if times is None else times[part]
+                one = self.depths(scene, world_to_camera[part], intrinsics, size, sampling, when)
+                for field in fields(StoppedLight):
+                    getattr(found, field.name)[part] = getattr(one, field.name)
+            return found
         layout = self._full_layout((int(world_to_camera.shape[0]), *size), sampling)
         camera = _camera(_on_canvas(intrinsics, sampling), layout)
         inputs = Inputs(
@@ -185,6 +221,12 @@ class CpuBackend:
         if len(self._full_layouts) > _FULL_LAYOUTS_KEPT:
             self._full_layouts.popitem(last=False)
         return layout
+
+
+def _parts(views: int, size: tuple[int, int]) -> list[slice]:
+    """Divide views among renderings of at most `MOST_PIXELS_AT_ONCE`, but at least one view each."""
+    at_once = max(1, MOST_PIXELS_AT_ONCE // (size[0] * size[1]))
+    return [slice(first, min(first + at_once, views)) for first in range(0, views, at_once)]
 
 
 def _means(scene: Gaussians, times: Tensor | None) -> Tensor:

@@ -20,7 +20,7 @@ from gs2ci.reconstruct.fit.poses import PoseSettings
 from gs2ci.reconstruct.fit.rules import with_rule
 from gs2ci.reconstruct.fit.start import first_gaussians
 from gs2ci.reconstruct.fit.stopping import HoldOut
-from gs2ci.reconstruct.fit.surfaces import SurfaceSettings, find_surfaces
+from gs2ci.reconstruct.fit.surfaces import Search, SurfaceSettings, find_surfaces
 from gs2ci.reconstruct.geometry.points import seed_points
 from gs2ci.reconstruct.measurement.jury import Jury, choose_heldout
 from gs2ci.reconstruct.paper import paper_settings
@@ -32,7 +32,18 @@ QUICK = CoarseSettings(iterations=60, densify_every=20, surfaces=None, hold_out=
 UNJUDGED = HoldOut(share=0.0, look_every=10, patience=10**6, growth_patience=10**6)
 
 
-def run(moving_plane, settings=QUICK, *, backend=None, seed=0, listener=None, score=None, shot=None, pace=None):
+def run(
+    moving_plane,
+    settings=QUICK,
+    *,
+    backend=None,
+    seed=0,
+    listener=None,
+    score=None,
+    shot=None,
+    pace=None,
+    refine=lambda views: views,
+):
     given, geometry = moving_plane
     shot = shot or given
     jury = Jury.of(shot, settings.hold_out.share, seed)
@@ -44,7 +55,7 @@ def run(moving_plane, settings=QUICK, *, backend=None, seed=0, listener=None, sc
         backend=backend or CpuBackend(),
         settings=settings,
         seed=seed,
-        refine=lambda views: views,
+        refine=refine,
         progress=listener or Silent(),
         score=score,
         pace=pace,
@@ -284,7 +295,9 @@ def test_the_same_seed_gives_the_same_bits_twice_and_on_any_number_of_threads(mo
 
 def test_surfaces_have_a_say_once_they_are_sought_and_the_measurement_has_the_last_word(moving_plane):
     plain, _ = run(moving_plane)
-    drawn, _ = run(moving_plane, replace(QUICK, surfaces=SurfaceSettings(weight=1e-2, begins=(0.5, 0.8))))
+    drawn, _ = run(
+        moving_plane, replace(QUICK, surfaces=SurfaceSettings((Search(0.5, 1e-2, 2e-4), Search(0.8, 1e-2, 2e-4))))
+    )
     # Up to iteration 30 both are the same.
     assert [point.loss for point in drawn.curve[:3]] == [point.loss for point in plain.curve[:3]]
     assert drawn.curve[3].loss != plain.curve[3].loss
@@ -297,7 +310,7 @@ def test_what_is_handed_over_has_been_through_the_surfaces_though_views_get_wors
         return replace(found, inverse_depth=3 * found.inverse_depth)
 
     monkeypatch.setattr(coarse, "find_surfaces", wrong)
-    settings = SurfaceSettings(weight=3.0, final_weight=3.0, begins=(0.5,), every=1)
+    settings = SurfaceSettings((Search(0.5, 3.0, 3.0),), every=1)
     fit, jury = run(moving_plane, replace(QUICK, surfaces=settings))
     before = [point.heldout for point in fit.curve if point.iteration <= 30]
     after = {point.iteration: point.heldout for point in fit.curve if point.iteration > 30}
@@ -327,6 +340,33 @@ def test_poses_that_step_seldom_cannot_exchange_turning_for_travel():
     with pytest.raises(InputError, match="every 5 iterations"):
         seldom.check()
     replace(seldom, relief=None).check()
+
+
+def test_surfaces_are_sought_in_the_views_that_would_be_handed_over(moving_plane, monkeypatch):
+    swept = []
+
+    def watched(renderer, scene, poses, views, settings, lens, seed, search):
+        swept.append((search, views.copy()))
+        return find_surfaces(renderer, scene, poses, views, settings, lens, seed, search)
+
+    monkeypatch.setattr(coarse, "find_surfaces", watched)
+    searches = (Search(0.3, 1e-2, 2e-4), Search(0.6, 3e-2, 1e-3))
+    run(moving_plane, replace(QUICK, surfaces=SurfaceSettings(searches)), refine=lambda views: 0 * views + 0.25)
+    assert [search for search, _ in swept] == list(searches)
+    assert all((views == 0.25).all() for _, views in swept)
+
+
+def test_a_search_that_finds_nothing_leaves_what_was_found_before(moving_plane, monkeypatch):
+    given = SurfaceSettings((Search(0.3, 1e-2, 1e-2), Search(0.6, 3e-2, 1e-3)))
+    once = replace(given, searches=given.searches[:1])
+    found, _ = run(moving_plane, replace(QUICK, surfaces=once))
+
+    def first_only(*arguments):
+        return find_surfaces(*arguments) if arguments[-1] == given.searches[0] else None
+
+    monkeypatch.setattr(coarse, "find_surfaces", first_only)
+    kept, _ = run(moving_plane, replace(QUICK, surfaces=given))
+    assert np.array_equal(kept.views, found.views)
 
 
 def test_without_parallax_no_surface_is_sought(moving_plane):

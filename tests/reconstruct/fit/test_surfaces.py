@@ -8,9 +8,11 @@ import torch
 
 from gs2ci.core.errors import InputError
 from gs2ci.core.records import Shot
+from gs2ci.reconstruct.fit.relief import Exchange, relief_step
 from gs2ci.reconstruct.fit.rendering import ShotRenderer
-from gs2ci.reconstruct.fit.surfaces import Surfaces, SurfaceSettings, agreement, find_surfaces
+from gs2ci.reconstruct.fit.surfaces import Search, Surfaces, SurfaceSettings, agreement, find_surfaces
 from gs2ci.reconstruct.geometry.sweep import SweepSettings
+from gs2ci.render import se3
 from gs2ci.render.backend import load_backend
 from gs2ci.render.gaussians import Gaussians
 
@@ -139,22 +141,41 @@ def test_where_there_is_no_parallax_or_nothing_is_seen_no_surface_is_claimed(ren
 
 
 def test_the_weight_fades_over_the_rest_of_the_schedule():
-    settings = SurfaceSettings(weight=1e-2, final_weight=1e-4, begins=(0.5, 0.75))
-    assert settings.weight_at(0.5) == pytest.approx(1e-2)
-    assert settings.weight_at(0.75) == pytest.approx(1e-3)
-    assert settings.weight_at(1.0) == pytest.approx(1e-4)
-    assert SurfaceSettings(begins=(1.0,)).weight_at(1.0) == pytest.approx(SurfaceSettings().weight)
+    search = Search(0.5, 1e-2, 1e-4)
+    assert search.weight_at(0.5) == pytest.approx(1e-2)
+    assert search.weight_at(0.75) == pytest.approx(1e-3)
+    assert search.weight_at(1.0) == pytest.approx(1e-4)
+    assert Search(1.0, 1e-2, 1e-4).weight_at(1.0) == pytest.approx(1e-2)
+
+
+def test_surfaces_move_with_an_exchange_of_turning_for_travel_as_the_scene_does(renderer):
+    found, scene, poses = surfaces_of(renderer), wall(), torch.from_numpy(path()).float()
+    for _ in range(10):
+        exchange = Exchange(relief_step(scene, poses, VIEWS // 2), 0.004)
+        exchange.of_scene(scene)
+        poses = se3.exp(exchange.twists) @ poses
+        found = found.exchanged(exchange)
+    moved = 1 / renderer.stopped_light(scene, poses.double().numpy()).surface().numpy()
+    middle = np.s_[8:-8, 14:-14]
+    for inverse_depth, view in zip(found.inverse_depth, found.views, strict=True):
+        assert np.median(np.abs(inverse_depth[middle] / moved[view][middle] - 1)) < 0.02
+    # The wall was flat, and is not any more.
+    assert np.ptp(moved[2][20, 14:-14]) > 0.002
+
+
+SOUND = Search(0.3, 1e-2, 1e-3)
 
 
 @pytest.mark.parametrize(
     "wrong",
     [
-        {"weight": 0.0},
-        {"final_weight": np.inf},
-        {"begins": ()},
+        {"searches": (replace(SOUND, weight=0.0),)},
+        {"searches": (SOUND, replace(SOUND, final_weight=np.inf))},
+        {"searches": ()},
         {"every": 0},
-        {"begins": (0.0, 0.5)},
-        {"begins": (0.8, 0.5)},
+        {"searches": (replace(SOUND, begins=0.0), SOUND)},
+        {"searches": (replace(SOUND, begins=0.8), SOUND)},
+        {"searches": (replace(SOUND, begins=1.2),)},
         {"pixel_share": 1.5},
         {"views": 1},
         {"others": 1},

@@ -6,6 +6,7 @@ import pytest
 from gs2ci.core.errors import InputError
 from gs2ci_sims.brute_force import deviation_dn, simulate_everything
 from gs2ci_sims.effects.defocus import Defocus
+from gs2ci_sims.effects.lens_distortion import LensDistortion
 from gs2ci_sims.effects.motion_blur import MotionBlur
 from gs2ci_sims.effects.object_motion import ObjectMotion
 from gs2ci_sims.exact import ExactRenderer
@@ -47,6 +48,19 @@ def test_blocks_fill_the_frame_and_keep_their_seed(scene):
 def test_the_true_depth_is_that_which_either_renderer_gives(scene):
     for renderer in (Renderer(), ExactRenderer()):
         assert renderer.depth(scene, np.eye(4)) == pytest.approx(scene.depth)
+
+
+def test_the_true_depth_of_an_exposure_to_a_mesh_is_that_of_its_rays_also_through_a_lens(scene):
+    masks = random_masks(2, SIZE, 0.5, np.random.default_rng(0))
+    plain, bent = (
+        expose(scene, STILL, masks, RIG, effects=(MotionBlur(1), *lens), seed=0).truth.depth
+        for lens in ((), (LensDistortion(-0.2),))
+    )
+    np.testing.assert_allclose(plain[0], scene.depth, rtol=1e-6)
+    middle = np.s_[0, SIZE[0] // 2 - 1 : SIZE[0] // 2 + 1, SIZE[1] // 2 - 1 : SIZE[1] // 2 + 1]
+    np.testing.assert_allclose(bent[middle], plain[middle], rtol=1e-6)  # a lens leaves its axis where it is
+    assert (bent > 0).all()
+    assert np.abs(bent - plain).max() > 0.05
 
 
 def test_a_mesh_is_exposed_within_the_tolerance_of_its_plan(scene):

@@ -1,0 +1,339 @@
+"""A calibration bundle held against coded shots: how far its masks have moved since, and the bundle refined by that.
+
+A laboratory drifts by tenths of a pixel within hours, and every coded shot shows where its masks were
+(`gs2ci.reconstruct.registration`). Here: what shots say together, what of it is sure enough for a bundle, and the file.
+Not here: the registration of one shot, the command's words (`gs2ci.commands.calibrate`, `capture`).
+"""
+
+import shutil
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
+from importlib.util import find_spec
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from gs2ci.core.arrays import F32, F64, Bool
+from gs2ci.core.crop import middle
+from gs2ci.core.errors import StorageError
+from gs2ci.core.records import Shot
+from gs2ci_calibration.bundle import Bundle, read_bundle, write_bundle
+from gs2ci_calibration.estimates import Estimate, Section
+from gs2ci_calibration.refusals import CalibrationError, Reason
+
+if TYPE_CHECKING:
+    from gs2ci.reconstruct.registration.misfit import Misfit
+    from gs2ci.reconstruct.registration.register import Registered
+
+STEP: Final = "update"
+UNITS: Final = {
+    "down_px": "px",
+    "right_px": "px",
+    "rotation_deg": "deg",
+    "scale": "1",
+    "stretch": "1",
+    "shear": "1",
+    "blur_px2": "px²",
+    "leak": "1",
+}
+# A parameter goes into a bundle from so many of its standard errors on, and where it moves some element by so much, or
+# changes the light as much: those of the registration of a shot.
+_SIGNIFICANT: Final = 5.0
+_LEAST: Final = {"blur_px2": 0.02, "leak": 0.005}
+_LEAST_PX: Final = 0.02
+# Shots that differ by more than three of their errors on average, and by more than this, saw different masks.
+_MOST_CHI2: Final = 9.0
+_MOST_APART: Final = {
+    "rotation_deg": 0.05,
+    "scale": 5e-4,
+    "stretch": 5e-4,
+    "shear": 5e-4,
+    "blur_px2": 0.1,
+    "leak": 0.02,
+}
+_MOST_APART_PX: Final = 0.1
+# Masks in a shot file went through its storage.
+_SAME_MASKS: Final = 2e-3
+# After a capture only the middle is looked at.
+_LOOKED_AT_PX: Final = 256
+# Less than this costs a decode a tenth of a decibel or so, whatever a bundle promises.
+_LEAST_WARNING_PX: Final = 0.05
+
+
+@dataclass(frozen=True)
+class Update:
+    """What coded shots said of a bundle's masks.
+
+    Args:
+        parameters: All that was estimated, over all shots, by name (`UNITS`).
+        taken: Names of those that were corrected; none where the bundle was right as far as can be told.
+        largest_px: How far the farthest corner of the masks had moved by what was taken.
+        shots: How many shots told.
+        silent: Files of shots that could not tell.
+        kept: Where the old bundle lies; None where nothing was changed.
+    """
+
+    parameters: Mapping[str, Estimate]
+    taken: tuple[str, ...]
+    largest_px: float
+    shots: int
+    silent: tuple[Path, ...]
+    kept: Path | None
+
+
+def update_bundle(path: Path, shots: Sequence[tuple[Path, Shot]]) -> Update:
+    """Refine a bundle's masks by what coded shots tell of them; the old bundle is kept beside it.
+
+    Args:
+        path: The bundle.
+        shots: Shots that were taken with it, and the files that they came from.
+
+    Returns:
+        What was found, and what of it was taken.
+
+    Raises:
+        CalibrationError: A shot was coded with other masks, no shot shows the masks' pattern, shots contradict each
+            other, or masks are turned, in another order, or softer than they were: measure them anew.
+        StorageError: The bundle cannot be read or written.
+    """
+    bundle = read_bundle(path)
+    section = bundle.need("masks", STEP)
+    told, silent = [], []
+    for file, shot in shots:
+        _check_same_masks(file, shot, section)
+        found = _registered(shot)
+        _check_order(file, found)
+        values = values_of(found)
+        if values:
+            told.append(values)
+        else:
+            silent.append(file)
+    if not told:
+        raise CalibrationError(
+            STEP,
+            Reason.NOT_REGISTERED,
+            f"none of {len(shots)} shots shows where its masks are",
+            allowed="a shot in which the pattern of the masks' sum can be found",
+            remedy="take shots of a lit scene that are neither dark nor clipped, or run `gs2ci calibrate masks`",
+        )
+    parameters = {name: _together(name, [values[name] for values in told if name in values]) for name in UNITS}
+    known = {name: estimate for name, estimate in parameters.items() if estimate is not None}
+    taken = _sure(known, section.array("masks").shape[1:])
+    if not taken:
+        return Update(known, (), 0.0, len(told), tuple(silent), None)
+    misfit = _misfit({name: float(known[name]) for name in taken})
+    moved = _moved(section, misfit, {name: known[name] for name in taken}, [file for file, _ in shots])
+    kept = _keep(path)
+    write_bundle(path, replace(bundle.with_section(moved), path=path))
+    size: tuple[int, int] = section.array("masks").shape[1:]
+    largest = float(np.linalg.norm(misfit.placement.displacement_px(size), axis=1).max())
+    return Update(known, taken, largest, len(told), tuple(silent), kept)
+
+
+@dataclass(frozen=True)
+class MasksMoved:
+    """How far the masks of a shot lay from where its bundle has them.
+
+    Args:
+        largest_px: Of the picture's middle and the corners of what was looked at; 0 where nothing speaks against it.
+        error_px: Standard error of the shift.
+        allowed_px: What the bundle promises.
+    """
+
+    largest_px: float
+    error_px: float
+    allowed_px: float
+
+    @property
+    def too_far(self) -> bool:
+        """Get whether they have moved by more than the bundle promises."""
+        return self.largest_px > self.allowed_px
+
+
+def can_look() -> bool:
+    """Tell whether this computer has what registering a shot takes; a bench's own need not."""
+    return find_spec("torch") is not None
+
+
+def how_far_moved(shot: Shot, bundle: Bundle) -> MasksMoved | None:
+    """Look in the middle of a shot how far its masks lay off; None where it does not tell.
+
+    Args:
+        shot: Taken with the bundle's masks.
+        bundle: It.
+    """
+    part = middle(shot, (min(shot.size[0], _LOOKED_AT_PX), min(shot.size[1], _LOOKED_AT_PX)))
+    found = _registered(part)
+    values = values_of(found)
+    if "down_px" not in values:
+        return None
+    corners = np.linalg.norm(found.misfit.placement.displacement_px(part.size), axis=1)
+    error = float(np.hypot(values["down_px"][1], values["right_px"][1]))
+    return MasksMoved(float(corners.max()), error, _promised_px(bundle))
+
+
+def values_of(found: "Registered") -> dict[str, tuple[float, float]]:
+    """Return what one shot says of each parameter, and its standard error; nothing where it cannot tell."""
+    from gs2ci.reconstruct.registration.misfit import NAMES  # noqa: PLC0415  a bench's computer need not have torch
+
+    taken = dict(zip(NAMES, found.misfit.vector().tolist(), strict=True))
+    values = {**found.tried, **{name: (taken[name], error) for name, error in found.errors.items()}}
+    return {name: pair for name, pair in values.items() if name in UNITS and pair[1] > 0 and np.isfinite(pair).all()}
+
+
+def _registered(shot: Shot) -> "Registered":
+    from gs2ci.reconstruct.registration.register import register  # noqa: PLC0415  as above
+
+    return register(shot)
+
+
+def _promised_px(bundle: Bundle) -> float:
+    """Return how far masks may lie off by what a bundle says of its own registration."""
+    section = bundle.sections.get("registration")
+    if section is None or "sensor_from_modulator" not in section.estimates:
+        return _LEAST_WARNING_PX
+    affine = section.estimates["sensor_from_modulator"]
+    errors = np.broadcast_to(affine.standard_error, affine.value.shape)
+    return max(_LEAST_WARNING_PX, float(_SIGNIFICANT * np.linalg.norm(errors[:, 2])))
+
+
+def _check_same_masks(file: Path, shot: Shot, section: Section) -> None:
+    masks, valid = section.array("masks"), _valid(section)
+    believed = np.where(valid, np.clip(masks, 0, 1), 0)
+    same = shot.masks.shape == believed.shape
+    if not same or float(np.abs(shot.masks - believed).max()) > _SAME_MASKS:
+        raise CalibrationError(
+            STEP,
+            Reason.DOES_NOT_FIT,
+            f"{file} was coded with other masks than the bundle's",
+            allowed="shots that were taken with this bundle",
+            remedy="`gs2ci capture --calibration BUNDLE` takes them; after an update, take new ones",
+        )
+
+
+def _check_order(file: Path, found: "Registered") -> None:
+    if found.orientation != "as given":
+        raise CalibrationError(
+            STEP,
+            Reason.FLIPPED,
+            f"in {file} the masks are {found.orientation} against the bundle",
+            remedy="see what was turned on the bench, and run `gs2ci calibrate registration` and `masks`",
+        )
+    if found.first_mask:
+        raise CalibrationError(
+            STEP,
+            Reason.WRONG_ORDER,
+            f"in {file} mask {found.first_mask + 1} was shown first",
+            remedy="check the trigger of the sensor, and run `gs2ci calibrate masks`",
+        )
+
+
+def _together(name: str, values: list[tuple[float, float]]) -> Estimate | None:
+    """Return the weighted mean of what shots say; its error is that of their scatter where that is larger.
+
+    Raises:
+        CalibrationError: They contradict each other.
+    """
+    if not values:
+        return None
+    found, errors = np.array(values).T
+    weights = 1 / errors**2
+    mean = float((weights * found).sum() / weights.sum())
+    chi2 = float((weights * (found - mean) ** 2).sum()) / max(len(found) - 1, 1)
+    apart = float(np.ptp(found))
+    most = _MOST_APART.get(name, _MOST_APART_PX)
+    if chi2 > _MOST_CHI2 and apart > most:
+        raise CalibrationError(
+            STEP,
+            Reason.BAD_FIT,
+            f"the shots contradict each other: {name} from {found.min():.3g} to {found.max():.3g} {UNITS[name]}",
+            allowed=f"{most:g} {UNITS[name]} apart, or three of their standard errors",
+            remedy="the masks moved between the shots: take them one after another, and update by those",
+        )
+    return Estimate(mean, np.sqrt(max(chi2, 1.0) / weights.sum()), UNITS[name])
+
+
+_GROUPS: Final = (("down_px", "right_px"), ("rotation_deg", "scale"), ("stretch", "shear"), ("blur_px2",), ("leak",))
+
+
+def _sure(known: Mapping[str, Estimate], size: tuple[int, int]) -> tuple[str, ...]:
+    """Return the parameters that are surely there and matter; those of one group come together."""
+
+    def is_sure(name: str) -> bool:
+        value, error = float(known[name]), known[name].error
+        if abs(value) < _SIGNIFICANT * error:
+            return False
+        if name in _LEAST:
+            return abs(value) >= _LEAST[name]
+        placement = _misfit({name: value}).placement
+        return float(np.linalg.norm(placement.displacement_px(size), axis=1).max()) >= _LEAST_PX
+
+    there = [tuple(name for name in group if name in known) for group in _GROUPS]
+    return tuple(name for group in there if any(is_sure(name) for name in group) for name in group)
+
+
+def _misfit(values: Mapping[str, float]) -> "Misfit":
+    from gs2ci.reconstruct.registration.misfit import NAMES, Misfit  # noqa: PLC0415  as above
+
+    return Misfit.from_vector(np.array([values.get(name, 0.0) for name in NAMES]))
+
+
+def _moved(section: Section, misfit: "Misfit", taken: Mapping[str, Estimate], files: Sequence[Path]) -> Section:
+    """Return the section with its masks where they are; where none is known now they are not valid."""
+    before = section.estimates["masks"]
+    masks = _transmissions(before.value, misfit)
+    # A mask's error grows by what one standard error of each parameter would make of it.
+    more = 0.0
+    for name, estimate in taken.items():
+        off = _misfit({**{one: float(taken[one]) for one in taken}, name: float(estimate) + estimate.error})
+        more += float(np.mean((_transmissions(before.value, off) - masks) ** 2, dtype=np.float64))
+    error = np.sqrt(before.standard_error.astype(np.float64) ** 2 + more)
+    size: tuple[int, int] = masks.shape[1:]
+    known = misfit.placement.known(size) & _valid_moved(section, misfit)
+    told = "; ".join(f"{name} {estimate}" for name, estimate in taken.items())
+    return replace(
+        section,
+        estimates={**section.estimates, "masks": Estimate(masks, error, before.unit)},
+        arrays={**section.arrays, "valid": known.astype(np.uint8)},
+        facts={**section.facts, "updated_from": [str(file) for file in files]},
+        notes=(*section.notes, f"moved by what coded shots told: {told}"),
+        measured_utc=datetime.now(UTC).isoformat(timespec="seconds"),
+    )
+
+
+def _transmissions(masks: np.ndarray, misfit: "Misfit") -> F32:
+    moved: F64 = misfit.of_masks(np.clip(masks, 0, 1).astype(np.float64))
+    return moved.astype(np.float32)
+
+
+def _valid(section: Section) -> Bool:
+    shape = section.array("masks").shape[1:]
+    return section.arrays["valid"] > 0 if "valid" in section.arrays else np.ones(shape, np.bool_)
+
+
+def _valid_moved(section: Section, misfit: "Misfit") -> Bool:
+    seen: Bool = misfit.placement.sample(_valid(section)[None].astype(np.float64))[0] > 0.99
+    return seen
+
+
+def _keep(path: Path) -> Path:
+    """Copy a bundle beside itself, under the time of its end.
+
+    Raises:
+        StorageError: It cannot be copied; nothing was changed.
+    """
+    name = path.name.removesuffix(".h5")
+    until = datetime.now(UTC).strftime("%Y%m%dT%H%M%SZ")
+    kept, count = path.with_name(f"{name}.until-{until}.h5"), 1
+    while kept.exists():
+        count += 1
+        kept = path.with_name(f"{name}.until-{until}-{count}.h5")
+    try:
+        shutil.copy2(path, kept)
+    except OSError as error:
+        raise StorageError(
+            f"{kept}: the old bundle cannot be kept: {error}", remedy="free the disk, check the folder"
+        ) from error
+    return kept
