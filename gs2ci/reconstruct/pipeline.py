@@ -108,7 +108,7 @@ def reconstruct(
     jury = Jury.of(sound, settings.fit.hold_out.share, settings.seed)
 
     first = (look_closer if budget is None and settings.may_look_again else look)(
-        jury, lens, tools.geometry_prior, settings.look, progress, clock.lap, registered.shot
+        jury, lens, tools.geometry_prior, settings, progress, clock.lap, registered.shot
     )
     jury, decoded = first.jury, first.decoded
     fitted = Jury(fill_holes(jury.shot, decoded), jury.heldout)
