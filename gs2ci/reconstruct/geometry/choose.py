@@ -61,9 +61,9 @@ def load_geometry_prior(name: str) -> GeometryPrior:
     """Load a geometry prior.
 
     Args:
-        name: "tracks"; "stage"; "wide"; "uniform"; "auto"; "file:PATH" (a COLMAP model's folder or a
-            transforms.json); "vggt", the model added under that name; "vggt:FILE"; "vggt-or-tracks", the tracks where no model has been added; or
-            that of a plug-in, which is called for its prior.
+        name: "tracks"; "stage"; "wide"; "uniform"; "auto"; "file:PATH" (a COLMAP model's folder or a transforms.json);
+            "vggt", the model added under that name; "vggt:FILE"; "vggt-or-tracks", the tracks where no model has been
+            added; or that of a plug-in, which is called for its prior.
 
     Raises:
         InputError: No such name, no such file, or a model file that cannot be used.
