@@ -62,7 +62,8 @@ def load_geometry_prior(name: str) -> GeometryPrior:
 
     Args:
         name: "tracks"; "stage"; "wide"; "uniform"; "auto"; "file:PATH" (a COLMAP model's folder or a
-            transforms.json); "vggt", the model added under that name; "vggt:FILE"; "vggt-or-tracks", the tracks where no model has been added; or
+            transforms.json); "vggt", the model added under that name; "vggt:FILE"; "vggt-or-tracks", the tracks
+            where no model has been added; or
             that of a plug-in, which is called for its prior.
 
     Raises:
