@@ -48,8 +48,9 @@ from tests.stability.cases import CASES, EASY, Case
 BENDS_DB = 3.0
 # What the held-out pixels, some dozens on such small pictures, may err by when they choose.
 WORSE_DB = 0.5
-# Held-out pixels judge views that have not seen them, and those that are handed over have: what errs least then may leave
-# more before (`fit/combination.py`). Up to 1.06 times as much as the decode in the quick cases, 1.27 with one coded view.
+# Held-out pixels judge views that have not seen them, and those that are handed over have: what errs least then may
+# leave more before (`fit/combination.py`). Up to 1.06 times as much as the decode in the quick cases, 1.27 with one
+# coded view.
 AGAINST_HELDOUT = 1.5
 # More than an even grey of the right colour, by this much, counts as having seen something.
 SEEN_DB = 1.0

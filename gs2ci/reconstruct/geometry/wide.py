@@ -126,9 +126,9 @@ def _features(view: F32) -> tuple[F32, F32]:
     points, found = sift.detectAndCompute(even, None)
     if found is None:
         return np.zeros((0, 2), np.float32), np.zeros((0, 128), np.float32)
-    places = np.float32([point.pt for point in points])
+    places = np.array([point.pt for point in points], np.float32)
     # OpenCV has the first pixel's centre at 0, this project at 0.5.
-    places = (places + 0.5) / _ENLARGED
+    places = ((places + 0.5) / _ENLARGED).astype(np.float32)
     shares = found / np.maximum(found.sum(axis=1, keepdims=True), _EPSILON)
     return places, np.sqrt(shares).astype(np.float32)
 
