@@ -64,6 +64,15 @@ class Device(ABC, Generic[Info, Status]):
         self._require_open("status")
         return self._do_status()
 
+    def temperatures_c(self) -> dict[str, float]:
+        """Read how warm it is, in degrees Celsius, by the device's own names; empty where it does not tell.
+
+        Raises:
+            LinkError: No usable answer.
+        """
+        self._require_open("temperatures_c")
+        return self._do_temperatures_c()
+
     def close(self) -> None:
         """Let go of the port; never raises, may be called twice."""
         if not self._closed:
@@ -81,6 +90,10 @@ class Device(ABC, Generic[Info, Status]):
     @abstractmethod
     def _do_status(self) -> Status:
         """Read state and faults."""
+
+    def _do_temperatures_c(self) -> dict[str, float]:
+        """Read temperatures, where the device has any."""
+        return {}
 
     @abstractmethod
     def _do_close(self) -> None:

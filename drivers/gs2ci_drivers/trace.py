@@ -14,7 +14,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, TextIO, TypeVar
+from typing import Any, Protocol, TextIO, TypeVar
 
 from gs2ci.core.clock import Clock
 from gs2ci.core.errors import StorageError
@@ -95,7 +95,36 @@ class Call:
         )
 
 
-class Trace:
+class CallLog(Protocol):
+    """Writes down calls on a port."""
+
+    clock: Clock
+    """Whose times are noted."""
+
+    def put(self, call: Call) -> None:
+        """Write down a call that has returned."""
+        ...
+
+    def close(self) -> None:
+        """Write no more; a second call does nothing."""
+        ...
+
+    def note(self, call: Call, action: Callable[[], T], outcome: Callable[[T], None]) -> T:
+        """Do `action`, let `outcome` put what came out into `call`, write it down, pass result or error on."""
+        try:
+            result = action()
+            outcome(result)
+        except OSError as error:
+            call.errno, call.error = (0 if isinstance(error, TimeoutError) else error.errno or -1), str(error)
+            raise
+        else:
+            return result
+        finally:
+            call.t_s = self.clock.now_s()
+            self.put(call)
+
+
+class Trace(CallLog):
     """A trace being written, line by line and flushed, so that a crash loses nothing.
 
     Args:
@@ -110,7 +139,7 @@ class Trace:
     """
 
     def __init__(self, path: Path, device: str, port: str, clock: Clock) -> None:
-        self._clock = clock
+        self.clock = clock
         self._path = path
         try:
             self._file: TextIO = path.open("w", encoding="ascii", buffering=1)
@@ -118,20 +147,10 @@ class Trace:
             raise self._refused(error) from error
         self._write(json.dumps({"trace": SCHEMA, "device": device, "port": port}))
 
-    def note(self, call: Call, action: Callable[[], T], outcome: Callable[[T], None]) -> T:
-        """Do `action`, let `outcome` put what came out into `call`, write it down, pass result or error on."""
-        try:
-            result = action()
-            outcome(result)
-        except OSError as error:
-            call.errno, call.error = (0 if isinstance(error, TimeoutError) else error.errno or -1), str(error)
-            raise
-        else:
-            return result
-        finally:
-            call.t_s = self._clock.now_s()
-            if not self._file.closed:
-                self._write(call.to_line())
+    def put(self, call: Call) -> None:
+        """Write a call as one line."""
+        if not self._file.closed:
+            self._write(call.to_line())
 
     def close(self) -> None:
         """Close the file; a second call does nothing."""
@@ -156,7 +175,7 @@ class Trace:
 class TracedHid:
     """A `HidPort` that writes down what passes."""
 
-    def __init__(self, port: HidPort, trace: Trace) -> None:
+    def __init__(self, port: HidPort, trace: CallLog) -> None:
         self._port = port
         self._trace = trace
 
@@ -178,7 +197,7 @@ class TracedHid:
 class TracedBytes:
     """A `BytePort` that writes down what passes."""
 
-    def __init__(self, port: BytePort, trace: Trace) -> None:
+    def __init__(self, port: BytePort, trace: CallLog) -> None:
         self._port = port
         self._trace = trace
 
@@ -200,7 +219,7 @@ class TracedBytes:
 class TracedSys:
     """A `SysPort` that writes down what passes, pixels included."""
 
-    def __init__(self, port: SysPort, trace: Trace) -> None:
+    def __init__(self, port: SysPort, trace: CallLog) -> None:
         self._port = port
         self._trace = trace
 

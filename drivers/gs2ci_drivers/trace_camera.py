@@ -9,7 +9,7 @@ from dataclasses import asdict
 from typing import TypeVar
 
 from gs2ci_drivers.ports import CameraBuffer, CameraIdentity, CameraPort, Feature, FeatureRefusalError, FeatureValue
-from gs2ci_drivers.trace import Call, Trace
+from gs2ci_drivers.trace import Call, CallLog
 
 T = TypeVar("T")
 
@@ -22,7 +22,7 @@ class TracedCamera:
         trace: Where it is written down.
     """
 
-    def __init__(self, port: CameraPort, trace: Trace) -> None:
+    def __init__(self, port: CameraPort, trace: CallLog) -> None:
         self._port = port
         self._trace = trace
 

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from gs2ci.core.arrays import F32
     from gs2ci.evaluate.points import Cameras
 
-ExportFormat = Literal["ply", "spz", "colmap", "nerfstudio", "depth-png", "depth-exr", "gif", "mp4"]
+ExportFormat = Literal["ply", "spz", "colmap", "nerfstudio", "depth-png", "depth-exr", "nexus", "gif", "mp4"]
 # What is written where no name is given, in the folder where one is.
 NAMES: Final[dict[ExportFormat, str]] = {
     "ply": "scene.ply",
@@ -31,6 +31,7 @@ NAMES: Final[dict[ExportFormat, str]] = {
     "nerfstudio": "nerfstudio",
     "depth-png": "depth-png",
     "depth-exr": "depth-exr",
+    "nexus": "run.nxs",
     "gif": "orbit.gif",
     "mp4": "orbit.mp4",
 }
@@ -42,8 +43,8 @@ def export(run: Run | str | Path, to: ExportFormat, path: str | Path | None = No
     Args:
         run: A run that was saved, or its folder.
         to: "ply" and "spz" hold the Gaussians; "colmap" is a folder with sparse model and images, "nerfstudio" one with
-            transforms.json and images; "depth-png" (16 bit) and "depth-exr" are folders of depth maps; "gif" and "mp4"
-            a short orbit.
+            transforms.json and images; "depth-png" (16 bit) and "depth-exr" are folders of depth maps; "nexus" holds
+            views, depth and cameras under the names of the NeXus standard; "gif" and "mp4" a short orbit.
         path: The file or folder to write; one of its own name in the current folder if None.
         overwrite: Replace what lies there.
 
@@ -144,6 +145,12 @@ def _depth_exr(run: Run, folder: Path) -> _Write:
     return _into_a_folder(write_depth_exr, _depth(run))
 
 
+def _nexus(run: Run, folder: Path) -> _Write:
+    from gs2ci.evaluate.exports.nexus import write_nexus
+
+    return lambda path: write_nexus(path, run.report, run.views, run.depth, _cameras(run))
+
+
 def _into_a_folder(write_files: "Callable[[Path, F32], object]", depth: "F32") -> _Write:
     def write(path: Path) -> None:
         path.mkdir()
@@ -166,6 +173,7 @@ _WRITERS: Final[dict[ExportFormat, Callable[[Run, Path], _Write]]] = {
     "nerfstudio": _nerfstudio,
     "depth-png": _depth_png,
     "depth-exr": _depth_exr,
+    "nexus": _nexus,
     "gif": _film,
     "mp4": _film,
 }

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from gs2ci.rig.doctor import BenchFinding
     from gs2ci.rig.opening import Rig
     from gs2ci.rig.recording import Prepared
+    from gs2ci.rig.session import SessionLog
     from gs2ci_calibration.bench import Bench
     from gs2ci_calibration.bundle import Bundle
     from gs2ci_calibration.drift import Change
@@ -51,6 +52,7 @@ class OpenRig:
         self._rig = load_rig(Path(path))
         self._devices: Devices | None = None
         self._traced: Path | None = None
+        self._session: SessionLog | None = None
 
     def __enter__(self) -> Self:
         return self
@@ -83,7 +85,7 @@ class OpenRig:
             DeviceError: A port cannot be opened; those already open are closed again.
         """
         if self._devices is None:
-            self._devices = self._rig.open(self._traced)
+            self._devices = self._rig.open(self._traced, self._session)
         return self._devices
 
     def close(self) -> None:
@@ -95,6 +97,12 @@ class OpenRig:
     def trace_to(self, stem: Path | None) -> None:
         """Keep the bytes on every wire in `<stem>.<device>.wire` where the rig file asks for it; before opening."""
         self._traced = stem if self._rig.table.trace else None
+
+    def log_to(self, shot: Path | None) -> None:
+        """Keep a session log beside a shot file, of all from the opening of the devices on; before opening."""
+        from gs2ci.rig.session import SessionLog
+
+        self._session = None if shot is None else SessionLog(shot, self._rig.table.session)
 
     def plan(
         self,
@@ -188,9 +196,24 @@ class OpenRig:
 
         path = Path(path)
         check_target(path, replace=overwrite, remedy="choose another name with -o, or add --overwrite to replace it")
+        if self._devices is None and self._session is None:
+            self.log_to(path)
         with shown(progress) as display:
             prepared = prepared or self.plan(probe=True, progress=display)
-            return record(self._rig, self.devices, prepared, path, replace=overwrite, progress=display, saved=saved)
+            # A second capture into another file has a log of its own.
+            session, self._session = self._session, None
+            if session is not None and session.shot != path:
+                session = None
+            return record(
+                self._rig,
+                self.devices,
+                prepared,
+                path,
+                replace=overwrite,
+                progress=display,
+                saved=saved,
+                session=session,
+            )
 
     def calibrate(
         self,

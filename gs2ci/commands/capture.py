@@ -62,6 +62,7 @@ def run(
         console = Console()
         with open_rig(rig) as opened:
             opened.trace_to(None if dry_run else out)
+            opened.log_to(None if dry_run else out)
             with open_display() as display:
                 prepared = opened.plan(
                     shots=shots, calibration=calibration, probe=probe and not dry_run, progress=display

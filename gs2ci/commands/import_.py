@@ -12,6 +12,7 @@ from rich.console import Console
 from rich.markup import escape
 
 from gs2ci.api.shots import check_imports, import_file, picked
+from gs2ci.commands.answers import answered
 from gs2ci.commands.recover import save_finished_rows
 from gs2ci.core.errors import InputError
 from gs2ci.core.records import CfaPattern
@@ -55,6 +56,7 @@ def run(
     bad_pixels: Literal["refuse", "median"] = "refuse",
     index: int | None = None,
     overwrite: bool = False,
+    json: bool = False,
 ) -> Path:
     """Turn a coded measurement and its masks (.npz, .npy, .mat, pictures) into a shot file.
 
@@ -86,6 +88,7 @@ def run(
         bad_pixels: Refuse NaN in the measurement, or replace them from their neighbours.
         index: Keep only this one of several measurements, counted from 0.
         overwrite: Replace a finished file of that name.
+        json: Print the answer as JSON, and nothing else, on standard output.
 
     Returns:
         The shot file.
@@ -111,21 +114,26 @@ def run(
         "bad_pixels": bad_pixels,
     }
     check_imports(focal_px, mask_scale, scale, offset, saturation, views, distortion)
-    from gs2ci.core.storage import write_shots
+    from gs2ci.core.storage import count_shots, write_shots
     from gs2ci.core.storage.sealing import check_target
 
     check_target(out, replace=overwrite, remedy="choose another name with -o, or add --overwrite to replace it")
-    if file.name.endswith(".partial"):
-        _check_alone(
-            file, masks_file, masks, index is not None, *(value != _SILENT.get(key) for key, value in known.items())
-        )
-        return save_finished_rows(file, out, replace=overwrite)
-    masks = _only_one(masks_file, masks)
-    _check_apart(out, file, masks, truth, poses)
-    imported = import_file(file, masks, **known)
-    write_shots(out, picked(imported.shots, index, file))
-    _print(Console(), file, out, imported, index)
-    return out
+    with answered(as_text=not json) as answer:
+        if file.name.endswith(".partial"):
+            _check_alone(
+                file, masks_file, masks, index is not None, *(value != _SILENT.get(key) for key, value in known.items())
+            )
+            saved = save_finished_rows(file, out, replace=overwrite)
+            answer({"file": saved, "shots": count_shots(saved), "guesses": []})
+            return saved
+        masks = _only_one(masks_file, masks)
+        _check_apart(out, file, masks, truth, poses)
+        imported = import_file(file, masks, **known)
+        kept = picked(imported.shots, index, file)
+        write_shots(out, kept)
+        _print(Console(), file, out, imported, index)
+        answer({"file": out, "shots": len(kept), "guesses": list(imported.guesses)})
+        return out
 
 
 def _check_alone(partial: Path, *given: object) -> None:

@@ -7,6 +7,7 @@ import tyro
 from rich.console import Console
 
 from gs2ci.api.exports import mesh
+from gs2ci.commands.answers import answered
 
 
 def run(
@@ -16,6 +17,7 @@ def run(
     *,
     voxels: int = 160,
     overwrite: bool = False,
+    json: bool = False,
 ) -> Path:
     """Fuse the depths of a run into a mesh, PLY with a colour per vertex.
 
@@ -24,6 +26,7 @@ def run(
         output: The file to write.
         voxels: Along the longest side of what is seen: more are finer, and take the cube of the memory.
         overwrite: Replace what lies there.
+        json: Print the answer as JSON, and nothing else, on standard output.
 
     Returns:
         The mesh.
@@ -31,6 +34,8 @@ def run(
     Raises:
         Gs2ciError: The folder is no run, its depth cannot be believed, or the output cannot be written.
     """
-    written = mesh(folder, output, voxels=voxels, overwrite=overwrite)
-    Console(highlight=False).print(str(written), markup=False, soft_wrap=True)
+    with answered(as_text=not json) as answer:
+        written = mesh(folder, output, voxels=voxels, overwrite=overwrite)
+        Console(highlight=False).print(str(written), markup=False, soft_wrap=True)
+        answer({"path": written})
     return written

@@ -7,22 +7,33 @@ Here: the table that is printed, and the names of our own that no plug-in can ta
 from rich.console import Console
 from rich.table import Table
 
+from gs2ci.commands.answers import answered
 from gs2ci.core.plugins import GROUPS, Plugin, installed
 
 
-def run() -> list[Plugin]:
+def run(*, json: bool = False) -> list[Plugin]:
     """List the plug-ins that are installed: drivers, density rules, decoders, priors, geometry, effects, scenes.
 
     Each is imported; one that cannot be is named with the reason, and everything else works without it.
 
+    Args:
+        json: Print the answer as JSON, and nothing else, on standard output.
+
     Returns:
         The plug-ins.
     """
-    found = installed(built_in_names())
+    with answered(as_text=not json) as answer:
+        found = installed(built_in_names())
+        _print(found)
+        answer(found)
+    return found
+
+
+def _print(found: list[Plugin]) -> None:
     console = Console(highlight=False)
     if not found:
         console.print("No plug-ins are installed. docs/plugins.md says how to make one.", markup=False)
-        return found
+        return
     table = Table(box=None, padding=(0, 3, 0, 0))
     for heading in ("plug-in", "from", "used as", "defined in"):
         table.add_column(heading, no_wrap=heading != "defined in")
@@ -35,7 +46,6 @@ def run() -> list[Plugin]:
             console.print(
                 f"{plugin.name} of {plugin.origin} is left out: {plugin.problem}", markup=False, soft_wrap=True
             )
-    return found
 
 
 def built_in_names() -> dict[str, tuple[str, ...]]:
@@ -48,5 +58,5 @@ def built_in_names() -> dict[str, tuple[str, ...]]:
         "gs2ci.density_rules": RULE_NAMES,
         DECODER_GROUP: DECODE_METHODS,
         "gs2ci.priors": ("consistent", "nlm", "none", "difix"),
-        "gs2ci.geometry": ("tracks", "stage", "uniform", "auto", "vggt"),
+        "gs2ci.geometry": ("tracks", "stage", "wide", "uniform", "auto", "vggt"),
     }

@@ -10,12 +10,15 @@ import tyro
 from rich.console import Console
 from rich.markup import escape
 
+from gs2ci.commands.answers import answered
+
 
 def run(
     partial: Annotated[Path, tyro.conf.Positional],
     /,
     *,
     out: Annotated[Path | None, tyro.conf.arg(aliases=["-o"])] = None,
+    json: bool = False,
 ) -> Path:
     """Copy every finished row of an interrupted capture (NAME.h5.partial) into a new shot file.
 
@@ -24,11 +27,17 @@ def run(
     Args:
         partial: The interrupted capture.
         out: The shot file to write; NAME.recovered.h5 when it is not given.
+        json: Print the answer as JSON, and nothing else, on standard output.
 
     Returns:
         The new shot file.
     """
-    return save_finished_rows(partial, out)
+    from gs2ci.core.storage import count_shots
+
+    with answered(as_text=not json) as answer:
+        saved = save_finished_rows(partial, out)
+        answer({"file": saved, "shots": count_shots(saved)})
+    return saved
 
 
 def save_finished_rows(partial: Path, target: Path | None, *, replace: bool = False) -> Path:

@@ -124,7 +124,7 @@ class Attempts:
             return tried
         views = self.refine(tried.ensemble.views)
         attempts = {first.geometry.source: tried}
-        again = second_look(first, views, self.lens, self.settings.look, self.progress)
+        again = second_look(first, views, self.lens, self.settings, self.progress)
         if again is not None and not self.halt.asked:
             attempts["second look"] = self.attempt(again, views, False)
         if needs_rest(first) and not self.halt.asked:

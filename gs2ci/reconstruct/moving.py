@@ -159,7 +159,7 @@ def rested(first: FirstLook) -> FirstLook:
 
     A path that was told stays, and so does a camera that was found to stand still or only to turn.
     """
-    found = first.geometry.verdict == "full" and first.geometry.source in ("tracks", "uniform")
+    found = first.geometry.verdict == "full" and first.geometry.source in ("tracks", "wide", "uniform")
     return from_rest(first) if found else first
 
 

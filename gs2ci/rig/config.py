@@ -193,6 +193,11 @@ class RigTable(ConfigTable):
     optics: OpticsTable = OpticsTable()
     calibration: CalibrationOptions = CalibrationOptions()
     world: WorldTable | None = None
+    metadata: dict[str, str | int | float | bool] = Field(default_factory=dict)
+    """[metadata]: what the operator wants kept with every shot, under names of their own; `operator`, `sample`,
+    `institution` and `experiment` are what exports look for."""
+    session: Literal["off", "info", "debug"] = "info"
+    """How much is written into the session log beside the shot file; "debug" has every command and answer."""
     trace: bool = False
     """Whether to write every byte that passes the ports beside the shot file."""
 

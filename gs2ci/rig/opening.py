@@ -4,7 +4,7 @@ Here: drivers on real ports or on twins, and wire traces round either. Not here:
 (`gs2ci.rig.simulated`), what a rig file may say (`config`).
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, closing
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from gs2ci.core.clock import Clock, WallClock
 from gs2ci.core.errors import InputError
 from gs2ci.rig.config import DEVICE_GROUPS, RigTable, read_rig
+from gs2ci.rig.session import SessionLog
 from gs2ci_drivers.acquisition import Devices
 from gs2ci_drivers.display_slm.driver import DisplaySlm
 from gs2ci_drivers.display_slm.options import DisplaySlmOptions
@@ -34,7 +35,7 @@ from gs2ci_drivers.ports import BytePort, CameraPort, HidPort, ScreenPort, SysPo
 from gs2ci_drivers.scpi_modulator.driver import ScpiModulator
 from gs2ci_drivers.sensor import Sensor
 from gs2ci_drivers.stage import Stage
-from gs2ci_drivers.trace import Trace, TracedBytes, TracedHid, TracedSys
+from gs2ci_drivers.trace import CallLog, Trace, TracedBytes, TracedHid, TracedSys
 from gs2ci_drivers.trace_camera import TracedCamera
 from gs2ci_drivers.v4l2.driver import V4l2Sensor
 from gs2ci_drivers.video_out.driver import VideoOut
@@ -80,18 +81,19 @@ class Rig:
         capture = self.table.capture.model_copy(update={"shots": shots})
         self.table = self.table.model_copy(update={"capture": capture})
 
-    def open(self, trace_stem: Path | None = None) -> Devices:
+    def open(self, trace_stem: Path | None = None, session: SessionLog | None = None) -> Devices:
         """Open all devices; nothing is sent to them yet.
 
         Args:
             trace_stem: Where wire traces go: `<stem>.<device>.wire`; None writes none.
+            session: The log that hears of every call at its level "debug".
 
         Raises:
             AccessError, DisconnectedError: A port cannot be opened; those already open are closed again.
         """
         clock = self.clock
         with ExitStack() as opened:
-            traces = _Traces(trace_stem, clock)
+            traces = _Traces(trace_stem, clock, session)
             opened.callback(traces.close)
             modulator = opened.enter_context(closing(self._modulator(clock, traces)))
             sensor = opened.enter_context(closing(self._sensor(clock, traces)))
@@ -195,26 +197,42 @@ def _opened(device: str, action: Callable[[], T]) -> T:
 class _Traces:
     """Wire traces round ports, where they are wanted."""
 
-    def __init__(self, stem: Path | None, clock: Clock) -> None:
+    def __init__(self, stem: Path | None, clock: Clock, session: SessionLog | None) -> None:
         self._stem = stem
         self._clock = clock
+        self._session = session
         self._traces: list[Trace] = []
 
     def hid(self, device: str, port: HidPort) -> HidPort:
-        return port if self._stem is None else TracedHid(port, self._new(self._stem, device, "hid"))
+        for log in self._logs(device, "hid"):
+            port = TracedHid(port, log)
+        return port
 
     def bytes(self, device: str, port: BytePort) -> BytePort:
-        return port if self._stem is None else TracedBytes(port, self._new(self._stem, device, "bytes"))
+        for log in self._logs(device, "bytes"):
+            port = TracedBytes(port, log)
+        return port
 
     def sys(self, device: str, port: SysPort) -> SysPort:
-        return port if self._stem is None else TracedSys(port, self._new(self._stem, device, "sys"))
+        for log in self._logs(device, "sys"):
+            port = TracedSys(port, log)
+        return port
 
     def camera(self, device: str, port: CameraPort) -> CameraPort:
-        return port if self._stem is None else TracedCamera(port, self._new(self._stem, device, "camera"))
+        for log in self._logs(device, "camera"):
+            port = TracedCamera(port, log)
+        return port
 
     def close(self) -> None:
         for trace in self._traces:
             trace.close()
+
+    def _logs(self, device: str, port: str) -> Iterator[CallLog]:
+        if self._stem is not None:
+            yield self._new(self._stem, device, port)
+        wire = None if self._session is None else self._session.wire(device, self._clock)
+        if wire is not None:
+            yield wire
 
     def _new(self, stem: Path, device: str, port: str) -> Trace:
         trace = Trace(stem.with_name(f"{stem.name}.{device}.wire"), device, port, self._clock)

@@ -8,6 +8,7 @@ layout (`gs2ci.core.storage`), poses from stage positions (`telemetry`), the ord
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from datetime import UTC, datetime
 from pathlib import Path
 from time import time_ns
 from typing import TYPE_CHECKING, Any, Final
@@ -25,6 +26,7 @@ from gs2ci.rig.config import RigTable
 from gs2ci.rig.intent import intended
 from gs2ci.rig.opening import Rig
 from gs2ci.rig.ring import WritingRing
+from gs2ci.rig.session import SessionLog, note_devices, note_temperatures
 from gs2ci.rig.telemetry import Carriage, carriage_of
 from gs2ci_drivers.acquisition import Devices, Taken, capture, plan_capture
 from gs2ci_drivers.failures import UnsupportedError
@@ -109,6 +111,7 @@ def record(
     replace: bool,
     progress: Progress,
     saved: Callable[[Path], object] = lambda partial: None,
+    session: SessionLog | None = None,
 ) -> Path:
     """Run a prepared capture into a shot file.
 
@@ -120,6 +123,7 @@ def record(
         replace: Whether a finished file of that name may be replaced.
         progress: Hears about upload and shots.
         saved: Is told where the rows are when the capture ends early with some; never of another capture's file.
+        session: The log beside it, which is begun and closed here; one of its own, as the rig file says, if None.
 
     Returns:
         The shot file.
@@ -130,10 +134,18 @@ def record(
         StorageError: The file cannot be written.
     """
     plan = prepared.plan.require_sound()
+    log = session or SessionLog(out, rig.table.session)
     writer = ShotWriter(out, _header(rig, devices, prepared), replace=replace, sync=rig.table.capture.sync)
     try:
         with writer:
-            recorder = _Recorder(rig, devices, prepared, writer)
+            log.begin(
+                rig=rig.table.name,
+                simulated=rig.bench is not None,
+                file=out.name,
+                metadata=rig.table.metadata,
+            )
+            note_devices(log, devices)
+            recorder = _Recorder(rig, devices, prepared, writer, log)
             recorder.note_plan()
             try:
                 if plan.settings.continuous:
@@ -143,6 +155,8 @@ def record(
             except Exception as error:
                 recorder.note_failure(error)
                 raise
+            note_temperatures(log, devices)
+            log.note("end", rows=writer.rows_written)
             return writer.finish()
     except BaseException:
         if writer.rows_written:
@@ -150,6 +164,8 @@ def record(
         else:  # nothing was taken, so there is nothing to recover and nothing in the way
             writer.partial.unlink(missing_ok=True)
         raise
+    finally:
+        log.close()
 
 
 def _take_continuously(
@@ -249,7 +265,8 @@ def _carriage(rig: Rig, prepared: Prepared) -> Carriage | None:
 class _Recorder:
     """Turns shots into rows."""
 
-    def __init__(self, rig: Rig, devices: Devices, prepared: Prepared, writer: ShotWriter) -> None:
+    def __init__(self, rig: Rig, devices: Devices, prepared: Prepared, writer: ShotWriter, log: SessionLog) -> None:
+        self._log = log
         self._rig = rig
         self._devices = devices
         self._prepared = prepared
@@ -272,7 +289,9 @@ class _Recorder:
         scale = _scale_dn(self._rig.table, plan, self._devices.sensor.settings.format.top)[1]
         if self._prepared.calibrated is not None:
             self._writer.event("calibration", **self._prepared.calibrated.record())
-        self._writer.event("plan", scale=scale, **{figure.what: figure.value for figure in plan.figures})
+        figures = {figure.what: figure.value for figure in plan.figures}
+        self._writer.event("plan", scale=scale, **figures)
+        self._log.note("plan", scale=scale, figures=figures)
 
     def note_ring(self, ring: WritingRing) -> None:
         """Write how full the ring was, and how often the disk was waited for."""
@@ -281,11 +300,13 @@ class _Recorder:
     def note_failure(self, error: Exception) -> None:
         """Write why the capture ended; the rows before it stay. On a full disk that error is told, not this one."""
         notes = [str(note) for note in getattr(error, "__notes__", [])]
+        self._log.note("failed", error=type(error).__name__, message=str(error), notes=notes)
         with suppress(StorageError):
             self._writer.event("failed", error=type(error).__name__, message=str(error), notes=notes)
 
     def take(self, taken: Taken) -> None:
         """Write one shot."""
+        self._log.note("shot", index=taken.index, attempts=taken.attempts, incidents=list(taken.incidents))
         for incident in taken.incidents:
             self._writer.event("incident", shot=taken.index, message=incident)
         for i, frame in enumerate(taken.frames):
@@ -316,7 +337,10 @@ class _Recorder:
             "mode": plan.settings.mode.value,
             "exposure_s": plan.exposure_s,
             "attempts": taken.attempts,
+            "taken_at": datetime.fromtimestamp((frame.t_host_ns + self._epoch_ns) / 1e9, UTC).isoformat(),
         }
+        if self._rig.table.metadata:
+            origin["metadata"] = dict(self._rig.table.metadata)
         if plan.settings.mode is Mode.PER_MASK:
             origin["mask_index"] = i
         if self._carriage is not None:

@@ -4,8 +4,10 @@ import json
 import shutil
 import subprocess
 from dataclasses import replace
+from pathlib import Path
 
 import cv2
+import h5py
 import imageio.v3 as imageio
 import numpy as np
 import pycolmap
@@ -15,7 +17,7 @@ import trimesh
 import gs2ci
 from gs2ci.api import exports
 from gs2ci.core.errors import InputError, StorageError
-from gs2ci.evaluate.exports import depth_files, orbit
+from gs2ci.evaluate.exports import depth_files, nexus, orbit
 
 
 @pytest.fixture
@@ -45,6 +47,46 @@ def test_cameras_and_pictures_for_colmap_and_nerfstudio_tell_the_same(run):
         wanted = np.linalg.inv(np.array(frame["transform_matrix"]) @ axes)
         np.testing.assert_allclose(image.cam_from_world().matrix(), wanted[:3], atol=1e-9)
     assert len(trimesh.load(folder / transforms["ply_file_path"]).vertices) > 0
+
+
+def by_class(group, kind):
+    return [child for child in group.values() if child.attrs.get("NX_class") == kind]
+
+
+def test_a_nexus_file_leads_a_reader_to_what_is_to_be_plotted(run):
+    """As a NeXus viewer goes: default, default, signal, axes (manual.nexusformat.org, "Find the plottable data")."""
+    told = {"operator": "A. Name", "sample": "fern", "institution": "U", "experiment": 7, "humidity_percent": 41.5}
+    provenance = {"metadata": told, "taken_at": "2026-11-23T01:02:03+00:00"}
+    report = run.report.model_copy(update={"provenance": provenance})
+    nexus.write_nexus(Path("told.nxs"), report, run.views, run.depth, exports._cameras(run))
+    with h5py.File(gs2ci.export(run, "nexus")) as plain, h5py.File("told.nxs") as file:
+        for opened in (plain, file):
+            entry = opened[opened.attrs["default"]]
+            assert (opened.attrs["NX_class"], entry.attrs["NX_class"]) == ("NXroot", "NXentry")
+            data = entry[entry.attrs["default"]]
+            assert data.attrs["NX_class"] == "NXdata"
+            signal = data[data.attrs["signal"]]
+            np.testing.assert_array_equal(signal, run.views)
+            axes = list(data.attrs["axes"])
+            assert [len(data[axis]) for axis in axes] == list(signal.shape)
+            assert [int(data.attrs[f"{axis}_indices"]) for axis in axes] == [0, 1, 2, 3]
+            np.testing.assert_array_equal(entry["depth/depth"], run.depth)
+            assert entry["title"].asstr()[()] == run.report.name
+            cameras = entry["instrument/detector/cameras"]
+            np.testing.assert_array_equal(cameras["world_to_camera"], run.path)
+        assert not by_class(plain["entry"], "NXuser")
+        assert "start_time" not in plain["entry"]
+        (user,), (sample,) = by_class(file["entry"], "NXuser"), by_class(file["entry"], "NXsample")
+        assert [user[name].asstr()[()] for name in ("name", "affiliation")] == ["A. Name", "U"]
+        assert sample["name"].asstr()[()] == "fern"
+        assert file["entry/experiment_identifier"].asstr()[()] == "7"
+        assert dict(file["entry/metadata"].attrs)["humidity_percent"] == 41.5
+        assert file["entry/start_time"].asstr()[()].startswith("2026-11-23")
+
+
+def test_a_nexus_file_that_cannot_be_written_is_told(run):
+    with pytest.raises(StorageError, match="cannot be written"):
+        nexus.write_nexus(Path("nowhere/x.nxs"), run.report, run.views, None, exports._cameras(run))
 
 
 def test_depth_as_png_and_exr(run):

@@ -19,6 +19,9 @@ ANSWERS = [
     ("plan rig.toml --tolerance-dn 2", {"tolerance_dn": 2.0}),
     ("devices --rig rig.toml", {"sensor": None, "modulator": None, "stage": None}),
     ("capture --rig rig.toml -o taken.h5", {"file": "taken.h5", "shots": 1}),
+    ("import measurement.npz -o imported.h5", {"file": "imported.h5", "shots": 1, "guesses": None}),
+    ("export run --to nexus", {"path": "run.nxs", "format": "nexus"}),
+    ("mesh run --voxels 32", {"path": "mesh.ply"}),
     ("capture --rig rig.toml --dry-run", {"file": None, "shots": 0}),
 ]
 QUIET = [(command, holds) for command, holds in ANSWERS if not command.startswith("reconstruct")]  # it takes a while
@@ -44,6 +47,8 @@ def test_lists_are_answered_as_lists(examples, gs2ci, capsys):
     findings = json.loads(capsys.readouterr().out)
     assert {finding["verdict"] for finding in findings} <= {"ok", "note"}
     assert {"what", "detail", "remedy"} <= set(findings[0])
+    assert gs2ci("plugins", "--json") == 0
+    assert isinstance(json.loads(capsys.readouterr().out), list)
     assert gs2ci("devices", "--json") == 0
     assert isinstance(json.loads(capsys.readouterr().out), list)
 

@@ -63,6 +63,13 @@ class GenicamSensor(Sensor):
                 self._identity = self._port.open(self._options.producer, serial)
         return self._identity
 
+    def _do_temperatures_c(self) -> dict[str, float]:
+        if self._identity is None:
+            return {}
+        with self._noticing_loss():  # DeviceTemperature, °C: SFNC 2.7, 3.39
+            found = self._features.number("DeviceTemperature")
+        return {} if found is None else {"DeviceTemperature": found}
+
     def _do_configure(self, config: SensorConfig) -> SensorSettings:
         with self._noticing_loss():
             self._open()

@@ -9,6 +9,7 @@ rests, stops or is closed, and on connecting.
 """
 
 from collections.abc import Mapping
+from contextlib import suppress
 
 from gs2ci.core.clock import Clock
 from gs2ci_drivers.failures import (
@@ -244,17 +245,31 @@ class ZaberStage(Stage):
             if self._speed[axis] != data:
                 self._send_speed(axis, data)
 
+    def _do_temperatures_c(self) -> dict[str, float]:
+        # `driver.temperature`, per axis, is in the setting constants of Zaber's motion library; older firmware and some
+        # devices answer BADCOMMAND.
+        found = {}
+        for axis, number in self._numbers.items():
+            with suppress(RefusedError):
+                found[axis] = self._reading(number, "driver.temperature")
+        return found
+
     def _get(self, axis: int, setting: str) -> str:
         return self._link.query(axis, f"get {setting}").data
 
     def _number(self, axis: int, setting: str) -> int:
+        return round(self._reading(axis, setting))
+
+    def _reading(self, axis: int, setting: str) -> float:
         text = self._get(axis, setting)
         try:
-            return round(float(text))
+            found = float(text)
+            round(found)  # refuses what is infinite or undefined
         except (ValueError, OverflowError) as error:
             raise BadReplyError(
                 self.name, f"get {setting}", text.encode(), "not a number", allowed="a number"
             ) from error
+        return found
 
 
 def _version(text: str) -> tuple[int, ...]:

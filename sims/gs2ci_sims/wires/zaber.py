@@ -47,6 +47,7 @@ class ZaberAxis:
         acceleration: `accel`, in acceleration data.
         resolution: Microsteps per full step; None for a direct drive, which has no such setting.
         start_mm: Where it stands at power-on.
+        temperature_c: `driver.temperature`; None for a device that has no such setting.
         mechanics: What lies between counted and true position.
     """
 
@@ -57,6 +58,7 @@ class ZaberAxis:
     acceleration: int = 1720
     resolution: int | None = 64
     start_mm: float = 75.0
+    temperature_c: float | None = 31.4
     mechanics: Mechanics = field(default_factory=Mechanics)
 
 
@@ -229,6 +231,7 @@ class ZaberTwin(SerialTwin):
                 "maxspeed": axis.max_speed,
                 "accel": axis.built.acceleration,
                 "resolution": axis.built.resolution,
+                "driver.temperature": axis.built.temperature_c,
             }
             if of_axis.get(setting) is None:
                 return False, "BADCOMMAND"

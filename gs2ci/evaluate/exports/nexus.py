@@ -1,0 +1,125 @@
+"""A run as a NeXus file (HDF5): views and depth as NXdata, cameras, who took it of what, and with what program.
+
+Groups and attributes are those of the NeXus standard (manual.nexusformat.org: NXroot, NXentry, NXdata, NXuser,
+NXsample, NXinstrument, NXdetector, NXcollection), so that a viewer finds by itself what to plot: `default` leads from
+the root to the entry to the data, and `signal` names the array. No application definition fits, and none is claimed.
+
+Here: `write_nexus`. Not here: where the figures come from.
+"""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, Final
+
+import h5py
+import numpy as np
+
+from gs2ci import __version__
+from gs2ci.core.arrays import F32, F64
+from gs2ci.core.errors import StorageError
+from gs2ci.evaluate.points import Cameras
+from gs2ci.evaluate.report import Report
+
+CHANNELS: Final = ("red", "green", "blue")
+# Where standard groups keep what an operator calls so.
+_PLACES: Final = {
+    "operator": ("user", "NXuser", "name"),
+    "institution": ("user", "NXuser", "affiliation"),
+    "sample": ("sample", "NXsample", "name"),
+}
+
+
+def write_nexus(path: Path, report: Report, views: F32, depth: F32 | None, cameras: Cameras) -> None:
+    """Write a run.
+
+    Args:
+        path: The file.
+        report: Of the run: its name, and what its provenance says of the exposure (`taken_at`, `metadata`).
+        views: [N, H, W, C], full scale 1.
+        depth: [N, H, W] in the unit of the path, 0 where nothing is seen; None where there is none.
+        cameras: Of the views.
+
+    Raises:
+        StorageError: The file cannot be written.
+    """
+    metadata = report.provenance.get("metadata")
+    told: Mapping[str, Any] = metadata if isinstance(metadata, dict) else {}
+    try:
+        with h5py.File(path, "w") as file:
+            file.attrs["NX_class"] = "NXroot"
+            file.attrs["default"] = "entry"
+            file.attrs["creator"] = f"gs2ci {__version__}"
+            entry = _group(file, "entry", "NXentry")
+            entry.attrs["default"] = "views"
+            entry["title"] = report.name
+            entry["program_name"] = "gs2ci"
+            entry["program_name"].attrs["version"] = __version__
+            if "taken_at" in report.provenance:
+                entry["start_time"] = str(report.provenance["taken_at"])
+            if "experiment" in told:
+                entry["experiment_identifier"] = str(told["experiment"])
+            _data(
+                entry, "views", views, ("view", "y", "x", "channel"), "full scales", "views recovered from one exposure"
+            )
+            if depth is not None:
+                unit = (report.geometry.unit_of if report.geometry is not None else None) or "units of the path"
+                _data(entry, "depth", depth, ("view", "y", "x"), unit, "distance along the optical axis, 0: unknown")
+            _instrument(entry, cameras, views.shape)
+            _people(entry, told)
+            entry["report"] = report.text()
+    except OSError as error:
+        raise StorageError(f"{path} cannot be written: {error}", remedy="check the free space") from error
+
+
+def _group(parent: Any, name: str, kind: str) -> Any:
+    made = parent.require_group(name)
+    made.attrs["NX_class"] = kind
+    return made
+
+
+def _data(entry: Any, name: str, values: F32, axes: Sequence[str], units: str, title: str) -> None:
+    """Write an array as NXdata, its axes counted from 0, pixel centres at + 0.5."""
+    group = _group(entry, name, "NXdata")
+    group.attrs["signal"] = name
+    group.attrs["axes"] = list(axes)
+    group["title"] = title
+    group.create_dataset(name, data=values, compression="gzip", shuffle=True)
+    group[name].attrs["units"] = units
+    for index, axis in enumerate(axes):
+        group.attrs[f"{axis}_indices"] = index
+        if axis == "channel":
+            count = values.shape[index]
+            group[axis] = list(CHANNELS) if count == len(CHANNELS) else [f"channel {i}" for i in range(count)]
+        else:
+            centre = 0.5 if axis in ("x", "y") else 0
+            group[axis] = np.arange(values.shape[index]) + centre
+            group[axis].attrs["units"] = "px" if axis in ("x", "y") else ""
+
+
+def _instrument(entry: Any, cameras: Cameras, shape: tuple[int, ...]) -> None:
+    instrument = _group(entry, "instrument", "NXinstrument")
+    instrument["name"] = "snapshot compressive camera"
+    detector = _group(instrument, "detector", "NXdetector")
+    detector["description"] = f"{shape[0]} masks in one exposure, {shape[1]} x {shape[2]} px"
+    # NeXus has no class for a pinhole: a collection may hold anything, and each array says what it is.
+    found = _group(detector, "cameras", "NXcollection")
+    arrays: dict[str, tuple[F64 | None, str]] = {
+        "world_to_camera": (cameras.world_to_camera, "[view, 4, 4], OpenCV axes: x right, y down, z ahead"),
+        "intrinsics": (cameras.intrinsics, "[3, 3] px, the centre of the first pixel at 0.5"),
+        "distortion": (cameras.distortion, "k1, k2, p1, p2, k3, as OpenCV has them"),
+    }
+    for name, (values, what) in arrays.items():
+        if values is not None:
+            found[name] = values
+            found[name].attrs["description"] = what
+
+
+def _people(entry: Any, told: Mapping[str, Any]) -> None:
+    """Write the operator's metadata: where the standard has a place, there; all of it in a collection as well."""
+    for key, (group, kind, field) in _PLACES.items():
+        if key in told:
+            _group(entry, group, kind)[field] = str(told[key])
+    if told:
+        kept = _group(entry, "metadata", "NXcollection")
+        for key, value in told.items():
+            kept.attrs[key] = value
