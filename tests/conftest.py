@@ -1,6 +1,7 @@
 """Options of the whole test suite, how many threads each of its processes takes, a small shot, commands as typed."""
 
 import os
+import signal
 import sys
 from pathlib import Path
 
@@ -56,6 +57,8 @@ def pytest_configure(config: pytest.Config) -> None:
     threads = max(1, machine()["usable_cores"] // processes)
     numba.set_num_threads(min(threads, numba.config.NUMBA_NUM_THREADS))
     torch.set_num_threads(threads)
+    # A shell that starts the suite in the background has it ignore Ctrl-C, which tests of interruptions send.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

@@ -8,6 +8,7 @@ one writes plain lines where output goes to a file or a pipe, one keeps quiet; t
 import html
 import os
 import sys
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -151,10 +152,11 @@ class _Caller:
             own()
 
 
-class QuietDisplay:
+class QuietDisplay(progress.Silent):
     """Nothing but what a person has to do."""
 
     def __init__(self, console: Console) -> None:
+        super().__init__()
         self._console = console
 
     def __enter__(self) -> Self:
@@ -165,18 +167,6 @@ class QuietDisplay:
     ) -> None:
         pass
 
-    def stage(self, name: str, total: int | None = None) -> None:
-        """Ignore."""
-
-    def expect(self, total: int) -> None:
-        """Ignore."""
-
-    def step(self, done: int, **figures: float | int | str) -> None:
-        """Ignore."""
-
-    def say(self, text: str) -> None:
-        """Ignore."""
-
     def ask(self, request: str) -> None:
         """Write the request and wait for Enter."""
         self._console.print(f"{request}, then press Enter", markup=False, highlight=False, soft_wrap=True)
@@ -186,17 +176,15 @@ class QuietDisplay:
         """Ignore."""
 
 
-class NotebookDisplay:
-    """One line with a bar per stage below a notebook's cell, redrawn in place; it needs no widgets."""
+class _StageDisplay(ABC):
+    """What displays of their own making remember of the running stage; the name is empty where none is running."""
 
     def __init__(self, clock: Clock | None = None) -> None:
         self._clock = clock or WallClock()
-        self._lines: list[str] = []
         self._name = self._figures = ""
         self._total: int | None = None
         self._done = 0
-        self._began_s = self._drawn_s = 0.0
-        self._handle: Any = None
+        self._began_s = 0.0
 
     def __enter__(self) -> Self:
         return self
@@ -207,20 +195,51 @@ class NotebookDisplay:
         self.finish()
 
     def stage(self, name: str, total: int | None = None) -> None:
-        """Close the last stage's line; begin another."""
+        """End the last stage; begin another."""
         self.finish()
         self._name, self._total, self._done, self._figures = name, total, 0, ""
         self._began_s = self._clock.now_s()
-        self._draw()
 
     def expect(self, total: int) -> None:
-        """Draw the bar towards another total."""
+        """Count the stage's steps up to another total."""
         self._total = total
 
     def step(self, done: int, **figures: float | int | str) -> None:
-        """Move the bar and show the figures, as often as an eye follows."""
+        """Remember the latest figures."""
         self._done = done
         self._figures = describe_figures(figures) or self._figures
+
+    @abstractmethod
+    def say(self, text: str) -> None:
+        """Show the sentence."""
+
+    def ask(self, request: str) -> None:
+        """Show the request and wait for Enter."""
+        self.say(f"{request}, then press Enter")
+        _wait_for_enter(request)
+
+    def finish(self) -> None:
+        """End the running stage."""
+        self._name = ""
+
+
+class NotebookDisplay(_StageDisplay):
+    """One line with a bar per stage below a notebook's cell, redrawn in place; it needs no widgets."""
+
+    def __init__(self, clock: Clock | None = None) -> None:
+        super().__init__(clock)
+        self._lines: list[str] = []
+        self._drawn_s = 0.0
+        self._handle: Any = None
+
+    def stage(self, name: str, total: int | None = None) -> None:
+        """Close the last stage's line; begin another."""
+        super().stage(name, total)
+        self._draw()
+
+    def step(self, done: int, **figures: float | int | str) -> None:
+        """Move the bar and show the figures, as often as an eye follows."""
+        super().step(done, **figures)
         if self._clock.now_s() - self._drawn_s >= 1 / REDRAWS_PER_SECOND:
             self._draw()
 
@@ -229,16 +248,11 @@ class NotebookDisplay:
         self._lines.append(f"<div>{html.escape(text)}</div>")
         self._draw()
 
-    def ask(self, request: str) -> None:
-        """Show the request and wait for Enter."""
-        self.say(f"{request}, then press Enter")
-        _wait_for_enter(request)
-
     def finish(self) -> None:
         """Close the running stage's line."""
         if self._name:
             self._lines.append(self._line(ended=True))
-            self._name = ""
+            super().finish()
             self._draw()
 
     def _line(self, *, ended: bool = False) -> str:
@@ -266,49 +280,16 @@ class NotebookDisplay:
             self._handle.update(drawn)
 
 
-class PlainDisplay:
+class PlainDisplay(_StageDisplay):
     """One line at the end of each stage and one per sentence, without control characters."""
 
     def __init__(self, console: Console, clock: Clock | None = None) -> None:
+        super().__init__(clock)
         self._console = console
-        self._clock = clock or WallClock()
-        self._name = ""
-        self._total: int | None = None
-        self._done = 0
-        self._figures = ""
-        self._began_s = 0.0
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.finish()
-
-    def stage(self, name: str, total: int | None = None) -> None:
-        """Write the last stage's line; begin another."""
-        self.finish()
-        self._name, self._total, self._done, self._figures = name, total, 0, ""
-        self._began_s = self._clock.now_s()
-
-    def expect(self, total: int) -> None:
-        """Count the stage's steps up to another total."""
-        self._total = total
-
-    def step(self, done: int, **figures: float | int | str) -> None:
-        """Remember the latest figures."""
-        self._done = done
-        self._figures = describe_figures(figures) or self._figures
 
     def say(self, text: str) -> None:
         """Write the sentence at once."""
-        self._line(text)
-
-    def ask(self, request: str) -> None:
-        """Write the request and wait for Enter."""
-        self._line(f"{request}, then press Enter")
-        _wait_for_enter(request)
+        self._console.print(text, markup=False, highlight=False, soft_wrap=True)
 
     def finish(self) -> None:
         """Write the running stage's line."""
@@ -318,11 +299,8 @@ class PlainDisplay:
         parts = [f"{self._clock.now_s() - self._began_s:.1f} s"]
         parts += [f"{steps} step{'' if steps == '1' else 's'}"] if self._done else []
         parts += [self._figures] if self._figures else []
-        self._line(f"{self._name}: {', '.join(parts)}")
-        self._name = ""
-
-    def _line(self, text: str) -> None:
-        self._console.print(text, markup=False, highlight=False, soft_wrap=True)
+        self.say(f"{self._name}: {', '.join(parts)}")
+        super().finish()
 
 
 class LiveDisplay:

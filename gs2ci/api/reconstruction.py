@@ -63,7 +63,7 @@ def reconstruct(
         shot: A shot, or a file that `load` takes.
         preset: "draft" is a first look, "standard" the default, "fine" takes several times as long, "paper" is the
             system of the GS2CI paper. Any other argument changes what it names, and only that.
-        geometry: Where the first poses come from: "auto", "tracks", "stage", "uniform", "file:PATH", "vggt",
+        geometry: Where the first poses come from: "auto", "tracks", "stage", "wide", "uniform", "file:PATH", "vggt",
             "vggt:FILE" or "vggt-or-tracks"; the preset's own when None.
         proxy: The views that the geometry is found in: "gap-tv", "eni", "amdi" or "routed"; the preset's own when None.
         first_look: What decodes before anything is fitted: "gap-tv", "patches" or "patches-quick"; the preset's own

@@ -68,9 +68,10 @@ def run(
         index: Which shot of the file.
         geometry: Where the first poses come from: "tracks" finds them in the decoded views, "stage" takes those that
             the stage reported, "file:PATH" those of a COLMAP model's folder or a transforms.json, "vggt" (or
-            "vggt:FILE") those that a model of yours predicts, "uniform" seeks an even motion without tracks; "auto"
-            takes the stage's where there are any and the measurement does not speak against them, else the tracks',
-            else an even motion; "vggt-or-tracks" takes VGGT's where you have added the model, else the tracks'. The
+            "vggt:FILE") those that a model of yours predicts, "wide" matches points between all pairs of views, in
+            whatever order, "uniform" seeks an even motion without tracks; "auto" takes the stage's where there are any
+            and the measurement does not speak against them, else the tracks', else those of "wide", else an even
+            motion; "vggt-or-tracks" takes VGGT's where you have added the model, else the tracks'. The
             fit refines them in any case. "auto" unless the preset says otherwise.
         proxy: The views that the geometry is found in: "gap-tv" for the decoded ones (unless the preset says
             otherwise), or the paper's proxies "eni" or "amdi", or "routed", the one of these two that the masks ask

@@ -536,6 +536,12 @@ class Code(StrEnum):
         "The range of depths is the one by which the given poses explain the measurement best.",
         _NOTHING,
     )
+    WIDE_MOTION = (
+        "wide_motion",
+        REMARK,
+        "The camera path was found from {points} points that were matched between all pairs of views.",
+        _NOTHING,
+    )
     UNIFORM_MOTION = (
         "uniform_motion",
         DOUBT,

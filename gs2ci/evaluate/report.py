@@ -200,6 +200,7 @@ class MotionSection(ReportSection):
     explained: Number | None
     blocks: Number | None
     patch_gain: Number | None = None
+    long_patch_gain: Number | None = None
     heldout_rms: dict[str, Number | None]
     chosen: str
     gaussians_share: Number | None

@@ -26,7 +26,7 @@ from gs2ci.reconstruct.measurement.jury import Jury
 from gs2ci.reconstruct.measurement.lens import Lens
 from gs2ci.reconstruct.moving import (
     LEAST_GAIN,
-    LEAST_PATCH_GAIN,
+    LEAST_POLISH_GAIN,
     MOVING,
     RELEASED,
     STILL,
@@ -98,11 +98,11 @@ class Attempts:
             still = self._again(first, still)
             return first, still, self._report(MotionQuestion(), {STILL: still}, still, {})
         asked = self._question(still)
-        if not self._speaks_beyond_doubt(asked, still):
+        if not (self._wanted or asked.beyond_doubt):
             # A path that is not right leaves what looks like motion, too.
             again = self._again(first, still)
             asked, still = asked if again.ensemble is still.ensemble else self._question(again), again
-        if self.halt.asked or (not self._wanted and (asked.gain or 0) < LEAST_PATCH_GAIN):
+        if self.halt.asked or not (self._wanted or asked.speaks_for_motion):
             return first, still, self._report(asked, {STILL: still}, still, {})
         self.progress.say("What the still scene leaves looks like motion: scenes that move are fitted as well.")
         first, refined = self._decoded_better(first), self.refine(still.ensemble.views)
@@ -124,7 +124,7 @@ class Attempts:
             return tried
         views = self.refine(tried.ensemble.views)
         attempts = {first.geometry.source: tried}
-        again = second_look(first, views, self.lens, self.settings.look, self.progress)
+        again = second_look(first, views, self.lens, self.settings, self.progress)
         if again is not None and not self.halt.asked:
             attempts["second look"] = self.attempt(again, views, False)
         if needs_rest(first) and not self.halt.asked:
@@ -145,23 +145,14 @@ class Attempts:
         return replace(first, decoded=decoded, decoder="patches") if better else first
 
     def _question(self, still: Attempt) -> MotionQuestion:
-        """Ask what a still scene leaves, and if it speaks for motion, what a few steps of patches take off it."""
+        """Ask what a still scene leaves, and if it speaks for motion, what patches take off it."""
         left = ask(self.jury, still.ensemble.views)
         if not speaks_for_motion(left):
             return MotionQuestion(left)
-        return MotionQuestion(left, self._gain(self.refine(still.ensemble.views), PatchSettings.from_scene_briefly()))
-
-    def _speaks_beyond_doubt(self, asked: MotionQuestion, still: Attempt) -> bool:
-        """Tell whether patches, which know of no path, explain clearly more even where little of the scene is left.
-
-        Many steps from a high noise level forget most of what they began with. Where the path was doubtful and nothing
-        moved they left 2 % more than the scene (boxes), where something fell 28 % less (`drop`), 96 px each.
-        """
-        if self._wanted or (asked.gain or 0) < LEAST_PATCH_GAIN:
-            return self._wanted
-        if not self._may_look_again(still.look):
-            return True
-        return self._gain(self.refine(still.ensemble.views), PatchSettings.from_scene()) >= LEAST_PATCH_GAIN
+        refined = self.refine(still.ensemble.views)
+        gain = self._gain(refined, PatchSettings.from_scene_briefly())
+        worth_more = gain >= LEAST_POLISH_GAIN
+        return MotionQuestion(left, gain, self._gain(refined, PatchSettings.from_scene()) if worth_more else None)
 
     def _gain(self, refined: F32, steps: PatchSettings) -> float:
         """Return by which share a patch decode from these views on leaves less of the held-out pixels."""

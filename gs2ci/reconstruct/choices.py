@@ -9,7 +9,7 @@ from typing import Final, Literal, get_args
 PresetName = Literal["draft", "standard", "fine", "paper"]
 
 PoseSource = str
-"""auto, tracks, stage, uniform, file:PATH, vggt, vggt:FILE or vggt-or-tracks."""
+"""auto, tracks, stage, wide, uniform, file:PATH, vggt, vggt:FILE or vggt-or-tracks."""
 
 ProxyName = Literal["gap-tv", "eni", "amdi", "routed"]
 """Decoded views; the paper's proxies by name; or the one of them that the masks ask for."""

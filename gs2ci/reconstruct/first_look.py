@@ -7,7 +7,7 @@ Here: the order of these stages, and rest as another beginning. Not here: any of
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -16,39 +16,20 @@ from gs2ci.core.arrays import F32, F64
 from gs2ci.core.findings import Code, Finding, finding
 from gs2ci.core.progress import Progress
 from gs2ci.core.records import Shot
-from gs2ci.reconstruct.choices import FirstLookName, ProxyName
+from gs2ci.reconstruct.choices import FirstLookName
 from gs2ci.reconstruct.decode.by_name import decode_by_name
-from gs2ci.reconstruct.decode.gap_tv import GapTvSettings
 from gs2ci.reconstruct.decode.proxies.routing import geometry_views
 from gs2ci.reconstruct.geometry.direct import at_rest
 from gs2ci.reconstruct.geometry.evidence import carried_views
-from gs2ci.reconstruct.geometry.initialise import PLANE_NOTE, Geometry, GeometrySettings
+from gs2ci.reconstruct.geometry.initialise import PLANE_NOTE, Geometry
 from gs2ci.reconstruct.geometry.prior import GeometryPrior, Request, find_geometry
-from gs2ci.reconstruct.measurement.brightness import BrightnessSettings, relit
+from gs2ci.reconstruct.measurement.brightness import relit
 from gs2ci.reconstruct.measurement.jury import Jury
 from gs2ci.reconstruct.measurement.lens import Lens, straightened
+from gs2ci.reconstruct.settings import Settings
 
 # What is said of a path says nothing of a camera at rest.
 _OF_A_PATH: Final = (Code.UNIFORM_MOTION, Code.DEPTH_ORDER_OPEN, Code.DEPTH_ORDER_TURNED)
-
-
-@dataclass(frozen=True)
-class LookSettings:
-    """Settings of these stages.
-
-    Args:
-        proxy: The views that the geometry stage looks at: the decoded ones ("gap-tv"), or the proxies of the paper.
-        first_look: What decodes.
-        decode: Of GAP-TV, which every decoder begins with.
-        geometry: Of tracks, motion and depth.
-        brightness: Of the views' brightness.
-    """
-
-    proxy: ProxyName = "gap-tv"
-    first_look: FirstLookName = "gap-tv"
-    decode: GapTvSettings = field(default_factory=GapTvSettings)
-    geometry: GeometrySettings = field(default_factory=GeometrySettings)
-    brightness: BrightnessSettings = field(default_factory=BrightnessSettings)
 
 
 @dataclass(frozen=True)
@@ -88,7 +69,7 @@ def look(
     jury: Jury,
     lens: Lens | None,
     prior: GeometryPrior,
-    settings: LookSettings,
+    settings: Settings,
     progress: Progress,
     lap: Callable[[str], None],
     masks_of: Shot | None = None,
@@ -133,7 +114,7 @@ def look_closer(
     jury: Jury,
     lens: Lens | None,
     prior: GeometryPrior,
-    settings: LookSettings,
+    settings: Settings,
     progress: Progress,
     lap: Callable[[str], None],
     masks_of: Shot | None = None,
@@ -162,7 +143,7 @@ def from_rest(first: FirstLook) -> FirstLook:
     return replace(first, geometry=replace(rest, source="tracks", notes=(*kept, PLANE_NOTE)))
 
 
-def _may_look_closer(first: FirstLook, settings: LookSettings) -> bool:
+def _may_look_closer(first: FirstLook, settings: Settings) -> bool:
     """Tell whether another decode may find more: tracks in that of GAP-TV, which drowns points, showed only a turn.
 
     Where nothing moved but things in the scene, more tracks would be those of the things.

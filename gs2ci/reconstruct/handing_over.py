@@ -84,7 +84,8 @@ def hand_over(
         wanted = {name: share / of[verdict] if _CALLED[name] == verdict else 0.0 for name, share in wanted.items()}
         notes = ()
     elif of["refined"] < 1:
-        notes = (*notes, finding(Code.VIEWS_COMBINED, **of))
+        mixed = finding(Code.VIEWS_COMBINED, refined=of["refined"], scene=of["scene"], decode=of["decode"])
+        notes = (*notes, mixed)
     views = combined({name: one.full for name, one in candidates.items()}, wanted)
     return Recovered(views, verdict, judged, (*_doubts(jury, blind), *notes))
 

@@ -108,7 +108,7 @@ def reconstruct(
     jury = Jury.of(sound, settings.fit.hold_out.share, settings.seed)
 
     first = (look_closer if budget is None and settings.may_look_again else look)(
-        jury, lens, tools.geometry_prior, settings.look, progress, clock.lap, registered.shot
+        jury, lens, tools.geometry_prior, settings, progress, clock.lap, registered.shot
     )
     jury, decoded = first.jury, first.decoded
     fitted = Jury(fill_holes(jury.shot, decoded), jury.heldout)
@@ -249,7 +249,7 @@ def _settled(
             return math.inf
         return _left(jury, fit.views)
 
-    told = geometry.source not in ("tracks", "uniform")
+    told = geometry.source not in ("tracks", "wide", "uniform")
     if not hurried and settings.fit.iterations >= LEAST_SCHEDULE:
         geometry = settle(geometry, leaves, progress, told=told)
     elif not told:

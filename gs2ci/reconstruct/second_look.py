@@ -14,12 +14,13 @@ import numpy as np
 from gs2ci.core.arrays import F32
 from gs2ci.core.findings import Code, finding
 from gs2ci.core.progress import Progress
-from gs2ci.reconstruct.first_look import FirstLook, LookSettings
+from gs2ci.reconstruct.first_look import FirstLook
 from gs2ci.reconstruct.geometry.choose import is_doubtful
 from gs2ci.reconstruct.geometry.initialise import Geometry, GeometrySettings
 from gs2ci.reconstruct.geometry.prior import Request, from_tracks
 from gs2ci.reconstruct.geometry.reversal import reversed_geometry
 from gs2ci.reconstruct.measurement.lens import Lens
+from gs2ci.reconstruct.settings import Settings
 
 
 def is_wanted(first: Geometry, settings: GeometrySettings) -> bool:
@@ -28,7 +29,7 @@ def is_wanted(first: Geometry, settings: GeometrySettings) -> bool:
 
 
 def second_look(
-    first: FirstLook, views: F32, lens: Lens | None, settings: LookSettings, progress: Progress
+    first: FirstLook, views: F32, lens: Lens | None, settings: Settings, progress: Progress
 ) -> FirstLook | None:
     """Find the geometry again in fitted views; None where they show none.
 

@@ -12,7 +12,6 @@ from gs2ci.reconstruct.choices import MOST_FITS, MOTION_MODES, FirstLookName, Mo
 from gs2ci.reconstruct.decode.by_name import check_name
 from gs2ci.reconstruct.decode.gap_tv import GapTvSettings
 from gs2ci.reconstruct.decode.residual import ResidualSettings
-from gs2ci.reconstruct.first_look import LookSettings
 from gs2ci.reconstruct.fit.coarse import CoarseSettings
 from gs2ci.reconstruct.fit.density.base import DensityRule
 from gs2ci.reconstruct.fit.density.osgr import Osgr
@@ -82,11 +81,6 @@ class Settings:
     motion: MotionMode = "auto"
     registration: RegistrationSettings = field(default_factory=RegistrationSettings)
     seed: int = 42
-
-    @property
-    def look(self) -> LookSettings:
-        """Get the settings of all that comes before the fit."""
-        return LookSettings(self.proxy, self.first_look, self.decode, self.geometry, self.brightness)
 
     @property
     def may_look_again(self) -> bool:

@@ -73,7 +73,7 @@ def initialise_case(case: dict[str, Any], variant: str, seed: int) -> Row:
     prior, lens = load_geometry_prior(settings.poses), Lens.of(shot)
     began_s = time.monotonic()
     jury = Jury.of(shot, settings.fit.hold_out.share, settings.seed)
-    once = replace(settings.look, brightness=BrightnessSettings(rounds=0))
+    once = replace(settings, brightness=BrightnessSettings(rounds=0))
     first = look(jury, lens, prior, once, Silent(), lambda _: None)
     seconds = time.monotonic() - began_s
     geometry = first.geometry

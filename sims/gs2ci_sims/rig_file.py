@@ -12,17 +12,18 @@ records themselves, the planner. For commands, twins and benchmarks.
 """
 
 import dataclasses
-import difflib
 import types
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cache
 from pathlib import Path
-from typing import Any, Final, TypeVar, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, Final, TypeVar, get_args, get_origin, get_type_hints
 
 import numpy as np
+from pydantic import BaseModel, ConfigDict, Strict, create_model
 
 from gs2ci.core.arrays import F32
-from gs2ci.core.config import read_toml
+from gs2ci.core.config import read_toml, settings_from
 from gs2ci.core.errors import InputError
 from gs2ci_sims.effects.base import Effect
 from gs2ci_sims.effects.motion_blur import MotionBlur
@@ -172,6 +173,7 @@ PARTS: Final[dict[str, type]] = {
 }
 # Tables that only the rig file of a bench has; the two kinds share other names.
 BENCH_ONLY: Final = frozenset({"stage", "registration", "capture", "calibration", "world"})
+UNNAMED: Final = Path("the rig file")
 CHOICES: Final[dict[str, type]] = {"scene": SceneChoice, "path": PathChoice, "plan": PlanChoice}
 
 
@@ -182,85 +184,99 @@ def read_rig_file(path: Path) -> Setup:
         InputError: It is not there, not TOML, or holds a key or value that it may not.
     """
     tables, _ = read_toml(path)
-    kinds = [name for name in ("modulator", "sensor") if "kind" in _table(tables, name)]
+    kinds = [name for name in ("modulator", "sensor") if isinstance(tables.get(name), dict) and "kind" in tables[name]]
     if tables.keys() & BENCH_ONLY or kinds:
         raise InputError(
             f"{path} describes a bench, not a simulation",
             allowed="a simulation's file: docs/simulation.md",
             remedy=f"for the plan of a bench's exposure: gs2ci capture --rig {path} --dry-run",
         )
-    return setup_from_tables(tables)
+    return setup_from_tables(tables, path)
 
 
-def setup_from_tables(tables: Mapping[str, Any]) -> Setup:
+def setup_from_tables(tables: Mapping[str, Any], path: Path = UNNAMED) -> Setup:
     """Turn the tables of a rig file into records.
+
+    Args:
+        tables: The tables.
+        path: The file that they are of, for errors.
 
     Raises:
         InputError: A key is unknown (the nearest known one is named) or a value cannot be used.
     """
-    _known("the rig file", tables, ("seed", "device_seed", "effects", *PARTS, *CHOICES))
-    parts: dict[str, Any] = {name: _record(kind, _table(tables, name), f"[{name}]") for name, kind in PARTS.items()}
-    rig = Rig(**parts, device_seed=_value(int, tables.get("device_seed", 0), "device_seed"))
-    choices: dict[str, Any] = {name: _record(kind, _table(tables, name), f"[{name}]") for name, kind in CHOICES.items()}
-    effects = effects_from_tables(_table(tables, "effects"))
+    kinds = _effect_kinds(tables.get("effects"))
+    records = {name: (_model(kind), None) for name, kind in (PARTS | CHOICES).items()}
+    seeds = {name: (_strict(int), 0) for name in ("seed", "device_seed")}
+    file: Any = settings_from(
+        tables, _tables("RigFile", **seeds, **records, effects=(_effects_model(kinds), None)), path
+    )
+    parts: dict[str, Any] = {name: _record(kind, getattr(file, name)) for name, kind in PARTS.items()}
+    rig = Rig(**parts, device_seed=file.device_seed)
+    choices: dict[str, Any] = {name: _record(kind, getattr(file, name)) for name, kind in CHOICES.items()}
+    effects = _effects(kinds, file.effects)
     given = {effect.name for effect in effects}
     implied = [effect for effect in (MotionBlur(), *sensor_effects(rig.sensor)) if effect.name not in given]
-    return Setup(rig, effects=(*implied, *effects), seed=_value(int, tables.get("seed", 0), "seed"), **choices)
+    return Setup(rig, effects=(*implied, *effects), seed=file.seed, **choices)
 
 
-def effects_from_tables(tables: Mapping[str, Any]) -> list[Effect]:
+def effects_from_tables(tables: Mapping[str, Any], path: Path = UNNAMED) -> list[Effect]:
     """Turn tables named as effects into effects.
+
+    Args:
+        tables: The tables.
+        path: The file that they are of, for errors.
 
     Raises:
         InputError: There is no such effect, or a key or value cannot be used.
     """
+    kinds = _effect_kinds(tables)
+    file: Any = settings_from({"effects": tables}, _tables("RigFile", effects=(_effects_model(kinds), None)), path)
+    return _effects(kinds, file.effects)
+
+
+def _effect_kinds(tables: Any) -> dict[str, type[Effect]]:
+    """Return the effects that tables may name; plug-ins are looked for where a name is none of ours."""
     kinds = {kind.name: kind for kind in LIGHT_PATH}
-    if not set(tables) <= set(kinds):
-        kinds = {kind.name: kind for kind in light_path()}
-    _known("[effects]", tables, tuple(kinds))
-    return [_record(kinds[name], _table(tables, name, "effects."), f"[effects.{name}]") for name in tables]
+    plugged = isinstance(tables, Mapping) and not set(tables) <= set(kinds)
+    return {kind.name: kind for kind in light_path()} if plugged else kinds
 
 
-def _table(tables: Mapping[str, Any], name: str, prefix: str = "") -> Mapping[str, Any]:
-    table = tables.get(name, {})
-    if not isinstance(table, Mapping):
-        raise InputError(f"{name!r} is {table!r}", allowed=f"a table, [{prefix}{name}]")
-    return table
+def _effects(kinds: Mapping[str, type[Effect]], tables: BaseModel | None) -> list[Effect]:
+    """Build the effects that have a table, in their physical order."""
+    named = [] if tables is None else [name for name in tables.model_fields_set if getattr(tables, name) is not None]
+    return [_record(kinds[name], getattr(tables, name)) for name in kinds if name in named]
 
 
-def _known(where: str, keys: Mapping[str, Any], allowed: tuple[str, ...]) -> None:
-    for key in keys:
-        if key not in allowed:
-            near = difflib.get_close_matches(key, allowed, 1, cutoff=0.0)
-            hint = f"; did you mean {near[0]!r}?" if near else ""
-            raise InputError(f"unknown key {key!r} in {where}{hint}", allowed=", ".join(allowed) or "no keys")
+def _effects_model(kinds: Mapping[str, type[Effect]]) -> type[BaseModel]:
+    return _tables("Effects", **{name: (_model(kind), None) for name, kind in kinds.items()})
 
 
-def _record(kind: type[Record], table: Mapping[str, Any], where: str) -> Record:
-    """Build a frozen record from a table, field by field."""
-    hints = get_type_hints(kind)
-    names = tuple(entry.name for entry in dataclasses.fields(kind))  # type: ignore[arg-type]
-    _known(where, table, names)
-    for entry in dataclasses.fields(kind):  # type: ignore[arg-type]
-        required = entry.default is dataclasses.MISSING and entry.default_factory is dataclasses.MISSING
-        if required and entry.name not in table:
-            raise InputError(f"{where} lacks {entry.name!r}", remedy=f"add a line: {entry.name} = ...")
-    return kind(**{name: _value(hints[name], value, f"{where} {name}") for name, value in table.items()})
+def _record(kind: type[Record], table: BaseModel | None) -> Record:
+    """Build a frozen record from what its table says; the rest are the record's defaults."""
+    return kind(**({} if table is None else {name: getattr(table, name) for name in table.model_fields_set}))
 
 
-def _value(kind: Any, value: Any, where: str) -> Any:
-    """Check a value's type; integers become floats and arrays tuples where these are asked for."""
-    if isinstance(kind, types.UnionType):
-        kind = next(option for option in get_args(kind) if option is not type(None))
-    if kind is float and isinstance(value, int) and not isinstance(value, bool):
-        return float(value)
-    if get_origin(kind) is tuple and isinstance(value, list):
-        inner = get_args(kind)
-        same = len(inner) == 2 and inner[1] is Ellipsis
-        if same or len(inner) == len(value):
-            return tuple(_value(inner[0 if same else i], entry, where) for i, entry in enumerate(value))
-    if isinstance(kind, type) and isinstance(value, kind) and (kind is bool or not isinstance(value, bool)):
-        return value
-    if not isinstance(kind, type) and get_origin(kind) is not tuple and value in get_args(kind):
-        return value
-    raise InputError(f"{where} is {value!r}", allowed=f"{getattr(kind, '__name__', kind)}")
+@cache
+def _model(kind: type) -> type[BaseModel]:
+    """Return the model of a record's table: its fields. What the file does not give, the record knows itself."""
+    hints, missing = get_type_hints(kind), dataclasses.MISSING
+    fields = {}
+    for entry in dataclasses.fields(kind):
+        required = entry.default is missing and entry.default_factory is missing
+        fields[entry.name] = (_strict(hints[entry.name]), ... if required else None)
+    return _tables(kind.__name__, **fields)
+
+
+def _tables(name: str, /, **fields: Any) -> type[BaseModel]:
+    # Records say themselves where they bear no infinite numbers.
+    return create_model(name, __config__=ConfigDict(extra="forbid", frozen=True), **fields)
+
+
+def _strict(hint: Any) -> Any:
+    """Return the hint of a field as a file may give it: a flag is no number, and a fraction no whole one."""
+    if isinstance(hint, types.UnionType):
+        # An image cannot stand in a file; of a field that takes one or a number, the number is meant.
+        hint = next(option for option in get_args(hint) if option in (int, float, str, bool))
+    if get_origin(hint) is tuple:
+        return tuple[tuple(part if part is Ellipsis else _strict(part) for part in get_args(hint))]  # type: ignore[misc]
+    return Annotated[hint, Strict()] if hint in (int, float, str, bool) else hint

@@ -39,6 +39,7 @@ BENCHMARKS = {
     "brightness": "tests.benchmarks.brightness",
     "no_motion": "tests.benchmarks.no_motion",
     "stage_poses": "tests.benchmarks.stage_poses",
+    "wide_motion": "tests.benchmarks.wide_motion",
     "told_poses": "tests.benchmarks.told_poses",
     "depth": "tests.benchmarks.depth",
     "direct": "tests.benchmarks.direct",

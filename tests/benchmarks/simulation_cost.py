@@ -1,11 +1,11 @@
 """What a plan costs and gains: against everything at its own tolerance, and against all effects with its own sampling.
 
 Rigs are those of `sims/gs2ci_sims/rigs`, six of them once more with masks that cancel or align, one that looks at a
-mesh, and four with dear effects added that are there but too small to matter ("idle"). Per rig,
-three simulations are timed in one process, each the best of several: the plan (planning and preview included), (a)
-everything (views doubled until the readings change by less than the tolerance; the last round alone, and all of them),
-and (b) all effects of the rig with the moments that the plan chose, which nobody had to plan. Times are the
-processor's, all threads together; the last columns are times over the plan's. "Off" is the largest over three draws
+mesh, and four with dear effects added that are there but too small to matter ("idle"). Per rig, three simulations are
+timed in one process, each the best of several: the plan (planning and preview included), (a) everything (views doubled
+until the readings change by less than the tolerance; all rounds, and the last one by its share of the views), and (b)
+all effects of the rig with the moments that the plan chose, which nobody had to plan. Times are the processor's, all
+threads together; the last columns are times over the plan's. "Off" is the largest over three draws
 (`GS2CI_DRAWS`) of the rms difference to a simulation of everything that has settled to a fifth of the tolerance.
 """
 
@@ -110,7 +110,8 @@ def _row(label: str, file: Path, family: str | None, scene_name: str | None, idl
                 scene, path, masks, rig, effects, seed=seed, settle_dn=tolerance_dn, renderer=Renderer()
             )
             rounds_s = time.process_time() - began_s
-            last_s = rounds_s * same.seconds / same.all_seconds
+            # Rounds have 1, 2, 4, ... parts per mask.
+            last_s = rounds_s * same.parts / (2 * same.parts - 1)
             blur = [effect for effect in decided.effects if isinstance(effect, MotionBlur)]
             everything = (*(effect for effect in effects if not isinstance(effect, MotionBlur)), *blur)
             all_s, _ = _best(lambda chosen=everything, simulate=simulate: simulate(chosen, Renderer()))

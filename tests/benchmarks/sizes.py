@@ -2,16 +2,20 @@
 
     python -m tests.benchmarks sizes
 
-Every size is a process of its own, on one thread, so that its memory is its own. Printed for each: processor seconds
-and the largest memory of each stage, how many Gaussians there are in the end, PSNR of the delivered views and the
-median error of the disparity between neighbouring views, px; then the exponent p of seconds ∝ pixels^p.
+Every size is a process of its own, so that its memory is its own. `enlarged` are three photographs that face the
+camera, drawn larger than they are by OpenCV: quickly, at any size, but nothing in them is as sharp as the pixels are.
+Printed for each: processor seconds and the largest memory of each stage, how many Gaussians there are in the end, PSNR
+of the delivered views and the median error of the disparity between neighbouring views, px; then the exponent p of
+seconds ∝ pixels^p.
 
 | variable | what it sets | default |
 |---|---|---|
-| `GS2CI_CASES` | scenes of the simulator, and `photographs0` to `photographs2` | photographs0 boxes |
+| `GS2CI_CASES` | scenes of the simulator, `photographs0` to `photographs2`, and `enlarged` | photographs0 boxes |
 | `GS2CI_SIZES` | heights and widths, px | 128x128 256x256 512x512 |
 | `GS2CI_VIEWS` | masks of an exposure of photographs | 8 |
 | `GS2CI_PRESET` | the preset | draft |
+| `GS2CI_ITERATIONS` | of the fit, where only memory is asked for | the preset's |
+| `NUMBA_NUM_THREADS` | threads of each process | 1 |
 | `GS2CI_SEED` | of masks, noise and the reconstruction | 0 |
 """
 
@@ -31,11 +35,17 @@ from pathlib import Path
 from typing import Any
 from unittest.mock import patch
 
+import cv2
 import numpy as np
+import skimage.data
 
-from gs2ci.core.records import Shot
+from gs2ci.core.arrays import F32
+from gs2ci.core.cameras import pinhole
+from gs2ci.core.records import Shot, Truth
 from gs2ci.evaluate.run_report import build_report
 from gs2ci.reconstruct import pipeline
+from gs2ci.reconstruct.fit import coarse
+from gs2ci.reconstruct.fit.rendering import ShotRenderer
 from gs2ci.reconstruct.presets import preset
 from gs2ci.tables.cases import Case
 from tests.benchmarks.photographs import expose
@@ -48,6 +58,9 @@ STAGES = (
     ("order of depth", pipeline, "_settled"),
     ("first Gaussians", pipeline, "_beginning"),
     ("fits", pipeline, "fit_together"),
+    ("fits: surfaces", coarse, "find_surfaces"),
+    ("fits: looks", coarse._Loop, "_look"),
+    ("depth", ShotRenderer, "stopped_light"),
     ("mean of the fits", pipeline, "combined"),
     ("choice of views", pipeline, "_recover"),
     ("record", pipeline, "record"),
@@ -125,10 +138,50 @@ def metered(meter: Meter) -> Iterator[None]:
 
 def taken(name: str, size: tuple[int, int], views: int, seed: int) -> tuple[Shot, np.ndarray | None]:
     """Expose a case; return as well the true depths, [N, H, W], where the shot's truth does not hold them."""
+    if name == "enlarged":
+        return enlarged(size, views, seed)
     if name.startswith("photographs"):
         shot, depths, _ = expose(int(name.removeprefix("photographs")), seed, size=size, views=views, noise=0.01)
         return shot, depths
     return Case(name, scene=name, size=size).shot(seed), None
+
+
+def enlarged(size: tuple[int, int], views: int, seed: int) -> tuple[Shot, F32]:
+    """Code views, under random masks a quarter open, of three photographs that face a camera on a straight rail.
+
+    Returns:
+        The shot, with 1 % noise, and the true depths, [N, H, W].
+    """
+    rng, (height, width) = np.random.default_rng(seed), size
+    intrinsics = pinhole(1.1 * width, size)
+    places = np.linspace(-0.06, 0.06, views)
+    poses = np.tile(np.eye(4), (views, 1, 1))
+    poses[:, 0, 3] = -places
+    images, depths = np.zeros((views, height, width, 3), np.float32), np.zeros((views, height, width), np.float32)
+    for picture, (x, y, z), wide in (
+        (skimage.data.coffee(), (0.0, 0.0, 2.6), 4.6),
+        (skimage.data.astronaut(), (-0.42, 0.1, 1.9), 0.75),
+        (skimage.data.chelsea(), (0.45, -0.1, 1.5), 0.55),
+    ):
+        colours = picture.astype(np.float32) / 255
+        rows, columns = colours.shape[:2]
+        for view, place in enumerate(places):
+            # From the photograph's pixels to the picture's.
+            scale = intrinsics[0, 0] / z * wide / columns
+            left = intrinsics[0, 2] + intrinsics[0, 0] * (x - place) / z - scale * columns / 2
+            top = intrinsics[1, 2] + intrinsics[1, 1] * y / z - scale * rows / 2
+            there = np.array([[scale, 0, left + scale / 2 - 0.5], [0, scale, top + scale / 2 - 0.5]])
+            seen = cv2.warpAffine(np.ones((rows, columns), np.uint8), there, (width, height), flags=cv2.INTER_NEAREST)
+            drawn = cv2.warpAffine(colours, there, (width, height), borderMode=cv2.BORDER_REPLICATE)
+            images[view][seen > 0], depths[view][seen > 0] = drawn[seen > 0], z
+    masks = (rng.random((views, height, width), dtype=np.float32) < 0.25).astype(np.float32)
+    measurement = np.zeros((height, width, 3), np.float32)
+    for mask, image in zip(masks, images, strict=True):
+        measurement += mask[..., None] * image
+    measurement += rng.normal(0, 0.01, measurement.shape).astype(np.float32)
+    truth = Truth(images, poses)
+    weights = np.ones(views, np.float32)
+    return Shot(measurement, masks, weights, intrinsics=intrinsics, truth=truth, name="enlarged").check(), depths
 
 
 def one() -> None:
@@ -136,18 +189,22 @@ def one() -> None:
     name, size = sys.argv[1], tuple(int(side) for side in sys.argv[2].split("x"))
     chosen, seed, views = os.environ["GS2CI_PRESET"], int(os.environ["GS2CI_SEED"]), int(os.environ["GS2CI_VIEWS"])
     settings = replace(preset(chosen), seed=42 + seed)  # type: ignore[arg-type]
+    if "GS2CI_ITERATIONS" in os.environ:
+        settings = replace(settings, fit=replace(settings.fit, iterations=int(os.environ["GS2CI_ITERATIONS"])))
     # Compiles whatever the large one needs.
     pipeline.reconstruct(taken(name, (64, 64), views, seed)[0], settings)
     shot, depths = taken(name, (size[0], size[1]), views, seed)
     gc.collect()
-    before_mib, meter = resident_mib(), Meter()
+    before_mib, meter, began_s = resident_mib(), Meter(), time.monotonic()
     with metered(meter):
         found = pipeline.reconstruct(shot, settings)
+    wall_s = time.monotonic() - began_s
     report = build_report(shot, found.result)
     errors = None if report.depth is None else report.depth.errors()
     print(
         json.dumps(
             {
+                "wall_s": wall_s,
                 "pixels": size[0] * size[1],
                 "seconds": meter.seconds,
                 "mib": meter.mib,
@@ -192,7 +249,8 @@ def run() -> None:
             row = json.loads(done.stdout.splitlines()[-1])
             rows.append(row)
             print(
-                f"{name} {size}: CPU {sum(row['seconds'].values()):.1f} s, at most {max(row['mib'].values()):.0f} MiB "
+                f"{name} {size}: CPU {sum(row['seconds'].values()):.1f} s, {row['wall_s']:.0f} s, "
+                f"at most {max(row['mib'].values()):.0f} MiB "
                 f"({row['before_mib']:.0f} before), {row['gaussians']} Gaussians, {figure(row['psnr_db'])} dB, "
                 f"depth {figure(row['depth_px'])} px, nATE {figure(row['nate'])}"
             )

@@ -9,6 +9,8 @@ def test_a_small_exposure_is_taken_and_reconstructed_in_a_folder_that_goes(monke
     seen = {}
 
     class Run:
+        interrupted = False
+
         def save(self, folder):
             seen["folder"] = folder.parent
 

@@ -10,10 +10,11 @@ from gs2ci.core.progress import Silent
 from gs2ci.reconstruct import first_look
 from gs2ci.reconstruct.decode.gap_tv import gap_tv
 from gs2ci.reconstruct.decode.proxies.routing import geometry_views, multiplicity
-from gs2ci.reconstruct.first_look import LookSettings, look, look_closer
+from gs2ci.reconstruct.first_look import look, look_closer
 from gs2ci.reconstruct.geometry.choose import load_geometry_prior
 from gs2ci.reconstruct.measurement.brightness import BrightnessSettings
 from gs2ci.reconstruct.measurement.jury import Jury
+from gs2ci.reconstruct.settings import Settings
 from gs2ci.tables.cases import Case
 
 FLICKER = np.array([0.75, 1.2, 0.9, 1.1, 0.8, 1.25], np.float32)
@@ -32,7 +33,7 @@ def seen_by_a_jury(shot, light=None):
 
 def look_at(jury, listener=None, **settings):
     laps = []
-    found = look(jury, None, load_geometry_prior("tracks"), LookSettings(**settings), listener or Silent(), laps.append)
+    found = look(jury, None, load_geometry_prior("tracks"), Settings(**settings), listener or Silent(), laps.append)
     return found, laps
 
 
@@ -100,9 +101,7 @@ def test_proxies_are_routed_on_the_masks_as_they_are_and_not_on_what_is_seen(mak
     shot = make_random_masks
     jury = Jury.of(shot, 0.1, 0)
     assert multiplicity(jury.seen) < 3.7
-    found = look(
-        jury, None, load_geometry_prior("tracks"), LookSettings(proxy="routed"), Silent(), lambda _: None, shot
-    )
+    found = look(jury, None, load_geometry_prior("tracks"), Settings(proxy="routed"), Silent(), lambda _: None, shot)
     assert found.notes[0].code is Code.PROXIES_CHOSEN
     assert "AMDI" in found.notes[0].sentence
     assert "4 views" in found.notes[0].sentence
@@ -134,7 +133,7 @@ def test_where_only_a_turn_is_seen_similar_patches_are_asked_once(shot, monkeypa
 
     monkeypatch.setattr(first_look, "look", looked)
     listener = Silent()
-    found = look_closer(jury, None, load_geometry_prior("tracks"), LookSettings(), listener, [].append)
+    found = look_closer(jury, None, load_geometry_prior("tracks"), Settings(), listener, [].append)
     assert asked == ["gap-tv", "patches-quick"][:looks]
     assert found.decoder == ("patches-quick" if verdicts == ("rotation_only", "full") else "gap-tv")
     assert any("similar patches" in sentence for sentence in listener.sentences) == (looks == 2)
@@ -145,7 +144,7 @@ def test_no_closer_look_is_taken_where_patches_or_proxies_were_asked_for(shot, m
     whole, _ = look_at(jury, brightness=BrightnessSettings(rounds=0))
     rest = replace(whole, geometry=replace(whole.geometry, verdict="rotation_only"))
     monkeypatch.setattr(first_look, "look", lambda *given: rest)
-    for settings in (LookSettings(first_look="patches"), LookSettings(proxy="eni")):
+    for settings in (Settings(first_look="patches"), Settings(proxy="eni")):
         assert look_closer(jury, None, load_geometry_prior("tracks"), settings, Silent(), [].append) is rest
 
 

@@ -10,6 +10,7 @@ from scipy.ndimage import gaussian_filter
 from gs2ci.core.findings import Code
 from gs2ci.core.records import Shot, Truth
 from gs2ci.reconstruct.decode.gap_tv import gap_tv
+from gs2ci.reconstruct.decode.patches.decoder import PatchSettings
 from gs2ci.reconstruct.first_look import FirstLook
 from gs2ci.reconstruct.fit.refinement import Refinement
 from gs2ci.reconstruct.handing_over import hand_over
@@ -41,7 +42,8 @@ def look_at(truth, noise=0.0, share=0.05):
 
 def handed(first, mean, best=None, settings=SETTINGS, *, polish=False):
     ensemble = SimpleNamespace(views=mean, best=SimpleNamespace(views=mean if best is None else best))
-    return hand_over(first, ensemble, Refinement(first.jury, settings.residual), settings, polish=polish)
+    polishing = (PatchSettings.from_scene(),) if polish else ()
+    return hand_over(first, ensemble, Refinement(first.jury, settings.residual), settings, polishing)
 
 
 def psnr(views, truth):

@@ -256,6 +256,15 @@ def test_fine_stage_that_cannot_be_made_is_said_to_be_left_out(moved):
 
 
 @pytest.mark.parametrize(
+    ("gain", "long_gain", "speaks", "surely"),
+    [(None, None, False, False), (0.05, 0.0, False, False), (0.05, 0.3, True, True), (0.1, -0.3, True, False)],
+)
+def test_many_steps_of_patches_speak_for_motion_where_few_gain_little(gain, long_gain, speaks, surely):
+    asked = MotionQuestion(None, gain, long_gain)
+    assert (asked.speaks_for_motion, asked.beyond_doubt) == (speaks, surely)
+
+
+@pytest.mark.parametrize(
     ("gain", "tried", "schedules"),
     [
         (None, False, ()),

@@ -8,7 +8,7 @@ import pytest
 from gs2ci.core.findings import Code, finding
 from gs2ci.core.progress import Silent
 from gs2ci.core.records import Shot
-from gs2ci.reconstruct.first_look import FirstLook, LookSettings
+from gs2ci.reconstruct.first_look import FirstLook
 from gs2ci.reconstruct.fit.withheld import Withheld
 from gs2ci.reconstruct.geometry.initialise import Geometry, GeometrySettings
 from gs2ci.reconstruct.measurement.jury import Jury
@@ -82,7 +82,7 @@ def first(panned):
 
 
 def test_the_path_is_found_in_the_views_and_the_doubt_stays(first, panned):
-    again = second_look(first, panned, None, LookSettings(), Silent())
+    again = second_look(first, panned, None, Settings(), Silent())
     assert again is not None
     assert again.jury is first.jury
     assert again.geometry.verdict == "full"
@@ -94,4 +94,4 @@ def test_the_path_is_found_in_the_views_and_the_doubt_stays(first, panned):
 
 
 def test_views_that_show_no_path_leave_the_first(first, panned):
-    assert second_look(first, np.full_like(panned, 0.5), None, LookSettings(), Silent()) is None
+    assert second_look(first, np.full_like(panned, 0.5), None, Settings(), Silent()) is None

@@ -13,9 +13,11 @@ from gs2ci_sims.effects.clock_drift import ClockDrift
 from gs2ci_sims.effects.dark_current import DarkCurrent
 from gs2ci_sims.effects.defocus import Defocus
 from gs2ci_sims.effects.dsnu import Dsnu
+from gs2ci_sims.effects.dust import Dust
 from gs2ci_sims.effects.finite_contrast import FiniteContrast
 from gs2ci_sims.effects.full_well import FullWell
 from gs2ci_sims.effects.gain_nonlinearity import GainNonlinearity
+from gs2ci_sims.effects.ghost_reflection import GhostReflection
 from gs2ci_sims.effects.hot_pixels import HotPixels
 from gs2ci_sims.effects.illumination_drift import IlluminationDrift
 from gs2ci_sims.effects.illumination_flicker import IlluminationFlicker
@@ -60,6 +62,7 @@ EXTREMES = [
     LensDistortion(1e3), LensDistortion(-1e3), Defocus(1e9, 1e-9), Defocus(0.0, 1e9), OpticsPsf(100.0), OpticsPsf(0.0),
     Vignetting(1e9), MaskEdges(100.0), FiniteContrast(1 + 1e-9, 2.0, 100.0), FiniteContrast(1e30, 0.0, 0.0),
     Misregistration(1e6, -1e6, 1e6, 1e6), Misregistration(0.0, 0.0, 0.0, 1e-6), ModulatorPsf(100.0),
+    GhostReflection(0.5, 64.0), GhostReflection(0.0), Dust(300.0, 128.0, 128.0), Dust(1e4, 0.0, 0.0),
     RollingShutter(1e9), BayerFilter("GBRG"), Prnu(0.5), DarkCurrent(1e30, 100.0, 1.0), HotPixels(1.0, 1e30),
     Persistence(1.0, 1e-9, 1e9, 1e30), Blooming(1.0), FullWell(1e-9), FullWell(1e30), GainNonlinearity(0.2499),
     Dsnu(1e30), ReadNoise(1e30), RowNoise(1e30), BlackLevel(1e30), BlackLevel(-1e30),

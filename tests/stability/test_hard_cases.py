@@ -16,6 +16,7 @@ from gs2ci.reconstruct.fit.coarse import CoarseSettings
 from gs2ci.reconstruct.fit.stopping import HoldOut
 from gs2ci.reconstruct.pipeline import reconstruct
 from gs2ci.reconstruct.settings import Settings
+from tests.stability.judge import AGAINST_HELDOUT
 
 pytestmark = pytest.mark.slow
 
@@ -83,7 +84,7 @@ def recover(shot, *phrases, settings=QUICK):
     assert np.abs(result.views).max() < 5 * max(1.0, np.abs(shot.measurement).max())
     held = result.heldout_rms
     if held["decode"] is not None:
-        assert held[result.verdict] <= held["decode"]
+        assert held[result.verdict] <= AGAINST_HELDOUT * held["decode"]
     notes = " ".join(note.advice for note in result.notes)
     for phrase in phrases:
         assert phrase in notes

@@ -227,7 +227,7 @@ class _Fit:
         """Look for surfaces when it is time to, and tell whether some were found now.
 
         The views are swept as they would be handed over, with their residual put back: a sweep of the final ones is
-        nearer the truth than the scene that they were rendered from (decision `depth`).
+        nearer the truth than the scene that they were rendered from (docs/decisions/0058-depth-worth-measuring-in.md).
         """
         settings = self.settings.surfaces
         if settings is None or not self._searches or share < self._searches[0].begins:

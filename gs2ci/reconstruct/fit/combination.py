@@ -166,6 +166,8 @@ def _is_finite(candidate: Candidate) -> bool:
 
 def combined(candidates: Mapping[Name, F32], parts: Mapping[Name, float]) -> F32:
     """Return the sum of candidates, [N, H, W, C] each, by their shares; those without a share need not be there."""
-    found = [np.float32(share) * candidates[name] for name, share in parts.items() if share > 0]
-    total: F32 = np.sum(found, axis=0)
+    (first, share), *others = ((name, share) for name, share in parts.items() if share > 0)
+    total: F32 = np.float32(share) * candidates[first]
+    for name, share in others:
+        total += np.float32(share) * candidates[name]
     return total

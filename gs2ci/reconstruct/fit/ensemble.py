@@ -21,7 +21,7 @@ import numpy as np
 import torch
 from scipy.ndimage import gaussian_filter
 
-from gs2ci.core.arrays import F32, F64
+from gs2ci.core.arrays import F32
 from gs2ci.core.errors import NumericsError
 from gs2ci.core.findings import Code, Finding, finding
 from gs2ci.core.halt import Halt
@@ -241,9 +241,7 @@ def combined(fits: tuple[CoarseFit, ...], jury: Jury, refine: Refine) -> Ensembl
     """
     if len(fits) == 1:
         return Ensemble(fits[0], fits[0].views)
-    mean = np.stack([fit.views for fit in fits]).mean(axis=0, dtype=np.float64)
-    together: F32 = np.asarray(mean, np.float32)
-    disagreement = _disagreement(fits, mean)
+    together, disagreement = _mean(fits)
     if not jury.heldout.any():
         return Ensemble(fits[0], together, len(fits), disagreement, fits[1:])
     alone = [jury.squared_residuals(refine(fit.views)) for fit in fits]
@@ -254,8 +252,17 @@ def combined(fits: tuple[CoarseFit, ...], jury: Jury, refine: Refine) -> Ensembl
     return Ensemble(best, together, len(fits), disagreement, others)
 
 
-def _disagreement(fits: tuple[CoarseFit, ...], mean: F64) -> F32:
-    squares = np.mean([np.mean((fit.views - mean) ** 2, axis=3) for fit in fits], axis=0)
-    smooth = gaussian_filter(squares, (0, _NEIGHBOURHOOD_PX, _NEIGHBOURHOOD_PX))
-    found: F32 = np.sqrt(smooth).astype(np.float32)
-    return found
+def _mean(fits: tuple[CoarseFit, ...]) -> tuple[F32, F32]:
+    """Return the mean of the fits' views, [N, H, W, C], and how far they are from it, [N, H, W].
+
+    View by view: in float64, all views of all fits would not fit beside those of a large shot.
+    """
+    together = np.empty(fits[0].views.shape, np.float32)
+    disagreement = np.empty(together.shape[:3], np.float32)
+    for number in range(len(together)):
+        own = np.stack([fit.views[number] for fit in fits]).astype(np.float64)
+        mean = own.mean(axis=0)
+        squares = np.mean((own - mean) ** 2, axis=(0, 3))
+        together[number] = mean
+        disagreement[number] = np.sqrt(gaussian_filter(squares, _NEIGHBOURHOOD_PX))
+    return together, disagreement

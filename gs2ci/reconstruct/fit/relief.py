@@ -130,7 +130,10 @@ class Relief:
     def step(
         self, scene: Gaussians, world_to_camera: Tensor, twist_gradient: Tensor, progress: float
     ) -> "Exchange | None":
-        """Choose a step by the present gradients, None before it is time; taking it is up to the caller.
+        """Choose a step by the present gradients; taking it is up to the caller.
+
+        None before it is time, where a gradient is not finite, and where the camera goes forward more than aside: then
+        no turn looks like travel.
 
         Args:
             scene: The Gaussians, with their gradients.
@@ -141,6 +144,9 @@ class Relief:
         if progress < self._settings.begins:
             return None
         along = relief_step(scene, world_to_camera, self._reference)
+        aside, forward = along.twists[:, 3:].square().sum(), (along.twists[:, 2] / along.shrink).square().sum()
+        if not bool(aside > forward):
+            return None
         gradient = _gradient(scene, twist_gradient, along)
         if not bool(torch.isfinite(gradient)):
             return None

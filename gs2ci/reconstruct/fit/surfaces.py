@@ -196,7 +196,7 @@ def find_surfaces(
     extent = float(np.linalg.norm(np.ptp(camera_centres(world_to_camera), axis=0)))
     if count < 2 or span is None or extent == 0:
         return None
-    straight = np.clip(views if lens is None else lens.straightened(views), 0, 1).astype(np.float32)
+    straight = np.clip(views if lens is None else lens.straightened(views), 0, 1).astype(np.float32, copy=False)
     intrinsics = renderer.intrinsics.double().numpy() if lens is None else lens.canvas_intrinsics
     chosen = _spread(count, settings.views)
     maps = []

@@ -7,8 +7,9 @@ if the user has added it. Of those that the tracks do not contradict, the measur
 against those that are named after it, unless these leave clearly less unexplained. The stage is named first. No blur
 and no noise of the picture is in what it says, and it tells a shift from a pan, which a picture cannot where near and
 far shift by no more than tracks err. Where it lies, the measurement finds out
-(`python -m tests.benchmarks stage_poses`). Where only tracks are left that give no path or a doubtful one, a uniform
-motion is sought without them (`python -m tests.benchmarks direct`).
+(`python -m tests.benchmarks stage_poses`). Where tracks give no path, features are matched between all pairs of views
+(`wide`); where these give none either, or the tracks' path is doubtful, a uniform motion is sought
+(`python -m tests.benchmarks direct`).
 """
 
 from collections.abc import Iterator, Sequence
@@ -22,21 +23,31 @@ from gs2ci.core.errors import Gs2ciError, InputError
 from gs2ci.core.findings import Code, finding
 from gs2ci.core.plugins import load, names
 from gs2ci.core.progress import Progress, Silent
+from gs2ci.reconstruct.geometry.direct import at_rest
 from gs2ci.reconstruct.geometry.evidence import unexplained
 from gs2ci.reconstruct.geometry.hierarchy import FromVggt
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.geometry.prior import GeometryPrior, Request
 from gs2ci.reconstruct.geometry.reversal import reversed_geometry
-from gs2ci.reconstruct.geometry.sources import FromFile, FromStage, FromTracks, FromUniform, uniform_motion
+from gs2ci.reconstruct.geometry.sources import (
+    FromFile,
+    FromStage,
+    FromTracks,
+    FromUniform,
+    FromWide,
+    matched_motion,
+    uniform_motion,
+)
 from gs2ci.reconstruct.geometry.telemetry import poses_of_stage
 from gs2ci.reconstruct.geometry.validity import Criteria, doubts_about_path
 from gs2ci.reconstruct.learned.onnx_models import find_model, known_model
 
-GEOMETRY_NAMES: Final = ("tracks", "stage", "uniform", "auto", "vggt")
+GEOMETRY_NAMES: Final = ("tracks", "stage", "wide", "uniform", "auto", "vggt")
 GEOMETRY_GROUP: Final = "gs2ci.geometry"
 _TRACKS: Final = "tracks"
 _STAGE: Final = "stage"
 _UNIFORM: Final = "uniform"
+_WIDE: Final = "wide"
 _FILE: Final = "file:"
 _VGGT: Final = "vggt:"
 _VGGT_OR_TRACKS: Final = "vggt-or-tracks"
@@ -50,9 +61,9 @@ def load_geometry_prior(name: str) -> GeometryPrior:
     """Load a geometry prior.
 
     Args:
-        name: "tracks"; "stage"; "uniform"; "auto"; "file:PATH" (a COLMAP model's folder or a transforms.json); "vggt",
-            the model added under that name; "vggt:FILE"; "vggt-or-tracks", the tracks where no model has been added; or
-            that of a plug-in, which is called for its prior.
+        name: "tracks"; "stage"; "wide"; "uniform"; "auto"; "file:PATH" (a COLMAP model's folder or a transforms.json);
+            "vggt", the model added under that name; "vggt:FILE"; "vggt-or-tracks", the tracks where no model has been
+            added; or that of a plug-in, which is called for its prior.
 
     Raises:
         InputError: No such name, no such file, or a model file that cannot be used.
@@ -62,6 +73,8 @@ def load_geometry_prior(name: str) -> GeometryPrior:
         return FromTracks()
     if name == _STAGE:
         return FromStage()
+    if name == _WIDE:
+        return FromWide()
     if name == _UNIFORM:
         return FromUniform()
     if name == "auto":
@@ -131,6 +144,9 @@ class Auto:
             _judged(request, _TRACKS, tracks) if name == _TRACKS else _asked(request, name, progress) for name in names
         ]
         standing = _standing(answers)
+        if standing is None:
+            answers.append(_matched(request, tracks))
+            standing = _standing(answers)
         if doubtful and (standing is None or standing is tracks):
             answers.append(_judged(request, "uniform motion", uniform_motion(request, tracks)))
             standing = _standing(answers)
@@ -198,6 +214,15 @@ def _sources(request: Request) -> Iterator[str]:
     yield _TRACKS
     if known_model("vggt") is not None:
         yield "vggt"
+
+
+def _matched(request: Request, tracks: Geometry) -> _Answer:
+    """Ask matches of all pairs; what explains little more than a camera at rest fails."""
+    answer = _judged(request, _WIDE, matched_motion(request, tracks))
+    if answer.geometry is None or answer.geometry.verdict != "full":
+        return _Answer(None, float("inf"), f"the {_WIDE} matches failed (not every view joins one scene)")
+    still = unexplained(request.shot, request.views, at_rest(tracks), request.lens)
+    return answer if answer.left < _CLEARLY * still else replace(answer, geometry=None)
 
 
 def _asked(request: Request, name: str, progress: Progress) -> _Answer:

@@ -1,6 +1,6 @@
-"""Sources of first poses that need no model: the views' own tracks, the stage's report, a uniform motion, a file.
+"""Sources of first poses that need no model: tracks, matches of all pairs, the stage, a uniform motion, a file.
 
-Here: these four. Not here: a learned source (`vggt`), the choice among them (`choose`), tracks and depth themselves
+Here: these five. Not here: a learned source (`vggt`), the choice among them (`choose`), tracks and depth themselves
 (`initialise`). For `geometry.choose`.
 """
 
@@ -20,6 +20,7 @@ from gs2ci.reconstruct.geometry.initialise import Geometry, initialise, measured
 from gs2ci.reconstruct.geometry.prior import Request, from_tracks
 from gs2ci.reconstruct.geometry.sweep import inverse_depth_range, sweep
 from gs2ci.reconstruct.geometry.telemetry import errors_of_told, poses_of_stage, stated_error
+from gs2ci.reconstruct.geometry.wide import wide_motion
 
 # From this relative difference on, two focal lengths are worth a word.
 _FOCAL_DOUBT: Final = 0.05
@@ -79,6 +80,24 @@ class FromUniform:
 
 
 @dataclass(frozen=True)
+class FromWide:
+    """Features matched between all pairs of views, which may lie far apart and in no order."""
+
+    name: str = "wide"
+
+    def __call__(self, request: Request, progress: Progress) -> Geometry:
+        """Find the geometry; see `GeometryPrior`.
+
+        Raises:
+            GeometryError: The views do not all join one scene.
+        """
+        found = matched_motion(request, from_tracks(request, progress))
+        if found.verdict != "full":
+            raise GeometryError("features matched between all pairs of views do not join them into one scene")
+        return found
+
+
+@dataclass(frozen=True)
 class FromFile:
     """The cameras of a COLMAP model or a transforms.json.
 
@@ -111,6 +130,11 @@ class FromFile:
 
 TOLD: Final = (FromStage.name, FromFile.name)
 """Sources that tell how the camera turned, which pictures of small motion tell poorly."""
+
+
+def matched_motion(request: Request, tracks: Geometry) -> Geometry:
+    """Find the path from features matched between all pairs of views; at rest, unsupported, where they show none."""
+    return replace(wide_motion(request, tracks), source=FromWide.name)
 
 
 def uniform_motion(request: Request, tracks: Geometry) -> Geometry:

@@ -114,7 +114,10 @@ class Coding:
         Linear in `views`.
         """
         self._check("views", views, self.transmissions.shape)
-        coded = (self.transmissions[..., None] * views).sum(0)
+        # View by view: large shots have no room for the products of all.
+        coded = views.new_zeros(views.shape[1:], dtype=torch.promote_types(views.dtype, self.transmissions.dtype))
+        for transmission, view in zip(self.transmissions, views, strict=True):
+            coded = coded + transmission[..., None] * view
         return coded if self.channels is None else select(coded, self.channels)
 
     def _check(self, what: str, array: Tensor, leading: torch.Size) -> None:

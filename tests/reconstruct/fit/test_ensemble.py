@@ -1,4 +1,5 @@
 import threading
+import tracemalloc
 from dataclasses import replace
 
 import numba
@@ -10,6 +11,7 @@ from gs2ci.core.errors import InputError, NumericsError
 from gs2ci.core.findings import Code, finding
 from gs2ci.core.halt import Halt
 from gs2ci.core.progress import Silent
+from gs2ci.core.records import Shot
 from gs2ci.reconstruct.fit.coarse import CoarseFit
 from gs2ci.reconstruct.fit.density.osgr import Osgr
 from gs2ci.reconstruct.fit.ensemble import combined, fit_together, members
@@ -274,3 +276,19 @@ def test_disagreement_shows_where_fits_differ(judged):
     assert found.shape == truth.shape[:3]
     assert found[:, 14:16, 14:16] == pytest.approx(0.1, rel=1e-2)
     assert not found[:, 25:].any()
+
+
+def test_the_mean_and_its_spread_take_little_more_memory_than_they_are():
+    drawn = np.random.default_rng(0).random((2, 16, 48, 64, 3), dtype=np.float32)
+    shot = Shot(np.ones((48, 64, 3), np.float32), np.ones((16, 48, 64), np.float32), np.ones(16, np.float32)).check()
+    fits = tuple(fit_of(views) for views in drawn)
+    tracemalloc.start()
+    try:
+        found = combined(fits, Jury(shot, np.zeros((48, 64), bool)), lambda views: views)
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    np.testing.assert_allclose(found.views, drawn.mean(axis=0), rtol=1e-6)
+    apart = np.sqrt(np.mean((drawn[0] - drawn[1]) ** 2)) / 2
+    assert np.sqrt(np.mean(found.disagreement**2)) == pytest.approx(apart, rel=0.02)
+    assert peak < 2 * (found.views.nbytes + found.disagreement.nbytes)

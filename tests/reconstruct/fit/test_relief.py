@@ -161,6 +161,16 @@ def test_nothing_is_exchanged_before_it_is_time_or_by_a_gradient_that_is_not_fin
     assert relief.step(leaf, path, none, 0.5).beta != 0
 
 
+def test_nothing_is_exchanged_where_the_camera_goes_forward(scene):
+    leaf = scene.map(lambda tensor: tensor.clone().requires_grad_())
+    leaf.means[:, 2].sum().backward()
+    relief, none = Relief(ReliefSettings(begins=0.0), REFERENCE), torch.zeros(5, 6, dtype=torch.float64)
+    for way, exchanges in (((0.5, 0.2, 1.0), False), ((1.0, 0.3, 0.6), True), ((0.0, 0.0, 0.0), False)):
+        poses = torch.eye(4, dtype=torch.float64).repeat(5, 1, 1)
+        poses[:, :3, 3] = torch.linspace(-0.1, 0.1, 5, dtype=torch.float64)[:, None] * torch.tensor(way)
+        assert (relief.step(leaf, poses, none, 0.0) is not None) == exchanges
+
+
 def test_what_stands_far_off_or_behind_stays_finite(path):
     directions = np.array([[0.0, 0.0], [0.4, 0.3], [-0.2, 0.1], [0.1, 0.1]])
     scene = points_at(directions, np.array([1.0, 1e6, 1.2, 0.9]))

@@ -1,0 +1,216 @@
+"""Geometry from points matched between all pairs of views: wide baselines, in any order.
+
+Corners are followed from view to view as far as patches stay alike, a few degrees. Where a camera was put here and
+there, its views in no order, scale-invariant features (SIFT, Lowe 2004) still match, between whichever views see the
+same; what an essential matrix bears out of them grows into one scene, a view at a time (COLMAP's incremental mapper,
+Schönberger and Frahm 2016). Here: the features, the pairs, the scene and the geometry that it gives. Not here: when it
+is asked for (`choose`), the sweep (`sweep`).
+"""
+
+import itertools
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, Final
+
+import cv2
+import numpy as np
+import pycolmap
+
+from gs2ci.core.arrays import F32, F64
+from gs2ci.core.findings import Code, finding
+from gs2ci.reconstruct.geometry.direct import at_rest
+from gs2ci.reconstruct.geometry.initialise import Geometry
+from gs2ci.reconstruct.geometry.prior import Request
+from gs2ci.reconstruct.geometry.sweep import inverse_depth_range, sweep
+
+# Decoded views are soft: features are sought at twice their size, with local contrast evened out.
+_ENLARGED: Final = 2
+_MOST_FEATURES: Final = 2000
+_LEAST_CONTRAST: Final = 0.01
+# A match must be so much nearer than the second nearest feature (Lowe's test), and mutual.
+_RATIO: Final = 0.8
+# Of a pair: fewest matches that its essential matrix bears out, and their error. Decoded photographs 15° apart, in
+# which a third of the matches are right, keep 15 to 30.
+_LEAST_MATCHES: Final = 15
+_MATCH_PX: Final = 2.0
+# Of the scene: what a view needs to join, and errors and angles of its points.
+_LEAST_POINTS_TO_JOIN: Final = 12
+_LEAST_TO_BEGIN: Final = 30
+_JOIN_PX: Final = 4.0
+_POINT_PX: Final = 3.0
+_LEAST_ANGLE_TO_BEGIN_DEG: Final = 2.0
+_LEAST_ANGLE_DEG: Final = 0.5
+_EPSILON: Final = 1e-6
+_SEED: Final = 0
+
+
+@dataclass(frozen=True)
+class _Scene:
+    """Poses, [N, 4, 4], points in the world, [P, 3], and their reprojection error."""
+
+    world_to_camera: F64
+    points: F64
+    rms_px: float
+
+
+def wide_motion(request: Request, found: Geometry) -> Geometry:
+    """Find poses and depth from features matched between all pairs of views.
+
+    Args:
+        request: Its views.
+        found: What tracks found; its camera matrix and middle view are taken.
+
+    Returns:
+        A geometry with the verdict "full"; one at rest, "unsupported", where not every view joins one scene or too few
+        points bear it out.
+    """
+    scene = _grown(request.views, found.intrinsics)
+    still = at_rest(found)
+    if scene is None:
+        return still
+    relative = scene.world_to_camera @ np.linalg.inv(scene.world_to_camera[found.reference])
+    to_reference = scene.world_to_camera[found.reference]
+    depths = scene.points @ to_reference[2, :3] + to_reference[2, 3]
+    ahead = 1 / depths[depths > 0]
+    if len(ahead) < request.settings.criteria.tracks or 2 * len(ahead) < len(depths):
+        return still
+    unit = float(np.median(ahead))
+    relative[:, :3, 3] *= unit
+    settings = request.settings.sweep
+    span = inverse_depth_range(ahead / unit, settings)
+    depth = sweep(request.views, relative, still.intrinsics, still.reference, span, settings)
+    return replace(
+        still,
+        world_to_camera=relative,
+        inverse_depth=depth,
+        tracks=len(scene.points),
+        reprojection_rms_px=scene.rms_px,
+        verdict="full",
+        notes=(*_of_camera(found), finding(Code.WIDE_MOTION, points=len(scene.points))),
+    )
+
+
+def _of_camera(found: Geometry) -> tuple[Any, ...]:
+    """Keep what was said of the camera matrix; what tracks lacked is no longer wanted."""
+    return tuple(note for note in found.notes if note.code.name.startswith("FOCAL"))
+
+
+def _grown(views: F32, intrinsics: F64) -> _Scene | None:
+    """Grow one scene from all pairs; None unless every view joins it."""
+    features = [_features(view) for view in views]
+    pairs = {
+        (i, j): matches
+        for i, j in itertools.combinations(range(len(views)), 2)
+        if len(matches := _matches(features[i][1], features[j][1])) >= _LEAST_MATCHES
+    }
+    size = (views.shape[1], views.shape[2])
+    with TemporaryDirectory() as folder, _quietly():
+        database = Path(folder) / "features.db"
+        _write(database, [places for places, _ in features], pairs, intrinsics, size)
+        models = pycolmap.incremental_mapping(database, Path(folder), Path(folder) / "models", _mapping())
+        for model in models.values():
+            if model.num_reg_images() == len(views):
+                return _taken(model, len(views))
+    return None
+
+
+def _features(view: F32) -> tuple[F32, F32]:
+    """Find features of a view, [H, W, C]: where, [F, 2] px, and their RootSIFT descriptors, [F, 128]."""
+    grey = (view.mean(axis=2).clip(0, 1) * 255).astype(np.uint8)
+    large = cv2.resize(grey, None, fx=_ENLARGED, fy=_ENLARGED, interpolation=cv2.INTER_CUBIC)
+    even = cv2.createCLAHE(2.0, (8, 8)).apply(large)
+    sift = cv2.SIFT_create(nfeatures=_MOST_FEATURES, contrastThreshold=_LEAST_CONTRAST)  # type: ignore[attr-defined]
+    points, found = sift.detectAndCompute(even, None)
+    if found is None:
+        return np.zeros((0, 2), np.float32), np.zeros((0, 128), np.float32)
+    places = np.array([point.pt for point in points], np.float32)
+    # OpenCV has the first pixel's centre at 0, this project at 0.5.
+    places = ((places + 0.5) / _ENLARGED).astype(np.float32)
+    shares = found / np.maximum(found.sum(axis=1, keepdims=True), _EPSILON)
+    return places, np.sqrt(shares).astype(np.float32)
+
+
+def _matches(one: F32, other: F32) -> np.ndarray[Any, np.dtype[np.uint32]]:
+    """Match descriptors, [F, 128] and [G, 128]: indices, [M, 2]."""
+    if len(one) < 2 or len(other) < 2:
+        return np.zeros((0, 2), np.uint32)
+    # Descriptors have length 1: the nearest has the largest product.
+    likeness = one @ other.T
+    rows = np.arange(len(one))
+    nearest = likeness.argmax(axis=1)
+    mutual = likeness.argmax(axis=0)[nearest] == rows
+    best = likeness[rows, nearest]
+    likeness[rows, nearest] = -1
+    distance, second = (np.sqrt(np.maximum(2 - 2 * value, 0)) for value in (best, likeness.max(axis=1)))
+    kept = mutual & (distance < _RATIO * second)
+    return np.stack([rows[kept], nearest[kept]], axis=1).astype(np.uint32)
+
+
+def _write(
+    path: Path, places: list[F32], pairs: dict[tuple[int, int], Any], intrinsics: F64, size: tuple[int, int]
+) -> None:
+    """Write what the mapper reads: one camera, a view an image, and the matches that essential matrices bear out."""
+    parameters = [intrinsics[0, 0], intrinsics[1, 1], intrinsics[0, 2], intrinsics[1, 2]]
+    camera = pycolmap.Camera(model="PINHOLE", width=size[1], height=size[0], params=parameters)
+    camera.has_prior_focal_length = True
+    database = pycolmap.Database.open(path)
+    try:
+        camera.camera_id = database.write_camera(camera)
+        rig = pycolmap.Rig()
+        rig.add_ref_sensor(pycolmap.sensor_t(pycolmap.SensorType.CAMERA, camera.camera_id))
+        rig_id, ids = database.write_rig(rig), []
+        for number, at in enumerate(places):
+            image = pycolmap.Image(name=f"{number:06d}", camera_id=camera.camera_id)
+            image.image_id = database.write_image(image)
+            frame = pycolmap.Frame()
+            frame.rig_id = rig_id
+            frame.add_data_id(image.data_id)
+            database.write_frame(frame)
+            database.write_keypoints(image.image_id, at)
+            ids.append(image.image_id)
+        options = pycolmap.TwoViewGeometryOptions()
+        options.min_num_inliers, options.ransac.max_error, options.ransac.random_seed = _LEAST_MATCHES, _MATCH_PX, _SEED
+        for (i, j), matches in pairs.items():
+            one, other = (places[k].astype(np.float64) for k in (i, j))
+            geometry = pycolmap.estimate_calibrated_two_view_geometry(camera, one, camera, other, matches, options)
+            database.write_matches(ids[i], ids[j], matches)
+            database.write_two_view_geometry(ids[i], ids[j], geometry)
+    finally:
+        database.close()
+
+
+def _mapping() -> Any:
+    options = pycolmap.IncrementalPipelineOptions()
+    options.min_num_matches, options.multiple_models, options.extract_colors = _LEAST_MATCHES, False, False
+    # Sums over several threads differ in their last digits from run to run.
+    options.num_threads, options.random_seed = 1, _SEED
+    options.ba_refine_focal_length = options.ba_refine_extra_params = False
+    mapper = options.mapper
+    mapper.init_min_num_inliers, mapper.init_min_tri_angle = _LEAST_TO_BEGIN, _LEAST_ANGLE_TO_BEGIN_DEG
+    mapper.abs_pose_min_num_inliers, mapper.abs_pose_max_error = _LEAST_POINTS_TO_JOIN, _JOIN_PX
+    mapper.init_max_error = mapper.filter_max_reproj_error = _POINT_PX
+    mapper.filter_min_tri_angle = options.triangulation.min_angle = _LEAST_ANGLE_DEG
+    options.triangulation.complete_max_reproj_error = options.triangulation.merge_max_reproj_error = _POINT_PX
+    return options
+
+
+def _taken(model: Any, views: int) -> _Scene:
+    poses = np.tile(np.eye(4), (views, 1, 1))
+    for image in model.images.values():
+        poses[int(image.name), :3] = image.cam_from_world().matrix()
+    points = np.array([point.xyz for point in model.points3D.values()]).reshape(-1, 3)
+    return _Scene(poses, points, float(model.compute_mean_reprojection_error()))
+
+
+@contextmanager
+def _quietly() -> Iterator[None]:
+    """Keep the mapper's account of its steps off the terminal: what comes of them is judged here."""
+    level, aloud = pycolmap.logging.minloglevel, pycolmap.logging.logtostderr
+    pycolmap.logging.minloglevel = int(pycolmap.logging.FATAL)
+    try:
+        yield
+    finally:
+        pycolmap.logging.minloglevel, pycolmap.logging.logtostderr = level, aloud

@@ -1,0 +1,77 @@
+"""Features matched between all pairs of views: far apart and in no order, and where they show nothing."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from gs2ci.core.errors import GeometryError
+from gs2ci.core.findings import Code
+from gs2ci.core.progress import Silent
+from gs2ci.evaluate.trajectory import trajectory_errors
+from gs2ci.reconstruct.geometry.choose import load_geometry_prior
+from gs2ci.reconstruct.geometry.initialise import GeometrySettings, initialise
+from gs2ci.reconstruct.geometry.prior import Request
+from gs2ci.reconstruct.geometry.sweep import SweepSettings
+from gs2ci.reconstruct.geometry.wide import wide_motion
+
+QUICK = GeometrySettings(sweep=SweepSettings(planes=24))
+# Degrees about the scene's middle, right and down, in no order; the middle one looks straight.
+PLACES = [(9, 2), (-8, -3), (0, 0), (4, -4), (-11, 3)]
+
+
+@pytest.fixture(scope="module")
+def scene(seen):
+    poses = np.tile(np.eye(4), (len(PLACES), 1, 1))
+    pivot = np.array([0.0, 0.0, 1.0])
+    for pose, (across, up) in zip(poses, PLACES, strict=True):
+        turn = Rotation.from_euler("yx", (across, up), degrees=True).as_matrix()
+        pose[:3, :3], pose[:3, 3] = turn, pivot - turn @ pivot
+    return seen(poses=poses, size=(135, 180), focal=150.0)
+
+
+@pytest.fixture
+def request_for(scene, expose):
+    return lambda views=None: Request(expose(scene), scene.views if views is None else views, QUICK)
+
+
+def flat(request):
+    return replace(initialise(np.full_like(request.views, 0.5), request.intrinsics, QUICK))
+
+
+def test_views_far_apart_and_in_no_order_join_one_scene(request_for, scene):
+    request = request_for()
+    found = wide_motion(request, flat(request))
+    assert found.verdict == "full"
+    assert [note.code for note in found.notes] == [Code.WIDE_MOTION]
+    errors = trajectory_errors(found.world_to_camera, scene.poses)
+    assert errors.nate < 0.03
+    assert errors.rotation_deg < 1.0
+    np.testing.assert_allclose(found.world_to_camera[found.reference], np.eye(4), atol=1e-9)
+    assert 0.7 < np.median(found.inverse_depth) < 1.4
+    again = wide_motion(request, flat(request))
+    np.testing.assert_array_equal(again.world_to_camera, found.world_to_camera)
+
+
+@pytest.mark.parametrize("what", ["plain", "noise", "one view of something else"])
+def test_views_that_do_not_all_join_leave_a_camera_at_rest(request_for, scene, what):
+    rng = np.random.default_rng(0)
+    views = {
+        "plain": np.full_like(scene.views, 0.5),
+        "noise": rng.random((5, 48, 64, 3)).astype(np.float32),
+        "one view of something else": scene.views.copy(),
+    }[what]
+    if what.startswith("one"):
+        views[1] = rng.random(views[1].shape)
+    request = request_for(views)
+    found = wide_motion(request, flat(request))
+    assert found.verdict == "unsupported"
+    np.testing.assert_array_equal(found.world_to_camera, np.tile(np.eye(4), (len(PLACES), 1, 1)))
+    with pytest.raises(GeometryError, match="do not join"):
+        load_geometry_prior("wide")(request, Silent())
+
+
+def test_the_source_is_called_by_its_name(request_for):
+    found = load_geometry_prior("wide")(request_for(), Silent())
+    assert (found.source, found.verdict) == ("wide", "full")
