@@ -40,8 +40,8 @@ def run(
 
     Args:
         step: What to measure.
-        files: For `update`: the bundle, and the shots.
-        rig: The rig file (TOML), for all but `update`.
+        files: For update: the bundle, and the shots.
+        rig: The rig file (TOML), for all but update.
         out: The bundle, ends in .h5; its other sections are kept.
         fast: Predict the masks from geometry, blur and contrast instead of measuring each.
 
@@ -57,7 +57,7 @@ def run(
     if rig is None or files:
         raise InputError(
             f"gs2ci calibrate {step}: " + ("no rig file" if rig is None else f"{files[0]} is not asked for"),
-            allowed="--rig RIG.toml, and files for `update` alone",
+            allowed="--rig RIG.toml, and files for update alone",
         )
     if step != "check":
         check_bundle_place(out)
