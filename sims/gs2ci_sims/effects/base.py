@@ -10,16 +10,18 @@ import enum
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from typing import Any, ClassVar, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gs2ci.core.arrays import F32, F64
 from gs2ci.core.errors import InputError
-from gs2ci_sims.path import CameraPath
 from gs2ci_sims.rig import Rig
-from gs2ci_sims.scene import Scene
+
+if TYPE_CHECKING:  # scenes take torch, which a bench's computer need not have
+    from gs2ci_sims.path import CameraPath
+    from gs2ci_sims.scene import Scene
 
 
 @enum.unique
@@ -102,12 +104,12 @@ class Previewed(Protocol):
     """What a bound may know of a measurement (`gs2ci_sims.preview.Preview`, where each is explained)."""
 
     @property
-    def scene(self) -> Scene:
+    def scene(self) -> "Scene":
         """Get what is seen."""
         ...
 
     @property
-    def path(self) -> CameraPath:
+    def path(self) -> "CameraPath":
         """Get where the camera is at any time, before effects."""
         ...
 
