@@ -22,21 +22,27 @@ def test_everything_is_written_in_order_before_it_is_left():
 
 
 def test_a_slow_disk_holds_up_whoever_takes_and_memory_holds_no_more_than_the_ring():
-    gate, written = threading.Event(), []
+    begun, gate, written = threading.Event(), threading.Event(), []
 
     def write(taken):
+        begun.set()
         gate.wait()
         written.append(taken.index)
 
+    first, *others = shots(20)
     with WritingRing(write, 4) as ring:
-        taker = threading.Thread(target=lambda: [ring.put(taken) for taken in shots(20)])
+        ring.put(first)
+        # Before the writer has this one, the ring may be full once more than it is afterwards.
+        assert begun.wait(10)
+        taker = threading.Thread(target=lambda: [ring.put(taken) for taken in others])
         taker.start()
         until = time.monotonic() + 10
         while not ring.waits and time.monotonic() < until:
             time.sleep(0.005)
-        assert (ring.waits, ring.fullest, written) == (1, 4, [])
+        seen = ring.waits, ring.fullest, list(written)
         gate.set()
         taker.join()
+    assert seen == (1, 4, [])
     assert written == list(range(20))
     assert ring.waited_s > 0
 
