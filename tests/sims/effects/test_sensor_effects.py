@@ -48,7 +48,7 @@ def test_a_bayer_filter_keeps_the_colour_that_its_pattern_names(pattern):
     for row, column in ((0, 0), (0, 1), (1, 0), (1, 1)):
         colour = "RGB".index(pattern[2 * row + column])
         assert (mosaic[row::2, column::2] == colour + 1).all()
-    assert BayerFilter(pattern).bound(None, RIG) is UNAVOIDABLE
+    assert BayerFilter(pattern).bound(None, RIG) == UNAVOIDABLE
 
 
 def test_prnu_makes_a_spread_that_grows_linearly_with_the_signal():
