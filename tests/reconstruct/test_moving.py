@@ -269,7 +269,8 @@ def test_many_steps_of_patches_speak_for_motion_where_few_gain_little(gain, long
     [
         (None, False, ()),
         (0.01, False, ()),
-        (0.05, False, (PatchSettings.polish(),)),
+        (0.05, False, ()),
+        (0.08, False, (PatchSettings.polish(),)),
         (0.1, True, (PatchSettings.polish(), PatchSettings.from_scene())),
     ],
 )
