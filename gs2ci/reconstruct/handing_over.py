@@ -105,18 +105,18 @@ def _refined(
 
     A few more steps of the polishing then see all pixels.
     """
-    begun, _ = refine.with_share(mean)
-    polished, before = begun, jury.residual_rms(begun) or 0.0
-    after = before
-    for steps in polishing:
-        further = patch_decode_from(jury.seen, polished, steps)
-        left = jury.residual_rms(further) or 0.0
-        if left < after:
-            polished, after = further, left
-    if after == before:
-        return Candidate(refine.in_full(mean), refine.by_all_pixels(mean, 1.0)), ()
-    full = patch_decode_from(jury.shot, polished, PatchSettings.to_the_end())
-    return Candidate(polished, full), (finding(Code.VIEWS_POLISHED, before=before, after=after),)
+    if polishing:
+        polished, _ = refine.with_share(mean)
+        after = before = jury.residual_rms(polished) or 0.0
+        for steps in polishing:
+            further = patch_decode_from(jury.seen, polished, steps)
+            left = jury.residual_rms(further) or 0.0
+            if left < after:
+                polished, after = further, left
+        if after < before:
+            full = patch_decode_from(jury.shot, polished, PatchSettings.to_the_end())
+            return Candidate(polished, full), (finding(Code.VIEWS_POLISHED, before=before, after=after),)
+    return Candidate(refine.in_full(mean), refine.by_all_pixels(mean, 1.0)), ()
 
 
 def _decodes(first: FirstLook, settings: Settings) -> dict[Part, Candidate]:

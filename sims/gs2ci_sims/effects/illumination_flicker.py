@@ -39,21 +39,11 @@ class IlluminationFlicker:
 
     def bound(self, scene: Previewed, rig: Rig) -> Bound:
         """The swing that an interval's mean keeps, depth |sin x / x|, at the worst phase; the rest moves in time."""
-        left = swing_left(self.depth, 2 * self.mains_hz, rig.timing.interval_s)
+        mains = BoundStep("mains", self.mains_hz, "Hz", "frequency of the mains")
+        light = BoundStep("f", 2 * self.mains_hz, "Hz", "frequency of the light", "2 * mains")
+        steps = mains, *swing_left(self.depth, light, rig.timing.interval_s)
         masks = len(scene.masks)
-        return scene.of_shares(self, np.full(masks, left), np.full(masks, self.depth)).after(
-            BoundStep("depth", self.depth, "", "swing of the light about its mean"),
-            BoundStep("mains", self.mains_hz, "Hz", "frequency of the mains"),
-            BoundStep("f", 2 * self.mains_hz, "Hz", "frequency of the light", "2 * mains"),
-            BoundStep("T", rig.timing.interval_s, "s", "time on show of each mask"),
-            BoundStep(
-                "c",
-                left,
-                "",
-                "swing that an interval's mean keeps; sinc(x) = sin(pi x) / (pi x)",
-                "depth * abs(sinc(f * T))",
-            ),
-        )
+        return scene.of_shares(self, np.full(masks, steps[-1].value), np.full(masks, self.depth)).after(*steps)
 
     def brightest(self, scene: Previewed) -> float:
         """The top of the swing."""

@@ -41,20 +41,10 @@ class LcosFlicker:
 
     def bound(self, scene: Previewed, rig: Rig) -> Bound:
         """The ripple that an interval's mean keeps, depth |sin x / x|; the rest moves in time."""
-        left = swing_left(self.depth, self.drive_hz, rig.timing.interval_s)
+        drive = BoundStep("f", self.drive_hz, "Hz", "frequency of the drive")
+        steps = swing_left(self.depth, drive, rig.timing.interval_s)
         masks = len(scene.masks)
-        return scene.of_shares(self, np.full(masks, left), np.full(masks, self.depth)).after(
-            BoundStep("depth", self.depth, "", "swing of the light about its mean"),
-            BoundStep("f", self.drive_hz, "Hz", "frequency of the drive"),
-            BoundStep("T", rig.timing.interval_s, "s", "time on show of each mask"),
-            BoundStep(
-                "c",
-                left,
-                "",
-                "swing that an interval's mean keeps; sinc(x) = sin(pi x) / (pi x)",
-                "depth * abs(sinc(f * T))",
-            ),
-        )
+        return scene.of_shares(self, np.full(masks, steps[-1].value), np.full(masks, self.depth)).after(*steps)
 
     def brightest(self, scene: Previewed) -> float:
         """The top of the swing."""

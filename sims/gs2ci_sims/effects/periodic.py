@@ -4,6 +4,7 @@ from typing import Final
 
 import numpy as np
 
+from gs2ci_sims.effects.base import BoundStep
 from gs2ci_sims.signals import Slices
 
 # Pieces per period, so that a swing is followed within a mask; of swings much faster than the masks only the mean
@@ -22,6 +23,24 @@ def swinging(slices: Slices, depth: float, hertz: float, phase: float) -> Slices
     return pieces.scaled(1 + depth * mean)
 
 
-def swing_left(depth: float, hertz: float, interval_s: float) -> float:
-    """Return how far the mean over an interval can be from 1: depth |sin x / x|, x = pi hertz interval."""
-    return float(depth * np.abs(np.sinc(hertz * interval_s)))
+def swing_left(depth: float, frequency: BoundStep, interval_s: float) -> tuple[BoundStep, ...]:
+    """Return how far the mean over an interval can be from 1, depth |sin x / x|, x = pi f interval, as the last step.
+
+    Args:
+        depth: Of the swing.
+        frequency: The step that gives f, Hz.
+        interval_s: Over which the light is averaged.
+    """
+    left = float(depth * np.abs(np.sinc(frequency.value * interval_s)))
+    return (
+        BoundStep("depth", depth, "", "swing of the light about its mean"),
+        frequency,
+        BoundStep("T", interval_s, "s", "time on show of each mask"),
+        BoundStep(
+            "c",
+            left,
+            "",
+            "swing that an interval's mean keeps; sinc(x) = sin(pi x) / (pi x)",
+            "depth * abs(sinc(f * T))",
+        ),
+    )
