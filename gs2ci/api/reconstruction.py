@@ -105,7 +105,7 @@ def reconstruct(
     measured = shot.check() if isinstance(shot, Shot) else load(shot)
     from gs2ci.api.wishes import Wishes, budget_seconds, score_against_truth, settings_of, with_focal
     from gs2ci.reconstruct import pipeline
-    from gs2ci.reconstruct.budget import Budget
+    from gs2ci.reconstruct.presets.budget import Budget
     from gs2ci.render import backend
 
     wishes = Wishes(

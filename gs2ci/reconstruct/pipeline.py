@@ -23,7 +23,6 @@ from gs2ci.core.progress import Progress, Silent
 from gs2ci.core.records import Shot
 from gs2ci.core.run_records import RunResult
 from gs2ci.reconstruct.attempts import Attempt, Attempts
-from gs2ci.reconstruct.budget import Budget
 from gs2ci.reconstruct.decode.residual import ResidualSettings
 from gs2ci.reconstruct.first_look import FirstLook, look, look_closer
 from gs2ci.reconstruct.fit.coarse import CoarseFit, fit_coarse
@@ -32,6 +31,7 @@ from gs2ci.reconstruct.fit.fine import Fine, fit_fine
 from gs2ci.reconstruct.fit.looks import Score
 from gs2ci.reconstruct.fit.metric import in_given_unit
 from gs2ci.reconstruct.fit.motion import at_rest_until_moved, of_degree, set_moving
+from gs2ci.reconstruct.fit.one_thread import one_torch_thread
 from gs2ci.reconstruct.fit.pace import Pace, Timed
 from gs2ci.reconstruct.fit.refinement import Refinement
 from gs2ci.reconstruct.fit.rendering import ShotRenderer
@@ -48,8 +48,8 @@ from gs2ci.reconstruct.measurement.hot_pixels import close_hot_pixels
 from gs2ci.reconstruct.measurement.jury import Jury
 from gs2ci.reconstruct.measurement.lens import Lens, straightened
 from gs2ci.reconstruct.moving import released, speeds
-from gs2ci.reconstruct.one_thread import one_torch_thread
 from gs2ci.reconstruct.order import LEAST_SCHEDULE, is_open, settle, shortened, unsettled
+from gs2ci.reconstruct.presets.budget import Budget
 from gs2ci.reconstruct.record import Left, record
 from gs2ci.reconstruct.registration.register import register
 from gs2ci.reconstruct.settings import Settings

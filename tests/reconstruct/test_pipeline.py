@@ -16,7 +16,6 @@ from gs2ci.core.run_records import SECONDS_KEYS
 from gs2ci.evaluate.cameras import nerfstudio_transforms
 from gs2ci.evaluate.metrics import psnr_per_view
 from gs2ci.reconstruct import attempts, pipeline
-from gs2ci.reconstruct.budget import Budget
 from gs2ci.reconstruct.decode.gap_tv import GapTvSettings
 from gs2ci.reconstruct.decode.residual import ResidualSettings
 from gs2ci.reconstruct.fit.coarse import CoarseSettings
@@ -27,6 +26,7 @@ from gs2ci.reconstruct.geometry.initialise import GeometrySettings
 from gs2ci.reconstruct.geometry.sweep import SweepSettings
 from gs2ci.reconstruct.geometry.tracks import TrackSettings
 from gs2ci.reconstruct.pipeline import reconstruct
+from gs2ci.reconstruct.presets.budget import Budget
 from gs2ci.reconstruct.settings import Settings
 from gs2ci.render.settings import RasterSettings
 
