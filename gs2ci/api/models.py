@@ -169,7 +169,7 @@ def _vggt(weights: Path, output: Path, views: int) -> ExportedModel:
 def _open(name: ModelName, path: Path) -> Any:
     """Load a file as what its name says that it is."""
     from gs2ci.reconstruct.learned.lpips import Lpips
-    from gs2ci.reconstruct.learned.onnx_prior import OnnxPrior
     from gs2ci.reconstruct.learned.vggt import Vggt
+    from gs2ci.reconstruct.priors2d.onnx_prior import OnnxPrior
 
     return {"vggt": Vggt, "difix": OnnxPrior, "lpips": Lpips}[name](path)

@@ -19,6 +19,7 @@ from gs2ci.core.records import FOCAL_RANGE_PX, Shot
 from gs2ci.reconstruct.choices import (
     MOST_FITS,
     FirstLookName,
+    LightMode,
     MotionMode,
     PoseSource,
     PresetName,
@@ -48,6 +49,7 @@ def reconstruct(
     distance: str | None = None,
     focal_px: float | None = None,
     trust_weights: bool = False,
+    light: LightMode | None = None,
     registration: RegistrationMode | None = None,
     motion: MotionMode | None = None,
     seed: int = 42,
@@ -93,6 +95,9 @@ def reconstruct(
             by `gs2ci models add`), or "lpips:FILE".
         focal_px: Focal length along the rows to use instead of the shot's, in pixels.
         trust_weights: Take each mask's weight as the shot states it, whatever the measurement shows of the lamp.
+        light: How bright the views are handed over where they were surely seen unlike one another: "as-seen"; "even",
+            as under a lamp that does not flicker; "auto" is "even" where the shot tells weights that differ. The
+            preset's own when not given.
         registration: "auto" asks the measurement first where its masks lie and how they met the light, and corrects
             what it surely tells; "off" believes masks and readings as they are. The preset's own when not given.
         motion: Whether things in the scene may move by themselves: "auto" tries it where a still scene leaves what
@@ -121,7 +126,7 @@ def reconstruct(
     measured = shot.check() if isinstance(shot, Shot) else load(shot)
     from gs2ci.api.wishes import Wishes, budget_seconds, score_against_truth, settings_of, with_focal
     from gs2ci.reconstruct import pipeline
-    from gs2ci.reconstruct.budget import Budget
+    from gs2ci.reconstruct.presets.budget import Budget
     from gs2ci.render import backend
 
     wishes = Wishes(
@@ -136,6 +141,7 @@ def reconstruct(
         prior=prior,
         distance=distance,
         trust_weights=trust_weights,
+        light=light,
         registration=registration,
         motion=motion,
         seed=seed,

@@ -1,7 +1,7 @@
 """How many iterations a fit has: a number given beforehand, or as many as fit before a moment in time.
 
 Here: the two paces, and one that times a few iterations. Not here: the loop that keeps to them (`coarse.py`), nor where
-a deadline comes from (`gs2ci.reconstruct.budget`).
+a deadline comes from (`gs2ci.reconstruct.presets.budget`).
 """
 
 import time
