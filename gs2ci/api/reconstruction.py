@@ -19,6 +19,7 @@ from gs2ci.core.records import FOCAL_RANGE_PX, Shot
 from gs2ci.reconstruct.choices import (
     MOST_FITS,
     FirstLookName,
+    LightMode,
     MotionMode,
     PoseSource,
     PresetName,
@@ -48,6 +49,7 @@ def reconstruct(
     distance: str | None = None,
     focal_px: float | None = None,
     trust_weights: bool = False,
+    light: LightMode | None = None,
     registration: RegistrationMode | None = None,
     motion: MotionMode | None = None,
     seed: int = 42,
@@ -79,6 +81,8 @@ def reconstruct(
         distance: For the fine stage, which it switches on: "structure", "lpips" or "lpips:FILE".
         focal_px: Focal length along the rows to use instead of the shot's, in pixels.
         trust_weights: Take each mask's weight as the shot states it.
+        light: How bright the views are where they were seen unlike one another: "as-seen", "even", or "auto", even
+            where the shot tells weights that differ; the preset's own when None.
         registration: "auto" asks the measurement where its masks lie; "off" believes them; the preset's own when None.
         motion: Whether things in the scene may move: "auto" where a still scene leaves what motion explains; "on" no
             still scene alone; "off" none that moves; the preset's own when None.
@@ -120,6 +124,7 @@ def reconstruct(
         prior=prior,
         distance=distance,
         trust_weights=trust_weights,
+        light=light,
         registration=registration,
         motion=motion,
         seed=seed,

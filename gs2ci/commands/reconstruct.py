@@ -17,6 +17,7 @@ from gs2ci.core.errors import InputError
 from gs2ci.reconstruct.choices import (
     MOST_MOMENTS,
     FirstLookName,
+    LightMode,
     MotionMode,
     PoseSource,
     PresetName,
@@ -46,6 +47,7 @@ def run(
     distance: str | None = None,
     focal_px: float | None = None,
     trust_weights: bool = False,
+    light: LightMode | None = None,
     registration: RegistrationMode | None = None,
     motion: MotionMode | None = None,
     moments: int | None = None,
@@ -97,6 +99,8 @@ def run(
             by `gs2ci models add`), or "lpips:FILE".
         focal_px: Focal length along the rows to use instead of the file's, in pixels.
         trust_weights: Take each mask's weight as the file states it, whatever the measurement shows of the lamp.
+        light: How bright the views are handed over where they were surely seen unlike one another: "as-seen"; "even",
+            as under a lamp that does not flicker; "auto" is "even" where the file tells weights that differ.
         registration: "auto" asks the measurement first where its masks lie and how they met the light, and corrects
             what it surely tells; "off" believes masks and readings as they are.
         motion: Whether things in the scene may move by themselves: "auto" tries it where a still scene leaves what
@@ -141,6 +145,7 @@ def run(
         "distance": distance,
         "focal_px": focal_px,
         "trust_weights": trust_weights,
+        "light": light,
         "registration": registration,
         "motion": motion,
         "seed": seed,

@@ -32,6 +32,9 @@ REGISTRATION_MODES: Final = get_args(RegistrationMode)
 MotionMode = Literal["auto", "off", "on"]
 MOTION_MODES: Final = get_args(MotionMode)
 
+LightMode = Literal["auto", "as-seen", "even"]
+LIGHT_MODES: Final = get_args(LightMode)
+
 MOST_MOMENTS: Final = 1000
 """Each is a picture, and where things move a scene file."""
 

@@ -41,6 +41,7 @@ from gs2ci.reconstruct.geometry.choose import load_geometry_prior
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.geometry.prior import GeometryPrior
 from gs2ci.reconstruct.handing_over import hand_over
+from gs2ci.reconstruct.measurement.brightness import Brightness
 from gs2ci.reconstruct.measurement.dead_lines import close_dead_lines
 from gs2ci.reconstruct.measurement.doubts import doubts_about
 from gs2ci.reconstruct.measurement.holes import fill_holes
@@ -111,6 +112,7 @@ def reconstruct(
         jury, lens, tools.geometry_prior, settings, progress, clock.lap, registered.shot
     )
     jury, decoded = first.jury, first.decoded
+    score = _as_shown(score, first.brightness)
     fitted = Jury(fill_holes(jury.shot, decoded), jury.heldout)
     refine = Refinement(jury, settings.residual)
 
@@ -268,6 +270,11 @@ def _left(jury: Jury, views: F32) -> float:
         asked &= ~jury.shot.saturated
     residual = (jury.coded(views) - jury.shot.measurement)[asked].astype(np.float64)
     return float(np.mean(residual**2)) if residual.size else 0.0
+
+
+def _as_shown(score: Score | None, light: Brightness) -> Score | None:
+    """Return a score of views of even light that judges them as bright as they will be handed over."""
+    return None if score is None else lambda views: score(light.shown(views))
 
 
 def _said_if_halted(halt: Halt, progress: Progress) -> tuple[Finding, ...]:

@@ -126,6 +126,7 @@ def wished(**options):
         "prior": None,
         "distance": None,
         "trust_weights": False,
+        "light": None,
         "registration": None,
         "seed": 42,
     }
