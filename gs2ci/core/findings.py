@@ -467,8 +467,8 @@ class Code(StrEnum):
     DEPTH_ORDER_TURNED = (
         "depth_order_turned",
         REMARK,
-        "The tracked points gave a scene inside out; short fits leave {less:.0%} less with near and far exchanged, "
-        "which was taken.",
+        "The tracked points gave a scene inside out; fits of both orders prefer near and far exchanged, by "
+        "{errors:.1f} standard errors, and that was taken.",
         _NOTHING,
     )
     POSES_SIGN_CONTRADICTED = (
