@@ -700,6 +700,13 @@ class Code(StrEnum):
         "or little to see, or the masks are not those of this exposure.",
         _MASKS,
     )
+    VIEWS_ERR = (
+        "views_err",
+        DOUBT,
+        "The views are expected to err by about {share:.1%} of full scale (rms of all pixels: a PSNR of {psnr_db:.0f} "
+        "dB), by what they leave of the held-out pixels; by less where most of that is noise.",
+        "Use more light, masks that leave fewer pixels dark, or fewer masks in one exposure.",
+    )
     DECODE_KEPT = (
         "decode_kept",
         DOUBT,

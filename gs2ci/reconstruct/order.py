@@ -15,7 +15,7 @@ out. Here: when to compare, how many pairs, and what follows. Not here: the fits
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Final
 
 from gs2ci.core.findings import Code, Finding, finding
@@ -38,20 +38,40 @@ _MOST_PAIRS_OF_TOLD: Final = 4
 _LUCK: Final = 0.08
 _LUCK_PIXELS: Final = 96 * 128
 _SURE: Final = 2.0
+# The same of what two finished scenes lose and leave, found on development draws of which none was then surely wrong.
+_LUCK_OF_FINISHED: Final = 0.12
 # Before both findings have had their turn: a reversal alone leaves up to a tenth more, once three times as much.
 _SURE_OF_ONE_FINDING: Final = 4.0
 # A told path, a file's, is turned over by no less, and only by several pairs that all say so: short fits of tiny
 # pictures turned over exact ones.
 _SURE_AGAINST_TOLD: Final = 5.0
 _LEAST_PAIRS_AGAINST_TOLD: Final = 3
-# What tracks say counts a third of what it claims: they err together (`motion.preference`). So do short fits that do
-# not decide: they share the error of a path.
+# A scene inside out that leaves more than so many standard deviations of luck more has failed: by how much is no
+# evidence. One of a wrong order, whose depths were far from any reversal, lost four times as much as the right one.
+_MOST_LOST: Final = 5.0
+# What tracks say counts a third of what it claims: they err together (`motion.preference`). So does what one finished
+# scene leaves less than the other, which shows the error of a path before that of an order.
 _COUNTS_LITTLE: Final = 1 / 3
 
 ShortFit = Callable[[Geometry, int], float]
 """Fits a geometry briefly, with a seed, and returns the mean square that it leaves of the measurement."""
-Reversal = Callable[[Geometry], float]
-"""Fits a geometry to the end, and returns the log of what that scene leaves inside out over what it leaves as it is."""
+
+
+@dataclass(frozen=True)
+class FinishedScene:
+    """What a scene that was fitted to the end leaves of the measurement.
+
+    Args:
+        left: The logarithm of its mean square.
+        lost: By how much that grows when the scene is turned inside out, and both are fitted a little further.
+    """
+
+    left: float
+    lost: float
+
+
+Finish = Callable[[Geometry], FinishedScene | None]
+"""Fits a geometry to the end, and turns what it finds inside out; None where numbers run away."""
 
 
 def is_open(geometry: Geometry, criteria: Criteria) -> bool:
@@ -75,15 +95,13 @@ def shortened(fit: CoarseSettings) -> CoarseSettings:
     return replace(fit, iterations=_ITERATIONS, densify_every=_ITERATIONS // 8)
 
 
-def settle(
-    geometry: Geometry, fit_briefly: ShortFit, reversal: Reversal, progress: Progress, *, told: bool
-) -> Geometry:
+def settle(geometry: Geometry, fit_briefly: ShortFit, finish: Finish, progress: Progress, *, told: bool) -> Geometry:
     """Choose the order of depth by fits of both.
 
     Args:
         geometry: What was found first.
         fit_briefly: Called for each geometry that is tried, with the same object each time.
-        reversal: Called for either order where short fits leave it open; not of a told path.
+        finish: Called for either order where short fits leave it open; not of a told path.
         progress: Told of what is done.
         told: Whether a file or a model told the path: its sign decides where pixels do not do so clearly.
 
@@ -92,7 +110,8 @@ def settle(
         `order_errors` are then those of pixels and tracks together.
     """
     progress.say("Near and far may be exchanged: both orders of depth are tried in short fits.")
-    luck = _LUCK * max(1.0, math.sqrt(_LUCK_PIXELS / geometry.inverse_depth.size))
+    smaller = max(1.0, math.sqrt(_LUCK_PIXELS / geometry.inverse_depth.size))
+    luck = _LUCK * smaller
     tracks = _COUNTS_LITTLE * (geometry.order_errors or 0.0)
     found, errors, sure = _of_pairs(geometry, fit_briefly, luck, tracks, told=told)
     if told:
@@ -100,8 +119,8 @@ def settle(
         return _taken(geometry, errors, agreed and errors <= -_SURE_AGAINST_TOLD, _less(found), told=True)
     if not sure:
         progress.say("Short fits do not tell: a finished scene of either order is turned inside out.")
-        lost = reversal(geometry) - reversal(geometry.reverse or reversed_geometry(geometry))
-        errors = lost / luck + _COUNTS_LITTLE * _errors(found, luck) + tracks
+        one, other = finish(geometry), finish(geometry.reverse or reversed_geometry(geometry))
+        errors = tracks + _of_finished(one, other, _LUCK_OF_FINISHED * smaller)
     return _taken(geometry, errors, errors < 0, _less(found), told=False)
 
 
@@ -131,6 +150,18 @@ def _of_pairs(
             both = len(pairs) > 1 and len(found) % len(pairs) == 0
             sure = abs(errors) >= (_SURE if both else _SURE_OF_ONE_FINDING)
     return found, errors, sure
+
+
+def _of_finished(one: FinishedScene | None, other: FinishedScene | None, luck: float) -> float:
+    """Return by how many errors one finished scene is preferred to one of the other order; 0 where either is none.
+
+    The sum of what scenes of the other order leave, less that of this order, of which each was found by fitting and by
+    reversal: what reversal costs, and the luck of either path, cancel.
+    """
+    if one is None or other is None:
+        return 0.0
+    most = _MOST_LOST * luck
+    return (min(one.lost, most) - min(other.lost, most) + _COUNTS_LITTLE * (other.left - one.left)) / luck
 
 
 def _taken(geometry: Geometry, errors: float, backwards: bool, less: float, *, told: bool) -> Geometry:

@@ -1,7 +1,7 @@
 """The fits that tell near from far: brief ones of either order, and finished ones that are turned inside out.
 
     brief:     first Gaussians ─► 60 iterations ─► what is left of all readings
-    reversal:  first Gaussians ─► a whole fit ─┬─► as it is       ─► 100 iterations ─┐
+    finish:    first Gaussians ─► a whole fit ─┬─► as it is       ─► 100 iterations ─┐
                                                └─► turned inside out ─► 100 iterations ─┴─► what the second leaves more
 
 A finished scene knows what hides what, and loses that when it is turned inside out if it was right; if it was wrong, it
@@ -23,7 +23,7 @@ from gs2ci.reconstruct.fit.ensemble import FitOne, Member, members
 from gs2ci.reconstruct.fit.mirror import inside_out
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.measurement.jury import Jury
-from gs2ci.reconstruct.order import log_ratio, shortened
+from gs2ci.reconstruct.order import FinishedScene, shortened
 from gs2ci.reconstruct.settings import Settings
 from gs2ci.render.gaussians import Gaussians
 
@@ -64,11 +64,11 @@ class OrderFits:
         fit = self._fit(at, settings, member)
         return math.inf if fit is None else mean_square(self.jury, fit.views)
 
-    def reversal(self, geometry: Geometry) -> float:
-        """Return the log of what a finished scene leaves turned inside out, over what it leaves as it is.
+    def finish(self, geometry: Geometry) -> FinishedScene | None:
+        """Fit a geometry to the end, turn it inside out, and go on with both; None where numbers run away.
 
-        The mean of that of the pixels that fits see and that of those they do not: the former are many, and tell of
-        noise that was followed, too. 0 where numbers run away.
+        Logarithms are means of those of the pixels that fits see and of those they do not: the former are many, but
+        show the noise that was followed, too.
         """
         fit = self.settings.fit
         whole = min(fit.iterations, _WHOLE)
@@ -80,23 +80,26 @@ class OrderFits:
             Member(start, rule, self.settings.seed),
         )
         if finished is None:
-            return 0.0
+            return None
         further = replace(fit, iterations=_FURTHER, densify_from=1.0, surfaces=None, relief=None)
         own = finished.world_to_camera[at.reference : at.reference + 1]
         seen = self.depths(at, finished.scene, own)
         seen = seen[np.isfinite(seen) & (seen > 0)]
         if not seen.size:
-            return 0.0
+            return None
         turned, path = inside_out(finished.scene, finished.world_to_camera, at.reference, 2 / float(np.median(seen)))
         left = []
         for scene, poses in ((finished.scene.detach(), finished.world_to_camera), (turned, path)):
             went_on = self._fit(replace(at, world_to_camera=poses), further, Member(scene, rule, self.settings.seed))
             if went_on is None:
-                return 0.0
-            left.append(went_on.views)
+                return None
+            left.append(self._log_left(went_on.views))
+        return FinishedScene(left[0], left[1] - left[0]) if np.isfinite(left).all() else None
+
+    def _log_left(self, views: F32) -> float:
         sides = [~self.jury.heldout, *([self.jury.heldout] if self.jury.heldout.any() else [])]
-        ratios = [log_ratio(*(mean_square(self.jury, views, side) for views in reversed(left))) for side in sides]
-        return sum(ratios) / len(ratios)
+        found = [mean_square(self.jury, views, side) for side in sides]
+        return sum(math.log(one) if one > 0 else -math.inf for one in found) / len(found)
 
     def _beginning(self, geometry: Geometry) -> tuple[Geometry, Gaussians]:
         if id(geometry) not in self._begun:

@@ -245,7 +245,7 @@ def _settled(
     fits = OrderFits(jury, settings, begin, fit_one, depths)
     told = geometry.source not in ("tracks", "wide", "uniform")
     if not hurried and settings.fit.iterations >= LEAST_SCHEDULE:
-        geometry = settle(geometry, fits.brief, fits.reversal, progress, told=told)
+        geometry = settle(geometry, fits.brief, fits.finish, progress, told=told)
     elif not told:
         geometry = unsettled(geometry)
     for note in geometry.notes:

@@ -11,7 +11,7 @@ from gs2ci.reconstruct.fit.coarse import CoarseSettings
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.geometry.reversal import reversed_geometry
 from gs2ci.reconstruct.geometry.validity import Criteria
-from gs2ci.reconstruct.order import is_open, settle, shortened, unsettled
+from gs2ci.reconstruct.order import FinishedScene, is_open, settle, shortened, unsettled
 
 NEAR_LEFT = np.tile(np.linspace(1.3, 0.7, 128, dtype=np.float32), (96, 1))
 
@@ -36,14 +36,15 @@ class Fits:
 
 
 class Finished:
-    """Stands for what finished scenes lose inside out: with near left, and with near right."""
+    """Stands for finished scenes: what they lose inside out and what they leave, with near left, and near right."""
 
-    def __init__(self, near_left=0.0, near_right=0.0):
-        self.lost, self.asked = {True: near_left, False: near_right}, []
+    def __init__(self, near_left=0.0, near_right=0.0, left=(0.0, 0.0)):
+        self.found = {True: FinishedScene(left[0], near_left), False: FinishedScene(left[1], near_right)}
+        self.asked = []
 
     def __call__(self, geometry):
         self.asked.append(near_is_left(geometry))
-        return self.lost[self.asked[-1]]
+        return self.found[self.asked[-1]]
 
 
 def settled(geometry, fits, finished=None, *, told=False):
@@ -104,7 +105,7 @@ def test_pairs_that_contradict_one_another_are_no_evidence(found):
 
 
 def test_what_short_fits_leave_open_finished_scenes_decide(found):
-    right, wrong = Finished(0.25, 0.02), Finished(0.02, 0.25)
+    right, wrong = Finished(0.37, 0.02), Finished(0.02, 0.37)
     taken = settled(found, Fits(1.0, 1.0), right)
     assert near_is_left(taken)
     assert codes(taken) == []
@@ -112,12 +113,12 @@ def test_what_short_fits_leave_open_finished_scenes_decide(found):
     taken = settled(found, Fits(1.0, 1.0), wrong)
     assert not near_is_left(taken)
     assert codes(taken) == [Code.DEPTH_ORDER_TURNED]
-    assert taken.order_errors == pytest.approx(0.23 / 0.08)
+    assert taken.order_errors == pytest.approx(0.35 / 0.12)
 
 
 def test_the_other_finished_scene_begins_with_what_tracks_found_the_other_way_round(found):
     other, asked = replace(reversed_geometry(found), tracks=77), []
-    settled(replace(found, reverse=other), Fits(1.0, 1.0), lambda geometry: asked.append(geometry.tracks) or 0.0)
+    settled(replace(found, reverse=other), Fits(1.0, 1.0), lambda geometry: asked.append(geometry.tracks))
     assert asked == [100, 77]
 
 
@@ -143,11 +144,23 @@ def test_one_finding_and_its_mere_reflection_are_not_sure_by_what_two_findings_a
     assert taken.order_errors > 2
 
 
-def test_tracks_and_short_fits_count_beside_finished_scenes_but_not_alone(found):
-    nearly = Finished(0.14, 0.0)
+def test_a_scene_that_fails_inside_out_is_no_evidence_by_how_much(found):
+    assert codes(settled(found, Fits(1.0, 1.0), Finished(0.7, 2.0))) == [Code.DEPTH_ORDER_OPEN]
+    taken = settled(found, Fits(1.0, 1.0), Finished(0.7, 2.0, left=(-5.0, -4.0)))
+    assert near_is_left(taken)
+    assert codes(taken) == []
+
+
+def test_a_finished_scene_whose_numbers_ran_away_is_no_evidence(found):
+    assert codes(settled(found, Fits(1.0, 1.0), lambda _: None)) == [Code.DEPTH_ORDER_OPEN]
+
+
+def test_tracks_and_what_scenes_leave_count_beside_what_they_lose_but_little(found):
+    nearly = Finished(0.21, 0.0)
     assert codes(settled(found, Fits(1.0, 1.0), nearly)) == [Code.DEPTH_ORDER_OPEN]
     assert codes(settled(replace(found, order_errors=3.0), Fits(1.0, 1.0), nearly)) == []
-    assert codes(settled(found, Fits(1.0, 1.06), nearly)) == []
+    assert codes(settled(found, Fits(1.0, 1.0), Finished(0.21, 0.0, left=(-5.0, -4.8)))) == []
+    assert codes(settled(found, Fits(1.0, 1.0), Finished(left=(-5.0, -4.8)))) == [Code.DEPTH_ORDER_OPEN]
     assert codes(settled(replace(found, order_errors=5.0), Fits(1.0, 1.0))) == [Code.DEPTH_ORDER_OPEN]
 
 
@@ -173,8 +186,8 @@ def test_one_pair_however_lucky_does_not_turn_a_told_path_over(found):
 
 def test_in_a_smaller_picture_more_is_luck(found):
     small = replace(found, inverse_depth=found.inverse_depth[::4, ::4])
-    assert codes(settled(found, Fits(1.0, 1.0), Finished(0.2, 0.0))) == []
-    assert codes(settled(small, Fits(1.0, 1.0), Finished(0.2, 0.0))) == [Code.DEPTH_ORDER_OPEN]
+    assert codes(settled(found, Fits(1.0, 1.0), Finished(0.3, 0.0))) == []
+    assert codes(settled(small, Fits(1.0, 1.0), Finished(0.3, 0.0))) == [Code.DEPTH_ORDER_OPEN]
 
 
 def test_a_told_path_whose_sign_contradicts_the_picture_is_named(found):

@@ -98,8 +98,9 @@ def test_a_brief_fit_that_runs_away_leaves_everything(jury, geometry, start):
 
 def test_a_finished_scene_goes_on_as_it_is_and_inside_out(jury, geometry, start):
     fits = Fits((0.1, 0.1), (0.1, 0.2), (0.3, 0.4))
-    found = order_fits(jury, start, fits).reversal(geometry)
-    assert found == pytest.approx((2 * math.log(3) + 2 * math.log(2)) / 2)
+    found = order_fits(jury, start, fits).finish(geometry)
+    assert found.left == pytest.approx(math.log(0.1) + math.log(0.2))
+    assert found.lost == pytest.approx(math.log(3) + math.log(2))
     assert [how.iterations for _, how, _ in fits.made] == [250, 100, 100]
     assert fits.made[0][1].surfaces is not None
     assert all(how.surfaces is None and how.densify_from == 1.0 for _, how, _ in fits.made[1:])
@@ -112,17 +113,22 @@ def test_a_finished_scene_goes_on_as_it_is_and_inside_out(jury, geometry, start)
 
 @pytest.mark.parametrize("fails_at", [0, 1, 2])
 def test_numbers_that_run_away_say_nothing(jury, geometry, start, fails_at):
-    assert order_fits(jury, start, Fits(*[(0.1, 0.1)] * 3, fails_at=fails_at)).reversal(geometry) == 0.0
+    assert order_fits(jury, start, Fits(*[(0.1, 0.1)] * 3, fails_at=fails_at)).finish(geometry) is None
 
 
 def test_a_scene_that_stops_no_light_says_nothing(jury, geometry, start):
-    assert order_fits(jury, start, Fits(*[(0.1, 0.1)] * 3), depth=0.0).reversal(geometry) == 0.0
+    assert order_fits(jury, start, Fits(*[(0.1, 0.1)] * 3), depth=0.0).finish(geometry) is None
 
 
 def test_without_pixels_held_out_those_that_fits_see_tell(jury, geometry, start):
     all_seen = Jury(jury.shot, np.zeros(SIZE, bool))
     fits = Fits((0.2, 0.2), (0.1, 0.1), (0.3, 0.3))
-    assert order_fits(all_seen, start, fits).reversal(geometry) == pytest.approx(2 * math.log(3))
+    found = order_fits(all_seen, start, fits).finish(geometry)
+    assert (found.left, found.lost) == pytest.approx((2 * math.log(0.1), 2 * math.log(3)))
+
+
+def test_scenes_that_leave_nothing_say_nothing(jury, geometry, start):
+    assert order_fits(jury, start, Fits(*[(0.0, 0.0)] * 3)).finish(geometry) is None
 
 
 def test_a_reading_that_cannot_be_trusted_is_not_asked(jury):
