@@ -1,7 +1,7 @@
 """What every procedure asks of a stack of frames before it believes it, and means over its pixels and frames.
 
 Pure: arrays in, numbers out, `CalibrationError` where they are no good. Not here: taking frames (`bench`), the
-procedures. For this package and `gs2ci.rig`.
+procedures.
 """
 
 from dataclasses import dataclass

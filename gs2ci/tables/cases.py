@@ -1,7 +1,6 @@
 """The measurements that tables are made of, each said in a few words that can travel to another process.
 
 Here: `Case` and how it becomes a shot. Not here: the reconstruction (`works`), which cases a table uses (`tables`).
-For this package.
 
 A case is either a file of a coded measurement or a scene of the simulator's library. A simulated one is exposed by the
 planned light path of `gs2ci_sims`, never by the solver's forward model. A file with true views may be coded anew with
