@@ -16,7 +16,7 @@ NAMES = {
     "DeviceError", "Gaussians", "GeometryError", "Gs2ciError", "InputError", "NumericsError", "OpenRig", "Progress",
     "Run", "Shot", "Silent", "StorageError", "Truth", "__version__", "add_model", "decode", "demo_rig", "evaluate",
     "export", "export_model", "find_devices", "import_file", "list_models", "load", "make_table", "measure", "mesh",
-    "open_rig", "open_run", "plan", "reconstruct", "reconstruct_many", "recover", "save", "tradeoff",
+    "open_rig", "open_run", "ophyd_bench", "plan", "reconstruct", "reconstruct_many", "recover", "save", "tradeoff",
 }  # fmt: skip
 CALLED = sorted(NAMES - {"__version__"})
 # An error's and a listener's example is where they are raised and heard.
