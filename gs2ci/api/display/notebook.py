@@ -3,7 +3,7 @@
 import html
 from typing import Any
 
-from gs2ci.api.display.stages import REDRAWS_PER_SECOND, Stage, StageDisplay
+from gs2ci.api.display.stages import REDRAWS_PER_SECOND, RunningStage, StageDisplay
 from gs2ci.core.clock import Clock
 
 
@@ -25,12 +25,12 @@ class NotebookDisplay(StageDisplay):
         if self._clock.now_s() - self._drawn_s >= 1 / REDRAWS_PER_SECOND:
             self._draw()
 
-    def _ended(self, stage: Stage) -> None:
+    def _ended(self, stage: RunningStage) -> None:
         stage.end(self._clock.now_s())
         self._lines.append(self._line(stage))
         self._draw()
 
-    def _line(self, stage: Stage) -> str:
+    def _line(self, stage: RunningStage) -> str:
         ended, most = stage.took_s is not None, stage.total or 1
         # Without a total the bar shows that something goes on, and not how far.
         amount = f'value="{most}"' if ended else f'value="{min(stage.done, most)}"' if stage.total else ""

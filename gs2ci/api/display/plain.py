@@ -2,7 +2,7 @@
 
 from rich.console import Console
 
-from gs2ci.api.display.stages import Stage, StageDisplay, wait_for_enter
+from gs2ci.api.display.stages import RunningStage, StageDisplay, wait_for_enter
 from gs2ci.core.clock import Clock
 
 
@@ -17,7 +17,7 @@ class PlainDisplay(StageDisplay):
         """Write the sentence at once."""
         self._console.print(text, markup=False, highlight=False, soft_wrap=True)
 
-    def _ended(self, stage: Stage) -> None:
+    def _ended(self, stage: RunningStage) -> None:
         steps = f"{stage.done} of {stage.total}" if stage.total and stage.done != stage.total else f"{stage.done}"
         parts = [f"{stage.seconds(self._clock.now_s()):.1f} s"]
         parts += [f"{steps} step{'' if steps == '1' else 's'}"] if stage.done else []

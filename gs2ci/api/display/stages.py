@@ -1,6 +1,6 @@
 """The running stage of a long computation, as every display knows it, and the words for its figures.
 
-Here: `Stage`; `StageDisplay`, of which a place to show things makes its display; `describe_figures`. Not here: any
+Here: `RunningStage`; `StageDisplay`, of which a place to show things makes its display; `describe_figures`. Not here: any
 drawing.
 """
 
@@ -24,7 +24,7 @@ _UNITS: Final = {"db": "dB", "dn": "DN", "ms": "ms", "us": "µs", "px": "px"}
 
 
 @dataclass
-class Stage:
+class RunningStage:
     """A stage that runs or has ended.
 
     Args:
@@ -81,7 +81,7 @@ class StageDisplay(ABC):
 
     def __init__(self, clock: Clock | None = None) -> None:
         self._clock = clock or WallClock()
-        self._running: Stage | None = None
+        self._running: RunningStage | None = None
 
     def __enter__(self) -> Self:
         return self
@@ -94,7 +94,7 @@ class StageDisplay(ABC):
     def stage(self, name: str, total: int | None = None) -> None:
         """End the last stage; begin another."""
         self.finish()
-        self._running = Stage(name, self._clock.now_s(), total)
+        self._running = RunningStage(name, self._clock.now_s(), total)
         self._changed()
 
     def expect(self, total: int) -> None:
@@ -131,7 +131,7 @@ class StageDisplay(ABC):
         """Draw the running stage, where a place can."""
         return
 
-    def _ended(self, stage: Stage) -> None:
+    def _ended(self, stage: RunningStage) -> None:
         """Show a stage that is over."""
         return
 

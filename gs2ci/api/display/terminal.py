@@ -10,7 +10,7 @@ from rich.progress_bar import ProgressBar
 from rich.table import Table
 from rich.text import Text
 
-from gs2ci.api.display.stages import REDRAWS_PER_SECOND, Stage, StageDisplay, wait_for_enter
+from gs2ci.api.display.stages import REDRAWS_PER_SECOND, RunningStage, StageDisplay, wait_for_enter
 from gs2ci.core.clock import Clock
 from gs2ci.core.durations import spoken_duration
 
@@ -23,7 +23,7 @@ class LiveDisplay(StageDisplay):
 
     def __init__(self, console: Console, clock: Clock | None = None) -> None:
         super().__init__(clock)
-        self._over: list[Stage] = []
+        self._over: list[RunningStage] = []
         self._live = Live(console=console, get_renderable=self._drawn, refresh_per_second=REDRAWS_PER_SECOND)
 
     def __enter__(self) -> Self:
@@ -50,7 +50,7 @@ class LiveDisplay(StageDisplay):
         wait_for_enter(request)
         self._live.start(refresh=True)
 
-    def _ended(self, stage: Stage) -> None:
+    def _ended(self, stage: RunningStage) -> None:
         stage.end(self._clock.now_s())
         self._over.append(stage)
 
@@ -69,7 +69,7 @@ class LiveDisplay(StageDisplay):
         return Group(lines, Padding(figures, (0, 0, 0, NAME_WIDTH + 1)))
 
 
-def _bar(stage: Stage) -> ProgressBar:
+def _bar(stage: RunningStage) -> ProgressBar:
     ended = stage.took_s is not None
     total = (stage.total or 1) if ended else stage.total
     return ProgressBar(
@@ -82,14 +82,14 @@ def _bar(stage: Stage) -> ProgressBar:
     )
 
 
-def _steps(stage: Stage) -> Text:
+def _steps(stage: RunningStage) -> Text:
     """Write the steps done, of how many where that is known."""
     if stage.took_s is not None or stage.total is None:
         return Text(f"{stage.done}" if stage.done > 1 else "")
     return Text(f"{stage.done:>{len(str(stage.total))}}/{stage.total}")
 
 
-def _time(stage: Stage, now_s: float) -> Text:
+def _time(stage: RunningStage, now_s: float) -> Text:
     """Write the time taken; of a running stage, the time left as well."""
     taken, left_s = f"{stage.seconds(now_s):.1f} s", stage.left_s(now_s)
     if left_s is None:
