@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from gs2ci.api.decoders import Choice, decoder_of
-from gs2ci.commands.plugins import built_in_names
+from gs2ci.api.plugins import built_in_names
 from gs2ci.core.config import ConfigTable
 from gs2ci.core.errors import InputError
 from gs2ci.core.plugins import PluginError, installed

@@ -44,10 +44,10 @@ class BrightnessSettings:
         rounds: At most so often; 0 takes the weights as they are. Better weights give better views to find it from.
         least_gain: Share by which the residual on pixels that were not asked must fall for weights to be wrong, beside
             being surely smaller, which is enough for them to be corrected further. Where all weights were right it fell
-            by up to 1.4 %, where they were 10 % off by 1.2 to 11 (`python -m tests.benchmarks brightness`).
+            by up to 0.9 %, where they were 10 % off by 1.2 to 11 (`python -m tests.benchmarks brightness`).
         least_errors: Of its standard errors over blocks, so many the brightness of some view must be away from its
-            weight; things that move and views that are hidden in places mislead by up to 3, weights that are 10 % off
-            show by 9 or more (the same command).
+            weight; right weights showed up to 4.0 (up to 2.4 where there was a gain), weights that were 10 % off 8.6
+            or more (the same command).
         light: How bright views are handed over: "as-seen"; "even", as under even light; or "auto", even only where
             the shot tells weights, and they are not all alike.
     """
