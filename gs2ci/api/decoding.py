@@ -31,7 +31,8 @@ def decode(
     Args:
         shot: A shot, or a file that `load` takes.
         method: "gap-tv"; plug-and-play by "pnp-gap" or "pnp-admm"; or the rough "proxies" ("eni", "amdi").
-        denoiser: Of plug-and-play: "tv" (the default), "nlm", or "onnx:FILE".
+        denoiser: Of plug-and-play: "tv" (the default), "nlm", "onnx:FILE", or a model that was added by name:
+            "ffdnet", "ffdnet-colour", "fastdvdnet".
         iterations: Steps of gap-tv (40), or at each of the four noise levels of plug-and-play (10).
         coupling: How alike gap-tv expects consecutive views to be; chosen by held-out pixels when None.
         registration: "auto" asks the measurement where its masks lie; "off" believes them.
