@@ -38,8 +38,10 @@ LIGHT_MODES: Final = get_args(LightMode)
 MOST_MOMENTS: Final = 1000
 """Each is a picture, and where things move a scene file."""
 
-ModelName = Literal["vggt", "difix", "lpips"]
+ModelName = Literal["vggt", "difix", "lpips", "ffdnet", "ffdnet-colour", "fastdvdnet"]
 MODEL_NAMES: Final = get_args(ModelName)
+DENOISER_NAMES: Final[tuple[ModelName, ...]] = ("ffdnet", "ffdnet-colour", "fastdvdnet")
+"""Of `MODEL_NAMES`, those that plug-and-play takes."""
 
 MOST_FITS: Final = 64
 """Each holds a scene and its optimiser's state; what more of them would gain is not worth the memory."""
