@@ -9,7 +9,7 @@ moves in a scene, or is hidden in some views, is not: standard errors are those 
 Weights or scene? Views may have been seen unlike one another because their light was, or because a camera's exposure
 drifted; the measurement is the same. `Brightness.as_seen` says what is handed over. Here: that. Not here: the carrying
 (`geometry.evidence`), its rounds (`first_look`), the word about uneven brightness before anything is decoded
-(`doubts`). For `gs2ci.reconstruct`.
+(`doubts`).
 """
 
 from dataclasses import dataclass, replace
