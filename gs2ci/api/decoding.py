@@ -30,7 +30,8 @@ def decode(
 
     Args:
         shot: A shot, or a file that `load` takes.
-        method: "gap-tv"; plug-and-play by "pnp-gap" or "pnp-admm"; or the rough "proxies" ("eni", "amdi").
+        method: "gap-tv"; "patches"; plug-and-play by "pnp-gap" or "pnp-admm"; a network from measurement and masks to
+            views by "onnx:FILE", or "video-decoder" where one was added; or the rough "proxies" ("eni", "amdi").
         denoiser: Of plug-and-play: "tv" (the default), "nlm", "onnx:FILE", or a model that was added by name:
             "ffdnet", "ffdnet-colour", "fastdvdnet".
         iterations: Steps of gap-tv (40), or at each of the four noise levels of plug-and-play (10).

@@ -38,7 +38,8 @@ def run(
         shot: A shot file, as `gs2ci import` and `gs2ci capture` write them.
         output: The folder to write.
         method: gap-tv; patches, which takes groups of similar patches and is the best without trained weights, or
-            patches-quick, a few rounds of it; plug-and-play by pnp-gap or pnp-admm; or the rough proxies that a
+            patches-quick, a few rounds of it; plug-and-play by pnp-gap or pnp-admm; onnx:FILE, a network from
+            measurement and masks to views, or video-decoder, the one added by that name; or the rough proxies that a
             geometry stage looks at: eni, amdi, or proxies for the one of the two that the masks ask for.
         denoiser: Of plug-and-play: tv (the default), nlm (non-local means), onnx:FILE, or a model added by name
             (gs2ci models add): ffdnet, ffdnet-colour, fastdvdnet.
