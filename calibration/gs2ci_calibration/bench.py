@@ -69,7 +69,6 @@ class Operator(Protocol):
             setup: Which.
             index: Which of several of its kind: the board's pose.
         """
-        ...
 
 
 @dataclass(frozen=True)

@@ -173,10 +173,10 @@ def _open(name: ModelName, path: Path) -> Any:
     """Load a file as what its name says that it is."""
     from gs2ci.reconstruct.learned.lpips import Lpips
     from gs2ci.reconstruct.learned.onnx_denoiser import OnnxDenoiser
-    from gs2ci.reconstruct.learned.onnx_prior import OnnxPrior
     from gs2ci.reconstruct.learned.onnx_video_decoder import OnnxVideoDecoder
     from gs2ci.reconstruct.learned.onnx_video_denoiser import OnnxVideoDenoiser
     from gs2ci.reconstruct.learned.vggt import Vggt
+    from gs2ci.reconstruct.priors2d.onnx_prior import OnnxPrior
 
     kinds: dict[ModelName, Callable[[Path], Any]] = {
         "vggt": Vggt,

@@ -225,6 +225,13 @@ class Code(StrEnum):
         "the measurement shows.",
         "To keep the weights of the file: `gs2ci reconstruct --trust-weights`.",
     )
+    LIGHT_AS_SEEN = (
+        "light_as_seen",
+        REMARK,
+        "Views were {least:.2f} to {most:.2f} times as bright as one another, by the lamp or by the scene, which the "
+        "measurement cannot tell: the scene is even, and the views are handed over as bright as they were seen.",
+        "To have them as under even light: `gs2ci reconstruct --light even`.",
+    )
 
     # The masks.
     SINGLE_VIEW = (

@@ -1,7 +1,7 @@
 """The words and limits by which a user chooses settings: what a command line needs to know of a reconstruction.
 
 Here: names alone, so that help and refusals need not wait for the libraries that do the work. Not here: what a name
-stands for (`presets`, `proxies.routing`, `fit.rules`, `onnx_models`). it imports nothing of ours.
+stands for (`presets`, `proxies.routing`, `fit.rules`, `onnx_models`).
 """
 
 from typing import Final, Literal, get_args
@@ -41,6 +41,9 @@ REGISTRATION_MODES: Final = get_args(RegistrationMode)
 
 MotionMode = Literal["auto", "off", "on"]
 MOTION_MODES: Final = get_args(MotionMode)
+
+LightMode = Literal["auto", "as-seen", "even"]
+LIGHT_MODES: Final = get_args(LightMode)
 
 MOST_MOMENTS: Final = 1000
 """Each is a picture, and where things move a scene file."""

@@ -23,7 +23,6 @@ from gs2ci.core.progress import Progress, Silent
 from gs2ci.core.records import Shot
 from gs2ci.core.run_records import RunResult
 from gs2ci.reconstruct.attempts import Attempt, Attempts
-from gs2ci.reconstruct.budget import Budget
 from gs2ci.reconstruct.decode.residual import ResidualSettings
 from gs2ci.reconstruct.first_look import FirstLook, look, look_closer
 from gs2ci.reconstruct.fit.coarse import CoarseFit, fit_coarse
@@ -32,6 +31,7 @@ from gs2ci.reconstruct.fit.fine import Fine, fit_fine
 from gs2ci.reconstruct.fit.looks import Score
 from gs2ci.reconstruct.fit.metric import in_given_unit
 from gs2ci.reconstruct.fit.motion import at_rest_until_moved, of_degree, set_moving
+from gs2ci.reconstruct.fit.one_thread import one_torch_thread
 from gs2ci.reconstruct.fit.pace import Pace, Timed
 from gs2ci.reconstruct.fit.refinement import Refinement
 from gs2ci.reconstruct.fit.rendering import ShotRenderer
@@ -41,6 +41,7 @@ from gs2ci.reconstruct.geometry.choose import load_geometry_prior
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.geometry.prior import GeometryPrior
 from gs2ci.reconstruct.handing_over import hand_over
+from gs2ci.reconstruct.measurement.brightness import Brightness
 from gs2ci.reconstruct.measurement.dead_lines import close_dead_lines
 from gs2ci.reconstruct.measurement.doubts import doubts_about
 from gs2ci.reconstruct.measurement.holes import fill_holes
@@ -48,8 +49,8 @@ from gs2ci.reconstruct.measurement.hot_pixels import close_hot_pixels
 from gs2ci.reconstruct.measurement.jury import Jury
 from gs2ci.reconstruct.measurement.lens import Lens, straightened
 from gs2ci.reconstruct.moving import released, speeds
-from gs2ci.reconstruct.one_thread import one_torch_thread
 from gs2ci.reconstruct.order import LEAST_SCHEDULE, is_open, settle, shortened, unsettled
+from gs2ci.reconstruct.presets.budget import Budget
 from gs2ci.reconstruct.record import Left, record
 from gs2ci.reconstruct.registration.register import register
 from gs2ci.reconstruct.settings import Settings
@@ -111,6 +112,7 @@ def reconstruct(
         jury, lens, tools.geometry_prior, settings, progress, clock.lap, registered.shot
     )
     jury, decoded = first.jury, first.decoded
+    score = _as_shown(score, first.brightness)
     fitted = Jury(fill_holes(jury.shot, decoded), jury.heldout)
     refine = Refinement(jury, settings.residual)
 
@@ -268,6 +270,11 @@ def _left(jury: Jury, views: F32) -> float:
         asked &= ~jury.shot.saturated
     residual = (jury.coded(views) - jury.shot.measurement)[asked].astype(np.float64)
     return float(np.mean(residual**2)) if residual.size else 0.0
+
+
+def _as_shown(score: Score | None, light: Brightness) -> Score | None:
+    """Return a score of views of even light that judges them as bright as they will be handed over."""
+    return None if score is None else lambda views: score(light.shown(views))
 
 
 def _said_if_halted(halt: Halt, progress: Progress) -> tuple[Finding, ...]:

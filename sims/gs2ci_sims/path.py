@@ -22,7 +22,6 @@ class CameraPath(Protocol):
 
     def world_to_camera(self, time_s: F64) -> F64:
         """Get the poses at the given times, [T, 4, 4] for [T], OpenCV axes."""
-        ...
 
 
 def highest_hz(path: CameraPath) -> float:

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from gs2ci.core.errors import InputError
-from gs2ci.reconstruct.ablation import COMPONENTS
-from gs2ci.reconstruct.paper import paper_settings
+from gs2ci.reconstruct.presets.ablation import COMPONENTS
+from gs2ci.reconstruct.presets.paper import paper_settings
 from gs2ci.tables.calibration import BENCHES, FRAMES
 from gs2ci.tables.cases import Case
 from gs2ci.tables.catalogue import (
