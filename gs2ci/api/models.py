@@ -84,7 +84,8 @@ def add_model(name: ModelName, path: str | Path) -> NotedModel:
 
     Args:
         name: "vggt", "difix" (a prior of the fine stage), "lpips" (a distance); "ffdnet", "ffdnet-colour" or
-            "fastdvdnet" (denoisers for `decode`, and lines of the table `literature`).
+            "fastdvdnet" (denoisers for `decode`, and lines of the table `literature`); "video-decoder" (a network from
+            measurement and masks to views).
         path: The ONNX file; it stays where it is.
 
     Raises:
@@ -172,6 +173,7 @@ def _open(name: ModelName, path: Path) -> Any:
     """Load a file as what its name says that it is."""
     from gs2ci.reconstruct.learned.lpips import Lpips
     from gs2ci.reconstruct.learned.onnx_denoiser import OnnxDenoiser
+    from gs2ci.reconstruct.learned.onnx_video_decoder import OnnxVideoDecoder
     from gs2ci.reconstruct.learned.onnx_video_denoiser import OnnxVideoDenoiser
     from gs2ci.reconstruct.learned.vggt import Vggt
     from gs2ci.reconstruct.priors2d.onnx_prior import OnnxPrior
@@ -183,5 +185,6 @@ def _open(name: ModelName, path: Path) -> Any:
         "ffdnet": OnnxDenoiser,
         "ffdnet-colour": OnnxDenoiser,
         "fastdvdnet": OnnxVideoDenoiser,
+        "video-decoder": OnnxVideoDecoder,
     }
     return kinds[name](path)

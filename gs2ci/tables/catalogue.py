@@ -382,9 +382,9 @@ TABLES: Final[dict[TableName, Table]] = {
     "literature": Table(
         "Methods of the literature",
         "The default beside decoders, which give views alone. Only where they are named: `paper`, `paper, fine` and "
-        "`scisplat` (ENI, tracks, MCMC), on the paper's 20,000 iterations; `pnp-ffdnet`, `pnp-ffdnet-colour` and "
-        "`pnp-fastdvdnet`, whose models have to be added (`gs2ci models`); `field`, a radiance field fitted with its "
-        "poses as SCINeRF does, which takes many minutes.",
+        "`scisplat` (ENI, tracks, MCMC), on the paper's 20,000 iterations; `pnp-ffdnet`, `pnp-ffdnet-colour`, "
+        "`pnp-fastdvdnet` and `video-decoder`, whose models have to be added (`gs2ci models`); "
+        "`field`, a radiance field fitted with its poses as SCINeRF does, which takes many minutes.",
         _of_literature,
         RECONSTRUCTION,
     ),

@@ -31,6 +31,7 @@ from gs2ci.reconstruct.decode.pnp import plug_and_play
 from gs2ci.reconstruct.first_look import look
 from gs2ci.reconstruct.geometry.choose import load_geometry_prior
 from gs2ci.reconstruct.learned.onnx_models import find_model, known_model
+from gs2ci.reconstruct.learned.onnx_video_decoder import OnnxVideoDecoder
 from gs2ci.reconstruct.learned.onnx_video_denoiser import open_denoiser
 from gs2ci.reconstruct.measurement.jury import Jury
 from gs2ci.reconstruct.measurement.lens import Lens
@@ -55,9 +56,14 @@ DECODERS: Final[Mapping[str, Decode]] = MappingProxyType(
 """Decoders that need no weights. `gap-tv` is as published; `coupled` knows that consecutive views are alike."""
 
 LEARNED: Final[Mapping[str, ModelName]] = MappingProxyType(
-    {"pnp-ffdnet": "ffdnet", "pnp-ffdnet-colour": "ffdnet-colour", "pnp-fastdvdnet": "fastdvdnet"}
+    {
+        "pnp-ffdnet": "ffdnet",
+        "pnp-ffdnet-colour": "ffdnet-colour",
+        "pnp-fastdvdnet": "fastdvdnet",
+        "video-decoder": "video-decoder",
+    }
 )
-"""Plug-and-play with models that a user has added by name (`gs2ci models add`)."""
+"""Lines of models that a user has added by name: plug-and-play, and a network straight to views."""
 
 FIELD: Final = "field"
 
@@ -92,7 +98,11 @@ def _decoder(method: str) -> Decode:
         return DECODERS[method]
     if method not in LEARNED:
         raise InputError(f"decoder {method!r}", allowed=", ".join((*DECODERS, *LEARNED)))
-    denoise = open_denoiser(find_model(LEARNED[method]))
+    path = find_model(LEARNED[method])
+    if method == "video-decoder":
+        network = OnnxVideoDecoder(path)
+        return lambda shot, _: network(shot)
+    denoise = open_denoiser(path)
     return lambda shot, _: plug_and_play(shot, denoise)
 
 
