@@ -160,7 +160,7 @@ def _planes(view: F32) -> F32:
 
 
 @numba.njit(cache=True)
-def _likeness(view, r, c, i, j, sigma):  # type: ignore[no-untyped-def]
+def _likeness(view, r, c, i, j, sigma):
     """Return how alike the colours of two pixels of a view, [H, W, C], are: 1 for the same, 0 below 1e-4."""
     total = np.float32(0)
     for k in range(view.shape[2]):
@@ -234,7 +234,7 @@ def plane_votes(
 
 
 @numba.njit(cache=True, parallel=True)
-def _votes(inverse_depth, slopes, view, voting, asked, reach, low, step):  # type: ignore[no-untyped-def]
+def _votes(inverse_depth, slopes, view, voting, asked, reach, low, step):
     """Take the weighted median by a histogram, and the mean of what is said in its cell."""
     height, width = inverse_depth.shape
     found = inverse_depth.copy()
