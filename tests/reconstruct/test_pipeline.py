@@ -15,7 +15,7 @@ from gs2ci.core.records import Shot, Truth
 from gs2ci.core.run_records import SECONDS_KEYS
 from gs2ci.evaluate.cameras import nerfstudio_transforms
 from gs2ci.evaluate.metrics import psnr_per_view
-from gs2ci.reconstruct import attempts, pipeline
+from gs2ci.reconstruct import pipeline
 from gs2ci.reconstruct.decode.gap_tv import GapTvSettings
 from gs2ci.reconstruct.decode.residual import ResidualSettings
 from gs2ci.reconstruct.fit.coarse import CoarseSettings
@@ -499,7 +499,7 @@ def test_a_second_look_is_handed_over_where_held_out_pixels_prefer_it(shot, foun
 
 
 def test_a_budget_leaves_no_time_for_a_second_look(shot, monkeypatch):
-    monkeypatch.setattr(attempts, "second_look", lambda *_: pytest.fail("looked again"))
+    monkeypatch.setattr(choice, "second_look", lambda *_: pytest.fail("looked again"))
     strict = replace(SHORT.geometry, criteria=replace(SHORT.geometry.criteria, path_error=0.0))
     settings = replace(SHORT, look_again=True, geometry=strict)
     # A clock that goes on by two seconds whenever it is read: some forty iterations.
