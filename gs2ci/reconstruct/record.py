@@ -1,7 +1,6 @@
 """What a reconstruction hands over: what its stages left, as the record of a run.
 
 Here: the record's fields and notes. Not here: the stages and their judgement (`pipeline`), files (`gs2ci.evaluate`).
-For `gs2ci.reconstruct.pipeline`.
 """
 
 from dataclasses import asdict, dataclass, replace
@@ -62,19 +61,20 @@ def record(settings: Settings, left: Left, score: Score | None, seconds: dict[st
     """
     shot = left.registered.shot
     geometry, fit, recovered = left.geometry, left.ensemble.best, left.recovered
-    moved, brightness = movement(geometry.world_to_camera, fit.world_to_camera), left.look.brightness
-    lit = replace(shot, weights=left.look.jury.shot.weights)
+    moved, light = movement(geometry.world_to_camera, fit.world_to_camera), left.look.brightness
+    views, of_weights = light.shown(recovered.views), light.of_weights
+    lit = shot if of_weights is None else replace(shot, weights=left.look.jury.shot.weights)
     return RunResult(
-        views=recovered.views,
-        scene_views=fit.views,
-        decode=recovered.views if recovered.verdict == "decode" else left.look.decoded,
+        views=views,
+        scene_views=light.shown(fit.views),
+        decode=views if recovered.verdict == "decode" else light.shown(left.look.decoded),
         depth=left.light.surface().numpy(),
         depth_spread=left.light.spread.numpy(),
         depth_confidence=left.light.nearby.numpy(),
         world_to_camera=fit.world_to_camera,
         intrinsics=geometry.intrinsics,
         distortion=shot.distortion,
-        predicted_measurement=Coding.of(lit).forward(torch.from_numpy(recovered.views)).numpy(),
+        predicted_measurement=Coding.of(lit).forward(torch.from_numpy(views)).numpy(),
         curve=(*fit.curve, *_last_point(left, score, seconds["total"])),
         stopped=fit.stopped,
         seconds=seconds,
@@ -87,7 +87,8 @@ def record(settings: Settings, left: Left, score: Score | None, seconds: dict[st
         geometry={**_summary(geometry, left.look.decoder, settings), "moved": asdict(moved)},
         ensemble=left.ensemble.summary(),
         disagreement=left.ensemble.disagreement,
-        brightness=None if brightness is None else brightness.tolist(),
+        brightness=None if of_weights is None else of_weights.tolist(),
+        light=light.summary(),
         registration=left.registered.summary(),
         motion=left.motion.summary(left.speeds),
         displacement=None if left.speeds is None else left.speeds.displacement_px,

@@ -16,7 +16,6 @@ from gs2ci.core.run_records import SECONDS_KEYS
 from gs2ci.evaluate.cameras import nerfstudio_transforms
 from gs2ci.evaluate.metrics import psnr_per_view
 from gs2ci.reconstruct import attempts, pipeline
-from gs2ci.reconstruct.budget import Budget
 from gs2ci.reconstruct.decode.gap_tv import GapTvSettings
 from gs2ci.reconstruct.decode.residual import ResidualSettings
 from gs2ci.reconstruct.fit.coarse import CoarseSettings
@@ -27,6 +26,7 @@ from gs2ci.reconstruct.geometry.initialise import GeometrySettings
 from gs2ci.reconstruct.geometry.sweep import SweepSettings
 from gs2ci.reconstruct.geometry.tracks import TrackSettings
 from gs2ci.reconstruct.pipeline import reconstruct
+from gs2ci.reconstruct.presets.budget import Budget
 from gs2ci.reconstruct.settings import Settings
 from gs2ci.render.settings import RasterSettings
 
@@ -339,6 +339,25 @@ def test_a_lamp_that_flickers_is_told_of_once_and_in_the_predicted_measurement(s
     assert len([note for note in result.notes if note.code is Code.WEIGHTS_CORRECTED]) == 1
     exact = np.einsum("n,nhw,nhwc->hwc", lit, told.masks, result.views)
     np.testing.assert_allclose(result.predicted_measurement, exact, atol=1e-4)
+
+
+def test_views_of_uneven_light_stay_as_they_were_seen_where_weights_tell_nothing(shot):
+    light = np.array([1.3, 0.8, 1.2, 0.7, 1.3, 0.7], np.float32)
+    lit = (shot.truth.views * light[:, None, None, None]).astype(np.float32)
+    exposed = replace(expose(lit), truth=Truth(views=lit))
+    hold_out = HoldOut(share=0.1, look_every=20)
+    settings = replace(SHORT, fits=1, fit=replace(SHORT.fit, hold_out=hold_out))
+    result = reconstruct(exposed, settings, score=lambda views: float(np.mean(psnr_per_view(views, lit)))).result
+    assert result.brightness is None
+    assert result.light["views"] == "as-seen"
+    believed = np.array(result.light["believed"])
+    np.testing.assert_allclose(believed / believed.mean(), light / light.mean(), atol=0.1)
+    for views in (result.views, result.scene_views, result.decode):
+        seen = views.mean(axis=(1, 2, 3))
+        np.testing.assert_allclose(seen / lit.mean(axis=(1, 2, 3)), 1, atol=0.15)
+    exact = np.einsum("nhw,nhwc->hwc", exposed.masks, result.views)
+    np.testing.assert_allclose(result.predicted_measurement, exact, atol=1e-4)
+    assert result.curve[-1].psnr_db > np.mean(psnr_per_view(result.decode, lit)) - 1
 
 
 def test_what_is_handed_over_foretells_held_out_pixels_better_than_the_decode_and_the_scene(found):

@@ -51,7 +51,7 @@ def asked(monkeypatch):
     """Record what `settle` is asked instead of fitting."""
     calls = []
 
-    def record(geometry, _fit_briefly, _progress, *, told):
+    def record(geometry, _fit_briefly, _reversal, _progress, *, told):
         calls.append(told)
         return replace(geometry, order_errors=3.0)
 

@@ -1,7 +1,7 @@
 """The coarse stage: Gaussians and poses are fitted to the measurement together (paper, sections III-C and III-E).
 
 Here: the loop, its bookkeeping and its safety net. Not here: what the loop is made of (losses, optimiser, poses,
-density rules, stopping: one file each), nor the initial scene (`reconstruct.geometry`). For `gs2ci.reconstruct`.
+density rules, stopping: one file each), nor the initial scene (`reconstruct.geometry`).
 """
 
 import sys

@@ -5,8 +5,8 @@ from dataclasses import asdict
 import pytest
 
 from gs2ci.core.errors import InputError
-from gs2ci.reconstruct.ablation import COMPONENTS, without
-from gs2ci.reconstruct.paper import paper_settings
+from gs2ci.reconstruct.presets.ablation import COMPONENTS, without
+from gs2ci.reconstruct.presets.paper import paper_settings
 from gs2ci.reconstruct.settings import Settings
 
 CHANGED = {

@@ -22,7 +22,7 @@ from gs2ci.core.durations import spoken_duration
 from gs2ci.core.errors import InputError
 from gs2ci.reconstruct.choices import PresetName
 from gs2ci.reconstruct.fit.pace import LOOKS_AFTERWARDS, Deadline, Timed, slower_beside
-from gs2ci.reconstruct.presets import PRESETS, rescheduled
+from gs2ci.reconstruct.presets.named import PRESETS, rescheduled
 from gs2ci.reconstruct.settings import Settings
 
 

@@ -7,7 +7,7 @@ from gs2ci.core.errors import InputError
 from gs2ci.reconstruct.choices import PresetName
 from gs2ci.reconstruct.fit.coarse import CoarseSettings
 from gs2ci.reconstruct.fit.optimiser import StepSizes
-from gs2ci.reconstruct.presets import PRESETS, preset, rescheduled
+from gs2ci.reconstruct.presets.named import PRESETS, preset, rescheduled
 from gs2ci.reconstruct.settings import Settings
 
 NAMES = get_args(PresetName)

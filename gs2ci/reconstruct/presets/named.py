@@ -1,8 +1,7 @@
 """The named settings: how far a reconstruction goes. Data alone; no stage asks for a preset's name.
 
 Here: what each preset sets, and how a schedule is made shorter or longer. Not here: what the settings mean (each
-stage's own file), the paper's constants (`paper`), nor which preset suits a number of
-seconds (`gs2ci.reconstruct.budget`).
+stage's own file), the paper's constants (`paper`), nor which preset suits a number of seconds (`budget`).
 """
 
 from dataclasses import replace
@@ -13,7 +12,7 @@ from gs2ci.reconstruct.choices import PresetName
 from gs2ci.reconstruct.fit.coarse import CoarseSettings
 from gs2ci.reconstruct.fit.fine import FineSettings
 from gs2ci.reconstruct.fit.optimiser import StepSizes
-from gs2ci.reconstruct.paper import paper_settings
+from gs2ci.reconstruct.presets.paper import paper_settings
 from gs2ci.reconstruct.settings import Settings
 
 _DRAFT_ITERATIONS: Final = 120

@@ -11,7 +11,7 @@ from typing import Final
 from gs2ci.core.errors import InputError
 from gs2ci.reconstruct.fit.density.base import DensityRule
 from gs2ci.reconstruct.fit.density.osgr import Osgr
-from gs2ci.reconstruct.paper import MOST_GAUSSIANS
+from gs2ci.reconstruct.presets.paper import MOST_GAUSSIANS
 from gs2ci.reconstruct.settings import Settings
 
 
