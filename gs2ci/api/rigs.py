@@ -10,12 +10,13 @@ from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Final, Literal, Self
 
-from gs2ci.api.display import Display, shown
+from gs2ci.api.display import shown
 from gs2ci.api.options import check_whole
 from gs2ci.core.progress import Progress
 from gs2ci.core.records import Shot
 
 if TYPE_CHECKING:
+    from gs2ci.api.display.stages import StageDisplay
     from gs2ci.rig.calibrated import Calibrated
     from gs2ci.rig.doctor import BenchFinding
     from gs2ci.rig.opening import Rig
@@ -125,6 +126,11 @@ class OpenRig:
         """
         if self._devices is None:
             self._devices = self._rig.open(self._traced, self._session)
+        return self._devices
+
+    @property
+    def opened(self) -> "Devices | None":
+        """Get the devices where they are open; opens none."""
         return self._devices
 
     def close(self) -> None:
@@ -395,7 +401,7 @@ class OpenRig:
         path = None if calibration is None else Path(calibration)
         return load(self._rig, self.devices, path, probe=probe, progress=progress)
 
-    def _bench(self, display: Display, *, fast: bool) -> "Bench":
+    def _bench(self, display: "StageDisplay", *, fast: bool) -> "Bench":
         from gs2ci.rig.calibrating import bench_of, operator_of
 
         operator = operator_of(self._rig, display.ask)

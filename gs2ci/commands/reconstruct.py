@@ -11,8 +11,9 @@ import tyro
 
 from gs2ci.api import reconstruction
 from gs2ci.api.derived import with_options_of
-from gs2ci.api.display import open_display, print_summary
+from gs2ci.api.display import open_display
 from gs2ci.api.options import check_whole
+from gs2ci.api.summary import print_summary
 from gs2ci.commands.answers import AsJson, answered
 from gs2ci.core.errors import InputError
 from gs2ci.reconstruct.choices import MOST_MOMENTS, RuleName

@@ -18,7 +18,9 @@ from gs2ci.core.halt import Halt
 from gs2ci.core.progress import Progress, Silent
 from gs2ci.core.records import Shot
 from gs2ci.core.run_records import RunResult
-from gs2ci.reconstruct.attempts import Attempt, Attempts
+from gs2ci.reconstruct.attempts.choice import Attempt, Attempts
+from gs2ci.reconstruct.attempts.order import LEAST_SCHEDULE, is_open, settle, unsettled
+from gs2ci.reconstruct.attempts.order_fits import OrderFits
 from gs2ci.reconstruct.decode.residual import ResidualSettings
 from gs2ci.reconstruct.first_look import FirstLook, look, look_closer
 from gs2ci.reconstruct.fit.coarse import CoarseFit, CoarseSettings, fit_coarse
@@ -45,8 +47,6 @@ from gs2ci.reconstruct.measurement.hot_pixels import close_hot_pixels
 from gs2ci.reconstruct.measurement.jury import Jury
 from gs2ci.reconstruct.measurement.lens import Lens, straightened
 from gs2ci.reconstruct.moving import released, speeds
-from gs2ci.reconstruct.order import LEAST_SCHEDULE, is_open, settle, unsettled
-from gs2ci.reconstruct.order_fits import OrderFits
 from gs2ci.reconstruct.presets.budget import Budget
 from gs2ci.reconstruct.record import Left, record
 from gs2ci.reconstruct.registration.register import register

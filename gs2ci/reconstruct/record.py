@@ -1,7 +1,6 @@
 """What a reconstruction hands over: what its stages left, as the record of a run.
 
 Here: the record's fields and notes. Not here: the stages and their judgement (`pipeline`), files (`gs2ci.evaluate`).
-For `gs2ci.reconstruct.pipeline`.
 """
 
 from dataclasses import asdict, dataclass, replace

@@ -9,7 +9,8 @@ import torch
 from gs2ci.core.findings import Code
 from gs2ci.core.progress import Silent
 from gs2ci.core.records import Shot
-from gs2ci.reconstruct import order, order_fits, pipeline
+from gs2ci.reconstruct import pipeline
+from gs2ci.reconstruct.attempts import order, order_fits
 from gs2ci.reconstruct.first_look import FirstLook
 from gs2ci.reconstruct.fit.coarse import CoarseSettings
 from gs2ci.reconstruct.fit.refinement import Refinement

@@ -7,11 +7,11 @@ import pytest
 
 from gs2ci.core.findings import Code
 from gs2ci.core.progress import Silent
+from gs2ci.reconstruct.attempts.order import FinishedScene, is_open, settle, shortened, unsettled
 from gs2ci.reconstruct.fit.coarse import CoarseSettings
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.geometry.reversal import reversed_geometry
 from gs2ci.reconstruct.geometry.validity import Criteria
-from gs2ci.reconstruct.order import FinishedScene, is_open, settle, shortened, unsettled
 
 NEAR_LEFT = np.tile(np.linspace(1.3, 0.7, 128, dtype=np.float32), (96, 1))
 

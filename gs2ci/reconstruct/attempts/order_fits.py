@@ -18,12 +18,12 @@ import numpy as np
 from gs2ci.core.arrays import F32, F64, Bool
 from gs2ci.core.errors import NumericsError
 from gs2ci.core.progress import Silent
+from gs2ci.reconstruct.attempts.order import FinishedScene, shortened
 from gs2ci.reconstruct.fit.coarse import CoarseFit, CoarseSettings
 from gs2ci.reconstruct.fit.ensemble import FitOne, Member, members
 from gs2ci.reconstruct.fit.mirror import inside_out
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.measurement.jury import Jury
-from gs2ci.reconstruct.order import FinishedScene, shortened
 from gs2ci.reconstruct.settings import Settings
 from gs2ci.render.gaussians import Gaussians
 
