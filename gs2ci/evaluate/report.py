@@ -184,6 +184,23 @@ class RegistrationSection(ReportSection):
     not_let_in: dict[str, list[Number]]
 
 
+class LightSection(ReportSection):
+    """How bright views were seen to be for their weights (`gs2ci.reconstruct.measurement.brightness`).
+
+    `estimated` of each view with its `standard_errors`; the largest deviation is `errors_away` of its own, and the
+    estimate `explains` this share of the residual on pixels that were not asked. `believed` is what the fit reckons
+    with after its rounds; None where the weights stand. `views` says whether those handed over are as bright as they
+    were seen, or as under even light.
+    """
+
+    estimated: list[Number]
+    standard_errors: list[Number]
+    errors_away: Number
+    explains: Number
+    believed: list[Number] | None
+    views: Literal["as-seen", "even"]
+
+
 class MotionSection(ReportSection):
     """Whether things in the scene move by themselves, and what speaks for it (`gs2ci.reconstruct.moving`).
 
@@ -279,6 +296,7 @@ class Report(ReportSection):
     ensemble: EnsembleSection | None = None
     geometry: GeometrySection | None = None
     brightness: list[Number] | None = None
+    light: LightSection | None = None
     registration: RegistrationSection | None = None
     motion: MotionSection | None = None
     measured: MeasurementSection

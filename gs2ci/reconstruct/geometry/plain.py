@@ -162,7 +162,7 @@ def _planes(view: F32) -> F32:
 
 
 @numba.njit(cache=True)
-def _likeness(view, r, c, i, j, sigma):  # type: ignore[no-untyped-def]
+def _likeness(view, r, c, i, j, sigma):
     """Return how alike the colours of two pixels of a view, [H, W, C], are: 1 for the same, towards 0 for others."""
     total = np.float32(0)
     for k in range(view.shape[2]):
@@ -188,7 +188,7 @@ def plane_slopes(inverse_depth: F32, view: F32, plain: Bool, gate: np.float32) -
 
 
 @numba.njit(cache=True, parallel=True)
-def _slopes(inverse_depth, view, plain, gate):  # type: ignore[no-untyped-def]
+def _slopes(inverse_depth, view, plain, gate):
     """Weigh by likeness of colour, and solve the two normal equations."""
     height, width = inverse_depth.shape
     found = np.zeros((2, height, width), np.float32)
@@ -243,7 +243,7 @@ def plane_votes(
 
 
 @numba.njit(cache=True, parallel=True)
-def _votes(inverse_depth, slopes, view, voting, asked, reach, every, low, step):  # type: ignore[no-untyped-def]
+def _votes(inverse_depth, slopes, view, voting, asked, reach, every, low, step):
     """Take the weighted median by a histogram, and the mean of what is said in its cell."""
     height, width = inverse_depth.shape
     found = inverse_depth.copy()
