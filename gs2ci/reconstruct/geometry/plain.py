@@ -163,18 +163,17 @@ def _planes(view: F32) -> F32:
 
 @numba.njit(cache=True)
 def _likeness(view, r, c, i, j, sigma):
-    """Return how alike the colours of two pixels of a view, [H, W, C], are: 1 for the same, 0 below 1e-4."""
+    """Return how alike the colours of two pixels of a view, [H, W, C], are: 1 for the same, towards 0 for others."""
     total = np.float32(0)
     for k in range(view.shape[2]):
         apart = view[i, j, k] - view[r, c, k]
         total += apart * apart
-    # The normal distribution's shape, near enough, without an exponential.
+    # Close to a normal distribution's shape up to two sigma, beyond with longer tails, and without an exponential.
     share = np.float32(1) + total / (np.float32(8) * sigma * sigma)
     share *= share
     return np.float32(1) / (share * share)
 
 
-@numba.njit(cache=True, parallel=True)
 def plane_slopes(inverse_depth: F32, view: F32, plain: Bool, gate: np.float32) -> F32:
     """Fit a plane around each plain pixel to what lies on its surface, [2, H, W]: change per px right, and down.
 
@@ -184,6 +183,13 @@ def plane_slopes(inverse_depth: F32, view: F32, plain: Bool, gate: np.float32) -
         plain: Pixels that are asked, [H, W]; 0 elsewhere.
         gate: What is farther off than this lies on another surface.
     """
+    found: F32 = _slopes(inverse_depth, view, plain, gate)
+    return found
+
+
+@numba.njit(cache=True, parallel=True)
+def _slopes(inverse_depth, view, plain, gate):
+    """Weigh by likeness of colour, and solve the two normal equations."""
     height, width = inverse_depth.shape
     found = np.zeros((2, height, width), np.float32)
     sigma = np.float32(_SLOPE_SIGMA)
