@@ -11,6 +11,7 @@ from gs2ci.api.many import reconstruct_many as reconstruct_many
 from gs2ci.api.models import add_model as add_model
 from gs2ci.api.models import export_model as export_model
 from gs2ci.api.models import list_models as list_models
+from gs2ci.api.ophyd import ophyd_bench as ophyd_bench
 from gs2ci.api.plans import explain as explain
 from gs2ci.api.plans import plan as plan
 from gs2ci.api.plugins import list_plugins as list_plugins
@@ -73,6 +74,7 @@ __all__ = [
     "mesh",
     "open_rig",
     "open_run",
+    "ophyd_bench",
     "plan",
     "reconstruct",
     "reconstruct_many",

@@ -31,9 +31,11 @@ def decode(
     Args:
         shot: A shot, or a file that `load` takes.
         method: gap-tv; patches, which takes groups of similar patches and is the best without trained weights, or
-            patches-quick, a few rounds of it; plug-and-play by pnp-gap or pnp-admm; or the rough proxies that a
+            patches-quick, a few rounds of it; plug-and-play by pnp-gap or pnp-admm; onnx:FILE, a network from
+            measurement and masks to views, or video-decoder, the one added by that name; or the rough proxies that a
             geometry stage looks at: eni, amdi, or proxies for the one of the two that the masks ask for.
-        denoiser: Of plug-and-play: tv (the default), nlm (non-local means), or onnx:FILE.
+        denoiser: Of plug-and-play: tv (the default), nlm (non-local means), onnx:FILE, or a model added by name
+            (gs2ci models add): ffdnet, ffdnet-colour, fastdvdnet.
         iterations: Steps of gap-tv (40), patches (96) or patches-quick (8), or at each of the four noise
             levels of plug-and-play (10).
         coupling: How alike gap-tv expects consecutive views to be, from 0 (not at all); chosen by held-out pixels of

@@ -128,6 +128,11 @@ class OpenRig:
             self._devices = self._rig.open(self._traced, self._session)
         return self._devices
 
+    @property
+    def opened(self) -> "Devices | None":
+        """Get the devices where they are open; opens none."""
+        return self._devices
+
     def close(self) -> None:
         """Close the devices; harmless where none is open. Whatever is asked next opens them again."""
         devices, self._devices = self._devices, None

