@@ -71,3 +71,15 @@ def test_any_number_of_leading_axes_is_kept():
     torch.testing.assert_close(se3.exp(xi)[1, 2], se3.exp(xi[1, 2]))
     assert se3.log(se3.exp(xi)).shape == (2, 3, 6)
     assert se3.exp(xi[:0]).shape == (0, 3, 4, 4)
+
+
+@pytest.mark.parametrize("dtype", list(TOLERANCE))
+def test_small_motions_are_the_same_beside_a_large_one(dtype):
+    # Alone, small ones need no closed form, and take another way.
+    small = torch.stack([twist(angle, dtype) for angle in (0.0, 1e-4, 0.3, 0.4999)]).requires_grad_()
+    alone, beside = se3.exp(small), se3.exp(torch.cat([small, twist(2.0, dtype)[None]]))[:-1]
+    assert (alone - beside).abs().max() < TOLERANCE[dtype]
+    weights = torch.arange(alone.numel(), dtype=dtype).reshape(alone.shape)
+    slopes = [torch.autograd.grad((motion * weights).sum(), small, retain_graph=True)[0] for motion in (alone, beside)]
+    assert torch.isfinite(slopes[0]).all()
+    torch.testing.assert_close(*slopes, rtol=50 * TOLERANCE[dtype], atol=50 * TOLERANCE[dtype])
