@@ -458,6 +458,13 @@ class Code(StrEnum):
         "Do not rely on depth or on the direction of the path. Move the camera further, or let a stage report its "
         "poses: their sign decides (`gs2ci reconstruct --geometry stage`).",
     )
+    DEPTH_IN_NOISE = (
+        "depth_in_noise",
+        DOUBT,
+        "Near and far may be exchanged: the views leave {share:.0%} of what an even grey leaves of the held-out "
+        "pixels, and with so much noise a fit finds depth that is not there.",
+        "Do not rely on depth. Use more light, or let a stage report its poses.",
+    )
     DEPTH_ORDER_UNTRIED = (
         "depth_order_untried",
         DOUBT,

@@ -18,9 +18,9 @@ from gs2ci.core.arrays import F32, F64, Bool
 from gs2ci.reconstruct.geometry.kernels import TRUNCATED_AT, UNSEEN_COST
 from gs2ci.reconstruct.geometry.sweep import features_of
 
-# How far around a pixel others are asked, as a share of the picture's longer side, and every how many pixels.
+# How far around a pixel others are asked, as a share of the picture's longer side, and how many at most each way.
 _REACH_SHARE: Final = 0.12
-_EVERY_PX: Final = 3
+_VOTERS: Final = 5
 # The standard deviation of colours that are alike, in full scales.
 _SIGMA: Final = 0.03
 # Another surface is one that is farther off than this share of the map's range.
@@ -29,13 +29,14 @@ _JUMP_SHARE: Final = 0.1
 _ALLOWED: Final = 3.0
 _ROUNDS: Final = 2
 # Others are asked in a picture of at most so many pixels, for the time that it takes.
-_MOST_PIXELS: Final = 65_536
+_MOST_PIXELS: Final = 32_768
 _ALL: Final = 0.999
 # Colours of a plain area vary by less than this, full scales, in windows of this side.
 _PLAIN_SIGMA: Final = 0.02
 _PLAIN_WINDOW_PX: Final = 5
 # Slopes are fitted to the pixels within this distance, and within this share of the range, of like colour.
 _SLOPE_REACH_PX: Final = 8
+_SLOPE_EVERY_PX: Final = 4
 _SLOPE_GATE: Final = 0.03
 _SLOPE_SIGMA: Final = 0.1
 # So many squared px are added to the spread of a fit's pixels: too few of them show no slope.
@@ -58,7 +59,8 @@ def continued(inverse_depth: F32, views: F32, from_view: F64, intrinsics: F64, b
     low, high = float(inverse_depth.min()), float(inverse_depth.max())
     if not low < high:
         return inverse_depth
-    described = np.stack([features_of(view, blur_px) for view in views])
+    # Colours and two derivatives; what is left are the sweep's zeros.
+    described = np.stack([features_of(view, blur_px) for view in views])[..., : views.shape[3] + 2]
 
     def differ(wanted: F32) -> F32:
         return difference(wanted, described, from_view, intrinsics, window_px)
@@ -191,9 +193,10 @@ def plane_slopes(inverse_depth: F32, view: F32, plain: Bool, gate: np.float32) -
                 continue
             n = x1 = y1 = d1 = xx = yy = xy = xd = yd = 0.0
             # The pixel itself is always one of them.
-            top, left = r - min(_SLOPE_REACH_PX, r) // 2 * 2, c - min(_SLOPE_REACH_PX, c) // 2 * 2
-            for i in range(top, min(r + _SLOPE_REACH_PX + 1, height), 2):
-                for j in range(left, min(c + _SLOPE_REACH_PX + 1, width), 2):
+            top = r - min(_SLOPE_REACH_PX, r) // _SLOPE_EVERY_PX * _SLOPE_EVERY_PX
+            left = c - min(_SLOPE_REACH_PX, c) // _SLOPE_EVERY_PX * _SLOPE_EVERY_PX
+            for i in range(top, min(r + _SLOPE_REACH_PX + 1, height), _SLOPE_EVERY_PX):
+                for j in range(left, min(c + _SLOPE_REACH_PX + 1, width), _SLOPE_EVERY_PX):
                     d = inverse_depth[i, j] - inverse_depth[r, c]
                     if abs(d) > gate:
                         continue
@@ -229,28 +232,28 @@ def plane_votes(
         span: Farthest and nearest, which planes do not leave.
     """
     low, step = np.float32(span[0]), np.float32((span[1] - span[0]) / (_LEVELS - 1))
-    found: F32 = np.clip(_votes(inverse_depth, slopes, view, *where, reach, low, step), *span)
+    found: F32 = np.clip(_votes(inverse_depth, slopes, view, *where, reach, max(1, reach // _VOTERS), low, step), *span)
     return found
 
 
 @numba.njit(cache=True, parallel=True)
-def _votes(inverse_depth, slopes, view, voting, asked, reach, low, step):
+def _votes(inverse_depth, slopes, view, voting, asked, reach, every, low, step):
     """Take the weighted median by a histogram, and the mean of what is said in its cell."""
     height, width = inverse_depth.shape
     found = inverse_depth.copy()
     sigma, least = np.float32(_SIGMA), np.float32(_LEAST_LIKENESS)
     for r in numba.prange(height):
         weights, sums = np.empty(_LEVELS, np.float32), np.empty(_LEVELS, np.float32)
-        top, bottom = r - (min(reach, r) // _EVERY_PX) * _EVERY_PX, min(r + reach + 1, height)
+        top, bottom = r - min(reach, r) // every * every, min(r + reach + 1, height)
         for c in range(width):
             if not asked[r, c]:
                 continue
             weights[:] = np.float32(0)
             sums[:] = np.float32(0)
             total = np.float32(0)
-            left, right = c - (min(reach, c) // _EVERY_PX) * _EVERY_PX, min(c + reach + 1, width)
-            for i in range(top, bottom, _EVERY_PX):
-                for j in range(left, right, _EVERY_PX):
+            left, right = c - min(reach, c) // every * every, min(c + reach + 1, width)
+            for i in range(top, bottom, every):
+                for j in range(left, right, every):
                     if not voting[i, j]:
                         continue
                     w = _likeness(view, r, c, i, j, sigma)

@@ -12,7 +12,8 @@ import numpy as np
 from gs2ci.core.arrays import F32, F64
 from gs2ci.core.errors import InputError
 from gs2ci.core.windows import check_window
-from gs2ci.reconstruct.geometry.kernels import FEATURES, best_plane, matching_cost, sum_along_rows
+from gs2ci.reconstruct.geometry.eight import FEATURES
+from gs2ci.reconstruct.geometry.kernels import best_plane, matching_cost, sum_along_rows
 from gs2ci.reconstruct.geometry.tracks import RESIDUE_BLUR_PX
 
 _GRADIENT_WEIGHT = 4.0

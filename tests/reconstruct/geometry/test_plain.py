@@ -137,8 +137,8 @@ def slopes_by_definition(depth, view, plain, gate):
     found = np.zeros((2, *depth.shape))
     for r, c in np.argwhere(plain):
         i, j = np.meshgrid(
-            np.arange(r - min(8, r) // 2 * 2, min(r + 9, depth.shape[0]), 2),
-            np.arange(c - min(8, c) // 2 * 2, min(c + 9, depth.shape[1]), 2),
+            np.arange(r - min(8, r) // 4 * 4, min(r + 9, depth.shape[0]), 4),
+            np.arange(c - min(8, c) // 4 * 4, min(c + 9, depth.shape[1]), 4),
             indexing="ij",
         )
         change = depth[i, j].astype(np.float64) - depth[r, c]
@@ -156,7 +156,7 @@ def votes_by_definition(depth, slopes, view, voting, asked, reach, span):
     for r, c in np.argwhere(asked):
         said, weight = [], []
         for i, j in np.argwhere(voting):
-            if (i - r) % 3 or (j - c) % 3 or max(abs(i - r), abs(j - c)) > reach:
+            if (i - r) % 2 or (j - c) % 2 or max(abs(i - r), abs(j - c)) > reach:
                 continue
             alike = float(likeness(view, r, c, i, j, 0.03))
             if alike >= 1e-4:
@@ -187,8 +187,8 @@ def test_the_kernels_do_what_the_definitions_say(size, channels):
     wanted = slopes_by_definition(depth, view, plain, gate)
     np.testing.assert_allclose(slopes, wanted, rtol=1e-4, atol=1e-6)
     span = (float(depth.min()), float(depth.max()))
-    votes = plane_votes(depth, slopes, view, (plain, asked), 9, span)
-    wanted = votes_by_definition(depth, slopes, view, plain, asked, 9, span)
+    votes = plane_votes(depth, slopes, view, (plain, asked), 10, span)
+    wanted = votes_by_definition(depth, slopes, view, plain, asked, 10, span)
     sure = np.isfinite(wanted)
     assert sure[asked].mean() > 0.6
     assert (np.abs(wanted - depth)[sure] > 0.2).any()
