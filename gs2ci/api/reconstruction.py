@@ -26,6 +26,7 @@ from gs2ci.reconstruct.choices import (
     ProxyName,
     RegistrationMode,
     RuleName,
+    WithinMask,
 )
 
 if TYPE_CHECKING:
@@ -50,6 +51,7 @@ def reconstruct(
     focal_px: float | None = None,
     trust_weights: bool = False,
     light: LightMode | None = None,
+    within_mask: WithinMask | None = None,
     registration: RegistrationMode | None = None,
     motion: MotionMode | None = None,
     seed: int = 42,
@@ -83,6 +85,8 @@ def reconstruct(
         trust_weights: Take each mask's weight as the shot states it.
         light: How bright the views are where they were seen unlike one another: "as-seen", "even", or "auto", even
             where the shot tells weights that differ; the preset's own when None.
+        within_mask: "moving" where the camera goes on while a mask is on show; "still" where it stops, or where the
+            measurement was coded in software; the preset's own when None.
         registration: "auto" asks the measurement where its masks lie; "off" believes them; the preset's own when None.
         motion: Whether things in the scene may move: "auto" where a still scene leaves what motion explains; "on" no
             still scene alone; "off" none that moves; the preset's own when None.
@@ -125,6 +129,7 @@ def reconstruct(
         distance=distance,
         trust_weights=trust_weights,
         light=light,
+        within_mask=within_mask,
         registration=registration,
         motion=motion,
         seed=seed,

@@ -24,6 +24,7 @@ from gs2ci.reconstruct.choices import (
     ProxyName,
     RegistrationMode,
     RuleName,
+    WithinMask,
 )
 
 
@@ -48,6 +49,7 @@ def run(
     focal_px: float | None = None,
     trust_weights: bool = False,
     light: LightMode | None = None,
+    within_mask: WithinMask | None = None,
     registration: RegistrationMode | None = None,
     motion: MotionMode | None = None,
     moments: int | None = None,
@@ -101,6 +103,9 @@ def run(
         trust_weights: Take each mask's weight as the file states it, whatever the measurement shows of the lamp.
         light: How bright the views are handed over where they were surely seen unlike one another: "as-seen"; "even",
             as under a lamp that does not flicker; "auto" is "even" where the file tells weights that differ.
+        within_mask: "moving" where the camera goes on while a mask is on show: masks are then fitted with as many
+            moments as that calls for, and the views show the middle of each. "still" (the default) where it stops under
+            each, or where the measurement was coded in software.
         registration: "auto" asks the measurement first where its masks lie and how they met the light, and corrects
             what it surely tells; "off" believes masks and readings as they are.
         motion: Whether things in the scene may move by themselves: "auto" tries it where a still scene leaves what
@@ -146,6 +151,7 @@ def run(
         "focal_px": focal_px,
         "trust_weights": trust_weights,
         "light": light,
+        "within_mask": within_mask,
         "registration": registration,
         "motion": motion,
         "seed": seed,

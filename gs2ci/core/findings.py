@@ -233,6 +233,14 @@ class Code(StrEnum):
         "To have them as under even light: `gs2ci reconstruct --light even`.",
     )
 
+    MASKS_HAVE_MOMENTS = (
+        "masks_have_moments",
+        REMARK,
+        "The image moved by up to {motion_px:.1f} px while one mask was on show: masks were fitted as the mean of up "
+        "to {most} moments, and the views show the middle of each.",
+        "Move more slowly, or show masks for a shorter time: what is blurred away can only be guessed.",
+    )
+
     # The masks.
     SINGLE_VIEW = (
         "single_view",
