@@ -15,7 +15,6 @@ from gs2ci.core.durations import parse_duration_s
 from gs2ci.core.errors import InputError
 from gs2ci.core.records import Shot
 from gs2ci.evaluate.metrics import psnr_per_view
-from gs2ci.reconstruct import ablation
 from gs2ci.reconstruct.choices import (
     FirstLookName,
     LightMode,
@@ -29,7 +28,8 @@ from gs2ci.reconstruct.choices import (
 )
 from gs2ci.reconstruct.fit.density.base import DensityRule
 from gs2ci.reconstruct.fit.looks import Score
-from gs2ci.reconstruct.presets import preset
+from gs2ci.reconstruct.presets import ablation
+from gs2ci.reconstruct.presets.named import preset
 from gs2ci.reconstruct.settings import Settings
 
 

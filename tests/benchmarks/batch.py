@@ -23,7 +23,7 @@ from gs2ci.batch.reconstruct import reconstruct_many
 from gs2ci.batch.rows import Row
 from gs2ci.core.storage import write_shots
 from gs2ci.evaluate.report import read_report
-from gs2ci.reconstruct.presets import PRESETS
+from gs2ci.reconstruct.presets.named import PRESETS
 from gs2ci.tables.cases import Case
 
 SHOTS = int(os.environ.get("GS2CI_BATCH_SHOTS", "64"))

@@ -7,7 +7,8 @@ The camera goes by so many px of the median depth during each mask, of 8, in pic
 faster (from a third of the mean speed to five thirds), or while it trembles. The simulator integrates the light over
 each mask; its truth is sharp in the middle of each. "still masks" is the same exposure without motion during a mask
 (the camera jumps in between): what the fit could reach. Then the exposure with one pose for each mask, and with
-the moments that it asks for; `recovered` is the share of the loss that these take back. One fit each, of 250 iterations.
+the moments that it asks for; `recovered` is the share of the loss that these take back. One fit each, of 250
+iterations.
 """
 
 import os

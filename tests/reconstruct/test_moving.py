@@ -27,7 +27,7 @@ from gs2ci.reconstruct.measurement.jury import Jury
 from gs2ci.reconstruct.measurement.moving import left_by_motion
 from gs2ci.reconstruct.moving import LEAST_PATCH_GAIN, MotionQuestion, MotionReport
 from gs2ci.reconstruct.pipeline import reconstruct
-from gs2ci.reconstruct.presets import rescheduled
+from gs2ci.reconstruct.presets.named import rescheduled
 from gs2ci.reconstruct.settings import Settings
 from gs2ci.render.backend import load_backend
 from gs2ci.render.gaussians import Gaussians

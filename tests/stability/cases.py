@@ -330,8 +330,8 @@ def _numbers() -> Iterator[Case]:
 
 
 def _number(name: str, change: Change, **options: Any) -> Case:
-    """Make a case of one extreme number: small and short, as nothing but its survival is asked for."""
-    return Case("numbers", name, change=change, size=(32, 40), iterations=20, quick=True, **options)
+    """Make a case of one extreme number: small, short, few views, as nothing but its survival is asked for."""
+    return Case("numbers", name, Bench(views=4), change, size=(24, 32), iterations=20, quick=True, **options)
 
 
 def _files() -> Iterator[Case]:
@@ -382,8 +382,9 @@ def _faults() -> Iterator[Case]:
 
 
 def _fault(name: str, fault: Fault, says: tuple[str, ...], *, refused: bool = False) -> Case:
-    """Make a case of one fault of the optimiser: small, and as long as the fault takes to come and go."""
-    return Case("fault", name, fault=fault, says=says, refused=refused, quick=True, size=(32, 40), iterations=50)
+    """Make a case of one fault of the optimiser: small, few views, and as long as the fault takes to come and go."""
+    bench = Bench(views=4)
+    return Case("fault", name, bench, fault=fault, says=says, refused=refused, quick=True, size=(24, 32), iterations=50)
 
 
 IMAGE_FAMILIES = (_noise, _views, _masks, _wrong_masks, _readout, _scenes, _motion, _camera, _shapes)
