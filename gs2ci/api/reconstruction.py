@@ -26,6 +26,7 @@ from gs2ci.reconstruct.choices import (
     ProxyName,
     RegistrationMode,
     RuleName,
+    WithinMask,
 )
 
 if TYPE_CHECKING:
@@ -50,6 +51,7 @@ def reconstruct(
     focal_px: float | None = None,
     trust_weights: bool = False,
     light: LightMode | None = None,
+    within_mask: WithinMask | None = None,
     registration: RegistrationMode | None = None,
     motion: MotionMode | None = None,
     seed: int = 42,
@@ -98,6 +100,9 @@ def reconstruct(
         light: How bright the views are handed over where they were surely seen unlike one another: "as-seen"; "even",
             as under a lamp that does not flicker; "auto" is "even" where the shot tells weights that differ. The
             preset's own when not given.
+        within_mask: "moving" where the camera goes on while a mask is on show: masks are then fitted with as many
+            moments as that calls for, and the views show the middle of each; "still" where it stops under each, or
+            where the measurement was coded in software. The preset's own when not given.
         registration: "auto" asks the measurement first where its masks lie and how they met the light, and corrects
             what it surely tells; "off" believes masks and readings as they are. The preset's own when not given.
         motion: Whether things in the scene may move by themselves: "auto" tries it where a still scene leaves what
@@ -142,6 +147,7 @@ def reconstruct(
         distance=distance,
         trust_weights=trust_weights,
         light=light,
+        within_mask=within_mask,
         registration=registration,
         motion=motion,
         seed=seed,

@@ -24,6 +24,7 @@ from gs2ci.reconstruct.choices import (
     ProxyName,
     RegistrationMode,
     RuleName,
+    WithinMask,
 )
 from gs2ci.reconstruct.fit.density.base import DensityRule
 from gs2ci.reconstruct.fit.looks import Score
@@ -48,6 +49,7 @@ class Wishes:
     distance: str | None = None
     trust_weights: bool = False
     light: LightMode | None = None
+    within_mask: WithinMask | None = None
     registration: RegistrationMode | None = None
     motion: MotionMode | None = None
     seed: int = 42
@@ -76,6 +78,8 @@ class Wishes:
             settings = replace(settings, brightness=replace(settings.brightness, rounds=0))
         if self.light is not None:
             settings = replace(settings, brightness=replace(settings.brightness, light=self.light))
+        if self.within_mask is not None:
+            settings = replace(settings, shutter=replace(settings.shutter, within_mask=self.within_mask))
         if self.registration is not None:
             settings = replace(settings, registration=replace(settings.registration, mode=self.registration))
         if self.density is not None:
@@ -119,6 +123,7 @@ def settings_of(name: PresetName, wishes: Wishes) -> Settings:
         ("--proxy", wishes.proxy, (None, *get_args(ProxyName))),
         ("--first-look", wishes.first_look, (None, *get_args(FirstLookName))),
         ("--light", wishes.light, (None, *get_args(LightMode))),
+        ("--within-mask", wishes.within_mask, (None, *get_args(WithinMask))),
         ("--registration", wishes.registration, (None, *get_args(RegistrationMode))),
     ):
         check_choice(option, value, allowed)

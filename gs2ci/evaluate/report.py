@@ -20,6 +20,7 @@ from gs2ci.evaluate.depth import DepthErrors
 SCHEMA: Final = "gs2ci.report/2"
 REPORT_NAME: Final = "report.json"
 REGISTERED_NAME: Final = "registered.h5"
+EXPOSED_NAME: Final = "exposed_views.npy"
 MOTION_PICTURE_NAME: Final = "motion.png"
 
 # No figure of ours comes near, and what is drawn and written stays within the floating-point numbers.
@@ -201,6 +202,18 @@ class LightSection(ReportSection):
     views: Literal["as-seen", "even"]
 
 
+class ShutterSection(ReportSection):
+    """Motion while one mask was on show (`gs2ci.reconstruct.fit.shutter`), for each mask.
+
+    With how many `moments` it was fitted; how far the image moved meanwhile, `motion_px`, root mean square; and by what
+    one pose would blur its view at most, `bounds`, in full scales.
+    """
+
+    moments: list[Count]
+    motion_px: list[Number]
+    bounds: list[Number]
+
+
 class MotionSection(ReportSection):
     """Whether things in the scene move by themselves, and what speaks for it (`gs2ci.reconstruct.moving`).
 
@@ -297,6 +310,7 @@ class Report(ReportSection):
     geometry: GeometrySection | None = None
     brightness: list[Number] | None = None
     light: LightSection | None = None
+    shutter: ShutterSection | None = None
     registration: RegistrationSection | None = None
     motion: MotionSection | None = None
     measured: MeasurementSection

@@ -45,6 +45,9 @@ MOTION_MODES: Final = get_args(MotionMode)
 LightMode = Literal["auto", "as-seen", "even"]
 LIGHT_MODES: Final = get_args(LightMode)
 
+WithinMask = Literal["still", "moving"]
+WITHIN_MASK: Final = get_args(WithinMask)
+
 MOST_MOMENTS: Final = 1000
 """Each is a picture, and where things move a scene file."""
 

@@ -57,6 +57,13 @@ class FirstLook:
         return replace(self, decoded=other.decoded, decoder=other.decoder)
 
     @property
+    def weights_given(self) -> F64:
+        """Get the weights of the masks, [N], before anything was made of the views' brightness."""
+        factors = self.brightness.factors
+        weights = self.jury.shot.weights.astype(np.float64)
+        return weights if factors is None else weights / factors
+
+    @property
     def notes(self) -> tuple[Finding, ...]:
         """Get what is to be said of the proxies and of the brightness."""
         factors = self.brightness.factors

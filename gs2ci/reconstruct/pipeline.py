@@ -33,6 +33,7 @@ from gs2ci.reconstruct.fit.one_thread import one_torch_thread
 from gs2ci.reconstruct.fit.pace import Pace, Timed
 from gs2ci.reconstruct.fit.refinement import Refinement
 from gs2ci.reconstruct.fit.rendering import ShotRenderer
+from gs2ci.reconstruct.fit.shutter import Shutter, needed
 from gs2ci.reconstruct.fit.start import first_gaussians
 from gs2ci.reconstruct.fit.withheld import Withheld, first_points, first_poses
 from gs2ci.reconstruct.geometry.choose import load_geometry_prior
@@ -116,13 +117,14 @@ def reconstruct(
     first = _settled(
         first, fitted, lens, settings, refine, progress, clock, hurried=budget is not None or not settings.try_orders
     )
+    shutter = _shutter(first, settings, progress)
     halt.begin()
-    settings, pace = _affordable(budget, settings, first, fitted, lens, refine, progress, clock)
+    settings, pace = _affordable(budget, settings, first, fitted, lens, refine, progress, clock, shutter)
 
     def attempt(look: FirstLook, views: F32, moving: bool) -> Attempt:
         geometry, start = _beginning(look, views, lens, settings, moving=moving)
         clock.lap("geometry")
-        fit_one = _fit_one(fitted, geometry, lens, settings, refine, score, clock, halt)
+        fit_one = _fit_one(fitted, geometry, lens, settings, refine, score, clock, halt, shutter)
         team = members(start, settings.density_rules, settings.fits, settings.seed)
         team = tuple(replace(one, start=of_degree(one.start, number)) for number, one in enumerate(team))
         fits = fit_together(fit_one, team, progress, pace, halt)
@@ -139,7 +141,7 @@ def reconstruct(
             paths[number] = replace(still.geometry, world_to_camera=fit.world_to_camera)
 
         def fit_one(member: Member, progress: Progress, pace: Pace | None) -> CoarseFit:
-            fit = _fit_one(fitted, paths[member.seed], lens, freed, refine, score, clock, halt)
+            fit = _fit_one(fitted, paths[member.seed], lens, freed, refine, score, clock, halt, shutter)
             return fit(member, progress, pace)
 
         fits = fit_together(fit_one, tuple(team), progress, None, halt)
@@ -150,17 +152,25 @@ def reconstruct(
     attempts = Attempts(attempt, release, jury, lens, settings, refine, progress, clock.lap, halt)
     first, tried, motion = attempts.hurried(first) if budget is not None else attempts.all(first)
     geometry, ensemble = tried.geometry, tried.ensemble
-    renderer = ShotRenderer(fitted.shot, geometry.intrinsics, tools.backend, lens)
+    renderer = ShotRenderer(fitted.shot, geometry.intrinsics, tools.backend, lens, shutter)
     if tools.fine is not None and ensemble.best.scene.motion is None and not halt.asked:
         ensemble = _fined(tried, fitted, jury, renderer, tools.fine, settings, refine, progress, score, clock, halt)
-    doubts = (*doubts, *_said_if_halted(halt, progress))
-    recovered = hand_over(first, ensemble, refine, settings, motion.polishing)
+    recovered = hand_over(first, ensemble, refine, settings, motion.polishing).in_the_middle(ensemble, renderer)
     geometry, ensemble = in_given_unit(geometry, ensemble)
     light = renderer.stopped_light(ensemble.best.scene, ensemble.best.world_to_camera)
     seen = speeds(renderer, ensemble.best.scene, ensemble.best.world_to_camera)
     clock.lap("fit")
     left = Left(
-        registered, doubts, tried.look.with_decode_of(first), geometry, ensemble, light, recovered, motion, seen
+        registered,
+        (*doubts, *_said_if_halted(halt, progress)),
+        tried.look.with_decode_of(first),
+        geometry,
+        ensemble,
+        light,
+        recovered,
+        motion,
+        seen,
+        shutter,
     )
     return Reconstruction(record(settings, left, score, clock.seconds()), ensemble.best.scene)
 
@@ -174,6 +184,7 @@ def _affordable(
     refine: Refinement,
     progress: Progress,
     clock: "_Stopwatch",
+    shutter: Shutter | None,
 ) -> tuple[Settings, Pace | None]:
     """Return the settings of fits for which a budget suffices, by a few timed iterations, and the pace that they keep.
 
@@ -189,7 +200,7 @@ def _affordable(
         hold_out=settings.fit.hold_out.looking(_TIMED_ITERATIONS),
     )
     geometry, start = _beginning(first, first.decoded, lens, settings)
-    fit = _fit_one(jury, geometry, lens, replace(settings, fit=brief), refine, None, clock)
+    fit = _fit_one(jury, geometry, lens, replace(settings, fit=brief), refine, None, clock, None, shutter)
     timed = Timed(_TIMED_ITERATIONS)
     fit(Member(start, settings.fit.density, settings.seed), Silent(), timed)
     settings, pace, said = budget.fit(settings, timed)
@@ -279,6 +290,14 @@ def _examined(shot: Shot, progress: Progress) -> tuple[Shot, tuple[Finding, ...]
     return sound, doubts
 
 
+def _shutter(first: FirstLook, settings: Settings, progress: Progress) -> Shutter | None:
+    """Return the moments that the first path calls for within masks, and say so; None where one for each is enough."""
+    found = needed(first.geometry, first.decoded, np.clip(first.weights_given, 0, 1), settings.shutter)
+    if found is not None:
+        progress.say(found.note.sentence)
+    return found
+
+
 def _beginning(
     look: FirstLook, views: F32, lens: Lens | None, settings: Settings, *, moving: bool = False
 ) -> tuple[Geometry, Gaussians]:
@@ -308,6 +327,7 @@ def _fit_one(
     score: Score | None,
     clock: "_Stopwatch",
     halt: Halt | None = None,
+    shutter: Shutter | None = None,
 ) -> FitOne:
     """Say how one fit of the ensemble goes."""
 
@@ -326,6 +346,7 @@ def _fit_one(
             pace=pace,
             lens=lens,
             halt=halt,
+            shutter=shutter,
         )
 
     return fit

@@ -6,6 +6,7 @@ Here: the record's fields and notes. Not here: the stages and their judgement (`
 from dataclasses import asdict, dataclass, replace
 from typing import Final
 
+import numpy as np
 import torch
 
 from gs2ci.core.arrays import F32
@@ -14,6 +15,8 @@ from gs2ci.core.run_records import CurvePoint, RunResult, Verdict
 from gs2ci.reconstruct.first_look import FirstLook
 from gs2ci.reconstruct.fit.ensemble import Ensemble
 from gs2ci.reconstruct.fit.looks import Score
+from gs2ci.reconstruct.fit.rendering import ShotRenderer
+from gs2ci.reconstruct.fit.shutter import Shutter
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.geometry.sources import TOLD
 from gs2ci.reconstruct.geometry.telemetry import Movement, movement
@@ -37,6 +40,25 @@ class Recovered:
     verdict: Verdict
     heldout_rms: dict[Verdict, float | None]
     notes: tuple[Finding, ...]
+    exposed: F32 | None = None
+    """What each mask saw while it was on show, where `views` show the middle of it."""
+    scene_views: F32 | None = None
+    """Those of the best scene in the middle of each mask; None: those of the fit."""
+
+    def in_the_middle(self, ensemble: Ensemble, renderer: ShotRenderer) -> "Recovered":
+        """Return the views in the middle of each mask, by how the scenes' own differ there from what the masks saw.
+
+        A decode that is handed over as it is knows nothing of a path, and stays.
+        """
+        if renderer.moments_per_mask == 1:
+            return self
+        averaged = (ensemble.best, *ensemble.others)[: max(ensemble.averaged, 1)]
+        differ = [
+            renderer.views(fit.scene, torch.from_numpy(fit.world_to_camera).float(), renderer.times) - fit.views
+            for fit in averaged
+        ]
+        views = self.views if self.verdict == "decode" else self.views + np.mean(differ, axis=0, dtype=np.float32)
+        return replace(self, views=views, exposed=self.views, scene_views=ensemble.best.views + differ[0])
 
 
 @dataclass(frozen=True)
@@ -52,6 +74,7 @@ class Left:
     recovered: Recovered
     motion: MotionReport
     speeds: Speeds | None
+    shutter: Shutter | None = None
 
 
 def record(settings: Settings, left: Left, score: Score | None, seconds: dict[str, float]) -> RunResult:
@@ -70,10 +93,12 @@ def record(settings: Settings, left: Left, score: Score | None, seconds: dict[st
     geometry, fit, recovered = left.geometry, left.ensemble.best, left.recovered
     moved, light = movement(geometry.world_to_camera, fit.world_to_camera), left.look.brightness
     views, of_weights = light.shown(recovered.views), light.of_weights
+    exposed = views if recovered.exposed is None else light.shown(recovered.exposed)
+    scene_views = fit.views if recovered.scene_views is None else recovered.scene_views
     lit = shot if of_weights is None else replace(shot, weights=left.look.jury.shot.weights)
     return RunResult(
         views=views,
-        scene_views=light.shown(fit.views),
+        scene_views=light.shown(scene_views),
         decode=views if recovered.verdict == "decode" else light.shown(left.look.decoded),
         depth=left.light.surface().numpy(),
         depth_spread=left.light.spread.numpy(),
@@ -81,7 +106,7 @@ def record(settings: Settings, left: Left, score: Score | None, seconds: dict[st
         world_to_camera=fit.world_to_camera,
         intrinsics=geometry.intrinsics,
         distortion=shot.distortion,
-        predicted_measurement=Coding.of(lit).forward(torch.from_numpy(views)).numpy(),
+        predicted_measurement=Coding.of(lit).forward(torch.from_numpy(exposed)).numpy(),
         curve=(*fit.curve, *_last_point(left, score, seconds["total"])),
         stopped=fit.stopped,
         seconds=seconds,
@@ -96,6 +121,8 @@ def record(settings: Settings, left: Left, score: Score | None, seconds: dict[st
         disagreement=left.ensemble.disagreement,
         brightness=None if of_weights is None else of_weights.tolist(),
         light=light.summary(),
+        shutter=None if left.shutter is None else left.shutter.summary(),
+        exposed_views=None if recovered.exposed is None else exposed,
         registration=left.registered.summary(),
         motion=left.motion.summary(left.speeds),
         displacement=None if left.speeds is None else left.speeds.displacement_px,
@@ -111,6 +138,7 @@ def _notes(left: Left, settings: Settings, moved: Movement) -> tuple[Finding, ..
         *(
             *left.doubts,
             *left.look.notes,
+            *(() if left.shutter is None else (left.shutter.note,)),
             *geometry.notes,
             *left.motion.notes(left.speeds),
             *ensemble.notes,

@@ -127,6 +127,7 @@ def wished(**options):
         "distance": None,
         "trust_weights": False,
         "light": None,
+        "within_mask": None,
         "registration": None,
         "seed": 42,
     }

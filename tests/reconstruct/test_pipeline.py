@@ -22,6 +22,7 @@ from gs2ci.reconstruct.decode.residual import ResidualSettings
 from gs2ci.reconstruct.fit.coarse import CoarseSettings
 from gs2ci.reconstruct.fit.fine import FineSettings
 from gs2ci.reconstruct.fit.losses import LossWeights
+from gs2ci.reconstruct.fit.shutter import ShutterSettings
 from gs2ci.reconstruct.fit.stopping import HoldOut
 from gs2ci.reconstruct.geometry.initialise import GeometrySettings
 from gs2ci.reconstruct.geometry.sweep import SweepSettings
@@ -347,6 +348,25 @@ def test_a_lamp_that_flickers_is_told_of_once_and_in_the_predicted_measurement(s
     assert len([note for note in result.notes if note.code is Code.WEIGHTS_CORRECTED]) == 1
     exact = np.einsum("n,nhw,nhwc->hwc", lit, told.masks, result.views)
     np.testing.assert_allclose(result.predicted_measurement, exact, atol=1e-4)
+
+
+def test_masks_of_a_camera_that_goes_on_have_moments_and_the_views_show_the_middle_of_each(shot):
+    hold_out = HoldOut(share=0.1, look_every=20)
+    settings = replace(SHORT, fits=1, fit=replace(SHORT.fit, hold_out=hold_out))
+    listener = Silent()
+    moving = replace(settings, shutter=ShutterSettings("moving", tolerance=1e-4, most=2))
+    result = reconstruct(shot, moving, listener).result
+    assert result.shutter["moments"] == [2] * VIEWS
+    assert next(note.sentence for note in result.notes if note.code is Code.MASKS_HAVE_MOMENTS) in listener.sentences
+    exact = np.einsum("nhw,nhwc->hwc", shot.masks, result.exposed_views)
+    np.testing.assert_allclose(result.predicted_measurement, exact, atol=1e-4)
+    # The middle of a mask is sharper than the mean over it.
+    sharp, meant = (np.abs(np.diff(views, axis=2)).mean() for views in (result.views, result.exposed_views))
+    assert sharp > meant
+    assert (result.scene_views != result.exposed_views).any()
+    settled = reconstruct(shot, replace(settings, shutter=ShutterSettings("still", tolerance=1e-4))).result
+    assert settled.shutter is None
+    assert settled.exposed_views is None
 
 
 def test_views_of_uneven_light_stay_as_they_were_seen_where_weights_tell_nothing(shot):

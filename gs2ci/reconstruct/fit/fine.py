@@ -255,7 +255,7 @@ def fit_fine(
     return replace(
         coarse,
         scene=loop.best,
-        views=renderer.views(loop.best, fit.poses),
+        views=renderer.exposed(loop.best, fit.poses),
         curve=curve,
         notes=(*coarse.notes, *fine.notes, note),
     )
@@ -355,8 +355,8 @@ class _Fit:
         return np.isfinite(loss) and self.optimiser.gradient_is_finite()
 
     def views(self) -> F32:
-        """Render the views of the cameras."""
-        return self._renderer.views(self.optimiser.scene, self.poses)
+        """Render what each mask saw."""
+        return self._renderer.exposed(self.optimiser.scene, self.poses)
 
     def snapshot(self) -> Gaussians:
         """Copy the present Gaussians."""

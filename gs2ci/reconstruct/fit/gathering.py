@@ -30,7 +30,8 @@ class Gathering:
         # A view that opens a quarter of the pixels of a mean over all receives a quarter of the gradient that the
         # rules' thresholds were found with, on photographs.
         open_share = max(float(masks.mean()), torch.finfo(masks.dtype).tiny)
-        self._gradient_factor = 1.0 / open_share if per_open_share else 1.0
+        # Each moment of a mask has its share of the mask's light.
+        self._gradient_factor = renderer.moments_per_mask * (1.0 / open_share if per_open_share else 1.0)
         self.screen = ScreenStatistics.empty(count)
 
     def start_again(self, count: int) -> None:
