@@ -12,6 +12,8 @@ import time
 from dataclasses import dataclass, replace
 from typing import Final
 
+import numpy as np
+
 from gs2ci.core.arrays import F32, F64
 from gs2ci.core.findings import Code, Finding, finding
 from gs2ci.core.halt import Halt
