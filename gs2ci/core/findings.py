@@ -119,13 +119,7 @@ class Code(StrEnum):
     WEIGHTS_CORRECTED = auto()
     LIGHT_AS_SEEN = auto()
 
-    MASKS_HAVE_MOMENTS = (
-        "masks_have_moments",
-        REMARK,
-        "The image moved by up to {motion_px:.1f} px while one mask was on show: masks were fitted as the mean of up "
-        "to {most} moments, and the views show the middle of each.",
-        "Move more slowly, or show masks for a shorter time: what is blurred away can only be guessed.",
-    )
+    MASKS_HAVE_MOMENTS = auto()
 
     # The masks.
     SINGLE_VIEW = auto()

@@ -35,7 +35,7 @@ from gs2ci.reconstruct.fit.one_thread import one_torch_thread
 from gs2ci.reconstruct.fit.pace import Pace, Timed
 from gs2ci.reconstruct.fit.refinement import Refinement
 from gs2ci.reconstruct.fit.rendering import ShotRenderer
-from gs2ci.reconstruct.fit.shutter import Shutter, needed
+from gs2ci.reconstruct.fit.shutter import MaskMoments, needed
 from gs2ci.reconstruct.fit.start import first_gaussians
 from gs2ci.reconstruct.fit.withheld import Withheld, first_points, first_poses
 from gs2ci.reconstruct.geometry.choose import load_geometry_prior
@@ -186,7 +186,7 @@ def _affordable(
     refine: Refinement,
     progress: Progress,
     clock: "_Stopwatch",
-    shutter: Shutter | None,
+    shutter: MaskMoments | None,
 ) -> tuple[Settings, Pace | None]:
     """Return the settings of fits for which a budget suffices, by a few timed iterations, and the pace that they keep.
 
@@ -292,7 +292,7 @@ def _examined(shot: Shot, progress: Progress) -> tuple[Shot, tuple[Finding, ...]
     return sound, doubts
 
 
-def _shutter(first: FirstLook, settings: Settings, progress: Progress) -> Shutter | None:
+def _shutter(first: FirstLook, settings: Settings, progress: Progress) -> MaskMoments | None:
     """Return the moments that the first path calls for within masks, and say so; None where one for each is enough."""
     found = needed(first.geometry, first.decoded, np.clip(first.weights_given, 0, 1), settings.shutter)
     if found is not None:
@@ -329,7 +329,7 @@ def _fit_one(
     score: Score | None,
     clock: "_Stopwatch",
     halt: Halt | None = None,
-    shutter: Shutter | None = None,
+    shutter: MaskMoments | None = None,
 ) -> FitOne:
     """Say how one fit of the ensemble goes."""
 

@@ -16,7 +16,7 @@ from gs2ci.reconstruct.first_look import FirstLook
 from gs2ci.reconstruct.fit.ensemble import Ensemble
 from gs2ci.reconstruct.fit.looks import Score
 from gs2ci.reconstruct.fit.rendering import ShotRenderer
-from gs2ci.reconstruct.fit.shutter import Shutter
+from gs2ci.reconstruct.fit.shutter import MaskMoments
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.geometry.sources import TOLD
 from gs2ci.reconstruct.geometry.telemetry import Movement, movement
@@ -74,7 +74,7 @@ class Left:
     recovered: Recovered
     motion: MotionReport
     speeds: Speeds | None
-    shutter: Shutter | None = None
+    shutter: MaskMoments | None = None
 
 
 def record(settings: Settings, left: Left, score: Score | None, seconds: dict[str, float]) -> RunResult:

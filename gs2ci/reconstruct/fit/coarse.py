@@ -30,7 +30,7 @@ from gs2ci.reconstruct.fit.pace import Fixed, Pace
 from gs2ci.reconstruct.fit.poses import PoseCorrections, PoseSettings, length_of
 from gs2ci.reconstruct.fit.relief import Exchange, Relief, ReliefSettings
 from gs2ci.reconstruct.fit.rendering import ShotRenderer
-from gs2ci.reconstruct.fit.shutter import Shutter
+from gs2ci.reconstruct.fit.shutter import MaskMoments
 from gs2ci.reconstruct.fit.stopping import HoldOut, Watch
 from gs2ci.reconstruct.fit.surfaces import Surfaces, SurfaceSettings, find_surfaces
 from gs2ci.reconstruct.geometry.initialise import Geometry
@@ -156,7 +156,7 @@ class _Fit:
         settings: CoarseSettings,
         seed: int,
         lens: Lens | None,
-        shutter: Shutter | None,
+        shutter: MaskMoments | None,
     ) -> None:
         shot = jury.shot
         self._lens, self._seed = lens, seed
@@ -350,7 +350,7 @@ def fit_coarse(
     pace: Pace | None = None,
     lens: Lens | None = None,
     halt: Halt | None = None,
-    shutter: Shutter | None = None,
+    shutter: MaskMoments | None = None,
 ) -> CoarseFit:
     """Fit Gaussians and poses to the measurement.
 

@@ -10,7 +10,7 @@ from torch import Tensor
 
 from gs2ci.core.arrays import F32, F64
 from gs2ci.core.records import Shot
-from gs2ci.reconstruct.fit.shutter import Shutter, mask_times
+from gs2ci.reconstruct.fit.shutter import MaskMoments, mask_times
 from gs2ci.reconstruct.measurement import coding
 from gs2ci.reconstruct.measurement.lens import Lens
 from gs2ci.render.gaussians import Gaussians
@@ -36,7 +36,7 @@ class ShotRenderer:
         intrinsics: F64,
         backend: Backend,
         lens: Lens | None = None,
-        shutter: Shutter | None = None,
+        shutter: MaskMoments | None = None,
     ) -> None:
         self.size = shot.size
         self.distortion = shot.distortion

@@ -74,7 +74,7 @@ class ShutterSettings:
 
 
 @dataclass(frozen=True)
-class Shutter:
+class MaskMoments:
     """The moments of each mask.
 
     Args:
@@ -167,7 +167,7 @@ def path_twists(world_to_camera: Tensor, offsets: Tensor, of_mask: Tensor) -> Te
     return when * speed[of_mask] + when**2 * change[of_mask]
 
 
-def needed(geometry: Geometry, views: F32, open_share: F64, settings: ShutterSettings) -> Shutter | None:
+def needed(geometry: Geometry, views: F32, open_share: F64, settings: ShutterSettings) -> MaskMoments | None:
     """Return the moments that a path calls for; None where one for each mask is enough.
 
     Args:
@@ -183,7 +183,7 @@ def needed(geometry: Geometry, views: F32, open_share: F64, settings: ShutterSet
     moments = tuple(int(min(max(math.ceil(one / settings.tolerance), 1), settings.most)) for one in found)
     if max(moments) == 1:
         return None
-    return Shutter(moments, tuple(open_share.tolist()), tuple(motion.tolist()), tuple(found.tolist()))
+    return MaskMoments(moments, tuple(open_share.tolist()), tuple(motion.tolist()), tuple(found.tolist()))
 
 
 def bounds(geometry: Geometry, world_to_camera: F64, view: F32, open_share: F64) -> tuple[F64, F64]:

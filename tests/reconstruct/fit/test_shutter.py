@@ -8,7 +8,7 @@ import torch
 
 from gs2ci.core.errors import InputError
 from gs2ci.reconstruct.fit.rendering import ShotRenderer
-from gs2ci.reconstruct.fit.shutter import Shutter, ShutterSettings, bounds, mask_times, needed
+from gs2ci.reconstruct.fit.shutter import MaskMoments, ShutterSettings, bounds, mask_times, needed
 from gs2ci.reconstruct.measurement.coding import Coding
 from gs2ci.render import se3
 from gs2ci.render.cpu.backend import CpuBackend
@@ -17,7 +17,7 @@ MASKS = 4
 
 
 def shutter_of(*moments, share=1.0):
-    return Shutter(moments, (share,) * len(moments))
+    return MaskMoments(moments, (share,) * len(moments))
 
 
 def accelerated(times):
