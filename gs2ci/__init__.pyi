@@ -1,3 +1,4 @@
+from gs2ci.api.bundles import update_bundle as update_bundle
 from gs2ci.api.costs import make_table as make_table
 from gs2ci.api.costs import tradeoff as tradeoff
 from gs2ci.api.decoding import decode as decode
@@ -10,7 +11,11 @@ from gs2ci.api.many import reconstruct_many as reconstruct_many
 from gs2ci.api.models import add_model as add_model
 from gs2ci.api.models import export_model as export_model
 from gs2ci.api.models import list_models as list_models
+from gs2ci.api.ophyd import ophyd_bench as ophyd_bench
+from gs2ci.api.plans import explain as explain
 from gs2ci.api.plans import plan as plan
+from gs2ci.api.plugins import list_plugins as list_plugins
+from gs2ci.api.preparing import compile_kernels as compile_kernels
 from gs2ci.api.reconstruction import reconstruct as reconstruct
 from gs2ci.api.rigs import OpenRig as OpenRig
 from gs2ci.api.rigs import find_devices as find_devices
@@ -21,6 +26,7 @@ from gs2ci.api.shots import import_file as import_file
 from gs2ci.api.shots import load as load
 from gs2ci.api.shots import recover as recover
 from gs2ci.api.shots import save as save
+from gs2ci.api.sweeps import sweep as sweep
 from gs2ci.core.errors import DeviceError as DeviceError
 from gs2ci.core.errors import GeometryError as GeometryError
 from gs2ci.core.errors import Gs2ciError as Gs2ciError
@@ -51,24 +57,30 @@ __all__ = [
     "Truth",
     "__version__",
     "add_model",
+    "compile_kernels",
     "decode",
     "demo_rig",
     "evaluate",
+    "explain",
     "export",
     "export_model",
     "find_devices",
     "import_file",
     "list_models",
+    "list_plugins",
     "load",
     "make_table",
     "measure",
     "mesh",
     "open_rig",
     "open_run",
+    "ophyd_bench",
     "plan",
     "reconstruct",
     "reconstruct_many",
     "recover",
     "save",
+    "sweep",
     "tradeoff",
+    "update_bundle",
 ]

@@ -118,7 +118,7 @@ def _run(command: str, arguments: list[str], *, quiet: bool) -> int:
             run: Callable[..., Any] = importlib.import_module(COMMANDS[command][0]).run
             # The parser shows every line of an argument's text as a line of its own, broken again at the terminal's
             # width.
-            run.__doc__ = re.sub(r"\n {12}", " ", run.__doc__ or "")
+            run.__doc__ = re.sub(r"\n {8,}", " ", inspect.cleandoc(run.__doc__ or ""))
             tyro.cli(run, prog=f"gs2ci {command}", description=_about(run.__doc__), args=arguments)
     except Gs2ciError as error:
         _print_error(error)

@@ -31,7 +31,7 @@ _HEAD = """\
 
 Everything that a reconstruction may find worth telling: why a fit ended, what to doubt, what it did about it.
 `report.json` holds each with its code, its sentence and its figures, under `notes` and, for the end of the fit,
-`stopped`; programs read the code. Names in braces are figures. Made from `gs2ci/core/findings.py` by
+`stopped`; programs read the code. Names in braces are figures. Made from `gs2ci/core/sentences/` by
 `python -m tests.docs`.
 
 A *remark* is worth knowing and asks for nothing. After a *doubt*, part of the result is not to be relied on as far as

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from gs2ci.api.decoders import Choice, decoder_of
-from gs2ci.commands.plugins import built_in_names
+from gs2ci.api.plugins import built_in_names
 from gs2ci.core.config import ConfigTable
 from gs2ci.core.errors import InputError
 from gs2ci.core.plugins import PluginError, installed
@@ -21,7 +21,7 @@ from gs2ci.core.storage import read_shot
 from gs2ci.reconstruct.fit.rules import with_rule
 from gs2ci.reconstruct.geometry.choose import load_geometry_prior
 from gs2ci.reconstruct.pipeline import reconstruct
-from gs2ci.reconstruct.presets import PRESETS
+from gs2ci.reconstruct.presets.named import PRESETS
 from gs2ci.reconstruct.priors2d.choose import load_prior
 from gs2ci.rig.opening import load_rig
 from gs2ci_drivers import plugin as driver_plugins

@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import nbformat
+import numba
 import pytest
 from nbclient import NotebookClient
 
@@ -29,6 +30,9 @@ def test_they_carry_no_output_of_somebody_elses_machine(path):
 def test_they_run(path, tmp_path, monkeypatch):
     monkeypatch.setenv("GS2CI_HOME", str(tmp_path / "home"))
     monkeypatch.setenv("IPYTHONDIR", str(tmp_path / "ipython"))
+    # A kernel would take all processors, beside the suite's other processes: threads that wait for each other then.
+    for library in ("NUMBA", "OMP"):
+        monkeypatch.setenv(f"{library}_NUM_THREADS", str(numba.get_num_threads()))
     notebook = nbformat.read(path, as_version=4)
     NotebookClient(notebook, timeout=HANG_S, resources={"metadata": {"path": str(tmp_path)}}).execute()
     outputs = [output for cell in notebook.cells for output in cell.get("outputs", [])]

@@ -4,8 +4,8 @@ Here: `changes_since`, behind `gs2ci calibrate check`. Not here: what needs no f
 which is used).
 """
 
-from dataclasses import dataclass
-from typing import Final
+from dataclasses import asdict, dataclass
+from typing import Any, Final
 
 import numpy as np
 
@@ -49,6 +49,10 @@ class Change:
     def too_far(self) -> bool:
         """Get whether it has surely changed by more than it may."""
         return self.limit is not None and abs(self.value) - 2 * self.error > self.limit
+
+    def record(self) -> dict[str, Any]:
+        """Return plain values."""
+        return {**asdict(self), "too_far": self.too_far}
 
 
 def changes_since(bench: Bench, bundle: Bundle) -> list[Change]:

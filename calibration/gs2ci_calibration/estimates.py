@@ -17,6 +17,8 @@ from gs2ci.core.errors import NumericsError
 
 # Of an array, so many numbers are shown; of more, their median.
 MOST_SHOWN: Final = 6
+# So many are answered to a program.
+MOST_RECORDED: Final = 64
 # Powers of ten between which numbers are written out.
 LEAST_POWER: Final = -4
 MOST_POWER: Final = 6
@@ -69,6 +71,14 @@ class Estimate:
     def agrees(self, truth: ArrayLike, sigmas: float = 2.0) -> Bool:
         """Return whether a truth lies within so many standard errors of the value, elementwise."""
         return np.asarray(np.abs(self.value - np.asarray(truth)) <= sigmas * self.standard_error)
+
+    def record(self) -> dict[str, Any]:
+        """Return plain values: value, standard error, unit; of a large array the median, the rms error, its shape."""
+        if self.value.size <= MOST_RECORDED:
+            value, error = self.value.tolist(), np.broadcast_to(self.standard_error, self.value.shape).tolist()
+            return {"value": value, "standard_error": error, "unit": self.unit}
+        median = float(np.median(self.value))
+        return {"median": median, "rms_error": self.error, "unit": self.unit, "shape": list(self.value.shape)}
 
     def __str__(self) -> str:
         unit = "" if self.unit == "1" else f" {self.unit}"
@@ -139,3 +149,13 @@ class Section:
     def array(self, name: str) -> NDArray[Any]:
         """Return an array by name: an estimate's values, or one of `arrays`."""
         return self.estimates[name].value if name in self.estimates else self.arrays[name]
+
+    def record(self) -> dict[str, Any]:
+        """Return plain values, without the arrays, which the bundle holds."""
+        return {
+            "name": self.name,
+            "measured_utc": self.measured_utc,
+            "estimates": {name: estimate.record() for name, estimate in self.estimates.items()},
+            "facts": dict(self.facts),
+            "notes": list(self.notes),
+        }

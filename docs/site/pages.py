@@ -95,11 +95,11 @@ def commands_page() -> str:
 
 
 def help_of(command: str) -> str:
-    """Return what a command prints for `--help`, 100 characters wide and without colours."""
+    """Return what a command prints for `--help`, 88 characters wide, as the site shows them, and without colours."""
     from gs2ci import cli
 
     said = io.StringIO()
-    plain = {"COLUMNS": "100", "NO_COLOR": "1", "TERM": "dumb"}
+    plain = {"COLUMNS": "88", "NO_COLOR": "1", "TERM": "dumb"}
     with (
         mock.patch.dict(os.environ, plain),
         mock.patch.object(sys, "argv", ["gs2ci", command, "--help"]),

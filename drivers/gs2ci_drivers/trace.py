@@ -33,10 +33,6 @@ def _packed(data: bytes) -> str:
     return "z" + base64.b64encode(zlib.compress(data, level=1)).decode("ascii")
 
 
-def _unpacked(text: str) -> bytes:
-    return zlib.decompress(base64.b64decode(text[1:])) if text.startswith("z") else bytes.fromhex(text)
-
-
 @dataclass
 class Call:
     """One call on a port.
@@ -74,25 +70,6 @@ class Call:
         }
         row.update({key: value for key, value in optional.items() if value not in ([], None, "")})
         return json.dumps(row)
-
-    @classmethod
-    def from_line(cls, line: str) -> "Call":
-        """Read one line.
-
-        Raises:
-            ValueError, KeyError, TypeError: Not such a line.
-        """
-        row = json.loads(line)
-        return cls(
-            op=row["op"],
-            args=row.get("args", []),
-            sent=[_unpacked(text) for text in row.get("sent", [])],
-            got=[_unpacked(text) for text in row.get("got", [])],
-            result=row.get("result"),
-            errno=row.get("errno"),
-            error=row.get("error", ""),
-            t_s=float(row["t"]),
-        )
 
 
 class CallLog(Protocol):

@@ -9,7 +9,7 @@ import shlex
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from gs2ci.api.display import shown
 from gs2ci.api.options import check_seed, check_whole
@@ -49,14 +49,30 @@ class TableMade:
     """A table of figures.
 
     Args:
+        measures: What each line has a mean and a spread of, by the names that cells use.
         figures: Mean and spread of each line of each case.
         text: The same as markdown.
         pages: The files that were written.
     """
 
+    measures: tuple[str, ...]
     figures: "list[Figures]"
     text: str
     pages: list[Path]
+
+    def records(self) -> list[dict[str, Any]]:
+        """Return the lines as plain values: case, line, mean and spread by measure, count of cells, errors."""
+        return [
+            {
+                "case": one.case,
+                "line": one.line,
+                "mean": dict(zip(self.measures, one.means, strict=True)),
+                "spread": dict(zip(self.measures, one.spreads, strict=True)),
+                "count": one.count,
+                "errors": one.errors,
+            }
+            for one in self.figures
+        ]
 
     def _repr_markdown_(self) -> str:
         return self.text
@@ -83,10 +99,13 @@ def tradeoff(
         shot: A shot file; or a shot, which is kept as `<output>/shot.h5` for trials in other processes.
         output: Folder for CSV, picture, section and the finished trials.
         index: Which shot of the file.
-        knobs: What to vary, one thing at a time; all that there are when empty.
-        most: Leave out what is expected to take longer than this.
+        knobs: What to vary, one thing at a time: preset (decode only, draft, standard, fine, paper), resolution,
+            fits, iterations, population, start, "decode steps", "first look", "depth planes", windows, "list reuse",
+            precision; all of them when not given.
+        most: Leave out what is expected to take longer than this, by costs measured on the shot beforehand.
         seed: Of every random draw.
-        report: A run folder of the same shot, whose page gets a section on what accuracy costs.
+        report: A run folder of the same shot: its report.html gets a section on what accuracy costs, and keeps it
+            when `gs2ci report` builds it again.
         fresh: Try everything again.
         command: That makes this again, for the pages.
         progress: Who hears of the trials.
@@ -171,12 +190,13 @@ def make_table(
         table: Which one; a wrong name tells which there are.
         output: Folder for the pages and the finished cells, which are not made again.
         data: Folder of .npz measurements to use instead of simulated scenes; of rig files (.toml) for simulate.
-        size: Height and width, px: of the simulated scenes; of files, the middle that is kept.
+        size: Height and width, px: of the simulated scenes, instead of 192 256; of files, the middle that is kept.
+            For what would take hours.
         cases: Only these of the cases.
         lines: Only these lines of the table.
         seeds: How many seeds.
         processes: Local processes to share the work.
-        scheduler: Address of a Dask scheduler to do the work instead.
+        scheduler: Address of a Dask scheduler to do the work instead, e.g. tcp://host:8786.
         fresh: Measure everything again.
         command: That makes this again, for the pages; the call when empty.
         progress: Who hears of the cells.
@@ -224,7 +244,8 @@ def make_table(
     again = command or shlex.join(["gs2ci", "tables", table, "-o", str(output)])
     pages = write_pages(output, table, chosen, figures, again)
     pages.append(write_html_page(output, table, chosen, figures, again))
-    return TableMade(figures, markdown(chosen, figures, again), pages)
+    measures = tuple(measure.key for measure in chosen.measures)
+    return TableMade(measures, figures, markdown(chosen, figures, again), pages)
 
 
 def _kept(output: Path, shot: Shot) -> Path:

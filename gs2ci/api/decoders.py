@@ -18,13 +18,15 @@ from gs2ci.core.plugins import PluginError, allowed, load
 from gs2ci.core.progress import Progress
 from gs2ci.core.records import Shot
 from gs2ci.evaluate.decode_folder import Decoded
-from gs2ci.reconstruct.choices import DECODE_METHODS, DECODER_GROUP, DecodeMethod
+from gs2ci.reconstruct.choices import DECODE_METHODS, DECODER_GROUP, DENOISER_NAMES, DecodeMethod
 from gs2ci.reconstruct.decode.coupling import choose_coupling
 from gs2ci.reconstruct.decode.denoisers import Denoiser, NonLocalMeans, TotalVariation
 from gs2ci.reconstruct.decode.gap_tv import GapTvSettings, gap_tv
 from gs2ci.reconstruct.decode.patches.decoder import PatchSettings, patch_decode, with_iterations
 from gs2ci.reconstruct.decode.pnp import PlugAndPlaySettings, plug_and_play
 from gs2ci.reconstruct.decode.proxies.routing import build_proxies
+from gs2ci.reconstruct.learned.onnx_models import find_model
+from gs2ci.reconstruct.learned.onnx_video_decoder import OnnxVideoDecoder
 from gs2ci.reconstruct.learned.onnx_video_denoiser import open_denoiser
 from gs2ci.reconstruct.measurement.coding import Coding
 from gs2ci.reconstruct.registration.register import Registered
@@ -67,6 +69,8 @@ def decoder_of(choice: Choice) -> Decoder:
         return _patch_decoder(choice)
     if choice.iterations is not None:
         raise InputError(f"--iterations with --method {choice.method}", allowed="with methods that iterate")
+    if choice.method == "video-decoder" or choice.method.startswith("onnx:"):
+        return _network_decoder(choice.method)
     if choice.method in DECODE_METHODS:
         return _proxy_decoder(choice.method)
     return _plugged_decoder(choice.method)
@@ -87,6 +91,17 @@ def _plugged_decoder(name: str) -> Decoder:
                 allowed=f"finite views of shape {list(wanted)}",
             )
         return views, {"name": name}, ()
+
+    return decode
+
+
+def _network_decoder(name: str) -> Decoder:
+    path = find_model("video-decoder") if name == "video-decoder" else Path(name.removeprefix("onnx:"))
+    network = OnnxVideoDecoder(path)
+
+    def decode(shot: Shot, progress: Progress) -> _Outcome:
+        progress.stage("decode")
+        return np.clip(network(shot), 0, 1), {"name": "network", "model": path.name}, ()
 
     return decode
 
@@ -152,7 +167,10 @@ def _denoiser(name: str) -> Denoiser:
         return NonLocalMeans()
     if name.startswith("onnx:"):
         return open_denoiser(Path(name.removeprefix("onnx:")))
-    raise InputError(f"denoiser {name!r}", allowed="tv, nlm, onnx:FILE")
+    known = next((model for model in DENOISER_NAMES if model == name), None)
+    if known is not None:
+        return open_denoiser(find_model(known))
+    raise InputError(f"denoiser {name!r}", allowed=f"tv, nlm, onnx:FILE, {', '.join(DENOISER_NAMES)}")
 
 
 def decoded_by(decode: Decoder, registered: Registered, progress: Progress) -> Decoded:

@@ -30,11 +30,18 @@ def decode(
 
     Args:
         shot: A shot, or a file that `load` takes.
-        method: "gap-tv"; plug-and-play by "pnp-gap" or "pnp-admm"; or the rough "proxies" ("eni", "amdi").
-        denoiser: Of plug-and-play: "tv" (the default), "nlm", or "onnx:FILE".
-        iterations: Steps of gap-tv (40), or at each of the four noise levels of plug-and-play (10).
-        coupling: How alike gap-tv expects consecutive views to be; chosen by held-out pixels when None.
-        registration: "auto" asks the measurement where its masks lie; "off" believes them.
+        method: gap-tv; patches, which takes groups of similar patches and is the best without trained weights, or
+            patches-quick, a few rounds of it; plug-and-play by pnp-gap or pnp-admm; onnx:FILE, a network from
+            measurement and masks to views, or video-decoder, the one added by that name; or the rough proxies that a
+            geometry stage looks at: eni, amdi, or proxies for the one of the two that the masks ask for.
+        denoiser: Of plug-and-play: tv (the default), nlm (non-local means), onnx:FILE, or a model added by name
+            (gs2ci models add): ffdnet, ffdnet-colour, fastdvdnet.
+        iterations: Steps of gap-tv (40), patches (96) or patches-quick (8), or at each of the four noise
+            levels of plug-and-play (10).
+        coupling: How alike gap-tv expects consecutive views to be, from 0 (not at all); chosen by held-out pixels of
+            the measurement when not given.
+        registration: "auto" asks the measurement first where its masks lie and how they met the light, and corrects
+            what it surely tells; "off" believes masks and readings as they are.
         seed: Of the draw of the held-out pixels.
         progress: Who hears of stages and steps, as in `reconstruct`.
 

@@ -42,11 +42,12 @@ def export(run: Run | str | Path, to: ExportFormat, path: str | Path | None = No
 
     Args:
         run: A run that was saved, or its folder.
-        to: "ply" and "spz" hold the Gaussians; "colmap" is a folder with sparse model and images, "nerfstudio" one with
-            transforms.json and images; "depth-png" (16 bit) and "depth-exr" are folders of depth maps; "nexus" holds
-            views, depth and cameras under the names of the NeXus standard; "gif" and "mp4" a short orbit.
+        to: ply and spz hold the Gaussians; colmap is a folder with sparse model and images, nerfstudio one with
+            transforms.json and images; depth-png (16 bit) and depth-exr are folders of depth maps; nexus is an HDF5
+            file with views, depth and cameras under the names of the NeXus standard; gif and mp4 a short orbit of
+            the scene.
         path: The file or folder to write; one of its own name in the current folder if None.
-        overwrite: Replace what lies there.
+        overwrite: Replace what lies there; a folder is replaced as a whole.
 
     Returns:
         The path.

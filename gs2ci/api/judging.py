@@ -38,12 +38,13 @@ def evaluate(
     Args:
         run: A run that was saved, or its folder.
         shot: The shot that was reconstructed, or one of the same measurement that holds the truth as well; or a file.
-        index: Which shot of a file.
+        index: Which shot of the file.
         depth: True depth along the optical axis, [N, H, W] or its .npy file, in any unit, 0 where unknown.
         novel: True views from other places: an .npz file of `views` and `world_to_camera` in the true path's world.
         read_noise: Standard deviation of the sensor in the dark, in full scales of one view, for chi-squared.
-        electrons: Electrons of a pixel at the full scale of one view, for the shot noise in chi-squared.
-        lpips: "lpips" for the model added by `add_model`, or an ONNX file of your own.
+        electrons: Electrons of a pixel at the full scale of one view, for the shot noise in chi-squared; without it
+            none is counted.
+        lpips: "lpips" for the model added by `gs2ci models add lpips`, or an ONNX file of your own.
 
     Returns:
         The figures as plain values, schema gs2ci.evaluation/2; None where there is no evidence.

@@ -6,9 +6,10 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from gs2ci.api.derived import with_options_of
 from gs2ci.api.display import interrupted_within, shown
 from gs2ci.api.options import check_whole
-from gs2ci.api.reconstruction import check_wishes
+from gs2ci.api.reconstruction import check_wishes, reconstruct
 from gs2ci.core.errors import InputError
 from gs2ci.core.progress import Progress
 from gs2ci.reconstruct.choices import PresetName
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
     from gs2ci.batch.rows import Row
 
 
+@with_options_of(reconstruct, without=("shot", "budget"))
 def reconstruct_many(
     files: Sequence[str | Path],
     output: str | Path = "runs",
@@ -37,14 +39,12 @@ def reconstruct_many(
     Args:
         files: Shot files.
         output: The folder of runs.
-        preset: As for `reconstruct`.
         every: Every exposure of each file; else the one that `index` names.
         index: Which exposure of each file.
         processes: On this machine; as many as it bears if None.
         scheduler: Address of a Dask scheduler to work instead.
         overwrite: Replace runs that were made of other files or with other settings.
         progress: Who hears of every exposure that ends.
-        wishes: Any of the keyword arguments of `reconstruct` but `budget`.
 
     Returns:
         A row for each exposure: its name, whether it is done, its figures, or what kept it from a run.
@@ -60,8 +60,6 @@ def reconstruct_many(
         >>> [row.state for row in rows], gs2ci.open_run(f"runs/{rows[0].name}").views.shape
         (['done'], (4, 24, 32, 3))
     """
-    if wishes.pop("budget", None) is not None:
-        raise InputError("--budget for many exposures", remedy="give a --preset: machines differ, and so would results")
     check_whole("--processes", processes, 1, 1000)
     if scheduler and processes is not None:
         raise InputError("--processes beside --scheduler", remedy="the cluster has its own workers: leave one out")

@@ -3,6 +3,7 @@
 Here: `export_model`, `add_model`, `list_models`. Not here: any network (`gs2ci.reconstruct.learned`).
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
@@ -20,7 +21,7 @@ class NotedModel:
     """A model file that has a name.
 
     Args:
-        name: vggt, difix or lpips.
+        name: One of `MODEL_NAMES`.
         path: Where the file lies.
         sha256: Of the file when it was added.
         problem: Why it cannot be used now; empty where it can.
@@ -82,7 +83,9 @@ def add_model(name: ModelName, path: str | Path) -> NotedModel:
     """Note a model file under a name, after a look that it is what the name says.
 
     Args:
-        name: "vggt", "difix" (a prior of the fine stage) or "lpips" (a distance).
+        name: "vggt", "difix" (a prior of the fine stage), "lpips" (a distance); "ffdnet", "ffdnet-colour" or
+            "fastdvdnet" (denoisers for `decode`, and lines of the table `literature`); "video-decoder" (a network from
+            measurement and masks to views).
         path: The ONNX file; it stays where it is.
 
     Raises:
@@ -169,7 +172,19 @@ def _vggt(weights: Path, output: Path, views: int) -> ExportedModel:
 def _open(name: ModelName, path: Path) -> Any:
     """Load a file as what its name says that it is."""
     from gs2ci.reconstruct.learned.lpips import Lpips
-    from gs2ci.reconstruct.learned.onnx_prior import OnnxPrior
+    from gs2ci.reconstruct.learned.onnx_denoiser import OnnxDenoiser
+    from gs2ci.reconstruct.learned.onnx_video_decoder import OnnxVideoDecoder
+    from gs2ci.reconstruct.learned.onnx_video_denoiser import OnnxVideoDenoiser
     from gs2ci.reconstruct.learned.vggt import Vggt
+    from gs2ci.reconstruct.priors2d.onnx_prior import OnnxPrior
 
-    return {"vggt": Vggt, "difix": OnnxPrior, "lpips": Lpips}[name](path)
+    kinds: dict[ModelName, Callable[[Path], Any]] = {
+        "vggt": Vggt,
+        "difix": OnnxPrior,
+        "lpips": Lpips,
+        "ffdnet": OnnxDenoiser,
+        "ffdnet-colour": OnnxDenoiser,
+        "fastdvdnet": OnnxVideoDenoiser,
+        "video-decoder": OnnxVideoDecoder,
+    }
+    return kinds[name](path)

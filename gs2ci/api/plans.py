@@ -1,6 +1,9 @@
-"""What a simulation calls for: `plan`. Not here: the reckoning (`gs2ci_sims.planner`), a capture's plan (`rigs`)."""
+"""What a simulation calls for, and why: `plan`, `explain`.
 
-from collections.abc import Callable, Mapping
+Not here: the reckoning (`gs2ci_sims.planner`, `explaining`), a capture's plan (`rigs`).
+"""
+
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -8,6 +11,7 @@ from gs2ci.api.options import check_number
 from gs2ci.core.errors import InputError
 
 if TYPE_CHECKING:
+    from gs2ci_sims.explaining import Explanation
     from gs2ci_sims.planner import Plan
 
 
@@ -35,6 +39,29 @@ def plan(rig: str | Path, tolerance_dn: float | None = None, *, rays: bool = Fal
 
     rig = Path(rig)
     return foreseen(rig, read_toml(rig)[0], tolerance_dn, rays=rays)()
+
+
+def explain(decided: "Plan | str | Path", effects: Sequence[str] = ("all",)) -> "tuple[Explanation, ...]":
+    """Derive the bounds of a plan's effects step by step, with this rig's numbers.
+
+    Args:
+        decided: A plan, or the rig file to plan.
+        effects: Names of effects, or "all".
+
+    Returns:
+        Law, steps with their values, and verdict of each, in physical order.
+
+    Raises:
+        InputError: The rig has no such effect, or as `plan`.
+
+    Example:
+        >>> (found,) = gs2ci.explain("rig.toml", ["shot_noise"])
+        >>> len(found.steps) > 0, found.verdict != ""
+        (True, True)
+    """
+    from gs2ci_sims.explaining import explain as explained
+
+    return explained(plan(decided) if isinstance(decided, str | Path) else decided, effects)
 
 
 def foreseen(

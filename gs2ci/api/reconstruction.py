@@ -19,12 +19,14 @@ from gs2ci.core.records import FOCAL_RANGE_PX, Shot
 from gs2ci.reconstruct.choices import (
     MOST_FITS,
     FirstLookName,
+    LightMode,
     MotionMode,
     PoseSource,
     PresetName,
     ProxyName,
     RegistrationMode,
     RuleName,
+    WithinMask,
 )
 
 if TYPE_CHECKING:
@@ -48,6 +50,8 @@ def reconstruct(
     distance: str | None = None,
     focal_px: float | None = None,
     trust_weights: bool = False,
+    light: LightMode | None = None,
+    within_mask: WithinMask | None = None,
     registration: RegistrationMode | None = None,
     motion: MotionMode | None = None,
     seed: int = 42,
@@ -61,27 +65,49 @@ def reconstruct(
 
     Args:
         shot: A shot, or a file that `load` takes.
-        preset: "draft" is a first look, "standard" the default, "fine" takes several times as long, "paper" is the
-            system of the GS2CI paper. Any other argument changes what it names, and only that.
-        geometry: Where the first poses come from: "auto", "tracks", "stage", "wide", "uniform", "file:PATH", "vggt",
-            "vggt:FILE" or "vggt-or-tracks"; the preset's own when None.
-        proxy: The views that the geometry is found in: "gap-tv", "eni", "amdi" or "routed"; the preset's own when None.
-        first_look: What decodes before anything is fitted: "gap-tv", "patches" or "patches-quick"; the preset's own
-            when None.
-        budget: Instead of a preset, the time that everything may take, as in "60s" or "5min".
-        density: The rule by which Gaussians are added and removed: its name, or an object of your own
-            (`gs2ci.reconstruct.fit.density.base`); the preset's own when None.
-        without: Components to do without, for comparisons.
-        iterations: At most so many iterations of the fit.
-        fits: How many fits the views are the mean of.
-        fine: Go on with the fine stage.
-        prior: For the fine stage, which it switches on: "consistent", "nlm", "none", "difix" or "onnx:FILE".
-        distance: For the fine stage, which it switches on: "structure", "lpips" or "lpips:FILE".
+        preset: How far to go: "draft" is a first look, "standard" the default, "fine" takes several times as long and
+            ends with the fine stage, "paper" is the system of the GS2CI paper, constant by constant: 20,000 iterations
+            without held-out pixels, and the scene's own views. Any other option changes what it names, and only that.
+        geometry: Where the first poses come from: "tracks" finds them in the decoded views, "stage" takes those that
+            the stage reported, "file:PATH" those of a COLMAP model's folder or a transforms.json, "vggt" (or
+            "vggt:FILE") those that a model of yours predicts, "wide" matches points between all pairs of views, in
+            whatever order, "uniform" seeks an even motion without tracks; "auto" takes the stage's where there are any
+            and the measurement does not speak against them, else the tracks', else those of "wide", else an even
+            motion; "vggt-or-tracks" takes VGGT's where you have added the model, else the tracks'. The
+            fit refines them in any case. "auto" unless the preset says otherwise.
+        proxy: The views that the geometry is found in: "gap-tv" for the decoded ones (unless the preset says
+            otherwise), or the paper's proxies "eni" or "amdi", or "routed", the one of these two that the masks ask
+            for.
+        first_look: What decodes before anything is fitted: "gap-tv", or "patches", slower and better by decibels, or
+            "patches-quick", a few rounds of it. The preset's own when not given.
+        budget: Instead of a preset, the time that everything together may take, as in 60s or 5min: the best that
+            this machine can do by then.
+        density: The rule by which Gaussians are added and removed, with the terms of the objective that belong to it,
+            by its name (in Python also an object of your own, `gs2ci.reconstruct.fit.density.base`); the preset's own
+            when not given.
+        without: Components of the method to do without, for comparisons: points, poses, opacity-split,
+            opacity-regulation, count-cap, pose-refinement.
+        iterations: At most so many iterations of the fit; it ends earlier when held-out pixels stop improving.
+        fits: How many fits run side by side; the views are their mean. More take longer and show more.
+        fine: Go on with the fine stage: views from beside the cameras are held to what a prior on images says of them.
+            Kept only where held-out pixels agree; with preset "paper", which holds none out, kept in any case.
+        prior: For the fine stage, which it switches on: "consistent" (detail that several cameras agree on; the usual
+            one), "nlm" (non-local means), "none", "difix" (added by `gs2ci models add`), or "onnx:FILE".
+        distance: For the fine stage, which it switches on: "structure" (1 − SSIM over three scales), "lpips" (added
+            by `gs2ci models add`), or "lpips:FILE".
         focal_px: Focal length along the rows to use instead of the shot's, in pixels.
-        trust_weights: Take each mask's weight as the shot states it.
-        registration: "auto" asks the measurement where its masks lie; "off" believes them; the preset's own when None.
-        motion: Whether things in the scene may move: "auto" where a still scene leaves what motion explains; "on" no
-            still scene alone; "off" none that moves; the preset's own when None.
+        trust_weights: Take each mask's weight as the shot states it, whatever the measurement shows of the lamp.
+        light: How bright the views are handed over where they were surely seen unlike one another: "as-seen"; "even",
+            as under a lamp that does not flicker; "auto" is "even" where the shot tells weights that differ. The
+            preset's own when not given.
+        within_mask: "moving" where the camera goes on while a mask is on show: masks are then fitted with as many
+            moments as that calls for, and the views show the middle of each; "still" where it stops under each, or
+            where the measurement was coded in software. The preset's own when not given.
+        registration: "auto" asks the measurement first where its masks lie and how they met the light, and corrects
+            what it surely tells; "off" believes masks and readings as they are. The preset's own when not given.
+        motion: Whether things in the scene may move by themselves: "auto" tries it where a still scene leaves what
+            motion explains, and takes it where held-out pixels bear it out (not within a budget); "on" fits no still
+            scene alone; "off" fits none that moves. The preset's own when not given.
         seed: Of every random draw; the same seed gives the same result.
         progress: Who hears of stages and steps; a bar at a terminal or in a notebook when None;
             `gs2ci.Silent()` shows nothing.
@@ -105,7 +131,7 @@ def reconstruct(
     measured = shot.check() if isinstance(shot, Shot) else load(shot)
     from gs2ci.api.wishes import Wishes, budget_seconds, score_against_truth, settings_of, with_focal
     from gs2ci.reconstruct import pipeline
-    from gs2ci.reconstruct.budget import Budget
+    from gs2ci.reconstruct.presets.budget import Budget
     from gs2ci.render import backend
 
     wishes = Wishes(
@@ -120,6 +146,8 @@ def reconstruct(
         prior=prior,
         distance=distance,
         trust_weights=trust_weights,
+        light=light,
+        within_mask=within_mask,
         registration=registration,
         motion=motion,
         seed=seed,

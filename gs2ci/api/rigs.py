@@ -10,12 +10,13 @@ from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Final, Literal, Self
 
-from gs2ci.api.display import Display, shown
+from gs2ci.api.display import shown
 from gs2ci.api.options import check_whole
 from gs2ci.core.progress import Progress
 from gs2ci.core.records import Shot
 
 if TYPE_CHECKING:
+    from gs2ci.api.display.stages import StageDisplay
     from gs2ci.rig.calibrated import Calibrated
     from gs2ci.rig.doctor import BenchFinding
     from gs2ci.rig.opening import Rig
@@ -29,6 +30,45 @@ if TYPE_CHECKING:
 
 CalibrationStep = Literal["dark-flat", "sensor", "timing", "registration", "masks", "camera", "stage", "all"]
 _NEVER: Final[Callable[[Path], object]] = lambda partial: None  # noqa: E731  a default that does nothing
+
+
+class LivePage:
+    """A bench that a browser shows while one aligns it; made by `OpenRig.live`.
+
+    Args:
+        rig: The bench.
+        host: Who may look, and press if nobody else does.
+        port: Of the local server, or the first of the next ones that is free; 0 for any.
+    """
+
+    def __init__(self, rig: "Rig", host: str, port: int) -> None:
+        from gs2ci.rig.live.bench import LiveBench
+        from gs2ci.rig.live.server import LiveServer
+
+        self._bench = LiveBench(rig)
+        self._bench.begin()
+        try:
+            self._server = LiveServer(self._bench, host, port)
+        except BaseException:
+            self._bench.close()
+            raise
+        name = "localhost" if host == "0.0.0.0" else host  # noqa: S104
+        self.address = f"http://{name}:{self._server.port}"
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.stop()
+
+    def stop(self) -> None:
+        """End serving, disarm everything and close the devices."""
+        try:
+            self._server.stop()
+        finally:
+            self._bench.close()
 
 
 class OpenRig:
@@ -86,6 +126,11 @@ class OpenRig:
         """
         if self._devices is None:
             self._devices = self._rig.open(self._traced, self._session)
+        return self._devices
+
+    @property
+    def opened(self) -> "Devices | None":
+        """Get the devices where they are open; opens none."""
         return self._devices
 
     def close(self) -> None:
@@ -315,6 +360,32 @@ class OpenRig:
         self.close()  # the examination opens ports itself, to tell which of them cannot be
         yield from examine(self._rig, trigger_loop=trigger_loop)
 
+    def live(self, *, port: int = 8090, host: str = "127.0.0.1") -> LivePage:
+        """Show the bench in a browser: the camera's picture, masks, focus, registration, stage, one exposure.
+
+        Nothing is shown, exposed or moved before a button is pressed. The first page holds the bench, others look on;
+        when its page goes, or serving ends, everything is disarmed.
+
+        Args:
+            port: Of the local server; if it is taken, the next free one; 0 for any.
+            host: Who may look, and press if nobody else does: 127.0.0.1 is this machine alone.
+
+        Returns:
+            The page, with its `address`; `stop()`, or the end of a `with` block, ends it.
+
+        Raises:
+            DeviceError: A device does not answer.
+            InputError: No port can be had.
+
+        Example:
+            >>> with gs2ci.open_rig("rig.toml") as rig, rig.live(port=0) as page:
+            ...     page.address.startswith("http://127.0.0.1:")
+            True
+        """
+        check_whole("--port", port, 0, 65_535, remedy="leave --port out, or give 0 for any that is free")
+        self.close()  # the page opens the devices itself
+        return LivePage(self._rig, host, port)
+
     def home(self) -> dict[str, float]:
         """Move the stage to its reference, which must have free way; return the axes' positions, mm.
 
@@ -330,7 +401,7 @@ class OpenRig:
         path = None if calibration is None else Path(calibration)
         return load(self._rig, self.devices, path, probe=probe, progress=progress)
 
-    def _bench(self, display: Display, *, fast: bool) -> "Bench":
+    def _bench(self, display: "StageDisplay", *, fast: bool) -> "Bench":
         from gs2ci.rig.calibrating import bench_of, operator_of
 
         operator = operator_of(self._rig, display.ask)

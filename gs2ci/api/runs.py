@@ -144,7 +144,7 @@ class Run:
         return png_of(row_of(shown))
 
     def _repr_html_(self) -> str:
-        from gs2ci.api.display import summary_rows
+        from gs2ci.api.summary import summary_rows
         from gs2ci.core.notebook import card
 
         facts = [(name, f"{value}  {remark}".rstrip()) for name, value, remark in summary_rows(self.report)]

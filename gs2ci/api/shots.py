@@ -88,9 +88,10 @@ def import_file(
     Args:
         path: Measurement, with or without masks: .npz, .npy, .mat (v5, v7.3), a PNG or TIFF.
         masks: Masks, if they lie in a file of their own, or a folder of PNG or TIFF pictures.
-        truth: True views, for scoring only.
-        poses: True poses, world-to-camera [N, 4, 4], OpenCV axes, for scoring only.
-        intrinsics: Camera matrix, [3, 3], or fx fy cx cy, in pixels (pixel centres at +0.5).
+        truth: True views, or their file, for scoring only.
+        poses: True poses, or their file, world-to-camera [N, 4, 4], OpenCV axes, for scoring only.
+        intrinsics: Camera matrix: a file with [3, 3], or fx fy cx cy in pixels (pixel centres at +0.5); in Python an
+            array as well.
         focal_px: Focal length in pixels, with the principal point at the centre.
         distortion: Of the lens, as OpenCV states it: k1 k2 p1 p2, and k3 if it was fitted. Needs the camera matrix.
         meas_key: Key of the measurement in its file.

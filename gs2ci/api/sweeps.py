@@ -70,6 +70,11 @@ def sweep(
 
     Raises:
         InputError: A figure is not in the file's tables, is no number or has no range, or a value cannot be planned.
+
+    Example:
+        >>> (found,) = gs2ci.sweep("rig.toml", ["mask_s=0.02..0.04"], points=2)
+        >>> found.values.tolist(), "shot_noise" in found.bounds_dn
+        ([0.02, 0.04], True)
     """
     from gs2ci.api.plans import foreseen
     from gs2ci.core.config import read_toml

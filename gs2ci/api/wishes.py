@@ -15,19 +15,21 @@ from gs2ci.core.durations import parse_duration_s
 from gs2ci.core.errors import InputError
 from gs2ci.core.records import Shot
 from gs2ci.evaluate.metrics import psnr_per_view
-from gs2ci.reconstruct import ablation
 from gs2ci.reconstruct.choices import (
     FirstLookName,
+    LightMode,
     MotionMode,
     PoseSource,
     PresetName,
     ProxyName,
     RegistrationMode,
     RuleName,
+    WithinMask,
 )
 from gs2ci.reconstruct.fit.density.base import DensityRule
 from gs2ci.reconstruct.fit.looks import Score
-from gs2ci.reconstruct.presets import preset
+from gs2ci.reconstruct.presets import ablation
+from gs2ci.reconstruct.presets.named import preset
 from gs2ci.reconstruct.settings import Settings
 
 
@@ -46,6 +48,8 @@ class Wishes:
     prior: str | None = None
     distance: str | None = None
     trust_weights: bool = False
+    light: LightMode | None = None
+    within_mask: WithinMask | None = None
     registration: RegistrationMode | None = None
     motion: MotionMode | None = None
     seed: int = 42
@@ -72,6 +76,10 @@ class Wishes:
             settings = replace(settings, first_look=self.first_look)
         if self.trust_weights:
             settings = replace(settings, brightness=replace(settings.brightness, rounds=0))
+        if self.light is not None:
+            settings = replace(settings, brightness=replace(settings.brightness, light=self.light))
+        if self.within_mask is not None:
+            settings = replace(settings, shutter=replace(settings.shutter, within_mask=self.within_mask))
         if self.registration is not None:
             settings = replace(settings, registration=replace(settings.registration, mode=self.registration))
         if self.density is not None:
@@ -114,6 +122,8 @@ def settings_of(name: PresetName, wishes: Wishes) -> Settings:
     for option, value, allowed in (
         ("--proxy", wishes.proxy, (None, *get_args(ProxyName))),
         ("--first-look", wishes.first_look, (None, *get_args(FirstLookName))),
+        ("--light", wishes.light, (None, *get_args(LightMode))),
+        ("--within-mask", wishes.within_mask, (None, *get_args(WithinMask))),
         ("--registration", wishes.registration, (None, *get_args(RegistrationMode))),
     ):
         check_choice(option, value, allowed)

@@ -9,10 +9,14 @@ import os
 import sys
 from collections.abc import Callable, Iterator
 from contextvars import ContextVar
-from typing import Any, Final, TextIO
+from typing import Annotated, Any, Final, TextIO
+
+import tyro
 
 from gs2ci.core.json_text import as_json
 
+AsJson = Annotated[bool, tyro.conf.arg(help="Print the answer as JSON, and nothing else, on standard output.")]
+"""The option `--json` of every command that has one."""
 # Where answers go while all else is silenced.
 _heard: Final[ContextVar[TextIO | None]] = ContextVar("heard", default=None)
 QUIET_VARIABLE: Final = "GS2CI_QUIET"

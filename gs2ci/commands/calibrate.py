@@ -5,21 +5,27 @@ Here: the arguments and what is shown. Not here: any measurement (`gs2ci_calibra
 """
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Final, Literal
 
 import tyro
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from gs2ci.api.bundles import update_bundle
 from gs2ci.api.display import open_display
+from gs2ci.commands.answers import AsJson, answered
 from gs2ci.core.errors import InputError
 
 if TYPE_CHECKING:
+    from gs2ci.rig.updating import Update
     from gs2ci_calibration.drift import Change
     from gs2ci_calibration.estimates import Section
 
 Step = Literal["dark-flat", "sensor", "timing", "registration", "masks", "camera", "stage", "all", "check", "update"]
+
+# Of an update: a bundle and a shot.
+_LEAST_FILES: Final = 2
 
 
 def run(
@@ -29,6 +35,7 @@ def run(
     rig: Path | None = None,
     out: Annotated[Path, tyro.conf.arg(aliases=["-o"])] = Path("bench.cal.h5"),
     fast: bool = False,
+    json: AsJson = False,
 ) -> Path:
     """Measure a bench into a calibration bundle.
 
@@ -51,42 +58,50 @@ def run(
     from gs2ci.api.rigs import open_rig
     from gs2ci_calibration.bundle import check_bundle_place
 
-    console = Console()
-    if step == "update":
-        return _update(console, files)
-    if rig is None or files:
-        raise InputError(
-            f"gs2ci calibrate {step}: " + ("no rig file" if rig is None else f"{files[0]} is not asked for"),
-            allowed="--rig RIG.toml, and files for update alone",
-        )
-    if step != "check":
-        check_bundle_place(out)
-    with open_rig(rig) as opened, open_display() as display:
-        if step == "check":
-            found = opened.drift(out, progress=display)
-            _print_drift(console, *found)
-            return out
-        opened.calibrate(out, step, fast=fast, heard=lambda section: _print_section(console, section), progress=display)
-    console.print(f"bundle in [bold]{escape(str(out))}[/]", soft_wrap=True)
+    with answered(as_text=not json) as answer:
+        console = Console()
+        if step == "update":
+            bundle, update = _update(console, files)
+            told = {name: estimate.record() for name, estimate in update.parameters.items()}
+            answer({"bundle": bundle, **vars(update), "parameters": told})
+            return bundle
+        if rig is None or files:
+            raise InputError(
+                f"gs2ci calibrate {step}: " + ("no rig file" if rig is None else f"{files[0]} is not asked for"),
+                allowed="--rig RIG.toml, and files for update alone",
+            )
+        if step != "check":
+            check_bundle_place(out)
+        with open_rig(rig) as opened, open_display() as display:
+            if step == "check":
+                changes, notes = opened.drift(out, progress=display)
+                answer({"bundle": out, "changes": [change.record() for change in changes], "notes": notes})
+                _print_drift(console, changes, notes)
+                return out
+            sections: list[Section] = []
+
+            def heard(section: "Section") -> None:
+                sections.append(section)
+                _print_section(console, section)
+
+            opened.calibrate(out, step, fast=fast, heard=heard, progress=display)
+        console.print(f"bundle in [bold]{escape(str(out))}[/]", soft_wrap=True)
+        answer({"bundle": out, "sections": [section.record() for section in sections]})
     return out
 
 
-def _update(console: Console, files: tuple[Path, ...]) -> Path:
-    """Refine a bundle by shots that were taken with it.
+def _update(console: Console, files: tuple[Path, ...]) -> "tuple[Path, Update]":
+    """Refine a bundle by shots that were taken with it; return which, and what they said.
 
     Raises:
         InputError: Less than a bundle and one shot.
     """
-    from gs2ci.core.storage import count_shots, read_shot
-    from gs2ci.rig.updating import update_bundle
-
-    least = 2
-    if len(files) < least:
+    if len(files) < _LEAST_FILES:
         raise InputError(
             f"gs2ci calibrate update with {len(files)} files", allowed="a bundle and one shot file or several"
         )
     bundle, *shots = files
-    found = update_bundle(bundle, [(file, read_shot(file, k)) for file in shots for k in range(count_shots(file))])
+    found = update_bundle(bundle, shots)
     grid = Table(box=None, pad_edge=False, title="the masks since", title_justify="left", title_style="bold")
     for heading in ("found", "value ± standard error", ""):
         grid.add_column(heading)
@@ -104,7 +119,7 @@ def _update(console: Console, files: tuple[Path, ...]) -> Path:
         console.print(
             f"bundle in [bold]{escape(str(bundle))}[/], the old one in {escape(str(found.kept))}", soft_wrap=True
         )
-    return bundle
+    return bundle, found
 
 
 def _print_drift(console: Console, changes: list["Change"], notes: tuple[str, ...]) -> None:

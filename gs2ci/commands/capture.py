@@ -14,7 +14,7 @@ from rich.table import Table
 
 from gs2ci.api.display import open_display
 from gs2ci.api.options import check_whole
-from gs2ci.commands.answers import answered
+from gs2ci.commands.answers import AsJson, answered
 
 if TYPE_CHECKING:
     from gs2ci.api.rigs import OpenRig
@@ -30,7 +30,7 @@ def run(
     overwrite: bool = False,
     calibration: Path | None = None,
     probe: bool = True,
-    json: bool = False,
+    json: AsJson = False,
 ) -> Path | None:
     """Take coded exposures on the bench that a rig file describes.
 
@@ -46,7 +46,6 @@ def run(
         overwrite: Replace a finished file of that name.
         calibration: A bundle of `gs2ci calibrate` to take masks from, instead of the one that [calibration] names.
         probe: Look at one mask first, to see that the bundle still fits; needs a lit scene at rest.
-        json: Print the answer as JSON, and nothing else, on standard output.
 
     Returns:
         The shot file; None for a dry run.

@@ -1,22 +1,10 @@
-"""`gs2ci compile`: make every kernel's machine code now, so that no later run waits for it.
+"""`gs2ci compile`: make every kernel's machine code now. Here: what is printed."""
 
-Here: a small reconstruction that calls them all. Not here: where machine code is kept (`gs2ci.render.cpu.compile`, and
-Numba for kernels elsewhere).
-"""
-
-import tempfile
-import time
-from pathlib import Path
-from typing import Final
-
-SIZE: Final = (68, 100)
-VIEWS: Final = 6
-PARALLAX_PX: Final = 6.0
-# Long enough that the density rule has its turn, surfaces are sought and held-out pixels are looked at.
-ITERATIONS: Final = 60
+from gs2ci.api.preparing import compile_kernels
+from gs2ci.commands.answers import AsJson, answered
 
 
-def run() -> float:
+def run(*, json: AsJson = False) -> float:
     """Make the machine code of all kernels, for this processor, and keep it on disk.
 
     Without it the first reconstruction after an installation does so, and takes so much longer.
@@ -24,20 +12,8 @@ def run() -> float:
     Returns:
         The seconds that it took.
     """
-    began_s = time.monotonic()
-    from gs2ci.api.demonstration import write_rig
-    from gs2ci.api.reconstruction import reconstruct
-    from gs2ci.api.rigs import open_rig
-    from gs2ci.core.progress import Silent
-
-    with tempfile.TemporaryDirectory(prefix="gs2ci-compile-") as folder:
-        rig = write_rig(Path(folder) / "rig.toml", views=VIEWS, size=SIZE, parallax_px=PARALLAX_PX, seed=0)
-        with open_rig(rig) as bench:
-            shot = bench.record(Path(folder) / "shot.h5", progress=Silent())
-        run = reconstruct(shot, iterations=ITERATIONS, progress=Silent())
-        if run.interrupted:
-            raise KeyboardInterrupt
-        run.save(Path(folder) / "run")
-    seconds = time.monotonic() - began_s
-    print(f"All kernels are compiled ({seconds:.0f} s).")
+    with answered(as_text=not json) as answer:
+        seconds = compile_kernels()
+        print(f"All kernels are compiled ({seconds:.0f} s).")
+        answer({"seconds": seconds})
     return seconds

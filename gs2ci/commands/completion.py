@@ -16,6 +16,8 @@ from typing import Annotated, Any, Final, Literal, get_args, get_origin
 
 import tyro
 
+from gs2ci.api.derived import argument_texts
+
 Shell = Literal["bash", "zsh", "fish"]
 
 _HEAD: Final = "# Completion of gs2ci, written by `gs2ci completion {of}`. Write it again after an update.\n"
@@ -63,19 +65,20 @@ def run(shell: Annotated[Shell, tyro.conf.Positional], /) -> str:
 def options_of(command: Any) -> list[CompletedOption]:
     """List a command's options from its signature, as the parser makes them."""
     hints = typing.get_type_hints(command, _names_of(command), include_extras=True)
-    told = _argument_texts(command)
+    told = argument_texts(command)
     found = [CompletedOption(("-h", "--help"), bare=True, help="show help")]
     for name, parameter in inspect.signature(command).parameters.items():
-        kind, name_given, aliases, positional = _unwrapped(hints.get(name, str))
-        if positional or parameter.kind is parameter.POSITIONAL_ONLY:
+        kind, marks = _unwrapped(hints.get(name, str))
+        if parameter.kind is parameter.POSITIONAL_ONLY or any("Positional" in repr(mark) for mark in marks):
             continue
-        option = f"--{(name_given or name).replace('_', '-')}"
+        option = f"--{(_said(marks, 'name') or name).replace('_', '-')}"
         bare = kind is bool
-        names = (*aliases, option)
+        names = (*(_said(marks, "aliases") or ()), option)
         if bare and parameter.default is not False:  # it may be switched either way
             names = (*names, f"--no-{option[2:]}")
         values = tuple(str(value) for value in get_args(kind)) if get_origin(kind) is Literal else ()
-        found.append(CompletedOption(names, values, kind is Path, bare, told.get(name, "")))
+        text = told.get(name) or _said(marks, "help") or ""
+        found.append(CompletedOption(names, values, kind is Path, bare, _first_sentence(text)))
     return found
 
 
@@ -83,26 +86,24 @@ def _names_of(command: Any) -> dict[str, Any]:
     return dict(vars(inspect.getmodule(command)))
 
 
-def _unwrapped(hint: Any) -> tuple[Any, str, tuple[str, ...], bool]:
-    """Return a hint's kind without None and Annotated; the option's own name, its aliases, whether it is positional."""
-    name, aliases, positional = "", (), False
+def _unwrapped(hint: Any) -> tuple[Any, list[Any]]:
+    """Return a hint's kind, without None and Annotated, and what it is annotated with."""
+    marks: list[Any] = []
     while get_origin(hint) is Annotated:
-        hint, *marks = get_args(hint)
-        for mark in marks:
-            name = getattr(mark, "name", None) or name
-            aliases = tuple(getattr(mark, "aliases", None) or aliases)
-            positional |= mark is tyro.conf.Positional or "Positional" in repr(mark)
+        hint, *more = get_args(hint)
+        marks += more
     if get_origin(hint) is typing.Union or type(hint).__name__ == "UnionType":
         kinds = [kind for kind in get_args(hint) if kind is not type(None)]
         hint = kinds[0] if len(kinds) == 1 else hint
-    return hint, name, aliases, positional
+    return hint, marks
 
 
-def _argument_texts(command: Any) -> dict[str, str]:
-    """Return the first sentence of each argument's text in a docstring."""
-    text = re.split(r"\n\n *Args:\n", inspect.getdoc(command) or "")[-1]
-    found = re.findall(r"^    (\w+): (.*(?:\n {8,}.*)*)", text, re.MULTILINE)
-    return {name: re.split(r"(?<=[.;:]) ", " ".join(said.split()))[0].rstrip(".;:") for name, said in found}
+def _said(marks: list[Any], name: str) -> Any:
+    return next((said for mark in marks if (said := getattr(mark, name, None))), None)
+
+
+def _first_sentence(text: str) -> str:
+    return re.split(r"(?<=[.;:]) ", text)[0].rstrip(".;:")
 
 
 def bash_script(about: Mapping[str, str], options: Mapping[str, list[CompletedOption]]) -> str:

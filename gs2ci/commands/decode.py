@@ -10,53 +10,37 @@ from typing import Annotated, Any
 import tyro
 from rich.console import Console
 
-from gs2ci.api.decoding import check_decode, decode_all
-from gs2ci.commands.answers import answered
+from gs2ci.api.decoding import check_decode, decode, decode_all
+from gs2ci.api.derived import with_options_of
+from gs2ci.commands.answers import AsJson, answered
 from gs2ci.core.errors import InputError
-from gs2ci.reconstruct.choices import DecodeMethod, RegistrationMode
 
 
+@with_options_of(decode, without=("progress",))
 def run(
     shot: Annotated[Path, tyro.conf.Positional],
     /,
     output: Annotated[Path, tyro.conf.arg(aliases=["-o"])] = Path("decoded"),
     *,
-    method: DecodeMethod = "gap-tv",
-    denoiser: str | None = None,
-    iterations: int | None = None,
-    coupling: float | None = None,
     index: int | None = None,
     all_shots: Annotated[bool, tyro.conf.arg(name="all")] = False,
-    registration: RegistrationMode = "auto",
-    seed: int = 42,
     overwrite: bool = False,
-    json: bool = False,
+    json: AsJson = False,
+    **options: Any,
 ) -> Path:
     """Recover the views of one exposure, or of every exposure of a file, without camera path or scene.
 
     Args:
         shot: A shot file, as `gs2ci import` and `gs2ci capture` write them.
         output: The folder to write.
-        method: gap-tv; patches, which takes groups of similar patches and is the best without trained weights, or
-            patches-quick, a few rounds of it; plug-and-play by pnp-gap or pnp-admm; or the rough proxies that a
-            geometry stage looks at: eni, amdi, or proxies for the one of the two that the masks ask for.
-        denoiser: Of plug-and-play: tv (the default), nlm (non-local means), or onnx:FILE.
-        iterations: Steps of gap-tv (40), patches (96) or patches-quick (8), or at each of the four noise
-            levels of plug-and-play (10).
-        coupling: How alike gap-tv expects consecutive views to be, from 0 (not at all); chosen by held-out pixels of
-            the measurement when not given.
         index: Which shot of the file; the first when not given.
         all_shots: Decode every shot of the file.
-        registration: "auto" asks the measurement first where its masks lie and how they met the light, and corrects
-            what it surely tells; "off" believes masks and readings as they are.
-        seed: Of the draw of the held-out pixels.
         overwrite: Replace an earlier decode at the same place.
-        json: Print the answer as JSON, and nothing else, on standard output.
 
     Returns:
         The folder.
     """
-    check_decode(iterations, coupling, seed)
+    check_decode(options["iterations"], options["coupling"], options["seed"])
     if all_shots and index is not None:
         raise InputError(f"both --all and --index {index}", remedy="give one of them")
     from gs2ci.core.storage import count_shots, read_shot
@@ -68,16 +52,7 @@ def run(
     check_destination(output, overwrite=overwrite, schema=SCHEMA)
     wanted = range(count) if all_shots else (index or 0,)
     with answered(as_text=not json) as answer:
-        decoded = decode_all(
-            (read_shot(shot, i) for i in wanted),
-            method,
-            denoiser,
-            iterations,
-            coupling,
-            registration=registration,
-            seed=seed,
-            progress=None,
-        )
+        decoded = decode_all((read_shot(shot, i) for i in wanted), progress=None, **options)
         report = write_decoded(output, decoded, overwrite=overwrite)
         _print(output, report)
         answer({"folder": output, **report})

@@ -5,22 +5,22 @@ Here: the order rig file → capture → reconstruct. Not here: the rig file (`g
 """
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import tyro
 
 from gs2ci.api.demonstration import check_demo, demo_rig
+from gs2ci.api.derived import with_options_of
 from gs2ci.commands import capture, reconstruct
+from gs2ci.commands.answers import AsJson, answered
 
 
+@with_options_of(demo_rig, without=("path",))
 def run(
     output: Annotated[Path, tyro.conf.arg(aliases=["-o"])] = Path("runs/demo"),
     *,
-    views: int = 8,
-    height: int = 272,
-    width: int = 400,
-    parallax_px: float = 12.0,
-    seed: int = 0,
+    json: AsJson = False,
+    **options: Any,
 ) -> Path:
     """Expose a simulated bench once to a motorcycle behind changing masks, and recover what it saw.
 
@@ -28,22 +28,18 @@ def run(
 
     Args:
         output: The folder for rig file, shot file and run folder; an earlier demonstration there is replaced.
-        views: Masks during the exposure.
-        height: Of the measurement, in pixels, a multiple of 2.
-        width: Of the measurement, in pixels, a multiple of 4.
-        parallax_px: How far near and far shift against each other during the exposure.
-        seed: Of masks and noise.
 
     Returns:
         The run folder.
     """
-    check_demo(views, height, width, parallax_px, seed)
+    check_demo(**options)
     from gs2ci.core.storage.sealing import partial_of
     from gs2ci.evaluate.run_folder import check_destination
 
     check_destination(output / "run", overwrite=True)
     shot = output / "shot.h5"
-    rig = demo_rig(output / "rig.toml", views=views, height=height, width=width, parallax_px=parallax_px, seed=seed)
+    rig = demo_rig(output / "rig.toml", **options)
     partial_of(shot).unlink(missing_ok=True)  # an interrupted demonstration is nobody's data
-    capture.run(rig=rig, out=shot, overwrite=True)
-    return reconstruct.run(shot, output / "run", overwrite=True)
+    with answered(as_text=not json):  # the run is the answer
+        capture.run(rig=rig, out=shot, overwrite=True)
+    return reconstruct.run(shot, output / "run", overwrite=True, json=json)

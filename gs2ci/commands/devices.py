@@ -10,7 +10,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from gs2ci.commands.answers import answered
+from gs2ci.commands.answers import AsJson, answered
 
 if TYPE_CHECKING:
     from gs2ci_drivers.acquisition import Devices
@@ -19,13 +19,12 @@ if TYPE_CHECKING:
     from gs2ci_drivers.stage import Stage
 
 
-def run(*, rig: Path | None = None, home: bool = False, json: bool = False) -> None:
+def run(*, rig: Path | None = None, home: bool = False, json: AsJson = False) -> None:
     """Say what is connected and what it can do; nothing is changed and, without --home, nothing moves.
 
     Args:
         rig: Ask the devices of this rig file; without it, look for devices on this computer.
         home: Move the stage of the rig to its reference; it must have free way.
-        json: Print the answer as JSON, and nothing else, on standard output.
     """
     console = Console()
     with answered(as_text=not json) as answer:

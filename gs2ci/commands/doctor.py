@@ -8,20 +8,19 @@ from pathlib import Path
 from rich.console import Console
 from rich.markup import escape
 
-from gs2ci.commands.answers import answered
+from gs2ci.commands.answers import AsJson, answered
 from gs2ci.core.errors import Gs2ciError
 
 MARKS = {"ok": "[green]ok  [/]", "note": "[yellow]note[/]", "bad": "[bold red]BAD [/]"}
 
 
-def run(*, rig: Path, trigger_loop: bool = True, json: bool = False) -> None:
+def run(*, rig: Path, trigger_loop: bool = True, json: AsJson = False) -> None:
     """Examine a bench: permissions, firmware, faults, clocks and the trigger line. The stage does not move.
 
     Args:
         rig: The rig file.
         trigger_loop: Show eight masks and count the frames that they trigger; replaces what is loaded on the
             modulator.
-        json: Print the answer as JSON, and nothing else, on standard output.
     """
     from gs2ci.api.rigs import open_rig
 

@@ -10,10 +10,12 @@ import tyro
 from rich.console import Console
 from rich.table import Table
 
-from gs2ci.api.judging import check_noise
-from gs2ci.commands.answers import answered
+from gs2ci.api import judging
+from gs2ci.api.derived import with_options_of
+from gs2ci.commands.answers import AsJson, answered
 
 
+@with_options_of(judging.evaluate, without=("run",))
 def run(
     folder: Annotated[Path, tyro.conf.Positional],
     shot: Annotated[Path, tyro.conf.Positional],
@@ -23,10 +25,8 @@ def run(
     index: int = 0,
     depth: Path | None = None,
     novel: Path | None = None,
-    read_noise: float | None = None,
-    electrons: float | None = None,
-    lpips: str | None = None,
-    json: bool = False,
+    json: AsJson = False,
+    **options: Any,
 ) -> Path:
     """Judge a finished run by what is known of its shot.
 
@@ -34,14 +34,7 @@ def run(
         folder: The run folder, as `gs2ci reconstruct` wrote it.
         shot: The shot file that was reconstructed, or one of the same measurement that holds the truth as well.
         output: The JSON file to write; "evaluation.json" in the run folder if not given.
-        index: Which shot of the file.
         depth: True depth along the optical axis, a .npy file of [N, H, W] in any unit, 0 where unknown.
-        novel: True views from other places, an .npz file of `views` and `world_to_camera` in the true path's world.
-        read_noise: Standard deviation of the sensor in the dark, in full scales of one view, for chi-squared.
-        electrons: Electrons of a pixel at the full scale of one view, for the shot noise in chi-squared; without it
-            none is counted.
-        lpips: "lpips" for the model added by `gs2ci models add lpips`, or an ONNX file of your own.
-        json: Print the answer as JSON, and nothing else, on standard output.
 
     Returns:
         The JSON file.
@@ -49,16 +42,13 @@ def run(
     Raises:
         Gs2ciError: A file or a value cannot be used, or the shot is of another measurement than the run.
     """
-    check_noise(read_noise, electrons)
+    judging.check_noise(options["read_noise"], options["electrons"])
     from gs2ci.core.storage import read_shot
 
     measured = read_shot(shot, index)
-    from gs2ci.api import judging
     from gs2ci.evaluate.evaluation import write_evaluation
 
-    found = judging.evaluate(
-        folder, measured, depth=depth, novel=novel, read_noise=read_noise, electrons=electrons, lpips=lpips
-    )
+    found = judging.evaluate(folder, measured, depth=depth, novel=novel, **options)
     written = write_evaluation(output or folder / "evaluation.json", found)
     with answered(as_text=not json) as answer:
         table = Table(show_header=False, box=None)

@@ -6,7 +6,7 @@ from typing import Annotated
 import tyro
 from rich.console import Console
 
-from gs2ci.commands.answers import answered
+from gs2ci.commands.answers import AsJson, answered
 from gs2ci.core.errors import InputError
 from gs2ci.core.json_text import plain_json
 
@@ -18,7 +18,7 @@ def run(
     /,
     *,
     view: int | None = None,
-    json: bool = False,
+    json: AsJson = False,
 ) -> float:
     """Measure the distance between the points that two pixels of a view show.
 
@@ -27,7 +27,6 @@ def run(
         one: A pixel as COLUMN,ROW, counted from 0 at the upper left, as in 120,80.
         other: The other one.
         view: Which view, counted from 1; the middle one if not given.
-        json: Print the answer as JSON, and nothing else, on standard output.
 
     Returns:
         The distance, in the unit of the path.

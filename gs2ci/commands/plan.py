@@ -13,9 +13,10 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from gs2ci.api import plans
+from gs2ci.api.derived import with_options_of
 from gs2ci.api.display import open_display
-from gs2ci.api.plans import plan
-from gs2ci.commands.answers import answered
+from gs2ci.commands.answers import AsJson, answered
 from gs2ci.core.errors import InputError
 from gs2ci.core.whole_file import check_place, write_whole
 
@@ -28,43 +29,38 @@ LAW_WIDTH: Final = 32
 """Characters that the column of laws is widened to; a longer law has a line of its own."""
 
 
+@with_options_of(plans.plan)
 def run(
     rig: tyro.conf.Positional[Path],
     *,
-    tolerance_dn: float | None = None,
-    rays: bool = False,
     explain: tuple[str, ...] = (),
     sweep: tuple[str, ...] = (),
     points: int = 9,
     picture: Path | None = None,
-    json: bool = False,
+    json: AsJson = False,
+    **options: Any,
 ) -> None:
     """Print what would be simulated of a rig's effects: bound, decision, reason, sampling, share of the time.
 
     Args:
         rig: The rig file (TOML) of a simulated bench (docs/rigs/simulated.toml) or of a simulation alone
             (docs/simulation.md).
-        tolerance_dn: In total, DN rms; that of the rig file if not given.
         explain: Names of effects, or "all": derive their bounds step by step, with this rig's numbers.
         sweep: Figures of the rig file to change, each NAME=LOW..HIGH (travel, mask_s, aperture or a dotted key): at
             which value each effect begins to matter.
         points: Values per figure of the sweep.
         picture: A PNG file for the map of the sweep.
-        json: Print the answer as JSON, and nothing else, on standard output.
-        rays: Count what the rasteriser is off by, and draw Gaussians ray by ray where that is too much.
     """
     if picture is not None and not sweep:
         raise InputError("--picture without --sweep", remedy="say what to sweep: --sweep mask_s=0.001..0.1")
     with answered(as_text=not json) as answer:
         if sweep:
-            answer({"sweeps": _swept(rig, sweep, points, tolerance_dn, picture)})
+            answer({"sweeps": _swept(rig, sweep, points, options["tolerance_dn"], picture)})
             return
-        decided = plan(rig, tolerance_dn, rays=rays)
+        decided = plans.plan(rig, **options)
         console = Console(highlight=False)
         if explain:
-            from gs2ci_sims.explaining import explain as explained
-
-            found = explained(decided, explain)
+            found = plans.explain(decided, explain)
             for one in found:
                 print_explanation(one, console)
             answer({"tolerance_dn": decided.tolerance_dn, "explanations": [one.record() for one in found]})

@@ -1,29 +1,26 @@
 """`gs2ci plugins`: what other packages add, and where it comes from.
 
-Here: the table that is printed, and the names of our own that no plug-in can take. Not here: finding them
-(`gs2ci.core.plugins`).
+Here: the table that is printed. Not here: finding them (`gs2ci.api.plugins`).
 """
 
 from rich.console import Console
 from rich.table import Table
 
-from gs2ci.commands.answers import answered
-from gs2ci.core.plugins import GROUPS, Plugin, installed
+from gs2ci.api.plugins import list_plugins
+from gs2ci.commands.answers import AsJson, answered
+from gs2ci.core.plugins import GROUPS, Plugin
 
 
-def run(*, json: bool = False) -> list[Plugin]:
+def run(*, json: AsJson = False) -> list[Plugin]:
     """List the plug-ins that are installed: drivers, density rules, decoders, priors, geometry, effects, scenes.
 
     Each is imported; one that cannot be is named with the reason, and everything else works without it.
-
-    Args:
-        json: Print the answer as JSON, and nothing else, on standard output.
 
     Returns:
         The plug-ins.
     """
     with answered(as_text=not json) as answer:
-        found = installed(built_in_names())
+        found = list_plugins()
         _print(found)
         answer(found)
     return found
@@ -46,17 +43,3 @@ def _print(found: list[Plugin]) -> None:
             console.print(
                 f"{plugin.name} of {plugin.origin} is left out: {plugin.problem}", markup=False, soft_wrap=True
             )
-
-
-def built_in_names() -> dict[str, tuple[str, ...]]:
-    """Return the names of our own, by group of entry points."""
-    from gs2ci.reconstruct.choices import DECODE_METHODS, DECODER_GROUP, RULE_NAMES
-    from gs2ci_drivers.plugin import BUILT_IN
-
-    return {
-        **BUILT_IN,
-        "gs2ci.density_rules": RULE_NAMES,
-        DECODER_GROUP: DECODE_METHODS,
-        "gs2ci.priors": ("consistent", "nlm", "none", "difix"),
-        "gs2ci.geometry": ("tracks", "stage", "wide", "uniform", "auto", "vggt"),
-    }

@@ -10,7 +10,7 @@ import tyro
 from rich.console import Console
 from rich.markup import escape
 
-from gs2ci.commands.answers import answered
+from gs2ci.commands.answers import AsJson, answered
 
 
 def run(
@@ -18,7 +18,7 @@ def run(
     /,
     *,
     out: Annotated[Path | None, tyro.conf.arg(aliases=["-o"])] = None,
-    json: bool = False,
+    json: AsJson = False,
 ) -> Path:
     """Copy every finished row of an interrupted capture (NAME.h5.partial) into a new shot file.
 
@@ -27,7 +27,6 @@ def run(
     Args:
         partial: The interrupted capture.
         out: The shot file to write; NAME.recovered.h5 when it is not given.
-        json: Print the answer as JSON, and nothing else, on standard output.
 
     Returns:
         The new shot file.

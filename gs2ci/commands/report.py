@@ -10,11 +10,15 @@ import tyro
 from rich.console import Console
 from rich.text import Text
 
+from gs2ci.commands.answers import AsJson, answered
+
 
 def run(
     folder: Annotated[Path, tyro.conf.Positional],
     /,
     output: Annotated[Path | None, tyro.conf.arg(aliases=["-o"])] = None,
+    *,
+    json: AsJson = False,
 ) -> Path:
     """Build the page of a run again from what its folder holds.
 
@@ -33,7 +37,10 @@ def run(
     """
     from gs2ci.evaluate.pages.run_page import write_run_page
 
-    page = write_run_page(folder, output)
-    line = Text(str(page), style="bold").append(f"  {page.stat().st_size / 1e6:.1f} MB, one file", style="dim")
-    Console().print(line, soft_wrap=True)
+    with answered(as_text=not json) as answer:
+        page = write_run_page(folder, output)
+        size = page.stat().st_size
+        line = Text(str(page), style="bold").append(f"  {size / 1e6:.1f} MB, one file", style="dim")
+        Console().print(line, soft_wrap=True)
+        answer({"page": page, "bytes": size})
     return page

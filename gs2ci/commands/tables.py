@@ -6,28 +6,29 @@ Here: the arguments and what is printed. Not here: the work (`gs2ci.api.costs`).
 import shlex
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import tyro
 from rich.console import Console
 from rich.markdown import Markdown
 
+from gs2ci.api.costs import make_table
+from gs2ci.api.derived import with_options_of
+from gs2ci.commands.answers import AsJson, answered
 from gs2ci.tables.names import TableName
 
 
+@with_options_of(make_table, without=("command", "progress"))
 def run(
     table: Annotated[TableName, tyro.conf.Positional],
     /,
     output: Annotated[Path, tyro.conf.arg(aliases=["-o"])] = Path("tables"),
     *,
     data: Path | None = None,
-    size: tuple[int, int] | None = None,
     cases: tuple[str, ...] = (),
     lines: tuple[str, ...] = (),
-    seeds: int = 3,
-    processes: int = 1,
-    scheduler: str = "",
-    fresh: bool = False,
+    json: AsJson = False,
+    **options: Any,
 ) -> list[Path]:
     """Make one table of figures: mean and spread over seeds, as markdown, CSV, a picture and an HTML page.
 
@@ -38,15 +39,6 @@ def run(
     Args:
         table: Which one.
         output: Folder for the pages and the finished cells.
-        data: Folder of .npz measurements to use instead of simulated scenes; of rig files (.toml) for simulate.
-        size: Height and width, px: of the simulated scenes, instead of 192 256; of files, the middle that is kept.
-            For what would take hours.
-        cases: Only these of the cases.
-        lines: Only these lines of the table.
-        seeds: How many seeds.
-        processes: Local processes to share the work.
-        scheduler: Address of a Dask scheduler to do the work instead, e.g. tcp://host:8786.
-        fresh: Measure everything again.
 
     Returns:
         The pages.
@@ -55,23 +47,12 @@ def run(
         Gs2ciError: A name is unknown, a file cannot be read, a table has no files or no size to choose, or no
             scheduler answers.
     """
-    from gs2ci.api.costs import make_table
-
-    made = make_table(
-        table,
-        output,
-        data=data,
-        size=size,
-        cases=cases,
-        lines=lines,
-        seeds=seeds,
-        processes=processes,
-        scheduler=scheduler,
-        fresh=fresh,
-        command=shlex.join(["gs2ci", *sys.argv[1:]]),
-    )
-    console = Console()
-    console.print(Markdown(made.text))
-    for page in made.pages:
-        console.print(str(page), soft_wrap=True)
+    command = shlex.join(["gs2ci", *sys.argv[1:]])
+    with answered(as_text=not json) as answer:
+        made = make_table(table, output, data=data, cases=cases, lines=lines, command=command, **options)
+        console = Console()
+        console.print(Markdown(made.text))
+        for page in made.pages:
+            console.print(str(page), soft_wrap=True)
+        answer({"table": table, "lines": made.records(), "pages": made.pages})
     return made.pages

@@ -6,24 +6,27 @@ Here: the arguments and what is printed. Not here: the work (`gs2ci.api.costs`).
 import shlex
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import tyro
 from rich.console import Console
 from rich.markdown import Markdown
 
+from gs2ci.api import costs
+from gs2ci.api.derived import with_options_of
+from gs2ci.commands.answers import AsJson, answered
 
+
+@with_options_of(costs.tradeoff, without=("command", "progress"))
 def run(
     shot: Annotated[Path, tyro.conf.Positional],
     /,
     output: Annotated[Path, tyro.conf.arg(aliases=["-o"])] = Path("tradeoff"),
     *,
-    index: int = 0,
     knobs: tuple[str, ...] = (),
-    most: str = "15min",
-    seed: int = 42,
     report: Path | None = None,
-    fresh: bool = False,
+    json: AsJson = False,
+    **options: Any,
 ) -> list[Path]:
     """Try presets and settings on one measurement, and say what the next decibel costs.
 
@@ -34,16 +37,6 @@ def run(
     Args:
         shot: A shot file, as `gs2ci import` and `gs2ci capture` write them.
         output: Folder for CSV, picture, section and the finished trials.
-        index: Which shot of the file.
-        knobs: What to vary, one thing at a time: preset (decode only, draft, standard, fine, paper), resolution,
-            fits, iterations, population, start, "decode steps", "first look", "depth planes", windows, "list reuse",
-            precision;
-            all of them when not given.
-        most: Leave out what is expected to take longer than this, by costs measured on the shot beforehand.
-        seed: Of every random draw.
-        report: A run folder of the same shot: its report.html gets a section on what accuracy costs, and keeps it
-            when `gs2ci report` builds it again.
-        fresh: Try everything again.
 
     Returns:
         The pages; last the run's, if there is one.
@@ -51,21 +44,14 @@ def run(
     Raises:
         Gs2ciError: The file or a value cannot be used.
     """
-    from gs2ci.api import costs
-
-    made = costs.tradeoff(
-        shot,
-        output,
-        index=index,
-        knobs=knobs,
-        most=most,
-        seed=seed,
-        report=report,
-        fresh=fresh,
-        command=shlex.join(["gs2ci", *sys.argv[1:]]),
-    )
-    console = Console()
-    console.print(Markdown(made.text))
-    for page in made.pages:
-        console.print(str(page), soft_wrap=True)
+    command = shlex.join(["gs2ci", *sys.argv[1:]])
+    with answered(as_text=not json) as answer:
+        made = costs.tradeoff(shot, output, knobs=knobs, report=report, command=command, **options)
+        console = Console()
+        console.print(Markdown(made.text))
+        for page in made.pages:
+            console.print(str(page), soft_wrap=True)
+        answer(
+            {"shot": made.found.name, "trials": made.found.rows, "left_out_s": made.found.left_out, "pages": made.pages}
+        )
     return made.pages

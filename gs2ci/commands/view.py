@@ -6,20 +6,21 @@ Here: the arguments, and serving until the user stops it. Not here: what is show
 import contextlib
 import threading
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import tyro
 from rich.console import Console
 
+from gs2ci.api.derived import with_options_of
 from gs2ci.api.options import check_whole
+from gs2ci.api.runs import Run
 
 
+@with_options_of(Run.view, without=("self",))
 def run(
     folder: Annotated[Path, tyro.conf.Positional],
     /,
-    *,
-    port: int = 8080,
-    host: str = "127.0.0.1",
+    **options: Any,
 ) -> None:
     """Show a run's scene and its cameras in a browser, until Ctrl-C.
 
@@ -27,18 +28,17 @@ def run(
 
     Args:
         folder: A run folder, as `gs2ci reconstruct` writes it.
-        port: Of the local server; if it is taken, the next free one.
-        host: Who may look: 127.0.0.1 is this machine alone, 0.0.0.0 everybody who reaches it.
 
     Raises:
         Gs2ciError: viser is not installed, the folder is no run or damaged, or no port can be had.
     """
-    check_whole("--port", port, 0, 65_535, remedy="leave --port out, or give 0 for any that is free")
+    check_whole("--port", options["port"], 0, 65_535, remedy="leave --port out, or give 0 for any that is free")
     from gs2ci.evaluate.viewer import load_scene, serve
 
     scene = load_scene(folder)
-    server = serve(scene, host=host, port=port)
-    address = f"http://{'localhost' if host == '0.0.0.0' else host}:{server.get_port()}"  # noqa: S104
+    server = serve(scene, **options)
+    host = "localhost" if options["host"] == "0.0.0.0" else options["host"]  # noqa: S104
+    address = f"http://{host}:{server.get_port()}"
     found = f"{len(scene.means)} Gaussians, {len(scene.camera_to_world)} cameras"
     try:
         Console().print(f"{found} at {address}; Ctrl-C ends this", soft_wrap=True, highlight=False)

@@ -15,11 +15,9 @@ class Clock(Protocol):
 
     def now_s(self) -> float:
         """Get the time in seconds since an arbitrary origin; never decreases."""
-        ...
 
     def sleep_s(self, duration_s: float) -> None:
         """Let `duration_s` seconds pass on this clock (values below 0 count as 0)."""
-        ...
 
 
 def begin_command() -> None:

@@ -12,19 +12,15 @@ class Progress(Protocol):
 
     def stage(self, name: str, total: int | None = None) -> None:
         """Begin a stage of `total` steps (None: not known beforehand)."""
-        ...
 
     def expect(self, total: int) -> None:
         """Say that the running stage will have `total` steps after all."""
-        ...
 
     def step(self, done: int, **figures: float | int | str) -> None:
         """Report that `done` steps of the stage are finished, with any figures worth showing."""
-        ...
 
     def say(self, text: str) -> None:
         """Pass on one sentence that the user should read: a guess made, a fallback taken."""
-        ...
 
 
 class Silent:

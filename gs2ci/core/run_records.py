@@ -77,8 +77,13 @@ class RunResult:
             root-mean-square difference of their views from the mean, in full scales.
         disagreement: The same pixel by pixel, [N, H, W] float32: where the views are less to be trusted than elsewhere;
             None with one fit.
-        brightness: How bright each view was found to be for its weight, N numbers; None where nothing spoke against the
-            weights.
+        brightness: By what the shot's weights are to be multiplied to code these views, N numbers; None where they
+            stand as they are.
+        light: How bright each view was found to be for its weight, with standard errors, whether that was believed, and
+            whether the views are as bright as they were seen; None where nothing could be told.
+        shutter: How many moments each mask was fitted with, for how much motion, and the bounds that asked for them;
+            None where one for each was enough.
+        exposed_views: What each mask saw while it was on show, where `views` show the middle of it; else None.
         registration: What was found out of masks, black level and unit: parameters, standard errors, what was tried.
         registered: The measurement as it was believed from then on, where anything of it was corrected; `residual`,
             `heldout_rms` and `predicted_measurement` are in its unit.
@@ -108,6 +113,9 @@ class RunResult:
     disagreement: F32 | None = None
     distortion: F64 | None = None
     brightness: Sequence[float] | None = None
+    light: Mapping[str, Any] | None = None
+    shutter: Mapping[str, Any] | None = None
+    exposed_views: F32 | None = None
     registration: Mapping[str, Any] = field(default_factory=dict)
     registered: Shot | None = None
     depth_spread: F32 | None = None
@@ -127,6 +135,7 @@ class RunResult:
         n, height, width, _ = self.views.shape
         wanted: dict[str, tuple[NDArray[Any] | None, tuple[int, ...]]] = {
             "views": (self.views, self.views.shape),
+            "exposed_views": (self.exposed_views, self.views.shape),
             "scene_views": (self.scene_views, self.views.shape),
             "depth": (self.depth, (n, height, width)),
             "depth_spread": (self.depth_spread, (n, height, width)),

@@ -26,7 +26,7 @@ from gs2ci.evaluate.depth import depth_errors, parallax_of
 from gs2ci.evaluate.metrics import image_scores, measurement_residual
 from gs2ci.evaluate.noise import SensorNoise, chi_squared_per_pixel
 from gs2ci.evaluate.novel_views import NovelViews, score_novel_views
-from gs2ci.evaluate.report import REGISTERED_NAME, MeasurementSection, Report, read_report
+from gs2ci.evaluate.report import EXPOSED_NAME, REGISTERED_NAME, MeasurementSection, Report, read_report
 from gs2ci.evaluate.run_report import masks_digest
 from gs2ci.evaluate.trajectory import align, trajectory_errors
 from gs2ci.reconstruct.fit.perceptual import PerceptualDistance
@@ -53,6 +53,7 @@ class FinishedRun:
         depth_spread: [N, H, W] as in `RunResult`; None in runs of earlier versions.
         depth_confidence: Likewise.
         registered: The measurement as the run believed it, where it corrected the one that it was given.
+        exposed: What each mask saw while it was on show, where the views show the middle of it.
     """
 
     report: Report
@@ -65,6 +66,7 @@ class FinishedRun:
     depth_spread: F32 | None = None
     depth_confidence: F32 | None = None
     registered: Shot | None = None
+    exposed: F32 | None = None
 
 
 @dataclass(frozen=True)
@@ -97,7 +99,7 @@ def read_run(folder: Path) -> FinishedRun:
         cameras = parse_json((folder / "cameras.json").read_text(encoding="utf-8"))
         intrinsics = np.array([[cameras["fl_x"], 0, cameras["cx"]], [0, cameras["fl_y"], cameras["cy"]], [0, 0, 1.0]])
         maps = {name: folder / f"{name}.npy" for name in ("depth", "depth_spread", "depth_confidence")}
-        registered = folder / REGISTERED_NAME
+        registered, exposed = folder / REGISTERED_NAME, folder / EXPOSED_NAME
         lens = np.array([float(cameras.get(name, 0.0)) for name in COEFFICIENTS])
         return FinishedRun(
             report=report,
@@ -108,6 +110,7 @@ def read_run(folder: Path) -> FinishedRun:
             distortion=lens if lens.any() else None,
             **{name: np.load(path) if path.is_file() else None for name, path in maps.items()},
             registered=read_shot(registered) if registered.is_file() else None,
+            exposed=np.load(exposed) if exposed.is_file() else None,
         )
     except (OSError, ValueError, KeyError, TypeError, EOFError, np.linalg.LinAlgError) as error:
         raise StorageError(f"{folder} is no whole run: {error}", remedy="reconstruct again with --overwrite") from error
@@ -127,7 +130,8 @@ def evaluate(run: FinishedRun, evidence: ReferenceData) -> dict[str, Any]:
             allowed="the shot that was reconstructed",
         )
     seen = run.registered or shot
-    predicted = _predicted(seen, views, run.report.brightness)
+    coded = views if run.exposed is None else run.exposed[..., : shot.channels]
+    predicted = _predicted(seen, coded, run.report.brightness)
     residual = measurement_residual(predicted, seen.measurement, seen.saturated)
     true_path = shot.truth.world_to_camera
     found = {

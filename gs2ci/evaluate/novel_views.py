@@ -11,6 +11,7 @@ from zipfile import BadZipFile
 
 import numpy as np
 import torch
+from scipy.linalg import expm, logm
 
 from gs2ci.core.arrays import F32, F64
 from gs2ci.core.errors import InputError
@@ -55,6 +56,28 @@ def read_novel_views(path: Path) -> NovelViews:
             allowed="finite [M, H, W, C] with C = 1 or 3, and [M, 4, 4]",
         )
     return NovelViews(views, poses)
+
+
+def beside_path(world_to_camera: F64) -> F64:
+    """Return two poses that belong to a path and are none of it, [2, 4, 4].
+
+    The first lies half way between the two middle ones, the second repeats the last step beyond the end. Both move with
+    the path under any similarity of the world, so that those of a recovered path see what those of the true one see.
+    Placed by a similarity of the whole path instead they would look from a few degrees beside: turning trades against
+    travelling in a recovered path.
+
+    Args:
+        world_to_camera: A path, [N, 4, 4] with N >= 2.
+
+    Raises:
+        InputError: There are less than two poses.
+    """
+    if len(world_to_camera) < 2:
+        raise InputError(f"a path of {len(world_to_camera)} poses has no place beside it", allowed="2 or more")
+    before, after = world_to_camera[len(world_to_camera) // 2 - 1 :][:2]
+    half = expm(logm(after @ np.linalg.inv(before)) / 2).real @ before
+    beyond = world_to_camera[-1] @ np.linalg.inv(world_to_camera[-2]) @ world_to_camera[-1]
+    return np.stack([half, beyond])
 
 
 def poses_in_estimate(alignment: Alignment, world_to_camera: F64) -> F64:

@@ -20,6 +20,7 @@ from gs2ci.evaluate.depth import DepthErrors
 SCHEMA: Final = "gs2ci.report/2"
 REPORT_NAME: Final = "report.json"
 REGISTERED_NAME: Final = "registered.h5"
+EXPOSED_NAME: Final = "exposed_views.npy"
 MOTION_PICTURE_NAME: Final = "motion.png"
 
 # No figure of ours comes near, and what is drawn and written stays within the floating-point numbers.
@@ -184,6 +185,35 @@ class RegistrationSection(ReportSection):
     not_let_in: dict[str, list[Number]]
 
 
+class LightSection(ReportSection):
+    """How bright views were seen to be for their weights (`gs2ci.reconstruct.measurement.brightness`).
+
+    `estimated` of each view with its `standard_errors`; the largest deviation is `errors_away` of its own, and the
+    estimate `explains` this share of the residual on pixels that were not asked. `believed` is what the fit reckons
+    with after its rounds; None where the weights stand. `views` says whether those handed over are as bright as they
+    were seen, or as under even light.
+    """
+
+    estimated: list[Number]
+    standard_errors: list[Number]
+    errors_away: Number
+    explains: Number
+    believed: list[Number] | None
+    views: Literal["as-seen", "even"]
+
+
+class ShutterSection(ReportSection):
+    """Motion while one mask was on show (`gs2ci.reconstruct.fit.shutter`), for each mask.
+
+    With how many `moments` it was fitted; how far the image moved meanwhile, `motion_px`, root mean square; and by what
+    one pose would blur its view at most, `bounds`, in full scales.
+    """
+
+    moments: list[Count]
+    motion_px: list[Number]
+    bounds: list[Number]
+
+
 class MotionSection(ReportSection):
     """Whether things in the scene move by themselves, and what speaks for it (`gs2ci.reconstruct.moving`).
 
@@ -279,6 +309,8 @@ class Report(ReportSection):
     ensemble: EnsembleSection | None = None
     geometry: GeometrySection | None = None
     brightness: list[Number] | None = None
+    light: LightSection | None = None
+    shutter: ShutterSection | None = None
     registration: RegistrationSection | None = None
     motion: MotionSection | None = None
     measured: MeasurementSection

@@ -9,6 +9,7 @@
       views/         the same as 8-bit pictures, clamped to [0, 1]; mono stays grey
       decode.npy     what the decode alone gave, as views.npy
       scene_views.npy  what the Gaussians alone show, as views.npy
+      exposed_views.npy  only where masks were fitted with moments: what each saw while it was on show, as views.npy
       depth.npy      [N, H, W] float32, the unit of the path, 0 where nothing is seen; absent where no depth was found
       depth_spread.npy      the same shape: how far apart along the ray the light is stopped, as a share of depth
       depth_confidence.npy  the same shape: the share of a pixel's light that is stopped within 5 % of its depth
@@ -56,7 +57,7 @@ from gs2ci.evaluate.pages.run_evidence import GIVEN_NAME, write_given
 from gs2ci.evaluate.pages.run_page import write_run_page
 from gs2ci.evaluate.points import Cameras, points_of, write_points
 from gs2ci.evaluate.registration_picture import write_registration_picture
-from gs2ci.evaluate.report import MOTION_PICTURE_NAME, REGISTERED_NAME, REPORT_NAME, SCHEMA, schema_of
+from gs2ci.evaluate.report import EXPOSED_NAME, MOTION_PICTURE_NAME, REGISTERED_NAME, REPORT_NAME, SCHEMA, schema_of
 from gs2ci.evaluate.run_report import build_report
 from gs2ci.render.gaussians import Gaussians
 from gs2ci.render.ply import write_ply
@@ -202,6 +203,8 @@ def _write_images(folder: Path, result: RunResult) -> None:
     np.save(folder / "views.npy", _three_channels(result.views))
     np.save(folder / "decode.npy", _three_channels(result.decode))
     np.save(folder / "scene_views.npy", _three_channels(result.scene_views))
+    if result.exposed_views is not None:
+        np.save(folder / EXPOSED_NAME, _three_channels(result.exposed_views))
     for name in ("depth", "depth_spread", "depth_confidence"):
         values = getattr(result, name)
         if values is not None:

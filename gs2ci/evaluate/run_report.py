@@ -62,6 +62,8 @@ def build_report(shot: Shot, result: RunResult) -> Report:
         "ensemble": dict(result.ensemble) or None,
         "geometry": dict(result.geometry) or None,
         "brightness": result.brightness,
+        "light": result.light,
+        "shutter": result.shutter,
         "registration": dict(result.registration) or None,
         "motion": dict(result.motion) or None,
         "measured": _measured(shot),

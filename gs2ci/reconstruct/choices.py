@@ -1,7 +1,7 @@
 """The words and limits by which a user chooses settings: what a command line needs to know of a reconstruction.
 
 Here: names alone, so that help and refusals need not wait for the libraries that do the work. Not here: what a name
-stands for (`presets`, `proxies.routing`, `fit.rules`, `onnx_models`). it imports nothing of ours.
+stands for (`presets`, `proxies.routing`, `fit.rules`, `onnx_models`).
 """
 
 from typing import Final, Literal, get_args
@@ -18,8 +18,18 @@ FirstLookName = Literal["gap-tv", "patches", "patches-quick"]
 """The decoders that a reconstruction may begin with."""
 
 DecodeMethod = str
-"""One of `DECODE_METHODS`, or the name of a plug-in."""
-DECODE_METHODS: Final = ("gap-tv", "patches", "patches-quick", "pnp-gap", "pnp-admm", "proxies", "eni", "amdi")
+"""One of `DECODE_METHODS`, onnx:FILE, or the name of a plug-in."""
+DECODE_METHODS: Final = (
+    "gap-tv",
+    "patches",
+    "patches-quick",
+    "pnp-gap",
+    "pnp-admm",
+    "video-decoder",
+    "proxies",
+    "eni",
+    "amdi",
+)
 DECODER_GROUP: Final = "gs2ci.decoders"
 
 RULE_NAMES: Final = ("osgr", "adc", "mcmc", "revised")
@@ -32,11 +42,19 @@ REGISTRATION_MODES: Final = get_args(RegistrationMode)
 MotionMode = Literal["auto", "off", "on"]
 MOTION_MODES: Final = get_args(MotionMode)
 
+LightMode = Literal["auto", "as-seen", "even"]
+LIGHT_MODES: Final = get_args(LightMode)
+
+WithinMask = Literal["still", "moving"]
+WITHIN_MASK: Final = get_args(WithinMask)
+
 MOST_MOMENTS: Final = 1000
 """Each is a picture, and where things move a scene file."""
 
-ModelName = Literal["vggt", "difix", "lpips"]
+ModelName = Literal["vggt", "difix", "lpips", "ffdnet", "ffdnet-colour", "fastdvdnet", "video-decoder"]
 MODEL_NAMES: Final = get_args(ModelName)
+DENOISER_NAMES: Final[tuple[ModelName, ...]] = ("ffdnet", "ffdnet-colour", "fastdvdnet")
+"""Of `MODEL_NAMES`, those that plug-and-play takes."""
 
 MOST_FITS: Final = 64
 """Each holds a scene and its optimiser's state; what more of them would gain is not worth the memory."""

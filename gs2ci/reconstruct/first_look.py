@@ -23,7 +23,7 @@ from gs2ci.reconstruct.geometry.direct import at_rest
 from gs2ci.reconstruct.geometry.evidence import carried_views
 from gs2ci.reconstruct.geometry.initialise import PLANE_NOTE, Geometry
 from gs2ci.reconstruct.geometry.prior import GeometryPrior, Request, find_geometry
-from gs2ci.reconstruct.measurement.brightness import relit
+from gs2ci.reconstruct.measurement.brightness import Brightness, estimate, relit
 from gs2ci.reconstruct.measurement.jury import Jury
 from gs2ci.reconstruct.measurement.lens import Lens, straightened
 from gs2ci.reconstruct.settings import Settings
@@ -40,7 +40,7 @@ class FirstLook:
         jury: The measurement with the weights that it shows, and its held-out pixels.
         decoded: Its views, [N, H, W, C].
         geometry: Its camera path and depth; behind a lens, on its canvas.
-        brightness: How bright each view was for its weight, [N]; None where nothing spoke against the weights.
+        brightness: What was made of the views' brightness.
         proxy_notes: What is to be said of the views that the geometry was found in.
         decoder: What decoded.
     """
@@ -48,7 +48,7 @@ class FirstLook:
     jury: Jury
     decoded: F32
     geometry: Geometry
-    brightness: F64 | None
+    brightness: Brightness
     proxy_notes: tuple[Finding, ...] = ()
     decoder: FirstLookName = "gap-tv"
 
@@ -57,12 +57,20 @@ class FirstLook:
         return replace(self, decoded=other.decoded, decoder=other.decoder)
 
     @property
+    def weights_given(self) -> F64:
+        """Get the weights of the masks, [N], before anything was made of the views' brightness."""
+        factors = self.brightness.factors
+        weights = self.jury.shot.weights.astype(np.float64)
+        return weights if factors is None else weights / factors
+
+    @property
     def notes(self) -> tuple[Finding, ...]:
         """Get what is to be said of the proxies and of the brightness."""
-        if self.brightness is None:
+        factors = self.brightness.factors
+        if factors is None:
             return self.proxy_notes
-        least, most = float(self.brightness.min()), float(self.brightness.max())
-        return (*self.proxy_notes, finding(Code.WEIGHTS_CORRECTED, least=least, most=most))
+        code = Code.LIGHT_AS_SEEN if self.brightness.as_seen else Code.WEIGHTS_CORRECTED
+        return (*self.proxy_notes, finding(code, least=float(factors.min()), most=float(factors.max())))
 
 
 def look(
@@ -88,22 +96,21 @@ def look(
     Raises:
         Gs2ciError: A stage cannot be done.
     """
-    weights = jury.shot.weights
+    weights, first = jury.shot.weights, None
     for rounds_left in range(settings.brightness.rounds, -1, -1):
         decoded = decode_by_name(jury.seen, settings.first_look, settings.decode, progress)
         lap("decode")
         views, proxy_notes = geometry_views(jury.seen, decoded, settings.proxy, masks_of or jury.shot)
         geometry = find_geometry(prior, Request.of(jury.seen, views, settings.geometry, lens), progress)
-        corrected = None
-        if rounds_left:
-            carried = carried_views(straightened(decoded, lens), geometry, lens)
-            known_wrong = jury.shot.weights is not weights
-            corrected = relit(jury, carried, 0.0 if known_wrong else settings.brightness.least_gain)
+        told = estimate(jury, carried_views(straightened(decoded, lens), geometry, lens)) if rounds_left else None
         lap("geometry")
-        if corrected is None:
+        known_wrong = jury.shot.weights is not weights
+        first = first or told
+        if told is None or not (told.gain > 0 if known_wrong else told.is_sure(settings.brightness)):
             break
-        jury = corrected
-    brightness = None if jury.shot.weights is weights else _ratio(jury.shot.weights, weights)
+        jury = relit(jury, told)
+    factors = None if jury.shot.weights is weights else _ratio(jury.shot.weights, weights)
+    brightness = Brightness(first, factors, settings.brightness.shows_as_seen(weights))
     found = FirstLook(jury, decoded, geometry, brightness, proxy_notes, settings.first_look)
     for note in found.notes:
         progress.say(note.sentence)

@@ -8,39 +8,41 @@ Here: the order and the clock. Not here: any stage, which attempts are made and 
 the views handed over (`handing_over`), their record (`record`), files and metrics (`gs2ci.evaluate`).
 """
 
-import math
 import time
 from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
 
-from gs2ci.core.arrays import F32
-from gs2ci.core.errors import NumericsError
+from gs2ci.core.arrays import F32, F64
 from gs2ci.core.findings import Code, Finding, finding
 from gs2ci.core.halt import Halt
 from gs2ci.core.progress import Progress, Silent
 from gs2ci.core.records import Shot
 from gs2ci.core.run_records import RunResult
-from gs2ci.reconstruct.attempts import Attempt, Attempts
-from gs2ci.reconstruct.budget import Budget
+from gs2ci.reconstruct.attempts.choice import Attempt, Attempts
+from gs2ci.reconstruct.attempts.order import LEAST_SCHEDULE, is_open, settle, unsettled
+from gs2ci.reconstruct.attempts.order_fits import OrderFits
 from gs2ci.reconstruct.decode.residual import ResidualSettings
 from gs2ci.reconstruct.first_look import FirstLook, look, look_closer
-from gs2ci.reconstruct.fit.coarse import CoarseFit, fit_coarse
+from gs2ci.reconstruct.fit.coarse import CoarseFit, CoarseSettings, fit_coarse
 from gs2ci.reconstruct.fit.ensemble import Ensemble, FitOne, Member, combined, fit_together, members
 from gs2ci.reconstruct.fit.fine import Fine, fit_fine
 from gs2ci.reconstruct.fit.looks import Score
 from gs2ci.reconstruct.fit.metric import in_given_unit
 from gs2ci.reconstruct.fit.motion import at_rest_until_moved, of_degree, set_moving
+from gs2ci.reconstruct.fit.one_thread import one_torch_thread
 from gs2ci.reconstruct.fit.pace import Pace, Timed
 from gs2ci.reconstruct.fit.refinement import Refinement
 from gs2ci.reconstruct.fit.rendering import ShotRenderer
+from gs2ci.reconstruct.fit.shutter import Shutter, needed
 from gs2ci.reconstruct.fit.start import first_gaussians
 from gs2ci.reconstruct.fit.withheld import Withheld, first_points, first_poses
 from gs2ci.reconstruct.geometry.choose import load_geometry_prior
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.geometry.prior import GeometryPrior
 from gs2ci.reconstruct.handing_over import hand_over
+from gs2ci.reconstruct.measurement.brightness import Brightness
 from gs2ci.reconstruct.measurement.dead_lines import close_dead_lines
 from gs2ci.reconstruct.measurement.doubts import doubts_about
 from gs2ci.reconstruct.measurement.holes import fill_holes
@@ -48,8 +50,7 @@ from gs2ci.reconstruct.measurement.hot_pixels import close_hot_pixels
 from gs2ci.reconstruct.measurement.jury import Jury
 from gs2ci.reconstruct.measurement.lens import Lens, straightened
 from gs2ci.reconstruct.moving import released, speeds
-from gs2ci.reconstruct.one_thread import one_torch_thread
-from gs2ci.reconstruct.order import LEAST_SCHEDULE, is_open, settle, shortened, unsettled
+from gs2ci.reconstruct.presets.budget import Budget
 from gs2ci.reconstruct.record import Left, record
 from gs2ci.reconstruct.registration.register import register
 from gs2ci.reconstruct.settings import Settings
@@ -111,19 +112,21 @@ def reconstruct(
         jury, lens, tools.geometry_prior, settings, progress, clock.lap, registered.shot
     )
     jury, decoded = first.jury, first.decoded
+    score = _as_shown(score, first.brightness)
     fitted = Jury(fill_holes(jury.shot, decoded), jury.heldout)
     refine = Refinement(jury, settings.residual)
 
     first = _settled(
         first, fitted, lens, settings, refine, progress, clock, hurried=budget is not None or not settings.try_orders
     )
+    shutter = _shutter(first, settings, progress)
     halt.begin()
-    settings, pace = _affordable(budget, settings, first, fitted, lens, refine, progress, clock)
+    settings, pace = _affordable(budget, settings, first, fitted, lens, refine, progress, clock, shutter)
 
     def attempt(look: FirstLook, views: F32, moving: bool) -> Attempt:
         geometry, start = _beginning(look, views, lens, settings, moving=moving)
         clock.lap("geometry")
-        fit_one = _fit_one(fitted, geometry, lens, settings, refine, score, clock, halt)
+        fit_one = _fit_one(fitted, geometry, lens, settings, refine, score, clock, halt, shutter)
         team = members(start, settings.density_rules, settings.fits, settings.seed)
         team = tuple(replace(one, start=of_degree(one.start, number)) for number, one in enumerate(team))
         fits = fit_together(fit_one, team, progress, pace, halt)
@@ -140,7 +143,7 @@ def reconstruct(
             paths[number] = replace(still.geometry, world_to_camera=fit.world_to_camera)
 
         def fit_one(member: Member, progress: Progress, pace: Pace | None) -> CoarseFit:
-            fit = _fit_one(fitted, paths[member.seed], lens, freed, refine, score, clock, halt)
+            fit = _fit_one(fitted, paths[member.seed], lens, freed, refine, score, clock, halt, shutter)
             return fit(member, progress, pace)
 
         fits = fit_together(fit_one, tuple(team), progress, None, halt)
@@ -151,17 +154,25 @@ def reconstruct(
     attempts = Attempts(attempt, release, jury, lens, settings, refine, progress, clock.lap, halt)
     first, tried, motion = attempts.hurried(first) if budget is not None else attempts.all(first)
     geometry, ensemble = tried.geometry, tried.ensemble
-    renderer = ShotRenderer(fitted.shot, geometry.intrinsics, tools.backend, lens)
+    renderer = ShotRenderer(fitted.shot, geometry.intrinsics, tools.backend, lens, shutter)
     if tools.fine is not None and ensemble.best.scene.motion is None and not halt.asked:
         ensemble = _fined(tried, fitted, jury, renderer, tools.fine, settings, refine, progress, score, clock, halt)
-    doubts = (*doubts, *_said_if_halted(halt, progress))
-    recovered = hand_over(first, ensemble, refine, settings, motion.polishing)
+    recovered = hand_over(first, ensemble, refine, settings, motion.polishing).in_the_middle(ensemble, renderer)
     geometry, ensemble = in_given_unit(geometry, ensemble)
     light = renderer.stopped_light(ensemble.best.scene, ensemble.best.world_to_camera)
     seen = speeds(renderer, ensemble.best.scene, ensemble.best.world_to_camera)
     clock.lap("fit")
     left = Left(
-        registered, doubts, tried.look.with_decode_of(first), geometry, ensemble, light, recovered, motion, seen
+        registered,
+        (*doubts, *_said_if_halted(halt, progress)),
+        tried.look.with_decode_of(first),
+        geometry,
+        ensemble,
+        light,
+        recovered,
+        motion,
+        seen,
+        shutter,
     )
     return Reconstruction(record(settings, left, score, clock.seconds()), ensemble.best.scene)
 
@@ -175,6 +186,7 @@ def _affordable(
     refine: Refinement,
     progress: Progress,
     clock: "_Stopwatch",
+    shutter: Shutter | None,
 ) -> tuple[Settings, Pace | None]:
     """Return the settings of fits for which a budget suffices, by a few timed iterations, and the pace that they keep.
 
@@ -190,7 +202,7 @@ def _affordable(
         hold_out=settings.fit.hold_out.looking(_TIMED_ITERATIONS),
     )
     geometry, start = _beginning(first, first.decoded, lens, settings)
-    fit = _fit_one(jury, geometry, lens, replace(settings, fit=brief), refine, None, clock)
+    fit = _fit_one(jury, geometry, lens, replace(settings, fit=brief), refine, None, clock, None, shutter)
     timed = Timed(_TIMED_ITERATIONS)
     fit(Member(start, settings.fit.density, settings.seed), Silent(), timed)
     settings, pace, said = budget.fit(settings, timed)
@@ -233,25 +245,20 @@ def _settled(
     if settings.withheld != Withheld() or not is_open(geometry, criteria):
         return first
 
-    # By the measurement alone: views of either order show surfaces that bear it out.
-    brief = replace(settings, fit=replace(shortened(settings.fit), surfaces=None, relief=None))
-    begun: dict[int, tuple[Geometry, tuple[Geometry, Gaussians]]] = {}
+    def begin(began: Geometry) -> tuple[Geometry, Gaussians]:
+        return _beginning(replace(first, geometry=began), first.decoded, lens, settings)
 
-    def leaves(began: Geometry, number: int) -> float:
-        if id(began) not in begun:
-            # The geometry is kept beside, so that no other one gets its number.
-            begun[id(began)] = began, _beginning(replace(first, geometry=began), first.decoded, lens, brief)
-        at, start = begun[id(began)][1]
-        member = members(start, brief.density_rules[:1], number + 1, settings.seed)[number]
-        try:
-            fit = _fit_one(jury, at, lens, brief, refine, None, clock)(member, Silent(), None)
-        except NumericsError:
-            return math.inf
-        return _left(jury, fit.views)
+    def fit_one(at: Geometry, how: CoarseSettings) -> FitOne:
+        return _fit_one(jury, at, lens, replace(settings, fit=how), refine, None, clock)
 
+    def depths(at: Geometry, scene: Gaussians, poses: F64) -> F32:
+        backend = load_backend(settings.backend, settings.raster)
+        return ShotRenderer(jury.shot, at.intrinsics, backend, lens).depths(scene, poses)
+
+    fits = OrderFits(jury, settings, begin, fit_one, depths)
     told = geometry.source not in ("tracks", "wide", "uniform")
     if not hurried and settings.fit.iterations >= LEAST_SCHEDULE:
-        geometry = settle(geometry, leaves, progress, told=told)
+        geometry = settle(geometry, fits.brief, fits.finish, progress, told=told)
     elif not told:
         geometry = unsettled(geometry)
     for note in geometry.notes:
@@ -261,13 +268,9 @@ def _settled(
     return replace(first, geometry=geometry)
 
 
-def _left(jury: Jury, views: F32) -> float:
-    """Return the mean square that views, [N, H, W, C], leave of the readings that can be trusted."""
-    asked = jury.shot.lit
-    if jury.shot.saturated is not None:
-        asked &= ~jury.shot.saturated
-    residual = (jury.coded(views) - jury.shot.measurement)[asked].astype(np.float64)
-    return float(np.mean(residual**2)) if residual.size else 0.0
+def _as_shown(score: Score | None, light: Brightness) -> Score | None:
+    """Return a score of views of even light that judges them as bright as they will be handed over."""
+    return None if score is None else lambda views: score(light.shown(views))
 
 
 def _said_if_halted(halt: Halt, progress: Progress) -> tuple[Finding, ...]:
@@ -287,6 +290,14 @@ def _examined(shot: Shot, progress: Progress) -> tuple[Shot, tuple[Finding, ...]
     for doubt in doubts:
         progress.say(doubt.sentence)
     return sound, doubts
+
+
+def _shutter(first: FirstLook, settings: Settings, progress: Progress) -> Shutter | None:
+    """Return the moments that the first path calls for within masks, and say so; None where one for each is enough."""
+    found = needed(first.geometry, first.decoded, np.clip(first.weights_given, 0, 1), settings.shutter)
+    if found is not None:
+        progress.say(found.note.sentence)
+    return found
 
 
 def _beginning(
@@ -318,6 +329,7 @@ def _fit_one(
     score: Score | None,
     clock: "_Stopwatch",
     halt: Halt | None = None,
+    shutter: Shutter | None = None,
 ) -> FitOne:
     """Say how one fit of the ensemble goes."""
 
@@ -336,6 +348,7 @@ def _fit_one(
             pace=pace,
             lens=lens,
             halt=halt,
+            shutter=shutter,
         )
 
     return fit

@@ -48,7 +48,6 @@ class Backend(Protocol):
     @property
     def name(self) -> str:
         """Get the name under which `gs2ci.render.backend.load_backend` knows it."""
-        ...
 
     def code(self, masks: Tensor, sampling: CanvasSampling | None = None) -> MaskSet:
         """Prepare a mask set, once.
@@ -60,11 +59,9 @@ class Backend(Protocol):
         Raises:
             InputError: Not [N, H, W], negative or not finite, or a sampling of another size.
         """
-        ...
 
     def reuse(self) -> Reuse:
         """Return what the renderings of a population may share from now on."""
-        ...
 
     def coded(
         self,
@@ -96,7 +93,6 @@ class Backend(Protocol):
             InputError: Shapes disagree, a number is not finite, mask set or `reuse` is another backend's, or `screen`
                 is that of another number of Gaussians.
         """
-        ...
 
     def views(
         self,
@@ -125,7 +121,6 @@ class Backend(Protocol):
         Raises:
             InputError: Shapes disagree or a number is not finite.
         """
-        ...
 
     def depths(
         self,
@@ -152,4 +147,3 @@ class Backend(Protocol):
         Raises:
             InputError: Shapes disagree or a number is not finite.
         """
-        ...

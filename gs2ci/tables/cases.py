@@ -1,7 +1,7 @@
 """The measurements that tables are made of, each said in a few words that can travel to another process.
 
-Here: `Case` and how it becomes a shot. Not here: the reconstruction (`works`), which cases a table uses (`tables`).
-For this package.
+Here: `Case`, how it becomes a shot, and what would be seen from beside its path. Not here: the reconstruction
+(`works`), which cases a table uses (`tables`).
 
 A case is either a file of a coded measurement or a scene of the simulator's library. A simulated one is exposed by the
 planned light path of `gs2ci_sims`, never by the solver's forward model. A file with true views may be coded anew with
@@ -22,11 +22,13 @@ from gs2ci.core.crop import middle
 from gs2ci.core.errors import InputError
 from gs2ci.core.foreign.assemble import ImportOptions, import_shots
 from gs2ci.core.records import MEASUREMENT_LIMIT, Shot, Truth
+from gs2ci.evaluate.novel_views import NovelViews, beside_path
 from gs2ci_sims.effects.motion_blur import MotionBlur
 from gs2ci_sims.exposure import expose
 from gs2ci_sims.light_path import generator, sensor_effects
 from gs2ci_sims.masks import random_grey_masks, random_masks
 from gs2ci_sims.planner import plan
+from gs2ci_sims.radiance import Renderer
 from gs2ci_sims.rig import Light, Modulator, Rig
 from gs2ci_sims.scenes.files import load_scene
 
@@ -103,6 +105,20 @@ class Case:
         if self.stage_off is not None:
             shot = staged(shot, self.stage_off, generator(seed, "stage"))
         return replace(shot, name=self.name)
+
+    def novel_views(self, shot: Shot) -> NovelViews | None:
+        """Return what the scene looks like beside the path of a shot of it (`beside_path`), without noise.
+
+        None where nobody knows: of files, where something moves by itself, and of a single view.
+        """
+        true = shot.truth.world_to_camera
+        if not self.scene or true is None or shot.views < 2:
+            return None
+        loaded = load_scene(self.scene, size=self.size or SIZE, views=self.views)
+        if loaded.file.object_motion is not None:
+            return None
+        poses = beside_path(true)
+        return NovelViews(Renderer().views(loaded.scene, poses)[0], poses)
 
     def _check(self) -> None:
         if bool(self.file) == bool(self.scene):

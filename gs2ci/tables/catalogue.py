@@ -1,6 +1,6 @@
 """Which cells make which table, and how its figures are laid out.
 
-Here: `Table`, and the tables by name. Not here: the work (`works`), pages (`pages`). For this package.
+Here: `Table`, and the tables by name. Not here: the work (`works`), pages (`pages`).
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -9,12 +9,14 @@ from pathlib import Path
 from typing import Any, Final
 
 from gs2ci.core.errors import InputError
+from gs2ci.reconstruct.baselines.field_fit import FieldSettings
 from gs2ci.tables.calibration import BENCHES, FRAMES, calibrate_masks
 from gs2ci.tables.cases import Case
 from gs2ci.tables.cells import Cell
+from gs2ci.tables.literature import DECODERS, FIELD, LEARNED, decode_case, field_case, model_files
 from gs2ci.tables.names import TableName
 from gs2ci.tables.simulation import EVERYTHING, TOLERANCES_DN, rig_cases, simulate_rig
-from gs2ci.tables.variants import ABLATION, GEOMETRY, RULES, VARIANTS
+from gs2ci.tables.variants import ABLATION, GEOMETRY, PAPER, RULES, VARIANTS
 from gs2ci.tables.works import initialise_case, reconstruct_case
 
 SIMULATED: Final = ("boxes", "thicket", "motorcycle", "corridor")
@@ -99,12 +101,30 @@ class Table:
 RECONSTRUCTION: Final = (
     Measure("psnr_db", "PSNR, dB", 2),
     Measure("ssim", "SSIM", 4),
+    Measure("scene_psnr_db", "scene alone, dB", 2),
+    Measure("between_psnr_db", "between, dB", 2),
+    Measure("beyond_psnr_db", "beyond, dB", 2),
     Measure("nate", "nATE", 4, more_is_better=False),
     Measure("depth_rel_percent", "depth off, %", 2, more_is_better=False),
     Measure("depth_rank", "order of depth", 2),
     Measure("seconds", "s", 1, more_is_better=False),
 )
-POPULATION: Final = (*RECONSTRUCTION, Measure("gaussians", "Gaussians", 0, more_is_better=False))
+POPULATION: Final = (
+    *RECONSTRUCTION,
+    Measure("gaussians", "Gaussians", 0, more_is_better=False),
+    Measure("frames_per_second", "rendered views/s", 1),
+)
+
+PATH: Final = (
+    Measure("ate", "ATE", 5, more_is_better=False),
+    Measure("nate", "nATE", 4, more_is_better=False),
+    Measure("rpe_t", "RPE_t", 5, more_is_better=False),
+    Measure("nrpe_t", "nRPE_t", 4, more_is_better=False),
+    Measure("rpe_r_deg", "RPE_r, °", 3, more_is_better=False),
+    Measure("translation_mean", "mean off, translation", 5, more_is_better=False),
+    Measure("rotation_deg", "mean off, °", 3, more_is_better=False),
+)
+"""Of a camera path, as the paper's Table VI has them; lengths in the unit of the true path."""
 
 INITIALISATION: Final = (
     Measure("nate", "nATE", 4, more_is_better=False),
@@ -222,6 +242,28 @@ def _variants(
     return entries
 
 
+def _of_literature(options: TableOptions) -> list[TableEntry]:
+    """Decode or fit by the methods of the literature; those that are slow or need weights only where they are named."""
+    lines = ("default", *DECODERS, *PAPER, *LEARNED, FIELD)
+    chosen = _chosen(lines, options.lines) if options.lines else ("default", *DECODERS)
+    return [
+        TableEntry(case.name, line, _literature(case, line, seed))
+        for case in options.cases
+        for line in chosen
+        for seed in range(options.seeds)
+    ]
+
+
+def _literature(case: Case, line: str, seed: int) -> Cell:
+    if line in VARIANTS:
+        return reconstruction(case, line, seed)
+    files = ((case.file,) if case.file else ()) + model_files(line)
+    if line == FIELD:
+        arguments = {"case": asdict(case), "iterations": FieldSettings().iterations, "seed": seed}
+        return Cell(field_case, arguments, files)
+    return Cell(decode_case, {"case": asdict(case), "method": line, "seed": seed}, files)
+
+
 def _changed(lines: Mapping[str, Mapping[str, Any]]) -> Callable[[TableOptions], list[TableEntry]]:
     def entries(options: TableOptions) -> list[TableEntry]:
         return [
@@ -336,6 +378,21 @@ TABLES: Final[dict[TableName, Table]] = {
         _changed(CONDITIONS),
         RECONSTRUCTION,
         condition_cases,
+    ),
+    "literature": Table(
+        "Methods of the literature",
+        "The default beside decoders, which give views alone. Only where they are named: `paper`, `paper, fine` and "
+        "`scisplat` (ENI, tracks, MCMC), on the paper's 20,000 iterations; `pnp-ffdnet`, `pnp-ffdnet-colour`, "
+        "`pnp-fastdvdnet` and `video-decoder`, whose models have to be added (`gs2ci models`); "
+        "`field`, a radiance field fitted with its poses as SCINeRF does, which takes many minutes.",
+        _of_literature,
+        RECONSTRUCTION,
+    ),
+    "path": Table(
+        "Camera paths",
+        "All errors of the camera path that the paper's Table VI has, by density rule, in one fit.",
+        _variants(("default", "one fit", *RULES)),
+        PATH,
     ),
     "seeds": Table(
         "Seeds",

@@ -13,6 +13,8 @@ TableName = Literal[
     "mask-ratio",
     "compression",
     "conditions",
+    "literature",
+    "path",
     "seeds",
     "simulate",
     "calibrate",

@@ -3,7 +3,7 @@
 The default is the mean of two fits. A line that changes one thing changes it in one fit, and is to be read against
 the line `one fit`: what a change does shows there at two thirds of the price.
 
-Here: the names, and settings from a name. Not here: what a setting does. For this package.
+Here: the names, and settings from a name. Not here: what a setting does.
 """
 
 from collections.abc import Callable
@@ -12,11 +12,11 @@ from functools import partial
 from typing import Any, Final
 
 from gs2ci.core.errors import InputError
-from gs2ci.reconstruct.ablation import COMPONENTS, without
 from gs2ci.reconstruct.choices import RULE_NAMES
 from gs2ci.reconstruct.fit.density.osgr import Osgr
 from gs2ci.reconstruct.fit.fine import FineSettings
-from gs2ci.reconstruct.paper import paper_settings
+from gs2ci.reconstruct.presets.ablation import COMPONENTS, without
+from gs2ci.reconstruct.presets.paper import paper_settings
 from gs2ci.reconstruct.settings import Settings
 
 Change = Callable[[Settings], Settings]
@@ -66,7 +66,7 @@ ABLATION: Final[dict[str, Change]] = {
     **{f"without {name}": partial(_without, (name,)) for name in COMPONENTS},
     "without all six": partial(_without, tuple(COMPONENTS)),
 }
-"""One fit without a component, by its name in `gs2ci.reconstruct.ablation`."""
+"""One fit without a component, by its name in `gs2ci.reconstruct.presets.ablation`."""
 
 GEOMETRY: Final[dict[str, Change]] = {
     "eni": partial(_one_fit_with, proxy="eni"),

@@ -7,8 +7,14 @@ import time
 from dataclasses import replace
 from typing import Any
 
+import torch
+
 from gs2ci.core.progress import Silent
+from gs2ci.core.records import Shot
+from gs2ci.evaluate.metrics import psnr_per_view
+from gs2ci.evaluate.novel_views import NovelViews, beside_path
 from gs2ci.evaluate.order import depth_rank, inside_out
+from gs2ci.evaluate.report import Trajectory
 from gs2ci.evaluate.run_report import build_report
 from gs2ci.evaluate.trajectory import trajectory_errors
 from gs2ci.reconstruct.first_look import look
@@ -17,7 +23,8 @@ from gs2ci.reconstruct.geometry.evidence import unexplained
 from gs2ci.reconstruct.measurement.brightness import BrightnessSettings
 from gs2ci.reconstruct.measurement.jury import Jury
 from gs2ci.reconstruct.measurement.lens import Lens, straightened
-from gs2ci.reconstruct.pipeline import reconstruct
+from gs2ci.reconstruct.pipeline import Reconstruction, reconstruct
+from gs2ci.render.backend import load_backend
 from gs2ci.tables.cases import Case
 from gs2ci.tables.store import Row
 from gs2ci.tables.variants import settings_of
@@ -34,15 +41,19 @@ def reconstruct_case(case: dict[str, Any], variant: str, seed: int) -> Row:
     Raises:
         Gs2ciError: The case cannot be made, or not be reconstructed.
     """
-    shot = Case.of(case).shot(seed)
-    report = build_report(shot, reconstruct(shot, settings_of(variant, seed)).result)
+    made = Case.of(case)
+    shot = made.shot(seed)
+    done = reconstruct(shot, settings_of(variant, seed))
+    report = build_report(shot, done.result)
     psnr, ssim, trajectory = report.psnr_db, report.ssim, report.trajectory
     depth = report.depth
-    decode_psnr = report.decode.psnr_db
+    decode_psnr, scene_psnr = report.decode.psnr_db, report.scene.psnr_db
     return {
         "psnr_db": psnr and psnr.mean,
         "ssim": ssim and ssim.mean,
-        "nate": trajectory and trajectory.nate,
+        "scene_psnr_db": scene_psnr and scene_psnr.mean,
+        **_elsewhere(done, shot, made.novel_views(shot)),
+        **_path(report.trajectory),
         "depth_rel_percent": depth and 100 * depth.median_rel,
         "depth_rank": depth and depth.rank,
         "depth_px": depth and depth.median_px,
@@ -55,6 +66,41 @@ def reconstruct_case(case: dict[str, Any], variant: str, seed: int) -> Row:
         "gaussians": report.gaussians,
         "verdict": report.verdict,
         "stopped": report.stopped.code.value,
+    }
+
+
+def _elsewhere(done: Reconstruction, shot: Shot, novel: NovelViews | None) -> Row:
+    """Score the scene alone from beside its path, dB, and count how many views a second it renders."""
+    row: Row = {"between_psnr_db": None, "beyond_psnr_db": None, "frames_per_second": None}
+    if done.scene.motion is not None or shot.views < 2 or shot.distortion is not None:
+        return row
+    backend, intrinsics = load_backend(), torch.from_numpy(done.result.intrinsics).float()
+    poses = torch.from_numpy(beside_path(done.result.world_to_camera)).float()
+    with torch.no_grad():
+        images, _ = backend.views(done.scene, poses, intrinsics, shot.size)
+        began_s = time.perf_counter()
+        backend.views(done.scene, poses, intrinsics, shot.size)
+        row["frames_per_second"] = len(poses) / (time.perf_counter() - began_s)
+    if novel is not None:
+        seen = images.numpy()
+        grey = novel.views.shape[3] == 1
+        row["between_psnr_db"], row["beyond_psnr_db"] = psnr_per_view(
+            seen.mean(axis=3, keepdims=True) if grey else seen, novel.views
+        )
+    return row
+
+
+def _path(errors: Trajectory | None) -> Row:
+    """Return the errors of a path as the paper's Table VI has them; nRPE_t is RPE_t over the extent, as nATE is."""
+    extent = errors.ate / errors.nate if errors is not None and errors.nate else None
+    return {
+        "ate": errors and errors.ate,
+        "nate": errors and errors.nate,
+        "rpe_t": errors and errors.rpe_t,
+        "nrpe_t": errors.rpe_t / extent if errors and extent and errors.rpe_t is not None else None,
+        "rpe_r_deg": errors and errors.rpe_r_deg,
+        "translation_mean": errors and errors.translation_mean,
+        "rotation_deg": errors and errors.rotation_deg,
     }
 
 

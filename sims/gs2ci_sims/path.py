@@ -1,4 +1,4 @@
-"""Where the camera is at any moment: poses over continuous time. For exposures, twins and tests.
+"""Where the camera is at any moment: poses over continuous time.
 
 Here: the interface and the constant-velocity stage move. Not here: who samples it (`exposure`, `planner`).
 """
@@ -22,7 +22,6 @@ class CameraPath(Protocol):
 
     def world_to_camera(self, time_s: F64) -> F64:
         """Get the poses at the given times, [T, 4, 4] for [T], OpenCV axes."""
-        ...
 
 
 def highest_hz(path: CameraPath) -> float:

@@ -200,7 +200,6 @@ class LightPath(Protocol):
 
     def collect(self, exposure: Exposure) -> U16:
         """Return the sensor's pixels after an exposure, [H, W] uint16 in 0 to 2**bits − 1."""
-        ...
 
 
 class Darkness:
@@ -216,7 +215,6 @@ class Motion(Protocol):
 
     def positions_mm_at(self, when_s: float) -> Mapping[str, float]:
         """Return where the axes truly were at a time up to now."""
-        ...
 
 
 @dataclass(frozen=True)

@@ -1,5 +1,6 @@
 """Exports of a run, each opened by somebody else's reader."""
 
+import base64
 import json
 import shutil
 import subprocess
@@ -9,6 +10,7 @@ from pathlib import Path
 import cv2
 import h5py
 import imageio.v3 as imageio
+import jsonschema
 import numpy as np
 import pycolmap
 import pytest
@@ -18,6 +20,9 @@ import gs2ci
 from gs2ci.api import exports
 from gs2ci.core.errors import InputError, StorageError
 from gs2ci.evaluate.exports import depth_files, nexus, orbit
+from tests.evaluate.pages.conftest import tab
+
+__all__ = ["tab"]
 
 
 @pytest.fixture
@@ -31,12 +36,33 @@ def test_gaussians_as_ply_and_spz(run):
     assert gs2ci.export(run, "spz").stat().st_size < 2000
 
 
+def test_a_folder_for_nerfstudio_is_what_its_parser_reads(run):
+    """As nerfstudio's own parser goes through a folder; what it asks of a transforms.json stands in the schema."""
+    folder = gs2ci.export(run, "nerfstudio", "studio")
+    transforms = json.loads((folder / "transforms.json").read_text())
+    schema = json.loads(Path(__file__).with_name("nerfstudio.schema.json").read_text())
+    jsonschema.Draft202012Validator.check_schema(schema)
+    jsonschema.validate(transforms, schema)
+    for wrong in ({"camera_model": "PINHOLES"}, {"w": 32.5}, {"frames": []}, {"train_filenames": ["views/a.png"]}):
+        with pytest.raises(jsonschema.ValidationError):
+            jsonschema.validate({**transforms, **wrong}, schema)
+    for frame in transforms["frames"]:
+        assert (folder / frame["file_path"]).is_file()
+        rotation = np.array(frame["transform_matrix"])[:3, :3]
+        np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=1e-9)
+        assert np.linalg.det(rotation) > 0
+    # It takes the points through the same transform as the poses: they lie before the cameras, whose axes are OpenGL's.
+    points = np.asarray(trimesh.load(folder / transforms["ply_file_path"]).vertices)
+    seen = np.linalg.inv(np.array(transforms["frames"][1]["transform_matrix"])) @ np.c_[points, np.ones(len(points))].T
+    assert (seen[2] < 0).all()
+    across = transforms["fl_x"] * seen[0] / -seen[2] + transforms["cx"]
+    assert np.median(np.abs(across / transforms["w"] - 0.5)) < 0.5
+
+
 def test_cameras_and_pictures_for_colmap_and_nerfstudio_tell_the_same(run):
     model = pycolmap.Reconstruction(str(gs2ci.export(run, "colmap", "model") / "sparse" / "0"))
     folder = gs2ci.export(run, "nerfstudio", "studio")
     transforms = json.loads((folder / "transforms.json").read_text())
-    # What nerfstudio's parser asks for (docs.nerf.studio, "Data conventions"): these keys, OpenGL axes, and its files.
-    assert {"fl_x", "fl_y", "cx", "cy", "w", "h", "camera_model", "frames"} <= set(transforms)
     assert len(transforms["frames"]) == len(model.images) == 4
     for image in model.images.values():
         (frame,) = [one for one in transforms["frames"] if one["file_path"].endswith(image.name)]
@@ -117,25 +143,65 @@ def test_exr_without_its_package_says_what_to_do(run, monkeypatch):
         gs2ci.export(run, "depth-exr")
 
 
-def test_films_of_an_orbit(run, monkeypatch):
-    frames = np.linspace(0, 1, 6, dtype=np.float32)[:, None, None, None] * np.ones((6, 25, 33, 3), np.float32)
+LEVELS = np.linspace(0, 1, 6)
+
+
+@pytest.fixture
+def film(run, monkeypatch):
+    """An MP4 of six even frames from black to white, whose odd last row and column are left out."""
+    frames = np.float32(LEVELS)[:, None, None, None] * np.ones((6, 25, 33, 3), np.float32)
     monkeypatch.setattr(exports, "orbit", lambda run: frames)
-    film = imageio.imread(gs2ci.export(run, "gif"), index=None)
-    assert film.shape == (6, 25, 33, 3)
-    np.testing.assert_allclose(film.mean(axis=(1, 2, 3)) / 255, np.linspace(0, 1, 6), atol=0.02)
-    path = gs2ci.export(run, "mp4")
+    return gs2ci.export(run, "mp4")
+
+
+def test_ffprobe_reads_a_film(film):
+    if shutil.which("ffprobe") is None:
+        pytest.skip("no ffprobe on this machine")
+    wanted = "stream=codec_name,width,height,pix_fmt,avg_frame_rate,nb_read_frames:format=format_name,duration"
+    asked = ["ffprobe", "-v", "error", "-count_frames", "-show_entries", wanted, "-of", "json", film]
+    told = json.loads(subprocess.run(asked, capture_output=True, check=True).stdout)
+    (stream,) = told["streams"]
+    assert (stream["codec_name"], stream["width"], stream["height"]) == ("vp9", 32, 24)
+    assert (stream["pix_fmt"], stream["avg_frame_rate"], stream["nb_read_frames"]) == ("yuv420p", "24/1", "6")
+    assert "mp4" in told["format"]["format_name"].split(",")
+    assert float(told["format"]["duration"]) == pytest.approx(6 / 24, abs=0.01)
+
+
+def test_a_browser_plays_a_film(film, tab, tmp_path):
+    page, held = tmp_path / "film.html", base64.b64encode(film.read_bytes()).decode()
+    # Within the page: a script may not read the pixels of another file.
+    page.write_text(f'<video src="data:video/mp4;base64,{held}" muted preload="auto"></video>')
+    tab.open(page, 400)
+    show = """(async () => {
+        const film = document.querySelector("video");
+        if (film.readyState < 2) await new Promise((done, no) => { film.onloadeddata = done; film.onerror = no; });
+        const paint = Object.assign(document.createElement("canvas"), {width: 1, height: 1}).getContext("2d");
+        const levels = [];
+        for (let frame = 0; frame < 6; frame++) {
+            film.currentTime = (frame + 0.5) / 24;
+            await new Promise(done => { film.onseeked = done; });
+            paint.drawImage(film, 0, 0, 1, 1);
+            levels.push(paint.getImageData(0, 0, 1, 1).data[0] / 255);
+        }
+        return [film.videoWidth, film.videoHeight, film.duration, levels];
+    })()"""
+    width, height, duration_s, levels = tab.run(show)
+    assert (width, height) == (32, 24)
+    assert duration_s == pytest.approx(6 / 24, abs=0.01)
+    np.testing.assert_allclose(levels, LEVELS, atol=0.06)
+
+
+def test_films_of_an_orbit(run, film):
+    path, frames = film, exports.orbit(run)
+    read = imageio.imread(gs2ci.export(run, "gif"), index=None)
+    assert read.shape == (6, 25, 33, 3)
+    np.testing.assert_allclose(read.mean(axis=(1, 2, 3)) / 255, LEVELS, atol=0.02)
     reader = cv2.VideoCapture(str(path))
     levels = []
     while (read := reader.read())[0]:
         assert read[1].shape == (24, 32, 3)
         levels.append(read[1].mean() / 255)
-    np.testing.assert_allclose(levels, np.linspace(0, 1, 6), atol=0.06)
-    if shutil.which("ffprobe"):
-        told = subprocess.run(
-            ["ffprobe", "-v", "error", "-show_entries", "stream=codec_name", "-of", "csv=p=0", path],
-            capture_output=True, text=True, check=True,
-        )  # fmt: skip
-        assert told.stdout.strip() == "vp9"
+    np.testing.assert_allclose(levels, LEVELS, atol=0.06)
     with pytest.raises(InputError, match=r"\.gif or \.mp4"):
         orbit.write_film(path.with_suffix(".avi"), frames)
     with pytest.raises(InputError, match="cannot be encoded or written"):

@@ -11,12 +11,15 @@ import pytest
 
 import gs2ci
 import gs2ci.reconstruct.pipeline  # binds the package's name, which must not hide the function
+from gs2ci.api import preparing
+from gs2ci.cli import COMMANDS
 
 NAMES = {
     "DeviceError", "Gaussians", "GeometryError", "Gs2ciError", "InputError", "NumericsError", "OpenRig", "Progress",
-    "Run", "Shot", "Silent", "StorageError", "Truth", "__version__", "add_model", "decode", "demo_rig", "evaluate",
-    "export", "export_model", "find_devices", "import_file", "list_models", "load", "make_table", "measure", "mesh",
-    "open_rig", "open_run", "plan", "reconstruct", "reconstruct_many", "recover", "save", "tradeoff",
+    "Run", "Shot", "Silent", "StorageError", "Truth", "__version__", "add_model", "compile_kernels", "decode",
+    "demo_rig", "evaluate", "explain", "export", "export_model", "find_devices", "import_file", "list_models",
+    "list_plugins", "load", "make_table", "measure", "mesh", "open_rig", "open_run", "ophyd_bench", "plan",
+    "reconstruct", "reconstruct_many", "recover", "save", "sweep", "tradeoff", "update_bundle",
 }  # fmt: skip
 CALLED = sorted(NAMES - {"__version__"})
 # An error's and a listener's example is where they are raised and heard.
@@ -59,7 +62,9 @@ def test_every_name_is_documented_and_typed_and_has_an_example(name):
 
 
 @pytest.mark.parametrize("name", [name for name in CALLED if name not in WITHOUT_EXAMPLE])
-def test_its_examples_do_what_they_say(name, examples):
+def test_its_examples_do_what_they_say(name, examples, monkeypatch):
+    # It compiles for half a minute; tests/commands/test_compile.py has what it compiles by.
+    monkeypatch.setattr(preparing, "_reconstruct_something", lambda: None)
     finder = doctest.DocTestFinder(recurse=inspect.isclass(target(name)))
     flags = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
     runner = doctest.DocTestRunner(optionflags=flags, verbose=False)
@@ -90,3 +95,18 @@ def test_packages_of_the_functions_names_are_called_and_stay_packages():
     assert "shot" in inspect.signature(gs2ci.reconstruct).parameters
     assert "run" in inspect.signature(gs2ci.evaluate).parameters
     assert gs2ci.reconstruct.pipeline is sys.modules["gs2ci.reconstruct.pipeline"]
+
+
+def test_python_can_do_whatever_a_command_does():
+    """By the table of docs/python.md, which names every command and whose names all exist."""
+    page = (Path(__file__).resolve().parents[2] / "docs" / "python.md").read_text(encoding="utf-8")
+    rows = dict(re.findall(r"^\| `gs2ci ([a-z]+)` \| (.*) \|$", page, re.MULTILINE))
+    assert list(rows) == list(COMMANDS)
+    owners = {"gs2ci": gs2ci, "run": gs2ci.Run, "rig": gs2ci.OpenRig}
+    for command, told in rows.items():
+        ways = re.findall(r"`(gs2ci|run|rig)\.(\w+)`", told)
+        assert bool(ways) is (command != "completion")
+        for owner, name in ways:
+            assert hasattr(owners[owner], name), f"{owner}.{name}"
+    told = set(re.findall(r"`(\w+)`", page[page.index("## What there is") : page.index("What each command is")]))
+    assert told == set(CALLED)

@@ -22,7 +22,7 @@ from gs2ci.batch.work import Task, work
 from gs2ci.core.errors import DeviceError, InputError
 from gs2ci.core.records import Shot
 from gs2ci.core.storage import write_shots
-from gs2ci.reconstruct.presets import PRESETS
+from gs2ci.reconstruct.presets.named import PRESETS
 
 pytestmark = pytest.mark.slow
 

@@ -16,7 +16,7 @@ from gs2ci.core.progress import Silent
 from gs2ci.core.records import Shot
 from gs2ci.core.storage import write_shots
 from gs2ci.evaluate.report import read_report
-from gs2ci.reconstruct.presets import PRESETS
+from gs2ci.reconstruct.presets.named import PRESETS
 
 QUICK = replace(PRESETS["draft"], fit=replace(PRESETS["draft"].fit, iterations=1))
 FILES = {"report.json", "report.html", "views.npy"}

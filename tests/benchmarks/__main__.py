@@ -51,6 +51,7 @@ BENCHMARKS = {
     "by_hand": "tests.benchmarks.by_hand",
     "registration": "tests.benchmarks.registration",
     "combination": "tests.benchmarks.combination",
+    "motion_within_masks": "tests.benchmarks.motion_within_masks",
     "batch": "tests.benchmarks.batch",
     "moving": "tests.benchmarks.moving",
     "processors": "tests.benchmarks.processors",
@@ -64,6 +65,7 @@ BENCHMARKS = {
 }
 
 LONG = (
+    "motion_within_masks",
     "moving",
     "checkouts",
     "batch",

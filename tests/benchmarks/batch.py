@@ -23,7 +23,7 @@ from gs2ci.batch.reconstruct import reconstruct_many
 from gs2ci.batch.rows import Row
 from gs2ci.core.storage import write_shots
 from gs2ci.evaluate.report import read_report
-from gs2ci.reconstruct.presets import PRESETS
+from gs2ci.reconstruct.presets.named import PRESETS
 from gs2ci.tables.cases import Case
 
 SHOTS = int(os.environ.get("GS2CI_BATCH_SHOTS", "64"))
@@ -43,14 +43,11 @@ def run() -> None:
         ]
         # What every process would compile for itself is compiled once, before any time is taken.
         timed(files[:1], Path(folder) / "first", 1)
-        one = timed(files, Path(folder) / "one", 1)
-        two = timed(files, Path(folder) / "two", 2)
+        one = told("one process", timed(files, Path(folder) / "one", 1))
+        two = told("two workers", timed(files, Path(folder) / "two", 2))
+        print(f"two workers against one process: {one[1] / two[1]:.2f} times as fast", flush=True)
         with killing() as deaths:
-            killed = timed(files, Path(folder) / "killed", 2)
-        for name, (rows, wall_s, cpu_s) in {"one process": one, "two workers": two, "with deaths": killed}.items():
-            states = dict(Counter(row.state for row in rows))
-            print(f"{name:<12} {wall_s:7.1f} s wall, {cpu_s:7.1f} s of processors, {states}")
-        print(f"two workers against one process: {one[1] / two[1]:.2f} times as fast")
+            killed = told("with deaths", timed(files, Path(folder) / "killed", 2))
         check(killed[0], Path(folder) / "killed", deaths)
         pairs = [
             (first.psnr_db, other.psnr_db)
@@ -59,6 +56,14 @@ def run() -> None:
         ]
         largest = max((abs(a - b) for a, b in pairs if a is not None and b is not None), default=float("nan"))
         print(f"largest difference of a shot's PSNR between the three: {largest:.2g} dB")
+
+
+def told(name: str, found: tuple[list[Row], float, float]) -> tuple[list[Row], float, float]:
+    """Print what a way took as soon as it has ended."""
+    rows, wall_s, cpu_s = found
+    states = dict(Counter(row.state for row in rows))
+    print(f"{name:<12} {wall_s:7.1f} s wall, {cpu_s:7.1f} s of processors, {states}", flush=True)
+    return found
 
 
 def timed(files: list[Path], output: Path, processes: int) -> tuple[list[Row], float, float]:

@@ -1,46 +1,89 @@
 """Does a measurement tell right weights from wrong ones? What other weights gain on pixels that were not asked.
 
     python -m tests.benchmarks brightness
+    GS2CI_CASES=runner python -m tests.benchmarks brightness    those whose names hold that word
 
 For scenes of the simulator's library, and the files of `GS2CI_SHARED_DATA` where that is set: by which share
-brightness from one half of the pixels lowers the residual of the other half (`BrightnessSettings.least_gain` decides),
-with weights that are right, off by 10 % and by 30 %.
+brightness from one half of the pixels lowers the residual of the other half, and by how many of its standard errors
+over blocks the brightness of some view is away from its weight. `BrightnessSettings.least_gain` and `least_errors`
+decide. With weights that are right, off by 10 % and by 30 %; for files with their true views, also where these were
+brightened evenly from 0.95 to 1.05 before they were coded ("drift"), and with the clips of `video_sci`, in which things
+move.
 """
 
 import os
+from collections.abc import Callable, Iterator
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
+import numpy as np
+import torch
+
+from gs2ci.core.crop import middle
+from gs2ci.core.foreign.assemble import ImportOptions, import_shots
 from gs2ci.core.progress import Silent
+from gs2ci.core.records import Shot
 from gs2ci.reconstruct.decode.gap_tv import gap_tv
 from gs2ci.reconstruct.geometry.evidence import carried_views
 from gs2ci.reconstruct.geometry.prior import Request, from_tracks
-from gs2ci.reconstruct.measurement.brightness import LinearSystem
+from gs2ci.reconstruct.measurement.brightness import BrightnessEstimate, estimate
+from gs2ci.reconstruct.measurement.coding import Coding
 from gs2ci.reconstruct.measurement.jury import Jury
 from gs2ci.reconstruct.settings import Settings
 from gs2ci.tables.cases import Case
 from gs2ci.tables.catalogue import TEXTURELESS, file_cases, simulated_cases
 
 SIZE = (96, 128)
+FILE_SIZE = (176, 176)
 SEEDS = range(2)
 OFF = (0.0, 0.1, 0.3)
 
 
-def _gain(case: Case, seed: int) -> float:
-    shot, settings = case.shot(seed), Settings()
-    seen = Jury.of(shot, settings.fit.hold_out.share, seed).seen
-    decoded = gap_tv(seen, settings.decode, Silent())
-    geometry = from_tracks(Request.of(seen, decoded, settings.geometry, None), Silent())
-    system = LinearSystem.of(seen, carried_views(decoded, geometry))
-    return 0.0 if system is None else system.gain()
+def drifting(shot: Shot, light: np.ndarray) -> Shot:
+    """Code the true views of a shot, each brightened by its share of `light`, [N], under its own masks."""
+    truth = shot.truth.views
+    assert truth is not None
+    views = (truth * light[:, None, None, None]).astype(np.float32)
+    even = replace(shot, weights=np.ones(shot.views, np.float32), truth=replace(shot.truth, views=views))
+    return replace(even, measurement=Coding.of(even).forward(torch.from_numpy(views)).numpy())
+
+
+def estimated(shot: Shot, seed: int) -> BrightnessEstimate | None:
+    """Return what the first look at a shot says of its views' brightness."""
+    settings = Settings()
+    jury = Jury.of(shot, settings.fit.hold_out.share, seed)
+    decoded = gap_tv(jury.seen, settings.decode, Silent())
+    geometry = from_tracks(Request.of(jury.seen, decoded, settings.geometry, None), Silent())
+    return estimate(jury, carried_views(decoded, geometry))
+
+
+def _shots(shared: str | None) -> Iterator[tuple[str, int, Callable[[], Shot]]]:
+    cases = [*simulated_cases(), Case(TEXTURELESS, scene=TEXTURELESS)]
+    cases = [replace(case, size=SIZE) for case in cases]
+    cases += [replace(case, size=FILE_SIZE) for case in (file_cases(Path(shared)) if shared else ())]
+    for case in cases:
+        for seed in SEEDS if case.scene else (0,):
+            for off in OFF:
+                yield f"{case.name}, {off:.0%} off", seed, partial(replace(case, weights_off=off).shot, seed)
+        if case.file:
+            yield f"{case.name}, drift", 0, partial(_drifting_case, case)
+    for path in sorted((Path(shared) / "video_sci").glob("*.mat")) if shared else ():
+        for number, shot in enumerate(import_shots(path, None, ImportOptions()).shots):
+            yield f"{path.stem} {number}", 0, partial(middle, shot, FILE_SIZE)
+
+
+def _drifting_case(case: Case) -> Shot:
+    shot = case.shot(0)
+    return drifting(shot, np.linspace(0.95, 1.05, shot.views))
 
 
 def run() -> None:
-    shared = os.environ.get("GS2CI_SHARED_DATA")
-    cases = [*simulated_cases(), Case(TEXTURELESS, scene=TEXTURELESS)]
-    cases = [replace(case, size=SIZE) for case in cases] + [*(file_cases(Path(shared)) if shared else ())]
-    print(f"{'':22} seed " + " ".join(f"{f'{off:.0%} off':>9}" for off in OFF))
-    for case in cases:
-        for seed in SEEDS:
-            gains = (_gain(replace(case, weights_off=off), seed) for off in OFF)
-            print(f"{case.name:22} {seed:4} " + " ".join(f"{each:9.4f}" for each in gains), flush=True)
+    least, wanted = Settings().brightness, os.environ.get("GS2CI_CASES", "")
+    print(f"{'':34} seed {'gain':>7} {'errors':>7} believed")
+    for name, seed, shot in _shots(os.environ.get("GS2CI_SHARED_DATA")):
+        if wanted not in name:
+            continue
+        told = estimated(shot(), seed)
+        said = "nothing told" if told is None else f"{told.gain:7.4f} {told.errors_away:7.1f} {told.is_sure(least)}"
+        print(f"{name:34} {seed:4} {said}", flush=True)

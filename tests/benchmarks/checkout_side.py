@@ -12,7 +12,7 @@ from typing import Any, TypedDict
 
 from gs2ci.evaluate.run_report import build_report
 from gs2ci.reconstruct.pipeline import reconstruct
-from gs2ci.reconstruct.presets import preset
+from gs2ci.reconstruct.presets.named import preset
 from gs2ci.tables.cases import Case
 from tests.benchmarks.depth import between
 

@@ -14,7 +14,7 @@ from gs2ci.core.crop import middle
 from gs2ci.core.foreign.assemble import ImportOptions, import_shots
 from gs2ci.core.records import Shot
 from gs2ci.reconstruct.pipeline import reconstruct
-from gs2ci.reconstruct.presets import PRESETS
+from gs2ci.reconstruct.presets.named import PRESETS
 from tests.benchmarks.first_table import FOLDER
 from tests.benchmarks.photographs import expose
 

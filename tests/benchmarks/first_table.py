@@ -16,14 +16,13 @@ from pathlib import Path
 
 import numpy as np
 import torch
-from scipy.linalg import expm, logm
 
 from gs2ci.core.arrays import F32, F64
 from gs2ci.core.errors import Gs2ciError
 from gs2ci.core.foreign.assemble import ImportOptions, import_shots
 from gs2ci.core.records import Shot
 from gs2ci.evaluate.metrics import measurement_residual, psnr_per_view
-from gs2ci.evaluate.novel_views import NovelViews
+from gs2ci.evaluate.novel_views import NovelViews, beside_path
 from gs2ci.reconstruct.decode.gap_tv import gap_tv
 from gs2ci.reconstruct.pipeline import Reconstruction, reconstruct
 from gs2ci.render.backend import load_backend
@@ -74,15 +73,11 @@ def _mean_db(views: F32, shot: Shot) -> str:
 def _elsewhere_db(run: Reconstruction, shot: Shot, novel: NovelViews | None) -> list[str]:
     """Return PSNR of the scene alone, half way between the two middle views and one step beyond the last.
 
-    From places on the recovered path: turning trades against travelling in it, and a similarity of the whole path would
-    show the scene from a few degrees beside.
+    From places on the recovered path (`beside_path`).
     """
     if novel is None:
         return ["–", "–"]
-    poses, middle = run.result.world_to_camera, shot.views // 2
-    half = expm(logm(poses[middle] @ np.linalg.inv(poses[middle - 1])) / 2).real @ poses[middle - 1]
-    beyond = poses[-1] @ np.linalg.inv(poses[-2]) @ poses[-1]
-    at = torch.from_numpy(np.stack([half, beyond])[: len(novel.views)]).float()
+    at = torch.from_numpy(beside_path(run.result.world_to_camera)[: len(novel.views)]).float()
     intrinsics = torch.from_numpy(run.result.intrinsics).float()
     with torch.no_grad():
         images, _ = load_backend().views(run.scene, at, intrinsics, shot.size)

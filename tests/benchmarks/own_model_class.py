@@ -17,7 +17,7 @@ from gs2ci.core.records import Shot
 from gs2ci.evaluate.depth import DepthErrors, depth_errors
 from gs2ci.evaluate.metrics import psnr_per_view
 from gs2ci.reconstruct.pipeline import reconstruct
-from gs2ci.reconstruct.presets import preset
+from gs2ci.reconstruct.presets.named import preset
 from gs2ci_sims.effects.motion_blur import MotionBlur
 from gs2ci_sims.exact import ExactRenderer
 from gs2ci_sims.exposure import expose

@@ -15,8 +15,8 @@ from gs2ci.reconstruct.fit.coarse import CoarseSettings
 from gs2ci.reconstruct.fit.density.adc import Adc
 from gs2ci.reconstruct.fit.density.classic import Classic
 from gs2ci.reconstruct.fit.density.osgr import Osgr
-from gs2ci.reconstruct.paper import paper_settings
 from gs2ci.reconstruct.pipeline import reconstruct
+from gs2ci.reconstruct.presets.paper import paper_settings
 from gs2ci.tables.cases import Case
 
 _CASE: Final = Case("boxes", scene="boxes", size=(48, 64))

@@ -46,7 +46,7 @@ from gs2ci.evaluate.run_report import build_report
 from gs2ci.reconstruct import pipeline
 from gs2ci.reconstruct.fit import coarse
 from gs2ci.reconstruct.fit.rendering import ShotRenderer
-from gs2ci.reconstruct.presets import preset
+from gs2ci.reconstruct.presets.named import preset
 from gs2ci.tables.cases import Case
 from tests.benchmarks.photographs import expose
 

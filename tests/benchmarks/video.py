@@ -38,7 +38,7 @@ def run(folder: Path | None = None, first: int | None = None, wanted: Sequence[s
         return
     print(
         f"{torch.get_num_threads()} threads; seconds by the clock and of processors, each for one measurement\n"
-        "file             decoder        shots    PSNR    SSIM    clock  processors"
+        "file             decoder              shots    PSNR    SSIM    clock  processors"
     )
     decoders: dict[str, _Decoder] = {
         "gap-tv": lambda shot: gap_tv(shot, AS_PUBLISHED),
@@ -47,9 +47,11 @@ def run(folder: Path | None = None, first: int | None = None, wanted: Sequence[s
     }
     with tempfile.TemporaryDirectory() as scratch:
         weights = folder.parent / "weights" / "ffdnet_gray.pth"
-        network = ffdnet(weights, Path(scratch)) if not wanted or "pnp-ffdnet" in wanted else None
+        network = ffdnet(weights, Path(scratch)) if not wanted or any("ffdnet" in name for name in wanted) else None
         if network is not None:
+            as_authors = PlugAndPlaySettings(begin="transpose")
             decoders["pnp-ffdnet"] = lambda shot: np.clip(plug_and_play(shot, network, PlugAndPlaySettings()), 0, 1)
+            decoders["pnp-ffdnet-published"] = lambda shot: plug_and_play(shot, network, as_authors)
         for file in files:
             shots = import_shots(file, None, ImportOptions()).shots[:first]
             for name, decode in decoders.items():
@@ -69,7 +71,7 @@ def _row(file: str, name: str, decode: _Decoder, shots: list[Shot]) -> None:
         ssim += ssim_per_view(views, shot.truth.views)
     seconds, busy_s = (time.perf_counter() - began_s) / len(shots), (time.process_time() - processors_s) / len(shots)
     print(
-        f"{file:16s} {name:14s} {len(shots):5d}  {np.mean(psnr):6.2f}  {np.mean(ssim):6.4f}  {seconds:7.1f}  "
+        f"{file:16s} {name:20s} {len(shots):5d}  {np.mean(psnr):6.2f}  {np.mean(ssim):6.4f}  {seconds:7.1f}  "
         f"{busy_s:10.1f}",
         flush=True,
     )

@@ -1,10 +1,18 @@
 """Commands that a program calls: answers as JSON alone on standard output, silence, colours, exit statuses."""
 
+import importlib
 import json
 import webbrowser
+from pathlib import Path
 
 import pytest
 
+from gs2ci.cli import COMMANDS
+from gs2ci.commands import calibrate
+from gs2ci.commands import compile as compiling
+from gs2ci.commands.completion import options_of
+from gs2ci.rig.updating import Update
+from gs2ci_calibration.estimates import Estimate
 from tests.api.conftest import examples, filled
 from tests.evaluate.conftest import make_run, scene
 
@@ -53,9 +61,52 @@ def test_lists_are_answered_as_lists(examples, gs2ci, capsys):
     assert isinstance(json.loads(capsys.readouterr().out), list)
 
 
-def test_many_exposures_have_a_table_and_no_answer(examples, gs2ci, capsys):
-    assert gs2ci("reconstruct", "shot.h5", "--all", "--json") == 2
-    assert "runs.csv" in capsys.readouterr().err
+def test_a_calibration_is_answered_by_its_estimates(examples, gs2ci, capsys):
+    words = ("--rig", "rig.toml", "-o", "b.cal.h5", "--json")
+    assert gs2ci("calibrate", "dark-flat", *words) == 0
+    answer = json.loads(capsys.readouterr().out)
+    (section,) = answer["sections"]
+    assert (answer["bundle"], section["name"]) == ("b.cal.h5", "dark-flat")
+    kinds = {frozenset(estimate) for estimate in section["estimates"].values()}
+    assert {"value", "standard_error", "unit"} in kinds
+    assert kinds <= {
+        frozenset({"value", "standard_error", "unit"}),
+        frozenset({"median", "rms_error", "unit", "shape"}),
+    }
+    assert gs2ci("calibrate", "check", *words) == 0
+    changes = json.loads(capsys.readouterr().out)["changes"]
+    assert changes
+    assert not any(change["too_far"] for change in changes)
+    with (examples / "rig.toml").open("a") as rig:
+        rig.write("[world.sensor]\nblack_level_dn = 80.0\n")
+    assert gs2ci("calibrate", "check", *words) == 2
+    told = capsys.readouterr()
+    assert any(change["too_far"] for change in json.loads(told.out)["changes"])
+    assert "changed by more than allowed" in told.err
+
+
+def test_an_update_is_answered_by_its_parameters(gs2ci, capsys, monkeypatch):
+    moved = Update({"down_px": Estimate(0.5, 0.01, "px")}, ("down_px",), 0.5, 1, (), Path("old.h5"))
+    monkeypatch.setattr(calibrate, "update_bundle", lambda *_: moved)
+    assert gs2ci("calibrate", "update", "b.cal.h5", "shot.h5", "--json") == 0
+    answer = json.loads(capsys.readouterr().out)
+    assert answer["parameters"] == {"down_px": {"value": 0.5, "standard_error": 0.01, "unit": "px"}}
+    assert (answer["bundle"], answer["kept"], answer["taken"]) == ("b.cal.h5", "old.h5", ["down_px"])
+
+
+def test_what_is_short_is_answered_too(examples, gs2ci, capsys, monkeypatch):
+    assert gs2ci("report", "run", "--json") == 0
+    answer = json.loads(capsys.readouterr().out)
+    assert answer == {"page": "run/report.html", "bytes": (examples / "run" / "report.html").stat().st_size}
+    monkeypatch.setattr(compiling, "compile_kernels", lambda: 2.5)
+    assert gs2ci("compile", "--json") == 0
+    assert json.loads(capsys.readouterr().out) == {"seconds": 2.5}
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_every_command_has_an_answer_but_those_that_only_show(command):
+    options = {name for one in options_of(importlib.import_module(COMMANDS[command][0]).run) for name in one.names}
+    assert ("--json" in options) is (command not in {"open", "view", "live", "completion"})
 
 
 def test_a_quiet_command_says_nothing_but_why_it_failed(examples, gs2ci, capsys):

@@ -1,6 +1,6 @@
 """What the command does with its small exposure; that it compiles everything is measured by hand (docs/decisions)."""
 
-from gs2ci.api import reconstruction
+from gs2ci.api import preparing, reconstruction
 from gs2ci.commands import compile as compiling
 from gs2ci.core.storage import read_shot
 
@@ -20,8 +20,8 @@ def test_a_small_exposure_is_taken_and_reconstructed_in_a_folder_that_goes(monke
 
     monkeypatch.setattr(reconstruction, "reconstruct", recover)
     assert compiling.run() >= 0
-    assert seen["shot"].size == compiling.SIZE
-    assert seen["shot"].views == compiling.VIEWS
+    assert seen["shot"].size == preparing.SIZE
+    assert seen["shot"].views == preparing.VIEWS
     # Surfaces are sought from a quarter of the schedule on, and held-out pixels looked at every fiftieth iteration.
     assert seen["iterations"] >= 50
     assert not seen["folder"].exists()

@@ -1,6 +1,7 @@
 """The decode command: its arguments, what it prints, what it writes, and that errors write nothing."""
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from gs2ci.commands.decode import run
 from gs2ci.core.errors import InputError, NumericsError, StorageError
 from gs2ci.core.records import Shot, Truth
 from gs2ci.core.storage import write_shots
+from gs2ci.reconstruct.learned.onnx_models import add_model
 
 
 def make_shots(count, channels=1, *, truth=True, share=0.4):
@@ -86,6 +88,16 @@ def test_plug_and_play_takes_any_denoiser(tmp_path, file, model, method, denoise
     assert (said["name"], said["iterations"]) == (method, 2)
     assert said["denoiser"] == ("onnx:model.onnx" if denoiser == "onnx" else denoiser or "tv")
     assert np.isfinite(views).all()
+
+
+def test_a_denoiser_that_was_added_is_found_by_its_name(tmp_path, file, model, monkeypatch):
+    monkeypatch.setenv("GS2CI_HOME", str(tmp_path / "home"))
+    add_model("ffdnet", Path(model("Relu").removeprefix("onnx:")))
+    words = ["--method", "pnp-gap", "--iterations", 2, "--denoiser", "ffdnet"]
+    report, _ = command(file, "-o", tmp_path / "out", *words)
+    assert report["shots"][0]["method"]["denoiser"] == "ffdnet"
+    with pytest.raises(InputError, match="no fastdvdnet model"):
+        command(file, "-o", tmp_path / "other", *words[:-1], "fastdvdnet")
 
 
 @pytest.mark.parametrize(("share", "chosen"), [(0.4, "eni"), (1.0, "eni")])

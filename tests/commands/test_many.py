@@ -1,5 +1,9 @@
 """What the arguments of `gs2ci reconstruct` mean for many exposures."""
 
+import json
+from pathlib import Path
+
+import jsonschema
 import numpy as np
 import pytest
 
@@ -7,6 +11,8 @@ from gs2ci.batch import reconstruct as batch
 from gs2ci.batch.rows import Row, RowProblem
 from gs2ci.core.records import Shot
 from gs2ci.core.storage import write_shots
+
+ROOT = Path(__file__).resolve().parents[2]
 
 
 @pytest.fixture
@@ -43,6 +49,16 @@ def test_all_takes_every_exposure_of_every_file_and_a_failure_is_the_exit_status
     said = capsys.readouterr()
     assert "runs/index.html" in said.out
     assert "2 of 4 exposures have no run, b-000 the first of them" in said.err
+
+
+def test_the_rows_are_the_answer_also_where_some_failed(gs2ci, files, asked, capsys):
+    assert gs2ci("reconstruct", *files, "--all", "-o", "runs", "--json") == 2
+    rows = json.loads(capsys.readouterr().out)
+    assert [row["state"] for row in rows] == ["done", "done", "failed", "failed"]
+    schema = json.loads((ROOT / "docs" / "batch-row.schema.json").read_text())
+    for row in rows:
+        jsonschema.validate(row, schema)
+    assert rows[2]["problem"]["problem"] == "no path"
 
 
 def test_one_file_with_all_is_many(gs2ci, files, asked):

@@ -108,7 +108,7 @@ def test_a_model_that_changed_since_is_marked_in_the_list(negation, capsys):
     assert "content has changed" in capsys.readouterr().out
 
 
-@pytest.mark.parametrize("name", ["vggt", "lpips"])
+@pytest.mark.parametrize("name", ["vggt", "lpips", "fastdvdnet"])
 def test_a_model_of_another_kind_does_not_get_the_name(home, negation, name):
     with pytest.raises(InputError, match="is no"):
         run("add", name, negation)

@@ -13,7 +13,7 @@ from gs2ci.core.storage import write_shots
 from gs2ci.evaluate import run_folder
 from gs2ci.evaluate.report import read_report
 from gs2ci.reconstruct.measurement.brightness import BrightnessSettings
-from gs2ci.reconstruct.presets import PRESETS
+from gs2ci.reconstruct.presets.named import PRESETS
 from gs2ci.reconstruct.settings import Settings
 from gs2ci.render import backend
 
@@ -126,6 +126,8 @@ def wished(**options):
         "prior": None,
         "distance": None,
         "trust_weights": False,
+        "light": None,
+        "within_mask": None,
         "registration": None,
         "seed": 42,
     }

@@ -1,9 +1,13 @@
 """`gs2ci tables`: from a table's name to its pages."""
 
+import json
+
 import pytest
 
+from gs2ci.api import costs
 from gs2ci.commands import tables as bench
 from gs2ci.core.errors import InputError
+from gs2ci.core.progress import Silent
 from gs2ci.tables import catalogue as tables
 from gs2ci.tables.cases import Case
 from gs2ci.tables.catalogue import Measure, Table, TableEntry
@@ -30,6 +34,19 @@ def test_pages_are_written_and_the_table_is_printed(quick, tmp_path, capsys):
     assert [page.name for page in pages] == ["quick.md", "quick.csv", "quick.png", "quick.html"]
     assert "0.5 ± 0.7" in pages[0].read_text()
     assert "boxes" in capsys.readouterr().out
+
+
+def test_an_answer_holds_mean_and_spread_of_each_line(quick, tmp_path, gs2ci, capsys):
+    assert gs2ci("tables", "ablation", "-o", tmp_path, "--cases", "none", "--json") == 2
+    made = costs.make_table(quick, tmp_path, seeds=2, cases=("boxes",), progress=Silent())
+    spread = {"value": pytest.approx(0.5**0.5)}
+    line = {"case": "boxes", "line": "line", "mean": {"value": 0.5}, "spread": spread, "count": 2, "errors": ()}
+    assert made.records() == [line]
+    capsys.readouterr()
+    bench.run(quick, tmp_path, seeds=2, cases=("boxes",), json=True)
+    answer = json.loads(capsys.readouterr().out)
+    assert (answer["table"], answer["lines"][0]["mean"]) == ("quick", {"value": 0.5})
+    assert str(tmp_path / "quick.csv") in answer["pages"]
 
 
 def test_finished_cells_are_found_again_and_fresh_forgets_them(quick, tmp_path):

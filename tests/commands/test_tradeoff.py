@@ -1,3 +1,5 @@
+import json
+
 import numpy as np
 import pytest
 
@@ -40,6 +42,15 @@ def test_the_ladder_is_tried_written_and_said(measured, tried, tmp_path, capsys)
     told = capsys.readouterr().out.replace("\n", " ")
     assert "next decibel" in told
     assert "5 trials, about " in told.split("next decibel")[0]
+
+
+def test_an_answer_holds_the_trials_and_where_the_pages_are(measured, tried, tmp_path, gs2ci, capsys):
+    assert gs2ci("tradeoff", measured, "-o", tmp_path / "out", "--knobs", "preset", "--most", "3min", "--json") == 0
+    answer = json.loads(capsys.readouterr().out)
+    assert [trial["trial"] for trial in answer["trials"]] == tried
+    assert answer["trials"][0]["psnr_db"] == 21.0
+    assert answer["left_out_s"]["paper"] > 180
+    assert answer["pages"] == [str(tmp_path / "out" / f"tradeoff.{ending}") for ending in ("csv", "png", "md")]
 
 
 def test_what_would_take_too_long_is_left_out_and_said(measured, tried, tmp_path):

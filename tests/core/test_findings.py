@@ -9,7 +9,7 @@ import pytest
 
 import gs2ci
 from gs2ci import cli
-from gs2ci.core.findings import REMARK, Code, finding
+from gs2ci.core.findings import REMARK, Code, finding, texts
 
 ROOT = Path(gs2ci.__file__).parent
 REGISTRY = ROOT / "core" / "findings.py"
@@ -41,6 +41,10 @@ def calls():
                 code = node.args[0]
                 name = code.attr if isinstance(code, ast.Attribute) else None
                 yield f"{path.name}:{node.lineno}", name, {keyword.arg for keyword in node.keywords}
+
+
+def test_every_code_has_a_text_and_every_text_a_code():
+    assert set(texts()) == set(Code)
 
 
 @pytest.mark.parametrize("code", Code, ids=lambda code: code.value)

@@ -94,6 +94,6 @@ def test_the_command_lists_them_and_names_the_broken(package, gs2ci, capsys, mon
 
 
 def test_without_plug_ins_the_command_says_how_to_make_one(gs2ci, capsys, monkeypatch):
-    monkeypatch.setattr("gs2ci.commands.plugins.installed", lambda _: [])
+    monkeypatch.setattr("gs2ci.api.plugins.installed", lambda _: [])
     assert gs2ci("plugins") == 0
     assert "docs/plugins.md" in capsys.readouterr().out

@@ -1,8 +1,8 @@
 """Runs check files inside a guest with a real kernel, booted by a rig script that the user names.
 
-The script is called as `SCRIPT --share CHECKOUT [--modprobe MODULE]... -- COMMAND`; it must boot a Linux guest
-that has vivid, v4l2loopback, vhci-hcd, usbhid, dummy_hcd and python 3.11 or newer with numpy, pyserial, pyusb and
-pytest, let the command run in the checkout, and exit with its status.
+The script is called as `SCRIPT --share CHECKOUT --pip PACKAGES [--modprobe MODULE]... -- COMMAND`; it must boot a Linux
+guest that has vivid, v4l2loopback, vhci-hcd, usbhid, dummy_hcd and python 3.11 or newer with numpy, pyserial, pyusb,
+pytest and PACKAGES, let the command run in the checkout, and exit with its status.
 """
 
 import os
@@ -14,6 +14,7 @@ import pytest
 
 CHECKOUT = Path(__file__).parents[2]
 TIMEOUT_S = 540
+PACKAGES = "pydantic h5py"
 
 
 @pytest.fixture(scope="session")
@@ -33,7 +34,7 @@ def in_guest(rig_script: Path) -> Callable[..., None]:
     """Run one check file in a fresh guest and fail with its report if it fails."""
 
     def run(check: str, *modules: str) -> None:
-        command = [str(rig_script), "--share", str(CHECKOUT), "--timeout", str(TIMEOUT_S)]
+        command = [str(rig_script), "--share", str(CHECKOUT), "--timeout", str(TIMEOUT_S), "--pip", PACKAGES]
         for module in modules:
             command += ["--modprobe", module]
         checks = "tests/kernel/guest"

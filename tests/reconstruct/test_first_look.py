@@ -42,7 +42,7 @@ def test_an_even_lamp_is_looked_at_once_and_nothing_is_corrected(shot):
     found, laps = look_at(jury)
     assert laps == ["decode", "geometry"]
     assert found.jury is jury
-    assert found.brightness is None
+    assert found.brightness.factors is None
     assert found.notes == ()
     assert found.geometry.verdict == "full"
     np.testing.assert_array_equal(found.decoded, gap_tv(jury.seen))
@@ -51,7 +51,7 @@ def test_an_even_lamp_is_looked_at_once_and_nothing_is_corrected(shot):
 def test_a_lamp_that_flickers_is_found_out_and_said_aloud(shot):
     listener, jury = Silent(), seen_by_a_jury(shot, FLICKER)
     found, laps = look_at(jury, listener)
-    relative = found.brightness / FLICKER
+    relative = found.brightness.factors / FLICKER
     np.testing.assert_allclose(relative / relative.mean(), 1, atol=0.03)
     assert laps == ["decode", "geometry"] * (len(laps) // 2)
     assert len(laps) >= 4
@@ -60,7 +60,24 @@ def test_a_lamp_that_flickers_is_found_out_and_said_aloud(shot):
     truth = shot.truth.views
     blind = gap_tv(jury.seen)
     assert np.sqrt(np.mean((found.decoded - truth) ** 2)) < 0.7 * np.sqrt(np.mean((blind - truth) ** 2))
-    np.testing.assert_allclose(found.jury.shot.weights, jury.shot.weights * found.brightness, rtol=1e-6)
+    np.testing.assert_allclose(found.jury.shot.weights, jury.shot.weights * found.brightness.factors, rtol=1e-6)
+
+
+def test_where_weights_tell_nothing_the_light_is_believed_and_the_views_stay_as_they_were_seen(shot):
+    """Views that were lit unlike one another, under weights that are all alike."""
+    lit = (shot.truth.views * FLICKER[:, None, None, None]).astype(np.float32)
+    exposed = replace(shot, measurement=(shot.masks[..., None] * lit).sum(axis=0), weights=np.ones_like(FLICKER))
+    found, _ = look_at(Jury.of(exposed, 0.1, 0))
+    assert found.brightness.as_seen
+    assert found.notes[0].code is Code.LIGHT_AS_SEEN
+    assert found.brightness.of_weights is None
+    shown = found.brightness.shown(found.decoded)
+    errors = [np.sqrt(np.mean((views - lit) ** 2)) for views in (shown, found.decoded)]
+    assert errors[0] < 0.75 * errors[1]
+    even, _ = look_at(Jury.of(exposed, 0.1, 0), brightness=BrightnessSettings(light="even"))
+    np.testing.assert_array_equal(even.brightness.shown(even.decoded), found.decoded)
+    assert even.notes[0].code is Code.WEIGHTS_CORRECTED
+    np.testing.assert_array_equal(even.brightness.of_weights, found.brightness.factors)
 
 
 def test_no_rounds_take_the_weights_as_they_are(shot):
@@ -68,7 +85,7 @@ def test_no_rounds_take_the_weights_as_they_are(shot):
     found, laps = look_at(jury, brightness=BrightnessSettings(rounds=0))
     assert laps == ["decode", "geometry"]
     assert found.jury is jury
-    assert found.brightness is None
+    assert found.brightness.factors is None
 
 
 def test_rounds_end_at_their_number(shot):
@@ -82,7 +99,8 @@ def test_a_view_of_weight_zero_keeps_it(shot):
     dark = replace(shot, weights=weights)
     found, _ = look_at(seen_by_a_jury(dark, FLICKER))
     assert found.jury.shot.weights[0] == 0
-    assert found.brightness is None or found.brightness[0] == 1
+    factors = found.brightness.factors
+    assert factors is None or factors[0] == 1
 
 
 def test_proxies_of_the_paper_stand_in_for_the_decoded_views(shot):

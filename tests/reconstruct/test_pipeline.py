@@ -15,18 +15,20 @@ from gs2ci.core.records import Shot, Truth
 from gs2ci.core.run_records import SECONDS_KEYS
 from gs2ci.evaluate.cameras import nerfstudio_transforms
 from gs2ci.evaluate.metrics import psnr_per_view
-from gs2ci.reconstruct import attempts, pipeline
-from gs2ci.reconstruct.budget import Budget
+from gs2ci.reconstruct import pipeline
+from gs2ci.reconstruct.attempts import choice
 from gs2ci.reconstruct.decode.gap_tv import GapTvSettings
 from gs2ci.reconstruct.decode.residual import ResidualSettings
 from gs2ci.reconstruct.fit.coarse import CoarseSettings
 from gs2ci.reconstruct.fit.fine import FineSettings
 from gs2ci.reconstruct.fit.losses import LossWeights
+from gs2ci.reconstruct.fit.shutter import ShutterSettings
 from gs2ci.reconstruct.fit.stopping import HoldOut
 from gs2ci.reconstruct.geometry.initialise import GeometrySettings
 from gs2ci.reconstruct.geometry.sweep import SweepSettings
 from gs2ci.reconstruct.geometry.tracks import TrackSettings
 from gs2ci.reconstruct.pipeline import reconstruct
+from gs2ci.reconstruct.presets.budget import Budget
 from gs2ci.reconstruct.settings import Settings
 from gs2ci.render.settings import RasterSettings
 
@@ -44,6 +46,8 @@ QUICK = Settings(
     seed=1,
 )
 SHORT = replace(QUICK, fit=replace(QUICK.fit, iterations=60, densify_every=20), fits=2)
+# Long enough for a look, and for a population that changed: what bits are compared needs no more.
+BRIEF = replace(SHORT, fit=replace(SHORT.fit, iterations=24, densify_every=8))
 
 
 def wall_with_a_board(channels=3, wall_px=0.4, board_px=1.6):
@@ -106,6 +110,11 @@ def found_soon(shot):
     return reconstruct(shot, SHORT)
 
 
+@pytest.fixture(scope="module")
+def found_briefly(shot):
+    return reconstruct(shot, BRIEF)
+
+
 def assert_same_bits(first, second):
     for name in ("views", "scene_views", "decode", "depth", "world_to_camera", "predicted_measurement"):
         np.testing.assert_array_equal(getattr(first.result, name), getattr(second.result, name), err_msg=name)
@@ -158,11 +167,11 @@ def test_the_result_is_whole(shot, found):
     np.testing.assert_allclose(result.predicted_measurement, predicted, atol=1e-5)
 
 
-def test_the_truth_is_not_read(shot, found_soon):
-    assert_same_bits(reconstruct(replace(shot, truth=Truth()), SHORT), found_soon)
+def test_the_truth_is_not_read(shot, found_briefly):
+    assert_same_bits(reconstruct(replace(shot, truth=Truth()), BRIEF), found_briefly)
 
 
-def test_the_same_seed_gives_the_same_bits_on_one_thread_and_on_two(shot, found_soon):
+def test_the_same_seed_gives_the_same_bits_on_one_thread_and_on_two(shot, found_briefly):
     """The other run had all that this process may take: one beside others, two or more alone."""
     if numba.config.NUMBA_NUM_THREADS < 2:
         pytest.skip("Numba was started with one thread")
@@ -171,15 +180,15 @@ def test_the_same_seed_gives_the_same_bits_on_one_thread_and_on_two(shot, found_
     try:
         numba.set_num_threads(count)
         torch.set_num_threads(count)
-        assert_same_bits(reconstruct(shot, SHORT), found_soon)
+        assert_same_bits(reconstruct(shot, BRIEF), found_briefly)
     finally:
         numba.set_num_threads(before[0])
         torch.set_num_threads(before[1])
 
 
-def test_fits_side_by_side_give_the_same_bits_as_in_turn(shot, found_soon, monkeypatch):
+def test_fits_side_by_side_give_the_same_bits_as_in_turn(shot, found_briefly, monkeypatch):
     monkeypatch.setattr(numba, "threading_layer", lambda: "workqueue")
-    assert_same_bits(reconstruct(shot, SHORT), found_soon)
+    assert_same_bits(reconstruct(shot, BRIEF), found_briefly)
 
 
 def test_the_mean_of_two_fits_is_nearer_the_truth_than_the_first_alone(shot):
@@ -211,12 +220,12 @@ def test_a_fit_that_is_missing_from_the_mean_is_told(shot, monkeypatch):
 
     def every_second_fails(**arguments):
         started.append(arguments["seed"])
-        if arguments["seed"] != SHORT.seed:
+        if arguments["seed"] != BRIEF.seed:
             raise NumericsError("the first iteration of the fit is not finite")
         return whole(**arguments)
 
     monkeypatch.setattr(pipeline, "fit_coarse", every_second_fails)
-    result = reconstruct(shot, SHORT).result
+    result = reconstruct(shot, BRIEF).result
     assert len(started) == 2
     assert result.ensemble == {"fits": 1, "averaged": 1, "spread": None}
     assert result.disagreement is None
@@ -339,6 +348,44 @@ def test_a_lamp_that_flickers_is_told_of_once_and_in_the_predicted_measurement(s
     assert len([note for note in result.notes if note.code is Code.WEIGHTS_CORRECTED]) == 1
     exact = np.einsum("n,nhw,nhwc->hwc", lit, told.masks, result.views)
     np.testing.assert_allclose(result.predicted_measurement, exact, atol=1e-4)
+
+
+def test_masks_of_a_camera_that_goes_on_have_moments_and_the_views_show_the_middle_of_each(shot):
+    hold_out = HoldOut(share=0.1, look_every=20)
+    settings = replace(SHORT, fits=1, fit=replace(SHORT.fit, hold_out=hold_out))
+    listener = Silent()
+    moving = replace(settings, shutter=ShutterSettings("moving", tolerance=1e-4, most=2))
+    result = reconstruct(shot, moving, listener).result
+    assert result.shutter["moments"] == [2] * VIEWS
+    assert next(note.sentence for note in result.notes if note.code is Code.MASKS_HAVE_MOMENTS) in listener.sentences
+    exact = np.einsum("nhw,nhwc->hwc", shot.masks, result.exposed_views)
+    np.testing.assert_allclose(result.predicted_measurement, exact, atol=1e-4)
+    # The middle of a mask is sharper than the mean over it.
+    sharp, meant = (np.abs(np.diff(views, axis=2)).mean() for views in (result.views, result.exposed_views))
+    assert sharp > meant
+    assert (result.scene_views != result.exposed_views).any()
+    settled = reconstruct(shot, replace(settings, shutter=ShutterSettings("still", tolerance=1e-4))).result
+    assert settled.shutter is None
+    assert settled.exposed_views is None
+
+
+def test_views_of_uneven_light_stay_as_they_were_seen_where_weights_tell_nothing(shot):
+    light = np.array([1.3, 0.8, 1.2, 0.7, 1.3, 0.7], np.float32)
+    lit = (shot.truth.views * light[:, None, None, None]).astype(np.float32)
+    exposed = replace(expose(lit), truth=Truth(views=lit))
+    hold_out = HoldOut(share=0.1, look_every=20)
+    settings = replace(SHORT, fits=1, fit=replace(SHORT.fit, hold_out=hold_out))
+    result = reconstruct(exposed, settings, score=lambda views: float(np.mean(psnr_per_view(views, lit)))).result
+    assert result.brightness is None
+    assert result.light["views"] == "as-seen"
+    believed = np.array(result.light["believed"])
+    np.testing.assert_allclose(believed / believed.mean(), light / light.mean(), atol=0.1)
+    for views in (result.views, result.scene_views, result.decode):
+        seen = views.mean(axis=(1, 2, 3))
+        np.testing.assert_allclose(seen / lit.mean(axis=(1, 2, 3)), 1, atol=0.15)
+    exact = np.einsum("nhw,nhwc->hwc", exposed.masks, result.views)
+    np.testing.assert_allclose(result.predicted_measurement, exact, atol=1e-4)
+    assert result.curve[-1].psnr_db > np.mean(psnr_per_view(result.decode, lit)) - 1
 
 
 def test_what_is_handed_over_foretells_held_out_pixels_better_than_the_decode_and_the_scene(found):
@@ -473,7 +520,7 @@ def test_a_second_look_is_handed_over_where_held_out_pixels_prefer_it(shot, foun
 
 
 def test_a_budget_leaves_no_time_for_a_second_look(shot, monkeypatch):
-    monkeypatch.setattr(attempts, "second_look", lambda *_: pytest.fail("looked again"))
+    monkeypatch.setattr(choice, "second_look", lambda *_: pytest.fail("looked again"))
     strict = replace(SHORT.geometry, criteria=replace(SHORT.geometry.criteria, path_error=0.0))
     settings = replace(SHORT, look_again=True, geometry=strict)
     # A clock that goes on by two seconds whenever it is read: some forty iterations.

@@ -13,13 +13,14 @@ from gs2ci.rig.simulated import build_bench
 from gs2ci_drivers.links import gentl
 from gs2ci_drivers.ports import CameraIdentity, FeatureRefusalError
 from gs2ci_drivers.sensor import SensorConfig, TriggerMode
-from gs2ci_drivers.trace import Call, Trace
+from gs2ci_drivers.trace import Trace
 from gs2ci_drivers.trace_camera import TracedCamera
 from gs2ci_sims.faults import FaultSet
 from gs2ci_sims.wires.genicam import GenicamTwin
 from gs2ci_sims.wires.v4l2 import V4l2Twin
 from gs2ci_sims.wires.v4l2_camera import CameraModel
 from gs2ci_sims.world import Darkness, World
+from tests.drivers.replay import call_of
 
 TABLES = {
     "modulator": {"kind": "dlpc900", "trigger_out_2_bit": "disables", "reply_timeout_s": 1.0},
@@ -56,7 +57,7 @@ def test_what_passes_the_port_is_written_down(tmp_path):
     devices.close()
     lines = (tmp_path / "run.h5.sensor.wire").read_text().splitlines()
     assert json.loads(lines[0])["port"] == "camera"
-    calls = [Call.from_line(line) for line in lines[1:]]
+    calls = [call_of(line) for line in lines[1:]]
     ops = {call.op for call in calls}
     assert ops >= {"open", "describe", "read", "write", "execute", "start", "fetch", "stop", "clock_ns", "close"}
     (frame,) = [call for call in calls if call.got]
@@ -79,7 +80,7 @@ def test_a_refusal_is_written_down_and_passed_on(tmp_path):
         port.read("TimestampLatch")
     port.close()
     trace.close()
-    errors = [Call.from_line(line).error for line in (tmp_path / "x.wire").read_text().splitlines()[1:]]
+    errors = [call_of(line).error for line in (tmp_path / "x.wire").read_text().splitlines()[1:]]
     assert [text for text in errors if text] == [
         "Gain: access denied",
         "Gain is no command",

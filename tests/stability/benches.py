@@ -15,7 +15,7 @@ from gs2ci_sims.effects.base import Effect
 from gs2ci_sims.effects.motion_blur import MotionBlur
 from gs2ci_sims.exposure import expose
 from gs2ci_sims.light_path import generator, sensor_effects
-from gs2ci_sims.masks import laboratory_masks, random_masks
+from gs2ci_sims.masks import random_masks
 from gs2ci_sims.path import CameraPath, ReversingMove, StageMove, stage_move_for_parallax
 from gs2ci_sims.rig import Light, Modulator, Rig, Timing
 from gs2ci_sims.scene import Scene, camera_looking_ahead
@@ -24,6 +24,7 @@ from gs2ci_sims.scenes.planes import backdrop_at, planes
 from gs2ci_sims.scenes.rectangles import coloured, depth_of, samples
 from gs2ci_sims.scenes.surfels import gaussians_from_surfels
 from gs2ci_sims.sensor import Sensor
+from tests.stability.laboratory import laboratory_masks
 
 INTERVAL_S = 0.02
 # Motions are stated for a picture of this width, and scale with it.

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from gs2ci.core.errors import InputError
-from gs2ci.reconstruct.ablation import COMPONENTS
-from gs2ci.reconstruct.paper import paper_settings
+from gs2ci.reconstruct.presets.ablation import COMPONENTS
+from gs2ci.reconstruct.presets.paper import paper_settings
 from gs2ci.tables.calibration import BENCHES, FRAMES
 from gs2ci.tables.cases import Case
 from gs2ci.tables.catalogue import (
@@ -25,6 +25,7 @@ from gs2ci.tables.catalogue import (
     simulated_cases,
 )
 from gs2ci.tables.cells import run
+from gs2ci.tables.literature import DECODERS
 from gs2ci.tables.names import TableName
 from gs2ci.tables.variants import ABLATION, FINE, GEOMETRY, RULES, VARIANTS, settings_of
 from gs2ci.tables.works import initialise_case
@@ -41,6 +42,8 @@ LINES = {
     "mask-ratio": RATIOS,
     "compression": VIEWS,
     "conditions": CONDITIONS,
+    "literature": ("default", *DECODERS),
+    "path": ("default", "one fit", *RULES),
     "seeds": ("default",),
 }
 

@@ -91,22 +91,6 @@ def _formats() -> dict[str, PfncFormat]:
 PFNC_FORMATS: Final = _formats()
 
 
-def pfnc_format(name: str) -> PfncFormat:
-    """Return what a name means.
-
-    Raises:
-        InputError: None of those that can be unpacked.
-    """
-    try:
-        return PFNC_FORMATS[name]
-    except KeyError:
-        raise InputError(
-            f"pixel format {name!r}",
-            allowed=", ".join(PFNC_FORMATS),
-            remedy="choose a raw mono or Bayer format of the camera; `gs2ci devices` lists them",
-        ) from None
-
-
 def unpack_pfnc(data: bytes, form: PfncFormat, height: int, width: int, padding_bytes: int = 0) -> U16:
     """Unpack the bytes of an image.
 

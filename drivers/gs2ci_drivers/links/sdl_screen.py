@@ -1,8 +1,12 @@
 """A video output covered by one window of SDL 2 (zlib licence), by PySDL2: a `ScreenPort`.
 
 Pictures are handed over by SDL's renderer with vertical synchronisation, which returns when the picture before has been
-shown; a video driver without it (a software renderer, a virtual display) is timed here instead, to the output's own
-refresh rate, and says so in `synchronised`. SDL keeps to one thread: the one that opened the output.
+shown. SDL says so of every renderer: where the video driver has none it waits by a timer of its own and raises the same
+flag (SDL_render.c, `simulate_vsync`), and Mesa's software renderers take a swap interval that they do not keep. So a
+renderer is believed only if OpenGL draws it in hardware with a swap interval. All others (virtual displays, computers
+without a graphics driver) are timed here, to the output's own refresh rate, by SDL's software renderer, which on X
+waits until the server has drawn (SDL_x11framebuffer.c, XSync); `synchronised` says which it is. SDL keeps to one
+thread: the one that opened the output.
 
 Here: the calls. Not here: masks (`gs2ci_drivers.video_out`). Needs the extra `video`; it is loaded when an output is
 opened and not before.
@@ -16,6 +20,7 @@ import warnings
 from typing import Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gs2ci.core.arrays import U8
 from gs2ci_drivers.failures import UnsupportedError
@@ -24,6 +29,11 @@ from gs2ci_drivers.ports import ScreenOutput
 USUAL_HZ: Final = 60.0
 """Where the video driver does not tell."""
 SESSIONS: Final = ("DISPLAY", "WAYLAND_DISPLAY")
+GREY: Final = np.uint32(0x01010101)
+"""A level times this is a grey pixel of four bytes."""
+GL_RENDERER: Final = 0x1F01
+SOFTWARE_GL: Final = (b"llvmpipe", b"softpipe", b"swrast", b"software", b"swiftshader")
+"""OpenGL without a graphics card, by what it calls itself: Mesa's three, and those of others."""
 SPIN_S: Final = 2e-3
 """The last bit of a wait is not slept: the computer's scheduler is coarser."""
 
@@ -41,6 +51,7 @@ class SdlScreen:
         self._window: Any = None
         self._renderer: Any = None
         self._texture: Any = None
+        self._pixels: NDArray[np.uint32] | None = None
         self._output: ScreenOutput | None = None
         self._due_ns = 0
         self.synchronised = False
@@ -79,18 +90,20 @@ class SdlScreen:
         sdl.SDL_ShowCursor(sdl.SDL_DISABLE)
         self._renderer = sdl.SDL_CreateRenderer(
             self._window, -1, sdl.SDL_RENDERER_ACCELERATED | sdl.SDL_RENDERER_PRESENTVSYNC
-        ) or sdl.SDL_CreateRenderer(self._window, -1, sdl.SDL_RENDERER_SOFTWARE)
+        )
+        self.synchronised = bool(self._renderer) and self._waits_for_refresh()
+        if not self.synchronised:
+            if self._renderer:
+                sdl.SDL_DestroyRenderer(self._renderer)
+            self._renderer = sdl.SDL_CreateRenderer(self._window, -1, sdl.SDL_RENDERER_SOFTWARE)
         if not self._renderer:
             raise self._broken("no renderer")
-        info = sdl.SDL_RendererInfo()
-        sdl.SDL_GetRendererInfo(self._renderer, ctypes.byref(info))
-        accelerated = bool(info.flags & sdl.SDL_RENDERER_ACCELERATED)
-        self.synchronised = accelerated and bool(info.flags & sdl.SDL_RENDERER_PRESENTVSYNC)
         self._texture = sdl.SDL_CreateTexture(
             self._renderer, sdl.SDL_PIXELFORMAT_ARGB8888, sdl.SDL_TEXTUREACCESS_STREAMING, output.width, output.height
         )
         if not self._texture:
             raise self._broken("no texture")
+        self._pixels = np.empty((output.height, output.width), np.uint32)
         self._output, self._due_ns = output, 0
         self.flip(np.zeros((output.height, output.width), np.uint8))
         return output
@@ -105,9 +118,9 @@ class SdlScreen:
             raise OSError(errno.ENODEV, "the video output is not open")
         sdl = self._sdl
         sdl.SDL_PumpEvents()  # or the window system takes us for dead
-        pixels = np.ascontiguousarray(levels[:, :, None].repeat(4, axis=2))
-        row_bytes = 4 * self._output.width
-        if sdl.SDL_UpdateTexture(self._texture, None, pixels.ctypes.data, row_bytes):
+        assert self._pixels is not None  # made with the output
+        np.multiply(levels, GREY, out=self._pixels, casting="unsafe")
+        if sdl.SDL_UpdateTexture(self._texture, None, self._pixels.ctypes.data, self._pixels.strides[0]):
             raise self._broken("the picture is not taken")
         if sdl.SDL_RenderCopy(self._renderer, self._texture, None, None):
             raise self._broken("the picture is not drawn")
@@ -132,6 +145,18 @@ class SdlScreen:
             sdl.SDL_DestroyWindow(self._window)
         self._texture = self._renderer = self._window = None
         sdl.SDL_QuitSubSystem(sdl.SDL_INIT_VIDEO)
+
+    def _waits_for_refresh(self) -> bool:
+        """Return whether it is hardware that shows the pictures, and waits for the refresh before it does."""
+        sdl, info = self._sdl, self._sdl.SDL_RendererInfo()
+        sdl.SDL_GetRendererInfo(self._renderer, ctypes.byref(info))
+        if not info.flags & sdl.SDL_RENDERER_ACCELERATED or sdl.SDL_GL_GetSwapInterval() < 1:
+            return False
+        address = sdl.SDL_GL_GetProcAddress(b"glGetString")
+        if not address:
+            return False
+        drawn_by = ctypes.CFUNCTYPE(ctypes.c_char_p, ctypes.c_uint)(address)(GL_RENDERER) or b""
+        return bool(drawn_by) and not any(name in drawn_by.lower() for name in SOFTWARE_GL)
 
     def _wait_for_refresh(self) -> None:
         """Wait until the next refresh is due by the clock; one that was missed is not made up for."""

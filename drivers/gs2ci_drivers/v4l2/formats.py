@@ -85,22 +85,6 @@ PIXEL_FORMATS: Final[dict[str, PixelFormat]] = {
 }
 
 
-def pixel_format(code: str) -> PixelFormat:
-    """Return what the four-character code means; trailing blanks may be left out.
-
-    Raises:
-        InputError: The code is none of those that can be unpacked.
-    """
-    try:
-        return PIXEL_FORMATS[code.ljust(4)]
-    except KeyError:
-        raise InputError(
-            f"pixel format {code!r}",
-            allowed=", ".join(sorted(name.strip() for name in PIXEL_FORMATS)),
-            remedy="choose a raw mono or Bayer format of the camera; `gs2ci devices` lists them",
-        ) from None
-
-
 @dataclass(frozen=True)
 class FrameGeometry:
     """A frame as the kernel stated it after S_FMT.

@@ -56,12 +56,10 @@ class AxisOptions(Protocol):
     @property
     def mask_axis(self) -> MaskAxis:
         """Get where the masks are counted."""
-        ...
 
     @property
     def meas_layout(self) -> Layout:
         """Get whether a third axis of three is colour or a stack."""
-        ...
 
 
 def arrange(

@@ -29,7 +29,7 @@ from gs2ci.reconstruct.choices import FirstLookName
 from gs2ci.reconstruct.decode.by_name import decode_by_name
 from gs2ci.reconstruct.measurement.jury import Jury
 from gs2ci.reconstruct.pipeline import reconstruct
-from gs2ci.reconstruct.presets import PRESETS, rescheduled
+from gs2ci.reconstruct.presets.named import PRESETS, rescheduled
 from gs2ci.reconstruct.settings import Settings
 
 Row = dict[str, Any]

@@ -29,7 +29,6 @@ class Denoiser(Protocol):
         Returns:
             The same shape.
         """
-        ...
 
 
 @dataclass(frozen=True)

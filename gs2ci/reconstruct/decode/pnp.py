@@ -23,6 +23,7 @@ from gs2ci.reconstruct.decode.kernels import project_onto_measurement
 from gs2ci.reconstruct.measurement.coding import cfa_channels
 
 Scheme = Literal["gap", "admm"]
+Beginning = Literal["average", "transpose"]
 # From views as they are measured, [N, C or mosaic, H, W], to denoised views as they are measured and as they are seen.
 _Prior = Callable[[F32, float], tuple[F32, F32]]
 
@@ -46,29 +47,36 @@ class PlugAndPlaySettings:
         iterations: Steps at each level.
         gamma: Of ADMM: how much the denoised views weigh against the measurement, in units of the energy of one
             open mask.
+        begin: What every view is at first: `average`, the measurement divided by its total exposure; or `transpose`,
+            its mask times the measurement, several times too bright, as the authors' program begins (Yuan et al. 2020,
+            github.com/liuyang12/PnP-SCI_python): to be compared with its figures.
     """
 
     scheme: Scheme = "gap"
     sigmas: tuple[float, ...] = (50 / 255, 25 / 255, 12 / 255, 6 / 255)
     iterations: int = 10
     gamma: float = 0.01
+    begin: Beginning = "average"
 
     def check(self) -> "PlugAndPlaySettings":
         """Return self if the settings make sense.
 
         Raises:
-            InputError: An unknown scheme, a count below 1, or a level or gamma that is not a positive finite number.
+            InputError: An unknown scheme or beginning, a count below 1, or a level or gamma that is not a positive
+                finite number.
         """
         numbers = (*self.sigmas, self.gamma)
         if (
             self.scheme not in ("gap", "admm")
+            or self.begin not in ("average", "transpose")
             or not self.sigmas
             or self.iterations < 1
             or not all(0 < number < np.inf for number in numbers)
         ):
             raise InputError(
                 f"plug-and-play settings {self}",
-                allowed="scheme gap or admm, at least one sigma > 0, iterations >= 1, gamma > 0",
+                allowed="scheme gap or admm, begin average or transpose, at least one sigma > 0, iterations >= 1, "
+                "gamma > 0",
             )
         return self
 
@@ -88,7 +96,7 @@ def plug_and_play(
         denoise: The denoiser.
         settings: Scheme and schedule.
         progress: Hears of each iteration and its relative residual.
-        start: Views to begin with, as they are returned; without them every view begins as the average exposure.
+        start: Views to begin with, as they are returned; without them every view begins as the settings say.
 
     Returns:
         Views, [N, H, W, C] float32, full scale 1, not clamped; C is 3 behind a colour filter array. Pixels that no mask
@@ -107,7 +115,12 @@ def plug_and_play(
     levels = np.repeat(settings.sigmas, settings.iterations)
     # What earlier steps left unexplained: nothing is known of a first average, and a start is taken as it is.
     target = np.zeros_like(measured) if start is None else measured.copy()
-    views = _average_exposure(masks, measured, inverse_energy > 0) if start is None else _as_measured(shot, start)
+    if start is not None:
+        views = _as_measured(shot, start)
+    elif settings.begin == "average":
+        views = _average_exposure(masks, measured, inverse_energy > 0)
+    else:
+        views = masks[:, None] * measured
     step = _gap if settings.scheme == "gap" else _admm
     progress.stage("decode", len(levels))
     seen = step(views, masks, inverse_energy, measured, target, prior, levels.tolist(), progress)

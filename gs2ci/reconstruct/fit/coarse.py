@@ -1,7 +1,7 @@
 """The coarse stage: Gaussians and poses are fitted to the measurement together (paper, sections III-C and III-E).
 
 Here: the loop, its bookkeeping and its safety net. Not here: what the loop is made of (losses, optimiser, poses,
-density rules, stopping: one file each), nor the initial scene (`reconstruct.geometry`). For `gs2ci.reconstruct`.
+density rules, stopping: one file each), nor the initial scene (`reconstruct.geometry`).
 """
 
 import sys
@@ -30,6 +30,7 @@ from gs2ci.reconstruct.fit.pace import Fixed, Pace
 from gs2ci.reconstruct.fit.poses import PoseCorrections, PoseSettings, length_of
 from gs2ci.reconstruct.fit.relief import Exchange, Relief, ReliefSettings
 from gs2ci.reconstruct.fit.rendering import ShotRenderer
+from gs2ci.reconstruct.fit.shutter import Shutter
 from gs2ci.reconstruct.fit.stopping import HoldOut, Watch
 from gs2ci.reconstruct.fit.surfaces import Surfaces, SurfaceSettings, find_surfaces
 from gs2ci.reconstruct.geometry.initialise import Geometry
@@ -119,7 +120,7 @@ class CoarseFit:
     Args:
         scene: The Gaussians.
         world_to_camera: Refined poses, [N, 4, 4].
-        views: The scene seen from there, [N, H, W, C] float32, not clamped.
+        views: The scene as each mask saw it from there while it was on show, [N, H, W, C] float32, not clamped.
         curve: How it came about.
         stopped: Why it ended.
         notes: What the user should know besides: each time that numbers ran away.
@@ -155,6 +156,7 @@ class _Fit:
         settings: CoarseSettings,
         seed: int,
         lens: Lens | None,
+        shutter: Shutter | None,
     ) -> None:
         shot = jury.shot
         self._lens, self._seed = lens, seed
@@ -167,7 +169,7 @@ class _Fit:
         free = geometry.verdict == "full" and geometry.source not in TOLD and start.motion is None
         self._relief = Relief(settings.relief, geometry.reference) if settings.relief is not None and free else None
         self.settings = settings
-        self._renderer = ShotRenderer(shot, geometry.intrinsics, backend, lens)
+        self._renderer = ShotRenderer(shot, geometry.intrinsics, backend, lens, shutter)
         self._gathering = Gathering(self._renderer, len(start), per_open_share=settings.per_open_share)
         self._reuse = self._renderer.reuse()
         # At a depth of 1, which is the scene's median.
@@ -188,8 +190,8 @@ class _Fit:
         return self._renderer.measurement(self.optimiser.scene, poses, self._reuse, self._gathering.screen)
 
     def views(self) -> F32:
-        """Render the views, [N, H, W, C] float32, not clamped."""
-        return self._renderer.views(self.optimiser.scene, self.poses.world_to_camera())
+        """Render what each mask saw, [N, H, W, C] float32, not clamped."""
+        return self._renderer.exposed(self.optimiser.scene, self.poses.world_to_camera())
 
     def backward(self, share: float, iteration: int) -> float:
         """Accumulate gradients of the objective.
@@ -348,6 +350,7 @@ def fit_coarse(
     pace: Pace | None = None,
     lens: Lens | None = None,
     halt: Halt | None = None,
+    shutter: Shutter | None = None,
 ) -> CoarseFit:
     """Fit Gaussians and poses to the measurement.
 
@@ -365,6 +368,7 @@ def fit_coarse(
         pace: Decides how many iterations there are, instead of the settings.
         lens: Through which the measurement was taken, unless it is a pinhole.
         halt: Ends the fit after an iteration in which it is asked to.
+        shutter: The moments of each mask, where the camera moves so far while it is on show.
 
     Returns:
         The state with the best held-out residual.
@@ -375,7 +379,7 @@ def fit_coarse(
         ResourceError: The population outgrew the memory guard.
     """
     settings.check()
-    fit = _Fit(jury, start, geometry, backend, settings, seed, lens)
+    fit = _Fit(jury, start, geometry, backend, settings, seed, lens, shutter)
     looks = Looks(jury, refine, score, since_s)
     loop = _Loop(
         fit, looks, progress, pace or Fixed(settings.iterations), halt or Halt(), judged=bool(jury.heldout.any())

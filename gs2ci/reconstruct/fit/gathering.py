@@ -1,7 +1,7 @@
 """What a density rule decides on, gathered while the fit runs.
 
 Here: the record of the screen between two turns, and the error blended back onto the Gaussians. Not here: what a rule
-makes of it (`density/`). For `gs2ci.reconstruct.fit.coarse`.
+makes of it (`density/`).
 """
 
 from collections.abc import Callable
@@ -30,7 +30,8 @@ class Gathering:
         # A view that opens a quarter of the pixels of a mean over all receives a quarter of the gradient that the
         # rules' thresholds were found with, on photographs.
         open_share = max(float(masks.mean()), torch.finfo(masks.dtype).tiny)
-        self._gradient_factor = 1.0 / open_share if per_open_share else 1.0
+        # Each moment of a mask has its share of the mask's light.
+        self._gradient_factor = renderer.moments_per_mask * (1.0 / open_share if per_open_share else 1.0)
         self.screen = ScreenStatistics.empty(count)
 
     def start_again(self, count: int) -> None:

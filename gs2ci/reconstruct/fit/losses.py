@@ -1,7 +1,7 @@
 """The coarse-stage objective: 0.9 ℓ1 + 0.1 (1 − SSIM) on the measurement + 0.01 × mean opacity (paper, eq. 7).
 
 Here: the data term with held-out and saturated pixels, the opacity term, and the size term that 3DGS-MCMC adds. Not
-here: the rendering that makes the prediction (`gs2ci.render`). For `gs2ci.reconstruct.fit`.
+here: the rendering that makes the prediction (`gs2ci.render`).
 """
 
 from dataclasses import dataclass

@@ -6,7 +6,7 @@ Each row costs something by its length, so that it stays with those that need it
 so much more of the measurement for it. Where nothing is to be seen, in the dark and in even surfaces, nothing moves.
 
 Here: the settings, the beginning, and the figures of what moves. Not here: the step (`optimiser.py`), when a scene is
-let move (`gs2ci.reconstruct.moving`), the flow (`geometry.flow`). For `gs2ci.reconstruct`.
+let move (`gs2ci.reconstruct.moving`), the flow (`geometry.flow`).
 """
 
 from dataclasses import dataclass, replace
@@ -18,7 +18,7 @@ from torch import Tensor
 
 from gs2ci.core.arrays import F32
 from gs2ci.core.errors import InputError
-from gs2ci.reconstruct.fit.rendering import mask_times
+from gs2ci.reconstruct.fit.shutter import mask_times
 from gs2ci.reconstruct.geometry.flow import velocity
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.render.gaussians import Gaussians

@@ -1,7 +1,7 @@
 """How many iterations a fit has: a number given beforehand, or as many as fit before a moment in time.
 
 Here: the two paces, and one that times a few iterations. Not here: the loop that keeps to them (`coarse.py`), nor where
-a deadline comes from (`gs2ci.reconstruct.budget`).
+a deadline comes from (`gs2ci.reconstruct.presets.budget`).
 """
 
 import time
@@ -29,19 +29,15 @@ class Pace(Protocol):
 
     def total(self, done: int) -> int:
         """Return how many iterations the schedule has now that `done` are done; no more than these: stop."""
-        ...
 
     def looked(self, seconds: float) -> None:
         """Take note of how long a look at the held-out pixels took."""
-        ...
 
     def is_late(self, done: int) -> bool:
         """Tell whether it was the time, and not the number of iterations, that ended the schedule."""
-        ...
 
     def beside(self) -> "Pace":
         """Return a pace for another fit that runs at the same time."""
-        ...
 
 
 class Fixed:

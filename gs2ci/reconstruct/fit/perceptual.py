@@ -26,11 +26,9 @@ class PerceptualDistance(Protocol):
     @property
     def name(self) -> str:
         """Get the name that reports call it by."""
-        ...
 
     def __call__(self, image: Tensor, target: Tensor) -> Tensor:
         """Return the distance of images [H, W, 3], full scale 1, as a scalar; the gradient reaches `image` only."""
-        ...
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,7 @@
 """A scene as the shot's camera shows it: the coded measurement, the views, and the depths in them.
 
-Here: the renderer with what a shot says of the sensor (masks, weights, mono or mosaic), when each mask was open, a
-camera matrix and a lens. Not here: any fitting.
+Here: the renderer with what a shot says of the sensor (masks, weights, mono or mosaic), a camera matrix and
+a lens. Not here: when each mask was open (`shutter.py`), any fitting.
 """
 
 import numpy as np
@@ -10,20 +10,13 @@ from torch import Tensor
 
 from gs2ci.core.arrays import F32, F64
 from gs2ci.core.records import Shot
+from gs2ci.reconstruct.fit.shutter import Shutter, mask_times
 from gs2ci.reconstruct.measurement import coding
 from gs2ci.reconstruct.measurement.lens import Lens
 from gs2ci.render.gaussians import Gaussians
 from gs2ci.render.interface import Backend, MaskSet, Reuse
 from gs2ci.render.screen import ScreenStatistics
 from gs2ci.render.stopping import StoppedLight
-
-
-def mask_times(views: int) -> Tensor:
-    """Return when each of so many masks was open, [N] float32: from −1, the first, to 1, the last, evenly.
-
-    One mask alone is open at 0.
-    """
-    return torch.linspace(-1, 1, views) if views > 1 else torch.zeros(views)
 
 
 class ShotRenderer:
@@ -34,9 +27,17 @@ class ShotRenderer:
         intrinsics: Camera matrix in px, [3, 3]; of the pinhole in the sensor's pixels, behind a lens.
         backend: The renderer.
         lens: Through which the shot was taken, unless it is a pinhole: every image is then the sensor's.
+        shutter: The moments of each mask; None where one for each is enough.
     """
 
-    def __init__(self, shot: Shot, intrinsics: F64, backend: Backend, lens: Lens | None = None) -> None:
+    def __init__(
+        self,
+        shot: Shot,
+        intrinsics: F64,
+        backend: Backend,
+        lens: Lens | None = None,
+        shutter: Shutter | None = None,
+    ) -> None:
         self.size = shot.size
         self.distortion = shot.distortion
         self.intrinsics = torch.from_numpy(intrinsics).float()
@@ -44,9 +45,15 @@ class ShotRenderer:
         self.transmissions = torch.from_numpy(shot.masks * shot.weights[:, None, None])
         self._backend = backend
         self._sampling = None if lens is None else lens.sampling
-        self._mask_set = self.code(self.transmissions)
+        self._shutter = shutter
+        self._mask_set = self.code(self.transmissions if shutter is None else shutter.split(self.transmissions))
         self._channels = coding.cfa_channels(shot.cfa, shot.size) if shot.cfa else None
         self._mono = shot.channels == 1
+
+    @property
+    def moments_per_mask(self) -> float:
+        """Get how many moments a mask has on average."""
+        return 1.0 if self._shutter is None else self._shutter.count / len(self.transmissions)
 
     def reuse(self) -> Reuse:
         """Return what the renderings of a population may share from now on."""
@@ -63,7 +70,8 @@ class ShotRenderer:
 
         What may be shared with other renderings, and who records what the screen saw: see `Backend.coded`.
         """
-        image = self._backend.coded(scene, world_to_camera, self.intrinsics, self._mask_set, screen, reuse, self.times)
+        poses, times = self._moments(world_to_camera)
+        image = self._backend.coded(scene, poses, self.intrinsics, self._mask_set, screen, reuse, times)
         if self._channels is not None:
             return coding.select(image, self._channels)
         return image.mean(dim=2, keepdim=True) if self._mono else image
@@ -89,6 +97,26 @@ class ShotRenderer:
         with torch.no_grad():
             images, _ = self.images(scene, world_to_camera, times=times)
         return (images.mean(dim=3, keepdim=True) if self._mono else images).numpy()
+
+    def exposed(self, scene: Gaussians, world_to_camera: Tensor) -> F32:
+        """Render what each mask saw while it was on show, the mean of its moments: [N, H, W, C], as `views`.
+
+        Coded, these are the measurement; `views` show the middle of each mask.
+        """
+        if self._shutter is None:
+            return self.views(scene, world_to_camera)
+        poses, times = self._moments(world_to_camera)
+        found = np.zeros((*self.transmissions.shape, 1 if self._mono else 3), np.float32)
+        for mask, number in enumerate(self._shutter.of_mask().tolist()):
+            one = self.views(scene, poses[mask : mask + 1], times[mask : mask + 1])
+            found[number] += one[0] / self._shutter.moments[number]
+        return found
+
+    def _moments(self, world_to_camera: Tensor) -> tuple[Tensor, Tensor]:
+        """Return the poses and times of all moments."""
+        if self._shutter is None:
+            return world_to_camera, self.times
+        return self._shutter.poses(world_to_camera), self._shutter.times()
 
     def images(
         self,

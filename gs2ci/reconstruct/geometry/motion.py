@@ -220,35 +220,6 @@ def residuals(motion: CameraMotion, sightings: Sightings) -> tuple[F64, F64]:
     return (points[..., :2] / depth - sightings.seen_at) * sightings.focal_px, points
 
 
-def jacobians(motion: CameraMotion, sightings: Sightings, points: F64) -> tuple[F64, F64]:
-    """Differentiate the residuals.
-
-    Args:
-        motion: Where to differentiate.
-        sightings: The tracks.
-        points: Second result of `residuals` there.
-
-    Returns:
-        d r / d (ω, t), [N, P, 2, 6], for R ← exp(ω) R; and d r / d ρ, [N, P, 2].
-    """
-    fx, fy = sightings.focal_px
-    inverse_z = 1 / np.maximum(points[..., 2], LEAST_RELATIVE_DEPTH)
-    turned = points - motion.translations[:, None] * motion.inverse_depth[None, :, None]
-    x, y, z = np.moveaxis(turned, -1, 0)
-    # The rows of d r / d X are (ux, 0, uz) and (0, vy, vz).
-    ux, uz = fx * inverse_z, -fx * points[..., 0] * inverse_z**2
-    vy, vz = fy * inverse_z, -fy * points[..., 1] * inverse_z**2
-    by_pose, rho = np.zeros((*points.shape[:2], 2, 6)), motion.inverse_depth
-    # d(exp(ω) v)/dω = −[v]×, and row · −[v]× = v × row.
-    by_pose[..., 0, 0], by_pose[..., 0, 1], by_pose[..., 0, 2] = y * uz, z * ux - x * uz, -y * ux
-    by_pose[..., 1, 0], by_pose[..., 1, 1], by_pose[..., 1, 2] = y * vz - z * vy, -x * vz, x * vy
-    by_pose[..., 0, 3], by_pose[..., 0, 5] = ux * rho, uz * rho
-    by_pose[..., 1, 4], by_pose[..., 1, 5] = vy * rho, vz * rho
-    tx, ty, tz = (motion.translations[:, k, None] for k in range(3))
-    by_depth = np.stack([ux * tx + uz * tz, vy * ty + vz * tz], axis=-1)
-    return by_pose, by_depth
-
-
 def adjust(
     tracks: Tracks, intrinsics: F64, settings: MotionSettings | None = None, start: CameraMotion | None = None
 ) -> CameraMotion:

@@ -1,7 +1,7 @@
 """What a source of first poses and depth is given and what it returns.
 
 Here: the interface, and the step from a source that may fail to a geometry that is always there. Not here: the
-sources (`sources`, `vggt`), which of them to take (`choose`). For `gs2ci.reconstruct`.
+sources (`sources`, `vggt`), which of them to take (`choose`).
 """
 
 from dataclasses import dataclass, field, replace
@@ -60,7 +60,6 @@ class GeometryPrior(Protocol):
     @property
     def name(self) -> str:
         """Get the name that reports call it by."""
-        ...
 
     def __call__(self, request: Request, progress: Progress) -> Geometry:
         """Return a geometry; where it cannot be believed, its verdict and notes say so.
@@ -70,7 +69,6 @@ class GeometryPrior(Protocol):
             GeometryError: What it found contradicts the views.
             NumericsError: A model failed, or its answer is not finite.
         """
-        ...
 
 
 def from_tracks(request: Request, progress: Progress) -> Geometry:

@@ -54,7 +54,6 @@ class ImagePrior(Protocol):
     @property
     def name(self) -> str:
         """Get the name that reports call it by."""
-        ...
 
     def __call__(self, question: Question) -> F32:
         """Return targets for the pseudo-views, [V, H, W, 3] float32, full scale 1.
@@ -63,7 +62,6 @@ class ImagePrior(Protocol):
             InputError: The prior cannot work on views of this size.
             NumericsError: It failed, or its answer is not finite.
         """
-        ...
 
 
 def check_targets(name: str, targets: F32, images: F32) -> F32:

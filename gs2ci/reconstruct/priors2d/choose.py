@@ -1,4 +1,4 @@
-"""From the name of a prior to the prior. For the fine stage."""
+"""From the name of a prior to the prior."""
 
 from pathlib import Path
 from typing import Final
@@ -6,10 +6,10 @@ from typing import Final
 from gs2ci.core.errors import InputError
 from gs2ci.core.plugins import allowed, load
 from gs2ci.reconstruct.learned.onnx_models import find_model, known_model
-from gs2ci.reconstruct.learned.onnx_prior import OnnxPrior
 from gs2ci.reconstruct.priors2d.base import ImagePrior
 from gs2ci.reconstruct.priors2d.consistent import ConsistentDetail
 from gs2ci.reconstruct.priors2d.nonlocal_means import NonLocalMeansPrior
+from gs2ci.reconstruct.priors2d.onnx_prior import OnnxPrior
 
 _FILE: Final = "onnx:"
 PRIOR_NAMES: Final = ("consistent", "nlm", "difix")

@@ -32,15 +32,12 @@ class RenderTarget(Protocol):
     @property
     def layout(self) -> Layout:
         """Get the cells it expects."""
-        ...
 
     def collect(self, cells: F32) -> tuple[Tensor, ...]:
         """Turn cells [cells * 64] into the outputs."""
-        ...
 
     def spread(self, gradients: tuple[Tensor, ...], workspace: Workspace) -> F32:
         """Turn the outputs' gradients into dL/d(cells)."""
-        ...
 
 
 @dataclass(frozen=True)

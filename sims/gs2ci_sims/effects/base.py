@@ -106,114 +106,90 @@ class Previewed(Protocol):
     @property
     def scene(self) -> "Scene":
         """Get what is seen."""
-        ...
 
     @property
     def path(self) -> "CameraPath":
         """Get where the camera is at any time, before effects."""
-        ...
 
     @property
     def masks(self) -> F32:
         """Get the masks as nominally shown, [N, H, W]."""
-        ...
 
     @property
     def rig(self) -> Rig:
         """Get the figures."""
-        ...
 
     @property
     def intervals_s(self) -> F64:
         """Get start and stop of the mask intervals, [N, 2]."""
-        ...
 
     @property
     def shown(self) -> NDArray[Any]:
         """Get the masks with all effects on masks, [N, H, W]."""
-        ...
 
     @property
     def most_open(self) -> NDArray[Any]:
         """Get the larger of the nominal masks and those shown, [N, H, W]."""
-        ...
 
     @property
     def full_scale_dn(self) -> float:
         """Get the reading above black of radiance 1 through one open mask, with all light that effects may add."""
-        ...
 
     @property
     def motion_px(self) -> F64:
         """Get how far the image moves within each mask interval, at most over the frame, [N] pixels."""
-        ...
 
     @property
     def object_px_per_s(self) -> float:
         """Get how fast objects move across the image by themselves, at most."""
-        ...
 
     @property
     def charge_e(self) -> F64:
         """Get the charge of each pixel under the previewed views, [H, W, 3] electrons."""
-        ...
 
     @property
     def charge_error_e(self) -> float:
         """Get how far the charge may be from `charge_e`, rms over the pixels."""
-        ...
 
     @property
     def most_e(self) -> F64:
         """Get the charge that no pixel exceeds, [H, W, 1] electrons."""
-        ...
 
     @property
     def charge_rms_e(self) -> float:
         """Get a bound of the rms over the pixels of the charge."""
-        ...
 
     @property
     def charge_mean_e(self) -> float:
         """Get a bound of the mean over the pixels of the charge."""
-        ...
 
     @property
     def added_e(self) -> tuple[float, float]:
         """Get the charge that comes in the dark, its mean over the pixels and its largest."""
-        ...
 
     def excess_e(self, capacity_e: float) -> tuple[float, float, float]:
         """Bound what the pixels have beyond a capacity: mean, rms and peak over the pixels, electrons."""
-        ...
 
     def filtered(self, change: Callable[[F64], F64]) -> tuple[float, float]:
         """Return rms and peak, radiance, of what a linear filter changes in a view."""
-        ...
 
     def shifted(self, shift_px: float) -> tuple[float, float]:
         """Return rms and peak of what shifting a view by up to `shift_px` in any direction changes."""
-        ...
 
     def of_views(self, rms: float, peak: float) -> Bound:
         """Bound what fields of this rms and peak, radiance, one behind each mask, make of the readings."""
-        ...
 
     def of_masks(self, effect: "Effect", change: NDArray[Any]) -> Bound:
         """Bound what a change of the masks, [N, H, W], makes of the readings."""
-        ...
 
     def of_mask_effect(self, effect: "Effect") -> Bound:
         """Bound what an effect on masks changes: applied to the masks that it meets."""
-        ...
 
     def of_photon_effect(self, effect: "Effect", most: float) -> Bound:
         """Bound what a linear effect on the photons changes: at most the share `most` of what it acts on, rms."""
-        ...
 
     def of_shares(self, effect: "Effect", mean: F64, swing: F64, intervals_s: F64 | None = None) -> Bound:
         """Bound what changing the light behind each mask by a share, [N], makes of the readings."""
-        ...
 
 
 class Effect(Protocol):
@@ -231,11 +207,9 @@ class Effect(Protocol):
 
     def bound(self, scene: Previewed, rig: Rig) -> Bound:
         """Return an upper bound of what leaving the effect out would change. Cheap: nothing is rendered."""
-        ...
 
     def apply(self, signal: Any, rig: Rig, rng: np.random.Generator) -> Any:
         """Return the signal with the effect; never changes its argument. `rng` belongs to this effect alone."""
-        ...
 
 
 @runtime_checkable
@@ -248,11 +222,9 @@ class KernelEffect(Effect, Protocol):
     @property
     def reach(self) -> float:
         """Get where the kernel is cut off now, in standard deviations."""
-        ...
 
     def kernel_bound(self, scene: Previewed, rig: Rig, reach: float) -> Bound:
         """Return an upper bound of what a kernel without end would change, against one of this reach."""
-        ...
 
 
 @runtime_checkable
@@ -261,7 +233,6 @@ class Brightening(Effect, Protocol):
 
     def brightest(self, scene: Previewed) -> float:
         """Return the largest factor; one below 1 counts as 1."""
-        ...
 
 
 @runtime_checkable
@@ -270,7 +241,6 @@ class Charging(Effect, Protocol):
 
     def added_e(self, rig: Rig, size: tuple[int, int]) -> tuple[float, float]:
         """Return how many electrons at most it adds, in the mean over the pixels and in the fullest one."""
-        ...
 
 
 @runtime_checkable
@@ -279,7 +249,6 @@ class Modulating(Effect, Protocol):
 
     def modulation(self, scene: Previewed) -> float:
         """Return the largest share of a mask's light that it takes away, adds, or collects at another time."""
-        ...
 
 
 @runtime_checkable
@@ -288,7 +257,6 @@ class Moving(Effect, Protocol):
 
     def image_px_per_s(self, scene: Previewed) -> float:
         """Return how fast they cross the image, at most."""
-        ...
 
 
 @runtime_checkable
@@ -297,7 +265,6 @@ class ViewChange(Effect, Protocol):
 
     def view_change(self, scene: Previewed) -> tuple[float, float]:
         """Return rms and peak, radiance, of what it changes in a view."""
-        ...
 
 
 @runtime_checkable
@@ -308,4 +275,3 @@ class ViewEffect(Effect, Protocol):
 
     def margin_px(self, rig: Rig, size: tuple[int, int], intrinsics: F64) -> int:
         """Return how many pixels beyond the rim of an image of this size the effect looks."""
-        ...

@@ -1,5 +1,6 @@
 """A modulator on a real X display: Xvfb, whose pixels are read back from its frame buffer."""
 
+import ctypes
 import errno
 import os
 import shutil
@@ -147,3 +148,71 @@ def test_a_computer_without_any_display_has_no_output(monkeypatch):
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
     with pytest.raises(OSError, match="neither DISPLAY nor WAYLAND_DISPLAY is set"):
         SdlScreen("slm").list_outputs()
+
+
+def test_a_display_that_has_no_refresh_of_its_own_is_timed_by_us(display, screen):
+    """SDL and Mesa both say of Xvfb that they wait for its refresh, which it does not have."""
+    screen.open("")
+    assert not screen.synchronised
+
+
+@pytest.mark.parametrize(
+    ("flags", "interval", "drawn_by", "waits"),
+    [
+        ("SDL_RENDERER_ACCELERATED", 1, b"Mesa Intel(R) UHD Graphics 620 (KBL GT2)", True),
+        ("SDL_RENDERER_ACCELERATED", 1, b"llvmpipe (LLVM 15.0.6, 256 bits)", False),
+        ("SDL_RENDERER_ACCELERATED", 1, b"softpipe", False),
+        ("SDL_RENDERER_ACCELERATED", 1, None, False),
+        ("SDL_RENDERER_ACCELERATED", 0, b"NVIDIA GeForce GTX 1650/PCIe/SSE2", False),
+        ("SDL_RENDERER_SOFTWARE", 1, b"NVIDIA GeForce GTX 1650/PCIe/SSE2", False),
+    ],
+)
+def test_a_renderer_is_believed_only_where_hardware_waits_for_the_refresh(flags, interval, drawn_by, waits):
+    sdl2 = pytest.importorskip("sdl2", reason="the extra `video` is not installed")
+    text = ctypes.create_string_buffer(drawn_by or b"")
+    address = ctypes.addressof(text) if drawn_by is not None else None
+    asked = ctypes.CFUNCTYPE(ctypes.c_void_p, ctypes.c_uint)(lambda name: address)
+
+    class Sdl:
+        SDL_RendererInfo = sdl2.SDL_RendererInfo
+        SDL_RENDERER_ACCELERATED = sdl2.SDL_RENDERER_ACCELERATED
+
+        @staticmethod
+        def SDL_GetRendererInfo(renderer, info):
+            info._obj.flags = getattr(sdl2, flags) | sdl2.SDL_RENDERER_PRESENTVSYNC
+
+        @staticmethod
+        def SDL_GL_GetSwapInterval():
+            return interval
+
+        @staticmethod
+        def SDL_GL_GetProcAddress(name):
+            return ctypes.cast(asked, ctypes.c_void_p).value
+
+    port = SdlScreen("slm")
+    port._sdl = Sdl()
+    assert port._waits_for_refresh() is waits
+
+
+def test_a_renderer_without_opengl_is_not_believed():
+    sdl2 = pytest.importorskip("sdl2", reason="the extra `video` is not installed")
+
+    class Sdl:
+        SDL_RendererInfo = sdl2.SDL_RendererInfo
+        SDL_RENDERER_ACCELERATED = sdl2.SDL_RENDERER_ACCELERATED
+
+        @staticmethod
+        def SDL_GetRendererInfo(renderer, info):
+            info._obj.flags = sdl2.SDL_RENDERER_ACCELERATED
+
+        @staticmethod
+        def SDL_GL_GetSwapInterval():
+            return 1
+
+        @staticmethod
+        def SDL_GL_GetProcAddress(name):
+            return None
+
+    port = SdlScreen("slm")
+    port._sdl = Sdl()
+    assert port._waits_for_refresh() is False

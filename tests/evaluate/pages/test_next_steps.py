@@ -8,7 +8,7 @@ from gs2ci import cli
 from gs2ci.core.findings import Code, finding
 from gs2ci.evaluate.pages import next_steps as module
 from gs2ci.evaluate.pages.next_steps import RULES, next_steps, outcome
-from gs2ci.reconstruct.presets import preset
+from gs2ci.reconstruct.presets.named import preset
 from tests.evaluate.reports import GOOD, a_report
 
 DIVERGED = finding(Code.FIT_DIVERGED, times=4, best=50)

@@ -8,7 +8,7 @@ from gs2ci.core.errors import InputError
 from gs2ci.core.records import Shot
 from gs2ci.evaluate.tradeoff import costs
 from gs2ci.evaluate.tradeoff.costs import CostModel, probe
-from gs2ci.reconstruct.presets import PRESETS, rescheduled
+from gs2ci.reconstruct.presets.named import PRESETS, rescheduled
 
 MODEL = CostModel(
     pixels=90_000, views=8, decode_step=0.01, geometry=1.0, plane=0.01, iteration=0.05, gaussian=1e-6, look=0.2

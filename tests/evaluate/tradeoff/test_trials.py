@@ -9,7 +9,7 @@ from gs2ci.core.storage import write_shots
 from gs2ci.evaluate.tradeoff import trials
 from gs2ci.evaluate.tradeoff.costs import CostModel
 from gs2ci.evaluate.tradeoff.trials import BASELINE, KNOBS, TRIALS, chosen_trials, predicted_seconds, run_trial, tried
-from gs2ci.reconstruct.presets import PRESETS
+from gs2ci.reconstruct.presets.named import PRESETS
 from tests.benchmarks import heldout_order
 
 MODEL = CostModel(90_000, 8, decode_step=0.01, geometry=1.0, plane=0.01, iteration=0.05, gaussian=1e-6, look=0.2)

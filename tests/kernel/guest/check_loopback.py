@@ -64,7 +64,7 @@ def sending(writer: Writer, frames: list[np.ndarray]) -> Iterator[None]:
 
 
 def reader(code: str) -> V4l2Sensor:
-    options = V4l2Options(port=NODE, fixed_exposure_s=0.01, first_sequence=-1)
+    options = V4l2Options(port=NODE, trigger_adapter="none", fixed_exposure_s=0.01, first_sequence=-1)
     sensor = V4l2Sensor("cam0", KernelSysPort(), WallClock(), options)
     sensor.connect()
     sensor.configure(SensorConfig(HEIGHT, WIDTH, code.strip(), trigger=TriggerMode.FREE_RUN))

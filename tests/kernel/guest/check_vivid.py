@@ -19,7 +19,7 @@ from gs2ci_drivers.failures import (
     UnsupportedError,
 )
 from gs2ci_drivers.links.v4l2_sys import KernelSysPort
-from gs2ci_drivers.sensor import Frame, FrameFlag, SensorConfig, TriggerMode
+from gs2ci_drivers.sensor import Frame, FrameFlag, SensorConfig, StampMeaning, TriggerMode
 from gs2ci_drivers.v4l2.controls import ControlTable
 from gs2ci_drivers.v4l2.driver import V4l2Sensor, list_cameras
 from gs2ci_drivers.v4l2.node import VideoNode
@@ -34,7 +34,7 @@ PATIENCE_S = 20.0
 
 
 def sensor_on(path: str) -> V4l2Sensor:
-    options = V4l2Options(port=path, fixed_exposure_s=0.01, first_sequence=-1)
+    options = V4l2Options(port=path, trigger_adapter="none", fixed_exposure_s=0.01, first_sequence=-1)
     return V4l2Sensor("cam0", PORT, WallClock(), options)
 
 
@@ -137,6 +137,30 @@ def test_stamps_are_the_kernels_monotonic_clock_and_their_source_is_told(sensor:
             assert abs(frame.t_kernel_ns - time.monotonic_ns()) < 60e9
         assert frames[0].t_kernel_ns < frames[1].t_kernel_ns < frames[2].t_kernel_ns
         assert frames[0].sequence < frames[1].sequence < frames[2].sequence
+
+
+@pytest.mark.parametrize(
+    ("stated", "flag"),
+    [
+        (StampMeaning.START_OF_EXPOSURE, FrameFlag.STAMPED_AT_START),
+        (StampMeaning.START_OF_FRAME, FrameFlag.STAMPED_AT_FRAME_START),
+        (StampMeaning.END_OF_FRAME, FrameFlag.NONE),
+    ],
+)
+def test_what_the_rig_file_says_of_stamps_goes_before_the_kernels_flag(stated: StampMeaning, flag: FrameFlag) -> None:
+    """The kernel flags the start of exposure here; uvcvideo does so and stamps the first packet."""
+    options = V4l2Options(
+        port=NODES[0], trigger_adapter="none", fixed_exposure_s=0.01, first_sequence=-1, stamps=stated
+    )
+    sensor = V4l2Sensor("cam0", PORT, WallClock(), options)
+    sensor.connect()
+    sensor.configure(config(timestamp_source=1))
+    sensor.start()
+    frame = next_whole(sensor)
+    sensor.close()
+    assert frame.flags & (FrameFlag.STAMPED_AT_START | FrameFlag.STAMPED_AT_FRAME_START) == flag
+    late_s = {FrameFlag.STAMPED_AT_START: 0.0, FrameFlag.STAMPED_AT_FRAME_START: 0.01, FrameFlag.NONE: 0.03}[flag]
+    assert frame.began_s(0.01, 0.02) == pytest.approx(frame.t_kernel_ns * 1e-9 - late_s, abs=1e-9)
 
 
 def test_controls_are_clamped_by_the_kernel_and_that_is_told(sensor: V4l2Sensor) -> None:

@@ -17,7 +17,7 @@ def reference(shot, settings):
     """Both schemes as their papers state them, float64, for pixels that some binary mask opens."""
     masks, y = shot.masks.astype(float)[:, None], shot.measurement.astype(float).transpose(2, 0, 1)
     energy = (masks**2).sum(0)
-    views = np.repeat((y / masks.sum(0))[None], len(masks), axis=0)
+    views = np.repeat((y / masks.sum(0))[None], len(masks), axis=0) if settings.begin == "average" else masks * y
     y1, b = np.zeros_like(y), np.zeros_like(views)
     for sigma in np.repeat(settings.sigmas, settings.iterations):
         if settings.scheme == "gap":
@@ -33,13 +33,13 @@ def reference(shot, settings):
 
 
 @pytest.mark.parametrize("scheme", ["gap", "admm"])
-@pytest.mark.parametrize("channels", [1, 3])
-def test_each_scheme_is_that_of_its_paper(make_shot, scheme, channels):
+@pytest.mark.parametrize(("channels", "begin"), [(1, "average"), (3, "average"), (1, "transpose")])
+def test_each_scheme_is_that_of_its_paper(make_shot, scheme, channels, begin):
     shot = make_shot(channels=channels)
     masks = shot.masks.copy()
     masks[0][masks.sum(0) == 0] = 1
     shot = type(shot)(shot.measurement, masks, shot.weights).check()
-    settings = PlugAndPlaySettings(scheme, sigmas=(0.3, 0.1), iterations=4)
+    settings = PlugAndPlaySettings(scheme, sigmas=(0.3, 0.1), iterations=4, begin=begin)
     np.testing.assert_allclose(plug_and_play(shot, halfway, settings), reference(shot, settings), atol=2e-5)
 
 
@@ -125,6 +125,7 @@ def test_a_denoiser_that_changes_the_shape_is_named(make_shot):
     "wrong",
     [
         {"scheme": "gapp"},
+        {"begin": "zero"},
         {"sigmas": ()},
         {"sigmas": (0.1, 0.0)},
         {"sigmas": (np.nan,)},

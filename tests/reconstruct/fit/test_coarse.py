@@ -23,7 +23,7 @@ from gs2ci.reconstruct.fit.stopping import HoldOut
 from gs2ci.reconstruct.fit.surfaces import Search, SurfaceSettings, find_surfaces
 from gs2ci.reconstruct.geometry.points import seed_points
 from gs2ci.reconstruct.measurement.jury import Jury, choose_heldout
-from gs2ci.reconstruct.paper import paper_settings
+from gs2ci.reconstruct.presets.paper import paper_settings
 from gs2ci.render.cpu.backend import CpuBackend
 from gs2ci.render.settings import RasterSettings
 

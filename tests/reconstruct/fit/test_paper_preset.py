@@ -21,8 +21,8 @@ from gs2ci.reconstruct.fit.fine import Fine
 from gs2ci.reconstruct.fit.losses import LossWeights
 from gs2ci.reconstruct.fit.optimiser import GaussianOptimiser
 from gs2ci.reconstruct.fit.poses import length_of
-from gs2ci.reconstruct.paper import MOST_GAUSSIANS, paper_settings
 from gs2ci.reconstruct.pipeline import reconstruct
+from gs2ci.reconstruct.presets.paper import MOST_GAUSSIANS, paper_settings
 from gs2ci.tables.cases import Case
 
 PAGE = (Path(__file__).parents[3] / "docs" / "paper-preset.md").read_text(encoding="utf-8")

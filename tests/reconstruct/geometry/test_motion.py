@@ -5,6 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from gs2ci.reconstruct.geometry.adjustment_kernels import (
+    LEAST_RELATIVE_DEPTH,
     depth_steps,
     eliminate_depths,
     huber_cost,
@@ -16,7 +17,6 @@ from gs2ci.reconstruct.geometry.motion import (
     adjust,
     adjust_both_ways,
     estimate_motion,
-    jacobians,
     predict_positions,
     residuals,
     reversed_depth,
@@ -52,6 +52,35 @@ def arguments(motion, sightings):
         sightings.focal_px,
         HUBER_PX,
     )
+
+
+def jacobians(motion, sightings, points):
+    """Differentiate the residuals.
+
+    Args:
+        motion: Where to differentiate.
+        sightings: The tracks.
+        points: Second result of `residuals` there.
+
+    Returns:
+        d r / d (ω, t), [N, P, 2, 6], for R ← exp(ω) R; and d r / d ρ, [N, P, 2].
+    """
+    fx, fy = sightings.focal_px
+    inverse_z = 1 / np.maximum(points[..., 2], LEAST_RELATIVE_DEPTH)
+    turned = points - motion.translations[:, None] * motion.inverse_depth[None, :, None]
+    x, y, z = np.moveaxis(turned, -1, 0)
+    # The rows of d r / d X are (ux, 0, uz) and (0, vy, vz).
+    ux, uz = fx * inverse_z, -fx * points[..., 0] * inverse_z**2
+    vy, vz = fy * inverse_z, -fy * points[..., 1] * inverse_z**2
+    by_pose, rho = np.zeros((*points.shape[:2], 2, 6)), motion.inverse_depth
+    # d(exp(ω) v)/dω = −[v]×, and row · −[v]× = v × row.
+    by_pose[..., 0, 0], by_pose[..., 0, 1], by_pose[..., 0, 2] = y * uz, z * ux - x * uz, -y * ux
+    by_pose[..., 1, 0], by_pose[..., 1, 1], by_pose[..., 1, 2] = y * vz - z * vy, -x * vz, x * vy
+    by_pose[..., 0, 3], by_pose[..., 0, 5] = ux * rho, uz * rho
+    by_pose[..., 1, 4], by_pose[..., 1, 5] = vy * rho, vz * rho
+    tx, ty, tz = (motion.translations[:, k, None] for k in range(3))
+    by_depth = np.stack([ux * tx + uz * tz, vy * ty + vz * tz], axis=-1)
+    return by_pose, by_depth
 
 
 def test_jacobian_agrees_with_finite_differences(tracked):

@@ -7,12 +7,20 @@ import pytest
 
 from gs2ci.core.errors import InputError
 from gs2ci.core.records import Shot
-from gs2ci.reconstruct.measurement.brightness import BrightnessSettings, LinearSystem, relit
+from gs2ci.reconstruct.measurement.brightness import (
+    Brightness,
+    BrightnessEstimate,
+    BrightnessSettings,
+    LinearSystem,
+    estimate,
+    relit,
+)
 from gs2ci.reconstruct.measurement.jury import Jury
 
 SIZE = (40, 48)
 LIGHT = np.array([0.7, 1.0, 1.3, 1.1, 0.9])
-GAIN = BrightnessSettings().least_gain
+SETTINGS = BrightnessSettings()
+GAIN = SETTINGS.least_gain
 
 
 def views_of(channels=3, seed=0):
@@ -35,6 +43,12 @@ def view_brightness(shot, views):
     system = LinearSystem.of(shot, views)
     found = None if system is None else system.solve()
     return None if found is None else system.of_all_views(found)
+
+
+def corrected_of(jury, views):
+    """The measurement with corrected weights, where they are surely wrong; else None."""
+    found = estimate(jury, views)
+    return relit(jury, found) if found is not None and found.is_sure(SETTINGS) else None
 
 
 def gain_of(shot, views):
@@ -121,7 +135,7 @@ def test_brightness_beyond_any_lamp_is_not_believed():
 def test_wrong_weights_are_corrected_and_pixels_that_were_not_asked_agree():
     views = views_of()
     jury = jury_of(shot_of(views))
-    corrected = relit(jury, views, GAIN)
+    corrected = corrected_of(jury, views)
     np.testing.assert_allclose(corrected.shot.weights / corrected.shot.weights.mean(), LIGHT / LIGHT.mean(), rtol=1e-3)
     assert corrected.shot.weights.dtype == np.float32
     np.testing.assert_array_equal(corrected.heldout, jury.heldout)
@@ -133,7 +147,7 @@ def test_wrong_weights_are_corrected_though_the_views_explain_little_besides():
     """What the carried views leave otherwise is ten times what the lamp changes, as with a path that is not known."""
     views = views_of()
     light = 1 + 0.3 * (LIGHT - LIGHT.mean())
-    corrected = relit(jury_of(shot_of(views, light, noise=0.4)), views, GAIN)
+    corrected = corrected_of(jury_of(shot_of(views, light, noise=0.4)), views)
     np.testing.assert_allclose(corrected.shot.weights / corrected.shot.weights.mean(), light / light.mean(), atol=0.05)
 
 
@@ -141,7 +155,7 @@ def test_right_weights_stay_though_noise_would_have_them_a_little_otherwise():
     views = views_of()
     jury = jury_of(shot_of(views, np.ones(len(LIGHT)), noise=0.1))
     assert not np.array_equal(view_brightness(jury.seen, views), np.ones(len(LIGHT)))
-    assert relit(jury, views, GAIN) is None
+    assert corrected_of(jury, views) is None
     assert gain_of(jury.seen, views) < GAIN
 
 
@@ -152,7 +166,7 @@ def test_halves_that_disagree_keep_the_weights():
     one, other = (shot_of(views, light).measurement for light in (LIGHT, 2 - LIGHT))
     torn = replace(shot_of(views), measurement=np.where(first[..., None], one, other))
     assert gain_of(torn, views) == 0
-    assert relit(jury_of(torn), views, GAIN) is None
+    assert corrected_of(jury_of(torn), views) is None
 
 
 def test_one_half_that_tells_nothing_keeps_the_weights():
@@ -165,8 +179,70 @@ def test_one_half_that_tells_nothing_keeps_the_weights():
     assert gain_of(replace(shot, masks=masks.astype(np.float32)), np.repeat(views[:1], len(LIGHT), 0)) == 0
 
 
+def test_standard_errors_are_those_of_repeated_noise():
+    views, found, errors = views_of(), [], []
+    for seed in range(40):
+        noise = 0.1 * np.random.default_rng(seed).standard_normal((*SIZE, 3))
+        shot = shot_of(views)
+        system = LinearSystem.of(replace(shot, measurement=(shot.measurement + noise).astype(np.float32)), views)
+        found.append(system.solve())
+        errors.append(system.errors())
+    scatter = np.std(found, axis=0, ddof=1)
+    np.testing.assert_allclose(np.sqrt(np.mean(np.square(errors), axis=0)), scatter, rtol=0.35)
+
+
+def test_what_brightens_one_part_of_the_picture_alone_is_no_lamp():
+    """A thing comes into view: the pixels agree with one another, the parts of the picture do not."""
+    views = views_of()
+    changed = views.copy()
+    changed[:, 10:24, 12:30] *= (1 + 2 * (LIGHT - 1))[:, None, None, None].astype(np.float32)
+    jury = jury_of(shot_of(changed, np.ones(len(LIGHT))))
+    found = estimate(jury, views)
+    assert found.gain > GAIN
+    assert found.errors_away < SETTINGS.least_errors
+    assert corrected_of(jury, views) is None
+    lit = estimate(jury_of(shot_of(views)), views)
+    assert lit.errors_away > 10 * SETTINGS.least_errors
+
+
+def test_an_estimate_without_any_scatter_is_no_deviation():
+    assert BrightnessEstimate(np.array([1.0, 1.2]), np.zeros(2), 0.5).errors_away == 0
+    assert Brightness().summary() is None
+
+
 @pytest.mark.parametrize(
-    "settings", [{"rounds": -1}, {"least_gain": -0.1}, {"least_gain": 1.1}, {"least_gain": np.nan}]
+    ("weights", "light", "as_seen"),
+    [
+        ([1, 1, 1], "auto", True),
+        ([0, 0.5, 0.5], "auto", True),
+        ([1, 0.9, 1], "auto", False),
+        ([1, 0.9, 1], "as-seen", True),
+        ([1, 1, 1], "even", False),
+    ],
+)
+def test_views_are_even_where_weights_were_told_or_where_that_is_wanted(weights, light, as_seen):
+    assert BrightnessSettings(light=light).shows_as_seen(np.array(weights, np.float32)) is as_seen
+
+
+def test_views_are_shown_as_bright_as_they_were_seen_and_code_to_the_same_measurement():
+    views = views_of()
+    jury = jury_of(shot_of(views))
+    found = estimate(jury, views)
+    believed = relit(jury, found)
+    seen, even = (Brightness(found, found.found, as_seen) for as_seen in (True, False))
+    np.testing.assert_allclose(jury.coded(seen.shown(views)), believed.coded(even.shown(views)), rtol=1e-5)
+    assert (seen.summary()["views"], even.summary()["views"]) == ("as-seen", "even")
+    assert seen.summary()["believed"] == found.found.tolist()
+
+
+def test_another_light_is_refused():
+    with pytest.raises(InputError, match="light 'dim'"):
+        BrightnessSettings(light="dim").check()
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [{"rounds": -1}, {"least_gain": -0.1}, {"least_gain": 1.1}, {"least_gain": np.nan}, {"least_errors": np.nan}],
 )
 def test_settings_that_make_no_sense_are_refused(settings):
     with pytest.raises(InputError, match="rounds for brightness"):

@@ -8,10 +8,10 @@ from onnx import TensorProto, numpy_helper
 
 from gs2ci.core.errors import InputError, NumericsError
 from gs2ci.reconstruct.learned.onnx_models import add_model
-from gs2ci.reconstruct.learned.onnx_prior import OnnxPrior
 from gs2ci.reconstruct.priors2d.choose import load_prior
 from gs2ci.reconstruct.priors2d.consistent import ConsistentDetail
 from gs2ci.reconstruct.priors2d.nonlocal_means import NonLocalMeansPrior
+from gs2ci.reconstruct.priors2d.onnx_prior import OnnxPrior
 
 OPEN = (1, 3, "h", "w")
 NEGATE = [("Neg", ["image"], ["out"])]

@@ -2,7 +2,7 @@
 
 Here: the evidence that rules decide on, the change they return, and the operations they share (duplicate, split).
 Not here: any rule; each has a file of its own (`osgr`, `adc`, `revised`, `mcmc`), nor the criteria that the first
-three share (`classic.py`). For `gs2ci.reconstruct`.
+three share (`classic.py`).
 """
 
 import math
@@ -65,11 +65,9 @@ class DensityRule(Protocol):
     @property
     def name(self) -> str:
         """Get the name under which settings and reports know it."""
-        ...
 
     def change(self, scene: Gaussians, evidence: GaussianStatistics, generator: torch.Generator) -> PopulationChange:
         """Return the population that the fit goes on with."""
-        ...
 
     def shake(self, scene: Gaussians, rate: float, generator: torch.Generator) -> Tensor | None:
         """Return by how much to move the means after an iteration, [G, 3]; None for not at all.
@@ -79,7 +77,6 @@ class DensityRule(Protocol):
             rate: The means' present step size, in scene units.
             generator: For draws.
         """
-        ...
 
 
 def grow(

@@ -1,0 +1,174 @@
+"""The running stage of a long computation, as every display knows it, and the words for its figures.
+
+Here: `RunningStage`; `StageDisplay`, of which a place to show things makes its display; `describe_figures`. Not here:
+any drawing.
+"""
+
+from abc import ABC, abstractmethod
+from collections import deque
+from dataclasses import dataclass, field
+from types import TracebackType
+from typing import Any, Final, Self
+
+from gs2ci.core.clock import Clock, WallClock
+from gs2ci.core.errors import InputError
+
+# Redrawing costs the fit about a thousandth at this rate; an eye needs no more.
+REDRAWS_PER_SECOND: Final = 4
+# The time left is told by the pace of so many seconds.
+_PACE_S: Final = 30.0
+
+_LABELS: Final = {"heldout": "held-out", "psnr": "PSNR"}
+# How names of figures end, as everywhere in the code, and how the unit is written.
+_UNITS: Final = {"db": "dB", "dn": "DN", "ms": "ms", "us": "µs", "px": "px"}
+
+
+@dataclass
+class RunningStage:
+    """A stage that runs or has ended.
+
+    Args:
+        name: What it is.
+        began_s: When, by the display's clock.
+        total: Of its steps; None while that is not known.
+        done: So many of them.
+        figures: The latest, in words.
+        took_s: Its seconds once it has ended.
+    """
+
+    name: str
+    began_s: float
+    total: int | None = None
+    done: int = 0
+    figures: str = ""
+    took_s: float | None = None
+    _looks: deque[tuple[float, int]] = field(default_factory=deque, repr=False)
+
+    def __post_init__(self) -> None:
+        self._looks.append((self.began_s, 0))
+
+    def move(self, done: int, now_s: float, figures: str) -> None:
+        """Note how far it is, and how far it was when."""
+        self.done, self.figures = done, figures or self.figures
+        self._looks.append((now_s, done))
+        while now_s - self._looks[0][0] > _PACE_S and len(self._looks) > 1:
+            self._looks.popleft()
+
+    def end(self, now_s: float) -> None:
+        """Note that it has ended, maybe before its last step, having converged: then it was that long."""
+        self.took_s, self.total = now_s - self.began_s, self.done or self.total
+
+    def seconds(self, now_s: float) -> float:
+        """Return how long it has taken."""
+        return now_s - self.began_s if self.took_s is None else self.took_s
+
+    def left_s(self, now_s: float) -> float | None:
+        """Return how long it still takes at its latest pace; None where nothing tells."""
+        then_s, before = self._looks[0]
+        if self.total is None or self.took_s is not None or self.done <= before:
+            return None
+        return (self.total - self.done) * (now_s - then_s) / (self.done - before)
+
+
+class StageDisplay(ABC):
+    """A progress listener that is opened, and closed when the work ends or fails.
+
+    It knows the running stage; where it shows things is for its subclass to say.
+
+    Args:
+        clock: For the seconds of stages; the wall's if None.
+    """
+
+    def __init__(self, clock: Clock | None = None) -> None:
+        self._clock = clock or WallClock()
+        self._running: RunningStage | None = None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.finish()
+
+    def stage(self, name: str, total: int | None = None) -> None:
+        """End the last stage; begin another."""
+        self.finish()
+        self._running = RunningStage(name, self._clock.now_s(), total)
+        self._changed()
+
+    def expect(self, total: int) -> None:
+        """Count the stage's steps up to another total."""
+        if self._running is not None:
+            self._running.total = total
+
+    def step(self, done: int, **figures: float | int | str) -> None:
+        """Remember how far the stage is, and the latest figures."""
+        if self._running is not None:
+            self._running.move(done, self._clock.now_s(), describe_figures(figures))
+            self._changed()
+
+    @abstractmethod
+    def say(self, text: str) -> None:
+        """Show the sentence."""
+
+    def ask(self, request: str) -> None:
+        """Show what a person is to do, and wait for Enter.
+
+        Raises:
+            InputError: Standard input has ended: nobody will press it.
+        """
+        self.say(f"{request}, then press Enter")
+        wait_for_enter(request)
+
+    def finish(self) -> None:
+        """End the running stage: what is done until the next one begins is no part of it."""
+        stage, self._running = self._running, None
+        if stage is not None:
+            self._ended(stage)
+
+    def _changed(self) -> None:
+        """Draw the running stage, where a place can."""
+        return
+
+    def _ended(self, stage: RunningStage) -> None:
+        """Show a stage that is over."""
+        return
+
+
+def wait_for_enter(request: str) -> None:
+    """Wait until somebody has done what was asked for.
+
+    Raises:
+        InputError: Standard input has ended.
+    """
+    try:
+        input()
+    except EOFError as error:
+        raise InputError(f"{request}: nobody is there to press Enter", remedy="run it at a terminal") from error
+
+
+def describe_figures(figures: dict[str, Any]) -> str:
+    """Put figures in a row: `loss 0.0123 · held-out 0.0210 · 13 000 Gaussians`."""
+    return " · ".join(_describe_figure(name, value) for name, value in figures.items())
+
+
+def _describe_figure(name: str, value: float | str) -> str:
+    stem, _, ending = name.rpartition("_")
+    unit = _UNITS.get(ending, "")
+    stem = stem if unit else name
+    label = _LABELS.get(stem, stem.replace("_", " "))
+    if isinstance(value, str):
+        return f"{label} {value}"
+    if name == "gaussians":
+        return f"{value:,} Gaussians".replace(",", " ")
+    return f"{label} {_number(value, 2 if unit else 4)} {unit}".rstrip()
+
+
+def _number(value: float, decimals: int) -> str:
+    """Write a running figure; fixed decimals keep it from jumping about."""
+    if isinstance(value, int):
+        return str(value)
+    if 100 <= abs(value) < 1e7:
+        return f"{value:.0f}"
+    return f"{value:.{decimals}f}" if 10.0 ** (1 - decimals) <= abs(value) < 100 else f"{value:.3g}"

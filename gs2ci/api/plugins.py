@@ -1,0 +1,35 @@
+"""What other packages add: `list_plugins`.
+
+Here: the names of our own that no plug-in can take. Not here: finding them (`gs2ci.core.plugins`).
+"""
+
+from gs2ci.core.plugins import Plugin, installed
+
+
+def list_plugins() -> list[Plugin]:
+    """List the plug-ins that are installed: drivers, density rules, decoders, priors, geometry, effects, scenes.
+
+    Each is imported; one that cannot be says so in `problem`, and everything else works without it.
+
+    Returns:
+        `name`, `group` and `target` of each, and the package that it comes from.
+
+    Example:
+        >>> [plugin.name for plugin in gs2ci.list_plugins() if plugin.problem]
+        []
+    """
+    return installed(built_in_names())
+
+
+def built_in_names() -> dict[str, tuple[str, ...]]:
+    """Return the names of our own, by group of entry points."""
+    from gs2ci.reconstruct.choices import DECODE_METHODS, DECODER_GROUP, RULE_NAMES
+    from gs2ci_drivers.plugin import BUILT_IN
+
+    return {
+        **BUILT_IN,
+        "gs2ci.density_rules": RULE_NAMES,
+        DECODER_GROUP: DECODE_METHODS,
+        "gs2ci.priors": ("consistent", "nlm", "none", "difix"),
+        "gs2ci.geometry": ("tracks", "stage", "wide", "uniform", "auto", "vggt"),
+    }

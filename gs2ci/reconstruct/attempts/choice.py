@@ -1,0 +1,214 @@
+"""Attempts at one measurement: which fits are made, from which beginnings, and which of them is taken.
+
+A doubtful path is sought again in fitted views (`second_look`). A uniform motion that no tracks bear out competes with
+a camera at rest: where nothing shows but a period or a gradient, any motion explains the measurement, and a fit from
+rest ends several dB better. Where the fits' residual looks like motion, scenes that move compete too (`moving`). The
+held-out pixels choose. Not here: what an attempt is made of (`pipeline`).
+"""
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+
+from gs2ci.core.arrays import F32
+from gs2ci.core.findings import Code, Finding, finding
+from gs2ci.core.halt import Halt
+from gs2ci.core.progress import Progress
+from gs2ci.reconstruct.attempts.order import LEAST_SCHEDULE
+from gs2ci.reconstruct.attempts.second_look import is_wanted, second_look
+from gs2ci.reconstruct.decode.by_name import decode_by_name
+from gs2ci.reconstruct.decode.patches.decoder import PatchSettings, patch_decode_from
+from gs2ci.reconstruct.first_look import FirstLook, from_rest, needs_rest
+from gs2ci.reconstruct.fit.coarse import CoarseFit
+from gs2ci.reconstruct.fit.ensemble import Ensemble
+from gs2ci.reconstruct.fit.motion import moving_share
+from gs2ci.reconstruct.fit.refinement import Refinement
+from gs2ci.reconstruct.geometry.initialise import Geometry
+from gs2ci.reconstruct.measurement.jury import Jury
+from gs2ci.reconstruct.measurement.lens import Lens
+from gs2ci.reconstruct.moving import (
+    LEAST_GAIN,
+    LEAST_POLISH_GAIN,
+    MOVING,
+    RELEASED,
+    STILL,
+    MotionQuestion,
+    MotionReport,
+    ask,
+    rested,
+    speaks_for_motion,
+)
+from gs2ci.reconstruct.settings import Settings
+
+
+@dataclass(frozen=True)
+class Attempt:
+    """Fits, and the look and the geometry that they began with."""
+
+    look: FirstLook
+    geometry: Geometry
+    fits: tuple[CoarseFit, ...]
+    ensemble: Ensemble
+
+
+@dataclass(frozen=True)
+class Attempts:
+    """What is fitted to a measurement, from the first look and from what else is worth it, and which of it is taken.
+
+    Args:
+        attempt: Fits from a look, with views to take colours and motion from, a scene that is still or may move.
+        release: Goes on with fits of a still scene, and lets it move.
+        jury: The measurement.
+        lens: Through which it was taken, unless it is a pinhole.
+        settings: What may be tried.
+        refine: What will be done to the views of fits.
+        progress: Told why more is tried.
+        lap: Called with a stage's name when it ends.
+        halt: Once it is asked, nothing more is tried.
+    """
+
+    attempt: Callable[[FirstLook, F32, bool], Attempt]
+    release: Callable[[Attempt], Attempt]
+    jury: Jury
+    lens: Lens | None
+    settings: Settings
+    refine: Refinement
+    progress: Progress
+    lap: Callable[[str], None]
+    halt: Halt
+
+    def hurried(self, first: FirstLook) -> tuple[FirstLook, Attempt, MotionReport]:
+        """Make one attempt, whatever comes of it."""
+        moving = self.settings.motion == "on"
+        tried = self.attempt(rested(first) if moving else first, first.decoded, moving)
+        name = MOVING if moving else STILL
+        return first, tried, self._report(MotionQuestion(), {name: tried}, tried, {})
+
+    def all(self, first: FirstLook) -> tuple[FirstLook, Attempt, MotionReport]:
+        """Make those that are worth it.
+
+        Returns:
+            The first look, with the best decode there is; the best attempt; and how anything in it came to move, or
+            not to.
+        """
+        still = self.attempt(first, first.decoded, False)
+        # Fits that were cut short leave much that patches explain, whether or not anything moves.
+        whole = self.settings.fit.iterations >= LEAST_SCHEDULE
+        if self.halt.asked or not (self._wanted or (self.settings.may_move and whole)):
+            still = self._again(first, still)
+            return first, still, self._report(MotionQuestion(), {STILL: still}, still, {})
+        asked = self._question(still)
+        if not (self._wanted or asked.beyond_doubt):
+            # A path that is not right leaves what looks like motion, too.
+            again = self._again(first, still)
+            asked, still = asked if again.ensemble is still.ensemble else self._question(again), again
+        if self.halt.asked or not (self._wanted or asked.speaks_for_motion):
+            return first, still, self._report(asked, {STILL: still}, still, {})
+        self.progress.say("What the still scene leaves looks like motion: scenes that move are fitted as well.")
+        first, refined = self._decoded_better(first), self.refine(still.ensemble.views)
+        views = min((refined, first.decoded), key=lambda shown: self.jury.residual_rms(shown) or 0.0)
+        attempts = {STILL: still, RELEASED: self.release(still)}
+        if not self.halt.asked:
+            attempts[MOVING] = self.attempt(rested(still.look), views, True)
+        residuals = self._residuals(attempts)
+        tried = self._clearly_best(attempts, residuals)
+        return first, tried, self._report(asked, attempts, tried, residuals)
+
+    @property
+    def _wanted(self) -> bool:
+        return self.settings.motion == "on"
+
+    def _again(self, first: FirstLook, tried: Attempt) -> Attempt:
+        """Fit a still scene once more from a second look, or from rest, where the first path is doubtful."""
+        if self.halt.asked or not self._may_look_again(first):
+            return tried
+        views = self.refine(tried.ensemble.views)
+        attempts = {first.geometry.source: tried}
+        again = second_look(first, views, self.lens, self.settings, self.progress)
+        if again is not None and not self.halt.asked:
+            attempts["second look"] = self.attempt(again, views, False)
+        if needs_rest(first) and not self.halt.asked:
+            attempts["rest"] = self.attempt(from_rest(first), first.decoded, False)
+        return self._best(attempts, self._residuals(attempts))
+
+    def _may_look_again(self, first: FirstLook) -> bool:
+        return self.settings.may_look_again and is_wanted(first.geometry, self.settings.geometry)
+
+    def _decoded_better(self, first: FirstLook) -> FirstLook:
+        """Return a first look with views decoded by similar patches, where they predict the held-out pixels better."""
+        if first.decoder == "patches":
+            return first
+        decoded = decode_by_name(self.jury.seen, "patches", self.settings.decode, self.progress)
+        self.lap("decode")
+        before, after = self.jury.residual_rms(first.decoded), self.jury.residual_rms(decoded)
+        better = before is not None and after is not None and after < before
+        return replace(first, decoded=decoded, decoder="patches") if better else first
+
+    def _question(self, still: Attempt) -> MotionQuestion:
+        """Ask what a still scene leaves, and if it speaks for motion, what patches take off it."""
+        left = ask(self.jury, still.ensemble.views)
+        if not speaks_for_motion(left):
+            return MotionQuestion(left)
+        refined = self.refine(still.ensemble.views)
+        gain = self._gain(refined, PatchSettings.from_scene_briefly())
+        worth_more = gain >= LEAST_POLISH_GAIN
+        return MotionQuestion(left, gain, self._gain(refined, PatchSettings.from_scene()) if worth_more else None)
+
+    def _gain(self, refined: F32, steps: PatchSettings) -> float:
+        """Return by which share a patch decode from these views on leaves less of the held-out pixels."""
+        before = self.jury.residual_rms(refined)
+        after = self.jury.residual_rms(patch_decode_from(self.jury.seen, refined, steps))
+        return 0.0 if not before or after is None else 1 - after / before
+
+    def _best(self, attempts: dict[str, Attempt], residuals: dict[str, float | None]) -> Attempt:
+        """Choose the attempt that predicts the held-out pixels best, and say how all of them did."""
+        tried = attempts[min(attempts, key=lambda name: math.inf if (rms := residuals[name]) is None else rms)]
+        notes = ranking({name: residuals[name] for name in attempts})
+        return replace(tried, geometry=replace(tried.geometry, notes=(*tried.geometry.notes, *notes)))
+
+    def _clearly_best(self, attempts: dict[str, Attempt], residuals: dict[str, float | None]) -> Attempt:
+        """Choose likewise, but a scene that moves only if it predicts them clearly better than the still one."""
+        if self._wanted:
+            moving = {name: tried for name, tried in attempts.items() if moving_share(tried.ensemble.best.scene) > 0}
+            return self._best(moving or attempts, residuals)
+        best, still = self._best(attempts, residuals), attempts[STILL]
+        if best.ensemble is still.ensemble:
+            return best
+        moves, stays = residuals[_name_of(best, attempts)], residuals[STILL]
+        better = moves is not None and stays is not None and moves < (1 - LEAST_GAIN) * stays
+        return best if better else still
+
+    def _residuals(self, attempts: dict[str, Attempt]) -> dict[str, float | None]:
+        """Return what each attempt's refined views leave of the held-out pixels."""
+        return {name: self.jury.residual_rms(self.refine(tried.ensemble.views)) for name, tried in attempts.items()}
+
+    def _report(
+        self,
+        asked: MotionQuestion,
+        attempts: dict[str, Attempt],
+        taken: Attempt,
+        residuals: dict[str, float | None],
+    ) -> MotionReport:
+        moves = taken.ensemble.best.scene.motion is not None
+        return MotionReport(
+            self.settings.motion, asked, tuple(residuals.items()), _name_of(taken, attempts), moves=moves
+        )
+
+
+def _name_of(taken: Attempt, attempts: dict[str, Attempt]) -> str:
+    return next(name for name, tried in attempts.items() if tried.ensemble is taken.ensemble)
+
+
+def ranking(left: Mapping[str, float | None]) -> tuple[Finding, ...]:
+    """Say what attempts leave of the held-out pixels, the least first; nothing of one attempt, or without pixels.
+
+    Args:
+        left: Root mean square by the attempt's name.
+    """
+    known = {name: rms for name, rms in left.items() if rms is not None and math.isfinite(rms)}
+    if len(known) < 2:
+        return ()
+    order = sorted(known, key=lambda name: known[name])
+    best, second = (known[name] for name in order[:2])
+    said = ", ".join(f"{name} {known[name]:.4f}" for name in order)
+    return (finding(Code.ATTEMPTS_RANKED, ranking=said, margin=second / best - 1 if best > 0 else 0.0),)

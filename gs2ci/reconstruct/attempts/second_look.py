@@ -1,0 +1,66 @@
+"""A doubtful first path, sought once more in the views of a fit.
+
+    first look ─► fits ─► second look ─► fits ─► the better of both
+
+Decoded views are poor where masks are many or light is little, and so is a path that is found in them. The views of a
+fit, refined by its residual, are far better: in them points can be followed that the decode had drowned. Here: when to
+look again, and what is found. Not here: the fits (`pipeline`), the choice between them (`choice`).
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from gs2ci.core.arrays import F32
+from gs2ci.core.findings import Code, finding
+from gs2ci.core.progress import Progress
+from gs2ci.reconstruct.first_look import FirstLook
+from gs2ci.reconstruct.geometry.choose import is_doubtful
+from gs2ci.reconstruct.geometry.initialise import Geometry, GeometrySettings
+from gs2ci.reconstruct.geometry.prior import Request, from_tracks
+from gs2ci.reconstruct.geometry.reversal import reversed_geometry
+from gs2ci.reconstruct.measurement.lens import Lens
+from gs2ci.reconstruct.settings import Settings
+
+
+def is_wanted(first: Geometry, settings: GeometrySettings) -> bool:
+    """Tell whether a first geometry is worth a second look: it found a path, which nothing bears out."""
+    return first.verdict == "full" and is_doubtful(first, settings.criteria)
+
+
+def second_look(
+    first: FirstLook, views: F32, lens: Lens | None, settings: Settings, progress: Progress
+) -> FirstLook | None:
+    """Find the geometry again in fitted views; None where they show none.
+
+    Whatever tracks say of such views, they say of a scene that was fitted along the first path: that halves of them
+    agree proves nothing. So the doubts of the first path stay.
+
+    Args:
+        first: What was found in the decoded views.
+        views: Those of a fit, refined, [N, H, W, C].
+        lens: Through which the measurement was taken, unless it is a pinhole.
+        settings: Of the stages before a fit.
+        progress: Told of every step.
+    """
+    before = first.geometry
+    progress.say("The camera path is doubtful: it is sought again in the views of the fit.")
+    found = from_tracks(Request.of(first.jury.seen, views, settings.geometry, lens), progress)
+    if found.verdict != "full":
+        return None
+    if _covariance(found.inverse_depth, before.inverse_depth) < 0:
+        # Which order of depth is right was settled before; tracks alone may not turn it over.
+        found = found.reverse or reversed_geometry(found)
+    geometry = replace(
+        found,
+        order_errors=before.order_errors,
+        reverse=None,
+        source=before.source,
+        path_error_expected=before.path_error_expected,
+        notes=(*before.notes, finding(Code.PATH_FOUND_AGAIN)),
+    )
+    return replace(first, geometry=geometry)
+
+
+def _covariance(one: F32, other: F32) -> float:
+    return float(np.mean((one - one.mean()) * (other - other.mean())))

@@ -1,0 +1,1 @@
+"""Methods of the literature that gs2ci is compared with; the reconstruction itself uses none of them."""

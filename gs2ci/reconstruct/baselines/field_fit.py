@@ -1,0 +1,188 @@
+"""A radiance field fitted to one coded measurement, its camera path refined with it: SCINeRF's way (Li et al. 2024).
+
+Here: the fit. Not here: the field and its rendering (`radiance_field`). Random pixels of the measurement are predicted
+from the rays of all views through them, Σ wᵢ Mᵢ Xᵢ, and field and poses follow the gradient of the absolute error: the
+ℓ1 part of our own fit's loss. SSIM looks through a window, and single pixels have none.
+
+Two things are not SCINeRF's, and favour the field: a hash grid in place of a deep network, which needs a few thousand
+steps where that one needs a hundred thousand, and a path that begins where our tracks found it and not at rest.
+"""
+
+from dataclasses import dataclass, field
+from typing import Final
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from gs2ci.core.arrays import F32, F64
+from gs2ci.core.errors import InputError, NumericsError
+from gs2ci.core.progress import Progress, Silent
+from gs2ci.core.records import Shot
+from gs2ci.reconstruct.baselines.radiance_field import Frustum, RadianceField, cast
+from gs2ci.reconstruct.geometry.initialise import Geometry
+from gs2ci.reconstruct.measurement.coding import cfa_channels
+from gs2ci.render import se3
+
+# Rays at once where whole views are rendered.
+_RAYS_AT_ONCE: Final = 4096
+# The frustum reaches beyond the first depths by this much: they are rough.
+_NEARER, _FARTHER = 1.5, 0.5
+
+
+@dataclass(frozen=True)
+class FieldSettings:
+    """How long and how finely.
+
+    Args:
+        iterations: Steps of Adam.
+        pixels: Of the measurement, in each step; every one costs a ray for each view.
+        samples: Along a ray.
+        rate: Step size of the grid and the networks; it falls to a twentieth.
+        pose_rate: Of the poses, in radians and scene units (the median depth is about 1); it falls alike.
+        poses_from: From which share of the iterations on poses move.
+    """
+
+    iterations: int = 2500
+    pixels: int = 192
+    samples: int = 32
+    rate: float = 1e-2
+    pose_rate: float = 5e-4
+    poses_from: float = 0.1
+
+    def check(self) -> "FieldSettings":
+        """Return self if the numbers make sense.
+
+        Raises:
+            InputError: A count is below 1, a rate is not positive, or the share is not one.
+        """
+        counts, rates = (self.iterations, self.pixels, self.samples), (self.rate, self.pose_rate)
+        if min(counts) < 1 or not all(0 < rate < np.inf for rate in rates) or not 0 <= self.poses_from <= 1:
+            raise InputError(f"{self}", allowed="counts from 1 on, rates above 0, poses_from 0 to 1")
+        return self
+
+
+@dataclass(frozen=True)
+class FittedField:
+    """What was found.
+
+    Args:
+        scene: The field.
+        world_to_camera: The refined path, [N, 4, 4].
+        samples: Along a ray, for rendering.
+        loss: Of each step.
+    """
+
+    scene: RadianceField
+    world_to_camera: F64
+    samples: int
+    loss: list[float] = field(repr=False)
+
+    def seen(self, world_to_camera: F64) -> tuple[F32, F32]:
+        """Render whole views and the depth along the optical axis, [V, H, W, 3] and [V, H, W], from poses [V, 4, 4]."""
+        height, width = self.scene.frustum.size
+        y, x = np.mgrid[:height, :width] + 0.5
+        pixels = torch.from_numpy(np.stack([x.ravel(), y.ravel()], axis=1)).float()
+        views, depths = [], []
+        with torch.no_grad():
+            for pose in torch.from_numpy(world_to_camera).float():
+                parts = [
+                    cast(self.scene, pose.expand(len(part), 4, 4), part, self.samples)
+                    for part in torch.split(pixels, _RAYS_AT_ONCE)
+                ]
+                views.append(torch.cat([colour for colour, _ in parts]).reshape(height, width, 3).numpy())
+                depths.append(1 / torch.cat([inverse for _, inverse in parts]).reshape(height, width).numpy())
+        return np.stack(views), np.stack(depths)
+
+
+def fit_field(
+    shot: Shot,
+    geometry: Geometry,
+    settings: FieldSettings | None = None,
+    seed: int = 0,
+    progress: Progress | None = None,
+) -> FittedField:
+    """Fit a field to a measurement.
+
+    Args:
+        shot: A checked shot: colour, grey or mosaic; taken through a pinhole.
+        geometry: First path and depths.
+        settings: How long and how finely.
+        seed: Of all draws.
+        progress: Hears of each step.
+
+    Raises:
+        InputError: The settings make no sense, or the shot was taken through a lens that distorts.
+        NumericsError: The loss is not finite.
+    """
+    settings = (settings or FieldSettings()).check()
+    progress = progress or Silent()
+    if shot.distortion is not None and np.any(shot.distortion):
+        raise InputError("a radiance field behind a lens that distorts", remedy="straighten the measurement first")
+    generator = torch.Generator().manual_seed(seed)
+    near, far = np.quantile(geometry.inverse_depth, 0.99), np.quantile(geometry.inverse_depth, 0.01)
+    frustum = Frustum(geometry.intrinsics, shot.size, float(near) * _NEARER, float(far) * _FARTHER)
+    scene = RadianceField(frustum, generator=generator)
+    readings = _Readings(shot)
+    first = torch.from_numpy(geometry.world_to_camera).float()
+    first = first @ se3.inverse(first[geometry.reference])  # the field's world is the reference camera's
+    twists = torch.zeros(shot.views, 6, requires_grad=True)
+    moves = torch.ones(shot.views, 1)
+    moves[geometry.reference] = 0.0
+    optimiser = torch.optim.Adam(
+        [{"params": scene.parameters(), "lr": settings.rate}, {"params": [twists], "lr": settings.pose_rate}],
+        eps=1e-15,
+        betas=(0.9, 0.99),
+    )
+    falling = torch.optim.lr_scheduler.ExponentialLR(optimiser, (1 / 20) ** (1 / settings.iterations))
+    loss_of: list[float] = []
+    progress.stage("field", settings.iterations)
+    for iteration in range(settings.iterations):
+        chosen = readings.draw(settings.pixels, generator)
+        at_rest = iteration < settings.poses_from * settings.iterations
+        poses = se3.exp((twists.detach() if at_rest else twists) * moves) @ first
+        count = len(chosen)
+        rays = readings.places[chosen].repeat(shot.views, 1)
+        seen, _ = cast(scene, poses.repeat_interleave(count, dim=0), rays, settings.samples, generator)
+        loss = readings.loss(chosen, seen.reshape(shot.views, count, 3))
+        if not torch.isfinite(loss):
+            raise NumericsError("the radiance field left the numbers", remedy="lower its rate")
+        optimiser.zero_grad()
+        loss.backward()  # type: ignore[no-untyped-call]
+        optimiser.step()
+        falling.step()
+        loss_of.append(float(loss.detach()))
+        progress.step(iteration + 1, residual=loss_of[-1])
+    with torch.no_grad():
+        path = (se3.exp(twists * moves) @ first).double().numpy()
+    return FittedField(scene, path, settings.samples, loss_of)
+
+
+class _Readings:
+    """The measurement pixel by pixel: those that some mask opens, their places, transmissions and readings."""
+
+    def __init__(self, shot: Shot) -> None:
+        lit = np.flatnonzero(shot.lit)
+        height, width = shot.size
+        self.places = torch.from_numpy(np.stack([lit % width + 0.5, lit // width + 0.5], axis=1)).float()
+        masks = shot.masks * shot.weights[:, None, None]
+        self._transmissions = torch.from_numpy(masks.reshape(shot.views, -1)[:, lit]).float()
+        self._readings = torch.from_numpy(shot.measurement.reshape(height * width, -1)[lit]).float()
+        clipped = np.zeros(shot.size, bool) if shot.saturated is None else shot.saturated
+        self._clipped = torch.from_numpy(clipped.ravel()[lit])
+        self._channels = (
+            None if shot.cfa is None else cfa_channels(shot.cfa, shot.size).reshape(-1)[torch.as_tensor(lit)]
+        )
+
+    def draw(self, count: int, generator: torch.Generator) -> Tensor:
+        return torch.randint(len(self.places), (count,), generator=generator)
+
+    def loss(self, chosen: Tensor, seen: Tensor) -> Tensor:
+        """Return the mean absolute error of what views, [N, P, 3], predict; clipped readings say only «at least»."""
+        coded = (self._transmissions[:, chosen, None] * seen).sum(dim=0)
+        if self._channels is not None:
+            coded = coded.gather(1, self._channels[chosen, None])
+        elif self._readings.shape[1] == 1:
+            coded = coded.mean(dim=1, keepdim=True)
+        error = coded - self._readings[chosen]
+        return torch.where(self._clipped[chosen, None], error.clamp(max=0), error).abs().mean()

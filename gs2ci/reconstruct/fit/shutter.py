@@ -1,0 +1,243 @@
+"""How the camera moves while one mask is on show: as many moments of each mask as its motion calls for.
+
+A mask is on show for a while, and what it lets through is the mean of what the camera saw meanwhile. Where that moves
+by much of a pixel across what changes from pixel to pixel, one pose for each mask explains the measurement by a blurred
+scene. The path is continuous: from each pose to its neighbours it goes by a twist that is quadratic in time (steady and
+evenly accelerated motion are met exactly), and a mask is the mean of K views along it. K follows from a bound, and is
+one for every mask where nothing is at stake. Nothing is added that a fit would have to find: motion that is quicker
+than the masks' (a vibration of several periods within one) is not seen here.
+
+Here: when masks are open, their moments and poses, the bound. Not here: rendering (`rendering.py`), what is handed
+over (`record`).
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from gs2ci.core.arrays import F32, F64
+from gs2ci.core.errors import InputError
+from gs2ci.core.findings import Code, Finding, finding
+from gs2ci.reconstruct.choices import WITHIN_MASK, WithinMask
+from gs2ci.reconstruct.geometry.initialise import Geometry
+from gs2ci.render import se3
+
+# Pixels of the middle view that are asked how far they move: one in so many along rows and columns.
+_STRIDE_PX: Final = 3
+# The mean of |offset| over an interval of length d about its middle is d / 4.
+_MEAN_OFFSET: Final = 0.25
+
+
+def mask_times(views: int) -> Tensor:
+    """Return when each of so many masks was open, [N] float32: from −1, the first, to 1, the last, evenly.
+
+    One mask alone is open at 0.
+    """
+    return torch.linspace(-1, 1, views) if views > 1 else torch.zeros(views)
+
+
+@dataclass(frozen=True)
+class ShutterSettings:
+    """How many moments a mask is given.
+
+    Args:
+        within_mask: "still": one pose for each mask, as where the camera stands still under each, or was coded in
+            software from still pictures; "moving": it goes on, and masks get the moments that they need. Readings
+            tell the two apart only where the motion is large (docs/decisions), so that nobody guesses.
+        tolerance: What motion within a mask may blur a view by at most, in full scales, root mean square over its
+            pixels (`bounds`).
+        most: Moments of one mask.
+    """
+
+    within_mask: WithinMask = "still"
+    tolerance: float = 0.01
+    most: int = 8
+
+    def check(self) -> "ShutterSettings":
+        """Return self if the numbers make sense.
+
+        Raises:
+            InputError: No such word, a tolerance that is not above zero, or no moment.
+        """
+        if self.within_mask not in WITHIN_MASK:
+            raise InputError(f"a camera that is {self.within_mask!r} within a mask", allowed=", ".join(WITHIN_MASK))
+        if not (self.tolerance > 0 and self.most >= 1):
+            raise InputError(
+                f"up to {self.most} moments of a mask, for a tolerance of {self.tolerance}",
+                allowed="at least 1 moment, and a tolerance above 0",
+            )
+        return self
+
+
+@dataclass(frozen=True)
+class Shutter:
+    """The moments of each mask.
+
+    Args:
+        moments: How many, [N], each at least 1.
+        open_share: For which share of its interval each mask is on show, evenly about its middle, [N].
+        motion_px: How far the image moves meanwhile, root mean square, [N].
+        bounds: By what one pose would blur each view at most, in full scales, [N].
+    """
+
+    moments: tuple[int, ...]
+    open_share: tuple[float, ...]
+    motion_px: tuple[float, ...] = ()
+    bounds: tuple[float, ...] = ()
+
+    @property
+    def count(self) -> int:
+        """Get how many moments there are of all masks, V."""
+        return sum(self.moments)
+
+    def offsets(self) -> Tensor:
+        """Return when each moment is, from the middle of its mask, in intervals between masks, [V] float64.
+
+        A mask's moments are the middles of as many equal parts of the time that it is on show.
+        """
+        return torch.tensor(
+            [
+                share * ((part + 0.5) / count - 0.5)
+                for count, share in zip(self.moments, self.open_share, strict=True)
+                for part in range(count)
+            ],
+            dtype=torch.float64,
+        )
+
+    def of_mask(self) -> Tensor:
+        """Return to which mask each moment belongs, [V]."""
+        return torch.repeat_interleave(torch.arange(len(self.moments)), torch.tensor(self.moments))
+
+    def times(self) -> Tensor:
+        """Return when each moment is in the unit of the scene's motion, [V] float32 (`mask_times`)."""
+        times = mask_times(len(self.moments))
+        between = float(times[1] - times[0]) if len(times) > 1 else 0.0
+        return times[self.of_mask()] + between * self.offsets().float()
+
+    def split(self, transmissions: Tensor) -> Tensor:
+        """Share each mask's light, [N, H, W], among its moments, [V, H, W]."""
+        shares = 1 / torch.tensor(self.moments, dtype=transmissions.dtype)
+        return (transmissions * shares[:, None, None])[self.of_mask()]
+
+    def poses(self, world_to_camera: Tensor) -> Tensor:
+        """Return the camera at every moment, [V, 4, 4], from that in the middle of each mask, [N, 4, 4].
+
+        Differentiable; a mask of one moment keeps its pose bit by bit.
+        """
+        here = self.of_mask()
+        if self.count == len(self.moments):
+            return world_to_camera
+        along = path_twists(world_to_camera, self.offsets().to(world_to_camera.dtype), here)
+        moved = se3.exp(along) @ world_to_camera[here]
+        alone = torch.tensor(self.moments)[here] == 1
+        return torch.where(alone[:, None, None], world_to_camera[here], moved)
+
+    @property
+    def note(self) -> Finding:
+        """Get what is to be said of it."""
+        return finding(Code.MASKS_HAVE_MOMENTS, motion_px=max(self.motion_px, default=0.0), most=max(self.moments))
+
+    def summary(self) -> dict[str, Any]:
+        """Return what the report says."""
+        return {"moments": list(self.moments), "motion_px": list(self.motion_px), "bounds": list(self.bounds)}
+
+
+def path_twists(world_to_camera: Tensor, offsets: Tensor, of_mask: Tensor) -> Tensor:
+    """Return by which twists the camera goes on from a mask's pose, [V, 6].
+
+    Args:
+        world_to_camera: In the middle of each mask, [N, 4, 4], N at least 2.
+        offsets: When, in intervals between masks, [V].
+        of_mask: From which mask on, [V].
+
+    Quadratic in time through the poses before and after; at both ends the acceleration is that of their neighbour.
+    """
+    steps = se3.log(world_to_camera[1:] @ _inverse(world_to_camera[:-1]))
+    if len(steps) == 1:
+        before = after = steps.expand(2, 6)
+    else:
+        before = torch.cat([2 * steps[:1] - steps[1:2], steps])
+        after = torch.cat([steps, 2 * steps[-1:] - steps[-2:-1]])
+    speed, change = (after + before) / 2, (after - before) / 2
+    when = offsets[:, None]
+    return when * speed[of_mask] + when**2 * change[of_mask]
+
+
+def needed(geometry: Geometry, views: F32, open_share: F64, settings: ShutterSettings) -> Shutter | None:
+    """Return the moments that a path calls for; None where one for each mask is enough.
+
+    Args:
+        geometry: First path and depth.
+        views: Decoded, [N, H, W, C]: the middle one tells what changes from pixel to pixel.
+        open_share: For which share of its interval each mask is on show, [N].
+        settings: What is tolerated.
+    """
+    path = geometry.world_to_camera
+    if len(path) < 2 or settings.within_mask == "still":
+        return None
+    motion, found = bounds(geometry, path, views[geometry.reference], open_share)
+    moments = tuple(int(min(max(math.ceil(one / settings.tolerance), 1), settings.most)) for one in found)
+    if max(moments) == 1:
+        return None
+    return Shutter(moments, tuple(open_share.tolist()), tuple(motion.tolist()), tuple(found.tolist()))
+
+
+def bounds(geometry: Geometry, world_to_camera: F64, view: F32, open_share: F64) -> tuple[F64, F64]:
+    """Bound what motion within each mask blurs, root mean square over the pixels.
+
+    A pixel's light is the mean over the time that the mask is on show; where the image moves by d across a slope of g
+    per pixel, a mean differs from its middle by the mean of |offset| g = d g / 4 at most (a ramp, which averages out,
+    does not; the two sides of an edge do). K moments leave a K-th of it.
+
+    Args:
+        geometry: Depth of the middle view.
+        world_to_camera: The path, [N, 4, 4].
+        view: The middle view, [H, W, C].
+        open_share: As for `needed`, [N].
+
+    Returns:
+        How far the image moves within each mask, root mean square in px, [N]; and the bounds in full scales, [N].
+    """
+    height, width = geometry.inverse_depth.shape
+    rows, columns = np.mgrid[1 : height - 1 : _STRIDE_PX, 1 : width - 1 : _STRIDE_PX].reshape(2, -1)
+    across, down = (np.asarray(np.gradient(view.astype(np.float64), axis=axis))[rows, columns] for axis in (1, 0))
+    slopes = np.stack([across, down], axis=-1)  # [P, C, (x, y)]
+    pixels = np.stack([columns + 0.5, rows + 0.5, np.ones(len(rows))], axis=1)
+    rays = pixels @ np.linalg.inv(geometry.intrinsics).T
+    in_middle = rays / geometry.inverse_depth[rows, columns].astype(np.float64)[:, None]
+    middle = world_to_camera[geometry.reference]
+    points = (in_middle - middle[:3, 3]) @ middle[:3, :3]
+
+    masks = torch.arange(len(world_to_camera))
+    path = torch.from_numpy(world_to_camera)
+    half = torch.from_numpy(np.asarray(open_share, np.float64)) / 2
+    motion, found = [], []
+    ends = [(se3.exp(path_twists(path, at, masks)) @ path).numpy() for at in (-half, half)]
+    for first, last in zip(*ends, strict=True):
+        moved = _seen(points, last, geometry.intrinsics) - _seen(points, first, geometry.intrinsics)
+        shown = np.isfinite(moved).all(axis=1)
+        motion.append(_rms(moved[shown]) * math.sqrt(2))
+        found.append(_MEAN_OFFSET * _rms((slopes[shown] * moved[shown, None]).sum(axis=-1)))
+    return np.array(motion), np.array(found)
+
+
+def _seen(points: F64, pose: F64, intrinsics: F64) -> F64:
+    """Project world points, [P, 3], to pixels, [P, 2]; NaN behind the camera."""
+    in_camera = points @ pose[:3, :3].T + pose[:3, 3]
+    depth = in_camera[:, 2:]
+    seen: F64 = (in_camera / np.where(depth > 0, depth, np.nan) @ intrinsics.T)[:, :2]
+    return seen
+
+
+def _rms(values: F64) -> float:
+    return float(np.sqrt(np.mean(values**2))) if values.size else 0.0
+
+
+def _inverse(poses: Tensor) -> Tensor:
+    turned = poses[:, :3, :3].transpose(1, 2)
+    top = torch.cat([turned, -turned @ poses[:, :3, 3:]], dim=2)
+    return torch.cat([top, poses[:, 3:]], dim=1)

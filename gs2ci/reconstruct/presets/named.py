@@ -1,0 +1,74 @@
+"""The named settings: how far a reconstruction goes. Data alone; no stage asks for a preset's name.
+
+Here: what each preset sets, and how a schedule is made shorter or longer. Not here: what the settings mean (each
+stage's own file), the paper's constants (`paper`), nor which preset suits a number of seconds (`budget`).
+"""
+
+from dataclasses import replace
+from typing import Final
+
+from gs2ci.core.errors import InputError
+from gs2ci.reconstruct.choices import PresetName
+from gs2ci.reconstruct.fit.coarse import CoarseSettings
+from gs2ci.reconstruct.fit.fine import FineSettings
+from gs2ci.reconstruct.fit.optimiser import StepSizes
+from gs2ci.reconstruct.presets.paper import paper_settings
+from gs2ci.reconstruct.settings import Settings
+
+_DRAFT_ITERATIONS: Final = 120
+_FINE_ITERATIONS: Final = 600
+
+
+def rescheduled(fit: CoarseSettings, iterations: int) -> CoarseSettings:
+    """Return the same fit on a schedule of another length.
+
+    Looks, turns of the density rule and patience keep their places in the schedule within sensible bounds; steps grow
+    as a shorter schedule asks (`StepSizes.of_schedule`).
+    """
+    look_every = min(50, max(10, iterations // 8))
+    return replace(
+        fit,
+        iterations=iterations,
+        densify_every=min(100, max(10, iterations // 8)),
+        steps=StepSizes.of_schedule(iterations),
+        hold_out=fit.hold_out.looking(look_every),
+    )
+
+
+def _draft() -> Settings:
+    """A first look: fewer decode steps and planes, fewer iterations, fewer Gaussians, one fit."""
+    base = Settings()
+    return replace(
+        base,
+        decode=replace(base.decode, iterations=20),
+        geometry=replace(base.geometry, sweep=replace(base.geometry.sweep, planes=48)),
+        fit=rescheduled(replace(base.fit, gaussians_per_pixel=0.2), _DRAFT_ITERATIONS),
+        fits=1,
+    )
+
+
+def _fine() -> Settings:
+    """The best known: four long fits, more Gaussians from the first iteration on; then the fine stage for the best."""
+    base = Settings()
+    fit = rescheduled(replace(base.fit, gaussians_per_pixel=0.4), _FINE_ITERATIONS)
+    return replace(base, stride_px=2, fit=fit, fits=4, fine=FineSettings())
+
+
+# The one place that says what a name means.
+PRESETS: Final[dict[PresetName, Settings]] = {
+    "draft": _draft(),
+    "standard": Settings(),
+    "fine": _fine(),
+    "paper": paper_settings(),
+}
+
+
+def preset(name: PresetName) -> Settings:
+    """Return the settings of a preset.
+
+    Raises:
+        InputError: There is none of that name.
+    """
+    if name not in PRESETS:
+        raise InputError(f"no preset {name!r}", allowed=", ".join(PRESETS))
+    return PRESETS[name]

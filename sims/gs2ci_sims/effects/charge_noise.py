@@ -1,0 +1,30 @@
+"""What noises that add to the charge share: a standard deviation in electrons, and the bound that follows from it."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from gs2ci.core.errors import InputError
+from gs2ci_sims.effects.base import Bound, BoundStep, Previewed, Stage, gain_step
+from gs2ci_sims.rig import Rig
+
+
+@dataclass(frozen=True)
+class ChargeNoise:
+    """Normal numbers that an effect adds to the electrons, drawn in its own way."""
+
+    name: ClassVar[str]
+    stage: ClassVar[Stage] = Stage.CHARGE
+
+    sigma_e: float
+
+    def __post_init__(self) -> None:
+        if not (self.sigma_e >= 0 and np.isfinite(self.sigma_e)):
+            raise InputError(f"{self.name} of {self.sigma_e} electrons", allowed="finite, 0 or more")
+
+    def bound(self, scene: Previewed, rig: Rig) -> Bound:
+        """Standard deviation times the gain K (EMVA 1288, eq. 10), whatever the scene."""
+        sigma = BoundStep("sigma", self.sigma_e, "e", "standard deviation")
+        bound = Bound(self.sigma_e * rig.dn_per_e, 6 * self.sigma_e * rig.dn_per_e, random=True)
+        return bound.by("K * sigma", sigma, gain_step(rig))

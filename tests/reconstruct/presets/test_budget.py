@@ -1,0 +1,123 @@
+"""Which fits are chosen within a budget, and that a fit ends in time although nothing was known of its pace."""
+
+import itertools
+from dataclasses import replace
+
+import numba
+import numpy as np
+import pytest
+
+from gs2ci.core.errors import InputError
+from gs2ci.core.findings import Code
+from gs2ci.core.records import Shot
+from gs2ci.reconstruct.fit.pace import Timed, slower_beside
+from gs2ci.reconstruct.pipeline import reconstruct
+from gs2ci.reconstruct.presets.budget import KEPT_BACK, LADDER, Budget
+from gs2ci.reconstruct.presets.named import PRESETS
+
+STANDARD = PRESETS["standard"]
+
+
+def timed(iteration_s=0.05, look_s=0.2):
+    found = Timed(4)
+    found._moments_s = [0.0, *(7.0 + iteration_s * np.arange(4))]  # the first one took 7 s
+    found._processor_s = list(found._moments_s)
+    found.looked(look_s)
+    return found
+
+
+def chosen(seconds, spent_s=5.0, adapt=lambda settings: settings):
+    return Budget(seconds, 500.0 - spent_s, adapt, clock=lambda: 500.0).fit(STANDARD, timed())
+
+
+def rung_of(settings):
+    return next(rung for rung in LADDER if PRESETS[rung.preset].fits == settings.fits)
+
+
+def test_the_first_iteration_is_not_counted():
+    assert timed(0.05).iteration_s == pytest.approx(0.05)
+
+
+def test_a_processor_that_others_use_too_makes_the_report_wait():
+    busy = timed()
+    busy._processor_s = [moment_s / 4 for moment_s in busy._moments_s]
+    assert busy.waiting == pytest.approx(4)
+    alone = timed()
+    alone._processor_s = [2 * moment_s for moment_s in alone._moments_s]
+    assert alone.waiting == 1
+    within = Budget(60.0, 495.0, clock=lambda: 500.0)
+    assert within.fit(STANDARD, busy)[0].fit.iterations < within.fit(STANDARD, alone)[0].fit.iterations
+
+
+def test_more_time_never_buys_cheaper_fits_or_fewer_iterations_of_the_same():
+    order = [PRESETS[rung.preset].fits for rung in reversed(LADDER)]
+    found = [chosen(seconds)[0] for seconds in (12, 20, 30, 60, 120, 240, 500, 2000)]
+    ranks = [order.index(one.fits) for one in found]
+    assert ranks == sorted(ranks)
+    assert (ranks[0], ranks[-1]) == (0, len(order) - 1)
+    for one, next_one in itertools.pairwise(found):
+        if one.fits == next_one.fits:
+            assert one.fit.iterations <= next_one.fit.iterations
+
+
+@pytest.mark.parametrize("seconds", [20.0, 60.0, 300.0])
+@pytest.mark.parametrize("threads", [1, 2, 8])
+def test_the_fits_are_expected_to_take_what_is_left_and_no_more(seconds, threads, monkeypatch):
+    monkeypatch.setattr(numba, "get_num_threads", lambda: threads)
+    settings, pace, _ = chosen(seconds)
+    dearer = settings.fit.gaussians_per_pixel / STANDARD.fit.gaussians_per_pixel
+    fit_s = settings.fit.iterations * 0.05 * 1.5 * slower_beside(settings.fits, threads) * dearer
+    left_s = (1 - KEPT_BACK) * seconds - 5.0
+    rung = rung_of(settings)
+    assert fit_s < left_s
+    assert fit_s > 0.5 * left_s or settings.fit.iterations == rung.most
+    assert rung.least <= settings.fit.iterations <= rung.most
+    assert pace.total(0) == pytest.approx(settings.fit.iterations, rel=0.1)
+
+
+def test_seconds_that_are_spent_are_spent():
+    assert chosen(60, spent_s=25)[0].fit.iterations < chosen(60, spent_s=5)[0].fit.iterations
+
+
+def test_what_no_preset_decides_is_kept_and_what_is_done_is_not_said_to_be_otherwise():
+    settings, _, _ = chosen(15, adapt=lambda settings: replace(settings.with_density_rule("mcmc"), fits=3))
+    assert (settings.fits, settings.fit.density.name) == (3, "mcmc")
+    assert (settings.decode, settings.geometry) == (STANDARD.decode, STANDARD.geometry)
+
+
+def test_the_sentence_says_what_was_decided():
+    settings, _, said = chosen(60)
+    assert said.startswith("Of 60 s, 5.0 s went to start, decode and geometry")
+    assert f"about {settings.fit.iterations} iterations" in said
+
+
+def test_too_little_time_is_refused_with_what_would_do():
+    with pytest.raises(InputError, match="too little") as caught:
+        chosen(6)
+    enough = float(caught.value.allowed.split()[0])
+    assert rung_of(chosen(enough)[0]).preset == "draft"
+
+
+def test_a_machine_that_turns_out_a_hundred_times_slower_ends_in_time_all_the_same():
+    """On a clock of its own, on which every iteration takes a second; the timed ones took some hundredths."""
+
+    class Clock:
+        now_s = 0.0
+
+        def __call__(self):
+            self.now_s += 1.0
+            return self.now_s
+
+    rng = np.random.default_rng(0)
+    masks = (rng.random((3, 24, 32)) < 0.4).astype(np.float32)
+    shot = Shot(rng.random((24, 32, 3), dtype=np.float32), masks, np.ones(3, np.float32)).check()
+
+    def one_unjudged(settings):
+        hold_out = replace(settings.fit.hold_out, share=0.0)
+        return replace(settings, fits=1, fit=replace(settings.fit, hold_out=hold_out))
+
+    clock = Clock()
+    result = reconstruct(shot, one_unjudged(STANDARD), budget=Budget(120.0, 0.0, one_unjudged, clock)).result
+    assert result.stopped.code is Code.FIT_TIME_UP_UNJUDGED
+    assert 40 < result.curve[-1].iteration < 120
+    assert clock.now_s <= 120.0
