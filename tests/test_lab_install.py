@@ -3,16 +3,28 @@
 import ast
 import json
 import os
+import shutil
 import subprocess
 import sys
 import tomllib
 from importlib.metadata import packages_distributions
 from pathlib import Path
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
+import gs2ci
 from gs2ci import __version__, cli
+from gs2ci.batch import cluster
+from gs2ci.core.errors import Gs2ciError
 from gs2ci.core.extras import EXTRAS, missing_extra
+from gs2ci.evaluate import viewer
+from gs2ci.evaluate.exports import depth_files
+from gs2ci.reconstruct.learned import ffdnet
+from gs2ci_drivers.links.gentl import GenTlPort
+from gs2ci_drivers.links.sdl_screen import SdlScreen
+from gs2ci_sims.scenes.meshes import mesh_from_file
 
 ROOT = Path(__file__).resolve().parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
@@ -104,6 +116,71 @@ def test_nothing_of_an_extra_is_needed_by_default():
                 elif isinstance(node, ast.ImportFrom) and node.module:
                     imported.add((node.module.partition(".")[0], path.name))
     assert [(module, name) for module, name in sorted(imported) if module in MISSING] == []
+
+
+def _list_cameras(folder):
+    GenTlPort("cam0").list_cameras(str(folder / "producer.cti"))
+
+
+def _draw(folder):
+    SdlScreen("slm").list_outputs()
+
+
+def _serve(folder):
+    scene = SimpleNamespace()
+    viewer.serve(scene, host="127.0.0.1", port=0)
+
+
+def _read_a_mesh(folder):
+    mesh_from_file(folder / "scene.glb")
+
+
+def _write_a_model(folder):
+    ffdnet.export_ffdnet(ffdnet.FfdNet(()), folder / "model.onnx")
+
+
+def _write_depth(folder):
+    depth_files.write_depth_exr(folder, np.ones((1, 2, 3), np.float32))
+
+
+def _join_a_cluster(folder):
+    with cluster.connected("tcp://127.0.0.1:1"):
+        pass
+
+
+def _hand_to_bluesky(folder):
+    shutil.copy(ROOT / "docs" / "rigs" / "simulated.toml", folder)
+    with gs2ci.open_rig(folder / "simulated.toml") as rig:
+        gs2ci.ophyd_bench(rig, folder)
+
+
+# What asks for each extra; `reconstruct` has a process of its own above.
+ASKED = {
+    "genicam": _list_cameras,
+    "video": _draw,
+    "view": _serve,
+    "mesh": _read_a_mesh,
+    "export": _write_a_model,
+    "exr": _write_depth,
+    "cluster": _join_a_cluster,
+    "ophyd": _hand_to_bluesky,
+}
+
+
+def test_every_extra_is_asked_for_somewhere():
+    assert {*ASKED, "reconstruct"} == set(EXTRAS)
+
+
+@pytest.mark.parametrize("extra", ASKED)
+def test_what_needs_an_extra_that_is_not_there_says_which_to_install(extra, tmp_path, monkeypatch):
+    for name in list(sys.modules):
+        if name.partition(".")[0] in EXTRAS[extra] or name.startswith("gs2ci.api.ophyd."):
+            monkeypatch.delitem(sys.modules, name)
+    for module in EXTRAS[extra]:
+        monkeypatch.setitem(sys.modules, module, None)
+    with pytest.raises(Gs2ciError) as caught:
+        ASKED[extra](tmp_path)
+    assert f"pip install 'gs2ci[{extra}]'" in str(caught.value)
 
 
 def test_a_missing_module_of_nobody_is_an_error_of_ours():

@@ -254,14 +254,14 @@ class Bench:
         )
         return self._run(settings)
 
-    def move(self, targets_mm: Mapping[str, float], *, speed_mm_s: float | None = None) -> dict[str, float]:
+    def move(self, targets_mm: Mapping[str, float]) -> dict[str, float]:
         """Move the stage, wait for its arrival and return all positions in mm.
 
         Raises:
             CalibrationError: The rig has no stage (`Reason.NO_STAGE`).
             DriverError: Beyond the limits, not homed, or it stopped early.
         """
-        return self.stage("stage").move_to(targets_mm, speed_mm_s=speed_mm_s)
+        return self.stage("stage").move_to(targets_mm)
 
     def stage(self, step: str) -> Stage:
         """Return the stage, connected.

@@ -1,7 +1,7 @@
 """What every procedure asks of a stack of frames before it believes it, and means over its pixels and frames.
 
 Pure: arrays in, numbers out, `CalibrationError` where they are no good. Not here: taking frames (`bench`), the
-procedures. For this package and `gs2ci.rig`.
+procedures.
 """
 
 from dataclasses import dataclass
@@ -63,18 +63,18 @@ class Dark:
         return np.asarray(self.offset_dn + self.current_dn_per_s * exposure_s)
 
 
-def check_stack(step: str, frames: F32, *, at_least: int = 2) -> None:
+def check_stack(step: str, frames: F32) -> None:
     """Accept frames [K, H, W] that are live readings of a sensor.
 
     Raises:
         CalibrationError: Too few, not finite, or all the same.
     """
-    if frames.ndim != 3 or len(frames) < at_least:
+    if frames.ndim != 3 or len(frames) < 2:
         raise CalibrationError(
             step,
             Reason.TOO_FEW_FRAMES,
             f"{len(frames) if frames.ndim == 3 else 1} frame(s): one frame has no noise to be judged by",
-            allowed=f"{at_least} or more",
+            allowed="2 or more",
             remedy="raise `frames` in [calibration]",
         )
     if not np.isfinite(frames).all():

@@ -1,6 +1,6 @@
 """The photon transfer curve: electrons per DN, read noise, full well, and up to where readings follow the light.
 
-Pure: frames in, figures out. Not here: taking them (`photon_transfer`), single pixels (`dark_flat`). For this package.
+Pure: frames in, figures out. Not here: taking them (`photon_transfer`), single pixels (`dark_flat`).
 
 Method: EMVA Standard 1288, Release 3.1, sections 2 and 6, with one change. A response that bends, s = u (1 + 4 d (1 −
 u / S)), also bends the photon transfer curve: its slope is (ds/du)² / G. The bend d is fitted to the signal against the

@@ -14,19 +14,18 @@ _QUIET: Final = 50  # logging.CRITICAL: a worker that dies is told of by us
 
 
 @contextmanager
-def connected(scheduler: str, *, timeout_s: float | None = None) -> Iterator[Any]:
+def connected(scheduler: str) -> Iterator[Any]:
     """Give a client of a Dask scheduler, closed in the end.
 
     Args:
         scheduler: Its address, such as "tcp://host:8786".
-        timeout_s: How long to wait for an answer; `CONNECT_S` if None.
 
     Raises:
         InputError: None answers there, or dask.distributed is not installed.
     """
     distributed = _distributed(f"--scheduler {scheduler}")
     try:
-        client = distributed.Client(scheduler, timeout=CONNECT_S if timeout_s is None else timeout_s)
+        client = distributed.Client(scheduler, timeout=CONNECT_S)
     except (OSError, ValueError) as error:
         raise InputError(
             f"no Dask scheduler answers at {scheduler}: {error}",

@@ -458,6 +458,13 @@ class Code(StrEnum):
         "Do not rely on depth or on the direction of the path. Move the camera further, or let a stage report its "
         "poses: their sign decides (`gs2ci reconstruct --geometry stage`).",
     )
+    DEPTH_IN_NOISE = (
+        "depth_in_noise",
+        DOUBT,
+        "Near and far may be exchanged: the views leave {share:.0%} of what an even grey leaves of the held-out "
+        "pixels, and with so much noise a fit finds depth that is not there.",
+        "Do not rely on depth. Use more light, or let a stage report its poses.",
+    )
     DEPTH_ORDER_UNTRIED = (
         "depth_order_untried",
         DOUBT,
@@ -467,8 +474,8 @@ class Code(StrEnum):
     DEPTH_ORDER_TURNED = (
         "depth_order_turned",
         REMARK,
-        "The tracked points gave a scene inside out; short fits leave {less:.0%} less with near and far exchanged, "
-        "which was taken.",
+        "The tracked points gave a scene inside out; fits of both orders prefer near and far exchanged, by "
+        "{errors:.1f} standard errors, and that was taken.",
         _NOTHING,
     )
     POSES_SIGN_CONTRADICTED = (
@@ -699,6 +706,13 @@ class Code(StrEnum):
         "On the held-out pixels, the views leave {share} of what an even grey leaves unexplained: there is much noise "
         "or little to see, or the masks are not those of this exposure.",
         _MASKS,
+    )
+    VIEWS_ERR = (
+        "views_err",
+        DOUBT,
+        "The views are expected to err by about {share:.1%} of full scale (rms of all pixels: a PSNR of {psnr_db:.0f} "
+        "dB), by what they leave of the held-out pixels; by less where most of that is noise.",
+        "Use more light, masks that leave fewer pixels dark, or fewer masks in one exposure.",
     )
     DECODE_KEPT = (
         "decode_kept",

@@ -3,7 +3,7 @@
 From little parallax in a narrow field of view, a scene inside out (near for far, the path reversed) explains a
 measurement nearly as well as the right one, so that views look right and a path without its direction does too. Here:
 the two figures that tell, and the sentence that follows from them. Not here: how either error is measured
-(`trajectory`, `depth`). For the commands, `gs2ci.tables`, the tests and the rest of `gs2ci.evaluate`.
+(`trajectory`, `depth`).
 """
 
 from typing import Final

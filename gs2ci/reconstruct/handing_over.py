@@ -9,6 +9,7 @@ Here: the candidates, and what the result is called. Not here: the shares (`fit/
 of the stages (`pipeline`).
 """
 
+import math
 from dataclasses import replace
 from typing import Final, Literal
 
@@ -22,7 +23,7 @@ from gs2ci.reconstruct.decode.coupling import COUPLINGS
 from gs2ci.reconstruct.decode.gap_tv import gap_tv
 from gs2ci.reconstruct.decode.patches.decoder import PatchSettings, patch_decode_from
 from gs2ci.reconstruct.first_look import FirstLook
-from gs2ci.reconstruct.fit.combination import Candidate, combined, noise_power, shares
+from gs2ci.reconstruct.fit.combination import Candidate, combined, expected_rms, noise_power, shares
 from gs2ci.reconstruct.fit.ensemble import Ensemble
 from gs2ci.reconstruct.fit.refinement import Refinement
 from gs2ci.reconstruct.measurement.doubts import doubts_about_result
@@ -33,6 +34,8 @@ from gs2ci.reconstruct.settings import Settings
 # A decode whose held-out residual is so many times that of the fits' mean would get a few hundredths at most, for
 # several decodes' time.
 _FAR_OFF: Final = 1.7
+# Of full scale, rms, from which on an expected error is a doubt: 26 dB, which is seen without looking closely.
+_ERRS: Final = 0.05
 # From this share on the result is called by what it is made of.
 _ALL_BUT: Final = 0.95
 
@@ -73,7 +76,8 @@ def hand_over(
     }
     if (jury.residual_rms(first.decoded) or 0.0) < _FAR_OFF * (jury.residual_rms(ensemble.views) or 0.0):
         candidates.update(_decodes(first, settings))
-    wanted = shares(jury, candidates, noise_power(jury, ensemble.views))
+    noise = noise_power(jury, ensemble.views)
+    wanted = shares(jury, candidates, noise)
     blind = combined({name: one.blind for name, one in candidates.items()}, wanted)
     judged = _judged(jury, {"refined": blind, "scene": own, "decode": first.decoded})
     of: dict[Verdict, float] = {"refined": 0.0, "scene": 0.0, "decode": 0.0}
@@ -86,8 +90,21 @@ def hand_over(
     elif of["refined"] < 1:
         mixed = finding(Code.VIEWS_COMBINED, refined=of["refined"], scene=of["scene"], decode=of["decode"])
         notes = (*notes, mixed)
-    views = combined({name: one.full for name, one in candidates.items()}, wanted)
-    return Recovered(views, verdict, judged, (*_doubts(jury, blind), *notes))
+    given = Candidate(
+        combined({name: one.blind for name, one in candidates.items()}, wanted),
+        combined({name: one.full for name, one in candidates.items()}, wanted),
+    )
+    return Recovered(
+        given.full, verdict, judged, (*_doubts(jury, blind), *_expected_to_err(jury, given, noise), *notes)
+    )
+
+
+def _expected_to_err(jury: Jury, given: Candidate, noise: float) -> tuple[Finding, ...]:
+    """Say by how much views are expected to err where that can be seen."""
+    rms = expected_rms(jury, given, noise)
+    if rms is None or rms < _ERRS:
+        return ()
+    return (finding(Code.VIEWS_ERR, share=rms, psnr_db=-20 * math.log10(rms)),)
 
 
 def _judged(jury: Jury, views: dict[Verdict, F32]) -> dict[Verdict, float | None]:

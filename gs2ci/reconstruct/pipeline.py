@@ -8,24 +8,22 @@ Here: the order and the clock. Not here: any stage, which attempts are made and 
 the views handed over (`handing_over`), their record (`record`), files and metrics (`gs2ci.evaluate`).
 """
 
-import math
 import time
 from dataclasses import dataclass, replace
 from typing import Final
 
-import numpy as np
-
-from gs2ci.core.arrays import F32
-from gs2ci.core.errors import NumericsError
+from gs2ci.core.arrays import F32, F64
 from gs2ci.core.findings import Code, Finding, finding
 from gs2ci.core.halt import Halt
 from gs2ci.core.progress import Progress, Silent
 from gs2ci.core.records import Shot
 from gs2ci.core.run_records import RunResult
-from gs2ci.reconstruct.attempts import Attempt, Attempts
+from gs2ci.reconstruct.attempts.choice import Attempt, Attempts
+from gs2ci.reconstruct.attempts.order import LEAST_SCHEDULE, is_open, settle, unsettled
+from gs2ci.reconstruct.attempts.order_fits import OrderFits
 from gs2ci.reconstruct.decode.residual import ResidualSettings
 from gs2ci.reconstruct.first_look import FirstLook, look, look_closer
-from gs2ci.reconstruct.fit.coarse import CoarseFit, fit_coarse
+from gs2ci.reconstruct.fit.coarse import CoarseFit, CoarseSettings, fit_coarse
 from gs2ci.reconstruct.fit.ensemble import Ensemble, FitOne, Member, combined, fit_together, members
 from gs2ci.reconstruct.fit.fine import Fine, fit_fine
 from gs2ci.reconstruct.fit.looks import Score
@@ -49,7 +47,6 @@ from gs2ci.reconstruct.measurement.hot_pixels import close_hot_pixels
 from gs2ci.reconstruct.measurement.jury import Jury
 from gs2ci.reconstruct.measurement.lens import Lens, straightened
 from gs2ci.reconstruct.moving import released, speeds
-from gs2ci.reconstruct.order import LEAST_SCHEDULE, is_open, settle, shortened, unsettled
 from gs2ci.reconstruct.presets.budget import Budget
 from gs2ci.reconstruct.record import Left, record
 from gs2ci.reconstruct.registration.register import register
@@ -235,25 +232,20 @@ def _settled(
     if settings.withheld != Withheld() or not is_open(geometry, criteria):
         return first
 
-    # By the measurement alone: views of either order show surfaces that bear it out.
-    brief = replace(settings, fit=replace(shortened(settings.fit), surfaces=None, relief=None))
-    begun: dict[int, tuple[Geometry, tuple[Geometry, Gaussians]]] = {}
+    def begin(began: Geometry) -> tuple[Geometry, Gaussians]:
+        return _beginning(replace(first, geometry=began), first.decoded, lens, settings)
 
-    def leaves(began: Geometry, number: int) -> float:
-        if id(began) not in begun:
-            # The geometry is kept beside, so that no other one gets its number.
-            begun[id(began)] = began, _beginning(replace(first, geometry=began), first.decoded, lens, brief)
-        at, start = begun[id(began)][1]
-        member = members(start, brief.density_rules[:1], number + 1, settings.seed)[number]
-        try:
-            fit = _fit_one(jury, at, lens, brief, refine, None, clock)(member, Silent(), None)
-        except NumericsError:
-            return math.inf
-        return _left(jury, fit.views)
+    def fit_one(at: Geometry, how: CoarseSettings) -> FitOne:
+        return _fit_one(jury, at, lens, replace(settings, fit=how), refine, None, clock)
 
+    def depths(at: Geometry, scene: Gaussians, poses: F64) -> F32:
+        backend = load_backend(settings.backend, settings.raster)
+        return ShotRenderer(jury.shot, at.intrinsics, backend, lens).depths(scene, poses)
+
+    fits = OrderFits(jury, settings, begin, fit_one, depths)
     told = geometry.source not in ("tracks", "wide", "uniform")
     if not hurried and settings.fit.iterations >= LEAST_SCHEDULE:
-        geometry = settle(geometry, leaves, progress, told=told)
+        geometry = settle(geometry, fits.brief, fits.finish, progress, told=told)
     elif not told:
         geometry = unsettled(geometry)
     for note in geometry.notes:
@@ -261,15 +253,6 @@ def _settled(
             progress.say(note.sentence)
     clock.lap("fit")
     return replace(first, geometry=geometry)
-
-
-def _left(jury: Jury, views: F32) -> float:
-    """Return the mean square that views, [N, H, W, C], leave of the readings that can be trusted."""
-    asked = jury.shot.lit
-    if jury.shot.saturated is not None:
-        asked &= ~jury.shot.saturated
-    residual = (jury.coded(views) - jury.shot.measurement)[asked].astype(np.float64)
-    return float(np.mean(residual**2)) if residual.size else 0.0
 
 
 def _as_shown(score: Score | None, light: Brightness) -> Score | None:

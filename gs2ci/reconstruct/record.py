@@ -1,10 +1,10 @@
 """What a reconstruction hands over: what its stages left, as the record of a run.
 
 Here: the record's fields and notes. Not here: the stages and their judgement (`pipeline`), files (`gs2ci.evaluate`).
-For `gs2ci.reconstruct.pipeline`.
 """
 
 from dataclasses import asdict, dataclass, replace
+from typing import Final
 
 import torch
 
@@ -15,12 +15,18 @@ from gs2ci.reconstruct.first_look import FirstLook
 from gs2ci.reconstruct.fit.ensemble import Ensemble
 from gs2ci.reconstruct.fit.looks import Score
 from gs2ci.reconstruct.geometry.initialise import Geometry
+from gs2ci.reconstruct.geometry.sources import TOLD
 from gs2ci.reconstruct.geometry.telemetry import Movement, movement
 from gs2ci.reconstruct.measurement.coding import Coding
+from gs2ci.reconstruct.measurement.jury import Jury
 from gs2ci.reconstruct.moving import MotionReport, Speeds
 from gs2ci.reconstruct.registration.register import Registered
 from gs2ci.reconstruct.settings import Settings
 from gs2ci.render.stopping import StoppedLight
+
+# Of what an even grey leaves of held-out pixels. Where fits left 0.64 to 0.72 of it, depth correlated with the truth
+# by -0.04 to 0.13 in rank; by 0.46 and more where they left up to 0.32.
+_NOISY: Final = 0.5
 
 
 @dataclass(frozen=True)
@@ -112,7 +118,18 @@ def _notes(left: Left, settings: Settings, moved: Movement) -> tuple[Finding, ..
             *_fine_left_out(ensemble, settings),
         ),
         *(*_notes_on_poses(moved, geometry), *left.recovered.notes),
+        *_depth_in_noise(geometry, left.look.jury, left.recovered),
     )
+
+
+def _depth_in_noise(geometry: Geometry, jury: Jury, recovered: Recovered) -> tuple[Finding, ...]:
+    """Say that a depth that nobody told is not to be relied on where the views hardly explain the measurement."""
+    if geometry.verdict != "full" or geometry.source in TOLD or geometry.order_told:
+        return ()
+    rms, grey = recovered.heldout_rms[recovered.verdict], jury.grey_rms()
+    if rms is None or not grey or rms <= _NOISY * grey:
+        return ()
+    return (finding(Code.DEPTH_IN_NOISE, share=rms / grey),)
 
 
 def _fits_missing(ensemble: Ensemble, settings: Settings) -> tuple[Finding, ...]:

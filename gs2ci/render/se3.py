@@ -14,6 +14,8 @@ from torch import Tensor
 _SERIES_BELOW_ANGLE2 = 0.25
 """Squared angle below which the series take over; the closed forms lose less than two digits above it."""
 _SERIES_TERMS = 8
+_CROSSES = ((0, 0, 0, 0, 0, -1, 0, 1, 0), (0, 0, 1, 0, 0, 0, -1, 0, 0), (0, -1, 0, 1, 0, 0, 0, 0, 0))
+"""The cross-product matrices of the three axes, row by row."""
 _HALF_COTANGENT = (1 / 3, 1 / 45, 2 / 945, 1 / 4725, 2 / 93555, 1382 / 638512875, 4 / 18243225)
 """1 - h cot h = sum_k c_k h^(2k), c_k = 2 zeta(2k) / pi^(2k); left out below h = 1/4: 1e-16 of the value."""
 
@@ -24,6 +26,14 @@ def _series(angle2: Tensor, first: int) -> Tensor:
     for k in reversed(range(_SERIES_TERMS)):
         value = value * -angle2 + 1.0 / math.factorial(2 * k + first)
     return value
+
+
+def _three_series(angle2: Tensor) -> Tensor:
+    """Return `_series` for first = 1, 2 and 3, [..., 3], in two operations: a fit asks for them at every iteration."""
+    powers = range(_SERIES_TERMS)
+    table = [[(-1) ** k / math.factorial(2 * k + first) for first in (1, 2, 3)] for k in powers]
+    exponents = torch.tensor(powers, dtype=angle2.dtype, device=angle2.device)
+    return angle2[..., None].pow(exponents) @ torch.tensor(table, dtype=angle2.dtype, device=angle2.device)
 
 
 def _split(angle2: Tensor) -> tuple[Tensor, Tensor, Tensor]:
@@ -38,6 +48,9 @@ def _split(angle2: Tensor) -> tuple[Tensor, Tensor, Tensor]:
 
 def _coefficients(angle2: Tensor) -> tuple[Tensor, Tensor, Tensor]:
     """Return sin x / x, (1 - cos x) / x^2 and (x - sin x) / x^3 for x^2 = `angle2`."""
+    if bool((angle2 < _SERIES_BELOW_ANGLE2).all()):
+        a, b, c = _three_series(angle2).unbind(-1)
+        return a, b, c
     small, near, far2 = _split(angle2)
     far = far2.sqrt()
     sine = torch.sin(far)
@@ -50,9 +63,8 @@ def _coefficients(angle2: Tensor) -> tuple[Tensor, Tensor, Tensor]:
 
 def hat(phi: Tensor) -> Tensor:
     """Return the cross-product matrix of phi, [..., 3] -> [..., 3, 3]."""
-    x, y, z = phi.unbind(-1)
-    zero = torch.zeros_like(x)
-    return torch.stack([zero, -z, y, z, zero, -x, -y, x, zero], dim=-1).reshape(*phi.shape[:-1], 3, 3)
+    crosses = torch.tensor(_CROSSES, dtype=phi.dtype, device=phi.device)
+    return (phi @ crosses).reshape(*phi.shape[:-1], 3, 3)
 
 
 def so3_exp(phi: Tensor) -> Tensor:

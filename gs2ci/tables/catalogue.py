@@ -1,6 +1,6 @@
 """Which cells make which table, and how its figures are laid out.
 
-Here: `Table`, and the tables by name. Not here: the work (`works`), pages (`pages`). For this package.
+Here: `Table`, and the tables by name. Not here: the work (`works`), pages (`pages`).
 """
 
 from collections.abc import Callable, Mapping, Sequence

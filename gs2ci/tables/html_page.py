@@ -1,7 +1,7 @@
 """A finished table as one self-contained HTML page, in the frame that run pages have.
 
 Here: what the page says. Not here: what it is made of (`gs2ci.evaluate.pages`), means, markdown, CSV and picture
-(`pages`). For this package and the bench command.
+(`pages`).
 """
 
 from collections.abc import Mapping, Sequence

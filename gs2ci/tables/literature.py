@@ -133,7 +133,7 @@ def field_case(case: dict[str, Any], iterations: int, seed: int) -> Row:
     novel = made.novel_views(shot)
     elsewhere = (None, None) if novel is None else psnr_per_view(fitted.seen(beside_path(path))[0], novel.views)
     scores = _scores(views, truth.views)
-    rank = errors and errors.rank
+    rank = None if errors is None else errors.rank
     return {
         **scores,
         "scene_psnr_db": scores["psnr_db"],

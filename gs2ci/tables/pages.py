@@ -1,7 +1,7 @@
 """A finished table as markdown, CSV and a picture.
 
 Here: means and spreads, and the three files. Not here: the work behind them (`works`), the HTML page
-(`html_page`). For this package.
+(`html_page`).
 """
 
 import csv

@@ -1,6 +1,6 @@
 """Finished cells on disk: one small JSON file each, named by what it depends on.
 
-Here: the key, reading, writing. Not here: the work (`cells`). For this package and the commands.
+Here: the key, reading, writing. Not here: the work (`cells`).
 """
 
 import hashlib

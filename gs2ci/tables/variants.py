@@ -3,7 +3,7 @@
 The default is the mean of two fits. A line that changes one thing changes it in one fit, and is to be read against
 the line `one fit`: what a change does shows there at two thirds of the price.
 
-Here: the names, and settings from a name. Not here: what a setting does. For this package.
+Here: the names, and settings from a name. Not here: what a setting does.
 """
 
 from collections.abc import Callable

@@ -1,7 +1,6 @@
 """Who does the work: local processes, or a Dask cluster that exists already.
 
-Here: handing out cells, keeping each as soon as it is done. Not here: the work itself (`works`). For this
-package and the commands.
+Here: handing out cells, keeping each as soon as it is done. Not here: the work itself (`works`).
 """
 
 import multiprocessing

@@ -10,7 +10,7 @@ masks, and the smaller one counts:
 - All together (Cauchy and Schwarz, pixel by pixel): |sum w_n R_n| <= A B with A^2 = sum w_n^2, B^2 = sum R_n^2, and B
   has the rms (sum rho_n^2)^(1/2) and a peak of P N^(1/2). It is the better one where few masks are open at a pixel.
 
-Not here: which fields (`preview`, effects). For `preview`.
+Not here: which fields (`preview`, effects).
 """
 
 from collections.abc import Iterable

@@ -1,8 +1,7 @@
 """One coded exposure: light is integrated over time behind changing masks, counted, and read out.
 
 Here: the integral over time, the read-out, and `expose`, which is both. Not here: effects and their order
-(`light_path`), which of them are needed (`planner`), poses (`path`), masks (`masks`). For this package,
-`gs2ci.tables` and tests.
+(`light_path`), which of them are needed (`planner`), poses (`path`), masks (`masks`).
 
 The forward model is the bench's, not the solver's: photons arrive at a rate while the camera moves, through
 whatever mask is on show at that moment, and one sensor collects them all. Nothing is imported from the solver.

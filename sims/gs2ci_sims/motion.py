@@ -1,4 +1,4 @@
-"""How far the image moves while the camera does, from geometry alone: nothing is rendered. For previews and planner."""
+"""How far the image moves while the camera does, from geometry alone: nothing is rendered."""
 
 from typing import Final
 

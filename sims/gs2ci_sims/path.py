@@ -1,4 +1,4 @@
-"""Where the camera is at any moment: poses over continuous time. For exposures, twins and tests.
+"""Where the camera is at any moment: poses over continuous time.
 
 Here: the interface and the constant-velocity stage move. Not here: who samples it (`exposure`, `planner`).
 """

@@ -1,4 +1,4 @@
-"""What the planner and the bounds know of a measurement before it is simulated: one quick look. For effects.
+"""What the planner and the bounds know of a measurement before it is simulated: one quick look.
 
 A preview renders up to three views along the path. From them, the masks and the rig's figures it derives what the
 bounds need. The light behind mask n is V_k + D_n: V_k the previewed view nearest in time, D_n what the image has

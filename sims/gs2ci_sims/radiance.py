@@ -1,7 +1,6 @@
 """What light a scene sends to the camera: linear radiance images, integrated over each pixel's area.
 
-Here: the renderer with supersampling, and depth maps. Not here: time, masks, electrons (`exposure`). For this
-package and `gs2ci.rig`.
+Here: the renderer with supersampling, and depth maps. Not here: time, masks, electrons (`exposure`).
 """
 
 from collections.abc import Iterator

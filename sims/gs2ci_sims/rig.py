@@ -1,4 +1,4 @@
-"""The rig as the simulator knows it: the figures of its parts, in electrons, photons and seconds. For effects.
+"""The rig as the simulator knows it: the figures of its parts, in electrons, photons and seconds.
 
 Here: one frozen record per part and `Rig`, which holds them. Each is a table of a rig file (`rig_file` reads it).
 Not here: imperfections (`effects`; their tables are `[effects.*]`), devices and drivers (`gs2ci.rig`), the scene.

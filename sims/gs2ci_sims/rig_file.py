@@ -8,7 +8,7 @@
     [plan]      tolerance_dn = 0.25, on = ["prnu"], off = ["blooming"]
 
 Keys are the fields of the records of the same name, so that the records' docstrings are the manual. Not here: the
-records themselves, the planner. For commands, twins and benchmarks.
+records themselves, the planner.
 """
 
 import dataclasses

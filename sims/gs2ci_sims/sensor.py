@@ -1,4 +1,4 @@
-"""A sensor's data sheet, in EMVA 1288 terms, the figures of `Rig.sensor`. For effects.
+"""A sensor's data sheet, in EMVA 1288 terms, the figures of `Rig.sensor`.
 
 Not here: the effects that it implies (`effects`, listed by `light_path.sensor_effects`).
 """

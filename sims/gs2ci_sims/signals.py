@@ -1,4 +1,4 @@
-"""What travels along the light path before it is an image: slices of time, moving scenes, views. For effects.
+"""What travels along the light path before it is an image: slices of time, moving scenes, views.
 
 Not here: who makes them (`exposure`) and what happens to them (`effects`), when views are rendered (`moments`).
 """

@@ -18,8 +18,8 @@ NAMES = {
     "DeviceError", "Gaussians", "GeometryError", "Gs2ciError", "InputError", "NumericsError", "OpenRig", "Progress",
     "Run", "Shot", "Silent", "StorageError", "Truth", "__version__", "add_model", "compile_kernels", "decode",
     "demo_rig", "evaluate", "explain", "export", "export_model", "find_devices", "import_file", "list_models",
-    "list_plugins", "load", "make_table", "measure", "mesh", "open_rig", "open_run", "ophyd_bench", "plan", "reconstruct",
-    "reconstruct_many", "recover", "save", "sweep", "tradeoff", "update_bundle",
+    "list_plugins", "load", "make_table", "measure", "mesh", "open_rig", "open_run", "ophyd_bench", "plan",
+    "reconstruct", "reconstruct_many", "recover", "save", "sweep", "tradeoff", "update_bundle",
 }  # fmt: skip
 CALLED = sorted(NAMES - {"__version__"})
 # An error's and a listener's example is where they are raised and heard.

@@ -27,7 +27,7 @@ from gs2ci.core.records import Shot
 from gs2ci.reconstruct.decode.gap_tv import gap_tv
 from gs2ci.reconstruct.geometry.evidence import carried_views
 from gs2ci.reconstruct.geometry.prior import Request, from_tracks
-from gs2ci.reconstruct.measurement.brightness import Estimate, estimate
+from gs2ci.reconstruct.measurement.brightness import BrightnessEstimate, estimate
 from gs2ci.reconstruct.measurement.coding import Coding
 from gs2ci.reconstruct.measurement.jury import Jury
 from gs2ci.reconstruct.settings import Settings
@@ -49,7 +49,7 @@ def drifting(shot: Shot, light: np.ndarray) -> Shot:
     return replace(even, measurement=Coding.of(even).forward(torch.from_numpy(views)).numpy())
 
 
-def estimated(shot: Shot, seed: int) -> Estimate | None:
+def estimated(shot: Shot, seed: int) -> BrightnessEstimate | None:
     """Return what the first look at a shot says of its views' brightness."""
     settings = Settings()
     jury = Jury.of(shot, settings.fit.hold_out.share, seed)

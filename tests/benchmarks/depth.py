@@ -2,9 +2,10 @@
 
     python -m tests.benchmarks depth
 
-Scenes of the simulator's library with 8 views, three seeds each and one of them with noise, and, where `GS2CI_DATA`
-names a folder that holds `lightfield/antinous.npz`, that path-traced light field with its true disparity from a place
-between two cameras. Printed are the views' PSNR, the path's error, and the figures of `gs2ci.evaluate.depth`: the error
+Scenes of the simulator's library with 8 views, three seeds each and one of them with noise; photographs on planes, the
+second arrangement before a wall so plain that hardly anything on it tells its depth; and, where `GS2CI_DATA` names a
+folder that holds `lightfield/antinous.npz`, that path-traced light field with its true disparity from a place between
+two cameras. Printed are the views' PSNR, the path's error, and the figures of `gs2ci.evaluate.depth`: the error
 relative to depth after one scale, and that of the disparity between neighbouring views, px, after the best affine fit
 of inverse depths. The light field has no depth at the coded places: there the scene is seen from half way between the
 recovered poses four and five.
@@ -19,12 +20,13 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from gs2ci.core.arrays import F64
 from gs2ci.core.cameras import camera_centres
-from gs2ci.evaluate.depth import DepthErrors, depth_errors
+from gs2ci.evaluate.depth import DepthErrors, depth_errors, parallax_of
 from gs2ci.evaluate.report import Report
 from gs2ci.evaluate.run_report import build_report
 from gs2ci.reconstruct.pipeline import Reconstruction, reconstruct
 from gs2ci.render.backend import load_backend
 from gs2ci.tables.cases import Case
+from tests.benchmarks.photographs import expose
 from tests.processes import side_by_side
 
 SIMULATED = [
@@ -32,6 +34,8 @@ SIMULATED = [
     (Case("boxes, noise", scene="boxes", size=(144, 192), noise=0.02), 0),
     (Case("corridor", scene="corridor", size=(144, 192)), 0),
 ]
+# Arrangement, and how far the photograph behind the others is blurred.
+PHOTOGRAPHS = [(2, 0.0), (1, 0.05)]
 LIGHT_FIELD = Path(os.environ.get("GS2CI_DATA", "")) / "lightfield"
 
 
@@ -40,7 +44,7 @@ def run() -> None:
     print(f"{'':14} seed  {'PSNR':>6} {'nATE':>7}   depth")
     told = (LIGHT_FIELD / "antinous.npz").is_file()
     # The light field is the largest by far: it begins first, beside the others.
-    tasks = [*([None] if told else []), *range(len(SIMULATED))]
+    tasks = [*([None] if told else []), *range(len(SIMULATED) + len(PHOTOGRAPHS))]
     for line in side_by_side(judge, tasks):
         print(line, flush=True)
     if not told:
@@ -48,11 +52,20 @@ def run() -> None:
 
 
 def judge(number: int | None) -> str:
-    """Reconstruct one of `SIMULATED`, or the light field if None, and return its line."""
+    """Reconstruct one of `SIMULATED` and `PHOTOGRAPHS`, or the light field if None, and return its line."""
     if number is None:
         shot = Case("antinous", file=str(LIGHT_FIELD / "antinous.npz")).shot(0)
         found = reconstruct(shot)
         return _line("antinous", 0, build_report(shot, found.result), between(found))
+    if number >= len(SIMULATED):
+        which, blur = PHOTOGRAPHS[number - len(SIMULATED)]
+        shot, depth, _ = expose(which, 0, size=(144, 192), blur=blur)
+        result = reconstruct(shot).result
+        assert shot.truth is not None
+        assert shot.truth.world_to_camera is not None
+        errors = depth_errors(result.depth, depth, parallax_of(shot.truth.world_to_camera, result.intrinsics))
+        assert errors is not None
+        return _line(f"cards {which}{', plain' if blur else ''}", 0, build_report(shot, result), errors)
     case, seed = SIMULATED[number]
     shot = case.shot(seed)
     report = build_report(shot, reconstruct(shot).result)

@@ -42,7 +42,12 @@ COUNT = 60
 INTERVAL_S = 0.02
 WELL_SHARE = 0.4
 KINDS = ("bench", "rail", "shifted rail")
-SAID_OPEN = (Code.DEPTH_ORDER_OPEN, Code.DEPTH_ORDER_UNTRIED, Code.DEPTH_STARTS_AS_PLANE)
+SAID_OPEN = (
+    Code.DEPTH_ORDER_OPEN,
+    Code.DEPTH_ORDER_UNTRIED,
+    Code.DEPTH_IN_NOISE,
+    Code.DEPTH_STARTS_AS_PLANE,
+)
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import skimage.data
-from scipy.ndimage import map_coordinates
+from scipy.ndimage import gaussian_filter, map_coordinates
 
 from gs2ci.core.arrays import F32, F64
 from gs2ci.core.cameras import pinhole
@@ -42,13 +42,18 @@ def _card(picture: F64, centre: tuple[float, float, float], width: float, lean: 
     return Card(picture, np.array(centre) - right / 2 - down / 2, right, down)
 
 
-def cards(which: int = 0) -> tuple[Card, ...]:
-    """Return one of three arrangements: a large leaning photograph behind two smaller ones."""
+def cards(which: int = 0, blur: float = 0.0) -> tuple[Card, ...]:
+    """Return one of three arrangements: a large leaning photograph behind two smaller ones.
+
+    The large one is blurred by `blur`, the standard deviation as a share of its width: a plain wall from 0.04 on.
+    """
     pictures = [np.asarray(load(), np.float64) / 255 for load in (skimage.data.coffee, skimage.data.astronaut)]
     pictures += [np.asarray(load(), np.float64) / 255 for load in (skimage.data.chelsea, skimage.data.rocket)]
     wall, one, two = [(0, 1, 2), (1, 2, 3), (3, 0, 2)][which]
+    sigma = blur * pictures[wall].shape[1]
+    behind = gaussian_filter(pictures[wall], (sigma, sigma, 0), mode="nearest")
     return (
-        _card(pictures[wall], (0.0, 0.0, 2.6), 4.6, (0.5, -0.2)),
+        _card(behind, (0.0, 0.0, 2.6), 4.6, (0.5, -0.2)),
         _card(pictures[one], (-0.42, 0.1, 1.9), 0.75, (-0.15, 0.0)),
         _card(pictures[two], (0.45, -0.1, 1.5), 0.55, (0.1, 0.05)),
     )
@@ -92,7 +97,14 @@ def rail(places: F64, turn_rad: float = 0.01) -> F64:
 
 
 def expose(
-    which: int, seed: int, *, size: tuple[int, int] = (192, 256), views: int = 8, travel: float = 0.12, noise: float = 0
+    which: int,
+    seed: int,
+    *,
+    size: tuple[int, int] = (192, 256),
+    views: int = 8,
+    travel: float = 0.12,
+    noise: float = 0,
+    blur: float = 0,
 ) -> tuple[Shot, F32, tuple[F32, F64]]:
     """Code views of a scene under random masks, a quarter open.
 
@@ -103,6 +115,7 @@ def expose(
         views: N.
         travel: Length of the path; the nearest card lies 1.5 away.
         noise: Standard deviation of white noise, in full scales of one view.
+        blur: Of the large photograph (`cards`).
 
     Returns:
         The shot with its truth; the true depths [N, H, W]; a view half way between the two middle ones and one that
@@ -114,7 +127,7 @@ def expose(
     step = places[1] - places[0]
     elsewhere = np.array([(places[views // 2 - 1] + places[views // 2]) / 2, places[-1] + step])
     poses = rail(np.concatenate([places, elsewhere]))
-    scene = cards(which)
+    scene = cards(which, blur)
     seen = [render(scene, pose, intrinsics, size) for pose in poses]
     images, depths = (np.stack([one[i] for one in seen]) for i in (0, 1))
     masks = (rng.random((views, *size)) < 0.25).astype(np.float32)

@@ -73,7 +73,7 @@ ABOUT_DEPTH = (
     Code.DEPTH_STARTS_AS_PLANE,
 )
 # Who says one of these does not claim to know near from far.
-ABOUT_ORDER = (*ABOUT_DEPTH, Code.DEPTH_ORDER_OPEN, Code.DEPTH_ORDER_UNTRIED)
+ABOUT_ORDER = (*ABOUT_DEPTH, Code.DEPTH_ORDER_OPEN, Code.DEPTH_ORDER_UNTRIED, Code.DEPTH_IN_NOISE)
 # The largest shot of the suite takes a tenth of this.
 READING_MIB = 512
 

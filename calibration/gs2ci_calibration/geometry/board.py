@@ -1,7 +1,7 @@
 """The ChArUco board: a chessboard with markers, and where its corners lie in an image.
 
 Here: a board and its sighting in one image. The detection is OpenCV's, the corners' last hundredths of a pixel are
-ours (`corners`). Not here: cameras and stages (`intrinsics`, `axes`), taking pictures (`pictures`). For this package.
+ours (`corners`). Not here: cameras and stages (`intrinsics`, `axes`), taking pictures (`pictures`).
 """
 
 from dataclasses import dataclass, field

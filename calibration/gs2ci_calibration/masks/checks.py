@@ -1,8 +1,7 @@
 """Which mask is on show, told by its image: a residual cannot detect masks in a wrong order.
 
 Every mask measured is compared with all masks as they are predicted. Here: that comparison, and what a mismatch says
-of the bench (order, polarity, orientation, a bench that has moved). Not here: predictions (`predicted`). For this
-package.
+of the bench (order, polarity, orientation, a bench that has moved). Not here: predictions (`predicted`).
 """
 
 from typing import Any, Final

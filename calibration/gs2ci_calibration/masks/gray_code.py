@@ -1,8 +1,7 @@
 """Gray code stripes: which modulator pixel each sensor pixel looks at, to a few pixels, from nothing known before.
 
 Flips, turns and pixel ratios need no assumption: every pixel reads its own column and row off the stripes. Here:
-the patterns and their decoding. Not here: sub-pixel registration, which starts from this (`registration`). For this
-package.
+the patterns and their decoding. Not here: sub-pixel registration, which starts from this (`registration`).
 """
 
 from dataclasses import dataclass

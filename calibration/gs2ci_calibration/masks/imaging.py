@@ -1,7 +1,7 @@
 """How a modulator is imaged onto the sensor: where each pixel looks, what its box averages, what the relay blurs.
 
 Here: the map from sensor to modulator, and the prediction of what is seen of a pattern. Not here: fitting either
-(`registration`, `predicted`), light, contrast. For this package.
+(`registration`, `predicted`), light, contrast.
 
 Coordinates are columns and rows in pixels with centres at +0.5, of the sensor (x, y) and of the modulator (u, v).
 """

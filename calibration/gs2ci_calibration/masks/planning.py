@@ -1,4 +1,4 @@
-"""How many frames of each mask a wanted accuracy takes, reckoned from the first few. Pure. For this package."""
+"""How many frames of each mask a wanted accuracy takes, reckoned from the first few. Pure."""
 
 from typing import Final
 

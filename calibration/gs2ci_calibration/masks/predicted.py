@@ -1,7 +1,7 @@
 """Masks predicted instead of measured: the map, the relay's measured kernel and the contrast map foresee every pattern.
 
 Here: the kernel's fit, the prediction, and by how much it is off. Not here: the map (`registration`), the masks
-measured one by one (`measured`). For this package and tests.
+measured one by one (`measured`).
 """
 
 from collections.abc import Sequence

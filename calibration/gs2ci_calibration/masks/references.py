@@ -1,7 +1,7 @@
 """The flat field with every mirror on and with every mirror off: what all shares of light are measured against.
 
 Here: the two references, the pixels that can be trusted, and the refusal of fields that are no good. Not here: the
-lamp's drift between frames (`lamp`), masks (`masks`). For this package.
+lamp's drift between frames (`lamp`), masks (`masks`).
 """
 
 from collections.abc import Sequence

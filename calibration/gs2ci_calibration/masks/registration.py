@@ -4,7 +4,7 @@ Stripes of a Gray code give a first map, whatever flips, turns and pixel ratios 
 pattern then gives the rest: the image predicted through the map is compared with the measured one tile by tile, and
 the map (affine, then as bent as the tiles demand) and the relay's blur are changed until nothing is left to explain.
 Here: that fit and its standard errors. Not here: taking the frames (`registration_step`), predicting masks
-(`predicted`). For this package, commands and tests.
+(`predicted`).
 """
 
 from collections.abc import Sequence

@@ -1,7 +1,7 @@
 """Taking frames of patterns before the even light: exposure, references, and passes with references among them.
 
 Here: what the steps `registration` and `masks` ask of a bench alike. Not here: what the sums mean (`measured`,
-`registration`), the search for an exposure (`exposing`). For this package.
+`registration`), the search for an exposure (`exposing`).
 """
 
 from collections.abc import Sequence

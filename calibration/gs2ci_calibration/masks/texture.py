@@ -1,4 +1,4 @@
-"""Patterns with edges everywhere, for registration: random checkers. For this package and tests."""
+"""Patterns with edges everywhere, for registration: random checkers."""
 
 import numpy as np
 

@@ -66,7 +66,7 @@ class GenicamSensor(Sensor):
     def _do_temperatures_c(self) -> dict[str, float]:
         if self._identity is None:
             return {}
-        with self._noticing_loss():  # DeviceTemperature, °C: SFNC 2.7, 3.39
+        with self._noticing_loss():  # DeviceTemperature, °C: SFNC's Device Control
             found = self._features.number("DeviceTemperature")
         return {} if found is None else {"DeviceTemperature": found}
 

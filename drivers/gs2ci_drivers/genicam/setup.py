@@ -1,25 +1,41 @@
 """Setting a GenICam camera up, feature by feature, by the Standard Features Naming Convention (SFNC 2.7).
 
-Sections of the convention that this follows: 4 Image Format Control (Width, Height, OffsetX, OffsetY, PixelFormat),
-6 Acquisition Control (AcquisitionMode, TriggerSelector to TriggerDelay, ExposureMode, ExposureTime), 7 Analog Control
-(Gain), 16 Chunk Data Control.
+Chapters of the convention that this follows: Image Format Control (Width, Height, OffsetX, OffsetY, PixelFormat),
+Acquisition Control (AcquisitionMode, TriggerSelector to TriggerDelay, ExposureMode, ExposureTime), Analog Control
+(Gain), Chunk Data Control. A camera keeps its features until it loses power: what somebody else has left set, binning
+or a mirrored picture, is set back before anything else.
 
 Here: what a camera offers, and one configuration of it. Not here: frames (`driver`), features one by one (`nodes`).
 """
 
+from collections.abc import Mapping
 from typing import Final
 
 from gs2ci_drivers.failures import OutOfRangeError, UnsupportedError
 from gs2ci_drivers.genicam.formats import PFNC_FORMATS, PfncFormat
 from gs2ci_drivers.genicam.nodes import EXPOSURES, GAINS, Features
 from gs2ci_drivers.genicam.options import GenicamOptions
-from gs2ci_drivers.ports import CameraIdentity, Feature
+from gs2ci_drivers.ports import CameraIdentity, Feature, FeatureValue
 from gs2ci_drivers.sensor import FrameFormat, SensorConfig, SensorInfo, SensorSettings, TriggerMode
 
 US: Final = 1e-6
 AUTOMATICS: Final = ("ExposureAuto", "GainAuto", "BalanceWhiteAuto", "BlackLevelAuto")
 OTHER_TRIGGERS: Final = ("AcquisitionStart", "FrameBurstStart", "AcquisitionActive", "FrameActive", "ExposureActive")
 """Triggers that would hold the camera up if somebody had left them on."""
+NEUTRAL: Final[Mapping[str, FeatureValue]] = {
+    "BinningHorizontal": 1,
+    "BinningVertical": 1,
+    "DecimationHorizontal": 1,
+    "DecimationVertical": 1,
+    "ReverseX": False,
+    "ReverseY": False,
+    "TestPattern": "Off",
+    "TestImageSelector": "Off",
+    "LUTEnable": False,
+    "GammaEnable": False,
+    "Gamma": 1.0,
+}
+"""Features that would make another picture of the same light, and what leaves it as it is; SFNC 2 and SFNC 1."""
 CHUNKS: Final = {"Timestamp": "ChunkTimestamp", "FrameID": "ChunkFrameID", "ExposureTime": "ChunkExposureTime"}
 """What is appended to a frame, by the entry of ChunkSelector and by the feature it is read from."""
 READOUTS: Final = ("SensorReadoutTime", "ReadoutTimeAbs")
@@ -118,6 +134,7 @@ class GenicamSetup:
         Raises:
             DriverError: The camera refuses, has no such feature, or does not answer.
         """
+        self._set_back()
         self._quiet()
         self.form = self._set_format(config.fourcc)
         height, width = self._set_region(config)
@@ -171,6 +188,20 @@ class GenicamSetup:
                 remedy="leave trigger_delay_s in [sensor] out",
             )
         features.write("TriggerMode", "On")
+
+    def _set_back(self) -> None:
+        """Undo what somebody else has left set and [sensor.features] does not ask for, and tell of it."""
+        features = self._features
+        for name, neutral in NEUTRAL.items():
+            found = features.find(name)
+            if name in self._options.features or found is None or not (found.readable and found.writable):
+                continue
+            left = features.read(name)
+            if left != neutral and (found.kind != "enumeration" or neutral in found.symbols):
+                features.write(name, neutral)
+                self._incidents.append(
+                    f"{self._device}: {name} was left at {left} and is {neutral} now; [sensor.features] can set it"
+                )
 
     def _quiet(self) -> None:
         """Turn off what changes settings by itself or holds frames up."""

@@ -20,7 +20,7 @@ from gs2ci_drivers.failures import UnsupportedError
 from gs2ci_drivers.ports import CameraBuffer, CameraIdentity, Feature, FeatureRefusalError, FeatureValue
 
 PATHS: Final = "GENICAM_GENTL64_PATH"
-"""Where producers install themselves (GenTL standard 1.6, section 3.2)."""
+"""Where producers install themselves (GenTL standard 1.6)."""
 SHORTEST_FETCH_S: Final = 1e-3
 """harvesters waits for ever for a timeout of 0."""
 KINDS: Final = {
@@ -182,7 +182,7 @@ class GenTlPort:
         padding = _told(raw, "padding_x")
         data = raw.raw_buffer
         offset = _told(raw, "image_offset")
-        # Bits 16 to 23 of a format's number are the bits that a pixel takes (PFNC 2.4, section 5).
+        # Bits 16 to 23 of a format's number are the bits that a pixel takes (PFNC 2.4).
         bits = _told(raw, "pixel_format") >> 16 & 0xFF
         size = height * (-(-width * bits // 8) + padding) or len(data)
         image = np.frombuffer(data, np.uint8, min(size, len(data) - offset), offset).tobytes()

@@ -1,7 +1,7 @@
 """The running stage of a long computation, as every display knows it, and the words for its figures.
 
-Here: `RunningStage`; `StageDisplay`, of which a place to show things makes its display; `describe_figures`. Not here: any
-drawing.
+Here: `RunningStage`; `StageDisplay`, of which a place to show things makes its display; `describe_figures`. Not here:
+any drawing.
 """
 
 from abc import ABC, abstractmethod

@@ -153,20 +153,20 @@ def chart(drawn: Chart, *, caption: str = "", tabled: bool = True) -> Markup:
     return piece("chart", numbers=table(*chart_table(drawn)), **parts) if tabled else piece("chart_frame", **parts)
 
 
-def spreads(rows: Sequence[Spread], title: str, *, caption: str = "") -> Markup:
+def spreads(rows: Sequence[Spread], title: str) -> Markup:
     """Set means with their spreads, a row each; `title` names what they are, and its unit."""
     return piece(
         "chart_frame",
         wide=spreads_svg(rows, title, 760),
         narrow=spreads_svg(rows, title, 340),
         legend=[],
-        caption=caption,
+        caption="",
     )
 
 
-def bars(parts: Sequence[Bar], *, unit: str, caption: str = "") -> Markup:
+def bars(parts: Sequence[Bar], *, unit: str) -> Markup:
     """Set the parts of a whole as one bar, named and counted below."""
-    return piece("bars", drawing=bars_svg(parts, unit), parts=parts, unit=unit, caption=caption)
+    return piece("bars", drawing=bars_svg(parts, unit), parts=parts, unit=unit)
 
 
 def sentences(texts: Iterable[str], *, empty: str) -> Markup:

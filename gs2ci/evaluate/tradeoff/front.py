@@ -1,7 +1,7 @@
 """Which trials no other beats, and what the next decibel costs, in words.
 
 Here: the Pareto front, its prices, how well held-out pixels tell the true order, and the sentences that say all this.
-Not here: the trials (`trials.py`), files (`pages.py`). For this package.
+Not here: the trials (`trials.py`), files (`pages.py`).
 """
 
 from collections.abc import Sequence

@@ -88,7 +88,7 @@ class FittedField:
             for pose in torch.from_numpy(world_to_camera).float():
                 parts = [
                     cast(self.scene, pose.expand(len(part), 4, 4), part, self.samples)
-                    for part in pixels.split(_RAYS_AT_ONCE)
+                    for part in torch.split(pixels, _RAYS_AT_ONCE)
                 ]
                 views.append(torch.cat([colour for colour, _ in parts]).reshape(height, width, 3).numpy())
                 depths.append(1 / torch.cat([inverse for _, inverse in parts]).reshape(height, width).numpy())

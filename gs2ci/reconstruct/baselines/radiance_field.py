@@ -93,6 +93,8 @@ class HashGrid(nn.Module):
         generator: torch.Generator,
     ) -> None:
         super().__init__()
+        self.cells: Tensor
+        self.corners: Tensor
         steps = np.linspace(0, 1, levels)[:, None]
         cells = np.round(np.array(coarsest) ** (1 - steps) * np.array(finest) ** steps).astype(np.int64)
         corners = np.array([[i, j, k] for i in (0, 1) for j in (0, 1) for k in (0, 1)])

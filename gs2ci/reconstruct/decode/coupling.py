@@ -1,7 +1,7 @@
 """How strongly consecutive views are alike: chosen by what held-out pixels of the measurement say.
 
 Where the camera stands still, total variation along the views gains as much as 1 dB; where every pixel moves, it loses
-as much. Pixels that no decode saw tell which it is. Here: the choice. For the commands.
+as much. Pixels that no decode saw tell which it is. Here: the choice.
 """
 
 from collections.abc import Sequence

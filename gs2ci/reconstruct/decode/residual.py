@@ -3,7 +3,7 @@
 A Gaussian scene shows every view what all views agree on. What they do not agree on (gloss, the grain of real
 surfaces, whatever the Gaussians have not resolved) is left in the measurement's residual, and the residual is a
 coded measurement like any other: a few steps of GAP-TV decode it. Here: that. Not here: how much of it is put back into
-the views (`gs2ci.reconstruct.fit.refinement`). For `gs2ci.reconstruct`.
+the views (`gs2ci.reconstruct.fit.refinement`).
 """
 
 from dataclasses import dataclass, replace

@@ -1,7 +1,7 @@
 """The coarse stage: Gaussians and poses are fitted to the measurement together (paper, sections III-C and III-E).
 
 Here: the loop, its bookkeeping and its safety net. Not here: what the loop is made of (losses, optimiser, poses,
-density rules, stopping: one file each), nor the initial scene (`reconstruct.geometry`). For `gs2ci.reconstruct`.
+density rules, stopping: one file each), nor the initial scene (`reconstruct.geometry`).
 """
 
 import sys
@@ -183,10 +183,9 @@ class _Fit:
         self.data_term = DataTerm(shot.measurement, ~jury.heldout, shot.saturated, settings.loss)
         self.generator = torch.Generator().manual_seed(seed)
 
-    def predict(self) -> Tensor:
-        """Render the measurement that the present scene and poses would give, [H, W, C]."""
-        scene, poses = self.optimiser.scene, self.poses.world_to_camera()
-        return self._renderer.measurement(scene, poses, self._reuse, self._gathering.screen)
+    def predict(self, poses: Tensor) -> Tensor:
+        """Render the measurement that the present scene would give from these poses, [N, 4, 4]; [H, W, C]."""
+        return self._renderer.measurement(self.optimiser.scene, poses, self._reuse, self._gathering.screen)
 
     def views(self) -> F32:
         """Render the views, [N, H, W, C] float32, not clamped."""
@@ -204,16 +203,17 @@ class _Fit:
         """
         if not self.optimiser.scene_is_finite():
             return float("nan")
-        loss = regulated(self.data_term(self.predict()), self.optimiser.scene, self.settings.loss)
+        poses = self.poses.world_to_camera()
+        loss = regulated(self.data_term(self.predict(poses)), self.optimiser.scene, self.settings.loss)
         objective = loss + self.settings.motion.penalty(self.optimiser.scene, self._px_per_length, self._pixels)
         objective = objective + self.poses.penalty()
         objective.backward()  # type: ignore[no-untyped-call]
+        poses = poses.detach()
         # Before the surfaces' term: they move with an exchange, and have no say in it.
-        self._exchange = self._exchange_wanted(share)
+        self._exchange = self._exchange_wanted(poses, share)
         if self._surfaces is not None:
             turn, between = divmod(iteration, self._surfaces.settings.every)
             if between == 0:
-                poses = self.poses.world_to_camera()
                 distance = self._surfaces.term(self._renderer, self.optimiser.scene, poses, turn)
                 (self._surfaces.search.weight_at(share) * distance).backward()  # type: ignore[no-untyped-call]
         return float(loss.detach())
@@ -258,12 +258,12 @@ class _Fit:
         if moves is not None:
             self.optimiser.shift(moves)
 
-    def _exchange_wanted(self, share: float) -> Exchange | None:
+    def _exchange_wanted(self, poses: Tensor, share: float) -> Exchange | None:
         """Choose how much turning becomes travel, by the present gradients; None where that is not wanted."""
         gradient = self.poses.gradient()
         if self._relief is None or gradient is None:
             return None
-        return self._relief.step(self.optimiser.scene, self.poses.world_to_camera(), gradient, share)
+        return self._relief.step(self.optimiser.scene, poses, gradient, share)
 
     def bound_population(self) -> None:
         """Let the population grow no larger than it is at the first call (paper, supplement II)."""
@@ -295,7 +295,8 @@ class _Fit:
     def _dissimilarity(self) -> Tensor:
         """Return what is wrong with the present prediction, [H, W]."""
         with torch.no_grad():
-            return torch.from_numpy(self.data_term.dissimilarity(self.predict().numpy()))
+            predicted = self.predict(self.poses.world_to_camera())
+            return torch.from_numpy(self.data_term.dissimilarity(predicted.numpy()))
 
     def snapshot(self, iteration: int) -> _Snapshot:
         """Copy the present state."""

@@ -101,6 +101,32 @@ def expected_products(jury: Jury, candidates: Sequence[Candidate], noise: float)
     return np.array([[product(j, k) for k in count] for j in count])
 
 
+def expected_rms(jury: Jury, views: Candidate, noise: float) -> float | None:
+    """Return by how much views are expected to err, root mean square over all pixels, views and channels.
+
+    As above with what is the same for all: N σ²/|M|². A pixel that no mask opens has no reading to be known by, and
+    errs as one does whose reading nobody saw. Fits follow noise, of which too little is then taken off: about right
+    where there is little of it, and too much where there is more.
+
+    Args:
+        jury: The measurement, and its held-out pixels.
+        views: Those that are handed over.
+        noise: Power of the measurement's noise, as by `noise_power`.
+
+    Returns:
+        In full scales of one view; None where no pixel was held out, or the views are not finite.
+    """
+    if not jury.heldout.any() or not _is_finite(views):
+        return None
+    weighted = (jury.shot.weights[:, None, None] * jury.shot.masks)[:, jury.heldout].astype(np.float64)
+    blind = Candidate(views.blind, views.blind)
+    left = _at(jury, jury.shot.measurement - jury.coded(views.blind))
+    least = min(noise, float(np.mean(left**2))) * len(weighted) * float(np.mean(1 / (weighted**2).sum(axis=0)))
+    seen, unseen = (max(0.0, float(expected_products(jury, [one], noise)[0, 0]) - least) for one in (views, blind))
+    lit = float(jury.shot.lit.mean())
+    return float(np.sqrt((lit * min(seen, unseen) + (1 - lit) * unseen) / len(weighted)))
+
+
 def _at(jury: Jury, image: F32) -> F64:
     found: F64 = image[jury.heldout].astype(np.float64)
     return found

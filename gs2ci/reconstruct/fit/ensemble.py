@@ -5,7 +5,7 @@ begins a little differently fills it in differently. What fits agree on is in th
 mean is nearer the truth than any of them (the mean of posterior samples has the least expected squared error).
 
 Here: how fits are made to differ, that they run at the same time, and what is handed over in the end. Not here: a
-fit (`coarse.py`). For `gs2ci.reconstruct`.
+fit (`coarse.py`).
 """
 
 import threading

@@ -2,8 +2,7 @@
 
 Here: the loss on pseudo-views (eqs. 10 and 11), the loop, and the gate: what it makes is kept only if the held-out
 pixels of the measurement agree with it at least as well as before. Not here: the poses and weights (`pseudo_views`),
-the priors (`reconstruct.priors2d`), the coarse stage. For `gs2ci.reconstruct`, and whoever
-chooses its settings.
+the priors (`reconstruct.priors2d`), the coarse stage.
 
 The sum over all pseudo-views is estimated by one of them in each iteration, in an order that takes each once before
 any comes again: its mean is the paper's, at a fraction of its price.

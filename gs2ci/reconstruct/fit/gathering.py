@@ -1,7 +1,7 @@
 """What a density rule decides on, gathered while the fit runs.
 
 Here: the record of the screen between two turns, and the error blended back onto the Gaussians. Not here: what a rule
-makes of it (`density/`). For `gs2ci.reconstruct.fit.coarse`.
+makes of it (`density/`).
 """
 
 from collections.abc import Callable

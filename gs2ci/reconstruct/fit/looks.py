@@ -1,7 +1,7 @@
 """The looks at a running fit: what its views would be worth if they were handed over now, and the curve of it.
 
 Here: a look, and its point of the curve. Not here: when a fit looks (`coarse.py`, `fine.py`), and when it ends
-(`stopping.py`). For `gs2ci.reconstruct`, and whoever brings a score.
+(`stopping.py`).
 """
 
 import time

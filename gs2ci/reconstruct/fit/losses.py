@@ -1,7 +1,7 @@
 """The coarse-stage objective: 0.9 ℓ1 + 0.1 (1 − SSIM) on the measurement + 0.01 × mean opacity (paper, eq. 7).
 
 Here: the data term with held-out and saturated pixels, the opacity term, and the size term that 3DGS-MCMC adds. Not
-here: the rendering that makes the prediction (`gs2ci.render`). For `gs2ci.reconstruct.fit`.
+here: the rendering that makes the prediction (`gs2ci.render`).
 """
 
 from dataclasses import dataclass
@@ -69,11 +69,14 @@ class DataTerm:
     def value_and_gradient(self, predicted: F32) -> tuple[float, F32]:
         """Return the loss of a prediction [H, W, C] and its gradient."""
         error, counted = self._error(predicted)
-        similarity, similarity_gradient = self._similarity(self._target + error)
-        l1 = float(np.abs(error).sum(dtype=np.float64)) * self._per_value
+        similarity, similarity_gradient = self._similarity.of_error(error)
         weight = self._similarity_weight
-        gradient = np.sign(error) * np.float32((1 - weight) * self._per_value)
-        gradient -= np.float32(weight) * similarity_gradient * counted
+        similarity_gradient *= counted
+        similarity_gradient *= np.float32(weight)
+        gradient = np.sign(error)
+        gradient *= np.float32((1 - weight) * self._per_value)
+        gradient -= similarity_gradient
+        l1 = float(np.abs(error, out=error).sum(dtype=np.float64)) * self._per_value
         return (1 - weight) * l1 + weight * (1 - similarity), gradient
 
     def _error(self, predicted: F32) -> tuple[F32, NDArray[Any]]:
@@ -81,7 +84,9 @@ class DataTerm:
         counted = self._fitted
         if self._saturated is not None:
             counted = counted * ~(self._saturated & (predicted > self._target))
-        return (predicted - self._target) * counted, counted
+        error = predicted - self._target
+        error *= counted
+        return error, counted
 
     def dissimilarity(self, predicted: F32) -> F32:
         """Return 1 − SSIM at each pixel of a prediction [H, W, C], [H, W]; zero where pixels do not count."""

@@ -1,7 +1,7 @@
 """Lengths in the unit of the poses that a stage or a file gave: millimetres, on a bench.
 
 Here: the way back from the scale that the stages of a reconstruction work at, where the tracked points' median depth is
-1 and every epsilon is made for it. Not here: that scale (`geometry.telemetry`). For `gs2ci.reconstruct.pipeline`.
+1 and every epsilon is made for it. Not here: that scale (`geometry.telemetry`).
 """
 
 import math

@@ -6,7 +6,7 @@ Each row costs something by its length, so that it stays with those that need it
 so much more of the measurement for it. Where nothing is to be seen, in the dark and in even surfaces, nothing moves.
 
 Here: the settings, the beginning, and the figures of what moves. Not here: the step (`optimiser.py`), when a scene is
-let move (`gs2ci.reconstruct.moving`), the flow (`geometry.flow`). For `gs2ci.reconstruct`.
+let move (`gs2ci.reconstruct.moving`), the flow (`geometry.flow`).
 """
 
 from dataclasses import dataclass, replace

@@ -1,4 +1,4 @@
-"""Torch on one thread, and why. For `gs2ci.reconstruct.pipeline`."""
+"""Torch on one thread, and why."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager

@@ -1,7 +1,7 @@
 """Adam over the parameters of a changing set of Gaussians.
 
 Here: step sizes and their schedule, and the surgery that keeps Adam's moments with their Gaussians when some are
-added or removed. Not here: the decision which (`density/`). For `gs2ci.reconstruct`.
+added or removed. Not here: the decision which (`density/`).
 """
 
 from dataclasses import dataclass, replace

@@ -1,7 +1,7 @@
 """Where the fine stage looks from beside the recovered cameras, and how far it believes what it sees there.
 
 Here: the synthesised poses (paper, section III-D, eq. 8) and the support weight (eq. 9). Not here: what the views
-there should look like (`reconstruct.priors2d`), the loss and the loop (`fine.py`). For `gs2ci.reconstruct`.
+there should look like (`reconstruct.priors2d`), the loss and the loop (`fine.py`).
 """
 
 import itertools

@@ -1,7 +1,7 @@
 """What the residual decodes to, put back into a scene's views as far as the held-out pixels bear it out.
 
 Here: how much of it. Not here: the decode (`decode.residual`), nor the choice between the refined views, the scene's
-and the decode's (`pipeline`). For `gs2ci.reconstruct`.
+and the decode's (`pipeline`).
 
 Without noise the residual is mostly detail that the scene lacks, in a noisy measurement mostly noise. How much of
 what it decodes to belongs into the views is one number, from its least-squares share on pixels that no decode has seen.

@@ -1,12 +1,19 @@
 """Structural similarity of a prediction with a fixed target, and its gradient, in two fused passes.
 
-Here: the Numba kernels, several times faster than the same convolutions in torch. They compute in float64: over a
-bright, flat part of a measurement the variances are differences of nearly equal squares, of which float32 would leave
-no digit above C2. The readable definition they are held to is in `tests/reconstruct/fit/conftest.py`. Not here: the
-losses around it (`losses`, `perceptual`, which are the only importers).
+Here: the Numba kernels, several times faster than the same convolutions in torch. They compute in float32, 16 values at
+a time, from the error e = a - b of the prediction a and the target b. With F the window's weighted sum,
+
+    1 - structure = (F[ee] - F[e]^2) / D,     D = 2 var(b) + 2 (F[eb] - F[e] F[b]) + (F[ee] - F[e]^2) + C2,
+    1 - luminance = F[e]^2 / (F[a]^2 + F[b]^2 + C1),
+
+which is the usual pair of quotients, rewritten. Written the usual way, over a bright and flat part of a measurement the
+variances are differences of nearly equal squares, of which float32 would leave no digit above C2; here every difference
+is of terms that shrink with the error, and var(b) is computed once, in float64. (Of b, the covariance sees what its
+channel's mean leaves.) Where b is flat and e constant, terms of the gradient as large as 2 e / C2 cancel, and rounding
+leaves some 1e-7 of them. The readable definition they are held to is in `tests/reconstruct/fit/conftest.py`. Not here:
+the losses around it (`losses`, `perceptual`).
 """
 
-import math
 from typing import Any, Final
 
 import numpy as np
@@ -20,11 +27,24 @@ LEAST_WINDOW: Final = 3  # a single pixel has no variance
 C1: Final = 0.01**2  # stabilise the two quotients at a data range of one view's full scale; same source
 C2: Final = 0.03**2
 
+_C1: Final = np.float32(C1)
+_C2: Final = np.float32(C2)
+_LEAST_BOTTOM: Final = np.float32(0.5 * C2)
+_ZERO: Final = np.float32(0)
+_ONE: Final = np.float32(1)
+_TWO: Final = np.float32(2)
+
+# More taps than that in one loop, and the compiler gives up telling their memory apart, and vectors with it.
+_TAPS_AT_ONCE: Final = 3
+_LANES: Final = 16
+
 
 def _gaussian_taps(window_px: int) -> F64:
+    """Return the window from its middle outwards, then zeros up to a whole number of loops."""
     reach, sigma_px = window_px // 2, SIGMA_PX * window_px / WINDOW
-    taps = [math.exp(-(k * k) / (2 * sigma_px**2)) for k in range(-reach, reach + 1)]
-    return np.array(taps) / sum(taps)
+    taps = np.exp(-(np.arange(reach + 1.0) ** 2) / (2 * sigma_px**2))
+    taps /= taps[0] + 2 * taps[1:].sum()
+    return np.pad(taps, (0, -len(taps) % _TAPS_AT_ONCE))
 
 
 # Contraction to fused multiply-adds only: no reassociation, so that results do not depend on the vector width.
@@ -32,93 +52,176 @@ _JIT: Final[dict[str, Any]] = {"cache": True, "error_model": "numpy", "fastmath"
 
 
 @njit(**_JIT)
-def _row(image: F64, y: int, zeros: F64) -> F64:
+def _row(image: F32, y: int, zeros: F32) -> F32:
     return image[y] if 0 <= y < image.shape[0] else zeros
 
 
 @njit(**_JIT)
-def _filter_row(source: F64, y: int, taps: F64, channels: int, scratch: F64, zeros: F64, out: F64) -> None:
-    """Gaussian-filter row y of [H, W * C] into out [W * C]; pixels outside the image count as zero."""
-    width, reach = source.shape[1], len(taps) // 2
-    # Slices, because computed indices could be negative and stop vectorisation; the rims of scratch stay zero.
-    inside = scratch[reach * channels : reach * channels + width]
-    centre = source[y]
-    for x in range(width):
-        inside[x] = taps[reach] * centre[x]
-    for k in range(1, reach + 1):  # the window is symmetric: two samples share a product
-        tap, above, below = taps[reach - k], _row(source, y - k, zeros), _row(source, y + k, zeros)
-        for x in range(width):
-            inside[x] += tap * (above[x] + below[x])
-    for x in range(width):
-        out[x] = taps[reach] * inside[x]
-    for k in range(1, reach + 1):
-        tap, left, right = taps[reach - k], scratch[(reach - k) * channels :], scratch[(reach + k) * channels :]
-        for x in range(width):
-            out[x] += tap * (left[x] + right[x])
+def _begin(out: F32, taps: F32, centre: F32, a1: F32, b1: F32, a2: F32, b2: F32) -> None:
+    """Set a row to the sum of the window's inner taps."""
+    for x in range(len(out)):
+        out[x] = taps[0] * centre[x] + taps[1] * (a1[x] + b1[x]) + taps[2] * (a2[x] + b2[x])
 
 
-@njit(parallel=True, **_JIT)
-def _filter_image(source: F64, taps: F64, channels: int, out: F64) -> None:
-    for y in prange(source.shape[0]):
-        scratch, zeros = np.zeros(source.shape[1] + (len(taps) - 1) * channels), np.zeros(source.shape[1])
+@njit(**_JIT)
+def _add(out: F32, taps: F32, k: int, a0: F32, b0: F32, a1: F32, b1: F32, a2: F32, b2: F32) -> None:
+    """Add three further taps on either side."""
+    for x in range(len(out)):
+        out[x] += taps[k] * (a0[x] + b0[x]) + taps[k + 1] * (a1[x] + b1[x]) + taps[k + 2] * (a2[x] + b2[x])
+
+
+@njit(**_JIT)
+def _filter_row(source: F32, y: int, taps: F32, channels: int, scratch: F32, zeros: F32, out: F32) -> None:
+    """Gaussian-filter row y of [H, W * C] into out [W * C]; pixels outside the image count as zero.
+
+    The rims of `scratch`, as wide as the padded window reaches, hold zeros and keep them.
+    """
+    width, rim = source.shape[1], (len(taps) - 1) * channels
+    inside = scratch[rim : rim + width]
+    _begin(
+        inside,
+        taps,
+        source[y],
+        _row(source, y - 1, zeros),
+        _row(source, y + 1, zeros),
+        _row(source, y - 2, zeros),
+        _row(source, y + 2, zeros),
+    )
+    for k in range(_TAPS_AT_ONCE, len(taps), _TAPS_AT_ONCE):
+        _add(
+            inside,
+            taps,
+            k,
+            _row(source, y - k, zeros),
+            _row(source, y + k, zeros),
+            _row(source, y - k - 1, zeros),
+            _row(source, y + k + 1, zeros),
+            _row(source, y - k - 2, zeros),
+            _row(source, y + k + 2, zeros),
+        )
+    left, right = scratch[: rim + width], scratch[rim:]
+    _begin(
+        out,
+        taps,
+        inside,
+        left[rim - channels :],
+        right[channels:],
+        left[rim - 2 * channels :],
+        right[2 * channels :],
+    )
+    for k in range(_TAPS_AT_ONCE, len(taps), _TAPS_AT_ONCE):
+        _add(
+            out,
+            taps,
+            k,
+            left[rim - k * channels :],
+            right[k * channels :],
+            left[rim - (k + 1) * channels :],
+            right[(k + 1) * channels :],
+            left[rim - (k + 2) * channels :],
+            right[(k + 2) * channels :],
+        )
+
+
+@njit(**_JIT)
+def _filter_rows(source: F64, taps: F64, channels: int, out: F64) -> None:
+    """Filter a whole image."""
+    scratch, zeros = np.zeros(source.shape[1] + 2 * (len(taps) - 1) * channels), np.zeros(source.shape[1])
+    for y in range(source.shape[0]):
         _filter_row(source, y, taps, channels, scratch, zeros, out[y])
 
 
-@njit(parallel=True, **_JIT)
-def _similarity(
-    a: F64, b: F64, mean_b: F64, mean_bb: F64, taps: F64, channels: int, partial: F64, row_sums: F64
+@njit(**_JIT)
+def _sum_row(values: F32, lanes: F64) -> float:
+    """Add up a row in float64, sixteen sums side by side and then those in order."""
+    lanes[:] = 0.0
+    whole = len(values) // _LANES * _LANES
+    for x in range(0, whole, _LANES):
+        for lane in range(_LANES):
+            lanes[lane] += values[x + lane]
+    total = 0.0
+    for lane in range(_LANES):
+        total += lanes[lane]
+    for x in range(whole, len(values)):
+        total += values[x]
+    return total
+
+
+@njit(**_JIT)
+def _compare_row(
+    e: F32, ee: F32, eb: F32, mean: F32, centred: F32, variance: F32, by_e: F32, by_ee: F32, apart: F32
 ) -> None:
-    """Sum the similarity per row, and store its derivatives by the filtered a, a² and ab in partial [3, H, W * C]."""
-    height, width = a.shape
-    squares = np.empty_like(a)
-    products = np.empty_like(a)
-    for y in prange(height):
-        for x in range(width):
-            squares[y, x] = a[y, x] * a[y, x]
-            products[y, x] = a[y, x] * b[y, x]
-    for y in prange(height):
-        scratch, zeros = np.zeros(width + (len(taps) - 1) * channels), np.zeros(width)
-        mean_a = np.empty(width, np.float64)
-        mean_aa = np.empty(width, np.float64)
-        mean_ab = np.empty(width, np.float64)
-        _filter_row(a, y, taps, channels, scratch, zeros, mean_a)
-        _filter_row(squares, y, taps, channels, scratch, zeros, mean_aa)
-        _filter_row(products, y, taps, channels, scratch, zeros, mean_ab)
-        total = 0.0
-        for x in range(width):
-            ma, mb = mean_a[x], mean_b[y, x]
-            luminance_top = 2.0 * ma * mb + C1
-            luminance_bottom = ma * ma + mb * mb + C1
-            structure_top = 2.0 * (mean_ab[x] - ma * mb) + C2
-            structure_bottom = (mean_aa[x] - ma * ma) + (mean_bb[y, x] - mb * mb) + C2
-            # Round-off can push a variance of a flat, very bright window below zero.
-            structure_bottom = max(structure_bottom, 0.5 * C2)
-            luminance = luminance_top / luminance_bottom
-            structure = structure_top / structure_bottom
-            total += luminance * structure
-            by_mean = structure * 2.0 * (mb - luminance * ma) / luminance_bottom
-            by_structure = luminance / structure_bottom
-            partial[0, y, x] = by_mean + 2.0 * by_structure * (structure * ma - mb)
-            partial[1, y, x] = -by_structure * structure
-            partial[2, y, x] = 2.0 * by_structure
-        row_sums[y] = total
+    """Turn filtered e, e² and eb of a row into 1 - similarity and, in place, into the similarity's derivatives."""
+    for x in range(len(e)):
+        fe, mb, cb = e[x], mean[x], centred[x]
+        ma = mb + fe
+        difference = max(ee[x] - fe * fe, _ZERO)
+        # Round-off can push a variance of a flat, very bright window below zero.
+        bottom = max(_TWO * variance[x] + _TWO * (eb[x] - fe * cb) + difference + _C2, _LEAST_BOTTOM)
+        per_bottom = _ONE / bottom
+        unlike = difference * per_bottom
+        per_means = _ONE / (ma * ma + mb * mb + _C1)
+        darker = fe * fe * per_means
+        luminance, structure = _ONE - darker, _ONE - unlike
+        slope = luminance * per_bottom
+        by_luminance = _TWO * (darker * ma - fe) * per_means
+        apart[x] = darker + unlike - darker * unlike
+        by_e[x] = structure * by_luminance + _TWO * slope * (fe - unlike * (cb + fe))
+        by_ee[x] = -slope * structure
+        eb[x] = _TWO * slope * unlike
 
 
 @njit(parallel=True, **_JIT)
-def _gradient(a: F64, b: F64, partial: F64, taps: F64, channels: int, scale: float, out: F64) -> None:
-    """Chain the derivatives through the filter, which is its own adjoint under zero padding."""
-    height, width = a.shape
+def _compare(
+    error: F32,
+    target: F32,
+    mean: F32,
+    centred: F32,
+    variance: F32,
+    taps: F32,
+    channels: int,
+    partial: F32,
+    apart: F32,
+    sums: F64,
+) -> None:
+    """Store 1 - similarity, its sums per row, and its derivatives by filtered e, e² and eb, [3, H, W * C]."""
+    height, width = error.shape
+    squares = np.empty_like(error)
+    products = np.empty_like(error)
     for y in prange(height):
-        scratch, zeros = np.zeros(width + (len(taps) - 1) * channels), np.zeros(width)
-        by_a = np.empty(width, np.float64)
-        by_aa = np.empty(width, np.float64)
-        by_ab = np.empty(width, np.float64)
-        _filter_row(partial[0], y, taps, channels, scratch, zeros, by_a)
-        _filter_row(partial[1], y, taps, channels, scratch, zeros, by_aa)
-        _filter_row(partial[2], y, taps, channels, scratch, zeros, by_ab)
         for x in range(width):
-            value = by_a[x] + 2.0 * a[y, x] * by_aa[x] + b[y, x] * by_ab[x]
-            out[y, x] = scale * value
+            squares[y, x] = error[y, x] * error[y, x]
+            products[y, x] = error[y, x] * target[y, x]
+    for y in prange(height):
+        scratch = np.zeros(width + 2 * (len(taps) - 1) * channels, np.float32)
+        zeros = np.zeros(width, np.float32)
+        e, ee = np.empty(width, np.float32), np.empty(width, np.float32)
+        _filter_row(error, y, taps, channels, scratch, zeros, e)
+        _filter_row(squares, y, taps, channels, scratch, zeros, ee)
+        _filter_row(products, y, taps, channels, scratch, zeros, partial[2, y])
+        _compare_row(e, ee, partial[2, y], mean[y], centred[y], variance[y], partial[0, y], partial[1, y], apart[y])
+        sums[y] = _sum_row(apart[y], np.empty(_LANES, np.float64))
+
+
+@njit(**_JIT)
+def _chain_row(e: F32, b: F32, by_e: F32, by_ee: F32, by_eb: F32, scale: float, out: F32) -> None:
+    for x in range(len(out)):
+        out[x] = scale * (by_e[x] + _TWO * e[x] * by_ee[x] + b[x] * by_eb[x])
+
+
+@njit(parallel=True, **_JIT)
+def _gradient(error: F32, target: F32, partial: F32, taps: F32, channels: int, scale: float, out: F32) -> None:
+    """Chain the derivatives through the filter, which is its own adjoint under zero padding."""
+    height, width = error.shape
+    for y in prange(height):
+        scratch = np.zeros(width + 2 * (len(taps) - 1) * channels, np.float32)
+        zeros = np.zeros(width, np.float32)
+        by_e, by_ee = np.empty(width, np.float32), np.empty(width, np.float32)
+        by_eb = np.empty(width, np.float32)
+        _filter_row(partial[0], y, taps, channels, scratch, zeros, by_e)
+        _filter_row(partial[1], y, taps, channels, scratch, zeros, by_ee)
+        _filter_row(partial[2], y, taps, channels, scratch, zeros, by_eb)
+        _chain_row(error[y], target[y], by_e, by_ee, by_eb, scale, out[y])
 
 
 class SimilarityTo:
@@ -133,35 +236,49 @@ class SimilarityTo:
     """
 
     def __init__(self, target: F32, window_px: int = WINDOW) -> None:
-        self._taps = _gaussian_taps(window_px)
+        taps = _gaussian_taps(window_px)
+        self._taps = taps.astype(np.float32)
         self._shape = target.shape
-        self._target = np.ascontiguousarray(target, np.float64).reshape(target.shape[0], -1)
-        self._mean = np.empty_like(self._target)
-        self._mean_square = np.empty_like(self._target)
-        self._partial = np.empty((3, *self._target.shape), np.float64)
-        _filter_image(self._target, self._taps, target.shape[2], self._mean)
-        _filter_image(self._target * self._target, self._taps, target.shape[2], self._mean_square)
+        self._target = np.ascontiguousarray(target, np.float32).reshape(target.shape[0], -1)
+        exact = self._target.astype(np.float64)
+        middle = np.tile(exact.reshape(-1, target.shape[2]).mean(axis=0), target.shape[1])
+        mean, mean_square = np.empty_like(exact), np.empty_like(exact)
+        _filter_rows(exact, taps, target.shape[2], mean)
+        _filter_rows(exact * exact, taps, target.shape[2], mean_square)
+        self._mean, self._centred_mean = mean.astype(np.float32), (mean - middle).astype(np.float32)
+        self._centred = (exact - middle).astype(np.float32)
+        self._variance = (mean_square - mean * mean).astype(np.float32)
+        self._partial = np.empty((3, *self._target.shape), np.float32)
+        self._apart, self._gradient = np.empty_like(self._target), np.empty_like(self._target)
 
     def dissimilarity(self, image: F32) -> F32:
         """Return 1 − SSIM at each pixel of an image [H, W, C], mean over the channels, [H, W]."""
-        channels = self._shape[2]
-        a = np.ascontiguousarray(image, np.float64).reshape(self._target.shape)
-        b, mean_b = self._target, self._mean
-        mean_a, mean_aa, mean_ab = np.empty_like(a), np.empty_like(a), np.empty_like(a)
-        for source, out in ((a, mean_a), (a * a, mean_aa), (a * b, mean_ab)):
-            _filter_image(source, self._taps, channels, out)
-        luminance = (2 * mean_a * mean_b + C1) / (mean_a**2 + mean_b**2 + C1)
-        variances = (mean_aa - mean_a**2) + (self._mean_square - mean_b**2)
-        structure = (2 * (mean_ab - mean_a * mean_b) + C2) / np.maximum(variances + C2, 0.5 * C2)
-        result: F32 = (1 - luminance * structure).reshape(self._shape).mean(axis=2).astype(np.float32)
+        self._compare(self._error(image))
+        result: F32 = self._apart.reshape(self._shape).mean(axis=2)
         return result
+
+    def _error(self, image: F32) -> F32:
+        return np.ascontiguousarray(image, np.float32).reshape(self._target.shape) - self._target
+
+    def _compare(self, error: F32) -> float:
+        """Compare as `_compare` does; return the sum of 1 − SSIM."""
+        sums = np.empty(error.shape[0], np.float64)
+        statistics = (self._centred, self._mean, self._centred_mean, self._variance)
+        _compare(error, *statistics, self._taps, self._shape[2], self._partial, self._apart, sums)
+        return float(sums.sum())
 
     def __call__(self, image: F32) -> tuple[float, F32]:
         """Return the mean similarity of an image [H, W, C] to the target, and its gradient [H, W, C]."""
-        channels = self._shape[2]
-        flat = np.ascontiguousarray(image, np.float64).reshape(self._target.shape)
-        row_sums = np.empty(flat.shape[0], np.float64)
-        _similarity(flat, self._target, self._mean, self._mean_square, self._taps, channels, self._partial, row_sums)
-        gradient = np.empty_like(flat)
-        _gradient(flat, self._target, self._partial, self._taps, channels, 1.0 / flat.size, gradient)
-        return float(row_sums.sum() / flat.size), gradient.astype(np.float32).reshape(self._shape)
+        value, gradient = self.of_error(self._error(image))
+        return value, gradient.copy()
+
+    def of_error(self, error: F32) -> tuple[float, F32]:
+        """Return the same for the image less the target, [H, W, C] in one piece of memory.
+
+        The gradient lies in memory that the next call writes to: fresh memory for each takes as long as the gradient.
+        """
+        error = error.reshape(self._target.shape)
+        apart = self._compare(error)
+        scale = np.float32(1.0 / error.size)
+        _gradient(error, self._centred, self._partial, self._taps, self._shape[2], scale, self._gradient)
+        return 1.0 - apart / error.size, self._gradient.reshape(self._shape)

@@ -1,7 +1,6 @@
 """When a fit ends: how long it waits for the held-out pixels, and the watch that follows what they say.
 
 Here: the settings and the watch. Not here: the pixels and their judgement (`reconstruct.jury`), the loop (`coarse.py`).
-For `gs2ci.reconstruct`.
 """
 
 from dataclasses import dataclass, replace

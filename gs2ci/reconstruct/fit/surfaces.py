@@ -21,6 +21,7 @@ from gs2ci.core.cameras import camera_centres
 from gs2ci.core.errors import InputError
 from gs2ci.reconstruct.fit.relief import Exchange
 from gs2ci.reconstruct.fit.rendering import ShotRenderer
+from gs2ci.reconstruct.geometry.plain import continued
 from gs2ci.reconstruct.geometry.snapping import snapped
 from gs2ci.reconstruct.geometry.sweep import SweepSettings, sweep
 from gs2ci.reconstruct.measurement.lens import Lens
@@ -205,7 +206,9 @@ def find_surfaces(
         order = [view, *others]
         from_view = world_to_camera[order] @ np.linalg.inv(world_to_camera[view])
         swept = sweep(straight[order], from_view, intrinsics, 0, span, settings.sweep)
-        maps.append(snapped(swept, straight[view]))
+        sweeping = settings.sweep
+        whole = continued(swept, straight[order], from_view, intrinsics, sweeping.blur_px, sweeping.window_px)
+        maps.append(snapped(whole, straight[view]))
     parallax_px = float(intrinsics[0, 0]) * extent
     trust = agreement(np.stack(maps), world_to_camera[list(chosen)], intrinsics, parallax_px)
     inverse_depth, trust = (_on_sensor(found, lens) for found in (np.stack(maps), trust))

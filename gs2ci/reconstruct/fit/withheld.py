@@ -1,7 +1,7 @@
 """A fit that is not told what the geometry stage found, to show what knowing it is worth (paper, Table VII).
 
 Here: first poses and first points that know nothing. Not here: the geometry (`reconstruct.geometry`), nor the other
-components that can be switched off (`reconstruct.presets.ablation`). For `gs2ci.reconstruct`.
+components that can be switched off (`reconstruct.presets.ablation`).
 """
 
 from dataclasses import dataclass, replace

@@ -1,6 +1,6 @@
 """From the name of a geometry prior to the prior, and the one that chooses by evidence.
 
-Here: the names, and `auto`. Not here: the sources themselves. For the pipeline and the commands.
+Here: the names, and `auto`. Not here: the sources themselves.
 
 `auto` asks every source that this shot and this machine have: the stage if it reported poses, the tracks always, VGGT
 if the user has added it. Of those that the tracks do not contradict, the measurement chooses (`evidence`): one stands

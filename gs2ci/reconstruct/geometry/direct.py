@@ -4,7 +4,7 @@ Tracks need points that can be followed from view to view. Where decoded views a
 many or the scene is plain, the measurement still tells a path from no path: carried along the right one, the middle
 view explains it clearly better than along the same path reversed, by turning alone, or at rest. Here: the range of
 depths along poses that were given, and the uniform motion of a camera that nobody told about. Not here: the number
-(`evidence`), the sweep (`sweep`), when to ask (`sources`, `choose`). For `gs2ci.reconstruct.geometry`.
+(`evidence`), the sweep (`sweep`), when to ask (`sources`, `choose`).
 
 Direct methods, in the sense of Irani and Anandan 1999: parameters are found from brightness itself, not from points.
 """

@@ -7,7 +7,7 @@
     otherwise the tracks alone (`prior.find_geometry`)
 
 Here: that order. The criteria are those of `validity`, the same for all scenes; no step sees the truth. Not here: the
-model (`vggt`), the adjustment (`bundle`), tracks and depth (`initialise`). For `geometry.choose`.
+model (`vggt`), the adjustment (`bundle`), tracks and depth (`initialise`).
 """
 
 from collections.abc import Iterator

@@ -10,9 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gs2ci.core.arrays import F32, F64
+from gs2ci.reconstruct.geometry.eight import FEATURES, differ
 
-# Features of a pixel are padded with zeros to eight, which fill one vector register.
-FEATURES = 8
 # Sum of absolute differences at which two pixels count as different, and the cost of a pixel that a view cannot see.
 TRUNCATED_AT = 0.6
 UNSEEN_COST = 0.3
@@ -41,14 +40,15 @@ def _aim_row(homography: F64, r: int, size: tuple[int, int], corner: NDArray[np.
         r: The row.
         size: Height and width.
         corner: Receives the flat index of the pixel up and left of each target, [W].
-        aim: Receives the fractions right and down of it, and 1 where the view cannot see the target, else 0, [3, W].
+        aim: Receives the weights of that pixel, of the one to the right, of the two below them, and 1 where the view
+            cannot see the target, else 0, [5, W].
     """
     height, width = size
     u0, du = np.float32(homography[0, 1] * r + homography[0, 2]), np.float32(homography[0, 0])
     v0, dv = np.float32(homography[1, 1] * r + homography[1, 2]), np.float32(homography[1, 0])
     z0, dz = np.float32(homography[2, 1] * r + homography[2, 2]), np.float32(homography[2, 0])
     right, down = np.float32(width - 1), np.float32(height - 1)
-    across, below, unseen = aim[0], aim[1], aim[2]
+    here, beside, below, both, unseen = aim[0], aim[1], aim[2], aim[3], aim[4]
     for c in range(width):
         z = z0 + dz * np.float32(c)
         inverse_z = _ONE / max(z, _LEAST_DEPTH)
@@ -57,30 +57,20 @@ def _aim_row(homography: F64, r: int, size: tuple[int, int], corner: NDArray[np.
         u, v = min(max(u, _ZERO), right), min(max(v, _ZERO), down)
         col, row = min(np.int32(u), np.int32(width - 2)), min(np.int32(v), np.int32(height - 2))
         corner[c] = row * np.int32(width) + col
-        across[c], below[c] = u - np.float32(col), v - np.float32(row)
+        across, down_by = u - np.float32(col), v - np.float32(row)
+        corners = across * down_by
+        both[c], beside[c], below[c] = corners, across - corners, down_by - corners
+        here[c] = _ONE - across - (down_by - corners)
         unseen[c] = _ONE if lost else _ZERO
 
 
-# Sums of eight absolute differences may be taken in any order, as long as the order is the same in every run: it is
-# fixed when the kernel is compiled.
-@numba.njit(cache=True, fastmath={"contract", "nsz", "reassoc"})
+@numba.njit(cache=True, fastmath={"contract", "nsz"})
 def _difference_row(reference: F32, view: F32, corner: NDArray[np.int32], aim: F32, out: F32) -> None:
     """Compare a row of reference features, [W, 8], with features [H * W, 8] at interpolated places; [W] costs."""
     width = reference.shape[0]
-    across, below, unseen = aim[0], aim[1], aim[2]
+    unseen = aim[4]
     for c in range(width):
-        # Unsigned indices spare the check for negative ones.
-        i = np.uint64(corner[c])
-        both = across[c] * below[c]
-        right, down = across[c] - both, below[c] - both
-        here = _ONE - across[c] - down
-        f00, f01 = view[i], view[i + np.uint64(1)]
-        f10, f11 = view[i + np.uint64(width)], view[i + np.uint64(width + 1)]
-        wanted = reference[c]
-        total = _ZERO
-        for k in range(FEATURES):
-            total += abs(here * f00[k] + right * f01[k] + down * f10[k] + both * f11[k] - wanted[k])
-        out[c] = total
+        out[c] = differ(reference, view, aim, c, corner[c], width)
     for c in range(width):
         out[c] = np.float32(UNSEEN_COST) if unseen[c] > 0 else min(out[c], np.float32(TRUNCATED_AT))
 
@@ -127,7 +117,7 @@ def _plane_of_strip(
     """Fill out[top:bottom, :] (any strides) with the cost of one plane; the window reaches so far to each side."""
     height, width = reference.shape[:2]
     count, window = views.shape[0], 2 * reach + 1
-    corner, aim = np.empty(width, np.int32), np.empty((3, width), np.float32)
+    corner, aim = np.empty(width, np.int32), np.empty((5, width), np.float32)
     row_costs, total = np.empty(width, np.float32), np.empty(width, np.float32)
     per_view, in_window = np.empty((count, width), np.float32), np.empty(width, np.float32)
     for c in range(width):
@@ -181,8 +171,8 @@ def matching_cost(reference: F32, views: F32, homographies: F64, best: int, wind
 
 
 @numba.njit(cache=True, fastmath={"nnan", "nsz"})
-def _walk(cost: F32, before: F32, after: F32) -> None:
-    """One step of a path: the cheapest way to each plane of this pixel from the pixel before, [D].
+def _walk(cost: F32, before: F32, after: F32, total: F32) -> None:
+    """One step of a path: add the cheapest way to each plane of this pixel from the pixel before to the total, [D].
 
     `before` and `after` carry one cell of padding at each end, so that every plane has two neighbours.
     """
@@ -196,47 +186,54 @@ def _walk(cost: F32, before: F32, after: F32) -> None:
         after[d + 1] = cost[d] + (way - least)
     after[0] = _FAR
     after[planes + 1] = _FAR
+    # A loop, as `total += after[...]` is one that the compiler makes no vectors of.
+    for d in range(planes):
+        total[d] += after[d + 1]
 
 
 @numba.njit(cache=True)
-def _start(cost: F32, after: F32) -> None:
+def _start(cost: F32, after: F32, total: F32) -> None:
+    """Begin a path at its first pixel, and add its costs to the total, [D]."""
     planes = cost.shape[0]
     after[0] = _FAR
     after[planes + 1] = _FAR
-    after[1 : planes + 1] = cost
+    for d in range(planes):
+        after[d + 1] = cost[d]
+    for d in range(planes):
+        total[d] += cost[d]
 
 
 @numba.njit(cache=True, parallel=True)
 def sum_along_rows(cost: F32) -> F32:
     """Sum the path costs from the left and from the right, [H, W, D]."""
     height, width, planes = cost.shape
-    total = np.empty_like(cost)
+    total = np.zeros_like(cost)
     for r in numba.prange(height):
         paths = np.empty((2, planes + 2), np.float32)
         for i in range(width):
             if i == 0:
-                _start(cost[r, 0], paths[0])
+                _start(cost[r, 0], paths[0], total[r, 0])
             else:
-                _walk(cost[r, i], paths[(i - 1) % 2], paths[i % 2])
-            total[r, i] = paths[i % 2, 1 : planes + 1]
+                _walk(cost[r, i], paths[(i - 1) % 2], paths[i % 2], total[r, i])
         for i in range(width):
             c = width - 1 - i
             if i == 0:
-                _start(cost[r, c], paths[0])
+                _start(cost[r, c], paths[0], total[r, c])
             else:
-                _walk(cost[r, c], paths[(i - 1) % 2], paths[i % 2])
-            total[r, c] += paths[i % 2, 1 : planes + 1]
+                _walk(cost[r, c], paths[(i - 1) % 2], paths[i % 2], total[r, c])
     return total
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, fastmath={"nnan", "nsz"})
 def _lowest(total: F32) -> float:
-    """Find the plane of least cost, to a fraction of a step by a parabola through its neighbours."""
+    """Find the first plane of least cost, to a fraction of a step by a parabola through its neighbours."""
     planes = total.shape[0]
-    k = 0
+    least = total[0]
     for d in range(1, planes):
-        if total[d] < total[k]:
-            k = d
+        least = min(least, total[d])
+    k = 0
+    while k < planes - 1 and total[k] != least:
+        k += 1
     k = min(max(k, 1), planes - 2)
     before, here, after = total[k - 1], total[k], total[k + 1]
     # At the end of the range, or on a flat bottom, the three costs are no valley: then the half step is the limit.
@@ -265,18 +262,16 @@ def best_plane(cost: F32, along_rows: F32) -> F32:
             for c in range(left, right):
                 after = paths[r % 2, c - left]
                 if r == 0:
-                    _start(cost[r, c], after)
+                    _start(cost[r, c], after, along_rows[r, c])
                 else:
-                    _walk(cost[r, c], paths[(r - 1) % 2, c - left], after)
-                along_rows[r, c] += after[1 : planes + 1]
+                    _walk(cost[r, c], paths[(r - 1) % 2, c - left], after, along_rows[r, c])
         for i in range(height):
             r = height - 1 - i
             for c in range(left, right):
                 after = paths[i % 2, c - left]
                 if i == 0:
-                    _start(cost[r, c], after)
+                    _start(cost[r, c], after, along_rows[r, c])
                 else:
-                    _walk(cost[r, c], paths[(i - 1) % 2, c - left], after)
-                along_rows[r, c] += after[1 : planes + 1]
+                    _walk(cost[r, c], paths[(i - 1) % 2, c - left], after, along_rows[r, c])
                 index[r, c] = _lowest(along_rows[r, c])
     return index

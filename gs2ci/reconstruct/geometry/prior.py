@@ -1,7 +1,7 @@
 """What a source of first poses and depth is given and what it returns.
 
 Here: the interface, and the step from a source that may fail to a geometry that is always there. Not here: the
-sources (`sources`, `vggt`), which of them to take (`choose`). For `gs2ci.reconstruct`.
+sources (`sources`, `vggt`), which of them to take (`choose`).
 """
 
 from dataclasses import dataclass, field, replace

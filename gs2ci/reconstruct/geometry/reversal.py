@@ -22,7 +22,7 @@ from gs2ci.reconstruct.geometry.initialise import Geometry
 
 # Reflected inverse depths stay above this share of their median: what lay nearer than twice the median would else lie
 # behind the camera.
-_FARTHEST: Final = 0.05
+FARTHEST: Final = 0.05
 
 
 def reversed_geometry(geometry: Geometry) -> Geometry:
@@ -32,7 +32,7 @@ def reversed_geometry(geometry: Geometry) -> Geometry:
     """
     depth = geometry.inverse_depth.astype(np.float64)
     c = 2 * float(np.median(depth))
-    reflected = np.maximum(c - depth, _FARTHEST * c / 2).astype(np.float32)
+    reflected = np.maximum(c - depth, FARTHEST * c / 2).astype(np.float32)
     return replace(geometry, world_to_camera=reversed_poses(geometry.world_to_camera, c), inverse_depth=reflected)
 
 

@@ -1,7 +1,7 @@
 """Sources of first poses that need no model: tracks, matches of all pairs, the stage, a uniform motion, a file.
 
 Here: these five. Not here: a learned source (`vggt`), the choice among them (`choose`), tracks and depth themselves
-(`initialise`). For `geometry.choose`.
+(`initialise`).
 """
 
 from dataclasses import dataclass, replace

@@ -12,7 +12,8 @@ import numpy as np
 from gs2ci.core.arrays import F32, F64
 from gs2ci.core.errors import InputError
 from gs2ci.core.windows import check_window
-from gs2ci.reconstruct.geometry.kernels import FEATURES, best_plane, matching_cost, sum_along_rows
+from gs2ci.reconstruct.geometry.eight import FEATURES
+from gs2ci.reconstruct.geometry.kernels import best_plane, matching_cost, sum_along_rows
 from gs2ci.reconstruct.geometry.tracks import RESIDUE_BLUR_PX
 
 _GRADIENT_WEIGHT = 4.0
@@ -87,7 +88,7 @@ def sweep(
     height, width = views.shape[1:3]
     small = reduced(views, settings.most_pixels)
     scale = np.array([small.shape[2] / width, small.shape[1] / height, 1.0])
-    features = np.stack([_features(view, settings.blur_px) for view in small])
+    features = np.stack([features_of(view, settings.blur_px) for view in small])
     others = [i for i in range(len(views)) if i != reference]
     inverse_depths = np.linspace(*span, settings.planes)
     homographies = _homographies(world_to_camera[others], scale[:, None] * intrinsics, inverse_depths)
@@ -114,7 +115,7 @@ def reduced(views: F32, most_pixels: int) -> F32:
     return np.stack(resized).reshape(len(views), new_height, new_width, -1)
 
 
-def _features(view: F32, blur_px: float) -> F32:
+def features_of(view: F32, blur_px: float) -> F32:
     """Describe each pixel by its colour, weighing 3 in all, and its luminance gradient; zeros up to [H, W, 8]."""
     height, width, channels = view.shape
     blurred = cv2.GaussianBlur(view, (0, 0), blur_px).reshape(view.shape)

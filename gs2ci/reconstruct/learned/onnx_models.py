@@ -1,8 +1,8 @@
 """Model files of others, as ONNX Runtime loads them, and where this machine's user keeps them.
 
-Here: opening a file with every refusal as a clear error, running it, and the list of models that the user has added by
-name. Not here: what any model takes and returns (`decode.onnx_denoiser`, `priors2d.onnx_prior`, `vggt`).
-For `gs2ci.reconstruct` and the commands. ONNX Runtime is imported when a model is loaded.
+Here: opening a file with every refusal as a clear error, running it, and the list of models that the user has added
+by name. Not here: what any model takes and returns (`decode.onnx_denoiser`, `priors2d.onnx_prior`, `vggt`). ONNX
+Runtime is imported when a model is loaded.
 """
 
 import hashlib

@@ -94,12 +94,13 @@ class OnnxVideoDecoder:
                 remedy="take a grey network",
             )
         flips = _FLIPS[shot.cfa]
-        turned = np.flip(shot.measurement[..., 0], flips), np.flip(masks, [axis + 1 for axis in flips])
+        turned = np.flip(shot.measurement[..., 0], flips), np.flip(masks, tuple(axis + 1 for axis in flips))
         views = self._run(*turned, (1, 3, shot.views))[0]
-        return np.ascontiguousarray(np.flip(views, [axis + 2 for axis in flips]).transpose(1, 2, 3, 0))
+        return np.ascontiguousarray(np.flip(views, tuple(axis + 2 for axis in flips)).transpose(1, 2, 3, 0))
 
     def _grey(self, measurement: F32, masks: F32) -> F32:
-        return self._run(measurement, masks, (1, len(masks)))[0]
+        views: F32 = self._run(measurement, masks, (1, len(masks)))[0]
+        return views
 
     def _run(self, measurement: F32, masks: F32, leading: tuple[int, ...]) -> F32:
         """Run the network on y [H, W] and Φ [N, H, W]; returns [*leading, H, W]."""

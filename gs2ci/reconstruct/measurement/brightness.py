@@ -9,7 +9,7 @@ moves in a scene, or is hidden in some views, is not: standard errors are those 
 Weights or scene? Views may have been seen unlike one another because their light was, or because a camera's exposure
 drifted; the measurement is the same. `Brightness.as_seen` says what is handed over. Here: that. Not here: the carrying
 (`geometry.evidence`), its rounds (`first_look`), the word about uneven brightness before anything is decoded
-(`doubts`). For `gs2ci.reconstruct`.
+(`doubts`).
 """
 
 from dataclasses import dataclass, replace
@@ -85,7 +85,7 @@ class BrightnessSettings:
 
 
 @dataclass(frozen=True)
-class Estimate:
+class BrightnessEstimate:
     """What one look says of the views' brightness.
 
     Args:
@@ -119,7 +119,7 @@ class Brightness:
         as_seen: Whether views are handed over as bright as they were seen.
     """
 
-    first: Estimate | None = None
+    first: BrightnessEstimate | None = None
     factors: F64 | None = None
     as_seen: bool = True
 
@@ -149,8 +149,8 @@ class Brightness:
         }
 
 
-def estimate(jury: Jury, carried: F32) -> Estimate | None:
-    """Estimate the views' brightness, each half of the measurement judging the other's.
+def estimate(jury: Jury, carried: F32) -> BrightnessEstimate | None:
+    """BrightnessEstimate the views' brightness, each half of the measurement judging the other's.
 
     Args:
         jury: The measurement, and its held-out pixels, which are not looked at.
@@ -165,10 +165,10 @@ def estimate(jury: Jury, carried: F32) -> Estimate | None:
         return None
     errors = np.zeros(len(system.lit))
     errors[system.lit] = system.errors()
-    return Estimate(system.of_all_views(found), errors, system.gain())
+    return BrightnessEstimate(system.of_all_views(found), errors, system.gain())
 
 
-def relit(jury: Jury, found: Estimate) -> Jury:
+def relit(jury: Jury, found: BrightnessEstimate) -> Jury:
     """Return the measurement with its weights corrected, of the same mean over its masks' light."""
     weights = (jury.shot.weights * found.found).astype(np.float32)
     return Jury(replace(jury.shot, weights=weights), jury.heldout)

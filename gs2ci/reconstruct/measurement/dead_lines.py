@@ -1,7 +1,7 @@
 """Rows and columns of the sensor that read one value throughout: found, and left out.
 
 Here: `close_dead_lines`. Not here: single hot pixels (`hot_pixels`), other doubts about a measurement
-(`doubts`). For `gs2ci.reconstruct.pipeline`.
+(`doubts`).
 """
 
 from typing import Final

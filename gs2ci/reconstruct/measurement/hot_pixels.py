@@ -1,7 +1,7 @@
 """Single pixels that read more light than any scene sends: found, and left out.
 
 Here: `close_hot_pixels`. Not here: dead rows and columns (`dead_lines`), what many such readings tell of masks and unit
-(`doubts`), pixels that a calibration knows to be bad (`gs2ci import --bad-pixels`). For `gs2ci.reconstruct.pipeline`.
+(`doubts`), pixels that a calibration knows to be bad (`gs2ci import --bad-pixels`).
 """
 
 from typing import Final

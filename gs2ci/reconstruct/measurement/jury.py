@@ -1,7 +1,7 @@
 """The pixels of the measurement that no stage sees, and what they say of views.
 
 Here: which pixels are held out, how views are judged by them, and when a difference is sure. Not here: what follows
-from a judgement (`pipeline`, `fit/stopping.py`). For `gs2ci.reconstruct`, and whoever compares reconstructions.
+from a judgement (`pipeline`, `fit/stopping.py`).
 """
 
 import math

@@ -1,4 +1,4 @@
-"""From the name of a prior to the prior. For the fine stage."""
+"""From the name of a prior to the prior."""
 
 from pathlib import Path
 from typing import Final

@@ -5,7 +5,7 @@ it is texture that the Gaussians have not resolved, some is what decoding leaves
 from the place of a pseudo-view, through the depth there, it falls on the same pixel from every camera; residue does
 not. So the median over the cameras keeps the one and drops the other.
 
-Here: the warp, its occlusion test and the median. Not here: the residual. For `priors2d.choose`.
+Here: the warp, its occlusion test and the median. Not here: the residual.
 """
 
 from dataclasses import dataclass

@@ -1,6 +1,6 @@
 """A prior without weights that looks at one image at a time: non-local means.
 
-Here: the strength. Not here: the filter (`decode.denoisers`). For `priors2d.choose`.
+Here: the strength. Not here: the filter (`decode.denoisers`).
 """
 
 from dataclasses import dataclass

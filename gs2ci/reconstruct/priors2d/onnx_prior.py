@@ -1,7 +1,7 @@
 """A prior in an ONNX file: an image-to-image network, such as an export of Difix.
 
 Here: the signature, and every way in which a file or its answer can be wrong. Not here: the network; the prompt and
-the diffusion timestep are baked in when it is exported. For `priors2d.choose` and `gs2ci models`.
+the diffusion timestep are baked in when it is exported.
 
 A model takes images, [B, 3, H, W] float32 in [−1, 1], and, if its encoder draws at random, a seed: one integer, [] or
 [1]. It returns images of the same shape and range. Open sides are padded to multiples of 8 and cropped again.

@@ -1,4 +1,4 @@
-"""Convolution kernels of optical effects, and their transfer functions. For the effects beside this file."""
+"""Convolution kernels of optical effects, and their transfer functions."""
 
 from typing import Final
 

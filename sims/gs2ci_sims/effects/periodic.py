@@ -1,4 +1,4 @@
-"""Light that swings periodically, integrated over slices of time. For the flicker effects beside this file."""
+"""Light that swings periodically, integrated over slices of time."""
 
 from typing import Final
 

@@ -1,7 +1,7 @@
 """Scene files: short TOML files that name a scene's geometry, its light and the rig's path; `load_scene` reads them.
 
 Those that come with the simulator lie in `library`; each is known by its name. Not here: the tables of geometry
-(`geometry`), the rig (`gs2ci_sims.rig`). For this package, `gs2ci.tables` and tests.
+(`geometry`), the rig (`gs2ci_sims.rig`).
 """
 
 from dataclasses import dataclass, replace

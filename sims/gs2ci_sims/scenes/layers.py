@@ -1,7 +1,7 @@
 """A depth map's missing parts: holes in the measurement, and the surfaces hidden behind the foreground.
 
 Here: pure numpy on [H, W] maps of disparity (anything that grows towards the camera and is linear on planes, such
-as inverse depth). Not here: Gaussians, cameras. For the scenes of this package.
+as inverse depth). Not here: Gaussians, cameras.
 
 One photograph shows only the nearest surface on each ray. A camera that moves looks behind its rims, so the
 farther surface is continued under the nearer one: seeds at every depth edge, flooded under the foreground as far

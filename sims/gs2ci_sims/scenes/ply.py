@@ -1,4 +1,4 @@
-"""Scenes from Gaussian PLY files, as fitted from real photographs. For `scenes.geometry` and tests.
+"""Scenes from Gaussian PLY files, as fitted from real photographs.
 
 Here: the file and a camera to look at it. Not here: the format (`gs2ci.render.ply`).
 """

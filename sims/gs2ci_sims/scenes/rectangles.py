@@ -1,7 +1,7 @@
 """Textured rectangles and boxes: their discs, and where a camera's rays meet them.
 
 Here: geometry and texture, from a generator. Not here: which of them make a scene (its neighbours), how points and
-tangents become Gaussians (`surfels`). For the scenes of this package.
+tangents become Gaussians (`surfels`).
 """
 
 from dataclasses import dataclass

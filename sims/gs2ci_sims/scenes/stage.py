@@ -1,6 +1,6 @@
 """What the procedural scenes share: a suggested camera, a floor with a wall behind it, and the way to a `Scene`.
 
-Not here: what stands on the floor (its neighbours). For the scenes of this package.
+Not here: what stands on the floor (its neighbours).
 """
 
 from dataclasses import dataclass

@@ -1,7 +1,7 @@
 """Surfaces as Gaussians: flat discs that tile a surface without cracks, from its points and tangents.
 
 Here: pure numpy geometry, from a depth map or from two tangent vectors per point to Gaussian parameters. Not here:
-where depth comes from (`rgbd`, `planes`), rendering. For the scenes of this package.
+where depth comes from (`rgbd`, `planes`), rendering.
 """
 
 from dataclasses import dataclass

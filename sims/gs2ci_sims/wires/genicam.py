@@ -1,7 +1,7 @@
 """A GenICam camera with its GenTL producer: the twin below `CameraPort`.
 
 What it follows: features by SFNC 2.7 (`genicam_nodes`); pixels by PFNC 2.4; frame numbers from 1, in 16 bits, without a
-0, as GigE Vision 1.2 counts blocks (section 24.2), or from 0 as USB3 Vision does; stamps of a clock of the camera's own
+0, as GigE Vision 1 counts blocks, or from 0 as USB3 Vision does; stamps of a clock of the camera's own
 that began at some other time, at the start of exposure as SFNC's ChunkTimestamp has it («generated when frame
 acquisition was triggered», Basler ace user's manual), or later as other makers have it; a frame for which no buffer is
 free is lost and its number with it; packets that do not arrive leave the buffer incomplete (GenTL 1.6,
@@ -315,7 +315,7 @@ class GenicamTwin:
         """Integrate the light of an exposure and send it on its way."""
         _, _, height, width = self.region
         name = str(self.nodes.read("PixelFormat"))
-        pixels = self._world.integrate(exposed.start_s, exposed.end_s, height=height, width=width, bits=bits_of(name))
+        pixels = self._pixels(exposed, height, width, bits_of(name))
         number, self._frames = self._frames, self._frames + 1
         if self.faults.take(CLOCK_RESET):
             self._clock_zero_s = self._clock.now_s()
@@ -343,6 +343,19 @@ class GenicamTwin:
         if self.faults.take(OTHER_SIZE):
             buffer = replace(buffer, height=height - 2)
         self._full.append(buffer)
+
+    def _pixels(self, exposed: Exposed, height: int, width: int, bits: int) -> U16:
+        """Return what the camera makes of its light by whatever was left set on it, [H, W]."""
+        down, right = int(self.nodes.number("BinningVertical")), int(self.nodes.number("BinningHorizontal"))
+        size = {"height": height * down, "width": width * right}
+        pixels = self._world.integrate(exposed.start_s, exposed.end_s, **size, bits=bits)
+        top = (1 << bits) - 1
+        binned = pixels.reshape(height, down, width, right).sum(axis=(1, 3), dtype=np.uint32)
+        shares = np.minimum(binned, top) / top
+        if self.nodes.read("TestPattern") != "Off":
+            shares = np.broadcast_to(np.arange(width) % 256 / 255, (height, width))
+        bent = np.rint(top * shares ** self.nodes.number("Gamma")).astype(np.uint16)
+        return np.ascontiguousarray(bent[:, ::-1] if self.nodes.read("ReverseX") else bent)
 
     def _chunks(self, stamp: int | None, exposed: Exposed) -> dict[str, float]:
         if not self.model.chunks or not self.nodes.read("ChunkModeActive"):
@@ -386,6 +399,12 @@ class GenicamTwin:
             "Gain": Node("float", 0.0, lambda: 0.0, lambda: 24.0, 0.1),
             "SensorReadoutTime": Node("float", model.readout_s / US, fixed=True),
             "DeviceTemperature": Node("float", 41.5, fixed=True),
+            # Set back by nothing but a loss of power or UserSetLoad: whoever was there before may have left them.
+            "BinningHorizontal": Node("integer", 1, lambda: 1.0, lambda: 2.0, locked=True),
+            "BinningVertical": Node("integer", 1, lambda: 1.0, lambda: 2.0, locked=True),
+            "ReverseX": Node("boolean", False, locked=True),
+            "Gamma": Node("float", 1.0, lambda: 0.25, lambda: 4.0, 0.01),
+            "TestPattern": Node("enumeration", "Off", symbols=("Off", "GreyHorizontalRamp")),
         }
         if model.stamped:
             nodes["TimestampLatch"] = Node("command", run=self._latch)
@@ -401,14 +420,20 @@ class GenicamTwin:
         found: dict[str, Node] = {}
 
         def left_by(name: str, largest: int) -> Callable[[], float]:
-            return lambda: largest - float(found[name].value)
+            return lambda: largest // binning(name) - float(found[name].value)
+
+        def binning(name: str) -> int:
+            down = name in ("Height", "OffsetY")
+            return int(self.nodes.number("BinningVertical" if down else "BinningHorizontal"))
 
         for size, offset, largest, step in (
             ("Height", "OffsetY", self.model.height, 2),
             ("Width", "OffsetX", self.model.width, 4),
         ):
             least = float(2 * step)
-            found[f"{size}Max"] = Node("integer", largest, fixed=True)
+            found[f"{size}Max"] = Node(
+                "integer", fixed=True, read=partial(lambda largest, size: largest // binning(size), largest, size)
+            )
             found[size] = Node("integer", largest, partial(float, least), left_by(offset, largest), step, locked=True)
             found[offset] = Node("integer", 0, high=left_by(size, largest), step=step, locked=True)
         return found

@@ -1,10 +1,10 @@
 """The features of the GenICam twin: what the Standard Features Naming Convention says that they are.
 
-From SFNC 2.7 (EMVA): section 4 Image Format Control (Width shrinks what OffsetX may be and the other way round; sizes
-are locked while streaming), section 6 Acquisition Control (each trigger has a mode of its own, chosen by
-TriggerSelector; times are microseconds; ExposureMode TriggerWidth exposes while the line is held), section 7 Analog
-Control (gain), section 16 Chunk Data Control, section 19 Transport Layer Control (TLParamsLocked); TimestampLatch and
-TimestampLatchValue of section 3.
+From SFNC 2.7 (EMVA), by chapters: Image Format Control (Width shrinks what OffsetX may be and the other way round, and
+binning both; sizes are locked while streaming), Acquisition Control (each trigger has a mode of its own, chosen by
+TriggerSelector; times are microseconds; ExposureMode TriggerWidth exposes while the line is held), Analog Control
+(gain, gamma), Chunk Data Control, Transport Layer Control (TLParamsLocked), Device Control (TimestampLatch,
+TimestampLatchValue). What is written stays until the camera loses power.
 
 Here: `NodeTable`: values, limits, locks. Not here: the camera behind them (`genicam`).
 """

@@ -72,6 +72,44 @@ def test_every_pixel_format_gives_the_same_picture(name, padding):
     assert one.sensor.settings.format.cfa == ("RGGB" if name.startswith("Bayer") else None)
 
 
+@pytest.mark.parametrize(
+    ("name", "left"),
+    [
+        ("BinningHorizontal", 2),
+        ("BinningVertical", 2),
+        ("ReverseX", True),
+        ("Gamma", 0.45),
+        ("TestPattern", "GreyHorizontalRamp"),
+    ],
+)
+def test_what_somebody_else_has_left_set_is_set_back_and_told(name, left):
+    one = bench()
+    neutral = value(one, name)
+    one.twin.nodes.write(name, left)
+    one.start(height=32, width=48, top=0, left=0)
+    one.pulse()
+    np.testing.assert_array_equal(one.sensor.read(0.5).pixels[3], np.arange(48))
+    assert value(one, name) == neutral
+    assert [text for text in one.sensor.incidents if f"{name} was left at {left}" in text]
+
+
+def test_what_the_rig_file_asks_for_is_left_and_bends_the_picture():
+    one = bench(features={"ReverseX": True})
+    one.twin.nodes.write("ReverseX", True)
+    one.start()
+    one.pulse()
+    np.testing.assert_array_equal(one.sensor.read(0.5).pixels[3], np.arange(96)[::-1])
+    assert one.sensor.incidents == []
+
+
+def test_a_camera_that_will_not_set_it_back_is_refused_rather_than_mirrored():
+    one = bench()
+    one.twin.nodes.write("ReverseX", True)
+    one.faults.inject("genicam.feature_refused", skip=1)  # TriggerSelector, which is written first
+    with pytest.raises(RefusedError, match="ReverseX"):
+        one.start()
+
+
 def test_exposure_gain_and_features_are_set_and_automatics_are_off():
     one = bench(features={"AcquisitionFrameRate": 12.3456})
     one.start(exposure_s=4.56789e-3, gain_db=6.0)

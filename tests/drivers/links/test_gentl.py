@@ -55,8 +55,13 @@ def test_it_streams_in_order_and_twice(camera):
     assert (settings.format.height, settings.format.width, settings.readout_s) == (100, 120, 0.005)
     for _ in range(2):
         camera.start()
-        frames = [camera.read(2.0) for _ in range(10)]
-        assert [frame.sequence for frame in frames] == list(range(10))
+        frames = []
+        while len(frames) < 10:
+            with suppress(FrameLostError):  # as below
+                frames.append(camera.read(2.0))
+        numbers = [frame.sequence for frame in frames]
+        assert numbers == sorted(set(numbers))
+        assert numbers[0] <= camera.status().lost, "numbers begin anew with each start"
         assert all(frame.pixels.shape == (100, 120) and frame.pixels.any() for frame in frames)
         assert any((frames[0].pixels != frame.pixels).any() for frame in frames[1:]), "the ball does not move"
         camera.discard()

@@ -10,6 +10,7 @@ from gs2ci.reconstruct.fit.combination import (
     Candidate,
     combined,
     expected_products,
+    expected_rms,
     least_on_simplex,
     noise_power,
     shares,
@@ -196,3 +197,32 @@ def test_what_is_not_finite_gets_no_share(jury, truth):
 
 def test_what_has_no_share_need_not_be_there(truth):
     assert np.array_equal(combined({"first": truth}, {"first": 1.0, "second": 0.0}), truth)
+
+
+@pytest.mark.parametrize("deviation", [0.02, 0.1])
+def test_the_expected_error_is_the_error_where_views_err_in_their_own_ways(truth, jury, deviation):
+    assert expected_rms(jury, same(noisy(truth, 1, deviation)), 0.0) == pytest.approx(deviation, rel=0.15)
+
+
+def test_the_noise_of_readings_is_no_error_of_views(truth):
+    jury, views = jury_of(truth, noise=0.2), noisy(truth, 1, 0.1)
+    assert expected_rms(jury, same(views), 0.2**2) == pytest.approx(0.1, rel=0.25)
+    assert expected_rms(jury, same(views), 0.0) > 0.14
+    assert expected_rms(jury, same(truth), 0.5**2) == pytest.approx(0, abs=0.02)
+
+
+def test_a_pixel_that_no_mask_opens_errs_as_one_whose_reading_nobody_saw(truth):
+    """Views that explain every reading that they see err less there, and not where there is none."""
+    jury = jury_of(truth)
+    views = follower(jury, noisy(truth, 1))
+    unlit = jury.shot.masks.copy()
+    unlit[:, :, ::2] = 0
+    half = Jury(replace(jury.shot, masks=unlit), jury.heldout & unlit.any(axis=0))
+    few, many = expected_rms(jury, views, 0.0), expected_rms(half, follower(half, noisy(truth, 1)), 0.0)
+    assert few < 0.93 * expected_rms(jury, same(views.blind), 0.0)
+    assert many > few
+
+
+def test_nothing_is_expected_without_pixels_held_out_or_of_views_that_are_not_finite(truth, jury):
+    assert expected_rms(Jury(jury.shot, np.zeros(SIZE, bool)), same(truth), 0.0) is None
+    assert expected_rms(jury, same(np.full_like(truth, np.nan)), 0.0) is None

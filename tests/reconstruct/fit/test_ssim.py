@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 import torch
 
-from gs2ci.reconstruct.fit.ssim import WINDOW, SimilarityTo
+from gs2ci.reconstruct.fit.ssim import C2, WINDOW, SimilarityTo
 
 
 def textured(size, channels=3, seed=0, level=1.0):
@@ -36,9 +36,11 @@ def hold_to_definition(pair, definition, window_px):
 
     value, gradient = SimilarityTo(target, window_px)(image)
 
-    assert value == pytest.approx(expected.item(), rel=1e-5)
+    assert value == pytest.approx(expected.item(), rel=1e-5, abs=1e-7)
     error = np.linalg.norm(gradient - exact.grad.numpy())
-    assert error <= 1e-5 * np.linalg.norm(exact.grad.numpy())
+    # Where nothing varies, terms as large as 2 e / C2 cancel; float32 rounds each to 6e-8.
+    cancelled = 2 * np.linalg.norm(image - target) / C2 / image.size if np.ptp(target) == 0 else 0.0
+    assert error <= max(1e-5 * np.linalg.norm(exact.grad.numpy()), 3e-7 * cancelled)
 
 
 @pytest.mark.parametrize("name", PAIRS)

@@ -6,7 +6,8 @@ import pytest
 
 from gs2ci.core.errors import InputError
 from gs2ci.reconstruct.geometry import kernels
-from gs2ci.reconstruct.geometry.kernels import FEATURES, best_plane, matching_cost, sum_along_rows
+from gs2ci.reconstruct.geometry.eight import FEATURES
+from gs2ci.reconstruct.geometry.kernels import best_plane, matching_cost, sum_along_rows
 from gs2ci.reconstruct.geometry.sweep import SweepSettings, inverse_depth_range, sweep
 
 

@@ -9,8 +9,8 @@ from gs2ci.core.errors import InputError
 from gs2ci.core.records import Shot
 from gs2ci.reconstruct.measurement.brightness import (
     Brightness,
+    BrightnessEstimate,
     BrightnessSettings,
-    Estimate,
     LinearSystem,
     estimate,
     relit,
@@ -206,7 +206,7 @@ def test_what_brightens_one_part_of_the_picture_alone_is_no_lamp():
 
 
 def test_an_estimate_without_any_scatter_is_no_deviation():
-    assert Estimate(np.array([1.0, 1.2]), np.zeros(2), 0.5).errors_away == 0
+    assert BrightnessEstimate(np.array([1.0, 1.2]), np.zeros(2), 0.5).errors_away == 0
     assert Brightness().summary() is None
 
 

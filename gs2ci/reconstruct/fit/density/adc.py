@@ -1,6 +1,6 @@
 """Adaptive density control, as 3D Gaussian splatting came with it (Kerbl et al. 2023, section 5.2; gsplat's defaults).
 
-Here: the rule, put together from `classic.py`. For `gs2ci.reconstruct.fit`.
+Here: the rule, put together from `classic.py`.
 """
 
 from dataclasses import dataclass, field

@@ -2,7 +2,7 @@
 
 Here: the evidence that rules decide on, the change they return, and the operations they share (duplicate, split).
 Not here: any rule; each has a file of its own (`osgr`, `adc`, `revised`, `mcmc`), nor the criteria that the first
-three share (`classic.py`). For `gs2ci.reconstruct`.
+three share (`classic.py`).
 """
 
 import math

@@ -1,7 +1,7 @@
 """The criteria of adaptive density control that `adc`, `revised` and `osgr` share (Kerbl et al. 2023, section 5.2).
 
 Here: which Gaussians are in want of company, which of them are split, which are removed, and the reset of opacities.
-Not here: the rules that put them together. For `gs2ci.reconstruct.fit.density`.
+Not here: the rules that put them together.
 """
 
 from dataclasses import dataclass, replace

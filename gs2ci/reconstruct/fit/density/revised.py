@@ -2,7 +2,7 @@
 
 Here: the rule. Candidates are chosen by their part in the error of the pixels instead of by gradients, duplicates
 keep the transmittance (splits do not: that is the paper's, in `osgr.py`), growth is bounded per turn, and opacities
-sink a little at every turn instead of being reset. For `gs2ci.reconstruct.fit`.
+sink a little at every turn instead of being reset.
 """
 
 from dataclasses import dataclass, field, replace

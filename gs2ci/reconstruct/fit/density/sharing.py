@@ -2,7 +2,7 @@
 
 Here: the arithmetic of the relocations of 3DGS-MCMC (Kheradmand et al. 2024, "3D Gaussian splatting as Markov chain
 Monte Carlo", section 4.3 and appendix B), in a form that holds for any number of copies. Not here: who is shared out
-(`mcmc.py`). For `gs2ci.reconstruct.fit.density`.
+(`mcmc.py`).
 
 N copies of opacity p = 1 − (1 − α)^(1/N) let through together what one of opacity α did. Their size is chosen so that
 the light stopped, summed along a line through the centre, stays as well: with s in units of √2 standard deviations,

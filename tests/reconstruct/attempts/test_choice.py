@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from gs2ci.core.findings import Code, finding
-from gs2ci.reconstruct.attempts import ranking
+from gs2ci.reconstruct.attempts.choice import ranking
 from gs2ci.reconstruct.first_look import FirstLook, from_rest, needs_rest
 from gs2ci.reconstruct.geometry.initialise import PLANE_NOTE, Geometry
 

@@ -14,6 +14,8 @@ from gs2ci.core.arrays import F32
 from gs2ci.core.findings import Code, Finding, finding
 from gs2ci.core.halt import Halt
 from gs2ci.core.progress import Progress
+from gs2ci.reconstruct.attempts.order import LEAST_SCHEDULE
+from gs2ci.reconstruct.attempts.second_look import is_wanted, second_look
 from gs2ci.reconstruct.decode.by_name import decode_by_name
 from gs2ci.reconstruct.decode.patches.decoder import PatchSettings, patch_decode_from
 from gs2ci.reconstruct.first_look import FirstLook, from_rest, needs_rest
@@ -36,8 +38,6 @@ from gs2ci.reconstruct.moving import (
     rested,
     speaks_for_motion,
 )
-from gs2ci.reconstruct.order import LEAST_SCHEDULE
-from gs2ci.reconstruct.second_look import is_wanted, second_look
 from gs2ci.reconstruct.settings import Settings
 
 

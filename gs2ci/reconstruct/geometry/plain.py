@@ -1,0 +1,274 @@
+"""Plain areas beside what stands before them, given the depth of the surface that they belong to.
+
+Beside a silhouette a plain wall shows nothing that would tell its depth, and a sweep of windows, or a fit that has
+begun with one, gives it the depth of what stands there: a skirt of tens of pixels, whose outer end is at no edge of the
+picture. Here a pixel is asked what the surfaces of like-coloured pixels far around it, each continued as a plane, say
+of its depth. Where their median is another surface, and the views agree there nearly as well, the pixel is moved to it.
+
+Here: slopes, votes, and what the views say. Not here: edges within a few pixels (`snapping`), the sweep (`sweep`).
+"""
+
+from typing import Final
+
+import cv2
+import numba
+import numpy as np
+
+from gs2ci.core.arrays import F32, F64, Bool
+from gs2ci.reconstruct.geometry.kernels import TRUNCATED_AT, UNSEEN_COST
+from gs2ci.reconstruct.geometry.sweep import features_of
+
+# How far around a pixel others are asked, as a share of the picture's longer side, and how many at most each way.
+_REACH_SHARE: Final = 0.12
+_VOTERS: Final = 5
+# The standard deviation of colours that are alike, in full scales.
+_SIGMA: Final = 0.03
+# Another surface is one that is farther off than this share of the map's range.
+_JUMP_SHARE: Final = 0.1
+# The views may differ there by so much more, in medians of what they differ by.
+_ALLOWED: Final = 3.0
+_ROUNDS: Final = 2
+# Others are asked in a picture of at most so many pixels, for the time that it takes.
+_MOST_PIXELS: Final = 32_768
+_ALL: Final = 0.999
+# Colours of a plain area vary by less than this, full scales, in windows of this side.
+_PLAIN_SIGMA: Final = 0.02
+_PLAIN_WINDOW_PX: Final = 5
+# Slopes are fitted to the pixels within this distance, and within this share of the range, of like colour.
+_SLOPE_REACH_PX: Final = 8
+_SLOPE_EVERY_PX: Final = 4
+_SLOPE_GATE: Final = 0.03
+_SLOPE_SIGMA: Final = 0.1
+# So many squared px are added to the spread of a fit's pixels: too few of them show no slope.
+_SLOPE_DAMPING: Final = 2.0
+_LEVELS: Final = 256
+_LEAST_LIKENESS: Final = 1e-4
+
+
+def continued(inverse_depth: F32, views: F32, from_view: F64, intrinsics: F64, blur_px: float, window_px: int) -> F32:
+    """Return a map with its skirts moved to the surface of like-coloured pixels around, [H, W].
+
+    Args:
+        inverse_depth: Of the first of the views, [H, W].
+        views: In full scales, [N, H, W, C]; N >= 2.
+        from_view: The views' poses seen from the first, [N, 4, 4].
+        intrinsics: [3, 3], px.
+        blur_px: Of the views, before they are compared.
+        window_px: Over which they are.
+    """
+    low, high = float(inverse_depth.min()), float(inverse_depth.max())
+    if not low < high:
+        return inverse_depth
+    # Colours and two derivatives; what is left are the sweep's zeros.
+    described = np.stack([features_of(view, blur_px) for view in views])[..., : views.shape[3] + 2]
+
+    def differ(wanted: F32) -> F32:
+        return difference(wanted, described, from_view, intrinsics, window_px)
+
+    found, plain = np.ascontiguousarray(inverse_depth, np.float32), plain_pixels(views[0])
+    jump = _JUMP_SHARE * (high - low)
+    before = differ(found)
+    allowed = _ALLOWED * float(np.median(before))
+    for _ in range(_ROUNDS):
+        votes = _votes_of_planes(found, views[0], plain, (low, high))
+        # At the pixel's own size: where views were reduced, its place in the vote is that of a few of its neighbours.
+        moved = plain & (np.abs(votes - found) > jump)
+        if not moved.any():
+            break
+        after = differ(votes)
+        moved &= after < before + allowed
+        found, before = np.where(moved, votes, found), np.where(moved, after, before)
+    return found
+
+
+def _votes_of_planes(inverse_depth: F32, view: F32, plain: Bool, span: tuple[float, float]) -> F32:
+    """Ask in a picture of at most so many pixels, and return what is said, [H, W]; its own where nobody is asked."""
+    height, width = plain.shape
+    shrink = min(1.0, (_MOST_PIXELS / (height * width)) ** 0.5)
+    small = (max(1, round(width * shrink)), max(1, round(height * shrink)))
+    nearest, area = {"interpolation": cv2.INTER_NEAREST}, {"interpolation": cv2.INTER_AREA}
+    depths = cv2.resize(inverse_depth, small, **nearest)
+    # A pixel of the small picture is plain if all that it shows is.
+    whole = cv2.resize(plain.astype(np.float32), small, **area) > _ALL
+    colours = np.ascontiguousarray(cv2.resize(view, small, **area).reshape(*whole.shape, -1), np.float32)
+    reach, jump = max(1, round(_REACH_SHARE * max(whole.shape))), _JUMP_SHARE * (span[1] - span[0])
+    asked = whole & _jumps_near(depths, whole, reach, jump)
+    if not asked.any():
+        return inverse_depth
+    slopes = plane_slopes(depths, colours, whole, np.float32(_SLOPE_GATE * (span[1] - span[0])))
+    votes = plane_votes(depths, slopes, colours, (whole, asked), reach, span)
+    said: F32 = np.where(
+        cv2.resize(asked.astype(np.uint8), (width, height), **nearest) > 0,
+        cv2.resize(votes, (width, height), **nearest),
+        inverse_depth,
+    )
+    return said
+
+
+def _jumps_near(inverse_depth: F32, plain: Bool, reach: int, jump: float) -> Bool:
+    """Tell where plain pixels within reach differ by a jump, [H, W]: elsewhere nobody could say otherwise."""
+    window = np.ones((2 * reach + 1, 2 * reach + 1), np.uint8)
+    # Not infinity: two of them have no difference.
+    nobody = np.finfo(np.float32).max / 4
+    nearest = cv2.dilate(np.where(plain, inverse_depth, -nobody).astype(np.float32), window)
+    farthest = cv2.erode(np.where(plain, inverse_depth, nobody).astype(np.float32), window)
+    near: Bool = nearest - farthest > jump
+    return near
+
+
+def plain_pixels(view: F32) -> Bool:
+    """Tell where a view, [H, W, C] in full scales, hardly varies around a pixel, [H, W]."""
+    window = (_PLAIN_WINDOW_PX, _PLAIN_WINDOW_PX)
+    planes = _planes(view).astype(np.float64)
+    variances = [cv2.blur(one * one, window) - cv2.blur(one, window) ** 2 for one in planes]
+    plain: Bool = np.mean(variances, axis=0) < _PLAIN_SIGMA**2
+    return plain
+
+
+def difference(inverse_depth: F32, described: F32, from_view: F64, intrinsics: F64, window_px: int) -> F32:
+    """Return how much views differ where a map sends them, [H, W]: a plane sweep's cost at each pixel's own plane.
+
+    Args:
+        inverse_depth: Of the first view, [H, W].
+        described: The views' features, [N, H, W, F].
+        from_view: Their poses seen from the first, [N, 4, 4].
+        intrinsics: [3, 3], px.
+        window_px: Over which differences are averaged.
+    """
+    height, width = inverse_depth.shape
+    rows, columns = np.mgrid[:height, :width] + 0.5
+    rays = np.stack([columns, rows, np.ones_like(rows)], axis=-1) @ np.linalg.inv(intrinsics).T
+    costs = []
+    for view, pose in zip(described[1:], from_view[1:], strict=True):
+        # In units of the depth: X = R ray + t ρ.
+        points = (rays @ pose[:3, :3].T + pose[:3, 3] * inverse_depth[..., None]) @ intrinsics.T
+        ahead = points[..., 2] > 0
+        at = points[..., :2] / np.where(ahead, points[..., 2], 1.0)[..., None]
+        inside = ahead & (at >= 0).all(axis=-1) & (at[..., 0] <= width) & (at[..., 1] <= height)
+        x, y = ((np.where(inside, at[..., axis], 0.0) - 0.5).astype(np.float32) for axis in (0, 1))
+        seen = np.stack(
+            [cv2.remap(one, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE) for one in _planes(view)]
+        )
+        apart = np.abs(seen - _planes(described[0])).sum(axis=0)
+        cost = np.where(inside, np.minimum(apart, TRUNCATED_AT), UNSEEN_COST).astype(np.float32)
+        costs.append(cv2.blur(cost, (window_px, window_px)))
+    best = max(1, len(costs) * 2 // 3)
+    least: F32 = np.sort(np.stack(costs), axis=0)[:best].mean(axis=0)
+    return least
+
+
+def _planes(view: F32) -> F32:
+    return np.ascontiguousarray(view.transpose(2, 0, 1))
+
+
+@numba.njit(cache=True)
+def _likeness(view, r, c, i, j, sigma):
+    """Return how alike the colours of two pixels of a view, [H, W, C], are: 1 for the same, 0 below 1e-4."""
+    total = np.float32(0)
+    for k in range(view.shape[2]):
+        apart = view[i, j, k] - view[r, c, k]
+        total += apart * apart
+    # The normal distribution's shape, near enough, without an exponential.
+    share = np.float32(1) + total / (np.float32(8) * sigma * sigma)
+    share *= share
+    return np.float32(1) / (share * share)
+
+
+@numba.njit(cache=True, parallel=True)
+def plane_slopes(inverse_depth: F32, view: F32, plain: Bool, gate: np.float32) -> F32:
+    """Fit a plane around each plain pixel to what lies on its surface, [2, H, W]: change per px right, and down.
+
+    Args:
+        inverse_depth: [H, W] float32.
+        view: [H, W, C] float32.
+        plain: Pixels that are asked, [H, W]; 0 elsewhere.
+        gate: What is farther off than this lies on another surface.
+    """
+    height, width = inverse_depth.shape
+    found = np.zeros((2, height, width), np.float32)
+    sigma = np.float32(_SLOPE_SIGMA)
+    for r in numba.prange(height):
+        for c in range(width):
+            if not plain[r, c]:
+                continue
+            n = x1 = y1 = d1 = xx = yy = xy = xd = yd = 0.0
+            # The pixel itself is always one of them.
+            top = r - min(_SLOPE_REACH_PX, r) // _SLOPE_EVERY_PX * _SLOPE_EVERY_PX
+            left = c - min(_SLOPE_REACH_PX, c) // _SLOPE_EVERY_PX * _SLOPE_EVERY_PX
+            for i in range(top, min(r + _SLOPE_REACH_PX + 1, height), _SLOPE_EVERY_PX):
+                for j in range(left, min(c + _SLOPE_REACH_PX + 1, width), _SLOPE_EVERY_PX):
+                    d = inverse_depth[i, j] - inverse_depth[r, c]
+                    if abs(d) > gate:
+                        continue
+                    w = _likeness(view, r, c, i, j, sigma)
+                    x, y = float(j - c), float(i - r)
+                    n += w
+                    x1 += w * x
+                    y1 += w * y
+                    d1 += w * d
+                    xx += w * x * x
+                    yy += w * y * y
+                    xy += w * x * y
+                    xd += w * x * d
+                    yd += w * y * d
+            a, b, m = xx - x1 * x1 / n + _SLOPE_DAMPING, yy - y1 * y1 / n + _SLOPE_DAMPING, xy - x1 * y1 / n
+            p, q = xd - x1 * d1 / n, yd - y1 * d1 / n
+            det = a * b - m * m
+            found[0, r, c], found[1, r, c] = (b * p - m * q) / det, (a * q - m * p) / det
+    return found
+
+
+def plane_votes(
+    inverse_depth: F32, slopes: F32, view: F32, where: tuple[Bool, Bool], reach: int, span: tuple[float, float]
+) -> F32:
+    """Return what most of the plain pixels of like colour, continued as planes, say of a pixel's depth, [H, W].
+
+    Args:
+        inverse_depth: [H, W] float32.
+        slopes: Of everybody's plane, [2, H, W] float32.
+        view: [H, W, C] float32.
+        where: Who may vote, and on which pixels, [H, W] each; the others keep what they have.
+        reach: How far around, px.
+        span: Farthest and nearest, which planes do not leave.
+    """
+    low, step = np.float32(span[0]), np.float32((span[1] - span[0]) / (_LEVELS - 1))
+    found: F32 = np.clip(_votes(inverse_depth, slopes, view, *where, reach, max(1, reach // _VOTERS), low, step), *span)
+    return found
+
+
+@numba.njit(cache=True, parallel=True)
+def _votes(inverse_depth, slopes, view, voting, asked, reach, every, low, step):
+    """Take the weighted median by a histogram, and the mean of what is said in its cell."""
+    height, width = inverse_depth.shape
+    found = inverse_depth.copy()
+    sigma, least = np.float32(_SIGMA), np.float32(_LEAST_LIKENESS)
+    for r in numba.prange(height):
+        weights, sums = np.empty(_LEVELS, np.float32), np.empty(_LEVELS, np.float32)
+        top, bottom = r - min(reach, r) // every * every, min(r + reach + 1, height)
+        for c in range(width):
+            if not asked[r, c]:
+                continue
+            weights[:] = np.float32(0)
+            sums[:] = np.float32(0)
+            total = np.float32(0)
+            left, right = c - min(reach, c) // every * every, min(c + reach + 1, width)
+            for i in range(top, bottom, every):
+                for j in range(left, right, every):
+                    if not voting[i, j]:
+                        continue
+                    w = _likeness(view, r, c, i, j, sigma)
+                    if w < least:
+                        continue
+                    said = inverse_depth[i, j]
+                    said += slopes[0, i, j] * np.float32(c - j) + slopes[1, i, j] * np.float32(r - i)
+                    level = min(max(int((said - low) / step + np.float32(0.5)), 0), _LEVELS - 1)
+                    weights[level] += w
+                    sums[level] += w * said
+                    total += w
+            reached, median = weights[0], 0
+            while reached < np.float32(0.5) * total and median < _LEVELS - 1:
+                median += 1
+                reached += weights[median]
+            if weights[median] > 0:
+                found[r, c] = sums[median] / weights[median]
+    return found

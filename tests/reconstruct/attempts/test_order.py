@@ -1,0 +1,219 @@
+"""Which order of depth is taken, by what brief fits of both leave; the fits are replaced."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from gs2ci.core.findings import Code
+from gs2ci.core.progress import Silent
+from gs2ci.reconstruct.attempts.order import FinishedScene, is_open, settle, shortened, unsettled
+from gs2ci.reconstruct.fit.coarse import CoarseSettings
+from gs2ci.reconstruct.geometry.initialise import Geometry
+from gs2ci.reconstruct.geometry.reversal import reversed_geometry
+from gs2ci.reconstruct.geometry.validity import Criteria
+
+NEAR_LEFT = np.tile(np.linspace(1.3, 0.7, 128, dtype=np.float32), (96, 1))
+
+
+@pytest.fixture
+def found():
+    poses = np.tile(np.eye(4), (4, 1, 1))
+    poses[:, 0, 3] = (-0.02, -0.01, 0, 0.01)
+    return Geometry(poses, np.diag([200.0, 200, 1]), "file", NEAR_LEFT, 2, 100, 0.3, 2.0, "full", ())
+
+
+class Fits:
+    """Stands for brief fits: what either order leaves, near left and near right, in turn."""
+
+    def __init__(self, *left, luck=()):
+        self.left, self.luck, self.tried = left, luck, []
+
+    def __call__(self, geometry, number):
+        near_left = geometry.inverse_depth[0, 0] > geometry.inverse_depth[0, -1]
+        self.tried.append((near_left, number))
+        return self.left[0 if near_left else 1] * (self.luck[number] if near_left and self.luck else 1.0)
+
+
+class Finished:
+    """Stands for finished scenes: what they lose inside out and what they leave, with near left, and near right."""
+
+    def __init__(self, near_left=0.0, near_right=0.0, left=(0.0, 0.0)):
+        self.found = {True: FinishedScene(left[0], near_left), False: FinishedScene(left[1], near_right)}
+        self.asked = []
+
+    def __call__(self, geometry):
+        self.asked.append(near_is_left(geometry))
+        return self.found[self.asked[-1]]
+
+
+def settled(geometry, fits, finished=None, *, told=False):
+    return settle(geometry, fits, finished or Finished(), Silent(), told=told)
+
+
+def codes(geometry):
+    return [note.code for note in geometry.notes]
+
+
+def near_is_left(geometry):
+    return bool(geometry.inverse_depth[0, 0] > geometry.inverse_depth[0, -1])
+
+
+def test_an_order_that_leaves_clearly_less_stays_after_one_pair_and_without_a_word(found):
+    fits = Fits(1.0, 1.5)
+    taken = settled(found, fits)
+    assert near_is_left(taken)
+    assert codes(taken) == []
+    assert taken.order_errors > 2
+    assert len(fits.tried) == 2
+
+
+def test_an_order_that_leaves_clearly_more_is_turned_over_with_a_word(found):
+    taken = settled(found, Fits(1.5, 1.0))
+    assert not near_is_left(taken)
+    assert codes(taken) == [Code.DEPTH_ORDER_TURNED]
+    assert taken.notes[0].sentence.count("5.1 standard errors") == 1
+    assert taken.order_errors > 2
+    np.testing.assert_allclose(taken.world_to_camera[:, 0, 3], -found.world_to_camera[:, 0, 3])
+
+
+def test_what_tracks_found_the_other_way_round_is_taken_rather_than_a_mere_reflection(found):
+    other = replace(reversed_geometry(found), tracks=77)
+    taken = settled(replace(found, reverse=other), Fits(1.5, 1.0))
+    assert taken.tracks == 77
+    assert taken.reverse is None
+
+
+def test_pairs_begin_in_turn_with_either_finding_of_the_tracks(found):
+    fits = Fits(1.0, 1.0)
+    settled(replace(found, reverse=reversed_geometry(found)), fits)
+    assert [tried for tried, _ in fits.tried] == [False, True, True, False]
+    assert [number for _, number in fits.tried] == [0, 0, 1, 1]
+
+
+@pytest.mark.parametrize("left", [(1.0, 1.02), (1.02, 1.0), (0.0, 0.0), (float("nan"), 1.0), (1.0, float("inf"))])
+def test_orders_that_leave_about_as_much_are_said_to_be_open(found, left):
+    taken = settled(found, Fits(*left))
+    assert codes(taken) == [Code.DEPTH_ORDER_OPEN]
+    assert "may be exchanged" in taken.notes[0].sentence
+    assert 0 <= taken.order_errors < 2
+
+
+def test_pairs_that_contradict_one_another_are_no_evidence(found):
+    taken = settled(found, Fits(1.0, 1.0, luck=(0.87, 1.2, 0.85, 1.25)))
+    assert codes(taken) == [Code.DEPTH_ORDER_OPEN]
+
+
+def test_what_short_fits_leave_open_finished_scenes_decide(found):
+    right, wrong = Finished(0.37, 0.02), Finished(0.02, 0.37)
+    taken = settled(found, Fits(1.0, 1.0), right)
+    assert near_is_left(taken)
+    assert codes(taken) == []
+    assert right.asked == [True, False]
+    taken = settled(found, Fits(1.0, 1.0), wrong)
+    assert not near_is_left(taken)
+    assert codes(taken) == [Code.DEPTH_ORDER_TURNED]
+    assert taken.order_errors == pytest.approx(0.35 / 0.12)
+
+
+def test_the_other_finished_scene_begins_with_what_tracks_found_the_other_way_round(found):
+    other, asked = replace(reversed_geometry(found), tracks=77), []
+    settled(replace(found, reverse=other), Fits(1.0, 1.0), lambda geometry: asked.append(geometry.tracks))
+    assert asked == [100, 77]
+
+
+def test_finished_scenes_are_not_asked_where_short_fits_are_sure_or_the_path_was_told(found):
+    finished = Finished()
+    settled(found, Fits(1.0, 1.5), finished)
+    settled(replace(found, source="file"), Fits(1.0, 1.0), finished, told=True)
+    assert finished.asked == []
+
+
+def test_two_finished_scenes_that_lose_as_much_leave_the_order_open(found):
+    """A fit that explains noise loses much either way, and knows nothing of depth."""
+    assert codes(settled(found, Fits(1.0, 1.2), Finished(0.4, 0.38))) == [Code.DEPTH_ORDER_OPEN]
+
+
+def test_one_finding_and_its_mere_reflection_are_not_sure_by_what_two_findings_are(found):
+    finished = Finished()
+    settled(found, Fits(1.0, 1.25), finished)
+    assert finished.asked == [True, False]
+    finished = Finished()
+    taken = settled(replace(found, reverse=reversed_geometry(found)), Fits(1.0, 1.25), finished)
+    assert finished.asked == []
+    assert taken.order_errors > 2
+
+
+def test_a_scene_that_fails_inside_out_is_no_evidence_by_how_much(found):
+    assert codes(settled(found, Fits(1.0, 1.0), Finished(0.7, 2.0))) == [Code.DEPTH_ORDER_OPEN]
+    taken = settled(found, Fits(1.0, 1.0), Finished(0.7, 2.0, left=(-5.0, -4.0)))
+    assert near_is_left(taken)
+    assert codes(taken) == []
+
+
+def test_a_finished_scene_whose_numbers_ran_away_is_no_evidence(found):
+    assert codes(settled(found, Fits(1.0, 1.0), lambda _: None)) == [Code.DEPTH_ORDER_OPEN]
+
+
+def test_tracks_and_what_scenes_leave_count_beside_what_they_lose_but_little(found):
+    nearly = Finished(0.21, 0.0)
+    assert codes(settled(found, Fits(1.0, 1.0), nearly)) == [Code.DEPTH_ORDER_OPEN]
+    assert codes(settled(replace(found, order_errors=3.0), Fits(1.0, 1.0), nearly)) == []
+    assert codes(settled(found, Fits(1.0, 1.0), Finished(0.21, 0.0, left=(-5.0, -4.8)))) == []
+    assert codes(settled(found, Fits(1.0, 1.0), Finished(left=(-5.0, -4.8)))) == [Code.DEPTH_ORDER_OPEN]
+    assert codes(settled(replace(found, order_errors=5.0), Fits(1.0, 1.0))) == [Code.DEPTH_ORDER_OPEN]
+
+
+def test_the_sign_of_a_told_path_decides_where_pixels_do_not(found):
+    taken = settled(replace(found, source="file"), Fits(1.02, 1.0), told=True)
+    assert near_is_left(taken)
+    assert codes(taken) == []
+
+
+def test_a_told_path_is_not_turned_over_by_what_would_turn_an_untold_one(found):
+    assert near_is_left(settled(replace(found, source="file"), Fits(1.18, 1.0), told=True))
+    assert not near_is_left(settled(replace(found, reverse=reversed_geometry(found)), Fits(1.18, 1.0)))
+
+
+def test_one_pair_however_lucky_does_not_turn_a_told_path_over(found):
+    """The first pair speaks for the reverse by ten standard errors; the others, near to nothing, do not all agree."""
+    fits = Fits(1.0, 1.0, luck=(2.3, 2.2, 0.99, 2.3))
+    taken = settled(replace(found, source="file"), fits, told=True)
+    assert near_is_left(taken)
+    assert codes(taken) == []
+    assert len(fits.tried) == 2 * 4
+
+
+def test_in_a_smaller_picture_more_is_luck(found):
+    small = replace(found, inverse_depth=found.inverse_depth[::4, ::4])
+    assert codes(settled(found, Fits(1.0, 1.0), Finished(0.3, 0.0))) == []
+    assert codes(settled(small, Fits(1.0, 1.0), Finished(0.3, 0.0))) == [Code.DEPTH_ORDER_OPEN]
+
+
+def test_a_told_path_whose_sign_contradicts_the_picture_is_named(found):
+    fits = Fits(1.5, 1.0)
+    taken = settled(replace(found, source="file"), fits, told=True)
+    assert not near_is_left(taken)
+    assert codes(taken) == [Code.POSES_SIGN_CONTRADICTED]
+    assert "of the file" in taken.notes[0].sentence
+    assert taken.source == "file"
+    assert len(fits.tried) == 2 * 3
+
+
+def test_only_a_path_whose_tracks_are_not_sure_is_open(found):
+    sure = Criteria().order_errors
+    assert is_open(found, Criteria())
+    assert is_open(replace(found, order_errors=sure - 0.1), Criteria())
+    assert not is_open(replace(found, order_errors=sure), Criteria())
+    assert not is_open(replace(found, verdict="static"), Criteria())
+    assert not is_open(replace(found, order_told=True, order_errors=-9.0), Criteria())
+
+
+def test_an_order_that_nobody_looked_at_is_doubted(found):
+    assert codes(unsettled(found)) == [Code.DEPTH_ORDER_UNTRIED]
+
+
+def test_a_short_fit_takes_the_steps_of_the_whole_one():
+    settings = shortened(CoarseSettings(iterations=600))
+    assert settings.iterations == 60
+    assert settings.steps == CoarseSettings().steps

@@ -1,0 +1,41 @@
+"""What is said of a result beyond what its stages say."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from gs2ci.core.findings import Code
+from gs2ci.reconstruct.geometry.initialise import Geometry
+from gs2ci.reconstruct.record import Recovered, _depth_in_noise
+
+GREY = SimpleNamespace(grey_rms=lambda: 0.2)
+FOUND = Geometry(
+    np.tile(np.eye(4), (2, 1, 1)), np.eye(3), "file", np.ones((4, 4), np.float32), 0, 50, 0.3, 2.0, "full", ()
+)
+
+
+def left(rms):
+    return Recovered(np.zeros((2, 4, 4, 1), np.float32), "refined", {"refined": rms, "scene": 9.0, "decode": 9.0}, ())
+
+
+def test_a_depth_behind_views_that_hardly_explain_the_measurement_is_doubted():
+    (note,) = _depth_in_noise(FOUND, GREY, left(0.12))
+    assert note.code is Code.DEPTH_IN_NOISE
+    assert "60%" in note.sentence
+    assert "Near and far may be exchanged" in note.sentence
+
+
+@pytest.mark.parametrize("rms", [0.09, None])
+def test_one_behind_views_that_explain_it_or_that_nobody_judged_is_not(rms):
+    assert _depth_in_noise(FOUND, GREY, left(rms)) == ()
+
+
+@pytest.mark.parametrize("told", [{"verdict": "static"}, {"source": "stage"}, {"source": "file"}, {"order_told": True}])
+def test_nor_one_that_is_none_or_whose_path_was_told(told):
+    assert _depth_in_noise(replace(FOUND, **told), GREY, left(0.12)) == ()
+
+
+def test_where_a_grey_leaves_nothing_there_is_nothing_to_compare_with():
+    assert _depth_in_noise(FOUND, SimpleNamespace(grey_rms=lambda: 0.0), left(0.12)) == ()
