@@ -80,6 +80,9 @@ class HashGrid(nn.Module):
         generator: Of the first features.
     """
 
+    cells: Tensor
+    corners: Tensor
+
     def __init__(
         self,
         coarsest: tuple[int, int, int],

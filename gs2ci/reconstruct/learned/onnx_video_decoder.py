@@ -34,7 +34,7 @@ from gs2ci.reconstruct.measurement.coding import cfa_channels
 _SIDE_MULTIPLE: Final = 8
 _RANK: Final = 4
 # Which axes, rows and columns, turn a mosaic into one that begins R G.
-_FLIPS: Final = {"RGGB": (), "GRBG": (1,), "GBRG": (0,), "BGGR": (0, 1)}
+_FLIPS: Final[dict[str, tuple[int, ...]]] = {"RGGB": (), "GRBG": (1,), "GBRG": (0,), "BGGR": (0, 1)}
 _CALLED: Final = "y [1, 1, H, W], masks [1, N, H, W] and, if at all, their sum [1, 1, H, W], float32"
 _REMEDY: Final = "wrap the network so that it has this signature, and export it again"
 
