@@ -34,6 +34,7 @@ NOT_RUN = {
     ): "tests/api/test_python_use.py makes these calls on a small shot",
     ("docs/python.md", "shot = gs2ci.Shot("): "the same, with arrays",
     ("docs/python.md", "with gs2ci.open_rig("): "the same, on a simulated bench",
+    ("docs/bluesky.md", "from bluesky import"): "tests/api/test_ophyd.py makes these calls on a simulated bench",
     ("docs/many.md", "from dask_jobqueue"): "needs Slurm; its syntax is checked",
 }
 # First words of a line of shell that is not ours -> why it is not run.
