@@ -3,13 +3,24 @@
 Here: `connected`, `local_workers`. Not here: what is sent to them (`crew`; `gs2ci.tables.workers`).
 """
 
+import asyncio
+import logging
+import multiprocessing
+import os
+import signal
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
+from multiprocessing.process import BaseProcess
 from typing import Any, Final
 
-from gs2ci.core.errors import InputError
+from gs2ci.core.errors import DeviceError, InputError
 
 CONNECT_S: Final = 10
+START_S: Final = 300.0
+"""Until all workers have started: seconds on a quiet machine, a minute or more on one that does much else."""
+_LOOK_S: Final = 1.0
+_END_S: Final = 5.0
 _QUIET: Final = 50  # logging.CRITICAL: a worker that dies is told of by us
 
 
@@ -40,37 +51,96 @@ def connected(scheduler: str) -> Iterator[Any]:
 def local_workers(processes: int) -> Iterator[Any]:
     """Start worker processes on this machine, one thread each; give a client of them; end both.
 
-    A worker that dies is replaced. Nothing listens beyond this machine.
+    A worker that dies is replaced, and so is one that dies while it starts: Dask's own nannies give that up, or are
+    given up themselves by a busy machine. Nothing listens beyond this machine.
 
     Raises:
         InputError: dask.distributed is not installed.
+        DeviceError: No worker has started after minutes.
     """
     distributed = _distributed(f"--processes {processes}")
     import dask  # noqa: PLC0415
 
-    settings = {
-        # Workers are given one task at a time: a death is then blamed on the one that ran.
-        "distributed.scheduler.worker-saturation": 1.0,
-        "distributed.admin.log-level": "critical",
-        # The system decides what happens when memory runs out; Dask would pause workers or kill them at guesses.
-        "distributed.worker.memory.target": False,
-        "distributed.worker.memory.spill": False,
-        "distributed.worker.memory.pause": False,
-        "distributed.worker.memory.terminate": False,
-    }
+    # Workers are given one task at a time: a death is then blamed on the one that ran.
+    settings = {"distributed.scheduler.worker-saturation": 1.0, "distributed.admin.log-level": "critical"}
     with (
         dask.config.set(settings),
         distributed.LocalCluster(
-            n_workers=processes,
-            threads_per_worker=1,
-            host="127.0.0.1",
-            dashboard_address=None,
-            memory_limit=0,
-            silence_logs=_QUIET,
+            n_workers=0, threads_per_worker=1, host="127.0.0.1", dashboard_address=None, silence_logs=_QUIET
         ) as cluster,
         distributed.Client(cluster) as client,
+        _kept_running(cluster.scheduler_address, processes),
     ):
+        try:
+            client.wait_for_workers(processes, timeout=START_S)
+        except TimeoutError as error:
+            raise DeviceError(
+                f"of {processes} worker processes not all have started after {START_S:.0f} s",
+                allowed="processes that can start Python and connect to each other on this machine",
+                remedy="take fewer --processes, or 1, which needs no others",
+            ) from error
         yield client
+
+
+@contextmanager
+def _kept_running(scheduler: str, processes: int) -> Iterator[None]:
+    """Keep so many workers of a scheduler running, and end them in the end."""
+    import dask  # noqa: PLC0415
+
+    spawning = multiprocessing.get_context("spawn")
+    over = threading.Event()
+
+    def start() -> BaseProcess:
+        # Daemons, so that none outlives this process. They begin as Dask's nannies begin theirs: one thread for each.
+        process = spawning.Process(target=_serve, args=(scheduler,), daemon=True)
+        begun_with = {
+            name: str(value) for name, value in dask.config.get("distributed.nanny.pre-spawn-environ").items()
+        }
+        before = {name: os.environ[name] for name in begun_with if name in os.environ}
+        os.environ.update(begun_with)
+        try:
+            process.start()
+        finally:
+            for name in begun_with:
+                del os.environ[name]
+            os.environ.update(before)
+        return process
+
+    crew = [start() for _ in range(processes)]
+
+    def replace_the_dead() -> None:
+        while not over.wait(_LOOK_S):
+            crew[:] = [process if process.is_alive() else start() for process in crew]
+
+    keeper = threading.Thread(target=replace_the_dead, name="workers", daemon=True)
+    keeper.start()
+    try:
+        yield
+    finally:
+        over.set()
+        keeper.join()
+        for process in crew:
+            process.terminate()
+        for process in crew:
+            process.join(_END_S)
+            if process.is_alive():
+                process.kill()
+
+
+def _serve(scheduler: str) -> None:
+    """Work for a scheduler until it goes away: the body of a worker process."""
+    from dask import distributed  # noqa: PLC0415
+
+    # Ctrl-C is the parent's to answer.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    logging.getLogger("distributed").setLevel(_QUIET)
+
+    async def work() -> None:
+        # The system decides what happens when memory runs out; Dask would pause workers or kill them at guesses.
+        async with distributed.Worker(scheduler, nthreads=1, memory_limit=0, dashboard=False) as worker:
+            await worker.finished()
+
+    asyncio.run(work())
 
 
 def _distributed(wanted_for: str) -> Any:

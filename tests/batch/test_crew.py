@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from distributed import Client
 
+from gs2ci.batch import cluster
 from gs2ci.batch.cluster import local_workers
 from gs2ci.batch.crew import complete, workers_by_host
 from gs2ci.batch.exposures import list_exposures
@@ -61,6 +62,15 @@ def deadly(shot):
     raise InputError(f"{shot.name} is refused")
 
 
+def dying_at_first(scheduler, serve=cluster._serve):
+    """Die the first time that a worker starts in a folder; work from then on."""
+    seen = Path(os.environ["GS2CI_TEST_SEEN"]) / "started"
+    if not seen.exists():
+        seen.touch()
+        os._exit(1)
+    serve(scheduler)
+
+
 def killing(task):
     if task.key == "key1":
         raise distributed.KilledWorker("key1", SimpleNamespace(address="tcp://far:1"), 3)
@@ -77,6 +87,21 @@ def test_a_worker_that_dies_costs_its_own_exposure_which_is_tried_again(tasks, t
         rows = sorted(complete(tasks, processes=2), key=lambda row: row.name)
     assert [(row.name, row.problem.problem) for row in rows] == [("a-000", "a is refused"), ("a-001", "b is refused")]
     assert (tmp_path / "b").exists()
+
+
+def test_a_worker_that_dies_while_it_starts_is_replaced(tmp_path, monkeypatch):
+    monkeypatch.setenv("GS2CI_TEST_SEEN", str(tmp_path))
+    monkeypatch.setattr(cluster, "_serve", dying_at_first)
+    with local_workers(1) as client:
+        assert client.submit(os.getpid).result() != os.getpid()
+    assert (tmp_path / "started").exists()
+
+
+def test_workers_that_do_not_start_are_an_error_that_says_what_else_to_do(monkeypatch):
+    monkeypatch.setattr(cluster, "START_S", 0.001)
+    refused = pytest.raises(DeviceError, match=r"not all have started after 0 s.* 1, which needs no others")
+    with refused, local_workers(1):
+        pass
 
 
 def test_an_exposure_whose_workers_all_die_is_given_up_and_the_others_are_not(tasks, monkeypatch, in_threads, tmp_path):
