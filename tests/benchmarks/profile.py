@@ -28,7 +28,7 @@ import numba
 from gs2ci.core.progress import Silent
 from gs2ci.core.records import Shot
 from gs2ci.evaluate import run_folder
-from gs2ci.reconstruct import pipeline
+from gs2ci.reconstruct import fits, pipeline
 from gs2ci.reconstruct.fit import coarse, gathering, losses, optimiser, poses, surfaces
 from gs2ci.reconstruct.fit.looks import Looks
 from gs2ci.reconstruct.fit.stopping import HoldOut
@@ -45,9 +45,9 @@ PARTS: tuple[tuple[str, Any, str], ...] = (
     ("registration", pipeline, "register"),
     ("first look: decode, path, depth", pipeline, "look"),
     ("first look: decode, path, depth", pipeline, "look_closer"),
-    ("order of depth", pipeline, "_settled"),
-    ("first Gaussians", pipeline, "_beginning"),
-    ("mean of the fits", pipeline, "combined"),
+    ("order of depth", fits.Fits, "settle_order"),
+    ("first Gaussians", fits.Fits, "beginning"),
+    ("mean of the fits", fits, "combined"),
     ("choice of views", pipeline, "hand_over"),
     ("record", pipeline, "record"),
     ("fit: loop", coarse._Loop, "run"),
@@ -168,7 +168,7 @@ def _one_fit(shot: Shot, iterations: int) -> tuple[float, float]:
     """Return the wall and processor seconds of one fit alone."""
     fit = replace(Settings().fit, iterations=iterations, hold_out=HoldOut(patience=iterations), surfaces=None)
     taken: list[tuple[float, float]] = []
-    plain = pipeline.fit_coarse
+    plain = fits.fit_coarse
 
     def timed(**given: Any) -> Any:
         wall_s, processor_s = time.perf_counter(), time.process_time()
@@ -176,7 +176,7 @@ def _one_fit(shot: Shot, iterations: int) -> tuple[float, float]:
         taken.append((time.perf_counter() - wall_s, time.process_time() - processor_s))
         return result
 
-    with patch.object(pipeline, "fit_coarse", timed):
+    with patch.object(fits, "fit_coarse", timed):
         pipeline.reconstruct(shot, Settings(fit=fit, fits=1, look_again=False), Silent())
     return taken[-1]
 

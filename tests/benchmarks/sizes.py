@@ -43,7 +43,7 @@ from gs2ci.core.arrays import F32
 from gs2ci.core.cameras import pinhole
 from gs2ci.core.records import Shot, Truth
 from gs2ci.evaluate.run_report import build_report
-from gs2ci.reconstruct import pipeline
+from gs2ci.reconstruct import fits, pipeline
 from gs2ci.reconstruct.fit import coarse
 from gs2ci.reconstruct.fit.rendering import ShotRenderer
 from gs2ci.reconstruct.presets.named import preset
@@ -55,14 +55,14 @@ STAGES = (
     ("registration", pipeline, "register"),
     ("first look: decode, path, depth", pipeline, "look"),
     ("first look: decode, path, depth", pipeline, "look_closer"),
-    ("order of depth", pipeline, "_settled"),
-    ("first Gaussians", pipeline, "_beginning"),
-    ("fits", pipeline, "fit_together"),
+    ("order of depth", fits.Fits, "settle_order"),
+    ("first Gaussians", fits.Fits, "beginning"),
+    ("fits", fits, "fit_together"),
     ("fits: surfaces", coarse, "find_surfaces"),
     ("fits: looks", coarse._Loop, "_look"),
     ("depth", ShotRenderer, "stopped_light"),
-    ("mean of the fits", pipeline, "combined"),
-    ("choice of views", pipeline, "_recover"),
+    ("mean of the fits", fits, "combined"),
+    ("choice of views", pipeline, "hand_over"),
     ("record", pipeline, "record"),
 )
 

@@ -1,4 +1,4 @@
-"""When the pipeline asks for the order of depth, and that its short fits do answer."""
+"""When the fits of a reconstruction are asked for the order of depth, and that they do answer."""
 
 from dataclasses import replace
 
@@ -9,7 +9,7 @@ import torch
 from gs2ci.core.findings import Code
 from gs2ci.core.progress import Silent
 from gs2ci.core.records import Shot
-from gs2ci.reconstruct import pipeline
+from gs2ci.reconstruct import fits
 from gs2ci.reconstruct.attempts import order, order_fits
 from gs2ci.reconstruct.first_look import FirstLook
 from gs2ci.reconstruct.fit.coarse import CoarseSettings
@@ -20,6 +20,7 @@ from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.geometry.reversal import reversed_geometry
 from gs2ci.reconstruct.measurement.jury import Jury
 from gs2ci.reconstruct.settings import Settings
+from gs2ci.reconstruct.stopwatch import Stopwatch
 from gs2ci.render.backend import load_backend
 from gs2ci_sims.scenes.planes import planes
 
@@ -44,8 +45,8 @@ def first():
 
 def settled(first, settings, *, hurried=False):
     refine = Refinement(first.jury, settings.residual)
-    clock = pipeline._Stopwatch()
-    return pipeline._settled(first, first.jury, None, settings, refine, Silent(), clock, hurried=hurried)
+    asked = fits.Fits(first.jury, first.jury, None, settings, refine, Silent(), Stopwatch())
+    return asked.settle_order(first, hurried=hurried)
 
 
 def codes(look):
@@ -61,7 +62,7 @@ def asked(monkeypatch):
         calls.append(told)
         return replace(geometry, order_errors=3.0)
 
-    monkeypatch.setattr(pipeline, "settle", record)
+    monkeypatch.setattr(fits, "settle", record)
     return calls
 
 
@@ -142,7 +143,7 @@ def test_a_finished_scene_loses_more_inside_out_if_it_is_the_right_way_round(soo
         found["right"], found["wrong"] = finish(geometry), finish(reversed_geometry(geometry))
         return geometry
 
-    monkeypatch.setattr(pipeline, "settle", ask)
+    monkeypatch.setattr(fits, "settle", ask)
     settled(FirstLook(Jury.of(shot, 0.1, 0), truth, right, None), LONG)
     # 0.17 and 0.46 here.
     assert found["right"].lost > found["wrong"].lost

@@ -1,0 +1,215 @@
+"""The fits of one reconstruction: what they share, and all that is done with them.
+
+Here: `Fits`: their beginnings, one fit, an attempt's fits and their mean, fits that begin to move, fits that settle the
+order of depth, fits that a budget allows, the fine stage. Not here: in which order these are asked for (`pipeline`),
+which attempts are made and taken (`attempts/choice.py`), what a fit is (`fit/coarse.py`).
+"""
+
+from dataclasses import dataclass, field, replace
+from typing import Final
+
+from gs2ci.core.arrays import F32, F64
+from gs2ci.core.halt import Halt
+from gs2ci.core.progress import Progress, Silent
+from gs2ci.reconstruct.attempts.choice import Attempt
+from gs2ci.reconstruct.attempts.order import LEAST_SCHEDULE, is_open, settle, unsettled
+from gs2ci.reconstruct.attempts.order_fits import OrderFits
+from gs2ci.reconstruct.decode.residual import ResidualSettings
+from gs2ci.reconstruct.first_look import FirstLook
+from gs2ci.reconstruct.fit.coarse import CoarseFit, CoarseSettings, fit_coarse
+from gs2ci.reconstruct.fit.ensemble import Ensemble, FitOne, Member, combined, fit_together, members
+from gs2ci.reconstruct.fit.fine import Fine, fit_fine
+from gs2ci.reconstruct.fit.looks import Score
+from gs2ci.reconstruct.fit.motion import at_rest_until_moved, of_degree, set_moving
+from gs2ci.reconstruct.fit.pace import Pace, Timed
+from gs2ci.reconstruct.fit.refinement import Refinement
+from gs2ci.reconstruct.fit.rendering import ShotRenderer
+from gs2ci.reconstruct.fit.shutter import MaskMoments
+from gs2ci.reconstruct.fit.start import first_gaussians
+from gs2ci.reconstruct.fit.withheld import Withheld, first_points, first_poses
+from gs2ci.reconstruct.geometry.initialise import Geometry
+from gs2ci.reconstruct.measurement.jury import Jury
+from gs2ci.reconstruct.measurement.lens import Lens, straightened
+from gs2ci.reconstruct.moving import released
+from gs2ci.reconstruct.presets.budget import Budget
+from gs2ci.reconstruct.settings import Settings
+from gs2ci.reconstruct.stopwatch import Stopwatch
+from gs2ci.render.backend import load_backend
+from gs2ci.render.gaussians import Gaussians
+
+# By so many iterations, and a look, the fits that fit into a budget are chosen.
+_TIMED_ITERATIONS: Final = 6
+
+
+@dataclass(frozen=True)
+class Fits:
+    """What all fits of one reconstruction share.
+
+    Args:
+        jury: The measurement, and its held-out pixels.
+        fitted: The same with its holes filled, to which fits are held.
+        lens: Through which it was taken, unless it is a pinhole.
+        settings: Of every stage.
+        refine: What will be done to the views of fits.
+        progress: Told of every stage and step.
+        clock: Of the stages.
+        score: Of views, for the curve.
+        halt: Once it is asked, fits end.
+        shutter: The moments within masks; None where each mask has one.
+        pace: What a budget leaves to the fits; None is their settings' number of iterations.
+    """
+
+    jury: Jury
+    fitted: Jury
+    lens: Lens | None
+    settings: Settings
+    refine: Refinement
+    progress: Progress
+    clock: Stopwatch
+    score: Score | None = None
+    halt: Halt = field(default_factory=Halt)
+    shutter: MaskMoments | None = None
+    pace: Pace | None = None
+
+    def settle_order(self, first: FirstLook, *, hurried: bool) -> FirstLook:
+        """Settle the order of depth by fits of both where the first look leaves it open; with a doubt where hurried.
+
+        A path that a stage told is not asked about; one from a file has a sign of its own, and needs no doubt.
+        """
+        geometry, settings = first.geometry, self.settings
+        if settings.withheld != Withheld() or not is_open(geometry, settings.geometry.criteria):
+            return first
+
+        def begin(began: Geometry) -> tuple[Geometry, Gaussians]:
+            return self.beginning(replace(first, geometry=began), first.decoded)
+
+        def fit_one(at: Geometry, how: CoarseSettings) -> FitOne:
+            return replace(self._trying(how), shutter=None).fit_one(at)
+
+        def depths(at: Geometry, scene: Gaussians, poses: F64) -> F32:
+            backend = load_backend(settings.backend, settings.raster)
+            return ShotRenderer(self.fitted.shot, at.intrinsics, backend, self.lens).depths(scene, poses)
+
+        fits = OrderFits(self.fitted, settings, begin, fit_one, depths)
+        told = geometry.source not in ("tracks", "wide", "uniform")
+        if not hurried and settings.fit.iterations >= LEAST_SCHEDULE:
+            geometry = settle(geometry, fits.brief, fits.finish, self.progress, told=told)
+        elif not told:
+            geometry = unsettled(geometry)
+        for note in geometry.notes:
+            if note not in first.geometry.notes:
+                self.progress.say(note.sentence)
+        self.clock.lap("fit")
+        return replace(first, geometry=geometry)
+
+    def within(self, budget: Budget | None, first: FirstLook) -> "Fits":
+        """Return the same with fits for which a budget suffices, by a few timed iterations, at the pace that they keep.
+
+        Without a budget nothing is changed.
+        """
+        if budget is None:
+            return self
+        fit = self.settings.fit
+        looking = fit.hold_out.looking(_TIMED_ITERATIONS)
+        brief = replace(fit, iterations=_TIMED_ITERATIONS, densify_from=1.0, surfaces=None, hold_out=looking)
+        geometry, start = self.beginning(first, first.decoded)
+        timed = Timed(_TIMED_ITERATIONS)
+        self._trying(brief).fit_one(geometry)(Member(start, fit.density, self.settings.seed), Silent(), timed)
+        settings, pace, said = budget.fit(self.settings, timed)
+        self.progress.say(said)
+        self.clock.lap("fit")
+        return replace(self, settings=settings, pace=pace)
+
+    def attempt(self, look: FirstLook, views: F32, moving: bool) -> Attempt:
+        """Fit from what a look found, with views, [N, H, W, C], to take colours and motion from."""
+        settings = self.settings
+        geometry, start = self.beginning(look, views, moving=moving)
+        self.clock.lap("geometry")
+        team = members(start, settings.density_rules, settings.fits, settings.seed)
+        team = tuple(replace(one, start=of_degree(one.start, number)) for number, one in enumerate(team))
+        fits = fit_together(self.fit_one(geometry), team, self.progress, self.pace, self.halt)
+        return Attempt(look, geometry, fits, self._mean(fits, "fit"))
+
+    def release(self, still: Attempt) -> Attempt:
+        """Go on with the fits of a still scene, and let it move."""
+        freed = replace(self, settings=replace(self.settings, fit=released(self.settings.fit)))
+        team, paths = [], {}
+        for number, fit in enumerate(still.fits):
+            start = of_degree(at_rest_until_moved(fit.scene, freed.settings.fit.motion), number)
+            team.append(Member(start, freed.settings.fit.density, number))
+            paths[number] = replace(still.geometry, world_to_camera=fit.world_to_camera)
+
+        def fit_one(member: Member, progress: Progress, pace: Pace | None) -> CoarseFit:
+            return freed.fit_one(paths[member.seed])(member, progress, pace)
+
+        fits = fit_together(fit_one, tuple(team), self.progress, None, self.halt)
+        return replace(still, fits=fits, ensemble=self._mean(fits, "fit"))
+
+    def fine(self, tried: Attempt, renderer: ShotRenderer, fine: Fine) -> Ensemble:
+        """Take the best of an attempt's fits through the fine stage."""
+        best = tried.ensemble.best
+        detailed = Refinement(self.jury, self.settings.residual or ResidualSettings()).in_full
+        fined = fit_fine(
+            self.fitted,
+            best,
+            renderer,
+            fine,
+            self.settings.seed,
+            self.refine.in_full,
+            self.progress,
+            self.score,
+            self.clock.began_s,
+            detailed,
+            self.halt,
+        )
+        return self._mean(tuple(fined if fit is best else fit for fit in tried.fits), "fine")
+
+    def beginning(self, look: FirstLook, views: F32, *, moving: bool = False) -> tuple[Geometry, Gaussians]:
+        """Return poses, and the Gaussians to start from, as far as the settings do not withhold them.
+
+        Args:
+            look: What was found.
+            views: They give the Gaussians their colours, [N, H, W, C].
+            moving: Whether they begin with the motion that the views show.
+        """
+        settings, lens = self.settings, self.lens
+        geometry, views = first_poses(look.geometry, settings.withheld), straightened(views, lens)
+        start = first_gaussians(first_points(geometry, views, settings.stride_px, settings.withheld, settings.seed))
+        if moving:
+            start = set_moving(start, geometry, views, settings.fit.motion)
+        # What is fitted and handed over counts the sensor's pixels, and no longer the canvas's.
+        return (geometry if lens is None else replace(geometry, intrinsics=lens.intrinsics)), start
+
+    def fit_one(self, geometry: Geometry) -> FitOne:
+        """Say how one fit of the ensemble goes."""
+
+        def fit(member: Member, progress: Progress, pace: Pace | None) -> CoarseFit:
+            return fit_coarse(
+                jury=self.fitted,
+                start=member.start,
+                geometry=geometry,
+                # Its buffers serve one at a time.
+                backend=load_backend(self.settings.backend, self.settings.raster),
+                settings=replace(self.settings.fit, density=member.density),
+                seed=member.seed,
+                refine=self.refine.in_full,
+                progress=progress,
+                score=self.score,
+                since_s=self.clock.began_s,
+                pace=pace,
+                lens=self.lens,
+                halt=self.halt,
+                shutter=self.shutter,
+            )
+
+        return fit
+
+    def _trying(self, fit: CoarseSettings) -> "Fits":
+        """Return the same for fits that only answer a question: nobody scores them or ends them early."""
+        return replace(self, settings=replace(self.settings, fit=fit), score=None, halt=Halt())
+
+    def _mean(self, fits: tuple[CoarseFit, ...], stage: str) -> Ensemble:
+        """Return the mean of fits that end a stage."""
+        ensemble = combined(fits, self.jury, self.refine)
+        self.clock.lap(stage)
+        return ensemble
