@@ -8,7 +8,7 @@ which attempts are made and taken (`attempts/choice.py`), what a fit is (`fit/co
 from dataclasses import dataclass, field, replace
 from typing import Final
 
-from gs2ci.core.arrays import F32, F64
+from gs2ci.core.arrays import F32
 from gs2ci.core.halt import Halt
 from gs2ci.core.progress import Progress, Silent
 from gs2ci.reconstruct.attempts.choice import Attempt
@@ -72,7 +72,7 @@ class Fits:
     pace: Pace | None = None
 
     def settle_order(self, first: FirstLook, *, hurried: bool) -> FirstLook:
-        """Settle the order of depth by fits of both where the first look leaves it open; with a doubt where hurried.
+        """Settle the order of depth by short fits where the first look leaves it open; with a doubt where hurried.
 
         A path that a stage told is not asked about; one from a file has a sign of its own, and needs no doubt.
         """
@@ -86,14 +86,10 @@ class Fits:
         def fit_one(at: Geometry, how: CoarseSettings) -> FitOne:
             return replace(self._trying(how), shutter=None).fit_one(at)
 
-        def depths(at: Geometry, scene: Gaussians, poses: F64) -> F32:
-            backend = load_backend(settings.backend, settings.raster)
-            return ShotRenderer(self.fitted.shot, at.intrinsics, backend, self.lens).depths(scene, poses)
-
-        fits = OrderFits(self.fitted, settings, begin, fit_one, depths)
+        fits = OrderFits(self.fitted, settings, begin, fit_one)
         told = geometry.source not in ("tracks", "wide", "uniform")
         if not hurried and settings.fit.iterations >= LEAST_SCHEDULE:
-            geometry = settle(geometry, fits.brief, fits.finish, self.progress, told=told)
+            geometry = settle(geometry, fits.brief, self.progress, told=told)
         elif not told:
             geometry = unsettled(geometry)
         for note in geometry.notes:

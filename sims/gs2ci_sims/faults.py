@@ -41,6 +41,11 @@ def declare(name: str, summary: str) -> FaultKind:
     return kind
 
 
+def known() -> tuple[FaultKind, ...]:
+    """Return the faults of all twins that are imported, by name."""
+    return tuple(_KINDS[name] for name in sorted(_KINDS))
+
+
 def find(name: str) -> FaultKind:
     """Return the fault of this name.
 

@@ -4,25 +4,20 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import torch
 
 from gs2ci.core.findings import Code
 from gs2ci.core.progress import Silent
 from gs2ci.core.records import Shot
 from gs2ci.reconstruct import fits
-from gs2ci.reconstruct.attempts import order, order_fits
+from gs2ci.reconstruct.attempts import order
 from gs2ci.reconstruct.first_look import FirstLook
 from gs2ci.reconstruct.fit.coarse import CoarseSettings
 from gs2ci.reconstruct.fit.refinement import Refinement
-from gs2ci.reconstruct.fit.rendering import ShotRenderer
 from gs2ci.reconstruct.fit.withheld import Withheld
 from gs2ci.reconstruct.geometry.initialise import Geometry
-from gs2ci.reconstruct.geometry.reversal import reversed_geometry
 from gs2ci.reconstruct.measurement.jury import Jury
 from gs2ci.reconstruct.settings import Settings
 from gs2ci.reconstruct.stopwatch import Stopwatch
-from gs2ci.render.backend import load_backend
-from gs2ci_sims.scenes.planes import planes
 
 SIZE, VIEWS = (24, 32), 4
 LONG = Settings(fit=CoarseSettings(iterations=250))
@@ -58,7 +53,7 @@ def asked(monkeypatch):
     """Record what `settle` is asked instead of fitting."""
     calls = []
 
-    def record(geometry, _fit_briefly, _reversal, _progress, *, told):
+    def record(geometry, _fit_briefly, _progress, *, told):
         calls.append(told)
         return replace(geometry, order_errors=3.0)
 
@@ -102,49 +97,9 @@ def test_an_ablation_keeps_its_first_geometry(first, asked):
     assert asked == []
 
 
-@pytest.fixture
-def soon(monkeypatch):
-    """Finish scenes in a third of the iterations."""
-    monkeypatch.setattr(order_fits, "_WHOLE", 90)
-    monkeypatch.setattr(order_fits, "_FURTHER", 40)
-
-
-def test_fits_of_a_measurement_that_shows_nothing_leave_the_order_open(first, soon, monkeypatch):
+def test_fits_of_a_measurement_that_shows_nothing_leave_the_order_open(first, monkeypatch):
     """Views of noise: neither order hides anything."""
     monkeypatch.setattr(order, "_MOST_PAIRS", 1)
     found = settled(first, LONG).geometry
     assert [note.code for note in found.notes] == [Code.DEPTH_ORDER_OPEN]
     assert abs(found.order_errors) < 2
-
-
-def test_a_finished_scene_loses_more_inside_out_if_it_is_the_right_way_round(soon, monkeypatch):
-    """Rectangles before a backdrop, 6 px of parallax; true path and depths, and both reversed exactly."""
-    size, views, far = (48, 64), 5, 5.0
-    scene = planes(np.random.default_rng(1), size, depths=(1.8, 2.5), backdrop=far, boxes=0)
-    poses = np.tile(np.eye(4), (views, 1, 1))
-    near = float(scene.depth.min())
-    poses[:, 0, 3] = np.linspace(-0.5, 0.5, views) * 6 / (scene.intrinsics[0, 0] * (1 / near - 1 / far))
-    truth = ShotRenderer(
-        Shot(np.zeros((*size, 3), np.float32), np.ones((views, *size), np.float32)),
-        scene.intrinsics,
-        load_backend("cpu"),
-    ).views(scene.gaussians, torch.from_numpy(poses).float())
-    masks = (np.random.default_rng(2).random((views, *size)) < 0.4).astype(np.float32)
-    coded = (masks[..., None] * truth).sum(axis=0)
-    shot = Shot(coded, masks, weights=np.ones(views, np.float32), intrinsics=scene.intrinsics).check()
-    unit = float(np.median(scene.depth))
-    scaled = poses.copy()
-    scaled[:, :3, 3] /= unit
-    depth = (unit / scene.depth).astype(np.float32)
-    right = Geometry(scaled, scene.intrinsics, "file", depth, views // 2, 100, 0.3, 2.0, "full", ())
-    found = {}
-
-    def ask(geometry, _fit_briefly, finish, _progress, *, told):
-        found["right"], found["wrong"] = finish(geometry), finish(reversed_geometry(geometry))
-        return geometry
-
-    monkeypatch.setattr(fits, "settle", ask)
-    settled(FirstLook(Jury.of(shot, 0.1, 0), truth, right, None), LONG)
-    # 0.17 and 0.46 here.
-    assert found["right"].lost > found["wrong"].lost
-    assert found["right"].left < found["wrong"].left - 0.15

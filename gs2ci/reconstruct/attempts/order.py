@@ -1,21 +1,19 @@
-"""Near and far: which order of depth a measurement shows, found by fits of both.
+"""Near and far: which order of depth a measurement shows, found by short fits of both.
 
-    first geometry ─► (tracks are sure? done) ─► short fits of it and of its reversal, in pairs (─► sure? done)
-    ─► a finished scene of either order, and what each loses when it is turned inside out ─► the better, or open
+    first geometry ─► (tracks are sure? done) ─► short fits of it and of its reversal, in pairs ─► the better, or open
 
 A scene inside out moves like the right one where the motion is small and the field of view narrow; tracks then cannot
 tell, or err together where the camera model is a little wrong. But near hides far, and a fit that has to hide the wrong
 thing leaves more of the measurement. Fits also differ by luck: by where their path begins. So a geometry is compared
 with its own exact reversal, which shares its luck, and what tracks find the other way round with the reversal of that.
-A reversal is no minimum of its own and leaves a little more for that alone, which cancels between the two. What is
-still open is asked of finished scenes, which know what hides what: the right one loses that when it is turned inside
-out. Here: when to compare, how many pairs, and what follows. Not here: the fits (`order_fits`), the reversal
-(`geometry/reversal.py`), the tracks' preference (`geometry/motion.py`).
+A reversal is no minimum of its own and leaves a little more for that alone, which cancels between the two. Here: when
+to compare, how many pairs, and what follows. Not here: the fits (`order_fits`), the reversal (`geometry/reversal.py`),
+the tracks' preference (`geometry/motion.py`).
 """
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Final
 
 from gs2ci.core.findings import Code, Finding, finding
@@ -38,40 +36,17 @@ _MOST_PAIRS_OF_TOLD: Final = 4
 _LUCK: Final = 0.08
 _LUCK_PIXELS: Final = 96 * 128
 _SURE: Final = 2.0
-# The same of what two finished scenes lose and leave, found on development draws of which none was then surely wrong.
-_LUCK_OF_FINISHED: Final = 0.12
-# Before both findings have had their turn: a reversal alone leaves up to a tenth more, once three times as much.
-_SURE_OF_ONE_FINDING: Final = 4.0
+# What pairs of one finding alone count: a reversal leaves up to a tenth more for being one, once three times as much.
+_ONE_FINDING_COUNTS: Final = 1 / 2
 # A told path, a file's, is turned over by no less, and only by several pairs that all say so: short fits of tiny
 # pictures turned over exact ones.
 _SURE_AGAINST_TOLD: Final = 5.0
 _LEAST_PAIRS_AGAINST_TOLD: Final = 3
-# A scene inside out that leaves more than so many standard deviations of luck more has failed: by how much is no
-# evidence. One of a wrong order, whose depths were far from any reversal, lost four times as much as the right one.
-_MOST_LOST: Final = 5.0
-# What tracks say counts a third of what it claims: they err together (`motion.preference`). So does what one finished
-# scene leaves less than the other, which shows the error of a path before that of an order.
-_COUNTS_LITTLE: Final = 1 / 3
+# What tracks say counts a third of what it claims: they err together (`motion.preference`).
+_TRACKS_COUNT: Final = 1 / 3
 
 ShortFit = Callable[[Geometry, int], float]
 """Fits a geometry briefly, with a seed, and returns the mean square that it leaves of the measurement."""
-
-
-@dataclass(frozen=True)
-class FinishedScene:
-    """What a scene that was fitted to the end leaves of the measurement.
-
-    Args:
-        left: The logarithm of its mean square.
-        lost: By how much that grows when the scene is turned inside out, and both are fitted a little further.
-    """
-
-    left: float
-    lost: float
-
-
-Finish = Callable[[Geometry], FinishedScene | None]
-"""Fits a geometry to the end, and turns what it finds inside out; None where numbers run away."""
 
 
 def is_open(geometry: Geometry, criteria: Criteria) -> bool:
@@ -95,13 +70,12 @@ def shortened(fit: CoarseSettings) -> CoarseSettings:
     return replace(fit, iterations=_ITERATIONS, densify_every=_ITERATIONS // 8)
 
 
-def settle(geometry: Geometry, fit_briefly: ShortFit, finish: Finish, progress: Progress, *, told: bool) -> Geometry:
-    """Choose the order of depth by fits of both.
+def settle(geometry: Geometry, fit_briefly: ShortFit, progress: Progress, *, told: bool) -> Geometry:
+    """Choose the order of depth by short fits of both.
 
     Args:
         geometry: What was found first.
         fit_briefly: Called for each geometry that is tried, with the same object each time.
-        finish: Called for either order where short fits leave it open; not of a told path.
         progress: Told of what is done.
         told: Whether a file or a model told the path: its sign decides where pixels do not do so clearly.
 
@@ -110,28 +84,23 @@ def settle(geometry: Geometry, fit_briefly: ShortFit, finish: Finish, progress: 
         `order_errors` are then those of pixels and tracks together.
     """
     progress.say("Near and far may be exchanged: both orders of depth are tried in short fits.")
-    smaller = max(1.0, math.sqrt(_LUCK_PIXELS / geometry.inverse_depth.size))
-    luck = _LUCK * smaller
-    tracks = _COUNTS_LITTLE * (geometry.order_errors or 0.0)
-    found, errors, sure = _of_pairs(geometry, fit_briefly, luck, tracks, told=told)
+    luck = _LUCK * max(1.0, math.sqrt(_LUCK_PIXELS / geometry.inverse_depth.size))
+    tracks = _TRACKS_COUNT * (geometry.order_errors or 0.0)
+    found, errors = _of_pairs(geometry, fit_briefly, luck, tracks, told=told)
     if told:
         agreed = len(found) >= _LEAST_PAIRS_AGAINST_TOLD and all(ratio < 0 for ratio in found)
         return _taken(geometry, errors, agreed and errors <= -_SURE_AGAINST_TOLD, _less(found), told=True)
-    if not sure:
-        progress.say("Short fits do not tell: a finished scene of either order is turned inside out.")
-        one, other = finish(geometry), finish(geometry.reverse or reversed_geometry(geometry))
-        errors = tracks + _of_finished(one, other, _LUCK_OF_FINISHED * smaller)
     return _taken(geometry, errors, errors < 0, _less(found), told=False)
 
 
 def _of_pairs(
     geometry: Geometry, fit_briefly: ShortFit, luck: float, tracks: float, *, told: bool
-) -> tuple[list[float], float, bool]:
+) -> tuple[list[float], float]:
     """Compare orders by pairs of short fits, until they are sure.
 
     Returns:
-        The log ratios of pairs, above 0 for the geometry's own order; by how many errors it is preferred, with the
-        tracks' share; and whether that is sure.
+        The log ratios of pairs, above 0 for the geometry's own order; and by how many errors it is preferred, with
+        the tracks' share.
     """
     beginnings = [geometry, *([] if geometry.reverse is None else [geometry.reverse])]
     pairs = [(one, reversed_geometry(one)) for one in beginnings]
@@ -142,26 +111,14 @@ def _of_pairs(
         number = len(found)
         ratio = log_ratio(fit_briefly(turned, number), fit_briefly(one, number))
         found.append(ratio if one is geometry else -ratio)
-        errors = _errors(found, luck) + tracks
+        both = len(pairs) > 1 and len(found) % len(pairs) == 0
+        errors = _errors(found, luck) * (1.0 if told or both else _ONE_FINDING_COUNTS) + tracks
         if told:
             doubted = errors <= -_SURE_AGAINST_TOLD and len(found) >= _LEAST_PAIRS_AGAINST_TOLD
             sure = errors >= _SURE or doubted
         else:
-            both = len(pairs) > 1 and len(found) % len(pairs) == 0
-            sure = abs(errors) >= (_SURE if both else _SURE_OF_ONE_FINDING)
-    return found, errors, sure
-
-
-def _of_finished(one: FinishedScene | None, other: FinishedScene | None, luck: float) -> float:
-    """Return by how many errors one finished scene is preferred to one of the other order; 0 where either is none.
-
-    The sum of what scenes of the other order leave, less that of this order, of which each was found by fitting and by
-    reversal: what reversal costs, and the luck of either path, cancel.
-    """
-    if one is None or other is None:
-        return 0.0
-    most = _MOST_LOST * luck
-    return (min(one.lost, most) - min(other.lost, most) + _COUNTS_LITTLE * (other.left - one.left)) / luck
+            sure = abs(errors) >= _SURE
+    return found, errors
 
 
 def _taken(geometry: Geometry, errors: float, backwards: bool, less: float, *, told: bool) -> Geometry:

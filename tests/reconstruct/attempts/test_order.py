@@ -7,7 +7,7 @@ import pytest
 
 from gs2ci.core.findings import Code
 from gs2ci.core.progress import Silent
-from gs2ci.reconstruct.attempts.order import FinishedScene, is_open, settle, shortened, unsettled
+from gs2ci.reconstruct.attempts.order import is_open, settle, shortened, unsettled
 from gs2ci.reconstruct.fit.coarse import CoarseSettings
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.geometry.reversal import reversed_geometry
@@ -35,20 +35,8 @@ class Fits:
         return self.left[0 if near_left else 1] * (self.luck[number] if near_left and self.luck else 1.0)
 
 
-class Finished:
-    """Stands for finished scenes: what they lose inside out and what they leave, with near left, and near right."""
-
-    def __init__(self, near_left=0.0, near_right=0.0, left=(0.0, 0.0)):
-        self.found = {True: FinishedScene(left[0], near_left), False: FinishedScene(left[1], near_right)}
-        self.asked = []
-
-    def __call__(self, geometry):
-        self.asked.append(near_is_left(geometry))
-        return self.found[self.asked[-1]]
-
-
-def settled(geometry, fits, finished=None, *, told=False):
-    return settle(geometry, fits, finished or Finished(), Silent(), told=told)
+def settled(geometry, fits, *, told=False):
+    return settle(geometry, fits, Silent(), told=told)
 
 
 def codes(geometry):
@@ -72,7 +60,7 @@ def test_an_order_that_leaves_clearly_more_is_turned_over_with_a_word(found):
     taken = settled(found, Fits(1.5, 1.0))
     assert not near_is_left(taken)
     assert codes(taken) == [Code.DEPTH_ORDER_TURNED]
-    assert taken.notes[0].sentence.count("5.1 standard errors") == 1
+    assert taken.notes[0].sentence.count("2.5 standard errors") == 1
     assert taken.order_errors > 2
     np.testing.assert_allclose(taken.world_to_camera[:, 0, 3], -found.world_to_camera[:, 0, 3])
 
@@ -104,64 +92,29 @@ def test_pairs_that_contradict_one_another_are_no_evidence(found):
     assert codes(taken) == [Code.DEPTH_ORDER_OPEN]
 
 
-def test_what_short_fits_leave_open_finished_scenes_decide(found):
-    right, wrong = Finished(0.37, 0.02), Finished(0.02, 0.37)
-    taken = settled(found, Fits(1.0, 1.0), right)
-    assert near_is_left(taken)
-    assert codes(taken) == []
-    assert right.asked == [True, False]
-    taken = settled(found, Fits(1.0, 1.0), wrong)
-    assert not near_is_left(taken)
-    assert codes(taken) == [Code.DEPTH_ORDER_TURNED]
-    assert taken.order_errors == pytest.approx(0.35 / 0.12)
-
-
-def test_the_other_finished_scene_begins_with_what_tracks_found_the_other_way_round(found):
-    other, asked = replace(reversed_geometry(found), tracks=77), []
-    settled(replace(found, reverse=other), Fits(1.0, 1.0), lambda geometry: asked.append(geometry.tracks))
-    assert asked == [100, 77]
-
-
-def test_finished_scenes_are_not_asked_where_short_fits_are_sure_or_the_path_was_told(found):
-    finished = Finished()
-    settled(found, Fits(1.0, 1.5), finished)
-    settled(replace(found, source="file"), Fits(1.0, 1.0), finished, told=True)
-    assert finished.asked == []
-
-
-def test_two_finished_scenes_that_lose_as_much_leave_the_order_open(found):
-    """A fit that explains noise loses much either way, and knows nothing of depth."""
-    assert codes(settled(found, Fits(1.0, 1.2), Finished(0.4, 0.38))) == [Code.DEPTH_ORDER_OPEN]
-
-
 def test_one_finding_and_its_mere_reflection_are_not_sure_by_what_two_findings_are(found):
-    finished = Finished()
-    settled(found, Fits(1.0, 1.25), finished)
-    assert finished.asked == [True, False]
-    finished = Finished()
-    taken = settled(replace(found, reverse=reversed_geometry(found)), Fits(1.0, 1.25), finished)
-    assert finished.asked == []
-    assert taken.order_errors > 2
+    """A reflection leaves more for being one, which only the reflection of what tracks found the other way tells."""
+    alone, both = (
+        settled(found, Fits(1.0, 1.25)),
+        settled(replace(found, reverse=reversed_geometry(found)), Fits(1.0, 1.25)),
+    )
+    assert codes(alone) == [Code.DEPTH_ORDER_OPEN]
+    assert codes(both) == []
+    assert both.order_errors == pytest.approx(2 * alone.order_errors)
 
 
-def test_a_scene_that_fails_inside_out_is_no_evidence_by_how_much(found):
-    assert codes(settled(found, Fits(1.0, 1.0), Finished(0.7, 2.0))) == [Code.DEPTH_ORDER_OPEN]
-    taken = settled(found, Fits(1.0, 1.0), Finished(0.7, 2.0, left=(-5.0, -4.0)))
-    assert near_is_left(taken)
-    assert codes(taken) == []
+def test_both_findings_have_their_turn_before_either_is_believed(found):
+    """The first pair, of the finding near left, speaks for it by what a reflection alone may leave more."""
+    fits = Fits(1.0, 1.0, luck=(0.75, 1.35))
+    taken = settled(replace(found, reverse=reversed_geometry(found)), fits)
+    assert codes(taken) == [Code.DEPTH_ORDER_OPEN]
+    assert len(fits.tried) == 4
 
 
-def test_a_finished_scene_whose_numbers_ran_away_is_no_evidence(found):
-    assert codes(settled(found, Fits(1.0, 1.0), lambda _: None)) == [Code.DEPTH_ORDER_OPEN]
-
-
-def test_tracks_and_what_scenes_leave_count_beside_what_they_lose_but_little(found):
-    nearly = Finished(0.21, 0.0)
-    assert codes(settled(found, Fits(1.0, 1.0), nearly)) == [Code.DEPTH_ORDER_OPEN]
-    assert codes(settled(replace(found, order_errors=3.0), Fits(1.0, 1.0), nearly)) == []
-    assert codes(settled(found, Fits(1.0, 1.0), Finished(0.21, 0.0, left=(-5.0, -4.8)))) == []
-    assert codes(settled(found, Fits(1.0, 1.0), Finished(left=(-5.0, -4.8)))) == [Code.DEPTH_ORDER_OPEN]
-    assert codes(settled(replace(found, order_errors=5.0), Fits(1.0, 1.0))) == [Code.DEPTH_ORDER_OPEN]
+def test_what_tracks_say_counts_a_third(found):
+    assert codes(settled(replace(found, order_errors=5.7), Fits(1.0, 1.0))) == [Code.DEPTH_ORDER_OPEN]
+    assert settled(replace(found, order_errors=5.7), Fits(1.0, 1.0)).order_errors == pytest.approx(1.9)
+    assert codes(settled(replace(found, order_errors=6.3), Fits(1.0, 1.0))) == []
 
 
 def test_the_sign_of_a_told_path_decides_where_pixels_do_not(found):
@@ -186,8 +139,8 @@ def test_one_pair_however_lucky_does_not_turn_a_told_path_over(found):
 
 def test_in_a_smaller_picture_more_is_luck(found):
     small = replace(found, inverse_depth=found.inverse_depth[::4, ::4])
-    assert codes(settled(found, Fits(1.0, 1.0), Finished(0.3, 0.0))) == []
-    assert codes(settled(small, Fits(1.0, 1.0), Finished(0.3, 0.0))) == [Code.DEPTH_ORDER_OPEN]
+    assert codes(settled(found, Fits(1.0, 1.5))) == []
+    assert codes(settled(small, Fits(1.0, 1.5))) == [Code.DEPTH_ORDER_OPEN]
 
 
 def test_a_told_path_whose_sign_contradicts_the_picture_is_named(found):
