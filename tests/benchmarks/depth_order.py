@@ -11,7 +11,6 @@ takes a tenth of the time; `GS2CI_SEED` draws other measurements.
 """
 
 import os
-
 from collections import Counter
 from dataclasses import dataclass
 
