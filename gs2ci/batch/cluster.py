@@ -20,7 +20,6 @@ CONNECT_S: Final = 10
 START_S: Final = 300.0
 """Until all workers have started: seconds on a quiet machine, a minute or more on one that does much else."""
 _LOOK_S: Final = 1.0
-_END_S: Final = 5.0
 _QUIET: Final = 50  # logging.CRITICAL: a worker that dies is told of by us
 
 
@@ -119,12 +118,11 @@ def _kept_running(scheduler: str, processes: int) -> Iterator[None]:
     finally:
         over.set()
         keeper.join()
+        # Idle by now, and not asked politely: libraries that workers have loaded print where a polite end found them.
         for process in crew:
-            process.terminate()
+            process.kill()
         for process in crew:
-            process.join(_END_S)
-            if process.is_alive():
-                process.kill()
+            process.join()
 
 
 def _serve(scheduler: str) -> None:
