@@ -9,7 +9,7 @@ too, so where it speaks for motion a decode by similar patches, which may move, 
 steps; only where that explains clearly more, Gaussians that move are fitted as well: the still fits go on and are let
 move, along their path; and fits begin anew, before a camera at rest, from the flow between the views. The held-out
 pixels choose, and a moving scene has to be clearly better: it has more freedom than a still one. Here: when, from
-where, and the record of it. Not here: the motion (`fit.motion`), the fits (`pipeline`), the choice (`attempts`).
+where, and the record of it. Not here: the motion (`fit.motion`), the fits (`fits`), the choice (`attempts`).
 """
 
 from dataclasses import dataclass, replace

@@ -37,7 +37,7 @@ class Settings:
         poses: Where the initial poses and depth come from: "auto", "tracks", "stage", "file:PATH", "vggt",
             "vggt-or-tracks" (`geometry.choose`).
         proxy: The views that the geometry stage looks at: the decoded ones ("gap-tv"), or the proxies of the paper.
-        try_orders: Whether near and far are tried by short fits of both where tracks leave them open (`order`).
+        try_orders: Whether near and far are tried by short fits of both where tracks leave them open (`attempts.order`).
         first_look: What decodes before anything is fitted (`decode.by_name`).
         decode: Of GAP-TV, which every decoder begins with.
         geometry: Of tracks, motion and depth.
@@ -55,7 +55,7 @@ class Settings:
         brightness: Of the views' brightness, where the weights are wrong.
         shutter: Of motion while one mask is on show.
         look_again: Whether a doubtful first path is sought again in the fitted views, and fitted once more
-            (`second_look`). Not within a budget.
+            (`attempts.second_look`). Not within a budget.
         motion: Whether things in the scene may move: "auto" where still fits leave what motion explains, not within a
             budget; "on": at once; "off": never (`moving`).
         registration: Whether the measurement is asked where its masks lie, before anything else.

@@ -3,7 +3,7 @@
 A doubtful path is sought again in fitted views (`second_look`). A uniform motion that no tracks bear out competes with
 a camera at rest: where nothing shows but a period or a gradient, any motion explains the measurement, and a fit from
 rest ends several dB better. Where the fits' residual looks like motion, scenes that move compete too (`moving`). The
-held-out pixels choose. Not here: what an attempt is made of (`pipeline`).
+held-out pixels choose. Not here: what an attempt is made of (`fits`).
 """
 
 import math

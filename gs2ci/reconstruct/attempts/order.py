@@ -109,7 +109,7 @@ def _of_pairs(
     while not sure and len(found) < (_MOST_PAIRS_OF_TOLD if told else _MOST_PAIRS):
         one, turned = pairs[len(found) % len(pairs)]
         number = len(found)
-        ratio = log_ratio(fit_briefly(turned, number), fit_briefly(one, number))
+        ratio = _log_ratio(fit_briefly(turned, number), fit_briefly(one, number))
         found.append(ratio if one is geometry else -ratio)
         both = len(pairs) > 1 and len(found) % len(pairs) == 0
         errors = _errors(found, luck) * (1.0 if told or both else _ONE_FINDING_COUNTS) + tracks
@@ -144,7 +144,7 @@ def _said(source: str, errors: float, less: float, *, backwards: bool, told: boo
     return (finding(Code.DEPTH_ORDER_TURNED, errors=errors),)
 
 
-def log_ratio(one: float, other: float) -> float:
+def _log_ratio(one: float, other: float) -> float:
     """Return the logarithm of one mean square over another; 0 where either is nothing or not a number."""
     if not (math.isfinite(one) and math.isfinite(other) and one > 0 and other > 0):
         return 0.0

@@ -4,7 +4,7 @@
 
 Decoded views are poor where masks are many or light is little, and so is a path that is found in them. The views of a
 fit, refined by its residual, are far better: in them points can be followed that the decode had drowned. Here: when to
-look again, and what is found. Not here: the fits (`pipeline`), the choice between them (`choice`).
+look again, and what is found. Not here: the fits (`fits`), the choice between them (`choice`).
 """
 
 from dataclasses import replace

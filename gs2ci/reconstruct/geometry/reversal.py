@@ -8,7 +8,7 @@ inverse depths ρ → c − ρ, translations t → −t and a turn that makes up
 What tells them apart is of second order, perspective, which tracks see if the field of view is wide and the camera
 model right; and what hides what, which only pixels see. Here: the reversal of a geometry, and by how much tracks prefer
 a motion to its reversal. Not here: the reversal of a motion (`motion`), the comparison by pixels
-(`reconstruct.order`). For `gs2ci.reconstruct`.
+(`attempts/order.py`).
 """
 
 from dataclasses import replace

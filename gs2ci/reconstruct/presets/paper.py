@@ -3,7 +3,7 @@
 Here: what the paper states, and nothing of ours where it states something. Where it states nothing, what its trainer
 (nerfstudio's splatfacto on gsplat) does by default. docs/paper-preset.md lists every constant with its section, and
 every deviation with its reason; `tests/reconstruct/fit/test_paper_preset.py` holds this file to that page. Not here:
-what the settings mean (each stage's own file), the other presets (`presets`).
+what the settings mean (each stage's own file), the other presets (`named`).
 """
 
 from dataclasses import replace
