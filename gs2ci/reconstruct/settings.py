@@ -37,7 +37,7 @@ class Settings:
         poses: Where the initial poses and depth come from: "auto", "tracks", "stage", "file:PATH", "vggt",
             "vggt-or-tracks" (`geometry.choose`).
         proxy: The views that the geometry stage looks at: the decoded ones ("gap-tv"), or the proxies of the paper.
-        try_orders: Whether near and far are tried by short fits of both where tracks leave them open (`attempts.order`).
+        try_orders: Whether near and far are tried by short fits of both where tracks leave them open (`attempts`).
         first_look: What decodes before anything is fitted (`decode.by_name`).
         decode: Of GAP-TV, which every decoder begins with.
         geometry: Of tracks, motion and depth.

@@ -6,8 +6,8 @@ Decode and geometry are those of any other run. A few iterations of the real fit
 to fit is taken for which enough iterations are left to be worth its price. The fit rescales its schedule to the pace
 that it turns out to have (`fit/pace.py`), so that errors of this estimate cancel.
 
-Here: the ways to fit, the choice, and what is said of it. Not here: the timing and the fits (`reconstruct.fits`), reading
-`60s` (`gs2ci.core.durations`).
+Here: the ways to fit, the choice, and what is said of it. Not here: the timing and the fits (`fits`),
+reading `60s` (`gs2ci.core.durations`).
 """
 
 import math
