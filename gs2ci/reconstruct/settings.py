@@ -16,8 +16,8 @@ from gs2ci.reconstruct.fit.coarse import CoarseSettings
 from gs2ci.reconstruct.fit.density.base import DensityRule
 from gs2ci.reconstruct.fit.density.osgr import Osgr
 from gs2ci.reconstruct.fit.fine import FineSettings
+from gs2ci.reconstruct.fit.mask_moments import MaskMomentSettings
 from gs2ci.reconstruct.fit.rules import with_rule
-from gs2ci.reconstruct.fit.shutter import ShutterSettings
 from gs2ci.reconstruct.fit.withheld import Withheld
 from gs2ci.reconstruct.geometry.initialise import GeometrySettings
 from gs2ci.reconstruct.measurement.brightness import BrightnessSettings
@@ -53,7 +53,7 @@ class Settings:
         backend: The renderer.
         raster: What the renderer may leave out for speed.
         brightness: Of the views' brightness, where the weights are wrong.
-        shutter: Of motion while one mask is on show.
+        mask_moments: Of motion while one mask is on show.
         look_again: Whether a doubtful first path is sought again in the fitted views, and fitted once more
             (`attempts.second_look`). Not within a budget.
         motion: Whether things in the scene may move: "auto" where still fits leave what motion explains, not within a
@@ -79,7 +79,7 @@ class Settings:
     backend: str = "cpu"
     raster: RasterSettings = field(default_factory=lambda: RasterSettings(relist_every=_RELIST_EVERY))
     brightness: BrightnessSettings = field(default_factory=BrightnessSettings)
-    shutter: ShutterSettings = field(default_factory=ShutterSettings)
+    mask_moments: MaskMomentSettings = field(default_factory=MaskMomentSettings)
     look_again: bool = True
     motion: MotionMode = "auto"
     registration: RegistrationSettings = field(default_factory=RegistrationSettings)
@@ -135,7 +135,7 @@ class Settings:
         self.decode.check()
         self.geometry.check()
         self.brightness.check()
-        self.shutter.check()
+        self.mask_moments.check()
         self.registration.check()
         self.fit.check()
         (self.fine or self.fine_if_asked).check()
