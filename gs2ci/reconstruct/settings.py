@@ -11,6 +11,7 @@ from gs2ci.core.errors import InputError
 from gs2ci.reconstruct.choices import MOST_FITS, MOTION_MODES, FirstLookName, MotionMode, PoseSource, ProxyName
 from gs2ci.reconstruct.decode.by_name import check_name
 from gs2ci.reconstruct.decode.gap_tv import GapTvSettings
+from gs2ci.reconstruct.decode.patches.decoder import PatchSettings
 from gs2ci.reconstruct.decode.residual import ResidualSettings
 from gs2ci.reconstruct.fit.coarse import CoarseSettings
 from gs2ci.reconstruct.fit.density.base import DensityRule
@@ -40,6 +41,8 @@ class Settings:
         try_orders: Whether near and far are tried by short fits of both where tracks leave them open (`attempts`).
         first_look: What decodes before anything is fitted (`decode.by_name`).
         decode: Of GAP-TV, which every decoder begins with.
+        long_decode: Of the decode by similar patches that the views may be handed over from, and motion begin from
+            (`decode.patches.watched`); None: the first look's decode is all there is.
         geometry: Of tracks, motion and depth.
         fit: Of the coarse stage.
         fits: How many coarse fits run side by side; the views are their mean (`fit/ensemble.py`).
@@ -67,6 +70,7 @@ class Settings:
     try_orders: bool = True
     first_look: FirstLookName = "gap-tv"
     decode: GapTvSettings = field(default_factory=GapTvSettings)
+    long_decode: PatchSettings | None = field(default_factory=PatchSettings)
     geometry: GeometrySettings = field(default_factory=GeometrySettings)
     fit: CoarseSettings = field(default_factory=CoarseSettings)
     fits: int = 2
@@ -133,6 +137,8 @@ class Settings:
         if self.motion not in MOTION_MODES:
             raise InputError(f"motion {self.motion!r}", allowed=", ".join(MOTION_MODES))
         self.decode.check()
+        if self.long_decode is not None:
+            self.long_decode.check()
         self.geometry.check()
         self.brightness.check()
         self.mask_moments.check()

@@ -38,6 +38,7 @@ CAMERA = np.array([[60.0, 0, WIDTH / 2], [0, 60.0, HEIGHT / 2], [0, 0, 1]])
 QUICK = Settings(
     fit=rescheduled(CoarseSettings(), 120),
     fits=1,
+    long_decode=PatchSettings(iterations=24),
     look_again=False,
     seed=1,
 )
