@@ -64,7 +64,7 @@ class Misfit:
     def from_vector(cls, vector: F64) -> "Misfit":
         """Take the parameters in the order of `NAMES`."""
         values = [float(value) for value in vector]
-        return cls(Placement(*values[:6]), *values[6:])
+        return cls(Placement(*values[: len(GEOMETRY)]), *values[len(GEOMETRY) :])
 
     def moved(self, down_px: float, right_px: float) -> "Misfit":
         """Shift the placement by so much more."""
@@ -74,17 +74,12 @@ class Misfit:
         return replace(self, placement=placement)
 
 
-NAMES: Final = (
-    "down_px",
-    "right_px",
-    "rotation_deg",
-    "scale",
-    "stretch",
-    "shear",
-    "blur_px2",
-    "leak",
-    "black",
-)
+AFFINE: Final = ("down_px", "right_px", "rotation_deg", "scale", "stretch", "shear")
+BENT: Final = ("down_dd_px", "down_dr_px", "down_rr_px", "right_dd_px", "right_dr_px", "right_rr_px")
+FIELD: Final = ("radial_px", *BENT)
+LIGHT: Final = ("blur_px2", "leak", "black")
+GEOMETRY: Final = (*AFFINE, *FIELD)
+NAMES: Final = (*GEOMETRY, *LIGHT)
 
 
 def gaussian(stack: F64, variance_px2: float, most_sharpening: float = MOST_SHARPENING) -> F64:
