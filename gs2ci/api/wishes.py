@@ -79,7 +79,7 @@ class Wishes:
         if self.light is not None:
             settings = replace(settings, brightness=replace(settings.brightness, light=self.light))
         if self.within_mask is not None:
-            settings = replace(settings, shutter=replace(settings.shutter, within_mask=self.within_mask))
+            settings = replace(settings, mask_moments=replace(settings.mask_moments, within_mask=self.within_mask))
         if self.registration is not None:
             settings = replace(settings, registration=replace(settings.registration, mode=self.registration))
         if self.density is not None:

@@ -202,8 +202,8 @@ class LightSection(ReportSection):
     views: Literal["as-seen", "even"]
 
 
-class ShutterSection(ReportSection):
-    """Motion while one mask was on show (`gs2ci.reconstruct.fit.shutter`), for each mask.
+class MaskMomentsSection(ReportSection):
+    """Motion while one mask was on show (`gs2ci.reconstruct.fit.mask_moments`), for each mask.
 
     With how many `moments` it was fitted; how far the image moved meanwhile, `motion_px`, root mean square; and by what
     one pose would blur its view at most, `bounds`, in full scales.
@@ -310,7 +310,7 @@ class Report(ReportSection):
     geometry: GeometrySection | None = None
     brightness: list[Number] | None = None
     light: LightSection | None = None
-    shutter: ShutterSection | None = None
+    mask_moments: MaskMomentsSection | None = None
     registration: RegistrationSection | None = None
     motion: MotionSection | None = None
     measured: MeasurementSection

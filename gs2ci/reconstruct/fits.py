@@ -20,11 +20,11 @@ from gs2ci.reconstruct.fit.coarse import CoarseFit, CoarseSettings, fit_coarse
 from gs2ci.reconstruct.fit.ensemble import Ensemble, FitOne, Member, combined, fit_together, members
 from gs2ci.reconstruct.fit.fine import Fine, fit_fine
 from gs2ci.reconstruct.fit.looks import Score
+from gs2ci.reconstruct.fit.mask_moments import MaskMoments
 from gs2ci.reconstruct.fit.motion import at_rest_until_moved, of_degree, set_moving
 from gs2ci.reconstruct.fit.pace import Pace, Timed
 from gs2ci.reconstruct.fit.refinement import Refinement
 from gs2ci.reconstruct.fit.rendering import ShotRenderer
-from gs2ci.reconstruct.fit.shutter import MaskMoments
 from gs2ci.reconstruct.fit.start import first_gaussians
 from gs2ci.reconstruct.fit.withheld import Withheld, first_points, first_poses
 from gs2ci.reconstruct.geometry.initialise import Geometry
@@ -55,7 +55,7 @@ class Fits:
         clock: Of the stages.
         score: Of views, for the curve.
         halt: Once it is asked, fits end.
-        shutter: The moments within masks; None where each mask has one.
+        mask_moments: The moments within masks; None where each mask has one.
         pace: What a budget leaves to the fits; None is their settings' number of iterations.
     """
 
@@ -68,7 +68,7 @@ class Fits:
     clock: Stopwatch
     score: Score | None = None
     halt: Halt = field(default_factory=Halt)
-    shutter: MaskMoments | None = None
+    mask_moments: MaskMoments | None = None
     pace: Pace | None = None
 
     def settle_order(self, first: FirstLook, *, hurried: bool) -> FirstLook:
@@ -84,7 +84,7 @@ class Fits:
             return self.beginning(replace(first, geometry=began), first.decoded)
 
         def fit_one(at: Geometry, how: CoarseSettings) -> FitOne:
-            return replace(self._trying(how), shutter=None).fit_one(at)
+            return replace(self._trying(how), mask_moments=None).fit_one(at)
 
         fits = OrderFits(self.fitted, settings, begin, fit_one)
         told = geometry.source not in ("tracks", "wide", "uniform")
@@ -195,7 +195,7 @@ class Fits:
                 pace=pace,
                 lens=self.lens,
                 halt=self.halt,
-                shutter=self.shutter,
+                mask_moments=self.mask_moments,
             )
 
         return fit

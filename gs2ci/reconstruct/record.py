@@ -15,8 +15,8 @@ from gs2ci.core.run_records import CurvePoint, RunResult, Verdict
 from gs2ci.reconstruct.first_look import FirstLook
 from gs2ci.reconstruct.fit.ensemble import Ensemble
 from gs2ci.reconstruct.fit.looks import Score
+from gs2ci.reconstruct.fit.mask_moments import MaskMoments
 from gs2ci.reconstruct.fit.rendering import ShotRenderer
-from gs2ci.reconstruct.fit.shutter import MaskMoments
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.geometry.sources import TOLD
 from gs2ci.reconstruct.geometry.telemetry import Movement, movement
@@ -74,7 +74,7 @@ class Left:
     recovered: Recovered
     motion: MotionReport
     speeds: Speeds | None
-    shutter: MaskMoments | None = None
+    mask_moments: MaskMoments | None = None
 
 
 def record(settings: Settings, left: Left, score: Score | None, seconds: dict[str, float]) -> RunResult:
@@ -121,7 +121,7 @@ def record(settings: Settings, left: Left, score: Score | None, seconds: dict[st
         disagreement=left.ensemble.disagreement,
         brightness=None if of_weights is None else of_weights.tolist(),
         light=light.summary(),
-        shutter=None if left.shutter is None else left.shutter.summary(),
+        mask_moments=None if left.mask_moments is None else left.mask_moments.summary(),
         exposed_views=None if recovered.exposed is None else exposed,
         registration=left.registered.summary(),
         motion=left.motion.summary(left.speeds),
@@ -138,7 +138,7 @@ def _notes(left: Left, settings: Settings, moved: Movement) -> tuple[Finding, ..
         *(
             *left.doubts,
             *left.look.notes,
-            *(() if left.shutter is None else (left.shutter.note,)),
+            *(() if left.mask_moments is None else (left.mask_moments.note,)),
             *geometry.notes,
             *left.motion.notes(left.speeds),
             *ensemble.notes,

@@ -38,6 +38,7 @@ from gs2ci_sims.effects.base import (
     ViewChange,
     gain_step,
 )
+from gs2ci_sims.effects.counts import SIGMAS, TAIL_E, most_counted_e
 from gs2ci_sims.light_path import EffectChain
 from gs2ci_sims.motion import displacement_px, image_motion_px, image_travel_px
 from gs2ci_sims.path import CameraPath
@@ -56,8 +57,6 @@ SPECTRUM_BINS: Final = 193
 GRAIN_PEAK: Final = 25.0
 GRAIN_PX: Final = 0.025
 TRAVEL_STEPS: Final = 65
-# Standard deviations of noise that a reading is taken to stay within.
-SIGMAS: Final = 6.0
 
 
 @dataclass(frozen=True)
@@ -428,16 +427,17 @@ class Preview:
     def excess_e(self, capacity_e: float) -> tuple[float, float, float]:
         """Bound what the pixels have beyond a capacity: mean, rms and peak over the pixels, electrons.
 
-        With n standard deviations of its noise, a charge q reads q + n q^(1/2). Beyond the charge x that just fills
-        the capacity, that grows by 1 + n / (2 x^(1/2)) per electron at most, which is what an error of q adds.
+        With n standard deviations of its noise, a charge q reads q + n q^(1/2) + c (`counts.most_counted_e`). Beyond
+        the charge x that just fills the capacity, that grows by 1 + n / (2 x^(1/2)) per electron at most, which is
+        what an error of q adds.
         """
         added_e = self.added_e[1]
 
         def beyond(charge_e: F64) -> F64:
             whole_e = charge_e + added_e
-            return np.asarray(np.maximum(whole_e + SIGMAS * np.sqrt(whole_e) - capacity_e, 0.0) * (whole_e > 0))
+            return np.asarray(np.maximum(most_counted_e(whole_e) - capacity_e, 0.0) * (whole_e > 0))
 
-        root = max(float(np.sqrt(SIGMAS**2 / 4 + max(capacity_e, 0.0))) - SIGMAS / 2, 1e-9)
+        root = max(float(np.sqrt(SIGMAS**2 / 4 + max(capacity_e - TAIL_E, 0.0))) - SIGMAS / 2, 1e-9)
         error_e = (1 + SIGMAS / (2 * root)) * self.charge_error_e
         likely, most = beyond(self.charge_e), beyond(self.most_e)
         mean = min(float(likely.mean()) + error_e, float(most.mean()))

@@ -50,6 +50,7 @@ BENCHMARKS = {
     "lens": "tests.benchmarks.lens",
     "by_hand": "tests.benchmarks.by_hand",
     "registration": "tests.benchmarks.registration",
+    "right_shots": "tests.benchmarks.right_shots",
     "combination": "tests.benchmarks.combination",
     "motion_within_masks": "tests.benchmarks.motion_within_masks",
     "batch": "tests.benchmarks.batch",

@@ -3,6 +3,10 @@
 For the tests of bounds and the benchmark `effect_bounds`.
 """
 
+from collections import OrderedDict
+from dataclasses import dataclass, field
+from functools import cache
+
 import numpy as np
 from hypothesis import strategies as st
 
@@ -24,6 +28,7 @@ from gs2ci_sims.effects.modulator_psf import ModulatorPsf
 from gs2ci_sims.effects.motion_blur import MotionBlur
 from gs2ci_sims.effects.object_motion import ObjectMotion
 from gs2ci_sims.effects.optics_psf import OpticsPsf
+from gs2ci_sims.effects.rolling_shutter import RollingShutter
 from gs2ci_sims.effects.stage_backlash import StageBacklash
 from gs2ci_sims.effects.stage_ripple import StageRipple
 from gs2ci_sims.effects.stage_vibration import StageVibration
@@ -81,6 +86,9 @@ FAMILY = {
         )
     ),
     OpticsPsf: lambda case: st.builds(OpticsPsf, log_uniform(0.05, 1.5)),
+    RollingShutter: lambda case: log_uniform(1e-3, 1).map(
+        lambda share: RollingShutter(share * case.exposure / case.scene.size[0])
+    ),
     StageBacklash: lambda case: st.builds(StageBacklash, log_uniform(1e-3 * case.width, 0.05 * case.width)),
     StageRipple: lambda case: st.builds(
         StageRipple, log_uniform(0.01, 1), log_uniform(0.2 / case.interval, 5 / case.interval)
@@ -103,6 +111,73 @@ def drawn(rng, low, high):
     return float(np.exp(rng.uniform(np.log(low), np.log(high))))
 
 
+VIEWS_KEPT = 6000
+
+
+@dataclass(frozen=True)
+class RememberingRenderer(Renderer):
+    """The rasteriser, with its latest views kept: the same scene is looked at in hundreds of draws."""
+
+    skips = False
+    _views: OrderedDict = field(default_factory=OrderedDict, init=False, repr=False, compare=False)
+
+    def views(self, scene, world_to_camera, *, gaussians=None, margin=0):
+        if gaussians is not None and gaussians is not scene.gaussians:
+            return super().views(scene, world_to_camera, gaussians=gaussians, margin=margin)
+        each = [self._view(scene, pose, margin) for pose in world_to_camera]
+        return np.stack([view for view, _ in each]), np.stack([covered for _, covered in each])
+
+    def supersampled_views(self, scene, world_to_camera, *, margin=0):
+        draw = super().supersampled_views
+        return self._kept(scene, world_to_camera, (margin, "fine"), lambda: draw(scene, world_to_camera, margin=margin))
+
+    def _view(self, scene, pose, margin):
+        draw = super().views
+
+        def one():
+            radiance, coverage = draw(scene, pose[None], margin=margin)
+            return radiance[0], coverage[0]
+
+        return self._kept(scene, pose, (margin,), one)
+
+    def _kept(self, scene, poses, options, draw):
+        key = (id(scene), poses.tobytes(), *options)
+        if key in self._views:
+            self._views.move_to_end(key)
+        else:
+            # The scene is kept too: while it is, no other has its id.
+            self._views[key] = (scene, draw())
+            if len(self._views) > VIEWS_KEPT:
+                self._views.popitem(last=False)
+        return self._views[key][1]
+
+
+RENDERER = RememberingRenderer()
+
+
+@cache
+def _bench(seed):
+    """Return scene, rig, path, what the camera sees at the end, and the state of the generator that drew them."""
+    rng = np.random.default_rng(seed)
+    size = (int(rng.integers(20, 37)), int(rng.integers(24, 41)))
+    count = int(rng.choice([1, 2, 4, 6]))
+    scene = planes(rng, size)
+    rig = Rig(
+        light=Light(drawn(rng, 50, 8000)),
+        optics=Optics(f_number=drawn(rng, 2, 16)),
+        modulator=Modulator(masks=count),
+        timing=Timing(drawn(rng, 1e-3, 0.1), float(rng.choice([0.0, 0.0, 2e-4]))),
+    )
+    angle = rng.uniform(0, 2 * np.pi)
+    parallax = float(rng.choice([0.0, 0.5, 2.0])) + 1e-9
+    path = stage_move_for_parallax(
+        scene, parallax, rig.exposure_s, direction=(np.cos(angle), np.sin(angle), 0.1), wobble_deg=0.01
+    )
+    ends_s = rig.timing.intervals_s(count)[-1:, 1]
+    view = RENDERER.views(scene, path.world_to_camera(ends_s))[0][0].mean(axis=2).astype(np.float64)
+    return scene, rig, path, view, rng.bit_generator.state
+
+
 class Case:
     """One scene, path, mask set and rig out of the family.
 
@@ -112,34 +187,16 @@ class Case:
     """
 
     def __init__(self, seed, masks):
-        rng = np.random.default_rng(seed)
-        size = (int(rng.integers(20, 37)), int(rng.integers(24, 41)))
-        count = int(rng.choice([1, 2, 4, 6]))
         self.seed = seed
-        self.scene = planes(rng, size)
-        self.rig = Rig(
-            light=Light(drawn(rng, 50, 8000)),
-            optics=Optics(f_number=drawn(rng, 2, 16)),
-            modulator=Modulator(masks=count),
-            timing=Timing(drawn(rng, 1e-3, 0.1), float(rng.choice([0.0, 0.0, 2e-4]))),
-        )
-        angle = rng.uniform(0, 2 * np.pi)
-        parallax = float(rng.choice([0.0, 0.5, 2.0])) + 1e-9
-        self.path = stage_move_for_parallax(
-            self.scene,
-            parallax,
-            self.rig.exposure_s,
-            direction=(np.cos(angle), np.sin(angle), 0.1),
-            wobble_deg=0.01,
-        )
+        self.scene, self.rig, self.path, view, state = _bench(seed)
+        rng = np.random.default_rng()
+        rng.bit_generator.state = state
         self.depths = self.scene.depth_range()
-        self.width = self.depths[0] * size[1] / self.scene.intrinsics[0, 0]
+        self.width = self.depths[0] * self.scene.size[1] / self.scene.intrinsics[0, 0]
         self.interval, self.exposure = self.rig.timing.interval_s, self.rig.exposure_s
-        ends_s = self.rig.timing.intervals_s(count)[-1:, 1]
-        view = Renderer().views(self.scene, self.path.world_to_camera(ends_s))[0][0]
-        self.masks = FAMILIES[masks](count, view.mean(axis=2).astype(np.float64), rng)
+        self.masks = FAMILIES[masks](self.rig.modulator.masks, view, rng)
 
-    def readings(self, effects, path=None, renderer=None):
+    def readings(self, effects, path=None, renderer=RENDERER):
         """Return the readings before counting and rounding, [H, W, 3] DN."""
         chain = EffectChain(effects, self.seed, self.rig)
         return read_out(integrate(self.scene, path or self.path, self.masks, chain, renderer=renderer).photons, chain)
@@ -153,7 +210,7 @@ def reversing(case):
     return ReversingMove(case.path.velocity, 0.6 * case.exposure)
 
 
-def ratios(case, effect, *, path=None, sampled=SAMPLED, company=(), renderer=None):
+def ratios(case, effect, *, path=None, sampled=SAMPLED, company=(), renderer=RENDERER):
     """Return what the effect changed, rms and peak, each over its bound.
 
     Args:

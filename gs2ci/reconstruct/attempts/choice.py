@@ -16,7 +16,6 @@ from gs2ci.core.halt import Halt
 from gs2ci.core.progress import Progress
 from gs2ci.reconstruct.attempts.order import LEAST_SCHEDULE
 from gs2ci.reconstruct.attempts.second_look import is_wanted, second_look
-from gs2ci.reconstruct.decode.by_name import decode_by_name
 from gs2ci.reconstruct.decode.patches.decoder import PatchSettings, patch_decode_from
 from gs2ci.reconstruct.first_look import FirstLook, from_rest, needs_rest
 from gs2ci.reconstruct.fit.coarse import CoarseFit
@@ -136,13 +135,13 @@ class Attempts:
 
     def _decoded_better(self, first: FirstLook) -> FirstLook:
         """Return a first look with views decoded by similar patches, where they predict the held-out pixels better."""
-        if first.decoder == "patches":
+        if first.decoder == "patches" or self.settings.long_decode is None:
             return first
-        decoded = decode_by_name(self.jury.seen, "patches", self.settings.decode, self.progress)
+        longer = first.decoded_longer(self.settings.long_decode, self.progress)
         self.lap("decode")
-        before, after = self.jury.residual_rms(first.decoded), self.jury.residual_rms(decoded)
+        before, after = self.jury.residual_rms(first.decoded), self.jury.residual_rms(longer.decoded)
         better = before is not None and after is not None and after < before
-        return replace(first, decoded=decoded, decoder="patches") if better else first
+        return longer if better else first
 
     def _question(self, still: Attempt) -> MotionQuestion:
         """Ask what a still scene leaves, and if it speaks for motion, what patches take off it."""

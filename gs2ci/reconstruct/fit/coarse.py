@@ -24,13 +24,13 @@ from gs2ci.reconstruct.fit.density.osgr import Osgr
 from gs2ci.reconstruct.fit.gathering import Gathering
 from gs2ci.reconstruct.fit.looks import Looks, Refine, Score
 from gs2ci.reconstruct.fit.losses import DataTerm, LossWeights, regulated
+from gs2ci.reconstruct.fit.mask_moments import MaskMoments
 from gs2ci.reconstruct.fit.motion import ObjectMotionSettings
 from gs2ci.reconstruct.fit.optimiser import GaussianOptimiser, StepSizes
 from gs2ci.reconstruct.fit.pace import Fixed, Pace
 from gs2ci.reconstruct.fit.poses import PoseCorrections, PoseSettings, length_of
 from gs2ci.reconstruct.fit.relief import Exchange, Relief, ReliefSettings
 from gs2ci.reconstruct.fit.rendering import ShotRenderer
-from gs2ci.reconstruct.fit.shutter import MaskMoments
 from gs2ci.reconstruct.fit.stopping import HoldOut, Watch
 from gs2ci.reconstruct.fit.surfaces import Surfaces, SurfaceSettings, find_surfaces
 from gs2ci.reconstruct.geometry.initialise import Geometry
@@ -156,7 +156,7 @@ class _Fit:
         settings: CoarseSettings,
         seed: int,
         lens: Lens | None,
-        shutter: MaskMoments | None,
+        mask_moments: MaskMoments | None,
     ) -> None:
         shot = jury.shot
         self._lens, self._seed = lens, seed
@@ -169,7 +169,7 @@ class _Fit:
         free = geometry.verdict == "full" and geometry.source not in TOLD and start.motion is None
         self._relief = Relief(settings.relief, geometry.reference) if settings.relief is not None and free else None
         self.settings = settings
-        self._renderer = ShotRenderer(shot, geometry.intrinsics, backend, lens, shutter)
+        self._renderer = ShotRenderer(shot, geometry.intrinsics, backend, lens, mask_moments)
         self._gathering = Gathering(self._renderer, len(start), per_open_share=settings.per_open_share)
         self._reuse = self._renderer.reuse()
         # At a depth of 1, which is the scene's median.
@@ -350,7 +350,7 @@ def fit_coarse(
     pace: Pace | None = None,
     lens: Lens | None = None,
     halt: Halt | None = None,
-    shutter: MaskMoments | None = None,
+    mask_moments: MaskMoments | None = None,
 ) -> CoarseFit:
     """Fit Gaussians and poses to the measurement.
 
@@ -368,7 +368,7 @@ def fit_coarse(
         pace: Decides how many iterations there are, instead of the settings.
         lens: Through which the measurement was taken, unless it is a pinhole.
         halt: Ends the fit after an iteration in which it is asked to.
-        shutter: The moments of each mask, where the camera moves so far while it is on show.
+        mask_moments: The moments of each mask, where the camera moves so far while it is on show.
 
     Returns:
         The state with the best held-out residual.
@@ -379,7 +379,7 @@ def fit_coarse(
         ResourceError: The population outgrew the memory guard.
     """
     settings.check()
-    fit = _Fit(jury, start, geometry, backend, settings, seed, lens, shutter)
+    fit = _Fit(jury, start, geometry, backend, settings, seed, lens, mask_moments)
     looks = Looks(jury, refine, score, since_s)
     loop = _Loop(
         fit, looks, progress, pace or Fixed(settings.iterations), halt or Halt(), judged=bool(jury.heldout.any())

@@ -159,7 +159,7 @@ class Surfaces:
         parallax = self.parallax_px / depth - middle
         moments = torch.stack([torch.ones_like(parallax), parallax, parallax.square()], dim=1)
         stopped, first, second = renderer.coded(
-            replace(scene, colours=moments), pose[None], mask_set
+            replace(scene, colours=moments, harmonics=None), pose[None], mask_set
         )[looked_at].unbind(dim=1)  # fmt: skip
         wanted = wanted - middle
         squares = second - 2 * wanted * first + wanted.square() * stopped

@@ -8,6 +8,7 @@ import numpy as np
 from gs2ci.core.arrays import F64
 from gs2ci.core.errors import InputError
 from gs2ci_sims.effects.base import Bound, BoundStep, Previewed, Stage, gain_step
+from gs2ci_sims.effects.counts import most_counted_e
 from gs2ci_sims.rig import Rig
 
 # The temperature for which data sheets state the current.
@@ -55,7 +56,7 @@ class DarkCurrent:
         Charge beyond the full well is lost.
         """
         dark_e = min(self.collected_e(rig.exposure_s), rig.sensor.full_well_e)
-        bound = Bound(rig.dn_per_e * float(np.sqrt(dark_e**2 + dark_e)), rig.dn_per_e * (dark_e + 6 * dark_e**0.5))
+        bound = Bound(rig.dn_per_e * float(np.sqrt(dark_e**2 + dark_e)), rig.dn_per_e * float(most_counted_e(dark_e)))
         return bound.by(
             "K * sqrt(D**2 + D)",
             BoundStep("I", self.current_e_per_s, "e/s", "dark current at 25 C"),

@@ -8,6 +8,7 @@ import numpy as np
 from gs2ci.core.arrays import F64
 from gs2ci.core.errors import InputError
 from gs2ci_sims.effects.base import Bound, BoundStep, Previewed, Stage, gain_step
+from gs2ci_sims.effects.counts import most_counted_e
 from gs2ci_sims.rig import Rig
 
 
@@ -46,7 +47,7 @@ class GainNonlinearity:
         likely, most = (bent_dn(np.sqrt(np.square(charge_e) + charge_e)) for charge_e in (likely_e, most_e))
         error_dn = 4 * abs(self.departure) * rig.dn_per_e * scene.charge_error_e
         likely_dn, most_dn = (float(np.sqrt(np.square(bent).mean())) for bent in (likely, most))
-        return Bound(min(likely_dn + error_dn, most_dn), float(bent_dn(most_e + 6 * np.sqrt(most_e)).max())).by(
+        return Bound(min(likely_dn + error_dn, most_dn), float(bent_dn(most_counted_e(most_e)).max())).by(
             "min(v + u, top)",
             BoundStep("D", self.departure, "", "largest departure from a line, of full scale"),
             gain_step(rig),

@@ -8,6 +8,7 @@ import numpy as np
 from gs2ci.core.arrays import F64
 from gs2ci.core.errors import InputError
 from gs2ci_sims.effects.base import Bound, BoundStep, Previewed, Stage, gain_step
+from gs2ci_sims.effects.counts import most_counted_e
 from gs2ci_sims.rig import Rig
 
 
@@ -59,7 +60,7 @@ class Persistence:
             self.released_share(rig.exposure_s) * np.asarray(self.earlier_e), rig.sensor.full_well_e
         )
         rms_e = float(np.sqrt((np.square(released_e) + released_e).mean()))
-        peak_e = float((released_e + 6 * np.sqrt(released_e)).max())
+        peak_e = float(most_counted_e(released_e).max())
         return Bound(rig.dn_per_e * rms_e, rig.dn_per_e * peak_e).by(
             "K * x",
             BoundStep("s", self.share, "", "share of the earlier charge that is caught"),

@@ -8,6 +8,7 @@ from scipy.special import ndtri, pdtr
 
 from gs2ci.core.arrays import F64
 from gs2ci_sims.effects.base import Bound, BoundStep, Previewed, Stage, gain_step
+from gs2ci_sims.effects.counts import most_counted_e
 from gs2ci_sims.rig import Rig
 
 # Above this mean the third-order expansion of the quantile is off by less than a tenth of an electron anywhere within
@@ -37,9 +38,10 @@ class ShotNoise:
         added_mean_e, added_most_e = scene.added_e
         most_e = np.minimum(scene.most_e + added_most_e, rig.sensor.full_well_e)
         mean_e = min(scene.charge_mean_e + added_mean_e, float(most_e.mean()))
-        bound = Bound(
-            rig.dn_per_e * float(np.sqrt(mean_e)), 6 * rig.dn_per_e * float(np.sqrt(most_e.max())), random=True
-        )
+        # Between nothing and the most that is counted.
+        peak_e = float((most_counted_e(most_e) - most_e).max())
+        peak_e = max(peak_e, float(most_e.max()) if peak_e > 0 else 0.0)
+        bound = Bound(rig.dn_per_e * float(np.sqrt(mean_e)), rig.dn_per_e * peak_e, random=True)
         return bound.by(
             "K * sqrt(Q)", BoundStep("Q", mean_e, "e", "charge, mean over the pixels: its variance"), gain_step(rig)
         )
