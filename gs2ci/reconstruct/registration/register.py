@@ -60,6 +60,8 @@ _LEAST_PATTERN: Final = 1e-3
 _UNEVEN_PX: Final = 0.7
 # Readings that are left out because they are high lean blur, leak and black level; they say as much of places.
 _MOST_CLIPPED: Final = 0.01
+# Filtering gives masks back that were softer by less.
+_TOO_SOFT_PX2: Final = 0.7
 _LEAST_SIDE_PX: Final = 8
 # Tiles that show a field are smaller than those that show a turn: it smears them more.
 _TILE_ELEMENTS: Final = 32
@@ -195,13 +197,14 @@ def register(
 
 @dataclass(frozen=True)
 class _Way:
-    """One way to correct a measurement, and what is said of it and of its rim."""
+    """One way to correct a measurement, and what is said of it and of its rim; whether masks were filtered sharper."""
 
     shot: Shot
     misfit: Misfit
     errors: dict[str, float]
     found: str
     rim: Rim
+    is_filtered: bool = False
 
 
 class _Registration:
@@ -297,6 +300,8 @@ class _Registration:
             return Misfit(), {}, tried
         self.shot = way.shot
         self.notes += [finding(Code.MASKS_CORRECTED, found=way.found)] if way.found else []
+        if way.misfit.blur_px2 <= -_TOO_SOFT_PX2 and way.is_filtered:
+            self.notes.append(finding(Code.MASKS_TOO_SOFT, sigma=_sigma(-way.misfit.blur_px2)))
         self.notes += way.rim.notes
         return way.misfit, way.errors, {name: pair for name, pair in tried.items() if name not in way.errors}
 
@@ -355,7 +360,7 @@ class _Registration:
         ways = []
         for one in candidates(believed, misfit) or [None]:
             corrected, rim = _corrected(shot, misfit, one)
-            ways.append(_Way(corrected, misfit, errors, found, rim))
+            ways.append(_Way(corrected, misfit, errors, found, rim, is_filtered=one is not None))
         return ways
 
     def _start(self, shot: Shot, peak: Peak, total: F64, element: float) -> Misfit | None:
@@ -452,6 +457,7 @@ def _from_source(way: _Way, source: Source) -> _Way:
     misfit = way.misfit.moved(*source.shift_px)
     return replace(
         way,
+        is_filtered=False,
         misfit=replace(misfit, blur_px2=misfit.blur_px2 - source.blur_px2),
         found="; ".join(filter(None, (f"they were believed {source.how} from where and what they were", way.found))),
     )
