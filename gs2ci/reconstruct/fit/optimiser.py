@@ -12,7 +12,7 @@ from torch import Tensor
 
 from gs2ci.reconstruct.fit.adam import Adam
 from gs2ci.reconstruct.fit.poses import LengthUnit
-from gs2ci.render.gaussians import Gaussians
+from gs2ci.render.gaussians import Gaussians, all_finite
 
 # Adam's steps below are those of a schedule of so many iterations; a shorter one has to cover as much in fewer, which
 # takes longer steps. At 50 iterations three times the step gains 0.1 to 0.9 dB over twice the step, at 25 three and a
@@ -122,11 +122,11 @@ class GaussianOptimiser:
 
     def gradient_is_finite(self) -> bool:
         """Tell whether all gradients are free of NaN and infinities."""
-        return _all_finite([t.grad for t in self.scene.parameters().values() if t.grad is not None])
+        return all(all_finite(t.grad) for t in self.scene.parameters().values() if t.grad is not None)
 
     def scene_is_finite(self) -> bool:
         """Tell whether all parameters are free of NaN and infinities."""
-        return _all_finite([tensor.detach() for tensor in self.scene.parameters().values()])
+        return all(all_finite(tensor.detach()) for tensor in self.scene.parameters().values())
 
     def shift(self, means: Tensor) -> None:
         """Move the means by so much, [G, 3], past Adam and its moments."""
@@ -150,11 +150,6 @@ class GaussianOptimiser:
         """Go back to a snapshot; Adam forgets its moments, which led away from it."""
         self.scene = _leaves(scene)
         self._adam = self._new_adam()
-
-
-def _all_finite(tensors: list[Tensor]) -> bool:
-    # A sum is fast, and finite for all that is; only sums that overflow need a closer look.
-    return all(bool(torch.isfinite(each.sum())) or bool(torch.isfinite(each).all()) for each in tensors)
 
 
 def _leaves(scene: Gaussians) -> Gaussians:
