@@ -30,6 +30,7 @@ from gs2ci.reconstruct.fit.motion import ObjectMotionSettings
 from gs2ci.reconstruct.fit.optimiser import GaussianOptimiser, StepSizes
 from gs2ci.reconstruct.fit.pace import Fixed, Pace
 from gs2ci.reconstruct.fit.poses import PoseCorrections, PoseSettings, length_of
+from gs2ci.reconstruct.fit.raster_order import raster_order
 from gs2ci.reconstruct.fit.relief import Exchange, Relief, ReliefSettings
 from gs2ci.reconstruct.fit.rendering import ShotRenderer
 from gs2ci.reconstruct.fit.stopping import HoldOut, Watch
@@ -290,7 +291,9 @@ class _Fit:
         )
         change = self.settings.density.change(scene, evidence, self.generator)
         _guard_memory(len(change.scene), self.settings.most_gaussians, iteration)
-        self.optimiser.replace(change.scene, change.source, change.forget)
+        middle = poses[len(poses) // 2].detach()
+        order = raster_order(change.scene.means.detach(), middle, self._renderer.intrinsics)
+        self.optimiser.replace(change.scene.map(lambda rows: rows[order]), change.source[order], change.forget)
         self._meet_others()
         return bool(change.forget)
 

@@ -12,7 +12,7 @@ from torch import Tensor
 
 from gs2ci.reconstruct.fit.adam import Adam
 from gs2ci.reconstruct.fit.poses import LengthUnit
-from gs2ci.render.gaussians import Gaussians
+from gs2ci.render.gaussians import Gaussians, all_finite
 from gs2ci.render.harmonics import SH_DC, coefficients, degree_of
 
 # Adam's steps below are those of a schedule of so many iterations; a shorter one has to cover as much in fewer, which
@@ -130,11 +130,11 @@ class GaussianOptimiser:
 
     def gradient_is_finite(self) -> bool:
         """Tell whether all gradients are free of NaN and infinities."""
-        return _all_finite([t.grad for t in self.scene.parameters().values() if t.grad is not None])
+        return all(all_finite(t.grad) for t in self.scene.parameters().values() if t.grad is not None)
 
     def scene_is_finite(self) -> bool:
         """Tell whether all parameters are free of NaN and infinities."""
-        return _all_finite([tensor.detach() for tensor in self.scene.parameters().values()])
+        return all(all_finite(tensor.detach()) for tensor in self.scene.parameters().values())
 
     def let_colours_vary(self, degree: int) -> None:
         """Let colours change with direction up to a degree; what they could not show before begins at zero."""
@@ -169,11 +169,6 @@ class GaussianOptimiser:
         """Go back to a snapshot; Adam forgets its moments, which led away from it."""
         self.scene = _leaves(scene)
         self._adam = self._new_adam()
-
-
-def _all_finite(tensors: list[Tensor]) -> bool:
-    # A sum is fast, and finite for all that is; only sums that overflow need a closer look.
-    return all(bool(torch.isfinite(each.sum())) or bool(torch.isfinite(each).all()) for each in tensors)
 
 
 def _leaves(scene: Gaussians) -> Gaussians:
