@@ -22,8 +22,8 @@ from gs2ci.render.cpu.project import BLOCKS_PER_TASK
 from gs2ci.render.cpu.project_backward import tasks_for
 from gs2ci.render.cpu.projection import SCRATCH, load_triples
 from gs2ci.render.cpu.shape_gradient import store_triples
-from gs2ci.render.cpu.vector import LANES, broadcast, get, load, maximum, put, square_root, store, where_ge
 from gs2ci.render.gaussians import HARMONICS, Gaussians
+from gs2ci.render.simd.vector import LANES, broadcast, get, load, maximum, put, square_root, store, where_ge
 
 _DEGREE_1 = HARMONICS[1]
 _DEGREE_2 = HARMONICS[2]
