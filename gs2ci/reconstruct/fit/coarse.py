@@ -19,6 +19,7 @@ from gs2ci.core.findings import Code, Finding, finding
 from gs2ci.core.halt import Halt
 from gs2ci.core.progress import Progress
 from gs2ci.core.run_records import CurvePoint
+from gs2ci.reconstruct.fit.colours import ColourSettings
 from gs2ci.reconstruct.fit.density.base import DensityRule
 from gs2ci.reconstruct.fit.density.osgr import Osgr
 from gs2ci.reconstruct.fit.gathering import Gathering
@@ -63,6 +64,7 @@ class CoarseSettings:
         per_open_share: Whether the gradients that density rules see are divided by the masks' share of open pixels, so
             that thresholds found on photographs hold (`gathering.py`).
         motion: How Gaussians may move that begin with a motion.
+        colours: How far colours may change with the direction of sight.
     """
 
     iterations: int = STANDARD_ITERATIONS
@@ -81,6 +83,7 @@ class CoarseSettings:
     hold_out: HoldOut = field(default_factory=HoldOut)
     density: DensityRule = field(default_factory=Osgr.sparing)
     motion: ObjectMotionSettings = field(default_factory=ObjectMotionSettings)
+    colours: ColourSettings = field(default_factory=ColourSettings)
 
     def check(self) -> "CoarseSettings":
         """Return self if the numbers make sense.
@@ -111,6 +114,7 @@ class CoarseSettings:
                 )
         self.hold_out.check()
         self.motion.check()
+        self.colours.check()
         return self
 
 
@@ -206,6 +210,7 @@ class _Fit:
         """
         if not self.optimiser.scene_is_finite():
             return float("nan")
+        self.optimiser.let_colours_vary(self.settings.colours.at(share))
         poses = self.poses.world_to_camera()
         loss = regulated(self.data_term(self.predict(poses)), self.optimiser.scene, self.settings.loss)
         objective = loss + self.settings.motion.penalty(self.optimiser.scene, self._px_per_length, self._pixels)
