@@ -215,10 +215,10 @@ class V4l2Sensor(Sensor):
             camera.close()
 
 
-def list_cameras(port: SysPort, pattern: str = "/dev/video*") -> list[tuple[str, Identity]]:
-    """List the capture nodes that match a shell pattern, with who they are; leave out those that do not answer."""
+def list_cameras(port: SysPort) -> list[tuple[str, Identity]]:
+    """List the capture nodes with their identities; leave out those that do not answer."""
     found = []
-    for path in port.list_nodes(pattern):
+    for path in port.list_nodes("/dev/video*"):
         try:
             with contextlib.closing(VideoNode(port, path, path)) as node:
                 identity = node.identity()
