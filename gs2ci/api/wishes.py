@@ -44,6 +44,7 @@ class Wishes:
     without: tuple[str, ...] = ()
     iterations: int | None = None
     fits: int | None = None
+    sh_degree: int | None = None
     fine: bool = False
     prior: str | None = None
     distance: str | None = None
@@ -84,16 +85,20 @@ class Wishes:
             settings = replace(settings, registration=replace(settings.registration, mode=self.registration))
         if self.density is not None:
             settings = settings.with_density_rule(self.density)
-        settings = ablation.without(settings, self.without)
-        if self.iterations is not None:
-            settings = replace(settings, fit=replace(settings.fit, iterations=self.iterations))
-        if self.fits is not None:
-            settings = replace(settings, fits=self.fits)
+        settings = self._on_fits(ablation.without(settings, self.without))
         if self.fine_stage:
             default = settings.fine or settings.fine_if_asked
             stage = replace(default, prior=self.prior or default.prior, distance=self.distance or default.distance)
             settings = replace(settings, fine=stage)
         return settings
+
+    def _on_fits(self, settings: Settings) -> Settings:
+        fit = settings.fit
+        if self.iterations is not None:
+            fit = replace(fit, iterations=self.iterations)
+        if self.sh_degree is not None:
+            fit = replace(fit, colours=replace(fit.colours, degree=self.sh_degree).check())
+        return replace(settings, fit=fit, fits=settings.fits if self.fits is None else self.fits)
 
 
 def budget_seconds(budget: str | None, preset: PresetName, wishes: Wishes) -> float | None:

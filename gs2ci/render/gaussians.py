@@ -4,6 +4,7 @@ Here: the parameters, where they are at a moment, their checks and conversions. 
 densification rules (`gs2ci.reconstruct.fit.density`).
 """
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, fields
 from typing import Final
@@ -150,13 +151,19 @@ def check_tensor(what: str, tensor: Tensor, wanted: tuple[int, ...]) -> None:
             f"{what}: {str(tensor.dtype).removeprefix('torch.')} {list(tensor.shape)} on {tensor.device}",
             allowed=f"float32 or float64 {list(wanted)} on cpu",
         )
-    if not bool(torch.isfinite(tensor.detach()).all()):
+    if not all_finite(tensor.detach()):
         bad = int((~torch.isfinite(tensor.detach())).sum())
         raise InputError(
             f"{what}: {bad} of {tensor.numel()} values are NaN or infinite",
             allowed="finite numbers",
             remedy="go back to the last finite parameters and lower the learning rate",
         )
+
+
+def all_finite(tensor: Tensor) -> bool:
+    """Tell whether all numbers of a tensor are finite: a fit asks for it several times an iteration."""
+    # A sum is fast, and finite for all that is; only sums that overflow need a closer look.
+    return math.isfinite(float(tensor.sum())) or bool(torch.isfinite(tensor).all())
 
 
 def logit(probability: Tensor) -> Tensor:

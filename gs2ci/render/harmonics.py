@@ -93,6 +93,11 @@ def colours_seen(scene: Gaussians, world_to_camera: Tensor, times: Tensor | None
     return seen.clamp(min=0.0)
 
 
+def colours_from(scene: Gaussians, world_to_camera: Tensor) -> Tensor:
+    """Return the colours, [G, 3], that one camera sees, [4, 4]: the scene's own where they change with nothing."""
+    return scene.colours if scene.harmonics is None else colours_seen(scene, world_to_camera[None])[0]
+
+
 def turned(harmonics: Tensor, rotation: Tensor) -> Tensor:
     """Return the coefficients of a scene that is turned, [G, K, 3]: seen from turned places it looks as before.
 

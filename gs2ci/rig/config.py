@@ -142,6 +142,8 @@ class WorldTable(ConfigTable):
     """By how much longer than set a triggered exposure truly is."""
     trigger_out_2_bit: Literal["disables", "enables"] = "disables"
     """What bit 0 of a pattern entry's byte 9 truly does on the simulated DLPC900."""
+    dlpc900_start_s: Delay = 500e-6
+    """How long after a start the simulated DLPC900 shows its first mask; TI states no figure."""
     camera_driver: Literal["twin", "unicam", "rp1-cfe", "uvcvideo", "other"] = "twin"
     """As which kernel driver the simulated camera stamps its frames, a GenICam one too; "twin" stamps the start of
     exposure and flags it, "other" the end of the frame."""

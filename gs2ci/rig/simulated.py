@@ -279,7 +279,8 @@ def _modulator_twin(rig: RigTable, world: World, faults: FaultSet) -> ModulatorT
     if plugged is not None:
         return plugged  # type: ignore[no-any-return]
     if isinstance(rig.modulator, Dlpc900Options):
-        return Dlpc900Twin(world, faults, name="modulator", bit_enables=table.trigger_out_2_bit == "enables")
+        enables, start_s = table.trigger_out_2_bit == "enables", table.dlpc900_start_s
+        return Dlpc900Twin(world, faults, name="modulator", bit_enables=enables, start_latency_s=start_s)
     if isinstance(rig.modulator, DisplaySlmOptions):
         return DisplaySlmTwin(world, faults, name="modulator", response_s=table.panel_response_s)
     if isinstance(rig.modulator, VideoOutOptions):

@@ -177,6 +177,9 @@ IDEALISATIONS: Final = (
         "begins a sequence 500 us after it is told to",
         "the controller's firmware takes a time that TI does not state",
         "DLPU018 is silent; captures wait for the first trigger and do not depend on it",
+        "dlpc900_start_s",
+        500e-6,
+        kinds=frozenset({"dlpc900"}),
     ),
     Idealisation(
         "host",

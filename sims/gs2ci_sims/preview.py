@@ -157,7 +157,9 @@ class Preview:
         chain = EffectChain(self._chain.at(Stage.PHOTONS)[:earlier], self.seed, self.rig)
         before = chain.through(Stage.PHOTONS, self.charge_e)
         change_e = np.abs(EffectChain([effect], self.seed, self.rig).through(Stage.PHOTONS, before) - before)
-        seen_e, error_e = float(np.sqrt(np.square(change_e).mean())), self.charge_error_e
+        # Masks that add up to an even light no longer do where others change the light of some more than of others.
+        unlike_e = self._modulation(effect) * self.charge_rms_e
+        seen_e, error_e = float(np.sqrt(np.square(change_e).mean())), self.charge_error_e + unlike_e
         peak_e = min(float(change_e.max()) + most * error_e * change_e.size**0.5, most * float(self.most_e.max()))
         return Bound(self.rig.dn_per_e * (seen_e + most * error_e), self.rig.dn_per_e * peak_e).by(
             "K * (v + c * u)",
@@ -293,18 +295,17 @@ class Preview:
     def _shifted_rms(self, shift_px: float) -> float:
         return self.shifted(shift_px)[0] if shift_px > 0 else 0.0
 
-    def of_views(self, rms: float, peak: float) -> Bound:
-        """Bound what fields of this rms and peak, radiance, one behind each mask, make of the readings."""
+    def of_views(self, rms: float | F64, peak: float) -> Bound:
+        """Bound what fields of this rms (of each, [N], or of all) and peak, radiance, make behind the masks."""
         weights, scale = self._most_open_weights, self.full_scale_dn
-        if self.at_rest:
-            worst = weights.worst_rms_of_one(rms, peak)
-        else:
-            worst = weights.worst_rms(np.full(len(self.masks), rms), peak)
+        each = np.broadcast_to(rms, (len(self.masks),))
+        most = float(each.max())
+        worst = weights.worst_rms_of_one(most, peak) if self.at_rest else weights.worst_rms(each, peak)
         return Bound(scale * worst, scale * peak * weights.largest_sum).by(
             "S * a * rho",
             *self._full_scale_steps,
-            BoundStep("rho", rms, "", "change of a view, rms, by the image's spectrum; white is 1"),
-            BoundStep("a", worst / rms if rms > 0 else 0.0, "", "what the masks make of it where they lie worst"),
+            BoundStep("rho", most, "", "change of a view, rms, by the image's spectrum; white is 1"),
+            BoundStep("a", worst / most if most > 0 else 0.0, "", "what the masks make of it where they lie worst"),
         )
 
     @cached_property

@@ -19,6 +19,7 @@ from gs2ci.core.findings import Code, Finding, finding
 from gs2ci.core.halt import Halt
 from gs2ci.core.progress import Progress
 from gs2ci.core.run_records import CurvePoint
+from gs2ci.reconstruct.fit.colours import ColourSettings
 from gs2ci.reconstruct.fit.density.base import DensityRule
 from gs2ci.reconstruct.fit.density.osgr import Osgr
 from gs2ci.reconstruct.fit.gathering import Gathering
@@ -29,6 +30,7 @@ from gs2ci.reconstruct.fit.motion import ObjectMotionSettings
 from gs2ci.reconstruct.fit.optimiser import GaussianOptimiser, StepSizes
 from gs2ci.reconstruct.fit.pace import Fixed, Pace
 from gs2ci.reconstruct.fit.poses import PoseCorrections, PoseSettings, length_of
+from gs2ci.reconstruct.fit.raster_order import raster_order
 from gs2ci.reconstruct.fit.relief import Exchange, Relief, ReliefSettings
 from gs2ci.reconstruct.fit.rendering import ShotRenderer
 from gs2ci.reconstruct.fit.stopping import HoldOut, Watch
@@ -62,6 +64,7 @@ class CoarseSettings:
         per_open_share: Whether the gradients that density rules see are divided by the masks' share of open pixels, so
             that thresholds found on photographs hold (`gathering.py`).
         motion: How Gaussians may move that begin with a motion.
+        colours: How far colours may change with the direction of sight.
     """
 
     iterations: int = STANDARD_ITERATIONS
@@ -80,6 +83,7 @@ class CoarseSettings:
     hold_out: HoldOut = field(default_factory=HoldOut)
     density: DensityRule = field(default_factory=Osgr.sparing)
     motion: ObjectMotionSettings = field(default_factory=ObjectMotionSettings)
+    colours: ColourSettings = field(default_factory=ColourSettings)
 
     def check(self) -> "CoarseSettings":
         """Return self if the numbers make sense.
@@ -110,6 +114,7 @@ class CoarseSettings:
                 )
         self.hold_out.check()
         self.motion.check()
+        self.colours.check()
         return self
 
 
@@ -205,6 +210,7 @@ class _Fit:
         """
         if not self.optimiser.scene_is_finite():
             return float("nan")
+        self.optimiser.let_colours_vary(self.settings.colours.at(share))
         poses = self.poses.world_to_camera()
         loss = regulated(self.data_term(self.predict(poses)), self.optimiser.scene, self.settings.loss)
         objective = loss + self.settings.motion.penalty(self.optimiser.scene, self._px_per_length, self._pixels)
@@ -285,7 +291,9 @@ class _Fit:
         )
         change = self.settings.density.change(scene, evidence, self.generator)
         _guard_memory(len(change.scene), self.settings.most_gaussians, iteration)
-        self.optimiser.replace(change.scene, change.source, change.forget)
+        middle = poses[len(poses) // 2].detach()
+        order = raster_order(change.scene.means.detach(), middle, self._renderer.intrinsics)
+        self.optimiser.replace(change.scene.map(lambda rows: rows[order]), change.source[order], change.forget)
         self._meet_others()
         return bool(change.forget)
 

@@ -347,6 +347,7 @@ def _differentiate_cell(records, base, lists, begin, count, x, y, gradients, cel
             put(centres, j, get(records, offset + MEAN_X))
             put(centres, LANES + j, get(records, offset + MEAN_Y))
             put(centres, 2 * LANES + j, get(records, offset + SHEAR))
+            prefetch(sums, offset - base + sums_base)
             alpha = load(alphas, (group + j) * LANES)
             seen = get(records, offset + RED) * red
             seen = seen + get(records, offset + GREEN) * green

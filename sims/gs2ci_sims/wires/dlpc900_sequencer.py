@@ -17,6 +17,7 @@ PULSE_TWICE = declare("dlpc900.pulse_twice", "trigger output 2 pulses twice for 
 POLARITY = declare("dlpc900.suppress_inverted", "the firmware takes the suppress bit of trigger output 2 inverted")
 COUNT_OFF = declare("dlpc900.count_off", "the sequence shows `value` masks more than asked (1 when not given)")
 
+# From a start to the first step, unless set otherwise.
 START_LATENCY_S = 500e-6
 _DOUBLE_PULSE_S = 60e-6
 _NEVER = 1 << 62
@@ -62,6 +63,7 @@ class Sequencer:
     """
 
     def __init__(self, world: World, name: str, faults: FaultSet) -> None:
+        self.start_latency_s = START_LATENCY_S
         self.world = world
         self.faults = faults
         self.running = False
@@ -86,14 +88,14 @@ class Sequencer:
         """Begin with the first step, or go on where it was paused; `total` masks in all, 0 for ever."""
         if self.paused:
             self.paused, self.running = False, True
-            self._plan(self.shown, self.world.clock.now_s() + START_LATENCY_S)
+            self._plan(self.shown, self.world.clock.now_s() + self.start_latency_s)
             return
         self.stop()
         off = self.faults.take(COUNT_OFF)
         self._steps = steps
         self._total = (total or _NEVER) + (int(off.value or 1) if off else 0)
         self.running = True
-        self._plan(0, self.world.clock.now_s() + START_LATENCY_S)
+        self._plan(0, self.world.clock.now_s() + self.start_latency_s)
 
     def pause(self) -> None:
         """Stop, to go on with the current step later."""

@@ -14,10 +14,10 @@ from gs2ci_sims.world import World
 class Host:
     """Reports by hand, typed from the programmer's guide."""
 
-    def __init__(self, dmd: int = 5) -> None:
+    def __init__(self, dmd: int = 5, **options: float) -> None:
         self.world = World()
         self.faults = FaultSet()
-        self.twin = Dlpc900Twin(self.world, self.faults, dmd=dmd)
+        self.twin = Dlpc900Twin(self.world, self.faults, dmd=dmd, **options)
         self.port = self.twin.open()
 
     def send(self, message: str | bytes) -> None:
@@ -362,3 +362,16 @@ def test_no_reports_whatever_bring_the_firmware_down(reports: list[bytes]) -> No
     for _ in range(9):  # the rest of a message that was begun
         host.send(bytes(64))
     assert host.ask("C0 04 02 00 0A 1A")[:2] == b"\xc0\x04"
+
+
+def test_a_sequence_begins_as_late_as_the_twin_is_told() -> None:
+    def began_s(start_s: float) -> float:
+        host = Host(start_latency_s=start_s)
+        edges: list[float] = []
+        host.world.bus.listen("dmd0.out2", lambda edge: edges.append(edge.when_s) if edge.level else None)
+        host.ask("40 06 0A 00 1E 1A 00 00 00 00 00 00 00 00")
+        host.run()
+        host.world.clock.sleep_s(start_s + 2e-3)
+        return edges[0]
+
+    assert began_s(8e-3) - began_s(0.0) == pytest.approx(8e-3, abs=1e-9)
