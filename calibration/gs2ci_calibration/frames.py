@@ -1,4 +1,4 @@
-"""What every procedure asks of a stack of frames before it believes it, and means over its pixels and frames.
+"""Checks that every stack of frames must pass before it is used, and means over its pixels and frames.
 
 Pure: arrays in, numbers out, `CalibrationError` where they are no good. Not here: taking frames (`bench`), the
 procedures.

@@ -1,4 +1,4 @@
-"""A quick look at one mask, before whatever is there: is it where and what the bundle says?
+"""A quick check of one mask before any scene: is it where, and what, the bundle says?
 
 Here: taking it and judging it. Not here: measuring masks (their own step).
 

@@ -1,4 +1,4 @@
-"""Where bytes leave us: the five ports that drivers speak through, and nothing of what is said.
+"""The five ports through which drivers reach hardware: interfaces alone, no protocol.
 
     HidPort     64-byte reports (DLPC900)                     links.usb_hid
     BytePort    a stream of bytes (serial, USB bulk)          links.serial_line, links.usb_bulk

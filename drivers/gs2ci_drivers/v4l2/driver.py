@@ -1,4 +1,4 @@
-"""A V4L2 camera as a `Sensor`: the order of calls that kernel drivers expect, and life after an unplug.
+"""A V4L2 camera as a `Sensor`: calls in the order that kernel drivers expect, and recovery after it was unplugged.
 
 Here: `V4l2Sensor` and `list_cameras`. Not here: setting up (`setup`), buffers (`streaming`), what a frame is worth
 (`judge`), requests (`node`).
