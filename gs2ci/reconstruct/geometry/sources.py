@@ -18,7 +18,8 @@ from gs2ci.reconstruct.geometry.camera_files import CameraFile, read_cameras
 from gs2ci.reconstruct.geometry.direct import Direct
 from gs2ci.reconstruct.geometry.initialise import Geometry, initialise, measured
 from gs2ci.reconstruct.geometry.prior import Request, from_tracks
-from gs2ci.reconstruct.geometry.sweep import inverse_depth_range, sweep
+from gs2ci.reconstruct.geometry.surface_map import surface_map
+from gs2ci.reconstruct.geometry.sweep import inverse_depth_range
 from gs2ci.reconstruct.geometry.telemetry import errors_of_told, poses_of_stage, stated_error
 from gs2ci.reconstruct.geometry.wide import wide_motion
 
@@ -177,7 +178,7 @@ def swept_between_points(request: Request, cameras: CameraFile, without: Geometr
         without,
         world_to_camera=poses,
         intrinsics=cameras.intrinsics,
-        inverse_depth=sweep(request.views, poses, cameras.intrinsics, reference, span, request.settings.sweep),
+        inverse_depth=surface_map(request.views, poses, cameras.intrinsics, reference, span, request.settings.sweep),
         verdict="full",
         unit=1 / unit,
         notes=(*without.notes, finding(Code.POSES_UNCHECKED)),

@@ -285,5 +285,5 @@ def colours_of(scene: Gaussians, world_to_camera: Tensor, times: Tensor | None) 
     rotation, translation = world_to_camera[:, :3, :3], world_to_camera[:, :3, 3:]
     centres = -(rotation.transpose(1, 2) @ translation)[..., 0]
     given = (means, scene.colours, scene.harmonics, centres)
-    seen: Tensor = _Seen.apply(*(tensor.to(torch.float32) for tensor in given))  # type: ignore[no-untyped-call]
+    seen: Tensor = _Seen.apply(*(tensor.to(torch.float32) for tensor in given))
     return seen
