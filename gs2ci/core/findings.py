@@ -99,6 +99,7 @@ class Code(StrEnum):
     FIT_INTERRUPTED = auto()
     INTERRUPTED = auto()
     FIT_DIVERGED = auto()
+    FIT_BEHIND = auto()
 
     # The light of the measurement.
     EMPTY_MEASUREMENT = auto()

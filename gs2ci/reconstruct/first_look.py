@@ -19,7 +19,7 @@ from gs2ci.core.records import Shot
 from gs2ci.reconstruct.choices import FirstLookName
 from gs2ci.reconstruct.decode.by_name import decode_by_name, patch_settings
 from gs2ci.reconstruct.decode.patches.decoder import PatchSettings
-from gs2ci.reconstruct.decode.patches.watched import decode_until_settled
+from gs2ci.reconstruct.decode.patches.watched import LEAST_GAIN, decode_until_settled
 from gs2ci.reconstruct.decode.proxies.routing import geometry_views
 from gs2ci.reconstruct.geometry.direct import at_rest
 from gs2ci.reconstruct.geometry.evidence import carried_views
@@ -56,7 +56,9 @@ class FirstLook:
     decoder: FirstLookName = "gap-tv"
     sigma: float | None = None
 
-    def decoded_longer(self, settings: PatchSettings, progress: Progress | None = None) -> "FirstLook":
+    def decoded_longer(
+        self, settings: PatchSettings, progress: Progress | None = None, *, hurried: bool = False
+    ) -> "FirstLook":
         """Return the same findings beside views that a decode by patches came to from those that are there.
 
         Views of the brief decode by patches enter the schedule at the noise level at which that one began.
@@ -64,9 +66,10 @@ class FirstLook:
         Args:
             settings: Its whole schedule.
             progress: Hears of each step.
+            hurried: Whether it ends where steps gain little.
         """
         rest = settings if self.sigma is None else settings.entered_at(PatchSettings.quick().first_sigma)
-        settled = decode_until_settled(self.jury, self.decoded, rest, progress)
+        settled = decode_until_settled(self.jury, self.decoded, rest, progress, LEAST_GAIN if hurried else None)
         return replace(self, decoded=settled.views, decoder="patches", sigma=settled.sigma)
 
     def with_decode_of(self, other: "FirstLook") -> "FirstLook":

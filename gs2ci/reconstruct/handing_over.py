@@ -146,7 +146,7 @@ def _decodes(first: FirstLook, settings: Settings) -> dict[Part, Candidate]:
     """
     jury, uncoupled = first.jury, settings.decode
     if first.decoder == "patches-quick" and settings.long_decode is not None:
-        longer = first.decoded_longer(settings.long_decode)
+        longer = first.decoded_longer(settings.long_decode, hurried=True)
         if (jury.residual_rms(longer.decoded) or 0.0) < (jury.residual_rms(first.decoded) or 0.0):
             first = longer
     if first.sigma is not None:

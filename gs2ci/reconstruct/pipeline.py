@@ -115,7 +115,9 @@ def reconstruct(
     fits = replace(fits, mask_moments=mask_moments).within(budget, first)
     settings, refine = fits.settings, fits.refine
 
-    attempts = Attempts(fits.attempt, fits.release, jury, lens, settings, refine, progress, clock.lap, halt)
+    attempts = Attempts(
+        fits.attempt, fits.completed, fits.release, jury, lens, settings, refine, progress, clock.lap, halt
+    )
     first, tried, motion = attempts.hurried(first) if budget is not None else attempts.all(first)
     geometry, ensemble = tried.geometry, tried.ensemble
     renderer = ShotRenderer(fits.fitted.shot, geometry.intrinsics, tools.backend, lens, mask_moments)

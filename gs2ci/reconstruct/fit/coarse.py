@@ -33,7 +33,7 @@ from gs2ci.reconstruct.fit.poses import PoseCorrections, PoseSettings, length_of
 from gs2ci.reconstruct.fit.raster_order import raster_order
 from gs2ci.reconstruct.fit.relief import Exchange, Relief, ReliefSettings
 from gs2ci.reconstruct.fit.rendering import ShotRenderer
-from gs2ci.reconstruct.fit.stopping import HoldOut, Watch
+from gs2ci.reconstruct.fit.stopping import HoldOut, Rival, Watch
 from gs2ci.reconstruct.fit.surfaces import Surfaces, SurfaceSettings, find_surfaces
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.geometry.sources import TOLD
@@ -359,6 +359,7 @@ def fit_coarse(
     lens: Lens | None = None,
     halt: Halt | None = None,
     mask_moments: MaskMoments | None = None,
+    rival: Rival | None = None,
 ) -> CoarseFit:
     """Fit Gaussians and poses to the measurement.
 
@@ -377,6 +378,7 @@ def fit_coarse(
         lens: Through which the measurement was taken, unless it is a pinhole.
         halt: Ends the fit after an iteration in which it is asked to.
         mask_moments: The moments of each mask, where the camera moves so far while it is on show.
+        rival: Another fit; this one ends at a look at which it is far behind.
 
     Returns:
         The state with the best held-out residual.
@@ -390,7 +392,7 @@ def fit_coarse(
     fit = _Fit(jury, start, geometry, backend, settings, seed, lens, mask_moments)
     looks = Looks(jury, refine, score, since_s)
     loop = _Loop(
-        fit, looks, progress, pace or Fixed(settings.iterations), halt or Halt(), judged=bool(jury.heldout.any())
+        fit, looks, progress, pace or Fixed(settings.iterations), halt or Halt(), rival, judged=bool(jury.heldout.any())
     )
     stopped = loop.run()
     fit.restore(loop.best)
@@ -407,7 +409,9 @@ def fit_coarse(
 class _Loop:
     """The iterations: step, densify, look, stop; and back to the last good state when numbers run away."""
 
-    def __init__(self, fit: _Fit, looks: Looks, progress: Progress, pace: Pace, halt: Halt, *, judged: bool) -> None:
+    def __init__(
+        self, fit: _Fit, looks: Looks, progress: Progress, pace: Pace, halt: Halt, rival: Rival | None, *, judged: bool
+    ) -> None:
         self.fit = fit
         self.settings = fit.settings
         self.best = fit.snapshot(0)
@@ -416,6 +420,7 @@ class _Loop:
         self._progress = progress
         self._pace = pace
         self._halt = halt
+        self._rival = rival
         self._judged = judged
         self._watch = Watch(fit.settings.hold_out)
         self._damping = 1.0
@@ -451,6 +456,8 @@ class _Loop:
             self._progress.step(iteration, loss=loss, **self._figures())
             if halted:
                 return finding(Code.FIT_INTERRUPTED, iterations=iteration, best=self._watch.best_iteration)
+            if looks and self._is_behind(iteration):
+                return finding(Code.FIT_BEHIND, iterations=iteration, best=self._watch.best_iteration)
             if looks and self._watch.stalled(iteration) and not self.fit.awaits_surfaces:
                 return finding(Code.FIT_STALLED, best=self._watch.best_iteration)
         late = self._pace.is_late(iteration)
@@ -458,6 +465,10 @@ class _Loop:
             return finding(Code.FIT_TIME_UP_UNJUDGED if late else Code.FIT_ALL_DONE_UNJUDGED, iterations=iteration)
         code = Code.FIT_TIME_UP if late else Code.FIT_ALL_DONE
         return finding(code, iterations=iteration, best=self._watch.best_iteration)
+
+    def _is_behind(self, iteration: int) -> bool:
+        """Tell whether another fit is so far ahead at the look just taken that this one is given up."""
+        return self._rival is not None and self._rival.is_out_of_reach(self._looks.curve[-1].heldout, iteration)
 
     def _step(self, iteration: int, total: int) -> None:
         share = iteration / total

@@ -22,25 +22,27 @@ def told(left):
     return SimpleNamespace(residual_rms=lambda views: next(said))
 
 
-def looks_until_enough(left):
-    watch = watched._Watch(told(left))
+def looks_until_enough(left, least_gain):
+    watch = watched._Watch(told(left), least_gain)
     steps = next(step for step in range(1, 4 * len(left) + 2) if step > 4 * len(left) or watch(step * 1e-3 * PIXEL))
     return steps, watch.best
 
 
 @pytest.mark.parametrize(
-    ("left", "steps", "best"),
+    ("left", "least_gain", "steps", "best"),
     [
-        ([1.0, 0.9, 0.8, 0.7, 0.6, 0.5, 0.4], 29, 28),  # gains to the end: nobody stops it
-        ([1.0, 0.9, 0.8, 0.79, 0.785, 0.784, 0.783], 28, 28),  # a round gains 16, 13, 2.1 and then 1.1 %
-        ([1.0, 0.7, 0.8, 0.9, 0.95], 20, 8),  # gets worse: what was best is kept
-        ([1.0, 1.2, 1.0, 0.9, 0.8, 0.7, 0.6], 29, 28),  # a bad beginning is forgiven within a round
+        ([1.0, 0.9, 0.8, 0.7, 0.6, 0.5, 0.4], 0.02, 29, 28),  # gains to the end: nobody stops it
+        ([1.0, 0.9, 0.8, 0.79, 0.785, 0.784, 0.783], 0.02, 28, 28),  # a round gains 21, 13, 2.0 and then 0.9 %
+        ([1.0, 0.7, 0.8, 0.9, 0.95], 0.02, 20, 8),  # gets worse: what was best is kept
+        ([1.0, 1.2, 1.0, 0.9, 0.8, 0.7, 0.6], 0.02, 29, 28),  # a bad beginning is forgiven within a round
+        ([1.0, 0.9, 0.8, 0.79, 0.785, 0.784, 0.783], None, 29, 28),  # little gain is no reason
+        ([1.0, 0.7, 0.72, 0.71, 0.8, 0.72, 0.8, 0.8], None, 33, 24),  # the latest of those that are alike
+        ([1.0, 0.7, 0.8, 0.8, 0.8, 0.8], None, 20, 8),  # a whole round is clearly worse
     ],
 )
-def test_it_goes_on_as_long_as_a_round_gains(left, steps, best):
-    found, (least, at, views) = looks_until_enough(left)
+def test_it_goes_on_as_long_as_a_round_gains(left, least_gain, steps, best):
+    found, (at, views) = looks_until_enough(left, least_gain)
     assert (found, at) == (steps, best)
-    assert least == min(left)
     np.testing.assert_allclose(views, best * 1e-3)
 
 
@@ -51,7 +53,7 @@ def test_a_watched_decode_of_noise_is_as_good_as_the_whole_schedule_and_ends_bef
     settled, whole = decode_until_settled(jury, start, LONG), patch_decode_from(jury.seen, start, LONG)
     assert settled.steps < LONG.iterations
     assert settled.sigma in LONG.sigmas
-    assert jury.residual_rms(settled.views) <= 1.02 * jury.residual_rms(whole)
+    assert jury.residual_rms(settled.views) <= 1.06 * jury.residual_rms(whole)
     by_watch, by_schedule = (np.mean(psnr_per_view(views, shot.truth.views)) for views in (settled.views, whole))
     assert by_watch > by_schedule - 0.5
 
