@@ -63,7 +63,9 @@ def _told(found: Geometry, error: float | None) -> Geometry:
         return found
     contradicted = found.tracks > 0 and found.pose_errors is None
     if contradicted:
-        return replace(found, order_told=True)
+        # What the stage states of its error is contradicted with it.
+        errors = errors_of_told(found.world_to_camera, found.intrinsics).loosened()
+        return replace(found, order_told=True, pose_errors=errors)
     position = None if error is None or found.unit is None else error / found.unit
     errors = errors_of_told(found.world_to_camera, found.intrinsics, position)
     return replace(found, order_told=True, pose_errors=errors)
