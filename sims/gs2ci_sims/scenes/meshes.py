@@ -164,7 +164,7 @@ class MeshBuilder:
             )
             self._add(corners, places, (corners - centre) / radius, texture)
 
-    def mesh(self, shine: float, exponent: float, towards_light: F64) -> TexturedMesh:
+    def mesh(self, shine: float = 0.0, exponent: float = 1.0, towards_light: F64 = SUN) -> TexturedMesh:
         """Return all of it, with highlights where they shine."""
         which = np.repeat(np.array(self._which), [len(part) for part in self._corners])
         normals = np.concatenate(self._normals)
