@@ -1,4 +1,4 @@
-"""What a calibration procedure sees of a bench: the devices through their drivers, and somebody who sets things up.
+"""The bench as calibration procedures use it: devices through their drivers, and an operator for work by hand.
 
 A procedure is a function `measure(bench: Bench, known: Bundle) -> Section`: it asks for an arrangement
 (`bench.please(Arrangement.FLAT)`), takes frames (`bench.grab(patterns, frames=..., exposure_s=...)`), hands arrays to

@@ -1,4 +1,4 @@
-"""The records of a capture's plan: what the user wants, what will happen, line by line. Nothing moves here.
+"""The records of a capture's plan: the settings asked for and the timeline, line by line. Nothing moves here.
 
 Not here: laying a plan out and checking it (`gs2ci_drivers.planning`), doing it (`gs2ci_drivers.acquisition`).
 """
