@@ -45,6 +45,7 @@ def reconstruct(
     without: tuple[str, ...] = (),
     iterations: int | None = None,
     fits: int | None = None,
+    sh_degree: int | None = None,
     fine: bool = False,
     prior: str | None = None,
     distance: str | None = None,
@@ -89,6 +90,8 @@ def reconstruct(
             opacity-regulation, count-cap, pose-refinement.
         iterations: At most so many iterations of the fit; it ends earlier when held-out pixels stop improving.
         fits: How many fits run side by side; the views are their mean. More take longer and show more.
+        sh_degree: How far colours may change with the direction they are seen from: the degree of their spherical
+            harmonics, 0 (one colour whoever sees it) to 3; the preset's own when not given.
         fine: Go on with the fine stage: views from beside the cameras are held to what a prior on images says of them.
             Kept only where held-out pixels agree; with preset "paper", which holds none out, kept in any case.
         prior: For the fine stage, which it switches on: "consistent" (detail that several cameras agree on; the usual
@@ -142,6 +145,7 @@ def reconstruct(
         without=without,
         iterations=iterations,
         fits=fits,
+        sh_degree=sh_degree,
         fine=fine,
         prior=prior,
         distance=distance,

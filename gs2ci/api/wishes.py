@@ -1,4 +1,4 @@
-"""What the arguments of `gs2ci reconstruct` mean: for the settings, for the shot, and within a budget of seconds.
+"""What the arguments of `gs2ci reconstruct` change: the settings, the shot, and the plan within a budget of seconds.
 
 Here: settings changed as wished, a shot with the focal length that its user knows, the plan of a budget. Not here: the
 settings (`gs2ci.reconstruct`), the order of the work (`reconstruction`).
@@ -44,6 +44,7 @@ class Wishes:
     without: tuple[str, ...] = ()
     iterations: int | None = None
     fits: int | None = None
+    sh_degree: int | None = None
     fine: bool = False
     prior: str | None = None
     distance: str | None = None
@@ -79,21 +80,25 @@ class Wishes:
         if self.light is not None:
             settings = replace(settings, brightness=replace(settings.brightness, light=self.light))
         if self.within_mask is not None:
-            settings = replace(settings, shutter=replace(settings.shutter, within_mask=self.within_mask))
+            settings = replace(settings, mask_moments=replace(settings.mask_moments, within_mask=self.within_mask))
         if self.registration is not None:
             settings = replace(settings, registration=replace(settings.registration, mode=self.registration))
         if self.density is not None:
             settings = settings.with_density_rule(self.density)
-        settings = ablation.without(settings, self.without)
-        if self.iterations is not None:
-            settings = replace(settings, fit=replace(settings.fit, iterations=self.iterations))
-        if self.fits is not None:
-            settings = replace(settings, fits=self.fits)
+        settings = self._on_fits(ablation.without(settings, self.without))
         if self.fine_stage:
             default = settings.fine or settings.fine_if_asked
             stage = replace(default, prior=self.prior or default.prior, distance=self.distance or default.distance)
             settings = replace(settings, fine=stage)
         return settings
+
+    def _on_fits(self, settings: Settings) -> Settings:
+        fit = settings.fit
+        if self.iterations is not None:
+            fit = replace(fit, iterations=self.iterations)
+        if self.sh_degree is not None:
+            fit = replace(fit, colours=replace(fit.colours, degree=self.sh_degree).check())
+        return replace(settings, fit=fit, fits=settings.fits if self.fits is None else self.fits)
 
 
 def budget_seconds(budget: str | None, preset: PresetName, wishes: Wishes) -> float | None:

@@ -1,6 +1,6 @@
-"""The middle of a measurement, where the whole would take too long.
+"""The middle or a corner of a measurement, where the whole would take too long.
 
-Here: `middle`, and the size of it that a number of pixels affords. Not here: what it is wanted for.
+Here: `middle`, `corner`, and the size that a number of pixels affords. Not here: what they are wanted for.
 """
 
 from dataclasses import replace
@@ -24,13 +24,32 @@ def middle(shot: Shot, size: tuple[int, int]) -> Shot:
     Raises:
         InputError: The measurement is smaller, or a side is no count of pixels.
     """
-    if not (0 < size[0] <= shot.size[0] and 0 < size[1] <= shot.size[1]):
-        raise InputError(
-            f"the middle {size[0]} x {size[1]} px of {shot.name}, which has {shot.size[0]} x {shot.size[1]} px",
-            allowed="sides of at least 1 px and no larger than the measurement's",
-        )
     # Even places keep a colour mosaic's phase.
     top, left = ((whole - part) // 4 * 2 for whole, part in zip(shot.size, size, strict=True))
+    return replace(_piece(shot, top, left, size), provenance={**shot.provenance, "middle": f"{size[0]} x {size[1]} px"})
+
+
+def corner(shot: Shot, size: tuple[int, int], *, lower: bool, right: bool) -> Shot:
+    """Cut away all but a corner of a measurement: as `middle`, which says what is asked of the size.
+
+    Args:
+        shot: At least as large.
+        size: Height and width that are left, px.
+        lower: The lower instead of the upper.
+        right: The right instead of the left.
+    """
+    top, left = (
+        (whole - part) // 2 * 2 * far for whole, part, far in zip(shot.size, size, (lower, right), strict=True)
+    )
+    return _piece(shot, top, left, size)
+
+
+def _piece(shot: Shot, top: int, left: int, size: tuple[int, int]) -> Shot:
+    if not (0 < size[0] <= shot.size[0] and 0 < size[1] <= shot.size[1]):
+        raise InputError(
+            f"the middle or a corner, {size[0]} x {size[1]} px, of {shot.name}: {shot.size[0]} x {shot.size[1]} px",
+            allowed="sides of at least 1 px and no larger than the measurement's",
+        )
     rows, columns = slice(top, top + size[0]), slice(left, left + size[1])
     intrinsics, seen, depth = shot.intrinsics, shot.truth.views, shot.truth.depth
     return replace(
@@ -44,8 +63,21 @@ def middle(shot: Shot, size: tuple[int, int]) -> Shot:
             views=None if seen is None else seen[:, rows, columns],
             depth=None if depth is None else depth[:, rows, columns],
         ),
-        provenance={**shot.provenance, "middle": f"{size[0]} x {size[1]} px"},
     )
+
+
+def size_of(shot: Shot, view_pixels: int, least_side: int = 1) -> tuple[int, int]:
+    """Return height and width of a piece whose views have about so many pixels together, of the picture's proportions.
+
+    Args:
+        shot: What is no larger stays whole.
+        view_pixels: Of all views together.
+        least_side: Sides stay this long, px, as far as they are.
+    """
+    height, width = shot.size
+    shrink = min(1.0, (view_pixels / (shot.views * height * width)) ** 0.5)
+    rows, columns = (max(min(side, least_side), round(side * shrink)) for side in (height, width))
+    return rows, columns
 
 
 def middle_of(shot: Shot, view_pixels: int, least_side: int = 1) -> Shot:
@@ -59,7 +91,4 @@ def middle_of(shot: Shot, view_pixels: int, least_side: int = 1) -> Shot:
     Returns:
         The middle, unchecked: its masks may all be closed.
     """
-    height, width = shot.size
-    shrink = min(1.0, (view_pixels / (shot.views * height * width)) ** 0.5)
-    rows, columns = (max(min(side, least_side), round(side * shrink)) for side in (height, width))
-    return middle(shot, (rows, columns))
+    return middle(shot, size_of(shot, view_pixels, least_side))

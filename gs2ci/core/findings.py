@@ -99,6 +99,7 @@ class Code(StrEnum):
     FIT_INTERRUPTED = auto()
     INTERRUPTED = auto()
     FIT_DIVERGED = auto()
+    FIT_BEHIND = auto()
 
     # The light of the measurement.
     EMPTY_MEASUREMENT = auto()
@@ -110,6 +111,7 @@ class Code(StrEnum):
     MASKS_TURNED = auto()
     MASKS_BEGIN_ELSEWHERE = auto()
     MASKS_CORRECTED = auto()
+    MASKS_TOO_SOFT = auto()
     MASKS_DIVIDED = auto()
     RIM_GUESSED = auto()
     DARKER_THAN_DARK = auto()
@@ -154,6 +156,7 @@ class Code(StrEnum):
     POINTS_BEHIND_CAMERA = auto()
     TURN_TOO_LARGE = auto()
     PATH_UNCERTAIN = auto()
+    CENTRE_MAY_MOVE = auto()
     POSES_INTERPOLATED = auto()
     DEPTH_STARTS_AS_PLANE = auto()
     ATTEMPTS_RANKED = auto()

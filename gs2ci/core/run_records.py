@@ -81,8 +81,8 @@ class RunResult:
             stand as they are.
         light: How bright each view was found to be for its weight, with standard errors, whether that was believed, and
             whether the views are as bright as they were seen; None where nothing could be told.
-        shutter: How many moments each mask was fitted with, for how much motion, and the bounds that asked for them;
-            None where one for each was enough.
+        mask_moments: How many moments each mask was fitted with, for how much motion, and the bounds that asked for
+            them; None where one for each was enough.
         exposed_views: What each mask saw while it was on show, where `views` show the middle of it; else None.
         registration: What was found out of masks, black level and unit: parameters, standard errors, what was tried.
         registered: The measurement as it was believed from then on, where anything of it was corrected; `residual`,
@@ -114,7 +114,7 @@ class RunResult:
     distortion: F64 | None = None
     brightness: Sequence[float] | None = None
     light: Mapping[str, Any] | None = None
-    shutter: Mapping[str, Any] | None = None
+    mask_moments: Mapping[str, Any] | None = None
     exposed_views: F32 | None = None
     registration: Mapping[str, Any] = field(default_factory=dict)
     registered: Shot | None = None

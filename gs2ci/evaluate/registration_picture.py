@@ -6,6 +6,7 @@ Here: that picture. Not here: how it was found (`gs2ci.reconstruct.registration`
 """
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -13,9 +14,11 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.patches import Circle
 
 from gs2ci.core.arrays import F64
 from gs2ci.core.records import Shot
+from gs2ci.reconstruct.registration.placement import Placement
 
 _DPI: Final = 120
 _PIECE_PX: Final = 48
@@ -29,7 +32,8 @@ def write_registration_picture(path: Path, given: Shot, registered: Shot, found:
         path: Where.
         given: The measurement as it was given.
         registered: The same as it is believed after registration.
-        found: The report's section on it; `placement` says where the masks lie.
+        found: The report's section on it; `placement` and `standard_errors` say where the masks lie. Discs about the
+            arrows' ends are standard errors, magnified as the arrows are.
     """
     figure = Figure(figsize=(15, 4.4), layout="constrained")
     FigureCanvasAgg(figure)
@@ -43,27 +47,20 @@ def write_registration_picture(path: Path, given: Shot, registered: Shot, found:
         panel.imshow(_middle(image), cmap="gray", interpolation="nearest")
         panel.set_title(title, fontsize=10)
         panel.set_axis_off()
-    _draw_arrows(axes[3], given.size, found.get("placement") or {})
+    _draw_arrows(axes[3], given.size, found)
     figure.savefig(path, dpi=_DPI)
 
 
-def displacement_px(size: tuple[int, int], placement: Mapping[str, float], places: F64) -> F64:
-    """Return how far masks lie off at places (row, column), [K, 2], by a report's `placement`, as (down, right)."""
-    turn = np.deg2rad(placement.get("rotation_deg", 0.0))
-    scale, stretch, shear = (placement.get(name, 0.0) for name in ("scale", "stretch", "shear"))
-    rotation = np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
-    matrix = rotation @ np.array([[1 + scale - stretch, shear], [shear, 1 + scale + stretch]])
-    shift = np.array([placement.get("down_px", 0.0), placement.get("right_px", 0.0)])
-    moved: F64 = (places - (np.array(size) - 1) / 2) @ (matrix - np.eye(2)).T + shift
-    return moved
-
-
-def _draw_arrows(panel: Axes, size: tuple[int, int], placement: Mapping[str, float]) -> None:
+def _draw_arrows(panel: Axes, size: tuple[int, int], found: Mapping[str, Any]) -> None:
     height, width = size
+    placement = Placement(**(found.get("placement") or {}))
     rows, columns = np.meshgrid(*(np.linspace(0, n - 1, k) for n, k in zip(size, _ARROWS, strict=True)), indexing="ij")
     places = np.stack([rows.ravel(), columns.ravel()], axis=1)
-    moved = displacement_px(size, placement, places)
-    longest = float(np.linalg.norm(moved, axis=1).max())
+    from_middle = places - (np.array(size) - 1) / 2
+    moved = placement.moved_px(from_middle)
+    errors = _errors_px(placement, found.get("standard_errors") or {}, from_middle)
+    furthest = int(np.linalg.norm(moved, axis=1).argmax())
+    longest = float(np.linalg.norm(moved[furthest]))
     magnified = 0.0 if longest == 0 else 0.1 * min(size) / longest
     panel.quiver(
         places[:, 1],
@@ -80,7 +77,24 @@ def _draw_arrows(panel: Axes, size: tuple[int, int], placement: Mapping[str, flo
     panel.set_aspect("equal")
     panel.set_xticks([])
     panel.set_yticks([])
-    panel.set_title(f"from believed to found: up to {longest:.3g} px (arrows × {magnified:.3g})", fontsize=10)
+    if magnified:
+        for place, there, error in zip(places, places + magnified * moved, magnified * errors, strict=True):
+            panel.add_patch(Circle((there[1], there[0]), max(error, 0.0), color="tab:red", alpha=0.25, linewidth=0))
+            panel.plot(place[1], place[0], ".", color="0.6", markersize=2)
+    panel.set_title(
+        f"from believed to found: up to {longest:.3g} ± {errors[furthest]:.2g} px (× {magnified:.3g})", fontsize=10
+    )
+
+
+def _errors_px(placement: Placement, errors: Mapping[str, float], places: F64) -> F64:
+    """Return how far displacements may be off, [K]: what a standard error of each parameter moves, in quadrature."""
+    squares = np.zeros(len(places))
+    for name, error in errors.items():
+        if hasattr(placement, name):
+            moved = replace(placement, **{name: getattr(placement, name) + error}).moved_px(places)
+            squares += ((moved - placement.moved_px(places)) ** 2).sum(axis=1)
+    total: F64 = np.sqrt(squares)
+    return total
 
 
 def _sum(shot: Shot) -> F64:

@@ -151,7 +151,12 @@ class EnsembleSection(ReportSection):
 
 
 class PlacementSection(ReportSection):
-    """Where the masks lie against where they were believed, about the middle of the picture."""
+    """Where the masks lie against where they were believed, about the middle of the picture.
+
+    From `radial_px` on it is a smooth field beyond the affine, stated at 100 px from the middle: outwards by the cube
+    of the distance, then down and right by the squares of the distances below and to the right and by their product
+    (`gs2ci.reconstruct.registration.placement`).
+    """
 
     down_px: Number
     right_px: Number
@@ -159,13 +164,21 @@ class PlacementSection(ReportSection):
     scale: Number
     stretch: Number
     shear: Number
+    radial_px: Number = 0.0
+    down_dd_px: Number = 0.0
+    down_dr_px: Number = 0.0
+    down_rr_px: Number = 0.0
+    right_dd_px: Number = 0.0
+    right_dr_px: Number = 0.0
+    right_rr_px: Number = 0.0
 
 
 class RegistrationSection(ReportSection):
     """How the masks met the light, as the measurement tells (`gs2ci.reconstruct.registration`).
 
-    `first_mask` is the number, from 0, that the mask that was shown first has in the list as given. `not_let_in` holds
-    what was estimated and not corrected: value and standard error.
+    `bent_px` is by how much a smooth field moves masks against the best affine, at most. `first_mask` is the number,
+    from 0, that the mask that was shown first has in the list as given. `not_let_in` holds what was estimated and not
+    corrected: value and standard error.
     """
 
     changed: bool
@@ -173,6 +186,7 @@ class RegistrationSection(ReportSection):
     peak_ratio: Number
     placement: PlacementSection
     largest_displacement_px: Number
+    bent_px: Number = 0.0
     blur_sigma_px: Number
     blur_px2: Number
     leak: Number
@@ -202,8 +216,8 @@ class LightSection(ReportSection):
     views: Literal["as-seen", "even"]
 
 
-class ShutterSection(ReportSection):
-    """Motion while one mask was on show (`gs2ci.reconstruct.fit.shutter`), for each mask.
+class MaskMomentsSection(ReportSection):
+    """Motion while one mask was on show (`gs2ci.reconstruct.fit.mask_moments`), for each mask.
 
     With how many `moments` it was fitted; how far the image moved meanwhile, `motion_px`, root mean square; and by what
     one pose would blur its view at most, `bounds`, in full scales.
@@ -310,7 +324,7 @@ class Report(ReportSection):
     geometry: GeometrySection | None = None
     brightness: list[Number] | None = None
     light: LightSection | None = None
-    shutter: ShutterSection | None = None
+    mask_moments: MaskMomentsSection | None = None
     registration: RegistrationSection | None = None
     motion: MotionSection | None = None
     measured: MeasurementSection

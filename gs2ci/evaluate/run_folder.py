@@ -60,6 +60,7 @@ from gs2ci.evaluate.registration_picture import write_registration_picture
 from gs2ci.evaluate.report import EXPOSED_NAME, MOTION_PICTURE_NAME, REGISTERED_NAME, REPORT_NAME, SCHEMA, schema_of
 from gs2ci.evaluate.run_report import build_report
 from gs2ci.render.gaussians import Gaussians
+from gs2ci.render.harmonics import colours_from
 from gs2ci.render.ply import write_ply
 
 # Enough for a viewer to recognise the scene, few enough for text tools to stay usable.
@@ -240,7 +241,9 @@ def _write_scene(folder: Path, result: RunResult, scene: Gaussians) -> None:
     model.mkdir(parents=True)
     # The most opaque Gaussians show where the surfaces are; a stable order keeps equal ones reproducible.
     keep = torch.argsort(scene.opacity_logits.detach(), descending=True, stable=True)[:COLMAP_POINTS]
-    points, colors = (tensor.detach()[keep].float().numpy() for tensor in (scene.means, scene.colours))
+    middle = torch.from_numpy(poses[len(poses) // 2])
+    shown = (scene.means, colours_from(scene, middle))
+    points, colors = (tensor.detach()[keep].float().numpy() for tensor in shown)
     write_colmap_model(model, poses, result.intrinsics, size, points=points, colors=colors, distortion=lens)
 
 

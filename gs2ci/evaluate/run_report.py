@@ -63,7 +63,7 @@ def build_report(shot: Shot, result: RunResult) -> Report:
         "geometry": dict(result.geometry) or None,
         "brightness": result.brightness,
         "light": result.light,
-        "shutter": result.shutter,
+        "mask_moments": result.mask_moments,
         "registration": dict(result.registration) or None,
         "motion": dict(result.motion) or None,
         "measured": _measured(shot),

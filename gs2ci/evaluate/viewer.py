@@ -18,6 +18,7 @@ from gs2ci.core.errors import InputError
 from gs2ci.evaluate.pages.pictures import shrink, to_eight_bit
 from gs2ci.evaluate.pages.run_evidence import read_evidence
 from gs2ci.render.gaussians import rotation_matrices
+from gs2ci.render.harmonics import colours_from
 from gs2ci.render.ply import read_ply
 
 # viser keeps covariances in half precision, whose numbers end at 6e-8: scenes are shown at a scale of their own, so
@@ -40,7 +41,8 @@ class ViewerScene:
     Args:
         means: [G, 3].
         covariances: [G, 3, 3].
-        colours: In [0, 1], [G, 3].
+        colours: In [0, 1], [G, 3]; where they change with the direction of sight, as the middle camera sees them: the
+            viewer has one colour for each Gaussian.
         opacities: In [0, 1], [G, 1].
         camera_to_world: [N, 4, 4], OpenCV axes.
         fov: Vertical field of view, radians.
@@ -75,6 +77,7 @@ def load_scene(folder: Path) -> ViewerScene:
     if not len(gaussians):
         raise InputError(f"{Path(folder) / 'scene.ply'} holds no Gaussian", remedy="see report.html for why")
     poses = np.asarray(np.linalg.inv(evidence.world_to_camera), np.float64)
+    middle = torch.from_numpy(evidence.world_to_camera[len(poses) // 2]).float()
     scale = SHOWN_DEPTH / _typical_depth(gaussians.means.numpy(), evidence.world_to_camera)
     axes = rotation_matrices(gaussians.quaternions) * (scale * gaussians.log_scales.exp())[:, None, :]
     poses[:, :3, 3] *= scale
@@ -82,7 +85,7 @@ def load_scene(folder: Path) -> ViewerScene:
     return ViewerScene(
         means=(scale * gaussians.means).numpy(),
         covariances=(axes @ axes.transpose(1, 2)).numpy(),
-        colours=gaussians.colours.clamp(0, 1).numpy(),
+        colours=colours_from(gaussians, middle).clamp(0, 1).numpy(),
         opacities=torch.sigmoid(gaussians.opacity_logits)[:, None].numpy(),
         camera_to_world=poses,
         fov=2 * float(np.arctan(height / (2 * evidence.focal_y_px))),

@@ -17,7 +17,9 @@ from gs2ci.core.findings import Code, Finding, finding
 from gs2ci.core.progress import Progress
 from gs2ci.core.records import Shot
 from gs2ci.reconstruct.choices import FirstLookName
-from gs2ci.reconstruct.decode.by_name import decode_by_name
+from gs2ci.reconstruct.decode.by_name import decode_by_name, patch_settings
+from gs2ci.reconstruct.decode.patches.decoder import PatchSettings
+from gs2ci.reconstruct.decode.patches.watched import LEAST_GAIN, decode_until_settled
 from gs2ci.reconstruct.decode.proxies.routing import geometry_views
 from gs2ci.reconstruct.geometry.direct import at_rest
 from gs2ci.reconstruct.geometry.evidence import carried_views
@@ -43,6 +45,7 @@ class FirstLook:
         brightness: What was made of the views' brightness.
         proxy_notes: What is to be said of the views that the geometry was found in.
         decoder: What decoded.
+        sigma: The noise level at which a decode by patches ended, full scale 1; None of another decoder.
     """
 
     jury: Jury
@@ -51,10 +54,27 @@ class FirstLook:
     brightness: Brightness
     proxy_notes: tuple[Finding, ...] = ()
     decoder: FirstLookName = "gap-tv"
+    sigma: float | None = None
+
+    def decoded_longer(
+        self, settings: PatchSettings, progress: Progress | None = None, *, hurried: bool = False
+    ) -> "FirstLook":
+        """Return the same findings beside views that a decode by patches came to from those that are there.
+
+        Views of the brief decode by patches enter the schedule at the noise level at which that one began.
+
+        Args:
+            settings: Its whole schedule.
+            progress: Hears of each step.
+            hurried: Whether it ends where steps gain little.
+        """
+        rest = settings if self.sigma is None else settings.entered_at(PatchSettings.quick().first_sigma)
+        settled = decode_until_settled(self.jury, self.decoded, rest, progress, LEAST_GAIN if hurried else None)
+        return replace(self, decoded=settled.views, decoder="patches", sigma=settled.sigma)
 
     def with_decode_of(self, other: "FirstLook") -> "FirstLook":
         """Return the same findings beside the decoded views of another look."""
-        return replace(self, decoded=other.decoded, decoder=other.decoder)
+        return replace(self, decoded=other.decoded, decoder=other.decoder, sigma=other.sigma)
 
     @property
     def weights_given(self) -> F64:
@@ -111,7 +131,9 @@ def look(
         jury = relit(jury, told)
     factors = None if jury.shot.weights is weights else _ratio(jury.shot.weights, weights)
     brightness = Brightness(first, factors, settings.brightness.shows_as_seen(weights))
-    found = FirstLook(jury, decoded, geometry, brightness, proxy_notes, settings.first_look)
+    patches = patch_settings(settings.first_look, settings.decode)
+    sigma = None if patches is None else patches.last_sigma
+    found = FirstLook(jury, decoded, geometry, brightness, proxy_notes, settings.first_look, sigma)
     for note in found.notes:
         progress.say(note.sentence)
     return found

@@ -9,9 +9,10 @@ from dataclasses import dataclass, field, replace
 from typing import Final
 
 from gs2ci.core.arrays import F32
+from gs2ci.core.errors import NumericsError
 from gs2ci.core.halt import Halt
 from gs2ci.core.progress import Progress, Silent
-from gs2ci.reconstruct.attempts.choice import Attempt
+from gs2ci.reconstruct.attempts.choice import Attempt, How
 from gs2ci.reconstruct.attempts.order import LEAST_SCHEDULE, is_open, settle, unsettled
 from gs2ci.reconstruct.attempts.order_fits import OrderFits
 from gs2ci.reconstruct.decode.residual import ResidualSettings
@@ -20,12 +21,13 @@ from gs2ci.reconstruct.fit.coarse import CoarseFit, CoarseSettings, fit_coarse
 from gs2ci.reconstruct.fit.ensemble import Ensemble, FitOne, Member, combined, fit_together, members
 from gs2ci.reconstruct.fit.fine import Fine, fit_fine
 from gs2ci.reconstruct.fit.looks import Score
+from gs2ci.reconstruct.fit.mask_moments import MaskMoments
 from gs2ci.reconstruct.fit.motion import at_rest_until_moved, of_degree, set_moving
 from gs2ci.reconstruct.fit.pace import Pace, Timed
 from gs2ci.reconstruct.fit.refinement import Refinement
 from gs2ci.reconstruct.fit.rendering import ShotRenderer
-from gs2ci.reconstruct.fit.shutter import MaskMoments
 from gs2ci.reconstruct.fit.start import first_gaussians
+from gs2ci.reconstruct.fit.stopping import Rival
 from gs2ci.reconstruct.fit.withheld import Withheld, first_points, first_poses
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.measurement.jury import Jury
@@ -55,7 +57,7 @@ class Fits:
         clock: Of the stages.
         score: Of views, for the curve.
         halt: Once it is asked, fits end.
-        shutter: The moments within masks; None where each mask has one.
+        mask_moments: The moments within masks; None where each mask has one.
         pace: What a budget leaves to the fits; None is their settings' number of iterations.
     """
 
@@ -68,7 +70,7 @@ class Fits:
     clock: Stopwatch
     score: Score | None = None
     halt: Halt = field(default_factory=Halt)
-    shutter: MaskMoments | None = None
+    mask_moments: MaskMoments | None = None
     pace: Pace | None = None
 
     def settle_order(self, first: FirstLook, *, hurried: bool) -> FirstLook:
@@ -84,7 +86,7 @@ class Fits:
             return self.beginning(replace(first, geometry=began), first.decoded)
 
         def fit_one(at: Geometry, how: CoarseSettings) -> FitOne:
-            return replace(self._trying(how), shutter=None).fit_one(at)
+            return replace(self._trying(how), mask_moments=None).fit_one(at)
 
         fits = OrderFits(self.fitted, settings, begin, fit_one)
         told = geometry.source not in ("tracks", "wide", "uniform")
@@ -116,15 +118,28 @@ class Fits:
         self.clock.lap("fit")
         return replace(self, settings=settings, pace=pace)
 
-    def attempt(self, look: FirstLook, views: F32, moving: bool) -> Attempt:
+    def attempt(self, look: FirstLook, views: F32, how: How) -> Attempt:
         """Fit from what a look found, with views, [N, H, W, C], to take colours and motion from."""
-        settings = self.settings
+        settings, moving = self.settings, how.moving
         geometry, start = self.beginning(look, views, moving=moving)
         self.clock.lap("geometry")
         team = members(start, settings.density_rules, settings.fits, settings.seed)
         team = tuple(replace(one, start=of_degree(one.start, number)) for number, one in enumerate(team))
-        fits = fit_together(self.fit_one(geometry), team, self.progress, self.pace, self.halt)
-        return Attempt(look, geometry, fits, self._mean(fits, "fit"))
+        now, later = (team[:1], team[1:]) if how.alone else (team, ())
+        fits = fit_together(self.fit_one(geometry, how.rival), now, self.progress, self.pace, self.halt)
+        return Attempt(look, geometry, fits, self._mean(fits, "fit"), later)
+
+    def completed(self, tried: Attempt) -> Attempt:
+        """Make the fits of an attempt that it has been without so far."""
+        if not tried.later or self.halt.asked:
+            return tried
+        try:
+            more = fit_together(self.fit_one(tried.geometry), tried.later, self.progress, None, self.halt)
+        except NumericsError as error:
+            self.progress.say(f"A companion of the fit was left out: {error.problem}.")
+            more = ()
+        fits = (*tried.fits, *more)
+        return replace(tried, fits=fits, ensemble=self._mean(fits, "fit"), later=())
 
     def release(self, still: Attempt) -> Attempt:
         """Go on with the fits of a still scene, and let it move."""
@@ -176,8 +191,8 @@ class Fits:
         # What is fitted and handed over counts the sensor's pixels, and no longer the canvas's.
         return (geometry if lens is None else replace(geometry, intrinsics=lens.intrinsics)), start
 
-    def fit_one(self, geometry: Geometry) -> FitOne:
-        """Say how one fit of the ensemble goes."""
+    def fit_one(self, geometry: Geometry, rival: Rival | None = None) -> FitOne:
+        """Say how one fit of the ensemble goes; far behind its rival it ends."""
 
         def fit(member: Member, progress: Progress, pace: Pace | None) -> CoarseFit:
             return fit_coarse(
@@ -195,7 +210,8 @@ class Fits:
                 pace=pace,
                 lens=self.lens,
                 halt=self.halt,
-                shutter=self.shutter,
+                mask_moments=self.mask_moments,
+                rival=rival,
             )
 
         return fit

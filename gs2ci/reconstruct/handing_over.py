@@ -18,10 +18,10 @@ import numpy as np
 from gs2ci.core.arrays import F32
 from gs2ci.core.findings import Code, Finding, finding
 from gs2ci.core.run_records import Verdict
-from gs2ci.reconstruct.decode.by_name import decode_by_name
 from gs2ci.reconstruct.decode.coupling import COUPLINGS
 from gs2ci.reconstruct.decode.gap_tv import gap_tv
 from gs2ci.reconstruct.decode.patches.decoder import PatchSettings, patch_decode_from
+from gs2ci.reconstruct.decode.patches.watched import seen_to_the_end
 from gs2ci.reconstruct.first_look import FirstLook
 from gs2ci.reconstruct.fit.combination import Candidate, combined, expected_rms, noise_power, shares
 from gs2ci.reconstruct.fit.ensemble import Ensemble
@@ -74,9 +74,11 @@ def hand_over(
         "mean": Candidate(ensemble.views, ensemble.views),
         "scene": Candidate(own, own),
     }
-    if (jury.residual_rms(first.decoded) or 0.0) < _FAR_OFF * (jury.residual_rms(ensemble.views) or 0.0):
-        candidates.update(_decodes(first, settings))
     noise = noise_power(jury, ensemble.views)
+    if (jury.residual_rms(first.decoded) or 0.0) < _FAR_OFF * (jury.residual_rms(ensemble.views) or 0.0):
+        as_it_is = {**candidates, "decode": Candidate(first.decoded, first.decoded)}
+        if first.sigma is None or shares(jury, as_it_is, noise)["decode"] > 0:
+            candidates.update(_decodes(first, settings))
     wanted = shares(jury, candidates, noise)
     blind = combined({name: one.blind for name, one in candidates.items()}, wanted)
     judged = _judged(jury, {"refined": blind, "scene": own, "decode": first.decoded})
@@ -137,14 +139,18 @@ def _refined(
 
 
 def _decodes(first: FirstLook, settings: Settings) -> dict[Part, Candidate]:
-    """Decode from all pixels; by GAP-TV once more with its views coupled, if held-out pixels gain by that."""
+    """Decode from all pixels; by GAP-TV once more with its views coupled, if held-out pixels gain by that.
+
+    A brief decode by patches goes on first, as the settings say; where it would have no share as it is, nobody asks for
+    it.
+    """
     jury, uncoupled = first.jury, settings.decode
-    if first.decoder == "patches":
-        return {
-            "decode": Candidate(first.decoded, patch_decode_from(jury.shot, first.decoded, PatchSettings.to_the_end()))
-        }
-    if first.decoder != "gap-tv":
-        return {"decode": Candidate(first.decoded, decode_by_name(jury.shot, "patches", uncoupled))}
+    if first.decoder == "patches-quick" and settings.long_decode is not None:
+        longer = first.decoded_longer(settings.long_decode, hurried=True)
+        if (jury.residual_rms(longer.decoded) or 0.0) < (jury.residual_rms(first.decoded) or 0.0):
+            first = longer
+    if first.sigma is not None:
+        return {"decode": Candidate(first.decoded, seen_to_the_end(jury, first.decoded, first.sigma))}
     found: dict[Part, Candidate] = {"decode": Candidate(first.decoded, gap_tv(jury.shot, uncoupled))}
     others = [replace(uncoupled, coupling=one) for one in COUPLINGS if one != uncoupled.coupling]
     blind = [gap_tv(jury.seen, one) for one in others]

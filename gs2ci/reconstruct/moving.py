@@ -25,9 +25,9 @@ from gs2ci.reconstruct.choices import MotionMode
 from gs2ci.reconstruct.decode.patches.decoder import PatchSettings
 from gs2ci.reconstruct.first_look import FirstLook, from_rest
 from gs2ci.reconstruct.fit.coarse import CoarseSettings
+from gs2ci.reconstruct.fit.mask_moments import mask_times
 from gs2ci.reconstruct.fit.motion import moving_share
 from gs2ci.reconstruct.fit.rendering import ShotRenderer
-from gs2ci.reconstruct.fit.shutter import mask_times
 from gs2ci.reconstruct.measurement.jury import Jury
 from gs2ci.reconstruct.measurement.moving import LeftByMotion, left_by_motion
 from gs2ci.render.gaussians import Gaussians

@@ -21,11 +21,11 @@ from gs2ci.reconstruct.attempts.choice import Attempts
 from gs2ci.reconstruct.first_look import FirstLook, look, look_closer
 from gs2ci.reconstruct.fit.fine import Fine
 from gs2ci.reconstruct.fit.looks import Score
+from gs2ci.reconstruct.fit.mask_moments import MaskMoments, needed
 from gs2ci.reconstruct.fit.metric import in_given_unit
 from gs2ci.reconstruct.fit.one_thread import one_torch_thread
 from gs2ci.reconstruct.fit.refinement import Refinement
 from gs2ci.reconstruct.fit.rendering import ShotRenderer
-from gs2ci.reconstruct.fit.shutter import MaskMoments, needed
 from gs2ci.reconstruct.fits import Fits
 from gs2ci.reconstruct.geometry.choose import load_geometry_prior
 from gs2ci.reconstruct.geometry.prior import GeometryPrior
@@ -110,15 +110,17 @@ def reconstruct(
         halt=halt,
     )
     first = fits.settle_order(first, hurried=budget is not None or not settings.try_orders)
-    shutter = _shutter(first, settings, progress)
+    mask_moments = _mask_moments(first, settings, progress)
     halt.begin()
-    fits = replace(fits, shutter=shutter).within(budget, first)
+    fits = replace(fits, mask_moments=mask_moments).within(budget, first)
     settings, refine = fits.settings, fits.refine
 
-    attempts = Attempts(fits.attempt, fits.release, jury, lens, settings, refine, progress, clock.lap, halt)
+    attempts = Attempts(
+        fits.attempt, fits.completed, fits.release, jury, lens, settings, refine, progress, clock.lap, halt
+    )
     first, tried, motion = attempts.hurried(first) if budget is not None else attempts.all(first)
     geometry, ensemble = tried.geometry, tried.ensemble
-    renderer = ShotRenderer(fits.fitted.shot, geometry.intrinsics, tools.backend, lens, shutter)
+    renderer = ShotRenderer(fits.fitted.shot, geometry.intrinsics, tools.backend, lens, mask_moments)
     if tools.fine is not None and ensemble.best.scene.motion is None and not halt.asked:
         ensemble = fits.fine(tried, renderer, tools.fine)
     recovered = hand_over(first, ensemble, refine, settings, motion.polishing).in_the_middle(ensemble, renderer)
@@ -136,7 +138,7 @@ def reconstruct(
         recovered,
         motion,
         seen,
-        shutter,
+        mask_moments,
     )
     return Reconstruction(record(settings, left, fits.score, clock.seconds()), ensemble.best.scene)
 
@@ -180,9 +182,9 @@ def _examined(shot: Shot, progress: Progress) -> tuple[Shot, tuple[Finding, ...]
     return sound, doubts
 
 
-def _shutter(first: FirstLook, settings: Settings, progress: Progress) -> MaskMoments | None:
+def _mask_moments(first: FirstLook, settings: Settings, progress: Progress) -> MaskMoments | None:
     """Return the moments that the first path calls for within masks, and say so; None where one for each is enough."""
-    found = needed(first.geometry, first.decoded, np.clip(first.weights_given, 0, 1), settings.shutter)
+    found = needed(first.geometry, first.decoded, np.clip(first.weights_given, 0, 1), settings.mask_moments)
     if found is not None:
         progress.say(found.note.sentence)
     return found

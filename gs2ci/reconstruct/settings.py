@@ -11,13 +11,14 @@ from gs2ci.core.errors import InputError
 from gs2ci.reconstruct.choices import MOST_FITS, MOTION_MODES, FirstLookName, MotionMode, PoseSource, ProxyName
 from gs2ci.reconstruct.decode.by_name import check_name
 from gs2ci.reconstruct.decode.gap_tv import GapTvSettings
+from gs2ci.reconstruct.decode.patches.decoder import PatchSettings
 from gs2ci.reconstruct.decode.residual import ResidualSettings
 from gs2ci.reconstruct.fit.coarse import CoarseSettings
 from gs2ci.reconstruct.fit.density.base import DensityRule
 from gs2ci.reconstruct.fit.density.osgr import Osgr
 from gs2ci.reconstruct.fit.fine import FineSettings
+from gs2ci.reconstruct.fit.mask_moments import MaskMomentSettings
 from gs2ci.reconstruct.fit.rules import with_rule
-from gs2ci.reconstruct.fit.shutter import ShutterSettings
 from gs2ci.reconstruct.fit.withheld import Withheld
 from gs2ci.reconstruct.geometry.initialise import GeometrySettings
 from gs2ci.reconstruct.measurement.brightness import BrightnessSettings
@@ -40,6 +41,8 @@ class Settings:
         try_orders: Whether near and far are tried by short fits of both where tracks leave them open (`attempts`).
         first_look: What decodes before anything is fitted (`decode.by_name`).
         decode: Of GAP-TV, which every decoder begins with.
+        long_decode: Of the decode by similar patches that the views may be handed over from, and motion begin from
+            (`decode.patches.watched`); None: the first look's decode is all there is.
         geometry: Of tracks, motion and depth.
         fit: Of the coarse stage.
         fits: How many coarse fits run side by side; the views are their mean (`fit/ensemble.py`).
@@ -53,7 +56,7 @@ class Settings:
         backend: The renderer.
         raster: What the renderer may leave out for speed.
         brightness: Of the views' brightness, where the weights are wrong.
-        shutter: Of motion while one mask is on show.
+        mask_moments: Of motion while one mask is on show.
         look_again: Whether a doubtful first path is sought again in the fitted views, and fitted once more
             (`attempts.second_look`). Not within a budget.
         motion: Whether things in the scene may move: "auto" where still fits leave what motion explains, not within a
@@ -67,6 +70,7 @@ class Settings:
     try_orders: bool = True
     first_look: FirstLookName = "gap-tv"
     decode: GapTvSettings = field(default_factory=GapTvSettings)
+    long_decode: PatchSettings | None = field(default_factory=PatchSettings)
     geometry: GeometrySettings = field(default_factory=GeometrySettings)
     fit: CoarseSettings = field(default_factory=CoarseSettings)
     fits: int = 2
@@ -79,7 +83,7 @@ class Settings:
     backend: str = "cpu"
     raster: RasterSettings = field(default_factory=lambda: RasterSettings(relist_every=_RELIST_EVERY))
     brightness: BrightnessSettings = field(default_factory=BrightnessSettings)
-    shutter: ShutterSettings = field(default_factory=ShutterSettings)
+    mask_moments: MaskMomentSettings = field(default_factory=MaskMomentSettings)
     look_again: bool = True
     motion: MotionMode = "auto"
     registration: RegistrationSettings = field(default_factory=RegistrationSettings)
@@ -133,9 +137,11 @@ class Settings:
         if self.motion not in MOTION_MODES:
             raise InputError(f"motion {self.motion!r}", allowed=", ".join(MOTION_MODES))
         self.decode.check()
+        if self.long_decode is not None:
+            self.long_decode.check()
         self.geometry.check()
         self.brightness.check()
-        self.shutter.check()
+        self.mask_moments.check()
         self.registration.check()
         self.fit.check()
         (self.fine or self.fine_if_asked).check()

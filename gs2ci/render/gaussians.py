@@ -4,14 +4,19 @@ Here: the parameters, where they are at a moment, their checks and conversions. 
 densification rules (`gs2ci.reconstruct.fit.density`).
 """
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, fields
+from typing import Final
 
 import torch
 from torch import Tensor
 
 from gs2ci.core.errors import InputError
 from gs2ci.render.conventions import QUATERNION_NORM_MIN
+
+HARMONICS: Final = (0, 3, 8, 15)
+"""How many spherical harmonics there are above the constant one up to degree 0, 1, 2 and 3."""
 
 _FIELD_COLUMNS = {"means": 3, "log_scales": 3, "quaternions": 4, "opacity_logits": None, "colours": 3}
 
@@ -29,6 +34,9 @@ class Gaussians:
         motion: How the centres move, [G, K, 3]: at time t they are at means + sum_k motion_k t^k, k = 1 ... K. The unit
             of time is the user's; a reconstruction counts it from −1 to 1 over the exposure, so that the first row is
             half of what a velocity covers in it. None: nothing moves.
+        harmonics: What of the colours changes with the direction from which a Gaussian is seen: coefficients of the
+            spherical harmonics of degree 1 up to 1, 2 or 3, [G, 3, 8 or 15, 3], the last axis RGB
+            (`gs2ci.render.harmonics`). None: nothing does, and the colours are seen as they are.
     """
 
     means: Tensor
@@ -37,6 +45,7 @@ class Gaussians:
     opacity_logits: Tensor
     colours: Tensor
     motion: Tensor | None = None
+    harmonics: Tensor | None = None
 
     def __len__(self) -> int:
         return int(self.means.shape[0])
@@ -71,7 +80,7 @@ class Gaussians:
         return card("scene", facts, self._repr_png_(), caption="centres of the Gaussians")
 
     def parameters(self) -> dict[str, Tensor]:
-        """Return the tensors by field name; `motion` only where there is one."""
+        """Return the tensors by field name; `motion` and `harmonics` only where there are any."""
         found = {f.name: getattr(self, f.name) for f in fields(self)}
         return {name: tensor for name, tensor in found.items() if tensor is not None}
 
@@ -104,13 +113,31 @@ class Gaussians:
         """
         count = self.means.shape[0] if self.means.ndim else 0
         for name, tensor in self.parameters().items():
+            wanted: tuple[int, ...]
             if name == "motion":
-                wanted: tuple[int, ...] = (count, max(1, tensor.shape[1] if tensor.ndim == 3 else 1), 3)
+                wanted = (count, max(1, tensor.shape[1] if tensor.ndim == 3 else 1), 3)
+            elif name == "harmonics":
+                wanted = (count, _harmonics_of(tensor), 3)
             else:
                 columns = _FIELD_COLUMNS[name]
                 wanted = (count,) if columns is None else (count, columns)
             check_tensor(f"{name} of the Gaussians", tensor, wanted)
         return self
+
+
+def _harmonics_of(tensor: Tensor) -> int:
+    """Return how many harmonics a tensor [G, K, 3] has.
+
+    Raises:
+        InputError: It is none of such numbers.
+    """
+    found = int(tensor.shape[1]) if tensor.ndim == 3 else 0
+    if found not in HARMONICS[1:]:
+        raise InputError(
+            f"harmonics of the Gaussians of shape {list(tensor.shape)}",
+            allowed=f"[G, K, 3] with K one of {', '.join(map(str, HARMONICS[1:]))}: degree 1, 2 or 3",
+        )
+    return found
 
 
 def check_tensor(what: str, tensor: Tensor, wanted: tuple[int, ...]) -> None:
@@ -124,13 +151,19 @@ def check_tensor(what: str, tensor: Tensor, wanted: tuple[int, ...]) -> None:
             f"{what}: {str(tensor.dtype).removeprefix('torch.')} {list(tensor.shape)} on {tensor.device}",
             allowed=f"float32 or float64 {list(wanted)} on cpu",
         )
-    if not bool(torch.isfinite(tensor.detach()).all()):
+    if not all_finite(tensor.detach()):
         bad = int((~torch.isfinite(tensor.detach())).sum())
         raise InputError(
             f"{what}: {bad} of {tensor.numel()} values are NaN or infinite",
             allowed="finite numbers",
             remedy="go back to the last finite parameters and lower the learning rate",
         )
+
+
+def all_finite(tensor: Tensor) -> bool:
+    """Tell whether all numbers of a tensor are finite: a fit asks for it several times an iteration."""
+    # A sum is fast, and finite for all that is; only sums that overflow need a closer look.
+    return math.isfinite(float(tensor.sum())) or bool(torch.isfinite(tensor).all())
 
 
 def logit(probability: Tensor) -> Tensor:

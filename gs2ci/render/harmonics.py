@@ -1,7 +1,7 @@
 """Colours that change with the direction they are seen from: real spherical harmonics up to degree 3.
 
-Here: the basis and the step from coefficients to the colours that one view sees, in the convention of 3D Gaussian
-splatting files. Not here: files (`ply`), blending (backends take colours per view).
+Here: the basis, and the step from a scene's coefficients to the colours that each view sees, in the convention of 3D
+Gaussian splatting files. Not here: files (`ply`), blending (backends blend colours per view).
 """
 
 import math
@@ -11,9 +11,10 @@ import torch
 from torch import Tensor
 
 from gs2ci.core.errors import InputError
-from gs2ci.render.gaussians import Gaussians, check_tensor
+from gs2ci.render.conventions import SIGHT_MIN
+from gs2ci.render.gaussians import HARMONICS, Gaussians
 
-DEGREE_MAX: Final = 3
+DEGREE_MAX: Final = len(HARMONICS) - 1
 
 SH_DC: Final = 1.0 / (2.0 * math.sqrt(math.pi))
 """Y_00 = 0.28209479."""
@@ -31,7 +32,12 @@ def coefficients(degree: int) -> int:
     """
     if not 0 <= degree <= DEGREE_MAX:
         raise InputError(f"spherical harmonics of degree {degree}", allowed=f"0 to {DEGREE_MAX}")
-    return (degree + 1) ** 2 - 1
+    return HARMONICS[degree]
+
+
+def degree_of(scene: Gaussians) -> int:
+    """Return the highest degree of a scene's harmonics; 0 where its colours are seen as they are."""
+    return 0 if scene.harmonics is None else HARMONICS.index(scene.harmonics.shape[1])
 
 
 def basis(directions: Tensor) -> Tensor:
@@ -62,37 +68,61 @@ def basis(directions: Tensor) -> Tensor:
     )
 
 
-def colours_seen(gaussians: Gaussians, harmonics: Tensor, world_to_camera: Tensor) -> Tensor:
+def colours_seen(scene: Gaussians, world_to_camera: Tensor, times: Tensor | None = None) -> Tensor:
     """Return each Gaussian's colour from each camera, [V, G, 3], at least 0: light is never negative.
 
+    Differentiable in colours and harmonics and, through the direction of sight, in the centres and the poses. Where
+    light would be negative all gradients are zero, as in Kerbl et al. (2023).
+
     Args:
-        gaussians: Their colours are the constant part, 0.5 + SH_DC f_dc.
-        harmonics: Coefficients f_rest above the constant, [G, K, 3], K = 3, 8 or 15; the last axis is RGB.
+        scene: Its colours are the constant part, 0.5 + SH_DC f_dc.
         world_to_camera: Poses, [V, 4, 4].
+        times: When each pose was taken, [V], for scenes that move.
 
     Raises:
-        InputError: Shapes disagree or a number is not finite.
+        InputError: The scene has no harmonics.
     """
-    check_harmonics(harmonics, len(gaussians))
-    rotation, translation = world_to_camera[:, :3, :3], world_to_camera[:, :3, 3]
+    if scene.harmonics is None:
+        raise InputError("a scene without harmonics", allowed="one whose colours change with the direction of sight")
+    dtype = scene.means.dtype
+    rotation, translation = world_to_camera[:, :3, :3].to(dtype), world_to_camera[:, :3, 3].to(dtype)
     centres = -(rotation.transpose(1, 2) @ translation[..., None])[..., 0]
-    directions = torch.nn.functional.normalize(gaussians.means[None] - centres[:, None].to(gaussians.means), dim=-1)
-    shape = basis(directions)[..., : harmonics.shape[1]]
-    seen: Tensor = gaussians.colours + torch.einsum("vgk,gkc->vgc", shape, harmonics.to(shape))
+    means = scene.means if times is None else scene.means_at(times)
+    directions = torch.nn.functional.normalize(means - centres[:, None], dim=-1, eps=SIGHT_MIN)
+    shape = basis(directions)[..., : scene.harmonics.shape[1]]
+    seen: Tensor = scene.colours + torch.einsum("vgk,gkc->vgc", shape, scene.harmonics.to(dtype))
     return seen.clamp(min=0.0)
 
 
-def check_harmonics(harmonics: Tensor, count: int) -> None:
-    """Accept the coefficients of `count` Gaussians.
+def colours_from(scene: Gaussians, world_to_camera: Tensor) -> Tensor:
+    """Return the colours, [G, 3], that one camera sees, [4, 4]: the scene's own where they change with nothing."""
+    return scene.colours if scene.harmonics is None else colours_seen(scene, world_to_camera[None])[0]
 
-    Raises:
-        InputError: Not [count, K, 3] with K = 3, 8 or 15, or not finite.
+
+def turned(harmonics: Tensor, rotation: Tensor) -> Tensor:
+    """Return the coefficients of a scene that is turned, [G, K, 3]: seen from turned places it looks as before.
+
+    Each degree turns within itself. Its matrix is found by what it does to the basis in more directions than there are
+    orders, which is exact: harmonics of one degree are closed under rotation.
+
+    Args:
+        harmonics: [G, K, 3].
+        rotation: new_from_old, [3, 3].
     """
-    allowed = [coefficients(degree) for degree in range(1, DEGREE_MAX + 1)]
-    columns = harmonics.shape[1] if harmonics.ndim == 3 else 0
-    if columns not in allowed:
-        raise InputError(
-            f"spherical harmonics of shape {list(harmonics.shape)}",
-            allowed=f"[{count}, one of {', '.join(map(str, allowed))}, 3]",
-        )
-    check_tensor("spherical harmonics", harmonics, (count, columns, 3))
+    directions = _spread_directions().to(torch.float64)
+    before, after = basis(directions), basis(directions @ rotation.to(torch.float64).T)
+    found = []
+    for degree in range(1, HARMONICS.index(harmonics.shape[1]) + 1):
+        own = slice(HARMONICS[degree - 1], HARMONICS[degree])
+        # A coefficient vector c shows basis(d) c in the old direction d, and basis(R d) c' in the new one.
+        matrix = torch.linalg.lstsq(after[:, own], before[:, own]).solution
+        found.append(torch.einsum("kj,gjc->gkc", matrix, harmonics[:, own].to(torch.float64)))
+    return torch.cat(found, dim=1).to(harmonics.dtype)
+
+
+def _spread_directions(count: int = 64) -> Tensor:
+    """Return unit vectors spread evenly over the sphere (a spiral of golden angles), [count, 3]."""
+    step = torch.arange(count, dtype=torch.float64) + 0.5
+    z, angle = 1 - 2 * step / count, math.pi * (1 + math.sqrt(5)) * step
+    ring = (1 - z * z).sqrt()
+    return torch.stack([ring * angle.cos(), ring * angle.sin(), z], dim=1)

@@ -39,7 +39,8 @@ class Reuse:
 class Backend(Protocol):
     """A differentiable renderer of Gaussian scenes over a black background.
 
-    A scene with a motion is rendered as it stands at each pose's time. World-to-camera matrices have OpenCV axes (x
+    A scene with a motion is rendered as it stands at each pose's time, one with harmonics in the colours that each pose
+    sees (`gs2ci.render.harmonics.colours_seen`). World-to-camera matrices have OpenCV axes (x
     right, y down, z forward); pixel centres lie at +0.5. Gradients reach all fields of the scene, per-view colours and
     the upper three rows of the poses; as a pose's gradient is that of its twelve numbers, compose it with `se3.exp` to
     stay among rigid motions. The intrinsics get no gradient.
@@ -111,7 +112,8 @@ class Backend(Protocol):
             world_to_camera: Poses, [V, 4, 4].
             intrinsics: Camera matrix in pixels, [3, 3].
             size: Height and width, px.
-            colours: Colours that differ from view to view, [V, G, 3]; None takes the scene's.
+            colours: Colours that differ from view to view, [V, G, 3], instead of the scene's own and their harmonics;
+                None takes the scene's.
             sampling: Where the pixels look, behind a lens; None is the pinhole's own lattice.
             times: See `coded`.
 

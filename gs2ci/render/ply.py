@@ -3,8 +3,7 @@
 One element `vertex` with x y z, nx ny nz (zero, some readers insist on them), f_dc_0..2, opacity, scale_0..2, rot_0..3:
 opacity is a logit, scales are natural logs, rotations are (w, x, y, z), and the colour is 0.5 + SH_DC f_dc, SH_DC being
 the constant spherical harmonic. Higher harmonics, f_rest_0 ..., run over their K = 3, 8 or 15 coefficients of red, then
-green, then blue; our reconstructions have none, and `read_ply` drops them. Format: Greg Turk, "The PLY polygon file
-format" (1994).
+green, then blue. Format: Greg Turk, "The PLY polygon file format" (1994).
 """
 
 from dataclasses import dataclass
@@ -18,7 +17,7 @@ from numpy.typing import NDArray
 from gs2ci.core.errors import InputError
 from gs2ci.core.whole_file import write_whole
 from gs2ci.render.gaussians import Gaussians
-from gs2ci.render.harmonics import DEGREE_MAX, SH_DC, check_harmonics, coefficients
+from gs2ci.render.harmonics import DEGREE_MAX, SH_DC, coefficients
 
 _POSITION: Final = ("x", "y", "z")
 _NORMAL: Final = ("nx", "ny", "nz")
@@ -57,14 +56,11 @@ class PlyScene:
     """A scene as read from a file, and what of the file it leaves out.
 
     Args:
-        gaussians: float32.
-        harmonics: What of the colours changes with direction: coefficients for `harmonics.colours_seen`,
-            [G, K, 3] float32; None where the file has none, or only zeros.
+        gaussians: float32; without harmonics where the file has none, or only zeros.
         ignored: Names of further properties that were read over.
     """
 
     gaussians: Gaussians
-    harmonics: torch.Tensor | None
     ignored: tuple[str, ...]
 
 
@@ -76,7 +72,7 @@ class _Header:
 
 
 def read_ply(path: str | Path) -> Gaussians:
-    """Read a scene; what `read_ply_scene` tells beside it, harmonics above all, is dropped.
+    """Read a scene; what `read_ply_scene` tells beside it is dropped.
 
     Raises:
         InputError: See `read_ply_scene`.
@@ -106,17 +102,14 @@ def read_ply_scene(path: str | Path) -> PlyScene:
         quaternions=_columns(table, _ROTATION),
         opacity_logits=_columns(table, _OPACITY).squeeze(1),
         colours=0.5 + SH_DC * _columns(table, _COLOUR),
+        harmonics=_harmonics(table, rest),
     )
-    harmonics = _harmonics(table, rest)
     try:
         gaussians.check()
-        if harmonics is not None:
-            check_harmonics(harmonics, len(gaussians))
     except InputError as error:
         raise InputError(f"{path}: {error.problem}", allowed="finite numbers") from error
     return PlyScene(
         gaussians,
-        harmonics=harmonics,
         ignored=tuple(name for name, _ in header.properties if name not in known),
     )
 
@@ -239,26 +232,24 @@ def _read_text(path: Path, file: IO[bytes], header: _Header) -> NDArray[Any]:
     return table
 
 
-def write_ply(path: str | Path, gaussians: Gaussians, harmonics: torch.Tensor | None = None) -> Path:
+def write_ply(path: str | Path, gaussians: Gaussians) -> Path:
     """Write a scene as binary little-endian PLY; the file appears whole or not at all.
 
     Args:
         path: Of the file; what was there is replaced.
-        gaussians: The scene.
-        harmonics: What of its colours changes with direction, [G, K, 3]; see `PlyScene`.
+        gaussians: The scene; of a motion, the format has nothing.
 
     Returns:
         The path written.
 
     Raises:
-        InputError: The Gaussians do not fit together or hold NaN, or the harmonics do not fit them.
+        InputError: The Gaussians do not fit together or hold NaN.
         StorageError: The file cannot be written.
     """
     g = gaussians.check().detach().map(torch.Tensor.float)
     rest = torch.zeros(len(g), 0)
-    if harmonics is not None:
-        check_harmonics(harmonics, len(g))
-        rest = harmonics.detach().float().transpose(1, 2).reshape(len(g), 3 * harmonics.shape[1])
+    if g.harmonics is not None:
+        rest = g.harmonics.transpose(1, 2).reshape(len(g), 3 * g.harmonics.shape[1])
     columns = torch.cat(
         [
             *(g.means, torch.zeros_like(g.means), (g.colours - 0.5) / SH_DC, rest),

@@ -20,6 +20,7 @@ from gs2ci.render.conventions import (
     SCREEN_SIGMA_MAX_PX,
 )
 from gs2ci.render.gaussians import Gaussians, rotation_matrices
+from gs2ci.render.harmonics import colours_seen
 from gs2ci.render.inputs import check_masks, check_rendering, check_screen, check_size
 from gs2ci.render.interface import MaskSet, Reuse
 from gs2ci.render.sampling import CanvasSampling, check_sampling
@@ -222,6 +223,13 @@ def _moments(scene: Gaussians, views: int, times: Tensor | None) -> list[Gaussia
     return [replace(scene, means=means) for means in scene.means_at(times.double())]
 
 
+def _colours(scene: Gaussians, world_to_camera: Tensor, times: Tensor | None) -> list[Tensor]:
+    """Return the colours that each view sees, [G, 3] each."""
+    if scene.harmonics is None:
+        return [scene.colours] * len(world_to_camera)
+    return list(colours_seen(scene, world_to_camera, None if times is None else times.double()))
+
+
 def pixel_centres(size: tuple[int, int]) -> Tensor:
     """Return the pixel centres of an image row by row, [H * W, 2] float64."""
     rows, columns = (torch.arange(n, dtype=torch.float64) + 0.5 for n in size)
@@ -324,13 +332,15 @@ class ReferenceBackend:
             )
         check_rendering(scene, world_to_camera, intrinsics, views=mask_set.views, times=times)
         check_screen(screen, scene)
-        scenes = _moments(scene.map(torch.Tensor.double), len(world_to_camera), times)
+        scene = scene.map(torch.Tensor.double)
+        scenes = _moments(scene, len(world_to_camera), times)
+        seen = _colours(scene, world_to_camera.double(), times)
         intrinsics, frame, pixels = looked_at(intrinsics.double(), mask_set.size, mask_set.sampling)
         total = torch.zeros(len(pixels), 3, dtype=torch.float64)
         self.margin = float("inf")
-        for now, pose, mask in zip(scenes, world_to_camera.double(), mask_set.masks, strict=True):
+        for now, pose, view_colours, mask in zip(scenes, world_to_camera.double(), seen, mask_set.masks, strict=True):
             opened = mask.reshape(-1).nonzero().squeeze(1)
-            splats = project(now, pose, intrinsics, frame, now.colours)
+            splats = project(now, pose, intrinsics, frame, view_colours)
             if screen is not None:
                 watch(splats, frame, screen)
             colours, _, margin = composite(splats, pixels[opened])
@@ -354,7 +364,7 @@ class ReferenceBackend:
         check_rendering(scene, world_to_camera, intrinsics, colours=colours, times=times)
         scene = scene.map(torch.Tensor.double)
         scenes = _moments(scene, len(world_to_camera), times)
-        per_view = [scene.colours] * len(world_to_camera) if colours is None else list(colours.double())
+        per_view = _colours(scene, world_to_camera.double(), times) if colours is None else list(colours.double())
         intrinsics, frame, pixels = looked_at(intrinsics.double(), size, sampling)
         images, alphas = [torch.zeros(0, 3, dtype=torch.float64)], [torch.zeros(0, dtype=torch.float64)]
         self.margin = float("inf")

@@ -35,6 +35,13 @@ UNITS: Final = {
     "scale": "1",
     "stretch": "1",
     "shear": "1",
+    "radial_px": "px",
+    "down_dd_px": "px",
+    "down_dr_px": "px",
+    "down_rr_px": "px",
+    "right_dd_px": "px",
+    "right_dr_px": "px",
+    "right_rr_px": "px",
     "blur_px2": "px²",
     "leak": "1",
 }
@@ -255,7 +262,16 @@ def _together(name: str, values: list[tuple[float, float]]) -> Estimate | None:
     return Estimate(mean, np.sqrt(max(chi2, 1.0) / weights.sum()), UNITS[name])
 
 
-_GROUPS: Final = (("down_px", "right_px"), ("rotation_deg", "scale"), ("stretch", "shear"), ("blur_px2",), ("leak",))
+_BENT: Final = ("down_dd_px", "down_dr_px", "down_rr_px", "right_dd_px", "right_dr_px", "right_rr_px")
+_GROUPS: Final = (
+    ("down_px", "right_px"),
+    ("rotation_deg", "scale"),
+    ("stretch", "shear"),
+    ("radial_px",),
+    _BENT,
+    ("blur_px2",),
+    ("leak",),
+)
 
 
 def _sure(known: Mapping[str, Estimate], size: tuple[int, int]) -> tuple[str, ...]:

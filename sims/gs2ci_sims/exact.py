@@ -1,4 +1,4 @@
-"""The renderer that owes the solver nothing: Gaussian scenes ray by ray in float64, for where truth matters.
+"""A renderer that shares nothing with the solver's: Gaussian scenes ray by ray in float64.
 
 It stands behind the interface of `radiance.Renderer`, so that exposures, plans and twins take either. Not here: the
 rays (`rays`), the solver's rasteriser, which the other renderer uses.
@@ -98,8 +98,8 @@ class ExactRenderer(Renderer):
         size = ((scene.size[0] + 2 * margin) * factor, (scene.size[1] + 2 * margin) * factor)
         for pose in world_to_camera:
             colours = gaussians.colours.detach().to(torch.float64)
-            if scene.harmonics is not None:
+            if gaussians.harmonics is not None:
                 exact = gaussians.detach().map(torch.Tensor.double)
-                colours = colours_seen(exact, scene.harmonics.double(), torch.from_numpy(pose[None]))[0]
+                colours = colours_seen(exact, torch.from_numpy(pose[None]))[0]
             radiance, coverage, _ = trace_gaussians(gaussians, colours.numpy(), pose, intrinsics, size)
             yield torch.from_numpy(radiance[None]), torch.from_numpy(coverage[None])

@@ -292,7 +292,7 @@ class Studio:
 
     def can_skip(self, open_share: F64) -> bool:
         """Return whether leaving out the closed pixels [H, W] gives the same light, and saves some of the work."""
-        plain = not self._chain.at(Stage.RADIANCE) and self._scene.harmonics is None and self._renderer.skips
+        plain = not self._chain.at(Stage.RADIANCE) and self._renderer.skips
         plain = plain and self._scene.mesh is None
         return plain and open_share.min() >= 0 and float((open_share == 0).mean()) >= CLOSED_SHARE_MIN
 

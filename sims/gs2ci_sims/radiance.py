@@ -14,7 +14,6 @@ from gs2ci.core.arrays import F32, F64
 from gs2ci.core.errors import InputError
 from gs2ci.render.backend import load_backend
 from gs2ci.render.gaussians import Gaussians
-from gs2ci.render.harmonics import colours_seen
 from gs2ci.render.sampling import CanvasSampling
 from gs2ci_sims.rays.meshes import trace_mesh
 from gs2ci_sims.scene import Scene
@@ -100,7 +99,7 @@ class Renderer:
         """Render one view times a mask, where the mask is not zero; pixels at zero are not rendered at all.
 
         Args:
-            scene: What is seen, and by which camera; without harmonics.
+            scene: What is seen, and by which camera.
             world_to_camera: The pose, [1, 4, 4].
             mask: [H, W], at least 0.
             gaussians: What is there instead of the scene's own.
@@ -172,8 +171,7 @@ class Renderer:
         for first in range(0, len(world_to_camera), VIEWS_AT_ONCE):
             poses = torch.tensor(world_to_camera[first : first + VIEWS_AT_ONCE], dtype=torch.float32)
             with torch.no_grad():
-                colours = None if scene.harmonics is None else colours_seen(gaussians, scene.harmonics, poses)
-                yield backend.views(gaussians, poses, intrinsics, large, colours)
+                yield backend.views(gaussians, poses, intrinsics, large)
 
 
 def with_margin(intrinsics: F64, margin: int) -> F64:

@@ -15,7 +15,6 @@ from gs2ci.core.cameras import pinhole
 from gs2ci.core.errors import InputError
 from gs2ci.core.records import check_intrinsics
 from gs2ci.render.gaussians import Gaussians
-from gs2ci.render.harmonics import check_harmonics
 from gs2ci_sims.rays.meshes import TexturedMesh
 
 
@@ -30,8 +29,6 @@ class Scene:
         size: Height and width of its image, in pixels.
         depth: True depth (z) from the suggested camera, [H, W], scene units; NaN where nothing is.
         world_to_camera: Pose of the suggested camera, [4, 4], OpenCV axes.
-        harmonics: What of the colours changes with the direction of view, [G, K, 3], as
-            `gs2ci.render.harmonics.colours_seen` takes it; None where nothing does.
         mesh: What is there instead of Gaussians; then there are none.
     """
 
@@ -41,7 +38,6 @@ class Scene:
     size: tuple[int, int]
     depth: F64
     world_to_camera: F64 = field(default_factory=lambda: np.eye(4))
-    harmonics: torch.Tensor | None = None
     mesh: TexturedMesh | None = None
 
     def __post_init__(self) -> None:
@@ -50,8 +46,6 @@ class Scene:
             raise InputError(
                 f"scene {self.name!r} of {len(self.gaussians)} Gaussians and a mesh", allowed="one kind or the other"
             )
-        if self.harmonics is not None:
-            check_harmonics(self.harmonics, len(self.gaussians))
         if min(self.size) < 1 or self.depth.shape != self.size:
             raise InputError(
                 f"scene {self.name!r}: image size {self.size} with a depth map of shape {self.depth.shape}",
@@ -83,9 +77,10 @@ class Scene:
         if self.mesh is not None:
             return self.mesh.brightest
         colours = self.gaussians.colours.detach().to(torch.float64)
-        if self.harmonics is not None:
-            degrees = self.harmonics.shape[1]
-            norms = torch.linalg.vector_norm(self.harmonics.detach().to(torch.float64), dim=1)
+        harmonics = self.gaussians.harmonics
+        if harmonics is not None:
+            degrees = harmonics.shape[1]
+            norms = torch.linalg.vector_norm(harmonics.detach().to(torch.float64), dim=1)
             colours = colours + norms * float(np.sqrt(degrees / (4 * np.pi)))
         return max(float(colours.max()), 0.0) if colours.numel() else 0.0
 

@@ -200,6 +200,6 @@ def board_scene(
     world_from_board = np.linalg.inv(scene.world_to_camera) @ pose
     middle = pose @ np.array([plane.columns * plane.square / 2, plane.rows * plane.square / 2, 0.0, 1.0])
     depth = np.full(scene.size, float(middle[2]))
-    return replace(scene, name="board", depth=depth, harmonics=None), BoardTarget(
+    return replace(scene, name="board", depth=depth), BoardTarget(
         plane=plane, world_from_board=world_from_board, lens=lens
     )

@@ -24,6 +24,7 @@ from gs2ci.core.errors import DeviceError, InputError
 from gs2ci.core.records import Shot
 from gs2ci.core.storage import write_shots
 from gs2ci.reconstruct.presets.named import PRESETS
+from tests.batch import dying
 
 pytestmark = pytest.mark.slow
 
@@ -62,15 +63,6 @@ def deadly(shot):
     raise InputError(f"{shot.name} is refused")
 
 
-def dying_at_first(scheduler, serve=cluster._serve):
-    """Die the first time that a worker starts in a folder; work from then on."""
-    seen = Path(os.environ["GS2CI_TEST_SEEN"]) / "started"
-    if not seen.exists():
-        seen.touch()
-        os._exit(1)
-    serve(scheduler)
-
-
 def killing(task):
     if task.key == "key1":
         raise distributed.KilledWorker("key1", SimpleNamespace(address="tcp://far:1"), 3)
@@ -91,7 +83,7 @@ def test_a_worker_that_dies_costs_its_own_exposure_which_is_tried_again(tasks, t
 
 def test_a_worker_that_dies_while_it_starts_is_replaced(tmp_path, monkeypatch):
     monkeypatch.setenv("GS2CI_TEST_SEEN", str(tmp_path))
-    monkeypatch.setattr(cluster, "_serve", dying_at_first)
+    monkeypatch.setattr(cluster, "_serve", dying.at_first)
     with local_workers(1) as client:
         assert client.submit(os.getpid).result() != os.getpid()
     assert (tmp_path / "started").exists()

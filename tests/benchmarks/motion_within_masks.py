@@ -21,7 +21,7 @@ from gs2ci.core.arrays import F64
 from gs2ci.core.records import Shot
 from gs2ci.core.run_records import RunResult
 from gs2ci.evaluate.metrics import psnr_per_view
-from gs2ci.reconstruct.fit.shutter import ShutterSettings
+from gs2ci.reconstruct.fit.mask_moments import MaskMomentSettings
 from gs2ci.reconstruct.pipeline import reconstruct
 from gs2ci.reconstruct.settings import Settings
 from gs2ci_sims.effects.motion_blur import MotionBlur
@@ -96,7 +96,9 @@ def _mean(result: RunResult, shot: Shot) -> float:
 
 def run() -> None:
     wanted = os.environ.get("GS2CI_CASES", "")
-    known = replace(settings_for(Scale(SIZE, ITERATIONS)), fits=1, motion="off", shutter=ShutterSettings("moving"))
+    known = replace(
+        settings_for(Scale(SIZE, ITERATIONS)), fits=1, motion="off", mask_moments=MaskMomentSettings("moving")
+    )
     print(f"{'':22} {'px':>4} {'still masks':>11} {'one pose':>9} {'moments':>8} {'recovered':>9}  bound   moments")
     for scene in SCENES:
         for kind in ("steady", "faster", "trembling") if scene == "boxes" else ("steady",):
@@ -109,12 +111,12 @@ def run() -> None:
 
 def _compare(name: str, pixels: float, kind: str, scene: str, settings: Settings) -> None:
     still, moving = (exposed(scene, pixels, kind, blurred=blurred) for blurred in (False, True))
-    one = replace(settings, shutter=ShutterSettings("still"))
+    one = replace(settings, mask_moments=MaskMomentSettings("still"))
     best = _mean(reconstruct(still, one).result, still)
     plain = _mean(reconstruct(moving, one).result, moving)
     found = reconstruct(moving, settings).result
     given, loss = _mean(found, moving), best - plain
-    told = found.shutter or {"bounds": [0.0], "moments": [1]}
+    told = found.mask_moments or {"bounds": [0.0], "moments": [1]}
     share = f"{(given - plain) / loss:9.0%}" if loss > 0.3 else f"{'':9}"
     print(
         f"{name:22} {pixels:4g} {best:11.2f} {plain:9.2f} {given:8.2f} {share}  {max(told['bounds']):.4f}  "

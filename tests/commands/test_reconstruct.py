@@ -43,12 +43,24 @@ def measured(tmp_path):
     return write_shots(tmp_path / "shot.h5", [shot(0), shot(1)])
 
 
+@pytest.fixture(scope="module")
+def plain(tmp_path_factory):
+    """The report of a run with nothing but its iterations named."""
+    folder = tmp_path_factory.mktemp("plain")
+    return read_report(reconstruct.run(write_shots(folder / "shot.h5", [shot(0)]), folder / "run", iterations=2))
+
+
+def quickly(measured, output, **options):
+    """Reconstruct as fast as can be, where the fit is not what is looked at."""
+    return reconstruct.run(measured, output, **{"iterations": 2, "fits": 1, "geometry": "tracks", **options})
+
+
 def camera_of(folder):
     return json.loads((folder / "cameras.json").read_text())
 
 
 def test_it_returns_the_folder_it_wrote_and_prints_the_figures(measured, tmp_path, capsys):
-    folder = reconstruct.run(measured, tmp_path / "deep" / "run", iterations=2)
+    folder = quickly(measured, tmp_path / "deep" / "run")
     assert folder == tmp_path / "deep" / "run"
     assert read_report(folder).name == "noise 0"
     assert str(folder / "overview.png") in capsys.readouterr().out
@@ -56,39 +68,34 @@ def test_it_returns_the_folder_it_wrote_and_prints_the_figures(measured, tmp_pat
 
 def test_a_first_run_says_what_it_waits_for(measured, tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(backend, "needs_compiling", lambda name: name == "cpu")
-    reconstruct.run(measured, tmp_path / "run", iterations=1)
+    quickly(measured, tmp_path / "run", iterations=1)
     assert "compiles the rasteriser" in capsys.readouterr().out
 
 
-def test_the_index_chooses_the_shot(measured, tmp_path):
-    assert read_report(reconstruct.run(measured, tmp_path / "run", index=1, iterations=2)).name == "noise 1"
-
-
-def test_an_earlier_run_is_replaced_only_when_asked(measured, tmp_path):
-    folder = reconstruct.run(measured, tmp_path / "run", iterations=2)
+def test_an_earlier_run_is_replaced_only_when_asked_and_the_index_chooses_the_shot(measured, tmp_path):
+    folder = quickly(measured, tmp_path / "run")
     with pytest.raises(StorageError, match="not empty"):
-        reconstruct.run(measured, folder, iterations=2)
-    reconstruct.run(measured, folder, index=1, iterations=2, overwrite=True)
+        quickly(measured, folder)
+    quickly(measured, folder, index=1, overwrite=True)
     assert read_report(folder).name == "noise 1"
 
 
-def test_the_curve_is_scored_only_where_the_truth_is_known(measured, tmp_path):
-    with_truth = read_report(reconstruct.run(measured, tmp_path / "run", iterations=2))
-    assert with_truth.curve[-1].psnr_db is not None
+def test_the_curve_is_scored_only_where_the_truth_is_known(plain, tmp_path):
+    assert plain.curve[-1].psnr_db is not None
     blind = write_shots(tmp_path / "blind.h5", [shot(truth=Truth())])
-    without = read_report(reconstruct.run(blind, tmp_path / "blind", iterations=2))
+    without = read_report(quickly(blind, tmp_path / "blind"))
     assert without.curve[-1].psnr_db is None
     assert without.psnr_db is None
 
 
 def test_a_focal_length_replaces_the_files_and_keeps_its_principal_point_and_pixel_shape(measured, tmp_path):
-    camera = camera_of(reconstruct.run(measured, tmp_path / "run", iterations=2, focal_px=60.0))
+    camera = camera_of(quickly(measured, tmp_path / "run", focal_px=60.0))
     assert [camera[key] for key in ("fl_x", "fl_y", "cx", "cy")] == pytest.approx([60, 66, 15, 13])
 
 
 def test_a_focal_length_where_the_file_has_none_puts_the_principal_point_in_the_middle(tmp_path):
     unknown = write_shots(tmp_path / "shot.h5", [shot(intrinsics=None)])
-    camera = camera_of(reconstruct.run(unknown, tmp_path / "run", iterations=2, focal_px=60.0))
+    camera = camera_of(quickly(unknown, tmp_path / "run", focal_px=60.0))
     assert [camera[key] for key in ("fl_x", "fl_y", "cx", "cy")] == pytest.approx([60, 60, 16, 12])
 
 
@@ -99,16 +106,15 @@ def test_a_focal_length_that_is_none_is_refused(measured, tmp_path, focal_px):
     assert not (tmp_path / "run").exists()
 
 
-def test_settings_other_than_the_iterations_are_the_standard_ones(measured, tmp_path):
-    report = read_report(reconstruct.run(measured, tmp_path / "run", iterations=2))
+def test_settings_other_than_the_iterations_are_the_standard_ones(plain):
     standard = Settings()
-    assert report.settings["fit"]["iterations"] == 2
-    assert report.settings["decode"]["iterations"] == standard.decode.iterations
-    assert report.settings["seed"] == standard.seed == 42
+    assert plain.settings["fit"]["iterations"] == 2
+    assert plain.settings["decode"]["iterations"] == standard.decode.iterations
+    assert plain.settings["seed"] == standard.seed == 42
 
 
 def test_a_preset_sets_every_stage_and_options_override_it(measured, tmp_path):
-    report = read_report(reconstruct.run(measured, tmp_path / "run", preset="draft", iterations=2))
+    report = read_report(quickly(measured, tmp_path / "run", preset="draft"))
     assert report.settings["decode"]["iterations"] == PRESETS["draft"].decode.iterations
     assert report.settings["fit"]["iterations"] == 2
 
@@ -197,20 +203,18 @@ def test_a_budget_that_is_too_small_is_refused_and_leaves_nothing(measured, tmp_
 
 
 def test_the_fine_stage_is_switched_on_by_its_name_or_that_of_a_prior(measured, tmp_path):
-    def settings(**options):
-        folder = reconstruct.run(measured, tmp_path / "run", iterations=2, overwrite=True, **options)
-        return read_report(folder).settings
-
-    assert settings(fine=True)["fine"]["prior"] == "consistent"
-    named = settings(prior="nlm")["fine"]
+    standard = PRESETS["standard"]
+    assert wished().on(standard).fine is None
+    assert wished(fine=True).on(standard).fine.prior == "consistent"
+    named = read_report(quickly(measured, tmp_path / "run", prior="nlm")).settings["fine"]
     assert (named["prior"], named["distance"]) == ("nlm", "structure")
     with pytest.raises(InputError, match="prior 'dream'"):
-        settings(prior="dream")
+        quickly(measured, tmp_path / "other", prior="dream")
 
 
 @pytest.mark.parametrize("rule", ["adc", "mcmc", "revised", "osgr"])
 def test_the_density_rule_is_the_one_asked_for_and_is_in_the_report(measured, tmp_path, rule):
-    report = read_report(reconstruct.run(measured, tmp_path / "run", iterations=2, density=rule))
+    report = read_report(quickly(measured, tmp_path / "run", density=rule))
     assert report.settings["fit"]["density"]["name"] == rule
 
 
@@ -222,15 +226,15 @@ def test_an_unknown_density_rule_is_refused_and_writes_nothing(measured, tmp_pat
 
 def test_components_are_switched_off_by_name(measured, tmp_path):
     names = ("opacity-regulation", "pose-refinement")
-    fit = read_report(reconstruct.run(measured, tmp_path / "run", iterations=2, without=names)).settings["fit"]
+    fit = read_report(quickly(measured, tmp_path / "run", without=names)).settings["fit"]
     assert fit["loss"]["opacity"] == 0
     assert fit["poses"]["refine"] is False
 
 
-def test_weights_are_trusted_when_asked_for(measured, tmp_path):
-    for trusted, rounds in ((False, BrightnessSettings().rounds), (True, 0)):
-        run = reconstruct.run(measured, tmp_path / "run", iterations=2, trust_weights=trusted, overwrite=True)
-        assert read_report(run).settings["brightness"]["rounds"] == rounds
+def test_weights_are_trusted_when_asked_for(plain, measured, tmp_path):
+    assert plain.settings["brightness"]["rounds"] == BrightnessSettings().rounds
+    trusted = read_report(quickly(measured, tmp_path / "run", trust_weights=True))
+    assert trusted.settings["brightness"]["rounds"] == 0
 
 
 def test_an_unknown_component_is_refused_and_writes_nothing(measured, tmp_path):

@@ -1,6 +1,7 @@
 """`gs2ci tables`: from a table's name to its pages."""
 
 import json
+from dataclasses import replace
 
 import pytest
 
@@ -12,6 +13,7 @@ from gs2ci.tables import catalogue as tables
 from gs2ci.tables.cases import Case
 from gs2ci.tables.catalogue import Measure, Table, TableEntry
 from gs2ci.tables.cells import Cell
+from gs2ci.tables.variants import VARIANTS
 
 
 @pytest.fixture
@@ -80,6 +82,7 @@ def test_what_does_not_exist_is_refused(arguments, message, tmp_path):
 
 
 def test_a_small_case_goes_all_the_way(tmp_path, monkeypatch):
-    monkeypatch.setattr(tables, "simulated_cases", lambda: (Case("small", scene="boxes", size=(32, 48), views=3),))
+    monkeypatch.setattr(tables, "simulated_cases", lambda: (Case("small", scene="boxes", size=(24, 32), views=3),))
+    monkeypatch.setitem(VARIANTS, "default", lambda given: replace(given, fits=1, fit=replace(given.fit, iterations=5)))
     pages = bench.run("seeds", tmp_path, seeds=1)
     assert "| default |" in pages[0].read_text()

@@ -11,6 +11,8 @@ import torch
 from gs2ci.core.errors import InputError, StorageError
 from gs2ci.evaluate import run_folder, viewer
 from gs2ci.evaluate.viewer import SHOWN_DEPTH, free_port, load_scene, serve
+from gs2ci.render.harmonics import colours_seen
+from gs2ci.render.ply import read_ply
 from tests.patience import HANG_S
 
 
@@ -50,6 +52,18 @@ def test_covariances_are_those_of_the_gaussians(write, scene):
     np.testing.assert_allclose(np.linalg.eigvalsh(shown.covariances), wanted, rtol=1e-3, atol=1e-7)
     assert shown.opacities.shape == (50, 1)
     assert 0 <= shown.colours.min() <= shown.colours.max() <= 1
+
+
+def test_harmonics_come_back_from_a_run_and_are_shown_as_the_middle_camera_sees_them(write, scene):
+    shiny = replace(ahead(scene, 1.0), harmonics=torch.zeros(50, 3, 3))
+    shiny.harmonics[:, 2, 0] = -4.0  # red grows to the right
+    poses = np.tile(np.eye(4), (3, 1, 1))
+    poses[:, 0, 3] = [0, 0.5, 1.0]
+    folder = write(shiny, poses)
+    assert torch.equal(read_ply(folder / "scene.ply").harmonics, shiny.harmonics)
+    expected = colours_seen(shiny, torch.from_numpy(poses[1:2]).float())[0].clamp(0, 1)
+    assert float((expected - shiny.colours.clamp(0, 1)).abs().max()) > 0.1
+    np.testing.assert_allclose(load_scene(folder).colours, expected, atol=1e-5)
 
 
 def test_pictures_and_field_of_view_are_the_runs(write, make_run):

@@ -9,6 +9,7 @@ from gs2ci.core.findings import Code
 from gs2ci.core.progress import Silent
 from gs2ci.reconstruct import first_look
 from gs2ci.reconstruct.decode.gap_tv import gap_tv
+from gs2ci.reconstruct.decode.patches.decoder import PatchSettings
 from gs2ci.reconstruct.decode.proxies.routing import geometry_views, multiplicity
 from gs2ci.reconstruct.first_look import look, look_closer
 from gs2ci.reconstruct.geometry.choose import load_geometry_prior
@@ -171,5 +172,6 @@ def test_the_first_look_may_decode_by_patches(shot):
     by_tv, _ = look_at(jury, brightness=BrightnessSettings(rounds=0))
     by_patches, _ = look_at(jury, first_look="patches-quick", brightness=BrightnessSettings(rounds=0))
     assert (by_tv.decoder, by_patches.decoder) == ("gap-tv", "patches-quick")
+    assert (by_tv.sigma, by_patches.sigma) == (None, PatchSettings.quick().last_sigma)
     errors = [np.sqrt(np.mean((found.decoded - shot.truth.views) ** 2)) for found in (by_patches, by_tv)]
     assert errors[0] < errors[1]

@@ -5,14 +5,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from gs2ci.core.errors import NumericsError
 from gs2ci.core.findings import Code
 from gs2ci.core.progress import Silent
 from gs2ci.core.records import Shot
 from gs2ci.reconstruct import fits
 from gs2ci.reconstruct.attempts import order
+from gs2ci.reconstruct.attempts.choice import How
 from gs2ci.reconstruct.first_look import FirstLook
 from gs2ci.reconstruct.fit.coarse import CoarseSettings
 from gs2ci.reconstruct.fit.refinement import Refinement
+from gs2ci.reconstruct.fit.stopping import HoldOut
 from gs2ci.reconstruct.fit.withheld import Withheld
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.measurement.jury import Jury
@@ -103,3 +106,30 @@ def test_fits_of_a_measurement_that_shows_nothing_leave_the_order_open(first, mo
     found = settled(first, LONG).geometry
     assert [note.code for note in found.notes] == [Code.DEPTH_ORDER_OPEN]
     assert abs(found.order_errors) < 2
+
+
+def test_an_attempt_of_one_fit_is_completed_to_what_all_fits_at_once_would_have_been(first):
+    settings = Settings(fit=CoarseSettings(iterations=6, surfaces=None, relief=None, hold_out=HoldOut(look_every=3)))
+    refine = Refinement(first.jury, settings.residual)
+    made = fits.Fits(first.jury, first.jury, None, settings, refine, Silent(), Stopwatch())
+    alone = made.attempt(first, first.decoded, How(alone=True))
+    assert (len(alone.fits), len(alone.later)) == (1, 1)
+    completed, whole = made.completed(alone), made.attempt(first, first.decoded, How())
+    assert (len(completed.fits), completed.later) == (2, ())
+    np.testing.assert_array_equal(completed.ensemble.views, whole.ensemble.views)
+    assert made.completed(whole) is whole
+
+
+def test_a_companion_that_runs_away_is_left_out_when_an_attempt_is_completed(first, monkeypatch):
+    def run_away(*_):
+        raise NumericsError("numbers ran away", remedy="none")
+
+    settings = Settings(fit=CoarseSettings(iterations=3, surfaces=None, relief=None))
+    made = fits.Fits(
+        first.jury, first.jury, None, settings, Refinement(first.jury, settings.residual), Silent(), Stopwatch()
+    )
+    alone = made.attempt(first, first.decoded, How(alone=True))
+    monkeypatch.setattr(fits, "fit_together", run_away)
+    completed = made.completed(alone)
+    assert (completed.fits, completed.later) == (alone.fits, ())
+    assert any("left out: numbers ran away" in said for said in made.progress.sentences)

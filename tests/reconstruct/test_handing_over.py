@@ -10,7 +10,7 @@ from scipy.ndimage import gaussian_filter
 from gs2ci.core.findings import Code
 from gs2ci.core.records import Shot, Truth
 from gs2ci.reconstruct.decode.gap_tv import gap_tv
-from gs2ci.reconstruct.decode.patches.decoder import PatchSettings
+from gs2ci.reconstruct.decode.patches.decoder import PatchSettings, patch_decode
 from gs2ci.reconstruct.first_look import FirstLook
 from gs2ci.reconstruct.fit.refinement import Refinement
 from gs2ci.reconstruct.handing_over import hand_over
@@ -74,6 +74,29 @@ def test_a_scene_that_shows_something_else_leaves_the_decode_of_all_pixels():
     assert given.verdict == "decode"
     assert psnr(given.views, truth) > psnr(first.decoded, truth)
     assert Code.VIEWS_COMBINED not in [note.code for note in given.notes]
+
+
+def by_patches(first):
+    brief = PatchSettings(iterations=4, first_sigma=40 / 255, last_sigma=25 / 255)
+    views = patch_decode(first.jury.seen, brief)
+    return replace(first, decoded=views, decoder="patches-quick", sigma=brief.last_sigma)
+
+
+def test_a_brief_decode_by_patches_goes_on_as_the_settings_say_and_gains_by_it():
+    truth = moving(sigma_px=1.0)
+    first, mean = by_patches(look_at(truth, share=0.1)), astray(truth, 0.12)
+    longer = handed(first, mean, settings=replace(SETTINGS, long_decode=PatchSettings(iterations=24)))
+    briefer = handed(first, mean, settings=replace(SETTINGS, long_decode=None))
+    assert psnr(longer.views, truth) > psnr(briefer.views, truth) + 0.2
+    assert psnr(briefer.views, truth) > psnr(first.decoded, truth)
+
+
+def test_a_brief_decode_that_has_no_share_as_it_is_is_not_gone_on_with(monkeypatch):
+    truth = moving()
+    first = by_patches(look_at(truth))
+    monkeypatch.setattr("gs2ci.reconstruct.handing_over._FAR_OFF", np.inf)
+    monkeypatch.setattr("gs2ci.reconstruct.handing_over._decodes", None)
+    assert handed(first, truth).verdict == "refined"
 
 
 def test_a_right_scene_is_handed_over_as_it_is_and_no_decode_is_made_again(monkeypatch):

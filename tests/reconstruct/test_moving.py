@@ -18,9 +18,9 @@ from gs2ci.reconstruct import moving
 from gs2ci.reconstruct.decode.patches.decoder import PatchSettings, patch_decode, patch_decode_from
 from gs2ci.reconstruct.fit.coarse import CoarseSettings
 from gs2ci.reconstruct.fit.fine import FineSettings
+from gs2ci.reconstruct.fit.mask_moments import mask_times
 from gs2ci.reconstruct.fit.motion import ObjectMotionSettings, at_rest_until_moved, of_degree, set_moving
 from gs2ci.reconstruct.fit.rendering import ShotRenderer
-from gs2ci.reconstruct.fit.shutter import mask_times
 from gs2ci.reconstruct.geometry.flow import still_flow, velocity
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.measurement.jury import Jury
@@ -38,6 +38,7 @@ CAMERA = np.array([[60.0, 0, WIDTH / 2], [0, 60.0, HEIGHT / 2], [0, 0, 1]])
 QUICK = Settings(
     fit=rescheduled(CoarseSettings(), 120),
     fits=1,
+    long_decode=PatchSettings(iterations=24),
     look_again=False,
     seed=1,
 )

@@ -22,7 +22,7 @@ from gs2ci.reconstruct.decode.residual import ResidualSettings
 from gs2ci.reconstruct.fit.coarse import CoarseSettings
 from gs2ci.reconstruct.fit.fine import FineSettings
 from gs2ci.reconstruct.fit.losses import LossWeights
-from gs2ci.reconstruct.fit.shutter import ShutterSettings
+from gs2ci.reconstruct.fit.mask_moments import MaskMomentSettings
 from gs2ci.reconstruct.fit.stopping import HoldOut
 from gs2ci.reconstruct.geometry.initialise import GeometrySettings
 from gs2ci.reconstruct.geometry.sweep import SweepSettings
@@ -354,9 +354,9 @@ def test_masks_of_a_camera_that_goes_on_have_moments_and_the_views_show_the_midd
     hold_out = HoldOut(share=0.1, look_every=20)
     settings = replace(SHORT, fits=1, fit=replace(SHORT.fit, hold_out=hold_out))
     listener = Silent()
-    moving = replace(settings, shutter=ShutterSettings("moving", tolerance=1e-4, most=2))
+    moving = replace(settings, mask_moments=MaskMomentSettings("moving", tolerance=1e-4, most=2))
     result = reconstruct(shot, moving, listener).result
-    assert result.shutter["moments"] == [2] * VIEWS
+    assert result.mask_moments["moments"] == [2] * VIEWS
     assert next(note.sentence for note in result.notes if note.code is Code.MASKS_HAVE_MOMENTS) in listener.sentences
     exact = np.einsum("nhw,nhwc->hwc", shot.masks, result.exposed_views)
     np.testing.assert_allclose(result.predicted_measurement, exact, atol=1e-4)
@@ -364,8 +364,8 @@ def test_masks_of_a_camera_that_goes_on_have_moments_and_the_views_show_the_midd
     sharp, meant = (np.abs(np.diff(views, axis=2)).mean() for views in (result.views, result.exposed_views))
     assert sharp > meant
     assert (result.scene_views != result.exposed_views).any()
-    settled = reconstruct(shot, replace(settings, shutter=ShutterSettings("still", tolerance=1e-4))).result
-    assert settled.shutter is None
+    settled = reconstruct(shot, replace(settings, mask_moments=MaskMomentSettings("still", tolerance=1e-4))).result
+    assert settled.mask_moments is None
     assert settled.exposed_views is None
 
 

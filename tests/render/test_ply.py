@@ -1,9 +1,11 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
 
 from gs2ci.core.errors import InputError, StorageError
-from gs2ci.render.harmonics import SH_DC
+from gs2ci.render.harmonics import SH_DC, colours_seen
 from gs2ci.render.ply import read_ply, read_ply_scene, write_ply
 
 NAMES = ["x", "y", "z", "f_dc_0", "f_dc_1", "f_dc_2", "opacity", "scale_0", "scale_1", "scale_2"]
@@ -78,30 +80,63 @@ def test_binary_file_of_doubles_in_another_order_with_extras_is_read(file):
     )
     assert scene.gaussians.means.tolist() == [[14, 13, 12]]
     assert scene.ignored == ("extra",)
-    assert scene.harmonics is None
+    assert scene.gaussians.harmonics is None
 
 
 @pytest.mark.parametrize("count", [3, 8, 15])
 def test_harmonics_come_coefficient_by_coefficient_of_red_then_green_then_blue(file, count):
     names = [f"f_rest_{k}" for k in range(3 * count)]
     scene = read_ply_scene(file(header(1, [*NAMES, *names]) + row([*range(14), *range(3 * count)])))
-    assert scene.harmonics.shape == (1, count, 3)
-    assert scene.harmonics[0, :, 0].tolist() == list(range(count))
-    assert scene.harmonics[0, 1].tolist() == [1, 1 + count, 1 + 2 * count]
+    assert scene.gaussians.harmonics.shape == (1, count, 3)
+    assert scene.gaussians.harmonics[0, :, 0].tolist() == list(range(count))
+    assert scene.gaussians.harmonics[0, 1].tolist() == [1, 1 + count, 1 + 2 * count]
     assert scene.ignored == ()
 
 
 def test_harmonics_that_are_all_zero_are_none(file):
     names = [f"f_rest_{k}" for k in range(9)]
-    assert read_ply_scene(file(header(1, [*NAMES, *names]) + row([*range(14), *[0] * 9]))).harmonics is None
+    assert read_ply_scene(file(header(1, [*NAMES, *names]) + row([*range(14), *[0] * 9]))).gaussians.harmonics is None
 
 
 def test_harmonics_come_back_from_their_file(tmp_path, make):
-    scene = make(count=5).scene
-    harmonics = torch.randn(5, 15, 3, generator=torch.Generator().manual_seed(0))
-    back = read_ply_scene(write_ply(tmp_path / "shiny.ply", scene, harmonics))
-    assert torch.equal(back.harmonics, harmonics)
-    torch.testing.assert_close(back.gaussians.quaternions, scene.quaternions)
+    scene = replace(make(count=5).scene, harmonics=torch.randn(5, 15, 3, generator=torch.Generator().manual_seed(0)))
+    back = read_ply(write_ply(tmp_path / "shiny.ply", scene))
+    assert torch.equal(back.harmonics, scene.harmonics)
+    torch.testing.assert_close(back.quaternions, scene.quaternions)
+
+
+def test_other_programs_see_the_colour_that_we_see(tmp_path, make):
+    """The formula written out, with the constants of the program of Kerbl et al. (2023), `sh_utils.py`."""
+    scene = replace(
+        make(count=5).scene, harmonics=0.3 * torch.randn(5, 15, 3, generator=torch.Generator().manual_seed(1))
+    )
+    data = write_ply(tmp_path / "shiny.ply", scene).read_bytes()
+    head, body = data.split(b"end_header\n", 1)
+    names = [line.split()[2].decode() for line in head.splitlines() if line.startswith(b"property")]
+    table = dict(zip(names, np.frombuffer(body, "<f4").reshape(5, -1).T.astype(np.float64), strict=True))
+    camera = np.array([0.3, -0.2, 0.1])
+    sight = np.stack([table[axis] for axis in "xyz"], axis=1) - camera
+    x, y, z = (sight / np.linalg.norm(sight, axis=1, keepdims=True)).T
+    xx, yy, zz, xy, yz, xz = x * x, y * y, z * z, x * y, y * z, x * z
+    expected = np.zeros((5, 3))
+    for channel in range(3):
+        sh = [table[f"f_dc_{channel}"], *(table[f"f_rest_{15 * channel + k}"] for k in range(15))]
+        result = 0.28209479177387814 * sh[0]
+        result = result - 0.4886025119029199 * y * sh[1] + 0.4886025119029199 * z * sh[2]
+        result = result - 0.4886025119029199 * x * sh[3]
+        result = result + 1.0925484305920792 * xy * sh[4] - 1.0925484305920792 * yz * sh[5]
+        result = result + 0.31539156525252005 * (2.0 * zz - xx - yy) * sh[6] - 1.0925484305920792 * xz * sh[7]
+        result = result + 0.5462742152960396 * (xx - yy) * sh[8]
+        result = result - 0.5900435899266435 * y * (3 * xx - yy) * sh[9] + 2.890611442640554 * xy * z * sh[10]
+        result = result - 0.4570457994644658 * y * (4 * zz - xx - yy) * sh[11]
+        result = result + 0.3731763325901154 * z * (2 * zz - 3 * xx - 3 * yy) * sh[12]
+        result = result - 0.4570457994644658 * x * (4 * zz - xx - yy) * sh[13]
+        result = result + 1.445305721320277 * z * (xx - yy) * sh[14] - 0.5900435899266435 * x * (xx - 3 * yy) * sh[15]
+        expected[:, channel] = np.maximum(result + 0.5, 0)
+    pose = torch.eye(4, dtype=torch.float64)
+    pose[:3, 3] = -torch.from_numpy(camera)
+    seen = colours_seen(scene.map(torch.Tensor.double), pose[None])[0]
+    np.testing.assert_allclose(seen.numpy(), expected, atol=1e-6)
 
 
 @pytest.mark.parametrize(
@@ -113,14 +148,14 @@ def test_incomplete_harmonics_and_those_of_too_high_a_degree_are_refused(file, r
 
 
 def test_harmonics_that_do_not_fit_the_gaussians_are_not_written(tmp_path, make):
-    with pytest.raises(InputError, match="spherical harmonics"):
-        write_ply(tmp_path / "shiny.ply", make(count=5).scene, torch.zeros(4, 15, 3))
+    with pytest.raises(InputError, match="harmonics of the Gaussians"):
+        write_ply(tmp_path / "shiny.ply", replace(make(count=5).scene, harmonics=torch.zeros(4, 15, 3)))
     assert not list(tmp_path.iterdir())
 
 
 def test_harmonics_that_are_not_finite_are_named_with_their_file(file):
     names = [f"f_rest_{k}" for k in range(9)]
-    with pytest.raises(InputError, match=r"scene\.ply.*spherical harmonics"):
+    with pytest.raises(InputError, match=r"scene\.ply.*harmonics of the Gaussians"):
         read_ply(file(header(1, [*NAMES, *names]) + row([*range(14), *["nan"] * 9])))
 
 

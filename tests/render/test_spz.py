@@ -1,5 +1,7 @@
 """SPZ files, read by a reader of somebody else's (gsply)."""
 
+from dataclasses import replace
+
 import gsply
 import numpy as np
 import pytest
@@ -8,6 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from gs2ci.core.errors import InputError
 from gs2ci.render.gaussians import Gaussians
+from gs2ci.render.harmonics import basis, coefficients
 from gs2ci.render.spz import write_spz
 
 
@@ -45,6 +48,22 @@ def test_a_foreign_reader_finds_the_same_scene(tmp_path, spread):
     his = [r.as_matrix() @ (s[:, None] ** 2 * np.eye(3)) @ r.as_matrix().T for r, s in zip(found, scales, strict=True)]
     errors = np.linalg.norm(np.subtract(own, his), axis=(1, 2)) / np.linalg.norm(own, axis=(1, 2))
     assert errors.max() < 0.08  # scales alone leave 6.4 % of their squares
+
+
+@pytest.mark.parametrize("degree", [1, 2, 3])
+def test_a_foreign_reader_finds_the_harmonics_in_its_own_axes(tmp_path, degree):
+    draws = torch.Generator().manual_seed(5)
+    scene = replace(some(50), harmonics=0.3 * torch.randn(50, coefficients(degree), 3, generator=draws).clamp(-3, 3))
+    read = gsply.read_spz(str(write_spz(tmp_path / "scene.spz", scene)))
+    found = torch.from_numpy(np.asarray(read.shN, np.float64).reshape(50, -1, 3))
+    assert found.shape == scene.harmonics.shape
+    # Seen from the same place along the same line, in axes with y up and z behind.
+    flip = torch.diag(torch.tensor([1.0, -1.0, -1.0], dtype=torch.float64))
+    sight = torch.nn.functional.normalize(torch.randn(50, 3, generator=draws, dtype=torch.float64), dim=1)
+    own = torch.einsum("gk,gkc->gc", basis(sight)[:, : found.shape[1]], scene.harmonics.double())
+    his = torch.einsum("gk,gkc->gc", basis(sight @ flip)[:, : found.shape[1]], found)
+    # Each coefficient is off by 1/256 at most.
+    torch.testing.assert_close(his, own, rtol=0, atol=found.shape[1] * 0.6 / 256)
 
 
 def test_the_ends_of_the_range(tmp_path):

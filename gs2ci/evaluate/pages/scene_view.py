@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from gs2ci.core.arrays import F64
 from gs2ci.evaluate.pages.frame import piece
 from gs2ci.render.gaussians import Gaussians, rotation_matrices
+from gs2ci.render.harmonics import colours_from
 
 # 29 characters of the page each: about half a megabyte.
 MOST_SHOWN: Final = 16_000
@@ -34,7 +35,8 @@ def scene_view(scene: Gaussians, world_to_camera: F64, focal_px: tuple[float, fl
     """Build the box of a scene; empty where no Gaussian can be seen.
 
     Args:
-        scene: The Gaussians; of moving ones the middle of the exposure is shown.
+        scene: The Gaussians; of moving ones the middle of the exposure is shown, and of colours that change with the
+            direction of sight those that the middle camera sees.
         world_to_camera: [N, 4, 4].
         focal_px: Along the rows and along the columns.
         size: Height and width of the views, px.
@@ -57,7 +59,7 @@ def scene_view(scene: Gaussians, world_to_camera: F64, focal_px: tuple[float, fl
     chosen = np.sort(chosen[np.argsort(-weight[chosen], kind="stable")[:MOST_SHOWN]])
     upper = covariances[chosen][:, (0, 0, 0, 1, 1, 2), (0, 1, 2, 1, 2, 2)]
     shapes = np.concatenate([places[chosen], np.clip(upper, -_LARGEST, _LARGEST)], axis=1).astype("<f2")
-    shades = np.concatenate([own.colours.numpy(), opacity[:, None]], axis=1)[chosen]
+    shades = np.concatenate([colours_from(own, torch.from_numpy(middle)).numpy(), opacity[:, None]], axis=1)[chosen]
     colours = np.round(255 * np.clip(np.nan_to_num(shades), 0, 1)).astype(np.uint8)
     height, width = size
     return piece(

@@ -1,9 +1,10 @@
 """Attempts at one measurement: which fits are made, from which beginnings, and which of them is taken.
 
-A doubtful path is sought again in fitted views (`second_look`). A uniform motion that no tracks bear out competes with
-a camera at rest: where nothing shows but a period or a gradient, any motion explains the measurement, and a fit from
-rest ends several dB better. Where the fits' residual looks like motion, scenes that move compete too (`moving`). The
-held-out pixels choose. Not here: what an attempt is made of (`fits`).
+A doubtful path is fitted once, and sought again in the views of that fit (`second_look`). A uniform motion that no
+tracks bear out competes with a camera at rest: where nothing shows but a period or a gradient, any motion explains the
+measurement, and a fit from rest ends several dB better; where it is far behind after a quarter of the schedule, it is
+given up. Where the fits' residual looks like motion, scenes that move compete too (`moving`). The held-out pixels
+choose. Not here: what an attempt is made of (`fits`).
 """
 
 import math
@@ -16,13 +17,13 @@ from gs2ci.core.halt import Halt
 from gs2ci.core.progress import Progress
 from gs2ci.reconstruct.attempts.order import LEAST_SCHEDULE
 from gs2ci.reconstruct.attempts.second_look import is_wanted, second_look
-from gs2ci.reconstruct.decode.by_name import decode_by_name
 from gs2ci.reconstruct.decode.patches.decoder import PatchSettings, patch_decode_from
 from gs2ci.reconstruct.first_look import FirstLook, from_rest, needs_rest
 from gs2ci.reconstruct.fit.coarse import CoarseFit
-from gs2ci.reconstruct.fit.ensemble import Ensemble
+from gs2ci.reconstruct.fit.ensemble import Ensemble, Member
 from gs2ci.reconstruct.fit.motion import moving_share
 from gs2ci.reconstruct.fit.refinement import Refinement
+from gs2ci.reconstruct.fit.stopping import Rival
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.measurement.jury import Jury
 from gs2ci.reconstruct.measurement.lens import Lens
@@ -43,12 +44,36 @@ from gs2ci.reconstruct.settings import Settings
 
 @dataclass(frozen=True)
 class Attempt:
-    """Fits, and the look and the geometry that they began with."""
+    """Fits, and the look and the geometry that they began with.
+
+    Args:
+        look: What had been found.
+        geometry: As it was fitted from.
+        fits: The leader's, and those of its companions.
+        ensemble: Of these.
+        later: The companions that have not been fitted: an attempt that may be replaced makes one fit at first.
+    """
 
     look: FirstLook
     geometry: Geometry
     fits: tuple[CoarseFit, ...]
     ensemble: Ensemble
+    later: tuple[Member, ...] = ()
+
+
+@dataclass(frozen=True)
+class How:
+    """How an attempt is made.
+
+    Args:
+        moving: Whether the scene may move.
+        alone: Whether the leader is fitted alone at first.
+        rival: A fit that those of the attempt have to keep up with.
+    """
+
+    moving: bool = False
+    alone: bool = False
+    rival: Rival | None = None
 
 
 @dataclass(frozen=True)
@@ -56,7 +81,8 @@ class Attempts:
     """What is fitted to a measurement, from the first look and from what else is worth it, and which of it is taken.
 
     Args:
-        attempt: Fits from a look, with views to take colours and motion from, a scene that is still or may move.
+        attempt: Fits from a look, with views to take colours and motion from.
+        complete: Makes the fits of an attempt that it has been without so far.
         release: Goes on with fits of a still scene, and lets it move.
         jury: The measurement.
         lens: Through which it was taken, unless it is a pinhole.
@@ -67,7 +93,8 @@ class Attempts:
         halt: Once it is asked, nothing more is tried.
     """
 
-    attempt: Callable[[FirstLook, F32, bool], Attempt]
+    attempt: Callable[[FirstLook, F32, How], Attempt]
+    complete: Callable[[Attempt], Attempt]
     release: Callable[[Attempt], Attempt]
     jury: Jury
     lens: Lens | None
@@ -80,7 +107,7 @@ class Attempts:
     def hurried(self, first: FirstLook) -> tuple[FirstLook, Attempt, MotionReport]:
         """Make one attempt, whatever comes of it."""
         moving = self.settings.motion == "on"
-        tried = self.attempt(rested(first) if moving else first, first.decoded, moving)
+        tried = self.attempt(rested(first) if moving else first, first.decoded, How(moving))
         name = MOVING if moving else STILL
         return first, tried, self._report(MotionQuestion(), {name: tried}, tried, {})
 
@@ -91,7 +118,7 @@ class Attempts:
             The first look, with the best decode there is; the best attempt; and how anything in it came to move, or
             not to.
         """
-        still = self.attempt(first, first.decoded, False)
+        still = self.attempt(first, first.decoded, How(alone=self._may_look_again(first)))
         # Fits that were cut short leave much that patches explain, whether or not anything moves.
         whole = self.settings.fit.iterations >= LEAST_SCHEDULE
         if self.halt.asked or not (self._wanted or (self.settings.may_move and whole)):
@@ -105,12 +132,13 @@ class Attempts:
         if self.halt.asked or not (self._wanted or asked.speaks_for_motion):
             return first, still, self._report(asked, {STILL: still}, still, {})
         self.progress.say("What the still scene leaves looks like motion: scenes that move are fitted as well.")
+        still = self.complete(still)
         first, refined = self._decoded_better(first), self.refine(still.ensemble.views)
         views = min((refined, first.decoded), key=lambda shown: self.jury.residual_rms(shown) or 0.0)
         attempts = {STILL: still, RELEASED: self.release(still)}
         if not self.halt.asked:
-            attempts[MOVING] = self.attempt(rested(still.look), views, True)
-        residuals = self._residuals(attempts)
+            attempts[MOVING] = self.attempt(rested(still.look), views, How(moving=True))
+        residuals = self._residuals({name: one.ensemble.views for name, one in attempts.items()})
         tried = self._clearly_best(attempts, residuals)
         return first, tried, self._report(asked, attempts, tried, residuals)
 
@@ -119,30 +147,41 @@ class Attempts:
         return self.settings.motion == "on"
 
     def _again(self, first: FirstLook, tried: Attempt) -> Attempt:
-        """Fit a still scene once more from a second look, or from rest, where the first path is doubtful."""
+        """Fit a still scene once more from a second look, or from rest, where the first path is doubtful.
+
+        Of a first path that is doubtful there is one fit so far: it is held against the leaders of the other attempts.
+        """
         if self.halt.asked or not self._may_look_again(first):
             return tried
         views = self.refine(tried.ensemble.views)
         attempts = {first.geometry.source: tried}
         again = second_look(first, views, self.lens, self.settings, self.progress)
         if again is not None and not self.halt.asked:
-            attempts["second look"] = self.attempt(again, views, False)
+            attempts["second look"] = self.attempt(again, views, How())
         if needs_rest(first) and not self.halt.asked:
-            attempts["rest"] = self.attempt(from_rest(first), first.decoded, False)
-        return self._best(attempts, self._residuals(attempts))
+            attempts["rest"] = self.attempt(from_rest(first), first.decoded, How(rival=self._rival(tried)))
+        if len(attempts) == 1:
+            return self.complete(tried)
+        leaders = {name: one.fits[0].views for name, one in attempts.items()}
+        return self.complete(self._best(attempts, self._residuals(leaders)))
+
+    def _rival(self, tried: Attempt) -> Rival:
+        """Return what an attempt's leader has left, for another one to keep up with."""
+        looks = {point.iteration: point.heldout for point in tried.fits[0].curve if point.heldout is not None}
+        return Rival(looks, self.settings.fit.iterations)
 
     def _may_look_again(self, first: FirstLook) -> bool:
         return self.settings.may_look_again and is_wanted(first.geometry, self.settings.geometry)
 
     def _decoded_better(self, first: FirstLook) -> FirstLook:
         """Return a first look with views decoded by similar patches, where they predict the held-out pixels better."""
-        if first.decoder == "patches":
+        if first.decoder == "patches" or self.settings.long_decode is None:
             return first
-        decoded = decode_by_name(self.jury.seen, "patches", self.settings.decode, self.progress)
+        longer = first.decoded_longer(self.settings.long_decode, self.progress)
         self.lap("decode")
-        before, after = self.jury.residual_rms(first.decoded), self.jury.residual_rms(decoded)
+        before, after = self.jury.residual_rms(first.decoded), self.jury.residual_rms(longer.decoded)
         better = before is not None and after is not None and after < before
-        return replace(first, decoded=decoded, decoder="patches") if better else first
+        return longer if better else first
 
     def _question(self, still: Attempt) -> MotionQuestion:
         """Ask what a still scene leaves, and if it speaks for motion, what patches take off it."""
@@ -178,9 +217,9 @@ class Attempts:
         better = moves is not None and stays is not None and moves < (1 - LEAST_GAIN) * stays
         return best if better else still
 
-    def _residuals(self, attempts: dict[str, Attempt]) -> dict[str, float | None]:
-        """Return what each attempt's refined views leave of the held-out pixels."""
-        return {name: self.jury.residual_rms(self.refine(tried.ensemble.views)) for name, tried in attempts.items()}
+    def _residuals(self, views: dict[str, F32]) -> dict[str, float | None]:
+        """Return what each attempt's views, [N, H, W, C], leave of the held-out pixels when they are refined."""
+        return {name: self.jury.residual_rms(self.refine(one)) for name, one in views.items()}
 
     def _report(
         self,

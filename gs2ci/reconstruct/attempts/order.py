@@ -45,6 +45,9 @@ _LEAST_PAIRS_AGAINST_TOLD: Final = 3
 # What tracks say counts a third of what it claims: they err together (`motion.preference`).
 _TRACKS_COUNT: Final = 1 / 3
 
+# A source of paths that no tracks bear out.
+_UNTRACKED: Final = "uniform"
+
 ShortFit = Callable[[Geometry, int], float]
 """Fits a geometry briefly, with a seed, and returns the mean square that it leaves of the measurement."""
 
@@ -87,10 +90,23 @@ def settle(geometry: Geometry, fit_briefly: ShortFit, progress: Progress, *, tol
     luck = _LUCK * max(1.0, math.sqrt(_LUCK_PIXELS / geometry.inverse_depth.size))
     tracks = _TRACKS_COUNT * (geometry.order_errors or 0.0)
     found, errors = _of_pairs(geometry, fit_briefly, luck, tracks, told=told)
+    if geometry.source == _UNTRACKED and errors < 0:
+        return _contested(geometry, -errors)
     if told:
         agreed = len(found) >= _LEAST_PAIRS_AGAINST_TOLD and all(ratio < 0 for ratio in found)
         return _taken(geometry, errors, agreed and errors <= -_SURE_AGAINST_TOLD, _less(found), told=True)
     return _taken(geometry, errors, errors < 0, _less(found), told=False)
+
+
+def _contested(geometry: Geometry, errors: float) -> Geometry:
+    """Return a motion that was found without tracks as it was found, its order open: pairs prefer the other one.
+
+    It stands on what it leaves of the whole measurement, less than its reverse and than rest. Where short fits surely
+    say the opposite, one of two judges of the same pixels errs, and no track tells which: that counts for nothing.
+    """
+    errors = errors if errors < _SURE else 0.0
+    notes = (*geometry.notes, finding(Code.DEPTH_ORDER_OPEN, errors=errors))
+    return replace(geometry, order_errors=errors, reverse=None, notes=notes)
 
 
 def _of_pairs(

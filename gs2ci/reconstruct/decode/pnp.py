@@ -87,6 +87,7 @@ def plug_and_play(
     settings: PlugAndPlaySettings | None = None,
     progress: Progress | None = None,
     start: F32 | None = None,
+    enough: Callable[[F32], bool] | None = None,
 ) -> F32:
     """Decode one coded measurement into approximate views.
 
@@ -97,6 +98,8 @@ def plug_and_play(
         settings: Scheme and schedule.
         progress: Hears of each iteration and its relative residual.
         start: Views to begin with, as they are returned; without them every view begins as the settings say.
+        enough: Asked after each step, with its views as they are seen, [N, C, H, W]; where it says so, that step is
+            the last.
 
     Returns:
         Views, [N, H, W, C] float32, full scale 1, not clamped; C is 3 behind a colour filter array. Pixels that no mask
@@ -123,7 +126,7 @@ def plug_and_play(
         views = masks[:, None] * measured
     step = _gap if settings.scheme == "gap" else _admm
     progress.stage("decode", len(levels))
-    seen = step(views, masks, inverse_energy, measured, target, prior, levels.tolist(), progress)
+    seen = step(views, masks, inverse_energy, measured, target, prior, levels.tolist(), progress, enough or _never)
     return np.ascontiguousarray(seen.transpose(0, 2, 3, 1))
 
 
@@ -136,12 +139,15 @@ def _gap(
     prior: _Prior,
     levels: Sequence[float],
     progress: Progress,
+    enough: Callable[[F32], bool],
 ) -> F32:
     seen = views
     for iteration, sigma in enumerate(levels):
         row_energy = project_onto_measurement(views, masks, inverse_energy, measured, target, True)
         progress.step(iteration + 1, residual=_relative(row_energy, measured))
         views, seen = prior(views, sigma)
+        if enough(seen):
+            break
     return seen
 
 
@@ -154,6 +160,7 @@ def _admm(
     prior: _Prior,
     levels: Sequence[float],
     progress: Progress,
+    enough: Callable[[F32], bool],
 ) -> F32:
     multiplier = np.zeros_like(views)
     seen = views
@@ -163,7 +170,13 @@ def _admm(
         progress.step(iteration + 1, residual=_relative(row_energy, measured))
         views, seen = prior(projected + multiplier, sigma)
         multiplier += projected - views
+        if enough(seen):
+            break
     return seen
+
+
+def _never(_: F32) -> bool:
+    return False
 
 
 def _relative(row_energy: F64, measured: F32) -> float:

@@ -43,6 +43,11 @@ class Adam:
             spread = self._square.sqrt().div_((1 - _SQUARE_DECAY**self._steps) ** 0.5).add_(_EPSILON)
             parameter.addcdiv_(self._mean, spread, value=-rate / (1 - _DECAY**self._steps))
 
+    def widen(self, columns: int) -> None:
+        """Go on with so many columns of a parameter [G, columns, ...]; the moments of those added begin at zero."""
+        if self._mean is not None and self._square is not None:
+            self._mean, self._square = (_columns(one, columns) for one in (self._mean, self._square))
+
     def follow(self, source: Tensor, *, forget: bool) -> None:
         """Go on with other rows of the parameter.
 
@@ -53,6 +58,11 @@ class Adam:
         kept = source >= 0
         if self._mean is not None and self._square is not None:
             self._mean, self._square = (_rows(one, source, kept, forget) for one in (self._mean, self._square))
+
+
+def _columns(moment: Tensor, columns: int) -> Tensor:
+    added = moment.new_zeros((len(moment), columns - moment.shape[1], *moment.shape[2:]))
+    return torch.cat([moment, added], dim=1)
 
 
 def _rows(moment: Tensor, source: Tensor, kept: Tensor, forget: bool) -> Tensor:

@@ -19,19 +19,21 @@ from gs2ci.core.findings import Code, Finding, finding
 from gs2ci.core.halt import Halt
 from gs2ci.core.progress import Progress
 from gs2ci.core.run_records import CurvePoint
+from gs2ci.reconstruct.fit.colours import ColourSettings
 from gs2ci.reconstruct.fit.density.base import DensityRule
 from gs2ci.reconstruct.fit.density.osgr import Osgr
 from gs2ci.reconstruct.fit.gathering import Gathering
 from gs2ci.reconstruct.fit.looks import Looks, Refine, Score
 from gs2ci.reconstruct.fit.losses import DataTerm, LossWeights, regulated
+from gs2ci.reconstruct.fit.mask_moments import MaskMoments
 from gs2ci.reconstruct.fit.motion import ObjectMotionSettings
 from gs2ci.reconstruct.fit.optimiser import GaussianOptimiser, StepSizes
 from gs2ci.reconstruct.fit.pace import Fixed, Pace
 from gs2ci.reconstruct.fit.poses import PoseCorrections, PoseSettings, length_of
+from gs2ci.reconstruct.fit.raster_order import raster_order
 from gs2ci.reconstruct.fit.relief import Exchange, Relief, ReliefSettings
 from gs2ci.reconstruct.fit.rendering import ShotRenderer
-from gs2ci.reconstruct.fit.shutter import MaskMoments
-from gs2ci.reconstruct.fit.stopping import HoldOut, Watch
+from gs2ci.reconstruct.fit.stopping import HoldOut, Rival, Watch
 from gs2ci.reconstruct.fit.surfaces import Surfaces, SurfaceSettings, find_surfaces
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.geometry.sources import TOLD
@@ -62,6 +64,7 @@ class CoarseSettings:
         per_open_share: Whether the gradients that density rules see are divided by the masks' share of open pixels, so
             that thresholds found on photographs hold (`gathering.py`).
         motion: How Gaussians may move that begin with a motion.
+        colours: How far colours may change with the direction of sight.
     """
 
     iterations: int = STANDARD_ITERATIONS
@@ -80,6 +83,7 @@ class CoarseSettings:
     hold_out: HoldOut = field(default_factory=HoldOut)
     density: DensityRule = field(default_factory=Osgr.sparing)
     motion: ObjectMotionSettings = field(default_factory=ObjectMotionSettings)
+    colours: ColourSettings = field(default_factory=ColourSettings)
 
     def check(self) -> "CoarseSettings":
         """Return self if the numbers make sense.
@@ -110,6 +114,7 @@ class CoarseSettings:
                 )
         self.hold_out.check()
         self.motion.check()
+        self.colours.check()
         return self
 
 
@@ -156,7 +161,7 @@ class _Fit:
         settings: CoarseSettings,
         seed: int,
         lens: Lens | None,
-        shutter: MaskMoments | None,
+        mask_moments: MaskMoments | None,
     ) -> None:
         shot = jury.shot
         self._lens, self._seed = lens, seed
@@ -169,7 +174,7 @@ class _Fit:
         free = geometry.verdict == "full" and geometry.source not in TOLD and start.motion is None
         self._relief = Relief(settings.relief, geometry.reference) if settings.relief is not None and free else None
         self.settings = settings
-        self._renderer = ShotRenderer(shot, geometry.intrinsics, backend, lens, shutter)
+        self._renderer = ShotRenderer(shot, geometry.intrinsics, backend, lens, mask_moments)
         self._gathering = Gathering(self._renderer, len(start), per_open_share=settings.per_open_share)
         self._reuse = self._renderer.reuse()
         # At a depth of 1, which is the scene's median.
@@ -205,6 +210,7 @@ class _Fit:
         """
         if not self.optimiser.scene_is_finite():
             return float("nan")
+        self.optimiser.let_colours_vary(self.settings.colours.at(share))
         poses = self.poses.world_to_camera()
         loss = regulated(self.data_term(self.predict(poses)), self.optimiser.scene, self.settings.loss)
         objective = loss + self.settings.motion.penalty(self.optimiser.scene, self._px_per_length, self._pixels)
@@ -285,7 +291,9 @@ class _Fit:
         )
         change = self.settings.density.change(scene, evidence, self.generator)
         _guard_memory(len(change.scene), self.settings.most_gaussians, iteration)
-        self.optimiser.replace(change.scene, change.source, change.forget)
+        middle = poses[len(poses) // 2].detach()
+        order = raster_order(change.scene.means.detach(), middle, self._renderer.intrinsics)
+        self.optimiser.replace(change.scene.map(lambda rows: rows[order]), change.source[order], change.forget)
         self._meet_others()
         return bool(change.forget)
 
@@ -350,7 +358,8 @@ def fit_coarse(
     pace: Pace | None = None,
     lens: Lens | None = None,
     halt: Halt | None = None,
-    shutter: MaskMoments | None = None,
+    mask_moments: MaskMoments | None = None,
+    rival: Rival | None = None,
 ) -> CoarseFit:
     """Fit Gaussians and poses to the measurement.
 
@@ -368,7 +377,8 @@ def fit_coarse(
         pace: Decides how many iterations there are, instead of the settings.
         lens: Through which the measurement was taken, unless it is a pinhole.
         halt: Ends the fit after an iteration in which it is asked to.
-        shutter: The moments of each mask, where the camera moves so far while it is on show.
+        mask_moments: The moments of each mask, where the camera moves so far while it is on show.
+        rival: Another fit; this one ends at a look at which it is far behind.
 
     Returns:
         The state with the best held-out residual.
@@ -379,10 +389,10 @@ def fit_coarse(
         ResourceError: The population outgrew the memory guard.
     """
     settings.check()
-    fit = _Fit(jury, start, geometry, backend, settings, seed, lens, shutter)
+    fit = _Fit(jury, start, geometry, backend, settings, seed, lens, mask_moments)
     looks = Looks(jury, refine, score, since_s)
     loop = _Loop(
-        fit, looks, progress, pace or Fixed(settings.iterations), halt or Halt(), judged=bool(jury.heldout.any())
+        fit, looks, progress, pace or Fixed(settings.iterations), halt or Halt(), rival, judged=bool(jury.heldout.any())
     )
     stopped = loop.run()
     fit.restore(loop.best)
@@ -399,7 +409,9 @@ def fit_coarse(
 class _Loop:
     """The iterations: step, densify, look, stop; and back to the last good state when numbers run away."""
 
-    def __init__(self, fit: _Fit, looks: Looks, progress: Progress, pace: Pace, halt: Halt, *, judged: bool) -> None:
+    def __init__(
+        self, fit: _Fit, looks: Looks, progress: Progress, pace: Pace, halt: Halt, rival: Rival | None, *, judged: bool
+    ) -> None:
         self.fit = fit
         self.settings = fit.settings
         self.best = fit.snapshot(0)
@@ -408,6 +420,7 @@ class _Loop:
         self._progress = progress
         self._pace = pace
         self._halt = halt
+        self._rival = rival
         self._judged = judged
         self._watch = Watch(fit.settings.hold_out)
         self._damping = 1.0
@@ -443,6 +456,8 @@ class _Loop:
             self._progress.step(iteration, loss=loss, **self._figures())
             if halted:
                 return finding(Code.FIT_INTERRUPTED, iterations=iteration, best=self._watch.best_iteration)
+            if looks and self._is_behind(iteration):
+                return finding(Code.FIT_BEHIND, iterations=iteration, best=self._watch.best_iteration)
             if looks and self._watch.stalled(iteration) and not self.fit.awaits_surfaces:
                 return finding(Code.FIT_STALLED, best=self._watch.best_iteration)
         late = self._pace.is_late(iteration)
@@ -450,6 +465,10 @@ class _Loop:
             return finding(Code.FIT_TIME_UP_UNJUDGED if late else Code.FIT_ALL_DONE_UNJUDGED, iterations=iteration)
         code = Code.FIT_TIME_UP if late else Code.FIT_ALL_DONE
         return finding(code, iterations=iteration, best=self._watch.best_iteration)
+
+    def _is_behind(self, iteration: int) -> bool:
+        """Tell whether another fit is so far ahead at the look just taken that this one is given up."""
+        return self._rival is not None and self._rival.is_out_of_reach(self._looks.curve[-1].heldout, iteration)
 
     def _step(self, iteration: int, total: int) -> None:
         share = iteration / total

@@ -65,7 +65,9 @@ class FineSettings:
     distance: str = "structure"
     iterations: int = 300
     steps: StepSizes = field(
-        default_factory=lambda: replace(StepSizes.of_the_literature(), means=3.2e-5, means_final_share=1.0)
+        default_factory=lambda: replace(
+            StepSizes.of_the_literature(), means=3.2e-5, means_final_share=1.0, colours=2.5e-3
+        )
     )
     damping: float = 0.3
     between: int = 1

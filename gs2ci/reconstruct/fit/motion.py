@@ -18,7 +18,7 @@ from torch import Tensor
 
 from gs2ci.core.arrays import F32
 from gs2ci.core.errors import InputError
-from gs2ci.reconstruct.fit.shutter import mask_times
+from gs2ci.reconstruct.fit.mask_moments import mask_times
 from gs2ci.reconstruct.geometry.flow import velocity
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.render.gaussians import Gaussians

@@ -12,14 +12,15 @@ from torch import Tensor
 
 from gs2ci.reconstruct.fit.adam import Adam
 from gs2ci.reconstruct.fit.poses import LengthUnit
-from gs2ci.render.gaussians import Gaussians
+from gs2ci.render.gaussians import Gaussians, all_finite
+from gs2ci.render.harmonics import SH_DC, coefficients, degree_of
 
 # Adam's steps below are those of a schedule of so many iterations; a shorter one has to cover as much in fewer, which
 # takes longer steps. At 50 iterations three times the step gains 0.1 to 0.9 dB over twice the step, at 25 three and a
 # half times as much again; longer ones were not tried.
 NATURAL_ITERATIONS: Final = 600
 LARGEST_STRIDE: Final = 3.5
-_STRETCHED: Final = ("means", "log_scales", "quaternions", "opacity_logits", "colours", "motion")
+_STRETCHED: Final = ("means", "log_scales", "quaternions", "opacity_logits", "colours", "motion", "harmonics")
 # What is measured in units of the scene's extent.
 _LENGTHS: Final = ("means", "motion")
 
@@ -38,6 +39,8 @@ class StepSizes:
         unit: Of lengths: the means' step, and the sizes that density rules go by.
         motion: Of the rows of a moving scene's motion, likewise in units of the scene's extent, and with the same share
             left at the end.
+        harmonics: Of what of the colours changes with direction: a twentieth of the step of the colours, both as
+            coefficients of harmonics, as with Kerbl et al. (2023).
     """
 
     means: float = 1.28e-2
@@ -48,6 +51,7 @@ class StepSizes:
     means_final_share: float = 0.2
     unit: LengthUnit = "path diameter"
     motion: float = 3.84e-2
+    harmonics: float = 6.6e-4
 
     @classmethod
     def of_schedule(cls, iterations: int) -> "StepSizes":
@@ -61,16 +65,20 @@ class StepSizes:
 
     @classmethod
     def of_the_literature(cls, unit: LengthUnit = "path diameter") -> "StepSizes":
-        """Return the steps of 30,000 iterations (Kerbl et al. 2023, appendix B)."""
+        """Return the steps of 30,000 iterations (Kerbl et al. 2023, appendix B).
+
+        Theirs step the coefficients of the constant harmonic, of which our colours are `SH_DC` times as much.
+        """
         return cls(
             unit=unit,
             means=1.6e-4,
             log_scales=5e-3,
             quaternions=1e-3,
             opacity_logits=5e-2,
-            colours=2.5e-3,
+            colours=2.5e-3 * SH_DC,
             means_final_share=0.01,
             motion=1.6e-4,
+            harmonics=1.25e-4,
         )
 
 
@@ -122,11 +130,22 @@ class GaussianOptimiser:
 
     def gradient_is_finite(self) -> bool:
         """Tell whether all gradients are free of NaN and infinities."""
-        return _all_finite([t.grad for t in self.scene.parameters().values() if t.grad is not None])
+        return all(all_finite(t.grad) for t in self.scene.parameters().values() if t.grad is not None)
 
     def scene_is_finite(self) -> bool:
         """Tell whether all parameters are free of NaN and infinities."""
-        return _all_finite([tensor.detach() for tensor in self.scene.parameters().values()])
+        return all(all_finite(tensor.detach()) for tensor in self.scene.parameters().values())
+
+    def let_colours_vary(self, degree: int) -> None:
+        """Let colours change with direction up to a degree; what they could not show before begins at zero."""
+        present = degree_of(self.scene)
+        if degree <= present:
+            return
+        had, columns = coefficients(present), coefficients(degree)
+        added = self.scene.means.new_zeros((len(self.scene), columns - had, 3))
+        held = [] if self.scene.harmonics is None else [self.scene.harmonics.detach()]
+        self.scene = replace(self.scene, harmonics=torch.cat([*held, added], dim=1).requires_grad_(True))
+        self._adam.setdefault("harmonics", Adam()).widen(columns)
 
     def shift(self, means: Tensor) -> None:
         """Move the means by so much, [G, 3], past Adam and its moments."""
@@ -150,11 +169,6 @@ class GaussianOptimiser:
         """Go back to a snapshot; Adam forgets its moments, which led away from it."""
         self.scene = _leaves(scene)
         self._adam = self._new_adam()
-
-
-def _all_finite(tensors: list[Tensor]) -> bool:
-    # A sum is fast, and finite for all that is; only sums that overflow need a closer look.
-    return all(bool(torch.isfinite(each.sum())) or bool(torch.isfinite(each).all()) for each in tensors)
 
 
 def _leaves(scene: Gaussians) -> Gaussians:

@@ -17,6 +17,7 @@ from gs2ci.core.cameras import camera_centres
 from gs2ci.reconstruct.fit.adam import Adam
 from gs2ci.reconstruct.geometry.telemetry import PoseErrors
 from gs2ci.render import se3
+from gs2ci.render.gaussians import all_finite
 
 LengthUnit = Literal["median depth", "path diameter", "path cube"]
 """What lengths are measured in. "path cube" is the unit of nerfstudio, on which the paper builds: its parser scales
@@ -134,7 +135,7 @@ class PoseCorrections:
 
     def gradient_is_finite(self) -> bool:
         """Tell whether the accumulated gradient is free of NaN and infinities."""
-        return self._twists.grad is None or bool(torch.isfinite(self._twists.grad).all())
+        return self._twists.grad is None or all_finite(self._twists.grad)
 
     def snapshot(self) -> Tensor:
         """Return a copy of the twists, [N, 6]."""

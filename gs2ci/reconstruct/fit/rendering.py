@@ -1,7 +1,7 @@
 """A scene as the shot's camera shows it: the coded measurement, the views, and the depths in them.
 
 Here: the renderer with what a shot says of the sensor (masks, weights, mono or mosaic), a camera matrix and
-a lens. Not here: when each mask was open (`shutter.py`), any fitting.
+a lens. Not here: when each mask was open (`mask_moments.py`), any fitting.
 """
 
 import numpy as np
@@ -10,7 +10,7 @@ from torch import Tensor
 
 from gs2ci.core.arrays import F32, F64
 from gs2ci.core.records import Shot
-from gs2ci.reconstruct.fit.shutter import MaskMoments, mask_times
+from gs2ci.reconstruct.fit.mask_moments import MaskMoments, mask_times
 from gs2ci.reconstruct.measurement import coding
 from gs2ci.reconstruct.measurement.lens import Lens
 from gs2ci.render.gaussians import Gaussians
@@ -27,7 +27,7 @@ class ShotRenderer:
         intrinsics: Camera matrix in px, [3, 3]; of the pinhole in the sensor's pixels, behind a lens.
         backend: The renderer.
         lens: Through which the shot was taken, unless it is a pinhole: every image is then the sensor's.
-        shutter: The moments of each mask; None where one for each is enough.
+        mask_moments: The moments of each mask; None where one for each is enough.
     """
 
     def __init__(
@@ -36,7 +36,7 @@ class ShotRenderer:
         intrinsics: F64,
         backend: Backend,
         lens: Lens | None = None,
-        shutter: MaskMoments | None = None,
+        mask_moments: MaskMoments | None = None,
     ) -> None:
         self.size = shot.size
         self.distortion = shot.distortion
@@ -45,15 +45,17 @@ class ShotRenderer:
         self.transmissions = torch.from_numpy(shot.masks * shot.weights[:, None, None])
         self._backend = backend
         self._sampling = None if lens is None else lens.sampling
-        self._shutter = shutter
-        self._mask_set = self.code(self.transmissions if shutter is None else shutter.split(self.transmissions))
+        self._mask_moments = mask_moments
+        self._mask_set = self.code(
+            self.transmissions if mask_moments is None else mask_moments.split(self.transmissions)
+        )
         self._channels = coding.cfa_channels(shot.cfa, shot.size) if shot.cfa else None
         self._mono = shot.channels == 1
 
     @property
     def moments_per_mask(self) -> float:
         """Get how many moments a mask has on average."""
-        return 1.0 if self._shutter is None else self._shutter.count / len(self.transmissions)
+        return 1.0 if self._mask_moments is None else self._mask_moments.count / len(self.transmissions)
 
     def reuse(self) -> Reuse:
         """Return what the renderings of a population may share from now on."""
@@ -103,20 +105,20 @@ class ShotRenderer:
 
         Coded, these are the measurement; `views` show the middle of each mask.
         """
-        if self._shutter is None:
+        if self._mask_moments is None:
             return self.views(scene, world_to_camera)
         poses, times = self._moments(world_to_camera)
         found = np.zeros((*self.transmissions.shape, 1 if self._mono else 3), np.float32)
-        for mask, number in enumerate(self._shutter.of_mask().tolist()):
+        for mask, number in enumerate(self._mask_moments.of_mask().tolist()):
             one = self.views(scene, poses[mask : mask + 1], times[mask : mask + 1])
-            found[number] += one[0] / self._shutter.moments[number]
+            found[number] += one[0] / self._mask_moments.moments[number]
         return found
 
     def _moments(self, world_to_camera: Tensor) -> tuple[Tensor, Tensor]:
         """Return the poses and times of all moments."""
-        if self._shutter is None:
+        if self._mask_moments is None:
             return world_to_camera, self.times
-        return self._shutter.poses(world_to_camera), self._shutter.times()
+        return self._mask_moments.poses(world_to_camera), self._mask_moments.times()
 
     def images(
         self,

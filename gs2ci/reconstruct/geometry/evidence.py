@@ -2,8 +2,8 @@
 
 The middle view, carried along the poses through its depth, should look like the other views; coded by the masks, it
 should give the measurement. What is left over compares geometries of any origin on equal terms: wrong poses and wrong
-depths smear it. Here: the carrying, and that number. Not here: the choice (`choose`), geometries sought by that number
-(`direct`). For `gs2ci.reconstruct`; tables of first geometries print the number.
+depths smear it. Here: the views as carried, and that number. Not here: which place is carried where (`carrying`), the
+choice (`choose`), geometries sought by that number (`direct`).
 """
 
 from typing import Final
@@ -13,14 +13,11 @@ import numpy as np
 
 from gs2ci.core.arrays import F32, F64
 from gs2ci.core.records import Shot
+from gs2ci.reconstruct.geometry.carrying import carried_places
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.measurement.coding import cfa_channels
 from gs2ci.reconstruct.measurement.lens import Lens, pixel_centres
 
-# A pixel's place in the middle view and the depth there depend on each other; the motion is small, so they settle.
-_STEPS: Final = 4
-# Farther outside than this, a coordinate says nothing more; OpenCV's fixed point would overflow.
-_OUTSIDE_PX: Final = 1e4
 # OpenCV looks up fewer places than this at once.
 _MOST_AT_ONCE: Final = 32_000
 
@@ -89,18 +86,10 @@ def carried_view(reference: F32, geometry: Geometry, view: int) -> F32:
 
 def _carried(reference: F32, geometry: Geometry, view: int, places: F64) -> F32:
     """Show the middle view, [H, W, C], at places of another, [P, 2] px; [P, C]."""
-    rays = np.concatenate([places, np.ones_like(places[:, :1])], axis=1) @ np.linalg.inv(geometry.intrinsics).T
-    pose = geometry.world_to_camera[view]
-    at = places.copy()
-    for _ in range(_STEPS):
-        depth = _depth_in_view(geometry.inverse_depth, at, pose, geometry.intrinsics)
-        points = (rays * depth[:, None] - pose[:3, 3]) @ pose[:3, :3] @ geometry.intrinsics.T
-        # A point behind the middle view is nowhere in it: it keeps its place.
-        ahead = points[:, 2] > 0
-        at = np.where(ahead[:, None], points[:, :2] / np.where(ahead, points[:, 2], 1.0)[:, None], at)
-        at = np.clip(at, -_OUTSIDE_PX, _OUTSIDE_PX)
-    # OpenCV's first pixel has its centre at 0, ours at 0.5.
-    wanted = (at - 0.5).astype(np.float32)
+    intrinsics = np.ascontiguousarray(geometry.intrinsics, np.float64)
+    pose = np.ascontiguousarray(geometry.world_to_camera[view], np.float64)
+    depth = np.ascontiguousarray(geometry.inverse_depth)
+    wanted = carried_places(places, depth, pose, intrinsics, np.linalg.inv(intrinsics))
     pieces = [
         cv2.remap(
             reference, wanted[i : i + _MOST_AT_ONCE, None], None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
@@ -109,15 +98,3 @@ def _carried(reference: F32, geometry: Geometry, view: int, places: F64) -> F32:
     ]
     shown: F32 = np.concatenate(pieces) if pieces else np.zeros((0, 1), np.float32)
     return shown.reshape(len(wanted), reference.shape[2])
-
-
-def _depth_in_view(inverse_depth: F32, at: F64, pose: F64, intrinsics: F64) -> F64:
-    """Take the depths at places of the middle view, [P, 2], along the axis of a view at `pose`; at least a hair."""
-    height, width = inverse_depth.shape
-    columns, rows = (at[:, 0].clip(0, width - 1).astype(int), at[:, 1].clip(0, height - 1).astype(int))
-    depth = 1 / inverse_depth[rows, columns].astype(np.float64)
-    homogeneous = np.concatenate([at, np.ones_like(at[:, :1])], axis=1)
-    points = homogeneous @ np.linalg.inv(intrinsics).T * depth[:, None]
-    along: F64 = points @ pose[2, :3] + pose[2, 3]
-    ahead: F64 = np.maximum(along, 1e-3 * depth)
-    return ahead

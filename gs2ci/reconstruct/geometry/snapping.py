@@ -10,6 +10,8 @@ import numba
 import numpy as np
 
 from gs2ci.core.arrays import F32
+from gs2ci.render.simd.elementary import exp2_blend
+from gs2ci.render.simd.vector import LANES, broadcast, get, load, maximum, store, where_ge
 
 # How far an edge may be off: by somewhat less than half of this, as the majority of a window decides.
 _REACH_PX = 10
@@ -17,13 +19,14 @@ _SIDE = 2 * _REACH_PX + 1
 # The standard deviation of colours that are alike, in full scales.
 _SIGMA = 0.04
 _LEVELS = 256
-_BLOCK = 128
-# Of 2^x: beyond this no weight differs from zero, and shifted exponents stay in range.
+# Of 2^x: beyond this no weight differs from zero, and `exp2_blend` holds.
 _LEAST_LOG2 = np.float32(-120.0)
-_MANTISSA_BITS = np.int32(23)
-_EXPONENT_BIAS = np.int32(127)
+_LOG2_PER_SQUARE = np.float32(-1 / (2 * _SIGMA**2) / np.log(2))
 # What the median moves by no more levels than these keeps its own value.
 _KEPT_LEVELS = 2
+# A colour like no other, in full scales: around a picture, so that nothing outside of it has a weight.
+_NO_COLOUR = np.float32(1e3)
+_ZERO = np.float32(0)
 
 
 def snapped(inverse_depth: F32, view: F32) -> F32:
@@ -38,122 +41,96 @@ def snapped(inverse_depth: F32, view: F32) -> F32:
     # What lies outside of the picture counts for neither bound.
     window = np.ones((_SIDE, _SIDE), np.uint8)
     still = cv2.dilate(levels, window) - cv2.erode(levels, window) <= _KEPT_LEVELS
-    planes = np.ascontiguousarray(view.transpose(2, 0, 1), np.float32)
+    planes = np.stack([_framed(view[..., k], _NO_COLOUR) for k in range(view.shape[2])])
     found = np.array(inverse_depth, np.float32)
-    _snap(np.ascontiguousarray(inverse_depth, np.float32), levels.astype(np.float32), planes, still, found)
+    depths = np.ascontiguousarray(inverse_depth, np.float32)
+    _snap(depths, _framed(levels, _ZERO).reshape(-1), planes.reshape(-1), view.shape[2], still, found)
     return found
 
 
-@numba.njit(cache=True, fastmath={"contract", "nsz", "nnan"})
-def _weigh(one, other, log2, exponent, out):  # type: ignore[no-untyped-def]
-    """Write how alike colours are, K values of C channels each, to `out`, [K]; `log2` and `exponent` are scratch.
+def _framed(values: F32, around: np.float32) -> F32:
+    """Return an image, [H, W], with a frame at its left and right, so wide that no vector of a window leaves it."""
+    beside = ((0, 0), (_REACH_PX, _REACH_PX + 2 * LANES))
+    return np.pad(values.astype(np.float32), beside, constant_values=around)
 
-    `one` and `other` are planes, [C, H, W], row and first column.
 
-    2^x is 2^n, put together from its bits, times a polynomial of degree 6 in the rest (Taylor's, 2e-7 of the value).
+@numba.njit(cache=True, fastmath={"contract"})
+def _weights(planes, channels, apart, here, there):  # type: ignore[no-untyped-def]
+    """Return how alike the colours of 16 pixels from `here` are to those of 16 from `there`, places in a plane.
+
+    Planes lie so many values `apart`.
     """
-    (planes, r, c), (others, i, d), count = one, other, out.shape[0]
-    scale = np.float32(-1 / (2 * _SIGMA**2) / np.log(2))
-    log2[:count] = np.float32(0)
-    for k in range(planes.shape[0]):
-        # Only slices of the last axis are known to be dense.
-        here, there = planes[k, r, c : c + count], others[k, i, d : d + count]
-        for j in range(count):
-            difference = here[j] - there[j]
-            log2[j] += difference * difference
-    for j in range(count):
-        x = max(scale * log2[j], _LEAST_LOG2)
-        # No x is positive: so truncation rounds up what is half less, and the rest lies within half of zero.
-        n = np.int32(x - np.float32(0.5))
-        t = (x - np.float32(n)) * np.float32(0.6931472)
-        p = np.float32(1 / 120) + t * np.float32(1 / 720)
-        p = np.float32(1 / 24) + t * p
-        p = np.float32(1 / 6) + t * p
-        p = np.float32(0.5) + t * p
-        p = np.float32(1) + t * p
-        out[j] = np.float32(1) + t * p
-        exponent[j] = (n + _EXPONENT_BIAS) << _MANTISSA_BITS
-    powers = exponent.view(np.float32)
-    for j in range(count):
-        out[j] *= powers[j]
+    squares = broadcast(_ZERO)
+    for k in range(channels):
+        difference = load(planes, k * apart + here) - load(planes, k * apart + there)
+        squares = squares + difference * difference
+    return exp2_blend(maximum(squares * _LOG2_PER_SQUARE, _LEAST_LOG2))
 
 
-@numba.njit(cache=True, fastmath={"contract", "nsz", "nnan"})
-def _add_up(levels, own, weights, below, kept, total):  # type: ignore[no-untyped-def]
-    """Add weights, [K], to the sums of levels below those that a pixel may keep, of these, and of all."""
-    for j in range(weights.shape[0]):
-        lower = levels[j] < own[j] - np.float32(_KEPT_LEVELS)
-        higher = levels[j] > own[j] + np.float32(_KEPT_LEVELS)
-        below[j] += weights[j] if lower else np.float32(0)
-        kept[j] += np.float32(0) if lower or higher else weights[j]
-        total[j] += weights[j]
-
-
-@numba.njit(cache=True, parallel=True)
-def _snap(inverse_depth, levels, planes, still, found):  # type: ignore[no-untyped-def]
+@numba.njit(cache=True, parallel=True, fastmath={"contract"})
+def _snap(inverse_depth, levels, planes, channels, still, found):  # type: ignore[no-untyped-def]
     """Move pixels of `found` to the weighted median of the levels around them.
 
-    Whether the median is a level that the pixel may keep is found for a block of a row at once; only where it is not,
-    which is at jumps, is there a histogram.
+    Whether the median is a level that the pixel may keep is found for 16 pixels of a row at once; only where it is
+    not, which is at jumps, is there a histogram.
 
     Args:
         inverse_depth: [H, W] float32.
-        levels: Of it, [H, W] float32.
-        planes: Colours, [C, H, W] float32.
+        levels: Of it, framed and flattened, float32.
+        planes: Colours, C planes, likewise.
+        channels: C.
         still: Pixels around which all levels are those that they may keep, [H, W] bool.
         found: Changed, [H, W] float32.
     """
-    _, height, width = planes.shape
-    blocks = (width + _BLOCK - 1) // _BLOCK
+    height, width = inverse_depth.shape
+    stride = levels.shape[0] // height
     for r in numba.prange(height):
-        log2, exponent = np.empty(_BLOCK, np.float32), np.empty(_BLOCK, np.int32)
-        weights, histogram = np.empty(max(_BLOCK, _SIDE**2), np.float32), np.empty(_LEVELS)
-        sums = np.empty((3, _BLOCK), np.float32)
+        sums, histogram = np.empty(3 * LANES, np.float32), np.empty(_LEVELS)
+        weights = np.empty(_SIDE * 2 * LANES, np.float32)
         top, bottom = max(r - _REACH_PX, 0), min(r + _REACH_PX + 1, height)
-        for block in range(blocks):
-            left, right = block * _BLOCK, min((block + 1) * _BLOCK, width)
+        for left in range(0, width, LANES):
+            right = min(left + LANES, width)
             if still[r, left:right].all():
                 continue
-            sums[:] = np.float32(0)
+            here = r * stride + _REACH_PX + left
+            own = load(levels, here)
+            lowest, highest = own - np.float32(_KEPT_LEVELS), own + np.float32(_KEPT_LEVELS)
+            zero = broadcast(_ZERO)
+            below, kept, total = zero, zero, zero
             for i in range(top, bottom):
-                for shift in range(-_REACH_PX, _REACH_PX + 1):
-                    begin, end = max(left, -shift), min(right, width - shift)
-                    if begin >= end:
-                        continue
-                    some, at, to = weights[: end - begin], begin - left, end - left
-                    _weigh((planes, r, begin), (planes, i, begin + shift), log2, exponent, some)
-                    _add_up(
-                        levels[i, begin + shift : end + shift],
-                        levels[r, begin:end],
-                        some,
-                        sums[0, at:to],
-                        sums[1, at:to],
-                        sums[2, at:to],
-                    )
+                for there in range(i * stride + left, i * stride + left + _SIDE):
+                    weight, level = _weights(planes, channels, levels.shape[0], here, there), load(levels, there)
+                    below = below + where_ge(level, lowest, zero, weight)
+                    kept = kept + where_ge(level, lowest, where_ge(highest, level, weight, zero), zero)
+                    total = total + weight
+            store(sums, 0, below)
+            store(sums, LANES, kept)
+            store(sums, 2 * LANES, total)
             for c in range(left, right):
-                below, kept, total = sums[0, c - left], sums[1, c - left], sums[2, c - left]
-                if below >= np.float32(0.5) * total or below + kept < np.float32(0.5) * total:
+                lower, same = sums[c - left], sums[LANES + c - left]
+                half = np.float32(0.5) * sums[2 * LANES + c - left]
+                if lower >= half or lower + same < half:
                     found[r, c] = _median(
-                        inverse_depth, levels, planes, r, c, top, bottom, log2, exponent, weights, histogram
+                        inverse_depth, levels, planes, channels, r, c, top, bottom, weights, histogram
                     )
 
 
 @numba.njit(cache=True)
-def _median(inverse_depth, levels, planes, r, c, top, bottom, log2, exponent, weights, histogram):  # type: ignore[no-untyped-def]
+def _median(inverse_depth, levels, planes, channels, r, c, top, bottom, weights, histogram):  # type: ignore[no-untyped-def]
     """Return the weighted mean of what shares the median's level in the window of a pixel; `weights` is scratch."""
-    left, right = max(c - _REACH_PX, 0), min(c + _REACH_PX + 1, planes.shape[2])
-    side = right - left
-    here = np.empty((planes.shape[0], 1, side), np.float32)
-    for k in range(planes.shape[0]):
-        here[k] = planes[k, r, c]
+    height, width = inverse_depth.shape
+    stride = levels.shape[0] // height
+    left, right = max(c - _REACH_PX, 0), min(c + _REACH_PX + 1, width)
+    here = r * stride + _REACH_PX + c
     histogram[:] = 0.0
     total = 0.0
     for i in range(top, bottom):
-        some, level = weights[(i - top) * side : (i - top + 1) * side], levels[i, left:right]
-        _weigh((here, 0, 0), (planes, i, left), log2, exponent, some)
-        for j in range(side):
-            histogram[int(level[j])] += some[j]
-            total += some[j]
+        first, row = (i - top) * 2 * LANES, i * stride + _REACH_PX + left
+        _weigh_row(planes, channels, levels.shape[0], here, row, weights, first)
+        for j in range(right - left):
+            weight = get(weights, first + j)
+            histogram[int(get(levels, row + j))] += weight
+            total += weight
     reached, median = histogram[0], 0
     while reached < 0.5 * total and median < _LEVELS - 1:
         median += 1
@@ -162,7 +139,18 @@ def _median(inverse_depth, levels, planes, r, c, top, bottom, log2, exponent, we
         return inverse_depth[r, c]
     inside = 0.0
     for i in range(top, bottom):
-        for j in range(side):
-            if int(levels[i, left + j]) == median:
-                inside += weights[(i - top) * side + j] * inverse_depth[i, left + j]
+        for j in range(right - left):
+            if int(get(levels, i * stride + _REACH_PX + left + j)) == median:
+                inside += get(weights, (i - top) * 2 * LANES + j) * inverse_depth[i, left + j]
     return np.float32(inside / histogram[median])
+
+
+@numba.njit(cache=True, fastmath={"contract"})
+def _weigh_row(planes, channels, apart, here, there, weights, first):  # type: ignore[no-untyped-def]
+    """Write how alike a pixel's colour is to those of 32 pixels of a row from `there`, to weights[first:]."""
+    for half in range(0, 2 * LANES, LANES):
+        squares = broadcast(_ZERO)
+        for k in range(channels):
+            difference = load(planes, k * apart + there + half) - get(planes, k * apart + here)
+            squares = squares + difference * difference
+        store(weights, first + half, exp2_blend(maximum(squares * _LOG2_PER_SQUARE, _LEAST_LOG2)))

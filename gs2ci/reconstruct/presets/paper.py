@@ -10,6 +10,7 @@ from dataclasses import replace
 from typing import Final
 
 from gs2ci.reconstruct.fit.coarse import CoarseSettings
+from gs2ci.reconstruct.fit.colours import ColourSettings
 from gs2ci.reconstruct.fit.density.osgr import Osgr
 from gs2ci.reconstruct.fit.fine import FineSettings
 from gs2ci.reconstruct.fit.losses import LossWeights
@@ -47,6 +48,8 @@ def paper_settings() -> Settings:
         poses=PoseSettings(every=25, rate=1e-2, final_rate=2e-5, unit="path cube", told_weight=0.0),
         hold_out=HoldOut(share=0.0, look_every=1000, patience=_ITERATIONS, growth_patience=_ITERATIONS),
         density=Osgr.of_the_paper(),
+        # nerfstudio's splatfacto: sh_degree 3, sh_degree_interval 1,000.
+        colours=ColourSettings(degree=3, every=1_000 / _ITERATIONS),
     )
     return replace(
         Settings(),

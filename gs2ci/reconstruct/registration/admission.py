@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 
 from gs2ci.core.arrays import F32
-from gs2ci.core.crop import middle_of
+from gs2ci.core.crop import corner, middle, size_of
 from gs2ci.core.records import Shot
 from gs2ci.reconstruct.decode.gap_tv import GapTvSettings, decode_signed
 from gs2ci.reconstruct.measurement.jury import Jury
@@ -20,18 +20,24 @@ _HELDOUT: Final = 0.1
 _ITERATIONS: Final = 15
 
 
+Corner = tuple[bool, bool]
+"""Which corner of a picture: whether the lower, and whether the right one."""
+
+
 class Trial:
-    """The middle of a measurement, decoded in short.
+    """A piece of a measurement, decoded in short.
 
     Args:
         shot: As it is believed.
         scale: What to divide readings by, so that the scene's levels are about those of a view's full scale.
         seed: Of the held-out pixels.
+        at: The corner that is looked at; None looks at the middle.
     """
 
-    def __init__(self, shot: Shot, scale: float, seed: int) -> None:
+    def __init__(self, shot: Shot, scale: float, seed: int, at: Corner | None = None) -> None:
         self._scale = scale
-        part = _crop(shot)
+        self._at = at
+        part = _crop(shot, at)
         self._heldout = Jury.of(part, _HELDOUT, seed).heldout
 
     @property
@@ -41,7 +47,7 @@ class Trial:
 
     def squares(self, shot: Shot) -> np.ndarray:
         """Return squared residuals, [K], of a measurement's decode on pixels that it did not see."""
-        jury = Jury(_scaled_crop(shot, self._scale), self._heldout)
+        jury = Jury(_scaled_crop(shot, self._scale, self._at), self._heldout)
         return jury.squared_residuals(_decoded(jury.seen))
 
 
@@ -54,13 +60,14 @@ def _decoded(shot: Shot) -> F32:
     return decode_signed(shot, GapTvSettings(iterations=_ITERATIONS))
 
 
-def _scaled_crop(shot: Shot, scale: float) -> Shot:
-    part = _crop(shot)
+def _scaled_crop(shot: Shot, scale: float, at: Corner | None = None) -> Shot:
+    part = _crop(shot, at)
     return replace(part, measurement=(part.measurement / np.float32(scale)).astype(np.float32))
 
 
-def _crop(shot: Shot) -> Shot:
-    part = middle_of(shot, _VIEW_PIXELS, _LEAST_SIDE_PX)
+def _crop(shot: Shot, at: Corner | None) -> Shot:
+    size = size_of(shot, _VIEW_PIXELS, _LEAST_SIDE_PX)
+    part = middle(shot, size) if at is None else corner(shot, size, lower=at[0], right=at[1])
     if part.measurement.shape[2] == 3:  # grey tells as much, for a third of the time
         part = replace(part, measurement=part.measurement.mean(axis=2, keepdims=True))
     return part

@@ -150,7 +150,14 @@ class Tile:
     peak: Peak
 
 
-def find_tiles(seen: F64, known: F64, expected: Callable[[F64], F64], reach: int, element: float) -> list[Tile]:
+def find_tiles(
+    seen: F64,
+    known: F64,
+    expected: Callable[[F64], F64],
+    reach: int,
+    element: float,
+    elements: int = _TILE_ELEMENTS,
+) -> list[Tile]:
     """Find the displacement of every tile about an expected one.
 
     Args:
@@ -159,8 +166,9 @@ def find_tiles(seen: F64, known: F64, expected: Callable[[F64], F64], reach: int
         expected: The displacement (down, right), px, that is expected at a place (row, column).
         reach: How far about it to look, px.
         element: Width of the masks' elements, px.
+        elements: How many of them a tile is wide.
     """
-    side = _TILE_ELEMENTS * max(1, round(element))
+    side = elements * max(1, round(element))
     margin = side + 2 * reach + _MARGIN_PX
     padded = np.pad(known, margin)
     found = []

@@ -11,14 +11,25 @@ from gs2ci.core.arrays import F64
 
 
 @numba.njit(cache=True, parallel=True)
-def sample(stack: F64, inverse: F64, shift: F64, wrapped: bool) -> F64:
-    """Interpolate each picture at c + A⁻¹ (p − c − t), coordinates clamped to the picture or wrapped around it."""
+def sample(stack: F64, inverse: F64, shift: F64, field: F64, wrapped: bool) -> F64:
+    """Interpolate each picture at c + A⁻¹ (p − c − t − f(p − c)), coordinates clamped to it or wrapped around it.
+
+    Args:
+        stack: Pictures, [N, H, W].
+        inverse: A⁻¹, [2, 2], for (row, column).
+        shift: t, [2].
+        field: Of f, [7]: outwards by the cube of the distance; then down and right by (row², row · column, column²).
+        wrapped: Whether a picture begins anew beyond its rim.
+    """
     count, height, width = stack.shape
     out = np.empty_like(stack)
     middle_row, middle_column = (height - 1) / 2, (width - 1) / 2
     for r in numba.prange(height):
         for c in range(width):
-            down, right = r - middle_row - shift[0], c - middle_column - shift[1]
+            y, x = r - middle_row, c - middle_column
+            outwards = field[0] * (y * y + x * x)
+            down = y - shift[0] - (outwards * y + field[1] * y * y + field[2] * y * x + field[3] * x * x)
+            right = x - shift[1] - (outwards * x + field[4] * y * y + field[5] * y * x + field[6] * x * x)
             row = middle_row + inverse[0, 0] * down + inverse[0, 1] * right
             column = middle_column + inverse[1, 0] * down + inverse[1, 1] * right
             if wrapped:

@@ -64,7 +64,7 @@ class Misfit:
     def from_vector(cls, vector: F64) -> "Misfit":
         """Take the parameters in the order of `NAMES`."""
         values = [float(value) for value in vector]
-        return cls(Placement(*values[:6]), *values[6:])
+        return cls(Placement(*values[: len(GEOMETRY)]), *values[len(GEOMETRY) :])
 
     def moved(self, down_px: float, right_px: float) -> "Misfit":
         """Shift the placement by so much more."""
@@ -74,17 +74,12 @@ class Misfit:
         return replace(self, placement=placement)
 
 
-NAMES: Final = (
-    "down_px",
-    "right_px",
-    "rotation_deg",
-    "scale",
-    "stretch",
-    "shear",
-    "blur_px2",
-    "leak",
-    "black",
-)
+AFFINE: Final = ("down_px", "right_px", "rotation_deg", "scale", "stretch", "shear")
+BENT: Final = ("down_dd_px", "down_dr_px", "down_rr_px", "right_dd_px", "right_dr_px", "right_rr_px")
+FIELD: Final = ("radial_px", *BENT)
+LIGHT: Final = ("blur_px2", "leak", "black")
+GEOMETRY: Final = (*AFFINE, *FIELD)
+NAMES: Final = (*GEOMETRY, *LIGHT)
 
 
 def gaussian(stack: F64, variance_px2: float, most_sharpening: float = MOST_SHARPENING) -> F64:
@@ -96,19 +91,24 @@ def gaussian(stack: F64, variance_px2: float, most_sharpening: float = MOST_SHAR
     """
     if variance_px2 == 0:
         return stack
-    # The half-sample symmetric cosine transform has the frequencies πk/n.
-    down, across = (_transfer(abs(variance_px2), np.pi * np.arange(n) / n) for n in stack.shape[1:])
-    transfer = down[:, None] * across[None, :]
+    factor = transfer(abs(variance_px2), stack.shape[1:])
     if variance_px2 < 0:
-        transfer = 1 / np.maximum(transfer, 1 / most_sharpening)
-    blurred: F64 = fft.idctn(fft.dctn(stack, axes=(1, 2), norm="ortho") * transfer, axes=(1, 2), norm="ortho")
+        factor = 1 / np.maximum(factor, 1 / most_sharpening)
+    blurred: F64 = fft.idctn(fft.dctn(stack, axes=(1, 2), norm="ortho") * factor, axes=(1, 2), norm="ortho")
     return blurred
+
+
+def transfer(variance_px2: float, size: tuple[int, ...]) -> F64:
+    """Return what a blur leaves of each frequency of the half-sample symmetric cosine transform, [H, W]."""
+    down, across = (_transfer(variance_px2, np.pi * np.arange(n) / n) for n in size)
+    left: F64 = down[:, None] * across[None, :]
+    return left
 
 
 def _transfer(variance_px2: float, frequencies: F64) -> F64:
     taps = _taps(sigma_of(variance_px2))
-    transfer: F64 = taps @ np.cos(np.arange(len(taps))[:, None] * frequencies[None, :])
-    return transfer
+    left: F64 = taps @ np.cos(np.arange(len(taps))[:, None] * frequencies[None, :])
+    return left
 
 
 def _taps(sigma_px: float) -> F64:

@@ -1,9 +1,10 @@
 """Where masks lie on the sensor, and what a sensor pixel then sees of them.
 
-A mask element that is believed at x lies at x' = c + A (x − c) + t, with the picture's middle c. A pixel integrates
-what falls on it: for elements as wide as a pixel, or wider and in step with the pixels, a shifted mask read by pixels
-is exactly the bilinear interpolation of its values, and that is the interpolation here.
-Here: the map and its sampling. Not here: how it is found (`coarse`, `fine`), blur and light (`misfit`).
+A mask element that is believed at x lies at x' = c + A (x − c) + t + f(x' − c), with the picture's middle c and a
+smooth field f of second and third order, as a relay lens between modulator and sensor bends what it images. A pixel
+integrates what falls on it: for elements as wide as a pixel, or wider and in step with the pixels, a shifted mask read
+by pixels is exactly the bilinear interpolation of its values, and that is the interpolation here.
+Here: the map and its sampling. Not here: how it is found (`coarse`, `fine`, `field`), blur and light (`misfit`).
 """
 
 from dataclasses import dataclass
@@ -16,6 +17,10 @@ from gs2ci.reconstruct.registration.kernels import sample
 
 # A pixel whose place lies so far beyond the outermost centre still sees more of that element than of what is unknown.
 _ON_THE_RIM_PX: Final = 0.5
+# Coefficients of the field are stated as displacements at this distance, so that they do not depend on the picture.
+FIELD_AT_PX: Final = 100.0
+# Displacements of the field change by hundredths from pixel to pixel: each round gains two digits.
+_INVERSIONS: Final = 6
 
 
 @dataclass(frozen=True)
@@ -29,6 +34,13 @@ class Placement:
         scale: Enlargement less 1, of both axes.
         stretch: How much more rows are enlarged than both are on average; columns so much less.
         shear: Half the angle, in radians, by which the axes lean towards each other.
+        radial_px: Of the field: how far outwards 100 px from the middle; grows with the third power of the distance.
+        down_dd_px: Of the field: how far down, 100 px below the middle; grows with the square of that distance.
+        down_dr_px: How far down, 100 px below and 100 px to the right of it; grows with the product.
+        down_rr_px: How far down, 100 px to the right of it.
+        right_dd_px: How far to the right, 100 px below it.
+        right_dr_px: How far to the right, 100 px below and 100 px to the right of it.
+        right_rr_px: How far to the right, 100 px to the right of it.
     """
 
     down_px: float = 0.0
@@ -37,6 +49,13 @@ class Placement:
     scale: float = 0.0
     stretch: float = 0.0
     shear: float = 0.0
+    radial_px: float = 0.0
+    down_dd_px: float = 0.0
+    down_dr_px: float = 0.0
+    down_rr_px: float = 0.0
+    right_dd_px: float = 0.0
+    right_dr_px: float = 0.0
+    right_rr_px: float = 0.0
 
     @property
     def matrix(self) -> F64:
@@ -59,12 +78,42 @@ class Placement:
         """Get whether the masks lie where they are believed to."""
         return self == Placement()
 
+    @property
+    def field(self) -> F64:
+        """Get the coefficients of the field, [7], in the order of the arguments."""
+        bent = (self.down_dd_px, self.down_dr_px, self.down_rr_px, self.right_dd_px, self.right_dr_px, self.right_rr_px)
+        return np.array([self.radial_px, *bent])
+
+    def with_field(self, field: F64) -> "Placement":
+        """Return the same with other coefficients of the field, [7]."""
+        radial, *bent = (float(one) for one in field)
+        return Placement(*self._affine, radial, *bent)
+
+    @property
+    def _affine(self) -> tuple[float, float, float, float, float, float]:
+        return (self.down_px, self.right_px, self.rotation_deg, self.scale, self.stretch, self.shear)
+
+    def field_px(self, places: F64) -> F64:
+        """Return how far the field moves what is seen at places, both [..., 2] as (down, right), from the middle."""
+        d, r = places[..., 0] / FIELD_AT_PX, places[..., 1] / FIELD_AT_PX
+        outwards = self.radial_px * (d * d + r * r)
+        down = outwards * d + self.down_dd_px * d * d + self.down_dr_px * d * r + self.down_rr_px * r * r
+        right = outwards * r + self.right_dd_px * d * d + self.right_dr_px * d * r + self.right_rr_px * r * r
+        return np.stack([down, right], axis=-1)
+
+    def moved_px(self, places: F64) -> F64:
+        """Return how far elements lie off that are believed at places, both [K, 2] as (down, right) from the middle."""
+        straight = places @ self.matrix.T + self.shift_px
+        there = straight
+        for _ in range(_INVERSIONS if self.field.any() else 0):
+            there = straight + self.field_px(there)
+        moved: F64 = there - places
+        return moved
+
     def displacement_px(self, size: tuple[int, int]) -> F64:
         """Return how far the masks lie off at the picture's middle and four corners, [5, 2], as (down, right)."""
         middle = (np.array(size) - 1) / 2
-        corners = np.array([[0, 0], [-1, -1], [-1, 1], [1, -1], [1, 1]]) * middle
-        moved: F64 = corners @ (self.matrix - np.eye(2)).T + self.shift_px
-        return moved
+        return self.moved_px(np.array([[0, 0], [-1, -1], [-1, 1], [1, -1], [1, 1]]) * middle)
 
     def sample(self, stack: F64, *, wrapped: bool = False) -> F64:
         """Return what pixels see of a stack of pictures that lie so, [N, H, W].
@@ -72,7 +121,8 @@ class Placement:
         Beyond the rim its nearest value goes on, or the picture begins anew (wrapped).
         """
         inverse = np.linalg.inv(self.matrix)
-        sampled: F64 = sample(np.ascontiguousarray(stack, np.float64), inverse, self.shift_px, wrapped)
+        field = self.field / np.array([FIELD_AT_PX**3, *[FIELD_AT_PX**2] * 6])
+        sampled: F64 = sample(np.ascontiguousarray(stack, np.float64), inverse, self.shift_px, field, wrapped)
         return sampled
 
     @classmethod
@@ -89,16 +139,11 @@ class Placement:
             shear=float((straight[0, 1] + straight[1, 0]) / 2),
         )
 
-    @property
-    def inverse(self) -> "Placement":
-        """Get the placement that undoes this one."""
-        back: F64 = np.linalg.inv(self.matrix).astype(np.float64)
-        return Placement.from_affine(back, -back @ self.shift_px)
-
     def known(self, size: tuple[int, int]) -> Bool:
         """Return which pixels the masks, known over the whole picture, still cover, [H, W]."""
         row, column = np.meshgrid(np.arange(size[0]), np.arange(size[1]), indexing="ij")
         middle = (np.array(size) - 1) / 2
-        places = (np.stack([row, column], axis=-1) - middle - self.shift_px) @ np.linalg.inv(self.matrix).T + middle
+        here = np.stack([row, column], axis=-1) - middle
+        places = (here - self.field_px(here) - self.shift_px) @ np.linalg.inv(self.matrix).T + middle
         inside: Bool = np.all((places >= -_ON_THE_RIM_PX) & (places <= np.array(size) - 1 + _ON_THE_RIM_PX), axis=-1)
         return inside

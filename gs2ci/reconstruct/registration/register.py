@@ -19,7 +19,7 @@ from gs2ci.core.records import Shot
 from gs2ci.reconstruct.choices import REGISTRATION_MODES, RegistrationMode
 from gs2ci.reconstruct.measurement.coding import white_reading
 from gs2ci.reconstruct.measurement.jury import surely_larger
-from gs2ci.reconstruct.registration.admission import Trial, brief_views
+from gs2ci.reconstruct.registration.admission import Corner, Trial, brief_views
 from gs2ci.reconstruct.registration.coarse import (
     ORIENTATIONS,
     Peak,
@@ -30,6 +30,7 @@ from gs2ci.reconstruct.registration.coarse import (
     place_tiles,
     reach_of,
 )
+from gs2ci.reconstruct.registration.field import FieldEstimate, bent_px, find_field
 from gs2ci.reconstruct.registration.fine import (
     LEAST_BLOCKS,
     MisfitEstimate,
@@ -38,7 +39,7 @@ from gs2ci.reconstruct.registration.fine import (
 )
 from gs2ci.reconstruct.registration.light import Unit, find_unit, open_level, untold_clipping
 from gs2ci.reconstruct.registration.local_scene import Seen
-from gs2ci.reconstruct.registration.misfit import NAMES, Misfit, sigma_of
+from gs2ci.reconstruct.registration.misfit import AFFINE, FIELD, GEOMETRY, LIGHT, NAMES, Misfit, sigma_of
 from gs2ci.reconstruct.registration.placement import Placement
 from gs2ci.reconstruct.registration.rim import Rim, complete
 from gs2ci.reconstruct.registration.sequence import LEAST_VIEWS, find_beginning
@@ -47,6 +48,8 @@ from gs2ci.reconstruct.registration.sharpen import Source, binary_source, candid
 # A parameter is let in where it is so many of its standard errors away from «absent», and matters: the rest of the
 # model is not exact, and what moves masks by less costs less than 0.05 dB.
 SIGNIFICANT: Final = 5.0
+# Standard errors of light allow for what the scene leans them by.
+_SIGNIFICANT_LIGHT: Final = 4.0
 _MATTERS_PX: Final = 0.02
 _MATTERS_BLUR_PX2: Final = 0.02
 _MATTERS_LEAK: Final = 0.005
@@ -57,9 +60,13 @@ _LEAST_PATTERN: Final = 1e-3
 _UNEVEN_PX: Final = 0.7
 # Readings that are left out because they are high lean blur, leak and black level; they say as much of places.
 _MOST_CLIPPED: Final = 0.01
+# Filtering gives masks back that were softer by less.
+_TOO_SOFT_PX2: Final = 0.7
 _LEAST_SIDE_PX: Final = 8
+# Tiles that show a field are smaller than those that show a turn: it smears them more.
+_TILE_ELEMENTS: Final = 32
+_TILE_REACH: Final = 8
 _LOOKED_AT_PX: Final = 256
-_GEOMETRY: Final = NAMES[:6]
 _GROUPS: Final = (
     ("down_px", "right_px"),
     ("rotation_deg", "scale"),
@@ -147,6 +154,7 @@ class Registered:
             "peak_ratio": self.peak.ratio,
             "placement": placement,
             "largest_displacement_px": float(corners.max()),
+            "bent_px": bent_px(self.misfit.placement, self.shot.size),
             "blur_sigma_px": float(np.sign(self.misfit.blur_px2)) * _sigma(abs(self.misfit.blur_px2)),
             "blur_px2": self.misfit.blur_px2,
             "leak": self.misfit.leak,
@@ -189,13 +197,14 @@ def register(
 
 @dataclass(frozen=True)
 class _Way:
-    """One way to correct a measurement, and what is said of it and of its rim."""
+    """One way to correct a measurement, and what is said of it and of its rim; whether masks were filtered sharper."""
 
     shot: Shot
     misfit: Misfit
     errors: dict[str, float]
     found: str
     rim: Rim
+    is_filtered: bool = False
 
 
 class _Registration:
@@ -269,29 +278,32 @@ class _Registration:
     def _geometry_and_light(self, peak: Peak) -> tuple[Misfit, dict[str, float], dict[str, tuple[float, float]]]:
         """Find placement, blur, leak and black level, and correct the shot by what is let in."""
         proposed, tried = self._propose(self.shot, peak)
-        proposals = [] if proposed is None else self._ways(self.shot, proposed)
+        for estimate in proposed:
+            tried |= _beside(estimate, ())
+        proposals = [way for estimate in proposed for way in self._ways(self.shot, estimate)]
         source = binary_source(self.shot.masks) if peak.is_sure else None
         if source is not None:
             sharp = replace(self.shot, masks=source.masks)
             again, _ = self._propose(sharp, peak)
-            ways = self._ways(sharp, again) if again is not None else [_Way(sharp, Misfit(), {}, "", Rim.none(sharp))]
-            proposals += [_from_source(way, source) for way in ways]
+            ways = [way for estimate in again for way in self._ways(sharp, estimate)]
+            proposals += [_from_source(way, source) for way in ways or [_Way(sharp, Misfit(), {}, "", Rim.none(sharp))]]
         if not proposals:
             return Misfit(), {}, tried
-        trial = Trial(self.shot, _level(proposals[0].shot), self.seed)
+        bent = max((way.misfit for way in proposals), key=lambda one: bent_px(one.placement, self.shot.size))
+        trial = Trial(self.shot, _level(proposals[0].shot), self.seed, _most_bent(bent, self.shot.size))
         if not trial.can_tell:
             return Misfit(), {}, tried
         squares = [trial.squares(way.shot) for way in proposals]
         best = int(np.argmin([float(one.mean()) for one in squares]))
         way = proposals[best]
         if not surely_larger(trial.squares(self.shot), squares[best]):
-            for name, error in way.errors.items():
-                tried[name] = (float(way.misfit.vector()[NAMES.index(name)]), error)
             return Misfit(), {}, tried
         self.shot = way.shot
         self.notes += [finding(Code.MASKS_CORRECTED, found=way.found)] if way.found else []
+        if way.misfit.blur_px2 <= -_TOO_SOFT_PX2 and way.is_filtered:
+            self.notes.append(finding(Code.MASKS_TOO_SOFT, sigma=_sigma(-way.misfit.blur_px2)))
         self.notes += way.rim.notes
-        return way.misfit, way.errors, tried
+        return way.misfit, way.errors, {name: pair for name, pair in tried.items() if name not in way.errors}
 
     def _beginning(self, misfit: Misfit, peak: Peak) -> int:
         """Find the mask that was shown first, and put it first; weights and poses belong to times, and stay."""
@@ -306,27 +318,39 @@ class _Registration:
         )
         return found.first
 
-    def _propose(self, shot: Shot, peak: Peak) -> tuple[MisfitEstimate | None, dict[str, tuple[float, float]]]:
-        """Estimate all parameters; return those that are surely there and matter, and what was found of the others."""
+    def _propose(self, shot: Shot, peak: Peak) -> tuple[list[MisfitEstimate], dict[str, tuple[float, float]]]:
+        """Estimate all parameters.
+
+        Returns:
+            Those that are surely there and matter, without a field and with one, where there is one; and what was found
+            of the others.
+        """
         total = white_reading(shot)
         if _is_flat(total) or total.size < LEAST_BLOCKS * 64:
-            return None, {}
+            return [], {}
         element = element_px(total)
         start = self._start(shot, peak, total, element)
         if start is None:
-            return None, {}
+            return [], {}
         problem = _problem(shot, total, element)
-        sought = NAMES if _clipped_share(shot) < _MOST_CLIPPED else _GEOMETRY
+        sought = (*AFFINE, *LIGHT) if _clipped_share(shot) < _MOST_CLIPPED else AFFINE
         estimate = refine(problem, start, sought)
         names = _let_in(estimate, problem)
         tried = _beside(estimate, names)
-        while names:  # what is left out moves the others: those that stay must still be sure
-            estimate = refine(problem, _only(estimate.misfit, names), names)
-            still = tuple(name for name in names if name in _let_in(estimate, problem))
-            if still == names:
-                return estimate, tried
-            names = still
-        return None, tried
+        found = _settled(problem, estimate, names)
+        straight = Misfit() if found is None else found.misfit
+        whole = _problem(shot, total, element, whole=True)
+        known = fine_pattern(straight.of_total(total, whole.weights), element)
+        tiles = find_tiles(_readable(shot, element), known, lambda _: np.zeros(2), _TILE_REACH, element, _TILE_ELEMENTS)
+        field, beside = find_field(whole, straight, tiles)
+        tried |= beside
+        straightened = [] if found is None else [found]
+        if field is None:
+            return straightened, tried
+        # What bends masks was taken for blur before.
+        light = () if found is None else tuple(name for name in found.errors if name in LIGHT)
+        again = _settled(problem, refine(problem, field.misfit, light), light) if light else None
+        return [*straightened, _bent(field, again)], tried
 
     def _ways(self, shot: Shot, estimate: MisfitEstimate) -> list["_Way"]:
         """Return the shot corrected by an estimate; where it asks for sharpening, in all ways of that."""
@@ -336,7 +360,7 @@ class _Registration:
         ways = []
         for one in candidates(believed, misfit) or [None]:
             corrected, rim = _corrected(shot, misfit, one)
-            ways.append(_Way(corrected, misfit, errors, found, rim))
+            ways.append(_Way(corrected, misfit, errors, found, rim, is_filtered=one is not None))
         return ways
 
     def _start(self, shot: Shot, peak: Peak, total: F64, element: float) -> Misfit | None:
@@ -393,6 +417,34 @@ class _Registration:
         self.notes.append(finding(Code.UNIT_CORRECTED, factor=float(unit.factor), reason=unit.reason))
 
 
+def _most_bent(misfit: Misfit, size: tuple[int, int]) -> Corner | None:
+    """Return the corner that a field moves most; None where there is no field."""
+    if not misfit.placement.field.any():
+        return None
+    corners = [(lower, right) for lower in (False, True) for right in (False, True)]
+    places = (np.array(corners) - 0.5) * (np.array(size) - 1)
+    return corners[int(np.linalg.norm(misfit.placement.field_px(places), axis=1).argmax())]
+
+
+def _settled(problem: Problem, estimate: MisfitEstimate, names: tuple[str, ...]) -> MisfitEstimate | None:
+    """Find parameters again without those left out, until all that stay are surely there; None where none stays."""
+    kept = tuple(name for name in GEOMETRY if name not in estimate.errors)  # a placement that was found before
+    while names:  # what is left out moves the others: those that stay must still be sure
+        estimate = refine(problem, _only(estimate.misfit, (*names, *kept)), names)
+        still = tuple(name for name in names if name in _let_in(estimate, problem))
+        if still == names:
+            return estimate
+        names = still
+    return None
+
+
+def _bent(field: FieldEstimate, light: MisfitEstimate | None) -> MisfitEstimate:
+    """Put a placement with its field and the light that was found along it together."""
+    if light is None:
+        return MisfitEstimate(_only(field.misfit, GEOMETRY), field.errors)
+    return MisfitEstimate(light.misfit, {**field.errors, **light.errors})
+
+
 def _level(shot: Shot) -> float:
     """Return what to divide readings by, so that twice the scene's level is about full scale."""
     total = white_reading(shot)
@@ -405,6 +457,7 @@ def _from_source(way: _Way, source: Source) -> _Way:
     misfit = way.misfit.moved(*source.shift_px)
     return replace(
         way,
+        is_filtered=False,
         misfit=replace(misfit, blur_px2=misfit.blur_px2 - source.blur_px2),
         found="; ".join(filter(None, (f"they were believed {source.how} from where and what they were", way.found))),
     )
@@ -431,10 +484,10 @@ def _readable(shot: Shot, element: float) -> F64:
     return patterns
 
 
-def _problem(shot: Shot, total: F64, element: float) -> Problem:
-    """Take the middle of a measurement, as much of it as tells enough."""
+def _problem(shot: Shot, total: F64, element: float, *, whole: bool = False) -> Problem:
+    """Take the middle of a measurement, as much of it as tells enough, or the whole."""
     # Sides keep their parity, so that the middle stays where it is.
-    sides = [min(n, _LOOKED_AT_PX + (n - _LOOKED_AT_PX) % 2) for n in shot.size]
+    sides = [n if whole else min(n, _LOOKED_AT_PX + (n - _LOOKED_AT_PX) % 2) for n in shot.size]
     rows, columns = (slice((n - s) // 2, (n - s) // 2 + s) for n, s in zip(shot.size, sides, strict=True))
     seen = Seen.of(shot, element)
     part = Seen(
@@ -465,7 +518,8 @@ def _matters(estimate: MisfitEstimate, problem: Problem) -> dict[str, float]:
 def _let_in(estimate: MisfitEstimate, problem: Problem) -> tuple[str, ...]:
     """Return the parameters that are surely there and matter; those of one group come together."""
     matters = _matters(estimate, problem)
-    sure = {name for name in estimate.errors if matters[name] >= 1 and estimate.significance(name) >= SIGNIFICANT}
+    least = {name: _SIGNIFICANT_LIGHT if name in LIGHT else SIGNIFICANT for name in estimate.errors}
+    sure = {name for name in least if matters[name] >= 1 and estimate.significance(name) >= least[name]}
     return tuple(
         name for group in _GROUPS for name in group if name in estimate.errors and any(one in sure for one in group)
     )
@@ -494,6 +548,10 @@ def _sigma(variance_px2: float) -> float:
     return 0.0 if variance_px2 == 0 else sigma_of(variance_px2)
 
 
+def _terms(misfit: Misfit) -> list[tuple[str, float]]:
+    return list(zip(FIELD, misfit.placement.field.tolist(), strict=True))
+
+
 def _in_words(estimate: MisfitEstimate) -> str:
     """Say what was found, with standard errors."""
     misfit, errors = estimate.misfit, estimate.errors
@@ -513,6 +571,11 @@ def _in_words(estimate: MisfitEstimate) -> str:
             f"stretched by {place.stretch:+.5f} ± {errors['stretch']:.5f} and sheared by {place.shear:+.5f} ± "
             f"{errors['shear']:.5f}"
         )
+    if any(name in errors for name in FIELD):
+        terms = ", ".join(
+            f"{name} {value:+.3f} ± {errors[name]:.3f}" for name, value in _terms(misfit) if name in errors
+        )
+        parts.append(f"bent by a smooth field beyond that, px at 100 px from the middle: {terms}")
     if "blur_px2" in errors:
         sigma = _sigma(abs(misfit.blur_px2))
         parts.append(f"{'softer' if misfit.blur_px2 > 0 else 'sharper'} than believed by σ {sigma:.2f} px")

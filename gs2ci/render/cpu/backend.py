@@ -11,6 +11,7 @@ from torch import Tensor
 from gs2ci.core.arrays import F32
 from gs2ci.core.errors import InputError
 from gs2ci.render.cpu.function import CodedSum, Job, Rasterise, RenderTarget, ViewImages, as_float32
+from gs2ci.render.cpu.harmonics import colours_of
 from gs2ci.render.cpu.layout import Layout, lay_out
 from gs2ci.render.cpu.lists import CpuReuse
 from gs2ci.render.cpu.passes import Inputs, camera_fields, render_cells
@@ -107,7 +108,8 @@ class CpuBackend:
         # Lists that serve once lie in the rendering's own workspace, without a margin.
         kept = reuse if self._settings.relist_every > 1 else None
         camera = _on_canvas(intrinsics, mask_set.sampling)
-        return self._run(target, scene, scene.colours, world_to_camera, camera, times, screen, kept)[0]
+        colours = colours_of(scene, world_to_camera, times)
+        return self._run(target, scene, colours, world_to_camera, camera, times, screen, kept)[0]
 
     def views(
         self,
@@ -128,7 +130,7 @@ class CpuBackend:
         if not wanted and len(_parts(int(world_to_camera.shape[0]), size)) > 1:
             return self._views_in_parts(scene, world_to_camera, intrinsics, size, colours, sampling, times)
         target = ViewImages(self._full_layout((int(world_to_camera.shape[0]), *size), sampling))
-        used = scene.colours if colours is None else colours
+        used = colours_of(scene, world_to_camera, times) if colours is None else colours
         images, alphas = self._run(target, scene, used, world_to_camera, _on_canvas(intrinsics, sampling), times)
         return images, alphas
 

@@ -23,8 +23,6 @@ from numba import prange
 
 from gs2ci.render.conventions import DILATION_PX2
 from gs2ci.render.cpu.compile import kernel
-from gs2ci.render.cpu.elementary import LN2, exponential
-from gs2ci.render.cpu.lanes import load_transposed
 from gs2ci.render.cpu.project import BLOCKS_PER_TASK
 from gs2ci.render.cpu.projection import (
     SCRATCH,
@@ -69,7 +67,9 @@ from gs2ci.render.cpu.shape_gradient import (
     store_triples,
 )
 from gs2ci.render.cpu.sighting import add_sighting
-from gs2ci.render.cpu.vector import LANES, any_ge, broadcast, load, store, where_ge
+from gs2ci.render.simd.elementary import LN2, exponential
+from gs2ci.render.simd.lanes import load_transposed
+from gs2ci.render.simd.vector import LANES, any_ge, broadcast, load, prefetch, store, where_ge
 
 POSE_ENTRIES = 12
 """The upper three rows of a pose."""
@@ -123,6 +123,17 @@ def _sum_bands(sums, offset):
             total[8] + c[8],
         )
     return total
+
+
+@kernel()
+def _place(records, sums, block, blocks, view, views):
+    """Return where a block begins in a view, and ask for what is read after it: views lie megabytes apart."""
+    ahead = ((view + 1) * blocks + block if view + 1 < views else block + 1) * LANES * FIELDS
+    if ahead + LANES * FIELDS <= records.shape[0]:
+        for line in range(LANES):
+            prefetch(records, ahead + line * FIELDS)
+            prefetch(sums, ahead + line * FIELDS)
+    return (view * blocks + block) * LANES * FIELDS
 
 
 @kernel()
@@ -241,7 +252,7 @@ def _differentiate_block(block, inputs, poses, camera, records, sums, outputs, p
     d_factor = (zero, zero, zero, zero, zero, zero, zero, zero, zero)
     d_mean, d_colour, d_logit, seen = (zero, zero, zero), (zero, zero, zero), zero, (zero, zero, zero)
     for view in range(views):
-        offset = (view * blocks + block) * LANES * FIELDS
+        offset = _place(records, sums[0], block, blocks, view, views)
         view_sums = _sum_bands(sums, offset)
         colour_part = (view_sums[SUM_RED], view_sums[SUM_GREEN], view_sums[SUM_BLUE])
         if colours_differ:

@@ -19,11 +19,51 @@ from gs2ci_sims.rays.tiles import TILE, Index, by_tile, sphere_bounds
 NEAR: Final = 1e-6
 # How far outside a triangle a ray still meets it, in barycentric coordinates: neighbours leave no crack.
 EDGE: Final = 1e-9
+# How far a unit vector's length may be from one.
+UNIT: Final = 1e-6
+
+
+@dataclass(frozen=True)
+class Gloss:
+    """Highlights of one distant light on smooth surfaces: Phong's lobe (Communications of the ACM 18 (1975)).
+
+    Args:
+        normals: Of the surface at the triangles' corners, in between interpolated, [F, 3, 3]; of either sign.
+        shine: Radiance of the highlight at its peak, [F], at least 0.
+        exponent: Of the cosine between the mirrored line of sight and the light, at least 1.
+        towards_light: World axes, of length 1, [3].
+
+    Raises:
+        InputError: Shapes disagree, or a number is out of range.
+    """
+
+    normals: F64
+    shine: F64
+    exponent: float
+    towards_light: F64
+
+    def __post_init__(self) -> None:
+        count = len(self.shine)
+        fits = self.normals.shape == (count, 3, 3) and self.towards_light.shape == (3,)
+        numbers = (self.normals, self.shine, self.towards_light)
+        if not fits or not all(np.isfinite(one).all() for one in numbers):
+            raise InputError(
+                f"highlights with normals {list(self.normals.shape)}, shine {list(self.shine.shape)}, light "
+                f"{list(self.towards_light.shape)}",
+                allowed="[F, 3, 3], [F] and [3], finite numbers",
+            )
+        length = float(np.linalg.norm(self.towards_light))
+        if (self.shine < 0).any() or not 1 <= self.exponent < np.inf or abs(length - 1) > UNIT:
+            raise InputError(
+                f"highlights of shine down to {self.shine.min(initial=0):g}, exponent {self.exponent:g}, light of "
+                f"length {length:g}",
+                allowed="shine of 0 or more, an exponent of 1 or more, a light of length 1",
+            )
 
 
 @dataclass(frozen=True)
 class TexturedMesh:
-    """Triangles that shine with their textures: light and shade are painted on.
+    """Triangles that shine with their textures: light and shade are painted on, highlights may come on top.
 
     Args:
         corners: Of the triangles, scene units, [F, 3, 3]; both sides are seen.
@@ -31,6 +71,7 @@ class TexturedMesh:
             the texture repeats.
         which: Index of each triangle's texture, [F].
         textures: Linear radiance at least 0, [h, w, 3] each.
+        gloss: Highlights that move over the surfaces with the camera; None has none.
 
     Raises:
         InputError: Shapes disagree, a number is not finite, or a texture is missing.
@@ -40,6 +81,7 @@ class TexturedMesh:
     uv: F64
     which: NDArray[np.int64]
     textures: tuple[F32, ...]
+    gloss: Gloss | None = None
 
     def __post_init__(self) -> None:
         count = len(self.corners)
@@ -49,6 +91,8 @@ class TexturedMesh:
                 f"a mesh with corners {list(self.corners.shape)}, uv {list(self.uv.shape)}, {len(self.which)} textures",
                 allowed="[F, 3, 3], [F, 3, 2] and [F], finite numbers",
             )
+        if self.gloss is not None and len(self.gloss.shine) != count:
+            raise InputError(f"highlights of {len(self.gloss.shine)} triangles on {count}", allowed="equal numbers")
         if count and not 0 <= self.which.min() <= self.which.max() < len(self.textures):
             raise InputError(
                 f"triangles with textures {self.which.min()} to {self.which.max()}",
@@ -63,7 +107,8 @@ class TexturedMesh:
     @property
     def brightest(self) -> float:
         """Get the largest radiance on it."""
-        return max((float(texture.max()) for texture in self.textures), default=0.0)
+        lobe = 0.0 if self.gloss is None else float(self.gloss.shine.max(initial=0))
+        return max((float(texture.max()) for texture in self.textures), default=0.0) + lobe
 
 
 def trace_mesh(mesh: TexturedMesh, world_to_camera: F64, intrinsics: F64, size: tuple[int, int]) -> tuple[F64, F64]:
@@ -84,9 +129,50 @@ def trace_mesh(mesh: TexturedMesh, world_to_camera: F64, intrinsics: F64, size: 
     starts = np.concatenate([[0], np.cumsum(shapes.prod(axis=1))]).astype(np.int64)
     texels = np.concatenate([np.zeros((0, 3)), *(texture.reshape(-1, 3) for texture in mesh.textures)])
     radiance, depth = _traced(
-        begins, items, np.ascontiguousarray(corners), mesh.uv, mesh.which, shapes, starts, texels, intrinsics, *size
+        *(begins, items, np.ascontiguousarray(corners), mesh.uv, mesh.which, shapes, starts, texels),
+        *_gloss_from(mesh.gloss, world_to_camera[:3, :3]),
+        *(intrinsics, *size),
     )
     return radiance, depth
+
+
+def _gloss_from(gloss: Gloss | None, rotation: F64) -> tuple[F64, F64, float, F64]:
+    """Return normals, shine, exponent and light in a camera's axes; no normals where nothing is glossy."""
+    if gloss is None:
+        return np.zeros((0, 3, 3)), np.zeros(0), 1.0, np.zeros(3)
+    normals = np.ascontiguousarray(gloss.normals @ rotation.T)
+    return normals, gloss.shine, gloss.exponent, rotation @ gloss.towards_light
+
+
+@numba.njit(cache=True)
+def _highlight(
+    normals: F64,
+    shine: F64,
+    face: int,
+    shares: tuple[float, float, float],
+    dx: float,
+    dy: float,
+    exponent: float,
+    light: F64,
+) -> float:
+    """Return the radiance of the highlight where a ray (dx, dy, 1) meets a triangle, between its corners by shares."""
+    if len(shine) == 0 or shine[face] == 0:
+        return 0.0
+    n0, n1, n2 = 0.0, 0.0, 0.0
+    for corner in range(3):
+        n0 += shares[corner] * normals[face, corner, 0]
+        n1 += shares[corner] * normals[face, corner, 1]
+        n2 += shares[corner] * normals[face, corner, 2]
+    along = dx * n0 + dy * n1 + n2
+    square = n0 * n0 + n1 * n1 + n2 * n2
+    # Both sides are seen, but only the one that the light falls on has highlights.
+    lit = (n0 * light[0] + n1 * light[1] + n2 * light[2]) * along < 0
+    if not lit or square == 0:
+        return 0.0
+    twice = 2 * along / square
+    m0, m1, m2 = dx - twice * n0, dy - twice * n1, 1 - twice * n2
+    cosine = (m0 * light[0] + m1 * light[1] + m2 * light[2]) / np.sqrt(dx * dx + dy * dy + 1)
+    return float(shine[face] * cosine**exponent) if cosine > 0 else 0.0
 
 
 def _bounds(corners: F64, intrinsics: F64) -> F64:
@@ -114,6 +200,10 @@ def _traced(
     shapes: Index,
     starts: Index,
     texels: F64,
+    normals: F64,
+    shine: F64,
+    exponent: float,
+    light: F64,
     intrinsics: F64,
     height: int,
     width: int,
@@ -165,4 +255,7 @@ def _traced(
                     texel = starts[which[face]] + ((top + i) % rows) * columns + (left + j) % columns
                     for channel in range(3):
                         radiance[y, x, channel] += share * texels[texel, channel]
+                lobe = _highlight(normals, shine, face, (first, second, third), dx, dy, exponent, light)
+                for channel in range(3):
+                    radiance[y, x, channel] += lobe
     return radiance, depth

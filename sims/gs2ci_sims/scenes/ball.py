@@ -4,6 +4,7 @@ Here: the ball, its discs and its highlight as spherical harmonics. Not here: th
 floor and wall (`stage`).
 """
 
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -64,11 +65,10 @@ def ball(
     seen = depth_of(faces, frame.intrinsics, frame.size)
     return Scene(
         "ball",
-        gaussians_from_surfels(everything),
+        replace(gaussians_from_surfels(everything), harmonics=harmonics),
         frame.intrinsics,
         frame.size,
         np.fmin(seen, sphere_depth(centre, radius, frame)),
-        harmonics=harmonics,
     )
 
 

@@ -199,10 +199,24 @@ class Blocks(Procedural):
     count: int = 6
     balls: int = 3
     backdrop: float = 6.0
+    shine: float = 0.0
+    """Radiance of highlights at their peak; 0 has none."""
+    exponent: float = 30.0
+    light: Vector = (-0.4, -0.8, -0.5)
+    """Where the light of the highlights comes from: right, down, ahead."""
 
     def build(self, frame: SuggestedCamera, folder: Path) -> Scene:
         """Build the scene for a camera."""
-        return blocks(self.generator(), frame, count=self.count, balls=self.balls, backdrop=self.backdrop)
+        return blocks(
+            self.generator(),
+            frame,
+            count=self.count,
+            balls=self.balls,
+            backdrop=self.backdrop,
+            shine=self.shine,
+            exponent=self.exponent,
+            light=self.light,
+        )
 
 
 class MeshFile(ConfigTable):

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from gs2ci.core.arrays import F32, F64
 from gs2ci.core.errors import InputError
 from gs2ci.render.gaussians import Gaussians
-from gs2ci_sims.rays.meshes import TexturedMesh, trace_mesh
+from gs2ci_sims.rays.meshes import Gloss, TexturedMesh, trace_mesh
 from gs2ci_sims.scene import Scene
 from gs2ci_sims.scenes.rectangles import Rectangle, box, grain, rotation
 from gs2ci_sims.scenes.stage import SuggestedCamera, floor_y
@@ -46,7 +46,15 @@ def scene_from_mesh(
 
 
 def blocks(
-    rng: np.random.Generator, frame: SuggestedCamera, *, count: int = 6, balls: int = 3, backdrop: float = 6.0
+    rng: np.random.Generator,
+    frame: SuggestedCamera,
+    *,
+    count: int = 6,
+    balls: int = 3,
+    backdrop: float = 6.0,
+    shine: float = 0.0,
+    exponent: float = 30.0,
+    light: tuple[float, float, float] = (-0.4, -0.8, -0.5),
 ) -> Scene:
     """Set boxes and balls on a chequered floor before a wall.
 
@@ -56,15 +64,21 @@ def blocks(
         count: Boxes.
         balls: Balls.
         backdrop: Depth of the wall.
+        shine: Radiance of a highlight at its peak, on all surfaces; 0 has none.
+        exponent: Of its cosine: the higher, the smaller it is.
+        light: Where its light comes from, camera axes (right, down, ahead), of any length. Shade is painted on the
+            surfaces by a light of its own.
 
     Raises:
-        InputError: A count is negative or the wall is not in front of the camera.
+        InputError: A count is negative, the wall is not in front of the camera, or a highlight is out of range.
     """
+    if not np.linalg.norm(light) > 0:
+        raise InputError(f"a light from {light}", allowed="a direction")
     if count < 0 or balls < 0 or not 0 < backdrop < np.inf:
         raise InputError(
             f"{count} boxes and {balls} balls before a wall at {backdrop}", allowed="counts of 0 or more, depth above 0"
         )
-    builder = _Builder(rng, frame)
+    builder = MeshBuilder(rng, frame)
     wide, high = 2 * backdrop * frame.half
     down = floor_y(frame, backdrop)
     builder.rectangle(Rectangle(np.array([0, 0, backdrop]), np.array([wide, 0, 0]), np.array([0, high, 0])))
@@ -83,16 +97,24 @@ def blocks(
         radius = rng.uniform(0.06, 0.14) * backdrop * frame.half.min()
         depth = rng.uniform(0.4, 0.8) * backdrop
         builder.ball(np.array([rng.uniform(-0.7, 0.7) * frame.half[0] * depth, down - radius, depth]), radius)
-    return scene_from_mesh("blocks", builder.mesh(), frame.size, frame.intrinsics)
+    towards = np.array(light) / np.linalg.norm(light)
+    mesh = builder.mesh(shine, exponent, towards)
+    return scene_from_mesh("blocks" if shine == 0 else "glossy", mesh, frame.size, frame.intrinsics)
 
 
-class _Builder:
-    """Collects triangles and their textures."""
+class MeshBuilder:
+    """Collects triangles and their textures.
+
+    Args:
+        rng: Of the textures.
+        frame: The camera, for which textures are fine enough.
+    """
 
     def __init__(self, rng: np.random.Generator, frame: SuggestedCamera) -> None:
         self._rng, self._frame = rng, frame
         self._corners: list[F64] = []
         self._uv: list[F64] = []
+        self._normals: list[F64] = []
         self._textures: list[F32] = []
         self._which: list[int] = []
 
@@ -107,8 +129,9 @@ class _Builder:
             rows, columns = (np.arange(n) / n * length for n, length in zip(texture.shape[:2], lengths, strict=True))
             texture[(rows[:, None] // tiles + columns // tiles).astype(int) % 2 == 1] *= 0.4
         normal = np.cross(u, v)
-        texture *= self._lit(normal / np.linalg.norm(normal), face.centre)
-        self._add(corners[[[0, 1, 2], [0, 2, 3]]], uv[[[0, 1, 2], [0, 2, 3]]], texture)
+        normal /= np.linalg.norm(normal)
+        texture *= self._lit(normal, face.centre)
+        self._add(corners[[[0, 1, 2], [0, 2, 3]]], uv[[[0, 1, 2], [0, 2, 3]]], np.tile(normal, (2, 3, 1)), texture)
 
     def ball(self, centre: F64, radius: float) -> None:
         """Add a sphere of flat facets, each as bright as its slope to the light makes it."""
@@ -139,12 +162,15 @@ class _Builder:
             corners, places = (
                 np.stack([grid[at].reshape(-1, grid.shape[2]) for at in turned], axis=1) for grid in (points, uv)
             )
-            self._add(corners, places, texture)
+            self._add(corners, places, (corners - centre) / radius, texture)
 
-    def mesh(self) -> TexturedMesh:
-        """Return all of it."""
+    def mesh(self, shine: float = 0.0, exponent: float = 1.0, towards_light: F64 = SUN) -> TexturedMesh:
+        """Return all of it, with highlights where they shine."""
         which = np.repeat(np.array(self._which), [len(part) for part in self._corners])
-        return TexturedMesh(np.concatenate(self._corners), np.concatenate(self._uv), which, tuple(self._textures))
+        normals = np.concatenate(self._normals)
+        gloss = None if shine == 0 else Gloss(normals, np.full(len(normals), shine), exponent, towards_light)
+        corners, uv = np.concatenate(self._corners), np.concatenate(self._uv)
+        return TexturedMesh(corners, uv, which, tuple(self._textures), gloss)
 
     def _texture(self, lengths: F64, depth: float) -> F64:
         """Paint a grainy colour, as fine as the camera sees it at this depth."""
@@ -157,9 +183,10 @@ class _Builder:
         towards = normal if normal @ centre < 0 else -normal
         return AMBIENT + (1 - AMBIENT) * max(float(towards @ SUN), 0.0)
 
-    def _add(self, corners: F64, uv: F64, texture: F64) -> None:
+    def _add(self, corners: F64, uv: F64, normals: F64, texture: F64) -> None:
         self._corners.append(corners)
         self._uv.append(uv)
+        self._normals.append(normals)
         self._textures.append(texture.astype(np.float32))
         self._which.append(len(self._textures) - 1)
 

@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 
 from gs2ci.core.arrays import F64
-from gs2ci.render.ply import read_ply_scene
+from gs2ci.render.ply import read_ply
 from gs2ci_sims.radiance import rendered_depth
 from gs2ci_sims.scene import Scene, camera_looking_ahead
 
@@ -34,9 +34,8 @@ def scene_from_ply(
     Raises:
         InputError: The file is none, or nothing of the scene is in front of the camera.
     """
-    file = read_ply_scene(path)
-    gaussians = file.gaussians
+    gaussians = read_ply(path)
     intrinsics = camera_looking_ahead(size, FIELD_OF_VIEW_DEG) if intrinsics is None else intrinsics
     world_to_camera = np.eye(4) if world_to_camera is None else world_to_camera
     depth = rendered_depth(gaussians, world_to_camera, intrinsics, size)
-    return Scene(path.stem, gaussians, intrinsics, size, depth, world_to_camera, file.harmonics)
+    return Scene(path.stem, gaussians, intrinsics, size, depth, world_to_camera)

@@ -1,6 +1,6 @@
 """The experimental panel driver against its twin: grey levels, the host's timetable, every fault's typed error."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -13,7 +13,6 @@ from gs2ci_drivers.display_slm.options import DisplaySlmOptions
 from gs2ci_drivers.failures import (
     BadReplyError,
     DisconnectedError,
-    DriverError,
     NoAnswerError,
     RefusedError,
     SequenceError,
@@ -24,6 +23,7 @@ from gs2ci_drivers.pattern_sequence import PatternSequence, TriggerOut
 from gs2ci_drivers.testing.modulator_bench import ModulatorBench
 from gs2ci_sims.wires.display_slm import DisplaySlmTwin
 from gs2ci_sims.world import MaskInterval, World
+from tests.drivers.faulty import FaultCase, strike
 
 Bench = ModulatorBench[DisplaySlm]
 
@@ -127,65 +127,37 @@ def test_a_host_that_is_late_says_so(bench: Bench) -> None:
         bench.modulator.wait_done(5.0)
 
 
-@dataclass(frozen=True)
-class Case:
-    """A fault, where it strikes, and what must come of it."""
-
-    fault: str
-    about: str
-    error: type[DriverError] | None
-    says: str = ""
-    value: float = 0.0
-    times: int = 1
-
-    def __str__(self) -> str:
-        return f"{self.fault} at {self.about or 'any'}"
-
-
 CASES = [
-    Case("slm.refuses", "MI 2", RefusedError, "MI 2: refused with NG"),
-    Case("slm.refuses", "image", RefusedError, "image for slot 1: refused with NG"),
-    Case("slm.refuses", "DS 1", RefusedError, "DS 1"),
-    Case("slm.busy", "VI 0", None, value=5.0),
-    Case("slm.busy", "VI 0", NoAnswerError, "VI 0: no answer", value=60.0),
-    Case("slm.no_response", "TM 1", NoAnswerError, "TM 1: no answer within 1.5"),
-    Case("slm.row_lost", "", RefusedError, "image for slot 1"),
-    Case("slm.pixel_spoilt", "", RefusedError, "image for slot 1"),
-    Case("slm.wrong_kind", "", BadReplyError, "frame of kind 9"),
-    Case("serial.reply_lost", "status", NoAnswerError, "no answer within 0.5"),
-    Case("serial.reply_late", "status", NoAnswerError, "no answer within 0.5", value=0.7),
-    Case("serial.reply_cut", "status", NoAnswerError, "no answer within 0.5"),
-    Case("serial.reply_twice", "status", None),
-    Case("serial.noise", "status", None),
-    Case("serial.babble", "status", None),
-    Case("serial.write_stuck", "", NoAnswerError, "write"),
+    FaultCase("slm.refuses", "MI 2", RefusedError, "MI 2: refused with NG"),
+    FaultCase("slm.refuses", "image", RefusedError, "image for slot 1: refused with NG"),
+    FaultCase("slm.refuses", "DS 1", RefusedError, "DS 1"),
+    FaultCase("slm.busy", "VI 0", None, value=5.0),
+    FaultCase("slm.busy", "VI 0", NoAnswerError, "VI 0: no answer", value=60.0),
+    FaultCase("slm.no_response", "TM 1", NoAnswerError, "TM 1: no answer within 1.5"),
+    FaultCase("slm.row_lost", "", RefusedError, "image for slot 1"),
+    FaultCase("slm.pixel_spoilt", "", RefusedError, "image for slot 1"),
+    FaultCase("slm.wrong_kind", "", BadReplyError, "frame of kind 9"),
+    FaultCase("serial.reply_lost", "status", NoAnswerError, "no answer within 0.5"),
+    FaultCase("serial.reply_late", "status", NoAnswerError, "no answer within 0.5", value=0.7),
+    FaultCase("serial.reply_cut", "status", NoAnswerError, "no answer within 0.5"),
+    FaultCase("serial.reply_twice", "status", None),
+    FaultCase("serial.noise", "status", None),
+    FaultCase("serial.babble", "status", None),
+    FaultCase("serial.write_stuck", "", NoAnswerError, "write"),
     *(
-        Case("serial.unplugged", about, DisconnectedError, "device is gone")
+        FaultCase("serial.unplugged", about, DisconnectedError, "device is gone")
         for about in ("GS 0", "VI 0", "MI 3", "\x03\ufffd\0\x04", "TM 1", "DS 2")
     ),
 ]
 
 
 @pytest.mark.parametrize("case", CASES, ids=str)
-def test_a_fault_is_ridden_out_or_a_typed_error_in_time_and_the_next_upload_works(bench: Bench, case: Case) -> None:
-    bench.twin.faults.inject(case.fault, about=case.about, value=case.value, times=case.times)
-    begin_s = bench.world.clock.now_s()
-    if case.error is None:
-        assert_shown(bench.run(SEQUENCE))
-    else:
-        with pytest.raises(case.error, match=f"(?s)slm0.*{case.says}") as caught:
-            bench.run(SEQUENCE)
-        assert caught.value.device == "slm0"
-    assert bench.world.clock.now_s() - begin_s < 40.0
-    assert bench.twin.faults.struck, "the fault never struck"
-    bench.twin.faults.clear()
-    if case.value > 30.0:
-        bench.world.clock.sleep_s(case.value)
-    if not bench.twin.plugged:
-        bench.reopen()
-    bench.modulator.connect()
-    bench.modulator.disarm()
-    assert_shown(bench.run(SEQUENCE))
+def test_a_fault_is_ridden_out_or_a_typed_error_in_time_and_the_next_show_works(bench: Bench, case: FaultCase) -> None:
+    def wait_until_it_is_no_longer_busy() -> None:
+        if case.value > 30.0:
+            bench.world.clock.sleep_s(case.value)
+
+    strike(bench, replace(case, within_s=40.0), SEQUENCE, assert_shown, wait_until_it_is_no_longer_busy)
 
 
 def test_a_stale_answer_of_an_earlier_session_is_thrown_away(bench: Bench) -> None:

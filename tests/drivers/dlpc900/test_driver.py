@@ -1,7 +1,8 @@
 """The DLPC900 driver against the firmware's twin: what is shown, what is pulsed, and every fault's typed error."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -16,7 +17,6 @@ from gs2ci_drivers.failures import (
     BadReplyError,
     DeviceFaultError,
     DisconnectedError,
-    DriverError,
     NoAnswerError,
     OutOfRangeError,
     RefusedError,
@@ -29,6 +29,7 @@ from gs2ci_drivers.pattern_sequence import PatternSequence, TriggerOut
 from gs2ci_drivers.testing.modulator_bench import ModulatorBench
 from gs2ci_sims.wires.dlpc900 import Dlpc900Twin
 from gs2ci_sims.world import MaskInterval, World
+from tests.drivers.faulty import FaultCase, strike
 
 Bench = ModulatorBench[Dlpc900]
 
@@ -306,46 +307,29 @@ def test_an_unknown_mirror_device_or_firmware_profile_is_refused() -> None:
 # -- faults ------------------------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True)
-class Case:
-    """A fault, where it strikes, and what must come of it."""
-
-    fault: str
-    about: str
-    error: type[DriverError] | None
-    says: str = ""
-    value: float = 0.0
-    times: int = 1
-    skip: int = 0
-    within_s: float = 12.0
-
-    def __str__(self) -> str:
-        return f"{self.fault.removeprefix('dlpc900.')} at {self.about or 'any'}"
-
-
 CASES = [
-    Case("dlpc900.reply_lost", "display mode", NoAnswerError, "select pattern-on-the-fly.*within 10 s"),
-    Case("dlpc900.reply_lost", "trigger out 2", NoAnswerError, "trigger output 2"),
-    Case("dlpc900.reply_lost", "table entry", NoAnswerError, "define mask 0"),
-    Case("dlpc900.reply_lost", "image start", NoAnswerError, "load image 0"),
-    Case("dlpc900.reply_lost", "error code", NoAnswerError, "error register"),
-    Case("dlpc900.reply_lost", "pattern control", NoAnswerError, "stop the sequence"),
-    Case("dlpc900.reply_lost", "pattern control", NoAnswerError, "start the sequence", skip=3),
-    Case("dlpc900.reply_lost", "main status", None),
-    Case("dlpc900.reply_lost", "main status", NoAnswerError, "read the status", times=2, within_s=22.0),
-    Case("dlpc900.reply_lost", "hardware status", None),
-    Case("dlpc900.reply_late", "display mode", None, value=4.0),
-    Case("dlpc900.reply_late", "display mode", NoAnswerError, "pattern-on-the-fly", value=11.0),
-    Case("dlpc900.reply_twice", "table entry", None, times=3),
-    Case("dlpc900.reply_garbled", "table config", BadReplyError, "number of masks.*65535"),
-    Case("dlpc900.reply_garbled", "main status", None),
-    Case("dlpc900.reply_short", "table config", BadReplyError, "no header"),
-    Case("dlpc900.reply_short", "main status", None, value=4.0),
-    Case("dlpc900.reply_other_sequence", "image start", NoAnswerError, "load image 0"),
-    Case("dlpc900.reply_other_sequence", "main status", None),
-    Case("dlpc900.babble", "table config", None),
+    FaultCase("dlpc900.reply_lost", "display mode", NoAnswerError, "select pattern-on-the-fly.*within 10 s"),
+    FaultCase("dlpc900.reply_lost", "trigger out 2", NoAnswerError, "trigger output 2"),
+    FaultCase("dlpc900.reply_lost", "table entry", NoAnswerError, "define mask 0"),
+    FaultCase("dlpc900.reply_lost", "image start", NoAnswerError, "load image 0"),
+    FaultCase("dlpc900.reply_lost", "error code", NoAnswerError, "error register"),
+    FaultCase("dlpc900.reply_lost", "pattern control", NoAnswerError, "stop the sequence"),
+    FaultCase("dlpc900.reply_lost", "pattern control", NoAnswerError, "start the sequence", skip=3),
+    FaultCase("dlpc900.reply_lost", "main status", None),
+    FaultCase("dlpc900.reply_lost", "main status", NoAnswerError, "read the status", times=2, within_s=22.0),
+    FaultCase("dlpc900.reply_lost", "hardware status", None),
+    FaultCase("dlpc900.reply_late", "display mode", None, value=4.0),
+    FaultCase("dlpc900.reply_late", "display mode", NoAnswerError, "pattern-on-the-fly", value=11.0),
+    FaultCase("dlpc900.reply_twice", "table entry", None, times=3),
+    FaultCase("dlpc900.reply_garbled", "table config", BadReplyError, "number of masks.*65535"),
+    FaultCase("dlpc900.reply_garbled", "main status", None),
+    FaultCase("dlpc900.reply_short", "table config", BadReplyError, "no header"),
+    FaultCase("dlpc900.reply_short", "main status", None, value=4.0),
+    FaultCase("dlpc900.reply_other_sequence", "image start", NoAnswerError, "load image 0"),
+    FaultCase("dlpc900.reply_other_sequence", "main status", None),
+    FaultCase("dlpc900.babble", "table config", None),
     *(
-        Case(
+        FaultCase(
             "dlpc900.nack",
             "table entry",
             RefusedError,
@@ -373,20 +357,20 @@ CASES = [
             255: "internal error",
         }.items()
     ),
-    Case("dlpc900.nack", "image data", RefusedError, "load image 0: refused with 9", value=9, skip=5),
-    Case("dlpc900.nack", "image start", RefusedError, "out of memory", value=8),
-    Case("dlpc900.nack", "pattern control", RefusedError, "start the sequence", value=16, skip=3),
-    Case("dlpc900.nack", "display mode", RefusedError, "pattern-on-the-fly", value=5),
-    Case("dlpc900.report_lost", "table config", NoAnswerError, "number of masks"),
-    Case("dlpc900.report_lost", "image start", NoAnswerError, "load image 0"),
-    Case("dlpc900.report_lost", "image data", RefusedError, "load image 0.*upload again", skip=11, within_s=25.0),
-    Case("dlpc900.report_lost", "image data", RefusedError, "load image 0.*upload again", skip=16, within_s=25.0),
-    Case("dlpc900.report_lost", "image data", RefusedError, "load image 0.*upload again", skip=23, within_s=25.0),
-    Case("dlpc900.write_stuck", "display mode", NoAnswerError, "write"),
-    Case("dlpc900.write_stuck", "image data", NoAnswerError, "load image 0", skip=10),
-    Case("dlpc900.write_stuck", "pattern control", NoAnswerError, "start the sequence", skip=3),
+    FaultCase("dlpc900.nack", "image data", RefusedError, "load image 0: refused with 9", value=9, skip=5),
+    FaultCase("dlpc900.nack", "image start", RefusedError, "out of memory", value=8),
+    FaultCase("dlpc900.nack", "pattern control", RefusedError, "start the sequence", value=16, skip=3),
+    FaultCase("dlpc900.nack", "display mode", RefusedError, "pattern-on-the-fly", value=5),
+    FaultCase("dlpc900.report_lost", "table config", NoAnswerError, "number of masks"),
+    FaultCase("dlpc900.report_lost", "image start", NoAnswerError, "load image 0"),
+    FaultCase("dlpc900.report_lost", "image data", RefusedError, "load image 0.*upload again", skip=11, within_s=25.0),
+    FaultCase("dlpc900.report_lost", "image data", RefusedError, "load image 0.*upload again", skip=16, within_s=25.0),
+    FaultCase("dlpc900.report_lost", "image data", RefusedError, "load image 0.*upload again", skip=23, within_s=25.0),
+    FaultCase("dlpc900.write_stuck", "display mode", NoAnswerError, "write"),
+    FaultCase("dlpc900.write_stuck", "image data", NoAnswerError, "load image 0", skip=10),
+    FaultCase("dlpc900.write_stuck", "pattern control", NoAnswerError, "start the sequence", skip=3),
     *(
-        Case(fault, about, DisconnectedError, "device is gone", skip=skip)
+        FaultCase(fault, about, DisconnectedError, "device is gone", skip=skip)
         for fault in ("dlpc900.unplugged", "dlpc900.power_cycle")
         for about, skip in [
             ("power mode", 0),
@@ -402,39 +386,23 @@ CASES = [
             ("main status", 4),
         ]
     ),
-    Case("dlpc900.parked", "", None),
-    Case("dlpc900.parked", "", DeviceFaultError, "arm: .*mirrors are parked", skip=4),
-    Case("dlpc900.standby", "", None),
-    Case("dlpc900.stops_early", "", SequenceError, "stopped by itself", skip=3),
-    Case("dlpc900.sequencer_abort", "", SequenceError, "sequencer aborted", skip=3),
-    Case("dlpc900.forgets_images", "", RefusedError, "invalid pattern"),
+    FaultCase("dlpc900.parked", "", None),
+    FaultCase("dlpc900.parked", "", DeviceFaultError, "arm: .*mirrors are parked", skip=4),
+    FaultCase("dlpc900.standby", "", None),
+    FaultCase("dlpc900.stops_early", "", SequenceError, "stopped by itself", skip=3),
+    FaultCase("dlpc900.sequencer_abort", "", SequenceError, "sequencer aborted", skip=3),
+    FaultCase("dlpc900.forgets_images", "", RefusedError, "invalid pattern"),
 ]
 SLOW = replace(SEQUENCE, exposure_s=60e-3, repeats=1)
 
 
 @pytest.mark.parametrize("case", CASES, ids=str)
-def test_a_fault_is_ridden_out_or_a_typed_error_in_time_and_the_next_upload_works(bench: Bench, case: Case) -> None:
-    bench.twin.faults.inject(case.fault, about=case.about, value=case.value, times=case.times, skip=case.skip)
-    begin_s = bench.world.clock.now_s()
-    if case.error is None:
-        assert_shown(bench.run(SLOW), MASKS)
-    else:
-        with pytest.raises(case.error, match=f"(?s)dmd0.*{case.says}") as caught:
-            bench.run(SLOW)
-        assert caught.value.device == "dmd0"
-        eta_s = bench.modulator.upload_eta_s(SLOW) + SLOW.duration_s if bench.twin.plugged else 5.0
-        assert bench.world.clock.now_s() - begin_s < case.within_s + eta_s
-    assert bench.twin.faults.struck, "the fault never struck"
-    bench.twin.faults.clear()
-    if not bench.twin.plugged:
-        bench.reopen()
-    bench.modulator.connect()
-    bench.modulator.disarm()
-    assert_shown(bench.run(SLOW), MASKS)
+def test_a_fault_is_ridden_out_or_a_typed_error_in_time_and_the_next_show_works(bench: Bench, case: FaultCase) -> None:
+    strike(bench, case, SLOW, partial(assert_shown, masks=MASKS))
 
 
 @pytest.mark.parametrize("case", [case for case in CASES if case.error is None and "status" in case.about], ids=str)
-def test_what_was_ridden_out_is_noted(bench: Bench, case: Case) -> None:
+def test_what_was_ridden_out_is_noted(bench: Bench, case: FaultCase) -> None:
     bench.twin.faults.inject(case.fault, about=case.about, value=case.value)
     bench.run(SLOW)
     (incident,) = bench.modulator.incidents

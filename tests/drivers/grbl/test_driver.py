@@ -16,31 +16,13 @@ from gs2ci_drivers.grbl.driver import GrblStage
 from gs2ci_drivers.grbl.options import GrblOptions
 from gs2ci_sims.wires.grbl import GrblMachine, GrblTwin
 from gs2ci_sims.world import VirtualClock
+from tests.drivers.scripted import ScriptedPort
 
 
 def make(machine=None, **options):
     clock = VirtualClock()
     twin = GrblTwin(clock, machine, **options)
     return clock, twin, GrblStage("stage0", twin.open(), clock, GrblOptions(axes=("x",)))
-
-
-class ScriptedPort:
-    """A line that answers whatever it is told to."""
-
-    def __init__(self, clock, answers):
-        self.clock, self.answers = clock, list(answers)
-
-    def write(self, data, timeout_s):
-        pass
-
-    def read(self, max_bytes, timeout_s):
-        if timeout_s > 0 and self.answers:
-            return self.answers.pop(0)
-        self.clock.sleep_s(timeout_s)
-        return b""
-
-    def close(self):
-        pass
 
 
 def test_a_controller_that_boots_on_opening_is_waited_for():

@@ -1,6 +1,6 @@
 """The open protocol's driver against the reference device: what is shown, and every fault's typed error."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,7 +10,6 @@ from gs2ci_drivers.failures import (
     BadReplyError,
     DeviceFaultError,
     DisconnectedError,
-    DriverError,
     NoAnswerError,
     RefusedError,
     SequenceError,
@@ -22,6 +21,7 @@ from gs2ci_drivers.scpi_modulator.driver import ScpiModulator
 from gs2ci_drivers.testing.modulator_bench import ModulatorBench
 from gs2ci_sims.wires.scpi_modulator import ScpiModulatorTwin, ScpiPanel
 from gs2ci_sims.world import MaskInterval, World
+from tests.drivers.faulty import FaultCase, strike
 
 Bench = ModulatorBench[ScpiModulator]
 
@@ -152,45 +152,29 @@ def test_an_answer_of_the_wrong_form_is_named(bench: Bench, command: str, answer
         connect_and_look(bench.modulator)
 
 
-@dataclass(frozen=True)
-class Case:
-    """A fault, where it strikes, and what must come of it."""
-
-    fault: str
-    about: str
-    error: type[DriverError] | None
-    says: str = ""
-    value: float = 0.0
-    times: int = 1
-    skip: int = 0
-
-    def __str__(self) -> str:
-        return f"{self.fault} at {self.about or 'any'}"
-
-
 CASES = [
-    Case("serial.reply_lost", "SEQ:NEW", None),
-    Case("serial.reply_lost", "SEQ:NEW", NoAnswerError, "SEQ:NEW 5,1: no answer within 2 s", times=2),
-    Case("serial.reply_lost", "SEQ:DATA", NoAnswerError, "SEQ:DATA 2", skip=2),
-    Case("serial.reply_lost", "SEQ:START", NoAnswerError, "SEQ:START"),
-    Case("serial.reply_lost", "MOD:STATE?", None),
-    Case("serial.reply_late", "SEQ:TIME", None, value=3.0),
-    Case("serial.reply_late", "SEQ:START", NoAnswerError, "SEQ:START", value=3.0),
-    Case("serial.reply_twice", "SEQ:", None, times=4),
-    Case("serial.reply_spoilt", "SEQ:END", None),
-    Case("serial.reply_spoilt", "SEQ:DATA", BadReplyError, "SEQ:DATA 0.*bad reply"),
-    Case("serial.reply_cut", "SEQ:REP", None),
-    Case("serial.reply_in_pieces", "SEQ:OUT", None),
-    Case("serial.replies_joined", "SEQ:OUT", None),
-    Case("serial.noise", "SEQ:ARM", None),
-    Case("serial.babble", "SEQ:ARM", None),
-    Case("serial.babble", "SEQ:DATA", BadReplyError, "SEQ:DATA 0: bad reply"),
-    Case("serial.request_lost", "SEQ:TIME", None),
-    Case("serial.request_lost", "SEQ:START", NoAnswerError, "SEQ:START"),
-    Case("serial.write_stuck", "SEQ:NEW", None),
-    Case("serial.write_stuck", "SEQ:DATA", NoAnswerError, "SEQ:DATA 0"),
+    FaultCase("serial.reply_lost", "SEQ:NEW", None),
+    FaultCase("serial.reply_lost", "SEQ:NEW", NoAnswerError, "SEQ:NEW 5,1: no answer within 2 s", times=2),
+    FaultCase("serial.reply_lost", "SEQ:DATA", NoAnswerError, "SEQ:DATA 2", skip=2),
+    FaultCase("serial.reply_lost", "SEQ:START", NoAnswerError, "SEQ:START"),
+    FaultCase("serial.reply_lost", "MOD:STATE?", None),
+    FaultCase("serial.reply_late", "SEQ:TIME", None, value=3.0),
+    FaultCase("serial.reply_late", "SEQ:START", NoAnswerError, "SEQ:START", value=3.0),
+    FaultCase("serial.reply_twice", "SEQ:", None, times=4),
+    FaultCase("serial.reply_spoilt", "SEQ:END", None),
+    FaultCase("serial.reply_spoilt", "SEQ:DATA", BadReplyError, "SEQ:DATA 0.*bad reply"),
+    FaultCase("serial.reply_cut", "SEQ:REP", None),
+    FaultCase("serial.reply_in_pieces", "SEQ:OUT", None),
+    FaultCase("serial.replies_joined", "SEQ:OUT", None),
+    FaultCase("serial.noise", "SEQ:ARM", None),
+    FaultCase("serial.babble", "SEQ:ARM", None),
+    FaultCase("serial.babble", "SEQ:DATA", BadReplyError, "SEQ:DATA 0: bad reply"),
+    FaultCase("serial.request_lost", "SEQ:TIME", None),
+    FaultCase("serial.request_lost", "SEQ:START", NoAnswerError, "SEQ:START"),
+    FaultCase("serial.write_stuck", "SEQ:NEW", None),
+    FaultCase("serial.write_stuck", "SEQ:DATA", NoAnswerError, "SEQ:DATA 0"),
     *(
-        Case("serial.unplugged", about, DisconnectedError, "device is gone")
+        FaultCase("serial.unplugged", about, DisconnectedError, "device is gone")
         for about in (
             "SEQ:STOP",
             "SEQ:NEW",
@@ -202,41 +186,25 @@ CASES = [
             "MOD:STATE?",
         )
     ),
-    Case("scpi.refuses", "SEQ:NEW", RefusedError, "-200 .Execution error"),
-    Case("scpi.refuses", "SEQ:END", RefusedError, "-221 .Settings conflict", value=-221),
-    Case("scpi.refuses", "SEQ:START", RefusedError, "-999 .Device error", value=-999),
-    Case("scpi.block_spoilt", "", RefusedError, "SEQ:DATA 0: refused with -160 .Block data error"),
-    Case("scpi.block_short", "", RefusedError, "SEQ:DATA 0: refused with -160 .Block data error"),
-    Case("scpi.fault", "SEQ:ARM", RefusedError, "-240 .Hardware error"),
-    Case("scpi.fault", "SEQ:END", DeviceFaultError, "over-temperature"),
-    Case("scpi.fault", "SEQ:SHOWN", None),
-    Case("scpi.restarts", "SEQ:TIME", RefusedError, "-221"),
-    Case("scpi.restarts", "SEQ:ARM", RefusedError, "-221"),
-    Case("scpi.restarts", "SEQ:SHOWN", SequenceError, "0 masks were shown and 10 planned"),
-    Case("panel.stops_early", "", SequenceError, "3 masks were shown and 10 planned", skip=3),
-    Case("panel.mask_skipped", "", SequenceError, "9 masks were shown and 10 planned", skip=3),
+    FaultCase("scpi.refuses", "SEQ:NEW", RefusedError, "-200 .Execution error"),
+    FaultCase("scpi.refuses", "SEQ:END", RefusedError, "-221 .Settings conflict", value=-221),
+    FaultCase("scpi.refuses", "SEQ:START", RefusedError, "-999 .Device error", value=-999),
+    FaultCase("scpi.block_spoilt", "", RefusedError, "SEQ:DATA 0: refused with -160 .Block data error"),
+    FaultCase("scpi.block_short", "", RefusedError, "SEQ:DATA 0: refused with -160 .Block data error"),
+    FaultCase("scpi.fault", "SEQ:ARM", RefusedError, "-240 .Hardware error"),
+    FaultCase("scpi.fault", "SEQ:END", DeviceFaultError, "over-temperature"),
+    FaultCase("scpi.fault", "SEQ:SHOWN", None),
+    FaultCase("scpi.restarts", "SEQ:TIME", RefusedError, "-221"),
+    FaultCase("scpi.restarts", "SEQ:ARM", RefusedError, "-221"),
+    FaultCase("scpi.restarts", "SEQ:SHOWN", SequenceError, "0 masks were shown and 10 planned"),
+    FaultCase("panel.stops_early", "", SequenceError, "3 masks were shown and 10 planned", skip=3),
+    FaultCase("panel.mask_skipped", "", SequenceError, "9 masks were shown and 10 planned", skip=3),
 ]
 
 
 @pytest.mark.parametrize("case", CASES, ids=str)
-def test_a_fault_is_ridden_out_or_a_typed_error_in_time_and_the_next_upload_works(bench: Bench, case: Case) -> None:
-    bench.twin.faults.inject(case.fault, about=case.about, value=case.value, times=case.times, skip=case.skip)
-    begin_s = bench.world.clock.now_s()
-    if case.error is None:
-        assert_shown(bench.run(SEQUENCE))
-    else:
-        with pytest.raises(case.error, match=f"(?s)lcos0.*{case.says}") as caught:
-            bench.run(SEQUENCE)
-        assert caught.value.device == "lcos0"
-    assert bench.world.clock.now_s() - begin_s < 15.0
-    assert bench.twin.faults.struck, "the fault never struck"
-    bench.twin.faults.clear()
-    bench.twin.fault = ""
-    if not bench.twin.plugged:
-        bench.reopen()
-    bench.modulator.connect()
-    bench.modulator.disarm()
-    assert_shown(bench.run(SEQUENCE))
+def test_a_fault_is_ridden_out_or_a_typed_error_in_time_and_the_next_show_works(bench: Bench, case: FaultCase) -> None:
+    strike(bench, case, SEQUENCE, assert_shown, lambda: setattr(bench.twin, "fault", ""))
 
 
 def test_a_command_that_must_not_be_repeated_is_not(bench: Bench) -> None:

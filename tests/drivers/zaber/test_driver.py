@@ -14,6 +14,7 @@ from gs2ci_drivers.zaber.driver import ZaberStage
 from gs2ci_drivers.zaber.options import ZaberOptions
 from gs2ci_sims.wires.zaber import ZaberAxis, ZaberTwin
 from gs2ci_sims.world import VirtualClock
+from tests.drivers.scripted import ScriptedPort
 
 STEP = 0.000047625
 
@@ -26,26 +27,6 @@ def make(firmware="7.28", axis=None, **options):
     twin = ZaberTwin(clock, {"x": axis or ZaberAxis()}, firmware=firmware)
     stage = ZaberStage("stage0", twin.open(), clock, ZaberOptions(axes={"x": 1}, microstep_mm={"x": STEP}, **options))
     return clock, twin, stage
-
-
-class ScriptedPort:
-    """A line that answers whatever it is told to."""
-
-    def __init__(self, clock, answers):
-        self.clock, self.answers = clock, list(answers)
-        self.sent = []
-
-    def write(self, data, timeout_s):
-        self.sent.append(data)
-
-    def read(self, max_bytes, timeout_s):
-        if timeout_s > 0 and self.answers:
-            return self.answers.pop(0)
-        self.clock.sleep_s(timeout_s)
-        return b""
-
-    def close(self):
-        pass
 
 
 def test_a_slow_move_changes_no_setting_so_that_a_kill_on_the_way_leaves_the_stage_as_it_was():

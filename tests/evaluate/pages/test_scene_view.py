@@ -52,6 +52,16 @@ def test_the_page_is_given_places_covariances_and_colours_in_the_middle_cameras_
     assert shades.tolist() == [[255, 0, 0, 254], [0, 0, 255, 254]]
 
 
+def test_colours_that_change_with_the_direction_are_those_that_the_middle_camera_sees():
+    scene = discs([[0.5, 0.2, 4.0], [0.0, 0.0, 2.0]], [[0.5, 0.5, 0.5]] * 2)
+    scene.harmonics = torch.zeros(2, 3, 3)
+    scene.harmonics[1, 1] = torch.tensor([0.5, 0.0, -0.5])  # along z, ahead of every camera
+    shades = numbers(scene_view.scene_view(scene, path(), FOCAL_PX, SIZE), "colours", "u1").reshape(2, 4)
+    tilt = round(255 * 0.5 * 0.4886)
+    assert shades[0, :3].tolist() == [128, 128, 128]
+    np.testing.assert_allclose(shades[1, :3].astype(int), [128 + tilt, 128, 128 - tilt], atol=1)
+
+
 def test_what_cannot_be_seen_is_left_out_and_the_largest_come_first(monkeypatch):
     monkeypatch.setattr(scene_view, "MOST_SHOWN", 2)
     scene = discs([[0, 0, 2.0], [0, 0, 3.0], [0, 0, -2.0], [0, 0, 2.5]], [RED, GREEN, BLUE, BLUE])

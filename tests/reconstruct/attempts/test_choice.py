@@ -1,12 +1,20 @@
-"""Rest as a beginning, and the ranking of attempts."""
+"""Rest as a beginning, a doubtful path that is fitted alone, and the ranking of attempts."""
+
+from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from gs2ci.core.findings import Code, finding
-from gs2ci.reconstruct.attempts.choice import ranking
+from gs2ci.core.halt import Halt
+from gs2ci.core.progress import Silent
+from gs2ci.core.run_records import CurvePoint
+from gs2ci.reconstruct.attempts import choice
+from gs2ci.reconstruct.attempts.choice import How, ranking
 from gs2ci.reconstruct.first_look import FirstLook, from_rest, needs_rest
 from gs2ci.reconstruct.geometry.initialise import PLANE_NOTE, Geometry
+from gs2ci.reconstruct.settings import Settings
 
 
 @pytest.fixture
@@ -38,3 +46,62 @@ def test_the_ranking_names_every_attempt_and_the_margin():
 @pytest.mark.parametrize("left", [{"tracks": 0.1}, {"tracks": None, "rest": None}, {"tracks": 0.1, "rest": None}])
 def test_one_attempt_alone_has_no_ranking(left):
     assert ranking(left) == ()
+
+
+class Tries:
+    """Attempts whose views are the number that they leave of the held-out pixels; keeps how each was made."""
+
+    def __init__(self, leaves):
+        self.leaves, self.made, self.completed = leaves, [], 0
+
+    def attempt(self, look, views, how):
+        name = look.name
+        self.made.append((name, how))
+        fit = SimpleNamespace(views=self.leaves[name], curve=(CurvePoint(1.0, 100, 0.1, 0.03, None, 5),))
+        return choice.Attempt(look, look.geometry, (fit,), SimpleNamespace(views=fit.views), ("companion",))
+
+    def complete(self, tried):
+        self.completed += 1
+        return replace(tried, later=())
+
+    def again(self, monkeypatch, moving):
+        def named(look, name):
+            found = SimpleNamespace(**vars(look))
+            found.name = name
+            return found
+
+        first = named(moving, "first")
+        seen = None if self.leaves["second"] is None else named(moving, "second")
+        monkeypatch.setattr(choice, "second_look", lambda *_: seen)
+        monkeypatch.setattr(choice, "from_rest", lambda look: named(look, "rest"))
+        monkeypatch.setattr(choice, "is_wanted", lambda *_: True)
+        jury = SimpleNamespace(residual_rms=lambda views: views)
+        attempts = choice.Attempts(
+            self.attempt, self.complete, None, jury, None, Settings(), lambda views: views, Silent(), None, Halt()
+        )
+        return attempts._again(first, self.attempt(first, None, How(alone=True)))
+
+
+@pytest.mark.parametrize(
+    ("leaves", "taken"),
+    [
+        ({"first": 0.03, "second": 0.02, "rest": 0.05}, "second"),
+        ({"first": 0.02, "second": 0.03, "rest": 0.05}, "first"),
+        ({"first": 0.03, "second": None, "rest": 0.02}, "rest"),
+    ],
+)
+def test_a_doubtful_path_is_fitted_alone_and_what_is_taken_is_completed(monkeypatch, moving, leaves, taken):
+    tries = Tries(leaves)
+    best = tries.again(monkeypatch, moving)
+    assert best.look.name == taken
+    assert (best.later, tries.completed) == ((), 1)
+    alone = {name: how.alone for name, how in tries.made}
+    assert alone == {"first": True, "rest": False} | ({} if leaves["second"] is None else {"second": False})
+
+
+def test_fits_from_rest_have_to_keep_up_with_those_along_the_path(monkeypatch, moving):
+    tries = Tries({"first": 0.03, "second": None, "rest": 0.05})
+    tries.again(monkeypatch, moving)
+    (rival,) = [how.rival for name, how in tries.made if name == "rest"]
+    assert rival.heldout == {100: 0.03}
+    assert rival.iterations == Settings().fit.iterations

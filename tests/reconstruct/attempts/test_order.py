@@ -153,6 +153,22 @@ def test_a_told_path_whose_sign_contradicts_the_picture_is_named(found):
     assert len(fits.tried) == 2 * 3
 
 
+@pytest.mark.parametrize(("left", "errors"), [((2.5, 1.0), 0.0), ((1.05, 1.0), 0.3)])
+def test_a_motion_found_without_tracks_is_not_turned_over_however_sure_short_fits_are(found, left, errors):
+    uniform = replace(found, source="uniform")
+    taken = settled(uniform, Fits(*left))
+    assert near_is_left(taken)
+    assert codes(taken) == [Code.DEPTH_ORDER_OPEN]
+    assert taken.order_errors == pytest.approx(errors, abs=0.2)
+    assert not near_is_left(settled(found, Fits(2.5, 1.0)))
+
+
+def test_a_motion_found_without_tracks_whose_order_short_fits_bear_out_is_believed(found):
+    taken = settled(replace(found, source="uniform"), Fits(1.0, 1.8))
+    assert near_is_left(taken)
+    assert codes(taken) == []
+
+
 def test_only_a_path_whose_tracks_are_not_sure_is_open(found):
     sure = Criteria().order_errors
     assert is_open(found, Criteria())

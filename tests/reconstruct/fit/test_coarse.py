@@ -19,7 +19,7 @@ from gs2ci.reconstruct.fit.pace import Fixed
 from gs2ci.reconstruct.fit.poses import PoseSettings
 from gs2ci.reconstruct.fit.rules import with_rule
 from gs2ci.reconstruct.fit.start import first_gaussians
-from gs2ci.reconstruct.fit.stopping import HoldOut
+from gs2ci.reconstruct.fit.stopping import HoldOut, Rival
 from gs2ci.reconstruct.fit.surfaces import Search, SurfaceSettings, find_surfaces
 from gs2ci.reconstruct.geometry.points import seed_points
 from gs2ci.reconstruct.measurement.jury import Jury, choose_heldout
@@ -43,6 +43,7 @@ def run(
     shot=None,
     pace=None,
     refine=lambda views: views,
+    rival=None,
 ):
     given, geometry = moving_plane
     shot = shot or given
@@ -58,6 +59,7 @@ def run(
         refine=refine,
         progress=listener or Silent(),
         score=score,
+        rival=rival,
         pace=pace,
     )
     return fit, jury
@@ -133,6 +135,14 @@ def test_a_fit_that_stops_improving_ends_early_and_says_so(moving_plane):
     fit, _ = run(moving_plane, settings)
     assert fit.curve[-1].iteration < settings.iterations
     assert fit.stopped.code is Code.FIT_STALLED
+
+
+def test_a_fit_far_behind_its_rival_is_given_up_and_one_that_keeps_up_is_not(moving_plane):
+    kept_up, _ = run(moving_plane, rival=Rival({20: 1e3}, QUICK.iterations))
+    assert kept_up.curve[-1].iteration == QUICK.iterations
+    given_up, _ = run(moving_plane, rival=Rival({20: 1e-9, 30: 1e-9}, QUICK.iterations))
+    assert [point.iteration for point in given_up.curve] == [10, 20]
+    assert given_up.stopped == finding(Code.FIT_BEHIND, iterations=20, best=20)
 
 
 def test_without_held_out_pixels_all_iterations_run_and_the_sentence_says_that_nothing_judged(moving_plane):

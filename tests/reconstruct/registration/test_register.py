@@ -112,10 +112,21 @@ def test_blur_that_nobody_knew_of_is_found(bench, sigma_px):
     assert np.abs(found.shot.masks - were).mean() < 0.01
 
 
-@pytest.mark.parametrize("sigma_px", [0.5, 1.0])
+@pytest.mark.parametrize("sigma_px", [0.5, 1.0, 2.0])
 def test_masks_believed_softer_than_they_were_are_sharpened(bench, sigma_px):
     found = register(bench.shoot(believed=blurred(bench.masks, sigma_px).astype(np.float32)))
     assert np.abs(found.shot.masks - bench.masks).mean() < 0.02
+
+
+def test_masks_that_are_too_soft_to_tell_what_they_were_are_said_to_be(bench):
+    noise = np.random.default_rng(2).normal(0, 1e-3, bench.masks.shape)
+    believed = np.clip(blurred(bench.masks, 2.0) + noise, 0, 1).astype(np.float32)
+    found = register(bench.shoot(believed=believed))
+    assert [note.code for note in found.notes] == ["masks_corrected", "masks_too_soft"]
+    off = {
+        name: np.abs(masks - bench.masks).mean() for name, masks in (("now", found.shot.masks), ("before", believed))
+    }
+    assert off["now"] < 0.95 * off["before"]
 
 
 @pytest.mark.parametrize("right_px", [0.25, 0.5])

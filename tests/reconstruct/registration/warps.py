@@ -1,7 +1,7 @@
 """Masks moved and blurred by scipy, with nothing of the solver's own: what a bench did to them."""
 
 import numpy as np
-from scipy.ndimage import affine_transform, gaussian_filter
+from scipy.ndimage import affine_transform, gaussian_filter, map_coordinates
 
 
 def warped(masks, *, down_px=0.0, right_px=0.0, turn_deg=0.0, scale=1.0, mode="nearest"):
@@ -15,3 +15,26 @@ def warped(masks, *, down_px=0.0, right_px=0.0, turn_deg=0.0, scale=1.0, mode="n
 
 def blurred(masks, sigma_px):
     return gaussian_filter(masks.astype(float), (0, sigma_px, sigma_px))
+
+
+def bent(masks, *, radial_px=0.0, keystone_px=0.0):
+    """Bend masks as a lens does: what lies at x from the middle is seen at x (1 + k |x|² + g · x), by scipy.
+
+    Args:
+        masks: [N, H, W].
+        radial_px: How far the corners go outwards by k.
+        keystone_px: How far the corners on the right go outwards by g, and those on the left inwards.
+
+    Returns:
+        The bent masks, and the displacement of what is seen at each pixel, [2, H, W].
+    """
+    size = np.array(masks.shape[1:])
+    middle = ((size - 1) / 2)[:, None, None]
+    seen = np.mgrid[: size[0], : size[1]] - middle
+    far = np.hypot(*middle.ravel())
+    source = seen.copy()
+    for _ in range(30):
+        moved = source * (radial_px * (source**2).sum(axis=0) / far**3 + keystone_px * source[1] / (middle[1] * far))
+        source = seen - moved
+    warped = [map_coordinates(mask.astype(float), source + middle, order=1, mode="nearest") for mask in masks]
+    return np.stack(warped), seen - source

@@ -1,10 +1,13 @@
 """Rays through triangles against the plane that they lie in and the texture painted on it."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from gs2ci.core.errors import InputError
-from gs2ci_sims.rays.meshes import TexturedMesh, trace_mesh
+from gs2ci_sims.rays.meshes import Gloss, TexturedMesh, trace_mesh
 
 SIZE = (24, 32)
 INTRINSICS = np.array([[30.0, 0, 16.2], [0, 31.0, 11.7], [0, 0, 1]])
@@ -122,3 +125,71 @@ def test_a_mesh_that_does_not_fit_is_refused(change, words):
     parts = {"corners": SLANTED[None], "uv": UV[None], "which": np.array([0]), "textures": (np.ones((2, 2, 3)),)}
     with pytest.raises(InputError, match=words):
         TexturedMesh(**(parts | change))
+
+
+LIGHT = np.array([0.2, -0.5, -0.9]) / np.linalg.norm([0.2, -0.5, -0.9])
+
+
+def glossy(normals, shine=0.7, exponent=9.0, light=LIGHT):
+    gloss = Gloss(np.broadcast_to(normals, (1, 3, 3)).copy(), np.array([shine]), exponent, light)
+    return replace(mesh(SLANTED, np.full((2, 2, 3), 0.1)), gloss=gloss)
+
+
+def corner_normals():
+    bent = np.array([[0.2, -0.3, -1.0], [-0.4, -0.5, -1.0], [0.1, 0.4, -1.0]])
+    return bent / np.linalg.norm(bent, axis=1, keepdims=True)
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_a_highlight_is_phongs_lobe_about_the_mirrored_line_of_sight(sign):
+    """The formula written out with vectors, from a camera that stands and looks elsewhere than along the axes."""
+    turn = Rotation.from_rotvec([0.05, -0.1, 0.3]).as_matrix()
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = turn, [0.1, -0.05, 0.2]
+    normals = corner_normals()
+    shiny = replace(glossy(normals), corners=(SLANTED - pose[:3, 3])[None] @ turn)
+    shiny = replace(
+        shiny, gloss=replace(shiny.gloss, normals=sign * (normals @ turn)[None], towards_light=LIGHT @ turn)
+    )
+    radiance, _ = trace_mesh(shiny, pose, INTRINSICS, SIZE)
+    _, shares = barycentric()
+    inside = (shares > 1e-6).all(axis=-1)
+    sight = rays()[inside] / np.linalg.norm(rays()[inside], axis=1, keepdims=True)
+    normal = shares[inside] @ normals
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    mirrored = sight - 2 * (sight * normal).sum(axis=1, keepdims=True) * normal
+    lit = (normal @ LIGHT > 0) & ((sight * normal).sum(axis=1) < 0)
+    expected = 0.1 + 0.7 * np.where(lit, np.maximum(mirrored @ LIGHT, 0) ** 9, 0)
+    assert radiance[inside] == pytest.approx(np.repeat(expected[:, None], 3, axis=1), abs=1e-9)
+    assert np.ptp(expected) > 0.05
+    assert radiance.max() <= shiny.brightest
+
+
+def test_a_highlight_moves_over_the_surface_and_paint_does_not():
+    pose = np.eye(4)
+    pose[0, 3] = 0.3
+    for shine, moves in ((0.0, False), (0.7, True)):
+        here, there = (trace_mesh(glossy(corner_normals(), shine), at, INTRINSICS, SIZE)[0] for at in (np.eye(4), pose))
+        assert (abs(here.max() - there.max()) > 1e-3) == moves
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"normals": np.zeros((2, 3, 3))},
+        {"shine": np.array([-0.1])},
+        {"shine": np.array([np.nan])},
+        {"exponent": 0.5},
+        {"towards_light": np.array([0.0, 0, 2])},
+    ],
+)
+def test_highlights_without_meaning_are_refused(change):
+    parts = {"normals": np.zeros((1, 3, 3)), "shine": np.array([0.5]), "exponent": 2.0, "towards_light": LIGHT}
+    with pytest.raises(InputError, match="highlights"):
+        Gloss(**(parts | change))
+
+
+def test_highlights_of_other_triangles_are_refused():
+    two = Gloss(np.zeros((2, 3, 3)), np.zeros(2), 2.0, LIGHT)
+    with pytest.raises(InputError, match="highlights of 2 triangles on 1"):
+        replace(mesh(SLANTED, np.zeros((1, 1, 3))), gloss=two)

@@ -26,6 +26,7 @@ def test_the_library_holds_a_scene_of_every_kind():
         "blocks",
         "boxes",
         "corridor",
+        "glossy",
         "motorcycle",
         "moving",
         "planes",

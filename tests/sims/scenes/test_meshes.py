@@ -1,5 +1,7 @@
 """Scenes of triangles: procedural ones, files, and their way through an exposure."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -161,3 +163,18 @@ def test_files_that_hold_no_mesh_are_refused(tmp_path, monkeypatch):
     monkeypatch.setattr(meshes, "find_spec", lambda _name: None)
     with pytest.raises(InputError, match="without trimesh"):
         mesh_from_file(tmp_path / "points.obj")
+
+
+def test_highlights_come_on_top_and_move_with_the_camera():
+    glossy = load_scene("glossy", size=SIZE)
+    dull = replace(glossy.scene, mesh=replace(glossy.scene.mesh, gloss=None))
+    poses = glossy.path(1.0).world_to_camera(np.array([0.0, 1.0]))
+    shine = Renderer().views(glossy.scene, poses)[0] - Renderer().views(dull, poses)[0]
+    assert shine.min() > -1e-6
+    assert 0.02 < (shine > 0.05).mean() < 0.5
+    assert np.ptp(shine, axis=3).max() < 1e-6  # white light
+
+
+def test_a_light_from_nowhere_is_refused():
+    with pytest.raises(InputError, match="a light from"):
+        blocks(np.random.default_rng(0), SuggestedCamera(SIZE, 50.0), light=(0.0, 0.0, 0.0))

@@ -133,9 +133,9 @@ def test_the_balls_colours_change_with_the_cameras_place_and_a_dull_balls_do_not
     poses = torch.tensor(np.stack([np.eye(4), moved]), dtype=torch.float32)
     for shine, changes in ((0.0, False), (0.8, True)):
         scene = make(ball, shine=shine)
-        here, there = colours_seen(scene.gaussians, scene.harmonics, poses)
+        here, there = colours_seen(scene.gaussians, poses)
         assert bool(((here - there).abs().max() > 0.05).item()) == changes
-        walls = scene.harmonics.abs().amax(dim=(1, 2)) == 0
+        walls = scene.gaussians.harmonics.abs().amax(dim=(1, 2)) == 0
         assert torch.equal(here[walls], there[walls])
 
 

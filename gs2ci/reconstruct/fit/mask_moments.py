@@ -41,7 +41,7 @@ def mask_times(views: int) -> Tensor:
 
 
 @dataclass(frozen=True)
-class ShutterSettings:
+class MaskMomentSettings:
     """How many moments a mask is given.
 
     Args:
@@ -57,7 +57,7 @@ class ShutterSettings:
     tolerance: float = 0.01
     most: int = 8
 
-    def check(self) -> "ShutterSettings":
+    def check(self) -> "MaskMomentSettings":
         """Return self if the numbers make sense.
 
         Raises:
@@ -167,7 +167,7 @@ def path_twists(world_to_camera: Tensor, offsets: Tensor, of_mask: Tensor) -> Te
     return when * speed[of_mask] + when**2 * change[of_mask]
 
 
-def needed(geometry: Geometry, views: F32, open_share: F64, settings: ShutterSettings) -> MaskMoments | None:
+def needed(geometry: Geometry, views: F32, open_share: F64, settings: MaskMomentSettings) -> MaskMoments | None:
     """Return the moments that a path calls for; None where one for each mask is enough.
 
     Args:

@@ -7,8 +7,8 @@ import pytest
 import torch
 
 from gs2ci.core.errors import InputError
+from gs2ci.reconstruct.fit.mask_moments import MaskMoments, MaskMomentSettings, bounds, mask_times, needed
 from gs2ci.reconstruct.fit.rendering import ShotRenderer
-from gs2ci.reconstruct.fit.shutter import MaskMoments, ShutterSettings, bounds, mask_times, needed
 from gs2ci.reconstruct.measurement.coding import Coding
 from gs2ci.render import se3
 from gs2ci.render.cpu.backend import CpuBackend
@@ -16,7 +16,7 @@ from gs2ci.render.cpu.backend import CpuBackend
 MASKS = 4
 
 
-def shutter_of(*moments, share=1.0):
+def moments_of(*moments, share=1.0):
     return MaskMoments(moments, (share,) * len(moments))
 
 
@@ -30,50 +30,50 @@ def accelerated(times):
 @pytest.mark.parametrize("share", [1.0, 0.6])
 def test_steady_and_evenly_accelerated_motion_is_met_exactly(share):
     middles = torch.arange(MASKS, dtype=torch.float64)
-    shutter = shutter_of(3, 1, 4, 2, share=share)
-    found = shutter.poses(accelerated(middles))
-    when = middles[shutter.of_mask()] + shutter.offsets()
+    mask_moments = moments_of(3, 1, 4, 2, share=share)
+    found = mask_moments.poses(accelerated(middles))
+    when = middles[mask_moments.of_mask()] + mask_moments.offsets()
     torch.testing.assert_close(found, accelerated(when), atol=1e-9, rtol=0)
 
 
 def test_moments_are_the_middles_of_equal_parts_of_the_time_on_show():
-    offsets = shutter_of(2, 1, 4, share=0.8).offsets()
+    offsets = moments_of(2, 1, 4, share=0.8).offsets()
     torch.testing.assert_close(offsets, torch.tensor([-0.2, 0.2, 0.0, -0.3, -0.1, 0.1, 0.3], dtype=torch.float64))
-    times = shutter_of(2, 1, 4, share=0.8).times()
+    times = moments_of(2, 1, 4, share=0.8).times()
     assert times.tolist() == pytest.approx([-1.2, -0.8, 0.0, 0.7, 0.9, 1.1, 1.3])
 
 
 def test_two_masks_go_on_steadily():
     poses = accelerated(torch.tensor([0.0, 1.0], dtype=torch.float64))
     step = se3.log(poses[1:] @ torch.linalg.inv(poses[:1]))
-    found = shutter_of(2, 2).poses(poses)
+    found = moments_of(2, 2).poses(poses)
     torch.testing.assert_close(found[0], (se3.exp(-0.25 * step) @ poses[:1])[0])
     torch.testing.assert_close(found[3], (se3.exp(0.25 * step) @ poses[1:])[0])
 
 
 def test_gradients_reach_the_poses_of_the_neighbours():
-    shutter = shutter_of(2, 1, 3, 1)
+    mask_moments = moments_of(2, 1, 3, 1)
     twists = 0.01 * torch.randn(MASKS, 6, dtype=torch.float64, generator=torch.Generator().manual_seed(0))
     middles = accelerated(torch.arange(MASKS, dtype=torch.float64))
-    assert torch.autograd.gradcheck(lambda given: shutter.poses(se3.exp(given) @ middles), twists.requires_grad_())
+    assert torch.autograd.gradcheck(lambda given: mask_moments.poses(se3.exp(given) @ middles), twists.requires_grad_())
 
 
 @pytest.fixture
 def rendered(moving_plane, scattered):
     shot, geometry = moving_plane
 
-    def make(shutter, given=shot):
-        return ShotRenderer(given, geometry.intrinsics, CpuBackend(), None, shutter)
+    def make(mask_moments, given=shot):
+        return ShotRenderer(given, geometry.intrinsics, CpuBackend(), None, mask_moments)
 
     return make, scattered(200), torch.from_numpy(geometry.world_to_camera).float(), shot
 
 
 def test_one_moment_of_each_mask_gives_the_same_bits(rendered):
     make, scene, poses, shot = rendered
-    plain, shuttered = make(None), make(shutter_of(*[1] * shot.views))
-    assert shuttered.moments_per_mask == 1
-    np.testing.assert_array_equal(shuttered.measurement(scene, poses), plain.measurement(scene, poses))
-    np.testing.assert_array_equal(shuttered.exposed(scene, poses), plain.views(scene, poses))
+    plain, with_moments = make(None), make(moments_of(*[1] * shot.views))
+    assert with_moments.moments_per_mask == 1
+    np.testing.assert_array_equal(with_moments.measurement(scene, poses), plain.measurement(scene, poses))
+    np.testing.assert_array_equal(with_moments.exposed(scene, poses), plain.views(scene, poses))
     np.testing.assert_array_equal(plain.exposed(scene, poses), plain.views(scene, poses))
 
 
@@ -81,12 +81,12 @@ def test_one_moment_of_each_mask_gives_the_same_bits(rendered):
 def test_what_the_masks_saw_codes_to_the_measurement_and_keeps_its_light(rendered, mono):
     make, scene, poses, shot = rendered
     shot = replace(shot, measurement=shot.measurement[..., :1]) if mono else shot
-    renderer = make(shutter_of(3, 1, 4, 2), shot)
+    renderer = make(moments_of(3, 1, 4, 2), shot)
     assert renderer.moments_per_mask == 2.5
     seen = renderer.exposed(scene, poses)
     coded = Coding.of(shot).forward(torch.from_numpy(seen))
     torch.testing.assert_close(renderer.measurement(scene, poses), coded, atol=3e-5, rtol=1e-5)
-    split = shutter_of(3, 1, 4, 2).split(renderer.transmissions)
+    split = moments_of(3, 1, 4, 2).split(renderer.transmissions)
     torch.testing.assert_close(split[:3].sum(dim=0), renderer.transmissions[0])
     still = poses[:1].repeat(shot.views, 1, 1)
     np.testing.assert_allclose(renderer.exposed(scene, still), renderer.views(scene, still), atol=2e-6)
@@ -120,16 +120,16 @@ def test_masks_get_as_many_moments_as_their_bound_calls_for(moving_plane):
     geometry, share = aside(moving_plane[1], 4.0), np.array([1.0, 1.0, 0.5, 0.0])
     views = textured(geometry, 0.2)
     _, found = bounds(geometry, geometry.world_to_camera, views[0], share)
-    settings = ShutterSettings("moving", tolerance=found[0] / 3.5)
-    shutter = needed(geometry, views, share, settings)
-    assert shutter.moments == (4, 4, 2, 1)
-    assert shutter.summary()["motion_px"] == pytest.approx([4, 4, 2, 0], abs=1e-6)
+    settings = MaskMomentSettings("moving", tolerance=found[0] / 3.5)
+    mask_moments = needed(geometry, views, share, settings)
+    assert mask_moments.moments == (4, 4, 2, 1)
+    assert mask_moments.summary()["motion_px"] == pytest.approx([4, 4, 2, 0], abs=1e-6)
     assert needed(geometry, views, share, replace(settings, most=2)).moments == (2, 2, 2, 1)
-    assert shutter.note.sentence.startswith("The image moved by up to 4.0 px")
+    assert mask_moments.note.sentence.startswith("The image moved by up to 4.0 px")
 
 
 def test_where_nothing_is_at_stake_there_is_one_pose_for_each_mask(moving_plane):
-    geometry, share, settings = aside(moving_plane[1], 4.0), np.ones(MASKS), ShutterSettings("moving")
+    geometry, share, settings = aside(moving_plane[1], 4.0), np.ones(MASKS), MaskMomentSettings("moving")
     even = np.full((MASKS, *geometry.inverse_depth.shape, 3), 0.5, np.float32)
     assert needed(geometry, even, share, settings) is None
     assert needed(aside(geometry, 0.0), textured(geometry, 0.2), share, settings) is None
@@ -143,12 +143,12 @@ def test_masks_are_open_evenly_over_the_exposure():
 
 
 def test_a_camera_is_taken_to_stand_still_under_each_mask_unless_it_is_said_to_move():
-    assert ShutterSettings().within_mask == "still"
+    assert MaskMomentSettings().within_mask == "still"
     with pytest.raises(InputError, match="within a mask"):
-        ShutterSettings("trembling").check()
+        MaskMomentSettings("trembling").check()
 
 
 @pytest.mark.parametrize("wrong", [{"tolerance": 0.0}, {"tolerance": np.nan}, {"most": 0}])
 def test_settings_that_make_no_sense_are_refused(wrong):
     with pytest.raises(InputError, match="moments of a mask"):
-        ShutterSettings(**wrong).check()
+        MaskMomentSettings(**wrong).check()

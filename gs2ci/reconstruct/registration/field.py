@@ -1,0 +1,218 @@
+"""A smooth field beyond the affine: how a relay lens bends masks on their way, by Gauss-Newton over the whole picture.
+
+A displacement that changes slowly acts on a pixel's error as a shift does, so that two derivatives, by a shift down
+and by one to the right, times polynomials of the place give those by all coefficients: five pictures a round, whatever
+their number. The affine is found along with the field, since a radial field is half a change of scale. Where the best
+affine leaves more than the pattern tells from there, tiles that lie a pixel off say where to begin.
+Here: the search, and which terms are let in. Not here: whether held-out pixels bear the whole out (`register`).
+"""
+
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+
+from gs2ci.core.arrays import F64
+from gs2ci.reconstruct.measurement.jury import surely_larger
+from gs2ci.reconstruct.registration.coarse import Tile
+from gs2ci.reconstruct.registration.fine import Problem, deviations_of, pixel_weights
+from gs2ci.reconstruct.registration.misfit import AFFINE, BENT, FIELD, GEOMETRY, NAMES, Misfit
+from gs2ci.reconstruct.registration.placement import FIELD_AT_PX, Placement
+
+# A term is let in from so many of its standard errors on, as other parameters are, and where the field moves masks
+# somewhere by so much against the best affine: less costs less than 0.05 dB.
+SIGNIFICANT: Final = 5.0
+MATTERS_PX: Final = 0.05
+_ROUNDS: Final = 8
+_STEP_PX: Final = 0.1
+_SETTLED_PX: Final = 2e-3
+# Steps that would move masks by more than their pattern tells are shortened to this at the picture's corner.
+_LONGEST_STEP_PX: Final = 1.0
+_GROUPS: Final = (("radial_px",), BENT)
+_GRID: Final = 7
+# Tiles whose displacement, a whole number, lies farther than this from the field that the others agree on are left out.
+_AGREEMENT_PX: Final = 1.2
+_LEAST_TILES: Final = 12
+
+
+@dataclass(frozen=True)
+class FieldEstimate:
+    """A placement with its field.
+
+    Args:
+        misfit: The misfit that was given, with the placement that was found.
+        errors: Standard errors of the affine's parameters and of the field's terms that were sought, by name.
+        bent_px: By how much the field moves masks against the best affine, at most.
+    """
+
+    misfit: Misfit
+    errors: dict[str, float]
+    bent_px: float
+
+    def value(self, name: str) -> float:
+        """Return a parameter by its name."""
+        return float(self.misfit.vector()[NAMES.index(name)])
+
+    def is_sure(self, name: str) -> bool:
+        """Tell whether a term is surely there."""
+        return abs(self.value(name)) >= SIGNIFICANT * self.errors[name] > 0
+
+
+def find_field(
+    problem: Problem, start: Misfit, tiles: list[Tile]
+) -> tuple[FieldEstimate | None, dict[str, tuple[float, float]]]:
+    """Find the terms of a field that are surely there, and all that was found of the others.
+
+    Args:
+        problem: The whole measurement, as far as its corners.
+        start: What is known without a field, right to about two pixels everywhere.
+        tiles: How far parts of the picture lie from where the start puts them, in whole pixels.
+
+    Returns:
+        The field, None where there surely is none; and value and standard error of each term that is not in it.
+    """
+    estimate = _refined(problem, start, FIELD)
+    nearer = _by_tiles(tiles, start.placement, problem.size)
+    if nearer is not None:
+        other = _refined(problem, replace(start, placement=nearer), FIELD)
+        if _predicts_better(problem, estimate.misfit, other.misfit):
+            estimate, start = other, other.misfit
+    tried = {name: (estimate.value(name), estimate.errors[name]) for name in FIELD}
+    names = _let_in(estimate)
+    while names:  # what is left out moves the others: those that stay must still be sure
+        estimate = _refined(problem, start, names)
+        still = _let_in(estimate)
+        if still == names:
+            break
+        names = still
+    if not names or not _predicts_better(problem, start, estimate.misfit):
+        return None, tried
+    return estimate, {name: pair for name, pair in tried.items() if name not in names}
+
+
+def _by_tiles(tiles: list[Tile], placement: Placement, size: tuple[int, int]) -> Placement | None:
+    """Return the placement, with a field, that tiles agree on; None where too few do, or all lie where they are put."""
+    sure = [tile for tile in tiles if tile.peak.is_sure]
+    if not any((tile.peak.down_px, tile.peak.right_px) != (0.0, 0.0) for tile in sure):
+        return None
+    while len(sure) >= _LEAST_TILES:
+        places = np.array([tile.middle for tile in sure]) - (np.array(size) - 1) / 2
+        moved = np.array([(tile.peak.down_px, tile.peak.right_px) for tile in sure])
+        design = np.moveaxis(_moves(places[:, 0], places[:, 1], GEOMETRY), 0, -1)  # [2, K, P]
+        step = np.linalg.lstsq(design.reshape(-1, len(GEOMETRY)), moved.T.ravel(), rcond=None)[0]
+        apart = np.linalg.norm(moved.T - design @ step, axis=0)
+        worst = int(apart.argmax())
+        if apart[worst] <= _AGREEMENT_PX:
+            return _moved(placement, GEOMETRY, step)
+        del sure[worst]
+    return None
+
+
+def bent_px(placement: Placement, size: tuple[int, int]) -> float:
+    """Return by how much a field moves masks against the best affine, at most, px."""
+    rows, columns = (np.linspace(-0.5, 0.5, _GRID) * (n - 1) for n in size)
+    places = np.stack(np.meshgrid(rows, columns, indexing="ij"), axis=-1).reshape(-1, 2)
+    moved = placement.field_px(places)
+    design = np.column_stack([np.ones(len(places)), places / FIELD_AT_PX])
+    left = moved - design @ np.linalg.lstsq(design, moved, rcond=None)[0]
+    return float(np.linalg.norm(left, axis=1).max())
+
+
+def _let_in(estimate: FieldEstimate) -> tuple[str, ...]:
+    """Return the terms that are surely there; those of one group come together."""
+    if estimate.bent_px < MATTERS_PX:
+        return ()
+    sought = [tuple(name for name in group if name in estimate.errors) for group in _GROUPS]
+    return tuple(name for group in sought if any(estimate.is_sure(one) for one in group) for name in group)
+
+
+def _predicts_better(problem: Problem, without: Misfit, found: Misfit) -> bool:
+    """Tell whether readings are surely predicted better by those around them."""
+    known = found.placement.known(problem.size) & without.placement.known(problem.size)
+    errors = problem.errors(without)
+    weights = pixel_weights(errors, known)[known]
+    return surely_larger(weights * errors[known] ** 2, weights * problem.errors(found)[known] ** 2)
+
+
+def _refined(problem: Problem, start: Misfit, terms: tuple[str, ...]) -> FieldEstimate:
+    """Find the affine and some terms of the field by Gauss-Newton."""
+    names = (*AFFINE, *terms)
+    bases = _bases(problem.size, names)
+    misfit, errors = start, problem.errors(start)
+    weights = pixel_weights(errors, start.placement.known(problem.size))
+    best, share = float(np.sum(weights * errors**2)), 1.0
+    jacobian = _jacobian(problem, misfit, bases)
+    for _ in range(_ROUNDS):
+        normal = np.einsum("ihw,jhw,hw->ij", jacobian, jacobian, weights)
+        slope = np.einsum("ihw,hw,hw->i", jacobian, errors, weights)
+        step = -share * np.linalg.lstsq(normal, slope, rcond=None)[0]
+        longest = _corner_px(problem.size, names, step)
+        step = step * min(1.0, _LONGEST_STEP_PX / max(longest, 1e-300))
+        trial = replace(misfit, placement=_moved(misfit.placement, names, step))
+        trial_errors = problem.errors(trial)
+        value = float(np.sum(weights * trial_errors**2))
+        if value >= best:
+            share /= 4
+            if share < 0.05:
+                break
+            continue
+        misfit, errors, best, share = trial, trial_errors, value, 1.0
+        jacobian = _jacobian(problem, misfit, bases)
+        if longest < _SETTLED_PX:
+            break
+    deviations = deviations_of(jacobian, errors, weights)
+    return FieldEstimate(
+        misfit, dict(zip(names, deviations.tolist(), strict=True)), bent_px(misfit.placement, problem.size)
+    )
+
+
+def _bases(size: tuple[int, int], names: tuple[str, ...]) -> F64:
+    """Return how far a unit of each parameter moves masks at each pixel, [P, 2, H, W] as (down, right)."""
+    row, column = np.meshgrid(*(np.arange(n) - (n - 1) / 2 for n in size), indexing="ij")
+    return _moves(row, column, names)
+
+
+def _moves(row: F64, column: F64, names: tuple[str, ...]) -> F64:
+    """Return how far a unit of each parameter moves masks at places from the middle, [P, 2, ...] as (down, right)."""
+    d, r, none, one = row / FIELD_AT_PX, column / FIELD_AT_PX, np.zeros_like(row), np.ones_like(row)
+    degree = np.pi / 180
+    moved = {
+        "down_px": (one, none),
+        "right_px": (none, one),
+        "rotation_deg": (degree * column, -degree * row),
+        "scale": (row, column),
+        "stretch": (-row, column),
+        "shear": (column, row),
+        "radial_px": ((d * d + r * r) * d, (d * d + r * r) * r),
+        "down_dd_px": (d * d, none),
+        "down_dr_px": (d * r, none),
+        "down_rr_px": (r * r, none),
+        "right_dd_px": (none, d * d),
+        "right_dr_px": (none, d * r),
+        "right_rr_px": (none, r * r),
+    }
+    return np.stack([np.stack(moved[name]) for name in names])
+
+
+def _jacobian(problem: Problem, misfit: Misfit, bases: F64) -> F64:
+    """Return the derivative of the errors by each parameter, [P, H, W]."""
+    by_shift = [
+        (problem.errors(misfit.moved(down, right)) - problem.errors(misfit.moved(-down, -right))) / (2 * _STEP_PX)
+        for down, right in ((_STEP_PX, 0.0), (0.0, _STEP_PX))
+    ]
+    jacobian: F64 = bases[:, 0] * by_shift[0] + bases[:, 1] * by_shift[1]
+    return jacobian
+
+
+def _corner_px(size: tuple[int, int], names: tuple[str, ...], step: F64) -> float:
+    """Return how far a step moves masks at a corner, at most, px."""
+    moved = _moved(Placement(), names, step)
+    return float(np.linalg.norm(moved.displacement_px(size), axis=1).max())
+
+
+def _moved(placement: Placement, names: tuple[str, ...], step: F64) -> Placement:
+    """Move masks on by a step, the affine after what is there."""
+    by_name = dict(zip(names, step.tolist(), strict=True))
+    more = Placement(**{name: by_name.get(name, 0.0) for name in AFFINE})
+    affine = Placement.from_affine(more.matrix @ placement.matrix, more.matrix @ placement.shift_px + more.shift_px)
+    return affine.with_field(placement.field + np.array([by_name.get(name, 0.0) for name in FIELD]))

@@ -1,0 +1,76 @@
+"""A smooth field beyond the affine is found where the measurement tells it, and nowhere else."""
+
+import numpy as np
+import pytest
+
+from gs2ci.reconstruct.registration.misfit import FIELD
+from gs2ci.reconstruct.registration.placement import Placement
+from gs2ci.reconstruct.registration.register import register
+from tests.reconstruct.registration.warps import bent, warped
+
+
+def displacement(placement, size):
+    """How far what is seen at each pixel was moved, by the definition of a placement, [2, H, W]."""
+    middle = ((np.array(size) - 1) / 2)[:, None, None]
+    seen = np.mgrid[: size[0], : size[1]] - middle
+    left = np.moveaxis(seen, 0, -1) - placement.field_px(np.moveaxis(seen, 0, -1)) - placement.shift_px
+    return seen - np.moveaxis(left @ np.linalg.inv(placement.matrix).T, -1, 0)
+
+
+# A lens's fifth order, which is no part of the field, is 0.1 px in the corners of so small a picture.
+@pytest.mark.parametrize(
+    ("radial_px", "keystone_px", "to_px"), [(1.5, 0.0, 0.15), (-1.5, 0.0, 0.25), (0.0, 1.5, 0.15), (1.5, 1.0, 0.25)]
+)
+def test_a_field_is_found(bench, radial_px, keystone_px, to_px):
+    were, true = bent(bench.masks, radial_px=radial_px, keystone_px=keystone_px)
+    found = register(bench.shoot(were=were))
+    off = displacement(found.misfit.placement, bench.masks.shape[1:]) - true
+    assert np.linalg.norm(off, axis=0).max() < to_px
+    assert np.abs(found.shot.masks - were)[:, 3:-3, 3:-3].mean() < 0.02
+    assert set(found.errors) & set(FIELD)
+    assert found.summary()["largest_displacement_px"] > 1
+
+
+def test_tiles_that_are_whole_pixels_off_show_where_to_begin(bench):
+    were, true = bent(bench.masks, keystone_px=2.2)
+    found = register(bench.shoot(were=were))
+    off = displacement(found.misfit.placement, bench.masks.shape[1:]) - true
+    assert np.linalg.norm(off, axis=0).max() < 0.15
+
+
+def test_a_field_that_the_pattern_does_not_tell_is_left_alone(bench):
+    were, _ = bent(bench.masks, radial_px=1.5)
+    rng = np.random.default_rng(3)
+    noisy = bench.shoot(were=were, noise=3.0)
+    found = register(noisy)
+    assert not found.misfit.placement.field.any()
+    even = np.concatenate([bench.masks[:3], 1 - bench.masks[:3]])
+    found = register(bench.shoot(were=bent(even, radial_px=1.5)[0], believed=even, seed=int(rng.integers(9))))
+    assert not found.misfit.placement.field.any()
+
+
+def test_the_way_of_an_element_and_what_a_pixel_sees_undo_each_other():
+    placement = Placement(0.4, -1.2, 0.5, 0.004, -0.002, 0.003, 1.1, 0.3, -0.6, 0.2, 0.5, -0.4, 0.7)
+    places = np.random.default_rng(4).uniform(-90, 90, (20, 2))
+    there = places + placement.moved_px(places)
+    back = np.linalg.inv(placement.matrix) @ (there - placement.field_px(there) - placement.shift_px).T
+    assert pytest.approx(places, abs=1e-6) == back.T
+
+
+def test_the_kernel_reads_where_the_definition_says():
+    placement = Placement(0.4, -1.2, 0.5, 0.004, -0.002, 0.003, 1.1, 0.3, -0.6, 0.2, 0.5, -0.4, 0.7)
+    size = (40, 52)
+    places = np.mgrid[: size[0], : size[1]].astype(float)
+    read = np.stack([placement.sample(one[None])[0] for one in places])  # of a ramp, the place that was read
+    inner = np.s_[:, 6:-6, 6:-6]
+    assert (places - read)[inner] == pytest.approx(displacement(placement, size)[inner], abs=1e-9)
+
+
+def test_a_shot_without_a_field_gets_none(bench):
+    for were in (bench.masks, warped(bench.masks, down_px=0.6, right_px=-0.3, turn_deg=0.4, scale=1.004)):
+        found = register(bench.shoot(were=were))
+        assert not found.misfit.placement.field.any()
+        assert set(FIELD) <= set(found.tried)
+        for name in FIELD:
+            value, error = found.tried[name]
+            assert abs(value) < 5 * error
