@@ -56,19 +56,19 @@ class Moments:
         """Return for how much of each slice each moment stands, [K, S] seconds; columns add up to the durations."""
         first, last = self._panel(slices.start_s), self._panel(slices.stop_s)
         # One piece per slice and panel that it meets.
-        pieces = last - first + 1
-        of_slice = np.repeat(np.arange(len(first)), pieces)
-        panel = first[of_slice] + np.arange(len(of_slice)) - np.repeat(np.cumsum(pieces) - pieces, pieces)
+        of_slice = np.repeat(np.arange(len(first)), last - first + 1)
+        panel = np.concatenate([np.arange(a, b + 1) for a, b in zip(first, last, strict=True)] or [first])
         start = np.where(panel == first[of_slice], slices.start_s[of_slice], self.edges_s[panel])
         stop = np.where(panel == last[of_slice], slices.stop_s[of_slice], self.edges_s[panel + 1])
-        # Polynomials of degree nodes - 1 are integrated exactly by half as many Gauss points on each piece.
-        enough = -(-self.nodes // 2)
-        points, gauss, width = gauss_nodes(enough), gauss_weights(enough), np.diff(self.edges_s)[panel]
-        place = (start[:, None] + (stop - start)[:, None] * points - self.edges_s[panel][:, None]) / width[:, None]
-        basis = lagrange(gauss_nodes(self.nodes), place.ravel()).reshape(*place.shape, self.nodes)
-        weights = np.zeros((len(self.edges_s) - 1, self.nodes, len(first)))
-        weights[panel, :, of_slice] = (stop - start)[:, None] * np.einsum("g,pgn->pn", gauss, basis)
-        return weights.reshape(-1, len(first))
+        points, gauss, width = gauss_nodes(self.nodes), gauss_weights(self.nodes), np.diff(self.edges_s)[panel]
+        weights = np.zeros((len(self.times_s), len(first)))
+        # Polynomials of degree nodes - 1 are integrated exactly by as many Gauss nodes on each piece.
+        for point, weight in zip(points, gauss, strict=True):
+            place = (start + (stop - start) * point - self.edges_s[panel]) / width
+            basis = lagrange(points, place) * (weight * (stop - start))[:, None]
+            for node in range(self.nodes):
+                np.add.at(weights, (panel * self.nodes + node, of_slice), basis[:, node])
+        return weights
 
     def _panel(self, times_s: F64) -> NDArray[np.intp]:
         """Return to which panel each time belongs."""

@@ -295,17 +295,18 @@ class Preview:
     def _shifted_rms(self, shift_px: float) -> float:
         return self.shifted(shift_px)[0] if shift_px > 0 else 0.0
 
-    def of_views(self, rms: float | F64, peak: float) -> Bound:
-        """Bound what fields of this rms (of each, [N], or of all) and peak, radiance, make behind the masks."""
+    def of_views(self, rms: float, peak: float) -> Bound:
+        """Bound what fields of this rms and peak, radiance, one behind each mask, make of the readings."""
         weights, scale = self._most_open_weights, self.full_scale_dn
-        each = np.broadcast_to(rms, (len(self.masks),))
-        most = float(each.max())
-        worst = weights.worst_rms_of_one(most, peak) if self.at_rest else weights.worst_rms(each, peak)
+        if self.at_rest:
+            worst = weights.worst_rms_of_one(rms, peak)
+        else:
+            worst = weights.worst_rms(np.full(len(self.masks), rms), peak)
         return Bound(scale * worst, scale * peak * weights.largest_sum).by(
             "S * a * rho",
             *self._full_scale_steps,
-            BoundStep("rho", most, "", "change of a view, rms, by the image's spectrum; white is 1"),
-            BoundStep("a", worst / most if most > 0 else 0.0, "", "what the masks make of it where they lie worst"),
+            BoundStep("rho", rms, "", "change of a view, rms, by the image's spectrum; white is 1"),
+            BoundStep("a", worst / rms if rms > 0 else 0.0, "", "what the masks make of it where they lie worst"),
         )
 
     @cached_property

@@ -63,6 +63,7 @@ BENCHMARKS = {
     "effect_bounds": "tests.benchmarks.effect_bounds",
     "exact_renderer": "tests.benchmarks.exact_renderer",
     "simulation_cost": "tests.benchmarks.simulation_cost",
+    "plan_deviation": "tests.benchmarks.plan_deviation",
     "simulation_size": "tests.benchmarks.simulation_size",
     "own_model_class": "tests.benchmarks.own_model_class",
 }
@@ -97,6 +98,7 @@ LONG = (
     "population",
     "effect_bounds",
     "simulation_cost",
+    "plan_deviation",
     "simulation_size",
     "own_model_class",
     "video_out",

@@ -176,8 +176,8 @@ class Previewed(Protocol):
     def shifted(self, shift_px: float) -> tuple[float, float]:
         """Return rms and peak of what shifting a view by up to `shift_px` in any direction changes."""
 
-    def of_views(self, rms: float | F64, peak: float) -> Bound:
-        """Bound what fields of this rms (of each, [N], or of all) and peak, radiance, make behind the masks."""
+    def of_views(self, rms: float, peak: float) -> Bound:
+        """Bound what fields of this rms and peak, radiance, one behind each mask, make of the readings."""
 
     def of_masks(self, effect: "Effect", change: NDArray[Any]) -> Bound:
         """Bound what a change of the masks, [N, H, W], makes of the readings."""
