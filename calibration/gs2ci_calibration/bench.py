@@ -1,4 +1,4 @@
-"""What a calibration procedure sees of a bench: the devices through their drivers, and somebody who sets things up.
+"""The bench as calibration procedures use it: devices through their drivers, and an operator for work by hand.
 
 A procedure is a function `measure(bench: Bench, known: Bundle) -> Section`: it asks for an arrangement
 (`bench.please(Arrangement.FLAT)`), takes frames (`bench.grab(patterns, frames=..., exposure_s=...)`), hands arrays to
@@ -80,12 +80,14 @@ class Stack:
         time_s: When each exposure began, by the sensor's stamps, [N, K] seconds.
         exposure_s: How long the sensor says that it exposed.
         plan: What the devices were told.
+        stage_mm: Where the stage counts the swept axis in the middle of each exposure, [N, K]; None at rest.
     """
 
     readings: F32
     time_s: F64
     exposure_s: float
     plan: CapturePlan
+    stage_mm: F64 | None = None
 
 
 @dataclass(frozen=True)
@@ -288,11 +290,33 @@ class Bench:
         height, width = self.devices.sensor.settings.format.height, self.devices.sensor.settings.format.width
         readings = np.empty((count, settings.shots, height, width), np.float32)
         time_s, readout_s = np.empty((count, settings.shots)), self.devices.sensor.settings.readout_s
+        stage_mm = np.full((count, settings.shots), np.nan)
 
         def keep(taken: Taken) -> None:
             for n, frame in enumerate(taken.frames):
                 readings[n, taken.index] = frame.pixels
                 time_s[n, taken.index] = frame.began_s(plan.exposure_s, readout_s)
+            if taken.stage_mm is not None and len(taken.stage_mm) == count:
+                stage_mm[:, taken.index] = self._in_the_middle_mm(plan, taken.stage_mm, time_s[:, taken.index])
 
         capture(self.devices, plan, keep)
-        return Stack(readings, time_s, plan.exposure_s, plan)
+        swept = plan.sweep is not None and bool(np.isfinite(stage_mm).all())
+        return Stack(readings, time_s, plan.exposure_s, plan, stage_mm if swept else None)
+
+    def _in_the_middle_mm(self, plan: CapturePlan, at_masks_mm: F64, began_s: F64) -> F64:
+        """Return where the swept axis is counted in the middle of each frame's exposure, [N].
+
+        Args:
+            plan: One frame per mask.
+            at_masks_mm: Where the axes are counted in the middle of each mask, [N, K].
+            began_s: When exposures began, [N].
+        """
+        stage, sweep = self.devices.stage, plan.sweep
+        if stage is None or sweep is None:
+            return np.full(len(at_masks_mm), np.nan)
+        column = tuple(stage.info.axes).index(sweep.axis)
+        modulator, sensor = self.devices.modulator.info, self.devices.sensor.settings
+        appeared_s = began_s[0] - plan.settings.begin_s(modulator.trigger_delay_s, sensor.trigger_delay_s)
+        after_s = began_s + plan.exposure_s / 2 - appeared_s - plan.sequence.windows_s().mean(axis=1)
+        way = sweep.speed_mm_s * (1.0 if sweep.to_mm > sweep.from_mm else -1.0)
+        return np.asarray(at_masks_mm[:, column] + way * after_s, np.float64)

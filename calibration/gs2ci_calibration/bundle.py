@@ -27,7 +27,7 @@ The sections, and what other parts read from them (shapes: H, W sensor; Hm, Wm m
                   (a polynomial's coefficients), psf_sigma_px, psf_kernel; facts orientation, degree, size
     camera        intrinsics [3, 3], distortion [5] (OpenCV's k1 k2 p1 p2 k3)
     stage         for each axis A: direction_A [3] in the camera frame, scale_A, backlash_mm_A, repeatability_mm_A,
-                  velocity_error_A
+                  velocity_error_A, sweep_lag_s_A
 
 Here: the file. Not here: what goes into a section (the procedures), whether a bundle still fits a bench (`fitting`).
 """

@@ -1,4 +1,4 @@
-"""What every procedure asks of a stack of frames before it believes it, and means over its pixels and frames.
+"""Checks that every stack of frames must pass before it is used, and means over its pixels and frames.
 
 Pure: arrays in, numbers out, `CalibrationError` where they are no good. Not here: taking frames (`bench`), the
 procedures.
@@ -112,10 +112,10 @@ def mean_error(variance: F64, frames: int) -> F64:
     return np.asarray(np.sqrt(variance / frames * freedom / (freedom - 2)))
 
 
-def trimmed_mean(values: F64, share: float = 0.01) -> float:
-    """Return the mean without the highest share of the values: hot pixels do not count."""
+def trimmed_mean(values: F64) -> float:
+    """Return the mean without the highest hundredth of the values: hot pixels do not count."""
     flat = np.sort(values, axis=None)
-    return float(flat[: max(int(np.ceil(flat.size * (1 - share))), 1)].mean())
+    return float(flat[: max(int(np.ceil(flat.size * 0.99)), 1)].mean())
 
 
 def rounding_bias_dn(noise_dn: float) -> float:

@@ -1,4 +1,4 @@
-"""What a calibration may be told: the table [calibration] of a rig file, and the procedures' options.
+"""The options of calibration: the table [calibration] of a rig file, and the procedures' options.
 
 Here: `CalibrationOptions`, `BoardSpec`. Not here: what else a procedure sees of a bench (`bench`).
 """

@@ -1,4 +1,4 @@
-"""A quick look at one mask, before whatever is there: is it where and what the bundle says?
+"""A quick check of one mask before any scene: is it where, and what, the bundle says?
 
 Here: taking it and judging it. Not here: measuring masks (their own step).
 
@@ -99,23 +99,20 @@ class Probe:
         return any(abs(shift) - 2 * error > SHIFT_LIMIT_PX for shift, error in pairs)
 
 
-def probe_mask(bench: Bench, masks: Section, index: int = 0) -> Probe:
-    """Show one mask between all off and all on, and compare it with the bundle.
+def probe_mask(bench: Bench, masks: Section) -> Probe:
+    """Show the first mask between all off and all on, and compare it with the bundle.
 
     Args:
         bench: Before a scene at rest.
         masks: The section `masks`.
-        index: Which mask.
 
     Raises:
         CalibrationError: Too little light to tell.
         DriverError: A device failed.
     """
-    stack = _take(bench, index)
+    stack = _take(bench, 0)
     valid = masks.arrays["valid"] > 0 if "valid" in masks.arrays else np.ones(bench.size, np.bool_)
-    return judge(
-        stack, masks.array("masks").astype(np.float64), masks.array("contrast").astype(np.float64), valid, index
-    )
+    return judge(stack, masks.array("masks").astype(np.float64), masks.array("contrast").astype(np.float64), valid, 0)
 
 
 def judge(stack: Stack, masks: F64, leakage: F64, valid: Bool, index: int) -> Probe:

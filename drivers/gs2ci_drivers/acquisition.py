@@ -95,7 +95,8 @@ class Taken:
         index: Which shot of the capture, from 0.
         frames: Its frames: 1, or one per mask in `Mode.PER_MASK`.
         trigger_index: Index of its first trigger in the capture.
-        stage_mm: Stage position at each mask's centre, [N, K] in the order of the stage's axes, or None.
+        stage_mm: Stage position in the middle of the time that each mask was exposed, [N, K] in the order of the
+            stage's axes, or None.
         stage_target_mm: Where it should have been, [N, K], or None.
         attempts: 1, or more when it had to be repeated.
         incidents: What was ridden out meanwhile.
@@ -447,7 +448,7 @@ class _Capture:
         if stage is None:
             return None, None
         axes = tuple(stage.info.axes)
-        centres_s = plan.sequence.windows_s().mean(axis=1)
+        centres_s = self._seen_s().mean(axis=1)
         rest = np.array([fire.rest_mm[axis] for axis in axes])
         measured = np.tile(rest, (len(centres_s), 1))
         target = measured.copy()
@@ -464,10 +465,21 @@ class _Capture:
                 self._lead_s = min(max(self._lead_s + late_s, 0.0), LONGEST_LEARNT_S)
         return measured, target
 
+    def _seen_s(self) -> F64:
+        """Return when each mask was on show and exposed, [N, 2], from the appearance of the first."""
+        windows_s, asked = self._plan.sequence.windows_s(), self._plan.settings
+        if asked.late_s is None or asked.mode is not Mode.PER_EXPOSURE:
+            return windows_s
+        modulator, sensor = self._devices.modulator.info, self._devices.sensor.settings
+        begin_s = asked.begin_s(modulator.trigger_delay_s, sensor.trigger_delay_s)
+        seen_s = np.clip(windows_s, begin_s, begin_s + self._plan.exposure_s + asked.longer_s)
+        return np.where(seen_s[:, 1:] > seen_s[:, :1], seen_s, windows_s)
+
     def _first_mask_s(self, fire: _Fire, shot: int, frame: Frame) -> float:
         """Return when a shot's first mask appeared, on the devices' clock."""
         modulator, settings = self._devices.modulator.info, self._devices.sensor.settings
         if not frame.flags & FrameFlag.STAMPED_MONOTONIC:
             return fire.fired_ns * 1e-9 + (modulator.start_latency_s or 0.0) / 2 + shot * self._plan.sequence.period_s
-        began_s = frame.began_s(self._plan.exposure_s, settings.readout_s)
-        return began_s - modulator.trigger_delay_s - settings.trigger_delay_s - self._plan.settings.jitter_s / 2
+        asked = self._plan.settings
+        began_s = frame.began_s(self._plan.exposure_s + asked.longer_s, settings.readout_s)
+        return began_s - asked.begin_s(modulator.trigger_delay_s, settings.trigger_delay_s)

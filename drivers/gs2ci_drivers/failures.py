@@ -41,7 +41,8 @@ class DriverError(DeviceError):
         asked: What the device was asked to do, in its own words where that helps.
         allowed: What would be accepted.
         remedy: What the user can do about it.
-        trigger_index: Which trigger of the capture was being served, from 0; None outside a capture.
+
+    `trigger_index` is which trigger of the capture was being served, from 0, once `at_trigger` has noted it.
     """
 
     def __init__(
@@ -52,12 +53,11 @@ class DriverError(DeviceError):
         asked: str = "",
         allowed: str = "",
         remedy: str = "",
-        trigger_index: int | None = None,
     ) -> None:
         super().__init__(problem, allowed=allowed, remedy=remedy)
         self.device = device
         self.asked = asked
-        self.trigger_index = trigger_index
+        self.trigger_index: int | None = None
         self._happened = f"{asked}: {problem}" if asked else problem
         self.problem = self._described()
 
@@ -98,15 +98,12 @@ class NoAnswerError(LinkError):
         waited_s: How long was waited on the device's clock.
     """
 
-    def __init__(
-        self, device: str, asked: str, waited_s: float, *, remedy: str = "", trigger_index: int | None = None
-    ) -> None:
+    def __init__(self, device: str, asked: str, waited_s: float, *, remedy: str = "") -> None:
         super().__init__(
             device,
             f"no answer within {waited_s:.3g} s",
             asked=asked,
             remedy=remedy or "check power and cable, then run `gs2ci doctor`",
-            trigger_index=trigger_index,
         )
         self.waited_s = waited_s
 
@@ -130,7 +127,6 @@ class BadReplyError(LinkError):
         why: str,
         *,
         allowed: str = "",
-        trigger_index: int | None = None,
     ) -> None:
         shown = repr(reply[:48]) + ("..." if len(reply) > 48 else "")
         super().__init__(
@@ -139,7 +135,6 @@ class BadReplyError(LinkError):
             asked=asked,
             allowed=allowed,
             remedy="check the cable and the baud rate; record a wire trace with `trace = true` if it comes back",
-            trigger_index=trigger_index,
         )
         self.reply = reply
 
@@ -153,13 +148,12 @@ class DisconnectedError(LinkError):
         cause: The operating system's words.
     """
 
-    def __init__(self, device: str, asked: str, cause: object, *, trigger_index: int | None = None) -> None:
+    def __init__(self, device: str, asked: str, cause: object) -> None:
         super().__init__(
             device,
             f"the device is gone ({cause})",
             asked=asked,
             remedy="check power and cable, plug it in again and repeat; rows already taken are kept",
-            trigger_index=trigger_index,
         )
 
 
@@ -182,7 +176,6 @@ class RefusedError(DriverError):
         *,
         allowed: str = "",
         remedy: str = "",
-        trigger_index: int | None = None,
     ) -> None:
         super().__init__(
             device,
@@ -190,7 +183,6 @@ class RefusedError(DriverError):
             asked=asked,
             allowed=allowed,
             remedy=remedy or "see `gs2ci devices` for what the device can do",
-            trigger_index=trigger_index,
         )
         self.code = code
 
@@ -211,14 +203,12 @@ class DeviceFaultError(DriverError):
         faults: Sequence[str],
         *,
         remedy: str = "",
-        trigger_index: int | None = None,
     ) -> None:
         super().__init__(
             device,
             "the device reports " + ", ".join(faults),
             asked=asked,
             remedy=remedy or "see the device's manual for this fault, then run `gs2ci doctor`",
-            trigger_index=trigger_index,
         )
         self.faults = tuple(faults)
 
@@ -276,12 +266,11 @@ class TriggerTimeoutError(FrameError):
         waited_s: How long was waited on the sensor's clock.
     """
 
-    def __init__(self, device: str, frame_index: int, waited_s: float, *, trigger_index: int | None = None) -> None:
+    def __init__(self, device: str, frame_index: int, waited_s: float) -> None:
         super().__init__(
             device,
             f"no frame {frame_index} after {waited_s:.3g} s",
             remedy="check the trigger cable, its level and its polarity; `gs2ci doctor` tests the loop",
-            trigger_index=trigger_index,
         )
         self.frame_index = frame_index
         self.waited_s = waited_s
@@ -296,12 +285,11 @@ class FrameLostError(FrameError):
         lost: How many are missing.
     """
 
-    def __init__(self, device: str, frame_index: int, lost: int, *, trigger_index: int | None = None) -> None:
+    def __init__(self, device: str, frame_index: int, lost: int) -> None:
         super().__init__(
             device,
             f"{lost} frame(s) lost from frame {frame_index} on",
             remedy="raise `buffers` in [sensor], lower the trigger rate, or close other programs",
-            trigger_index=trigger_index,
         )
         self.frame_index = frame_index
         self.lost = lost
@@ -316,12 +304,11 @@ class FrameCorruptError(FrameError):
         why: What is wrong with it.
     """
 
-    def __init__(self, device: str, frame_index: int, why: str, *, trigger_index: int | None = None) -> None:
+    def __init__(self, device: str, frame_index: int, why: str) -> None:
         super().__init__(
             device,
             f"frame {frame_index} is corrupt: {why}",
             remedy="check the sensor's cable; allow a second attempt with `retries = 1` in [capture]",
-            trigger_index=trigger_index,
         )
         self.frame_index = frame_index
 
@@ -335,12 +322,11 @@ class FrameStaleError(FrameError):
         age_s: How long before the trigger it was taken.
     """
 
-    def __init__(self, device: str, frame_index: int, age_s: float, *, trigger_index: int | None = None) -> None:
+    def __init__(self, device: str, frame_index: int, age_s: float) -> None:
         super().__init__(
             device,
             f"frame {frame_index} was taken {age_s:.3g} s before its trigger",
             remedy="raise `warm_up_frames` in [sensor]; check that nothing else fires the trigger line",
-            trigger_index=trigger_index,
         )
         self.frame_index = frame_index
         self.age_s = age_s

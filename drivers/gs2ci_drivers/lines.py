@@ -26,14 +26,12 @@ class LineChannel:
         device: Name of the device, for messages.
         port: The port.
         clock: Where deadlines are kept.
-        end: What ends a line; a carriage return before it is dropped with it.
     """
 
-    def __init__(self, device: str, port: BytePort, clock: Clock, end: bytes = b"\n") -> None:
+    def __init__(self, device: str, port: BytePort, clock: Clock) -> None:
         self._device = device
         self._port = port
         self._clock = clock
-        self._end = end
         self._buffer = b""
         self._late_reads = 0
 
@@ -72,7 +70,7 @@ class LineChannel:
             if self._clock.now_s() >= deadline_s and (not data or self._late_reads > MOST_READS):
                 raise NoAnswerError(self._device, asked, max(self._clock.now_s() - begin_s, 0.0))
             self._buffer += data
-            if len(self._buffer) > LONGEST_LINE and self._end not in self._buffer:
+            if len(self._buffer) > LONGEST_LINE and b"\n" not in self._buffer:
                 noise, self._buffer = self._buffer, b""
                 raise BadReplyError(self._device, asked, noise, "no end of line", allowed="lines of text")
 
@@ -97,8 +95,8 @@ class LineChannel:
 
     def _take(self) -> bytes:
         """Cut the first non-empty line off the buffer, b"" when there is none yet."""
-        while self._end in self._buffer:
-            line, self._buffer = self._buffer.split(self._end, 1)
+        while b"\n" in self._buffer:
+            line, self._buffer = self._buffer.split(b"\n", 1)
             line = line.strip(NOISE + b"\r\n ")
             if line:
                 return line

@@ -1,4 +1,4 @@
-"""What a modulator is asked to show, what it can show, and whether the one fits the other.
+"""The pattern sequence asked of a modulator, the limits of a modulator, and the check of one against the other.
 
 Here: the records `PatternSequence`, `TriggerOut` and `ModulatorInfo`, and the check. Not here: the device that shows
 them (`gs2ci_drivers.modulator`), masks from files or from draws (`gs2ci.rig.patterns`).

@@ -1,4 +1,4 @@
-"""The records of a capture's plan: what the user wants, what will happen, line by line. Nothing moves here.
+"""The records of a capture's plan: the settings asked for and the timeline, line by line. Nothing moves here.
 
 Not here: laying a plan out and checking it (`gs2ci_drivers.planning`), doing it (`gs2ci_drivers.acquisition`).
 """
@@ -74,6 +74,8 @@ class CaptureSettings:
         travel: The camera's motion, or None for a camera at rest.
         margin_s: By how much the exposure ends before the last mask does.
         jitter_s: Latest start of an exposure after its edge that is reckoned with.
+        late_s: How long after its edge an exposure begins, a delay that was set included, where that was measured.
+        longer_s: By how much an exposure is longer than set, where that was measured.
         retries: How often a shot is tried again after lost, late, corrupt or stale frames.
         optics: What is known of light and scene.
         continuous: Whether all shots are taken in one run of the modulator, one behind another, and lost ones are named
@@ -93,11 +95,22 @@ class CaptureSettings:
     travel: Travel | None = None
     margin_s: float = 0.0
     jitter_s: float = 20e-6
+    late_s: float | None = None
+    longer_s: float = 0.0
     retries: int = 0
     optics: KnownOptics = field(default_factory=KnownOptics)
     gated: bool = False
     continuous: bool = False
     ring: int = 0
+
+    def begin_s(self, modulator_delay_s: float, sensor_delay_s: float) -> float:
+        """Return when an exposure begins, from the appearance of its first mask: as measured, else as set.
+
+        Args:
+            modulator_delay_s: From a mask's appearance to its edge.
+            sensor_delay_s: From an edge to the begin of the exposure, set or known.
+        """
+        return modulator_delay_s + (sensor_delay_s + self.jitter_s / 2 if self.late_s is None else self.late_s)
 
     @property
     def trigger_out(self) -> TriggerOut:

@@ -65,7 +65,7 @@ def lay_out(
     """
     sequence = _sequence(settings, modulator, setup)
     exposure_s = _exposure(settings, setup)
-    begin_s = modulator.trigger_delay_s + setup.trigger_delay_s + settings.jitter_s / 2
+    begin_s = settings.begin_s(modulator.trigger_delay_s, setup.trigger_delay_s)
     windows = sequence.windows_s()
     weights = overlap_weights(windows, begin_s, begin_s + exposure_s)
     if settings.mode is Mode.PER_MASK:

@@ -1,4 +1,4 @@
-"""Where bytes leave us: the five ports that drivers speak through, and nothing of what is said.
+"""The five ports through which drivers reach hardware: interfaces alone, no protocol.
 
     HidPort     64-byte reports (DLPC900)                     links.usb_hid
     BytePort    a stream of bytes (serial, USB bulk)          links.serial_line, links.usb_bulk
@@ -341,14 +341,13 @@ class ScreenPort(Protocol):
 
 
 @contextmanager
-def port_errors(device: str, asked: str, *, timeout_s: float = 0.0, trigger_index: int | None = None) -> Iterator[None]:
+def port_errors(device: str, asked: str, *, timeout_s: float = 0.0) -> Iterator[None]:
     """Turn what a port raises into the typed errors of drivers.
 
     Args:
         device: Name of the device.
         asked: What is being done.
         timeout_s: The timeout that was given to the port, for the message.
-        trigger_index: Which trigger is being served, if any.
 
     Raises:
         NoAnswerError: A write was not taken in time (TimeoutError).
@@ -358,7 +357,7 @@ def port_errors(device: str, asked: str, *, timeout_s: float = 0.0, trigger_inde
     try:
         yield
     except TimeoutError as error:
-        raise NoAnswerError(device, f"{asked} (write)", timeout_s, trigger_index=trigger_index) from error
+        raise NoAnswerError(device, f"{asked} (write)", timeout_s) from error
     except OSError as error:
         if error.errno in (errno.EACCES, errno.EPERM, errno.EBUSY, errno.ENOENT):
             raise AccessError(
@@ -366,6 +365,5 @@ def port_errors(device: str, asked: str, *, timeout_s: float = 0.0, trigger_inde
                 f"the port cannot be used ({error})",
                 asked=asked,
                 remedy="run `gs2ci doctor`: it prints the udev rules to install and who holds the port",
-                trigger_index=trigger_index,
             ) from error
-        raise DisconnectedError(device, asked, error, trigger_index=trigger_index) from error
+        raise DisconnectedError(device, asked, error) from error

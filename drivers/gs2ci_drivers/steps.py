@@ -1,4 +1,4 @@
-"""Steps that know how to undo themselves.
+"""Steps with their inverses: what was done is undone in reverse order.
 
 Here: doing steps in order, and undoing those that were done in reverse, past their errors. Not here: what the steps of
 a capture are (`gs2ci_drivers.acquisition`).

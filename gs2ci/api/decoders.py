@@ -1,4 +1,4 @@
-"""From the words of `gs2ci decode` to a decoder.
+"""The decoder that the options of `gs2ci decode` name.
 
 Here: which words go together and what they name. Not here: any decoding (`gs2ci.reconstruct.decode`, `proxies`).
 """

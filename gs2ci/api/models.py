@@ -1,4 +1,4 @@
-"""Trained weights become model files, and model files get names.
+"""Converting trained weights to model files, and registering model files under names.
 
 Here: `export_model`, `add_model`, `list_models`. Not here: any network (`gs2ci.reconstruct.learned`).
 """

@@ -1,4 +1,4 @@
-"""Numbers as a user types them after an option: which are allowed, said in one way by every command.
+"""Checks of numeric options, with the same error messages for every command.
 
 Here: the refusal, made before anything is loaded, opened or computed. Not here: what a number does; nor bounds that
 only a file or a device can tell.

@@ -1,4 +1,4 @@
-"""What a simulation calls for, and why: `plan`, `explain`.
+"""The effects and the sampling that a simulation needs, and why: `plan`, `explain`.
 
 Not here: the reckoning (`gs2ci_sims.planner`, `explaining`), a capture's plan (`rigs`).
 """

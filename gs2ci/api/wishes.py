@@ -1,4 +1,4 @@
-"""What the arguments of `gs2ci reconstruct` mean: for the settings, for the shot, and within a budget of seconds.
+"""What the arguments of `gs2ci reconstruct` change: the settings, the shot, and the plan within a budget of seconds.
 
 Here: settings changed as wished, a shot with the focal length that its user knows, the plan of a budget. Not here: the
 settings (`gs2ci.reconstruct`), the order of the work (`reconstruction`).

@@ -1,4 +1,4 @@
-"""What is known of an exposure once it has ended: a small JSON file each in `rows/`, and one CSV of all.
+"""The record of an exposure that has ended: a small JSON file each in `rows/`, and one CSV of all.
 
 Here: `Row`, its file, `write_csv`. Not here: where the figures come from (`work`), the page (`index_page`).
 """

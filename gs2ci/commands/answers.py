@@ -1,4 +1,4 @@
-"""What a command answers to a program: JSON on standard output, and all else that it says on standard error.
+"""A command's answer to a program: JSON on standard output, and all else that it prints on standard error.
 
 Here: `answered`, the `--json` of every command that has one; `silenced`, the `--quiet` of all. Not here: what is
 answered.

@@ -1,4 +1,4 @@
-"""`gs2ci models`: trained weights become model files, and model files get names.
+"""`gs2ci models`: convert trained weights to model files, and register model files under names.
 
 Here: the arguments and what is printed. Not here: any network.
 """

@@ -1,1 +1,1 @@
-"""What every other part stands on: errors, records, storage, progress, clock. No torch, nothing else of ours."""
+"""The base of all other parts: errors, records, storage, progress, clock. No torch, nothing else of ours."""

@@ -1,4 +1,4 @@
-"""What everybody needs of cameras: the matrix of an ideal one, where they stand, and two ways to call their axes.
+"""Helpers for cameras: the matrix of an ideal one, camera centres, and two conventions of axes.
 
 Here: numpy alone. Not here: lenses that distort (`gs2ci.core.lens`), checks (`gs2ci.core.records`), paths compared
 (`gs2ci.evaluate.trajectory`).

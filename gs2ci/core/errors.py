@@ -4,7 +4,7 @@
     ├── InputError        a file, key or value that a user gave cannot be used
     ├── StorageError      a shot, run folder or bundle cannot be read or written
     ├── GeometryError     no camera path or depth can be found in these views
-    ├── NumericsError     a computation left the finite numbers and could not be rolled back
+    ├── NumericsError     a computation gave numbers that are not finite, and could not be rolled back
     ├── ResourceError     the work would take more memory than it was allowed
     └── DeviceError       a device failed, refused or did not answer in time
 
@@ -46,7 +46,7 @@ class GeometryError(Gs2ciError):
 
 
 class NumericsError(Gs2ciError):
-    """A computation left the finite numbers and could not be rolled back."""
+    """A computation gave numbers that are not finite, and could not be rolled back."""
 
 
 class ResourceError(Gs2ciError):

@@ -156,6 +156,7 @@ class Code(StrEnum):
     POINTS_BEHIND_CAMERA = auto()
     TURN_TOO_LARGE = auto()
     PATH_UNCERTAIN = auto()
+    CENTRE_MAY_MOVE = auto()
     POSES_INTERPOLATED = auto()
     DEPTH_STARTS_AS_PLANE = auto()
     ATTEMPTS_RANKED = auto()

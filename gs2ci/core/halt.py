@@ -1,4 +1,4 @@
-"""A wish to have what has been found so far, which long computations look at between their steps.
+"""The request to end early with what has been found so far, which long computations check between their steps.
 
 Here: the wish, and Ctrl-C as the wish. Not here: what a computation hands over then (`gs2ci.reconstruct.pipeline`).
 """

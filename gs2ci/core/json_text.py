@@ -1,4 +1,4 @@
-"""JSON: values made fit for it, and text that a stranger may have written, whose every fault is a ValueError.
+"""JSON: values converted for it, and parsing of text of any origin, whose every fault is a ValueError.
 
 Here: `plain_json`, `as_json`, `parse_json`. Not here: what the values mean, which is for those who asked for them.
 """

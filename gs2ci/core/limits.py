@@ -1,4 +1,4 @@
-"""How large an array in a file may claim to be, before any room is made for it."""
+"""How large an array in a file may be, checked before memory is allocated for it."""
 
 from typing import Final
 

@@ -1,4 +1,4 @@
-"""What a long computation tells whoever waits for it.
+"""The interface by which a long computation reports its progress.
 
 Here: the interface through which stages report, and the listener that says nothing. Not here: drawing (the live display
 is `gs2ci.api.display`).

@@ -2,8 +2,9 @@
 
 Here: the length of a line between two pixels' points. Not here: points (`gs2ci.evaluate.points`), the command.
 
-The standard error is that of the two depths, as far as the scene itself tells: the spread of the light that each is the
-median of, and the place within a pixel. What all depths have in common is not in it: errors of the unit and the path.
+The standard error is that of the two depths, as far as the scene itself tells: a share of the spread of the light that
+each is the median of, and the place within a pixel. What all depths have in common is not in it: errors of the unit and
+the path.
 """
 
 from dataclasses import dataclass
@@ -16,6 +17,9 @@ from gs2ci.core.errors import InputError
 from gs2ci.evaluate.evaluation import FinishedRun
 from gs2ci.evaluate.points import Cameras
 
+# Of the light's spread along the ray, so much is the error of its median: Gaussians are thicker than what they show is
+# unsure. Found on solids of known size (`python -m tests.benchmarks lengths`).
+_OF_SPREAD: Final = 0.6
 # Standard deviation of a place that is anywhere within a pixel.
 _WITHIN_PIXEL_PX: Final = 12.0**-0.5
 
@@ -77,7 +81,8 @@ def measure(run: FinishedRun, one: tuple[int, int], other: tuple[int, int], view
             )
         ray = cameras.rays(np.array([column + 0.5, row + 0.5]))
         points.append(cameras.in_world(view, ray * depth))
-        along = cameras.in_world(view, ray * depth * float(run.depth_spread[view, row, column]), directions=True)
+        unsure = depth * _OF_SPREAD * float(run.depth_spread[view, row, column])
+        along = cameras.in_world(view, ray * unsure, directions=True)
         beside = depth * _WITHIN_PIXEL_PX / np.diag(run.intrinsics)[:2]
         across = [cameras.in_world(view, np.eye(3)[k] * beside[k], directions=True) for k in (0, 1)]
         spreads.append(np.stack([along, *across]))

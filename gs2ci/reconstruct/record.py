@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 import torch
 
-from gs2ci.core.arrays import F32
+from gs2ci.core.arrays import F32, F64
 from gs2ci.core.findings import Code, Finding, finding
 from gs2ci.core.run_records import CurvePoint, RunResult, Verdict
 from gs2ci.reconstruct.first_look import FirstLook
@@ -17,6 +17,7 @@ from gs2ci.reconstruct.fit.ensemble import Ensemble
 from gs2ci.reconstruct.fit.looks import Score
 from gs2ci.reconstruct.fit.mask_moments import MaskMoments
 from gs2ci.reconstruct.fit.rendering import ShotRenderer
+from gs2ci.reconstruct.geometry.centre import doubts_about_centre
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.geometry.sources import TOLD
 from gs2ci.reconstruct.geometry.telemetry import Movement, movement
@@ -147,7 +148,17 @@ def _notes(left: Left, settings: Settings, moved: Movement) -> tuple[Finding, ..
         ),
         *(*_notes_on_poses(moved, geometry), *left.recovered.notes),
         *_depth_in_noise(geometry, left.look.jury, left.recovered),
+        *_about_centre(geometry, ensemble.best.world_to_camera, left.light),
     )
+
+
+def _about_centre(geometry: Geometry, world_to_camera: F64, light: StoppedLight) -> tuple[Finding, ...]:
+    """Say that the principal point may move, where a path that nobody told turns as if it did."""
+    if geometry.verdict != "full" or geometry.source in TOLD:
+        return ()
+    depth = light.surface()[geometry.reference].numpy()
+    inverse = np.divide(1.0, depth, out=np.zeros_like(depth), where=depth > 0)
+    return doubts_about_centre(world_to_camera, geometry.intrinsics, inverse, geometry.reference)
 
 
 def _depth_in_noise(geometry: Geometry, jury: Jury, recovered: Recovered) -> tuple[Finding, ...]:

@@ -35,6 +35,10 @@ LOG_SCALE_MAX: Final = 18.0
 QUATERNION_NORM_MIN: Final = 1e-12
 """A shorter quaternion names no rotation; it is read as the identity and receives no gradient."""
 
+SIGHT_MIN: Final = 1e-12
+"""A line of sight shorter than this (scene units) has no direction: colours that change with it are seen as their
+constant part. What is so near is not drawn."""
+
 TERMINATION_TRANSMITTANCE: Final = 1e-4
 """A fast path may stop blending a group of pixels once all of them let less light through than this. It changes
 a pixel by at most this share of the colour behind it. The definition never stops."""

@@ -11,6 +11,7 @@ import torch
 from torch import Tensor
 
 from gs2ci.core.errors import InputError
+from gs2ci.render.conventions import SIGHT_MIN
 from gs2ci.render.gaussians import HARMONICS, Gaussians
 
 DEGREE_MAX: Final = len(HARMONICS) - 1
@@ -87,7 +88,7 @@ def colours_seen(scene: Gaussians, world_to_camera: Tensor, times: Tensor | None
     rotation, translation = world_to_camera[:, :3, :3].to(dtype), world_to_camera[:, :3, 3].to(dtype)
     centres = -(rotation.transpose(1, 2) @ translation[..., None])[..., 0]
     means = scene.means if times is None else scene.means_at(times)
-    directions = torch.nn.functional.normalize(means - centres[:, None], dim=-1)
+    directions = torch.nn.functional.normalize(means - centres[:, None], dim=-1, eps=SIGHT_MIN)
     shape = basis(directions)[..., : scene.harmonics.shape[1]]
     seen: Tensor = scene.colours + torch.einsum("vgk,gkc->vgc", shape, scene.harmonics.to(dtype))
     return seen.clamp(min=0.0)

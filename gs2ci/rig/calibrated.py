@@ -32,12 +32,19 @@ class MeasuredAxis:
         scale: True mm per counted mm.
         speed_error: Of a sweep, relative, against the scale at rest; 0 where none was measured.
         measured_utc: When, ISO 8601.
+        backlash_mm: Lost motion at a reversal, counted mm, and its standard error.
+        sweep_lag_s: By how much too late a position is counted during a sweep, and its standard error; None where it
+            was not measured.
+        repeatability_mm: How well a sweep comes back to where it was, counted mm, one standard deviation.
     """
 
     direction: F64
     scale: float
     speed_error: float
     measured_utc: str
+    backlash_mm: tuple[float, float] = (0.0, 0.0)
+    sweep_lag_s: tuple[float, float] | None = None
+    repeatability_mm: float = 0.0
 
     @property
     def per_mm(self) -> F64:
@@ -108,6 +115,20 @@ class Calibrated:
         return self.bundle.sections["camera"].array("distortion") if "camera" in self.bundle else None
 
     @property
+    def late_s(self) -> tuple[float, float] | None:
+        """Get how long after its edge an exposure begins, and its standard error, where it was measured."""
+        return self._timing("latency_s")
+
+    @property
+    def longer_s(self) -> tuple[float, float] | None:
+        """Get by how much an exposure is longer than set, and its standard error, where it was measured."""
+        return self._timing("exposure_offset_s")
+
+    def _timing(self, name: str) -> tuple[float, float] | None:
+        section = self.bundle.sections.get("timing")
+        return None if section is None else _pair(section, name)
+
+    @property
     def axes(self) -> dict[str, MeasuredAxis]:
         """Get the stage's axes that were measured, by name."""
         if "stage" not in self.bundle:
@@ -165,12 +186,22 @@ class Calibrated:
 
 def _axis(section: Section, name: str) -> MeasuredAxis:
     speed = f"velocity_error_{name}"
+    backlash, repeatability = _pair(section, f"backlash_mm_{name}"), _pair(section, f"repeatability_mm_{name}")
     return MeasuredAxis(
         direction=np.asarray(section.array(f"direction_{name}"), np.float64),
         scale=section.number(f"scale_{name}"),
         speed_error=section.number(speed) if speed in section.estimates else 0.0,
         measured_utc=section.measured_utc,
+        backlash_mm=backlash or (0.0, 0.0),
+        sweep_lag_s=_pair(section, f"sweep_lag_s_{name}"),
+        repeatability_mm=0.0 if repeatability is None else repeatability[0],
     )
+
+
+def _pair(section: Section, name: str) -> tuple[float, float] | None:
+    """Return a number of a section and its standard error; None where it was not measured."""
+    estimate = section.estimates.get(name)
+    return None if estimate is None else (float(estimate), estimate.error)
 
 
 def load(

@@ -1,4 +1,4 @@
-"""A rig as calibration sees it: its devices, and somebody who sets things up before the camera.
+"""A rig as calibration uses it: its devices, and an operator who does what must be done by hand.
 
 Here: the bench of a rig file, the operator at the terminal, the bundle's provenance. Not here: the simulated operator
 (`simulated_operator`), the procedures (`gs2ci_calibration`), the truth of a simulated bench (`gs2ci.tables.truth`).

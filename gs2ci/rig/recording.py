@@ -30,8 +30,8 @@ from gs2ci.rig.session import SessionLog, note_devices, note_temperatures
 from gs2ci.rig.telemetry import Carriage, carriage_of
 from gs2ci_drivers.acquisition import Devices, Taken, capture, plan_capture
 from gs2ci_drivers.failures import UnsupportedError
-from gs2ci_drivers.plan import CapturePlan, Mode
-from gs2ci_drivers.sensor import Frame
+from gs2ci_drivers.plan import CapturePlan, CaptureSettings, Mode
+from gs2ci_drivers.sensor import Frame, TriggerMode
 
 if TYPE_CHECKING:
     from gs2ci.rig.simulated import SimulatedBench
@@ -88,6 +88,7 @@ def prepare(rig: Rig, devices: Devices, calibrated: Calibrated | None = None) ->
         InputError: The masks do not fit on the modulator.
     """
     codes, settings, config = intended(rig, devices)
+    settings = _timed(settings, calibrated)
     plan = plan_capture(devices, settings, config)
     size = (config.height, config.width)
     got = devices.sensor.settings.format
@@ -100,6 +101,14 @@ def prepare(rig: Rig, devices: Devices, calibrated: Calibrated | None = None) ->
             remedy="set height and width in [sensor]",
         )
     return Prepared(plan, codes, calibrated)
+
+
+def _timed(settings: CaptureSettings, calibrated: Calibrated | None) -> CaptureSettings:
+    """Put the trigger's measured times in; a gated sensor's exposure begins and ends by other edges."""
+    if calibrated is None or calibrated.late_s is None or settings.trigger_mode is not TriggerMode.EDGE:
+        return settings
+    longer_s = calibrated.longer_s
+    return replace(settings, late_s=calibrated.late_s[0], longer_s=0.0 if longer_s is None else longer_s[0])
 
 
 def record(
@@ -257,9 +266,10 @@ def _intrinsics(table: RigTable, size: tuple[int, ...]) -> F64 | None:
 
 def _carriage(rig: Rig, prepared: Prepared) -> Carriage | None:
     """Return how the stage carries the camera, where it moves during the exposures."""
-    if prepared.plan.sweep is None:
+    plan = prepared.plan
+    if plan.sweep is None:
         return None
-    return carriage_of(rig.table, prepared.plan.settings.travel, prepared.calibrated)
+    return carriage_of(rig.table, plan.settings.travel, prepared.calibrated, plan.sweep.speed_mm_s)
 
 
 class _Recorder:

@@ -1,4 +1,4 @@
-"""A ring of shots between those who take them and the disk.
+"""A ring buffer of shots between acquisition and the disk.
 
 Shots are written by a thread of their own while the next ones are exposed. Where the disk is slower, they wait; where
 as many wait as the ring holds, whoever takes them waits too (back-pressure), and what the sensor's own buffers cannot

@@ -1,4 +1,4 @@
-"""Somebody who sets things up before the camera of a simulated bench, as calibration asks for.
+"""The operator of a simulated bench: does what calibration asks to be done by hand.
 
 Here: the operator. Not here: the one at a terminal (`gs2ci.rig.calibrating`), the world (`simulated`).
 """

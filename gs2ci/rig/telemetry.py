@@ -25,6 +25,8 @@ class Carriage:
         per_mm: The camera's motion per counted mm of each axis at rest, in its own frame (x right, y down, z ahead),
             in the unit of the poses, [3].
         swept_per_mm: The same of the swept axis while it moves.
+        ahead_mm: How far ahead of where it is counted the swept axis is while it moves, counted mm: by the time that
+            it takes to ask it, less the half of its play by which it lies behind the mean of both sides.
         told: Where these are from, for the shot's provenance.
     """
 
@@ -32,6 +34,7 @@ class Carriage:
     per_mm: Mapping[str, F64]
     swept_per_mm: F64
     told: Mapping[str, Any] = field(default_factory=dict)
+    ahead_mm: float = 0.0
 
     def world_to_camera(self, stage_mm: F64, axes: tuple[str, ...]) -> F64:
         """Return the camera's poses, [N, 4, 4], OpenCV axes: identity in the middle of the travel.
@@ -44,15 +47,29 @@ class Carriage:
         for column, axis in enumerate(axes):
             swept = axis == self.travel.axis
             rest_mm = (self.travel.from_mm + self.travel.to_mm) / 2 if swept else stage_mm[0, column]
-            per_mm = self.swept_per_mm if swept else self.per_mm.get(axis, np.zeros(3))
-            poses[:, :3, 3] -= (stage_mm[:, column] - rest_mm)[:, None] * per_mm
+            per_mm = self.per_mm.get(axis, np.zeros(3))
+            if not swept:
+                poses[:, :3, 3] -= (stage_mm[:, column] - rest_mm)[:, None] * per_mm
+                continue
+            # The stage was asked where it is as the travel began; from there on its speed counts.
+            begin_mm = self.travel.from_mm
+            poses[:, :3, 3] -= (begin_mm - rest_mm + self.ahead_mm) * per_mm
+            poses[:, :3, 3] -= (stage_mm[:, column] - begin_mm)[:, None] * self.swept_per_mm
         return poses
 
 
-def carriage_of(table: RigTable, travel: Travel | None, calibrated: Calibrated | None) -> Carriage | None:
+def carriage_of(
+    table: RigTable, travel: Travel | None, calibrated: Calibrated | None, speed_mm_s: float = 0.0
+) -> Carriage | None:
     """Return how the stage carries the camera, or None where nothing moves or nothing tells where to.
 
     An axis that the calibration measured is taken from it, another from [stage.mount]; the swept axis must be known.
+
+    Args:
+        table: The rig file.
+        travel: Of the capture, None where the camera rests.
+        calibrated: The bundle, None without one.
+        speed_mm_s: Of the sweep, counted: what comes of times that were measured grows with it.
     """
     if table.stage is None or travel is None:
         return None
@@ -69,7 +86,30 @@ def carriage_of(table: RigTable, travel: Travel | None, calibrated: Calibrated |
     told: dict[str, Any] = {"axes_from": "[stage.mount]"} if swept is None else _told(swept, travel.axis)
     if mount is not None and mount.error_mm is not None:
         told["position_error"] = unit * mount.error_mm
-    return Carriage(travel, {axis: unit * way for axis, way in per_mm.items()}, unit * swept_per_mm, told)
+    ahead_mm = 0.0
+    if swept is not None and calibrated is not None:
+        ahead_mm, error_mm = _ahead(swept, calibrated, travel, speed_mm_s)
+        told |= {"ahead_mm": round(ahead_mm, 6), "ahead_error_mm": round(error_mm, 6)}
+    return Carriage(travel, {axis: unit * way for axis, way in per_mm.items()}, unit * swept_per_mm, told, ahead_mm)
+
+
+def _ahead(swept: MeasuredAxis, calibrated: Calibrated, travel: Travel, speed_mm_s: float) -> tuple[float, float]:
+    """Return how far ahead of where it is counted an axis is during a sweep, and its standard error, counted mm.
+
+    The error is that of all poses of a shot together: of the times and the play that were measured, of how well a
+    sweep comes back, and of where in it a speed that is not as counted was compared.
+    """
+    way = 1.0 if travel.to_mm > travel.from_mm else -1.0
+    lag_s, lag_error_s = swept.sweep_lag_s or (0.0, 0.0)
+    play_mm, play_error_mm = swept.backlash_mm
+    times_s = [pair[1] for pair in (calibrated.late_s, calibrated.longer_s) if pair is not None]
+    errors_mm = [
+        *(speed_mm_s * one for one in (lag_error_s, *times_s)),
+        play_error_mm / 2,
+        swept.repeatability_mm,
+        swept.speed_error * abs(travel.to_mm - travel.from_mm) / 2,
+    ]
+    return way * (speed_mm_s * lag_s - play_mm / 2), float(np.linalg.norm(errors_mm))
 
 
 def _told(swept: MeasuredAxis, axis: str) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""One piece of work: what is done, with which arguments, and the row of figures that comes out.
+"""One cell of a table: the function called, its arguments, and the row of figures that comes out.
 
 Here: `Cell`, and doing one. Not here: what is done (`works`), who does it (`workers`), keeping it (`store`), which
 cells are needed (`catalogue`).

@@ -1,4 +1,4 @@
-"""Who does the work: local processes, or a Dask cluster that exists already.
+"""Running table cells: in local processes, or on a Dask cluster that exists already.
 
 Here: handing out cells, keeping each as soon as it is done. Not here: the work itself (`works`).
 """

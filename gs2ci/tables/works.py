@@ -1,4 +1,4 @@
-"""What cells do: plain arguments in, a row of figures out.
+"""The functions behind table cells: plain arguments in, a row of figures out.
 
 Not here: which of them a table needs (`catalogue`).
 """

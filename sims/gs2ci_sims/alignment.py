@@ -1,4 +1,4 @@
-"""What masks make of light that changes, whatever the masks: sums of weighted fields at their worst alignment.
+"""Bounds over all masks of what changing light does to a measurement: sums of weighted fields at their worst alignment.
 
 An effect changes the light behind mask n by a field R_n, of which its rms rho_n over the pixels and its peak P are
 known, but not where it is large; the mask lets w_n >= 0 of it through. The reading then changes by sum_n w_n R_n, and

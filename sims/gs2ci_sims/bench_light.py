@@ -206,12 +206,12 @@ class BenchLight:
         chain = EffectChain(self._extra, self._seed, self.nominal_rig(self.sensor.bits))
         return calibrated_masks(chain.through(Stage.MASKS, seen), chain)
 
-    def nominal_rig(self, bits: int, exposure_s: float = 1.0) -> Rig:
-        """Return the rig's figures for one open mask over an exposure, at a bit depth of the converter."""
+    def nominal_rig(self, bits: int) -> Rig:
+        """Return the rig's figures for one open mask over a second, at a bit depth of the converter."""
         return Rig(
-            light=Light(self._photons_per_s * exposure_s),
+            light=Light(self._photons_per_s),
             modulator=Modulator(masks=1),
-            timing=Timing(exposure_s),
+            timing=Timing(1.0),
             sensor=self._sensor_of(bits),
             device_seed=self._seed,
         )

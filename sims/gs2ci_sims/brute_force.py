@@ -1,4 +1,4 @@
-"""The simulation that leaves nothing out: every effect, and time sampled ever more finely until nothing changes.
+"""The simulation of everything: every effect, and time sampled ever more finely until nothing changes.
 
 It is what plans are measured against, in tests and in `gs2ci tables simulate`. Each mask interval is cut
 into equal parts, each of which is rendered at its middle (the midpoint rule), with twice as many parts again and

@@ -1,4 +1,4 @@
-"""The renderer that owes the solver nothing: Gaussian scenes ray by ray in float64, for where truth matters.
+"""A renderer that shares nothing with the solver's: Gaussian scenes ray by ray in float64.
 
 It stands behind the interface of `radiance.Renderer`, so that exposures, plans and twins take either. Not here: the
 rays (`rays`), the solver's rasteriser, which the other renderer uses.

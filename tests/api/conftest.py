@@ -22,22 +22,22 @@ trigger_out_2_bit = "disables"
 kind = "v4l2"
 height = 24
 width = 32
-format = "RG12"
+format = "{pixels}"
 black_level_dn = 64.0
 [stage]
 kind = "zaber"
 [stage.mount]
 [capture]
 masks = 4
-mask_s = 0.03
-axis = "x"
-from_mm = 74.0
-to_mm = 75.0
+{capture}
 [world]
 scene = "planes"
 height = 24
 width = 32
+{world}
 """
+"""A bench of 24 x 32 pixels; left open are the sensor's format, and more of [capture] and [world]."""
+SWEEP = 'mask_s = 0.03\naxis = "x"\nfrom_mm = 74.0\nto_mm = 75.0'
 
 
 @pytest.fixture(scope="session")
@@ -52,7 +52,7 @@ def filled(tmp_path_factory, make_run, scene):
     write_shots(folder / "shot.h5", [named])
     shutil.copy(folder / "shot.h5", folder / "interrupted.h5.partial")
     write_run(folder / "run", named, result, scene)
-    (folder / "rig.toml").write_text(RIG)
+    (folder / "rig.toml").write_text(RIG.format(pixels="RG12", capture=SWEEP, world=""))
     return folder
 
 

@@ -292,7 +292,7 @@ def test_the_summary_says_how_good_how_long_and_where(tmp_path):
         "The fit ended because the held-out pixels stopped improving; they were best at iteration 500.",
         "The focal length is not known and [nobody] told it; a horizontal",
         "Give it if you know it: `gs2ci reconstruct --focal-px`.",
-        "say only «at least». Use less light",
+        "from below only. Use less light",
         "report.html",
     ):
         assert part in " ".join(text.split())

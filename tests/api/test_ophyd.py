@@ -18,32 +18,7 @@ from bluesky.utils import FailedStatus  # noqa: E402
 from ophyd_async.core import DetectorTrigger, FlyMotorInfo, TriggerInfo  # noqa: E402
 
 from gs2ci.api.ophyd.bench import coded_frames  # noqa: E402
-
-RIG = """
-name = "small bench"
-[modulator]
-kind = "dlpc900"
-trigger_out_2_bit = "disables"
-[sensor]
-kind = "v4l2"
-height = 24
-width = 32
-format = "Y12"
-black_level_dn = 64.0
-[stage]
-kind = "zaber"
-[stage.mount]
-[capture]
-masks = 4
-mask_s = 0.01
-{capture}
-[world]
-scene = "planes"
-height = 24
-width = 32
-noise = false
-{world}
-"""
+from tests.api.conftest import RIG  # noqa: E402
 
 
 @pytest.fixture(scope="module")
@@ -62,7 +37,7 @@ def open_bench(tmp_path):
 
     def run(capture="", world=""):
         path = tmp_path / "rig.toml"
-        path.write_text(RIG.format(capture=capture, world=world))
+        path.write_text(RIG.format(pixels="Y12", capture=f"mask_s = 0.01\n{capture}", world=f"noise = false\n{world}"))
         rig = gs2ci.open_rig(path)
         opened.append(gs2ci.ophyd_bench(rig, tmp_path))
         return rig, opened[-1]
@@ -247,7 +222,7 @@ def test_a_bench_whose_device_is_gone_is_closed_again(open_bench, tmp_path):
 
 def test_without_the_extra_it_says_what_to_install(monkeypatch, tmp_path):
     path = tmp_path / "rig.toml"
-    path.write_text(RIG.format(capture="", world=""))
+    path.write_text(RIG.format(pixels="Y12", capture="mask_s = 0.01", world="noise = false"))
     for name in [name for name in sys.modules if name.startswith("gs2ci.api.ophyd")]:
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, "ophyd_async", None)

@@ -24,9 +24,9 @@ from gs2ci.render.conventions import TERMINATION_TRANSMITTANCE
 from gs2ci.render.cpu.backend import CpuBackend
 from gs2ci.render.cpu.compile import kernel
 from gs2ci.render.cpu.passes import Inputs, camera_fields, render_cells
-from gs2ci.render.cpu.vector import LANES, broadcast, fused, store
 from gs2ci.render.cpu.workspace import Workspace
 from gs2ci.render.gaussians import Gaussians
+from gs2ci.render.simd.vector import LANES, broadcast, fused, store
 from tests.benchmarks.scenes import fitted_like, random_masks, small_motion
 
 ROUNDS = 5

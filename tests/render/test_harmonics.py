@@ -7,6 +7,7 @@ from scipy.special import sph_harm_y
 
 from gs2ci.core.errors import InputError
 from gs2ci.render.cpu.backend import CpuBackend
+from gs2ci.render.cpu.harmonics import colours_of
 from gs2ci.render.gaussians import Gaussians
 from gs2ci.render.harmonics import SH_DC, basis, coefficients, colours_seen, degree_of, turned
 from gs2ci.render.reference import ReferenceBackend
@@ -133,6 +134,24 @@ def test_kernels_follow_the_definition(degree, whole_views, make, with_margin, r
     found = run(CpuBackend(RasterSettings(termination_transmittance=0.0)), case, whole_views=whole_views)
     found.assert_near(truth, TOLERANCE)
     assert torch.linalg.vector_norm(truth.values["d harmonics"]) > 0
+
+
+@pytest.mark.parametrize("degree", [1, 3])
+def test_kernels_follow_the_definition_where_gaussians_move(make, degree):
+    case = shiny(make(count=37), degree)
+    draw = torch.Generator().manual_seed(6)
+    scene = replace(case.scene, motion=0.5 * torch.randn(37, 2, 3, generator=draw))
+    when, weights = torch.linspace(-1, 1, 3), torch.randn(3, 37, 3, generator=draw)
+    found = []
+    for dtype, see in ((torch.float64, colours_seen), (torch.float32, colours_of)):
+        own = scene.map(lambda tensor: tensor.to(dtype, copy=True).requires_grad_())  # noqa: B023
+        poses = case.poses.to(dtype, copy=True).requires_grad_()
+        seen = see(own, poses, when.to(dtype))
+        (seen * weights).sum().backward()
+        gradients = (own.means.grad, own.colours.grad, own.harmonics.grad, own.motion.grad, poses.grad)
+        found.append([one.double() for one in (seen.detach(), *gradients)])
+    for truth, fast in zip(*found, strict=True):
+        assert torch.linalg.vector_norm(fast - truth) < 1e-5 * torch.linalg.vector_norm(truth)
 
 
 def test_definition_follows_finite_differences_in_all_that_colours_depend_on(make):

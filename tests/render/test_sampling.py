@@ -8,10 +8,10 @@ from gs2ci.core.errors import InputError
 from gs2ci.render.backend import load_backend
 from gs2ci.render.cpu.backend import CpuBackend
 from gs2ci.render.cpu.layout import lay_out
-from gs2ci.render.cpu.vector import LANES
 from gs2ci.render.reference import ReferenceBackend
 from gs2ci.render.sampling import CanvasSampling
 from gs2ci.render.settings import RasterSettings
+from gs2ci.render.simd.vector import LANES
 
 BACKENDS = ["cpu", "reference"]
 TOLERANCE = 2e-5

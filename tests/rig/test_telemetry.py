@@ -7,7 +7,7 @@ from gs2ci.core.storage import read_shot
 from gs2ci.rig.calibrated import Calibrated
 from gs2ci.rig.config import RigTable
 from gs2ci.rig.telemetry import carriage_of
-from gs2ci_calibration.bundle import Bundle
+from gs2ci_calibration.bundle import Bundle, read_bundle, write_bundle
 from gs2ci_calibration.estimates import Estimate, Section
 from gs2ci_calibration.geometry import stage as steps
 from gs2ci_drivers.plan import Travel
@@ -49,6 +49,12 @@ scale = 1.02
 speed_error = 0.005
 backlash_mm = 0.1
 """
+LATE_S, LONGER_S = 1e-3, 2e-4
+LATE = RIG.replace(
+    "[world.mount]",
+    f"camera_readout_s = 2e-4\ntrigger_latency_s = {LATE_S}\ntrigger_exposure_offset_s = {LONGER_S}\n[world.mount]",
+)
+BACKWARDS = LATE.replace("from_mm = 74.0\nto_mm = 76.0", "from_mm = 76.0\nto_mm = 74.0")
 TRAVEL = Travel("x", 10.0, 14.0)
 
 
@@ -57,10 +63,24 @@ def path_of(poses):
     return -(poses[1:, :3, 3] - poses[:1, :3, 3])
 
 
+def timed(bundle):
+    """Add what the step `timing` would measure to a bundle."""
+    estimates = {"latency_s": Estimate(LATE_S, 2e-6, "s"), "exposure_offset_s": Estimate(LONGER_S, 2e-6, "s")}
+    write_bundle(bundle, read_bundle(bundle).with_section(Section("timing", estimates)))
+
+
+def ahead_mm(shot):
+    """How far the poses are ahead of the true ones along the axis, mm, the mean over the masks; up to a constant."""
+    found, true = (poses[:, :3, 3] for poses in (shot.telemetry_world_to_camera, shot.truth.world_to_camera))
+    return float(((true - found) @ np.array(TRUE_X)).mean()) / 0.02
+
+
 def test_a_captures_telemetry_is_as_true_as_the_calibration_of_the_stage(rig, tmp_path, calibrate, gs2ci, monkeypatch):
     monkeypatch.setattr(steps, "TARGETS", 4)
     monkeypatch.setattr(steps, "SWEEP_PICTURES", 6)
     section = calibrate(tmp_path / "bench.cal.h5", "camera", "stage").sections["stage"]
+    timed(tmp_path / "bench.cal.h5")
+    rig.write_text(LATE)
     errors, shots = {}, {}
     for name, options in (("nominal", ()), ("calibrated", ("--calibration", "bench.cal.h5"))):
         assert gs2ci("capture", "--rig", rig, "-o", f"{name}.h5", *options) == 0
@@ -84,6 +104,16 @@ def test_a_captures_telemetry_is_as_true_as_the_calibration_of_the_stage(rig, tm
     assert told["axes_from"] == "calibration"
     assert told["measured_utc"] == section.measured_utc
     assert told["scale_x"] == pytest.approx(1.02, rel=1e-3)
+
+    # Forwards and backwards, what is behind the counted position lies to either side of it.
+    rig.write_text(BACKWARDS)
+    for name, options in (("nominal", ()), ("calibrated", ("--calibration", "bench.cal.h5"))):
+        assert gs2ci("capture", "--rig", rig, "-o", f"{name}-back.h5", *options) == 0
+    apart_mm = {
+        name: abs(ahead_mm(shots[name]) - ahead_mm(read_shot(tmp_path / f"{name}-back.h5"))) / 2 for name in shots
+    }
+    assert apart_mm["calibrated"] < told["ahead_error_mm"] < 0.02
+    assert apart_mm["nominal"] > 0.02
 
 
 def table(stage=None, **world):
@@ -138,3 +168,14 @@ def test_without_a_word_on_the_swept_axis_there_are_no_poses():
     assert carriage_of(table({}), TRAVEL, measured("y")) is None
     assert carriage_of(table({}), TRAVEL, Calibrated(Bundle(), ())) is None
     assert carriage_of(table({}), TRAVEL, measured()) is not None
+
+
+def test_a_position_that_was_counted_late_lies_ahead_and_one_with_play_behind():
+    found = measured(scale=1.0, direction=(1.0, 0.0, 0.0), sweep_lag_s=2e-3, backlash_mm=0.1)
+    for travel, ahead_mm in ((TRAVEL, 0.02 - 0.05), (Travel("x", 14.0, 10.0), 0.05 - 0.02)):
+        carriage = carriage_of(table({}), travel, found, 10.0)
+        poses = carriage.world_to_camera(np.array([[12.0]]), ("x",))
+        assert -poses[0, 0, 3] == pytest.approx(ahead_mm)
+        assert carriage.told["ahead_mm"] == pytest.approx(ahead_mm)
+        assert carriage.told["ahead_error_mm"] == pytest.approx(np.hypot(10.0 * 1e-4, 0.5e-4), abs=1e-6)
+    assert carriage_of(table({"mount": {}}), TRAVEL, None, 10.0).ahead_mm == 0.0

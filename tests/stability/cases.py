@@ -360,7 +360,7 @@ def _file(name: str, damage: Damage, *says: str) -> Case:
 
 def _faults() -> Iterator[Case]:
     """What goes wrong inside the optimiser: the last good state, and a sentence."""
-    back, over = ("back to iteration",), ("numbers ran away",)
+    back, over = ("back to iteration",), ("diverged",)
     nan, inf = float("nan"), float("inf")
     yield _fault("a NaN in the gradient", faults.gradient(nan, once(33)), ("was not finite", *back))
     yield _fault("an infinity in the gradient", faults.gradient(inf, once(33)), ("was not finite", *back))

@@ -79,6 +79,8 @@ class AxisEstimate:
         linearity_mm: Root mean square of what is left over a straight line, in mm of the axis.
         speed_error: Relative error of the speed during a sweep; None where none was made.
         speed_ripple_mm: Root mean square of what is left over an even motion, in mm of the axis; 0 without a sweep.
+        sweep_lag_s: By how much later than the camera's places say the stage counts its position during a sweep: it was
+            asked over a line that takes its time. At the middle of play that is taken up, as at rest.
     """
 
     name: str
@@ -89,6 +91,7 @@ class AxisEstimate:
     linearity_mm: float
     speed_error: Measured | None = None
     speed_ripple_mm: float = 0.0
+    sweep_lag_s: Measured | None = None
 
     @property
     def scale(self) -> Measured:
@@ -207,19 +210,27 @@ def _measure(name: str, pictures: Sequence[StagePicture], sweeps: Sequence[Sweep
     lost = (down - up) @ along
     noise_mm = float(np.sqrt(along @ places.covariance_mm2 @ along))
     returns = [visit @ along for visit in visits.values()]
-    speed, ripple_mm = _speed(name, sweeps, places.camera_mm[len(pictures) :] @ along)
+    seen_mm = places.camera_mm[len(pictures) :] @ along
+    speed, ripple_mm = _speed(name, sweeps, seen_mm)
+    repeatability = _repeatability(returns, noise_mm)
+    backlash = Measured(float(lost.mean()), _widened(float(lost.std(ddof=1)) / np.sqrt(len(lost)), len(lost) - 1))
+    offsets = 0.5 * (up + down) @ along - np.array(targets)
+    rest = Measured(float(offsets.mean()), float(offsets.std(ddof=1)) / np.sqrt(len(offsets)))
+    come_to = float(np.hypot(rest.standard_error, repeatability.value))
+    lag = _lag(name, sweeps, seen_mm, Measured(rest.value, come_to), backlash)
     return FittedAxis(
         name=name,
         per_mm=line,
         covariance=_wider(by_targets, _by_returns(targets, visits)),
-        backlash=Measured(float(lost.mean()), _widened(float(lost.std(ddof=1)) / np.sqrt(len(lost)), len(lost) - 1)),
-        repeatability=_repeatability(returns, noise_mm),
+        backlash=backlash,
+        repeatability=repeatability,
         worst_return_mm=max(float(np.ptp(visit)) for visit in returns),
         linearity_mm=float(np.sqrt(np.mean(np.square(left @ along)))),
         travel_mm=travel_mm,
         noise_mm=noise_mm,
         speed=speed,
         speed_ripple_mm=ripple_mm,
+        lag=lag,
     )
 
 
@@ -315,10 +326,37 @@ def _speed(name: str, sweeps: Sequence[SweepPicture], along_mm: F64) -> tuple[Me
     return error, float(np.sqrt(np.mean(np.square(left[:, 0]))))
 
 
+def _lag(
+    name: str, sweeps: Sequence[SweepPicture], along_mm: F64, rest: Measured, backlash: Measured
+) -> Measured | None:
+    """Return how much later than seen a position is counted during a sweep, s; None without one.
+
+    Args:
+        name: Of the axis.
+        sweeps: Pictures of all axes' sweeps.
+        along_mm: Where the camera was in each, along the axis, in mm of it.
+        rest: Seen less counted at rest, the mean of both sides, mm, and how well a sweep comes back to that.
+        backlash: In mm of the axis: half of it lies behind the mean of both sides.
+    """
+    mine = [(shot.time_s, shot.position_mm, at) for shot, at in zip(sweeps, along_mm, strict=True) if shot.axis == name]
+    if len(mine) < SWEEP_MIN or len({position for _, position, _ in mine}) < 2:
+        return None
+    time_s, counted_mm, seen_mm = np.array(mine).T
+    way_mm_s = float(np.polyfit(time_s, counted_mm, 1)[0])
+    ahead_mm = seen_mm - counted_mm
+    speed_mm_s, sign = abs(way_mm_s), np.sign(way_mm_s)
+    # The stage is asked once, as the sweep reaches its first picture; from there a speed that is not as counted leads
+    # away.
+    (_, first_mm), covariance = np.polyfit(time_s - time_s.min(), ahead_mm, 1, cov=True)
+    lag_s = (sign * (float(first_mm) - rest.value) + backlash.value / 2) / speed_mm_s
+    errors_mm = (float(np.sqrt(covariance[1, 1])), rest.standard_error, backlash.standard_error / 2)
+    return Measured(float(lag_s), float(np.linalg.norm(errors_mm)) / speed_mm_s)
+
+
 def _through_camera(
     measure: Callable[[Places], list[FittedAxis]], sightings: Sequence[Sighting], camera: CameraEstimate, places: Places
 ) -> list[F64]:
-    """Return how the figures of each axis change with the camera's, [5, 8] each, by central differences.
+    """Return how the figures of each axis change with the camera's, [6, 8] each, by central differences.
 
     The camera is not fitted again to these pictures: their corners' errors repeat from picture to picture, and the
     camera would seem better known than it is. Its errors are carried through instead.
@@ -344,6 +382,9 @@ def _estimate(axis: FittedAxis, by_camera: F64, camera: CameraEstimate, mm_per_p
         along = float(axis.per_mm @ covariance @ axis.per_mm) / float(axis.per_mm @ axis.per_mm) ** 2
         total = np.sqrt(speed.standard_error**2 + along + carried[4, 4])
         speed = replace(speed, standard_error=float(total))
+    lag = axis.lag
+    if lag is not None:
+        lag = replace(lag, standard_error=float(np.hypot(lag.standard_error, carried[5, 5] ** 0.5)))
     return AxisEstimate(
         name=axis.name,
         per_mm=axis.per_mm,
@@ -353,4 +394,5 @@ def _estimate(axis: FittedAxis, by_camera: F64, camera: CameraEstimate, mm_per_p
         linearity_mm=axis.linearity_mm,
         speed_error=speed,
         speed_ripple_mm=axis.speed_ripple_mm,
+        sweep_lag_s=lag,
     )

@@ -52,6 +52,7 @@ class FittedAxis:
         noise_mm: What the pictures' noise makes of one place.
         speed: Relative error, or None.
         speed_ripple_mm: In mm of the axis.
+        lag: As in `AxisEstimate.sweep_lag_s`.
     """
 
     name: str
@@ -65,11 +66,13 @@ class FittedAxis:
     noise_mm: float
     speed: Measured | None
     speed_ripple_mm: float
+    lag: Measured | None = None
 
     @property
     def figures(self) -> F64:
-        """Get what depends on the camera's figures: motion per mm, backlash, speed error, [5]."""
-        return np.array([*self.per_mm, self.backlash.value, self.speed.value if self.speed else 0.0])
+        """Get what depends on the camera's figures: motion per mm, backlash, speed error, lag of a sweep, [6]."""
+        swept = [0.0 if one is None else one.value for one in (self.speed, self.lag)]
+        return np.array([*self.per_mm, self.backlash.value, *swept])
 
 
 def require_moving(name: str, per_mm: F64, travel_mm: float, noise_mm: float) -> None:

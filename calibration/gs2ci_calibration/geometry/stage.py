@@ -193,9 +193,10 @@ def _sweep(
     stack = bench.grab(patterns, frames=1, exposure_s=exposure_s, shown_s=shown_s, travel=travel)
     speed = stack.plan.sweep.speed_mm_s if stack.plan.sweep is not None else speed_mm_s
     since_s = stack.time_s[:, 0] - stack.time_s[0, 0]
+    counted_mm = travel.from_mm + speed * since_s if stack.stage_mm is None else stack.stage_mm[:, 0]
     return [
-        SweepPicture(axis.name, float(t), travel.from_mm + speed * float(t), pictures.board.find(frame[0]))
-        for t, frame in zip(since_s, stack.readings, strict=True)
+        SweepPicture(axis.name, float(t), float(at), pictures.board.find(frame[0]))
+        for t, at, frame in zip(since_s, counted_mm, stack.readings, strict=True)
     ]
 
 
@@ -215,6 +216,8 @@ def _section(found: dict[str, AxisEstimate], exposure_s: float, pictures: int) -
         }
         if axis.speed_error is not None:
             estimates[f"velocity_error_{name}"] = Estimate(axis.speed_error.value, axis.speed_error.standard_error, "1")
+        if axis.sweep_lag_s is not None:
+            estimates[f"sweep_lag_s_{name}"] = Estimate(axis.sweep_lag_s.value, axis.sweep_lag_s.standard_error, "s")
         facts |= {f"linearity_mm_{name}": axis.linearity_mm, f"speed_ripple_mm_{name}": axis.speed_ripple_mm}
         notes.append(
             f"axis {name}: direction known to {axis.direction_error_deg:.3f} degrees, straight to "

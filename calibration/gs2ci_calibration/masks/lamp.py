@@ -1,4 +1,4 @@
-"""The lamp's brightness from frame to frame, followed by references between the masks.
+"""The lamp's brightness from frame to frame, interpolated between references taken among the masks.
 
 Every reference with all mirrors on is one number, the lamp's level; in between it is interpolated in time. What
 references cannot follow, they tell: by how much each departs from what its neighbours let expect.

@@ -1,4 +1,4 @@
-"""One command, then polling until the panel says what became of it. EXPERIMENTAL, as the package says.
+"""Sending a command and polling until the panel has acknowledged or refused it. EXPERIMENTAL, as the package says.
 
 Here: the exchange. Not here: what is asked (`driver`), the bytes (`packets`).
 """

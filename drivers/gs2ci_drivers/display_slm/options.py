@@ -1,4 +1,4 @@
-"""What a Santec SLM-200 class panel may be set to: its [modulator] table, and the driver's options."""
+"""Options of a Santec SLM-200 class panel: its [modulator] table, which is also the driver's options."""
 
 from typing import Annotated, Literal, Self
 

@@ -1,7 +1,7 @@
 """One request, one answer: the conversation with a DLPC900 over a HID port, with deadlines and typed errors.
 
 Here: numbering, draining, discarding what is not ours, asking why after a refusal. Not here: what is asked in
-which order (`driver`), the bytes themselves (`packets`). Imported by the driver and tests.
+which order (`driver`), the bytes themselves (`packets`).
 
 The device has one 512-byte buffer for both directions: an answer that is not fetched is overwritten by the next
 request. So a request goes out only after everything old was read, and an answer with another sequence number is
@@ -30,6 +30,8 @@ from gs2ci_drivers.ports import HID_REPORT_BYTES, HidPort, port_errors
 
 # A device that keeps sending unasked is broken; one reply has at most eight reports.
 _MAX_STALE_REPORTS: Final = 64
+# How long the device may take to accept one report.
+_WRITE_TIMEOUT_S: Final = 1.0
 
 
 class Channel:
@@ -41,7 +43,6 @@ class Channel:
         clock: On which deadlines are kept.
         incidents: Where to note what was ridden out.
         reply_timeout_s: How long an answer may take; TI's own library waits 10 s.
-        write_timeout_s: How long the device may take to accept one report.
     """
 
     def __init__(
@@ -52,14 +53,12 @@ class Channel:
         *,
         incidents: list[str],
         reply_timeout_s: float,
-        write_timeout_s: float = 1.0,
     ) -> None:
         self.device = device
         self._port = port
         self._clock = clock
         self._incidents = incidents
         self._reply_timeout_s = reply_timeout_s
-        self._write_timeout_s = write_timeout_s
         self._sequence = 0
         self._unsent_reports = 0
 
@@ -103,7 +102,7 @@ class Channel:
         """
         assert command in NEVER_ACKNOWLEDGED, command
         sent = 0
-        with port_errors(self.device, asked, timeout_s=self._write_timeout_s):
+        with port_errors(self.device, asked, timeout_s=_WRITE_TIMEOUT_S):
             for payload in payloads:
                 self._send(write_request(command, payload, self._next_sequence(), acknowledge=False))
                 sent += len(payload)
@@ -143,10 +142,10 @@ class Channel:
             BadReplyError: The device does not stop sending.
             NoAnswerError, DisconnectedError: As `stream`.
         """
-        with port_errors(self.device, asked, timeout_s=self._write_timeout_s):
+        with port_errors(self.device, asked, timeout_s=_WRITE_TIMEOUT_S):
             while self._unsent_reports:
                 # The device still waits for the rest of a message that we gave up: end it.
-                self._port.write(bytes(HID_REPORT_BYTES), self._write_timeout_s)
+                self._port.write(bytes(HID_REPORT_BYTES), _WRITE_TIMEOUT_S)
                 self._unsent_reports -= 1
             for _ in range(_MAX_STALE_REPORTS):
                 stale = self._port.read(0.0)
@@ -163,7 +162,7 @@ class Channel:
         self._unsent_reports = len(reports)
         for report in reports:
             try:
-                self._port.write(report, self._write_timeout_s)
+                self._port.write(report, _WRITE_TIMEOUT_S)
             except OSError:
                 if self._unsent_reports == len(reports):
                     self._unsent_reports = 0  # the device has seen none of it
@@ -172,7 +171,7 @@ class Channel:
 
     def _exchange(self, message: bytes, asked: str) -> HidReply:
         self.drain(asked)
-        with port_errors(self.device, asked, timeout_s=self._write_timeout_s):
+        with port_errors(self.device, asked, timeout_s=_WRITE_TIMEOUT_S):
             self._send(message)
             return self._await_reply(message, asked)
 

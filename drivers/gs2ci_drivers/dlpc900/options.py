@@ -1,4 +1,4 @@
-"""What a DLPC900 may be set to: the [modulator] table of a rig file with kind = "dlpc900", and the driver's options.
+"""Options of a DLPC900: the [modulator] table with kind = "dlpc900", which is also the driver's options.
 
 Here: `Dlpc900Options`, `TriggerEdges`. Not here: what the controller is told of them (`plan`, `payloads`).
 """

@@ -1,4 +1,4 @@
-"""What a buffer from a GenICam camera is worth: whole, lost, incomplete or stale; and its pixels.
+"""Checks of a buffer from a GenICam camera: complete, lost, incomplete or stale; and its pixels.
 
 Frame numbers are the transport's: GigE Vision counts from 1 and, before version 2, in 16 bits without a 0 (65535 is
 followed by 1); USB3 Vision counts from 0.

@@ -1,4 +1,4 @@
-"""A camera's features with typed errors: what is there, what it was told, what came of it.
+"""Reading and writing a camera's features, with typed errors and a record of what was set.
 
 Here: reading and writing features by the names of the Standard Features Naming Convention (SFNC), and the two older
 spellings of exposure and gain. Not here: which features make up a set-up (`setup`), time (`camera_clock`).

@@ -1,4 +1,4 @@
-"""What a GenICam camera may be set to: the [sensor] table of a rig file, and the driver's options.
+"""Options of a GenICam camera: the [sensor] table of a rig file, which is also the driver's options.
 
 Here: `GenicamOptions`. Not here: what is set for one capture (`gs2ci_drivers.sensor.SensorConfig`).
 """

@@ -1,4 +1,4 @@
-"""What a GRBL controller may be set to: its [stage] table, and the driver's options."""
+"""Options of a GRBL controller: its [stage] table, which is also the driver's options."""
 
 from typing import Annotated, Literal
 

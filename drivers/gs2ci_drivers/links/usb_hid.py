@@ -5,11 +5,16 @@ Here: interrupt transfers with timeouts. Not here: finding and claiming (`usb_de
 
 import errno
 import math
+from typing import Final
 
 import usb.core
 
 from gs2ci_drivers.links.usb_device import ClaimedInterfaces, Find, as_os_error
 from gs2ci_drivers.ports import HID_REPORT_BYTES
+
+# Addresses of the interrupt endpoints to the device and from it.
+_ENDPOINT_OUT: Final = 0x01
+_ENDPOINT_IN: Final = 0x81
 
 
 class UsbHid:
@@ -20,9 +25,6 @@ class UsbHid:
         vendor_id: USB vendor.
         product_id: USB product.
         bus_port: Which one, where several are plugged in: "1-2.3" as in /sys/bus/usb/devices.
-        interface: Number of the HID interface.
-        endpoint_out: Address of the interrupt endpoint to the device.
-        endpoint_in: Address of the interrupt endpoint from the device.
         find: pyusb's search, replaceable in tests.
 
     Raises:
@@ -37,16 +39,9 @@ class UsbHid:
         product_id: int,
         *,
         bus_port: str = "",
-        interface: int = 0,
-        endpoint_out: int = 0x01,
-        endpoint_in: int = 0x81,
         find: Find = usb.core.find,
     ) -> None:
-        self._out = endpoint_out
-        self._in = endpoint_in
-        self._claimed = ClaimedInterfaces(
-            device, vendor_id, product_id, interfaces=(interface,), bus_port=bus_port, find=find
-        )
+        self._claimed = ClaimedInterfaces(device, vendor_id, product_id, bus_port=bus_port, find=find)
 
     def write(self, report: bytes, timeout_s: float) -> None:
         """Send one report; see `HidPort.write`."""
@@ -54,7 +49,7 @@ class UsbHid:
         if len(report) != HID_REPORT_BYTES:
             raise ValueError(f"a HID report of {len(report)} bytes instead of {HID_REPORT_BYTES}")
         try:
-            written = self._claimed.usb.write(self._out, report, timeout_ms(timeout_s))
+            written = self._claimed.usb.write(_ENDPOINT_OUT, report, timeout_ms(timeout_s))
         except usb.core.USBTimeoutError as error:
             raise TimeoutError(str(error), timeout_s) from error
         except usb.core.USBError as error:
@@ -66,7 +61,7 @@ class UsbHid:
         """Receive one report; see `HidPort.read`."""
         self._require_open()
         try:
-            return bytes(self._claimed.usb.read(self._in, HID_REPORT_BYTES, timeout_ms(timeout_s)))
+            return bytes(self._claimed.usb.read(_ENDPOINT_IN, HID_REPORT_BYTES, timeout_ms(timeout_s)))
         except usb.core.USBTimeoutError:
             return b""
         except usb.core.USBError as error:

@@ -1,4 +1,4 @@
-"""What a modulator behind the open command set may be set to: its [modulator] table, and the driver's options."""
+"""Options of a modulator behind the open command set: its [modulator] table, which is also the driver's options."""
 
 from typing import Literal
 

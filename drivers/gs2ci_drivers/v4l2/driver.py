@@ -1,4 +1,4 @@
-"""A V4L2 camera as a `Sensor`: the order of calls that kernel drivers expect, and life after an unplug.
+"""A V4L2 camera as a `Sensor`: calls in the order that kernel drivers expect, and recovery after it was unplugged.
 
 Here: `V4l2Sensor` and `list_cameras`. Not here: setting up (`setup`), buffers (`streaming`), what a frame is worth
 (`judge`), requests (`node`).
@@ -215,10 +215,10 @@ class V4l2Sensor(Sensor):
             camera.close()
 
 
-def list_cameras(port: SysPort, pattern: str = "/dev/video*") -> list[tuple[str, Identity]]:
-    """List the capture nodes that match a shell pattern, with who they are; leave out those that do not answer."""
+def list_cameras(port: SysPort) -> list[tuple[str, Identity]]:
+    """List the capture nodes with their identities; leave out those that do not answer."""
     found = []
-    for path in port.list_nodes(pattern):
+    for path in port.list_nodes("/dev/video*"):
         try:
             with contextlib.closing(VideoNode(port, path, path)) as node:
                 identity = node.identity()

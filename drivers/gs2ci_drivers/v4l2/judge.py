@@ -1,4 +1,4 @@
-"""What a frame from the kernel is worth: whole, lost, corrupt or stale; and its pixels.
+"""Checks of a frame from the kernel: complete, lost, corrupt or stale; and its pixels.
 
 Here: `FrameJudge`, which keeps the count of frame numbers. Not here: where frames come from (`streaming`).
 Imported by `driver` only.

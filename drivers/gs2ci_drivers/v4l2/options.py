@@ -1,4 +1,4 @@
-"""What a camera of the Linux kernel may be set to: the [sensor] table of a rig file, and the driver's options.
+"""Options of a V4L2 camera: the [sensor] table of a rig file, which is also the driver's options.
 
 Here: `V4l2Options`: what is wanted of the camera, and what must be known of it that its kernel driver does not tell.
 Not here: what is set for one capture (`gs2ci_drivers.sensor.SensorConfig`).

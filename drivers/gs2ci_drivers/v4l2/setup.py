@@ -1,4 +1,4 @@
-"""An open camera: who it is, what it can do, and setting it to what a capture asks for.
+"""Setting an open camera up: its identity, its abilities, and the format and controls that a capture asks for.
 
 Here: `OpenCamera`. Not here: streaming (`streaming`), the interface (`driver`). Imported by `driver` only.
 """

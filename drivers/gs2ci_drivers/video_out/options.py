@@ -1,4 +1,4 @@
-"""What a modulator on a video output may be set to: its [modulator] table, and the driver's options."""
+"""Options of a modulator on a video output: its [modulator] table, which is also the driver's options."""
 
 from typing import Annotated, Literal, Self
 

@@ -1,4 +1,4 @@
-"""One request, its one reply: ids, checksums, alerts in between, late answers, deadlines.
+"""One request and its reply: ids, checksums, alerts in between, late replies, deadlines.
 
 Here: the exchange of messages with a Zaber chain. Not here: what a stage does with them (`driver`).
 """

@@ -1,4 +1,4 @@
-"""What a Zaber device may be set to: its [stage] table, and the driver's options."""
+"""Options of a Zaber device: its [stage] table, which is also the driver's options."""
 
 from typing import Annotated, Literal, Self
 

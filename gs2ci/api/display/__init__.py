@@ -1,4 +1,4 @@
-"""What a person sees of a long computation: at a terminal, in a notebook, in a file.
+"""Showing the progress of a long computation: at a terminal, in a notebook, in a file.
 
 Here: which display is shown where, a caller's own listener in its place, and an interruption within compiled code. Not
 here: what all displays know of a stage (`stages`), drawing (`terminal`, `notebook`, `plain`).

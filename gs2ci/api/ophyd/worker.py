@@ -1,4 +1,4 @@
-"""Drivers, which wait, called from Bluesky's event loop, which must not.
+"""Running blocking driver calls in a thread of their own, so that Bluesky's event loop is never blocked.
 
 Here: `Worker`. Not here: what is called (`axis`, `masks`, `camera`, `coded`).
 """

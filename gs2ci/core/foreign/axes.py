@@ -1,4 +1,4 @@
-"""Which axis is which: measurement, masks and true views brought into the order of the house.
+"""Which axis is which: measurement, masks and true views brought into the order that gs2ci uses.
 
 Every order of axes that is in use is a candidate; those in which heights and widths agree are possible; of these the
 one with the most pixels wins (a mask stack has more pixels than masks), and what still differs is an error or, where a

@@ -1,4 +1,4 @@
-"""Intrinsics, distortion and poses as users have them, in the conventions of the house.
+"""Intrinsics, distortion and poses as users have them, converted to the conventions of gs2ci.
 
 Accepted: [3, 3] (or transposed), four numbers fx fy cx cy, or a focal length with a centred principal point; OpenCV's
 coefficients of distortion; poses [N, 4, 4], [N, 3, 4] or with the counting axis last, world-to-camera or

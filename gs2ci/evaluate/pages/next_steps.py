@@ -81,7 +81,7 @@ def next_steps(report: Report, most: int = MOST_STEPS) -> list[NextStep]:
 
 
 def fit_failed(report: Report) -> NextStep | None:
-    """The fit left the finite numbers."""
+    """The fit diverged."""
     diverged = report.found(Code.FIT_DIVERGED)
     if diverged is None:
         return None

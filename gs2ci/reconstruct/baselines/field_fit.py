@@ -17,7 +17,6 @@ from torch import Tensor
 
 from gs2ci.core.arrays import F32, F64
 from gs2ci.core.errors import InputError, NumericsError
-from gs2ci.core.progress import Progress, Silent
 from gs2ci.core.records import Shot
 from gs2ci.reconstruct.baselines.radiance_field import Frustum, RadianceField, cast
 from gs2ci.reconstruct.geometry.initialise import Geometry
@@ -100,7 +99,6 @@ def fit_field(
     geometry: Geometry,
     settings: FieldSettings | None = None,
     seed: int = 0,
-    progress: Progress | None = None,
 ) -> FittedField:
     """Fit a field to a measurement.
 
@@ -109,14 +107,12 @@ def fit_field(
         geometry: First path and depths.
         settings: How long and how finely.
         seed: Of all draws.
-        progress: Hears of each step.
 
     Raises:
         InputError: The settings make no sense, or the shot was taken through a lens that distorts.
         NumericsError: The loss is not finite.
     """
     settings = (settings or FieldSettings()).check()
-    progress = progress or Silent()
     if shot.distortion is not None and np.any(shot.distortion):
         raise InputError("a radiance field behind a lens that distorts", remedy="straighten the measurement first")
     generator = torch.Generator().manual_seed(seed)
@@ -136,7 +132,6 @@ def fit_field(
     )
     falling = torch.optim.lr_scheduler.ExponentialLR(optimiser, (1 / 20) ** (1 / settings.iterations))
     loss_of: list[float] = []
-    progress.stage("field", settings.iterations)
     for iteration in range(settings.iterations):
         chosen = readings.draw(settings.pixels, generator)
         at_rest = iteration < settings.poses_from * settings.iterations
@@ -152,7 +147,6 @@ def fit_field(
         optimiser.step()
         falling.step()
         loss_of.append(float(loss.detach()))
-        progress.step(iteration + 1, residual=loss_of[-1])
     with torch.no_grad():
         path = (se3.exp(twists * moves) @ first).double().numpy()
     return FittedField(scene, path, settings.samples, loss_of)

@@ -6,7 +6,7 @@ the decode is not. So, once they are, a few of them are swept, what the sweeps a
 that is stopped elsewhere costs something. The cost fades: what the measurement says has the last word, and light that
 has been gathered on surfaces stays there.
 
-Here: the sweeps, their agreement, the term. Not here: when it counts (`coarse.py`), the sweep (`geometry.sweep`).
+Here: the sweeps, their agreement, the term. Not here: when it counts (`coarse.py`), the sweep (`geometry.surface_map`).
 """
 
 from dataclasses import dataclass, field, replace
@@ -21,9 +21,8 @@ from gs2ci.core.cameras import camera_centres
 from gs2ci.core.errors import InputError
 from gs2ci.reconstruct.fit.relief import Exchange
 from gs2ci.reconstruct.fit.rendering import ShotRenderer
-from gs2ci.reconstruct.geometry.plain import continued
-from gs2ci.reconstruct.geometry.snapping import snapped
-from gs2ci.reconstruct.geometry.sweep import SweepSettings, sweep
+from gs2ci.reconstruct.geometry.surface_map import surface_map
+from gs2ci.reconstruct.geometry.sweep import SweepSettings
 from gs2ci.reconstruct.measurement.lens import Lens
 from gs2ci.render.conventions import NEAR
 from gs2ci.render.gaussians import Gaussians
@@ -79,7 +78,7 @@ class SurfaceSettings:
     views: int = 4
     others: int = 4
     pixel_share: float = 0.3
-    sweep: SweepSettings = field(default_factory=lambda: SweepSettings(planes=64, window_px=5, blur_px=0.5))
+    sweep: SweepSettings = field(default_factory=lambda: SweepSettings(planes=64, window_px=5, blur_px=1.0))
 
     def check(self) -> "SurfaceSettings":
         """Return self if the numbers make sense.
@@ -205,10 +204,7 @@ def find_surfaces(
         others = [int(i) for i in _spread(count, settings.others + 1) if i != view][: settings.others]
         order = [view, *others]
         from_view = world_to_camera[order] @ np.linalg.inv(world_to_camera[view])
-        swept = sweep(straight[order], from_view, intrinsics, 0, span, settings.sweep)
-        sweeping = settings.sweep
-        whole = continued(swept, straight[order], from_view, intrinsics, sweeping.blur_px, sweeping.window_px)
-        maps.append(snapped(whole, straight[view]))
+        maps.append(surface_map(straight[order], from_view, intrinsics, 0, span, settings.sweep))
     parallax_px = float(intrinsics[0, 0]) * extent
     trust = agreement(np.stack(maps), world_to_camera[list(chosen)], intrinsics, parallax_px)
     inverse_depth, trust = (_on_sensor(found, lens) for found in (np.stack(maps), trust))

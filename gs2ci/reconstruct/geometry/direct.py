@@ -23,6 +23,7 @@ from gs2ci.core.findings import Code, finding
 from gs2ci.reconstruct.geometry.evidence import Evidence
 from gs2ci.reconstruct.geometry.initialise import PLANE_NOTE, Geometry
 from gs2ci.reconstruct.geometry.prior import Request
+from gs2ci.reconstruct.geometry.surface_map import surface_map
 from gs2ci.reconstruct.geometry.sweep import reduced, sweep
 
 # How far the nearest plane shifts between the middle view and the farthest, as shares of the picture's longer side:
@@ -183,7 +184,8 @@ class Direct:
     def _swept(self, poses: F64, near: float) -> Geometry:
         """Sweep depth finely, and bring its median to 1, as that of tracks is."""
         request, still = self._request, self._at_rest
-        depth = sweep(request.views, poses, still.intrinsics, still.reference, self._span(near), request.settings.sweep)
+        span, settings = self._span(near), request.settings.sweep
+        depth = surface_map(request.views, poses, still.intrinsics, still.reference, span, settings)
         median = float(np.median(depth))
         scaled = poses.copy()
         scaled[:, :3, 3] *= median

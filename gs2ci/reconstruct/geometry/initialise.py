@@ -30,6 +30,7 @@ from gs2ci.reconstruct.geometry.motion import (
     wander_px,
 )
 from gs2ci.reconstruct.geometry.rotations import fit_rotations
+from gs2ci.reconstruct.geometry.surface_map import surface_map
 from gs2ci.reconstruct.geometry.sweep import LEAST_PLANES, SweepSettings, inverse_depth_range, sweep
 from gs2ci.reconstruct.geometry.telemetry import PoseErrors, errors_of_told, place_points
 from gs2ci.reconstruct.geometry.tracks import Tracks, TrackSettings, find_corners, find_tracks, refine_tracks, within
@@ -274,7 +275,8 @@ def _second_look(
         most_pixels=min(settings.sweep.most_pixels, views[0, ..., 0].size) // 4,
     )
     geometry = found.geometry
-    depth = _depth(geometry, found.motion, views, rough)
+    span = inverse_depth_range(found.motion.inverse_depth, rough)
+    depth = sweep(views, geometry.world_to_camera, geometry.intrinsics, geometry.reference, span, rough)
     at = corners.astype(int)
     predicted = predict_positions(
         corners, depth[at[:, 1], at[:, 0]].astype(np.float64), geometry.world_to_camera, geometry.intrinsics
@@ -286,7 +288,7 @@ def _second_look(
 
 def _depth(geometry: Geometry, motion: CameraMotion, views: F32, settings: SweepSettings) -> F32:
     span = inverse_depth_range(motion.inverse_depth, settings)
-    return sweep(views, geometry.world_to_camera, geometry.intrinsics, geometry.reference, span, settings)
+    return surface_map(views, geometry.world_to_camera, geometry.intrinsics, geometry.reference, span, settings)
 
 
 def _check(views: F32, intrinsics: F64 | None) -> None:

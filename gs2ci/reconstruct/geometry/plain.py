@@ -19,7 +19,7 @@ from gs2ci.reconstruct.geometry.kernels import TRUNCATED_AT, UNSEEN_COST
 from gs2ci.reconstruct.geometry.sweep import features_of
 
 # How far around a pixel others are asked, as a share of the picture's longer side, and how many at most each way.
-_REACH_SHARE: Final = 0.12
+_REACH_SHARE: Final = 0.25
 _VOTERS: Final = 5
 # The standard deviation of colours that are alike, in full scales.
 _SIGMA: Final = 0.03

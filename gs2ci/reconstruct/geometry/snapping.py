@@ -10,8 +10,8 @@ import numba
 import numpy as np
 
 from gs2ci.core.arrays import F32
-from gs2ci.render.cpu.elementary import exp2_blend
-from gs2ci.render.cpu.vector import LANES, broadcast, get, load, maximum, store, where_ge
+from gs2ci.render.simd.elementary import exp2_blend
+from gs2ci.render.simd.vector import LANES, broadcast, get, load, maximum, store, where_ge
 
 # How far an edge may be off: by somewhat less than half of this, as the majority of a window decides.
 _REACH_PX = 10

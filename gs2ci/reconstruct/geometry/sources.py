@@ -18,7 +18,8 @@ from gs2ci.reconstruct.geometry.camera_files import CameraFile, read_cameras
 from gs2ci.reconstruct.geometry.direct import Direct
 from gs2ci.reconstruct.geometry.initialise import Geometry, initialise, measured
 from gs2ci.reconstruct.geometry.prior import Request, from_tracks
-from gs2ci.reconstruct.geometry.sweep import inverse_depth_range, sweep
+from gs2ci.reconstruct.geometry.surface_map import surface_map
+from gs2ci.reconstruct.geometry.sweep import inverse_depth_range
 from gs2ci.reconstruct.geometry.telemetry import errors_of_told, poses_of_stage, stated_error
 from gs2ci.reconstruct.geometry.wide import wide_motion
 
@@ -62,7 +63,9 @@ def _told(found: Geometry, error: float | None) -> Geometry:
         return found
     contradicted = found.tracks > 0 and found.pose_errors is None
     if contradicted:
-        return replace(found, order_told=True)
+        # What the stage states of its error is contradicted with it.
+        errors = errors_of_told(found.world_to_camera, found.intrinsics).loosened()
+        return replace(found, order_told=True, pose_errors=errors)
     position = None if error is None or found.unit is None else error / found.unit
     errors = errors_of_told(found.world_to_camera, found.intrinsics, position)
     return replace(found, order_told=True, pose_errors=errors)
@@ -177,7 +180,7 @@ def swept_between_points(request: Request, cameras: CameraFile, without: Geometr
         without,
         world_to_camera=poses,
         intrinsics=cameras.intrinsics,
-        inverse_depth=sweep(request.views, poses, cameras.intrinsics, reference, span, request.settings.sweep),
+        inverse_depth=surface_map(request.views, poses, cameras.intrinsics, reference, span, request.settings.sweep),
         verdict="full",
         unit=1 / unit,
         notes=(*without.notes, finding(Code.POSES_UNCHECKED)),

@@ -24,7 +24,8 @@ from gs2ci.core.findings import Code, finding
 from gs2ci.reconstruct.geometry.direct import at_rest
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.geometry.prior import Request
-from gs2ci.reconstruct.geometry.sweep import inverse_depth_range, sweep
+from gs2ci.reconstruct.geometry.surface_map import surface_map
+from gs2ci.reconstruct.geometry.sweep import inverse_depth_range
 
 # Decoded views are soft: features are sought at twice their size, with local contrast evened out.
 _ENLARGED: Final = 2
@@ -81,7 +82,7 @@ def wide_motion(request: Request, found: Geometry) -> Geometry:
     relative[:, :3, 3] *= unit
     settings = request.settings.sweep
     span = inverse_depth_range(ahead / unit, settings)
-    depth = sweep(request.views, relative, still.intrinsics, still.reference, span, settings)
+    depth = surface_map(request.views, relative, still.intrinsics, still.reference, span, settings)
     return replace(
         still,
         world_to_camera=relative,

@@ -1,4 +1,4 @@
-"""A prior without weights that looks at all views together: detail that several cameras agree on is detail.
+"""A prior without weights that uses all views together: detail on which several cameras agree is kept.
 
 What the scene leaves unexplained in the measurement is decoded into every camera's view (`decode.residual`). Some of
 it is texture that the Gaussians have not resolved, some is what decoding leaves behind. Texture lies on surfaces: seen

@@ -11,13 +11,13 @@ from torch import Tensor
 from gs2ci.core.arrays import F32
 from gs2ci.core.errors import InputError
 from gs2ci.render.cpu.function import CodedSum, Job, Rasterise, RenderTarget, ViewImages, as_float32
+from gs2ci.render.cpu.harmonics import colours_of
 from gs2ci.render.cpu.layout import Layout, lay_out
 from gs2ci.render.cpu.lists import CpuReuse
 from gs2ci.render.cpu.passes import Inputs, camera_fields, render_cells
 from gs2ci.render.cpu.stopping import depth_fields, stop_light
 from gs2ci.render.cpu.workspace import Pool
 from gs2ci.render.gaussians import Gaussians
-from gs2ci.render.harmonics import colours_seen
 from gs2ci.render.inputs import check_masks, check_rendering, check_screen, check_size
 from gs2ci.render.interface import MaskSet, Reuse
 from gs2ci.render.sampling import CanvasSampling, check_sampling
@@ -108,7 +108,7 @@ class CpuBackend:
         # Lists that serve once lie in the rendering's own workspace, without a margin.
         kept = reuse if self._settings.relist_every > 1 else None
         camera = _on_canvas(intrinsics, mask_set.sampling)
-        colours = _colours(scene, world_to_camera, times)
+        colours = colours_of(scene, world_to_camera, times)
         return self._run(target, scene, colours, world_to_camera, camera, times, screen, kept)[0]
 
     def views(
@@ -130,7 +130,7 @@ class CpuBackend:
         if not wanted and len(_parts(int(world_to_camera.shape[0]), size)) > 1:
             return self._views_in_parts(scene, world_to_camera, intrinsics, size, colours, sampling, times)
         target = ViewImages(self._full_layout((int(world_to_camera.shape[0]), *size), sampling))
-        used = _colours(scene, world_to_camera, times) if colours is None else colours
+        used = colours_of(scene, world_to_camera, times) if colours is None else colours
         images, alphas = self._run(target, scene, used, world_to_camera, _on_canvas(intrinsics, sampling), times)
         return images, alphas
 
@@ -229,11 +229,6 @@ def _parts(views: int, size: tuple[int, int]) -> list[slice]:
     """Divide views among renderings of at most `MOST_PIXELS_AT_ONCE`, but at least one view each."""
     at_once = max(1, MOST_PIXELS_AT_ONCE // (size[0] * size[1]))
     return [slice(first, min(first + at_once, views)) for first in range(0, views, at_once)]
-
-
-def _colours(scene: Gaussians, world_to_camera: Tensor, times: Tensor | None) -> Tensor:
-    """Return the colours, [G, 3], or in each view, [V, G, 3], where they change with the direction of sight."""
-    return scene.colours if scene.harmonics is None else colours_seen(scene, world_to_camera, times)
 
 
 def _means(scene: Gaussians, times: Tensor | None) -> Tensor:

@@ -10,7 +10,6 @@ import numpy as np
 from numba import prange
 
 from gs2ci.render.cpu.compile import kernel
-from gs2ci.render.cpu.lanes import gather_transposed
 from gs2ci.render.cpu.record import (
     ALONG,
     DEPTH,
@@ -26,7 +25,8 @@ from gs2ci.render.cpu.record import (
     VISIBLE,
     WIDEST_DY,
 )
-from gs2ci.render.cpu.vector import (
+from gs2ci.render.simd.lanes import gather_transposed
+from gs2ci.render.simd.vector import (
     LANES,
     any_ge,
     ceil,

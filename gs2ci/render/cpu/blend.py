@@ -17,8 +17,6 @@ from numba import prange
 
 from gs2ci.render.conventions import ALPHA_MAX, ALPHA_MIN
 from gs2ci.render.cpu.compile import kernel
-from gs2ci.render.cpu.elementary import exp2_blend, exp2_blend_4
-from gs2ci.render.cpu.lanes import load_transposed, store_rows, transpose, weighted_sums_3, weighted_sums_6
 from gs2ci.render.cpu.record import (
     ACROSS,
     ALONG,
@@ -32,7 +30,9 @@ from gs2ci.render.cpu.record import (
     SHEAR,
 )
 from gs2ci.render.cpu.scratch import aligned_zeros
-from gs2ci.render.cpu.vector import (
+from gs2ci.render.simd.elementary import exp2_blend, exp2_blend_4
+from gs2ci.render.simd.lanes import load_transposed, store_rows, transpose, weighted_sums_3, weighted_sums_6
+from gs2ci.render.simd.vector import (
     LANES,
     any_ge,
     broadcast,

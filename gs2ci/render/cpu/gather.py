@@ -8,7 +8,7 @@ from numba import prange
 
 from gs2ci.render.cpu.blend import CELL
 from gs2ci.render.cpu.compile import kernel
-from gs2ci.render.cpu.vector import LANES, get, put
+from gs2ci.render.simd.vector import LANES, get, put
 
 _ZERO = np.float32(0)
 _ONE = np.float32(1)

@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gs2ci.core.arrays import F32, F64
-from gs2ci.render.cpu.vector import LANES
 from gs2ci.render.sampling import CanvasSampling
+from gs2ci.render.simd.vector import LANES
 
 STRIP_ROWS_RANGE: Final = (2, 32)
 _OPEN_SHARE_FLOOR: Final = 1e-3

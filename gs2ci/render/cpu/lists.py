@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 from gs2ci.core.arrays import F32
 from gs2ci.render.cpu.bins import OVERFLOW, SPAN, count_entries, fill_entries
 from gs2ci.render.cpu.layout import Layout
-from gs2ci.render.cpu.vector import LANES
 from gs2ci.render.cpu.workspace import Lease, Pool, Workspace
 from gs2ci.render.interface import Reuse
+from gs2ci.render.simd.vector import LANES
 
 _SPANS_PER_GAUSSIAN: Final = 4
 """First guess of the span buffer's size; it doubles until it suffices."""

@@ -17,8 +17,8 @@ from gs2ci.render.cpu.project import project
 from gs2ci.render.cpu.project_backward import POSE_ENTRIES, differentiate_project, tasks_for
 from gs2ci.render.cpu.record import CAMERA_FIELDS, FIELDS
 from gs2ci.render.cpu.sighting import COLUMNS
-from gs2ci.render.cpu.vector import LANES
 from gs2ci.render.cpu.workspace import Lease, Workspace
+from gs2ci.render.simd.vector import LANES
 
 BACKWARD_TASKS_MIN: Final = 8
 """A few views are cut into bands until there are this many tasks. A constant, not the number of threads: bands

@@ -9,8 +9,6 @@ from numba import prange
 
 from gs2ci.render.conventions import ALPHA_MIN, NEAR, SCREEN_SIGMA_MAX_PX
 from gs2ci.render.cpu.compile import kernel
-from gs2ci.render.cpu.elementary import LN2, LOG2E, exponential, logarithm
-from gs2ci.render.cpu.lanes import store_rows, transpose
 from gs2ci.render.cpu.projection import (
     SCRATCH,
     load_rotation,
@@ -23,7 +21,9 @@ from gs2ci.render.cpu.projection import (
     view_footprint,
 )
 from gs2ci.render.cpu.record import FIELDS, HEIGHT, NEARLY, UNSEEN_LOG2, VISIBLE, WIDTH
-from gs2ci.render.cpu.vector import LANES, broadcast, maximum, square_root, where_ge
+from gs2ci.render.simd.elementary import LN2, LOG2E, exponential, logarithm
+from gs2ci.render.simd.lanes import store_rows, transpose
+from gs2ci.render.simd.vector import LANES, broadcast, maximum, square_root, where_ge
 
 BLOCKS_PER_TASK = 32
 

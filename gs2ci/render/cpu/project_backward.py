@@ -23,8 +23,6 @@ from numba import prange
 
 from gs2ci.render.conventions import DILATION_PX2
 from gs2ci.render.cpu.compile import kernel
-from gs2ci.render.cpu.elementary import LN2, exponential
-from gs2ci.render.cpu.lanes import load_transposed
 from gs2ci.render.cpu.project import BLOCKS_PER_TASK
 from gs2ci.render.cpu.projection import (
     SCRATCH,
@@ -69,7 +67,9 @@ from gs2ci.render.cpu.shape_gradient import (
     store_triples,
 )
 from gs2ci.render.cpu.sighting import add_sighting
-from gs2ci.render.cpu.vector import LANES, any_ge, broadcast, load, prefetch, store, where_ge
+from gs2ci.render.simd.elementary import LN2, exponential
+from gs2ci.render.simd.lanes import load_transposed
+from gs2ci.render.simd.vector import LANES, any_ge, broadcast, load, prefetch, store, where_ge
 
 POSE_ENTRIES = 12
 """The upper three rows of a pose."""

@@ -15,7 +15,6 @@ import numpy as np
 
 from gs2ci.render.conventions import DILATION_PX2, LOG_SCALE_MAX, NEAR, QUATERNION_NORM_MIN
 from gs2ci.render.cpu.compile import kernel
-from gs2ci.render.cpu.elementary import exponential
 from gs2ci.render.cpu.record import (
     CENTRE_X,
     CENTRE_Y,
@@ -26,7 +25,8 @@ from gs2ci.render.cpu.record import (
     V_HIGH,
     V_LOW,
 )
-from gs2ci.render.cpu.vector import LANES, broadcast, load, maximum, minimum, square_root, where_ge
+from gs2ci.render.simd.elementary import exponential
+from gs2ci.render.simd.vector import LANES, broadcast, load, maximum, minimum, square_root, where_ge
 
 SCRATCH = 4 * LANES
 """Floats of scratch memory that the loaders need."""

@@ -6,9 +6,9 @@ The second half of `project_backward.py`.
 import numpy as np
 
 from gs2ci.render.cpu.compile import kernel
-from gs2ci.render.cpu.lanes import store_rows, transpose
 from gs2ci.render.cpu.projection import shape_factor
-from gs2ci.render.cpu.vector import LANES, broadcast, get, put, store
+from gs2ci.render.simd.lanes import store_rows, transpose
+from gs2ci.render.simd.vector import LANES, broadcast, get, put, store
 
 _ZERO = np.float32(0)
 

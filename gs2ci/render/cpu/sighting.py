@@ -4,8 +4,8 @@ import numpy as np
 
 from gs2ci.render.cpu.compile import kernel
 from gs2ci.render.cpu.record import HEIGHT, WIDTH
-from gs2ci.render.cpu.vector import broadcast, maximum, square_root, where_ge
 from gs2ci.render.screen import RADIUS_SIGMAS
+from gs2ci.render.simd.vector import broadcast, maximum, square_root, where_ge
 
 COLUMNS = 3
 """Sum of the gradient's norms, number of sightings, largest radius."""

@@ -13,7 +13,6 @@ from numba import prange
 from gs2ci.core.arrays import F32, F64
 from gs2ci.render.conventions import ALPHA_MAX, ALPHA_MIN, DILATION_PX2, LOG_SCALE_MAX, NEAR, QUATERNION_NORM_MIN
 from gs2ci.render.cpu.compile import kernel
-from gs2ci.render.cpu.elementary import LN2, exponential
 from gs2ci.render.cpu.layout import Layout
 from gs2ci.render.cpu.lists import Lists
 from gs2ci.render.cpu.passes import Inputs
@@ -32,7 +31,8 @@ from gs2ci.render.cpu.record import (
     V_HIGH,
     V_LOW,
 )
-from gs2ci.render.cpu.vector import (
+from gs2ci.render.simd.elementary import LN2, exponential
+from gs2ci.render.simd.vector import (
     LANES,
     any_ge,
     broadcast,

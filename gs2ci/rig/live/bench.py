@@ -1,4 +1,4 @@
-"""A bench that is looked at: its devices in the hands of one thread, what is asked of them, and what they show.
+"""The bench behind the live page: one thread owns its devices, answers requests, and takes pictures.
 
 A mask is shown by a sequence that ends by itself after `HOLD_S` and is begun again while somebody is there: where the
 whole process is killed, the modulator goes dark all the same.

@@ -1,7 +1,7 @@
-"""What is told of one picture of the camera while somebody aligns a bench.
+"""Figures of one camera picture for alignment: histogram, saturation, sharpness, and the offset of a mask.
 
-Here: the picture as it is shown, histogram, saturation, sharpness, and where a mask lies against where it should. Not
-here: taking pictures (`bench`), measuring a bench (`gs2ci_calibration`).
+Here: the picture as it is shown, and these figures. Not here: taking pictures (`bench`), measuring a bench
+(`gs2ci_calibration`).
 """
 
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""The page of a live bench, served on this machine: who looks, who may press, and what happens when they leave.
+"""The page of a live bench, served on this machine: who may look, who may press, and what happens on leaving.
 
 The first page that asks holds the bench: it alone may press buttons, by a secret that it sends with each request.
 Others see the same and press nothing. A holder that is silent for `LAPSE_S`, or says that it leaves, is forgotten, and

@@ -1,4 +1,4 @@
-"""How many electrons a pixel is counted at most whose mean is known: what bounds of noises use.
+"""The largest count of electrons to be expected of a pixel whose mean is known: used in the bounds of noises.
 
 Not here: drawing the counts (`shot_noise`).
 """

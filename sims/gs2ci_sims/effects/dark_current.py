@@ -1,4 +1,4 @@
-"""Dark current: heat frees electrons too."""
+"""Dark current: electrons freed by heat, in proportion to the exposure."""
 
 from dataclasses import dataclass
 from typing import ClassVar, Final

@@ -1,4 +1,4 @@
-"""Finite contrast: a closed element still lets some light through, here more, there less."""
+"""Finite contrast: a closed element still lets some light through, unevenly over the modulator."""
 
 from dataclasses import dataclass
 from typing import ClassVar

@@ -1,4 +1,4 @@
-"""Full well: a pixel holds only so many electrons."""
+"""Full well: a pixel holds a limited number of electrons."""
 
 from dataclasses import dataclass
 from typing import ClassVar

@@ -1,4 +1,4 @@
-"""Ghost reflection: light that the sensor throws back comes again from a window, upside down and out of focus."""
+"""Ghost reflection: light reflected by the sensor returns from a window, inverted and out of focus."""
 
 from dataclasses import dataclass
 from typing import ClassVar, Final

@@ -1,10 +1,12 @@
 """Motion blur: the camera moves while a mask is on show, so what each mask passes is an integral over time."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
 
+from gs2ci.core.arrays import F64
 from gs2ci.core.errors import InputError
 from gs2ci_sims.effects.base import Bound, BoundStep, Previewed, Stage
 from gs2ci_sims.moments import Moments, one_per_interval
@@ -68,5 +70,15 @@ def sampling_bound(scene: Previewed, waves: CollectedWaves, moments: Moments) ->
     Behind each mask, the image's spectrum times what the views that stand for its light get wrong of each cosine.
     """
     missed = waves.missed(moments, scene.rig.timing.interval_s)
-    found = [scene.filtered(lambda f, share=share: np.interp(f, FREQUENCIES, share)) for share in missed]
+    found = [scene.filtered(_interpolated(share)) for share in missed]
     return scene.of_views(np.array([rms for rms, _ in found]), max(peak for _, peak in found))
+
+
+def _interpolated(share: F64) -> Callable[[F64], F64]:
+    """Return a share that is known at `FREQUENCIES` as a function of frequency."""
+
+    def at(frequency: F64) -> F64:
+        found: F64 = np.interp(frequency, FREQUENCIES, share)
+        return found
+
+    return at

@@ -1,4 +1,4 @@
-"""Quantisation: the converter knows whole numbers of its range only."""
+"""Quantisation: the converter rounds to whole numbers within its range."""
 
 from dataclasses import dataclass
 from typing import ClassVar

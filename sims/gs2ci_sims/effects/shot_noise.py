@@ -1,4 +1,4 @@
-"""Photon shot noise: light comes in grains."""
+"""Photon shot noise: the number of photons is Poisson distributed."""
 
 from dataclasses import dataclass
 from typing import ClassVar, Final

@@ -1,4 +1,4 @@
-"""Stage velocity ripple: a screw's pitch error makes the stage hurry and dawdle."""
+"""Stage velocity ripple: a screw's pitch error varies the stage's speed periodically."""
 
 from dataclasses import dataclass
 from typing import ClassVar, Final

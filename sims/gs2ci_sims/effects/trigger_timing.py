@@ -1,4 +1,4 @@
-"""Trigger timing: the sensor opens late, and not always equally late."""
+"""Trigger timing: the exposure begins after a latency, with jitter."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""Which things can be seen in which tile of an image: so that a ray asks only those that it may meet.
+"""Which primitives can be seen in which tile of an image, so that a ray is tested against these alone.
 
 Here: exact bounds of spheres in a pinhole's image, and lists by tile. Not here: what rays do with them (neighbours).
 """

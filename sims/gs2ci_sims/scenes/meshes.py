@@ -78,7 +78,7 @@ def blocks(
         raise InputError(
             f"{count} boxes and {balls} balls before a wall at {backdrop}", allowed="counts of 0 or more, depth above 0"
         )
-    builder = _Builder(rng, frame)
+    builder = MeshBuilder(rng, frame)
     wide, high = 2 * backdrop * frame.half
     down = floor_y(frame, backdrop)
     builder.rectangle(Rectangle(np.array([0, 0, backdrop]), np.array([wide, 0, 0]), np.array([0, high, 0])))
@@ -102,8 +102,13 @@ def blocks(
     return scene_from_mesh("blocks" if shine == 0 else "glossy", mesh, frame.size, frame.intrinsics)
 
 
-class _Builder:
-    """Collects triangles and their textures."""
+class MeshBuilder:
+    """Collects triangles and their textures.
+
+    Args:
+        rng: Of the textures.
+        frame: The camera, for which textures are fine enough.
+    """
 
     def __init__(self, rng: np.random.Generator, frame: SuggestedCamera) -> None:
         self._rng, self._frame = rng, frame
@@ -159,7 +164,7 @@ class _Builder:
             )
             self._add(corners, places, (corners - centre) / radius, texture)
 
-    def mesh(self, shine: float, exponent: float, towards_light: F64) -> TexturedMesh:
+    def mesh(self, shine: float = 0.0, exponent: float = 1.0, towards_light: F64 = SUN) -> TexturedMesh:
         """Return all of it, with highlights where they shine."""
         which = np.repeat(np.array(self._which), [len(part) for part in self._corners])
         normals = np.concatenate(self._normals)

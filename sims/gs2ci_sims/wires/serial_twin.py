@@ -1,4 +1,4 @@
-"""What every twin behind a serial line has in common: bytes with a baud rate, and all that can befall them.
+"""The common part of all twins behind a serial line: bytes at a baud rate, and the faults of such a line.
 
 A twin's firmware gets each line as it is complete (`_line`) and each byte that bypasses lines (`_realtime`), and
 answers with `_reply`. The line itself can lose, delay, repeat, cut, join and spoil what passes, vanish and

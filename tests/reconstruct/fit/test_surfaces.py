@@ -84,7 +84,7 @@ def test_plain_areas_are_asked_about_with_the_views_that_were_swept(renderer, mo
         asked.append((views, from_view, blur_px, window_px))
         return np.full_like(inverse_depth, 1 / DEPTH)
 
-    monkeypatch.setattr("gs2ci.reconstruct.fit.surfaces.continued", answer)
+    monkeypatch.setattr("gs2ci.reconstruct.geometry.surface_map.continued", answer)
     found = surfaces_of(renderer)
     assert (found.inverse_depth == np.float32(1 / DEPTH)).all()
     assert len(asked) == len(found.views)

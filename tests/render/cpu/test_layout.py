@@ -4,7 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gs2ci.render.cpu.layout import lay_out, strip_rows_for
-from gs2ci.render.cpu.vector import LANES
+from gs2ci.render.simd.vector import LANES
 
 
 def masks_of(seed, views, height, width, share):

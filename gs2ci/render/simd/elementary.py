@@ -12,7 +12,7 @@ from numba.core import types
 from numba.core.typing.templates import signature
 from numba.extending import intrinsic
 
-from gs2ci.render.cpu.vector import (
+from gs2ci.render.simd.vector import (
     FLAGS,
     VECTOR,
     VECTOR_I32,

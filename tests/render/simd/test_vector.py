@@ -4,10 +4,10 @@ import numba
 import numpy as np
 import pytest
 
-from gs2ci.render.cpu import vector
-from gs2ci.render.cpu.elementary import exp2_blend, exp2_blend_4, exponential, logarithm
-from gs2ci.render.cpu.lanes import load_transposed, store_rows, transpose, weighted_sums_3, weighted_sums_6
-from gs2ci.render.cpu.vector import LANES
+from gs2ci.render.simd import vector
+from gs2ci.render.simd.elementary import exp2_blend, exp2_blend_4, exponential, logarithm
+from gs2ci.render.simd.lanes import load_transposed, store_rows, transpose, weighted_sums_3, weighted_sums_6
+from gs2ci.render.simd.vector import LANES
 
 SIXTEEN = np.arange(LANES, dtype=np.float32)
 

@@ -27,7 +27,7 @@ VECTOR: Final = ir.VectorType(FLOAT, LANES)
 VECTOR_I32: Final = ir.VectorType(I32, LANES)
 MASK_BITS: Final = ir.IntType(LANES)
 FLAGS: Final = ("contract",)
-"""As `compile.FASTMATH`: multiply-adds may be fused, nothing else is relaxed."""
+"""As `gs2ci.render.cpu.compile.FASTMATH`: multiply-adds may be fused, nothing else is relaxed."""
 _FLOAT_ALIGNMENT: Final = 4
 
 

@@ -11,7 +11,7 @@ from numba.core import types
 from numba.core.typing.templates import signature
 from numba.extending import intrinsic
 
-from gs2ci.render.cpu.vector import (
+from gs2ci.render.simd.vector import (
     FLAGS,
     I64,
     LANES,

@@ -1,0 +1,34 @@
+"""The depth of one view, pixel by pixel: a plane sweep, its plain areas and its jumps put right.
+
+Here: the three steps in their order. Not here: what each does (`sweep`, `plain`, `snapping`).
+"""
+
+import numpy as np
+
+from gs2ci.core.arrays import F32, F64
+from gs2ci.reconstruct.geometry.plain import continued
+from gs2ci.reconstruct.geometry.snapping import snapped
+from gs2ci.reconstruct.geometry.sweep import SweepSettings, sweep
+
+# Plain areas are compared with so many other views at most, spread over the path: more cost memory and tell no more.
+_OTHERS = 4
+
+
+def surface_map(
+    views: F32,
+    world_to_camera: F64,
+    intrinsics: F64,
+    reference: int,
+    span: tuple[float, float],
+    settings: SweepSettings,
+) -> F32:
+    """Find the inverse depth of every pixel of the reference view, [H, W] float32, within `span`.
+
+    Arguments and errors are those of `sweep`.
+    """
+    swept = sweep(views, world_to_camera, intrinsics, reference, span, settings)
+    others = np.delete(np.arange(len(views)), reference)
+    spread = np.unique(np.linspace(0, len(others) - 1, min(_OTHERS, len(others))).round().astype(int))
+    order = [reference, *others[spread]]
+    whole = continued(swept, views[order], world_to_camera[order], intrinsics, settings.blur_px, settings.window_px)
+    return snapped(whole, views[reference])
