@@ -164,8 +164,8 @@ class MeshBuilder:
             )
             self._add(corners, places, (corners - centre) / radius, texture)
 
-    def mesh(self, shine: float, exponent: float, towards_light: F64) -> TexturedMesh:
-        """Return all of it, with highlights where they shine."""
+    def mesh(self, shine: float = 0.0, exponent: float = 1.0, towards_light: F64 = SUN) -> TexturedMesh:
+        """Return all of it, with highlights of this strength and exponent; without any if nothing is said."""
         which = np.repeat(np.array(self._which), [len(part) for part in self._corners])
         normals = np.concatenate(self._normals)
         gloss = None if shine == 0 else Gloss(normals, np.full(len(normals), shine), exponent, towards_light)
