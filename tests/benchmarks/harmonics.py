@@ -56,7 +56,8 @@ def _line(case: Case, preset: PresetName, seed: int, degree: int) -> None:
             intrinsics = torch.from_numpy(done.result.intrinsics).float()
             seen, _ = load_backend().views(done.scene, poses, intrinsics, shot.size)
         beside = [float(value) for value in psnr_per_view(seen.numpy(), novel.views)]
-    found = [report.psnr_db and report.psnr_db.mean, report.scene.psnr_db and report.scene.psnr_db.mean, *beside]
-    found.append(report.depth and 100 * report.depth.median_rel)
+    delivered, scene, depth = report.psnr_db, report.scene.psnr_db, report.depth
+    found: list[float | None] = [None if one is None else one.mean for one in (delivered, scene)]
+    found += [*beside, None if depth is None else 100 * depth.median_rel]
     shown = "  ".join(f"{'-' if value is None else f'{value:.2f}':>6}" for value in found)
     print(f"{os.path.basename(case.name):18.18} {preset:9} {seed:4} {degree:6} {shown} {spent_s:10.0f}", flush=True)
