@@ -38,9 +38,8 @@ class ShotNoise:
         added_mean_e, added_most_e = scene.added_e
         most_e = np.minimum(scene.most_e + added_most_e, rig.sensor.full_well_e)
         mean_e = min(scene.charge_mean_e + added_mean_e, float(most_e.mean()))
-        # Between nothing and the most that is counted.
+        # Above the mean; below it, six standard deviations are enough for any mean.
         peak_e = float((most_counted_e(most_e) - most_e).max())
-        peak_e = max(peak_e, float(most_e.max()) if peak_e > 0 else 0.0)
         bound = Bound(rig.dn_per_e * float(np.sqrt(mean_e)), rig.dn_per_e * peak_e, random=True)
         return bound.by(
             "K * sqrt(Q)", BoundStep("Q", mean_e, "e", "charge, mean over the pixels: its variance"), gain_step(rig)
