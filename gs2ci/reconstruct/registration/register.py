@@ -206,6 +206,11 @@ class _Way:
     rim: Rim
     is_filtered: bool = False
 
+    @property
+    def is_bent(self) -> bool:
+        """Get whether masks are moved by a smooth field beyond the affine."""
+        return bool(self.misfit.placement.field.any())
+
 
 class _Registration:
     """One registration under way."""
@@ -287,16 +292,9 @@ class _Registration:
             again, _ = self._propose(sharp, peak)
             ways = [way for estimate in again for way in self._ways(sharp, estimate)]
             proposals += [_from_source(way, source) for way in ways or [_Way(sharp, Misfit(), {}, "", Rim.none(sharp))]]
-        if not proposals:
-            return Misfit(), {}, tried
-        bent = max((way.misfit for way in proposals), key=lambda one: bent_px(one.placement, self.shot.size))
-        trial = Trial(self.shot, _level(proposals[0].shot), self.seed, _most_bent(bent, self.shot.size))
-        if not trial.can_tell:
-            return Misfit(), {}, tried
-        squares = [trial.squares(way.shot) for way in proposals]
-        best = int(np.argmin([float(one.mean()) for one in squares]))
-        way = proposals[best]
-        if not surely_larger(trial.squares(self.shot), squares[best]):
+        way = self._chosen([way for way in proposals if not way.is_bent], None)
+        way = self._chosen([way for way in proposals if way.is_bent], way)
+        if way is None:
             return Misfit(), {}, tried
         self.shot = way.shot
         self.notes += [finding(Code.MASKS_CORRECTED, found=way.found)] if way.found else []
@@ -304,6 +302,27 @@ class _Registration:
             self.notes.append(finding(Code.MASKS_TOO_SOFT, sigma=_sigma(-way.misfit.blur_px2)))
         self.notes += way.rim.notes
         return way.misfit, way.errors, {name: pair for name, pair in tried.items() if name not in way.errors}
+
+    def _chosen(self, ways: list["_Way"], rival: "_Way | None") -> "_Way | None":
+        """Return the way whose decode predicts held-out pixels best, if it surely does so better than a rival.
+
+        A field is judged in the corner that it moves most, and against what is known without one: a picture whose
+        corner is dark or noisy says nothing there of a shift of the whole.
+
+        Args:
+            ways: With a field all of them, or none.
+            rival: What is taken otherwise; None stands for the shot as it is.
+        """
+        if not ways:
+            return rival
+        bent = max((way.misfit for way in ways), key=lambda one: bent_px(one.placement, self.shot.size))
+        trial = Trial(self.shot, _level(ways[0].shot), self.seed, _most_bent(bent, self.shot.size))
+        if not trial.can_tell:
+            return rival
+        squares = [trial.squares(way.shot) for way in ways]
+        best = int(np.argmin([float(one.mean()) for one in squares]))
+        before = trial.squares(self.shot if rival is None else rival.shot)
+        return ways[best] if surely_larger(before, squares[best]) else rival
 
     def _beginning(self, misfit: Misfit, peak: Peak) -> int:
         """Find the mask that was shown first, and put it first; weights and poses belong to times, and stay."""
