@@ -41,7 +41,7 @@ class Scale:
     iterations: int
 
 
-QUICK = Scale((48, 64), 40)
+QUICK = Scale((48, 64), 60)
 FULL = Scale((72, 96), 250)
 
 
