@@ -4,6 +4,7 @@ Not here: running or judging anything (`__main__`, `judge`).
 """
 
 from collections import Counter
+from datetime import date
 from pathlib import Path
 
 from matplotlib.axes import Axes
@@ -25,7 +26,7 @@ SAID_LENGTH = 150
 IMAGE = "images/stability.png"
 INTRODUCTION = """# Hard cases
 
-Written by `make stability`; a quick part of it runs in `make test`. Each case is a measurement that is hard in one way,
+Written by `make stability` on {day}; a quick part runs in `make test`. Each case is a measurement that is hard in one way,
 made by the simulator or by hand, and taken the whole way: exposure, file, reconstruction, report. Pictures are
 {width} × {height}, at most {iterations} iterations: losses can be compared, levels say little of large pictures.
 
@@ -55,7 +56,13 @@ def write_page(docs: Path, rows: list[Row]) -> Path:
     draw(docs / IMAGE, rows)
     height, width = FULL.size
     head = INTRODUCTION.format(
-        width=width, height=height, iterations=FULL.iterations, bends=BENDS_DB, depth=DEPTH_BENDS, rank=RANK_BENDS
+        day=date.today().isoformat(),
+        width=width,
+        height=height,
+        iterations=FULL.iterations,
+        bends=BENDS_DB,
+        depth=DEPTH_BENDS,
+        rank=RANK_BENDS,
     )
     parts = [head, _summary(rows), f"![Loss of every case against the easy one]({IMAGE})\n", _broken(rows)]
     parts += [_table(family, [row for row in rows if row[0].family == family]) for family in _families(rows)]
