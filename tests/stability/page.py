@@ -26,8 +26,8 @@ SAID_LENGTH = 150
 IMAGE = "images/stability.png"
 INTRODUCTION = """# Hard cases
 
-Written by `make stability` on {day}; a quick part runs in `make test`. Each case is a measurement that is hard in one way,
-made by the simulator or by hand, and taken the whole way: exposure, file, reconstruction, report. Pictures are
+Written by `make stability` on {day}; a quick part runs in `make test`. Each case is a measurement that is hard in one
+way, made by the simulator or by hand, and taken the whole way: exposure, file, reconstruction, report. Pictures are
 {width} × {height}, at most {iterations} iterations: losses can be compared, levels say little of large pictures.
 
 A case passes if what comes of it is finite, bounded, honest (a loss of more than {bends:g} dB comes with a word, unless
