@@ -53,7 +53,7 @@ PARTS: tuple[tuple[str, Any, str], ...] = (
     ("fit: loop", coarse._Loop, "run"),
     ("fit: looks at held-out pixels", Looks, "take"),
     ("fit: sweeps for surfaces", coarse, "find_surfaces"),
-    ("fit: sweeps, edges of their maps", surfaces, "snapped"),
+    ("sweeps, edges of their maps", surface_map, "snapped"),
     ("fit: density rule", coarse._Fit, "densify"),
     ("fit: error blended back", gathering.Gathering, "_blended"),
     ("iteration: loss", losses.DataTerm, "value_and_gradient"),

@@ -204,7 +204,7 @@ def find_surfaces(
         others = [int(i) for i in _spread(count, settings.others + 1) if i != view][: settings.others]
         order = [view, *others]
         from_view = world_to_camera[order] @ np.linalg.inv(world_to_camera[view])
-        maps.append(surface_map(straight[order], from_view, intrinsics, 0, span, settings.sweep))
+        maps.append(surface_map(straight[order], from_view, intrinsics, 0, span, settings.sweep, edges=True))
     parallax_px = float(intrinsics[0, 0]) * extent
     trust = agreement(np.stack(maps), world_to_camera[list(chosen)], intrinsics, parallax_px)
     inverse_depth, trust = (_on_sensor(found, lens) for found in (np.stack(maps), trust))

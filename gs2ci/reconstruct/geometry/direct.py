@@ -185,7 +185,7 @@ class Direct:
         """Sweep depth finely, and bring its median to 1, as that of tracks is."""
         request, still = self._request, self._at_rest
         span, settings = self._span(near), request.settings.sweep
-        depth = surface_map(request.views, poses, still.intrinsics, still.reference, span, settings)
+        depth = surface_map(request.views, poses, still.intrinsics, still.reference, span, settings, edges=False)
         median = float(np.median(depth))
         scaled = poses.copy()
         scaled[:, :3, 3] *= median

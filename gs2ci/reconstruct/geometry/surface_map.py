@@ -1,6 +1,6 @@
-"""The depth of one view, pixel by pixel: a plane sweep, its plain areas and its jumps put right.
+"""The depth of one view, pixel by pixel: a plane sweep, its plain areas put right, and its jumps if asked.
 
-Here: the three steps in their order. Not here: what each does (`sweep`, `plain`, `snapping`).
+Here: the steps in their order. Not here: what each does (`sweep`, `plain`, `snapping`).
 """
 
 import numpy as np
@@ -21,14 +21,26 @@ def surface_map(
     reference: int,
     span: tuple[float, float],
     settings: SweepSettings,
+    *,
+    edges: bool,
 ) -> F32:
     """Find the inverse depth of every pixel of the reference view, [H, W] float32, within `span`.
 
-    Arguments and errors are those of `sweep`.
+    Arguments and errors are those of `sweep`, and one more.
+
+    Args:
+        views: See `sweep`.
+        world_to_camera: See `sweep`.
+        intrinsics: See `sweep`.
+        reference: See `sweep`.
+        span: See `sweep`.
+        settings: See `sweep`.
+        edges: Whether jumps are moved to the edges of the view. A decode shows edges too poorly: thin things, which its
+            map has and the fit does not find again, are lost (0.6 dB on a simulated bench of 96 x 128 px).
     """
     swept = sweep(views, world_to_camera, intrinsics, reference, span, settings)
     others = np.delete(np.arange(len(views)), reference)
     spread = np.unique(np.linspace(0, len(others) - 1, min(_OTHERS, len(others))).round().astype(int))
     order = [reference, *others[spread]]
     whole = continued(swept, views[order], world_to_camera[order], intrinsics, settings.blur_px, settings.window_px)
-    return snapped(whole, views[reference])
+    return snapped(whole, views[reference]) if edges else whole

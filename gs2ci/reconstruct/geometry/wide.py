@@ -82,7 +82,7 @@ def wide_motion(request: Request, found: Geometry) -> Geometry:
     relative[:, :3, 3] *= unit
     settings = request.settings.sweep
     span = inverse_depth_range(ahead / unit, settings)
-    depth = surface_map(request.views, relative, still.intrinsics, still.reference, span, settings)
+    depth = surface_map(request.views, relative, still.intrinsics, still.reference, span, settings, edges=False)
     return replace(
         still,
         world_to_camera=relative,

@@ -45,10 +45,11 @@ def far_off(found: np.ndarray) -> float:
 
 
 @pytest.mark.parametrize("count", [5, 12])
-def test_a_plain_wall_beside_a_thing_gets_its_own_depth(count):
+@pytest.mark.parametrize("edges", [False, True])
+def test_a_plain_wall_beside_a_thing_gets_its_own_depth(count, edges):
     views = seen(count)
     swept = sweep(views, poses(count), INTRINSICS, REFERENCE, SPAN, SETTINGS)
-    found = surface_map(views, poses(count), INTRINSICS, REFERENCE, SPAN, SETTINGS)
+    found = surface_map(views, poses(count), INTRINSICS, REFERENCE, SPAN, SETTINGS, edges=edges)
     assert far_off(swept) > 0.4
     assert far_off(found) < 0.5 * far_off(swept)
     thing = found[:, 42:54]
@@ -60,5 +61,5 @@ def test_a_plain_wall_beside_a_thing_gets_its_own_depth(count):
 
 def test_two_views_are_enough():
     views = seen(5)[[REFERENCE, REFERENCE + 1]]
-    found = surface_map(views, poses(5)[[REFERENCE, REFERENCE + 1]], INTRINSICS, 0, SPAN, SETTINGS)
+    found = surface_map(views, poses(5)[[REFERENCE, REFERENCE + 1]], INTRINSICS, 0, SPAN, SETTINGS, edges=True)
     assert np.isfinite(found).all()
