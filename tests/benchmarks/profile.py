@@ -32,6 +32,7 @@ from gs2ci.reconstruct import fits, pipeline
 from gs2ci.reconstruct.fit import coarse, gathering, losses, optimiser, poses, surfaces
 from gs2ci.reconstruct.fit.looks import Looks
 from gs2ci.reconstruct.fit.stopping import HoldOut
+from gs2ci.reconstruct.geometry import surface_map
 from gs2ci.reconstruct.settings import Settings
 from gs2ci.render import se3
 from gs2ci.render.cpu import backend, function, lists, passes, stopping
