@@ -88,11 +88,11 @@ def _draw_arrows(panel: Axes, size: tuple[int, int], found: Mapping[str, Any]) -
 
 def _errors_px(placement: Placement, errors: Mapping[str, float], places: F64) -> F64:
     """Return how far displacements may be off, [K]: what a standard error of each parameter moves, in quadrature."""
-    squares = np.zeros(len(places))
+    squares, found = np.zeros(len(places)), placement.moved_px(places)
     for name, error in errors.items():
         if hasattr(placement, name):
             moved = replace(placement, **{name: getattr(placement, name) + error}).moved_px(places)
-            squares += ((moved - placement.moved_px(places)) ** 2).sum(axis=1)
+            squares += ((moved - found) ** 2).sum(axis=1)
     total: F64 = np.sqrt(squares)
     return total
 

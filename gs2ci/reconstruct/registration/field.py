@@ -174,7 +174,7 @@ def _bases(size: tuple[int, int], names: tuple[str, ...]) -> F64:
 
 def _moves(row: F64, column: F64, names: tuple[str, ...]) -> F64:
     """Return how far a unit of each parameter moves masks at places from the middle, [P, 2, ...] as (down, right)."""
-    d, r, none, one = row / FIELD_AT_PX, column / FIELD_AT_PX, np.zeros_like(row), np.ones_like(row)
+    none, one = np.zeros_like(row), np.ones_like(row)
     degree = np.pi / 180
     moved = {
         "down_px": (one, none),
@@ -183,14 +183,10 @@ def _moves(row: F64, column: F64, names: tuple[str, ...]) -> F64:
         "scale": (row, column),
         "stretch": (-row, column),
         "shear": (column, row),
-        "radial_px": ((d * d + r * r) * d, (d * d + r * r) * r),
-        "down_dd_px": (d * d, none),
-        "down_dr_px": (d * r, none),
-        "down_rr_px": (r * r, none),
-        "right_dd_px": (none, d * d),
-        "right_dr_px": (none, d * r),
-        "right_rr_px": (none, r * r),
     }
+    places = np.stack([row, column], axis=-1)
+    for name in set(names) & set(FIELD):
+        moved[name] = tuple(np.moveaxis(Placement(**{name: 1.0}).field_px(places), -1, 0))
     return np.stack([np.stack(moved[name]) for name in names])
 
 
