@@ -5,7 +5,7 @@ Here: Householder's reduction to three diagonals and the implicit QL iteration, 
 and buffers of its own, and loops over 36 numbers that a compiler vectorises by itself take two to five times as long.
 Not here: what the eigenvectors are for (`low_rank`).
 
-Matrices are flat: row i of D begins at i times the width, which is D rounded up to whole vectors; what is beyond D is 0.
+Matrices are flat: row i of D begins at i times the width, D rounded up to whole vectors; what is beyond D is 0.
 """
 
 from typing import Final
