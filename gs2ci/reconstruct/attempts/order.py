@@ -45,8 +45,11 @@ _SURE_AGAINST_TOLD: Final = 5.0
 _LEAST_PAIRS_AGAINST_TOLD: Final = 3
 # What tracks say counts a third of what it claims: they err together (`motion.preference`).
 _TRACKS_COUNT: Final = 1 / 3
-# So many errors speak for a camera that does not turn against its reversal, which does: not enough to be sure by.
-_TRAVEL_COUNTS: Final = 1.5
+# So many errors speak for a camera that does not turn against its reversal, which does. No picture shows that, and a
+# hand turns as it likes: without so many errors of pixels and tracks on its side it stays below what is sure.
+_TRAVEL_COUNTS: Final = 2.5
+_LEAST_SEEN: Final = 1.0
+_BELOW_SURE: Final = 1.9
 
 # A source of paths that no tracks bear out.
 _UNTRACKED: Final = "uniform"
@@ -91,8 +94,9 @@ def settle(geometry: Geometry, fit_briefly: ShortFit, progress: Progress, *, tol
     """
     progress.say("Near and far may be exchanged: both orders of depth are tried in short fits.")
     luck = _LUCK * max(1.0, math.sqrt(_LUCK_PIXELS / geometry.inverse_depth.size))
-    known = _TRACKS_COUNT * (geometry.order_errors or 0.0) + (0.0 if told else _travel_errors(geometry))
-    found, errors = _of_pairs(geometry, fit_briefly, luck, known, told=told)
+    tracks = _TRACKS_COUNT * (geometry.order_errors or 0.0)
+    travel = 0.0 if told else _travel_errors(geometry)
+    found, errors = _of_pairs(geometry, fit_briefly, luck, tracks, travel, told=told)
     if geometry.source == _UNTRACKED and errors < 0:
         return _contested(geometry, -errors)
     if told:
@@ -118,8 +122,15 @@ def _travel_errors(geometry: Geometry) -> float:
     return _TRAVEL_COUNTS * (share_with_travel(geometry) - share_with_travel(other))
 
 
+def _with_travel(seen: float, travel: float) -> float:
+    """Return by how many errors an order is preferred by what was seen, pixels and tracks, and by its travel."""
+    both = seen + travel
+    sign = math.copysign(1.0, both)
+    return both if sign * seen >= _LEAST_SEEN or travel == 0 else sign * min(abs(both), _BELOW_SURE)
+
+
 def _of_pairs(
-    geometry: Geometry, fit_briefly: ShortFit, luck: float, known: float, *, told: bool
+    geometry: Geometry, fit_briefly: ShortFit, luck: float, tracks: float, travel: float, *, told: bool
 ) -> tuple[list[float], float]:
     """Compare orders by pairs of short fits, until they are sure.
 
@@ -127,12 +138,12 @@ def _of_pairs(
         geometry: Compared with its reversal, and so is what tracks found the other way round.
         fit_briefly: Fits a geometry briefly.
         luck: The standard deviation of a pair's log ratio that is luck.
-        known: By how many errors the geometry's own order is preferred for other reasons.
+        tracks: By how many errors tracks prefer the geometry's own order.
+        travel: By how many errors it is preferred for turning less.
         told: Whether a file or a model told the path.
 
     Returns:
-        The log ratios of pairs, above 0 for the geometry's own order; and by how many errors it is preferred, with
-        what is known.
+        The log ratios of pairs, above 0 for the geometry's own order; and by how many errors it is preferred in all.
     """
     beginnings = [geometry, *([] if geometry.reverse is None else [geometry.reverse])]
     pairs = [(one, reversed_geometry(one)) for one in beginnings]
@@ -144,7 +155,8 @@ def _of_pairs(
         ratio = _log_ratio(fit_briefly(turned, number), fit_briefly(one, number))
         found.append(ratio if one is geometry else -ratio)
         both = len(pairs) > 1 and len(found) % len(pairs) == 0
-        errors = _errors(found, luck) * (1.0 if told or both else _ONE_FINDING_COUNTS) + known
+        seen = _errors(found, luck) * (1.0 if told or both else _ONE_FINDING_COUNTS) + tracks
+        errors = _with_travel(seen, travel)
         if told:
             doubted = errors <= -_SURE_AGAINST_TOLD and len(found) >= _LEAST_PAIRS_AGAINST_TOLD
             sure = errors >= _SURE or doubted

@@ -136,14 +136,21 @@ def test_a_camera_that_need_not_turn_is_preferred_where_nothing_else_tells(carri
         taken = settled(geometry, Fits(1.0, 1.0))
         assert near_is_left(taken)
         assert codes(taken) == [Code.DEPTH_ORDER_OPEN]
-        assert taken.order_errors == pytest.approx(1.5, abs=0.05)
+        assert taken.order_errors == 1.9
+
+
+def test_a_camera_that_need_not_turn_and_a_little_of_the_picture_are_sure_together(carried):
+    taken = settled(replace(carried, reverse=reversed_geometry(carried)), Fits(1.0, 1.12))
+    assert codes(taken) == []
+    assert taken.order_errors > 3
 
 
 def test_short_fits_that_are_sure_overrule_a_camera_that_need_not_turn(carried):
     both = replace(carried, reverse=reversed_geometry(carried))
-    taken = settled(both, Fits(1.5, 1.0))
+    taken = settled(both, Fits(1.6, 1.0))
     assert not near_is_left(taken)
     assert codes(taken) == [Code.DEPTH_ORDER_TURNED]
+    assert near_is_left(settled(both, Fits(1.12, 1.0)))
 
 
 def test_how_a_told_path_turns_says_nothing_of_its_sign(carried):
