@@ -18,6 +18,7 @@ from gs2ci.core.progress import Progress, Silent
 from gs2ci.core.records import Shot
 from gs2ci.core.run_records import RunResult
 from gs2ci.reconstruct.attempts.choice import Attempts
+from gs2ci.reconstruct.attempts.fits import Fits
 from gs2ci.reconstruct.first_look import FirstLook, look, look_closer
 from gs2ci.reconstruct.fit.fine import Fine
 from gs2ci.reconstruct.fit.looks import Score
@@ -26,7 +27,6 @@ from gs2ci.reconstruct.fit.metric import in_given_unit
 from gs2ci.reconstruct.fit.one_thread import one_torch_thread
 from gs2ci.reconstruct.fit.refinement import Refinement
 from gs2ci.reconstruct.fit.rendering import ShotRenderer
-from gs2ci.reconstruct.fits import Fits
 from gs2ci.reconstruct.geometry.choose import load_geometry_prior
 from gs2ci.reconstruct.geometry.prior import GeometryPrior
 from gs2ci.reconstruct.handing_over import hand_over
@@ -115,9 +115,7 @@ def reconstruct(
     fits = replace(fits, mask_moments=mask_moments).within(budget, first)
     settings, refine = fits.settings, fits.refine
 
-    attempts = Attempts(
-        fits.attempt, fits.completed, fits.release, jury, lens, settings, refine, progress, clock.lap, halt
-    )
+    attempts = Attempts(fits)
     first, tried, motion = attempts.hurried(first) if budget is not None else attempts.all(first)
     geometry, ensemble = tried.geometry, tried.ensemble
     renderer = ShotRenderer(fits.fitted.shot, geometry.intrinsics, tools.backend, lens, mask_moments)

@@ -173,23 +173,21 @@ def find_surfaces(
     world_to_camera: F64,
     views: F32,
     settings: SurfaceSettings,
-    lens: Lens | None,
     seed: int,
     search: Search | None = None,
 ) -> Surfaces | None:
     """Sweep a few views of a fit, and keep what the sweeps agree on; None where that is nothing.
 
     Args:
-        renderer: Of the shot.
+        renderer: Of the shot, with its lens.
         scene: The Gaussians; their depths are the range that is swept.
         world_to_camera: Poses, [N, 4, 4].
         views: What is seen from there, [N, H, W, C].
         settings: How many, how finely.
-        lens: Through which the shot was taken, unless it is a pinhole.
         seed: Of the choice of pixels.
         search: Of the settings' searches; the first if None.
     """
-    count = len(views)
+    count, lens = len(views), renderer.lens
     middle = (world_to_camera[count // 2][None], renderer.times[count // 2][None])
     # One view's depths are range enough, and those of all would cost as much as a fifth of a fit.
     span = _span(renderer.stopped_light(scene, *middle).surface().numpy())
@@ -221,7 +219,7 @@ def find_surfaces(
         inverse_depth,
         trust,
         parallax_px,
-        _rays(renderer, lens),
+        _rays(renderer),
         pixels,
     )
 
@@ -277,8 +275,9 @@ def _spread(count: int, wanted: int) -> tuple[int, ...]:
     return tuple(int(i) for i in np.unique(np.linspace(0, count - 1, min(wanted, count)).round()))
 
 
-def _rays(renderer: ShotRenderer, lens: Lens | None) -> F32:
+def _rays(renderer: ShotRenderer) -> F32:
     """Return where the sensor's pixels look, at z = 1, [H, W, 2]."""
+    lens = renderer.lens
     height, width = renderer.size
     rows, columns = np.mgrid[:height, :width] + 0.5
     places = np.stack([columns, rows], axis=-1) if lens is None else lens.sampling.places

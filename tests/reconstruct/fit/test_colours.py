@@ -9,11 +9,12 @@ from scipy.spatial.transform import Rotation
 
 from gs2ci.api.wishes import Wishes, settings_of
 from gs2ci.core.errors import InputError
-from gs2ci.core.progress import Silent
 from gs2ci.reconstruct.fit.coarse import CoarseSettings, fit_coarse
 from gs2ci.reconstruct.fit.colours import ColourSettings
 from gs2ci.reconstruct.fit.density.base import grow
+from gs2ci.reconstruct.fit.looks import Monitoring
 from gs2ci.reconstruct.fit.optimiser import GaussianOptimiser, StepSizes
+from gs2ci.reconstruct.fit.rendering import ShotRenderer
 from gs2ci.reconstruct.fit.stopping import HoldOut
 from gs2ci.reconstruct.measurement.jury import Jury
 from gs2ci.reconstruct.presets.paper import paper_settings
@@ -118,8 +119,8 @@ def fitted(scene, shot, geometry, degree):
     )
     settings = replace(settings, poses=replace(settings.poses, refine=False))
     jury = Jury.of(shot, settings.hold_out.share, 0)
-    backend = load_backend()
-    fit = fit_coarse(jury, scene, geometry, backend, settings, 0, lambda seen: seen, Silent())
+    renderer = ShotRenderer(shot, geometry.intrinsics, load_backend())
+    fit = fit_coarse(jury, renderer, scene, geometry, settings, 0, Monitoring(lambda seen: seen))
     return fit, jury.residual_rms(fit.views)
 
 
