@@ -70,7 +70,7 @@ def reconstruct(
     Args:
         shot: The measurement; its truth is not read.
         settings: Settings of every stage.
-        progress: Told of every stage and step.
+        progress: Receives every stage and step.
         score: Turns views, [N, H, W, C], into a figure for the curve, in dB; it may know the truth.
         budget: Decides how much is fitted, instead of the settings.
         halt: When it is asked, the fit ends where it is, nothing more is tried, and what there is gets handed over
@@ -162,7 +162,7 @@ def _as_shown(score: Score | None, light: Brightness) -> Score | None:
 
 
 def _said_if_halted(halt: Halt, progress: Progress) -> tuple[Finding, ...]:
-    """Return, and say, that the rest was left out, where somebody asked for the result as it was."""
+    """Return, and report, that the rest was left out, where an early end was requested."""
     if not halt.asked:
         return ()
     note = finding(Code.INTERRUPTED)

@@ -53,7 +53,7 @@ class Fits:
         lens: Through which it was taken, unless it is a pinhole.
         settings: Of every stage.
         refine: What will be done to the views of fits.
-        progress: Told of every stage and step.
+        progress: Receives every stage and step.
         clock: Of the stages.
         score: Of views, for the curve.
         halt: Once it is asked, fits end.
@@ -212,7 +212,7 @@ class Fits:
         return Monitoring(self.refine.in_full, progress, self.score, self.clock.began_s, self.halt)
 
     def _trying(self, fit: CoarseSettings) -> "Fits":
-        """Return the same for fits that only answer a question: nobody scores them or ends them early."""
+        """Return the same for auxiliary fits: they are neither scored nor ended early."""
         return replace(self, settings=replace(self.settings, fit=fit), score=None, halt=Halt())
 
     def _mean(self, fits: tuple[CoarseFit, ...], stage: str) -> Ensemble:

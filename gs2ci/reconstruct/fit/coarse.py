@@ -55,7 +55,7 @@ class CoarseSettings:
         most_gaussians: Population beyond which the fit ends with an error, for want of memory; None for no such guard.
         cap_from: Share of the schedule after which the population may not exceed what it is then; None for never.
         surfaces: How light is gathered on surfaces; None leaves that to the measurement.
-        relief: How turning is exchanged for travel where nobody told the path; None never does.
+        relief: How turning is exchanged for travel where neither a stage nor a file gave the path; None never does.
         per_open_share: Whether the gradients that density rules see are divided by the masks' share of open pixels, so
             that thresholds found on photographs hold (`gathering.py`).
         motion: How Gaussians may move that begin with a motion.
@@ -210,7 +210,7 @@ class _Fit:
         objective = objective + self.poses.penalty()
         objective.backward()  # type: ignore[no-untyped-call]
         poses = poses.detach()
-        # Before the surfaces' term: they move with an exchange, and have no say in it.
+        # Before the surfaces' term: they move with an exchange, and do not influence it.
         self._exchange = self._exchange_wanted(poses, share)
         if self._surfaces is not None:
             turn, between = divmod(iteration, self._surfaces.settings.every)
