@@ -28,7 +28,8 @@ import numba
 from gs2ci.core.progress import Silent
 from gs2ci.core.records import Shot
 from gs2ci.evaluate import run_folder
-from gs2ci.reconstruct import fits, pipeline
+from gs2ci.reconstruct import pipeline
+from gs2ci.reconstruct.attempts import fits
 from gs2ci.reconstruct.fit import coarse, gathering, losses, optimiser, poses, surfaces
 from gs2ci.reconstruct.fit.looks import Looks
 from gs2ci.reconstruct.fit.stopping import HoldOut

@@ -70,7 +70,7 @@ def is_open(geometry: Geometry, criteria: Criteria) -> bool:
 
 
 def unsettled(geometry: Geometry) -> Geometry:
-    """Say of a geometry whose order is open that nobody looked."""
+    """Note for a geometry whose order is open that no fits were made."""
     return replace(geometry, notes=(*geometry.notes, finding(Code.DEPTH_ORDER_UNTRIED)))
 
 
@@ -85,7 +85,7 @@ def settle(geometry: Geometry, fit_briefly: ShortFit, progress: Progress, *, tol
     Args:
         geometry: What was found first.
         fit_briefly: Called for each geometry that is tried, with the same object each time.
-        progress: Told of what is done.
+        progress: Receives what is done.
         told: Whether a file or a model told the path: its sign decides where pixels do not do so clearly.
 
     Returns:
