@@ -82,6 +82,8 @@ ABOUT_DEPTH = (
 )
 # Who says one of these does not claim to know near from far.
 ABOUT_ORDER = (*ABOUT_DEPTH, Code.DEPTH_ORDER_OPEN, Code.DEPTH_ORDER_UNTRIED, Code.DEPTH_IN_NOISE)
+# Sources of a path whose word a run may take where pixels cannot contradict it; that it does, its notes say.
+TELL_ORDER = ("stage", "file")
 # The largest shot of the suite takes a tenth of this.
 READING_MIB = 512
 
@@ -260,7 +262,9 @@ def unfounded(result: RunResult, order: str, order_open: str, depth: DepthScore 
     """
     if order:
         return [f"{order}, without a word"]
-    if order_open and result.depth is not None and not lies_at_one_depth(result.depth[len(result.depth) // 2]):
+    told = result.geometry.get("method") in TELL_ORDER
+    claimed = result.depth is not None and not lies_at_one_depth(result.depth[len(result.depth) // 2])
+    if order_open and claimed and not told:
         return [f"{order_open}, and an order of depth is handed over without a word"]
     if not order_open and depth is not None and by_chance(depth.rank, depth.rank_error):
         return [f"the order of depth is chance (rank correlation {depth.rank:+.2f}), without a word"]

@@ -72,12 +72,15 @@ def graded(moving, monkeypatch):
     true = build("moving", shot.size).depth
     monkeypatch.setattr(judge, "easy_at", lambda *_: Easy(20.0, (), "", GOOD))
 
-    def grade(depth=true, notes=(), path=shot.truth.world_to_camera, views=shot.truth.views, true_path=None):
+    def grade(
+        depth=true, notes=(), path=shot.truth.world_to_camera, views=shot.truth.views, true_path=None, method="tracks"
+    ):
         truth = replace(shot.truth, views=views)
         if true_path is not None:
             truth = replace(truth, world_to_camera=true_path)
         stack = np.repeat(depth[None].astype(np.float32), shot.views, axis=0)
-        changed = replace(result, depth=stack, notes=notes, world_to_camera=path)
+        geometry = {**result.geometry, "method": method}
+        changed = replace(result, depth=stack, notes=notes, world_to_camera=path, geometry=geometry)
         return appraise(case, replace(shot, truth=truth), changed, SMALL)
 
     grade.true, grade.path = true, shot.truth.world_to_camera
@@ -148,6 +151,13 @@ def test_where_the_camera_only_turned_order_has_to_be_said_open_and_is_not_grade
         assert outcome.depth_grade == "unknown"
     assert "without a word" in silent.problems[0]
     assert not said.problems
+
+
+def test_a_stage_may_be_taken_at_its_word_where_nothing_shows_an_order(graded):
+    even = np.full((8, *graded.true.shape, 3), 0.5, np.float32)
+    guessed, told = (graded(graded.true, views=even, method=method) for method in ("tracks", "stage"))
+    assert any("without a word" in problem for problem in guessed.problems)
+    assert not any("order" in problem for problem in told.problems)
 
 
 def test_a_flat_depth_claims_no_order_where_none_can_be_known(graded):
