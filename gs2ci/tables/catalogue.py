@@ -10,6 +10,7 @@ from typing import Any, Final
 
 from gs2ci.core.errors import InputError
 from gs2ci.reconstruct.baselines.field_fit import FieldSettings
+from gs2ci.tables.beside import tells_beside
 from gs2ci.tables.calibration import BENCHES, FRAMES, calibrate_masks
 from gs2ci.tables.cases import Case
 from gs2ci.tables.cells import Cell
@@ -17,7 +18,7 @@ from gs2ci.tables.literature import DECODERS, FIELD, LEARNED, decode_case, field
 from gs2ci.tables.names import TableName
 from gs2ci.tables.simulation import EVERYTHING, TOLERANCES_DN, rig_cases, simulate_rig
 from gs2ci.tables.variants import ABLATION, GEOMETRY, PAPER, RULES, VARIANTS
-from gs2ci.tables.works import initialise_case, reconstruct_case
+from gs2ci.tables.works import COUNTED_AFTER, initialise_case, reconstruct_case
 
 SIMULATED: Final = ("boxes", "thicket", "motorcycle", "corridor")
 TEXTURELESS: Final = "textureless"
@@ -115,6 +116,18 @@ POPULATION: Final = (
     Measure("frames_per_second", "rendered views/s", 1),
 )
 
+AGAINST_PAPER: Final = (
+    *RECONSTRUCTION[:-1],
+    Measure("processor_seconds", "processor s", 0, more_is_better=False),
+    Measure("iterations", "iterations", 0),
+    *(
+        Measure(f"gaussians_after_{iteration}", f"Gaussians after {iteration:,}", 0, more_is_better=False)
+        for iteration in COUNTED_AFTER
+    ),
+    Measure("gaussians", "at the end", 0, more_is_better=False),
+    Measure("gaussians_most", "at most", 0, more_is_better=False),
+)
+
 PATH: Final = (
     Measure("ate", "ATE", 5, more_is_better=False),
     Measure("nate", "nATE", 4, more_is_better=False),
@@ -160,7 +173,7 @@ def file_cases(folder: Path) -> tuple[Case, ...]:
     Raises:
         InputError: There are none.
     """
-    files = sorted(folder.glob("*.npz"))
+    files = sorted(file for file in folder.glob("*.npz") if not tells_beside(file))
     if not files:
         raise InputError(f"{folder} holds no .npz file", remedy="name a folder of measurements, or leave --data out")
     return tuple(Case(file.stem, file=str(file.resolve())) for file in files)
@@ -218,9 +231,8 @@ def measurements(folder: Path | None) -> tuple[Case, ...]:
 
 def reconstruction(case: Case, variant: str, seed: int) -> Cell:
     """Make the cell that reconstructs a case with a variant of the settings."""
-    files = (case.file,) if case.file else ()
     arguments = {"case": asdict(case), "variant": variant, "seed": seed}
-    return Cell(reconstruct_case, arguments, files)
+    return Cell(reconstruct_case, arguments, case.files)
 
 
 def initialisation(case: Case, variant: str, seed: int) -> Cell:
@@ -257,7 +269,7 @@ def _of_literature(options: TableOptions) -> list[TableEntry]:
 def _literature(case: Case, line: str, seed: int) -> Cell:
     if line in VARIANTS:
         return reconstruction(case, line, seed)
-    files = ((case.file,) if case.file else ()) + model_files(line)
+    files = case.files + model_files(line)
     if line == FIELD:
         arguments = {"case": asdict(case), "iterations": FieldSettings().iterations, "seed": seed}
         return Cell(field_case, arguments, files)
@@ -387,6 +399,13 @@ TABLES: Final[dict[TableName, Table]] = {
         "`field`, a radiance field fitted with its poses as SCINeRF does, which takes many minutes.",
         _of_literature,
         RECONSTRUCTION,
+    ),
+    "paper": Table(
+        "The default and the paper's system",
+        "The default beside the system of the paper with its 20,000 iterations: views, novel views, path, depth, and "
+        "the population over the iterations. `paper, fine` adds the fine stage, `scisplat` has SCISplat's choices.",
+        _variants(("default", *PAPER)),
+        AGAINST_PAPER,
     ),
     "path": Table(
         "Camera paths",

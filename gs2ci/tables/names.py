@@ -14,6 +14,7 @@ TableName = Literal[
     "compression",
     "conditions",
     "literature",
+    "paper",
     "path",
     "seeds",
     "simulate",

@@ -14,13 +14,13 @@ from dataclasses import replace
 
 import torch
 
-from gs2ci.evaluate.metrics import psnr_per_view
 from gs2ci.evaluate.novel_views import beside_path
 from gs2ci.evaluate.run_report import build_report
 from gs2ci.reconstruct.choices import PresetName
 from gs2ci.reconstruct.pipeline import reconstruct
 from gs2ci.reconstruct.presets.named import PRESETS
 from gs2ci.render.backend import load_backend
+from gs2ci.tables.beside import scores_beside
 from gs2ci.tables.cases import Case
 
 SIZE = (96, 128)
@@ -48,14 +48,12 @@ def _line(case: Case, preset: PresetName, seed: int, degree: int) -> None:
     began_s = time.process_time()
     done = reconstruct(shot, settings)
     spent_s = time.process_time() - began_s
-    report, novel = build_report(shot, done.result), case.novel_views(shot)
-    beside: list[float | None] = [None, None]
-    if novel is not None:
-        poses = torch.from_numpy(beside_path(done.result.world_to_camera)).float()
-        with torch.no_grad():
-            intrinsics = torch.from_numpy(done.result.intrinsics).float()
-            seen, _ = load_backend().views(done.scene, poses, intrinsics, shot.size)
-        beside = [float(value) for value in psnr_per_view(seen.numpy(), novel.views)]
+    report = build_report(shot, done.result)
+    poses = torch.from_numpy(beside_path(done.result.world_to_camera)).float()
+    with torch.no_grad():
+        intrinsics = torch.from_numpy(done.result.intrinsics).float()
+        seen, _ = load_backend().views(done.scene, poses, intrinsics, shot.size)
+    beside = scores_beside(seen.numpy(), case.novel_views(shot)).values()
     delivered, scene, depth = report.psnr_db, report.scene.psnr_db, report.depth
     found: list[float | None] = [None if one is None else one.mean for one in (delivered, scene)]
     found += [*beside, None if depth is None else 100 * depth.median_rel]
