@@ -31,7 +31,7 @@ from gs2ci.core.records import Shot
 from gs2ci.evaluate import run_folder
 from gs2ci.reconstruct import pipeline
 from gs2ci.reconstruct.attempts import fits
-from gs2ci.reconstruct.fit import coarse, gathering, losses, optimiser, poses, surfaces
+from gs2ci.reconstruct.fit import coarse, coarse_state, gathering, losses, optimiser, poses, surfaces
 from gs2ci.reconstruct.fit.looks import Looks
 from gs2ci.reconstruct.fit.stopping import HoldOut
 from gs2ci.reconstruct.geometry import surface_map
@@ -58,14 +58,14 @@ PARTS: tuple[tuple[str, Any, str], ...] = (
     ("record", pipeline, "record"),
     ("fit: loop", coarse._Loop, "run"),
     ("fit: looks at held-out pixels", Looks, "take"),
-    ("fit: sweeps for surfaces", coarse, "find_surfaces"),
+    ("fit: sweeps for surfaces", coarse_state, "find_surfaces"),
     ("sweeps, edges of their maps", surface_map, "snapped"),
-    ("fit: density rule", coarse._Fit, "densify"),
+    ("fit: density rule", coarse_state.FitState, "densify"),
     ("fit: error blended back", gathering.Gathering, "_blended"),
     ("iteration: loss", losses.DataTerm, "value_and_gradient"),
-    ("iteration: opacity term", coarse, "regulated"),
+    ("iteration: opacity term", coarse_state, "regulated"),
     ("iteration: surfaces' term", surfaces.Surfaces, "term"),
-    ("iteration: autograd", coarse._Fit, "backward"),
+    ("iteration: autograd", coarse_state.FitState, "backward"),
     ("iteration: finite scene", optimiser.GaussianOptimiser, "scene_is_finite"),
     ("iteration: finite gradient", optimiser.GaussianOptimiser, "gradient_is_finite"),
     ("iteration: Gaussians' step", optimiser.GaussianOptimiser, "step"),

@@ -18,7 +18,7 @@ from gs2ci.evaluate.metrics import psnr_per_view
 from gs2ci.reconstruct.attempts import choice, fits
 from gs2ci.reconstruct.decode.gap_tv import GapTvSettings
 from gs2ci.reconstruct.decode.residual import ResidualSettings
-from gs2ci.reconstruct.fit.coarse import CoarseSettings
+from gs2ci.reconstruct.fit.coarse_settings import CoarseSettings
 from gs2ci.reconstruct.fit.fine import FineSettings
 from gs2ci.reconstruct.fit.losses import LossWeights
 from gs2ci.reconstruct.fit.mask_moments import MaskMomentSettings

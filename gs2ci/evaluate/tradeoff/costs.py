@@ -34,7 +34,8 @@ from gs2ci.core.records import Shot, Truth
 from gs2ci.reconstruct.decode.by_name import patch_settings
 from gs2ci.reconstruct.decode.gap_tv import GapTvSettings, gap_tv
 from gs2ci.reconstruct.decode.residual import ResidualSettings, decode_residual
-from gs2ci.reconstruct.fit.coarse import CoarseSettings, fit_coarse
+from gs2ci.reconstruct.fit.coarse import fit_coarse
+from gs2ci.reconstruct.fit.coarse_settings import CoarseSettings
 from gs2ci.reconstruct.fit.looks import Monitoring
 from gs2ci.reconstruct.fit.pace import LOOKS_AFTERWARDS, Timed, slower_beside
 from gs2ci.reconstruct.fit.rendering import ShotRenderer

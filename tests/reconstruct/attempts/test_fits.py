@@ -12,7 +12,7 @@ from gs2ci.core.records import Shot
 from gs2ci.reconstruct.attempts import fits, order
 from gs2ci.reconstruct.attempts.attempt import How
 from gs2ci.reconstruct.first_look import FirstLook
-from gs2ci.reconstruct.fit.coarse import CoarseSettings
+from gs2ci.reconstruct.fit.coarse_settings import CoarseSettings
 from gs2ci.reconstruct.fit.refinement import Refinement
 from gs2ci.reconstruct.fit.stopping import HoldOut
 from gs2ci.reconstruct.fit.withheld import Withheld

@@ -9,7 +9,8 @@ from scipy.spatial.transform import Rotation
 
 from gs2ci.api.overrides import Overrides, settings_of
 from gs2ci.core.errors import InputError
-from gs2ci.reconstruct.fit.coarse import CoarseSettings, fit_coarse
+from gs2ci.reconstruct.fit.coarse import fit_coarse
+from gs2ci.reconstruct.fit.coarse_settings import CoarseSettings
 from gs2ci.reconstruct.fit.colours import ColourSettings
 from gs2ci.reconstruct.fit.density.base import grow
 from gs2ci.reconstruct.fit.looks import Monitoring

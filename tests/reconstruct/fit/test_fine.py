@@ -8,7 +8,8 @@ from gs2ci.core.errors import InputError, NumericsError
 from gs2ci.core.findings import Code, finding
 from gs2ci.core.halt import Halt
 from gs2ci.core.progress import Silent
-from gs2ci.reconstruct.fit.coarse import CoarseSettings, fit_coarse
+from gs2ci.reconstruct.fit.coarse import fit_coarse
+from gs2ci.reconstruct.fit.coarse_settings import CoarseSettings
 from gs2ci.reconstruct.fit.fine import Fine, FineSettings, Pseudo, PseudoLoss, fit_fine, make_pseudo
 from gs2ci.reconstruct.fit.looks import Monitoring
 from gs2ci.reconstruct.fit.losses import LossWeights
