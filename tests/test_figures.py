@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from gs2ci.tables.catalogue import TABLES, TableOptions, known_cases
+from gs2ci.tables.catalogue import TABLES, TableOptions, chosen_cases
 from gs2ci.tables.literature import LEARNED
 from gs2ci_sims.scenes.files import scene_names
 
@@ -76,10 +76,7 @@ def test_a_table_that_is_named_can_be_made(table, options):
     if "--data" in options or table == "simulate":
         cases = ()
     else:
-        known = known_cases(table, None, None)
-        wanted = options.get("--cases", [])
-        assert set(wanted) <= {case.name for case in known} | set(scene_names())
-        cases = tuple(case for case in known if case.name in wanted) or known[:1]
+        cases = chosen_cases(table, None, None, options.get("--cases", []))
     # Lines of models need the models, and their names are all that is to be known of them.
     lines = tuple(line for line in options.get("--lines", []) if line not in LEARNED)
     entries = TABLES[table].entries(TableOptions(cases, seeds=1, lines=lines))
