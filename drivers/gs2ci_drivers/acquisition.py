@@ -152,7 +152,7 @@ def capture(devices: Devices, plan: CapturePlan, sink: Sink, progress: Progress 
         devices: The rig's devices, with the sensor set up by `plan_capture`.
         plan: What to do.
         sink: Gets each shot; what it raises ends the capture.
-        progress: Hears about the upload and the shots.
+        progress: Receives the upload and the shots.
 
     Returns:
         The number of shots handed on.

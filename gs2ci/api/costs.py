@@ -108,7 +108,7 @@ def tradeoff(
             when `gs2ci report` builds it again.
         fresh: Try everything again.
         command: That makes this again, for the pages.
-        progress: Who hears of the trials.
+        progress: Receives the trials.
 
     Raises:
         InputError: A value cannot be used, or nothing can be tried in the time.
@@ -157,7 +157,7 @@ def tradeoff(
         rows = complete(
             [_cell(kept, row, trial, seed) for trial in wanted],
             Store(output / "cells", fresh=fresh),
-            heard=lambda done, _total: display.step(done),
+            on_done=lambda done, _total: display.step(done),
         )
     rows = [{"trial": trial.name, "knob": trial.knob, **row} for trial, row in zip(wanted, rows, strict=True)]
     left_out = {name: seconds for name, seconds in prices.items() if seconds > most_s}
@@ -199,7 +199,7 @@ def make_table(
         scheduler: Address of a Dask scheduler to do the work instead, e.g. tcp://host:8786.
         fresh: Measure everything again.
         command: That makes this again, for the pages; the call when empty.
-        progress: Who hears of the cells.
+        progress: Receives the cells.
 
     Raises:
         InputError: A name is unknown, a file cannot be read, or no scheduler answers.
@@ -235,7 +235,7 @@ def make_table(
             Store(output / "cells", fresh=fresh),
             processes=processes,
             scheduler=scheduler,
-            heard=lambda done, _total: display.step(done),
+            on_done=lambda done, _total: display.step(done),
         )
     figures = collect(chosen, entries, rows)
     again = command or shlex.join(["gs2ci", "tables", table, "-o", str(output)])

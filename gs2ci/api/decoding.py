@@ -43,7 +43,7 @@ def decode(
         registration: "auto" asks the measurement first where its masks lie and how they met the light, and corrects
             what it surely tells; "off" believes masks and readings as they are.
         seed: Of the draw of the held-out pixels.
-        progress: Who hears of stages and steps, as in `reconstruct`.
+        progress: Receives stages and steps, as in `reconstruct`.
 
     Returns:
         `views` [N, H, W, C], what they predict of the measurement, seconds, method and notes.
@@ -90,7 +90,7 @@ def decode_all(
 
 
 def check_decode(iterations: int | None, coupling: float | None, seed: int) -> None:
-    """Accept the numbers that are asked for, before anything is read.
+    """Accept the numbers that are requested, before anything is read.
 
     Raises:
         InputError: One is out of bounds.

@@ -163,7 +163,7 @@ class OpenRig:
             shots: How many shots, instead of the rig file's number.
             calibration: A bundle to take masks from, instead of the one that the rig file's [calibration] names.
             probe: Show one mask of the bundle and look whether it still fits; needs a lit scene at rest.
-            progress: Who hears of it.
+            progress: Receives the stages and steps.
 
         Returns:
             `plan`, with every figure beside its limit; `codes`, the masks; `calibrated`, the bundle.
@@ -197,7 +197,7 @@ class OpenRig:
         Args:
             calibration: As for `plan`.
             probe: Likewise.
-            progress: Who hears of it.
+            progress: Receives the stages and steps.
 
         Returns:
             The shot; of a simulated bench with the truth. With `mode = "per-mask"` the first mask's.
@@ -226,7 +226,7 @@ class OpenRig:
             path: The shot file, ends in .h5; while it grows it is `<path>.partial`, which `recover` reads.
             prepared: From `plan`; the rig file's own capture if None.
             overwrite: Replace a finished file of that name.
-            progress: Who hears of upload and shots.
+            progress: Receives upload and shots.
             saved: Is told of the `.partial` when the capture ends early with some shots taken.
 
         Returns:
@@ -266,7 +266,7 @@ class OpenRig:
         step: CalibrationStep = "all",
         *,
         fast: bool = False,
-        heard: Callable[["Section"], object] | None = None,
+        on_section: Callable[["Section"], object] | None = None,
         progress: Progress | None = None,
     ) -> "Bundle":
         """Measure the bench into a calibration bundle; sections that are not measured now are kept.
@@ -275,8 +275,8 @@ class OpenRig:
             path: The bundle, ends in .h5.
             step: What to measure; "all" runs every step in order.
             fast: Predict the masks from geometry, blur and contrast instead of measuring each.
-            heard: Is told of each section once it is in the bundle.
-            progress: Who hears of it; asks for lens cap, even light, board and scene on a real bench.
+            on_section: Called with each section once it is in the bundle.
+            progress: Receives the stages and steps; asks for lens cap, even light, board and scene on a real bench.
 
         Returns:
             The bundle.
@@ -308,8 +308,8 @@ class OpenRig:
                 section = PROCEDURES[name](bench, known)
                 display.finish()
                 add_section(path, section, provenance)
-                if heard is not None:
-                    heard(section)
+                if on_section is not None:
+                    on_section(section)
         return read_bundle(path)
 
     def drift(self, path: str | Path, *, progress: Progress | None = None) -> "tuple[list[Change], tuple[str, ...]]":
@@ -317,7 +317,7 @@ class OpenRig:
 
         Args:
             path: The bundle.
-            progress: Who hears of it.
+            progress: Receives the stages and steps.
 
         Returns:
             Each change with its standard error and limit, and what is worth knowing of how the bundle fits.

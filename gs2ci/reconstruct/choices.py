@@ -1,7 +1,7 @@
 """The words and limits by which a user chooses settings: what a command line needs to know of a reconstruction.
 
 Here: names alone, so that help and refusals need not wait for the libraries that do the work. Not here: what a name
-stands for (`presets`, `proxies.routing`, `fit.rules`, `onnx_models`).
+stands for (`presets`, `proxies.routing`, `fit.rules`, `learned.onnx_models`).
 """
 
 from typing import Final, Literal, get_args

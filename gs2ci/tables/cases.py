@@ -1,11 +1,11 @@
 """The measurements that tables are made of, each said in a few words that can travel to another process.
 
 Here: `Case`, how it becomes a shot, and what would be seen from beside its path. Not here: the reconstruction
-(`works`), which cases a table uses (`tables`).
+(`works`), which cases a table uses (`catalogue`).
 
 A case is either a file of a coded measurement or a scene of the simulator's library. A simulated one is exposed by the
 planned light path of `gs2ci_sims`, never by the solver's forward model. A file with true views may be coded anew with
-other masks, as the tables of the literature are made. Noise that is asked for comes last: in a simulated scene, on top
+other masks, as the tables of the literature are made. Requested noise comes last: in a simulated scene, on top
 of what light and sensor make by themselves.
 """
 
@@ -35,7 +35,7 @@ from gs2ci_sims.scenes.files import load_scene
 
 # A tenth of the shot noise at half of full scale with the default sensor: more accuracy would not be seen.
 TOLERANCE_DN: Final = 1.0
-# Of simulated measurements, px, unless another is asked for.
+# Of simulated measurements, px, unless another is requested.
 SIZE: Final = (192, 256)
 # As many masks are open at a pixel on average where the library's scenes are lit for the sensor's well: 8, a quarter.
 LIT_FOR_OPEN_MASKS: Final = 2.0
@@ -226,7 +226,7 @@ def without_focal(shot: Shot) -> Shot:
     """Leave out a shot's camera matrix, so that its solver has to find the focal length.
 
     Raises:
-        InputError: There is none: the shot as it is shows what is asked for.
+        InputError: There is none: the shot as it is shows what is requested.
     """
     if shot.intrinsics is None:
         raise InputError(

@@ -43,7 +43,8 @@ from gs2ci.core.arrays import F32
 from gs2ci.core.cameras import pinhole
 from gs2ci.core.records import Shot, Truth
 from gs2ci.evaluate.run_report import build_report
-from gs2ci.reconstruct import fits, pipeline
+from gs2ci.reconstruct import pipeline
+from gs2ci.reconstruct.attempts import fits
 from gs2ci.reconstruct.fit import coarse
 from gs2ci.reconstruct.fit.rendering import ShotRenderer
 from gs2ci.reconstruct.presets.named import preset

@@ -79,10 +79,10 @@ class GenicamOptions(ConfigTable):
 
     @property
     def cfa(self) -> CfaPattern | None:
-        """Get the colour mosaic of the format that is asked for."""
+        """Get the colour mosaic of the format that is requested."""
         return PFNC_FORMATS[self.format].cfa if self.format in PFNC_FORMATS else None
 
     @property
     def bits(self) -> int | None:
-        """Get the bits of the format that is asked for; None where the camera's present one is taken."""
+        """Get the bits of the format that is requested; None where the camera's present one is taken."""
         return PFNC_FORMATS[self.format].bits if self.format in PFNC_FORMATS else None

@@ -89,12 +89,12 @@ class V4l2Options(ConfigTable):
 
     @property
     def cfa(self) -> CfaPattern | None:
-        """Get the colour mosaic of the format that is asked for."""
+        """Get the colour mosaic of the format that is requested."""
         known = PIXEL_FORMATS.get(self.format.strip().ljust(4))
         return known.cfa if known else None
 
     @property
     def bits(self) -> int | None:
-        """Get the bits of the format that is asked for; None where the device's present one is taken."""
+        """Get the bits of the format that is requested; None where the device's present one is taken."""
         known = PIXEL_FORMATS.get(self.format.strip().ljust(4))
         return known.bits if known else None

@@ -16,16 +16,13 @@ from torch import Tensor
 from gs2ci.core.arrays import F32, F64
 from gs2ci.core.errors import InputError, NumericsError, ResourceError
 from gs2ci.core.findings import Code, Finding, finding
-from gs2ci.core.halt import Halt
-from gs2ci.core.progress import Progress
 from gs2ci.core.run_records import CurvePoint
 from gs2ci.reconstruct.fit.colours import ColourSettings
 from gs2ci.reconstruct.fit.density.base import DensityRule
 from gs2ci.reconstruct.fit.density.osgr import Osgr
 from gs2ci.reconstruct.fit.gathering import Gathering
-from gs2ci.reconstruct.fit.looks import Looks, Refine, Score
+from gs2ci.reconstruct.fit.looks import Looks, Monitoring, Refine
 from gs2ci.reconstruct.fit.losses import DataTerm, LossWeights, regulated
-from gs2ci.reconstruct.fit.mask_moments import MaskMoments
 from gs2ci.reconstruct.fit.motion import ObjectMotionSettings
 from gs2ci.reconstruct.fit.optimiser import GaussianOptimiser, StepSizes
 from gs2ci.reconstruct.fit.pace import Fixed, Pace
@@ -38,9 +35,7 @@ from gs2ci.reconstruct.fit.surfaces import Surfaces, SurfaceSettings, find_surfa
 from gs2ci.reconstruct.geometry.initialise import Geometry
 from gs2ci.reconstruct.geometry.sources import TOLD
 from gs2ci.reconstruct.measurement.jury import Jury
-from gs2ci.reconstruct.measurement.lens import Lens
 from gs2ci.render.gaussians import Gaussians
-from gs2ci.render.interface import Backend
 
 STANDARD_ITERATIONS: Final = 400
 """Of the default schedule. Half as many lose up to 1 dB for 0.7 of the time
@@ -60,7 +55,7 @@ class CoarseSettings:
         most_gaussians: Population beyond which the fit ends with an error, for want of memory; None for no such guard.
         cap_from: Share of the schedule after which the population may not exceed what it is then; None for never.
         surfaces: How light is gathered on surfaces; None leaves that to the measurement.
-        relief: How turning is exchanged for travel where nobody told the path; None never does.
+        relief: How turning is exchanged for travel where neither a stage nor a file gave the path; None never does.
         per_open_share: Whether the gradients that density rules see are divided by the masks' share of open pixels, so
             that thresholds found on photographs hold (`gathering.py`).
         motion: How Gaussians may move that begin with a motion.
@@ -155,16 +150,14 @@ class _Fit:
     def __init__(
         self,
         jury: Jury,
+        renderer: ShotRenderer,
         start: Gaussians,
         geometry: Geometry,
-        backend: Backend,
         settings: CoarseSettings,
         seed: int,
-        lens: Lens | None,
-        mask_moments: MaskMoments | None,
     ) -> None:
         shot = jury.shot
-        self._lens, self._seed = lens, seed
+        self._seed = seed
         # Where no parallax was found, views show no depth.
         moved = settings.surfaces is not None and geometry.verdict == "full"
         self._searches = list(settings.surfaces.searches) if moved and settings.surfaces is not None else []
@@ -174,7 +167,7 @@ class _Fit:
         free = geometry.verdict == "full" and geometry.source not in TOLD and start.motion is None
         self._relief = Relief(settings.relief, geometry.reference) if settings.relief is not None and free else None
         self.settings = settings
-        self._renderer = ShotRenderer(shot, geometry.intrinsics, backend, lens, mask_moments)
+        self._renderer = renderer
         self._gathering = Gathering(self._renderer, len(start), per_open_share=settings.per_open_share)
         self._reuse = self._renderer.reuse()
         # At a depth of 1, which is the scene's median.
@@ -217,7 +210,7 @@ class _Fit:
         objective = objective + self.poses.penalty()
         objective.backward()  # type: ignore[no-untyped-call]
         poses = poses.detach()
-        # Before the surfaces' term: they move with an exchange, and have no say in it.
+        # Before the surfaces' term: they move with an exchange, and do not influence it.
         self._exchange = self._exchange_wanted(poses, share)
         if self._surfaces is not None:
             turn, between = divmod(iteration, self._surfaces.settings.every)
@@ -243,7 +236,7 @@ class _Fit:
         search = self._searches.pop(0)
         scene, poses = self.optimiser.scene.detach(), self.poses.world_to_camera().detach().double().numpy()
         views = refine(self.views())
-        found = find_surfaces(self._renderer, scene, poses, views, settings, self._lens, self._seed, search)
+        found = find_surfaces(self._renderer, scene, poses, views, settings, self._seed, search)
         self._surfaces = found or self._surfaces
         return found is not None
 
@@ -346,38 +339,26 @@ EXPLODED_SHARE_OF_FIRST = 0.3
 
 def fit_coarse(
     jury: Jury,
+    renderer: ShotRenderer,
     start: Gaussians,
     geometry: Geometry,
-    backend: Backend,
     settings: CoarseSettings,
     seed: int,
-    refine: Refine,
-    progress: Progress,
-    score: Score | None = None,
-    since_s: float | None = None,
+    monitoring: Monitoring,
     pace: Pace | None = None,
-    lens: Lens | None = None,
-    halt: Halt | None = None,
-    mask_moments: MaskMoments | None = None,
     rival: Rival | None = None,
 ) -> CoarseFit:
     """Fit Gaussians and poses to the measurement.
 
     Args:
         jury: The measurement, its truth unread, and the pixels of it that the loss may not see.
+        renderer: Renders for this shot, with the geometry's camera matrix.
         start: Initial Gaussians.
-        geometry: Initial poses, and the camera matrix.
-        backend: The renderer.
+        geometry: Initial poses.
         settings: The schedule.
         seed: For the density rule's draws.
-        refine: What will be done to the scene's views, [N, H, W, C], before they are handed over.
-        progress: Told every iteration.
-        score: Called with the refined views at each look; its value is reported as `psnr_db`.
-        since_s: `time.monotonic()` when the whole reconstruction began; the curve's seconds count from there.
+        monitoring: What is called at looks and iterations, and what may interrupt.
         pace: Decides how many iterations there are, instead of the settings.
-        lens: Through which the measurement was taken, unless it is a pinhole.
-        halt: Ends the fit after an iteration in which it is asked to.
-        mask_moments: The moments of each mask, where the camera moves so far while it is on show.
         rival: Another fit; this one ends at a look at which it is far behind.
 
     Returns:
@@ -389,11 +370,10 @@ def fit_coarse(
         ResourceError: The population outgrew the memory guard.
     """
     settings.check()
-    fit = _Fit(jury, start, geometry, backend, settings, seed, lens, mask_moments)
-    looks = Looks(jury, refine, score, since_s)
-    loop = _Loop(
-        fit, looks, progress, pace or Fixed(settings.iterations), halt or Halt(), rival, judged=bool(jury.heldout.any())
-    )
+    fit = _Fit(jury, renderer, start, geometry, settings, seed)
+    looks = Looks(jury, monitoring)
+    pace = pace or Fixed(settings.iterations)
+    loop = _Loop(fit, looks, monitoring, pace, rival, judged=bool(jury.heldout.any()))
     stopped = loop.run()
     fit.restore(loop.best)
     return CoarseFit(
@@ -410,16 +390,15 @@ class _Loop:
     """The iterations: step, densify, look, stop; and back to the last good state when numbers run away."""
 
     def __init__(
-        self, fit: _Fit, looks: Looks, progress: Progress, pace: Pace, halt: Halt, rival: Rival | None, *, judged: bool
+        self, fit: _Fit, looks: Looks, monitoring: Monitoring, pace: Pace, rival: Rival | None, *, judged: bool
     ) -> None:
         self.fit = fit
         self.settings = fit.settings
         self.best = fit.snapshot(0)
         self.notes: list[Finding] = []
         self._looks = looks
-        self._progress = progress
+        self._progress, self._halt = monitoring.progress, monitoring.halt
         self._pace = pace
-        self._halt = halt
         self._rival = rival
         self._judged = judged
         self._watch = Watch(fit.settings.hold_out)

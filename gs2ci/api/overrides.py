@@ -1,6 +1,6 @@
 """What the arguments of `gs2ci reconstruct` change: the settings, the shot, and the plan within a budget of seconds.
 
-Here: settings changed as wished, a shot with the focal length that its user knows, the plan of a budget. Not here: the
+Here: changed settings, a shot with the focal length that its user knows, the plan of a budget. Not here: the
 settings (`gs2ci.reconstruct`), the order of the work (`reconstruction`).
 """
 
@@ -34,8 +34,8 @@ from gs2ci.reconstruct.settings import Settings
 
 
 @dataclass(frozen=True, kw_only=True)
-class Wishes:
-    """What the user wants of any settings, whichever preset they come from; None leaves what the preset says."""
+class Overrides:
+    """Changes to the settings of any preset; None leaves what the preset says."""
 
     geometry: PoseSource | None = None
     proxy: ProxyName | None = None
@@ -57,11 +57,11 @@ class Wishes:
 
     @property
     def fine_stage(self) -> bool:
-        """Get whether the fine stage is asked for, by its name or by one of its parts."""
+        """Get whether the fine stage is requested, by its name or by one of its parts."""
         return self.fine or self.prior is not None or self.distance is not None
 
     def on(self, settings: Settings) -> Settings:
-        """Return settings changed as wished.
+        """Return settings with these changes.
 
         Raises:
             InputError: A name is unknown.
@@ -101,16 +101,16 @@ class Wishes:
         return replace(settings, fit=fit, fits=settings.fits if self.fits is None else self.fits)
 
 
-def budget_seconds(budget: str | None, preset: PresetName, wishes: Wishes) -> float | None:
+def budget_seconds(budget: str | None, preset: PresetName, overrides: Overrides) -> float | None:
     """Read the budget, which leaves nothing else to decide; None where there is none.
 
     Raises:
-        InputError: It is no duration, or what it decides is asked for beside it.
+        InputError: It is no duration, or what it decides is requested beside it.
     """
     if budget is None:
         return None
     budget_s = parse_duration_s(budget)
-    if preset != "standard" or wishes.iterations is not None or wishes.fine_stage:
+    if preset != "standard" or overrides.iterations is not None or overrides.fine_stage:
         raise InputError(
             "a budget decides preset, iterations and stages itself",
             remedy="give either --budget, or --preset, --iterations and --fine",
@@ -118,21 +118,21 @@ def budget_seconds(budget: str | None, preset: PresetName, wishes: Wishes) -> fl
     return budget_s
 
 
-def settings_of(name: PresetName, wishes: Wishes) -> Settings:
-    """Return a preset's settings, changed as wished.
+def settings_of(name: PresetName, overrides: Overrides) -> Settings:
+    """Return a preset's settings with the changes.
 
     Raises:
         InputError: A name is unknown.
     """
     for option, value, allowed in (
-        ("--proxy", wishes.proxy, (None, *get_args(ProxyName))),
-        ("--first-look", wishes.first_look, (None, *get_args(FirstLookName))),
-        ("--light", wishes.light, (None, *get_args(LightMode))),
-        ("--within-mask", wishes.within_mask, (None, *get_args(WithinMask))),
-        ("--registration", wishes.registration, (None, *get_args(RegistrationMode))),
+        ("--proxy", overrides.proxy, (None, *get_args(ProxyName))),
+        ("--first-look", overrides.first_look, (None, *get_args(FirstLookName))),
+        ("--light", overrides.light, (None, *get_args(LightMode))),
+        ("--within-mask", overrides.within_mask, (None, *get_args(WithinMask))),
+        ("--registration", overrides.registration, (None, *get_args(RegistrationMode))),
     ):
         check_choice(option, value, allowed)
-    return wishes.on(preset(name))
+    return overrides.on(preset(name))
 
 
 def with_focal(focal_px: float | None, shot: Shot) -> Shot:
