@@ -192,7 +192,7 @@ def make_table(
         data: Folder of .npz measurements to use instead of simulated scenes; of rig files (.toml) for simulate.
         size: Height and width, px: of the simulated scenes, instead of 192 256; of files, the middle that is kept.
             For what would take hours.
-        cases: Only these of the cases.
+        cases: Only these of the cases; where they are simulated, any scene of the library may be named.
         lines: Only these lines of the table.
         seeds: How many seeds.
         processes: Local processes to share the work.
@@ -215,7 +215,7 @@ def make_table(
     check_whole("--processes", processes, 1, 1000)
     for side_px in size or ():
         check_whole("--size", side_px, 1, 100_000)
-    from gs2ci.tables.catalogue import TABLES, TableOptions, known_cases
+    from gs2ci.tables.catalogue import TABLES, TableOptions, chosen_cases
     from gs2ci.tables.html_page import write_html_page
     from gs2ci.tables.pages import collect, markdown, write_pages
     from gs2ci.tables.store import Store
@@ -224,11 +224,8 @@ def make_table(
     if table not in TABLES:
         raise InputError(f"no table {table!r}", allowed=", ".join(TABLES))
     chosen, output = TABLES[table], Path(output)
-    known = known_cases(table, None if data is None else Path(data), size)
-    unknown = [case for case in cases if case not in {one.name for one in known}]
-    if unknown:
-        raise InputError(f"case {unknown[0]!r} is unknown", allowed=", ".join(one.name for one in known))
-    options = TableOptions(tuple(one for one in known if not cases or one.name in cases), seeds, tuple(lines))
+    wanted = chosen_cases(table, None if data is None else Path(data), size, cases)
+    options = TableOptions(wanted, seeds, tuple(lines))
     entries = chosen.entries(options)
     check_place(output / "cells")
     with shown(progress) as display:

@@ -77,8 +77,8 @@ def reconstruct(
             motion; "vggt-or-tracks" takes VGGT's where you have added the model, else the tracks'. The
             fit refines them in any case. "auto" unless the preset says otherwise.
         proxy: The views that the geometry is found in: "gap-tv" for the decoded ones (unless the preset says
-            otherwise), or the paper's proxies "eni" or "amdi", or "routed", the one of these two that the masks ask
-            for.
+            otherwise), the paper's proxies "eni" or "amdi", "routed", the one of these two that the masks ask
+            for, or "naive", the masked measurement, to compare with.
         first_look: What decodes before anything is fitted: "gap-tv", or "patches", slower and better by decibels, or
             "patches-quick", a few rounds of it. The preset's own when not given.
         budget: Instead of a preset, the time that everything together may take, as in 60s or 5min: the best that

@@ -29,7 +29,8 @@ INTRODUCTION = """# Hard cases
 
 Written by `make stability` on {day}; a quick part runs in `make test`. Each case is a measurement that is hard in one
 way, made by the simulator or by hand, and taken the whole way: exposure, file, reconstruction, report. Pictures are
-{width} × {height}, at most {iterations} iterations: losses can be compared, levels say little of large pictures.
+{width} × {height}, at most {iterations} iterations: losses can be compared, levels say little of large pictures. Each
+case is one draw of masks and noise.
 
 A case passes if what comes of it is finite, bounded, honest (a loss of more than {bends:g} dB comes with a word, unless
 nothing in the measurement could show what is wrong; near and far exchanged, or the path reversed, only where it is said
