@@ -169,7 +169,8 @@ class Run:
             StorageError: Something else lies there, or the disk refuses.
             InputError: That many moments cannot be shown, or the run was read from a folder.
         """
-        from gs2ci.evaluate.run_folder import check_destination, whole_folder, write_run
+        from gs2ci.evaluate.run_folder import write_run
+        from gs2ci.evaluate.whole_folder import check_destination, whole_folder
 
         folder = Path(folder)
         if self.result is not None and self.shot is not None:

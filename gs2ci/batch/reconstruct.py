@@ -25,7 +25,7 @@ from gs2ci.core.progress import Progress, Silent
 from gs2ci.core.records import Shot
 from gs2ci.core.whole_file import check_place
 from gs2ci.evaluate.environment import machine
-from gs2ci.evaluate.run_folder import check_destination
+from gs2ci.evaluate.whole_folder import check_destination
 from gs2ci.reconstruct.settings import Settings
 
 # What a reconstruction holds at most, beyond its arrays and for each pixel of each view: an estimate that agrees

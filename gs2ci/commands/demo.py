@@ -34,7 +34,7 @@ def run(
     """
     check_demo(**options)
     from gs2ci.core.storage.sealing import partial_of
-    from gs2ci.evaluate.run_folder import check_destination
+    from gs2ci.evaluate.whole_folder import check_destination
 
     check_destination(output / "run", overwrite=True)
     shot = output / "shot.h5"

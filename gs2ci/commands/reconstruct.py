@@ -88,7 +88,7 @@ def run(
     from gs2ci.core.storage import read_shot
 
     measured = read_shot(shot, index)
-    from gs2ci.evaluate.run_folder import check_destination
+    from gs2ci.evaluate.whole_folder import check_destination
 
     check_destination(output, overwrite=overwrite)
     with answered(as_text=not json) as answer:

@@ -216,6 +216,8 @@ class Code(StrEnum):
     LITTLE_EXPLAINED = auto()
     VIEWS_ERR = auto()
     DECODE_KEPT = auto()
+    DECODE_HURRIED = auto()
+    DECODE_OUT_OF_TIME = auto()
 
     # Comparison with a truth, or with another measurement.
     TRUE_PATH_STRAIGHT = auto()

@@ -21,8 +21,7 @@ from gs2ci.core.errors import InputError, NumericsError
 from gs2ci.core.records import Shot
 from gs2ci.evaluate import environment
 from gs2ci.evaluate.metrics import measurement_residual, psnr_per_view, ssim_per_view
-from gs2ci.evaluate.report import REPORT_NAME
-from gs2ci.evaluate.run_folder import whole_folder, write_pictures
+from gs2ci.evaluate.whole_folder import REPORT_NAME, whole_folder, write_pictures
 
 SCHEMA: Final = "gs2ci.decode/1"
 
