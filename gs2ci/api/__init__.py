@@ -8,7 +8,7 @@
     judging.py         evaluate, measure
     exports.py         export, mesh
     costs.py           tradeoff, make_table
-    rigs.py            OpenRig, open_rig, find_devices
+    rigs.py            OpenRig, open_rig, find_devices; live_page.py: LivePage
     plans.py           plan, demo's rig file; sweeps.py: sweep, plans along a figure of the rig
     models.py          add_model, export_model, list_models
     display.py         what a person sees of a long computation, at a terminal and in a notebook
