@@ -102,10 +102,10 @@ class _Steps:
     _searching_s: float = 0.0
     _plain_s: float | None = None
 
-    def denoise(self, views: F32, _: float) -> F32:
-        """Make a step; the level that the loop hands over is not used."""
+    def denoise(self, views: F32, sigma: float) -> F32:
+        """Make a step; of the levels that the loop hands over only the first is used."""
         if not self.sigmas:
-            self._began_s, sigma = self.clock(), self.settings.first_sigma
+            self._began_s = self.clock()
         else:
             left, last = max(self._affordable(), 1), self.settings.last_sigma
             sigma = self.sigmas[-1] * (last / self.sigmas[-1]) ** (1 / left)
