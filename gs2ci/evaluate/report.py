@@ -150,8 +150,8 @@ class PlacementSection(ReportSection):
     """Where the masks lie against their calibration, about the middle of the picture.
 
     From `radial_px` on it is a smooth field beyond the affine, stated at 100 px from the middle: outwards by the cube
-    of the distance, then down and right by the squares of the distances below and to the right and by their product
-    (`gs2ci.reconstruct.registration.placement`).
+    of the distance, then down and right by the squares of the distances below and to the right and by their product,
+    and outwards by the fifth power (`gs2ci.reconstruct.registration.placement`).
     """
 
     down_px: Number
@@ -167,6 +167,7 @@ class PlacementSection(ReportSection):
     right_dd_px: Number = 0.0
     right_dr_px: Number = 0.0
     right_rr_px: Number = 0.0
+    radial5_px: Number = 0.0
 
 
 class RegistrationSection(ReportSection):

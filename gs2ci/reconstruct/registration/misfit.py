@@ -82,7 +82,9 @@ class Misfit:
 
 AFFINE: Final = ("down_px", "right_px", "rotation_deg", "scale", "stretch", "shear")
 BENT: Final = ("down_dd_px", "down_dr_px", "down_rr_px", "right_dd_px", "right_dr_px", "right_rr_px")
-FIELD: Final = ("radial_px", *BENT)
+LOW: Final = ("radial_px", *BENT)
+HIGHER: Final = ("radial5_px",)
+FIELD: Final = (*LOW, *HIGHER)
 LIGHT: Final = ("blur_px2", "leak", "black")
 GEOMETRY: Final = (*AFFINE, *FIELD)
 NAMES: Final = (*GEOMETRY, *LIGHT)
