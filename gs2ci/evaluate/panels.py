@@ -158,9 +158,9 @@ def time_curve(axes: Axes, course: Series, *, label: str, level: tuple[str, floa
     _chart_frame(axes)
 
 
-def plain_number(value: float) -> str:
-    """Write a number to three significant digits, without an exponent where that stays short."""
-    rounded = float(f"{value:.3g}")
+def plain_number(value: float, digits: int = 3) -> str:
+    """Write a number to some significant digits, without an exponent where that stays short."""
+    rounded = float(f"{value:.{digits}g}")
     return f"{rounded:.0f}" if 100 <= abs(rounded) < 1e5 else f"{rounded:g}"
 
 
