@@ -5,7 +5,7 @@ settings (`gs2ci.reconstruct`), the order of the work (`reconstruction`).
 """
 
 from dataclasses import dataclass, replace
-from typing import get_args
+from typing import Any, get_args
 
 import numpy as np
 
@@ -66,15 +66,15 @@ class Overrides:
         Raises:
             InputError: A name is unknown.
         """
-        settings = replace(settings, seed=self.seed)
-        if self.geometry is not None:
-            settings = replace(settings, poses=self.geometry)
-        if self.proxy is not None:
-            settings = replace(settings, proxy=self.proxy)
-        if self.motion is not None:
-            settings = replace(settings, motion=self.motion)
-        if self.first_look is not None:
-            settings = replace(settings, first_look=self.first_look)
+        given: dict[str, Any] = {
+            "poses": self.geometry,
+            "proxy": self.proxy,
+            "motion": self.motion,
+            "first_look": self.first_look,
+            "fits": self.fits,
+        }
+        changed = {name: value for name, value in given.items() if value is not None}
+        settings = replace(settings, seed=self.seed, **changed)
         if self.trust_weights:
             settings = replace(settings, brightness=replace(settings.brightness, rounds=0))
         if self.light is not None:
@@ -85,20 +85,20 @@ class Overrides:
             settings = replace(settings, registration=replace(settings.registration, mode=self.registration))
         if self.density is not None:
             settings = settings.with_density_rule(self.density)
-        settings = self._on_fits(ablation.without(settings, self.without))
+        settings = self._on_fit(ablation.without(settings, self.without))
         if self.fine_stage:
             default = settings.fine or settings.fine_if_asked
             stage = replace(default, prior=self.prior or default.prior, distance=self.distance or default.distance)
             settings = replace(settings, fine=stage)
         return settings
 
-    def _on_fits(self, settings: Settings) -> Settings:
+    def _on_fit(self, settings: Settings) -> Settings:
         fit = settings.fit
         if self.iterations is not None:
             fit = replace(fit, iterations=self.iterations)
         if self.sh_degree is not None:
             fit = replace(fit, colours=replace(fit.colours, degree=self.sh_degree).check())
-        return replace(settings, fit=fit, fits=settings.fits if self.fits is None else self.fits)
+        return replace(settings, fit=fit)
 
 
 def budget_seconds(budget: str | None, preset: PresetName, overrides: Overrides) -> float | None:
