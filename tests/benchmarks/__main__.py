@@ -58,6 +58,7 @@ BENCHMARKS = {
     "motion_within_masks": "tests.benchmarks.motion_within_masks",
     "batch": "tests.benchmarks.batch",
     "moving": "tests.benchmarks.moving",
+    "nonrigid": "tests.benchmarks.nonrigid",
     "processors": "tests.benchmarks.processors",
     "long_fits": "tests.benchmarks.long_fits",
     "population": "tests.benchmarks.population",
@@ -72,6 +73,7 @@ BENCHMARKS = {
 LONG = (
     "motion_within_masks",
     "moving",
+    "nonrigid",
     "checkouts",
     "batch",
     "processors",
