@@ -55,7 +55,7 @@ def decode(
         registration: "auto" asks the measurement first where its masks lie and how they met the light, and corrects
             what it surely tells; "off" believes masks and readings as they are.
         seed: Of the draw of the held-out pixels.
-        progress: Who hears of stages and steps, as in `reconstruct`.
+        progress: Receives stages and steps, as in `reconstruct`.
 
     Returns:
         `views` [N, H, W, C], what they predict of the measurement, seconds, method and notes.
@@ -125,7 +125,7 @@ def _writing_s(shot: Shot) -> float:
 
 
 def check_decode(iterations: int | None, coupling: float | None, budget: str | None, seed: int) -> None:
-    """Accept the numbers that are asked for, before anything is read.
+    """Accept the numbers that are requested, before anything is read.
 
     Raises:
         InputError: One is out of bounds, or the budget is no duration.

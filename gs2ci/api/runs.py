@@ -120,7 +120,7 @@ class Run:
 
     @property
     def interrupted(self) -> bool:
-        """Get whether somebody ended the reconstruction early, so that this is the best found by then.
+        """Get whether the reconstruction was ended early, so that this is the best found by then.
 
         Raises:
             StorageError: The folder's report cannot be read.

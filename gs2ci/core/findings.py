@@ -30,7 +30,7 @@ class Weight(StrEnum):
     DOUBT = "doubt"
     """Part of the result is not to be relied on, or not as far as usual."""
     FAILURE = "failure"
-    """Something that was asked for could not be done, and the result is without it."""
+    """Something that was requested could not be done, and the result is without it."""
 
 
 REMARK, DOUBT, FAILURE = Weight.REMARK, Weight.DOUBT, Weight.FAILURE

@@ -36,7 +36,7 @@ class Decoded:
         predicted_measurement: What the masks make of the views, as the shot's measurement.
         seconds: That the decode took.
         method: What decoded, and with which settings, as plain values.
-        notes: Sentences for whoever reads the report.
+        notes: Sentences for the reader of the report.
     """
 
     shot: Shot

@@ -115,7 +115,7 @@ class Moved(ReportSection):
 
 
 class GeometrySection(ReportSection):
-    """The first camera path, and how far to believe it (`gs2ci.reconstruct.geometry`).
+    """The first camera path, and how reliable it is (`gs2ci.reconstruct.geometry`).
 
     `method` found it, `asked_for` was asked; `path_error_expected` is a share of the path's extent, `unit_of` names
     whose unit the lengths have, None for the scene's own. `order_errors`: by how many standard errors near and far are
@@ -147,11 +147,11 @@ class EnsembleSection(ReportSection):
 
 
 class PlacementSection(ReportSection):
-    """Where the masks lie against where they were believed, about the middle of the picture.
+    """Where the masks lie against their calibration, about the middle of the picture.
 
     From `radial_px` on it is a smooth field beyond the affine, stated at 100 px from the middle: outwards by the cube
-    of the distance, then down and right by the squares of the distances below and to the right and by their product
-    (`gs2ci.reconstruct.registration.placement`).
+    of the distance, then down and right by the squares of the distances below and to the right and by their product,
+    and outwards by the fifth power (`gs2ci.reconstruct.registration.placement`).
     """
 
     down_px: Number
@@ -167,6 +167,7 @@ class PlacementSection(ReportSection):
     right_dd_px: Number = 0.0
     right_dr_px: Number = 0.0
     right_rr_px: Number = 0.0
+    radial5_px: Number = 0.0
 
 
 class RegistrationSection(ReportSection):
@@ -225,7 +226,7 @@ class MaskMomentsSection(ReportSection):
 
 
 class MotionSection(ReportSection):
-    """Whether things in the scene move by themselves, and what speaks for it (`gs2ci.reconstruct.moving`).
+    """Whether things in the scene move by themselves, and the evidence for it (`gs2ci.reconstruct.moving`).
 
     Of the still scene's residual, velocities of its blocks would explain the share `explained` of the power, surely so
     in the share `blocks` of them; None where nothing was asked. Where moving scenes were `tried`, `heldout_rms` says

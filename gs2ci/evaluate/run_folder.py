@@ -19,12 +19,12 @@
                      to 1 over the exposure, a centre is at its place plus sum_k motion_k t^k, k = 1 ... K
       displacement.npy  likewise: [H, W, 2] float32, how far what each pixel shows moves over the exposure, px
       motion.png     the same in one picture
-      moments/       only where asked for: pictures spread over the exposure, and where things move a scene of each
+      moments/       only on request: pictures spread over the exposure, and where things move a scene of each
       points.ply     points of the surfaces that the views see: normals, colours, confidence; absent without depth
       cameras.json   nerfstudio transforms
       colmap/sparse/0  the same cameras, and a thinned cloud of the Gaussians' centres
-      registered.h5  only where registration corrected something: the measurement as it was believed from then on
-      registration.png  the same in one picture: where the masks were believed to be, and where they are
+      registered.h5  only where registration corrected something: the measurement as it was used from then on
+      registration.png  the same in one picture: where the masks were calibrated to lie, and where they lie
       tradeoff.json  only where `gs2ci tradeoff --report` added it: what accuracy costs for this shot
 
 Not here: the figures, the page, the picture.
