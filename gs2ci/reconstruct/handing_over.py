@@ -71,8 +71,9 @@ def hand_over(
     refined_views, notes = _refined(jury, ensemble.views, refine, polishing)
     candidates: dict[Part, Candidate] = {
         "refined": refined_views,
-        "mean": Candidate(ensemble.views, ensemble.views),
-        "scene": Candidate(own, own),
+        # Where patches, which may move, took much off what scenes left, these were right in the sum alone.
+        "mean": Candidate(ensemble.views, ensemble.views, cancels=bool(notes)),
+        "scene": Candidate(own, own, cancels=bool(notes)),
     }
     noise = noise_power(jury, ensemble.views)
     if (jury.residual_rms(first.decoded) or 0.0) < _FAR_OFF * (jury.residual_rms(ensemble.views) or 0.0):

@@ -11,8 +11,16 @@ d_j = full − blind views there, the errors of full views have the expected pro
 
     ⟨(e_j − d_j)·(e_k − d_k)⟩ ≈ ⟨ N r_j r_k − r_j (M·d_k) − r_k (M·d_j) + (a_j + a_k) σ² ⟩ / |M|² + ⟨d_j·d_k⟩,
 
-where errors are taken to be alike in all views (e·d ≈ (M·e)(M·d)/|M|²), a_k is the share of its own reading's residual
-that candidate k takes over, and σ² is the power of the noise; N σ²/|M|² is left out, being the same for all.
+where errors are taken to be alike and independent in all views (e·d ≈ (M·e)(M·d)/|M|²), a_k is the share of its own
+reading's residual that candidate k takes over, and σ² is the power of the noise; N σ²/|M|² is left out, being the same
+for all.
+
+A scene that is fitted to a sum of views in which things move otherwise than it can follow shows the sum rightly and the
+views wrongly: its errors cancel along the views, and leave less of a held-out pixel than they are worth. With
+covariance 1 − 11ᵀ/N along the views, r² stands for |M|² − (Σ M)²/N instead of |M|²: half of it behind masks of which
+half is open. The residuals of such candidates are taken √(|M|²/(|M|² − (Σ M)²/N)) times as large, and the noise in them
+no larger than it is.
+
 Here: these products, the shares and the sum. Not here: the candidates (`reconstruct.handing_over`).
 """
 
@@ -28,6 +36,8 @@ from gs2ci.reconstruct.measurement.jury import Jury
 
 Name = TypeVar("Name", bound=str)
 
+# Where all masks are about as open, next to nothing of such errors is seen, and no residual tells how large they are.
+_LEAST_SHOWN: Final = 0.25
 # A share that is smaller than this is chance.
 _LEAST_SHARE: Final = 0.05
 # A fit follows some of the noise, so that less is left of it where the fit has seen it.
@@ -44,10 +54,12 @@ class Candidate:
     Args:
         blind: Found without the held-out pixels.
         full: Found in the same way from all pixels.
+        cancels: Whether its errors cancel along the views, as those of a scene that cannot follow what moves.
     """
 
     blind: F32
     full: F32
+    cancels: bool = False
 
 
 def noise_power(jury: Jury, views: F32) -> float:
@@ -85,6 +97,9 @@ def expected_products(jury: Jury, candidates: Sequence[Candidate], noise: float)
     light = (weighted**2).sum(axis=0)  # |M|², [K]
     residuals = [_at(jury, jury.shot.measurement - jury.coded(one.blind)) for one in candidates]
     noise = min(noise, *(float(np.mean(residual**2)) for residual in residuals))
+    hidden = _hidden(weighted)  # [K]
+    worth = [hidden if one.cancels else np.ones_like(hidden) for one in candidates]
+    residuals = [residual * factor[:, None] for residual, factor in zip(residuals, worth, strict=True)]
     changes = [(one.full - one.blind)[:, heldout].astype(np.float64) for one in candidates]
     coded = [_at(jury, jury.coded(one.full - one.blind)) for one in candidates]
     # Behind a colour filter array one of three channels is read, and changes by its own reading.
@@ -92,7 +107,7 @@ def expected_products(jury: Jury, candidates: Sequence[Candidate], noise: float)
     taken = [_share_taken(change, residual) for change, residual in zip(coded, residuals, strict=True)]
 
     def product(j: int, k: int) -> float:
-        blind = len(weighted) * np.mean(residuals[j] * residuals[k], axis=1)
+        blind = len(weighted) * (np.mean(residuals[j] * residuals[k], axis=1) - (worth[j] * worth[k] - 1) * noise)
         seen = np.mean(residuals[j] * coded[k] + residuals[k] * coded[j], axis=1) - (taken[j] + taken[k]) * noise
         both = np.mean(changes[j] * changes[k], axis=2).sum(axis=0)
         return float(np.mean((blind - read * seen) / light + both))
@@ -125,6 +140,14 @@ def expected_rms(jury: Jury, views: Candidate, noise: float) -> float | None:
     seen, unseen = (max(0.0, float(expected_products(jury, [one], noise)[0, 0]) - least) for one in (views, blind))
     lit = float(jury.shot.lit.mean())
     return float(np.sqrt((lit * min(seen, unseen) + (1 - lit) * unseen) / len(weighted)))
+
+
+def _hidden(weighted: F64) -> F64:
+    """Return by how much less errors that cancel along the views leave of pixels, [K], whose masks are [N, K]."""
+    light = (weighted**2).sum(axis=0)
+    shown = light - weighted.sum(axis=0) ** 2 / len(weighted)
+    hidden: F64 = np.sqrt(light / np.maximum(shown, _LEAST_SHOWN * light))
+    return hidden
 
 
 def _at(jury: Jury, image: F32) -> F64:

@@ -189,6 +189,25 @@ def test_a_dark_measurement_gives_shares(jury, truth):
     assert sum(found.values()) == pytest.approx(1)
 
 
+@pytest.mark.parametrize("noise", [0.0, 0.05])
+def test_errors_that_cancel_along_the_views_count_for_what_they_are(truth, noise):
+    jury = jury_of(truth, noise)
+    errors = np.random.default_rng(5).normal(0, 0.1, truth.shape)
+    errors -= errors.mean(axis=0)
+    right_in_sum, other = (truth + errors).astype(np.float32), noisy(truth, 6, 0.08)
+    as_given, known = (
+        expected_products(jury, [Candidate(right_in_sum, right_in_sum, cancels=cancels), same(other)], noise**2)
+        for cancels in (False, True)
+    )
+    # What is the same for all, N σ²/|M|², stays in.
+    rest = noise**2 * VIEWS * np.mean(1 / (jury.shot.masks[:, jury.heldout] ** 2).sum(axis=0))
+    power = (errors**2).sum(axis=0).mean()
+    assert known[0, 0] - rest == pytest.approx(power, rel=0.2)
+    assert as_given[0, 0] - rest < 0.75 * power
+    assert known[1, 1] == as_given[1, 1]
+    assert known[0, 1] == pytest.approx(rest, abs=0.15 * power)
+
+
 def test_what_is_not_finite_gets_no_share(jury, truth):
     broken = Candidate(truth, np.full_like(truth, np.nan))
     assert shares(jury, {"first": broken, "second": same(truth)}, 0.0) == {"first": 0.0, "second": 1.0}
