@@ -30,13 +30,12 @@ from gs2ci.core.progress import Silent
 from gs2ci.core.records import Shot
 from gs2ci.evaluate import run_folder
 from gs2ci.reconstruct import fits, pipeline
-from gs2ci.reconstruct.fit import coarse, gathering, losses, optimiser, poses, surfaces
+from gs2ci.reconstruct.fit import coarse, gathering, losses, optimiser, poses, relief, surfaces
 from gs2ci.reconstruct.fit.looks import Looks
 from gs2ci.reconstruct.fit.stopping import HoldOut
 from gs2ci.reconstruct.geometry import surface_map
 from gs2ci.reconstruct.presets.named import preset
 from gs2ci.reconstruct.settings import Settings
-from gs2ci.render import se3
 from gs2ci.render.cpu import backend, function, lists, passes, stopping
 from tests.stability.benches import Bench
 
@@ -62,14 +61,15 @@ PARTS: tuple[tuple[str, Any, str], ...] = (
     ("fit: density rule", coarse._Fit, "densify"),
     ("fit: error blended back", gathering.Gathering, "_blended"),
     ("iteration: loss", losses.DataTerm, "value_and_gradient"),
-    ("iteration: opacity term", coarse, "regulated"),
-    ("iteration: surfaces' term", surfaces.Surfaces, "term"),
-    ("iteration: autograd", coarse._Fit, "backward"),
+    ("iteration: opacity term", coarse, "add_regularisers"),
+    ("iteration: surfaces' term", surfaces.Surfaces, "draw"),
+    ("iteration: what joins these", coarse._Fit, "backward"),
     ("iteration: finite scene", optimiser.GaussianOptimiser, "scene_is_finite"),
     ("iteration: finite gradient", optimiser.GaussianOptimiser, "gradient_is_finite"),
     ("iteration: Gaussians' step", optimiser.GaussianOptimiser, "step"),
     ("iteration: poses' step", poses.PoseCorrections, "step"),
-    ("iteration: poses from twists", se3, "exp"),
+    ("iteration: gradient by poses", poses.PoseCorrections, "pull"),
+    ("iteration: exchange of turning", relief.Relief, "step"),
     ("rendering: checks of input", backend, "check_rendering"),
     ("rendering: checks of masks", backend, "check_masks"),
     ("kernel: project", passes, "project"),
